@@ -1,0 +1,78 @@
+// SPDX-License-Identifier: Apache-2.0
+// This process: its memory, its threads and their priorities, as asked for and as the kernel says they are.
+// Ordinary thread only; nothing here is called between the first counted message and the last.
+#pragma once
+
+#include <sys/types.h>
+
+#include <chrono>
+#include <cstdint>
+#include <optional>
+#include <string>
+#include <vector>
+
+namespace ontime::realtime {
+
+enum class Policy { other, fifo, round_robin, deadline };  // SCHED_OTHER, _FIFO, _RR, _DEADLINE
+
+struct ThreadSettings {
+  Policy policy = Policy::other;
+  int priority = 0;       // 1 … 99 of fifo and round_robin
+  std::vector<int> cpus;  // affinity; empty: leave as it is
+  // Of deadline only (sched(7)): runtime ≤ deadline ≤ period.
+  std::chrono::nanoseconds runtime{0}, deadline{0}, period{0};
+};
+
+// Something asked for that this machine did not give. All three are for people.
+struct Refusal {
+  std::string asked;   // "SCHED_FIFO 80 for thread send"
+  std::string found;   // "Operation not permitted (RLIMIT_RTPRIO is 0)"
+  std::string remedy;  // "run as root, or: sudo setcap cap_sys_nice,cap_ipc_lock+ep /usr/bin/ontime, or …"
+};
+
+// Sets one thread of this process, by its kernel thread id; affinity first, then policy. `who` names it in a refusal.
+std::vector<Refusal> apply(pid_t tid, const std::string& who, const ThreadSettings&);
+// Whether this process may have SCHED_FIFO at that priority (tried on a thread of its own).
+bool may_use_fifo(int priority);
+
+// Locks present and future pages, keeps the heap from giving memory back, and touches `heap_bytes` of heap so that
+// no fault is left for later. Threads started afterwards get touched, locked stacks.
+std::vector<Refusal> lock_memory(std::size_t heap_bytes);
+
+// Asks the CPUs not to enter idle states with an exit latency above `latency` for as long as it lives
+// (/dev/cpu_dma_latency). The kernel forgets the request when this process ends, however it ends.
+class CpuLatencyRequest {
+ public:
+  explicit CpuLatencyRequest(std::chrono::microseconds latency);
+  ~CpuLatencyRequest();
+  CpuLatencyRequest(const CpuLatencyRequest&) = delete;
+  CpuLatencyRequest& operator=(const CpuLatencyRequest&) = delete;
+  const std::optional<Refusal>& refusal() const { return refusal_; }
+
+ private:
+  int fd_ = -1;
+  std::optional<Refusal> refusal_;
+};
+
+// A thread of this process as the kernel says it is (sched_getattr, /proc/self/task/TID/{stat,status,comm}).
+struct ThreadState {
+  pid_t tid = 0;
+  std::string name;
+  Policy policy = Policy::other;
+  int priority = 0;
+  std::string cpus;  // a list such as "0-1,3"
+  std::uint64_t minor_faults = 0, major_faults = 0;
+  std::uint64_t voluntary_switches = 0, involuntary_switches = 0;
+  std::chrono::nanoseconds cpu_time{0};  // user and system
+};
+std::optional<ThreadState> read(pid_t tid);  // nothing if the thread is gone
+std::vector<pid_t> thread_ids();             // of this process, in order of their ids
+
+// "fifo" ↔ Policy::fifo, as scenario files and reports write it. Nothing for another word.
+std::optional<Policy> policy_of(const std::string& word);
+const char* word_of(Policy);
+// "0-1,3" → {0, 1, 3}. Nothing if it is not such a list or names a CPU above 1023.
+std::optional<std::vector<int>> cpus_of(const std::string& list);
+std::string list_of(const std::vector<int>& cpus);
+
+}  // namespace ontime::realtime

@@ -1,0 +1,22 @@
+// SPDX-License-Identifier: Apache-2.0
+// What people and programs read: the paper's table with percentiles added, JSON, CSV, Markdown, LaTeX.
+// Ordinary thread; returns text, prints nothing.
+#pragma once
+
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "statistics/statistics.hpp"
+
+namespace ontime::report {
+
+enum class Format { table, json, csv, markdown, latex };
+std::optional<Format> format_of(const std::string& word);
+
+// One row a run. docs/json.md describes the JSON; it is stable.
+std::string render(const std::vector<statistics::Summary>&, Format);
+// The threads of each run as the kernel said they were: policy, priority, affinity, faults, switches.
+std::string render_threads(const std::vector<statistics::Summary>&, Format);
+
+}  // namespace ontime::report

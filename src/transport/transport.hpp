@@ -1,0 +1,138 @@
+// SPDX-License-Identifier: Apache-2.0
+// The port that middlewares plug into: bytes in, bytes out, everything created before the first message.
+//
+// A transport is a shared object that exports one `ontime_transport` of type Plugin. It is loaded at run time, one
+// to a process, so that a missing vendor costs nothing and two vendors' libraries never meet. It may use the
+// message room, and its middleware, and nothing else of ontime.
+#pragma once
+
+#include <sys/types.h>
+
+#include <cstddef>
+#include <cstdint>
+#include <map>
+#include <memory>
+#include <optional>
+#include <span>
+#include <stdexcept>
+#include <string>
+#include <vector>
+
+namespace ontime::transport {
+
+// What asked, what found, what to do. Thrown by load() and Plugin::open, never once running.
+struct Error : std::runtime_error {
+  using std::runtime_error::runtime_error;
+};
+
+enum class Role { client, server };          // the client writes ping and reads pong, the server the other way
+enum class Receive { listener, waitset };    // on the middleware's thread, or on ours inside Endpoint::receive()
+enum class Reliability { best_effort, reliable };
+enum class History { keep_last, keep_all };
+enum class Durability { volatile_, transient_local };
+
+struct Qos {
+  Reliability reliability = Reliability::best_effort;
+  History history = History::keep_last;
+  int depth = 1;  // of keep_last
+  Durability durability = Durability::volatile_;
+};
+
+// What threads are for, as words: "send", "receive", "delivery", "discovery", "timer", "other".
+struct Thread {
+  pid_t tid;
+  std::string role;
+  std::string name;  // as the middleware calls it
+};
+
+struct Config {
+  Role role = Role::client;
+  Receive receive = Receive::listener;
+  Qos qos;
+  std::size_t max_payload_bytes = 0;  // no larger message will be sent or need be received
+  std::string interface;              // the link under test, by name; empty: the middleware's own choice
+  std::string address;                // this host's IPv4 address on that link; set whenever `interface` is
+  std::vector<std::string> peers;     // HOST[:PORT]; for DDS, where to look beside multicast
+  int domain = 0;                     // DDS domain; UDP: port 7900 + domain where none is given
+  // SCHED_FIFO priority that threads of a role are to be born with, where the middleware has such a setting.
+  // Only what this process is permitted to have is ever asked for here.
+  std::map<std::string, int> fifo_priority;
+  std::map<std::string, std::string> options;  // the transport's own, named in Plugin::options
+};
+
+// What a transport's arrivals are given to.
+class Sink {
+ public:
+  // Real-time. `payload` is valid, and may be overwritten, until the call returns. `arrival_ns`: CLOCK_MONOTONIC,
+  // read by the transport as the first thing after the middleware handed the message over. Endpoint::send() may
+  // be called from here. May be called by several threads of the middleware at once.
+  virtual void arrived(std::uint64_t sequence, std::span<std::byte> payload, std::int64_t arrival_ns) noexcept = 0;
+
+ protected:
+  ~Sink() = default;
+};
+
+struct Matched {
+  int readers = 0;  // others that read what we write
+  int writers = 0;  // others that write what we read
+  bool both() const noexcept { return readers > 0 && writers > 0; }
+};
+
+class Endpoint {
+ public:
+  virtual ~Endpoint() = default;  // after it, the sink is not called any more
+
+  // Ordinary thread. Called every few milliseconds while somebody waits for a peer; a transport without discovery
+  // does its handshake here.
+  virtual Matched matched() = 0;
+  // What was seen of others while no peer matched, for people (an incompatible QoS, say); empty if nothing.
+  virtual std::string seen() { return {}; }
+
+  // Real-time. False if the middleware refused the message. One caller at a time.
+  virtual bool send(std::uint64_t sequence, std::span<const std::byte> payload) noexcept = 0;
+
+  // Real-time, Receive::waitset only: waits for arrivals and hands them to the sink; returns after some, or when
+  // interrupted. interrupt() ends the present and every later receive() at once; any thread.
+  virtual void receive() noexcept {}
+  virtual void interrupt() noexcept {}
+
+  // Ordinary thread. The middleware's own threads as they are now (not those that call receive() or send()).
+  virtual std::vector<Thread> threads() = 0;
+  // Ordinary thread. What carries the data, for the record: e.g. {"interface", "veth0"}, {"carrier", "UDPv4"}.
+  virtual std::map<std::string, std::string> facts() = 0;
+};
+
+struct Capabilities {
+  bool listener;
+  bool waitset;
+  bool loans;
+  bool discovery;        // finds its peers by itself
+  bool thread_settings;  // honours Config::fifo_priority
+  std::size_t max_payload_bytes;
+};
+
+struct Option {
+  const char* name;
+  const char* values;  // for people: "single|multi"
+};
+
+inline constexpr int abi = 1;
+
+struct Plugin {
+  int abi;
+  const char* name;
+  std::string (*version)();  // the middleware's, as it reports it itself
+  Capabilities capabilities;
+  std::span<const Option> options;
+  // Throws Error. Everything that the first message needs exists when it returns, peers apart.
+  std::unique_ptr<Endpoint> (*open)(const Config&, Sink&);
+};
+
+// The transport of that name, from $ONTIME_TRANSPORT_PATH (folders, separated by ':'), beside the program
+// (../lib/…/ontime), or the ament index. Throws Error that says where it looked and what to install.
+// The shared object stays loaded for the life of the process.
+const Plugin& load(const std::string& name);
+// The names that load() would find, sorted.
+std::vector<std::string> available();
+
+}  // namespace ontime::transport
