@@ -15,8 +15,9 @@ inline constexpr const char* ping_topic = "rt/ping";
 inline constexpr const char* pong_topic = "rt/pong";
 inline constexpr const char* type_name = "ontime_msgs::msg::dds_::RoundTrip_";
 
-// A sequence number on the wire is the client's session (24 bits, random, so that clients sharing a topic tell
-// their answers apart, whoever echoes them) and the message's index within it (40 bits: 34 years at 1 kHz).
+// A sequence number on the wire is the client's session (24 bits, random, so that clients sharing a topic
+// tell their answers apart, whoever echoes them) and the message's index within it (40 bits: 34 years at 1
+// kHz).
 inline constexpr unsigned index_bits = 40;
 inline constexpr std::uint64_t max_index = (std::uint64_t{1} << index_bits) - 1;
 constexpr std::uint64_t sequence_of(std::uint32_t session, std::uint64_t index) noexcept {
@@ -27,10 +28,12 @@ constexpr std::uint32_t session_of(std::uint64_t sequence) noexcept {
 }
 constexpr std::uint64_t index_of(std::uint64_t sequence) noexcept { return sequence & max_index; }
 
-// Plain CDR (XCDR1) of {uint64 seq; sequence<uint8> data}: 4 bytes of encapsulation, 8 of seq, 4 of length, data.
+// Plain CDR (XCDR1) of {uint64 seq; sequence<uint8> data}: 4 bytes of encapsulation, 8 of seq, 4 of length,
+// data.
 inline constexpr std::size_t cdr_overhead = 16;
 // Little-endian, into `cdr`, which must hold cdr_overhead + payload.size(). Returns the bytes written.
-std::size_t encode(std::uint64_t sequence, std::span<const std::byte> payload, std::span<std::byte> cdr) noexcept;
+std::size_t encode(std::uint64_t sequence, std::span<const std::byte> payload,
+                   std::span<std::byte> cdr) noexcept;
 
 struct View {
   std::uint64_t sequence;
@@ -39,8 +42,9 @@ struct View {
 // Either byte order; nothing if the bytes are not such a message.
 std::optional<View> decode(std::span<std::byte> cdr) noexcept;
 
-// An ontime server writes its own times into the first 16 bytes of the payload that it returns (a client sends
-// zeros there). Nothing is written into, or read from, a shorter payload; an end that only echoes leaves zeros.
+// An ontime server writes its own times into the first 16 bytes of the payload that it returns (a client
+// sends zeros there). Nothing is written into, or read from, a shorter payload; an end that only echoes
+// leaves zeros.
 struct ServerTimes {
   std::int64_t received_ns;  // the server's CLOCK_MONOTONIC
   std::int64_t sent_ns;

@@ -1,12 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 // The port that middlewares plug into: bytes in, bytes out, everything created before the first message.
 //
-// A transport is a shared object that exports one `ontime_transport` of type Plugin. It is loaded at run time, one
-// to a process, so that a missing vendor costs nothing and two vendors' libraries never meet. It may use the
-// message room, and its middleware, and nothing else of ontime.
+// A transport is a shared object that exports one `ontime_transport` of type Plugin. It is loaded at run
+// time, one to a process, so that a missing vendor costs nothing and two vendors' libraries never meet. It
+// may use the message room, and its middleware, and nothing else of ontime.
 #pragma once
-
-#include <sys/types.h>
 
 #include <cstddef>
 #include <cstdint>
@@ -18,6 +16,8 @@
 #include <string>
 #include <vector>
 
+#include <sys/types.h>
+
 namespace ontime::transport {
 
 // What asked, what found, what to do. Thrown by load() and Plugin::open, never once running.
@@ -25,8 +25,11 @@ struct Error : std::runtime_error {
   using std::runtime_error::runtime_error;
 };
 
-enum class Role { client, server };          // the client writes ping and reads pong, the server the other way
-enum class Receive { listener, waitset };    // on the middleware's thread, or on ours inside Endpoint::receive()
+enum class Role { client, server };  // the client writes ping and reads pong, the server the other way
+enum class Receive {
+  listener,
+  waitset
+};  // on the middleware's thread, or on ours inside Endpoint::receive()
 enum class Reliability { best_effort, reliable };
 enum class History { keep_last, keep_all };
 enum class Durability { volatile_, transient_local };
@@ -63,10 +66,11 @@ struct Config {
 // What a transport's arrivals are given to.
 class Sink {
  public:
-  // Real-time. `payload` is valid, and may be overwritten, until the call returns. `arrival_ns`: CLOCK_MONOTONIC,
-  // read by the transport as the first thing after the middleware handed the message over. Endpoint::send() may
-  // be called from here. May be called by several threads of the middleware at once.
-  virtual void arrived(std::uint64_t sequence, std::span<std::byte> payload, std::int64_t arrival_ns) noexcept = 0;
+  // Real-time. `payload` is valid, and may be overwritten, until the call returns. `arrival_ns`:
+  // CLOCK_MONOTONIC, read by the transport as the first thing after the middleware handed the message over.
+  // Endpoint::send() may be called from here. May be called by several threads of the middleware at once.
+  virtual void arrived(std::uint64_t sequence, std::span<std::byte> payload,
+                       std::int64_t arrival_ns) noexcept = 0;
 
  protected:
   ~Sink() = default;
@@ -82,8 +86,8 @@ class Endpoint {
  public:
   virtual ~Endpoint() = default;  // after it, the sink is not called any more
 
-  // Ordinary thread. Called every few milliseconds while somebody waits for a peer; a transport without discovery
-  // does its handshake here.
+  // Ordinary thread. Called every few milliseconds while somebody waits for a peer; a transport without
+  // discovery does its handshake here.
   virtual Matched matched() = 0;
   // What was seen of others while no peer matched, for people (an incompatible QoS, say); empty if nothing.
   virtual std::string seen() { return {}; }
@@ -91,14 +95,15 @@ class Endpoint {
   // Real-time. False if the middleware refused the message. One caller at a time.
   virtual bool send(std::uint64_t sequence, std::span<const std::byte> payload) noexcept = 0;
 
-  // Real-time, Receive::waitset only: waits for arrivals and hands them to the sink; returns after some, or when
-  // interrupted. interrupt() ends the present and every later receive() at once; any thread.
+  // Real-time, Receive::waitset only: waits for arrivals and hands them to the sink; returns after some, or
+  // when interrupted. interrupt() ends the present and every later receive() at once; any thread.
   virtual void receive() noexcept {}
   virtual void interrupt() noexcept {}
 
   // Ordinary thread. The middleware's own threads as they are now (not those that call receive() or send()).
   virtual std::vector<Thread> threads() = 0;
-  // Ordinary thread. What carries the data, for the record: e.g. {"interface", "veth0"}, {"carrier", "UDPv4"}.
+  // Ordinary thread. What carries the data, for the record: e.g. {"interface", "veth0"}, {"carrier",
+  // "UDPv4"}.
   virtual std::map<std::string, std::string> facts() = 0;
 };
 

@@ -1,0 +1,19 @@
+// SPDX-License-Identifier: Apache-2.0
+// The subcommands: each adds itself to the command line, and says what to do when it is the one called.
+#pragma once
+
+#include <functional>
+
+#include <CLI/CLI.hpp>
+
+namespace ontime::app {
+
+using Action = std::function<int()>;  // returns the exit code
+
+void add_ping(CLI::App&, Action&);
+void add_pong(CLI::App&, Action&);
+void add_run(CLI::App&, Action&);
+void add_report(CLI::App&, Action&);
+void add_agent(CLI::App&, Action&);
+
+}  // namespace ontime::app

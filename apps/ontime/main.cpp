@@ -1,0 +1,41 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <cstdio>
+#include <exception>
+
+#include <fmt/format.h>
+
+#include "agent/agent.hpp"
+#include "commands.hpp"
+#include "record/record.hpp"
+
+int main(int argc, char** argv) {
+  CLI::App app{"Do a robot's messages arrive on time, under the load that it really has?"};
+  app.name("ontime");
+  app.set_version_flag("--version", "ontime " ONTIME_VERSION);
+  app.require_subcommand(1);
+  app.footer(
+      "Exit codes: 0 fine · 1 a stated requirement was missed · 2 wrong usage or input · 3 this machine or a "
+      "peer cannot do what was asked · 130 interrupted");
+
+  ontime::app::Action action;
+  for (const auto add : {ontime::app::add_run, ontime::app::add_ping, ontime::app::add_pong,
+                         ontime::app::add_report, ontime::app::add_agent})
+    add(app, action);
+  try {
+    app.parse(argc, argv);
+  } catch (const CLI::ParseError& error) {
+    return app.exit(error) == 0 ? 0 : 2;
+  }
+
+  const auto failed = [](int code, const char* message) {
+    fmt::print(stderr, "ontime: {}\n", message);
+    return code;
+  };
+  try {
+    return action();
+  } catch (const ontime::agent::Error& error) {
+    return failed(error.exit, error.what());
+  } catch (const std::exception& error) {
+    return failed(3, error.what());
+  }
+}

@@ -1,0 +1,38 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "campaign/campaign.hpp"
+#include "commands.hpp"
+#include "run_flags.hpp"
+#include "terminal.hpp"
+
+namespace ontime::app {
+
+void add_ping(CLI::App& app, Action& action) {
+  auto* command =
+      app.add_subcommand("ping", "The client's end: sends on a schedule, measures, and prints the table");
+  struct Arguments {
+    std::string wait = "10 s", results, format = "table";
+  };
+  auto flags = std::make_shared<RunFlags>(*command, campaign::Key::For::client);
+  auto arguments = std::make_shared<Arguments>();
+  command->add_option("--wait", arguments->wait, "how long to look for pong")
+      ->type_name("TIME")
+      ->capture_default_str();
+  command->add_option("--results", arguments->results, "keep every sample in this file")->type_name("FILE");
+  command->add_option("--format", arguments->format, "table|json|csv|markdown|latex")->type_name("FORMAT");
+  command->callback([&action, flags, arguments] {
+    action = [flags, arguments] {
+      const auto run = flags->run();
+      const auto wait = duration_flag("--wait", arguments->wait);
+      const auto format = format_flag(arguments->format);
+      const auto& interrupts = catch_interrupts();
+      record::Writer writer(arguments->results);
+      const auto known = writer.reader().runs().size();
+      Terminal terminal;
+      const int code = campaign::ping(run, wait, writer, terminal, interrupts, command_line());
+      if (code == 0 || code == 130) print_report(writer.reader(), known, format);
+      return code;
+    };
+  });
+}
+
+}  // namespace ontime::app

@@ -1,0 +1,36 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "report/report.hpp"
+
+#include <fmt/format.h>
+
+#include "commands.hpp"
+#include "run_flags.hpp"
+#include "statistics/statistics.hpp"
+
+namespace ontime::app {
+
+void add_report(CLI::App& app, Action& action) {
+  auto* command = app.add_subcommand("report", "Tables from a results file");
+  struct Arguments {
+    std::string results, format = "table";
+    bool threads = false;
+  };
+  auto arguments = std::make_shared<Arguments>();
+  command->add_option("RESULTS", arguments->results, "a results file")->required();
+  command->add_option("--format", arguments->format, "table|json|csv|markdown|latex")->type_name("FORMAT");
+  command->add_flag("--threads", arguments->threads,
+                    "each thread as the kernel said it was, instead of the times");
+  command->callback([&action, arguments] {
+    action = [arguments] {
+      const auto format = format_flag(arguments->format);
+      const record::Reader reader(arguments->results);
+      std::vector<statistics::Summary> summaries;
+      for (const auto& run : reader.runs()) summaries.push_back(statistics::summarise(reader, run));
+      fmt::print("{}", arguments->threads ? report::render_threads(summaries, format)
+                                          : report::render(summaries, format));
+      return 0;
+    };
+  });
+}
+
+}  // namespace ontime::app

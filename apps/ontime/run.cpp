@@ -1,0 +1,73 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <ctime>
+#include <filesystem>
+
+#include <fmt/chrono.h>
+#include <fmt/format.h>
+
+#include "campaign/campaign.hpp"
+#include "commands.hpp"
+#include "run_flags.hpp"
+#include "terminal.hpp"
+
+namespace ontime::app {
+namespace {
+
+struct Arguments {
+  std::vector<std::string> scenarios;
+  campaign::Selection selection;
+  std::string duration, results, format = "table";
+};
+
+// Beside the user, named after what was run and when; an earlier one is never overwritten.
+std::string new_results_file(const std::string& scenario) {
+  return fmt::format("{}-{:%Y%m%d-%H%M%S}.ontime", std::filesystem::path(scenario).stem().string(),
+                     fmt::localtime(std::time(nullptr)));
+}
+
+int run(const Arguments& arguments, const nlohmann::json& command_line) {
+  auto selection = arguments.selection;
+  if (!arguments.duration.empty()) selection.duration = duration_flag("--duration", arguments.duration);
+  const auto format = format_flag(arguments.format);
+  std::vector<campaign::Scenario> scenarios;  // all read before the first is run
+  for (const auto& file : arguments.scenarios) scenarios.push_back(campaign::read_scenario(file, selection));
+
+  const auto results =
+      arguments.results.empty() ? new_results_file(arguments.scenarios.front()) : arguments.results;
+  const auto& interrupts = catch_interrupts();
+  record::Writer writer(results);
+  const auto known = writer.reader().runs().size();
+  Terminal terminal;
+  int code = 0;
+  for (const auto& scenario : scenarios)
+    if (code != 130)
+      code = std::max(code, campaign::execute(scenario, writer, terminal, interrupts, command_line));
+  print_report(writer.reader(), known, format);
+  terminal.note(fmt::format("every sample is in {}; see also: ontime report {} --threads", results, results));
+  return code;
+}
+
+}  // namespace
+
+void add_run(CLI::App& app, Action& action) {
+  auto* command =
+      app.add_subcommand("run", "Carries out scenarios: hosts, settings, load, round trips, and the table");
+  auto arguments = std::make_shared<Arguments>();
+  command->add_option("SCENARIO", arguments->scenarios, "scenario files")->required();
+  command->add_option("--only", arguments->selection.only, "only these runs")
+      ->delimiter(',')
+      ->type_name("ID,…");
+  command
+      ->add_option("--transports", arguments->selection.transports, "these, instead of those of the scenario")
+      ->delimiter(',')
+      ->type_name("NAME,…");
+  command->add_option("--duration", arguments->duration, "of each run, instead of the scenario's")
+      ->type_name("TIME");
+  command->add_option("--results", arguments->results, "add to this results file (default: a new one here)")
+      ->type_name("FILE");
+  command->add_option("--format", arguments->format, "table|json|csv|markdown|latex")->type_name("FORMAT");
+  command->callback(
+      [&action, arguments] { action = [arguments] { return run(*arguments, command_line()); }; });
+}
+
+}  // namespace ontime::app

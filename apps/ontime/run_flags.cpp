@@ -1,0 +1,71 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "run_flags.hpp"
+
+#include <fmt/format.h>
+
+namespace ontime::app {
+
+using campaign::Error;
+using campaign::Key;
+
+RunFlags::RunFlags(CLI::App& app, Key::For end) {
+  for (const auto& key : campaign::keys()) {
+    if (key.flag.empty() || (end == Key::For::both && key.end == Key::For::client)) continue;
+    auto& value = values_[key.path];
+    auto* option = key.values == "on|off" ? app.add_flag(key.flag + "{on}", value, key.help)
+                                          : app.add_option(key.flag, value, key.help);
+    option->type_name(key.values);
+    if (key.path.starts_with("realtime.")) option->group("Real-time settings (each turns --realtime on)");
+  }
+  app.add_option("--interface", interface_, "the link under test; messages take no other")->type_name("NAME");
+  app.add_option("--peer", peers_, "where the other end is, for a transport that does not find it by itself")
+      ->type_name("HOST[:PORT]");
+  app.add_option("--option", options_, "a transport's own; a wrong one lists them")->type_name("NAME=VALUE");
+}
+
+campaign::Run RunFlags::run() const {
+  campaign::Run run;
+  run.id = "ping";
+  for (const auto& key : campaign::keys()) {
+    const auto value = values_.find(key.path);
+    if (value == values_.end() || value->second.empty()) continue;
+    try {
+      key.set(run, value->second);
+    } catch (const std::invalid_argument& error) {
+      throw Error(2, fmt::format("{}: {}", key.flag, error.what()));
+    }
+  }
+  for (const auto& option : options_) {
+    const auto equals = option.find('=');
+    if (equals == std::string::npos || equals == 0)
+      throw Error(2, fmt::format("--option: '{}' is not NAME=VALUE", option));
+    campaign::set_option(run, option.substr(0, equals), option.substr(equals + 1));
+  }
+  run.task.config.peers = peers_;
+  run.task.config.interface = interface_;
+  try {
+    campaign::complete(run);
+  } catch (const std::invalid_argument& error) {
+    throw Error(2, error.what());
+  }
+  return run;
+}
+
+report::Format format_flag(const std::string& word) {
+  const auto format = report::format_of(word);
+  if (!format)
+    throw Error(2, fmt::format("--format: '{}' is not one of table, json, csv, markdown, latex", word));
+  return *format;
+}
+
+std::chrono::nanoseconds duration_flag(const std::string& flag, const std::string& text) {
+  try {
+    const auto duration = campaign::duration_of(text);
+    if (duration.count() > 0) return duration;
+    throw std::invalid_argument(fmt::format("'{}' is not longer than nothing", text));
+  } catch (const std::invalid_argument& error) {
+    throw Error(2, fmt::format("{}: {}", flag, error.what()));
+  }
+}
+
+}  // namespace ontime::app

@@ -1,0 +1,89 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "terminal.hpp"
+
+#include <csignal>
+#include <cstdio>
+#include <fstream>
+
+#include <fmt/format.h>
+#include <unistd.h>
+
+#include "statistics/statistics.hpp"
+
+namespace ontime::app {
+namespace {
+
+campaign::Interrupts interrupts{0};
+static_assert(campaign::Interrupts::is_always_lock_free, "it is counted in a signal handler");
+
+double seconds(std::chrono::nanoseconds time) { return std::chrono::duration<double>(time).count(); }
+
+std::string words(const roundtrip::Counters& counters) {
+  return fmt::format("sent {}  on time {}  late {}  lost {}", counters.sent, counters.on_time, counters.late,
+                     counters.lost);
+}
+
+}  // namespace
+
+Terminal::Terminal() : interactive_(isatty(STDERR_FILENO) != 0) {}
+
+void Terminal::clear_line() {
+  if (line_open_) fmt::print(stderr, "\r\033[K");
+  line_open_ = false;
+}
+
+void Terminal::note(const std::string& text) {
+  clear_line();
+  fmt::print(stderr, "ontime: {}\n", text);
+}
+
+void Terminal::begins(const campaign::Run& run, std::size_t number, std::size_t of) {
+  const auto count = of > 1 ? fmt::format("[{}/{}] ", number, of) : "";
+  const auto repetition = run.repetition > 1 ? fmt::format(" ×{}", run.repetition) : "";
+  const auto variant = run.variant.empty() ? "" : " " + run.variant;
+  head_ = fmt::format("{}{}{} {}{}", count, run.id, variant, run.task.transport, repetition);
+  duration_ = run.task.client.duration;
+  if (!interactive_) return;
+  fmt::print(stderr, "{} …", head_);
+  std::fflush(stderr);
+  line_open_ = true;
+}
+
+void Terminal::progress(const roundtrip::Counters& counters, std::chrono::nanoseconds elapsed) {
+  if (!interactive_) return;
+  clear_line();
+  fmt::print(stderr, "{}  {:.0f}/{:g} s  {}", head_, seconds(elapsed), seconds(duration_), words(counters));
+  std::fflush(stderr);
+  line_open_ = true;
+}
+
+void Terminal::ends(const roundtrip::Counters& counters) {
+  clear_line();
+  fmt::print(stderr, "{}  {}\n", head_, words(counters));
+}
+
+const campaign::Interrupts& catch_interrupts() {
+  struct sigaction action {};
+  action.sa_handler = [](int) { ++interrupts; };
+  for (const int signal : {SIGINT, SIGTERM, SIGHUP}) sigaction(signal, &action, nullptr);
+  action.sa_handler = SIG_IGN;
+  sigaction(SIGPIPE, &action, nullptr);  // an agent that is gone is noticed by its pipe
+  return interrupts;
+}
+
+nlohmann::json command_line() {
+  auto words = nlohmann::json::array();
+  std::ifstream arguments("/proc/self/cmdline");
+  for (std::string word; std::getline(arguments, word, '\0');) words.push_back(word);
+  return words;
+}
+
+void print_report(const record::Reader& reader, std::size_t known, report::Format format) {
+  std::vector<statistics::Summary> summaries;
+  const auto runs = reader.runs();
+  for (std::size_t i = known; i < runs.size(); ++i)
+    summaries.push_back(statistics::summarise(reader, runs[i]));
+  fmt::print("{}", report::render(summaries, format));
+}
+
+}  // namespace ontime::app

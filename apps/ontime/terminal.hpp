@@ -1,0 +1,35 @@
+// SPDX-License-Identifier: Apache-2.0
+// What a person sees while it runs, on standard error; results go to standard output.
+#pragma once
+
+#include "campaign/campaign.hpp"
+#include "report/report.hpp"
+
+namespace ontime::app {
+
+class Terminal final : public campaign::Observer {
+ public:
+  Terminal();
+  void note(const std::string& text) override;
+  void begins(const campaign::Run&, std::size_t number, std::size_t of) override;
+  void progress(const roundtrip::Counters&, std::chrono::nanoseconds elapsed) override;
+  void ends(const roundtrip::Counters&) override;
+
+ private:
+  void clear_line();
+  const bool interactive_;
+  bool line_open_ = false;
+  std::string head_;
+  std::chrono::nanoseconds duration_{0};
+};
+
+// Counts SIGINT, SIGTERM and SIGHUP from now on.
+const campaign::Interrupts& catch_interrupts();
+
+// How this program was called, for the record.
+nlohmann::json command_line();
+
+// Prints the report on the runs that came after the first `known`.
+void print_report(const record::Reader&, std::size_t known, report::Format);
+
+}  // namespace ontime::app

@@ -1,0 +1,180 @@
+// SPDX-License-Identifier: Apache-2.0
+// Orders and their words, to and from JSON.
+#include <array>
+#include <cstring>
+#include <utility>
+
+#include "agent/agent.hpp"
+
+namespace ontime::agent {
+namespace {
+
+using nlohmann::json;
+using transport::Durability;
+using transport::History;
+using transport::Receive;
+using transport::Reliability;
+using transport::Role;
+
+template <typename Value, std::size_t N>
+using Words = std::array<std::pair<const char*, Value>, N>;
+
+constexpr Words<Role, 2> roles{{{"client", Role::client}, {"server", Role::server}}};
+constexpr Words<Receive, 2> receives{{{"listener", Receive::listener}, {"waitset", Receive::waitset}}};
+constexpr Words<Reliability, 2> reliabilities{
+    {{"best-effort", Reliability::best_effort}, {"reliable", Reliability::reliable}}};
+constexpr Words<History, 2> histories{{{"keep-last", History::keep_last}, {"keep-all", History::keep_all}}};
+constexpr Words<Durability, 2> durabilities{
+    {{"volatile", Durability::volatile_}, {"transient-local", Durability::transient_local}}};
+
+template <typename Value, std::size_t N>
+std::optional<Value> find(const Words<Value, N>& words, const std::string& word) {
+  for (const auto& [name, value] : words)
+    if (word == name) return value;
+  return {};
+}
+
+template <typename Value, std::size_t N>
+const char* find(const Words<Value, N>& words, Value wanted) {
+  for (const auto& [name, value] : words)
+    if (value == wanted) return name;
+  return "";
+}
+
+json settings_json(const realtime::ThreadSettings& settings) {
+  json result{{"policy", realtime::word_of(settings.policy)}, {"priority", settings.priority}};
+  if (!settings.cpus.empty()) result["cpus"] = realtime::list_of(settings.cpus);
+  if (settings.policy == realtime::Policy::deadline) {
+    result["runtime_ns"] = settings.runtime.count();
+    result["deadline_ns"] = settings.deadline.count();
+    result["period_ns"] = settings.period.count();
+  }
+  return result;
+}
+
+realtime::ThreadSettings settings_of(const json& from) {
+  realtime::ThreadSettings settings;
+  settings.policy = realtime::policy_of(from.at("policy")).value();
+  settings.priority = from.at("priority");
+  settings.cpus = realtime::cpus_of(from.value("cpus", "")).value_or(std::vector<int>{});
+  settings.runtime = std::chrono::nanoseconds(from.value("runtime_ns", 0LL));
+  settings.deadline = std::chrono::nanoseconds(from.value("deadline_ns", 0LL));
+  settings.period = std::chrono::nanoseconds(from.value("period_ns", 0LL));
+  return settings;
+}
+
+RealtimeSettings realtime_of(const json& from) {
+  RealtimeSettings settings;
+  settings.on = from.at("on");
+  settings.lock_memory = from.at("lock_memory");
+  if (!from.at("cpu_latency_us").is_null())
+    settings.cpu_latency = std::chrono::microseconds(from.at("cpu_latency_us").get<std::int64_t>());
+  for (const auto& [role, thread] : from.at("threads").items()) settings.threads[role] = settings_of(thread);
+  return settings;
+}
+
+}  // namespace
+
+std::optional<Receive> receive_of(const std::string& word) { return find(receives, word); }
+std::optional<Reliability> reliability_of(const std::string& word) { return find(reliabilities, word); }
+std::optional<History> history_of(const std::string& word) { return find(histories, word); }
+std::optional<Durability> durability_of(const std::string& word) { return find(durabilities, word); }
+const char* word_of(Receive receive) { return find(receives, receive); }
+
+json to_json(const transport::Qos& qos) {
+  return {{"reliability", find(reliabilities, qos.reliability)},
+          {"history", find(histories, qos.history)},
+          {"depth", qos.depth},
+          {"durability", find(durabilities, qos.durability)}};
+}
+
+json to_json(const load::Workers& workers) {
+  return {{"cpu", workers.cpu},
+          {"vm", workers.vm},
+          {"io", workers.io},
+          {"hdd", workers.hdd},
+          {"vm_bytes", workers.vm_bytes},
+          {"hdd_bytes", workers.hdd_bytes}};
+}
+
+void to_json(json& to, const RealtimeSettings& settings) {
+  auto threads = json::object();
+  for (const auto& [role, thread] : settings.threads) threads[role] = settings_json(thread);
+  to = {{"on", settings.on},
+        {"lock_memory", settings.lock_memory},
+        {"cpu_latency_us", nullptr},
+        {"threads", threads}};
+  if (settings.cpu_latency) to["cpu_latency_us"] = settings.cpu_latency->count();
+}
+
+void to_json(json& to, const Task& task) {
+  const auto& client = task.client;
+  to = {{"transport", task.transport},
+        {"role", find(roles, task.config.role)},
+        {"receive", word_of(task.config.receive)},
+        {"qos", to_json(task.config.qos)},
+        {"max_payload_bytes", task.config.max_payload_bytes},
+        {"interface", task.config.interface},
+        {"peers", task.config.peers},
+        {"domain", task.config.domain},
+        {"options", task.config.options},
+        {"schedule", roundtrip::word_of(client.schedule)},
+        {"period_ns", client.period.count()},
+        {"deadline_ns", client.deadline.count()},
+        {"timeout_ns", client.timeout.count()},
+        {"duration_ns", client.duration.count()},
+        {"payload_bytes", client.payload_bytes},
+        {"warm_up", client.warm_up},
+        {"realtime", task.realtime},
+        {"load", to_json(task.load)}};
+}
+
+void from_json(const json& from, Task& task) {
+  using std::chrono::nanoseconds;
+  task.transport = from.at("transport");
+  task.config.role = find(roles, from.at("role")).value();
+  task.config.receive = receive_of(from.at("receive")).value();
+  const auto& qos = from.at("qos");
+  task.config.qos = {reliability_of(qos.at("reliability")).value(), history_of(qos.at("history")).value(),
+                     qos.at("depth"), durability_of(qos.at("durability")).value()};
+  task.config.max_payload_bytes = from.at("max_payload_bytes");
+  task.config.interface = from.at("interface");
+  task.config.peers = from.at("peers").get<std::vector<std::string>>();
+  task.config.domain = from.at("domain");
+  task.config.options = from.at("options").get<std::map<std::string, std::string>>();
+  task.client.schedule = roundtrip::schedule_of(from.at("schedule")).value();
+  task.client.period = nanoseconds(from.at("period_ns").get<std::int64_t>());
+  task.client.deadline = nanoseconds(from.at("deadline_ns").get<std::int64_t>());
+  task.client.timeout = nanoseconds(from.at("timeout_ns").get<std::int64_t>());
+  task.client.duration = nanoseconds(from.at("duration_ns").get<std::int64_t>());
+  task.client.payload_bytes = from.at("payload_bytes");
+  task.client.warm_up = from.at("warm_up");
+  task.realtime = realtime_of(from.at("realtime"));
+  const auto& load = from.at("load");
+  task.load = {load.at("cpu"), load.at("vm"),       load.at("io"),
+               load.at("hdd"), load.at("vm_bytes"), load.at("hdd_bytes")};
+}
+
+roundtrip::Counters counters_of(const json& from) {
+  roundtrip::Counters counters;
+  counters.sent = from.at("sent");
+  counters.on_time = from.at("on_time");
+  counters.late = from.at("late");
+  counters.lost = from.at("lost");
+  counters.duplicates = from.at("duplicates");
+  counters.strays = from.at("strays");
+  counters.reordered = from.at("reordered");
+  counters.skipped_cycles = from.at("skipped_cycles");
+  counters.refused_sends = from.at("refused_sends");
+  counters.dropped_records = from.at("dropped_records");
+  return counters;
+}
+
+std::vector<roundtrip::Sample> samples_of(const json& from) {
+  const auto& bytes = from.get_binary();
+  std::vector<roundtrip::Sample> samples(bytes.size() / sizeof(roundtrip::Sample));
+  if (!samples.empty()) std::memcpy(samples.data(), bytes.data(), samples.size() * sizeof(roundtrip::Sample));
+  return samples;
+}
+
+}  // namespace ontime::agent

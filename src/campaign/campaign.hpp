@@ -1,0 +1,106 @@
+// SPDX-License-Identifier: Apache-2.0
+// A scenario becomes runs, and runs are carried out on hosts, one after the other, into the results file.
+// Ordinary thread only. Everything here throws agent::Error with what asked, what found, what to do.
+#pragma once
+
+#include <atomic>
+#include <chrono>
+#include <functional>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include <nlohmann/json.hpp>
+
+#include "agent/agent.hpp"
+#include "record/record.hpp"
+
+namespace ontime::campaign {
+
+using agent::Error;
+
+// "10 ms" → 10'000'000. Units: ns us µs ms s min h. Throws std::invalid_argument, for people.
+std::chrono::nanoseconds duration_of(const std::string& text);
+// "32 KiB" → 32'768. Units: B kB KiB MB MiB GB GiB.
+std::uint64_t bytes_of(const std::string& text);
+
+// One measurement, all conditions stated.
+struct Run {
+  std::string id;
+  std::string title;
+  std::string
+      variant;  // what tells it from others of the same id, beside transport and repetition: "payload 32 KiB"
+  int repetition = 1;
+  agent::Task task;  // the client's; the server's follows from it
+  load::Workers controller_load, component_load;
+
+  bool realtime_refused =
+      false;  // "realtime: off" was said: realtime.* settings then only describe, and do nothing
+};
+nlohmann::json asked(const Run&);  // the record's form of it
+
+// What can be said of a run, once for scenario files, flags and documentation.
+struct Key {
+  std::string path;    // in a scenario: "qos.depth"
+  std::string flag;    // of `ontime ping` and `ontime pong`: "--depth"; empty: none
+  std::string values;  // for people: "1 …"
+  std::string help;
+  enum class For { client, both } end;
+  // Throws std::invalid_argument, for people.
+  std::function<void(Run&, const std::string&)> set;
+};
+const std::vector<Key>& keys();
+void set_option(Run&, const std::string& name, const std::string& value);  // options.NAME, a transport's own
+// What only the whole of a run can tell: fills in what follows from other keys. Throws std::invalid_argument.
+void complete(Run&);
+
+// Where the two ends are.
+struct Host {
+  std::vector<std::string> prefix;
+  std::string interface;
+  std::string address;
+};
+struct Hosts {
+  enum class Kind { namespaces, loopback, stated } kind = Kind::namespaces;
+  Host controller, component;  // filled in for `stated`
+};
+
+struct Scenario {
+  std::string file, text, title;
+  Hosts hosts;
+  std::vector<Run> runs;  // in the order in which they are to be carried out
+};
+struct Selection {
+  std::vector<std::string> only;        // ids; empty: all
+  std::vector<std::string> transports;  // instead of those that the file states
+  std::optional<std::chrono::nanoseconds> duration;
+};
+// Throws Error{2} with file, line and column.
+Scenario read_scenario(const std::string& file, const Selection&);
+
+// Told of what happens while it happens.
+class Observer {
+ public:
+  virtual ~Observer() = default;
+  virtual void note(const std::string& text) = 0;  // something a person should know
+  virtual void begins(const Run&, std::size_t number, std::size_t of) = 0;
+  virtual void progress(const roundtrip::Counters&, std::chrono::nanoseconds elapsed) = 0;
+  virtual void ends(const roundtrip::Counters&) = 0;  // measured to its end, or to an interruption
+};
+
+// Counts a person's interruptions: once, to stop and keep; twice, to leave at once. Set by a signal handler.
+using Interrupts = std::atomic<int>;
+
+// Carries out all runs. Returns the exit code: 0, 2 or 3 as the worst failed run had it (the others are
+// carried out all the same), or 130. What was changed on the hosts is taken back when it returns or throws.
+int execute(const Scenario&, record::Writer&, Observer&, const Interrupts&,
+            const nlohmann::json& command_line);
+
+// One end by hand, on this host.
+int ping(const Run&, std::chrono::nanoseconds wait, record::Writer&, Observer&, const Interrupts&,
+         const nlohmann::json& command_line);
+// Serves until interrupted. `told` is called once it serves, with the record of what it is.
+int pong(const Run&, const Interrupts&, const std::function<void(const nlohmann::json& opened)>& told,
+         nlohmann::json& closed);
+
+}  // namespace ontime::campaign

@@ -1,0 +1,244 @@
+// SPDX-License-Identifier: Apache-2.0
+// What can be said of a run: one table, from which scenario files, flags and --help are made.
+#include <charconv>
+#include <limits>
+#include <stdexcept>
+
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+
+#include "campaign/campaign.hpp"
+
+namespace ontime::campaign {
+namespace {
+
+using realtime::Policy;
+using realtime::ThreadSettings;
+using Text = const std::string&;
+
+constexpr int paper_priority = 80;       // of what a message passes through
+constexpr int background_priority = 70;  // of a middleware's other threads
+const std::vector<std::string> message_roles{"send", "receive", "delivery"};
+const std::vector<std::string> background_roles{"discovery", "timer", "other"};
+
+std::int64_t number(Text text, std::int64_t least, std::int64_t most) {
+  std::int64_t value = 0;
+  const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
+  if (error != std::errc{} || end != text.data() + text.size() || value < least || value > most)
+    throw std::invalid_argument(
+        most == std::numeric_limits<std::int64_t>::max()
+            ? fmt::format("'{}' is not a whole number of {} or more", text, least)
+            : fmt::format("'{}' is not a whole number from {} to {}", text, least, most));
+  return value;
+}
+
+std::chrono::nanoseconds positive_duration(Text text) {
+  const auto duration = duration_of(text);
+  if (duration.count() <= 0)
+    throw std::invalid_argument(fmt::format("'{}' is not longer than nothing", text));
+  return duration;
+}
+
+bool yes_or_no(Text text) {
+  if (text == "true" || text == "on" || text == "yes") return true;
+  if (text == "false" || text == "off" || text == "no") return false;
+  throw std::invalid_argument(fmt::format("'{}' is neither on nor off", text));
+}
+
+template <typename Value>
+Value one_of(const std::optional<Value>& value, Text text, Text values) {
+  if (!value) throw std::invalid_argument(fmt::format("'{}' is not one of {}", text, values));
+  return *value;
+}
+
+// The paper's settings, and a latency request that it did not have: everything else builds on them.
+void set_realtime_on(Run& run) {
+  auto& settings = run.task.realtime;
+  if (settings.on) return;
+  settings.on = settings.lock_memory = true;
+  settings.cpu_latency = std::chrono::microseconds(0);
+  for (const auto& role : message_roles)
+    settings.threads[role] = {.policy = Policy::fifo, .priority = paper_priority, .cpus = {}};
+  for (const auto& role : background_roles)
+    settings.threads[role] = {.policy = Policy::fifo, .priority = background_priority, .cpus = {}};
+}
+
+void set_realtime(Run& run, Text text) {
+  run.realtime_refused = !yes_or_no(text);
+  if (run.realtime_refused)
+    run.task.realtime = {};
+  else
+    set_realtime_on(run);
+}
+
+using SetSettings = std::function<void(agent::RealtimeSettings&, Text)>;
+std::function<void(Run&, Text)> realtime_setting(SetSettings set) {
+  return [set = std::move(set)](Run& run, Text text) {
+    agent::RealtimeSettings checked = run.task.realtime;  // a wrong word is wrong also where it has no effect
+    set(checked, text);
+    if (run.realtime_refused) return;
+    set_realtime_on(run);
+    set(run.task.realtime, text);
+  };
+}
+
+void set_policy(ThreadSettings& thread, Text text) {
+  thread.policy = one_of(realtime::policy_of(text), text, "other, fifo, rr, deadline");
+  const bool has_priority = thread.policy == Policy::fifo || thread.policy == Policy::round_robin;
+  if (!has_priority) thread.priority = 0;
+  if (has_priority && thread.priority == 0) thread.priority = paper_priority;
+}
+void set_priority(ThreadSettings& thread, Text text) {
+  thread.priority = static_cast<int>(number(text, 1, 99));
+}
+void set_cpus(ThreadSettings& thread, Text text) {
+  thread.cpus = one_of(realtime::cpus_of(text), text, "lists of CPUs such as 1 or 0-1,3");
+}
+
+void add_thread_keys(std::vector<Key>& keys, const std::string& path, const std::string& flag,
+                     const std::vector<std::string>& roles, const std::string& whose) {
+  const auto each = [&roles](void (*set)(ThreadSettings&, Text)) {
+    return realtime_setting([set, roles](agent::RealtimeSettings& settings, Text text) {
+      for (const auto& role : roles) set(settings.threads[role], text);
+    });
+  };
+  const auto both = Key::For::both;
+  keys.push_back({path + ".policy", flag + "policy", "other|fifo|rr|deadline", "policy of " + whose, both,
+                  each(set_policy)});
+  keys.push_back(
+      {path + ".priority", flag + "priority", "1 … 99", "priority of " + whose, both, each(set_priority)});
+  keys.push_back({path + ".cpus", flag + "cpus", "LIST", "CPU affinity of " + whose, both, each(set_cpus)});
+}
+
+void add_load_keys(std::vector<Key>& keys, const std::string& host, load::Workers Run::*load) {
+  const auto client = Key::For::client;
+  const auto add = [&](const std::string& kind, int load::Workers::*workers, const std::string& help) {
+    keys.push_back({fmt::format("load.{}.{}", host, kind), "", "N", help, client, [=](Run& run, Text text) {
+                      (run.*load).*workers = static_cast<int>(number(text, 0, 1024));
+                    }});
+  };
+  const auto add_bytes = [&](const std::string& kind, std::uint64_t load::Workers::*bytes,
+                             const std::string& help) {
+    keys.push_back({fmt::format("load.{}.{}", host, kind), "", "SIZE", help, client,
+                    [=](Run& run, Text text) { (run.*load).*bytes = bytes_of(text); }});
+  };
+  add("cpu", &load::Workers::cpu, "stress-ng workers that compute");
+  add("vm", &load::Workers::vm, "stress-ng workers that write to memory");
+  add("io", &load::Workers::io, "stress-ng workers that call sync(2)");
+  add("hdd", &load::Workers::hdd, "stress-ng workers that write files");
+  add_bytes("vm-bytes", &load::Workers::vm_bytes, "memory of each vm worker");
+  add_bytes("hdd-bytes", &load::Workers::hdd_bytes, "file size of each hdd worker");
+}
+
+std::vector<Key> all_keys() {
+  const auto client = Key::For::client, both = Key::For::both;
+  std::vector<Key> keys{
+      {"title", "", "TEXT", "what the run is, in words", client,
+       [](Run& run, Text text) { run.title = text; }},
+      {"transport", "--transport", "NAME", "udp, cyclonedds, fastdds, or another that is installed", both,
+       [](Run& run, Text text) { run.task.transport = text; }},
+      {"payload", "--payload", "SIZE", "bytes beside the sequence number (for pong: at most)", both,
+       [](Run& run, Text text) {
+         run.task.client.payload_bytes = run.task.config.max_payload_bytes = bytes_of(text);
+       }},
+      {"schedule", "--schedule", "next-free|fixed|back-to-back", "when the next message is sent", client,
+       [](Run& run, Text text) {
+         run.task.client.schedule =
+             one_of(roundtrip::schedule_of(text), text, "next-free, fixed, back-to-back");
+       }},
+      {"period", "--period", "TIME", "of sending", client,
+       [](Run& run, Text text) {
+         const auto period = positive_duration(text);
+         if (period < std::chrono::microseconds(10))
+           throw std::invalid_argument(
+               fmt::format("'{}' is too short: the least period is 10 us; for as fast as "
+                           "possible use schedule back-to-back",
+                           text));
+         run.task.client.period = period;
+       }},
+      {"deadline", "--deadline", "TIME", "a longer round trip is late", client,
+       [](Run& run, Text text) { run.task.client.deadline = positive_duration(text); }},
+      {"timeout", "--timeout", "TIME", "a message without an answer for longer is lost", client,
+       [](Run& run, Text text) { run.task.client.timeout = positive_duration(text); }},
+      {"duration", "--duration", "TIME", "of sending, warm-up not counted", client,
+       [](Run& run, Text text) { run.task.client.duration = positive_duration(text); }},
+      {"warm-up", "--warm-up", "N", "answers before the first counted message", client,
+       [](Run& run, Text text) {
+         run.task.client.warm_up = static_cast<std::uint64_t>(number(text, 1, 1'000'000));
+       }},
+      {"receive", "--receive", "listener|waitset", "on the middleware's thread, or on one of ours that waits",
+       both,
+       [](Run& run, Text text) {
+         run.task.config.receive = one_of(agent::receive_of(text), text, "listener, waitset");
+       }},
+      {"domain", "--domain", "0 … 232", "DDS domain; for udp the port is 7900 + domain", both,
+       [](Run& run, Text text) { run.task.config.domain = static_cast<int>(number(text, 0, 232)); }},
+      {"qos.reliability", "--reliability", "best-effort|reliable", "quality of service", both,
+       [](Run& run, Text text) {
+         run.task.config.qos.reliability = one_of(agent::reliability_of(text), text, "best-effort, reliable");
+       }},
+      {"qos.history", "--history", "keep-last|keep-all", "quality of service", both,
+       [](Run& run, Text text) {
+         run.task.config.qos.history = one_of(agent::history_of(text), text, "keep-last, keep-all");
+       }},
+      {"qos.depth", "--depth", "N", "of keep-last", both,
+       [](Run& run, Text text) { run.task.config.qos.depth = static_cast<int>(number(text, 1, 1'000'000)); }},
+      {"qos.durability", "--durability", "volatile|transient-local", "quality of service", both,
+       [](Run& run, Text text) {
+         run.task.config.qos.durability =
+             one_of(agent::durability_of(text), text, "volatile, transient-local");
+       }},
+      {"realtime", "--realtime", "on|off",
+       "locked memory, no deep idle states, SCHED_FIFO 80 for the message's way and 70 for a middleware's "
+       "other threads",
+       both, set_realtime},
+      {"realtime.lock-memory", "--lock-memory", "on|off", "lock and touch all memory", both,
+       realtime_setting([](auto& settings, Text text) { settings.lock_memory = yes_or_no(text); })},
+      {"realtime.cpu-latency", "--cpu-latency", "TIME|any", "longest exit latency of an idle state", both,
+       realtime_setting([](auto& settings, Text text) {
+         settings.cpu_latency.reset();
+         if (text != "any")
+           settings.cpu_latency = std::chrono::duration_cast<std::chrono::microseconds>(duration_of(text));
+       })},
+  };
+  add_thread_keys(keys, "realtime", "--", message_roles, "the threads a message passes through");
+  for (const auto& roles : {message_roles, background_roles})
+    for (const auto& role : roles)
+      add_thread_keys(keys, "realtime." + role, "--" + role + "-", {role}, "threads of role " + role);
+  add_load_keys(keys, "controller", &Run::controller_load);
+  add_load_keys(keys, "component", &Run::component_load);
+  return keys;
+}
+
+}  // namespace
+
+const std::vector<Key>& keys() {
+  static const auto keys = all_keys();
+  return keys;
+}
+
+void set_option(Run& run, Text name, Text value) { run.task.config.options[name] = value; }
+
+void complete(Run& run) {
+  auto& client = run.task.client;
+  if (run.task.transport.empty()) throw std::invalid_argument("no transport is stated");
+  if (client.deadline > client.timeout)
+    throw std::invalid_argument(
+        fmt::format("the deadline ({} us) is longer than the time-out ({} us): nothing could "
+                    "ever be late",
+                    client.deadline.count() / 1000, client.timeout.count() / 1000));
+  if (client.schedule == roundtrip::Schedule::fixed && client.timeout / client.period > 500'000)
+    throw std::invalid_argument(
+        "more than 500000 messages may be in flight: lengthen the period or shorten the time-out");
+  for (auto& [role, thread] : run.task.realtime.threads) {
+    const bool has_priority = thread.policy == Policy::fifo || thread.policy == Policy::round_robin;
+    if (thread.priority != 0 && !has_priority)
+      throw std::invalid_argument(
+          fmt::format("threads of role {}: a priority needs policy fifo or rr", role));
+    if (thread.policy != Policy::deadline) continue;
+    thread.period = thread.deadline = client.period;
+    thread.runtime = client.period / 10;
+  }
+}
+
+}  // namespace ontime::campaign

@@ -1,0 +1,57 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <algorithm>
+#include <charconv>
+#include <cmath>
+#include <stdexcept>
+#include <utility>
+
+#include <fmt/format.h>
+
+#include "campaign/campaign.hpp"
+
+namespace ontime::campaign {
+namespace {
+
+using Units = std::vector<std::pair<std::string, double>>;
+
+double quantity(const std::string& text, const Units& units, const std::string& example) {
+  std::string names;
+  for (const auto& [name, factor] : units) names += (names.empty() ? "" : ", ") + name;
+  double number = 0;
+  const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), number);
+  if (error != std::errc{})
+    throw std::invalid_argument(fmt::format("'{}' is not a quantity; write it as '{}'", text, example));
+  std::string unit(static_cast<const char*>(end), text.data() + text.size());
+  unit.erase(0, std::min(unit.find_first_not_of(' '), unit.size()));
+  if (unit.empty())
+    throw std::invalid_argument(
+        fmt::format("'{}' has no unit; write it as '{}' (units: {})", text, example, names));
+  for (const auto& [name, factor] : units) {
+    if (unit != name) continue;
+    const double value = number * factor;
+    if (!std::isfinite(value) || std::abs(value) > 9e18)
+      throw std::invalid_argument(fmt::format("'{}' is out of range", text));
+    return value;
+  }
+  throw std::invalid_argument(fmt::format("'{}' has no unit known here; units: {}", text, names));
+}
+
+}  // namespace
+
+std::chrono::nanoseconds duration_of(const std::string& text) {
+  static const Units units{{"ns", 1},  {"us", 1e3},   {"µs", 1e3},  {"ms", 1e6},
+                           {"s", 1e9}, {"min", 60e9}, {"h", 3600e9}};
+  return std::chrono::nanoseconds(std::llround(quantity(text, units, "10 ms")));
+}
+
+std::uint64_t bytes_of(const std::string& text) {
+  static const Units units{{"B", 1},           {"kB", 1e3}, {"KiB", 1024.0},      {"MB", 1e6},
+                           {"MiB", 1048576.0}, {"GB", 1e9}, {"GiB", 1073741824.0}};
+  const double bytes = quantity(text, units, "500 B");
+  if (bytes < 0) throw std::invalid_argument(fmt::format("'{}' is negative", text));
+  if (bytes != std::floor(bytes))
+    throw std::invalid_argument(fmt::format("'{}' is not a whole number of bytes", text));
+  return static_cast<std::uint64_t>(bytes);
+}
+
+}  // namespace ontime::campaign

@@ -1,0 +1,47 @@
+// SPDX-License-Identifier: Apache-2.0
+// The clock that all of a sample's times are read from, and sleeping on it. Real-time safe.
+#pragma once
+
+#include <atomic>
+#include <cstdint>
+#include <ctime>
+
+#include <linux/futex.h>
+#include <sys/syscall.h>
+#include <unistd.h>
+
+namespace ontime::roundtrip {
+
+inline std::int64_t now_ns() noexcept {
+  timespec now{};
+  clock_gettime(CLOCK_MONOTONIC, &now);
+  return std::int64_t{now.tv_sec} * 1'000'000'000 + now.tv_nsec;
+}
+
+// An absolute sleep that another thread can end for good. It sleeps on a futex rather than in
+// clock_nanosleep, which only a signal could end; both wait on the same kind of kernel timer.
+class Alarm {
+ public:
+  void sleep_until(std::int64_t at_ns) noexcept {
+    const timespec at{at_ns / 1'000'000'000, at_ns % 1'000'000'000};
+    while (rung_.load(std::memory_order_relaxed) == 0 && now_ns() < at_ns)
+      futex(FUTEX_WAIT_BITSET_PRIVATE, &at);
+  }
+  void wait() noexcept {
+    while (rung_.load(std::memory_order_relaxed) == 0) futex(FUTEX_WAIT_BITSET_PRIVATE, nullptr);
+  }
+  void ring() noexcept {
+    rung_.store(1);
+    syscall(SYS_futex, &rung_, FUTEX_WAKE_PRIVATE, 0x7fffffff, nullptr, nullptr, 0);
+  }
+  bool rung() const noexcept { return rung_.load(std::memory_order_acquire) != 0; }
+
+ private:
+  void futex(int operation, const timespec* at) noexcept {
+    syscall(SYS_futex, &rung_, operation, 0, at, nullptr, FUTEX_BITSET_MATCH_ANY);
+  }
+  std::atomic<std::uint32_t> rung_{0};
+  static_assert(sizeof(std::atomic<std::uint32_t>) == sizeof(std::uint32_t));
+};
+
+}  // namespace ontime::roundtrip

@@ -1,0 +1,99 @@
+// SPDX-License-Identifier: Apache-2.0
+// The two ends of a round trip over any transport: the client, which sends on a schedule and judges every
+// message, and the server, which answers.
+//
+// Ordinary threads build, start, drain and stop; the measuring path (the sending thread and whatever thread
+// delivers arrivals) allocates nothing, locks nothing, prints nothing and throws nothing.
+#pragma once
+
+#include <atomic>
+#include <chrono>
+#include <cstdint>
+#include <memory>
+#include <optional>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "roundtrip/sample.hpp"
+#include "transport/transport.hpp"
+
+namespace ontime::roundtrip {
+
+enum class Schedule {
+  next_free,     // the paper's: an answer later than its period moves the next message to the next free cycle
+  fixed,         // open loop: a message each period whatever happens, several in flight
+  back_to_back,  // the next message upon the answer to the last, or its loss
+};
+const char* word_of(Schedule);  // "next-free", "fixed", "back-to-back"
+std::optional<Schedule> schedule_of(const std::string& word);
+
+struct ClientOptions {
+  Schedule schedule = Schedule::next_free;
+  std::chrono::nanoseconds period{std::chrono::milliseconds(10)};
+  std::chrono::nanoseconds deadline{std::chrono::milliseconds(10)};  // a longer round trip is late
+  std::chrono::nanoseconds timeout{std::chrono::milliseconds(500)};  // a longer one, or none, is lost
+  std::chrono::nanoseconds duration{std::chrono::seconds(10)};       // of sending, warm-up not counted
+  std::size_t payload_bytes = 500;
+  std::uint64_t warm_up = 10;  // answers to wait for before the first counted message
+};
+
+// At all times sent = on_time + late + lost + in flight; in flight is 0 when the client has finished.
+struct Counters {
+  std::uint64_t sent = 0, on_time = 0, late = 0, lost = 0;
+  std::uint64_t duplicates = 0;       // further answers to a message already answered
+  std::uint64_t strays = 0;           // answers to somebody else's messages, or to one given up as lost
+  std::uint64_t reordered = 0;        // answers that came after the answer to a later message
+  std::uint64_t skipped_cycles = 0;   // cycles without a message
+  std::uint64_t refused_sends = 0;    // messages that the transport did not take; each is lost, too
+  std::uint64_t dropped_records = 0;  // samples that nobody drained in time
+};
+
+// A thread of ours or of the middleware; role "send" is the client's sending thread, "receive" the one that
+// delivers.
+using transport::Thread;
+
+class Client {
+ public:
+  // Opens the transport; throws transport::Error. Its threads exist when it returns and wait, so that they
+  // can be given their settings before the first message.
+  Client(const transport::Plugin&, const transport::Config&, const ClientOptions&);
+  ~Client();
+  Client(const Client&) = delete;
+  Client& operator=(const Client&) = delete;
+
+  transport::Endpoint& endpoint();
+  std::vector<Thread> threads();
+
+  // Once. Sends the warm-up, then measures for the duration, in the sending thread.
+  void start();
+  void stop();  // send no more; what is in flight is waited for. Any thread.
+  enum class State { waiting, warming_up, measuring, finished };
+  State state() const;
+  std::uint64_t warm_up_answers() const;
+
+  Counters counters() const;                     // any thread, while it runs
+  std::size_t drain(std::span<Sample> samples);  // settled samples in order of index; one ordinary thread
+
+ private:
+  class Measurement;
+  std::unique_ptr<Measurement> measurement_;
+};
+
+class Server {
+ public:
+  Server(const transport::Plugin&, const transport::Config&);  // answers from now on; throws transport::Error
+  ~Server();
+  Server(const Server&) = delete;
+  Server& operator=(const Server&) = delete;
+
+  transport::Endpoint& endpoint();
+  std::vector<Thread> threads();
+  std::uint64_t answered() const;  // any thread
+
+ private:
+  class Echo;
+  std::unique_ptr<Echo> echo_;
+};
+
+}  // namespace ontime::roundtrip

@@ -1,0 +1,96 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <algorithm>
+#include <cstdlib>
+#include <filesystem>
+#include <set>
+#include <sstream>
+
+#include <dlfcn.h>
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+
+#include "transport/transport.hpp"
+
+namespace ontime::transport {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr const char* prefix = "ontime_transport_";
+constexpr const char* suffix = ".so";
+
+std::vector<fs::path> folders_in(const char* variable) {
+  std::vector<fs::path> folders;
+  const char* value =
+      std::getenv(variable);  // NOLINT(concurrency-mt-unsafe): nothing here sets the environment
+  std::istringstream list(value != nullptr ? value : "");
+  for (std::string folder; std::getline(list, folder, ':');)
+    if (!folder.empty()) folders.emplace_back(folder);
+  return folders;
+}
+
+std::vector<fs::path> search_path() {
+  auto folders = folders_in("ONTIME_TRANSPORT_PATH");
+  std::error_code none;
+  const auto program = fs::read_symlink("/proc/self/exe", none);
+  if (!program.empty()) folders.push_back(program.parent_path().parent_path() / ONTIME_LIBDIR / "ontime");
+  // An ament package that brings a transport installs it in lib/ontime of its prefix.
+  for (const auto& ament : folders_in("AMENT_PREFIX_PATH")) folders.push_back(ament / "lib" / "ontime");
+  return folders;
+}
+
+std::string remedy(const std::string& name) {
+  if (name == "cyclonedds")
+    return "; it needs Debian's package libddsc0debian when run, cyclonedds-dev when built";
+  if (name == "fastdds")
+    return "; it needs Debian's package libfastrtps2.9 when run, libfastrtps-dev when built";
+  if (name == "ros2")
+    return "; build ros2/ with colcon in a sourced ROS 2 and source its setup.bash (docs/ros2.md)";
+  return "";
+}
+
+const Plugin& open(const fs::path& file) {
+  void* object = dlopen(file.c_str(), RTLD_NOW | RTLD_LOCAL | RTLD_NODELETE);
+  if (object == nullptr) throw Error(fmt::format("transport {} does not load: {}", file.string(), dlerror()));
+  const auto* plugin = static_cast<const Plugin*>(dlsym(object, "ontime_transport"));
+  if (plugin == nullptr)
+    throw Error(fmt::format("{} is not an ontime transport: it exports no ontime_transport", file.string()));
+  if (plugin->abi != abi)
+    throw Error(
+        fmt::format("transport {} was built for version {} of the port, this ontime has {}; build it anew",
+                    file.string(), plugin->abi, abi));
+  return *plugin;
+}
+
+}  // namespace
+
+const Plugin& load(const std::string& name) {
+  const auto folders = search_path();
+  for (const auto& folder : folders) {
+    const auto file = folder / (prefix + name + suffix);
+    std::error_code none;
+    if (fs::exists(file, none)) return open(file);
+  }
+  std::vector<std::string> looked;
+  for (const auto& folder : folders) looked.push_back(folder.string());
+  const auto others = available();
+  throw Error(fmt::format("there is no transport '{}' here{}; there are: {}; looked in {}", name,
+                          remedy(name), others.empty() ? "none" : fmt::format("{}", fmt::join(others, ", ")),
+                          fmt::join(looked, ", ")));
+}
+
+std::vector<std::string> available() {
+  std::set<std::string> names;
+  for (const auto& folder : search_path()) {
+    std::error_code none;
+    for (const auto& entry : fs::directory_iterator(folder, none)) {
+      const auto file = entry.path().filename().string();
+      if (file.starts_with(prefix) && file.ends_with(suffix))
+        names.insert(file.substr(std::string(prefix).size(),
+                                 file.size() - std::string(prefix).size() - std::string(suffix).size()));
+    }
+  }
+  return {names.begin(), names.end()};
+}
+
+}  // namespace ontime::transport

@@ -1,0 +1,320 @@
+// SPDX-License-Identifier: Apache-2.0
+// Plain UDP: the floor under every middleware.
+//
+// A datagram is a header (magic, kind, cookie) and, when it carries a message, the message's CDR bytes.
+// The server answers nobody whose address it has not proved: a cookie is a keyed hash (SipHash-2-4) of the
+// sender's address, which only somebody who receives at that address can know. The server keeps no state for
+// it, so clients come and go for days; a datagram without the right cookie is answered by the cookie, never
+// by more bytes than it had, so that nobody can be flooded by way of us.
+#include <array>
+#include <atomic>
+#include <cerrno>
+#include <charconv>
+#include <cstring>
+#include <ctime>
+#include <system_error>
+#include <thread>
+
+#include <arpa/inet.h>
+#include <fmt/format.h>
+#include <netdb.h>
+#include <netinet/in.h>
+#include <sodium.h>
+#include <sys/socket.h>
+#include <sys/utsname.h>
+#include <unistd.h>
+
+#include "message/message.hpp"
+#include "transport/transport.hpp"
+
+namespace ontime::transport {
+namespace {
+
+constexpr int default_port = 7900;
+constexpr std::uint32_t magic = 0x6d746e6f;  // "ontm"
+enum class Kind : std::uint32_t { hello = 1, cookie = 2, message = 3 };
+
+struct Header {
+  std::uint32_t magic;
+  Kind kind;
+  std::uint64_t cookie;
+};
+static_assert(sizeof(Header) == 16);
+
+constexpr std::size_t overhead = sizeof(Header) + message::cdr_overhead;
+constexpr std::size_t max_payload = 65507 - overhead;  // 65535 less the headers of IPv4 and UDP
+
+std::int64_t now_ns() noexcept {
+  timespec now{};
+  clock_gettime(CLOCK_MONOTONIC, &now);
+  return std::int64_t{now.tv_sec} * 1'000'000'000 + now.tv_nsec;
+}
+
+std::string errno_text() { return std::generic_category().message(errno); }
+
+sockaddr_in ipv4(const std::string& host, int port) {
+  addrinfo hints{};
+  hints.ai_family = AF_INET;
+  hints.ai_socktype = SOCK_DGRAM;
+  addrinfo* found = nullptr;
+  if (const int code = getaddrinfo(host.c_str(), nullptr, &hints, &found); code != 0)
+    throw Error(fmt::format("host '{}' was not found: {}", host, gai_strerror(code)));
+  sockaddr_in address{};
+  std::memcpy(&address, found->ai_addr, sizeof address);
+  freeaddrinfo(found);
+  address.sin_port = htons(static_cast<std::uint16_t>(port));
+  return address;
+}
+
+int port_of(const std::string& text) {
+  int port = 0;
+  const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), port);
+  if (error != std::errc{} || end != text.data() + text.size() || port < 1 || port > 65535)
+    throw Error(fmt::format("'{}' is not a UDP port (1 to 65535)", text));
+  return port;
+}
+
+class Socket {
+ public:
+  Socket() : fd_(socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC, 0)) {
+    if (fd_ < 0) throw Error("no UDP socket: " + errno_text());
+  }
+  ~Socket() { close(fd_); }
+  Socket(const Socket&) = delete;
+  Socket& operator=(const Socket&) = delete;
+  int fd() const noexcept { return fd_; }
+
+ private:
+  int fd_;
+};
+
+class Udp final : public Endpoint {
+ public:
+  Udp(const Config& config, Sink& sink)
+      : config_(config),
+        sink_(sink),
+        received_(overhead + config.max_payload_bytes + 1),
+        sending_(received_.size()) {
+    // Room for a burst of the largest messages; the kernel gives what it allows.
+    const int buffer_bytes = 1 << 20;
+    setsockopt(socket_.fd(), SOL_SOCKET, SO_RCVBUF, &buffer_bytes, sizeof buffer_bytes);
+    use_link();
+    config_.role == Role::server ? be_server() : be_client();
+    if (config_.receive == Receive::listener) {
+      listener_ = std::thread([this] {
+        listener_tid_ = gettid();
+        pthread_setname_np(pthread_self(), "ontime-udp-recv");
+        while (!stopping_) receive();
+      });
+      while (listener_tid_ == 0) std::this_thread::yield();
+    }
+  }
+
+  ~Udp() override {
+    interrupt();
+    if (listener_.joinable()) listener_.join();
+  }
+
+  Matched matched() override {
+    if (config_.role == Role::server) return {known_.load() ? 1 : 0, known_.load() ? 1 : 0};
+    if (!known_) {
+      const Header hello{magic, Kind::hello, 0};
+      if (::send(socket_.fd(), &hello, sizeof hello, MSG_NOSIGNAL) < 0) last_error_ = errno;
+    }
+    return {known_ ? 1 : 0, known_ ? 1 : 0};
+  }
+
+  std::string seen() override {
+    if (config_.role == Role::server) return "";
+    if (last_error_ == ECONNREFUSED)
+      return fmt::format("{} refuses: the host is there, no pong listens on that port", peer_);
+    if (last_error_ != 0) return fmt::format("{}: {}", peer_, std::generic_category().message(last_error_));
+    return fmt::format("{} sent nothing back: is the host up, does a firewall pass UDP?", peer_);
+  }
+
+  bool send(std::uint64_t sequence, std::span<const std::byte> payload) noexcept override {
+    if (payload.size() > config_.max_payload_bytes) return false;
+    const bool server = config_.role == Role::server;
+    const Header header{magic, Kind::message,
+                        server ? reply_cookie_ : cookie_.load(std::memory_order_relaxed)};
+    std::memcpy(sending_.data(), &header, sizeof header);
+    const auto bytes =
+        sizeof header + message::encode(sequence, payload, std::span(sending_).subspan(sizeof header));
+    return send_bytes(sending_.data(), bytes);
+  }
+
+  void receive() noexcept override {
+    socklen_t length = sizeof from_;
+    const bool server = config_.role == Role::server;
+    const auto bytes =
+        recvfrom(socket_.fd(), received_.data(), received_.size(), 0,
+                 server ? reinterpret_cast<sockaddr*>(&from_) : nullptr, server ? &length : nullptr);
+    const auto arrival_ns = now_ns();
+    if (bytes < 0) last_error_ = errno;
+    if (bytes < static_cast<ssize_t>(sizeof(Header)) || stopping_) return;
+    Header header{};
+    std::memcpy(&header, received_.data(), sizeof header);
+    if (header.magic != magic) return;
+    const auto rest =
+        std::span(received_).subspan(sizeof header, static_cast<std::size_t>(bytes) - sizeof header);
+    server ? serve(header, rest, arrival_ns) : take(header, rest, arrival_ns);
+  }
+
+  void interrupt() noexcept override {
+    stopping_ = true;
+    shutdown(socket_.fd(), SHUT_RDWR);  // wakes a blocked recvfrom, for a socket without a peer too
+  }
+
+  std::vector<Thread> threads() override {
+    if (listener_tid_ == 0) return {};
+    return {{listener_tid_, "receive", "ontime-udp-recv"}};
+  }
+
+  std::map<std::string, std::string> facts() override {
+    sockaddr_in local{};
+    socklen_t length = sizeof local;
+    getsockname(socket_.fd(), reinterpret_cast<sockaddr*>(&local), &length);
+    std::array<char, INET_ADDRSTRLEN> text{};
+    inet_ntop(AF_INET, &local.sin_addr, text.data(), text.size());
+    return {{"carrier", "UDPv4"},
+            {"interface", config_.interface.empty() ? "any" : config_.interface},
+            {"address", fmt::format("{}:{}", text.data(), ntohs(local.sin_port))}};
+  }
+
+ private:
+  void use_link() {
+    if (config_.interface.empty()) return;
+    if (setsockopt(socket_.fd(), SOL_SOCKET, SO_BINDTODEVICE, config_.interface.c_str(),
+                   static_cast<socklen_t>(config_.interface.size())) != 0)
+      throw Error(fmt::format("cannot bind to interface '{}': {}", config_.interface, errno_text()));
+  }
+
+  void be_server() {
+    if (sodium_init() < 0) throw Error("libsodium does not start: no random numbers on this machine");
+    crypto_shorthash_keygen(key_.data());
+    const auto option = config_.options.find("port");
+    const int port =
+        option == config_.options.end() ? default_port + config_.domain : port_of(option->second);
+    sockaddr_in local{};
+    local.sin_family = AF_INET;
+    local.sin_addr.s_addr = htonl(INADDR_ANY);
+    if (!config_.address.empty()) local = ipv4(config_.address, port);
+    local.sin_port = htons(static_cast<std::uint16_t>(port));
+    if (bind(socket_.fd(), reinterpret_cast<const sockaddr*>(&local), sizeof local) != 0)
+      throw Error(
+          errno == EADDRINUSE
+              ? fmt::format("UDP port {} is busy: another pong? Choose another by --domain or port=N", port)
+              : fmt::format("cannot listen on UDP port {}: {}", port, errno_text()));
+  }
+
+  void be_client() {
+    if (config_.peers.empty())
+      throw Error("udp finds no peer by itself: say where pong is, --peer HOST[:PORT]");
+    peer_ = config_.peers.front();
+    const auto colon = peer_.rfind(':');
+    const bool has_port = colon != std::string::npos;
+    const int port = has_port ? port_of(peer_.substr(colon + 1)) : default_port + config_.domain;
+    const auto address = ipv4(peer_.substr(0, colon), port);
+    if (!config_.address.empty()) {
+      const auto local = ipv4(config_.address, 0);
+      if (bind(socket_.fd(), reinterpret_cast<const sockaddr*>(&local), sizeof local) != 0)
+        throw Error(fmt::format("cannot send from address {}: {}", config_.address, errno_text()));
+    }
+    if (connect(socket_.fd(), reinterpret_cast<const sockaddr*>(&address), sizeof address) != 0)
+      throw Error(fmt::format("no way to {}: {}", peer_, errno_text()));
+  }
+
+  bool send_bytes(const void* data, std::size_t bytes) noexcept {
+    const bool server = config_.role == Role::server;
+    for (int attempt = 0; attempt < 2; ++attempt) {
+      const auto sent =
+          sendto(socket_.fd(), data, bytes, MSG_NOSIGNAL,
+                 server ? reinterpret_cast<const sockaddr*>(&from_) : nullptr, server ? sizeof from_ : 0);
+      if (sent == static_cast<ssize_t>(bytes)) return true;
+      last_error_ = errno;
+      if (errno != ECONNREFUSED)
+        return false;  // else an earlier datagram's error was told us, not this one's
+    }
+    return false;
+  }
+
+  std::uint64_t cookie_of(const sockaddr_in& address) const noexcept {
+    std::array<unsigned char, sizeof address.sin_addr + sizeof address.sin_port> who{};
+    std::memcpy(who.data(), &address.sin_addr, sizeof address.sin_addr);
+    std::memcpy(who.data() + sizeof address.sin_addr, &address.sin_port, sizeof address.sin_port);
+    std::array<unsigned char, crypto_shorthash_BYTES> hash{};
+    crypto_shorthash(hash.data(), who.data(), who.size(), key_.data());
+    std::uint64_t cookie = 0;
+    std::memcpy(&cookie, hash.data(), sizeof cookie);
+    return cookie == 0 ? 1 : cookie;  // 0 is a client that has none yet
+  }
+
+  void serve(const Header& header, std::span<std::byte> cdr, std::int64_t arrival_ns) noexcept {
+    const auto cookie = cookie_of(from_);
+    if (header.kind == Kind::message && header.cookie == cookie) {
+      const auto view = message::decode(cdr);
+      if (!view || view->payload.size() > config_.max_payload_bytes) return;
+      known_ = true;
+      reply_cookie_ = cookie;
+      sink_.arrived(view->sequence, view->payload, arrival_ns);
+    } else if (header.kind == Kind::hello || header.kind == Kind::message) {
+      const Header answer{magic, Kind::cookie, cookie};
+      send_bytes(&answer, sizeof answer);
+    }
+  }
+
+  void take(const Header& header, std::span<std::byte> cdr, std::int64_t arrival_ns) noexcept {
+    if (header.kind == Kind::cookie) {
+      cookie_ = header.cookie;  // the first one, or that of a pong that was started anew
+      known_ = true;
+    } else if (header.kind == Kind::message && header.cookie == cookie_.load(std::memory_order_relaxed)) {
+      if (const auto view = message::decode(cdr)) sink_.arrived(view->sequence, view->payload, arrival_ns);
+    }
+  }
+
+  const Config config_;
+  Sink& sink_;
+  Socket socket_;
+  std::string peer_;
+  std::vector<std::byte> received_, sending_;
+  std::atomic<bool> stopping_{false};
+  std::atomic<bool> known_{false};        // client: has its cookie; server: has served somebody
+  std::atomic<std::uint64_t> cookie_{0};  // the client's
+  std::atomic<int> last_error_{0};
+  std::array<unsigned char, crypto_shorthash_KEYBYTES> key_{};  // the server's
+  sockaddr_in from_{};                                          // whom the server answers
+  std::uint64_t reply_cookie_ = 0;
+  std::atomic<pid_t> listener_tid_{0};
+  std::thread listener_;
+};
+
+std::string version() {
+  utsname name{};
+  uname(&name);
+  return std::string("Linux ") + name.release;
+}
+
+std::unique_ptr<Endpoint> open(const Config& config, Sink& sink) {
+  if (config.max_payload_bytes > max_payload)
+    throw Error(fmt::format("udp carries at most {} bytes of payload, {} were asked for", max_payload,
+                            config.max_payload_bytes));
+  return std::make_unique<Udp>(config, sink);
+}
+
+constexpr std::array<Option, 1> options{{{"port", "UDP port that pong listens on (7900 + domain)"}}};
+
+}  // namespace
+}  // namespace ontime::transport
+
+extern "C" __attribute__((visibility("default")))
+const ontime::transport::Plugin ontime_transport{ontime::transport::abi,
+                                                 "udp",
+                                                 ontime::transport::version,
+                                                 {.listener = true,
+                                                  .waitset = true,
+                                                  .loans = false,
+                                                  .discovery = false,
+                                                  .thread_settings = false,
+                                                  .max_payload_bytes = ontime::transport::max_payload},
+                                                 ontime::transport::options,
+                                                 ontime::transport::open};
