@@ -3,12 +3,12 @@
 // Ordinary thread only.
 #pragma once
 
-#include <sys/types.h>
-
-#include <nlohmann/json.hpp>
+#include <cstdint>
 #include <stdexcept>
 #include <string>
 #include <vector>
+
+#include <nlohmann/json.hpp>
 
 namespace ontime::host {
 
@@ -17,8 +17,8 @@ struct Error : std::runtime_error {
 };
 
 // Provenance: hostname, kernel (release and version), cpu model and count, governor, preemption model,
-// rt_runtime_us / rt_period_us (RT throttling), clocksource, limits (rtprio, memlock, cgroup memory), memory_bytes.
-// What cannot be read is null, never guessed.
+// rt_runtime_us / rt_period_us (RT throttling), clocksource, limits (rtprio, memlock, cgroup memory),
+// memory_bytes. What cannot be read is null, never guessed.
 nlohmann::json describe();
 
 // How busy the machine was between two moments: from /proc/stat and /proc/pressure.
@@ -42,8 +42,9 @@ struct Interface {
 std::vector<Interface> interfaces();
 
 // What this process changed and how to take it back, in a file that outlives it: one journal a process, under
-// /run/ontime (or $XDG_RUNTIME_DIR/ontime without root), written and synced before each change is made. It is owned
-// by (pid, start time): a journal whose owner is gone is abandoned.
+// /run/ontime (without root $XDG_RUNTIME_DIR/ontime, or /tmp/ontime-UID where there is none), written and
+// synced before each change is made. It is owned by (pid, start time): a journal whose owner is gone is
+// abandoned. A forked child owns none of it.
 class Journal {
  public:
   Journal();
@@ -51,24 +52,25 @@ class Journal {
   Journal(const Journal&) = delete;
   Journal& operator=(const Journal&) = delete;
 
-  // Each is: read, write to the journal, change, read back. Each throws Error if it cannot, and then changed nothing.
-  void add_namespace(const std::string& name);          // removed with all that is in it
-  std::string add_directory(const std::string& stem);   // a new folder under the temporary folder; removed with its contents
-  void revert() noexcept;
+  // Each is: read, write to the journal, change, read back. Throws Error if it cannot, and then changed
+  // nothing.
+  void add_namespace(const std::string& name);  // removed with all that is in it
+  std::string add_directory(
+      const std::string& stem);  // under the temporary folder; removed with its contents
+  void revert() noexcept;        // what cannot be taken back now stays in the journal for revert_abandoned()
 
  private:
-  struct Change;
   std::string path_;
-  std::vector<Change> changes_;
 };
 
-// Takes back what processes that are gone (kill -9, power cut) left behind. Returns what it did, for people, a line
-// each; empty if nothing was there. Cheap when there is nothing; called at every start and end of ontime.
+// Takes back what processes that are gone (kill -9, power cut) left behind. Returns what it did, for people,
+// a line each; empty if nothing was there. Cheap when there is nothing; called at every start and end of
+// ontime.
 std::vector<std::string> revert_abandoned();
 
-// Two "machines" on one: namespaces `controller` and `component`, joined by a veth pair, each with an address of
-// 198.18.0.0/30 (RFC 2544's range for benchmarks). Needs root; needs iproute2's `ip`. Throws Error that says who
-// has a namespace of that name when one is there already.
+// Two "machines" on one: namespaces `controller` and `component`, joined by a veth pair, each with an address
+// of 198.18.0.0/30 (RFC 2544's range for benchmarks). Needs root; needs iproute2's `ip`. Throws Error that
+// says who has a namespace of that name when one is there already.
 struct NamespacePair {
   struct End {
     std::string name, interface, address;

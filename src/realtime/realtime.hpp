@@ -3,13 +3,13 @@
 // Ordinary thread only; nothing here is called between the first counted message and the last.
 #pragma once
 
-#include <sys/types.h>
-
 #include <chrono>
 #include <cstdint>
 #include <optional>
 #include <string>
 #include <vector>
+
+#include <sys/types.h>
 
 namespace ontime::realtime {
 
@@ -30,13 +30,14 @@ struct Refusal {
   std::string remedy;  // "run as root, or: sudo setcap cap_sys_nice,cap_ipc_lock+ep /usr/bin/ontime, or …"
 };
 
-// Sets one thread of this process, by its kernel thread id; affinity first, then policy. `who` names it in a refusal.
+// Sets one thread of this process, by its kernel thread id; affinity first, then policy. `who` names it in a
+// refusal.
 std::vector<Refusal> apply(pid_t tid, const std::string& who, const ThreadSettings&);
 // Whether this process may have SCHED_FIFO at that priority (tried on a thread of its own).
 bool may_use_fifo(int priority);
 
-// Locks present and future pages, keeps the heap from giving memory back, and touches `heap_bytes` of heap so that
-// no fault is left for later. Threads started afterwards get touched, locked stacks.
+// Locks present and future pages, keeps the heap from giving memory back, and touches `heap_bytes` of heap so
+// that no fault is left for later. Threads started afterwards get touched, locked stacks.
 std::vector<Refusal> lock_memory(std::size_t heap_bytes);
 
 // Asks the CPUs not to enter idle states with an exit latency above `latency` for as long as it lives

@@ -1,17 +1,18 @@
 // SPDX-License-Identifier: Apache-2.0
-// The results file: one SQLite database that holds every sample of every run and where it came from. Anybody can
-// read it with sqlite3; docs/results-file.md describes its tables.
-// Ordinary thread only. Every failure throws Error, which names the file, what was found and what to do.
+// The results file: one SQLite database that holds every sample of every run and where it came from. Anybody
+// can read it with sqlite3; docs/results-file.md describes its tables. Ordinary thread only. Every failure
+// throws Error, which names the file, what was found and what to do.
 #pragma once
 
 #include <cstdint>
 #include <functional>
 #include <memory>
-#include <nlohmann/json.hpp>
 #include <span>
 #include <stdexcept>
 #include <string>
 #include <vector>
+
+#include <nlohmann/json.hpp>
 
 #include "roundtrip/sample.hpp"
 
@@ -21,9 +22,9 @@ struct Error : std::runtime_error {
   using std::runtime_error::runtime_error;
 };
 
-// A run: what was asked (id, transport, payload_bytes, period_us …: the keys that `--format json` shows), and, once
-// it has ended, what came of it beside the samples (counters, threads, hosts, conditions). `outcome` is null for a
-// run that was cut off; its samples are there all the same.
+// A run: what was asked (id, transport, payload_bytes, period_us …: the keys that `--format json` shows),
+// and, once it has ended, what came of it beside the samples (counters, threads, hosts, conditions).
+// `outcome` is null for a run that was cut off; its samples are there all the same.
 struct Run {
   std::int64_t number = 0;  // from 1, in order of start
   nlohmann::json asked;
@@ -32,15 +33,17 @@ struct Run {
 
 class Writer {
  public:
-  // Creates the file, or adds runs to one that is there. An empty path: a temporary file that goes with the Writer.
-  // Throws if it is not a results file, is from a newer version, cannot be written, or another Writer has it open.
+  // Creates the file, or adds runs to one that is there. An empty path: a temporary file that goes with the
+  // Writer. Throws if it is not a results file, is from a newer version, cannot be written, or another Writer
+  // has it open.
   explicit Writer(const std::string& path);
   ~Writer();  // leaves one file, nothing beside it
   Writer(Writer&&) noexcept;
   Writer& operator=(Writer&&) noexcept;
 
   std::int64_t begin_run(const nlohmann::json& asked);
-  // In order of index. Durable against kill -9 once flush() has returned or a second has passed since.
+  // In order of index. Durable against kill -9 once flush() has returned; where samples keep coming, also
+  // once a second has passed since.
   void append(std::int64_t run, std::span<const roundtrip::Sample> samples);
   void end_run(std::int64_t run, const nlohmann::json& outcome);
   void flush();
@@ -61,9 +64,8 @@ class Reader {
 
  private:
   friend class Writer;
-  struct Database;
-  explicit Reader(std::shared_ptr<Database>);
-  std::shared_ptr<Database> database_;
+  explicit Reader(std::shared_ptr<class Connection>);
+  std::shared_ptr<class Connection> connection_;
 };
 
 }  // namespace ontime::record

@@ -64,8 +64,7 @@ class Client::Measurement final : public transport::Sink {
   }
 
   ~Measurement() {
-    stop_.ring();
-    start_.ring();
+    for (auto* alarm : {&stop_, &start_, &leave_}) alarm->ring();
     sender_.join();
   }
 
@@ -124,6 +123,7 @@ class Client::Measurement final : public transport::Sink {
       ledger_.settle(now_ns());
     }
     state_ = State::finished;
+    leave_.wait();  // until then it is still there to be read: its policy, its faults
   }
 
   void warm_up() noexcept {
@@ -214,7 +214,7 @@ class Client::Measurement final : public transport::Sink {
   std::atomic<std::uint64_t> last_posted_{0};
   std::atomic<std::int64_t> back_to_back_end_ns_{0};
   std::atomic<bool> back_to_back_done_{false};
-  Alarm start_, stop_;
+  Alarm start_, stop_, leave_;
   std::atomic<pid_t> sender_tid_{0};
   // Last, for they use all of the above from their first moment, and are gone before it.
   std::unique_ptr<transport::Endpoint> endpoint_;

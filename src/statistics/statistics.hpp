@@ -1,11 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
-// Numbers from samples. Exact: every counted sample is in, late ones too; lost ones have no round trip and are
-// counted by themselves. Ordinary thread.
+// Numbers from samples. Exact: every counted sample is in, late ones too; lost ones have no round trip and
+// are counted by themselves. Ordinary thread.
 #pragma once
 
 #include <cstdint>
-#include <nlohmann/json.hpp>
 #include <vector>
+
+#include <nlohmann/json.hpp>
 
 #include "record/record.hpp"
 

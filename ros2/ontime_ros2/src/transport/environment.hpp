@@ -1,0 +1,43 @@
+// SPDX-License-Identifier: Apache-2.0
+// ROS 2 and its middlewares take their settings from the environment, so this is where ours go in. Nothing
+// else of the process changes the environment, and other threads that read it meanwhile there are none.
+#pragma once
+
+#include <memory>
+#include <optional>
+#include <string>
+
+#include "transport/transport.hpp"
+
+namespace ontime::transport::ros2 {
+
+std::string environment(const char* name);  // empty if it is not set
+
+// A variable that has another value as long as this lives.
+class Variable {
+ public:
+  Variable(const char* name, const std::string& value);
+  ~Variable();
+  Variable(const Variable&) = delete;
+  Variable& operator=(const Variable&) = delete;
+
+ private:
+  const char* name_;
+  std::optional<std::string> before_;
+};
+
+// ROS_LOCALHOST_ONLY must never reach an RMW together with an interface: Cyclone's refuses to start, and Fast
+// DDS's brings back shared memory. So its wish becomes the interface, and this throws Error where another
+// was asked for. Returns the configuration that says so.
+Config without_localhost_only(Config config);
+
+// While it lives, a participant that is opened takes the link under test.
+class MiddlewareSettings {
+ public:
+  virtual ~MiddlewareSettings() = default;
+  std::string source;   // whose settings these are, for people
+  std::string carrier;  // "UDPv4", or who decides
+};
+std::unique_ptr<MiddlewareSettings> middleware_settings(const std::string& rmw, const Config& config);
+
+}  // namespace ontime::transport::ros2

@@ -1,0 +1,45 @@
+// SPDX-License-Identifier: Apache-2.0
+// What the user may choose of rclcpp.
+#pragma once
+
+#include <cstdint>
+#include <string>
+
+#include "transport/transport.hpp"
+
+namespace ontime::transport::ros2 {
+
+enum class Executor { single, multi, events, waitset, wait };
+enum class Allocator { standard, tlsf, pmr };
+
+struct Options {
+  Executor executor;
+  Allocator allocator = Allocator::standard;
+  std::string rmw;  // empty: as the environment has it, and else as ROS 2 chooses
+  bool intra_process = false;
+  bool loaned = false;
+  bool statistics = true;
+  std::int64_t late_after_ns = 10'000'000;  // in the live statistics; what is recorded knows its own deadline
+  std::string node;
+  std::string name_space;
+};
+
+inline constexpr Option known_options[] = {
+    {"executor", "single|multi|events with --receive listener, waitset|wait with --receive waitset"},
+    {"rmw", "rmw_cyclonedds_cpp|rmw_fastrtps_cpp|…"},
+    {"allocator", "default|tlsf|pmr"},
+    {"intra-process", "off|on"},
+    {"loaned", "off|on"},
+    {"node", "NAME of the ROS node"},
+    {"namespace", "ROS NAMESPACE of node and topics"},
+    {"statistics", "on|off, live on /diagnostics"},
+    {"late-after-us", "MICROSECONDS, for the live statistics"},
+};
+
+// Of the options of a Config that has only known ones. Throws Error.
+Options options_of(const Config& config);
+
+const char* word_of(Executor executor);
+const char* word_of(Allocator allocator);
+
+}  // namespace ontime::transport::ros2

@@ -1,0 +1,92 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "others.hpp"
+
+#include <algorithm>
+#include <chrono>
+#include <thread>
+
+#include <rcl/event.h>
+#include <rmw/events_statuses/incompatible_qos.h>
+
+#include "transport/dds.hpp"
+
+namespace ontime::transport::ros2 {
+namespace {
+
+constexpr auto namesakes_answer_within = std::chrono::milliseconds(500);
+constexpr const char* type = "ontime_msgs/msg/RoundTrip";
+
+dds::Policy policy_of(rmw_qos_policy_kind_t kind) {
+  if (kind == RMW_QOS_POLICY_RELIABILITY) return dds::Policy::reliability;
+  if (kind == RMW_QOS_POLICY_DURABILITY) return dds::Policy::durability;
+  return dds::Policy::other;
+}
+
+// Asked of rcl itself: rclcpp's way would wake the executor that is measured.
+template <typename Init>
+rmw_qos_incompatible_event_status_t incompatible(const Init& init) {
+  rmw_qos_incompatible_event_status_t status{};
+  rcl_event_t event = rcl_get_zero_initialized_event();
+  if (init(&event) == RCL_RET_OK) rcl_take_event(&event, &status);
+  static_cast<void>(rcl_event_fini(&event));
+  rcl_reset_error();
+  return status;
+}
+
+std::string refused(const Config& config, const rclcpp::PublisherBase& publisher,
+                    const rclcpp::SubscriptionBase& subscription) {
+  const auto requested = incompatible([&](rcl_event_t* event) {
+    return rcl_subscription_event_init(event, subscription.get_subscription_handle().get(),
+                                       RCL_SUBSCRIPTION_REQUESTED_INCOMPATIBLE_QOS);
+  });
+  if (requested.total_count > 0)
+    return dds::refused_writer(config, policy_of(requested.last_policy_kind));
+  const auto offered = incompatible([&](rcl_event_t* event) {
+    return rcl_publisher_event_init(event, publisher.get_publisher_handle().get(),
+                                    RCL_PUBLISHER_OFFERED_INCOMPATIBLE_QOS);
+  });
+  if (offered.total_count > 0) return dds::refused_reader(config, policy_of(offered.last_policy_kind));
+  return {};
+}
+
+std::string other_types(const rclcpp::Node& node, const std::string& topic) {
+  const auto topics = node.get_topic_names_and_types();
+  const auto found = topics.find(topic);
+  if (found == topics.end()) return {};
+  for (const std::string& other : found->second)
+    if (other != type)
+      return "somebody has " + topic + " with type " + other + ", we have " + type +
+             "; build both ends with the same ontime_msgs";
+  return {};
+}
+
+}  // namespace
+
+void refuse_namesake(const rclcpp::Node& node) {
+  const std::string name = node.get_fully_qualified_name();
+  const auto end = std::chrono::steady_clock::now() + namesakes_answer_within;
+  while (std::chrono::steady_clock::now() < end) {
+    const auto names = node.get_node_names();
+    if (std::count(names.begin(), names.end(), name) > 1)
+      throw Error("ros2: there is a node " + name +
+                  " already; end it, or give ours another name (--option node=NAME) or namespace");
+    std::this_thread::sleep_for(std::chrono::milliseconds(10));
+  }
+}
+
+std::string seen(const Config& config, rclcpp::Node& node, const rclcpp::PublisherBase& publisher,
+                 const rclcpp::SubscriptionBase& subscription, Matched matched) {
+  if (std::string text = refused(config, publisher, subscription); !text.empty()) return text;
+  for (const std::string topic : {publisher.get_topic_name(), subscription.get_topic_name()})
+    if (std::string text = other_types(node, topic); !text.empty()) return text;
+  std::string others;
+  for (const std::string& name : node.get_node_names())
+    if (name != node.get_fully_qualified_name()) others += (others.empty() ? "" : ", ") + name;
+  if (others.empty() || matched.both()) return {};
+  std::string text = "other nodes in domain " + std::to_string(config.domain) + ": " + others;
+  if (matched.readers == 0) text += std::string("; nobody reads ") + publisher.get_topic_name();
+  if (matched.writers == 0) text += std::string("; nobody writes ") + subscription.get_topic_name();
+  return text;
+}
+
+}  // namespace ontime::transport::ros2

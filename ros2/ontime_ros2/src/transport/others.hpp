@@ -1,0 +1,20 @@
+// SPDX-License-Identifier: Apache-2.0
+// What is seen of other nodes, for people.
+#pragma once
+
+#include <string>
+
+#include <rclcpp/rclcpp.hpp>
+
+#include "transport/transport.hpp"
+
+namespace ontime::transport::ros2 {
+
+// Throws Error if another node of that name answers within a short while. ROS 2 itself lets both live, and
+// its tools then confuse them.
+void refuse_namesake(const rclcpp::Node& node);
+
+std::string seen(const Config& config, rclcpp::Node& node, const rclcpp::PublisherBase& publisher,
+                 const rclcpp::SubscriptionBase& subscription, Matched matched);
+
+}  // namespace ontime::transport::ros2

@@ -1,0 +1,46 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <algorithm>
+
+#include <time.h>
+
+#include "host/host.hpp"
+#include "host/proc.hpp"
+
+namespace ontime::host {
+namespace {
+
+nlohmann::json share(std::int64_t part, std::int64_t whole) {
+  if (whole <= 0) return nullptr;
+  // The two are not read at the same instant, and the kernel's idle counters may step back a little.
+  return std::clamp(static_cast<double>(part) / static_cast<double>(whole), 0.0, 1.0);
+}
+
+nlohmann::json pressure(std::int64_t first_us, std::int64_t last_us, std::int64_t elapsed_ns) {
+  if (first_us < 0 || last_us < 0) return nullptr;
+  return share(last_us - first_us, elapsed_ns / 1000);
+}
+
+}  // namespace
+
+Activity activity() {
+  Activity now;
+  timespec time{};
+  clock_gettime(CLOCK_MONOTONIC, &time);
+  now.at_ns = std::int64_t{time.tv_sec} * 1'000'000'000 + time.tv_nsec;
+  parse_ticks(text_of("/proc/stat").value_or(""), now);
+  now.cpu_stall_us = parse_stall(text_of("/proc/pressure/cpu").value_or(""));
+  now.memory_stall_us = parse_stall(text_of("/proc/pressure/memory").value_or(""));
+  now.io_stall_us = parse_stall(text_of("/proc/pressure/io").value_or(""));
+  return now;
+}
+
+nlohmann::json between(const Activity& first, const Activity& last) {
+  const auto elapsed_ns = last.at_ns - first.at_ns;
+  return {{"cpu_busy", share(static_cast<std::int64_t>(last.busy_ticks - first.busy_ticks),
+                             static_cast<std::int64_t>(last.total_ticks - first.total_ticks))},
+          {"cpu_pressure", pressure(first.cpu_stall_us, last.cpu_stall_us, elapsed_ns)},
+          {"memory_pressure", pressure(first.memory_stall_us, last.memory_stall_us, elapsed_ns)},
+          {"io_pressure", pressure(first.io_stall_us, last.io_stall_us, elapsed_ns)}};
+}
+
+}  // namespace ontime::host

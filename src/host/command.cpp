@@ -1,0 +1,86 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "host/command.hpp"
+
+#include <algorithm>
+#include <array>
+#include <cerrno>
+#include <system_error>
+
+#include <fcntl.h>
+#include <fmt/format.h>
+#include <signal.h>
+#include <spawn.h>
+#include <sys/mman.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include "host/host.hpp"
+#include "host/proc.hpp"
+
+namespace ontime::host {
+namespace {
+
+// What a child writes, kept in memory: nobody need read while it writes.
+class Output {
+ public:
+  Output() : fd_(memfd_create("ip output", MFD_CLOEXEC)) {}
+  ~Output() { close(fd_); }
+  Output(const Output&) = delete;
+  Output& operator=(const Output&) = delete;
+  int fd() const { return fd_; }
+  std::string text() const {
+    std::array<char, 4096> head;
+    const auto bytes = pread(fd_, head.data(), head.size(), 0);
+    return {head.data(), static_cast<std::size_t>(std::max<ssize_t>(bytes, 0))};
+  }
+
+ private:
+  int fd_;
+};
+
+int spawn(pid_t& pid, char* const* arguments, int output) {
+  posix_spawn_file_actions_t actions;
+  posix_spawn_file_actions_init(&actions);
+  posix_spawn_file_actions_addopen(&actions, STDIN_FILENO, "/dev/null", O_RDONLY, 0);
+  posix_spawn_file_actions_adddup2(&actions, output, STDOUT_FILENO);
+  posix_spawn_file_actions_adddup2(&actions, output, STDERR_FILENO);
+  // In a process group of its own: Ctrl-C is for us, and does not stop a change half-way.
+  posix_spawnattr_t attributes;
+  posix_spawnattr_init(&attributes);
+  posix_spawnattr_setflags(&attributes, POSIX_SPAWN_SETPGROUP);
+  posix_spawnattr_setpgroup(&attributes, 0);
+  const int error = posix_spawnp(&pid, arguments[0], &actions, &attributes, arguments, environ);
+  posix_spawnattr_destroy(&attributes);
+  posix_spawn_file_actions_destroy(&actions);
+  return error;
+}
+
+int wait_for(pid_t pid) {
+  int status = -1;
+  while (waitpid(pid, &status, 0) < 0 && errno == EINTR) continue;
+  return status;
+}
+
+}  // namespace
+
+std::string ip(const std::vector<std::string>& arguments) {
+  std::vector<std::string> command = {"ip"};
+  command.insert(command.end(), arguments.begin(), arguments.end());
+  std::vector<char*> words;
+  words.reserve(command.size() + 1);
+  for (auto& argument : command) words.push_back(argument.data());
+  words.push_back(nullptr);
+
+  const Output output;
+  pid_t pid = -1;
+  const auto asked = fmt::format("{}", fmt::join(command, " "));
+  const int error = spawn(pid, words.data(), output.fd());
+  if (error == ENOENT)
+    throw Error(fmt::format("{}: there is no `ip`: install iproute2 (sudo apt install iproute2)", asked));
+  if (error != 0) throw Error(fmt::format("{}: {}", asked, std::generic_category().message(error)));
+  if (wait_for(pid) != 0)
+    throw Error(fmt::format("{} failed: {}", asked, word(output.text()).value_or("it did not say why")));
+  return output.text();
+}
+
+}  // namespace ontime::host

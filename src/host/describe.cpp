@@ -1,0 +1,122 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <algorithm>
+#include <filesystem>
+#include <set>
+
+#include <fmt/format.h>
+#include <sys/resource.h>
+#include <sys/utsname.h>
+#include <unistd.h>
+
+#include "host/host.hpp"
+#include "host/proc.hpp"
+
+namespace ontime::host {
+namespace {
+
+using nlohmann::json;
+
+template <typename Value>
+json or_null(const std::optional<Value>& value) {
+  return value ? json(*value) : json(nullptr);
+}
+
+json limit(__rlimit_resource resource) {
+  rlimit limit{};
+  if (getrlimit(resource, &limit) != 0) return nullptr;
+  return limit.rlim_cur == RLIM_INFINITY ? json("unlimited") : json(limit.rlim_cur);
+}
+
+std::optional<std::string> cpu_model() {
+  const auto model = field(text_of("/proc/cpuinfo").value_or(""), "model name");
+  if (model) return model;
+  auto board = text_of("/proc/device-tree/model");  // ARM boards; the text ends with a zero
+  if (board) std::erase(*board, '\0');
+  return word(board);
+}
+
+// One word if all CPUs have the same.
+std::optional<std::string> governor() {
+  std::set<std::string> governors;
+  for (long cpu = 0; cpu < sysconf(_SC_NPROCESSORS_CONF); ++cpu) {
+    const auto file = fmt::format("/sys/devices/system/cpu/cpu{}/cpufreq/scaling_governor", cpu);
+    if (auto one = word(text_of(file))) governors.insert(*one);
+  }
+  if (governors.empty()) return {};
+  return fmt::format("{}", fmt::join(governors, ", "));
+}
+
+// The smallest of a group's own limit and those of the groups around it; in a container, the outermost group
+// that can be seen is its own.
+json smallest_limit(const std::vector<std::string>& groups, const std::string& mount,
+                    const std::string& file) {
+  constexpr std::int64_t no_limit = std::int64_t{1}
+                                    << 62;  // version 1 writes the largest page count there is
+  std::optional<std::int64_t> smallest;
+  for (const auto& group : groups) {
+    const auto text = word(text_of(mount + group + file));
+    if (!text) continue;
+    smallest =
+        std::min(smallest.value_or(no_limit), *text == "max" ? no_limit : number(text).value_or(no_limit));
+  }
+  if (!smallest) return nullptr;
+  return *smallest >= no_limit ? json("unlimited") : json(*smallest);
+}
+
+json cgroup_memory() {
+  const auto own = text_of("/proc/self/cgroup").value_or("");
+  const auto first =
+      smallest_limit(cgroups_of(own, "memory"), "/sys/fs/cgroup/memory", "/memory.limit_in_bytes");
+  if (!first.is_null()) return first;
+  const auto groups = cgroups_of(own, "");
+  const auto second = smallest_limit(groups, "/sys/fs/cgroup", "/memory.max");
+  if (!second.is_null()) return second;
+  // The root group has no such file: nothing limits what runs in it.
+  const bool unlimited = groups.size() == 1 && std::filesystem::exists("/sys/fs/cgroup/cgroup.controllers");
+  return unlimited ? json("unlimited") : json(nullptr);
+}
+
+json memory_bytes() {
+  const long pages = sysconf(_SC_PHYS_PAGES), page_bytes = sysconf(_SC_PAGESIZE);
+  return pages < 0 || page_bytes < 0 ? json(nullptr) : json(std::int64_t{pages} * page_bytes);
+}
+
+json virtual_machine() {
+  const auto flags = field(text_of("/proc/cpuinfo").value_or(""), "flags");  // x86 only
+  return flags ? json((" " + *flags + " ").find(" hypervisor ") != std::string::npos) : json(nullptr);
+}
+
+}  // namespace
+
+json describe() {
+  utsname kernel{};
+  uname(&kernel);
+  const auto command_line = word(text_of("/proc/cmdline"));
+  const auto isolated = text_of("/sys/devices/system/cpu/isolated");
+  const json description = {
+      {"hostname", kernel.nodename},
+      {"kernel_release", kernel.release},
+      {"kernel_version", kernel.version},
+      {"kernel_command_line", or_null(command_line)},
+      {"preemption",
+       or_null(preemption(text_of("/sys/kernel/realtime"), text_of("/sys/kernel/debug/sched/preempt"),
+                          command_line.value_or(""), kernel.version))},
+      {"rt_runtime_us", or_null(number(text_of("/proc/sys/kernel/sched_rt_runtime_us")))},
+      {"rt_period_us", or_null(number(text_of("/proc/sys/kernel/sched_rt_period_us")))},
+      {"cpu_model", or_null(cpu_model())},
+      {"cpu_count", sysconf(_SC_NPROCESSORS_ONLN)},
+      {"isolated_cpus", isolated ? json(word(isolated).value_or("")) : json(nullptr)},
+      {"governor", or_null(governor())},
+      {"clocksource",
+       or_null(word(text_of("/sys/devices/system/clocksource/clocksource0/current_clocksource")))},
+      {"virtual_machine", virtual_machine()},
+      {"memory_bytes", memory_bytes()},
+      {"limits",
+       {{"rtprio", limit(RLIMIT_RTPRIO)},
+        {"memlock_bytes", limit(RLIMIT_MEMLOCK)},
+        {"cgroup_memory_bytes", cgroup_memory()}}}};
+  // A command line or a name may hold bytes that are not UTF-8; JSON may not.
+  return json::parse(description.dump(-1, ' ', false, json::error_handler_t::replace));
+}
+
+}  // namespace ontime::host

@@ -1,0 +1,73 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <chrono>
+#include <thread>
+
+#include <fmt/format.h>
+#include <linux/capability.h>
+#include <unistd.h>
+
+#include "host/command.hpp"
+#include "host/host.hpp"
+#include "host/proc.hpp"
+
+namespace ontime::host {
+namespace {
+
+using namespace std::chrono_literals;
+
+constexpr auto time_for_link = 10s;
+
+NamespacePair::End end(const std::string& name, const std::string& other, const std::string& address) {
+  return {name, "to-" + other, address, {"ip", "netns", "exec", name}};
+}
+
+void configure(const NamespacePair::End& end) {
+  const auto inside = [&](std::vector<std::string> arguments) {
+    arguments.insert(arguments.begin(), {"-netns", end.name});
+    ip(arguments);
+  };
+  inside({"address", "add", end.address + "/30", "dev", end.interface});
+  inside({"link", "set", "lo", "up"});
+  inside({"link", "set", end.interface, "up"});
+  // For programs that join a multicast group, as DDS discovery does, and name no interface.
+  inside({"route", "add", "224.0.0.0/4", "dev", end.interface});
+}
+
+void wait_until_up(const NamespacePair::End& end) {
+  const auto limit = std::chrono::steady_clock::now() + time_for_link;
+  while (ip({"-netns", end.name, "-oneline", "link", "show", end.interface}).find(" state UP ") ==
+         std::string::npos) {
+    if (std::chrono::steady_clock::now() > limit)
+      throw Error(
+          fmt::format("the link between the namespaces does not come up: see ip -netns {} link", end.name));
+    std::this_thread::sleep_for(2ms);
+  }
+}
+
+}  // namespace
+
+bool may_join_namespaces() {
+  const auto status = text_of("/proc/thread-self/status").value_or("");
+  // `ip` is another program: capabilities that only this file has do not reach it.
+  return geteuid() == 0 && has_capability(status, CAP_SYS_ADMIN) && has_capability(status, CAP_NET_ADMIN);
+}
+
+NamespacePair join_namespaces(Journal& journal) {
+  if (!may_join_namespaces())
+    throw Error(
+        "two network namespaces were asked for, which this process may not make: run as root (in a "
+        "container, with the capabilities SYS_ADMIN and NET_ADMIN), or run both ends on loopback");
+  const NamespacePair pair{end("controller", "component", "198.18.0.1"),
+                           end("component", "controller", "198.18.0.2")};
+  journal.add_namespace(pair.controller.name);
+  journal.add_namespace(pair.component.name);
+  ip({"link", "add", pair.controller.interface, "netns", pair.controller.name, "type", "veth", "peer", "name",
+      pair.component.interface, "netns", pair.component.name});
+  configure(pair.controller);
+  configure(pair.component);
+  wait_until_up(pair.controller);
+  wait_until_up(pair.component);
+  return pair;
+}
+
+}  // namespace ontime::host

@@ -1,0 +1,130 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "host/proc.hpp"
+
+#include <algorithm>
+#include <charconv>
+#include <fstream>
+#include <numeric>
+#include <sstream>
+
+namespace ontime::host {
+namespace {
+
+constexpr const char* white = " \t\n\r";
+
+}  // namespace
+
+std::optional<std::string> text_of(const std::string& path) {
+  std::ifstream file(path);
+  if (!file) return {};
+  std::string text(std::istreambuf_iterator<char>(file), {});
+  if (file.bad()) return {};
+  return text;
+}
+
+std::optional<std::string> word(const std::optional<std::string>& text) {
+  const auto first = text ? text->find_first_not_of(white) : std::string::npos;
+  if (first == std::string::npos) return {};
+  return text->substr(first, text->find_last_not_of(white) - first + 1);
+}
+
+std::optional<std::int64_t> number(const std::optional<std::string>& text) {
+  const auto digits = word(text);
+  std::int64_t value = 0;
+  if (!digits) return {};
+  const auto* const end = digits->data() + digits->size();
+  const auto result = std::from_chars(digits->data(), end, value);
+  if (result.ec != std::errc{} || result.ptr != end) return {};
+  return value;
+}
+
+std::optional<std::string> field(const std::string& text, const std::string& key) {
+  std::istringstream lines(text);
+  for (std::string line; std::getline(lines, line);) {
+    const auto colon = line.find(':');
+    if (colon != line.npos && word(line.substr(0, colon)) == key)
+      return word(line.substr(colon + 1)).value_or("");
+  }
+  return {};
+}
+
+std::optional<ProcessState> parse_process(const std::string& text) {
+  const auto name_end = text.rfind(')');  // a process may have parentheses in its name
+  if (name_end == text.npos) return {};
+  std::istringstream fields(text.substr(name_end + 1));
+  ProcessState process{};
+  fields >> process.state;
+  std::string skipped;
+  for (int number = 4; number < 22; ++number) fields >> skipped;
+  fields >> process.start_ticks;
+  if (!fields) return {};
+  return process;
+}
+
+void parse_ticks(const std::string& text, Activity& activity) {
+  std::istringstream fields(text);
+  std::string cpu;
+  // user nice system idle iowait irq softirq steal; guests are counted in user and nice already.
+  std::vector<std::uint64_t> ticks(8);
+  fields >> cpu;
+  for (auto& count : ticks) fields >> count;
+  if (!fields || cpu != "cpu") return;
+  activity.total_ticks = std::accumulate(ticks.begin(), ticks.end(), std::uint64_t{0});
+  activity.busy_ticks = activity.total_ticks - ticks[3] - ticks[4];
+}
+
+std::int64_t parse_stall(const std::string& text) {
+  const auto line = text.substr(0, text.find('\n'));
+  const auto total = line.rfind("total=");
+  if (!line.starts_with("some ") || total == line.npos) return -1;
+  return number(line.substr(total + 6)).value_or(-1);
+}
+
+std::optional<std::string> preemption(const std::optional<std::string>& realtime,
+                                      const std::optional<std::string>& debug,
+                                      const std::string& command_line, const std::string& version) {
+  const auto says = [](const std::string& text, const std::string& what) {
+    std::istringstream words(text);
+    return std::find(std::istream_iterator<std::string>(words), {}, what) !=
+           std::istream_iterator<std::string>();
+  };
+  if (number(realtime) == 1 || says(version, "PREEMPT_RT")) return "rt";
+  if (debug) {  // "none (voluntary) full"
+    const auto open = debug->find('('), close = debug->find(')');
+    if (open != debug->npos && close != debug->npos && open < close)
+      return debug->substr(open + 1, close - open - 1);
+  }
+  if (says(version, "PREEMPT_DYNAMIC")) {
+    for (const auto* model : {"none", "voluntary", "full", "lazy"})
+      if (says(command_line, std::string("preempt=") + model)) return model;
+    return "dynamic";
+  }
+  if (says(version, "PREEMPT")) return "full";
+  if (says(version, "PREEMPT_LAZY")) return "lazy";
+  if (version.empty()) return {};
+  return "none or voluntary";
+}
+
+std::vector<std::string> cgroups_of(const std::string& text, const std::string& controller) {
+  std::istringstream lines(text);
+  for (std::string number, controllers, path; std::getline(lines, number, ':') &&
+                                              std::getline(lines, controllers, ':') &&
+                                              std::getline(lines, path);) {
+    const bool listed = ("," + controllers + ",").find("," + controller + ",") != std::string::npos;
+    if (controller.empty() ? !controllers.empty() : !listed) continue;
+    std::vector<std::string> groups;
+    for (; path.size() > 1; path.resize(path.rfind('/'))) groups.push_back(path);
+    groups.emplace_back();
+    return groups;
+  }
+  return {};
+}
+
+bool has_capability(const std::string& status, int capability) {
+  const auto effective = field(status, "CapEff").value_or("");
+  std::uint64_t mask = 0;
+  std::from_chars(effective.data(), effective.data() + effective.size(), mask, 16);
+  return (mask >> capability & 1U) != 0;
+}
+
+}  // namespace ontime::host

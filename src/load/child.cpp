@@ -1,0 +1,111 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "load/child.hpp"
+
+#include <array>
+#include <cerrno>
+#include <cstring>
+
+#include <fcntl.h>
+#include <poll.h>
+#include <sched.h>
+#include <signal.h>
+#include <sys/prctl.h>
+#include <sys/syscall.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+namespace ontime::load {
+namespace {
+
+struct Plan {
+  char* const* arguments;
+  int output;
+  int parent;  // a pidfd: inside a PID namespace getppid() says nothing
+  int error;
+};
+
+bool gone(int pidfd) {
+  pollfd ended{pidfd, POLLIN, 0};
+  return poll(&ended, 1, 0) > 0;
+}
+
+// Straight to the kernel: a sanitizer's sigaction() would take note of it in the memory that is the parent's.
+void default_all_signals() {
+  constexpr std::array<unsigned long, 4> by_default{};  // the kernel's struct sigaction with SIG_DFL
+  constexpr std::size_t mask_bytes = 8;
+  for (int number = 1; number < NSIG; ++number)
+    syscall(SYS_rt_sigaction, number, by_default.data(), nullptr, mask_bytes);
+}
+
+void become_ordinary() {
+  default_all_signals();
+  const sched_param no_priority{};
+  sched_setscheduler(0, SCHED_OTHER, &no_priority);
+  cpu_set_t all;
+  std::memset(&all, 0xff, sizeof all);
+  sched_setaffinity(0, sizeof all, &all);
+  sigset_t none;
+  sigemptyset(&none);
+  pthread_sigmask(SIG_SETMASK, &none, nullptr);
+}
+
+// Runs in the parent's memory while the parent waits, so: system calls, and nothing else.
+int run(void* argument) {
+  auto* const plan = static_cast<Plan*>(argument);
+  prctl(PR_SET_PDEATHSIG, SIGKILL);
+  if (gone(plan->parent)) _exit(1);
+  setpgid(0, 0);
+  become_ordinary();
+  const int nothing = open("/dev/null", O_RDONLY | O_CLOEXEC);
+  dup2(nothing, STDIN_FILENO);
+  dup2(plan->output, STDOUT_FILENO);
+  dup2(plan->output, STDERR_FILENO);
+  execvp(plan->arguments[0], plan->arguments);
+  plan->error = errno;
+  _exit(127);
+}
+
+// A handler of ours must not run in the child, which would run it in our memory.
+class SignalsBlocked {
+ public:
+  SignalsBlocked() {
+    sigset_t all;
+    sigfillset(&all);
+    pthread_sigmask(SIG_SETMASK, &all, &before_);
+  }
+  ~SignalsBlocked() { pthread_sigmask(SIG_SETMASK, &before_, nullptr); }
+  SignalsBlocked(const SignalsBlocked&) = delete;
+  SignalsBlocked& operator=(const SignalsBlocked&) = delete;
+
+ private:
+  sigset_t before_;
+};
+
+}  // namespace
+
+Started start(const std::vector<std::string>& command, int output) {
+  std::vector<char*> arguments;
+  arguments.reserve(command.size() + 1);
+  for (const auto& word : command) arguments.push_back(const_cast<char*>(word.c_str()));
+  arguments.push_back(nullptr);
+  Plan plan{arguments.data(), output, static_cast<int>(syscall(SYS_pidfd_open, getpid(), 0)), 0};
+
+  // Not fork(): its copy-on-write would make locked pages of ours fault again.
+  constexpr std::size_t stack_bytes = 32768;
+  alignas(16) std::array<char, stack_bytes> stack;
+  pid_t pid = -1;
+  {
+    const SignalsBlocked blocked;
+    for (const int isolation : {CLONE_NEWPID, CLONE_NEWUSER | CLONE_NEWPID, 0}) {
+      plan.error = 0;
+      pid = clone(run, stack.data() + stack.size(), CLONE_VM | CLONE_VFORK | SIGCHLD | isolation, &plan);
+      if (pid >= 0) break;
+      plan.error = errno;
+    }
+  }
+  close(plan.parent);
+  if (pid >= 0 && plan.error != 0) waitpid(pid, nullptr, 0);
+  return {plan.error == 0 ? pid : -1, plan.error};
+}
+
+}  // namespace ontime::load

@@ -1,0 +1,23 @@
+// SPDX-License-Identifier: Apache-2.0
+// A child process that cannot outlive the thread that started it.
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include <sys/types.h>
+
+namespace ontime::load {
+
+struct Started {
+  pid_t pid;  // -1: it could not be started
+  int error;  // an errno then; ENOENT: no such program
+};
+
+// Runs a program, found through PATH, as an ordinary process whatever the caller is: SCHED_OTHER, any CPU, no
+// signal blocked or ignored, leader of its process group. It reads nothing and writes both its outputs to
+// `output`. It is killed when the calling thread ends, however that ends. Where the kernel permits (root, or
+// user namespaces) it is the first process of a PID namespace, and all its descendants are killed with it.
+Started start(const std::vector<std::string>& command, int output);
+
+}  // namespace ontime::load

@@ -1,0 +1,45 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <cerrno>
+#include <cstdint>
+#include <limits>
+
+#include <fcntl.h>
+#include <fmt/format.h>
+#include <unistd.h>
+
+#include "realtime/privileges.hpp"
+#include "realtime/realtime.hpp"
+
+namespace ontime::realtime {
+namespace {
+
+constexpr const char* device = "/dev/cpu_dma_latency";
+
+std::string remedy_for(int error) {
+  if (error == ENOENT || error == ENODEV || error == ENXIO)
+    return "nothing on this kernel; in a container: docker run --device /dev/cpu_dma_latency";
+  return "run as root, or: sudo chgrp realtime /dev/cpu_dma_latency && sudo chmod g+rw /dev/cpu_dma_latency, "
+         "and be "
+         "of that group";
+}
+
+}  // namespace
+
+CpuLatencyRequest::CpuLatencyRequest(std::chrono::microseconds latency) {
+  const auto asked = fmt::format("CPU idle states that end within {} µs", latency.count());
+  if (latency.count() < 0 || latency.count() > std::numeric_limits<std::int32_t>::max()) {
+    refusal_ = Refusal{asked, "no latency that the kernel knows", "0 … 2147483647 µs"};
+    return;
+  }
+  const auto latency_us = static_cast<std::int32_t>(latency.count());
+  fd_ = open(device, O_WRONLY | O_CLOEXEC);
+  if (fd_ >= 0 && write(fd_, &latency_us, sizeof latency_us) == sizeof latency_us) return;
+  const int error = errno;
+  refusal_ = Refusal{asked, fmt::format("{}: {}", device, message_of(error)), remedy_for(error)};
+}
+
+CpuLatencyRequest::~CpuLatencyRequest() {
+  if (fd_ >= 0) close(fd_);
+}
+
+}  // namespace ontime::realtime

@@ -1,0 +1,71 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "realtime/privileges.hpp"
+
+#include <algorithm>
+#include <charconv>
+#include <filesystem>
+#include <sstream>
+#include <system_error>
+
+#include <fmt/format.h>
+#include <sys/resource.h>
+
+#include "realtime/state.hpp"
+
+namespace ontime::realtime {
+namespace {
+
+std::string path_of_program() {
+  std::error_code ignored;
+  const auto path = std::filesystem::read_symlink("/proc/self/exe", ignored).string();
+  return path.empty() ? "ontime" : path;
+}
+
+}  // namespace
+
+bool capable(int capability) {
+  const auto effective = status_field(text_of("/proc/thread-self/status"), "CapEff").value_or("");
+  std::uint64_t mask = 0;
+  std::from_chars(effective.data(), effective.data() + effective.size(), mask, 16);
+  return (mask >> capability & 1U) != 0;
+}
+
+std::string limit_of(int resource) {
+  rlimit limit{};
+  getrlimit(static_cast<__rlimit_resource>(resource), &limit);
+  return limit.rlim_cur == RLIM_INFINITY ? "unlimited" : std::to_string(limit.rlim_cur);
+}
+
+std::string message_of(int error) { return std::generic_category().message(error); }
+
+std::string how_to_permit_capabilities() {
+  return fmt::format("run as root, or: sudo setcap cap_sys_nice,cap_ipc_lock+ep {}", path_of_program());
+}
+
+std::string how_to_permit(int priority) {
+  return fmt::format(
+      "{}, or: sudo groupadd --force realtime && sudo usermod --append --groups realtime $USER, put these "
+      "lines "
+      "into /etc/security/limits.d/realtime.conf and log in again:\n"
+      "@realtime - rtprio {}\n"
+      "@realtime - memlock unlimited",
+      how_to_permit_capabilities(), std::max(priority, 98));
+}
+
+std::string file_of_empty_realtime_budget() {
+  // A line is "3:cpu,cpuacct:/path"; inside a container the path may be one that only the host sees.
+  std::istringstream lines(text_of("/proc/self/cgroup"));
+  for (std::string number, controllers, path; std::getline(lines, number, ':') &&
+                                              std::getline(lines, controllers, ':') &&
+                                              std::getline(lines, path);) {
+    if (("," + controllers + ",").find(",cpu,") == std::string::npos) continue;
+    for (const auto& group : {path, std::string("/")}) {
+      const auto file = fmt::format("/sys/fs/cgroup/{}{}/cpu.rt_runtime_us", controllers, group);
+      const auto budget = text_of(file);
+      if (!budget.empty()) return budget == "0\n" ? file : "";
+    }
+  }
+  return "";
+}
+
+}  // namespace ontime::realtime

@@ -1,0 +1,91 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "realtime/state.hpp"
+
+#include <algorithm>
+#include <charconv>
+#include <filesystem>
+#include <fstream>
+#include <sstream>
+
+#include <fmt/format.h>
+#include <unistd.h>
+
+#include "realtime/scheduling.hpp"
+
+namespace ontime::realtime {
+namespace {
+
+std::uint64_t number_of(const std::optional<std::string>& text) {
+  std::uint64_t number = 0;
+  if (text) std::from_chars(text->data(), text->data() + text->size(), number);
+  return number;
+}
+
+Policy policy_from(std::uint32_t kernel_policy) {
+  for (const auto policy : {Policy::fifo, Policy::round_robin, Policy::deadline})
+    if (kernel_policy == kernel_policy_of(policy)) return policy;
+  return Policy::other;
+}
+
+}  // namespace
+
+std::string text_of(const std::string& path) {
+  std::ifstream file(path);
+  std::ostringstream text;
+  text << file.rdbuf();
+  return text.str();
+}
+
+bool parse_stat(const std::string& text, long ticks_per_second, ThreadState& state) {
+  // A thread may call itself ") R 1 (": only the last parenthesis ends the name.
+  const auto name_end = text.rfind(')');
+  if (name_end == text.npos) return false;
+  std::istringstream fields(text.substr(name_end + 1));
+  std::string skipped;
+  for (int field = 3; field < 10; ++field) fields >> skipped;
+  std::uint64_t child_faults = 0, user_ticks = 0, system_ticks = 0;
+  fields >> state.minor_faults >> child_faults >> state.major_faults >> child_faults >> user_ticks >>
+      system_ticks;
+  using seconds = std::chrono::duration<double>;
+  state.cpu_time = std::chrono::duration_cast<std::chrono::nanoseconds>(
+      seconds(static_cast<double>(user_ticks + system_ticks) / static_cast<double>(ticks_per_second)));
+  return !fields.fail();
+}
+
+std::optional<std::string> status_field(const std::string& text, const std::string& key) {
+  std::istringstream lines(text);
+  for (std::string line; std::getline(lines, line);) {
+    if (!line.starts_with(key + ':')) continue;
+    const auto value = line.find_first_not_of(" \t", key.size() + 1);
+    return value == line.npos ? "" : line.substr(value);
+  }
+  return {};
+}
+
+std::optional<ThreadState> read(pid_t tid) {
+  const auto folder = fmt::format("/proc/self/task/{}/", tid);
+  ThreadState state;
+  state.tid = tid;
+  const auto attributes = attributes_of(tid);
+  const auto status = text_of(folder + "status");
+  const auto cpus = status_field(status, "Cpus_allowed_list");
+  if (!attributes || !cpus || !parse_stat(text_of(folder + "stat"), sysconf(_SC_CLK_TCK), state)) return {};
+  state.policy = policy_from(attributes->policy);
+  state.priority = static_cast<int>(attributes->priority);
+  state.cpus = *cpus;
+  state.voluntary_switches = number_of(status_field(status, "voluntary_ctxt_switches"));
+  state.involuntary_switches = number_of(status_field(status, "nonvoluntary_ctxt_switches"));
+  state.name = text_of(folder + "comm");
+  if (state.name.ends_with('\n')) state.name.pop_back();
+  return state;
+}
+
+std::vector<pid_t> thread_ids() {
+  std::vector<pid_t> ids;
+  for (const auto& entry : std::filesystem::directory_iterator("/proc/self/task"))
+    ids.push_back(static_cast<pid_t>(number_of(entry.path().filename().string())));
+  std::sort(ids.begin(), ids.end());
+  return ids;
+}
+
+}  // namespace ontime::realtime

@@ -1,0 +1,169 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <cerrno>
+#include <filesystem>
+#include <system_error>
+#include <thread>
+
+#include <fmt/format.h>
+#include <linux/capability.h>
+#include <sched.h>
+#include <sys/resource.h>
+#include <unistd.h>
+
+#include "realtime/privileges.hpp"
+#include "realtime/realtime.hpp"
+#include "realtime/scheduling.hpp"
+#include "realtime/state.hpp"
+
+namespace ontime::realtime {
+namespace {
+
+constexpr const char* online_cpus = "/sys/devices/system/cpu/online";
+
+std::string cpus_now(pid_t tid) {
+  const auto state = read(tid);
+  return state ? state->cpus : "none";
+}
+
+std::string first_line_of(const std::string& path) {
+  const auto text = text_of(path);
+  return text.substr(0, text.find('\n'));
+}
+
+std::string asked_policy(const std::string& who, const ThreadSettings& settings) {
+  switch (settings.policy) {
+    case Policy::fifo:
+      return fmt::format("SCHED_FIFO {} for thread {}", settings.priority, who);
+    case Policy::round_robin:
+      return fmt::format("SCHED_RR {} for thread {}", settings.priority, who);
+    case Policy::deadline:
+      return fmt::format("SCHED_DEADLINE (runtime {} ns, deadline {} ns, period {} ns) for thread {}",
+                         settings.runtime.count(), settings.deadline.count(), settings.period.count(), who);
+    case Policy::other:
+      break;
+  }
+  return fmt::format("SCHED_OTHER for thread {}", who);
+}
+
+Attributes attributes_for(const ThreadSettings& settings, const Attributes& now) {
+  // Niceness and flags stay: an ordinary user may not lower the one nor clear the other.
+  Attributes wanted = now;
+  wanted.size = sizeof wanted;
+  wanted.policy = kernel_policy_of(settings.policy);
+  wanted.priority = static_cast<std::uint32_t>(settings.priority);
+  wanted.runtime_ns = static_cast<std::uint64_t>(settings.runtime.count());
+  wanted.deadline_ns = static_cast<std::uint64_t>(settings.deadline.count());
+  wanted.period_ns = static_cast<std::uint64_t>(settings.period.count());
+  return wanted;
+}
+
+struct Explanation {
+  std::string found, remedy;
+};
+
+Explanation explain_no_permission(pid_t tid, const ThreadSettings& settings) {
+  const bool deadline = settings.policy == Policy::deadline;
+  const auto budget = deadline ? "" : file_of_empty_realtime_budget();
+  if (!budget.empty())
+    return {fmt::format("{} is 0", budget),
+            fmt::format(
+                "give this control group real-time CPU time (its parents first): echo 900000 | sudo tee {}",
+                budget)};
+  if (!capable(CAP_SYS_NICE)) {
+    if (deadline) return {"no CAP_SYS_NICE", how_to_permit_capabilities()};
+    return {fmt::format("RLIMIT_RTPRIO is {}, no CAP_SYS_NICE", limit_of(RLIMIT_RTPRIO)),
+            how_to_permit(settings.priority)};
+  }
+  if (deadline)
+    return {fmt::format("its CPUs are {} of {}", cpus_now(tid), first_line_of(online_cpus)),
+            "SCHED_DEADLINE goes with no affinity to some CPUs only: leave the thread's CPUs (and taskset's) "
+            "alone, "
+            "or set up an exclusive cpuset (sched(7))"};
+  return {
+      "CAP_SYS_NICE is there, something else forbids it",
+      "a container or a service may filter system calls: docker run --cap-add=sys_nice --ulimit rtprio=99, "
+      "systemd's RestrictRealtime=no"};
+}
+
+Explanation explain(int error, pid_t tid, const ThreadSettings& settings) {
+  switch (error) {
+    case EPERM:
+      return explain_no_permission(tid, settings);
+    case EINVAL:
+      return {"these values do not go together",
+              "a priority of 1 … 99 for fifo and rr, of 0 for the others; for deadline 1024 ns ≤ runtime ≤ "
+              "deadline ≤ "
+              "period, and a period within /proc/sys/kernel/sched_deadline_period_{min,max}_us"};
+    case EBUSY:
+      return {fmt::format("all deadline threads together may use {} of every {} µs on each CPU",
+                          first_line_of("/proc/sys/kernel/sched_rt_runtime_us"),
+                          first_line_of("/proc/sys/kernel/sched_rt_period_us")),
+              "a smaller runtime or a longer period, or fewer deadline threads"};
+    default:
+      return {"", "see sched_setattr(2)"};
+  }
+}
+
+std::optional<Refusal> set_affinity(pid_t tid, const std::string& who, const std::vector<int>& cpus) {
+  cpu_set_t wanted, before;
+  CPU_ZERO(&wanted);
+  for (const int cpu : cpus)
+    if (cpu >= 0) CPU_SET(static_cast<unsigned>(cpu), &wanted);
+  const bool known = sched_getaffinity(tid, sizeof before, &before) == 0;
+  const int error = sched_setaffinity(tid, sizeof wanted, &wanted) == 0 ? 0 : errno;
+  const auto got = cpus_now(tid);
+  if (error == 0 && got == list_of(cpus)) return {};
+  // The kernel drops CPUs that it does not have and takes the rest; half of what was asked is not what was
+  // asked.
+  if (error == 0 && known) sched_setaffinity(tid, sizeof before, &before);
+  return Refusal{fmt::format("CPUs {} for thread {}", list_of(cpus), who),
+                 error == 0 ? fmt::format("only CPUs {} could be had", got) : message_of(error),
+                 fmt::format("name CPUs among {} ({}) that its cpuset control group allows, too",
+                             first_line_of(online_cpus), online_cpus)};
+}
+
+std::optional<Refusal> set_policy(pid_t tid, const std::string& who, const ThreadSettings& settings,
+                                  const Attributes& now) {
+  const int error = set_attributes(tid, attributes_for(settings, now));
+  if (error == 0) return {};
+  const auto [found, remedy] = explain(error, tid, settings);
+  return Refusal{asked_policy(who, settings),
+                 found.empty() ? message_of(error) : fmt::format("{} ({})", message_of(error), found),
+                 remedy};
+}
+
+}  // namespace
+
+std::vector<Refusal> apply(pid_t tid, const std::string& who, const ThreadSettings& settings) {
+  std::error_code ignored;
+  const bool ours = std::filesystem::exists(fmt::format("/proc/self/task/{}", tid), ignored);
+  const auto now = ours ? attributes_of(tid) : std::nullopt;
+  if (!now)
+    return {{fmt::format("settings for thread {}", who), fmt::format("this process has no thread {}", tid),
+             "ask while the thread runs"}};
+  std::vector<Refusal> refusals;
+  if (!settings.cpus.empty()) {
+    // The kernel lets no deadline thread be tied to some CPUs.
+    if (now->policy == kernel_policy_of(Policy::deadline)) set_attributes(tid, attributes_for({}, *now));
+    if (auto refusal = set_affinity(tid, who, settings.cpus)) refusals.push_back(std::move(*refusal));
+  }
+  if (auto refusal = set_policy(tid, who, settings, *now)) refusals.push_back(std::move(*refusal));
+  return refusals;
+}
+
+bool may_use_fifo(int priority) {
+  bool may = false;
+  try {
+    std::thread([&] {
+      ThreadSettings settings;
+      settings.policy = Policy::fifo;
+      settings.priority = priority;
+      may = set_attributes(gettid(), attributes_for(settings, Attributes{})) == 0;
+    }).join();
+  } catch (const std::system_error&) {
+    return false;  // not even an ordinary thread is to be had
+  }
+  return may;
+}
+
+}  // namespace ontime::realtime

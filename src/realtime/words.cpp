@@ -1,0 +1,74 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <algorithm>
+#include <charconv>
+#include <string_view>
+
+#include <fmt/format.h>
+
+#include "realtime/realtime.hpp"
+
+namespace ontime::realtime {
+namespace {
+
+constexpr std::pair<Policy, const char*> words[] = {{Policy::other, "other"},
+                                                    {Policy::fifo, "fifo"},
+                                                    {Policy::round_robin, "rr"},
+                                                    {Policy::deadline, "deadline"}};
+constexpr int max_cpu = 1023;
+
+std::optional<int> cpu_of(std::string_view text) {
+  int cpu = -1;
+  const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), cpu);
+  if (error != std::errc{} || end != text.data() + text.size() || text[0] == '-' || cpu > max_cpu) return {};
+  return cpu;
+}
+
+}  // namespace
+
+std::optional<Policy> policy_of(const std::string& word) {
+  for (const auto& [policy, name] : words)
+    if (word == name) return policy;
+  return {};
+}
+
+const char* word_of(Policy policy) {
+  for (const auto& [candidate, name] : words)
+    if (candidate == policy) return name;
+  return "other";
+}
+
+std::optional<std::vector<int>> cpus_of(const std::string& list) {
+  std::vector<int> cpus;
+  for (std::string_view rest = list;;) {
+    const auto comma = rest.find(',');
+    const auto range = rest.substr(0, comma);
+    const auto dash = range.find('-');
+    const auto first = cpu_of(range.substr(0, dash));
+    const auto last = dash == range.npos ? first : cpu_of(range.substr(dash + 1));
+    if (!first || !last || *first > *last) return {};
+    for (int cpu = *first; cpu <= *last; ++cpu) cpus.push_back(cpu);
+    if (comma == rest.npos) break;
+    rest.remove_prefix(comma + 1);
+  }
+  std::sort(cpus.begin(), cpus.end());
+  cpus.erase(std::unique(cpus.begin(), cpus.end()), cpus.end());
+  return cpus;
+}
+
+std::string list_of(const std::vector<int>& cpus) {
+  auto sorted = cpus;
+  std::sort(sorted.begin(), sorted.end());
+  sorted.erase(std::unique(sorted.begin(), sorted.end()), sorted.end());
+  std::string list;
+  for (std::size_t first = 0; first < sorted.size();) {
+    std::size_t last = first;
+    while (last + 1 < sorted.size() && sorted[last + 1] == sorted[last] + 1) ++last;
+    if (!list.empty()) list += ',';
+    list +=
+        first == last ? fmt::format("{}", sorted[first]) : fmt::format("{}-{}", sorted[first], sorted[last]);
+    first = last + 1;
+  }
+  return list;
+}
+
+}  // namespace ontime::realtime

@@ -1,0 +1,62 @@
+// SPDX-License-Identifier: Apache-2.0
+// SQLite, as Writer and Reader use it: a connection and its statements, whose failures are said for people.
+#pragma once
+
+#include <cstdint>
+#include <memory>
+#include <optional>
+#include <string>
+
+#include <sqlite3.h>
+
+namespace ontime::record {
+
+class Connection {
+ public:
+  // An empty path: a temporary database. `flags` are of sqlite3_open_v2; `immutable` says that nobody writes.
+  Connection(const std::string& path, int flags, bool immutable = false);
+
+  void run(const char* sql);
+  void try_run(const char* sql) noexcept;
+  std::int64_t number(const char* sql);  // the first column of the first row
+  // False for a database that holds nothing. Throws if it is not a results file, or from a newer version.
+  bool has_format();
+  [[noreturn]] void fail(int code);  // throws Error: what SQLite's code means, for people
+
+  const std::string& name() const { return name_; }  // the path, as people gave it
+  sqlite3* handle() { return handle_.get(); }
+
+ private:
+  struct Close {
+    void operator()(sqlite3* handle) const { sqlite3_close(handle); }
+  };
+  std::string name_;
+  std::unique_ptr<sqlite3, Close> handle_;
+};
+
+class Statement {
+ public:
+  Statement(Connection&, const char* sql);  // the connection must outlive it
+
+  // Parameters in their order. Nothing: NULL.
+  Statement& bind(std::int64_t);
+  Statement& bind(const std::optional<std::int64_t>&);
+  Statement& bind(const std::string&);
+  void execute();  // and is then ready to be bound again
+  bool next();     // whether there is a row
+
+  std::int64_t integer(int column);
+  std::optional<std::int64_t> optional_integer(int column);
+  std::string text(int column);
+
+ private:
+  void check(int code);
+  struct Finalize {
+    void operator()(sqlite3_stmt* handle) const { sqlite3_finalize(handle); }
+  };
+  Connection& connection_;
+  std::unique_ptr<sqlite3_stmt, Finalize> handle_;
+  int bound_ = 0;
+};
+
+}  // namespace ontime::record

@@ -1,0 +1,76 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <string_view>
+
+#include <fmt/format.h>
+
+#include "report/page.hpp"
+#include "report/words.hpp"
+
+namespace ontime::report {
+namespace {
+
+std::string escape(const std::string& text) {
+  std::string result;
+  for (const char c : text) {
+    switch (c) {
+      case '\\':
+        result += "\\textbackslash{}";
+        break;
+      case '~':
+        result += "\\textasciitilde{}";
+        break;
+      case '^':
+        result += "\\textasciicircum{}";
+        break;
+      case '<':
+        result += "\\textless{}";
+        break;
+      case '>':
+        result += "\\textgreater{}";
+        break;
+      case '|':
+        result += "\\textbar{}";
+        break;
+      case '\n':
+        result += ' ';
+        break;
+      default:
+        if (std::string_view("{}$&#_%").find(c) != std::string_view::npos) result += '\\';
+        result += c;
+    }
+  }
+  result = replace_all(result, "µ", "$\\mu$");
+  return replace_all(result, "·", "$\\cdot$");
+}
+
+std::string line_of(std::vector<std::string> cells) {
+  for (auto& cell : cells) cell = escape(cell);
+  return join(cells, " & ") + " \\\\ \\hline\n";
+}
+
+// A note stays with its table without being set.
+std::string comment(const std::string& note) { return "% " + replace_all(note, "\n", " ") + "\n"; }
+
+std::string latex_of(const Table& table) {
+  std::string alignment = "|";
+  for (const auto& column : table.columns) alignment += column.align == Column::Align::left ? "l|" : "r|";
+  std::string text = "\\begin{table*}[ht]\n\\centering\n\\caption{" + escape(table.title) + "}\n";
+  if (!table.conditions.empty()) text += comment(table.conditions);
+  text += "\\begin{tabular}{" + alignment + "}\n\\hline\n" + line_of(names_of(table));
+  for (const auto& row : table.rows) text += line_of(row);
+  text += "\\end{tabular}\n\\end{table*}\n";
+  for (const auto& note : table.notes) text += comment(note);
+  return text + "\n";
+}
+
+}  // namespace
+
+std::string as_latex(const Page& page) {
+  std::string text;
+  for (const auto& table : page.tables) text += latex_of(table);
+  for (const auto& note : page.notes) text += comment(note);
+  if (!page.legend.empty()) text += comment(page.legend);
+  return text;
+}
+
+}  // namespace ontime::report

@@ -1,0 +1,31 @@
+// SPDX-License-Identifier: Apache-2.0
+// Runs, as programs read them and as people do.
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include <nlohmann/json.hpp>
+
+#include "report/page.hpp"
+#include "statistics/statistics.hpp"
+
+namespace ontime::report {
+
+using Summaries = std::vector<statistics::Summary>;
+
+nlohmann::ordered_json json_of(const statistics::Summary&);  // docs/json.md
+std::string csv_of(const Summaries&);
+Page page_of(const Summaries&);
+
+// What a run must not be read without: whatever went wrong or was counted beside the table. Empty if nothing
+// was.
+std::string remarks(const statistics::Summary&);
+// What these runs asked of their machines and did not get, each once.
+std::vector<std::string> refusals(const Summaries&);
+
+nlohmann::ordered_json threads_json_of(const Summaries&);
+std::string threads_csv_of(const Summaries&);
+Page threads_page_of(const Summaries&);
+
+}  // namespace ontime::report

@@ -1,0 +1,106 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <algorithm>
+
+#include <fmt/format.h>
+
+#include "report/page.hpp"
+
+namespace ontime::report {
+namespace {
+
+constexpr std::size_t page_width = 100;
+constexpr std::size_t column_gap = 2;
+
+// Of UTF-8, taking each code point as one column wide.
+std::size_t width(const std::string& text) {
+  return static_cast<std::size_t>(std::count_if(
+      text.begin(), text.end(), [](char c) { return (static_cast<unsigned char>(c) & 0xc0) != 0x80; }));
+}
+
+std::vector<std::string> split(const std::string& text, char separator) {
+  std::vector<std::string> parts(1);
+  for (const char c : text) {
+    if (c == separator)
+      parts.emplace_back();
+    else
+      parts.back() += c;
+  }
+  return parts;
+}
+
+// Breaks a paragraph between words. Its lines after the first are indented further.
+std::string wrap(const std::string& paragraph, const std::string& indent) {
+  std::string text, line = indent;
+  for (const auto& word : split(paragraph, ' ')) {
+    const bool fresh = line.ends_with(' ') || line.empty();
+    if (!fresh && width(line) + 1 + width(word) > page_width) {
+      text += line + "\n";
+      line = indent + "  ";
+    } else if (!fresh) {
+      line += ' ';
+    }
+    line += word;
+  }
+  return text + line + "\n";
+}
+
+std::string text_of_note(const std::string& note, const std::string& indent) {
+  const auto lines = split(note, '\n');
+  std::string text = wrap(lines.front(), indent);
+  for (std::size_t i = 1; i < lines.size(); ++i) text += indent + "  " + lines[i] + "\n";
+  return text;
+}
+
+std::string pad(const std::string& cell, std::size_t to, Column::Align align) {
+  const std::string space(to - width(cell), ' ');
+  return align == Column::Align::left ? cell + space : space + cell;
+}
+
+std::string line_of(const std::vector<std::string>& cells, const std::vector<Column>& columns,
+                    const std::vector<std::size_t>& widths) {
+  std::string line;
+  for (std::size_t i = 0; i < columns.size(); ++i) {
+    if (i > 0) line.append(column_gap, ' ');
+    line += pad(cells[i], widths[i], columns[i].align);
+  }
+  line.erase(line.find_last_not_of(' ') + 1);
+  return line + "\n";
+}
+
+// The names of the columns as lines of cells, the last line full.
+std::vector<std::vector<std::string>> header_of(const std::vector<Column>& columns) {
+  std::size_t height = 1;
+  for (const auto& column : columns) height = std::max(height, split(column.name, '\n').size());
+  std::vector<std::vector<std::string>> lines(height, std::vector<std::string>(columns.size()));
+  for (std::size_t i = 0; i < columns.size(); ++i) {
+    const auto parts = split(columns[i].name, '\n');
+    for (std::size_t k = 0; k < parts.size(); ++k) lines[height - parts.size() + k][i] = parts[k];
+  }
+  return lines;
+}
+
+std::string text_of(const Table& table) {
+  auto lines = header_of(table.columns);
+  lines.insert(lines.end(), table.rows.begin(), table.rows.end());
+  std::vector<std::size_t> widths(table.columns.size());
+  for (const auto& line : lines)
+    for (std::size_t i = 0; i < widths.size(); ++i) widths[i] = std::max(widths[i], width(line[i]));
+
+  std::string text = table.title + "\n";
+  if (!table.conditions.empty()) text += wrap(table.conditions, "");
+  for (const auto& line : lines) text += line_of(line, table.columns, widths);
+  for (const auto& note : table.notes) text += text_of_note(note, "  ");
+  return text + "\n";
+}
+
+}  // namespace
+
+std::string as_text(const Page& page) {
+  std::string text;
+  for (const auto& table : page.tables) text += text_of(table);
+  for (const auto& note : page.notes) text += text_of_note(note, "") + "\n";
+  if (!page.legend.empty()) text += wrap(page.legend, "");
+  return text;
+}
+
+}  // namespace ontime::report

@@ -1,0 +1,116 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <fmt/format.h>
+
+#include "report/runs.hpp"
+#include "report/words.hpp"
+
+namespace ontime::report {
+namespace {
+
+using nlohmann::json;
+using nlohmann::ordered_json;
+
+constexpr std::initializer_list<const char*> run_keys = {"id", "transport", "repetition"};
+constexpr std::initializer_list<const char*> thread_keys = {"role",
+                                                            "name",
+                                                            "tid",
+                                                            "policy",
+                                                            "priority",
+                                                            "cpus",
+                                                            "minor_faults",
+                                                            "major_faults",
+                                                            "voluntary_switches",
+                                                            "involuntary_switches",
+                                                            "cpu_time_us"};
+
+// Calls use(summary, host, its threads) for each host whose threads were recorded.
+template <class Use>
+void each_host(const Summaries& summaries, Use use) {
+  for (const auto& summary : summaries)
+    for (const auto& [host, facts] : at(summary.run.outcome, "hosts").items())
+      if (const auto& threads = at(facts, "threads"); threads.is_array()) use(summary, host, threads);
+}
+
+std::string policy(const json& thread) {
+  const auto policy = word(at(thread, "policy"));
+  return count(at(thread, "priority")) > 0 ? policy + " " + word(at(thread, "priority")) : policy;
+}
+
+std::vector<std::string> row(const json& thread) {
+  const auto pair = [&](const char* one, const char* other) {
+    return word(at(thread, one)) + "/" + word(at(thread, other));
+  };
+  const auto& cpu_time_us = at(thread, "cpu_time_us");
+  return {word(at(thread, "role")),
+          word(at(thread, "name")),
+          word(at(thread, "tid")),
+          policy(thread),
+          word(at(thread, "cpus")),
+          pair("minor_faults", "major_faults"),
+          pair("voluntary_switches", "involuntary_switches"),
+          cpu_time_us.is_number() ? fmt::format("{:.1f}", cpu_time_us.get<double>() / 1e3) : nothing};
+}
+
+std::string title(const statistics::Summary& summary, const std::string& host) {
+  const auto& asked = summary.run.asked;
+  auto text = word(at(asked, "id")) + "  " + word(at(asked, "transport"));
+  if (count(at(asked, "repetition")) > 1) text += " #" + word(at(asked, "repetition"));
+  return text + ", threads on the " + word(host);
+}
+
+}  // namespace
+
+ordered_json threads_json_of(const Summaries& summaries) {
+  auto result = ordered_json::array();
+  each_host(summaries, [&](const auto& summary, const auto& host, const json& threads) {
+    ordered_json entry = {{"run", summary.run.number}};
+    for (const auto* key : run_keys) entry[key] = at(summary.run.asked, key);
+    entry["host"] = host;
+    entry["threads"] = threads;
+    result.push_back(entry);
+  });
+  return result;
+}
+
+std::string threads_csv_of(const Summaries& summaries) {
+  std::vector<std::string> header = {"run"};
+  header.insert(header.end(), run_keys.begin(), run_keys.end());
+  header.emplace_back("host");
+  header.insert(header.end(), thread_keys.begin(), thread_keys.end());
+  const auto field = [](const json& value) { return value.is_null() ? "" : word(value); };
+  std::vector<std::vector<std::string>> rows;
+  each_host(summaries, [&](const auto& summary, const auto& host, const json& threads) {
+    for (const auto& thread : threads) {
+      rows.push_back({std::to_string(summary.run.number)});
+      for (const auto* key : run_keys) rows.back().push_back(field(at(summary.run.asked, key)));
+      rows.back().push_back(word(host));
+      for (const auto* key : thread_keys) rows.back().push_back(field(at(thread, key)));
+    }
+  });
+  return as_csv(header, rows);
+}
+
+Page threads_page_of(const Summaries& summaries) {
+  using enum Column::Align;
+  Page page;
+  each_host(summaries, [&](const auto& summary, const auto& host, const json& threads) {
+    Table table{title(summary, host),
+                "",
+                {{"Role", left},
+                 {"Name", left},
+                 {"TID", right},
+                 {"Policy", left},
+                 {"CPUs", left},
+                 {"Faults\nminor/major", right},
+                 {"Switches\nvoluntary/not", right},
+                 {"CPU time\n(ms)", right}},
+                {},
+                {}};
+    for (const auto& thread : threads) table.rows.push_back(row(thread));
+    page.tables.push_back(table);
+  });
+  if (page.tables.empty()) page.notes.emplace_back("No threads were recorded.");
+  return page;
+}
+
+}  // namespace ontime::report

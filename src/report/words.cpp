@@ -1,0 +1,78 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "report/words.hpp"
+
+#include <cmath>
+
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+
+namespace ontime::report {
+namespace {
+
+// A title may come from anybody's results file: nothing in it shall steer a terminal or break a table.
+std::string without_controls(const std::string& text) {
+  std::string result;
+  for (std::size_t i = 0; i < text.size(); ++i) {
+    const auto byte = static_cast<unsigned char>(text[i]);
+    const auto next = static_cast<unsigned char>(i + 1 < text.size() ? text[i + 1] : 0);
+    const bool c1 = byte == 0xc2 && next >= 0x80 && next < 0xa0;  // U+0080 … U+009F in UTF-8
+    if (c1) ++i;
+    result += c1 || byte < 0x20 || byte == 0x7f ? ' ' : text[i];
+  }
+  return result;
+}
+
+}  // namespace
+
+const nlohmann::json& at(const nlohmann::json& object, std::string_view key) {
+  static const nlohmann::json null;
+  if (!object.is_object()) return null;
+  const auto found = object.find(key);
+  return found == object.end() ? null : *found;
+}
+
+std::string word(const nlohmann::json& value) {
+  if (value.is_null()) return nothing;
+  const auto text = value.is_string() ? value.get<std::string>()
+                                      : value.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace);
+  return without_controls(text);
+}
+
+bool is_true(const nlohmann::json& value) { return value.is_boolean() && value.get<bool>(); }
+
+std::uint64_t count(const nlohmann::json& value) {
+  return value.is_number_integer() && value >= 0 ? value.get<std::uint64_t>() : 0;
+}
+
+std::string microseconds(double ns) {
+  const double us = ns / 1e3;
+  return fmt::format("{:.{}f}", us, std::abs(us) < 99.95 ? 1 : 0);
+}
+
+std::string duration(const nlohmann::json& us) {
+  if (!us.is_number()) return nothing;
+  const auto value = us.get<double>();
+  if (value >= 1e6) return fmt::format("{:.6g} s", value / 1e6);
+  if (value >= 1e3) return fmt::format("{:.6g} ms", value / 1e3);
+  return fmt::format("{:.6g} µs", value);
+}
+
+std::string size(const nlohmann::json& bytes) {
+  if (!bytes.is_number_integer()) return nothing;
+  const auto value = count(bytes);
+  if (value >= 1 << 20 && value % (1 << 20) == 0) return fmt::format("{} MiB", value >> 20);
+  if (value >= 1 << 10 && value % (1 << 10) == 0) return fmt::format("{} KiB", value >> 10);
+  return fmt::format("{} B", value);
+}
+
+std::string join(const std::vector<std::string>& parts, std::string_view separator) {
+  return fmt::format("{}", fmt::join(parts, separator));
+}
+
+std::string replace_all(std::string text, std::string_view what, std::string_view with) {
+  for (auto found = text.find(what); found != std::string::npos; found = text.find(what, found + with.size()))
+    text.replace(found, what.size(), with);
+  return text;
+}
+
+}  // namespace ontime::report

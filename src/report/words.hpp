@@ -1,0 +1,27 @@
+// SPDX-License-Identifier: Apache-2.0
+// Pieces of text from a run's record, of which anything may be missing or of another kind than expected.
+#pragma once
+
+#include <cstdint>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include <nlohmann/json.hpp>
+
+namespace ontime::report {
+
+inline constexpr const char* nothing = "-";
+
+const nlohmann::json& at(const nlohmann::json& object, std::string_view key);  // null if it is not there
+std::string word(const nlohmann::json&);  // on one line; `nothing` for null
+bool is_true(const nlohmann::json&);
+std::uint64_t count(const nlohmann::json&);  // 0 for what is no count
+
+std::string microseconds(double ns);             // "1234", below 100 "98.7"
+std::string duration(const nlohmann::json& us);  // "10 ms"
+std::string size(const nlohmann::json& bytes);   // "500 B", "32 KiB"
+std::string join(const std::vector<std::string>&, std::string_view separator);
+std::string replace_all(std::string text, std::string_view what, std::string_view with);
+
+}  // namespace ontime::report

@@ -1,0 +1,32 @@
+// SPDX-License-Identifier: Apache-2.0
+// What Cyclone DDS is configured with: our settings for the run, and the user's own XML.
+#pragma once
+
+#include <string>
+
+#include "transport/transport.hpp"
+
+namespace ontime::transport::cyclonedds {
+
+struct Configuration {
+  std::string xml;      // for dds_create_domain
+  std::string source;   // whose settings these are, for people
+  std::string carrier;  // "UDPv4", or what the user's XML asks for
+};
+
+// The user's XML is CYCLONEDDS_URI and then the option "config". It wins over ours, list by list and value by
+// value, except where the run itself would break: its interfaces give way to the link under test where one is
+// named, and shared memory is off, for it would bypass any link. Throws Error for XML that cannot be read,
+// and for real-time threads that this process may not have, at which Cyclone DDS would abort.
+Configuration configuration(const Config& config);
+
+// A thread that Cyclone DDS starts.
+struct NamedThread {
+  const char* name;
+  const char* role;
+  bool configurable;  // 0.10 refuses settings for the threads that receive users' data
+};
+// Null if Cyclone has no thread of that name.
+const NamedThread* named_thread(const std::string& name);
+
+}  // namespace ontime::transport::cyclonedds

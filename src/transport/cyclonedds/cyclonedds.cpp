@@ -1,0 +1,332 @@
+// SPDX-License-Identifier: Apache-2.0
+// Cyclone DDS, by its C API. Messages go in and come out as CDR (see cdr_type.hpp).
+#include <algorithm>
+#include <array>
+#include <cerrno>
+#include <chrono>
+#include <cstdio>
+#include <filesystem>
+#include <fstream>
+#include <mutex>
+#include <system_error>
+#include <thread>
+
+#include <dds/dds.h>
+#include <dds/version.h>
+#include <sched.h>
+#include <unistd.h>
+
+#include "message/message.hpp"
+#include "transport/cyclonedds/cdr_type.hpp"
+#include "transport/cyclonedds/configuration.hpp"
+#include "transport/dds.hpp"
+#include "transport/transport.hpp"
+
+namespace ontime::transport::cyclonedds {
+namespace {
+
+constexpr Option options[] = {{"config", "FILE or URI of Cyclone's XML"}};
+
+// Cyclone prints by itself. While a domain opens we keep what it says, for the error; later it is silent.
+// Before it aborts it must be heard.
+class Log {
+ public:
+  Log() { dds_set_log_sink(keep, this); }
+  ~Log() { dds_set_log_sink(drop, nullptr); }
+  Log(const Log&) = delete;
+  Log& operator=(const Log&) = delete;
+
+  std::string text() {
+    const std::lock_guard lock(mutex_);
+    while (text_.ends_with('\n') || text_.ends_with(' ')) text_.pop_back();
+    return text_;
+  }
+
+ private:
+  static void drop(void*, const dds_log_data_t* entry) {
+    if (entry->priority & DDS_LC_FATAL) std::fwrite(entry->message, 1, entry->size, stderr);
+  }
+  static void keep(void* self, const dds_log_data_t* entry) {
+    drop(nullptr, entry);
+    auto& log = *static_cast<Log*>(self);
+    const std::lock_guard lock(log.mutex_);
+    log.text_ += std::string(entry->message, entry->size) + " ";
+  }
+
+  std::mutex mutex_;
+  std::string text_;
+};
+
+dds_entity_t opened(dds_entity_t entity, const std::string& what, Log& log) {
+  if (entity >= 0) return entity;
+  throw Error("cyclonedds: cannot open " + what + ": " +
+              (log.text().empty() ? dds_strretcode(entity) : log.text()));
+}
+
+struct Domain {
+  dds_entity_t entity = 0;
+  ~Domain() {
+    if (entity > 0) dds_delete(entity);
+  }
+};
+
+struct QosDeleter {
+  void operator()(dds_qos_t* qos) const { dds_delete_qos(qos); }
+};
+
+std::unique_ptr<dds_qos_t, QosDeleter> vendor_qos(const Qos& qos) {
+  std::unique_ptr<dds_qos_t, QosDeleter> result(dds_create_qos());
+  const auto history = qos.history == History::keep_all ? DDS_HISTORY_KEEP_ALL : DDS_HISTORY_KEEP_LAST;
+  const int depth = qos.history == History::keep_all ? 1 : qos.depth;
+  dds_qset_reliability(
+      result.get(),
+      qos.reliability == Reliability::reliable ? DDS_RELIABILITY_RELIABLE : DDS_RELIABILITY_BEST_EFFORT,
+      DDS_MSECS(100));
+  dds_qset_history(result.get(), history, depth);
+  dds_qset_durability(result.get(), qos.durability == Durability::transient_local
+                                        ? DDS_DURABILITY_TRANSIENT_LOCAL
+                                        : DDS_DURABILITY_VOLATILE);
+  // What is kept for those who come late is as much as is kept for the others.
+  dds_qset_durability_service(result.get(), 0, history, depth, DDS_LENGTH_UNLIMITED, DDS_LENGTH_UNLIMITED,
+                              DDS_LENGTH_UNLIMITED);
+  return result;
+}
+
+std::map<pid_t, std::string> tasks() {
+  std::map<pid_t, std::string> names;
+  std::error_code ended;  // while we looked
+  for (const auto& task : std::filesystem::directory_iterator("/proc/self/task", ended)) {
+    std::string name;
+    std::getline(std::ifstream(task.path() / "comm"), name);
+    names.emplace(std::stoi(task.path().filename()), name);
+  }
+  return names;
+}
+
+// A thread is born with its parent's name, and gives itself its own a little later.
+void await_names(const std::map<pid_t, std::string>& before) {
+  const std::string ours = tasks().at(gettid());
+  const auto unnamed = [&](const auto& task) { return task.second == ours && !before.contains(task.first); };
+  const std::int64_t end_ns = dds::monotonic_ns() + 1'000'000'000;
+  for (auto now = tasks(); std::any_of(now.begin(), now.end(), unnamed); now = tasks()) {
+    if (dds::monotonic_ns() > end_ns) return;  // threads that are not Cyclone's
+    std::this_thread::sleep_for(std::chrono::milliseconds(1));
+  }
+}
+
+dds::Policy policy_of(std::uint32_t id) {
+  if (id == DDS_RELIABILITY_QOS_POLICY_ID) return dds::Policy::reliability;
+  if (id == DDS_DURABILITY_QOS_POLICY_ID) return dds::Policy::durability;
+  return dds::Policy::other;
+}
+
+class CycloneEndpoint final : public Endpoint {
+ public:
+  CycloneEndpoint(const Config& config, Sink& sink);
+
+  Matched matched() override;
+  std::string seen() override;
+  bool send(std::uint64_t sequence, std::span<const std::byte> payload) noexcept override;
+  void receive() noexcept override;
+  void interrupt() noexcept override { dds_set_guardcondition(interrupted_, true); }
+  std::vector<Thread> threads() override;
+  std::map<std::string, std::string> facts() override;
+
+ private:
+  void take_all(dds_entity_t reader, std::int64_t arrival_ns) noexcept;
+  void give_priorities_that_xml_cannot();
+  std::size_t other_participants();
+  std::string endpoints_of_other_type();
+
+  Config config_;
+  Sink& sink_;
+  Configuration configuration_;
+  Blocks blocks_;
+  Domain domain_;  // after what its threads use, so that they end first
+  ddsi_sertype* type_ = nullptr;
+  dds_entity_t participant_ = 0;
+  dds_entity_t writer_ = 0;
+  dds_entity_t reader_ = 0;
+  dds_entity_t waitset_ = 0;
+  dds_entity_t interrupted_ = 0;
+};
+
+CycloneEndpoint::CycloneEndpoint(const Config& config, Sink& sink)
+    : config_(config),
+      sink_(sink),
+      configuration_(configuration(config)),
+      blocks_(message::cdr_overhead + config.max_payload_bytes) {
+  Log log;
+  const auto tasks_before = tasks();
+  const auto domain_id = static_cast<dds_domainid_t>(config.domain);
+  std::string where = "domain " + std::to_string(config.domain);
+  if (!config.interface.empty()) where += " on " + config.interface + " (" + config.address + ")";
+  where += " as configured by " + configuration_.source;
+  domain_.entity = opened(dds_create_domain(domain_id, configuration_.xml.c_str()), where, log);
+  participant_ = opened(dds_create_participant(domain_id, nullptr, nullptr), "a participant", log);
+
+  const auto open_topic = [&](const char* name) {
+    type_ = new_type(blocks_);
+    const dds_entity_t topic =
+        dds_create_topic_sertype(participant_, name, &type_, nullptr, nullptr, nullptr);
+    if (topic < 0) ddsi_sertype_unref(type_);
+    return opened(topic, std::string("the topic ") + name, log);
+  };
+  const dds_entity_t read = open_topic(dds::topic_read(config.role));
+  const dds_entity_t written = open_topic(dds::topic_written(config.role));
+
+  const auto qos = vendor_qos(config.qos);
+  // Before the reader, whose listener may call send() at once.
+  writer_ = opened(dds_create_writer(participant_, written, qos.get(), nullptr), "a writer", log);
+  if (config.receive == Receive::listener) {
+    const std::unique_ptr<dds_listener_t, decltype(&dds_delete_listener)> listener(dds_create_listener(this),
+                                                                                   dds_delete_listener);
+    dds_lset_data_available(listener.get(), [](dds_entity_t reader, void* self) {
+      const std::int64_t arrival_ns = dds::monotonic_ns();
+      static_cast<CycloneEndpoint*>(self)->take_all(reader, arrival_ns);
+    });
+    reader_ = opened(dds_create_reader(participant_, read, qos.get(), listener.get()), "a reader", log);
+  } else {
+    reader_ = opened(dds_create_reader(participant_, read, qos.get(), nullptr), "a reader", log);
+    waitset_ = opened(dds_create_waitset(participant_), "a waitset", log);
+    interrupted_ = opened(dds_create_guardcondition(participant_), "a guard condition", log);
+    const dds_entity_t data =
+        opened(dds_create_readcondition(reader_, DDS_ANY_STATE), "a read condition", log);
+    opened(dds_waitset_attach(waitset_, data, 0), "a waitset", log);
+    opened(dds_waitset_attach(waitset_, interrupted_, 0), "a waitset", log);
+  }
+  await_names(tasks_before);
+  give_priorities_that_xml_cannot();
+}
+
+void CycloneEndpoint::take_all(dds_entity_t reader, std::int64_t arrival_ns) noexcept {
+  constexpr std::uint32_t batch = 16;
+  std::array<ddsi_serdata*, batch> messages;
+  std::array<dds_sample_info_t, batch> infos;
+  for (;;) {
+    const dds_return_t taken = dds_takecdr(reader, messages.data(), batch, infos.data(), DDS_ANY_STATE);
+    for (std::size_t i = 0; i < static_cast<std::size_t>(std::max(taken, 0)); ++i) {
+      if (const auto view = message::decode(cdr(*messages[i]))) {
+        sink_.arrived(view->sequence, view->payload, arrival_ns);
+      }
+      ddsi_serdata_unref(messages[i]);
+    }
+    if (taken < static_cast<dds_return_t>(batch)) return;
+    arrival_ns = dds::monotonic_ns();
+  }
+}
+
+bool CycloneEndpoint::send(std::uint64_t sequence, std::span<const std::byte> payload) noexcept {
+  ddsi_serdata* const message = new_message(*type_, sequence, payload);
+  return message != nullptr && dds_writecdr(writer_, message) == DDS_RETCODE_OK;
+}
+
+void CycloneEndpoint::receive() noexcept {
+  dds_waitset_wait(waitset_, nullptr, 0, DDS_INFINITY);
+  const std::int64_t arrival_ns = dds::monotonic_ns();
+  take_all(reader_, arrival_ns);
+}
+
+Matched CycloneEndpoint::matched() {
+  dds_publication_matched_status_t readers{};
+  dds_subscription_matched_status_t writers{};
+  dds_get_publication_matched_status(writer_, &readers);
+  dds_get_subscription_matched_status(reader_, &writers);
+  return {static_cast<int>(readers.current_count), static_cast<int>(writers.current_count)};
+}
+
+// Calls visit for each sample of a topic on which Cyclone tells what it discovered.
+template <typename Sample, typename Visit>
+void for_each_discovered(dds_entity_t participant, dds_entity_t builtin_topic, const Visit& visit) {
+  const dds_entity_t reader = dds_create_reader(participant, builtin_topic, nullptr, nullptr);
+  if (reader < 0) return;
+  void* sample[] = {nullptr};
+  dds_sample_info_t info;
+  while (dds_take(reader, sample, &info, 1, 1) == 1) {
+    if (info.valid_data) visit(*static_cast<const Sample*>(sample[0]));
+    dds_return_loan(reader, sample, 1);
+    sample[0] = nullptr;
+  }
+  dds_delete(reader);
+}
+
+std::size_t CycloneEndpoint::other_participants() {
+  std::size_t participants = 0;
+  for_each_discovered<dds_builtintopic_participant_t>(participant_, DDS_BUILTIN_TOPIC_DCPSPARTICIPANT,
+                                                      [&](const auto&) { ++participants; });
+  return participants - 1;  // we are one of them
+}
+
+std::string CycloneEndpoint::endpoints_of_other_type() {
+  std::string found;
+  for (const dds_entity_t builtin : {DDS_BUILTIN_TOPIC_DCPSPUBLICATION, DDS_BUILTIN_TOPIC_DCPSSUBSCRIPTION})
+    for_each_discovered<dds_builtintopic_endpoint_t>(participant_, builtin, [&](const auto& endpoint) {
+      const std::string topic = endpoint.topic_name;
+      const std::string type = endpoint.type_name;
+      if ((topic == message::ping_topic || topic == message::pong_topic) && type != message::type_name)
+        found = dds::other_type(topic, type);
+    });
+  return found;
+}
+
+std::string CycloneEndpoint::seen() {
+  dds_requested_incompatible_qos_status_t requested{};
+  dds_get_requested_incompatible_qos_status(reader_, &requested);
+  if (requested.total_count > 0) return dds::refused_writer(config_, policy_of(requested.last_policy_id));
+  dds_offered_incompatible_qos_status_t offered{};
+  dds_get_offered_incompatible_qos_status(writer_, &offered);
+  if (offered.total_count > 0) return dds::refused_reader(config_, policy_of(offered.last_policy_id));
+  if (std::string found = endpoints_of_other_type(); !found.empty()) return found;
+  return dds::others_without_our_topics(config_, other_participants(), matched());
+}
+
+std::vector<Thread> CycloneEndpoint::threads() {
+  std::vector<Thread> found;
+  for (const auto& [tid, name] : tasks())
+    if (const NamedThread* const thread = named_thread(name)) found.push_back({tid, thread->role, name});
+  return found;
+}
+
+void CycloneEndpoint::give_priorities_that_xml_cannot() {
+  for (const Thread& thread : threads()) {
+    const auto priority = config_.fifo_priority.find(thread.role);
+    if (named_thread(thread.name)->configurable || priority == config_.fifo_priority.end()) continue;
+    const sched_param wanted{.sched_priority = priority->second};
+    if (sched_setscheduler(thread.tid, SCHED_FIFO, &wanted) != 0)
+      throw Error("cyclonedds: cannot give its thread " + thread.name + " the real-time priority " +
+                  std::to_string(priority->second) + ": " + std::system_category().message(errno));
+  }
+}
+
+std::map<std::string, std::string> CycloneEndpoint::facts() {
+  std::map<std::string, std::string> facts{{"middleware", "Cyclone DDS " DDS_VERSION},
+                                           {"domain", std::to_string(config_.domain)},
+                                           {"carrier", configuration_.carrier},
+                                           {"configuration", configuration_.source}};
+  if (!config_.interface.empty())
+    facts.insert({{"interface", config_.interface}, {"address", config_.address}});
+  return facts;
+}
+
+std::string version() { return DDS_VERSION; }
+
+std::unique_ptr<Endpoint> open(const Config& config, Sink& sink) {
+  dds::check(config, "cyclonedds", options);
+  return std::make_unique<CycloneEndpoint>(config, sink);
+}
+
+}  // namespace
+}  // namespace ontime::transport::cyclonedds
+
+extern "C" __attribute__((visibility("default"))) const ontime::transport::Plugin ontime_transport{
+    .abi = ontime::transport::abi,
+    .name = "cyclonedds",
+    .version = ontime::transport::cyclonedds::version,
+    .capabilities = {.listener = true,
+                     .waitset = true,
+                     .loans = false,
+                     .discovery = true,
+                     .thread_settings = true,
+                     .max_payload_bytes = ontime::transport::dds::max_payload_bytes},
+    .options = ontime::transport::cyclonedds::options,
+    .open = ontime::transport::cyclonedds::open};

@@ -1,0 +1,147 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "transport/dds.hpp"
+
+#include <algorithm>
+#include <charconv>
+#include <chrono>
+#include <ctime>
+#include <memory>
+#include <thread>
+
+#include <arpa/inet.h>
+#include <ifaddrs.h>
+#include <net/if.h>
+#include <netdb.h>
+#include <netinet/in.h>
+
+#include "message/message.hpp"
+
+namespace ontime::transport::dds {
+namespace {
+
+std::string text_of(const sockaddr* address) {
+  char text[INET_ADDRSTRLEN] = {};
+  inet_ntop(AF_INET, &reinterpret_cast<const sockaddr_in*>(address)->sin_addr, text, sizeof text);
+  return text;
+}
+
+enum class Link { absent, down, running };
+
+Link link_of(const std::string& interface, const std::string& address) {
+  ifaddrs* list = nullptr;
+  if (getifaddrs(&list) != 0) return Link::absent;
+  const std::unique_ptr<ifaddrs, decltype(&freeifaddrs)> owner(list, freeifaddrs);
+  for (const ifaddrs* entry = list; entry != nullptr; entry = entry->ifa_next)
+    if (entry->ifa_name == interface && entry->ifa_addr != nullptr && entry->ifa_addr->sa_family == AF_INET &&
+        text_of(entry->ifa_addr) == address)
+      return (entry->ifa_flags & IFF_RUNNING) != 0 ? Link::running : Link::down;
+  return Link::absent;
+}
+
+// The kernel tells up to a second late that a new link runs, and Fast DDS stays mute on one that does not.
+void check_link(const std::string& interface, const std::string& address, const std::string& transport) {
+  const std::int64_t end_ns = monotonic_ns() + 3'000'000'000;
+  Link link = link_of(interface, address);
+  for (; link == Link::down && monotonic_ns() < end_ns; link = link_of(interface, address))
+    std::this_thread::sleep_for(std::chrono::milliseconds(10));
+  if (link == Link::running) return;
+  throw Error(transport + ": " +
+              (link == Link::down
+                   ? "the interface " + interface + " is down or has no carrier; see \"ip link\""
+                   : "this host has no interface " + interface + " with address " + address +
+                         "; see \"ip address\""));
+}
+
+void check_options(const Config& config, const std::string& transport, std::span<const Option> options) {
+  for (const auto& asked : config.options) {
+    const auto is_asked = [&](const Option& option) { return asked.first == option.name; };
+    if (std::any_of(options.begin(), options.end(), is_asked)) continue;
+    std::string text = transport + " has no option \"" + asked.first + "\"; it has:";
+    for (const Option& option : options)
+      text.append(" ").append(option.name).append(" = ").append(option.values);
+    throw Error(text);
+  }
+}
+
+const char* policy_value(const Qos& qos, Policy policy) {
+  if (policy == Policy::reliability)
+    return qos.reliability == Reliability::reliable ? "reliable" : "best-effort";
+  return qos.durability == Durability::transient_local ? "transient-local" : "volatile";
+}
+
+}  // namespace
+
+std::int64_t monotonic_ns() noexcept {
+  timespec now;
+  clock_gettime(CLOCK_MONOTONIC, &now);
+  return std::int64_t{now.tv_sec} * 1'000'000'000 + now.tv_nsec;
+}
+
+bool is_loopback(const std::string& address) { return address.starts_with("127."); }
+
+const char* topic_written(Role role) {
+  return role == Role::client ? message::ping_topic : message::pong_topic;
+}
+const char* topic_read(Role role) { return role == Role::client ? message::pong_topic : message::ping_topic; }
+
+void check(const Config& config, const std::string& transport, std::span<const Option> options) {
+  check_options(config, transport, options);
+  if (config.domain < 0 || config.domain > max_domain)
+    throw Error(transport + ": domain " + std::to_string(config.domain) + " does not exist; DDS has 0 to " +
+                std::to_string(max_domain));
+  if (config.max_payload_bytes > max_payload_bytes)
+    throw Error(transport + ": a payload of " + std::to_string(config.max_payload_bytes) +
+                " bytes is too large; it carries " + std::to_string(max_payload_bytes) + " at most");
+  if (config.qos.history == History::keep_last && config.qos.depth < 1)
+    throw Error(transport + ": a history depth of " + std::to_string(config.qos.depth) +
+                " keeps no message; ask for 1 or more");
+  if (!config.interface.empty()) check_link(config.interface, config.address, transport);
+}
+
+Peer resolve(const std::string& peer, const std::string& transport) {
+  const std::size_t colon = peer.find(':');
+  Peer result{peer.substr(0, colon)};
+  if (colon != std::string::npos) {
+    const char* const end = peer.data() + peer.size();
+    const auto [stop, error] = std::from_chars(peer.data() + colon + 1, end, result.port);
+    if (error != std::errc{} || stop != end || result.port == 0)
+      throw Error(transport + ": the peer " + peer + " has no valid port; write HOST or HOST:PORT");
+  }
+  addrinfo hints{};
+  hints.ai_family = AF_INET;
+  hints.ai_socktype = SOCK_DGRAM;
+  addrinfo* found = nullptr;
+  if (const int error = getaddrinfo(result.address.c_str(), nullptr, &hints, &found); error != 0)
+    throw Error(transport + ": cannot find the peer " + peer + ": " + gai_strerror(error));
+  result.address = text_of(found->ai_addr);
+  freeaddrinfo(found);
+  return result;
+}
+
+std::string refused_writer(const Config& config, Policy policy) {
+  const std::string who = std::string("a writer of ") + topic_read(config.role);
+  if (policy == Policy::other) return who + " offers a quality of service that we do not accept";
+  return who + " offers " + policy_value(Qos{}, policy) + ", we ask for " + policy_value(config.qos, policy);
+}
+
+std::string refused_reader(const Config& config, Policy policy) {
+  const std::string who = std::string("a reader of ") + topic_written(config.role);
+  if (policy == Policy::other) return who + " asks for a quality of service that we do not offer";
+  const Qos most{.reliability = Reliability::reliable, .durability = Durability::transient_local};
+  return who + " asks for " + policy_value(most, policy) + ", we offer " + policy_value(config.qos, policy);
+}
+
+std::string other_type(const std::string& topic, const std::string& type) {
+  return "somebody has " + topic + " with type " + type + ", we have " + message::type_name;
+}
+
+std::string others_without_our_topics(const Config& config, std::size_t participants, Matched matched) {
+  if (participants == 0 || matched.both()) return {};
+  std::string text = std::to_string(participants) + " other DDS participant" +
+                     (participants == 1 ? "" : "s") + " in domain " + std::to_string(config.domain);
+  if (matched.readers == 0) text += std::string(", nobody who reads ") + topic_written(config.role);
+  if (matched.writers == 0) text += std::string(", nobody who writes ") + topic_read(config.role);
+  return text;
+}
+
+}  // namespace ontime::transport::dds

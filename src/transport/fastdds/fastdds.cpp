@@ -1,0 +1,415 @@
+// SPDX-License-Identifier: Apache-2.0
+// Fast DDS 2.9, by its DDS API, over UDPv4 alone: shared memory and shortcuts within a process would bypass
+// the link.
+#include <algorithm>
+#include <cstdlib>
+#include <filesystem>
+#include <mutex>
+#include <set>
+
+#include <fastdds/dds/core/condition/GuardCondition.hpp>
+#include <fastdds/dds/core/condition/WaitSet.hpp>
+#include <fastdds/dds/domain/DomainParticipant.hpp>
+#include <fastdds/dds/domain/DomainParticipantFactory.hpp>
+#include <fastdds/dds/domain/DomainParticipantListener.hpp>
+#include <fastdds/dds/log/Log.hpp>
+#include <fastdds/dds/publisher/DataWriter.hpp>
+#include <fastdds/dds/publisher/Publisher.hpp>
+#include <fastdds/dds/subscriber/DataReader.hpp>
+#include <fastdds/dds/subscriber/DataReaderListener.hpp>
+#include <fastdds/dds/subscriber/SampleInfo.hpp>
+#include <fastdds/dds/subscriber/Subscriber.hpp>
+#include <fastdds/rtps/transport/UDPv4TransportDescriptor.h>
+#include <fastrtps/config.h>
+#include <fastrtps/utils/IPLocator.h>
+#include <fastrtps/xmlparser/XMLProfileManager.h>
+
+#include "message/message.hpp"
+#include "transport/dds.hpp"
+#include "transport/fastdds/cdr_type.hpp"
+#include "transport/fastdds/threads.hpp"
+#include "transport/transport.hpp"
+
+namespace ontime::transport::fastdds {
+namespace {
+
+namespace vendor = eprosima::fastdds::dds;
+namespace rtps = eprosima::fastrtps::rtps;
+using vendor::DomainParticipantFactory;
+using vendor::StatusMask;
+
+constexpr Option options[] = {{"profiles", "FILE of Fast DDS's XML profiles"}};
+
+constexpr std::size_t preallocated_bytes = std::size_t{4} << 20;
+constexpr std::size_t unfragmented_bytes = 65'000;
+
+// Fast DDS prints by itself. While it opens we keep what it says, for the error; later it is silent.
+class Log {
+ public:
+  Log() {
+    vendor::Log::SetVerbosity(vendor::Log::Kind::Error);
+    vendor::Log::ClearConsumers();
+    vendor::Log::RegisterConsumer(std::make_unique<Keeper>(text_));
+  }
+  ~Log() {
+    vendor::Log::ClearConsumers();
+    vendor::Log::KillThread();
+  }
+  Log(const Log&) = delete;
+  Log& operator=(const Log&) = delete;
+
+  std::string text() {
+    vendor::Log::Flush();
+    return text_;
+  }
+
+ private:
+  struct Keeper : vendor::LogConsumer {
+    explicit Keeper(std::string& to) : text(to) {}
+    void Consume(const vendor::Log::Entry& entry) override {
+      text += (text.empty() ? "" : "; ") + entry.message;
+    }
+    std::string& text;
+  };
+
+  std::string text_;
+};
+
+template <typename Entity>
+Entity* opened(Entity* entity, const std::string& what, Log& log) {
+  if (entity != nullptr) return entity;
+  const std::string why = log.text();
+  throw Error("fastdds: cannot open " + what + (why.empty() ? "" : ": " + why));
+}
+
+struct Configuration {
+  vendor::DomainParticipantQos qos;
+  std::string source = "ontime";
+  std::string carrier = "UDPv4";
+};
+
+// By itself, at the first use; it does not tell.
+std::string files_that_fast_dds_loads() {
+  // Nothing else of this process changes its environment.
+  const auto environment = [](const char* name) {
+    const char* const value = std::getenv(name);  // NOLINT(concurrency-mt-unsafe)
+    return std::string(value == nullptr ? "" : value);
+  };
+  constexpr const char* in_this_folder = "DEFAULT_FASTRTPS_PROFILES.xml";
+  std::string files;
+  if (const std::string file = environment("FASTRTPS_DEFAULT_PROFILES_FILE"); !file.empty())
+    files += " " + file;
+  if (environment("SKIP_DEFAULT_XML") != "1" && std::filesystem::exists(in_this_folder))
+    files += std::string(" ") + in_this_folder;
+  return files;
+}
+
+void load_profiles(const Config& config, Configuration& result, Log& log) {
+  auto* const factory = DomainParticipantFactory::get_instance();
+  if (const auto option = config.options.find("profiles"); option != config.options.end()) {
+    if (factory->load_XML_profiles_file(option->second) != ReturnCode_t::RETCODE_OK)
+      throw Error("fastdds: cannot use the profiles in " + option->second + ": " + log.text());
+    result.source += ", " + option->second;
+  }
+  const std::string files = files_that_fast_dds_loads();
+  factory->load_profiles();
+  if (!files.empty() && !log.text().empty())
+    throw Error("fastdds: cannot use the profiles in" + files + ": " + log.text());
+  if (!files.empty()) result.source += "," + files;
+  factory->set_default_participant_qos(vendor::PARTICIPANT_QOS_DEFAULT);  // that is, the default profile
+  result.qos = factory->get_default_participant_qos();
+}
+
+void use_the_link(const Config& config, Configuration& result) {
+  auto& transport = result.qos.transport();
+  if (!transport.use_builtin_transports || !transport.user_transports.empty()) {
+    result.carrier = "the profile's transports";
+    return;
+  }
+  const auto udp = std::make_shared<eprosima::fastdds::rtps::UDPv4TransportDescriptor>();
+  udp->maxInitialPeersRange = dds::participants_per_host;
+  udp->sendBufferSize = transport.send_socket_buffer_size;
+  udp->receiveBufferSize = transport.listen_socket_buffer_size;
+  // All fragments of a message arrive at once. The kernel gives as much of this as net.core.rmem_max allows.
+  if (config.max_payload_bytes > unfragmented_bytes)
+    udp->receiveBufferSize =
+        std::max(udp->receiveBufferSize, static_cast<std::uint32_t>(4 * config.max_payload_bytes));
+  if (!config.interface.empty()) udp->interfaceWhiteList = {config.address};
+  transport.use_builtin_transports = false;
+  transport.user_transports = {udp};
+}
+
+rtps::Locator_t locator(const std::string& address, int port) {
+  rtps::Locator_t result(LOCATOR_KIND_UDPv4, static_cast<std::uint32_t>(port));
+  rtps::IPLocator::setIPv4(result, address);
+  return result;
+}
+
+// Where peers are named Fast DDS looks nowhere else, hence the multicast group is named too.
+void name_peers(const Config& config, Configuration& result) {
+  auto& peers = result.qos.wire_protocol().builtin.initialPeersList;
+  const bool loopback = dds::is_loopback(config.address);
+  if (config.peers.empty() && !loopback) return;
+  if (peers.empty())
+    peers.push_back(locator("239.255.0.1", dds::base_port + dds::ports_per_domain * config.domain));
+  if (loopback) peers.push_back(locator(config.address, 0));
+  for (const std::string& text : config.peers) {
+    const dds::Peer peer = dds::resolve(text, "fastdds");
+    peers.push_back(locator(peer.address, peer.port));
+  }
+}
+
+Configuration configuration(const Config& config, Log& log) {
+  Configuration result;
+  load_profiles(config, result, log);
+  use_the_link(config, result);
+  name_peers(config, result);
+  result.qos.name("ontime");
+  return result;
+}
+
+// What readers and writers have alike.
+template <typename EndpointQos>
+void set_qos(EndpointQos& to, const Qos& qos, std::size_t cdr_bytes) {
+  to.reliability().kind = qos.reliability == Reliability::reliable ? vendor::RELIABLE_RELIABILITY_QOS
+                                                                   : vendor::BEST_EFFORT_RELIABILITY_QOS;
+  to.reliability().max_blocking_time = {0, 100'000'000};
+  to.durability().kind = qos.durability == Durability::transient_local
+                             ? vendor::TRANSIENT_LOCAL_DURABILITY_QOS
+                             : vendor::VOLATILE_DURABILITY_QOS;
+  to.history().kind =
+      qos.history == History::keep_all ? vendor::KEEP_ALL_HISTORY_QOS : vendor::KEEP_LAST_HISTORY_QOS;
+  to.history().depth = qos.depth;
+  to.endpoint().history_memory_policy = rtps::PREALLOCATED_MEMORY_MODE;
+  auto& limits = to.resource_limits();
+  limits.max_samples = std::max(limits.max_samples, qos.depth);
+  limits.max_samples_per_instance = std::max(limits.max_samples_per_instance, qos.depth);
+  limits.allocated_samples =
+      static_cast<int>(std::clamp<std::size_t>(preallocated_bytes / cdr_bytes, 8, 100));
+  to.data_sharing().off();
+}
+
+dds::Policy policy_of(vendor::QosPolicyId_t id) {
+  if (id == vendor::RELIABILITY_QOS_POLICY_ID) return dds::Policy::reliability;
+  if (id == vendor::DURABILITY_QOS_POLICY_ID) return dds::Policy::durability;
+  return dds::Policy::other;
+}
+
+// Keeps what was discovered of others, for people.
+class Discovered final : public vendor::DomainParticipantListener {
+ public:
+  std::size_t participants() {
+    const std::lock_guard lock(mutex_);
+    return participants_.size();
+  }
+  std::string other_type() {
+    const std::lock_guard lock(mutex_);
+    return other_type_;
+  }
+
+ private:
+  void on_participant_discovery(vendor::DomainParticipant*, rtps::ParticipantDiscoveryInfo&& found) override {
+    using Info = rtps::ParticipantDiscoveryInfo;
+    const std::lock_guard lock(mutex_);
+    if (found.status == Info::REMOVED_PARTICIPANT || found.status == Info::DROPPED_PARTICIPANT)
+      participants_.erase(found.info.m_guid);
+    else
+      participants_.insert(found.info.m_guid);
+  }
+  void on_subscriber_discovery(vendor::DomainParticipant*, rtps::ReaderDiscoveryInfo&& found) override {
+    note(found.info.topicName().to_string(), found.info.typeName().to_string());
+  }
+  void on_publisher_discovery(vendor::DomainParticipant*, rtps::WriterDiscoveryInfo&& found) override {
+    note(found.info.topicName().to_string(), found.info.typeName().to_string());
+  }
+  void note(const std::string& topic, const std::string& type) {
+    if ((topic != message::ping_topic && topic != message::pong_topic) || type == message::type_name) return;
+    const std::lock_guard lock(mutex_);
+    other_type_ = dds::other_type(topic, type);
+  }
+
+  std::mutex mutex_;
+  std::set<rtps::GUID_t> participants_;
+  std::string other_type_;
+};
+
+struct ParticipantDeleter {
+  void operator()(vendor::DomainParticipant* participant) const {
+    participant->delete_contained_entities();
+    DomainParticipantFactory::get_instance()->delete_participant(participant);
+  }
+};
+
+class FastEndpoint final : public Endpoint, vendor::DataReaderListener {
+ public:
+  FastEndpoint(const Config& config, Sink& sink);
+
+  Matched matched() override;
+  std::string seen() override;
+  bool send(std::uint64_t sequence, std::span<const std::byte> payload) noexcept override;
+  void receive() noexcept override;
+  void interrupt() noexcept override { interrupted_.set_trigger_value(true); }
+  std::vector<Thread> threads() override { return tell_apart(threads_, config_.domain); }
+  std::map<std::string, std::string> facts() override;
+
+ private:
+  void open_participant(Log& log);
+  void open_topics_and_ends(Log& log);
+  void on_data_available(vendor::DataReader* reader) override;
+  void take_all(vendor::DataReader& reader, std::int64_t arrival_ns) noexcept;
+
+  Config config_;
+  Sink& sink_;
+  Configuration configuration_;
+  std::vector<pid_t> threads_;
+  std::vector<std::byte>
+      room_;  // one is enough: Fast DDS calls the listener of a reader with the reader locked
+  vendor::WaitSet waitset_;
+  vendor::GuardCondition interrupted_;
+  vendor::ConditionSeq active_;
+  Discovered discovered_;
+  std::unique_ptr<vendor::DomainParticipant, ParticipantDeleter> participant_;  // ends before what it calls
+  vendor::DataWriter* writer_ = nullptr;
+  vendor::DataReader* reader_ = nullptr;
+};
+
+FastEndpoint::FastEndpoint(const Config& config, Sink& sink)
+    : config_(config),
+      sink_(sink),
+      room_(message::cdr_overhead + config.max_payload_bytes + 3) {  // DDS pads to a multiple of four
+  const std::vector<pid_t> before = tasks();
+  {
+    Log log;
+    open_participant(log);
+    open_topics_and_ends(log);
+  }
+  for (const pid_t tid : tasks())
+    if (std::find(before.begin(), before.end(), tid) == before.end()) threads_.push_back(tid);
+}
+
+void FastEndpoint::open_participant(Log& log) {
+  eprosima::fastrtps::LibrarySettingsAttributes library;
+  library.intraprocess_delivery = eprosima::fastrtps::INTRAPROCESS_OFF;
+  eprosima::fastrtps::xmlparser::XMLProfileManager::library_settings(library);
+  configuration_ = configuration(config_, log);
+  std::string where = "domain " + std::to_string(config_.domain);
+  if (!config_.interface.empty()) where += " on " + config_.interface + " (" + config_.address + ")";
+  where += " as configured by " + configuration_.source;
+  participant_.reset(opened(DomainParticipantFactory::get_instance()->create_participant(
+                                static_cast<vendor::DomainId_t>(config_.domain), configuration_.qos,
+                                &discovered_, StatusMask::none()),
+                            where, log));
+}
+
+void FastEndpoint::open_topics_and_ends(Log& log) {
+  const vendor::TypeSupport type(new CdrType(room_.size()));
+  type.register_type(participant_.get());
+  const auto open_topic = [&](const char* name) {
+    return opened(participant_->create_topic(name, message::type_name, vendor::TOPIC_QOS_DEFAULT),
+                  std::string("the topic ") + name, log);
+  };
+  auto* const read = open_topic(dds::topic_read(config_.role));
+  auto* const written = open_topic(dds::topic_written(config_.role));
+
+  auto* const publisher =
+      opened(participant_->create_publisher(vendor::PUBLISHER_QOS_DEFAULT), "a publisher", log);
+  vendor::DataWriterQos writer_qos = publisher->get_default_datawriter_qos();
+  set_qos(writer_qos, config_.qos, room_.size());
+  writer_qos.publish_mode().kind = vendor::SYNCHRONOUS_PUBLISH_MODE;
+  // Before the reader, whose listener may call send() at once.
+  writer_ = opened(publisher->create_datawriter(written, writer_qos), "a writer", log);
+
+  auto* const subscriber =
+      opened(participant_->create_subscriber(vendor::SUBSCRIBER_QOS_DEFAULT), "a subscriber", log);
+  vendor::DataReaderQos reader_qos = subscriber->get_default_datareader_qos();
+  set_qos(reader_qos, config_.qos, room_.size());
+  const bool listens = config_.receive == Receive::listener;
+  reader_ = opened(subscriber->create_datareader(read, reader_qos, listens ? this : nullptr,
+                                                 listens ? StatusMask::data_available() : StatusMask::none()),
+                   "a reader", log);
+  if (listens) return;
+  reader_->get_statuscondition().set_enabled_statuses(StatusMask::data_available());
+  waitset_.attach_condition(reader_->get_statuscondition());
+  waitset_.attach_condition(interrupted_);
+  active_.reserve(2);
+}
+
+void FastEndpoint::on_data_available(vendor::DataReader* reader) {
+  const std::int64_t arrival_ns = dds::monotonic_ns();
+  take_all(*reader, arrival_ns);
+}
+
+void FastEndpoint::take_all(vendor::DataReader& reader, std::int64_t arrival_ns) noexcept {
+  Incoming sample{room_};
+  vendor::SampleInfo info;
+  while (reader.take_next_sample(&sample, &info) == ReturnCode_t::RETCODE_OK) {
+    if (info.valid_data) {
+      if (const auto view = message::decode(sample.cdr))
+        sink_.arrived(view->sequence, view->payload, arrival_ns);
+    }
+    arrival_ns = dds::monotonic_ns();
+  }
+}
+
+bool FastEndpoint::send(std::uint64_t sequence, std::span<const std::byte> payload) noexcept {
+  Outgoing sample{sequence, payload};
+  return writer_->write(&sample);
+}
+
+void FastEndpoint::receive() noexcept {
+  waitset_.wait(active_, eprosima::fastrtps::c_TimeInfinite);
+  const std::int64_t arrival_ns = dds::monotonic_ns();
+  take_all(*reader_, arrival_ns);
+}
+
+Matched FastEndpoint::matched() {
+  vendor::PublicationMatchedStatus readers;
+  vendor::SubscriptionMatchedStatus writers;
+  writer_->get_publication_matched_status(readers);
+  reader_->get_subscription_matched_status(writers);
+  return {readers.current_count, writers.current_count};
+}
+
+std::string FastEndpoint::seen() {
+  vendor::RequestedIncompatibleQosStatus requested;
+  reader_->get_requested_incompatible_qos_status(requested);
+  if (requested.total_count > 0) return dds::refused_writer(config_, policy_of(requested.last_policy_id));
+  vendor::OfferedIncompatibleQosStatus offered;
+  writer_->get_offered_incompatible_qos_status(offered);
+  if (offered.total_count > 0) return dds::refused_reader(config_, policy_of(offered.last_policy_id));
+  if (std::string found = discovered_.other_type(); !found.empty()) return found;
+  return dds::others_without_our_topics(config_, discovered_.participants(), matched());
+}
+
+std::map<std::string, std::string> FastEndpoint::facts() {
+  std::map<std::string, std::string> facts{{"middleware", "Fast DDS " FASTRTPS_VERSION_STR},
+                                           {"domain", std::to_string(config_.domain)},
+                                           {"carrier", configuration_.carrier},
+                                           {"configuration", configuration_.source}};
+  if (!config_.interface.empty())
+    facts.insert({{"interface", config_.interface}, {"address", config_.address}});
+  return facts;
+}
+
+std::string version() { return FASTRTPS_VERSION_STR; }
+
+std::unique_ptr<Endpoint> open(const Config& config, Sink& sink) {
+  dds::check(config, "fastdds", options);
+  return std::make_unique<FastEndpoint>(config, sink);
+}
+
+}  // namespace
+}  // namespace ontime::transport::fastdds
+
+extern "C" __attribute__((visibility("default"))) const ontime::transport::Plugin ontime_transport{
+    .abi = ontime::transport::abi,
+    .name = "fastdds",
+    .version = ontime::transport::fastdds::version,
+    .capabilities = {.listener = true,
+                     .waitset = true,
+                     .loans = false,
+                     .discovery = true,
+                     .thread_settings = false,
+                     .max_payload_bytes = ontime::transport::dds::max_payload_bytes},
+    .options = ontime::transport::fastdds::options,
+    .open = ontime::transport::fastdds::open};

@@ -1,0 +1,299 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "load/load.hpp"
+
+#include <algorithm>
+#include <array>
+#include <chrono>
+#include <cstdlib>
+#include <filesystem>
+#include <fstream>
+#include <functional>
+#include <random>
+#include <string>
+#include <thread>
+#include <vector>
+
+#include <fcntl.h>
+#include <gmock/gmock.h>
+#include <sched.h>
+#include <signal.h>
+#include <sys/prctl.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include "load/process.hpp"
+
+namespace ontime::load {
+namespace {
+
+namespace fs = std::filesystem;
+using namespace std::chrono_literals;
+using ::testing::AllOf;
+using ::testing::HasSubstr;
+using ::testing::IsEmpty;
+
+constexpr std::uint64_t mebibyte = 1 << 20;
+
+// stress-ng's temporary folder, gone with the test.
+class Load : public ::testing::Test {
+ protected:
+  void SetUp() override {
+    ASSERT_NE(mkdtemp(directory_.data()), nullptr);
+    if (!installed()) GTEST_SKIP() << "stress-ng is not installed";
+  }
+  void TearDown() override { fs::remove_all(directory_); }
+
+  static bool installed() {
+    return fs::exists("/usr/bin/stress-ng") || fs::exists("/usr/local/bin/stress-ng");
+  }
+
+  std::string directory_ = (fs::temp_directory_path() / "ontime-load-test-XXXXXX").string();
+  const Workers few_{1, 1, 1, 1, 8 * mebibyte, 8 * mebibyte};
+};
+
+std::vector<Process> where(const std::function<bool(const Process&)>& condition) {
+  auto all = processes();
+  std::erase_if(all, [&](const Process& process) { return process.ended() || !condition(process); });
+  return all;
+}
+
+// stress-ng, started by this process.
+pid_t stress_of(pid_t parent) {
+  const auto found = where([&](const Process& process) {
+    return process.parent == parent && process.name.starts_with("stress-ng");
+  });
+  return found.size() == 1 ? found.front().pid : -1;
+}
+
+// stress-ng and all its workers: they stay in the group that it leads.
+std::vector<Process> group(pid_t leader) {
+  return where([&](const Process& process) { return process.group == leader; });
+}
+
+std::string pid_namespace_of(pid_t pid) {
+  return fs::read_symlink("/proc/" + std::to_string(pid) + "/ns/pid").string();
+}
+
+std::vector<std::string> names(const std::vector<Process>& some) {
+  std::vector<std::string> result;
+  result.reserve(some.size());
+  for (const auto& process : some) result.push_back(process.name);
+  return result;
+}
+
+bool gone_within(std::chrono::seconds limit, pid_t leader) {
+  for (const auto end = std::chrono::steady_clock::now() + limit; !group(leader).empty();
+       std::this_thread::sleep_for(10ms))
+    if (std::chrono::steady_clock::now() > end) return false;
+  return true;
+}
+
+std::string error_of(const Workers& workers, const std::string& directory) {
+  try {
+    const Stress stress(workers, directory);
+  } catch (const Error& error) {
+    return error.what();
+  }
+  return "";
+}
+
+// A process that starts load, says so, and waits; killed with the test at the latest.
+class Victim {
+ public:
+  Victim(
+      const Workers& workers, const std::string& directory, const std::function<void()>& before = [] {}) {
+    std::array<int, 2> told;
+    EXPECT_EQ(pipe2(told.data(), O_CLOEXEC), 0);
+    pid_ = fork();
+    if (pid_ == 0) {
+      prctl(PR_SET_PDEATHSIG, SIGKILL);
+      before();
+      try {
+        const Stress stress(workers, directory);
+        EXPECT_EQ(write(told[1], "+", 1), 1);
+        pause();
+      } catch (const Error& error) {
+        fprintf(stderr, "%s\n", error.what());
+      }
+      _exit(1);
+    }
+    close(told[1]);
+    told_ = told[0];
+  }
+  ~Victim() {
+    kill_9();
+    close(told_);
+  }
+  Victim(const Victim&) = delete;
+  Victim& operator=(const Victim&) = delete;
+
+  bool started() const {
+    char said = 0;
+    return read(told_, &said, 1) == 1;
+  }
+  void kill_9() {
+    if (pid_ <= 0) return;
+    kill(pid_, SIGKILL);
+    waitpid(pid_, nullptr, 0);
+    pid_ = -1;
+  }
+  pid_t pid() const { return pid_; }
+
+ private:
+  pid_t pid_;
+  int told_;
+};
+
+TEST_F(Load, AllWorkersRunAndAllAreGoneAfterwards) {
+  pid_t leader = -1;
+  {
+    Stress stress({2, 1, 1, 1, 8 * mebibyte, 8 * mebibyte}, directory_);
+    EXPECT_TRUE(stress.running());
+    leader = stress_of(getpid());
+    ASSERT_GT(leader, 0);
+    EXPECT_GE(where([&](const Process& process) { return process.parent == leader; }).size(), 5u);
+  }
+  EXPECT_THAT(group(leader), IsEmpty());
+  EXPECT_TRUE(fs::is_empty(directory_)) << "its files are there still";
+  EXPECT_EQ(waitpid(-1, nullptr, WNOHANG), -1) << "a child is left to be waited for";
+}
+
+TEST_F(Load, SaysWhenItHasEndedByItself) {
+  Stress stress({1}, directory_);
+  const pid_t leader = stress_of(getpid());
+  ASSERT_GT(leader, 0);
+  EXPECT_TRUE(stress.running());
+  kill(leader, SIGKILL);
+  EXPECT_TRUE(gone_within(5s, leader));
+  EXPECT_FALSE(stress.running());
+  EXPECT_FALSE(stress.running());
+}
+
+TEST_F(Load, IsOrdinaryWhateverTheCallerIs) {
+  cpu_set_t before, one;
+  ASSERT_EQ(sched_getaffinity(0, sizeof before, &before), 0);
+  int first = 0;
+  while (!CPU_ISSET(static_cast<unsigned>(first), &before)) ++first;
+  CPU_ZERO(&one);
+  CPU_SET(static_cast<unsigned>(first), &one);
+  sigset_t all;
+  sigfillset(&all);
+  std::thread([&] {
+    const sched_param high{50};
+    const bool realtime = sched_setscheduler(0, SCHED_FIFO, &high) == 0;
+    sched_setaffinity(0, sizeof one, &one);
+    pthread_sigmask(SIG_SETMASK, &all, nullptr);
+    signal(SIGPIPE, SIG_IGN);
+    const Stress stress(few_, directory_);
+    const auto some = group(stress_of(getpid()));
+    EXPECT_GE(some.size(), 5u);
+    for (const auto& process : some) {
+      EXPECT_EQ(sched_getscheduler(process.pid), SCHED_OTHER) << process.name;
+      cpu_set_t cpus;
+      EXPECT_EQ(sched_getaffinity(process.pid, sizeof cpus, &cpus), 0);
+      EXPECT_TRUE(CPU_EQUAL(&cpus, &before)) << process.name;
+      std::ifstream status("/proc/" + std::to_string(process.pid) + "/status");
+      for (std::string line; std::getline(status, line);) {
+        if (!line.starts_with("SigBlk") && !line.starts_with("SigIgn")) continue;
+        EXPECT_EQ(std::stoull(line.substr(8), nullptr, 16) & (1ULL << (SIGTERM - 1)), 0u) << line;
+      }
+    }
+    EXPECT_EQ(sched_getscheduler(0), realtime ? SCHED_FIFO : SCHED_OTHER) << "the caller's own has changed";
+  }).join();
+  signal(SIGPIPE, SIG_DFL);
+}
+
+TEST_F(Load, NothingOutlivesAKilledProcess) {
+  Victim victim({2, 2, 2, 2, 8 * mebibyte, 8 * mebibyte}, directory_);
+  ASSERT_TRUE(victim.started());
+  const pid_t leader = stress_of(victim.pid());
+  ASSERT_GT(leader, 0);
+  ASSERT_GE(group(leader).size(), 9u);
+  victim.kill_9();
+  EXPECT_TRUE(gone_within(5s, leader)) << ::testing::PrintToString(names(group(leader)));
+}
+
+// stress-ng's workers ask to be told of their parent's death only a while after they have been forked.
+TEST_F(Load, NothingOutlivesAProcessKilledDuringTheStart) {
+  std::mt19937 random(1);
+  for (int round = 0; round < 15; ++round) {
+    Victim victim({4, 4, 2, 2, 8 * mebibyte, 8 * mebibyte}, directory_);
+    pid_t leader = -1;
+    for (int look = 0; look < 10000 && leader < 0; ++look) leader = stress_of(victim.pid());
+    ASSERT_GT(leader, 0);
+    std::this_thread::sleep_for(std::chrono::microseconds(random() % 60000));
+    victim.kill_9();
+    EXPECT_TRUE(gone_within(5s, leader)) << ::testing::PrintToString(names(group(leader)));
+  }
+}
+
+// Neither root nor user namespaces: what stress-ng does by itself must do.
+TEST_F(Load, WorksWhereNoNamespaceIsPermitted) {
+  Victim victim(few_, directory_, [] {
+    (void)unshare(CLONE_NEWUSER);
+    std::ofstream("/proc/sys/user/max_pid_namespaces") << 0;
+  });
+  ASSERT_TRUE(victim.started());
+  const pid_t leader = stress_of(victim.pid());
+  ASSERT_GT(leader, 0);
+  if (pid_namespace_of(leader) != pid_namespace_of(getpid())) GTEST_SKIP() << "could not be forbidden here";
+  victim.kill_9();
+  EXPECT_TRUE(gone_within(5s, leader)) << ::testing::PrintToString(names(group(leader)));
+}
+
+TEST_F(Load, LeavesNoDescriptorOpen) {
+  const auto open_files = [] {
+    return std::distance(fs::directory_iterator("/proc/self/fd"), fs::directory_iterator());
+  };
+  const auto before = open_files();
+  { const Stress stress({1}, directory_); }
+  (void)error_of(few_, directory_ + "/missing");
+  EXPECT_EQ(open_files(), before);
+}
+
+TEST_F(Load, SaysWhatStressNgSaid) {
+  const auto no_folder = error_of({1}, directory_ + "/missing");
+  EXPECT_THAT(no_folder,
+              AllOf(HasSubstr("stress-ng --temp-path"), HasSubstr("ended at once"), HasSubstr("missing")));
+  EXPECT_THAT(error_of({0, 1, 0, 0, 1, 0}, directory_),
+              AllOf(HasSubstr("ended at once"), HasSubstr("vm-bytes")));
+  EXPECT_EQ(waitpid(-1, nullptr, WNOHANG), -1) << "a child is left to be waited for";
+}
+
+TEST_F(Load, BadNumbersAreRefused) {
+  EXPECT_THAT(error_of({}, directory_), HasSubstr("without a worker"));
+  EXPECT_THAT(error_of({-1, 2}, directory_), HasSubstr("-1 workers"));
+  EXPECT_THAT(error_of({2, 0, 0, -3}, directory_), HasSubstr("--hdd"));
+}
+
+TEST_F(Load, SaysWhatToInstall) {
+  // NOLINTBEGIN(concurrency-mt-unsafe): there is no other thread
+  const auto* const path = std::getenv("PATH");
+  const std::string before = path != nullptr ? path : "";
+  setenv("PATH", directory_.c_str(), 1);
+  const auto said = error_of({1}, directory_);
+  setenv("PATH", before.c_str(), 1);
+  // NOLINTEND(concurrency-mt-unsafe)
+  EXPECT_THAT(said, AllOf(HasSubstr("no stress-ng"), HasSubstr("apt install stress-ng")));
+  EXPECT_EQ(waitpid(-1, nullptr, WNOHANG), -1) << "a child is left to be waited for";
+}
+
+TEST(Stat, NameMayHoldParenthesesAndSpaces) {
+  const auto process = parse_stat("7 (a) Z 1 (b) S 5 6 7 0");
+  ASSERT_TRUE(process);
+  EXPECT_EQ(process->pid, 7);
+  EXPECT_EQ(process->name, "a) Z 1 (b");
+  EXPECT_EQ(process->state, 'S');
+  EXPECT_EQ(process->parent, 5);
+  EXPECT_EQ(process->group, 6);
+}
+
+TEST(Stat, CutTextIsRefused) {
+  const std::string whole = "7 (a) S 5 6";
+  ASSERT_TRUE(parse_stat(whole));
+  for (std::size_t length = 0; length <= whole.rfind(' '); ++length)
+    EXPECT_FALSE(parse_stat(whole.substr(0, length))) << length;
+}
+
+}  // namespace
+}  // namespace ontime::load

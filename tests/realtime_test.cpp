@@ -1,0 +1,418 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "realtime/realtime.hpp"
+
+#include <algorithm>
+#include <atomic>
+#include <cstdlib>
+#include <filesystem>
+#include <functional>
+#include <numeric>
+#include <random>
+#include <set>
+#include <thread>
+
+#include <fcntl.h>
+#include <gmock/gmock.h>
+#include <grp.h>
+#include <pthread.h>
+#include <sched.h>
+#include <sys/mman.h>
+#include <sys/resource.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include "realtime/state.hpp"
+
+namespace ontime::realtime {
+namespace {
+
+using namespace std::chrono_literals;
+using ::testing::Contains;
+using ::testing::ElementsAre;
+using ::testing::HasSubstr;
+using ::testing::IsEmpty;
+using ::testing::SizeIs;
+
+#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
+constexpr bool sanitized = true;
+#else
+constexpr bool sanitized = false;
+#endif
+
+// A thread that does nothing until it is let go, to try settings on.
+class Sleeper {
+ public:
+  explicit Sleeper(const std::string& name = "sleeper")
+      : thread_([this, name] {
+          pthread_setname_np(pthread_self(), name.c_str());
+          tid_ = gettid();
+          tid_.notify_all();
+          done_.wait(false);
+        }) {
+    tid_.wait(0);
+  }
+  ~Sleeper() { end(); }
+  void end() {
+    if (!thread_.joinable()) return;
+    done_ = true;
+    done_.notify_all();
+    thread_.join();
+  }
+  pid_t tid() const { return tid_; }
+
+ private:
+  std::atomic<pid_t> tid_ = 0;
+  std::atomic<bool> done_ = false;
+  std::thread thread_;
+};
+
+// Runs `body` in a process of its own, so that what it does to that process goes with it.
+void in_child(const std::function<void()>& body) {
+  const pid_t child = fork();
+  ASSERT_GE(child, 0);
+  if (child == 0) {
+    body();
+    _exit(::testing::Test::HasFailure() ? 1 : 0);
+  }
+  int status = 0;
+  ASSERT_EQ(waitpid(child, &status, 0), child);
+  EXPECT_TRUE(WIFEXITED(status) && WEXITSTATUS(status) == 0) << "see above; status " << status;
+}
+
+void become_ordinary_user() {
+  rlimit none{0, 0};
+  ASSERT_EQ(setrlimit(RLIMIT_RTPRIO, &none), 0);
+  if (geteuid() != 0) return;
+  constexpr id_t nobody = 65534;
+  ASSERT_EQ(setgroups(0, nullptr), 0);
+  ASSERT_EQ(setresgid(nobody, nobody, nobody), 0);
+  ASSERT_EQ(setresuid(nobody, nobody, nobody), 0);
+}
+
+ThreadSettings fifo(int priority) {
+  ThreadSettings settings;
+  settings.policy = Policy::fifo;
+  settings.priority = priority;
+  return settings;
+}
+
+std::vector<int> allowed_cpus() { return cpus_of(read(gettid())->cpus).value(); }
+
+TEST(Words, PoliciesComeBack) {
+  for (const auto policy : {Policy::other, Policy::fifo, Policy::round_robin, Policy::deadline})
+    EXPECT_EQ(policy_of(word_of(policy)), policy);
+  for (const auto* word : {"", "FIFO", "fifo ", "sched_fifo", "batch"}) EXPECT_FALSE(policy_of(word)) << word;
+}
+
+TEST(Words, EverySetOfCpusComesBack) {
+  std::mt19937 random(1);
+  for (int round = 0; round < 500; ++round) {
+    std::set<int> cpus;
+    const int highest = std::uniform_int_distribution(0, round % 2 == 0 ? 12 : 1023)(random);
+    for (int i = 0; i <= highest; ++i) cpus.insert(std::uniform_int_distribution(0, highest)(random));
+    std::vector<int> shuffled(cpus.begin(), cpus.end());
+    std::shuffle(shuffled.begin(), shuffled.end(), random);
+    EXPECT_EQ(cpus_of(list_of(shuffled)), std::vector<int>(cpus.begin(), cpus.end())) << list_of(shuffled);
+  }
+}
+
+TEST(Words, ListsAreWrittenAsTheKernelDoes) {
+  EXPECT_EQ(list_of({3, 0, 1, 1}), "0-1,3");
+  EXPECT_EQ(list_of({}), "");
+  EXPECT_THAT(cpus_of("0-1,3").value(), ElementsAre(0, 1, 3));
+  EXPECT_THAT(cpus_of("1023").value(), ElementsAre(1023));
+}
+
+TEST(Words, WhatIsNoListIsNone) {
+  for (const auto* list : {"",
+                           " ",
+                           ",",
+                           "0,",
+                           ",0",
+                           "-1",
+                           "1-",
+                           "-",
+                           "3-1",
+                           "0--1",
+                           "a",
+                           "0 1",
+                           "0, 1",
+                           "0x1",
+                           "1024",
+                           "0-1024",
+                           "0-99999999999",
+                           "+1",
+                           "1\n",
+                           "0-1-2",
+                           "0;1"})
+    EXPECT_FALSE(cpus_of(list)) << '"' << list << '"';
+}
+
+TEST(Words, RandomTextNeverCrashesAndWhatIsTakenIsInRange) {
+  std::mt19937 random(2);
+  const std::string alphabet = "0123456789-, \n+x";
+  for (int round = 0; round < 20000; ++round) {
+    std::string text;
+    for (int length = std::uniform_int_distribution(0, 8)(random); length > 0; --length)
+      text += alphabet[std::uniform_int_distribution<std::size_t>(0, alphabet.size() - 1)(random)];
+    if (const auto cpus = cpus_of(text)) {
+      EXPECT_THAT(*cpus, ::testing::Each(::testing::AllOf(::testing::Ge(0), ::testing::Le(1023)))) << text;
+      EXPECT_EQ(cpus_of(list_of(*cpus)), cpus);
+    }
+  }
+}
+
+TEST(Stat, NameMayHoldParenthesesAndSpaces) {
+  ThreadState state;
+  ASSERT_TRUE(
+      parse_stat("7 (a) R 1 (b) S 1 7 7 0 -1 4194304 11 12 13 14 150 50 17 18 20 0 1 0 99 0", 100, state));
+  EXPECT_EQ(state.minor_faults, 11u);
+  EXPECT_EQ(state.major_faults, 13u);
+  EXPECT_EQ(state.cpu_time, 2s);
+}
+
+TEST(Stat, CutTextIsRefused) {
+  const std::string whole = "7 (a) S 1 7 7 0 -1 4194304 11 12 13 14 150 50";
+  ThreadState state;
+  ASSERT_TRUE(parse_stat(whole, 100, state));
+  for (std::size_t length = 0; length <= whole.rfind(' '); ++length)
+    EXPECT_FALSE(parse_stat(whole.substr(0, length), 100, state)) << length;
+}
+
+TEST(Read, SaysTheNameAsItIs) {
+  const Sleeper sleeper(") R 1 (x) y");
+  const auto state = read(sleeper.tid());
+  ASSERT_TRUE(state);
+  EXPECT_EQ(state->tid, sleeper.tid());
+  EXPECT_EQ(state->name, ") R 1 (x) y");
+  EXPECT_EQ(state->policy, Policy::other);
+  EXPECT_EQ(state->priority, 0);
+  EXPECT_GT(state->voluntary_switches + state->involuntary_switches, 0u);
+}
+
+TEST(Read, CountsFaults) {
+  const auto before = read(gettid());
+  constexpr std::size_t bytes = 4 << 20;
+  std::vector<char> fresh(bytes, 1);
+  const auto after = read(gettid());
+  ASSERT_TRUE(before && after);
+  EXPECT_GT(after->minor_faults + after->major_faults, before->minor_faults + before->major_faults);
+  EXPECT_EQ(fresh[bytes / 2], 1);
+}
+
+TEST(Read, NothingOfThreadsThatAreGoneOrNotOurs) {
+  Sleeper sleeper;
+  const pid_t tid = sleeper.tid();
+  EXPECT_TRUE(read(tid));
+  EXPECT_THAT(thread_ids(), Contains(tid));
+  sleeper.end();
+  for (int i = 0; i < 1000 && read(tid); ++i) std::this_thread::yield();
+  EXPECT_FALSE(read(tid));
+  EXPECT_FALSE(read(getppid()));
+  EXPECT_FALSE(read(0));
+  EXPECT_FALSE(read(-1));
+}
+
+TEST(ThreadIds, AreSortedAndHoldEveryThread) {
+  const Sleeper one, two;
+  const auto ids = thread_ids();
+  EXPECT_TRUE(std::is_sorted(ids.begin(), ids.end()));
+  for (const pid_t tid : {getpid(), one.tid(), two.tid()}) EXPECT_THAT(ids, Contains(tid));
+}
+
+TEST(Apply, WhatIsAppliedIsReadBack) {
+  if (!may_use_fifo(99)) GTEST_SKIP() << "may not use SCHED_FIFO";
+  const Sleeper sleeper;
+  const auto cpus = allowed_cpus();
+  std::mt19937 random(3);
+  for (int round = 0; round < 300; ++round) {
+    ThreadSettings settings;
+    settings.policy = static_cast<Policy>(std::uniform_int_distribution(0, 2)(random));
+    if (settings.policy != Policy::other) settings.priority = std::uniform_int_distribution(1, 99)(random);
+    for (const int cpu : cpus)
+      if (random() % 2 == 0) settings.cpus.push_back(cpu);
+    const auto before = read(sleeper.tid());
+    ASSERT_THAT(apply(sleeper.tid(), "sleeper", settings), IsEmpty());
+    const auto after = read(sleeper.tid());
+    ASSERT_TRUE(before && after);
+    EXPECT_EQ(after->policy, settings.policy);
+    EXPECT_EQ(after->priority, settings.priority);
+    EXPECT_EQ(after->cpus, settings.cpus.empty() ? before->cpus : list_of(settings.cpus));
+  }
+}
+
+TEST(Apply, DeadlineGoesAndComes) {
+  if (!may_use_fifo(1)) GTEST_SKIP() << "may not use real-time policies";
+  const Sleeper sleeper;
+  ThreadSettings settings;
+  settings.policy = Policy::deadline;
+  settings.runtime = 100us;
+  settings.deadline = 5ms;
+  settings.period = 10ms;
+  const auto refusals = apply(sleeper.tid(), "sleeper", settings);
+  if (!refusals.empty()) GTEST_SKIP() << refusals[0].asked << ": " << refusals[0].found;
+  EXPECT_EQ(read(sleeper.tid())->policy, Policy::deadline);
+  const auto cpus = allowed_cpus();
+  ThreadSettings back = fifo(5);
+  back.cpus = {cpus.front()};
+  EXPECT_THAT(apply(sleeper.tid(), "sleeper", back), IsEmpty());
+  EXPECT_EQ(read(sleeper.tid())->policy, Policy::fifo);
+
+  if (cpus.size() < 2) GTEST_SKIP() << "one CPU only";
+  const auto tied = apply(sleeper.tid(), "sleeper", settings);
+  ASSERT_THAT(tied, SizeIs(1));
+  EXPECT_THAT(tied[0].found, HasSubstr("its CPUs are"));
+  EXPECT_THAT(tied[0].remedy, HasSubstr("SCHED_DEADLINE"));
+  EXPECT_EQ(read(sleeper.tid())->policy, Policy::fifo);
+}
+
+TEST(Apply, NonsenseIsRefusedAndChangesNothing) {
+  const Sleeper sleeper;
+  std::vector<ThreadSettings> nonsense = {fifo(0), fifo(100), fifo(-1), fifo(1 << 30), {}, {}, {}};
+  nonsense[4].priority = 3;
+  nonsense[5].policy = Policy::deadline;  // no runtime
+  nonsense[6].policy = Policy::deadline;
+  nonsense[6].runtime = -1ms;
+  nonsense[6].deadline = nonsense[6].period = 10ms;
+  for (const auto& settings : nonsense) {
+    const auto refusals = apply(sleeper.tid(), "sleeper", settings);
+    ASSERT_THAT(refusals, SizeIs(1)) << word_of(settings.policy) << settings.priority;
+    EXPECT_THAT(refusals[0].asked, HasSubstr("thread sleeper"));
+    EXPECT_FALSE(refusals[0].found.empty());
+    EXPECT_FALSE(refusals[0].remedy.empty());
+    EXPECT_EQ(read(sleeper.tid())->policy, Policy::other);
+  }
+}
+
+TEST(Apply, CpusThatAreNotThereAreRefusedWhole) {
+  const Sleeper sleeper;
+  const auto before = read(sleeper.tid())->cpus;
+  for (const auto& cpus : {std::vector{1023}, {allowed_cpus().front(), 1023}, {-1}, {0, -1}, {5000}}) {
+    ThreadSettings settings;
+    settings.cpus = cpus;
+    const auto refusals = apply(sleeper.tid(), "sleeper", settings);
+    ASSERT_THAT(refusals, SizeIs(1)) << list_of(cpus);
+    EXPECT_THAT(refusals[0].asked, HasSubstr(list_of(cpus)));
+    EXPECT_EQ(read(sleeper.tid())->cpus, before);
+  }
+}
+
+TEST(Apply, OtherProcessesAreLeftAlone) {
+  for (const pid_t tid : {getppid(), 0, -1, 1 << 30})
+    EXPECT_THAT(apply(tid, "stranger", {}), SizeIs(1)) << tid;
+}
+
+TEST(Apply, AnOrdinaryUserIsToldWhatToDo) {
+  in_child([] {
+    become_ordinary_user();
+    EXPECT_FALSE(may_use_fifo(1));
+    const auto refusals = apply(gettid(), "send", fifo(80));
+    ASSERT_THAT(refusals, SizeIs(1));
+    EXPECT_EQ(refusals[0].asked, "SCHED_FIFO 80 for thread send");
+    const auto program = std::filesystem::read_symlink("/proc/self/exe").string();
+    if (refusals[0].found.find("rt_runtime_us") == std::string::npos) {
+      EXPECT_EQ(refusals[0].found, "Operation not permitted (RLIMIT_RTPRIO is 0, no CAP_SYS_NICE)");
+      EXPECT_THAT(refusals[0].remedy, HasSubstr("setcap cap_sys_nice,cap_ipc_lock+ep " + program));
+      EXPECT_THAT(refusals[0].remedy, HasSubstr("\n@realtime - rtprio 98\n@realtime - memlock unlimited"));
+    }
+    ThreadSettings ordinary;
+    ordinary.cpus = {allowed_cpus().front()};
+    EXPECT_THAT(apply(gettid(), "send", ordinary), IsEmpty()) << "needs no privilege";
+  });
+}
+
+TEST(LockMemory, AFiniteLimitIsRefusedAndLaterAllocationsStillWork) {
+  in_child([] {
+    rlimit small{4 << 20, 4 << 20};
+    ASSERT_EQ(setrlimit(RLIMIT_MEMLOCK, &small), 0) << "the limit here is smaller yet";
+    become_ordinary_user();
+    const auto refusals = lock_memory(1 << 20);
+    ASSERT_THAT(refusals, SizeIs(1));
+    EXPECT_EQ(refusals[0].found, "RLIMIT_MEMLOCK is 4194304 bytes, no CAP_IPC_LOCK");
+    EXPECT_THAT(refusals[0].remedy, HasSubstr("memlock unlimited"));
+    const std::vector<char> large(64 << 20, 1);
+    const Sleeper sleeper;
+  });
+}
+
+TEST(LockMemory, NoFaultIsLeftInTheHeap) {
+  if (sanitized) GTEST_SKIP() << "a sanitizer has its own heap";
+  in_child([] {
+    constexpr std::size_t bytes = 16 << 20;
+    (void)lock_memory(bytes);
+    (void)read(gettid());  // its own first time
+    const auto before = read(gettid());
+    for (const std::size_t part : {bytes / 2, bytes / 4, std::size_t{4096}}) {
+      auto* const memory = static_cast<char*>(std::malloc(part));
+      ASSERT_NE(memory, nullptr);
+      for (std::size_t at = 0; at < part; at += 512) static_cast<volatile char*>(memory)[at] = 1;
+      std::free(memory);
+    }
+    const auto after = read(gettid());
+    ASSERT_TRUE(before && after);
+    EXPECT_EQ(after->minor_faults, before->minor_faults);
+    EXPECT_EQ(after->major_faults, before->major_faults);
+  });
+}
+
+TEST(LockMemory, LaterMappingsAreLockedAndLaterStacksTouched) {
+  if (sanitized) GTEST_SKIP() << "sanitizers turn mlockall off";
+  in_child([] {
+    if (!lock_memory(1 << 20).empty()) return;  // the refusal is tested above
+    const auto locked_kib = [] {
+      return std::stoll(status_field(text_of("/proc/self/status"), "VmLck").value());
+    };
+    constexpr std::size_t bytes = 2 << 20;
+    const auto before = locked_kib();
+    ASSERT_NE(mmap(nullptr, bytes, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0), MAP_FAILED);
+    EXPECT_EQ(locked_kib() - before, static_cast<long long>(bytes / 1024));
+    std::thread([] {
+      (void)read(gettid());
+      const auto untouched = read(gettid());
+      char stack[bytes];
+      for (std::size_t at = 0; at < bytes; at += 512) static_cast<volatile char*>(stack)[at] = 1;
+      const auto touched = read(gettid());
+      EXPECT_EQ(touched->minor_faults, untouched->minor_faults);
+    }).join();
+  });
+}
+
+TEST(CpuLatency, HoldsAsLongAsItLives) {
+  const int device = open("/dev/cpu_dma_latency", O_RDONLY | O_CLOEXEC);
+  if (device < 0) GTEST_SKIP() << "/dev/cpu_dma_latency cannot be read";
+  const auto now_us = [] {
+    // A reader counts as a request as soon as it is opened, without a wish of its own.
+    const int fd = open("/dev/cpu_dma_latency", O_RDONLY | O_CLOEXEC);
+    std::int32_t latency_us = -1;
+    EXPECT_EQ(::read(fd, &latency_us, sizeof latency_us), static_cast<ssize_t>(sizeof latency_us));
+    close(fd);
+    return latency_us;
+  };
+  close(device);
+  const auto before = now_us();
+  if (before <= 3) GTEST_SKIP() << "somebody else asks for " << before << " µs";
+  {
+    const CpuLatencyRequest request(3us);
+    EXPECT_FALSE(request.refusal());
+    EXPECT_EQ(now_us(), 3);
+  }
+  EXPECT_EQ(now_us(), before);
+}
+
+TEST(CpuLatency, RefusesWhatIsNoLatency) {
+  EXPECT_TRUE(CpuLatencyRequest(-1us).refusal());
+  EXPECT_TRUE(CpuLatencyRequest(std::chrono::hours(1)).refusal());
+}
+
+TEST(CpuLatency, AnOrdinaryUserIsToldWhatToDo) {
+  in_child([] {
+    become_ordinary_user();
+    const CpuLatencyRequest request(0us);
+    if (!request.refusal()) return;  // this machine lets everybody
+    EXPECT_THAT(request.refusal()->found, HasSubstr("/dev/cpu_dma_latency"));
+    EXPECT_FALSE(request.refusal()->remedy.empty());
+  });
+}
+
+}  // namespace
+}  // namespace ontime::realtime

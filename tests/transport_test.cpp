@@ -1,0 +1,194 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "transport/transport.hpp"
+
+#include <array>
+#include <atomic>
+#include <cstring>
+#include <mutex>
+#include <thread>
+
+#include <arpa/inet.h>
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <netinet/in.h>
+#include <sys/socket.h>
+#include <unistd.h>
+
+#include "message/message.hpp"
+
+namespace ontime::transport {
+namespace {
+
+using namespace std::chrono_literals;
+using testing::HasSubstr;
+
+TEST(Load, FindsWhatIsThereAndNamesItOtherwise) {
+  EXPECT_STREQ(load("udp").name, "udp");
+  EXPECT_THAT(available(), testing::Contains("udp"));
+  try {
+    load("telepathy");
+    FAIL();
+  } catch (const Error& error) {
+    EXPECT_THAT(error.what(),
+                testing::AllOf(HasSubstr("telepathy"), HasSubstr("udp"), HasSubstr("looked in")));
+  }
+}
+
+class Echo final : public Sink {
+ public:
+  void arrived(std::uint64_t sequence, std::span<std::byte> payload, std::int64_t) noexcept override {
+    ++arrivals;
+    if (auto* to = endpoint.load()) to->send(sequence, payload);
+  }
+  std::atomic<Endpoint*> endpoint{nullptr};
+  std::atomic<int> arrivals{0};
+};
+
+class Keep final : public Sink {
+ public:
+  void arrived(std::uint64_t sequence, std::span<std::byte> payload,
+               std::int64_t arrival_ns) noexcept override {
+    const std::lock_guard lock(mutex);
+    last_sequence = sequence;
+    last.assign(payload.begin(), payload.end());
+    EXPECT_GT(arrival_ns, 0);
+    ++arrivals;
+  }
+  std::mutex mutex;
+  std::uint64_t last_sequence = 0;
+  std::vector<std::byte> last;
+  std::atomic<int> arrivals{0};
+};
+
+template <typename Done>
+bool within_a_while(Done done) {
+  for (int tries = 0; tries < 5000 && !done(); ++tries) std::this_thread::sleep_for(1ms);
+  return done();
+}
+
+class Udp : public testing::Test {
+ protected:
+  Udp() {
+    config.max_payload_bytes = 60'000;
+    config.address = "127.0.0.1";
+    config.domain = 23'000 + getpid() % 20'000;
+    config.peers = {"127.0.0.1"};
+  }
+  std::unique_ptr<Endpoint> open(Role role, Sink& sink) {
+    auto copy = config;
+    copy.role = role;
+    return load("udp").open(copy, sink);
+  }
+  Config config;
+};
+
+TEST_F(Udp, CarriesEverySizeThereAndBack) {
+  Echo echo;
+  const auto server = open(Role::server, echo);
+  echo.endpoint = server.get();
+  Keep keep;
+  const auto client = open(Role::client, keep);
+  ASSERT_TRUE(within_a_while([&] { return client->matched().both(); }));
+  for (const std::size_t size : {0, 1, 15, 16, 500, 1472, 1473, 60'000}) {
+    std::vector<std::byte> payload(size);
+    for (std::size_t i = 0; i < size; ++i) payload[i] = static_cast<std::byte>(i * 7);
+    const int before = keep.arrivals;
+    ASSERT_TRUE(client->send(size, payload));
+    ASSERT_TRUE(within_a_while([&] { return keep.arrivals > before; })) << size;
+    const std::lock_guard lock(keep.mutex);
+    EXPECT_EQ(keep.last_sequence, size);
+    EXPECT_EQ(keep.last, payload);
+  }
+  EXPECT_FALSE(client->send(1, std::vector<std::byte>(60'001)));
+  EXPECT_EQ(client->facts().at("carrier"), "UDPv4");
+}
+
+TEST_F(Udp, ClientOutlivesARestartOfTheServer) {
+  Keep keep;
+  auto first_echo = std::make_unique<Echo>();
+  auto server = open(Role::server, *first_echo);
+  const auto client = open(Role::client, keep);
+  ASSERT_TRUE(within_a_while([&] { return client->matched().both(); }));
+  server.reset();
+  Echo echo;
+  server = open(Role::server, echo);  // with another key
+  echo.endpoint = server.get();
+  EXPECT_TRUE(within_a_while([&] {
+    client->send(1, std::vector<std::byte>(500));
+    return keep.arrivals > 0;
+  }));
+}
+
+// Somebody who writes what address he likes into his datagrams does not know what we send there.
+TEST_F(Udp, ServerAnswersNoMessageWithoutItsCookieAndNeverWithMoreBytes) {
+  Echo echo;
+  const auto server = open(Role::server, echo);
+  echo.endpoint = server.get();
+  const int spoofer = socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC, 0);
+  const timeval patience{0, 200'000};
+  setsockopt(spoofer, SOL_SOCKET, SO_RCVTIMEO, &patience, sizeof patience);
+  sockaddr_in to{};
+  to.sin_family = AF_INET;
+  to.sin_port = htons(static_cast<std::uint16_t>(7900 + config.domain));
+  inet_pton(AF_INET, "127.0.0.1", &to.sin_addr);
+  ASSERT_EQ(connect(spoofer, reinterpret_cast<sockaddr*>(&to), sizeof to), 0);
+
+  std::array<std::byte, 600> datagram{};
+  const std::array<std::uint32_t, 4> header{0x6d746e6f, 3, 0x1234,
+                                            0x5678};  // a message with a guessed cookie
+  std::memcpy(datagram.data(), header.data(), sizeof header);
+  const auto bytes = sizeof header + message::encode(1, std::vector<std::byte>(500),
+                                                     std::span(datagram).subspan(sizeof header));
+  for (std::size_t length = 0; length <= bytes; length += 4) {
+    ASSERT_EQ(send(spoofer, datagram.data(), length, 0), static_cast<ssize_t>(length));
+    if (length != 16 && length != bytes && length != 12) continue;
+    std::array<std::byte, 2000> answer{};
+    while (true) {
+      const auto got = recv(spoofer, answer.data(), answer.size(), 0);
+      if (got < 0) break;
+      EXPECT_LE(got, 16) << "a cookie at most";
+      EXPECT_GE(length, 16U) << "and none for less than its own size";
+    }
+  }
+  EXPECT_EQ(echo.arrivals, 0);
+  close(spoofer);
+}
+
+TEST_F(Udp, SaysWhatIsWrongAtOpening) {
+  Keep keep;
+  const auto error = [&](Role role) -> std::string {
+    try {
+      open(role, keep);
+    } catch (const Error& failure) {
+      return failure.what();
+    }
+    return "none";
+  };
+  const auto server = open(Role::server, keep);
+  EXPECT_THAT(error(Role::server), HasSubstr("busy"));
+  config.peers = {};
+  EXPECT_THAT(error(Role::client), HasSubstr("--peer"));
+  config.peers = {"127.0.0.1:99999"};
+  EXPECT_THAT(error(Role::client), HasSubstr("'99999' is not a UDP port"));
+  config.peers = {"no-such-host.invalid"};
+  EXPECT_THAT(error(Role::client), HasSubstr("no-such-host.invalid"));
+  config.max_payload_bytes = 65'500;
+  EXPECT_THAT(error(Role::server), HasSubstr("65500"));
+}
+
+TEST_F(Udp, WaitsetEndsWhenInterrupted) {
+  config.receive = Receive::waitset;
+  Keep keep;
+  for (const auto role : {Role::server, Role::client}) {
+    const auto endpoint = open(role, keep);
+    std::thread waiting([&] { endpoint->receive(); });
+    std::this_thread::sleep_for(5ms);
+    endpoint->interrupt();
+    waiting.join();
+    endpoint->receive();  // and every later one
+    EXPECT_TRUE(endpoint->threads().empty());
+  }
+}
+
+}  // namespace
+}  // namespace ontime::transport
