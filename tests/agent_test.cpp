@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "agent/agent.hpp"
 
-#include <random>
+#include <csignal>
 #include <string_view>
 
 #include <fcntl.h>
@@ -191,6 +191,7 @@ TEST(Agent, LeavesWhenThePipeBreaks) {
 // The agents of these tests are this program.
 int main(int argc, char** argv) {
   if (argc > 1 && std::string_view(argv[1]) == "agent") return ontime::agent::serve();
+  std::signal(SIGPIPE, SIG_IGN);
   testing::InitGoogleTest(&argc, argv);
   return RUN_ALL_TESTS();
 }

@@ -35,6 +35,8 @@ int main(int argc, char** argv) {
     return action();
   } catch (const ontime::agent::Error& error) {
     return failed(error.exit, error.what());
+  } catch (const ontime::record::WrongFile& error) {
+    return failed(2, error.what());
   } catch (const std::exception& error) {
     return failed(3, error.what());
   }

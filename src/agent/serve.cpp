@@ -25,6 +25,7 @@ using nlohmann::json;
 using Clock = std::chrono::steady_clock;
 
 // Enough for a middleware's own allocations from set-up to end, so that none of them has to fault pages in.
+constexpr unsigned middleware_patience_s = 3;
 constexpr std::size_t heap_bytes = std::size_t{32} << 20;
 
 std::atomic<bool> terminated{false};
@@ -219,6 +220,13 @@ class Agent {
     frames_.send({{"event", "failed"}, {"exit", code}, {"message", message}});
   }
 
+  // Takes back what this host was made to do, before the middleware is asked to leave.
+  void give_back() {
+    stress_.reset();
+    journal_.reset();
+    host::revert_abandoned();  // of a coordinator that was killed, namespaces are still there
+  }
+
  private:
   // What a client is at.
   enum class Stage { idle, matching, warming_up, measuring };
@@ -352,7 +360,7 @@ class Agent {
   std::vector<roundtrip::Sample> batch_;
   std::unique_ptr<host::Journal> journal_;
   std::unique_ptr<End> end_;
-  std::unique_ptr<load::Stress> stress_;  // ended before the journal removes its folder
+  std::unique_ptr<load::Stress> stress_;
   Stage stage_ = Stage::idle;
   std::chrono::nanoseconds wait_{0};
   Clock::time_point until_, last_progress_, last_samples_;
@@ -372,7 +380,9 @@ int serve() {
   const int out = fcntl(STDOUT_FILENO, F_DUPFD_CLOEXEC, 3);
   dup2(STDERR_FILENO, STDOUT_FILENO);
 
-  int code = 0;
+  static std::atomic<int> code{0};
+  action.sa_handler = [](int) { _exit(code); };
+  sigaction(SIGALRM, &action, nullptr);
   {
     Agent agent(STDIN_FILENO, out);
     const auto fail = [&](int exit, const std::string& message) {
@@ -391,8 +401,10 @@ int serve() {
     } catch (const std::exception& error) {
       fail(3, error.what());
     }
+    agent.give_back();
+    // Cyclone DDS waits without end for threads that it wakes by a datagram to itself, where the link has gone.
+    alarm(middleware_patience_s);
   }
-  host::revert_abandoned();  // of a coordinator that was killed, namespaces are still there
   return code;
 }
 

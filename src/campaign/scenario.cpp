@@ -2,6 +2,7 @@
 // A scenario file: keys and their words are the table in keys.cpp; here are the file's shape and its errors.
 #include <algorithm>
 #include <cerrno>
+#include <filesystem>
 #include <fstream>
 #include <set>
 #include <sstream>
@@ -23,11 +24,13 @@ class File {
  public:
   File(const std::string& path, const Selection& selection) : selection_(selection) {
     scenario_.file = path;
+    const bool folder = std::filesystem::is_directory(path);
     std::ifstream in(path);
-    std::ostringstream text;
-    if (!in || !(text << in.rdbuf()))
+    if (folder || !in)
       throw Error(2, fmt::format("scenario {} cannot be read: {}", path,
-                                 std::generic_category().message(errno == 0 ? EISDIR : errno)));
+                                 std::generic_category().message(folder ? EISDIR : errno)));
+    std::ostringstream text;
+    text << in.rdbuf();
     scenario_.text = text.str();
   }
 
@@ -209,7 +212,10 @@ class File {
     if (!own.contains("id")) fail(node, "a run needs an id");
     const auto id = scalar(own["id"], "id");
     if (!ids_.insert(id).second) fail(own["id"], fmt::format("there is another run with id '{}'", id));
-    for (const auto& [path, value] : own) entries[path] = value;
+    for (const auto& [path, value] : own) {
+      entries.erase(path);  // assigning to a YAML::Node would change what all its holders see
+      entries.emplace(path, value);
+    }
     entries.erase("id");
     if (selection_.only.empty() ||
         std::find(selection_.only.begin(), selection_.only.end(), id) != selection_.only.end())

@@ -91,13 +91,13 @@ bool Connection::has_format() {
   const auto application = number("PRAGMA application_id");
   if (application == 0 && number("SELECT count(*) FROM sqlite_master") == 0) return false;
   if (application != application_id)
-    throw Error(
+    throw WrongFile(
         fmt::format("{}: it is not a results file of ontime, but another program's SQLite database. Choose "
                     "another file.",
                     name_));
   const auto version = number("PRAGMA user_version");
   if (version > format_version)
-    throw Error(
+    throw WrongFile(
         fmt::format("{}: it has format {}, from a newer ontime; this one knows format {}. Update ontime, or "
                     "choose another file.",
                     name_, version, format_version));
@@ -105,7 +105,10 @@ bool Connection::has_format() {
 }
 
 void Connection::fail(int code) {
-  throw Error(fmt::format("{}: {}", name_, explanation(code, handle_.get())));
+  const auto text = fmt::format("{}: {}", name_, explanation(code, handle_.get()));
+  const int kind = code & 0xff;
+  if (kind == SQLITE_NOTADB || kind == SQLITE_CORRUPT) throw WrongFile(text);
+  throw Error(text);
 }
 
 Statement::Statement(Connection& connection, const char* sql) : connection_(connection) {

@@ -15,7 +15,7 @@ namespace {
 void require_file(const std::string& path) {
   std::error_code error;
   if (std::filesystem::is_regular_file(path, error)) return;
-  throw Error(fmt::format("{}: {}. Name a results file that `ontime run` or `ontime ping --results` wrote.",
+  throw WrongFile(fmt::format("{}: {}. Name a results file that `ontime run` or `ontime ping --results` wrote.",
                           path, error ? error.message() : "it is not a file"));
 }
 
@@ -45,7 +45,7 @@ std::shared_ptr<Connection> connect(const std::string& path) {
 nlohmann::json json_of(const std::string& text, std::int64_t run, const std::string& path) {
   if (text.empty()) return nullptr;
   auto value = nlohmann::json::parse(text, nullptr, false);
-  if (value.is_discarded()) throw Error(fmt::format("{}: it is damaged (run {} holds no JSON).", path, run));
+  if (value.is_discarded()) throw WrongFile(fmt::format("{}: it is damaged (run {} holds no JSON).", path, run));
   return value;
 }
 
@@ -64,7 +64,7 @@ roundtrip::Sample sample_of(Statement& row, std::int64_t start_ns, const std::st
   sample.skipped_cycles = static_cast<std::uint32_t>(row.integer(8));
   const auto fate = row.integer(9);
   if (fate < 0 || fate > static_cast<std::int64_t>(roundtrip::Fate::lost))
-    throw Error(fmt::format("{}: it is damaged (message {} has fate {}).", path, sample.index, fate));
+    throw WrongFile(fmt::format("{}: it is damaged (message {} has fate {}).", path, sample.index, fate));
   sample.fate = static_cast<roundtrip::Fate>(fate);
   return sample;
 }
@@ -73,7 +73,7 @@ roundtrip::Sample sample_of(Statement& row, std::int64_t start_ns, const std::st
 
 Reader::Reader(const std::string& path) : Reader(connect(path)) {
   if (!connection_->has_format())
-    throw Error(fmt::format("{}: it is empty, not a results file of ontime. Choose another file.", path));
+    throw WrongFile(fmt::format("{}: it is empty, not a results file of ontime. Choose another file.", path));
 }
 
 Reader::Reader(std::shared_ptr<Connection> connection) : connection_(std::move(connection)) {}

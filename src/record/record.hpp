@@ -21,6 +21,10 @@ namespace ontime::record {
 struct Error : std::runtime_error {
   using std::runtime_error::runtime_error;
 };
+// It is the file that is wrong (not a results file, a newer version, damaged), not this machine.
+struct WrongFile : Error {
+  using Error::Error;
+};
 
 // A run: what was asked (id, transport, payload_bytes, period_us …: the keys that `--format json` shows),
 // and, once it has ended, what came of it beside the samples (counters, threads, hosts, conditions).

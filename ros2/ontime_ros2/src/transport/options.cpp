@@ -76,7 +76,11 @@ Options options_of(const Config& config) {
   options.allocator = choice(config, "allocator", allocators, "default");
   options.rmw = text_of(config, "rmw", "");
   options.intra_process = choice(config, "intra-process", switches, "off");
+  if (options.intra_process && config.receive == Receive::waitset)
+    throw Error("ros2: within a process rclcpp delivers by its executors; intra-process needs --receive listener");
   options.loaned = choice(config, "loaned", switches, "off");
+  if (options.loaned && options.allocator != Allocator::standard)
+    throw Error("ros2: loaned messages are the middleware's memory; they need allocator default");
   options.statistics = choice(config, "statistics", switches, "on");
   options.late_after_ns = 1000 * microseconds(config, "late-after-us", options.late_after_ns / 1000);
   options.node = text_of(config, "node", config.role == Role::client ? "ontime_ping" : "ontime_pong");

@@ -27,9 +27,8 @@ template <typename Init>
 rmw_qos_incompatible_event_status_t incompatible(const Init& init) {
   rmw_qos_incompatible_event_status_t status{};
   rcl_event_t event = rcl_get_zero_initialized_event();
-  if (init(&event) == RCL_RET_OK) rcl_take_event(&event, &status);
-  static_cast<void>(rcl_event_fini(&event));
-  rcl_reset_error();
+  const bool taken = init(&event) == RCL_RET_OK && rcl_take_event(&event, &status) == RCL_RET_OK;
+  if (rcl_event_fini(&event) != RCL_RET_OK || !taken) rcl_reset_error();  // nothing to tell, then
   return status;
 }
 

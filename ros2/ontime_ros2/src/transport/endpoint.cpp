@@ -1,0 +1,345 @@
+// SPDX-License-Identifier: Apache-2.0
+// The transport through rclcpp.
+#include <algorithm>
+#include <atomic>
+#include <exception>
+#include <filesystem>
+#include <memory>
+#include <utility>
+#include <vector>
+
+#include <link.h>
+#include <ontime_msgs/msg/round_trip.hpp>
+#include <rclcpp/rclcpp.hpp>
+#include <rclcpp/strategies/allocator_memory_strategy.hpp>
+#include <rclcpp/version.h>
+
+#include "allocator.hpp"
+#include "environment.hpp"
+#include "open.hpp"
+#include "others.hpp"
+#include "spinning.hpp"
+#include "statistics.hpp"
+#include "threads.hpp"
+#include "transport/dds.hpp"
+#include "transport/fastdds/threads.hpp"
+#include "waiting.hpp"
+
+namespace ontime::transport::ros2 {
+
+using ontime_msgs::msg::RoundTrip;
+
+// Of both ends where they are in one process: rclcpp's shortcut is within a context.
+std::shared_ptr<rclcpp::Context> context_of(int domain) {
+  static std::weak_ptr<rclcpp::Context> last;
+  const auto id = static_cast<std::size_t>(domain);
+  if (auto context = last.lock(); context && context->get_domain_id() == id) return context;
+  rclcpp::InitOptions options;
+  options.set_domain_id(id);
+  options.auto_initialize_logging(false);  // which would open a file
+  auto context = std::make_shared<rclcpp::Context>();
+  context->init(0, nullptr, options);
+  last = context;
+  return context;
+}
+
+void check_loaded_rmw(const std::string& asked) {
+  const std::string loaded = rmw_get_implementation_identifier();
+  if (asked.empty() || asked == loaded) return;
+  throw Error("ros2: the RMW " + asked + " was asked for, and " + loaded +
+              " is what loaded; a process keeps its first one, and RMW_IMPLEMENTATION, "
+              "RCL_ASSERT_RMW_ID_MATCHES and the option rmw must agree");
+}
+
+rclcpp::NodeOptions node_options(const rclcpp::Context::SharedPtr& context, bool intra_process) {
+  return rclcpp::NodeOptions()
+      .context(context)
+      .use_intra_process_comms(intra_process)
+      .enable_rosout(false)
+      .start_parameter_services(false)
+      .start_parameter_event_publisher(false);
+}
+
+rclcpp::QoS vendor_qos(const Qos& qos) {
+  rclcpp::QoS result(rclcpp::KeepLast(static_cast<std::size_t>(qos.depth)));
+  if (qos.history == History::keep_all) result.keep_all();
+  result.reliability(qos.reliability == Reliability::reliable ? rclcpp::ReliabilityPolicy::Reliable
+                                                              : rclcpp::ReliabilityPolicy::BestEffort);
+  result.durability(qos.durability == Durability::transient_local ? rclcpp::DurabilityPolicy::TransientLocal
+                                                                  : rclcpp::DurabilityPolicy::Volatile);
+  return result;
+}
+
+// The DDS under the RMW has no function that tells its version, but the file that was loaded has it in its name.
+std::string loaded_middleware() {
+  std::string name;
+  dl_iterate_phdr(
+      [](dl_phdr_info* info, std::size_t, void* found) {
+        const std::string file = std::filesystem::path(info->dlpi_name).filename();
+        if (!file.starts_with("libddsc.so") && !file.starts_with("libfastrtps.so") &&
+            !file.starts_with("libfastdds.so"))
+          return 0;
+        std::error_code gone;
+        *static_cast<std::string*>(found) = std::filesystem::canonical(info->dlpi_name, gone).filename();
+        return 1;
+      },
+      &name);
+  return name;
+}
+
+template <typename Alloc>
+class RosEndpoint final : public Endpoint {
+ public:
+  RosEndpoint(const Config& config, const Options& options, Sink& sink);
+  ~RosEndpoint() override { spinning_.reset(); }  // first, for it calls all the others
+
+  Matched matched() override;
+  std::string seen() override { return ros2::seen(config_, *node_, *publisher_, *subscription_, matched()); }
+  bool send(std::uint64_t sequence, std::span<const std::byte> payload) noexcept override;
+  void receive() noexcept override;
+  void interrupt() noexcept override;
+  std::vector<Thread> threads() override;
+  std::map<std::string, std::string> facts() override;
+
+ private:
+  using Publisher = rclcpp::Publisher<RoundTrip, Alloc>;
+  using Subscription = rclcpp::Subscription<RoundTrip, Alloc>;
+
+  void open_node();
+  void open_publisher();
+  void open_subscription();
+  void start_receiving();
+  std::shared_ptr<rclcpp::Executor> executor() const;
+  void publish(std::uint64_t sequence, std::span<const std::byte> payload);
+  void on_message(const RoundTrip& message);
+  void take_all();
+  void arrived(RoundTrip& message, std::int64_t arrival_ns) noexcept;
+  std::string carrier() const;
+
+  const Config config_;
+  const Options options_;
+  Sink& sink_;
+  const std::shared_ptr<Alloc> allocator_ = std::make_shared<Alloc>();
+  std::string settings_source_;
+  std::string settings_carrier_;
+  std::vector<pid_t> created_;  // threads
+  rclcpp::Context::SharedPtr context_;
+  rclcpp::Node::SharedPtr node_;
+  typename Publisher::SharedPtr publisher_;
+  typename Subscription::SharedPtr subscription_;
+  std::unique_ptr<Statistics> statistics_;
+  RoundTrip outgoing_;
+  RoundTrip incoming_;
+  std::atomic<bool> interrupted_{false};
+  std::unique_ptr<Waiting> waiting_;
+  std::unique_ptr<Spinning> spinning_;
+};
+
+template <typename Alloc>
+RosEndpoint<Alloc>::RosEndpoint(const Config& config, const Options& options, Sink& sink)
+    : config_(config), options_(options), sink_(sink) {
+  outgoing_.data.reserve(config.max_payload_bytes);
+  incoming_.data.reserve(config.max_payload_bytes);
+  open_node();
+  refuse_namesake(*node_);
+  open_publisher();  // before the subscription, whose callback may call send() at once
+  open_subscription();
+  if (options.statistics && config.role == Role::client)
+    statistics_ = std::make_unique<Statistics>(*node_, options.late_after_ns);
+  start_receiving();
+}
+
+template <typename Alloc>
+void RosEndpoint<Alloc>::open_node() {
+  const auto settings = middleware_settings(rmw_get_implementation_identifier(), config_);
+  settings_source_ = settings->source;
+  settings_carrier_ = settings->carrier;
+  const Variable localhost_only("ROS_LOCALHOST_ONLY", "0");  // see without_localhost_only()
+  context_ = context_of(config_.domain);
+  const std::vector<pid_t> before = fastdds::tasks();
+  node_ = std::make_shared<rclcpp::Node>(options_.node, options_.name_space,
+                                         node_options(context_, options_.intra_process));
+  for (const pid_t tid : fastdds::tasks())
+    if (std::find(before.begin(), before.end(), tid) == before.end()) created_.push_back(tid);
+}
+
+template <typename Alloc>
+void RosEndpoint<Alloc>::open_publisher() {
+  rclcpp::PublisherOptionsWithAllocator<Alloc> publisher_options;
+  publisher_options.allocator = allocator_;
+  publisher_options.use_default_callbacks = false;  // which print
+  publisher_ = node_->create_publisher<RoundTrip>(config_.role == Role::client ? "ping" : "pong",
+                                                  vendor_qos(config_.qos), publisher_options);
+  if (options_.loaned && !publisher_->can_loan_messages())
+    throw Error("ros2: " + std::string(rmw_get_implementation_identifier()) +
+                " lends no memory for a message without an upper bound, as RoundTrip is; leave the option "
+                "loaned off");
+}
+
+template <typename Alloc>
+void RosEndpoint<Alloc>::open_subscription() {
+  rclcpp::SubscriptionOptionsWithAllocator<Alloc> subscription_options;
+  subscription_options.allocator = allocator_;
+  subscription_options.use_default_callbacks = false;
+  using Strategy = rclcpp::message_memory_strategy::MessageMemoryStrategy<RoundTrip, Alloc>;
+  subscription_ = node_->create_subscription<RoundTrip>(
+      config_.role == Role::client ? "pong" : "ping", vendor_qos(config_.qos),
+      [this](std::shared_ptr<const RoundTrip> message) { on_message(*message); },
+      subscription_options, std::make_shared<Strategy>(allocator_));
+}
+
+template <typename Alloc>
+std::shared_ptr<rclcpp::Executor> RosEndpoint<Alloc>::executor() const {
+  rclcpp::ExecutorOptions executor_options;
+  executor_options.context = context_;
+  executor_options.memory_strategy =
+      std::make_shared<rclcpp::memory_strategies::allocator_memory_strategy::AllocatorMemoryStrategy<Alloc>>(
+          allocator_);
+  return new_executor(options_.executor, executor_options);
+}
+
+template <typename Alloc>
+void RosEndpoint<Alloc>::start_receiving() {
+  if (config_.receive == Receive::waitset)
+    waiting_ = new_waiting(options_.executor, context_, subscription_);
+  else
+    spinning_ = std::make_unique<Spinning>(executor(), node_);
+}
+
+template <typename Alloc>
+Matched RosEndpoint<Alloc>::matched() {
+  return {static_cast<int>(publisher_->get_subscription_count()),
+          static_cast<int>(subscription_->get_publisher_count())};
+}
+
+template <typename Alloc>
+bool RosEndpoint<Alloc>::send(std::uint64_t sequence, std::span<const std::byte> payload) noexcept {
+  if (payload.size() > config_.max_payload_bytes) return false;
+  if (statistics_) statistics_->sent(sequence, dds::monotonic_ns());
+  try {
+    publish(sequence, payload);
+    return true;
+  } catch (const std::exception&) {
+    return false;
+  }
+}
+
+template <typename Alloc>
+void RosEndpoint<Alloc>::publish(std::uint64_t sequence, std::span<const std::byte> payload) {
+  const auto fill = [&](RoundTrip& message) {
+    const auto* const bytes = reinterpret_cast<const std::uint8_t*>(payload.data());
+    message.seq = sequence;
+    message.data.assign(bytes, bytes + payload.size());
+  };
+  if constexpr (std::is_same_v<Alloc, std::allocator<void>>)  // the others do not compile in Humble's loans
+    if (options_.loaned) {
+      auto loan = publisher_->borrow_loaned_message();
+      fill(loan.get());
+      return publisher_->publish(std::move(loan));
+    }
+  fill(outgoing_);
+  publisher_->publish(outgoing_);
+}
+
+template <typename Alloc>
+void RosEndpoint<Alloc>::arrived(RoundTrip& message, std::int64_t arrival_ns) noexcept {
+  if (statistics_) statistics_->arrived(message.seq, arrival_ns);
+  sink_.arrived(message.seq, std::as_writable_bytes(std::span(message.data)), arrival_ns);
+}
+
+// Not inlined into rclcpp's templates, so that what is allocated here is seen to be ours (see allocations/).
+template <typename Alloc>
+[[gnu::noinline]] void RosEndpoint<Alloc>::on_message(const RoundTrip& message) {
+  const std::int64_t arrival_ns = dds::monotonic_ns();
+  if (options_.intra_process) {
+    incoming_.seq = message.seq;
+    incoming_.data.assign(message.data.begin(), message.data.end());
+    arrived(incoming_, arrival_ns);
+  } else {
+    // Nobody else has it: the memory strategy made it for this call.
+    arrived(const_cast<RoundTrip&>(message), arrival_ns);
+  }
+}
+
+template <typename Alloc>
+void RosEndpoint<Alloc>::take_all() {
+  rclcpp::MessageInfo info;
+  while (subscription_->take(incoming_, info)) {
+    const std::int64_t arrival_ns = dds::monotonic_ns();
+    arrived(incoming_, arrival_ns);
+  }
+}
+
+template <typename Alloc>
+void RosEndpoint<Alloc>::receive() noexcept {
+  if (interrupted_) return;
+  try {
+    waiting_->wait();
+    if (!interrupted_) take_all();
+  } catch (const std::exception&) {
+    // Nothing arrived; the next call tries again.
+  }
+}
+
+template <typename Alloc>
+void RosEndpoint<Alloc>::interrupt() noexcept {
+  interrupted_ = true;
+  try {
+    if (waiting_) waiting_->interrupt();
+  } catch (const std::exception&) {
+    // Only an invalid guard condition throws, and ours lives as long as we.
+  }
+}
+
+template <typename Alloc>
+std::vector<Thread> RosEndpoint<Alloc>::threads() {
+  auto found = threads_of(rmw_get_implementation_identifier(), created_, config_.domain);
+  for (auto& thread : named(Spinning::thread_name, "receive")) found.push_back(std::move(thread));
+  return found;
+}
+
+template <typename Alloc>
+std::string RosEndpoint<Alloc>::carrier() const {
+  const std::size_t within = publisher_->get_intra_process_subscription_count();
+  return within > 0 && within == publisher_->get_subscription_count() ? "intra-process" : settings_carrier_;
+}
+
+template <typename Alloc>
+std::map<std::string, std::string> RosEndpoint<Alloc>::facts() {
+  std::map<std::string, std::string> facts{{"rclcpp", RCLCPP_VERSION_STR},
+                                           {"ros_distro", environment("ROS_DISTRO")},
+                                           {"rmw", rmw_get_implementation_identifier()},
+                                           {"executor", word_of(options_.executor)},
+                                           {"allocator", word_of(options_.allocator)},
+                                           {"node", node_->get_fully_qualified_name()},
+                                           {"domain", std::to_string(config_.domain)},
+                                           {"carrier", carrier()},
+                                           {"configuration", settings_source_}};
+  if (const std::string middleware = loaded_middleware(); !middleware.empty())
+    facts.insert({"middleware", middleware});
+  if (!config_.interface.empty())
+    facts.insert({{"interface", config_.interface}, {"address", config_.address}});
+  return facts;
+}
+
+std::unique_ptr<Endpoint> open(const Config& config, const Options& options, Sink& sink) {
+  try {
+    check_loaded_rmw(options.rmw);
+    if (options.allocator == Allocator::standard)
+      return std::make_unique<RosEndpoint<std::allocator<void>>>(config, options, sink);
+    choose_resource(options.allocator);
+    return std::make_unique<RosEndpoint<ResourceAllocator<void>>>(config, options, sink);
+  } catch (const Error&) {
+    throw;
+  } catch (const std::exception& error) {
+    throw Error(std::string("ros2: ") + error.what());
+  }
+}
+
+}  // namespace ontime::transport::ros2
+
+extern "C" std::unique_ptr<ontime::transport::Endpoint> ontime_open_ros2(
+    const ontime::transport::Config& config, const ontime::transport::ros2::Options& options,
+    ontime::transport::Sink& sink) {
+  return ontime::transport::ros2::open(config, options, sink);
+}

@@ -1,0 +1,347 @@
+#!/usr/bin/env python3
+# SPDX-License-Identifier: Apache-2.0
+"""The real program between two network namespaces, with real DDS and real stress-ng; and what becomes of it
+when it is killed, cut off, or has no room left. Needs root, and skips without. ONTIME names the program."""
+
+import contextlib
+import json
+import os
+import pathlib
+import shutil
+import signal
+import sqlite3
+import subprocess
+import tempfile
+import time
+import unittest
+
+ONTIME = os.environ["ONTIME"]
+TRANSPORTS = os.environ.get("ONTIME_TEST_TRANSPORTS", "udp,cyclonedds,fastdds").split(",")
+
+SCENARIO = """
+hosts: namespaces
+defaults: {transport: [%s], period: 5 ms, duration: %s}
+runs:
+  - id: idle
+  - id: loaded
+    realtime: on
+    load:
+      controller: {cpu: 1, vm: 1, io: 1, hdd: 1, vm-bytes: 16 MiB, hdd-bytes: 16 MiB}
+      component: {cpu: 1}
+"""
+
+
+def descendants_named(word):
+    """Pids of living processes whose command line holds the word."""
+    found = []
+    for entry in pathlib.Path("/proc").iterdir():
+        if not entry.name.isdigit():
+            continue
+        try:
+            command = (entry / "cmdline").read_bytes().replace(b"\0", b" ").decode(errors="replace")
+            state = (entry / "stat").read_text().rsplit(")", 1)[1].split()[0]
+        except (OSError, IndexError):
+            continue
+        if word in command and state != "Z":
+            found.append(int(entry.name))
+    return found
+
+
+def eventually(true, seconds=5):
+    end = time.monotonic() + seconds
+    while time.monotonic() < end:
+        if true():
+            return True
+        time.sleep(0.05)
+    return true()
+
+
+def namespaces():
+    return [line.split()[0] for line in
+            subprocess.run(["ip", "netns", "list"], capture_output=True, text=True, check=True).stdout.splitlines()]
+
+
+@unittest.skipUnless(os.geteuid() == 0, "network namespaces need root")
+class System(unittest.TestCase):
+    def setUp(self):
+        self.folder = tempfile.mkdtemp(prefix="ontime-test-")
+        self.results = os.path.join(self.folder, "results.ontime")
+        # What load and agents of this test are known by.
+        self.temporary = os.path.join(self.folder, "tmp")
+        os.mkdir(self.temporary)
+        self.environment = dict(os.environ, TMPDIR=self.temporary)
+
+    def tearDown(self):
+        self.assertTrue(eventually(self.nothing_left), self.what_is_left())
+        shutil.rmtree(self.folder)
+
+    def agents(self):
+        return descendants_named(os.path.basename(ONTIME) + " agent")
+
+    def load(self):
+        return descendants_named(self.temporary)
+
+    def what_is_left(self):
+        return (f"agents {self.agents()}, load {self.load()}, namespaces {namespaces()}, "
+                f"files {os.listdir(self.temporary)}")
+
+    def nothing_left(self):
+        mine = {"controller", "component"} & set(namespaces())
+        return not (self.agents() or self.load() or mine or os.listdir(self.temporary))
+
+    def scenario(self, duration="1 s", text=SCENARIO, transports=None):
+        path = os.path.join(self.folder, "scenario.yaml")
+        pathlib.Path(path).write_text(text % (", ".join(transports or TRANSPORTS), duration))
+        return path
+
+    def run_ontime(self, *arguments, **options):
+        return subprocess.run([ONTIME, *arguments], capture_output=True, text=True, env=self.environment,
+                              timeout=120, **options)
+
+    def start_ontime(self, *arguments):
+        process = subprocess.Popen([ONTIME, *arguments], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+                                   env=self.environment)
+        self.addCleanup(lambda: (process.kill(), process.communicate()))  # of a test that failed
+        return process
+
+    def report(self):
+        answer = self.run_ontime("report", self.results, "--format", "json")
+        self.assertEqual(answer.returncode, 0, answer.stderr)
+        return json.loads(answer.stdout)["runs"]
+
+    def started(self, process, condition):
+        self.assertTrue(eventually(condition, 30), process.poll())
+
+    # --- the main job ---
+
+    def test_scenario_between_two_namespaces(self):
+        answer = self.run_ontime("run", self.scenario(), "--results", self.results)
+        self.assertEqual(answer.returncode, 0, answer.stderr)
+        runs = self.report()
+        self.assertEqual([(run["id"], run["transport"]) for run in runs],
+                         [(i, t) for i in ("idle", "loaded") for t in TRANSPORTS])
+        for run in runs:
+            with self.subTest(id=run["id"], transport=run["transport"]):
+                self.assertTrue(run["complete"])
+                self.assertGreater(run["sent"], 0)
+                self.assertEqual(run["sent"], run["on_time"] + run["late"] + run["lost"])
+                self.assertEqual(run["dropped_records"], 0)
+                self.assertEqual(run["duplicates"] + run["strays"], 0)
+                times = [run["round_trip_us"][key] for key in ("min", "p50", "p90", "p99", "p99.9", "max")]
+                self.assertEqual(times, sorted(times))
+                self.assertEqual(run["realtime"], run["id"] == "loaded")
+                for host in ("controller", "component"):
+                    self.assertEqual(run["hosts"][host]["transport"]["facts"]["carrier"], "UDPv4")
+                    self.assertTrue(run["hosts"][host]["transport"]["facts"]["address"].startswith("198.18.0."))
+        with contextlib.closing(sqlite3.connect(self.results)) as database:
+            self.assertEqual(database.execute("SELECT count(*) FROM sample").fetchone()[0],
+                             sum(run["sent"] for run in runs))
+
+    def test_settings_are_as_the_kernel_says(self):
+        answer = self.run_ontime("run", self.scenario(), "--only", "loaded", "--results", self.results)
+        self.assertEqual(answer.returncode, 0, answer.stderr)
+        for run in self.report():
+            for host in ("controller", "component"):
+                threads = run["hosts"][host]["threads"]
+                roles = {thread["role"] for thread in threads}
+                self.assertIn("receive", roles)
+                self.assertTrue(host == "component" or "send" in roles)
+                for thread in threads:
+                    with self.subTest(transport=run["transport"], host=host, thread=thread["name"]):
+                        wanted = 80 if thread["role"] in ("send", "receive", "delivery") else 70
+                        self.assertEqual((thread["policy"], thread["priority"]), ("fifo", wanted))
+                        self.assertEqual(thread["major_faults"], 0)
+                        if thread["role"] in ("send", "receive"):
+                            self.assertEqual(thread["minor_faults"], 0)
+
+    def test_traffic_takes_the_link_and_no_other(self):
+        """Loopback carries nothing but the datagram by which Cyclone DDS wakes its own threads at the end."""
+        process = self.start_ontime("run", self.scenario("2 s"), "--only", "idle", "--results", self.results)
+        self.started(process, lambda: "component" in namespaces() and self.agents())
+        others = {}
+
+        def bytes_of(name):
+            text = subprocess.run(["ip", "netns", "exec", name, "cat", "/proc/net/dev"], capture_output=True, text=True).stdout
+            return {line.split(":")[0].strip(): int(line.split(":")[1].split()[0]) for line in text.splitlines()[2:]}
+
+        while process.poll() is None:
+            for name in ("controller", "component"):
+                for interface, count in bytes_of(name).items():
+                    others[(name, interface)] = count
+            time.sleep(0.2)
+        process.communicate()
+        self.assertEqual(process.returncode, 0)
+        self.assertGreater(max(c for (_, i), c in others.items() if i != "lo"), 100_000)
+        self.assertLess(sum(c for (_, i), c in others.items() if i == "lo"), 1000)
+
+    def test_ping_and_pong_start_in_any_order_and_come_and_go(self):
+        arguments = ["--transport", "udp", "--interface", "lo", "--domain", "77"]
+        ping = self.start_ontime("ping", *arguments, "--peer", "127.0.0.1", "--duration", "300 ms", "--format", "json")
+        time.sleep(0.3)
+        pong = self.start_ontime("pong", *arguments)
+        try:
+            out, error = ping.communicate(timeout=60)
+            self.assertEqual(ping.returncode, 0, error)
+            self.assertEqual(json.loads(out)["runs"][0]["lost"], 0)
+            again = self.run_ontime("ping", *arguments, "--peer", "127.0.0.1", "--duration", "300 ms", "--results", self.results)
+            self.assertEqual(again.returncode, 0, again.stderr)
+        finally:
+            pong.send_signal(signal.SIGINT)
+            out, _ = pong.communicate(timeout=30)
+        self.assertEqual(pong.returncode, 130)
+        self.assertRegex(out, r"answered \d\d+ messages")
+
+    # --- wrong input ---
+
+    def test_wrong_input_is_said_and_nothing_is_made(self):
+        other = os.path.join(self.folder, "other.txt")
+        pathlib.Path(other).write_text("not a results file" * 100)
+        newer = os.path.join(self.folder, "newer.ontime")
+        self.run_ontime("run", self.scenario("50 ms", transports=["udp"]), "--only", "idle", "--results", newer)
+        with contextlib.closing(sqlite3.connect(newer)) as database:
+            database.execute("PRAGMA user_version = 999")
+        scenario = self.scenario("50 ms", transports=["udp"])
+        cases = [
+            (["report", other], 2, "results file"),
+            (["report", newer], 2, "newer"),
+            (["report", os.path.join(self.folder, "none.ontime")], 2, "none.ontime"),
+            (["run", scenario, "--results", other], 2, "results file"),
+            (["run", scenario, "--results", os.path.join(self.folder, "no", "such", "x.ontime")], None, "x.ontime"),
+            (["run", scenario, "--only", "nix"], 2, "nix"),
+            (["run", scenario, "--transports", "telepathy", "--results", self.results], 3, "telepathy"),
+            (["run", os.path.join(self.folder, "none.yaml")], 2, "none.yaml"),
+            (["ping", "--transport", "udp", "--payload", "70 kB", "--peer", "127.0.0.1"], 2, "65475"),
+            (["ping", "--transport", "udp", "--interface", "nonet0", "--peer", "127.0.0.1"], 2, "nonet0"),
+            (["ping", "--transport", "cyclonedds", "--interface", "lo", "--domain", "99", "--wait", "500 ms"], 3, "no pong"),
+            (["ping"], 2, "transport"),
+            ([], 2, ""),
+            (["dance"], 2, ""),
+        ]
+        for arguments, code, word in cases:
+            with self.subTest(arguments=arguments):
+                answer = self.run_ontime(*arguments, cwd=self.folder)
+                if code is None:
+                    self.assertIn(answer.returncode, (2, 3))
+                else:
+                    self.assertEqual(answer.returncode, code, answer.stderr)
+                self.assertIn(word, answer.stderr + answer.stdout)
+                self.assertNotIn("terminate called", answer.stderr)
+        self.assertEqual(pathlib.Path(other).read_text(), "not a results file" * 100)
+
+    # --- faults ---
+
+    def interrupted(self, times):
+        process = self.start_ontime("run", self.scenario("1 h", transports=["udp"]), "--only", "loaded", "--results", self.results)
+        self.started(process, lambda: self.samples_recorded() > 50)
+        for _ in range(times):
+            process.send_signal(signal.SIGINT)
+            time.sleep(0.05)
+        out, error = process.communicate(timeout=30)
+        self.assertEqual(process.returncode, 130, error)
+        return out
+
+    def samples_recorded(self):
+        if not os.path.exists(self.results):
+            return 0
+        try:
+            with contextlib.closing(sqlite3.connect(f"file:{self.results}?mode=ro", uri=True)) as database:
+                return database.execute("SELECT count(*) FROM sample").fetchone()[0]
+        except sqlite3.Error:
+            return 0
+
+    def test_interrupted_once_it_stops_and_reports(self):
+        out = self.interrupted(1)
+        self.assertIn("udp", out)
+        run = self.report()[0]
+        self.assertTrue(run["interrupted"])
+        self.assertEqual(run["sent"], run["on_time"] + run["late"] + run["lost"])
+        self.assertEqual(run["sent"], self.samples_recorded())
+
+    def test_interrupted_twice_it_leaves_and_keeps_what_it_had(self):
+        self.interrupted(2)
+        self.assertGreater(self.samples_recorded(), 50)
+
+    def killed(self, whom):
+        process = self.start_ontime("run", self.scenario("1 h", transports=["cyclonedds"]), "--only", "loaded", "--results", self.results)
+        self.started(process, lambda: self.samples_recorded() > 50 and len(self.load()) > 0)
+        before = self.samples_recorded()
+        for pid in whom(process):
+            os.kill(pid, signal.SIGKILL)
+        process.communicate(timeout=30)
+        self.assertTrue(eventually(lambda: not self.load() and not self.agents(), 5), self.what_is_left())
+        self.assertTrue(eventually(lambda: not {"controller", "component"} & set(namespaces()), 5), self.what_is_left())
+        self.assertGreaterEqual(self.report()[0]["sent"], before)
+        return process.returncode
+
+    def test_killed_coordinator_leaves_nothing(self):
+        self.killed(lambda process: [process.pid])
+
+    def test_killed_agents_leave_nothing(self):
+        self.assertEqual(self.killed(lambda _: self.agents()), 3)
+
+    def test_killed_all_at_once_is_cleared_by_the_next_start(self):
+        process = self.start_ontime("run", self.scenario("1 h", transports=["udp"]), "--only", "loaded", "--results", self.results)
+        self.started(process, lambda: self.samples_recorded() > 50 and len(self.load()) > 0)
+        for pid in [process.pid, *self.agents()]:
+            os.kill(pid, signal.SIGKILL)
+        process.communicate(timeout=30)
+        self.assertTrue(eventually(lambda: not self.load(), 5), self.what_is_left())
+        answer = self.run_ontime("run", self.scenario("50 ms", transports=["udp"]), "--only", "idle", "--results", self.results)
+        self.assertEqual(answer.returncode, 0, answer.stderr)
+        self.assertIn("controller", answer.stderr)  # it says what it found and cleared
+
+    def test_killed_load_is_noticed(self):
+        process = self.start_ontime("run", self.scenario("3 s", transports=["udp"]), "--only", "loaded", "--results", self.results)
+        self.started(process, lambda: self.samples_recorded() > 50 and len(self.load()) > 0)
+        for pid in self.load():
+            try:
+                os.kill(pid, signal.SIGKILL)
+            except ProcessLookupError:
+                pass
+        out, error = process.communicate(timeout=60)
+        self.assertEqual(process.returncode, 0, error)
+        self.assertIn("load", out)
+        self.assertIn(False, [host["load_running"] for host in self.report()[0]["hosts"].values()])
+
+    def test_cut_link_loses_messages_and_goes_on(self):
+        process = self.start_ontime("run", self.scenario("4 s", transports=["cyclonedds"]), "--only", "idle", "--results", self.results)
+        self.started(process, lambda: self.samples_recorded() > 50)
+        link = json.loads(subprocess.run(["ip", "-n", "controller", "-j", "link"], capture_output=True, text=True, check=True).stdout)
+        name = next(entry["ifname"] for entry in link if entry["ifname"] != "lo")
+        subprocess.run(["ip", "-n", "controller", "link", "set", name, "down"], check=True)
+        time.sleep(1)
+        subprocess.run(["ip", "-n", "controller", "link", "set", name, "up"], check=True)
+        _, error = process.communicate(timeout=60)
+        self.assertEqual(process.returncode, 0, error)
+        run = self.report()[0]
+        self.assertGreater(run["lost"], 0)
+        self.assertGreater(run["on_time"], 0)
+        self.assertEqual(run["sent"], run["on_time"] + run["late"] + run["lost"])
+
+    def test_full_disk_is_said_and_the_file_opens(self):
+        disk = os.path.join(self.folder, "disk")
+        os.mkdir(disk)
+        subprocess.run(["mount", "-t", "tmpfs", "-o", "size=3m", "tmpfs", disk], check=True)
+        try:
+            self.results = os.path.join(disk, "results.ontime")
+            scenario = self.scenario("1 h", transports=["udp"], text=SCENARIO.replace("period: 5 ms", "schedule: back-to-back"))
+            answer = self.run_ontime("run", scenario, "--only", "idle", "--results", self.results)
+            self.assertEqual(answer.returncode, 3, answer.stderr)
+            self.assertIn("full", answer.stderr)
+            self.assertGreater(self.report()[0]["sent"], 0)
+        finally:
+            subprocess.run(["umount", disk], check=True)
+
+    def test_namespace_of_somebody_else_is_left_alone(self):
+        subprocess.run(["ip", "netns", "add", "component"], check=True)
+        try:
+            answer = self.run_ontime("run", self.scenario("50 ms"), "--results", self.results)
+            self.assertEqual(answer.returncode, 3, answer.stderr)
+            self.assertIn("component", answer.stderr)
+            self.assertEqual(namespaces(), ["component"])
+        finally:
+            subprocess.run(["ip", "netns", "del", "component"], check=True)
+
+
+if __name__ == "__main__":
+    unittest.main(verbosity=2)
