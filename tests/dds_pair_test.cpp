@@ -131,6 +131,8 @@ class Process {
     waitpid(pid_, &status, 0);
     pid_ = 0;
     if (WIFSIGNALED(status)) text += " died of signal " + std::to_string(WTERMSIG(status));
+    if (WIFEXITED(status) && WEXITSTATUS(status) != 0)
+      text += " ended with " + std::to_string(WEXITSTATUS(status));
     return text;
   }
 

@@ -402,7 +402,8 @@ int serve() {
       fail(3, error.what());
     }
     agent.give_back();
-    // Cyclone DDS waits without end for threads that it wakes by a datagram to itself, where the link has gone.
+    // Cyclone DDS waits without end for threads that it wakes by a datagram to itself, where the link has
+    // gone.
     alarm(middleware_patience_s);
   }
   return code;

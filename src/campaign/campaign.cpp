@@ -113,7 +113,8 @@ int execute(const Scenario& scenario, record::Writer& writer, Observer& observer
     record["command_line"] = command_line;
     {
       Session session(run, hosts.controller, hosts.component);
-      code = std::max(code, carry_out(run, session, wait_for_own_server, writer, observer, interrupts, record));
+      code =
+          std::max(code, carry_out(run, session, wait_for_own_server, writer, observer, interrupts, record));
     }
     host::revert_abandoned();  // of an agent that was killed, a folder may still be there
   }

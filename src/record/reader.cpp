@@ -15,8 +15,9 @@ namespace {
 void require_file(const std::string& path) {
   std::error_code error;
   if (std::filesystem::is_regular_file(path, error)) return;
-  throw WrongFile(fmt::format("{}: {}. Name a results file that `ontime run` or `ontime ping --results` wrote.",
-                          path, error ? error.message() : "it is not a file"));
+  throw WrongFile(
+      fmt::format("{}: {}. Name a results file that `ontime run` or `ontime ping --results` wrote.", path,
+                  error ? error.message() : "it is not a file"));
 }
 
 // What a killed Writer committed may lie in the log beside the file. SQLite needs to lock that log while
@@ -45,7 +46,8 @@ std::shared_ptr<Connection> connect(const std::string& path) {
 nlohmann::json json_of(const std::string& text, std::int64_t run, const std::string& path) {
   if (text.empty()) return nullptr;
   auto value = nlohmann::json::parse(text, nullptr, false);
-  if (value.is_discarded()) throw WrongFile(fmt::format("{}: it is damaged (run {} holds no JSON).", path, run));
+  if (value.is_discarded())
+    throw WrongFile(fmt::format("{}: it is damaged (run {} holds no JSON).", path, run));
   return value;
 }
 

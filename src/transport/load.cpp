@@ -2,6 +2,8 @@
 #include <algorithm>
 #include <cstdlib>
 #include <filesystem>
+#include <fstream>
+#include <optional>
 #include <set>
 #include <sstream>
 
@@ -34,9 +36,20 @@ std::vector<fs::path> search_path() {
   std::error_code none;
   const auto program = fs::read_symlink("/proc/self/exe", none);
   if (!program.empty()) folders.push_back(program.parent_path().parent_path() / ONTIME_LIBDIR / "ontime");
-  // An ament package that brings a transport installs it in lib/ontime of its prefix.
-  for (const auto& ament : folders_in("AMENT_PREFIX_PATH")) folders.push_back(ament / "lib" / "ontime");
   return folders;
+}
+
+// An ament package that brings a transport registers it as a resource of type ontime_transport, whose content
+// is where the shared object lies below the package's prefix.
+constexpr const char* ament_index = "share/ament_index/resource_index/ontime_transport";
+
+std::optional<fs::path> in_ament_index(const std::string& name) {
+  for (const auto& prefix_path : folders_in("AMENT_PREFIX_PATH")) {
+    std::ifstream resource(prefix_path / ament_index / name);
+    std::string relative;
+    if (std::getline(resource, relative)) return prefix_path / relative;
+  }
+  return {};
 }
 
 std::string remedy(const std::string& name) {
@@ -71,6 +84,7 @@ const Plugin& load(const std::string& name) {
     std::error_code none;
     if (fs::exists(file, none)) return open(file);
   }
+  if (const auto file = in_ament_index(name)) return open(*file);
   std::vector<std::string> looked;
   for (const auto& folder : folders) looked.push_back(folder.string());
   const auto others = available();
@@ -89,6 +103,11 @@ std::vector<std::string> available() {
         names.insert(file.substr(std::string(prefix).size(),
                                  file.size() - std::string(prefix).size() - std::string(suffix).size()));
     }
+  }
+  for (const auto& prefix_path : folders_in("AMENT_PREFIX_PATH")) {
+    std::error_code none;
+    for (const auto& entry : fs::directory_iterator(prefix_path / ament_index, none))
+      names.insert(entry.path().filename().string());
   }
   return {names.begin(), names.end()};
 }

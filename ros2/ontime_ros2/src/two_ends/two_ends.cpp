@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "two_ends.hpp"
 
+#include <cerrno>
 #include <chrono>
 #include <exception>
 #include <filesystem>
@@ -8,6 +9,7 @@
 #include <thread>
 
 #include <dlfcn.h>
+#include <fcntl.h>
 #include <net/if.h>
 #include <sched.h>
 #include <signal.h>
