@@ -13,6 +13,7 @@ int main(int argc, char** argv) {
   app.name("ontime");
   app.set_version_flag("--version", "ontime " ONTIME_VERSION);
   app.require_subcommand(1);
+  app.get_formatter()->column_width(34);
   app.footer(
       "Exit codes: 0 fine · 1 a stated requirement was missed · 2 wrong usage or input · 3 this machine or a "
       "peer cannot do what was asked · 130 interrupted");

@@ -17,7 +17,8 @@ void add_report(CLI::App& app, Action& action) {
   };
   auto arguments = std::make_shared<Arguments>();
   command->add_option("RESULTS", arguments->results, "a results file")->required();
-  command->add_option("--format", arguments->format, "table|json|csv|markdown|latex")->type_name("FORMAT");
+  command->add_option("--format", arguments->format, "table, json, csv, markdown or latex: table")
+      ->type_name("FORMAT");
   command->add_flag("--threads", arguments->threads,
                     "each thread as the kernel said it was, instead of the times");
   command->callback([&action, arguments] {

@@ -56,16 +56,17 @@ void add_run(CLI::App& app, Action& action) {
   command->add_option("SCENARIO", arguments->scenarios, "scenario files")->required();
   command->add_option("--only", arguments->selection.only, "only these runs")
       ->delimiter(',')
-      ->type_name("ID,…");
+      ->type_name("ID,...");
   command
       ->add_option("--transports", arguments->selection.transports, "these, instead of those of the scenario")
       ->delimiter(',')
-      ->type_name("NAME,…");
+      ->type_name("NAME,...");
   command->add_option("--duration", arguments->duration, "of each run, instead of the scenario's")
       ->type_name("TIME");
   command->add_option("--results", arguments->results, "add to this results file (default: a new one here)")
       ->type_name("FILE");
-  command->add_option("--format", arguments->format, "table|json|csv|markdown|latex")->type_name("FORMAT");
+  command->add_option("--format", arguments->format, "table, json, csv, markdown or latex: table")
+      ->type_name("FORMAT");
   command->callback(
       [&action, arguments] { action = [arguments] { return run(*arguments, command_line()); }; });
 }

@@ -12,8 +12,8 @@ RunFlags::RunFlags(CLI::App& app, Key::For end) {
   for (const auto& key : campaign::keys()) {
     if (key.flag.empty() || (end == Key::For::both && key.end == Key::For::client)) continue;
     auto& value = values_[key.path];
-    auto* option = key.values == "on|off" ? app.add_flag(key.flag + "{on}", value, key.help)
-                                          : app.add_option(key.flag, value, key.help);
+    auto* option = app.add_option(key.flag, value, key.help);
+    if (key.values == "on|off") option->expected(0, 1);  // alone, it says on
     option->type_name(key.values);
     if (key.path.starts_with("realtime.")) option->group("Real-time settings (each turns --realtime on)");
   }

@@ -106,7 +106,7 @@ void add_thread_keys(std::vector<Key>& keys, const std::string& path, const std:
   keys.push_back({path + ".policy", flag + "policy", "other|fifo|rr|deadline", "policy of " + whose, both,
                   each(set_policy)});
   keys.push_back(
-      {path + ".priority", flag + "priority", "1 … 99", "priority of " + whose, both, each(set_priority)});
+      {path + ".priority", flag + "priority", "1-99", "priority of " + whose, both, each(set_priority)});
   keys.push_back({path + ".cpus", flag + "cpus", "LIST", "CPU affinity of " + whose, both, each(set_cpus)});
 }
 
@@ -137,16 +137,18 @@ std::vector<Key> all_keys() {
        [](Run& run, Text text) { run.title = text; }},
       {"transport", "--transport", "NAME", "udp, cyclonedds, fastdds, or another that is installed", both,
        [](Run& run, Text text) { run.task.transport = text; }},
-      {"payload", "--payload", "SIZE", "bytes beside the sequence number (for pong: at most)", both,
+      {"payload", "--payload", "SIZE", "bytes beside the sequence number: 500 B; for pong at most: 60 kB",
+       both,
        [](Run& run, Text text) {
          run.task.client.payload_bytes = run.task.config.max_payload_bytes = bytes_of(text);
        }},
-      {"schedule", "--schedule", "next-free|fixed|back-to-back", "when the next message is sent", client,
+      {"schedule", "--schedule", "next-free|fixed|back-to-back", "when the next message is sent: next-free",
+       client,
        [](Run& run, Text text) {
          run.task.client.schedule =
              one_of(roundtrip::schedule_of(text), text, "next-free, fixed, back-to-back");
        }},
-      {"period", "--period", "TIME", "of sending", client,
+      {"period", "--period", "TIME", "of sending: 10 ms", client,
        [](Run& run, Text text) {
          const auto period = positive_duration(text);
          if (period < std::chrono::microseconds(10))
@@ -156,34 +158,34 @@ std::vector<Key> all_keys() {
                            text));
          run.task.client.period = period;
        }},
-      {"deadline", "--deadline", "TIME", "a longer round trip is late", client,
+      {"deadline", "--deadline", "TIME", "a longer round trip is late: 10 ms", client,
        [](Run& run, Text text) { run.task.client.deadline = positive_duration(text); }},
-      {"timeout", "--timeout", "TIME", "a message without an answer for longer is lost", client,
+      {"timeout", "--timeout", "TIME", "a message without an answer for longer is lost: 500 ms", client,
        [](Run& run, Text text) { run.task.client.timeout = positive_duration(text); }},
-      {"duration", "--duration", "TIME", "of sending, warm-up not counted", client,
+      {"duration", "--duration", "TIME", "of sending, warm-up not counted: 10 s", client,
        [](Run& run, Text text) { run.task.client.duration = positive_duration(text); }},
-      {"warm-up", "--warm-up", "N", "answers before the first counted message", client,
+      {"warm-up", "--warm-up", "N", "answers before the first counted message: 10", client,
        [](Run& run, Text text) {
          run.task.client.warm_up = static_cast<std::uint64_t>(number(text, 1, 1'000'000));
        }},
-      {"receive", "--receive", "listener|waitset", "on the middleware's thread, or on one of ours that waits",
-       both,
+      {"receive", "--receive", "listener|waitset",
+       "on the middleware's thread, or on one of ours that waits: listener", both,
        [](Run& run, Text text) {
          run.task.config.receive = one_of(agent::receive_of(text), text, "listener, waitset");
        }},
-      {"domain", "--domain", "0 … 232", "DDS domain; for udp the port is 7900 + domain", both,
+      {"domain", "--domain", "0-232", "DDS domain, and for udp port 7900 + domain: 0", both,
        [](Run& run, Text text) { run.task.config.domain = static_cast<int>(number(text, 0, 232)); }},
-      {"qos.reliability", "--reliability", "best-effort|reliable", "quality of service", both,
+      {"qos.reliability", "--reliability", "best-effort|reliable", "quality of service: best-effort", both,
        [](Run& run, Text text) {
          run.task.config.qos.reliability = one_of(agent::reliability_of(text), text, "best-effort, reliable");
        }},
-      {"qos.history", "--history", "keep-last|keep-all", "quality of service", both,
+      {"qos.history", "--history", "keep-last|keep-all", "quality of service: keep-last", both,
        [](Run& run, Text text) {
          run.task.config.qos.history = one_of(agent::history_of(text), text, "keep-last, keep-all");
        }},
-      {"qos.depth", "--depth", "N", "of keep-last", both,
+      {"qos.depth", "--depth", "N", "of keep-last: 1", both,
        [](Run& run, Text text) { run.task.config.qos.depth = static_cast<int>(number(text, 1, 1'000'000)); }},
-      {"qos.durability", "--durability", "volatile|transient-local", "quality of service", both,
+      {"qos.durability", "--durability", "volatile|transient-local", "quality of service: volatile", both,
        [](Run& run, Text text) {
          run.task.config.qos.durability =
              one_of(agent::durability_of(text), text, "volatile, transient-local");

@@ -1,0 +1,59 @@
+// SPDX-License-Identifier: Apache-2.0
+// What both hand-written loops measure with.
+#pragma once
+
+#include <algorithm>
+#include <cstdint>
+#include <cstdio>
+#include <ctime>
+#include <vector>
+
+namespace bare {
+
+inline std::int64_t now_ns() {
+  timespec now{};
+  clock_gettime(CLOCK_MONOTONIC, &now);
+  return std::int64_t{now.tv_sec} * 1'000'000'000 + now.tv_nsec;
+}
+
+inline int failed(const char* what) {
+  std::perror(what);
+  return 3;
+}
+
+// Counts from the thousandth answer on, for so many seconds.
+class RoundTrips {
+ public:
+  explicit RoundTrips(double seconds)
+      : duration_ns_(static_cast<std::int64_t>(seconds * 1e9)), give_up_ns_(now_ns() + 10'000'000'000) {
+    counted_ns_.reserve(static_cast<std::size_t>(seconds * 500'000));
+  }
+
+  void add(bool answered, std::int64_t sent_ns, std::int64_t received_ns) {
+    last_ns_ = received_ns;
+    if (!answered || ++answers_ < warm_up) return;
+    if (answers_ == warm_up) end_ns_ = received_ns + duration_ns_;
+    counted_ns_.push_back(received_ns - sent_ns);
+  }
+
+  bool done() const { return last_ns_ > (answers_ < warm_up ? give_up_ns_ : end_ns_); }
+
+  int print() {
+    if (counted_ns_.empty()) {
+      std::fputs("no pong answered within 10 s\n", stderr);
+      return 3;
+    }
+    const auto middle = counted_ns_.begin() + static_cast<std::ptrdiff_t>(counted_ns_.size() / 2);
+    std::nth_element(counted_ns_.begin(), middle, counted_ns_.end());
+    std::printf("%.3f\n", static_cast<double>(*middle) / 1000);
+    return 0;
+  }
+
+ private:
+  static constexpr int warm_up = 1000;
+  std::int64_t duration_ns_, give_up_ns_, end_ns_ = 0, last_ns_ = 0;
+  std::int64_t answers_ = 0;
+  std::vector<std::int64_t> counted_ns_;
+};
+
+}  // namespace bare
