@@ -105,7 +105,7 @@ std::map<pid_t, std::string> tasks() {
 
 // A thread is born with its parent's name, and gives itself its own a little later.
 void await_names(const std::map<pid_t, std::string>& before) {
-  const std::string ours = tasks().at(gettid());
+  const std::string ours = tasks()[gettid()];
   const auto unnamed = [&](const auto& task) { return task.second == ours && !before.contains(task.first); };
   const std::int64_t end_ns = dds::monotonic_ns() + 1'000'000'000;
   for (auto now = tasks(); std::any_of(now.begin(), now.end(), unnamed); now = tasks()) {
@@ -254,7 +254,7 @@ std::size_t CycloneEndpoint::other_participants() {
   std::size_t participants = 0;
   for_each_discovered<dds_builtintopic_participant_t>(participant_, DDS_BUILTIN_TOPIC_DCPSPARTICIPANT,
                                                       [&](const auto&) { ++participants; });
-  return participants - 1;  // we are one of them
+  return participants == 0 ? 0 : participants - 1;  // we are one of them
 }
 
 std::string CycloneEndpoint::endpoints_of_other_type() {

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// ros2 run ontime_ros2 allocations: what each layer allocates for a round trip, on the client's side, as a table.
-// Ends with 1 if ontime's own part is anything.
+// ros2 run ontime_ros2 allocations: what each layer allocates for a round trip, on the client's side, as a
+// table. Ends with 1 if ontime's own part is anything.
 #include <atomic>
 #include <chrono>
 #include <cstdio>
@@ -69,7 +69,8 @@ Counts measure(const Case& what) {
 }
 
 void print(const std::vector<Case>& cases, const std::vector<Counts>& results) {
-  std::printf("allocations per round trip, client's side, %zu bytes, executor single\n\n%-22s", payload_bytes, "");
+  std::printf("allocations per round trip, client's side, %zu bytes, executor single\n\n%-22s", payload_bytes,
+              "");
   for (const Case& what : cases) std::printf("%22s", what.rmw.c_str());
   std::printf("\n%-22s", "layer");
   for (const Case& what : cases) std::printf("%22s", what.allocator.c_str());
@@ -107,7 +108,8 @@ int run(const std::vector<std::string>& rmws) {
   }
   print(measured, results);
   bool nothing_of_ours = measured.size() == cases.size();
-  for (const Counts& counts : results) nothing_of_ours &= counts[static_cast<std::size_t>(Layer::ontime)] == 0;
+  for (const Counts& counts : results)
+    nothing_of_ours &= counts[static_cast<std::size_t>(Layer::ontime)] == 0;
   return nothing_of_ours ? 0 : 1;
 }
 

@@ -77,8 +77,10 @@ std::optional<Layer> layer_in_ontime(const void* address) {
   if (dladdr(address, &found) == 0 || found.dli_sname == nullptr) return Layer::ontime;
   const std::string_view symbol = found.dli_sname;
   const auto is_within = [&](std::string_view scope) {
-    return symbol.starts_with("_ZN" + std::string(scope)) || symbol.starts_with("_ZNK" + std::string(scope)) ||
-           symbol.starts_with("_ZZN" + std::string(scope)) || symbol.starts_with("_ZZNK" + std::string(scope));
+    return symbol.starts_with("_ZN" + std::string(scope)) ||
+           symbol.starts_with("_ZNK" + std::string(scope)) ||
+           symbol.starts_with("_ZZN" + std::string(scope)) ||
+           symbol.starts_with("_ZZNK" + std::string(scope));
   };
   if (is_within("6rclcpp")) return Layer::rclcpp;
   if (is_within("11ontime_msgs")) return Layer::type_support;

@@ -37,8 +37,8 @@ int main(int argc, char** argv) {
   try {
     const auto node = std::make_shared<ontime_ros2::Pong>(rclcpp::NodeOptions());
     make_realtime(*node);
-    RCLCPP_INFO(node->get_logger(), "answers %s on %s", node->get_node_topics_interface()
-                ->resolve_topic_name("ping").c_str(),
+    RCLCPP_INFO(node->get_logger(), "answers %s on %s",
+                node->get_node_topics_interface()->resolve_topic_name("ping").c_str(),
                 node->get_node_topics_interface()->resolve_topic_name("pong").c_str());
     rclcpp::executors::SingleThreadedExecutor executor;
     executor.add_node(node);

@@ -61,8 +61,8 @@ rclcpp::QoS qos(rclcpp::Node& node) {
 
 Pong::Pong(const rclcpp::NodeOptions& options) : Node("ontime_pong", options) {
   answer_.data.reserve(at_least(
-      "payload", parameter<std::int64_t>(*this, "payload", 65536, "bytes that are answered without allocating"),
-      0));
+      "payload",
+      parameter<std::int64_t>(*this, "payload", 65536, "bytes that are answered without allocating"), 0));
   const auto both = qos(*this);
   publisher_ = create_publisher<RoundTrip>("pong", both);
   subscription_ = create_subscription<RoundTrip>(

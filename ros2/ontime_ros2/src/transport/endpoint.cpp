@@ -70,7 +70,8 @@ rclcpp::QoS vendor_qos(const Qos& qos) {
   return result;
 }
 
-// The DDS under the RMW has no function that tells its version, but the file that was loaded has it in its name.
+// The DDS under the RMW has no function that tells its version, but the file that was loaded has it in its
+// name.
 std::string loaded_middleware() {
   std::string name;
   dl_iterate_phdr(
@@ -184,8 +185,8 @@ void RosEndpoint<Alloc>::open_subscription() {
   using Strategy = rclcpp::message_memory_strategy::MessageMemoryStrategy<RoundTrip, Alloc>;
   subscription_ = node_->create_subscription<RoundTrip>(
       config_.role == Role::client ? "pong" : "ping", vendor_qos(config_.qos),
-      [this](std::shared_ptr<const RoundTrip> message) { on_message(*message); },
-      subscription_options, std::make_shared<Strategy>(allocator_));
+      [this](std::shared_ptr<const RoundTrip> message) { on_message(*message); }, subscription_options,
+      std::make_shared<Strategy>(allocator_));
 }
 
 template <typename Alloc>

@@ -101,7 +101,9 @@ class TemporaryFile {
 class FastSettings final : public MiddlewareSettings {
  public:
   explicit FastSettings(const Config& config)
-      : file_(profiles_of(config)), profiles_(profiles_variable, file_.path()), skip_("SKIP_DEFAULT_XML", "1") {
+      : file_(profiles_of(config)),
+        profiles_(profiles_variable, file_.path()),
+        skip_("SKIP_DEFAULT_XML", "1") {
     source = "ontime";
     carrier = "UDPv4";
   }
@@ -159,7 +161,8 @@ Config without_localhost_only(Config config) {
 }
 
 std::unique_ptr<MiddlewareSettings> middleware_settings(const std::string& rmw, const Config& config) {
-  if (rmw == "rmw_cyclonedds_cpp") return std::make_unique<CycloneSettings>(cyclonedds::configuration(config));
+  if (rmw == "rmw_cyclonedds_cpp")
+    return std::make_unique<CycloneSettings>(cyclonedds::configuration(config));
   if (rmw == "rmw_fastrtps_cpp" || rmw == "rmw_fastrtps_dynamic_cpp") {
     const std::string files = users_profiles();
     if (files.empty()) return std::make_unique<FastSettings>(config);

@@ -77,7 +77,8 @@ Options options_of(const Config& config) {
   options.rmw = text_of(config, "rmw", "");
   options.intra_process = choice(config, "intra-process", switches, "off");
   if (options.intra_process && config.receive == Receive::waitset)
-    throw Error("ros2: within a process rclcpp delivers by its executors; intra-process needs --receive listener");
+    throw Error(
+        "ros2: within a process rclcpp delivers by its executors; intra-process needs --receive listener");
   options.loaned = choice(config, "loaned", switches, "off");
   if (options.loaned && options.allocator != Allocator::standard)
     throw Error("ros2: loaned messages are the middleware's memory; they need allocator default");

@@ -13,7 +13,8 @@
 namespace ontime::transport::ros2 {
 namespace {
 
-constexpr auto namesakes_answer_within = std::chrono::milliseconds(500);
+// Cyclone DDS takes a few milliseconds, Fast DDS now and then more than a second.
+constexpr auto namesakes_answer_within = std::chrono::milliseconds(1500);
 constexpr const char* type = "ontime_msgs/msg/RoundTrip";
 
 dds::Policy policy_of(rmw_qos_policy_kind_t kind) {
@@ -38,8 +39,7 @@ std::string refused(const Config& config, const rclcpp::PublisherBase& publisher
     return rcl_subscription_event_init(event, subscription.get_subscription_handle().get(),
                                        RCL_SUBSCRIPTION_REQUESTED_INCOMPATIBLE_QOS);
   });
-  if (requested.total_count > 0)
-    return dds::refused_writer(config, policy_of(requested.last_policy_kind));
+  if (requested.total_count > 0) return dds::refused_writer(config, policy_of(requested.last_policy_kind));
   const auto offered = incompatible([&](rcl_event_t* event) {
     return rcl_publisher_event_init(event, publisher.get_publisher_handle().get(),
                                     RCL_PUBLISHER_OFFERED_INCOMPATIBLE_QOS);

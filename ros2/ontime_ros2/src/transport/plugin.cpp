@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// The transport as ontime loads it. It is linked with nothing of ROS 2, for librcl ends the process when it is
-// loaded with an RMW_IMPLEMENTATION that it does not find: so what was asked is checked first, and only then
-// comes the part that has rclcpp in it.
+// The transport as ontime loads it. It is linked with nothing of ROS 2, for librcl ends the process when it
+// is loaded with an RMW_IMPLEMENTATION that it does not find: so what was asked is checked first, and only
+// then comes the part that has rclcpp in it.
 #include <cstdlib>
 #include <filesystem>
 #include <set>
@@ -44,8 +44,9 @@ std::string debian_package(const std::string& ros_package) {
 void check_rmw(const std::string& rmw) {
   const auto installed = installed_rmws();
   if (installed.empty())
-    throw Error("ros2: no ROS 2 is sourced (AMENT_PREFIX_PATH has none); source its setup.bash and then that "
-                "of the workspace with ontime_ros2");
+    throw Error(
+        "ros2: no ROS 2 is sourced (AMENT_PREFIX_PATH has none); source its setup.bash and then that "
+        "of the workspace with ontime_ros2");
   if (rmw.empty() || installed.contains(rmw)) return;
   std::string text = "ros2: the RMW '" + rmw + "' is not installed; there are:";
   for (const auto& name : installed) text += " " + name;

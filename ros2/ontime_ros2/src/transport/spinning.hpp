@@ -27,8 +27,8 @@ inline std::shared_ptr<rclcpp::Executor> new_executor(Executor kind, const rclcp
   if (kind == Executor::multi) return std::make_shared<rclcpp::executors::MultiThreadedExecutor>(options);
 #ifdef ONTIME_HAS_EVENTS_EXECUTOR
   using Events = rclcpp::experimental::executors::EventsExecutor;
-  return std::make_shared<Events>(
-      std::make_unique<rclcpp::experimental::executors::SimpleEventsQueue>(), false, options);
+  return std::make_shared<Events>(std::make_unique<rclcpp::experimental::executors::SimpleEventsQueue>(),
+                                  false, options);
 #else
   throw Error("ros2: rclcpp has the events executor from ROS 2 Iron on, and this is " +
               environment("ROS_DISTRO") + "; choose executor single or multi");

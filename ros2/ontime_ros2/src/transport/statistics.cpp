@@ -98,7 +98,8 @@ void Statistics::publish(std::vector<std::int64_t>& round_trips_ns) {
   const bool bad = late > 0 || round_trips_ns.empty();
   status.level = bad ? DiagnosticStatus::WARN : DiagnosticStatus::OK;
   status.message = round_trips_ns.empty() ? "no answers" : late > 0 ? "late answers" : "on time";
-  status.values = {value("sent", std::to_string(sent)), value("answered", std::to_string(round_trips_ns.size())),
+  status.values = {value("sent", std::to_string(sent)),
+                   value("answered", std::to_string(round_trips_ns.size())),
                    value("late", std::to_string(late))};
   if (!round_trips_ns.empty()) add_distribution(status, round_trips_ns);
 

@@ -56,7 +56,8 @@ class PlainWait final : public Waiting {
 
   void wait() override {
     require(rcl_wait_set_clear(&wait_set_));
-    require(rcl_wait_set_add_subscription(&wait_set_, subscription_->get_subscription_handle().get(), nullptr));
+    require(
+        rcl_wait_set_add_subscription(&wait_set_, subscription_->get_subscription_handle().get(), nullptr));
     require(rcl_wait_set_add_guard_condition(&wait_set_, &interrupted_->get_rcl_guard_condition(), nullptr));
     require(rcl_wait(&wait_set_, -1));
   }
