@@ -189,8 +189,8 @@ TEST_F(RecordTest, EverySampleComesBackAsItWas) {
   std::vector<std::vector<Sample>> expected(3);
   {
     Writer writer(path_);
-    std::vector<std::int64_t> runs;
-    for (int i = 0; i < 3; ++i) runs.push_back(writer.begin_run({{"id", i}}));
+    std::vector<std::int64_t> runs(expected.size());
+    for (auto& run : runs) run = writer.begin_run({{"id", "several at once"}});
     ASSERT_THAT(runs, ElementsAre(1, 2, 3));
     for (int batch = 0; batch < 200; ++batch) {
       const std::size_t which = random() % runs.size();

@@ -13,7 +13,7 @@ void add_report(CLI::App& app, Action& action) {
   auto* command = app.add_subcommand("report", "Tables from a results file");
   struct Arguments {
     std::string results, format = "table";
-    bool threads = false;
+    bool threads = false, layers = false;
   };
   auto arguments = std::make_shared<Arguments>();
   command->add_option("RESULTS", arguments->results, "a results file")->required();
@@ -21,14 +21,18 @@ void add_report(CLI::App& app, Action& action) {
       ->type_name("FORMAT");
   command->add_flag("--threads", arguments->threads,
                     "each thread as the kernel said it was, instead of the times");
+  command->add_flag("--layers", arguments->layers, "what each layer costs, of runs that add to one another")
+      ->excludes("--threads");
   command->callback([&action, arguments] {
     action = [arguments] {
       const auto format = format_flag(arguments->format);
       const record::Reader reader(arguments->results);
       std::vector<statistics::Summary> summaries;
       for (const auto& run : reader.runs()) summaries.push_back(statistics::summarise(reader, run));
-      fmt::print("{}", arguments->threads ? report::render_threads(summaries, format)
-                                          : report::render(summaries, format));
+      const auto render = arguments->threads  ? report::render_threads
+                          : arguments->layers ? report::render_layers
+                                              : report::render;
+      fmt::print("{}", render(summaries, format));
       return 0;
     };
   });

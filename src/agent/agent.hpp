@@ -53,6 +53,7 @@ struct Task {
   roundtrip::ClientOptions client;
   RealtimeSettings realtime;
   load::Workers load;
+  bool count_instructions = false;  // of each thread; it makes switching between threads a little dearer
 };
 void to_json(nlohmann::json&, const Task&);
 void from_json(const nlohmann::json&, Task&);

@@ -129,8 +129,11 @@ class End {
   void begin() {
     set_threads();
     before_.clear();
-    for (const auto& thread : threads())
+    instructions_.clear();
+    for (const auto& thread : threads()) {
       if (const auto state = realtime::read(thread.tid)) before_[thread.tid] = *state;
+      if (task_.count_instructions) instructions_.emplace(thread.tid, thread.tid);
+    }
     activity_ = host::activity();
     threads_during_ = nullptr;
   }
@@ -177,6 +180,12 @@ class End {
     return result;
   }
 
+  json instructions_of(pid_t tid) const {
+    const auto counter = instructions_.find(tid);
+    const auto value = counter == instructions_.end() ? std::nullopt : counter->second.value();
+    return value ? json(*value) : json(nullptr);
+  }
+
   json during(const transport::Thread& thread, const realtime::ThreadState& now) const {
     const auto found = before_.find(thread.tid);
     const auto before = found == before_.end() ? realtime::ThreadState{} : found->second;
@@ -190,7 +199,8 @@ class End {
             {"major_faults", now.major_faults - before.major_faults},
             {"voluntary_switches", now.voluntary_switches - before.voluntary_switches},
             {"involuntary_switches", now.involuntary_switches - before.involuntary_switches},
-            {"cpu_time_us", (now.cpu_time - before.cpu_time).count() / 1000}};
+            {"cpu_time_us", static_cast<double>((now.cpu_time - before.cpu_time).count()) / 1e3},
+            {"instructions", instructions_of(thread.tid)}};
   }
 
   Task task_;
@@ -201,6 +211,7 @@ class End {
   std::set<pid_t> set_;
   std::vector<realtime::Refusal> refusals_;
   std::map<pid_t, realtime::ThreadState> before_;
+  std::map<pid_t, realtime::InstructionCounter> instructions_;
   host::Activity activity_;
   json threads_during_, conditions_;
 };

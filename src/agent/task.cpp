@@ -126,7 +126,8 @@ void to_json(json& to, const Task& task) {
         {"payload_bytes", client.payload_bytes},
         {"warm_up", client.warm_up},
         {"realtime", task.realtime},
-        {"load", to_json(task.load)}};
+        {"load", to_json(task.load)},
+        {"count_instructions", task.count_instructions}};
 }
 
 void from_json(const json& from, Task& task) {
@@ -150,6 +151,7 @@ void from_json(const json& from, Task& task) {
   task.client.payload_bytes = from.at("payload_bytes");
   task.client.warm_up = from.at("warm_up");
   task.realtime = realtime_of(from.at("realtime"));
+  task.count_instructions = from.at("count_instructions");
   const auto& load = from.at("load");
   task.load = {load.at("cpu"), load.at("vm"),       load.at("io"),
                load.at("hdd"), load.at("vm_bytes"), load.at("hdd_bytes")};

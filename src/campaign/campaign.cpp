@@ -76,6 +76,7 @@ json asked(const Run& run) {
   return {{"id", run.id},
           {"title", run.title},
           {"variant", run.variant},
+          {"adds_to", run.adds_to},
           {"repetition", run.repetition},
           {"transport", run.task.transport},
           {"options", run.task.config.options},

@@ -30,6 +30,7 @@ struct Run {
   std::string title;
   std::string
       variant;  // what tells it from others of the same id, beside transport and repetition: "payload 32 KiB"
+  std::string adds_to;  // the id of the layer below, where the runs of a session are layers
   int repetition = 1;
   agent::Task task;  // the client's; the server's follows from it
   load::Workers controller_load, component_load;

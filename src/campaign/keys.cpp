@@ -135,6 +135,10 @@ std::vector<Key> all_keys() {
   std::vector<Key> keys{
       {"title", "", "TEXT", "what the run is, in words", client,
        [](Run& run, Text text) { run.title = text; }},
+      {"adds-to", "", "ID", "the run that is the layer below this one, for `ontime report --layers`", client,
+       [](Run& run, Text text) { run.adds_to = text; }},
+      {"count-instructions", "", "on|off", "of each thread, where the CPU has a counter for it", client,
+       [](Run& run, Text text) { run.task.count_instructions = yes_or_no(text); }},
       {"transport", "--transport", "NAME", "udp, cyclonedds, fastdds, or another that is installed", both,
        [](Run& run, Text text) { run.task.transport = text; }},
       {"payload", "--payload", "SIZE", "bytes beside the sequence number: 500 B; for pong at most: 60 kB",

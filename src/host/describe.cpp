@@ -28,7 +28,7 @@ json limit(__rlimit_resource resource) {
 }
 
 std::optional<std::string> cpu_model() {
-  const auto model = field(text_of("/proc/cpuinfo").value_or(""), "model name");
+  auto model = field(text_of("/proc/cpuinfo").value_or(""), "model name");
   if (model) return model;
   auto board = text_of("/proc/device-tree/model");  // ARM boards; the text ends with a zero
   if (board) std::erase(*board, '\0');
@@ -48,16 +48,13 @@ std::optional<std::string> governor() {
 
 // The smallest of a group's own limit and those of the groups around it; in a container, the outermost group
 // that can be seen is its own.
-json smallest_limit(const std::vector<std::string>& groups, const std::string& mount,
-                    const std::string& file) {
-  constexpr std::int64_t no_limit = std::int64_t{1}
-                                    << 62;  // version 1 writes the largest page count there is
+json smallest_limit(const std::vector<std::string>& groups, const std::string& pattern) {
+  constexpr std::int64_t no_limit = std::int64_t{1} << 62;  // and above: version 1 has no word for it
   std::optional<std::int64_t> smallest;
   for (const auto& group : groups) {
-    const auto text = word(text_of(mount + group + file));
-    if (!text) continue;
-    smallest =
-        std::min(smallest.value_or(no_limit), *text == "max" ? no_limit : number(text).value_or(no_limit));
+    const auto text = word(text_of(fmt::format(fmt::runtime(pattern), group)));
+    const auto limit = text == "max" ? no_limit : number(text);
+    if (limit) smallest = std::min(smallest.value_or(no_limit), *limit);
   }
   if (!smallest) return nullptr;
   return *smallest >= no_limit ? json("unlimited") : json(*smallest);
@@ -65,11 +62,10 @@ json smallest_limit(const std::vector<std::string>& groups, const std::string& m
 
 json cgroup_memory() {
   const auto own = text_of("/proc/self/cgroup").value_or("");
-  const auto first =
-      smallest_limit(cgroups_of(own, "memory"), "/sys/fs/cgroup/memory", "/memory.limit_in_bytes");
+  auto first = smallest_limit(cgroups_of(own, "memory"), "/sys/fs/cgroup/memory{}/memory.limit_in_bytes");
   if (!first.is_null()) return first;
   const auto groups = cgroups_of(own, "");
-  const auto second = smallest_limit(groups, "/sys/fs/cgroup", "/memory.max");
+  auto second = smallest_limit(groups, "/sys/fs/cgroup{}/memory.max");
   if (!second.is_null()) return second;
   // The root group has no such file: nothing limits what runs in it.
   const bool unlimited = groups.size() == 1 && std::filesystem::exists("/sys/fs/cgroup/cgroup.controllers");

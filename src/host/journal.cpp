@@ -94,7 +94,7 @@ std::string random_suffix() {
 
 std::string temporary_folder() {
   std::error_code error;
-  const auto folder = std::filesystem::temp_directory_path(error).string();
+  auto folder = std::filesystem::temp_directory_path(error).string();
   if (error || folder[0] != '/' || folder.find('\n') != folder.npos)
     throw Error("there is no temporary folder: set TMPDIR to the absolute path of one, or unset it");
   return folder;
@@ -127,7 +127,7 @@ void Journal::add_namespace(const std::string& name) {
 
 std::string Journal::add_directory(const std::string& stem) {
   if (!is_plain_name(stem)) throw Error(fmt::format("\"{}\" is no name for a folder", stem));
-  const auto path = fmt::format("{}/{}-{}", temporary_folder(), stem, random_suffix());
+  auto path = fmt::format("{}/{}-{}", temporary_folder(), stem, random_suffix());
   const auto length = append(path_, {a_directory, path});
   if (mkdir(path.c_str(), 0700) == 0) return path;
   const int error = errno;

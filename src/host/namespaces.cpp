@@ -57,8 +57,8 @@ NamespacePair join_namespaces(Journal& journal) {
     throw Error(
         "two network namespaces were asked for, which this process may not make: run as root (in a "
         "container, with the capabilities SYS_ADMIN and NET_ADMIN), or run both ends on loopback");
-  const NamespacePair pair{end("controller", "component", "198.18.0.1"),
-                           end("component", "controller", "198.18.0.2")};
+  NamespacePair pair{end("controller", "component", "198.18.0.1"),
+                     end("component", "controller", "198.18.0.2")};
   journal.add_namespace(pair.controller.name);
   journal.add_namespace(pair.component.name);
   ip({"link", "add", pair.controller.interface, "netns", pair.controller.name, "type", "veth", "peer", "name",

@@ -69,6 +69,22 @@ struct ThreadState {
 std::optional<ThreadState> read(pid_t tid);  // nothing if the thread is gone
 std::vector<pid_t> thread_ids();             // of this process, in order of their ids
 
+// Counts the instructions that a thread of this process executes, in user space and in the kernel, from now
+// on.
+class InstructionCounter {
+ public:
+  explicit InstructionCounter(pid_t tid);
+  ~InstructionCounter();
+  InstructionCounter(InstructionCounter&& other) noexcept;
+  InstructionCounter& operator=(InstructionCounter&&) = delete;
+  // Nothing where the CPU has no such counter (most virtual machines) or the kernel does not let us
+  // (kernel.perf_event_paranoid).
+  std::optional<std::uint64_t> value() const;
+
+ private:
+  int fd_;
+};
+
 // "fifo" ↔ Policy::fifo, as scenario files and reports write it. Nothing for another word.
 std::optional<Policy> policy_of(const std::string& word);
 const char* word_of(Policy);

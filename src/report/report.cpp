@@ -47,4 +47,12 @@ std::string render_threads(const Summaries& summaries, Format format) {
   return page_text(threads_page_of(summaries), format);
 }
 
+std::string render_layers(const Summaries& summaries, Format format) {
+  if (format == Format::json) return text_of(layers_json_of(summaries));
+  const auto page = layers_page_of(summaries);
+  if (format != Format::csv) return page_text(page, format);
+  if (page.tables.empty()) return "";
+  return as_csv(names_of(page.tables.front()), page.tables.front().rows);
+}
+
 }  // namespace ontime::report

@@ -19,4 +19,7 @@ std::string render(const std::vector<statistics::Summary>&, Format);
 // The threads of each run as the kernel said they were: policy, priority, affinity, faults, switches.
 std::string render_threads(const std::vector<statistics::Summary>&, Format);
 
+// What each layer costs a message, of runs that say what they add to: a waterfall.
+std::string render_layers(const std::vector<statistics::Summary>&, Format);
+
 }  // namespace ontime::report

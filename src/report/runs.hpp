@@ -28,4 +28,8 @@ nlohmann::ordered_json threads_json_of(const Summaries&);
 std::string threads_csv_of(const Summaries&);
 Page threads_page_of(const Summaries&);
 
+// What each layer costs, of runs that say what they add to.
+nlohmann::ordered_json layers_json_of(const Summaries&);
+Page layers_page_of(const Summaries&);
+
 }  // namespace ontime::report
