@@ -170,7 +170,7 @@ TEST(Stat, NameMayHoldParenthesesAndSpaces) {
 }
 
 TEST(Stat, CutTextIsRefused) {
-  const std::string whole = "7 (a) S 1 7 7 0 -1 4194304 11 12 13 14 150 50";
+  const std::string whole = "7 (a) S 1 7 7 0 -1 4194304 11 12 13";
   ThreadState state;
   ASSERT_TRUE(parse_stat(whole, state));
   for (std::size_t length = 0; length <= whole.rfind(' '); ++length)
@@ -410,6 +410,24 @@ TEST(CpuLatency, AnOrdinaryUserIsToldWhatToDo) {
     EXPECT_THAT(request.refusal()->found, HasSubstr("/dev/cpu_dma_latency"));
     EXPECT_FALSE(request.refusal()->remedy.empty());
   });
+}
+
+// Whether there is a counter at all is the machine's affair; that it counts is ours.
+TEST(Instructions, AreCountedWhereTheCpuCan) {
+  const InstructionCounter counter(gettid());
+  const auto before = counter.value();
+  if (!before) GTEST_SKIP() << "this CPU, or the kernel's settings, give no counter of instructions";
+  std::atomic<int> work{0};
+  while (work < 1000) ++work;
+  EXPECT_GT(counter.value().value(), *before + 1000);
+}
+
+TEST(CpuTime, OfAThreadGrowsAsItWorks) {
+  const auto before = read(gettid()).value().cpu_time;
+  std::chrono::nanoseconds now = before;
+  for (std::uint64_t work = 0; now == before && work < 1'000'000; ++work)
+    now = read(gettid()).value().cpu_time;
+  EXPECT_GT(now, before);
 }
 
 }  // namespace

@@ -179,5 +179,85 @@ TEST(Summary, BackToBackHasNoWakeUp) {
     EXPECT_EQ(summary_of(samples, asked).wake_up.count, 2u) << asked;
 }
 
+TEST(Estimate, OfFewValuesIsWhatTheySpan) {
+  EXPECT_FALSE(estimate({}));
+  const auto one = estimate({7}).value();
+  EXPECT_EQ(std::tie(one.median, one.low, one.high, one.confidence), std::make_tuple(7.0, 7.0, 7.0, 0.0));
+  const auto five = estimate({5, 1, 4, 2, 3}).value();
+  EXPECT_EQ(std::tie(five.median, five.low, five.high), std::make_tuple(3.0, 1.0, 5.0));
+  EXPECT_DOUBLE_EQ(five.confidence, 1 - 2.0 / 32);
+  EXPECT_EQ(estimate({1, 2, 3, 10})->median, 2.5);
+}
+
+TEST(Estimate, OfNineLeavesOneOutOnEachSide) {
+  const auto nine = estimate({9, 8, 7, 6, 5, 4, 3, 2, 1}).value();
+  EXPECT_EQ(std::tie(nine.low, nine.high), std::make_tuple(2.0, 8.0));
+  EXPECT_DOUBLE_EQ(nine.confidence, 1 - 2 * (1.0 + 9) / 512);  // tables of the sign test: 96.1 %
+}
+
+// What an interval of confidence means: of many, the stated share holds the true median.
+TEST(Estimate, CoversTheMedianAsOftenAsItSays) {
+  std::mt19937_64 random(5);
+  std::exponential_distribution<double> skewed(1);
+  const double true_median = std::log(2.0);
+  for (const std::size_t n : {6, 9, 20}) {
+    const int rounds = 20'000;
+    int covered = 0;
+    double confidence = 0;
+    for (int round = 0; round < rounds; ++round) {
+      std::vector<double> values(n);
+      for (auto& value : values) value = skewed(random);
+      const auto estimated = estimate(values).value();
+      confidence = estimated.confidence;
+      covered += estimated.low <= true_median && true_median <= estimated.high;
+    }
+    EXPECT_GE(confidence, 0.95) << n;
+    EXPECT_NEAR(static_cast<double>(covered) / rounds, confidence, 0.006) << n;
+  }
+}
+
+Summary layer_run(const char* id, const char* adds_to, int repetition, std::int64_t p50_ns,
+                  nlohmann::json thread) {
+  Summary summary;
+  summary.run.asked = {{"id", id}, {"transport", "t"}, {"adds_to", adds_to}, {"repetition", repetition}};
+  summary.run.outcome = {{"hosts", {{"controller", {{"threads", {thread, thread}}}}}}};
+  summary.sent = 10;
+  summary.round_trip.count = 10;
+  summary.round_trip.p50 = p50_ns;
+  return summary;
+}
+
+TEST(Layers, AreComparedRepetitionByRepetition) {
+  std::vector<Summary> runs;
+  for (int repetition = 1; repetition <= 3; ++repetition) {
+    // The machine drifts by more than the layer costs; what the layer adds does not.
+    runs.push_back(
+        layer_run("below", "", repetition, 1000 * repetition, {{"cpu_time_us", 1}, {"instructions", 50}}));
+    runs.push_back(layer_run("above", "below", repetition, 1000 * repetition + 10,
+                             {{"cpu_time_us", 3}, {"instructions", nullptr}}));
+    runs.push_back(layer_run("apart", "", repetition, 5, {}));
+  }
+  const auto found = layers(runs);
+  ASSERT_EQ(found.size(), 2U);
+  EXPECT_EQ(found[0].id, "below");
+  EXPECT_FALSE(found[0].round_trip_ns.added);
+  EXPECT_EQ(found[0].instructions.total->median, 10) << "both threads, a message";
+  EXPECT_EQ(found[1].round_trip_ns.total->median, 2010);
+  EXPECT_EQ(found[1].round_trip_ns.added->median, 10);
+  EXPECT_EQ(found[1].round_trip_ns.added->high, 10);
+  EXPECT_EQ(found[1].cpu_ns.added->median, 400);
+  EXPECT_FALSE(found[1].instructions.total) << "not counted is not zero";
+}
+
+TEST(Layers, TakeAnyRecord) {
+  for (const nlohmann::json& odd :
+       {nlohmann::json(), nlohmann::json(7), nlohmann::json::array({1}),
+        nlohmann::json({{"id", 7}, {"adds_to", 7}, {"repetition", "x"}, {"hosts", 7}})}) {
+    Summary summary;
+    summary.run.asked = summary.run.outcome = odd;
+    EXPECT_NO_THROW(layers({summary, summary, layer_run("a", "b", 1, 1, odd)})) << odd;
+  }
+}
+
 }  // namespace
 }  // namespace ontime::statistics

@@ -13,7 +13,22 @@ namespace {
 using nlohmann::json;
 using Value = std::function<std::optional<double>(const Summary&)>;
 
-std::string text(const Summary& summary, const char* key) { return summary.run.asked.value(key, ""); }
+// A record may be from elsewhere: anything may be missing, or of another kind.
+const json& member(const json& object, const char* key) {
+  static const json none;
+  const auto found = object.is_object() ? object.find(key) : object.end();
+  return object.is_object() && found != object.end() ? *found : none;
+}
+
+std::string text(const Summary& summary, const char* key) {
+  const auto& value = member(summary.run.asked, key);
+  return value.is_string() ? value.get<std::string>() : "";
+}
+
+std::int64_t repetition(const Summary& summary) {
+  const auto& value = member(summary.run.asked, "repetition");
+  return value.is_number_integer() ? value.get<std::int64_t>() : 1;
+}
 
 std::optional<double> round_trip(const Summary& summary) {
   if (summary.round_trip.count == 0) return {};
@@ -22,14 +37,16 @@ std::optional<double> round_trip(const Summary& summary) {
 
 // The sum over all threads on all hosts of what the record has under `key`, a message.
 std::optional<double> a_message(const Summary& summary, const char* key) {
-  if (summary.sent == 0 || !summary.run.outcome.contains("hosts")) return {};
   double sum = 0;
-  for (const auto& host : summary.run.outcome.at("hosts"))
-    for (const auto& thread : host.value("threads", json::array())) {
-      const auto& value = thread.value(key, json(nullptr));
+  std::size_t threads = 0;
+  for (const auto& host : member(summary.run.outcome, "hosts"))
+    for (const auto& thread : member(host, "threads")) {
+      const auto& value = member(thread, key);
       if (!value.is_number()) return {};
       sum += value.get<double>();
+      ++threads;
     }
+  if (threads == 0 || summary.sent == 0) return {};
   return sum / static_cast<double>(summary.sent);
 }
 
@@ -79,7 +96,7 @@ std::vector<Layer> layers(const std::vector<Summary>& summaries) {
     const auto id = text(summary, "id");
     if (!runs.contains(id)) order.push_back(id);
     // Of a repetition that was made twice in one file, the newer counts.
-    runs[id][summary.run.asked.value("repetition", std::int64_t{1})] = &summary;
+    runs[id][repetition(summary)] = &summary;
     below.insert(text(summary, "adds_to"));
   }
   std::vector<Layer> result;
