@@ -27,6 +27,15 @@ Policy policy_from(std::uint32_t kernel_policy) {
   return Policy::other;
 }
 
+// The scheduler's own account, to the nanosecond, where /proc has ticks of 10 ms. The number is how the
+// kernel names any thread's CPU clock (clock_getcpuclockid(3) knows processes only).
+std::chrono::nanoseconds cpu_time_of(pid_t tid) {
+  constexpr clockid_t per_thread = 4, scheduler = 2;
+  timespec time{};
+  if (clock_gettime((~static_cast<clockid_t>(tid) << 3) | per_thread | scheduler, &time) != 0) return {};
+  return std::chrono::seconds(time.tv_sec) + std::chrono::nanoseconds(time.tv_nsec);
+}
+
 }  // namespace
 
 std::string text_of(const std::string& path) {
@@ -56,15 +65,6 @@ std::optional<std::string> status_field(const std::string& text, const std::stri
     return value == line.npos ? "" : line.substr(value);
   }
   return {};
-}
-
-// The scheduler's own account, to the nanosecond, where /proc has ticks of 10 ms. The number is how the
-// kernel names any thread's CPU clock (clock_getcpuclockid(3) knows processes only).
-std::chrono::nanoseconds cpu_time_of(pid_t tid) {
-  constexpr clockid_t per_thread = 4, scheduler = 2;
-  timespec time{};
-  if (clock_gettime((~static_cast<clockid_t>(tid) << 3) | per_thread | scheduler, &time) != 0) return {};
-  return std::chrono::seconds(time.tv_sec) + std::chrono::nanoseconds(time.tv_nsec);
 }
 
 std::optional<ThreadState> read(pid_t tid) {

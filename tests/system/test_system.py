@@ -65,6 +65,7 @@ def namespaces():
 class System(unittest.TestCase):
     def setUp(self):
         self.folder = tempfile.mkdtemp(prefix="ontime-test-")
+        self.addCleanup(shutil.rmtree, self.folder)
         self.results = os.path.join(self.folder, "results.ontime")
         # What load and agents of this test are known by.
         self.temporary = os.path.join(self.folder, "tmp")
@@ -73,7 +74,6 @@ class System(unittest.TestCase):
 
     def tearDown(self):
         self.assertTrue(eventually(self.nothing_left), self.what_is_left())
-        shutil.rmtree(self.folder)
 
     def agents(self):
         return descendants_named(os.path.basename(ONTIME) + " agent")
