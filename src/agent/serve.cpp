@@ -91,6 +91,7 @@ class End {
  public:
   explicit End(Task task) : task_(std::move(task)) {
     resolve(task_.config);
+    task_.config.deadline_ns = task_.client.deadline.count();
     // Memory first: what is created afterwards is born locked, and touched.
     if (task_.realtime.lock_memory) refuse(realtime::lock_memory(heap_bytes));
     if (task_.realtime.cpu_latency) {

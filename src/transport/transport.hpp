@@ -56,6 +56,8 @@ struct Config {
   std::string interface;              // the link under test, by name; empty: the middleware's own choice
   std::string address;                // this host's IPv4 address on that link; set whenever `interface` is
   std::vector<std::string> peers;     // HOST[:PORT]; for DDS, where to look beside multicast
+  // The client's: a longer round trip is late. For a transport that tells of its messages as they go.
+  std::int64_t deadline_ns = 10'000'000;
   int domain = 0;                     // DDS domain; UDP: port 7900 + domain where none is given
   // SCHED_FIFO priority that threads of a role are to be born with, where the middleware has such a setting.
   // Only what this process is permitted to have is ever asked for here.

@@ -205,7 +205,6 @@ TEST(Options, ThatCannotBeAreRefusedWithWhatToDo) {
   EXPECT_THAT(error({{"colour", "red"}}), HasSubstr("executor"));
   EXPECT_THAT(error({{"loaned", "on"}}), HasSubstr("upper bound"));
   EXPECT_THAT(error({{"node", "not a name"}}), HasSubstr("not a name"));
-  EXPECT_THAT(error({{"late-after-us", "-1"}}), HasSubstr("microseconds"));
   Config config = config_of(Role::client, {{"executor", "waitset"}});
   config.receive = Receive::listener;
   EXPECT_THAT(error_of(config), HasSubstr("--receive waitset"));

@@ -146,7 +146,7 @@ RosEndpoint<Alloc>::RosEndpoint(const Config& config, const Options& options, Si
   open_publisher();  // before the subscription, whose callback may call send() at once
   open_subscription();
   if (options.statistics && config.role == Role::client)
-    statistics_ = std::make_unique<Statistics>(*node_, options.late_after_ns);
+    statistics_ = std::make_unique<Statistics>(*node_, config.deadline_ns);
   start_receiving();
 }
 

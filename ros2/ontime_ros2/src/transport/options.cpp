@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "options.hpp"
 
-#include <charconv>
 #include <utility>
 
 namespace ontime::transport::ros2 {
@@ -45,16 +44,6 @@ const char* word_in(const Word<Value> (&words)[N], Value wanted) {
   return "";
 }
 
-std::int64_t microseconds(const Config& config, const char* name, std::int64_t otherwise) {
-  const std::string text = text_of(config, name, std::to_string(otherwise));
-  std::int64_t value = 0;
-  const auto [stop, error] = std::from_chars(text.data(), text.data() + text.size(), value);
-  if (error != std::errc{} || stop != text.data() + text.size() || value <= 0 || value > 3'600'000'000)
-    throw Error("ros2: option " + std::string(name) + ": '" + text +
-                "' is not a number of microseconds from 1 to an hour");
-  return value;
-}
-
 // Who waits is chosen by Config::receive; an executor that does not wait there would measure something else.
 void check_who_waits(const Config& config, Executor executor) {
   const bool on_our_thread = executor == Executor::waitset || executor == Executor::wait;
@@ -83,7 +72,6 @@ Options options_of(const Config& config) {
   if (options.loaned && options.allocator != Allocator::standard)
     throw Error("ros2: loaned messages are the middleware's memory; they need allocator default");
   options.statistics = choice(config, "statistics", switches, "on");
-  options.late_after_ns = 1000 * microseconds(config, "late-after-us", options.late_after_ns / 1000);
   options.node = text_of(config, "node", config.role == Role::client ? "ontime_ping" : "ontime_pong");
   options.name_space = text_of(config, "namespace", "");
   return options;

@@ -19,7 +19,6 @@ struct Options {
   bool intra_process = false;
   bool loaned = false;
   bool statistics = true;
-  std::int64_t late_after_ns = 10'000'000;  // in the live statistics; what is recorded knows its own deadline
   std::string node;
   std::string name_space;
 };
@@ -33,7 +32,6 @@ inline constexpr Option known_options[] = {
     {"node", "NAME of the ROS node"},
     {"namespace", "ROS NAMESPACE of node and topics"},
     {"statistics", "on|off, live on /diagnostics"},
-    {"late-after-us", "MICROSECONDS, for the live statistics"},
 };
 
 // Of the options of a Config that has only known ones. Throws Error.

@@ -44,9 +44,9 @@ void add_distribution(DiagnosticStatus& status, std::vector<std::int64_t>& sorte
 
 }  // namespace
 
-Statistics::Statistics(rclcpp::Node& node, std::int64_t late_after_ns)
+Statistics::Statistics(rclcpp::Node& node, std::int64_t deadline_ns)
     : node_(node),
-      late_after_ns_(late_after_ns),
+      deadline_ns_(deadline_ns),
       publisher_(node.create_publisher<diagnostic_msgs::msg::DiagnosticArray>("/diagnostics", 10)),
       thread_([this] {
         pthread_setname_np(pthread_self(), "ontime-live");
@@ -91,7 +91,7 @@ void Statistics::publish(std::vector<std::int64_t>& round_trips_ns) {
   const auto sent = sent_.exchange(0, std::memory_order_relaxed);
   if (sent == 0 && round_trips_ns.empty()) return;
   const auto late = std::count_if(round_trips_ns.begin(), round_trips_ns.end(),
-                                  [this](std::int64_t ns) { return ns > late_after_ns_; });
+                                  [this](std::int64_t ns) { return ns > deadline_ns_; });
   DiagnosticStatus status;
   status.name = "ontime: round trip";
   status.hardware_id = node_.get_fully_qualified_name();

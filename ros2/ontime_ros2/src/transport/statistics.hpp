@@ -19,7 +19,7 @@ namespace ontime::transport::ros2 {
 
 class Statistics {
  public:
-  Statistics(rclcpp::Node& node, std::int64_t late_after_ns);
+  Statistics(rclcpp::Node& node, std::int64_t deadline_ns);
   ~Statistics();
   Statistics(const Statistics&) = delete;
   Statistics& operator=(const Statistics&) = delete;
@@ -38,7 +38,7 @@ class Statistics {
   void publish(std::vector<std::int64_t>& round_trips_ns);
 
   rclcpp::Node& node_;
-  const std::int64_t late_after_ns_;
+  const std::int64_t deadline_ns_;
   std::array<InFlight, 4096> in_flight_;
   std::atomic<std::uint64_t> sent_{0};
   boost::lockfree::spsc_queue<std::int64_t, boost::lockfree::capacity<65536>> round_trips_ns_;
