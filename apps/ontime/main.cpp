@@ -1,12 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
-#include <cstdio>
 #include <exception>
-
-#include <fmt/format.h>
 
 #include "agent/agent.hpp"
 #include "commands.hpp"
 #include "record/record.hpp"
+#include "terminal.hpp"
 
 int main(int argc, char** argv) {
   CLI::App app{"Do a robot's messages arrive on time, under the load that it really has?"};
@@ -29,7 +27,7 @@ int main(int argc, char** argv) {
   }
 
   const auto failed = [](int code, const char* message) {
-    fmt::print(stderr, "ontime: {}\n", message);
+    ontime::app::print_error(message);
     return code;
   };
   try {

@@ -15,7 +15,9 @@ void add_ping(CLI::App& app, Action& action) {
   auto flags = std::make_shared<RunFlags>(*command, campaign::Key::For::client);
   auto arguments = std::make_shared<Arguments>();
   command->add_option("--wait", arguments->wait, "how long to look for pong: 10 s")->type_name("TIME");
-  command->add_option("--results", arguments->results, "keep every sample in this file")->type_name("FILE");
+  command->add_option("--results", arguments->results, "keep every sample in this file")
+      ->type_name("FILE")
+      ->check(given);
   command->add_option("--format", arguments->format, "table, json, csv, markdown or latex: table")
       ->type_name("FORMAT");
   command->callback([&action, flags, arguments] {

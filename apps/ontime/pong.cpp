@@ -14,8 +14,8 @@ using nlohmann::json;
 
 void print_refusals(const json& closed) {
   for (const auto& refusal : closed.value("refusals", json::array()))
-    fmt::print(stderr, "ontime: {}: {}; {}\n", refusal.at("asked").get<std::string>(),
-               refusal.at("found").get<std::string>(), refusal.at("remedy").get<std::string>());
+    print_error(fmt::format("{}: {}; {}", refusal.at("asked").get<std::string>(),
+                            refusal.at("found").get<std::string>(), refusal.at("remedy").get<std::string>()));
 }
 
 void print_opened(const json& opened) {
@@ -23,9 +23,9 @@ void print_opened(const json& opened) {
   std::vector<std::string> facts;
   for (const auto& [name, value] : transport.at("facts").items())
     facts.push_back(fmt::format("{} {}", name, value.get<std::string>()));
-  fmt::print(stderr, "pong answers over {} ({}): {}. Ctrl-C ends it.\n",
-             transport.at("name").get<std::string>(), transport.at("version").get<std::string>(),
-             fmt::join(facts, ", "));
+  print_error(fmt::format("pong answers over {} ({}): {}. Ctrl-C ends it.",
+                          transport.at("name").get<std::string>(), transport.at("version").get<std::string>(),
+                          fmt::join(facts, ", ")));
 }
 
 }  // namespace
@@ -46,7 +46,7 @@ void add_pong(CLI::App& app, Action& action) {
           },
           closed);
       if (closed.contains("answered"))
-        fmt::print("answered {} messages\n", closed.at("answered").get<std::uint64_t>());
+        print(fmt::format("answered {} messages\n", closed.at("answered").get<std::uint64_t>()));
       return code;
     };
   });

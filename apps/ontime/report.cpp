@@ -1,11 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "report/report.hpp"
 
-#include <fmt/format.h>
-
 #include "commands.hpp"
 #include "run_flags.hpp"
 #include "statistics/statistics.hpp"
+#include "terminal.hpp"
 
 namespace ontime::app {
 
@@ -32,7 +31,7 @@ void add_report(CLI::App& app, Action& action) {
       const auto render = arguments->threads  ? report::render_threads
                           : arguments->layers ? report::render_layers
                                               : report::render;
-      fmt::print("{}", render(summaries, format));
+      print(render(summaries, format));
       return 0;
     };
   });

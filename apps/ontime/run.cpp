@@ -1,9 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
+#include <algorithm>
 #include <ctime>
 #include <filesystem>
 
 #include <fmt/chrono.h>
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 
 #include "campaign/campaign.hpp"
 #include "commands.hpp"
@@ -19,16 +21,30 @@ struct Arguments {
   std::string duration, results, format = "table";
 };
 
-// Beside the user, named after what was run and when; an earlier one is never overwritten.
+// Beside the user, named after what was run and when; an earlier one is never added to.
 std::string new_results_file(const std::string& scenario) {
-  return fmt::format("{}-{:%Y%m%d-%H%M%S}.ontime", std::filesystem::path(scenario).stem().string(),
-                     fmt::localtime(std::time(nullptr)));
+  const auto stem = fmt::format("{}-{:%Y%m%d-%H%M%S}", std::filesystem::path(scenario).stem().string(),
+                                fmt::localtime(std::time(nullptr)));
+  auto name = stem + ".ontime";
+  for (int next = 2; std::filesystem::exists(name); ++next) name = fmt::format("{}-{}.ontime", stem, next);
+  return name;
+}
+
+// A slip of the pen in what was asked for by name must not show only after hours. (A transport that a
+// scenario lists and this machine lacks costs its own runs only.)
+void check_transports(const std::vector<std::string>& names) {
+  const auto here = transport::available();
+  for (const auto& name : names)
+    if (std::find(here.begin(), here.end(), name) == here.end())
+      throw campaign::Error(3, fmt::format("--transports: there is no transport '{}' here; there are: {}",
+                                           name, fmt::join(here, ", ")));
 }
 
 int run(const Arguments& arguments, const nlohmann::json& command_line) {
   auto selection = arguments.selection;
   if (!arguments.duration.empty()) selection.duration = duration_flag("--duration", arguments.duration);
   const auto format = format_flag(arguments.format);
+  check_transports(selection.transports);
   std::vector<campaign::Scenario> scenarios;  // all read before the first is run
   for (const auto& file : arguments.scenarios) scenarios.push_back(campaign::read_scenario(file, selection));
 
@@ -64,7 +80,8 @@ void add_run(CLI::App& app, Action& action) {
   command->add_option("--duration", arguments->duration, "of each run, instead of the scenario's")
       ->type_name("TIME");
   command->add_option("--results", arguments->results, "add to this results file (default: a new one here)")
-      ->type_name("FILE");
+      ->type_name("FILE")
+      ->check(given);
   command->add_option("--format", arguments->format, "table, json, csv, markdown or latex: table")
       ->type_name("FORMAT");
   command->callback(

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "run_flags.hpp"
 
+#include <algorithm>
+
 #include <fmt/format.h>
 
 namespace ontime::app {
@@ -8,16 +10,21 @@ namespace ontime::app {
 using campaign::Error;
 using campaign::Key;
 
+const CLI::Validator given([](const std::string& value) { return value.empty() ? "a value is needed" : ""; },
+                           "");
+
 RunFlags::RunFlags(CLI::App& app, Key::For end) {
   for (const auto& key : campaign::keys()) {
     if (key.flag.empty() || (end == Key::For::both && key.end == Key::For::client)) continue;
-    auto& value = values_[key.path];
-    auto* option = app.add_option(key.flag, value, key.help);
+    auto& flag = flags_[key.path];
+    auto* option = flag.option = app.add_option(key.flag, flag.value, key.help);
     if (key.values == "on|off") option->expected(0, 1);  // alone, it says on
     option->type_name(key.values);
     if (key.path.starts_with("realtime.")) option->group("Real-time settings (each turns --realtime on)");
   }
-  app.add_option("--interface", interface_, "the link under test; messages take no other")->type_name("NAME");
+  app.add_option("--interface", interface_, "the link under test; messages take no other")
+      ->type_name("NAME")
+      ->check(given);
   app.add_option("--peer", peers_, "where the other end is, for a transport that does not find it by itself")
       ->type_name("HOST[:PORT]");
   app.add_option("--option", options_, "a transport's own; a wrong one lists them")->type_name("NAME=VALUE");
@@ -27,14 +34,19 @@ campaign::Run RunFlags::run() const {
   campaign::Run run;
   run.id = "ping";
   for (const auto& key : campaign::keys()) {
-    const auto value = values_.find(key.path);
-    if (value == values_.end() || value->second.empty()) continue;
+    const auto flag = flags_.find(key.path);
+    if (flag == flags_.end() || flag->second.option->count() == 0) continue;
+    const auto& value = flag->second.value;
+    const bool alone = value.empty() && key.values == "on|off";
+    if (value.empty() && !alone) throw Error(2, fmt::format("{}: a value is needed", key.flag));
     try {
-      key.set(run, value->second);
+      key.set(run, alone ? "on" : value);
     } catch (const std::invalid_argument& error) {
       throw Error(2, fmt::format("{}: {}", key.flag, error.what()));
     }
   }
+  if (std::any_of(peers_.begin(), peers_.end(), [](const auto& peer) { return peer.empty(); }))
+    throw Error(2, "--peer: a value is needed");
   for (const auto& option : options_) {
     const auto equals = option.find('=');
     if (equals == std::string::npos || equals == 0)

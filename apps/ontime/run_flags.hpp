@@ -17,11 +17,18 @@ class RunFlags {
   campaign::Run run() const;  // throws Error{2} that names the flag
 
  private:
-  std::map<std::string, std::string> values_;  // by path
+  struct Flag {
+    CLI::Option* option = nullptr;
+    std::string value;
+  };
+  std::map<std::string, Flag> flags_;  // by path
   std::vector<std::string> options_;
   std::vector<std::string> peers_;
   std::string interface_;
 };
+
+// Refuses an empty value, which a script's unset variable is.
+extern const CLI::Validator given;
 
 // A flag that takes a word or a quantity, checked as such.
 report::Format format_flag(const std::string& word);

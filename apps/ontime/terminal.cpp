@@ -1,9 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "terminal.hpp"
 
+#include <cerrno>
 #include <csignal>
 #include <cstdio>
 #include <fstream>
+#include <system_error>
+#include <utility>
 
 #include <fmt/format.h>
 #include <unistd.h>
@@ -23,18 +26,25 @@ std::string words(const roundtrip::Counters& counters) {
                      counters.lost);
 }
 
+// A full disk under a log must not end a measurement: what cannot be said is not said.
+template <typename... Arguments>
+void say(fmt::format_string<Arguments...> text, Arguments&&... arguments) {
+  std::fputs(fmt::format(text, std::forward<Arguments>(arguments)...).c_str(), stderr);
+  std::fflush(stderr);
+}
+
 }  // namespace
 
 Terminal::Terminal() : interactive_(isatty(STDERR_FILENO) != 0) {}
 
 void Terminal::clear_line() {
-  if (line_open_) fmt::print(stderr, "\r\033[K");
+  if (line_open_) say("\r\033[K");
   line_open_ = false;
 }
 
 void Terminal::note(const std::string& text) {
   clear_line();
-  fmt::print(stderr, "ontime: {}\n", text);
+  say("ontime: {}\n", text);
 }
 
 void Terminal::begins(const campaign::Run& run, std::size_t number, std::size_t of) {
@@ -44,22 +54,20 @@ void Terminal::begins(const campaign::Run& run, std::size_t number, std::size_t 
   head_ = fmt::format("{}{}{} {}{}", count, run.id, variant, run.task.transport, repetition);
   duration_ = run.task.client.duration;
   if (!interactive_) return;
-  fmt::print(stderr, "{} …", head_);
-  std::fflush(stderr);
+  say("{} …", head_);
   line_open_ = true;
 }
 
 void Terminal::progress(const roundtrip::Counters& counters, std::chrono::nanoseconds elapsed) {
   if (!interactive_) return;
   clear_line();
-  fmt::print(stderr, "{}  {:.0f}/{:g} s  {}", head_, seconds(elapsed), seconds(duration_), words(counters));
-  std::fflush(stderr);
+  say("{}  {:.0f}/{:g} s  {}", head_, seconds(elapsed), seconds(duration_), words(counters));
   line_open_ = true;
 }
 
 void Terminal::ends(const roundtrip::Counters& counters) {
   clear_line();
-  fmt::print(stderr, "{}  {}\n", head_, words(counters));
+  say("{}  {}\n", head_, words(counters));
 }
 
 const campaign::Interrupts& catch_interrupts() {
@@ -78,12 +86,20 @@ nlohmann::json command_line() {
   return words;
 }
 
+void print(const std::string& text) {
+  std::fputs(text.c_str(), stdout);
+  if (std::fflush(stdout) != 0 || std::ferror(stdout) != 0)
+    throw campaign::Error(3, "standard output cannot be written: " + std::generic_category().message(errno));
+}
+
+void print_error(const std::string& text) { say("ontime: {}\n", text); }
+
 void print_report(const record::Reader& reader, std::size_t known, report::Format format) {
   std::vector<statistics::Summary> summaries;
   const auto runs = reader.runs();
   for (std::size_t i = known; i < runs.size(); ++i)
     summaries.push_back(statistics::summarise(reader, runs[i]));
-  fmt::print("{}", report::render(summaries, format));
+  print(report::render(summaries, format));
 }
 
 }  // namespace ontime::app

@@ -29,6 +29,11 @@ const campaign::Interrupts& catch_interrupts();
 // How this program was called, for the record.
 nlohmann::json command_line();
 
+// To standard output, all of it, or throws Error.
+void print(const std::string& text);
+// To standard error, as "ontime: text"; never throws.
+void print_error(const std::string& text);
+
 // Prints the report on the runs that came after the first `known`.
 void print_report(const record::Reader&, std::size_t known, report::Format);
 

@@ -332,10 +332,12 @@ class Agent {
       stage_ = Stage::measuring;
     } else if (Clock::now() > until_) {
       throw Error(
-          3, fmt::format("pong was found over {}, but of the warm-up's messages only {} of {} were answered "
-                         "within {:g} s: payloads too large for the link, or a firewall?",
-                         end_->task().transport, client.warm_up_answers(), end_->task().client.warm_up,
-                         seconds(wait_)));
+          3,
+          fmt::format("pong was found over {}, but it answered {} of the {} messages of the warm-up within "
+                      "{:g} s. Is the payload larger than it serves (pong --payload SIZE) or than the link "
+                      "carries, or does a firewall drop it?",
+                      end_->task().transport, client.warm_up_answers(), end_->task().client.warm_up,
+                      seconds(wait_)));
     }
   }
 

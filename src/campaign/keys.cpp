@@ -165,7 +165,11 @@ std::vector<Key> all_keys() {
       {"deadline", "--deadline", "TIME", "a longer round trip is late: 10 ms", client,
        [](Run& run, Text text) { run.task.client.deadline = positive_duration(text); }},
       {"timeout", "--timeout", "TIME", "a message without an answer for longer is lost: 500 ms", client,
-       [](Run& run, Text text) { run.task.client.timeout = positive_duration(text); }},
+       [](Run& run, Text text) {
+         run.task.client.timeout = positive_duration(text);
+         if (run.task.client.timeout > std::chrono::hours(1))
+           throw std::invalid_argument(fmt::format("'{}' is too long: at most 1 h", text));
+       }},
       {"duration", "--duration", "TIME", "of sending, warm-up not counted: 10 s", client,
        [](Run& run, Text text) { run.task.client.duration = positive_duration(text); }},
       {"warm-up", "--warm-up", "N", "answers before the first counted message: 10", client,

@@ -24,7 +24,8 @@ class File {
  public:
   File(const std::string& path, const Selection& selection) : selection_(selection) {
     scenario_.file = path;
-    const bool folder = std::filesystem::is_directory(path);
+    std::error_code none;
+    const bool folder = std::filesystem::is_directory(path, none);
     std::ifstream in(path);
     if (folder || !in)
       throw Error(2, fmt::format("scenario {} cannot be read: {}", path,
@@ -132,7 +133,7 @@ class File {
       if (key.path.starts_with(parent))
         siblings.insert(key.path.substr(parent.size(), key.path.find('.', parent.size()) - parent.size()));
     if (parent.empty()) siblings.insert({"id", "options"});
-    if (siblings.empty()) return "";
+    if (siblings.empty()) return nearest(parent.substr(0, parent.size() - 1));
     return fmt::format("; here may stand: {}", fmt::join(siblings, ", "));
   }
 
@@ -200,7 +201,7 @@ class File {
       if (times >= 1 && times <= 1'000'000 && std::to_string(times) == node.Scalar()) return times;
     } catch (const std::exception&) {  // said below
     }
-    fail(node, fmt::format("repeat: '{}' is not a whole number of 1 or more",
+    fail(node, fmt::format("repeat: '{}' is not a whole number from 1 to 1000000",
                            node.IsScalar() ? node.Scalar() : ""));
   }
 

@@ -30,7 +30,8 @@ constexpr std::array<ScheduleWord, 3> schedules{{{Schedule::next_free, "next-fre
 Ledger::Size size_of(const ClientOptions& options) {
   if (options.schedule == Schedule::back_to_back) return {64, std::size_t{1} << 19};
   const auto period_ns = std::max<std::int64_t>(options.period.count(), 1);
-  const auto in_flight = static_cast<std::size_t>(2 * options.timeout.count() / period_ns);
+  const bool several = options.schedule == Schedule::fixed;
+  const auto in_flight = several ? static_cast<std::size_t>(2 * options.timeout.count() / period_ns) : 64;
   const auto samples = static_cast<std::size_t>(10'000 * ms / period_ns);
   return {std::max<std::size_t>(in_flight, 1024), std::max<std::size_t>(samples, 1 << 16)};
 }

@@ -70,7 +70,7 @@ const Plugin& open(const fs::path& file) {
     throw Error(fmt::format("{} is not an ontime transport: it exports no ontime_transport", file.string()));
   if (plugin->abi != abi)
     throw Error(
-        fmt::format("transport {} was built for version {} of the port, this ontime has {}; build it anew",
+        fmt::format("transport {} was built for another ontime (its port is {}, ours {}); build it anew",
                     file.string(), plugin->abi, abi));
   return *plugin;
 }

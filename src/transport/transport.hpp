@@ -58,7 +58,7 @@ struct Config {
   std::vector<std::string> peers;     // HOST[:PORT]; for DDS, where to look beside multicast
   // The client's: a longer round trip is late. For a transport that tells of its messages as they go.
   std::int64_t deadline_ns = 10'000'000;
-  int domain = 0;                     // DDS domain; UDP: port 7900 + domain where none is given
+  int domain = 0;  // DDS domain; UDP: port 7900 + domain where none is given
   // SCHED_FIFO priority that threads of a role are to be born with, where the middleware has such a setting.
   // Only what this process is permitted to have is ever asked for here.
   std::map<std::string, int> fifo_priority;
@@ -123,7 +123,8 @@ struct Option {
   const char* values;  // for people: "single|multi"
 };
 
-inline constexpr int abi = 1;
+// The version of the port, and the size of what crosses it, which a forgotten rebuild shows by.
+inline constexpr int abi = 1 * 1'000'000 + static_cast<int>(sizeof(Config) * 10 + sizeof(Capabilities));
 
 struct Plugin {
   int abi;

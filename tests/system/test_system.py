@@ -183,8 +183,16 @@ class System(unittest.TestCase):
             out, error = ping.communicate(timeout=60)
             self.assertEqual(ping.returncode, 0, error)
             self.assertEqual(json.loads(out)["runs"][0]["lost"], 0)
-            again = self.run_ontime("ping", *arguments, "--peer", "127.0.0.1", "--duration", "300 ms", "--results", self.results)
+            again = self.run_ontime("ping", *arguments, "--peer", "127.0.0.1", "--duration", "300 ms", "--realtime",
+                                    "--results", self.results)
             self.assertEqual(again.returncode, 0, again.stderr)
+            self.assertTrue(self.report()[0]["realtime"], "a switch that stands alone says on")
+            with open("/dev/full", "w") as full:
+                for stream, code in (("stderr", 0), ("stdout", 3)):
+                    streams = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL, stream: full}
+                    answer = subprocess.run([ONTIME, "ping", *arguments, "--peer", "127.0.0.1", "--duration", "50 ms"],
+                                            **streams, timeout=60)
+                    self.assertEqual(answer.returncode, code, stream)
         finally:
             pong.send_signal(signal.SIGINT)
             out, _ = pong.communicate(timeout=30)
@@ -213,6 +221,12 @@ class System(unittest.TestCase):
             (["ping", "--transport", "udp", "--payload", "70 kB", "--peer", "127.0.0.1"], 2, "65475"),
             (["ping", "--transport", "udp", "--interface", "nonet0", "--peer", "127.0.0.1"], 2, "nonet0"),
             (["ping", "--transport", "cyclonedds", "--interface", "lo", "--domain", "99", "--wait", "500 ms"], 3, "no pong"),
+            (["ping", "--transport", "udp", "--peer", "127.0.0.1", "--period", ""], 2, "--period"),
+            (["ping", "--transport", "udp", "--peer", "127.0.0.1", "--interface", ""], 2, "--interface"),
+            (["ping", "--transport", "udp", "--peer", "127.0.0.1", "--results", ""], 2, "--results"),
+            (["ping", "--transport", "udp", "--peer", ""], 2, "--peer"),
+            (["ping", "--transport", "udp", "--peer", "127.0.0.1", "--timeout", "99999 h"], 2, "--timeout"),
+            (["run", scenario, "--transports", "udp,foo"], 3, "foo"),
             (["ping"], 2, "transport"),
             ([], 2, ""),
             (["dance"], 2, ""),
