@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <algorithm>
+#include <sstream>
 
 #include <fmt/format.h>
 
@@ -26,6 +27,15 @@ struct Refused {
   std::string found, remedy;
   std::vector<std::string> asked;
 };
+
+// As word(), but lines stay lines, for they are to be copied.
+std::string lines(const nlohmann::json& value) {
+  if (!value.is_string()) return word(value);
+  std::istringstream text(value.get<std::string>());
+  std::vector<std::string> result;
+  for (std::string line; std::getline(text, line);) result.push_back(word(line));
+  return join(result, "\n");
+}
 
 }  // namespace
 
@@ -59,7 +69,7 @@ std::vector<std::string> refusals(const Summaries& summaries) {
     for (const auto& [host, facts] : at(summary.run.outcome, "hosts").items()) {
       for (const auto& [index, refusal] : at(facts, "refusals").items()) {
         const auto asked = word(at(refusal, "asked")), found = word(at(refusal, "found")),
-                   remedy = word(at(refusal, "remedy"));
+                   remedy = lines(at(refusal, "remedy"));
         auto same = std::find_if(all.begin(), all.end(), [&](const auto& other) {
           return other.found == found && other.remedy == remedy;
         });

@@ -42,8 +42,15 @@ std::string quality_of_service(const json& qos) {
 
 std::string seconds(const json& s) { return s.is_number() ? duration(s.get<double>() * 1e6) : nothing; }
 
+bool any_refused(const Summary& summary) {
+  const auto& hosts = at(summary.run.outcome, "hosts");
+  return std::any_of(hosts.begin(), hosts.end(),
+                     [](const json& host) { return !at(host, "refusals").empty(); });
+}
+
 // The conditions of a run in words, each for itself; nothing of what its record does not say.
-std::vector<std::string> conditions(const json& asked) {
+std::vector<std::string> conditions(const Summary& summary) {
+  const auto& asked = summary.run.asked;
   std::vector<std::string> phrases;
   const auto add = [&](const json& said, const std::string& phrase) {
     if (!said.is_null() && !phrase.empty()) phrases.push_back(phrase);
@@ -51,7 +58,9 @@ std::vector<std::string> conditions(const json& asked) {
   const auto& realtime = at(asked, "realtime");
   const auto& period = at(asked, "period_us");
   const auto& schedule = at(asked, "schedule");
-  add(realtime, is_true(realtime) ? "real-time settings" : "SCHED_OTHER");
+  add(realtime, !is_true(realtime)     ? "SCHED_OTHER"
+                : any_refused(summary) ? "real-time settings, not all given (see below)"
+                                       : "real-time settings");
   add(at(asked, "payload_bytes"), size(at(asked, "payload_bytes")));
   if (schedule != "back-to-back") add(period, "every " + duration(period));
   add(schedule, word(schedule));
@@ -66,9 +75,9 @@ std::vector<std::string> conditions(const json& asked) {
 
 // Those phrases of the first run that all of the group share.
 std::vector<std::string> shared_conditions(const Group& group) {
-  auto shared = conditions(group.front()->run.asked);
+  auto shared = conditions(*group.front());
   for (const auto* summary : group) {
-    const auto own = conditions(summary->run.asked);
+    const auto own = conditions(*summary);
     std::erase_if(shared,
                   [&](const auto& phrase) { return std::find(own.begin(), own.end(), phrase) == own.end(); });
   }
@@ -81,7 +90,7 @@ std::string label(const Summary& summary, const std::vector<std::string>& shared
   auto text = word(at(asked, "transport"));
   if (const auto variant = word(at(asked, "variant")); variant != nothing && !variant.empty())
     return text + " " + variant;
-  for (const auto& phrase : conditions(asked))
+  for (const auto& phrase : conditions(summary))
     if (std::find(shared.begin(), shared.end(), phrase) == shared.end()) text += " " + phrase;
   return text;
 }
