@@ -145,6 +145,18 @@ TEST_F(ScenarioFile, RealtimeSettingsAreAPresetThatIsRefined) {
   EXPECT_EQ(deadline.period, 10ms);
 }
 
+TEST_F(ScenarioFile, TheAnsweringEndMayBeAnother) {
+  const auto scenario = read(
+      "runs: [{id: a, transport: udp, options: {port: 1}, component: {transport: [fastdds, ros2], options: "
+      "{rmw: x}}}]\n");
+  ASSERT_EQ(scenario.runs.size(), 2U);
+  EXPECT_EQ(scenario.runs[1].task.transport, "udp");
+  EXPECT_EQ(scenario.runs[1].component_transport, "ros2");
+  EXPECT_THAT(scenario.runs[1].component_options, ElementsAre(testing::Pair("rmw", "x")));
+  EXPECT_THAT(scenario.runs[1].task.config.options, ElementsAre(testing::Pair("port", "1")));
+  EXPECT_EQ(scenario.runs[1].variant, "component.transport ros2");
+}
+
 TEST_F(ScenarioFile, ErrorsSayWhere) {
   EXPECT_THAT(error("runs:\n  - id: a\n    transport: udp\n    perid: 10 ms\n"),
               testing::AllOf(HasSubstr(":4:5: unknown key 'perid'"), HasSubstr("period")));

@@ -51,7 +51,7 @@ campaign::Run RunFlags::run() const {
     const auto equals = option.find('=');
     if (equals == std::string::npos || equals == 0)
       throw Error(2, fmt::format("--option: '{}' is not NAME=VALUE", option));
-    campaign::set_option(run, option.substr(0, equals), option.substr(equals + 1));
+    campaign::set_option(run, "options." + option.substr(0, equals), option.substr(equals + 1));
   }
   run.task.config.peers = peers_;
   run.task.config.interface = interface_;

@@ -34,6 +34,8 @@ struct Run {
   int repetition = 1;
   agent::Task task;  // the client's; the server's follows from it
   load::Workers controller_load, component_load;
+  std::string component_transport;  // empty: as the controller's, with its options
+  std::map<std::string, std::string> component_options;
 
   bool realtime_refused =
       false;  // "realtime: off" was said: realtime.* settings then only describe, and do nothing
@@ -51,7 +53,10 @@ struct Key {
   std::function<void(Run&, const std::string&)> set;
 };
 const std::vector<Key>& keys();
-void set_option(Run&, const std::string& name, const std::string& value);  // options.NAME, a transport's own
+// A transport's own options: options.NAME, and component.options.NAME where the component has a transport of
+// its own.
+bool is_option(const std::string& path);
+void set_option(Run&, const std::string& path, const std::string& value);
 // What only the whole of a run can tell: fills in what follows from other keys. Throws std::invalid_argument.
 void complete(Run&);
 

@@ -3,6 +3,7 @@
 #include <charconv>
 #include <limits>
 #include <stdexcept>
+#include <string_view>
 
 #include <fmt/format.h>
 #include <fmt/ranges.h>
@@ -141,6 +142,8 @@ std::vector<Key> all_keys() {
        [](Run& run, Text text) { run.task.count_instructions = yes_or_no(text); }},
       {"transport", "--transport", "NAME", "udp, cyclonedds, fastdds, or another that is installed", both,
        [](Run& run, Text text) { run.task.transport = text; }},
+      {"component.transport", "", "NAME", "of the answering end, where it is another", client,
+       [](Run& run, Text text) { run.component_transport = text; }},
       {"payload", "--payload", "SIZE", "bytes beside the sequence number: 500 B; for pong at most: 60 kB",
        both,
        [](Run& run, Text text) {
@@ -227,11 +230,26 @@ const std::vector<Key>& keys() {
   return keys;
 }
 
-void set_option(Run& run, Text name, Text value) { run.task.config.options[name] = value; }
+constexpr std::string_view options_path = "options.", component_options_path = "component.options.";
+
+bool is_option(Text path) {
+  for (const auto prefix : {options_path, component_options_path})
+    if (path.starts_with(prefix) && path.size() > prefix.size()) return true;
+  return false;
+}
+
+void set_option(Run& run, Text path, Text value) {
+  if (path.starts_with(component_options_path))
+    run.component_options[path.substr(component_options_path.size())] = value;
+  else
+    run.task.config.options[path.substr(options_path.size())] = value;
+}
 
 void complete(Run& run) {
   auto& client = run.task.client;
   if (run.task.transport.empty()) throw std::invalid_argument("no transport is stated");
+  if (run.component_transport.empty() && !run.component_options.empty())
+    throw std::invalid_argument("component.options need a component.transport that they are for");
   if (client.deadline > client.timeout)
     throw std::invalid_argument(
         fmt::format("the deadline ({} us) is longer than the time-out ({} us): nothing could "

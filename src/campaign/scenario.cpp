@@ -116,8 +116,6 @@ class File {
     }
   }
 
-  static bool is_option(const std::string& path) { return path.starts_with("options.") && path.size() > 8; }
-
   static const Key* find_key(const std::string& path) {
     const auto& all = keys();
     const auto found = std::find_if(all.begin(), all.end(), [&](const Key& key) { return key.path == path; });
@@ -273,7 +271,7 @@ class File {
       const auto& choice = dimensions[i][at[i]];
       try {
         if (is_option(choice.path))
-          set_option(run, choice.path.substr(8), choice.value);
+          set_option(run, choice.path, choice.value);
         else
           find_key(choice.path)->set(run, choice.value);
       } catch (const std::invalid_argument& error) {

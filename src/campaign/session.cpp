@@ -40,6 +40,10 @@ agent::Task server_task(const Run& run, const Host& host) {
   if (task.config.max_payload_bytes == 0) task.config.max_payload_bytes = task.client.payload_bytes;
   if (!host.interface.empty()) task.config.interface = host.interface;
   task.load = run.component_load;
+  if (!run.component_transport.empty()) {
+    task.transport = run.component_transport;
+    task.config.options = run.component_options;
+  }
   return task;
 }
 
