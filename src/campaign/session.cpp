@@ -115,8 +115,11 @@ json Session::pump(std::int64_t number, record::Writer& writer, Observer& observ
     if (component_) component_->agent.event(0ms);  // throws if it is gone
     if (!event) continue;
     const std::string name = event->at("event");
-    if (name == "matched" && component_) component_->agent.order("start", {{"wait_ns", 0}});
-    if (name == "measuring") started = Clock::now();
+    if (name == "measuring") {
+      started = Clock::now();
+      // Only now: what the warm-up made the server's threads do for the first time is not of the run.
+      if (component_) component_->agent.order("start", {{"wait_ns", 0}});
+    }
     if (name == "samples") writer.append(number, agent::samples_of(event->at("samples")));
     if (name == "progress")
       observer.progress(
