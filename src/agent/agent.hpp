@@ -76,6 +76,7 @@ int serve();
 
 // The coordinator's end: an agent started as `prefix… program agent`, in a process group of its own, so that
 // a terminal's Ctrl-C reaches the coordinator alone.
+// The coordinator ignores SIGPIPE: an agent that is gone shows as Error.
 class Handle {
  public:
   explicit Handle(const std::vector<std::string>& prefix);  // throws Error
@@ -87,7 +88,6 @@ class Handle {
   // The next event, with its name in "event"; nothing if none came in time. Throws Error for `failed`, and
   // when the agent is gone.
   std::optional<nlohmann::json> event(std::chrono::milliseconds within);
-  int fd() const;  // readable when an event may have come
 
  private:
   struct Process;

@@ -124,6 +124,4 @@ std::optional<json> Handle::event(std::chrono::milliseconds within) {
   }
 }
 
-int Handle::fd() const { return process_->out; }
-
 }  // namespace ontime::agent
