@@ -197,7 +197,7 @@ TEST_F(RecordTest, EverySampleComesBackAsItWas) {
       std::vector<Sample> samples;
       for (std::size_t i = random() % 20; i > 0; --i) {
         samples.push_back({expected[which].size() + samples.size(), any_time(), any_time(), any_time(),
-                           any_time(), any_time(), any_time(), any_time(),
+                           any_time(), any_time(), any_time(), any_time(), any_time(),
                            static_cast<std::uint32_t>(random()), static_cast<Fate>(random() % 3)});
       }
       writer.append(runs[which], samples);

@@ -84,7 +84,7 @@ json outcome() {
 // `answers` round trips of 1, 2, 3 … µs.
 Summary summary(const json& asked, const json& outcome, std::size_t answers = 2000) {
   Summary summary{};
-  summary.run = {1, asked, outcome};
+  summary.run = {1, asked, outcome, {}};
   summary.sent = answers;
   summary.on_time = answers;
   std::vector<std::int64_t> values(answers);

@@ -25,7 +25,7 @@
 
 #include <nlohmann/json.hpp>
 
-#include "load/load.hpp"
+#include "background/background.hpp"
 #include "realtime/realtime.hpp"
 #include "roundtrip/roundtrip.hpp"
 
@@ -52,14 +52,14 @@ struct Task {
   transport::Config config;  // `address` is found by the agent; `fifo_priority` follows from `realtime`
   roundtrip::ClientOptions client;
   RealtimeSettings realtime;
-  load::Workers load;
+  background::Workers load;
   bool count_instructions = false;  // of each thread; it makes switching between threads a little dearer
 };
 void to_json(nlohmann::json&, const Task&);
 void from_json(const nlohmann::json&, Task&);
 void to_json(nlohmann::json&, const RealtimeSettings&);
 nlohmann::json to_json(const transport::Qos&);
-nlohmann::json to_json(const load::Workers&);
+nlohmann::json to_json(const background::Workers&);
 roundtrip::Counters counters_of(const nlohmann::json&);
 // Samples travel as their bytes; both ends are the same program.
 std::vector<roundtrip::Sample> samples_of(const nlohmann::json&);

@@ -15,7 +15,7 @@
 
 #include "agent/agent.hpp"
 #include "agent/frames.hpp"
-#include "host/host.hpp"
+#include "machine/machine.hpp"
 
 namespace ontime::agent {
 namespace {
@@ -47,7 +47,7 @@ json to_json(const roundtrip::Counters& counters) {
 void resolve(transport::Config& config) {
   if (config.interface.empty()) return;
   std::vector<std::string> others;
-  for (const auto& interface : host::interfaces()) {
+  for (const auto& interface : machine::interfaces()) {
     others.push_back(interface.name);
     if (interface.name != config.interface) continue;
     if (!interface.up)
@@ -135,20 +135,20 @@ class End {
       if (const auto state = realtime::read(thread.tid)) before_[thread.tid] = *state;
       if (task_.count_instructions) instructions_.emplace(thread.tid, thread.tid);
     }
-    activity_ = host::activity();
+    activity_ = machine::activity();
     threads_during_ = nullptr;
   }
 
   void end() {
     if (!threads_during_.is_null()) return;
-    conditions_ = host::between(activity_, host::activity());
+    conditions_ = machine::between(activity_, machine::activity());
     threads_during_ = json::array();
     for (const auto& thread : threads())
       if (const auto now = realtime::read(thread.tid)) threads_during_.push_back(during(thread, *now));
   }
 
   json opened() {
-    return {{"machine", host::describe()},
+    return {{"machine", machine::describe()},
             {"refusals", refusals()},
             {"transport",
              {{"name", plugin_->name}, {"version", plugin_->version()}, {"facts", endpoint().facts()}}}};
@@ -213,7 +213,7 @@ class End {
   std::vector<realtime::Refusal> refusals_;
   std::map<pid_t, realtime::ThreadState> before_;
   std::map<pid_t, realtime::InstructionCounter> instructions_;
-  host::Activity activity_;
+  machine::Activity activity_;
   json threads_during_, conditions_;
 };
 
@@ -236,7 +236,7 @@ class Agent {
   void give_back() {
     stress_.reset();
     journal_.reset();
-    host::revert_abandoned();  // of a coordinator that was killed, namespaces are still there
+    machine::revert_abandoned();  // of a coordinator that was killed, namespaces are still there
   }
 
  private:
@@ -251,14 +251,14 @@ class Agent {
   void obey(const json& order) {
     const std::string name = order.at("order");
     if (name == "open") {
-      const auto notes = host::revert_abandoned();
+      const auto notes = machine::revert_abandoned();
       end_ = std::make_unique<End>(order.at("task").get<Task>());
       auto opened = end_->opened();
       opened["notes"] = notes;
       answer("opened", opened);
     } else if (name == "load") {
-      journal_ = std::make_unique<host::Journal>();
-      stress_ = std::make_unique<load::Stress>(end_->task().load, journal_->add_directory("stress"));
+      journal_ = std::make_unique<machine::Journal>();
+      stress_ = std::make_unique<background::Stress>(end_->task().load, journal_->add_directory("stress"));
       answer("loaded");
     } else if (name == "start") {
       start(std::chrono::nanoseconds(order.at("wait_ns").get<std::int64_t>()));
@@ -372,9 +372,9 @@ class Agent {
 
   Frames frames_;
   std::vector<roundtrip::Sample> batch_;
-  std::unique_ptr<host::Journal> journal_;
+  std::unique_ptr<machine::Journal> journal_;
   std::unique_ptr<End> end_;
-  std::unique_ptr<load::Stress> stress_;
+  std::unique_ptr<background::Stress> stress_;
   Stage stage_ = Stage::idle;
   std::chrono::nanoseconds wait_{0};
   Clock::time_point until_, last_progress_, last_samples_;

@@ -88,7 +88,7 @@ json to_json(const transport::Qos& qos) {
           {"durability", find(durabilities, qos.durability)}};
 }
 
-json to_json(const load::Workers& workers) {
+json to_json(const background::Workers& workers) {
   return {{"cpu", workers.cpu},
           {"vm", workers.vm},
           {"io", workers.io},

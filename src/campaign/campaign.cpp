@@ -6,7 +6,7 @@
 #include <fmt/format.h>
 
 #include "campaign/session.hpp"
-#include "host/host.hpp"
+#include "machine/machine.hpp"
 
 namespace ontime::campaign {
 namespace {
@@ -39,16 +39,16 @@ int carry_out(const Run& run, Session& session, std::chrono::nanoseconds wait, r
 }
 
 // The hosts of a scenario, made where they are ours to make.
-Hosts prepare(const Scenario& scenario, host::Journal& journal, Observer& observer) {
+Hosts prepare(const Scenario& scenario, machine::Journal& journal, Observer& observer) {
   auto hosts = scenario.hosts;
-  if (hosts.kind == Hosts::Kind::namespaces && !host::may_join_namespaces()) {
+  if (hosts.kind == Hosts::Kind::namespaces && !machine::may_join_namespaces()) {
     observer.note(
         "no permission to make network namespaces: the two ends are two processes on loopback instead. "
         "To have two \"machines\", run as root: sudo ontime run …");
     hosts.kind = Hosts::Kind::loopback;
   }
   if (hosts.kind == Hosts::Kind::namespaces) {
-    const auto pair = host::join_namespaces(journal);
+    const auto pair = machine::join_namespaces(journal);
     hosts.controller = {pair.controller.prefix, pair.controller.interface, pair.controller.address};
     hosts.component = {pair.component.prefix, pair.component.interface, pair.component.address};
   } else if (hosts.kind == Hosts::Kind::loopback) {
@@ -104,8 +104,8 @@ json asked(const Run& run) {
 
 int execute(const Scenario& scenario, record::Writer& writer, Observer& observer,
             const Interrupts& interrupts, const json& command_line) {
-  for (const auto& note : host::revert_abandoned()) observer.note(note);
-  host::Journal journal;
+  for (const auto& note : machine::revert_abandoned()) observer.note(note);
+  machine::Journal journal;
   const auto hosts = prepare(scenario, journal, observer);
   int code = 0;
   for (std::size_t i = 0; i < scenario.runs.size() && code != 130; ++i) {
@@ -121,14 +121,14 @@ int execute(const Scenario& scenario, record::Writer& writer, Observer& observer
       code =
           std::max(code, carry_out(run, session, wait_for_own_server, writer, observer, interrupts, record));
     }
-    host::revert_abandoned();  // of an agent that was killed, a folder may still be there
+    machine::revert_abandoned();  // of an agent that was killed, a folder may still be there
   }
   return code;
 }
 
 int ping(const Run& run, std::chrono::nanoseconds wait, record::Writer& writer, Observer& observer,
          const Interrupts& interrupts, const json& command_line) {
-  for (const auto& note : host::revert_abandoned()) observer.note(note);
+  for (const auto& note : machine::revert_abandoned()) observer.note(note);
   auto record = asked(run);
   record["command_line"] = command_line;
   observer.begins(run, 1, 1);

@@ -33,7 +33,7 @@ struct Run {
   std::string adds_to;  // the id of the layer below, where the runs of a session are layers
   int repetition = 1;
   agent::Task task;  // the client's; the server's follows from it
-  load::Workers controller_load, component_load;
+  background::Workers controller_load, component_load;
   std::string component_transport;  // empty: as the controller's, with its options
   std::map<std::string, std::string> component_options;
 

@@ -111,24 +111,24 @@ void add_thread_keys(std::vector<Key>& keys, const std::string& path, const std:
   keys.push_back({path + ".cpus", flag + "cpus", "LIST", "CPU affinity of " + whose, both, each(set_cpus)});
 }
 
-void add_load_keys(std::vector<Key>& keys, const std::string& host, load::Workers Run::*load) {
+void add_load_keys(std::vector<Key>& keys, const std::string& host, background::Workers Run::*load) {
   const auto client = Key::For::client;
-  const auto add = [&](const std::string& kind, int load::Workers::*workers, const std::string& help) {
+  const auto add = [&](const std::string& kind, int background::Workers::*workers, const std::string& help) {
     keys.push_back({fmt::format("load.{}.{}", host, kind), "", "N", help, client, [=](Run& run, Text text) {
                       (run.*load).*workers = static_cast<int>(number(text, 0, 1024));
                     }});
   };
-  const auto add_bytes = [&](const std::string& kind, std::uint64_t load::Workers::*bytes,
+  const auto add_bytes = [&](const std::string& kind, std::uint64_t background::Workers::*bytes,
                              const std::string& help) {
     keys.push_back({fmt::format("load.{}.{}", host, kind), "", "SIZE", help, client,
                     [=](Run& run, Text text) { (run.*load).*bytes = bytes_of(text); }});
   };
-  add("cpu", &load::Workers::cpu, "stress-ng workers that compute");
-  add("vm", &load::Workers::vm, "stress-ng workers that write to memory");
-  add("io", &load::Workers::io, "stress-ng workers that call sync(2)");
-  add("hdd", &load::Workers::hdd, "stress-ng workers that write files");
-  add_bytes("vm-bytes", &load::Workers::vm_bytes, "memory of each vm worker");
-  add_bytes("hdd-bytes", &load::Workers::hdd_bytes, "file size of each hdd worker");
+  add("cpu", &background::Workers::cpu, "stress-ng workers that compute");
+  add("vm", &background::Workers::vm, "stress-ng workers that write to memory");
+  add("io", &background::Workers::io, "stress-ng workers that call sync(2)");
+  add("hdd", &background::Workers::hdd, "stress-ng workers that write files");
+  add_bytes("vm-bytes", &background::Workers::vm_bytes, "memory of each vm worker");
+  add_bytes("hdd-bytes", &background::Workers::hdd_bytes, "file size of each hdd worker");
 }
 
 std::vector<Key> all_keys() {

@@ -86,7 +86,7 @@ std::vector<Run> Reader::runs() const {
   Statement row(*connection_, "SELECT number, asked, outcome FROM run ORDER BY number");
   while (row.next()) {
     const auto number = row.integer(0);
-    runs.push_back({number, json_of(row.text(1), number, name), json_of(row.text(2), number, name)});
+    runs.push_back({number, json_of(row.text(1), number, name), json_of(row.text(2), number, name), {}});
   }
   return runs;
 }

@@ -7,6 +7,7 @@
 #include <cstdint>
 #include <functional>
 #include <memory>
+#include <optional>
 #include <span>
 #include <stdexcept>
 #include <string>
@@ -33,6 +34,17 @@ struct Run {
   std::int64_t number = 0;  // from 1, in order of start
   nlohmann::json asked;
   nlohmann::json outcome;
+  // Of what was asked, without what varies from one time to the next (repetition, title, versions, command
+  // line …): the same conditions have the same key, in every file and on every machine.
+  std::string key;
+};
+
+// Something that happened in a run: at a moment, or to one message, or both.
+struct Note {
+  std::string kind;                      // "peer-left", "second-pong" …: a word for programs
+  std::string text;                      // for people
+  std::optional<std::int64_t> at_ns;     // CLOCK_MONOTONIC of the client
+  std::optional<std::uint64_t> message;  // its index
 };
 
 class Writer {
@@ -46,9 +58,11 @@ class Writer {
   Writer& operator=(Writer&&) noexcept;
 
   std::int64_t begin_run(const nlohmann::json& asked);
-  // In order of index. Durable against kill -9 once flush() has returned; where samples keep coming, also
+  // In order of index; one that is there already is replaced (a message given up as lost, whose answer was in
+  // time after all). Durable against kill -9 once flush() has returned; where samples keep coming, also
   // once a second has passed since.
   void append(std::int64_t run, std::span<const roundtrip::Sample> samples);
+  void note(std::int64_t run, const Note&);
   void end_run(std::int64_t run, const nlohmann::json& outcome);
   void flush();
 
@@ -63,6 +77,7 @@ class Reader {
  public:
   explicit Reader(const std::string& path);  // never changes the file
   std::vector<Run> runs() const;
+  std::vector<Note> notes(std::int64_t run) const;  // in the order in which they were written
   // Each sample of a run, in order of index. Memory does not grow with their number.
   void each_sample(std::int64_t run, const std::function<void(const roundtrip::Sample&)>&) const;
 

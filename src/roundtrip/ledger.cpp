@@ -24,6 +24,7 @@ std::uint64_t Ledger::post(const Posting& posting) noexcept {
                   .intended_ns = posting.intended_ns,
                   .due_ns = posting.due_ns,
                   .woke_ns = posting.woke_ns,
+                  .passed_wake_ns = 0,
                   .sent_ns = posting.sent_ns,
                   .received_ns = 0,
                   .server_received_ns = 0,

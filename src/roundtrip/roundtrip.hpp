@@ -44,9 +44,13 @@ struct Counters {
   std::uint64_t duplicates = 0;       // further answers to a message already answered
   std::uint64_t strays = 0;           // answers to somebody else's messages, or to one given up as lost
   std::uint64_t reordered = 0;        // answers that came after the answer to a later message
-  std::uint64_t skipped_cycles = 0;   // cycles without a message
+  std::uint64_t skipped_cycles = 0;   // cycles without a message; with `sent` the cycles of the duration
   std::uint64_t refused_sends = 0;    // messages that the transport did not take; each is lost, too
   std::uint64_t dropped_records = 0;  // samples that nobody drained in time
+  // Of the skipped cycles those after the last message, which no sample tells of: the first was due then, and
+  // until then (the last answer, its time-out, or the sender's own return) none could be sent.
+  std::uint64_t trailing_cycles = 0;
+  std::int64_t trailing_due_ns = 0, trailing_until_ns = 0;
 };
 
 // A thread of ours or of the middleware; role "send" is the client's sending thread, "receive" the one that
@@ -65,10 +69,12 @@ class Client {
   transport::Endpoint& endpoint();
   std::vector<Thread> threads();
 
-  // Once. Sends the warm-up, then measures for the duration, in the sending thread.
+  // Once each. start() sends the warm-up and then waits, silent, in State::ready: what is to be read before
+  // the first counted message is read then. go() measures for the duration, in the sending thread.
   void start();
+  void go();
   void stop();  // send no more; what is in flight is waited for. Any thread.
-  enum class State { waiting, warming_up, measuring, finished };
+  enum class State { waiting, warming_up, ready, measuring, finished };
   State state() const;
   std::uint64_t warm_up_answers() const;
 

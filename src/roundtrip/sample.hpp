@@ -15,13 +15,15 @@ struct Sample {
   std::int64_t intended_ns;  // when it should have been sent: the first cycle it was due in
   std::int64_t due_ns;       // the cycle it was sent in: intended_ns + skipped_cycles × period
   std::int64_t woke_ns;      // when the sending thread ran again (back-to-back: when the last answer came)
-  std::int64_t sent_ns;      // just before the transport was called: the paper's T1
-  std::int64_t received_ns;  // when its answer came: the paper's T2; 0 if lost
+  std::int64_t
+      passed_wake_ns;    // the longest that a wake-up for one of the cycles skipped before it took; 0: none
+  std::int64_t sent_ns;  // just before the transport was called: the paper's T1
+  std::int64_t received_ns;         // when its answer came: the paper's T2; 0 if lost
   std::int64_t server_received_ns;  // the server's clock; 0 if the server did not say
   std::int64_t server_sent_ns;      // the server's clock; 0 if the server did not say
   std::uint32_t skipped_cycles;     // cycles that passed unused before it
   Fate fate;
 };
-static_assert(std::is_trivially_copyable_v<Sample> && sizeof(Sample) == 72);
+static_assert(std::is_trivially_copyable_v<Sample> && sizeof(Sample) == 80);
 
 }  // namespace ontime::roundtrip

@@ -24,6 +24,10 @@ namespace ontime::transport {
 struct Error : std::runtime_error {
   using std::runtime_error::runtime_error;
 };
+// What was asked can be had on no machine: a wrong word or value (exit code 2, where Error is 3).
+struct WrongInput : Error {
+  using Error::Error;
+};
 
 enum class Role { client, server };  // the client writes ping and reads pong, the server the other way
 enum class Receive {
@@ -58,6 +62,8 @@ struct Config {
   std::vector<std::string> peers;     // HOST[:PORT]; for DDS, where to look beside multicast
   // The client's: a longer round trip is late. For a transport that tells of its messages as they go.
   std::int64_t deadline_ns = 10'000'000;
+  // As ROS 2 names them, whole: "/ping", "/robot/ping". On the wire of DDS they are "rt/ping" …
+  std::string ping_topic = "/ping", pong_topic = "/pong";
   int domain = 0;  // DDS domain; UDP: port 7900 + domain where none is given
   // SCHED_FIFO priority that threads of a role are to be born with, where the middleware has such a setting.
   // Only what this process is permitted to have is ever asked for here.
@@ -68,8 +74,9 @@ struct Config {
 // What a transport's arrivals are given to.
 class Sink {
  public:
-  // Real-time. `payload` is valid, and may be overwritten, until the call returns. `arrival_ns`:
-  // CLOCK_MONOTONIC, read by the transport as the first thing after the middleware handed the message over.
+  // Real-time. `payload` is valid, and may be overwritten, until the call returns. `arrival_ns`: now_ns(),
+  // read when the application can read these bytes, after the take or the copy, not at a notification: the
+  // same moment for every transport.
   // Endpoint::send() may be called from here. May be called by several threads of the middleware at once.
   virtual void arrived(std::uint64_t sequence, std::span<std::byte> payload,
                        std::int64_t arrival_ns) noexcept = 0;
@@ -79,9 +86,16 @@ class Sink {
 };
 
 struct Matched {
-  int readers = 0;  // others that read what we write
-  int writers = 0;  // others that write what we read
+  int readers = 0;              // others that read what we write
+  int writers = 0;              // others that write what we read
+  std::int64_t changed_ns = 0;  // when either number last changed; 0: never
   bool both() const noexcept { return readers > 0 && writers > 0; }
+};
+
+// Messages that our reader did not hand to us, since it was opened, as far as the middleware tells.
+struct Losses {
+  std::optional<std::uint64_t> on_the_way;   // never reached the reader
+  std::optional<std::uint64_t> overwritten;  // reached it, and gave way to newer ones before we took them
 };
 
 class Endpoint {
@@ -89,8 +103,11 @@ class Endpoint {
   virtual ~Endpoint() = default;  // after it, the sink is not called any more
 
   // Ordinary thread. Called every few milliseconds while somebody waits for a peer; a transport without
-  // discovery does its handshake here.
+  // discovery does its handshake here. Called during the measurement too, so it takes no lock that send() or
+  // an arrival takes.
   virtual Matched matched() = 0;
+  // Ordinary thread, before the first counted message and after the last.
+  virtual Losses losses() { return {}; }
   // What was seen of others while no peer matched, for people (an incompatible QoS, say); empty if nothing.
   virtual std::string seen() { return {}; }
 
@@ -124,7 +141,7 @@ struct Option {
 };
 
 // The version of the port, and the size of what crosses it, which a forgotten rebuild shows by.
-inline constexpr int abi = 1 * 1'000'000 + static_cast<int>(sizeof(Config) * 10 + sizeof(Capabilities));
+inline constexpr int abi = 2 * 1'000'000 + static_cast<int>(sizeof(Config) * 10 + sizeof(Capabilities));
 
 struct Plugin {
   int abi;

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "host/journal_file.hpp"
+#include "machine/journal_file.hpp"
 
 #include <array>
 #include <cerrno>
@@ -13,10 +13,10 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
-#include "host/host.hpp"
-#include "host/proc.hpp"
+#include "machine/machine.hpp"
+#include "machine/proc.hpp"
 
-namespace ontime::host {
+namespace ontime::machine {
 namespace {
 
 constexpr const char* suffix = ".journal";
@@ -160,4 +160,4 @@ void remove_journal(const std::string& path) {
 
 void remove_empty_folder() { rmdir(journal_folder().c_str()); }
 
-}  // namespace ontime::host
+}  // namespace ontime::machine

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "load/child.hpp"
+#include "background/child.hpp"
 
 #include <array>
 #include <cerrno>
@@ -14,7 +14,7 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
-namespace ontime::load {
+namespace ontime::background {
 namespace {
 
 struct Plan {
@@ -108,4 +108,4 @@ Started start(const std::vector<std::string>& command, int output) {
   return {plan.error == 0 ? pid : -1, plan.error};
 }
 
-}  // namespace ontime::load
+}  // namespace ontime::background

@@ -7,7 +7,7 @@
 
 #include <sys/types.h>
 
-namespace ontime::load {
+namespace ontime::background {
 
 struct Started {
   pid_t pid;  // -1: it could not be started
@@ -20,4 +20,4 @@ struct Started {
 // user namespaces) it is the first process of a PID namespace, and all its descendants are killed with it.
 Started start(const std::vector<std::string>& command, int output);
 
-}  // namespace ontime::load
+}  // namespace ontime::background

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "host/proc.hpp"
+#include "machine/proc.hpp"
 
 #include <algorithm>
 #include <charconv>
@@ -7,7 +7,7 @@
 #include <numeric>
 #include <sstream>
 
-namespace ontime::host {
+namespace ontime::machine {
 namespace {
 
 constexpr const char* white = " \t\n\r";
@@ -127,4 +127,4 @@ bool has_capability(const std::string& status, int capability) {
   return (mask >> capability & 1U) != 0;
 }
 
-}  // namespace ontime::host
+}  // namespace ontime::machine

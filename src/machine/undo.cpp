@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "host/undo.hpp"
+#include "machine/undo.hpp"
 
 #include <algorithm>
 #include <cerrno>
@@ -11,9 +11,9 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
-#include "host/host.hpp"
+#include "machine/machine.hpp"
 
-namespace ontime::host {
+namespace ontime::machine {
 
 bool is_plain_name(const std::string& name) {
   const auto plain = [](unsigned char c) { return c > ' ' && c != '/' && c != 0x7f; };
@@ -45,4 +45,4 @@ Undone remove_directory(const std::string& path) {
   return Undone::done;
 }
 
-}  // namespace ontime::host
+}  // namespace ontime::machine

@@ -4,7 +4,7 @@
 
 #include <string>
 
-namespace ontime::host {
+namespace ontime::machine {
 
 enum class Undone { done, nothing_there };
 
@@ -16,4 +16,4 @@ Undone remove_directory(const std::string& path);
 bool is_plain_name(const std::string& name);
 std::string namespace_path(const std::string& name);
 
-}  // namespace ontime::host
+}  // namespace ontime::machine

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "load/load.hpp"
+#include "background/background.hpp"
 
 #include <algorithm>
 #include <array>
@@ -21,9 +21,9 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
-#include "load/process.hpp"
+#include "background/process.hpp"
 
-namespace ontime::load {
+namespace ontime::background {
 namespace {
 
 namespace fs = std::filesystem;
@@ -296,4 +296,4 @@ TEST(Stat, CutTextIsRefused) {
 }
 
 }  // namespace
-}  // namespace ontime::load
+}  // namespace ontime::background

@@ -8,10 +8,10 @@
 #include <sys/utsname.h>
 #include <unistd.h>
 
-#include "host/host.hpp"
-#include "host/proc.hpp"
+#include "machine/machine.hpp"
+#include "machine/proc.hpp"
 
-namespace ontime::host {
+namespace ontime::machine {
 namespace {
 
 using nlohmann::json;
@@ -115,4 +115,4 @@ json describe() {
   return json::parse(description.dump(-1, ' ', false, json::error_handler_t::replace));
 }
 
-}  // namespace ontime::host
+}  // namespace ontime::machine

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "host/command.hpp"
+#include "machine/command.hpp"
 
 #include <algorithm>
 #include <array>
@@ -14,10 +14,10 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
-#include "host/host.hpp"
-#include "host/proc.hpp"
+#include "machine/machine.hpp"
+#include "machine/proc.hpp"
 
-namespace ontime::host {
+namespace ontime::machine {
 namespace {
 
 // What a child writes, kept in memory: nobody need read while it writes.
@@ -83,4 +83,4 @@ std::string ip(const std::vector<std::string>& arguments) {
   return output.text();
 }
 
-}  // namespace ontime::host
+}  // namespace ontime::machine

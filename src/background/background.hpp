@@ -9,7 +9,7 @@
 
 #include <sys/types.h>
 
-namespace ontime::load {
+namespace ontime::background {
 
 struct Error : std::runtime_error {
   using std::runtime_error::runtime_error;
@@ -42,4 +42,4 @@ class Stress {
   pid_t pid_ = -1;
 };
 
-}  // namespace ontime::load
+}  // namespace ontime::background

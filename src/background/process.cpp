@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "load/process.hpp"
+#include "background/process.hpp"
 
 #include <cctype>
 #include <filesystem>
 #include <fstream>
 #include <sstream>
 
-namespace ontime::load {
+namespace ontime::background {
 
 std::optional<Process> parse_stat(const std::string& text) {
   const auto name_begin = text.find('(');
@@ -31,4 +31,4 @@ std::vector<Process> processes() {
   return found;
 }
 
-}  // namespace ontime::load
+}  // namespace ontime::background

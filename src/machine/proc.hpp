@@ -10,9 +10,9 @@
 #include <nlohmann/json.hpp>
 #include <sys/types.h>
 
-#include "host/host.hpp"
+#include "machine/machine.hpp"
 
-namespace ontime::host {
+namespace ontime::machine {
 
 // Nothing if it cannot be read; an empty file is empty text.
 std::optional<std::string> text_of(const std::string& path);
@@ -49,4 +49,4 @@ std::vector<std::string> cgroups_of(const std::string& text, const std::string& 
 // Bit of <linux/capability.h> in the "CapEff" of the text of /proc/PID/status.
 bool has_capability(const std::string& status, int capability);
 
-}  // namespace ontime::host
+}  // namespace ontime::machine

@@ -12,11 +12,11 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
-#include "load/child.hpp"
-#include "load/load.hpp"
-#include "load/process.hpp"
+#include "background/child.hpp"
+#include "background/background.hpp"
+#include "background/process.hpp"
 
-namespace ontime::load {
+namespace ontime::background {
 namespace {
 
 using namespace std::chrono_literals;
@@ -129,4 +129,4 @@ Stress::~Stress() { end(pid_); }
 
 bool Stress::running() { return !ended(pid_); }
 
-}  // namespace ontime::load
+}  // namespace ontime::background

@@ -11,9 +11,9 @@
 #include <net/if.h>
 #include <netinet/in.h>
 
-#include "host/host.hpp"
+#include "machine/machine.hpp"
 
-namespace ontime::host {
+namespace ontime::machine {
 namespace {
 
 std::string dotted(const in_addr& address) {
@@ -49,4 +49,4 @@ std::vector<Interface> interfaces() {
   return all;
 }
 
-}  // namespace ontime::host
+}  // namespace ontime::machine

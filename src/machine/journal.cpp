@@ -12,13 +12,13 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
-#include "host/command.hpp"
-#include "host/host.hpp"
-#include "host/journal_file.hpp"
-#include "host/proc.hpp"
-#include "host/undo.hpp"
+#include "machine/command.hpp"
+#include "machine/machine.hpp"
+#include "machine/journal_file.hpp"
+#include "machine/proc.hpp"
+#include "machine/undo.hpp"
 
-namespace ontime::host {
+namespace ontime::machine {
 namespace {
 
 const std::string a_namespace = "namespace";
@@ -161,4 +161,4 @@ std::vector<std::string> revert_abandoned() {
   return lines;
 }
 
-}  // namespace ontime::host
+}  // namespace ontime::machine

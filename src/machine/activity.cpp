@@ -3,10 +3,10 @@
 
 #include <time.h>
 
-#include "host/host.hpp"
-#include "host/proc.hpp"
+#include "machine/machine.hpp"
+#include "machine/proc.hpp"
 
-namespace ontime::host {
+namespace ontime::machine {
 namespace {
 
 nlohmann::json share(std::int64_t part, std::int64_t whole) {
@@ -43,4 +43,4 @@ nlohmann::json between(const Activity& first, const Activity& last) {
           {"io_pressure", pressure(first.io_stall_us, last.io_stall_us, elapsed_ns)}};
 }
 
-}  // namespace ontime::host
+}  // namespace ontime::machine

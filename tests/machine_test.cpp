@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "host/host.hpp"
+#include "machine/machine.hpp"
 
 #include <algorithm>
 #include <array>
@@ -28,12 +28,12 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
-#include "host/command.hpp"
-#include "host/journal_file.hpp"
-#include "host/proc.hpp"
-#include "host/undo.hpp"
+#include "machine/command.hpp"
+#include "machine/journal_file.hpp"
+#include "machine/proc.hpp"
+#include "machine/undo.hpp"
 
-namespace ontime::host {
+namespace ontime::machine {
 namespace {
 
 namespace fs = std::filesystem;
@@ -746,4 +746,4 @@ TEST(Ip, SaysWhatItSaid) {
 }
 
 }  // namespace
-}  // namespace ontime::host
+}  // namespace ontime::machine

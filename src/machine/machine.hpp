@@ -10,7 +10,7 @@
 
 #include <nlohmann/json.hpp>
 
-namespace ontime::host {
+namespace ontime::machine {
 
 struct Error : std::runtime_error {
   using std::runtime_error::runtime_error;
@@ -82,4 +82,4 @@ NamespacePair join_namespaces(Journal&);
 // Whether this process may (CAP_SYS_ADMIN and CAP_NET_ADMIN).
 bool may_join_namespaces();
 
-}  // namespace ontime::host
+}  // namespace ontime::machine

@@ -6,11 +6,11 @@
 #include <linux/capability.h>
 #include <unistd.h>
 
-#include "host/command.hpp"
-#include "host/host.hpp"
-#include "host/proc.hpp"
+#include "machine/command.hpp"
+#include "machine/machine.hpp"
+#include "machine/proc.hpp"
 
-namespace ontime::host {
+namespace ontime::machine {
 namespace {
 
 using namespace std::chrono_literals;
@@ -70,4 +70,4 @@ NamespacePair join_namespaces(Journal& journal) {
   return pair;
 }
 
-}  // namespace ontime::host
+}  // namespace ontime::machine

@@ -8,7 +8,7 @@
 
 #include <sys/types.h>
 
-namespace ontime::load {
+namespace ontime::background {
 
 struct Process {
   pid_t pid;
@@ -23,4 +23,4 @@ struct Process {
 std::optional<Process> parse_stat(const std::string& text);
 std::vector<Process> processes();
 
-}  // namespace ontime::load
+}  // namespace ontime::background

@@ -9,7 +9,7 @@
 
 #include <sys/types.h>
 
-namespace ontime::host {
+namespace ontime::machine {
 
 struct Change {
   std::string kind;  // "namespace", "directory"
@@ -50,4 +50,4 @@ void cut(const std::string& path, off_t length);
 void remove_journal(const std::string& path);
 void remove_empty_folder();
 
-}  // namespace ontime::host
+}  // namespace ontime::machine
