@@ -1,14 +1,19 @@
 // SPDX-License-Identifier: Apache-2.0
-// This machine: what it is, how busy it is, and what we change of it, with a journal and a way back.
-// Ordinary thread only.
+// This machine: what it is, how busy it is, its clock, its interfaces and what went over them; and two
+// "machines" made of one. Ordinary thread only.
 #pragma once
 
 #include <cstdint>
+#include <optional>
 #include <stdexcept>
 #include <string>
 #include <vector>
 
 #include <nlohmann/json.hpp>
+
+namespace ontime::journal {
+class Journal;
+}
 
 namespace ontime::machine {
 
@@ -17,8 +22,11 @@ struct Error : std::runtime_error {
 };
 
 // Provenance: hostname, kernel (release and version), cpu model and count, governor, preemption model,
-// rt_runtime_us / rt_period_us (RT throttling), clocksource, limits (rtprio, memlock, cgroup memory),
-// memory_bytes. What cannot be read is null, never guessed.
+// rt_runtime_us / rt_period_us (RT throttling), autogroup, clocksource, limits (rtprio, memlock, cgroup
+// memory), memory_bytes, boot_id (the same for all that share this kernel), and clock: {"synchronised",
+// "source": "ptp", "chrony" or "kernel", "error_ns": how far CLOCK_REALTIME is off at most by what the source
+// knows, "realtime_offset_ns": CLOCK_REALTIME - CLOCK_MONOTONIC}. What cannot be read is null, never guessed.
+// Asks chronyc and pmc where there are such: a second at the worst, so not during a measurement.
 nlohmann::json describe();
 
 // How busy the machine was between two moments: from /proc/stat and /proc/pressure.
@@ -41,36 +49,21 @@ struct Interface {
 };
 std::vector<Interface> interfaces();
 
-// What this process changed and how to take it back, in a file that outlives it: one journal a process, under
-// /run/ontime (without root $XDG_RUNTIME_DIR/ontime, or /tmp/ontime-UID where there is none), written and
-// synced before each change is made. It is owned by (pid, start time): a journal whose owner is gone is
-// abandoned. A forked child owns none of it.
-class Journal {
- public:
-  Journal();
-  ~Journal();  // takes everything back, last change first, and removes the journal
-  Journal(const Journal&) = delete;
-  Journal& operator=(const Journal&) = delete;
-
-  // Each is: read, write to the journal, change, read back. Throws Error if it cannot, and then changed
-  // nothing.
-  void add_namespace(const std::string& name);  // removed with all that is in it
-  std::string add_directory(
-      const std::string& stem);  // under the temporary folder; removed with its contents
-  void revert() noexcept;        // what cannot be taken back now stays in the journal for revert_abandoned()
-
- private:
-  std::string path_;
+// What has gone over an interface of this process's network namespace since it came up, as the kernel counts
+// it: frames with all their headers, of everybody. Nothing if there is no such interface.
+struct Traffic {
+  std::uint64_t sent_bytes = 0, sent_packets = 0;
+  std::uint64_t received_bytes = 0, received_packets = 0;
 };
+std::optional<Traffic> traffic(const std::string& interface);
 
-// Takes back what processes that are gone (kill -9, power cut) left behind. Returns what it did, for people,
-// a line each; empty if nothing was there. Cheap when there is nothing; called at every start and end of
-// ontime.
-std::vector<std::string> revert_abandoned();
+// Names of the shared memory segments of a DDS ("fastrtps_…", "fastdds_…", "iox_…") that this process has
+// mapped.
+std::vector<std::string> shared_memory();
 
-// Two "machines" on one: namespaces `controller` and `component`, joined by a veth pair, each with an address
-// of 198.18.0.0/30 (RFC 2544's range for benchmarks). Needs root; needs iproute2's `ip`. Throws Error that
-// says who has a namespace of that name when one is there already.
+// Two "machines" on one: network namespaces `ontime-controller` and `ontime-component`, joined by a veth
+// pair, each with an address of 198.18.0.0/30 (RFC 2544's range for benchmarks). Needs root; needs iproute2's
+// `ip`. Throws Error, or journal::Error if somebody else has a namespace of that name.
 struct NamespacePair {
   struct End {
     std::string name, interface, address;
@@ -78,7 +71,7 @@ struct NamespacePair {
   };
   End controller, component;
 };
-NamespacePair join_namespaces(Journal&);
+NamespacePair join_namespaces(journal::Journal&);
 // Whether this process may (CAP_SYS_ADMIN and CAP_NET_ADMIN).
 bool may_join_namespaces();
 

@@ -1,0 +1,92 @@
+// SPDX-License-Identifier: Apache-2.0
+// What we changed of this machine and the way back, in a file that outlives us: kill -9 or a power cut leave
+// it to the next ontime. Ordinary thread only.
+#pragma once
+
+#include <memory>
+#include <optional>
+#include <span>
+#include <stdexcept>
+#include <string>
+#include <vector>
+
+#include <sys/types.h>
+
+namespace ontime::journal {
+
+struct Error : std::runtime_error {
+  using std::runtime_error::runtime_error;
+};
+
+// What a thing is set to, as its kind writes it; nothing: there is no such thing. Of a thing that was made
+// it is its identity, by which it is told from a later one of the same name.
+using Value = std::optional<std::string>;
+// Asked for of a thing that has an identity only once it is made.
+extern const std::string to_be_made;
+
+// From where a thing can be seen.
+enum class Scope { machine, network_namespace, mount_namespace };
+
+// What can be changed of a machine. A room that brings one says how it is read and written, and no more; all
+// else is done here, alike for all. The functions throw Error that says why they could not.
+struct Kind {
+  const char* name;
+  Scope scope;
+  bool on_disk;  // it is as before after a reboot; else it is gone with the kernel
+  // Only root acts on entries of this kind: a program whose file has capabilities could else be made to use
+  // them by whoever writes a journal of his own.
+  bool needs_root;
+  bool (*accepts)(const std::string& what);  // what this kind may ever touch, whatever a journal says
+  Value (*read)(const std::string& what);    // as the kernel says it; what is set can be compared with it
+  // `present` is what it must still be: a thing that was made is looked at again before it is removed.
+  void (*write)(const std::string& what, const Value& value, const Value& present);
+};
+
+// One process's changes: a file under /run/ontime (without root $XDG_RUNTIME_DIR/ontime, or /tmp/ontime-UID
+// where there is none), locked as long as its owner lives. A living journal is a hold of the machine: the
+// first change takes it, and another ontime (of this user, in this mount namespace) that wants to change
+// something meanwhile is refused with the name of this one; who changes nothing takes no notice of it. A
+// forked child owns none of it, but keeps it alive until it ends or becomes another program.
+class Journal {
+ public:
+  // Kinds beside our own two, the namespace and the folder; they must outlive it.
+  explicit Journal(std::span<const Kind> more = {});
+  ~Journal();  // as revert()
+  Journal(const Journal&) = delete;
+  Journal& operator=(const Journal&) = delete;
+
+  // Before the first change, for whoever wants to be refused early: what others left is taken back first.
+  // Throws Error that names the holder.
+  void hold();
+
+  // Read, write to the journal (it is on the disk then), change, read back. Throws Error if it cannot, or if
+  // what is read back is not what was wanted, and then nothing is changed.
+  void change(const Kind&, const std::string& what, const Value& wanted);
+
+  // Takes everything back, last change first, and leaves the hold. Returns what could not be, for people; it
+  // stays in the file, for revert_abandoned().
+  std::vector<std::string> revert() noexcept;
+
+ private:
+  struct File;
+  std::span<const Kind> more_;
+  std::unique_ptr<File> file_;
+};
+
+// Takes back what processes that are gone left behind: only what can be seen from here, and only if it still
+// is what they made of it. What somebody else has changed since is left to him; what cannot be seen from
+// here, or is not understood, is kept. Returns what it did and, once, what it did not, a line each for
+// people. Does nothing while a living ontime holds the machine: that one did it before its first change.
+// Cheap when nothing is there; called at every start and end of ontime.
+std::vector<std::string> revert_abandoned(std::span<const Kind> more = {});
+
+// Names of our own making: only they can be made, and only they are ever removed.
+constexpr const char* own_prefix = "ontime-";
+
+// A network namespace that `ip netns` knows, removed with all that is in it. `name` begins with own_prefix.
+// Throws Error that says what to do when there is one of that name already.
+void add_namespace(Journal&, const std::string& name);
+// A folder for this user alone under the temporary one, removed with its contents: "…/ontime-STEM-RANDOM".
+std::string add_directory(Journal&, const std::string& stem);
+
+}  // namespace ontime::journal
