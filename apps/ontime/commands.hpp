@@ -14,6 +14,6 @@ void add_ping(CLI::App&, Action&);
 void add_pong(CLI::App&, Action&);
 void add_run(CLI::App&, Action&);
 void add_report(CLI::App&, Action&);
-void add_agent(CLI::App&, Action&);
+void add_workers(CLI::App&, Action&);  // what the others start, by orders over standard input and output
 
 }  // namespace ontime::app

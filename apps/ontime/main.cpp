@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <exception>
 
-#include "agent/agent.hpp"
 #include "commands.hpp"
+#include "orders/orders.hpp"
 #include "record/record.hpp"
 #include "terminal.hpp"
 
@@ -18,7 +18,7 @@ int main(int argc, char** argv) {
 
   ontime::app::Action action;
   for (const auto add : {ontime::app::add_run, ontime::app::add_ping, ontime::app::add_pong,
-                         ontime::app::add_report, ontime::app::add_agent})
+                         ontime::app::add_report, ontime::app::add_workers})
     add(app, action);
   try {
     app.parse(argc, argv);
@@ -32,7 +32,7 @@ int main(int argc, char** argv) {
   };
   try {
     return action();
-  } catch (const ontime::agent::Error& error) {
+  } catch (const ontime::orders::Error& error) {
     return failed(error.exit, error.what());
   } catch (const ontime::record::WrongFile& error) {
     return failed(2, error.what());

@@ -25,7 +25,7 @@ void add_ping(CLI::App& app, Action& action) {
       const auto run = flags->run();
       const auto wait = duration_flag("--wait", arguments->wait);
       const auto format = format_flag(arguments->format);
-      const auto& interrupts = catch_interrupts();
+      auto& interrupts = catch_interrupts();
       record::Writer writer(arguments->results);
       const auto known = writer.reader().runs().size();
       Terminal terminal;

@@ -50,7 +50,7 @@ int run(const Arguments& arguments, const nlohmann::json& command_line) {
 
   const auto results =
       arguments.results.empty() ? new_results_file(arguments.scenarios.front()) : arguments.results;
-  const auto& interrupts = catch_interrupts();
+  auto& interrupts = catch_interrupts();
   record::Writer writer(results);
   const auto known = writer.reader().runs().size();
   Terminal terminal;

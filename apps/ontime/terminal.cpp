@@ -17,6 +17,7 @@ namespace ontime::app {
 namespace {
 
 campaign::Interrupts interrupts{0};
+volatile std::sig_atomic_t last_signal = 0;
 static_assert(campaign::Interrupts::is_always_lock_free, "it is counted in a signal handler");
 
 double seconds(std::chrono::nanoseconds time) { return std::chrono::duration<double>(time).count(); }
@@ -70,14 +71,17 @@ void Terminal::ends(const roundtrip::Counters& counters) {
   say("{}  {}\n", head_, words(counters));
 }
 
-const campaign::Interrupts& catch_interrupts() {
-  struct sigaction action {};
-  action.sa_handler = [](int) { ++interrupts; };
-  for (const int signal : {SIGINT, SIGTERM, SIGHUP}) sigaction(signal, &action, nullptr);
-  action.sa_handler = SIG_IGN;
-  sigaction(SIGPIPE, &action, nullptr);  // an agent that is gone is noticed by its pipe
+campaign::Interrupts& catch_interrupts() {
+  orders::on_termination([](int signal) {
+    last_signal = signal;
+    // Only a person at the keyboard who asks again is in a hurry: a terminal that closes, or a service that
+    // stops, may say so twice.
+    if (signal == SIGINT || interrupts == 0) ++interrupts;
+  });
   return interrupts;
 }
+
+bool was_stopped() { return last_signal == SIGTERM; }
 
 nlohmann::json command_line() {
   auto words = nlohmann::json::array();

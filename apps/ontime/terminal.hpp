@@ -24,7 +24,8 @@ class Terminal final : public campaign::Observer {
 };
 
 // Counts SIGINT, SIGTERM and SIGHUP from now on.
-const campaign::Interrupts& catch_interrupts();
+campaign::Interrupts& catch_interrupts();
+bool was_stopped();  // the last of them was SIGTERM: whoever started this as a service stopped it
 
 // How this program was called, for the record.
 nlohmann::json command_line();

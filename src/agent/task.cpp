@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Orders and their words, to and from JSON.
 #include <array>
+#include <bit>
 #include <cstring>
 #include <utility>
 
@@ -88,15 +89,6 @@ json to_json(const transport::Qos& qos) {
           {"durability", find(durabilities, qos.durability)}};
 }
 
-json to_json(const background::Workers& workers) {
-  return {{"cpu", workers.cpu},
-          {"vm", workers.vm},
-          {"io", workers.io},
-          {"hdd", workers.hdd},
-          {"vm_bytes", workers.vm_bytes},
-          {"hdd_bytes", workers.hdd_bytes}};
-}
-
 void to_json(json& to, const RealtimeSettings& settings) {
   auto threads = json::object();
   for (const auto& [role, thread] : settings.threads) threads[role] = settings_json(thread);
@@ -116,6 +108,8 @@ void to_json(json& to, const Task& task) {
         {"max_payload_bytes", task.config.max_payload_bytes},
         {"interface", task.config.interface},
         {"peers", task.config.peers},
+        {"ping_topic", task.config.ping_topic},
+        {"pong_topic", task.config.pong_topic},
         {"domain", task.config.domain},
         {"options", task.config.options},
         {"schedule", roundtrip::word_of(client.schedule)},
@@ -126,7 +120,6 @@ void to_json(json& to, const Task& task) {
         {"payload_bytes", client.payload_bytes},
         {"warm_up", client.warm_up},
         {"realtime", task.realtime},
-        {"load", to_json(task.load)},
         {"count_instructions", task.count_instructions}};
 }
 
@@ -141,6 +134,8 @@ void from_json(const json& from, Task& task) {
   task.config.max_payload_bytes = from.at("max_payload_bytes");
   task.config.interface = from.at("interface");
   task.config.peers = from.at("peers").get<std::vector<std::string>>();
+  task.config.ping_topic = from.at("ping_topic");
+  task.config.pong_topic = from.at("pong_topic");
   task.config.domain = from.at("domain");
   task.config.options = from.at("options").get<std::map<std::string, std::string>>();
   task.client.schedule = roundtrip::schedule_of(from.at("schedule")).value();
@@ -152,28 +147,30 @@ void from_json(const json& from, Task& task) {
   task.client.warm_up = from.at("warm_up");
   task.realtime = realtime_of(from.at("realtime"));
   task.count_instructions = from.at("count_instructions");
-  const auto& load = from.at("load");
-  task.load = {load.at("cpu"), load.at("vm"),       load.at("io"),
-               load.at("hdd"), load.at("vm_bytes"), load.at("hdd_bytes")};
+}
+
+json to_json(const roundtrip::Counters& counters) {
+  json to;
+  for (const auto& [name, member] : roundtrip::counter_names) to[name] = counters.*member;
+  to["trailing_due_ns"] = counters.trailing_due_ns;
+  to["trailing_until_ns"] = counters.trailing_until_ns;
+  return to;
 }
 
 roundtrip::Counters counters_of(const json& from) {
   roundtrip::Counters counters;
-  counters.sent = from.at("sent");
-  counters.on_time = from.at("on_time");
-  counters.late = from.at("late");
-  counters.lost = from.at("lost");
-  counters.duplicates = from.at("duplicates");
-  counters.strays = from.at("strays");
-  counters.reordered = from.at("reordered");
-  counters.skipped_cycles = from.at("skipped_cycles");
-  counters.refused_sends = from.at("refused_sends");
-  counters.dropped_records = from.at("dropped_records");
+  for (const auto& [name, member] : roundtrip::counter_names) counters.*member = from.at(name);
+  counters.trailing_due_ns = from.at("trailing_due_ns");
+  counters.trailing_until_ns = from.at("trailing_until_ns");
   return counters;
 }
 
-std::vector<roundtrip::Sample> samples_of(const json& from) {
-  const auto& bytes = from.get_binary();
+std::string sample_layout() {
+  return std::to_string(sizeof(roundtrip::Sample)) +
+         (std::endian::native == std::endian::little ? "le" : "be");
+}
+
+std::vector<roundtrip::Sample> samples_of(std::span<const std::uint8_t> bytes) {
   std::vector<roundtrip::Sample> samples(bytes.size() / sizeof(roundtrip::Sample));
   if (!samples.empty()) std::memcpy(samples.data(), bytes.data(), samples.size() * sizeof(roundtrip::Sample));
   return samples;

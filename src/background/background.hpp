@@ -1,13 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-// Load on this machine: stress-ng as a child process that cannot outlive the thread that started it, however
-// that ends. Ordinary thread only.
+// What runs on this machine beside a measurement, behind one small interface. Ordinary thread only.
 #pragma once
 
 #include <cstdint>
+#include <memory>
 #include <stdexcept>
 #include <string>
-
-#include <sys/types.h>
 
 namespace ontime::background {
 
@@ -26,20 +24,17 @@ struct Workers {
   bool any() const { return cpu + vm + io + hdd > 0; }
 };
 
-class Stress {
+// Runs from its making to its destruction, which ends it and waits until nothing of it is left. However the
+// thread that made it ends, it does not outlive it.
+class Background {
  public:
-  // Starts it in `directory` (its temporary files go there) and returns once its workers run. SCHED_OTHER,
-  // whatever the caller has. Throws Error if stress-ng is missing (says the package) or ends at once (says
-  // what it said).
-  Stress(const Workers&, const std::string& directory);
-  ~Stress();  // ends it and all its workers, and waits until they are gone
-  Stress(const Stress&) = delete;
-  Stress& operator=(const Stress&) = delete;
-
-  bool running();  // false once it has ended by itself (no memory, say)
-
- private:
-  pid_t pid_ = -1;
+  virtual ~Background() = default;
+  virtual bool running() = 0;  // false once it has ended by itself (no memory, say)
 };
+
+// stress-ng as an ordinary process (SCHED_OTHER, any CPU, whatever the caller has), with its temporary files
+// in `directory`. Returns once its workers run. Throws Error if it is missing (says the package) or ends at
+// once (says what it said).
+std::unique_ptr<Background> stress(const Workers&, const std::string& directory);
 
 }  // namespace ontime::background

@@ -12,8 +12,8 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
-#include "background/child.hpp"
 #include "background/background.hpp"
+#include "background/child.hpp"
 #include "background/process.hpp"
 
 namespace ontime::background {
@@ -102,9 +102,21 @@ Error not_started(int error) {
   return Error(fmt::format("stress-ng cannot be started: {}", std::generic_category().message(error)));
 }
 
+class Stress final : public Background {
+ public:
+  explicit Stress(pid_t pid) : pid_(pid) {}
+  ~Stress() override { end(pid_); }
+  Stress(const Stress&) = delete;
+  Stress& operator=(const Stress&) = delete;
+  bool running() override { return !ended(pid_); }
+
+ private:
+  pid_t pid_;
+};
+
 }  // namespace
 
-Stress::Stress(const Workers& workers, const std::string& directory) {
+std::unique_ptr<Background> stress(const Workers& workers, const std::string& directory) {
   const auto command = command_for(workers, directory);
   const long wanted = long{workers.cpu} + workers.vm + workers.io + workers.hdd;
   if (wanted == 0)
@@ -116,17 +128,10 @@ Stress::Stress(const Workers& workers, const std::string& directory) {
   long running = 0;
   wait_until([&] { return ended(pid) || (running = children_of(pid)) >= wanted; }, time_to_start);
   const bool has_ended = ended(pid);
-  if (!has_ended && running >= wanted) {
-    pid_ = pid;
-    return;
-  }
+  if (!has_ended && running >= wanted) return std::make_unique<Stress>(pid);
   end(pid);
   const auto what = has_ended ? "ended at once" : fmt::format("runs only {} of {} workers", running, wanted);
   throw Error(fmt::format("{} {}; it said:\n{}", fmt::join(command, " "), what, output.text()));
 }
-
-Stress::~Stress() { end(pid_); }
-
-bool Stress::running() { return !ended(pid_); }
 
 }  // namespace ontime::background

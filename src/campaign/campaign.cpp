@@ -2,11 +2,12 @@
 #include "campaign/campaign.hpp"
 
 #include <algorithm>
+#include <map>
 
 #include <fmt/format.h>
 
 #include "campaign/session.hpp"
-#include "machine/machine.hpp"
+#include "keeper/keeper.hpp"
 
 namespace ontime::campaign {
 namespace {
@@ -19,43 +20,88 @@ constexpr std::size_t pong_max_payload_bytes = 60'000;  // where none is stated:
 
 double microseconds(std::chrono::nanoseconds time) { return static_cast<double>(time.count()) / 1e3; }
 
-// What a run leaves in the record, however it ends. Returns the exit code.
-int carry_out(const Run& run, Session& session, std::chrono::nanoseconds wait, record::Writer& writer,
-              Observer& observer, const Interrupts& interrupts, json asked) {
-  const auto number = writer.begin_run(asked);
-  try {
-    const auto outcome = session.measure(wait, number, writer, observer, interrupts);
-    writer.end_run(number, outcome);
-    observer.ends(agent::counters_of(outcome));
-    return interrupts > 0 ? 130 : 0;
-  } catch (const Interrupted&) {
-    writer.flush();
-    return 130;
-  } catch (const Error& error) {
-    writer.end_run(number, {{"error", error.what()}});
-    observer.note(fmt::format("{} over {}: {}", run.id, run.task.transport, error.what()));
-    return error.exit;
+// Told once, however many runs it costs.
+class Failures {
+ public:
+  explicit Failures(Observer& observer) : observer_(observer) {}
+  void note(const Run& run, const std::string& what) {
+    auto& others = runs_[what];
+    if (others.empty()) observer_.note(fmt::format("{} over {}: {}", run.id, run.task.transport, what));
+    others.push_back(run.id);
   }
-}
+  void sum_up() const {
+    for (const auto& [what, ids] : runs_)
+      if (ids.size() > 1) observer_.note(fmt::format("{} runs failed so: {}", ids.size(), what));
+  }
 
-// The hosts of a scenario, made where they are ours to make.
-Hosts prepare(const Scenario& scenario, machine::Journal& journal, Observer& observer) {
-  auto hosts = scenario.hosts;
-  if (hosts.kind == Hosts::Kind::namespaces && !machine::may_join_namespaces()) {
-    observer.note(
-        "no permission to make network namespaces: the two ends are two processes on loopback instead. "
-        "To have two \"machines\", run as root: sudo ontime run …");
-    hosts.kind = Hosts::Kind::loopback;
+ private:
+  Observer& observer_;
+  std::map<std::string, std::vector<std::string>> runs_;
+};
+
+// Carries runs out, one after the other, and sees to it that what each leaves in the record says how it
+// ended.
+class Suite {
+ public:
+  Suite(record::Writer& writer, Observer& observer, Interrupts& interrupts)
+      : writer_(writer),
+        observer_(observer),
+        interrupts_(interrupts),
+        coordinator_(interrupts),
+        machines_(coordinator_, observer),
+        failures_(observer) {}
+
+  void prepare(const Hosts& hosts) {
+    stated_ = hosts;
+    machines_.prepare(hosts);
   }
-  if (hosts.kind == Hosts::Kind::namespaces) {
-    const auto pair = machine::join_namespaces(journal);
-    hosts.controller = {pair.controller.prefix, pair.controller.interface, pair.controller.address};
-    hosts.component = {pair.component.prefix, pair.component.interface, pair.component.address};
-  } else if (hosts.kind == Hosts::Kind::loopback) {
-    hosts.controller = hosts.component = {{}, "lo", "127.0.0.1"};
+  Hosts::Kind kind() const { return machines_.hosts().kind; }
+
+  // Returns the exit code.
+  int carry_out(const Run& run, std::chrono::nanoseconds wait, const json& asked) {
+    const auto number = writer_.begin_run(asked);
+    int code = 0;
+    {
+      Session session(run, number, coordinator_, machines_, writer_, observer_, interrupts_);
+      try {
+        const auto outcome = session.measure(wait);
+        if (outcome.contains("error")) {
+          failures_.note(run, outcome.at("error"));
+          code = 3;
+        }
+        writer_.end_run(number, outcome);
+        observer_.ends(agent::counters_of(outcome));
+      } catch (const orders::Interrupted&) {
+        writer_.end_run(number, {{"interrupted", true}});
+      } catch (const Error& error) {
+        auto outcome = session.salvage();
+        outcome["error"] = error.what();
+        outcome["interrupted"] = interrupts_ > 0;
+        writer_.end_run(number, outcome);
+        failures_.note(run, error.what());
+        code = error.exit;
+      }
+    }
+    if (interrupts_ > 0) return 130;
+    // Whoever kept a machine and is gone: what it held is given back before the next run.
+    if (machines_.lost()) machines_.prepare(stated_);
+    return code;
   }
-  return hosts;
-}
+
+  void close() {
+    machines_.close();
+    failures_.sum_up();
+  }
+
+ private:
+  record::Writer& writer_;
+  Observer& observer_;
+  Interrupts& interrupts_;
+  orders::Coordinator coordinator_;
+  Machines machines_;
+  Failures failures_;
+  Hosts stated_;
+};
 
 const char* word_of(Hosts::Kind kind) {
   switch (kind) {
@@ -65,6 +111,8 @@ const char* word_of(Hosts::Kind kind) {
       return "loopback";
     case Hosts::Kind::stated:
       return "stated";
+    case Hosts::Kind::alone:
+      break;
   }
   return "";
 }
@@ -85,6 +133,8 @@ json asked(const Run& run) {
       {"component_options",
        run.component_transport.empty() ? run.task.config.options : run.component_options},
       {"domain", run.task.config.domain},
+      {"ping_topic", run.task.config.ping_topic},
+      {"pong_topic", run.task.config.pong_topic},
       {"payload_bytes", client.payload_bytes},
       {"period_us", microseconds(client.period)},
       {"deadline_us", microseconds(client.deadline)},
@@ -97,67 +147,67 @@ json asked(const Run& run) {
       {"realtime_settings", run.task.realtime},
       {"qos", agent::to_json(run.task.config.qos)},
       {"load",
-       {{"controller", agent::to_json(run.controller_load)},
-        {"component", agent::to_json(run.component_load)}}},
+       {{"controller", keeper::to_json(run.controller_load)},
+        {"component", keeper::to_json(run.component_load)}}},
       {"ontime", ONTIME_VERSION}};
 }
 
-int execute(const Scenario& scenario, record::Writer& writer, Observer& observer,
-            const Interrupts& interrupts, const json& command_line) {
-  for (const auto& note : machine::revert_abandoned()) observer.note(note);
-  machine::Journal journal;
-  const auto hosts = prepare(scenario, journal, observer);
+int execute(const Scenario& scenario, record::Writer& writer, Observer& observer, Interrupts& interrupts,
+            const json& command_line) {
+  Suite suite(writer, observer, interrupts);
   int code = 0;
-  for (std::size_t i = 0; i < scenario.runs.size() && code != 130; ++i) {
-    const auto& run = scenario.runs[i];
-    observer.begins(run, i + 1, scenario.runs.size());
-    auto record = asked(run);
-    record["scenario"] = scenario.text;
-    record["scenario_file"] = scenario.file;
-    record["hosts"] = word_of(hosts.kind);
-    record["command_line"] = command_line;
-    {
-      Session session(run, hosts.controller, hosts.component);
-      code =
-          std::max(code, carry_out(run, session, wait_for_own_server, writer, observer, interrupts, record));
+  try {
+    suite.prepare(scenario.hosts);
+    for (std::size_t i = 0; i < scenario.runs.size() && code != 130; ++i) {
+      const auto& run = scenario.runs[i];
+      observer.begins(run, i + 1, scenario.runs.size());
+      auto record = asked(run);
+      record["scenario"] = scenario.text;
+      record["scenario_file"] = scenario.file;
+      record["hosts"] = word_of(suite.kind());
+      record["command_line"] = command_line;
+      code = std::max(code, suite.carry_out(run, wait_for_own_server, record));
     }
-    machine::revert_abandoned();  // of an agent that was killed, a folder may still be there
+    suite.close();
+  } catch (const orders::Interrupted&) {
+    code = 130;
   }
   return code;
 }
 
 int ping(const Run& run, std::chrono::nanoseconds wait, record::Writer& writer, Observer& observer,
-         const Interrupts& interrupts, const json& command_line) {
-  for (const auto& note : machine::revert_abandoned()) observer.note(note);
-  auto record = asked(run);
-  record["command_line"] = command_line;
-  observer.begins(run, 1, 1);
-  Session session(run, Host{}, {});
-  return carry_out(run, session, wait, writer, observer, interrupts, record);
+         Interrupts& interrupts, const json& command_line) {
+  Suite suite(writer, observer, interrupts);
+  try {
+    suite.prepare({Hosts::Kind::alone, {}, {}});
+    observer.begins(run, 1, 1);
+    auto record = asked(run);
+    record["command_line"] = command_line;
+    const int code = suite.carry_out(run, wait, record);
+    suite.close();
+    return code;
+  } catch (const orders::Interrupted&) {
+    return 130;
+  }
 }
 
-int pong(const Run& run, const Interrupts& interrupts, const std::function<void(const json&)>& told,
-         json& closed) {
-  agent::Handle agent({});
-  auto task = server_task(run, Host{});
-  if (run.task.config.max_payload_bytes == 0) task.config.max_payload_bytes = pong_max_payload_bytes;
-  agent.order("open", {{"task", task}});
-  const auto await = [&](const std::string& name) {
-    while (true) {
-      const auto event = agent.event(200ms);
-      if (event && event->at("event") == name) return *event;
-      if (interrupts > 0 && name != "closed") return json();
-      if (interrupts > 1) return json();
-    }
-  };
-  const auto opened = await("opened");
-  if (opened.is_null()) return 130;
-  agent.order("start", {{"wait_ns", 0}});
-  await("started");
-  told(opened);
-  while (interrupts == 0) agent.event(200ms);  // throws if the agent is gone
-  agent.order("close");
-  closed = await("closed");
+int pong(const Run& run, Interrupts& interrupts, const std::function<void(const json&)>& told, json& closed) {
+  orders::Coordinator coordinator(interrupts);
+  try {
+    orders::Coordinator::Hand agent(coordinator, "the agent", command_in_place({}, "agent"),
+                                    agent::sample_layout());
+    auto task = server_task(run, Host{});
+    if (run.task.config.max_payload_bytes == 0) task.config.max_payload_bytes = pong_max_payload_bytes;
+    agent.order("open", {{"task", task}});
+    const auto opened = coordinator.await(agent, "opened", patience);
+    agent.order("start", {{"wait_ns", 0}});
+    coordinator.await(agent, "ready", patience);
+    told(opened);
+    coordinator.until([&] { return interrupts > 0; }, 1);
+    agent.order("end");
+    closed = coordinator.await(agent, "ended", patience, 1);
+  } catch (const orders::Interrupted&) {  // in a hurry
+  }
   return 130;
 }
 

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // A scenario becomes runs, and runs are carried out on hosts, one after the other, into the results file.
-// Ordinary thread only. Everything here throws agent::Error with what asked, what found, what to do.
+// Ordinary thread only. Everything here throws orders::Error with what asked, what found, what to do.
 #pragma once
 
 #include <atomic>
@@ -13,11 +13,13 @@
 #include <nlohmann/json.hpp>
 
 #include "agent/agent.hpp"
+#include "background/background.hpp"
+#include "orders/orders.hpp"
 #include "record/record.hpp"
 
 namespace ontime::campaign {
 
-using agent::Error;
+using orders::Error;
 
 // "10 ms" → 10'000'000. Units: ns us µs ms s min h. Throws std::invalid_argument, for people.
 std::chrono::nanoseconds duration_of(const std::string& text);
@@ -62,12 +64,17 @@ void complete(Run&);
 
 // Where the two ends are.
 struct Host {
-  std::vector<std::string> prefix;
+  std::vector<std::string>
+      reach;  // words that a command for its machine begins with: {"ssh", "robot"}; none: here
+  std::vector<std::string>
+      place;            // and those that lead to where on it the end lives: {"ip", "netns", "exec", "left"}
+  std::string program;  // ontime there; empty: where it is here
   std::string interface;
   std::string address;
 };
 struct Hosts {
-  enum class Kind { namespaces, loopback, stated } kind = Kind::namespaces;
+  // alone: the controller only, on this machine; somebody else serves
+  enum class Kind { namespaces, loopback, stated, alone } kind = Kind::namespaces;
   Host controller, component;  // filled in for `stated`
 };
 
@@ -94,19 +101,17 @@ class Observer {
   virtual void ends(const roundtrip::Counters&) = 0;  // measured to its end, or to an interruption
 };
 
-// Counts a person's interruptions: once, to stop and keep; twice, to leave at once. Set by a signal handler.
-using Interrupts = std::atomic<int>;
+using orders::Interrupts;
 
 // Carries out all runs. Returns the exit code: 0, 2 or 3 as the worst failed run had it (the others are
 // carried out all the same), or 130. What was changed on the hosts is taken back when it returns or throws.
-int execute(const Scenario&, record::Writer&, Observer&, const Interrupts&,
-            const nlohmann::json& command_line);
+int execute(const Scenario&, record::Writer&, Observer&, Interrupts&, const nlohmann::json& command_line);
 
 // One end by hand, on this host.
-int ping(const Run&, std::chrono::nanoseconds wait, record::Writer&, Observer&, const Interrupts&,
+int ping(const Run&, std::chrono::nanoseconds wait, record::Writer&, Observer&, Interrupts&,
          const nlohmann::json& command_line);
 // Serves until interrupted. `told` is called once it serves, with the record of what it is.
-int pong(const Run&, const Interrupts&, const std::function<void(const nlohmann::json& opened)>& told,
+int pong(const Run&, Interrupts&, const std::function<void(const nlohmann::json& opened)>& told,
          nlohmann::json& closed);
 
 }  // namespace ontime::campaign

@@ -3,6 +3,8 @@
 
 #include <fmt/format.h>
 
+#include "campaign/link.hpp"
+
 namespace ontime::campaign {
 namespace {
 
@@ -10,26 +12,31 @@ using namespace std::chrono_literals;
 using nlohmann::json;
 using Clock = std::chrono::steady_clock;
 
-// Longer than anything takes on a machine under full load; only a hang lasts so long.
-constexpr auto patience = 120s;
-
 agent::Task client_task(const Run& run, const Host& host, const std::optional<Host>& component) {
   auto task = run.task;
   task.config.role = transport::Role::client;
   task.config.max_payload_bytes = task.client.payload_bytes;
   if (!host.interface.empty()) task.config.interface = host.interface;
   if (component) task.config.peers = {component->address};
-  task.load = run.controller_load;
   return task;
 }
 
-json host_record(const json& opened, const json& closed) {
-  json host{{"machine", opened.at("machine")}, {"transport", opened.at("transport")}};
-  host["transport"]["facts"] = closed.at("facts");
-  host["threads"] = closed.at("threads");
-  host["refusals"] = closed.at("refusals");
-  host["load_running"] = closed.at("load_running");
-  return host;
+// What the client saw of who answers, once that has changed.
+record::Note note_of_peers(const json& event, int before) {
+  const int now = event.at("writers");
+  record::Note note{now < before ? "peer-left"
+                    : now > 1    ? "second-pong"
+                                 : "peer-came",
+                    "",
+                    event.at("at_ns"),
+                    {}};
+  if (now == 0)
+    note.text = "pong left: nobody answers";
+  else if (now > 1)
+    note.text = fmt::format("{} pongs answer: each ping has as many answers, and the first counts", now);
+  else
+    note.text = now < before ? "a pong left, one answers" : "pong came back";
+  return note;
 }
 
 }  // namespace
@@ -39,7 +46,6 @@ agent::Task server_task(const Run& run, const Host& host) {
   task.config.role = transport::Role::server;
   if (task.config.max_payload_bytes == 0) task.config.max_payload_bytes = task.client.payload_bytes;
   if (!host.interface.empty()) task.config.interface = host.interface;
-  task.load = run.component_load;
   if (!run.component_transport.empty()) {
     task.transport = run.component_transport;
     task.config.options = run.component_options;
@@ -47,86 +53,144 @@ agent::Task server_task(const Run& run, const Host& host) {
   return task;
 }
 
-Session::Session(const Run& run, const Host& controller, const std::optional<Host>& component)
-    : run_(run), controller_host_(controller), component_host_(component) {}
-
-json Session::await(End& end, const std::string& event, const Interrupts& interrupts, int tolerated) {
-  const auto until = Clock::now() + patience;
-  while (Clock::now() < until) {
-    if (interrupts > tolerated) throw Interrupted{};
-    const auto got = end.agent.event(100ms);
-    if (got && got->at("event") == event) return *got;
-  }
-  throw Error(
-      3, fmt::format("the agent of {} did not come to '{}' within {} s", end.host, event, patience.count()));
+Session::Session(const Run& run, std::int64_t number, orders::Coordinator& coordinator, Machines& machines,
+                 record::Writer& writer, Observer& observer, Interrupts& interrupts)
+    : run_(run),
+      number_(number),
+      coordinator_(coordinator),
+      machines_(machines),
+      writer_(writer),
+      observer_(observer),
+      interrupts_(interrupts) {
+  using orders::Frame;
+  coordinator_.on("samples", [this](Hand&, const Frame& frame) {
+    writer_.append(number_, agent::samples_of(frame.bytes));
+  });
+  coordinator_.on("progress", [this](Hand&, const Frame& frame) {
+    observer_.progress(
+        agent::counters_of(frame.message.at("counters")),
+        std::min<std::chrono::nanoseconds>(Clock::now() - started_, run_.task.client.duration));
+  });
+  coordinator_.on("peer", [this](Hand&, const Frame& frame) { note_peers(frame.message); });
+  coordinator_.on("finished",
+                  [this](Hand&, const Frame& frame) { finished_ = frame.message.at("counters"); });
 }
 
-void Session::open(End& end, const agent::Task& task, Observer& observer, const Interrupts& interrupts) {
-  end.agent.order("open", {{"task", task}});
-  end.opened = await(end, "opened", interrupts);
-  for (const auto& note : end.opened.at("notes")) observer.note(note);
+Session::~Session() {
+  for (const auto* event : {"samples", "progress", "peer", "finished"})
+    coordinator_.on(event, [](auto&, auto&) {});
 }
 
-json Session::measure(std::chrono::nanoseconds wait, std::int64_t number, record::Writer& writer,
-                      Observer& observer, const Interrupts& interrupts) {
-  if (component_host_) {
-    component_.emplace(End{"component", agent::Handle(component_host_->prefix), {}, {}});
-    open(*component_, server_task(run_, *component_host_), observer, interrupts);
+void Session::note_peers(const json& event) {
+  const int now = event.at("writers");
+  if (now == pongs_) return;  // somebody who only listens came or went
+  const auto note = note_of_peers(event, pongs_);
+  pongs_ = now;
+  writer_.note(number_, note);
+  observer_.note(note.text);
+}
+
+Session::End Session::open(const std::string& host, const Host& where, const agent::Task& task) {
+  End end{host,
+          std::make_unique<Hand>(coordinator_, "the agent of the " + host, command_in_place(where, "agent"),
+                                 agent::sample_layout()),
+          {},
+          {}};
+  end.agent->order("open", {{"task", task}});
+  end.opened = coordinator_.await(*end.agent, "opened", patience);
+  return end;
+}
+
+std::vector<Session::End*> Session::ends() {
+  std::vector<End*> there;
+  for (auto* end : {&controller_, &component_})
+    if (*end) there.push_back(&**end);
+  return there;
+}
+
+json Session::measure(std::chrono::nanoseconds wait) {
+  const auto& hosts = machines_.hosts();
+  std::optional<Host> served;
+  if (hosts.kind != Hosts::Kind::alone) {
+    served = hosts.component;
+    component_ = open("component", hosts.component, server_task(run_, hosts.component));
   }
-  controller_.emplace(End{"controller", agent::Handle(controller_host_.prefix), {}, {}});
-  open(*controller_, client_task(run_, controller_host_, component_host_), observer, interrupts);
+  controller_ = open("controller", hosts.controller, client_task(run_, hosts.controller, served));
+  machines_.load(run_);
 
-  std::vector<End*> loaded;
-  if (run_.controller_load.any()) loaded.push_back(&*controller_);
-  if (run_.component_load.any() && component_) loaded.push_back(&*component_);
-  for (auto* end : loaded) end->agent.order("load");
-  for (auto* end : loaded) await(*end, "loaded", interrupts);
-
-  controller_->agent.order("start", {{"wait_ns", wait.count()}});
-  const auto finished = pump(number, writer, observer, interrupts);
-
-  json hosts = json::object(), conditions = json::object();
-  for (auto* end : {&controller_, &component_}) {
-    if (!*end) continue;
-    (*end)->agent.order("close");
-    (*end)->closed = await(**end, "closed", interrupts, 1);
-    hosts[(*end)->host] = host_record((*end)->opened, (*end)->closed);
-    conditions[(*end)->host] = (*end)->closed.at("conditions");
+  for (auto* end : ends()) end->agent->order("start", {{"wait_ns", wait.count()}});
+  const auto warm_up = run_.task.client.period * static_cast<std::int64_t>(run_.task.client.warm_up);
+  for (auto* end : ends())
+    coordinator_.await(*end->agent, "ready",
+                       patience + std::chrono::ceil<std::chrono::milliseconds>(2 * wait + warm_up));
+  // All accounts are opened while nothing is sent: what opening them costs is nobody's round trip.
+  machines_.begin();
+  for (auto* end : ends()) {
+    end->agent->order("begin");
+    coordinator_.await(*end->agent, "begun", patience);
   }
-  auto outcome = finished.at("counters");
-  outcome["interrupted"] = interrupts > 0;
-  outcome["hosts"] = hosts;
-  outcome["conditions"] = conditions;
+  started_ = Clock::now();
+  measuring_ = true;
+  controller_->agent->order("go");
+  finish(run_.task.client.duration + run_.task.client.timeout + patience);
+  return outcome();
+}
+
+void Session::finish(std::chrono::nanoseconds longest) {
+  const auto until = Clock::now() + longest;
+  coordinator_.until(
+      [&] {
+        if (interrupts_ > 0 && !stopped_) {
+          stopped_ = true;
+          controller_->agent->order("stop");
+        }
+        if (!finished_ && Clock::now() > until)
+          throw Error(3, "the agent of the controller did not finish, long after its time was over");
+        return finished_.has_value();
+      },
+      1);
+}
+
+json Session::outcome() {
+  auto outcome = *finished_;
+  for (auto* end : ends()) {
+    end->agent->order("end");
+    end->ended = coordinator_.await(*end->agent, "ended", patience, 1);
+  }
+  const auto account = machines_.end();
+  machines_.unload();
+  auto hosts = json::object();
+  for (auto* end : ends()) {
+    auto host = end->ended;
+    host.erase("event");
+    host["machine"] = machines_.machine(end->host);
+    host["transport"] = end->opened.at("transport");
+    host["transport"]["facts"] = host.at("facts");
+    host.erase("facts");
+    host["load_running"] = account.load_running.at(end->host);
+    hosts[end->host] = std::move(host);
+  }
+  outcome["interrupted"] = interrupts_ > 0;
+  outcome["conditions"] = account.conditions;
+  outcome["hosts"] = std::move(hosts);
+  if (const auto elsewhere = went_elsewhere(outcome, run_.task.client.payload_bytes))
+    outcome["error"] = *elsewhere;
   return outcome;
 }
 
-// Until the client has finished: its samples to the record, its progress to the observer.
-json Session::pump(std::int64_t number, record::Writer& writer, Observer& observer,
-                   const Interrupts& interrupts) {
-  bool stopped = false;
-  auto started = Clock::now();
-  while (true) {
-    if (interrupts > 1) throw Interrupted{};
-    if (interrupts > 0 && !stopped) {
-      stopped = true;
-      controller_->agent.order("stop");
+json Session::salvage() noexcept {
+  try {
+    coordinator_.drain();
+    if (!finished_ && measuring_ && controller_ && !controller_->agent->lost()) {
+      component_.reset();  // there may be nobody left to answer: what is in flight is lost
+      controller_->agent->order("stop");
+      stopped_ = true;
+      finish(run_.task.client.timeout + 5s);
     }
-    const auto event = controller_->agent.event(100ms);
-    if (component_) component_->agent.event(0ms);  // throws if it is gone
-    if (!event) continue;
-    const std::string name = event->at("event");
-    if (name == "measuring") {
-      started = Clock::now();
-      // Only now: what the warm-up made the server's threads do for the first time is not of the run.
-      if (component_) component_->agent.order("start", {{"wait_ns", 0}});
-    }
-    if (name == "samples") writer.append(number, agent::samples_of(event->at("samples")));
-    if (name == "progress")
-      observer.progress(
-          agent::counters_of(event->at("counters")),
-          std::min<std::chrono::nanoseconds>(Clock::now() - started, run_.task.client.duration));
-    if (name == "finished") return *event;
+  } catch (const std::exception&) {       // what went wrong first is what is told
+  } catch (const orders::Interrupted&) {  // in a hurry
   }
+  return finished_.value_or(json::object());
 }
 
 }  // namespace ontime::campaign

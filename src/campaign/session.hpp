@@ -3,36 +3,51 @@
 #pragma once
 
 #include "campaign/campaign.hpp"
+#include "campaign/machines.hpp"
 
 namespace ontime::campaign {
 
-struct Interrupted {};  // the second time, or before anything was measured
-
 class Session {
  public:
-  // `component`: where to start the server too; nothing if somebody else serves.
-  Session(const Run&, const Host& controller, const std::optional<Host>& component);
+  // With hosts that are alone somebody else serves.
+  // What comes of it goes into the writer, as run `number`.
+  Session(const Run&, std::int64_t number, orders::Coordinator&, Machines&, record::Writer&, Observer&,
+          Interrupts&);
+  ~Session();
+  Session(const Session&) = delete;
+  Session& operator=(const Session&) = delete;
 
-  // Measures into the writer; returns the outcome for the record. Throws Error or Interrupted; what was
-  // measured until then is in the writer.
-  nlohmann::json measure(std::chrono::nanoseconds wait, std::int64_t number, record::Writer&, Observer&,
-                         const Interrupts&);
+  // Measures; returns the outcome for the record, in which "error" says what went wrong at last. Throws
+  // Error or Interrupted; what was measured until then is in the writer, and salvage() has the counters.
+  nlohmann::json measure(std::chrono::nanoseconds wait);
+  // After an error: what the client counted, if it can still be asked.
+  nlohmann::json salvage() noexcept;
 
  private:
+  using Hand = orders::Coordinator::Hand;
   struct End {
     std::string host;
-    agent::Handle agent;
-    nlohmann::json opened, closed;
+    std::unique_ptr<Hand> agent;
+    nlohmann::json opened, ended;
   };
-  void open(End&, const agent::Task&, Observer&, const Interrupts&);
-  nlohmann::json pump(std::int64_t number, record::Writer&, Observer&, const Interrupts&);
-  // Throws Interrupted once there are more interruptions than are tolerated.
-  static nlohmann::json await(End&, const std::string& event, const Interrupts&, int tolerated = 0);
+  End open(const std::string& host, const Host&, const agent::Task&);
+  std::vector<End*> ends();
+  void finish(std::chrono::nanoseconds patience);
+  nlohmann::json outcome();
+  void note_peers(const nlohmann::json& event);
 
   const Run& run_;
-  Host controller_host_;
-  std::optional<Host> component_host_;
+  const std::int64_t number_;
+  orders::Coordinator& coordinator_;
+  Machines& machines_;
+  record::Writer& writer_;
+  Observer& observer_;
+  Interrupts& interrupts_;
   std::optional<End> controller_, component_;
+  std::chrono::steady_clock::time_point started_;
+  int pongs_ = 1;  // that answer
+  bool measuring_ = false, stopped_ = false;
+  std::optional<nlohmann::json> finished_;
 };
 
 // The server's part of a run.

@@ -1,0 +1,187 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "agent/end.hpp"
+
+#include <algorithm>
+
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+
+#include "orders/orders.hpp"
+
+namespace ontime::agent {
+namespace {
+
+using nlohmann::json;
+using orders::Error;
+
+// Enough for a middleware's own allocations from set-up to end, so that none of them has to fault pages in.
+constexpr std::size_t heap_bytes = std::size_t{32} << 20;
+
+// Finds the address of the interface that was asked for.
+void resolve(transport::Config& config) {
+  if (config.interface.empty()) return;
+  std::vector<std::string> others;
+  for (const auto& interface : machine::interfaces()) {
+    others.push_back(interface.name);
+    if (interface.name != config.interface) continue;
+    if (!interface.up)
+      throw Error(
+          3, fmt::format("interface '{0}' is down; bring it up: sudo ip link set {0} up", interface.name));
+    if (interface.address.empty())
+      throw Error(
+          3, fmt::format(
+                 "interface '{0}' has no IPv4 address; give it one: sudo ip address add A.B.C.D/N dev {0}",
+                 interface.name));
+    config.address = interface.address;
+    return;
+  }
+  throw Error(2, fmt::format("there is no interface '{}' on this host; there are: {}", config.interface,
+                             fmt::join(others, ", ")));
+}
+
+void check(const transport::Plugin& plugin, const Task& task) {
+  const auto& can = plugin.capabilities;
+  if (task.config.max_payload_bytes > can.max_payload_bytes)
+    throw Error(2, fmt::format("transport {} carries at most {} bytes of payload; {} were asked for",
+                               plugin.name, can.max_payload_bytes, task.config.max_payload_bytes));
+  const bool listener = task.config.receive == transport::Receive::listener;
+  if (listener ? !can.listener : !can.waitset)
+    throw Error(2,
+                fmt::format("transport {} cannot receive by {}", plugin.name, word_of(task.config.receive)));
+  for (const auto& [name, value] : task.config.options) {
+    const bool known = std::any_of(plugin.options.begin(), plugin.options.end(),
+                                   [&](const auto& option) { return name == option.name; });
+    if (known) continue;
+    std::vector<std::string> others;
+    for (const auto& option : plugin.options)
+      others.push_back(fmt::format("{} ({})", option.name, option.values));
+    throw Error(2, fmt::format("transport {} has no option '{}'; it has: {}", plugin.name, name,
+                               others.empty() ? "none" : fmt::format("{}", fmt::join(others, ", "))));
+  }
+}
+
+json since(const std::optional<std::uint64_t>& before, const std::optional<std::uint64_t>& now) {
+  if (!now) return nullptr;
+  return *now - std::min(*now, before.value_or(0));
+}
+
+}  // namespace
+
+End::End(Task task) : task_(std::move(task)) {
+  resolve(task_.config);
+  task_.config.deadline_ns = task_.client.deadline.count();
+  // Memory first: what is created afterwards is born locked, and touched.
+  if (task_.realtime.lock_memory) refuse(realtime::lock_memory(heap_bytes));
+  if (task_.realtime.cpu_latency) {
+    latency_ = std::make_unique<realtime::CpuLatencyRequest>(*task_.realtime.cpu_latency);
+    if (latency_->refusal()) refuse({*latency_->refusal()});
+  }
+  plugin_ = &transport::load(task_.transport);
+  check(*plugin_, task_);
+  for (const auto& [role, settings] : task_.realtime.threads)
+    if (settings.policy == realtime::Policy::fifo && realtime::may_use_fifo(settings.priority))
+      task_.config.fifo_priority[role] = settings.priority;
+  try {
+    if (task_.config.role == transport::Role::client)
+      client_ = std::make_unique<roundtrip::Client>(*plugin_, task_.config, task_.client);
+    else
+      server_ = std::make_unique<roundtrip::Server>(*plugin_, task_.config);
+  } catch (const transport::WrongInput& wrong) {
+    throw Error(2, wrong.what());
+  }
+  set_threads();
+}
+
+json End::opened() {
+  return {{"refusals", refusals()},
+          {"transport",
+           {{"name", plugin_->name}, {"version", plugin_->version()}, {"facts", endpoint().facts()}}}};
+}
+
+void End::set_threads() {
+  for (const auto& thread : threads()) {
+    if (!task_.realtime.on || !set_.insert(thread.tid).second) continue;
+    auto settings = task_.realtime.threads.find(thread.role);
+    if (settings == task_.realtime.threads.end()) settings = task_.realtime.threads.find("other");
+    if (settings == task_.realtime.threads.end()) continue;
+    refuse(realtime::apply(thread.tid, thread.role, settings->second));
+  }
+}
+
+void End::begin() {
+  set_threads();
+  before_.clear();
+  instructions_.clear();
+  for (const auto& thread : threads()) {
+    if (task_.count_instructions) instructions_.emplace(thread.tid, thread.tid);
+    if (const auto state = realtime::read(thread.tid)) before_[thread.tid] = *state;
+  }
+  losses_before_ = endpoint().losses();
+  if (!task_.config.interface.empty()) traffic_before_ = machine::traffic(task_.config.interface);
+}
+
+json End::ended() {
+  auto threads_during = json::array();
+  for (const auto& thread : threads())
+    if (const auto now = realtime::read(thread.tid)) threads_during.push_back(during(thread, *now));
+  return {{"threads", threads_during},
+          {"refusals", refusals()},
+          {"facts", endpoint().facts()},
+          {"losses", losses()},
+          {"link", link()},
+          {"shared_memory", machine::shared_memory()},
+          {"answered", server_ ? server_->answered() : 0}};
+}
+
+void End::refuse(const std::vector<realtime::Refusal>& refusals) {
+  for (const auto& refusal : refusals) {
+    const bool known = std::any_of(refusals_.begin(), refusals_.end(),
+                                   [&](const auto& other) { return other.asked == refusal.asked; });
+    if (!known) refusals_.push_back(refusal);
+  }
+}
+
+json End::refusals() const {
+  auto result = json::array();
+  for (const auto& refusal : refusals_)
+    result.push_back({{"asked", refusal.asked}, {"found", refusal.found}, {"remedy", refusal.remedy}});
+  return result;
+}
+
+json End::during(const transport::Thread& thread, const realtime::ThreadState& now) const {
+  const auto found = before_.find(thread.tid);
+  const auto before = found == before_.end() ? realtime::ThreadState{} : found->second;
+  const auto counter = instructions_.find(thread.tid);
+  const auto instructions = counter == instructions_.end() ? std::nullopt : counter->second.value();
+  return {{"role", thread.role},
+          {"name", thread.name},
+          {"tid", thread.tid},
+          {"policy", realtime::word_of(now.policy)},
+          {"priority", now.priority},
+          {"cpus", now.cpus},
+          {"minor_faults", now.minor_faults - before.minor_faults},
+          {"major_faults", now.major_faults - before.major_faults},
+          {"voluntary_switches", now.voluntary_switches - before.voluntary_switches},
+          {"involuntary_switches", now.involuntary_switches - before.involuntary_switches},
+          {"cpu_time_us", static_cast<double>((now.cpu_time - before.cpu_time).count()) / 1e3},
+          {"instructions", instructions ? json(*instructions) : json(nullptr)}};
+}
+
+json End::losses() {
+  const auto now = endpoint().losses();
+  return {{"on_the_way", since(losses_before_.on_the_way, now.on_the_way)},
+          {"overwritten", since(losses_before_.overwritten, now.overwritten)}};
+}
+
+json End::link() const {
+  const auto now = traffic_before_ ? machine::traffic(task_.config.interface) : std::nullopt;
+  if (!now) return nullptr;
+  const auto& before = *traffic_before_;
+  return {{"interface", task_.config.interface},
+          {"sent_bytes", now->sent_bytes - before.sent_bytes},
+          {"sent_packets", now->sent_packets - before.sent_packets},
+          {"received_bytes", now->received_bytes - before.received_bytes},
+          {"received_packets", now->received_packets - before.received_packets}};
+}
+
+}  // namespace ontime::agent

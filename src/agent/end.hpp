@@ -1,0 +1,51 @@
+// SPDX-License-Identifier: Apache-2.0
+// One end of one run, from `open` on: what it was given, and the account of what its threads, its link and
+// its middleware did between begin() and ended().
+#pragma once
+
+#include <map>
+#include <memory>
+#include <set>
+#include <vector>
+
+#include "agent/agent.hpp"
+#include "machine/machine.hpp"
+
+namespace ontime::agent {
+
+class End {
+ public:
+  explicit End(Task);  // throws orders::Error, or what the transport throws
+
+  roundtrip::Client* client() { return client_.get(); }  // null at the server's end
+  transport::Endpoint& endpoint() { return client_ ? client_->endpoint() : server_->endpoint(); }
+  const Task& task() const { return task_; }
+  nlohmann::json opened();
+
+  // A middleware starts threads when it likes, so this is done again once peers have matched.
+  void set_threads();
+  void begin();
+  nlohmann::json ended();
+
+ private:
+  std::vector<transport::Thread> threads() { return client_ ? client_->threads() : server_->threads(); }
+  void refuse(const std::vector<realtime::Refusal>&);
+  nlohmann::json refusals() const;
+  nlohmann::json during(const transport::Thread&, const realtime::ThreadState& now) const;
+  nlohmann::json losses();
+  nlohmann::json link() const;
+
+  Task task_;
+  std::unique_ptr<realtime::CpuLatencyRequest> latency_;
+  const transport::Plugin* plugin_ = nullptr;
+  std::unique_ptr<roundtrip::Client> client_;
+  std::unique_ptr<roundtrip::Server> server_;
+  std::set<pid_t> set_;
+  std::vector<realtime::Refusal> refusals_;
+  std::map<pid_t, realtime::ThreadState> before_;
+  std::map<pid_t, realtime::InstructionCounter> instructions_;
+  transport::Losses losses_before_;
+  std::optional<machine::Traffic> traffic_before_;
+};
+
+}  // namespace ontime::agent

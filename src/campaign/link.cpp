@@ -1,0 +1,68 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "campaign/link.hpp"
+
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+
+namespace ontime::campaign {
+namespace {
+
+using nlohmann::json;
+
+struct Direction {
+  const char* key;
+  const char* verb;
+  std::uint64_t messages;
+};
+
+std::string segments(const json& host) {
+  const auto names = host.value("shared_memory", std::vector<std::string>{});
+  return names.empty() ? "" : fmt::format("; this end has shared memory in use ({})", fmt::join(names, ", "));
+}
+
+bool one_machine_with_shared_memory(const json& hosts) {
+  if (hosts.size() < 2) return false;
+  json boot;
+  for (const auto& host : hosts) {
+    const auto& own = host.at("machine").value("boot_id", json());
+    if (host.at("link").is_null() || host.at("shared_memory").empty() || own.is_null()) return false;
+    if (!boot.is_null() && own != boot) return false;
+    boot = own;
+  }
+  return true;
+}
+
+}  // namespace
+
+std::optional<std::string> went_elsewhere(const json& outcome, std::uint64_t payload_bytes) {
+  const auto count = [&](const char* key) { return outcome.at(key).get<std::uint64_t>(); };
+  const auto answered = count("on_time") + count("late"), taken = count("sent") - count("refused_sends");
+  for (const auto& [name, host] : outcome.at("hosts").items()) {
+    const auto& link = host.at("link");
+    if (link.is_null()) continue;
+    const bool client = name == "controller";
+    // What is certain: the client has sent all, and every answer was asked for and came.
+    for (const auto& [key, verb, messages] : {Direction{"sent_bytes", "sent", client ? taken : answered},
+                                              Direction{"received_bytes", "received", answered}}) {
+      const auto carried = link.at(key).get<std::uint64_t>();
+      if (carried >= messages * payload_bytes) continue;
+      return fmt::format(
+          "the data did not go over {}: the {} {} {} messages of {} bytes, and the kernel counted {} bytes "
+          "there{}. "
+          "Whatever was measured is not this link",
+          link.at("interface").get<std::string>(), name, verb, messages, payload_bytes, carried,
+          segments(host));
+    }
+  }
+  if (one_machine_with_shared_memory(outcome.at("hosts")))
+    return fmt::format(
+        "both ends are on one machine and have a middleware's shared memory in use{}: the data may have gone "
+        "that way, "
+        "and not over the interface that was asked for. Take the shared-memory transport out of the "
+        "middleware's "
+        "configuration",
+        segments(outcome.at("hosts").at("controller")));
+  return {};
+}
+
+}  // namespace ontime::campaign

@@ -1,0 +1,20 @@
+// SPDX-License-Identifier: Apache-2.0
+// Whether a run's messages went over the link that was asked for: by what the kernel counted there, not by
+// what the middlewares were told.
+#pragma once
+
+#include <cstdint>
+#include <optional>
+#include <string>
+
+#include <nlohmann/json.hpp>
+
+namespace ontime::campaign {
+
+// Of a run's outcome (its counters, and `link` and `shared_memory` of its hosts): what is wrong, for people;
+// nothing if every end's interface carried at least what was sent and answered, or no interface was asked
+// for. Other traffic on the link can make up for what is missing, so where both ends are one machine and both
+// have a middleware's shared memory in use, that is wrong by itself.
+std::optional<std::string> went_elsewhere(const nlohmann::json& outcome, std::uint64_t payload_bytes);
+
+}  // namespace ontime::campaign

@@ -1,0 +1,129 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "campaign/machines.hpp"
+
+#include <algorithm>
+
+#include "keeper/keeper.hpp"
+#include "machine/machine.hpp"
+
+namespace ontime::campaign {
+namespace {
+
+using nlohmann::json;
+
+constexpr const char* controller = "controller";
+constexpr const char* component = "component";
+
+Host host_of(const json& from) {
+  return {{}, from.at("place"), {}, from.at("interface"), from.at("address")};
+}
+
+std::vector<std::string> command(std::vector<std::string> words, const Host& host,
+                                 const std::string& subcommand) {
+  words.push_back(host.program.empty() ? orders::this_program() : host.program);
+  words.push_back(subcommand);
+  return words;
+}
+
+}  // namespace
+
+std::vector<std::string> command_on_machine(const Host& host, const std::string& subcommand) {
+  return command(host.reach, host, subcommand);
+}
+
+std::vector<std::string> command_in_place(const Host& host, const std::string& subcommand) {
+  auto words = host.reach;
+  words.insert(words.end(), host.place.begin(), host.place.end());
+  return command(std::move(words), host, subcommand);
+}
+
+Machines::Machines(orders::Coordinator& coordinator, Observer& observer)
+    : coordinator_(coordinator), observer_(observer) {}
+
+void Machines::prepare(const Hosts& stated) {
+  machines_.clear();
+  hosts_ = stated;
+  if (hosts_.kind == Hosts::Kind::namespaces && !machine::may_join_namespaces()) {
+    observer_.note(
+        "no permission to make network namespaces: the two ends are two processes on loopback instead. "
+        "To have two \"machines\", run as root: sudo ontime run …");
+    hosts_.kind = Hosts::Kind::loopback;
+  }
+  if (hosts_.kind == Hosts::Kind::loopback)
+    hosts_.controller = hosts_.component = {{}, {}, {}, "lo", "127.0.0.1"};
+  add(controller, hosts_.controller);
+  if (hosts_.kind != Hosts::Kind::alone) add(component, hosts_.component);
+  for (auto& [reach, machine] : machines_) {
+    const auto opened = ask(machine, "open", "opened");
+    machine.description = opened.at("machine");
+    tell(opened.at("notes"));
+  }
+  if (hosts_.kind != Hosts::Kind::namespaces) return;
+  const auto joined = ask(machines_.begin()->second, "join", "joined");
+  hosts_.controller = host_of(joined.at(controller));
+  hosts_.component = host_of(joined.at(component));
+}
+
+void Machines::add(const std::string& host, const Host& where) {
+  auto& machine = machines_[where.reach];
+  machine.hosts.push_back(host);
+  if (machine.keeper) return;
+  machine.keeper = std::make_unique<orders::Coordinator::Hand>(
+      coordinator_, "the keeper of the " + host + "'s machine", command_on_machine(where, "keeper"), "");
+}
+
+const Machines::Machine& Machines::machine_of(const std::string& host) const {
+  const auto found = std::find_if(machines_.begin(), machines_.end(), [&](const auto& entry) {
+    const auto& hosts = entry.second.hosts;
+    return std::find(hosts.begin(), hosts.end(), host) != hosts.end();
+  });
+  return found->second;
+}
+
+bool Machines::lost() const {
+  return std::any_of(machines_.begin(), machines_.end(),
+                     [](const auto& entry) { return entry.second.keeper->lost(); });
+}
+
+void Machines::load(const Run& run) {
+  for (auto& [reach, machine] : machines_)
+    for (const auto& host : machine.hosts) {
+      const auto& workers = host == controller ? run.controller_load : run.component_load;
+      if (workers.any()) ask(machine, "load", "loaded", {{"host", host}, {"load", keeper::to_json(workers)}});
+    }
+}
+
+void Machines::unload() { all("unload", "unloaded"); }
+void Machines::begin() { all("begin", "begun"); }
+
+Machines::Account Machines::end() {
+  Account account{json::object(), json::object()};
+  for (auto& [reach, machine] : machines_) {
+    const auto ended = ask(machine, "end", "ended");
+    for (const auto& host : machine.hosts) {
+      account.conditions[host] = ended.at("conditions");
+      account.load_running[host] = ended.at("load_running").value(host, json());
+    }
+  }
+  return account;
+}
+
+void Machines::close() {
+  for (auto& [reach, machine] : machines_)
+    if (!machine.keeper->lost()) tell(ask(machine, "close", "closed").at("notes"));
+}
+
+void Machines::all(const char* order, const char* answer) {
+  for (auto& [reach, machine] : machines_) ask(machine, order, answer);
+}
+
+void Machines::tell(const json& notes) {
+  for (const auto& note : notes) observer_.note(note);
+}
+
+json Machines::ask(Machine& machine, const char* order, const char* answer, json body) {
+  machine.keeper->order(order, std::move(body));
+  return coordinator_.await(*machine.keeper, answer, patience, 1);
+}
+
+}  // namespace ontime::campaign

@@ -1,0 +1,62 @@
+// SPDX-License-Identifier: Apache-2.0
+// The machines of a suite: a keeper on each, for as long as the suite lasts, and the hosts as they are then.
+#pragma once
+
+#include <map>
+#include <memory>
+
+#include "campaign/campaign.hpp"
+
+namespace ontime::campaign {
+
+class Machines {
+ public:
+  Machines(orders::Coordinator&, Observer&);
+
+  // Starts a keeper on each machine that the hosts are on, has what earlier ontimes left there given back,
+  // and makes the hosts where they are ours to make. Again, where a keeper was lost, it starts all anew.
+  // Throws Error.
+  void prepare(const Hosts&);
+  const Hosts& hosts() const { return hosts_; }
+  const nlohmann::json& machine(const std::string& host) const { return machine_of(host).description; }
+  bool lost() const;  // whether a keeper is
+
+  // For one run: its load, and the account of what each machine did between begin() and end().
+  void load(const Run&);
+  void unload();
+  void begin();
+  struct Account {
+    nlohmann::json conditions, load_running;  // by host
+  };
+  Account end();
+
+  // Everything is given back; what could not be is told.
+  void close();
+
+ private:
+  struct Machine {
+    std::unique_ptr<orders::Coordinator::Hand> keeper;
+    nlohmann::json description;
+    std::vector<std::string> hosts;
+  };
+  const Machine& machine_of(const std::string& host) const;
+  void add(const std::string& host, const Host&);
+  void all(const char* order, const char* answer);
+  void tell(const nlohmann::json& notes);
+  nlohmann::json ask(Machine&, const char* order, const char* answer,
+                     nlohmann::json body = nlohmann::json::object());
+
+  orders::Coordinator& coordinator_;
+  Observer& observer_;
+  Hosts hosts_;
+  std::map<std::vector<std::string>, Machine> machines_;  // by how they are reached
+};
+
+// Longer than anything takes on a machine under full load; only a hang lasts so long.
+inline constexpr std::chrono::seconds patience{120};
+
+// How a worker on that host is started: a keeper on its machine, an agent where the end lives.
+std::vector<std::string> command_on_machine(const Host&, const std::string& subcommand);
+std::vector<std::string> command_in_place(const Host&, const std::string& subcommand);
+
+}  // namespace ontime::campaign

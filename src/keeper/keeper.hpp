@@ -1,0 +1,28 @@
+// SPDX-License-Identifier: Apache-2.0
+// What belongs to a machine, as against an end of a round trip: one process a machine, outside any network
+// namespace, which lives for a whole suite, carries out a coordinator's orders (orders/orders.hpp), and gives
+// back what it changed however it ends.
+//
+//   order                 answer
+//   open   {}             opened {machine, notes}: what the machine is; what was given back of earlier
+//   ontimes join   {}             joined {controller, component}: two network namespaces, each {place,
+//   interface, address} load   {host, load}   loaded {}: stress-ng for a host of that name, until unload
+//   unload {}             unloaded {}
+//   begin  {}             begun {}: "during the run" is from here on
+//   end    {}             ended {conditions, load_running {host: bool}}
+//   close  {}             closed {notes}: what could not be given back
+#pragma once
+
+#include <nlohmann/json.hpp>
+
+#include "background/background.hpp"
+
+namespace ontime::keeper {
+
+nlohmann::json to_json(const background::Workers&);
+background::Workers workers_of(const nlohmann::json&);
+
+// Carries out orders from standard input until its end. Returns the exit code.
+int serve();
+
+}  // namespace ontime::keeper

@@ -1,0 +1,90 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <map>
+#include <memory>
+
+#include <fmt/format.h>
+
+#include "journal/journal.hpp"
+#include "keeper/keeper.hpp"
+#include "machine/machine.hpp"
+#include "orders/orders.hpp"
+
+namespace ontime::keeper {
+namespace {
+
+using namespace std::chrono_literals;
+using nlohmann::json;
+
+json end_of(const machine::NamespacePair::End& end) {
+  return {{"place", end.prefix}, {"interface", end.interface}, {"address", end.address}};
+}
+
+class Keeper final : public orders::Worker {
+ public:
+  explicit Keeper(orders::Events& events) : events_(events) {}
+
+  void obey(const std::string& order, const json& body) override {
+    if (order == "open") {
+      const auto notes = journal::revert_abandoned();
+      events_.tell("opened", {{"machine", machine::describe()}, {"notes", notes}});
+    } else if (order == "join") {
+      const auto pair = machine::join_namespaces(journal_);
+      events_.tell("joined",
+                   {{"controller", end_of(pair.controller)}, {"component", end_of(pair.component)}});
+    } else if (order == "load") {
+      load(body.at("host"), workers_of(body.at("load")));
+      events_.tell("loaded");
+    } else if (order == "unload") {
+      running_.clear();
+      events_.tell("unloaded");
+    } else if (order == "begin") {
+      activity_ = machine::activity();
+      events_.tell("begun");
+    } else if (order == "end") {
+      events_.tell("ended", {{"conditions", machine::between(activity_, machine::activity())},
+                             {"load_running", load_running()}});
+    } else if (order == "close") {
+      running_.clear();
+      events_.tell("closed", {{"notes", journal_.revert()}});
+    } else {
+      throw orders::Error(3, "there is no order '" + order + "'");
+    }
+  }
+
+  std::chrono::milliseconds go_on() override { return 500ms; }
+
+  void give_back() noexcept override {
+    running_.clear();
+    journal_.revert();
+    try {
+      journal::revert_abandoned();
+    } catch (const std::exception&) {
+      return;  // the next start will say so
+    }
+  }
+
+ private:
+  void load(const std::string& host, const background::Workers& workers) {
+    running_[host] = background::stress(workers, journal::add_directory(journal_, "stress"));
+  }
+
+  json load_running() {
+    auto running = json::object();
+    for (const auto& [host, load] : running_) running[host] = load->running();
+    return running;
+  }
+
+  orders::Events& events_;
+  journal::Journal journal_;
+  std::map<std::string, std::unique_ptr<background::Background>>
+      running_;  // by host; ends before the journal
+  machine::Activity activity_;
+};
+
+}  // namespace
+
+int serve() {
+  return orders::serve("keeper", "", [](orders::Events& events) { return std::make_unique<Keeper>(events); });
+}
+
+}  // namespace ontime::keeper

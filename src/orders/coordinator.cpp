@@ -1,0 +1,186 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <algorithm>
+
+#include <fmt/format.h>
+#include <poll.h>
+
+#include "orders/orders.hpp"
+#include "orders/process.hpp"
+
+namespace ontime::orders {
+namespace {
+
+using namespace std::chrono_literals;
+using nlohmann::json;
+
+constexpr auto patience_for_hello = 60s;  // a machine under full load, a slow ssh
+
+}  // namespace
+
+Coordinator::Coordinator(Interrupts& interrupts) : interrupts_(interrupts), beating_([this] { beat(); }) {
+  on("terminated", [this](Hand&, const Frame&) {
+    int none = 0;
+    interrupts_.compare_exchange_strong(none, 1);
+  });
+}
+
+Coordinator::~Coordinator() {
+  over_ = true;
+  beating_.join();
+}
+
+Coordinator::Hand::Hand(Coordinator& coordinator, std::string name, const std::vector<std::string>& command,
+                        const std::string& samples)
+    : coordinator_(coordinator),
+      name_(std::move(name)),
+      process_(std::make_unique<Process>(name_, command)),
+      heard_(Clock::now()) {
+  {
+    const std::lock_guard lock(coordinator_.mutex_);
+    coordinator_.hands_.push_back(this);
+  }
+  try {
+    hello_ = coordinator_.await(*this, "hello", patience_for_hello, 1);
+    const std::string version = hello_.value("version", "unknown");
+    if (version != ONTIME_VERSION || hello_.value("samples", "") != samples)
+      throw Error(3,
+                  fmt::format("{} is ontime {}, and this is {}{}: install the same on both machines", name_,
+                              version, ONTIME_VERSION, version == ONTIME_VERSION ? " of another build" : ""));
+  } catch (...) {
+    const std::lock_guard lock(coordinator_.mutex_);
+    std::erase(coordinator_.hands_, this);
+    throw;
+  }
+}
+
+Coordinator::Hand::~Hand() {
+  const std::lock_guard lock(coordinator_.mutex_);
+  std::erase(coordinator_.hands_, this);
+}
+
+void Coordinator::Hand::order(const std::string& order, json body) {
+  body["order"] = order;
+  try {
+    process_->frames().send(body);
+  } catch (const Broken&) {
+    coordinator_.listen(*this);  // it may have said why
+    coordinator_.lose(*this);
+    process_->gone();
+  }
+}
+
+void Coordinator::listen(Hand& hand) {
+  auto& frames = hand.process_->frames();
+  bool ended = false;
+  try {
+    while (frames.fill()) hand.heard_ = Clock::now();
+  } catch (const Broken&) {
+    ended = true;  // what it said before is heard first
+  }
+  try {
+    while (const auto frame = frames.take()) dispatch(hand, *frame);
+  } catch (const Broken& broken) {
+    lose(hand);
+    throw Error(3, fmt::format("{}: {}", hand.name_, broken.what()));
+  }
+  if (!ended) return;
+  lose(hand);
+  hand.process_->gone();
+}
+
+void Coordinator::dispatch(Hand& hand, const Frame& frame) {
+  const std::string event = frame.message.value("event", "");
+  if (event == "beat") return;
+  if (event == "failed") {
+    lose(hand);
+    throw Error(frame.message.value("exit", 3), frame.message.value("message", "it failed"));
+  }
+  if (&hand == awaited_ && event == awaited_event_ && !answer_) {
+    answer_ = frame.message;
+    return;
+  }
+  const auto handle = handles_.find(event);
+  if (handle == handles_.end())
+    throw Error(
+        3, fmt::format("{} said '{}', which was not asked: this is a fault of ontime", hand.name_, event));
+  handle->second(hand, frame);
+}
+
+bool Coordinator::turn(std::chrono::milliseconds within) {
+  const auto hands = hands_;
+  std::vector<pollfd> waiting;
+  waiting.reserve(hands.size());
+  for (auto* hand : hands) waiting.push_back({hand->process_->frames().in(), POLLIN, 0});
+  const int ready = poll(waiting.data(), waiting.size(), static_cast<int>(within.count()));
+  for (std::size_t i = 0; ready > 0 && i < hands.size(); ++i)
+    if (waiting[i].revents != 0) listen(*hands[i]);
+  check_silence();
+  return ready > 0;
+}
+
+void Coordinator::check_silence() {
+  for (auto* hand : std::vector(hands_)) {
+    if (Clock::now() - hand->heard_ <= longest_silence) continue;
+    // Perhaps it was we who did not listen.
+    listen(*hand);
+    if (Clock::now() - hand->heard_ <= longest_silence) continue;
+    hand->process_->give_up();
+    lose(*hand);
+    throw Error(3, fmt::format("{} was silent for {} s: it was stopped, or the connection to it is gone",
+                               hand->name_, longest_silence.count()));
+  }
+}
+
+void Coordinator::lose(Hand& hand) {
+  hand.lost_ = true;
+  const std::lock_guard lock(mutex_);
+  std::erase(hands_, &hand);
+}
+
+json Coordinator::await(Hand& hand, const std::string& event, std::chrono::milliseconds patience,
+                        int tolerated) {
+  awaited_ = &hand;
+  awaited_event_ = event;
+  answer_.reset();
+  struct NoLonger {
+    Coordinator& self;
+    ~NoLonger() { self.awaited_ = nullptr; }
+  } const no_longer{*this};
+  const auto end = Clock::now() + patience;
+  while (!answer_) {
+    if (interrupts_ > tolerated) throw Interrupted{};
+    if (Clock::now() > end)
+      throw Error(3, fmt::format("{} did not come to '{}' within {} s", hand.name_, event,
+                                 std::chrono::duration_cast<std::chrono::seconds>(patience).count()));
+    turn(100ms);
+  }
+  return *std::exchange(answer_, std::nullopt);
+}
+
+void Coordinator::until(const std::function<bool()>& done, int tolerated) {
+  while (!done()) {
+    if (interrupts_ > tolerated) throw Interrupted{};
+    turn(100ms);
+  }
+}
+
+void Coordinator::drain() noexcept {
+  for (auto* hand : std::vector(hands_)) try {
+      listen(*hand);
+    } catch (const std::exception&) {  // it is known already that something is wrong
+    }
+}
+
+void Coordinator::beat() {
+  for (auto next = Clock::now(); !over_; std::this_thread::sleep_for(50ms)) {
+    if (Clock::now() < next) continue;
+    next = Clock::now() + beat_period;
+    const std::lock_guard lock(mutex_);
+    for (auto* hand : hands_) try {
+        hand->process_->frames().send({{"order", "beat"}});
+      } catch (const Broken&) {  // the loop will find so
+      }
+  }
+}
+
+}  // namespace ontime::orders

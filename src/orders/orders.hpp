@@ -1,0 +1,154 @@
+// SPDX-License-Identifier: Apache-2.0
+// A coordinator and those who carry out its orders: agents and keepers, each a process of the same program at
+// the other end of a pipe, here or (through ssh) elsewhere. Ordinary threads only.
+//
+// An order is a frame whose message has "order", an event one that has "event". A worker's first event is
+// hello {role, version, samples, boot_id}; when it cannot go on its last is failed {exit, message}. While
+// neither has anything to say both say "beat" once a second: who is silent for longest_silence is given up,
+// by its name, and a worker that is alone gives back what it changed and leaves.
+#pragma once
+
+#include <atomic>
+#include <chrono>
+#include <functional>
+#include <map>
+#include <memory>
+#include <mutex>
+#include <optional>
+#include <span>
+#include <stdexcept>
+#include <string>
+#include <thread>
+#include <vector>
+
+#include <nlohmann/json.hpp>
+
+#include "orders/frames.hpp"
+
+namespace ontime::orders {
+
+// What this machine, or another, could not do; `exit` is what ontime exits with: 2 wrong input, 3 this
+// machine or a peer cannot.
+struct Error : std::runtime_error {
+  Error(int code, const std::string& message) : std::runtime_error(message), exit(code) {}
+  int exit;
+};
+
+inline constexpr std::chrono::seconds longest_silence{10};
+inline constexpr std::chrono::seconds beat_period{1};
+
+// Calls `handler` on SIGINT, SIGTERM and SIGHUP; but those that whoever started us had ignored (nohup, a
+// shell's &) stay ignored. SIGPIPE is ignored: a pipe's end shows where it is written.
+void on_termination(void (*handler)(int));
+
+// ── The worker's side
+// ──────────────────────────────────────────────────────────────────────────────────────────
+
+// What a worker is told with: safe from any thread.
+class Events {
+ public:
+  virtual void tell(const char* event, nlohmann::json body = nlohmann::json::object(),
+                    std::span<const std::uint8_t> bytes = {}) = 0;
+
+ protected:
+  ~Events() = default;
+};
+
+class Worker {
+ public:
+  virtual ~Worker() = default;
+  // May throw; the coordinator is then told why, and the worker leaves.
+  virtual void obey(const std::string& order, const nlohmann::json& body) = 0;
+  // Called between orders: does what is due, and says for how long it may be left alone.
+  virtual std::chrono::milliseconds go_on() = 0;
+  // Before it leaves, however that comes: takes back what it changed.
+  virtual void give_back() noexcept = 0;
+};
+
+// Carries out orders from standard input until its end, a failure, or the coordinator's silence. A SIGTERM is
+// told to the coordinator ("terminated"), whose orders are awaited for a while: what stops a service stops
+// all its processes at once. Returns the exit code.
+int serve(const std::string& role, const std::string& samples,
+          const std::function<std::unique_ptr<Worker>(Events&)>& make);
+
+// ── The coordinator's side
+// ─────────────────────────────────────────────────────────────────────────────────────
+
+struct Interrupted {};  // more often than was tolerated
+
+// Counts a person's interruptions: once, to stop and keep; twice, to leave at once. Set by a signal handler.
+using Interrupts = std::atomic<int>;
+
+class Process;
+
+// One loop over all workers: every event is awaited, handled, or an error; nothing is thrown away.
+class Coordinator {
+ public:
+  explicit Coordinator(Interrupts&);  // a worker that was terminated counts as an interruption
+  ~Coordinator();
+  Coordinator(const Coordinator&) = delete;
+  Coordinator& operator=(const Coordinator&) = delete;
+
+  // A worker that runs while this lives: its end breaks the pipe, waits until the worker has left, and kills
+  // it where it does not (after longest_silence; at once if it is silent).
+  class Hand {
+   public:
+    Hand(Coordinator&, std::string name, const std::vector<std::string>& command, const std::string& samples);
+    ~Hand();
+    Hand(const Hand&) = delete;
+    Hand& operator=(const Hand&) = delete;
+    const std::string& name() const { return name_; }  // for people: "the agent of the controller"
+    const nlohmann::json& hello() const { return hello_; }
+    void order(const std::string& order, nlohmann::json body = nlohmann::json::object());
+    // It failed, is gone, or was given up: no order reaches it any more, and the loop goes on without it.
+    bool lost() const { return lost_; }
+
+   private:
+    friend class Coordinator;
+    Coordinator& coordinator_;
+    std::string name_;
+    std::unique_ptr<Process> process_;
+    nlohmann::json hello_;
+    std::chrono::steady_clock::time_point heard_;
+    bool lost_ = false;
+  };
+
+  // `handle` is called for each event of that name, whoever tells it, until it is set again.
+  using Handle = std::function<void(Hand&, const Frame&)>;
+  void on(const std::string& event, Handle handle) { handles_[event] = std::move(handle); }
+
+  // The next event of that name by that worker; meanwhile all others are handled. Throws Error for `failed`,
+  // when a worker is gone, silent, or does not come to it within `patience`; Interrupted once there are more
+  // interruptions than are tolerated.
+  nlohmann::json await(Hand&, const std::string& event, std::chrono::milliseconds patience,
+                       int tolerated = 0);
+  // Handles events until `done`; throws as await().
+  void until(const std::function<bool()>& done, int tolerated = 0);
+  // Handles what has come already, whatever state its senders are in. Throws nothing.
+  void drain() noexcept;
+
+ private:
+  friend class Hand;
+  using Clock = std::chrono::steady_clock;
+  bool turn(std::chrono::milliseconds within);  // whether anything came
+  void listen(Hand&);
+  void dispatch(Hand&, const Frame&);
+  void check_silence();
+  void lose(Hand&);
+  void beat();
+
+  Interrupts& interrupts_;
+  std::mutex mutex_;  // of hands_, which the beating thread reads
+  std::vector<Hand*> hands_;
+  std::map<std::string, Handle> handles_;
+  Hand* awaited_ = nullptr;
+  std::string awaited_event_;
+  std::optional<nlohmann::json> answer_;
+  std::atomic<bool> over_{false};
+  std::thread beating_;
+};
+
+// Where this program lies: what a worker on this machine is started by.
+std::string this_program();
+
+}  // namespace ontime::orders

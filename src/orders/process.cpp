@@ -1,0 +1,110 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "orders/process.hpp"
+
+#include <array>
+#include <cerrno>
+#include <csignal>
+#include <filesystem>
+#include <system_error>
+#include <thread>
+#include <utility>
+
+#include <fcntl.h>
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+#include <spawn.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include "orders/orders.hpp"
+
+namespace ontime::orders {
+namespace {
+
+using namespace std::chrono_literals;
+
+constexpr int pipe_bytes =
+    1 << 20;  // what a coordinator that is held up for a moment does not hold its workers up by
+
+std::string errno_text(int code) { return std::generic_category().message(code); }
+
+struct Pipe {
+  Pipe() {
+    if (pipe2(ends.data(), O_CLOEXEC) != 0) throw Error(3, "no pipe: " + errno_text(errno));
+    fcntl(ends[1], F_SETPIPE_SZ, pipe_bytes);  // as much of it as an ordinary user may have
+  }
+  ~Pipe() {
+    for (const int end : ends)
+      if (end >= 0) close(end);
+  }
+  Pipe(const Pipe&) = delete;
+  Pipe& operator=(const Pipe&) = delete;
+  int release(std::size_t end) { return std::exchange(ends[end], -1); }
+  std::array<int, 2> ends{-1, -1};
+};
+
+}  // namespace
+
+std::string this_program() { return std::filesystem::read_symlink("/proc/self/exe").string(); }
+
+Process::Process(const std::string& name, const std::vector<std::string>& command)
+    : Process(name, fmt::format("{}", fmt::join(command, " ")), spawn(name, command)) {}
+
+Process::Process(std::string name, std::string command, Spawned spawned)
+    : name_(std::move(name)),
+      command_(std::move(command)),
+      spawned_(spawned),
+      frames_(spawned.out, spawned.in) {}
+
+Process::Spawned Process::spawn(const std::string& name, const std::vector<std::string>& command) {
+  auto words = command;
+  std::vector<char*> arguments;
+  for (auto& word : words) arguments.push_back(word.data());
+  arguments.push_back(nullptr);
+  Pipe orders, events;
+  posix_spawn_file_actions_t actions;
+  posix_spawn_file_actions_init(&actions);
+  posix_spawn_file_actions_adddup2(&actions, orders.ends[0], STDIN_FILENO);
+  posix_spawn_file_actions_adddup2(&actions, events.ends[1], STDOUT_FILENO);
+  posix_spawnattr_t attributes;
+  posix_spawnattr_init(&attributes);
+  posix_spawnattr_setflags(&attributes, POSIX_SPAWN_SETPGROUP);
+  pid_t pid = -1;
+  const int failed = posix_spawnp(&pid, arguments[0], &actions, &attributes, arguments.data(), environ);
+  posix_spawn_file_actions_destroy(&actions);
+  posix_spawnattr_destroy(&attributes);
+  if (failed != 0)
+    throw Error(3, fmt::format("{} ({}) could not be started: {}", name, fmt::join(command, " "),
+                               errno_text(failed)));
+  return {pid, orders.release(1), events.release(0)};
+}
+
+Process::~Process() {
+  close(spawned_.in);
+  close(spawned_.out);
+  if (given_up_) kill(spawned_.pid, SIGKILL);
+  const auto patience = std::chrono::steady_clock::now() + longest_silence;
+  while (waitpid(spawned_.pid, nullptr, WNOHANG) == 0) {
+    if (std::chrono::steady_clock::now() > patience) kill(spawned_.pid, SIGKILL);
+    std::this_thread::sleep_for(5ms);
+  }
+}
+
+void Process::gone() const {
+  siginfo_t info{};
+  for (int tries = 0; tries < 200; ++tries) {
+    waitid(P_PID, static_cast<id_t>(spawned_.pid), &info, WEXITED | WNOHANG | WNOWAIT);
+    if (info.si_pid == spawned_.pid) break;
+    std::this_thread::sleep_for(5ms);
+  }
+  if (info.si_pid != spawned_.pid) throw Error(3, fmt::format("{} ({}) says nothing more", name_, command_));
+  if (info.si_code == CLD_KILLED || info.si_code == CLD_DUMPED)
+    throw Error(3, fmt::format("{} ({}) was ended by signal {} ({})", name_, command_, info.si_status,
+                               sigdescr_np(info.si_status)));
+  if (info.si_status == 127)
+    throw Error(3,
+                fmt::format("{} could not be started by: {}. Is ontime installed there?", name_, command_));
+  throw Error(3, fmt::format("{} ({}) left with exit code {}", name_, command_, info.si_status));
+}
+
+}  // namespace ontime::orders

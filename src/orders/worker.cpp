@@ -1,0 +1,144 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <algorithm>
+#include <condition_variable>
+#include <csignal>
+#include <fstream>
+
+#include <fcntl.h>
+#include <fmt/format.h>
+#include <poll.h>
+#include <sched.h>
+#include <unistd.h>
+
+#include "orders/orders.hpp"
+
+namespace ontime::orders {
+namespace {
+
+using namespace std::chrono_literals;
+using nlohmann::json;
+using Clock = std::chrono::steady_clock;
+
+// A middleware may never leave where its link has gone: so long is waited for it.
+constexpr unsigned patience_to_leave_s = 3;
+
+volatile std::sig_atomic_t terminations = 0;
+
+std::string boot_id() {
+  std::string id;
+  std::getline(std::ifstream("/proc/sys/kernel/random/boot_id"), id);
+  return id;
+}
+
+class Pipe final : public Events {
+ public:
+  Pipe(int in, int out) : frames_(in, out), beating_([this] { beat(); }) {}
+  ~Pipe() {
+    {
+      const std::lock_guard lock(mutex_);
+      over_ = true;
+    }
+    wake_.notify_all();
+    beating_.join();
+  }
+  Pipe(const Pipe&) = delete;
+  Pipe& operator=(const Pipe&) = delete;
+
+  void tell(const char* event, json body, std::span<const std::uint8_t> bytes) override {
+    body["event"] = event;
+    frames_.send(body, bytes);
+  }
+  Frames& frames() { return frames_; }
+
+ private:
+  void beat() {
+    const sched_param none{};
+    sched_setscheduler(0, SCHED_BATCH,
+                       &none);  // what is no part of the measurement pre-empts nothing that is
+    std::unique_lock lock(mutex_);
+    while (!wake_.wait_for(lock, beat_period, [this] { return over_; })) {
+      try {
+        tell("beat", json::object(), {});
+      } catch (const Broken&) {
+        return;  // the thread that reads will find so
+      }
+    }
+  }
+
+  Frames frames_;
+  std::mutex mutex_;
+  std::condition_variable wake_;
+  bool over_ = false;
+  std::thread beating_;
+};
+
+// Reads orders and has them obeyed, until there is a reason to leave.
+void obey_all(Pipe& pipe, Worker& worker) {
+  auto& frames = pipe.frames();
+  auto heard = Clock::now();
+  std::optional<Clock::time_point> terminated;
+  while (true) {
+    const auto alone = std::min(worker.go_on(), std::chrono::milliseconds(500));
+    pollfd waiting{frames.in(), POLLIN, 0};
+    poll(&waiting, 1, static_cast<int>(alone.count()));
+    while (frames.fill()) heard = Clock::now();
+    while (const auto frame = frames.take()) {
+      const std::string order = frame->message.value("order", "");
+      if (order != "beat") worker.obey(order, frame->message);
+    }
+    if (terminations > 0 && !terminated) {
+      terminated = Clock::now();
+      pipe.tell("terminated", json::object(), {});
+    }
+    if (terminations > 1 || (terminated && Clock::now() - *terminated > longest_silence)) return;
+    if (Clock::now() - heard > longest_silence)
+      throw Error(
+          3, fmt::format("the coordinator (the ontime that was started by hand) was silent for {} s: it was "
+                         "stopped, or the connection to it is gone",
+                         longest_silence.count()));
+  }
+}
+
+}  // namespace
+
+int serve(const std::string& role, const std::string& samples,
+          const std::function<std::unique_ptr<Worker>(Events&)>& make) {
+  on_termination([](int) { terminations = terminations + 1; });
+  // Whatever a middleware prints must not get between the frames.
+  const int out = fcntl(STDOUT_FILENO, F_DUPFD_CLOEXEC, 3);
+  dup2(STDERR_FILENO, STDOUT_FILENO);
+
+  static std::atomic<int> code{0};
+  struct sigaction leave {};
+  leave.sa_handler = [](int) { _exit(code); };
+  sigaction(SIGALRM, &leave, nullptr);
+  {
+    Pipe pipe(STDIN_FILENO, out);
+    const auto fail = [&](int exit, const std::string& message) {
+      code = exit;
+      try {
+        pipe.tell("failed", {{"exit", exit}, {"message", message}}, {});
+      } catch (const Broken&) {  // nobody is left to be told
+      }
+    };
+    std::unique_ptr<Worker> worker;
+    try {
+      pipe.tell("hello",
+                {{"role", role}, {"version", ONTIME_VERSION}, {"samples", samples}, {"boot_id", boot_id()}},
+                {});
+      worker = make(pipe);
+      obey_all(pipe, *worker);
+    } catch (const Broken&) {
+      // The coordinator is gone. What we changed is taken back as for any end.
+    } catch (const Error& error) {
+      fail(error.exit, error.what());
+    } catch (const std::exception& error) {
+      fail(3, error.what());
+    }
+    if (worker) worker->give_back();
+    alarm(patience_to_leave_s);
+  }
+  return code;
+}
+
+}  // namespace ontime::orders
