@@ -4,13 +4,11 @@
 #include <csignal>
 #include <string_view>
 
-#include <fcntl.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
-#include <sys/socket.h>
 #include <unistd.h>
 
-#include "agent/frames.hpp"
+#include "orders/orders.hpp"
 
 namespace ontime::agent {
 namespace {
@@ -18,37 +16,6 @@ namespace {
 using namespace std::chrono_literals;
 using nlohmann::json;
 using testing::HasSubstr;
-
-class FramesTest : public testing::Test {
- protected:
-  FramesTest() { EXPECT_EQ(socketpair(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC, 0, ends_), 0); }
-  ~FramesTest() override {
-    close(ends_[0]);
-    if (ends_[1] >= 0) close(ends_[1]);
-  }
-  int ends_[2] = {-1, -1};
-};
-
-TEST_F(FramesTest, WhatIsSentIsReceived) {
-  Frames here(ends_[0], ends_[0]), there(ends_[1], ends_[1]);
-  const std::vector<json> sent{{{"a", 1}}, {{"bytes", json::binary({0, 1, 2})}}, json::object()};
-  for (const auto& frame : sent) here.send(frame);
-  for (const auto& frame : sent) EXPECT_EQ(there.receive(1s), frame);
-  EXPECT_FALSE(there.receive(0ms));
-}
-
-TEST_F(FramesTest, ABrokenPipeIsSaid) {
-  Frames here(ends_[0], ends_[0]);
-  close(std::exchange(ends_[1], -1));
-  EXPECT_THROW(here.receive(1s), Broken);
-}
-
-TEST_F(FramesTest, NoiseIsNotTakenForAnOrder) {
-  Frames here(ends_[0], ends_[0]);
-  const std::string noise = "bash: ontime: command not found\n";
-  ASSERT_EQ(write(ends_[1], noise.data(), noise.size()), static_cast<ssize_t>(noise.size()));
-  EXPECT_THROW(here.receive(1s), Broken);
-}
 
 TEST(Task, SurvivesItsJourney) {
   Task task;
@@ -72,16 +39,35 @@ TEST(Task, SurvivesItsJourney) {
   task.realtime.on = task.realtime.lock_memory = true;
   task.realtime.cpu_latency = 8us;
   task.realtime.threads["send"] = {realtime::Policy::deadline, 0, {0, 1}, 1us, 2us, 3us};
-  task.load = {1, 2, 3, 4, 5, 6};
   EXPECT_EQ(json(json(task).get<Task>()), json(task));
   EXPECT_EQ(json(task).dump().find("null"), std::string::npos) << "nothing of it was left out";
 }
 
-json event(Handle& agent, const std::string& name) {
-  for (int tries = 0; tries < 600; ++tries)
-    if (const auto event = agent.event(100ms); event && event->at("event") == name) return *event;
-  throw std::runtime_error("no event " + name);
-}
+using orders::Coordinator;
+using orders::Error;
+
+class Agent : public testing::Test {
+ protected:
+  using Hand = Coordinator::Hand;
+  static std::vector<std::string> command() { return {orders::this_program(), "agent"}; }
+  json ask(Hand& hand, const std::string& order, const std::string& answer, json body = json::object()) {
+    hand.order(order, std::move(body));
+    return coordinator_.await(hand, answer, 60s);
+  }
+  std::string failure(const Task& task, std::chrono::nanoseconds wait = 100ms) {
+    try {
+      Hand agent(coordinator_, "the agent", command(), sample_layout());
+      ask(agent, "open", "opened", {{"task", task}});
+      ask(agent, "start", "ready", {{"wait_ns", wait.count()}});
+    } catch (const Error& error) {
+      return std::to_string(error.exit) + " " + error.what();
+    }
+    return "none";
+  }
+
+  orders::Interrupts interrupts_{0};
+  Coordinator coordinator_{interrupts_};
+};
 
 Task task_of(transport::Role role, int domain) {
   Task task;
@@ -99,50 +85,52 @@ Task task_of(transport::Role role, int domain) {
 // A port that is most likely free; two tests of this file never run in one moment on one.
 int some_domain() { return 1000 + getpid() % 20000; }
 
-TEST(Agent, MeasuresByOrders) {
+TEST_F(Agent, MeasuresByOrders) {
   const int domain = some_domain();
-  Handle server({}), client({});
-  server.order("open", {{"task", task_of(transport::Role::server, domain)}});
-  event(server, "opened");
-  client.order("open", {{"task", task_of(transport::Role::client, domain)}});
-  const auto opened = event(client, "opened");
+  Hand server(coordinator_, "server", command(), sample_layout()),
+      client(coordinator_, "client", command(), sample_layout());
+  ask(server, "open", "opened", {{"task", task_of(transport::Role::server, domain)}});
+  const auto opened = ask(client, "open", "opened", {{"task", task_of(transport::Role::client, domain)}});
   EXPECT_EQ(opened.at("transport").at("name"), "udp");
-  server.order("start", {{"wait_ns", 0}});
-  event(server, "started");
-  client.order("start", {{"wait_ns", 5'000'000'000}});
-  std::size_t samples = 0;
-  json finished;
-  while (finished.is_null()) {
-    const auto got = client.event(1s);
-    ASSERT_TRUE(got);
-    if (got->at("event") == "samples") samples += samples_of(got->at("samples")).size();
-    if (got->at("event") == "finished") finished = *got;
-  }
-  const auto counters = counters_of(finished.at("counters"));
+  ask(server, "start", "ready", {{"wait_ns", 0}});
+  ask(client, "start", "ready", {{"wait_ns", 5'000'000'000}});
+  ask(server, "begin", "begun");
+  ask(client, "begin", "begun");
+  std::vector<roundtrip::Sample> samples;
+  std::optional<json> finished;
+  coordinator_.on("samples", [&](auto&, const orders::Frame& frame) {
+    for (const auto& sample : samples_of(frame.bytes)) samples.push_back(sample);
+  });
+  coordinator_.on("progress", [](auto&, auto&) {});
+  coordinator_.on("finished",
+                  [&](auto&, const orders::Frame& frame) { finished = frame.message.at("counters"); });
+  client.order("go");
+  coordinator_.until([&] { return finished.has_value(); });
+  const auto counters = counters_of(*finished);
   EXPECT_GT(counters.sent, 0U);
-  EXPECT_EQ(counters.sent, samples);
+  EXPECT_EQ(counters.sent, samples.size());
   EXPECT_EQ(counters.sent, counters.on_time + counters.late + counters.lost);
-  client.order("close");
-  const auto closed = event(client, "closed");
-  EXPECT_EQ(closed.at("threads").at(0).at("role"), "send");
-  server.order("close");
-  EXPECT_GE(event(server, "closed").at("answered"), counters.on_time);
+  const auto ended = ask(client, "end", "ended");
+  EXPECT_EQ(ended.at("threads").at(0).at("role"), "send");
+  EXPECT_GE(ended.at("link").at("sent_bytes"), counters.sent * 500);
+  EXPECT_TRUE(ended.at("shared_memory").empty());
+  EXPECT_GE(ask(server, "end", "ended").at("answered"), counters.on_time);
 }
 
-std::string failure(const Task& task, std::chrono::nanoseconds wait = 100ms) {
-  try {
-    Handle agent({});
-    agent.order("open", {{"task", task}});
-    event(agent, "opened");
-    agent.order("start", {{"wait_ns", wait.count()}});
-    event(agent, "finished");
-  } catch (const Error& error) {
-    return std::to_string(error.exit) + " " + error.what();
-  }
-  return "none";
+TEST_F(Agent, SendsNothingBetweenReadyAndGo) {
+  const int domain = some_domain();
+  Hand server(coordinator_, "server", command(), sample_layout()),
+      client(coordinator_, "client", command(), sample_layout());
+  ask(server, "open", "opened", {{"task", task_of(transport::Role::server, domain)}});
+  ask(client, "open", "opened", {{"task", task_of(transport::Role::client, domain)}});
+  ask(server, "start", "ready", {{"wait_ns", 0}});
+  ask(client, "start", "ready", {{"wait_ns", 5'000'000'000}});
+  const auto answered = ask(server, "end", "ended").at("answered").get<std::uint64_t>();
+  usleep(50'000);
+  EXPECT_EQ(ask(server, "end", "ended").at("answered"), answered);
 }
 
-TEST(Agent, SaysWhyItCannot) {
+TEST_F(Agent, SaysWhyItCannot) {
   auto task = task_of(transport::Role::client, some_domain());
   EXPECT_THAT(failure(task), testing::AllOf(HasSubstr("3 no pong was found over udp"), HasSubstr("refuses")));
   task.transport = "telepathy";
@@ -159,30 +147,17 @@ TEST(Agent, SaysWhyItCannot) {
               testing::AllOf(HasSubstr("2 transport udp has no option 'colour'"), HasSubstr("port")));
 }
 
-TEST(Agent, SaysThatAPortIsBusy) {
+TEST_F(Agent, SaysThatAPortIsBusy) {
   const auto task = task_of(transport::Role::server, some_domain());
-  Handle first({});
-  first.order("open", {{"task", task}});
-  event(first, "opened");
+  Hand first(coordinator_, "the first", command(), sample_layout());
+  ask(first, "open", "opened", {{"task", task}});
   EXPECT_THAT(failure(task), HasSubstr("busy"));
 }
 
-TEST(Agent, ThatCannotBeStartedIsNamed) {
-  const auto open = [](const std::vector<std::string>& prefix) {
-    Handle agent(prefix);
-    agent.order("open", {{"task", task_of(transport::Role::client, 1)}});
-    event(agent, "opened");
-  };
-  EXPECT_THROW(open({"/no/such/program"}), Error);
-  EXPECT_THROW(open({"false"}), Error);
-}
-
-TEST(Agent, LeavesWhenThePipeBreaks) {
-  // The destructor waits until it has left, and would kill it after 10 s: that it left by itself shows in
-  // time to spare.
-  Handle agent({});
-  agent.order("open", {{"task", task_of(transport::Role::server, some_domain())}});
-  event(agent, "opened");
+TEST_F(Agent, RefusesOrdersOutOfTurn) {
+  Hand agent(coordinator_, "the agent", command(), sample_layout());
+  agent.order("go");
+  EXPECT_THROW(coordinator_.until([] { return false; }), Error);
 }
 
 }  // namespace
@@ -191,7 +166,7 @@ TEST(Agent, LeavesWhenThePipeBreaks) {
 // The agents of these tests are this program.
 int main(int argc, char** argv) {
   if (argc > 1 && std::string_view(argv[1]) == "agent") return ontime::agent::serve();
-  std::signal(SIGPIPE, SIG_IGN);
+  ontime::orders::on_termination([](int) { _exit(130); });
   testing::InitGoogleTest(&argc, argv);
   return RUN_ALL_TESTS();
 }

@@ -90,7 +90,7 @@ bool gone_within(std::chrono::seconds limit, pid_t leader) {
 
 std::string error_of(const Workers& workers, const std::string& directory) {
   try {
-    const Stress stress(workers, directory);
+    const auto running = stress(workers, directory);
   } catch (const Error& error) {
     return error.what();
   }
@@ -109,7 +109,7 @@ class Victim {
       prctl(PR_SET_PDEATHSIG, SIGKILL);
       before();
       try {
-        const Stress stress(workers, directory);
+        const auto running = stress(workers, directory);
         EXPECT_EQ(write(told[1], "+", 1), 1);
         pause();
       } catch (const Error& error) {
@@ -147,8 +147,8 @@ class Victim {
 TEST_F(Load, AllWorkersRunAndAllAreGoneAfterwards) {
   pid_t leader = -1;
   {
-    Stress stress({2, 1, 1, 1, 8 * mebibyte, 8 * mebibyte}, directory_);
-    EXPECT_TRUE(stress.running());
+    const auto running = stress({2, 1, 1, 1, 8 * mebibyte, 8 * mebibyte}, directory_);
+    EXPECT_TRUE(running->running());
     leader = stress_of(getpid());
     ASSERT_GT(leader, 0);
     EXPECT_GE(where([&](const Process& process) { return process.parent == leader; }).size(), 5u);
@@ -159,14 +159,14 @@ TEST_F(Load, AllWorkersRunAndAllAreGoneAfterwards) {
 }
 
 TEST_F(Load, SaysWhenItHasEndedByItself) {
-  Stress stress({1}, directory_);
+  const auto running = stress({1}, directory_);
   const pid_t leader = stress_of(getpid());
   ASSERT_GT(leader, 0);
-  EXPECT_TRUE(stress.running());
+  EXPECT_TRUE(running->running());
   kill(leader, SIGKILL);
   EXPECT_TRUE(gone_within(5s, leader));
-  EXPECT_FALSE(stress.running());
-  EXPECT_FALSE(stress.running());
+  EXPECT_FALSE(running->running());
+  EXPECT_FALSE(running->running());
 }
 
 TEST_F(Load, IsOrdinaryWhateverTheCallerIs) {
@@ -184,7 +184,7 @@ TEST_F(Load, IsOrdinaryWhateverTheCallerIs) {
     sched_setaffinity(0, sizeof one, &one);
     pthread_sigmask(SIG_SETMASK, &all, nullptr);
     signal(SIGPIPE, SIG_IGN);
-    const Stress stress(few_, directory_);
+    const auto running = stress(few_, directory_);
     const auto some = group(stress_of(getpid()));
     EXPECT_GE(some.size(), 5u);
     for (const auto& process : some) {
@@ -246,7 +246,7 @@ TEST_F(Load, LeavesNoDescriptorOpen) {
     return std::distance(fs::directory_iterator("/proc/self/fd"), fs::directory_iterator());
   };
   const auto before = open_files();
-  { const Stress stress({1}, directory_); }
+  { const auto running = stress({1}, directory_); }
   (void)error_of(few_, directory_ + "/missing");
   EXPECT_EQ(open_files(), before);
 }

@@ -1,0 +1,249 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "orders/orders.hpp"
+
+#include <csignal>
+#include <string_view>
+
+#include <fcntl.h>
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <sys/socket.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include "orders/frames.hpp"
+#include "orders/process.hpp"
+
+namespace ontime::orders {
+namespace {
+
+using namespace std::chrono_literals;
+using nlohmann::json;
+using testing::AllOf;
+using testing::HasSubstr;
+
+// ── Frames ──
+
+class FramesTest : public testing::Test {
+ protected:
+  FramesTest() { EXPECT_EQ(socketpair(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC, 0, ends_), 0); }
+  ~FramesTest() override {
+    close(ends_[0]);
+    if (ends_[1] >= 0) close(ends_[1]);
+  }
+  int ends_[2] = {-1, -1};
+};
+
+TEST_F(FramesTest, WhatIsSentIsReceived) {
+  Frames here(ends_[0], ends_[0]), there(ends_[1], ends_[1]);
+  const std::vector<std::uint8_t> bytes{1, 2, 3};
+  here.send({{"a", 1}});
+  here.send({{"b", "text"}}, bytes);
+  here.send(json::object());
+  EXPECT_TRUE(there.fill());
+  EXPECT_EQ(there.take()->message, json({{"a", 1}}));
+  const auto second = there.take();
+  EXPECT_EQ(second->message, json({{"b", "text"}}));
+  EXPECT_EQ(second->bytes, bytes);
+  EXPECT_EQ(there.take()->message, json::object());
+  EXPECT_FALSE(there.take());
+  EXPECT_FALSE(there.fill());
+}
+
+TEST_F(FramesTest, ABrokenPipeIsSaid) {
+  Frames here(ends_[0], ends_[0]);
+  close(std::exchange(ends_[1], -1));
+  EXPECT_THROW(here.fill(), Broken);
+}
+
+std::vector<std::uint8_t> frame_of(std::vector<std::uint8_t> cbor, std::size_t stated) {
+  std::vector<std::uint8_t> bytes;
+  for (const std::size_t length : {stated, std::size_t{0}})
+    for (int shift = 0; shift < 32; shift += 8) bytes.push_back(static_cast<std::uint8_t>(length >> shift));
+  bytes.insert(bytes.end(), cbor.begin(), cbor.end());
+  return bytes;
+}
+
+TEST(Decoder, TakesFramesHoweverTheyAreCut) {
+  const auto cbor = json::to_cbor({{"order", "beat"}});
+  const auto bytes = frame_of(cbor, cbor.size());
+  Decoder decoder;
+  int frames = 0;
+  for (int round = 0; round < 3; ++round)
+    for (const auto byte : bytes) {
+      decoder.add({&byte, 1});
+      if (decoder.take()) ++frames;
+    }
+  EXPECT_EQ(frames, 3);
+}
+
+TEST(Decoder, RefusesWhatIsNoFrame) {
+  const std::string noise = "bash: ontime: command not found\n";
+  const auto refuses = [](const std::vector<std::uint8_t>& bytes) {
+    Decoder decoder;
+    decoder.add(bytes);
+    EXPECT_THROW(decoder.take(), Broken);
+  };
+  refuses({noise.begin(), noise.end()});
+  refuses(frame_of({0xff}, 1));
+  refuses(frame_of(json::to_cbor(7), json::to_cbor(7).size()));  // no object
+  refuses(frame_of({}, 0));                                      // nothing at all
+  refuses(
+      frame_of(std::vector<std::uint8_t>(1'000'000, 0x81), 1'000'000));  // a million arrays in one another
+}
+
+// ── A coordinator and its workers ──
+
+std::vector<std::string> worker(const std::string& kind) { return {this_program(), kind}; }
+
+std::string failure(const std::function<void()>& doing) {
+  try {
+    doing();
+  } catch (const Error& error) {
+    return std::to_string(error.exit) + " " + error.what();
+  } catch (const Interrupted&) {
+    return "interrupted";
+  }
+  return "none";
+}
+
+class CoordinatorTest : public testing::Test {
+ protected:
+  Interrupts interrupts_{0};
+  Coordinator coordinator_{interrupts_};
+};
+
+TEST_F(CoordinatorTest, AwaitsOneAndHandlesTheOthers) {
+  Coordinator::Hand first(coordinator_, "the first", worker("obedient"), "s"),
+      second(coordinator_, "the second", worker("obedient"), "s");
+  EXPECT_EQ(first.hello().at("role"), "obedient");
+  EXPECT_FALSE(first.hello().at("boot_id").get<std::string>().empty());
+  std::vector<std::string> said;
+  coordinator_.on("said", [&](auto& hand, const Frame& frame) {
+    said.push_back(hand.name() + " " + frame.message.at("what").get<std::string>());
+  });
+  second.order("say", {{"what", "x"}});
+  second.order("answer");
+  coordinator_.await(second, "answered", 10s);
+  first.order("say", {{"what", "y"}});
+  first.order("answer");
+  coordinator_.await(first, "answered", 10s);
+  EXPECT_THAT(said, testing::ElementsAre("the second x", "the first y"));
+}
+
+TEST_F(CoordinatorTest, NoEventIsThrownAway) {
+  Coordinator::Hand hand(coordinator_, "the worker", worker("obedient"), "s");
+  hand.order("say", {{"what", "x"}});
+  hand.order("answer");
+  EXPECT_THAT(failure([&] { coordinator_.await(hand, "answered", 10s); }),
+              HasSubstr("the worker said 'said'"));
+}
+
+TEST_F(CoordinatorTest, SaysWhyAWorkerFailedOrIsGone) {
+  {
+    Coordinator::Hand hand(coordinator_, "the worker", worker("obedient"), "s");
+    hand.order("fail");
+    EXPECT_EQ(failure([&] { coordinator_.await(hand, "answered", 10s); }), "2 it was wrong");
+    EXPECT_TRUE(hand.lost());
+  }
+  {
+    Coordinator::Hand hand(coordinator_, "the worker", worker("obedient"), "s");
+    kill(hand.hello().at("pid"), SIGKILL);
+    EXPECT_THAT(failure([&] { coordinator_.await(hand, "answered", 10s); }),
+                AllOf(HasSubstr("3 the worker"), HasSubstr("signal 9")));
+    EXPECT_TRUE(hand.lost());
+  }
+  EXPECT_THAT(failure([&] { Coordinator::Hand(coordinator_, "the worker", {"/no/such/program"}, "s"); }),
+              HasSubstr("could not be started"));
+  EXPECT_THAT(failure([&] { Coordinator::Hand(coordinator_, "the worker", {"false"}, "s"); }),
+              HasSubstr("exit code 1"));
+  EXPECT_THAT(failure([&] { Coordinator::Hand(coordinator_, "the worker", {"yes"}, "s"); }),
+              HasSubstr("does not speak ontime's orders"));
+}
+
+TEST_F(CoordinatorTest, AWorkerOfAnotherBuildIsRefused) {
+  EXPECT_THAT(failure([&] { Coordinator::Hand(coordinator_, "the worker", worker("obedient"), "other"); }),
+              AllOf(HasSubstr("of another build"), HasSubstr("install the same on both machines")));
+}
+
+TEST_F(CoordinatorTest, OneThatIsStoppedIsNamedAndGivenUp) {
+  Coordinator::Hand stuck(coordinator_, "the stuck one", worker("obedient"), "s"),
+      well(coordinator_, "the other", worker("obedient"), "s");
+  kill(stuck.hello().at("pid"), SIGSTOP);
+  EXPECT_THAT(failure([&] { coordinator_.until([] { return false; }); }),
+              AllOf(HasSubstr("3 the stuck one was silent for 10 s")));
+  EXPECT_TRUE(stuck.lost());
+  well.order("answer");
+  coordinator_.await(well, "answered", 10s);  // the loop goes on without it
+}
+
+TEST_F(CoordinatorTest, OneThatIsTerminatedIsAnInterruption) {
+  Coordinator::Hand hand(coordinator_, "the worker", worker("obedient"), "s");
+  kill(hand.hello().at("pid"), SIGTERM);
+  EXPECT_EQ(failure([&] { coordinator_.until([] { return false; }); }), "interrupted");
+  EXPECT_EQ(interrupts_, 1);
+  hand.order("answer");  // and goes on carrying out orders for a while
+  coordinator_.await(hand, "answered", 10s, 1);
+}
+
+// What a worker says that is alone: here the coordinator is this test, which says nothing.
+TEST(Worker, LeavesACoordinatorThatIsSilent) {
+  Process process("the worker", worker("obedient"));
+  auto& frames = process.frames();
+  json last;
+  try {
+    while (true) {
+      while (!frames.fill()) usleep(10'000);
+      while (const auto frame = frames.take())
+        if (frame->message.at("event") != "beat") last = frame->message;
+    }
+  } catch (const Broken&) {  // it has left
+  }
+  EXPECT_EQ(last.at("event"), "failed");
+  EXPECT_THAT(last.at("message").get<std::string>(),
+              HasSubstr("the coordinator (the ontime that was started by hand)"));
+  EXPECT_THAT(last.at("message").get<std::string>(), HasSubstr("silent for 10 s"));
+}
+
+TEST(Signals, ThatWereIgnoredStayIgnored) {
+  const pid_t child = fork();
+  if (child == 0) {
+    std::signal(SIGHUP, SIG_IGN);  // as nohup leaves it
+    on_termination([](int) { _exit(1); });
+    raise(SIGHUP);
+    on_termination([](int) { _exit(7); });
+    raise(SIGTERM);
+    _exit(2);
+  }
+  int status = 0;
+  waitpid(child, &status, 0);
+  EXPECT_EQ(WEXITSTATUS(status), 7);
+}
+
+class Obedient final : public Worker {
+ public:
+  explicit Obedient(Events& events) : events_(events) {}
+  void obey(const std::string& order, const json& body) override {
+    if (order == "say") events_.tell("said", {{"what", body.at("what")}});
+    if (order == "answer") events_.tell("answered");
+    if (order == "fail") throw Error(2, "it was wrong");
+  }
+  std::chrono::milliseconds go_on() override { return 500ms; }
+  void give_back() noexcept override {}
+
+ private:
+  Events& events_;
+};
+
+}  // namespace
+}  // namespace ontime::orders
+
+// The workers of these tests are this program.
+int main(int argc, char** argv) {
+  using namespace ontime::orders;
+  if (argc > 1 && std::string_view(argv[1]) == "obedient")
+    return serve("obedient", "s", [](Events& events) { return std::make_unique<Obedient>(events); });
+  on_termination([](int) { _exit(130); });
+  testing::InitGoogleTest(&argc, argv);
+  return RUN_ALL_TESTS();
+}
