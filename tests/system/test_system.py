@@ -4,6 +4,7 @@
 when it is killed, cut off, or has no room left. Needs root, and skips without. ONTIME names the program."""
 
 import contextlib
+import fcntl
 import json
 import os
 import pathlib
@@ -12,6 +13,7 @@ import signal
 import sqlite3
 import subprocess
 import tempfile
+import termios
 import time
 import unittest
 
@@ -31,19 +33,21 @@ runs:
 """
 
 
-def descendants_named(word):
-    """Pids of living processes whose command line holds the word."""
-    found = []
+def processes_with(word):
+    """Living processes, as {pid: command line}, that were started with this text in their environment: a test's own,
+    and nobody else's."""
+    found = {}
     for entry in pathlib.Path("/proc").iterdir():
         if not entry.name.isdigit():
             continue
         try:
+            environment = (entry / "environ").read_bytes().decode(errors="replace")
             command = (entry / "cmdline").read_bytes().replace(b"\0", b" ").decode(errors="replace")
             state = (entry / "stat").read_text().rsplit(")", 1)[1].split()[0]
         except (OSError, IndexError):
             continue
-        if word in command and state != "Z":
-            found.append(int(entry.name))
+        if word in environment and state != "Z":
+            found[int(entry.name)] = command
     return found
 
 
@@ -61,6 +65,9 @@ def namespaces():
             subprocess.run(["ip", "netns", "list"], capture_output=True, text=True, check=True).stdout.splitlines()]
 
 
+OUR_NAMESPACES = {"ontime-controller", "ontime-component"}
+
+
 @unittest.skipUnless(os.geteuid() == 0, "network namespaces need root")
 class System(unittest.TestCase):
     def setUp(self):
@@ -75,19 +82,24 @@ class System(unittest.TestCase):
     def tearDown(self):
         self.assertTrue(eventually(self.nothing_left), self.what_is_left())
 
+    def own(self, word):
+        return [pid for pid, command in processes_with("TMPDIR=" + self.temporary).items() if word in command]
+
     def agents(self):
-        return descendants_named(os.path.basename(ONTIME) + " agent")
+        return [*self.own("/ontime agent"), *self.own("/ontime keeper")]
+
+    def keepers(self):
+        return self.own("/ontime keeper")
 
     def load(self):
-        return descendants_named(self.temporary)
+        return self.own("stress-ng")
 
     def what_is_left(self):
-        return (f"agents {self.agents()}, load {self.load()}, namespaces {namespaces()}, "
+        return (f"agents and keepers {self.agents()}, load {self.load()}, namespaces {namespaces()}, "
                 f"files {os.listdir(self.temporary)}")
 
     def nothing_left(self):
-        mine = {"controller", "component"} & set(namespaces())
-        return not (self.agents() or self.load() or mine or os.listdir(self.temporary))
+        return not (self.agents() or self.load() or OUR_NAMESPACES & set(namespaces()) or os.listdir(self.temporary))
 
     def scenario(self, duration="1 s", text=SCENARIO, transports=None):
         path = os.path.join(self.folder, "scenario.yaml")
@@ -99,7 +111,10 @@ class System(unittest.TestCase):
                               timeout=120, **options)
 
     def start_ontime(self, *arguments):
-        process = subprocess.Popen([ONTIME, *arguments], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+        return self.start([ONTIME, *arguments])
+
+    def start(self, command):
+        process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
                                    env=self.environment)
         self.addCleanup(lambda: (process.kill(), process.communicate()))  # of a test that failed
         return process
@@ -157,7 +172,7 @@ class System(unittest.TestCase):
     def test_traffic_takes_the_link_and_no_other(self):
         """Loopback carries nothing but the datagram by which Cyclone DDS wakes its own threads at the end."""
         process = self.start_ontime("run", self.scenario("2 s"), "--only", "idle", "--results", self.results)
-        self.started(process, lambda: "component" in namespaces() and self.agents())
+        self.started(process, lambda: OUR_NAMESPACES <= set(namespaces()) and self.agents())
         others = {}
 
         def bytes_of(name):
@@ -165,7 +180,7 @@ class System(unittest.TestCase):
             return {line.split(":")[0].strip(): int(line.split(":")[1].split()[0]) for line in text.splitlines()[2:]}
 
         while process.poll() is None:
-            for name in ("controller", "component"):
+            for name in OUR_NAMESPACES:
                 for interface, count in bytes_of(name).items():
                     others[(name, interface)] = count
             time.sleep(0.2)
@@ -283,7 +298,7 @@ class System(unittest.TestCase):
             os.kill(pid, signal.SIGKILL)
         process.communicate(timeout=30)
         self.assertTrue(eventually(lambda: not self.load() and not self.agents(), 5), self.what_is_left())
-        self.assertTrue(eventually(lambda: not {"controller", "component"} & set(namespaces()), 5), self.what_is_left())
+        self.assertTrue(eventually(lambda: not OUR_NAMESPACES & set(namespaces()), 5), self.what_is_left())
         self.assertGreaterEqual(self.report()[0]["sent"], before)
         return process.returncode
 
@@ -291,7 +306,10 @@ class System(unittest.TestCase):
         self.killed(lambda process: [process.pid])
 
     def test_killed_agents_leave_nothing(self):
-        self.assertEqual(self.killed(lambda _: self.agents()), 3)
+        self.assertEqual(self.killed(lambda _: self.own("/ontime agent")), 3)
+
+    def test_killed_keeper_leaves_nothing(self):
+        self.assertEqual(self.killed(lambda _: self.keepers()), 3)
 
     def test_killed_all_at_once_is_cleared_by_the_next_start(self):
         process = self.start_ontime("run", self.scenario("1 h", transports=["udp"]), "--only", "loaded", "--results", self.results)
@@ -302,7 +320,7 @@ class System(unittest.TestCase):
         self.assertTrue(eventually(lambda: not self.load(), 5), self.what_is_left())
         answer = self.run_ontime("run", self.scenario("50 ms", transports=["udp"]), "--only", "idle", "--results", self.results)
         self.assertEqual(answer.returncode, 0, answer.stderr)
-        self.assertIn("controller", answer.stderr)  # it says what it found and cleared
+        self.assertIn("ontime-controller", answer.stderr)  # it says what it found and cleared
 
     def test_killed_load_is_noticed(self):
         process = self.start_ontime("run", self.scenario("3 s", transports=["udp"]), "--only", "loaded", "--results", self.results)
@@ -320,11 +338,11 @@ class System(unittest.TestCase):
     def test_cut_link_loses_messages_and_goes_on(self):
         process = self.start_ontime("run", self.scenario("4 s", transports=["cyclonedds"]), "--only", "idle", "--results", self.results)
         self.started(process, lambda: self.samples_recorded() > 50)
-        link = json.loads(subprocess.run(["ip", "-n", "controller", "-j", "link"], capture_output=True, text=True, check=True).stdout)
+        link = json.loads(subprocess.run(["ip", "-n", "ontime-controller", "-j", "link"], capture_output=True, text=True, check=True).stdout)
         name = next(entry["ifname"] for entry in link if entry["ifname"] != "lo")
-        subprocess.run(["ip", "-n", "controller", "link", "set", name, "down"], check=True)
+        subprocess.run(["ip", "-n", "ontime-controller", "link", "set", name, "down"], check=True)
         time.sleep(1)
-        subprocess.run(["ip", "-n", "controller", "link", "set", name, "up"], check=True)
+        subprocess.run(["ip", "-n", "ontime-controller", "link", "set", name, "up"], check=True)
         _, error = process.communicate(timeout=60)
         self.assertEqual(process.returncode, 0, error)
         run = self.report()[0]
@@ -347,14 +365,125 @@ class System(unittest.TestCase):
             subprocess.run(["umount", disk], check=True)
 
     def test_namespace_of_somebody_else_is_left_alone(self):
-        subprocess.run(["ip", "netns", "add", "component"], check=True)
+        subprocess.run(["ip", "netns", "add", "ontime-component"], check=True)
         try:
             answer = self.run_ontime("run", self.scenario("50 ms"), "--results", self.results)
             self.assertEqual(answer.returncode, 3, answer.stderr)
-            self.assertIn("component", answer.stderr)
-            self.assertEqual(namespaces(), ["component"])
+            self.assertIn("ontime-component", answer.stderr)
+            self.assertEqual(namespaces(), ["ontime-component"])
         finally:
-            subprocess.run(["ip", "netns", "del", "component"], check=True)
+            subprocess.run(["ip", "netns", "del", "ontime-component"], check=True)
+
+    def test_second_ontime_is_refused_while_the_first_holds_the_machine(self):
+        first = self.start_ontime("run", self.scenario("1 h", transports=["udp"]), "--only", "idle", "--results", self.results)
+        self.started(first, lambda: self.samples_recorded() > 10)
+        second = self.run_ontime("run", self.scenario("50 ms", transports=["udp"]), "--only", "idle",
+                                 "--results", os.path.join(self.folder, "second.ontime"))
+        self.assertEqual(second.returncode, 3, second.stderr)
+        self.assertTrue(OUR_NAMESPACES <= set(namespaces()), "the first one's are still there")
+        first.send_signal(signal.SIGINT)
+        first.communicate(timeout=60)
+
+    # --- silence ---
+
+    def loaded_run(self, transport="udp", prefix=()):
+        process = self.start([*prefix, ONTIME, "run", self.scenario("1 h", transports=[transport]), "--only", "loaded",
+                              "--results", self.results])
+        self.started(process, lambda: self.samples_recorded() > 50 and len(self.load()) > 0)
+        return process
+
+    def assert_ended_and_kept(self, process, words):
+        out, error = process.communicate(timeout=90)
+        self.assertEqual(process.returncode, 3, error)
+        self.assertRegex(error, words)
+        run = self.report()[0]
+        self.assertRegex(run["error"], words)
+        self.assertGreater(run["sent"], 50)
+        self.assertEqual(run["sent"], run["on_time"] + run["late"] + run["lost"])
+
+    def test_agent_that_is_stopped_is_named_and_what_was_recorded_is_kept(self):
+        process = self.loaded_run()
+        os.kill(self.agent_in("ontime-component"), signal.SIGSTOP)
+        self.assert_ended_and_kept(process, "the agent of the component was silent for 10 s")
+
+    def test_keeper_that_is_stopped_is_named_and_its_machine_given_back(self):
+        process = self.loaded_run()
+        os.kill(self.keepers()[0], signal.SIGSTOP)
+        self.assert_ended_and_kept(process, "the keeper of the .* was silent for 10 s")
+
+    def test_coordinator_that_is_stopped_is_left_alone_and_the_machine_given_back(self):
+        process = self.loaded_run()
+        process.send_signal(signal.SIGSTOP)
+        self.assertTrue(eventually(self.nothing_left, 30), self.what_is_left())
+        process.send_signal(signal.SIGCONT)
+        self.assert_ended_and_kept(process, "the coordinator .* was silent for 10 s")
+
+    def agent_in(self, namespace):
+        own = os.stat(f"/run/netns/{namespace}").st_ino
+        return next(pid for pid in self.own("/ontime agent") if os.stat(f"/proc/{pid}/ns/net").st_ino == own)
+
+    # --- signals ---
+
+    def assert_interrupted_and_given_back(self):
+        self.assertTrue(eventually(self.nothing_left, 30), self.what_is_left())
+        run = self.report()[0]
+        self.assertTrue(run["interrupted"])
+        self.assertIsNone(run["error"])
+        self.assertEqual(set(run["hosts"]), {"controller", "component"})
+        self.assertGreater(run["sent"], 50)
+
+    def test_service_that_is_stopped_keeps_its_run(self):
+        """As systemctl stop does: a SIGTERM to every process of the service at once."""
+        process = self.loaded_run()
+        for pid in processes_with("TMPDIR=" + self.temporary):
+            with contextlib.suppress(ProcessLookupError):
+                os.kill(pid, signal.SIGTERM)
+        process.communicate(timeout=60)
+        self.assertEqual(process.returncode, 130)
+        self.assert_interrupted_and_given_back()
+
+    def test_pong_that_is_stopped_as_a_service_has_not_failed(self):
+        process = self.start_ontime("pong", "--transport", "udp", "--interface", "lo", "--domain", "78")
+        self.started(process, lambda: self.own("/ontime agent"))
+        time.sleep(0.5)
+        for pid in [*self.own("/ontime agent"), process.pid]:
+            os.kill(pid, signal.SIGTERM)
+        process.communicate(timeout=30)
+        self.assertEqual(process.returncode, 0)
+
+    def test_nohup_goes_on_when_the_terminal_closes(self):
+        process = self.loaded_run(prefix=["nohup"])
+        before = self.samples_recorded()
+        process.send_signal(signal.SIGHUP)
+        self.assertTrue(eventually(lambda: self.samples_recorded() > before + 100, 30))
+        self.assertIsNone(process.poll())
+        process.send_signal(signal.SIGINT)
+        process.communicate(timeout=60)
+        self.assertEqual(process.returncode, 130)
+
+    def test_closed_terminal_keeps_the_run(self):
+        """The session's leader goes: the kernel sends SIGHUP to the foreground, and writing to the terminal fails."""
+        master, slave = os.openpty()
+        command = [ONTIME, "run", self.scenario("1 h", transports=["udp"]), "--only", "loaded", "--results", self.results]
+
+        def own_terminal():
+            os.setsid()
+            fcntl.ioctl(slave, termios.TIOCSCTTY, 0)
+
+        process = subprocess.Popen(command, stdin=slave, stdout=slave, stderr=slave, env=self.environment,
+                                   preexec_fn=own_terminal)
+        self.addCleanup(process.kill)
+        os.close(slave)
+        self.started(process, lambda: self.samples_recorded() > 50 and len(self.load()) > 0)
+        os.close(master)
+        process.wait(timeout=60)
+        self.assert_interrupted_and_given_back()
+
+    def test_timeout_keeps_the_run(self):
+        answer = subprocess.run(["timeout", "8", ONTIME, "run", self.scenario("1 h", transports=["udp"]), "--only",
+                                 "loaded", "--results", self.results], env=self.environment, capture_output=True, timeout=120)
+        self.assertEqual(answer.returncode, 124)
+        self.assert_interrupted_and_given_back()
 
 
 if __name__ == "__main__":

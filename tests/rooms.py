@@ -1,0 +1,79 @@
+#!/usr/bin/env python3
+# SPDX-License-Identifier: Apache-2.0
+"""Who may use whom: CONTRIBUTING.md's table of rooms, what CMake links, and what the files include are one."""
+
+import pathlib
+import re
+import unittest
+
+ROOT = pathlib.Path(__file__).resolve().parent.parent
+SRC = ROOT / "src"
+# Beside the header that has the room's name, what others may include of a room.
+SHOWN = {"transport/clock.hpp", "transport/dds.hpp", "roundtrip/sample.hpp", "orders/frames.hpp"}
+
+
+def rooms():
+    return sorted(path.parent.name for path in SRC.glob("*/CMakeLists.txt"))
+
+
+def linked(room):
+    text = (SRC / room / "CMakeLists.txt").read_text()
+    return set(re.findall(r"ontime::(\w+)", text)) & set(rooms()) - {room}
+
+
+def included(room):
+    """The rooms that a room's files include, and the headers by which they do."""
+    found = {}
+    for file in [*(SRC / room).rglob("*.cpp"), *(SRC / room).rglob("*.hpp")]:
+        for header in re.findall(r'^#include "([^"]+)"', file.read_text(), re.MULTILINE):
+            other = header.split("/")[0]
+            if other != room and other in rooms():
+                found.setdefault(other, set()).add((header, file.relative_to(SRC).as_posix()))
+    return found
+
+
+def documented():
+    """| `room` | what lives there | `what`, `it`, `uses` |"""
+    table = re.findall(r"^\| `src/(\w+)/` \|[^|]*\|([^|]*)\|$", (ROOT / "CONTRIBUTING.md").read_text(), re.MULTILINE)
+    return {room: set(re.findall(r"`(\w+)`", uses)) for room, uses in table}
+
+
+def reachable(room):
+    seen, waiting = set(), [room]
+    while waiting:
+        for other in linked(waiting.pop()):
+            if other not in seen:
+                seen.add(other)
+                waiting.append(other)
+    return seen
+
+
+class Rooms(unittest.TestCase):
+    def test_what_is_included_is_linked(self):
+        for room in rooms():
+            with self.subTest(room=room):
+                self.assertLessEqual(set(included(room)), linked(room) | {"message"} & reachable(room))
+
+    def test_what_is_linked_is_needed(self):
+        for room in rooms():
+            with self.subTest(room=room):
+                self.assertLessEqual(linked(room), set(included(room)))
+
+    def test_nobody_reaches_behind_a_rooms_header(self):
+        for room in rooms():
+            for other, headers in included(room).items():
+                for header, file in headers:
+                    with self.subTest(file=file):
+                        self.assertTrue(header == f"{other}/{other}.hpp" or header in SHOWN, header)
+
+    def test_no_room_uses_itself_by_way_of_others(self):
+        for room in rooms():
+            with self.subTest(room=room):
+                self.assertNotIn(room, reachable(room))
+
+    def test_the_table_tells_it_so(self):
+        self.assertEqual(documented(), {room: linked(room) for room in rooms()})
+
+
+if __name__ == "__main__":
+    unittest.main()
