@@ -158,9 +158,9 @@ int execute(const Scenario& scenario, record::Writer& writer, Observer& observer
   int code = 0;
   try {
     suite.prepare(scenario.hosts);
-    for (std::size_t i = 0; i < scenario.runs.size() && code != 130; ++i) {
-      const auto& run = scenario.runs[i];
-      observer.begins(run, i + 1, scenario.runs.size());
+    for (std::size_t i = 0; i < scenario.size() && code != 130; ++i) {
+      const auto run = scenario.at(i);
+      observer.begins(run, i + 1, scenario.size());
       auto record = asked(run);
       record["scenario"] = scenario.text;
       record["scenario_file"] = scenario.file;
