@@ -12,9 +12,23 @@
 #include <gtest/gtest.h>
 #include <netinet/in.h>
 #include <sys/socket.h>
+#include <sys/syscall.h>
 #include <unistd.h>
 
 #include "message/message.hpp"
+#include "transport/clock.hpp"
+
+namespace {
+std::atomic<std::int64_t> received_ns{0};  // when the kernel last handed us a datagram
+}
+
+// This program stands between the transport and the kernel.
+extern "C" ssize_t recvfrom(int fd, void* __restrict data, std::size_t bytes, int flags,
+                            sockaddr* __restrict from, socklen_t* __restrict length) {
+  const auto got = syscall(SYS_recvfrom, fd, data, bytes, flags, from, length);
+  received_ns = ontime::transport::now_ns();
+  return got;
+}
 
 namespace ontime::transport {
 namespace {
@@ -51,7 +65,9 @@ class Keep final : public Sink {
     const std::lock_guard lock(mutex);
     last_sequence = sequence;
     last.assign(payload.begin(), payload.end());
-    EXPECT_GT(arrival_ns, 0);
+    EXPECT_GT(received_ns, 0);
+    EXPECT_GE(arrival_ns, received_ns);
+    EXPECT_LE(arrival_ns, now_ns());
     ++arrivals;
   }
   std::mutex mutex;
@@ -174,6 +190,53 @@ TEST_F(Udp, SaysWhatIsWrongAtOpening) {
   EXPECT_THAT(error(Role::client), HasSubstr("no-such-host.invalid"));
   config.max_payload_bytes = 65'500;
   EXPECT_THAT(error(Role::server), HasSubstr("65500"));
+}
+
+TEST_F(Udp, HasNoTopicsToName) {
+  Keep keep;
+  config.ping_topic = "/robot/ping";
+  EXPECT_THROW(open(Role::server, keep), WrongInput);
+}
+
+TEST_F(Udp, RefusesWhatItHasNot) {
+  Keep keep;
+  config.options["no-such"] = "1";
+  EXPECT_THROW(open(Role::server, keep), WrongInput);
+  config.options = {{"port", "many"}};
+  EXPECT_THROW(open(Role::server, keep), WrongInput);
+  config.options = {};
+  config.domain = 60'000;
+  EXPECT_THROW(open(Role::server, keep), WrongInput);
+}
+
+TEST_F(Udp, SaysSinceWhenItHasAPeer) {
+  Echo echo;
+  const auto server = open(Role::server, echo);
+  Keep keep;
+  const auto client = open(Role::client, keep);
+  EXPECT_EQ(server->matched().changed_ns, 0);
+  ASSERT_TRUE(within_a_while([&] { return client->matched().both(); }));
+  EXPECT_GT(client->matched().changed_ns, 0);
+  EXPECT_LE(client->matched().changed_ns, now_ns());
+}
+
+// Nobody receives, so the socket's buffer fills.
+TEST_F(Udp, TellsWhatFoundNoRoom) {
+  config.receive = Receive::waitset;
+  Keep keep;
+  const auto server = open(Role::server, keep);
+  config.receive = Receive::listener;
+  const auto client = open(Role::client, keep);
+  EXPECT_EQ(server->losses().overwritten, 0U);
+  EXPECT_EQ(server->losses().on_the_way, std::nullopt);
+  const std::vector<std::byte> large(60'000);
+  EXPECT_TRUE(within_a_while([&] {
+    client->send(1, large);
+    return server->losses().overwritten.value_or(0) > 0;
+  }));
+  const auto lost = *server->losses().overwritten;
+  for (int i = 0; i < 10; ++i) client->send(1, large);
+  EXPECT_EQ(server->losses().overwritten, lost + 10);
 }
 
 TEST_F(Udp, WaitsetEndsWhenInterrupted) {

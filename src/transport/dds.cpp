@@ -4,8 +4,10 @@
 #include <algorithm>
 #include <charconv>
 #include <chrono>
-#include <ctime>
+#include <filesystem>
+#include <fstream>
 #include <memory>
+#include <system_error>
 #include <thread>
 
 #include <arpa/inet.h>
@@ -15,6 +17,7 @@
 #include <netinet/in.h>
 
 #include "message/message.hpp"
+#include "transport/clock.hpp"
 
 namespace ontime::transport::dds {
 namespace {
@@ -40,9 +43,9 @@ Link link_of(const std::string& interface, const std::string& address) {
 
 // The kernel tells up to a second late that a new link runs, and Fast DDS stays mute on one that does not.
 void check_link(const std::string& interface, const std::string& address, const std::string& transport) {
-  const std::int64_t end_ns = monotonic_ns() + 3'000'000'000;
+  const std::int64_t end_ns = now_ns() + 3'000'000'000;
   Link link = link_of(interface, address);
-  for (; link == Link::down && monotonic_ns() < end_ns; link = link_of(interface, address))
+  for (; link == Link::down && now_ns() < end_ns; link = link_of(interface, address))
     std::this_thread::sleep_for(std::chrono::milliseconds(10));
   if (link == Link::running) return;
   throw Error(transport + ": " +
@@ -59,8 +62,36 @@ void check_options(const Config& config, const std::string& transport, std::span
     std::string text = transport + " has no option \"" + asked.first + "\"; it has:";
     for (const Option& option : options)
       text.append(" ").append(option.name).append(" = ").append(option.values);
-    throw Error(text);
+    throw WrongInput(text);
   }
+}
+
+// What ROS 2 takes for a whole topic name, for a peer of rclcpp can have no other.
+const char* wrong_in_topic(const std::string& name) {
+  constexpr std::size_t longest = 247;  // so that it fits, with its prefix, into DDS's 255
+  if (!name.starts_with('/')) return "it does not begin with a slash";
+  if (name.size() > longest) return "it is longer than 247 characters";
+  for (std::size_t at = 0; at < name.size(); ++at) {
+    const char letter = name[at];
+    const bool begins = at > 0 && name[at - 1] == '/';
+    const bool digit = letter >= '0' && letter <= '9';
+    if (letter == '/' && (begins || at + 1 == name.size())) return "a part of it is empty";
+    if (begins && digit) return "a part of it begins with a digit";
+    const bool word =
+        digit || letter == '_' || (letter >= 'a' && letter <= 'z') || (letter >= 'A' && letter <= 'Z');
+    if (letter != '/' && !word) return "it has other characters than letters, digits and _";
+  }
+  return nullptr;
+}
+
+void check_topics(const Config& config, const std::string& transport) {
+  for (const std::string& name : {config.ping_topic, config.pong_topic})
+    if (const char* const wrong = wrong_in_topic(name))
+      throw WrongInput(transport + ": \"" + name + "\" is not a topic: " + wrong +
+                       "; write it as ROS 2 does, such as /robot/ping");
+  if (config.ping_topic == config.pong_topic)
+    throw WrongInput(transport + ": ping and pong have one topic, " + config.ping_topic +
+                     "; each end would read what it writes");
 }
 
 const char* policy_value(const Qos& qos, Policy policy) {
@@ -71,30 +102,64 @@ const char* policy_value(const Qos& qos, Policy policy) {
 
 }  // namespace
 
-std::int64_t monotonic_ns() noexcept {
-  timespec now;
-  clock_gettime(CLOCK_MONOTONIC, &now);
-  return std::int64_t{now.tv_sec} * 1'000'000'000 + now.tv_nsec;
-}
-
 bool is_loopback(const std::string& address) { return address.starts_with("127."); }
 
-const char* topic_written(Role role) {
-  return role == Role::client ? message::ping_topic : message::pong_topic;
+std::string topic_written(const Config& config) {
+  return "rt" + (config.role == Role::client ? config.ping_topic : config.pong_topic);
 }
-const char* topic_read(Role role) { return role == Role::client ? message::pong_topic : message::ping_topic; }
+std::string topic_read(const Config& config) {
+  return "rt" + (config.role == Role::client ? config.pong_topic : config.ping_topic);
+}
+
+std::vector<Task> tasks() {
+  std::vector<Task> found;
+  std::error_code ended;  // while we looked
+  for (const auto& task : std::filesystem::directory_iterator("/proc/self/task", ended)) {
+    std::string name;
+    std::getline(std::ifstream(task.path() / "comm"), name);
+    found.push_back({std::stoi(task.path().filename()), name});
+  }
+  return found;
+}
+
+std::vector<Task> started_since(const std::vector<Task>& before) {
+  std::vector<Task> started = tasks();
+  std::erase_if(started, [&](const Task& task) {
+    return std::any_of(before.begin(), before.end(), [&](const Task& old) { return old.tid == task.tid; });
+  });
+  return started;
+}
+
+void Matches::set(std::atomic<int>& of, int count) noexcept {
+  if (of.exchange(count) != count) changed_ns_ = now_ns();
+}
+
+void Gaps::note(const Writer& writer, std::int64_t number) noexcept {
+  auto at = std::find_if(lasts_.begin(), lasts_.end(),
+                         [&](const Last& last) { return last.number == 0 || last.writer == writer; });
+  if (at == lasts_.end()) {
+    --at;
+    *at = {};
+  }
+  const std::int64_t last = at->number;
+  if (last != 0 && number > last + 1)
+    missing_.store(missing() + static_cast<std::uint64_t>(number - last - 1), std::memory_order_relaxed);
+  *at = {writer, std::max(last, number)};
+  if (at != lasts_.begin()) std::rotate(lasts_.begin(), at, at + 1);
+}
 
 void check(const Config& config, const std::string& transport, std::span<const Option> options) {
   check_options(config, transport, options);
+  check_topics(config, transport);
   if (config.domain < 0 || config.domain > max_domain)
-    throw Error(transport + ": domain " + std::to_string(config.domain) + " does not exist; DDS has 0 to " +
-                std::to_string(max_domain));
+    throw WrongInput(transport + ": domain " + std::to_string(config.domain) +
+                     " does not exist; DDS has 0 to " + std::to_string(max_domain));
   if (config.max_payload_bytes > max_payload_bytes)
-    throw Error(transport + ": a payload of " + std::to_string(config.max_payload_bytes) +
-                " bytes is too large; it carries " + std::to_string(max_payload_bytes) + " at most");
+    throw WrongInput(transport + ": a payload of " + std::to_string(config.max_payload_bytes) +
+                     " bytes is too large; it carries " + std::to_string(max_payload_bytes) + " at most");
   if (config.qos.history == History::keep_last && config.qos.depth < 1)
-    throw Error(transport + ": a history depth of " + std::to_string(config.qos.depth) +
-                " keeps no message; ask for 1 or more");
+    throw WrongInput(transport + ": a history depth of " + std::to_string(config.qos.depth) +
+                     " keeps no message; ask for 1 or more");
   if (!config.interface.empty()) check_link(config.interface, config.address, transport);
 }
 
@@ -105,7 +170,7 @@ Peer resolve(const std::string& peer, const std::string& transport) {
     const char* const end = peer.data() + peer.size();
     const auto [stop, error] = std::from_chars(peer.data() + colon + 1, end, result.port);
     if (error != std::errc{} || stop != end || result.port == 0)
-      throw Error(transport + ": the peer " + peer + " has no valid port; write HOST or HOST:PORT");
+      throw WrongInput(transport + ": the peer " + peer + " has no valid port; write HOST or HOST:PORT");
   }
   addrinfo hints{};
   hints.ai_family = AF_INET;
@@ -119,13 +184,13 @@ Peer resolve(const std::string& peer, const std::string& transport) {
 }
 
 std::string refused_writer(const Config& config, Policy policy) {
-  const std::string who = std::string("a writer of ") + topic_read(config.role);
+  const std::string who = "a writer of " + topic_read(config);
   if (policy == Policy::other) return who + " offers a quality of service that we do not accept";
   return who + " offers " + policy_value(Qos{}, policy) + ", we ask for " + policy_value(config.qos, policy);
 }
 
 std::string refused_reader(const Config& config, Policy policy) {
-  const std::string who = std::string("a reader of ") + topic_written(config.role);
+  const std::string who = "a reader of " + topic_written(config);
   if (policy == Policy::other) return who + " asks for a quality of service that we do not offer";
   const Qos most{.reliability = Reliability::reliable, .durability = Durability::transient_local};
   return who + " asks for " + policy_value(most, policy) + ", we offer " + policy_value(config.qos, policy);
@@ -139,8 +204,8 @@ std::string others_without_our_topics(const Config& config, std::size_t particip
   if (participants == 0 || matched.both()) return {};
   std::string text = std::to_string(participants) + " other DDS participant" +
                      (participants == 1 ? "" : "s") + " in domain " + std::to_string(config.domain);
-  if (matched.readers == 0) text += std::string(", nobody who reads ") + topic_written(config.role);
-  if (matched.writers == 0) text += std::string(", nobody who writes ") + topic_read(config.role);
+  if (matched.readers == 0) text += ", nobody who reads " + topic_written(config);
+  if (matched.writers == 0) text += ", nobody who writes " + topic_read(config);
   return text;
 }
 

@@ -2,10 +2,15 @@
 // What every DDS transport does alike: what it accepts, and how it tells people what it saw.
 #pragma once
 
+#include <array>
+#include <atomic>
 #include <cstddef>
 #include <cstdint>
 #include <span>
 #include <string>
+#include <vector>
+
+#include <sys/types.h>
 
 #include "transport/transport.hpp"
 
@@ -20,21 +25,59 @@ inline constexpr int participants_per_host = 32;         // so many ports of a p
 inline constexpr int base_port = 7400;
 inline constexpr int ports_per_domain = 250;
 
-std::int64_t monotonic_ns() noexcept;
-
 bool is_loopback(const std::string& address);
 
-const char* topic_written(Role role);
-const char* topic_read(Role role);
+// As they are on the wire: "rt/ping" for ROS 2's "/ping".
+std::string topic_written(const Config& config);
+std::string topic_read(const Config& config);
 
-// Throws Error for what no DDS transport can do.
+// A thread of this process. Those of a middleware are found by what was started while it opened.
+struct Task {
+  pid_t tid;
+  std::string name;
+};
+std::vector<Task> tasks();  // in order of their creation
+std::vector<Task> started_since(const std::vector<Task>& before);
+
+// Who is matched: set by the middleware's own threads, read by any without a lock.
+class Matches {
+ public:
+  void set_readers(int count) noexcept { set(readers_, count); }
+  void set_writers(int count) noexcept { set(writers_, count); }
+  Matched now() const noexcept { return {readers_, writers_, changed_ns_}; }
+
+ private:
+  void set(std::atomic<int>& of, int count) noexcept;
+
+  std::atomic<int> readers_{0}, writers_{0};
+  std::atomic<std::int64_t> changed_ns_{0};
+};
+
+// Counts what is missing between the messages that were taken: each writer numbers its own. Real-time safe;
+// noted by one thread at a time, read by any.
+class Gaps {
+ public:
+  using Writer = std::array<std::uint8_t, 16>;  // its GUID
+  void note(const Writer& writer, std::int64_t number) noexcept;
+  std::uint64_t missing() const noexcept { return missing_.load(std::memory_order_relaxed); }
+
+ private:
+  struct Last {
+    Writer writer{};
+    std::int64_t number = 0;  // DDS begins with 1
+  };
+  std::array<Last, 16> lasts_{};  // the latest first; who has been silent for longest is forgotten
+  std::atomic<std::uint64_t> missing_{0};
+};
+
+// Throws WrongInput for what no DDS transport can do, and Error where this host has not the link.
 void check(const Config& config, const std::string& transport, std::span<const Option> options);
 
 struct Peer {
   std::string address;     // IPv4
   std::uint16_t port = 0;  // 0: any participant of that host
 };
-// Of HOST[:PORT]. Throws Error if there is no such host.
+// Of HOST[:PORT]. Throws WrongInput if that is no port, and Error if there is no such host.
 Peer resolve(const std::string& peer, const std::string& transport);
 
 // DDS says only for which policy it refused a match. A reader may not ask for more than a writer offers, so

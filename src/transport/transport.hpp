@@ -45,7 +45,9 @@ struct Qos {
   Durability durability = Durability::volatile_;
 };
 
-// What threads are for, as words: "send", "receive", "delivery", "discovery", "timer", "other".
+// What threads are for, as words: "send", "receive", "delivery", "discovery", "timer", "other"; and "unknown"
+// for one of which that cannot be told here, so that whoever gives priorities can say that it got none of its
+// own.
 struct Thread {
   pid_t tid;
   std::string role;
@@ -92,10 +94,15 @@ struct Matched {
   bool both() const noexcept { return readers > 0 && writers > 0; }
 };
 
-// Messages that our reader did not hand to us, since it was opened, as far as the middleware tells.
+// Messages that our reader did not hand to us, since it was opened, as far as the middleware tells. Both are
+// sure once a later message of the same writer has been taken; before that they may lag behind.
 struct Losses {
-  std::optional<std::uint64_t> on_the_way;   // never reached the reader
-  std::optional<std::uint64_t> overwritten;  // reached it, and gave way to newer ones before we took them
+  // Never reached the reader: lost by a link, a full socket buffer, or with parts of it missing; or, of a
+  // reliable writer, given up by its history.
+  std::optional<std::uint64_t> on_the_way;
+  // Reached it while our thread was busy elsewhere, and gave way to newer ones in its history before we took
+  // them. Of a socket that has no history: found no room in its buffer.
+  std::optional<std::uint64_t> overwritten;
 };
 
 class Endpoint {

@@ -5,6 +5,7 @@
 #include <cstring>
 #include <new>
 
+#include <dds/ddsi/q_protocol.h>
 #include <dds/ddsi/q_radmin.h>
 
 #include "message/message.hpp"
@@ -16,8 +17,12 @@ struct Type : ddsi_sertype {
 };
 
 struct Message : ddsi_serdata {
+  enum class State : std::uint8_t { local, received, taken };
+
   Blocks* blocks;
+  Origin origin;
   std::uint32_t cdr_bytes;
+  State state;
 
   std::byte* data() noexcept { return reinterpret_cast<std::byte*>(this + 1); }
   const std::byte* data() const noexcept { return reinterpret_cast<const std::byte*>(this + 1); }
@@ -41,19 +46,41 @@ Message* new_block(const ddsi_sertype* type, Blocks& blocks, ddsi_serdata_kind k
   message->hash = type->serdata_basehash;  // without a key there is one instance, and one hash
   message->blocks = &blocks;
   message->cdr_bytes = static_cast<std::uint32_t>(cdr_bytes);
+  message->state = Message::State::local;
   return message;
+}
+
+// Of the datagram in which it began, whose parts Cyclone has in the host's byte order by now.
+Origin origin_of(const nn_rdata& fragment) noexcept {
+  Header_t header;
+  Data_DataFrag_common_t data;
+  std::memcpy(&header, NN_RMSG_PAYLOAD(fragment.rmsg), sizeof header);
+  std::memcpy(&data, NN_RMSG_PAYLOADOFF(fragment.rmsg, NN_RDATA_SUBMSG_OFF(&fragment)), sizeof data);
+  Origin origin{};
+  std::memcpy(origin.writer.data(), &header.guid_prefix, sizeof header.guid_prefix);
+  std::memcpy(origin.writer.data() + sizeof header.guid_prefix, &data.writerId, sizeof data.writerId);
+  origin.number = (std::int64_t{data.writerSN.high} << 32) | data.writerSN.low;
+  return origin;
 }
 
 // What Cyclone asks of a message.
 
 std::uint32_t get_size(const ddsi_serdata* data) { return as_message(data).cdr_bytes; }
 
-void free_message(ddsi_serdata* data) { as_message(data).blocks->give(data); }
+void free_message(ddsi_serdata* data) {
+  Message& message = as_message(data);
+  if (message.state == Message::State::received) message.blocks->count_overwritten();
+  message.blocks->give(data);
+}
 
 ddsi_serdata* from_ser(const ddsi_sertype* type, ddsi_serdata_kind kind, const nn_rdata* fragment,
                        std::size_t size) {
   Message* const message = new_block(type, blocks_of(*type), kind, size);
   if (message == nullptr) return nullptr;
+  if (kind == SDK_DATA && fragment != nullptr) {
+    message->origin = origin_of(*fragment);
+    message->state = Message::State::received;
+  }
   std::uint32_t done = 0;
   for (; fragment != nullptr; fragment = fragment->nextfrag) {
     if (fragment->maxp1 <= done) continue;
@@ -206,6 +233,13 @@ ddsi_serdata* new_message(const ddsi_sertype& type, std::uint64_t sequence,
 
 std::span<std::byte> cdr(ddsi_serdata& message) noexcept {
   return {as_message(&message).data(), as_message(&message).cdr_bytes};
+}
+
+const Origin* taken(ddsi_serdata& message) noexcept {
+  Message& ours = as_message(&message);
+  if (ours.state == Message::State::local) return nullptr;
+  ours.state = Message::State::taken;
+  return &ours.origin;
 }
 
 }  // namespace ontime::transport::cyclonedds

@@ -13,6 +13,8 @@
 #include <dds/ddsi/ddsi_serdata.h>
 #include <dds/ddsi/ddsi_sertype.h>
 
+#include "transport/dds.hpp"
+
 namespace ontime::transport::cyclonedds {
 
 struct Message;
@@ -26,6 +28,9 @@ class Blocks {
   void* take() noexcept;  // null if there is no memory
   void give(void* block) noexcept;
   std::size_t capacity() const noexcept { return capacity_; }
+  // Received ones that were freed and nobody had taken.
+  std::uint64_t overwritten() const noexcept { return overwritten_.load(std::memory_order_relaxed); }
+  void count_overwritten() noexcept { overwritten_.fetch_add(1, std::memory_order_relaxed); }
 
  private:
   std::size_t capacity_;     // of CDR bytes
@@ -33,6 +38,7 @@ class Blocks {
   std::size_t arena_bytes_;
   std::unique_ptr<std::byte[]> arena_;
   std::array<std::atomic<void*>, 64> spare_{};
+  std::atomic<std::uint64_t> overwritten_{0};
 };
 
 // To be handed to dds_create_topic_sertype.
@@ -43,5 +49,13 @@ ddsi_serdata* new_message(const ddsi_sertype& type, std::uint64_t sequence,
                           std::span<const std::byte> payload) noexcept;
 
 std::span<std::byte> cdr(ddsi_serdata& message) noexcept;
+
+// Whose message it is and its number with that writer; it is then one that was taken. Null for what did not
+// come by the network.
+struct Origin {
+  dds::Gaps::Writer writer;
+  std::int64_t number;
+};
+const Origin* taken(ddsi_serdata& message) noexcept;
 
 }  // namespace ontime::transport::cyclonedds

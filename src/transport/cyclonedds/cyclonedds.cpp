@@ -5,8 +5,6 @@
 #include <cerrno>
 #include <chrono>
 #include <cstdio>
-#include <filesystem>
-#include <fstream>
 #include <mutex>
 #include <system_error>
 #include <thread>
@@ -17,6 +15,7 @@
 #include <unistd.h>
 
 #include "message/message.hpp"
+#include "transport/clock.hpp"
 #include "transport/cyclonedds/cdr_type.hpp"
 #include "transport/cyclonedds/configuration.hpp"
 #include "transport/dds.hpp"
@@ -70,6 +69,10 @@ struct Domain {
   }
 };
 
+std::unique_ptr<dds_listener_t, decltype(&dds_delete_listener)> new_listener(void* self) {
+  return {dds_create_listener(self), dds_delete_listener};
+}
+
 struct QosDeleter {
   void operator()(dds_qos_t* qos) const { dds_delete_qos(qos); }
 };
@@ -92,24 +95,16 @@ std::unique_ptr<dds_qos_t, QosDeleter> vendor_qos(const Qos& qos) {
   return result;
 }
 
-std::map<pid_t, std::string> tasks() {
-  std::map<pid_t, std::string> names;
-  std::error_code ended;  // while we looked
-  for (const auto& task : std::filesystem::directory_iterator("/proc/self/task", ended)) {
-    std::string name;
-    std::getline(std::ifstream(task.path() / "comm"), name);
-    names.emplace(std::stoi(task.path().filename()), name);
-  }
-  return names;
-}
-
 // A thread is born with its parent's name, and gives itself its own a little later.
-void await_names(const std::map<pid_t, std::string>& before) {
-  const std::string ours = tasks()[gettid()];
-  const auto unnamed = [&](const auto& task) { return task.second == ours && !before.contains(task.first); };
-  const std::int64_t end_ns = dds::monotonic_ns() + 1'000'000'000;
-  for (auto now = tasks(); std::any_of(now.begin(), now.end(), unnamed); now = tasks()) {
-    if (dds::monotonic_ns() > end_ns) return;  // threads that are not Cyclone's
+void await_names(const std::vector<dds::Task>& before) {
+  const auto all = dds::tasks();
+  const auto self =
+      std::find_if(all.begin(), all.end(), [](const auto& task) { return task.tid == gettid(); });
+  const auto unnamed = [&](const dds::Task& task) { return self != all.end() && task.name == self->name; };
+  const std::int64_t end_ns = now_ns() + 1'000'000'000;
+  for (auto now = dds::started_since(before); std::any_of(now.begin(), now.end(), unnamed);
+       now = dds::started_since(before)) {
+    if (now_ns() > end_ns) return;  // threads that are not Cyclone's
     std::this_thread::sleep_for(std::chrono::milliseconds(1));
   }
 }
@@ -124,7 +119,8 @@ class CycloneEndpoint final : public Endpoint {
  public:
   CycloneEndpoint(const Config& config, Sink& sink);
 
-  Matched matched() override;
+  Matched matched() override { return matches_.now(); }
+  Losses losses() override;
   std::string seen() override;
   bool send(std::uint64_t sequence, std::span<const std::byte> payload) noexcept override;
   void receive() noexcept override;
@@ -133,7 +129,9 @@ class CycloneEndpoint final : public Endpoint {
   std::map<std::string, std::string> facts() override;
 
  private:
-  void take_all(dds_entity_t reader, std::int64_t arrival_ns) noexcept;
+  void open_writer(dds_entity_t topic, const dds_qos_t& qos, Log& log);
+  void open_reader(dds_entity_t topic, const dds_qos_t& qos, Log& log);
+  void take_all(dds_entity_t reader) noexcept;
   void give_priorities_that_xml_cannot();
   std::size_t other_participants();
   std::string endpoints_of_other_type();
@@ -142,6 +140,8 @@ class CycloneEndpoint final : public Endpoint {
   Sink& sink_;
   Configuration configuration_;
   Blocks blocks_;
+  dds::Matches matches_;
+  dds::Gaps gaps_;
   Domain domain_;  // after what its threads use, so that they end first
   ddsi_sertype* type_ = nullptr;
   dds_entity_t participant_ = 0;
@@ -157,7 +157,7 @@ CycloneEndpoint::CycloneEndpoint(const Config& config, Sink& sink)
       configuration_(configuration(config)),
       blocks_(message::cdr_overhead + config.max_payload_bytes) {
   Log log;
-  const auto tasks_before = tasks();
+  const auto tasks_before = dds::tasks();
   const auto domain_id = static_cast<dds_domainid_t>(config.domain);
   std::string where = "domain " + std::to_string(config.domain);
   if (!config.interface.empty()) where += " on " + config.interface + " (" + config.address + ")";
@@ -165,54 +165,66 @@ CycloneEndpoint::CycloneEndpoint(const Config& config, Sink& sink)
   domain_.entity = opened(dds_create_domain(domain_id, configuration_.xml.c_str()), where, log);
   participant_ = opened(dds_create_participant(domain_id, nullptr, nullptr), "a participant", log);
 
-  const auto open_topic = [&](const char* name) {
+  const auto open_topic = [&](const std::string& name) {
     type_ = new_type(blocks_);
     const dds_entity_t topic =
-        dds_create_topic_sertype(participant_, name, &type_, nullptr, nullptr, nullptr);
+        dds_create_topic_sertype(participant_, name.c_str(), &type_, nullptr, nullptr, nullptr);
     if (topic < 0) ddsi_sertype_unref(type_);
-    return opened(topic, std::string("the topic ") + name, log);
+    return opened(topic, "the topic " + name, log);
   };
-  const dds_entity_t read = open_topic(dds::topic_read(config.role));
-  const dds_entity_t written = open_topic(dds::topic_written(config.role));
+  const dds_entity_t read = open_topic(dds::topic_read(config));
+  const dds_entity_t written = open_topic(dds::topic_written(config));
 
   const auto qos = vendor_qos(config.qos);
-  // Before the reader, whose listener may call send() at once.
-  writer_ = opened(dds_create_writer(participant_, written, qos.get(), nullptr), "a writer", log);
-  if (config.receive == Receive::listener) {
-    const std::unique_ptr<dds_listener_t, decltype(&dds_delete_listener)> listener(dds_create_listener(this),
-                                                                                   dds_delete_listener);
-    dds_lset_data_available(listener.get(), [](dds_entity_t reader, void* self) {
-      const std::int64_t arrival_ns = dds::monotonic_ns();
-      static_cast<CycloneEndpoint*>(self)->take_all(reader, arrival_ns);
-    });
-    reader_ = opened(dds_create_reader(participant_, read, qos.get(), listener.get()), "a reader", log);
-  } else {
-    reader_ = opened(dds_create_reader(participant_, read, qos.get(), nullptr), "a reader", log);
-    waitset_ = opened(dds_create_waitset(participant_), "a waitset", log);
-    interrupted_ = opened(dds_create_guardcondition(participant_), "a guard condition", log);
-    const dds_entity_t data =
-        opened(dds_create_readcondition(reader_, DDS_ANY_STATE), "a read condition", log);
-    opened(dds_waitset_attach(waitset_, data, 0), "a waitset", log);
-    opened(dds_waitset_attach(waitset_, interrupted_, 0), "a waitset", log);
-  }
+  open_writer(written, *qos, log);  // before the reader, whose listener may call send() at once
+  open_reader(read, *qos, log);
   await_names(tasks_before);
   give_priorities_that_xml_cannot();
 }
 
-void CycloneEndpoint::take_all(dds_entity_t reader, std::int64_t arrival_ns) noexcept {
+void CycloneEndpoint::open_writer(dds_entity_t topic, const dds_qos_t& qos, Log& log) {
+  const auto listener = new_listener(this);
+  dds_lset_publication_matched(
+      listener.get(), [](dds_entity_t, dds_publication_matched_status_t status, void* self) {
+        static_cast<CycloneEndpoint*>(self)->matches_.set_readers(static_cast<int>(status.current_count));
+      });
+  writer_ = opened(dds_create_writer(participant_, topic, &qos, listener.get()), "a writer", log);
+}
+
+void CycloneEndpoint::open_reader(dds_entity_t topic, const dds_qos_t& qos, Log& log) {
+  const auto listener = new_listener(this);
+  dds_lset_subscription_matched(
+      listener.get(), [](dds_entity_t, dds_subscription_matched_status_t status, void* self) {
+        static_cast<CycloneEndpoint*>(self)->matches_.set_writers(static_cast<int>(status.current_count));
+      });
+  if (config_.receive == Receive::listener)
+    dds_lset_data_available(listener.get(), [](dds_entity_t reader, void* self) {
+      static_cast<CycloneEndpoint*>(self)->take_all(reader);
+    });
+  reader_ = opened(dds_create_reader(participant_, topic, &qos, listener.get()), "a reader", log);
+  if (config_.receive == Receive::listener) return;
+  waitset_ = opened(dds_create_waitset(participant_), "a waitset", log);
+  interrupted_ = opened(dds_create_guardcondition(participant_), "a guard condition", log);
+  const dds_entity_t data = opened(dds_create_readcondition(reader_, DDS_ANY_STATE), "a read condition", log);
+  opened(dds_waitset_attach(waitset_, data, 0), "a waitset", log);
+  opened(dds_waitset_attach(waitset_, interrupted_, 0), "a waitset", log);
+}
+
+void CycloneEndpoint::take_all(dds_entity_t reader) noexcept {
   constexpr std::uint32_t batch = 16;
   std::array<ddsi_serdata*, batch> messages;
   std::array<dds_sample_info_t, batch> infos;
-  for (;;) {
-    const dds_return_t taken = dds_takecdr(reader, messages.data(), batch, infos.data(), DDS_ANY_STATE);
-    for (std::size_t i = 0; i < static_cast<std::size_t>(std::max(taken, 0)); ++i) {
-      if (const auto view = message::decode(cdr(*messages[i]))) {
+  dds_return_t count = batch;
+  while (count == static_cast<dds_return_t>(batch)) {
+    count = dds_takecdr(reader, messages.data(), batch, infos.data(), DDS_ANY_STATE);
+    for (std::size_t i = 0; i < static_cast<std::size_t>(std::max(count, 0)); ++i) {
+      // The application reads one after the other, so each arrives when its turn comes.
+      const std::int64_t arrival_ns = now_ns();
+      if (const Origin* const origin = taken(*messages[i])) gaps_.note(origin->writer, origin->number);
+      if (const auto view = message::decode(cdr(*messages[i])))
         sink_.arrived(view->sequence, view->payload, arrival_ns);
-      }
       ddsi_serdata_unref(messages[i]);
     }
-    if (taken < static_cast<dds_return_t>(batch)) return;
-    arrival_ns = dds::monotonic_ns();
   }
 }
 
@@ -223,16 +235,14 @@ bool CycloneEndpoint::send(std::uint64_t sequence, std::span<const std::byte> pa
 
 void CycloneEndpoint::receive() noexcept {
   dds_waitset_wait(waitset_, nullptr, 0, DDS_INFINITY);
-  const std::int64_t arrival_ns = dds::monotonic_ns();
-  take_all(reader_, arrival_ns);
+  take_all(reader_);
 }
 
-Matched CycloneEndpoint::matched() {
-  dds_publication_matched_status_t readers{};
-  dds_subscription_matched_status_t writers{};
-  dds_get_publication_matched_status(writer_, &readers);
-  dds_get_subscription_matched_status(reader_, &writers);
-  return {static_cast<int>(readers.current_count), static_cast<int>(writers.current_count)};
+// Cyclone 0.10 itself tells neither: its status "sample lost" counts what came out of order.
+Losses CycloneEndpoint::losses() {
+  const std::uint64_t overwritten = blocks_.overwritten();
+  const std::uint64_t missing = std::max(gaps_.missing(), overwritten);  // noticed with the next one taken
+  return {.on_the_way = missing - overwritten, .overwritten = overwritten};
 }
 
 // Calls visit for each sample of a topic on which Cyclone tells what it discovered.
@@ -263,8 +273,8 @@ std::string CycloneEndpoint::endpoints_of_other_type() {
     for_each_discovered<dds_builtintopic_endpoint_t>(participant_, builtin, [&](const auto& endpoint) {
       const std::string topic = endpoint.topic_name;
       const std::string type = endpoint.type_name;
-      if ((topic == message::ping_topic || topic == message::pong_topic) && type != message::type_name)
-        found = dds::other_type(topic, type);
+      const bool ours = topic == dds::topic_read(config_) || topic == dds::topic_written(config_);
+      if (ours && type != message::type_name) found = dds::other_type(topic, type);
     });
   return found;
 }
@@ -282,7 +292,7 @@ std::string CycloneEndpoint::seen() {
 
 std::vector<Thread> CycloneEndpoint::threads() {
   std::vector<Thread> found;
-  for (const auto& [tid, name] : tasks())
+  for (const auto& [tid, name] : dds::tasks())
     if (const NamedThread* const thread = named_thread(name)) found.push_back({tid, thread->role, name});
   return found;
 }

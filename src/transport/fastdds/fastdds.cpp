@@ -14,6 +14,7 @@
 #include <fastdds/dds/domain/DomainParticipantListener.hpp>
 #include <fastdds/dds/log/Log.hpp>
 #include <fastdds/dds/publisher/DataWriter.hpp>
+#include <fastdds/dds/publisher/DataWriterListener.hpp>
 #include <fastdds/dds/publisher/Publisher.hpp>
 #include <fastdds/dds/subscriber/DataReader.hpp>
 #include <fastdds/dds/subscriber/DataReaderListener.hpp>
@@ -25,6 +26,7 @@
 #include <fastrtps/xmlparser/XMLProfileManager.h>
 
 #include "message/message.hpp"
+#include "transport/clock.hpp"
 #include "transport/dds.hpp"
 #include "transport/fastdds/cdr_type.hpp"
 #include "transport/fastdds/threads.hpp"
@@ -198,6 +200,7 @@ dds::Policy policy_of(vendor::QosPolicyId_t id) {
 // Keeps what was discovered of others, for people.
 class Discovered final : public vendor::DomainParticipantListener {
  public:
+  explicit Discovered(const Config& config) : ours_{dds::topic_read(config), dds::topic_written(config)} {}
   std::size_t participants() {
     const std::lock_guard lock(mutex_);
     return participants_.size();
@@ -223,15 +226,28 @@ class Discovered final : public vendor::DomainParticipantListener {
     note(found.info.topicName().to_string(), found.info.typeName().to_string());
   }
   void note(const std::string& topic, const std::string& type) {
-    if ((topic != message::ping_topic && topic != message::pong_topic) || type == message::type_name) return;
+    if (!ours_.contains(topic) || type == message::type_name) return;
     const std::lock_guard lock(mutex_);
     other_type_ = dds::other_type(topic, type);
   }
 
+  const std::set<std::string> ours_;
   std::mutex mutex_;
   std::set<rtps::GUID_t> participants_;
   std::string other_type_;
 };
+
+dds::Gaps::Writer writer_of(const vendor::SampleInfo& info) {
+  const rtps::GUID_t& guid = info.sample_identity.writer_guid();
+  dds::Gaps::Writer writer;
+  std::copy_n(guid.guidPrefix.value, rtps::GuidPrefix_t::size, writer.begin());
+  std::copy_n(guid.entityId.value, rtps::EntityId_t::size, writer.begin() + rtps::GuidPrefix_t::size);
+  return writer;
+}
+
+std::int64_t number_of(const vendor::SampleInfo& info) {
+  return static_cast<std::int64_t>(info.sample_identity.sequence_number().to64long());
+}
 
 struct ParticipantDeleter {
   void operator()(vendor::DomainParticipant* participant) const {
@@ -240,11 +256,12 @@ struct ParticipantDeleter {
   }
 };
 
-class FastEndpoint final : public Endpoint, vendor::DataReaderListener {
+class FastEndpoint final : public Endpoint, vendor::DataReaderListener, vendor::DataWriterListener {
  public:
   FastEndpoint(const Config& config, Sink& sink);
 
-  Matched matched() override;
+  Matched matched() override { return matches_.now(); }
+  Losses losses() override;
   std::string seen() override;
   bool send(std::uint64_t sequence, std::span<const std::byte> payload) noexcept override;
   void receive() noexcept override;
@@ -255,8 +272,15 @@ class FastEndpoint final : public Endpoint, vendor::DataReaderListener {
  private:
   void open_participant(Log& log);
   void open_topics_and_ends(Log& log);
-  void on_data_available(vendor::DataReader* reader) override;
-  void take_all(vendor::DataReader& reader, std::int64_t arrival_ns) noexcept;
+  void on_data_available(vendor::DataReader* reader) override { take_all(*reader); }
+  void on_subscription_matched(vendor::DataReader*,
+                               const vendor::SubscriptionMatchedStatus& status) override {
+    matches_.set_writers(status.current_count);
+  }
+  void on_publication_matched(vendor::DataWriter*, const vendor::PublicationMatchedStatus& status) override {
+    matches_.set_readers(status.current_count);
+  }
+  void take_all(vendor::DataReader& reader) noexcept;
 
   Config config_;
   Sink& sink_;
@@ -268,6 +292,8 @@ class FastEndpoint final : public Endpoint, vendor::DataReaderListener {
   vendor::GuardCondition interrupted_;
   vendor::ConditionSeq active_;
   Discovered discovered_;
+  dds::Matches matches_;
+  dds::Gaps gaps_;
   std::unique_ptr<vendor::DomainParticipant, ParticipantDeleter> participant_;  // ends before what it calls
   vendor::DataWriter* writer_ = nullptr;
   vendor::DataReader* reader_ = nullptr;
@@ -276,15 +302,15 @@ class FastEndpoint final : public Endpoint, vendor::DataReaderListener {
 FastEndpoint::FastEndpoint(const Config& config, Sink& sink)
     : config_(config),
       sink_(sink),
-      room_(message::cdr_overhead + config.max_payload_bytes + 3) {  // DDS pads to a multiple of four
-  const std::vector<pid_t> before = tasks();
+      room_(message::cdr_overhead + config.max_payload_bytes + 3),  // DDS pads to a multiple of four
+      discovered_(config) {
+  const auto before = dds::tasks();
   {
     Log log;
     open_participant(log);
     open_topics_and_ends(log);
   }
-  for (const pid_t tid : tasks())
-    if (std::find(before.begin(), before.end(), tid) == before.end()) threads_.push_back(tid);
+  for (const auto& task : dds::started_since(before)) threads_.push_back(task.tid);
 }
 
 void FastEndpoint::open_participant(Log& log) {
@@ -304,12 +330,12 @@ void FastEndpoint::open_participant(Log& log) {
 void FastEndpoint::open_topics_and_ends(Log& log) {
   const vendor::TypeSupport type(new CdrType(room_.size()));
   type.register_type(participant_.get());
-  const auto open_topic = [&](const char* name) {
+  const auto open_topic = [&](const std::string& name) {
     return opened(participant_->create_topic(name, message::type_name, vendor::TOPIC_QOS_DEFAULT),
-                  std::string("the topic ") + name, log);
+                  "the topic " + name, log);
   };
-  auto* const read = open_topic(dds::topic_read(config_.role));
-  auto* const written = open_topic(dds::topic_written(config_.role));
+  auto* const read = open_topic(dds::topic_read(config_));
+  auto* const written = open_topic(dds::topic_written(config_));
 
   auto* const publisher =
       opened(participant_->create_publisher(vendor::PUBLISHER_QOS_DEFAULT), "a publisher", log);
@@ -317,16 +343,17 @@ void FastEndpoint::open_topics_and_ends(Log& log) {
   set_qos(writer_qos, config_.qos, room_.size());
   writer_qos.publish_mode().kind = vendor::SYNCHRONOUS_PUBLISH_MODE;
   // Before the reader, whose listener may call send() at once.
-  writer_ = opened(publisher->create_datawriter(written, writer_qos), "a writer", log);
+  writer_ = opened(publisher->create_datawriter(written, writer_qos, this, StatusMask::publication_matched()),
+                   "a writer", log);
 
   auto* const subscriber =
       opened(participant_->create_subscriber(vendor::SUBSCRIBER_QOS_DEFAULT), "a subscriber", log);
   vendor::DataReaderQos reader_qos = subscriber->get_default_datareader_qos();
   set_qos(reader_qos, config_.qos, room_.size());
   const bool listens = config_.receive == Receive::listener;
-  reader_ = opened(subscriber->create_datareader(read, reader_qos, listens ? this : nullptr,
-                                                 listens ? StatusMask::data_available() : StatusMask::none()),
-                   "a reader", log);
+  StatusMask heard = StatusMask::subscription_matched();
+  if (listens) heard << StatusMask::data_available();
+  reader_ = opened(subscriber->create_datareader(read, reader_qos, this, heard), "a reader", log);
   if (listens) return;
   reader_->get_statuscondition().set_enabled_statuses(StatusMask::data_available());
   waitset_.attach_condition(reader_->get_statuscondition());
@@ -334,20 +361,15 @@ void FastEndpoint::open_topics_and_ends(Log& log) {
   active_.reserve(2);
 }
 
-void FastEndpoint::on_data_available(vendor::DataReader* reader) {
-  const std::int64_t arrival_ns = dds::monotonic_ns();
-  take_all(*reader, arrival_ns);
-}
-
-void FastEndpoint::take_all(vendor::DataReader& reader, std::int64_t arrival_ns) noexcept {
+void FastEndpoint::take_all(vendor::DataReader& reader) noexcept {
   Incoming sample{room_};
   vendor::SampleInfo info;
   while (reader.take_next_sample(&sample, &info) == ReturnCode_t::RETCODE_OK) {
-    if (info.valid_data) {
-      if (const auto view = message::decode(sample.cdr))
-        sink_.arrived(view->sequence, view->payload, arrival_ns);
-    }
-    arrival_ns = dds::monotonic_ns();
+    const std::int64_t arrival_ns = now_ns();
+    if (!info.valid_data) continue;
+    gaps_.note(writer_of(info), number_of(info));
+    if (const auto view = message::decode(sample.cdr))
+      sink_.arrived(view->sequence, view->payload, arrival_ns);
   }
 }
 
@@ -358,16 +380,15 @@ bool FastEndpoint::send(std::uint64_t sequence, std::span<const std::byte> paylo
 
 void FastEndpoint::receive() noexcept {
   waitset_.wait(active_, eprosima::fastrtps::c_TimeInfinite);
-  const std::int64_t arrival_ns = dds::monotonic_ns();
-  take_all(*reader_, arrival_ns);
+  take_all(*reader_);
 }
 
-Matched FastEndpoint::matched() {
-  vendor::PublicationMatchedStatus readers;
-  vendor::SubscriptionMatchedStatus writers;
-  writer_->get_publication_matched_status(readers);
-  reader_->get_subscription_matched_status(writers);
-  return {readers.current_count, writers.current_count};
+Losses FastEndpoint::losses() {
+  vendor::SampleLostStatus lost;
+  if (reader_->get_sample_lost_status(lost) != ReturnCode_t::RETCODE_OK) return {};
+  const auto on_the_way = static_cast<std::uint64_t>(lost.total_count);
+  const std::uint64_t missing = std::max(gaps_.missing(), on_the_way);  // noticed with the next one taken
+  return {.on_the_way = on_the_way, .overwritten = missing - on_the_way};
 }
 
 std::string FastEndpoint::seen() {

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "transport/fastdds/threads.hpp"
 
+#include <algorithm>
+#include <charconv>
 #include <chrono>
 #include <filesystem>
 #include <fstream>
@@ -13,10 +15,13 @@
 #include <sys/socket.h>
 #include <sys/syscall.h>
 
+#include "transport/clock.hpp"
 #include "transport/dds.hpp"
 
 namespace ontime::transport::fastdds {
 namespace {
+
+constexpr std::int64_t patience_ns = 20'000'000;  // with threads that do not sleep, all together
 
 struct SystemCall {
   long number;
@@ -25,28 +30,30 @@ struct SystemCall {
 
 std::filesystem::path task_folder(pid_t tid) { return "/proc/self/task/" + std::to_string(tid); }
 
-// What the thread sleeps in; nothing if it runs, or if the kernel does not tell.
-std::optional<SystemCall> sleeps_in(pid_t tid) {
-  std::ifstream in(task_folder(tid) / "syscall");
-  SystemCall call{};
-  long argument = 0;
-  if (!(in >> call.number >> std::hex >> argument) || call.number < 0) return {};
-  call.first_argument = static_cast<int>(argument);
-  return call;
-}
-
-std::optional<SystemCall> await_sleep(pid_t tid) {
-  for (int i = 0; i < 50; ++i) {
-    if (const auto call = sleeps_in(tid)) return call;
+// What the thread sleeps in; nothing if it runs until then, or if the kernel does not tell.
+std::optional<SystemCall> sleeps_in(pid_t tid, std::int64_t until_ns) {
+  for (;;) {
+    std::ifstream in(task_folder(tid) / "syscall");
+    std::string word;
+    if (!(in >> word)) return {};
+    SystemCall call{};
+    long argument = 0;
+    const auto [end, error] = std::from_chars(word.data(), word.data() + word.size(), call.number);
+    if (error == std::errc{} && call.number >= 0 && in >> std::hex >> argument) {
+      call.first_argument = static_cast<int>(argument);
+      return call;
+    }
+    if (now_ns() >= until_ns) return {};
     std::this_thread::sleep_for(std::chrono::milliseconds(1));
   }
-  return {};
 }
 
 int port_of(int socket) {
   sockaddr_in address{};
   socklen_t bytes = sizeof address;
-  if (getsockname(socket, reinterpret_cast<sockaddr*>(&address), &bytes) != 0) return 0;
+  if (getsockname(socket, reinterpret_cast<sockaddr*>(&address), &bytes) != 0 ||
+      address.sin_family != AF_INET)
+    return 0;
   return ntohs(address.sin_port);
 }
 
@@ -56,37 +63,70 @@ bool is_discovery(int port, int domain) {
   return offset >= 0 && offset < dds::ports_per_domain && offset % 2 == 0;
 }
 
+const char* role_of_port(int port, int domain) {
+  return is_discovery(port, domain) ? "discovery" : "receive";
+}
+
 std::string name_of(pid_t tid) {
   std::string name;
   std::getline(std::ifstream(task_folder(tid) / "comm"), name);
   return name;
 }
 
-}  // namespace
-
-std::vector<pid_t> tasks() {
-  std::vector<pid_t> found;
-  std::error_code ended;  // while we looked
-  for (const auto& task : std::filesystem::directory_iterator("/proc/self/task", ended))
-    found.push_back(std::stoi(task.path().filename()));
-  return found;
+// Of the one participant of this process, the ports that its sockets receive at, in the order in which it
+// opens them: discovery's first. Nothing if there are several participants, or sockets of another kind.
+std::vector<int> receiving_ports(int domain) {
+  constexpr int first_unicast = 10;
+  std::vector<int> ports;
+  std::optional<int> participant;
+  std::error_code ended;
+  for (const auto& entry : std::filesystem::directory_iterator("/proc/self/fd", ended)) {
+    const int port = port_of(std::stoi(entry.path().filename()));
+    const int offset = port - dds::base_port - dds::ports_per_domain * domain;
+    if (offset < 0 || offset >= dds::ports_per_domain) continue;
+    ports.push_back(port);
+    if (offset < first_unicast) continue;
+    const int whose = (offset - first_unicast) / 2;
+    if (participant.value_or(whose) != whose) return {};
+    participant = whose;
+  }
+  std::stable_partition(ports.begin(), ports.end(), [&](int port) { return is_discovery(port, domain); });
+  return ports;
 }
 
+// By the order in which they were started; nothing where threads and sockets do not come out even.
+std::vector<std::string> roles_by_order(std::size_t threads, int domain) {
+  const auto ports = receiving_ports(domain);
+  const std::size_t beside = 1 + ports.size();  // what sends asynchronously is one at most
+  if (ports.empty() || threads < beside || threads > beside + 1) return {};
+  std::vector<std::string> roles{"timer"};
+  for (const int port : ports) roles.emplace_back(role_of_port(port, domain));
+  if (threads > beside) roles.emplace_back("send");
+  return roles;
+}
+
+Thread by_what_it_sleeps_in(pid_t tid, const SystemCall& call, bool first, int domain) {
+  if (call.number == SYS_recvmsg || call.number == SYS_recvfrom) {
+    const int port = port_of(call.first_argument);
+    return {tid, role_of_port(port, domain), name_of(tid) + ":" + std::to_string(port)};
+  }
+  // A participant starts its timer first. What waits beside it sends what is published asynchronously.
+  if (call.number == SYS_futex) return {tid, first ? "timer" : "send", name_of(tid)};
+  return {tid, "other", name_of(tid)};
+}
+
+}  // namespace
+
 std::vector<Thread> tell_apart(const std::vector<pid_t>& threads, int domain) {
+  const std::int64_t until_ns = now_ns() + patience_ns;
+  const auto by_order = roles_by_order(threads.size(), domain);
   std::vector<Thread> found;
   for (const pid_t tid : threads) {
-    const auto call = await_sleep(tid);
-    std::string role = "other";
-    std::string name = name_of(tid);
-    if (call && (call->number == SYS_recvmsg || call->number == SYS_recvfrom)) {
-      const int port = port_of(call->first_argument);
-      role = is_discovery(port, domain) ? "discovery" : "receive";
-      name += ":" + std::to_string(port);
-    } else if (call && call->number == SYS_futex) {
-      // A participant starts its timer first. What waits beside it sends what is published asynchronously.
-      role = tid == threads.front() ? "timer" : "send";
-    }
-    found.push_back({tid, role, name});
+    const std::size_t place = found.size();
+    if (const auto call = sleeps_in(tid, until_ns))
+      found.push_back(by_what_it_sleeps_in(tid, *call, place == 0, domain));
+    else
+      found.push_back({tid, place < by_order.size() ? by_order[place] : "unknown", name_of(tid)});
   }
   return found;
 }

@@ -11,13 +11,13 @@
 #include <cerrno>
 #include <charconv>
 #include <cstring>
-#include <ctime>
 #include <system_error>
 #include <thread>
 
 #include <arpa/inet.h>
 #include <fmt/format.h>
 #include <linux/close_range.h>
+#include <linux/sock_diag.h>
 #include <netdb.h>
 #include <netinet/in.h>
 #include <sodium.h>
@@ -26,6 +26,7 @@
 #include <unistd.h>
 
 #include "message/message.hpp"
+#include "transport/clock.hpp"
 #include "transport/transport.hpp"
 
 namespace ontime::transport {
@@ -44,12 +45,6 @@ static_assert(sizeof(Header) == 16);
 
 constexpr std::size_t overhead = sizeof(Header) + message::cdr_overhead;
 constexpr std::size_t max_payload = 65507 - overhead;  // 65535 less the headers of IPv4 and UDP
-
-std::int64_t now_ns() noexcept {
-  timespec now{};
-  clock_gettime(CLOCK_MONOTONIC, &now);
-  return std::int64_t{now.tv_sec} * 1'000'000'000 + now.tv_nsec;
-}
 
 std::string errno_text() { return std::generic_category().message(errno); }
 
@@ -71,8 +66,15 @@ int port_of(const std::string& text) {
   int port = 0;
   const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), port);
   if (error != std::errc{} || end != text.data() + text.size() || port < 1 || port > 65535)
-    throw Error(fmt::format("'{}' is not a UDP port (1 to 65535)", text));
+    throw WrongInput(fmt::format("'{}' is not a UDP port (1 to 65535)", text));
   return port;
+}
+
+int port_of(const Config& config) {
+  if (config.domain < 0 || default_port + config.domain > 65535)
+    throw WrongInput(
+        fmt::format("udp has no domain {}; it has 0 to {}", config.domain, 65535 - default_port));
+  return default_port + config.domain;
 }
 
 class Socket {
@@ -128,12 +130,21 @@ class Udp final : public Endpoint {
   }
 
   Matched matched() override {
-    if (config_.role == Role::server) return {known_.load() ? 1 : 0, known_.load() ? 1 : 0};
-    if (!known_) {
+    if (config_.role == Role::client && known_ns_ == 0) {
       const Header hello{magic, Kind::hello, 0};
       if (::send(socket_.fd(), &hello, sizeof hello, MSG_NOSIGNAL) < 0) last_error_ = errno;
     }
-    return {known_ ? 1 : 0, known_ ? 1 : 0};
+    const std::int64_t known_ns = known_ns_;
+    const int peers = known_ns == 0 ? 0 : 1;
+    return {peers, peers, known_ns};
+  }
+
+  // UDP numbers nothing, so what the link lost it cannot tell.
+  Losses losses() override {
+    std::array<std::uint32_t, SK_MEMINFO_VARS> memory{};
+    socklen_t length = sizeof memory;
+    if (getsockopt(socket_.fd(), SOL_SOCKET, SO_MEMINFO, memory.data(), &length) != 0) return {};
+    return {.on_the_way = {}, .overwritten = memory[SK_MEMINFO_DROPS]};
   }
 
   std::string seen() override {
@@ -205,8 +216,7 @@ class Udp final : public Endpoint {
     if (sodium_init() < 0) throw Error("libsodium does not start: no random numbers on this machine");
     crypto_shorthash_keygen(key_.data());
     const auto option = config_.options.find("port");
-    const int port =
-        option == config_.options.end() ? default_port + config_.domain : port_of(option->second);
+    const int port = option == config_.options.end() ? port_of(config_) : port_of(option->second);
     sockaddr_in local{};
     local.sin_family = AF_INET;
     local.sin_addr.s_addr = htonl(INADDR_ANY);
@@ -221,11 +231,11 @@ class Udp final : public Endpoint {
 
   void be_client() {
     if (config_.peers.empty())
-      throw Error("udp finds no peer by itself: say where pong is, --peer HOST[:PORT]");
+      throw WrongInput("udp finds no peer by itself: say where pong is, --peer HOST[:PORT]");
     peer_ = config_.peers.front();
     const auto colon = peer_.rfind(':');
     const bool has_port = colon != std::string::npos;
-    const int port = has_port ? port_of(peer_.substr(colon + 1)) : default_port + config_.domain;
+    const int port = has_port ? port_of(peer_.substr(colon + 1)) : port_of(config_);
     const auto address = ipv4(peer_.substr(0, colon), port);
     if (!config_.address.empty()) {
       const auto local = ipv4(config_.address, 0);
@@ -234,6 +244,10 @@ class Udp final : public Endpoint {
     }
     if (connect(socket_.fd(), reinterpret_cast<const sockaddr*>(&address), sizeof address) != 0)
       throw Error(fmt::format("no way to {}: {}", peer_, errno_text()));
+  }
+
+  void know() noexcept {
+    if (known_ns_.load(std::memory_order_relaxed) == 0) known_ns_ = now_ns();
   }
 
   bool send_bytes(const void* data, std::size_t bytes) noexcept {
@@ -266,7 +280,7 @@ class Udp final : public Endpoint {
     if (header.kind == Kind::message && header.cookie == cookie) {
       const auto view = message::decode(cdr);
       if (!view || view->payload.size() > config_.max_payload_bytes) return;
-      known_ = true;
+      know();
       reply_cookie_ = cookie;
       sink_.arrived(view->sequence, view->payload, arrival_ns);
     } else if (header.kind == Kind::hello || header.kind == Kind::message) {
@@ -278,7 +292,7 @@ class Udp final : public Endpoint {
   void take(const Header& header, std::span<std::byte> cdr, std::int64_t arrival_ns) noexcept {
     if (header.kind == Kind::cookie) {
       cookie_ = header.cookie;  // the first one, or that of a pong that was started anew
-      known_ = true;
+      know();
     } else if (header.kind == Kind::message && header.cookie == cookie_.load(std::memory_order_relaxed)) {
       if (const auto view = message::decode(cdr)) sink_.arrived(view->sequence, view->payload, arrival_ns);
     }
@@ -290,8 +304,8 @@ class Udp final : public Endpoint {
   std::string peer_;
   std::vector<std::byte> received_, sending_;
   std::atomic<bool> stopping_{false};
-  std::atomic<bool> known_{false};        // client: has its cookie; server: has served somebody
-  std::atomic<std::uint64_t> cookie_{0};  // the client's
+  std::atomic<std::int64_t> known_ns_{0};  // since when: client: has its cookie; server: has served somebody
+  std::atomic<std::uint64_t> cookie_{0};   // the client's
   std::atomic<int> last_error_{0};
   std::array<unsigned char, crypto_shorthash_KEYBYTES> key_{};  // the server's
   sockaddr_in from_{};                                          // whom the server answers
@@ -306,14 +320,23 @@ std::string version() {
   return std::string("Linux ") + name.release;
 }
 
+constexpr std::array<Option, 1> options{{{"port", "UDP port that pong listens on (7900 + domain)"}}};
+
 std::unique_ptr<Endpoint> open(const Config& config, Sink& sink) {
   if (config.max_payload_bytes > max_payload)
-    throw Error(fmt::format("udp carries at most {} bytes of payload, {} were asked for", max_payload,
-                            config.max_payload_bytes));
+    throw WrongInput(fmt::format("udp carries at most {} bytes of payload, {} were asked for", max_payload,
+                                 config.max_payload_bytes));
+  const Config unnamed;
+  if (config.ping_topic != unnamed.ping_topic || config.pong_topic != unnamed.pong_topic)
+    throw WrongInput(
+        fmt::format("udp has no topics to name ({}, {}); tell its pongs apart by --domain or port",
+                    config.ping_topic, config.pong_topic));
+  for (const auto& [name, value] : config.options)
+    if (name != options.front().name)
+      throw WrongInput(fmt::format("udp has no option \"{}\"; it has: {} = {}", name, options.front().name,
+                                   options.front().values));
   return std::make_unique<Udp>(config, sink);
 }
-
-constexpr std::array<Option, 1> options{{{"port", "UDP port that pong listens on (7900 + domain)"}}};
 
 }  // namespace
 }  // namespace ontime::transport
