@@ -2,11 +2,7 @@
 #include "machine/machine.hpp"
 
 #include <algorithm>
-#include <array>
-#include <cstdlib>
 #include <filesystem>
-#include <fstream>
-#include <functional>
 #include <random>
 #include <string>
 #include <thread>
@@ -15,152 +11,36 @@
 #include <arpa/inet.h>
 #include <fcntl.h>
 #include <gmock/gmock.h>
-#include <grp.h>
 #include <netinet/in.h>
 #include <poll.h>
 #include <sched.h>
-#include <signal.h>
-#include <sys/mount.h>
-#include <sys/prctl.h>
+#include <sys/mman.h>
 #include <sys/resource.h>
 #include <sys/socket.h>
 #include <sys/stat.h>
-#include <sys/wait.h>
 #include <unistd.h>
 
+#include "journal/journal.hpp"
+#include "machine/clock.hpp"
 #include "machine/command.hpp"
-#include "machine/journal_file.hpp"
 #include "machine/proc.hpp"
-#include "machine/undo.hpp"
+#include "own_run.hpp"
 
 namespace ontime::machine {
 namespace {
 
 namespace fs = std::filesystem;
+using test::error_of;
+using test::in_child;
+using test::set;
 using ::testing::AllOf;
 using ::testing::AnyOf;
 using ::testing::ElementsAre;
 using ::testing::HasSubstr;
 using ::testing::IsEmpty;
-using ::testing::SizeIs;
 using ::testing::StartsWith;
 
-constexpr const char* inside_variable = "ONTIME_HOST_TEST_INSIDE";
-bool has_own_run = false;
-
-// NOLINTBEGIN(concurrency-mt-unsafe): before any thread, or in a process of its own
-void set(const char* name, const std::string& value) { setenv(name, value.c_str(), 1); }
-bool inside_another() { return std::getenv(inside_variable) != nullptr; }
-// NOLINTEND(concurrency-mt-unsafe)
-
-// Root gets a /run of its own, seen by this process and its children only: journals and namespaces of these
-// tests and of an ontime that runs on this machine do not meet. Others get a folder.
-class OwnRun : public ::testing::Environment {
- public:
-  void SetUp() override {
-    if (inside_another()) return;
-    if (geteuid() == 0) {
-      has_own_run = unshare(CLONE_NEWNS) == 0 &&
-                    mount("none", "/", nullptr, MS_REC | MS_PRIVATE, nullptr) == 0 &&
-                    mount("none", "/run", "tmpfs", 0, "mode=755") == 0;
-      return;
-    }
-    ASSERT_NE(mkdtemp(folder_.data()), nullptr);
-    set("XDG_RUNTIME_DIR", folder_);
-  }
-  void TearDown() override {
-    if (!inside_another() && geteuid() != 0) fs::remove_all(folder_);
-  }
-
- private:
-  std::string folder_ = (fs::temp_directory_path() / "ontime-host-test-XXXXXX").string();
-};
-[[maybe_unused]] const auto* const own_run = ::testing::AddGlobalTestEnvironment(new OwnRun);
-
-int status_of(pid_t child) {
-  int status = -1;
-  EXPECT_EQ(waitpid(child, &status, 0), child);
-  return WIFEXITED(status) ? WEXITSTATUS(status) : -WTERMSIG(status);
-}
-
-pid_t start_child(const std::function<void()>& body) {
-  const pid_t child = fork();
-  if (child != 0) return child;
-  prctl(PR_SET_PDEATHSIG, SIGKILL);
-  try {
-    body();
-  } catch (const std::exception& error) {
-    ADD_FAILURE() << error.what();
-  }
-  _exit(::testing::Test::HasFailure() ? 1 : 0);
-}
-
-void in_child(const std::function<void()>& body) {
-  EXPECT_EQ(status_of(start_child(body)), 0) << "see above";
-}
-
-// A process with a journal, killed by kill -9 once it has made its changes. What it says is told to the test.
-class Victim {
- public:
-  explicit Victim(const std::function<std::string(Journal&)>& change) {
-    std::array<int, 2> told;
-    EXPECT_EQ(pipe2(told.data(), O_CLOEXEC), 0);
-    pid_ = start_child([&] {
-      Journal journal;
-      const auto said = change(journal) + "\n";
-      EXPECT_EQ(write(told[1], said.data(), said.size()), static_cast<ssize_t>(said.size()));
-      pause();
-    });
-    close(told[1]);
-    for (char one = 0; read(told[0], &one, 1) == 1 && one != '\n';) said_ += one;
-    close(told[0]);
-  }
-  ~Victim() {
-    kill_9();
-    wait();
-  }
-  Victim(const Victim&) = delete;
-  Victim& operator=(const Victim&) = delete;
-  const std::string& said() const { return said_; }
-  pid_t pid() const { return pid_; }
-  void kill_9() {
-    if (pid_ <= 0) return;
-    kill(pid_, SIGKILL);
-    siginfo_t info{};
-    waitid(P_PID, static_cast<id_t>(pid_), &info, WEXITED | WNOWAIT);  // it stays a zombie
-  }
-  void wait() {
-    if (pid_ > 0) waitpid(pid_, nullptr, 0);
-    pid_ = -1;
-  }
-
- private:
-  pid_t pid_;
-  std::string said_;
-};
-
-std::string error_of(const std::function<void()>& action) {
-  try {
-    action();
-  } catch (const Error& error) {
-    return error.what();
-  }
-  return "";
-}
-
-void become_ordinary_user() {
-  constexpr id_t nobody = 65534;
-  ASSERT_EQ(setgroups(0, nullptr), 0);
-  ASSERT_EQ(setresgid(nobody, nobody, nobody), 0);
-  ASSERT_EQ(setresuid(nobody, nobody, nobody), 0);
-}
-
-std::string make_folder(Journal& journal) {
-  auto path = journal.add_directory("ontime-host-test");
-  fs::create_directories(path + "/in/side");
-  std::ofstream(path + "/in/side/file") << "text";
-  return path;
-}
+[[maybe_unused]] const auto* const own_run = ::testing::AddGlobalTestEnvironment(new test::OwnRun);
 
 // --- what /proc says
 
@@ -180,19 +60,6 @@ TEST(Proc, NumbersAreWholeOrNothing) {
   for (const auto* text : {"", "\n", "max", "1 2", "1x", "99999999999999999999"})
     EXPECT_FALSE(number(text)) << text;
   EXPECT_FALSE(number(std::nullopt));
-}
-
-TEST(Proc, AProcessMayHaveAnyName) {
-  const std::string rest = " S 1 7 7 0 -1 4194304 11 12 13 14 15 16 17 18 20 0 1 0 4242";
-  for (const auto* name : {"a", "a b", ") R 1 (", "((", "1) S 2 3"}) {
-    const auto process = parse_process("7 (" + std::string(name) + ")" + rest + " 99 98\n");
-    ASSERT_TRUE(process) << name;
-    EXPECT_EQ(process->state, 'S');
-    EXPECT_EQ(process->start_ticks, 4242u);
-  }
-  const auto whole = "7 (a)" + rest;
-  for (std::size_t length = 0; length <= whole.rfind(' '); ++length)
-    EXPECT_FALSE(parse_process(whole.substr(0, length))) << length;
 }
 
 TEST(Proc, TicksAndStalls) {
@@ -241,9 +108,10 @@ TEST(Proc, Capabilities) {
 
 TEST(Describe, SaysEverythingAndGuessesNothing) {
   const auto machine = describe();
-  for (const auto* key : {"hostname", "kernel_release", "kernel_version", "kernel_command_line", "preemption",
-                          "rt_runtime_us", "rt_period_us", "cpu_model", "cpu_count", "isolated_cpus",
-                          "governor", "clocksource", "virtual_machine", "memory_bytes", "limits"})
+  for (const auto* key :
+       {"hostname", "kernel_release", "kernel_version", "kernel_command_line", "preemption", "rt_runtime_us",
+        "rt_period_us", "autogroup", "boot_id", "clock", "cpu_model", "cpu_count", "isolated_cpus",
+        "governor", "clocksource", "virtual_machine", "memory_bytes", "limits"})
     EXPECT_TRUE(machine.contains(key)) << key;
   for (const auto* key : {"rtprio", "memlock_bytes", "cgroup_memory_bytes"})
     EXPECT_TRUE(machine["limits"].contains(key)) << key;
@@ -308,285 +176,159 @@ TEST(Interfaces, LoopbackIsOneAndNoNameComesTwice) {
   EXPECT_EQ(std::unique(names.begin(), names.end()), names.end());
 }
 
-// --- the journal's file
+// --- the clock
 
-TEST(JournalFile, OwnersComeBackFromNames) {
-  std::mt19937_64 random(1);
-  for (int round = 0; round < 200; ++round) {
-    const Owner owner{static_cast<pid_t>(1 + random() % 4'000'000), random()};
-    EXPECT_EQ(owner_of(name_of(owner, static_cast<unsigned>(random()))), owner);
+TEST(Clock, IsAsDescribed) {
+  const auto clock = describe()["clock"];
+  for (const auto* key : {"synchronised", "source", "error_ns", "reference", "realtime_offset_ns"})
+    EXPECT_TRUE(clock.contains(key)) << key;
+  EXPECT_EQ(clock["synchronised"], !clock["source"].is_null());
+  EXPECT_TRUE(clock["synchronised"] == true || clock["error_ns"].is_null());
+  timespec realtime{}, monotonic{};
+  clock_gettime(CLOCK_REALTIME, &realtime);
+  clock_gettime(CLOCK_MONOTONIC, &monotonic);
+  const auto offset_s = clock["realtime_offset_ns"].get<std::int64_t>() / 1'000'000'000;
+  EXPECT_NEAR(static_cast<double>(offset_s), static_cast<double>(realtime.tv_sec - monotonic.tv_sec), 2);
+}
+
+TEST(Clock, OfChrony) {
+  const std::string good =
+      "C0A80001,server.lan,3,1700000000.123456789,-0.000012000,0.000001,0.00002,-12.3,0.001,0.02,0.000400000,"
+      "0.000100000,64.2,Normal\n";
+  const auto clock = parse_chrony(good);
+  ASSERT_TRUE(clock);
+  EXPECT_TRUE(clock->synchronised);
+  EXPECT_EQ(clock->error_ns, 312'000) << "offset, dispersion and half of the delay";
+  EXPECT_EQ(clock->reference, "server.lan");
+  const auto with = [&](const std::string& what, const std::string& instead) {
+    auto text = good;
+    return text.replace(text.find(what), what.size(), instead);
+  };
+  for (const auto& text : {with("Normal", "Not synchronised"), with("C0A80001", "7F7F0101")}) {
+    ASSERT_TRUE(parse_chrony(text)) << text;
+    EXPECT_FALSE(parse_chrony(text)->synchronised) << text;
+    EXPECT_FALSE(parse_chrony(text)->error_ns) << text;
   }
-  for (const auto* name :
-       {"", ".", "1-2-3", "1-2.journal", "1-2-3.journal~", "-1-2-3.journal", "0-2-3.journal", "x-2-3.journal",
-        "1-2-x.journal", "1--3.journal", "99999999999-2-3.journal"})
-    EXPECT_FALSE(owner_of(name)) << name;
+  for (const auto& text : {std::string(), std::string("506 Cannot talk to daemon\n"), with(",Normal", ""),
+                           with("-0.000012000", "x"), with("0.000400000", "nan")})
+    EXPECT_FALSE(parse_chrony(text)) << text;
+  EXPECT_FALSE(parse_chrony(with("0.000400000", "1e300"))->error_ns);
 }
 
-TEST(JournalFile, CutAnywhereItHoldsTheChangesWrittenToTheirEnd) {
-  std::mt19937 random(2);
-  for (int round = 0; round < 50; ++round) {
-    std::vector<Change> changes;
-    std::vector<std::size_t> ends;
-    std::string text;
-    for (int i = 0; i < 5; ++i) {
-      changes.push_back({random() % 2 == 0 ? "namespace" : "directory", "/a b/" + std::to_string(random())});
-      text += line_of(changes.back());
-      ends.push_back(text.size());
-    }
-    for (std::size_t length = 0; length <= text.size(); ++length) {
-      const auto whole =
-          std::count_if(ends.begin(), ends.end(), [&](std::size_t end) { return end <= length; });
-      EXPECT_EQ(parse_journal(text.substr(0, length)), std::vector(changes.begin(), changes.begin() + whole));
-    }
+TEST(Clock, OfPtp) {
+  const std::string good =
+      "sending: GET CURRENT_DATA_SET\n"
+      "sending: GET PARENT_DATA_SET\n"
+      "\tec4670.fffe.0a1b2c-0 seq 0 RESPONSE MANAGEMENT CURRENT_DATA_SET \n"
+      "\t\tstepsRemoved     1\n\t\toffsetFromMaster -23.0\n\t\tmeanPathDelay    1287.0\n"
+      "\tec4670.fffe.0a1b2c-0 seq 1 RESPONSE MANAGEMENT PARENT_DATA_SET \n"
+      "\t\tparentPortIdentity                    507c6f.fffe.123456-1\n"
+      "\t\tgrandmasterPriority1                  128\n"
+      "\t\tgrandmasterIdentity                   507c6f.fffe.123456\n";
+  const auto clock = parse_ptp(good);
+  ASSERT_TRUE(clock);
+  EXPECT_TRUE(clock->synchronised);
+  EXPECT_EQ(clock->error_ns, 1310);
+  EXPECT_EQ(clock->reference, "507c6f.fffe.123456");
+  for (const auto* missing : {"stepsRemoved", "offsetFromMaster", "meanPathDelay", "grandmasterIdentity"}) {
+    auto text = good;
+    EXPECT_FALSE(parse_ptp(text.replace(text.find(missing), 4, "x"))) << missing;
   }
+  EXPECT_FALSE(parse_ptp(""));
+  EXPECT_FALSE(parse_ptp("sending: GET CURRENT_DATA_SET\n"));
 }
 
-TEST(JournalFile, ThisProcessIsAliveAndNoOtherHasItsPlace) {
-  const auto self = this_process();
-  EXPECT_TRUE(alive(self));
-  EXPECT_FALSE(alive({self.pid, self.start_ticks + 1}));
-  EXPECT_FALSE(alive({1 << 30, self.start_ticks}));
+TEST(Answer, IsThereInTimeOrNotAtAll) {
+  using namespace std::chrono_literals;
+  EXPECT_EQ(answer_of({"echo", "a b"}, 60s), "a b\n");
+  EXPECT_FALSE(answer_of({"false"}, 60s));
+  EXPECT_FALSE(answer_of({"sleep", "1000"}, 1ms));
+  EXPECT_FALSE(answer_of({"/there/is/none"}, 60s));
 }
 
-// --- taking back
+// --- what went over a link, and what did not
 
-class Journals : public ::testing::Test {
- protected:
-  void TearDown() override {
-    EXPECT_FALSE(fs::exists(journal_folder())) << "a journal is left";
-    EXPECT_THAT(revert_abandoned(), IsEmpty());
-  }
-};
-
-TEST_F(Journals, AFolderGoesWithItsContents) {
-  std::string one, two;
-  {
-    Journal journal;
-    one = make_folder(journal);
-    two = make_folder(journal);
-    EXPECT_NE(one, two);
-    struct stat found {};
-    ASSERT_EQ(stat(one.c_str(), &found), 0);
-    EXPECT_EQ(found.st_mode & 0777U, 0700U);
-    EXPECT_THAT(revert_abandoned(), IsEmpty()) << "its owner lives";
-    EXPECT_TRUE(fs::exists(one) && fs::exists(two));
-  }
-  EXPECT_FALSE(fs::exists(one) || fs::exists(two));
+TEST(TrafficOf, AnInterface) {
+  const std::string text =
+      "Inter-|   Receive                                                |  Transmit\n"
+      " face |bytes    packets errs drop fifo frame compressed multicast|bytes    packets errs drop fifo "
+      "colls carrier compressed\n"
+      "    lo: 99 1 0 0 0 0 0 0 99 1 0 0 0 0 0 0\n"
+      "  eth0:18446744073709551615 5000000000 1 2 3 4 5 6 7000000000 8 9 10 11 12 13 14\n";
+  const auto eth0 = parse_traffic(text, "eth0");
+  ASSERT_TRUE(eth0);
+  EXPECT_EQ(eth0->received_bytes, 18446744073709551615U);
+  EXPECT_EQ(eth0->received_packets, 5'000'000'000U);
+  EXPECT_EQ(eth0->sent_bytes, 7'000'000'000U);
+  EXPECT_EQ(eth0->sent_packets, 8U);
+  for (const auto* name : {"eth", "eth1", "face", "", "Inter-|"})
+    EXPECT_FALSE(parse_traffic(text, name)) << name;
+  EXPECT_FALSE(parse_traffic("", "lo"));
+  EXPECT_FALSE(traffic("no-such-link"));
 }
 
-TEST_F(Journals, CanBeRevertedAgainAndUsedAfterwards) {
-  Journal journal;
-  journal.revert();
-  const auto one = make_folder(journal);
-  journal.revert();
-  EXPECT_FALSE(fs::exists(one));
-  EXPECT_FALSE(fs::exists(journal_folder()));
-  journal.revert();
-  const auto two = make_folder(journal);
-  fs::remove_all(two);  // somebody else was quicker
-  journal.revert();
+TEST(TrafficOf, LoopbackCountsWhatIsSent) {
+  const int one = socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC, 0),
+            other = socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC, 0);
+  sockaddr_in address{};
+  address.sin_family = AF_INET;
+  address.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
+  socklen_t bytes = sizeof address;
+  ASSERT_EQ(bind(other, reinterpret_cast<sockaddr*>(&address), sizeof address), 0);
+  ASSERT_EQ(getsockname(other, reinterpret_cast<sockaddr*>(&address), &bytes), 0);
+  const auto before = traffic("lo");
+  ASSERT_TRUE(before);
+  const std::string message(1000, 'x');
+  EXPECT_EQ(
+      sendto(one, message.data(), message.size(), 0, reinterpret_cast<sockaddr*>(&address), sizeof address),
+      1000);
+  const auto after = traffic("lo");
+  ASSERT_TRUE(after);
+  EXPECT_GE(after->sent_packets, before->sent_packets + 1);
+  EXPECT_GE(after->sent_bytes, before->sent_bytes + message.size());
+  EXPECT_GE(after->received_bytes, before->received_bytes + message.size());
+  close(one);
+  close(other);
 }
 
-TEST_F(Journals, TwoOfOneProcessDoNotDisturbEachOther) {
-  Journal one;
-  const auto first = make_folder(one);
-  {
-    Journal two;
-    make_folder(two);
-  }
-  EXPECT_TRUE(fs::exists(first));
+TEST(SharedMemory, OfADdsIsNamedOnce) {
+  const std::string text =
+      "7f00-7f01 rw-s 00000000 00:1a 5   /dev/shm/fastrtps_0a1b2c\n"
+      "7f02-7f03 r--s 00000000 00:1a 5   /dev/shm/fastrtps_0a1b2c\n"
+      "7f04-7f05 rw-s 00000000 00:1a 6   /dev/shm/fastdds_x_el (deleted)\n"
+      "7f06-7f07 rw-s 00000000 00:1a 7   /dev/shm/iceoryx_mgmt\n"
+      "7f08-7f09 rw-s 00000000 00:1a 8   /dev/shm/iox_0_p\n"
+      "7f0a-7f0b rw-s 00000000 00:1a 9   /dev/shm/sem.fastrtps_port\n"
+      "7f0c-7f0d r-xp 00000000 08:01 9   /usr/lib/libfastrtps_x.so\n"
+      "7f0e-7f0f rw-p 00000000 00:00 0   [stack]\n";
+  EXPECT_THAT(parse_segments(text),
+              ElementsAre("fastdds_x_el", "fastrtps_0a1b2c", "iceoryx_mgmt", "iox_0_p"));
+  EXPECT_THAT(parse_segments(""), IsEmpty());
 }
 
-TEST_F(Journals, LinksAreNotFollowed) {
-  Journal outer;
-  const auto kept = make_folder(outer);
-  {
-    Journal inner;
-    fs::create_symlink(kept, make_folder(inner) + "/link");
-  }
-  EXPECT_TRUE(fs::exists(kept + "/in/side/file"));
-}
-
-TEST_F(Journals, BadNamesAreRefusedAndLeaveNothing) {
-  Journal journal;
-  for (const auto* name : {"", ".", "..", "a/b", "../a", "/tmp/a", "a b", "a\nb", "-a", "a\x7f"}) {
-    EXPECT_NE(error_of([&] { journal.add_directory(name); }), "") << name;
-    EXPECT_NE(error_of([&] { journal.add_namespace(name); }), "") << name;
-    EXPECT_FALSE(fs::exists(journal_folder()));
-  }
-}
-
-TEST_F(Journals, NoTemporaryFolderIsAnError) {
-  in_child([] {
-    set("TMPDIR", "/there/is/none");
-    Journal journal;
-    EXPECT_THAT(error_of([&] { journal.add_directory("a"); }), HasSubstr("TMPDIR"));
-  });
-}
-
-TEST_F(Journals, WithoutAJournalNothingIsChanged) {
-  in_child([] {
-    Journal journal;
-    const auto folder = fs::temp_directory_path() / ("ontime-host-test-" + std::to_string(getpid()));
-    fs::create_directory(folder);
-    set("TMPDIR", folder.string());
-    signal(SIGXFSZ, SIG_IGN);
-    const rlimit nothing{0, RLIM_INFINITY};
-    ASSERT_EQ(setrlimit(RLIMIT_FSIZE, &nothing), 0);
-    EXPECT_THAT(error_of([&] { journal.add_directory("a"); }), HasSubstr("without a journal nothing"));
-    EXPECT_TRUE(fs::is_empty(folder));
-    fs::remove(folder);
-  });
-}
-
-TEST_F(Journals, WhatAKilledProcessLeftIsTakenBack) {
-  Victim victim([](Journal& journal) { return make_folder(journal); });
-  ASSERT_TRUE(fs::exists(victim.said()));
-  EXPECT_THAT(revert_abandoned(), IsEmpty()) << "it lives";
-  victim.kill_9();
-  EXPECT_THAT(revert_abandoned(),
-              ElementsAre(AllOf(HasSubstr(victim.said()), HasSubstr(std::to_string(victim.pid())))))
-      << "not yet waited for, but gone";
-  EXPECT_FALSE(fs::exists(victim.said()));
-}
-
-TEST_F(Journals, AForkedChildOwnsNothing) {
-  Journal journal;
-  const auto path = make_folder(journal);
-  in_child([&] {
-    journal.revert();
-    EXPECT_TRUE(fs::exists(path));
-    EXPECT_THAT(revert_abandoned(), IsEmpty());
-  });
-  EXPECT_TRUE(fs::exists(path));
-}
-
-TEST_F(Journals, AForkedChildThatLivesOnKeepsNothing) {
-  std::array<int, 2> hold;
-  ASSERT_EQ(pipe2(hold.data(), O_CLOEXEC), 0);
-  Victim victim([&](Journal& journal) {
-    auto path = make_folder(journal);
-    if (fork() == 0) {
-      close(hold[1]);
-      char end = 0;
-      (void)!read(hold[0], &end, 1);  // lives as long as the test wants
-      _exit(0);
-    }
-    return path;
-  });
-  victim.kill_9();
-  victim.wait();
-  EXPECT_THAT(revert_abandoned(), SizeIs(1));
-  EXPECT_FALSE(fs::exists(victim.said()));
-  close(hold[0]);
-  close(hold[1]);
-}
-
-TEST_F(Journals, AHalfWrittenLineIsNoChange) {
-  Journal outer;
-  const auto kept = make_folder(outer);
-  Victim victim([&](Journal& journal) {
-    auto path = make_folder(journal);
-    for (const auto& [file, owner] : journal_files())
-      if (owner == this_process()) std::ofstream(file, std::ios::app) << "directory " << kept;
-    return path;
-  });
-  victim.kill_9();
-  EXPECT_THAT(revert_abandoned(), ElementsAre(HasSubstr(victim.said())));
-  EXPECT_TRUE(fs::exists(kept));
-}
-
-TEST_F(Journals, KilledAtAnyInstantNothingStays) {
-  std::mt19937 random(3);
-  const auto folder = fs::temp_directory_path() / ("ontime-host-test-" + std::to_string(getpid()));
-  fs::create_directory(folder);
-  for (int round = 0; round < 40; ++round) {
-    const pid_t child = start_child([&] {
-      set("TMPDIR", folder.string());
-      for (;;) {
-        Journal journal;
-        make_folder(journal);
-        make_folder(journal);
-      }
-    });
-    std::this_thread::sleep_for(std::chrono::microseconds(random() % 5000));
-    kill(child, SIGKILL);
-    waitpid(child, nullptr, 0);
-    revert_abandoned();
-    EXPECT_TRUE(fs::is_empty(folder));
-    EXPECT_FALSE(fs::exists(journal_folder()));
-  }
-  fs::remove_all(folder);
-}
-
-TEST_F(Journals, TwoThatRevertAtOnceDoItOnce) {
-  for (int round = 0; round < 20; ++round) {
-    Victim victim([](Journal& journal) { return make_folder(journal) + "," + make_folder(journal); });
-    victim.kill_9();
-    std::array<int, 2> start;
-    ASSERT_EQ(pipe2(start.data(), O_CLOEXEC), 0);
-    std::array<pid_t, 2> reverters{};
-    for (auto& reverter : reverters)
-      reverter = start_child([&] {
-        close(start[1]);
-        char end = 0;
-        (void)!read(start[0], &end, 1);  // both wait for the pipe to close
-        const auto lines = revert_abandoned();
-        const auto comma = victim.said().find(',');
-        // Whoever returns, all is gone; what was done is told by one of them.
-        EXPECT_FALSE(fs::exists(victim.said().substr(0, comma)) ||
-                     fs::exists(victim.said().substr(comma + 1)));
-        _exit(::testing::Test::HasFailure() ? 100 : static_cast<int>(lines.size()));
-      });
-    close(start[0]);
-    close(start[1]);
-    int told = 0;
-    for (const pid_t child : reverters) told += status_of(child);
-    EXPECT_EQ(told, 2);
-  }
-}
-
-// A journal as a process that is gone would have left it.
-std::string abandoned_journal(const std::string& text) {
-  fs::create_directory(journal_folder());
-  fs::permissions(journal_folder(), fs::perms::owner_all);
-  auto path = journal_folder() + '/' + name_of({1 << 30, 1}, 0);
-  std::ofstream(path) << text;
-  return path;
-}
-
-TEST_F(Journals, WhatIsNotUnderstoodIsToldAndKept) {
-  const auto path = abandoned_journal("governor performance\n");
-  for (int again = 0; again < 2; ++again)
-    EXPECT_THAT(revert_abandoned(), ElementsAre(AllOf(HasSubstr("governor performance"), HasSubstr(path))));
-  remove_journal(path);
-}
-
-TEST_F(Journals, GarbageHarmsNothing) {
-  std::mt19937 random(4);
-  for (int round = 0; round < 300; ++round) {
-    std::string text;
-    for (auto length = random() % 60; length > 0; --length)
-      text += random() % 8 == 0 ? (random() % 2 == 0 ? '\n' : ' ') : static_cast<char>(random() % 256);
-    const auto path = abandoned_journal(text);
-    EXPECT_EQ(revert_abandoned().size(), parse_journal(text).size());
-    remove_journal(path);
-  }
-  for (const auto* text :
-       {"namespace \n", "namespace ../../etc/x\n", "directory \n", "directory etc\n", "\n"}) {
-    const auto path = abandoned_journal(text);
-    EXPECT_THAT(revert_abandoned(), SizeIs(1)) << text;
-    remove_journal(path);
-  }
+TEST(SharedMemory, IsWhatThisProcessHasMapped) {
+  EXPECT_THAT(shared_memory(), IsEmpty());
+  const auto name = "fastrtps_ontime_test_" + std::to_string(getpid());
+  const int fd = shm_open(name.c_str(), O_RDWR | O_CREAT | O_EXCL, 0600);
+  ASSERT_GE(fd, 0);
+  ASSERT_EQ(ftruncate(fd, 4096), 0);
+  void* const mapped = mmap(nullptr, 4096, PROT_READ, MAP_SHARED, fd, 0);
+  ASSERT_NE(mapped, MAP_FAILED);
+  EXPECT_THAT(shared_memory(), ElementsAre(name));
+  shm_unlink(name.c_str());
+  EXPECT_THAT(shared_memory(), ElementsAre(name)) << "it is in use still";
+  munmap(mapped, 4096);
+  close(fd);
+  EXPECT_THAT(shared_memory(), IsEmpty());
 }
 
 // --- two machines on one
 
-class Namespaces : public Journals {
+class Namespaces : public ::testing::Test {
  protected:
   void SetUp() override {
     if (!may_join_namespaces()) GTEST_SKIP() << "needs root with CAP_SYS_ADMIN and CAP_NET_ADMIN";
-    if (!has_own_run) GTEST_SKIP() << "no mount namespace of its own";
+    if (!test::has_own_run) GTEST_SKIP() << "no mount namespace of its own";
     if (!there_is_ip()) GTEST_SKIP() << "iproute2 is not installed";
   }
   static bool there_is_ip() {
@@ -594,13 +336,15 @@ class Namespaces : public Journals {
   }
 };
 
-bool exist() { return fs::exists(namespace_path("controller")) || fs::exists(namespace_path("component")); }
+bool exist() {
+  return fs::exists("/run/netns/ontime-controller") || fs::exists("/run/netns/ontime-component");
+}
 
 // A UDP socket that lives in that namespace, whoever uses it.
 int socket_in(const std::string& name, const std::string& address) {
   int fd = -1;
   std::thread([&] {
-    const int other = open(namespace_path(name).c_str(), O_RDONLY | O_CLOEXEC);
+    const int other = open(("/run/netns/" + name).c_str(), O_RDONLY | O_CLOEXEC);
     EXPECT_EQ(setns(other, CLONE_NEWNET), 0);
     close(other);
     fd = socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC, 0);
@@ -629,23 +373,23 @@ bool arrives(int fd) {
 
 TEST_F(Namespaces, TheFirstMessageArrivesAndNothingStays) {
   {
-    Journal journal;
+    journal::Journal journal;
     const auto pair = join_namespaces(journal);
-    EXPECT_THAT(pair.controller.prefix, ElementsAre("ip", "netns", "exec", "controller"));
-    EXPECT_EQ(pair.component.name, "component");
+    EXPECT_THAT(pair.controller.prefix, ElementsAre("ip", "netns", "exec", "ontime-controller"));
+    EXPECT_EQ(pair.component.name, "ontime-component");
     for (const auto& end : {pair.controller, pair.component}) {
       EXPECT_LE(end.interface.size(), 15u);
       const auto shown = ip({"-netns", end.name, "-oneline", "address", "show", "dev", end.interface});
       EXPECT_THAT(shown, HasSubstr(end.address + "/30"));
     }
-    const int controller = socket_in("controller", pair.controller.address);
-    const int component = socket_in("component", "0.0.0.0");
+    const int controller = socket_in("ontime-controller", pair.controller.address);
+    const int component = socket_in("ontime-component", "0.0.0.0");
     send_to(controller, pair.component.address);
     EXPECT_TRUE(arrives(component));
     send_to(component, pair.controller.address);
     EXPECT_TRUE(arrives(controller));
 
-    const int discovery = socket_in("controller", "239.255.0.1");
+    const int discovery = socket_in("ontime-controller", "239.255.0.1");
     ip_mreqn group{};
     inet_pton(AF_INET, "239.255.0.1", &group.imr_multiaddr);
     EXPECT_EQ(setsockopt(discovery, IPPROTO_IP, IP_ADD_MEMBERSHIP, &group, sizeof group), 0);
@@ -658,82 +402,47 @@ TEST_F(Namespaces, TheFirstMessageArrivesAndNothingStays) {
 
 TEST_F(Namespaces, CanBeMadeAgainAtOnce) {
   for (int round = 0; round < 3; ++round) {
-    Journal journal;
+    journal::Journal journal;
     EXPECT_EQ(error_of([&] { join_namespaces(journal); }), "");
   }
 }
 
-TEST_F(Namespaces, AnotherOntimeIsNamed) {
-  Victim other([](Journal& journal) { return join_namespaces(journal).component.name; });
-  ASSERT_EQ(other.said(), "component");
-  Journal journal;
-  EXPECT_THAT(error_of([&] { join_namespaces(journal); }),
-              HasSubstr("process id " + std::to_string(other.pid())));
-  journal.revert();
-  EXPECT_TRUE(exist()) << "they are the other's";
-  other.kill_9();
-  EXPECT_EQ(error_of([&] { join_namespaces(journal); }), "") << "what a dead one left is cleared on the way";
-}
-
 TEST_F(Namespaces, SomebodyElsesIsLeftAlone) {
-  ip({"netns", "add", "component"});
+  ip({"netns", "add", "ontime-component"});
   {
-    Journal journal;
-    EXPECT_THAT(error_of([&] { join_namespaces(journal); }), HasSubstr("ip netns delete component"));
+    journal::Journal journal;
+    EXPECT_THAT(error_of([&] { join_namespaces(journal); }), HasSubstr("ip netns delete ontime-component"));
   }
-  EXPECT_TRUE(fs::exists(namespace_path("component")));
-  EXPECT_FALSE(fs::exists(namespace_path("controller")));
-  ip({"netns", "delete", "component"});
+  EXPECT_TRUE(fs::exists("/run/netns/ontime-component"));
+  EXPECT_FALSE(fs::exists("/run/netns/ontime-controller"));
+  ip({"netns", "delete", "ontime-component"});
 }
 
-TEST_F(Namespaces, AQuickerOnesIsNotRemoved) {
-  Victim quicker([](Journal& journal) {
-    journal.add_namespace("controller");
-    return "made";
-  });
-  ASSERT_EQ(quicker.said(), "made");
-  abandoned_journal("namespace controller\n");  // killed before `ip` could tell it that it came second
-  EXPECT_THAT(revert_abandoned(), IsEmpty());
+TEST_F(Namespaces, OfAKilledProcessAreTakenBack) {
+  test::Victim victim([](journal::Journal& journal) { return join_namespaces(journal).component.name; });
+  ASSERT_EQ(victim.said(), "ontime-component");
   EXPECT_TRUE(exist());
-  quicker.kill_9();
-  EXPECT_THAT(revert_abandoned(), SizeIs(1));
-  EXPECT_FALSE(exist());
-}
-
-// Run by the next test, inside `ip netns exec`.
-TEST(Inside, RevertsWhatAKilledProcessLeft) {
-  if (!inside_another()) GTEST_SKIP() << "runs inside `ip netns exec` only";
-  EXPECT_THAT(revert_abandoned(), ElementsAre(HasSubstr("component"), HasSubstr("controller")));
-}
-
-TEST_F(Namespaces, AreGoneOutsideWhenRevertedFromInside) {
-  Victim victim([](Journal& journal) { return join_namespaces(journal).component.name; });
-  ASSERT_EQ(victim.said(), "component");
   victim.kill_9();
-  const auto self = fs::read_symlink("/proc/self/exe").string();
-  const pid_t inside = start_child([&] {
-    set(inside_variable, "1");
-    execlp("ip", "ip", "netns", "exec", "component", self.c_str(), "--gtest_filter=Inside.*", nullptr);
-  });
-  EXPECT_EQ(status_of(inside), 0);
+  EXPECT_THAT(journal::revert_abandoned(),
+              ElementsAre(HasSubstr("ontime-component"), HasSubstr("ontime-controller")));
   EXPECT_FALSE(exist());
-  EXPECT_THAT(revert_abandoned(), IsEmpty());
 }
 
 TEST_F(Namespaces, SaysWhatToInstall) {
   in_child([] {
     set("PATH", "/there/is/none");
-    Journal journal;
+    journal::Journal journal;
     EXPECT_THAT(error_of([&] { join_namespaces(journal); }), HasSubstr("apt install iproute2"));
-    EXPECT_FALSE(fs::exists(journal_folder())) << "nothing was changed";
+    EXPECT_THAT(journal.revert(), IsEmpty());
+    EXPECT_FALSE(exist());
   });
 }
 
 TEST(NamespacesOfOthers, NeedPrivilege) {
   in_child([] {
-    if (geteuid() == 0) become_ordinary_user();
+    if (geteuid() == 0) test::become_ordinary_user();
     EXPECT_FALSE(may_join_namespaces());
-    Journal journal;
+    journal::Journal journal;
     EXPECT_THAT(error_of([&] { join_namespaces(journal); }), HasSubstr("run as root"));
   });
 }

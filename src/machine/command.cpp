@@ -5,6 +5,7 @@
 #include <array>
 #include <cerrno>
 #include <system_error>
+#include <thread>
 
 #include <fcntl.h>
 #include <fmt/format.h>
@@ -23,7 +24,7 @@ namespace {
 // What a child writes, kept in memory: nobody need read while it writes.
 class Output {
  public:
-  Output() : fd_(memfd_create("ip output", MFD_CLOEXEC)) {}
+  Output() : fd_(memfd_create("command output", MFD_CLOEXEC)) {}
   ~Output() { close(fd_); }
   Output(const Output&) = delete;
   Output& operator=(const Output&) = delete;
@@ -38,7 +39,16 @@ class Output {
   int fd_;
 };
 
-int spawn(pid_t& pid, char* const* arguments, int output) {
+struct Started {
+  pid_t pid;
+  int error;  // an errno if it could not be; ENOENT: no such program
+};
+
+Started spawn(std::vector<std::string> command, int output) {
+  std::vector<char*> words;
+  words.reserve(command.size() + 1);
+  for (auto& word : command) words.push_back(word.data());
+  words.push_back(nullptr);
   posix_spawn_file_actions_t actions;
   posix_spawn_file_actions_init(&actions);
   posix_spawn_file_actions_addopen(&actions, STDIN_FILENO, "/dev/null", O_RDONLY, 0);
@@ -49,10 +59,11 @@ int spawn(pid_t& pid, char* const* arguments, int output) {
   posix_spawnattr_init(&attributes);
   posix_spawnattr_setflags(&attributes, POSIX_SPAWN_SETPGROUP);
   posix_spawnattr_setpgroup(&attributes, 0);
-  const int error = posix_spawnp(&pid, arguments[0], &actions, &attributes, arguments, environ);
+  pid_t pid = -1;
+  const int error = posix_spawnp(&pid, words[0], &actions, &attributes, words.data(), environ);
   posix_spawnattr_destroy(&attributes);
   posix_spawn_file_actions_destroy(&actions);
-  return error;
+  return {pid, error};
 }
 
 int wait_for(pid_t pid) {
@@ -61,25 +72,39 @@ int wait_for(pid_t pid) {
   return status;
 }
 
+bool ended(pid_t pid) {
+  siginfo_t info{};
+  return waitid(P_PID, static_cast<id_t>(pid), &info, WEXITED | WNOHANG | WNOWAIT) != 0 || info.si_pid == pid;
+}
+
 }  // namespace
 
 std::string ip(const std::vector<std::string>& arguments) {
   std::vector<std::string> command = {"ip"};
   command.insert(command.end(), arguments.begin(), arguments.end());
-  std::vector<char*> words;
-  words.reserve(command.size() + 1);
-  for (auto& argument : command) words.push_back(argument.data());
-  words.push_back(nullptr);
-
   const Output output;
-  pid_t pid = -1;
   const auto asked = fmt::format("{}", fmt::join(command, " "));
-  const int error = spawn(pid, words.data(), output.fd());
-  if (error == ENOENT)
+  const auto started = spawn(command, output.fd());
+  if (started.error == ENOENT)
     throw Error(fmt::format("{}: there is no `ip`: install iproute2 (sudo apt install iproute2)", asked));
-  if (error != 0) throw Error(fmt::format("{}: {}", asked, std::generic_category().message(error)));
-  if (wait_for(pid) != 0)
+  if (started.error != 0)
+    throw Error(fmt::format("{}: {}", asked, std::generic_category().message(started.error)));
+  if (wait_for(started.pid) != 0)
     throw Error(fmt::format("{} failed: {}", asked, word(output.text()).value_or("it did not say why")));
+  return output.text();
+}
+
+std::optional<std::string> answer_of(const std::vector<std::string>& command,
+                                     std::chrono::nanoseconds limit) {
+  const Output output;
+  const auto started = spawn(command, output.fd());
+  if (started.error != 0) return {};
+  const auto end = std::chrono::steady_clock::now() + limit;
+  while (!ended(started.pid)) {
+    if (std::chrono::steady_clock::now() > end) kill(-started.pid, SIGKILL);
+    std::this_thread::sleep_for(std::chrono::milliseconds(2));
+  }
+  if (wait_for(started.pid) != 0) return {};
   return output.text();
 }
 

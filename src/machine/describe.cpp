@@ -8,6 +8,7 @@
 #include <sys/utsname.h>
 #include <unistd.h>
 
+#include "machine/clock.hpp"
 #include "machine/machine.hpp"
 #include "machine/proc.hpp"
 
@@ -88,6 +89,7 @@ json describe() {
   utsname kernel{};
   uname(&kernel);
   const auto command_line = word(text_of("/proc/cmdline"));
+  const auto autogroup = number(text_of("/proc/sys/kernel/sched_autogroup_enabled"));
   const auto isolated = text_of("/sys/devices/system/cpu/isolated");
   const json description = {
       {"hostname", kernel.nodename},
@@ -99,6 +101,9 @@ json describe() {
                           command_line.value_or(""), kernel.version))},
       {"rt_runtime_us", or_null(number(text_of("/proc/sys/kernel/sched_rt_runtime_us")))},
       {"rt_period_us", or_null(number(text_of("/proc/sys/kernel/sched_rt_period_us")))},
+      {"autogroup", autogroup ? json(*autogroup != 0) : json(nullptr)},
+      {"boot_id", or_null(word(text_of("/proc/sys/kernel/random/boot_id")))},
+      {"clock", clock_now()},
       {"cpu_model", or_null(cpu_model())},
       {"cpu_count", sysconf(_SC_NPROCESSORS_ONLN)},
       {"isolated_cpus", isolated ? json(word(isolated).value_or("")) : json(nullptr)},

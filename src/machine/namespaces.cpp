@@ -6,6 +6,7 @@
 #include <linux/capability.h>
 #include <unistd.h>
 
+#include "journal/journal.hpp"
 #include "machine/command.hpp"
 #include "machine/machine.hpp"
 #include "machine/proc.hpp"
@@ -18,7 +19,8 @@ using namespace std::chrono_literals;
 constexpr auto time_for_link = 10s;
 
 NamespacePair::End end(const std::string& name, const std::string& other, const std::string& address) {
-  return {name, "to-" + other, address, {"ip", "netns", "exec", name}};
+  const auto own = journal::own_prefix + name;
+  return {own, "to-" + other, address, {"ip", "netns", "exec", own}};
 }
 
 void configure(const NamespacePair::End& end) {
@@ -52,15 +54,15 @@ bool may_join_namespaces() {
   return geteuid() == 0 && has_capability(status, CAP_SYS_ADMIN) && has_capability(status, CAP_NET_ADMIN);
 }
 
-NamespacePair join_namespaces(Journal& journal) {
+NamespacePair join_namespaces(journal::Journal& journal) {
   if (!may_join_namespaces())
     throw Error(
         "two network namespaces were asked for, which this process may not make: run as root (in a "
         "container, with the capabilities SYS_ADMIN and NET_ADMIN), or run both ends on loopback");
   NamespacePair pair{end("controller", "component", "198.18.0.1"),
                      end("component", "controller", "198.18.0.2")};
-  journal.add_namespace(pair.controller.name);
-  journal.add_namespace(pair.component.name);
+  journal::add_namespace(journal, pair.controller.name);
+  journal::add_namespace(journal, pair.component.name);
   ip({"link", "add", pair.controller.interface, "netns", pair.controller.name, "type", "veth", "peer", "name",
       pair.component.interface, "netns", pair.component.name});
   configure(pair.controller);

@@ -5,6 +5,7 @@
 #include <charconv>
 #include <fstream>
 #include <numeric>
+#include <set>
 #include <sstream>
 
 namespace ontime::machine {
@@ -46,19 +47,6 @@ std::optional<std::string> field(const std::string& text, const std::string& key
       return word(line.substr(colon + 1)).value_or("");
   }
   return {};
-}
-
-std::optional<ProcessState> parse_process(const std::string& text) {
-  const auto name_end = text.rfind(')');  // a process may have parentheses in its name
-  if (name_end == text.npos) return {};
-  std::istringstream fields(text.substr(name_end + 1));
-  ProcessState process{};
-  fields >> process.state;
-  std::string skipped;
-  for (int number = 4; number < 22; ++number) fields >> skipped;
-  fields >> process.start_ticks;
-  if (!fields) return {};
-  return process;
 }
 
 void parse_ticks(const std::string& text, Activity& activity) {
@@ -125,6 +113,33 @@ bool has_capability(const std::string& status, int capability) {
   std::uint64_t mask = 0;
   std::from_chars(effective.data(), effective.data() + effective.size(), mask, 16);
   return (mask >> capability & 1U) != 0;
+}
+
+std::optional<Traffic> parse_traffic(const std::string& text, const std::string& interface) {
+  const auto counts = field(text, interface);
+  if (!counts) return {};
+  std::istringstream fields(*counts);
+  // Eight counts of what was received, bytes and packets first; then what was sent, likewise.
+  std::vector<std::uint64_t> all(10);
+  for (auto& count : all) fields >> count;
+  if (!fields) return {};
+  return Traffic{
+      .sent_bytes = all[8], .sent_packets = all[9], .received_bytes = all[0], .received_packets = all[1]};
+}
+
+std::vector<std::string> parse_segments(const std::string& text) {
+  const std::string folder = "/dev/shm/", deleted = " (deleted)";
+  std::set<std::string> names;
+  std::istringstream lines(text);
+  for (std::string line; std::getline(lines, line);) {
+    const auto found = line.find(folder);
+    if (found == line.npos) continue;
+    auto name = line.substr(found + folder.size());
+    if (name.ends_with(deleted)) name.resize(name.size() - deleted.size());
+    for (const auto* prefix : {"fastrtps_", "fastdds_", "iox_", "iceoryx_"})
+      if (name.starts_with(prefix)) names.insert(name);
+  }
+  return {names.begin(), names.end()};
 }
 
 }  // namespace ontime::machine

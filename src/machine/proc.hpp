@@ -8,7 +8,6 @@
 #include <vector>
 
 #include <nlohmann/json.hpp>
-#include <sys/types.h>
 
 #include "machine/machine.hpp"
 
@@ -22,13 +21,6 @@ std::optional<std::int64_t> number(const std::optional<std::string>& text);
 
 // The value behind "key :" in a file such as /proc/cpuinfo or /proc/meminfo; the first if there are several.
 std::optional<std::string> field(const std::string& text, const std::string& key);
-
-struct ProcessState {
-  char state;
-  std::uint64_t start_ticks;  // since boot
-};
-// Of the text of /proc/PID/stat.
-std::optional<ProcessState> parse_process(const std::string& text);
 
 // Of the text of /proc/stat: its first line.
 void parse_ticks(const std::string& text, Activity&);
@@ -48,5 +40,11 @@ std::vector<std::string> cgroups_of(const std::string& text, const std::string& 
 
 // Bit of <linux/capability.h> in the "CapEff" of the text of /proc/PID/status.
 bool has_capability(const std::string& status, int capability);
+
+// Of the text of /proc/net/dev.
+std::optional<Traffic> parse_traffic(const std::string& text, const std::string& interface);
+
+// Of the text of /proc/PID/maps: names of the shared memory segments of a DDS, each once.
+std::vector<std::string> parse_segments(const std::string& text);
 
 }  // namespace ontime::machine

@@ -1,0 +1,116 @@
+// SPDX-License-Identifier: Apache-2.0
+// A folder of files that go with it.
+#include <algorithm>
+#include <cerrno>
+#include <cstdio>
+#include <filesystem>
+#include <random>
+#include <system_error>
+
+#include <fcntl.h>
+#include <fmt/format.h>
+#include <ftw.h>
+#include <sys/stat.h>
+
+#include "journal/folder.hpp"
+#include "journal/kinds.hpp"
+
+namespace ontime::journal {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr std::size_t random_digits = 16;
+
+Error trouble(const std::string& path, const char* what, int error) {
+  return Error(fmt::format("folder {} cannot be {}: {}", path, what, std::generic_category().message(error)));
+}
+
+// "/…/ontime-STEM-RANDOM", with no way up in it.
+bool accepts(const std::string& path) {
+  const auto slash = path.rfind('/');
+  if (path.empty() || path[0] != '/' || path.size() > 4000) return false;
+  const auto component = [](const fs::path& part) { return part != "." && part != ".."; };
+  const auto parts = fs::path(path);
+  if (!std::all_of(parts.begin(), parts.end(), component)) return false;
+  const auto name = std::string_view(path).substr(slash + 1);
+  const auto hyphen = name.rfind('-');
+  const auto is_hex = [](char c) { return (c >= '0' && c <= '9') || (c >= 'a' && c <= 'f'); };
+  return name.starts_with(own_prefix) && is_plain_name(name) &&
+         hyphen > std::string_view(own_prefix).size() && name.size() - hyphen - 1 == random_digits &&
+         std::all_of(name.begin() + static_cast<std::ptrdiff_t>(hyphen) + 1, name.end(), is_hex);
+}
+
+std::string identity_of(const struct stat& found) { return fmt::format("{}:{}", found.st_dev, found.st_ino); }
+
+Value read(const std::string& path) {
+  struct stat found {};
+  if (lstat(path.c_str(), &found) == 0) return identity_of(found);
+  if (errno == ENOENT || errno == ENOTDIR) return {};
+  throw trouble(path, "looked at", errno);
+}
+
+int remove_one(const char* path, const struct stat*, int, FTW* place) {
+  return place->level == 0 ? 0 : std::remove(path);
+}
+
+// The folder itself is held open, so that nobody can put another in its place meanwhile. Neither links nor
+// mounts are followed out of it.
+void empty(const std::string& path, int fd) {
+  constexpr int open_folders = 16;
+  const auto itself = fmt::format("/proc/self/fd/{}/.", fd);
+  if (nftw(itself.c_str(), remove_one, open_folders, FTW_DEPTH | FTW_MOUNT | FTW_PHYS) != 0)
+    throw trouble(path, "emptied", errno);
+}
+
+void remove(const std::string& path, const Value& present) {
+  const auto slash = path.rfind('/');
+  const Fd parent(open(path.substr(0, slash + 1).c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC));
+  const auto name = path.substr(slash + 1);
+  const Fd itself(openat(parent.get(), name.c_str(), O_RDONLY | O_DIRECTORY | O_NOFOLLOW | O_CLOEXEC));
+  struct stat found {};
+  if (itself.get() < 0 || fstat(itself.get(), &found) != 0) throw trouble(path, "removed", errno);
+  if (found.st_uid != geteuid()) throw trouble(path, "removed", EPERM);
+  // Killed before it could be told what it had made, its owner cannot have put anything into it.
+  if (present != to_be_made) {
+    if (identity_of(found) != present) throw trouble(path, "removed", ESTALE);
+    empty(path, itself.get());
+  }
+  if (unlinkat(parent.get(), name.c_str(), AT_REMOVEDIR) != 0) throw trouble(path, "removed", errno);
+}
+
+void write(const std::string& path, const Value& value, const Value& present) {
+  if (!value) return remove(path, present);
+  if (mkdir(path.c_str(), 0700) != 0) throw trouble(path, "made", errno);
+}
+
+std::string temporary_folder() {
+  std::error_code error;
+  auto folder = fs::temp_directory_path(error).string();
+  if (error || folder[0] != '/')
+    throw Error("there is no temporary folder: set TMPDIR to the absolute path of one, or unset it");
+  while (folder.size() > 1 && folder.back() == '/') folder.pop_back();
+  return folder;
+}
+
+}  // namespace
+
+const Kind directory_kind = {.name = "directory",
+                             .scope = Scope::mount_namespace,
+                             .on_disk = true,
+                             .needs_root = false,
+                             .accepts = accepts,
+                             .read = read,
+                             .write = write};
+
+std::string add_directory(Journal& journal, const std::string& stem) {
+  if (!is_plain_name(stem))
+    throw Error(
+        fmt::format("\"{}\" is no name for a folder: lower case letters, digits and hyphens are", stem));
+  std::random_device random;
+  auto path = fmt::format("{}/{}{}-{:08x}{:08x}", temporary_folder(), own_prefix, stem, random(), random());
+  journal.change(directory_kind, path, to_be_made);
+  return path;
+}
+
+}  // namespace ontime::journal

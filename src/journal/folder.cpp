@@ -1,0 +1,210 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "journal/folder.hpp"
+
+#include <algorithm>
+#include <array>
+#include <cerrno>
+#include <chrono>
+#include <cstdlib>
+#include <memory>
+#include <random>
+#include <system_error>
+#include <thread>
+
+#include <dirent.h>
+#include <fcntl.h>
+#include <fmt/format.h>
+#include <sys/file.h>
+#include <sys/stat.h>
+
+namespace ontime::journal {
+namespace {
+
+using namespace std::chrono_literals;
+
+constexpr auto patience = 10s;
+constexpr off_t max_bytes = off_t{1} << 20;
+constexpr const char* suffix = ".journal";
+constexpr const char* told = "told";  // what people were told already, a line each
+
+struct CloseDirectory {
+  void operator()(DIR* entries) const { closedir(entries); }
+};
+
+struct stat stat_of(int fd) {
+  struct stat found {};
+  if (fstat(fd, &found) != 0) found.st_uid = static_cast<uid_t>(-1);
+  return found;
+}
+
+bool same(const struct stat& one, const struct stat& other) {
+  return one.st_dev == other.st_dev && one.st_ino == other.st_ino;
+}
+
+// Why something is not this user's alone; "" if it is.
+std::string fault_of(const struct stat& found) {
+  if (found.st_uid != geteuid()) return fmt::format("it belongs to user {}", found.st_uid);
+  if ((found.st_mode & (S_IWGRP | S_IWOTH)) != 0) return "others may write to it";
+  return "";
+}
+
+// False if somebody else has had it for all that time.
+bool lock(int fd, std::chrono::nanoseconds limit) {
+  for (const auto end = std::chrono::steady_clock::now() + limit; flock(fd, LOCK_EX | LOCK_NB) != 0;
+       std::this_thread::sleep_for(2ms))
+    if (errno != EINTR && std::chrono::steady_clock::now() >= end) return false;
+  return true;
+}
+
+Error not_ours(const std::string& path, const std::string& fault) {
+  return Error(
+      fmt::format("{} is where ontime keeps the way back of what it changes, but {}: nothing in it is "
+                  "believed, and nothing is changed. Remove it",
+                  path, fault));
+}
+
+}  // namespace
+
+Error cannot(const std::string& what, int error) {
+  return Error(fmt::format("{}: {}; without a journal nothing of this machine is changed", what,
+                           std::generic_category().message(error)));
+}
+
+std::string folder_path() {
+  if (geteuid() == 0) return "/run/ontime";
+  const char* const own = std::getenv("XDG_RUNTIME_DIR");  // NOLINT(concurrency-mt-unsafe): nobody sets it
+  struct stat found {};                                    // after `su` it may be that of another user
+  if (own != nullptr && own[0] == '/' && stat(own, &found) == 0 && fault_of(found).empty())
+    return std::string(own) + "/ontime";
+  return fmt::format("/tmp/ontime-{}", geteuid());
+}
+
+Folder Folder::make() {
+  auto folder = enter(true);
+  if (!folder) throw cannot(folder_path(), ENOENT);
+  return std::move(*folder);
+}
+
+std::optional<Folder> Folder::find() { return enter(false); }
+
+std::optional<Folder> Folder::enter(bool make) {
+  const auto path = folder_path();
+  // Another process may remove the folder with its own journal before we have our turn: come again.
+  for (int attempt = 0; attempt < 100; ++attempt) {
+    if (make && mkdir(path.c_str(), 0700) != 0 && errno != EEXIST) throw cannot(path, errno);
+    Fd fd(::open(path.c_str(), O_RDONLY | O_DIRECTORY | O_NOFOLLOW | O_CLOEXEC));
+    if (fd.get() < 0 && errno == ENOENT) {
+      if (make) continue;
+      return {};
+    }
+    if (fd.get() < 0 && (errno == ENOTDIR || errno == ELOOP)) throw not_ours(path, "it is no folder");
+    if (fd.get() < 0) throw not_ours(path, std::generic_category().message(errno));
+    const auto found = stat_of(fd.get());
+    if (const auto fault = fault_of(found); !fault.empty()) throw not_ours(path, fault);
+    if (!lock(fd.get(), patience))
+      throw Error(fmt::format("another ontime has been at work in {} for {}: see what it does, or end it",
+                              path, "10 s"));
+    struct stat now {};
+    if (lstat(path.c_str(), &now) == 0 && same(found, now)) return Folder(path, std::move(fd));
+  }
+  return {};
+}
+
+Folder::~Folder() {
+  if (fd_.get() < 0 || !journals().empty()) return;
+  unlinkat(fd_.get(), told, 0);
+  rmdir(path_.c_str());
+}
+
+std::vector<std::string> Folder::journals() const {
+  std::vector<std::string> names;
+  const std::unique_ptr<DIR, CloseDirectory> entries(
+      fdopendir(::openat(fd_.get(), ".", O_RDONLY | O_DIRECTORY | O_CLOEXEC)));
+  if (!entries) return names;
+  while (const auto* entry = readdir(entries.get())) {  // NOLINT(concurrency-mt-unsafe): a stream of our own
+    std::string name = entry->d_name;
+    if (name.ends_with(suffix)) names.push_back(std::move(name));
+  }
+  std::sort(names.rbegin(), names.rend());
+  return names;
+}
+
+std::pair<std::string, Fd> Folder::add_journal() {
+  // Names in the order of time, so that what was changed twice is taken back in the right order.
+  const auto now = std::chrono::system_clock::now().time_since_epoch();
+  std::random_device random;
+  auto name = fmt::format("{:016x}-{:08x}{}", std::chrono::nanoseconds(now).count(), random(), suffix);
+  Fd fd(
+      ::openat(fd_.get(), name.c_str(), O_RDWR | O_APPEND | O_CREAT | O_EXCL | O_NOFOLLOW | O_CLOEXEC, 0600));
+  if (fd.get() < 0 || !lock(fd.get(), 0s) || fsync(fd_.get()) != 0) {
+    const int error = errno;
+    if (fd.get() >= 0) remove(name);
+    throw cannot(path_ + '/' + name, error);
+  }
+  return {std::move(name), std::move(fd)};
+}
+
+Folder::Opened Folder::open(const std::string& name) const {
+  Opened opened;
+  struct stat before {};
+  if (fstatat(fd_.get(), name.c_str(), &before, AT_SYMLINK_NOFOLLOW) != 0)
+    opened.not_believed = std::generic_category().message(errno);
+  else if (!S_ISREG(before.st_mode))
+    opened.not_believed = "it is no file";
+  else if (before.st_nlink != 1)
+    opened.not_believed = "it has more than one name";
+  else if (before.st_size > max_bytes)
+    opened.not_believed = "it is larger than any journal";
+  else
+    opened.not_believed = fault_of(before);
+  if (!opened.not_believed.empty()) return opened;
+  opened.fd = Fd(::openat(fd_.get(), name.c_str(), O_RDWR | O_APPEND | O_NOFOLLOW | O_NONBLOCK | O_CLOEXEC));
+  if (opened.fd.get() < 0)
+    opened.not_believed = std::generic_category().message(errno);
+  else if (!same(before, stat_of(opened.fd.get())))
+    opened.not_believed = "it is being exchanged";
+  else
+    opened.alive = !lock(opened.fd.get(), 0s);
+  return opened;
+}
+
+void Folder::remove(const std::string& name) const { unlinkat(fd_.get(), name.c_str(), 0); }
+
+std::vector<std::string> Folder::not_yet_told(const std::vector<std::string>& lines) const {
+  if (lines.empty()) return {};
+  const Fd fd(
+      ::openat(fd_.get(), told, O_RDWR | O_APPEND | O_CREAT | O_NOFOLLOW | O_NONBLOCK | O_CLOEXEC, 0600));
+  const auto found = stat_of(fd.get());
+  if (fd.get() < 0 || !S_ISREG(found.st_mode) || found.st_size > max_bytes) return lines;
+  const auto before = "\n" + text_of(fd.get());
+  std::vector<std::string> fresh;
+  std::copy_if(lines.begin(), lines.end(), std::back_inserter(fresh),
+               [&](const std::string& line) { return before.find("\n" + line + "\n") == before.npos; });
+  if (fresh.empty()) return {};
+  try {
+    append(fd.get(), fmt::format("{}\n", fmt::join(fresh, "\n")));
+  } catch (const Error&) {  // then it will be told again
+  }
+  return fresh;
+}
+
+std::string text_of(int fd) {
+  std::string text;
+  std::array<char, 4096> part;
+  for (ssize_t bytes = 0; static_cast<off_t>(text.size()) <= max_bytes &&
+                          (bytes = pread(fd, part.data(), part.size(), static_cast<off_t>(text.size()))) > 0;)
+    text.append(part.data(), static_cast<std::size_t>(bytes));
+  return text;
+}
+
+void append(int fd, const std::string& text) {
+  const auto length = lseek(fd, 0, SEEK_END);
+  if (length >= 0 && write(fd, text.data(), text.size()) == static_cast<ssize_t>(text.size()) &&
+      fsync(fd) == 0)
+    return;
+  const int error = errno;
+  if (length >= 0 && ftruncate(fd, length) != 0) throw cannot("the journal", errno);
+  throw cannot("the journal", error);
+}
+
+}  // namespace ontime::journal

@@ -1,0 +1,52 @@
+// SPDX-License-Identifier: Apache-2.0
+// A journal as text: a line of JSON for whose it is, one for each change before it is made, and one for what
+// is known of a change afterwards. Pure functions.
+#pragma once
+
+#include <cstddef>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include <sys/types.h>
+
+#include "journal/journal.hpp"
+
+namespace ontime::journal {
+
+constexpr int format_version = 1;
+
+struct Header {
+  std::string boot;     // the kernel's boot_id
+  pid_t pid = 0;        // of its owner, in its own PID namespace: for people only
+  std::string command;  // of its owner, for people
+  bool operator==(const Header&) const = default;
+};
+
+struct Entry {
+  std::string kind;
+  std::string where;  // place() of the kind's scope, when the change was made
+  std::string what;
+  Value before, after;
+  bool done = false;  // undone, or left to somebody else: nothing is to be done any more
+  bool operator==(const Entry&) const = default;
+};
+
+std::string line_of(const Header&);
+std::string line_of(const Entry&);
+// Of entry `index`, counted from 0: what it has become; that it is done.
+std::string line_of_identity(std::size_t index, const std::string& after);
+std::string line_of_done(std::size_t index);
+
+struct Contents {
+  Header header;
+  std::vector<Entry> entries;
+  std::string not_understood;  // if there is anything: nothing else is to be relied on
+};
+// Of any bytes. A last line that was not written to its end is a change that was never made.
+Contents parse(std::string_view text);
+
+// For people: no control characters, no more than a line.
+std::string quoted(std::string_view text);
+
+}  // namespace ontime::journal

@@ -1,0 +1,131 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "journal/journal.hpp"
+
+#include <algorithm>
+#include <array>
+#include <cerrno>
+#include <fstream>
+#include <iterator>
+
+#include <fmt/format.h>
+
+#include "journal/folder.hpp"
+#include "journal/format.hpp"
+#include "journal/kinds.hpp"
+#include "journal/place.hpp"
+#include "journal/revert.hpp"
+
+namespace ontime::journal {
+namespace {
+
+std::string command_line() {
+  std::ifstream file("/proc/self/cmdline");
+  std::string command(std::istreambuf_iterator<char>(file), {});
+  while (!command.empty() && command.back() == '\0') command.pop_back();
+  std::replace_if(
+      command.begin(), command.end(), [](unsigned char c) { return c < ' ' || c == 0x7f; }, ' ');
+  return command.substr(0, 200);
+}
+
+void cut(int fd, off_t length) {
+  if (ftruncate(fd, length) != 0 || fsync(fd) != 0) throw cannot("the journal", errno);
+}
+
+}  // namespace
+
+const std::string to_be_made = "to be made";
+
+struct Journal::File {
+  std::string name;
+  Fd fd;
+  pid_t owner;
+  std::size_t entries = 0;
+};
+
+Journal::Journal(std::span<const Kind> more) : more_(more) {}
+
+Journal::~Journal() { revert(); }
+
+void Journal::hold() {
+  if (file_ && file_->owner == getpid()) return;
+  file_.reset();
+  auto folder = Folder::make();
+  const auto others = revert_all(folder, more_);
+  if (!others.holder.empty())
+    throw Error(
+        fmt::format("something of this machine was to be changed, but {} is at that already: wait until it "
+                    "has ended, or end it",
+                    others.holder));
+  auto [name, fd] = folder.add_journal();
+  try {
+    append(fd.get(), line_of(Header{boot_id(), getpid(), command_line()}));
+  } catch (const Error&) {
+    folder.remove(name);
+    throw;
+  }
+  file_ = std::make_unique<File>(File{std::move(name), std::move(fd), getpid()});
+}
+
+void Journal::change(const Kind& kind, const std::string& what, const Value& wanted) {
+  if (find_kind(kind.name, more_) != &kind)
+    throw std::logic_error(fmt::format("{} was not named to the journal as a kind of change", kind.name));
+  if (!kind.accepts(what))
+    throw Error(fmt::format("{} is nothing that {} may change", quoted(what), kind.name));
+  if (kind.needs_root && geteuid() != 0)
+    throw Error(fmt::format("{} {} can be changed by root alone: run as root", kind.name, what));
+  hold();
+  const int fd = file_->fd.get();
+  const auto before = kind.read(what);
+  if (before == wanted) return;
+  const auto length = lseek(fd, 0, SEEK_END);
+  append(fd, line_of(Entry{kind.name, place(kind.scope), what, before, wanted}));
+  try {
+    kind.write(what, wanted, before);
+    const auto now = kind.read(what);
+    if (wanted == to_be_made && now)
+      append(fd, line_of_identity(file_->entries, *now));
+    else if (now != wanted)
+      throw Error(fmt::format("{} {} was to be {}, but is {}", kind.name, what, wanted.value_or("gone"),
+                              now.value_or("not there")));
+  } catch (const Error&) {
+    // What it is now is our own doing. Where the way back is barred too, it stays in the journal.
+    try {
+      if (kind.read(what) != before) kind.write(what, before, wanted);
+      if (kind.read(what) == before) cut(fd, length);
+    } catch (const Error&) {
+      ++file_->entries;
+    }
+    throw;
+  }
+  ++file_->entries;
+}
+
+std::vector<std::string> Journal::revert() noexcept {
+  if (!file_ || file_->owner != getpid()) return {};
+  const auto file = std::move(file_);
+  try {
+    const auto folder = Folder::make();
+    return folder.not_yet_told(journal::revert(folder, file->name, file->fd.get(), more_).left);
+  } catch (const std::exception& error) {
+    return {error.what()};  // the journal is there still, for revert_abandoned()
+  }
+}
+
+std::vector<std::string> revert_abandoned(std::span<const Kind> more) {
+  try {
+    const auto folder = Folder::find();
+    if (!folder) return {};
+    auto [done, left, holder] = revert_all(*folder, more);
+    const auto fresh = folder->not_yet_told(left);
+    done.insert(done.end(), fresh.begin(), fresh.end());
+    return done;
+  } catch (const Error& error) {
+    // Where nothing can be written, it can be remembered only here that this was told.
+    static std::string told;
+    if (told == error.what()) return {};
+    told = error.what();
+    return {told};
+  }
+}
+
+}  // namespace ontime::journal

@@ -1,0 +1,22 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "journal/kinds.hpp"
+
+#include <algorithm>
+
+namespace ontime::journal {
+
+const Kind* find_kind(std::string_view name, std::span<const Kind> more) {
+  for (const auto* kind : {&namespace_kind, &directory_kind})
+    if (name == kind->name) return kind;
+  const auto found =
+      std::find_if(more.begin(), more.end(), [&](const Kind& kind) { return name == kind.name; });
+  return found == more.end() ? nullptr : &*found;
+}
+
+bool is_plain_name(std::string_view name) {
+  const auto plain = [](char c) { return (c >= 'a' && c <= 'z') || (c >= '0' && c <= '9') || c == '-'; };
+  return !name.empty() && name.size() <= 200 && name[0] != '-' &&
+         std::all_of(name.begin(), name.end(), plain);
+}
+
+}  // namespace ontime::journal

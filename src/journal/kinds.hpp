@@ -1,0 +1,26 @@
+// SPDX-License-Identifier: Apache-2.0
+// The kinds of change that are this room's own.
+#pragma once
+
+#include <span>
+#include <string>
+#include <string_view>
+
+#include "journal/journal.hpp"
+
+namespace ontime::journal {
+
+// Its value is its identity, "" for a name with nothing behind it. Written in the thread that lives in the
+// namespace.
+extern const Kind namespace_kind;
+// Its value is its device and inode.
+extern const Kind directory_kind;
+
+// Our own two or one of these; null if there is none of that name.
+const Kind* find_kind(std::string_view name, std::span<const Kind> more);
+
+// Lower case letters, digits and hyphens: one component of a path, so that nothing else can ever be meant.
+bool is_plain_name(std::string_view name);
+std::string namespace_path(const std::string& name);
+
+}  // namespace ontime::journal

@@ -1,0 +1,125 @@
+// SPDX-License-Identifier: Apache-2.0
+// A network namespace as `ip netns` keeps them: a file in /run/netns over which it is mounted. Not made by
+// `ip`: so its identity is in the journal before anybody can see it.
+#include <cerrno>
+#include <exception>
+#include <system_error>
+#include <thread>
+
+#include <fcntl.h>
+#include <fmt/format.h>
+#include <sched.h>
+#include <sys/mount.h>
+#include <sys/stat.h>
+
+#include "journal/folder.hpp"
+#include "journal/kinds.hpp"
+#include "journal/place.hpp"
+
+namespace ontime::journal {
+namespace {
+
+constexpr const char* folder = "/run/netns";
+constexpr const char* own = "/proc/thread-self/ns/net";
+
+Error trouble(const std::string& name, const char* what, int error) {
+  return Error(fmt::format("network namespace {} cannot be {}: {}", name, what,
+                           std::generic_category().message(error)));
+}
+
+bool accepts(const std::string& name) {
+  const std::string_view prefix = own_prefix;
+  return is_plain_name(name) && name.starts_with(prefix) && name.size() > prefix.size();
+}
+
+Value read(const std::string& name) {
+  const Fd fd(open(namespace_path(name).c_str(), O_RDONLY | O_NOFOLLOW | O_NONBLOCK | O_CLOEXEC));
+  if (fd.get() < 0 && errno == ENOENT) return {};
+  if (fd.get() < 0) throw trouble(name, "looked at", errno);
+  auto identity = network_identity(fd.get());
+  struct stat found {};
+  if (!identity.empty() || (fstat(fd.get(), &found) == 0 && S_ISREG(found.st_mode) && found.st_size == 0))
+    return identity;
+  return "no namespace";
+}
+
+// As `ip netns` does it: what is mounted in the folder is seen in all mount namespaces.
+void make_folder(const std::string& name) {
+  if (mkdir(folder, 0755) != 0 && errno != EEXIST) throw trouble(name, "made", errno);
+  if (mount("", folder, "none", MS_SHARED | MS_REC, nullptr) == 0) return;
+  if (errno != EINVAL || mount(folder, folder, "none", MS_BIND | MS_REC, nullptr) != 0 ||
+      mount("", folder, "none", MS_SHARED | MS_REC, nullptr) != 0)
+    throw trouble(name, "made", errno);
+}
+
+void make_name(const std::string& name) {
+  make_folder(name);
+  const Fd fd(open(namespace_path(name).c_str(), O_RDONLY | O_CREAT | O_EXCL | O_NOFOLLOW | O_CLOEXEC, 0));
+  if (fd.get() < 0) throw trouble(name, "made", errno);
+}
+
+// The mount that goes here is that of this mount namespace; those of all others go with the file.
+void unmount(const std::string& name, const Value& present) {
+  while (read(name) == present)
+    if (umount2(namespace_path(name).c_str(), MNT_DETACH | UMOUNT_NOFOLLOW) != 0)
+      throw trouble(name, "removed", errno);
+}
+
+void write(const std::string& name, const Value& value, const Value& present) {
+  const auto path = namespace_path(name);
+  if (!value) {
+    if (read(name) != "") throw trouble(name, "removed", EBUSY);
+    if (unlink(path.c_str()) != 0) throw trouble(name, "removed", errno);
+  } else if (!value->empty()) {
+    if (mount(own, path.c_str(), "none", MS_BIND, nullptr) != 0) throw trouble(name, "made", errno);
+  } else if (!present) {
+    make_name(name);
+  } else {
+    unmount(name, present);
+  }
+}
+
+// In a thread of its own, which takes its place in the new one with it when it ends.
+void make(Journal& journal, const std::string& name) {
+  if (unshare(CLONE_NEWNET) != 0) throw trouble(name, "made", errno);
+  const Fd itself(open(own, O_RDONLY | O_CLOEXEC));
+  journal.change(namespace_kind, name, network_identity(itself.get()));
+}
+
+}  // namespace
+
+const Kind namespace_kind = {.name = "namespace",
+                             .scope = Scope::mount_namespace,
+                             .on_disk = false,
+                             .needs_root = true,
+                             .accepts = accepts,
+                             .read = read,
+                             .write = write};
+
+std::string namespace_path(const std::string& name) { return fmt::format("{}/{}", folder, name); }
+
+void add_namespace(Journal& journal, const std::string& name) {
+  if (!accepts(name))
+    throw Error(
+        fmt::format("\"{}\" is no name for a network namespace of ours: {}NAME is, of lower case letters, "
+                    "digits and hyphens",
+                    name, own_prefix));
+  journal.hold();
+  if (read(name))
+    throw Error(fmt::format(
+        "network namespace {} was asked for, but there is one that ontime did not make: if nobody "
+        "needs it, remove it (sudo ip netns delete {})",
+        name, name));
+  journal.change(namespace_kind, name, "");
+  std::exception_ptr error;
+  std::thread([&] {
+    try {
+      make(journal, name);
+    } catch (...) {
+      error = std::current_exception();
+    }
+  }).join();
+  if (error) std::rethrow_exception(error);
+}
+
+}  // namespace ontime::journal

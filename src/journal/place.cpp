@@ -1,0 +1,62 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "journal/place.hpp"
+
+#include <cstdint>
+#include <fstream>
+#include <thread>
+
+#include <asm/socket.h>
+#include <fcntl.h>
+#include <fmt/format.h>
+#include <linux/nsfs.h>
+#include <sched.h>
+#include <sys/ioctl.h>
+#include <sys/socket.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include "journal/folder.hpp"
+
+namespace ontime::journal {
+namespace {
+
+// Of this thread's network namespace; 0 if the kernel has none.
+std::uint64_t cookie() {
+  std::uint64_t cookie = 0;
+#ifdef SO_NETNS_COOKIE
+  const Fd any(socket(AF_UNIX, SOCK_DGRAM | SOCK_CLOEXEC, 0));
+  socklen_t bytes = sizeof cookie;
+  if (any.get() < 0 || getsockopt(any.get(), SOL_SOCKET, SO_NETNS_COOKIE, &cookie, &bytes) != 0) return 0;
+#endif
+  return cookie;
+}
+
+}  // namespace
+
+std::string boot_id() {
+  std::ifstream file("/proc/sys/kernel/random/boot_id");
+  std::string id;
+  file >> id;
+  return id;
+}
+
+std::string network_identity(int fd) {
+  struct stat found {};
+  if (ioctl(fd, NS_GET_NSTYPE) != CLONE_NEWNET || fstat(fd, &found) != 0) return "";
+  std::uint64_t number = 0;
+  std::thread([&] {
+    if (setns(fd, CLONE_NEWNET) == 0) number = cookie();
+  }).join();
+  return fmt::format("{}:{}:{}", found.st_dev, found.st_ino, number);
+}
+
+std::string place(Scope scope) {
+  if (scope == Scope::machine) return "";
+  const bool network = scope == Scope::network_namespace;
+  const Fd own(open(network ? "/proc/thread-self/ns/net" : "/proc/thread-self/ns/mnt", O_RDONLY | O_CLOEXEC));
+  if (network) return network_identity(own.get());
+  struct stat found {};
+  return fstat(own.get(), &found) == 0 ? fmt::format("{}:{}", found.st_dev, found.st_ino) : "";
+}
+
+}  // namespace ontime::journal

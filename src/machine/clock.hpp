@@ -1,0 +1,28 @@
+// SPDX-License-Identifier: Apache-2.0
+// This machine's clock: what it is set by, and how far it may be off.
+#pragma once
+
+#include <cstdint>
+#include <optional>
+#include <string>
+
+#include <nlohmann/json.hpp>
+
+namespace ontime::machine {
+
+struct Synchronisation {
+  bool synchronised = false;
+  std::optional<std::int64_t> error_ns;
+  std::optional<std::string> reference;  // whose time it is
+};
+
+// Of what `chronyc -c tracking` says. A clock that is its own reference is not synchronised.
+std::optional<Synchronisation> parse_chrony(const std::string& text);
+// Of what `pmc` says to GET CURRENT_DATA_SET and GET PARENT_DATA_SET: of a grandmaster, too, whose own time
+// it is.
+std::optional<Synchronisation> parse_ptp(const std::string& text);
+
+// "clock" of describe().
+nlohmann::json clock_now();
+
+}  // namespace ontime::machine

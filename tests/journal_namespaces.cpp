@@ -1,0 +1,154 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <chrono>
+#include <cstdlib>
+#include <random>
+#include <thread>
+
+#include "journal_fixture.hpp"
+
+namespace ontime::journal {
+namespace {
+
+using test::error_of;
+using test::in_child;
+using test::set;
+using test::start_child;
+using test::status_of;
+using test::Victim;
+using ::testing::AllOf;
+using ::testing::ElementsAre;
+using ::testing::HasSubstr;
+using ::testing::IsEmpty;
+using ::testing::SizeIs;
+using ::testing::StartsWith;
+
+// --- network namespaces
+
+class Namespaces : public Journals {
+ protected:
+  void SetUp() override {
+    if (!test::has_own_run) GTEST_SKIP() << "needs root";
+    if (status_of(start_child([] { _exit(unshare(CLONE_NEWNET) == 0 ? 0 : 1); })) != 0)
+      GTEST_SKIP() << "no network namespace may be made";
+    if (std::system("ip -Version >/dev/null 2>&1") != 0) GTEST_SKIP() << "iproute2 is not installed";
+  }
+  static void ip(const std::string& arguments) {
+    EXPECT_EQ(std::system(("ip " + arguments).c_str()), 0) << arguments;
+  }
+  static bool exists() { return fs::exists(namespace_path(name)); }
+
+  static constexpr const char* name = "ontime-test";
+  const std::string inside_ = std::string("netns exec ") + name + " ";
+};
+
+TEST_F(Namespaces, AreThoseOfIpAndGo) {
+  {
+    Journal journal;
+    add_namespace(journal, name);
+    ip(inside_ + "ip link show lo >/dev/null");
+    EXPECT_EQ(std::system(("test \"$(readlink /proc/self/ns/net)\" != \"$(ip " + inside_ +
+                           "readlink /proc/self/ns/net)\"")
+                              .c_str()),
+              0);
+    EXPECT_THAT(error_of([&] { add_namespace(journal, name); }), HasSubstr("did not make"));
+  }
+  EXPECT_FALSE(exists());
+}
+
+TEST_F(Namespaces, SomebodyElsesIsLeftAlone) {
+  ip(std::string("netns add ") + name);
+  {
+    Journal journal;
+    EXPECT_THAT(error_of([&] { add_namespace(journal, name); }),
+                HasSubstr(std::string("sudo ip netns delete ") + name));
+  }
+  EXPECT_TRUE(exists());
+  ip(std::string("netns delete ") + name);
+}
+
+// The kernel gives a new one the inode of the one before.
+TEST_F(Namespaces, OneThatNowIsSomebodyElsesIsLeftToHim) {
+  Victim victim([](Journal& journal) {
+    add_namespace(journal, name);
+    return *namespace_kind.read(name);
+  });
+  victim.kill_9();
+  ip(std::string("netns delete ") + name);
+  ip(std::string("netns add ") + name);
+  const auto somebodys = namespace_kind.read(name);
+  ASSERT_NE(somebodys, victim.said());
+  EXPECT_THAT(revert_abandoned(), ElementsAre(AllOf(StartsWith("left"), HasSubstr("somebody"))));
+  EXPECT_EQ(namespace_kind.read(name), somebodys);
+  EXPECT_THAT(revert_abandoned(), IsEmpty());
+  ip(std::string("netns delete ") + name);
+}
+
+TEST_F(Namespaces, KilledAtAnyInstantNothingStays) {
+  std::mt19937 random(5);
+  for (int round = 0; round < 40; ++round) {
+    const pid_t child = start_child([&] {
+      for (;;) {
+        Journal journal;
+        add_namespace(journal, name);
+      }
+    });
+    std::this_thread::sleep_for(std::chrono::microseconds(random() % 20000));
+    kill(child, SIGKILL);
+    waitpid(child, nullptr, 0);
+    revert_abandoned();
+    EXPECT_FALSE(exists());
+    EXPECT_TRUE(there_is_no_folder());
+  }
+}
+
+TEST_F(Namespaces, KilledBetweenNameAndNamespaceNothingStays) {
+  Victim victim([](Journal& journal) {
+    journal.change(namespace_kind, name, "");
+    return "named";
+  });
+  victim.kill_9();
+  EXPECT_THAT(revert_abandoned(), SizeIs(1));
+  EXPECT_FALSE(exists());
+}
+
+TEST_F(Namespaces, NotToBeSeenFromHereIsNotGone) {
+  Victim victim([](Journal& journal) {
+    add_namespace(journal, name);
+    return "made";
+  });
+  victim.kill_9();
+  in_child([] {
+    ASSERT_EQ(unshare(CLONE_NEWNS), 0);
+    ASSERT_EQ(mount("none", "/", nullptr, MS_REC | MS_PRIVATE, nullptr), 0);
+    ASSERT_EQ(mount("none", "/run/netns", "tmpfs", 0, nullptr), 0);
+    EXPECT_THAT(revert_abandoned(), ElementsAre(HasSubstr("not to be seen from here")));
+    EXPECT_THAT(revert_abandoned(), IsEmpty());
+  });
+  EXPECT_TRUE(exists());
+  EXPECT_THAT(revert_abandoned(), ElementsAre(StartsWith(std::string("removed namespace ") + name)));
+  EXPECT_FALSE(exists());
+}
+
+// Run by the next test, inside `ip netns exec`.
+TEST(Inside, RevertsWhatAKilledProcessLeft) {
+  if (!test::inside_another()) GTEST_SKIP() << "runs inside `ip netns exec` only";
+  EXPECT_THAT(revert_abandoned(), ElementsAre(StartsWith("removed")));
+}
+
+TEST_F(Namespaces, AreGoneOutsideWhenRevertedFromInside) {
+  Victim victim([](Journal& journal) {
+    add_namespace(journal, name);
+    return "made";
+  });
+  victim.kill_9();
+  const auto self = fs::read_symlink("/proc/self/exe").string();
+  in_child([&] {
+    set(test::inside_variable, "1");
+    ip(inside_ + self + " --gtest_filter=Inside.*");
+  });
+  EXPECT_FALSE(exists());
+  EXPECT_THAT(revert_abandoned(), IsEmpty());
+}
+
+}  // namespace
+}  // namespace ontime::journal

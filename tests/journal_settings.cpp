@@ -1,0 +1,274 @@
+// SPDX-License-Identifier: Apache-2.0
+// What is set on a machine, and whose the machine is meanwhile.
+#include "journal_fixture.hpp"
+
+namespace ontime::journal {
+namespace {
+
+using test::error_of;
+using test::in_child;
+using test::set;
+using test::Victim;
+using ::testing::AllOf;
+using ::testing::ElementsAre;
+using ::testing::HasSubstr;
+using ::testing::IsEmpty;
+using ::testing::SizeIs;
+using ::testing::StartsWith;
+
+// A thing that can be set: what stands in a file. Where it can be seen from and whether a reboot takes it is
+// the kind's; so is what it makes of a value.
+Value read_setting(const std::string& path) {
+  if (!fs::exists(path)) return {};
+  return read_file(path);
+}
+void write_setting(const std::string& path, const Value& value, const Value&) {
+  if (value == "impossible") throw Error("no such value");
+  if (value)
+    write_file(path, *value == "9000" ? "4096" : *value);
+  else
+    fs::remove(path);
+}
+bool is_setting(const std::string& path) { return path.find("/ontime-setting") != path.npos; }
+
+constexpr Kind setting(const char* name, Scope scope, bool on_disk = false, bool needs_root = false) {
+  return {.name = name,
+          .scope = scope,
+          .on_disk = on_disk,
+          .needs_root = needs_root,
+          .accepts = is_setting,
+          .read = read_setting,
+          .write = write_setting};
+}
+const std::vector<Kind> settings = {
+    setting("governor", Scope::machine), setting("qdisc", Scope::network_namespace),
+    setting("file", Scope::machine, true), setting("privilege", Scope::machine, false, true)};
+const Kind& governor = settings[0];
+const Kind& qdisc = settings[1];
+
+class Settings : public Journals {
+ protected:
+  void SetUp() override {
+    fs::create_directory(folder_);
+    write_file(one_, "powersave");
+  }
+  void TearDown() override {
+    fs::remove_all(folder_);
+    Journals::TearDown();
+  }
+
+  const fs::path folder_ = fs::temp_directory_path() / ("ontime-journal-test-" + std::to_string(getpid()));
+  const std::string one_ = folder_ / "ontime-setting-1", two_ = folder_ / "ontime-setting-2";
+};
+
+// --- settings
+
+TEST_F(Settings, ArePutBackInTheirOrder) {
+  {
+    Journal journal(settings);
+    journal.change(governor, one_, "performance");
+    EXPECT_EQ(read_file(one_), "performance");
+    journal.change(governor, one_, "ondemand");
+    journal.change(governor, two_, "made");
+    journal.change(governor, one_, {});
+    EXPECT_FALSE(fs::exists(one_));
+    journal.change(governor, two_, "made");  // is so already
+  }
+  EXPECT_EQ(read_file(one_), "powersave");
+  EXPECT_FALSE(fs::exists(two_));
+}
+
+TEST_F(Settings, AreReadBack) {
+  Journal journal(settings);
+  EXPECT_THAT(error_of([&] { journal.change(governor, one_, "9000"); }),
+              AllOf(HasSubstr("9000"), HasSubstr("4096")));
+  EXPECT_EQ(read_file(one_), "powersave") << "half a success is undone";
+  EXPECT_EQ(error_of([&] { journal.change(governor, one_, "impossible"); }), "no such value");
+  EXPECT_EQ(read_file(one_), "powersave");
+  journal.change(governor, one_, "performance");
+  EXPECT_THAT(parse(read_file(journals().at(0))).entries, SizeIs(1)) << "what was not changed is not there";
+  EXPECT_THAT(journal.revert(), IsEmpty());
+  EXPECT_EQ(read_file(one_), "powersave");
+}
+
+TEST_F(Settings, OfAKilledProcessArePutBack) {
+  Victim victim(
+      [&](Journal& journal) {
+        journal.change(governor, one_, "performance");
+        journal.change(governor, one_, "ondemand");
+        return "changed";
+      },
+      settings);
+  victim.kill_9();
+  EXPECT_THAT(revert_abandoned(settings), ElementsAre(AllOf(HasSubstr(one_ + " back to powersave"),
+                                                            HasSubstr(std::to_string(victim.pid())))));
+  EXPECT_EQ(read_file(one_), "powersave");
+}
+
+TEST_F(Settings, ThatSomebodyChangedSinceAreLeftToHim) {
+  Victim victim(
+      [&](Journal& journal) {
+        journal.change(governor, one_, "performance");
+        journal.change(governor, two_, "made");
+        return "changed";
+      },
+      settings);
+  victim.kill_9();
+  write_file(one_, "ondemand");
+  EXPECT_THAT(revert_abandoned(settings),
+              ElementsAre(StartsWith("removed"), AllOf(StartsWith("left"), HasSubstr(one_))));
+  EXPECT_EQ(read_file(one_), "ondemand");
+}
+
+TEST_F(Settings, OfAnotherNetworkNamespaceAreKept) {
+  const auto change = [&](Journal& journal) {
+    journal.change(governor, two_, "made");
+    journal.change(qdisc, one_, "fq");
+    return "changed";
+  };
+  Victim victim(change, settings);
+  ASSERT_EQ(victim.said(), "changed");
+  victim.kill_9();
+  in_child([&] {
+    if (unshare(CLONE_NEWNET) != 0) GTEST_SKIP() << "no network namespace may be made";
+    EXPECT_THAT(revert_abandoned(settings),
+                ElementsAre(StartsWith("removed"), HasSubstr("not to be seen from here")));
+    EXPECT_THAT(revert_abandoned(settings), IsEmpty()) << "one is done, the other was told";
+    EXPECT_FALSE(fs::exists(two_));
+    EXPECT_EQ(read_file(one_), "fq");
+    write_file(two_, "made");  // by somebody else
+  });
+  EXPECT_THAT(revert_abandoned(settings), ::testing::Contains(HasSubstr(one_ + " back to powersave")));
+  EXPECT_EQ(read_file(one_), "powersave");
+}
+
+TEST_F(Settings, WhatARebootTookIsNotUndone) {
+  const auto path = (folder_ / "ontime-journal-test-0123456789abcdef").string();
+  fs::create_directory(path);
+  plant(text_of_all({"an earlier boot", 7, "ontime"},
+                    {{"governor", "", one_, "performance", "powersave"},
+                     {"qdisc", "gone", one_, "fq", "powersave"},
+                     {"file", "", two_, {}, "made"},
+                     {"directory", "gone", path, {}, directory_kind.read(path)}}));
+  write_file(two_, "made");
+  EXPECT_THAT(revert_abandoned(settings), ElementsAre(HasSubstr("directory"), HasSubstr(two_)));
+  EXPECT_EQ(read_file(one_), "powersave") << "it is so by itself";
+  EXPECT_FALSE(fs::exists(two_) || fs::exists(path));
+}
+
+TEST_F(Settings, AreTakenBackFromTheLatestJournalOn) {
+  const Header dead{boot_id(), 7, "ontime"};
+  plant(text_of_all(dead, {{"governor", "", one_, "powersave", "ondemand"}}),
+        "0000000000000001-f0000000.journal");
+  plant(text_of_all(dead, {{"governor", "", one_, "ondemand", "performance"}}),
+        "0000000000000002-00000000.journal");
+  write_file(one_, "performance");
+  EXPECT_THAT(revert_abandoned(settings), SizeIs(2));
+  EXPECT_EQ(read_file(one_), "powersave");
+}
+
+TEST_F(Settings, OfAJournalFoundAtTheFirstChangeAreTakenBackBefore) {
+  plant(text_of_all({boot_id(), 7, "ontime"}, {{"governor", "", one_, "powersave", "performance"}}));
+  write_file(one_, "performance");
+  {
+    Journal journal(settings);
+    journal.change(governor, one_, "ondemand");
+    EXPECT_THAT(revert_abandoned(settings), IsEmpty());
+  }
+  EXPECT_EQ(read_file(one_), "powersave");
+}
+
+TEST_F(Settings, ThatNeedRootAreNotForAnotherWhateverItsCapabilities) {
+  if (geteuid() != 0) GTEST_SKIP() << "needs root";
+  in_child([&] {
+    fs::permissions(folder_, fs::perms::all);
+    fs::permissions(one_, fs::perms::all);
+    const auto own = folder_ / "run";
+    fs::create_directory(own);
+    ASSERT_EQ(chown(own.c_str(), 65534, 65534), 0);
+    test::become_ordinary_user();
+    set("XDG_RUNTIME_DIR", own);
+    Journal journal(settings);
+    EXPECT_THAT(error_of([&] { journal.change(settings[3], one_, "x"); }), HasSubstr("run as root"));
+    const auto path = plant(text_of_all({boot_id(), 7, ""}, {{"privilege", "", one_, "mine", "powersave"}}));
+    EXPECT_THAT(revert_abandoned(settings), ElementsAre(HasSubstr("this user")));
+    EXPECT_EQ(read_file(one_), "powersave");
+    unplant(path);
+  });
+}
+
+TEST_F(Settings, OfAKindThatWasNotNamedAreAMistake) {
+  Journal journal;
+  EXPECT_THROW(journal.change(governor, one_, "performance"), std::logic_error);
+}
+
+// --- whose the machine is
+
+TEST_F(Settings, OneChangesTheMachineAtATime) {
+  Victim holder([](Journal& journal) { return make_folder(journal); });
+  Journal second(settings);
+  const auto refused = error_of([&] { second.change(governor, one_, "performance"); });
+  EXPECT_THAT(refused, AllOf(HasSubstr(std::to_string(holder.pid())), HasSubstr("journal_test"),
+                             HasSubstr("wait until")));
+  EXPECT_EQ(read_file(one_), "powersave");
+  EXPECT_THAT(second.revert(), IsEmpty());
+  EXPECT_TRUE(fs::exists(holder.said()));
+  holder.kill_9();
+  second.hold();
+  EXPECT_FALSE(fs::exists(holder.said())) << "what a dead one left is cleared on the way";
+  second.change(governor, one_, "performance");
+  EXPECT_THAT(error_of([] { Journal().hold(); }), HasSubstr(std::to_string(getpid())));
+}
+
+TEST_F(Journals, OfThoseThatChangeNothingNobodyTakesNotice) {
+  Journal one, two;
+  EXPECT_TRUE(there_is_no_folder());
+  make_folder(one);
+}
+
+class Processes : public Settings {
+ protected:
+  // As in a container: other process ids, and a /proc that shows no others.
+  static void in_pid_namespace(const std::function<void()>& body) {
+    in_child([&] {
+      ASSERT_EQ(unshare(CLONE_NEWPID | CLONE_NEWNS), 0);
+      in_child([&] {
+        ASSERT_EQ(mount("proc", "/proc", "proc", 0, nullptr), 0);
+        ASSERT_EQ(getpid(), 1);
+        body();
+      });
+    });
+  }
+  void SetUp() override {
+    Settings::SetUp();
+    if (!test::has_own_run) GTEST_SKIP() << "needs root";
+  }
+};
+
+TEST_F(Processes, OfAnotherPidNamespaceAreAliveAllTheSame) {
+  Journal journal;
+  const auto path = make_folder(journal);
+  in_pid_namespace([&] {
+    EXPECT_THAT(revert_abandoned(), IsEmpty());
+    EXPECT_TRUE(fs::exists(path));
+    Journal other;
+    EXPECT_THAT(error_of([&] { other.hold(); }), HasSubstr("is at that already"));
+  });
+  EXPECT_TRUE(fs::exists(path));
+}
+
+TEST_F(Processes, OfAnotherPidNamespaceAreGoneWhenTheyAre) {
+  in_pid_namespace([&] {
+    Victim victim([](Journal& journal) { return make_folder(journal); });
+    EXPECT_THAT(revert_abandoned(), IsEmpty());
+    victim.kill_9();
+    write_file(folder_ / "said", victim.said());
+  });
+  const auto path = read_file(folder_ / "said");
+  EXPECT_TRUE(fs::exists(path));
+  EXPECT_THAT(revert_abandoned(), ElementsAre(HasSubstr(path))) << "though its mount namespace was another";
+  EXPECT_FALSE(fs::exists(path));
+}
+
+}  // namespace
+}  // namespace ontime::journal
