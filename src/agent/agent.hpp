@@ -5,11 +5,10 @@
 //
 //   order              answer
 //   open  {task}       opened {transport, refusals}
-//   start {wait_ns}    client: matched {}, and after the warm-up, with nothing sent any more, ready {};
-//   server: ready {} begin {}           begun {}: "during the run" is from here on, and nothing of ours reads
-//   /proc until `end` go    {}           client: progress {counters}, peer {readers, writers, at_ns} and
-//   samples {} with their bytes, until
-//                      finished {counters}
+//   start {wait_ns}    ready {}: a client has matched and warmed up, and sends nothing any more
+//   begin {}           begun {}: "during the run" is from here on; nothing of ours reads /proc until `end`
+//   go    {}           a client: progress {counters}, peer {readers, writers, at_ns}, samples {} with their
+//                      bytes, until finished {counters}
 //   stop  {}           none; a client's `finished` comes the sooner
 //   end   {}           ended {threads, refusals, facts, losses, link, shared_memory, answered}
 #pragma once

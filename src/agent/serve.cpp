@@ -85,7 +85,6 @@ class Agent final : public orders::Worker {
                       end_->task().transport, seconds(wait_), seen.empty() ? "" : "; seen: " + seen,
                       end_->task().transport, end_->task().config.domain));
     }
-    events_.tell("matched");
     end_->set_threads();
     end_->client()->start();
     // What the warm-up may take: its own messages' time, and what is left of the wait.

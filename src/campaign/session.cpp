@@ -103,7 +103,7 @@ Session::End Session::open(const std::string& host, const Host& where, const age
 
 std::vector<Session::End*> Session::ends() {
   std::vector<End*> there;
-  for (auto* end : {&controller_, &component_})
+  for (auto* end : {&component_, &controller_})  // who answers is ready before who asks
     if (*end) there.push_back(&**end);
   return there;
 }
@@ -118,11 +118,12 @@ json Session::measure(std::chrono::nanoseconds wait) {
   controller_ = open("controller", hosts.controller, client_task(run_, hosts.controller, served));
   machines_.load(run_);
 
-  for (auto* end : ends()) end->agent->order("start", {{"wait_ns", wait.count()}});
   const auto warm_up = run_.task.client.period * static_cast<std::int64_t>(run_.task.client.warm_up);
-  for (auto* end : ends())
-    coordinator_.await(*end->agent, "ready",
-                       patience + std::chrono::ceil<std::chrono::milliseconds>(2 * wait + warm_up));
+  const auto longest = patience + std::chrono::ceil<std::chrono::milliseconds>(2 * wait + warm_up);
+  for (auto* end : ends()) {
+    end->agent->order("start", {{"wait_ns", wait.count()}});
+    coordinator_.await(*end->agent, "ready", longest);
+  }
   // All accounts are opened while nothing is sent: what opening them costs is nobody's round trip.
   machines_.begin();
   for (auto* end : ends()) {

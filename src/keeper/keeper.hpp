@@ -4,9 +4,9 @@
 // back what it changed however it ends.
 //
 //   order                 answer
-//   open   {}             opened {machine, notes}: what the machine is; what was given back of earlier
-//   ontimes join   {}             joined {controller, component}: two network namespaces, each {place,
-//   interface, address} load   {host, load}   loaded {}: stress-ng for a host of that name, until unload
+//   open   {}             opened {machine, notes}: what it is; what was given back of earlier ontimes
+//   join   {}             joined {controller, component}: two namespaces, each {place, interface, address}
+//   load   {host, load}   loaded {}: stress-ng for a host of that name, until unload
 //   unload {}             unloaded {}
 //   begin  {}             begun {}: "during the run" is from here on
 //   end    {}             ended {conditions, load_running {host: bool}}
