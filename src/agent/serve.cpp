@@ -325,8 +325,9 @@ class Agent {
 
   void warm_up() {
     auto& client = *end_->client();
-    if (client.state() >= roundtrip::Client::State::measuring) {
+    if (client.state() >= roundtrip::Client::State::ready) {
       end_->begin();
+      client.go();
       last_progress_ = last_samples_ = Clock::now();
       answer("measuring");
       stage_ = Stage::measuring;

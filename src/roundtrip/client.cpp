@@ -1,18 +1,23 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <algorithm>
 #include <array>
+#include <limits>
 #include <random>
 #include <thread>
 
 #include <pthread.h>
 #include <unistd.h>
 
-#include "roundtrip/clock.hpp"
+#include "roundtrip/alarm.hpp"
+#include "roundtrip/cycles.hpp"
 #include "roundtrip/ledger.hpp"
 #include "roundtrip/receiver.hpp"
+#include "transport/clock.hpp"
 
 namespace ontime::roundtrip {
 namespace {
+
+using transport::now_ns;
 
 constexpr std::int64_t ms = 1'000'000;
 
@@ -24,9 +29,9 @@ constexpr std::array<ScheduleWord, 3> schedules{{{Schedule::next_free, "next-fre
                                                  {Schedule::fixed, "fixed"},
                                                  {Schedule::back_to_back, "back-to-back"}}};
 
-// A message stays in the ledger until its time-out, and a sender that was kept from running for a while sends
-// all that it missed at once. Samples wait for an ordinary thread, which a loaded machine may hold up for
-// seconds.
+// A message stays in the ledger until its time-out, and then for as long again, should its answer have been
+// held up on its way to the ledger. Samples wait for an ordinary thread, which a loaded machine may hold up
+// for seconds, and which itself is to be seldom on the CPU.
 Ledger::Size size_of(const ClientOptions& options) {
   if (options.schedule == Schedule::back_to_back) return {64, std::size_t{1} << 19};
   const auto period_ns = std::max<std::int64_t>(options.period.count(), 1);
@@ -54,7 +59,8 @@ class Client::Measurement final : public transport::Sink {
  public:
   Measurement(const transport::Plugin& plugin, const transport::Config& config, const ClientOptions& options)
       : options_(options),
-        ledger_(options.deadline.count(), options.timeout.count(), size_of(options)),
+        ledger_(options.deadline.count(), options.timeout.count(), size_of(options),
+                options.schedule == Schedule::fixed ? Ledger::From::due : Ledger::From::sent),
         payload_(options.payload_bytes),
         session_(std::random_device{}() >> 8),
         warm_up_session_((session_ + 1) & 0xffffff),
@@ -65,7 +71,8 @@ class Client::Measurement final : public transport::Sink {
   }
 
   ~Measurement() {
-    for (auto* alarm : {&stop_, &start_, &leave_}) alarm->ring();
+    stop();
+    leave_.ring();
     sender_.join();
   }
 
@@ -91,14 +98,22 @@ class Client::Measurement final : public transport::Sink {
 
   transport::Endpoint& endpoint() { return *endpoint_; }
   void start() { start_.ring(); }
-  void stop() { stop_.ring(); }
+  void go() { go_.ring(); }
+  void stop() {
+    auto not_yet = never_ns;
+    stopped_ns_.compare_exchange_strong(not_yet, now_ns());
+    for (auto* alarm : {&stop_, &start_, &go_}) alarm->ring();
+  }
   State state() const { return state_; }
   std::uint64_t warm_up_answers() const { return warm_up_answers_; }
   Counters counters() const { return ledger_.counters(); }
   std::size_t drain(std::span<Sample> samples) { return ledger_.drain(samples); }
+  std::size_t undrained() const { return ledger_.undrained(); }
+  std::size_t capacity() const { return ledger_.capacity(); }
 
  private:
   static constexpr const char* sender_name = "ontime-send";
+  static constexpr auto never_ns = std::numeric_limits<std::int64_t>::max();
 
   // The sending thread.
   void send() noexcept {
@@ -106,29 +121,16 @@ class Client::Measurement final : public transport::Sink {
     sender_tid_ = gettid();
     sender_tid_.notify_one();
     start_.wait();
+    state_ = State::warming_up;
     warm_up();
-    state_ = State::measuring;
-    switch (options_.schedule) {
-      case Schedule::next_free:
-        send_next_free();
-        break;
-      case Schedule::fixed:
-        send_fixed();
-        break;
-      case Schedule::back_to_back:
-        send_back_to_back();
-        break;
-    }
-    while (!ledger_.idle()) {
-      pause(std::min(options_.timeout.count(), ms));
-      ledger_.settle(now_ns());
-    }
+    state_ = State::ready;
+    go_.wait();
+    if (!stop_.rung()) measure();
     state_ = State::finished;
     leave_.wait();  // until then it is still there to be read: its policy, its faults
   }
 
   void warm_up() noexcept {
-    state_ = State::warming_up;
     const auto pause_ns = std::min(options_.period.count(), 10 * ms);
     for (std::uint64_t index = 0; warm_up_answers() < options_.warm_up && !stop_.rung(); ++index) {
       endpoint_->send(message::sequence_of(warm_up_session_, index), payload_);
@@ -136,68 +138,78 @@ class Client::Measurement final : public transport::Sink {
     }
   }
 
-  void post(std::int64_t intended_ns, std::int64_t due_ns, std::int64_t woke_ns) noexcept {
-    const auto skipped =
-        static_cast<std::uint32_t>((due_ns - intended_ns) / std::max<std::int64_t>(period_ns_, 1));
-    const auto index = ledger_.post({intended_ns, due_ns, woke_ns, now_ns(), skipped});
+  void measure() noexcept {
+    state_ = State::measuring;
+    Rest rest;
+    if (options_.schedule == Schedule::back_to_back) {
+      send_back_to_back();
+    } else {
+      Sender sender{*this};
+      const auto first_ns = now_ns() + period_ns_;
+      rest = walk(sender, first_ns, period_ns_, first_ns + options_.duration.count());
+    }
+    while (!ledger_.idle()) {
+      pause(std::min(options_.timeout.count(), ms));
+      ledger_.settle(now_ns());
+    }
+    ledger_.close(rest);
+  }
+
+  // What walk() asks of a sender.
+  struct Sender {
+    Measurement& self;
+    void sleep_until(std::int64_t due_ns) noexcept { self.stop_.sleep_until(due_ns); }
+    std::int64_t now_ns() const noexcept { return transport::now_ns(); }
+    std::int64_t stopped_ns() const noexcept {
+      return self.stop_.rung() ? self.stopped_ns_.load() : never_ns;
+    }
+    bool may_send(std::int64_t at_ns) noexcept {
+      self.ledger_.settle(at_ns);
+      return (self.options_.schedule == Schedule::fixed || self.ledger_.idle()) && self.ledger_.claim();
+    }
+    void post(const Turn& turn) noexcept { self.post(turn); }
+  };
+
+  void post(const Turn& turn) noexcept {
+    const auto index = ledger_.post(turn, now_ns());
     last_posted_.store(index, std::memory_order_relaxed);
     if (!endpoint_->send(message::sequence_of(session_, index), payload_)) ledger_.refused();
   }
 
-  void send_next_free() noexcept {
-    const auto first_ns = now_ns() + period_ns_;
-    const auto end_ns = first_ns + options_.duration.count();
-    auto intended_ns = first_ns;
-    for (auto due_ns = first_ns; due_ns < end_ns; due_ns += period_ns_) {
-      const auto past = (now_ns() - due_ns) / period_ns_;
-      if (past > 0)
-        due_ns += past * period_ns_;  // cycles that went by while this thread was kept from running
-      if (due_ns >= end_ns) return;
-      stop_.sleep_until(due_ns);
-      const auto woke_ns = now_ns();
-      if (stop_.rung()) return;
-      ledger_.settle(woke_ns);
-      if (!ledger_.idle()) continue;
-      post(intended_ns, due_ns, woke_ns);
-      intended_ns = due_ns + period_ns_;
-    }
-  }
-
-  void send_fixed() noexcept {
-    const auto first_ns = now_ns() + period_ns_;
-    const auto end_ns = first_ns + options_.duration.count();
-    auto intended_ns = first_ns;
-    for (auto due_ns = first_ns; due_ns < end_ns; due_ns += period_ns_) {
-      stop_.sleep_until(due_ns);
-      const auto woke_ns = now_ns();
-      if (stop_.rung()) return;
-      ledger_.settle(woke_ns);
-      if (ledger_.full()) continue;  // only when a long stall and a long time-out meet
-      post(intended_ns, due_ns, woke_ns);
-      intended_ns = due_ns + period_ns_;
-    }
-  }
-
-  // Here the receiving thread sends; this one starts it, and goes on where a message was lost.
+  // Here the receiving thread sends; this one begins, looks for losses, and goes on where it finds one.
   void send_back_to_back() noexcept {
-    if (stop_.rung()) return;
-    back_to_back_end_ns_ = now_ns() + options_.duration.count();
     const auto start_ns = now_ns();
-    post(start_ns, start_ns, start_ns);
+    back_to_back_end_ns_ = start_ns + options_.duration.count();
+    follow(start_ns);
     while (!back_to_back_done_.load(std::memory_order_acquire)) {
       pause(std::min(options_.timeout.count(), 10 * ms));
       const auto at_ns = now_ns();
-      if (ledger_.expire(last_posted_.load(std::memory_order_relaxed), at_ns)) follow(at_ns);
+      if (no_room_.exchange(false, std::memory_order_acquire) ||
+          ledger_.expire(last_posted_.load(std::memory_order_relaxed), at_ns))
+        follow(at_ns);
     }
   }
 
-  // By whoever settled the last message, and so owns the ledger.
+  // By whoever settled the last message, and so owns the ledger. That may come to pass while another thread
+  // is still sending that message, and a transport has one caller of send() at a time: then that thread goes
+  // on. `turns_` is 1 while a thread sends, 2 when it is to go on; more it cannot be, for one message is in
+  // flight.
   void follow(std::int64_t at_ns) noexcept {
+    follows_ns_ = at_ns;
+    if (turns_.fetch_add(1, std::memory_order_acq_rel) != 0) return;
+    do {
+      next(follows_ns_);
+    } while (turns_.fetch_sub(1, std::memory_order_acq_rel) != 1);
+  }
+
+  void next(std::int64_t at_ns) noexcept {
     ledger_.settle(at_ns);
     if (stop_.rung() || at_ns >= back_to_back_end_ns_)
       back_to_back_done_.store(true, std::memory_order_release);
+    else if (ledger_.claim())
+      post({.intended_ns = at_ns, .due_ns = at_ns, .woke_ns = at_ns});
     else
-      post(at_ns, at_ns, at_ns);
+      no_room_.store(true, std::memory_order_release);  // the sending thread will look again
   }
 
   static void pause(std::int64_t ns) noexcept {
@@ -206,16 +218,19 @@ class Client::Measurement final : public transport::Sink {
   }
 
   const ClientOptions options_;
-  const std::int64_t period_ns_ = options_.period.count();
+  const std::int64_t period_ns_ = std::max<std::int64_t>(options_.period.count(), 1);
   Ledger ledger_;
   std::vector<std::byte> payload_;
   const std::uint32_t session_, warm_up_session_;
   std::atomic<State> state_{State::waiting};
   std::atomic<std::uint64_t> warm_up_answers_{0};
   std::atomic<std::uint64_t> last_posted_{0};
-  std::atomic<std::int64_t> back_to_back_end_ns_{0};
-  std::atomic<bool> back_to_back_done_{false};
-  Alarm start_, stop_, leave_;
+  std::atomic<std::int64_t> stopped_ns_{never_ns};
+  Alarm start_, go_, stop_, leave_;
+  // Of back-to-back. Those that are not atomic are the ledger's owner's.
+  std::int64_t back_to_back_end_ns_ = 0, follows_ns_ = 0;
+  std::atomic<unsigned> turns_{0};
+  std::atomic<bool> no_room_{false}, back_to_back_done_{false};
   std::atomic<pid_t> sender_tid_{0};
   // Last, for they use all of the above from their first moment, and are gone before it.
   std::unique_ptr<transport::Endpoint> endpoint_;
@@ -229,10 +244,13 @@ Client::~Client() = default;
 transport::Endpoint& Client::endpoint() { return measurement_->endpoint(); }
 std::vector<Thread> Client::threads() { return measurement_->threads(); }
 void Client::start() { measurement_->start(); }
+void Client::go() { measurement_->go(); }
 void Client::stop() { measurement_->stop(); }
 Client::State Client::state() const { return measurement_->state(); }
 std::uint64_t Client::warm_up_answers() const { return measurement_->warm_up_answers(); }
 Counters Client::counters() const { return measurement_->counters(); }
 std::size_t Client::drain(std::span<Sample> samples) { return measurement_->drain(samples); }
+std::size_t Client::undrained() const { return measurement_->undrained(); }
+std::size_t Client::capacity() const { return measurement_->capacity(); }
 
 }  // namespace ontime::roundtrip

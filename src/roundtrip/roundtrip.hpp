@@ -6,7 +6,7 @@
 // delivers arrivals) allocates nothing, locks nothing, prints nothing and throws nothing.
 #pragma once
 
-#include <atomic>
+#include <array>
 #include <chrono>
 #include <cstdint>
 #include <memory>
@@ -20,9 +20,11 @@
 
 namespace ontime::roundtrip {
 
+// With the first two, a cycle that the sending thread slept through is skipped: a message says what is so
+// now, and all that was missed is not sent afterwards in a burst.
 enum class Schedule {
   next_free,     // the paper's: an answer later than its period moves the next message to the next free cycle
-  fixed,         // open loop: a message each period whatever happens, several in flight
+  fixed,         // open loop: a message each period whatever the answers do, several in flight
   back_to_back,  // the next message upon the answer to the last, or its loss
 };
 const char* word_of(Schedule);  // "next-free", "fixed", "back-to-back"
@@ -31,8 +33,10 @@ std::optional<Schedule> schedule_of(const std::string& word);
 struct ClientOptions {
   Schedule schedule = Schedule::next_free;
   std::chrono::nanoseconds period{std::chrono::milliseconds(10)};
-  std::chrono::nanoseconds deadline{std::chrono::milliseconds(10)};  // a longer round trip is late
-  std::chrono::nanoseconds timeout{std::chrono::milliseconds(500)};  // a longer one, or none, is lost
+  // A longer round trip (T2 - T1, the paper's) is late. With `fixed` it counts from when the message was due,
+  // so that a sender's own delay is not hidden.
+  std::chrono::nanoseconds deadline{std::chrono::milliseconds(10)};
+  std::chrono::nanoseconds timeout{std::chrono::milliseconds(500)};  // a longer round trip, or none, is lost
   std::chrono::nanoseconds duration{std::chrono::seconds(10)};       // of sending, warm-up not counted
   std::size_t payload_bytes = 500;
   std::uint64_t warm_up = 10;  // answers to wait for before the first counted message
@@ -41,17 +45,38 @@ struct ClientOptions {
 // At all times sent = on_time + late + lost + in flight; in flight is 0 when the client has finished.
 struct Counters {
   std::uint64_t sent = 0, on_time = 0, late = 0, lost = 0;
-  std::uint64_t duplicates = 0;       // further answers to a message already answered
-  std::uint64_t strays = 0;           // answers to somebody else's messages, or to one given up as lost
-  std::uint64_t reordered = 0;        // answers that came after the answer to a later message
-  std::uint64_t skipped_cycles = 0;   // cycles without a message; with `sent` the cycles of the duration
+  std::uint64_t duplicates = 0;  // further answers to a message already answered
+  std::uint64_t strays = 0;      // answers to somebody else's messages, or after the time-out
+  std::uint64_t reordered = 0;   // answers that came after the answer to a later message
+  // Cycles without a message. With `sent` the cycles of the duration, or those due before stop(); what the
+  // sending thread has found out so far, while it runs.
+  std::uint64_t skipped_cycles = 0;
   std::uint64_t refused_sends = 0;    // messages that the transport did not take; each is lost, too
   std::uint64_t dropped_records = 0;  // samples that nobody drained in time
-  // Of the skipped cycles those after the last message, which no sample tells of: the first was due then, and
-  // until then (the last answer, its time-out, or the sender's own return) none could be sent.
+  // Of the skipped cycles those after the last message, which no sample tells of, and when the first was due.
   std::uint64_t trailing_cycles = 0;
-  std::int64_t trailing_due_ns = 0, trailing_until_ns = 0;
+  std::int64_t trailing_due_ns = 0;
+  // Until then none of these could be sent: the last answer, its time-out, or the sender's own return. Set at
+  // the end, also where there are none: cycles skipped before a last message that was lost waited as long.
+  std::int64_t trailing_until_ns = 0;
 };
+
+// The counters that are numbers of something, by the names that they have in JSON and in results.
+struct CounterName {
+  const char* name;
+  std::uint64_t Counters::*member;
+};
+inline constexpr std::array<CounterName, 11> counter_names{{{"sent", &Counters::sent},
+                                                            {"on_time", &Counters::on_time},
+                                                            {"late", &Counters::late},
+                                                            {"lost", &Counters::lost},
+                                                            {"duplicates", &Counters::duplicates},
+                                                            {"strays", &Counters::strays},
+                                                            {"reordered", &Counters::reordered},
+                                                            {"skipped_cycles", &Counters::skipped_cycles},
+                                                            {"refused_sends", &Counters::refused_sends},
+                                                            {"dropped_records", &Counters::dropped_records},
+                                                            {"trailing_cycles", &Counters::trailing_cycles}}};
 
 // A thread of ours or of the middleware; role "send" is the client's sending thread, "receive" the one that
 // delivers.
@@ -73,13 +98,20 @@ class Client {
   // the first counted message is read then. go() measures for the duration, in the sending thread.
   void start();
   void go();
-  void stop();  // send no more; what is in flight is waited for. Any thread.
+  // At any time, from any thread: send no more; what is in flight is waited for, and then it is finished.
+  void stop();
   enum class State { waiting, warming_up, ready, measuring, finished };
   State state() const;
   std::uint64_t warm_up_answers() const;
 
-  Counters counters() const;                     // any thread, while it runs
-  std::size_t drain(std::span<Sample> samples);  // settled samples in order of index; one ordinary thread
+  Counters counters() const;  // any thread, while it runs
+  // One ordinary thread: samples of settled messages in order of index. One that was given up as lost, and of
+  // which then an answer in time was reported after all, comes again, later; the last one is right.
+  std::size_t drain(std::span<Sample> samples);
+  // The same thread: how many wait to be drained, and for how many there is room, which is 10 s or more. Who
+  // drains is on a CPU that may be the measurement's, so: seldom.
+  std::size_t undrained() const;
+  std::size_t capacity() const;
 
  private:
   class Measurement;

@@ -15,9 +15,10 @@ struct Sample {
   std::int64_t intended_ns;  // when it should have been sent: the first cycle it was due in
   std::int64_t due_ns;       // the cycle it was sent in: intended_ns + skipped_cycles × period
   std::int64_t woke_ns;      // when the sending thread ran again (back-to-back: when the last answer came)
-  std::int64_t
-      passed_wake_ns;    // the longest that a wake-up for one of the cycles skipped before it took; 0: none
-  std::int64_t sent_ns;  // just before the transport was called: the paper's T1
+  // Of the cycles skipped before it: how long after such a cycle was due the sending thread at most ran
+  // again, be it that it found the last message unanswered or that it slept through the cycle; 0: none.
+  std::int64_t passed_wake_ns;
+  std::int64_t sent_ns;             // just before the transport was called: the paper's T1
   std::int64_t received_ns;         // when its answer came: the paper's T2; 0 if lost
   std::int64_t server_received_ns;  // the server's clock; 0 if the server did not say
   std::int64_t server_sent_ns;      // the server's clock; 0 if the server did not say

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "message/message.hpp"
-#include "roundtrip/clock.hpp"
 #include "roundtrip/receiver.hpp"
 #include "roundtrip/roundtrip.hpp"
+#include "transport/clock.hpp"
 
 namespace ontime::roundtrip {
 
@@ -17,7 +17,7 @@ class Server::Echo final : public transport::Sink {
   void arrived(std::uint64_t sequence, std::span<std::byte> payload, std::int64_t at_ns) noexcept override {
     auto* endpoint = answerer_.load(std::memory_order_acquire);
     if (endpoint == nullptr) return;  // a ping that came while the transport was still opening
-    message::put_server_times(payload, {at_ns, now_ns()});
+    message::put_server_times(payload, {at_ns, transport::now_ns()});
     if (endpoint->send(sequence, payload)) answered_.fetch_add(1, std::memory_order_relaxed);
   }
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The clock that all of a sample's times are read from, and sleeping on it. Real-time safe.
+// Sleeping on the clock that all of a sample's times are read from. Real-time safe.
 #pragma once
 
 #include <atomic>
@@ -10,13 +10,9 @@
 #include <sys/syscall.h>
 #include <unistd.h>
 
-namespace ontime::roundtrip {
+#include "transport/clock.hpp"
 
-inline std::int64_t now_ns() noexcept {
-  timespec now{};
-  clock_gettime(CLOCK_MONOTONIC, &now);
-  return std::int64_t{now.tv_sec} * 1'000'000'000 + now.tv_nsec;
-}
+namespace ontime::roundtrip {
 
 // An absolute sleep that another thread can end for good. It sleeps on a futex rather than in
 // clock_nanosleep, which only a signal could end; both wait on the same kind of kernel timer.
@@ -24,7 +20,7 @@ class Alarm {
  public:
   void sleep_until(std::int64_t at_ns) noexcept {
     const timespec at{at_ns / 1'000'000'000, at_ns % 1'000'000'000};
-    while (rung_.load(std::memory_order_relaxed) == 0 && now_ns() < at_ns)
+    while (rung_.load(std::memory_order_relaxed) == 0 && transport::now_ns() < at_ns)
       futex(FUTEX_WAIT_BITSET_PRIVATE, &at);
   }
   void wait() noexcept {
