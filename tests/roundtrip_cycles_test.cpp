@@ -50,7 +50,7 @@ class World {
   explicit World(const Conditions& conditions)
       : c_(conditions),
         random_(conditions.seed),
-        ledger_(c_.deadline_ns, c_.timeout_ns, {64, 4096},
+        ledger_(c_.deadline_ns, c_.timeout_ns, {64, 512},
                 c_.schedule == Schedule::fixed ? Ledger::From::due : Ledger::From::sent) {}
 
   Run run() {
@@ -217,7 +217,7 @@ INSTANTIATE_TEST_SUITE_P(, EitherSchedule, testing::Values(Schedule::next_free, 
                          });
 
 TEST_P(EitherSchedule, AccountsForEveryCycleWhateverHappens) {
-  for (unsigned seed = 0; seed < 4000; ++seed) {
+  for (unsigned seed = 0; seed < 2000; ++seed) {
     SCOPED_TRACE(seed);
     auto c = random_conditions(seed, GetParam());
     expect_law(World(c).run(), c);
@@ -228,7 +228,7 @@ TEST_P(EitherSchedule, AccountsForEveryCycleWhateverHappens) {
 // A stall of s at period p and deadline d cannot be hidden: (s - d)/p - 1 cycles, or more, waited beyond the
 // deadline. What was lost waits without end.
 TEST_P(EitherSchedule, ShowsAStallInAllTheCyclesThatItTook) {
-  for (unsigned seed = 0; seed < 4000; ++seed) {
+  for (unsigned seed = 0; seed < 2000; ++seed) {
     SCOPED_TRACE(seed);
     std::mt19937 random(seed);
     Conditions c;

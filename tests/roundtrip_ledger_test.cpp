@@ -186,7 +186,7 @@ TEST(Ledger, AddsUpWhateverArrives) {
   for (unsigned seed = 0; seed < 200; ++seed) {
     SCOPED_TRACE(seed);
     std::mt19937 random(seed);
-    Ledger ledger(10 * ms, 50 * ms, {256, 100'000});
+    Ledger ledger(10 * ms, 50 * ms, {256, 1000});
     struct Report {
       std::int64_t seen_ns, at_ns;
       std::uint64_t index;
