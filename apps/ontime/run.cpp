@@ -68,6 +68,10 @@ int run(const Arguments& arguments, const nlohmann::json& command_line) {
 void add_run(CLI::App& app, Action& action) {
   auto* command =
       app.add_subcommand("run", "Carries out scenarios: hosts, settings, load, round trips, and the table");
+  command->footer(
+      "A scenario is code: under hosts it names programs, which run here, and its options may name files. "
+      "Read "
+      "one of somebody else's before you run it.");
   auto arguments = std::make_shared<Arguments>();
   command->add_option("SCENARIO", arguments->scenarios, "scenario files")->required();
   command->add_option("--only", arguments->selection.only, "only these runs")

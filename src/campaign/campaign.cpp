@@ -49,10 +49,10 @@ Hosts prepare(const Scenario& scenario, machine::Journal& journal, Observer& obs
   }
   if (hosts.kind == Hosts::Kind::namespaces) {
     const auto pair = machine::join_namespaces(journal);
-    hosts.controller = {pair.controller.prefix, pair.controller.interface, pair.controller.address};
-    hosts.component = {pair.component.prefix, pair.component.interface, pair.component.address};
+    hosts.controller = {{}, pair.controller.prefix, "", pair.controller.interface, pair.controller.address};
+    hosts.component = {{}, pair.component.prefix, "", pair.component.interface, pair.component.address};
   } else if (hosts.kind == Hosts::Kind::loopback) {
-    hosts.controller = hosts.component = {{}, "lo", "127.0.0.1"};
+    hosts.controller = hosts.component = {{}, {}, "", "lo", "127.0.0.1"};
   }
   return hosts;
 }
@@ -108,9 +108,9 @@ int execute(const Scenario& scenario, record::Writer& writer, Observer& observer
   machine::Journal journal;
   const auto hosts = prepare(scenario, journal, observer);
   int code = 0;
-  for (std::size_t i = 0; i < scenario.runs.size() && code != 130; ++i) {
-    const auto& run = scenario.runs[i];
-    observer.begins(run, i + 1, scenario.runs.size());
+  for (std::size_t i = 0; i < scenario.size() && code != 130; ++i) {
+    const auto run = scenario.at(i);
+    observer.begins(run, i + 1, scenario.size());
     auto record = asked(run);
     record["scenario"] = scenario.text;
     record["scenario_file"] = scenario.file;

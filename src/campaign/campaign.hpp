@@ -23,6 +23,8 @@ using agent::Error;
 std::chrono::nanoseconds duration_of(const std::string& text);
 // "32 KiB" → 32'768. Units: B kB KiB MB MiB GB GiB.
 std::uint64_t bytes_of(const std::string& text);
+// A whole number within these bounds. Throws std::invalid_argument, for people.
+std::int64_t number_of(const std::string& text, std::int64_t least, std::int64_t most);
 
 // One measurement, all conditions stated.
 struct Run {
@@ -37,6 +39,9 @@ struct Run {
   std::string component_transport;  // empty: as the controller's, with its options
   std::map<std::string, std::string> component_options;
 
+  // What was said, of which complete() makes what `task` holds.
+  std::optional<int> domain;  // nothing: what ROS_DOMAIN_ID says, or 0
+  std::string ros_namespace = "/", ping_topic = "ping", pong_topic = "pong";
   bool realtime_refused =
       false;  // "realtime: off" was said: realtime.* settings then only describe, and do nothing
 };
@@ -60,9 +65,11 @@ void set_option(Run&, const std::string& path, const std::string& value);
 // What only the whole of a run can tell: fills in what follows from other keys. Throws std::invalid_argument.
 void complete(Run&);
 
-// Where the two ends are.
+// Where the two ends are. `reach` and `place` are words put before a command, which run as a program here.
 struct Host {
-  std::vector<std::string> prefix;
+  std::vector<std::string> reach;  // how to reach the machine: {"ssh", "robot"}; nothing: this one
+  std::vector<std::string> place;  // where on it the end lives: {"ip", "netns", "exec", "left"}
+  std::string program;             // ontime on that machine; empty: by this program's own path
   std::string interface;
   std::string address;
 };
@@ -74,15 +81,24 @@ struct Hosts {
 struct Scenario {
   std::string file, text, title;
   Hosts hosts;
-  std::vector<Run> runs;  // in the order in which they are to be carried out
+  std::vector<Run> runs;  // each once, in the order of the file
+  int repeat = 1;
+  bool interleaved =
+      true;  // all runs once, then all again, so that a drift of the machine falls on all alike
+
+  // What is to be carried out, one after the other.
+  std::size_t size() const noexcept { return runs.size() * static_cast<std::size_t>(repeat); }
+  Run at(std::size_t number) const;
 };
 struct Selection {
   std::vector<std::string> only;        // ids; empty: all
   std::vector<std::string> transports;  // instead of those that the file states
   std::optional<std::chrono::nanoseconds> duration;
 };
-// Throws Error{2} with file, line and column.
+// Throws Error{2} with file, line and column. What is too much to be read or carried out is refused as well.
 Scenario read_scenario(const std::string& file, const Selection&);
+// The same of a text, which is said to be from that file.
+Scenario parse_scenario(const std::string& file, const std::string& text, const Selection&);
 
 // Told of what happens while it happens.
 class Observer {

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // What can be said of a run: one table, from which scenario files, flags and --help are made.
-#include <charconv>
+#include <cstdlib>
 #include <limits>
 #include <stdexcept>
 #include <string_view>
@@ -17,27 +17,103 @@ using realtime::Policy;
 using realtime::ThreadSettings;
 using Text = const std::string&;
 
-constexpr int paper_priority = 80;       // of what a message passes through
-constexpr int background_priority = 70;  // of a middleware's other threads
+using namespace std::chrono_literals;
+
+constexpr int paper_priority = 80;             // of what a message passes through
+constexpr int background_priority = 70;        // of a middleware's other threads
+constexpr std::int64_t max_domain = 232;       // the last one whose ports exist
+constexpr std::size_t max_topic_length = 247;  // RMW_TOPIC_MAX_NAME_LENGTH
+constexpr auto max_duration = 1000h;           // whose messages can be numbered at the least period
+constexpr std::uint64_t max_payload_bytes = std::uint64_t{1} << 30U;
 const std::vector<std::string> message_roles{"send", "receive", "delivery"};
 const std::vector<std::string> background_roles{"discovery", "timer", "other"};
 
-std::int64_t number(Text text, std::int64_t least, std::int64_t most) {
-  std::int64_t value = 0;
-  const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
-  if (error != std::errc{} || end != text.data() + text.size() || value < least || value > most)
-    throw std::invalid_argument(
-        most == std::numeric_limits<std::int64_t>::max()
-            ? fmt::format("'{}' is not a whole number of {} or more", text, least)
-            : fmt::format("'{}' is not a whole number from {} to {}", text, least, most));
-  return value;
-}
-
-std::chrono::nanoseconds positive_duration(Text text) {
+std::chrono::nanoseconds positive_duration(Text text, std::chrono::hours most) {
   const auto duration = duration_of(text);
   if (duration.count() <= 0)
     throw std::invalid_argument(fmt::format("'{}' is not longer than nothing", text));
+  if (duration > most)
+    throw std::invalid_argument(fmt::format("'{}' is too long: at most {} h", text, most.count()));
   return duration;
+}
+
+// What idle states are limited by: a whole number of microseconds, as the kernel takes it.
+std::optional<std::chrono::microseconds> cpu_latency_of(Text text) {
+  if (text == "any") return {};
+  const auto latency = duration_of(text);
+  const auto whole = std::chrono::duration_cast<std::chrono::microseconds>(latency);
+  if (whole.count() < 0 || whole.count() > std::numeric_limits<std::int32_t>::max() || whole != latency)
+    throw std::invalid_argument(
+        fmt::format("'{}' is not a whole number of microseconds from 0 to 2147483647", text));
+  return whole;
+}
+
+// Of a stress-ng worker, for which none would mean stress-ng's own choice.
+std::uint64_t size_of(Text text) {
+  const auto bytes = bytes_of(text);
+  if (bytes == 0) throw std::invalid_argument(fmt::format("'{}' is no size", text));
+  return bytes;
+}
+
+std::size_t payload_of(Text text) {
+  const auto bytes = bytes_of(text);
+  if (bytes > max_payload_bytes)
+    throw std::invalid_argument(fmt::format("'{}' is too large: at most 1 GiB", text));
+  return bytes;
+}
+
+// As rmw validates a topic's whole name, and a namespace: parts between slashes, each like a variable's name.
+bool is_ros_name(std::string_view name) {
+  const auto is_letter = [](char c) { return (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || c == '_'; };
+  const auto is_digit = [](char c) { return c >= '0' && c <= '9'; };
+  if (name.starts_with('/')) name.remove_prefix(1);
+  char before = '/';
+  for (const char c : name) {
+    const bool begins_part = before == '/';
+    if (!is_letter(c) && (begins_part || !(is_digit(c) || c == '/'))) return false;
+    before = c;
+  }
+  return before != '/';
+}
+
+std::string ros_name_of(Text text) {
+  if (!is_ros_name(text))
+    throw std::invalid_argument(fmt::format(
+        "'{}' is no name of ROS 2: parts of letters, digits and _ that begin with no digit, with / between",
+        text));
+  return text;
+}
+
+std::string whole_topic(const Run& run, Text name) {
+  if (name.starts_with('/')) return name;
+  return fmt::format("{}{}/{}", run.ros_namespace.starts_with('/') ? "" : "/",
+                     run.ros_namespace == "/" ? "" : run.ros_namespace, name);
+}
+
+void complete_topics(Run& run) {
+  auto& config = run.task.config;
+  config.ping_topic = whole_topic(run, run.ping_topic);
+  config.pong_topic = whole_topic(run, run.pong_topic);
+  for (const auto& topic : {config.ping_topic, config.pong_topic})
+    if (topic.size() > max_topic_length)
+      throw std::invalid_argument(
+          fmt::format("the topic {} is longer than {} characters, which ROS 2 takes no more of", topic,
+                      max_topic_length));
+  if (config.ping_topic == config.pong_topic)
+    throw std::invalid_argument(
+        fmt::format("topics.ping and topics.pong are both {}: name two", config.ping_topic));
+}
+
+// Every user of ROS 2 says the domain so, of its nodes and of what is to talk to them.
+int domain_of_environment() {
+  const char* const id = std::getenv("ROS_DOMAIN_ID");  // NOLINT(concurrency-mt-unsafe): nobody sets it
+  if (id == nullptr || *id == '\0') return 0;
+  try {
+    return static_cast<int>(number_of(id, 0, max_domain));
+  } catch (const std::invalid_argument& error) {
+    throw std::invalid_argument(
+        fmt::format("ROS_DOMAIN_ID: {}; set it right, unset it, or state the domain", error.what()));
+  }
 }
 
 bool yes_or_no(Text text) {
@@ -90,7 +166,7 @@ void set_policy(ThreadSettings& thread, Text text) {
   if (has_priority && thread.priority == 0) thread.priority = paper_priority;
 }
 void set_priority(ThreadSettings& thread, Text text) {
-  thread.priority = static_cast<int>(number(text, 1, 99));
+  thread.priority = static_cast<int>(number_of(text, 1, 99));
 }
 void set_cpus(ThreadSettings& thread, Text text) {
   thread.cpus = one_of(realtime::cpus_of(text), text, "lists of CPUs such as 1 or 0-1,3");
@@ -115,13 +191,13 @@ void add_load_keys(std::vector<Key>& keys, const std::string& host, background::
   const auto client = Key::For::client;
   const auto add = [&](const std::string& kind, int background::Workers::*workers, const std::string& help) {
     keys.push_back({fmt::format("load.{}.{}", host, kind), "", "N", help, client, [=](Run& run, Text text) {
-                      (run.*load).*workers = static_cast<int>(number(text, 0, 1024));
+                      (run.*load).*workers = static_cast<int>(number_of(text, 0, 1024));
                     }});
   };
   const auto add_bytes = [&](const std::string& kind, std::uint64_t background::Workers::*bytes,
                              const std::string& help) {
     keys.push_back({fmt::format("load.{}.{}", host, kind), "", "SIZE", help, client,
-                    [=](Run& run, Text text) { (run.*load).*bytes = bytes_of(text); }});
+                    [=](Run& run, Text text) { (run.*load).*bytes = size_of(text); }});
   };
   add("cpu", &background::Workers::cpu, "stress-ng workers that compute");
   add("vm", &background::Workers::vm, "stress-ng workers that write to memory");
@@ -147,7 +223,7 @@ std::vector<Key> all_keys() {
       {"payload", "--payload", "SIZE", "bytes beside the sequence number: 500 B; for pong at most: 60 kB",
        both,
        [](Run& run, Text text) {
-         run.task.client.payload_bytes = run.task.config.max_payload_bytes = bytes_of(text);
+         run.task.client.payload_bytes = run.task.config.max_payload_bytes = payload_of(text);
        }},
       {"schedule", "--schedule", "next-free|fixed|back-to-back", "when the next message is sent: next-free",
        client,
@@ -157,7 +233,7 @@ std::vector<Key> all_keys() {
        }},
       {"period", "--period", "TIME", "of sending: 10 ms", client,
        [](Run& run, Text text) {
-         const auto period = positive_duration(text);
+         const auto period = positive_duration(text, 1h);
          if (period < std::chrono::microseconds(10))
            throw std::invalid_argument(
                fmt::format("'{}' is too short: the least period is 10 us; for as fast as "
@@ -166,26 +242,28 @@ std::vector<Key> all_keys() {
          run.task.client.period = period;
        }},
       {"deadline", "--deadline", "TIME", "a longer round trip is late: 10 ms", client,
-       [](Run& run, Text text) { run.task.client.deadline = positive_duration(text); }},
+       [](Run& run, Text text) { run.task.client.deadline = positive_duration(text, 1h); }},
       {"timeout", "--timeout", "TIME", "a message without an answer for longer is lost: 500 ms", client,
-       [](Run& run, Text text) {
-         run.task.client.timeout = positive_duration(text);
-         if (run.task.client.timeout > std::chrono::hours(1))
-           throw std::invalid_argument(fmt::format("'{}' is too long: at most 1 h", text));
-       }},
+       [](Run& run, Text text) { run.task.client.timeout = positive_duration(text, 1h); }},
       {"duration", "--duration", "TIME", "of sending, warm-up not counted: 10 s", client,
-       [](Run& run, Text text) { run.task.client.duration = positive_duration(text); }},
+       [](Run& run, Text text) { run.task.client.duration = positive_duration(text, max_duration); }},
       {"warm-up", "--warm-up", "N", "answers before the first counted message: 10", client,
        [](Run& run, Text text) {
-         run.task.client.warm_up = static_cast<std::uint64_t>(number(text, 1, 1'000'000));
+         run.task.client.warm_up = static_cast<std::uint64_t>(number_of(text, 1, 1'000'000));
        }},
       {"receive", "--receive", "listener|waitset",
        "on the middleware's thread, or on one of ours that waits: listener", both,
        [](Run& run, Text text) {
          run.task.config.receive = one_of(agent::receive_of(text), text, "listener, waitset");
        }},
-      {"domain", "--domain", "0-232", "DDS domain, and for udp port 7900 + domain: 0", both,
-       [](Run& run, Text text) { run.task.config.domain = static_cast<int>(number(text, 0, 232)); }},
+      {"domain", "--domain", "0-232", "DDS domain, and for udp port 7900 + domain: $ROS_DOMAIN_ID, or 0",
+       both, [](Run& run, Text text) { run.domain = static_cast<int>(number_of(text, 0, max_domain)); }},
+      {"namespace", "--namespace", "NAME", "of the topics, as ROS 2 names it, such as /robot: /", both,
+       [](Run& run, Text text) { run.ros_namespace = text == "/" ? text : ros_name_of(text); }},
+      {"topics.ping", "--ping-topic", "NAME", "what the client writes: ping", both,
+       [](Run& run, Text text) { run.ping_topic = ros_name_of(text); }},
+      {"topics.pong", "--pong-topic", "NAME", "what the server answers on: pong", both,
+       [](Run& run, Text text) { run.pong_topic = ros_name_of(text); }},
       {"qos.reliability", "--reliability", "best-effort|reliable", "quality of service: best-effort", both,
        [](Run& run, Text text) {
          run.task.config.qos.reliability = one_of(agent::reliability_of(text), text, "best-effort, reliable");
@@ -195,7 +273,9 @@ std::vector<Key> all_keys() {
          run.task.config.qos.history = one_of(agent::history_of(text), text, "keep-last, keep-all");
        }},
       {"qos.depth", "--depth", "N", "of keep-last: 1", both,
-       [](Run& run, Text text) { run.task.config.qos.depth = static_cast<int>(number(text, 1, 1'000'000)); }},
+       [](Run& run, Text text) {
+         run.task.config.qos.depth = static_cast<int>(number_of(text, 1, 1'000'000));
+       }},
       {"qos.durability", "--durability", "volatile|transient-local", "quality of service: volatile", both,
        [](Run& run, Text text) {
          run.task.config.qos.durability =
@@ -208,11 +288,7 @@ std::vector<Key> all_keys() {
       {"realtime.lock-memory", "--lock-memory", "on|off", "lock and touch all memory", both,
        realtime_setting([](auto& settings, Text text) { settings.lock_memory = yes_or_no(text); })},
       {"realtime.cpu-latency", "--cpu-latency", "TIME|any", "longest exit latency of an idle state", both,
-       realtime_setting([](auto& settings, Text text) {
-         settings.cpu_latency.reset();
-         if (text != "any")
-           settings.cpu_latency = std::chrono::duration_cast<std::chrono::microseconds>(duration_of(text));
-       })},
+       realtime_setting([](auto& settings, Text text) { settings.cpu_latency = cpu_latency_of(text); })},
   };
   add_thread_keys(keys, "realtime", "--", message_roles, "the threads a message passes through");
   for (const auto& roles : {message_roles, background_roles})
@@ -250,6 +326,8 @@ void complete(Run& run) {
   if (run.task.transport.empty()) throw std::invalid_argument("no transport is stated");
   if (run.component_transport.empty() && !run.component_options.empty())
     throw std::invalid_argument("component.options need a component.transport that they are for");
+  run.task.config.domain = run.domain ? *run.domain : domain_of_environment();
+  complete_topics(run);
   if (client.deadline > client.timeout)
     throw std::invalid_argument(
         fmt::format("the deadline ({} us) is longer than the time-out ({} us): nothing could "

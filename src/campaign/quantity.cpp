@@ -12,12 +12,13 @@
 namespace ontime::campaign {
 namespace {
 
-using Units = std::vector<std::pair<std::string, double>>;
+// A long double holds every number of nanoseconds or bytes that the result does.
+using Units = std::vector<std::pair<std::string, long double>>;
 
-double quantity(const std::string& text, const Units& units, const std::string& example) {
+long double quantity(const std::string& text, const Units& units, const std::string& example) {
   std::string names;
   for (const auto& [name, factor] : units) names += (names.empty() ? "" : ", ") + name;
-  double number = 0;
+  long double number = 0;
   const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), number);
   if (error != std::errc{})
     throw std::invalid_argument(fmt::format("'{}' is not a quantity; write it as '{}'", text, example));
@@ -28,8 +29,8 @@ double quantity(const std::string& text, const Units& units, const std::string& 
         fmt::format("'{}' has no unit; write it as '{}' (units: {})", text, example, names));
   for (const auto& [name, factor] : units) {
     if (unit != name) continue;
-    const double value = number * factor;
-    if (!std::isfinite(value) || std::abs(value) > 9e18)
+    const auto value = number * factor;
+    if (!std::isfinite(value) || std::abs(value) > 9e18L)
       throw std::invalid_argument(fmt::format("'{}' is out of range", text));
     return value;
   }
@@ -47,11 +48,19 @@ std::chrono::nanoseconds duration_of(const std::string& text) {
 std::uint64_t bytes_of(const std::string& text) {
   static const Units units{{"B", 1},           {"kB", 1e3}, {"KiB", 1024.0},      {"MB", 1e6},
                            {"MiB", 1048576.0}, {"GB", 1e9}, {"GiB", 1073741824.0}};
-  const double bytes = quantity(text, units, "500 B");
+  const auto bytes = quantity(text, units, "500 B");
   if (bytes < 0) throw std::invalid_argument(fmt::format("'{}' is negative", text));
   if (bytes != std::floor(bytes))
     throw std::invalid_argument(fmt::format("'{}' is not a whole number of bytes", text));
   return static_cast<std::uint64_t>(bytes);
+}
+
+std::int64_t number_of(const std::string& text, std::int64_t least, std::int64_t most) {
+  std::int64_t value = 0;
+  const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
+  if (error != std::errc{} || end != text.data() + text.size() || value < least || value > most)
+    throw std::invalid_argument(fmt::format("'{}' is not a whole number from {} to {}", text, least, most));
+  return value;
 }
 
 }  // namespace ontime::campaign

@@ -1,53 +1,41 @@
 // SPDX-License-Identifier: Apache-2.0
 // A scenario file: keys and their words are the table in keys.cpp; here are the file's shape and its errors.
 #include <algorithm>
-#include <cerrno>
-#include <filesystem>
-#include <fstream>
+#include <iterator>
 #include <set>
-#include <sstream>
-#include <system_error>
+#include <stdexcept>
+#include <string_view>
 
 #include <fmt/format.h>
 #include <fmt/ranges.h>
-#include <yaml-cpp/yaml.h>
+#include <net/if.h>
 
 #include "campaign/campaign.hpp"
+#include "campaign/document.hpp"
 
 namespace ontime::campaign {
 namespace {
+
+constexpr std::size_t most_runs = 100'000;                  // with repetitions
+constexpr std::size_t most_held = std::size_t{128} << 20U;  // bytes of keys and values of all runs together
+constexpr std::size_t held_beside = 16;                     // of each, beside its words
 
 // A run as written, flat: path ("qos.depth") → what stands there.
 using Entries = std::map<std::string, YAML::Node>;
 
 class File {
  public:
-  File(const std::string& path, const Selection& selection) : selection_(selection) {
+  File(const std::string& path, const std::string& text, const Selection& selection) : selection_(selection) {
     scenario_.file = path;
-    std::error_code none;
-    const bool folder = std::filesystem::is_directory(path, none);
-    std::ifstream in(path);
-    if (folder || !in)
-      throw Error(2, fmt::format("scenario {} cannot be read: {}", path,
-                                 std::generic_category().message(folder ? EISDIR : errno)));
-    std::ostringstream text;
-    text << in.rdbuf();
-    scenario_.text = text.str();
+    scenario_.text = text;
   }
 
   Scenario read() {
-    YAML::Node root;
-    try {
-      root = YAML::Load(scenario_.text);
-    } catch (const YAML::Exception& error) {
-      fail(error.mark, error.msg);
-    }
+    const auto root = document_of(scenario_.file, scenario_.text);
     if (!root.IsMap())
       throw Error(2, scenario_.file + ": not a scenario: it has no keys (title, hosts, defaults, runs …)");
     Entries defaults;
-    bool interleaved = true;
-    std::int64_t repeat = 1;
-    YAML::Node runs;
+    std::optional<YAML::Node> runs, repeat;
     once_each(root);
     for (const auto& entry : root) {
       const auto key = entry.first.Scalar();
@@ -57,29 +45,29 @@ class File {
       else if (key == "hosts")
         read_hosts(value);
       else if (key == "defaults")
-        flatten(value, "", defaults);
+        read_defaults(value, defaults);
       else if (key == "order")
-        interleaved = read_order(value);
+        scenario_.interleaved = read_order(value);
       else if (key == "repeat")
-        repeat = read_repeat(value);
+        repeat.emplace(value);
       else if (key == "runs")
-        runs = value;
+        runs.emplace(value);
       else
         fail(
             entry.first,
             fmt::format("unknown key '{}'; a scenario has title, hosts, defaults, order, repeat, runs", key));
     }
-    if (!runs || !runs.IsSequence() || runs.size() == 0)
-      fail(runs ? runs : root, "runs: a list of runs is needed");
-    for (const auto& run : runs) read_run(run, defaults);
+    if (!runs || !runs->IsSequence() || runs->size() == 0)
+      fail(runs.value_or(root), "runs: a list of runs is needed");
+    for (const auto& run : *runs) read_run(run, defaults);
     check_only();
-    scenario_.runs = repeated(interleaved, static_cast<int>(repeat));
+    if (repeat) read_repeat(*repeat);
     return std::move(scenario_);
   }
 
  private:
   [[noreturn]] void fail(const YAML::Mark& mark, const std::string& message) const {
-    throw Error(2, fmt::format("{}:{}:{}: {}", scenario_.file, mark.line + 1, mark.column + 1, message));
+    fail_at(scenario_.file, mark, message);
   }
   [[noreturn]] void fail(const YAML::Node& node, const std::string& message) const {
     fail(node.Mark(), message);
@@ -100,6 +88,12 @@ class File {
     }
   }
 
+  void read_defaults(const YAML::Node& node, Entries& defaults) const {
+    flatten(node, "", defaults);
+    if (const auto id = defaults.find("id"); id != defaults.end())
+      fail(id->second, "id: each run has one of its own, under runs");
+  }
+
   void flatten(const YAML::Node& node, const std::string& prefix, Entries& entries) const {
     if (!node.IsMap())
       fail(node, prefix.empty() ? "keys and values are needed here" : prefix + ": a value is needed here");
@@ -117,9 +111,13 @@ class File {
   }
 
   static const Key* find_key(const std::string& path) {
-    const auto& all = keys();
-    const auto found = std::find_if(all.begin(), all.end(), [&](const Key& key) { return key.path == path; });
-    return found == all.end() ? nullptr : &*found;
+    static const auto by_path = [] {
+      std::map<std::string, const Key*> all;
+      for (const auto& key : keys()) all.emplace(key.path, &key);
+      return all;
+    }();
+    const auto found = by_path.find(path);
+    return found == by_path.end() ? nullptr : found->second;
   }
 
   // The keys that stand beside it, which is where a slip of the pen is found.
@@ -166,24 +164,50 @@ class File {
   }
 
   Host read_host(const YAML::Node& node) const {
-    if (!node.IsMap()) fail(node, "a host has prefix, interface, address");
+    const std::string keys = "a host has reach, place, program, interface, address";
+    if (!node.IsMap()) fail(node, keys);
     once_each(node);
     Host host;
     for (const auto& entry : node) {
       const auto key = entry.first.Scalar();
-      const auto value = scalar(entry.second, key);
-      if (key == "prefix") {
-        std::istringstream words(value);
-        for (std::string word; words >> word;) host.prefix.push_back(word);
-      } else if (key == "interface") {
-        host.interface = value;
-      } else if (key == "address") {
-        host.address = value;
-      } else {
-        fail(entry.first, fmt::format("unknown key '{}'; a host has prefix, interface, address", key));
-      }
+      const auto& value = entry.second;
+      if (key == "reach")
+        host.reach = read_words(value, key);
+      else if (key == "place")
+        host.place = read_words(value, key);
+      else if (key == "program")
+        host.program = scalar(value, key);
+      else if (key == "interface")
+        host.interface = read_interface(value);
+      else if (key == "address")
+        host.address = scalar(value, key);
+      else if (key == "prefix")
+        fail(entry.first,
+             "prefix is no more; say how to reach the machine, such as reach: [ssh, robot], and where on it "
+             "the "
+             "end lives, such as place: [ip, netns, exec, robot]");
+      else
+        fail(entry.first, fmt::format("unknown key '{}'; {}", key, keys));
     }
     return host;
+  }
+
+  // What becomes a command is a list, so that nobody has to guess where a blank divides it.
+  std::vector<std::string> read_words(const YAML::Node& node, const std::string& key) const {
+    if (!node.IsSequence())
+      fail(node, fmt::format("{}: a list of words is needed, such as {}; they run as a program here", key,
+                             key == "reach" ? "[ssh, robot]" : "[ip, netns, exec, robot]"));
+    std::vector<std::string> words;
+    for (const auto& word : node) words.push_back(scalar(word, key));
+    return words;
+  }
+
+  std::string read_interface(const YAML::Node& node) const {
+    const auto name = scalar(node, "interface");
+    if (name.size() >= IFNAMSIZ || name.find_first_of("/: \t\n") != name.npos || name == "." || name == "..")
+      fail(node, fmt::format("interface: '{}' is no name that a network interface can have; see \"ip link\"",
+                             name));
+    return name;
   }
 
   bool read_order(const YAML::Node& node) const {
@@ -193,32 +217,40 @@ class File {
     return word == "interleaved";
   }
 
-  std::int64_t read_repeat(const YAML::Node& node) const {
+  void read_repeat(const YAML::Node& node) {
     try {
-      const auto times = std::stoll(scalar(node, "repeat"));
-      if (times >= 1 && times <= 1'000'000 && std::to_string(times) == node.Scalar()) return times;
-    } catch (const std::exception&) {  // said below
+      scenario_.repeat = static_cast<int>(number_of(scalar(node, "repeat"), 1, most_runs));
+    } catch (const std::invalid_argument& error) {
+      fail(node, fmt::format("repeat: {}", error.what()));
     }
-    fail(node, fmt::format("repeat: '{}' is not a whole number from 1 to 1000000",
-                           node.IsScalar() ? node.Scalar() : ""));
+    if (scenario_.size() > most_runs)
+      fail(node, fmt::format("repeat: {} runs, {} times, are {}; a scenario has at most {}",
+                             scenario_.runs.size(), scenario_.repeat, scenario_.size(), most_runs));
   }
 
   void read_run(const YAML::Node& node, const Entries& defaults) {
-    auto entries = defaults;
     Entries own;
     if (!node.IsMap()) fail(node, "a run is a map of keys: id, transport, period …");
     flatten(node, "", own);
     if (!own.contains("id")) fail(node, "a run needs an id");
     const auto id = scalar(own["id"], "id");
     if (!ids_.insert(id).second) fail(own["id"], fmt::format("there is another run with id '{}'", id));
-    for (const auto& [path, value] : own) {
-      entries.erase(path);  // assigning to a YAML::Node would change what all its holders see
-      entries.emplace(path, value);
-    }
-    entries.erase("id");
-    if (selection_.only.empty() ||
-        std::find(selection_.only.begin(), selection_.only.end(), id) != selection_.only.end())
-      multiply(id, node, entries);
+    own.erase("id");
+    if (!selection_.only.empty() &&
+        std::find(selection_.only.begin(), selection_.only.end(), id) == selection_.only.end())
+      return;
+    hold(id, node, defaults.size() * held_beside);
+    own.insert(defaults.begin(), defaults.end());  // where the run says nothing
+    multiply(id, node, std::move(own));
+  }
+
+  // Lists, and defaults that hold for many runs, could make more of a small file than there is memory for.
+  void hold(const std::string& id, const YAML::Node& node, std::size_t bytes) {
+    held_ += bytes;
+    if (held_ > most_held)
+      fail(node, fmt::format("run '{}': the runs until here hold more than {} MiB of keys and values; make "
+                             "several scenarios of them",
+                             id, most_held >> 20U));
   }
 
   // One choice of a key that has several: a value and where it stands.
@@ -228,6 +260,15 @@ class File {
   };
 
   std::vector<Choice> choices_of(const std::string& path, const YAML::Node& node) const {
+    auto choices = all_choices_of(path, node);
+    std::set<std::string_view> seen;
+    for (const auto& choice : choices)
+      if (!seen.insert(choice.value).second)
+        fail(choice.node, fmt::format("{}: '{}' is there twice", path, choice.value));
+    return choices;
+  }
+
+  std::vector<Choice> all_choices_of(const std::string& path, const YAML::Node& node) const {
     std::vector<Choice> choices;
     if (path == "transport" && !selection_.transports.empty()) {
       for (const auto& transport : selection_.transports) choices.push_back({path, transport, node});
@@ -253,6 +294,18 @@ class File {
         dimensions.push_back(choices_of(entry->first, entry->second));
     for (const auto& [path, value] : entries)
       if (is_option(path)) dimensions.push_back(choices_of(path, value));
+
+    std::size_t combinations = 1, bytes = 0;
+    for (const auto& choices : dimensions) {
+      combinations *= choices.size();
+      if (scenario_.runs.size() + combinations > most_runs)
+        fail(node, fmt::format("run '{}': with every combination of its lists there are more than {} runs",
+                               id, most_runs));
+      std::size_t longest = 0;
+      for (const auto& choice : choices) longest = std::max(longest, choice.value.size());
+      bytes += choices.front().path.size() + longest + held_beside;
+    }
+    hold(id, node, combinations * bytes);
 
     std::vector<std::size_t> at(dimensions.size(), 0);
     while (true) {
@@ -291,31 +344,37 @@ class File {
   void check_only() const {
     for (const auto& id : selection_.only)
       if (!ids_.contains(id))
-        throw Error(2,
-                    fmt::format("{} has no run '{}'; it has: {}", scenario_.file, id, fmt::join(ids_, ", ")));
+        throw Error(2, fmt::format("{} has no run '{}'; it has: {}", scenario_.file, id, some_ids()));
   }
 
-  // Interleaved, a drift of the machine falls on all runs alike.
-  std::vector<Run> repeated(bool interleaved, int times) const {
-    std::vector<Run> all;
-    const auto& once = scenario_.runs;
-    for (int i = 0; i < times * static_cast<int>(once.size()); ++i) {
-      const auto n = static_cast<int>(once.size());
-      all.push_back(once[static_cast<std::size_t>(interleaved ? i % n : i / times)]);
-      all.back().repetition = 1 + (interleaved ? i / n : i % times);
-    }
-    return all;
+  std::string some_ids() const {
+    constexpr std::size_t enough = 20;
+    const auto shown = std::min(ids_.size(), enough);
+    const auto end = std::next(ids_.begin(), static_cast<std::ptrdiff_t>(shown));
+    return fmt::format("{}{}", fmt::join(ids_.begin(), end, ", "), shown < ids_.size() ? " …" : "");
   }
 
   const Selection& selection_;
   Scenario scenario_;
   std::set<std::string> ids_;
+  std::size_t held_ = 0;
 };
 
 }  // namespace
 
+Run Scenario::at(std::size_t number) const {
+  const auto times = static_cast<std::size_t>(repeat);
+  auto run = runs.at(interleaved ? number % runs.size() : number / times);
+  run.repetition = 1 + static_cast<int>(interleaved ? number / runs.size() : number % times);
+  return run;
+}
+
 Scenario read_scenario(const std::string& file, const Selection& selection) {
-  return File(file, selection).read();
+  return parse_scenario(file, text_of(file), selection);
+}
+
+Scenario parse_scenario(const std::string& file, const std::string& text, const Selection& selection) {
+  return File(file, text, selection).read();
 }
 
 }  // namespace ontime::campaign

@@ -13,6 +13,12 @@ using Clock = std::chrono::steady_clock;
 // Longer than anything takes on a machine under full load; only a hang lasts so long.
 constexpr auto patience = 120s;
 
+std::vector<std::string> before_the_program(const Host& host) {
+  auto words = host.reach;
+  words.insert(words.end(), host.place.begin(), host.place.end());
+  return words;
+}
+
 agent::Task client_task(const Run& run, const Host& host, const std::optional<Host>& component) {
   auto task = run.task;
   task.config.role = transport::Role::client;
@@ -70,10 +76,10 @@ void Session::open(End& end, const agent::Task& task, Observer& observer, const 
 json Session::measure(std::chrono::nanoseconds wait, std::int64_t number, record::Writer& writer,
                       Observer& observer, const Interrupts& interrupts) {
   if (component_host_) {
-    component_.emplace(End{"component", agent::Handle(component_host_->prefix), {}, {}});
+    component_.emplace(End{"component", agent::Handle(before_the_program(*component_host_)), {}, {}});
     open(*component_, server_task(run_, *component_host_), observer, interrupts);
   }
-  controller_.emplace(End{"controller", agent::Handle(controller_host_.prefix), {}, {}});
+  controller_.emplace(End{"controller", agent::Handle(before_the_program(controller_host_)), {}, {}});
   open(*controller_, client_task(run_, controller_host_, component_host_), observer, interrupts);
 
   std::vector<End*> loaded;

@@ -1,0 +1,170 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "campaign/document.hpp"
+
+#include <algorithm>
+#include <cerrno>
+#include <filesystem>
+#include <fstream>
+#include <map>
+#include <sstream>
+#include <system_error>
+#include <vector>
+
+#include <boost/locale/utf.hpp>
+#include <fmt/format.h>
+#include <yaml-cpp/eventhandler.h>
+
+#include "campaign/campaign.hpp"
+
+namespace ontime::campaign {
+namespace {
+
+namespace fs = std::filesystem;
+namespace utf = boost::locale::utf;
+
+constexpr std::size_t most_bytes = std::size_t{1} << 20U;
+constexpr std::size_t most_nodes = 100'000;
+constexpr std::size_t most_levels = 32;
+
+bool is_text(utf::code_point c) {
+  const bool control = (c < 0x20 && c != '\t' && c != '\n' && c != '\r') || (c >= 0x7f && c < 0xa0);
+  return utf::is_valid_codepoint(c) && !control;
+}
+
+// Where the first character is that no text has: half of one in UTF-8, or one that moves a terminal.
+std::size_t first_of_no_text(const std::string& text) {
+  for (auto at = text.begin(); at != text.end();) {
+    const auto begin = at;
+    if (!is_text(utf::utf_traits<char>::decode(at, text.end())))
+      return static_cast<std::size_t>(begin - text.begin());
+  }
+  return text.npos;
+}
+
+void check_characters(const std::string& file, const std::string& text) {
+  const auto wrong = first_of_no_text(text);
+  if (wrong == text.npos) return;
+  const auto line_begin = wrong == 0 ? text.npos : text.rfind('\n', wrong - 1);
+  YAML::Mark mark;
+  mark.line =
+      static_cast<int>(std::count(text.begin(), text.begin() + static_cast<std::ptrdiff_t>(wrong), '\n'));
+  mark.column = static_cast<int>(wrong - (line_begin == text.npos ? 0 : line_begin + 1));
+  const auto byte = static_cast<unsigned char>(text[wrong]);
+  fail_at(file, mark,
+          fmt::format("byte 0x{:02x} is {}; a scenario is text in UTF-8", byte,
+                      byte < 0x80 || byte == 0xc2 ? "a control character" : "not UTF-8"));
+}
+
+// Follows what the parser finds, and stops it before there is too much of it.
+class Bounds final : public YAML::EventHandler {
+ public:
+  void OnDocumentStart(const YAML::Mark& mark) override {
+    if (++documents_ > 1) fail(mark, "a second document begins here, and a scenario is one");
+  }
+  void OnDocumentEnd() override {}
+  void OnNull(const YAML::Mark& mark, YAML::anchor_t anchor) override { add(mark, anchor, {1, 1}); }
+  void OnScalar(const YAML::Mark& mark, const std::string&, YAML::anchor_t anchor,
+                const std::string& value) override {
+    if (first_of_no_text(value) != value.npos) fail(mark, "a control character stands in this value");
+    add(mark, anchor, {1, 1});
+  }
+  void OnAlias(const YAML::Mark& mark, YAML::anchor_t anchor) override {
+    const auto whole = whole_.find(anchor);
+    if (whole == whole_.end())
+      fail(mark, "this alias stands within what it stands for, which would never end");
+    add(mark, 0, whole->second);
+  }
+  void OnSequenceStart(const YAML::Mark& mark, const std::string&, YAML::anchor_t anchor,
+                       YAML::EmitterStyle::value) override {
+    begin(mark, anchor);
+  }
+  void OnSequenceEnd() override { end(); }
+  void OnMapStart(const YAML::Mark& mark, const std::string&, YAML::anchor_t anchor,
+                  YAML::EmitterStyle::value) override {
+    begin(mark, anchor);
+  }
+  void OnMapEnd() override { end(); }
+
+ private:
+  // Of a node and all below it, each alias counted as what it stands for.
+  struct Extent {
+    std::size_t nodes, levels;
+  };
+  struct Open {
+    YAML::anchor_t anchor;
+    std::size_t nodes_before;
+    std::size_t levels;
+  };
+
+  [[noreturn]] static void fail(const YAML::Mark& mark, const std::string& message) {
+    throw YAML::ParserException(mark, message);
+  }
+
+  void add(const YAML::Mark& mark, YAML::anchor_t anchor, Extent extent) {
+    nodes_ += extent.nodes;
+    if (nodes_ > most_nodes)
+      fail(mark, fmt::format("more than {} keys and values, aliases counted as what they stand for; make "
+                             "several scenarios of it",
+                             most_nodes));
+    if (open_.size() + extent.levels > most_levels)
+      fail(mark, fmt::format("more than {} levels within one another", most_levels));
+    if (!open_.empty()) open_.back().levels = std::max(open_.back().levels, extent.levels + 1);
+    if (anchor != 0) whole_[anchor] = extent;
+  }
+  void begin(const YAML::Mark& mark, YAML::anchor_t anchor) {
+    const auto before = nodes_;
+    add(mark, 0, {1, 1});
+    open_.push_back({anchor, before, 1});
+  }
+  void end() {
+    const auto closed = open_.back();
+    open_.pop_back();
+    if (!open_.empty()) open_.back().levels = std::max(open_.back().levels, closed.levels + 1);
+    if (closed.anchor != 0) whole_[closed.anchor] = {nodes_ - closed.nodes_before, closed.levels};
+  }
+
+  int documents_ = 0;
+  std::size_t nodes_ = 0;
+  std::vector<Open> open_;
+  std::map<YAML::anchor_t, Extent> whole_;
+};
+
+}  // namespace
+
+void fail_at(const std::string& file, const YAML::Mark& mark, const std::string& message) {
+  throw Error(2, fmt::format("{}:{}:{}: {}", file, mark.line + 1, mark.column + 1, message));
+}
+
+std::string text_of(const std::string& file) {
+  std::error_code none;
+  const bool folder = fs::is_directory(file, none);
+  std::ifstream in(file);
+  if (folder || !in)
+    throw Error(2, fmt::format("scenario {} cannot be read: {}", file,
+                               std::generic_category().message(folder ? EISDIR : errno)));
+  std::string text(most_bytes + 1, '\0');
+  in.read(text.data(), static_cast<std::streamsize>(text.size()));
+  text.resize(static_cast<std::size_t>(in.gcount()));
+  if (text.size() > most_bytes) {
+    const auto size = fs::is_regular_file(file, none) ? fs::file_size(file, none) : text.size();
+    throw Error(2, fmt::format("scenario {} has {} bytes{}; a scenario has at most {}: make several of it",
+                               file, size, fs::is_regular_file(file, none) ? "" : " or more", most_bytes));
+  }
+  return text;
+}
+
+YAML::Node document_of(const std::string& file, const std::string& text) {
+  check_characters(file, text);
+  try {
+    std::istringstream in(text);
+    YAML::Parser parser(in);
+    Bounds bounds;
+    while (parser.HandleNextDocument(bounds)) {  // whatever is left after the first is refused as a second
+    }
+    return YAML::Load(text);
+  } catch (const YAML::Exception& error) {
+    fail_at(file, error.mark, error.msg);
+  }
+}
+
+}  // namespace ontime::campaign

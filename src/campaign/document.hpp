@@ -1,0 +1,21 @@
+// SPDX-License-Identifier: Apache-2.0
+// A YAML file, read within bounds: yaml-cpp itself has none that keep our stack and memory.
+#pragma once
+
+#include <string>
+
+#include <yaml-cpp/yaml.h>
+
+namespace ontime::campaign {
+
+// Throws Error{2}: file, line, column, message.
+[[noreturn]] void fail_at(const std::string& file, const YAML::Mark&, const std::string& message);
+
+// All of a file, if that is not too much.
+std::string text_of(const std::string& file);
+
+// The document that the text is. Its aliases never lead back into themselves; with each standing for a copy
+// of its own, it has no more nodes and levels than a walk through it has time and stack for.
+YAML::Node document_of(const std::string& file, const std::string& text);
+
+}  // namespace ontime::campaign
