@@ -38,18 +38,26 @@ class RoundTrips {
 
   bool done() const { return last_ns_ > (answers_ < warm_up ? give_up_ns_ : end_ns_); }
 
+  // One line of JSON.
   int print() {
     if (counted_ns_.empty()) {
       std::fputs("no pong answered within 10 s\n", stderr);
       return 3;
     }
-    const auto middle = counted_ns_.begin() + static_cast<std::ptrdiff_t>(counted_ns_.size() / 2);
-    std::nth_element(counted_ns_.begin(), middle, counted_ns_.end());
-    std::printf("%.3f\n", static_cast<double>(*middle) / 1000);
+    std::sort(counted_ns_.begin(), counted_ns_.end());
+    std::printf(R"({"answered": %zu, "p50_us": %.3f, "p99_us": %.3f, "p99.9_us": %.3f, "max_us": %.3f})"
+                "\n",
+                counted_ns_.size(), us(500), us(990), us(999), us(1000));
     return 0;
   }
 
  private:
+  // The smallest that so many of a thousand do not exceed.
+  double us(std::size_t thousandths) const {
+    const std::size_t rank = (counted_ns_.size() * thousandths + 999) / 1000;
+    return static_cast<double>(counted_ns_[rank - 1]) / 1000;
+  }
+
   static constexpr int warm_up = 1000;
   std::int64_t duration_ns_, give_up_ns_, end_ns_ = 0, last_ns_ = 0;
   std::int64_t answers_ = 0;

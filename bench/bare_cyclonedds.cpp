@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // A round trip by hand over Cyclone DDS: a listener that takes CDR and writes CDR, on ontime's own type.
 //   bare_cyclonedds pong DOMAIN PAYLOAD [reliable]
-//   bare_cyclonedds ping DOMAIN PAYLOAD SECONDS [reliable]     the median round trip in µs
+//   bare_cyclonedds ping DOMAIN PAYLOAD SECONDS [reliable]     round trips, a line of JSON
 #include <atomic>
 #include <chrono>
 #include <cstddef>
@@ -49,13 +49,12 @@ class End {
     writer_ = opened(dds_create_writer(participant_, topic(written), qos_.get(), nullptr), "writer");
     dds_listener_t* const listener = dds_create_listener(this);
     dds_lset_data_available(listener, [](dds_entity_t reader, void* self) {
-      const auto at_ns = bare::now_ns();
       ddsi_serdata* taken = nullptr;
       dds_sample_info_t info;
       while (dds_takecdr(reader, &taken, 1, &info, DDS_ANY_STATE) == 1) {
         if (info.valid_data)
           if (const auto view = message::decode(cyclonedds::cdr(*taken)))
-            static_cast<End*>(self)->arrived(*view, at_ns);
+            static_cast<End*>(self)->arrived(*view, bare::now_ns());
         ddsi_serdata_unref(taken);
       }
     });

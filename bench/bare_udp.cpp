@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // A round trip by hand over plain sockets: what one writes without ontime, and what ontime's loop is held to.
 //   bare_udp pong PORT BYTES
-//   bare_udp ping PORT BYTES SECONDS     the median round trip in µs, on loopback
+//   bare_udp ping PORT BYTES SECONDS     round trips on loopback, a line of JSON
 #include <cstdint>
 #include <cstdio>
 #include <cstring>
