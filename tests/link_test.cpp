@@ -1,0 +1,73 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "campaign/link.hpp"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+namespace ontime::campaign {
+namespace {
+
+using nlohmann::json;
+using testing::AllOf;
+using testing::HasSubstr;
+
+json host(std::uint64_t sent_bytes, std::uint64_t received_bytes, std::vector<std::string> segments = {},
+          const std::string& boot = "one") {
+  return {{"machine", {{"boot_id", boot}}},
+          {"shared_memory", segments},
+          {"link", {{"interface", "eth1"}, {"sent_bytes", sent_bytes}, {"received_bytes", received_bytes}}}};
+}
+
+// A hundred messages, of which one was lost.
+json outcome(json controller, json component = nullptr) {
+  json outcome{{"sent", 100}, {"on_time", 90}, {"late", 9}, {"refused_sends", 0}, {"hosts", json::object()}};
+  outcome["hosts"]["controller"] = std::move(controller);
+  if (!component.is_null()) outcome["hosts"]["component"] = std::move(component);
+  return outcome;
+}
+
+std::string found(const json& outcome) { return went_elsewhere(outcome, 500).value_or("nothing"); }
+
+TEST(Link, ThatCarriedAllIsTheOne) {
+  EXPECT_EQ(found(outcome(host(60'000, 60'000), host(60'000, 60'000))), "nothing");
+  EXPECT_EQ(found(outcome(host(60'000, 60'000))), "nothing");
+  EXPECT_EQ(found(outcome(host(50'000, 49'500), host(49'500, 49'500))), "nothing")
+      << "what was lost need not have come";
+}
+
+TEST(Link, ThatCarriedTooLittleIsNamed) {
+  EXPECT_THAT(found(outcome(host(49'999, 60'000))),
+              AllOf(HasSubstr("did not go over eth1"),
+                    HasSubstr("the controller sent 100 messages of 500 bytes"), HasSubstr("49999 bytes")));
+  EXPECT_THAT(found(outcome(host(60'000, 0))), HasSubstr("the controller received 99 messages"));
+  EXPECT_THAT(found(outcome(host(60'000, 60'000), host(0, 60'000))),
+              HasSubstr("the component sent 99 messages"));
+  EXPECT_THAT(found(outcome(host(0, 0, {"fastrtps_port7411"}))),
+              HasSubstr("shared memory in use (fastrtps_port7411)"));
+}
+
+TEST(Link, MessagesThatTheTransportRefusedAreNotMissed) {
+  auto refused = outcome(host(45'000, 40'000));
+  refused["refused_sends"] = 10;
+  refused["on_time"] = 80;
+  refused["late"] = 0;
+  EXPECT_EQ(found(refused), "nothing");
+}
+
+// Other traffic on the link may make up for what is missing.
+TEST(Link, SharedMemoryBetweenEndsOfOneMachineIsWrongByItself) {
+  const std::vector<std::string> segments{"fastrtps_port7411"};
+  const auto busy = host(9'000'000, 9'000'000, segments);
+  EXPECT_THAT(found(outcome(busy, busy)), HasSubstr("both ends are on one machine"));
+  EXPECT_EQ(found(outcome(busy, host(9'000'000, 9'000'000))), "nothing");
+  EXPECT_EQ(found(outcome(busy, host(9'000'000, 9'000'000, segments, "another"))), "nothing");
+}
+
+TEST(Link, NobodyAskedForProvesNothing) {
+  auto any = host(0, 0, {"fastrtps_port7411"});
+  any["link"] = nullptr;
+  EXPECT_EQ(found(outcome(any, any)), "nothing");
+}
+
+}  // namespace
+}  // namespace ontime::campaign
