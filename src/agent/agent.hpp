@@ -24,6 +24,7 @@
 
 #include "realtime/realtime.hpp"
 #include "roundtrip/roundtrip.hpp"
+#include "transport/transport.hpp"
 
 namespace ontime::agent {
 
