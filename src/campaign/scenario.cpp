@@ -16,9 +16,9 @@
 namespace ontime::campaign {
 namespace {
 
-constexpr std::size_t most_runs = 100'000;                  // with repetitions
-constexpr std::size_t most_held = std::size_t{128} << 20U;  // bytes of keys and values of all runs together
-constexpr std::size_t held_beside = 16;                     // of each, beside its words
+constexpr std::size_t most_runs = 100'000;                 // with repetitions
+constexpr std::size_t most_held = std::size_t{64} << 20U;  // bytes of keys and values of all runs together
+constexpr std::size_t held_beside = 16;                    // of each, beside its words
 
 // A run as written, flat: path ("qos.depth") → what stands there.
 using Entries = std::map<std::string, YAML::Node>;
@@ -104,20 +104,19 @@ class File {
         flatten(entry.second, path + ".", entries);
         continue;
       }
-      if (find_key(path) == nullptr && !is_option(path) && path != "id")
+      if (!is_key(path) && !is_option(path) && path != "id")
         fail(entry.first, fmt::format("unknown key '{}'{}", path, nearest(path)));
       entries[path] = entry.second;
     }
   }
 
-  static const Key* find_key(const std::string& path) {
-    static const auto by_path = [] {
-      std::map<std::string, const Key*> all;
-      for (const auto& key : keys()) all.emplace(key.path, &key);
+  static bool is_key(const std::string& path) {
+    static const auto paths = [] {
+      std::set<std::string> all;
+      for (const auto& key : keys()) all.insert(key.path);
       return all;
     }();
-    const auto found = by_path.find(path);
-    return found == by_path.end() ? nullptr : found->second;
+    return paths.contains(path);
   }
 
   // The keys that stand beside it, which is where a slip of the pen is found.
@@ -203,7 +202,7 @@ class File {
   }
 
   std::string read_interface(const YAML::Node& node) const {
-    const auto name = scalar(node, "interface");
+    auto name = scalar(node, "interface");
     if (name.size() >= IFNAMSIZ || name.find_first_of("/: \t\n") != name.npos || name == "." || name == "..")
       fail(node, fmt::format("interface: '{}' is no name that a network interface can have; see \"ip link\"",
                              name));
@@ -253,14 +252,29 @@ class File {
                              id, most_held >> 20U));
   }
 
-  // One choice of a key that has several: a value and where it stands.
+  // One choice of a key that has several, and where it stands.
   struct Choice {
-    std::string path, value;
+    std::string value;
     YAML::Node node;
+  };
+  struct Dimension {
+    std::string path;
+    const Key* key;  // nothing: a transport's option
+    std::vector<Choice> choices;
   };
 
   std::vector<Choice> choices_of(const std::string& path, const YAML::Node& node) const {
-    auto choices = all_choices_of(path, node);
+    std::vector<Choice> choices;
+    if (path == "transport" && !selection_.transports.empty()) {
+      for (const auto& transport : selection_.transports) choices.push_back({transport, node});
+    } else if (path == "duration" && selection_.duration) {
+      choices.push_back({fmt::format("{} ns", selection_.duration->count()), node});
+    } else if (node.IsSequence()) {
+      for (const auto& element : node) choices.push_back({scalar(element, path), element});
+      if (choices.empty()) fail(node, path + ": the list is empty");
+    } else {
+      choices.push_back({scalar(node, path), node});
+    }
     std::set<std::string_view> seen;
     for (const auto& choice : choices)
       if (!seen.insert(choice.value).second)
@@ -268,42 +282,26 @@ class File {
     return choices;
   }
 
-  std::vector<Choice> all_choices_of(const std::string& path, const YAML::Node& node) const {
-    std::vector<Choice> choices;
-    if (path == "transport" && !selection_.transports.empty()) {
-      for (const auto& transport : selection_.transports) choices.push_back({path, transport, node});
-    } else if (path == "duration" && selection_.duration) {
-      choices.push_back({path, fmt::format("{} ns", selection_.duration->count()), node});
-    } else if (node.IsSequence()) {
-      for (const auto& element : node) choices.push_back({path, scalar(element, path), element});
-      if (choices.empty()) fail(node, path + ": the list is empty");
-    } else {
-      choices.push_back({path, scalar(node, path), node});
-    }
-    return choices;
-  }
-
   // Lists multiply: every combination of choices is a run.
   void multiply(const std::string& id, const YAML::Node& node, Entries entries) {
     if (!selection_.transports.empty()) entries.try_emplace("transport", node);
     if (selection_.duration) entries.try_emplace("duration", node);
-    std::vector<std::vector<Choice>>
-        dimensions;  // in the order of the table: a preset before what refines it
+    std::vector<Dimension> dimensions;  // in the order of the table: a preset before what refines it
     for (const auto& key : keys())
       if (const auto entry = entries.find(key.path); entry != entries.end())
-        dimensions.push_back(choices_of(entry->first, entry->second));
+        dimensions.push_back({key.path, &key, choices_of(key.path, entry->second)});
     for (const auto& [path, value] : entries)
-      if (is_option(path)) dimensions.push_back(choices_of(path, value));
+      if (is_option(path)) dimensions.push_back({path, nullptr, choices_of(path, value)});
 
     std::size_t combinations = 1, bytes = 0;
-    for (const auto& choices : dimensions) {
+    for (const auto& [path, key, choices] : dimensions) {
       combinations *= choices.size();
       if (scenario_.runs.size() + combinations > most_runs)
         fail(node, fmt::format("run '{}': with every combination of its lists there are more than {} runs",
                                id, most_runs));
       std::size_t longest = 0;
       for (const auto& choice : choices) longest = std::max(longest, choice.value.size());
-      bytes += choices.front().path.size() + longest + held_beside;
+      bytes += path.size() + longest + held_beside;
     }
     hold(id, node, combinations * bytes);
 
@@ -311,27 +309,28 @@ class File {
     while (true) {
       scenario_.runs.push_back(make_run(id, node, dimensions, at));
       std::size_t digit = dimensions.size();
-      while (digit > 0 && ++at[digit - 1] == dimensions[digit - 1].size()) at[--digit] = 0;
+      while (digit > 0 && ++at[digit - 1] == dimensions[digit - 1].choices.size()) at[--digit] = 0;
       if (digit == 0) return;
     }
   }
 
-  Run make_run(const std::string& id, const YAML::Node& node,
-               const std::vector<std::vector<Choice>>& dimensions, const std::vector<std::size_t>& at) const {
+  Run make_run(const std::string& id, const YAML::Node& node, const std::vector<Dimension>& dimensions,
+               const std::vector<std::size_t>& at) const {
     Run run;
     run.id = id;
     for (std::size_t i = 0; i < dimensions.size(); ++i) {
-      const auto& choice = dimensions[i][at[i]];
+      const auto& [path, key, choices] = dimensions[i];
+      const auto& choice = choices[at[i]];
       try {
-        if (is_option(choice.path))
-          set_option(run, choice.path, choice.value);
+        if (key == nullptr)
+          set_option(run, path, choice.value);
         else
-          find_key(choice.path)->set(run, choice.value);
+          key->set(run, choice.value);
       } catch (const std::invalid_argument& error) {
-        fail(choice.node, fmt::format("{}: {}", choice.path, error.what()));
+        fail(choice.node, fmt::format("{}: {}", path, error.what()));
       }
-      if (dimensions[i].size() > 1 && choice.path != "transport")
-        run.variant += fmt::format("{}{} {}", run.variant.empty() ? "" : ", ", choice.path, choice.value);
+      if (choices.size() > 1 && path != "transport")
+        run.variant += fmt::format("{}{} {}", run.variant.empty() ? "" : ", ", path, choice.value);
     }
     try {
       complete(run);
