@@ -185,7 +185,7 @@ void add_thread_keys(std::vector<Key>& keys, const std::string& path, const std:
   keys.push_back(
       {path + ".priority", flag + "priority", "1-99", "priority of " + whose, both, each(set_priority)});
   keys.push_back({path + ".cpus", flag + "cpus", "LIST", "CPU affinity of " + whose, both, each(set_cpus)});
-}
+}  // NOLINT(clang-analyzer-cplusplus.NewDeleteLeaks): it loses sight of what a std::function holds
 
 void add_load_keys(std::vector<Key>& keys, const std::string& host, background::Workers Run::*load) {
   const auto client = Key::For::client;

@@ -202,7 +202,7 @@ class File {
   }
 
   std::string read_interface(const YAML::Node& node) const {
-    const auto name = scalar(node, "interface");
+    auto name = scalar(node, "interface");
     if (name.size() >= IFNAMSIZ || name.find_first_of("/: \t\n") != name.npos || name == "." || name == "..")
       fail(node, fmt::format("interface: '{}' is no name that a network interface can have; see \"ip link\"",
                              name));
