@@ -5,23 +5,20 @@
 
 #include <algorithm>
 #include <chrono>
-#include <condition_variable>
-#include <cstdlib>
+#include <filesystem>
 #include <functional>
-#include <mutex>
-#include <optional>
-#include <random>
-#include <stdexcept>
 #include <string>
 #include <thread>
 #include <vector>
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+#include <linux/filter.h>
+#include <netinet/in.h>
+#include <sys/socket.h>
 #include <unistd.h>
 
-#include "message/message.hpp"
-#include "two_ends/two_ends.hpp"
+#include "ends.hpp"
 
 namespace ontime::transport {
 namespace {
@@ -29,100 +26,8 @@ namespace {
 using namespace std::chrono_literals;
 using testing::AllOf;
 using testing::HasSubstr;
-using Options = std::map<std::string, std::string>;
-
-constexpr std::size_t payload_sizes[] = {0, 1, 500, 32'768};
-
-int domain = 0;
-
-class Isolation : public testing::Environment {
-  void SetUp() override {
-    if (!two_ends::isolate()) domain = 100 + getpid() % 100;  // the best chance to be alone
-  }
-};
-const auto* const isolation = testing::AddGlobalTestEnvironment(new Isolation);
-
-Config config_of(Role role, const Options& options) {
-  Config config;
-  config.role = role;
-  const auto executor = options.find("executor");
-  if (executor != options.end() && executor->second.starts_with("wait")) config.receive = Receive::waitset;
-  config.max_payload_bytes = *std::max_element(std::begin(payload_sizes), std::end(payload_sizes));
-  config.interface = "lo";
-  config.address = "127.0.0.1";
-  config.domain = domain;
-  config.options = options;
-  return config;
-}
-
-void require(bool condition, const std::string& what) {
-  if (!condition) throw std::runtime_error(what);
-}
-
-// What the function throws, as text; of a process of its own.
-std::string in_own_process(const std::function<void()>& run) {
-  return two_ends::Child([&](int, int) { run(); }).result();
-}
-
-class Answers final : public Sink {
- public:
-  void arrived(std::uint64_t sequence, std::span<std::byte> payload, std::int64_t) noexcept override {
-    const std::lock_guard lock(mutex_);
-    sequence_ = sequence;
-    payload_.assign(payload.begin(), payload.end());
-    changed_.notify_one();
-  }
-  std::optional<std::vector<std::byte>> await(std::uint64_t sequence) {
-    std::unique_lock lock(mutex_);
-    if (!changed_.wait_for(lock, 500ms, [&] { return sequence_ == sequence; })) return {};
-    return payload_;
-  }
-
- private:
-  std::mutex mutex_;
-  std::condition_variable changed_;
-  std::uint64_t sequence_ = 0;
-  std::vector<std::byte> payload_;
-};
-
-void exchange(Endpoint& endpoint, Answers& answers) {
-  std::mt19937 random(1);
-  std::uint64_t sequence = message::sequence_of(0xABCDEF, message::max_index - 10);
-  for (const std::size_t bytes : payload_sizes) {
-    std::vector<std::byte> payload(bytes);
-    for (std::byte& byte : payload) byte = static_cast<std::byte>(random());
-    std::optional<std::vector<std::byte>> answer;
-    for (int i = 0; i < 20 && !answer; ++i) {  // best effort may lose some
-      require(endpoint.send(++sequence, payload), "refused " + std::to_string(bytes) + " bytes");
-      answer = answers.await(sequence);
-    }
-    require(answer.has_value(), "no answer to " + std::to_string(bytes) + " bytes");
-    require(*answer == payload, "other bytes came back");
-  }
-}
-
-// The threads that receive where the transport does not by itself.
-class Receiving {
- public:
-  Receiving(Endpoint& endpoint, Receive receive) : endpoint_(endpoint) {
-    if (receive == Receive::waitset)
-      thread_ = std::thread([this] {
-        while (!ends_) endpoint_.receive();
-      });
-  }
-  ~Receiving() {
-    ends_ = true;
-    endpoint_.interrupt();
-    if (thread_.joinable()) thread_.join();
-  }
-  Receiving(const Receiving&) = delete;
-  Receiving& operator=(const Receiving&) = delete;
-
- private:
-  Endpoint& endpoint_;
-  std::atomic<bool> ends_{false};
-  std::thread thread_;
-};
+using testing::Not;
+using testing::StartsWith;
 
 void check_facts(Endpoint& endpoint, const Options& options) {
   const auto facts = endpoint.facts();
@@ -185,55 +90,34 @@ INSTANTIATE_TEST_SUITE_P(Every, Transport, testing::ValuesIn(cases()), [](const 
   return each.param.rmw + "_" + each.param.executor + "_" + each.param.allocator;
 });
 
-std::string error_of(
-    const Config& config, const std::function<void()>& before = [] {}) {
-  return in_own_process([&] {
-    before();
-    Answers answers;
-    two_ends::plugin().open(config, answers);
-  });
-}
-
-void set(const char* name, const char* value) { setenv(name, value, 1); }  // NOLINT(concurrency-mt-unsafe)
-
 TEST(Options, ThatCannotBeAreRefusedWithWhatToDo) {
   const auto error = [](const Options& options) { return error_of(config_of(Role::client, options)); };
-  EXPECT_THAT(error({{"rmw", "rmw_smoke_signals_cpp"}}),
-              AllOf(HasSubstr("rmw_smoke_signals_cpp' is not installed"), HasSubstr("rmw_cyclonedds_cpp"),
-                    HasSubstr("rmw-smoke-signals-cpp")));
-  EXPECT_THAT(error({{"executor", "guillotine"}}), HasSubstr("single, multi, events, waitset, wait"));
-  EXPECT_THAT(error({{"colour", "red"}}), HasSubstr("executor"));
-  EXPECT_THAT(error({{"loaned", "on"}}), HasSubstr("upper bound"));
-  EXPECT_THAT(error({{"node", "not a name"}}), HasSubstr("not a name"));
+  const auto is_wrong = StartsWith("wrong input: ");
+  EXPECT_THAT(error({{"executor", "guillotine"}}),
+              AllOf(is_wrong, HasSubstr("single, multi, events, waitset, wait")));
+  EXPECT_THAT(error({{"allocator", "hope"}}), AllOf(is_wrong, HasSubstr("default, tlsf, pmr")));
+  EXPECT_THAT(error({{"statistics", "maybe"}}), AllOf(is_wrong, HasSubstr("off, on")));
+  EXPECT_THAT(error({{"colour", "red"}}), AllOf(is_wrong, HasSubstr("executor")));
+  EXPECT_THAT(error({{"node", "not a name"}}), AllOf(is_wrong, HasSubstr("not a name")));
+  EXPECT_THAT(error({{"loaned", "on"}, {"allocator", "pmr"}}),
+              AllOf(is_wrong, HasSubstr("allocator default")));
+  EXPECT_THAT(error({{"intra-process", "on"}, {"executor", "wait"}}),
+              AllOf(is_wrong, HasSubstr("--receive listener")));
   Config config = config_of(Role::client, {{"executor", "waitset"}});
   config.receive = Receive::listener;
-  EXPECT_THAT(error_of(config), HasSubstr("--receive waitset"));
+  EXPECT_THAT(error_of(config), AllOf(is_wrong, HasSubstr("--receive waitset")));
+  config = config_of(Role::client, {});
+  config.ping_topic = "ping";
+  EXPECT_THAT(error_of(config), AllOf(is_wrong, HasSubstr("/robot/ping")));
 }
 
-TEST(Environment, ThatContradictsIsSaid) {
-  const Config config = config_of(Role::client, {});
-  EXPECT_THAT(error_of(config, [] { set("RMW_IMPLEMENTATION", "rmw_smoke_signals_cpp"); }),
-              HasSubstr("is not installed"));
-  EXPECT_THAT(error_of(config, [] { set("AMENT_PREFIX_PATH", ""); }), HasSubstr("setup.bash"));
-  Config elsewhere = config;
-  elsewhere.interface = "veth0";
-  elsewhere.address = "10.0.0.1";
-  EXPECT_THAT(error_of(elsewhere, [] { set("ROS_LOCALHOST_ONLY", "1"); }),
-              HasSubstr("unset ROS_LOCALHOST_ONLY"));
-  EXPECT_EQ(error_of(config, [] { set("ROS_LOCALHOST_ONLY", "1"); }), "");
-}
-
-TEST(Rmw, OtherThanTheOneThatLoadedIsRefused) {
-  EXPECT_THAT(
-      in_own_process([] {
-        Answers answers;
-        const auto open = [&](const char* rmw) {
-          two_ends::plugin().open(config_of(Role::client, {{"rmw", rmw}}), answers);
-        };
-        open("rmw_cyclonedds_cpp");
-        open("rmw_fastrtps_cpp");
-      }),
-      AllOf(HasSubstr("rmw_fastrtps_cpp was asked for"), HasSubstr("rmw_cyclonedds_cpp is what loaded")));
+TEST(Options, ThatOnlyAnotherMachineHasAreNoWrongInput) {
+  const auto error = [](const Options& options) { return error_of(config_of(Role::client, options)); };
+  const auto is_wrong = StartsWith("wrong input: ");
+  EXPECT_THAT(error({{"rmw", "rmw_smoke_signals_cpp"}}),
+              AllOf(Not(is_wrong), HasSubstr("rmw_smoke_signals_cpp' is not installed"),
+                    HasSubstr("rmw_cyclonedds_cpp"), HasSubstr("rmw-smoke-signals-cpp")));
+  EXPECT_THAT(error({{"loaned", "on"}}), AllOf(Not(is_wrong), HasSubstr("upper bound")));
 }
 
 TEST(Node, OfTheSameNameIsRefused) {
@@ -271,6 +155,99 @@ TEST(Qos, ThatDoesNotMatchIsSeenByItsPolicy) {
                   seen = endpoint->seen();
                 }
                 require(seen.find("offers best-effort, we ask for reliable") != seen.npos, seen);
+              }),
+              "")
+        << rmw;
+  }
+}
+
+bool eventually(const std::function<bool()>& is_so) {
+  for (int i = 0; i < 2000 && !is_so(); ++i) std::this_thread::sleep_for(5ms);
+  return is_so();
+}
+
+TEST(Matched, TellsWhoComesAndGoes) {
+  for (const std::string rmw : rmws) {
+    const auto serve_as = [&](const std::string& node) {
+      return [&rmw, node](int end, int) {
+        two_ends::serve(config_of(Role::server, {{"rmw", rmw}, {"node", node}}), end);
+      };
+    };
+    two_ends::Child client([&](int, int result) {
+      Answers answers;
+      const auto endpoint = two_ends::plugin().open(config_of(Role::client, {{"rmw", rmw}}), answers);
+      const auto tells = [&](int count) {
+        std::int64_t since = endpoint->matched().changed_ns;
+        const bool told = eventually([&] {
+          const Matched now = endpoint->matched();
+          return now.readers == count && now.writers == count && (count == 0 || now.both());
+        });
+        require(told, "never " + std::to_string(count) + " others");
+        require(endpoint->matched().changed_ns >= since && endpoint->matched().changed_ns > 0,
+                "a wrong time");
+        require(write(result, "!", 1) == 1, "no pipe");
+      };
+      for (const int count : {1, 2, 1, 0}) tells(count);
+    });
+    const auto told = [&] { return client.result(1); };
+    two_ends::Child first(serve_as("first"));
+    ASSERT_EQ(told(), "!") << rmw;
+    two_ends::Child second(serve_as("second"));
+    ASSERT_EQ(told(), "!") << rmw;
+    second.finish();
+    ASSERT_EQ(told(), "!") << rmw;
+    first.finish();
+    ASSERT_EQ(told(), "!") << rmw;
+  }
+}
+
+// Makes the sockets that receive users' data drop datagrams of more than so many bytes.
+void drop_datagrams_above(std::uint32_t bytes, int domain) {
+  sock_filter code[] = {BPF_STMT(BPF_LD | BPF_W | BPF_LEN, 0),
+                        BPF_JUMP(BPF_JMP | BPF_JGT | BPF_K, bytes, 0, 1), BPF_STMT(BPF_RET | BPF_K, 0),
+                        BPF_STMT(BPF_RET | BPF_K, 0xFFFFFFFF)};
+  const sock_fprog program{static_cast<unsigned short>(std::size(code)), code};
+  int found = 0;
+  for (const auto& entry : std::filesystem::directory_iterator("/proc/self/fd")) {
+    sockaddr_in address{};
+    socklen_t length = sizeof address;
+    const int socket = std::stoi(entry.path().filename());
+    if (getsockname(socket, reinterpret_cast<sockaddr*>(&address), &length) != 0) continue;
+    const int offset = ntohs(address.sin_port) - 7400 - 250 * domain;
+    if (address.sin_family != AF_INET || offset < 0 || offset >= 250 || offset % 2 == 0) continue;
+    found += setsockopt(socket, SOL_SOCKET, SO_ATTACH_FILTER, &program, sizeof program) == 0 ? 1 : 0;
+  }
+  require(found > 0, "no socket to filter");
+}
+
+TEST(Losses, OnTheWayAreToldByFastDdsAlone) {
+  for (const std::string rmw : rmws) {
+    const two_ends::Child server([&](int end, int) {
+      two_ends::serve(config_of(Role::server, {{"rmw", rmw}}), end);
+    });
+    EXPECT_EQ(in_own_process([&] {
+                const Config config = config_of(Role::client, {{"rmw", rmw}});
+                Answers answers;
+                const auto endpoint = two_ends::plugin().open(config, answers);
+                require(two_ends::await_match(*endpoint), "no match; seen: " + endpoint->seen());
+                std::uint64_t sequence = 0;
+                const auto answered = [&] {
+                  endpoint->send(++sequence, {});
+                  return answers.await(sequence).has_value();
+                };
+                require(eventually(answered), "no answer");
+                const Losses before = endpoint->losses();
+                require(before.on_the_way.has_value() == rmw.starts_with("rmw_fastrtps"), "tells otherwise");
+                require(!before.overwritten, "tells what nobody told it");
+                if (!before.on_the_way) return;
+                drop_datagrams_above(600, config.domain);
+                for (int i = 0; i < 5; ++i) {
+                  endpoint->send(++sequence, std::vector<std::byte>(700));
+                  std::this_thread::sleep_for(20ms);
+                }
+                require(eventually(answered), "no answer after the losses");
+                const auto lost = *endpoint->losses().on_the_way - *before.on_the_way;
+                require(lost >= 5, std::to_string(lost) + " lost");
               }),
               "")
         << rmw;

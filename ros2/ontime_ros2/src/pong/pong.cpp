@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "pong.hpp"
 
-#include <chrono>
 #include <cstdint>
 #include <memory>
 #include <span>
@@ -11,15 +10,12 @@
 #include <rclcpp_components/register_node_macro.hpp>
 
 #include "message/message.hpp"
+#include "transport/clock.hpp"
 
 namespace ontime_ros2 {
 namespace {
 
-std::int64_t monotonic_ns() {
-  return std::chrono::duration_cast<std::chrono::nanoseconds>(
-             std::chrono::steady_clock::now().time_since_epoch())
-      .count();
-}
+using ontime::transport::now_ns;
 
 template <typename Value>
 Value parameter(rclcpp::Node& node, const char* name, const Value& otherwise, const char* description) {
@@ -70,11 +66,10 @@ Pong::Pong(const rclcpp::NodeOptions& options) : Node("ontime_pong", options) {
 }
 
 void Pong::answer(const RoundTrip& ping) {
-  const std::int64_t received_ns = monotonic_ns();
+  const std::int64_t received_ns = now_ns();
   answer_.seq = ping.seq;
   answer_.data.assign(ping.data.begin(), ping.data.end());
-  ontime::message::put_server_times(std::as_writable_bytes(std::span(answer_.data)),
-                                    {received_ns, monotonic_ns()});
+  ontime::message::put_server_times(std::as_writable_bytes(std::span(answer_.data)), {received_ns, now_ns()});
   publisher_->publish(answer_);
 }
 

@@ -11,6 +11,10 @@ class Pong : public rclcpp::Node {
  public:
   explicit Pong(const rclcpp::NodeOptions& options);
 
+  // As they are after the user's remapping and namespace.
+  const char* ping_topic() const { return subscription_->get_topic_name(); }
+  const char* pong_topic() const { return publisher_->get_topic_name(); }
+
  private:
   using RoundTrip = ontime_msgs::msg::RoundTrip;
 

@@ -16,13 +16,15 @@
 
 #include "allocator.hpp"
 #include "environment.hpp"
+#include "graph.hpp"
+#include "lead.hpp"
 #include "open.hpp"
 #include "others.hpp"
 #include "spinning.hpp"
 #include "statistics.hpp"
 #include "threads.hpp"
+#include "transport/clock.hpp"
 #include "transport/dds.hpp"
-#include "transport/fastdds/threads.hpp"
 #include "waiting.hpp"
 
 namespace ontime::transport::ros2 {
@@ -43,13 +45,8 @@ std::shared_ptr<rclcpp::Context> context_of(int domain) {
   return context;
 }
 
-void check_loaded_rmw(const std::string& asked) {
-  const std::string loaded = rmw_get_implementation_identifier();
-  if (asked.empty() || asked == loaded) return;
-  throw Error("ros2: the RMW " + asked + " was asked for, and " + loaded +
-              " is what loaded; a process keeps its first one, and RMW_IMPLEMENTATION, "
-              "RCL_ASSERT_RMW_ID_MATCHES and the option rmw must agree");
-}
+// "/robot" of "/robot/ping": a node lives where its topics do.
+std::string namespace_of(const std::string& topic) { return topic.substr(0, topic.rfind('/')); }
 
 rclcpp::NodeOptions node_options(const rclcpp::Context::SharedPtr& context, bool intra_process) {
   return rclcpp::NodeOptions()
@@ -94,7 +91,8 @@ class RosEndpoint final : public Endpoint {
   RosEndpoint(const Config& config, const Options& options, Sink& sink);
   ~RosEndpoint() override { spinning_.reset(); }  // first, for it calls all the others
 
-  Matched matched() override;
+  Matched matched() override { return graph_->matched(); }
+  Losses losses() override { return losses_of(options_.rmw, *subscription_); }
   std::string seen() override { return ros2::seen(config_, *node_, *publisher_, *subscription_, matched()); }
   bool send(std::uint64_t sequence, std::span<const std::byte> payload) noexcept override;
   void receive() noexcept override;
@@ -128,6 +126,7 @@ class RosEndpoint final : public Endpoint {
   rclcpp::Node::SharedPtr node_;
   typename Publisher::SharedPtr publisher_;
   typename Subscription::SharedPtr subscription_;
+  std::unique_ptr<Graph> graph_;
   std::unique_ptr<Statistics> statistics_;
   RoundTrip outgoing_;
   RoundTrip incoming_;
@@ -147,21 +146,31 @@ RosEndpoint<Alloc>::RosEndpoint(const Config& config, const Options& options, Si
   open_subscription();
   if (options.statistics && config.role == Role::client)
     statistics_ = std::make_unique<Statistics>(*node_, config.deadline_ns);
+  graph_ = std::make_unique<Graph>(context_, *node_, *publisher_, *subscription_);
   start_receiving();
 }
 
 template <typename Alloc>
 void RosEndpoint<Alloc>::open_node() {
-  const auto settings = middleware_settings(rmw_get_implementation_identifier(), config_);
-  settings_source_ = settings->source;
-  settings_carrier_ = settings->carrier;
-  const Variable localhost_only("ROS_LOCALHOST_ONLY", "0");  // see without_localhost_only()
-  context_ = context_of(config_.domain);
-  const std::vector<pid_t> before = fastdds::tasks();
-  node_ = std::make_shared<rclcpp::Node>(options_.node, options_.name_space,
-                                         node_options(context_, options_.intra_process));
-  for (const pid_t tid : fastdds::tasks())
-    if (std::find(before.begin(), before.end(), tid) == before.end()) created_.push_back(tid);
+  const auto before = dds::tasks();
+  {
+    const auto leading = lead(options_.rmw, config_);
+    settings_source_ = leading->source;
+    settings_carrier_ = leading->carrier;
+    const Variable localhost_only("ROS_LOCALHOST_ONLY", "0");  // see without_localhost_only()
+    context_ = context_of(config_.domain);
+    try {
+      node_ = std::make_shared<rclcpp::Node>(options_.node, namespace_of(config_.ping_topic),
+                                             node_options(context_, options_.intra_process));
+    } catch (const rclcpp::exceptions::NameValidationError& error) {
+      throw WrongInput("ros2: option node: " + std::string(error.what()));
+    } catch (const std::exception& error) {
+      const std::string said = leading->said();
+      throw Error("ros2: no node starts in domain " + std::to_string(config_.domain) + " on " + options_.rmw +
+                  " as configured by " + settings_source_ + ": " + (said.empty() ? error.what() : said));
+    }
+  }
+  for (const auto& task : dds::started_since(before)) created_.push_back(task.tid);
 }
 
 template <typename Alloc>
@@ -169,10 +178,11 @@ void RosEndpoint<Alloc>::open_publisher() {
   rclcpp::PublisherOptionsWithAllocator<Alloc> publisher_options;
   publisher_options.allocator = allocator_;
   publisher_options.use_default_callbacks = false;  // which print
-  publisher_ = node_->create_publisher<RoundTrip>(config_.role == Role::client ? "ping" : "pong",
-                                                  vendor_qos(config_.qos), publisher_options);
+  publisher_ = node_->create_publisher<RoundTrip>(
+      config_.role == Role::client ? config_.ping_topic : config_.pong_topic, vendor_qos(config_.qos),
+      publisher_options);
   if (options_.loaned && !publisher_->can_loan_messages())
-    throw Error("ros2: " + std::string(rmw_get_implementation_identifier()) +
+    throw Error("ros2: " + options_.rmw +
                 " lends no memory for a message without an upper bound, as RoundTrip is; leave the option "
                 "loaned off");
 }
@@ -184,7 +194,7 @@ void RosEndpoint<Alloc>::open_subscription() {
   subscription_options.use_default_callbacks = false;
   using Strategy = rclcpp::message_memory_strategy::MessageMemoryStrategy<RoundTrip, Alloc>;
   subscription_ = node_->create_subscription<RoundTrip>(
-      config_.role == Role::client ? "pong" : "ping", vendor_qos(config_.qos),
+      config_.role == Role::client ? config_.pong_topic : config_.ping_topic, vendor_qos(config_.qos),
       [this](std::shared_ptr<const RoundTrip> message) { on_message(*message); }, subscription_options,
       std::make_shared<Strategy>(allocator_));
 }
@@ -208,15 +218,9 @@ void RosEndpoint<Alloc>::start_receiving() {
 }
 
 template <typename Alloc>
-Matched RosEndpoint<Alloc>::matched() {
-  return {static_cast<int>(publisher_->get_subscription_count()),
-          static_cast<int>(subscription_->get_publisher_count())};
-}
-
-template <typename Alloc>
 bool RosEndpoint<Alloc>::send(std::uint64_t sequence, std::span<const std::byte> payload) noexcept {
   if (payload.size() > config_.max_payload_bytes) return false;
-  if (statistics_) statistics_->sent(sequence, dds::monotonic_ns());
+  if (statistics_) statistics_->sent(sequence, now_ns());
   try {
     publish(sequence, payload);
     return true;
@@ -251,7 +255,7 @@ void RosEndpoint<Alloc>::arrived(RoundTrip& message, std::int64_t arrival_ns) no
 // Not inlined into rclcpp's templates, so that what is allocated here is seen to be ours (see allocations/).
 template <typename Alloc>
 [[gnu::noinline]] void RosEndpoint<Alloc>::on_message(const RoundTrip& message) {
-  const std::int64_t arrival_ns = dds::monotonic_ns();
+  const std::int64_t arrival_ns = now_ns();
   if (options_.intra_process) {
     incoming_.seq = message.seq;
     incoming_.data.assign(message.data.begin(), message.data.end());
@@ -266,7 +270,7 @@ template <typename Alloc>
 void RosEndpoint<Alloc>::take_all() {
   rclcpp::MessageInfo info;
   while (subscription_->take(incoming_, info)) {
-    const std::int64_t arrival_ns = dds::monotonic_ns();
+    const std::int64_t arrival_ns = now_ns();
     arrived(incoming_, arrival_ns);
   }
 }
@@ -294,8 +298,9 @@ void RosEndpoint<Alloc>::interrupt() noexcept {
 
 template <typename Alloc>
 std::vector<Thread> RosEndpoint<Alloc>::threads() {
-  auto found = threads_of(rmw_get_implementation_identifier(), created_, config_.domain);
+  auto found = threads_of(options_.rmw, created_, config_.domain);
   for (auto& thread : named(Spinning::thread_name, "receive")) found.push_back(std::move(thread));
+  for (auto& thread : named(Graph::thread_name, "discovery")) found.push_back(std::move(thread));
   return found;
 }
 
@@ -309,9 +314,10 @@ template <typename Alloc>
 std::map<std::string, std::string> RosEndpoint<Alloc>::facts() {
   std::map<std::string, std::string> facts{{"rclcpp", RCLCPP_VERSION_STR},
                                            {"ros_distro", environment("ROS_DISTRO")},
-                                           {"rmw", rmw_get_implementation_identifier()},
+                                           {"rmw", options_.rmw},
                                            {"executor", word_of(options_.executor)},
                                            {"allocator", word_of(options_.allocator)},
+                                           {"statistics", statistics_ ? "on" : "off"},
                                            {"node", node_->get_fully_qualified_name()},
                                            {"domain", std::to_string(config_.domain)},
                                            {"carrier", carrier()},
@@ -325,7 +331,6 @@ std::map<std::string, std::string> RosEndpoint<Alloc>::facts() {
 
 std::unique_ptr<Endpoint> open(const Config& config, const Options& options, Sink& sink) {
   try {
-    check_loaded_rmw(options.rmw);
     if (options.allocator == Allocator::standard)
       return std::make_unique<RosEndpoint<std::allocator<void>>>(config, options, sink);
     choose_resource(options.allocator);

@@ -1,9 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// ROS 2 and its middlewares take their settings from the environment, so this is where ours go in. Nothing
-// else of the process changes the environment, and other threads that read it meanwhile there are none.
+// ROS 2 and its middlewares take settings from the environment. Nothing else of the process changes it, and
+// other threads that read it meanwhile there are none.
 #pragma once
 
-#include <memory>
 #include <optional>
 #include <string>
 
@@ -30,14 +29,5 @@ class Variable {
 // DDS's brings back shared memory. So its wish becomes the interface, and this throws Error where another
 // was asked for. Returns the configuration that says so.
 Config without_localhost_only(Config config);
-
-// While it lives, a participant that is opened takes the link under test.
-class MiddlewareSettings {
- public:
-  virtual ~MiddlewareSettings() = default;
-  std::string source;   // whose settings these are, for people
-  std::string carrier;  // "UDPv4", or who decides
-};
-std::unique_ptr<MiddlewareSettings> middleware_settings(const std::string& rmw, const Config& config);
 
 }  // namespace ontime::transport::ros2

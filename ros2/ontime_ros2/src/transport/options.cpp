@@ -34,7 +34,7 @@ Value choice(const Config& config, const char* name, const Word<Value> (&words)[
     if (text == word) return value;
     known += std::string(known.empty() ? "" : ", ") + word;
   }
-  throw Error("ros2: option " + std::string(name) + ": '" + text + "' is not one of " + known);
+  throw WrongInput("ros2: option " + std::string(name) + ": '" + text + "' is not one of " + known);
 }
 
 template <typename Value, std::size_t N>
@@ -48,8 +48,8 @@ const char* word_in(const Word<Value> (&words)[N], Value wanted) {
 void check_who_waits(const Config& config, Executor executor) {
   const bool on_our_thread = executor == Executor::waitset || executor == Executor::wait;
   if (on_our_thread == (config.receive == Receive::waitset)) return;
-  throw Error("ros2: executor " + std::string(word_of(executor)) + " needs --receive " +
-              (on_our_thread ? "waitset" : "listener"));
+  throw WrongInput("ros2: executor " + std::string(word_of(executor)) + " needs --receive " +
+                   (on_our_thread ? "waitset" : "listener"));
 }
 
 }  // namespace
@@ -66,14 +66,13 @@ Options options_of(const Config& config) {
   options.rmw = text_of(config, "rmw", "");
   options.intra_process = choice(config, "intra-process", switches, "off");
   if (options.intra_process && config.receive == Receive::waitset)
-    throw Error(
+    throw WrongInput(
         "ros2: within a process rclcpp delivers by its executors; intra-process needs --receive listener");
   options.loaned = choice(config, "loaned", switches, "off");
   if (options.loaned && options.allocator != Allocator::standard)
-    throw Error("ros2: loaned messages are the middleware's memory; they need allocator default");
+    throw WrongInput("ros2: loaned messages are the middleware's memory; they need allocator default");
   options.statistics = choice(config, "statistics", switches, "on");
   options.node = text_of(config, "node", config.role == Role::client ? "ontime_ping" : "ontime_pong");
-  options.name_space = text_of(config, "namespace", "");
   return options;
 }
 

@@ -20,7 +20,6 @@ struct Options {
   bool loaned = false;
   bool statistics = true;
   std::string node;
-  std::string name_space;
 };
 
 inline constexpr Option known_options[] = {
@@ -30,11 +29,10 @@ inline constexpr Option known_options[] = {
     {"intra-process", "off|on"},
     {"loaned", "off|on"},
     {"node", "NAME of the ROS node"},
-    {"namespace", "ROS NAMESPACE of node and topics"},
     {"statistics", "on|off, live on /diagnostics"},
 };
 
-// Of the options of a Config that has only known ones. Throws Error.
+// Of the options of a Config that has only known ones. Throws WrongInput.
 Options options_of(const Config& config);
 
 const char* word_of(Executor executor);

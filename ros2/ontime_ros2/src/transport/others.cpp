@@ -3,10 +3,12 @@
 
 #include <algorithm>
 #include <chrono>
+#include <optional>
 #include <thread>
 
 #include <rcl/event.h>
 #include <rmw/events_statuses/incompatible_qos.h>
+#include <rmw/events_statuses/message_lost.h>
 
 #include "transport/dds.hpp"
 
@@ -24,13 +26,19 @@ dds::Policy policy_of(rmw_qos_policy_kind_t kind) {
 }
 
 // Asked of rcl itself: rclcpp's way would wake the executor that is measured.
-template <typename Init>
-rmw_qos_incompatible_event_status_t incompatible(const Init& init) {
-  rmw_qos_incompatible_event_status_t status{};
+template <typename Status, typename Init>
+std::optional<Status> status_of(const Init& init) {
+  Status status{};
   rcl_event_t event = rcl_get_zero_initialized_event();
   const bool taken = init(&event) == RCL_RET_OK && rcl_take_event(&event, &status) == RCL_RET_OK;
   if (rcl_event_fini(&event) != RCL_RET_OK || !taken) rcl_reset_error();  // nothing to tell, then
+  if (!taken) return {};
   return status;
+}
+
+template <typename Init>
+rmw_qos_incompatible_event_status_t incompatible(const Init& init) {
+  return status_of<rmw_qos_incompatible_event_status_t>(init).value_or(rmw_qos_incompatible_event_status_t{});
 }
 
 std::string refused(const Config& config, const rclcpp::PublisherBase& publisher,
@@ -68,9 +76,21 @@ void refuse_namesake(const rclcpp::Node& node) {
     const auto names = node.get_node_names();
     if (std::count(names.begin(), names.end(), name) > 1)
       throw Error("ros2: there is a node " + name +
-                  " already; end it, or give ours another name (--option node=NAME) or namespace");
+                  " already; end it, or give ours another name (--option node=NAME) or another namespace");
     std::this_thread::sleep_for(std::chrono::milliseconds(10));
   }
+}
+
+Losses losses_of(const std::string& rmw, const rclcpp::SubscriptionBase& subscription) {
+  // Fast DDS counts gaps in what reaches the reader. Cyclone DDS has the status and counts there only what a
+  // reader rejects, and other RMWs do not say what theirs means.
+  if (!rmw.starts_with("rmw_fastrtps")) return {};
+  const auto lost = status_of<rmw_message_lost_status_t>([&](rcl_event_t* event) {
+    return rcl_subscription_event_init(event, subscription.get_subscription_handle().get(),
+                                       RCL_SUBSCRIPTION_MESSAGE_LOST);
+  });
+  if (!lost) return {};
+  return {.on_the_way = lost->total_count, .overwritten = {}};
 }
 
 std::string seen(const Config& config, rclcpp::Node& node, const rclcpp::PublisherBase& publisher,

@@ -82,6 +82,15 @@ std::string Child::result() {
   return text;
 }
 
+std::string Child::result(std::size_t bytes) {
+  std::string text(bytes, '\0');
+  std::size_t done = 0;
+  for (ssize_t n = 0; done < bytes && (n = read(from_, text.data() + done, bytes - done)) > 0;)
+    done += static_cast<std::size_t>(n);
+  text.resize(done);
+  return text;
+}
+
 void Child::finish() {
   if (pid_ == 0) return;
   close(to_);

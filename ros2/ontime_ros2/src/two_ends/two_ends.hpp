@@ -36,8 +36,9 @@ class Child {
   Child(const Child&) = delete;
   Child& operator=(const Child&) = delete;
 
-  std::string result();  // all of it, once
-  void finish();         // asks it to end, and waits; the destructor does so too
+  std::string result();                   // all of it, once
+  std::string result(std::size_t bytes);  // the next of it; less where it ends
+  void finish();                          // asks it to end, and waits; the destructor does so too
 
  private:
   pid_t pid_ = 0;
