@@ -31,6 +31,7 @@ std::vector<Sample> drained(Ledger& ledger) {
 
 std::vector<Fate> fates(const std::vector<Sample>& samples) {
   std::vector<Fate> fates;
+  fates.reserve(samples.size());
   for (const auto& sample : samples) fates.push_back(sample.fate);
   return fates;
 }
