@@ -30,11 +30,12 @@ class Namespaces : public Journals {
     if (!test::has_own_run) GTEST_SKIP() << "needs root";
     if (status_of(start_child([] { _exit(unshare(CLONE_NEWNET) == 0 ? 0 : 1); })) != 0)
       GTEST_SKIP() << "no network namespace may be made";
-    if (std::system("ip -Version >/dev/null 2>&1") != 0) GTEST_SKIP() << "iproute2 is not installed";
+    if (!succeeds("ip -Version >/dev/null 2>&1")) GTEST_SKIP() << "iproute2 is not installed";
   }
-  static void ip(const std::string& arguments) {
-    EXPECT_EQ(std::system(("ip " + arguments).c_str()), 0) << arguments;
+  static bool succeeds(const std::string& command) {
+    return std::system(command.c_str()) == 0;  // NOLINT(concurrency-mt-unsafe): there are no threads
   }
+  static void ip(const std::string& arguments) { EXPECT_TRUE(succeeds("ip " + arguments)) << arguments; }
   static bool exists() { return fs::exists(namespace_path(name)); }
 
   static constexpr const char* name = "ontime-test";
@@ -46,10 +47,8 @@ TEST_F(Namespaces, AreThoseOfIpAndGo) {
     Journal journal;
     add_namespace(journal, name);
     ip(inside_ + "ip link show lo >/dev/null");
-    EXPECT_EQ(std::system(("test \"$(readlink /proc/self/ns/net)\" != \"$(ip " + inside_ +
-                           "readlink /proc/self/ns/net)\"")
-                              .c_str()),
-              0);
+    EXPECT_TRUE(succeeds("test \"$(readlink /proc/self/ns/net)\" != \"$(ip " + inside_ +
+                         "readlink /proc/self/ns/net)\""));
     EXPECT_THAT(error_of([&] { add_namespace(journal, name); }), HasSubstr("did not make"));
   }
   EXPECT_FALSE(exists());

@@ -91,6 +91,59 @@ TEST_F(Settings, AreReadBack) {
   EXPECT_EQ(read_file(one_), "powersave");
 }
 
+TEST_F(Settings, CanBeTakenBackOneByOne) {
+  Journal journal(settings);
+  const auto folder = make_folder(journal);
+  for (int round = 0; round < 3; ++round) {
+    journal.change(governor, one_, "performance");
+    const auto other = make_folder(journal);
+    journal.change(governor, one_, "ondemand");
+    EXPECT_THAT(journal.take_back(governor, one_), IsEmpty());
+    EXPECT_EQ(read_file(one_), "powersave");
+    EXPECT_TRUE(fs::exists(other));
+    EXPECT_THAT(parse(read_file(journals().at(0))).entries, SizeIs(3)) << "a journal does not grow for ever";
+    EXPECT_THAT(remove_directory(journal, other), IsEmpty());
+    EXPECT_FALSE(fs::exists(other));
+    EXPECT_THAT(parse(read_file(journals().at(0))).entries, SizeIs(1));
+  }
+  journal.change(governor, two_, "made");
+  write_file(two_, "by somebody");
+  EXPECT_THAT(journal.take_back(governor, two_), ElementsAre(StartsWith("left")));
+  EXPECT_THAT(journal.take_back(governor, two_), IsEmpty());
+  EXPECT_THAT(journal.take_back(governor, "never changed"), IsEmpty());
+  journal.change(governor, one_, "ondemand");
+  EXPECT_THAT(journal.revert(), IsEmpty());
+  EXPECT_FALSE(fs::exists(folder));
+  EXPECT_EQ(read_file(one_), "powersave");
+  EXPECT_EQ(read_file(two_), "by somebody");
+}
+
+TEST_F(Settings, TakenBackAreNotTakenBackAgain) {
+  Victim victim(
+      [&](Journal& journal) {
+        journal.change(governor, one_, "performance");
+        make_folder(journal);
+        journal.take_back(governor, one_);
+        return "done";
+      },
+      settings);
+  victim.kill_9();
+  write_file(one_, "performance");  // by somebody else, and meant so
+  EXPECT_THAT(revert_abandoned(settings), ElementsAre(StartsWith("removed directory")));
+  EXPECT_EQ(read_file(one_), "performance");
+}
+
+TEST_F(Settings, AJournalThatIsFullRefusesAndIsKeptUsable) {
+  Journal journal(settings);
+  const std::string much(100'000, 'x');
+  std::string refused;
+  for (int round = 0; round < 20 && refused.empty(); ++round)
+    refused = error_of([&] { journal.change(governor, one_, much + std::to_string(round)); });
+  EXPECT_THAT(refused, HasSubstr("without a journal nothing"));
+  EXPECT_THAT(journal.revert(), IsEmpty());
+  EXPECT_EQ(read_file(one_), "powersave");
+}
+
 TEST_F(Settings, OfAKilledProcessArePutBack) {
   Victim victim(
       [&](Journal& journal) {

@@ -2,10 +2,12 @@
 // A folder of files that go with it.
 #include <algorithm>
 #include <cerrno>
+#include <chrono>
 #include <cstdio>
 #include <filesystem>
 #include <random>
 #include <system_error>
+#include <thread>
 
 #include <fcntl.h>
 #include <fmt/format.h>
@@ -20,7 +22,10 @@ namespace {
 
 namespace fs = std::filesystem;
 
+using namespace std::chrono_literals;
+
 constexpr std::size_t random_digits = 16;
+constexpr int patience = 100;  // times 10 ms
 
 Error trouble(const std::string& path, const char* what, int error) {
   return Error(fmt::format("folder {} cannot be {}: {}", path, what, std::generic_category().message(error)));
@@ -30,6 +35,8 @@ Error trouble(const std::string& path, const char* what, int error) {
 bool accepts(const std::string& path) {
   const auto slash = path.rfind('/');
   if (path.empty() || path[0] != '/' || path.size() > 4000) return false;
+  const auto control = [](unsigned char c) { return c < ' ' || c == 0x7f; };
+  if (std::any_of(path.begin(), path.end(), control)) return false;
   const auto component = [](const fs::path& part) { return part != "." && part != ".."; };
   const auto parts = fs::path(path);
   if (!std::all_of(parts.begin(), parts.end(), component)) return false;
@@ -51,7 +58,7 @@ Value read(const std::string& path) {
 }
 
 int remove_one(const char* path, const struct stat*, int, FTW* place) {
-  return place->level == 0 ? 0 : std::remove(path);
+  return place->level == 0 || std::remove(path) == 0 || errno == ENOENT ? 0 : -1;
 }
 
 // The folder itself is held open, so that nobody can put another in its place meanwhile. Neither links nor
@@ -59,8 +66,9 @@ int remove_one(const char* path, const struct stat*, int, FTW* place) {
 void empty(const std::string& path, int fd) {
   constexpr int open_folders = 16;
   const auto itself = fmt::format("/proc/self/fd/{}/.", fd);
-  if (nftw(itself.c_str(), remove_one, open_folders, FTW_DEPTH | FTW_MOUNT | FTW_PHYS) != 0)
-    throw trouble(path, "emptied", errno);
+  constexpr int flags = FTW_DEPTH | FTW_MOUNT | FTW_PHYS;
+  // NOLINTNEXTLINE(concurrency-mt-unsafe): it is safe without FTW_CHDIR
+  if (nftw(itself.c_str(), remove_one, open_folders, flags) != 0) throw trouble(path, "emptied", errno);
 }
 
 void remove(const std::string& path, const Value& present) {
@@ -76,7 +84,13 @@ void remove(const std::string& path, const Value& present) {
     if (identity_of(found) != present) throw trouble(path, "removed", ESTALE);
     empty(path, itself.get());
   }
-  if (unlinkat(parent.get(), name.c_str(), AT_REMOVEDIR) != 0) throw trouble(path, "removed", errno);
+  // Processes that write there may have been killed, but not be gone.
+  for (int attempt = 0; unlinkat(parent.get(), name.c_str(), AT_REMOVEDIR) != 0; ++attempt) {
+    if (errno != ENOTEMPTY || present == to_be_made || attempt == patience)
+      throw trouble(path, "removed", errno);
+    std::this_thread::sleep_for(10ms);
+    empty(path, itself.get());
+  }
 }
 
 void write(const std::string& path, const Value& value, const Value& present) {
@@ -111,6 +125,10 @@ std::string add_directory(Journal& journal, const std::string& stem) {
   auto path = fmt::format("{}/{}{}-{:08x}{:08x}", temporary_folder(), own_prefix, stem, random(), random());
   journal.change(directory_kind, path, to_be_made);
   return path;
+}
+
+std::vector<std::string> remove_directory(Journal& journal, const std::string& path) {
+  return journal.take_back(directory_kind, path);
 }
 
 }  // namespace ontime::journal

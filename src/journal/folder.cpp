@@ -23,7 +23,6 @@ namespace {
 using namespace std::chrono_literals;
 
 constexpr auto patience = 10s;
-constexpr off_t max_bytes = off_t{1} << 20;
 constexpr const char* suffix = ".journal";
 constexpr const char* told = "told";  // what people were told already, a line each
 
@@ -153,7 +152,7 @@ Folder::Opened Folder::open(const std::string& name) const {
     opened.not_believed = "it is no file";
   else if (before.st_nlink != 1)
     opened.not_believed = "it has more than one name";
-  else if (before.st_size > max_bytes)
+  else if (before.st_size > max_journal_bytes)
     opened.not_believed = "it is larger than any journal";
   else
     opened.not_believed = fault_of(before);
@@ -175,7 +174,7 @@ std::vector<std::string> Folder::not_yet_told(const std::vector<std::string>& li
   const Fd fd(
       ::openat(fd_.get(), told, O_RDWR | O_APPEND | O_CREAT | O_NOFOLLOW | O_NONBLOCK | O_CLOEXEC, 0600));
   const auto found = stat_of(fd.get());
-  if (fd.get() < 0 || !S_ISREG(found.st_mode) || found.st_size > max_bytes) return lines;
+  if (fd.get() < 0 || !S_ISREG(found.st_mode) || found.st_size > max_journal_bytes) return lines;
   const auto before = "\n" + text_of(fd.get());
   std::vector<std::string> fresh;
   std::copy_if(lines.begin(), lines.end(), std::back_inserter(fresh),
@@ -191,7 +190,7 @@ std::vector<std::string> Folder::not_yet_told(const std::vector<std::string>& li
 std::string text_of(int fd) {
   std::string text;
   std::array<char, 4096> part;
-  for (ssize_t bytes = 0; static_cast<off_t>(text.size()) <= max_bytes &&
+  for (ssize_t bytes = 0; static_cast<off_t>(text.size()) <= max_journal_bytes &&
                           (bytes = pread(fd, part.data(), part.size(), static_cast<off_t>(text.size()))) > 0;)
     text.append(part.data(), static_cast<std::size_t>(bytes));
   return text;
@@ -205,6 +204,10 @@ void append(int fd, const std::string& text) {
   const int error = errno;
   if (length >= 0 && ftruncate(fd, length) != 0) throw cannot("the journal", errno);
   throw cannot("the journal", error);
+}
+
+void cut(int fd, std::size_t length) {
+  if (ftruncate(fd, static_cast<off_t>(length)) != 0 || fsync(fd) != 0) throw cannot("the journal", errno);
 }
 
 }  // namespace ontime::journal

@@ -74,9 +74,12 @@ class Folder {
   Fd fd_;
 };
 
+constexpr off_t max_journal_bytes = off_t{1} << 20;
+
 // The whole of a journal.
 std::string text_of(int fd);
 // Adds to a journal: on the disk when it returns, or nothing of it. Throws Error.
 void append(int fd, const std::string& text);
+void cut(int fd, std::size_t length);
 
 }  // namespace ontime::journal

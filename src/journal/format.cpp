@@ -95,21 +95,21 @@ std::string line_of_done(std::size_t index) { return line_of(json{{"change", ind
 
 Contents parse(std::string_view text) {
   Contents contents;
-  bool first = true;
-  for (auto end = text.find('\n'); end != text.npos; text.remove_prefix(end + 1), end = text.find('\n')) {
-    const auto words = text.substr(0, end);
+  std::size_t begin = 0;
+  for (auto end = text.find('\n'); end != text.npos; begin = end + 1, end = text.find('\n', begin)) {
+    const auto words = text.substr(begin, end - begin);
     try {
       const auto line = json::parse(words, nullptr, false);
       if (!line.is_object()) throw NotUnderstood();
-      if (first)
+      if (begin == 0)
         contents.header = header_of(line);
       else
         add(line, contents.entries);
+      if (contents.begins.size() < contents.entries.size()) contents.begins.push_back(begin);
     } catch (const NotUnderstood&) {
       contents.not_understood = quoted(words);
       return contents;
     }
-    first = false;
   }
   return contents;
 }

@@ -41,7 +41,8 @@ std::string line_of_done(std::size_t index);
 struct Contents {
   Header header;
   std::vector<Entry> entries;
-  std::string not_understood;  // if there is anything: nothing else is to be relied on
+  std::vector<std::size_t> begins;  // where in the text each entry begins
+  std::string not_understood;       // if there is anything: nothing else is to be relied on
 };
 // Of any bytes. A last line that was not written to its end is a change that was never made.
 Contents parse(std::string_view text);

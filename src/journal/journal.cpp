@@ -27,10 +27,6 @@ std::string command_line() {
   return command.substr(0, 200);
 }
 
-void cut(int fd, off_t length) {
-  if (ftruncate(fd, length) != 0 || fsync(fd) != 0) throw cannot("the journal", errno);
-}
-
 }  // namespace
 
 const std::string to_be_made = "to be made";
@@ -50,7 +46,7 @@ void Journal::hold() {
   if (file_ && file_->owner == getpid()) return;
   file_.reset();
   auto folder = Folder::make();
-  const auto others = revert_all(folder, more_);
+  const auto others = clear(folder, more_);
   if (!others.holder.empty())
     throw Error(
         fmt::format("something of this machine was to be changed, but {} is at that already: wait until it "
@@ -78,7 +74,10 @@ void Journal::change(const Kind& kind, const std::string& what, const Value& wan
   const auto before = kind.read(what);
   if (before == wanted) return;
   const auto length = lseek(fd, 0, SEEK_END);
-  append(fd, line_of(Entry{kind.name, place(kind.scope), what, before, wanted}));
+  const auto line = line_of(Entry{kind.name, place(kind.scope), what, before, wanted});
+  if (length < 0 || length + static_cast<off_t>(line.size()) > max_journal_bytes / 2)
+    throw cannot("the journal", EFBIG);
+  append(fd, line);
   try {
     kind.write(what, wanted, before);
     const auto now = kind.read(what);
@@ -89,15 +88,26 @@ void Journal::change(const Kind& kind, const std::string& what, const Value& wan
                               now.value_or("not there")));
   } catch (const Error&) {
     // What it is now is our own doing. Where the way back is barred too, it stays in the journal.
+    ++file_->entries;
     try {
       if (kind.read(what) != before) kind.write(what, before, wanted);
-      if (kind.read(what) == before) cut(fd, length);
-    } catch (const Error&) {
-      ++file_->entries;
+      if (kind.read(what) == before) {
+        cut(fd, static_cast<std::size_t>(length));
+        --file_->entries;
+      }
+    } catch (const Error&) {  // what is told is what went wrong first
     }
     throw;
   }
   ++file_->entries;
+}
+
+std::vector<std::string> Journal::take_back(const Kind& kind, const std::string& what) {
+  if (!file_ || file_->owner != getpid()) return {};
+  const auto is_it = [&](const Entry& entry) { return entry.kind == kind.name && entry.what == what; };
+  auto reverted = journal::revert(file_->fd.get(), folder_path() + '/' + file_->name, more_, is_it);
+  file_->entries = reverted.entries;
+  return std::move(reverted.left);
 }
 
 std::vector<std::string> Journal::revert() noexcept {
@@ -105,7 +115,9 @@ std::vector<std::string> Journal::revert() noexcept {
   const auto file = std::move(file_);
   try {
     const auto folder = Folder::make();
-    return folder.not_yet_told(journal::revert(folder, file->name, file->fd.get(), more_).left);
+    const auto reverted = journal::revert(file->fd.get(), folder.path() + '/' + file->name, more_);
+    if (reverted.finished) folder.remove(file->name);
+    return folder.not_yet_told(reverted.left);
   } catch (const std::exception& error) {
     return {error.what()};  // the journal is there still, for revert_abandoned()
   }
@@ -115,10 +127,10 @@ std::vector<std::string> revert_abandoned(std::span<const Kind> more) {
   try {
     const auto folder = Folder::find();
     if (!folder) return {};
-    auto [done, left, holder] = revert_all(*folder, more);
-    const auto fresh = folder->not_yet_told(left);
-    done.insert(done.end(), fresh.begin(), fresh.end());
-    return done;
+    auto cleared = clear(*folder, more);
+    auto fresh = folder->not_yet_told(cleared.left);
+    std::move(fresh.begin(), fresh.end(), std::back_inserter(cleared.done));
+    return std::move(cleared.done);
   } catch (const Error& error) {
     // Where nothing can be written, it can be remembered only here that this was told.
     static std::string told;

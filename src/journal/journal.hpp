@@ -63,6 +63,10 @@ class Journal {
   // what is read back is not what was wanted, and then nothing is changed.
   void change(const Kind&, const std::string& what, const Value& wanted);
 
+  // Takes back, before all others, what was changed of one thing. Returns what could not be, for people; it
+  // stays in the file.
+  std::vector<std::string> take_back(const Kind&, const std::string& what);
+
   // Takes everything back, last change first, and leaves the hold. Returns what could not be, for people; it
   // stays in the file, for revert_abandoned().
   std::vector<std::string> revert() noexcept;
@@ -88,5 +92,7 @@ constexpr const char* own_prefix = "ontime-";
 void add_namespace(Journal&, const std::string& name);
 // A folder for this user alone under the temporary one, removed with its contents: "…/ontime-STEM-RANDOM".
 std::string add_directory(Journal&, const std::string& stem);
+// Before the journal's end. Returns as take_back() does.
+std::vector<std::string> remove_directory(Journal&, const std::string& path);
 
 }  // namespace ontime::journal

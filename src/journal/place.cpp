@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "journal/place.hpp"
 
+#include <cerrno>
 #include <cstdint>
 #include <fstream>
 #include <thread>
@@ -53,10 +54,11 @@ std::string network_identity(int fd) {
 std::string place(Scope scope) {
   if (scope == Scope::machine) return "";
   const bool network = scope == Scope::network_namespace;
-  const Fd own(open(network ? "/proc/thread-self/ns/net" : "/proc/thread-self/ns/mnt", O_RDONLY | O_CLOEXEC));
-  if (network) return network_identity(own.get());
+  const char* const path = network ? "/proc/thread-self/ns/net" : "/proc/thread-self/ns/mnt";
+  const Fd own(open(path, O_RDONLY | O_CLOEXEC));
   struct stat found {};
-  return fstat(own.get(), &found) == 0 ? fmt::format("{}:{}", found.st_dev, found.st_ino) : "";
+  if (own.get() < 0 || fstat(own.get(), &found) != 0) throw cannot(path, errno);
+  return network ? network_identity(own.get()) : fmt::format("{}:{}", found.st_dev, found.st_ino);
 }
 
 }  // namespace ontime::journal

@@ -11,7 +11,8 @@ namespace ontime::journal {
 // The kernel's, new with each start of the machine; "" if it does not say.
 std::string boot_id();
 
-// What this thread can see things of that scope from; "" for the whole machine.
+// What this thread can see things of that scope from; "" for the whole machine. Throws Error if /proc does
+// not say.
 std::string place(Scope);
 
 // Of an open network namespace, "" if it is none. The kernel gives the inode of one that has gone to the

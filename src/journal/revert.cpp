@@ -2,6 +2,8 @@
 #include "journal/revert.hpp"
 
 #include <algorithm>
+#include <functional>
+#include <iterator>
 #include <set>
 #include <utility>
 
@@ -72,100 +74,108 @@ class Told {
   std::vector<Thing> things_;
 };
 
-std::string line_of_undone(const Entry& entry, const Header& header) {
-  const auto whose = fmt::format("left by process {} ({})", header.pid, header.command);
-  if (!entry.before) return fmt::format("removed {} {}, {}", entry.kind, entry.what, whose);
-  return fmt::format("set {} {} back to {}, {}", entry.kind, entry.what, *entry.before, whose);
+std::string by_hand(const std::string& path) {
+  return fmt::format("(from {}: remove this file when it has been undone by hand)", path);
 }
 
-// An end that was never written is cut off: what follows it would be lost with it.
-void mark_done(int fd, const std::string& text, const std::vector<std::size_t>& entries) {
-  const auto whole = text.rfind('\n') + 1;
-  if (whole < text.size() && ftruncate(fd, static_cast<off_t>(whole)) != 0) return;
-  std::string lines;
-  for (const auto index : entries) lines += line_of_done(index);
-  try {
-    append(fd, lines);
-  } catch (const Error&) {  // the next one will find that there is nothing to do
-  }
-}
-
-}  // namespace
-
-Reverted revert(const Folder& folder, const std::string& name, int fd, std::span<const Kind> more) {
-  const auto path = folder.path() + '/' + name;
-  const auto by_hand = fmt::format("(from {}: remove this file when it has been undone by hand)", path);
-  const auto text = text_of(fd);
-  const auto contents = parse(text);
-  if (!contents.not_understood.empty())
-    return {{},
-            {fmt::format("{} is nothing that this version of ontime knows how to undo {}",
-                         contents.not_understood, by_hand)},
-            {}};
+// The last first. What is settled is done from now on.
+Reverted undo(Contents& contents, const std::string& path, std::span<const Kind> more, const Wanted& wanted) {
   Told done, left;
-  std::vector<std::size_t> settled;
   std::set<std::pair<std::string, std::string>> kept;
   for (auto index = contents.entries.size(); index-- > 0;) {
-    const auto& entry = contents.entries[index];
-    if (entry.done) continue;
-    const auto* const kind = acceptable_kind(entry, more);
+    auto& entry = contents.entries[index];
+    if (entry.done || (wanted && !wanted(entry))) continue;
     // Of several changes of one thing, none is taken back before those after it are.
     if (kept.contains({entry.kind, entry.what})) continue;
+    const auto whose = fmt::format("process {} ({})", contents.header.pid, quoted(contents.header.command));
     try {
+      const auto* const kind = acceptable_kind(entry, more);
       if (kind == nullptr)
         throw Error(fmt::format("{} is nothing that this version of ontime, or this user, may undo",
                                 quoted(entry.kind + ' ' + entry.what)));
       switch (undo(entry, *kind, contents.header)) {
         case Fate::undone:
-          done.say(entry, line_of_undone(entry, contents.header));
+          done.say(entry, entry.before
+                              ? fmt::format("set {} {} back to {}, left by {}", entry.kind, entry.what,
+                                            *entry.before, whose)
+                              : fmt::format("removed {} {}, left by {}", entry.kind, entry.what, whose));
           break;
         case Fate::nothing_there:
           break;
         case Fate::somebody_elses:
-          left.say(entry,
-                   fmt::format("left {} {} as it is: somebody has changed it since process {} ({}) did",
-                               entry.kind, entry.what, contents.header.pid, contents.header.command));
+          left.say(entry, fmt::format("left {} {} as it is: somebody has changed it since {} did", entry.kind,
+                                      entry.what, whose));
           break;
         case Fate::out_of_sight:
           throw Error(fmt::format("{} {}, of another {} namespace, is not to be seen from here", entry.kind,
                                   entry.what, kind->scope == Scope::mount_namespace ? "mount" : "network"));
       }
-      settled.push_back(index);
+      entry.done = true;
     } catch (const Error& error) {
       kept.insert({entry.kind, entry.what});
-      left.say(entry, fmt::format("{} {}", error.what(), by_hand));
+      left.say(entry, fmt::format("{} {}", error.what(), by_hand(path)));
     }
   }
-  if (kept.empty())
-    folder.remove(name);
-  else if (!settled.empty())
-    mark_done(fd, text, settled);
-  return {done.lines(), left.lines(), {}};
+  return {.done = done.lines(), .left = left.lines()};
 }
 
-Reverted revert_all(const Folder& folder, std::span<const Kind> more) {
-  struct Abandoned {
-    std::string name;
-    Fd fd;
-  };
-  Reverted all;
-  std::vector<Abandoned> abandoned;
+// Without what is done at its end; and without an end that was never written, as what followed that would be
+// lost with it. Returns how many entries it has now.
+std::size_t rewrite(int fd, const std::string& text, const Contents& contents) {
+  const auto& entries = contents.entries;
+  const auto last = std::find_if_not(entries.rbegin(), entries.rend(), std::mem_fn(&Entry::done));
+  const auto remaining = static_cast<std::size_t>(std::distance(last, entries.rend()));
+  std::string lines;
+  for (std::size_t index = 0; index < remaining; ++index)
+    if (entries[index].done) lines += line_of_done(index);
+  try {
+    cut(fd, remaining < entries.size() ? contents.begins[remaining] : text.rfind('\n') + 1);
+  } catch (const Error&) {
+    return entries.size();
+  }
+  try {
+    append(fd, lines);
+  } catch (const Error&) {  // whoever comes next finds that there is nothing to do
+  }
+  return remaining;
+}
+
+}  // namespace
+
+Reverted revert(int fd, const std::string& path, std::span<const Kind> more, const Wanted& wanted) {
+  const auto text = text_of(fd);
+  auto contents = parse(text);
+  if (!contents.not_understood.empty())
+    return {.done = {},
+            .left = {fmt::format("{} is nothing that this version of ontime knows how to undo {}",
+                                 contents.not_understood, by_hand(path))}};
+  auto reverted = undo(contents, path, more, wanted);
+  reverted.finished =
+      std::all_of(contents.entries.begin(), contents.entries.end(), std::mem_fn(&Entry::done));
+  reverted.entries = contents.entries.empty() ? 0 : rewrite(fd, text, contents);
+  return reverted;
+}
+
+Cleared clear(const Folder& folder, std::span<const Kind> more) {
+  Cleared all;
+  std::vector<std::pair<std::string, Fd>> abandoned;
   for (const auto& name : folder.journals()) {
     auto opened = folder.open(name);
     if (opened.alive) {
       const auto owner = parse(text_of(opened.fd.get())).header;
-      return {{}, {}, fmt::format("process {} ({})", owner.pid, owner.command)};
+      return {{}, {}, fmt::format("process {} ({})", owner.pid, quoted(owner.command))};
     }
     if (opened.not_believed.empty())
-      abandoned.push_back({name, std::move(opened.fd)});
+      abandoned.emplace_back(name, std::move(opened.fd));
     else
       all.left.push_back(
           fmt::format("{}/{} is not believed, as {}: remove it", folder.path(), name, opened.not_believed));
   }
   for (const auto& [name, fd] : abandoned) {
-    auto one = revert(folder, name, fd.get(), more);
-    all.done.insert(all.done.end(), one.done.begin(), one.done.end());
-    all.left.insert(all.left.end(), one.left.begin(), one.left.end());
+    auto one = revert(fd.get(), folder.path() + '/' + name, more);
+    if (one.finished) folder.remove(name);
+    std::move(one.done.begin(), one.done.end(), std::back_inserter(all.done));
+    std::move(one.left.begin(), one.left.end(), std::back_inserter(all.left));
   }
   return all;
 }

@@ -1,25 +1,33 @@
 // SPDX-License-Identifier: Apache-2.0
-// The way back of one journal.
+// The way back of one journal, and of all that nobody owns.
 #pragma once
 
+#include <functional>
 #include <span>
 #include <string>
 #include <vector>
 
 #include "journal/folder.hpp"
+#include "journal/format.hpp"
 #include "journal/journal.hpp"
 
 namespace ontime::journal {
 
 struct Reverted {
   std::vector<std::string> done, left;  // for people, a line each
-  std::string holder;                   // whose the machine is; nothing was done then
+  std::size_t entries = 0;              // that the file has now
+  bool finished = false;                // nothing is left in it to undo
 };
 
-// Of a journal that is locked by us. It goes when nothing is left in it to undo.
-Reverted revert(const Folder&, const std::string& name, int fd, std::span<const Kind> more);
+using Wanted = std::function<bool(const Entry&)>;
 
-// Of all, if nobody owns one of them.
-Reverted revert_all(const Folder&, std::span<const Kind> more);
+// Of a journal that is locked by us: all of it, or the entries that are wanted.
+Reverted revert(int fd, const std::string& path, std::span<const Kind> more, const Wanted& wanted = {});
+
+struct Cleared {
+  std::vector<std::string> done, left;
+  std::string holder;  // whose the machine is, for people; nothing was done then
+};
+Cleared clear(const Folder&, std::span<const Kind> more);
 
 }  // namespace ontime::journal

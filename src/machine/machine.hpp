@@ -25,8 +25,10 @@ struct Error : std::runtime_error {
 // rt_runtime_us / rt_period_us (RT throttling), autogroup, clocksource, limits (rtprio, memlock, cgroup
 // memory), memory_bytes, boot_id (the same for all that share this kernel), and clock: {"synchronised",
 // "source": "ptp", "chrony" or "kernel", "error_ns": how far CLOCK_REALTIME is off at most by what the source
-// knows, "realtime_offset_ns": CLOCK_REALTIME - CLOCK_MONOTONIC}. What cannot be read is null, never guessed.
-// Asks chronyc and pmc where there are such: a second at the worst, so not during a measurement.
+// knows, "reference": whose time it is (of PTP the grandmaster, which may be this machine; two of different
+// grandmasters have nothing in common), "realtime_offset_ns": CLOCK_REALTIME - CLOCK_MONOTONIC}. What cannot
+// be read is null, never guessed. Asks chronyc and pmc where there are such: a second at the worst, so not
+// during a measurement.
 nlohmann::json describe();
 
 // How busy the machine was between two moments: from /proc/stat and /proc/pressure.
