@@ -1,190 +1,41 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "record/record.hpp"
-
-#include <algorithm>
-#include <chrono>
-#include <csignal>
-#include <cstdlib>
-#include <filesystem>
-#include <fstream>
-#include <limits>
-#include <memory>
 #include <random>
-#include <thread>
 
-#include <gmock/gmock.h>
-#include <gtest/gtest.h>
-#include <sqlite3.h>
-#include <sys/mount.h>
-#include <sys/resource.h>
-#include <sys/wait.h>
-#include <unistd.h>
+#include "record_fixture.hpp"
 
 namespace ontime::record {
 namespace {
 
-using roundtrip::Fate;
-using roundtrip::Sample;
-using ::testing::ElementsAre;
-using ::testing::HasSubstr;
-using ::testing::IsEmpty;
-using ::testing::Not;
-namespace fs = std::filesystem;
-
-class RecordTest : public ::testing::Test {
- protected:
-  RecordTest() {
-    // In memory where there is such a place: no test shall wait for a disk that others keep busy.
-    const fs::path memory = "/dev/shm";
-    const auto place = ::access(memory.c_str(), W_OK) == 0 ? memory : fs::temp_directory_path();
-    std::string name = (place / "ontime-record-test-XXXXXX").string();
-    folder_ = ::mkdtemp(name.data());
-    fs::permissions(folder_, fs::perms::owner_all | fs::perms::group_exec | fs::perms::others_exec |
-                                 fs::perms::group_read | fs::perms::others_read);
-    path_ = (folder_ / "results.db").string();
-  }
-  ~RecordTest() override {
-    if (mounted_) ::umount2(folder_.c_str(), MNT_DETACH);
-    fs::remove_all(folder_);
-  }
-
-  // A small disk of our own. False where we may not.
-  bool mount_disk(const char* options) {
-    mounted_ = ::mount("ontime-test", folder_.c_str(), "tmpfs", 0, options) == 0;
-    return mounted_;
-  }
-  bool make_disk_read_only() const {
-    return ::mount("ontime-test", folder_.c_str(), "tmpfs", MS_REMOUNT | MS_RDONLY, nullptr) == 0;
-  }
-
-  std::vector<std::string> files() const {
-    std::vector<std::string> names;
-    for (const auto& entry : fs::directory_iterator(folder_))
-      names.push_back(entry.path().filename().string());
-    std::sort(names.begin(), names.end());
-    return names;
-  }
-
-  fs::path folder_;
-  std::string path_;
-
- private:
-  bool mounted_ = false;
-};
-
-std::string bytes_of(const std::string& path) {
-  std::ifstream file(path, std::ios::binary);
-  return {std::istreambuf_iterator<char>(file), {}};
-}
-
-void write_bytes(const std::string& path, const std::string& bytes) {
-  std::ofstream(path, std::ios::binary) << bytes;
-}
-
-// What an outsider with sqlite3 gets: the first column of the first row.
-std::string query(const std::string& path, const std::string& sql) {
-  sqlite3* raw = nullptr;
-  sqlite3_open(path.c_str(), &raw);
-  const std::unique_ptr<sqlite3, decltype(&sqlite3_close)> database(raw, sqlite3_close);
-  std::string answer;
-  const auto keep = [](void* to, int, char** values, char**) {
-    *static_cast<std::string*>(to) = values[0] != nullptr ? values[0] : "NULL";
-    return 0;
-  };
-  char* message = nullptr;
-  if (sqlite3_exec(raw, sql.c_str(), keep, &answer, &message) != SQLITE_OK) answer = message;
-  sqlite3_free(message);
-  return answer;
-}
-
-// As of a run at 100 Hz on a machine that has been up for ten days.
-Sample usual(std::uint64_t index) {
-  Sample sample{};
-  sample.index = index;
-  sample.intended_ns = 864'000'000'000'000 + static_cast<std::int64_t>(index) * 10'000'000;
-  sample.due_ns = sample.intended_ns;
-  sample.woke_ns = sample.due_ns + 61'234;
-  sample.sent_ns = sample.woke_ns + 9'876;
-  sample.received_ns = sample.sent_ns + 987'654;
-  sample.server_received_ns = 500'000'000'000'000 + sample.sent_ns;
-  sample.server_sent_ns = sample.server_received_ns + 41'234;
-  sample.fate = Fate::on_time;
-  return sample;
-}
-
-std::vector<Sample> usual(std::uint64_t first, std::uint64_t count) {
-  std::vector<Sample> samples;
-  for (std::uint64_t index = first; index < first + count; ++index) samples.push_back(usual(index));
-  return samples;
-}
-
-std::vector<Sample> samples_of(const Reader& reader, std::int64_t run) {
-  std::vector<Sample> samples;
-  reader.each_sample(run, [&](const Sample& sample) { samples.push_back(sample); });
-  return samples;
-}
-
-auto fields(const Sample& s) {
-  return std::tuple(s.index, s.intended_ns, s.due_ns, s.woke_ns, s.sent_ns, s.received_ns,
-                    s.server_received_ns, s.server_sent_ns, s.skipped_cycles, s.fate);
-}
-
-void expect_same(const std::vector<Sample>& found, const std::vector<Sample>& expected) {
-  ASSERT_EQ(found.size(), expected.size());
-  for (std::size_t i = 0; i < found.size(); ++i)
-    ASSERT_EQ(fields(found[i]), fields(expected[i])) << "sample " << i;
-}
-
-template <class Action>
-std::string error_of(Action action) {
-  try {
-    action();
-  } catch (const Error& error) {
-    return error.what();
-  }
-  return "";
-}
-
-// Runs `work` in a child, and kills it with SIGKILL once it has said by a byte that it is far enough.
-template <class Work>
-void kill_9(Work work) {
-  int pipe_ends[2];
-  ASSERT_EQ(::pipe(pipe_ends), 0);
-  const pid_t child = ::fork();
-  if (child == 0) {
-    try {
-      work([&] {
-        [[maybe_unused]] const auto written = ::write(pipe_ends[1], "x", 1);
-        ::pause();
-      });
-    } catch (const std::exception& error) {
-      std::fputs(error.what(), stderr);
-    }
-    ::_exit(1);
-  }
-  ::close(pipe_ends[1]);
-  char byte = 0;
-  const auto got = ::read(pipe_ends[0], &byte, 1);
-  ::close(pipe_ends[0]);
-  ::kill(child, SIGKILL);
-  ::waitpid(child, nullptr, 0);
-  ASSERT_EQ(got, 1) << "the child failed";
-}
-
 TEST_F(RecordTest, EverySampleComesBackAsItWas) {
   std::mt19937_64 random(20240607);
+  // As far as times can be; 0 says that there is none.
   const auto any_time = [&]() -> std::int64_t {
+    constexpr std::int64_t most = std::int64_t{1} << 60;
     switch (random() % 4) {
       case 0:
         return 0;
       case 1:
         return static_cast<std::int64_t>(random() % 1'000'000'000'000);
       case 2:
-        return random() % 2 != 0 ? std::numeric_limits<std::int64_t>::max()
-                                 : std::numeric_limits<std::int64_t>::min();
+        return random() % 2 != 0 ? most : -most;
       default:
-        return static_cast<std::int64_t>(random());
+        return static_cast<std::int64_t>(random() % most);
     }
+  };
+  const auto any_sample = [&](std::uint64_t index) {
+    Sample sample{.index = index,
+                  .intended_ns = any_time(),
+                  .due_ns = any_time(),
+                  .woke_ns = any_time(),
+                  .passed_wake_ns = std::abs(any_time()),
+                  .sent_ns = any_time(),
+                  .received_ns = any_time(),
+                  .server_received_ns = any_time(),
+                  .server_sent_ns = any_time(),
+                  .skipped_cycles = static_cast<std::uint32_t>(random()),
+                  .fate = static_cast<Fate>(random() % 2)};
+    if (sample.received_ns == 0) sample.fate = Fate::lost;
+    return sample;
   };
   std::vector<std::vector<Sample>> expected(3);
   {
@@ -195,11 +46,8 @@ TEST_F(RecordTest, EverySampleComesBackAsItWas) {
     for (int batch = 0; batch < 200; ++batch) {
       const std::size_t which = random() % runs.size();
       std::vector<Sample> samples;
-      for (std::size_t i = random() % 20; i > 0; --i) {
-        samples.push_back({expected[which].size() + samples.size(), any_time(), any_time(), any_time(),
-                           any_time(), any_time(), any_time(), any_time(), any_time(),
-                           static_cast<std::uint32_t>(random()), static_cast<Fate>(random() % 3)});
-      }
+      for (std::size_t i = random() % 20; i > 0; --i)
+        samples.push_back(any_sample(expected[which].size() + samples.size()));
       writer.append(runs[which], samples);
       expected[which].insert(expected[which].end(), samples.begin(), samples.end());
       if (random() % 10 == 0) writer.flush();
@@ -208,6 +56,46 @@ TEST_F(RecordTest, EverySampleComesBackAsItWas) {
   const Reader reader(path_);
   for (std::size_t i = 0; i < 3; ++i)
     expect_same(samples_of(reader, static_cast<std::int64_t>(i) + 1), expected[i]);
+}
+
+TEST_F(RecordTest, SampleThatIsThereAlreadyIsReplaced) {
+  auto given_up = usual(0, 4);
+  for (auto& sample : given_up) {
+    sample.fate = Fate::lost;
+    sample.received_ns = sample.server_received_ns = sample.server_sent_ns = 0;
+  }
+  auto expected = usual(0, 5);
+  expected[3] = given_up[3];
+  {
+    Writer writer(path_);
+    const auto run = writer.begin_run({});
+    writer.append(run, std::vector{given_up[0], given_up[1], usual(1)});  // within what is committed at once
+    writer.flush();
+    writer.append(run, std::vector{given_up[2]});
+    writer.append(run, std::vector{usual(2), given_up[3], usual(4), usual(0)});  // and long after
+  }
+  expect_same(samples_of(Reader(path_), 1), expected);
+}
+
+TEST_F(RecordTest, SamplesThatCannotBeAreRefused) {
+  constexpr std::int64_t too_much = (std::int64_t{1} << 60) + 1;
+  Writer writer(path_);
+  const auto run = writer.begin_run({});
+  writer.append(run, usual(0, 10));
+  const auto refusal = [&](auto change) {
+    auto samples = usual(10, 2);
+    change(samples[1]);
+    return error_of([&] { writer.append(run, samples); });
+  };
+  const auto cannot_be = AllOf(HasSubstr(path_), HasSubstr("message"), HasSubstr("cannot be"));
+  EXPECT_THAT(refusal([](Sample& s) { s.fate = Fate::lost; }), cannot_be) << "lost, with an answer";
+  EXPECT_THAT(refusal([](Sample& s) { s.received_ns = 0; }), cannot_be) << "on time, without";
+  EXPECT_THAT(refusal([](Sample& s) { s.passed_wake_ns = -1; }), cannot_be);
+  EXPECT_THAT(refusal([](Sample& s) { s.server_sent_ns = too_much; }), cannot_be);
+  EXPECT_THAT(refusal([](Sample& s) { s.sent_ns = -too_much; }), cannot_be);
+  EXPECT_THAT(refusal([](Sample& s) { s.index = std::uint64_t{1} << 63; }), cannot_be);
+  writer.flush();
+  expect_same(samples_of(Reader(path_), run), usual(0, 10));
 }
 
 TEST_F(RecordTest, RunsKeepWhatWasAskedAndWhatCameOfIt) {
@@ -228,9 +116,141 @@ TEST_F(RecordTest, RunsKeepWhatWasAskedAndWhatCameOfIt) {
   EXPECT_EQ(runs[2].asked.at("id"), "later");
 }
 
+// What `ontime run` asks for, in short.
+const nlohmann::json conditions = {{"id", "Test1.A"},
+                                   {"transport", "udp"},
+                                   {"period_us", 10000.0},
+                                   {"qos", {{"depth", 1}, {"reliability", "best-effort"}}},
+                                   {"hosts", "loopback"}};
+
+class KeyTest : public RecordTest {
+ protected:
+  static nlohmann::json with(const nlohmann::json& patch) {
+    auto asked = conditions;
+    asked.merge_patch(patch);
+    return asked;
+  }
+  static std::string key_of(const nlohmann::json& asked) {
+    Writer writer("");
+    writer.begin_run(asked);
+    return writer.reader().runs().at(0).key;
+  }
+};
+
+TEST_F(KeyTest, StaysWhatItIs) {
+  // Files that are compared with one another are years apart: where this changes, no two are alike any more.
+  EXPECT_EQ(key_of(conditions), "7de123f15e99142f3720a6bcb9e46a4d");
+}
+
+TEST_F(KeyTest, IsOfTheConditionsAndNothingElse) {
+  const auto key = key_of(conditions);
+  EXPECT_EQ(key_of(with({{"repetition", 7},
+                         {"title", "in words"},
+                         {"variant", "payload 500"},
+                         {"adds_to", "udp"},
+                         {"scenario", "runs: []"},
+                         {"scenario_file", "/somewhere/paper.yaml"},
+                         {"command_line", {"ontime", "run"}},
+                         {"ontime", "9.9.9"}})),
+            key);
+  for (const nlohmann::json& patch :
+       {nlohmann::json{{"id", "Test1.B"}}, nlohmann::json{{"transport", "fastdds"}},
+        nlohmann::json{{"period_us", 10000.5}}, nlohmann::json{{"qos", {{"depth", 2}}}},
+        nlohmann::json{{"hosts", "namespaces"}}, nlohmann::json{{"ping_topic", "/robot/ping"}},
+        nlohmann::json{{"something", false}}, nlohmann::json{{"something", 0}}})
+    EXPECT_NE(key_of(with(patch)), key) << patch;
+}
+
+TEST_F(KeyTest, MeaningTheSameIsTheSame) {
+  const auto key = key_of(conditions);
+  EXPECT_EQ(key_of(with({{"period_us", 10000}, {"qos", {{"depth", 1.0}}}})), key) << "10000 and 10000.0";
+  EXPECT_EQ(key_of(with(
+                {{"something", ""}, {"more", {{"nested", nlohmann::json::array()}}}, {"qos", {{"x", {}}}}})),
+            key)
+      << "what is empty, and what is not there";
+  EXPECT_EQ(key_of(with({{"ping_topic", "/ping"}, {"pong_topic", "/pong"}})), key)
+      << "what it was before it could be chosen";
+  EXPECT_EQ(
+      key_of(nlohmann::ordered_json::parse(R"({"hosts": "loopback", "period_us": 1e4, "transport": "udp",
+      "qos": {"reliability": "best-effort", "depth": 1}, "id": "Test1.A"})")),
+      key)
+      << "in another order";
+  EXPECT_NE(key_of({{"list", {"", "a"}}}), key_of({{"list", {"a", ""}}})) << "the places of a list count";
+}
+
+TEST_F(KeyTest, IsThereForEverybody) {
+  Writer(path_).begin_run(conditions);
+  EXPECT_EQ(query(path_, "SELECT key FROM run"), key_of(conditions));
+  EXPECT_EQ(Reader(path_).runs().at(0).key, key_of(conditions));
+  EXPECT_NE(key_of({}), key_of(7));
+}
+
+void expect_same_notes(const std::vector<Note>& found, const std::vector<Note>& expected) {
+  const auto all = [](const std::vector<Note>& notes) {
+    std::vector<
+        std::tuple<std::string, std::string, std::optional<std::int64_t>, std::optional<std::uint64_t>>>
+        tuples;
+    for (const auto& n : notes) tuples.emplace_back(n.kind, n.text, n.at_ns, n.message);
+    return tuples;
+  };
+  EXPECT_EQ(all(found), all(expected));
+}
+
+TEST_F(RecordTest, NotesComeBackInTheirOrder) {
+  const std::vector<Note> first = {{"peer-left", "the pong has left", 864'000'000'000'007, {}},
+                                   {"second-pong", "", -5, 3},
+                                   {"a", std::string("\x1b[31m and \0 as they are", 22), {}, {}}};
+  const std::vector<Note> second = {{"cause", "a page fault", {}, 9}};
+  {
+    Writer writer(path_);
+    const auto one = writer.begin_run({}), two = writer.begin_run({});
+    writer.note(one, first[0]);
+    writer.append(one, usual(0, 5));
+    writer.note(two, second[0]);
+    writer.note(one, first[1]);
+    writer.end_run(one, {});
+    writer.note(one, first[2]);  // known only afterwards
+    EXPECT_THAT(error_of([&] { writer.note(9, first[0]); }), AllOf(HasSubstr(path_), HasSubstr("no run 9")));
+    EXPECT_THAT(error_of([&] {
+                  writer.note(one, {"", "", {}, std::uint64_t{1} << 63});
+                }),
+                HasSubstr("cannot be"));
+    EXPECT_THAT(error_of([&] {
+                  writer.note(one, {"", "", std::int64_t{1} << 62, {}});
+                }),
+                HasSubstr("cannot be"));
+  }
+  const Reader reader(path_);
+  expect_same_notes(reader.notes(1), first);
+  expect_same_notes(reader.notes(2), second);
+  EXPECT_THAT(error_of([&] { reader.notes(3); }), HasSubstr("no run 3"));
+  EXPECT_EQ(query(path_, "SELECT group_concat(number || kind) FROM note WHERE run = 1"),
+            "1peer-left,2second-pong,3a");
+}
+
 TEST_F(RecordTest, TextThatIsNoUtf8IsRecordedAllTheSame) {
   Writer(path_).begin_run({{"command_line", "caf\xe9"}});
-  EXPECT_EQ(Reader(path_).runs().at(0).asked.at("command_line"), "caf\xef\xbf\xbd");
+  {
+    Writer writer(path_);
+    writer.note(1, {"k\xff", "caf\xe9", {}, {}});
+  }
+  const Reader reader(path_);
+  EXPECT_EQ(reader.runs().at(0).asked.at("command_line"), "caf\xef\xbf\xbd");
+  expect_same_notes(reader.notes(1), {{"k\xef\xbf\xbd", "caf\xef\xbf\xbd", {}, {}}});
+}
+
+TEST_F(RecordTest, WhatNoReaderWouldTakeBackIsNotWritten) {
+  nlohmann::json deep = 1;
+  for (int i = 0; i < 100; ++i) deep = nlohmann::json::array({std::move(deep)});
+  const nlohmann::json large = std::string(9 << 20, 'x');
+  Writer writer(path_);
+  const auto run = writer.begin_run({{"id", "sound"}});
+  for (const nlohmann::json* json : {&std::as_const(deep), &large}) {
+    EXPECT_THAT(error_of([&] { writer.begin_run(*json); }), HasSubstr("too long or nested too deep"));
+    EXPECT_THAT(error_of([&] { writer.end_run(run, *json); }), HasSubstr("too long or nested too deep"));
+  }
+  writer.end_run(run, {{"sent", 0}});
+  EXPECT_EQ(writer.reader().runs().size(), 1u);
 }
 
 TEST_F(RecordTest, LeavesOneFileAndNothingBesideIt) {
@@ -248,6 +268,7 @@ TEST_F(RecordTest, AnybodyCanReadItWithSqlite) {
     auto samples = usual(0, 2);
     samples[1].fate = Fate::lost;
     samples[1].received_ns = samples[1].server_received_ns = samples[1].server_sent_ns = 0;
+    samples[1].passed_wake_ns = 7'000;
     writer.append(writer.begin_run({{"id", "Test1.A"}, {"transport", "udp"}, {"repetition", 2}}), samples);
   }
   const auto column = [&](const char* name, int message) {
@@ -262,6 +283,8 @@ TEST_F(RecordTest, AnybodyCanReadItWithSqlite) {
   EXPECT_EQ(column("round_trip_us", 0), "987.654");
   EXPECT_EQ(column("response_us", 0), "1058.764");
   EXPECT_EQ(column("server_us", 0), "41.234");
+  EXPECT_EQ(column("passed_wake_us", 0), "0.0");
+  EXPECT_EQ(column("passed_wake_us", 1), "7.0");
   EXPECT_EQ(column("fate", 1), "lost");
   EXPECT_EQ(column("round_trip_us", 1), "NULL");
   EXPECT_EQ(column("response_us", 1), "NULL");
@@ -334,221 +357,6 @@ TEST_F(RecordTest, WriterThatEndsWhileSomebodyReadsLosesNothing) {
   reader.reset();
   Writer again(path_);
   EXPECT_EQ(samples_of(again.reader(), run).size(), 20u);
-}
-
-TEST_F(RecordTest, OneWriterAtATime) {
-  {
-    Writer writer(path_);
-    const auto run = writer.begin_run({});
-    const auto refusal = AllOf(HasSubstr(path_), HasSubstr("another program"));
-    EXPECT_THAT(error_of([&] { Writer second(path_); }), refusal) << "with nothing to commit";
-    writer.append(run, usual(0, 10));
-    EXPECT_THAT(error_of([&] { Writer second(path_); }), refusal) << "with something to commit";
-    writer.append(run, usual(10, 10));
-    writer.flush();
-    EXPECT_EQ(samples_of(Reader(path_), run).size(), 20u);
-  }
-  EXPECT_EQ(Writer(path_).begin_run({}), 2);
-}
-
-TEST_F(RecordTest, KilledWriterLosesNothingThatWasFlushed) {
-  kill_9([&](auto far_enough) {
-    Writer writer(path_);
-    const auto run = writer.begin_run({{"id", "killed"}});
-    for (std::uint64_t i = 0; i < 50'000; i += 100) writer.append(run, usual(i, 100));
-    writer.flush();
-    writer.append(run, usual(50'000, 1));
-    far_enough();
-  });
-  const auto before = bytes_of(path_);
-  {
-    const Reader reader(path_);
-    EXPECT_EQ(reader.runs().at(0).outcome, nullptr);
-    const auto samples = samples_of(reader, 1);
-    EXPECT_GE(samples.size(), 50'000u);
-    expect_same(samples, usual(0, samples.size()));
-  }
-  EXPECT_EQ(bytes_of(path_), before) << "reading changed the file";
-  {
-    Writer writer(path_);
-    EXPECT_EQ(writer.begin_run({}), 2);
-  }
-  EXPECT_THAT(files(), ElementsAre("results.db"));
-  EXPECT_GE(samples_of(Reader(path_), 1).size(), 50'000u);
-}
-
-TEST_F(RecordTest, KilledWriterLosesAtMostTheLastSecond) {
-  // Of a Writer that never flushes: what it had appended a second before it was killed.
-  const std::string known = (folder_ / "known").string();
-  kill_9([&](auto far_enough) {
-    Writer writer(path_);
-    const auto run = writer.begin_run({});
-    std::uint64_t appended = 0;
-    const auto append_for = [&](std::chrono::milliseconds time) {
-      const auto end = std::chrono::steady_clock::now() + time;
-      while (std::chrono::steady_clock::now() < end) {
-        writer.append(run, usual(appended, 10));
-        appended += 10;
-        std::this_thread::sleep_for(std::chrono::milliseconds(5));
-      }
-    };
-    append_for(std::chrono::milliseconds(300));
-    write_bytes(known, std::to_string(appended));
-    append_for(std::chrono::milliseconds(1000));
-    far_enough();
-  });
-  EXPECT_GE(samples_of(Reader(path_), 1).size(), std::stoul(bytes_of(known)));
-}
-
-TEST_F(RecordTest, ReadsInAReadOnlyPlace) {
-  if (!mount_disk("size=8m")) GTEST_SKIP() << "mounting a tmpfs needs root";
-  {
-    Writer writer(path_);
-    writer.append(writer.begin_run({}), usual(0, 1000));
-  }
-  const std::string killed = (folder_ / "killed.db").string();
-  kill_9([&](auto far_enough) {
-    Writer writer(killed);
-    writer.append(writer.begin_run({}), usual(0, 1000));
-    writer.flush();
-    far_enough();
-  });
-  const std::string torn = (folder_ / "torn.db").string();  // the log came along, SQLite's lock file did not
-  fs::copy_file(killed, torn);
-  fs::copy_file(killed + "-wal", torn + "-wal");
-  ASSERT_TRUE(make_disk_read_only());
-  EXPECT_EQ(samples_of(Reader(path_), 1).size(), 1000u);
-  EXPECT_EQ(samples_of(Reader(killed), 1).size(), 1000u);
-  EXPECT_THAT(error_of([&] { Reader reader(torn); }),
-              AllOf(HasSubstr(torn + "-wal"), HasSubstr("Copy both")));
-  EXPECT_THAT(error_of([&] { Writer writer(path_); }), AllOf(HasSubstr(path_), HasSubstr("read-only")));
-}
-
-TEST_F(RecordTest, FileThatMayNotBeWritten) {
-  { Writer(path_).begin_run({}); }
-  fs::permissions(path_, fs::perms::owner_read | fs::perms::group_read | fs::perms::others_read);
-  // Root may write everywhere, so it becomes nobody for this.
-  const bool root = ::geteuid() == 0;
-  constexpr uid_t nobody = 65534;
-  if (root) {
-    ASSERT_EQ(::seteuid(nobody), 0);
-  }
-  const auto error = error_of([&] { Writer writer(path_); });
-  const auto readable = error_of([&] { EXPECT_EQ(Reader(path_).runs().size(), 1u); });
-  if (root) {
-    ASSERT_EQ(::seteuid(0), 0);
-  }
-  EXPECT_THAT(error, AllOf(HasSubstr(path_), HasSubstr("read-only")));
-  EXPECT_EQ(readable, "");
-}
-
-TEST_F(RecordTest, FullDiskKeepsWhatWasCommitted) {
-  if (!mount_disk("size=2m")) GTEST_SKIP() << "mounting a tmpfs needs root";
-  std::uint64_t committed = 0;
-  std::string error;
-  {
-    Writer writer(path_);
-    const auto run = writer.begin_run({});
-    error = error_of([&] {
-      for (;; committed += 500) {
-        writer.append(run, usual(committed, 500));
-        writer.flush();
-      }
-    });
-  }
-  EXPECT_THAT(error,
-              AllOf(HasSubstr(path_), ::testing::AnyOf(HasSubstr("disk is full"), HasSubstr("No space"))));
-  EXPECT_GT(committed, 0u);
-  expect_same(samples_of(Reader(path_), 1), usual(0, committed));
-}
-
-TEST_F(RecordTest, DiskThatIsFullFromTheStartGetsNothingHalfWritten) {
-  if (!mount_disk("size=64k")) GTEST_SKIP() << "mounting a tmpfs needs root";
-  write_bytes((folder_ / "filler").string(), std::string(65'536, 'x'));
-  EXPECT_THAT(error_of([&] { Writer writer(path_); }), HasSubstr(path_));
-  EXPECT_THAT(files(), ElementsAre("filler"));
-}
-
-TEST_F(RecordTest, FileThatMayNotGrowKeepsWhatWasCommitted) {
-  // A limit of the process instead of the disk, so that it can be tried without root.
-  std::signal(SIGXFSZ, SIG_IGN);
-  rlimit before{};
-  ::getrlimit(RLIMIT_FSIZE, &before);
-  std::uint64_t committed = 0;
-  std::string error;
-  {
-    Writer writer(path_);
-    const auto run = writer.begin_run({});
-    const rlimit limit{1'000'000, before.rlim_max};
-    ::setrlimit(RLIMIT_FSIZE, &limit);
-    error = error_of([&] {
-      for (;; committed += 500) {
-        writer.append(run, usual(committed, 500));
-        writer.flush();
-      }
-    });
-    ::setrlimit(RLIMIT_FSIZE, &before);
-  }
-  std::signal(SIGXFSZ, SIG_DFL);
-  EXPECT_THAT(error, HasSubstr(path_));
-  EXPECT_GT(committed, 0u);
-  expect_same(samples_of(Reader(path_), 1), usual(0, committed));
-}
-
-TEST_F(RecordTest, WhatIsNoResultsFileIsRefusedAndLeftAlone) {
-  { Writer(path_).begin_run({}); }
-  const auto results = bytes_of(path_);
-  const auto made = [&](const std::string& name, const std::string& bytes) {
-    write_bytes((folder_ / name).string(), bytes);
-    return (folder_ / name).string();
-  };
-  const auto text = made("text", std::string(5000, 'x') + "\n");
-  const auto other = (folder_ / "other.db").string();
-  query(other, "CREATE TABLE bookmark (url TEXT)");
-  const auto newer = made("newer.db", results);
-  query(newer, "PRAGMA user_version = 2");
-  const auto cut = made("cut.db", results.substr(0, 5000));
-  const struct {
-    std::string path, found;
-  } cases[] = {
-      {text, "not a results file"}, {other, "another program's"}, {newer, "newer ontime"}, {cut, "damaged"}};
-  for (const auto& one : cases) {
-    const auto& path = one.path;
-    const auto& found = one.found;
-    const auto before = bytes_of(path);
-    EXPECT_THAT(error_of([&] { Writer writer(path); }), AllOf(HasSubstr(path), HasSubstr(found)));
-    EXPECT_THAT(error_of([&] { samples_of(Reader(path), 1); }), AllOf(HasSubstr(path), HasSubstr(found)));
-    EXPECT_EQ(bytes_of(path), before) << path;
-  }
-  EXPECT_THAT(files(), ElementsAre("cut.db", "newer.db", "other.db", "results.db", "text"));
-}
-
-TEST_F(RecordTest, MissingFilesAndFolders) {
-  const auto folder = folder_.string();
-  const auto nowhere = (folder_ / "no" / "where.db").string();
-  EXPECT_THAT(error_of([&] { Reader reader(path_); }), AllOf(HasSubstr(path_), HasSubstr("No such file")));
-  EXPECT_THAT(error_of([&] { Writer writer(nowhere); }),
-              AllOf(HasSubstr(nowhere), HasSubstr("No such file")));
-  EXPECT_THAT(error_of([&] { Reader reader(folder); }), AllOf(HasSubstr(folder), HasSubstr("not a file")));
-  EXPECT_THAT(error_of([&] { Writer writer(folder); }), AllOf(HasSubstr(folder), HasSubstr("not a file")));
-  EXPECT_THAT(files(), IsEmpty());
-}
-
-TEST_F(RecordTest, EmptyFileIsWrittenButNotRead) {
-  write_bytes(path_, "");
-  EXPECT_THAT(error_of([&] { Reader reader(path_); }), AllOf(HasSubstr(path_), HasSubstr("empty")));
-  EXPECT_EQ(Writer(path_).begin_run({}), 1);
-}
-
-TEST_F(RecordTest, DamageIsSaidNotGuessed) {
-  {
-    Writer writer(path_);
-    writer.append(writer.begin_run({}), usual(0, 1));
-  }
-  query(path_, "UPDATE sample SET fate = 7");
-  EXPECT_THAT(error_of([&] { samples_of(Reader(path_), 1); }), AllOf(HasSubstr(path_), HasSubstr("fate 7")));
-  query(path_, "UPDATE run SET outcome = '{'");
-  EXPECT_THAT(error_of([&] { Reader(path_).runs(); }), AllOf(HasSubstr(path_), HasSubstr("no JSON")));
 }
 
 TEST_F(RecordTest, RunsThatAreNotThere) {

@@ -1,21 +1,30 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "record/connection.hpp"
 
+#include <algorithm>
 #include <cerrno>
 #include <filesystem>
 #include <system_error>
 
 #include <fmt/format.h>
 
-#include "record/format.hpp"
+#include "record/document.hpp"
 #include "record/record.hpp"
 
 namespace ontime::record {
 namespace {
 
+// It may name what is in the file, in somebody else's letters.
+std::string message_of(sqlite3* handle) {
+  std::string text = sqlite3_errmsg(handle);
+  std::replace_if(
+      text.begin(), text.end(), [](unsigned char c) { return c < ' ' || c > '~'; }, '?');
+  return text;
+}
+
 std::string reason(sqlite3* handle) {
   const int error = sqlite3_system_errno(handle);
-  return error != 0 ? std::generic_category().message(error) : sqlite3_errmsg(handle);
+  return error != 0 ? std::generic_category().message(error) : message_of(handle);
 }
 
 std::string explanation(int code, sqlite3* handle) {
@@ -43,8 +52,18 @@ std::string explanation(int code, sqlite3* handle) {
           "reading or writing failed ({}). What was committed before is in the file: see to the "
           "disk, or choose a file elsewhere.",
           reason(handle));
+    case SQLITE_INTERRUPT:
+      return "it is damaged (to read it would have no end).";
+    case SQLITE_ERROR:  // of our SQL, which nothing else can be wrong with
+    case SQLITE_CONSTRAINT:
+    case SQLITE_MISMATCH:
+    case SQLITE_TOOBIG:
+      return fmt::format(
+          "its tables are not as ontime makes them ({}): it is damaged, or another program changed it. "
+          "Choose another file.",
+          message_of(handle));
     default:
-      return fmt::format("SQLite says: {}.", sqlite3_errmsg(handle));
+      return fmt::format("SQLite says: {}.", message_of(handle));
   }
 }
 
@@ -72,14 +91,29 @@ Connection::Connection(const std::string& path, int flags, bool immutable)
   if (code != SQLITE_OK) fail(code);
   sqlite3_extended_result_codes(handle, 1);
   sqlite3_busy_timeout(handle, 1000);
+  sqlite3_db_config(handle, SQLITE_DBCONFIG_DEFENSIVE, 1, nullptr);
+  sqlite3_db_config(handle, SQLITE_DBCONFIG_ENABLE_TRIGGER, 0, nullptr);
+  sqlite3_db_config(handle, SQLITE_DBCONFIG_ENABLE_VIEW, 0, nullptr);
+  sqlite3_limit(handle, SQLITE_LIMIT_LENGTH, 3 * longest_text);  // a row has two
+  // Not SQLITE_DBCONFIG_TRUSTED_SCHEMA: to SQLite 3.40 the json_extract() of our own tables is not to be
+  // trusted.
+  sqlite3_progress_handler(handle, 1'000'000, look, this);
+  run("PRAGMA cell_size_check = ON");
 }
 
+// Between two rows there are some dozens of SQLite's instructions.
+int Connection::look(void* connection) { return ++static_cast<Connection*>(connection)->looks_ > 1 ? 1 : 0; }
+
 void Connection::run(const char* sql) {
+  came_on();
   const int code = sqlite3_exec(handle(), sql, nullptr, nullptr, nullptr);
   if (code != SQLITE_OK) fail(code);
 }
 
-void Connection::try_run(const char* sql) noexcept { sqlite3_exec(handle(), sql, nullptr, nullptr, nullptr); }
+void Connection::try_run(const char* sql) noexcept {
+  came_on();
+  sqlite3_exec(handle(), sql, nullptr, nullptr, nullptr);
+}
 
 std::int64_t Connection::number(const char* sql) {
   Statement statement(*this, sql);
@@ -87,28 +121,20 @@ std::int64_t Connection::number(const char* sql) {
   return statement.integer(0);
 }
 
-bool Connection::has_format() {
-  const auto application = number("PRAGMA application_id");
-  if (application == 0 && number("SELECT count(*) FROM sqlite_master") == 0) return false;
-  if (application != application_id)
-    throw WrongFile(
-        fmt::format("{}: it is not a results file of ontime, but another program's SQLite database. Choose "
-                    "another file.",
-                    name_));
-  const auto version = number("PRAGMA user_version");
-  if (version > format_version)
-    throw WrongFile(
-        fmt::format("{}: it has format {}, from a newer ontime; this one knows format {}. Update ontime, or "
-                    "choose another file.",
-                    name_, version, format_version));
-  return true;
-}
-
 void Connection::fail(int code) {
   const auto text = fmt::format("{}: {}", name_, explanation(code, handle_.get()));
-  const int kind = code & 0xff;
-  if (kind == SQLITE_NOTADB || kind == SQLITE_CORRUPT) throw WrongFile(text);
-  throw Error(text);
+  switch (code & 0xff) {
+    case SQLITE_NOTADB:
+    case SQLITE_CORRUPT:
+    case SQLITE_INTERRUPT:
+    case SQLITE_ERROR:
+    case SQLITE_CONSTRAINT:
+    case SQLITE_MISMATCH:
+    case SQLITE_TOOBIG:
+      throw WrongFile(text);
+    default:
+      throw Error(text);
+  }
 }
 
 Statement::Statement(Connection& connection, const char* sql) : connection_(connection) {
@@ -136,32 +162,50 @@ Statement& Statement::bind(const std::string& value) {
 }
 
 void Statement::execute() {
+  connection_.came_on();
   sqlite3_step(handle_.get());
   bound_ = 0;
   check(sqlite3_reset(handle_.get()));  // says again what the step said
 }
 
 bool Statement::next() {
+  connection_.came_on();
   const int code = sqlite3_step(handle_.get());
   if (code != SQLITE_DONE && code != SQLITE_ROW) connection_.fail(code);
   return code == SQLITE_ROW;
 }
 
-std::int64_t Statement::integer(int column) { return sqlite3_column_int64(handle_.get(), column); }
+// One call for a value's type and the value. What it returns is for one thread at a time, as a Statement is.
+std::int64_t Statement::integer(int column) {
+  auto* value = sqlite3_column_value(handle_.get(), column);
+  if (sqlite3_value_type(value) != SQLITE_INTEGER) fail_type(column, "whole number");
+  return sqlite3_value_int64(value);
+}
 
 std::optional<std::int64_t> Statement::optional_integer(int column) {
-  if (sqlite3_column_type(handle_.get(), column) == SQLITE_NULL) return std::nullopt;
-  return integer(column);
+  auto* value = sqlite3_column_value(handle_.get(), column);
+  const int type = sqlite3_value_type(value);
+  if (type == SQLITE_NULL) return std::nullopt;
+  if (type != SQLITE_INTEGER) fail_type(column, "whole number");
+  return sqlite3_value_int64(value);
 }
 
 std::string Statement::text(int column) {
+  const int type = sqlite3_column_type(handle_.get(), column);
+  if (type == SQLITE_NULL) return {};
+  if (type != SQLITE_TEXT) fail_type(column, "text");
   const auto* bytes = reinterpret_cast<const char*>(sqlite3_column_text(handle_.get(), column));
-  const auto size = static_cast<std::size_t>(sqlite3_column_bytes(handle_.get(), column));
-  return bytes == nullptr ? std::string() : std::string(bytes, size);
+  if (bytes == nullptr) connection_.fail(SQLITE_NOMEM);
+  return {bytes, static_cast<std::size_t>(sqlite3_column_bytes(handle_.get(), column))};
 }
 
 void Statement::check(int code) {
   if (code != SQLITE_OK) connection_.fail(code);
+}
+
+void Statement::fail_type(int column, const char* expected) {
+  throw WrongFile(fmt::format("{}: it is damaged (a value of {} is no {}).", connection_.name(),
+                              sqlite3_column_name(handle_.get(), column), expected));
 }
 
 }  // namespace ontime::record

@@ -1,54 +1,25 @@
 // SPDX-License-Identifier: Apache-2.0
-// The tables of a results file, as docs/results-file.md describes them.
+// The tables of a results file, as docs/results-file.md describes them, and how those of an older format
+// become them.
 #pragma once
 
 #include <cstdint>
 
+#include "record/connection.hpp"
+#include "roundtrip/sample.hpp"
+
 namespace ontime::record {
 
-// In the file's header.
-inline constexpr std::int64_t application_id = 0x6f6e746d;  // "ontm"
-inline constexpr std::int64_t format_version = 1;           // user_version
+inline constexpr std::int64_t format_version = 2;  // user_version, in the file's header
 
-// Times of a sample are kept as differences, each after the one before it: SQLite stores small numbers in few
-// bytes. Anything that is usual (no skipped cycle, on time) is 0, which takes none.
-inline constexpr const char* schema = R"(
-PRAGMA application_id = 0x6f6e746d;
-PRAGMA user_version = 1;
-CREATE TABLE run (
-  number INTEGER PRIMARY KEY,
-  started_at TEXT NOT NULL,  -- UTC
-  start_ns INTEGER,          -- intended time of the first message: CLOCK_MONOTONIC of the client
-  asked TEXT NOT NULL,       -- JSON
-  outcome TEXT,              -- JSON; NULL: the run was cut off, or goes on
-  id TEXT AS (json_extract(asked, '$.id')),
-  transport TEXT AS (json_extract(asked, '$.transport')),
-  repetition INTEGER AS (json_extract(asked, '$.repetition'))
-);
-CREATE TABLE sample (
-  run INTEGER NOT NULL,
-  message INTEGER NOT NULL,        -- from 0, in the order of sending
-  intended_ns INTEGER NOT NULL,    -- after run.start_ns
-  due_after_ns INTEGER NOT NULL,   -- after intended
-  woke_after_ns INTEGER NOT NULL,  -- after due
-  sent_after_ns INTEGER NOT NULL,  -- after woke
-  received_after_ns INTEGER,       -- after sent: the round trip; NULL: lost
-  server_received_ns INTEGER,      -- CLOCK_MONOTONIC of the server; NULL: it did not say
-  server_sent_after_ns INTEGER,    -- after server_received
-  skipped_cycles INTEGER NOT NULL,
-  fate INTEGER NOT NULL,           -- 0 on time, 1 late, 2 lost
-  PRIMARY KEY (run, message)
-) WITHOUT ROWID;
-CREATE VIEW message AS
-SELECT sample.run, id, transport, repetition, message,
-       CASE fate WHEN 0 THEN 'on time' WHEN 1 THEN 'late' WHEN 2 THEN 'lost' END AS fate, skipped_cycles,
-       intended_ns / 1e9 AS intended_s,
-       woke_after_ns / 1e3 AS wake_up_us,
-       received_after_ns / 1e3 AS round_trip_us,
-       (due_after_ns + woke_after_ns + sent_after_ns + received_after_ns) / 1e3 AS response_us,
-       server_sent_after_ns / 1e3 AS server_us
-FROM sample JOIN run ON run.number = sample.run;
-)";
+// The format of the file; 0 if it holds nothing. Throws if it is not a results file, has a format that this
+// ontime does not know, or its tables are not those of its format: whatever holds the columns that we name,
+// as what they are, will do.
+std::int64_t format_of(Connection&);
+
+void create_tables(Connection&);
+// From format 1, all but run.key. To be called in a transaction, as create_tables() is.
+void migrate_tables(Connection&);
 
 // The way into the file and back, exact for every pair of numbers, also for those whose difference is no
 // int64.
@@ -58,6 +29,19 @@ constexpr std::int64_t difference(std::int64_t later, std::int64_t earlier) {
 constexpr std::int64_t sum(std::int64_t earlier, std::int64_t difference) {
   return static_cast<std::int64_t>(static_cast<std::uint64_t>(earlier) +
                                    static_cast<std::uint64_t>(difference));
+}
+
+// No clock that counts from a machine's start shows more: 36 years. Within it, whoever calculates with times
+// need not fear to overflow.
+constexpr bool can_be(std::int64_t time_ns) {
+  constexpr std::int64_t most = std::int64_t{1} << 60;
+  return -most <= time_ns && time_ns <= most;
+}
+constexpr bool can_be(const roundtrip::Sample& sample) {
+  return can_be(sample.intended_ns) && can_be(sample.due_ns) && can_be(sample.woke_ns) &&
+         can_be(sample.sent_ns) && can_be(sample.received_ns) && can_be(sample.server_received_ns) &&
+         can_be(sample.server_sent_ns) && can_be(sample.passed_wake_ns) && sample.passed_wake_ns >= 0 &&
+         (sample.fate == roundtrip::Fate::lost) == (sample.received_ns == 0);
 }
 
 }  // namespace ontime::record

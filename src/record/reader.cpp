@@ -1,11 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <filesystem>
+#include <limits>
 #include <system_error>
 #include <utility>
 
 #include <fmt/format.h>
 
 #include "record/connection.hpp"
+#include "record/document.hpp"
 #include "record/format.hpp"
 #include "record/record.hpp"
 
@@ -22,39 +24,95 @@ void require_file(const std::string& path) {
 
 // What a killed Writer committed may lie in the log beside the file. SQLite needs to lock that log while
 // reading it, in a file of its own; where that cannot be made, nobody can be writing either, but the log
-// cannot be read.
+// cannot be read. And what a Writer was killed in the middle of, before there was a log, only another can
+// undo.
 std::shared_ptr<Connection> connect(const std::string& path) {
   require_file(path);
-  auto connection = std::make_shared<Connection>(path, SQLITE_OPEN_READONLY);
+  auto connection = std::make_shared<Connection>(path, SQLITE_OPEN_READONLY | SQLITE_OPEN_NOMUTEX);
   try {
-    connection->has_format();
+    format_of(*connection);
     return connection;
   } catch (const Error&) {
     const int code = sqlite3_errcode(connection->handle()) & 0xff;
     if (code != SQLITE_CANTOPEN && code != SQLITE_READONLY) throw;
     std::error_code ignored;
-    const std::string log = std::filesystem::canonical(path, ignored).string() + "-wal";
-    if (std::filesystem::exists(log, ignored) && std::filesystem::file_size(log, ignored) > 0)
+    const auto beside = [&](const char* suffix) {
+      return std::filesystem::canonical(path, ignored).string() + suffix;
+    };
+    const auto holds_something = [&](const std::string& file) {
+      return std::filesystem::exists(file, ignored) && std::filesystem::file_size(file, ignored) > 0;
+    };
+    if (const auto log = beside("-wal"); holds_something(log))
       throw Error(fmt::format(
           "{}: its newest samples are in {}, which cannot be read in a read-only place. Copy both "
           "to a folder that permits writing, and read them there.",
           path, log));
-    return std::make_shared<Connection>(path, SQLITE_OPEN_READONLY, true);
+    if (const auto journal = beside("-journal"); holds_something(journal))
+      throw Error(
+          fmt::format("{}: a program was cut off while it changed the file, and what it changed must be "
+                      "undone first ({}). "
+                      "`sqlite3 FILE .tables` does that.",
+                      path, journal));
+    return std::make_shared<Connection>(path, SQLITE_OPEN_READONLY | SQLITE_OPEN_NOMUTEX, true);
   }
 }
 
-nlohmann::json json_of(const std::string& text, std::int64_t run, const std::string& path) {
-  if (text.empty()) return nullptr;
-  auto value = nlohmann::json::parse(text, nullptr, false);
-  if (value.is_discarded())
-    throw WrongFile(fmt::format("{}: it is damaged (run {} holds no JSON).", path, run));
-  return value;
+[[noreturn]] void damaged(const Connection& connection, const std::string& how) {
+  throw WrongFile(fmt::format("{}: it is damaged ({}).", connection.name(), how));
 }
 
-// In the order of the columns of `sample`, without `run`.
-roundtrip::Sample sample_of(Statement& row, std::int64_t start_ns, const std::string& path) {
+// Rows come in ascending order of their number. In a damaged file, or one made for that, they may go round
+// for ever.
+class Ascending {
+ public:
+  Ascending(const Connection& connection, const char* what, std::int64_t least)
+      : connection_(connection), what_(what), next_(least) {}
+  std::int64_t operator()(std::int64_t number) {
+    if (number < next_ || number == std::numeric_limits<std::int64_t>::max())
+      damaged(connection_, fmt::format("{} {} is out of order", what_, number));
+    next_ = number + 1;
+    return number;
+  }
+
+ private:
+  const Connection& connection_;
+  const char* what_;
+  std::int64_t next_;
+};
+
+// All texts of a file together are no longer than the file, unless many rows claim the same bytes of it.
+class Texts {
+ public:
+  explicit Texts(Connection& connection) : connection_(connection) {}
+  std::string operator()(Statement& row, int column) {
+    // Asked for only now, so that it is of the moment that the row is of.
+    if (!left_) left_ = connection_.number("PRAGMA page_count") * connection_.number("PRAGMA page_size");
+    auto text = row.text(column);
+    *left_ -= static_cast<std::int64_t>(text.size());
+    if (*left_ < 0) damaged(connection_, "its texts are longer than the whole file");
+    return text;
+  }
+
+ private:
+  Connection& connection_;
+  std::optional<std::int64_t> left_;
+};
+
+nlohmann::json parsed(const Connection& connection, std::int64_t run, const std::string& text) {
+  if (text.empty()) return nullptr;
+  if (auto value = json_of(text)) return *std::move(value);
+  damaged(connection, fmt::format("run {} holds no JSON", run));
+}
+
+void require_run(Connection& connection, std::int64_t run, bool is_there) {
+  if (!is_there) throw Error(fmt::format("{}: there is no run {}.", connection.name(), run));
+}
+
+// In the order of the columns that each_sample() names.
+roundtrip::Sample sample_of(Statement& row, std::int64_t index, std::int64_t start_ns,
+                            const Connection& connection) {
   roundtrip::Sample sample{};
-  sample.index = static_cast<std::uint64_t>(row.integer(0));
+  sample.index = static_cast<std::uint64_t>(index);
   sample.intended_ns = sum(start_ns, row.integer(1));
   sample.due_ns = sum(sample.intended_ns, row.integer(2));
   sample.woke_ns = sum(sample.due_ns, row.integer(3));
@@ -63,43 +121,83 @@ roundtrip::Sample sample_of(Statement& row, std::int64_t start_ns, const std::st
   sample.server_received_ns = row.optional_integer(6).value_or(0);
   if (const auto after = row.optional_integer(7))
     sample.server_sent_ns = sum(sample.server_received_ns, *after);
-  sample.skipped_cycles = static_cast<std::uint32_t>(row.integer(8));
+  const auto skipped = row.integer(8);
   const auto fate = row.integer(9);
+  sample.passed_wake_ns = row.integer(10);
   if (fate < 0 || fate > static_cast<std::int64_t>(roundtrip::Fate::lost))
-    throw WrongFile(fmt::format("{}: it is damaged (message {} has fate {}).", path, sample.index, fate));
+    damaged(connection, fmt::format("message {} has fate {}", index, fate));
+  if (skipped < 0 || skipped > std::numeric_limits<std::uint32_t>::max())
+    damaged(connection, fmt::format("message {} skipped {} cycles", index, skipped));
+  sample.skipped_cycles = static_cast<std::uint32_t>(skipped);
   sample.fate = static_cast<roundtrip::Fate>(fate);
+  if (!can_be(sample)) damaged(connection, fmt::format("the times of message {} cannot be", index));
   return sample;
 }
 
 }  // namespace
 
 Reader::Reader(const std::string& path) : Reader(connect(path)) {
-  if (!connection_->has_format())
+  if (format_of(*connection_) == 0)
     throw WrongFile(fmt::format("{}: it is empty, not a results file of ontime. Choose another file.", path));
 }
 
 Reader::Reader(std::shared_ptr<Connection> connection) : connection_(std::move(connection)) {}
 
 std::vector<Run> Reader::runs() const {
-  const auto& name = connection_->name();
   std::vector<Run> runs;
+  Texts text_in(*connection_);
+  Ascending in_order(*connection_, "run", 1);
   Statement row(*connection_, "SELECT number, asked, outcome FROM run ORDER BY number");
   while (row.next()) {
-    const auto number = row.integer(0);
-    runs.push_back({number, json_of(row.text(1), number, name), json_of(row.text(2), number, name), {}});
+    const auto number = in_order(row.integer(0));
+    auto asked = parsed(*connection_, number, text_in(row, 1));
+    auto outcome = parsed(*connection_, number, text_in(row, 2));
+    auto key = key_of(asked);  // not the column: format 1 has none, and this one is right
+    runs.push_back({number, std::move(asked), std::move(outcome), std::move(key)});
   }
   return runs;
 }
 
+std::vector<Note> Reader::notes(std::int64_t run) const {
+  std::vector<Note> notes;
+  Statement start(*connection_, "SELECT start_ns FROM run WHERE number = ?");
+  require_run(*connection_, run, start.bind(run).next());
+  if (connection_->number("PRAGMA user_version") == 1) return notes;
+  Texts text_in(*connection_);
+  Ascending in_order(*connection_, "note", 1);
+  Statement row(*connection_,
+                "SELECT number, kind, text, at_ns, message FROM note WHERE run = ? ORDER BY number");
+  row.bind(run);
+  while (row.next()) {
+    const auto number = in_order(row.integer(0));
+    Note note{utf8_of(text_in(row, 1)), utf8_of(text_in(row, 2)), row.optional_integer(3), {}};
+    const auto message = row.optional_integer(4);
+    if (message.value_or(0) < 0 || !can_be(note.at_ns.value_or(0)))
+      damaged(*connection_, fmt::format("note {} is of a moment or a message that cannot be", number));
+    if (message) note.message = static_cast<std::uint64_t>(*message);
+    notes.push_back(std::move(note));
+  }
+  return notes;
+}
+
 void Reader::each_sample(std::int64_t run, const std::function<void(const roundtrip::Sample&)>& use) const {
   Statement start(*connection_, "SELECT start_ns FROM run WHERE number = ?");
-  if (!start.bind(run).next()) throw Error(fmt::format("{}: there is no run {}.", connection_->name(), run));
+  require_run(*connection_, run, start.bind(run).next());
   Statement row(*connection_,
-                "SELECT message, intended_ns, due_after_ns, woke_after_ns, sent_after_ns, received_after_ns, "
-                "server_received_ns, server_sent_after_ns, skipped_cycles, fate "
-                "FROM sample WHERE run = ? ORDER BY message");
+                connection_->number("PRAGMA user_version") == 1
+                    ? "SELECT message, intended_ns, due_after_ns, woke_after_ns, sent_after_ns, "
+                      "received_after_ns, server_received_ns, server_sent_after_ns, skipped_cycles, fate, 0 "
+                      "FROM sample WHERE run = ? ORDER BY message"
+                    : "SELECT message, intended_ns, due_after_ns, woke_after_ns, sent_after_ns, "
+                      "received_after_ns, server_received_ns, server_sent_after_ns, skipped_cycles, fate, "
+                      "passed_wake_ns FROM sample WHERE run = ? ORDER BY message");
   row.bind(run);
-  while (row.next()) use(sample_of(row, start.integer(0), connection_->name()));
+  Ascending in_order(*connection_, "message", 0);
+  if (!row.next()) return;
+  const auto start_ns = start.integer(0);
+  do {
+    use(sample_of(row, in_order(row.integer(0)), start_ns, *connection_));
+  } while (row.next());
 }
 
 }  // namespace ontime::record

@@ -43,15 +43,18 @@ struct Run {
 struct Note {
   std::string kind;                      // "peer-left", "second-pong" …: a word for programs
   std::string text;                      // for people
-  std::optional<std::int64_t> at_ns;     // CLOCK_MONOTONIC of the client
+  std::optional<std::int64_t> at_ns;     // CLOCK_MONOTONIC of the client, ±2^60 at most
   std::optional<std::uint64_t> message;  // its index
 };
 
+// What waits for the disk does so on a thread of the Writer's own. begin_run(), end_run(), flush() and the
+// destructor wait for it; append() and note() of a run under way do not, however long the disk stalls (or
+// until four million samples wait). They throw what became of what was appended before.
 class Writer {
  public:
-  // Creates the file, or adds runs to one that is there. An empty path: a temporary file that goes with the
-  // Writer. Throws if it is not a results file, is from a newer version, cannot be written, or another Writer
-  // has it open.
+  // Creates the file, or adds runs to one that is there; one of an older format becomes one of this. An empty
+  // path: a temporary file that goes with the Writer. Throws if it is not a results file, is from a newer
+  // version, cannot be written, or another Writer has it open.
   explicit Writer(const std::string& path);
   ~Writer();  // leaves one file, nothing beside it
   Writer(Writer&&) noexcept;
@@ -59,20 +62,23 @@ class Writer {
 
   std::int64_t begin_run(const nlohmann::json& asked);
   // In order of index; one that is there already is replaced (a message given up as lost, whose answer was in
-  // time after all). Durable against kill -9 once flush() has returned; where samples keep coming, also
-  // once a second has passed since.
+  // time after all). Durable against kill -9 once flush() has returned, or a second has passed in which the
+  // disk did not stall. Throws for a sample with times that cannot be: beyond ±2^60 ns, or lost and answered
+  // at once.
   void append(std::int64_t run, std::span<const roundtrip::Sample> samples);
-  void note(std::int64_t run, const Note&);
+  void note(std::int64_t run, const Note&);  // also of a run that has ended
   void end_run(std::int64_t run, const nlohmann::json& outcome);
   void flush();
 
   class Reader reader();  // of what has been flushed; for a temporary file the only way to it
 
  private:
-  struct Database;
-  std::shared_ptr<Database> database_;
+  class Thread;
+  std::unique_ptr<Thread> thread_;
 };
 
+// Of files of all formats until now. One that is not what it says (somebody else's, damaged, or made to
+// mislead) ends in WrongFile; texts are valid UTF-8, but may hold any character.
 class Reader {
  public:
   explicit Reader(const std::string& path);  // never changes the file
@@ -83,6 +89,7 @@ class Reader {
 
  private:
   friend class Writer;
+  friend class Database;
   explicit Reader(std::shared_ptr<class Connection>);
   std::shared_ptr<class Connection> connection_;
 };

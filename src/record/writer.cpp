@@ -1,14 +1,23 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <chrono>
+#include <condition_variable>
+#include <csignal>
+#include <exception>
 #include <filesystem>
-#include <map>
+#include <functional>
+#include <future>
+#include <memory>
+#include <mutex>
+#include <optional>
+#include <set>
 #include <system_error>
+#include <thread>
 #include <utility>
 
-#include <fmt/chrono.h>
 #include <fmt/format.h>
 
-#include "record/connection.hpp"
+#include "record/database.hpp"
+#include "record/document.hpp"
 #include "record/format.hpp"
 #include "record/record.hpp"
 
@@ -18,109 +27,126 @@ namespace {
 // Half of what a kill -9 may cost, so that a commit that takes its time is still within it.
 constexpr std::chrono::milliseconds commit_interval{500};
 
-std::string utc_now() {
-  const auto now = std::chrono::floor<std::chrono::milliseconds>(std::chrono::system_clock::now());
-  const auto seconds = std::chrono::floor<std::chrono::seconds>(now);
-  return fmt::format("{:%Y-%m-%dT%H:%M:%S}.{:03}Z", seconds, (now - seconds).count());
+// 350 MB: of 100 Hz half a day.
+constexpr std::size_t most_waiting = 4'000'000;
+
+[[noreturn]] void refuse(const std::string& name, const std::string& what) {
+  throw Error(fmt::format("{}: {}.", name, what));
 }
 
-std::string text_of(const nlohmann::json& value) {
-  return value.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace);
-}
-
-// 0 says that there is no such time.
-std::optional<std::int64_t> time_after(std::int64_t time, std::int64_t earlier) {
-  if (time == 0) return std::nullopt;
-  return difference(time, earlier);
+std::string checked_text_of(const nlohmann::json& value, const std::string& name) {
+  auto text = text_of(value);
+  if (!json_of(text))
+    refuse(name,
+           "what is to be recorded of a run is too long or nested too deep: no Reader would take it back");
+  return text;
 }
 
 }  // namespace
 
-struct Writer::Database {
-  explicit Database(std::shared_ptr<Connection> opened) : connection(std::move(opened)) {
-    connection->has_format();  // looked at before anything is changed: it may be somebody else's
-    if (sqlite3_db_readonly(connection->handle(), "main") == 1) connection->fail(SQLITE_READONLY);
-    // Fails if another Writer has the file, or a killed one left it and somebody reads it.
-    connection->run("PRAGMA journal_mode = DELETE");
-    connection->run("BEGIN IMMEDIATE");
-    if (!connection->has_format()) connection->run(schema);
-    connection->run("COMMIT");
-    // With the log synced only where it is copied into the file, a kill costs nothing that was committed, and
-    // a power cut no more than the newest of it. Copying waits for the disk, for seconds if that is under
-    // load: so it is done before a run, and in one only when the log has 16 MiB, which takes 10 minutes at
-    // 100 Hz.
-    connection->run("PRAGMA synchronous = NORMAL; PRAGMA journal_mode = WAL");
-    connection->run("PRAGMA wal_autocheckpoint = 4096; BEGIN IMMEDIATE");
-    insert.emplace(*connection, "INSERT INTO sample VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)");
-  }
-
-  ~Database() {
-    insert.reset();
-    connection->try_run("COMMIT");
-    // Fails while somebody reads: then the next Writer clears away what lies beside the file.
-    connection->try_run("PRAGMA journal_mode = DELETE");
-  }
-
-  Database(const Database&) = delete;
-  Database& operator=(const Database&) = delete;
-
-  // A transaction is open at all times, which keeps other Writers out and does not hinder readers.
-  // One that fails is given up whole: SQLite may have given up a part of it.
-  template <class Change>
-  void change(Change change) {
-    try {
-      if (sqlite3_get_autocommit(connection->handle()) != 0) connection->run("BEGIN IMMEDIATE");
-      change();
-    } catch (const Error&) {
-      connection->try_run("ROLLBACK");
-      throw;
+// The thread that waits for the disk, and what waits for it.
+class Writer::Thread {
+ public:
+  explicit Thread(const std::string& path) : database_(path), thread_([this] { work(); }) {}
+  ~Thread() {
+    {
+      const std::lock_guard lock(mutex_);
+      ends_ = true;
     }
+    changed_.notify_all();
+    thread_.join();
+  }
+  Thread(const Thread&) = delete;
+  Thread& operator=(const Thread&) = delete;
+
+  // Hands over what `add` adds to the batch. Throws what failed of what was handed over before.
+  template <class Add>
+  void hand_over(std::size_t samples, Add add) {
+    std::unique_lock lock(mutex_);
+    changed_.wait(lock, [this] { return waiting_ < most_waiting || failure_; });
+    throw_failure();
+    if (!batch_) changed_.notify_all();
+    add(batch_ ? *batch_ : batch_.emplace());
+    waiting_ += samples;
   }
 
-  void commit(const char* between = "") {
-    change([&] {
-      connection->run("COMMIT");
-      connection->run(between);
-      connection->run("BEGIN IMMEDIATE");
+  // What `job` makes of the database, once all that was handed over is in it.
+  template <class Job>
+  auto ask(Job job) {
+    const auto task = std::make_shared<std::packaged_task<decltype(job(database_))()>>([&] {
+      write_batch();
+      return job(database_);
     });
-    committed_at = std::chrono::steady_clock::now();
-  }
-
-  // A run starts with its first message: by the clock that its times are of, wherever the Writer is.
-  std::int64_t start_of(std::int64_t run, const roundtrip::Sample& first) {
-    auto& start = start_ns.at(run);
-    if (!start) {
-      change([&] {
-        Statement(*connection, "UPDATE run SET start_ns = ? WHERE number = ?")
-            .bind(first.intended_ns)
-            .bind(run)
-            .execute();
-      });
-      commit();
-      start = first.intended_ns;
+    auto answer = task->get_future();
+    {
+      const std::lock_guard lock(mutex_);
+      question_ = [task] { (*task)(); };
     }
-    return *start;
+    changed_.notify_all();
+    return answer.get();
   }
 
-  void add(std::int64_t run, std::int64_t run_start_ns, const roundtrip::Sample& sample) {
-    insert->bind(run)
-        .bind(static_cast<std::int64_t>(sample.index))
-        .bind(difference(sample.intended_ns, run_start_ns))
-        .bind(difference(sample.due_ns, sample.intended_ns))
-        .bind(difference(sample.woke_ns, sample.due_ns))
-        .bind(difference(sample.sent_ns, sample.woke_ns))
-        .bind(time_after(sample.received_ns, sample.sent_ns))
-        .bind(time_after(sample.server_received_ns, 0))
-        .bind(time_after(sample.server_sent_ns, sample.server_received_ns))
-        .bind(std::int64_t{sample.skipped_cycles})
-        .bind(static_cast<std::int64_t>(sample.fate))
-        .execute();
+  Reader reader() const { return Reader(database_.connection()); }
+  const std::string& name() const { return database_.connection()->name(); }
+
+  std::set<std::int64_t> open_runs;  // the caller's
+
+ private:
+  void work() {
+    sigset_t all;  // signals are for the threads that were there before
+    sigfillset(&all);
+    pthread_sigmask(SIG_SETMASK, &all, nullptr);
+    std::unique_lock lock(mutex_);
+    for (bool last = false; !last;) {
+      const auto wanted = [this] { return ends_ || question_; };
+      changed_.wait(lock, [&] { return wanted() || batch_; });
+      changed_.wait_until(lock, written_at_ + commit_interval, wanted);
+      const auto question = std::exchange(question_, nullptr);
+      last = ends_;
+      lock.unlock();
+      std::exception_ptr failure;
+      try {
+        question ? question() : write_batch();
+      } catch (...) {
+        failure = std::current_exception();
+      }
+      lock.lock();
+      if (failure) {  // and what was handed over since is given up with it: no gap in the middle
+        take_batch();
+        failure_ = failure;
+      }
+      changed_.notify_all();
+    }
   }
 
-  std::shared_ptr<Connection> connection;
-  std::optional<Statement> insert;
-  std::map<std::int64_t, std::optional<std::int64_t>> start_ns;  // of each run that has not ended
-  std::chrono::steady_clock::time_point committed_at = std::chrono::steady_clock::now();
+  void write_batch() {
+    std::unique_lock lock(mutex_);
+    throw_failure();
+    const auto batch = take_batch();
+    lock.unlock();
+    if (batch) database_.add(*batch);
+    written_at_ = std::chrono::steady_clock::now();
+  }
+
+  std::optional<Batch> take_batch() {
+    waiting_ = 0;
+    return std::exchange(batch_, std::nullopt);
+  }
+
+  void throw_failure() {
+    if (failure_) std::rethrow_exception(std::exchange(failure_, nullptr));
+  }
+
+  Database database_;                                                                    // of the thread
+  std::chrono::steady_clock::time_point written_at_ = std::chrono::steady_clock::now();  // likewise
+  std::mutex mutex_;
+  std::condition_variable changed_;
+  std::optional<Batch> batch_;
+  std::size_t waiting_ = 0;  // samples of the batch
+  std::function<void()> question_;
+  std::exception_ptr failure_;
+  bool ends_ = false;
+  std::thread thread_;
 };
 
 Writer::Writer(const std::string& path) {
@@ -129,8 +155,7 @@ Writer::Writer(const std::string& path) {
   if (!is_new && !path.empty() && !std::filesystem::is_regular_file(path, ignored))
     throw WrongFile(fmt::format("{}: it is there, but not a file. Choose another name.", path));
   try {
-    database_ = std::make_shared<Database>(
-        std::make_shared<Connection>(path, SQLITE_OPEN_READWRITE | SQLITE_OPEN_CREATE));
+    thread_ = std::make_unique<Thread>(path);
   } catch (const Error&) {
     if (is_new && std::filesystem::file_size(path, ignored) == 0) std::filesystem::remove(path, ignored);
     throw;
@@ -142,45 +167,49 @@ Writer::Writer(Writer&&) noexcept = default;
 Writer& Writer::operator=(Writer&&) noexcept = default;
 
 std::int64_t Writer::begin_run(const nlohmann::json& asked) {
-  std::int64_t run = 0;
-  database_->change([&] {
-    Statement(*database_->connection, "INSERT INTO run (started_at, asked) VALUES (?, ?)")
-        .bind(utc_now())
-        .bind(text_of(asked))
-        .execute();
-    run = sqlite3_last_insert_rowid(database_->connection->handle());
-  });
-  database_->commit("PRAGMA wal_checkpoint");
-  database_->start_ns[run] = std::nullopt;
+  const auto text = checked_text_of(asked, thread_->name());
+  const auto key = key_of(*json_of(text));
+  const auto run = thread_->ask([&](Database& database) { return database.begin_run(text, key); });
+  thread_->open_runs.insert(run);
   return run;
 }
 
 void Writer::append(std::int64_t run, std::span<const roundtrip::Sample> samples) {
-  if (!database_->start_ns.contains(run))
-    throw Error(fmt::format("{}: there is no run {} under way to add samples to.",
-                            database_->connection->name(), run));
+  if (!thread_->open_runs.contains(run))
+    refuse(thread_->name(), fmt::format("there is no run {} under way to add samples to", run));
+  for (const auto& sample : samples)
+    if (!can_be(sample) || static_cast<std::int64_t>(sample.index) < 0)
+      refuse(thread_->name(),
+             fmt::format("message {} of run {} is to have times that cannot be", sample.index, run));
   if (samples.empty()) return;
-  const auto start = database_->start_of(run, samples.front());
-  database_->change([&] {
-    for (const auto& sample : samples) database_->add(run, start, sample);
+  thread_->hand_over(samples.size(), [&](Batch& batch) {
+    auto& appended = batch.samples[run];
+    appended.insert(appended.end(), samples.begin(), samples.end());
   });
-  if (std::chrono::steady_clock::now() - database_->committed_at >= commit_interval) database_->commit();
+}
+
+void Writer::note(std::int64_t run, const Note& note) {
+  if (!thread_->open_runs.contains(run) &&
+      !thread_->ask([&](Database& database) { return database.has_run(run); }))
+    refuse(thread_->name(), fmt::format("there is no run {} to note something of", run));
+  if (!can_be(note.at_ns.value_or(0)) || static_cast<std::int64_t>(note.message.value_or(0)) < 0)
+    refuse(thread_->name(),
+           fmt::format("a note of run {} is to be of a moment or a message that cannot be", run));
+  thread_->hand_over(0, [&](Batch& batch) { batch.notes.emplace_back(run, note); });
 }
 
 void Writer::end_run(std::int64_t run, const nlohmann::json& outcome) {
-  if (database_->start_ns.erase(run) == 0)
-    throw Error(fmt::format("{}: there is no run {} under way to end.", database_->connection->name(), run));
-  database_->change([&] {
-    Statement(*database_->connection, "UPDATE run SET outcome = ? WHERE number = ?")
-        .bind(text_of(outcome))
-        .bind(run)
-        .execute();
-  });
-  database_->commit();
+  if (!thread_->open_runs.contains(run))
+    refuse(thread_->name(), fmt::format("there is no run {} under way to end", run));
+  const auto text = checked_text_of(outcome, thread_->name());
+  thread_->ask([&](Database& database) { database.end_run(run, text); });
+  thread_->open_runs.erase(run);
 }
 
-void Writer::flush() { database_->commit(); }
+void Writer::flush() {
+  thread_->ask([](Database&) {});
+}
 
-Reader Writer::reader() { return Reader(database_->connection); }
+Reader Writer::reader() { return thread_->reader(); }
 
 }  // namespace ontime::record

@@ -1,0 +1,178 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "record/database.hpp"
+
+#include <chrono>
+
+#include <fmt/chrono.h>
+#include <fmt/format.h>
+
+#include "record/document.hpp"
+#include "record/format.hpp"
+
+namespace ontime::record {
+namespace {
+
+// 16 MiB, which takes ten minutes at 100 Hz.
+constexpr int enough_log_pages = 4096;
+
+std::string utc_now() {
+  const auto now = std::chrono::floor<std::chrono::milliseconds>(std::chrono::system_clock::now());
+  const auto seconds = std::chrono::floor<std::chrono::seconds>(now);
+  return fmt::format("{:%Y-%m-%dT%H:%M:%S}.{:03}Z", seconds, (now - seconds).count());
+}
+
+// 0 says that there is no such time.
+std::optional<std::int64_t> time_after(std::int64_t time, std::int64_t earlier) {
+  if (time == 0) return std::nullopt;
+  return difference(time, earlier);
+}
+
+}  // namespace
+
+// Two threads may use this connection: one adds, while the other has a Reader on it.
+Database::Database(const std::string& path)
+    : connection_(std::make_shared<Connection>(
+          path, SQLITE_OPEN_READWRITE | SQLITE_OPEN_CREATE | SQLITE_OPEN_FULLMUTEX)) {
+  format_of(*connection_);  // looked at before anything is changed: it may be somebody else's
+  if (sqlite3_db_readonly(connection_->handle(), "main") == 1) connection_->fail(SQLITE_READONLY);
+  // Fails if another Writer has the file, or a killed one left it and somebody reads it.
+  connection_->run("PRAGMA journal_mode = DELETE");
+  connection_->run("BEGIN IMMEDIATE");
+  if (format_of(*connection_) == 0) create_tables(*connection_);
+  connection_->run("COMMIT");
+  // With the log synced only where it is copied into the file, a kill costs nothing that was committed, and a
+  // power cut no more than the newest of it. Copying waits for the disk, for seconds if that is under load:
+  // so it is done before a run, and in one only when the log has become long.
+  connection_->run("PRAGMA synchronous = NORMAL; PRAGMA journal_mode = WAL; PRAGMA wal_autocheckpoint = 0");
+  connection_->run("BEGIN IMMEDIATE");
+  if (format_of(*connection_) == 1) migrate();
+  insert_.emplace(*connection_,
+                  "INSERT OR REPLACE INTO sample (run, message, intended_ns, due_after_ns, woke_after_ns, "
+                  "sent_after_ns, received_after_ns, server_received_ns, server_sent_after_ns, "
+                  "skipped_cycles, fate, passed_wake_ns) VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)");
+  const auto keep_length = [](void* length, sqlite3*, const char*, int pages) {
+    *static_cast<int*>(length) = pages;
+    return SQLITE_OK;
+  };
+  sqlite3_wal_hook(connection_->handle(), keep_length, &log_pages_);
+}
+
+Database::~Database() {
+  sqlite3_wal_hook(connection_->handle(), nullptr, nullptr);
+  insert_.reset();
+  connection_->try_run("COMMIT");
+  // Fails while somebody reads: then the next Writer clears away what lies beside the file.
+  connection_->try_run("PRAGMA journal_mode = DELETE");
+}
+
+// In one transaction of the log: whatever stops it, the file is of one format or the other.
+void Database::migrate() {
+  const auto runs = Reader(connection_).runs();
+  migrate_tables(*connection_);
+  for (const auto& run : runs)
+    Statement(*connection_, "UPDATE run SET key = ? WHERE number = ?")
+        .bind(run.key)
+        .bind(run.number)
+        .execute();
+  connection_->run("COMMIT; BEGIN IMMEDIATE");
+}
+
+// A transaction is open at all times, which keeps other Writers out and does not hinder readers.
+template <class Change>
+void Database::commit(Change change) {
+  try {
+    if (sqlite3_get_autocommit(connection_->handle()) != 0) connection_->run("BEGIN IMMEDIATE");
+    change();
+    connection_->run("COMMIT; BEGIN IMMEDIATE");
+  } catch (const Error&) {
+    connection_->try_run("ROLLBACK");
+    throw;
+  }
+}
+
+// Between two transactions: the log is begun anew by the first that finds all of it copied.
+void Database::copy_log() {
+  connection_->run("COMMIT");
+  connection_->try_run("PRAGMA wal_checkpoint");  // where that fails, the log keeps it all
+  connection_->run("BEGIN IMMEDIATE");
+}
+
+std::int64_t Database::begin_run(const std::string& asked, const std::string& key) {
+  std::int64_t run = 0;
+  commit([&] {
+    Statement(*connection_, "INSERT INTO run (started_at, asked, key) VALUES (?, ?, ?)")
+        .bind(utc_now())
+        .bind(asked)
+        .bind(key)
+        .execute();
+    run = sqlite3_last_insert_rowid(connection_->handle());
+  });
+  copy_log();
+  return run;
+}
+
+void Database::add(const Batch& batch) {
+  std::map<std::int64_t, std::int64_t> starts;
+  commit([&] {
+    for (const auto& [run, samples] : batch.samples) {
+      const auto start_ns = starts[run] = start_of(run, samples.front());
+      for (const auto& sample : samples) add(run, start_ns, sample);
+    }
+    for (const auto& [run, note] : batch.notes) add(run, note);
+  });
+  starts_.merge(starts);
+  if (log_pages_ >= enough_log_pages) copy_log();
+}
+
+void Database::end_run(std::int64_t run, const std::string& outcome) {
+  commit([&] {
+    Statement(*connection_, "UPDATE run SET outcome = ? WHERE number = ?").bind(outcome).bind(run).execute();
+  });
+  starts_.erase(run);
+}
+
+bool Database::has_run(std::int64_t run) {
+  return Statement(*connection_, "SELECT 1 FROM run WHERE number = ?").bind(run).next();
+}
+
+// A run starts with its first message: by the clock that its times are of, wherever the Writer is.
+std::int64_t Database::start_of(std::int64_t run, const roundtrip::Sample& first) {
+  if (const auto known = starts_.find(run); known != starts_.end()) return known->second;
+  Statement(*connection_, "UPDATE run SET start_ns = ? WHERE number = ?")
+      .bind(first.intended_ns)
+      .bind(run)
+      .execute();
+  return first.intended_ns;
+}
+
+void Database::add(std::int64_t run, std::int64_t start_ns, const roundtrip::Sample& sample) {
+  insert_->bind(run)
+      .bind(static_cast<std::int64_t>(sample.index))
+      .bind(difference(sample.intended_ns, start_ns))
+      .bind(difference(sample.due_ns, sample.intended_ns))
+      .bind(difference(sample.woke_ns, sample.due_ns))
+      .bind(difference(sample.sent_ns, sample.woke_ns))
+      .bind(time_after(sample.received_ns, sample.sent_ns))
+      .bind(time_after(sample.server_received_ns, 0))
+      .bind(time_after(sample.server_sent_ns, sample.server_received_ns))
+      .bind(std::int64_t{sample.skipped_cycles})
+      .bind(static_cast<std::int64_t>(sample.fate))
+      .bind(sample.passed_wake_ns)
+      .execute();
+}
+
+void Database::add(std::int64_t run, const Note& note) {
+  std::optional<std::int64_t> message;
+  if (note.message) message = static_cast<std::int64_t>(*note.message);
+  Statement(*connection_,
+            "INSERT INTO note (run, number, at_ns, message, kind, text) VALUES (?1, "
+            "(SELECT ifnull(max(number), 0) + 1 FROM note WHERE run = ?1), ?2, ?3, ?4, ?5)")
+      .bind(run)
+      .bind(note.at_ns)
+      .bind(message)
+      .bind(utf8_of(note.kind))
+      .bind(utf8_of(note.text))
+      .execute();
+}
+
+}  // namespace ontime::record

@@ -1,0 +1,55 @@
+// SPDX-License-Identifier: Apache-2.0
+// A results file that is written to. All of it may wait for the disk.
+#pragma once
+
+#include <cstdint>
+#include <map>
+#include <memory>
+#include <optional>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "record/connection.hpp"
+#include "record/record.hpp"
+
+namespace ontime::record {
+
+// What is to be added, each with its run.
+struct Batch {
+  std::map<std::int64_t, std::vector<roundtrip::Sample>> samples;
+  std::vector<std::pair<std::int64_t, Note>> notes;
+};
+
+class Database {
+ public:
+  explicit Database(const std::string& path);  // as of Writer
+  ~Database();                                 // leaves one file
+  Database(const Database&) = delete;
+  Database& operator=(const Database&) = delete;
+
+  // Each is one transaction. One that fails is given up whole: SQLite may have given up a part of it.
+  std::int64_t begin_run(const std::string& asked, const std::string& key);
+  void add(const Batch&);
+  void end_run(std::int64_t run, const std::string& outcome);
+
+  bool has_run(std::int64_t run);
+  const std::shared_ptr<Connection>& connection() const { return connection_; }
+
+ private:
+  void migrate();
+  template <class Change>
+  void commit(Change change);
+  void copy_log();
+  std::int64_t start_of(std::int64_t run, const roundtrip::Sample& first);
+  void add(std::int64_t run, std::int64_t start_ns, const roundtrip::Sample&);
+  void add(std::int64_t run, const Note&);
+
+  std::shared_ptr<Connection> connection_;
+  std::optional<Statement> insert_;
+  std::map<std::int64_t, std::int64_t>
+      starts_;         // run.start_ns, of those that have samples and have not ended
+  int log_pages_ = 0;  // as of the last commit
+};
+
+}  // namespace ontime::record

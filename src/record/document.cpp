@@ -1,0 +1,85 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "record/document.hpp"
+
+#include <array>
+#include <cmath>
+#include <cstdint>
+#include <stdexcept>
+
+#include <sodium.h>
+
+namespace ontime::record {
+namespace {
+
+using nlohmann::json;
+
+constexpr int deepest = 64;
+
+struct TooDeep {};
+
+// What differs between two times that the same is asked for, and what is said of it in words.
+constexpr const char* not_of_the_key[] = {"adds_to",  "command_line",  "ontime", "repetition",
+                                          "scenario", "scenario_file", "title",  "variant"};
+
+// One form for what means the same: no matter whether a number was written 10 or 10.0, and whether something
+// was left empty or left out. By that, what only a later version can be asked for leaves the keys of all runs
+// that do not ask for it as they were.
+json canonical(const json& value) {
+  if (value.is_number_float()) {
+    constexpr double exact_up_to = 9007199254740992;  // 2^53
+    const double number = value.get<double>();
+    const bool whole = std::abs(number) <= exact_up_to && number == std::trunc(number);
+    return whole ? json(static_cast<std::int64_t>(number)) : value;
+  }
+  if (value.is_array()) {
+    auto result = json::array();
+    for (const auto& element : value) result.push_back(canonical(element));
+    return result;
+  }
+  if (!value.is_object()) return value;
+  auto result = json::object();
+  for (const auto& [name, member] : value.items()) {
+    auto kept = canonical(member);
+    if (!kept.empty() && kept != "") result[name] = std::move(kept);
+  }
+  return result;
+}
+
+}  // namespace
+
+std::string text_of(const json& value) { return value.dump(-1, ' ', false, json::error_handler_t::replace); }
+
+std::string utf8_of(const std::string& text) { return json::parse(text_of(text)).get<std::string>(); }
+
+std::optional<json> json_of(const std::string& text) {
+  if (text.size() > longest_text) return std::nullopt;
+  const auto look = [](int depth, json::parse_event_t, json&) {
+    if (depth > deepest) throw TooDeep{};
+    return true;
+  };
+  try {
+    auto value = json::parse(text, look, false);
+    if (!value.is_discarded()) return value;
+  } catch (const TooDeep&) {
+  }
+  return std::nullopt;
+}
+
+std::string key_of(const json& asked) {
+  auto conditions = canonical(asked);
+  if (conditions.is_object()) {
+    for (const auto* name : not_of_the_key) conditions.erase(name);
+    // What they were before they could be chosen.
+    conditions.emplace("ping_topic", "/ping");
+    conditions.emplace("pong_topic", "/pong");
+  }
+  if (sodium_init() < 0) throw std::runtime_error("libsodium does not start");
+  const auto text = text_of(conditions);  // objects are sorted by name
+  std::array<unsigned char, crypto_generichash_BYTES_MIN> hash;
+  crypto_generichash(hash.data(), hash.size(), reinterpret_cast<const unsigned char*>(text.data()),
+                     text.size(), nullptr, 0);
+  std::array<char, 2 * hash.size() + 1> digits;
+  return sodium_bin2hex(digits.data(), digits.size(), hash.data(), hash.size());
+}
+
+}  // namespace ontime::record
