@@ -3,7 +3,10 @@
 
 #include <array>
 #include <atomic>
+#include <cstdio>
+#include <cstdlib>
 #include <cstring>
+#include <filesystem>
 #include <mutex>
 #include <thread>
 
@@ -11,12 +14,16 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <netinet/in.h>
+#include <sys/auxv.h>
 #include <sys/socket.h>
+#include <sys/stat.h>
+#include <sys/statvfs.h>
 #include <sys/syscall.h>
 #include <unistd.h>
 
 #include "message/message.hpp"
 #include "transport/clock.hpp"
+#include "transport/dds.hpp"
 
 namespace {
 std::atomic<std::int64_t> received_ns{0};  // when the kernel last handed us a datagram
@@ -46,6 +53,43 @@ TEST(Load, FindsWhatIsThereAndNamesItOtherwise) {
     EXPECT_THAT(error.what(),
                 testing::AllOf(HasSubstr("telepathy"), HasSubstr("udp"), HasSubstr("looked in")));
   }
+}
+
+void expect_no_environment() {
+  ASSERT_NE(std::getenv("ONTIME_TRANSPORT_PATH"), nullptr);  // NOLINT(concurrency-mt-unsafe)
+  EXPECT_THAT(available(), testing::IsEmpty());
+  try {
+    load("udp");
+    FAIL();
+  } catch (const Error& error) {
+    EXPECT_THAT(error.what(), testing::AllOf(HasSubstr("It does not follow ONTIME_TRANSPORT_PATH"),
+                                             HasSubstr("file capabilities"), HasSubstr("rtprio")));
+  }
+  const auto variable = dds::users_variable("ONTIME_TRANSPORT_PATH");
+  EXPECT_EQ(variable.value, "");
+  EXPECT_THAT(variable.ignored, HasSubstr("ONTIME_TRANSPORT_PATH"));
+}
+
+// By a copy of this program that belongs to somebody else and runs as him; file capabilities look the same to
+// it (getauxval(AT_SECURE)).
+TEST(Load, FollowsNoEnvironmentWithPrivileges) {
+  if (getauxval(AT_SECURE) != 0) return expect_no_environment();
+  const std::string copy = testing::TempDir() + "ontime_transport_test_" + std::to_string(getpid());
+  std::filesystem::copy_file("/proc/self/exe", copy);
+  const bool can = chown(copy.c_str(), 65534, 65534) == 0 && chmod(copy.c_str(), 04755) == 0;
+  struct statvfs folder {};
+  statvfs(copy.c_str(), &folder);
+  if (!can || (folder.f_flag & ST_NOSUID) != 0) {
+    unlink(copy.c_str());
+    GTEST_SKIP() << "only root can make such a copy, and only where the folder lets it run as another";
+  }
+  const std::string command = copy + " --gtest_filter=Load.FollowsNoEnvironmentWithPrivileges 2>&1";
+  std::FILE* const child = popen(command.c_str(), "r");
+  std::string said;
+  for (int letter = 0; (letter = std::fgetc(child)) != EOF;) said += static_cast<char>(letter);
+  const int status = pclose(child);
+  unlink(copy.c_str());
+  EXPECT_EQ(status, 0) << said;
 }
 
 class Echo final : public Sink {

@@ -3,57 +3,21 @@
 
 #include <algorithm>
 #include <charconv>
-#include <chrono>
+#include <cstdlib>
 #include <filesystem>
 #include <fstream>
-#include <memory>
 #include <system_error>
-#include <thread>
 
 #include <arpa/inet.h>
-#include <ifaddrs.h>
-#include <net/if.h>
 #include <netdb.h>
-#include <netinet/in.h>
+#include <sys/auxv.h>
 
 #include "message/message.hpp"
 #include "transport/clock.hpp"
+#include "transport/link.hpp"
 
 namespace ontime::transport::dds {
 namespace {
-
-std::string text_of(const sockaddr* address) {
-  char text[INET_ADDRSTRLEN] = {};
-  inet_ntop(AF_INET, &reinterpret_cast<const sockaddr_in*>(address)->sin_addr, text, sizeof text);
-  return text;
-}
-
-enum class Link { absent, down, running };
-
-Link link_of(const std::string& interface, const std::string& address) {
-  ifaddrs* list = nullptr;
-  if (getifaddrs(&list) != 0) return Link::absent;
-  const std::unique_ptr<ifaddrs, decltype(&freeifaddrs)> owner(list, freeifaddrs);
-  for (const ifaddrs* entry = list; entry != nullptr; entry = entry->ifa_next)
-    if (entry->ifa_name == interface && entry->ifa_addr != nullptr && entry->ifa_addr->sa_family == AF_INET &&
-        text_of(entry->ifa_addr) == address)
-      return (entry->ifa_flags & IFF_RUNNING) != 0 ? Link::running : Link::down;
-  return Link::absent;
-}
-
-// The kernel tells up to a second late that a new link runs, and Fast DDS stays mute on one that does not.
-void check_link(const std::string& interface, const std::string& address, const std::string& transport) {
-  const std::int64_t end_ns = now_ns() + 3'000'000'000;
-  Link link = link_of(interface, address);
-  for (; link == Link::down && now_ns() < end_ns; link = link_of(interface, address))
-    std::this_thread::sleep_for(std::chrono::milliseconds(10));
-  if (link == Link::running) return;
-  throw Error(transport + ": " +
-              (link == Link::down
-                   ? "the interface " + interface + " is down or has no carrier; see \"ip link\""
-                   : "this host has no interface " + interface + " with address " + address +
-                         "; see \"ip address\""));
-}
 
 void check_options(const Config& config, const std::string& transport, std::span<const Option> options) {
   for (const auto& asked : config.options) {
@@ -103,6 +67,22 @@ const char* policy_value(const Qos& qos, Policy policy) {
 }  // namespace
 
 bool is_loopback(const std::string& address) { return address.starts_with("127."); }
+
+std::string text_of(const sockaddr_in& address) {
+  char text[INET_ADDRSTRLEN] = {};
+  inet_ntop(AF_INET, &address.sin_addr, text, sizeof text);
+  return text;
+}
+
+bool follows_environment() { return getauxval(AT_SECURE) == 0; }
+
+Variable users_variable(const char* name) {
+  // Nothing else of this process changes its environment.
+  const char* const value = std::getenv(name);  // NOLINT(concurrency-mt-unsafe)
+  if (value == nullptr) return {};
+  if (follows_environment()) return {value};
+  return {"", std::string(name) + " not followed by a program with file capabilities"};
+}
 
 std::string topic_written(const Config& config) {
   return "rt" + (config.role == Role::client ? config.ping_topic : config.pong_topic);
@@ -160,7 +140,7 @@ void check(const Config& config, const std::string& transport, std::span<const O
   if (config.qos.history == History::keep_last && config.qos.depth < 1)
     throw WrongInput(transport + ": a history depth of " + std::to_string(config.qos.depth) +
                      " keeps no message; ask for 1 or more");
-  if (!config.interface.empty()) check_link(config.interface, config.address, transport);
+  if (!config.interface.empty()) check_link(config, transport);
 }
 
 Peer resolve(const std::string& peer, const std::string& transport) {
@@ -178,7 +158,7 @@ Peer resolve(const std::string& peer, const std::string& transport) {
   addrinfo* found = nullptr;
   if (const int error = getaddrinfo(result.address.c_str(), nullptr, &hints, &found); error != 0)
     throw Error(transport + ": cannot find the peer " + peer + ": " + gai_strerror(error));
-  result.address = text_of(found->ai_addr);
+  result.address = text_of(*reinterpret_cast<const sockaddr_in*>(found->ai_addr));
   freeaddrinfo(found);
   return result;
 }
@@ -201,7 +181,8 @@ std::string other_type(const std::string& topic, const std::string& type) {
 }
 
 std::string others_without_our_topics(const Config& config, std::size_t participants, Matched matched) {
-  if (participants == 0 || matched.both()) return {};
+  if (matched.both()) return {};
+  if (participants == 0) return others_elsewhere(config);
   std::string text = std::to_string(participants) + " other DDS participant" +
                      (participants == 1 ? "" : "s") + " in domain " + std::to_string(config.domain);
   if (matched.readers == 0) text += ", nobody who reads " + topic_written(config);

@@ -10,6 +10,7 @@
 #include <string>
 #include <vector>
 
+#include <netinet/in.h>
 #include <sys/types.h>
 
 #include "transport/transport.hpp"
@@ -24,8 +25,20 @@ inline constexpr int participants_per_host = 32;         // so many ports of a p
 // Ports of domain d, participant p, as RTPS has them: 7400 + 250 d + offset, and + 2 p where not multicast.
 inline constexpr int base_port = 7400;
 inline constexpr int ports_per_domain = 250;
+inline constexpr const char* multicast_group = "239.255.0.1";
 
 bool is_loopback(const std::string& address);
+std::string text_of(const sockaddr_in& address);
+
+// Not where this program has file capabilities: whoever starts it would choose what it reads and loads.
+bool follows_environment();
+
+// A variable of the user's, empty if it is not set. If it is set and not followed, `ignored` says so.
+struct Variable {
+  std::string value;
+  std::string ignored{};
+};
+Variable users_variable(const char* name);
 
 // As they are on the wire: "rt/ping" for ROS 2's "/ping".
 std::string topic_written(const Config& config);

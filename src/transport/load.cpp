@@ -21,10 +21,13 @@ namespace fs = std::filesystem;
 constexpr const char* prefix = "ontime_transport_";
 constexpr const char* suffix = ".so";
 
+constexpr const char* path_variable = "ONTIME_TRANSPORT_PATH";
+constexpr const char* ament_variable = "AMENT_PREFIX_PATH";
+
+// Nothing of a program with file capabilities, into which anybody could bring code of his own that way.
 std::vector<fs::path> folders_in(const char* variable) {
   std::vector<fs::path> folders;
-  const char* value =
-      std::getenv(variable);  // NOLINT(concurrency-mt-unsafe): nothing here sets the environment
+  const char* value = secure_getenv(variable);
   std::istringstream list(value != nullptr ? value : "");
   for (std::string folder; std::getline(list, folder, ':');)
     if (!folder.empty()) folders.emplace_back(folder);
@@ -32,7 +35,7 @@ std::vector<fs::path> folders_in(const char* variable) {
 }
 
 std::vector<fs::path> search_path() {
-  auto folders = folders_in("ONTIME_TRANSPORT_PATH");
+  auto folders = folders_in(path_variable);
   std::error_code none;
   const auto program = fs::read_symlink("/proc/self/exe", none);
   if (!program.empty()) folders.push_back(program.parent_path().parent_path() / ONTIME_LIBDIR / "ontime");
@@ -44,7 +47,7 @@ std::vector<fs::path> search_path() {
 constexpr const char* ament_index = "share/ament_index/resource_index/ontime_transport";
 
 std::optional<fs::path> in_ament_index(const std::string& name) {
-  for (const auto& prefix_path : folders_in("AMENT_PREFIX_PATH")) {
+  for (const auto& prefix_path : folders_in(ament_variable)) {
     std::ifstream resource(prefix_path / ament_index / name);
     std::string relative;
     if (std::getline(resource, relative)) return prefix_path / relative;
@@ -60,6 +63,20 @@ std::string remedy(const std::string& name) {
   if (name == "ros2")
     return "; build ros2/ with colcon in a sourced ROS 2 and source its setup.bash (docs/ros2.md)";
   return "";
+}
+
+std::string not_followed() {
+  std::vector<std::string> ignored;
+  for (const char* variable : {path_variable, ament_variable})
+    // NOLINTNEXTLINE(concurrency-mt-unsafe): nothing here sets the environment
+    if (std::getenv(variable) != nullptr && secure_getenv(variable) == nullptr)
+      ignored.emplace_back(variable);
+  if (ignored.empty()) return "";
+  return fmt::format(
+      ". It does not follow {}, for a program with file capabilities, or with its owner's rights, would load "
+      "anybody's code that way: take them off (sudo setcap -r PROGRAM) and permit real-time priorities and "
+      "locked memory by the limits rtprio and memlock",
+      fmt::join(ignored, " and "));
 }
 
 const Plugin& open(const fs::path& file) {
@@ -88,9 +105,9 @@ const Plugin& load(const std::string& name) {
   std::vector<std::string> looked;
   for (const auto& folder : folders) looked.push_back(folder.string());
   const auto others = available();
-  throw Error(fmt::format("there is no transport '{}' here{}; there are: {}; looked in {}", name,
+  throw Error(fmt::format("there is no transport '{}' here{}; there are: {}; looked in {}{}", name,
                           remedy(name), others.empty() ? "none" : fmt::format("{}", fmt::join(others, ", ")),
-                          fmt::join(looked, ", ")));
+                          fmt::join(looked, ", "), not_followed()));
 }
 
 std::vector<std::string> available() {
@@ -104,7 +121,7 @@ std::vector<std::string> available() {
                                  file.size() - std::string(prefix).size() - std::string(suffix).size()));
     }
   }
-  for (const auto& prefix_path : folders_in("AMENT_PREFIX_PATH")) {
+  for (const auto& prefix_path : folders_in(ament_variable)) {
     std::error_code none;
     for (const auto& entry : fs::directory_iterator(prefix_path / ament_index, none))
       names.insert(entry.path().filename().string());

@@ -4,8 +4,6 @@
 #include <algorithm>
 #include <cerrno>
 #include <charconv>
-#include <cstdlib>
-#include <fstream>
 #include <iterator>
 #include <regex>
 #include <sstream>
@@ -13,17 +11,19 @@
 #include <vector>
 
 #include <boost/algorithm/string/predicate.hpp>
-#include <boost/property_tree/ptree.hpp>
-#include <boost/property_tree/xml_parser.hpp>
 #include <sched.h>
 
 #include "transport/dds.hpp"
+#include "transport/xml.hpp"
 
 namespace ontime::transport::cyclonedds {
 namespace {
 
+using boost::algorithm::iends_with;
 using boost::algorithm::iequals;
-using boost::property_tree::ptree;
+using boost::algorithm::istarts_with;
+using xml::Document;
+using xml::Tree;
 
 constexpr NamedThread named_threads[] = {
     {"recv", "receive", true},
@@ -42,26 +42,16 @@ constexpr NamedThread named_threads[] = {
     {"threadmon", "other", false},
 };
 
-struct Document {
-  std::string origin;
-  ptree tree;
-};
+constexpr const char* who = "cyclonedds";
 
-Document parse(std::istream& in, const std::string& origin) {
-  try {
-    Document document{origin, {}};
-    read_xml(in, document.tree, boost::property_tree::xml_parser::no_comments);
-    return document;
-  } catch (const boost::property_tree::xml_parser_error& e) {
-    throw Error("cyclonedds: " + origin + ", line " + std::to_string(e.line()) + ": " + e.message());
-  }
+Document parse_file(const std::string& uri, const std::string& named_by) {
+  return xml::parse_file(uri.starts_with("file://") ? uri.substr(7) : uri, named_by, who);
 }
 
-Document parse_file(const std::string& uri) {
-  const std::string path = uri.starts_with("file://") ? uri.substr(7) : uri;
-  std::ifstream in(path);
-  if (!in) throw Error("cyclonedds: cannot open the configuration " + path);
-  return parse(in, path);
+std::string attribute(const Tree& element, const char* name) {
+  for (const auto& [kind, attributes] : element)
+    if (kind == "<xmlattr>") return xml::child_text(attributes, name);
+  return {};
 }
 
 // Cyclone's own form: files separated by commas, and XML in place.
@@ -71,60 +61,72 @@ std::vector<Document> parse_uri(const std::string& uri, const std::string& origi
     if (uri[at] == '<') {
       static const std::regex between_documents(">\\s*,\\s*<");
       std::istringstream rest(std::regex_replace(uri.substr(at), between_documents, "><"));
-      documents.push_back(parse(rest, origin));
+      documents.push_back(xml::parse(rest, origin, who));
       break;
     }
     const std::size_t end = std::min(uri.find(',', at), uri.size());
-    documents.push_back(parse_file(uri.substr(at, end - at)));
+    documents.push_back(parse_file(uri.substr(at, end - at), origin));
     at = uri.find_first_not_of(" ,\t\n", end);
   }
   return documents;
 }
 
-std::vector<Document> users_documents(const Config& config) {
-  std::vector<Document> documents;
-  const auto add = [&](const std::string& uri, const std::string& origin) {
-    for (Document& document : parse_uri(uri, origin)) documents.push_back(std::move(document));
-  };
-  // Nothing else of this process changes its environment.
-  const char* const uri = std::getenv("CYCLONEDDS_URI");  // NOLINT(concurrency-mt-unsafe)
-  if (uri != nullptr) add(uri, "CYCLONEDDS_URI");
-  if (const auto option = config.options.find("config"); option != config.options.end())
-    add(option->second, "option config");
+std::vector<Document> documents_of_option(const Config& config) {
+  const auto option = config.options.find("config");
+  if (option == config.options.end()) return {};
+  try {
+    return parse_uri(option->second, "option config");
+  } catch (const Error& error) {
+    throw WrongInput(error.what());
+  }
+}
+
+std::vector<Document> users_documents(const Config& config, const std::string& uri) {
+  std::vector<Document> documents = parse_uri(uri, "CYCLONEDDS_URI");
+  for (Document& document : documents_of_option(config)) {
+    xml::refuse(document,
+                {{"Tracing", "writes files"},
+                 {"Security", "loads libraries"},
+                 {"DDSSecurity", "loads libraries"},
+                 {"MonitorPort", "opens a port"}},
+                who, "your own CYCLONEDDS_URI");
+    documents.push_back(std::move(document));
+  }
   return documents;
 }
 
-template <typename Visit>
-void for_each_element(const ptree& tree, const Visit& visit) {
-  for (const auto& [name, child] : tree) {
-    visit(name, child);
-    for_each_element(child, visit);
-  }
+// Interfaces, and what names addresses of them.
+bool erase_ways_around_the_link(Tree& tree) {
+  return xml::erase_if(tree, [](const std::string& name, const Tree&) {
+    return xml::is_one_of(name,
+                          {"Interfaces", "NetworkInterfaceAddress", "MulticastRecvNetworkInterfaceAddresses",
+                           "ExternalNetworkAddress", "ExternalNetworkMask", "Partitioning"});
+  });
 }
 
-bool erase_elements(ptree& tree, const char* unwanted) {
-  bool erased = false;
-  for (auto it = tree.begin(); it != tree.end();) {
-    if (iequals(it->first, unwanted)) {
-      it = tree.erase(it);
-      erased = true;
-    } else {
-      erased |= erase_elements(it->second, unwanted);
-      ++it;
-    }
-  }
-  return erased;
+// Those of threads that have a priority of ours.
+bool erase_threads(Tree& tree, const Config& config) {
+  return xml::erase_if(tree, [&](const std::string& name, const Tree& element) {
+    if (!iequals(name, "Thread")) return false;
+    const NamedThread* const thread = named_thread(attribute(element, "Name"));
+    return thread != nullptr && config.fifo_priority.contains(thread->role);
+  });
 }
 
-bool erase_interfaces(ptree& tree) {
-  const bool erased = erase_elements(tree, "Interfaces");
-  return erase_elements(tree, "NetworkInterfaceAddress") || erased;
-}
-
-std::string child_text(const ptree& tree, const char* wanted) {
-  for (const auto& [name, child] : tree)
-    if (iequals(name, wanted)) return child.data();
-  return {};
+std::string carrier_of(const std::vector<Document>& documents) {
+  std::string transport = "default", ipv6, tcp;
+  for (const Document& document : documents)
+    xml::for_each_element(document.tree, [&](const std::string& name, const Tree& element) {
+      if (iequals(name, "Transport")) transport = element.data();
+      if (iequals(name, "UseIPv6")) ipv6 = element.data();
+      if (iequals(name, "TCP") && xml::has(element, "Enable")) tcp = xml::child_text(element, "Enable");
+    });
+  const bool is_default = iequals(transport, "default");
+  if (iequals(transport, "raweth")) return "raw Ethernet";
+  if (iequals(transport, "none")) return "nothing";
+  const bool is_tcp = is_default ? iequals(tcp, "true") : istarts_with(transport, "tcp");
+  const bool is_ipv6 = is_default ? iequals(ipv6, "true") : iends_with(transport, "6");
+  return std::string(is_tcp ? "TCP" : "UDP") + (is_ipv6 ? "v6" : "v4");
 }
 
 // The kernel's own answer: this thread asks for the priority and goes back to what it was.
@@ -139,9 +141,9 @@ std::error_code try_fifo(int priority) {
 }
 
 void check_scheduling(const Document& document) {
-  for_each_element(document.tree, [&](const std::string& name, const ptree& element) {
-    if (!iequals(name, "Scheduling") || !iequals(child_text(element, "Class"), "realtime")) return;
-    const std::string text = child_text(element, "Priority");
+  xml::for_each_element(document.tree, [&](const std::string& name, const Tree& element) {
+    if (!iequals(name, "Scheduling") || !iequals(xml::child_text(element, "Class"), "realtime")) return;
+    const std::string text = xml::child_text(element, "Priority");
     int priority = 0;
     if (std::from_chars(text.data(), text.data() + text.size(), priority).ec != std::errc{}) return;
     if (const std::error_code refused = try_fifo(priority))
@@ -151,30 +153,27 @@ void check_scheduling(const Document& document) {
   });
 }
 
-std::string text_of(const ptree& tree) {
-  std::ostringstream out;
-  write_xml(out, tree);
-  return out.str();
-}
-
-ptree defaults() {
-  ptree tree;
-  ptree& discovery = tree.add_child("CycloneDDS.Domain.Discovery", ptree{});
+Tree defaults(const Config& config) {
+  Tree tree;
+  Tree& discovery = tree.add_child("CycloneDDS.Domain.Discovery", Tree{});
   // Ports that a peer can guess, so that it can find us where multicast does not reach.
   discovery.put("ParticipantIndex", "auto");
   discovery.put("MaxAutoParticipantIndex", dds::participants_per_host - 1);
+  // Others on this host are found there whether they use multicast on that interface or not.
+  if (dds::is_loopback(config.address)) tree.put("CycloneDDS.Domain.General.AllowMulticast", "spdp");
   return tree;
 }
 
-ptree interface_of(const Config& config) {
-  ptree interface;
+Tree interface_of(const Config& config) {
+  Tree interface;
   interface.put("<xmlattr>.address", config.address);
-  if (dds::is_loopback(config.address)) interface.put("<xmlattr>.multicast", "false");
+  if (dds::is_loopback(config.address)) interface.put("<xmlattr>.multicast", "true");
   return interface;
 }
 
-ptree peers_of(const Config& config) {
-  ptree peers;
+Tree peers_of(const Config& config) {
+  Tree peers;
+  if (dds::is_loopback(config.address)) peers.add("Peer", "").put("<xmlattr>.Address", config.address);
   for (const std::string& text : config.peers) {
     const dds::Peer peer = dds::resolve(text, "cyclonedds");
     peers.add("Peer", "")
@@ -183,12 +182,12 @@ ptree peers_of(const Config& config) {
   return peers;
 }
 
-ptree threads_of(const Config& config) {
-  ptree threads;
+Tree threads_of(const Config& config) {
+  Tree threads;
   for (const NamedThread& thread : named_threads) {
     const auto priority = config.fifo_priority.find(thread.role);
     if (!thread.configurable || priority == config.fifo_priority.end()) continue;
-    ptree& element = threads.add("Thread", "");
+    Tree& element = threads.add("Thread", "");
     element.put("<xmlattr>.Name", thread.name);
     element.put("Scheduling.Class", "realtime");
     element.put("Scheduling.Priority", priority->second);
@@ -196,9 +195,9 @@ ptree threads_of(const Config& config) {
   return threads;
 }
 
-ptree of_the_run(const Config& config) {
-  ptree tree;
-  ptree& domain = tree.add_child("CycloneDDS.Domain", ptree{});
+Tree of_the_run(const Config& config) {
+  Tree tree;
+  Tree& domain = tree.add_child("CycloneDDS.Domain", Tree{});
   if (!config.interface.empty())
     domain.put_child("General.Interfaces.NetworkInterface", interface_of(config));
   domain.put_child("Discovery.Peers", peers_of(config));
@@ -210,21 +209,34 @@ ptree of_the_run(const Config& config) {
 }  // namespace
 
 Configuration configuration(const Config& config) {
-  Configuration result{text_of(defaults()), "ontime", "UDPv4"};
-  for (Document& document : users_documents(config)) {
-    check_scheduling(document);
+  const dds::Variable uri = dds::users_variable("CYCLONEDDS_URI");
+  Configuration result{xml::text_of(defaults(config)), "ontime", "UDPv4"};
+  if (!uri.ignored.empty()) result.source += ", " + uri.ignored;
+  std::vector<Document> documents = users_documents(config, uri.value);
+  result.carrier = carrier_of(documents);
+  if (!config.interface.empty() && result.carrier != "UDPv4")
+    throw WrongInput("cyclonedds: the user's XML asks for " + result.carrier +
+                     ", and ontime keeps only UDPv4 to an interface; name no interface, or leave the "
+                     "transport to ontime");
+  for (Document& document : documents) {
     result.source += ", " + document.origin;
-    if (!config.interface.empty() && erase_interfaces(document.tree))
+    if (!config.interface.empty() && erase_ways_around_the_link(document.tree))
       result.source += " without its interfaces";
-    for_each_element(document.tree, [&](const std::string& name, const ptree& element) {
-      if (iequals(name, "Transport")) result.carrier = element.data();
-    });
-    result.xml += "," + text_of(document.tree);
+    if (erase_threads(document.tree, config)) result.source += " without its thread priorities";
+    check_scheduling(document);
+    result.xml += "," + xml::text_of(document.tree);
   }
-  // Last, so that shared memory stays off. Of threads that both of us name, Cyclone takes the first: the
-  // user's.
-  result.xml += "," + text_of(of_the_run(config));
+  result.xml += "," + xml::text_of(of_the_run(config));  // last, so that shared memory stays off
   return result;
+}
+
+std::string legible(std::string log) {
+  static const std::regex position("\\s*\\([^()]*line \\d+\\)");
+  static const std::regex unknown("config: \\S*/([^/\\s]+): (\\S+): unknown (element|attribute)");
+  static const std::regex value("config: /*(\\S+?)(/#text)?: ");
+  log = std::regex_replace(log, position, "");
+  log = std::regex_replace(log, unknown, "<$1> has no $3 <$2>");
+  return std::regex_replace(log, value, "$1: ");
 }
 
 const NamedThread* named_thread(const std::string& name) {

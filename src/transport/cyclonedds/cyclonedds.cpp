@@ -19,6 +19,7 @@
 #include "transport/cyclonedds/cdr_type.hpp"
 #include "transport/cyclonedds/configuration.hpp"
 #include "transport/dds.hpp"
+#include "transport/link.hpp"
 #include "transport/transport.hpp"
 
 namespace ontime::transport::cyclonedds {
@@ -59,7 +60,7 @@ class Log {
 dds_entity_t opened(dds_entity_t entity, const std::string& what, Log& log) {
   if (entity >= 0) return entity;
   throw Error("cyclonedds: cannot open " + what + ": " +
-              (log.text().empty() ? dds_strretcode(entity) : log.text()));
+              (log.text().empty() ? dds_strretcode(entity) : legible(log.text())));
 }
 
 struct Domain {
@@ -158,6 +159,7 @@ CycloneEndpoint::CycloneEndpoint(const Config& config, Sink& sink)
       blocks_(message::cdr_overhead + config.max_payload_bytes) {
   Log log;
   const auto tasks_before = dds::tasks();
+  const auto sockets_before = dds::sockets();
   const auto domain_id = static_cast<dds_domainid_t>(config.domain);
   std::string where = "domain " + std::to_string(config.domain);
   if (!config.interface.empty()) where += " on " + config.interface + " (" + config.address + ")";
@@ -178,6 +180,7 @@ CycloneEndpoint::CycloneEndpoint(const Config& config, Sink& sink)
   const auto qos = vendor_qos(config.qos);
   open_writer(written, *qos, log);  // before the reader, whose listener may call send() at once
   open_reader(read, *qos, log);
+  dds::keep_to_link(sockets_before, config, "cyclonedds");
   await_names(tasks_before);
   give_priorities_that_xml_cannot();
 }

@@ -2,8 +2,6 @@
 // Fast DDS 2.9, by its DDS API, over UDPv4 alone: shared memory and shortcuts within a process would bypass
 // the link.
 #include <algorithm>
-#include <cstdlib>
-#include <filesystem>
 #include <mutex>
 #include <set>
 
@@ -20,16 +18,16 @@
 #include <fastdds/dds/subscriber/DataReaderListener.hpp>
 #include <fastdds/dds/subscriber/SampleInfo.hpp>
 #include <fastdds/dds/subscriber/Subscriber.hpp>
-#include <fastdds/rtps/transport/UDPv4TransportDescriptor.h>
 #include <fastrtps/config.h>
-#include <fastrtps/utils/IPLocator.h>
 #include <fastrtps/xmlparser/XMLProfileManager.h>
 
 #include "message/message.hpp"
 #include "transport/clock.hpp"
 #include "transport/dds.hpp"
 #include "transport/fastdds/cdr_type.hpp"
+#include "transport/fastdds/profiles.hpp"
 #include "transport/fastdds/threads.hpp"
+#include "transport/link.hpp"
 #include "transport/transport.hpp"
 
 namespace ontime::transport::fastdds {
@@ -43,7 +41,6 @@ using vendor::StatusMask;
 constexpr Option options[] = {{"profiles", "FILE of Fast DDS's XML profiles"}};
 
 constexpr std::size_t preallocated_bytes = std::size_t{4} << 20;
-constexpr std::size_t unfragmented_bytes = 65'000;
 
 // Fast DDS prints by itself. While it opens we keep what it says, for the error; later it is silent.
 class Log {
@@ -84,90 +81,17 @@ Entity* opened(Entity* entity, const std::string& what, Log& log) {
   throw Error("fastdds: cannot open " + what + (why.empty() ? "" : ": " + why));
 }
 
-struct Configuration {
-  vendor::DomainParticipantQos qos;
-  std::string source = "ontime";
-  std::string carrier = "UDPv4";
-};
-
-// By itself, at the first use; it does not tell.
-std::string files_that_fast_dds_loads() {
-  // Nothing else of this process changes its environment.
-  const auto environment = [](const char* name) {
-    const char* const value = std::getenv(name);  // NOLINT(concurrency-mt-unsafe)
-    return std::string(value == nullptr ? "" : value);
-  };
-  constexpr const char* in_this_folder = "DEFAULT_FASTRTPS_PROFILES.xml";
-  std::string files;
-  if (const std::string file = environment("FASTRTPS_DEFAULT_PROFILES_FILE"); !file.empty())
-    files += " " + file;
-  if (environment("SKIP_DEFAULT_XML") != "1" && std::filesystem::exists(in_this_folder))
-    files += std::string(" ") + in_this_folder;
-  return files;
-}
-
-void load_profiles(const Config& config, Configuration& result, Log& log) {
+vendor::DomainParticipantQos participant_qos(const Profiles& profiles, Log& log) {
+  eprosima::fastrtps::xmlparser::XMLProfileManager::DeleteInstance();  // of an earlier end of this process
   auto* const factory = DomainParticipantFactory::get_instance();
-  if (const auto option = config.options.find("profiles"); option != config.options.end()) {
-    if (factory->load_XML_profiles_file(option->second) != ReturnCode_t::RETCODE_OK)
-      throw Error("fastdds: cannot use the profiles in " + option->second + ": " + log.text());
-    result.source += ", " + option->second;
-  }
-  const std::string files = files_that_fast_dds_loads();
-  factory->load_profiles();
-  if (!files.empty() && !log.text().empty())
-    throw Error("fastdds: cannot use the profiles in" + files + ": " + log.text());
-  if (!files.empty()) result.source += "," + files;
+  factory->load_profiles();  // that is, none: it does so once, and takes heed of no others before
+  const auto loaded = factory->load_XML_profiles_string(profiles.xml.data(), profiles.xml.size());
+  if (loaded != ReturnCode_t::RETCODE_OK || !log.text().empty())
+    throw Error("fastdds: cannot use the profiles of " + profiles.source + ": " + log.text());
   factory->set_default_participant_qos(vendor::PARTICIPANT_QOS_DEFAULT);  // that is, the default profile
-  result.qos = factory->get_default_participant_qos();
-}
-
-void use_the_link(const Config& config, Configuration& result) {
-  auto& transport = result.qos.transport();
-  if (!transport.use_builtin_transports || !transport.user_transports.empty()) {
-    result.carrier = "the profile's transports";
-    return;
-  }
-  const auto udp = std::make_shared<eprosima::fastdds::rtps::UDPv4TransportDescriptor>();
-  udp->maxInitialPeersRange = dds::participants_per_host;
-  udp->sendBufferSize = transport.send_socket_buffer_size;
-  udp->receiveBufferSize = transport.listen_socket_buffer_size;
-  // All fragments of a message arrive at once. The kernel gives as much of this as net.core.rmem_max allows.
-  if (config.max_payload_bytes > unfragmented_bytes)
-    udp->receiveBufferSize =
-        std::max(udp->receiveBufferSize, static_cast<std::uint32_t>(4 * config.max_payload_bytes));
-  if (!config.interface.empty()) udp->interfaceWhiteList = {config.address};
-  transport.use_builtin_transports = false;
-  transport.user_transports = {udp};
-}
-
-rtps::Locator_t locator(const std::string& address, int port) {
-  rtps::Locator_t result(LOCATOR_KIND_UDPv4, static_cast<std::uint32_t>(port));
-  rtps::IPLocator::setIPv4(result, address);
-  return result;
-}
-
-// Where peers are named Fast DDS looks nowhere else, hence the multicast group is named too.
-void name_peers(const Config& config, Configuration& result) {
-  auto& peers = result.qos.wire_protocol().builtin.initialPeersList;
-  const bool loopback = dds::is_loopback(config.address);
-  if (config.peers.empty() && !loopback) return;
-  if (peers.empty())
-    peers.push_back(locator("239.255.0.1", dds::base_port + dds::ports_per_domain * config.domain));
-  if (loopback) peers.push_back(locator(config.address, 0));
-  for (const std::string& text : config.peers) {
-    const dds::Peer peer = dds::resolve(text, "fastdds");
-    peers.push_back(locator(peer.address, peer.port));
-  }
-}
-
-Configuration configuration(const Config& config, Log& log) {
-  Configuration result;
-  load_profiles(config, result, log);
-  use_the_link(config, result);
-  name_peers(config, result);
-  result.qos.name("ontime");
-  return result;
+  auto qos = factory->get_default_participant_qos();
+  qos.name("ontime");
+  return qos;
 }
 
 // What readers and writers have alike.
@@ -284,7 +208,7 @@ class FastEndpoint final : public Endpoint, vendor::DataReaderListener, vendor::
 
   Config config_;
   Sink& sink_;
-  Configuration configuration_;
+  Profiles profiles_;
   std::vector<pid_t> threads_;
   std::vector<std::byte>
       room_;  // one is enough: Fast DDS calls the listener of a reader with the reader locked
@@ -305,26 +229,27 @@ FastEndpoint::FastEndpoint(const Config& config, Sink& sink)
       room_(message::cdr_overhead + config.max_payload_bytes + 3),  // DDS pads to a multiple of four
       discovered_(config) {
   const auto before = dds::tasks();
+  const auto sockets_before = dds::sockets();
   {
     Log log;
     open_participant(log);
     open_topics_and_ends(log);
   }
+  dds::keep_to_link(sockets_before, config, "fastdds");
   for (const auto& task : dds::started_since(before)) threads_.push_back(task.tid);
 }
 
 void FastEndpoint::open_participant(Log& log) {
-  eprosima::fastrtps::LibrarySettingsAttributes library;
-  library.intraprocess_delivery = eprosima::fastrtps::INTRAPROCESS_OFF;
-  eprosima::fastrtps::xmlparser::XMLProfileManager::library_settings(library);
-  configuration_ = configuration(config_, log);
+  profiles_ = profiles(config_, "fastdds");
+  const OnlyFile none("");
+  const auto qos = participant_qos(profiles_, log);
   std::string where = "domain " + std::to_string(config_.domain);
   if (!config_.interface.empty()) where += " on " + config_.interface + " (" + config_.address + ")";
-  where += " as configured by " + configuration_.source;
-  participant_.reset(opened(DomainParticipantFactory::get_instance()->create_participant(
-                                static_cast<vendor::DomainId_t>(config_.domain), configuration_.qos,
-                                &discovered_, StatusMask::none()),
-                            where, log));
+  where += " as configured by " + profiles_.source;
+  participant_.reset(
+      opened(DomainParticipantFactory::get_instance()->create_participant(
+                 static_cast<vendor::DomainId_t>(config_.domain), qos, &discovered_, StatusMask::none()),
+             where, log));
 }
 
 void FastEndpoint::open_topics_and_ends(Log& log) {
@@ -405,8 +330,8 @@ std::string FastEndpoint::seen() {
 std::map<std::string, std::string> FastEndpoint::facts() {
   std::map<std::string, std::string> facts{{"middleware", "Fast DDS " FASTRTPS_VERSION_STR},
                                            {"domain", std::to_string(config_.domain)},
-                                           {"carrier", configuration_.carrier},
-                                           {"configuration", configuration_.source}};
+                                           {"carrier", profiles_.carrier},
+                                           {"configuration", profiles_.source}};
   if (!config_.interface.empty())
     facts.insert({{"interface", config_.interface}, {"address", config_.address}});
   return facts;

@@ -1,0 +1,201 @@
+// SPDX-License-Identifier: Apache-2.0
+// NOLINTBEGIN(concurrency-mt-unsafe): see the header
+#include "transport/fastdds/profiles.hpp"
+
+#include <algorithm>
+#include <cstdlib>
+#include <filesystem>
+
+#include "transport/dds.hpp"
+#include "transport/xml.hpp"
+
+namespace ontime::transport::fastdds {
+namespace {
+
+using xml::Document;
+using xml::Tree;
+
+constexpr const char* file_variable = "FASTRTPS_DEFAULT_PROFILES_FILE";
+constexpr const char* skip_variable = "SKIP_DEFAULT_XML_FILE";
+constexpr const char* more_variables_variable = "FASTDDS_ENVIRONMENT_FILE";
+constexpr const char* file_in_this_folder = "DEFAULT_FASTRTPS_PROFILES.xml";
+constexpr std::size_t unfragmented_bytes = 65'000;
+
+// The child of that name, made if it is not there.
+Tree& child_of(Tree& tree, const char* name) {
+  const auto found = tree.find(name);
+  return found == tree.not_found() ? tree.push_back({name, Tree{}})->second : found->second;
+}
+
+Document document_of_option(const std::string& path, const std::string& who) {
+  try {
+    Document document = xml::parse_file(path, "option profiles", who);
+    xml::refuse(document,
+                {{"log", "writes files"},
+                 {"rtps_dump_file", "writes files"},
+                 {"propertiesPolicy", "can have plugins write files"},
+                 {"discoveryProtocol", "writes files", "BACKUP"}},
+                who, std::string("your own file, named by ") + file_variable);
+    return document;
+  } catch (const WrongInput&) {
+    throw;
+  } catch (const Error& error) {
+    throw WrongInput(error.what());
+  }
+}
+
+std::vector<Document> users_documents(const Config& config, const std::string& who) {
+  std::vector<Document> documents;
+  if (const auto file = dds::users_variable(file_variable); !file.value.empty())
+    documents.push_back(xml::parse_file(file.value, file_variable, who));
+  const bool skips = dds::users_variable(skip_variable).value.starts_with('1');
+  if (!skips && dds::follows_environment() && std::filesystem::exists(file_in_this_folder))
+    documents.push_back(xml::parse_file(file_in_this_folder, "its presence here", who));
+  if (const auto option = config.options.find("profiles"); option != config.options.end())
+    documents.push_back(document_of_option(option->second, who));
+  return documents;
+}
+
+// What leads around a link that is named.
+bool erase_ways_around_the_link(Tree& tree) {
+  return xml::erase_if(tree, [](const std::string& name, const Tree&) {
+    return xml::is_one_of(name, {"userTransports", "useBuiltinTransports", "defaultUnicastLocatorList",
+                                 "defaultMulticastLocatorList", "metatrafficUnicastLocatorList",
+                                 "metatrafficMulticastLocatorList", "unicastLocatorList",
+                                 "multicastLocatorList", "data_sharing"});
+  });
+}
+
+// All documents as one: of several <profiles> in a document Fast DDS would load the first alone.
+Tree merged(const std::vector<Document>& documents) {
+  Tree dds, profiles;
+  for (const Document& document : documents)
+    for (const auto& [root, content] : document.tree) {
+      const Tree alone = [&] {
+        Tree tree;
+        tree.push_back({root, content});
+        return tree;
+      }();
+      for (const auto& [name, part] : root == "dds" ? content : alone) {
+        if (name == "profiles")
+          std::copy_if(part.begin(), part.end(), std::back_inserter(profiles),
+                       [](const auto& profile) { return profile.first != "<xmlattr>"; });
+        else if (name != "<xmlattr>" && name != "library_settings")
+          dds.push_back({name, part});
+      }
+    }
+  dds.push_back({"profiles", profiles});
+  dds.put("library_settings.intraprocess_delivery", "OFF");
+  return dds;
+}
+
+// What Fast DDS would take for the default: the last that says so, or else one of ours.
+Tree& default_participant(Tree& profiles) {
+  Tree* last = nullptr;
+  for (auto& [name, profile] : profiles)
+    if (name == "participant" && profile.get("<xmlattr>.is_default_profile", "") == "true") last = &profile;
+  if (last != nullptr) return *last;
+  Tree& ours = profiles.push_back({"participant", Tree{}})->second;
+  ours.put("<xmlattr>.profile_name", "ontime");
+  ours.put("<xmlattr>.is_default_profile", "true");
+  return ours;
+}
+
+bool has_transports(const Tree& rtps) {
+  return xml::has(rtps, "userTransports") || xml::child_text(rtps, "useBuiltinTransports") == "false";
+}
+
+// Shared memory would bypass any link, and is built in.
+Tree transport_of(const Config& config, const Tree& rtps) {
+  Tree transport;
+  transport.put("transport_id", "ontime");
+  transport.put("type", "UDPv4");
+  transport.put("maxInitialPeersRange", dds::participants_per_host);
+  auto receive_bytes = rtps.get<std::size_t>("listenSocketBufferSize", 0);
+  const auto send_bytes = rtps.get<std::size_t>("sendSocketBufferSize", 0);
+  // All fragments of a message arrive at once. The kernel gives as much of this as net.core.rmem_max allows.
+  if (config.max_payload_bytes > unfragmented_bytes)
+    receive_bytes = std::max(receive_bytes, 4 * config.max_payload_bytes);
+  if (send_bytes > 0) transport.put("sendBufferSize", send_bytes);
+  if (receive_bytes > 0) transport.put("receiveBufferSize", receive_bytes);
+  if (!config.interface.empty()) transport.put("interfaceWhiteList.address", config.address);
+  return transport;
+}
+
+void use_transport(Tree& profiles, Tree& rtps, const Config& config) {
+  rtps.put("userTransports.transport_id", "ontime");
+  rtps.put("useBuiltinTransports", "false");
+  Tree descriptors;
+  descriptors.push_back({"transport_descriptor", transport_of(config, rtps)});
+  profiles.push_front({"transport_descriptors", descriptors});  // before it is referred to
+}
+
+Tree locator(const std::string& address, int port) {
+  Tree locator;
+  locator.put("udpv4.address", address);
+  if (port != 0) locator.put("udpv4.port", port);
+  return locator;
+}
+
+// Where peers are named Fast DDS looks nowhere else, hence the multicast group is named too.
+void name_peers(Tree& rtps, const Config& config, const std::string& who) {
+  const bool loopback = dds::is_loopback(config.address);
+  if (config.peers.empty() && !loopback) return;
+  Tree& peers = child_of(child_of(rtps, "builtin"), "initialPeersList");
+  const auto add = [&](const std::string& address, int port) {
+    peers.push_back({"locator", locator(address, port)});
+  };
+  if (peers.empty()) add(dds::multicast_group, dds::base_port + dds::ports_per_domain * config.domain);
+  if (loopback) add(config.address, 0);
+  for (const std::string& text : config.peers) {
+    const dds::Peer peer = dds::resolve(text, who);
+    add(peer.address, peer.port);
+  }
+}
+
+}  // namespace
+
+Profiles profiles(const Config& config, const std::string& who) {
+  Profiles result{"", "ontime", "UDPv4"};
+  for (const char* variable : {file_variable, skip_variable})
+    if (const auto ignored = dds::users_variable(variable).ignored; !ignored.empty())
+      result.source += ", " + ignored;
+  std::vector<Document> documents = users_documents(config, who);
+  for (Document& document : documents) {
+    result.source += ", " + document.origin;
+    if (!config.interface.empty() && erase_ways_around_the_link(document.tree))
+      result.source += " without its transports";
+  }
+  Tree dds = merged(documents);
+  Tree& profiles = child_of(dds, "profiles");
+  Tree& rtps = child_of(default_participant(profiles), "rtps");
+  name_peers(rtps, config, who);
+  if (has_transports(rtps))
+    result.carrier = "the profile's transports";
+  else
+    use_transport(profiles, rtps, config);
+  Tree whole;
+  whole.push_back({"dds", dds});
+  result.xml = xml::text_of(whole);
+  return result;
+}
+
+OnlyFile::OnlyFile(const std::string& path) {
+  set(file_variable, path);
+  set(skip_variable, "1");
+  if (!dds::follows_environment()) set(more_variables_variable, "");
+}
+
+OnlyFile::~OnlyFile() {
+  for (const auto& [variable, value] : before_)
+    value ? setenv(variable, value->c_str(), 1) : unsetenv(variable);
+}
+
+void OnlyFile::set(const char* variable, const std::string& value) {
+  const char* const before = std::getenv(variable);
+  before_.emplace_back(variable, before == nullptr ? std::nullopt : std::optional<std::string>(before));
+  value.empty() ? unsetenv(variable) : setenv(variable, value.c_str(), 1);
+}
+
+}  // namespace ontime::transport::fastdds
+// NOLINTEND(concurrency-mt-unsafe)

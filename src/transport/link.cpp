@@ -1,0 +1,137 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "transport/link.hpp"
+
+#include <algorithm>
+#include <cerrno>
+#include <chrono>
+#include <filesystem>
+#include <fstream>
+#include <memory>
+#include <set>
+#include <sstream>
+#include <system_error>
+#include <thread>
+
+#include <arpa/inet.h>
+#include <ifaddrs.h>
+#include <net/if.h>
+#include <netinet/in.h>
+#include <sys/socket.h>
+#include <sys/stat.h>
+
+#include "transport/clock.hpp"
+#include "transport/dds.hpp"
+
+namespace ontime::transport::dds {
+namespace {
+
+enum class Link { absent, down, running };
+
+Link link_of(const std::string& interface, const std::string& address) {
+  ifaddrs* list = nullptr;
+  if (getifaddrs(&list) != 0) return Link::absent;
+  const std::unique_ptr<ifaddrs, decltype(&freeifaddrs)> owner(list, freeifaddrs);
+  for (const ifaddrs* entry = list; entry != nullptr; entry = entry->ifa_next)
+    if (entry->ifa_name == interface && entry->ifa_addr != nullptr && entry->ifa_addr->sa_family == AF_INET &&
+        text_of(*reinterpret_cast<const sockaddr_in*>(entry->ifa_addr)) == address)
+      return (entry->ifa_flags & IFF_RUNNING) != 0 ? Link::running : Link::down;
+  return Link::absent;
+}
+
+// The interfaces on which somebody of this host has joined RTPS's multicast group, which all domains share.
+std::set<std::string> interfaces_of_group() {
+  in_addr group{};
+  inet_pton(AF_INET, multicast_group, &group);
+  std::set<std::string> found;
+  std::ifstream in("/proc/net/igmp");
+  std::string interface;
+  for (std::string line; std::getline(in, line);) {
+    std::istringstream words(line);
+    std::string first, second;
+    words >> first >> second;
+    if (!line.starts_with('\t'))
+      interface = second;
+    else if (std::uint32_t joined = 0;
+             std::istringstream(first) >> std::hex >> joined && joined == group.s_addr)
+      found.insert(interface);
+  }
+  return found;
+}
+
+// Whether a socket that is not ours has the port at which participants of the domain hear of each other.
+bool others_listen(int domain) {
+  std::set<std::uint64_t> ours;
+  for (const auto& [descriptor, number] : sockets()) ours.insert(number);
+  std::ifstream in("/proc/net/udp");
+  std::string line;
+  std::getline(in, line);
+  while (std::getline(in, line)) {
+    std::istringstream words(line);
+    std::string skipped, local;
+    words >> skipped >> local;
+    std::uint64_t number = 0;
+    for (int i = 0; i < 7; ++i) words >> skipped;
+    words >> number;
+    const auto colon = local.find(':');
+    if (colon == std::string::npos) continue;
+    const int port = std::stoi(local.substr(colon + 1), nullptr, 16);
+    if (port == base_port + ports_per_domain * domain && !ours.contains(number)) return true;
+  }
+  return false;
+}
+
+}  // namespace
+
+// The kernel tells up to a second late that a new link runs, and Fast DDS stays mute on one that does not.
+void check_link(const Config& config, const std::string& transport) {
+  const std::string& interface = config.interface;
+  const std::int64_t end_ns = now_ns() + 3'000'000'000;
+  Link link = link_of(interface, config.address);
+  for (; link == Link::down && now_ns() < end_ns; link = link_of(interface, config.address))
+    std::this_thread::sleep_for(std::chrono::milliseconds(10));
+  if (link == Link::running) return;
+  throw Error(transport + ": " +
+              (link == Link::down
+                   ? "the interface " + interface + " is down or has no carrier; see \"ip link\""
+                   : "this host has no interface " + interface + " with address " + config.address +
+                         "; see \"ip address\""));
+}
+
+Sockets sockets() {
+  Sockets found;
+  std::error_code ended;  // while we looked
+  for (const auto& entry : std::filesystem::directory_iterator("/proc/self/fd", ended)) {
+    const int descriptor = std::stoi(entry.path().filename());
+    int family = 0;
+    socklen_t bytes = sizeof family;
+    struct stat status {};
+    if (getsockopt(descriptor, SOL_SOCKET, SO_DOMAIN, &family, &bytes) == 0 &&
+        (family == AF_INET || family == AF_INET6) && fstat(descriptor, &status) == 0)
+      found[descriptor] = status.st_ino;
+  }
+  return found;
+}
+
+void keep_to_link(const Sockets& before, const Config& config, const std::string& transport) {
+  if (config.interface.empty()) return;
+  for (const auto& [descriptor, number] : sockets()) {
+    if (const auto old = before.find(descriptor); old != before.end() && old->second == number) continue;
+    if (setsockopt(descriptor, SOL_SOCKET, SO_BINDTODEVICE, config.interface.c_str(),
+                   static_cast<socklen_t>(config.interface.size())) != 0)
+      throw Error(transport + ": cannot bind a socket to the interface " + config.interface + ": " +
+                  std::system_category().message(errno) +
+                  "; Linux before 5.7 wants CAP_NET_RAW for that. Name no interface, or permit it");
+  }
+}
+
+std::string others_elsewhere(const Config& config) {
+  if (config.interface.empty() || !others_listen(config.domain)) return {};
+  std::string elsewhere;
+  for (const std::string& interface : interfaces_of_group())
+    if (interface != config.interface) elsewhere += (elsewhere.empty() ? "" : ", ") + interface;
+  if (elsewhere.empty()) return {};
+  return "a participant on this host looks for others by multicast on " + elsewhere + ", not on " +
+         config.interface + ": keep both to one interface, or name none here";
+}
+
+}  // namespace ontime::transport::dds

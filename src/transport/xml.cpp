@@ -1,0 +1,65 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "transport/xml.hpp"
+
+#include <algorithm>
+#include <fstream>
+#include <sstream>
+
+#include <boost/property_tree/xml_parser.hpp>
+
+#include "transport/transport.hpp"
+
+namespace ontime::transport::xml {
+
+using boost::algorithm::iequals;
+namespace reader = boost::property_tree::xml_parser;
+
+Document parse(std::istream& in, const std::string& origin, const std::string& who) {
+  try {
+    Document document{origin, {}};
+    read_xml(in, document.tree, reader::no_comments | reader::trim_whitespace);
+    return document;
+  } catch (const reader::xml_parser_error& error) {
+    throw Error(who + ": " + origin + ", line " + std::to_string(error.line()) + ": " + error.message());
+  }
+}
+
+Document parse_file(const std::string& path, const std::string& named_by, const std::string& who) {
+  std::ifstream in(path);
+  if (!in) throw Error(who + ": cannot open the configuration " + path + ", named by " + named_by);
+  return parse(in, path, who);
+}
+
+std::string text_of(const Tree& tree) {
+  std::ostringstream out;
+  write_xml(out, tree);
+  return out.str();
+}
+
+bool is_one_of(const std::string& name, std::initializer_list<const char*> names) {
+  return std::any_of(names.begin(), names.end(), [&](const char* one) { return iequals(name, one); });
+}
+
+bool has(const Tree& tree, const std::string& element) {
+  bool found = false;
+  for_each_element(tree, [&](const std::string& name, const Tree&) { found |= iequals(name, element); });
+  return found;
+}
+
+std::string child_text(const Tree& tree, const std::string& element) {
+  for (const auto& [name, child] : tree)
+    if (iequals(name, element)) return child.data();
+  return {};
+}
+
+void refuse(const Document& document, std::initializer_list<Forbidden> forbidden, const std::string& who,
+            const std::string& instead) {
+  for_each_element(document.tree, [&](const std::string& name, const Tree& element) {
+    for (const Forbidden& one : forbidden)
+      if (iequals(name, one.element) && (one.only == nullptr || iequals(element.data(), one.only)))
+        throw WrongInput(who + ": " + document.origin + " has <" + one.element + ">, which " + one.does +
+                         "; an option may come from somebody else's scenario, so put that into " + instead);
+  });
+}
+
+}  // namespace ontime::transport::xml

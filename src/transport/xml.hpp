@@ -1,0 +1,66 @@
+// SPDX-License-Identifier: Apache-2.0
+// The users' XML of the DDS vendors, read and changed before the vendor gets it. Names of elements are
+// compared as Cyclone DDS does, without regard to case.
+#pragma once
+
+#include <istream>
+#include <string>
+#include <vector>
+
+#include <boost/algorithm/string/predicate.hpp>
+#include <boost/property_tree/ptree.hpp>
+
+namespace ontime::transport::xml {
+
+using Tree = boost::property_tree::ptree;
+
+struct Document {
+  std::string origin;  // for people: a file, or a variable
+  Tree tree;
+};
+
+// Both throw Error that begins with `who` and names the origin: the line of what is no XML, or the file that
+// is not there and who named it.
+Document parse(std::istream& in, const std::string& origin, const std::string& who);
+Document parse_file(const std::string& path, const std::string& named_by, const std::string& who);
+std::string text_of(const Tree& tree);
+
+template <typename Visit>
+void for_each_element(const Tree& tree, const Visit& visit) {
+  for (const auto& [name, child] : tree) {
+    visit(name, child);
+    for_each_element(child, visit);
+  }
+}
+
+// Erases what `unwanted` says of (name, element), and tells whether there was any.
+template <typename Unwanted>
+bool erase_if(Tree& tree, const Unwanted& unwanted) {
+  bool erased = false;
+  for (auto it = tree.begin(); it != tree.end();) {
+    if (unwanted(it->first, it->second)) {
+      it = tree.erase(it);
+      erased = true;
+    } else {
+      erased |= erase_if(it->second, unwanted);
+      ++it;
+    }
+  }
+  return erased;
+}
+
+bool is_one_of(const std::string& name, std::initializer_list<const char*> names);
+bool has(const Tree& tree, const std::string& element);
+std::string child_text(const Tree& tree, const std::string& element);  // empty if there is no such child
+
+// A part of such XML that only the user's own settings may have, not those that a scenario brings.
+struct Forbidden {
+  const char* element;
+  const char* does;            // "writes files"
+  const char* only = nullptr;  // where this is its text
+};
+// Throws WrongInput, which says to put it into `instead`.
+void refuse(const Document& document, std::initializer_list<Forbidden> forbidden, const std::string& who,
+            const std::string& instead);
+
+}  // namespace ontime::transport::xml
