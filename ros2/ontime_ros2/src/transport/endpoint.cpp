@@ -25,6 +25,7 @@
 #include "threads.hpp"
 #include "transport/clock.hpp"
 #include "transport/dds.hpp"
+#include "transport/link.hpp"
 #include "waiting.hpp"
 
 namespace ontime::transport::ros2 {
@@ -140,12 +141,14 @@ RosEndpoint<Alloc>::RosEndpoint(const Config& config, const Options& options, Si
     : config_(config), options_(options), sink_(sink) {
   outgoing_.data.reserve(config.max_payload_bytes);
   incoming_.data.reserve(config.max_payload_bytes);
+  const auto sockets_before = dds::sockets();
   open_node();
   refuse_namesake(*node_);
   open_publisher();  // before the subscription, whose callback may call send() at once
   open_subscription();
   if (options.statistics && config.role == Role::client)
     statistics_ = std::make_unique<Statistics>(*node_, config.deadline_ns);
+  dds::keep_to_link(sockets_before, config, "ros2");
   graph_ = std::make_unique<Graph>(context_, *node_, *publisher_, *subscription_);
   start_receiving();
 }

@@ -25,7 +25,7 @@ class CycloneLead final : public Lead {
   std::string said() override {
     const std::lock_guard lock(mutex_);
     while (said_.ends_with('\n') || said_.ends_with(' ')) said_.pop_back();
-    return said_;
+    return cyclonedds::legible(said_);
   }
 
  private:

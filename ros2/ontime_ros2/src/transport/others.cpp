@@ -11,6 +11,7 @@
 #include <rmw/events_statuses/message_lost.h>
 
 #include "transport/dds.hpp"
+#include "transport/link.hpp"
 
 namespace ontime::transport::ros2 {
 namespace {
@@ -101,7 +102,8 @@ std::string seen(const Config& config, rclcpp::Node& node, const rclcpp::Publish
   std::string others;
   for (const std::string& name : node.get_node_names())
     if (name != node.get_fully_qualified_name()) others += (others.empty() ? "" : ", ") + name;
-  if (others.empty() || matched.both()) return {};
+  if (matched.both()) return {};
+  if (others.empty()) return dds::others_elsewhere(config);
   std::string text = "other nodes in domain " + std::to_string(config.domain) + ": " + others;
   if (matched.readers == 0) text += std::string("; nobody reads ") + publisher.get_topic_name();
   if (matched.writers == 0) text += std::string("; nobody writes ") + subscription.get_topic_name();

@@ -2,7 +2,10 @@
 #include "threads.hpp"
 
 #include <algorithm>
+#include <chrono>
+#include <thread>
 
+#include "transport/clock.hpp"
 #include "transport/cyclonedds/configuration.hpp"
 #include "transport/dds.hpp"
 #include "transport/fastdds/threads.hpp"
@@ -12,6 +15,18 @@ namespace {
 
 // The RMWs start a thread of their own, the last with a node, which follows who is in the graph.
 Thread graph_thread(const dds::Task& task) { return {task.tid, "discovery", task.name}; }
+
+// A thread is born with its parent's name, and gives itself its own a little later; the RMW's keeps it.
+void await_names(const std::vector<pid_t>& created) {
+  const auto is_named = [](const dds::Task& task) { return cyclonedds::named_thread(task.name) != nullptr; };
+  const std::int64_t until_ns = now_ns() + 20'000'000;
+  do {
+    const auto tasks = dds::tasks();
+    const auto named = std::count_if(tasks.begin(), tasks.end(), is_named);
+    if (named + 1 >= static_cast<std::ptrdiff_t>(created.size())) return;
+    std::this_thread::sleep_for(std::chrono::milliseconds(1));
+  } while (now_ns() < until_ns);
+}
 
 std::vector<Thread> of_fastdds(const std::vector<pid_t>& created, int domain) {
   auto found = fastdds::tell_apart({created.begin(), created.end() - 1}, domain);
@@ -32,6 +47,7 @@ std::vector<Thread> named(const std::string& name, const std::string& role) {
 std::vector<Thread> threads_of(const std::string& rmw, const std::vector<pid_t>& created, int domain) {
   if (created.empty()) return {};
   if (rmw.starts_with("rmw_fastrtps")) return of_fastdds(created, domain);
+  await_names(created);
   std::vector<Thread> found;
   for (const auto& task : dds::tasks())
     if (const auto* const thread = cyclonedds::named_thread(task.name))
