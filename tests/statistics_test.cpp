@@ -3,23 +3,26 @@
 
 #include <algorithm>
 #include <cmath>
+#include <functional>
+#include <limits>
 #include <numeric>
 #include <random>
 
 #include <gtest/gtest.h>
 
+#include "statistics/values.hpp"
+
 namespace ontime::statistics {
 namespace {
 
-using roundtrip::Fate;
-using roundtrip::Sample;
-
 std::vector<std::int64_t> random_values(std::mt19937_64& random) {
-  // Of all sizes about the ranks' edges; few different values in one, all different ones in another.
+  // Of all sizes about the ranks' edges; few different values in one, all different ones in another, and ones
+  // that need more than 32 bits.
   static constexpr std::size_t sizes[] = {1, 2, 3, 9, 10, 11, 99, 100, 101, 999, 1000, 1001, 10000, 10001};
   std::vector<std::int64_t> values(random() % 2 != 0 ? sizes[random() % std::size(sizes)]
                                                      : 1 + random() % 3000);
-  const std::uint64_t different = random() % 2 != 0 ? 5 : 1'000'000'000;
+  static constexpr std::uint64_t of_how_many[] = {5, 1'000'000'000, 1'000'000'000'000};
+  const auto different = of_how_many[random() % std::size(of_how_many)];
   for (auto& value : values)
     value = static_cast<std::int64_t>(random() % different) - static_cast<std::int64_t>(different / 10);
   return values;
@@ -44,8 +47,7 @@ TEST(Distribution, IsWhatTheDefinitionSays) {
   std::mt19937_64 random(1);
   for (int i = 0; i < 300; ++i) {
     const auto values = random_values(random);
-    auto sorted = values;
-    const auto found = distribution(sorted);
+    const auto found = distribution(values);
     ASSERT_EQ(found.count, values.size());
     ASSERT_EQ(found.min, *std::min_element(values.begin(), values.end()));
     ASSERT_EQ(found.p50, by_definition(values, 50, 100)) << values.size();
@@ -76,8 +78,7 @@ TEST(Distribution, IsInOrderAndDoesNotDependOnTheOrderOfValues) {
 }
 
 TEST(Distribution, OfNoValuesIsZero) {
-  std::vector<std::int64_t> none;
-  const auto found = distribution(none);
+  const auto found = distribution({});
   EXPECT_EQ(found.count, 0u);
   EXPECT_EQ(found.min, 0);
   EXPECT_EQ(found.p99_99, 0);
@@ -96,87 +97,91 @@ TEST(Distribution, RanksAtTheirEdges) {
 }
 
 TEST(Distribution, MeanOfLargeValuesDoesNotOverflow) {
-  std::vector<std::int64_t> values(1000, std::int64_t{1} << 62);
+  const std::vector<std::int64_t> values(1000, std::int64_t{1} << 62);
   EXPECT_EQ(distribution(values).mean, std::ldexp(1.0, 62));
 }
 
-Sample random_sample(std::uint64_t index, std::mt19937_64& random) {
-  const auto some_ns = [&](std::uint64_t below) { return static_cast<std::int64_t>(random() % below); };
-  Sample sample{};
-  sample.index = index;
-  sample.fate = static_cast<Fate>(random() % 3);
-  sample.skipped_cycles = static_cast<std::uint32_t>(random() % 4 == 0 ? random() % 10 : 0);
-  sample.intended_ns = 1'000'000'000 + static_cast<std::int64_t>(index) * 10'000'000;
-  sample.due_ns = sample.intended_ns + std::int64_t{sample.skipped_cycles} * 10'000'000;
-  sample.woke_ns = sample.due_ns + some_ns(500'000);
-  sample.sent_ns = sample.woke_ns + some_ns(50'000);
-  if (sample.fate == Fate::lost) return sample;
-  sample.received_ns = sample.sent_ns + 1 + some_ns(30'000'000);
-  if (random() % 2 != 0) return sample;
-  sample.server_received_ns = 5'000'000'000 + some_ns(1'000'000'000);
-  sample.server_sent_ns = sample.server_received_ns + some_ns(100'000);
-  return sample;
+// Values that crowd together are counted instead of listed: it must not show.
+TEST(Values, ThatCrowdAreTheSame) {
+  std::mt19937_64 random(6);
+  std::vector<std::int64_t> values(300'000);
+  for (auto& value : values)
+    value = static_cast<std::int64_t>(random() % 10 != 0 ? 65'000 + random() % 1000 : random() % 10'000'000);
+  const auto found = distribution(values);
+  std::sort(values.begin(), values.end());
+  EXPECT_EQ(found.p50, values[150'000 - 1]);
+  EXPECT_EQ(found.p99, values[297'000 - 1]);
+  EXPECT_EQ(found.p99_99, values[299'970 - 1]);
+  EXPECT_EQ(found.max, values.back());
 }
 
-Summary summary_of(const std::vector<Sample>& samples, const nlohmann::json& asked) {
-  record::Writer writer("");
-  writer.append(writer.begin_run(asked), samples);
-  const auto reader = writer.reader();
-  return summarise(reader, reader.runs().at(0));
-}
-
-TEST(Summary, AddsUp) {
-  std::mt19937_64 random(3);
-  for (int i = 0; i < 50; ++i) {
-    std::vector<Sample> samples;
-    std::uint64_t skipped = 0, said = 0;
-    for (std::size_t n = random() % 500; n > 0; --n) {
-      samples.push_back(random_sample(samples.size(), random));
-      skipped += samples.back().skipped_cycles;
-      if (samples.back().server_sent_ns != 0) ++said;
+TEST(Values, OfASeriesAreAsIfAddedOneByOne) {
+  std::mt19937_64 random(7);
+  for (int round = 0; round < 200; ++round) {
+    Values values;
+    std::vector<std::int64_t> expected;
+    for (auto n = random() % 5; n > 0; --n) {
+      const auto least = static_cast<std::int64_t>(random() % 10'000) - 3000;
+      const auto step = static_cast<std::int64_t>(random() % 50);
+      const auto count = random() % 100;
+      values.add_series(least, step, count);
+      for (std::uint64_t i = 0; i < count; ++i)
+        expected.push_back(least + step * static_cast<std::int64_t>(i));
+      values.add(least + 7);
+      expected.push_back(least + 7);
     }
-    const auto of = [&](Fate fate) {
-      return static_cast<std::uint64_t>(
-          std::count_if(samples.begin(), samples.end(), [&](const Sample& s) { return s.fate == fate; }));
-    };
-    const auto summary = summary_of(samples, {{"schedule", "next-free"}});
-    ASSERT_EQ(summary.sent, samples.size());
-    ASSERT_EQ(summary.on_time, of(Fate::on_time));
-    ASSERT_EQ(summary.late, of(Fate::late));
-    ASSERT_EQ(summary.lost, of(Fate::lost));
-    ASSERT_EQ(summary.sent, summary.on_time + summary.late + summary.lost);
-    ASSERT_EQ(summary.skipped_cycles, skipped);
-    ASSERT_EQ(summary.round_trip.count, summary.on_time + summary.late);
-    ASSERT_EQ(summary.response.count, summary.round_trip.count);
-    ASSERT_EQ(summary.wake_up.count, summary.sent);
-    ASSERT_EQ(summary.server.count, said);
-    ASSERT_GE(summary.response.max, summary.round_trip.max) << "a response holds its round trip";
-    ASSERT_GE(summary.response.mean, summary.round_trip.mean);
+    const auto one_by_one = distribution(expected);
+    Ranks ranks(std::move(values));
+    const auto found = ranks.distribution();
+    ASSERT_EQ(found.count, one_by_one.count);
+    ASSERT_EQ(std::tie(found.min, found.p50, found.p90, found.p99, found.p99_9, found.p99_99, found.max),
+              std::tie(one_by_one.min, one_by_one.p50, one_by_one.p90, one_by_one.p99, one_by_one.p99_9,
+                       one_by_one.p99_99, one_by_one.max));
+    ASSERT_NEAR(found.mean, one_by_one.mean, 1e-9 * (1 + std::abs(found.mean)));
+    for (const std::int64_t limit : {-4000, 0, 17, 5000, 100'000})
+      ASSERT_EQ(ranks.at_most(limit),
+                std::count_if(expected.begin(), expected.end(), [&](auto value) { return value <= limit; }));
   }
 }
 
-TEST(Summary, SaysFromWhereToWhere) {
-  Sample sample{};
-  sample.intended_ns = 100;
-  sample.due_ns = 200;
-  sample.woke_ns = 230;
-  sample.sent_ns = 234;
-  sample.received_ns = 1234;
-  sample.server_received_ns = 5000;
-  sample.server_sent_ns = 5007;
-  const auto summary = summary_of({sample}, {{"schedule", "fixed"}});
-  EXPECT_EQ(summary.round_trip.max, 1000);
-  EXPECT_EQ(summary.response.max, 1134);
-  EXPECT_EQ(summary.wake_up.max, 30);
-  EXPECT_EQ(summary.server.max, 7);
+TEST(Values, TakeWhatNoClockShows) {
+  constexpr auto least = std::numeric_limits<std::int64_t>::min();
+  constexpr auto most = std::numeric_limits<std::int64_t>::max();
+  Values values;
+  for (const auto value : {least, most, std::int64_t{0}, std::int64_t{-1}}) values.add(value);
+  values.add_series(most - 5, 1000, 1'000'000'000);
+  values.add_series(least, most, std::uint64_t{1} << 48);
+  Ranks ranks(std::move(values));
+  const auto found = ranks.distribution();
+  EXPECT_EQ(found.min, least);
+  EXPECT_EQ(found.max, most);
+  EXPECT_EQ(ranks.at_most(most), found.count);
+  for (const auto& bin : ranks.histogram()) EXPECT_LT(bin.from_ns, bin.to_ns);
 }
 
-TEST(Summary, BackToBackHasNoWakeUp) {
-  std::mt19937_64 random(4);
-  const std::vector<Sample> samples = {random_sample(0, random), random_sample(1, random)};
-  EXPECT_EQ(summary_of(samples, {{"schedule", "back-to-back"}}).wake_up.count, 0u);
-  for (const nlohmann::json& asked : {nlohmann::json(), nlohmann::json(7), nlohmann::json({{"schedule", 7}})})
-    EXPECT_EQ(summary_of(samples, asked).wake_up.count, 2u) << asked;
+TEST(Histogram, HoldsEachValueOnce) {
+  std::mt19937_64 random(8);
+  for (int round = 0; round < 100; ++round) {
+    const auto expected = random_values(random);
+    Values values;
+    for (const auto value : expected) values.add(value);
+    const auto bins = Ranks(std::move(values)).histogram();
+    std::uint64_t all = 0;
+    for (std::size_t i = 0; i < bins.size(); ++i) {
+      const auto& [from, to, count] = bins[i];
+      ASSERT_GT(count, 0u);
+      if (i > 0) {
+        ASSERT_LE(bins[i - 1].to_ns, from);
+      }
+      if (from >= 32) {
+        ASSERT_LE(static_cast<double>(to - from), static_cast<double>(from) / 16);
+      }
+      ASSERT_EQ(count, std::count_if(expected.begin(), expected.end(),
+                                     [&, from = from, to = to](auto v) { return from <= v && v < to; }));
+      all += count;
+    }
+    ASSERT_EQ(all, expected.size());
+  }
 }
 
 TEST(Estimate, OfFewValuesIsWhatTheySpan) {
@@ -213,49 +218,6 @@ TEST(Estimate, CoversTheMedianAsOftenAsItSays) {
     }
     EXPECT_GE(confidence, 0.95) << n;
     EXPECT_NEAR(static_cast<double>(covered) / rounds, confidence, 0.006) << n;
-  }
-}
-
-Summary layer_run(const char* id, const char* adds_to, int repetition, std::int64_t p50_ns,
-                  nlohmann::json thread) {
-  Summary summary;
-  summary.run.asked = {{"id", id}, {"transport", "t"}, {"adds_to", adds_to}, {"repetition", repetition}};
-  summary.run.outcome = {{"hosts", {{"controller", {{"threads", {thread, thread}}}}}}};
-  summary.sent = 10;
-  summary.round_trip.count = 10;
-  summary.round_trip.p50 = p50_ns;
-  return summary;
-}
-
-TEST(Layers, AreComparedRepetitionByRepetition) {
-  std::vector<Summary> runs;
-  for (int repetition = 1; repetition <= 3; ++repetition) {
-    // The machine drifts by more than the layer costs; what the layer adds does not.
-    runs.push_back(
-        layer_run("below", "", repetition, 1000 * repetition, {{"cpu_time_us", 1}, {"instructions", 50}}));
-    runs.push_back(layer_run("above", "below", repetition, 1000 * repetition + 10,
-                             {{"cpu_time_us", 3}, {"instructions", nullptr}}));
-    runs.push_back(layer_run("apart", "", repetition, 5, {}));
-  }
-  const auto found = layers(runs);
-  ASSERT_EQ(found.size(), 2U);
-  EXPECT_EQ(found[0].id, "below");
-  EXPECT_FALSE(found[0].round_trip_ns.added);
-  EXPECT_EQ(found[0].instructions.total->median, 10) << "both threads, a message";
-  EXPECT_EQ(found[1].round_trip_ns.total->median, 2010);
-  EXPECT_EQ(found[1].round_trip_ns.added->median, 10);
-  EXPECT_EQ(found[1].round_trip_ns.added->high, 10);
-  EXPECT_EQ(found[1].cpu_ns.added->median, 400);
-  EXPECT_FALSE(found[1].instructions.total) << "not counted is not zero";
-}
-
-TEST(Layers, TakeAnyRecord) {
-  for (const nlohmann::json& odd :
-       {nlohmann::json(), nlohmann::json(7), nlohmann::json::array({1}),
-        nlohmann::json({{"id", 7}, {"adds_to", 7}, {"repetition", "x"}, {"hosts", 7}})}) {
-    Summary summary;
-    summary.run.asked = summary.run.outcome = odd;
-    EXPECT_NO_THROW(layers({summary, summary, layer_run("a", "b", 1, 1, odd)})) << odd;
   }
 }
 

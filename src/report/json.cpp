@@ -3,6 +3,7 @@
 
 #include <fmt/format.h>
 
+#include "report/conditions.hpp"
 #include "report/runs.hpp"
 #include "report/words.hpp"
 
@@ -27,19 +28,79 @@ ordered_json some_of(const nlohmann::json& from, std::initializer_list<const cha
   return result;
 }
 
-// Of a key of the run, or of one within: "round_trip_us/p50". Empty for null.
-std::string field_of(const ordered_json& run, const std::string& key) {
-  const ordered_json::json_pointer pointer("/" + key);
-  if (!run.contains(pointer) || run.at(pointer).is_null()) return "";
-  const auto& value = run.at(pointer);
+ordered_json parts_of(const statistics::Summary& summary) {
+  if (summary.parts)
+    return {{"clocks", summary.parts->one_clock ? "one" : "synchronised"},
+            {"error_us", in_us(summary.parts->error_ns)},
+            {"left_out", nullptr}};
+  if (summary.no_parts.empty()) return nullptr;
+  return {{"clocks", nullptr}, {"error_us", nullptr}, {"left_out", summary.no_parts}};
+}
+
+ordered_json notes_of(const statistics::Summary& summary) {
+  auto notes = ordered_json::array();
+  for (const auto& note : summary.notes) {
+    const bool timed = note.at_ns && summary.start_ns != 0;
+    notes.push_back(
+        {{"kind", note.kind},
+         {"text", note.text},
+         {"at_s",
+          timed
+              ? ordered_json((static_cast<double>(*note.at_ns) - static_cast<double>(summary.start_ns)) / 1e9)
+              : ordered_json()},
+         {"message", note.message ? ordered_json(*note.message) : ordered_json()}});
+  }
+  return notes;
+}
+
+std::string text_of(const ordered_json& value) {
+  if (value.is_null()) return "";
   return value.is_string() ? value.get<std::string>()
                            : value.dump(-1, ' ', false, ordered_json::error_handler_t::replace);
 }
 
-// Measured to the end that was asked for.
-bool is_complete(const statistics::Summary& summary) {
-  const auto& outcome = summary.run.outcome;
-  return !outcome.is_null() && at(outcome, "error").is_null() && !is_true(at(outcome, "interrupted"));
+// A column of CSV, and where in the JSON of a run it is found.
+struct Field {
+  std::string name;
+  std::vector<std::string> path;
+};
+
+std::string field_of(const ordered_json& run, const Field& field) {
+  const auto* value = &run;
+  for (const auto& key : field.path) {
+    const auto found = value->is_object() ? value->find(key) : value->end();
+    if (!value->is_object() || found == value->end()) return "";
+    value = &*found;
+  }
+  return text_of(*value);
+}
+
+// The columns that each file has; new ones come last.
+std::vector<Field> fields() {
+  std::vector<Field> fields;
+  for (const auto* key : {"run",         "id",          "title",          "variant",
+                          "repetition",  "transport",   "payload_bytes",  "period_us",
+                          "deadline_us", "timeout_us",  "schedule",       "realtime",
+                          "complete",    "interrupted", "sent",           "on_time",
+                          "late",        "lost",        "skipped_cycles", "duplicates",
+                          "strays",      "reordered",   "refused_sends",  "dropped_records"})
+    fields.push_back({key, {key}});
+  const auto add_distribution = [&](const std::string& name) {
+    for (const auto* value : {"min", "mean", "p50", "p90", "p99", "p99.9", "p99.99", "max"})
+      fields.push_back({name + "_" + value, {name, value}});
+  };
+  for (const auto* name : {"round_trip_us", "response_us", "wake_up_us", "server_us"}) add_distribution(name);
+  for (const auto* key : {"key", "late_by_response", "trailing_cycles"}) fields.push_back({key, {key}});
+  for (const auto* name : {"there_us", "back_us"}) add_distribution(name);
+  fields.push_back({"parts_error_us", {"parts", "error_us"}});
+  for (const auto* host : {"controller", "component"})
+    for (const auto* kind : {"on_the_way", "overwritten"})
+      fields.push_back({fmt::format("{}_lost_{}", host, kind), {"hosts", host, "losses", kind}});
+  for (const auto* key : {"component_transport", "receive", "domain", "ping_topic", "pong_topic"})
+    fields.push_back({key, {"conditions", key}});
+  for (const auto* key : {"reliability", "history", "depth", "durability"})
+    fields.push_back({fmt::format("qos_{}", key), {"conditions", "qos", key}});
+  return fields;
 }
 
 }  // namespace
@@ -48,22 +109,32 @@ ordered_json json_of(const statistics::Summary& summary) {
   const auto& asked = summary.run.asked;
   const auto& outcome = summary.run.outcome;
   ordered_json run = {{"run", summary.run.number}};
+  run["key"] = summary.run.key.empty() ? ordered_json() : ordered_json(summary.run.key);
   run.update(some_of(asked, {"id", "title", "variant", "repetition", "transport", "payload_bytes",
                              "period_us", "deadline_us", "timeout_us", "schedule", "realtime"}));
-  run["complete"] = is_complete(summary);
+  run["complete"] = statistics::is_complete(summary.run);
   run.update(some_of(outcome, {"interrupted", "error"}));
   run["sent"] = summary.sent;
   run["on_time"] = summary.on_time;
   run["late"] = summary.late;
   run["lost"] = summary.lost;
+  run["late_by_response"] =
+      summary.late_by_response ? ordered_json(*summary.late_by_response) : ordered_json();
   run["skipped_cycles"] = summary.skipped_cycles;
+  run.update(some_of(outcome, {"trailing_cycles"}));
   run.update(some_of(outcome, {"duplicates", "strays", "reordered", "refused_sends", "dropped_records"}));
   run["round_trip_us"] = json_of(summary.round_trip);
   run["response_us"] = json_of(summary.response);
   run["wake_up_us"] = json_of(summary.wake_up);
   run["server_us"] = json_of(summary.server);
-  run["conditions"] =
-      some_of(asked, {"duration_s", "warm_up", "receive", "qos", "options", "domain", "realtime_settings"});
+  const auto parts = summary.parts.value_or(statistics::Parts{});
+  run["there_us"] = json_of(parts.there);
+  run["back_us"] = json_of(parts.back);
+  run["parts"] = parts_of(summary);
+  run["notes"] = notes_of(summary);
+  run["conditions"] = some_of(asked, {"duration_s", "warm_up", "receive", "qos", "options",
+                                      "component_transport", "component_options", "domain", "ping_topic",
+                                      "pong_topic", "realtime_settings", "count_instructions"});
   run["conditions"]["load"] = {{"asked", at(asked, "load")}, {"achieved", at(outcome, "conditions")}};
   run["hosts"] = at(outcome, "hosts");
   run["provenance"] = some_of(asked, {"ontime", "command_line", "hosts", "scenario_file", "scenario"});
@@ -71,24 +142,20 @@ ordered_json json_of(const statistics::Summary& summary) {
 }
 
 std::string csv_of(const Summaries& summaries) {
-  std::vector<std::string> keys = {"run",         "id",          "title",          "variant",
-                                   "repetition",  "transport",   "payload_bytes",  "period_us",
-                                   "deadline_us", "timeout_us",  "schedule",       "realtime",
-                                   "complete",    "interrupted", "sent",           "on_time",
-                                   "late",        "lost",        "skipped_cycles", "duplicates",
-                                   "strays",      "reordered",   "refused_sends",  "dropped_records"};
-  for (const auto* distribution : {"round_trip_us", "response_us", "wake_up_us", "server_us"})
-    for (const auto* value : {"min", "mean", "p50", "p90", "p99", "p99.9", "p99.99", "max"})
-      keys.push_back(fmt::format("{}/{}", distribution, value));
+  const auto columns = fields();
+  const auto options = OptionColumns(summaries);
+  std::vector<std::string> header;
+  for (const auto& column : columns) header.push_back(column.name);
+  options.add_names(header);
 
   std::vector<std::vector<std::string>> rows;
   for (const auto& summary : summaries) {
     const auto run = json_of(summary);
     rows.emplace_back();
-    for (const auto& key : keys) rows.back().push_back(field_of(run, key));
+    for (const auto& column : columns) rows.back().push_back(field_of(run, column));
+    options.add_values(rows.back(), summary);
   }
-  for (auto& key : keys) key = replace_all(key, "/", "_");
-  return as_csv(keys, rows);
+  return as_csv(header, rows);
 }
 
 }  // namespace ontime::report

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <string_view>
+#include <utility>
 
 #include <fmt/format.h>
 
@@ -39,8 +40,10 @@ std::string escape(const std::string& text) {
         result += c;
     }
   }
-  result = replace_all(result, "µ", "$\\mu$");
-  return replace_all(result, "·", "$\\cdot$");
+  for (const auto& [sign, set] :
+       {std::pair{"µ", "$\\mu$"}, {"·", "$\\cdot$"}, {"±", "$\\pm$"}, {"…", "\\ldots{}"}})
+    result = replace_all(result, sign, set);
+  return result;
 }
 
 std::string line_of(std::vector<std::string> cells) {

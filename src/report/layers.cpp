@@ -1,8 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
+#include <algorithm>
 #include <cmath>
+#include <map>
+#include <set>
 
 #include <fmt/format.h>
 
+#include "report/conditions.hpp"
 #include "report/runs.hpp"
 #include "report/words.hpp"
 
@@ -13,6 +17,8 @@ using nlohmann::ordered_json;
 using statistics::Cost;
 using statistics::Estimate;
 using statistics::Layer;
+using statistics::Layers;
+using statistics::Summary;
 
 constexpr double bar_width = 24;
 
@@ -21,14 +27,29 @@ std::string whole(double count) { return fmt::format("{:.0f}", count); }
 
 using Form = std::string (*)(double);
 
+// How sure the intervals of a page are: in words behind each, where it is not the same for all.
+using Confidence = std::pair<double, std::size_t>;  // and of how many repetitions
+std::set<Confidence> confidences_of(const Layers& layers) {
+  std::set<Confidence> all;
+  for (const auto& layer : layers.measured)
+    for (const auto* cost : {&layer.round_trip_ns, &layer.cpu_ns, &layer.instructions})
+      if (const auto& added = cost->added; added && added->count > 1)
+        all.insert({added->confidence, added->count});
+  return all;
+}
+
+std::string percent(double share) { return fmt::format("{:.3g} %", share * 100); }
+
 std::string median(const std::optional<Estimate>& estimate, Form form) {
   return estimate ? form(estimate->median) : nothing;
 }
 
-std::string with_interval(const std::optional<Estimate>& estimate, Form form) {
+std::string with_interval(const std::optional<Estimate>& estimate, Form form, bool with_confidence) {
   if (!estimate) return nothing;
-  return fmt::format("{}{} [{}, {}]", estimate->median < 0 ? "" : "+", form(estimate->median),
-                     form(estimate->low), form(estimate->high));
+  auto text = (estimate->median < 0 ? "" : "+") + form(estimate->median);
+  if (estimate->count < 2) return text;
+  text += fmt::format(" [{}, {}]", form(estimate->low), form(estimate->high));
+  return with_confidence ? text + " " + percent(estimate->confidence) : text;
 }
 
 // Where the layer's share of the round trip lies: blank below what it adds to, filled for what it adds.
@@ -45,6 +66,60 @@ std::string bar(const Layer& layer, double longest_ns) {
   return text;
 }
 
+// A layer is called by its id; where there are several of it, also by what tells them apart.
+std::map<const Summary*, std::string> names_of(const Layers& layers) {
+  std::map<std::string, Group> groups;
+  for (const auto& layer : layers.measured) groups[word(at(layer.run->run.asked, "id"))].push_back(layer.run);
+  std::map<const Summary*, std::string> names;
+  for (const auto& [id, group] : groups) {
+    auto labels = labels_without_repetition(group);
+    tell_apart(labels, group);
+    for (std::size_t i = 0; i < group.size(); ++i)
+      names[group[i]] = group.size() == 1 ? id : id + ": " + labels[i];
+  }
+  return names;
+}
+
+std::vector<std::string> missing(const Layers& layers) {
+  std::vector<std::string> reasons;
+  std::map<std::string, std::vector<std::string>> ids;
+  for (const auto& [id, reason] : layers.missing) {
+    if (!ids.contains(reason)) reasons.push_back(reason);
+    ids[reason].push_back(word(id));
+  }
+  std::vector<std::string> notes;
+  for (const auto& reason : reasons)
+    notes.push_back("Not measured: " + join(ids[reason], ", ") + (reason.empty() ? "" : ": " + word(reason)));
+  return notes;
+}
+
+std::string instructions_note(const Layers& layers) {
+  const bool asked = std::any_of(layers.measured.begin(), layers.measured.end(), [](const Layer& layer) {
+    return is_true(at(layer.run->run.asked, "count_instructions"));
+  });
+  return std::string("Instructions were not counted. ") +
+         (asked ? "The" : "The scenario must say count-instructions: on, the") +
+         " CPU must have the counter, which most virtual machines hide, and kernel.perf_event_paranoid must "
+         "let us.";
+}
+
+std::string legend_of(const std::set<Confidence>& confidences) {
+  const std::string legend =
+      "p50: round trip of the median message. CPU: time of all threads on both ends, a message. Both are the "
+      "median over the repetitions. Added: the median of the differences from the layer below, repetition by "
+      "repetition, which need not be the difference of the medians. ";
+  if (confidences.empty())
+    return legend + "No run was made twice or more beside the one it adds to: there are no intervals.";
+  if (confidences.size() > 1)
+    return legend +
+           "In brackets an interval that holds the median difference, and behind it with what confidence.";
+  const auto [confidence, count] = *confidences.begin();
+  return legend + fmt::format(
+                      "In brackets the interval that holds the median difference with {} confidence, "
+                      "of {} repetitions.",
+                      percent(confidence), count);
+}
+
 ordered_json json_of(const std::optional<Estimate>& estimate) {
   if (!estimate) return nullptr;
   return {{"median", estimate->median},
@@ -57,73 +132,106 @@ ordered_json json_of(const Cost& cost) {
   return {{"total", json_of(cost.total)}, {"added", json_of(cost.added)}};
 }
 
-std::string confidence(const std::vector<Layer>& layers) {
-  for (const auto& layer : layers)
-    if (const auto& added = layer.round_trip_ns.added)
-      return fmt::format(
-          "In brackets the interval that holds the median difference with {:.1f} % confidence, of {} "
-          "interleaved repetitions.",
-          added->confidence * 100, added->count);
-  return "No run was made twice or more beside the one it adds to: there are no intervals.";
-}
-
 }  // namespace
 
 Page layers_page_of(const Summaries& summaries) {
   using enum Column::Align;
   const auto layers = statistics::layers(summaries);
   Page page;
-  if (layers.empty()) {
-    page.notes.emplace_back(
-        "No run says what it adds to (key adds-to in the scenario; see scenarios/layers.yaml).");
+  page.notes = missing(layers);
+  if (layers.measured.empty()) {
+    if (page.notes.empty())
+      page.notes.emplace_back(
+          "No run says what it adds to (key adds-to in the scenario; see scenarios/layers.yaml).");
     return page;
   }
   double longest_ns = 0;
   bool counted = false;
-  for (const auto& layer : layers) {
+  for (const auto& layer : layers.measured) {
     if (layer.round_trip_ns.total) longest_ns = std::max(longest_ns, layer.round_trip_ns.total->median);
     counted = counted || layer.instructions.total;
   }
+  const auto confidences = confidences_of(layers);
+  const bool each = confidences.size() > 1;
+  const auto names = names_of(layers);
   Table table{"What each layer costs a message",
               "",
               {{"Layer", left},
                {"adds to", left},
                {"p50\n(µs)", right},
                {"added (µs)", right},
-               {"", left},
+               {"", left, true},
                {"CPU\n(µs)", right},
-               {"added (µs)", right},
-               {"Instructions", right},
-               {"added", right}},
+               {"added (µs)", right}},
               {},
               {}};
-  for (const auto& layer : layers)
-    table.rows.push_back(
-        {layer.id, layer.adds_to.empty() ? nothing : layer.adds_to,
-         median(layer.round_trip_ns.total, microseconds_of),
-         with_interval(layer.round_trip_ns.added, microseconds_of), bar(layer, longest_ns),
-         median(layer.cpu_ns.total, microseconds_of), with_interval(layer.cpu_ns.added, microseconds_of),
-         median(layer.instructions.total, whole), with_interval(layer.instructions.added, whole)});
-  if (!counted)
-    table.notes.emplace_back(
-        "Instructions: not counted. The scenario must say count-instructions: on, and the CPU must "
-        "have the counter, which most virtual machines hide; kernel.perf_event_paranoid must let us.");
+  if (counted) table.columns.insert(table.columns.end(), {{"Instructions", right}, {"added", right}});
+  for (const auto& layer : layers.measured) {
+    const auto& name = names.at(layer.run);
+    table.rows.push_back({name,
+                          layer.base != nullptr   ? names.at(layer.base)
+                          : layer.adds_to.empty() ? nothing
+                                                  : word(layer.adds_to),
+                          median(layer.round_trip_ns.total, microseconds_of),
+                          with_interval(layer.round_trip_ns.added, microseconds_of, each),
+                          bar(layer, longest_ns), median(layer.cpu_ns.total, microseconds_of),
+                          with_interval(layer.cpu_ns.added, microseconds_of, each)});
+    if (counted)
+      table.rows.back().insert(
+          table.rows.back().end(),
+          {median(layer.instructions.total, whole), with_interval(layer.instructions.added, whole, each)});
+    if (!layer.no_base.empty())
+      table.notes.push_back(name + ": nothing to compare it with: " + layer.no_base);
+  }
+  if (!counted) table.notes.push_back(instructions_note(layers));
   page.tables.push_back(table);
-  page.legend = "p50: round trip of the median message. CPU: time of all threads on both ends, a message. " +
-                confidence(layers);
+  page.legend = legend_of(confidences);
   return page;
 }
 
 ordered_json layers_json_of(const Summaries& summaries) {
+  const auto layers = statistics::layers(summaries);
   auto result = ordered_json::array();
-  for (const auto& layer : statistics::layers(summaries))
-    result.push_back({{"id", layer.id},
-                      {"transport", layer.transport},
-                      {"adds_to", layer.adds_to},
-                      {"round_trip_ns", json_of(layer.round_trip_ns)},
-                      {"cpu_ns", json_of(layer.cpu_ns)},
-                      {"instructions", json_of(layer.instructions)}});
+  for (const auto& layer : layers.measured) {
+    const auto& asked = layer.run->run.asked;
+    ordered_json entry = {{"id", at(asked, "id")}, {"transport", at(asked, "transport")}};
+    entry["adds_to"] = layer.adds_to;
+    entry["key"] = layer.run->run.key;
+    entry["base_key"] = layer.base == nullptr ? ordered_json() : ordered_json(layer.base->run.key);
+    for (const auto* key :
+         {"payload_bytes", "receive", "options", "component_transport", "component_options"})
+      entry[key] = at(asked, key);
+    entry["round_trip_ns"] = json_of(layer.round_trip_ns);
+    entry["cpu_ns"] = json_of(layer.cpu_ns);
+    entry["instructions"] = json_of(layer.instructions);
+    entry["missing"] = layer.no_base.empty() ? ordered_json() : ordered_json(layer.no_base);
+    result.push_back(entry);
+  }
+  for (const auto& [id, reason] : layers.missing)
+    result.push_back({{"id", id}, {"missing", reason.empty() ? "not measured" : reason}});
   return result;
+}
+
+std::string layers_csv_of(const Summaries& summaries) {
+  const std::vector<std::string> texts = {"id",       "transport",     "adds_to", "key",
+                                          "base_key", "payload_bytes", "receive"};
+  const std::vector<std::string> costs = {"round_trip_ns", "cpu_ns", "instructions"};
+  const std::vector<std::string> values = {"median", "low", "high", "confidence", "repetitions"};
+  auto header = texts;
+  for (const auto& cost : costs)
+    for (const auto* part : {"total", "added"})
+      for (const auto& value : values) header.push_back(fmt::format("{}_{}_{}", cost, part, value));
+  const auto field = [](const nlohmann::json& value) { return value.is_null() ? "" : word(value); };
+  std::vector<std::vector<std::string>> rows;
+  for (const nlohmann::json layer : layers_json_of(summaries)) {
+    if (!layer.contains("key")) continue;
+    rows.emplace_back();
+    for (const auto& key : texts) rows.back().push_back(field(at(layer, key)));
+    for (const auto& cost : costs)
+      for (const auto* part : {"total", "added"})
+        for (const auto& value : values) rows.back().push_back(field(at(at(at(layer, cost), part), value)));
+  }
+  return as_csv(header, rows);
 }
 
 }  // namespace ontime::report

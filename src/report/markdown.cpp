@@ -14,7 +14,7 @@ std::string escape(const std::string& text) {
   for (const char c : text) {
     if (c == '\n')
       result += ' ';
-    else if (std::string_view("\\`*_[]<>|~#&").find(c) != std::string_view::npos)
+    else if (std::string_view("\\`*_[]<>|~#&$!").find(c) != std::string_view::npos)
       result += fmt::format("\\{}", c);
     else
       result += c;

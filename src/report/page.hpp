@@ -12,6 +12,7 @@ struct Column {
   enum class Align { left, right };
   std::string name;  // '\n' where a narrow form may break it
   Align align = Align::right;
+  bool drawn = false;  // of blocks, each in its place: for a terminal alone
 };
 
 struct Table {

@@ -4,6 +4,7 @@
 
 #include <fmt/format.h>
 
+#include "report/report.hpp"
 #include "report/runs.hpp"
 #include "report/words.hpp"
 
@@ -21,6 +22,50 @@ std::string ending(const json& outcome) {
 
 std::string many(std::uint64_t number, const char* one, const char* several) {
   return fmt::format("{} {}", number, number == 1 ? one : several);
+}
+
+// "12 at the component, 3 at the controller": of what each end's own reader says of its losses.
+std::string losses(const json& outcome, const char* key, const char* where) {
+  std::vector<std::string> parts;
+  for (const auto* host : {"controller", "component"})
+    if (const auto number = count(at(at(at(at(outcome, "hosts"), host), "losses"), key)); number > 0)
+      parts.push_back(fmt::format("{} {} the {}", number, where, host));
+  return join(parts, ", ");
+}
+
+// The interface's own counters, where they do not fit what was measured. (Too little makes a run fail.)
+constexpr std::uint64_t headers_bytes = 120;  // of a message, at most: Ethernet, IP, UDP, RTPS
+constexpr std::uint64_t much = 10;            // times what the messages take
+constexpr std::uint64_t little_bytes = 1 << 20;
+std::string oddness_of_link(const statistics::Summary& summary, const std::string& host) {
+  const auto& link = at(at(at(summary.run.outcome, "hosts"), host), "link");
+  if (!link.is_object()) return "";
+  const auto number = [&](const char* key) { return count(at(link, key)); };
+  const auto bytes = number("sent_bytes") + number("received_bytes");
+  const auto payload = std::min<std::uint64_t>(count(at(summary.run.asked, "payload_bytes")), 1 << 30);
+  const auto expected = 2 * summary.sent * (payload + headers_bytes);
+  if (bytes / much > expected && bytes > little_bytes)
+    return fmt::format("other traffic on {} on the {}: {:.1f} MB in all, where these messages take {:.1f} MB",
+                       word(at(link, "interface")), host, static_cast<double>(bytes) / 1e6,
+                       static_cast<double>(expected) / 1e6);
+  return "";
+}
+
+// "at 3.2 s: the pong left".
+constexpr std::size_t most_notes = 5;
+std::string text_of(const record::Note& note, const statistics::Summary& summary) {
+  std::string text = printable(note.text.empty() ? note.kind : note.text);
+  if (note.message) text += fmt::format(" (message {})", *note.message);
+  if (!note.at_ns || summary.start_ns == 0) return text;
+  return fmt::format("at {:.1f} s: {}",
+                     (static_cast<double>(*note.at_ns) - static_cast<double>(summary.start_ns)) / 1e9, text);
+}
+
+void add_notes(std::vector<std::string>& parts, const statistics::Summary& summary) {
+  for (std::size_t i = 0; i < std::min(most_notes, summary.notes.size()); ++i)
+    parts.push_back(text_of(summary.notes[i], summary));
+  if (summary.notes.size() > most_notes)
+    parts.push_back(many(summary.notes.size() - most_notes, "further note", "further notes"));
 }
 
 struct Refused {
@@ -46,10 +91,18 @@ std::string remarks(const statistics::Summary& summary) {
   for (const auto& [host, facts] : at(outcome, "hosts").items())
     if (at(facts, "load_running") == false)
       parts.push_back("the load on the " + word(host) + " had died by the end");
+  add_notes(parts, summary);
   if (summary.skipped_cycles > 0)
     parts.push_back(
         many(summary.skipped_cycles, "skipped cycle", "skipped cycles") +
         fmt::format(" (response time up to {} µs)", microseconds(static_cast<double>(summary.response.max))));
+  if (const auto text = losses(outcome, "overwritten", "at"); !text.empty())
+    parts.push_back("overwritten before they were read: " + text);
+  if (const auto text = losses(outcome, "on_the_way", "to"); !text.empty())
+    parts.push_back("lost on the way: " + text);
+  for (const auto* host : {"controller", "component"})
+    if (const auto text = oddness_of_link(summary, host); !text.empty()) parts.push_back(text);
+  if (!summary.no_parts.empty()) parts.push_back(summary.no_parts);
   const struct {
     const char *key, *one, *several;
   } counters[] = {{"duplicates", "duplicate", "duplicates"},

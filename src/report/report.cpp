@@ -1,17 +1,59 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "report/report.hpp"
 
+#include <algorithm>
+
 #include "report/page.hpp"
 #include "report/runs.hpp"
+#include "report/words.hpp"
 
 namespace ontime::report {
 namespace {
 
 std::string text_of(const nlohmann::ordered_json& value) {
-  return value.dump(2, ' ', false, nlohmann::ordered_json::error_handler_t::replace) + "\n";
+  // As ASCII: what would steer a terminal is an escape of JSON then, and the same value.
+  return value.dump(2, ' ', true, nlohmann::ordered_json::error_handler_t::replace) + "\n";
 }
 
-std::string page_text(const Page& page, Format format) {
+// Line by line, for in a note and in a column's name a line has its meaning.
+void make_printable(std::string& text) {
+  std::vector<std::string> lines;
+  for (std::size_t begin = 0; begin <= text.size();) {
+    const auto end = std::min(text.find('\n', begin), text.size());
+    lines.push_back(printable(text.substr(begin, end - begin)));
+    begin = end + 1;
+  }
+  text = join(lines, "\n");
+}
+
+// Nothing gets past here to a terminal, whoever forgot about it.
+Page checked(Page page) {
+  for (auto& table : page.tables) {
+    table.title = printable(table.title);
+    table.conditions = printable(table.conditions);
+    for (auto& row : table.rows)
+      for (auto& cell : row) cell = printable(cell);
+    for (auto& column : table.columns) make_printable(column.name);
+    for (auto& note : table.notes) make_printable(note);
+  }
+  for (auto& note : page.notes) make_printable(note);
+  page.legend = printable(page.legend);
+  return page;
+}
+
+void leave_out_drawings(Table& table) {
+  for (std::size_t i = table.columns.size(); i-- > 0;) {
+    if (!table.columns[i].drawn) continue;
+    const auto place = static_cast<std::ptrdiff_t>(i);
+    table.columns.erase(table.columns.begin() + place);
+    for (auto& row : table.rows) row.erase(row.begin() + place);
+  }
+}
+
+std::string page_text(const Page& unchecked, Format format) {
+  auto page = checked(unchecked);
+  if (format != Format::table)
+    for (auto& table : page.tables) leave_out_drawings(table);
   switch (format) {
     case Format::markdown:
       return as_markdown(page);
@@ -49,10 +91,8 @@ std::string render_threads(const Summaries& summaries, Format format) {
 
 std::string render_layers(const Summaries& summaries, Format format) {
   if (format == Format::json) return text_of(layers_json_of(summaries));
-  const auto page = layers_page_of(summaries);
-  if (format != Format::csv) return page_text(page, format);
-  if (page.tables.empty()) return "";
-  return as_csv(names_of(page.tables.front()), page.tables.front().rows);
+  if (format == Format::csv) return layers_csv_of(summaries);
+  return page_text(layers_page_of(summaries), format);
 }
 
 }  // namespace ontime::report

@@ -14,6 +14,12 @@ namespace ontime::report {
 enum class Format { table, json, csv, markdown, latex };
 std::optional<Format> format_of(const std::string& word);
 
+// On one line, and as UTF-8, whatever it was: what would steer a terminal, or show a text otherwise than it
+// is (control characters, marks and overrides of direction, what cannot be seen), becomes '?'. For all that
+// comes from elsewhere: a results file, the network. The forms for people below pass all their text through
+// it.
+std::string printable(const std::string& text);
+
 // One row a run. docs/json.md describes the JSON; it is stable.
 std::string render(const std::vector<statistics::Summary>&, Format);
 // The threads of each run as the kernel said they were: policy, priority, affinity, faults, switches.

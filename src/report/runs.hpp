@@ -30,6 +30,7 @@ Page threads_page_of(const Summaries&);
 
 // What each layer costs, of runs that say what they add to.
 nlohmann::ordered_json layers_json_of(const Summaries&);
+std::string layers_csv_of(const Summaries&);
 Page layers_page_of(const Summaries&);
 
 }  // namespace ontime::report

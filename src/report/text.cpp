@@ -1,5 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <algorithm>
+#include <numeric>
+#include <utility>
 
 #include <fmt/format.h>
 
@@ -79,16 +81,34 @@ std::vector<std::vector<std::string>> header_of(const std::vector<Column>& colum
   return lines;
 }
 
+// Where the page is too narrow for them, names of rows may be wider than their column: such a one stands on a
+// line of its own, above its numbers.
+void narrow_names(std::vector<std::size_t>& widths, const Table& table, std::size_t header_width) {
+  const auto others = std::accumulate(widths.begin() + 1, widths.end(), column_gap * (widths.size() - 1));
+  if (widths.front() + others <= page_width || header_width + others > page_width) return;
+  widths.front() = header_width;
+  for (const auto& row : table.rows)
+    if (const auto name = width(row.front()); name + others <= page_width)
+      widths.front() = std::max(widths.front(), name);
+}
+
 std::string text_of(const Table& table) {
-  auto lines = header_of(table.columns);
-  lines.insert(lines.end(), table.rows.begin(), table.rows.end());
+  const auto header = header_of(table.columns);
   std::vector<std::size_t> widths(table.columns.size());
-  for (const auto& line : lines)
-    for (std::size_t i = 0; i < widths.size(); ++i) widths[i] = std::max(widths[i], width(line[i]));
+  std::size_t header_width = 0;
+  for (const auto& line : header) header_width = std::max(header_width, width(line.front()));
+  for (const auto* lines : {&header, &table.rows})
+    for (const auto& line : *lines)
+      for (std::size_t i = 0; i < widths.size(); ++i) widths[i] = std::max(widths[i], width(line[i]));
+  narrow_names(widths, table, header_width);
 
   std::string text = table.title + "\n";
   if (!table.conditions.empty()) text += wrap(table.conditions, "");
-  for (const auto& line : lines) text += line_of(line, table.columns, widths);
+  for (const auto& line : header) text += line_of(line, table.columns, widths);
+  for (auto row : table.rows) {
+    if (width(row.front()) > widths.front()) text += wrap(std::exchange(row.front(), ""), "");
+    text += line_of(row, table.columns, widths);
+  }
   for (const auto& note : table.notes) text += text_of_note(note, "  ");
   return text + "\n";
 }

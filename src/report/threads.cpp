@@ -1,6 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
+#include <map>
+
 #include <fmt/format.h>
 
+#include "report/conditions.hpp"
 #include "report/runs.hpp"
 #include "report/words.hpp"
 
@@ -11,6 +14,7 @@ using nlohmann::json;
 using nlohmann::ordered_json;
 
 constexpr std::initializer_list<const char*> run_keys = {"id", "transport", "repetition"};
+constexpr std::initializer_list<const char*> further_run_keys = {"component_transport", "receive"};
 constexpr std::initializer_list<const char*> thread_keys = {"role",
                                                             "name",
                                                             "tid",
@@ -51,11 +55,16 @@ std::vector<std::string> row(const json& thread) {
           cpu_time_us.is_number() ? fmt::format("{:.1f}", cpu_time_us.get<double>() / 1e3) : nothing};
 }
 
-std::string title(const statistics::Summary& summary, const std::string& host) {
-  const auto& asked = summary.run.asked;
-  auto text = word(at(asked, "id")) + "  " + word(at(asked, "transport"));
-  if (count(at(asked, "repetition")) > 1) text += " #" + word(at(asked, "repetition"));
-  return text + ", threads on the " + word(host);
+// What each run is called, in the order of the summaries.
+std::map<const statistics::Summary*, std::string> names_of(const Summaries& summaries) {
+  std::map<const statistics::Summary*, std::string> names;
+  for (const auto& group : by_id(summaries)) {
+    const auto labels = labels_of(group);
+    for (std::size_t i = 0; i < group.size(); ++i)
+      names[group[i]] =
+          fmt::format("Run {}: {}  {}", group[i]->run.number, word(at(group[i]->run.asked, "id")), labels[i]);
+  }
+  return names;
 }
 
 }  // namespace
@@ -65,6 +74,8 @@ ordered_json threads_json_of(const Summaries& summaries) {
   each_host(summaries, [&](const auto& summary, const auto& host, const json& threads) {
     ordered_json entry = {{"run", summary.run.number}};
     for (const auto* key : run_keys) entry[key] = at(summary.run.asked, key);
+    for (const auto* key : further_run_keys) entry[key] = at(summary.run.asked, key);
+    for (const auto* key : {"options", "component_options"}) entry[key] = at(summary.run.asked, key);
     entry["host"] = host;
     entry["threads"] = threads;
     result.push_back(entry);
@@ -77,6 +88,9 @@ std::string threads_csv_of(const Summaries& summaries) {
   header.insert(header.end(), run_keys.begin(), run_keys.end());
   header.emplace_back("host");
   header.insert(header.end(), thread_keys.begin(), thread_keys.end());
+  header.insert(header.end(), further_run_keys.begin(), further_run_keys.end());
+  const OptionColumns options(summaries);
+  options.add_names(header);
   const auto field = [](const json& value) { return value.is_null() ? "" : word(value); };
   std::vector<std::vector<std::string>> rows;
   each_host(summaries, [&](const auto& summary, const auto& host, const json& threads) {
@@ -85,6 +99,8 @@ std::string threads_csv_of(const Summaries& summaries) {
       for (const auto* key : run_keys) rows.back().push_back(field(at(summary.run.asked, key)));
       rows.back().push_back(word(host));
       for (const auto* key : thread_keys) rows.back().push_back(field(at(thread, key)));
+      for (const auto* key : further_run_keys) rows.back().push_back(field(at(summary.run.asked, key)));
+      options.add_values(rows.back(), summary);
     }
   });
   return as_csv(header, rows);
@@ -93,8 +109,9 @@ std::string threads_csv_of(const Summaries& summaries) {
 Page threads_page_of(const Summaries& summaries) {
   using enum Column::Align;
   Page page;
+  const auto names = names_of(summaries);
   each_host(summaries, [&](const auto& summary, const auto& host, const json& threads) {
-    Table table{title(summary, host),
+    Table table{fmt::format("{}, threads on the {}", names.at(&summary), word(host)),
                 "",
                 {{"Role", left},
                  {"Name", left},

@@ -6,23 +6,9 @@
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
+#include "report/report.hpp"
+
 namespace ontime::report {
-namespace {
-
-// A title may come from anybody's results file: nothing in it shall steer a terminal or break a table.
-std::string without_controls(const std::string& text) {
-  std::string result;
-  for (std::size_t i = 0; i < text.size(); ++i) {
-    const auto byte = static_cast<unsigned char>(text[i]);
-    const auto next = static_cast<unsigned char>(i + 1 < text.size() ? text[i + 1] : 0);
-    const bool c1 = byte == 0xc2 && next >= 0x80 && next < 0xa0;  // U+0080 … U+009F in UTF-8
-    if (c1) ++i;
-    result += c1 || byte < 0x20 || byte == 0x7f ? ' ' : text[i];
-  }
-  return result;
-}
-
-}  // namespace
 
 const nlohmann::json& at(const nlohmann::json& object, std::string_view key) {
   static const nlohmann::json null;
@@ -35,7 +21,7 @@ std::string word(const nlohmann::json& value) {
   if (value.is_null()) return nothing;
   const auto text = value.is_string() ? value.get<std::string>()
                                       : value.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace);
-  return without_controls(text);
+  return printable(text);
 }
 
 bool is_true(const nlohmann::json& value) { return value.is_boolean() && value.get<bool>(); }
@@ -63,6 +49,15 @@ std::string size(const nlohmann::json& bytes) {
   if (value >= 1 << 20 && value % (1 << 20) == 0) return fmt::format("{} MiB", value >> 20);
   if (value >= 1 << 10 && value % (1 << 10) == 0) return fmt::format("{} KiB", value >> 10);
   return fmt::format("{} B", value);
+}
+
+std::string shortened(const std::string& text, std::size_t most) {
+  std::size_t length = 0;
+  for (std::size_t i = 0; i < text.size(); ++i) {
+    if ((static_cast<unsigned char>(text[i]) & 0xc0) == 0x80) continue;  // within a code point
+    if (++length > most) return text.substr(0, i) + "…";
+  }
+  return text;
 }
 
 std::string join(const std::vector<std::string>& parts, std::string_view separator) {

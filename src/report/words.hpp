@@ -18,9 +18,10 @@ std::string word(const nlohmann::json&);  // on one line; `nothing` for null
 bool is_true(const nlohmann::json&);
 std::uint64_t count(const nlohmann::json&);  // 0 for what is no count
 
-std::string microseconds(double ns);             // "1234", below 100 "98.7"
-std::string duration(const nlohmann::json& us);  // "10 ms"
-std::string size(const nlohmann::json& bytes);   // "500 B", "32 KiB"
+std::string microseconds(double ns);                               // "1234", below 100 "98.7"
+std::string duration(const nlohmann::json& us);                    // "10 ms"
+std::string size(const nlohmann::json& bytes);                     // "500 B", "32 KiB"
+std::string shortened(const std::string& text, std::size_t most);  // code points, and then "…"
 std::string join(const std::vector<std::string>&, std::string_view separator);
 std::string replace_all(std::string text, std::string_view what, std::string_view with);
 

@@ -1,10 +1,15 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <algorithm>
-#include <cmath>
+#include <array>
 #include <functional>
 #include <map>
 #include <set>
+#include <utility>
 
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+
+#include "statistics/member.hpp"
 #include "statistics/statistics.hpp"
 
 namespace ontime::statistics {
@@ -13,22 +18,7 @@ namespace {
 using nlohmann::json;
 using Value = std::function<std::optional<double>(const Summary&)>;
 
-// A record may be from elsewhere: anything may be missing, or of another kind.
-const json& member(const json& object, const char* key) {
-  static const json none;
-  const auto found = object.is_object() ? object.find(key) : object.end();
-  return object.is_object() && found != object.end() ? *found : none;
-}
-
-std::string text(const Summary& summary, const char* key) {
-  const auto& value = member(summary.run.asked, key);
-  return value.is_string() ? value.get<std::string>() : "";
-}
-
-std::int64_t repetition(const Summary& summary) {
-  const auto& value = member(summary.run.asked, "repetition");
-  return value.is_number_integer() ? value.get<std::int64_t>() : 1;
-}
+std::string asked(const Summary& summary, const char* key) { return text_of(member(summary.run.asked, key)); }
 
 std::optional<double> round_trip(const Summary& summary) {
   if (summary.round_trip.count == 0) return {};
@@ -50,72 +40,181 @@ std::optional<double> a_message(const Summary& summary, const char* key) {
   return sum / static_cast<double>(summary.sent);
 }
 
-using ByRepetition = std::map<std::int64_t, const Summary*>;
+// A session of a file, and a repetition within: what is compared was measured side by side.
+using Repetition = std::pair<std::size_t, std::int64_t>;
 
-Cost cost(const ByRepetition& runs, const ByRepetition* below, const Value& value) {
+class Sessions {
+ public:
+  // In the order of the file. A session is over where the next was called otherwise, or measured again what
+  // was in it already.
+  Repetition next(const Summary& summary) {
+    const auto number = integer_of(member(summary.run.asked, "repetition")).value_or(1);
+    const auto call =
+        std::make_pair(member(summary.run.asked, "command_line"), member(summary.run.asked, "scenario_file"));
+    if (call != call_ || seen_.contains({summary.run.key, number})) {
+      ++session_;
+      seen_.clear();
+      call_ = call;
+    }
+    seen_.insert({summary.run.key, number});
+    return {session_, number};
+  }
+
+ private:
+  std::size_t session_ = 0;
+  std::pair<json, json> call_;
+  std::set<std::pair<std::string, std::int64_t>> seen_;
+};
+
+// The complete runs of one key; of an id there may be several.
+struct Candidate {
+  const Summary* first;
+  std::map<Repetition, const Summary*> runs;
+};
+
+struct Measured {
+  std::vector<Candidate> candidates;       // in order of their first run
+  std::set<std::string> ids;               // of these
+  std::vector<const Summary*> incomplete;  // in order
+  std::set<std::string> below;             // ids that others add to
+};
+
+Measured measured_of(const std::vector<Summary>& summaries) {
+  Measured all;
+  std::map<std::string, std::size_t> by_key;
+  Sessions sessions;
+  for (const auto& summary : summaries) {
+    const auto repetition = sessions.next(summary);
+    if (const auto below = asked(summary, "adds_to"); !below.empty()) all.below.insert(below);
+    if (!is_complete(summary.run)) {
+      all.incomplete.push_back(&summary);
+      continue;
+    }
+    const auto [found, is_new] = by_key.try_emplace(summary.run.key, all.candidates.size());
+    if (is_new) all.candidates.push_back({&summary, {}});
+    all.ids.insert(asked(summary, "id"));
+    all.candidates[found->second].runs[repetition] = &summary;
+  }
+  return all;
+}
+
+constexpr std::array varies = {"id",       "title",         "variant",      "adds_to", "repetition",
+                               "scenario", "scenario_file", "command_line", "ontime"};
+constexpr std::array a_layers_own = {"transport", "options", "component_transport", "component_options",
+                                     "receive"};
+
+json conditions_of(const Summary& summary) {
+  if (!summary.run.asked.is_object()) return json::object();
+  auto conditions = summary.run.asked;
+  for (const auto* key : varies) conditions.erase(key);
+  for (const auto* key : a_layers_own) conditions.erase(key);
+  return conditions;
+}
+
+std::vector<std::string> differing_keys(const json& one, const json& other) {
+  std::vector<std::string> keys;
+  for (const auto& [key, value] : one.items())
+    if (member(other, key.c_str()) != value) keys.push_back(key);
+  for (const auto& [key, value] : other.items())
+    if (!one.contains(key) && !value.is_null()) keys.push_back(key);
+  return keys;
+}
+
+// How much of what is a layer's own two have in common.
+std::size_t likeness(const Summary& one, const Summary& other) {
+  std::size_t same = 0;
+  for (const auto* key : a_layers_own) {
+    const auto &here = member(one.run.asked, key), &there = member(other.run.asked, key);
+    if (!here.is_object()) {
+      same += here == there ? 1 : 0;
+      continue;
+    }
+    for (const auto& [name, value] : here.items())
+      same += there.contains(name) && there.at(name) == value ? 1 : 0;
+  }
+  return same;
+}
+
+// Sets base, or why there is none.
+const Candidate* find_base(Layer& layer, const std::vector<Candidate>& candidates) {
+  const auto conditions = conditions_of(*layer.run);
+  std::vector<const Candidate*> best;
+  std::vector<std::string> differing;
+  for (const auto& candidate : candidates) {
+    if (asked(*candidate.first, "id") != layer.adds_to || candidate.first == layer.run) continue;
+    if (const auto keys = differing_keys(conditions, conditions_of(*candidate.first)); !keys.empty()) {
+      if (differing.empty() || keys.size() < differing.size()) differing = keys;
+      continue;
+    }
+    const auto here = likeness(*layer.run, *candidate.first);
+    const auto there = best.empty() ? 0 : likeness(*layer.run, *best.front()->first);
+    if (here > there) best.clear();
+    if (best.empty() || here == there) best.push_back(&candidate);
+  }
+  if (best.size() == 1) {
+    layer.base = best.front()->first;
+    return best.front();
+  }
+  if (best.size() > 1)
+    layer.no_base = fmt::format("{} runs of '{}' are as like it as one another", best.size(), layer.adds_to);
+  else if (differing.empty())
+    layer.no_base = fmt::format("'{}' was not measured", layer.adds_to);
+  else
+    layer.no_base = fmt::format("no run of '{}' has the same {}", layer.adds_to, fmt::join(differing, ", "));
+  return nullptr;
+}
+
+Cost cost(const Candidate& layer, const Candidate* base, const Value& value) {
   std::vector<double> totals, differences;
-  for (const auto& [repetition, run] : runs) {
+  for (const auto& [repetition, run] : layer.runs) {
     const auto here = value(*run);
     if (!here) continue;
     totals.push_back(*here);
-    if (below == nullptr || !below->contains(repetition)) continue;
-    if (const auto there = value(*below->at(repetition))) differences.push_back(*here - *there);
+    const auto below = base == nullptr ? nullptr : [&]() -> const Summary* {
+      const auto found = base->runs.find(repetition);
+      return found == base->runs.end() ? nullptr : found->second;
+    }();
+    if (below == nullptr) continue;
+    if (const auto there = value(*below)) differences.push_back(*here - *there);
   }
   return {estimate(totals), estimate(differences)};
 }
 
-}  // namespace
-
-std::optional<Estimate> estimate(std::vector<double> values) {
-  if (values.empty()) return {};
-  std::sort(values.begin(), values.end());
-  const auto n = values.size();
-  Estimate result;
-  result.count = n;
-  result.median = n % 2 == 1 ? values[n / 2] : (values[n / 2 - 1] + values[n / 2]) / 2;
-  // Between the k-th smallest and the k-th largest lies the median unless fewer than k values fell on one
-  // side of it: confidence = 1 - 2 P(X < k), X ~ binomial(n, 1/2).
-  double term = std::pow(0.5, static_cast<double>(n)), tail = term;
-  std::size_t k = 1;
-  for (; k < n / 2; ++k) {
-    term *= static_cast<double>(n - k + 1) / static_cast<double>(k);
-    if (1 - 2 * (tail + term) < 0.95) break;
-    tail += term;
-  }
-  result.low = values[k - 1];
-  result.high = values[n - k];
-  result.confidence = std::max(0.0, 1 - 2 * tail);
-  return result;
+std::string reason_of(const Summary& incomplete) {
+  const auto& outcome = incomplete.run.outcome;
+  if (outcome.is_null()) return "not ended";
+  const auto error = text_of(member(outcome, "error"));
+  return error.empty() ? "interrupted" : error;
 }
 
-std::vector<Layer> layers(const std::vector<Summary>& summaries) {
-  std::vector<std::string> order;
-  std::map<std::string, ByRepetition> runs;
-  std::set<std::string> below;
-  for (const auto& summary : summaries) {
-    const auto id = text(summary, "id");
-    if (!runs.contains(id)) order.push_back(id);
-    // Of a repetition that was made twice in one file, the newer counts.
-    runs[id][repetition(summary)] = &summary;
-    below.insert(text(summary, "adds_to"));
+}  // namespace
+
+Layers layers(const std::vector<Summary>& summaries) {
+  const auto all = measured_of(summaries);
+  Layers result;
+  for (const auto& candidate : all.candidates) {
+    Layer layer;
+    layer.run = candidate.first;
+    layer.adds_to = asked(*candidate.first, "adds_to");
+    if (layer.adds_to.empty() && !all.below.contains(asked(*candidate.first, "id"))) continue;
+    const auto* base = layer.adds_to.empty() ? nullptr : find_base(layer, all.candidates);
+    layer.round_trip_ns = cost(candidate, base, round_trip);
+    layer.cpu_ns = cost(candidate, base, [](const Summary& summary) -> std::optional<double> {
+      const auto us = a_message(summary, "cpu_time_us");
+      return us ? std::optional(*us * 1e3) : std::nullopt;
+    });
+    layer.instructions =
+        cost(candidate, base, [](const Summary& summary) { return a_message(summary, "instructions"); });
+    result.measured.push_back(layer);
   }
-  std::vector<Layer> result;
-  for (const auto& id : order) {
-    const auto& own = runs.at(id);
-    const auto& first = *own.begin()->second;
-    const auto adds_to = text(first, "adds_to");
-    if (adds_to.empty() && !below.contains(id)) continue;
-    const auto found = runs.find(adds_to);
-    const auto* under = found == runs.end() ? nullptr : &found->second;
-    result.push_back(
-        {id, text(first, "transport"), adds_to, cost(own, under, round_trip),
-         cost(own, under,
-              [](const Summary& summary) -> std::optional<double> {
-                const auto us = a_message(summary, "cpu_time_us");
-                return us ? std::optional(*us * 1e3) : std::nullopt;
-              }),
-         cost(own, under, [](const Summary& summary) { return a_message(summary, "instructions"); })});
+  auto told = all.ids;
+  for (const auto* summary : all.incomplete) {
+    const auto id = asked(*summary, "id");
+    if ((all.below.contains(id) || !asked(*summary, "adds_to").empty()) && told.insert(id).second)
+      result.missing.push_back({id, reason_of(*summary)});
   }
+  for (const auto& id : all.below)
+    if (told.insert(id).second) result.missing.push_back({id, ""});
   return result;
 }
 

@@ -2,65 +2,139 @@
 #include "statistics/statistics.hpp"
 
 #include <algorithm>
-#include <numeric>
+#include <utility>
+
+#include "statistics/clocks.hpp"
+#include "statistics/member.hpp"
+#include "statistics/shape.hpp"
+#include "statistics/values.hpp"
 
 namespace ontime::statistics {
-
 namespace {
 
-// The smallest value that at least `share` of every `whole` sorted values do not exceed. In whole numbers:
-// 0.999 as a double is not 0.999.
-std::int64_t nearest_rank(const std::vector<std::int64_t>& sorted, std::size_t share, std::size_t whole) {
-  const std::size_t rank = (sorted.size() * share + whole - 1) / whole;
-  return sorted[rank - 1];
+using nlohmann::json;
+using roundtrip::Fate;
+using roundtrip::Sample;
+
+constexpr std::uint64_t most_trailing = std::uint64_t{1} << 48;  // more is no count of cycles
+
+Cycles skipped_before(const Sample& sample) {
+  const auto span_ns = between(sample.intended_ns, sample.due_ns);
+  return {sample.intended_ns, span_ns / std::max<std::int64_t>(sample.skipped_cycles, 1),
+          sample.skipped_cycles};
 }
 
-bool is_back_to_back(const nlohmann::json& asked) {
-  return asked.contains("schedule") && asked.at("schedule") == "back-to-back";
-}
+// What is gathered of a run while its samples go by, once it is known when the first was due.
+class Pass {
+ public:
+  Pass(Summary& summary, std::int64_t start_ns)
+      : summary_(summary),
+        asked_(summary.run.asked),
+        timeout_ns_(positive_ns(member(asked_, "timeout_us"), 1e3)),
+        has_cycles_(member(asked_, "schedule") != "back-to-back"),
+        parts_(summary.run.outcome),
+        timeline_(start_ns, positive_ns(member(asked_, "duration_s"), 1e9)),
+        worst_(timeout_ns_) {}
+
+  void message(const Sample& sample) {
+    ++summary_.sent;
+    if (has_cycles_) {
+      wake_up_.add(between(sample.due_ns, sample.woke_ns));
+      if (sample.passed_wake_ns > 0) wake_up_.add(sample.passed_wake_ns);
+    }
+    if (sample.skipped_cycles > 0) skip(skipped_before(sample));
+    timeline_.message(sample);
+    worst_.message(sample);
+    if (sample.fate == Fate::lost) {
+      ++summary_.lost;
+      waited_until_ns_ = nth_after(sample.sent_ns, timeout_ns_.value_or(0), 1);
+      return;
+    }
+    ++(sample.fate == Fate::late ? summary_.late : summary_.on_time);
+    answer_waiting(sample.received_ns);
+    response_.add(between(sample.due_ns, sample.received_ns));
+    round_trip_.add(between(sample.sent_ns, sample.received_ns));
+    if (sample.server_received_ns == 0 || sample.server_sent_ns == 0) return;
+    server_.add(between(sample.server_received_ns, sample.server_sent_ns));
+    parts_.message(sample);
+  }
+
+  void finish() && {
+    const auto& outcome = summary_.run.outcome;
+    const auto cycles = integer_of(member(outcome, "trailing_cycles")).value_or(0);
+    if (cycles > 0 && static_cast<std::uint64_t>(cycles) < most_trailing) {
+      skip({integer_of(member(outcome, "trailing_due_ns")).value_or(0),
+            positive_ns(member(asked_, "period_us"), 1e3).value_or(0), static_cast<std::uint64_t>(cycles)});
+      waited_until_ns_ =
+          std::max(waited_until_ns_, integer_of(member(outcome, "trailing_until_ns")).value_or(0));
+    }
+    // Whom no answer came to waited at least so long.
+    if (!waiting_.empty()) answer_waiting(std::max(waited_until_ns_, waiting_.back().last_due_ns()));
+    std::move(parts_).into(summary_);
+    summary_.wake_up = Ranks(std::move(wake_up_)).distribution();
+    summary_.server = Ranks(std::move(server_)).distribution();
+    Ranks round_trips(std::move(round_trip_)), responses(std::move(response_));
+    summary_.round_trip = round_trips.distribution();
+    summary_.response = responses.distribution();
+    if (const auto deadline_ns = positive_ns(member(asked_, "deadline_us"), 1e3))
+      summary_.late_by_response = responses.count() - responses.at_most(*deadline_ns);
+    auto& shape = summary_.shape;
+    shape.round_trip = round_trips.histogram();
+    shape.response = responses.histogram();
+    shape.slice_ns = timeline_.slice_ns();
+    shape.slices = std::move(timeline_).slices();
+    shape.worst = std::move(worst_).longest_first();
+  }
+
+ private:
+  void skip(const Cycles& cycles) {
+    summary_.skipped_cycles += cycles.count;
+    timeline_.skipped(cycles);
+    waiting_.push_back(cycles);
+  }
+
+  // The answer that those who wait have waited for.
+  void answer_waiting(std::int64_t at_ns) {
+    for (const auto& cycles : waiting_) {
+      response_.add_series(between(cycles.last_due_ns(), at_ns), cycles.period_ns, cycles.count);
+      timeline_.answered(cycles, at_ns);
+    }
+    waiting_.clear();
+  }
+
+  Summary& summary_;
+  const json& asked_;
+  const std::optional<std::int64_t> timeout_ns_;
+  const bool has_cycles_;
+  Values round_trip_, response_, wake_up_, server_;
+  RoundTripParts parts_;
+  Timeline timeline_;
+  WorstOnes worst_;
+  std::vector<Cycles> waiting_;       // for the next answer
+  std::int64_t waited_until_ns_ = 0;  // at least, if there is none
+};
 
 }  // namespace
 
-Distribution distribution(std::vector<std::int64_t>& values) {
-  Distribution result;
-  if (values.empty()) return result;
-  std::sort(values.begin(), values.end());
-  result.count = values.size();
-  result.min = values.front();
-  result.p50 = nearest_rank(values, 50, 100);
-  result.p90 = nearest_rank(values, 90, 100);
-  result.p99 = nearest_rank(values, 99, 100);
-  result.p99_9 = nearest_rank(values, 999, 1000);
-  result.p99_99 = nearest_rank(values, 9999, 10000);
-  result.max = values.back();
-  const auto sum = std::accumulate(values.begin(), values.end(), 0.0L);
-  result.mean = static_cast<double>(sum / static_cast<long double>(values.size()));
-  return result;
+bool is_complete(const record::Run& run) {
+  return run.outcome.is_object() && member(run.outcome, "error").is_null() &&
+         member(run.outcome, "interrupted") != true;
 }
 
 Summary summarise(const record::Reader& reader, const record::Run& run) {
-  Summary summary{};
+  Summary summary;
   summary.run = run;
-  const bool has_cycles = !is_back_to_back(run.asked);
-  std::vector<std::int64_t> round_trip, response, wake_up, server;
-  reader.each_sample(run.number, [&](const roundtrip::Sample& sample) {
-    ++summary.sent;
-    summary.skipped_cycles += sample.skipped_cycles;
-    if (has_cycles) wake_up.push_back(sample.woke_ns - sample.due_ns);
-    if (sample.fate == roundtrip::Fate::lost) {
-      ++summary.lost;
-      return;
+  summary.notes = reader.notes(run.number);
+  std::optional<Pass> pass;
+  reader.each_sample(run.number, [&](const Sample& sample) {
+    if (!pass) {
+      summary.start_ns = sample.intended_ns;
+      pass.emplace(summary, summary.start_ns);
     }
-    ++(sample.fate == roundtrip::Fate::late ? summary.late : summary.on_time);
-    round_trip.push_back(sample.received_ns - sample.sent_ns);
-    response.push_back(sample.received_ns - sample.intended_ns);
-    if (sample.server_received_ns != 0 && sample.server_sent_ns != 0)
-      server.push_back(sample.server_sent_ns - sample.server_received_ns);
+    pass->message(sample);
   });
-  summary.round_trip = distribution(round_trip);
-  summary.response = distribution(response);
-  summary.wake_up = distribution(wake_up);
-  summary.server = distribution(server);
+  if (!pass) pass.emplace(summary, summary.start_ns);
+  std::move(*pass).finish();
   return summary;
 }
 

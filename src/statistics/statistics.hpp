@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Numbers from samples. Exact: every counted sample is in, late ones too; lost ones have no round trip and
-// are counted by themselves. Ordinary thread.
+// Numbers from samples, in one pass over them. Exact: every counted sample is in, late ones too; lost ones
+// have no round trip and are counted by themselves. Ordinary thread.
 #pragma once
 
 #include <cstdint>
@@ -21,19 +21,74 @@ struct Distribution {
   std::int64_t min = 0, p50 = 0, p90 = 0, p99 = 0, p99_9 = 0, p99_99 = 0, max = 0;
   double mean = 0;
 };
-// Sorts `values`. All zero for no values.
-Distribution distribution(std::vector<std::int64_t>& values);
+Distribution distribution(const std::vector<std::int64_t>& values);  // all zero for no values
+
+// How values lie: bins from_ns <= value < to_ns, each at most 1/16 wide, in order, without empty ones.
+struct Bin {
+  std::int64_t from_ns, to_ns;
+  std::uint64_t count;
+};
+using Histogram = std::vector<Bin>;
+
+// A stretch of a run, by when messages were due. Times of round trips are 0 where nothing was answered.
+struct Slice {
+  std::uint64_t sent = 0, late = 0, lost = 0, skipped_cycles = 0;
+  std::int64_t min_ns = 0, p50_ns = 0, max_ns = 0;  // of round trips
+  std::int64_t response_max_ns = 0;                 // of the cycles due here, skipped ones too
+};
+
+// One of the longest waits that a message is to blame for, and its neighbours.
+struct Worst {
+  // Until its answer came, from when the first cycle that waited for it was due, or, where that waited for
+  // the message before it, from when that one was over.
+  std::int64_t took_ns = 0;
+  std::optional<roundtrip::Sample> before;
+  roundtrip::Sample message{};
+  std::optional<roundtrip::Sample> after;
+};
+
+// What a page draws. Bounded, however long the run was, and no extreme is missing in it.
+struct Shape {
+  Histogram round_trip, response;
+  std::int64_t slice_ns = 0;  // how long a slice is; the last takes in all that came later
+  std::vector<Slice> slices;  // from the first message on; at most 2,000
+  std::vector<Worst> worst;   // at most 10, the longest first; lost messages are not among them
+};
+
+// Where the two ends' times are of one clock, or of two that are synchronised: the parts of a round trip.
+// Between them lies Summary::server.
+struct Parts {
+  Distribution there;         // sent → received by the server
+  Distribution back;          // sent by the server → received
+  std::int64_t error_ns = 0;  // by how much each may be off; of one clock 0
+  bool one_clock = true;
+};
 
 // Of one run. sent = on_time + late + lost.
 struct Summary {
   record::Run run;
-  std::uint64_t sent = 0, on_time = 0, late = 0, lost = 0, skipped_cycles = 0;
-  Distribution round_trip;  // sent → received: the paper's T2 − T1
-  Distribution response;    // intended → received: hides no stall
-  Distribution wake_up;     // due → woke, of the sending thread; none in back-to-back
-  Distribution server;      // received → sent, on the server's clock; count 0 if the server did not say
+  std::vector<record::Note> notes;
+  std::int64_t start_ns = 0;  // when its first message was due: the client's clock, as that of notes
+  std::uint64_t sent = 0, on_time = 0, late = 0, lost = 0;
+  std::uint64_t skipped_cycles = 0;               // those after the last message among them
+  std::optional<std::uint64_t> late_by_response;  // responses above the deadline, where the record has that
+  Distribution round_trip;                        // sent → received: the paper's T2 − T1
+  // Due → answered, of every cycle, those that passed without a message among them: until the answer that
+  // ended their wait, or, if none did any more, as long as they are known to have waited. Hides no stall. A
+  // lost message has none.
+  Distribution response;
+  // Due → woke, of the sending thread; none in back-to-back. Of the wake-ups for the cycles skipped before a
+  // message the longest counts as one.
+  Distribution wake_up;
+  Distribution server;         // received → sent, on the server's clock; count 0 if the server did not say
+  std::optional<Parts> parts;  // not guessed: nothing, unless the record says that the clocks permit it
+  std::string no_parts;        // why they were left out though it says so, for people
+  Shape shape;
 };
 Summary summarise(const record::Reader&, const record::Run&);
+
+// Measured to the end that was asked for: not cut off, interrupted or failed.
+bool is_complete(const record::Run&);
 
 // A quantity that was found several times, and how sure its median is. The interval runs between two order
 // statistics and covers the median with the stated probability whatever the distribution (sign test; Conover
@@ -47,17 +102,30 @@ struct Estimate {
 std::optional<Estimate> estimate(std::vector<double> values);  // nothing of nothing
 
 // What one layer of a stack costs a message: a run, against the run that it is said to add to, repetition by
-// repetition of one session. `added` is nothing for the lowest layer, and where the other run was not made.
+// repetition of one session. `added` is the median of those differences; nothing for the lowest layer.
 struct Cost {
   std::optional<Estimate> total, added;
 };
+// Of the complete runs with the same key, of all sessions in a file.
 struct Layer {
-  std::string id, transport, adds_to;
-  Cost round_trip_ns;  // the median message's
-  Cost cpu_ns;         // a message, of all recorded threads on both hosts
-  Cost instructions;   // likewise; nothing where they were not counted
+  const Summary* run = nullptr;   // the first of them; points into what was given
+  const Summary* base = nullptr;  // likewise, of the layer below
+  std::string adds_to;            // its id, as asked; empty for the lowest layer
+  std::string no_base;            // why there is no base though one was asked for, for people
+  Cost round_trip_ns;             // the median message's
+  Cost cpu_ns;                    // a message, of all recorded threads on both hosts
+  Cost instructions;              // likewise; nothing where they were not counted
 };
-// In the order in which they were first run; runs that neither add to another nor are added to are left out.
-std::vector<Layer> layers(const std::vector<Summary>&);
+struct Layers {
+  // In the order in which they were first run; what neither adds to another nor is added to is left out.
+  std::vector<Layer> measured;
+  struct Missing {
+    std::string id, reason;  // nothing was recorded: no reason
+  };
+  std::vector<Missing> missing;  // ids of which there is no complete run
+};
+// The base of a layer is the one run with the id that it adds to whose conditions are the same in all but
+// transport, its options and how it receives; of several the one that has most of these in common.
+Layers layers(const std::vector<Summary>&);
 
 }  // namespace ontime::statistics

@@ -1,0 +1,287 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "report/conditions.hpp"
+
+#include <algorithm>
+#include <initializer_list>
+#include <map>
+#include <set>
+#include <string_view>
+
+#include <fmt/format.h>
+
+#include "report/report.hpp"
+#include "report/words.hpp"
+
+namespace ontime::report {
+namespace {
+
+using nlohmann::json;
+using statistics::Summary;
+using Texts = std::map<std::string, std::string>;
+
+constexpr std::size_t longest_value = 40;  // of an option; the whole is in JSON and CSV
+
+// What an end says it took where nothing was asked, and without which a run of ROS 2 has no name.
+constexpr std::initializer_list<const char*> told_by_facts = {"rmw", "executor"};
+
+// A condition of a run.
+struct Phrase {
+  std::string key;   // as a scenario has it
+  std::string text;  // for people
+  enum class Where { everywhere, in_labels } where = Where::everywhere;
+};
+
+std::string workers(const json& load) {
+  std::vector<std::string> parts;
+  for (const auto* kind : {"cpu", "vm", "io", "hdd"})
+    if (count(at(load, kind)) > 0) parts.push_back(fmt::format("{} {}", count(at(load, kind)), kind));
+  return join(parts, " ");
+}
+
+std::string load(const json& asked) {
+  if (!asked.is_object()) return "";
+  std::vector<std::string> hosts;
+  for (const auto* host : {"controller", "component"})
+    if (const auto text = workers(at(asked, host)); !text.empty()) hosts.push_back(text + " on the " + host);
+  return hosts.empty() ? "no load" : "load: " + join(hosts, " and ");
+}
+
+std::string quality_of_service(const json& qos) {
+  if (!qos.is_object()) return "";
+  auto text = word(at(qos, "reliability")) + " " + word(at(qos, "history"));
+  if (at(qos, "history") == "keep-last") text += " " + word(at(qos, "depth"));
+  if (at(qos, "durability") != "volatile") text += " " + word(at(qos, "durability"));
+  return text;
+}
+
+std::string seconds(const json& s) { return s.is_number() ? duration(s.get<double>() * 1e6) : nothing; }
+
+bool any_refused(const Summary& summary) {
+  const auto& hosts = at(summary.run.outcome, "hosts");
+  return std::any_of(hosts.begin(), hosts.end(),
+                     [](const json& host) { return !at(host, "refusals").empty(); });
+}
+
+// The transport's options of a run's two ends, as asked for, or else as the end said that it took them.
+struct Options {
+  Texts controller, component;
+};
+
+Texts options_of(const Summary& summary, const char* asked, const char* host) {
+  Texts options;
+  if (const auto& said = at(summary.run.asked, asked); said.is_object())
+    for (const auto& [name, value] : said.items()) options[printable(name)] = word(value);
+  const auto& facts = at(at(at(at(summary.run.outcome, "hosts"), host), "transport"), "facts");
+  for (const auto* name : told_by_facts)
+    if (const auto& fact = at(facts, name); fact.is_string()) options.try_emplace(name, word(fact));
+  return options;
+}
+
+Options options_of(const Summary& summary) {
+  return {options_of(summary, "options", "controller"),
+          options_of(summary, "component_options", "component")};
+}
+
+// "executor multi"; a name of an RMW needs no explanation.
+std::string option_phrase(const std::string& name, const std::string& value) {
+  const auto text = shortened(value, longest_value);
+  return name == "rmw" && value.starts_with("rmw_") ? text : name + " " + text;
+}
+
+std::vector<std::string> names_in_order(const Texts& options) {
+  std::vector<std::string> names;
+  for (const auto* name : told_by_facts)
+    if (options.contains(name)) names.emplace_back(name);
+  for (const auto& [name, value] : options)
+    if (std::find(names.begin(), names.end(), name) == names.end()) names.push_back(name);
+  return names;
+}
+
+void add_options(std::vector<Phrase>& phrases, const Summary& summary) {
+  const auto [controller, component] = options_of(summary);
+  const auto& transport = at(summary.run.asked, "transport");
+  const auto& other = at(summary.run.asked, "component_transport");
+  const bool another = !other.is_null() && other != transport;
+  for (const auto& name : names_in_order(controller))
+    phrases.push_back({"options." + name, option_phrase(name, controller.at(name))});
+  if (another) phrases.push_back({"component.transport", "component " + word(other)});
+  for (const auto& name : names_in_order(component)) {
+    const auto same = controller.find(name);
+    if (another || same == controller.end() || same->second != component.at(name))
+      phrases.push_back(
+          {"component.options." + name, "component " + option_phrase(name, component.at(name))});
+  }
+}
+
+void add_topics(std::vector<Phrase>& phrases, const json& asked) {
+  const auto &ping = at(asked, "ping_topic"), &pong = at(asked, "pong_topic");
+  if (ping.is_null() || pong.is_null() || (ping == "/ping" && pong == "/pong")) return;
+  phrases.push_back({"topics", fmt::format("topics {} and {}", word(ping), word(pong))});
+}
+
+// The conditions of a run in words, each for itself; nothing of what its record does not say.
+std::vector<Phrase> phrases_of(const Summary& summary) {
+  const auto& asked = summary.run.asked;
+  std::vector<Phrase> phrases;
+  const auto add = [&](const char* key, const json& said, const std::string& text,
+                       Phrase::Where where = Phrase::Where::everywhere) {
+    if (!said.is_null() && !text.empty()) phrases.push_back({key, text, where});
+  };
+  const auto& realtime = at(asked, "realtime");
+  const auto& period = at(asked, "period_us");
+  const auto& schedule = at(asked, "schedule");
+  add("realtime", realtime,
+      !is_true(realtime)     ? "SCHED_OTHER"
+      : any_refused(summary) ? "real-time settings, not all given (see below)"
+                             : "real-time settings");
+  add("payload", at(asked, "payload_bytes"), size(at(asked, "payload_bytes")));
+  if (schedule != "back-to-back") add("period", period, "every " + duration(period));
+  add("schedule", schedule, word(schedule));
+  if (at(asked, "deadline_us") != period)
+    add("deadline", at(asked, "deadline_us"), "deadline " + duration(at(asked, "deadline_us")));
+  add("timeout", at(asked, "timeout_us"), "time-out " + duration(at(asked, "timeout_us")),
+      Phrase::Where::in_labels);
+  add("qos", at(asked, "qos"), quality_of_service(at(asked, "qos")));
+  add("receive", at(asked, "receive"), word(at(asked, "receive")));
+  add_options(phrases, summary);
+  if (const auto& domain = at(asked, "domain"); domain != 0) add("domain", domain, "domain " + word(domain));
+  add_topics(phrases, asked);
+  add("duration", at(asked, "duration_s"), seconds(at(asked, "duration_s")));
+  add("load", at(asked, "load"), load(at(asked, "load")));
+  add("hosts", at(asked, "hosts"), "hosts " + word(at(asked, "hosts")), Phrase::Where::in_labels);
+  return phrases;
+}
+
+const Phrase* find(const std::vector<Phrase>& phrases, const std::string& key) {
+  const auto found =
+      std::find_if(phrases.begin(), phrases.end(), [&](const Phrase& phrase) { return phrase.key == key; });
+  return found == phrases.end() ? nullptr : &*found;
+}
+
+// Whether a run of which this is not known may have had it all the same: it failed before it could say.
+bool may_have(const Summary& summary, const std::string& key) {
+  const bool by_facts = std::any_of(told_by_facts.begin(), told_by_facts.end(), [&](const char* name) {
+    return key == fmt::format("options.{}", name) || key == fmt::format("component.options.{}", name);
+  });
+  return by_facts && !at(summary.run.outcome, "hosts").is_object();
+}
+
+// What all of a group have in common, in words, and of each what not all have.
+struct Compared {
+  std::vector<Phrase> shared;
+  std::vector<std::vector<Phrase>> own;
+};
+
+Compared compare(const Group& group) {
+  Compared result;
+  for (const auto* summary : group) result.own.push_back(phrases_of(*summary));
+  std::set<std::string> compared;
+  for (const auto& phrases : result.own) {
+    for (const auto& phrase : phrases) {
+      if (!compared.insert(phrase.key).second) continue;
+      bool common = true;
+      for (std::size_t i = 0; i < group.size() && common; ++i) {
+        const auto* other = find(result.own[i], phrase.key);
+        common = other == nullptr ? may_have(*group[i], phrase.key) : other->text == phrase.text;
+      }
+      if (common) result.shared.push_back(phrase);
+    }
+  }
+  for (auto& phrases : result.own)
+    std::erase_if(phrases, [&](const auto& phrase) { return find(result.shared, phrase.key) != nullptr; });
+  return result;
+}
+
+// A variant is what a scenario's lists made: "payload 32 KiB, realtime.priority 50". What it says of
+// conditions that have words of their own is in those.
+void add_variant(std::string& label, const json& variant, const std::vector<Phrase>& phrases) {
+  if (!variant.is_string()) return;
+  const auto text = word(variant);
+  for (std::size_t begin = 0; begin < text.size();) {
+    const auto end = std::min(text.find(", ", begin), text.size());
+    const auto part = text.substr(begin, end - begin);
+    const auto key = part.substr(0, part.find(' '));
+    // "qos.depth 5" is told by "qos", "load.controller.cpu 4" by "load".
+    const bool told = std::any_of(phrases.begin(), phrases.end(), [&](const Phrase& phrase) {
+      const bool holds_others = phrase.key == "qos" || phrase.key == "load";
+      return key == phrase.key || (holds_others && key.starts_with(phrase.key + "."));
+    });
+    if (!told) label += " " + shortened(part, longest_value);
+    begin = end + 2;
+  }
+}
+
+}  // namespace
+
+std::vector<Group> by_id(const Summaries& summaries) {
+  std::vector<Group> groups;
+  std::map<std::string, std::size_t> places;
+  for (const auto& summary : summaries) {
+    const auto [place, is_new] = places.try_emplace(word(at(summary.run.asked, "id")), groups.size());
+    if (is_new) groups.emplace_back();
+    groups[place->second].push_back(&summary);
+  }
+  return groups;
+}
+
+std::vector<std::string> labels_without_repetition(const Group& group) {
+  const auto compared = compare(group);
+  std::vector<std::string> labels;
+  for (std::size_t i = 0; i < group.size(); ++i) {
+    const auto& asked = group[i]->run.asked;
+    labels.push_back(word(at(asked, "transport")));
+    for (const auto& phrase : compared.own[i]) labels.back() += " " + phrase.text;
+    add_variant(labels.back(), at(asked, "variant"), phrases_of(*group[i]));
+  }
+  return labels;
+}
+
+std::vector<std::string> labels_of(const Group& group) {
+  auto labels = labels_without_repetition(group);
+  const auto repetition = [](const Summary* summary) { return count(at(summary->run.asked, "repetition")); };
+  if (std::none_of(group.begin(), group.end(), [&](const auto* summary) { return repetition(summary) > 1; }))
+    return labels;
+  for (std::size_t i = 0; i < group.size(); ++i)
+    labels[i] += " #" + word(at(group[i]->run.asked, "repetition"));
+  return labels;
+}
+
+void tell_apart(std::vector<std::string>& labels, const Group& group) {
+  std::map<std::string, int> uses;
+  for (const auto& text : labels) ++uses[text];
+  for (std::size_t i = 0; i < labels.size(); ++i)
+    if (uses[labels[i]] > 1) labels[i] += fmt::format(" run {}", group[i]->run.number);
+}
+
+std::vector<std::string> shared_conditions(const Group& group) {
+  std::vector<std::string> texts;
+  for (const auto& phrase : compare(group).shared)
+    if (phrase.where == Phrase::Where::everywhere) texts.push_back(phrase.text);
+  return texts;
+}
+
+OptionColumns::OptionColumns(const Summaries& summaries) {
+  for (const auto& summary : summaries) {
+    const auto [controller, component] = options_of(summary);
+    for (const auto& [name, value] : controller) controller_.insert(name);
+    if (component == controller) continue;
+    for (const auto& [name, value] : component) component_.insert(name);
+  }
+}
+
+void OptionColumns::add_names(std::vector<std::string>& header) const {
+  for (const auto& name : controller_) header.push_back("option." + name);
+  for (const auto& name : component_) header.push_back("component_option." + name);
+}
+
+void OptionColumns::add_values(std::vector<std::string>& row, const Summary& summary) const {
+  const auto [controller, component] = options_of(summary);
+  const auto value = [](const Texts& options, const std::string& name) {
+    const auto found = options.find(name);
+    return found == options.end() ? "" : found->second;
+  };
+  for (const auto& name : controller_) row.push_back(value(controller, name));
+  for (const auto& name : component_) row.push_back(value(component, name));
+}
+
+}  // namespace ontime::report

@@ -1,0 +1,41 @@
+// SPDX-License-Identifier: Apache-2.0
+// What was measured, in words, and what tells one run from another.
+#pragma once
+
+#include <set>
+#include <string>
+#include <vector>
+
+#include "report/runs.hpp"
+
+namespace ontime::report {
+
+using Group = std::vector<const statistics::Summary*>;
+
+std::vector<Group> by_id(const Summaries&);  // in the order of their first runs
+
+// Of each of a group: its transport, and in words whatever is not the same in all of them. Repetitions have
+// their number.
+std::vector<std::string> labels_of(const Group&);
+// Likewise, but the repetitions of a run have the same.
+std::vector<std::string> labels_without_repetition(const Group&);
+// Those that still are alike get the number of their run.
+void tell_apart(std::vector<std::string>& labels, const Group&);
+
+// What is the same in all of them.
+std::vector<std::string> shared_conditions(const Group&);
+
+// The options of the transports at the two ends of runs, a column each: "option.executor",
+// "component_option.rmw", those of the component where they are its own. As asked for, or, of RMW and
+// executor where nothing was asked, as the end said that it took them.
+class OptionColumns {
+ public:
+  explicit OptionColumns(const Summaries&);
+  void add_names(std::vector<std::string>& header) const;
+  void add_values(std::vector<std::string>& row, const statistics::Summary&) const;
+
+ private:
+  std::set<std::string> controller_, component_;
+};
+
+}  // namespace ontime::report

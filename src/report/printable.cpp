@@ -1,0 +1,64 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <cstddef>
+#include <cstdint>
+#include <string_view>
+
+#include "report/report.hpp"
+
+namespace ontime::report {
+namespace {
+
+struct CodePoint {
+  std::uint32_t value = 0;
+  std::size_t length = 0;  // in bytes; 0: there is none here
+};
+
+// Of UTF-8, in its shortest form only.
+CodePoint first_of(std::string_view text) {
+  const auto byte = [&](std::size_t i) { return static_cast<unsigned char>(text[i]); };
+  if (byte(0) < 0x80) return {byte(0), 1};
+  const std::size_t length = byte(0) >= 0xf0 ? 4 : byte(0) >= 0xe0 ? 3 : 2;
+  if (byte(0) < 0xc2 || byte(0) > 0xf4 || text.size() < length) return {};
+  std::uint32_t value = byte(0) & (0x7fu >> length);
+  for (std::size_t i = 1; i < length; ++i) {
+    if ((byte(i) & 0xc0) != 0x80) return {};
+    value = value << 6 | (byte(i) & 0x3fu);
+  }
+  constexpr std::uint32_t least[] = {0x80, 0x800, 0x10000};
+  const bool surrogate = value >= 0xd800 && value < 0xe000;
+  if (value < least[length - 2] || value > 0x10ffff || surrogate) return {};
+  return {value, length};
+}
+
+bool breaks_a_line(std::uint32_t c) {
+  return (c >= '\t' && c <= '\r') || c == 0x85 || c == 0x2028 || c == 0x2029;
+}
+
+bool steers(std::uint32_t c) {
+  const auto within = [c](std::uint32_t first, std::uint32_t last) { return first <= c && c <= last; };
+  return c < 0x20 || within(0x7f, 0x9f) ||                        // C0, DEL, C1
+         c == 0x061c || within(0x200e, 0x200f) ||                 // marks of direction
+         within(0x202a, 0x202e) || within(0x2066, 0x2069) ||      // overrides and isolates of direction
+         c == 0x00ad || c == 0x200b || within(0x2060, 0x2065) ||  // nothing to be seen
+         within(0x206a, 0x206f) || c == 0xfeff || within(0xfff9, 0xfffb) || within(0xe0000, 0xe007f);
+}
+
+}  // namespace
+
+std::string printable(const std::string& text) {
+  std::string result;
+  result.reserve(text.size());
+  for (std::size_t i = 0; i < text.size();) {
+    const auto [c, length] = first_of(std::string_view(text).substr(i));
+    if (length != 0 && breaks_a_line(c))
+      result += ' ';
+    else if (length == 0 || steers(c))
+      result += '?';
+    else
+      result.append(text, i, length);
+    i += length == 0 ? 1 : length;
+  }
+  return result;
+}
+
+}  // namespace ontime::report

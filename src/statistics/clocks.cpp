@@ -1,0 +1,63 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "statistics/clocks.hpp"
+
+#include <algorithm>
+#include <utility>
+
+#include <fmt/format.h>
+
+#include "statistics/member.hpp"
+
+namespace ontime::statistics {
+
+std::optional<RoundTripParts::Clocks> RoundTripParts::clocks_of(const nlohmann::json& outcome) {
+  const auto& hosts = member(outcome, "hosts");
+  const auto& client = member(member(hosts, "controller"), "machine");
+  const auto& server = member(member(hosts, "component"), "machine");
+  const auto boot = text_of(member(client, "boot_id"));
+  if (!boot.empty() && boot == text_of(member(server, "boot_id"))) return Clocks{0, 0, true};
+  Clocks clocks{0, 0, false};
+  for (const auto* machine : {&client, &server}) {
+    const auto& clock = member(*machine, "clock");
+    const auto error_ns = integer_of(member(clock, "error_ns"));
+    const auto offset_ns = integer_of(member(clock, "realtime_offset_ns"));
+    if (member(clock, "synchronised") != true || !error_ns || *error_ns < 0 || !offset_ns) return {};
+    if (__builtin_add_overflow(clocks.error_ns, *error_ns, &clocks.error_ns)) return {};
+    // By way of the time of day, which both know: client = server + server's offset - client's offset.
+    clocks.ahead_ns = machine == &client ? between(*offset_ns, 0) : nth_after(clocks.ahead_ns, *offset_ns, 1);
+  }
+  return clocks;
+}
+
+RoundTripParts::RoundTripParts(const nlohmann::json& outcome) : clocks_(clocks_of(outcome)) {}
+
+void RoundTripParts::message(const roundtrip::Sample& sample) {
+  if (!clocks_) return;
+  const auto there_ns = between(sample.sent_ns, nth_after(sample.server_received_ns, clocks_->ahead_ns, 1));
+  const auto back_ns = between(nth_after(sample.server_sent_ns, clocks_->ahead_ns, 1), sample.received_ns);
+  there_.add(there_ns);
+  back_.add(back_ns);
+  least_ns_ = std::min({least_ns_, there_ns, back_ns});
+}
+
+void RoundTripParts::into(Summary& summary) && {
+  if (!clocks_ || there_.count() == 0) return;
+  if (least_ns_ < -clocks_->error_ns) {
+    const auto by_us = static_cast<double>(least_ns_) / 1e3;
+    summary.no_parts =
+        clocks_->one
+            ? fmt::format(
+                  "not shown in parts: though both ends say that they share one clock, a part of a "
+                  "round trip would be {:.1f} µs long",
+                  by_us)
+            : fmt::format(
+                  "not shown in parts: the two clocks are further apart than the ±{:.1f} µs that they "
+                  "claim; a part of a round trip would be {:.1f} µs long",
+                  static_cast<double>(clocks_->error_ns) / 1e3, by_us);
+    return;
+  }
+  summary.parts = {Ranks(std::move(there_)).distribution(), Ranks(std::move(back_)).distribution(),
+                   clocks_->error_ns, clocks_->one};
+}
+
+}  // namespace ontime::statistics

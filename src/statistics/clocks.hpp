@@ -1,0 +1,30 @@
+// SPDX-License-Identifier: Apache-2.0
+// Whether the server's times can be set beside the client's.
+#pragma once
+
+#include <optional>
+#include <string>
+
+#include "statistics/values.hpp"
+
+namespace ontime::statistics {
+
+class RoundTripParts {
+ public:
+  explicit RoundTripParts(const nlohmann::json& outcome);
+  void message(const roundtrip::Sample&);  // an answered one, of which the server said its times
+  void into(Summary&) &&;
+
+ private:
+  struct Clocks {
+    std::int64_t ahead_ns;  // what the client's clock shows more than the server's
+    std::int64_t error_ns;  // of that
+    bool one;
+  };
+  static std::optional<Clocks> clocks_of(const nlohmann::json& outcome);
+  std::optional<Clocks> clocks_;
+  std::int64_t least_ns_ = 0;
+  Values there_, back_;
+};
+
+}  // namespace ontime::statistics

@@ -1,0 +1,142 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "statistics/shape.hpp"
+
+#include <algorithm>
+#include <utility>
+
+#include "statistics/member.hpp"
+
+namespace ontime::statistics {
+namespace {
+
+using roundtrip::Fate;
+using roundtrip::Sample;
+
+constexpr std::int64_t slices_of_a_run = 1000;  // as long as it was to be
+constexpr std::size_t most_slices = 2000;       // where it was longer
+constexpr std::int64_t second_ns = 1'000'000'000;
+constexpr std::size_t most_worst = 10;
+
+bool is_longer(const Worst& one, const Worst& other) { return one.took_ns > other.took_ns; }
+
+}  // namespace
+
+Cycles::Cycles(std::int64_t due, std::int64_t period, std::uint64_t number)
+    : due_ns(due), period_ns(period), count(number) {
+  std::int64_t reach = 0, last = 0;
+  if (period < 0 || (number > 0 && __builtin_mul_overflow(period, number - 1, &reach)) ||
+      __builtin_add_overflow(due, reach, &last))
+    period_ns = 0;
+}
+
+std::int64_t Cycles::last_due_ns() const { return nth_after(due_ns, period_ns, count - 1); }
+
+Timeline::Timeline(std::int64_t start_ns, std::optional<std::int64_t> duration_ns)
+    : start_ns_(start_ns), slice_ns_(duration_ns ? (*duration_ns - 1) / slices_of_a_run + 1 : second_ns) {}
+
+std::size_t Timeline::index_of(std::int64_t due_ns) const {
+  if (due_ns <= start_ns_) return 0;
+  const auto after = static_cast<std::uint64_t>(due_ns) - static_cast<std::uint64_t>(start_ns_);
+  return static_cast<std::size_t>(
+      std::min<std::uint64_t>(after / static_cast<std::uint64_t>(slice_ns_), most_slices - 1));
+}
+
+Slice& Timeline::at(std::size_t index) {
+  if (index >= slices_.size()) slices_.resize(index + 1);
+  return slices_[index];
+}
+
+void Timeline::message(const Sample& sample) {
+  const auto index = std::max(current_, index_of(sample.due_ns));
+  if (index != current_) close();
+  current_ = index;
+  auto& slice = at(index);
+  ++slice.sent;
+  if (sample.fate == Fate::lost) {
+    ++slice.lost;
+    return;
+  }
+  if (sample.fate == Fate::late) ++slice.late;
+  round_trips_.push_back(between(sample.sent_ns, sample.received_ns));
+  slice.response_max_ns = std::max(slice.response_max_ns, between(sample.due_ns, sample.received_ns));
+}
+
+void Timeline::close() {
+  if (round_trips_.empty()) return;
+  auto& slice = at(current_);
+  const auto [least, greatest] = std::minmax_element(round_trips_.begin(), round_trips_.end());
+  slice.min_ns = *least;
+  slice.max_ns = *greatest;
+  const auto middle = round_trips_.begin() + static_cast<std::ptrdiff_t>((round_trips_.size() - 1) / 2);
+  std::nth_element(round_trips_.begin(), middle, round_trips_.end());
+  slice.p50_ns = *middle;
+  round_trips_.clear();
+}
+
+template <class Use>
+void Timeline::each_slice(const Cycles& cycles, Use use) {
+  auto due_ns = cycles.due_ns;
+  for (auto left = cycles.count; left > 0;) {
+    const auto index = index_of(due_ns);
+    auto here = left;
+    if (index + 1 < most_slices && cycles.period_ns > 0) {
+      // To the next slice's beginning: more than nothing, for this cycle is due before it.
+      const auto end_ns = nth_after(start_ns_, slice_ns_, index + 1);
+      const auto cycles_to_end = (between(due_ns, end_ns) - 1) / cycles.period_ns + 1;
+      here = std::min(left, static_cast<std::uint64_t>(std::max<std::int64_t>(cycles_to_end, 1)));
+    }
+    use(at(index), here, due_ns);
+    left -= here;
+    due_ns = nth_after(due_ns, cycles.period_ns, here);
+  }
+}
+
+void Timeline::skipped(const Cycles& cycles) {
+  each_slice(cycles, [](Slice& slice, std::uint64_t count, std::int64_t) { slice.skipped_cycles += count; });
+}
+
+void Timeline::answered(const Cycles& cycles, std::int64_t at_ns) {
+  each_slice(cycles, [&](Slice& slice, std::uint64_t, std::int64_t due_ns) {
+    slice.response_max_ns = std::max(slice.response_max_ns, between(due_ns, at_ns));
+  });
+}
+
+std::vector<Slice> Timeline::slices() && {
+  close();
+  return std::move(slices_);
+}
+
+void WorstOnes::message(const Sample& sample) {
+  if (last_is_kept_)
+    for (auto& worst : worst_)
+      if (worst.message.index == last_->index) worst.after = sample;
+  last_is_kept_ = false;
+  if (sample.fate != Fate::lost) {
+    auto from_ns = sample.intended_ns;
+    if (last_) {
+      const auto over_ns =
+          last_->fate == Fate::lost ? nth_after(last_->sent_ns, timeout_ns_, 1) : last_->received_ns;
+      from_ns = std::max(from_ns, std::min(sample.due_ns, over_ns));
+    }
+    const auto took_ns = between(from_ns, sample.received_ns);
+    last_is_kept_ = worst_.size() < most_worst || took_ns > worst_.front().took_ns;
+    if (last_is_kept_) keep({took_ns, last_, sample, {}});
+  }
+  last_ = sample;
+}
+
+void WorstOnes::keep(Worst worst) {
+  if (worst_.size() == most_worst) {
+    std::pop_heap(worst_.begin(), worst_.end(), is_longer);
+    worst_.pop_back();
+  }
+  worst_.push_back(std::move(worst));
+  std::push_heap(worst_.begin(), worst_.end(), is_longer);
+}
+
+std::vector<Worst> WorstOnes::longest_first() && {
+  std::sort(worst_.begin(), worst_.end(), is_longer);
+  return std::move(worst_);
+}
+
+}  // namespace ontime::statistics

@@ -1,0 +1,74 @@
+// SPDX-License-Identifier: Apache-2.0
+// Many values, exactly, in little memory: what lies close together is counted, what does not takes about two
+// bytes, at most four, as long as it is neither negative nor beyond 4.29 s; eight else.
+#pragma once
+
+#include <array>
+#include <cstddef>
+#include <cstdint>
+#include <memory>
+#include <vector>
+
+#include "statistics/statistics.hpp"
+
+namespace ontime::statistics {
+
+class Values {
+ public:
+  void add(std::int64_t value);
+  // least, least + step … : `count` of them, in the memory of one.
+  void add_series(std::int64_t least, std::int64_t step, std::uint64_t count);
+  std::uint64_t count() const { return count_; }
+
+ private:
+  friend class Ranks;
+  // Values that have all but their lowest 16 bits in common: a list of those, or, once that is the shorter
+  // form, how many there are of each.
+  struct Page {
+    std::vector<std::uint16_t> low;
+    std::unique_ptr<std::uint32_t[]> counts;
+  };
+  static constexpr std::size_t pages_a_block = 256;
+  using Block = std::array<Page, pages_a_block>;
+  struct Series {
+    std::int64_t least, step;
+    std::uint64_t count;
+    std::uint64_t at_most(std::int64_t value) const;
+  };
+  void place(std::int64_t value);
+
+  std::array<std::unique_ptr<Block>, 256> blocks_;
+  std::vector<std::int64_t> wide_;
+  std::vector<Series> series_;
+  std::uint64_t count_ = 0;
+  std::int64_t min_ = 0, max_ = 0;
+  std::int64_t sum_ = 0;
+  long double large_sum_ = 0;  // what did not fit in sum_
+};
+
+// Sorted as far as it is asked.
+class Ranks {
+ public:
+  explicit Ranks(Values);
+  std::uint64_t count() const { return values_.count_; }
+  std::uint64_t at_most(std::int64_t value);  // how many are no greater
+  Distribution distribution();
+  Histogram histogram();
+
+ private:
+  struct Filled {
+    std::uint32_t high;
+    Values::Page* page;
+    std::uint64_t before;  // values below this page
+    std::uint64_t size;
+    bool in_order = false;
+  };
+  std::int64_t at_rank(std::uint64_t rank);  // from 1
+  std::uint64_t narrow_at_most(std::int64_t value);
+  static std::uint64_t at_most_within(Filled&, std::uint16_t low);
+
+  Values values_;
+  std::vector<Filled> pages_;  // those that hold something
+};
+
+}  // namespace ontime::statistics

@@ -1,0 +1,362 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <algorithm>
+#include <limits>
+#include <numeric>
+#include <random>
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include "statistics/statistics.hpp"
+
+namespace ontime::statistics {
+namespace {
+
+using roundtrip::Fate;
+using roundtrip::Sample;
+using ::testing::AllOf;
+using ::testing::HasSubstr;
+
+Sample random_sample(std::uint64_t index, std::mt19937_64& random) {
+  const auto some_ns = [&](std::uint64_t below) { return static_cast<std::int64_t>(random() % below); };
+  Sample sample{};
+  sample.index = index;
+  sample.fate = static_cast<Fate>(random() % 3);
+  sample.skipped_cycles = static_cast<std::uint32_t>(random() % 4 == 0 ? random() % 10 : 0);
+  sample.intended_ns = 1'000'000'000 + static_cast<std::int64_t>(index) * 10'000'000;
+  sample.due_ns = sample.intended_ns + std::int64_t{sample.skipped_cycles} * 10'000'000;
+  sample.woke_ns = sample.due_ns + some_ns(500'000);
+  sample.sent_ns = sample.woke_ns + some_ns(50'000);
+  if (sample.fate == Fate::lost) return sample;
+  sample.received_ns = sample.sent_ns + 1 + some_ns(30'000'000);
+  if (random() % 2 != 0) return sample;
+  sample.server_received_ns = 5'000'000'000 + some_ns(1'000'000'000);
+  sample.server_sent_ns = sample.server_received_ns + some_ns(100'000);
+  return sample;
+}
+
+constexpr std::int64_t us = 1000, ms = 1'000'000;
+
+const nlohmann::json asked_next_free = {{"schedule", "next-free"},
+                                        {"period_us", 10'000.0},
+                                        {"deadline_us", 10'000.0},
+                                        {"timeout_us", 500'000.0},
+                                        {"duration_s", 100.0}};
+
+Summary summary_of(const std::vector<Sample>& samples, const nlohmann::json& asked,
+                   const nlohmann::json& outcome = nullptr) {
+  record::Writer writer("");
+  const auto run = writer.begin_run(asked);
+  writer.append(run, samples);
+  if (!outcome.is_null()) writer.end_run(run, outcome);
+  writer.flush();
+  const auto reader = writer.reader();
+  return summarise(reader, reader.runs().at(0));
+}
+
+// The definition, word by word: how long each cycle waited.
+std::vector<std::int64_t> responses_by_definition(const std::vector<Sample>& samples) {
+  std::vector<std::int64_t> responses, waiting;
+  for (const auto& sample : samples) {
+    for (auto due_ns = sample.intended_ns; due_ns < sample.due_ns; due_ns += 10 * ms)
+      waiting.push_back(due_ns);
+    if (sample.fate == Fate::lost) continue;
+    waiting.push_back(sample.due_ns);
+    for (const auto due_ns : waiting) responses.push_back(sample.received_ns - due_ns);
+    waiting.clear();
+  }
+  // No answer came any more: they waited at least until the last message was given up.
+  for (const auto due_ns : waiting) responses.push_back(samples.back().sent_ns + 500 * ms - due_ns);
+  return responses;
+}
+
+TEST(Summary, AddsUp) {
+  std::mt19937_64 random(3);
+  for (int i = 0; i < 50; ++i) {
+    std::vector<Sample> samples;
+    std::uint64_t skipped = 0, said = 0;
+    for (std::size_t n = random() % 500; n > 0; --n) {
+      samples.push_back(random_sample(samples.size(), random));
+      skipped += samples.back().skipped_cycles;
+      if (samples.back().server_sent_ns != 0) ++said;
+    }
+    const auto of = [&](Fate fate) {
+      return static_cast<std::uint64_t>(
+          std::count_if(samples.begin(), samples.end(), [&](const Sample& s) { return s.fate == fate; }));
+    };
+    const auto summary = summary_of(samples, asked_next_free);
+    ASSERT_EQ(summary.sent, samples.size());
+    ASSERT_EQ(summary.on_time, of(Fate::on_time));
+    ASSERT_EQ(summary.late, of(Fate::late));
+    ASSERT_EQ(summary.lost, of(Fate::lost));
+    ASSERT_EQ(summary.sent, summary.on_time + summary.late + summary.lost);
+    ASSERT_EQ(summary.skipped_cycles, skipped);
+    ASSERT_EQ(summary.round_trip.count, summary.on_time + summary.late);
+    ASSERT_EQ(summary.wake_up.count, summary.sent);
+    ASSERT_EQ(summary.server.count, said);
+    ASSERT_EQ(summary.response.count, summary.on_time + summary.late + summary.skipped_cycles);
+    const auto responses = responses_by_definition(samples);
+    const auto expected = distribution(responses);
+    ASSERT_EQ(summary.response.min, expected.min);
+    ASSERT_EQ(summary.response.p50, expected.p50);
+    ASSERT_EQ(summary.response.p99, expected.p99);
+    ASSERT_EQ(summary.response.max, expected.max);
+    ASSERT_NEAR(summary.response.mean, expected.mean, 1e-9 * expected.mean);
+    ASSERT_EQ(summary.late_by_response, std::count_if(responses.begin(), responses.end(),
+                                                      [](auto response) { return response > 10 * ms; }));
+  }
+}
+
+Sample answered(std::uint64_t index, std::int64_t intended_ns, std::int64_t skipped, std::int64_t took_ns) {
+  Sample sample{};
+  sample.index = index;
+  sample.intended_ns = intended_ns;
+  sample.due_ns = intended_ns + skipped * 10 * ms;
+  sample.skipped_cycles = static_cast<std::uint32_t>(skipped);
+  sample.woke_ns = sample.due_ns + 50 * us;
+  sample.sent_ns = sample.woke_ns + us;
+  sample.received_ns = sample.sent_ns + took_ns;
+  sample.fate = took_ns > 10 * ms ? Fate::late : Fate::on_time;
+  return sample;
+}
+
+Sample lost(std::uint64_t index, std::int64_t intended_ns, std::int64_t skipped) {
+  auto sample = answered(index, intended_ns, skipped, 0);
+  sample.received_ns = 0;
+  sample.fate = Fate::lost;
+  return sample;
+}
+
+TEST(Summary, EveryCycleThatPassedCountsAsAResponse) {
+  // The sender stands still for 3 s: 300 cycles, in two messages.
+  const auto summary = summary_of(
+      {answered(0, 1000 * ms, 0, 100 * us), answered(1, 1010 * ms, 300, 100 * us)}, asked_next_free);
+  EXPECT_EQ(summary.late, 0u);
+  EXPECT_EQ(summary.response.count, 302u);
+  EXPECT_EQ(summary.response.max, 3000 * ms + 151 * us);
+  EXPECT_EQ(summary.response.p50, 1490 * ms + 151 * us);
+  EXPECT_EQ(summary.late_by_response, 300u);
+}
+
+TEST(Summary, CyclesBeforeALostMessageWaitForTheNextAnswer) {
+  const auto summary = summary_of(
+      {answered(0, 0 * ms, 0, us), lost(1, 10 * ms, 2), answered(2, 40 * ms, 50, us)}, asked_next_free);
+  EXPECT_EQ(summary.response.count, 1u + 2 + 50 + 1);
+  EXPECT_EQ(summary.response.max, 540 * ms + 52 * us - 10 * ms) << "the first that waited was due at 10 ms";
+}
+
+TEST(Summary, CyclesAfterTheLastMessageCountToo) {
+  const nlohmann::json outcome = {
+      {"trailing_cycles", 40}, {"trailing_due_ns", 20 * ms}, {"trailing_until_ns", 425 * ms}};
+  const auto summary =
+      summary_of({answered(0, 0, 0, us), answered(1, 10 * ms, 0, us)}, asked_next_free, outcome);
+  EXPECT_EQ(summary.skipped_cycles, 40u);
+  EXPECT_EQ(summary.response.count, 42u);
+  EXPECT_EQ(summary.response.max, 405 * ms);
+  EXPECT_EQ(summary.late_by_response, 40u) << "the last was due at 410 ms, 15 ms before";
+
+  const auto nothing_sent = summary_of({}, asked_next_free, outcome);
+  EXPECT_EQ(nothing_sent.sent, 0u);
+  EXPECT_EQ(nothing_sent.skipped_cycles, 40u);
+  EXPECT_EQ(nothing_sent.response.count, 40u);
+
+  const auto then_lost = summary_of({answered(0, 0, 0, us), lost(1, 10 * ms, 5)}, asked_next_free);
+  EXPECT_EQ(then_lost.response.max, 550 * ms + 51 * us) << "until the message was given up";
+}
+
+TEST(Summary, SaysFromWhereToWhere) {
+  Sample sample{};
+  sample.intended_ns = 100;
+  sample.due_ns = 200;
+  sample.skipped_cycles = 1;
+  sample.woke_ns = 230;
+  sample.passed_wake_ns = 70;
+  sample.sent_ns = 234;
+  sample.received_ns = 1234;
+  sample.server_received_ns = 5000;
+  sample.server_sent_ns = 5007;
+  const auto summary = summary_of({sample}, {{"schedule", "fixed"}});
+  EXPECT_EQ(summary.start_ns, 100);
+  EXPECT_EQ(summary.round_trip.max, 1000);
+  EXPECT_EQ(summary.response.max, 1134);
+  EXPECT_EQ(summary.response.min, 1034);
+  EXPECT_EQ(summary.wake_up.min, 30);
+  EXPECT_EQ(summary.server.max, 7);
+  EXPECT_EQ(summary.late_by_response, std::nullopt) << "no deadline was stated";
+}
+
+TEST(Summary, BackToBackHasNoWakeUp) {
+  std::mt19937_64 random(4);
+  const std::vector<Sample> samples = {random_sample(0, random), random_sample(1, random)};
+  EXPECT_EQ(summary_of(samples, {{"schedule", "back-to-back"}}).wake_up.count, 0u);
+  for (const nlohmann::json& asked :
+       {nlohmann::json({{"schedule", 7}}), nlohmann::json({{"period_us", "x"}})})
+    EXPECT_EQ(summary_of(samples, asked).wake_up.count, 2u) << asked;
+}
+
+// As a damaged file may have them.
+TEST(Summary, TakesAnyOutcome) {
+  const std::vector<Sample> samples = {answered(0, 0, 0, us), lost(1, 10 * ms, 5)};
+  for (const nlohmann::json& number : {nlohmann::json(-1), nlohmann::json(1e300), nlohmann::json("x"),
+                                       nlohmann::json(std::numeric_limits<std::int64_t>::max()),
+                                       nlohmann::json(std::numeric_limits<std::uint64_t>::max())}) {
+    const nlohmann::json outcome = {{"trailing_cycles", number},
+                                    {"trailing_due_ns", number},
+                                    {"trailing_until_ns", number},
+                                    {"hosts", {{"controller", number}}}};
+    auto asked = asked_next_free;
+    for (const auto* key : {"period_us", "deadline_us", "timeout_us", "duration_s"}) asked[key] = number;
+    EXPECT_NO_THROW(summary_of(samples, asked, outcome)) << number;
+    EXPECT_NO_THROW(summary_of(samples, asked_next_free, outcome)) << number;
+  }
+}
+
+TEST(Parts, NeedOneClock) {
+  auto sample = answered(0, 1000 * ms, 0, 30 * us);
+  sample.server_received_ns = sample.sent_ns + 12 * us;
+  sample.server_sent_ns = sample.server_received_ns + 5 * us;
+  const auto with = [&](const nlohmann::json& one, const nlohmann::json& other) {
+    return summary_of({sample}, asked_next_free,
+                      {{"hosts", {{"controller", {{"machine", one}}}, {"component", {{"machine", other}}}}}});
+  };
+  const auto same = with({{"boot_id", "a"}}, {{"boot_id", "a"}});
+  ASSERT_TRUE(same.parts);
+  EXPECT_TRUE(same.parts->one_clock);
+  EXPECT_EQ(same.parts->there.p50, 12 * us);
+  EXPECT_EQ(same.server.p50, 5 * us);
+  EXPECT_EQ(same.parts->back.p50, 13 * us);
+  EXPECT_EQ(same.parts->error_ns, 0);
+  EXPECT_FALSE(with({{"boot_id", "a"}}, {{"boot_id", "b"}}).parts);
+  for (const nlohmann::json& unknown :
+       {nlohmann::json({{"boot_id", ""}}), nlohmann::json({{"boot_id", nullptr}}),
+        nlohmann::json({{"boot_id", 7}}), nlohmann::json()}) {
+    EXPECT_FALSE(with(unknown, unknown).parts) << unknown;
+    EXPECT_EQ(with(unknown, unknown).no_parts, "") << unknown;
+  }
+}
+
+TEST(Parts, OfSynchronisedClocksAreAsSureAsBothSay) {
+  const auto clock = [](bool synchronised, const nlohmann::json& error_ns, std::int64_t offset_ns) {
+    return nlohmann::json{{"clock",
+                           {{"synchronised", synchronised},
+                            {"source", "ptp"},
+                            {"error_ns", error_ns},
+                            {"realtime_offset_ns", offset_ns}}}};
+  };
+  const auto with = [&](std::int64_t there_ns, const nlohmann::json& one, const nlohmann::json& other) {
+    auto sample = answered(0, 1000 * ms, 0, 30 * us);
+    // The same moment is 7 s less on the server's clock.
+    sample.server_received_ns = sample.sent_ns + there_ns - 7'000'000'000;
+    sample.server_sent_ns = sample.server_received_ns + 5 * us;
+    return summary_of({sample}, asked_next_free,
+                      {{"hosts", {{"controller", {{"machine", one}}}, {"component", {{"machine", other}}}}}});
+  };
+  const auto client = clock(true, 2000, 1'000'000'000), server = clock(true, 3000, 8'000'000'000);
+  const auto found = with(12 * us, client, server);
+  ASSERT_TRUE(found.parts);
+  EXPECT_FALSE(found.parts->one_clock);
+  EXPECT_EQ(found.parts->error_ns, 5000);
+  EXPECT_EQ(found.parts->there.p50, 12 * us);
+  EXPECT_EQ(found.parts->back.p50, 13 * us);
+  EXPECT_TRUE(with(-5 * us, client, server).parts) << "within what they say they may be off";
+  const auto contradicted = with(-6 * us, client, server);
+  EXPECT_FALSE(contradicted.parts);
+  EXPECT_THAT(contradicted.no_parts, AllOf(HasSubstr("±5.0 µs"), HasSubstr("-6.0")));
+  EXPECT_FALSE(with(12 * us, clock(false, 2000, 0), server).parts);
+  EXPECT_FALSE(with(12 * us, client, clock(true, nullptr, 0)).parts);
+  EXPECT_FALSE(with(12 * us, client, clock(true, -1, 0)).parts);
+  EXPECT_FALSE(with(12 * us, client, nlohmann::json()).parts);
+}
+
+TEST(Shape, HidesNoExtreme) {
+  std::mt19937_64 random(9);
+  std::vector<Sample> samples;
+  std::int64_t due_ns = 1000 * ms;
+  for (std::uint64_t index = 0; index < 20'000; ++index) {
+    const auto skipped = static_cast<std::int64_t>(random() % 500 == 0 ? random() % 400 : 0);
+    const auto took_ns =
+        static_cast<std::int64_t>(50 * us + (random() % 300 == 0 ? random() % (40 * ms) : 0));
+    samples.push_back(random() % 400 == 0 ? lost(index, due_ns, skipped)
+                                          : answered(index, due_ns, skipped, took_ns));
+    due_ns = samples.back().due_ns + 10 * ms;
+  }
+  const auto summary = summary_of(samples, asked_next_free);  // it says 100 s, which is half of it
+  const auto& shape = summary.shape;
+  ASSERT_LE(shape.slices.size(), 2000u);
+  EXPECT_EQ(shape.slice_ns, 100 * ms);
+  Slice all;
+  for (const auto& slice : shape.slices) {
+    all.sent += slice.sent;
+    all.late += slice.late;
+    all.lost += slice.lost;
+    all.skipped_cycles += slice.skipped_cycles;
+    all.max_ns = std::max(all.max_ns, slice.max_ns);
+    all.response_max_ns = std::max(all.response_max_ns, slice.response_max_ns);
+    EXPECT_LE(slice.min_ns, slice.p50_ns);
+    EXPECT_LE(slice.p50_ns, slice.max_ns);
+  }
+  EXPECT_EQ(all.sent, summary.sent);
+  EXPECT_EQ(all.late, summary.late);
+  EXPECT_EQ(all.lost, summary.lost);
+  EXPECT_EQ(all.skipped_cycles, summary.skipped_cycles);
+  EXPECT_EQ(all.max_ns, summary.round_trip.max);
+  EXPECT_EQ(all.response_max_ns, summary.response.max);
+  const auto count = [](const Histogram& bins) {
+    return std::accumulate(bins.begin(), bins.end(), std::uint64_t{0},
+                           [](auto sum, const Bin& bin) { return sum + bin.count; });
+  };
+  EXPECT_EQ(count(shape.round_trip), summary.round_trip.count);
+  EXPECT_EQ(count(shape.response), summary.response.count);
+}
+
+TEST(Shape, ShowsAStallWhereItWas) {
+  const auto summary = summary_of(
+      {answered(0, 1000 * ms, 0, us), answered(1, 1010 * ms, 300, us), answered(2, 4020 * ms, 0, us)},
+      asked_next_free);
+  const auto& slices = summary.shape.slices;  // of 100 ms
+  ASSERT_EQ(slices.size(), 31u);
+  EXPECT_EQ(slices[0].sent, 1u);
+  EXPECT_EQ(slices[0].skipped_cycles, 9u);
+  EXPECT_EQ(slices[15].sent, 0u);
+  EXPECT_EQ(slices[15].skipped_cycles, 10u);
+  EXPECT_EQ(slices[15].response_max_ns, 1510 * ms + 52 * us) << "from 1.5 s after the start to the answer";
+  EXPECT_EQ(slices[30].sent, 2u);
+}
+
+TEST(Shape, KeepsTheWorstWithTheirNeighbours) {
+  std::vector<Sample> samples;
+  for (std::uint64_t index = 0; index < 100; ++index)
+    samples.push_back(answered(index, static_cast<std::int64_t>(index) * 10 * ms, 0,
+                               static_cast<std::int64_t>(index % 37 + 1) * 10 * us));
+  const auto worst = summary_of(samples, asked_next_free).shape.worst;
+  ASSERT_EQ(worst.size(), 10u);
+  EXPECT_EQ(worst[0].took_ns, 370 * us + 51 * us);
+  for (std::size_t i = 0; i < worst.size(); ++i) {
+    const auto index = worst[i].message.index;
+    if (i > 0) {
+      EXPECT_LE(worst[i].took_ns, worst[i - 1].took_ns);
+    }
+    if (index > 0) {
+      EXPECT_EQ(worst[i].before.value().index, index - 1);
+    }
+    if (index < 99) {
+      EXPECT_EQ(worst[i].after.value().index, index + 1);
+    }
+  }
+}
+
+TEST(Shape, BlamesAWaitOnWhoCausedIt) {
+  // The first answer comes after 35 ms; the next three cycles waited for it, not for the message after it.
+  const auto late =
+      summary_of({answered(0, 0, 0, 35 * ms), answered(1, 10 * ms, 3, 100 * us)}, asked_next_free);
+  EXPECT_EQ(late.shape.worst.at(0).message.index, 0u);
+  EXPECT_LT(late.shape.worst.at(1).took_ns, 10 * ms);
+  // A sender that slept through as many cycles has nobody else to blame.
+  const auto slept =
+      summary_of({answered(0, 0, 0, 100 * us), answered(1, 10 * ms, 3, 100 * us)}, asked_next_free);
+  EXPECT_EQ(slept.shape.worst.at(0).message.index, 1u);
+  EXPECT_EQ(slept.shape.worst.at(0).took_ns, 30 * ms + 151 * us);
+}
+
+}  // namespace
+}  // namespace ontime::statistics
