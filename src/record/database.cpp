@@ -84,7 +84,7 @@ void Database::commit(Change change) {
     if (sqlite3_get_autocommit(connection_->handle()) != 0) connection_->run("BEGIN IMMEDIATE");
     change();
     connection_->run("COMMIT; BEGIN IMMEDIATE");
-  } catch (const Error&) {
+  } catch (...) {
     connection_->try_run("ROLLBACK");
     throw;
   }
