@@ -16,8 +16,9 @@
 namespace ontime::campaign {
 namespace {
 
-constexpr std::size_t most_runs = 100'000;                 // with repetitions
-constexpr std::size_t most_held = std::size_t{64} << 20U;  // bytes of keys and values of all runs together
+constexpr std::size_t most_runs = 100'000;  // with repetitions
+constexpr std::size_t most_different_runs = 10'000;
+constexpr std::size_t most_held = std::size_t{32} << 20U;  // bytes of keys and values of all runs together
 constexpr std::size_t held_beside = 16;                    // of each, beside its words
 
 // A run as written, flat: path ("qos.depth") → what stands there.
@@ -296,9 +297,11 @@ class File {
     std::size_t combinations = 1, bytes = 0;
     for (const auto& [path, key, choices] : dimensions) {
       combinations *= choices.size();
-      if (scenario_.runs.size() + combinations > most_runs)
-        fail(node, fmt::format("run '{}': with every combination of its lists there are more than {} runs",
-                               id, most_runs));
+      if (scenario_.runs.size() + combinations > most_different_runs)
+        fail(node,
+             fmt::format("run '{}': with every combination of its lists there are more than {} different "
+                         "runs; make several scenarios of them",
+                         id, most_different_runs));
       std::size_t longest = 0;
       for (const auto& choice : choices) longest = std::max(longest, choice.value.size());
       bytes += path.size() + longest + held_beside;
