@@ -14,6 +14,10 @@ FLAGS = {
     'depth': ('--depth', 'messages that history keep-last keeps'),
     'priority': ('--priority', 'SCHED_FIFO priority of the threads that a message passes through'),
     'interface': ('--interface', 'the link under test'),
+    'domain': ('--domain', 'instead of that of ROS_DOMAIN_ID'),
+    'namespace': ('--namespace', 'of node and topics'),
+    'ping_topic': ('--ping-topic', 'what the controller writes'),
+    'pong_topic': ('--pong-topic', 'what the component answers on'),
     'results': ('--results', 'file that keeps every sample'),
 }
 
@@ -26,12 +30,9 @@ def ping(context):
     for name, (flag, _) in FLAGS.items():
         if value(name):
             command += [flag, value(name)]
-    if value('namespace'):
-        command += ['--option', 'namespace=' + value('namespace')]
     return [ExecuteProcess(cmd=command, output='screen')]
 
 
 def generate_launch_description():
     arguments = [DeclareLaunchArgument(name, default_value='', description=what) for name, (_, what) in FLAGS.items()]
-    namespace = DeclareLaunchArgument('namespace', default_value='', description='of node and topics')
-    return LaunchDescription([*arguments, namespace, OpaqueFunction(function=ping)])
+    return LaunchDescription([*arguments, OpaqueFunction(function=ping)])

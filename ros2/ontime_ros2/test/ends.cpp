@@ -7,6 +7,9 @@
 #include <stdexcept>
 
 #include <gtest/gtest.h>
+#include <net/if.h>
+#include <sys/ioctl.h>
+#include <sys/socket.h>
 #include <unistd.h>
 
 #include "message/message.hpp"
@@ -17,11 +20,13 @@ namespace {
 using namespace std::chrono_literals;
 
 int domain = 0;
+bool alone = false;
 
 class Isolation : public testing::Environment {
   void SetUp() override {
-    if (!two_ends::isolate()) domain = 100 + getpid() % 100;  // the best chance to be alone
-    set("ROS_DOMAIN_ID", std::to_string(domain));             // of nodes that are no transport of ours
+    alone = two_ends::isolate();
+    if (!alone) domain = 100 + getpid() % 100;     // the best chance to be alone
+    set("ROS_DOMAIN_ID", std::to_string(domain));  // of nodes that are no transport of ours
   }
 };
 const auto* const isolation = testing::AddGlobalTestEnvironment(new Isolation);
@@ -39,6 +44,20 @@ Config config_of(Role role, const Options& options) {
   config.domain = domain;
   config.options = options;
   return config;
+}
+
+bool isolated() { return alone; }
+
+void give_loopback_multicast(bool on) {
+  const int socket = ::socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC, 0);
+  ifreq request{};
+  std::string("lo").copy(request.ifr_name, IFNAMSIZ - 1);
+  ioctl(socket, SIOCGIFFLAGS, &request);
+  const int flags = on ? request.ifr_flags | IFF_MULTICAST : request.ifr_flags & ~IFF_MULTICAST;
+  request.ifr_flags = static_cast<short>(flags);
+  const bool done = ioctl(socket, SIOCSIFFLAGS, &request) == 0;
+  close(socket);
+  require(done, "cannot change lo");
 }
 
 void set(const char* name, const std::string& value) {

@@ -27,6 +27,10 @@ inline constexpr const char* rmws[] = {"rmw_cyclonedds_cpp", "rmw_fastrtps_cpp"}
 // of its own.
 Config config_of(Role role, const Options& options);
 
+// Whether this program has a network of its own, and then whether lo has multicast there.
+bool isolated();
+void give_loopback_multicast(bool on);
+
 void set(const char* name, const std::string& value);  // in the environment
 void require(bool condition, const std::string& what);
 

@@ -194,11 +194,21 @@ TEST(PongsParameters, ThatTheMachineRefusesAreSaid) {
 }
 
 // No more than a subscription, a publisher and the environment as ROS 2 leaves it.
+std::string ping_a_node_of_the_users(const std::string& rmw) {
+  const Program echo("bare_ros2", {"pong"}, [&] { set("RMW_IMPLEMENTATION", rmw); });
+  return ping(rmw, "/ping", "/pong");
+}
+
 TEST(NodeOfTheUsers, Answers) {
-  for (const std::string rmw : rmws) {
-    const Program echo("bare_ros2", {"pong"}, [&] { set("RMW_IMPLEMENTATION", rmw); });
-    EXPECT_EQ(ping(rmw, "/ping", "/pong"), "") << rmw;
-  }
+  for (const std::string rmw : rmws) EXPECT_EQ(ping_a_node_of_the_users(rmw), "") << rmw;
+}
+
+// There the middlewares look for each other by multicast, as on a real link.
+TEST(NodeOfTheUsers, AnswersWhereLoopbackHasMulticast) {
+  if (!isolated()) GTEST_SKIP() << "the host's own lo is left alone";
+  give_loopback_multicast(true);
+  for (const std::string rmw : rmws) EXPECT_EQ(ping_a_node_of_the_users(rmw), "") << rmw;
+  give_loopback_multicast(false);
 }
 
 }  // namespace
