@@ -5,6 +5,7 @@
 #include <csignal>
 #include <cstdio>
 #include <fstream>
+#include <sstream>
 #include <system_error>
 #include <utility>
 
@@ -34,6 +35,16 @@ void say(fmt::format_string<Arguments...> text, Arguments&&... arguments) {
   std::fflush(stderr);
 }
 
+// Whatever a message brings from elsewhere (a type name from the network, a word of another machine) steers
+// no terminal; a line of ours stays a line, and no line but the first looks like one that ontime begins.
+std::string lines_of(const std::string& text) {
+  std::istringstream lines(text);
+  std::string result;
+  for (std::string line; std::getline(lines, line);)
+    result += (result.empty() ? "" : "\n  ") + report::printable(line);
+  return result;
+}
+
 }  // namespace
 
 Terminal::Terminal() : interactive_(isatty(STDERR_FILENO) != 0) {}
@@ -45,14 +56,15 @@ void Terminal::clear_line() {
 
 void Terminal::note(const std::string& text) {
   clear_line();
-  say("ontime: {}\n", text);
+  say("ontime: {}\n", lines_of(text));
 }
 
 void Terminal::begins(const campaign::Run& run, std::size_t number, std::size_t of) {
   const auto count = of > 1 ? fmt::format("[{}/{}] ", number, of) : "";
   const auto repetition = run.repetition > 1 ? fmt::format(" ×{}", run.repetition) : "";
   const auto variant = run.variant.empty() ? "" : " " + run.variant;
-  head_ = fmt::format("{}{}{} {}{}", count, run.id, variant, run.task.transport, repetition);
+  head_ =
+      report::printable(fmt::format("{}{}{} {}{}", count, run.id, variant, run.task.transport, repetition));
   duration_ = run.task.client.duration;
   if (!interactive_) return;
   say("{} …", head_);
@@ -96,7 +108,7 @@ void print(const std::string& text) {
     throw campaign::Error(3, "standard output cannot be written: " + std::generic_category().message(errno));
 }
 
-void print_error(const std::string& text) { say("ontime: {}\n", text); }
+void print_error(const std::string& text) { say("ontime: {}\n", lines_of(text)); }
 
 void print_report(const record::Reader& reader, std::size_t known, report::Format format) {
   std::vector<statistics::Summary> summaries;
