@@ -298,18 +298,22 @@ TEST(Remarks, TellLossesApart) {
             "12");
 }
 
-TEST(Remarks, TellOfALinkThatDoesNotFit) {
-  const auto with = [](std::uint64_t packets, std::uint64_t bytes) {
+TEST(Remarks, TellOfOtherTrafficOnTheLink) {
+  const auto with = [](const char* interface, std::uint64_t bytes) {
     auto linked = outcome();
-    linked["hosts"]["component"]["link"] = {{"interface", "eth1"},
-                                            {"sent_bytes", bytes},
-                                            {"sent_packets", packets},
-                                            {"received_bytes", bytes},
-                                            {"received_packets", packets + 5}};
+    for (auto& host : linked["hosts"]) {
+      host["machine"]["boot_id"] = "b";
+      host["link"] = {{"interface", interface}, {"sent_bytes", bytes}, {"received_bytes", bytes}};
+    }
+    linked["hosts"]["component"]["link"]["interface"] = "lo";
     return render({summary(asked("a", "udp"), linked)}, Format::markdown);
   };
-  EXPECT_THAT(with(2010, 1'300'000), Not(HasSubstr("eth1")));
-  EXPECT_THAT(with(90'000, 80'000'000), HasSubstr("other traffic on eth1 on the component: 160.0 MB"));
+  EXPECT_THAT(with("lo", 1'300'000), Not(HasSubstr("other traffic")));
+  const auto text = with("lo", 80'000'000);
+  EXPECT_THAT(text, HasSubstr("other traffic on lo of the controller: 160 MB in all"));
+  EXPECT_THAT(text, Not(HasSubstr("of the component"))) << "it is the same";
+  EXPECT_THAT(with("eth1", 80'000'000),
+              AllOf(HasSubstr("eth1 of the controller"), HasSubstr("lo of the component")));
 }
 
 TEST(Remarks, TellNotesWithTheirMoment) {

@@ -239,7 +239,7 @@ TEST(Parts, OfSynchronisedClocksAreAsSureAsBothSay) {
   const auto clock = [](bool synchronised, const nlohmann::json& error_ns, std::int64_t offset_ns) {
     return nlohmann::json{{"clock",
                            {{"synchronised", synchronised},
-                            {"source", "ptp"},
+                            {"source", "chrony"},
                             {"error_ns", error_ns},
                             {"realtime_offset_ns", offset_ns}}}};
   };
@@ -262,6 +262,15 @@ TEST(Parts, OfSynchronisedClocksAreAsSureAsBothSay) {
   const auto contradicted = with(-6 * us, client, server);
   EXPECT_FALSE(contradicted.parts);
   EXPECT_THAT(contradicted.no_parts, AllOf(HasSubstr("±5.0 µs"), HasSubstr("-6.0")));
+  // By PTP each is off its grandmaster by so much: it must be the same one.
+  const auto by_ptp = [](nlohmann::json machine, const nlohmann::json& grandmaster) {
+    machine["clock"].update({{"source", "ptp"}, {"reference", grandmaster}});
+    return machine;
+  };
+  EXPECT_TRUE(with(12 * us, by_ptp(client, "a"), by_ptp(server, "a")).parts);
+  EXPECT_FALSE(with(12 * us, by_ptp(client, "a"), by_ptp(server, "b")).parts);
+  EXPECT_FALSE(with(12 * us, by_ptp(client, nullptr), by_ptp(server, nullptr)).parts);
+  EXPECT_FALSE(with(12 * us, by_ptp(client, "a"), server).parts);
   EXPECT_FALSE(with(12 * us, clock(false, 2000, 0), server).parts);
   EXPECT_FALSE(with(12 * us, client, clock(true, nullptr, 0)).parts);
   EXPECT_FALSE(with(12 * us, client, clock(true, -1, 0)).parts);

@@ -143,6 +143,7 @@ json asked(const Run& run) {
       {"schedule", roundtrip::word_of(client.schedule)},
       {"receive", agent::word_of(run.task.config.receive)},
       {"warm_up", client.warm_up},
+      {"count_instructions", run.task.count_instructions ? json(true) : json()},
       {"realtime", run.task.realtime.on},
       {"realtime_settings", run.task.realtime},
       {"qos", agent::to_json(run.task.config.qos)},

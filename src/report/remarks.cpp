@@ -37,18 +37,24 @@ std::string losses(const json& outcome, const char* key, const char* where) {
 constexpr std::uint64_t headers_bytes = 120;  // of a message, at most: Ethernet, IP, UDP, RTPS
 constexpr std::uint64_t much = 10;            // times what the messages take
 constexpr std::uint64_t little_bytes = 1 << 20;
-std::string oddness_of_link(const statistics::Summary& summary, const std::string& host) {
-  const auto& link = at(at(at(summary.run.outcome, "hosts"), host), "link");
-  if (!link.is_object()) return "";
-  const auto number = [&](const char* key) { return count(at(link, key)); };
-  const auto bytes = number("sent_bytes") + number("received_bytes");
+std::vector<std::string> other_traffic(const statistics::Summary& summary) {
+  const auto& hosts = at(summary.run.outcome, "hosts");
   const auto payload = std::min<std::uint64_t>(count(at(summary.run.asked, "payload_bytes")), 1 << 30);
   const auto expected = 2 * summary.sent * (payload + headers_bytes);
-  if (bytes / much > expected && bytes > little_bytes)
-    return fmt::format("other traffic on {} on the {}: {:.1f} MB in all, where these messages take {:.1f} MB",
-                       word(at(link, "interface")), host, static_cast<double>(bytes) / 1e6,
-                       static_cast<double>(expected) / 1e6);
-  return "";
+  std::vector<std::string> parts;
+  json seen;  // both ends of loopback are one interface
+  for (const auto* host : {"controller", "component"}) {
+    const auto& link = at(at(hosts, host), "link");
+    const auto bytes = count(at(link, "sent_bytes")) + count(at(link, "received_bytes"));
+    const json which = {at(link, "interface"), at(at(at(hosts, host), "machine"), "boot_id")};
+    if (bytes / much <= expected || bytes < little_bytes || which == seen) continue;
+    seen = which;
+    parts.push_back(
+        fmt::format("other traffic on {} of the {}: {:.0f} MB in all, where these messages take {:.1f} MB",
+                    word(at(link, "interface")), host, static_cast<double>(bytes) / 1e6,
+                    static_cast<double>(expected) / 1e6));
+  }
+  return parts;
 }
 
 // "at 3.2 s: the pong left".
@@ -100,8 +106,7 @@ std::string remarks(const statistics::Summary& summary) {
     parts.push_back("overwritten before they were read: " + text);
   if (const auto text = losses(outcome, "on_the_way", "to"); !text.empty())
     parts.push_back("lost on the way: " + text);
-  for (const auto* host : {"controller", "component"})
-    if (const auto text = oddness_of_link(summary, host); !text.empty()) parts.push_back(text);
+  for (const auto& text : other_traffic(summary)) parts.push_back(text);
   if (!summary.no_parts.empty()) parts.push_back(summary.no_parts);
   const struct {
     const char *key, *one, *several;

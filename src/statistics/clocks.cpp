@@ -9,6 +9,18 @@
 #include "statistics/member.hpp"
 
 namespace ontime::statistics {
+namespace {
+
+// By PTP a clock knows how far it is off its grandmaster, whose own time may be any; else, how far off UTC.
+bool have_one_reference(const nlohmann::json& client, const nlohmann::json& server) {
+  const auto &one = member(client, "clock"), &other = member(server, "clock");
+  if (member(one, "source") != "ptp" && member(other, "source") != "ptp") return true;
+  const auto grandmaster = text_of(member(one, "reference"));
+  return member(one, "source") == member(other, "source") && !grandmaster.empty() &&
+         grandmaster == text_of(member(other, "reference"));
+}
+
+}  // namespace
 
 std::optional<RoundTripParts::Clocks> RoundTripParts::clocks_of(const nlohmann::json& outcome) {
   const auto& hosts = member(outcome, "hosts");
@@ -16,6 +28,7 @@ std::optional<RoundTripParts::Clocks> RoundTripParts::clocks_of(const nlohmann::
   const auto& server = member(member(hosts, "component"), "machine");
   const auto boot = text_of(member(client, "boot_id"));
   if (!boot.empty() && boot == text_of(member(server, "boot_id"))) return Clocks{0, 0, true};
+  if (!have_one_reference(client, server)) return {};
   Clocks clocks{0, 0, false};
   for (const auto* machine : {&client, &server}) {
     const auto& clock = member(*machine, "clock");
