@@ -50,9 +50,11 @@ const char* wrong_in_topic(const std::string& name) {
 
 void check_topics(const Config& config, const std::string& transport) {
   for (const std::string& name : {config.ping_topic, config.pong_topic})
-    if (const char* const wrong = wrong_in_topic(name))
-      throw WrongInput(transport + ": \"" + name + "\" is not a topic: " + wrong +
-                       "; write it as ROS 2 does, such as /robot/ping");
+    if (const char* const wrong = wrong_in_topic(name)) {
+      std::string text = transport;
+      text.append(": \"").append(name).append("\" is not a topic: ").append(wrong);
+      throw WrongInput(text + "; write it as ROS 2 does, such as /robot/ping");
+    }
   if (config.ping_topic == config.pong_topic)
     throw WrongInput(transport + ": ping and pong have one topic, " + config.ping_topic +
                      "; each end would read what it writes");

@@ -81,7 +81,9 @@ std::string not_followed() {
 
 const Plugin& open(const fs::path& file) {
   void* object = dlopen(file.c_str(), RTLD_NOW | RTLD_LOCAL | RTLD_NODELETE);
-  if (object == nullptr) throw Error(fmt::format("transport {} does not load: {}", file.string(), dlerror()));
+  if (object == nullptr)
+    throw Error(fmt::format("transport {} does not load: {}", file.string(),
+                            dlerror()));  // NOLINT(concurrency-mt-unsafe): glibc's is a thread's own
   const auto* plugin = static_cast<const Plugin*>(dlsym(object, "ontime_transport"));
   if (plugin == nullptr)
     throw Error(fmt::format("{} is not an ontime transport: it exports no ontime_transport", file.string()));
@@ -103,6 +105,7 @@ const Plugin& load(const std::string& name) {
   }
   if (const auto file = in_ament_index(name)) return open(*file);
   std::vector<std::string> looked;
+  looked.reserve(folders.size());
   for (const auto& folder : folders) looked.push_back(folder.string());
   const auto others = available();
   throw Error(fmt::format("there is no transport '{}' here{}; there are: {}; looked in {}{}", name,

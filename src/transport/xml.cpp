@@ -55,10 +55,14 @@ std::string child_text(const Tree& tree, const std::string& element) {
 void refuse(const Document& document, std::initializer_list<Forbidden> forbidden, const std::string& who,
             const std::string& instead) {
   for_each_element(document.tree, [&](const std::string& name, const Tree& element) {
-    for (const Forbidden& one : forbidden)
-      if (iequals(name, one.element) && (one.only == nullptr || iequals(element.data(), one.only)))
-        throw WrongInput(who + ": " + document.origin + " has <" + one.element + ">, which " + one.does +
-                         "; an option may come from somebody else's scenario, so put that into " + instead);
+    for (const Forbidden& one : forbidden) {
+      if (!iequals(name, one.element) || (one.only != nullptr && !iequals(element.data(), one.only)))
+        continue;
+      std::string text = who;
+      text.append(": ").append(document.origin).append(" has <").append(one.element);
+      text.append(">, which ").append(one.does).append("; an option may come from somebody else's scenario");
+      throw WrongInput(text.append(", so put that into ").append(instead));
+    }
   });
 }
 

@@ -66,24 +66,23 @@ bool erase_ways_around_the_link(Tree& tree) {
   });
 }
 
+void append(Tree& to, const std::string& name, const Tree& content, Tree& profiles) {
+  if (name == "profiles")
+    std::copy_if(content.begin(), content.end(), std::back_inserter(profiles),
+                 [](const auto& profile) { return profile.first != "<xmlattr>"; });
+  else if (name != "<xmlattr>" && name != "library_settings")
+    to.push_back({name, content});
+}
+
 // All documents as one: of several <profiles> in a document Fast DDS would load the first alone.
 Tree merged(const std::vector<Document>& documents) {
   Tree dds, profiles;
   for (const Document& document : documents)
-    for (const auto& [root, content] : document.tree) {
-      const Tree alone = [&] {
-        Tree tree;
-        tree.push_back({root, content});
-        return tree;
-      }();
-      for (const auto& [name, part] : root == "dds" ? content : alone) {
-        if (name == "profiles")
-          std::copy_if(part.begin(), part.end(), std::back_inserter(profiles),
-                       [](const auto& profile) { return profile.first != "<xmlattr>"; });
-        else if (name != "<xmlattr>" && name != "library_settings")
-          dds.push_back({name, part});
-      }
-    }
+    for (const auto& [root, content] : document.tree)
+      if (root == "dds")
+        for (const auto& [name, part] : content) append(dds, name, part, profiles);
+      else
+        append(dds, root, content, profiles);
   dds.push_back({"profiles", profiles});
   dds.put("library_settings.intraprocess_delivery", "OFF");
   return dds;
