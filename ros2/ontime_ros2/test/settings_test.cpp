@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // What the environment says to ROS 2 and its middlewares: done, or refused in words that say what to do.
+#include <cstdlib>
 #include <filesystem>
 #include <fstream>
 #include <string>
@@ -50,6 +51,20 @@ TEST(Rmw, OtherThanTheAssertedOneIsRefused) {
       AllOf(HasSubstr("RCL_ASSERT_RMW_ID_MATCHES wants the RMW rmw_cyclonedds_cpp"),
             HasSubstr("rmw_fastrtps_cpp is what loaded"), HasSubstr("--option rmw=rmw_cyclonedds_cpp")));
   EXPECT_EQ(error_of(config_of(Role::client, {{"rmw", "rmw_cyclonedds_cpp"}}), assert_cyclone), "");
+}
+
+TEST(Rmw, ThatIsInstalledAndDoesNotLoadIsSaid) {
+  const auto prefix =
+      std::filesystem::path(testing::TempDir()) / ("ontime_ros2_rmw_" + std::to_string(getpid()));
+  const auto index = prefix / "share/ament_index/resource_index/rmw_typesupport";
+  std::filesystem::create_directories(index);
+  const char* const prefixes = std::getenv("AMENT_PREFIX_PATH");  // NOLINT(concurrency-mt-unsafe)
+  ASSERT_NE(prefixes, nullptr);
+  std::ofstream(index / "rmw_half_installed_cpp") << "\n";
+  EXPECT_THAT(error_of(config_of(Role::client, {{"rmw", "rmw_half_installed_cpp"}}),
+                       [&] { set("AMENT_PREFIX_PATH", prefix.string() + ":" + prefixes); }),
+              AllOf(HasSubstr("rmw_half_installed_cpp does not load"), HasSubstr("setup.bash")));
+  std::filesystem::remove_all(prefix);
 }
 
 TEST(CycloneDds, SaysWhatIsWrongInTheUsersXml) {

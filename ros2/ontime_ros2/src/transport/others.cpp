@@ -61,11 +61,11 @@ std::string other_types(const rclcpp::Node& node, const std::string& topic) {
   const auto topics = node.get_topic_names_and_types();
   const auto found = topics.find(topic);
   if (found == topics.end()) return {};
-  for (const std::string& other : found->second)
-    if (other != type)
-      return "somebody has " + topic + " with type " + other + ", we have " + type +
-             "; build both ends with the same ontime_msgs";
-  return {};
+  const auto other = std::find_if(found->second.begin(), found->second.end(),
+                                  [](const std::string& name) { return name != type; });
+  if (other == found->second.end()) return {};
+  return "somebody has " + topic + " with type " + *other + ", we have " + type +
+         "; build both ends with the same ontime_msgs";
 }
 
 }  // namespace

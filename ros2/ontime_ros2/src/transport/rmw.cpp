@@ -80,8 +80,8 @@ std::string load_rmw(const std::string& asked) {
   std::string why_not;
   std::string loaded = loaded_rmw(why_not);
   if (loaded.empty())
-    throw Error("ros2: " + (chosen.empty() ? "no RMW" : "the RMW " + chosen) + " loads: " + why_not +
-                "; source the setup.bash of the ROS 2 that it was built in");
+    throw Error("ros2: " + (chosen.empty() ? "no RMW loads" : "the RMW " + chosen + " does not load") + ": " +
+                why_not + "; source the setup.bash of the ROS 2 that it was built in");
   if (!chosen.empty() && loaded != chosen)
     throw Error("ros2: the RMW " + chosen + " was asked for, and " + loaded +
                 " is what loaded; a process keeps its first one");
