@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Hands a client's samples over while it measures, and is heard as little as can be: its thread runs when
-// nobody else wants the CPU, looks twice a second, and sends nothing that may as well wait. A schedule with a
+// Hands a client's samples over while it measures, and is heard as little as can be: its thread weighs
+// a tenth of others, looks twice a second, and sends nothing that may as well wait. A schedule with a
 // period hands over what half a second brought, so that a killed agent takes no more with it; back-to-back,
 // whose samples come as fast as they can and are felt by what they measure, only when the ring is half full.
 #pragma once
