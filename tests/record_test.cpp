@@ -190,6 +190,7 @@ void expect_same_notes(const std::vector<Note>& found, const std::vector<Note>& 
     std::vector<
         std::tuple<std::string, std::string, std::optional<std::int64_t>, std::optional<std::uint64_t>>>
         tuples;
+    tuples.reserve(notes.size());
     for (const auto& n : notes) tuples.emplace_back(n.kind, n.text, n.at_ns, n.message);
     return tuples;
   };

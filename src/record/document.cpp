@@ -40,7 +40,9 @@ json canonical(const json& value) {
   auto result = json::object();
   for (const auto& [name, member] : value.items()) {
     auto kept = canonical(member);
-    if (!kept.empty() && kept != "") result[name] = std::move(kept);
+    const bool says_nothing =
+        kept.is_string() ? kept.get_ref<const std::string&>().empty() : kept.empty();  // null is, 0 is not
+    if (!says_nothing) result[name] = std::move(kept);
   }
   return result;
 }

@@ -47,9 +47,9 @@ struct Note {
   std::optional<std::uint64_t> message;  // its index
 };
 
-// What waits for the disk does so on a thread of the Writer's own. begin_run(), end_run(), flush() and the
-// destructor wait for it; append() and note() of a run under way do not, however long the disk stalls (or
-// until four million samples wait). They throw what became of what was appended before.
+// What waits for the disk does so on a thread of the Writer's own. begin_run(), end_run(), flush(), reader()
+// and the destructor wait for it; append() and note() of a run under way do not, however long the disk stalls
+// (or until four million samples wait). They throw what became of what was appended before.
 class Writer {
  public:
   // Creates the file, or adds runs to one that is there; one of an older format becomes one of this. An empty
@@ -63,14 +63,15 @@ class Writer {
   std::int64_t begin_run(const nlohmann::json& asked);
   // In order of index; one that is there already is replaced (a message given up as lost, whose answer was in
   // time after all). Durable against kill -9 once flush() has returned, or a second has passed in which the
-  // disk did not stall. Throws for a sample with times that cannot be: beyond ±2^60 ns, or lost and answered
-  // at once.
+  // disk did not stall. Throws for a sample with times that cannot be: beyond ±2^60 ns, or with an answer
+  // and lost.
   void append(std::int64_t run, std::span<const roundtrip::Sample> samples);
   void note(std::int64_t run, const Note&);  // also of a run that has ended
   void end_run(std::int64_t run, const nlohmann::json& outcome);
   void flush();
 
-  class Reader reader();  // of what has been flushed; for a temporary file the only way to it
+  // Of what was appended before, which it flushes; for a temporary file the only way to it.
+  class Reader reader();
 
  private:
   class Thread;

@@ -210,6 +210,9 @@ void Writer::flush() {
   thread_->ask([](Database&) {});
 }
 
-Reader Writer::reader() { return thread_->reader(); }
+Reader Writer::reader() {
+  flush();
+  return thread_->reader();
+}
 
 }  // namespace ontime::record
