@@ -179,7 +179,7 @@ TEST(Interfaces, LoopbackIsOneAndNoNameComesTwice) {
 // --- the clock
 
 TEST(Clock, IsAsDescribed) {
-  const auto clock = describe()["clock"];
+  const auto clock = clock_state();
   for (const auto* key : {"synchronised", "source", "error_ns", "reference", "realtime_offset_ns"})
     EXPECT_TRUE(clock.contains(key)) << key;
   EXPECT_EQ(clock["synchronised"], !clock["source"].is_null());

@@ -14,6 +14,7 @@
 #include <unistd.h>
 
 #include "machine/command.hpp"
+#include "machine/machine.hpp"
 #include "machine/proc.hpp"
 
 namespace ontime::machine {
@@ -127,7 +128,7 @@ std::optional<Synchronisation> parse_ptp(const std::string& text) {
   return Synchronisation{true, whole_ns(std::abs(*offset_ns) + *delay_ns), std::move(grandmaster)};
 }
 
-json clock_now() {
+json clock_state() {
   const auto kernel = of_kernel();
   // ptp4l may set the network card's clock alone; whoever takes this one from there tells the kernel.
   const auto ptp = kernel.synchronised ? of_ptp() : std::nullopt;

@@ -6,8 +6,6 @@
 #include <optional>
 #include <string>
 
-#include <nlohmann/json.hpp>
-
 namespace ontime::machine {
 
 struct Synchronisation {
@@ -21,8 +19,5 @@ std::optional<Synchronisation> parse_chrony(const std::string& text);
 // Of what `pmc` says to GET CURRENT_DATA_SET and GET PARENT_DATA_SET: of a grandmaster, too, whose own time
 // it is.
 std::optional<Synchronisation> parse_ptp(const std::string& text);
-
-// "clock" of describe().
-nlohmann::json clock_now();
 
 }  // namespace ontime::machine

@@ -8,7 +8,6 @@
 #include <sys/utsname.h>
 #include <unistd.h>
 
-#include "machine/clock.hpp"
 #include "machine/machine.hpp"
 #include "machine/proc.hpp"
 
@@ -103,7 +102,7 @@ json describe() {
       {"rt_period_us", or_null(number(text_of("/proc/sys/kernel/sched_rt_period_us")))},
       {"autogroup", autogroup ? json(*autogroup != 0) : json(nullptr)},
       {"boot_id", or_null(word(text_of("/proc/sys/kernel/random/boot_id")))},
-      {"clock", clock_now()},
+      {"clock", clock_state()},
       {"cpu_model", or_null(cpu_model())},
       {"cpu_count", sysconf(_SC_NPROCESSORS_ONLN)},
       {"isolated_cpus", isolated ? json(word(isolated).value_or("")) : json(nullptr)},

@@ -23,13 +23,16 @@ struct Error : std::runtime_error {
 
 // Provenance: hostname, kernel (release and version), cpu model and count, governor, preemption model,
 // rt_runtime_us / rt_period_us (RT throttling), autogroup, clocksource, limits (rtprio, memlock, cgroup
-// memory), memory_bytes, boot_id (the same for all that share this kernel), and clock: {"synchronised",
-// "source": "ptp", "chrony" or "kernel", "error_ns": how far CLOCK_REALTIME is off at most by what the source
-// knows, "reference": whose time it is (of PTP the grandmaster, which may be this machine; two of different
-// grandmasters have nothing in common), "realtime_offset_ns": CLOCK_REALTIME - CLOCK_MONOTONIC}. What cannot
-// be read is null, never guessed. Asks chronyc and pmc where there are such: a second at the worst, so not
-// during a measurement.
+// memory), memory_bytes, boot_id (the same for all that share this kernel), and clock: clock_state(). What
+// cannot be read is null, never guessed.
 nlohmann::json describe();
+
+// {"synchronised", "source": "ptp", "chrony" or "kernel", "error_ns": how far CLOCK_REALTIME is off at most
+// by what the source knows, "reference": whose time it is (of PTP the grandmaster, which may be this machine;
+// two of different grandmasters have nothing in common), "realtime_offset_ns": CLOCK_REALTIME -
+// CLOCK_MONOTONIC, which drifts}. Asks chronyc and pmc where there are such: a second at the worst, so not
+// during a measurement.
+nlohmann::json clock_state();
 
 // How busy the machine was between two moments: from /proc/stat and /proc/pressure.
 struct Activity {
