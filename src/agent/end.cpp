@@ -50,7 +50,7 @@ void check(const transport::Plugin& plugin, const Task& task) {
                 fmt::format("transport {} cannot receive by {}", plugin.name, word_of(task.config.receive)));
   for (const auto& [name, value] : task.config.options) {
     const bool known = std::any_of(plugin.options.begin(), plugin.options.end(),
-                                   [&](const auto& option) { return name == option.name; });
+                                   [&asked = name](const auto& option) { return asked == option.name; });
     if (known) continue;
     std::vector<std::string> others;
     for (const auto& option : plugin.options)
