@@ -101,6 +101,11 @@ json End::opened() {
 void End::set_threads() {
   for (const auto& thread : threads()) {
     if (!task_.realtime.on || !set_.insert(thread.tid).second) continue;
+    if (thread.role == "unknown") {
+      refuse({{"settings for thread " + thread.name, "what it is for cannot be told from outside",
+               "let the kernel tell: permit by limits, not by file capabilities (docs/realtime.md)"}});
+      continue;
+    }
     auto settings = task_.realtime.threads.find(thread.role);
     if (settings == task_.realtime.threads.end()) settings = task_.realtime.threads.find("other");
     if (settings == task_.realtime.threads.end()) continue;

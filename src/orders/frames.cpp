@@ -20,6 +20,7 @@ constexpr std::size_t header_bytes = 8;
 constexpr std::size_t largest_message = std::size_t{16} << 20;
 constexpr std::size_t largest_bytes = std::size_t{64} << 20;
 constexpr int deepest = 32;
+constexpr std::size_t kept = std::size_t{1} << 20;  // of what has been taken: moving the rest costs, too
 constexpr const char* foreign = "the other end does not speak ontime's orders";
 constexpr const char* gone = "the other end of the pipe is gone";
 
@@ -74,8 +75,8 @@ std::optional<Frame> Decoder::take() {
   const auto raw = there.subspan(header_bytes + message_bytes, raw_bytes);
   frame.bytes.assign(raw.begin(), raw.end());
   begin_ += whole;
-  if (begin_ == buffer_.size()) {
-    buffer_.clear();
+  if (begin_ == buffer_.size() || begin_ > kept) {
+    buffer_.erase(buffer_.begin(), buffer_.begin() + static_cast<std::ptrdiff_t>(begin_));
     begin_ = 0;
   }
   return frame;
