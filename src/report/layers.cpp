@@ -88,6 +88,7 @@ std::vector<std::string> missing(const Layers& layers) {
     ids[reason].push_back(word(id));
   }
   std::vector<std::string> notes;
+  notes.reserve(reasons.size());
   for (const auto& reason : reasons)
     notes.push_back("Not measured: " + join(ids[reason], ", ") + (reason.empty() ? "" : ": " + word(reason)));
   return notes;
