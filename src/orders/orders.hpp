@@ -3,9 +3,9 @@
 // the other end of a pipe, here or (through ssh) elsewhere. Ordinary threads only.
 //
 // An order is a frame whose message has "order", an event one that has "event". A worker's first event is
-// hello {role, version, samples, boot_id, pid}; when it cannot go on its last is failed {exit, message}. While
-// neither has anything to say both say "beat" once a second: who is silent for longest_silence is given up,
-// by its name, and a worker that is alone gives back what it changed and leaves.
+// hello {role, version, samples, boot_id, pid}; when it cannot go on its last is failed {exit, message}.
+// While neither has anything to say both say "beat" once a second: who is silent for longest_silence is given
+// up, by its name, and a worker that is alone gives back what it changed and leaves.
 #pragma once
 
 #include <atomic>

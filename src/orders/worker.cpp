@@ -124,8 +124,11 @@ int serve(const std::string& role, const std::string& samples,
     std::unique_ptr<Worker> worker;
     try {
       pipe.tell("hello",
-                {{"role", role}, {"version", ONTIME_VERSION}, {"samples", samples}, {"boot_id", boot_id()},
-                         {"pid", getpid()}},
+                {{"role", role},
+                 {"version", ONTIME_VERSION},
+                 {"samples", samples},
+                 {"boot_id", boot_id()},
+                 {"pid", getpid()}},
                 {});
       worker = make(pipe);
       obey_all(pipe, *worker);
