@@ -170,12 +170,10 @@ Cost cost(const Candidate& layer, const Candidate* base, const Value& value) {
     const auto here = value(*run);
     if (!here) continue;
     totals.push_back(*here);
-    const auto below = base == nullptr ? nullptr : [&]() -> const Summary* {
-      const auto found = base->runs.find(repetition);
-      return found == base->runs.end() ? nullptr : found->second;
-    }();
-    if (below == nullptr) continue;
-    if (const auto there = value(*below)) differences.push_back(*here - *there);
+    if (base == nullptr) continue;
+    const auto below = base->runs.find(repetition);
+    if (below == base->runs.end()) continue;
+    if (const auto there = value(*below->second)) differences.push_back(*here - *there);
   }
   return {estimate(totals), estimate(differences)};
 }
