@@ -198,8 +198,10 @@ def second_by_second(results, most):
         for at, time_us in file.execute("SELECT intended_s, round_trip_us FROM message "
                                         "WHERE round_trip_us IS NOT NULL ORDER BY message"):
             seconds.setdefault(int(at), []).append(time_us)
-    # The last one is not whole.
-    each = [quantiles_of(times[:most]) for _, times in sorted(seconds.items())[:-1]]
+    *whole, _ = sorted(seconds.items())  # the last one is not
+    if not whole:
+        raise Cannot("a run of less than two seconds has no whole second to set beside ddsperf's; give --seconds 2 or more")
+    each = [quantiles_of(times[:most]) for _, times in whole]
     return {name: statistics.median(one[name] for one in each) for name in QUANTILES}
 
 
