@@ -10,6 +10,7 @@
 
 #include "machine/machine.hpp"
 #include "orders/orders.hpp"
+#include "own_run.hpp"
 
 namespace ontime::keeper {
 namespace {
@@ -19,12 +20,35 @@ using nlohmann::json;
 using orders::Coordinator;
 using testing::HasSubstr;
 
+// Nobody else's folders are in it.
+class OwnTemporary {
+ public:
+  OwnTemporary() {
+    EXPECT_NE(mkdtemp(path_.data()), nullptr);
+    test::set("TMPDIR", path_);
+  }
+  ~OwnTemporary() { std::filesystem::remove_all(path_); }
+  OwnTemporary(const OwnTemporary&) = delete;
+  OwnTemporary& operator=(const OwnTemporary&) = delete;
+  const std::string& path() const { return path_; }
+
+ private:
+  std::string path_ = "/tmp/ontime-keeper-test-XXXXXX";
+};
+
 class Keeper : public testing::Test {
  protected:
   json ask(const std::string& order, const std::string& answer, json body = json::object()) {
     keeper_.order(order, std::move(body));
     return coordinator_.await(keeper_, answer, 60s);
   }
+  int folders_of_stress() const {
+    int folders = 0;
+    for (const auto& entry : std::filesystem::directory_iterator(temporary_.path()))
+      folders += entry.path().filename().string().starts_with("ontime-stress-") ? 1 : 0;
+    return folders;
+  }
+  const OwnTemporary temporary_;
   orders::Interrupts interrupts_{0};
   Coordinator coordinator_{interrupts_};
   Coordinator::Hand keeper_{coordinator_, "the keeper", {orders::this_program(), "keeper"}, ""};
@@ -45,8 +69,10 @@ TEST_F(Keeper, LoadsForEachHostByItself) {
   ask("load", "loaded", {{"host", "component"}, {"load", to_json({.cpu = 1})}});
   ask("begin", "begun");
   EXPECT_EQ(ask("end", "ended").at("load_running"), json({{"controller", true}, {"component", true}}));
-  ask("unload", "unloaded");
+  EXPECT_EQ(folders_of_stress(), 2);
+  EXPECT_TRUE(ask("unload", "unloaded").at("notes").empty());
   EXPECT_TRUE(ask("end", "ended").at("load_running").empty());
+  EXPECT_EQ(folders_of_stress(), 0) << "however many runs a suite has, its journal holds what there is";
 }
 
 TEST_F(Keeper, SaysWhatItCannot) {
@@ -80,5 +106,6 @@ int main(int argc, char** argv) {
   if (argc > 1 && std::string_view(argv[1]) == "keeper") return ontime::keeper::serve();
   ontime::orders::on_termination([](int) { _exit(130); });
   testing::InitGoogleTest(&argc, argv);
+  testing::AddGlobalTestEnvironment(new ontime::test::OwnRun);
   return RUN_ALL_TESTS();
 }

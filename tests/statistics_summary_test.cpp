@@ -159,6 +159,8 @@ TEST(Summary, CyclesAfterTheLastMessageCountToo) {
   EXPECT_EQ(nothing_sent.sent, 0u);
   EXPECT_EQ(nothing_sent.skipped_cycles, 40u);
   EXPECT_EQ(nothing_sent.response.count, 40u);
+  EXPECT_EQ(nothing_sent.start_ns, 20 * ms) << "when the first of them was due";
+  EXPECT_EQ(nothing_sent.shape.slices.size(), 4u);
 
   const auto then_lost = summary_of({answered(0, 0, 0, us), lost(1, 10 * ms, 5)}, asked_next_free);
   EXPECT_EQ(then_lost.response.max, 550 * ms + 51 * us) << "until the message was given up";

@@ -21,7 +21,7 @@ using orders::Error;
 using std::chrono::milliseconds;
 using Clock = std::chrono::steady_clock;
 
-constexpr auto progress_period = 500ms;
+constexpr auto progress_period = 1s;
 
 class Agent final : public orders::Worker {
  public:

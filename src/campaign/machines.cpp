@@ -93,7 +93,9 @@ void Machines::load(const Run& run) {
     }
 }
 
-void Machines::unload() { all("unload", "unloaded"); }
+void Machines::unload() {
+  for (auto& [reach, machine] : machines_) tell(ask(machine, "unload", "unloaded").at("notes"));
+}
 void Machines::begin() { all("begin", "begun"); }
 
 Machines::Account Machines::end() {

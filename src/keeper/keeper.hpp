@@ -7,7 +7,7 @@
 //   open   {}             opened {machine, notes}: what it is; what was given back of earlier ontimes
 //   join   {}             joined {controller, component}: two namespaces, each {place, interface, address}
 //   load   {host, load}   loaded {}: stress-ng for a host of that name, until unload
-//   unload {}             unloaded {}
+//   unload {}             unloaded {notes}: what of the load could not be given back
 //   begin  {}             begun {}: "during the run" is from here on
 //   end    {}             ended {conditions, load_running {host: bool}}
 //   close  {}             closed {notes}: what could not be given back

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <map>
 #include <memory>
+#include <utility>
 
 #include <fmt/format.h>
 
@@ -35,8 +36,7 @@ class Keeper final : public orders::Worker {
       load(body.at("host"), workers_of(body.at("load")));
       events_.tell("loaded");
     } else if (order == "unload") {
-      running_.clear();
-      events_.tell("unloaded");
+      events_.tell("unloaded", {{"notes", unload()}});
     } else if (order == "begin") {
       activity_ = machine::activity();
       events_.tell("begun");
@@ -44,7 +44,7 @@ class Keeper final : public orders::Worker {
       events_.tell("ended", {{"conditions", machine::between(activity_, machine::activity())},
                              {"load_running", load_running()}});
     } else if (order == "close") {
-      running_.clear();
+      loads_.clear();
       events_.tell("closed", {{"notes", journal_.revert()}});
     } else {
       throw orders::Error(3, "there is no order '" + order + "'");
@@ -54,7 +54,7 @@ class Keeper final : public orders::Worker {
   std::chrono::milliseconds go_on() override { return 500ms; }
 
   void give_back() noexcept override {
-    running_.clear();
+    loads_.clear();
     journal_.revert();
     try {
       journal::revert_abandoned();
@@ -64,20 +64,36 @@ class Keeper final : public orders::Worker {
   }
 
  private:
+  struct Load {
+    std::string directory;
+    std::unique_ptr<background::Background> running;
+  };
+
   void load(const std::string& host, const background::Workers& workers) {
-    running_[host] = background::stress(workers, journal::add_directory(journal_, "stress"));
+    const auto directory = journal::add_directory(journal_, "stress");
+    loads_[host] = {directory, background::stress(workers, directory)};
+  }
+
+  // A suite has many runs, and the journal holds only what there is.
+  std::vector<std::string> unload() {
+    std::vector<std::string> notes;
+    for (auto& [host, load] : std::exchange(loads_, {})) {
+      load.running.reset();
+      const auto left = journal::remove_directory(journal_, load.directory);
+      notes.insert(notes.end(), left.begin(), left.end());
+    }
+    return notes;
   }
 
   json load_running() {
     auto running = json::object();
-    for (const auto& [host, load] : running_) running[host] = load->running();
+    for (const auto& [host, load] : loads_) running[host] = load.running->running();
     return running;
   }
 
   orders::Events& events_;
   journal::Journal journal_;
-  std::map<std::string, std::unique_ptr<background::Background>>
-      running_;  // by host; ends before the journal
+  std::map<std::string, Load> loads_;  // by host; they end before the journal
   machine::Activity activity_;
 };
 

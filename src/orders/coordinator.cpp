@@ -13,6 +13,7 @@ namespace {
 using namespace std::chrono_literals;
 using nlohmann::json;
 
+constexpr auto look = 500ms;              // for interruptions, and whether it is done
 constexpr auto patience_for_hello = 60s;  // a machine under full load, a slow ssh
 
 }  // namespace
@@ -25,7 +26,11 @@ Coordinator::Coordinator(Interrupts& interrupts) : interrupts_(interrupts), beat
 }
 
 Coordinator::~Coordinator() {
-  over_ = true;
+  {
+    const std::lock_guard lock(mutex_);
+    over_ = true;
+  }
+  wake_.notify_all();
   beating_.join();
 }
 
@@ -71,17 +76,22 @@ void Coordinator::Hand::order(const std::string& order, json body) {
 
 void Coordinator::listen(Hand& hand) {
   auto& frames = hand.process_->frames();
-  bool ended = false;
-  try {
-    while (frames.fill()) hand.heard_ = Clock::now();
-  } catch (const Broken&) {
-    ended = true;  // what it said before is heard first
-  }
-  try {
-    while (const auto frame = frames.take()) dispatch(hand, *frame);
-  } catch (const Broken& broken) {
-    lose(hand);
-    throw Error(3, fmt::format("{}: {}", hand.name_, broken.what()));
+  bool more = true, ended = false;
+  while (more) {
+    try {
+      more = frames.fill();
+    } catch (const Broken&) {
+      more = false;
+      ended = true;  // what it said before is heard first
+    }
+    if (more) hand.heard_ = Clock::now();
+    // At each turn, so that who says much at once does not fill our memory.
+    try {
+      while (const auto frame = frames.take()) dispatch(hand, *frame);
+    } catch (const Broken& broken) {
+      lose(hand);
+      throw Error(3, fmt::format("{}: {}", hand.name_, broken.what()));
+    }
   }
   if (!ended) return;
   lose(hand);
@@ -152,7 +162,7 @@ json Coordinator::await(Hand& hand, const std::string& event, std::chrono::milli
     if (Clock::now() > end)
       throw Error(3, fmt::format("{} did not come to '{}' within {} s", hand.name_, event,
                                  std::chrono::duration_cast<std::chrono::seconds>(patience).count()));
-    turn(100ms);
+    turn(look);
   }
   return *std::exchange(answer_, std::nullopt);
 }
@@ -160,7 +170,7 @@ json Coordinator::await(Hand& hand, const std::string& event, std::chrono::milli
 void Coordinator::until(const std::function<bool()>& done, int tolerated) {
   while (!done()) {
     if (interrupts_ > tolerated) throw Interrupted{};
-    turn(100ms);
+    turn(look);
   }
 }
 
@@ -172,10 +182,8 @@ void Coordinator::drain() noexcept {
 }
 
 void Coordinator::beat() {
-  for (auto next = Clock::now(); !over_; std::this_thread::sleep_for(50ms)) {
-    if (Clock::now() < next) continue;
-    next = Clock::now() + beat_period;
-    const std::lock_guard lock(mutex_);
+  std::unique_lock lock(mutex_);
+  while (!wake_.wait_for(lock, beat_period, [this] { return over_; })) {
     for (auto* hand : hands_) try {
         hand->process_->frames().send({{"order", "beat"}});
       } catch (const Broken&) {  // the loop will find so

@@ -4,12 +4,13 @@
 //
 // An order is a frame whose message has "order", an event one that has "event". A worker's first event is
 // hello {role, version, samples, boot_id, pid}; when it cannot go on its last is failed {exit, message}.
-// While neither has anything to say both say "beat" once a second: who is silent for longest_silence is given
-// up, by its name, and a worker that is alone gives back what it changed and leaves.
+// While neither has anything to say both say "beat" now and then (beat_period): who is silent for
+// longest_silence is given up, by its name, and a worker that is alone gives back what it changed and leaves.
 #pragma once
 
 #include <atomic>
 #include <chrono>
+#include <condition_variable>
 #include <functional>
 #include <map>
 #include <memory>
@@ -35,7 +36,7 @@ struct Error : std::runtime_error {
 };
 
 inline constexpr std::chrono::seconds longest_silence{10};
-inline constexpr std::chrono::seconds beat_period{1};
+inline constexpr std::chrono::seconds beat_period{3};  // seldom, for each beat is felt by what is measured
 
 // Calls `handler` on SIGINT, SIGTERM and SIGHUP; but those that whoever started us had ignored (nohup, a
 // shell's &) stay ignored. SIGPIPE is ignored: a pipe's end shows where it is written.
@@ -144,7 +145,8 @@ class Coordinator {
   Hand* awaited_ = nullptr;
   std::string awaited_event_;
   std::optional<nlohmann::json> answer_;
-  std::atomic<bool> over_{false};
+  std::condition_variable wake_;
+  bool over_ = false;
   std::thread beating_;
 };
 

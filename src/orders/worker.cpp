@@ -78,7 +78,7 @@ void obey_all(Pipe& pipe, Worker& worker) {
   auto heard = Clock::now();
   std::optional<Clock::time_point> terminated;
   while (true) {
-    const auto alone = std::min(worker.go_on(), std::chrono::milliseconds(500));
+    const auto alone = std::min(worker.go_on(), std::chrono::milliseconds(1000));
     pollfd waiting{frames.in(), POLLIN, 0};
     poll(&waiting, 1, static_cast<int>(alone.count()));
     while (frames.fill()) heard = Clock::now();

@@ -114,9 +114,10 @@ std::int64_t Database::begin_run(const std::string& asked, const std::string& ke
 void Database::add(const Batch& batch) {
   std::map<std::int64_t, std::int64_t> starts;
   commit([&] {
-    for (const auto& [run, samples] : batch.samples) {
-      const auto start_ns = starts[run] = start_of(run, samples.front());
-      for (const auto& sample : samples) add(run, start_ns, sample);
+    for (const auto& [run, pieces] : batch.samples) {
+      const auto start_ns = starts[run] = start_of(run, pieces.front().front());
+      for (const auto& piece : pieces)
+        for (const auto& sample : piece) add(run, start_ns, sample);
     }
     for (const auto& [run, note] : batch.notes) add(run, note);
   });

@@ -3,6 +3,7 @@
 #pragma once
 
 #include <cstdint>
+#include <deque>
 #include <map>
 #include <memory>
 #include <optional>
@@ -15,9 +16,9 @@
 
 namespace ontime::record {
 
-// What is to be added, each with its run.
+// What is to be added, each with its run. In pieces as they came: none is empty, and no growing moves them.
 struct Batch {
-  std::map<std::int64_t, std::vector<roundtrip::Sample>> samples;
+  std::map<std::int64_t, std::deque<std::vector<roundtrip::Sample>>> samples;
   std::vector<std::pair<std::int64_t, Note>> notes;
 };
 

@@ -182,10 +182,8 @@ void Writer::append(std::int64_t run, std::span<const roundtrip::Sample> samples
       refuse(thread_->name(),
              fmt::format("message {} of run {} is to have times that cannot be", sample.index, run));
   if (samples.empty()) return;
-  thread_->hand_over(samples.size(), [&](Batch& batch) {
-    auto& appended = batch.samples[run];
-    appended.insert(appended.end(), samples.begin(), samples.end());
-  });
+  thread_->hand_over(samples.size(),
+                     [&](Batch& batch) { batch.samples[run].emplace_back(samples.begin(), samples.end()); });
 }
 
 void Writer::note(std::int64_t run, const Note& note) {

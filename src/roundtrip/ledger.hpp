@@ -47,6 +47,10 @@ class Ledger {
   bool arrived(std::uint64_t index, std::int64_t at_ns, std::optional<message::ServerTimes> server) noexcept;
   void stray() noexcept { count(strays_); }
 
+  // Any thread. From when on a message that is in flight is beyond its time-out.
+  std::int64_t lost_from_ns(std::uint64_t index) noexcept {
+    return slot(index).sent_ns.load(std::memory_order_relaxed) + timeout_ns_ + 1;
+  }
   // Any thread. True if the message was in flight beyond its time-out, and this call gave it up.
   bool expire(std::uint64_t index, std::int64_t now_ns) noexcept;
 
