@@ -4,7 +4,9 @@
 #include <algorithm>
 #include <utility>
 
+#include "statistics/bursts.hpp"
 #include "statistics/clocks.hpp"
+#include "statistics/course.hpp"
 #include "statistics/member.hpp"
 #include "statistics/shape.hpp"
 #include "statistics/values.hpp"
@@ -34,7 +36,8 @@ class Pass {
         has_cycles_(member(asked_, "schedule") != "back-to-back"),
         parts_(summary.run.outcome),
         timeline_(start_ns, positive_ns(member(asked_, "duration_s"), 1e9)),
-        worst_(timeout_ns_) {}
+        worst_(timeout_ns_),
+        misses_(timeout_ns_) {}
 
   void message(const Sample& sample) {
     ++summary_.sent;
@@ -45,6 +48,9 @@ class Pass {
     if (sample.skipped_cycles > 0) skip(skipped_before(sample));
     timeline_.message(sample);
     worst_.message(sample);
+    misses_.message(sample);
+    if (summary_.sent == 1) first_due_ns_ = sample.due_ns;
+    last_due_ns_ = sample.due_ns;
     if (sample.fate == Fate::lost) {
       ++summary_.lost;
       waited_until_ns_ = nth_after(sample.sent_ns, timeout_ns_.value_or(0), 1);
@@ -52,8 +58,12 @@ class Pass {
     }
     ++(sample.fate == Fate::late ? summary_.late : summary_.on_time);
     answer_waiting(sample.received_ns);
-    response_.add(between(sample.due_ns, sample.received_ns));
-    round_trip_.add(between(sample.sent_ns, sample.received_ns));
+    const auto response_ns = between(sample.due_ns, sample.received_ns);
+    response_.add(response_ns);
+    response_course_.add(response_ns);
+    const auto round_trip_ns = between(sample.sent_ns, sample.received_ns);
+    round_trip_.add(round_trip_ns);
+    round_trip_course_.add(round_trip_ns);
     if (sample.server_received_ns == 0 || sample.server_sent_ns == 0) return;
     server_.add(between(sample.server_received_ns, sample.server_sent_ns));
     parts_.message(sample);
@@ -76,8 +86,19 @@ class Pass {
     Ranks round_trips(std::move(round_trip_)), responses(std::move(response_));
     summary_.round_trip = round_trips.distribution();
     summary_.response = responses.distribution();
-    if (const auto deadline_ns = positive_ns(member(asked_, "deadline_us"), 1e3))
+    summary_.round_trip_certainty = certainty(round_trip_course_, round_trips, summary_.round_trip);
+    summary_.response_certainty = certainty(response_course_, responses, summary_.response);
+    // Where none is late, how the slowest come in bursts is all that there is to go by.
+    const auto effect = summary_.response_certainty.p99_9.effect;
+    std::move(misses_).into(summary_, effect);
+    if (const auto deadline_ns = positive_ns(member(asked_, "deadline_us"), 1e3)) {
       summary_.late_by_response = responses.count() - responses.at_most(*deadline_ns);
+      summary_.late_by_response_probability =
+          probability(response_course_.above({&*deadline_ns, 1}).front(), effect);
+    }
+    if (summary_.sent > 1)
+      summary_.message_every_ns =
+          static_cast<double>(between(first_due_ns_, last_due_ns_)) / static_cast<double>(summary_.sent - 1);
     auto& shape = summary_.shape;
     shape.round_trip = round_trips.histogram();
     shape.response = responses.histogram();
@@ -96,7 +117,9 @@ class Pass {
   // The answer that those who wait have waited for.
   void answer_waiting(std::int64_t at_ns) {
     for (const auto& cycles : waiting_) {
-      response_.add_series(between(cycles.last_due_ns(), at_ns), cycles.period_ns, cycles.count);
+      const auto least_ns = between(cycles.last_due_ns(), at_ns);
+      response_.add_series(least_ns, cycles.period_ns, cycles.count);
+      response_course_.add_series(least_ns, cycles.period_ns, cycles.count);
       timeline_.answered(cycles, at_ns);
     }
     waiting_.clear();
@@ -110,6 +133,9 @@ class Pass {
   RoundTripParts parts_;
   Timeline timeline_;
   WorstOnes worst_;
+  Misses misses_;
+  Course round_trip_course_, response_course_;
+  std::int64_t first_due_ns_ = 0, last_due_ns_ = 0;
   std::vector<Cycles> waiting_;       // for the next answer
   std::int64_t waited_until_ns_ = 0;  // at least, if there is none
 };

@@ -11,6 +11,7 @@
 #include <nlohmann/json.hpp>
 
 #include "record/record.hpp"
+#include "statistics/confidence.hpp"
 
 namespace ontime::statistics {
 
@@ -84,11 +85,51 @@ struct Summary {
   std::optional<Parts> parts;  // not guessed: nothing, unless the record says that the clocks permit it
   std::string no_parts;        // why they were left out though it says so, for people
   Shape shape;
+
+  // How sure they are: confidence.hpp.
+  Certainty round_trip_certainty, response_certainty;
+  // Of a message, to be answered late, not at all, and either of the two.
+  Probability late_probability, lost_probability, missed_probability;
+  Probability late_by_response_probability;  // of a cycle; no messages where late_by_response is nothing
+  Bursts bursts;
+  double message_every_ns = 0;  // on average; 0 of fewer than two
 };
 Summary summarise(const record::Reader&, const record::Run&);
 
 // Measured to the end that was asked for: not cut off, interrupted or failed.
 bool is_complete(const record::Run&);
+
+enum class Times { round_trip, response };
+// What is known of a run in one number: in ns, or, of late and lost, the share of all messages (of late by
+// response: of all cycles). `max` is the greatest that was seen and has no interval.
+enum class Figure { mean, p50, p90, p99, p99_9, p99_99, max, late, lost };
+std::optional<Measured> measured(const Summary&, Times, Figure);  // nothing: nothing was answered, or sent
+
+// From one or several runs to one or several others: their means, and for the ratio their geometric means.
+// Both ends of the intervals are passed by the truth at most once in a hundred. They come from the intervals
+// of the single figures (MOVER: Zou & Donner 2008; of ratios on the logarithms), and, where at least one side
+// has repetitions, are no narrower than Student's t of the variance between runs, taken to be the same on
+// both sides. Without repetitions they are of these two runs: what else changes from one run to the next
+// (placement in memory, the order of start) is not in them.
+enum class Verdict { better, cannot_tell, worse };  // less is better
+struct Change {
+  double from = 0, to = 0;
+  Interval difference_lies;     // that of to − from
+  std::optional<double> ratio;  // to / from; nothing where one is not positive
+  Interval ratio_lies;
+  Verdict verdict = Verdict::cannot_tell;
+};
+// Nothing: one of the sides does not have it.
+std::optional<Change> change(const std::vector<const Summary*>& from, const std::vector<const Summary*>& to,
+                             Times, Figure);
+
+// Whether a limit is passed, for gates. A change passes it if what was measured does, and it is no chance:
+// surely worse, or, where a limit asks for an improvement, surely not improved so much. Where nothing has
+// changed the answer is yes at most once in a hundred. Of a single figure: if it surely does.
+enum class Answer { no, cannot_tell, yes };
+Answer ratio_exceeds(const Change&, double limit);  // 1.1 for `p99 > +10 %`
+Answer difference_exceeds(const Change&, double limit);
+Answer exceeds(const Measured&, double limit);
 
 // A quantity that was found several times, and how sure its median is. The interval runs between two order
 // statistics and covers the median with the stated probability whatever the distribution (sign test; Conover

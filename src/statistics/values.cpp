@@ -14,7 +14,6 @@ namespace {
 
 constexpr std::size_t page_size = std::size_t{1} << 16;
 constexpr std::size_t list_max = 2 * page_size;  // as many bytes as the counts take
-constexpr std::uint64_t short_series = 16;       // shorter ones take less as so many values
 
 bool is_narrow(std::int64_t value) {
   return value >= 0 && value <= std::numeric_limits<std::uint32_t>::max();
@@ -64,22 +63,31 @@ void Values::place(std::int64_t value) {
   page.low = {};
 }
 
-void Values::add_series(std::int64_t least, std::int64_t step, std::uint64_t count) {
-  if (count == 0) return;
+Values::Series Values::Series::of(std::int64_t least, std::int64_t step, std::uint64_t count) {
   std::int64_t reach = 0, greatest = 0;
   const bool beyond = step < 0 || __builtin_mul_overflow(step, count - 1, &reach) ||
                       __builtin_add_overflow(least, reach, &greatest);
-  if (beyond) step = 0, greatest = least;  // no times of any clock: it is the file that is damaged
+  return {least, beyond ? 0 : step, count};
+}
+
+std::int64_t Values::Series::greatest() const { return least + static_cast<std::int64_t>(count - 1) * step; }
+
+double Values::Series::sum() const {
+  return static_cast<double>(count) * (static_cast<double>(least) + static_cast<double>(greatest())) / 2;
+}
+
+void Values::add_series(std::int64_t least, std::int64_t step, std::uint64_t count) {
+  if (count == 0) return;
+  const auto series = Series::of(least, step, count);
   if (count < short_series) {
-    for (std::uint64_t i = 0; i < count; ++i) add(least + static_cast<std::int64_t>(i) * step);
+    for (std::uint64_t i = 0; i < count; ++i) add(least + static_cast<std::int64_t>(i) * series.step);
     return;
   }
   min_ = count_ == 0 ? least : std::min(min_, least);
-  max_ = count_ == 0 ? greatest : std::max(max_, greatest);
+  max_ = count_ == 0 ? series.greatest() : std::max(max_, series.greatest());
   count_ += count;
-  large_sum_ += static_cast<long double>(count) *
-                (static_cast<long double>(least) + static_cast<long double>(greatest)) / 2;
-  series_.push_back({least, step, count});
+  large_sum_ += static_cast<long double>(series.sum());
+  series_.push_back(series);
 }
 
 std::uint64_t Values::Series::at_most(std::int64_t value) const {

@@ -15,6 +15,17 @@ namespace ontime::statistics {
 
 class Values {
  public:
+  static constexpr std::uint64_t short_series = 16;  // shorter ones take less as so many values
+  struct Series {
+    // One whose times are of no clock has all its values at the first: it is the file that is damaged.
+    static Series of(std::int64_t least, std::int64_t step, std::uint64_t count);
+    std::int64_t least, step;
+    std::uint64_t count;
+    std::int64_t greatest() const;
+    std::uint64_t at_most(std::int64_t value) const;
+    double sum() const;
+  };
+
   void add(std::int64_t value);
   // least, least + step … : `count` of them, in the memory of one.
   void add_series(std::int64_t least, std::int64_t step, std::uint64_t count);
@@ -30,11 +41,6 @@ class Values {
   };
   static constexpr std::size_t pages_a_block = 256;
   using Block = std::array<Page, pages_a_block>;
-  struct Series {
-    std::int64_t least, step;
-    std::uint64_t count;
-    std::uint64_t at_most(std::int64_t value) const;
-  };
   void place(std::int64_t value);
 
   std::array<std::unique_ptr<Block>, 256> blocks_;
@@ -52,6 +58,7 @@ class Ranks {
   explicit Ranks(Values);
   std::uint64_t count() const { return values_.count_; }
   std::uint64_t at_most(std::int64_t value);  // how many are no greater
+  std::int64_t at_rank(std::uint64_t rank);   // from 1
   Distribution distribution();
   Histogram histogram();
 
@@ -63,7 +70,6 @@ class Ranks {
     std::uint64_t size;
     bool in_order = false;
   };
-  std::int64_t at_rank(std::uint64_t rank);  // from 1
   std::uint64_t narrow_at_most(std::int64_t value);
   static std::uint64_t at_most_within(Filled&, std::uint16_t low);
 

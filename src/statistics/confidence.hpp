@@ -1,0 +1,102 @@
+// SPDX-License-Identifier: Apache-2.0
+// How sure a figure of a run is, though its messages depend on one another: latency comes in bursts, and a
+// thousand messages of one burst tell less than a thousand on their own. All of it is about the process that
+// the run is a piece of, as long as that goes on as it did. Ordinary thread.
+//
+// A share of messages (those above a threshold, late or lost ones): the run is cut into batches one after
+// another; what their counts vary more than those of independent messages would is the design effect, by
+// which there are fewer effective messages (batch means: Alexopoulos & Seila 1998; as survey statistics do
+// with clusters: Korn & Graubard 1998, whose degrees of freedom are used as well). Batches of several lengths
+// are tried, and the greatest effect counts: one that is too short misses part of it. With these effective
+// messages follow the exact limits of Clopper & Pearson 1934.
+// A quantile: the order statistics between which it lies (Woodruff 1952; exact binomial test turned round),
+// of as many messages as are effective at its threshold. Where not even the greatest is surely above it,
+// there is no upper end.
+// A mean: the means of the batches, with Student's t.
+//
+// When it lies: where a run is no longer than a few of its own bursts, and where tomorrow is not as today.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <optional>
+#include <span>
+#include <vector>
+
+namespace ontime::statistics {
+
+// Nothing: not bounded on this side by what was measured.
+struct Interval {
+  std::optional<double> low, high;
+};
+
+struct Measured {
+  double value = 0;
+  Interval sure;  // holds the true one with 95 % confidence
+  Interval
+      surer;  // with 98 %, so that either end alone is passed once in a hundred: what comparisons rest on
+  double effect = 1;  // the design effect: so many messages tell as much as an independent one
+};
+
+// A share of messages: late ones, lost ones.
+struct Probability : Measured {
+  std::uint64_t events = 0, messages = 0;
+  double bound = 1;  // one-sided: the probability is below it with 95 % confidence, also after no event
+};
+
+// Of a distribution, in ns. Nothing: no value.
+struct Certainty {
+  Measured mean, p50, p90, p99, p99_9, p99_99;
+};
+
+// Late or lost messages one right after another: what stops an arm.
+struct Bursts {
+  std::uint64_t count = 0;      // of two or more in a row
+  std::uint64_t longest = 0;    // in messages; 1: there were some, but never two in a row
+  std::int64_t longest_ns = 0;  // from when its first message was due until its last was answered or given up
+};
+
+// A stretch of a run: how many values, and of these how many are what is asked for.
+struct Batch {
+  double values = 0, events = 0;
+};
+
+// Batches one after another of as many messages each, as they go by: no more than most_batches, which become
+// longer.
+inline constexpr std::size_t most_batches = 128;
+class Batches {
+ public:
+  void add(bool event);
+  std::vector<Batch> all() const;
+
+ private:
+  std::vector<Batch> full_;
+  Batch open_;
+  double length_ = 1;
+};
+
+// The greatest design effect of a share over batches of several lengths, times what Student's t has more than
+// the normal distribution at 97.5 % for as few batches; 1 at least.
+double design_effect(std::span<const Batch>);
+
+// Likewise, of a share far out: where it is fewer than ten effective messages, they do not tell their
+// dependence either, and that of the threshold before it, which ten times as many pass, counts as well.
+double tail_effect(std::span<const Batch>, double effect_before);
+
+// Between which shares of the sorted values the quantile lies. Nothing: beyond all of them.
+struct Shares {
+  std::optional<double> low, high;
+};
+Shares quantile_shares(double share, double effective, double confidence);
+
+// Of batches that have their values' sum for events.
+Measured mean(std::span<const Batch>, double value);
+
+// `effect_without_event`: taken where there was none, for then the batches say nothing of it.
+Probability probability(std::span<const Batch>, double effect_without_event);
+
+// Messages without any event that allow the claim that its probability is below `probability`, with 95 %
+// confidence.
+double messages_to_claim(double probability, double effect);
+
+}  // namespace ontime::statistics

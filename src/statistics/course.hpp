@@ -1,0 +1,41 @@
+// SPDX-License-Identifier: Apache-2.0
+// Values in the order in which they came, to seven digits: four bytes each.
+#pragma once
+
+#include <cstdint>
+#include <deque>
+#include <span>
+#include <vector>
+
+#include "statistics/confidence.hpp"
+#include "statistics/values.hpp"
+
+namespace ontime::statistics {
+
+class Course {
+ public:
+  void add(std::int64_t value);
+  // As Values has it; a long one is kept as one.
+  void add_series(std::int64_t least, std::int64_t step, std::uint64_t count);
+
+  // As many batches as there are of Batches, of equal length but for series. Of each threshold: of which
+  // values are above it.
+  std::vector<std::vector<Batch>> above(std::span<const std::int64_t> thresholds) const;
+  std::vector<Batch> sums() const;  // instead of events the sum of the values
+
+ private:
+  struct Series {
+    std::size_t place;  // before this value
+    Values::Series values;
+  };
+  template <class Use, class UseSeries>
+  void each(Use, UseSeries) const;  // use(batch, value), use(batch, series)
+
+  std::deque<float> values_;
+  std::deque<Series> series_;
+};
+
+// Of the distribution of the same values.
+Certainty certainty(const Course&, Ranks&, const Distribution&);
+
+}  // namespace ontime::statistics
