@@ -83,10 +83,12 @@ ddsi_serdata* from_ser(const ddsi_sertype* type, ddsi_serdata_kind kind, const n
   }
   std::uint32_t done = 0;
   for (; fragment != nullptr; fragment = fragment->nextfrag) {
-    if (fragment->maxp1 <= done) continue;
+    // Cyclone leaves it to us to cut off what reaches beyond the size: whoever sent it can say anything.
+    const auto end = std::min(fragment->maxp1, message->cdr_bytes);
+    if (end <= done) continue;
     const auto* const bytes = NN_RMSG_PAYLOADOFF(fragment->rmsg, NN_RDATA_PAYLOAD_OFF(fragment));
-    std::memcpy(message->data() + done, bytes + (done - fragment->min), fragment->maxp1 - done);
-    done = fragment->maxp1;
+    std::memcpy(message->data() + done, bytes + (done - fragment->min), end - done);
+    done = end;
   }
   return message;
 }
