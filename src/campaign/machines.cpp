@@ -86,6 +86,7 @@ bool Machines::lost() const {
 }
 
 void Machines::load(const Run& run) {
+  unload();  // what a run that failed has left is not this one's
   for (auto& [reach, machine] : machines_)
     for (const auto& host : machine.hosts) {
       const auto& workers = host == controller ? run.controller_load : run.component_load;

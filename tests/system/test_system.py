@@ -32,6 +32,15 @@ runs:
       component: {cpu: 1}
 """
 
+LOADED_FIRST = """
+hosts: namespaces
+defaults: {transport: [%s], period: 5 ms, duration: %s}
+runs:
+  - id: loaded
+    load: {controller: {cpu: 1}}
+  - id: idle
+"""
+
 
 def processes_with(word):
     """Living processes, as {pid: command line}, that were started with this text in their environment: a test's own,
@@ -334,6 +343,18 @@ class System(unittest.TestCase):
         self.assertEqual(process.returncode, 0, error)
         self.assertIn("load", out)
         self.assertIn(False, [host["load_running"] for host in self.report()[0]["hosts"].values()])
+
+    def test_load_of_a_run_that_failed_is_not_the_next_ones(self):
+        process = self.start_ontime("run", self.scenario("3 s", LOADED_FIRST, ["udp"]), "--results", self.results)
+        self.started(process, lambda: self.samples_recorded() > 50 and len(self.load()) > 0)
+        for pid in self.own("/ontime agent"):
+            os.kill(pid, signal.SIGKILL)
+        _, error = process.communicate(timeout=60)
+        self.assertEqual(process.returncode, 3, error)
+        failed, idle = self.report()
+        self.assertFalse(failed["complete"])
+        self.assertTrue(idle["complete"])
+        self.assertEqual([host["load_running"] for host in idle["hosts"].values()], [None, None])
 
     def test_cut_link_loses_messages_and_goes_on(self):
         process = self.start_ontime("run", self.scenario("4 s", transports=["cyclonedds"]), "--only", "idle", "--results", self.results)
