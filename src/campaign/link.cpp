@@ -12,7 +12,6 @@ using nlohmann::json;
 struct Direction {
   const char* key;
   const char* verb;
-  std::uint64_t messages;
 };
 
 std::string segments(const json& host) {
@@ -36,21 +35,21 @@ bool one_machine_with_shared_memory(const json& hosts) {
 
 std::optional<std::string> went_elsewhere(const json& outcome, std::uint64_t payload_bytes) {
   const auto count = [&](const char* key) { return outcome.at(key).get<std::uint64_t>(); };
-  const auto answered = count("on_time") + count("late"), taken = count("sent") - count("refused_sends");
+  // What is certain to have passed each end both ways. What was lost may have been so before the kernel
+  // counts it: by a link that was down, or by a queue.
+  const auto answered = count("on_time") + count("late");
   for (const auto& [name, host] : outcome.at("hosts").items()) {
     const auto& link = host.at("link");
     if (link.is_null()) continue;
-    const bool client = name == "controller";
-    // What is certain: the client has sent all, and every answer was asked for and came.
-    for (const auto& [key, verb, messages] : {Direction{"sent_bytes", "sent", client ? taken : answered},
-                                              Direction{"received_bytes", "received", answered}}) {
+    for (const auto& [key, verb] :
+         {Direction{"sent_bytes", "sent"}, Direction{"received_bytes", "received"}}) {
       const auto carried = link.at(key).get<std::uint64_t>();
-      if (carried >= messages * payload_bytes) continue;
+      if (carried >= answered * payload_bytes) continue;
       return fmt::format(
-          "the data did not go over {}: the {} {} {} messages of {} bytes, and the kernel counted {} bytes "
-          "there{}. "
-          "Whatever was measured is not this link",
-          link.at("interface").get<std::string>(), name, verb, messages, payload_bytes, carried,
+          "the data did not go over {}: {} messages of {} bytes were answered, and of what the {} {} the "
+          "kernel "
+          "counted {} bytes there{}. Whatever was measured is not this link",
+          link.at("interface").get<std::string>(), answered, payload_bytes, name, verb, carried,
           segments(host));
     }
   }

@@ -12,7 +12,7 @@
 namespace ontime::campaign {
 
 // Of a run's outcome (its counters, and `link` and `shared_memory` of its hosts): what is wrong, for people;
-// nothing if every end's interface carried at least what was sent and answered, or no interface was asked
+// nothing if every end's interface carried at least what was answered, or no interface was asked
 // for. Other traffic on the link can make up for what is missing, so where both ends are one machine and both
 // have a middleware's shared memory in use, that is wrong by itself.
 std::optional<std::string> went_elsewhere(const nlohmann::json& outcome, std::uint64_t payload_bytes);
