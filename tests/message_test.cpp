@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "message/message.hpp"
 
+#include <limits>
 #include <random>
 #include <vector>
 
@@ -71,6 +72,17 @@ TEST(Sequence, KeepsSessionAndIndexApart) {
   EXPECT_EQ(session_of(sequence), 0xabcdefU);
   EXPECT_EQ(index_of(sequence), max_index);
   EXPECT_EQ(index_of(sequence_of(1, max_index + 1)), 0U);
+}
+
+TEST(ServerTimes, AreNotBelievedWhereNoClockCanShowThem) {
+  constexpr std::int64_t least = std::numeric_limits<std::int64_t>::min(),
+                         most = std::numeric_limits<std::int64_t>::max();
+  std::vector<std::byte> payload(server_times_bytes);
+  for (const auto& times :
+       {ServerTimes{-1, 5}, {0, 5}, {7, 5}, {5, 0}, {least, most}, {most, most}, {5, most}}) {
+    put_server_times(payload, times);
+    EXPECT_FALSE(server_times(payload)) << times.received_ns << ' ' << times.sent_ns;
+  }
 }
 
 TEST(ServerTimes, TravelInPayloadsThatHaveRoom) {

@@ -11,6 +11,8 @@ static_assert(std::endian::native == std::endian::little, "the CDR below is writ
 
 constexpr std::byte cdr_big_endian{0};
 constexpr std::byte cdr_little_endian{1};
+// 36 years. A record takes no time beyond it.
+constexpr std::int64_t longest_uptime_ns = std::int64_t{1} << 60;
 
 template <typename T>
 void put(std::byte* at, T value) noexcept {
@@ -60,7 +62,8 @@ void put_server_times(std::span<std::byte> payload, ServerTimes times) noexcept 
 std::optional<ServerTimes> server_times(std::span<const std::byte> payload) noexcept {
   if (payload.size() < server_times_bytes) return {};
   const ServerTimes times{get<std::int64_t>(&payload[0]), get<std::int64_t>(&payload[8])};
-  if (times.received_ns == 0 && times.sent_ns == 0) return {};
+  if (times.received_ns <= 0 || times.sent_ns < times.received_ns || times.sent_ns > longest_uptime_ns)
+    return {};
   return times;
 }
 

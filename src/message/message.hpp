@@ -44,7 +44,7 @@ std::optional<View> decode(std::span<std::byte> cdr) noexcept;
 
 // An ontime server writes its own times into the first 16 bytes of the payload that it returns (a client
 // sends zeros there). Nothing is written into, or read from, a shorter payload; an end that only echoes
-// leaves zeros.
+// leaves zeros. What else stands there, for anybody may answer, is no times if no clock can show them.
 struct ServerTimes {
   std::int64_t received_ns;  // the server's CLOCK_MONOTONIC
   std::int64_t sent_ns;
