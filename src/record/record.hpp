@@ -63,8 +63,8 @@ class Writer {
   std::int64_t begin_run(const nlohmann::json& asked);
   // In order of index; one that is there already is replaced (a message given up as lost, whose answer was in
   // time after all). Durable against kill -9 once flush() has returned, or a second has passed in which the
-  // disk did not stall. Throws for a sample with times that cannot be: beyond ±2^60 ns, or with an answer
-  // and lost.
+  // disk did not stall. Throws for a sample that cannot be: with times beyond ±2^60 ns, with an answer and
+  // lost, or of no fate.
   void append(std::int64_t run, std::span<const roundtrip::Sample> samples);
   void note(std::int64_t run, const Note&);  // also of a run that has ended
   void end_run(std::int64_t run, const nlohmann::json& outcome);
