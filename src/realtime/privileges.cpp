@@ -44,12 +44,12 @@ std::string how_to_permit_capabilities() {
 
 std::string how_to_permit(int priority) {
   return fmt::format(
-      "{}, or: sudo groupadd --force realtime && sudo usermod --append --groups realtime $USER, put these "
-      "lines "
-      "into /etc/security/limits.d/realtime.conf and log in again:\n"
+      "sudo groupadd --force realtime && sudo usermod --append --groups realtime $USER, put these lines into "
+      "/etc/security/limits.d/realtime.conf and log in again:\n"
       "@realtime - rtprio {}\n"
-      "@realtime - memlock unlimited",
-      how_to_permit_capabilities(), std::max(priority, 98));
+      "@realtime - memlock unlimited\n"
+      "or {}",
+      std::max(priority, 98), how_to_permit_capabilities());
 }
 
 std::string file_of_empty_realtime_budget() {

@@ -25,9 +25,10 @@ struct ThreadSettings {
 
 // Something asked for that this machine did not give. All three are for people.
 struct Refusal {
-  std::string asked;   // "SCHED_FIFO 80 for thread send"
-  std::string found;   // "Operation not permitted (RLIMIT_RTPRIO is 0)"
-  std::string remedy;  // "run as root, or: sudo setcap cap_sys_nice,cap_ipc_lock+ep /usr/bin/ontime, or …"
+  std::string asked;  // "SCHED_FIFO 80 for thread send"
+  std::string found;  // "Operation not permitted (RLIMIT_RTPRIO is 0)"
+  std::string
+      remedy;  // "these lines into /etc/security/limits.d/realtime.conf …, or run as root, or: sudo setcap …"
 };
 
 // Sets one thread of this process, by its kernel thread id; affinity first, then policy. `who` names it in a
