@@ -94,6 +94,9 @@ TEST(Decoder, RefusesWhatIsNoFrame) {
 
 // ── A coordinator and its workers ──
 
+constexpr int chatter = 5'000;  // 300 MB
+const std::vector<std::uint8_t> much(60'000);
+
 std::vector<std::string> worker(const std::string& kind) { return {this_program(), kind}; }
 
 std::string failure(const std::function<void()>& doing) {
@@ -177,9 +180,29 @@ TEST_F(CoordinatorTest, OneThatIsStoppedIsNamedAndGivenUp) {
   coordinator_.await(well, "answered", 10s);  // the loop goes on without it
 }
 
+// A slow ssh, a machine under full load: it is silent, for it is not there yet.
+TEST_F(CoordinatorTest, OneThatIsLongInComingIsAwaited) {
+  Coordinator::Hand hand(coordinator_, "the slow one",
+                         {"sh", "-c", "sleep 12; exec " + this_program() + " obedient"}, "s");
+  hand.order("answer");
+  coordinator_.await(hand, "answered", 10s);
+}
+
+TEST_F(CoordinatorTest, OneThatNeverStopsTalkingDoesNotKeepUsFromLeaving) {
+  Coordinator::Hand hand(coordinator_, "the talkative one", worker("obedient"), "s");
+  int said = 0;
+  coordinator_.on("said", [&](auto&, auto&) {
+    ++said;
+    interrupts_ = 1;
+  });
+  hand.order("chatter");
+  EXPECT_EQ(failure([&] { coordinator_.until([] { return false; }); }), "interrupted");
+  EXPECT_LT(said, chatter);
+}
+
 TEST_F(CoordinatorTest, OneThatIsTerminatedIsAnInterruption) {
   Coordinator::Hand hand(coordinator_, "the worker", worker("obedient"), "s");
-  kill(hand.hello().at("pid"), SIGTERM);
+  for (const int signal : {SIGTERM, SIGHUP}) kill(hand.hello().at("pid"), signal);  // as a session's end does
   EXPECT_EQ(failure([&] { coordinator_.until([] { return false; }); }), "interrupted");
   EXPECT_EQ(interrupts_, 1);
   hand.order("answer");  // and goes on carrying out orders for a while
@@ -226,6 +249,8 @@ class Obedient final : public Worker {
   void obey(const std::string& order, const json& body) override {
     if (order == "say") events_.tell("said", {{"what", body.at("what")}});
     if (order == "answer") events_.tell("answered");
+    if (order == "chatter")
+      for (int count = 0; count < chatter; ++count) events_.tell("said", json::object(), much);
     if (order == "fail") throw Error(2, "it was wrong");
   }
   std::chrono::milliseconds go_on() override { return 500ms; }

@@ -15,6 +15,7 @@ using nlohmann::json;
 
 constexpr auto look = 500ms;              // for interruptions, and whether it is done
 constexpr auto patience_for_hello = 60s;  // a machine under full load, a slow ssh
+constexpr int reads_a_turn = 32;          // of 64 KiB each: more than a pipe holds
 
 }  // namespace
 
@@ -77,7 +78,8 @@ void Coordinator::Hand::order(const std::string& order, json body) {
 void Coordinator::listen(Hand& hand) {
   auto& frames = hand.process_->frames();
   bool more = true, ended = false;
-  while (more) {
+  // Who never stops talking has no more than his turn: others are to be heard too, and whoever interrupts.
+  for (int reads = 0; more && reads < reads_a_turn; ++reads) {
     try {
       more = frames.fill();
     } catch (const Broken&) {
@@ -130,6 +132,7 @@ bool Coordinator::turn(std::chrono::milliseconds within) {
 
 void Coordinator::check_silence() {
   for (auto* hand : std::vector(hands_)) {
+    if (hand->hello_.is_null()) continue;  // it is on its way: patience_for_hello
     if (Clock::now() - hand->heard_ <= longest_silence) continue;
     // Perhaps it was we who did not listen.
     listen(*hand);

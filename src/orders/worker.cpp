@@ -103,7 +103,10 @@ void obey_all(Pipe& pipe, Worker& worker) {
 
 int serve(const std::string& role, const std::string& samples,
           const std::function<std::unique_ptr<Worker>(Events&)>& make) {
-  on_termination([](int) { terminations = terminations + 1; });
+  on_termination([](int signal) {
+    // What stops a service or a session may say so twice, by SIGTERM and SIGHUP; only a person is in a hurry.
+    if (signal == SIGINT || terminations == 0) terminations = terminations + 1;
+  });
   // Whatever a middleware prints must not get between the frames.
   const int out = fcntl(STDOUT_FILENO, F_DUPFD_CLOEXEC, 3);
   dup2(STDERR_FILENO, STDOUT_FILENO);
