@@ -15,6 +15,7 @@ namespace ontime::campaign {
 namespace {
 
 using namespace std::chrono_literals;
+using nlohmann::json;
 using testing::ElementsAre;
 using testing::HasSubstr;
 
@@ -521,6 +522,24 @@ TEST_F(ScenarioFile, OnlyTextIsRead) {
   EXPECT_THAT(error("\xef\xbb\xbf" + runs), "no error");
   EXPECT_THAT(error(runs + "---\n" + runs), HasSubstr(":2:1: a second document"));
   EXPECT_THAT(error(runs + "]\n"), testing::StartsWith(":2:1:")) << "nothing is left unread";
+}
+
+// By it a run over one link is told from a run over another: in tables, and by its key.
+TEST_F(ScenarioFile, WhatIsAskedHoldsTheLink) {
+  const std::string runs = "runs: [{id: a, transport: udp}]\n";
+  const auto link_of = [&](const std::string& text) {
+    const auto scenario = read(text);
+    const auto record = asked(scenario.at(0), scenario.hosts);
+    return json{record.at("interface"), record.at("component_interface")};
+  };
+  EXPECT_EQ(link_of(runs), json({nullptr, nullptr}));
+  EXPECT_EQ(
+      link_of("hosts: {controller: {interface: eth1}, component: {interface: eth2, address: 10.0.0.2}}\n" +
+              runs),
+      json({"eth1", "eth2"}));
+  campaign::Run run;
+  run.task.config.interface = "wlan0";
+  EXPECT_EQ(asked(run, {}).at("interface"), "wlan0") << "by a flag";
 }
 
 // Whatever a file holds, it is read or refused; it never crashes us.

@@ -231,6 +231,27 @@ TEST(TableFormat, NamesDomainAndTopicsWhereTheyAreNotTheUsualOnes) {
               AllOf(HasSubstr("domain 42"), HasSubstr("topics /robot/ping and /robot/pong")));
 }
 
+TEST(TableFormat, NamesTheLinkWhereItWasAskedFor) {
+  auto wired = asked("a", "udp"), wireless = wired;
+  EXPECT_THAT(render({summary(wired, outcome())}, Format::table), Not(HasSubstr("over")));
+  wired["interface"] = "eth1";
+  wireless["interface"] = "wlan0";
+  wireless["component_interface"] = "wlp2s0";
+  EXPECT_THAT(render({summary(wired, outcome()), summary(wireless, outcome())}, Format::table),
+              AllOf(HasSubstr("\nudp over eth1 "), HasSubstr("\nudp over wlan0 and wlp2s0 ")));
+}
+
+TEST(TableFormat, NamesTheSizeOfALoadsWorkers) {
+  auto small = asked("a", "udp"), large = small;
+  small["load"] = {{"controller", {{"vm", 2}, {"vm_bytes", 1 << 20}}}};
+  large["load"] = {{"controller", {{"vm", 2}, {"vm_bytes", 1 << 30}}}};
+  small["variant"] = "load.controller.vm-bytes 1 MiB";
+  large["variant"] = "load.controller.vm-bytes 1 GiB";
+  EXPECT_THAT(render({summary(small, outcome()), summary(large, outcome())}, Format::table),
+              AllOf(HasSubstr("\nudp load: 2 vm of 1 MiB on the controller\n"),
+                    HasSubstr("\nudp load: 2 vm of 1024 MiB on the controller\n")));
+}
+
 TEST(TableFormat, PutsALongNameAboveItsNumbers) {
   std::vector<Summary> runs = {ros2("single", 1), ros2("multi", 2)};
   runs[1].run.asked["options"]["rmw"] = "rmw_fastrtps_cpp";

@@ -143,7 +143,7 @@ TEST(Csv, HasAStableHeader) {
   EXPECT_TRUE(header.ends_with(
       ",back_us_max,parts_error_us,controller_lost_on_the_way,controller_lost_overwritten,"
       "component_lost_on_the_way,component_lost_overwritten,component_transport,receive,domain,ping_topic,"
-      "pong_topic,qos_reliability,qos_history,qos_depth,qos_durability"));
+      "pong_topic,qos_reliability,qos_history,qos_depth,qos_durability,interface,component_interface"));
 }
 
 TEST(Csv, SaysWhatTheJsonSays) {

@@ -197,7 +197,7 @@ TEST(LayersScenario, HasForEachLayerABaseThatDiffersInThatLayerAlone) {
   std::vector<Summary> runs;
   for (const auto& run : scenario.runs) {
     Summary summary;
-    summary.run.asked = campaign::asked(run);
+    summary.run.asked = campaign::asked(run, {});
     summary.run.outcome = nlohmann::json::object();
     auto conditions = summary.run.asked;
     conditions.erase("repetition");

@@ -103,6 +103,8 @@ class Suite {
   Hosts stated_;
 };
 
+json or_null(const std::string& name) { return name.empty() ? json() : json(name); }
+
 const char* word_of(Hosts::Kind kind) {
   switch (kind) {
     case Hosts::Kind::namespaces:
@@ -119,8 +121,9 @@ const char* word_of(Hosts::Kind kind) {
 
 }  // namespace
 
-json asked(const Run& run) {
+json asked(const Run& run, const Hosts& hosts) {
   const auto& client = run.task.client;
+  const auto& interface = run.task.config.interface;
   return {
       {"id", run.id},
       {"title", run.title},
@@ -135,6 +138,8 @@ json asked(const Run& run) {
       {"domain", run.task.config.domain},
       {"ping_topic", run.task.config.ping_topic},
       {"pong_topic", run.task.config.pong_topic},
+      {"interface", or_null(interface.empty() ? hosts.controller.interface : interface)},
+      {"component_interface", or_null(hosts.component.interface)},
       {"payload_bytes", client.payload_bytes},
       {"period_us", microseconds(client.period)},
       {"deadline_us", microseconds(client.deadline)},
@@ -162,7 +167,7 @@ int execute(const Scenario& scenario, record::Writer& writer, Observer& observer
     for (std::size_t i = 0; i < scenario.size() && code != 130; ++i) {
       const auto run = scenario.at(i);
       observer.begins(run, i + 1, scenario.size());
-      auto record = asked(run);
+      auto record = asked(run, scenario.hosts);
       record["scenario"] = scenario.text;
       record["scenario_file"] = scenario.file;
       record["hosts"] = word_of(suite.kind());
@@ -180,9 +185,10 @@ int ping(const Run& run, std::chrono::nanoseconds wait, record::Writer& writer, 
          Interrupts& interrupts, const json& command_line) {
   Suite suite(writer, observer, interrupts);
   try {
-    suite.prepare({Hosts::Kind::alone, {}, {}});
+    const Hosts alone{Hosts::Kind::alone, {}, {}};
+    suite.prepare(alone);
     observer.begins(run, 1, 1);
-    auto record = asked(run);
+    auto record = asked(run, alone);
     record["command_line"] = command_line;
     const int code = suite.carry_out(run, wait, record);
     suite.close();

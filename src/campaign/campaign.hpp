@@ -47,7 +47,6 @@ struct Run {
   bool realtime_refused =
       false;  // "realtime: off" was said: realtime.* settings then only describe, and do nothing
 };
-nlohmann::json asked(const Run&);  // the record's form of it
 
 // What can be said of a run, once for scenario files, flags and documentation.
 struct Key {
@@ -80,6 +79,7 @@ struct Hosts {
   enum class Kind { namespaces, loopback, stated, alone } kind = Kind::namespaces;
   Host controller, component;  // filled in for `stated`
 };
+nlohmann::json asked(const Run&, const Hosts&);  // the record's form of a run
 
 struct Scenario {
   std::string file, text, title;

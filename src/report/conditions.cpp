@@ -34,7 +34,10 @@ struct Phrase {
 std::string workers(const json& load) {
   std::vector<std::string> parts;
   for (const auto* kind : {"cpu", "vm", "io", "hdd"})
-    if (count(at(load, kind)) > 0) parts.push_back(fmt::format("{} {}", count(at(load, kind)), kind));
+    if (const auto number = count(at(load, kind)); number > 0) {
+      const auto& bytes = at(load, fmt::format("{}_bytes", kind));
+      parts.push_back(fmt::format("{} {}{}", number, kind, count(bytes) > 0 ? " of " + size(bytes) : ""));
+    }
   return join(parts, " ");
 }
 
@@ -113,6 +116,14 @@ void add_options(std::vector<Phrase>& phrases, const Summary& summary) {
   }
 }
 
+// Of the link under test, where it was named.
+std::string interfaces(const json& asked) {
+  std::vector<std::string> names;
+  for (const auto* key : {"interface", "component_interface"})
+    if (const auto& name = at(asked, key); name.is_string()) names.push_back(word(name));
+  return names.empty() ? "" : "over " + join(names, " and ");
+}
+
 void add_topics(std::vector<Phrase>& phrases, const json& asked) {
   const auto &ping = at(asked, "ping_topic"), &pong = at(asked, "pong_topic");
   if (ping.is_null() || pong.is_null() || (ping == "/ping" && pong == "/pong")) return;
@@ -146,6 +157,7 @@ std::vector<Phrase> phrases_of(const Summary& summary) {
   add_options(phrases, summary);
   if (const auto& domain = at(asked, "domain"); domain != 0) add("domain", domain, "domain " + word(domain));
   add_topics(phrases, asked);
+  add("interface", at(asked, "interface"), interfaces(asked));
   add("duration", at(asked, "duration_s"), seconds(at(asked, "duration_s")));
   add("load", at(asked, "load"), load(at(asked, "load")));
   add("hosts", at(asked, "hosts"), "hosts " + word(at(asked, "hosts")), Phrase::Where::in_labels);

@@ -100,6 +100,7 @@ std::vector<Field> fields() {
     fields.push_back({key, {"conditions", key}});
   for (const auto* key : {"reliability", "history", "depth", "durability"})
     fields.push_back({fmt::format("qos_{}", key), {"conditions", "qos", key}});
+  for (const auto* key : {"interface", "component_interface"}) fields.push_back({key, {"conditions", key}});
   return fields;
 }
 
@@ -132,9 +133,10 @@ ordered_json json_of(const statistics::Summary& summary) {
   run["back_us"] = json_of(parts.back);
   run["parts"] = parts_of(summary);
   run["notes"] = notes_of(summary);
-  run["conditions"] = some_of(asked, {"duration_s", "warm_up", "receive", "qos", "options",
-                                      "component_transport", "component_options", "domain", "ping_topic",
-                                      "pong_topic", "realtime_settings", "count_instructions"});
+  run["conditions"] =
+      some_of(asked, {"duration_s", "warm_up", "receive", "qos", "options", "component_transport",
+                      "component_options", "domain", "ping_topic", "pong_topic", "interface",
+                      "component_interface", "realtime_settings", "count_instructions"});
   run["conditions"]["load"] = {{"asked", at(asked, "load")}, {"achieved", at(outcome, "conditions")}};
   run["hosts"] = at(outcome, "hosts");
   run["provenance"] = some_of(asked, {"ontime", "command_line", "hosts", "scenario_file", "scenario"});
