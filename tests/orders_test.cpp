@@ -142,6 +142,18 @@ TEST_F(CoordinatorTest, NoEventIsThrownAway) {
               HasSubstr("the worker said 'said'"));
 }
 
+TEST_F(CoordinatorTest, WhatIsNotUnderstoodIsSaidByWhomItWas) {
+  coordinator_.on("said", [](auto&, const Frame& frame) {
+    static_cast<void>(frame.message.at("what").get<std::string>());
+  });
+  Coordinator::Hand hand(coordinator_, "the worker", worker("obedient"), "s");
+  hand.order("say", {{"what", 7}});
+  EXPECT_THAT(failure([&] { coordinator_.await(hand, "answered", 10s); }),
+              AllOf(HasSubstr("3 the worker said what this ontime does not understand"),
+                    HasSubstr("type must be string")));
+  EXPECT_TRUE(hand.lost());
+}
+
 TEST_F(CoordinatorTest, SaysWhyAWorkerFailedOrIsGone) {
   {
     Coordinator::Hand hand(coordinator_, "the worker", worker("obedient"), "s");

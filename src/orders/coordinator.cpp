@@ -93,6 +93,12 @@ void Coordinator::listen(Hand& hand) {
     } catch (const Broken& broken) {
       lose(hand);
       throw Error(3, fmt::format("{}: {}", hand.name_, broken.what()));
+    } catch (const json::exception& error) {
+      lose(hand);
+      throw Error(3,
+                  fmt::format("{} said what this ontime does not understand ({}): install the same on both "
+                              "machines",
+                              hand.name_, error.what()));
     }
   }
   if (!ended) return;
