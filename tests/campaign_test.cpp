@@ -279,11 +279,33 @@ TEST_F(ScenarioFile, QuantitiesThatMeanNothingAreRefused) {
                           "load: {controller: {cpu: -1}}",
                           "load: {controller: {cpu: nan}}",
                           "load: {controller: {vm-bytes: 0 B}}",
-                          "load: {component: {hdd-bytes: -1 B}}"})
+                          "load: {component: {hdd-bytes: -1 B}}",
+                          "traffic: {rate: 80}",
+                          "traffic: {rate: 0 Mbit/s}",
+                          "traffic: {rate: 80 Mbps}",
+                          "traffic: {rate: 1 Mbit/s, datagram: 15 B}",
+                          "traffic: {rate: 1 Mbit/s, datagram: 64 KiB}",
+                          "traffic: {rate: 1 Mbit/s, direction: up}",
+                          "traffic: {rate: 1 Mbit/s, priority: 0}",
+                          "traffic: {direction: to-component}"})
     EXPECT_THAT(error(with(key)), testing::StartsWith(":1:")) << key;
   for (const auto* key : {"duration: 1000 h", "period: 1 h", "payload: 1 GiB", "payload: 0 B", "domain: 232",
                           "realtime: {cpu-latency: any}", "realtime: {cpu-latency: 2 ms}"})
     EXPECT_EQ(error(with(key)), "no error") << key;
+}
+
+TEST_F(ScenarioFile, TrafficIsSaid) {
+  const auto runs = read(
+                        "defaults: {transport: udp, traffic: {rate: 80 Mbit/s}}\n"
+                        "runs:\n"
+                        "  - id: a\n"
+                        "  - {id: b, traffic: {rate: 1.5 Mbit/s, direction: to-controller, datagram: 200 B, "
+                        "priority: 5}}\n")
+                        .runs;
+  EXPECT_EQ(runs.at(0).traffic.bits_per_s, 80'000'000U);
+  EXPECT_EQ(asked(runs.at(0)).at("traffic").at("direction"), "both");
+  EXPECT_EQ(runs.at(1).traffic, (Traffic{Traffic::Direction::to_controller, 1'500'000, 200, 5}));
+  EXPECT_EQ(asked(Run{}).at("traffic"), nullptr) << "keys of earlier runs stay as they were";
 }
 
 TEST_F(ScenarioFile, HostsSayHowTheyAreReachedAndWhereTheEndLives) {

@@ -8,6 +8,7 @@
 #include <gtest/gtest.h>
 #include <unistd.h>
 
+#include "keeper/flows.hpp"
 #include "machine/machine.hpp"
 #include "orders/orders.hpp"
 #include "own_run.hpp"
@@ -65,8 +66,8 @@ TEST_F(Keeper, TellsWhatTheMachineIsAndHowBusyItWas) {
 
 TEST_F(Keeper, LoadsForEachHostByItself) {
   ask("open", "opened");
-  ask("load", "loaded", {{"host", "controller"}, {"load", to_json({.cpu = 1})}});
-  ask("load", "loaded", {{"host", "component"}, {"load", to_json({.cpu = 1})}});
+  ask("load", "loaded", {{"host", "controller"}, {"load", to_json(background::Workers{.cpu = 1})}});
+  ask("load", "loaded", {{"host", "component"}, {"load", to_json(background::Workers{.cpu = 1})}});
   ask("begin", "begun");
   EXPECT_EQ(ask("end", "ended").at("load_running"), json({{"controller", true}, {"component", true}}));
   EXPECT_EQ(folders_of_stress(), 2);
@@ -76,7 +77,7 @@ TEST_F(Keeper, LoadsForEachHostByItself) {
 }
 
 TEST_F(Keeper, SaysWhatItCannot) {
-  keeper_.order("load", {{"host", "controller"}, {"load", to_json({})}});
+  keeper_.order("load", {{"host", "controller"}, {"load", to_json(background::Workers{})}});
   EXPECT_THROW(coordinator_.until([] { return false; }), orders::Error);
 }
 
@@ -92,10 +93,51 @@ TEST_F(Keeper, GivesNamespacesBackWhenThePipeBreaks) {
   EXPECT_FALSE(std::filesystem::exists("/run/netns/ontime-controller"));
 }
 
+// --- what was achieved ---
+
+TEST(BitsPerSecond, AreOfTheStretchThatWasReported) {
+  EXPECT_DOUBLE_EQ(*bits_per_second({1, 1e6}, {11, 801e6}, 10.1s), 80e6);
+  EXPECT_DOUBLE_EQ(*bits_per_second({1, 1e6}, {1, 1e6}, 60s), 0) << "nothing moved any more";
+}
+
+TEST(BitsPerSecond, OfOneThatFellSilentCountAgainstTheWholeTime) {
+  EXPECT_DOUBLE_EQ(*bits_per_second({0, 0}, {10, 800e6}, 21s), 40e6);
+}
+
+TEST(BitsPerSecond, AreNotKnownWhereNothingCouldBeReportedYet) {
+  EXPECT_FALSE(bits_per_second({1, 1e6}, {1, 1e6}, 100ms));
+}
+
+TEST_F(Keeper, GivesAccountOfTrafficBothWays) {
+  if (!std::filesystem::exists("/usr/bin/iperf3")) GTEST_SKIP() << "iperf3 is not installed";
+  ask("open", "opened");
+  background::Stream stream{.serves = true, .address = "127.0.0.1", .port = 7811};
+  ask("traffic", "flowing", {{"host", "component"}, {"way", "to_component"}, {"stream", to_json(stream)}});
+  stream.serves = false;
+  stream.bits_per_s = 4'000'000;
+  stream.datagram_bytes = 1000;
+  ask("traffic", "flowing", {{"host", "controller"}, {"way", "to_component"}, {"stream", to_json(stream)}});
+  ask("begin", "begun");
+  json account;
+  for (int look = 0; look < 600 && account["component"]["to_component"]["bit_s"].is_null(); ++look) {
+    coordinator_.await(keeper_, "beat", 60s);
+    account = ask("end", "ended").at("traffic");
+  }
+  for (const auto* host : {"controller", "component"}) {
+    EXPECT_GT(account.at(host).at("to_component").at("bit_s"), 0);
+    EXPECT_TRUE(account.at(host).at("to_component").at("running"));
+  }
+  ask("unload", "unloaded");
+  EXPECT_TRUE(ask("end", "ended").at("traffic").empty());
+}
+
 TEST(Words, SurviveTheirJourney) {
   const background::Workers workers{1, 2, 3, 4, 5, 6};
   EXPECT_EQ(to_json(workers_of(to_json(workers))), to_json(workers));
   EXPECT_EQ(to_json(workers).at("hdd_bytes"), 6);
+  const background::Stream stream{{"ip", "netns"}, true, true, "10.0.0.1", 1, 2, 3, 4};
+  EXPECT_EQ(to_json(stream_of(to_json(stream))), to_json(stream));
+  EXPECT_EQ(to_json(stream).at("priority"), 4);
 }
 
 }  // namespace

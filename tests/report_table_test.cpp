@@ -143,6 +143,31 @@ TEST(TableFormat, NotesWhatWentWrong) {
               HasSubstr("udp: failed: no peer found"));
 }
 
+TEST(TableFormat, TellsTheTrafficAndLoudlyWhereItWasNotThere) {
+  auto with = asked("a", "udp");
+  with["traffic"] = {{"bit_s", 80'000'000}, {"datagram_bytes", 1470}, {"direction", "both"}, {"priority", 0}};
+  auto came = outcome();
+  came["traffic"] = {
+      {"to_component",
+       {{"asked_bit_s", 80e6}, {"sent_bit_s", 80e6}, {"received_bit_s", 79.96e6}, {"short", false}}},
+      {"to_controller",
+       {{"asked_bit_s", 80e6}, {"sent_bit_s", 80e6}, {"received_bit_s", 80e6}, {"short", false}}}};
+  auto text = render({summary(with, came)}, Format::markdown);
+  EXPECT_THAT(text, HasSubstr("traffic: 80 Mbit/s each way in datagrams of 1470 B"));
+  EXPECT_THAT(
+      text, HasSubstr("udp: traffic: 79.96 Mbit/s of 80 arrived at the component, 80 Mbit/s of 80 arrived"));
+  came["traffic"]["to_controller"] = {
+      {"asked_bit_s", 80e6}, {"sent_bit_s", 38.2e6}, {"received_bit_s", nullptr}, {"short", true}};
+  text = render({summary(with, came)}, Format::markdown);
+  EXPECT_THAT(text,
+              HasSubstr("NOT THE TRAFFIC THAT WAS ASKED FOR: 79.96 Mbit/s of 80 arrived at the component, "
+                        "- Mbit/s of 80 arrived at the controller (38.2 sent)"));
+  came["hosts"]["controller"]["link"] = {
+      {"interface", "eth1"}, {"sent_bytes", 200'000'000}, {"received_bytes", 95'500'000}};
+  EXPECT_THAT(render({summary(with, came)}, Format::markdown), Not(HasSubstr("other traffic")))
+      << "it is ours";
+}
+
 TEST(TableFormat, NotesEachRefusalOnce) {
   auto refused = outcome();
   const auto refusal = [](const char* what) {

@@ -6,6 +6,7 @@
 #include <memory>
 #include <stdexcept>
 #include <string>
+#include <vector>
 
 namespace ontime::background {
 
@@ -36,5 +37,31 @@ class Background {
 // in `directory`. Returns once its workers run. Throws Error if it is missing (says the package) or ends at
 // once (says what it said).
 std::unique_ptr<Background> stress(const Workers&, const std::string& directory);
+
+// One way of concurrent traffic, as one of its two ends has it: UDP, by iperf3.
+struct Stream {
+  std::vector<std::string> place;  // words before the command: {"ip", "netns", "exec", "left"}
+  bool serves = false;             // waits to be asked, by one alone; else asks whoever serves
+  bool receives = false;           // of who asks: the traffic comes here
+  std::string address;             // where it is served
+  int port = 0;
+  // Of who asks:
+  std::uint64_t bits_per_s = 0;  // of payload: without the headers of UDP, IP and Ethernet
+  std::uint64_t datagram_bytes = 0;
+  int priority = 0;  // SCHED_FIFO, of iperf3 itself; 0: as anybody's
+};
+// What one end says it has sent, or received, since it began.
+struct Moved {
+  double seconds =
+      0;  // of its own clock, up to its last report, which is 0.2 s old at most if it is not starved
+  double bits = 0;
+};
+class Traffic : public Background {
+ public:
+  virtual Moved moved() = 0;  // to be asked once a minute at least: it is held up while nobody listens
+};
+// Returns once it waits to be asked, or traffic flows. Throws Error if it is missing (says the package), or
+// ends at once (says what it said).
+std::unique_ptr<Traffic> traffic(const Stream&);
 
 }  // namespace ontime::background

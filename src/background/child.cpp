@@ -1,9 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "background/child.hpp"
 
+#include <algorithm>
 #include <array>
 #include <cerrno>
 #include <cstring>
+#include <thread>
 
 #include <fcntl.h>
 #include <poll.h>
@@ -14,8 +16,14 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
+#include "background/process.hpp"
+
 namespace ontime::background {
 namespace {
+
+using namespace std::chrono_literals;
+
+constexpr auto time_to_end = 3s;
 
 struct Plan {
   char* const* arguments;
@@ -81,6 +89,14 @@ class SignalsBlocked {
   sigset_t before_;
 };
 
+// A leader of a PID namespace has ended only when all its descendants have; elsewhere they may come later.
+bool group_gone(pid_t group) {
+  const auto all = processes();
+  return std::none_of(all.begin(), all.end(), [group](const Process& process) {
+    return process.group == group && process.pid != group && !process.ended();
+  });
+}
+
 }  // namespace
 
 Started start(const std::vector<std::string>& command, int output) {
@@ -106,6 +122,28 @@ Started start(const std::vector<std::string>& command, int output) {
   close(plan.parent);
   if (pid >= 0 && plan.error != 0) waitpid(pid, nullptr, 0);
   return {plan.error == 0 ? pid : -1, plan.error};
+}
+
+Child::~Child() {
+  kill(-pid_, SIGTERM);
+  wait_until([this] { return ended(); }, time_to_end);
+  kill(-pid_, SIGKILL);
+  while (!ended() || !group_gone(pid_)) std::this_thread::sleep_for(5ms);
+  waitpid(pid_, nullptr, 0);
+}
+
+// Leaves it to be waited for: its id, and its group's, must not become another's meanwhile.
+bool Child::ended() const {
+  siginfo_t info{};
+  return waitid(P_PID, static_cast<id_t>(pid_), &info, WEXITED | WNOHANG | WNOWAIT) != 0 ||
+         info.si_pid == pid_;
+}
+
+bool wait_until(const std::function<bool()>& condition, std::chrono::nanoseconds limit) {
+  for (const auto end = std::chrono::steady_clock::now() + limit; !condition();
+       std::this_thread::sleep_for(5ms))
+    if (std::chrono::steady_clock::now() > end) return false;
+  return true;
 }
 
 }  // namespace ontime::background

@@ -2,6 +2,8 @@
 // A child process that cannot outlive the thread that started it.
 #pragma once
 
+#include <chrono>
+#include <functional>
 #include <string>
 #include <vector>
 
@@ -19,5 +21,22 @@ struct Started {
 // `output`. It is killed when the calling thread ends, however that ends. Where the kernel permits (root, or
 // user namespaces) it is the first process of a PID namespace, and all its descendants are killed with it.
 Started start(const std::vector<std::string>& command, int output);
+
+// Such a process, until this ends: it and all of its group are ended then, and waited for.
+class Child {
+ public:
+  explicit Child(pid_t pid) : pid_(pid) {}
+  ~Child();
+  Child(const Child&) = delete;
+  Child& operator=(const Child&) = delete;
+  pid_t pid() const { return pid_; }
+  bool ended() const;  // by itself
+
+ private:
+  pid_t pid_;
+};
+
+// Looks now and then; false if the limit came first.
+bool wait_until(const std::function<bool()>& condition, std::chrono::nanoseconds limit);
 
 }  // namespace ontime::background

@@ -4,12 +4,10 @@
 #include <cerrno>
 #include <chrono>
 #include <system_error>
-#include <thread>
+#include <utility>
 
 #include <fmt/format.h>
-#include <signal.h>
 #include <sys/mman.h>
-#include <sys/wait.h>
 #include <unistd.h>
 
 #include "background/background.hpp"
@@ -22,7 +20,6 @@ namespace {
 using namespace std::chrono_literals;
 
 constexpr auto time_to_start = 20s;  // 32 workers on one busy core need a second or two
-constexpr auto time_to_end = 3s;
 
 // What a child writes, kept in memory: nobody need read while it writes.
 class Output {
@@ -66,36 +63,6 @@ long children_of(pid_t pid) {
                        [pid](const Process& process) { return process.parent == pid && !process.ended(); });
 }
 
-// Leaves it to be waited for: its id, and its group's, must not become another's meanwhile.
-bool ended(pid_t pid) {
-  siginfo_t info{};
-  return waitid(P_PID, static_cast<id_t>(pid), &info, WEXITED | WNOHANG | WNOWAIT) != 0 || info.si_pid == pid;
-}
-
-template <typename Condition>
-bool wait_until(Condition condition, std::chrono::nanoseconds limit) {
-  for (const auto end = std::chrono::steady_clock::now() + limit; !condition();
-       std::this_thread::sleep_for(5ms))
-    if (std::chrono::steady_clock::now() > end) return false;
-  return true;
-}
-
-// A leader of a PID namespace has ended only when all its descendants have; elsewhere they may come later.
-bool group_gone(pid_t group) {
-  const auto all = processes();
-  return std::none_of(all.begin(), all.end(), [group](const Process& process) {
-    return process.group == group && process.pid != group && !process.ended();
-  });
-}
-
-void end(pid_t pid) {
-  kill(-pid, SIGTERM);
-  wait_until([pid] { return ended(pid); }, time_to_end);
-  kill(-pid, SIGKILL);
-  while (!ended(pid) || !group_gone(pid)) std::this_thread::sleep_for(5ms);
-  waitpid(pid, nullptr, 0);
-}
-
 Error not_started(int error) {
   if (error == ENOENT)
     return Error("load was asked for, but there is no stress-ng: install it (sudo apt install stress-ng)");
@@ -104,14 +71,11 @@ Error not_started(int error) {
 
 class Stress final : public Background {
  public:
-  explicit Stress(pid_t pid) : pid_(pid) {}
-  ~Stress() override { end(pid_); }
-  Stress(const Stress&) = delete;
-  Stress& operator=(const Stress&) = delete;
-  bool running() override { return !ended(pid_); }
+  explicit Stress(std::unique_ptr<Child> child) : child_(std::move(child)) {}
+  bool running() override { return !child_->ended(); }
 
  private:
-  pid_t pid_;
+  std::unique_ptr<Child> child_;
 };
 
 }  // namespace
@@ -124,12 +88,13 @@ std::unique_ptr<Background> stress(const Workers& workers, const std::string& di
   const Output output;
   const auto started = start(command, output.fd());
   if (started.pid < 0) throw not_started(started.error);
-  const pid_t pid = started.pid;
+  auto child = std::make_unique<Child>(started.pid);
   long running = 0;
-  wait_until([&] { return ended(pid) || (running = children_of(pid)) >= wanted; }, time_to_start);
-  const bool has_ended = ended(pid);
-  if (!has_ended && running >= wanted) return std::make_unique<Stress>(pid);
-  end(pid);
+  wait_until([&] { return child->ended() || (running = children_of(child->pid())) >= wanted; },
+             time_to_start);
+  const bool has_ended = child->ended();
+  if (!has_ended && running >= wanted) return std::make_unique<Stress>(std::move(child));
+  child.reset();
   const auto what = has_ended ? "ended at once" : fmt::format("runs only {} of {} workers", running, wanted);
   throw Error(fmt::format("{} {}; it said:\n{}", fmt::join(command, " "), what, output.text()));
 }

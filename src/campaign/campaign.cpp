@@ -119,6 +119,14 @@ const char* word_of(Hosts::Kind kind) {
   return "";
 }
 
+json asked(const Traffic& traffic) {
+  if (traffic.bits_per_s == 0) return nullptr;
+  return {{"bit_s", traffic.bits_per_s},
+          {"datagram_bytes", traffic.datagram_bytes},
+          {"direction", word_of(traffic.direction)},
+          {"priority", traffic.priority}};
+}
+
 }  // namespace
 
 json asked(const Run& run, const Hosts& hosts) {
@@ -155,6 +163,7 @@ json asked(const Run& run, const Hosts& hosts) {
       {"load",
        {{"controller", keeper::to_json(run.controller_load)},
         {"component", keeper::to_json(run.component_load)}}},
+      {"traffic", asked(run.traffic)},
       {"ontime", ONTIME_VERSION}};
 }
 

@@ -25,8 +25,20 @@ using orders::Error;
 std::chrono::nanoseconds duration_of(const std::string& text);
 // "32 KiB" → 32'768. Units: B kB KiB MB MiB GB GiB.
 std::uint64_t bytes_of(const std::string& text);
+// "80 Mbit/s" → 80'000'000. Units: bit/s kbit/s Mbit/s Gbit/s.
+std::uint64_t bit_rate_of(const std::string& text);
 // A whole number within these bounds. Throws std::invalid_argument, for people.
 std::int64_t number_of(const std::string& text, std::int64_t least, std::int64_t most);
+
+// What else goes over the link under test while messages do: UDP, by iperf3.
+struct Traffic {
+  enum class Direction { both, to_component, to_controller } direction = Direction::both;
+  std::uint64_t bits_per_s = 0;         // each way, of payload; 0: no traffic
+  std::uint64_t datagram_bytes = 1470;  // the paper's iperf's own choice: a frame of Ethernet is full then
+  int priority = 0;                     // SCHED_FIFO, of iperf3 itself; 0: none
+  bool operator==(const Traffic&) const = default;
+};
+const char* word_of(Traffic::Direction);
 
 // One measurement, all conditions stated.
 struct Run {
@@ -38,6 +50,7 @@ struct Run {
   int repetition = 1;
   agent::Task task;  // the client's; the server's follows from it
   background::Workers controller_load, component_load;
+  Traffic traffic;
   std::string component_transport;  // empty: as the controller's, with its options
   std::map<std::string, std::string> component_options;
 

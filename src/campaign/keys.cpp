@@ -24,6 +24,7 @@ constexpr int background_priority = 70;        // of a middleware's other thread
 constexpr std::int64_t max_domain = 232;       // the last one whose ports exist
 constexpr std::size_t max_topic_length = 247;  // RMW_TOPIC_MAX_NAME_LENGTH
 constexpr auto max_duration = 1000h;           // whose messages can be numbered at the least period
+constexpr std::uint64_t least_datagram_bytes = 16, most_datagram_bytes = 65'507;  // iperf3's, and UDP's
 constexpr std::uint64_t max_payload_bytes = std::uint64_t{1} << 30U;
 const std::vector<std::string> message_roles{"send", "receive", "delivery"};
 const std::vector<std::string> background_roles{"discovery", "timer", "other"};
@@ -60,6 +61,23 @@ std::size_t payload_of(Text text) {
   if (bytes > max_payload_bytes)
     throw std::invalid_argument(fmt::format("'{}' is too large: at most 1 GiB", text));
   return bytes;
+}
+
+std::uint64_t datagram_of(Text text) {
+  const auto bytes = bytes_of(text);
+  if (bytes < least_datagram_bytes || bytes > most_datagram_bytes)
+    throw std::invalid_argument(fmt::format(
+        "'{}' is no size of a datagram: {} B to {} B are (from 1473 B on, of an Ethernet as usual, "
+        "it goes in several frames)",
+        text, least_datagram_bytes, most_datagram_bytes));
+  return bytes;
+}
+
+std::optional<Traffic::Direction> direction_of(Text text) {
+  using Direction = Traffic::Direction;
+  for (const auto direction : {Direction::both, Direction::to_component, Direction::to_controller})
+    if (text == word_of(direction)) return direction;
+  return {};
 }
 
 // As rmw validates a topic's whole name, and a namespace: parts between slashes, each like a variable's name.
@@ -207,6 +225,22 @@ void add_load_keys(std::vector<Key>& keys, const std::string& host, background::
   add_bytes("hdd-bytes", &background::Workers::hdd_bytes, "file size of each hdd worker");
 }
 
+void add_traffic_keys(std::vector<Key>& keys) {
+  const auto client = Key::For::client;
+  keys.insert(
+      keys.end(),
+      {{"traffic.rate", "", "RATE", "of concurrent UDP traffic, by iperf3, each way: none", client,
+        [](Run& run, Text text) { run.traffic.bits_per_s = bit_rate_of(text); }},
+       {"traffic.direction", "", "both|to-component|to-controller", "of concurrent traffic: both", client,
+        [](Run& run, Text text) {
+          run.traffic.direction = one_of(direction_of(text), text, "both, to-component, to-controller");
+        }},
+       {"traffic.datagram", "", "SIZE", "payload of each datagram of concurrent traffic: 1470 B", client,
+        [](Run& run, Text text) { run.traffic.datagram_bytes = datagram_of(text); }},
+       {"traffic.priority", "", "1-99", "SCHED_FIFO priority of iperf3: none", client,
+        [](Run& run, Text text) { run.traffic.priority = static_cast<int>(number_of(text, 1, 99)); }}});
+}
+
 std::vector<Key> all_keys() {
   const auto client = Key::For::client, both = Key::For::both;
   std::vector<Key> keys{
@@ -296,6 +330,7 @@ std::vector<Key> all_keys() {
       add_thread_keys(keys, "realtime." + role, "--" + role + "-", {role}, "threads of role " + role);
   add_load_keys(keys, "controller", &Run::controller_load);
   add_load_keys(keys, "component", &Run::component_load);
+  add_traffic_keys(keys);
   return keys;
 }
 
@@ -328,6 +363,8 @@ void complete(Run& run) {
     throw std::invalid_argument("component.options need a component.transport that they are for");
   run.task.config.domain = run.domain ? *run.domain : domain_of_environment();
   complete_topics(run);
+  if (run.traffic.bits_per_s == 0 && run.traffic != Traffic{})
+    throw std::invalid_argument("traffic is described, but there is none: traffic.rate says how much");
   if (client.deadline > client.timeout)
     throw std::invalid_argument(
         fmt::format("the deadline ({} us) is longer than the time-out ({} us): nothing could "

@@ -3,6 +3,7 @@
 
 #include <algorithm>
 
+#include "campaign/traffic.hpp"
 #include "keeper/keeper.hpp"
 #include "machine/machine.hpp"
 
@@ -92,6 +93,12 @@ void Machines::load(const Run& run) {
       const auto& workers = host == controller ? run.controller_load : run.component_load;
       if (workers.any()) ask(machine, "load", "loaded", {{"host", host}, {"load", keeper::to_json(workers)}});
     }
+  for (const auto* host : {component, controller})  // who serves is ready before who asks
+    for (const auto& way : ways_of(run.traffic))
+      ask(machine_of(host), "traffic", "flowing",
+          {{"host", host},
+           {"way", way},
+           {"stream", keeper::to_json(stream_of(run.traffic, way, host, hosts_))}});
 }
 
 void Machines::unload() {
@@ -100,12 +107,13 @@ void Machines::unload() {
 void Machines::begin() { all("begin", "begun"); }
 
 Machines::Account Machines::end() {
-  Account account{json::object(), json::object()};
+  Account account{json::object(), json::object(), json::object()};
   for (auto& [reach, machine] : machines_) {
     const auto ended = ask(machine, "end", "ended");
     for (const auto& host : machine.hosts) {
       account.conditions[host] = ended.at("conditions");
       account.load_running[host] = ended.at("load_running").value(host, json());
+      account.traffic[host] = ended.at("traffic").value(host, json::object());
     }
   }
   return account;
@@ -124,7 +132,7 @@ void Machines::tell(const json& notes) {
   for (const auto& note : notes) observer_.note(note);
 }
 
-json Machines::ask(Machine& machine, const char* order, const char* answer, json body) {
+json Machines::ask(const Machine& machine, const char* order, const char* answer, json body) {
   machine.keeper->order(order, std::move(body));
   return coordinator_.await(*machine.keeper, answer, patience, 1);
 }

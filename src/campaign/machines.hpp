@@ -21,12 +21,13 @@ class Machines {
   const nlohmann::json& machine(const std::string& host) const { return machine_of(host).description; }
   bool lost() const;  // whether a keeper is
 
-  // For one run: its load, and the account of what each machine did between begin() and end().
+  // For one run: its load and its traffic, and the account of what each machine did between begin() and
+  // end().
   void load(const Run&);
   void unload();
   void begin();
   struct Account {
-    nlohmann::json conditions, load_running;  // by host
+    nlohmann::json conditions, load_running, traffic;  // by host
   };
   Account end();
 
@@ -43,7 +44,7 @@ class Machines {
   void add(const std::string& host, const Host&);
   void all(const char* order, const char* answer);
   void tell(const nlohmann::json& notes);
-  nlohmann::json ask(Machine&, const char* order, const char* answer,
+  nlohmann::json ask(const Machine&, const char* order, const char* answer,
                      nlohmann::json body = nlohmann::json::object());
 
   orders::Coordinator& coordinator_;

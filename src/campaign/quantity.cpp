@@ -55,6 +55,13 @@ std::uint64_t bytes_of(const std::string& text) {
   return static_cast<std::uint64_t>(bytes);
 }
 
+std::uint64_t bit_rate_of(const std::string& text) {
+  static const Units units{{"bit/s", 1}, {"kbit/s", 1e3}, {"Mbit/s", 1e6}, {"Gbit/s", 1e9}};
+  const auto rate = quantity(text, units, "80 Mbit/s");
+  if (rate < 1) throw std::invalid_argument(fmt::format("'{}' is less than one bit a second", text));
+  return static_cast<std::uint64_t>(std::llround(rate));
+}
+
 std::int64_t number_of(const std::string& text, std::int64_t least, std::int64_t most) {
   std::int64_t value = 0;
   const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);

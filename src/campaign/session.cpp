@@ -4,6 +4,7 @@
 #include <fmt/format.h>
 
 #include "campaign/link.hpp"
+#include "campaign/traffic.hpp"
 
 namespace ontime::campaign {
 namespace {
@@ -173,6 +174,10 @@ json Session::outcome() {
   }
   outcome["interrupted"] = interrupts_ > 0;
   outcome["conditions"] = account.conditions;
+  if (run_.traffic.bits_per_s > 0) {
+    outcome["traffic"] = achieved(run_.traffic, account.traffic);
+    for (const auto& text : shortfalls(outcome.at("traffic"))) observer_.note(text);
+  }
   outcome["hosts"] = std::move(hosts);
   if (const auto elsewhere = went_elsewhere(outcome, run_.task.client.payload_bytes))
     outcome["error"] = *elsewhere;

@@ -7,9 +7,10 @@
 //   open   {}             opened {machine, notes}: what it is; what was given back of earlier ontimes
 //   join   {}             joined {controller, component}: two namespaces, each {place, interface, address}
 //   load   {host, load}   loaded {}: stress-ng for a host of that name, until unload
+//   traffic {host, way, stream}   flowing {}: one end of one way of it, by iperf3, until unload
 //   unload {}             unloaded {notes}: what of the load could not be given back
 //   begin  {}             begun {}: "during the run" is from here on
-//   end    {}             ended {conditions, load_running {host: bool}}
+//   end    {}             ended {conditions, load_running {host: bool}, traffic {host: {way: …}}}
 //   close  {}             closed {notes}: what could not be given back
 #pragma once
 
@@ -21,6 +22,8 @@ namespace ontime::keeper {
 
 nlohmann::json to_json(const background::Workers&);
 background::Workers workers_of(const nlohmann::json&);
+nlohmann::json to_json(const background::Stream&);
+background::Stream stream_of(const nlohmann::json&);
 
 // Carries out orders from standard input until its end. Returns the exit code.
 int serve();

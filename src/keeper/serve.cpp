@@ -6,6 +6,7 @@
 #include <fmt/format.h>
 
 #include "journal/journal.hpp"
+#include "keeper/flows.hpp"
 #include "keeper/keeper.hpp"
 #include "machine/machine.hpp"
 #include "orders/orders.hpp"
@@ -35,15 +36,21 @@ class Keeper final : public orders::Worker {
     } else if (order == "load") {
       load(body.at("host"), workers_of(body.at("load")));
       events_.tell("loaded");
+    } else if (order == "traffic") {
+      flows_.add(body.at("host"), body.at("way"), stream_of(body.at("stream")));
+      events_.tell("flowing");
     } else if (order == "unload") {
       events_.tell("unloaded", {{"notes", unload()}});
     } else if (order == "begin") {
       activity_ = machine::activity();
+      flows_.begin();
       events_.tell("begun");
     } else if (order == "end") {
       events_.tell("ended", {{"conditions", machine::between(activity_, machine::activity())},
-                             {"load_running", load_running()}});
+                             {"load_running", load_running()},
+                             {"traffic", flows_.end()}});
     } else if (order == "close") {
+      flows_.clear();
       loads_.clear();
       events_.tell("closed", {{"notes", journal_.revert()}});
     } else {
@@ -51,9 +58,13 @@ class Keeper final : public orders::Worker {
     }
   }
 
-  std::chrono::milliseconds go_on() override { return 500ms; }
+  std::chrono::milliseconds go_on() override {
+    flows_.listen();
+    return 500ms;
+  }
 
   void give_back() noexcept override {
+    flows_.clear();
     loads_.clear();
     journal_.revert();
     try {
@@ -76,6 +87,7 @@ class Keeper final : public orders::Worker {
 
   // A suite has many runs, and the journal holds only what there is.
   std::vector<std::string> unload() {
+    flows_.clear();
     std::vector<std::string> notes;
     for (auto& [host, load] : std::exchange(loads_, {})) {
       load.running.reset();
@@ -94,6 +106,7 @@ class Keeper final : public orders::Worker {
   orders::Events& events_;
   journal::Journal journal_;
   std::map<std::string, Load> loads_;  // by host; they end before the journal
+  Flows flows_;
   machine::Activity activity_;
 };
 

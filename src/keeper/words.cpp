@@ -19,4 +19,26 @@ background::Workers workers_of(const json& from) {
           from.at("hdd"), from.at("vm_bytes"), from.at("hdd_bytes")};
 }
 
+json to_json(const background::Stream& stream) {
+  return {{"place", stream.place},
+          {"serves", stream.serves},
+          {"receives", stream.receives},
+          {"address", stream.address},
+          {"port", stream.port},
+          {"bit_s", stream.bits_per_s},
+          {"datagram_bytes", stream.datagram_bytes},
+          {"priority", stream.priority}};
+}
+
+background::Stream stream_of(const json& from) {
+  return {.place = from.at("place"),
+          .serves = from.at("serves"),
+          .receives = from.at("receives"),
+          .address = from.at("address"),
+          .port = from.at("port"),
+          .bits_per_s = from.at("bit_s"),
+          .datagram_bytes = from.at("datagram_bytes"),
+          .priority = from.at("priority")};
+}
+
 }  // namespace ontime::keeper

@@ -49,6 +49,18 @@ std::string load(const json& asked) {
   return hosts.empty() ? "no load" : "load: " + join(hosts, " and ");
 }
 
+std::string traffic(const json& asked) {
+  const auto& direction = at(asked, "direction");
+  auto text = fmt::format("traffic: {} Mbit/s {}", megabits(at(asked, "bit_s")),
+                          direction == "to-component"    ? "to the component"
+                          : direction == "to-controller" ? "to the controller"
+                                                         : "each way");
+  text += fmt::format(" in datagrams of {}", size(at(asked, "datagram_bytes")));
+  if (const auto priority = count(at(asked, "priority")); priority > 0)
+    text += fmt::format(" at SCHED_FIFO {}", priority);
+  return text;
+}
+
 std::string quality_of_service(const json& qos) {
   if (!qos.is_object()) return "";
   auto text = word(at(qos, "reliability")) + " " + word(at(qos, "history"));
@@ -160,6 +172,7 @@ std::vector<Phrase> phrases_of(const Summary& summary) {
   add("interface", at(asked, "interface"), interfaces(asked));
   add("duration", at(asked, "duration_s"), seconds(at(asked, "duration_s")));
   add("load", at(asked, "load"), load(at(asked, "load")));
+  add("traffic", at(asked, "traffic"), traffic(at(asked, "traffic")));
   add("hosts", at(asked, "hosts"), "hosts " + word(at(asked, "hosts")), Phrase::Where::in_labels);
   return phrases;
 }
@@ -215,7 +228,7 @@ void add_variant(std::string& label, const json& variant, const std::vector<Phra
     const auto key = part.substr(0, part.find(' '));
     // "qos.depth 5" is told by "qos", "load.controller.cpu 4" by "load".
     const bool told = std::any_of(phrases.begin(), phrases.end(), [&](const Phrase& phrase) {
-      const bool holds_others = phrase.key == "qos" || phrase.key == "load";
+      const bool holds_others = phrase.key == "qos" || phrase.key == "load" || phrase.key == "traffic";
       return key == phrase.key || (holds_others && key.starts_with(phrase.key + "."));
     });
     if (!told) label += " " + shortened(part, longest_value);

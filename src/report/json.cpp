@@ -138,6 +138,7 @@ ordered_json json_of(const statistics::Summary& summary) {
                       "component_options", "domain", "ping_topic", "pong_topic", "interface",
                       "component_interface", "realtime_settings", "count_instructions"});
   run["conditions"]["load"] = {{"asked", at(asked, "load")}, {"achieved", at(outcome, "conditions")}};
+  run["conditions"]["traffic"] = {{"asked", at(asked, "traffic")}, {"achieved", at(outcome, "traffic")}};
   run["hosts"] = at(outcome, "hosts");
   run["provenance"] = some_of(asked, {"ontime", "command_line", "hosts", "scenario_file", "scenario"});
   return run;

@@ -33,14 +33,41 @@ std::string losses(const json& outcome, const char* key, const char* where) {
   return join(parts, ", ");
 }
 
+// What was achieved of the concurrent traffic, loudly where it is not what was asked.
+std::string traffic(const json& outcome) {
+  std::vector<std::string> ways;
+  bool is_short = false;
+  for (const auto* way : {"to_component", "to_controller"}) {
+    const auto& rates = at(at(outcome, "traffic"), way);
+    if (!rates.is_object()) continue;
+    is_short = is_short || is_true(at(rates, "short"));
+    ways.push_back(fmt::format(
+        "{} Mbit/s of {} arrived at the {}{}", megabits(at(rates, "received_bit_s")),
+        megabits(at(rates, "asked_bit_s")), std::string_view(way).substr(sizeof("to_") - 1),
+        is_true(at(rates, "short")) ? fmt::format(" ({} sent)", megabits(at(rates, "sent_bit_s"))) : ""));
+  }
+  if (ways.empty()) return "";
+  return (is_short ? "NOT THE TRAFFIC THAT WAS ASKED FOR: " : "traffic: ") + join(ways, ", ");
+}
+
 // The interface's own counters, where they do not fit what was measured. (Too little makes a run fail.)
 constexpr std::uint64_t headers_bytes = 120;  // of a message, at most: Ethernet, IP, UDP, RTPS
 constexpr std::uint64_t much = 10;            // times what the messages take
 constexpr std::uint64_t little_bytes = 1 << 20;
+// Of the traffic that was asked for, at least what it is of payload.
+std::uint64_t traffic_bytes(const statistics::Summary& summary) {
+  double bits = 0;
+  for (const auto& [way, rates] : at(summary.run.outcome, "traffic").items())
+    if (const auto& sent = at(rates, "sent_bit_s"); sent.is_number())
+      bits += std::max(0.0, sent.get<double>());
+  const auto& seconds = at(summary.run.asked, "duration_s");
+  return static_cast<std::uint64_t>(
+      std::clamp(seconds.is_number() ? bits / 8 * seconds.get<double>() : 0, 0.0, 1e15));
+}
 std::vector<std::string> other_traffic(const statistics::Summary& summary) {
   const auto& hosts = at(summary.run.outcome, "hosts");
   const auto payload = std::min<std::uint64_t>(count(at(summary.run.asked, "payload_bytes")), 1 << 30);
-  const auto expected = 2 * summary.sent * (payload + headers_bytes);
+  const auto expected = 2 * summary.sent * (payload + headers_bytes) + traffic_bytes(summary);
   std::vector<std::string> parts;
   json seen;  // both ends of loopback are one interface
   for (const auto* host : {"controller", "component"}) {
@@ -49,10 +76,10 @@ std::vector<std::string> other_traffic(const statistics::Summary& summary) {
     const json which = {at(link, "interface"), at(at(at(hosts, host), "machine"), "boot_id")};
     if (bytes / much <= expected || bytes < little_bytes || which == seen) continue;
     seen = which;
-    parts.push_back(
-        fmt::format("other traffic on {} of the {}: {:.0f} MB in all, where these messages take {:.1f} MB",
-                    word(at(link, "interface")), host, static_cast<double>(bytes) / 1e6,
-                    static_cast<double>(expected) / 1e6));
+    parts.push_back(fmt::format(
+        "other traffic on {} of the {}: {:.0f} MB in all, where what was asked for takes {:.1f} MB",
+        word(at(link, "interface")), host, static_cast<double>(bytes) / 1e6,
+        static_cast<double>(expected) / 1e6));
   }
   return parts;
 }
@@ -97,6 +124,7 @@ std::string remarks(const statistics::Summary& summary) {
   for (const auto& [host, facts] : at(outcome, "hosts").items())
     if (at(facts, "load_running") == false)
       parts.push_back("the load on the " + word(host) + " had died by the end");
+  if (const auto text = traffic(outcome); !text.empty()) parts.push_back(text);
   add_notes(parts, summary);
   if (summary.skipped_cycles > 0)
     parts.push_back(

@@ -43,6 +43,10 @@ std::string duration(const nlohmann::json& us) {
   return fmt::format("{:.6g} µs", value);
 }
 
+std::string megabits(const nlohmann::json& bit_s) {
+  return bit_s.is_number() ? fmt::format("{:.4g}", bit_s.get<double>() / 1e6) : nothing;
+}
+
 std::string size(const nlohmann::json& bytes) {
   if (!bytes.is_number_integer()) return nothing;
   const auto value = count(bytes);

@@ -104,11 +104,11 @@ class System(unittest.TestCase):
         return self.own("stress-ng")
 
     def what_is_left(self):
-        return (f"agents and keepers {self.agents()}, load {self.load()}, namespaces {namespaces()}, "
+        return (f"agents and keepers {self.agents()}, load {self.load()}, traffic {self.traffic()}, namespaces {namespaces()}, "
                 f"files {os.listdir(self.temporary)}")
 
     def nothing_left(self):
-        return not (self.agents() or self.load() or OUR_NAMESPACES & set(namespaces()) or os.listdir(self.temporary))
+        return not (self.agents() or self.load() or self.traffic() or OUR_NAMESPACES & set(namespaces()) or os.listdir(self.temporary))
 
     def scenario(self, duration="1 s", text=SCENARIO, transports=None):
         path = os.path.join(self.folder, "scenario.yaml")
@@ -222,6 +222,68 @@ class System(unittest.TestCase):
             out, _ = pong.communicate(timeout=30)
         self.assertEqual(pong.returncode, 130)
         self.assertRegex(out, r"answered \d\d+ messages")
+
+    # --- concurrent traffic ---
+
+    TRAFFIC = """
+hosts: namespaces
+defaults: {transport: [%s], period: 5 ms, duration: %s, traffic: {rate: 8 Mbit/s}}
+runs:
+  - id: both
+  - {id: one-way, traffic: {direction: to-controller, datagram: 200 B, priority: 1}}
+  - {id: too-much, traffic: {rate: 100 Gbit/s, direction: to-component}}
+"""
+
+    def traffic(self):
+        return self.own("iperf3")
+
+    def test_traffic_flows_and_what_arrived_is_told(self):
+        scenario = self.scenario("3 s", text=self.TRAFFIC, transports=["udp"])
+        answer = self.run_ontime("run", scenario, "--only", "both,one-way", "--results", self.results)
+        self.assertEqual(answer.returncode, 0, answer.stderr)
+        both, one_way = self.report()
+        self.assertEqual(set(both["conditions"]["traffic"]["achieved"]), {"to_component", "to_controller"})
+        self.assertEqual(set(one_way["conditions"]["traffic"]["achieved"]), {"to_controller"})
+        for run in (both, one_way):
+            self.assertIsNone(run["error"])
+            for way, rates in run["conditions"]["traffic"]["achieved"].items():
+                with self.subTest(run=run["id"], way=way):
+                    self.assertGreater(rates["received_bit_s"], 1e6)
+                    self.assertTrue(rates["running"])
+                    # It went over the link under test: the kernel counted it there.
+                    carried = run["hosts"][way.removeprefix("to_")]["link"]["received_bytes"]
+                    self.assertGreater(carried, rates["received_bit_s"] / 8 * 2)
+
+    def test_traffic_that_was_not_there_is_said_loudly(self):
+        scenario = self.scenario("2 s", text=self.TRAFFIC, transports=["udp"])
+        answer = self.run_ontime("run", scenario, "--only", "too-much", "--results", self.results)
+        self.assertEqual(answer.returncode, 0, answer.stderr)
+        self.assertIn("of 1e+05 Mbit/s", answer.stderr)
+        self.assertIn("NOT", answer.stderr)
+        self.assertIn("NOT THE TRAFFIC THAT WAS ASKED FOR", answer.stdout)
+        self.assertTrue(self.report()[0]["conditions"]["traffic"]["achieved"]["to_component"]["short"])
+
+    def test_traffic_dies_with_who_started_it(self):
+        for whom in (lambda process: [process.pid], lambda _: self.keepers()):
+            process = self.start_ontime("run", self.scenario("1 h", text=self.TRAFFIC, transports=["udp"]), "--only", "both",
+                                        "--results", self.results)
+            self.started(process, lambda: self.samples_recorded() > 50 and len(self.traffic()) == 4)
+            for pid in whom(process):
+                os.kill(pid, signal.SIGKILL)
+            process.communicate(timeout=30)
+            self.assertTrue(eventually(self.nothing_left, 5), self.what_is_left())
+            os.remove(self.results)
+
+    def test_traffic_that_died_is_noticed(self):
+        process = self.start_ontime("run", self.scenario("3 s", text=self.TRAFFIC, transports=["udp"]), "--only", "one-way",
+                                    "--results", self.results)
+        self.started(process, lambda: self.samples_recorded() > 50 and len(self.traffic()) == 2)
+        for pid in self.traffic():
+            with contextlib.suppress(ProcessLookupError):
+                os.kill(pid, signal.SIGKILL)
+        out, error = process.communicate(timeout=60)
+        self.assertEqual(process.returncode, 0, error)
+        self.assertIn("iperf3 had died", error)
 
     # --- wrong input ---
 

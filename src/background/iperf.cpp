@@ -1,0 +1,144 @@
+// SPDX-License-Identifier: Apache-2.0
+// Concurrent traffic: iperf3.
+#include "background/iperf.hpp"
+
+#include <array>
+#include <cerrno>
+#include <chrono>
+#include <regex>
+#include <system_error>
+#include <utility>
+
+#include <fcntl.h>
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+#include <unistd.h>
+
+#include "background/background.hpp"
+#include "background/child.hpp"
+
+namespace ontime::background {
+namespace {
+
+using namespace std::chrono_literals;
+
+constexpr auto time_to_start = 20s;
+constexpr const char* interval_s = "0.2";
+constexpr std::size_t kept_for_people = 2000;
+
+class Pipe {
+ public:
+  Pipe() {
+    if (pipe2(ends_.data(), O_CLOEXEC) != 0)
+      throw Error("no pipe to iperf3: " + std::generic_category().message(errno));
+    fcntl(ends_[0], F_SETFL, O_NONBLOCK);
+  }
+  ~Pipe() {
+    close(ends_[0]);
+    close(ends_[1]);
+  }
+  Pipe(const Pipe&) = delete;
+  Pipe& operator=(const Pipe&) = delete;
+  int in() const { return ends_[1]; }
+  // What has been written and not been taken yet.
+  std::string take() const {
+    std::string text;
+    std::array<char, 4096> some;
+    for (ssize_t bytes = 0; (bytes = read(ends_[0], some.data(), some.size())) > 0;)
+      text.append(some.data(), static_cast<std::size_t>(bytes));
+    return text;
+  }
+
+ private:
+  std::array<int, 2> ends_{-1, -1};
+};
+
+std::vector<std::string> command_for(const Stream& stream) {
+  auto command = stream.place;
+  if (stream.priority > 0) command.insert(command.end(), {"chrt", "--fifo", std::to_string(stream.priority)});
+  command.insert(command.end(), {"iperf3", "--port", std::to_string(stream.port), "--interval", interval_s,
+                                 "--format", "k", "--forceflush"});
+  if (stream.serves) {
+    command.insert(command.end(), {"--server", "--one-off", "--bind", stream.address});
+    return command;
+  }
+  constexpr const char* for_ever = "0";
+  command.insert(command.end(),
+                 {"--client", stream.address, "--udp", "--bitrate", std::to_string(stream.bits_per_s),
+                  "--length", std::to_string(stream.datagram_bytes), "--time", for_ever});
+  if (stream.receives) command.emplace_back("--reverse");
+  return command;
+}
+
+class Iperf final : public Traffic {
+ public:
+  explicit Iperf(const Stream& stream) : serves_(stream.serves), command_(command_for(stream)) {
+    const auto started = start(command_, output_.in());
+    if (started.pid < 0) fail(fmt::format("cannot be started: {}", errno_text(started.error)), started.error);
+    child_ = std::make_unique<Child>(started.pid);
+    wait_until([this] { return child_->ended() || (read(), ready()); }, time_to_start);
+    if (child_->ended() || !ready()) {
+      const char* const what = child_->ended() ? "ended at once" : "does not begin";
+      child_.reset();
+      read();
+      fail(fmt::format("{}; it said:\n{}", what, said_));
+    }
+  }
+
+  bool running() override { return !child_->ended(); }
+  Moved moved() override {
+    read();
+    return moved_;
+  }
+
+ private:
+  static std::string errno_text(int error) { return std::generic_category().message(error); }
+
+  [[noreturn]] void fail(const std::string& what, int error = 0) const {
+    const bool missing =
+        error == ENOENT || (said_.find("iperf3") != said_.npos && said_.find("No such file") != said_.npos);
+    if (missing)
+      throw Error("traffic was asked for, but there is no iperf3: install it (sudo apt install iperf3)");
+    throw Error(fmt::format("{} {}", fmt::join(command_, " "), what));
+  }
+
+  bool ready() const { return serves_ ? said_.find("listening") != said_.npos : moved_.seconds > 0; }
+
+  void read() {
+    const auto text = output_.take();
+    if (said_.size() < kept_for_people) said_ += text.substr(0, kept_for_people - said_.size());
+    line_ += text;
+    std::size_t begin = 0;
+    for (auto end = line_.find('\n'); end != line_.npos; begin = end + 1, end = line_.find('\n', begin)) {
+      const auto interval = parse_interval(line_.substr(begin, end - begin));
+      if (!interval) continue;
+      moved_.seconds = interval->to_s;
+      moved_.bits += interval->bits;
+    }
+    line_.erase(0, begin);
+  }
+
+  const bool serves_;
+  const std::vector<std::string> command_;
+  const Pipe output_;
+  std::string said_, line_;
+  Moved moved_;
+  std::unique_ptr<Child> child_;
+};
+
+}  // namespace
+
+std::optional<Interval> parse_interval(const std::string& line) {
+  static const std::regex report(
+      R"(\[ *\d+\] +(\d+\.\d+)-(\d+\.\d+) +sec +\S+ +[KMGT]?Bytes +(\d+(?:\.\d+)?) Kbits/sec( .*)?)");
+  std::smatch found;
+  if (line.size() > 200 || !std::regex_match(line, found, report)) return {};
+  if (line.find("sender") != line.npos || line.find("receiver") != line.npos) return {};
+  const double from = std::stod(found[1]), to = std::stod(found[2]), kbit_s = std::stod(found[3]);
+  if (to < from) return {};
+  return Interval{from, to, kbit_s * 1000 * (to - from)};
+}
+
+std::unique_ptr<Traffic> traffic(const Stream& stream) { return std::make_unique<Iperf>(stream); }
+
+}  // namespace ontime::background

@@ -1,0 +1,99 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "campaign/traffic.hpp"
+
+#include <fmt/format.h>
+
+namespace ontime::campaign {
+namespace {
+
+using nlohmann::json;
+
+constexpr const char* to_component = "to_component";
+constexpr const char* to_controller = "to_controller";
+constexpr int first_port = 5201;  // iperf3's own, which firewalls know
+constexpr double enough = 0.95;   // of what was asked
+
+// A transport may be told a port with the address, which is not ours.
+std::string without_port(const std::string& address) { return address.substr(0, address.find(':')); }
+
+json rate_of(const json& by_host, const char* host, const std::string& way) {
+  return by_host.value(host, json::object()).value(way, json::object()).value("bit_s", json());
+}
+
+bool running(const json& by_host, const std::string& way) {
+  for (const auto* host : {"controller", "component"})
+    if (!by_host.value(host, json::object()).value(way, json::object()).value("running", false)) return false;
+  return true;
+}
+
+std::string megabits(const json& bit_s) {
+  return bit_s.is_number() ? fmt::format("{:.4g}", bit_s.get<double>() / 1e6) : "an unknown rate";
+}
+
+}  // namespace
+
+const char* word_of(Traffic::Direction direction) {
+  switch (direction) {
+    case Traffic::Direction::both:
+      return "both";
+    case Traffic::Direction::to_component:
+      return "to-component";
+    case Traffic::Direction::to_controller:
+      return "to-controller";
+  }
+  return "";
+}
+
+std::vector<std::string> ways_of(const Traffic& traffic) {
+  std::vector<std::string> ways;
+  if (traffic.bits_per_s == 0) return ways;
+  if (traffic.direction != Traffic::Direction::to_controller) ways.emplace_back(to_component);
+  if (traffic.direction != Traffic::Direction::to_component) ways.emplace_back(to_controller);
+  return ways;
+}
+
+// The component serves both ways: so only its address need be known, which it is.
+background::Stream stream_of(const Traffic& traffic, const std::string& way, const std::string& end,
+                             const Hosts& hosts) {
+  const bool serves = end == "component";
+  return {.place = serves ? hosts.component.place : hosts.controller.place,
+          .serves = serves,
+          .receives = way == to_controller,
+          .address = without_port(hosts.component.address),
+          .port = first_port + (way == to_controller ? 1 : 0),
+          .bits_per_s = traffic.bits_per_s,
+          .datagram_bytes = traffic.datagram_bytes,
+          .priority = traffic.priority};
+}
+
+json achieved(const Traffic& traffic, const json& by_host) {
+  auto all = json::object();
+  for (const auto& way : ways_of(traffic)) {
+    const bool there = way == to_component;
+    const auto sent = rate_of(by_host, there ? "controller" : "component", way);
+    const auto received = rate_of(by_host, there ? "component" : "controller", way);
+    const bool is_enough =
+        received.is_number() && received >= enough * static_cast<double>(traffic.bits_per_s);
+    all[way] = {{"asked_bit_s", traffic.bits_per_s},
+                {"sent_bit_s", sent},
+                {"received_bit_s", received},
+                {"running", running(by_host, way)},
+                {"short", !is_enough}};
+  }
+  return all;
+}
+
+std::vector<std::string> shortfalls(const json& achieved) {
+  std::vector<std::string> texts;
+  for (const auto& [way, rates] : achieved.items())
+    if (rates.at("short"))
+      texts.push_back(fmt::format(
+          "the traffic that was asked for was NOT there: of {} Mbit/s {} {} sent, and {} arrived at the {}{}",
+          megabits(rates.at("asked_bit_s")), megabits(rates.at("sent_bit_s")),
+          rates.at("sent_bit_s").is_number() ? "were" : "was", megabits(rates.at("received_bit_s")),
+          way == to_component ? "component" : "controller",
+          rates.at("running") ? "" : " (iperf3 had died by the end)"));
+  return texts;
+}
+
+}  // namespace ontime::campaign

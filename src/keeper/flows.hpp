@@ -1,0 +1,41 @@
+// SPDX-License-Identifier: Apache-2.0
+// The concurrent traffic that this machine's ends send and receive, and the account of it.
+#pragma once
+
+#include <chrono>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include <nlohmann/json.hpp>
+
+#include "background/background.hpp"
+
+namespace ontime::keeper {
+
+class Flows {
+ public:
+  void add(const std::string& host, const std::string& way, const background::Stream&);
+  void clear() { flows_.clear(); }
+  void listen();  // now and then: whoever writes is held up else
+  void begin();   // the account is opened
+  // Of each host and way {bit_s, running}; bit_s is null where nothing was reported in the time.
+  nlohmann::json end();
+
+ private:
+  using Clock = std::chrono::steady_clock;
+  struct Flow {
+    std::string host, way;
+    std::unique_ptr<background::Traffic> traffic;
+    background::Moved before;
+  };
+  std::vector<Flow> flows_;
+  Clock::time_point begun_;
+};
+
+// What went by in a time, by what was reported at its begin and end; nothing if nothing was. A stretch of
+// which nothing is reported any more is one in which nothing moved.
+std::optional<double> bits_per_second(const background::Moved& before, const background::Moved& after,
+                                      std::chrono::duration<double> elapsed);
+
+}  // namespace ontime::keeper
