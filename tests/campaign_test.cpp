@@ -287,7 +287,18 @@ TEST_F(ScenarioFile, QuantitiesThatMeanNothingAreRefused) {
                           "traffic: {rate: 1 Mbit/s, datagram: 64 KiB}",
                           "traffic: {rate: 1 Mbit/s, direction: up}",
                           "traffic: {rate: 1 Mbit/s, priority: 0}",
-                          "traffic: {direction: to-component}"})
+                          "traffic: {direction: to-component}",
+                          "link: {loss: 101 %}",
+                          "link: {loss: 0 %}",
+                          "link: {loss: 0.1}",
+                          "link: {jitter: 1 ms}",
+                          "link: {reorder: 5 %}",
+                          "link: {delay: 1 ms, jitter: 2 ms}",
+                          "link: {delay: 100 ns}",
+                          "link: {cut: 5 s}",
+                          "link: {cut: 5 s for 0 s}",
+                          "link: {cut: 5 s for 1 us}",
+                          "link: {cut: 10 s for 1 s}"})
     EXPECT_THAT(error(with(key)), testing::StartsWith(":1:")) << key;
   for (const auto* key : {"duration: 1000 h", "period: 1 h", "payload: 1 GiB", "payload: 0 B", "domain: 232",
                           "realtime: {cpu-latency: any}", "realtime: {cpu-latency: 2 ms}"})
@@ -305,7 +316,20 @@ TEST_F(ScenarioFile, TrafficIsSaid) {
   EXPECT_EQ(runs.at(0).traffic.bits_per_s, 80'000'000U);
   EXPECT_EQ(asked(runs.at(0)).at("traffic").at("direction"), "both");
   EXPECT_EQ(runs.at(1).traffic, (Traffic{Traffic::Direction::to_controller, 1'500'000, 200, 5}));
-  EXPECT_EQ(asked(Run{}).at("traffic"), nullptr) << "keys of earlier runs stay as they were";
+  EXPECT_EQ(asked(campaign::Run{}).at("traffic"), nullptr) << "keys of earlier runs stay as they were";
+}
+
+TEST_F(ScenarioFile, FaultsOfTheLinkAreSaid) {
+  const auto run =
+      read(
+          "runs: [{id: a, transport: udp, link: {loss: 1%, duplicate: 0.5 %, delay: 2 ms, jitter: 500 us, "
+          "reorder: 25 %, cut: 5 s for 500 ms}}]\n")
+          .runs.at(0);
+  EXPECT_EQ(run.faults, (background::Faults{0.01, 0.005, 2ms, 500us, 0.25, true}));
+  EXPECT_EQ(run.cut->at, 5s);
+  EXPECT_EQ(run.cut->length, 500ms);
+  EXPECT_EQ(asked(run).at("link").at("cut").at("for_ms"), 500);
+  EXPECT_EQ(asked(campaign::Run{}).at("link"), nullptr) << "keys of earlier runs stay as they were";
 }
 
 TEST_F(ScenarioFile, HostsSayHowTheyAreReachedAndWhereTheEndLives) {

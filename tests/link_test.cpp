@@ -54,6 +54,21 @@ TEST(Link, SharedMemoryBetweenEndsOfOneMachineIsWrongByItself) {
   EXPECT_EQ(found(outcome(busy, host(9'000'000, 9'000'000, segments, "another"))), "nothing");
 }
 
+TEST(Link, ThatCarriesOtherTrafficIsJudgedByWhatItCarriesBeside) {
+  auto busy = host(9'000'000, 9'000'000);
+  auto with = outcome(busy, busy);
+  with["traffic"] = {{"to_component", json::object()}};
+  EXPECT_THAT(unproved(with).value_or(""), HasSubstr("eth1 is not proved: on the "));
+  for (auto& end : with["hosts"])
+    end["link"]["beside_traffic"] = {{"sent_bytes", 60'000}, {"received_bytes", 60'000}};
+  EXPECT_FALSE(unproved(with));
+  EXPECT_EQ(found(with), "nothing");
+  with["hosts"]["component"]["link"]["beside_traffic"]["received_bytes"] = 0;
+  EXPECT_THAT(found(with), HasSubstr("the component received 99 messages"))
+      << "it was the traffic that was counted";
+  EXPECT_FALSE(unproved(outcome(busy, busy)));
+}
+
 TEST(Link, NobodyAskedForProvesNothing) {
   auto any = host(0, 0, {"fastrtps_port7411"});
   any["link"] = nullptr;

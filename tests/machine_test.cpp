@@ -267,6 +267,54 @@ TEST(TrafficOf, AnInterface) {
   EXPECT_FALSE(traffic("no-such-link"));
 }
 
+TEST(DropsOf, EachPlaceAreRead) {
+  const std::string dev =
+      "Inter-|   Receive  |  Transmit\n face |bytes ...\n"
+      "  eth0: 1 2 3 40 5 6 7 8 9 10 11 120 13 14 15 16\n    lo: 1 2 3 4 5 6 7 8 9 10 11 12 13 14 15 16\n";
+  EXPECT_EQ(parse_dropped(dev, "eth0"), (std::pair<std::uint64_t, std::uint64_t>(40, 120)));
+  EXPECT_EQ(parse_dropped(dev, "eth1"), (std::pair<std::uint64_t, std::uint64_t>(0, 0)));
+  const std::string snmp =
+      "Ip: Forwarding ReasmFails\nIp: 1 7\nUdp: InDatagrams RcvbufErrors SndbufErrors\nUdp: 117507977 172 3\n"
+      "UdpLite: InDatagrams RcvbufErrors\nUdpLite: 9 9\n";
+  EXPECT_EQ(parse_snmp(snmp, "Udp", "RcvbufErrors"), 172U);
+  EXPECT_EQ(parse_snmp(snmp, "Ip", "ReasmFails"), 7U);
+  EXPECT_EQ(parse_snmp(snmp, "Udp", "MemErrors"), 0U);
+  EXPECT_EQ(parse_snmp("Udp: A\nUdp:", "Udp", "A"), 0U);
+  const std::string udp =
+      "   sl  local_address rem_address   st tx_queue rx_queue tr tm->when retrnsmt   uid  timeout inode ref "
+      "pointer drops\n"
+      "  7: 0100007F:1EDC 00000000:0000 07 00000000:00000000 00:00000000 00000000     0        0 4711 2 "
+      "0000000000000000 5\n"
+      "  8: 0100007F:1EDD 00000000:0000 07 00000000:00000000 00:00000000 00000000     0        0 4712 2 "
+      "0000000000000000 6\n";
+  EXPECT_EQ(parse_socket_drops(udp, {4711}), 5U) << "another process's are not ours";
+  EXPECT_EQ(parse_socket_drops(udp, {}), 0U);
+  EXPECT_EQ(parse_backlog_drops("06c7f99e 0000001f 00000007\n00000001 00000001 00000000\n"), 32U);
+  EXPECT_EQ(parse_backlog_drops(""), 0U);
+}
+
+TEST(DropsOf, SocketWithoutRoomIsSeen) {
+  const int to = socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC, 0),
+            from = socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC, 0);
+  sockaddr_in address{};
+  socklen_t size = sizeof address;
+  address.sin_family = AF_INET;
+  address.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
+  auto* const at = reinterpret_cast<sockaddr*>(&address);
+  ASSERT_EQ(bind(to, at, sizeof address), 0);
+  ASSERT_EQ(getsockname(to, at, &size), 0);
+  const int little = 1;
+  setsockopt(to, SOL_SOCKET, SO_RCVBUF, &little, sizeof little);
+  const auto before = drops("lo");
+  const std::string message(1000, 'x');
+  for (int i = 0; i < 100; ++i) sendto(from, message.data(), message.size(), 0, at, sizeof address);
+  const auto dropped = between(before, drops("lo"));
+  EXPECT_GT(dropped.at("own_sockets"), 0);
+  EXPECT_GE(dropped.at("udp_receive"), dropped.at("own_sockets"));
+  close(to);
+  close(from);
+}
+
 TEST(TrafficOf, LoopbackCountsWhatIsSent) {
   const int one = socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC, 0),
             other = socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC, 0);

@@ -1,4 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
+#include "report/paper.hpp"
 #include "report_fixture.hpp"
 
 namespace ontime::report {
@@ -166,6 +167,47 @@ TEST(TableFormat, TellsTheTrafficAndLoudlyWhereItWasNotThere) {
       {"interface", "eth1"}, {"sent_bytes", 200'000'000}, {"received_bytes", 95'500'000}};
   EXPECT_THAT(render({summary(with, came)}, Format::markdown), Not(HasSubstr("other traffic")))
       << "it is ours";
+}
+
+TEST(Paper, AllItsRowsAreThere) {
+  ASSERT_EQ(paper().size(), 45U);
+  const auto& odd = paper().at(36);  // its title has a comma
+  EXPECT_EQ(odd.test, "Test3.C");
+  EXPECT_EQ(odd.dds, "DDS 1");
+  EXPECT_EQ(odd.max_us, 179909);
+  EXPECT_EQ(odd.lost, 75U);
+  EXPECT_EQ(odd.messages, 30000U);
+}
+
+TEST(Paper, FiguresStandBesideOursWhereTheConditionsAreIts) {
+  const auto text = render({summary(asked("Test1.B", "udp"), outcome())}, Format::table);
+  EXPECT_THAT(text, HasSubstr("paper's DDS 1"));
+  EXPECT_EQ(row_of(text, "paper's DDS 2"), (std::vector<std::string>{"paper's", "DDS", "2", "1082", "2150",
+                                                                     "26764", "236/58905", "0/58905"}));
+  EXPECT_THAT(text, HasSubstr("2018"));
+  const auto run =
+      json::parse(render({summary(asked("Test1.B", "udp"), outcome())}, Format::json)).at("runs").at(0);
+  EXPECT_EQ(run.at("paper").at(2).at("avg_us"), 2750);
+  const json others = {{"id", "Test9.A"}, {"period_us", 5000}, {"payload_bytes", 501}, {"schedule", "fixed"}};
+  for (const auto& [key, value] : others.items()) {
+    auto other = asked("Test1.B", "udp");
+    other[key] = value;
+    EXPECT_THAT(render({summary(other, outcome())}, Format::table), Not(HasSubstr("paper"))) << key;
+  }
+}
+
+TEST(TableFormat, TellsWhatTheKernelDroppedAndWhatWasOurs) {
+  auto came = outcome();
+  came["hosts"]["component"]["drops"] = {{"own_sockets", 12}, {"udp_receive", 12}, {"backlog", 3}};
+  came["hosts"]["controller"]["link"]["faults"] = {{"lost_frames", 7}, {"cut_off_frames", 1}};
+  const auto text = render({summary(asked("a", "udp"), came)}, Format::markdown);
+  EXPECT_THAT(
+      text,
+      HasSubstr("dropped by the kernel: 12 for want of room in the sockets of the component's middleware, "
+                "3 in the queues of the component's CPUs"));
+  EXPECT_THAT(
+      text,
+      HasSubstr("lost by link.loss 7 frames that came to the controller, cut off by link.cut 1 frame that"));
 }
 
 TEST(TableFormat, NotesEachRefusalOnce) {

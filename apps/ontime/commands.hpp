@@ -13,6 +13,7 @@ using Action = std::function<int()>;  // returns the exit code
 void add_ping(CLI::App&, Action&);
 void add_pong(CLI::App&, Action&);
 void add_run(CLI::App&, Action&);
+void add_scenarios(CLI::App&, Action&);
 void add_report(CLI::App&, Action&);
 void add_workers(CLI::App&, Action&);  // what the others start, by orders over standard input and output
 

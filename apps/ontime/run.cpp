@@ -9,7 +9,9 @@
 
 #include "campaign/campaign.hpp"
 #include "commands.hpp"
+#include "resumed.hpp"
 #include "run_flags.hpp"
+#include "scenario_files.hpp"
 #include "terminal.hpp"
 
 namespace ontime::app {
@@ -19,12 +21,15 @@ struct Arguments {
   std::vector<std::string> scenarios;
   campaign::Selection selection;
   std::string duration, results, format = "table";
+  bool resume = false;
 };
 
 // Beside the user, named after what was run and when; an earlier one is never added to.
 std::string new_results_file(const std::string& scenario) {
-  const auto stem = fmt::format("{}-{:%Y%m%d-%H%M%S}", std::filesystem::path(scenario).stem().string(),
-                                fmt::localtime(std::time(nullptr)));
+  auto path = std::filesystem::path(scenario).lexically_normal();
+  if (!path.has_filename()) path = path.parent_path();  // "paper/"
+  const auto stem =
+      fmt::format("{}-{:%Y%m%d-%H%M%S}", path.stem().string(), fmt::localtime(std::time(nullptr)));
   auto name = stem + ".ontime";
   for (int next = 2; std::filesystem::exists(name); ++next) name = fmt::format("{}-{}.ontime", stem, next);
   return name;
@@ -40,24 +45,41 @@ void check_transports(const std::vector<std::string>& names) {
                                            name, fmt::join(here, ", ")));
 }
 
+void expect(Terminal& terminal, const std::vector<campaign::Scenario>& scenarios) {
+  std::size_t runs = 0;
+  std::chrono::nanoseconds time{0};
+  for (const auto& scenario : scenarios) {
+    runs += scenario.size();
+    time += campaign::time_of(scenario);
+  }
+  terminal.expect(runs, time);
+  if (runs > 1) terminal.note(fmt::format("{} runs, about {}", runs, about(time)));
+}
+
 int run(const Arguments& arguments, const nlohmann::json& command_line) {
   auto selection = arguments.selection;
   if (!arguments.duration.empty()) selection.duration = duration_flag("--duration", arguments.duration);
   const auto format = format_flag(arguments.format);
   check_transports(selection.transports);
   std::vector<campaign::Scenario> scenarios;  // all read before the first is run
-  for (const auto& file : arguments.scenarios) scenarios.push_back(campaign::read_scenario(file, selection));
+  for (const auto& name : arguments.scenarios)
+    for (const auto& file : scenario_files(name))
+      scenarios.push_back(campaign::read_scenario(file, selection));
 
   const auto results =
       arguments.results.empty() ? new_results_file(arguments.scenarios.front()) : arguments.results;
   auto& interrupts = catch_interrupts();
   record::Writer writer(results);
-  const auto known = writer.reader().runs().size();
+  const auto known = arguments.resume ? 0 : writer.reader().runs().size();
+  const auto resumed = arguments.resume ? std::make_optional<Resumed>(writer.reader()) : std::nullopt;
+  campaign::Done done;
+  if (resumed) done = [&](const auto& asked, const auto& machines) { return resumed->has(asked, machines); };
   Terminal terminal;
+  expect(terminal, scenarios);
   int code = 0;
   for (const auto& scenario : scenarios)
     if (code != 130)
-      code = std::max(code, campaign::execute(scenario, writer, terminal, interrupts, command_line));
+      code = std::max(code, campaign::execute(scenario, writer, terminal, interrupts, command_line, done));
   print_report(writer.reader(), known, format);
   terminal.note(fmt::format("every sample is in {}; see also: ontime report {} --threads", results, results));
   return code;
@@ -73,7 +95,10 @@ void add_run(CLI::App& app, Action& action) {
       "Read "
       "one of somebody else's before you run it.");
   auto arguments = std::make_shared<Arguments>();
-  command->add_option("SCENARIO", arguments->scenarios, "scenario files")->required();
+  command
+      ->add_option("SCENARIO", arguments->scenarios,
+                   "scenario files, folders of them, or names that `ontime scenarios` shows")
+      ->required();
   command->add_option("--only", arguments->selection.only, "only these runs")
       ->delimiter(',')
       ->type_name("ID,...");
@@ -86,6 +111,11 @@ void add_run(CLI::App& app, Action& action) {
   command->add_option("--results", arguments->results, "add to this results file (default: a new one here)")
       ->type_name("FILE")
       ->check(given);
+  command
+      ->add_flag("--resume", arguments->resume,
+                 "leave out what these results have already, measured to its end: the same conditions, "
+                 "repetition and text of the scenario")
+      ->needs("--results");
   command->add_option("--format", arguments->format, "table, json, csv, markdown or latex: table")
       ->type_name("FORMAT");
   command->callback(

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "terminal.hpp"
 
+#include <algorithm>
 #include <cerrno>
 #include <csignal>
 #include <cstdio>
@@ -59,17 +60,30 @@ void Terminal::note(const std::string& text) {
   say("ontime: {}\n", lines_of(text));
 }
 
-void Terminal::begins(const campaign::Run& run, std::size_t number, std::size_t of) {
-  const auto count = of > 1 ? fmt::format("[{}/{}] ", number, of) : "";
+void Terminal::expect(std::size_t runs, std::chrono::nanoseconds time) {
+  runs_ = runs;
+  left_ = time;
+}
+
+std::string Terminal::next(const campaign::Run& run) {
+  ++number_;
+  const auto count = runs_ > 1 ? fmt::format("[{}/{}, {} left] ", number_, runs_, about(left_)) : "";
+  left_ -= campaign::time_of(run);
   const auto repetition = run.repetition > 1 ? fmt::format(" ×{}", run.repetition) : "";
   const auto variant = run.variant.empty() ? "" : " " + run.variant;
-  head_ =
-      report::printable(fmt::format("{}{}{} {}{}", count, run.id, variant, run.task.transport, repetition));
+  return report::printable(
+      fmt::format("{}{}{} {}{}", count, run.id, variant, run.task.transport, repetition));
+}
+
+void Terminal::begins(const campaign::Run& run) {
+  head_ = next(run);
   duration_ = run.task.client.duration;
   if (!interactive_) return;
   say("{} …", head_);
   line_open_ = true;
 }
+
+void Terminal::passes_over(const campaign::Run& run) { say("{}  is done already\n", next(run)); }
 
 void Terminal::progress(const roundtrip::Counters& counters, std::chrono::nanoseconds elapsed) {
   if (!interactive_) return;
@@ -81,6 +95,14 @@ void Terminal::progress(const roundtrip::Counters& counters, std::chrono::nanose
 void Terminal::ends(const roundtrip::Counters& counters) {
   clear_line();
   say("{}  {}\n", head_, words(counters));
+}
+
+std::string about(std::chrono::nanoseconds time) {
+  const auto s = std::max<std::int64_t>(0, std::chrono::round<std::chrono::seconds>(time).count());
+  if (s < 60) return fmt::format("{} s", s);
+  const auto min = (s + 30) / 60;
+  if (min < 60) return fmt::format("{} min", min);
+  return min % 60 == 0 ? fmt::format("{} h", min / 60) : fmt::format("{} h {} min", min / 60, min % 60);
 }
 
 campaign::Interrupts& catch_interrupts() {

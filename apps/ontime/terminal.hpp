@@ -10,18 +10,27 @@ namespace ontime::app {
 class Terminal final : public campaign::Observer {
  public:
   Terminal();
+  // How many runs there will be, and how long they take together: so that it can be said how far it is.
+  void expect(std::size_t runs, std::chrono::nanoseconds time);
   void note(const std::string& text) override;
-  void begins(const campaign::Run&, std::size_t number, std::size_t of) override;
+  void begins(const campaign::Run&) override;
+  void passes_over(const campaign::Run&) override;
   void progress(const roundtrip::Counters&, std::chrono::nanoseconds elapsed) override;
   void ends(const roundtrip::Counters&) override;
 
  private:
+  std::string next(const campaign::Run&);  // in words, with how far it is
   void clear_line();
   const bool interactive_;
   bool line_open_ = false;
   std::string head_;
+  std::size_t runs_ = 1, number_ = 0;
+  std::chrono::nanoseconds left_{0};  // of this run and all after it
   std::chrono::nanoseconds duration_{0};
 };
+
+// "45 s", "12 min", "7 h 40 min".
+std::string about(std::chrono::nanoseconds);
 
 // Counts SIGINT, SIGTERM and SIGHUP from now on.
 campaign::Interrupts& catch_interrupts();

@@ -10,7 +10,7 @@
 //   go    {}           a client: progress {counters}, peer {readers, writers, at_ns}, samples {} with their
 //                      bytes, until finished {counters}
 //   stop  {}           none; a client's `finished` comes the sooner
-//   end   {}           ended {threads, refusals, facts, losses, link, shared_memory, answered}
+//   end   {}           ended {threads, refusals, facts, losses, drops, link, shared_memory, answered}
 #pragma once
 
 #include <chrono>

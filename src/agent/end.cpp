@@ -122,6 +122,7 @@ void End::begin() {
     if (const auto state = realtime::read(thread.tid)) before_[thread.tid] = *state;
   }
   losses_before_ = endpoint().losses();
+  drops_before_ = machine::drops(task_.config.interface);
   if (!task_.config.interface.empty()) traffic_before_ = machine::traffic(task_.config.interface);
 }
 
@@ -133,6 +134,7 @@ json End::ended() {
           {"refusals", refusals()},
           {"facts", endpoint().facts()},
           {"losses", losses()},
+          {"drops", machine::between(drops_before_, machine::drops(task_.config.interface))},
           {"link", link()},
           {"shared_memory", machine::shared_memory()},
           {"answered", server_ ? server_->answered() : 0}};

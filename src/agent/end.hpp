@@ -46,6 +46,7 @@ class End {
   std::map<pid_t, realtime::InstructionCounter> instructions_;
   transport::Losses losses_before_;
   std::optional<machine::Traffic> traffic_before_;
+  machine::Drops drops_before_;
 };
 
 }  // namespace ontime::agent

@@ -2,11 +2,15 @@
 // What runs on this machine beside a measurement, behind one small interface. Ordinary thread only.
 #pragma once
 
+#include <chrono>
 #include <cstdint>
 #include <memory>
+#include <span>
 #include <stdexcept>
 #include <string>
 #include <vector>
+
+#include "journal/journal.hpp"
 
 namespace ontime::background {
 
@@ -40,10 +44,11 @@ std::unique_ptr<Background> stress(const Workers&, const std::string& directory)
 
 // One way of concurrent traffic, as one of its two ends has it: UDP, by iperf3.
 struct Stream {
-  std::vector<std::string> place;  // words before the command: {"ip", "netns", "exec", "left"}
-  bool serves = false;             // waits to be asked, by one alone; else asks whoever serves
-  bool receives = false;           // of who asks: the traffic comes here
-  std::string address;             // where it is served
+  std::vector<std::string> place{};  // words before the command: {"ip", "netns", "exec", "left"}
+  bool serves = false;               // waits to be asked, by one alone; else asks whoever serves
+  bool receives = false;             // of who asks: the traffic comes here
+  std::string address{};             // where it is served
+  std::string interface {};          // that it takes at this end, and no other; "": whichever leads there
   int port = 0;
   // Of who asks:
   std::uint64_t bits_per_s = 0;  // of payload: without the headers of UDP, IP and Ethernet
@@ -63,5 +68,51 @@ class Traffic : public Background {
 // Returns once it waits to be asked, or traffic flows. Throws Error if it is missing (says the package), or
 // ends at once (says what it said).
 std::unique_ptr<Traffic> traffic(const Stream&);
+
+// What is done to the frames that come to an end over its interface, and to those that go.
+struct Faults {
+  double loss = 0;                      // share of those that come
+  double duplicates = 0;                // share of those that go, which go twice
+  std::chrono::microseconds delay{0};   // of those that go
+  std::chrono::microseconds jitter{0};  // by how much the delay varies, either way
+  double reordered = 0;                 // share of those that go without the delay, before those that wait
+  bool cut = false;                     // that it can be cut
+  bool any() const { return *this != Faults{}; }
+  bool operator==(const Faults&) const = default;
+};
+// Throws Error that names the first that this kernel has not, by its key; changes nothing. Needs root.
+void check(const Faults&);
+
+// An end's interface with such faults, and the account of it, until its end, which gives it back.
+class Link {
+ public:
+  struct Place {
+    std::string host;   // whose end: names what is made
+    std::string netns;  // as `ip netns` has it; "": this process's
+    std::string interface;
+  };
+  // Throws Error or journal::Error, and then nothing is changed. `not_counted`: UDP ports of other traffic.
+  Link(journal::Journal&, const Place&, const Faults&, const std::vector<int>& not_counted);
+  ~Link();
+  Link(const Link&) = delete;
+  Link& operator=(const Link&) = delete;
+
+  // Nothing that comes arrives, for that long from now on: the kernel itself ends it.
+  void cut(std::chrono::milliseconds) const;
+  struct Counts {
+    std::uint64_t lost = 0, cut_off = 0, duplicated = 0;  // frames
+    std::uint64_t sent_bytes = 0, received_bytes = 0;     // of IP, before and after the faults
+  };
+  Counts counts() const;
+
+ private:
+  void give_back() noexcept;
+  journal::Journal& journal_;
+  const Place place_;
+  bool netem_;
+};
+
+// What of it a journal may have to give back.
+std::span<const journal::Kind> kinds();
 
 }  // namespace ontime::background

@@ -5,17 +5,22 @@
 #include <array>
 #include <cerrno>
 #include <cstring>
+#include <system_error>
 #include <thread>
 
 #include <fcntl.h>
+#include <fmt/format.h>
+#include <fmt/ranges.h>
 #include <poll.h>
 #include <sched.h>
 #include <signal.h>
+#include <sys/mman.h>
 #include <sys/prctl.h>
 #include <sys/syscall.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
+#include "background/background.hpp"
 #include "background/process.hpp"
 
 namespace ontime::background {
@@ -24,6 +29,7 @@ namespace {
 using namespace std::chrono_literals;
 
 constexpr auto time_to_end = 3s;
+constexpr auto time_to_run = 10s;
 
 struct Plan {
   char* const* arguments;
@@ -137,6 +143,36 @@ bool Child::ended() const {
   siginfo_t info{};
   return waitid(P_PID, static_cast<id_t>(pid_), &info, WEXITED | WNOHANG | WNOWAIT) != 0 ||
          info.si_pid == pid_;
+}
+
+std::string output_of(const std::vector<std::string>& command, const std::string& package) {
+  const Output output;
+  const auto started = start(command, output.fd());
+  if (started.pid < 0) {
+    if (started.error == ENOENT)
+      throw Error(fmt::format("there is no {}: install it (sudo apt install {})", command.front(), package));
+    throw Error(fmt::format("{} cannot be started: {}", command.front(),
+                            std::generic_category().message(started.error)));
+  }
+  const Child child(started.pid);
+  siginfo_t info{};
+  wait_until(
+      [&] {
+        return waitid(P_PID, static_cast<id_t>(started.pid), &info, WEXITED | WNOHANG | WNOWAIT) == 0 &&
+               info.si_pid == started.pid;
+      },
+      time_to_run);
+  if (info.si_pid == started.pid && info.si_code == CLD_EXITED && info.si_status == 0) return output.text();
+  throw Error(fmt::format("{} failed: {}", fmt::join(command, " "), output.text()));
+}
+
+Output::Output() : fd_(memfd_create("output", MFD_CLOEXEC)) {}
+Output::~Output() { close(fd_); }
+
+std::string Output::text() const {
+  std::array<char, 65536> head;
+  const auto bytes = pread(fd_, head.data(), head.size(), 0);
+  return {head.data(), static_cast<std::size_t>(std::max<ssize_t>(bytes, 0))};
 }
 
 bool wait_until(const std::function<bool()>& condition, std::chrono::nanoseconds limit) {

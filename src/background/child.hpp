@@ -36,6 +36,24 @@ class Child {
   pid_t pid_;
 };
 
+// Runs a program to its end, of which there is a limit, and returns what it wrote. Throws Error with that if
+// it fails, or with the package to install if it is missing.
+std::string output_of(const std::vector<std::string>& command, const std::string& package);
+
+// What a child writes, kept in memory: nobody need read while it writes.
+class Output {
+ public:
+  Output();
+  ~Output();
+  Output(const Output&) = delete;
+  Output& operator=(const Output&) = delete;
+  int fd() const { return fd_; }
+  std::string text() const;  // its beginning
+
+ private:
+  int fd_;
+};
+
 // Looks now and then; false if the limit came first.
 bool wait_until(const std::function<bool()>& condition, std::chrono::nanoseconds limit);
 

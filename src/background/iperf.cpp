@@ -58,6 +58,7 @@ std::vector<std::string> command_for(const Stream& stream) {
   if (stream.priority > 0) command.insert(command.end(), {"chrt", "--fifo", std::to_string(stream.priority)});
   command.insert(command.end(), {"iperf3", "--port", std::to_string(stream.port), "--interval", interval_s,
                                  "--format", "k", "--forceflush"});
+  if (!stream.interface.empty()) command.insert(command.end(), {"--bind-dev", stream.interface});
   if (stream.serves) {
     command.insert(command.end(), {"--server", "--one-off", "--bind", stream.address});
     return command;

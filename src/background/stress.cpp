@@ -1,14 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <algorithm>
-#include <array>
 #include <cerrno>
 #include <chrono>
 #include <system_error>
 #include <utility>
 
 #include <fmt/format.h>
-#include <sys/mman.h>
-#include <unistd.h>
 
 #include "background/background.hpp"
 #include "background/child.hpp"
@@ -20,24 +17,6 @@ namespace {
 using namespace std::chrono_literals;
 
 constexpr auto time_to_start = 20s;  // 32 workers on one busy core need a second or two
-
-// What a child writes, kept in memory: nobody need read while it writes.
-class Output {
- public:
-  Output() : fd_(memfd_create("stress-ng output", MFD_CLOEXEC)) {}
-  ~Output() { close(fd_); }
-  Output(const Output&) = delete;
-  Output& operator=(const Output&) = delete;
-  int fd() const { return fd_; }
-  std::string text() const {
-    std::array<char, 4096> head;
-    const auto bytes = pread(fd_, head.data(), head.size(), 0);
-    return {head.data(), static_cast<std::size_t>(std::max<ssize_t>(bytes, 0))};
-  }
-
- private:
-  int fd_;
-};
 
 void add(std::vector<std::string>& command, const char* kind, int workers, std::uint64_t bytes = 0) {
   if (workers < 0)

@@ -26,7 +26,9 @@ class Failures {
   explicit Failures(Observer& observer) : observer_(observer) {}
   void note(const Run& run, const std::string& what) {
     auto& others = runs_[what];
-    if (others.empty()) observer_.note(fmt::format("{} over {}: {}", run.id, run.task.transport, what));
+    const auto where = run.where.empty() ? "" : run.where + ": ";
+    if (others.empty())
+      observer_.note(fmt::format("{}{} over {}: {}", where, run.id, run.task.transport, what));
     others.push_back(run.id);
   }
   void sum_up() const {
@@ -54,6 +56,14 @@ class Suite {
   void prepare(const Hosts& hosts) {
     stated_ = hosts;
     machines_.prepare(hosts);
+  }
+  // What a machine lacks is said before the first run, and not when its turn comes after hours.
+  void check(const Scenario& scenario) {
+    for (const auto& run : scenario.runs)
+      if (run.faults.any()) machines_.check(run);
+  }
+  json machines() const {
+    return {{"controller", machines_.machine("controller")}, {"component", machines_.machine("component")}};
   }
   Hosts::Kind kind() const { return machines_.hosts().kind; }
 
@@ -84,7 +94,10 @@ class Suite {
     }
     if (interrupts_ > 0) return 130;
     // Whoever kept a machine and is gone: what it held is given back before the next run.
-    if (machines_.lost()) machines_.prepare(stated_);
+    if (machines_.lost())
+      machines_.prepare(stated_);
+    else if (code != 0)
+      machines_.unload();  // what failed has left its load
     return code;
   }
 
@@ -117,6 +130,14 @@ const char* word_of(Hosts::Kind kind) {
       break;
   }
   return "";
+}
+
+json asked_of_link(const Run& run) {
+  if (!run.faults.any()) return nullptr;
+  auto link = keeper::to_json(run.faults);
+  link["cut"] =
+      run.cut ? json{{"at_s", microseconds(run.cut->at) / 1e6}, {"for_ms", run.cut->length.count()}} : json();
+  return link;
 }
 
 json asked(const Traffic& traffic) {
@@ -164,23 +185,29 @@ json asked(const Run& run, const Hosts& hosts) {
        {{"controller", keeper::to_json(run.controller_load)},
         {"component", keeper::to_json(run.component_load)}}},
       {"traffic", asked(run.traffic)},
+      {"link", asked_of_link(run)},
       {"ontime", ONTIME_VERSION}};
 }
 
 int execute(const Scenario& scenario, record::Writer& writer, Observer& observer, Interrupts& interrupts,
-            const json& command_line) {
+            const json& command_line, const Done& done) {
   Suite suite(writer, observer, interrupts);
   int code = 0;
   try {
     suite.prepare(scenario.hosts);
+    suite.check(scenario);
     for (std::size_t i = 0; i < scenario.size() && code != 130; ++i) {
       const auto run = scenario.at(i);
-      observer.begins(run, i + 1, scenario.size());
       auto record = asked(run, scenario.hosts);
       record["scenario"] = scenario.text;
       record["scenario_file"] = scenario.file;
       record["hosts"] = word_of(suite.kind());
       record["command_line"] = command_line;
+      if (done && done(record, suite.machines())) {
+        observer.passes_over(run);
+        continue;
+      }
+      observer.begins(run);
       code = std::max(code, suite.carry_out(run, wait_for_own_server, record));
     }
     suite.close();
@@ -196,7 +223,7 @@ int ping(const Run& run, std::chrono::nanoseconds wait, record::Writer& writer, 
   try {
     const Hosts alone{Hosts::Kind::alone, {}, {}};
     suite.prepare(alone);
-    observer.begins(run, 1, 1);
+    observer.begins(run);
     auto record = asked(run, alone);
     record["command_line"] = command_line;
     const int code = suite.carry_out(run, wait, record);

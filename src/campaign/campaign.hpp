@@ -27,6 +27,8 @@ std::chrono::nanoseconds duration_of(const std::string& text);
 std::uint64_t bytes_of(const std::string& text);
 // "80 Mbit/s" → 80'000'000. Units: bit/s kbit/s Mbit/s Gbit/s.
 std::uint64_t bit_rate_of(const std::string& text);
+// "1 %" → 0.01. From 0.0001 % to 100 %.
+double share_of(const std::string& text);
 // A whole number within these bounds. Throws std::invalid_argument, for people.
 std::int64_t number_of(const std::string& text, std::int64_t least, std::int64_t most);
 
@@ -40,10 +42,17 @@ struct Traffic {
 };
 const char* word_of(Traffic::Direction);
 
+// That nothing comes over the link, at either end.
+struct Cut {
+  std::chrono::nanoseconds at;  // after the first counted message was due
+  std::chrono::milliseconds length;
+};
+
 // One measurement, all conditions stated.
 struct Run {
   std::string id;
   std::string title;
+  std::string where;  // "FILE:LINE", of a scenario
   std::string
       variant;  // what tells it from others of the same id, beside transport and repetition: "payload 32 KiB"
   std::string adds_to;  // the id of the layer below, where the runs of a session are layers
@@ -51,6 +60,8 @@ struct Run {
   agent::Task task;  // the client's; the server's follows from it
   background::Workers controller_load, component_load;
   Traffic traffic;
+  background::Faults faults;        // of either end
+  std::optional<Cut> cut;           // for which `faults` has to provide
   std::string component_transport;  // empty: as the controller's, with its options
   std::map<std::string, std::string> component_options;
 
@@ -106,6 +117,10 @@ struct Scenario {
   std::size_t size() const noexcept { return runs.size() * static_cast<std::size_t>(repeat); }
   Run at(std::size_t number) const;
 };
+// Of measuring, and of what else a run takes.
+std::chrono::nanoseconds time_of(const Run&);
+std::chrono::nanoseconds time_of(const Scenario&);
+
 struct Selection {
   std::vector<std::string> only;        // ids; empty: all
   std::vector<std::string> transports;  // instead of those that the file states
@@ -121,16 +136,22 @@ class Observer {
  public:
   virtual ~Observer() = default;
   virtual void note(const std::string& text) = 0;  // something a person should know
-  virtual void begins(const Run&, std::size_t number, std::size_t of) = 0;
+  virtual void begins(const Run&) = 0;
+  virtual void passes_over(const Run&) = 0;  // it is done already
   virtual void progress(const roundtrip::Counters&, std::chrono::nanoseconds elapsed) = 0;
   virtual void ends(const roundtrip::Counters&) = 0;  // measured to its end, or to an interruption
 };
 
 using orders::Interrupts;
 
-// Carries out all runs. Returns the exit code: 0, 2 or 3 as the worst failed run had it (the others are
-// carried out all the same), or 130. What was changed on the hosts is taken back when it returns or throws.
-int execute(const Scenario&, record::Writer&, Observer&, Interrupts&, const nlohmann::json& command_line);
+// Whether a run is done already: of its record as asked, and of what each host's machine is.
+using Done = std::function<bool(const nlohmann::json& asked, const nlohmann::json& machines)>;
+
+// Carries out all runs that are not done. Returns the exit code: 0, 2 or 3 as the worst failed run had it
+// (the others are carried out all the same), or 130. What was changed on the hosts is taken back when it
+// returns or throws.
+int execute(const Scenario&, record::Writer&, Observer&, Interrupts&, const nlohmann::json& command_line,
+            const Done& done = {});
 
 // One end by hand, on this host.
 int ping(const Run&, std::chrono::nanoseconds wait, record::Writer&, Observer&, Interrupts&,

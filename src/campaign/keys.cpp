@@ -225,6 +225,62 @@ void add_load_keys(std::vector<Key>& keys, const std::string& host, background::
   add_bytes("hdd-bytes", &background::Workers::hdd_bytes, "file size of each hdd worker");
 }
 
+// Of netem, which takes whole microseconds.
+std::chrono::microseconds delay_of(Text text) {
+  const auto delay = positive_duration(text, 1h);
+  const auto whole = std::chrono::duration_cast<std::chrono::microseconds>(delay);
+  if (whole != delay)
+    throw std::invalid_argument(fmt::format("'{}' is not a whole number of microseconds", text));
+  return whole;
+}
+
+// "10 s for 500 ms"
+Cut cut_of(Text text) {
+  constexpr std::string_view between = " for ";
+  const auto found = text.find(between);
+  if (found == text.npos)
+    throw std::invalid_argument(
+        fmt::format("'{}' does not say when and for how long; write it as '10 s for 500 ms'", text));
+  const auto at = duration_of(text.substr(0, found));
+  const auto length = positive_duration(text.substr(found + between.size()), 1h);
+  const auto whole = std::chrono::duration_cast<std::chrono::milliseconds>(length);
+  if (at.count() < 0) throw std::invalid_argument(fmt::format("'{}' is before the begin", text));
+  if (whole != length)
+    throw std::invalid_argument(fmt::format("'{}' is not for a whole number of milliseconds", text));
+  return {at, whole};
+}
+
+void add_link_keys(std::vector<Key>& keys) {
+  const auto client = Key::For::client;
+  keys.insert(
+      keys.end(),
+      {{"link.loss", "", "PERCENT", "share of the frames that come to either end and are lost: none", client,
+        [](Run& run, Text text) { run.faults.loss = share_of(text); }},
+       {"link.duplicate", "", "PERCENT", "share of the frames that either end sends twice: none", client,
+        [](Run& run, Text text) { run.faults.duplicates = share_of(text); }},
+       {"link.delay", "", "TIME", "of all that either end sends, on its way: none", client,
+        [](Run& run, Text text) { run.faults.delay = delay_of(text); }},
+       {"link.jitter", "", "TIME", "by how much that delay varies, either way: not at all", client,
+        [](Run& run, Text text) { run.faults.jitter = delay_of(text); }},
+       {"link.reorder", "", "PERCENT", "share of the frames that go without that delay, before others: none",
+        client, [](Run& run, Text text) { run.faults.reordered = share_of(text); }},
+       {"link.cut", "", "TIME for TIME", "when nothing comes any more, and for how long: '10 s for 500 ms'",
+        client, [](Run& run, Text text) {
+          run.cut = cut_of(text);
+          run.faults.cut = true;
+        }}});
+}
+
+void complete_link(const Run& run) {
+  const auto& faults = run.faults;
+  if (faults.delay.count() == 0 && (faults.jitter.count() > 0 || faults.reordered > 0))
+    throw std::invalid_argument("link.jitter and link.reorder need a link.delay, which they are about");
+  if (faults.jitter > faults.delay)
+    throw std::invalid_argument("link.jitter is more than link.delay: nothing comes before it was sent");
+  if (run.cut && run.cut->at >= run.task.client.duration)
+    throw std::invalid_argument("link.cut begins when the run's duration is over");
+}
+
 void add_traffic_keys(std::vector<Key>& keys) {
   const auto client = Key::For::client;
   keys.insert(
@@ -331,6 +387,7 @@ std::vector<Key> all_keys() {
   add_load_keys(keys, "controller", &Run::controller_load);
   add_load_keys(keys, "component", &Run::component_load);
   add_traffic_keys(keys);
+  add_link_keys(keys);
   return keys;
 }
 
@@ -365,6 +422,7 @@ void complete(Run& run) {
   complete_topics(run);
   if (run.traffic.bits_per_s == 0 && run.traffic != Traffic{})
     throw std::invalid_argument("traffic is described, but there is none: traffic.rate says how much");
+  complete_link(run);
   if (client.deadline > client.timeout)
     throw std::invalid_argument(
         fmt::format("the deadline ({} us) is longer than the time-out ({} us): nothing could "

@@ -43,7 +43,7 @@ std::optional<std::string> went_elsewhere(const json& outcome, std::uint64_t pay
     if (link.is_null()) continue;
     for (const auto& [key, verb] :
          {Direction{"sent_bytes", "sent"}, Direction{"received_bytes", "received"}}) {
-      const auto carried = link.at(key).get<std::uint64_t>();
+      const auto carried = link.value("beside_traffic", link).at(key).get<std::uint64_t>();
       if (carried >= answered * payload_bytes) continue;
       return fmt::format(
           "the data did not go over {}: {} messages of {} bytes were answered, and of what the {} {} the "
@@ -61,6 +61,18 @@ std::optional<std::string> went_elsewhere(const json& outcome, std::uint64_t pay
         "middleware's "
         "configuration",
         segments(outcome.at("hosts").at("controller")));
+  return {};
+}
+
+std::optional<std::string> unproved(const json& outcome) {
+  if (!outcome.contains("traffic")) return {};
+  for (const auto& [name, host] : outcome.at("hosts").items())
+    if (const auto& link = host.at("link"); !link.is_null() && !link.contains("beside_traffic"))
+      return fmt::format(
+          "that the messages took {} is not proved: on the {} they could not be counted beside the traffic "
+          "(that "
+          "takes root, nftables, and a place that is [ip, netns, exec, NAME] or none)",
+          link.at("interface").get<std::string>(), name);
   return {};
 }
 

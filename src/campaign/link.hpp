@@ -15,6 +15,11 @@ namespace ontime::campaign {
 // nothing if every end's interface carried at least what was answered, or no interface was asked
 // for. Other traffic on the link can make up for what is missing, so where both ends are one machine and both
 // have a middleware's shared memory in use, that is wrong by itself.
+// Concurrent traffic that ontime itself asked for is left out, where that could be counted
+// (`beside_traffic`).
 std::optional<std::string> went_elsewhere(const nlohmann::json& outcome, std::uint64_t payload_bytes);
+
+// Why that proves nothing, for people: there was concurrent traffic, and it could not be left out.
+std::optional<std::string> unproved(const nlohmann::json& outcome);
 
 }  // namespace ontime::campaign

@@ -3,6 +3,8 @@
 
 #include <algorithm>
 
+#include <fmt/format.h>
+
 #include "campaign/traffic.hpp"
 #include "keeper/keeper.hpp"
 #include "machine/machine.hpp"
@@ -14,6 +16,15 @@ using nlohmann::json;
 
 constexpr const char* controller = "controller";
 constexpr const char* component = "component";
+
+// Where an end lives, by the name that `ip netns` has for it; nothing: somewhere else.
+std::optional<std::string> network_namespace(const Host& host) {
+  const auto& place = host.place;
+  if (place.empty()) return "";
+  const std::vector<std::string> exec = {"ip", "netns", "exec"};
+  if (place.size() != exec.size() + 1 || !std::equal(exec.begin(), exec.end(), place.begin())) return {};
+  return place.back();
+}
 
 Host host_of(const json& from) {
   return {{}, from.at("place"), {}, from.at("interface"), from.at("address")};
@@ -86,6 +97,48 @@ bool Machines::lost() const {
                      [](const auto& entry) { return entry.second.keeper->lost(); });
 }
 
+void Machines::check(const Run& run) {
+  const auto fail = [&](const std::string& what) {
+    throw Error(3, fmt::format("{}: run '{}': {}", run.where, run.id, what));
+  };
+  if (hosts_.kind == Hosts::Kind::loopback)
+    fail(
+        "link.*: on loopback there is no link whose faults would be these two ends' alone: say hosts: "
+        "namespaces, "
+        "as root");
+  for (const auto* host : {&hosts_.controller, &hosts_.component}) {
+    if (host->interface.empty()) fail("link.*: which link? Each of the hosts needs its interface");
+    if (!network_namespace(*host))
+      fail("link.*: a place other than [ip, netns, exec, NAME] could not be given back as it was");
+  }
+  for (auto& [reach, machine] : machines_)
+    if (const auto answer = ask(machine, "check", "checked", {{"faults", keeper::to_json(run.faults)}});
+        answer.contains("error"))
+      fail(answer.at("error"));
+}
+
+// With faults, or with traffic, beside which the messages are to be counted.
+void Machines::link(const std::string& host, const Run& run) {
+  const auto& where = host == controller ? hosts_.controller : hosts_.component;
+  const auto netns = network_namespace(where);
+  if (!run.faults.any() && (ports_of(run.traffic).empty() || where.interface.empty() || !netns)) return;
+  const auto answer = ask(machine_of(host), "link", "linked",
+                          {{"host", host},
+                           {"network_namespace", netns.value_or("")},
+                           {"interface", where.interface},
+                           {"faults", keeper::to_json(run.faults)},
+                           {"not_counted", ports_of(run.traffic)}});
+  // Without faults it can be done without: the record says that nothing is proved then.
+  if (run.faults.any() && answer.contains("error")) throw Error(3, answer.at("error"));
+}
+
+std::int64_t Machines::cut(std::chrono::milliseconds length) {
+  std::int64_t at_ns = 0;
+  for (const auto* host : {component, controller})
+    at_ns = ask(machine_of(host), "cut", "cut", {{"host", host}, {"for_ms", length.count()}}).at("at_ns");
+  return at_ns;
+}
+
 void Machines::load(const Run& run) {
   unload();  // what a run that failed has left is not this one's
   for (auto& [reach, machine] : machines_)
@@ -93,6 +146,8 @@ void Machines::load(const Run& run) {
       const auto& workers = host == controller ? run.controller_load : run.component_load;
       if (workers.any()) ask(machine, "load", "loaded", {{"host", host}, {"load", keeper::to_json(workers)}});
     }
+  if (hosts_.kind == Hosts::Kind::alone) return;
+  for (const auto* host : {component, controller}) link(host, run);
   for (const auto* host : {component, controller})  // who serves is ready before who asks
     for (const auto& way : ways_of(run.traffic))
       ask(machine_of(host), "traffic", "flowing",
@@ -107,12 +162,13 @@ void Machines::unload() {
 void Machines::begin() { all("begin", "begun"); }
 
 Machines::Account Machines::end() {
-  Account account{json::object(), json::object(), json::object()};
+  Account account{json::object(), json::object(), json::object(), json::object()};
   for (auto& [reach, machine] : machines_) {
     const auto ended = ask(machine, "end", "ended");
     for (const auto& host : machine.hosts) {
       account.conditions[host] = ended.at("conditions");
       account.load_running[host] = ended.at("load_running").value(host, json());
+      account.links[host] = ended.at("links").value(host, json());
       account.traffic[host] = ended.at("traffic").value(host, json::object());
     }
   }

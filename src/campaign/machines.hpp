@@ -21,13 +21,18 @@ class Machines {
   const nlohmann::json& machine(const std::string& host) const { return machine_of(host).description; }
   bool lost() const;  // whether a keeper is
 
-  // For one run: its load and its traffic, and the account of what each machine did between begin() and
-  // end().
+  // Throws Error for a fault of the link that cannot be had here, by its name.
+  void check(const Run&);
+
+  // For one run: its load, its link and its traffic, and the account of what each machine did between begin()
+  // and end().
   void load(const Run&);
+  // The link, for that long from now on; when that was, by the controller's CLOCK_MONOTONIC.
+  std::int64_t cut(std::chrono::milliseconds length);
   void unload();
   void begin();
   struct Account {
-    nlohmann::json conditions, load_running, traffic;  // by host
+    nlohmann::json conditions, load_running, traffic, links;  // by host
   };
   Account end();
 
@@ -42,6 +47,7 @@ class Machines {
   };
   const Machine& machine_of(const std::string& host) const;
   void add(const std::string& host, const Host&);
+  void link(const std::string& host, const Run&);
   void all(const char* order, const char* answer);
   void tell(const nlohmann::json& notes);
   nlohmann::json ask(const Machine&, const char* order, const char* answer,

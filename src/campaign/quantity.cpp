@@ -62,6 +62,15 @@ std::uint64_t bit_rate_of(const std::string& text) {
   return static_cast<std::uint64_t>(std::llround(rate));
 }
 
+double share_of(const std::string& text) {
+  static const Units units{{"%", 0.01L}};
+  const auto share = static_cast<double>(quantity(text, units, "1 %"));
+  constexpr double least = 1e-6;  // as the kernel divides
+  if (!(share >= least) || share > 1)
+    throw std::invalid_argument(fmt::format("'{}' is no share: 0.0001 % to 100 % are", text));
+  return share;
+}
+
 std::int64_t number_of(const std::string& text, std::int64_t least, std::int64_t most) {
   std::int64_t value = 0;
   const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);

@@ -321,6 +321,7 @@ class File {
                const std::vector<std::size_t>& at) const {
     Run run;
     run.id = id;
+    run.where = fmt::format("{}:{}", scenario_.file, node.Mark().line + 1);
     for (std::size_t i = 0; i < dimensions.size(); ++i) {
       const auto& [path, key, choices] = dimensions[i];
       const auto& choice = choices[at[i]];
@@ -369,6 +370,18 @@ Run Scenario::at(std::size_t number) const {
   auto run = runs.at(interleaved ? number % runs.size() : number / times);
   run.repetition = 1 + static_cast<int>(interleaved ? number / runs.size() : number % times);
   return run;
+}
+
+std::chrono::nanoseconds time_of(const Run& run) {
+  constexpr std::chrono::seconds beside(2);  // start, matching, the account; as seen with three transports
+  const auto& client = run.task.client;
+  return client.duration + client.period * static_cast<std::int64_t>(client.warm_up) + beside;
+}
+
+std::chrono::nanoseconds time_of(const Scenario& scenario) {
+  std::chrono::nanoseconds once{0};
+  for (const auto& run : scenario.runs) once += time_of(run);
+  return once * scenario.repeat;
 }
 
 Scenario read_scenario(const std::string& file, const Selection& selection) {

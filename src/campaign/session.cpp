@@ -91,6 +91,15 @@ void Session::note_peers(const json& event) {
   observer_.note(note.text);
 }
 
+void Session::cut_link() {
+  cut_ = true;
+  const auto length = run_.cut->length;
+  const auto at_ns = machines_.cut(length);
+  writer_.note(number_, {"link-cut", fmt::format("the link was cut, for {} ms", length.count()), at_ns, {}});
+  writer_.note(number_,
+               {"link-back", "the link was back", at_ns + std::chrono::nanoseconds(length).count(), {}});
+}
+
 Session::End Session::open(const std::string& host, const Host& where, const agent::Task& task) {
   End end{host,
           std::make_unique<Hand>(coordinator_, "the agent of the " + host, command_in_place(where, "agent"),
@@ -142,6 +151,7 @@ void Session::finish(std::chrono::nanoseconds longest) {
   const auto until = Clock::now() + longest;
   coordinator_.until(
       [&] {
+        if (run_.cut && !cut_ && !stopped_ && Clock::now() >= started_ + run_.cut->at) cut_link();
         if (interrupts_ > 0 && !stopped_) {
           stopped_ = true;
           controller_->agent->order("stop");
@@ -170,6 +180,7 @@ json Session::outcome() {
     host["transport"]["facts"] = host.at("facts");
     host.erase("facts");
     host["load_running"] = account.load_running.at(end->host);
+    if (!host.at("link").is_null()) host.at("link").update(account.links.at(end->host));
     hosts[end->host] = std::move(host);
   }
   outcome["interrupted"] = interrupts_ > 0;
@@ -179,6 +190,7 @@ json Session::outcome() {
     for (const auto& text : shortfalls(outcome.at("traffic"))) observer_.note(text);
   }
   outcome["hosts"] = std::move(hosts);
+  if (const auto why = unproved(outcome)) outcome["link_unproved"] = *why;
   if (const auto elsewhere = went_elsewhere(outcome, run_.task.client.payload_bytes))
     outcome["error"] = *elsewhere;
   return outcome;

@@ -44,6 +44,11 @@ const char* word_of(Traffic::Direction direction) {
   return "";
 }
 
+std::vector<int> ports_of(const Traffic& traffic) {
+  if (traffic.bits_per_s == 0) return {};
+  return {first_port, first_port + 1};
+}
+
 std::vector<std::string> ways_of(const Traffic& traffic) {
   std::vector<std::string> ways;
   if (traffic.bits_per_s == 0) return ways;
@@ -56,10 +61,12 @@ std::vector<std::string> ways_of(const Traffic& traffic) {
 background::Stream stream_of(const Traffic& traffic, const std::string& way, const std::string& end,
                              const Hosts& hosts) {
   const bool serves = end == "component";
-  return {.place = serves ? hosts.component.place : hosts.controller.place,
+  const auto& host = serves ? hosts.component : hosts.controller;
+  return {.place = host.place,
           .serves = serves,
           .receives = way == to_controller,
           .address = without_port(hosts.component.address),
+          .interface = host.interface,
           .port = first_port + (way == to_controller ? 1 : 0),
           .bits_per_s = traffic.bits_per_s,
           .datagram_bytes = traffic.datagram_bytes,

@@ -13,7 +13,8 @@ namespace ontime::campaign {
 
 // The ways that were asked for: "to_component", "to_controller".
 std::vector<std::string> ways_of(const Traffic&);
-// As one of the two ends has it. Throws Error where an address is missing.
+std::vector<int> ports_of(const Traffic&);  // at the component
+// As one of the two ends has it.
 background::Stream stream_of(const Traffic&, const std::string& way, const std::string& end, const Hosts&);
 
 // Of each way {asked_bit_s, sent_bit_s, received_bit_s, running, short}, by what both keepers say: of what

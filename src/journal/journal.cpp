@@ -63,7 +63,7 @@ void Journal::hold() {
 }
 
 void Journal::change(const Kind& kind, const std::string& what, const Value& wanted) {
-  if (find_kind(kind.name, more_) != &kind)
+  if (find_kind(kind.name, more_) == nullptr)
     throw std::logic_error(fmt::format("{} was not named to the journal as a kind of change", kind.name));
   if (!kind.accepts(what))
     throw Error(fmt::format("{} is nothing that {} may change", quoted(what), kind.name));

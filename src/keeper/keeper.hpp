@@ -7,10 +7,16 @@
 //   open   {}             opened {machine, notes}: what it is; what was given back of earlier ontimes
 //   join   {}             joined {controller, component}: two namespaces, each {place, interface, address}
 //   load   {host, load}   loaded {}: stress-ng for a host of that name, until unload
+//   check  {faults}       checked {}, or {error}: which of them this kernel has not
+//   link   {host, network_namespace, interface, faults, not_counted}
+//                         linked {}, or {error}: the end's interface has these faults, and is counted, until
+//                         unload
+//   cut    {host, for_ms} cut {at_ns}: since then, and for so long
 //   traffic {host, way, stream}   flowing {}: one end of one way of it, by iperf3, until unload
 //   unload {}             unloaded {notes}: what of the load could not be given back
 //   begin  {}             begun {}: "during the run" is from here on
-//   end    {}             ended {conditions, load_running {host: bool}, traffic {host: {way: …}}}
+//   end    {}             ended {conditions, load_running {host: bool}, traffic {host: {way: …}},
+//                         links {host: …}}
 //   close  {}             closed {notes}: what could not be given back
 #pragma once
 
@@ -24,6 +30,8 @@ nlohmann::json to_json(const background::Workers&);
 background::Workers workers_of(const nlohmann::json&);
 nlohmann::json to_json(const background::Stream&);
 background::Stream stream_of(const nlohmann::json&);
+nlohmann::json to_json(const background::Faults&);
+background::Faults faults_of(const nlohmann::json&);
 
 // Carries out orders from standard input until its end. Returns the exit code.
 int serve();

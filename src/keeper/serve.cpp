@@ -8,6 +8,7 @@
 #include "journal/journal.hpp"
 #include "keeper/flows.hpp"
 #include "keeper/keeper.hpp"
+#include "keeper/links.hpp"
 #include "machine/machine.hpp"
 #include "orders/orders.hpp"
 
@@ -16,6 +17,7 @@ namespace {
 
 using namespace std::chrono_literals;
 using nlohmann::json;
+using Clock = std::chrono::steady_clock;  // CLOCK_MONOTONIC, as that of samples and notes
 
 json end_of(const machine::NamespacePair::End& end) {
   return {{"place", end.prefix}, {"interface", end.interface}, {"address", end.address}};
@@ -27,7 +29,7 @@ class Keeper final : public orders::Worker {
 
   void obey(const std::string& order, const json& body) override {
     if (order == "open") {
-      const auto notes = journal::revert_abandoned();
+      const auto notes = journal::revert_abandoned(background::kinds());
       events_.tell("opened", {{"machine", machine::describe()}, {"notes", notes}});
     } else if (order == "join") {
       const auto pair = machine::join_namespaces(journal_);
@@ -36,6 +38,13 @@ class Keeper final : public orders::Worker {
     } else if (order == "load") {
       load(body.at("host"), workers_of(body.at("load")));
       events_.tell("loaded");
+    } else if (order == "check") {
+      events_.tell("checked", check(faults_of(body.at("faults"))));
+    } else if (order == "link") {
+      events_.tell("linked", link(body));
+    } else if (order == "cut") {
+      links_.cut(body.at("host"), std::chrono::milliseconds(body.at("for_ms")));
+      events_.tell("cut", {{"at_ns", std::chrono::nanoseconds(Clock::now().time_since_epoch()).count()}});
     } else if (order == "traffic") {
       flows_.add(body.at("host"), body.at("way"), stream_of(body.at("stream")));
       events_.tell("flowing");
@@ -44,13 +53,16 @@ class Keeper final : public orders::Worker {
     } else if (order == "begin") {
       activity_ = machine::activity();
       flows_.begin();
+      links_.begin();
       events_.tell("begun");
     } else if (order == "end") {
       events_.tell("ended", {{"conditions", machine::between(activity_, machine::activity())},
                              {"load_running", load_running()},
-                             {"traffic", flows_.end()}});
+                             {"traffic", flows_.end()},
+                             {"links", links_.end()}});
     } else if (order == "close") {
       flows_.clear();
+      links_.clear();
       loads_.clear();
       events_.tell("closed", {{"notes", journal_.revert()}});
     } else {
@@ -65,10 +77,11 @@ class Keeper final : public orders::Worker {
 
   void give_back() noexcept override {
     flows_.clear();
+    links_.clear();
     loads_.clear();
     journal_.revert();
     try {
-      journal::revert_abandoned();
+      journal::revert_abandoned(background::kinds());
     } catch (const std::exception&) {
       return;  // the next start will say so
     }
@@ -85,9 +98,30 @@ class Keeper final : public orders::Worker {
     loads_[host] = {directory, background::stress(workers, directory)};
   }
 
+  json link(const json& order) {
+    try {
+      links_.add(order);
+      return json::object();
+    } catch (const background::Error& error) {
+      return {{"error", error.what()}};
+    } catch (const journal::Error& error) {
+      return {{"error", error.what()}};
+    }
+  }
+
+  static json check(const background::Faults& faults) {
+    try {
+      background::check(faults);
+      return json::object();
+    } catch (const background::Error& error) {
+      return {{"error", error.what()}};
+    }
+  }
+
   // A suite has many runs, and the journal holds only what there is.
   std::vector<std::string> unload() {
     flows_.clear();
+    links_.clear();
     std::vector<std::string> notes;
     for (auto& [host, load] : std::exchange(loads_, {})) {
       load.running.reset();
@@ -104,8 +138,9 @@ class Keeper final : public orders::Worker {
   }
 
   orders::Events& events_;
-  journal::Journal journal_;
+  journal::Journal journal_{background::kinds()};
   std::map<std::string, Load> loads_;  // by host; they end before the journal
+  Links links_{journal_};
   Flows flows_;
   machine::Activity activity_;
 };

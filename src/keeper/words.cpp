@@ -19,14 +19,29 @@ background::Workers workers_of(const json& from) {
           from.at("hdd"), from.at("vm_bytes"), from.at("hdd_bytes")};
 }
 
+json to_json(const background::Faults& faults) {
+  return {{"loss", faults.loss},
+          {"duplicates", faults.duplicates},
+          {"delay_us", faults.delay.count()},
+          {"jitter_us", faults.jitter.count()},
+          {"reordered", faults.reordered},
+          {"cut", faults.cut}};
+}
+
+background::Faults faults_of(const json& from) {
+  return {.loss = from.at("loss"),
+          .duplicates = from.at("duplicates"),
+          .delay = std::chrono::microseconds(from.at("delay_us")),
+          .jitter = std::chrono::microseconds(from.at("jitter_us")),
+          .reordered = from.at("reordered"),
+          .cut = from.at("cut")};
+}
+
 json to_json(const background::Stream& stream) {
-  return {{"place", stream.place},
-          {"serves", stream.serves},
-          {"receives", stream.receives},
-          {"address", stream.address},
-          {"port", stream.port},
-          {"bit_s", stream.bits_per_s},
-          {"datagram_bytes", stream.datagram_bytes},
+  return {{"place", stream.place},         {"serves", stream.serves},
+          {"receives", stream.receives},   {"address", stream.address},
+          {"interface", stream.interface}, {"port", stream.port},
+          {"bit_s", stream.bits_per_s},    {"datagram_bytes", stream.datagram_bytes},
           {"priority", stream.priority}};
 }
 
@@ -35,6 +50,7 @@ background::Stream stream_of(const json& from) {
           .serves = from.at("serves"),
           .receives = from.at("receives"),
           .address = from.at("address"),
+          .interface = from.at("interface"),
           .port = from.at("port"),
           .bits_per_s = from.at("bit_s"),
           .datagram_bytes = from.at("datagram_bytes"),

@@ -62,6 +62,19 @@ struct Traffic {
 };
 std::optional<Traffic> traffic(const std::string& interface);
 
+// What was dropped so far where this process lives, by what the kernel counts. A datagram may be in several.
+struct Drops {
+  std::uint64_t own_sockets = 0;  // datagrams that came for this process's UDP sockets and found no room
+  std::uint64_t udp_receive = 0;  // likewise for anybody's in this network namespace
+  std::uint64_t udp_send = 0;     // that anybody's there could not send
+  std::uint64_t fragments = 0;    // datagrams of which not all fragments came, or found room
+  std::uint64_t interface_received = 0, interface_sent = 0;  // frames, on that interface
+  std::uint64_t backlog = 0;  // frames, of the whole machine: no room in a CPU's queue
+};
+Drops drops(const std::string& interface);
+// What was dropped between two such moments, by the names above.
+nlohmann::json between(const Drops& first, const Drops& last);
+
 // Names of the shared memory segments of a DDS ("fastrtps_…", "fastdds_…", "iox_…") that this process has
 // mapped.
 std::vector<std::string> shared_memory();

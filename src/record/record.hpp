@@ -39,6 +39,8 @@ struct Run {
   std::string key;
 };
 
+std::string key_of(const nlohmann::json& asked);
+
 // Something that happened in a run: at a moment, or to one message, or both.
 struct Note {
   std::string kind;                      // "peer-left", "second-pong" …: a word for programs

@@ -61,6 +61,24 @@ std::string traffic(const json& asked) {
   return text;
 }
 
+std::string percent(const json& share) { return fmt::format("{:.4g} %", share.get<double>() * 100); }
+
+std::string link(const json& asked) {
+  std::vector<std::string> faults;
+  const auto is_some = [&](const char* key) { return at(asked, key).is_number() && at(asked, key) > 0; };
+  if (is_some("loss")) faults.push_back("loses " + percent(at(asked, "loss")));
+  if (is_some("duplicates")) faults.push_back("doubles " + percent(at(asked, "duplicates")));
+  if (is_some("delay_us")) {
+    auto text = "delays " + duration(at(asked, "delay_us"));
+    if (is_some("jitter_us")) text += " ± " + duration(at(asked, "jitter_us"));
+    if (is_some("reordered")) text += fmt::format(" but for {}", percent(at(asked, "reordered")));
+    faults.push_back(text);
+  }
+  if (const auto& cut = at(asked, "cut"); cut.is_object())
+    faults.push_back(fmt::format("is cut at {} s for {} ms", word(at(cut, "at_s")), word(at(cut, "for_ms"))));
+  return faults.empty() ? "" : "a link that " + join(faults, ", ");
+}
+
 std::string quality_of_service(const json& qos) {
   if (!qos.is_object()) return "";
   auto text = word(at(qos, "reliability")) + " " + word(at(qos, "history"));
@@ -173,6 +191,7 @@ std::vector<Phrase> phrases_of(const Summary& summary) {
   add("duration", at(asked, "duration_s"), seconds(at(asked, "duration_s")));
   add("load", at(asked, "load"), load(at(asked, "load")));
   add("traffic", at(asked, "traffic"), traffic(at(asked, "traffic")));
+  add("link", at(asked, "link"), link(at(asked, "link")));
   add("hosts", at(asked, "hosts"), "hosts " + word(at(asked, "hosts")), Phrase::Where::in_labels);
   return phrases;
 }
@@ -228,7 +247,8 @@ void add_variant(std::string& label, const json& variant, const std::vector<Phra
     const auto key = part.substr(0, part.find(' '));
     // "qos.depth 5" is told by "qos", "load.controller.cpu 4" by "load".
     const bool told = std::any_of(phrases.begin(), phrases.end(), [&](const Phrase& phrase) {
-      const bool holds_others = phrase.key == "qos" || phrase.key == "load" || phrase.key == "traffic";
+      const bool holds_others =
+          phrase.key == "qos" || phrase.key == "load" || phrase.key == "traffic" || phrase.key == "link";
       return key == phrase.key || (holds_others && key.starts_with(phrase.key + "."));
     });
     if (!told) label += " " + shortened(part, longest_value);

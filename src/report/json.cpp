@@ -4,6 +4,7 @@
 #include <fmt/format.h>
 
 #include "report/conditions.hpp"
+#include "report/paper.hpp"
 #include "report/runs.hpp"
 #include "report/words.hpp"
 
@@ -51,6 +52,20 @@ ordered_json notes_of(const statistics::Summary& summary) {
          {"message", note.message ? ordered_json(*note.message) : ordered_json()}});
   }
   return notes;
+}
+
+// The paper's own figures of this test; null where it has none.
+ordered_json paper_of(const nlohmann::json& asked) {
+  auto rows = ordered_json::array();
+  for (const auto& row : paper_rows(asked))
+    rows.push_back({{"dds", row.dds},
+                    {"min_us", row.min_us},
+                    {"avg_us", row.avg_us},
+                    {"max_us", row.max_us},
+                    {"missed_deadlines", row.missed_deadlines},
+                    {"lost", row.lost},
+                    {"messages", row.messages}});
+  return rows.empty() ? ordered_json() : rows;
 }
 
 std::string text_of(const ordered_json& value) {
@@ -139,6 +154,9 @@ ordered_json json_of(const statistics::Summary& summary) {
                       "component_interface", "realtime_settings", "count_instructions"});
   run["conditions"]["load"] = {{"asked", at(asked, "load")}, {"achieved", at(outcome, "conditions")}};
   run["conditions"]["traffic"] = {{"asked", at(asked, "traffic")}, {"achieved", at(outcome, "traffic")}};
+  run["conditions"]["link"] = at(asked, "link");
+  run["link_unproved"] = at(outcome, "link_unproved");
+  run["paper"] = paper_of(asked);
   run["hosts"] = at(outcome, "hosts");
   run["provenance"] = some_of(asked, {"ontime", "command_line", "hosts", "scenario_file", "scenario"});
   return run;

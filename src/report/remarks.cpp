@@ -50,6 +50,46 @@ std::string traffic(const json& outcome) {
   return (is_short ? "NOT THE TRAFFIC THAT WAS ASKED FOR: " : "traffic: ") + join(ways, ", ");
 }
 
+// Where the kernel dropped something: loss has a place.
+std::string drops(const json& outcome) {
+  std::vector<std::string> parts;
+  const struct {
+    const char *key, *what;
+  } places[] = {{"own_sockets", "{} for want of room in the sockets of the {}'s middleware"},
+                {"udp_receive", "{} for want of room in UDP sockets of the {}, of anybody"},
+                {"udp_send", "{} that the {}'s sockets could not send"},
+                {"fragments", "{} on the {} of which not all fragments came"},
+                {"interface_received", "{} that came to the {}'s interface"},
+                {"interface_sent", "{} that were to leave by the {}'s interface"},
+                {"backlog", "{} in the queues of the {}'s CPUs, on the whole machine"}};
+  for (const auto* host : {"controller", "component"}) {
+    const auto& dropped = at(at(at(outcome, "hosts"), host), "drops");
+    for (const auto& [key, what] : places) {
+      const auto number = count(at(dropped, key));
+      if (number == 0) continue;
+      if (std::string_view(key) == "udp_receive" && number == count(at(dropped, "own_sockets"))) continue;
+      parts.push_back(fmt::format(fmt::runtime(what), number, host));
+    }
+  }
+  return parts.empty() ? "" : "dropped by the kernel: " + join(parts, ", ");
+}
+
+// What of the loss was ours: "lost by link.loss 51 frames that came to the component".
+std::string faults(const json& outcome) {
+  std::vector<std::string> parts;
+  const struct {
+    const char *key, *what;
+  } kinds[] = {{"lost_frames", "lost by link.loss {} that came to the {}"},
+               {"cut_off_frames", "cut off by link.cut {} that came to the {}"},
+               {"duplicated_frames", "sent twice by link.duplicate {} of the {}"}};
+  for (const auto& [key, what] : kinds)
+    for (const auto* host : {"controller", "component"})
+      if (const auto frames = count(at(at(at(at(at(outcome, "hosts"), host), "link"), "faults"), key));
+          frames > 0)
+        parts.push_back(fmt::format(fmt::runtime(what), many(frames, "frame", "frames"), host));
+  return join(parts, ", ");
+}
+
 // The interface's own counters, where they do not fit what was measured. (Too little makes a run fail.)
 constexpr std::uint64_t headers_bytes = 120;  // of a message, at most: Ethernet, IP, UDP, RTPS
 constexpr std::uint64_t much = 10;            // times what the messages take
@@ -125,7 +165,10 @@ std::string remarks(const statistics::Summary& summary) {
     if (at(facts, "load_running") == false)
       parts.push_back("the load on the " + word(host) + " had died by the end");
   if (const auto text = traffic(outcome); !text.empty()) parts.push_back(text);
+  if (const auto& why = at(outcome, "link_unproved"); why.is_string()) parts.push_back(word(why));
   add_notes(parts, summary);
+  if (const auto text = drops(outcome); !text.empty()) parts.push_back(text);
+  if (const auto text = faults(outcome); !text.empty()) parts.push_back(text);
   if (summary.skipped_cycles > 0)
     parts.push_back(
         many(summary.skipped_cycles, "skipped cycle", "skipped cycles") +

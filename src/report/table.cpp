@@ -6,6 +6,7 @@
 #include <fmt/format.h>
 
 #include "report/conditions.hpp"
+#include "report/paper.hpp"
 #include "report/runs.hpp"
 #include "report/words.hpp"
 
@@ -49,6 +50,24 @@ std::vector<std::string> row(const std::string& label, const Summary& summary, b
     cells.insert(cells.end() - 1, summary.late_by_response ? share(*summary.late_by_response,
                                                                    summary.sent + summary.skipped_cycles)
                                                            : "?");
+  return cells;
+}
+
+// What the paper measured, in the columns that it has.
+std::vector<std::string> row(const PaperRow& paper, bool by_response) {
+  const auto number = [](std::int64_t us) { return std::to_string(us); };
+  std::vector<std::string> cells = {"paper's " + paper.dds,
+                                    number(paper.min_us),
+                                    number(paper.avg_us),
+                                    "",
+                                    "",
+                                    "",
+                                    "",
+                                    "",
+                                    number(paper.max_us),
+                                    share(paper.missed_deadlines, paper.messages),
+                                    share(paper.lost, paper.messages)};
+  if (by_response) cells.insert(cells.end() - 1, "");
   return cells;
 }
 
@@ -122,6 +141,7 @@ Table table_of(Group group) {
     table.rows.push_back(row(labels[i], *group[i], by_response));
     if (const auto text = remarks(*group[i]); !text.empty()) table.notes.push_back(labels[i] + ": " + text);
   }
+  for (const auto& paper : paper_rows(asked)) table.rows.push_back(row(paper, by_response));
   return table;
 }
 
@@ -131,6 +151,11 @@ std::string common_duration(const Summaries& summaries, const char* key, const s
   const bool common = std::all_of(summaries.begin(), summaries.end(),
                                   [&](const auto& summary) { return at(summary.run.asked, key) == first; });
   return common && first.is_number() ? duration(first) : otherwise;
+}
+
+bool any_of_paper(const Summaries& summaries) {
+  return std::any_of(summaries.begin(), summaries.end(),
+                     [](const auto& summary) { return !paper_rows(summary.run.asked).empty(); });
 }
 
 std::string legend_of(const Page& page, const Summaries& summaries) {
@@ -153,6 +178,9 @@ std::string legend_of(const Page& page, const Summaries& summaries) {
     legend += " ~: fewer than 10 answers were slower.";
   if (any_cell([](const std::string& cell) { return cell == nothing; }))
     legend += " -: too few answers to tell.";
+  if (any_of_paper(summaries))
+    legend +=
+        " paper's: measured by Gutiérrez, San Vicente et al. (2018) on their two machines, with DDS 1 to 3.";
   return legend;
 }
 

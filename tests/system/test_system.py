@@ -285,6 +285,166 @@ runs:
         self.assertEqual(process.returncode, 0, error)
         self.assertIn("iperf3 had died", error)
 
+    # --- the link's faults ---
+
+    FAULTS = """
+hosts: namespaces
+defaults: {transport: [%s], period: 5 ms, timeout: 100 ms, duration: %s}
+runs:
+  - {id: lossy, link: {loss: 10 %%}}
+  - {id: double, link: {duplicate: 50 %%}}
+  - {id: cut, link: {cut: 1 s for 500 ms}}
+  - {id: slow, link: {delay: 2 ms}}
+  - {id: busy, link: {loss: 10 %%}, traffic: {rate: 4 Mbit/s}}
+"""
+
+    def test_faults_of_the_link_lose_double_and_cut_and_each_loss_has_its_place(self):
+        scenario = self.scenario("3 s", text=self.FAULTS, transports=["udp"])
+        answer = self.run_ontime("run", scenario, "--only", "lossy,double,cut,busy", "--results", self.results)
+        self.assertEqual(answer.returncode, 0, answer.stderr)
+        lossy, double, cut, busy = self.report()
+        for run in (lossy, double, cut, busy):
+            self.assertIsNone(run["error"])
+            self.assertIsNone(run["link_unproved"])
+            self.assertEqual(run["sent"], run["on_time"] + run["late"] + run["lost"])
+        ours = sum(host["link"]["faults"]["lost_frames"] for host in lossy["hosts"].values())
+        self.assertGreater(ours, 0)
+        self.assertLessEqual(lossy["lost"], ours)
+        self.assertIn("lost by link.loss", answer.stdout)
+        self.assertGreater(double["duplicates"], 0)
+        self.assertEqual(double["lost"], 0)
+        self.assertGreater(cut["lost"], 0)
+        self.assertEqual([note["kind"] for note in cut["notes"]], ["link-cut", "link-back"])
+        gone, back = (note["at_s"] for note in cut["notes"])
+        self.assertAlmostEqual(back - gone, 0.5)
+        with contextlib.closing(sqlite3.connect(self.results)) as database:
+            lost = [row[0] for row in database.execute(
+                "SELECT intended_ns / 1e9 FROM sample WHERE run = ? AND fate = 2", (cut["run"],))]
+        self.assertTrue(lost and all(gone - 0.2 < at < back + 0.05 for at in lost), (gone, back, lost))
+
+    def test_fault_that_the_kernel_has_not_is_refused_before_anything_is_run(self):
+        scenario = self.scenario("1 s", text=self.FAULTS, transports=["udp"])
+        answer = self.run_ontime("run", scenario, "--results", self.results)
+        if answer.returncode == 0:
+            self.skipTest("this kernel has netem")
+        self.assertEqual(answer.returncode, 3, answer.stderr)
+        self.assertRegex(answer.stderr, r"scenario.yaml:8: run 'slow': link.delay")
+        self.assertIn("sch_netem", answer.stderr)
+        self.assertEqual(self.report(), [])
+
+    def test_faults_need_a_link_of_their_own(self):
+        text = self.FAULTS.replace("namespaces", "loopback")
+        answer = self.run_ontime("run", self.scenario("1 s", text=text, transports=["udp"]), "--only", "lossy",
+                                 "--results", self.results)
+        self.assertEqual(answer.returncode, 3, answer.stderr)
+        self.assertIn("loopback", answer.stderr)
+
+    def test_faults_on_somebody_elses_namespaces_are_given_back_whoever_is_killed(self):
+        """There the namespaces stay, and what was done to them must not."""
+        for command in ("netns add ot-left", "netns add ot-right", "link add ot-l netns ot-left type veth peer name ot-r netns ot-right",
+                        "-n ot-left addr add 198.18.7.1/30 dev ot-l", "-n ot-right addr add 198.18.7.2/30 dev ot-r",
+                        "-n ot-left link set ot-l up", "-n ot-right link set ot-r up"):
+            subprocess.run(["ip", *command.split()], check=True)
+        try:
+            hosts = """{controller: {place: [ip, netns, exec, ot-left], interface: ot-l, address: 198.18.7.1},
+                        component: {place: [ip, netns, exec, ot-right], interface: ot-r, address: 198.18.7.2}}"""
+            text = self.FAULTS.replace("hosts: namespaces", "hosts: " + hosts)
+            ours = ["run", self.scenario("1 h", text=text, transports=["udp"]), "--only", "busy", "--results", self.results]
+
+            def tables():
+                return "".join(subprocess.run(["ip", "netns", "exec", name, "nft", "list", "tables"], capture_output=True,
+                                              text=True, check=True).stdout for name in ("ot-left", "ot-right"))
+
+            for whom in (lambda process: [process.pid], lambda _: self.keepers()):
+                process = self.start_ontime(*ours)
+                self.started(process, lambda: self.samples_recorded() > 50)
+                self.assertIn("table netdev ontime-controller", tables())
+                self.assertIn("table inet ontime-component", tables())
+                for pid in whom(process):
+                    os.kill(pid, signal.SIGKILL)
+                process.communicate(timeout=30)
+                self.assertTrue(eventually(lambda: not tables(), 5), tables())
+                self.assertTrue(eventually(self.nothing_left, 5), self.what_is_left())
+                os.remove(self.results)
+            process = self.start_ontime(*ours)
+            self.started(process, lambda: self.samples_recorded() > 50)
+            for pid in [process.pid, *self.agents()]:
+                os.kill(pid, signal.SIGKILL)
+            process.communicate(timeout=30)
+            self.assertIn("ontime-controller", tables())
+            ours[1] = self.scenario("100 ms", text=text, transports=["udp"])
+            answer = self.run_ontime(*ours)
+            self.assertIn("nft-table", answer.stderr)
+            self.assertEqual(tables(), "")
+        finally:
+            for name in ("ot-left", "ot-right"):
+                subprocess.run(["ip", "netns", "del", name], check=True)
+
+    # --- suites ---
+
+    def suite(self):
+        folder = pathlib.Path(self.folder, "suite")
+        folder.mkdir(exist_ok=True)
+        for name in ("one", "two"):
+            (folder / f"{name}.yaml").write_text(
+                "hosts: namespaces\nrepeat: 2\ndefaults: {transport: [udp], period: 5 ms, duration: 2 s}\n"
+                f"runs: [{{id: {name}}}]\n")
+        return folder
+
+    def test_folder_is_run_in_order_and_goes_on_where_it_was_interrupted(self):
+        folder = self.suite()
+        process = self.start_ontime("run", str(folder), "--results", self.results, "--resume")
+        self.started(process, lambda: len(self.recorded()) == 2)
+        process.send_signal(signal.SIGINT)
+        _, error = process.communicate(timeout=60)
+        self.assertEqual(process.returncode, 130, error)
+        self.assertIn("4 runs, about 16 s", error)
+        self.assertEqual([run["complete"] for run in self.report()], [True, False])
+        answer = self.run_ontime("run", str(folder), "--results", self.results, "--resume")
+        self.assertEqual(answer.returncode, 0, answer.stderr)
+        self.assertRegex(answer.stderr, r"\[1/4, 16 s left\] one udp +is done already")
+        self.assertEqual([(run["id"], run["repetition"]) for run in self.report() if run["complete"]],
+                         [("one", 1), ("one", 2), ("two", 1), ("two", 2)])
+        # What is asked otherwise is not done: neither a text that was changed, nor another duration.
+        (folder / "two.yaml").write_text((folder / "two.yaml").read_text() + "# changed\n")
+        answer = self.run_ontime("run", str(folder), "--results", self.results, "--resume")
+        self.assertEqual(answer.stderr.count("is done already"), 2, answer.stderr)
+        answer = self.run_ontime("run", str(folder), "--results", self.results, "--resume", "--duration", "1 s")
+        self.assertEqual(answer.stderr.count("is done already"), 0, answer.stderr)
+        # And what another machine did is nothing of this suite.
+        with contextlib.closing(sqlite3.connect(self.results)) as database:
+            database.execute("UPDATE run SET outcome = json_set(outcome, '$.hosts.component.machine.hostname', 'other')")
+            database.commit()
+        answer = self.run_ontime("run", str(folder), "--results", self.results, "--resume")
+        self.assertEqual(answer.returncode, 2, answer.stderr)
+        self.assertIn("another machine", answer.stderr)
+
+    def recorded(self):
+        if not os.path.exists(self.results):
+            return []
+        try:
+            with contextlib.closing(sqlite3.connect(f"file:{self.results}?mode=ro", uri=True)) as database:
+                return database.execute("SELECT number FROM run").fetchall()
+        except sqlite3.Error:
+            return []
+
+    def test_scenarios_are_shown_with_a_line_each_and_found_by_name(self):
+        answer = self.run_ontime("scenarios")
+        self.assertEqual(answer.returncode, 0, answer.stderr)
+        self.assertRegex(answer.stdout, r"(?m)^paper/test5 +The paper's Test 5, twelve hours: 6 runs, 72 h")
+        shown = json.loads(self.run_ontime("scenarios", "--format", "json").stdout)
+        self.assertIn("demo", [line["name"] for line in shown])
+        self.assertTrue(all(line["error"] is None for line in shown), shown)
+        answer = self.run_ontime("run", "paper/test1", "--only", "Test1.A", "--transports", "udp", "--duration", "100 ms",
+                                 "--results", self.results)
+        self.assertEqual(answer.returncode, 0, answer.stderr)
+        self.assertIn("paper's DDS 1", answer.stdout)
+        broken = pathlib.Path(self.folder, "broken.yaml")
+        broken.write_text("runs: 5\n")
+        answer = self.run_ontime("scenarios", str(broken))
+        self.assertIn("cannot be run", answer.stdout)
+        self.assertEqual(self.run_ontime("run", "no-such-thing").returncode, 2)
+
     # --- wrong input ---
 
     def test_wrong_input_is_said_and_nothing_is_made(self):

@@ -1,0 +1,52 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "resumed.hpp"
+
+#include <fmt/format.h>
+
+#include "campaign/campaign.hpp"
+#include "statistics/statistics.hpp"
+
+namespace ontime::app {
+namespace {
+
+using nlohmann::json;
+
+json member(const json& object, const char* name) {
+  return object.is_object() ? object.value(name, json()) : json();
+}
+
+bool same(const json& one, const json& other, std::initializer_list<const char*> names) {
+  for (const auto* name : names)
+    if (member(one, name) != member(other, name)) return false;
+  return true;
+}
+
+}  // namespace
+
+Resumed::Resumed(const record::Reader& reader) {
+  for (auto& run : reader.runs()) {
+    const auto key = run.key;
+    if (statistics::is_complete(run)) complete_.emplace(key, std::move(run));
+  }
+}
+
+bool Resumed::has(const json& asked, const json& machines) const {
+  const auto [first, last] = complete_.equal_range(record::key_of(asked));
+  for (auto known = first; known != last; ++known) {
+    const auto& run = known->second;
+    if (!same(run.asked, asked, {"repetition", "scenario", "ontime"})) continue;
+    const auto hosts = member(run.outcome, "hosts");
+    for (const auto& [host, machine] : machines.items())
+      if (!same(member(member(hosts, host.c_str()), "machine"), machine, {"hostname", "kernel"}))
+        throw campaign::Error(
+            2,
+            fmt::format(
+                "--resume: run {} of these results is of another machine, or of another kernel than the {} "
+                "now is: one suite is of one. Begin a new file of results",
+                run.number, host));
+    return true;
+  }
+  return false;
+}
+
+}  // namespace ontime::app

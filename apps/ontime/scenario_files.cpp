@@ -1,0 +1,65 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "scenario_files.hpp"
+
+#include <algorithm>
+#include <system_error>
+
+#include <fmt/format.h>
+
+#include "campaign/campaign.hpp"
+
+namespace ontime::app {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr const char* suffix = ".yaml";
+constexpr const char* folder = "scenarios";
+
+bool is_folder(const fs::path& path) {
+  std::error_code ignored;
+  return fs::is_directory(path, ignored);
+}
+
+bool is_there(const fs::path& path) {
+  std::error_code ignored;
+  return fs::exists(path, ignored);
+}
+
+fs::path found(const std::string& name) {
+  if (is_there(name)) return name;
+  const auto own = own_scenarios();
+  if (own.empty() || fs::path(name).is_absolute()) return {};
+  for (const auto& path : {own / name, own / (name + suffix), own.parent_path() / name})
+    if (is_there(path)) return path;
+  return {};
+}
+
+}  // namespace
+
+fs::path own_scenarios() {
+  const auto program = fs::path(orders::this_program()).parent_path();
+  // As installed: bin/ontime and share/ontime/scenarios; as built: build/PRESET/bin/ontime and scenarios.
+  for (const auto& path :
+       {program / ".." / "share" / "ontime" / folder, program / ".." / ".." / ".." / folder})
+    if (is_folder(path)) return fs::canonical(path);
+  return {};
+}
+
+std::vector<std::string> scenario_files(const std::string& name) {
+  const auto path = found(name);
+  if (path.empty())
+    throw campaign::Error(2, fmt::format("{}: there is no such scenario, file or folder; `ontime scenarios` "
+                                         "shows those that came with ontime",
+                                         name));
+  if (!is_folder(path)) return {path.string()};
+  std::vector<std::string> files;
+  for (const auto& entry : fs::directory_iterator(path))
+    if (entry.path().extension() == suffix) files.push_back(entry.path().string());
+  std::sort(files.begin(), files.end());
+  if (files.empty())
+    throw campaign::Error(2, fmt::format("{}: there is no scenario (*{}) in this folder", name, suffix));
+  return files;
+}
+
+}  // namespace ontime::app

@@ -1,0 +1,19 @@
+// SPDX-License-Identifier: Apache-2.0
+// Where scenarios are: as files, as folders of them, and as they came with ontime.
+#pragma once
+
+#include <filesystem>
+#include <string>
+#include <vector>
+
+namespace ontime::app {
+
+// The folder that came with this program, installed or in its source tree; empty if it is nowhere.
+std::filesystem::path own_scenarios();
+
+// The files that a name stands for: a file, or of a folder all *.yaml by name. What is no path here is looked
+// for among those that came with ontime ("paper", "paper/test1", "scenarios/paper"). Throws
+// campaign::Error{2}.
+std::vector<std::string> scenario_files(const std::string& name);
+
+}  // namespace ontime::app

@@ -1,0 +1,101 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <algorithm>
+
+#include <fmt/format.h>
+
+#include "campaign/campaign.hpp"
+#include "commands.hpp"
+#include "report/report.hpp"
+#include "run_flags.hpp"
+#include "scenario_files.hpp"
+#include "terminal.hpp"
+
+namespace ontime::app {
+namespace {
+
+namespace fs = std::filesystem;
+using nlohmann::ordered_json;
+
+std::vector<std::string> own_files() {
+  const auto own = own_scenarios();
+  if (own.empty())
+    throw campaign::Error(3, "there are no scenarios beside this program: name a file or a folder");
+  std::vector<std::string> files;
+  for (const auto& entry : fs::recursive_directory_iterator(own))
+    if (entry.path().extension() == ".yaml") files.push_back(entry.path().string());
+  std::sort(files.begin(), files.end());
+  return files;
+}
+
+// By the name that `ontime run` takes.
+std::string name_of(const std::string& file) {
+  const auto own = own_scenarios();
+  const auto name = fs::path(file).lexically_relative(own);
+  if (own.empty() || name.empty() || name.native().starts_with("..")) return file;
+  return fs::path(name).replace_extension().string();
+}
+
+ordered_json line_of(const std::string& file) {
+  ordered_json line = {{"name", name_of(file)}, {"file", file},       {"title", nullptr},
+                       {"runs", nullptr},       {"seconds", nullptr}, {"error", nullptr}};
+  try {
+    const auto scenario = campaign::read_scenario(file, {});
+    line["title"] = scenario.title;
+    line["runs"] = scenario.size();
+    line["seconds"] = std::chrono::duration<double>(campaign::time_of(scenario)).count();
+  } catch (const campaign::Error& error) {
+    line["error"] = error.what();
+  }
+  return line;
+}
+
+std::string text_of(const std::vector<ordered_json>& lines) {
+  std::size_t width = 0;
+  for (const auto& line : lines) width = std::max(width, line.at("name").get<std::string>().size());
+  std::string text;
+  for (const auto& line : lines) {
+    const auto name = report::printable(line.at("name"));
+    if (!line.at("error").is_null()) {
+      text += fmt::format("{:{}}  cannot be run: {}\n", name, width, report::printable(line.at("error")));
+      continue;
+    }
+    const auto runs = line.at("runs").get<std::size_t>();
+    text +=
+        fmt::format("{:{}}  {}: {} run{}, {}\n", name, width, report::printable(line.at("title")), runs,
+                    runs == 1 ? "" : "s",
+                    about(std::chrono::seconds(static_cast<std::int64_t>(line.at("seconds").get<double>()))));
+  }
+  return text;
+}
+
+}  // namespace
+
+void add_scenarios(CLI::App& app, Action& action) {
+  auto* command = app.add_subcommand("scenarios", "What there is to run, with a line each");
+  struct Arguments {
+    std::vector<std::string> names;
+    std::string format = "table";
+  };
+  auto arguments = std::make_shared<Arguments>();
+  command->add_option("SCENARIO", arguments->names,
+                      "files or folders (default: those that came with ontime)");
+  command->add_option("--format", arguments->format, "table or json: table")
+      ->type_name("FORMAT")
+      ->check(CLI::IsMember({"table", "json"}));
+  command->callback([&action, arguments] {
+    action = [arguments] {
+      std::vector<std::string> files;
+      for (const auto& name : arguments->names)
+        for (auto& file : scenario_files(name)) files.push_back(std::move(file));
+      if (arguments->names.empty()) files = own_files();
+      std::vector<ordered_json> lines;
+      for (const auto& file : files) lines.push_back(line_of(file));
+      print(arguments->format == "json"
+                ? ordered_json(lines).dump(2, ' ', true, ordered_json::error_handler_t::replace) + "\n"
+                : text_of(lines));
+      return 0;
+    };
+  });
+}
+
+}  // namespace ontime::app

@@ -1,0 +1,171 @@
+// SPDX-License-Identifier: Apache-2.0
+// The link's faults. Loss, duplicates and a cut are nftables', on every kernel alike; delay and what follows
+// from it need netem. What is lost is lost where it comes in: so the interfaces at both ends have counted it,
+// as those of a wire that loses it behind the one and before the other do not.
+#include <functional>
+
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+#include <nlohmann/json.hpp>
+
+#include "background/background.hpp"
+#include "background/kinds.hpp"
+#include "background/network.hpp"
+
+namespace ontime::background {
+namespace {
+
+using nlohmann::json;
+
+constexpr int parts = 1'000'000;                  // a share, as nftables has it
+constexpr std::uint32_t mark = 0x6f6e74;          // of what has gone twice already
+constexpr int before_all = -500;                  // of a hook's priorities
+constexpr const char* longest_queue = "1000000";  // frames: what waits for a delay is not lost by it
+
+int part_of(double share) { return static_cast<int>(share * parts + 0.5); }
+
+std::string loss_rule(double share) {
+  return fmt::format("numgen random mod {} < {} counter name lost drop;", parts, part_of(share));
+}
+
+std::string duplicate_chain(const std::string& interface, double share) {
+  return fmt::format(
+      "counter duplicated {{ }}\n"
+      "chain going {{ type filter hook egress device \"{0}\" priority {1};\n"
+      "meta mark != {2} numgen random mod {3} < {4} meta mark set {2} counter name duplicated dup to "
+      "\"{0}\"; }}",
+      interface, before_all, mark, parts, part_of(share));
+}
+
+// What comes and goes as frames.
+std::string faults_table(const std::string& table, const std::string& interface, const Faults& faults) {
+  std::string text = fmt::format(
+      "table netdev {} {{\n"
+      "set cut {{ type iface_index; flags timeout; }}\n"
+      "counter cut_off {{ }}\ncounter lost {{ }}\n"
+      "chain coming {{ type filter hook ingress device \"{}\" priority {};\n"
+      "iif @cut counter name cut_off drop;\n{} }}\n",
+      table, interface, before_all, faults.loss > 0 ? loss_rule(faults.loss) : "");
+  if (faults.duplicates > 0) text += duplicate_chain(interface, faults.duplicates) + "\n";
+  return text + "}\n";
+}
+
+// What comes and goes as whole datagrams, whatever of it is fragments.
+std::string counting_table(const std::string& table, const std::string& interface,
+                           const std::vector<int>& others) {
+  const auto except =
+      others.empty() ? ""
+                     : fmt::format("udp dport != {{ {0} }} udp sport != {{ {0} }} ", fmt::join(others, ", "));
+  return fmt::format(
+      "table inet {0} {{\n"
+      "counter sent {{ }}\ncounter received {{ }}\n"
+      "chain going {{ type filter hook output priority {2}; oifname \"{1}\" {3}counter name sent; }}\n"
+      "chain coming {{ type filter hook input priority {2}; iifname \"{1}\" {3}counter name received; }}\n"
+      "}}\n",
+      table, interface, before_all, except);
+}
+
+std::vector<std::string> netem(const std::string& command, const std::string& interface,
+                               const Faults& faults) {
+  const auto us = [](std::chrono::microseconds time) { return fmt::format("{}us", time.count()); };
+  std::vector<std::string> words = {"qdisc",  command,          "dev",   interface, "root",
+                                    "handle", our_qdisc_handle, "netem", "limit",   longest_queue,
+                                    "delay",  us(faults.delay)};
+  if (faults.jitter.count() > 0) words.push_back(us(faults.jitter));
+  if (faults.reordered > 0)
+    words.insert(words.end(), {"reorder", fmt::format("{:.4f}%", faults.reordered * 100)});
+  return words;
+}
+
+bool needs_netem(const Faults& faults) { return faults.delay.count() > 0; }
+
+// The keys that a fault is asked for by, and whether the kernel takes it on an interface of nobody's.
+void try_it(const char* keys, const char* needs, const std::function<void()>& attempt) {
+  try {
+    attempt();
+  } catch (const Error& error) {
+    throw Error(fmt::format("{}: this kernel has not what that needs ({}): {}", keys, needs, error.what()));
+  }
+}
+
+}  // namespace
+
+void check(const Faults& faults) {
+  if (!faults.any()) return;
+  in_new_namespace([&] {
+    const std::string table = std::string(journal::own_prefix) + "check", interface = "lo";
+    if (needs_netem(faults))
+      try_it("link.delay, link.jitter, link.reorder", "the queueing discipline netem, module sch_netem",
+             [&] { tc(netem("add", interface, faults)); });
+    if (faults.loss > 0 || faults.cut)
+      try_it("link.loss, link.cut", "nftables' hook ingress of the family netdev, from Linux 4.10 on",
+             [&] { nft(faults_table(table, interface, {.loss = faults.loss, .cut = faults.cut})); });
+    if (faults.duplicates > 0)
+      try_it("link.duplicate", "nftables' hook egress of the family netdev, from Linux 5.16 on",
+             [&] { nft(faults_table(table + "-more", interface, {.duplicates = faults.duplicates})); });
+  });
+}
+
+Link::Link(journal::Journal& journal, const Place& place, const Faults& faults,
+           const std::vector<int>& not_counted)
+    : journal_(journal), place_(place), netem_(needs_netem(faults)) {
+  if (!is_interface_name(place_.interface))
+    throw Error(fmt::format("'{}' is no interface that the link's faults can be had on", place_.interface));
+  const auto table = journal::own_prefix + place_.host;
+  const auto make = [&](const char* family, const std::string& text) {
+    journal_.change(table_kind, table_what(place_.netns, family, place_.host), journal::to_be_made);
+    in_namespace(place_.netns, [&] { nft(text); });
+  };
+  try {
+    make("inet", counting_table(table, place_.interface, not_counted));
+    if (faults.any()) make("netdev", faults_table(table, place_.interface, faults));
+    if (!netem_) return;
+    journal_.change(qdisc_kind, qdisc_what(place_.netns, place_.interface), our_qdisc);
+    in_namespace(place_.netns, [&] { tc(netem("change", place_.interface, faults)); });
+  } catch (const std::exception&) {
+    give_back();
+    throw;
+  }
+}
+
+Link::~Link() { give_back(); }
+
+void Link::give_back() noexcept {
+  try {
+    if (netem_) journal_.take_back(qdisc_kind, qdisc_what(place_.netns, place_.interface));
+    for (const auto* family : {"netdev", "inet"})
+      journal_.take_back(table_kind, table_what(place_.netns, family, place_.host));
+  } catch (const std::exception&) {  // it is in the journal, whose end gives it back or says why it cannot
+    return;
+  }
+}
+
+void Link::cut(std::chrono::milliseconds time) const {
+  in_namespace(place_.netns, [&] {
+    nft(fmt::format("add element netdev {}{} cut {{ \"{}\" timeout {}ms }}", journal::own_prefix, place_.host,
+                    place_.interface, time.count()));
+  });
+}
+
+Link::Counts Link::counts() const {
+  Counts counts;
+  in_namespace(place_.netns, [&] {
+    const auto answer = json::parse(nft_json("list counters"), nullptr, false);
+    if (!answer.is_object()) throw Error("nft --json list counters: that is no JSON");
+    for (const auto& entry : answer.value("nftables", json::array())) {
+      const auto counter = entry.value("counter", json::object());
+      if (counter.value("table", "") != journal::own_prefix + place_.host) continue;
+      const auto name = counter.value("name", "");
+      const auto frames = counter.value("packets", std::uint64_t{0}),
+                 bytes = counter.value("bytes", std::uint64_t{0});
+      if (name == "lost") counts.lost = frames;
+      if (name == "cut_off") counts.cut_off = frames;
+      if (name == "duplicated") counts.duplicated = frames;
+      if (name == "sent") counts.sent_bytes = bytes;
+      if (name == "received") counts.received_bytes = bytes;
+    }
+  });
+  return counts;
+}
+
+}  // namespace ontime::background

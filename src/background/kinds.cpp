@@ -1,0 +1,170 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "background/kinds.hpp"
+
+#include <algorithm>
+#include <array>
+#include <cerrno>
+#include <filesystem>
+#include <system_error>
+
+#include <fmt/format.h>
+#include <nlohmann/json.hpp>
+#include <sys/stat.h>
+
+#include "background/background.hpp"
+#include "background/network.hpp"
+
+namespace ontime::background {
+namespace {
+
+using journal::Value;
+using nlohmann::json;
+
+// "a/b/c" → a, b, c; the first may be empty.
+std::vector<std::string> parts_of(const std::string& what) {
+  std::vector<std::string> parts(1);
+  for (const char c : what) {
+    if (c == '/')
+      parts.emplace_back();
+    else
+      parts.back() += c;
+  }
+  return parts;
+}
+
+bool is_namespace_name(const std::string& name) {
+  return name.size() <= 100 && name != "." && name != ".." &&
+         std::all_of(name.begin(), name.end(),
+                     [](unsigned char c) { return c > ' ' && c < 0x7f && c != '/'; });
+}
+
+bool is_own_name(const std::string& name) {
+  const std::string prefix = journal::own_prefix;
+  return name.starts_with(prefix) && name.size() > prefix.size() && name.size() <= 40 &&
+         std::all_of(name.begin(), name.end(),
+                     [](char c) { return (c >= 'a' && c <= 'z') || (c >= '0' && c <= '9') || c == '-'; });
+}
+
+bool is_there(const std::string& netns) {
+  std::error_code ignored;
+  return netns.empty() || std::filesystem::exists("/run/netns/" + netns, ignored);
+}
+
+// In the network namespace; and what went wrong is the journal's to tell.
+template <class Job>
+void inside(const std::string& netns, Job job) {
+  try {
+    in_namespace(netns, job);
+  } catch (const Error& error) {
+    throw journal::Error(error.what());
+  }
+}
+
+std::uint64_t own_namespace() {
+  struct stat found {};
+  if (stat("/proc/thread-self/ns/net", &found) != 0)
+    throw Error("/proc/thread-self/ns/net: " + std::generic_category().message(errno));
+  return found.st_ino;
+}
+
+bool accepts_table(const std::string& what) {
+  const auto parts = parts_of(what);
+  return parts.size() == 3 && is_namespace_name(parts[0]) && (parts[1] == "netdev" || parts[1] == "inet") &&
+         is_own_name(parts[2]);
+}
+
+Value read_table(const std::string& what) {
+  const auto parts = parts_of(what);
+  if (!is_there(parts[0])) return {};
+  Value found;
+  inside(parts[0], [&] {
+    const auto answer = json::parse(nft_json("list tables"), nullptr, false);
+    if (!answer.is_object()) throw Error("nft --json list tables: that is no JSON");
+    for (const auto& entry : answer.value("nftables", json::array())) {
+      const auto table = entry.value("table", json::object());
+      if (table.value("family", "") == parts[1] && table.value("name", "") == parts[2])
+        found = fmt::format("{}:{}", own_namespace(), table.value("handle", 0));
+    }
+  });
+  return found;
+}
+
+void write_table(const std::string& what, const Value& value, const Value& present) {
+  const auto parts = parts_of(what);
+  if (!value && read_table(what) != present && present != journal::to_be_made)
+    throw journal::Error(fmt::format("nftables' table {} cannot be removed: it is another one", what));
+  inside(parts[0],
+         [&] { nft(fmt::format("{} table {} {}", value ? "create" : "delete", parts[1], parts[2])); });
+}
+
+bool accepts_qdisc(const std::string& what) {
+  const auto parts = parts_of(what);
+  return parts.size() == 2 && is_namespace_name(parts[0]) && is_interface_name(parts[1]);
+}
+
+Value read_qdisc(const std::string& what) {
+  const auto parts = parts_of(what);
+  if (!is_there(parts[0])) return {};
+  Value found;
+  inside(parts[0], [&] {
+    const auto answer = json::parse(tc({"-json", "qdisc", "show", "dev", parts[1]}), nullptr, false);
+    if (!answer.is_array()) throw Error("tc -json qdisc show: that is no JSON");
+    for (const auto& qdisc : answer) {
+      // The kernel's own choice has no handle.
+      if (!qdisc.value("root", false) || qdisc.value("handle", "0:") == "0:") continue;
+      found = qdisc.value("kind", "") + " " + qdisc.value("handle", "");
+    }
+  });
+  return found;
+}
+
+void write_qdisc(const std::string& what, const Value& value, const Value& present) {
+  const auto parts = parts_of(what);
+  if (value && present)
+    throw journal::Error(
+        fmt::format("{} has a queueing discipline of somebody's ({}), which delay would take the place of: "
+                    "remove it (tc qdisc del dev {} root)",
+                    parts[1], *present, parts[1]));
+  inside(parts[0], [&] {
+    if (!value)
+      tc({"qdisc", "del", "dev", parts[1], "root"});
+    else
+      tc({"qdisc", "add", "dev", parts[1], "root", "handle", our_qdisc_handle, "netem"});
+  });
+}
+
+}  // namespace
+
+const char* const our_qdisc_handle = "6f74:";
+const std::string our_qdisc = "netem 6f74:";
+
+const journal::Kind table_kind = {.name = "nft-table",
+                                  .scope = journal::Scope::mount_namespace,
+                                  .on_disk = false,
+                                  .needs_root = true,
+                                  .accepts = accepts_table,
+                                  .read = read_table,
+                                  .write = write_table};
+
+const journal::Kind qdisc_kind = {.name = "qdisc",
+                                  .scope = journal::Scope::mount_namespace,
+                                  .on_disk = false,
+                                  .needs_root = true,
+                                  .accepts = accepts_qdisc,
+                                  .read = read_qdisc,
+                                  .write = write_qdisc};
+
+std::span<const journal::Kind> kinds() {
+  static const std::array all{table_kind, qdisc_kind};
+  return all;
+}
+
+std::string table_what(const std::string& netns, const std::string& family, const std::string& name) {
+  return fmt::format("{}/{}/{}{}", netns, family, journal::own_prefix, name);
+}
+
+std::string qdisc_what(const std::string& netns, const std::string& interface) {
+  return fmt::format("{}/{}", netns, interface);
+}
+
+}  // namespace ontime::background

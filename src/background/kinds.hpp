@@ -1,0 +1,23 @@
+// SPDX-License-Identifier: Apache-2.0
+// What of the network is made for a run, by the names that the journal has for it.
+#pragma once
+
+#include <string>
+
+#include "journal/journal.hpp"
+
+namespace ontime::background {
+
+// A table of nftables: "NETNS/FAMILY/ontime-NAME", its value "NAMESPACE:HANDLE", by both of which it is told
+// from a later one. It is made empty.
+extern const journal::Kind table_kind;
+// The root queueing discipline of an interface, "NETNS/INTERFACE": nothing, as long as it is the kernel's own
+// choice; else what and whose it is. Made is a netem of ours, that does nothing yet.
+extern const journal::Kind qdisc_kind;
+extern const std::string our_qdisc;  // the value of that
+extern const char* const our_qdisc_handle;
+
+std::string table_what(const std::string& netns, const std::string& family, const std::string& name);
+std::string qdisc_what(const std::string& netns, const std::string& interface);
+
+}  // namespace ontime::background

@@ -1,0 +1,118 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <algorithm>
+#include <filesystem>
+#include <set>
+#include <sstream>
+#include <system_error>
+
+#include "machine/machine.hpp"
+#include "machine/proc.hpp"
+
+namespace ontime::machine {
+namespace {
+
+namespace fs = std::filesystem;
+
+std::set<std::uint64_t> own_sockets() {
+  const std::string before = "socket:[";
+  std::set<std::uint64_t> inodes;
+  std::error_code error;
+  for (const auto& entry : fs::directory_iterator("/proc/self/fd", error)) {
+    const auto target = fs::read_symlink(entry.path(), error).string();
+    if (error || !target.starts_with(before)) continue;
+    if (const auto inode = number(target.substr(before.size(), target.size() - before.size() - 1)))
+      inodes.insert(static_cast<std::uint64_t>(*inode));
+  }
+  return inodes;
+}
+
+std::vector<std::string> words_of(const std::string& line) {
+  std::istringstream words(line);
+  std::vector<std::string> all;
+  for (std::string word; words >> word;) all.push_back(word);
+  return all;
+}
+
+}  // namespace
+
+Drops drops(const std::string& interface) {
+  const auto text = [](const char* path) { return text_of(path).value_or(""); };
+  const auto snmp = text("/proc/thread-self/net/snmp");
+  const auto frames = parse_dropped(text("/proc/thread-self/net/dev"), interface);
+  return {.own_sockets = parse_socket_drops(text("/proc/thread-self/net/udp"), own_sockets()),
+          .udp_receive = parse_snmp(snmp, "Udp", "RcvbufErrors"),
+          .udp_send = parse_snmp(snmp, "Udp", "SndbufErrors"),
+          .fragments = parse_snmp(snmp, "Ip", "ReasmFails"),
+          .interface_received = frames.first,
+          .interface_sent = frames.second,
+          .backlog = parse_backlog_drops(text("/proc/thread-self/net/softnet_stat"))};
+}
+
+nlohmann::json between(const Drops& first, const Drops& last) {
+  // A socket that was closed meanwhile took its count with it.
+  const auto since = [](std::uint64_t before, std::uint64_t now) { return now - std::min(now, before); };
+  return {{"own_sockets", since(first.own_sockets, last.own_sockets)},
+          {"udp_receive", since(first.udp_receive, last.udp_receive)},
+          {"udp_send", since(first.udp_send, last.udp_send)},
+          {"fragments", since(first.fragments, last.fragments)},
+          {"interface_received", since(first.interface_received, last.interface_received)},
+          {"interface_sent", since(first.interface_sent, last.interface_sent)},
+          {"backlog", since(first.backlog, last.backlog)}};
+}
+
+std::pair<std::uint64_t, std::uint64_t> parse_dropped(const std::string& text, const std::string& interface) {
+  constexpr std::size_t received = 3, sent = 11;
+  const auto counts = words_of(field(text, interface).value_or(""));
+  if (counts.size() <= sent) return {0, 0};
+  const auto count = [&](std::size_t place) {
+    return static_cast<std::uint64_t>(std::max<std::int64_t>(number(counts[place]).value_or(0), 0));
+  };
+  return {count(received), count(sent)};
+}
+
+// Two lines a protocol: the names, then the numbers.
+std::uint64_t parse_snmp(const std::string& text, const std::string& protocol, const std::string& name) {
+  std::istringstream lines(text);
+  std::vector<std::string> names;
+  for (std::string line; std::getline(lines, line);) {
+    if (!line.starts_with(protocol + ":")) continue;
+    auto words = words_of(line);
+    if (names.empty()) {
+      names = std::move(words);
+      continue;
+    }
+    const auto place = std::find(names.begin(), names.end(), name) - names.begin();
+    if (static_cast<std::size_t>(place) >= words.size()) return 0;
+    return static_cast<std::uint64_t>(
+        std::max<std::int64_t>(number(words[static_cast<std::size_t>(place)]).value_or(0), 0));
+  }
+  return 0;
+}
+
+std::uint64_t parse_socket_drops(const std::string& text, const std::set<std::uint64_t>& inodes) {
+  constexpr std::size_t inode = 9, drops = 12;
+  std::istringstream lines(text);
+  std::uint64_t all = 0;
+  for (std::string line; std::getline(lines, line);) {
+    const auto words = words_of(line);
+    if (words.size() <= drops) continue;
+    const auto which = number(words[inode]), dropped = number(words[drops]);
+    if (which && dropped && inodes.contains(static_cast<std::uint64_t>(*which)))
+      all += static_cast<std::uint64_t>(*dropped);
+  }
+  return all;
+}
+
+// A line a CPU, of hexadecimal numbers; the second is what was dropped.
+std::uint64_t parse_backlog_drops(const std::string& text) {
+  std::istringstream lines(text);
+  std::uint64_t all = 0;
+  for (std::string line; std::getline(lines, line);) {
+    std::istringstream words(line);
+    std::uint64_t processed = 0, dropped = 0;
+    if (words >> std::hex >> processed >> dropped) all += dropped;
+  }
+  return all;
+}
+
+}  // namespace ontime::machine

@@ -1,0 +1,28 @@
+// SPDX-License-Identifier: Apache-2.0
+// What the paper measured: "Towards a distributed and real-time framework for robots: Evaluation of ROS 2.0
+// communications for real-time robotic applications", Gutiérrez, San Vicente et al., 2018, its tables.
+#pragma once
+
+#include <cstdint>
+#include <string>
+#include <vector>
+
+#include <nlohmann/json.hpp>
+
+namespace ontime::report {
+
+extern const char* const paper_csv;  // paper.csv, as it was when this was built
+
+struct PaperRow {
+  std::string test;  // "Test1.A"
+  std::string dds;   // "DDS 1": the paper does not say which
+  std::int64_t min_us = 0, avg_us = 0, max_us = 0;
+  std::uint64_t missed_deadlines = 0, lost = 0, messages = 0;
+};
+const std::vector<PaperRow>& paper();
+
+// Those that a run, by what was asked of it, can be set beside: of its id, and at the paper's period, payload
+// and schedule. Whatever else somebody calls so is another test.
+std::vector<PaperRow> paper_rows(const nlohmann::json& asked);
+
+}  // namespace ontime::report

@@ -1,0 +1,156 @@
+// SPDX-License-Identifier: Apache-2.0
+// The link's faults, on the loopback of network namespaces of their own.
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <netinet/in.h>
+#include <sys/socket.h>
+#include <unistd.h>
+
+#include "background/background.hpp"
+#include "background/child.hpp"
+#include "background/kinds.hpp"
+#include "background/network.hpp"
+
+namespace ontime::background {
+namespace {
+
+using namespace std::chrono_literals;
+using testing::HasSubstr;
+using testing::IsEmpty;
+using testing::Not;
+
+constexpr const char* netns = "ontime-faults";
+
+class LinkFaults : public testing::Test {
+ protected:
+  void SetUp() override {
+    if (geteuid() != 0) GTEST_SKIP() << "the link's faults need root";
+    journal::add_namespace(journal_, netns);
+    in_namespace(netns, [] { output_of({"ip", "link", "set", "lo", "up"}, "iproute2"); });
+  }
+  // What is there, as nft says it.
+  static std::string tables() {
+    std::string found;
+    in_namespace(netns, [&] { found = nft("list ruleset"); });
+    return found;
+  }
+  // Sends so many datagrams to itself; returns how many came.
+  static int exchange(int datagrams) {
+    int came = 0;
+    in_namespace(netns, [&] {
+      const int fd = socket(AF_INET, SOCK_DGRAM | SOCK_NONBLOCK | SOCK_CLOEXEC, 0);
+      sockaddr_in self{};
+      self.sin_family = AF_INET;
+      self.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
+      self.sin_port = htons(7900);
+      const auto* const address = reinterpret_cast<const sockaddr*>(&self);
+      EXPECT_EQ(bind(fd, address, sizeof self), 0);
+      char message[100] = {};
+      for (int i = 0; i < datagrams; ++i) {
+        EXPECT_EQ(sendto(fd, message, sizeof message, 0, address, sizeof self), ssize_t{sizeof message})
+            << "what is lost on the way is sent all the same";
+        while (recv(fd, message, sizeof message, 0) > 0) ++came;
+      }
+      close(fd);
+    });
+    return came;
+  }
+  static std::string error_of(const Faults& faults) {
+    try {
+      check(faults);
+    } catch (const Error& error) {
+      return error.what();
+    }
+    return "";
+  }
+
+  journal::Journal journal_{kinds()};
+  const Link::Place here_{"controller", netns, "lo"};
+};
+
+TEST_F(LinkFaults, AreThereAsLongAsTheLinkIs) {
+  {
+    const Link link(journal_, here_, {.loss = 0.01, .duplicates = 0.02, .cut = true}, {5201, 5202});
+    EXPECT_THAT(tables(), HasSubstr("table netdev ontime-controller"));
+    EXPECT_THAT(tables(), HasSubstr("table inet ontime-controller"));
+  }
+  EXPECT_THAT(tables(), IsEmpty());
+}
+
+TEST_F(LinkFaults, LoseWhatTheyAreToLose) {
+  const Link link(journal_, here_, {.loss = 0.25}, {});
+  const int came = exchange(4000);
+  EXPECT_NEAR(came, 3000, 200);  // seven standard deviations
+  EXPECT_EQ(link.counts().lost, 4000U - static_cast<unsigned>(came)) << "each has its place";
+}
+
+TEST_F(LinkFaults, DoubleWhatTheyAreToDoubleOnce) {
+  const Link link(journal_, here_, {.duplicates = 1}, {});
+  EXPECT_EQ(exchange(100), 200);
+  EXPECT_EQ(link.counts().duplicated, 100U);
+}
+
+TEST_F(LinkFaults, CutEndsByItself) {
+  const Link link(journal_, here_, {.cut = true}, {});
+  EXPECT_EQ(exchange(10), 10);
+  link.cut(1h);
+  EXPECT_EQ(exchange(10), 0);
+  EXPECT_EQ(link.counts().cut_off, 10U);
+  const Link::Place other{"component", netns, "lo"};
+  {
+    const Link again(journal_, other, {.cut = true}, {});
+    again.cut(1ms);
+  }
+  EXPECT_THAT(tables(), Not(HasSubstr("ontime-component")));
+}
+
+TEST_F(LinkFaults, CountWhatIsNotTheTraffics) {
+  const Link link(journal_, here_, {}, {5201, 5202}), none(journal_, {"component", netns, "lo"}, {}, {7900});
+  exchange(10);
+  EXPECT_EQ(link.counts().sent_bytes, 10U * (100 + 28));
+  EXPECT_EQ(link.counts().received_bytes, 10U * (100 + 28));
+  EXPECT_EQ(none.counts().sent_bytes, 0U);
+  EXPECT_THAT(tables(), Not(HasSubstr("netdev"))) << "who only counts has no part in what comes and goes";
+}
+
+TEST_F(LinkFaults, ThatSomebodyMadeAnewAreLeft) {
+  const auto what = table_what(netns, "netdev", "controller");
+  // What a journal says is made, by its name and its handle; one that was made anew since is somebody else's.
+  journal_.change(table_kind, what, journal::to_be_made);
+  const auto first = table_kind.read(what);
+  ASSERT_TRUE(first);
+  in_namespace(netns,
+               [] { nft("delete table netdev ontime-controller; add table netdev ontime-controller"); });
+  EXPECT_NE(table_kind.read(what), first);
+  EXPECT_THAT(journal_.take_back(table_kind, what),
+              testing::ElementsAre(HasSubstr("somebody has changed it")));
+  EXPECT_TRUE(table_kind.read(what)) << "it is left";
+}
+
+TEST_F(LinkFaults, NothingElseIsEverTouched) {
+  for (const auto* what : {"", "/netdev/mine", "x/ip/ontime-a", "../netdev/ontime-a", "a/b/netdev/ontime-a",
+                           "x/inet/ontime-", "x/inet/ontime-a;flush ruleset", "x y/inet/ontime-a"})
+    EXPECT_FALSE(table_kind.accepts(what)) << what;
+  EXPECT_TRUE(table_kind.accepts("/inet/ontime-controller"));
+  for (const auto* what : {"", "eth0", "/", "/eth 0", "/..", "/a/b", "../eth0/"})
+    EXPECT_FALSE(qdisc_kind.accepts(what)) << what;
+  EXPECT_TRUE(qdisc_kind.accepts("ontime-controller/eth0"));
+  EXPECT_EQ(table_kind.read("no-such-namespace/inet/ontime-a"), std::nullopt) << "gone with its namespace";
+}
+
+TEST_F(LinkFaults, ThatTheKernelHasNotAreNamed) {
+  EXPECT_EQ(error_of({.loss = 0.5, .duplicates = 0.5, .cut = true}), "");
+  const auto said = error_of({.delay = 1ms, .jitter = 100us, .reordered = 0.1});
+  if (said.empty()) GTEST_SKIP() << "this kernel has netem";
+  EXPECT_THAT(said, HasSubstr("link.delay"));
+  EXPECT_THAT(said, HasSubstr("sch_netem"));
+}
+
+TEST_F(LinkFaults, AreNotHadOnWhatIsNoInterface) {
+  EXPECT_THROW(Link(journal_, {"controller", netns, "lo; flush ruleset"}, {.loss = 1}, {}), Error);
+  EXPECT_ANY_THROW(Link(journal_, {"controller", netns, "eth9"}, {.loss = 1}, {}));
+  EXPECT_THAT(tables(), IsEmpty()) << "half of it would be worse than nothing";
+}
+
+}  // namespace
+}  // namespace ontime::background
