@@ -1,5 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // What can be said of a run: one table, from which scenario files, flags and --help are made.
+#include "campaign/keys.hpp"
+
 #include <cstdlib>
 #include <limits>
 #include <stdexcept>
@@ -24,19 +26,9 @@ constexpr int background_priority = 70;        // of a middleware's other thread
 constexpr std::int64_t max_domain = 232;       // the last one whose ports exist
 constexpr std::size_t max_topic_length = 247;  // RMW_TOPIC_MAX_NAME_LENGTH
 constexpr auto max_duration = 1000h;           // whose messages can be numbered at the least period
-constexpr std::uint64_t least_datagram_bytes = 16, most_datagram_bytes = 65'507;  // iperf3's, and UDP's
 constexpr std::uint64_t max_payload_bytes = std::uint64_t{1} << 30U;
 const std::vector<std::string> message_roles{"send", "receive", "delivery"};
 const std::vector<std::string> background_roles{"discovery", "timer", "other"};
-
-std::chrono::nanoseconds positive_duration(Text text, std::chrono::hours most) {
-  const auto duration = duration_of(text);
-  if (duration.count() <= 0)
-    throw std::invalid_argument(fmt::format("'{}' is not longer than nothing", text));
-  if (duration > most)
-    throw std::invalid_argument(fmt::format("'{}' is too long: at most {} h", text, most.count()));
-  return duration;
-}
 
 // What idle states are limited by: a whole number of microseconds, as the kernel takes it.
 std::optional<std::chrono::microseconds> cpu_latency_of(Text text) {
@@ -61,23 +53,6 @@ std::size_t payload_of(Text text) {
   if (bytes > max_payload_bytes)
     throw std::invalid_argument(fmt::format("'{}' is too large: at most 1 GiB", text));
   return bytes;
-}
-
-std::uint64_t datagram_of(Text text) {
-  const auto bytes = bytes_of(text);
-  if (bytes < least_datagram_bytes || bytes > most_datagram_bytes)
-    throw std::invalid_argument(fmt::format(
-        "'{}' is no size of a datagram: {} B to {} B are (from 1473 B on, of an Ethernet as usual, "
-        "it goes in several frames)",
-        text, least_datagram_bytes, most_datagram_bytes));
-  return bytes;
-}
-
-std::optional<Traffic::Direction> direction_of(Text text) {
-  using Direction = Traffic::Direction;
-  for (const auto direction : {Direction::both, Direction::to_component, Direction::to_controller})
-    if (text == word_of(direction)) return direction;
-  return {};
 }
 
 // As rmw validates a topic's whole name, and a namespace: parts between slashes, each like a variable's name.
@@ -138,12 +113,6 @@ bool yes_or_no(Text text) {
   if (text == "true" || text == "on" || text == "yes") return true;
   if (text == "false" || text == "off" || text == "no") return false;
   throw std::invalid_argument(fmt::format("'{}' is neither on nor off", text));
-}
-
-template <typename Value>
-Value one_of(const std::optional<Value>& value, Text text, Text values) {
-  if (!value) throw std::invalid_argument(fmt::format("'{}' is not one of {}", text, values));
-  return *value;
 }
 
 // The paper's settings, and a latency request that it did not have: everything else builds on them.
@@ -223,78 +192,6 @@ void add_load_keys(std::vector<Key>& keys, const std::string& host, background::
   add("hdd", &background::Workers::hdd, "stress-ng workers that write files");
   add_bytes("vm-bytes", &background::Workers::vm_bytes, "memory of each vm worker");
   add_bytes("hdd-bytes", &background::Workers::hdd_bytes, "file size of each hdd worker");
-}
-
-// Of netem, which takes whole microseconds.
-std::chrono::microseconds delay_of(Text text) {
-  const auto delay = positive_duration(text, 1h);
-  const auto whole = std::chrono::duration_cast<std::chrono::microseconds>(delay);
-  if (whole != delay)
-    throw std::invalid_argument(fmt::format("'{}' is not a whole number of microseconds", text));
-  return whole;
-}
-
-// "10 s for 500 ms"
-Cut cut_of(Text text) {
-  constexpr std::string_view between = " for ";
-  const auto found = text.find(between);
-  if (found == text.npos)
-    throw std::invalid_argument(
-        fmt::format("'{}' does not say when and for how long; write it as '10 s for 500 ms'", text));
-  const auto at = duration_of(text.substr(0, found));
-  const auto length = positive_duration(text.substr(found + between.size()), 1h);
-  const auto whole = std::chrono::duration_cast<std::chrono::milliseconds>(length);
-  if (at.count() < 0) throw std::invalid_argument(fmt::format("'{}' is before the begin", text));
-  if (whole != length)
-    throw std::invalid_argument(fmt::format("'{}' is not for a whole number of milliseconds", text));
-  return {at, whole};
-}
-
-void add_link_keys(std::vector<Key>& keys) {
-  const auto client = Key::For::client;
-  keys.insert(
-      keys.end(),
-      {{"link.loss", "", "PERCENT", "share of the frames that come to either end and are lost: none", client,
-        [](Run& run, Text text) { run.faults.loss = share_of(text); }},
-       {"link.duplicate", "", "PERCENT", "share of the frames that either end sends twice: none", client,
-        [](Run& run, Text text) { run.faults.duplicates = share_of(text); }},
-       {"link.delay", "", "TIME", "of all that either end sends, on its way: none", client,
-        [](Run& run, Text text) { run.faults.delay = delay_of(text); }},
-       {"link.jitter", "", "TIME", "by how much that delay varies, either way: not at all", client,
-        [](Run& run, Text text) { run.faults.jitter = delay_of(text); }},
-       {"link.reorder", "", "PERCENT", "share of the frames that go without that delay, before others: none",
-        client, [](Run& run, Text text) { run.faults.reordered = share_of(text); }},
-       {"link.cut", "", "TIME for TIME", "when nothing comes any more, and for how long: '10 s for 500 ms'",
-        client, [](Run& run, Text text) {
-          run.cut = cut_of(text);
-          run.faults.cut = true;
-        }}});
-}
-
-void complete_link(const Run& run) {
-  const auto& faults = run.faults;
-  if (faults.delay.count() == 0 && (faults.jitter.count() > 0 || faults.reordered > 0))
-    throw std::invalid_argument("link.jitter and link.reorder need a link.delay, which they are about");
-  if (faults.jitter > faults.delay)
-    throw std::invalid_argument("link.jitter is more than link.delay: nothing comes before it was sent");
-  if (run.cut && run.cut->at >= run.task.client.duration)
-    throw std::invalid_argument("link.cut begins when the run's duration is over");
-}
-
-void add_traffic_keys(std::vector<Key>& keys) {
-  const auto client = Key::For::client;
-  keys.insert(
-      keys.end(),
-      {{"traffic.rate", "", "RATE", "of concurrent UDP traffic, by iperf3, each way: none", client,
-        [](Run& run, Text text) { run.traffic.bits_per_s = bit_rate_of(text); }},
-       {"traffic.direction", "", "both|to-component|to-controller", "of concurrent traffic: both", client,
-        [](Run& run, Text text) {
-          run.traffic.direction = one_of(direction_of(text), text, "both, to-component, to-controller");
-        }},
-       {"traffic.datagram", "", "SIZE", "payload of each datagram of concurrent traffic: 1470 B", client,
-        [](Run& run, Text text) { run.traffic.datagram_bytes = datagram_of(text); }},
-       {"traffic.priority", "", "1-99", "SCHED_FIFO priority of iperf3: none", client,
-        [](Run& run, Text text) { run.traffic.priority = static_cast<int>(number_of(text, 1, 99)); }}});
 }
 
 std::vector<Key> all_keys() {
@@ -386,12 +283,20 @@ std::vector<Key> all_keys() {
       add_thread_keys(keys, "realtime." + role, "--" + role + "-", {role}, "threads of role " + role);
   add_load_keys(keys, "controller", &Run::controller_load);
   add_load_keys(keys, "component", &Run::component_load);
-  add_traffic_keys(keys);
-  add_link_keys(keys);
+  for (auto& key : network_keys()) keys.push_back(std::move(key));
   return keys;
 }
 
 }  // namespace
+
+std::chrono::nanoseconds positive_duration(Text text, std::chrono::hours most) {
+  const auto duration = duration_of(text);
+  if (duration.count() <= 0)
+    throw std::invalid_argument(fmt::format("'{}' is not longer than nothing", text));
+  if (duration > most)
+    throw std::invalid_argument(fmt::format("'{}' is too long: at most {} h", text, most.count()));
+  return duration;
+}
 
 const std::vector<Key>& keys() {
   static const auto keys = all_keys();
@@ -420,9 +325,7 @@ void complete(Run& run) {
     throw std::invalid_argument("component.options need a component.transport that they are for");
   run.task.config.domain = run.domain ? *run.domain : domain_of_environment();
   complete_topics(run);
-  if (run.traffic.bits_per_s == 0 && run.traffic != Traffic{})
-    throw std::invalid_argument("traffic is described, but there is none: traffic.rate says how much");
-  complete_link(run);
+  complete_network(run);
   if (client.deadline > client.timeout)
     throw std::invalid_argument(
         fmt::format("the deadline ({} us) is longer than the time-out ({} us): nothing could "

@@ -1,0 +1,29 @@
+// SPDX-License-Identifier: Apache-2.0
+// What the table of keys is made from. All throw std::invalid_argument, for people.
+#pragma once
+
+#include <chrono>
+#include <optional>
+#include <stdexcept>
+#include <string>
+#include <vector>
+
+#include <fmt/format.h>
+
+#include "campaign/campaign.hpp"
+
+namespace ontime::campaign {
+
+std::chrono::nanoseconds positive_duration(const std::string& text, std::chrono::hours most);
+
+template <typename Value>
+Value one_of(const std::optional<Value>& value, const std::string& text, const std::string& values) {
+  if (!value) throw std::invalid_argument(fmt::format("'{}' is not one of {}", text, values));
+  return *value;
+}
+
+// Of concurrent traffic and of the link's faults, and what only all of them together can tell.
+std::vector<Key> network_keys();
+void complete_network(const Run&);
+
+}  // namespace ontime::campaign

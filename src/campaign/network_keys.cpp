@@ -1,0 +1,120 @@
+// SPDX-License-Identifier: Apache-2.0
+// What can be said of what else goes over the link, and of its faults.
+#include <string_view>
+
+#include "campaign/keys.hpp"
+
+namespace ontime::campaign {
+namespace {
+
+using Text = const std::string&;
+
+using namespace std::chrono_literals;
+
+constexpr std::uint64_t least_datagram_bytes = 16, most_datagram_bytes = 65'507;  // iperf3's, and UDP's
+
+std::uint64_t datagram_of(Text text) {
+  const auto bytes = bytes_of(text);
+  if (bytes < least_datagram_bytes || bytes > most_datagram_bytes)
+    throw std::invalid_argument(fmt::format(
+        "'{}' is no size of a datagram: {} B to {} B are (from 1473 B on, of an Ethernet as usual, "
+        "it goes in several frames)",
+        text, least_datagram_bytes, most_datagram_bytes));
+  return bytes;
+}
+
+std::optional<Traffic::Direction> direction_of(Text text) {
+  using Direction = Traffic::Direction;
+  for (const auto direction : {Direction::both, Direction::to_component, Direction::to_controller})
+    if (text == word_of(direction)) return direction;
+  return {};
+}
+
+// Of netem, which takes whole microseconds.
+std::chrono::microseconds delay_of(Text text) {
+  const auto delay = positive_duration(text, 1h);
+  const auto whole = std::chrono::duration_cast<std::chrono::microseconds>(delay);
+  if (whole != delay)
+    throw std::invalid_argument(fmt::format("'{}' is not a whole number of microseconds", text));
+  return whole;
+}
+
+// "10 s for 500 ms"
+Cut cut_of(Text text) {
+  constexpr std::string_view between = " for ";
+  const auto found = text.find(between);
+  if (found == text.npos)
+    throw std::invalid_argument(
+        fmt::format("'{}' does not say when and for how long; write it as '10 s for 500 ms'", text));
+  const auto at = duration_of(text.substr(0, found));
+  const auto length = positive_duration(text.substr(found + between.size()), 1h);
+  const auto whole = std::chrono::duration_cast<std::chrono::milliseconds>(length);
+  if (at.count() < 0) throw std::invalid_argument(fmt::format("'{}' is before the begin", text));
+  if (whole != length)
+    throw std::invalid_argument(fmt::format("'{}' is not for a whole number of milliseconds", text));
+  return {at, whole};
+}
+
+void add_link_keys(std::vector<Key>& keys) {
+  const auto client = Key::For::client;
+  keys.insert(
+      keys.end(),
+      {{"link.loss", "", "PERCENT", "share of the frames that come to either end and are lost: none", client,
+        [](Run& run, Text text) { run.faults.loss = share_of(text); }},
+       {"link.duplicate", "", "PERCENT", "share of the frames that either end sends twice: none", client,
+        [](Run& run, Text text) { run.faults.duplicates = share_of(text); }},
+       {"link.delay", "", "TIME", "of all that either end sends, on its way: none", client,
+        [](Run& run, Text text) { run.faults.delay = delay_of(text); }},
+       {"link.jitter", "", "TIME", "by how much that delay varies, either way: not at all", client,
+        [](Run& run, Text text) { run.faults.jitter = delay_of(text); }},
+       {"link.reorder", "", "PERCENT", "share of the frames that go without that delay, before others: none",
+        client, [](Run& run, Text text) { run.faults.reordered = share_of(text); }},
+       {"link.cut", "", "TIME for TIME", "when nothing comes any more, and for how long: '10 s for 500 ms'",
+        client, [](Run& run, Text text) {
+          run.cut = cut_of(text);
+          run.faults.cut = true;
+        }}});
+}
+
+void complete_link(const Run& run) {
+  const auto& faults = run.faults;
+  if (faults.delay.count() == 0 && (faults.jitter.count() > 0 || faults.reordered > 0))
+    throw std::invalid_argument("link.jitter and link.reorder need a link.delay, which they are about");
+  if (faults.jitter > faults.delay)
+    throw std::invalid_argument("link.jitter is more than link.delay: nothing comes before it was sent");
+  if (run.cut && run.cut->at >= run.task.client.duration)
+    throw std::invalid_argument("link.cut begins when the run's duration is over");
+}
+
+void add_traffic_keys(std::vector<Key>& keys) {
+  const auto client = Key::For::client;
+  keys.insert(
+      keys.end(),
+      {{"traffic.rate", "", "RATE", "of concurrent UDP traffic, by iperf3, each way: none", client,
+        [](Run& run, Text text) { run.traffic.bits_per_s = bit_rate_of(text); }},
+       {"traffic.direction", "", "both|to-component|to-controller", "of concurrent traffic: both", client,
+        [](Run& run, Text text) {
+          run.traffic.direction = one_of(direction_of(text), text, "both, to-component, to-controller");
+        }},
+       {"traffic.datagram", "", "SIZE", "payload of each datagram of concurrent traffic: 1470 B", client,
+        [](Run& run, Text text) { run.traffic.datagram_bytes = datagram_of(text); }},
+       {"traffic.priority", "", "1-99", "SCHED_FIFO priority of iperf3: none", client,
+        [](Run& run, Text text) { run.traffic.priority = static_cast<int>(number_of(text, 1, 99)); }}});
+}
+
+}  // namespace
+
+std::vector<Key> network_keys() {
+  std::vector<Key> keys;
+  add_traffic_keys(keys);
+  add_link_keys(keys);
+  return keys;
+}
+
+void complete_network(const Run& run) {
+  if (run.traffic.bits_per_s == 0 && run.traffic != Traffic{})
+    throw std::invalid_argument("traffic is described, but there is none: traffic.rate says how much");
+  complete_link(run);
+}
+
+}  // namespace ontime::campaign
