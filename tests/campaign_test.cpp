@@ -314,9 +314,9 @@ TEST_F(ScenarioFile, TrafficIsSaid) {
                         "priority: 5}}\n")
                         .runs;
   EXPECT_EQ(runs.at(0).traffic.bits_per_s, 80'000'000U);
-  EXPECT_EQ(asked(runs.at(0)).at("traffic").at("direction"), "both");
+  EXPECT_EQ(asked(runs.at(0), {}).at("traffic").at("direction"), "both");
   EXPECT_EQ(runs.at(1).traffic, (Traffic{Traffic::Direction::to_controller, 1'500'000, 200, 5}));
-  EXPECT_EQ(asked(campaign::Run{}).at("traffic"), nullptr) << "keys of earlier runs stay as they were";
+  EXPECT_EQ(asked(campaign::Run{}, {}).at("traffic"), nullptr) << "keys of earlier runs stay as they were";
 }
 
 TEST_F(ScenarioFile, FaultsOfTheLinkAreSaid) {
@@ -328,8 +328,8 @@ TEST_F(ScenarioFile, FaultsOfTheLinkAreSaid) {
   EXPECT_EQ(run.faults, (background::Faults{0.01, 0.005, 2ms, 500us, 0.25, true}));
   EXPECT_EQ(run.cut->at, 5s);
   EXPECT_EQ(run.cut->length, 500ms);
-  EXPECT_EQ(asked(run).at("link").at("cut").at("for_ms"), 500);
-  EXPECT_EQ(asked(campaign::Run{}).at("link"), nullptr) << "keys of earlier runs stay as they were";
+  EXPECT_EQ(asked(run, {}).at("link").at("cut").at("for_ms"), 500);
+  EXPECT_EQ(asked(campaign::Run{}, {}).at("link"), nullptr) << "keys of earlier runs stay as they were";
 }
 
 TEST_F(ScenarioFile, HostsSayHowTheyAreReachedAndWhereTheEndLives) {
