@@ -23,6 +23,7 @@
 
 #include "message/message.hpp"
 #include "transport/clock.hpp"
+#include "transport/clock.hpp"
 #include "transport/dds.hpp"
 
 namespace {
@@ -42,6 +43,19 @@ namespace {
 
 using namespace std::chrono_literals;
 using testing::HasSubstr;
+
+// Whoever sets the system's time in twelve hours, a daemon or a person, changes no measured time.
+TEST(Clock, IsTheOneThatNobodySets) {
+  const auto monotonic_ns = [] {
+    timespec now{};
+    clock_gettime(CLOCK_MONOTONIC, &now);
+    return std::int64_t{now.tv_sec} * 1'000'000'000 + now.tv_nsec;
+  };
+  const auto before = monotonic_ns();
+  const auto now = now_ns();
+  EXPECT_LE(before, now);
+  EXPECT_LE(now, monotonic_ns());
+}
 
 TEST(Load, FindsWhatIsThereAndNamesItOtherwise) {
   EXPECT_STREQ(load("udp").name, "udp");
