@@ -23,7 +23,6 @@
 
 #include "message/message.hpp"
 #include "transport/clock.hpp"
-#include "transport/clock.hpp"
 #include "transport/dds.hpp"
 
 namespace {
