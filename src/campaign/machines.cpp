@@ -132,11 +132,11 @@ void Machines::link(const std::string& host, const Run& run) {
   if (run.faults.any() && answer.contains("error")) throw Error(3, answer.at("error"));
 }
 
-std::int64_t Machines::cut(std::chrono::milliseconds length) {
-  std::int64_t at_ns = 0;
+void Machines::cut(const Cut& cut) {
+  const auto after = std::chrono::duration_cast<std::chrono::milliseconds>(cut.at);
   for (const auto* host : {component, controller})
-    at_ns = ask(machine_of(host), "cut", "cut", {{"host", host}, {"for_ms", length.count()}}).at("at_ns");
-  return at_ns;
+    ask(machine_of(host), "cut", "cutting",
+        {{"host", host}, {"after_ms", after.count()}, {"for_ms", cut.length.count()}});
 }
 
 void Machines::load(const Run& run) {

@@ -27,8 +27,7 @@ class Machines {
   // For one run: its load, its link and its traffic, and the account of what each machine did between begin()
   // and end().
   void load(const Run&);
-  // The link, for that long from now on; when that was, by the controller's CLOCK_MONOTONIC.
-  std::int64_t cut(std::chrono::milliseconds length);
+  void cut(const Cut&);  // counted from now on; each host's keeper says when it has ("cut")
   void unload();
   void begin();
   struct Account {

@@ -72,13 +72,14 @@ Session::Session(const Run& run, std::int64_t number, orders::Coordinator& coord
         agent::counters_of(frame.message.at("counters")),
         std::min<std::chrono::nanoseconds>(Clock::now() - started_, run_.task.client.duration));
   });
+  coordinator_.on("cut", [this](Hand&, const Frame& frame) { note_cut(frame.message); });
   coordinator_.on("peer", [this](Hand&, const Frame& frame) { note_peers(frame.message); });
   coordinator_.on("finished",
                   [this](Hand&, const Frame& frame) { finished_ = frame.message.at("counters"); });
 }
 
 Session::~Session() {
-  for (const auto* event : {"samples", "progress", "peer", "finished"})
+  for (const auto* event : {"samples", "progress", "peer", "finished", "cut"})
     coordinator_.on(event, [](auto&, auto&) {});
 }
 
@@ -91,10 +92,11 @@ void Session::note_peers(const json& event) {
   observer_.note(note.text);
 }
 
-void Session::cut_link() {
-  cut_ = true;
-  const auto length = run_.cut->length;
-  const auto at_ns = machines_.cut(length);
+// Both ends' are cut; when, is said by the clock of the controller, as of everything else.
+void Session::note_cut(const json& event) {
+  if (event.at("host") != "controller") return;
+  const auto length = run_.cut.value().length;
+  const std::int64_t at_ns = event.at("at_ns");
   writer_.note(number_, {"link-cut", fmt::format("the link was cut, for {} ms", length.count()), at_ns, {}});
   writer_.note(number_,
                {"link-back", "the link was back", at_ns + std::chrono::nanoseconds(length).count(), {}});
@@ -143,6 +145,7 @@ json Session::measure(std::chrono::nanoseconds wait) {
   started_ = Clock::now();
   measuring_ = true;
   controller_->agent->order("go");
+  if (run_.cut) machines_.cut(*run_.cut);
   finish(run_.task.client.duration + run_.task.client.timeout + patience);
   return outcome();
 }
@@ -151,7 +154,6 @@ void Session::finish(std::chrono::nanoseconds longest) {
   const auto until = Clock::now() + longest;
   coordinator_.until(
       [&] {
-        if (run_.cut && !cut_ && !stopped_ && Clock::now() >= started_ + run_.cut->at) cut_link();
         if (interrupts_ > 0 && !stopped_) {
           stopped_ = true;
           controller_->agent->order("stop");

@@ -35,7 +35,7 @@ class Session {
   void finish(std::chrono::nanoseconds patience);
   nlohmann::json outcome();
   void note_peers(const nlohmann::json& event);
-  void cut_link();
+  void note_cut(const nlohmann::json& event);
 
   const Run& run_;
   const std::int64_t number_;
@@ -47,7 +47,7 @@ class Session {
   std::optional<End> controller_, component_;
   std::chrono::steady_clock::time_point started_;
   int pongs_ = 1;  // that answer
-  bool measuring_ = false, stopped_ = false, cut_ = false;
+  bool measuring_ = false, stopped_ = false;
   std::optional<nlohmann::json> finished_;
 };
 

@@ -11,7 +11,7 @@
 //   link   {host, network_namespace, interface, faults, not_counted}
 //                         linked {}, or {error}: the end's interface has these faults, and is counted, until
 //                         unload
-//   cut    {host, for_ms} cut {at_ns}: since then, and for so long
+//   cut    {host, after_ms, for_ms}   cutting {}, and when it is time: cut {host, at_ns}
 //   traffic {host, way, stream}   flowing {}: one end of one way of it, by iperf3, until unload
 //   unload {}             unloaded {notes}: what of the load could not be given back
 //   begin  {}             begun {}: "during the run" is from here on

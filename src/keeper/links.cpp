@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "keeper/links.hpp"
 
+#include <algorithm>
+
 #include "keeper/keeper.hpp"
 
 namespace ontime::keeper {
@@ -16,8 +18,26 @@ void Links::add(const json& order) {
       {}};
 }
 
-void Links::cut(const std::string& host, std::chrono::milliseconds time) const {
-  if (const auto found = links_.find(host); found != links_.end()) found->second.link->cut(time);
+void Links::cut(const std::string& host, std::chrono::milliseconds after, std::chrono::milliseconds length) {
+  auto& counted = links_.at(host);
+  counted.to_be_cut = Clock::now() + after;
+  counted.length = length;
+}
+
+std::chrono::milliseconds Links::go_on(const Told& told) {
+  auto longest = std::chrono::milliseconds::max();
+  for (auto& [host, counted] : links_) {
+    if (!counted.to_be_cut) continue;
+    const auto left = std::chrono::ceil<std::chrono::milliseconds>(*counted.to_be_cut - Clock::now());
+    if (left.count() > 0) {
+      longest = std::min(longest, left);
+      continue;
+    }
+    counted.to_be_cut.reset();
+    counted.link->cut(counted.length);
+    told(host, Clock::now().time_since_epoch());
+  }
+  return longest;
 }
 
 void Links::begin() {

@@ -3,8 +3,10 @@
 #pragma once
 
 #include <chrono>
+#include <functional>
 #include <map>
 #include <memory>
+#include <optional>
 #include <string>
 
 #include <nlohmann/json.hpp>
@@ -19,16 +21,23 @@ class Links {
 
   void add(const nlohmann::json& order);  // "link"
   void clear() { links_.clear(); }
-  void cut(const std::string& host, std::chrono::milliseconds) const;
+  // A while from now on, for so long.
+  void cut(const std::string& host, std::chrono::milliseconds after, std::chrono::milliseconds length);
+  // Cuts what is due, tells the host and since when, and returns how long there is until the next.
+  using Told = std::function<void(const std::string& host, std::chrono::nanoseconds at)>;
+  std::chrono::milliseconds go_on(const Told&);
   void begin();  // the account is opened
   // By host {faults {lost_frames, cut_off_frames, duplicated_frames}, beside_traffic {sent_bytes,
   // received_bytes}}.
   nlohmann::json end() const;
 
  private:
+  using Clock = std::chrono::steady_clock;  // CLOCK_MONOTONIC, as that of samples and notes
   struct Counted {
     std::unique_ptr<background::Link> link;
     background::Link::Counts before;
+    std::optional<Clock::time_point> to_be_cut;
+    std::chrono::milliseconds length{0};
   };
   journal::Journal& journal_;
   std::map<std::string, Counted> links_;  // by host

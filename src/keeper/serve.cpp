@@ -1,4 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
+#include <algorithm>
 #include <map>
 #include <memory>
 #include <utility>
@@ -17,7 +18,6 @@ namespace {
 
 using namespace std::chrono_literals;
 using nlohmann::json;
-using Clock = std::chrono::steady_clock;  // CLOCK_MONOTONIC, as that of samples and notes
 
 json end_of(const machine::NamespacePair::End& end) {
   return {{"place", end.prefix}, {"interface", end.interface}, {"address", end.address}};
@@ -43,8 +43,9 @@ class Keeper final : public orders::Worker {
     } else if (order == "link") {
       events_.tell("linked", link(body));
     } else if (order == "cut") {
-      links_.cut(body.at("host"), std::chrono::milliseconds(body.at("for_ms")));
-      events_.tell("cut", {{"at_ns", std::chrono::nanoseconds(Clock::now().time_since_epoch()).count()}});
+      links_.cut(body.at("host"), std::chrono::milliseconds(body.at("after_ms")),
+                 std::chrono::milliseconds(body.at("for_ms")));
+      events_.tell("cutting");
     } else if (order == "traffic") {
       flows_.add(body.at("host"), body.at("way"), stream_of(body.at("stream")));
       events_.tell("flowing");
@@ -72,7 +73,9 @@ class Keeper final : public orders::Worker {
 
   std::chrono::milliseconds go_on() override {
     flows_.listen();
-    return 500ms;
+    return std::min<std::chrono::milliseconds>(500ms, links_.go_on([this](const auto& host, auto at) {
+      events_.tell("cut", {{"host", host}, {"at_ns", at.count()}});
+    }));
   }
 
   void give_back() noexcept override {
