@@ -84,6 +84,11 @@ TEST_F(LinkFaults, LoseWhatTheyAreToLose) {
   EXPECT_EQ(link.counts().lost, 4000U - static_cast<unsigned>(came)) << "each has its place";
 }
 
+TEST_F(LinkFaults, LoseAllIfTheyAreTo) {
+  const Link link(journal_, here_, {.loss = 1}, {});
+  EXPECT_EQ(exchange(10), 0);
+}
+
 TEST_F(LinkFaults, DoubleWhatTheyAreToDoubleOnce) {
   const Link link(journal_, here_, {.duplicates = 1}, {});
   EXPECT_EQ(exchange(100), 200);

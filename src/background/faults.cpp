@@ -22,19 +22,20 @@ constexpr std::uint32_t mark = 0x6f6e74;          // of what has gone twice alre
 constexpr int before_all = -500;                  // of a hook's priorities
 constexpr const char* longest_queue = "1000000";  // frames: what waits for a delay is not lost by it
 
-int part_of(double share) { return static_cast<int>(share * parts + 0.5); }
-
-std::string loss_rule(double share) {
-  return fmt::format("numgen random mod {} < {} counter name lost drop;", parts, part_of(share));
+// What matches that share of the frames. (nftables takes no number for all of them.)
+std::string some(double share) {
+  const auto part = static_cast<int>(share * parts + 0.5);
+  return part < parts ? fmt::format("numgen random mod {} < {} ", parts, part) : "";
 }
+
+std::string loss_rule(double share) { return some(share) + "counter name lost drop;"; }
 
 std::string duplicate_chain(const std::string& interface, double share) {
   return fmt::format(
       "counter duplicated {{ }}\n"
       "chain going {{ type filter hook egress device \"{0}\" priority {1};\n"
-      "meta mark != {2} numgen random mod {3} < {4} meta mark set {2} counter name duplicated dup to "
-      "\"{0}\"; }}",
-      interface, before_all, mark, parts, part_of(share));
+      "meta mark != {2} {3}meta mark set {2} counter name duplicated dup to \"{0}\"; }}",
+      interface, before_all, mark, some(share));
 }
 
 // What comes and goes as frames.

@@ -11,11 +11,10 @@ using nlohmann::json;
 
 void Links::add(const json& order) {
   const std::string host = order.at("host");
-  links_[host] = {
-      std::make_unique<background::Link>(
-          journal_, background::Link::Place{host, order.at("network_namespace"), order.at("interface")},
-          faults_of(order.at("faults")), order.at("not_counted").get<std::vector<int>>()),
-      {}};
+  links_.erase(host);
+  links_[host].link = std::make_unique<background::Link>(
+      journal_, background::Link::Place{host, order.at("network_namespace"), order.at("interface")},
+      faults_of(order.at("faults")), order.at("not_counted").get<std::vector<int>>());
 }
 
 void Links::cut(const std::string& host, std::chrono::milliseconds after, std::chrono::milliseconds length) {
