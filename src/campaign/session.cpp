@@ -182,7 +182,8 @@ json Session::outcome() {
     host["transport"]["facts"] = host.at("facts");
     host.erase("facts");
     host["load_running"] = account.load_running.at(end->host);
-    if (!host.at("link").is_null()) host.at("link").update(account.links.at(end->host));
+    const auto& counted = account.links.at(end->host);
+    if (!host.at("link").is_null() && !counted.is_null()) host.at("link").update(counted);
     hosts[end->host] = std::move(host);
   }
   outcome["interrupted"] = interrupts_ > 0;

@@ -323,7 +323,7 @@ runs:
         self.assertTrue(lost and all(gone - 0.2 < at < back + 0.05 for at in lost), (gone, back, lost))
 
     def test_fault_that_the_kernel_has_not_is_refused_before_anything_is_run(self):
-        scenario = self.scenario("1 s", text=self.FAULTS, transports=["udp"])
+        scenario = self.scenario("3 s", text=self.FAULTS, transports=["udp"])
         answer = self.run_ontime("run", scenario, "--results", self.results)
         if answer.returncode == 0:
             self.skipTest("this kernel has netem")
@@ -357,7 +357,8 @@ runs:
 
             for whom in (lambda process: [process.pid], lambda _: self.keepers()):
                 process = self.start_ontime(*ours)
-                self.started(process, lambda: self.samples_recorded() > 50)
+                self.assertTrue(eventually(lambda: self.samples_recorded() > 50, 30),
+                                process.poll() is not None and process.communicate())
                 self.assertIn("table netdev ontime-controller", tables())
                 self.assertIn("table inet ontime-component", tables())
                 for pid in whom(process):
