@@ -6,6 +6,7 @@
 
 #include <fmt/format.h>
 #include <fmt/ranges.h>
+#include <net/if.h>
 #include <nlohmann/json.hpp>
 
 #include "background/background.hpp"
@@ -112,6 +113,12 @@ Link::Link(journal::Journal& journal, const Place& place, const Faults& faults,
     : journal_(journal), place_(place), netem_(needs_netem(faults)) {
   if (!is_interface_name(place_.interface))
     throw Error(fmt::format("'{}' is no interface that the link's faults can be had on", place_.interface));
+  // The kernel, from Linux 6.16 on, takes rules for one that may come.
+  in_namespace(place_.netns, [&] {
+    if (if_nametoindex(place_.interface.c_str()) == 0)
+      throw Error(
+          fmt::format("there is no interface '{}' there, whose faults could be had", place_.interface));
+  });
   const auto table = journal::own_prefix + place_.host;
   const auto make = [&](const char* family, const std::string& text) {
     journal_.change(table_kind, table_what(place_.netns, family, place_.host), journal::to_be_made);

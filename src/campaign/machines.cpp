@@ -147,13 +147,14 @@ void Machines::load(const Run& run) {
       if (workers.any()) ask(machine, "load", "loaded", {{"host", host}, {"load", keeper::to_json(workers)}});
     }
   if (hosts_.kind == Hosts::Kind::alone) return;
-  for (const auto* host : {component, controller}) link(host, run);
   for (const auto* host : {component, controller})  // who serves is ready before who asks
     for (const auto& way : ways_of(run.traffic))
       ask(machine_of(host), "traffic", "flowing",
           {{"host", host},
            {"way", way},
            {"stream", keeper::to_json(stream_of(run.traffic, way, host, hosts_))}});
+  // Only then: iperf3 begins with a datagram that it does not send again.
+  for (const auto* host : {component, controller}) link(host, run);
 }
 
 void Machines::unload() {

@@ -396,7 +396,7 @@ runs:
         folder = self.suite()
         process = self.start_ontime("run", str(folder), "--results", self.results, "--resume")
         self.started(process, lambda: len(self.recorded()) == 2)
-        process.send_signal(signal.SIGINT)
+        process.send_signal(signal.SIGTERM)
         _, error = process.communicate(timeout=60)
         self.assertEqual(process.returncode, 130, error)
         self.assertIn("4 runs, about 16 s", error)
