@@ -381,6 +381,29 @@ runs:
             for name in ("ot-left", "ot-right"):
                 subprocess.run(["ip", "netns", "del", name], check=True)
 
+    # --- long runs ---
+
+    def resident_bytes(self):
+        """Of all processes of this test's ontime."""
+        total = 0
+        for pid in processes_with("TMPDIR=" + self.temporary):
+            with contextlib.suppress(OSError):
+                total += int(pathlib.Path(f"/proc/{pid}/statm").read_text().split()[1]) * os.sysconf("SC_PAGESIZE")
+        return total
+
+    def test_memory_is_flat_however_many_messages(self):
+        """Back to back, so that hours of messages pass in seconds."""
+        text = SCENARIO.replace("period: 5 ms", "schedule: back-to-back")
+        process = self.start_ontime("run", self.scenario("1 h", text=text, transports=["udp"]), "--only", "idle",
+                                    "--results", self.results)
+        self.started(process, lambda: self.samples_recorded() > 50_000)
+        before, bytes_before = self.samples_recorded(), self.resident_bytes()
+        self.started(process, lambda: self.samples_recorded() > before + 200_000)
+        grown = self.resident_bytes() - bytes_before
+        process.send_signal(signal.SIGTERM)
+        process.communicate(timeout=60)
+        self.assertLess(grown, 200_000 * 88 / 4, "of samples that are kept somewhere")
+
     # --- suites ---
 
     def suite(self):
