@@ -81,7 +81,7 @@ class Journal {
 // is what they made of it. What somebody else has changed since is left to him; what cannot be seen from
 // here, or is not understood, is kept. Returns what it did and, once, what it did not, a line each for
 // people. Does nothing while a living ontime holds the machine: that one did it before its first change.
-// Cheap when nothing is there; called at every start and end of ontime.
+// Cheap when nothing is there; called at every start and end of a keeper.
 std::vector<std::string> revert_abandoned(std::span<const Kind> more = {});
 
 // Names of our own making: only they can be made, and only they are ever removed.

@@ -10,7 +10,6 @@
 #include <fastdds/dds/domain/DomainParticipant.hpp>
 #include <fastdds/dds/domain/DomainParticipantFactory.hpp>
 #include <fastdds/dds/domain/DomainParticipantListener.hpp>
-#include <fastdds/dds/log/Log.hpp>
 #include <fastdds/dds/publisher/DataWriter.hpp>
 #include <fastdds/dds/publisher/DataWriterListener.hpp>
 #include <fastdds/dds/publisher/Publisher.hpp>
@@ -25,6 +24,7 @@
 #include "transport/clock.hpp"
 #include "transport/dds.hpp"
 #include "transport/fastdds/cdr_type.hpp"
+#include "transport/fastdds/log.hpp"
 #include "transport/fastdds/profiles.hpp"
 #include "transport/fastdds/threads.hpp"
 #include "transport/link.hpp"
@@ -41,38 +41,6 @@ using vendor::StatusMask;
 constexpr Option options[] = {{"profiles", "FILE of Fast DDS's XML profiles"}};
 
 constexpr std::size_t preallocated_bytes = std::size_t{4} << 20;
-
-// Fast DDS prints by itself. While it opens we keep what it says, for the error; later it is silent.
-class Log {
- public:
-  Log() {
-    vendor::Log::SetVerbosity(vendor::Log::Kind::Error);
-    vendor::Log::ClearConsumers();
-    vendor::Log::RegisterConsumer(std::make_unique<Keeper>(text_));
-  }
-  ~Log() {
-    vendor::Log::ClearConsumers();
-    vendor::Log::KillThread();
-  }
-  Log(const Log&) = delete;
-  Log& operator=(const Log&) = delete;
-
-  std::string text() {
-    vendor::Log::Flush();
-    return text_;
-  }
-
- private:
-  struct Keeper : vendor::LogConsumer {
-    explicit Keeper(std::string& to) : text(to) {}
-    void Consume(const vendor::Log::Entry& entry) override {
-      text += (text.empty() ? "" : "; ") + entry.message;
-    }
-    std::string& text;
-  };
-
-  std::string text_;
-};
 
 template <typename Entity>
 Entity* opened(Entity* entity, const std::string& what, Log& log) {

@@ -4,48 +4,16 @@
 #include <memory>
 
 #include <fastdds/dds/domain/DomainParticipantFactory.hpp>
-#include <fastdds/dds/log/Log.hpp>
 #include <fastrtps/xmlparser/XMLProfileManager.h>
 
 #include "lead.hpp"
+#include "transport/fastdds/log.hpp"
 #include "transport/fastdds/profiles.hpp"
 
 namespace ontime::transport::ros2 {
 namespace {
 
 namespace vendor = eprosima::fastdds::dds;
-
-// Fast DDS prints by itself, which is kept while a node opens and not wanted later.
-class Log {
- public:
-  Log() {
-    vendor::Log::SetVerbosity(vendor::Log::Kind::Error);
-    vendor::Log::ClearConsumers();
-    vendor::Log::RegisterConsumer(std::make_unique<Keeper>(text_));
-  }
-  ~Log() {
-    vendor::Log::ClearConsumers();
-    vendor::Log::KillThread();
-  }
-  Log(const Log&) = delete;
-  Log& operator=(const Log&) = delete;
-
-  std::string text() {
-    vendor::Log::Flush();
-    return text_;
-  }
-
- private:
-  struct Keeper : vendor::LogConsumer {
-    explicit Keeper(std::string& to) : text(to) {}
-    void Consume(const vendor::Log::Entry& entry) override {
-      text += (text.empty() ? "" : "; ") + entry.message;
-    }
-    std::string& text;
-  };
-
-  std::string text_;
-};
 
 class FastLead final : public Lead {
  public:
@@ -64,7 +32,7 @@ class FastLead final : public Lead {
   std::string said() override { return log_.text(); }
 
  private:
-  Log log_;
+  fastdds::Log log_;
   const fastdds::OnlyFile no_file_;
 };
 
