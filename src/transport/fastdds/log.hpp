@@ -33,9 +33,7 @@ class Log {
   using Vendor = eprosima::fastdds::dds::Log;
   struct Keeper : eprosima::fastdds::dds::LogConsumer {
     explicit Keeper(std::string& to) : text(to) {}
-    void Consume(const Vendor::Entry& entry) override {
-      text += (text.empty() ? "" : "; ") + entry.message;
-    }
+    void Consume(const Vendor::Entry& entry) override { text += (text.empty() ? "" : "; ") + entry.message; }
     std::string& text;
   };
 
