@@ -297,11 +297,13 @@ TEST_F(RecordTest, FileThatMayNotBeWritten) {
   }
   const auto error = error_of([&] { Writer writer(path_); });
   const auto readable = error_of([&] { EXPECT_EQ(Reader(path_).runs().size(), 1u); });
+  const auto folder = error_of([&] { Writer writer("/ontime-test-of-nobody.ontime"); });
   if (root) {
     ASSERT_EQ(::seteuid(0), 0);
   }
   EXPECT_THAT(error, AllOf(HasSubstr(path_), HasSubstr("read-only")));
   EXPECT_EQ(readable, "");
+  EXPECT_THAT(folder, AllOf(HasSubstr("cannot be opened"), HasSubstr("Permission denied")));
 }
 
 TEST_F(RecordTest, FullDiskKeepsWhatWasCommitted) {

@@ -30,6 +30,7 @@ void add_ping(CLI::App& app, Action& action) {
       const auto known = writer.reader().runs().size();
       Terminal terminal;
       const int code = campaign::ping(run, wait, writer, terminal, interrupts, command_line());
+      terminal.clear_line();
       if (code == 0 || code == 130) print_report(writer.reader(), known, format);
       return code;
     };

@@ -12,10 +12,8 @@ namespace {
 
 using nlohmann::json;
 
-void print_refusals(const json& closed) {
-  for (const auto& refusal : closed.value("refusals", json::array()))
-    print_error(fmt::format("{}: {}; {}", refusal.at("asked").get<std::string>(),
-                            refusal.at("found").get<std::string>(), refusal.at("remedy").get<std::string>()));
+void print_refusals(const json& opened) {
+  for (const auto& text : report::refusals_of(opened)) print_error(text);
 }
 
 void print_opened(const json& opened) {

@@ -80,6 +80,7 @@ int run(const Arguments& arguments, const nlohmann::json& command_line) {
   for (const auto& scenario : scenarios)
     if (code != 130)
       code = std::max(code, campaign::execute(scenario, writer, terminal, interrupts, command_line, done));
+  terminal.clear_line();
   print_report(writer.reader(), known, format);
   terminal.note(fmt::format("every sample is in {}; see also: ontime report {} --threads", results, results));
   return code;

@@ -5,12 +5,15 @@
 #include <cerrno>
 #include <csignal>
 #include <cstdio>
+#include <cstdlib>
 #include <fstream>
 #include <sstream>
+#include <string_view>
 #include <system_error>
 #include <utility>
 
 #include <fmt/format.h>
+#include <sys/ioctl.h>
 #include <unistd.h>
 
 #include "statistics/statistics.hpp"
@@ -23,6 +26,16 @@ volatile std::sig_atomic_t last_signal = 0;
 static_assert(campaign::Interrupts::is_always_lock_free, "it is counted in a signal handler");
 
 double seconds(std::chrono::nanoseconds time) { return std::chrono::duration<double>(time).count(); }
+
+bool can_rewrite_a_line() {
+  const char* const terminal = std::getenv("TERM");  // NOLINT(concurrency-mt-unsafe): nobody sets it
+  return isatty(STDERR_FILENO) != 0 && terminal != nullptr && std::string_view(terminal) != "dumb";
+}
+
+std::size_t columns() {
+  winsize size{};
+  return ioctl(STDERR_FILENO, TIOCGWINSZ, &size) == 0 && size.ws_col > 1 ? size.ws_col : 80;
+}
 
 std::string words(const roundtrip::Counters& counters) {
   return fmt::format("sent {}  on time {}  late {}  lost {}", counters.sent, counters.on_time, counters.late,
@@ -48,11 +61,18 @@ std::string lines_of(const std::string& text) {
 
 }  // namespace
 
-Terminal::Terminal() : interactive_(isatty(STDERR_FILENO) != 0) {}
+Terminal::Terminal() : interactive_(can_rewrite_a_line()) {}
 
 void Terminal::clear_line() {
   if (line_open_) say("\r\033[K");
   line_open_ = false;
+}
+
+// Cut to the terminal: what went on to a second line could not be cleared.
+void Terminal::rewrite_line(const std::string& text) {
+  clear_line();
+  say("{:.{}}", text, columns() - 1);
+  line_open_ = true;
 }
 
 void Terminal::note(const std::string& text) {
@@ -79,17 +99,15 @@ void Terminal::begins(const campaign::Run& run) {
   head_ = next(run);
   duration_ = run.task.client.duration;
   if (!interactive_) return;
-  say("{} …", head_);
-  line_open_ = true;
+  rewrite_line(head_ + " …");
 }
 
 void Terminal::passes_over(const campaign::Run& run) { say("{}  is done already\n", next(run)); }
 
 void Terminal::progress(const roundtrip::Counters& counters, std::chrono::nanoseconds elapsed) {
   if (!interactive_) return;
-  clear_line();
-  say("{}  {:.0f}/{:g} s  {}", head_, seconds(elapsed), seconds(duration_), words(counters));
-  line_open_ = true;
+  rewrite_line(
+      fmt::format("{}  {:.0f}/{:g} s  {}", head_, seconds(elapsed), seconds(duration_), words(counters)));
 }
 
 void Terminal::ends(const roundtrip::Counters& counters) {
@@ -126,7 +144,8 @@ nlohmann::json command_line() {
 
 void print(const std::string& text) {
   std::fputs(text.c_str(), stdout);
-  if (std::fflush(stdout) != 0 || std::ferror(stdout) != 0)
+  // A terminal that has closed is an interruption, and known to be one.
+  if ((std::fflush(stdout) != 0 || std::ferror(stdout) != 0) && interrupts == 0)
     throw campaign::Error(3, "standard output cannot be written: " + std::generic_category().message(errno));
 }
 

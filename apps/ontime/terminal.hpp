@@ -17,10 +17,11 @@ class Terminal final : public campaign::Observer {
   void passes_over(const campaign::Run&) override;
   void progress(const roundtrip::Counters&, std::chrono::nanoseconds elapsed) override;
   void ends(const roundtrip::Counters&) override;
+  void clear_line();  // before anything else is printed there
 
  private:
   std::string next(const campaign::Run&);  // in words, with how far it is
-  void clear_line();
+  void rewrite_line(const std::string& text);
   const bool interactive_;
   bool line_open_ = false;
   std::string head_;

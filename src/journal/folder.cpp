@@ -58,8 +58,8 @@ bool lock(int fd, std::chrono::nanoseconds limit) {
 Error not_ours(const std::string& path, const std::string& fault) {
   return Error(
       fmt::format("{} is where ontime keeps the way back of what it changes, but {}: nothing in it is "
-                  "believed, and nothing is changed. Remove it",
-                  path, fault));
+                  "believed, and nothing is changed. Remove it, or have it removed by whose it is{}",
+                  path, fault, geteuid() == 0 ? "" : "; or set XDG_RUNTIME_DIR to a folder of your own"));
 }
 
 }  // namespace

@@ -7,6 +7,7 @@
 #include <system_error>
 
 #include <fmt/format.h>
+#include <unistd.h>
 
 #include "record/document.hpp"
 #include "record/record.hpp"
@@ -27,7 +28,16 @@ std::string reason(sqlite3* handle) {
   return error != 0 ? std::generic_category().message(error) : message_of(handle);
 }
 
-std::string explanation(int code, sqlite3* handle) {
+// SQLite tries again to read what it could not open to write, and has forgotten then why.
+std::string why_not_opened(const std::string& path, sqlite3* handle) {
+  if (path.empty()) return reason(handle);
+  const auto folder = std::filesystem::absolute(path).parent_path();
+  if (access(folder.c_str(), W_OK | X_OK) != 0)
+    return fmt::format("{}: {}", folder.string(), std::generic_category().message(errno));
+  return reason(handle);
+}
+
+std::string explanation(const std::string& path, int code, sqlite3* handle) {
   switch (code & 0xff) {  // the rest tells kinds of each apart
     case SQLITE_FULL:
       return "the disk is full. What was committed before is in the file: make room, or choose a file "
@@ -46,7 +56,7 @@ std::string explanation(int code, sqlite3* handle) {
       return fmt::format(
           "it, or its -wal file beside it, cannot be opened ({}). Choose another file, or see to its "
           "folder and the permissions there.",
-          reason(handle));
+          why_not_opened(path, handle));
     case SQLITE_IOERR:
       return fmt::format(
           "reading or writing failed ({}). What was committed before is in the file: see to the "
@@ -83,7 +93,7 @@ std::string uri_of(const std::string& path, bool immutable) {
 }  // namespace
 
 Connection::Connection(const std::string& path, int flags, bool immutable)
-    : name_(path.empty() ? "temporary results file (in $TMPDIR or /var/tmp)" : path) {
+    : path_(path), name_(path.empty() ? "temporary results file (in $TMPDIR or /var/tmp)" : path) {
   sqlite3* handle = nullptr;
   const int code =
       sqlite3_open_v2(uri_of(path, immutable).c_str(), &handle, flags | SQLITE_OPEN_URI, nullptr);
@@ -122,7 +132,7 @@ std::int64_t Connection::number(const char* sql) {
 }
 
 void Connection::fail(int code) {
-  const auto text = fmt::format("{}: {}", name_, explanation(code, handle_.get()));
+  const auto text = fmt::format("{}: {}", name_, explanation(path_, code, handle_.get()));
   switch (code & 0xff) {
     case SQLITE_NOTADB:
     case SQLITE_CORRUPT:

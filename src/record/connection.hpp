@@ -37,6 +37,7 @@ class Connection {
   struct Close {
     void operator()(sqlite3* handle) const { sqlite3_close(handle); }
   };
+  const std::string path_;  // empty: a temporary file
   std::string name_;
   std::atomic<int> looks_ = 0;  // since the last row, or the last statement
   std::unique_ptr<sqlite3, Close> handle_;

@@ -130,6 +130,7 @@ std::string text_of(const record::Note& note, const statistics::Summary& summary
   std::string text = printable(note.text.empty() ? note.kind : note.text);
   if (note.message) text += fmt::format(" (message {})", *note.message);
   if (!note.at_ns || summary.start_ns == 0) return text;
+  if (*note.at_ns < summary.start_ns) return "before the first message: " + text;
   return fmt::format("at {:.1f} s: {}",
                      (static_cast<double>(*note.at_ns) - static_cast<double>(summary.start_ns)) / 1e9, text);
 }
@@ -153,6 +154,28 @@ std::string lines(const nlohmann::json& value) {
   std::vector<std::string> result;
   for (std::string line; std::getline(text, line);) result.push_back(word(line));
   return join(result, "\n");
+}
+
+void add_refusals(std::vector<Refused>& all, const nlohmann::json& end) {
+  for (const auto& [index, refusal] : at(end, "refusals").items()) {
+    const auto asked = word(at(refusal, "asked")), found = word(at(refusal, "found")),
+               remedy = lines(at(refusal, "remedy"));
+    auto same = std::find_if(all.begin(), all.end(), [&](const auto& other) {
+      return other.found == found && other.remedy == remedy;
+    });
+    if (same == all.end()) same = all.insert(all.end(), {found, remedy, {}});
+    if (std::find(same->asked.begin(), same->asked.end(), asked) == same->asked.end())
+      same->asked.push_back(asked);
+  }
+}
+
+std::vector<std::string> notes_of(const std::vector<Refused>& all) {
+  std::vector<std::string> notes;
+  notes.reserve(all.size());
+  for (const auto& refused : all)
+    notes.push_back(fmt::format("Asked but not given: {};\nfound: {};\nto permit it: {}",
+                                join(refused.asked, ", "), refused.found, refused.remedy));
+  return notes;
 }
 
 }  // namespace
@@ -194,26 +217,15 @@ std::string remarks(const statistics::Summary& summary) {
 
 std::vector<std::string> refusals(const Summaries& summaries) {
   std::vector<Refused> all;
-  for (const auto& summary : summaries) {
-    for (const auto& [host, facts] : at(summary.run.outcome, "hosts").items()) {
-      for (const auto& [index, refusal] : at(facts, "refusals").items()) {
-        const auto asked = word(at(refusal, "asked")), found = word(at(refusal, "found")),
-                   remedy = lines(at(refusal, "remedy"));
-        auto same = std::find_if(all.begin(), all.end(), [&](const auto& other) {
-          return other.found == found && other.remedy == remedy;
-        });
-        if (same == all.end()) same = all.insert(all.end(), {found, remedy, {}});
-        if (std::find(same->asked.begin(), same->asked.end(), asked) == same->asked.end())
-          same->asked.push_back(asked);
-      }
-    }
-  }
-  std::vector<std::string> notes;
-  notes.reserve(all.size());
-  for (const auto& refused : all)
-    notes.push_back(fmt::format("Asked but not given: {};\nfound: {};\nto permit it: {}",
-                                join(refused.asked, ", "), refused.found, refused.remedy));
-  return notes;
+  for (const auto& summary : summaries)
+    for (const auto& [host, end] : at(summary.run.outcome, "hosts").items()) add_refusals(all, end);
+  return notes_of(all);
+}
+
+std::vector<std::string> refusals_of(const nlohmann::json& end) {
+  std::vector<Refused> all;
+  add_refusals(all, end);
+  return notes_of(all);
 }
 
 }  // namespace ontime::report

@@ -25,6 +25,9 @@ std::string render(const std::vector<statistics::Summary>&, Format);
 // The threads of each run as the kernel said they were: policy, priority, affinity, faults, switches.
 std::string render_threads(const std::vector<statistics::Summary>&, Format);
 
+// What an end asked of its machine and did not get, for people; alike ones together.
+std::vector<std::string> refusals_of(const nlohmann::json& end);
+
 // What each layer costs a message, of runs that say what they add to: a waterfall.
 std::string render_layers(const std::vector<statistics::Summary>&, Format);
 

@@ -110,8 +110,9 @@ class Endpoint {
   virtual ~Endpoint() = default;  // after it, the sink is not called any more
 
   // Ordinary thread. Called every few milliseconds while somebody waits for a peer; a transport without
-  // discovery does its handshake here. Called during the measurement too, so it takes no lock that send() or
-  // an arrival takes.
+  // discovery does its handshake here, and one whose own begins with a burst matches nobody before that is
+  // over: it is no part of anybody's round trip. Called during the measurement too, so it takes no lock that
+  // send() or an arrival takes.
   virtual Matched matched() = 0;
   // Ordinary thread, before the first counted message and after the last.
   virtual Losses losses() { return {}; }

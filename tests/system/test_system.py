@@ -166,6 +166,9 @@ class System(unittest.TestCase):
         self.assertEqual(answer.returncode, 0, answer.stderr)
         for run in self.report():
             for host in ("controller", "component"):
+                with self.subTest("discovery is silent while it measures", transport=run["transport"], host=host):
+                    sent = run["sent"] if host == "controller" else run["sent"] - run["lost"]
+                    self.assertLess(run["hosts"][host]["link"]["sent_packets"], sent + 60)
                 threads = run["hosts"][host]["threads"]
                 roles = {thread["role"] for thread in threads}
                 self.assertIn("receive", roles)

@@ -152,7 +152,7 @@ class FastEndpoint final : public Endpoint, vendor::DataReaderListener, vendor::
  public:
   FastEndpoint(const Config& config, Sink& sink);
 
-  Matched matched() override { return matches_.now(); }
+  Matched matched() override { return now_ns() < quiet_from_ns_ ? Matched{} : matches_.now(); }
   Losses losses() override;
   std::string seen() override;
   bool send(std::uint64_t sequence, std::span<const std::byte> payload) noexcept override;
@@ -185,6 +185,7 @@ class FastEndpoint final : public Endpoint, vendor::DataReaderListener, vendor::
   vendor::ConditionSeq active_;
   Discovered discovered_;
   dds::Matches matches_;
+  std::int64_t quiet_from_ns_ = 0;  // our first announcements are over: a hundred packets of ours, or more
   dds::Gaps gaps_;
   std::unique_ptr<vendor::DomainParticipant, ParticipantDeleter> participant_;  // ends before what it calls
   vendor::DataWriter* writer_ = nullptr;
@@ -218,6 +219,8 @@ void FastEndpoint::open_participant(Log& log) {
       opened(DomainParticipantFactory::get_instance()->create_participant(
                  static_cast<vendor::DomainId_t>(config_.domain), qos, &discovered_, StatusMask::none()),
              where, log));
+  const auto& first = qos.wire_protocol().builtin.discovery_config.initial_announcements;
+  quiet_from_ns_ = now_ns() + (first.count + std::int64_t{1}) * first.period.to_ns();
 }
 
 void FastEndpoint::open_topics_and_ends(Log& log) {
