@@ -166,6 +166,7 @@ std::string csv_of(const Summaries& summaries) {
   const auto columns = fields();
   const auto options = OptionColumns(summaries);
   std::vector<std::string> header;
+  header.reserve(columns.size());
   for (const auto& column : columns) header.push_back(column.name);
   options.add_names(header);
 
