@@ -6,6 +6,7 @@
 #include <filesystem>
 #include <system_error>
 
+#include <fcntl.h>
 #include <fmt/format.h>
 #include <unistd.h>
 
@@ -32,7 +33,7 @@ std::string reason(sqlite3* handle) {
 std::string why_not_opened(const std::string& path, sqlite3* handle) {
   if (path.empty()) return reason(handle);
   const auto folder = std::filesystem::absolute(path).parent_path();
-  if (access(folder.c_str(), W_OK | X_OK) != 0)
+  if (faccessat(AT_FDCWD, folder.c_str(), W_OK | X_OK, AT_EACCESS) != 0)
     return fmt::format("{}: {}", folder.string(), std::generic_category().message(errno));
   return reason(handle);
 }
