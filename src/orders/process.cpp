@@ -59,6 +59,7 @@ Process::Process(std::string name, std::string command, Spawned spawned)
 Process::Spawned Process::spawn(const std::string& name, const std::vector<std::string>& command) {
   auto words = command;
   std::vector<char*> arguments;
+  arguments.reserve(words.size() + 1);
   for (auto& word : words) arguments.push_back(word.data());
   arguments.push_back(nullptr);
   Pipe orders, events;
