@@ -217,6 +217,27 @@ TEST_F(ScenarioFile, TheAnsweringEndMayBeAnother) {
   EXPECT_EQ(scenario.runs[1].variant, "component.transport ros2");
 }
 
+TEST_F(ScenarioFile, WhatIsRequiredDoesNotMultiplyAndIsCheckedAsItIsRead) {
+  const auto scenario = read(
+      "defaults: {transport: [udp, fastdds], require: late <= 0}\n"
+      "runs:\n"
+      "  - id: a\n"
+      "  - {id: b, require: [p99.9 <= 2 ms, lost <= 0.1%]}\n");
+  ASSERT_EQ(scenario.runs.size(), 4U);
+  EXPECT_THAT(scenario.runs[1].require, testing::ElementsAre("late <= 0"));
+  EXPECT_THAT(scenario.runs[3].require, testing::ElementsAre("p99.9 <= 2 ms", "lost <= 0.1%"));
+  EXPECT_EQ(asked(scenario.runs[3]).at("require").size(), 2U);
+  const auto of = [](const char* gates) {
+    return std::string("runs: [{id: a, transport: udp, require: ") + gates + "}]\n";
+  };
+  EXPECT_THAT(error(of("[late <= 0, p98 <= 2 ms]")),
+              HasSubstr(":1:53: require: 'p98 <= 2 ms', column 1: 'p98'"));
+  EXPECT_THAT(error(of("late > 0")), HasSubstr("column 6: here stands '>'"));
+  EXPECT_THAT(error(of("p99 <= +10%")), HasSubstr("against another run"));
+  EXPECT_THAT(error(of("[[late <= 0]]")), HasSubstr("a value is needed"));
+  EXPECT_THAT(error(of("{late: 0}")), HasSubstr("unknown key 'require.late'"));
+}
+
 TEST_F(ScenarioFile, ErrorsSayWhere) {
   EXPECT_THAT(error("runs:\n  - id: a\n    transport: udp\n    perid: 10 ms\n"),
               testing::AllOf(HasSubstr(":4:5: unknown key 'perid'"), HasSubstr("period")));

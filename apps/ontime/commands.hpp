@@ -14,7 +14,11 @@ void add_ping(CLI::App&, Action&);
 void add_pong(CLI::App&, Action&);
 void add_run(CLI::App&, Action&);
 void add_scenarios(CLI::App&, Action&);
+void add_watch(CLI::App&, Action&);
 void add_report(CLI::App&, Action&);
+void add_compare(CLI::App&, Action&);
+void add_export(CLI::App&, Action&);
+void add_import(CLI::App&, Action&);
 void add_workers(CLI::App&, Action&);  // what the others start, by orders over standard input and output
 
 }  // namespace ontime::app

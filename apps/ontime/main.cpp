@@ -1,5 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <exception>
+#include <utility>
+#include <vector>
 
 #include "commands.hpp"
 #include "orders/orders.hpp"
@@ -17,9 +19,18 @@ int main(int argc, char** argv) {
       "peer cannot do what was asked · 130 interrupted");
 
   ontime::app::Action action;
-  for (const auto add : {ontime::app::add_run, ontime::app::add_ping, ontime::app::add_pong,
-                         ontime::app::add_scenarios, ontime::app::add_report, ontime::app::add_workers})
-    add(app, action);
+  const std::pair<const char*, std::vector<void (*)(CLI::App&, ontime::app::Action&)>> groups[] = {
+      {"Measure",
+       {ontime::app::add_run, ontime::app::add_ping, ontime::app::add_pong, ontime::app::add_watch, ontime::app::add_scenarios}},
+      {"Understand",
+       {ontime::app::add_report, ontime::app::add_compare, ontime::app::add_export,
+        ontime::app::add_import}}};
+  for (const auto& [group, commands] : groups)
+    for (const auto add : commands) {
+      add(app, action);
+      app.get_subcommands({}).back()->group(group);
+    }
+  ontime::app::add_workers(app, action);
   try {
     app.parse(argc, argv);
   } catch (const CLI::ParseError& error) {

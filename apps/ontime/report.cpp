@@ -2,6 +2,7 @@
 #include "report/report.hpp"
 
 #include "commands.hpp"
+#include "gates.hpp"
 #include "run_flags.hpp"
 #include "statistics/statistics.hpp"
 #include "terminal.hpp"
@@ -22,17 +23,22 @@ void add_report(CLI::App& app, Action& action) {
                     "each thread as the kernel said it was, instead of the times");
   command->add_flag("--layers", arguments->layers, "what each layer costs, of runs that add to one another")
       ->excludes("--threads");
-  command->callback([&action, arguments] {
-    action = [arguments] {
+  auto flags = std::make_shared<GateFlags>(*command, gate::Use::fail_if);
+  command->callback([&action, arguments, flags] {
+    action = [arguments, flags] {
       const auto format = format_flag(arguments->format);
+      const auto gates = flags->gates();
       const record::Reader reader(arguments->results);
       std::vector<statistics::Summary> summaries;
       for (const auto& run : reader.runs()) summaries.push_back(statistics::summarise(reader, run));
-      const auto render = arguments->threads  ? report::render_threads
-                          : arguments->layers ? report::render_layers
-                                              : report::render;
-      print(render(summaries, format));
-      return 0;
+      print(arguments->threads  ? report::render_threads(summaries, format)
+            : arguments->layers ? report::render_layers(summaries, format)
+                                : report::render(summaries, format));
+      std::vector<gate::Judgement> judgements;
+      if (flags->wanted())
+        for (const auto& summary : summaries)
+          for (auto& judgement : flags->judge(gates, summary)) judgements.push_back(std::move(judgement));
+      return flags->finish(judgements);
     };
   });
 }

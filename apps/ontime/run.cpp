@@ -9,6 +9,7 @@
 
 #include "campaign/campaign.hpp"
 #include "commands.hpp"
+#include "gates.hpp"
 #include "resumed.hpp"
 #include "run_flags.hpp"
 #include "scenario_files.hpp"
@@ -56,10 +57,44 @@ void expect(Terminal& terminal, const std::vector<campaign::Scenario>& scenarios
   if (runs > 1) terminal.note(fmt::format("{} runs, about {}", runs, about(time)));
 }
 
-int run(const Arguments& arguments, const nlohmann::json& command_line) {
+// Once, however often the runs are resumed.
+void note(record::Writer& writer, statistics::Summary& summary, const gate::Judgement& judgement) {
+  const bool missed = judgement.result == gate::Judgement::Result::missed;
+  const auto text =
+      fmt::format("{}: {}: {}", missed ? "missed" : "cannot judge", judgement.gate, judgement.says);
+  const bool known = std::any_of(summary.notes.begin(), summary.notes.end(),
+                                 [&](const auto& before) { return before.text == text; });
+  if (known) return;
+  summary.notes.push_back({missed ? "gate-missed" : "gate-not-judged", text, {}, {}});
+  writer.note(summary.run.number, summary.notes.back());
+}
+
+// Of the runs after the first `known`: what their scenario and the flags say of them goes into the file too,
+// as far as it does not hold. Prints the report.
+std::vector<gate::Judgement> judge_and_report(record::Writer& writer, std::size_t known,
+                                              const GateFlags& flags, const std::vector<gate::Gate>& gates,
+                                              report::Format format) {
+  const auto reader = writer.reader();
+  const auto runs = reader.runs();
+  std::vector<statistics::Summary> summaries;
+  std::vector<gate::Judgement> judgements;
+  for (std::size_t i = known; i < runs.size(); ++i) {
+    auto& summary = summaries.emplace_back(statistics::summarise(reader, runs[i]));
+    for (auto& judgement : flags.judge(gates, summary)) {
+      if (judgement.result != gate::Judgement::Result::held && judgement.gate != gate::end)
+        note(writer, summary, judgement);
+      judgements.push_back(std::move(judgement));
+    }
+  }
+  print(report::render(summaries, format));
+  return judgements;
+}
+
+int run(const Arguments& arguments, const GateFlags& flags, const nlohmann::json& command_line) {
   auto selection = arguments.selection;
   if (!arguments.duration.empty()) selection.duration = duration_flag("--duration", arguments.duration);
   const auto format = format_flag(arguments.format);
+  const auto gates = flags.gates();
   check_transports(selection.transports);
   std::vector<campaign::Scenario> scenarios;  // all read before the first is run
   for (const auto& name : arguments.scenarios)
@@ -81,9 +116,10 @@ int run(const Arguments& arguments, const nlohmann::json& command_line) {
     if (code != 130)
       code = std::max(code, campaign::execute(scenario, writer, terminal, interrupts, command_line, done));
   terminal.clear_line();
-  print_report(writer.reader(), known, format);
+  const auto judgements = judge_and_report(writer, known, flags, gates, format);
   terminal.note(fmt::format("every sample is in {}; see also: ontime report {} --threads", results, results));
-  return code;
+  const int judged = flags.finish(judgements);
+  return code == 130 ? code : std::max(code, judged);
 }
 
 }  // namespace
@@ -119,8 +155,10 @@ void add_run(CLI::App& app, Action& action) {
       ->needs("--results");
   command->add_option("--format", arguments->format, "table, json, csv, markdown or latex: table")
       ->type_name("FORMAT");
-  command->callback(
-      [&action, arguments] { action = [arguments] { return run(*arguments, command_line()); }; });
+  auto flags = std::make_shared<GateFlags>(*command, gate::Use::fail_if);
+  command->callback([&action, arguments, flags] {
+    action = [arguments, flags] { return run(*arguments, *flags, command_line()); };
+  });
 }
 
 }  // namespace ontime::app

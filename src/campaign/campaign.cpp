@@ -159,6 +159,7 @@ json asked(const Run& run, const Hosts& hosts) {
       {"variant", run.variant},
       {"adds_to", run.adds_to},
       {"repetition", run.repetition},
+      {"require", run.require.empty() ? json() : json(run.require)},
       {"transport", run.task.transport},
       {"options", run.task.config.options},
       {"component_transport", run.component_transport.empty() ? run.task.transport : run.component_transport},

@@ -55,7 +55,8 @@ struct Run {
   std::string where;  // "FILE:LINE", of a scenario
   std::string
       variant;  // what tells it from others of the same id, beside transport and repetition: "payload 32 KiB"
-  std::string adds_to;  // the id of the layer below, where the runs of a session are layers
+  std::string adds_to;               // the id of the layer below, where the runs of a session are layers
+  std::vector<std::string> require;  // what must be so at the end: gates, checked as such
   int repetition = 1;
   agent::Task task;  // the client's; the server's follows from it
   background::Workers controller_load, component_load;

@@ -12,6 +12,7 @@
 
 #include "campaign/campaign.hpp"
 #include "campaign/document.hpp"
+#include "gate/gate.hpp"
 
 namespace ontime::campaign {
 namespace {
@@ -20,6 +21,7 @@ constexpr std::size_t most_runs = 100'000;  // with repetitions
 constexpr std::size_t most_different_runs = 10'000;
 constexpr std::size_t most_held = std::size_t{32} << 20U;  // bytes of keys and values of all runs together
 constexpr std::size_t held_beside = 16;                    // of each, beside its words
+constexpr std::size_t most_required = 100;
 
 // A run as written, flat: path ("qos.depth") → what stands there.
 using Entries = std::map<std::string, YAML::Node>;
@@ -105,7 +107,7 @@ class File {
         flatten(entry.second, path + ".", entries);
         continue;
       }
-      if (!is_key(path) && !is_option(path) && path != "id")
+      if (!is_key(path) && !is_option(path) && path != "id" && path != "require")
         fail(entry.first, fmt::format("unknown key '{}'{}", path, nearest(path)));
       entries[path] = entry.second;
     }
@@ -128,7 +130,7 @@ class File {
     for (const auto& key : keys())
       if (key.path.starts_with(parent))
         siblings.insert(key.path.substr(parent.size(), key.path.find('.', parent.size()) - parent.size()));
-    if (parent.empty()) siblings.insert({"id", "options"});
+    if (parent.empty()) siblings.insert({"id", "options", "require"});
     if (siblings.empty()) return nearest(parent.substr(0, parent.size() - 1));
     return fmt::format("; here may stand: {}", fmt::join(siblings, ", "));
   }
@@ -241,7 +243,31 @@ class File {
       return;
     hold(id, node, defaults.size() * held_beside);
     own.insert(defaults.begin(), defaults.end());  // where the run says nothing
-    multiply(id, node, std::move(own));
+    std::vector<std::string> require;
+    if (const auto entry = own.find("require"); entry != own.end()) {
+      require = read_require(entry->second);
+      own.erase(entry);
+    }
+    multiply(id, node, std::move(own), require);
+  }
+
+  // A list that does not multiply: all of it must be so.
+  std::vector<std::string> read_require(const YAML::Node& node) const {
+    std::vector<std::string> gates;
+    const auto read = [&](const YAML::Node& gate) {
+      gates.push_back(scalar(gate, "require"));
+      try {
+        gate::parse(gates.back(), gate::Use::require);
+      } catch (const gate::Error& error) {
+        fail(gate, fmt::format("require: '{}', {}", gates.back(), error.what()));
+      }
+    };
+    if (!node.IsSequence())
+      read(node);
+    else
+      for (const auto& gate : node) read(gate);
+    if (gates.size() > most_required) fail(node, fmt::format("require: at most {} of a run", most_required));
+    return gates;
   }
 
   // Lists, and defaults that hold for many runs, could make more of a small file than there is memory for.
@@ -284,7 +310,8 @@ class File {
   }
 
   // Lists multiply: every combination of choices is a run.
-  void multiply(const std::string& id, const YAML::Node& node, Entries entries) {
+  void multiply(const std::string& id, const YAML::Node& node, Entries entries,
+                const std::vector<std::string>& require) {
     if (!selection_.transports.empty()) entries.try_emplace("transport", node);
     if (selection_.duration) entries.try_emplace("duration", node);
     std::vector<Dimension> dimensions;  // in the order of the table: a preset before what refines it
@@ -295,6 +322,7 @@ class File {
       if (is_option(path)) dimensions.push_back({path, nullptr, choices_of(path, value)});
 
     std::size_t combinations = 1, bytes = 0;
+    for (const auto& gate : require) bytes += gate.size() + held_beside;
     for (const auto& [path, key, choices] : dimensions) {
       combinations *= choices.size();
       if (scenario_.runs.size() + combinations > most_different_runs)
@@ -311,6 +339,7 @@ class File {
     std::vector<std::size_t> at(dimensions.size(), 0);
     while (true) {
       scenario_.runs.push_back(make_run(id, node, dimensions, at));
+      scenario_.runs.back().require = require;
       std::size_t digit = dimensions.size();
       while (digit > 0 && ++at[digit - 1] == dimensions[digit - 1].choices.size()) at[--digit] = 0;
       if (digit == 0) return;

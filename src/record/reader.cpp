@@ -4,7 +4,9 @@
 #include <system_error>
 #include <utility>
 
+#include <fcntl.h>
 #include <fmt/format.h>
+#include <unistd.h>
 
 #include "record/connection.hpp"
 #include "record/document.hpp"
@@ -143,11 +145,15 @@ Reader::Reader(const std::string& path) : Reader(connect(path)) {
 
 Reader::Reader(std::shared_ptr<Connection> connection) : connection_(std::move(connection)) {}
 
-std::vector<Run> Reader::runs() const {
+std::vector<Run> Reader::runs(std::optional<std::int64_t> from) const {
   std::vector<Run> runs;
   Texts text_in(*connection_);
   Ascending in_order(*connection_, "run", 1);
-  Statement row(*connection_, "SELECT number, asked, outcome FROM run ORDER BY number");
+  // Without a beginning that is named nothing is passed over, whatever number it has.
+  Statement row(*connection_, from
+                                  ? "SELECT number, asked, outcome FROM run WHERE number >= ? ORDER BY number"
+                                  : "SELECT number, asked, outcome FROM run ORDER BY number");
+  if (from) row.bind(*from);
   while (row.next()) {
     const auto number = in_order(row.integer(0));
     auto asked = parsed(*connection_, number, text_in(row, 1));
@@ -181,23 +187,47 @@ std::vector<Note> Reader::notes(std::int64_t run) const {
 }
 
 void Reader::each_sample(std::int64_t run, const std::function<void(const roundtrip::Sample&)>& use) const {
+  each_sample(run, 0, use);
+}
+
+void Reader::each_sample(std::int64_t run, std::uint64_t from,
+                         const std::function<void(const roundtrip::Sample&)>& use) const {
   Statement start(*connection_, "SELECT start_ns FROM run WHERE number = ?");
   require_run(*connection_, run, start.bind(run).next());
-  Statement row(*connection_,
-                connection_->number("PRAGMA user_version") == 1
-                    ? "SELECT message, intended_ns, due_after_ns, woke_after_ns, sent_after_ns, "
-                      "received_after_ns, server_received_ns, server_sent_after_ns, skipped_cycles, fate, 0 "
-                      "FROM sample WHERE run = ? ORDER BY message"
-                    : "SELECT message, intended_ns, due_after_ns, woke_after_ns, sent_after_ns, "
-                      "received_after_ns, server_received_ns, server_sent_after_ns, skipped_cycles, fate, "
-                      "passed_wake_ns FROM sample WHERE run = ? ORDER BY message");
+  // As above: without a beginning nothing is passed over.
+  const auto sql = fmt::format(
+      "SELECT message, intended_ns, due_after_ns, woke_after_ns, sent_after_ns, received_after_ns, "
+      "server_received_ns, server_sent_after_ns, skipped_cycles, fate, {} FROM sample WHERE run = ?{} "
+      "ORDER BY message",
+      connection_->number("PRAGMA user_version") == 1 ? "0" : "passed_wake_ns",
+      from > 0 ? " AND message >= ?" : "");
+  Statement row(*connection_, sql.c_str());
   row.bind(run);
-  Ascending in_order(*connection_, "message", 0);
+  if (from > 0) row.bind(static_cast<std::int64_t>(from));
+  Ascending in_order(*connection_, "message", static_cast<std::int64_t>(from));
   if (!row.next()) return;
   const auto start_ns = start.integer(0);
   do {
     use(sample_of(row, in_order(row.integer(0)), start_ns, *connection_));
   } while (row.next());
+}
+
+// SQLite's locks in a log are bytes of the file beside it, https://sqlite.org/walformat.html; a Writer has
+// the one for writing at all times.
+bool is_being_written(const std::string& path) {
+  constexpr off_t write_lock = 120;
+  std::error_code ignored;
+  const auto beside = std::filesystem::canonical(path, ignored).string() + "-shm";
+  const int file = ::open(beside.c_str(), O_RDONLY | O_CLOEXEC);
+  if (file < 0) return false;
+  struct flock lock {};
+  lock.l_type = F_RDLCK;
+  lock.l_whence = SEEK_SET;
+  lock.l_start = write_lock;
+  lock.l_len = 1;
+  const bool asked = ::fcntl(file, F_GETLK, &lock) == 0;
+  ::close(file);
+  return asked && lock.l_type == F_WRLCK;
 }
 
 }  // namespace ontime::record

@@ -80,15 +80,22 @@ class Writer {
   std::unique_ptr<Thread> thread_;
 };
 
+// Whether another process has a Writer on the file. Not to be asked by one that has the file open itself,
+// whose locks would be given up by it.
+bool is_being_written(const std::string& path);
+
 // Of files of all formats until now. One that is not what it says (somebody else's, damaged, or made to
 // mislead) ends in WrongFile; texts are valid UTF-8, but may hold any character.
 class Reader {
  public:
-  explicit Reader(const std::string& path);  // never changes the file
-  std::vector<Run> runs() const;
+  explicit Reader(const std::string& path);                            // never changes the file
+  std::vector<Run> runs(std::optional<std::int64_t> from = {}) const;  // from this number on; nothing: all
   std::vector<Note> notes(std::int64_t run) const;  // in the order in which they were written
   // Each sample of a run, in order of index. Memory does not grow with their number.
   void each_sample(std::int64_t run, const std::function<void(const roundtrip::Sample&)>&) const;
+  // Those from this message on.
+  void each_sample(std::int64_t run, std::uint64_t from,
+                   const std::function<void(const roundtrip::Sample&)>&) const;
 
  private:
   friend class Writer;

@@ -23,6 +23,18 @@ ordered_json json_of(const statistics::Distribution& of) {
           {"p99.99", in_us(of.p99_99)}, {"max", in_us(of.max)}};
 }
 
+ordered_json wake_up_of(const statistics::Summary& summary) {
+  auto wake_up = json_of(summary.wake_up);
+  if (summary.imported)
+    for (const auto& [name, ns] : {std::pair("p50", summary.wake_up.p50),
+                                   {"p90", summary.wake_up.p90},
+                                   {"p99", summary.wake_up.p99},
+                                   {"p99.9", summary.wake_up.p99_9},
+                                   {"p99.99", summary.wake_up.p99_99}})
+      if (summary.imported->is_lower_bound(ns)) wake_up[name] = nullptr;
+  return wake_up;
+}
+
 ordered_json some_of(const nlohmann::json& from, std::initializer_list<const char*> keys) {
   auto result = ordered_json::object();
   for (const auto* key : keys) result[key] = at(from, key);
@@ -141,13 +153,15 @@ ordered_json json_of(const statistics::Summary& summary) {
   run.update(some_of(outcome, {"duplicates", "strays", "reordered", "refused_sends", "dropped_records"}));
   run["round_trip_us"] = json_of(summary.round_trip);
   run["response_us"] = json_of(summary.response);
-  run["wake_up_us"] = json_of(summary.wake_up);
+  run["wake_up_us"] = wake_up_of(summary);
   run["server_us"] = json_of(summary.server);
   const auto parts = summary.parts.value_or(statistics::Parts{});
   run["there_us"] = json_of(parts.there);
   run["back_us"] = json_of(parts.back);
   run["parts"] = parts_of(summary);
   run["notes"] = notes_of(summary);
+  run["imported"] = imported_json_of(summary);
+  run.update(some_of(asked, {"require"}));
   run["conditions"] =
       some_of(asked, {"duration_s", "warm_up", "receive", "qos", "options", "component_transport",
                       "component_options", "domain", "ping_topic", "pong_topic", "interface",

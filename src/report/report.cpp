@@ -3,6 +3,7 @@
 
 #include <algorithm>
 
+#include "report/comparison.hpp"
 #include "report/page.hpp"
 #include "report/runs.hpp"
 #include "report/words.hpp"
@@ -81,6 +82,13 @@ std::string render(const Summaries& summaries, Format format) {
   auto runs = nlohmann::ordered_json::array();
   for (const auto& summary : summaries) runs.push_back(json_of(summary));
   return text_of({{"ontime", ONTIME_VERSION}, {"runs", runs}});
+}
+
+std::string render(const Comparison& comparison, const std::vector<gate::Judgement>& judgements,
+                   Format format) {
+  if (format == Format::json) return text_of(json_of(comparison, judgements));
+  if (format == Format::csv) return csv_of(comparison);
+  return page_text(page_of(comparison, judgements), format);
 }
 
 std::string render_threads(const Summaries& summaries, Format format) {

@@ -3,10 +3,13 @@
 // Ordinary thread; returns text, prints nothing.
 #pragma once
 
+#include <functional>
 #include <optional>
 #include <string>
+#include <string_view>
 #include <vector>
 
+#include "gate/gate.hpp"
 #include "statistics/statistics.hpp"
 
 namespace ontime::report {
@@ -30,5 +33,35 @@ std::vector<std::string> refusals_of(const nlohmann::json& end);
 
 // What each layer costs a message, of runs that say what they add to: a waterfall.
 std::string render_layers(const std::vector<statistics::Summary>&, Format);
+
+// Runs set side by side: those of A and of B that have the same key, repetitions together, in A's order. It
+// points into what was given.
+struct Comparison {
+  using Runs = std::vector<const statistics::Summary*>;
+  struct Pair {
+    Runs from, to;
+  };
+  std::vector<Pair> pairs;
+  std::vector<Runs> only_from, only_to;  // those without a partner
+};
+Comparison compare(const std::vector<statistics::Summary>& a, const std::vector<statistics::Summary>& b);
+// Of runs that were chosen, whose keys differ: those whose conditions are the same in transports, options,
+// what receives and what tells variants apart; or, if either side has only one kind, that.
+Comparison compare_chosen(const std::vector<statistics::Summary>& a,
+                          const std::vector<statistics::Summary>& b);
+// Each figure, how much it changed and between what that surely lies; what else differs between the two
+// sides; and what has no partner.
+std::string render(const Comparison&, const std::vector<gate::Judgement>&, Format);
+
+// What gates came to, for a CI: JUnit's XML as Jenkins, GitLab and GitHub's actions read it. What was missed
+// is a failure, what could not be judged an error.
+std::string junit(const std::vector<gate::Judgement>&);
+
+// Every sample of these runs, a line each, in order of run and message; docs/results-file.md names the
+// columns. `write` is given pieces of the text: memory does not grow with the number of samples.
+enum class SampleFormat { csv, jsonl };
+std::optional<SampleFormat> sample_format_of(const std::string& word);
+void export_samples(const record::Reader&, const std::vector<record::Run>&, SampleFormat,
+                    const std::function<void(std::string_view)>& write);
 
 }  // namespace ontime::report

@@ -17,14 +17,6 @@ using nlohmann::json;
 using statistics::Distribution;
 using statistics::Summary;
 
-// A percentile needs one answer above it to say anything, and ten to be more than a glimpse: below that it is
-// "-", or marked "~".
-std::string percentile(const Distribution& of, std::int64_t ns, std::uint64_t one_in) {
-  if (of.count < one_in) return nothing;
-  const std::uint64_t above = of.count / one_in;
-  return (above < 10 ? "~" : "") + microseconds(static_cast<double>(ns));
-}
-
 std::string share(std::uint64_t part, std::uint64_t whole) { return fmt::format("{}/{}", part, whole); }
 
 // Judged by when a cycle's answer should have been asked for, and not by when it was, more may be late.
@@ -186,12 +178,25 @@ std::string legend_of(const Page& page, const Summaries& summaries) {
 
 }  // namespace
 
+std::string percentile(const Distribution& of, std::int64_t ns, std::uint64_t one_in) {
+  if (of.count < one_in) return nothing;
+  const std::uint64_t above = of.count / one_in;
+  return (above < 10 ? "~" : "") + microseconds(static_cast<double>(ns));
+}
+
 Page page_of(const Summaries& summaries) {
   if (summaries.empty()) return {{}, {"There are no runs."}, ""};
   Page page;
-  for (const auto& group : by_id(summaries)) page.tables.push_back(table_of(group));
+  for (auto& group : by_id(summaries)) {
+    const auto measured =
+        std::stable_partition(group.begin(), group.end(), [](const auto* run) { return !run->imported; });
+    if (measured != group.begin()) page.tables.push_back(table_of({group.begin(), measured}));
+    if (measured != group.end()) page.tables.push_back(imported_table_of({measured, group.end()}));
+  }
   page.notes = refusals(summaries);
-  page.legend = legend_of(page, summaries);
+  const bool any_measured =
+      std::any_of(summaries.begin(), summaries.end(), [](const auto& run) { return !run.imported; });
+  if (any_measured) page.legend = legend_of(page, summaries);
   return page;
 }
 

@@ -7,6 +7,7 @@
 #include "statistics/bursts.hpp"
 #include "statistics/clocks.hpp"
 #include "statistics/course.hpp"
+#include "statistics/imported.hpp"
 #include "statistics/member.hpp"
 #include "statistics/shape.hpp"
 #include "statistics/values.hpp"
@@ -151,6 +152,10 @@ Summary summarise(const record::Reader& reader, const record::Run& run) {
   Summary summary;
   summary.run = run;
   summary.notes = reader.notes(run.number);
+  if (is_imported(run)) {
+    summarise_imported(summary);
+    return summary;
+  }
   std::optional<Pass> pass;
   reader.each_sample(run.number, [&](const Sample& sample) {
     if (!pass) {

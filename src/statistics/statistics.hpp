@@ -65,6 +65,20 @@ struct Parts {
   bool one_clock = true;
 };
 
+// Of a run that another tool measured and of which it kept how often each value was seen, not when: there are
+// no samples and no messages, `wake_up` is all that is known, and nothing that needs an order in time.
+struct Imported {
+  std::string from, file;          // docs/json.md, `imported`
+  std::int64_t resolution_ns = 0;  // values were rounded down to multiples of it
+  // So many of the values are only known to be of `beyond_from_ns` or more; the greatest is known.
+  // Percentiles among them are given as `beyond_from_ns`, which is where they begin.
+  std::uint64_t beyond = 0;
+  std::int64_t beyond_from_ns = 0;
+  bool is_lower_bound(std::int64_t percentile_ns) const {
+    return beyond > 0 && percentile_ns == beyond_from_ns;
+  }
+};
+
 // Of one run. sent = on_time + late + lost.
 struct Summary {
   record::Run run;
@@ -84,6 +98,7 @@ struct Summary {
   Distribution server;         // received → sent, on the server's clock; count 0 if the server did not say
   std::optional<Parts> parts;  // not guessed: nothing, unless the record says that the clocks permit it
   std::string no_parts;        // why they were left out though it says so, for people
+  std::optional<Imported> imported;
   Shape shape;
 
   // How sure they are: confidence.hpp.

@@ -1,0 +1,110 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <algorithm>
+
+#include <fmt/format.h>
+
+#include "commands.hpp"
+#include "gates.hpp"
+#include "output.hpp"
+#include "run_flags.hpp"
+
+namespace ontime::app {
+namespace {
+
+using campaign::Error;
+using Summaries = std::vector<statistics::Summary>;
+
+struct Arguments {
+  std::string a, b, from, to, format = "table", output;
+  std::vector<std::string> only;
+};
+
+bool is_called(const record::Run& run, const std::string& word) {
+  return std::to_string(run.number) == word ||
+         (run.asked.is_object() && run.asked.value("id", nlohmann::json()) == word);
+}
+
+// The runs of a file that have one of these ids or numbers; all, if there are none.
+Summaries summaries_of(const std::string& file, const std::string& flag,
+                       const std::vector<std::string>& words) {
+  const record::Reader reader(file);
+  const auto runs = reader.runs();
+  for (const auto& word : words)
+    if (std::none_of(runs.begin(), runs.end(), [&](const auto& run) { return is_called(run, word); }))
+      throw Error(2, fmt::format("{}: {} has no run with the id or the number '{}'", flag, file, word));
+  Summaries summaries;
+  for (const auto& run : runs)
+    if (words.empty() ||
+        std::any_of(words.begin(), words.end(), [&](const auto& word) { return is_called(run, word); }))
+      summaries.push_back(statistics::summarise(reader, run));
+  return summaries;
+}
+
+int compare(const Arguments& arguments, const GateFlags& flags) {
+  const auto format = format_flag(arguments.format);
+  const auto gates = flags.gates();
+  const bool chosen = !arguments.from.empty();
+  if (chosen == arguments.to.empty())
+    throw Error(2, "--from and --to belong together: the runs to compare, and those to compare them with");
+  if (!chosen && arguments.b.empty())
+    throw Error(2,
+                "a second results file is needed, or --from and --to, which say what to compare in the one");
+
+  const auto& second = arguments.b.empty() ? arguments.a : arguments.b;
+  const auto words = [&](const std::string& word) { return chosen ? std::vector{word} : arguments.only; };
+  const auto a = summaries_of(arguments.a, chosen ? "--from" : "--only", words(arguments.from));
+  const auto b = summaries_of(second, chosen ? "--to" : "--only", words(arguments.to));
+  const auto comparison = chosen ? report::compare_chosen(a, b) : report::compare(a, b);
+
+  std::vector<gate::Judgement> judgements;
+  for (const auto& pair : comparison.pairs)
+    for (const auto& gate : gates)
+      if (gate.is_relative()) judgements.push_back(gate::judge(gate, pair.from, pair.to));
+  if (flags.wanted())
+    for (const auto& run : b)
+      for (auto& judgement : flags.judge(gates, run)) judgements.push_back(std::move(judgement));
+  // What cannot be compared any more holds no line.
+  if (!gates.empty())
+    for (const auto& runs : comparison.only_from)
+      judgements.push_back({gate::Judgement::Result::cannot_judge, gate::name_of(runs),
+                            "there is a run of B to compare with", "there is none with the same conditions"});
+  if (!gates.empty() && comparison.pairs.empty() && comparison.only_from.empty())
+    judgements.push_back({gate::Judgement::Result::cannot_judge, arguments.a, "there is something to compare",
+                          "A has no run to compare with"});
+
+  Output output(arguments.output);
+  output.write(report::render(comparison, judgements, format));
+  output.finish();
+  return flags.finish(judgements);
+}
+
+}  // namespace
+
+void add_compare(CLI::App& app, Action& action) {
+  auto* command =
+      app.add_subcommand("compare", "What changed from one results file to another, and how surely");
+  auto arguments = std::make_shared<Arguments>();
+  command->add_option("A", arguments->a, "a results file: what it was")->required();
+  command->add_option("B", arguments->b, "another: what it is now");
+  command->add_option("--only", arguments->only, "only runs with these ids or numbers")
+      ->delimiter(',')
+      ->allow_extra_args(false)
+      ->type_name("ID,...");
+  command->add_option("--from", arguments->from, "compare the runs with this id or number …")
+      ->type_name("ID");
+  command
+      ->add_option("--to", arguments->to,
+                   "… with those, of the same file or of B; their conditions may differ")
+      ->type_name("ID")
+      ->excludes("--only");
+  command->add_option("--format", arguments->format, "table, json, csv, markdown or latex: table")
+      ->type_name("FORMAT");
+  command->add_option("--output", arguments->output, "into this file instead of standard output")
+      ->type_name("FILE")
+      ->check(given);
+  auto flags = std::make_shared<GateFlags>(*command, gate::Use::fail_if_compared);
+  command->callback(
+      [&action, arguments, flags] { action = [arguments, flags] { return compare(*arguments, *flags); }; });
+}
+
+}  // namespace ontime::app

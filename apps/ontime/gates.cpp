@@ -1,0 +1,65 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "gates.hpp"
+
+#include <algorithm>
+
+#include <fmt/format.h>
+
+#include "campaign/campaign.hpp"
+#include "output.hpp"
+#include "report/report.hpp"
+#include "run_flags.hpp"
+#include "terminal.hpp"
+
+namespace ontime::app {
+
+using gate::Judgement;
+
+GateFlags::GateFlags(CLI::App& command, gate::Use use) : use_(use) {
+  const auto* const example = use == gate::Use::fail_if
+                                  ? "exit 1 if this is so of a run: 'late > 0', 'p99.9 > 2 ms'"
+                                  : "exit 1 if this is so: 'p99.9 > +10%', 'late > 0'";
+  command.add_option("--fail-if", fail_if_, example)->type_name("GATE")->allow_extra_args(false);
+  command.add_option("--junit", junit_, "write what came of it into this file, as JUnit's XML")
+      ->type_name("FILE")
+      ->check(given);
+}
+
+std::vector<gate::Gate> GateFlags::gates() const {
+  std::vector<gate::Gate> gates;
+  for (const auto& text : fail_if_) {
+    try {
+      gates.push_back(gate::parse(text, use_));
+    } catch (const gate::Error& error) {
+      throw campaign::Error(2, fmt::format("--fail-if: '{}', {}", text, error.what()));
+    }
+  }
+  return gates;
+}
+
+std::vector<Judgement> GateFlags::judge(const std::vector<gate::Gate>& gates,
+                                        const statistics::Summary& run) const {
+  std::vector<Judgement> judgements;
+  if (!junit_.empty()) judgements.push_back(gate::judge_end(run));
+  for (const auto& gate : gates)
+    if (!gate.is_relative()) judgements.push_back(gate::judge(gate, run));
+  for (const auto& gate : gate::required_of(run)) judgements.push_back(gate::judge(gate, run));
+  return judgements;
+}
+
+int GateFlags::finish(const std::vector<Judgement>& judgements) const {
+  int code = 0;
+  for (const auto& judgement : judgements) {
+    if (judgement.result == Judgement::Result::held) continue;
+    code = 1;
+    print_error(gate::text_of(judgement));
+  }
+  if (!junit_.empty()) {
+    Output output(junit_);
+    output.write(report::junit(judgements));
+    output.finish();
+  }
+  return code;
+}
+
+}  // namespace ontime::app

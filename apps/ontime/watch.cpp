@@ -1,0 +1,96 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "watch/watch.hpp"
+
+#include <algorithm>
+#include <stdexcept>
+#include <thread>
+
+#include <fmt/format.h>
+#include <sys/resource.h>
+#include <unistd.h>
+
+#include "commands.hpp"
+#include "run_flags.hpp"
+#include "terminal.hpp"
+
+namespace ontime::app {
+namespace {
+
+using namespace std::chrono_literals;
+
+struct Arguments {
+  std::string results, format = "table", metrics;
+};
+
+std::unique_ptr<watch::Metrics> metrics_at(const std::string& address) {
+  if (address.empty()) return nullptr;
+  try {
+    auto metrics = std::make_unique<watch::Metrics>(address);
+    print_error(fmt::format("metrics are at http://{}/metrics", metrics->address()));
+    return metrics;
+  } catch (const std::invalid_argument& error) {
+    throw campaign::Error(2, fmt::format("--metrics: {}", error.what()));
+  } catch (const std::runtime_error& error) {
+    throw campaign::Error(3, fmt::format("--metrics: {}", error.what()));
+  }
+}
+
+// Each time in the place of the last; where it goes to no terminal, the last alone.
+class Screen {
+ public:
+  void show(const std::string& text, bool last) {
+    if (interactive_ || last) print(up() + text);
+    lines_ = std::count(text.begin(), text.end(), '\n');
+  }
+
+ private:
+  std::string up() const { return interactive_ && lines_ > 0 ? fmt::format("\033[{}A\033[J", lines_) : ""; }
+  const bool interactive_ = isatty(STDOUT_FILENO) != 0;
+  std::ptrdiff_t lines_ = 0;
+};
+
+int follow(const Arguments& arguments) {
+  const bool as_json = arguments.format == "json";
+  if (!as_json && arguments.format != "table")
+    throw campaign::Error(2, fmt::format("--format: '{}' is neither table nor json", arguments.format));
+  const auto metrics = metrics_at(arguments.metrics);
+  const auto& interrupts = catch_interrupts();
+  ::setpriority(PRIO_PROCESS, 0, 19);  // what is measured comes first
+  watch::Follower follower(arguments.results);
+  Screen screen;
+  while (true) {
+    const auto& progress = follower.look();
+    const bool interrupted = interrupts > 0;
+    const bool last = interrupted || progress.state == watch::Progress::State::ended;
+    if (as_json)
+      print(watch::json_of(progress));
+    else
+      screen.show(watch::text_of(progress), last);
+    if (last) return interrupted ? 130 : 0;
+    if (metrics) {
+      metrics->set(watch::metrics_of(progress));
+      metrics->serve_for(1s);
+    } else {
+      std::this_thread::sleep_for(1s);
+    }
+  }
+}
+
+}  // namespace
+
+void add_watch(CLI::App& app, Action& action) {
+  auto* command = app.add_subcommand(
+      "watch", "Follows a measurement that is under way, from another terminal, until it ends");
+  auto arguments = std::make_shared<Arguments>();
+  command->add_option("RESULTS", arguments->results, "the results file that it goes into")->required();
+  command->add_option("--format", arguments->format, "table, or json: an object a second: table")
+      ->type_name("FORMAT");
+  command
+      ->add_option("--metrics", arguments->metrics,
+                   "offer Prometheus the same over HTTP; of a PORT alone on loopback")
+      ->type_name("[ADDR:]PORT")
+      ->check(given);
+  command->callback([&action, arguments] { action = [arguments] { return follow(*arguments); }; });
+}
+
+}  // namespace ontime::app

@@ -1,0 +1,299 @@
+// SPDX-License-Identifier: Apache-2.0
+// cyclictest of rt-tests: each of its threads wakes at an interval, and it notes how late. That is ontime's
+// wake-up, without a message.
+#include <algorithm>
+#include <cerrno>
+#include <charconv>
+#include <filesystem>
+#include <fstream>
+#include <map>
+#include <sstream>
+#include <string_view>
+#include <system_error>
+
+#include <fmt/format.h>
+
+#include "foreign/foreign.hpp"
+#include "foreign/histogram.hpp"
+
+namespace ontime::foreign {
+namespace {
+
+using nlohmann::json;
+
+constexpr std::uintmax_t most_text_bytes = std::uintmax_t{256} << 20U;  // a million values of 30 threads
+constexpr std::uintmax_t most_json_bytes = std::uintmax_t{32}
+                                           << 20U;  // as a document it takes ten times as much
+constexpr std::size_t most_line = 1 << 16;
+constexpr std::size_t longest_word = 4096;  // of what is kept beside the numbers
+constexpr std::size_t most_threads = 4096;
+constexpr int deepest = 16;
+
+std::ifstream open(const std::string& file, std::uintmax_t most_bytes) {
+  std::error_code error;
+  if (!std::filesystem::is_regular_file(file, error))
+    fail(file, "", error ? error.message() : "it is not a file");
+  if (const auto size = std::filesystem::file_size(file, error); size > most_bytes)
+    fail(file, "", fmt::format("it has {} bytes; at most {} are read", size, most_bytes));
+  std::ifstream in(file);
+  if (!in) fail(file, "", std::generic_category().message(errno));
+  return in;
+}
+
+std::optional<std::uint64_t> count_of(std::string_view text) {
+  std::uint64_t value = 0;
+  const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
+  if (error != std::errc{} || end != text.data() + text.size()) return {};
+  return value;
+}
+
+// --- the text ---
+
+class Text {
+ public:
+  explicit Text(const std::string& file) : file_(file) {}
+
+  std::vector<Histogram> read() {
+    auto in = open(file_, most_text_bytes);
+    std::vector<char> buffer(most_line);
+    while (in.getline(buffer.data(), most_line)) {
+      ++line_;
+      line(buffer.data());
+    }
+    if (!in.eof()) {
+      ++line_;
+      wrong(fmt::format("it is longer than {} characters", most_line - 1));
+    }
+    finish();
+    return std::move(threads_);
+  }
+
+ private:
+  [[noreturn]] void wrong(const std::string& what) const { fail(file_, fmt::format("line {}", line_), what); }
+
+  void line(const std::string& text) {
+    const auto first = text.find_first_not_of(" \t");
+    if (first == text.npos) return;
+    if (text[first] != '#') return values(numbers(text));
+    for (const auto* name :
+         {"Total", "Min Latencies", "Avg Latencies", "Max Latencies", "Histogram Overflows"})
+      if (const auto key = fmt::format("# {}:", name); text.compare(first, key.size(), key) == 0) {
+        if (!totals_.try_emplace(name, numbers(text.substr(first + key.size()))).second)
+          wrong(fmt::format("'{}' is there twice; a file has one histogram", name));
+        return;
+      }
+    if (text.compare(first, 9, "# Thread ") == 0) ++named_;
+  }
+
+  std::vector<std::uint64_t> numbers(const std::string& text) const {
+    std::istringstream words(text);
+    std::vector<std::uint64_t> result;
+    for (std::string word; words >> word;) {
+      const auto count = count_of(word);
+      if (!count) wrong(fmt::format("'{:.20}' is no whole number from 0", word));
+      result.push_back(*count);
+    }
+    return result;
+  }
+
+  void values(const std::vector<std::uint64_t>& columns) {
+    if (columns.size() < 2) wrong("a value and how often it was seen are needed");
+    if (threads_.empty()) {
+      if (columns.size() - 1 > most_threads) wrong("it has more columns than machines have CPUs");
+      threads_.resize(columns.size() - 1);
+    } else if (columns.size() - 1 != threads_.size()) {
+      wrong(fmt::format("it has {} columns, and the lines before have {}", columns.size(),
+                        threads_.size() + 1));
+    } else if (columns[0] < next_) {
+      wrong(fmt::format("{} comes after {}", columns[0], next_ - 1));
+    }
+    if (columns[0] > std::uint64_t{1} << 60U) wrong(fmt::format("{} cannot be", columns[0]));
+    next_ = columns[0] + 1;
+    for (std::size_t i = 0; i < threads_.size(); ++i)
+      if (columns[i + 1] > 0) threads_[i].values.emplace_back(columns[0], columns[i + 1]);
+  }
+
+  std::uint64_t total(const char* name, std::size_t thread) const {
+    const auto found = totals_.find(name);
+    if (found == totals_.end() || found->second.size() < threads_.size())
+      fail(file_, "",
+           fmt::format("there is no '# {}:' with a number for each of {} columns: it is cut off, or not what "
+                       "`cyclictest -h N -q` prints",
+                       name, threads_.size()));
+    return found->second[thread];
+  }
+
+  void finish() {
+    if (threads_.empty()) fail(file_, "", "there is no histogram in it; `cyclictest -h N -q` prints one");
+    // Of -H the last column is the sum of the others, and no thread.
+    if (named_ > 0 && threads_.size() == named_ + 1) threads_.pop_back();
+    if (named_ > 0 && threads_.size() != named_)
+      fail(file_, "", fmt::format("it has {} columns, and names {} threads", threads_.size(), named_));
+    for (std::size_t i = 0; i < threads_.size(); ++i) {
+      auto& thread = threads_[i];
+      thread.min = total("Min Latencies", i);
+      thread.max = total("Max Latencies", i);
+      thread.mean = static_cast<double>(total("Avg Latencies", i));
+      thread.beyond = total("Histogram Overflows", i);
+      thread.beyond_from = next_;
+      std::uint64_t seen = 0;
+      for (const auto& [value, count] : thread.values)
+        if (__builtin_add_overflow(seen, count, &seen)) fail(file_, "", "more values than any run has");
+      if (seen != total("Total", i))
+        fail(
+            file_, "",
+            fmt::format("column {}: its lines add up to {}, and it says {}", i + 1, seen, total("Total", i)));
+    }
+  }
+
+  const std::string& file_;
+  std::size_t line_ = 0, named_ = 0;
+  std::uint64_t next_ = 0;  // the least that may come
+  std::vector<Histogram> threads_;
+  std::map<std::string, std::vector<std::uint64_t>> totals_;
+};
+
+// --- JSON ---
+
+struct TooDeep {};
+
+json document_of(const std::string& file) {
+  auto in = open(file, most_json_bytes);
+  const auto look = [](int depth, json::parse_event_t, json&) {
+    if (depth > deepest) throw TooDeep{};
+    return true;
+  };
+  try {
+    return json::parse(in, look);
+  } catch (const TooDeep&) {
+    fail(file, "", "it is nested deeper than what cyclictest writes");
+  } catch (const json::exception& error) {
+    fail(file, "", fmt::format("it is no JSON, or cut off ({})", error.what()));
+  }
+}
+
+const json& at(const json& object, const char* key) {
+  static const json none;
+  if (!object.is_object()) return none;
+  const auto found = object.find(key);
+  return found == object.end() ? none : *found;
+}
+
+// What is of another kind, or too long for what it says it is, is not known.
+json word_of(const json& value) {
+  const bool fits =
+      value.is_number() || (value.is_string() && value.get_ref<const std::string&>().size() <= longest_word);
+  return fits ? value : json();
+}
+
+class Thread {
+ public:
+  Thread(const std::string& file, const std::string& name, const json& of)
+      : file_(file), where_("thread " + name), of_(of) {}
+
+  Histogram read() const {
+    Histogram result;
+    std::map<std::uint64_t, std::uint64_t> values;
+    const auto& histogram = at(of_, "histogram");
+    if (!histogram.is_object()) fail(file_, where_, "there is no histogram");
+    std::uint64_t seen = 0;
+    for (const auto& [value, count] : histogram.items()) {
+      const auto number = count_of(value);
+      if (!number || *number > std::uint64_t{1} << 60U || !count.is_number_unsigned())
+        fail(file_, where_,
+             fmt::format("'{:.20}' in its histogram is no value that was seen a number of times", value));
+      if (__builtin_add_overflow(seen, count.get<std::uint64_t>(), &seen))
+        fail(file_, where_, "more values than any run has");
+      if (count > 0) values[*number] = count;
+    }
+    result.values.assign(values.begin(), values.end());
+    const auto cycles = whole("cycles");
+    if (seen > cycles)
+      fail(file_, where_, fmt::format("its histogram has {} values of {} cycles", seen, cycles));
+    result.beyond = cycles - seen;  // JSON has neither their number nor where the histogram ended
+    if (!values.empty()) result.beyond_from = values.rbegin()->first + 1;
+    result.min = whole("min");
+    result.max = whole("max");
+    if (!at(of_, "avg").is_number()) fail(file_, where_, "'avg' is no number");
+    result.mean = at(of_, "avg").get<double>();
+    return result;
+  }
+
+ private:
+  std::uint64_t whole(const char* key) const {
+    const auto& value = at(of_, key);
+    if (!value.is_number_unsigned()) fail(file_, where_, fmt::format("'{}' is no whole number from 0", key));
+    return value.get<std::uint64_t>();
+  }
+  const std::string& file_;
+  const std::string where_;
+  const json& of_;
+};
+
+// --- both ---
+
+json asked_of(const std::string& file, const What& what, std::size_t thread) {
+  const auto* form = what.form == Form::cyclictest_json ? "cyclictest-json" : "cyclictest-histogram";
+  return {{"id", what.id},         {"variant", fmt::format("thread {}", thread)},
+          {"thread", thread},      {"repetition", 1},
+          {"measures", "wake-up"}, {"imported", {{"from", form}, {"file", file}}}};
+}
+
+std::vector<Import> read_text(const std::string& file, const What& what) {
+  std::vector<Import> runs;
+  const auto threads = Text(file).read();
+  for (std::size_t i = 0; i < threads.size(); ++i)
+    runs.push_back(
+        {asked_of(file, what, i),
+         {{"interrupted", false},
+          {"histogram", json_of(threads[i], what.unit_ns, file, fmt::format("column {}", i + 1))}}});
+  return runs;
+}
+
+std::vector<Import> read_json(const std::string& file, const What& what) {
+  const auto document = document_of(file);
+  const auto& threads = at(document, "thread");
+  if (!threads.is_object() || threads.empty())
+    fail(file, "", "there is no 'thread' in it; `cyclictest -h N --json=FILE` writes one");
+  std::map<std::size_t, const json*> in_order;  // "10" comes after "9"
+  for (const auto& [name, thread] : threads.items()) {
+    const auto number = count_of(name);
+    if (!number || *number >= most_threads)
+      fail(file, "thread", fmt::format("'{:.20}' is no thread's number", name));
+    in_order[*number] = &thread;
+  }
+  const auto unit_ns = at(document, "resolution_in_ns") == 1 ? 1 : 1000;
+  std::vector<Import> runs;
+  for (const auto& [number, thread] : in_order) {
+    const auto name = std::to_string(number);
+    auto asked = asked_of(file, what, number);
+    for (const auto* key : {"cmdline", "rt_test_version", "start_time", "return_code"}) {
+      const auto with_colon = fmt::format("{}:", key);  // so rt-tests 2.4 writes some of them
+      asked["imported"][key] = word_of(at(document, (document.contains(key) ? key : with_colon.c_str())));
+    }
+    const auto& system = at(document, "sysinfo");
+    const json machine = {{"hostname", word_of(at(system, "nodename"))},
+                          {"kernel_release", word_of(at(system, "release"))},
+                          {"kernel_version", word_of(at(system, "version"))}};
+    runs.push_back(
+        {std::move(asked),
+         {{"interrupted", false},
+          {"hosts", {{"controller", {{"machine", machine}}}}},
+          {"histogram", json_of(Thread(file, name, *thread).read(), unit_ns, file, "thread " + name)}}});
+  }
+  return runs;
+}
+
+}  // namespace
+
+std::optional<Form> form_of(const std::string& word) {
+  if (word == "cyclictest-histogram") return Form::cyclictest_histogram;
+  if (word == "cyclictest-json") return Form::cyclictest_json;
+  return std::nullopt;
+}
+
+std::vector<Import> read(const std::string& file, const What& what) {
+  return what.form == Form::cyclictest_json ? read_json(file, what) : read_text(file, what);
+}
+
+}  // namespace ontime::foreign

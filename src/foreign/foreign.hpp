@@ -1,0 +1,37 @@
+// SPDX-License-Identifier: Apache-2.0
+// What other tools measured, read as runs. The files may be anybody's: whatever is wrong with one throws
+// record::WrongFile, which names the line or the key. Ordinary thread.
+#pragma once
+
+#include <cstdint>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include <nlohmann/json.hpp>
+
+#include "record/record.hpp"
+
+namespace ontime::foreign {
+
+enum class Form {
+  cyclictest_histogram,  // what `cyclictest -h N` or `-H N` prints or writes into its --histfile
+  cyclictest_json,       // what `cyclictest -h N --json=FILE` writes
+};
+std::optional<Form> form_of(const std::string& word);
+
+// What is to become of a run, for record::Writer::begin_run() and end_run(). It has no samples: the tool kept
+// how often a value was seen, and not when. docs/json.md describes `imported` and `histogram`.
+struct Import {
+  nlohmann::json asked, outcome;
+};
+
+struct What {
+  Form form = Form::cyclictest_histogram;
+  std::string id = "cyclictest";  // of all runs in the file
+  std::int64_t unit_ns = 1000;    // of the numbers in a histogram, which does not tell; JSON does
+};
+// A run for each of cyclictest's threads.
+std::vector<Import> read(const std::string& file, const What&);
+
+}  // namespace ontime::foreign

@@ -1,0 +1,69 @@
+// SPDX-License-Identifier: Apache-2.0
+// Gates: a line that a figure must not pass, and whether it did. Ordinary thread.
+//
+//   gate       = [ "response" ] figure ( ">" | "<=" ) limit
+//   figure     = "mean" | "p50" | "p90" | "p99" | "p99.9" | "p99.99" | "max" | "late" | "lost"
+//   limit      = number                                         messages: late and lost alone
+//              | number ( "ns" | "us" | "µs" | "ms" | "s" | "%" )   a time, of late and lost a share
+//              | ( "+" | "-" ) number ( "%" | "ns" … "s" | "points" )  against another run: of what it was,
+//              or so much more
+//
+// Figures are of the round trip, or of the response. What is to fail says ">", what is required "<=".
+#pragma once
+
+#include <stdexcept>
+#include <string>
+#include <vector>
+
+#include "statistics/statistics.hpp"
+
+namespace ontime::gate {
+
+// What is wrong with an expression and in which of its columns, for people.
+struct Error : std::invalid_argument {
+  using std::invalid_argument::invalid_argument;
+};
+
+enum class Use {
+  fail_if,           // of a run by itself
+  fail_if_compared,  // of a run, or against another
+  require,           // what must be so
+};
+
+struct Gate {
+  std::string text;
+  statistics::Times times = statistics::Times::round_trip;
+  statistics::Figure figure = statistics::Figure::p99;
+  enum class Limit { count, absolute, ratio, difference } kind = Limit::absolute;
+  double limit = 0;  // messages; ns or a share; 1.1 for +10%; ns or a share
+  bool is_relative() const { return kind == Limit::ratio || kind == Limit::difference; }
+};
+Gate parse(const std::string& text, Use);
+
+struct Judgement {
+  // cannot_judge: the run does not tell, whatever it is asked: it was cut off, or is too short for the
+  // figure. Who holds a line must know, so that is no pass.
+  enum class Result { held, missed, cannot_judge } result = Result::held;
+  std::string run, gate;
+  std::string says;  // the figure, between what it surely lies, and what follows, for people
+};
+
+// A number of messages and a maximum are what they are. Of all other figures a limit is passed only if they
+// surely do: statistics::exceeds(), ratio_exceeds(), difference_exceeds().
+Judgement judge(const Gate&, const statistics::Summary&);  // none that is relative
+// Of repetitions of the same.
+using Runs = std::vector<const statistics::Summary*>;
+Judgement judge(const Gate&, const Runs& from, const Runs& to);  // one that is relative
+// "missed: p99 <= 2 ms (Test1.B udp (run 5)): p99 is 3.1 ms, surely between 2.9 ms and 3.4 ms".
+std::string text_of(const Judgement&);
+// What the scenario required of a run, out of its record; what is no gate there is left out.
+std::vector<Gate> required_of(const statistics::Summary&);
+// Whether it was measured to its end, which is a gate of this name.
+inline constexpr const char* end = "measured to its end";
+Judgement judge_end(const statistics::Summary&);
+
+// "Test1.B cyclonedds ×2 (run 5)"; of several: "Test1.B cyclonedds".
+std::string name_of(const statistics::Summary&);
+std::string name_of(const Runs&);
+
+}  // namespace ontime::gate

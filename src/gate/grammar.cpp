@@ -1,0 +1,181 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <algorithm>
+#include <charconv>
+#include <cmath>
+#include <string_view>
+#include <utility>
+
+#include <fmt/format.h>
+
+#include "gate/gate.hpp"
+
+namespace ontime::gate {
+namespace {
+
+using statistics::Figure;
+
+constexpr std::pair<std::string_view, Figure> figures[] = {
+    {"mean", Figure::mean}, {"p50", Figure::p50},     {"p90", Figure::p90},
+    {"p99", Figure::p99},   {"p99.9", Figure::p99_9}, {"p99.99", Figure::p99_99},
+    {"max", Figure::max},   {"late", Figure::late},   {"lost", Figure::lost}};
+
+constexpr std::pair<std::string_view, double> times_ns[] = {
+    {"ns", 1}, {"us", 1e3}, {"µs", 1e3}, {"ms", 1e6}, {"s", 1e9}};
+
+constexpr std::size_t longest = 200;
+
+class Parser {
+ public:
+  Parser(const std::string& text, Use use) : text_(text), use_(use) { gate_.text = text; }
+
+  Gate parse() {
+    if (text_.size() > longest) fail(longest, fmt::format("a gate has at most {} characters", longest));
+    read_figure();
+    read_comparison();
+    read_limit();
+    skip_blanks();
+    if (at_ < text_.size()) fail(at_, fmt::format("'{}' is too much", text_.substr(at_)));
+    return std::move(gate_);
+  }
+
+ private:
+  [[noreturn]] void fail(std::size_t at, const std::string& what) const {
+    throw Error(fmt::format("column {}: {}; a gate is such as '{}'", column(at), what,
+                            use_ == Use::require            ? "p99.9 <= 2 ms"
+                            : use_ == Use::fail_if_compared ? "p99.9 > +10%"
+                                                            : "late > 0"));
+  }
+  // As an editor counts them, "µ" once.
+  std::size_t column(std::size_t at) const {
+    std::size_t column = 1;
+    for (std::size_t i = 0; i < at; ++i)
+      if ((static_cast<unsigned char>(text_[i]) & 0xc0) != 0x80) ++column;
+    return column;
+  }
+
+  void skip_blanks() {
+    while (at_ < text_.size() && (text_[at_] == ' ' || text_[at_] == '\t')) ++at_;
+  }
+  std::string word(std::string_view ends) {
+    const auto end = std::min(text_.find_first_of(ends, at_), text_.size());
+    return text_.substr(std::exchange(at_, end), end - at_);
+  }
+
+  void read_figure() {
+    skip_blanks();
+    auto begin = at_;
+    auto name = word(" \t<>=+-");
+    if (name == "response") {
+      gate_.times = statistics::Times::response;
+      skip_blanks();
+      begin = at_;
+      name = word(" \t<>=+-");
+    }
+    for (const auto& [known, figure] : figures)
+      if (name == known) {
+        gate_.figure = figure;
+        if (figure == Figure::lost && gate_.times == statistics::Times::response)
+          fail(begin, "a lost message has no response: say 'lost' alone");
+        return;
+      }
+    fail(begin,
+         fmt::format("{} is no figure; there are mean, p50, p90, p99, p99.9, p99.99, max, late, lost, of the "
+                     "response with 'response' before them",
+                     name.empty() ? "nothing" : "'" + name + "'"));
+  }
+
+  void read_comparison() {
+    skip_blanks();
+    const auto begin = at_;
+    while (at_ < text_.size() && std::string_view("<>=!").find(text_[at_]) != std::string_view::npos) ++at_;
+    const auto found = text_.substr(begin, at_ - begin);
+    const auto* const wanted = use_ == Use::require ? "<=" : ">";
+    if (found != wanted)
+      fail(begin,
+           fmt::format("here stands {}, and {} '{}'", found.empty() ? "no comparison" : "'" + found + "'",
+                       use_ == Use::require ? "what must be so is said with" : "what is to fail is said with",
+                       wanted));
+  }
+
+  bool is_share() const { return gate_.figure == Figure::late || gate_.figure == Figure::lost; }
+
+  void read_limit() {
+    skip_blanks();
+    const auto begin = at_;
+    double sign = 1;
+    const bool relative = at_ < text_.size() && (text_[at_] == '+' || text_[at_] == '-');
+    if (relative) sign = text_[at_++] == '-' ? -1 : 1;
+    const auto number = read_number();
+    skip_blanks();
+    const auto unit_at = at_;
+    const auto unit = word(" \t");
+    if (relative) {
+      if (use_ != Use::fail_if_compared)
+        fail(begin, "a limit with + or - is against another run, which `ontime compare` has");
+      if (gate_.figure == Figure::max)
+        fail(begin,
+             "a maximum is one message's, and no difference of two is ever sure: compare p99.99, or state a "
+             "limit");
+    }
+    if (unit.empty()) return set_count(number, relative, begin, unit_at);
+    if (unit == "%") return set_percent(number, sign, relative, begin);
+    if (unit == "points" && relative && is_share()) return set(Gate::Limit::difference, sign * number / 100);
+    for (const auto& [name, ns] : times_ns)
+      if (unit == name) {
+        if (is_share()) fail(unit_at, "late and lost are counted in messages, or in % of them");
+        return set(relative ? Gate::Limit::difference : Gate::Limit::absolute, sign * number * ns);
+      }
+    fail(unit_at,
+         fmt::format("'{}' is no unit here; there are {}", unit,
+                     is_share() ? relative ? "% (of what it was) and points (of all messages)" : "% or none"
+                     : relative ? "%, ns, us, ms, s"
+                                : "ns, us, ms, s"));
+  }
+
+  double read_number() {
+    double number = 0;
+    const auto* begin = text_.data() + at_;
+    const auto [end, error] =
+        std::from_chars(begin, text_.data() + text_.size(), number, std::chars_format::fixed);
+    if (error != std::errc{} || !std::isfinite(number) || number < 0 || number > 1e15)
+      fail(at_, "a number is needed here");
+    at_ = static_cast<std::size_t>(end - text_.data());
+    return number;
+  }
+
+  void set_count(double number, bool relative, std::size_t begin, std::size_t unit_at) {
+    if (!is_share() || relative)
+      fail(unit_at, fmt::format("a unit is needed here: {}",
+                                relative ? "%, or what the figure is in" : "ns, us, ms, s"));
+    if (number != std::floor(number)) fail(begin, "messages are counted in whole ones");
+    set(Gate::Limit::count, number);
+  }
+
+  void set_percent(double number, double sign, bool relative, std::size_t begin) {
+    if (relative) {
+      if (sign < 0 && number >= 100) fail(begin, "nothing can be less by so much");
+      return set(Gate::Limit::ratio, 1 + sign * number / 100);
+    }
+    if (!is_share())
+      fail(begin, use_ == Use::fail_if_compared ? "against another run a limit has a sign, such as +10%"
+                                                : "a time is limited by a time, such as 2 ms");
+    if (number > 100) fail(begin, "no more than 100 % can be late or lost");
+    set(Gate::Limit::absolute, number / 100);
+  }
+
+  void set(Gate::Limit kind, double limit) {
+    gate_.kind = kind;
+    gate_.limit = limit;
+  }
+
+  const std::string& text_;
+  const Use use_;
+  std::size_t at_ = 0;
+  Gate gate_;
+};
+
+}  // namespace
+
+Gate parse(const std::string& text, Use use) { return Parser(text, use).parse(); }
+
+}  // namespace ontime::gate

@@ -1,0 +1,189 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <algorithm>
+#include <cmath>
+
+#include <fmt/format.h>
+
+#include "gate/gate.hpp"
+
+namespace ontime::gate {
+namespace {
+
+using nlohmann::json;
+using statistics::Answer;
+using statistics::Figure;
+using statistics::Interval;
+using statistics::Summary;
+using Result = Judgement::Result;
+
+const json& at(const json& object, const char* key) {
+  static const json none;
+  if (!object.is_object()) return none;
+  const auto found = object.find(key);
+  return found == object.end() ? none : *found;
+}
+
+std::string text_of(const json& value) { return value.is_string() ? value.get<std::string>() : ""; }
+
+bool is_share(const Gate& gate) { return gate.figure == Figure::late || gate.figure == Figure::lost; }
+
+std::string time_of(double ns) {
+  const double size = std::abs(ns);
+  if (size >= 1e9) return fmt::format("{:.4g} s", ns / 1e9);
+  if (size >= 1e6) return fmt::format("{:.4g} ms", ns / 1e6);
+  return fmt::format("{:.4g} µs", ns / 1e3);
+}
+
+std::string value_of(const Gate& gate, double value) {
+  return is_share(gate) ? fmt::format("{:.4g} %", value * 100) : time_of(value);
+}
+
+std::string figure_of(const Gate& gate) {
+  auto figure = gate.text.substr(0, gate.text.find_first_of("<>"));
+  figure.erase(figure.find_last_not_of(" \t") + 1);
+  return figure.erase(0, figure.find_first_not_of(" \t"));
+}
+
+template <class Text>
+std::string lies(const Interval& interval, Text text) {
+  if (interval.low && interval.high)
+    return fmt::format("between {} and {}", text(*interval.low), text(*interval.high));
+  if (interval.low) return fmt::format("above {}", text(*interval.low));
+  if (interval.high) return fmt::format("below {}", text(*interval.high));
+  return "anywhere";
+}
+
+// Why a run can hold no line, or nothing.
+std::string unfit(const Summary& run) {
+  if (run.imported) return "it was imported, and has no messages";
+  if (!statistics::is_complete(run.run)) {
+    const auto error = text_of(at(run.run.outcome, "error"));
+    return error.empty() ? "it was not measured to its end" : "it failed: " + error;
+  }
+  if (run.sent == 0) return "nothing was sent";
+  const auto& dropped = at(run.run.outcome, "dropped_records");
+  if (dropped.is_number_integer() && dropped > 0)
+    return fmt::format("{} of its samples were not recorded", dropped.dump());
+  return "";
+}
+
+constexpr const char* too_few = "too few messages to tell: measure longer";
+
+Judgement judgement(const Gate& gate, std::string run, Result result, std::string says) {
+  return {result, std::move(run), gate.text, std::move(says)};
+}
+
+Judgement judge_count(const Gate& gate, const Summary& run) {
+  const auto late =
+      gate.times == statistics::Times::response ? run.late_by_response : std::optional(run.late);
+  const auto count = gate.figure == Figure::lost ? std::optional(run.lost) : late;
+  if (!count)
+    return judgement(gate, name_of(run), Result::cannot_judge, "its record does not say its deadline");
+  return judgement(gate, name_of(run),
+                   static_cast<double>(*count) > gate.limit ? Result::missed : Result::held,
+                   fmt::format("{} of {} messages", *count, run.sent));
+}
+
+// What the answer to "is the limit passed" makes of a gate.
+Judgement judge_answer(const Gate& gate, std::string run, Answer answer, const std::string& says) {
+  if (answer == Answer::yes) return judgement(gate, std::move(run), Result::missed, says);
+  return judgement(gate, std::move(run), Result::held,
+                   answer == Answer::no ? says : says + "; whether that passes the limit cannot be told");
+}
+
+}  // namespace
+
+std::string name_of(const Summary& run) {
+  auto name = name_of(Runs{&run});
+  if (const auto& repetition = at(run.run.asked, "repetition");
+      repetition.is_number_integer() && repetition > 1)
+    name += fmt::format(" ×{}", repetition.dump());
+  return fmt::format("{} (run {})", name, run.run.number);
+}
+
+std::string name_of(const Runs& runs) {
+  const auto& asked = runs.front()->run.asked;
+  auto name = text_of(at(asked, "id"));
+  for (const auto* key : {"variant", "transport"})
+    if (const auto word = text_of(at(asked, key)); !word.empty()) name += " " + word;
+  return name;
+}
+
+std::string text_of(const Judgement& judgement) {
+  const auto* const word = judgement.result == Result::held     ? "held"
+                           : judgement.result == Result::missed ? "missed"
+                                                                : "cannot judge";
+  return fmt::format("{}: {} ({}): {}", word, judgement.gate, judgement.run, judgement.says);
+}
+
+std::vector<Gate> required_of(const Summary& run) {
+  std::vector<Gate> gates;
+  const auto& required = at(run.run.asked, "require");
+  if (!required.is_array()) return gates;
+  for (const auto& text : required) {
+    try {
+      gates.push_back(parse(text_of(text), Use::require));
+    } catch (const Error&) {  // of somebody else's file
+    }
+  }
+  return gates;
+}
+
+Judgement judge_end(const Summary& run) {
+  const bool complete = statistics::is_complete(run.run);
+  return {complete ? Result::held : Result::cannot_judge, name_of(run), end, complete ? "" : unfit(run)};
+}
+
+Judgement judge(const Gate& gate, const Summary& run) {
+  if (const auto why = unfit(run); !why.empty())
+    return judgement(gate, name_of(run), Result::cannot_judge, why);
+  if (gate.kind == Gate::Limit::count) return judge_count(gate, run);
+  const auto found = statistics::measured(run, gate.times, gate.figure);
+  if (!found) return judgement(gate, name_of(run), Result::cannot_judge, "nothing was answered");
+  auto says = fmt::format("{} is {}", figure_of(gate), value_of(gate, found->value));
+  if (gate.figure == Figure::max)
+    return judgement(gate, name_of(run), found->value > gate.limit ? Result::missed : Result::held, says);
+  says += fmt::format(", surely {}", lies(found->surer, [&](double value) { return value_of(gate, value); }));
+  const auto answer = statistics::exceeds(*found, gate.limit);
+  if (answer == Answer::cannot_tell && !found->surer.high)
+    return judgement(gate, name_of(run), Result::cannot_judge, says + ": " + too_few);
+  return judge_answer(gate, name_of(run), answer, says);
+}
+
+Judgement judge(const Gate& gate, const Runs& from, const Runs& to) {
+  const auto name = name_of(to);
+  for (const auto* runs : {&from, &to})
+    for (const auto* run : *runs)
+      if (const auto why = unfit(*run); !why.empty())
+        return judgement(gate, name, Result::cannot_judge,
+                         fmt::format("{} of {}: {}", name_of(*run), runs == &from ? "A" : "B", why));
+  const auto change = statistics::change(from, to, gate.times, gate.figure);
+  if (!change) return judgement(gate, name, Result::cannot_judge, "nothing was answered");
+  const auto figure = figure_of(gate);
+  auto says =
+      fmt::format("{} went from {} to {}", figure, value_of(gate, change->from), value_of(gate, change->to));
+  if (!change->difference_lies.low)  // that it is worse could never be told
+    return judgement(gate, name, Result::cannot_judge, says + ": " + too_few);
+  if (gate.kind == Gate::Limit::difference) {
+    says += fmt::format(", surely by {}", lies(change->difference_lies, [&](double value) {
+                          return (value < 0 ? "" : "+") + value_of(gate, value);
+                        }));
+    return judge_answer(gate, name, statistics::difference_exceeds(*change, gate.limit), says);
+  }
+  if (!change->ratio) {  // of nothing, of which any more is infinitely more; or in some of the repetitions of
+                         // nothing
+    const bool worse = change->verdict == statistics::Verdict::worse;
+    const bool passes = change->to > change->from * gate.limit;
+    return judge_answer(gate, name,
+                        passes && worse ? Answer::yes
+                        : passes        ? Answer::cannot_tell
+                                        : Answer::no,
+                        says);
+  }
+  says += fmt::format(
+      " ({:+.3g} %), surely {}", (*change->ratio - 1) * 100,
+      lies(change->ratio_lies, [](double ratio) { return fmt::format("{:+.3g} %", (ratio - 1) * 100); }));
+  return judge_answer(gate, name, statistics::ratio_exceeds(*change, gate.limit), says);
+}
+
+}  // namespace ontime::gate

@@ -1,0 +1,329 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "report/comparison.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <iterator>
+#include <map>
+
+#include <fmt/format.h>
+
+#include "report/conditions.hpp"
+#include "report/runs.hpp"
+#include "report/words.hpp"
+
+namespace ontime::report {
+namespace {
+
+using nlohmann::ordered_json;
+using statistics::Figure;
+using statistics::Times;
+using statistics::Verdict;
+using Pair = Comparison::Pair;
+using Runs = Comparison::Runs;
+
+struct Row {
+  const char *name, *key;  // for people, in JSON
+  Times times;
+  Figure figure;
+  bool is_share;
+};
+constexpr Row rows[] = {{"mean", "round_trip_us.mean", Times::round_trip, Figure::mean, false},
+                        {"p50", "round_trip_us.p50", Times::round_trip, Figure::p50, false},
+                        {"p90", "round_trip_us.p90", Times::round_trip, Figure::p90, false},
+                        {"p99", "round_trip_us.p99", Times::round_trip, Figure::p99, false},
+                        {"p99.9", "round_trip_us.p99.9", Times::round_trip, Figure::p99_9, false},
+                        {"p99.99", "round_trip_us.p99.99", Times::round_trip, Figure::p99_99, false},
+                        {"max", "round_trip_us.max", Times::round_trip, Figure::max, false},
+                        {"response p99", "response_us.p99", Times::response, Figure::p99, false},
+                        {"response p99.9", "response_us.p99.9", Times::response, Figure::p99_9, false},
+                        {"response max", "response_us.max", Times::response, Figure::max, false},
+                        {"late %", "late", Times::round_trip, Figure::late, true},
+                        {"lost %", "lost", Times::round_trip, Figure::lost, true}};
+
+const char* word_of(Verdict verdict) {
+  return verdict == Verdict::better ? "better" : verdict == Verdict::worse ? "worse" : "cannot tell";
+}
+
+Runs complete(const Runs& runs) {
+  Runs result;
+  std::copy_if(runs.begin(), runs.end(), std::back_inserter(result),
+               [](const auto* run) { return statistics::is_complete(run->run); });
+  return result;
+}
+
+std::optional<statistics::Change> change_of(const Pair& pair, const Row& row) {
+  return statistics::change(complete(pair.from), complete(pair.to), row.times, row.figure);
+}
+
+// --- for people ---
+
+std::string value_of(const Row& row, double value) {
+  return row.is_share ? fmt::format("{:.4g}", value * 100) : microseconds(value);
+}
+
+std::string percent(double ratio) {
+  return fmt::format("{:+.{}f} %", (ratio - 1) * 100, std::abs(ratio - 1) < 0.1 ? 1 : 0);
+}
+
+// "-3 % … +12 %"; of what has no ratio the difference itself.
+std::string lies(const Row& row, const statistics::Change& change) {
+  const auto ends = [](const auto& low, const auto& high, auto text) {
+    if (!low && !high) return std::string(nothing);
+    return fmt::format("{} … {}", low ? text(*low) : "", high ? text(*high) : "");
+  };
+  if (change.ratio)
+    return ends(change.ratio_lies.low == 0 ? std::nullopt : change.ratio_lies.low, change.ratio_lies.high,
+                percent);
+  return ends(change.difference_lies.low, change.difference_lies.high,
+              [&](double value) { return (value < 0 ? "" : "+") + value_of(row, value); });
+}
+
+std::string many(std::size_t runs) { return fmt::format("{} run{}", runs, runs == 1 ? "" : "s"); }
+
+std::string list_of(const std::vector<Difference>& differences) {
+  std::vector<std::string> parts;
+  for (const auto& [what, from, to] : differences)
+    parts.push_back(fmt::format("{}: {} → {}", what, from, to));
+  return join(parts, "; ");
+}
+
+Table table_of(const Pair& pair) {
+  const Group all{pair.from.front(), pair.to.front()};
+  Table table{gate::name_of(pair.to),
+              join(shared_conditions(all), ", "),
+              {{"Round trip (µs)", Column::Align::left}},
+              {},
+              {}};
+  for (const auto* name : {"A", "B", "Change", "surely within"}) table.columns.push_back({name});
+  table.columns.push_back({"B is", Column::Align::left});
+  for (const auto& row : rows) {
+    const auto change = change_of(pair, row);
+    if (!change) continue;
+    const bool unbounded = !change->difference_lies.low && !change->difference_lies.high;
+    table.rows.push_back(
+        {row.name, value_of(row, change->from), value_of(row, change->to),
+         change->ratio ? percent(*change->ratio) : nothing, lies(row, *change),
+         unbounded && change->from != change->to ? "cannot tell" : word_of(change->verdict)});
+    if (change->from == change->to && change->to == 0) table.rows.back().back() = "the same";
+  }
+  if (table.rows.empty())
+    table.notes.push_back("neither nor: nothing was answered, or it was not measured to its end");
+  table.notes.insert(table.notes.begin(),
+                     fmt::format("A: {}; B: {}", many(pair.from.size()), many(pair.to.size())));
+  for (const auto* runs : {&pair.from, &pair.to})
+    for (const auto* run : *runs)
+      if (!statistics::is_complete(run->run))
+        table.notes.push_back(fmt::format("left out: {} of {}, not measured to its end", gate::name_of(*run),
+                                          runs == &pair.from ? "A" : "B"));
+  if (const auto text = list_of(differences(pair.from, pair.to)); !text.empty())
+    table.notes.push_back("not the same (A → B): " + text);
+  return table;
+}
+
+// Of what was imported, whose order in time nobody knows.
+Table imported_table_of(const Pair& pair) {
+  Table table{gate::name_of(pair.to),
+              "imported: waking up; no interval can be given, and so nothing told",
+              {{"Wake-up (µs)", Column::Align::left}, {"A"}, {"B"}},
+              {},
+              {}};
+  const auto value = [](const statistics::Summary& run, std::int64_t ns) {
+    return (run.imported->is_lower_bound(ns) ? "≥" : "") + microseconds(static_cast<double>(ns));
+  };
+  const auto& from = *pair.from.front();
+  const auto& to = *pair.to.front();
+  const std::pair<const char*, std::int64_t statistics::Distribution::*> figures[] = {
+      {"p50", &statistics::Distribution::p50},
+      {"p90", &statistics::Distribution::p90},
+      {"p99", &statistics::Distribution::p99},
+      {"p99.9", &statistics::Distribution::p99_9},
+      {"p99.99", &statistics::Distribution::p99_99}};
+  for (const auto& [name, figure] : figures)
+    table.rows.push_back({name, value(from, from.wake_up.*figure), value(to, to.wake_up.*figure)});
+  table.rows.push_back({"max", microseconds(static_cast<double>(from.wake_up.max)),
+                        microseconds(static_cast<double>(to.wake_up.max))});
+  if (pair.from.size() + pair.to.size() > 2) table.notes.push_back("shown is the first of each side");
+  if (const auto text = list_of(differences(pair.from, pair.to)); !text.empty())
+    table.notes.push_back("not the same (A → B): " + text);
+  return table;
+}
+
+bool is_imported(const Pair& pair) { return pair.from.front()->imported && pair.to.front()->imported; }
+
+std::string list_of(const std::vector<Runs>& groups) {
+  std::vector<std::string> names;
+  for (const auto& group : groups)
+    names.push_back(fmt::format("{} ({})", gate::name_of(group), many(group.size())));
+  return join(names, "; ");
+}
+
+const char* word_of(gate::Judgement::Result result) {
+  using Result = gate::Judgement::Result;
+  return result == Result::held ? "held" : result == Result::missed ? "missed" : "cannot judge";
+}
+
+// --- for programs ---
+
+ordered_json optional(const std::optional<double>& value, double unit) {
+  return value ? ordered_json(*value / unit) : ordered_json();
+}
+
+ordered_json json_of(const Row& row, const statistics::Change& change) {
+  const double unit = row.is_share ? 1 : 1e3;
+  return {{"figure", row.key},
+          {"from", change.from / unit},
+          {"to", change.to / unit},
+          {"difference", (change.to - change.from) / unit},
+          {"difference_low", optional(change.difference_lies.low, unit)},
+          {"difference_high", optional(change.difference_lies.high, unit)},
+          {"ratio", optional(change.ratio, 1)},
+          {"ratio_low", optional(change.ratio_lies.low, 1)},
+          {"ratio_high", optional(change.ratio_lies.high, 1)},
+          {"verdict", word_of(change.verdict)}};
+}
+
+ordered_json runs_json_of(const Runs& runs) {
+  auto numbers = ordered_json::array();
+  for (const auto* run : runs) numbers.push_back(run->run.number);
+  const auto& first = runs.front()->run;
+  return {{"key", first.key},
+          {"id", at(first.asked, "id")},
+          {"variant", at(first.asked, "variant")},
+          {"transport", at(first.asked, "transport")},
+          {"runs", numbers}};
+}
+
+ordered_json json_of(const Pair& pair) {
+  auto figures = ordered_json::array();
+  for (const auto& row : rows)
+    if (const auto change = change_of(pair, row)) figures.push_back(json_of(row, *change));
+  auto not_the_same = ordered_json::array();
+  for (const auto& [what, from, to] : differences(pair.from, pair.to))
+    not_the_same.push_back({{"what", what}, {"from", from}, {"to", to}});
+  return {{"from", runs_json_of(pair.from)},
+          {"to", runs_json_of(pair.to)},
+          {"figures", figures},
+          {"not_the_same", not_the_same}};
+}
+
+// What a spreadsheet has in its cells.
+std::string cell_of(const ordered_json& value) {
+  return value.is_null()     ? ""
+         : value.is_string() ? value.get<std::string>()
+                             : value.dump(-1, ' ', false, ordered_json::error_handler_t::replace);
+}
+
+Runs pointers_to(const Summaries& summaries) {
+  Runs all;
+  for (const auto& summary : summaries) all.push_back(&summary);
+  return all;
+}
+
+// In the order of their first ones.
+template <class Key>
+Comparison compare_by(const Runs& a, const Runs& b, Key key_of) {
+  std::vector<std::string> order;
+  std::map<std::string, Pair> found;
+  const auto add = [&](const Runs& runs, Runs Pair::*side) {
+    for (const auto* run : runs) {
+      const auto key = key_of(*run);
+      if (!found.contains(key)) order.push_back(key);
+      (found[key].*side).push_back(run);
+    }
+  };
+  add(a, &Pair::from);
+  add(b, &Pair::to);
+  Comparison comparison;
+  for (const auto& key : order) {
+    const auto& pair = found.at(key);
+    if (pair.to.empty())
+      comparison.only_from.push_back(pair.from);
+    else if (pair.from.empty())
+      comparison.only_to.push_back(pair.to);
+    else
+      comparison.pairs.push_back(pair);
+  }
+  return comparison;
+}
+
+}  // namespace
+
+Comparison compare(const Summaries& a, const Summaries& b) {
+  return compare_by(pointers_to(a), pointers_to(b), [](const auto& summary) { return summary.run.key; });
+}
+
+Comparison compare_chosen(const Summaries& a, const Summaries& b) {
+  const auto key_of = [](const statistics::Summary& summary) {
+    auto key = nlohmann::json::array();
+    for (const auto* name :
+         {"transport", "component_transport", "options", "component_options", "receive", "variant", "thread"})
+      key.push_back(at(summary.run.asked, name));
+    return key.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace);
+  };
+  auto comparison = compare_by(pointers_to(a), pointers_to(b), key_of);
+  if (comparison.pairs.empty() && comparison.only_from.size() == 1 && comparison.only_to.size() == 1) {
+    comparison.pairs.push_back({comparison.only_from.front(), comparison.only_to.front()});
+    comparison.only_from.clear();
+    comparison.only_to.clear();
+  }
+  return comparison;
+}
+
+Page page_of(const Comparison& comparison, const std::vector<gate::Judgement>& judgements) {
+  Page page;
+  for (const auto& pair : comparison.pairs)
+    page.tables.push_back(is_imported(pair) ? imported_table_of(pair) : table_of(pair));
+  if (!comparison.only_from.empty()) page.notes.push_back("In A only: " + list_of(comparison.only_from));
+  if (!comparison.only_to.empty()) page.notes.push_back("In B only: " + list_of(comparison.only_to));
+  if (comparison.pairs.empty()) page.notes.push_back("No run of A has the same conditions as one of B.");
+  for (const auto& judgement : judgements) page.notes.push_back(gate::text_of(judgement));
+  if (!page.tables.empty())
+    page.legend =
+        "The true change lies surely within, with 98 % confidence, whatever bursts there were. Cannot tell: "
+        "what was "
+        "measured may be chance.";
+  return page;
+}
+
+ordered_json json_of(const Comparison& comparison, const std::vector<gate::Judgement>& judgements) {
+  ordered_json result = {{"ontime", ONTIME_VERSION}};
+  const auto list = [](const auto& all, auto to_json) {
+    auto array = ordered_json::array();
+    for (const auto& one : all) array.push_back(to_json(one));
+    return array;
+  };
+  result["pairs"] = list(comparison.pairs, [](const Pair& pair) { return json_of(pair); });
+  result["only_from"] = list(comparison.only_from, runs_json_of);
+  result["only_to"] = list(comparison.only_to, runs_json_of);
+  result["gates"] = list(judgements, [](const gate::Judgement& judgement) {
+    return ordered_json{{"gate", judgement.gate},
+                        {"run", judgement.run},
+                        {"result", word_of(judgement.result)},
+                        {"says", judgement.says}};
+  });
+  return result;
+}
+
+std::string csv_of(const Comparison& comparison) {
+  std::vector<std::string> header = {"id",     "variant",   "transport", "key_from",
+                                     "key_to", "runs_from", "runs_to"};
+  std::vector<std::vector<std::string>> lines;
+  for (const auto& pair : comparison.pairs)
+    for (const auto& row : rows) {
+      const auto change = change_of(pair, row);
+      if (!change) continue;
+      const auto figures = json_of(row, *change);
+      const auto from = runs_json_of(pair.from), to = runs_json_of(pair.to);
+      lines.push_back({cell_of(to.at("id")), cell_of(to.at("variant")), cell_of(to.at("transport")),
+                       cell_of(from.at("key")), cell_of(to.at("key")), std::to_string(pair.from.size()),
+                       std::to_string(pair.to.size())});
+      for (const auto& [name, value] : figures.items()) {
+        if (lines.size() == 1) header.push_back(name);
+        lines.back().push_back(cell_of(value));
+      }
+    }
+  return as_csv(header, lines);
+}
+
+}  // namespace ontime::report

@@ -1,0 +1,73 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <fmt/format.h>
+
+#include "report/runs.hpp"
+#include "report/words.hpp"
+
+namespace ontime::report {
+namespace {
+
+using statistics::Summary;
+
+std::string label_of(const Summary& summary) {
+  const auto variant = word(at(summary.run.asked, "variant"));
+  return fmt::format("{} ({})", variant, shortened(word(summary.imported->file), 40));
+}
+
+std::string known(const Summary& summary, std::int64_t ns, std::uint64_t one_in) {
+  if (summary.imported->is_lower_bound(ns)) return "≥" + microseconds(static_cast<double>(ns));
+  return percentile(summary.wake_up, ns, one_in);
+}
+
+std::string source_of(const Summary& summary) {
+  const auto& imported = *summary.imported;
+  auto text = fmt::format("{}: imported from {} ({})", label_of(summary), imported.file, imported.from);
+  if (const auto& started = at(at(summary.run.asked, "imported"), "start_time"); started.is_string())
+    text += ", of " + word(started);
+  if (const auto& command = at(at(summary.run.asked, "imported"), "cmdline"); command.is_string())
+    text += fmt::format(", `{}`", word(command));
+  if (imported.beyond > 0)
+    text += fmt::format("; {} of its values are only known to be {} µs or more", imported.beyond,
+                        microseconds(static_cast<double>(imported.beyond_from_ns)));
+  return text;
+}
+
+}  // namespace
+
+Table imported_table_of(const std::vector<const Summary*>& group) {
+  Table table{
+      word(at(group.front()->run.asked, "id")),
+      "imported: waking up, not round trips; how often each value was seen, and not when, so that nothing "
+      "is known of bursts, and no interval can be given",
+      {{"Wake-up (µs)", Column::Align::left}},
+      {},
+      {}};
+  for (const auto* name : {"Min", "Avg", "p50", "p90", "p99", "p99.9", "p99.99", "Max", "Values"})
+    table.columns.push_back({name});
+  for (const auto* summary : group) {
+    const auto& of = summary->wake_up;
+    table.rows.push_back({label_of(*summary), microseconds(static_cast<double>(of.min)),
+                          microseconds(of.mean), known(*summary, of.p50, 2), known(*summary, of.p90, 10),
+                          known(*summary, of.p99, 100), known(*summary, of.p99_9, 1000),
+                          known(*summary, of.p99_99, 10000), microseconds(static_cast<double>(of.max)),
+                          std::to_string(of.count)});
+    table.notes.push_back(source_of(*summary));
+  }
+  return table;
+}
+
+nlohmann::ordered_json imported_json_of(const Summary& summary) {
+  if (!summary.imported) return nullptr;
+  const auto& imported = *summary.imported;
+  nlohmann::ordered_json result = {{"from", imported.from}, {"file", imported.file}};
+  for (const auto* key : {"cmdline", "start_time"}) result[key] = at(at(summary.run.asked, "imported"), key);
+  result["values"] = summary.wake_up.count;
+  result["beyond"] = imported.beyond;
+  result["beyond_from_us"] = imported.beyond == 0
+                                 ? nlohmann::ordered_json()
+                                 : nlohmann::ordered_json(static_cast<double>(imported.beyond_from_ns) / 1e3);
+  result["resolution_us"] = static_cast<double>(imported.resolution_ns) / 1e3;
+  return result;
+}
+
+}  // namespace ontime::report

@@ -1,0 +1,163 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <iterator>
+#include <optional>
+
+#include <fmt/format.h>
+
+#include "report/page.hpp"
+#include "report/report.hpp"
+#include "report/words.hpp"
+
+namespace ontime::report {
+namespace {
+
+using roundtrip::Fate;
+using roundtrip::Sample;
+
+constexpr std::size_t enough = 1 << 16;  // bytes, to be written at once
+
+constexpr const char* columns[] = {"run",
+                                   "id",
+                                   "transport",
+                                   "repetition",
+                                   "message",
+                                   "fate",
+                                   "intended_ns",
+                                   "due_ns",
+                                   "woke_ns",
+                                   "sent_ns",
+                                   "received_ns",
+                                   "server_received_ns",
+                                   "server_sent_ns",
+                                   "skipped_cycles",
+                                   "passed_wake_ns",
+                                   "wake_up_us",
+                                   "round_trip_us",
+                                   "response_us",
+                                   "server_us"};
+
+const char* word_of(Fate fate) {
+  return fate == Fate::on_time ? "on time" : fate == Fate::late ? "late" : "lost";
+}
+
+// A line of the file: its form is all that the formats differ in.
+class Line {
+ public:
+  Line(SampleFormat format, const record::Run& run)
+      : json_(format == SampleFormat::jsonl), has_cycles_(at(run.asked, "schedule") != "back-to-back") {
+    std::vector<std::string> texts;
+    for (const auto* key : {"id", "transport", "repetition"}) texts.push_back(text_of(at(run.asked, key)));
+    const auto number = std::to_string(run.number);
+    if (json_)
+      run_ = fmt::format(R"({{"run":{},"id":{},"transport":{},"repetition":{},"message":)", number, texts[0],
+                         texts[1], texts[2]);
+    else
+      run_ = as_csv({number, texts[0], texts[1], texts[2]}, {});
+    if (!json_) run_.back() = ',';
+  }
+
+  void add(fmt::memory_buffer& out, const Sample& sample, std::int64_t start_ns) {
+    const auto after_start = [&](std::int64_t ns) { return between(start_ns, ns); };
+    std::optional<std::int64_t> received, round_trip, response, wake_up, server_received, server_sent, server;
+    if (sample.fate != Fate::lost) {
+      received = after_start(sample.received_ns);
+      round_trip = between(sample.sent_ns, sample.received_ns);
+      response = between(sample.intended_ns, sample.received_ns);
+    }
+    if (has_cycles_) wake_up = between(sample.due_ns, sample.woke_ns);
+    if (sample.server_received_ns != 0) server_received = sample.server_received_ns;
+    if (sample.server_sent_ns != 0) server_sent = sample.server_sent_ns;
+    if (server_received && server_sent) server = between(*server_received, *server_sent);
+
+    out.append(run_);
+    fmt::format_to(std::back_inserter(out), "{}", sample.index);
+    column_ = first_column;
+    if (json_)
+      fmt::format_to(std::back_inserter(out), R"(,"fate":"{}")", word_of(sample.fate));
+    else
+      fmt::format_to(std::back_inserter(out), ",{}", word_of(sample.fate));
+    for (const auto ns : {sample.intended_ns, sample.due_ns, sample.woke_ns, sample.sent_ns})
+      add(out, after_start(ns));
+    for (const auto& ns : {received, server_received, server_sent}) add(out, ns);
+    add(out, sample.skipped_cycles);
+    add(out, sample.passed_wake_ns);
+    for (const auto& ns : {wake_up, round_trip, response, server}) add_us(out, ns);
+    out.append(std::string_view(json_ ? "}\n" : "\n"));
+  }
+
+ private:
+  static constexpr std::size_t first_column = 6;  // that is a number of this sample
+
+  std::string text_of(const nlohmann::json& value) const {
+    // As ASCII, as all our JSON.
+    if (json_) return value.dump(-1, ' ', true, nlohmann::json::error_handler_t::replace);
+    return value.is_null() ? "" : word(value);
+  }
+
+  // Times of a damaged file may be any numbers.
+  static std::int64_t between(std::int64_t earlier, std::int64_t later) {
+    return static_cast<std::int64_t>(static_cast<std::uint64_t>(later) - static_cast<std::uint64_t>(earlier));
+  }
+
+  void begin(fmt::memory_buffer& out) {
+    if (json_)
+      fmt::format_to(std::back_inserter(out), R"(,"{}":)", columns[column_++]);
+    else
+      out.push_back(',');
+  }
+  void add(fmt::memory_buffer& out, const std::optional<std::int64_t>& value) {
+    begin(out);
+    if (value)
+      fmt::format_to(std::back_inserter(out), "{}", *value);
+    else
+      add_nothing(out);
+  }
+  void add_us(fmt::memory_buffer& out, const std::optional<std::int64_t>& ns) {
+    begin(out);
+    if (ns)
+      fmt::format_to(std::back_inserter(out), "{}{}.{:03}", *ns < 0 ? "-" : "", magnitude(*ns) / 1000,
+                     magnitude(*ns) % 1000);
+    else
+      add_nothing(out);
+  }
+  static std::uint64_t magnitude(std::int64_t ns) {
+    return ns < 0 ? -static_cast<std::uint64_t>(ns) : static_cast<std::uint64_t>(ns);
+  }
+  void add_nothing(fmt::memory_buffer& out) const {
+    if (json_) out.append(std::string_view("null"));
+  }
+
+  const bool json_, has_cycles_;
+  std::string run_;  // what all lines of a run begin with
+  std::size_t column_ = first_column;
+};
+
+}  // namespace
+
+std::optional<SampleFormat> sample_format_of(const std::string& word) {
+  if (word == "csv") return SampleFormat::csv;
+  if (word == "jsonl") return SampleFormat::jsonl;
+  return std::nullopt;
+}
+
+void export_samples(const record::Reader& reader, const std::vector<record::Run>& runs, SampleFormat format,
+                    const std::function<void(std::string_view)>& write) {
+  fmt::memory_buffer out;
+  const auto hand_over = [&] {
+    write({out.data(), out.size()});
+    out.clear();
+  };
+  if (format == SampleFormat::csv) out.append(as_csv({std::begin(columns), std::end(columns)}, {}));
+  for (const auto& run : runs) {
+    Line line(format, run);
+    std::optional<std::int64_t> start_ns;
+    reader.each_sample(run.number, [&](const Sample& sample) {
+      if (!start_ns) start_ns = sample.intended_ns;
+      line.add(out, sample, *start_ns);
+      if (out.size() >= enough) hand_over();
+    });
+  }
+  hand_over();
+}
+
+}  // namespace ontime::report

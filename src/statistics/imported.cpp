@@ -1,0 +1,98 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "statistics/imported.hpp"
+
+#include <utility>
+
+#include <fmt/format.h>
+
+#include "statistics/member.hpp"
+
+namespace ontime::statistics {
+namespace {
+
+using nlohmann::json;
+
+constexpr std::int64_t most_ns = std::int64_t{1} << 60;
+constexpr std::uint64_t most_seen = std::uint64_t{1} << 53U;
+
+class Counted {
+ public:
+  explicit Counted(const record::Run& run) : run_(run.number), of_(member(run.outcome, "histogram")) {
+    beyond_ = static_cast<std::uint64_t>(whole(member(of_, "beyond")));
+    beyond_from_ns_ = whole(member(of_, "beyond_from_ns"));
+    max_ns_ = whole(member(of_, "max_ns"));
+    if (beyond_ > most_seen || (beyond_ > 0 && beyond_from_ns_ > max_ns_)) wrong();
+    seen_ = beyond_;
+    const auto& values = member(of_, "values");
+    if (!values.is_array() || values.empty()) wrong();
+    for (const auto& value : values) add(value);
+    if (beyond_ > 0 ? values_.back().first >= beyond_from_ns_ : values_.back().first != max_ns_) wrong();
+    if (!member(of_, "mean_ns").is_number()) wrong();
+  }
+
+  Distribution distribution() const {
+    Distribution of;
+    of.count = seen_;
+    of.min = values_.front().first;
+    of.p50 = at(50, 100);
+    of.p90 = at(90, 100);
+    of.p99 = at(99, 100);
+    of.p99_9 = at(999, 1000);
+    of.p99_99 = at(9999, 10000);
+    of.max = max_ns_;
+    of.mean = member(of_, "mean_ns").get<double>();
+    return of;
+  }
+  std::uint64_t beyond() const { return beyond_; }
+  std::int64_t beyond_from_ns() const { return beyond_from_ns_; }
+
+ private:
+  [[noreturn]] void wrong() const {
+    throw record::WrongFile(fmt::format(
+        "run {} was imported, and its histogram is not as `ontime import` writes it: the file is damaged.",
+        run_));
+  }
+  std::int64_t whole(const json& value) const {
+    const auto number = integer_of(value);
+    if (!number || *number < 0 || *number > most_ns) wrong();
+    return *number;
+  }
+  void add(const json& value) {
+    if (!value.is_array() || value.size() != 2) wrong();
+    const auto ns = whole(value[0]);
+    const auto count = static_cast<std::uint64_t>(whole(value[1]));
+    if (count == 0 || count > most_seen || (seen_ += count) > most_seen) wrong();
+    if (!values_.empty() && ns <= values_.back().first) wrong();
+    values_.emplace_back(ns, count);
+  }
+  std::int64_t at(std::uint64_t part, std::uint64_t whole) const {
+    const auto rank = seen_ / whole * part + (seen_ % whole * part + whole - 1) / whole;
+    if (rank == seen_) return max_ns_;
+    std::uint64_t below = 0;
+    for (const auto& [ns, count] : values_)
+      if ((below += count) >= rank) return ns;
+    return beyond_from_ns_;
+  }
+
+  const std::int64_t run_;
+  const json& of_;
+  std::vector<std::pair<std::int64_t, std::uint64_t>> values_;
+  std::uint64_t seen_ = 0, beyond_ = 0;
+  std::int64_t beyond_from_ns_ = 0, max_ns_ = 0;
+};
+
+}  // namespace
+
+bool is_imported(const record::Run& run) { return member(run.asked, "imported").is_object(); }
+
+void summarise_imported(Summary& summary) {
+  const Counted histogram(summary.run);
+  const auto& imported = member(summary.run.asked, "imported");
+  summary.wake_up = histogram.distribution();
+  summary.imported =
+      Imported{text_of(member(imported, "from")), text_of(member(imported, "file")),
+               positive_ns(member(member(summary.run.outcome, "histogram"), "unit_ns"), 1).value_or(0),
+               histogram.beyond(), histogram.beyond_from_ns()};
+}
+
+}  // namespace ontime::statistics

@@ -1,0 +1,13 @@
+// SPDX-License-Identifier: Apache-2.0
+// Runs that have a histogram in place of samples.
+#pragma once
+
+#include "statistics/statistics.hpp"
+
+namespace ontime::statistics {
+
+bool is_imported(const record::Run&);
+// From `outcome.histogram`. Throws record::WrongFile if that is not as `ontime import` writes it.
+void summarise_imported(Summary&);
+
+}  // namespace ontime::statistics

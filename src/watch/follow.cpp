@@ -1,0 +1,106 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <algorithm>
+#include <deque>
+#include <utility>
+
+#include "watch/watch.hpp"
+
+namespace ontime::watch {
+namespace {
+
+using roundtrip::Fate;
+using roundtrip::Sample;
+
+constexpr std::int64_t may_change_ns =
+    2'000'000'000;  // for so long a lost message may prove to have been answered
+constexpr std::size_t most_worst = 3;
+
+std::optional<double> duration_of(const record::Run& run) {
+  const auto found = run.asked.is_object() ? run.asked.find("duration_s") : run.asked.end();
+  if (!run.asked.is_object() || found == run.asked.end() || !found->is_number()) return {};
+  return found->get<double>();
+}
+
+}  // namespace
+
+// What does not change any more, and from which message on it may.
+class Follower::Course {
+ public:
+  void add(const Sample& sample) {
+    ++sent;
+    skipped_cycles += sample.skipped_cycles;
+    if (sample.fate == Fate::lost) {
+      ++lost;
+      return;
+    }
+    ++(sample.fate == Fate::late ? late : on_time);
+    const auto response_ns = sample.received_ns - sample.intended_ns;
+    round_trip.add(sample.received_ns - sample.sent_ns);
+    response_max_ns = std::max(response_max_ns, response_ns);
+    if (worst.size() == most_worst && response_ns <= worst.back().response_ns) return;
+    worst.push_back({sample.index, static_cast<double>(sample.intended_ns - *start_ns) / 1e9,
+                     sample.received_ns - sample.sent_ns, response_ns});
+    std::stable_sort(worst.begin(), worst.end(), [](const Worst& one, const Worst& other) {
+      return one.response_ns > other.response_ns;
+    });
+    if (worst.size() > most_worst) worst.pop_back();
+  }
+
+  std::uint64_t sent = 0, on_time = 0, late = 0, lost = 0, skipped_cycles = 0;
+  Buckets round_trip;
+  std::int64_t response_max_ns = 0;
+  std::vector<Worst> worst;
+  std::optional<std::int64_t> start_ns;
+  std::uint64_t next = 0;
+};
+
+Follower::Follower(std::string results) : results_(std::move(results)), course_(std::make_unique<Course>()) {}
+Follower::~Follower() = default;
+
+void Follower::begin(const record::Run& run) {
+  *course_ = Course();
+  progress_ = {};
+  progress_.run = run;
+  progress_.duration_s = duration_of(run);
+}
+
+const Progress& Follower::look() {
+  const bool is_written =
+      record::is_being_written(results_);  // before it is read: what ends meanwhile is seen next time
+  const record::Reader reader(results_);
+  const auto runs = reader.runs(std::max<std::int64_t>(progress_.run.number, 1));
+  if (!runs.empty() && runs.back().number != progress_.run.number) begin(runs.back());
+  if (!runs.empty()) progress_.run = runs.back();
+
+  // What is settled is added for good, the newest anew each time.
+  auto& settled = *course_;
+  std::deque<Sample> unsettled;
+  if (progress_.run.number > 0)
+    reader.each_sample(progress_.run.number, settled.next, [&](const Sample& sample) {
+      if (!settled.start_ns) settled.start_ns = sample.intended_ns;
+      unsettled.push_back(sample);
+      for (; unsettled.front().intended_ns < sample.intended_ns - may_change_ns; unsettled.pop_front()) {
+        settled.add(unsettled.front());
+        settled.next = unsettled.front().index + 1;
+      }
+    });
+  auto newest = settled;
+  for (const auto& sample : unsettled) newest.add(sample);
+  if (!unsettled.empty())
+    progress_.elapsed_s = static_cast<double>(unsettled.back().intended_ns - *settled.start_ns) / 1e9;
+  progress_.sent = newest.sent;
+  progress_.on_time = newest.on_time;
+  progress_.late = newest.late;
+  progress_.lost = newest.lost;
+  progress_.skipped_cycles = newest.skipped_cycles;
+  progress_.round_trip = newest.round_trip;
+  progress_.response_max_ns = newest.response_max_ns;
+  progress_.worst = newest.worst;
+  const bool under_way = progress_.run.outcome.is_null() && newest.sent > 0;
+  progress_.state = !is_written ? Progress::State::ended
+                    : under_way ? Progress::State::measuring
+                                : Progress::State::waiting;
+  return progress_;
+}
+
+}  // namespace ontime::watch

@@ -1,0 +1,102 @@
+// SPDX-License-Identifier: Apache-2.0
+// Following a measurement while it runs, by reading its results file: another process does it, which never
+// touches what measures. Ordinary thread.
+#pragma once
+
+#include <array>
+#include <chrono>
+#include <cstdint>
+#include <memory>
+#include <optional>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "record/record.hpp"
+
+namespace ontime::watch {
+
+// How many values are at most so large: 1, 2, 5, 10 … µs to 10 s, and what is above.
+class Buckets {
+ public:
+  static constexpr std::size_t size = 23;
+  // The last one's is the greatest number there is.
+  static std::int64_t upper_ns(std::size_t bucket);
+  void add(std::int64_t ns);
+  const std::array<std::uint64_t, size>& counts() const { return counts_; }
+  std::uint64_t count() const { return count_; }
+  std::int64_t min_ns() const { return min_ns_; }  // of none 0, as the others
+  std::int64_t max_ns() const { return max_ns_; }
+  double sum_ns() const { return sum_ns_; }
+
+ private:
+  std::array<std::uint64_t, size> counts_{};
+  std::uint64_t count_ = 0;
+  std::int64_t min_ns_ = 0, max_ns_ = 0;
+  double sum_ns_ = 0;
+};
+
+struct Worst {
+  std::uint64_t message;
+  double at_s;  // when it was due, after the run's first
+  std::int64_t round_trip_ns, response_ns;
+};
+
+// A run as far as it is recorded.
+struct Progress {
+  enum class State {
+    waiting,  // ontime has the file, and between two runs, or before the first message of one
+    measuring,
+    ended,  // nobody writes into the file any more
+  } state = State::ended;
+  record::Run run;  // the newest; number 0: there is none yet
+  std::uint64_t sent = 0, on_time = 0, late = 0, lost = 0, skipped_cycles = 0;
+  Buckets round_trip;  // of messages that were answered
+  std::int64_t response_max_ns = 0;
+  std::vector<Worst> worst;          // by response, the longest first; at most 3
+  double elapsed_s = 0;              // from the first message to the newest
+  std::optional<double> duration_s;  // as asked
+};
+
+// Reads what is new each time. The file is open only while it is read, so that whoever writes it can close it
+// as one file. What was given up as lost, and proves to have been answered in time, is counted right if that
+// is known within two seconds; the report counts all of it right.
+class Follower {
+ public:
+  explicit Follower(std::string results);
+  ~Follower();
+  const Progress& look();  // throws record::Error
+
+ private:
+  class Course;
+  void begin(const record::Run&);
+  const std::string results_;
+  std::unique_ptr<Course> course_;
+  Progress progress_;
+};
+
+// Several lines for a terminal, each ended.
+std::string text_of(const Progress&);
+// One line of JSON: docs/json.md.
+std::string json_of(const Progress&);
+// Prometheus's text format, version 0.0.4.
+std::string metrics_of(const Progress&);
+
+// Offers the newest metrics at http://ADDRESS:PORT/metrics, to a few at a time, each within two seconds.
+class Metrics {
+ public:
+  // "127.0.0.1:9464", "[::1]:9464", or a port on loopback. Throws std::invalid_argument if it is no address,
+  // std::runtime_error if it cannot be had.
+  explicit Metrics(const std::string& address);
+  ~Metrics();
+  std::string address() const;  // as it is bound
+  void set(std::string text);
+  void serve_for(
+      std::chrono::milliseconds);  // answers whoever asks meanwhile; returns when that time is over
+
+ private:
+  class Server;
+  std::unique_ptr<Server> server_;
+};
+
+}  // namespace ontime::watch

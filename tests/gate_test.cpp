@@ -1,0 +1,257 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "gate/gate.hpp"
+
+#include <limits>
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+namespace ontime::gate {
+namespace {
+
+using nlohmann::json;
+using statistics::Figure;
+using statistics::Measured;
+using statistics::Summary;
+using statistics::Times;
+using ::testing::HasSubstr;
+using Result = Judgement::Result;
+
+std::string error_of(const std::string& text, Use use = Use::fail_if_compared) {
+  try {
+    parse(text, use);
+  } catch (const Error& error) {
+    return error.what();
+  }
+  return "no error";
+}
+
+TEST(Parse, KnowsEveryFigureAndUnit) {
+  const auto gate = parse("p99.9 > 2 ms", Use::fail_if);
+  EXPECT_EQ(gate.figure, Figure::p99_9);
+  EXPECT_EQ(gate.times, Times::round_trip);
+  EXPECT_EQ(gate.kind, Gate::Limit::absolute);
+  EXPECT_DOUBLE_EQ(gate.limit, 2e6);
+  const std::pair<const char*, Figure> figures[] = {
+      {"mean", Figure::mean},   {"p50", Figure::p50},       {"p90", Figure::p90}, {"p99", Figure::p99},
+      {"p99.9", Figure::p99_9}, {"p99.99", Figure::p99_99}, {"max", Figure::max}};
+  for (const auto& [name, figure] : figures)
+    EXPECT_EQ(parse(std::string(name) + ">1us", Use::fail_if).figure, figure) << name;
+  const std::pair<const char*, double> units[] = {
+      {"ns", 1}, {"us", 1e3}, {"µs", 1e3}, {"ms", 1e6}, {"s", 1e9}};
+  for (const auto& [unit, ns] : units)
+    EXPECT_DOUBLE_EQ(parse(std::string("max > 1.5") + unit, Use::fail_if).limit, 1.5 * ns) << unit;
+}
+
+TEST(Parse, CountsAndShares) {
+  EXPECT_EQ(parse("late > 0", Use::fail_if).kind, Gate::Limit::count);
+  const auto share = parse("lost > 0.1%", Use::fail_if);
+  EXPECT_EQ(share.kind, Gate::Limit::absolute);
+  EXPECT_DOUBLE_EQ(share.limit, 0.001);
+  EXPECT_EQ(parse("response late > 3", Use::fail_if).times, Times::response);
+}
+
+TEST(Parse, Changes) {
+  const auto ratio = parse("p99.9 > +10%", Use::fail_if_compared);
+  EXPECT_EQ(ratio.kind, Gate::Limit::ratio);
+  EXPECT_DOUBLE_EQ(ratio.limit, 1.1);
+  EXPECT_DOUBLE_EQ(parse("p50 > -5 %", Use::fail_if_compared).limit, 0.95);
+  const auto difference = parse("response p99 > +500 us", Use::fail_if_compared);
+  EXPECT_EQ(difference.kind, Gate::Limit::difference);
+  EXPECT_DOUBLE_EQ(difference.limit, 5e5);
+  const auto points = parse("late > +0.5 points", Use::fail_if_compared);
+  EXPECT_EQ(points.kind, Gate::Limit::difference);
+  EXPECT_DOUBLE_EQ(points.limit, 0.005);
+}
+
+TEST(Parse, SaysInWhichColumnWhatIsWrong) {
+  const std::pair<const char*, const char*> cases[] = {
+      {"", "column 1: nothing is no figure"},
+      {"p98 > 2 ms", "column 1: 'p98' is no figure"},
+      {"min > 2 ms", "column 1: 'min' is no figure"},
+      {"  response p1", "column 12: 'p1' is no figure"},
+      {"response lost > 1", "column 10: a lost message has no response"},
+      {"p99", "column 4: here stands no comparison"},
+      {"p99 < 2 ms", "column 5: here stands '<'"},
+      {"p99 >= 2 ms", "column 5: here stands '>='"},
+      {"p99 <= 2 ms", "column 5: here stands '<='"},
+      {"p99 > ", "column 7: a number is needed"},
+      {"p99 > x ms", "column 7: a number is needed"},
+      {"p99 > nan ms", "column 7: a number is needed"},
+      {"p99 > inf ms", "column 7: a number is needed"},
+      {"p99 > --1 ms", "column 8: a number is needed"},
+      {"p99 > 1e99 ms", "column 8: 'e99' is no unit"},
+      {"p99 > 9999999999999999999 ms", "column 7: a number is needed"},
+      {"p99 > 2", "column 8: a unit is needed here"},
+      {"p99 > 2 %", "column 7: against another run a limit has a sign"},
+      {"p99 > 2 h", "column 9: 'h' is no unit here"},
+      {"p99 > 2 µm", "column 9: 'µm' is no unit here"},
+      {"p99 > 2 µs x", "column 12: 'x' is too much"},
+      {"late > 0.5", "column 8: messages are counted in whole ones"},
+      {"late > +1", "column 10: a unit is needed here"},
+      {"late > 1 ms", "column 10: late and lost are counted in messages"},
+      {"late > 101 %", "column 8: no more than 100 %"},
+      {"p99 > -100 %", "column 7: nothing can be less by so much"},
+      {"max > +10%", "column 7: a maximum is one message's"},
+  };
+  for (const auto& [text, expected] : cases) EXPECT_THAT(error_of(text), HasSubstr(expected)) << text;
+  EXPECT_THAT(error_of(std::string(1000, 'x')), HasSubstr("at most 200"));
+  EXPECT_THAT(error_of("p99 > +10%", Use::fail_if), HasSubstr("column 7: a limit with + or -"));
+  EXPECT_THAT(error_of("p99 > 2 ms", Use::require),
+              HasSubstr("column 5: here stands '>', and what must be so"));
+  EXPECT_THAT(error_of("p99 <= +2 ms", Use::require), HasSubstr("column 8: a limit with + or -"));
+}
+
+// --- what a run of this many milliseconds in p99 surely lies between comes to ---
+
+Measured measured(double ms, std::optional<double> low_ms, std::optional<double> high_ms) {
+  const auto ns = [](std::optional<double> value) {
+    return value ? std::optional(*value * 1e6) : std::nullopt;
+  };
+  Measured result;
+  result.value = ms * 1e6;
+  result.sure = result.surer = {ns(low_ms), ns(high_ms)};
+  return result;
+}
+
+Summary run(const Measured& p99, std::uint64_t late = 0) {
+  Summary run;
+  run.run.number = 5;
+  run.run.asked = {{"id", "Test1.B"}, {"transport", "udp"}, {"repetition", 2}};
+  run.run.outcome = {{"interrupted", false}};
+  run.sent = 1000;
+  run.late = late;
+  run.on_time = 1000 - late;
+  run.round_trip.count = 1000;
+  run.round_trip.max = 7'000'000;
+  run.round_trip_certainty.p99 = p99;
+  return run;
+}
+
+Judgement judged(const char* text, const Summary& of) { return judge(parse(text, Use::fail_if), of); }
+
+TEST(Judge, ALimitIsPassedOnlyIfItSurelyIs) {
+  EXPECT_EQ(judged("p99 > 2 ms", run(measured(3, 2.5, 3.5))).result, Result::missed);
+  EXPECT_EQ(judged("p99 > 2 ms", run(measured(1, 0.5, 1.5))).result, Result::held);
+  const auto unsure = judged("p99 > 2 ms", run(measured(2.1, 1.9, 2.4)));
+  EXPECT_EQ(unsure.result, Result::held);
+  EXPECT_THAT(unsure.says, HasSubstr("cannot be told"));
+}
+
+TEST(Judge, NamesGateRunFigureAndInterval) {
+  const auto missed = judged("p99 > 2 ms", run(measured(3, 2.5, 3.5)));
+  EXPECT_EQ(text_of(missed),
+            "missed: p99 > 2 ms (Test1.B udp ×2 (run 5)): p99 is 3 ms, surely between 2.5 ms and 3.5 ms");
+}
+
+TEST(Judge, ARunTooShortForTheFigureHoldsNoLine) {
+  const auto judgement = judged("p99 > 2 ms", run(measured(1, 0.5, {})));
+  EXPECT_EQ(judgement.result, Result::cannot_judge);
+  EXPECT_THAT(judgement.says, HasSubstr("measure longer"));
+  EXPECT_EQ(judged("p99 > 2 ms", run(measured(3, 2.5, {}))).result, Result::missed) << "sure enough";
+}
+
+TEST(Judge, CountsAndMaximaAreWhatTheyAre) {
+  EXPECT_EQ(judged("late > 0", run({}, 1)).result, Result::missed);
+  EXPECT_EQ(judged("late > 0", run({}, 0)).result, Result::held);
+  EXPECT_EQ(judged("late > 1", run({}, 1)).result, Result::held);
+  EXPECT_EQ(judged("max > 5 ms", run({})).result, Result::missed);
+  EXPECT_EQ(judged("max > 7 ms", run({})).result, Result::held);
+  EXPECT_EQ(judged("response late > 0", run({})).result, Result::cannot_judge)
+      << "nothing is known of a deadline";
+}
+
+TEST(Judge, WhatWasNotMeasuredHoldsNoLine) {
+  for (const auto& outcome : {json(), json{{"interrupted", true}}, json{{"error", "no pong"}},
+                              json{{"interrupted", false}, {"dropped_records", 3}}}) {
+    auto cut_off = run(measured(1, 0.5, 1.5));
+    cut_off.run.outcome = outcome;
+    for (const auto* gate : {"late > 0", "p99 > 2 ms", "max > 9 ms"})
+      EXPECT_EQ(judged(gate, cut_off).result, Result::cannot_judge) << outcome << gate;
+  }
+  auto silent = run({});
+  silent.sent = 0;
+  EXPECT_EQ(judged("lost > 0", silent).result, Result::cannot_judge);
+  auto imported = run({});
+  imported.imported.emplace();
+  EXPECT_EQ(judged("late > 0", imported).result, Result::cannot_judge);
+}
+
+TEST(Judge, WhatIsRequiredMustBeSo) {
+  auto of = run(measured(3, 2.5, 3.5), 1);
+  of.run.asked["require"] = {"p99 <= 2 ms", "late <= 1", "what is this", 7};
+  const auto gates = required_of(of);
+  ASSERT_EQ(gates.size(), 2U);
+  EXPECT_EQ(judge(gates[0], of).result, Result::missed);
+  EXPECT_EQ(judge(gates[1], of).result, Result::held);
+  of.run.asked = "text";
+  EXPECT_TRUE(required_of(of).empty());
+}
+
+TEST(Judge, TheEndOfARunIsAGateToo) {
+  EXPECT_EQ(judge_end(run({})).result, Result::held);
+  auto failed = run({});
+  failed.run.outcome = {{"error", "no pong"}};
+  EXPECT_EQ(judge_end(failed).result, Result::cannot_judge);
+  EXPECT_THAT(judge_end(failed).says, HasSubstr("no pong"));
+}
+
+// --- against another run ---
+
+Judgement compared(const char* text, const Measured& from, const Measured& to) {
+  const auto a = run(from), b = run(to);
+  return judge(parse(text, Use::fail_if_compared), {&a}, {&b});
+}
+
+TEST(JudgeAChange, FailsOnlyIfItIsSure) {
+  EXPECT_EQ(compared("p99 > +10%", measured(1, 0.98, 1.02), measured(1.3, 1.28, 1.32)).result,
+            Result::missed);
+  EXPECT_EQ(compared("p99 > +10%", measured(1, 0.98, 1.02), measured(1.05, 1.03, 1.07)).result, Result::held);
+  const auto unsure = compared("p99 > +10%", measured(1, 0.5, 2), measured(1.3, 0.6, 2.2));
+  EXPECT_EQ(unsure.result, Result::held);
+  EXPECT_THAT(unsure.says, HasSubstr("cannot be told"));
+  EXPECT_EQ(compared("p99 > +0.2 ms", measured(1, 0.98, 1.02), measured(1.3, 1.28, 1.32)).result,
+            Result::missed);
+  EXPECT_EQ(compared("p99 > +0.4 ms", measured(1, 0.98, 1.02), measured(1.3, 1.28, 1.32)).result,
+            Result::held);
+}
+
+TEST(JudgeAChange, NamesWhatItWasAndIs) {
+  EXPECT_THAT(text_of(compared("p99 > +10%", measured(1, 0.98, 1.02), measured(1.3, 1.28, 1.32))),
+              ::testing::AllOf(HasSubstr("missed: p99 > +10% (Test1.B udp)"),
+                               HasSubstr("from 1 ms to 1.3 ms (+30 %)"), HasSubstr("surely between +")));
+}
+
+TEST(JudgeAChange, OfTooFewMessagesItHoldsNoLine) {
+  EXPECT_EQ(compared("p99 > +10%", measured(1, 0.9, {}), measured(0.9, 0.8, 1)).result, Result::cannot_judge);
+}
+
+TEST(JudgeAChange, OfNothingAnyMoreIsInfinitelyMore) {
+  auto a = run({}), b = run({}, 100);
+  const auto share = [](double value, double low, double high) {
+    statistics::Probability result;
+    result.value = value;
+    result.surer = {low, high};
+    result.messages = 1000;
+    return result;
+  };
+  a.late_probability = share(0, 0, 0.004);
+  b.late_probability = share(0.1, 0.08, 0.12);
+  const auto gate = parse("late > +10%", Use::fail_if_compared);
+  EXPECT_EQ(judge(gate, {&a}, {&b}).result, Result::missed);
+  EXPECT_EQ(judge(gate, {&a}, {&a}).result, Result::held);
+  b.late_probability = share(0.001, 0, 0.005);
+  EXPECT_EQ(judge(gate, {&a}, {&b}).result, Result::held) << "one message is chance";
+}
+
+TEST(JudgeAChange, ARunThatFailedIsNotComparedWith) {
+  const auto a = run(measured(1, 0.98, 1.02));
+  auto b = run(measured(1, 0.98, 1.02));
+  b.run.outcome = nullptr;
+  const auto judgement = judge(parse("p99 > +10%", Use::fail_if_compared), {&a}, {&b});
+  EXPECT_EQ(judgement.result, Result::cannot_judge);
+  EXPECT_THAT(judgement.says, HasSubstr("of B"));
+}
+
+}  // namespace
+}  // namespace ontime::gate

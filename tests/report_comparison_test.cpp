@@ -1,0 +1,171 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <boost/property_tree/ptree.hpp>
+#include <boost/property_tree/xml_parser.hpp>
+
+#include "report_fixture.hpp"
+
+namespace ontime::report {
+namespace {
+
+using gate::Judgement;
+using statistics::Measured;
+using ::testing::HasSubstr;
+using ::testing::Not;
+
+// A run with this key whose p99 is so many ms, surely within a tenth of it.
+Summary run(const std::string& id, const std::string& key, double p99_ms, std::int64_t number = 1) {
+  auto one = summary(asked(id, "udp"), outcome());
+  one.run.key = key;
+  one.run.number = number;
+  Measured p99;
+  p99.value = p99_ms * 1e6;
+  p99.sure = p99.surer = {p99.value * 0.9, p99.value * 1.1};
+  one.round_trip_certainty.p99 = p99;
+  return one;
+}
+
+json figure_of(const json& pair, const std::string& name) {
+  for (const auto& figure : pair.at("figures"))
+    if (figure.at("figure") == name) return figure;
+  return nullptr;
+}
+
+TEST(Compare, RunsOfTheSameKeyAreOnePairAndTheOthersAreNamed) {
+  const std::vector a{run("x", "k1", 1), run("y", "k2", 1), run("gone", "k3", 1)};
+  const std::vector b{run("new", "k4", 1), run("y", "k2", 1), run("x", "k1", 2), run("x", "k1", 2.1)};
+  const auto comparison = compare(a, b);
+  ASSERT_EQ(comparison.pairs.size(), 2U);
+  EXPECT_EQ(comparison.pairs[0].from.size(), 1U);
+  EXPECT_EQ(comparison.pairs[0].to.size(), 2U) << "repetitions";
+  const auto text = render(comparison, {}, Format::table);
+  EXPECT_THAT(text, HasSubstr("In A only: gone udp (1 run)"));
+  EXPECT_THAT(text, HasSubstr("In B only: new udp (1 run)"));
+  const auto document = json::parse(render(comparison, {}, Format::json));
+  EXPECT_EQ(document.at("only_from").at(0).at("id"), "gone");
+  EXPECT_EQ(document.at("only_to").at(0).at("key"), "k4");
+}
+
+TEST(Compare, SaysBetterWorseOrCannotTell) {
+  const auto verdict = [](double from, double to) {
+    const std::vector a{run("x", "k", from)}, b{run("x", "k", to)};
+    const auto document = json::parse(render(compare(a, b), {}, Format::json));
+    return figure_of(document.at("pairs").at(0), "round_trip_us.p99").at("verdict");
+  };
+  EXPECT_EQ(verdict(1, 2), "worse");
+  EXPECT_EQ(verdict(2, 1), "better");
+  EXPECT_EQ(verdict(1, 1.05), "cannot tell");
+}
+
+TEST(Compare, GivesDifferenceAndRatioWithTheirIntervals) {
+  const std::vector a{run("x", "k", 1)}, b{run("x", "k", 2)};
+  const auto comparison = compare(a, b);
+  const auto p99 =
+      figure_of(json::parse(render(comparison, {}, Format::json)).at("pairs").at(0), "round_trip_us.p99");
+  EXPECT_DOUBLE_EQ(p99.at("from").get<double>(), 1000);
+  EXPECT_DOUBLE_EQ(p99.at("difference").get<double>(), 1000);
+  EXPECT_LT(p99.at("difference_low"), p99.at("difference"));
+  EXPECT_GT(p99.at("difference_high"), p99.at("difference"));
+  EXPECT_DOUBLE_EQ(p99.at("ratio").get<double>(), 2);
+  const auto row = row_of(render(comparison, {}, Format::table), "p99 ");
+  EXPECT_EQ(row.at(1), "1000");
+  EXPECT_EQ(row.at(2), "2000");
+  EXPECT_EQ(row.at(3), "+100");
+  EXPECT_EQ(row.back(), "worse");
+  EXPECT_EQ(row_by_name(render(comparison, {}, Format::csv), 3).at("verdict"), "worse");
+}
+
+TEST(Compare, ShowsWhatElseDiffers) {
+  const std::vector a{run("x", "k", 1)};
+  std::vector b{run("x", "k", 1)};
+  b[0].run.outcome["hosts"]["controller"]["machine"]["kernel"] = "6.6\x1b[31m";
+  b[0].run.outcome["hosts"]["controller"]["machine"]["boot_id"] = "another each time";
+  b[0].run.outcome["hosts"]["component"]["transport"]["version"] = "0.2.0";
+  const auto found =
+      json::parse(render(compare(a, b), {}, Format::json)).at("pairs").at(0).at("not_the_same");
+  const auto difference = [](const char* what, const char* from, const char* to) {
+    return json{{"what", what}, {"from", from}, {"to", to}};
+  };
+  EXPECT_EQ(found, (json{difference("component transport version", "0.1.0", "0.2.0"),
+                         difference("controller kernel", "6.1", "6.6?[31m")}));
+  EXPECT_THAT(render(compare(a, b), {}, Format::table), HasSubstr("not the same (A → B)"));
+  EXPECT_THAT(render(compare(a, a), {}, Format::table), Not(HasSubstr("not the same")));
+}
+
+TEST(Compare, ARunThatWasCutOffIsLeftOutAndNamed) {
+  const std::vector a{run("x", "k", 1)};
+  std::vector b{run("x", "k", 1), run("x", "k", 9, 7)};
+  b[1].run.outcome = nullptr;
+  const auto text = render(compare(a, b), {}, Format::table);
+  EXPECT_THAT(text, HasSubstr("left out: x udp (run 7) of B"));
+  EXPECT_EQ(row_of(text, "p99 ").at(2), "1000");
+  b.erase(b.begin());
+  EXPECT_THAT(render(compare(a, b), {}, Format::table), HasSubstr("neither nor"));
+}
+
+TEST(CompareChosen, RunsOfOtherIdsByTheirTransportsOrTheOneThatThereIs) {
+  std::vector a{run("idle", "k1", 1), run("idle", "k2", 1)},
+      b{run("loaded", "k3", 1), run("loaded", "k4", 1)};
+  a[1].run.asked["transport"] = b[0].run.asked["transport"] = "fastdds";
+  const auto comparison = compare_chosen(a, b);
+  ASSERT_EQ(comparison.pairs.size(), 2U);
+  EXPECT_EQ(comparison.pairs[0].to[0]->run.key, "k4");
+  EXPECT_EQ(comparison.pairs[1].to[0]->run.key, "k3");
+  const std::vector one{a[0]}, other{b[0]};
+  EXPECT_EQ(compare_chosen(one, other).pairs.size(), 1U);
+  EXPECT_THAT(render(compare_chosen(one, other), {}, Format::table), HasSubstr("transport: udp → fastdds"));
+}
+
+TEST(Compare, OfNothingSaysSo) {
+  const std::vector<Summary> none;
+  for (const auto format : all_formats) EXPECT_NO_THROW(render(compare(none, none), {}, format));
+  EXPECT_THAT(render(compare(none, none), {}, Format::table), HasSubstr("No run of A"));
+}
+
+TEST(Compare, EveryFormatSurvivesWhatOthersWrote) {
+  std::vector a{run("x", "k", 1)}, b{run("x", "k", 1)};
+  for (const json& replacement : {json(), json(7), json("text"), json::array({1}), json::object()}) {
+    b[0].run.asked = replacement;
+    a[0].run.outcome["hosts"] = replacement;
+    for (const auto format : all_formats) {
+      EXPECT_NO_THROW(render(compare(a, b), {}, format));
+      EXPECT_NO_THROW(render(compare_chosen(a, b), {}, format));
+    }
+  }
+}
+
+// --- JUnit ---
+
+boost::property_tree::ptree parsed(const std::string& xml) {
+  std::istringstream in(xml);
+  boost::property_tree::ptree tree;
+  read_xml(in, tree);
+  return tree;
+}
+
+TEST(JUnit, CountsFailuresAndErrorsApart) {
+  const auto tree =
+      parsed(junit({{Judgement::Result::held, "x udp", "p99 > 2 ms", "p99 is 1 ms"},
+                    {Judgement::Result::missed, "x udp", "late > 0", "3 of 100 messages"},
+                    {Judgement::Result::cannot_judge, "y udp", "late > 0", "it failed: no pong"}}));
+  const auto& suite = tree.get_child("testsuites.testsuite");
+  EXPECT_EQ(suite.get<int>("<xmlattr>.tests"), 3);
+  EXPECT_EQ(suite.get<int>("<xmlattr>.failures"), 1);
+  EXPECT_EQ(suite.get<int>("<xmlattr>.errors"), 1);
+  std::vector<std::string> failures;
+  for (const auto& [name, test] : suite)
+    if (name == "testcase" && test.get_child_optional("failure"))
+      failures.push_back(test.get<std::string>("<xmlattr>.name") + ": " +
+                         test.get<std::string>("failure.<xmlattr>.message"));
+  EXPECT_THAT(failures, ::testing::ElementsAre("late > 0: 3 of 100 messages"));
+}
+
+TEST(JUnit, TextStaysText) {
+  const auto xml = junit({{Judgement::Result::missed, "<script>\"'&]]>\x01\x1b\xff", "a<b", "\n</failure>"}});
+  const auto tree = parsed(xml);
+  EXPECT_EQ(tree.get<std::string>("testsuites.testsuite.testcase.<xmlattr>.classname"), "<script>\"'&]]>???");
+  EXPECT_EQ(tree.get<std::string>("testsuites.testsuite.testcase.failure.<xmlattr>.message"), " </failure>");
+  EXPECT_EQ(xml.find('\x01'), xml.npos);
+}
+
+}  // namespace
+}  // namespace ontime::report

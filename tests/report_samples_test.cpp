@@ -1,0 +1,117 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "report_fixture.hpp"
+
+namespace ontime::report {
+namespace {
+
+using roundtrip::Fate;
+using roundtrip::Sample;
+using ::testing::ElementsAre;
+using ::testing::HasSubstr;
+
+Sample sample(std::uint64_t index, Fate fate) {
+  Sample one{};
+  one.index = index;
+  one.intended_ns = 1'000'000'000 + static_cast<std::int64_t>(index) * 10'000'000;
+  one.due_ns = one.intended_ns + 20'000'000;
+  one.skipped_cycles = 2;
+  one.woke_ns = one.due_ns + 50'001;
+  one.sent_ns = one.woke_ns + 5;
+  one.fate = fate;
+  if (fate == Fate::lost) return one;
+  one.received_ns = one.sent_ns + 1'234'567;
+  one.server_received_ns = 77;
+  one.server_sent_ns = 1'077;
+  return one;
+}
+
+class Export : public ::testing::Test {
+ protected:
+  std::string exported(SampleFormat format) {
+    std::string text;
+    const auto reader = writer_.reader();
+    export_samples(reader, reader.runs(), format, [&](std::string_view piece) {
+      longest_ = std::max(longest_, piece.size());
+      text += piece;
+    });
+    return text;
+  }
+  void add(const json& asked, const std::vector<Sample>& samples) {
+    const auto run = writer_.begin_run(asked);
+    writer_.append(run, samples);
+    writer_.end_run(run, outcome());
+  }
+  record::Writer writer_{""};
+  std::size_t longest_ = 0;
+};
+
+TEST_F(Export, HasEveryTimeOfEveryMessageToTheNanosecond) {
+  add(asked("a", "udp"), {sample(0, Fate::on_time), sample(1, Fate::late), sample(2, Fate::lost)});
+  const auto csv = exported(SampleFormat::csv);
+  const auto late = row_by_name(csv, 1);
+  EXPECT_EQ(late.at("run"), "1");
+  EXPECT_EQ(late.at("id"), "a");
+  EXPECT_EQ(late.at("transport"), "udp");
+  EXPECT_EQ(late.at("message"), "1");
+  EXPECT_EQ(late.at("fate"), "late");
+  EXPECT_EQ(late.at("intended_ns"), "10000000") << "after the run's first message was due";
+  EXPECT_EQ(late.at("due_ns"), "30000000");
+  EXPECT_EQ(late.at("sent_ns"), "30050006");
+  EXPECT_EQ(late.at("wake_up_us"), "50.001");
+  EXPECT_EQ(late.at("round_trip_us"), "1234.567");
+  EXPECT_EQ(late.at("response_us"), "21284.573");
+  EXPECT_EQ(late.at("server_us"), "1.000");
+  EXPECT_EQ(late.at("server_received_ns"), "77");
+  EXPECT_EQ(late.at("skipped_cycles"), "2");
+  const auto lost = row_by_name(csv, 2);
+  EXPECT_EQ(lost.at("fate"), "lost");
+  for (const auto* column :
+       {"received_ns", "round_trip_us", "response_us", "server_us", "server_received_ns"})
+    EXPECT_EQ(lost.at(column), "") << column;
+}
+
+TEST_F(Export, SaysTheSameInBothFormats) {
+  auto odd = asked("=cmd|' /C calc'!A0, \"x\"\n\x1b[31m", "udp");
+  odd["schedule"] = "back-to-back";
+  add(odd, {sample(0, Fate::on_time), sample(1, Fate::lost)});
+  const auto csv = exported(SampleFormat::csv);
+  const auto lines = lines_of(exported(SampleFormat::jsonl));
+  ASSERT_EQ(lines.size(), 2U);
+  for (std::size_t i = 0; i < lines.size(); ++i) {
+    const auto object = json::parse(lines[i]);
+    EXPECT_EQ(object.at("id"), odd.at("id"));
+    EXPECT_EQ(object.at("wake_up_us"), nullptr) << "it wakes for nothing";
+    const auto row = row_by_name(csv, i);
+    EXPECT_EQ(row.size(), object.size());
+    for (const auto& [name, value] : object.items()) {
+      if (value.is_number_integer()) {
+        EXPECT_EQ(row.at(name), value.dump()) << name;
+      }
+    }
+  }
+  EXPECT_THAT(csv, HasSubstr("\"'=cmd")) << "no formula for a spreadsheet";
+  EXPECT_EQ(csv.find('\x1b'), csv.npos);
+}
+
+TEST_F(Export, OfManySamplesIsHandedOverInPieces) {
+  std::vector<Sample> samples;
+  for (std::uint64_t i = 0; i < 20'000; ++i) samples.push_back(sample(i, Fate::on_time));
+  add(asked("a", "udp"), samples);
+  add(asked("b", "udp"), {sample(0, Fate::on_time)});
+  EXPECT_EQ(lines_of(exported(SampleFormat::csv)).size(), 20'002U);
+  EXPECT_LT(longest_, 100'000U);
+}
+
+TEST_F(Export, OfNothingIsAHeader) {
+  EXPECT_EQ(lines_of(exported(SampleFormat::csv)).size(), 1U);
+  EXPECT_EQ(exported(SampleFormat::jsonl), "");
+}
+
+TEST(SampleFormatOf, KnowsItsWords) {
+  EXPECT_EQ(sample_format_of("csv"), SampleFormat::csv);
+  EXPECT_EQ(sample_format_of("jsonl"), SampleFormat::jsonl);
+  EXPECT_EQ(sample_format_of("parquet"), std::nullopt);
+}
+
+}  // namespace
+}  // namespace ontime::report

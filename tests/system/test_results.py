@@ -1,0 +1,273 @@
+#!/usr/bin/env python3
+# SPDX-License-Identifier: Apache-2.0
+"""The real program on real results, over loopback: gates, comparisons, what goes out and comes in, and what another
+terminal sees. ONTIME names the program."""
+
+import contextlib
+import csv
+import hashlib
+import io
+import json
+import os
+import pathlib
+import random
+import shutil
+import sqlite3
+import subprocess
+import tempfile
+import time
+import unittest
+import urllib.error
+import urllib.request
+import xml.etree.ElementTree
+
+ONTIME = os.environ["ONTIME"]
+
+SCENARIO = """
+hosts: loopback
+defaults: {transport: udp, period: 5 ms, duration: %s}
+runs:
+  - id: one
+    require: [%s]
+"""
+
+HISTOGRAM = """# Histogram
+000001 000003
+000002 000001
+# Total: 000000004
+# Min Latencies: 00001
+# Avg Latencies: 00001
+# Max Latencies: 00002
+# Histogram Overflows: 00000
+# Histogram Overflow at cycle number:
+# Thread 0:
+"""
+
+
+class Results(unittest.TestCase):
+    def setUp(self):
+        self.folder = pathlib.Path(tempfile.mkdtemp(prefix="ontime-test-"))
+        self.addCleanup(shutil.rmtree, self.folder)
+        self.results = self.folder / "results.ontime"
+
+    def ontime(self, *arguments, code=0):
+        answer = subprocess.run([ONTIME, *map(str, arguments)], capture_output=True, text=True, timeout=120,
+                                cwd=self.folder)
+        self.assertEqual(answer.returncode, code, answer.stdout + answer.stderr)
+        self.assertNotIn("terminate called", answer.stderr)
+        return answer
+
+    def scenario(self, require="lost <= 100%", duration="300 ms"):
+        path = self.folder / "scenario.yaml"
+        path.write_text(SCENARIO % (duration, require))
+        return path
+
+    def measured(self, **scenario):
+        self.ontime("run", self.scenario(**scenario), "--results", self.results)
+
+    def copy_with(self, name, round_trips_ns):
+        """The results once more, with these round trips in place of its own."""
+        path = self.folder / name
+        shutil.copy(self.results, path)
+        with contextlib.closing(sqlite3.connect(path)) as database:
+            database.execute("DELETE FROM sample")
+            database.executemany(
+                "INSERT INTO sample (run, message, intended_ns, due_after_ns, woke_after_ns, sent_after_ns, "
+                "received_after_ns, skipped_cycles, fate) VALUES (1, ?, ?, 0, 1000, 1000, ?, 0, 0)",
+                ((index, index * 5_000_000, ns) for index, ns in enumerate(round_trips_ns)))
+            database.commit()
+        return path
+
+    # --- gates ---
+
+    def test_what_a_scenario_requires_is_judged_and_recorded(self):
+        self.ontime("run", self.scenario("lost <= 100%, max <= 100 s"), "--results", self.results, "--junit", "held.xml")
+        answer = self.ontime("run", self.scenario("mean <= 1 ns"), "--results", self.results, "--junit", "missed.xml", code=1)
+        self.assertIn("missed: mean <= 1 ns (one udp (run 2)): mean is ", answer.stderr)
+        self.assertIn("missed: mean <= 1 ns", answer.stdout)
+        self.assertIn("missed: mean <= 1 ns", self.ontime("report", self.results).stdout)
+        run = json.loads(self.ontime("report", self.results, "--format", "json").stdout)["runs"][1]
+        self.assertEqual(run["require"], ["mean <= 1 ns"])
+        self.assertEqual([note["kind"] for note in run["notes"]], ["gate-missed"])
+        held, missed = (xml.etree.ElementTree.parse(self.folder / name).getroot() for name in ("held.xml", "missed.xml"))
+        self.assertEqual((held.get("tests"), held.get("failures")), ("3", "0"))
+        self.assertEqual((missed.get("tests"), missed.get("failures")), ("2", "1"))
+        # Judged again from the file, both runs.
+        self.ontime("report", self.results, "--junit", "again.xml", code=1)
+        self.assertEqual(xml.etree.ElementTree.parse(self.folder / "again.xml").getroot().get("failures"), "1")
+
+    def test_a_requirement_that_is_none_is_refused_where_it_stands(self):
+        answer = self.ontime("run", self.scenario("late <= 0, p98 <= 2 ms"), "--results", self.results, code=2)
+        self.assertIn("scenario.yaml:6:26: require: 'p98 <= 2 ms', column 1: 'p98' is no figure", answer.stderr)
+        self.assertFalse(self.results.exists())
+
+    def test_a_requirement_changes_no_key(self):
+        self.measured()
+        self.measured(require="lost <= 50%")
+        runs = json.loads(self.ontime("report", self.results, "--format", "json").stdout)["runs"]
+        self.assertEqual(runs[0]["key"], runs[1]["key"])
+
+    def test_fail_if(self):
+        self.measured()
+        before = self.results.read_bytes()
+        self.ontime("report", self.results, "--fail-if", "late > 1000000", "--fail-if", "max > 100 s")
+        answer = self.ontime("report", "--fail-if", "p50 > 1 ns", self.results, code=1)
+        self.assertRegex(answer.stderr, r"missed: p50 > 1 ns \(one udp \(run 1\)\): p50 is .* surely between")
+        self.assertIn("Round trip", answer.stdout, "the report is there all the same")
+        answer = self.ontime("report", self.results, "--fail-if", "p99.99 > 1 s", code=1)
+        self.assertIn("too few messages", answer.stderr)
+        answer = self.ontime("report", self.results, "--fail-if", "p99 > +10%", code=2)
+        self.assertIn("--fail-if: 'p99 > +10%', column 7:", answer.stderr)
+        self.ontime("report", self.results, "--fail-if", "late > 0", "--junit", self.folder / "no" / "x.xml", code=3)
+        self.assertEqual(self.results.read_bytes(), before)
+        self.ontime("run", self.scenario(), "--results", self.results, "--fail-if", "mean > 1 ns", code=1)
+
+    # --- comparing ---
+
+    def test_a_change_is_seen_and_chance_is_not(self):
+        """60,000 messages that come in bursts, as they do; the two halves of one run, and a p99 that is 20 % longer."""
+        self.measured()
+        chance = random.Random(1)
+        round_trips, level = [], 0.0
+        for _ in range(120_000):
+            level = 0.9 * level + chance.gauss(0, 0.2)
+            round_trips.append(int(100_000 * 2 ** (level + chance.gauss(0, 0.3))))
+        first, second = round_trips[:60_000], round_trips[60_000:]
+        a, b = self.copy_with("a.ontime", first), self.copy_with("b.ontime", second)
+        gate = ("--fail-if", "p99 > +10%")
+        self.ontime("compare", a, b, *gate)
+        slower = self.copy_with("slower.ontime", (int(ns * 1.2) for ns in second))
+        answer = self.ontime("compare", a, slower, *gate, "--junit", "compare.xml", code=1)
+        self.assertRegex(answer.stderr, r"missed: p99 > \+10% \(one udp\): p99 went from .* to .* surely between")
+        self.assertRegex(answer.stdout, r"\np99 .* worse\n")
+        self.assertEqual(xml.etree.ElementTree.parse(self.folder / "compare.xml").getroot().get("failures"), "1")
+        self.ontime("compare", slower, a, *gate)
+        for form in ("json", "csv", "markdown", "latex"):
+            self.assertIn("better", self.ontime("compare", slower, a, "--format", form).stdout)
+
+    def test_what_has_no_partner_holds_no_line(self):
+        self.measured()
+        other = self.folder / "other.ontime"
+        self.ontime("run", self.scenario(duration="200 ms"), "--results", other)
+        self.assertIn("No run of A", self.ontime("compare", self.results, other).stdout)
+        answer = self.ontime("compare", self.results, other, "--fail-if", "p50 > +900%", code=1)
+        self.assertIn("there is none with the same conditions", answer.stderr)
+        self.ontime("compare", self.results, other, "--from", "1", "--to", "one", "--fail-if", "p50 > +900%")
+        self.ontime("compare", self.results, code=2)
+        self.ontime("compare", self.results, "--from", "1", code=2)
+        self.assertIn("'two'", self.ontime("compare", self.results, other, "--only", "two", code=2).stderr)
+
+    # --- out ---
+
+    def test_export_has_every_sample(self):
+        self.measured()
+        sent = json.loads(self.ontime("report", self.results, "--format", "json").stdout)["runs"][0]["sent"]
+        rows = list(csv.DictReader(io.StringIO(self.ontime("export", self.results).stdout)))
+        self.assertEqual(len(rows), sent)
+        lines = self.ontime("export", self.results, "--format", "jsonl", "--run", "1").stdout.splitlines()
+        self.assertEqual([json.loads(line)["received_ns"] for line in lines], [int(row["received_ns"]) for row in rows])
+        self.ontime("export", self.results, "--output", "out.csv")
+        self.assertEqual((self.folder / "out.csv").read_text().count("\n"), sent + 1)
+        before = self.results.read_bytes()
+        for arguments, word in ((["--run", "7"], "there is no run 7"), (["--format", "parquet"], "Debian 12"),
+                                (["--format", "x"], "'x'"), (["--output", self.results], "the results file itself")):
+            self.assertIn(word, self.ontime("export", self.results, *arguments, code=2).stderr)
+        self.ontime("export", self.results, "--output", self.folder / "no" / "out.csv", code=3)
+        with open("/dev/full", "w") as full:
+            self.assertEqual(subprocess.run([ONTIME, "export", self.results], stdout=full, stderr=full).returncode, 3)
+        self.assertEqual(self.results.read_bytes(), before)
+        self.assertEqual(sorted(path.name for path in self.folder.iterdir()), ["out.csv", "results.ontime", "scenario.yaml"])
+
+    # --- in ---
+
+    def import_file(self, text, code=0, form="cyclictest-histogram"):
+        (self.folder / "old.txt").write_bytes(text if isinstance(text, bytes) else text.encode())
+        return self.ontime("import", "old.txt", "--from", form, "--results", self.results, code=code)
+
+    def test_imported_runs_are_shown_as_what_they_are(self):
+        self.measured()
+        self.import_file(HISTOGRAM)
+        out = self.ontime("report", self.results).stdout
+        self.assertIn("imported: waking up, not round trips", out)
+        self.assertIn("thread 0 (old.txt)", out)
+        self.assertEqual(len(self.ontime("export", self.results, "--run", "2").stdout.splitlines()), 1)
+        self.assertIn("it was imported", self.ontime("report", self.results, "--fail-if", "late > 100000", code=1).stderr)
+        other = self.folder / "other.ontime"
+        shutil.copy(self.results, other)
+        self.assertIn("no interval can be given", self.ontime("compare", self.results, other).stdout)
+
+    def test_what_is_wrong_changes_nothing(self):
+        self.measured()
+        before = hashlib.sha256(self.results.read_bytes()).digest()
+        for text in ("", "x", "\0" * 1000, HISTOGRAM[:60], HISTOGRAM.replace("000003", "-00003"),
+                     HISTOGRAM.replace("000003", "nan"), HISTOGRAM.replace("000003", "9" * 30),
+                     HISTOGRAM.replace("000003", "3 4"), HISTOGRAM * 2, b"\xff\xfe" + HISTOGRAM.encode("utf-16-le"),
+                     "1 1\n" * 100_000, "1" * 1_000_000):
+            self.import_file(text, code=2)
+        for text in ("{", "[]", "[" * 100_000, '{"thread": {"0": {"histogram": {"1": -1}}}}', HISTOGRAM):
+            self.import_file(text, code=2, form="cyclictest-json")
+        self.assertIn("no percentile", self.import_file(HISTOGRAM, code=2, form="performance-test").stderr)
+        self.assertEqual(hashlib.sha256(self.results.read_bytes()).digest(), before)
+        self.results.unlink()
+        self.import_file("x", code=2)
+        self.assertFalse(self.results.exists())
+
+    # --- from another terminal ---
+
+    def start(self, *arguments):
+        process = subprocess.Popen([ONTIME, *map(str, arguments)], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+        self.addCleanup(lambda: (process.kill(), process.communicate()))
+        return process
+
+    def started(self, duration):
+        process = self.start("run", self.scenario(duration=duration), "--results", self.results)
+        end = time.monotonic() + 30
+        while time.monotonic() < end:
+            with contextlib.suppress(sqlite3.Error), \
+                    contextlib.closing(sqlite3.connect(f"file:{self.results}?mode=ro", uri=True)) as database:
+                if database.execute("SELECT count(*) FROM sample").fetchone()[0] > 0:
+                    return process
+            time.sleep(0.1)
+        self.fail("it recorded nothing")
+
+    def test_watch_follows_to_the_end(self):
+        process = self.started("5 s")
+        lines = [json.loads(line) for line in self.ontime("watch", self.results, "--format", "json").stdout.splitlines()]
+        self.assertEqual(process.wait(30), 0)
+        self.assertGreater(len(lines), 1)
+        self.assertEqual(lines[0]["state"], "measuring")
+        self.assertEqual(lines[-1]["state"], "ended")
+        sent = [line["sent"] for line in lines]
+        self.assertEqual(sent, sorted(sent))
+        run = json.loads(self.ontime("report", self.results, "--format", "json").stdout)["runs"][0]
+        self.assertEqual([lines[-1][key] for key in ("sent", "late", "lost")], [run[key] for key in ("sent", "late", "lost")])
+        self.assertEqual(lines[-1]["round_trip_us"]["max"], run["round_trip_us"]["max"])
+        self.assertEqual(sorted(path.name for path in self.folder.iterdir()), ["results.ontime", "scenario.yaml"])
+        self.assertIn("(ended)", self.ontime("watch", self.results).stdout)
+
+    def test_watch_offers_metrics(self):
+        process = self.started("1 h")
+        watch = self.start("watch", self.results, "--metrics", "127.0.0.1:0")
+        address = watch.stderr.readline().split()[-1]
+        self.assertTrue(address.startswith("http://127.0.0.1:"), address)
+        with urllib.request.urlopen(address, timeout=10) as answer:
+            text = answer.read().decode()
+        self.assertIn('ontime_messages_total{run="1",id="one"', text)
+        self.assertIn("ontime_measuring 1\n", text)
+        with self.assertRaises(urllib.error.HTTPError):
+            urllib.request.urlopen(address + "/x", timeout=10)
+        process.kill()  # what remains is a run that was cut off
+        out, _ = watch.communicate(timeout=30)
+        self.assertEqual(watch.returncode, 0)
+        self.assertIn("cut off", out)
+
+    def test_watch_of_what_is_none(self):
+        self.ontime("watch", self.folder / "none.ontime", code=2)
+        self.measured()
+        self.ontime("watch", self.results, "--metrics", "0.0.0.0.0:9464", code=2)
+        self.ontime("watch", self.results, "--metrics", "192.0.2.1:9464", code=3)
+        self.ontime("watch", self.results, "--format", "csv", code=2)
+
+
+if __name__ == "__main__":
+    unittest.main(verbosity=2)

@@ -1,0 +1,294 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "watch/watch.hpp"
+
+#include <atomic>
+#include <thread>
+
+#include <arpa/inet.h>
+#include <netinet/in.h>
+#include <sys/socket.h>
+
+#include "record_fixture.hpp"
+
+namespace ontime::watch {
+namespace {
+
+using nlohmann::json;
+using record::RecordTest;
+using record::usual;
+using roundtrip::Fate;
+using ::testing::HasSubstr;
+using ::testing::Not;
+using ::testing::StartsWith;
+using State = Progress::State;
+
+TEST(Buckets, HoldWhatIsAtMostTheirEdge) {
+  Buckets buckets;
+  for (const auto ns : {1, 1000, 1001, 2000, 5'000'000}) buckets.add(ns);
+  buckets.add(std::int64_t{1} << 60);
+  EXPECT_EQ(buckets.counts()[0], 2U);
+  EXPECT_EQ(buckets.counts()[1], 2U);
+  EXPECT_EQ(buckets.counts().back(), 1U);
+  EXPECT_EQ(buckets.count(), 6U);
+  EXPECT_EQ(buckets.min_ns(), 1);
+  EXPECT_EQ(buckets.max_ns(), std::int64_t{1} << 60);
+}
+
+class Following : public RecordTest {
+ protected:
+  static json asked() {
+    return {{"id", "Test1.B\"\\\n\x1b[31m"}, {"transport", "udp"}, {"repetition", 1}, {"duration_s", 60}};
+  }
+};
+
+TEST_F(Following, CountsWhatIsNewEachTime) {
+  record::Writer writer(path_);
+  Follower follower(path_);
+  EXPECT_EQ(follower.look().run.number, 0);
+  const auto run = writer.begin_run(asked());
+  auto samples = usual(0, 1000);
+  samples[7].fate = Fate::late;
+  samples[7].received_ns += 20'000'000;
+  samples[8].fate = Fate::lost;
+  samples[8].received_ns = 0;
+  writer.append(run, samples);
+  writer.flush();
+  const auto& progress = follower.look();
+  EXPECT_EQ(progress.sent, 1000U);
+  EXPECT_EQ(progress.on_time, 998U);
+  EXPECT_EQ(progress.late, 1U);
+  EXPECT_EQ(progress.lost, 1U);
+  EXPECT_EQ(progress.round_trip.count(), 999U);
+  ASSERT_EQ(progress.worst.size(), 3U);
+  EXPECT_EQ(progress.worst[0].message, 7U);
+  EXPECT_EQ(progress.worst[0].round_trip_ns, 20'987'654);
+  EXPECT_DOUBLE_EQ(progress.elapsed_s, 9.99);
+
+  writer.append(run, usual(1000, 500));
+  writer.flush();
+  EXPECT_EQ(follower.look().sent, 1500U);
+  EXPECT_EQ(follower.look().sent, 1500U) << "nothing is counted twice";
+  EXPECT_EQ(follower.look().round_trip.count(), 1499U);
+}
+
+TEST_F(Following, AMessageThatWasGivenUpAndProvesAnsweredIsCountedRight) {
+  record::Writer writer(path_);
+  Follower follower(path_);
+  const auto run = writer.begin_run(asked());
+  auto samples = usual(0, 500);
+  samples[480].fate = Fate::lost;
+  samples[480].received_ns = 0;
+  writer.append(run, samples);
+  writer.flush();
+  EXPECT_EQ(follower.look().lost, 1U);
+  writer.append(run, usual(480, 1));
+  writer.append(run, usual(500, 10));
+  writer.flush();
+  EXPECT_EQ(follower.look().lost, 0U);
+  EXPECT_EQ(follower.look().on_time, 510U);
+}
+
+TEST_F(Following, TheNextRunBeginsAnew) {
+  record::Writer writer(path_);
+  Follower follower(path_);
+  const auto first = writer.begin_run(asked());
+  writer.append(first, usual(0, 500));
+  writer.flush();
+  EXPECT_EQ(follower.look().sent, 500U);
+  writer.end_run(first, {{"interrupted", false}});
+  const auto second = writer.begin_run(asked());
+  writer.append(second, usual(0, 3));
+  writer.flush();
+  EXPECT_EQ(follower.look().run.number, second);
+  EXPECT_EQ(follower.look().sent, 3U);
+}
+
+TEST_F(Following, ItEndsWithTheWriterWhetherThatIsDoneOrKilled) {
+  int to_child[2], to_parent[2];
+  ASSERT_EQ(::pipe(to_child), 0);
+  ASSERT_EQ(::pipe(to_parent), 0);
+  const auto child = ::fork();
+  if (child == 0) {
+    record::Writer writer(path_);
+    const auto run = writer.begin_run(asked());
+    writer.append(run, usual(0, 100));
+    writer.flush();
+    [[maybe_unused]] auto ignored = ::write(to_parent[1], "x", 1);
+    ::pause();
+    ::_exit(0);
+  }
+  char byte = 0;
+  ASSERT_EQ(::read(to_parent[0], &byte, 1), 1);
+  Follower follower(path_);
+  EXPECT_EQ(follower.look().state, State::measuring);
+  EXPECT_THAT(text_of(follower.look()), HasSubstr("left"));
+  ::kill(child, SIGKILL);
+  ::waitpid(child, nullptr, 0);
+  EXPECT_EQ(follower.look().state, State::ended);
+  EXPECT_THAT(text_of(follower.look()), HasSubstr("cut off"));
+  { record::Writer again(path_); }
+  EXPECT_EQ(files().size(), 1U) << "the follower keeps nothing open";
+  EXPECT_EQ(follower.look().state, State::ended);
+  EXPECT_EQ(follower.look().sent, 100U);
+}
+
+TEST_F(Following, AFileThatIsNoneIsNamed) {
+  Follower follower(path_);
+  EXPECT_THROW(follower.look(), record::WrongFile);
+}
+
+class Forms : public Following {
+ protected:
+  Progress progress() {
+    Progress progress;
+    progress.state = State::measuring;
+    progress.run = {5, asked(), nullptr, ""};
+    progress.duration_s = 60;
+    progress.elapsed_s = 12;
+    progress.sent = 3;
+    progress.on_time = 2;
+    progress.late = 1;
+    for (const auto ns : {40'000, 60'000, 12'000'000}) progress.round_trip.add(ns);
+    progress.response_max_ns = 13'000'000;
+    progress.worst = {{2, 11.5, 12'000'000, 13'000'000}};
+    return progress;
+  }
+};
+
+TEST_F(Forms, TextSteersNoTerminal) {
+  const auto text = text_of(progress());
+  EXPECT_THAT(text, Not(HasSubstr("\x1b")));
+  EXPECT_THAT(text, HasSubstr("0:12 of 1:00, 0:48 left"));
+  EXPECT_THAT(text, HasSubstr("sent 3  on time 2  late 1  lost 0"));
+  EXPECT_THAT(text, HasSubstr("response 13 ms (round trip 12 ms) at 11.50 s, message 2"));
+  EXPECT_THAT(text_of({}), HasSubstr("no run yet"));
+}
+
+TEST_F(Forms, JsonIsALine) {
+  const auto line = json_of(progress());
+  EXPECT_EQ(line.find('\n'), line.size() - 1);
+  const auto object = json::parse(line);
+  EXPECT_EQ(object.at("id"), asked().at("id"));
+  EXPECT_EQ(object.at("state"), "measuring");
+  EXPECT_EQ(object.at("left_s"), 48);
+  EXPECT_EQ(object.at("round_trip_us").at("max"), 12000);
+  std::uint64_t sum = 0;
+  for (const auto& bucket : object.at("histogram")) sum += bucket.at("count").get<std::uint64_t>();
+  EXPECT_EQ(sum, 3U);
+  EXPECT_EQ(json::parse(json_of({})).at("run"), nullptr);
+}
+
+TEST_F(Forms, MetricsAreWhatPrometheusReads) {
+  const auto text = metrics_of(progress());
+  EXPECT_THAT(text, HasSubstr(R"(id="Test1.B\"\\ ?[31m")")) << "quotes and backslashes are escaped";
+  EXPECT_THAT(text, HasSubstr("le=\"5e-05\"} 1\n"));
+  EXPECT_THAT(text, HasSubstr("le=\"0.0001\"} 2\n")) << "buckets add up";
+  EXPECT_THAT(text, HasSubstr("le=\"+Inf\"} 3\n"));
+  EXPECT_THAT(text, HasSubstr("ontime_measuring 1\n"));
+  EXPECT_THAT(text, HasSubstr("fate=\"late\"} 1\n"));
+  EXPECT_THAT(metrics_of({}), HasSubstr("ontime_measuring 0\n"));
+}
+
+// --- HTTP ---
+
+class Served : public ::testing::Test {
+ protected:
+  Served() : metrics_("127.0.0.1:0") {
+    metrics_.set("ontime_measuring 1\n");
+    server_ = std::thread([this] {
+      while (!done_) metrics_.serve_for(std::chrono::milliseconds(20));
+    });
+  }
+  ~Served() override {
+    done_ = true;
+    server_.join();
+    for (const int socket : sockets_) ::close(socket);
+  }
+
+  int connect() {
+    const auto address = metrics_.address();
+    sockaddr_in to{};
+    to.sin_family = AF_INET;
+    to.sin_port = htons(static_cast<std::uint16_t>(std::stoi(address.substr(address.rfind(':') + 1))));
+    to.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
+    const int socket = ::socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC, 0);
+    sockets_.push_back(socket);
+    const timeval patience{20, 0};
+    ::setsockopt(socket, SOL_SOCKET, SO_RCVTIMEO, &patience, sizeof patience);
+    EXPECT_EQ(::connect(socket, reinterpret_cast<const sockaddr*>(&to), sizeof to), 0);
+    return socket;
+  }
+  static std::string read_all(int socket) {
+    std::string text;
+    char buffer[4096];
+    for (ssize_t n = 0; (n = ::recv(socket, buffer, sizeof buffer, 0)) > 0;)
+      text.append(buffer, static_cast<std::size_t>(n));
+    return text;
+  }
+  std::string ask(const std::string& request) {
+    const int socket = connect();
+    EXPECT_EQ(::send(socket, request.data(), request.size(), MSG_NOSIGNAL),
+              static_cast<ssize_t>(request.size()));
+    return read_all(socket);
+  }
+
+  Metrics metrics_;
+  std::atomic<bool> done_ = false;
+  std::thread server_;
+  std::vector<int> sockets_;
+};
+
+TEST_F(Served, TheMetricsAndNothingElse) {
+  const auto answer = ask("GET /metrics HTTP/1.1\r\nHost: x\r\n\r\n");
+  EXPECT_THAT(answer, StartsWith("HTTP/1.1 200"));
+  EXPECT_THAT(answer, HasSubstr("text/plain; version=0.0.4"));
+  EXPECT_THAT(answer, HasSubstr("\r\n\r\nontime_measuring 1\n"));
+  EXPECT_THAT(ask("GET / HTTP/1.1\r\nHost: x\r\n\r\n"), StartsWith("HTTP/1.1 404"));
+  EXPECT_THAT(ask("DELETE /metrics HTTP/1.1\r\nHost: x\r\n\r\n"), StartsWith("HTTP/1.1 405"));
+  const auto head = ask("HEAD /metrics HTTP/1.1\r\nHost: x\r\n\r\n");
+  EXPECT_THAT(head, StartsWith("HTTP/1.1 200"));
+  EXPECT_THAT(head, Not(HasSubstr("ontime_measuring")));
+}
+
+TEST_F(Served, WhatIsNoRequestIsAnsweredOrDroppedAndTheNextIsServed) {
+  const std::string bad[] = {
+      "\r\n\r\n\r\n\r\n",
+      std::string(100, '\0'),
+      "GET\r\n\r\n",
+      "SSH-2.0-x\r\n",
+      "GET /metrics HTTP/9.9\r\n\r\n",
+      "\x16\x03\x01\x02",
+      "POST /metrics HTTP/1.1\r\nContent-Length: 99999999\r\n\r\nx",
+      "GET /metrics HTTP/1.1\r\nContent-Length: -1\r\n\r\n",
+      "GET /" + std::string(20'000, 'a') + " HTTP/1.1\r\n\r\n",
+      "GET /metrics HTTP/1.1\r\n" + std::string(500, 'h') + ": " + std::string(9'000, 'v') + "\r\n\r\n"};
+  for (const auto& request : bad) {
+    const int socket = connect();
+    ::send(socket, request.data(), request.size(), MSG_NOSIGNAL);
+    ::shutdown(socket, SHUT_WR);
+    EXPECT_THAT(read_all(socket), Not(HasSubstr("ontime_measuring"))) << request.substr(0, 40);
+  }
+  EXPECT_THAT(ask("GET /metrics HTTP/1.1\r\n\r\n"), HasSubstr("ontime_measuring 1"));
+}
+
+TEST_F(Served, WhoSaysNothingIsGivenUpSoThatOthersAreServed) {
+  for (int i = 0; i < 6; ++i) {
+    const int socket = connect();
+    ::send(socket, "GET /met", 8, MSG_NOSIGNAL);
+  }
+  EXPECT_THAT(ask("GET /metrics HTTP/1.1\r\n\r\n"), HasSubstr("ontime_measuring 1"));
+  EXPECT_THAT(read_all(sockets_.front()), Not(HasSubstr("ontime_measuring")));
+}
+
+TEST(MetricsAddress, MustBeOne) {
+  for (const auto* wrong :
+       {"", "x", "127.0.0.1:", "127.0.0.1:70000", "host:9464", ":9464", "127.0.0.1:-1", "[::1:9464 "})
+    EXPECT_THROW(Metrics{wrong}, std::invalid_argument) << wrong;
+  EXPECT_THAT(Metrics("0").address(), StartsWith("127.0.0.1:")) << "a port alone is on loopback";
+  const Metrics first("127.0.0.1:0");
+  EXPECT_THROW(Metrics(first.address()), std::runtime_error) << "somebody has it";
+  EXPECT_THROW(Metrics("192.0.2.1:9464"), std::runtime_error) << "no address of this machine";
+}
+
+}  // namespace
+}  // namespace ontime::watch
