@@ -24,6 +24,27 @@ std::string remarks(const statistics::Summary&);
 // What these runs asked of their machines and did not get, each once.
 std::vector<std::string> refusals(const Summaries&);
 
+// Whether messages arrived on time, in a sentence.
+struct Verdict {
+  enum class Word {
+    yes,
+    partly,
+    no,
+    nothing
+  } word = Word::nothing;  // partly: what there is, is, but not all is there
+  std::string sentence, further;
+};
+Verdict verdict_of(const Summaries&);
+std::string grouped(std::uint64_t count);  // "4,320,000"
+
+// What a page's figures draw: web/figures.js. Reads the samples.
+nlohmann::json figures_of(const record::Reader&, const Summaries&);
+
+// What was set, and what was so.
+Table differences_of(const Summaries&);  // what is not the same in all runs
+Table loads_of(const Summaries&);        // asked and achieved, and what the link carried
+Table machines_of(const Summaries&);
+
 nlohmann::ordered_json threads_json_of(const Summaries&);
 std::string threads_csv_of(const Summaries&);
 Page threads_page_of(const Summaries&);
