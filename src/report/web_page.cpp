@@ -6,6 +6,7 @@
 
 #include "report/conditions.hpp"
 #include "report/html.hpp"
+#include "report/paper.hpp"
 #include "report/report.hpp"
 #include "report/runs.hpp"
 #include "report/words.hpp"
@@ -86,6 +87,20 @@ constexpr const char* table_head = R"(<div class="wide" tabindex="0" role="regio
 <th scope="col" class="range">Min to max, p50, p99</th></tr></thead>
 )";
 
+// What the paper measured, beside it.
+std::string row_of(const PaperRow& paper) {
+  const auto us = [](const auto& value) {
+    return fmt::format("<td class=\"number\">{}</td>", microseconds(static_cast<double>(value) * 1e3));
+  };
+  const auto number = [](std::uint64_t value) {
+    return fmt::format("<td class=\"number\">{}</td>", grouped(value));
+  };
+  constexpr const char* unknown = "<td class=\"number\">–</td>";
+  return fmt::format("<tr class=\"paper\"><th scope=\"row\">paper’s {}</th>", escaped(paper.dds)) +
+         number(paper.messages) + number(paper.missed_deadlines) + number(paper.lost) + us(paper.min_us) +
+         us(paper.avg_us) + unknown + unknown + unknown + us(paper.max_us) + unknown + "<td></td></tr>\n";
+}
+
 std::string table_of(const std::vector<std::vector<Shown>>& groups) {
   std::string text = table_head;
   std::size_t figure = 0;
@@ -93,6 +108,7 @@ std::string table_of(const std::vector<std::vector<Shown>>& groups) {
     text += fmt::format("<tbody>\n<tr><th scope=\"rowgroup\" colspan=\"12\">{}</th></tr>\n",
                         escaped(heading_of(*group.front().summary)));
     for (const auto& run : group) text += row_of(run, figure++);
+    for (const auto& paper : paper_rows(group.front().summary->run.asked)) text += row_of(paper);
     text += "</tbody>\n";
   }
   return text + "</table>\n</div>\n";
