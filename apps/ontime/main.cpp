@@ -17,9 +17,9 @@ int main(int argc, char** argv) {
       "peer cannot do what was asked · 130 interrupted");
 
   ontime::app::Action action;
-  for (const auto add : {ontime::app::add_run, ontime::app::add_ping, ontime::app::add_pong,
-                         ontime::app::add_scenarios, ontime::app::add_report, ontime::app::add_plot,
-                         ontime::app::add_workers})
+  for (const auto add :
+       {ontime::app::add_run, ontime::app::add_ping, ontime::app::add_pong, ontime::app::add_scenarios,
+        ontime::app::add_report, ontime::app::add_plot, ontime::app::add_workers})
     add(app, action);
   try {
     app.parse(argc, argv);
