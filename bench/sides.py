@@ -134,6 +134,20 @@ def output(command, seconds, **conditions):
         return process.output(3 * seconds + 60)
 
 
+def timed(command):
+    """Seconds that a program takes which writes to nowhere, and its peak memory in MB."""
+    if shutil.which(command[0]) is None:
+        raise Cannot(f"there is no {command[0]}; install it: sudo apt install {PACKAGES.get(command[0], command[0])}")
+    begin = time.monotonic()
+    process = subprocess.Popen([str(word) for word in command], stdout=subprocess.DEVNULL)
+    _, status, used = os.wait4(process.pid, 0)
+    seconds = time.monotonic() - begin
+    process.returncode = os.waitstatus_to_exitcode(status)
+    if process.returncode != 0:
+        raise Cannot(f"{command[0]} ended with {process.returncode}")
+    return seconds, used.ru_maxrss * 1024 / 1e6
+
+
 @contextlib.contextmanager
 def running(*servers):
     def check():

@@ -19,7 +19,8 @@ namespace ontime::report {
 using nlohmann::json;
 using statistics::Summary;
 
-constexpr Format all_formats[] = {Format::table, Format::json, Format::csv, Format::markdown, Format::latex};
+constexpr Format all_formats[] = {Format::table,    Format::json,  Format::csv,
+                                  Format::markdown, Format::latex, Format::html};
 
 inline json asked(const std::string& id, const std::string& transport, int repetition = 1) {
   return {

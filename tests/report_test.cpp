@@ -17,7 +17,8 @@ TEST(FormatOf, KnowsItsWords) {
   EXPECT_EQ(format_of("csv"), Format::csv);
   EXPECT_EQ(format_of("markdown"), Format::markdown);
   EXPECT_EQ(format_of("latex"), Format::latex);
-  EXPECT_EQ(format_of("html"), std::nullopt);
+  EXPECT_EQ(format_of("html"), Format::html);
+  EXPECT_EQ(format_of("pdf"), std::nullopt);
   EXPECT_EQ(format_of(""), std::nullopt);
 }
 

@@ -19,6 +19,7 @@ void add_report(CLI::App&, Action&);
 void add_compare(CLI::App&, Action&);
 void add_export(CLI::App&, Action&);
 void add_import(CLI::App&, Action&);
+void add_plot(CLI::App&, Action&);
 void add_workers(CLI::App&, Action&);  // what the others start, by orders over standard input and output
 
 }  // namespace ontime::app

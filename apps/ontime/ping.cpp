@@ -18,7 +18,7 @@ void add_ping(CLI::App& app, Action& action) {
   command->add_option("--results", arguments->results, "keep every sample in this file")
       ->type_name("FILE")
       ->check(given);
-  command->add_option("--format", arguments->format, "table, json, csv, markdown or latex: table")
+  command->add_option("--format", arguments->format, "table, json, csv, markdown, latex or html: table")
       ->type_name("FORMAT");
   command->callback([&action, flags, arguments] {
     action = [flags, arguments] {

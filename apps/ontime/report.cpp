@@ -1,8 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "report/report.hpp"
 
+#include <filesystem>
+
 #include "commands.hpp"
 #include "gates.hpp"
+#include "output.hpp"
+#include "results_page.hpp"
 #include "run_flags.hpp"
 #include "statistics/statistics.hpp"
 #include "terminal.hpp"
@@ -10,15 +14,19 @@
 namespace ontime::app {
 
 void add_report(CLI::App& app, Action& action) {
-  auto* command = app.add_subcommand("report", "Tables from a results file");
+  auto* command =
+      app.add_subcommand("report", "Tables from a results file, and a page with figures of every message");
   struct Arguments {
-    std::string results, format = "table";
+    std::string results, format = "table", output;
     bool threads = false, layers = false;
   };
   auto arguments = std::make_shared<Arguments>();
   command->add_option("RESULTS", arguments->results, "a results file")->required();
-  command->add_option("--format", arguments->format, "table, json, csv, markdown or latex: table")
+  command->add_option("--format", arguments->format, "table, json, csv, markdown, latex or html: table")
       ->type_name("FORMAT");
+  command->add_option("--output", arguments->output, "into this file instead of standard output")
+      ->type_name("FILE")
+      ->check(given);
   command->add_flag("--threads", arguments->threads,
                     "each thread as the kernel said it was, instead of the times");
   command->add_flag("--layers", arguments->layers, "what each layer costs, of runs that add to one another")
@@ -29,11 +37,19 @@ void add_report(CLI::App& app, Action& action) {
       const auto format = format_flag(arguments->format);
       const auto gates = flags->gates();
       const record::Reader reader(arguments->results);
+      refuse_to_replace(arguments->results, arguments->output);
       std::vector<statistics::Summary> summaries;
       for (const auto& run : reader.runs()) summaries.push_back(statistics::summarise(reader, run));
-      print(arguments->threads  ? report::render_threads(summaries, format)
-            : arguments->layers ? report::render_layers(summaries, format)
-                                : report::render(summaries, format));
+      const auto text =
+          arguments->threads  ? report::render_threads(summaries, format)
+          : arguments->layers ? report::render_layers(summaries, format)
+          : format == report::Format::html
+              ? report::render_html(reader, summaries,
+                                    std::filesystem::path(arguments->results).filename().string())
+              : report::render(summaries, format);
+      Output output(arguments->output);
+      output.write(text);
+      output.finish();
       std::vector<gate::Judgement> judgements;
       if (flags->wanted())
         for (const auto& summary : summaries)

@@ -10,6 +10,7 @@
 #include "campaign/campaign.hpp"
 #include "commands.hpp"
 #include "gates.hpp"
+#include "results_page.hpp"
 #include "resumed.hpp"
 #include "run_flags.hpp"
 #include "scenario_files.hpp"
@@ -118,6 +119,11 @@ int run(const Arguments& arguments, const GateFlags& flags, const nlohmann::json
   terminal.clear_line();
   const auto judgements = judge_and_report(writer, known, flags, gates, format);
   terminal.note(fmt::format("every sample is in {}; see also: ontime report {} --threads", results, results));
+  try {
+    terminal.note(fmt::format("to look at: {}", write_page_beside(results)));
+  } catch (const std::exception& error) {  // what was measured is safe, and said
+    terminal.note(fmt::format("there is no page of it: {}", error.what()));
+  }
   const int judged = flags.finish(judgements);
   return code == 130 ? code : std::max(code, judged);
 }
@@ -125,8 +131,9 @@ int run(const Arguments& arguments, const GateFlags& flags, const nlohmann::json
 }  // namespace
 
 void add_run(CLI::App& app, Action& action) {
-  auto* command =
-      app.add_subcommand("run", "Carries out scenarios: hosts, settings, load, round trips, and the table");
+  auto* command = app.add_subcommand(
+      "run",
+      "Carries out scenarios: hosts, settings, load, round trips, the table, and a page beside the results");
   command->footer(
       "A scenario is code: under hosts it names programs, which run here, and its options may name files. "
       "Read "
@@ -153,7 +160,7 @@ void add_run(CLI::App& app, Action& action) {
                  "leave out what these results have already, measured to its end: the same conditions, "
                  "repetition and text of the scenario")
       ->needs("--results");
-  command->add_option("--format", arguments->format, "table, json, csv, markdown or latex: table")
+  command->add_option("--format", arguments->format, "table, json, csv, markdown, latex or html: table")
       ->type_name("FORMAT");
   auto flags = std::make_shared<GateFlags>(*command, gate::Use::fail_if);
   command->callback([&action, arguments, flags] {

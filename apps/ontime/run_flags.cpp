@@ -66,7 +66,7 @@ campaign::Run RunFlags::run() const {
 report::Format format_flag(const std::string& word) {
   const auto format = report::format_of(word);
   if (!format)
-    throw Error(2, fmt::format("--format: '{}' is not one of table, json, csv, markdown, latex", word));
+    throw Error(2, fmt::format("--format: '{}' is not one of table, json, csv, markdown, latex, html", word));
   return *format;
 }
 

@@ -307,6 +307,23 @@ std::vector<std::string> shared_conditions(const Group& group) {
   return texts;
 }
 
+Differences differences_between(const Group& group) {
+  Differences differences;
+  const auto own = compare(group).own;
+  for (const auto& phrases : own)
+    for (const auto& phrase : phrases)
+      if (std::find(differences.keys.begin(), differences.keys.end(), phrase.key) == differences.keys.end())
+        differences.keys.push_back(phrase.key);
+  for (const auto& phrases : own) {
+    auto& row = differences.values.emplace_back();
+    for (const auto& key : differences.keys) {
+      const auto* phrase = find(phrases, key);
+      row.push_back(phrase == nullptr ? "" : phrase->text);
+    }
+  }
+  return differences;
+}
+
 OptionColumns::OptionColumns(const Summaries& summaries) {
   for (const auto& summary : summaries) {
     const auto [controller, component] = options_of(summary);

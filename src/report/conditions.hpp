@@ -25,6 +25,14 @@ void tell_apart(std::vector<std::string>& labels, const Group&);
 // What is the same in all of them.
 std::vector<std::string> shared_conditions(const Group&);
 
+// Each condition that is not the same in all of them, by the key that a scenario has for it, and what it was
+// in each; empty where it is not known.
+struct Differences {
+  std::vector<std::string> keys;
+  std::vector<std::vector<std::string>> values;  // a row for each of the group, a value for each key
+};
+Differences differences_between(const Group&);
+
 // The options of the transports at the two ends of runs, a column each: "option.executor",
 // "component_option.rmw", those of the component where they are its own. As asked for, or, of RMW and
 // executor where nothing was asked, as the end said that it took them.

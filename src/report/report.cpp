@@ -4,6 +4,7 @@
 #include <algorithm>
 
 #include "report/comparison.hpp"
+#include "report/html.hpp"
 #include "report/page.hpp"
 #include "report/runs.hpp"
 #include "report/words.hpp"
@@ -60,6 +61,8 @@ std::string page_text(const Page& unchecked, Format format) {
       return as_markdown(page);
     case Format::latex:
       return as_latex(page);
+    case Format::html:
+      return as_html(page);
     default:
       return as_text(page);
   }
@@ -73,6 +76,7 @@ std::optional<Format> format_of(const std::string& word) {
   if (word == "csv") return Format::csv;
   if (word == "markdown") return Format::markdown;
   if (word == "latex") return Format::latex;
+  if (word == "html") return Format::html;
   return std::nullopt;
 }
 

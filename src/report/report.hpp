@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// What people and programs read: the paper's table with percentiles added, JSON, CSV, Markdown, LaTeX.
+// What people and programs read: the paper's table with percentiles added, JSON, CSV, Markdown, LaTeX,
+// HTML.
 // Ordinary thread; returns text, prints nothing.
 #pragma once
 
@@ -14,7 +15,7 @@
 
 namespace ontime::report {
 
-enum class Format { table, json, csv, markdown, latex };
+enum class Format { table, json, csv, markdown, latex, html };
 std::optional<Format> format_of(const std::string& word);
 
 // On one line, and as UTF-8, whatever it was: what would steer a terminal, or show a text otherwise than it
@@ -23,13 +24,28 @@ std::optional<Format> format_of(const std::string& word);
 // it.
 std::string printable(const std::string& text);
 
-// One row a run. docs/json.md describes the JSON; it is stable.
+// One row a run; as HTML the tables alone. docs/json.md describes the JSON; it is stable.
 std::string render(const std::vector<statistics::Summary>&, Format);
 // The threads of each run as the kernel said they were: policy, priority, affinity, faults, switches.
 std::string render_threads(const std::vector<statistics::Summary>&, Format);
 
 // What an end asked of its machine and did not get, for people; alike ones together.
 std::vector<std::string> refusals_of(const nlohmann::json& end);
+
+// The page: verdict, table, figures of every message, settings. One file that opens anywhere; it reads the
+// samples once more. `name` is what the page is of, such as the results file's name.
+std::string render_html(const record::Reader&, const std::vector<statistics::Summary>&,
+                        const std::string& name);
+
+// A figure for a paper: of one column's width, or `wide`, of both. Letters are of 7 pt at that size.
+struct Plot {
+  enum class Figure { time, worse, payload } figure = Figure::time;
+  enum class Form { svg, pdf, png } form = Form::svg;
+  bool wide = false;
+};
+// The commands for gnuplot, which writes the figure to its standard output. Of runs that were measured; of a
+// long one the extremes of at most 2,000 stretches of time are drawn, so that none is missing.
+std::string gnuplot_of(const std::vector<statistics::Summary>&, const Plot&);
 
 // What each layer costs a message, of runs that say what they add to: a waterfall.
 std::string render_layers(const std::vector<statistics::Summary>&, Format);

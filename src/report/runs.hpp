@@ -31,6 +31,26 @@ std::vector<std::string> refusals(const Summaries&);
 // Runs of an id that were imported: what is known of them, and what is not.
 Table imported_table_of(const std::vector<const statistics::Summary*>&);
 nlohmann::ordered_json imported_json_of(const statistics::Summary&);  // null, if it was measured
+// Whether messages arrived on time, in a sentence.
+struct Verdict {
+  enum class Word {
+    yes,
+    partly,
+    no,
+    nothing
+  } word = Word::nothing;  // partly: what there is, is, but not all is there
+  std::string sentence, further;
+};
+Verdict verdict_of(const Summaries&);
+std::string grouped(std::uint64_t count);  // "4,320,000"
+
+// What a page's figures draw: web/figures.js. Reads the samples.
+nlohmann::json figures_of(const record::Reader&, const Summaries&);
+
+// What was set, and what was so.
+Table differences_of(const Summaries&);  // what is not the same in all runs
+Table loads_of(const Summaries&);        // asked and achieved, and what the link carried
+Table machines_of(const Summaries&);
 
 nlohmann::ordered_json threads_json_of(const Summaries&);
 std::string threads_csv_of(const Summaries&);

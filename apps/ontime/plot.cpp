@@ -1,0 +1,160 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <algorithm>
+#include <cerrno>
+#include <filesystem>
+#include <map>
+#include <memory>
+#include <system_error>
+
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+#include <spawn.h>
+#include <sys/mman.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include "commands.hpp"
+#include "output.hpp"
+#include "results_page.hpp"
+#include "run_flags.hpp"
+#include "statistics/statistics.hpp"
+#include "terminal.hpp"
+
+namespace ontime::app {
+namespace {
+
+using campaign::Error;
+using report::Plot;
+
+struct Arguments {
+  std::string results, output, figure = "time";
+  std::vector<std::int64_t> runs;
+  bool wide = false;
+};
+
+[[noreturn]] void cannot(const char* what) {
+  throw Error(3, fmt::format("{}: {}", what, std::generic_category().message(errno)));
+}
+
+// A file without a name.
+class Memory {
+ public:
+  explicit Memory(const char* what) : file_(::memfd_create(what, MFD_CLOEXEC)) {
+    if (file_ < 0) cannot("there is no memory for a figure");
+  }
+  ~Memory() { ::close(file_); }
+  Memory(const Memory&) = delete;
+  Memory& operator=(const Memory&) = delete;
+  int file() const { return file_; }
+
+  void hold(const std::string& text) {
+    if (::write(file_, text.data(), text.size()) != static_cast<ssize_t>(text.size()) ||
+        ::lseek(file_, 0, SEEK_SET) != 0)
+      cannot("there is no memory for a figure");
+  }
+  std::string text() const {
+    std::string text(static_cast<std::size_t>(std::max<off_t>(::lseek(file_, 0, SEEK_END), 0)), '\0');
+    if (::pread(file_, text.data(), text.size(), 0) != static_cast<ssize_t>(text.size()))
+      cannot("a figure is lost");
+    return text;
+  }
+
+ private:
+  int file_;
+};
+
+// What gnuplot makes of these commands. What it has to say itself goes to standard error.
+std::string drawn(const std::string& commands) {
+  Memory script("commands"), figure("figure");
+  script.hold(commands);
+  struct Actions : posix_spawn_file_actions_t {
+    Actions() { posix_spawn_file_actions_init(this); }
+    ~Actions() { posix_spawn_file_actions_destroy(this); }
+    Actions(const Actions&) = delete;
+    Actions& operator=(const Actions&) = delete;
+  } actions;
+  posix_spawn_file_actions_adddup2(&actions, script.file(), STDIN_FILENO);
+  posix_spawn_file_actions_adddup2(&actions, figure.file(), STDOUT_FILENO);
+  std::string name = "gnuplot", fresh = "--default-settings";  // whatever its owner prefers elsewhere
+  char* arguments[] = {name.data(), fresh.data(), nullptr};
+  pid_t process = 0;
+  errno = ::posix_spawnp(&process, arguments[0], &actions, nullptr, arguments, environ);
+  if (errno == ENOENT)
+    throw Error(3, "gnuplot is missing, which draws the figures: apt-get install gnuplot-nox");
+  if (errno != 0) cannot("gnuplot cannot be started");
+  int status = 0;
+  while (::waitpid(process, &status, 0) < 0 && errno == EINTR) {
+  }
+  auto text = figure.text();
+  if (!WIFEXITED(status) || WEXITSTATUS(status) != 0 || text.empty())
+    throw Error(
+        3,
+        "gnuplot could not draw the figure; what it said is above. ontime wants its version 5.4 or later.");
+  return text;
+}
+
+Plot plot_of(const Arguments& arguments) {
+  const std::map<std::string, Plot::Figure> figures = {
+      {"time", Plot::Figure::time}, {"worse", Plot::Figure::worse}, {"payload", Plot::Figure::payload}};
+  const std::map<std::string, Plot::Form> forms = {
+      {".svg", Plot::Form::svg}, {".pdf", Plot::Form::pdf}, {".png", Plot::Form::png}};
+  const auto figure = figures.find(arguments.figure);
+  if (figure == figures.end())
+    throw Error(2, fmt::format("--figure: '{}' is not one of time, worse, payload", arguments.figure));
+  const auto form = forms.find(std::filesystem::path(arguments.output).extension().string());
+  if (form == forms.end())
+    throw Error(2, fmt::format("--output: '{}' ends in none of .svg, .pdf, .png", arguments.output));
+  return {figure->second, form->second, arguments.wide};
+}
+
+constexpr std::size_t most_panels = 12;  // on one sheet of paper
+
+int plot(const Arguments& arguments) {
+  const auto plot = plot_of(arguments);
+  const record::Reader reader(arguments.results);
+  refuse_to_replace(arguments.results, arguments.output);
+  auto wanted = arguments.runs;
+  std::vector<statistics::Summary> summaries;
+  for (const auto& run : reader.runs()) {
+    if (!arguments.runs.empty() && std::erase(wanted, run.number) == 0) continue;
+    auto summary = statistics::summarise(reader, run);
+    if (summary.sent > 0) summaries.push_back(std::move(summary));
+  }
+  if (!wanted.empty())
+    throw Error(2, fmt::format("--runs: {} has no run {}; ontime report {} --format csv lists them",
+                               arguments.results, fmt::join(wanted, ", "), arguments.results));
+  if (summaries.empty())
+    throw Error(2, arguments.results + ": nothing was measured in it that could be drawn.");
+  if (plot.figure == Plot::Figure::time && summaries.size() > most_panels)
+    throw Error(2, fmt::format("{} runs are more than the {} that a figure can hold: choose with --runs",
+                               summaries.size(), most_panels));
+  const auto figure = drawn(report::gnuplot_of(summaries, plot));
+  Output output(arguments.output);
+  output.write(figure);
+  output.finish();
+  return 0;
+}
+
+}  // namespace
+
+void add_plot(CLI::App& app, Action& action) {
+  auto* command = app.add_subcommand("plot", "Figures for a paper: SVG, PDF, PNG");
+  auto arguments = std::make_shared<Arguments>();
+  command->add_option("RESULTS", arguments->results, "a results file")->required();
+  command->add_option("--output", arguments->output, "the figure: .svg, .pdf or .png")
+      ->required()
+      ->type_name("FILE")
+      ->check(given);
+  command
+      ->add_option("--figure", arguments->figure,
+                   "time (round trips over it), worse (how often is it worse than x) or payload (against "
+                   "round trip): time")
+      ->type_name("FIGURE");
+  command->add_option("--runs", arguments->runs, "only these, by their numbers in the file")
+      ->delimiter(',')
+      ->type_name("N,...");
+  command->add_flag("--wide", arguments->wide, "as wide as a page of two columns, instead of one column");
+  command->callback([&action, arguments] { action = [arguments] { return plot(*arguments); }; });
+}
+
+}  // namespace ontime::app

@@ -1,0 +1,51 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "results_page.hpp"
+
+#include <filesystem>
+#include <fstream>
+#include <system_error>
+
+#include <fmt/format.h>
+
+#include "campaign/campaign.hpp"
+#include "output.hpp"
+#include "report/report.hpp"
+
+namespace ontime::app {
+namespace {
+
+namespace fs = std::filesystem;
+
+bool is_a_page(const std::string& path) {
+  std::string beginning(1024, '\0');
+  std::ifstream(path, std::ios::binary)
+      .read(beginning.data(), static_cast<std::streamsize>(beginning.size()));
+  return beginning.find("<meta name=\"generator\" content=\"ontime") != std::string::npos;
+}
+
+}  // namespace
+
+std::string write_page_beside(const std::string& results) {
+  const auto path = fs::path(results).replace_extension("html").string();
+  std::error_code none;
+  if (fs::exists(path, none) && !is_a_page(path))
+    throw campaign::Error(
+        2, fmt::format("{} is there and no page of ontime's. Name another: ontime report {} --format "
+                       "html --output FILE",
+                       path, results));
+  const record::Reader reader(results);
+  std::vector<statistics::Summary> summaries;
+  for (const auto& run : reader.runs()) summaries.push_back(statistics::summarise(reader, run));
+  Output output(path);
+  output.write(report::render_html(reader, summaries, fs::path(results).filename().string()));
+  output.finish();
+  return path;
+}
+
+void refuse_to_replace(const std::string& results, const std::string& output) {
+  std::error_code none;
+  if (!output.empty() && fs::equivalent(results, output, none))
+    throw campaign::Error(2, fmt::format("--output: {} is the results file itself. Name another.", output));
+}
+
+}  // namespace ontime::app

@@ -1,0 +1,16 @@
+// SPDX-License-Identifier: Apache-2.0
+// The page of a results file.
+#pragma once
+
+#include <string>
+
+namespace ontime::app {
+
+// Named after the results, "demo.html" beside "demo.ontime"; returns that name. An earlier page is replaced,
+// but no other file: then, and where it cannot be written, it throws.
+std::string write_page_beside(const std::string& results);
+
+// Throws Error if they are one file.
+void refuse_to_replace(const std::string& results, const std::string& output);
+
+}  // namespace ontime::app

@@ -1,0 +1,160 @@
+// SPDX-License-Identifier: Apache-2.0
+// What was set, and what was so: where runs differ, and where they do not, once.
+#include <algorithm>
+#include <map>
+
+#include <fmt/format.h>
+
+#include "report/conditions.hpp"
+#include "report/runs.hpp"
+#include "report/words.hpp"
+
+namespace ontime::report {
+namespace {
+
+using nlohmann::json;
+using statistics::Summary;
+using enum Column::Align;
+
+constexpr std::initializer_list<const char*> both_hosts = {"controller", "component"};
+// Of a run and not of its machine.
+constexpr std::initializer_list<const char*> changing = {"realtime_offset_ns"};
+
+std::string name_of(const Summary& summary) {
+  return fmt::format("{} {}", word(at(summary.run.asked, "id")), word(at(summary.run.asked, "transport")));
+}
+
+std::string percent(const json& share) {
+  return share.is_number() ? fmt::format("{:.0f} %", share.get<double>() * 100) : nothing;
+}
+
+std::string workers(const json& load) {
+  std::vector<std::string> parts;
+  for (const auto* kind : {"cpu", "vm", "io", "hdd"})
+    if (const auto number = count(at(load, kind)); number > 0)
+      parts.push_back(fmt::format("{} {}", number, kind));
+  return parts.empty() ? "none" : join(parts, ", ");
+}
+
+std::string megabytes(const json& link) {
+  if (!link.is_object()) return nothing;
+  const auto bytes = static_cast<double>(count(at(link, "sent_bytes"))) +
+                     static_cast<double>(count(at(link, "received_bytes")));
+  return fmt::format("{:.1f}", bytes / 1e6);
+}
+
+// "limits.rtprio" and what it is, for everything within.
+void flatten(const json& value, const std::string& name, std::map<std::string, std::string>& into) {
+  if (value.is_object()) {
+    for (const auto& [key, within] : value.items())
+      if (std::find(changing.begin(), changing.end(), key) == changing.end())
+        flatten(within, name.empty() ? key : name + "." + key, into);
+  } else if (!value.is_null() && !name.empty()) {
+    into[name] = word(value);
+  }
+}
+
+// What of a host was the same in all runs, or each value with the runs that had it.
+std::string values_of(const std::vector<std::pair<std::string, std::string>>& of_runs) {
+  std::vector<std::string> order;
+  std::map<std::string, std::vector<std::string>> runs;
+  for (const auto& [run, value] : of_runs) {
+    if (!runs.contains(value)) order.push_back(value);
+    runs[value].push_back(run);
+  }
+  if (order.size() == 1) return order.front();
+  std::vector<std::string> parts;
+  for (const auto& value : order)
+    parts.push_back(
+        fmt::format("{} ({} {})", value, runs[value].size() == 1 ? "run" : "runs", join(runs[value], ", ")));
+  return join(parts, "; ");
+}
+
+}  // namespace
+
+Table differences_of(const Summaries& summaries) {
+  Group all;
+  for (const auto& summary : summaries) all.push_back(&summary);
+  const auto differences = differences_between(all);
+  Table table{"Where the runs differ",
+              "In all of them: " + join(shared_conditions(all), ", ") + ".",
+              {{"Run", left}},
+              {},
+              {}};
+  for (const auto& key : differences.keys) table.columns.push_back({key, left});
+  // Runs of one id that were alike in all this are one row.
+  struct Row {
+    std::string id;
+    std::vector<std::string> values;
+    std::vector<std::string> transports;
+    std::map<std::string, std::size_t> runs;  // of each transport
+  };
+  std::vector<Row> rows;
+  for (std::size_t i = 0; i < all.size(); ++i) {
+    const auto& asked = all[i]->run.asked;
+    Row fresh{word(at(asked, "id")), differences.values[i], {}, {}};
+    auto row = std::find_if(rows.begin(), rows.end(), [&](const Row& other) {
+      return other.id == fresh.id && other.values == fresh.values;
+    });
+    if (row == rows.end()) row = rows.insert(rows.end(), std::move(fresh));
+    const auto transport = word(at(asked, "transport"));
+    if (row->runs[transport]++ == 0) row->transports.push_back(transport);
+  }
+  for (auto& [id, values, transports, runs] : rows) {
+    for (auto& transport : transports)
+      if (const auto times = runs[transport]; times > 1) transport += fmt::format(" ×{}", times);
+    auto& cells = table.rows.emplace_back(std::vector<std::string>{id + ": " + join(transports, ", ")});
+    for (const auto& value : values) cells.push_back(value.empty() ? nothing : value);
+  }
+  return table;
+}
+
+Table loads_of(const Summaries& summaries) {
+  Table table{"Load, asked and achieved",
+              "",
+              {{"Run", left},
+               {"Host", left},
+               {"Workers asked", left},
+               {"CPU busy"},
+               {"waiting for CPU"},
+               {"for memory"},
+               {"for I/O"},
+               {"MB on the link"}},
+              {},
+              {}};
+  for (const auto& summary : summaries) {
+    for (const auto* host : both_hosts) {
+      const auto& achieved = at(at(summary.run.outcome, "conditions"), host);
+      const auto& facts = at(at(summary.run.outcome, "hosts"), host);
+      const auto& asked = at(at(summary.run.asked, "load"), host);
+      if (achieved.is_null() && facts.is_null()) continue;
+      table.rows.push_back({fmt::format("{}: {}", summary.run.number, name_of(summary)), host, workers(asked),
+                            percent(at(achieved, "cpu_busy")), percent(at(achieved, "cpu_pressure")),
+                            percent(at(achieved, "memory_pressure")), percent(at(achieved, "io_pressure")),
+                            megabytes(at(facts, "link"))});
+    }
+  }
+  return table;
+}
+
+Table machines_of(const Summaries& summaries) {
+  Table table{
+      "The machines, as they said", "", {{"What", left}, {"Controller", left}, {"Component", left}}, {}, {}};
+  std::map<std::string, std::map<std::string, std::vector<std::pair<std::string, std::string>>>> all;
+  for (const auto& summary : summaries) {
+    for (const auto* host : both_hosts) {
+      std::map<std::string, std::string> facts;
+      flatten(at(at(at(summary.run.outcome, "hosts"), host), "machine"), "", facts);
+      for (const auto& [name, value] : facts)
+        all[name][host].emplace_back(fmt::format("{}", summary.run.number), value);
+    }
+  }
+  for (auto& [name, of] : all) {
+    std::vector<std::string> row = {word(name)};
+    for (const auto* host : both_hosts) row.push_back(of.contains(host) ? values_of(of[host]) : nothing);
+    table.rows.push_back(row);
+  }
+  return table;
+}
+
+}  // namespace ontime::report

@@ -1,0 +1,112 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <algorithm>
+
+#include <fmt/format.h>
+
+#include "report/runs.hpp"
+#include "report/words.hpp"
+
+namespace ontime::report {
+namespace {
+
+using statistics::Summary;
+
+std::string runs_text(std::size_t number) { return number == 1 ? "1 run" : fmt::format("{} runs", number); }
+
+// Whether nothing at all speaks against a run: a cycle that passed without a message was not on time either.
+bool all_on_time(const Summary& summary) {
+  return summary.sent > 0 && summary.on_time == summary.sent && summary.late_by_response.value_or(0) == 0;
+}
+
+// "28.25 ms"
+std::string short_time(std::int64_t ns) {
+  const auto us = static_cast<double>(ns) / 1e3;
+  return us < 1e3   ? fmt::format("{:.4g} µs", us)
+         : us < 1e6 ? fmt::format("{:.4g} ms", us / 1e3)
+                    : fmt::format("{:.4g} s", us / 1e6);
+}
+
+// "10 ms" if they have one deadline.
+std::string deadline(const Summaries& summaries) {
+  const auto& first = at(summaries.front().run.asked, "deadline_us");
+  const bool same = std::all_of(summaries.begin(), summaries.end(), [&](const Summary& summary) {
+    return at(summary.run.asked, "deadline_us") == first;
+  });
+  return same && first.is_number() ? "deadline of " + duration(first) : "deadline";
+}
+
+}  // namespace
+
+std::string grouped(std::uint64_t count) {
+  const auto digits = fmt::format("{}", count);
+  std::string text;
+  for (std::size_t i = 0; i < digits.size(); ++i) {
+    if (i > 0 && (digits.size() - i) % 3 == 0) text += ',';
+    text += digits[i];
+  }
+  return text;
+}
+
+Verdict verdict_of(const Summaries& summaries) {
+  std::uint64_t sent = 0, late = 0, lost = 0, late_cycles = 0;
+  std::size_t measured = 0, fine = 0, unfinished = 0;
+  const Summary* slowest = nullptr;
+  for (const auto& summary : summaries) {
+    sent += summary.sent;
+    late += summary.late;
+    lost += summary.lost;
+    late_cycles += summary.late_by_response.value_or(0);
+    measured += summary.sent > 0 ? 1 : 0;
+    fine += all_on_time(summary) ? 1 : 0;
+    unfinished += statistics::is_complete(summary.run) ? 0 : 1;
+    if (summary.round_trip.count > 0 &&
+        (slowest == nullptr || summary.round_trip.max > slowest->round_trip.max))
+      slowest = &summary;
+  }
+  if (sent == 0) return {Verdict::Word::nothing, "Nothing was measured.", ""};
+
+  Verdict verdict;
+  const auto of_sent = [&](std::uint64_t part) {
+    return fmt::format("{} of {}", grouped(part), grouped(sent));
+  };
+  if (fine == measured) {
+    verdict.word = unfinished == 0 ? Verdict::Word::yes : Verdict::Word::partly;
+    verdict.sentence =
+        fmt::format("All {} messages came back within the {}.", grouped(sent), deadline(summaries));
+  } else {
+    verdict.word = Verdict::Word::no;
+    std::vector<std::string> parts;
+    if (late > 0)
+      parts.push_back(fmt::format("{} messages missed the {}", of_sent(late), deadline(summaries)));
+    if (lost > 0)
+      parts.push_back(late > 0 ? fmt::format("{} {} lost", grouped(lost), lost == 1 ? "was" : "were")
+                               : fmt::format("{} messages were lost", of_sent(lost)));
+    if (parts.empty())
+      parts.push_back(
+          fmt::format("every message sent came back in time, but {} cycles had no answer within the {}",
+                      grouped(late_cycles), deadline(summaries)));
+    verdict.sentence = join(parts, ", and ") + ".";
+    verdict.sentence.front() = static_cast<char>(std::toupper(verdict.sentence.front()));
+  }
+  std::vector<std::string> further;
+  if (measured > 1 && fine < measured)
+    further.push_back(fmt::format("{} of {} were without fault.", fine, runs_text(measured)));
+  if (slowest != nullptr)
+    further.push_back(fmt::format("The slowest answer took {}{}.", short_time(slowest->round_trip.max),
+                                  measured > 1 ? fmt::format(" ({}, {})", word(at(slowest->run.asked, "id")),
+                                                             word(at(slowest->run.asked, "transport")))
+                                               : ""));
+  // Of several runs, of different conditions, there is no such thing.
+  if (const auto& missed = summaries.front().missed_probability;
+      summaries.size() == 1 && missed.events == 0 && missed.messages > 0)
+    further.push_back(
+        fmt::format("So long as it goes on like this, fewer than {:.2g} of a million messages will miss it, "
+                    "with 95 % confidence.",
+                    missed.bound * 1e6));
+  if (unfinished > 0)
+    further.push_back(fmt::format("{} did not end as asked: see below.", runs_text(unfinished)));
+  verdict.further = join(further, " ");
+  return verdict;
+}
+
+}  // namespace ontime::report

@@ -1,0 +1,346 @@
+// SPDX-License-Identifier: Apache-2.0
+// Figures of distributions, payloads and layers, and what all figures have in common.
+"use strict";
+
+const data = JSON.parse(document.getElementById("data").textContent);
+
+function fail(error) {
+  d3.select("main").insert("p", ":first-child").attr("class", "note fault").attr("role", "alert")
+    .text(`The figures cannot be drawn here: ${error}. The tables hold. A browser of 2023 or later draws them.`);
+}
+
+// "1.23 ms": three figures, as much as a page's codes carry.
+function time(ns) {
+  const [unit, size] = ns >= 1e9 ? ["s", 1e9] : ns >= 1e6 ? ["ms", 1e6] : ns >= 1e3 ? ["µs", 1e3] : ["ns", 1];
+  return `${+(ns / size).toPrecision(3)} ${unit}`;
+}
+const number = d3.format(",");
+const DASHES = ["", "6 3", "2 3", "8 3 2 3"];
+const looks = i => ({ colour: `c${i % 7}`, dash: DASHES[Math.floor(i / 7) % 4] });
+
+// Of runs of several conditions: a colour for each transport, a dash for each condition, where that tells them apart.
+function looksOf(runs) {
+  const labels = [...new Set(runs.map(run => run.label))], ids = [...new Set(runs.map(run => run.id))];
+  if (labels.length > 7 || ids.length > DASHES.length) return runs.map((_, i) => looks(i));
+  return runs.map(run => ({ colour: `c${labels.indexOf(run.label)}`, dash: DASHES[ids.indexOf(run.id)] }));
+}
+
+// On a logarithmic axis each doubling has a tick or each ten, whatever there is room for.
+function timeAxis(scale, logarithmic, most, axis = d3.axisLeft) {
+  if (!logarithmic) return axis(scale).ticks(most).tickFormat(time);
+  const [least, greatest] = scale.domain(), ticks = [];
+  for (let ten = 10 ** Math.floor(Math.log10(least)); ten <= greatest; ten *= 10)
+    for (const factor of [1, 2, 5]) if (factor * ten >= least && factor * ten <= greatest) ticks.push(factor * ten);
+  const values = ticks.length <= most + 2 ? ticks : ticks.filter(value => /^1(e|0*$)/.test(String(value)));
+  return axis(scale).tickValues(values.length > 1 ? values : ticks).tickFormat(time);
+}
+
+// An SVG with axes and tools, as wide as its figure.
+class Frame {
+  constructor(figure, { height, margin }) {
+    this.figure = figure;
+    this.margin = margin;
+    this.height = height - margin.top - margin.bottom;
+    this.tools = d3.select(figure).append("div").attr("class", "tools");
+    this.svg = d3.select(figure).append("svg").attr("role", "img").attr("height", height);
+    const inner = this.svg.append("g").attr("transform", `translate(${margin.left},${margin.top})`);
+    this.grid = inner.append("g").attr("class", "grid");
+    this.bottom = inner.append("g").attr("class", "axis").attr("transform", `translate(0,${this.height})`);
+    this.left = inner.append("g").attr("class", "axis");
+    const id = Frame.next = (Frame.next || 0) + 1;
+    this.clip = this.svg.append("clipPath").attr("id", `clip-${id}`).append("rect");
+    this.plot = inner.append("g").attr("clip-path", `url(#clip-${id})`);
+    this.area = inner.append("rect").attr("class", "area").attr("height", this.height);
+    const caption = figure.querySelector("figcaption");
+    this.name = caption ? caption.querySelector("b").textContent : "figure";
+    if (caption) this.svg.attr("aria-label", caption.textContent);
+    for (const [text, save] of [["SVG", saveSvg], ["PNG", savePng]])
+      this.tools.append("button").attr("type", "button").attr("class", "save").attr("title", `save as ${text}`).text(text)
+        .on("click", () => save(this.svg.node(), this.name));
+  }
+
+  onResize(draw) {
+    const resize = () => {
+      const whole = Math.floor(this.figure.clientWidth);
+      if (whole === this.whole || whole <= 0) return;
+      this.whole = whole;
+      this.width = Math.max(whole - this.margin.left - this.margin.right, 60);
+      this.svg.attr("width", whole).attr("viewBox", `0 0 ${whole} ${this.height + this.margin.top + this.margin.bottom}`);
+      this.area.attr("width", this.width);
+      this.clip.attr("x", -1).attr("y", -this.margin.top).attr("width", this.width + 2)
+        .attr("height", this.height + this.margin.top + 1);
+      draw();
+    };
+    new ResizeObserver(resize).observe(this.figure);
+    resize();
+  }
+
+  axes(bottom, left) {
+    this.bottom.call(bottom.tickSizeOuter(0));
+    this.left.call(left.tickSizeOuter(0));
+    const scale = left.scale();
+    const lines = this.grid.selectAll("line").data(left.tickValues() || scale.ticks(...left.tickArguments()));
+    lines.exit().remove();
+    lines.enter().append("line").merge(lines).attr("x2", this.width).attr("y1", scale).attr("y2", scale);
+  }
+
+  labels(bottom, left) {
+    this.svg.append("text").attr("class", "label").attr("text-anchor", "end").attr("y", this.height + this.margin.top + 30)
+      .attr("data-place", "bottom").text(bottom);
+    this.svg.append("text").attr("class", "label").attr("x", 4).attr("y", 11).text(left);
+  }
+  place() { this.svg.select("[data-place=bottom]").attr("x", this.margin.left + this.width); }
+}
+
+// With the looks that the page's style gives it, so that it stands alone.
+function standalone(svg) {
+  const copy = svg.cloneNode(true), looks = ["fill", "stroke", "stroke-width", "stroke-linecap", "stroke-dasharray",
+    "opacity", "fill-opacity", "font-size", "font-family", "font-weight", "text-anchor", "visibility"];
+  const from = [svg, ...svg.querySelectorAll("*")], to = [copy, ...copy.querySelectorAll("*")];
+  from.forEach((element, i) => {
+    const style = getComputedStyle(element);
+    for (const look of looks) to[i].setAttribute(look, style.getPropertyValue(look));
+  });
+  copy.setAttribute("xmlns", "http://www.w3.org/2000/svg");
+  const paper = document.createElementNS("http://www.w3.org/2000/svg", "rect");
+  paper.setAttribute("width", "100%");
+  paper.setAttribute("height", "100%");
+  paper.setAttribute("fill", getComputedStyle(document.body).backgroundColor);
+  copy.prepend(paper);
+  return new Blob([new XMLSerializer().serializeToString(copy)], { type: "image/svg+xml" });
+}
+
+function download(blob, name) {
+  const link = document.createElement("a");
+  link.href = URL.createObjectURL(blob);
+  link.download = name.replace(/[^\w.-]+/g, "-");
+  link.click();
+  setTimeout(() => URL.revokeObjectURL(link.href), 1000);
+}
+
+function saveSvg(svg, name) { download(standalone(svg), `${name}.svg`); }
+
+function savePng(svg, name) {
+  const url = URL.createObjectURL(standalone(svg)), image = new Image(), { width, height } = svg.getBoundingClientRect();
+  image.onload = () => {
+    const canvas = document.createElement("canvas"), finer = 3;
+    canvas.width = width * finer;
+    canvas.height = height * finer;
+    canvas.getContext("2d").drawImage(image, 0, 0, canvas.width, canvas.height);
+    URL.revokeObjectURL(url);
+    canvas.toBlob(blob => download(blob, `${name}.png`));
+  };
+  image.src = url;
+}
+
+// Lines of runs over each other, each of which a name switches on and off.
+class Lines {
+  constructor(figure, { series, x, y, lines, left, bottom, tell }) {
+    Object.assign(this, { series, x, y, lines, tell, hidden: new Set() });
+    series.forEach((one, i) => { one.look = one.look || looks(i); });
+    this.frame = new Frame(figure, { height: 300, margin: { top: 24, right: 14, bottom: 36, left: 56 } });
+    this.frame.labels(bottom, left);
+    this.deadline = this.frame.plot.append("path").attr("class", "deadline");
+    this.cursor = this.frame.plot.append("line").attr("class", "cursor").attr("visibility", "hidden");
+    this.paths = this.frame.plot.append("g");
+    const names = d3.select(figure).append("div").attr("class", "names").attr("role", "group").attr("aria-label", "shown");
+    names.selectAll("button").data(series).enter().append("button").attr("type", "button").attr("aria-pressed", "true")
+      .on("click", (one, i, nodes) => {
+        this.hidden.has(one) ? this.hidden.delete(one) : this.hidden.add(one);
+        d3.select(nodes[i]).attr("aria-pressed", !this.hidden.has(one));
+        this.draw();
+      }).each(function (one) {
+        const button = d3.select(this);
+        button.append("svg").attr("width", 22).attr("height", 8).attr("aria-hidden", "true").append("path")
+          .attr("class", `line ${one.look.colour}`).attr("stroke-dasharray", one.look.dash).attr("d", "M0,4H22");
+        button.append("span").text(one.name);
+      });
+    this.readout = d3.select(figure).append("output").attr("class", "readout");
+    this.frame.area.on("mousemove", () => this.point(d3.mouse(this.frame.area.node())[0]))
+      .on("mouseleave", () => this.cursor.attr("visibility", "hidden"));
+    this.frame.onResize(() => this.draw());
+  }
+
+  draw() {
+    const { frame } = this;
+    const x = this.xScale = this.x.scale().range([0, frame.width]), y = this.y.scale().range([frame.height, 0]);
+    frame.axes(this.x.axis(x, frame.width), this.y.axis(y));
+    frame.place();
+    const all = [];
+    for (const one of this.series)
+      if (!this.hidden.has(one))
+        for (const line of this.lines(one, x, y))
+          all.push({ ...line, class: `line ${one.look.colour} ${line.class || ""}`, dash: line.dash || one.look.dash });
+    const paths = this.paths.selectAll("path").data(all);
+    paths.exit().remove();
+    paths.enter().append("path").merge(paths).attr("class", one => one.class).attr("stroke-dasharray", one => one.dash || null)
+      .attr("d", one => one.d);
+    const deadlines = new Set(this.series.map(one => one.deadline_ns));
+    const [deadline] = deadlines;
+    this.deadline.attr("d", deadlines.size === 1 && deadline && this.x.isTime ? `M${x(deadline)},0V${frame.height}` : null);
+  }
+
+  point(px) {
+    if (!this.tell) return;
+    this.cursor.attr("visibility", null).attr("x1", px).attr("x2", px).attr("y1", 0).attr("y2", this.frame.height);
+    this.readout.text(this.tell(this.xScale.invert(px), this.series.filter(one => !this.hidden.has(one))));
+  }
+}
+
+const runsOf = figure => figure.dataset.figuresOf.split(" ").map(i => data.runs[i]).filter(run => run.round_trip);
+
+function timesDomain(runs) {
+  return [d3.min(runs, run => run.round_trip.min) * 0.9,
+    Math.max(d3.max(runs, run => run.round_trip.max), d3.max(runs, run => run.deadline_ns) || 0) * 1.2];
+}
+const timesAxis = domain => ({
+  isTime: true,
+  scale: () => d3.scaleLog().domain(domain).clamp(true),
+  axis: (scale, width) => timeAxis(scale, true, width / 70, d3.axisBottom),
+});
+
+// The share of messages that are slower than each bin's beginning: exact there, and up to the next bin no more than that.
+function worse(histogram, greatest, lost) {
+  const points = [], all = d3.sum(histogram, bin => bin[2]) + lost;
+  let slower = all;
+  for (const [from, , count] of histogram) {
+    points.push([from, slower / all]);
+    slower -= count;
+  }
+  points.push([greatest, slower / all]);
+  return points;
+}
+
+function drawWorse(figure) {
+  const runs = runsOf(figure);
+  if (runs.length === 0) return;
+  const whole = figure.dataset.names === "whole", domain = timesDomain(runs);
+  domain[1] = Math.max(domain[1], d3.max(runs, run => run.response.max) * 1.2);
+  const least = d3.min(runs, run => 1 / run.response.count);
+  const look = whole ? looksOf(runs) : [];
+  const series = runs.map((run, i) => ({ ...run, look: look[i], name: whole ? `${run.id} ${run.label}` : run.label,
+    roundTrips: worse(run.histogram, run.round_trip.max, run.lost), responses: worse(run.responses, run.response.max, run.lost) }));
+  const share = value => value >= 1e-4 ? `${+(value * 100).toPrecision(2)} %` : `${+(value * 1e6).toPrecision(2)} ppm`;
+  let kind = "roundTrips";
+  const lines = new Lines(figure, {
+    series, left: "share", bottom: "time", x: timesAxis(domain),
+    y: { scale: () => d3.scaleLog().domain([least * 0.7, 1]).clamp(true),
+      axis: scale => d3.axisLeft(scale).tickValues(d3.range(0, Math.ceil(-Math.log10(least)) + 1).map(i => 10 ** -i)
+        .filter(value => value >= least * 0.7)).tickFormat(share) },
+    lines: (one, x, y) => [{ d: d3.line().x(p => x(p[0])).y(p => p[1] > 0 ? y(p[1]) : y(least * 0.7)).curve(d3.curveStepAfter)(one[kind]) }],
+    tell: (ns, shown) => `slower than ${time(ns)}: ` + shown.map(one => {
+      const i = d3.bisector(p => p[0]).right(one[kind], ns) - 1, slower = i < 0 ? 1 : one[kind][i][1];
+      return `${one.name} ${slower > 0 ? share(slower) : "none"}`;
+    }).join(" · "),
+  });
+  lines.frame.tools.insert("button", ".save").attr("type", "button").attr("aria-pressed", "false").text("response")
+    .attr("title", "of every cycle from when it was due, instead of every message from when it was sent")
+    .on("click", (_, i, [button]) => {
+      kind = kind === "roundTrips" ? "responses" : "roundTrips";
+      d3.select(button).attr("aria-pressed", kind === "responses");
+      lines.draw();
+    });
+}
+
+// Round bins that touch; between others it goes down to the ground.
+function outline(histogram, x, y, ground) {
+  let path = "", end = null;
+  for (const [from, to, count] of histogram) {
+    if (from !== end) path += `${end === null ? "" : `V${ground}`}M${x(from).toFixed(1)},${ground}`;
+    path += `V${y(count).toFixed(1)}H${x(to).toFixed(1)}`;
+    end = to;
+  }
+  return path + `V${ground}`;
+}
+
+function drawHistogram(figure) {
+  const runs = runsOf(figure);
+  if (runs.length === 0) return;
+  const domain = timesDomain(runs), most = d3.max(runs, run => d3.max(run.histogram, bin => bin[2]));
+  new Lines(figure, {
+    series: runs.map(run => ({ ...run, name: run.label })), left: "messages", bottom: "round trip", x: timesAxis(domain),
+    y: { scale: () => d3.scaleLog().domain([0.7, most * 1.3]).clamp(true),
+      axis: scale => d3.axisLeft(scale).tickValues(d3.range(0, 12).map(i => 10 ** i).filter(value => value <= most * 1.3)).tickFormat(number) },
+    lines: (one, x, y) => [{
+      d: outline(one.histogram, x, y, y(0.7)),
+      class: "bins",
+    }],
+    tell: (ns, shown) => `${time(ns)}: ` + shown.map(one => {
+      const bin = one.histogram.find(([from, to]) => from <= ns && ns < to);
+      return `${one.name} ${number(bin ? bin[2] : 0)}`;
+    }).join(" · "),
+  });
+}
+
+function drawPayload(figure) {
+  const runs = runsOf(figure), groups = d3.nest().key(run => `${run.id} ${run.transport}`).entries(runs);
+  const sizes = [...new Set(runs.map(run => Math.max(run.payload_bytes, 1)))].sort(d3.ascending);
+  const times = [d3.min(runs, run => run.round_trip.p50) * 0.7, d3.max(runs, run => run.round_trip.p99) * 1.4];
+  const line = (values, x, y, figureOf, dashes) => {
+    const points = d3.nest().key(run => Math.max(run.payload_bytes, 1)).rollup(of => d3.median(of, run => run.round_trip[figureOf]))
+      .entries(values).map(entry => [+entry.key, entry.value]).sort((a, b) => a[0] - b[0]);
+    return [{ d: d3.line().x(p => x(p[0])).y(p => y(p[1]))(points), dash: dashes },
+      { d: points.map(p => `M${x(p[0])},${y(p[1])}h0`).join(""), class: "dots" }];
+  };
+  const bytes = value => value >= 1048576 ? `${value / 1048576} MiB` : value >= 1024 ? `${+(value / 1024).toPrecision(3)} KiB` : `${value} B`;
+  new Lines(figure, {
+    series: groups.map(group => ({ name: group.key, values: group.values })), left: "round trip", bottom: "payload; p50 —, p99 - -",
+    x: { scale: () => d3.scaleLog().domain([sizes[0] / 1.3, sizes[sizes.length - 1] * 1.3]),
+      axis: scale => d3.axisBottom(scale).tickValues(sizes).tickFormat(bytes) },
+    y: { scale: () => d3.scaleLog().domain(times), axis: scale => timeAxis(scale, true, 6) },
+    lines: (one, x, y) => [...line(one.values, x, y, "p50", " "), ...line(one.values, x, y, "p99", "5 4")],
+  });
+}
+
+function drawLayers(figure) {
+  const bars = data.layers, row = 26, margin = { top: 8, right: 125, bottom: 30, left: 105 };
+  const frame = new Frame(figure, { height: bars.length * row + margin.top + margin.bottom, margin });
+  frame.onResize(() => {
+    const x = d3.scaleLinear([0, d3.max(bars, bar => bar.total) || 1], [0, frame.width]).nice();
+    const y = d3.scaleBand(d3.range(bars.length), [0, frame.height]).paddingInner(0.35);
+    frame.axes(d3.axisBottom(x).ticks(frame.width / 80).tickFormat(time), d3.axisLeft(y).tickFormat(i => bars[i].name).tickValues(d3.range(bars.length)));
+    frame.grid.selectAll("line").remove();
+    const groups = frame.plot.selectAll("g").data(bars), entered = groups.enter().append("g");
+    for (const name of ["below", "added"]) entered.append("rect").attr("class", name).attr("height", y.bandwidth());
+    entered.append("path").attr("class", "interval");
+    entered.append("text").attr("class", "label").attr("dy", "0.35em");
+    const all = entered.merge(groups).attr("transform", (_, i) => `translate(0,${y(i)})`);
+    const added = bar => bar.added ? bar.added[0] : bar.total;
+    all.select(".below").attr("width", bar => x(Math.max(bar.total - added(bar), 0)));
+    all.select(".added").attr("x", bar => x(Math.max(bar.total - Math.max(added(bar), 0), 0)))
+      .attr("width", bar => Math.max(x(Math.max(added(bar), 0)), 1));
+    all.select(".interval").attr("d", bar => {
+      if (!bar.added) return null;
+      const base = bar.total - bar.added[0], middle = y.bandwidth() / 2;
+      return `M${x(base + bar.added[1])},${middle}H${x(base + bar.added[2])}`;
+    });
+    frame.clip.attr("width", frame.width + margin.right);
+    all.select("text").attr("x", bar => x(bar.total) + 6).attr("y", y.bandwidth() / 2)
+      .text(bar => time(bar.total) + (bar.added ? ` (${bar.added[0] < 0 ? "−" : "+"}${time(Math.abs(bar.added[0]))})` : ""));
+  });
+}
+
+// From the fastest to the slowest of each run on one scale, with its deadline: what the table says, for the eye.
+function drawRanges() {
+  const runs = data.runs.filter(run => run.round_trip);
+  if (runs.length === 0) return;
+  const width = 180, x = d3.scaleLog().domain(timesDomain(runs)).range([2, width - 2]).clamp(true);
+  for (const cell of document.querySelectorAll("td.range")) {
+    const run = data.runs[cell.dataset.figureOf], of = run.round_trip;
+    if (!of) continue;
+    const svg = d3.select(cell).append("svg").attr("width", width).attr("height", 16).attr("aria-hidden", "true");
+    if (run.deadline_ns) svg.append("path").attr("class", "deadline").attr("d", `M${x(run.deadline_ns)},0V16`);
+    svg.append("path").attr("class", "range").attr("d", `M${x(of.min)},8H${x(of.max)}`);
+    if (run.deadline_ns && of.max > run.deadline_ns)
+      svg.append("path").attr("class", "range beyond").attr("d", `M${x(run.deadline_ns)},8H${x(of.max)}`);
+    svg.append("path").attr("class", "most").attr("d", `M${x(of.p50)},8H${x(of.p99)}`);
+  }
+}
+
+try {
+  drawRanges();
+  for (const [name, draw] of [["worse", drawWorse], ["histogram", drawHistogram], ["payload", drawPayload], ["layers", drawLayers]])
+    document.querySelectorAll(`figure.${name}`).forEach(draw);
+} catch (error) {
+  fail(error);
+}

@@ -1,0 +1,315 @@
+// SPDX-License-Identifier: Apache-2.0
+// The page: the verdict, the table, the figures, and what was so.
+#include <algorithm>
+
+#include <fmt/format.h>
+
+#include "report/conditions.hpp"
+#include "report/html.hpp"
+#include "report/paper.hpp"
+#include "report/report.hpp"
+#include "report/runs.hpp"
+#include "report/words.hpp"
+
+namespace ontime::report {
+namespace {
+
+using nlohmann::json;
+using statistics::Summary;
+
+// Runs as the page names them, in its order: figures_of() has the same.
+struct Shown {
+  const Summary* summary;
+  std::string label;
+};
+
+std::vector<std::vector<Shown>> shown(const Summaries& summaries) {
+  std::vector<std::vector<Shown>> groups;
+  for (const auto& group : by_id(summaries)) {
+    auto labels = labels_of(group);
+    tell_apart(labels, group);
+    auto& runs = groups.emplace_back();
+    for (std::size_t i = 0; i < group.size(); ++i) runs.push_back({group[i], labels[i]});
+  }
+  return groups;
+}
+
+std::string heading_of(const Summary& summary) {
+  const auto title = word(at(summary.run.asked, "title"));
+  const auto id = word(at(summary.run.asked, "id"));
+  return title == nothing || title.empty() ? id : id + " · " + title;
+}
+
+// Rounded for the eye, exact for programs.
+std::string time_cell(const statistics::Distribution& of, double ns, const char* name,
+                      std::uint64_t one_in = 1) {
+  if (of.count < one_in) return "<td class=\"number\">–</td>";
+  const bool glimpse = one_in > 1 && of.count / one_in < 10;
+  return fmt::format("<td class=\"number\"><data data-figure=\"{}\" value=\"{:.3f}\">{}{}</data></td>", name,
+                     ns / 1e3, glimpse ? "~" : "", microseconds(ns));
+}
+
+std::string count_cell(std::uint64_t count, const char* name, bool is_fault) {
+  return fmt::format("<td class=\"number{}\"><data data-figure=\"{}\" value=\"{}\">{}</data></td>",
+                     is_fault && count > 0 ? " fault" : "", name, count, grouped(count));
+}
+
+std::string against_deadline(const Summary& summary) {
+  const auto& deadline_us = at(summary.run.asked, "deadline_us");
+  if (!deadline_us.is_number() || deadline_us.get<double>() <= 0 || summary.round_trip.count == 0) return "–";
+  const auto share = static_cast<double>(summary.round_trip.max) / 1e3 / deadline_us.get<double>();
+  return share < 1 ? fmt::format("{:.2g} %", share * 100) : fmt::format("{:.1f} ×", share);
+}
+
+std::string row_of(const Shown& run, std::size_t figure) {
+  const auto& summary = *run.summary;
+  const auto& of = summary.round_trip;
+  const auto time = [&](std::int64_t ns, const char* name, std::uint64_t one_in = 1) {
+    return time_cell(of, static_cast<double>(ns), name, one_in);
+  };
+  return fmt::format("<tr data-run=\"{}\"><th scope=\"row\"><a href=\"#run-{}\">{}</a></th>",
+                     summary.run.number, figure, escaped(run.label)) +
+         count_cell(summary.sent, "sent", false) + count_cell(summary.late, "late", true) +
+         count_cell(summary.lost, "lost", true) + time(of.min, "min") + time_cell(of, of.mean, "mean") +
+         time(of.p50, "p50", 2) + time(of.p99, "p99", 100) + time(of.p99_9, "p99.9", 1000) +
+         time(of.max, "max") +
+         fmt::format("<td class=\"number\">{}</td><td class=\"range\" data-figure-of=\"{}\"></td></tr>\n",
+                     against_deadline(summary), figure);
+}
+
+constexpr const char* table_head = R"(<div class="wide" tabindex="0" role="region" aria-label="All runs">
+<table class="runs">
+<caption>Round trips in µs</caption>
+<thead><tr><th scope="col">Run</th><th scope="col" class="number">Sent</th><th scope="col" class="number">Late</th>
+<th scope="col" class="number">Lost</th><th scope="col" class="number">Min</th><th scope="col" class="number">Mean</th>
+<th scope="col" class="number">p50</th><th scope="col" class="number">p99</th><th scope="col" class="number">p99.9</th>
+<th scope="col" class="number">Max</th><th scope="col" class="number">Max to deadline</th>
+<th scope="col" class="range">Min to max, p50, p99</th></tr></thead>
+)";
+
+// What the paper measured, beside it.
+std::string row_of(const PaperRow& paper) {
+  const auto us = [](const auto& value) {
+    return fmt::format("<td class=\"number\">{}</td>", microseconds(static_cast<double>(value) * 1e3));
+  };
+  const auto number = [](std::uint64_t value) {
+    return fmt::format("<td class=\"number\">{}</td>", grouped(value));
+  };
+  constexpr const char* unknown = "<td class=\"number\">–</td>";
+  return fmt::format("<tr class=\"paper\"><th scope=\"row\">paper’s {}</th>", escaped(paper.dds)) +
+         number(paper.messages) + number(paper.missed_deadlines) + number(paper.lost) + us(paper.min_us) +
+         us(paper.avg_us) + unknown + unknown + unknown + us(paper.max_us) + unknown + "<td></td></tr>\n";
+}
+
+std::string table_of(const std::vector<std::vector<Shown>>& groups) {
+  std::string text = table_head;
+  std::size_t figure = 0;
+  for (const auto& group : groups) {
+    text += fmt::format("<tbody>\n<tr><th scope=\"rowgroup\" colspan=\"12\">{}</th></tr>\n",
+                        escaped(heading_of(*group.front().summary)));
+    for (const auto& run : group) text += row_of(run, figure++);
+    for (const auto& paper : paper_rows(group.front().summary->run.asked)) text += row_of(paper);
+    text += "</tbody>\n";
+  }
+  return text + "</table>\n</div>\n";
+}
+
+// The longest waits, and where they went.
+Table worst_of(const std::vector<Shown>& group) {
+  using enum Column::Align;
+  Table table{"The longest waits (µs)",
+              "",
+              {{"Run", left},
+               {"Message"},
+               {"at (s)"},
+               {"waited"},
+               {"woken up after"},
+               {"sent after"},
+               {"round trip"}},
+              {},
+              {}};
+  constexpr std::size_t most = 5;  // of a run
+  for (const auto& [summary, label] : group) {
+    const auto& worst = summary->shape.worst;
+    for (std::size_t i = 0; i < std::min(most, worst.size()); ++i) {
+      const auto& message = worst[i].message;
+      const auto us = [](std::int64_t ns) { return microseconds(static_cast<double>(ns)); };
+      table.rows.push_back(
+          {label, fmt::format("{}", message.index),
+           fmt::format("{:.3f}",
+                       (static_cast<double>(message.due_ns) - static_cast<double>(summary->start_ns)) / 1e9),
+           us(worst[i].took_ns), us(message.woke_ns - message.due_ns), us(message.sent_ns - message.woke_ns),
+           us(message.received_ns - message.sent_ns)});
+    }
+  }
+  return table;
+}
+
+// Where the time goes, of the median and of the slowest.
+Table parts_of(const std::vector<Shown>& group) {
+  using enum Column::Align;
+  Table table{"Where the time goes (µs): median / p99 / max", "", {{"Run", left}, {"wake-up"}}, {}, {}};
+  const bool any_parts = std::any_of(group.begin(), group.end(),
+                                     [](const Shown& run) { return run.summary->parts.has_value(); });
+  if (any_parts) table.columns.push_back({"way there"});
+  table.columns.push_back({"at the component"});
+  if (any_parts) table.columns.push_back({"way back"});
+  table.columns.push_back({"response"});
+  const auto cell = [](const statistics::Distribution& of) {
+    if (of.count == 0) return std::string(nothing);
+    const auto us = [](std::int64_t ns) { return microseconds(static_cast<double>(ns)); };
+    return us(of.p50) + " / " + us(of.p99) + " / " + us(of.max);
+  };
+  for (const auto& [summary, label] : group) {
+    std::vector<std::string> row = {label, cell(summary->wake_up)};
+    const auto parts = summary->parts.value_or(statistics::Parts{});
+    if (any_parts) row.push_back(cell(parts.there));
+    row.push_back(cell(summary->server));
+    if (any_parts) row.push_back(cell(parts.back));
+    row.push_back(cell(summary->response));
+    table.rows.push_back(row);
+  }
+  table.notes.emplace_back(
+      "Wake-up: from when a message was due until its sender ran. Response: from when each cycle was due "
+      "until its "
+      "answer came, cycles that passed without a message among them; it hides no stall.");
+  return table;
+}
+
+std::string details(const std::string& summary, const std::string& content) {
+  return "<details><summary>" + escaped(summary) + "</summary>\n" + content + "</details>\n";
+}
+
+std::string time_figure(const Shown& run, std::size_t figure) {
+  const auto& of = run.summary->round_trip;
+  const auto us = [](std::int64_t ns) { return microseconds(static_cast<double>(ns)); };
+  auto text = fmt::format("{} messages, {} late, {} lost", grouped(run.summary->sent),
+                          grouped(run.summary->late), grouped(run.summary->lost));
+  if (of.count > 0)
+    text += fmt::format("; round trips of {} to {} µs, median {}", us(of.min), us(of.max), us(of.p50));
+  auto html = fmt::format(
+      "<figure class=\"time\" id=\"run-{0}\" data-figure-of=\"{0}\">\n<figcaption "
+      "id=\"caption-{0}\"><b>{1}</b> <span>{2}</span></figcaption>\n</figure>\n",
+      figure, escaped(run.label), escaped(text));
+  if (const auto remark = remarks(*run.summary); !remark.empty())
+    html += note_as_html(run.label + ": " + remark);
+  return html;
+}
+
+constexpr const char* time_plot_key =
+    R"(<p class="note key">In the plots over time: <span class="column">┃</span>from the fastest to the slowest message
+<span class="late">●</span>late <span class="lost">×</span>lost <span class="limit">╌</span>deadline <span
+class="middle">─</span>median <span class="stall">━</span>longest wait of cycles that passed without a message</p>
+)";
+
+std::string list_of(std::size_t first, std::size_t count) {
+  std::vector<std::string> numbers;
+  for (std::size_t i = first; i < first + count; ++i) numbers.push_back(fmt::format("{}", i));
+  return join(numbers, " ");
+}
+
+std::string section_of(const std::vector<Shown>& runs, std::size_t first) {
+  Group group;
+  for (const auto& run : runs) group.push_back(run.summary);
+  auto html = fmt::format("<section>\n<h2>{}</h2>\n<p>{}</p>\n", escaped(heading_of(*group.front())),
+                          escaped(join(shared_conditions(group), ", ")));
+  for (std::size_t i = 0; i < runs.size(); ++i) html += time_figure(runs[i], first + i);
+  html += fmt::format(
+      "<div class=\"pair\">\n<figure class=\"worse\" data-figures-of=\"{0}\">\n<figcaption><b>How often is "
+      "it worse "
+      "than …</b> <span>share of messages slower than x; lost ones are slower than "
+      "any</span></figcaption>\n</figure>\n"
+      "<figure class=\"histogram\" data-figures-of=\"{0}\">\n<figcaption><b>Distribution</b> <span>messages "
+      "in "
+      "each sixteenth of a doubling of the round trip</span></figcaption>\n</figure>\n</div>\n",
+      list_of(first, runs.size()));
+  html += details("Where the time goes", as_html(parts_of(runs)));
+  html += details("The longest waits", as_html(worst_of(runs)));
+  return html + "</section>\n";
+}
+
+bool have_several_payloads(const Summaries& summaries) {
+  return std::any_of(summaries.begin(), summaries.end(), [&](const Summary& summary) {
+    return at(summary.run.asked, "payload_bytes") != at(summaries.front().run.asked, "payload_bytes");
+  });
+}
+
+std::string comparing_figures(const Summaries& summaries, std::size_t groups) {
+  std::string html;
+  const auto all = list_of(0, summaries.size());
+  if (groups > 1)
+    html += fmt::format(
+        "<figure class=\"worse\" data-figures-of=\"{}\" data-names=\"whole\">\n<figcaption><b>How often is "
+        "it worse than "
+        "…</b> <span>all runs; choose by the names below</span></figcaption>\n</figure>\n",
+        all);
+  if (have_several_payloads(summaries))
+    html += fmt::format(
+        "<figure class=\"payload\" data-figures-of=\"{}\">\n<figcaption><b>Payload against round trip</b> "
+        "<span>p50 and p99, of all answered messages of a size</span></figcaption>\n</figure>\n",
+        all);
+  const auto layers = layers_page_of(summaries);
+  if (!layers.tables.empty()) {
+    html +=
+        "<figure class=\"layers\">\n<figcaption><b>What each layer costs</b> <span>round trip of the median "
+        "message; filled: what the layer adds</span></figcaption>\n</figure>\n";
+    for (const auto& table : layers.tables) html += details(table.title, as_html(table));
+  }
+  return html.empty() ? "" : "<section>\n<h2>Side by side</h2>\n" + html + "</section>\n";
+}
+
+std::string settings_of(const Summaries& summaries) {
+  std::string html = "<section>\n<h2>What was set, and what was so</h2>\n";
+  const auto differences = differences_of(summaries);
+  html += differences.columns.size() > 1 ? as_html(differences)
+                                         : "<p>" + escaped(differences.conditions) + "</p>\n";
+  for (const auto& refusal : refusals(summaries)) html += note_as_html(refusal);
+  html += details("Load, asked and achieved", as_html(loads_of(summaries)));
+  std::string threads;
+  for (const auto& table : threads_page_of(summaries).tables) threads += as_html(table);
+  if (!threads.empty()) html += details("Threads, as the kernel had them", threads);
+  html += details("The machines", as_html(machines_of(summaries)));
+  return html + "</section>\n";
+}
+
+const char* class_of(Verdict::Word word) {
+  switch (word) {
+    case Verdict::Word::yes:
+      return "yes";
+    case Verdict::Word::no:
+      return "no";
+    default:
+      return "partly";
+  }
+}
+
+}  // namespace
+
+std::string render_html(const record::Reader& reader, const Summaries& summaries, const std::string& name) {
+  const auto verdict = verdict_of(summaries);
+  const auto groups = shown(summaries);
+  auto body = fmt::format(
+      "<header>\n<p class=\"brand\">ontime <span>{}</span></p>\n<h1 "
+      "class=\"{}\">{}</h1>\n<p>{}</p>\n</header>\n<main>\n",
+      escaped(name), class_of(verdict.word), escaped(verdict.sentence), escaped(verdict.further));
+  if (!summaries.empty()) {
+    body += table_of(groups);
+    body += note_as_html(page_of(summaries).legend);
+    body +=
+        "<noscript><p class=\"note\">The figures want JavaScript, which is off here. The tables do "
+        "not.</p></noscript>\n";
+    body += time_plot_key;
+    std::size_t first = 0;
+    for (const auto& group : groups) {
+      body += section_of(group, first);
+      first += group.size();
+    }
+    body += comparing_figures(summaries, groups.size()) + settings_of(summaries);
+  }
+  body += "</main>\n<footer><p>Made by ontime " ONTIME_VERSION
+          " from the results file, which has every sample. Figures are drawn by D3, whose licence is in this "
+          "file's source.</p></footer>\n";
+  return standing_alone(name + " · ontime", body, figures_of(reader, summaries));
+}
+
+}  // namespace ontime::report

@@ -1,0 +1,308 @@
+#!/usr/bin/env python3
+# SPDX-License-Identifier: Apache-2.0
+"""The page, in a browser: what it shows is what was measured, down to one message, and no script runs but its own.
+
+ONTIME: the program. PICTURES: a folder that gets pictures of the page, wide and narrow, light and dark.
+"""
+import contextlib
+import json
+import os
+import pathlib
+import sqlite3
+import subprocess
+import sys
+import tempfile
+import time
+import unittest
+
+sys.dont_write_bytecode = True  # the checkout stays as it is
+sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent.parent.parent / "bench"))
+import browser  # noqa: E402
+import results_file  # noqa: E402
+
+ONTIME = os.environ.get("ONTIME", "build/release/bin/ontime")
+PICTURES = os.environ.get("PICTURES")
+HOSTILE = "</script><script>window.hacked = 1</script><!-- <img src=x onerror='window.hacked = 2'> \" ' \u2028 &lt;b&gt;"
+SHOWN_OF_IT = "</script><script>window.hacked = 1</script><!-- <img src=x onerror='window.hacked = 2'> \" ' &lt;b&gt;"
+
+
+def outcome(**own):
+    threads = [{"role": "send", "name": "ontime-send", "tid": 7, "policy": "fifo", "priority": 80, "cpus": "0-1"}]
+    host = {"machine": {"kernel_release": "6.1"}, "threads": threads, "refusals": []}
+    return {"interrupted": False, "hosts": {"controller": host, "component": host}, **own}
+
+
+class Page(unittest.TestCase):
+    @classmethod
+    def setUpClass(cls):
+        if not browser.is_there():
+            raise unittest.SkipTest("there is no Chromium here: apt-get install chromium chromium-driver "
+                                    "(scripts/setup installs them for the tests)")
+        cls.stack = contextlib.ExitStack()
+        cls.addClassCleanup(cls.stack.close)
+        cls.folder = pathlib.Path(cls.stack.enter_context(tempfile.TemporaryDirectory()))
+        cls.driver = cls.stack.enter_context(browser.driver())
+
+    def browser(self, **options):
+        opened = browser.Browser(self.driver, **options)
+        self.addCleanup(opened.close)
+        return opened
+
+    def page_of(self, results):
+        page = results.with_suffix(".html")
+        subprocess.run([ONTIME, "report", results, "--format", "html", "--output", page], check=True, timeout=300)
+        return page
+
+    def results(self, runs, notes=()):
+        path = self.folder / f"{self.id()}.ontime"
+        path.unlink(missing_ok=True)
+        results_file.write(path, runs, notes)
+        return path
+
+    def several(self):
+        """Two conditions, two transports, two payloads, layers, losses, notes."""
+        runs = []
+        for i, (name, transport, payload, messages) in enumerate(
+                [("Test1.B", "udp", 500, 3000), ("Test1.B", "cyclonedds", 500, 3000), ("Test1.D", "udp", 500, 3000),
+                 ("Test1.D", "udp", 32768, 3000)], 1):
+            request = results_file.asked(messages, id=name, transport=transport, payload_bytes=payload,
+                                         realtime=name == "Test1.D", adds_to="Test1.B" if name == "Test1.D" else "")
+            rows = [list(row) for row in results_file.samples(i, messages, seed=i)]
+            if i == 1:
+                rows[700][6], rows[700][10] = 27_654_321, results_file.LATE
+                for column in (6, 7, 8):
+                    rows[900][column] = None
+                rows[900][10] = results_file.LOST
+            runs.append((request, outcome(), rows))
+        notes = [(1, 1, results_file.START_NS + 9_000_000_000, 900, "peer-left", "the pong left")]
+        return self.results(runs, notes)
+
+    def assert_quiet(self, opened):
+        self.assertEqual(opened.errors(), [])
+
+    def test_it_loads_and_shows_what_json_says(self):
+        results = self.several()
+        said = json.loads(subprocess.run([ONTIME, "report", results, "--format", "json"], check=True,
+                                         capture_output=True).stdout)["runs"]
+        opened = self.browser()
+        opened.open(self.page_of(results))
+        self.assert_quiet(opened)
+        for run in said:
+            shown = opened.run("""const row = document.querySelector(`tr[data-run="${arguments[0]}"]`);
+                return Object.fromEntries([...row.querySelectorAll("data")].map(one => [one.dataset.figure, +one.value]));""",
+                               run["run"])
+            with self.subTest(run=run["run"]):
+                for name in ("sent", "late", "lost"):
+                    self.assertEqual(shown[name], run[name])
+                for name in ("min", "mean", "p50", "p99", "p99.9", "max"):
+                    self.assertEqual(shown[name], run["round_trip_us"][name])
+        self.assertIn("of 12,000 messages missed the deadline of 10 ms, and 1", opened.text("h1"))
+        self.assertEqual(opened.run("return [...document.querySelectorAll('figure')].filter(one => "
+                                    "!one.querySelector('svg path[d]')).length"), 0, "each figure is drawn")
+        self.assertEqual(opened.run("return performance.getEntriesByType('resource').length"), 0, "nothing is fetched")
+
+    def test_whoever_cannot_see_it_is_told(self):
+        opened = self.browser()
+        opened.open(self.page_of(self.several()))
+        for what, selector in {"figures have a name": "svg[role=img]:not([aria-label])", "columns have a head": "th:not([scope])",
+                               "buttons say what they do": "button:not([title]):not([aria-pressed])"}.items():
+            self.assertEqual(opened.run("return document.querySelectorAll(arguments[0]).length", selector), 0, what)
+
+    def test_zoom_goes_down_to_one_message(self):
+        count, slowest = 200_000, 123_457
+        rows = [list(row) for row in results_file.samples(1, count)]
+        rows[slowest][6], rows[slowest][10] = 444_000_000, results_file.LATE
+        opened = self.browser()
+        opened.open(self.page_of(self.results([(results_file.asked(count), outcome(), rows)])))
+        svg, plot = "figure.time svg", "figure.time"
+        self.assertEqual(opened.attribute(svg, "data-mode"), "columns")
+        self.assertEqual(int(opened.attribute(svg, "data-shown")), count)
+        opened.click(f"{plot} [data-does='show the slowest message']")
+        self.assertEqual(opened.attribute(svg, "data-mode"), "messages")
+        self.assertLess(int(opened.attribute(svg, "data-shown")), 40)
+        self.assertIn(f"message {slowest} · 444 ms · late", opened.text(f"{plot} .readout"))
+        # By the keyboard alone: nearer, along, and back to all.
+        before = int(opened.attribute(svg, "data-shown"))
+        opened.type(svg, "+++")
+        self.settle(opened)
+        self.assertLess(int(opened.attribute(svg, "data-shown")), before)
+        self.assertLessEqual(int(opened.attribute(svg, "data-shown")), 8)
+        opened.type(svg, "\ue011")  # Home
+        self.settle(opened)
+        self.assertEqual(int(opened.attribute(svg, "data-shown")), count)
+        self.assert_quiet(opened)
+
+    def test_faults_are_found_one_after_another(self):
+        rows = [list(row) for row in results_file.samples(1, 20_000)]
+        for i, fate in ((4_000, results_file.LATE), (9_999, results_file.LOST)):
+            rows[i][10] = fate
+        for column in (6, 7, 8):
+            rows[9_999][column] = None
+        opened = self.browser()
+        opened.open(self.page_of(self.results([(results_file.asked(20_000), outcome(), rows)])))
+        faults = [row[1] for row in rows if row[10] != results_file.ON_TIME]
+        for fault in [*faults, faults[0]]:
+            opened.click("figure.time [data-does='show the next late or lost message']")
+            self.assertIn(f"message {fault} · ", opened.text("figure.time .readout"))
+            self.assertEqual(opened.run("return document.querySelectorAll('path.lost[d]:not([d=\"\"])').length"),
+                             1 if fault == 9_999 else 0)
+        self.assert_quiet(opened)
+
+    def settle(self, opened):
+        opened.run_async("const done = arguments[arguments.length - 1]; "
+                         "requestAnimationFrame(() => requestAnimationFrame(done))")
+
+    def test_no_level_of_detail_hides_an_extreme(self):
+        count = 50_000
+        rows = [list(row) for row in results_file.samples(1, count)]
+        rows[31_234][6], rows[31_234][10] = 49_000_000, results_file.LATE
+        opened = self.browser()
+        opened.open(self.page_of(self.results([(results_file.asked(count), outcome(), rows)])))
+        wrong = opened.run_async("""
+            const done = arguments[arguments.length - 1];
+            timePlots.then(([{ course }]) => {
+              const plain = (from, to) => {
+                const all = new Extremes();
+                for (let i = from; i < to; ++i) all.add(course.code[i], course.fate[i]);
+                return JSON.stringify(all);
+              };
+              let wrong = 0;
+              for (let trial = 0; trial < 400; ++trial) {
+                const from = (trial * 7919) % course.count, to = Math.min(from + (trial * trial * 31) % 30000, course.count);
+                if (JSON.stringify(course.extremes(from, to)) !== plain(from, to)) ++wrong;
+              }
+              done(wrong);
+            });""")
+        self.assertEqual(wrong, 0)
+        # It is drawn where it is: in a column of more than fifty messages.
+        drawn = opened.run_async("""
+            const done = arguments[arguments.length - 1];
+            timePlots.then(([plot]) => done([...plot.layers.late.attr("d").matchAll(/M([\\d.]+),([\\d.]+)h0/g)]
+              .map(found => [plot.x.invert(+found[1]), plot.y.invert(+found[2])])));""")
+        self.assertTrue(any(abs(at - 312.34) < 1 and abs(ns / 49e6 - 1) < 0.02 for at, ns in drawn), drawn)
+
+    def test_hostile_file_is_shown_and_runs_nothing(self):
+        request = results_file.asked(50, id=HOSTILE, title=HOSTILE, transport=HOSTILE, variant=HOSTILE, receive=HOSTILE,
+                                     schedule=HOSTILE, options={HOSTILE: HOSTILE}, adds_to=HOSTILE)
+        host = {"machine": {HOSTILE: HOSTILE, "kernel_release": HOSTILE}, "transport": {"facts": {"rmw": HOSTILE}},
+                "threads": [{"role": HOSTILE, "name": HOSTILE, "policy": HOSTILE}],
+                "refusals": [{"asked": HOSTILE, "found": HOSTILE, "remedy": HOSTILE}]}
+        came = {"hosts": {"controller": host, "component": host, HOSTILE: host}, "error": HOSTILE}
+        other = results_file.asked(50, id=HOSTILE, transport="udp", payload_bytes=9)
+        results = self.results([(request, came, results_file.samples(1, 50)), (other, came, results_file.samples(2, 50))],
+                               [(1, 1, results_file.START_NS + 10**8, 3, HOSTILE, HOSTILE)])
+        opened = self.browser()
+        opened.open(self.page_of(results))
+        self.assertIsNone(opened.run("return window.hacked"))
+        self.assertIn(SHOWN_OF_IT, " ".join(opened.run("return document.querySelector('h2').textContent").split()))
+        self.assertIn(SHOWN_OF_IT, " ".join(opened.run("return document.querySelector('.names span').textContent").split()))
+        self.assertEqual(opened.run("return document.images.length + document.querySelectorAll('main script').length"), 0)
+        self.assert_quiet(opened)
+        # And if one had come through, the policy would have stopped it.
+        opened.run("""const script = document.createElement("script");
+                   script.textContent = "window.hacked = 3";
+                   document.body.append(script);
+                   document.body.insertAdjacentHTML("beforeend", "<img src=x onerror='window.hacked = 4'>");""")
+        time.sleep(0.2)
+        self.assertIsNone(opened.run("return window.hacked"))
+        self.assertIn("Content Security Policy", " ".join(opened.errors()))
+
+    def test_figures_can_be_saved(self):
+        opened = self.browser()
+        opened.devtools("Browser.setDownloadBehavior", behavior="allow", downloadPath=str(self.folder))
+        opened.open(self.page_of(self.several()))
+        for form, beginning in {"SVG": b"<svg", "PNG": b"\x89PNG"}.items():
+            opened.click(f"figure.worse [title='save as {form}']")
+            file = self.folder / f"How-often-is-it-worse-than-.{form.lower()}"
+            deadline = time.monotonic() + 20
+            while not file.exists() and time.monotonic() < deadline:
+                time.sleep(0.05)
+            self.assertTrue(file.read_bytes().startswith(beginning), form)
+        self.assert_quiet(opened)
+
+    def test_it_fits_a_phone_and_the_dark(self):
+        page = self.page_of(self.several())
+        for width, scheme in ((360, "light"), (360, "dark"), (1280, "light"), (1280, "dark")):
+            opened = self.browser(width=width, scheme=scheme)
+            opened.open(page)
+            with self.subTest(width=width, scheme=scheme):
+                self.assertLessEqual(opened.run("return document.documentElement.scrollWidth"), width)
+                light = opened.run("return getComputedStyle(document.body).backgroundColor") == "rgb(255, 255, 255)"
+                self.assertEqual(light, scheme == "light")
+            if PICTURES:
+                opened.picture(pathlib.Path(PICTURES) / f"page-{width}-{scheme}.png")
+
+
+class File(unittest.TestCase):
+    """What is asked of the program, without a browser."""
+
+    def setUp(self):
+        folder = tempfile.TemporaryDirectory()
+        self.addCleanup(folder.cleanup)
+        self.folder = pathlib.Path(folder.name)
+        self.results, self.page = self.folder / "r.ontime", self.folder / "r.html"
+
+    def report(self, *arguments):
+        return subprocess.run([ONTIME, "report", self.results, *arguments], capture_output=True, text=True, timeout=120)
+
+    def assert_refused(self, code, word, *arguments):
+        there = sorted(self.folder.iterdir())
+        done = self.report(*arguments)
+        self.assertEqual(done.returncode, code, done.stderr)
+        self.assertIn(word, done.stderr)
+        self.assertEqual(sorted(self.folder.iterdir()), there, "nothing is left of it")
+
+    def test_what_is_no_results_file_makes_no_page(self):
+        html = ("--format", "html", "--output", self.page)
+        self.assert_refused(2, "r.ontime", *html)
+        self.results.write_bytes(b"")
+        self.assert_refused(2, "empty", *html)
+        self.results.write_bytes(b"<html>" * 1000)
+        self.assert_refused(2, "not a results file", *html)
+        self.results.unlink()
+        results_file.twelve_hours(self.results, 20_000)
+        self.results.write_bytes(self.results.read_bytes()[:200_000])
+        self.page.write_text("an earlier page")
+        self.assert_refused(2, "damaged", *html)
+        self.assertEqual(self.page.read_text(), "an earlier page")
+
+    def test_the_results_are_not_written_over(self):
+        results_file.twelve_hours(self.results, 100)
+        before = self.results.read_bytes()
+        self.assert_refused(2, "results file itself", "--format", "html", "--output", self.results)
+        self.assertEqual(self.results.read_bytes(), before)
+        self.assert_refused(3, "cannot be written", "--format", "html", "--output", self.folder / "none" / "r.html")
+
+    def test_plot_draws_each_figure_in_each_form(self):
+        results_file.write(self.results, [
+            (results_file.asked(500, transport=transport, payload_bytes=payload, title="it's `touch hacked` <b>"), outcome(),
+             results_file.samples(number, 500))
+            for number, (transport, payload) in enumerate((("udp", 500), ("u'd\"p`touch hacked`", 1000)), 1)])
+        for figure in ("time", "worse", "payload"):
+            for form, beginning in {"svg": b"<?xml", "pdf": b"%PDF", "png": b"\x89PNG"}.items():
+                with self.subTest(figure=figure, form=form):
+                    file = self.folder / f"{figure}.{form}"
+                    done = subprocess.run([ONTIME, "plot", self.results, "--figure", figure, "--output", file],
+                                          capture_output=True, text=True, timeout=60, cwd=self.folder)
+                    self.assertEqual((done.returncode, done.stderr), (0, ""))
+                    self.assertTrue(file.read_bytes().startswith(beginning))
+        self.assertFalse((self.folder / "hacked").exists())
+
+    def test_plot_says_what_is_wrong(self):
+        results_file.twelve_hours(self.results, 100)
+
+        def plot(*arguments, **options):
+            return subprocess.run([ONTIME, "plot", self.results, *arguments], capture_output=True, text=True, **options)
+        for arguments, word in ((("--output", "x.gif"), ".svg, .pdf, .png"), (("--output", "x.svg", "--figure", "pie"), "payload"),
+                                (("--output", "x.svg", "--runs", "1,7"), "no run 7")):
+            done = plot(*arguments)
+            self.assertEqual(done.returncode, 2)
+            self.assertIn(word, done.stderr)
+        done = plot("--output", str(self.folder / "x.svg"), env={"PATH": str(self.folder)})
+        self.assertEqual(done.returncode, 3)
+        self.assertIn("apt-get install gnuplot-nox", done.stderr)
+        self.assertFalse((self.folder / "x.svg").exists())
+
+
+if __name__ == "__main__":
+    unittest.main()

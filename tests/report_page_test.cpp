@@ -1,0 +1,326 @@
+// SPDX-License-Identifier: Apache-2.0
+// The page, and what is packed into it. That a browser draws it is tested by page_test.py.
+#include <algorithm>
+#include <random>
+#include <regex>
+
+#include <sodium.h>
+#include <zlib.h>
+
+#include "record/record.hpp"
+#include "report/course.hpp"
+#include "report/html.hpp"
+#include "report/runs.hpp"
+#include "report_fixture.hpp"
+
+namespace ontime::report {
+namespace {
+
+using roundtrip::Fate;
+using roundtrip::Sample;
+using ::testing::Each;
+using ::testing::ElementsAre;
+using ::testing::HasSubstr;
+using ::testing::Not;
+
+constexpr std::int64_t ms = 1'000'000;
+
+Sample sample(std::uint64_t index, std::int64_t round_trip_ns, Fate fate = Fate::on_time) {
+  Sample s{};
+  s.index = index;
+  s.intended_ns = s.due_ns = s.woke_ns = s.sent_ns = 1'000 * ms + static_cast<std::int64_t>(index) * 10 * ms;
+  s.received_ns = fate == Fate::lost ? 0 : s.sent_ns + round_trip_ns;
+  s.fate = fate;
+  return s;
+}
+
+// As a browser does it, in other words.
+std::vector<std::uint8_t> unpacked(const nlohmann::json& base64) {
+  const auto text = base64.get<std::string>();
+  std::vector<std::uint8_t> deflated(text.size()), bytes(1 << 22);
+  std::size_t size = 0;
+  EXPECT_EQ(sodium_base642bin(deflated.data(), deflated.size(), text.data(), text.size(), nullptr, &size,
+                              nullptr, sodium_base64_VARIANT_ORIGINAL),
+            0);
+  auto length = static_cast<uLongf>(bytes.size());
+  EXPECT_EQ(uncompress(bytes.data(), &length, deflated.data(), static_cast<uLong>(size)), Z_OK);
+  bytes.resize(length);
+  return bytes;
+}
+
+std::vector<std::uint64_t> numbers_in(const std::vector<std::uint8_t>& bytes) {
+  std::vector<std::uint64_t> numbers;
+  std::uint64_t value = 0;
+  int place = 0;
+  for (const auto byte : bytes) {
+    value |= std::uint64_t{byte & 0x7fu} << place;
+    place += 7;
+    if ((byte & 0x80) != 0) continue;
+    numbers.push_back(std::exchange(value, 0));
+    place = 0;
+  }
+  return numbers;
+}
+
+struct Unpacked {
+  std::uint64_t index;
+  std::int64_t due_us;
+  std::uint16_t code;
+  Fate fate;
+};
+
+std::vector<Unpacked> unpacked(Course& course) {
+  const auto packed = course.packed();
+  const auto high = unpacked(packed["high"]), low = unpacked(packed["low"]);
+  const auto steps = numbers_in(unpacked(packed["steps"])),
+             messages = numbers_in(unpacked(packed["messages"]));
+  const auto count = packed["count"].get<std::size_t>();
+  EXPECT_EQ(high.size(), count);
+  EXPECT_EQ(low.size(), count);
+  EXPECT_EQ(steps.size(), count);
+  EXPECT_EQ(messages.size(), count);
+  std::vector<Unpacked> all;
+  std::uint64_t next = 0;
+  const auto period_us = packed["period_us"].get<std::int64_t>();
+  std::int64_t due_us = -period_us;
+  for (std::size_t i = 0; i < count; ++i) {
+    const auto half = static_cast<std::int64_t>(steps[i] / 2);
+    due_us += period_us + (steps[i] % 2 == 0 ? half : -half - 1);
+    next += messages[i] / 4;
+    all.push_back({next++, due_us, static_cast<std::uint16_t>(high[i] << 8 | low[i]),
+                   static_cast<Fate>(messages[i] % 4)});
+  }
+  return all;
+}
+
+TEST(Code, keeps_the_order_of_times_and_one_part_in_4096) {
+  std::uint16_t last = 0;
+  for (std::int64_t ns = 0; ns < 4'000'000'000'000; ns += 1 + ns / 9000) {
+    const auto code = code_of(ns);
+    ASSERT_GE(code, last) << ns;
+    ASSERT_LT(code, code_of_lost);
+    last = code;
+    const std::int64_t shift = std::max((code >> 11) - 1, 0);
+    const std::int64_t least = (code - (shift << 11)) << shift, after = least + (std::int64_t{1} << shift);
+    ASSERT_LE(least, ns);
+    ASSERT_GT(after, ns);
+    ASSERT_LE((after - least - 1) * 2048, std::max<std::int64_t>(ns, 1)) << ns;
+  }
+  EXPECT_EQ(code_of(4095), 4095);
+}
+
+TEST(Code, of_what_no_clock_says_is_no_lost_one) {
+  EXPECT_EQ(code_of(-5), 0);
+  EXPECT_EQ(code_of(std::numeric_limits<std::int64_t>::max()), code_of_lost - 1);
+}
+
+TEST(Course, has_every_message_with_its_time_and_fate) {
+  Course course(1'000 * ms, 10 * ms, 1);
+  course.message(sample(0, 700'000));
+  course.message(sample(1, 12 * ms, Fate::late));
+  course.message(sample(4, 0, Fate::lost));  // what lies between was not recorded
+  course.message(sample(5, 5));
+  const auto all = unpacked(course);
+  ASSERT_EQ(all.size(), 4u);
+  EXPECT_EQ(all[1].index, 1u);
+  EXPECT_EQ(all[1].due_us, 10'000);
+  EXPECT_EQ(all[1].code, code_of(12 * ms));
+  EXPECT_EQ(all[1].fate, Fate::late);
+  EXPECT_EQ(all[2].index, 4u);
+  EXPECT_EQ(all[2].due_us, 40'000);
+  EXPECT_EQ(all[2].code, code_of_lost);
+  EXPECT_EQ(all[3].index, 5u);
+  EXPECT_EQ(all[3].code, 5);
+}
+
+TEST(Course, of_more_messages_than_a_page_holds_keeps_the_extremes_of_any_stretch) {
+  std::mt19937 chance(7);
+  std::lognormal_distribution<double> times(13, 1.5);
+  constexpr std::uint64_t of = 5, messages = 10'007;
+  Course course(1'000 * ms, 10 * ms, of);
+  std::vector<std::uint16_t> codes;
+  for (std::uint64_t i = 0; i < messages; ++i) {
+    const bool lost = chance() % 500 == 0;
+    const auto ns = static_cast<std::int64_t>(times(chance));
+    course.message(sample(i, ns, lost ? Fate::lost : Fate::on_time));
+    codes.push_back(lost ? code_of_lost : code_of(ns));
+  }
+  const auto kept = unpacked(course);
+  EXPECT_LE(kept.size(), messages / of + 2);
+  for (std::uint64_t from = 0; from < messages; from += 2 * of) {
+    const auto to = std::min<std::uint64_t>(from + 2 * of * (1 + chance() % 20), messages);
+    const auto begin = codes.begin() + static_cast<std::ptrdiff_t>(from),
+               end = to == messages ? codes.end()
+                                    : begin + static_cast<std::ptrdiff_t>((to - from) / (2 * of) * (2 * of));
+    std::uint16_t least = code_of_lost, greatest = 0;
+    for (const auto& point : kept) {
+      if (point.index < from || point.index >= from + static_cast<std::uint64_t>(end - begin)) continue;
+      least = std::min(least, point.code);
+      greatest = std::max(greatest, point.code);
+      ASSERT_EQ(point.code, codes[point.index]);
+    }
+    ASSERT_EQ(least, *std::min_element(begin, end)) << from;
+    ASSERT_EQ(greatest, *std::max_element(begin, end)) << from;
+  }
+}
+
+TEST(Course, of_times_that_cannot_be_is_packed_all_the_same) {
+  Course course(std::numeric_limits<std::int64_t>::min(), 10 * ms, 1);
+  auto wild = sample(0, 0);
+  wild.due_ns = std::numeric_limits<std::int64_t>::max();
+  course.message(wild);
+  course.message(sample(1, 0));
+  EXPECT_EQ(unpacked(course).size(), 2u);
+}
+
+TEST(Html, text_stays_text) {
+  EXPECT_EQ(escaped("<b a='1' c=\"2\">&\n\u2028\x1b"), "&lt;b a=&#39;1&#39; c=&quot;2&quot;&gt;&amp;  ?");
+}
+
+class Page : public ::testing::Test {
+ protected:
+  void add_run(const json& asked, const json& outcome, const std::vector<Sample>& samples) {
+    const auto run = writer_.begin_run(asked);
+    writer_.append(run, samples);
+    for (const auto& note : notes_) writer_.note(run, note);
+    writer_.end_run(run, outcome);
+  }
+  std::string page(const std::string& name = "results.ontime") {
+    const auto reader = writer_.reader();
+    Summaries summaries;
+    for (const auto& run : reader.runs()) summaries.push_back(statistics::summarise(reader, run));
+    return render_html(reader, summaries, name);
+  }
+  record::Writer writer_{""};
+  std::vector<record::Note> notes_;
+};
+
+std::vector<std::string> found_in(const std::string& text, const std::string& expression) {
+  const std::regex regex(expression);
+  std::vector<std::string> found;
+  for (auto it = std::sregex_iterator(text.begin(), text.end(), regex); it != std::sregex_iterator(); ++it)
+    found.push_back(it->str(1));
+  return found;
+}
+
+TEST_F(Page, shows_hostile_names_and_runs_none_of_them) {
+  const std::string hostile = "</script><script>alert(1)</script><!--<img src=x onerror=alert(2)>\"'\u2028";
+  auto request = asked(hostile, hostile);
+  for (const auto* key : {"title", "variant", "schedule", "receive", "hosts"}) request[key] = hostile;
+  request["options"] = {{hostile, hostile}};
+  auto came = outcome();
+  came["hosts"]["controller"]["threads"][0]["name"] = hostile;
+  came["hosts"]["controller"]["machine"][hostile] = hostile;
+  came["hosts"]["controller"]["refusals"] = {{{"asked", hostile}, {"found", hostile}, {"remedy", hostile}}};
+  came["hosts"][hostile] = came["hosts"]["controller"];
+  came["error"] = hostile;
+  notes_ = {{hostile, hostile, 1'000 * ms, 0}};
+  add_run(request, came, {sample(0, ms), sample(1, 20 * ms, Fate::late)});
+  const auto html = page(hostile);
+  EXPECT_THAT(html, Not(HasSubstr("<script>alert")));
+  EXPECT_THAT(html, Not(HasSubstr("<img")));
+  EXPECT_THAT(html, Not(HasSubstr("\u2028")));
+  EXPECT_THAT(html, HasSubstr("&lt;script&gt;alert(1)&lt;/script&gt;"));
+  // Its own elements, and no end of one but theirs. (D3's licence is a comment, which none of them can
+  // begin.)
+  EXPECT_EQ(found_in(html, "(<script)").size(), 5u);
+  EXPECT_EQ(found_in(html, "(</script)").size(), 5u);
+  EXPECT_EQ(found_in(html, "(<!--)").size(), 1u);
+}
+
+TEST_F(Page, lets_no_script_run_but_its_own) {
+  add_run(asked("a", "udp"), outcome(), {sample(0, ms)});
+  const auto html = page();
+  const auto policy = found_in(html, "http-equiv=\"Content-Security-Policy\" content=\"([^\"]*)\"");
+  ASSERT_EQ(policy.size(), 1u);
+  EXPECT_THAT(policy[0], HasSubstr("default-src 'none'"));
+  EXPECT_THAT(policy[0], Not(HasSubstr("unsafe")));
+  EXPECT_EQ(found_in(policy[0], "(sha256-)").size(), 5u);  // four scripts and a style
+  EXPECT_TRUE(found_in(html, "( (?:src|href)=\"[^#\"])").empty()) << "nothing is fetched";
+  EXPECT_TRUE(found_in(html, "(<[^>]* style=)").empty()) << "no style but that of the page";
+}
+
+TEST_F(Page, of_a_file_without_runs_says_so) {
+  const auto html = page();
+  EXPECT_THAT(html, HasSubstr("Nothing was measured."));
+}
+
+TEST_F(Page, has_each_figure_as_json_has_it) {
+  add_run(asked("a", "udp"), outcome(),
+          {sample(0, 1'234'567), sample(1, 20 * ms, Fate::late), sample(2, 0, Fate::lost)});
+  const auto html = page();
+  for (const auto* cell : {"data-figure=\"sent\" value=\"3\"", "data-figure=\"late\" value=\"1\"",
+                           "data-figure=\"lost\" value=\"1\"", "data-figure=\"min\" value=\"1234.567\"",
+                           "data-figure=\"max\" value=\"20000.000\""})
+    EXPECT_THAT(html, HasSubstr(cell));
+}
+
+Summary judged(std::uint64_t on_time, std::uint64_t late, std::uint64_t lost) {
+  auto run = summary(asked("Test1.B", "udp"), outcome(), 0);
+  run.on_time = on_time;
+  run.late = late;
+  run.lost = lost;
+  run.sent = on_time + late + lost;
+  run.round_trip = statistics::distribution({300'000, 12 * ms});
+  return run;
+}
+
+TEST(Verdict, says_whether_messages_were_on_time) {
+  const auto fine = verdict_of({judged(24'000, 0, 0)});
+  EXPECT_EQ(fine.word, Verdict::Word::yes);
+  EXPECT_EQ(fine.sentence, "All 24,000 messages came back within the deadline of 10 ms.");
+  const auto bad = verdict_of({judged(100, 2, 1), judged(97, 0, 0)});
+  EXPECT_EQ(bad.word, Verdict::Word::no);
+  EXPECT_EQ(bad.sentence, "2 of 200 messages missed the deadline of 10 ms, and 1 was lost.");
+  EXPECT_EQ(bad.further, "1 of 2 runs were without fault. The slowest answer took 12 ms (Test1.B, udp).");
+  EXPECT_EQ(verdict_of({judged(99, 0, 1)}).sentence, "1 of 100 messages were lost.");
+}
+
+TEST(Verdict, does_not_praise_what_hides_a_stall_or_was_cut_off) {
+  auto stalled = judged(100, 0, 0);
+  stalled.late_by_response = 300;  // cycles that passed without a message
+  EXPECT_EQ(verdict_of({stalled}).word, Verdict::Word::no);
+  EXPECT_THAT(verdict_of({stalled}).sentence, HasSubstr("300 cycles had no answer within the deadline"));
+  auto cut = judged(100, 0, 0);
+  cut.run.outcome = nullptr;
+  EXPECT_EQ(verdict_of({cut}).word, Verdict::Word::partly);
+  EXPECT_THAT(verdict_of({cut}).further, HasSubstr("1 run did not end as asked"));
+  EXPECT_EQ(verdict_of({}).word, Verdict::Word::nothing);
+}
+
+TEST(Settings, show_what_differs_and_name_the_rest_once) {
+  auto other = asked("b", "udp");
+  other["payload_bytes"] = 32768;
+  const auto table = differences_of({summary(asked("a", "udp"), outcome()),
+                                     summary(asked("a", "udp", 2), outcome()), summary(other, outcome())});
+  EXPECT_THAT(names_of(table), ElementsAre("Run", "payload"));
+  EXPECT_THAT(table.rows, ElementsAre(ElementsAre("a: udp ×2", "500 B"), ElementsAre("b: udp", "32 KiB")));
+  EXPECT_THAT(table.conditions, HasSubstr("every 10 ms"));
+}
+
+TEST(Settings, of_machines_have_a_value_once_or_with_its_runs) {
+  auto later = outcome();
+  later["hosts"]["controller"]["machine"]["kernel"] = "6.2";
+  auto second = summary(asked("a", "udp"), later);
+  second.run.number = 2;
+  const auto table = machines_of({summary(asked("a", "udp"), outcome()), second});
+  EXPECT_THAT(table.rows, ElementsAre(ElementsAre("kernel", "6.1 (run 1); 6.2 (run 2)", "6.1")));
+}
+
+TEST(Gnuplot, is_given_texts_that_end_nowhere_and_no_extreme_is_missing) {
+  auto run = summary(asked("it's\n`touch x` \"", "u'dp\nset output 'x'"), outcome());
+  run.shape.slice_ns = 10 * ms;
+  run.shape.slices = {{.sent = 3, .late = 1, .min_ns = 100'000, .p50_ns = 200'000, .max_ns = 27'654'321},
+                      {.sent = 1, .lost = 1}};
+  run.shape.round_trip = {{100'000, 106'250, 2}, {27'262'976, 28'311'552, 1}};
+  for (const auto figure : {Plot::Figure::time, Plot::Figure::worse, Plot::Figure::payload}) {
+    const auto commands = gnuplot_of({run}, {figure, Plot::Form::svg, false});
+    EXPECT_THAT(commands, Not(HasSubstr("\nset output")));
+    for (const auto& line : lines_of(commands))
+      EXPECT_EQ(std::count(line.begin(), line.end(), '\'') % 2, 0) << line;
+  }
+  EXPECT_THAT(gnuplot_of({run}, {}), HasSubstr("27.6543 27.6543"));
+}
+
+}  // namespace
+}  // namespace ontime::report
