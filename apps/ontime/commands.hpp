@@ -15,6 +15,9 @@ void add_pong(CLI::App&, Action&);
 void add_run(CLI::App&, Action&);
 void add_scenarios(CLI::App&, Action&);
 void add_report(CLI::App&, Action&);
-void add_workers(CLI::App&, Action&);  // what the others start, by orders over standard input and output
+void add_check(CLI::App&, Action&);
+void add_tune(CLI::App&, Action&);
+void add_completion(CLI::App&, Action&);  // for bash and zsh
+void add_workers(CLI::App&, Action&);     // what the others start, by orders over standard input and output
 
 }  // namespace ontime::app

@@ -18,7 +18,8 @@ int main(int argc, char** argv) {
 
   ontime::app::Action action;
   for (const auto add : {ontime::app::add_run, ontime::app::add_ping, ontime::app::add_pong,
-                         ontime::app::add_scenarios, ontime::app::add_report, ontime::app::add_workers})
+                         ontime::app::add_scenarios, ontime::app::add_report, ontime::app::add_check,
+                         ontime::app::add_tune, ontime::app::add_completion, ontime::app::add_workers})
     add(app, action);
   try {
     app.parse(argc, argv);
