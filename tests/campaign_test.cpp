@@ -4,6 +4,7 @@
 #include <filesystem>
 #include <fstream>
 #include <limits>
+#include <map>
 #include <random>
 
 #include <fmt/format.h>
@@ -636,6 +637,34 @@ TEST(Keys, AreUniqueAndExplained) {
     EXPECT_TRUE(key.flag.empty() || flags.insert(key.flag).second) << key.flag;
     EXPECT_FALSE(key.help.empty()) << key.path;
   }
+}
+
+TEST_F(ScenarioFile, APresetOfTheKernelIsRefinedAndAnythingIsLeftAsItIs) {
+  const auto scenario = read(
+      "defaults: {transport: udp, kernel: {preset: paper}}\nruns:\n  - id: a\n  - {id: b, kernel: "
+      "{ksoftirqd: 50, "
+      "rmem-max: 8 MiB}}\n  - {id: c, kernel: {preset: none}}\n  - {id: d, kernel: {irq-threads: [as-is, "
+      "95]}}\n");
+  ASSERT_EQ(scenario.size(), 5U);
+  EXPECT_EQ(scenario.runs[0].kernel, (settings::Wishes{{"irq-threads", "90"}, {"ksoftirqd", "60"}}));
+  EXPECT_EQ(scenario.runs[1].kernel,
+            (settings::Wishes{{"irq-threads", "90"}, {"ksoftirqd", "50"}, {"rmem-max", "8388608"}}));
+  EXPECT_TRUE(scenario.runs[2].kernel.empty());
+  EXPECT_EQ(scenario.runs[3].kernel, (settings::Wishes{{"ksoftirqd", "60"}}));
+  EXPECT_EQ(scenario.runs[4].kernel.at("irq-threads"), "95");
+  EXPECT_EQ(asked(scenario.runs[0]).at("kernel").at("ksoftirqd"), "60");
+  EXPECT_TRUE(asked(scenario.runs[2]).at("kernel").is_null()) << "as a version that knew of none";
+}
+
+TEST_F(ScenarioFile, WrongSettingsOfTheKernelAreRefused) {
+  for (const auto& [kernel, expected] :
+       std::map<std::string, std::string>{{"preset: mine", "paper, none"},
+                                          {"ksoftirqd: 100", "kernel.ksoftirqd: '100'"},
+                                          {"gro: maybe", "neither on nor off"},
+                                          {"rmem-max: much", "kernel.rmem-max"},
+                                          {"irq-thread: 9", "irq-threads"}})
+    EXPECT_THAT(error("runs: [{id: a, transport: udp, kernel: {" + kernel + "}}]\n"), HasSubstr(expected))
+        << kernel;
 }
 
 TEST(Scenarios, ThatWeShipAreRead) {

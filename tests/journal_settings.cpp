@@ -195,6 +195,78 @@ TEST_F(Settings, OfAnotherNetworkNamespaceAreKept) {
   EXPECT_EQ(read_file(one_), "powersave");
 }
 
+// One that `ip netns` knows can be entered from outside.
+class InNamespace : public Settings {
+ protected:
+  void SetUp() override {
+    Settings::SetUp();
+    if (!test::has_own_run) GTEST_SKIP() << "needs root";
+  }
+  std::string change(Journal& journal) const {
+    add_namespace(journal, "ontime-a");
+    within_namespace("ontime-a", [&] { journal.change(qdisc, one_, "fq"); });
+    return "changed";
+  }
+};
+
+TEST_F(InNamespace, TheyAreTakenBackFromOutside) {
+  Victim victim([&](Journal& journal) { return change(journal); }, settings);
+  ASSERT_EQ(victim.said(), "changed");
+  victim.kill_9();
+  EXPECT_THAT(revert_abandoned(settings),
+              ElementsAre(HasSubstr(one_ + " back to powersave"), HasSubstr("namespace ontime-a")));
+  EXPECT_EQ(read_file(one_), "powersave");
+}
+
+TEST_F(InNamespace, TheyWentWithIt) {
+  Victim victim([&](Journal& journal) { return change(journal); }, settings);
+  victim.kill_9();
+  umount2(namespace_path("ontime-a").c_str(), MNT_DETACH);
+  fs::remove(namespace_path("ontime-a"));
+  EXPECT_THAT(revert_abandoned(settings), IsEmpty());
+  EXPECT_EQ(read_file(one_), "fq") << "it was another's, of that name";
+}
+
+TEST_F(InNamespace, AnActionIsThereAndItsErrorIsHere) {
+  Journal journal;
+  add_namespace(journal, "ontime-a");
+  std::string there, here = place(Scope::network_namespace);
+  within_namespace("ontime-a", [&] {
+    there = place(Scope::network_namespace);
+    EXPECT_TRUE(fs::exists("/sys/class/net/lo"));
+    EXPECT_FALSE(fs::exists("/sys/class/net/eth0"));
+  });
+  EXPECT_NE(there, here);
+  EXPECT_EQ(place(Scope::network_namespace), here);
+  EXPECT_EQ(error_of([] { within_namespace("ontime-a", [] { throw Error("so it is"); }); }), "so it is");
+  for (const auto* name : {"ontime-b", "../netns/ontime-a", ".."})
+    EXPECT_THAT(error_of([&] { within_namespace(name, [] {}); }), HasSubstr("entered")) << name;
+}
+
+TEST_F(Settings, ThatWereKeptByWhoeverIsNotBelieved) {
+  const auto path =
+      plant(text_of_all({boot_id(), 7, "ontime"}, {{"governor", "", one_, "performance", "powersave"}}),
+            "0000000000000001-00000001.kept");
+  EXPECT_THAT(kept(settings), SizeIs(1));
+  fs::permissions(path, fs::perms::all);
+  EXPECT_THAT(error_of([] { kept(settings); }), HasSubstr("not believed"));
+  Journal journal(settings);
+  const auto given_back = journal.revert_kept();
+  EXPECT_FALSE(given_back.finished);
+  EXPECT_THAT(given_back.left, ElementsAre(HasSubstr("not believed")));
+  EXPECT_EQ(read_file(one_), "powersave");
+  EXPECT_THAT(journal.revert(), IsEmpty());
+  unplant(path);
+}
+
+TEST_F(Settings, ThatAreGoneAreNobodysFault) {
+  Journal journal(settings);
+  journal.change(governor, one_, "performance");
+  fs::remove(one_);
+  EXPECT_THAT(journal.revert(), IsEmpty());
+  EXPECT_FALSE(fs::exists(one_));
+}
+
 TEST_F(Settings, WhatARebootTookIsNotUndone) {
   const auto path = (folder_ / "ontime-journal-test-0123456789abcdef").string();
   fs::create_directory(path);

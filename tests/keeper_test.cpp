@@ -77,6 +77,19 @@ TEST_F(Keeper, LoadsForEachHostByItself) {
   EXPECT_EQ(folders_of_stress(), 0) << "however many runs a suite has, its journal holds what there is";
 }
 
+TEST_F(Keeper, RefusesASettingByItsNameAndGoesOn) {
+  ask("open", "opened");
+  const json link = {{"interface", ""}, {"network_namespace", ""}, {"peer", ""}, {"address", "127.0.0.1"}};
+  const auto tune = [&](const json& wishes) {
+    return ask("tune", "tuned", {{"host", "controller"}, {"link", link}, {"wishes", wishes}})
+        .value("error", "");
+  };
+  EXPECT_THAT(tune({{"irq-cpus", "0"}}), HasSubstr("kernel.irq-cpus: "));
+  EXPECT_THAT(tune({{"ksoftirqd", "100"}}), HasSubstr("kernel.ksoftirqd: "));
+  EXPECT_TRUE(ask("end", "ended").at("kernel").empty()) << "nothing was set";
+  EXPECT_TRUE(ask("restore", "restored").at("notes").empty());
+}
+
 TEST_F(Keeper, SaysWhatItCannot) {
   keeper_.order("load", {{"host", "controller"}, {"load", to_json(background::Workers{})}});
   EXPECT_THROW(coordinator_.until([] { return false; }), orders::Error);

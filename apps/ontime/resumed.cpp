@@ -37,7 +37,8 @@ bool Resumed::has(const json& asked, const json& machines) const {
     if (!same(run.asked, asked, {"repetition", "scenario", "ontime"})) continue;
     const auto hosts = member(run.outcome, "hosts");
     for (const auto& [host, machine] : machines.items())
-      if (!same(member(member(hosts, host.c_str()), "machine"), machine, {"hostname", "kernel_release", "kernel_version", "cpu_model"}))
+      if (!same(member(member(hosts, host.c_str()), "machine"), machine,
+                {"hostname", "kernel_release", "kernel_version", "cpu_model"}))
         throw campaign::Error(
             2,
             fmt::format(

@@ -16,6 +16,7 @@
 #include "background/background.hpp"
 #include "orders/orders.hpp"
 #include "record/record.hpp"
+#include "settings/settings.hpp"
 
 namespace ontime::campaign {
 
@@ -63,6 +64,7 @@ struct Run {
   Traffic traffic;
   background::Faults faults;        // of either end
   std::optional<Cut> cut;           // for which `faults` has to provide
+  settings::Wishes kernel;          // of both machines
   std::string component_transport;  // empty: as the controller's, with its options
   std::map<std::string, std::string> component_options;
 

@@ -11,6 +11,7 @@
 #include <fmt/ranges.h>
 
 #include "campaign/campaign.hpp"
+#include "campaign/kernel.hpp"
 
 namespace ontime::campaign {
 namespace {
@@ -284,6 +285,7 @@ std::vector<Key> all_keys() {
   add_load_keys(keys, "controller", &Run::controller_load);
   add_load_keys(keys, "component", &Run::component_load);
   for (auto& key : network_keys()) keys.push_back(std::move(key));
+  for (auto& key : kernel_keys()) keys.push_back(std::move(key));
   return keys;
 }
 

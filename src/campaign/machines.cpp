@@ -2,9 +2,11 @@
 #include "campaign/machines.hpp"
 
 #include <algorithm>
+#include <utility>
 
 #include <fmt/format.h>
 
+#include "campaign/kernel.hpp"
 #include "campaign/traffic.hpp"
 #include "keeper/keeper.hpp"
 #include "machine/machine.hpp"
@@ -97,6 +99,39 @@ bool Machines::lost() const {
                      [](const auto& entry) { return entry.second.keeper->lost(); });
 }
 
+void Machines::warn(const Run& run) {
+  const auto text = settings::warning(run.kernel, application_priority(run));
+  if (!text.empty() && warned_.insert(text).second) observer_.note("kernel: " + text);
+}
+
+void Machines::tune(const Run& run) {
+  if (run.kernel.empty()) return;
+  warn(run);
+  tuned_ = true;
+  for (auto& [reach, machine] : machines_)
+    for (const auto& host : machine.hosts) {
+      const bool asks = host == controller;
+      const auto& where = asks ? hosts_.controller : hosts_.component;
+      const auto netns = network_namespace(where);
+      if (!netns)
+        throw Error(2, "kernel.*: a place other than [ip, netns, exec, NAME] is not where a keeper can look");
+      const json link = {{"interface", where.interface},
+                         {"network_namespace", *netns},
+                         {"peer", asks ? hosts_.component.address : ""},
+                         {"address", where.address}};
+      const auto tuned =
+          ask(machine, "tune", "tuned", {{"host", host}, {"link", link}, {"wishes", run.kernel}});
+      if (tuned.contains("error"))
+        throw Error(3, fmt::format("on the {}, {}", host, tuned.at("error").get<std::string>()));
+    }
+}
+
+void Machines::restore() {
+  if (!std::exchange(tuned_, false)) return;
+  for (auto& [reach, machine] : machines_)
+    if (!machine.keeper->lost()) tell(ask(machine, "restore", "restored").at("notes"));
+}
+
 void Machines::check(const Run& run) {
   const auto fail = [&](const std::string& what) {
     throw Error(3, fmt::format("{}: run '{}': {}", run.where, run.id, what));
@@ -163,7 +198,7 @@ void Machines::unload() {
 void Machines::begin() { all("begin", "begun"); }
 
 Machines::Account Machines::end() {
-  Account account{json::object(), json::object(), json::object(), json::object()};
+  Account account{json::object(), json::object(), json::object(), json::object(), json::object()};
   for (auto& [reach, machine] : machines_) {
     const auto ended = ask(machine, "end", "ended");
     for (const auto& host : machine.hosts) {
@@ -171,6 +206,7 @@ Machines::Account Machines::end() {
       account.load_running[host] = ended.at("load_running").value(host, json());
       account.links[host] = ended.at("links").value(host, json());
       account.traffic[host] = ended.at("traffic").value(host, json::object());
+      account.kernel[host] = ended.at("kernel").value(host, json());
     }
   }
   return account;

@@ -4,6 +4,7 @@
 
 #include <map>
 #include <memory>
+#include <set>
 
 #include "campaign/campaign.hpp"
 
@@ -24,14 +25,16 @@ class Machines {
   // Throws Error for a fault of the link that cannot be had here, by its name.
   void check(const Run&);
 
-  // For one run: its load, its link and its traffic, and the account of what each machine did between begin()
-  // and end().
+  // For one run: the settings of the kernels, its load, its link and its traffic, and the account of what
+  // each machine did between begin() and end().
+  void tune(const Run&);  // throws Error, with nothing changed, where a machine lacks what is asked for
+  void restore();         // tells what could not be given back
   void load(const Run&);
   void cut(const Cut&);  // counted from now on; each host's keeper says when it has ("cut")
   void unload();
   void begin();
   struct Account {
-    nlohmann::json conditions, load_running, traffic, links;  // by host
+    nlohmann::json conditions, load_running, traffic, links, kernel;  // by host
   };
   Account end();
 
@@ -44,6 +47,7 @@ class Machines {
     nlohmann::json description;
     std::vector<std::string> hosts;
   };
+  void warn(const Run&);
   const Machine& machine_of(const std::string& host) const;
   void add(const std::string& host, const Host&);
   void link(const std::string& host, const Run&);
@@ -55,6 +59,8 @@ class Machines {
   orders::Coordinator& coordinator_;
   Observer& observer_;
   Hosts hosts_;
+  std::set<std::string> warned_;
+  bool tuned_ = false;
   std::map<std::vector<std::string>, Machine> machines_;  // by how they are reached
 };
 

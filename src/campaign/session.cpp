@@ -81,6 +81,11 @@ Session::Session(const Run& run, std::int64_t number, orders::Coordinator& coord
 Session::~Session() {
   for (const auto* event : {"samples", "progress", "peer", "finished", "cut"})
     coordinator_.on(event, [](auto&, auto&) {});
+  try {
+    machines_.restore();
+  } catch (const std::exception&) {  // whoever keeps the machine gives it back when he leaves
+  } catch (const orders::Interrupted&) {
+  }
 }
 
 void Session::note_peers(const json& event) {
@@ -121,6 +126,7 @@ std::vector<Session::End*> Session::ends() {
 }
 
 json Session::measure(std::chrono::nanoseconds wait) {
+  machines_.tune(run_);
   const auto& hosts = machines_.hosts();
   std::optional<Host> served;
   if (hosts.kind != Hosts::Kind::alone) {
@@ -173,6 +179,7 @@ json Session::outcome() {
   }
   const auto account = machines_.end();
   machines_.unload();
+  machines_.restore();
   auto hosts = json::object();
   for (auto* end : ends()) {
     auto host = end->ended;
@@ -184,6 +191,7 @@ json Session::outcome() {
     host["load_running"] = account.load_running.at(end->host);
     const auto& counted = account.links.at(end->host);
     if (!host.at("link").is_null() && !counted.is_null()) host.at("link").update(counted);
+    if (const auto& kernel = account.kernel.at(end->host); !kernel.is_null()) host["kernel"] = kernel;
     hosts[end->host] = std::move(host);
   }
   outcome["interrupted"] = interrupts_ > 0;

@@ -24,6 +24,7 @@ using namespace std::chrono_literals;
 
 constexpr auto patience = 10s;
 constexpr const char* suffix = ".journal";
+constexpr const char* kept_suffix = ".kept";
 constexpr const char* told = "told";  // what people were told already, a line each
 
 struct CloseDirectory {
@@ -115,14 +116,18 @@ Folder::~Folder() {
   rmdir(path_.c_str());
 }
 
-std::vector<std::string> Folder::journals() const {
+std::vector<std::string> Folder::journals() const { return names(suffix); }
+
+std::vector<std::string> Folder::kept() const { return names(kept_suffix); }
+
+std::vector<std::string> Folder::names(const std::string& ending) const {
   std::vector<std::string> names;
   const std::unique_ptr<DIR, CloseDirectory> entries(
       fdopendir(::openat(fd_.get(), ".", O_RDONLY | O_DIRECTORY | O_CLOEXEC)));
   if (!entries) return names;
   while (const auto* entry = readdir(entries.get())) {  // NOLINT(concurrency-mt-unsafe): a stream of our own
     std::string name = entry->d_name;
-    if (name.ends_with(suffix)) names.push_back(std::move(name));
+    if (name.ends_with(ending)) names.push_back(std::move(name));
   }
   std::sort(names.rbegin(), names.rend());
   return names;
@@ -168,6 +173,13 @@ Folder::Opened Folder::open(const std::string& name) const {
 }
 
 void Folder::remove(const std::string& name) const { unlinkat(fd_.get(), name.c_str(), 0); }
+
+void Folder::keep(const std::string& name) const {
+  const auto stem = name.substr(0, name.rfind('.'));
+  if (renameat(fd_.get(), name.c_str(), fd_.get(), (stem + kept_suffix).c_str()) != 0 ||
+      fsync(fd_.get()) != 0)
+    throw cannot(path_ + '/' + name, errno);
+}
 
 std::vector<std::string> Folder::not_yet_told(const std::vector<std::string>& lines) const {
   if (lines.empty()) return {};

@@ -51,6 +51,7 @@ class Folder {
 
   const std::string& path() const { return path_; }
   std::vector<std::string> journals() const;  // names, the newest first
+  std::vector<std::string> kept() const;      // likewise, of what is not to be taken back
 
   // Made and locked, for as long as it is open.
   std::pair<std::string, Fd> add_journal();
@@ -62,6 +63,7 @@ class Folder {
   };
   Opened open(const std::string& name) const;
   void remove(const std::string& name) const;
+  void keep(const std::string& name) const;  // a journal, from now on among those
 
   // Of these lines, those that nobody was told before; they count as told from now on.
   std::vector<std::string> not_yet_told(const std::vector<std::string>& lines) const;
@@ -69,6 +71,7 @@ class Folder {
  private:
   explicit Folder(std::string path, Fd fd) : path_(std::move(path)), fd_(std::move(fd)) {}
   static std::optional<Folder> enter(bool make);
+  std::vector<std::string> names(const std::string& suffix) const;
 
   std::string path_;
   Fd fd_;

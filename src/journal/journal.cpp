@@ -123,6 +123,59 @@ std::vector<std::string> Journal::revert() noexcept {
   }
 }
 
+void Journal::remember(const Kind& kind, const std::string& what) {
+  hold();
+  const auto now = kind.read(what);
+  append(file_->fd.get(), line_of(Entry{kind.name, place(kind.scope), what, now, now}));
+  ++file_->entries;
+}
+
+void Journal::keep() {
+  if (!file_ || file_->owner != getpid()) return;
+  const auto folder = Folder::make();
+  if (file_->entries == 0)
+    folder.remove(file_->name);
+  else
+    folder.keep(file_->name);
+  file_.reset();
+}
+
+Journal::GivenBack Journal::revert_kept() {
+  hold();
+  const auto folder = Folder::make();
+  GivenBack all;
+  for (const auto& name : folder.kept()) {
+    const auto path = folder.path() + '/' + name;
+    const auto opened = folder.open(name);
+    Reverted one;
+    if (opened.not_believed.empty())
+      one = journal::revert(opened.fd.get(), path, more_);
+    else
+      one.left.push_back(fmt::format("{} is not believed, as {}: remove it", path, opened.not_believed));
+    if (one.finished) folder.remove(name);
+    all.finished = all.finished && one.finished;
+    std::move(one.done.begin(), one.done.end(), std::back_inserter(all.done));
+    std::move(one.left.begin(), one.left.end(), std::back_inserter(all.left));
+  }
+  return all;
+}
+
+std::vector<Kept> kept(std::span<const Kind> more) {
+  std::vector<Kept> all;
+  const auto folder = Folder::find();
+  if (!folder) return all;
+  auto names = folder->kept();
+  std::reverse(names.begin(), names.end());
+  for (const auto& name : names) {
+    const auto path = folder->path() + '/' + name;
+    const auto opened = folder->open(name);
+    if (!opened.not_believed.empty())
+      throw Error(fmt::format("{} is not believed, as {}: remove it", path, opened.not_believed));
+    look_at(opened.fd.get(), path, more, all);
+  }
+  return all;
+}
+
 std::vector<std::string> revert_abandoned(std::span<const Kind> more) {
   try {
     const auto folder = Folder::find();

@@ -3,6 +3,7 @@
 // it to the next ontime. Ordinary thread only.
 #pragma once
 
+#include <functional>
 #include <memory>
 #include <optional>
 #include <span>
@@ -71,11 +72,32 @@ class Journal {
   // stays in the file, for revert_abandoned().
   std::vector<std::string> revert() noexcept;
 
+  // What a thing is is written down as if it had been changed to that, for kept() to be compared with.
+  void remember(const Kind&, const std::string& what);
+  // Leaves the hold, and everything as it has been changed: nobody takes that for abandoned, and only
+  // revert_kept() gives it back.
+  void keep();
+  struct GivenBack {
+    std::vector<std::string> done, left;  // for people, a line each
+    bool finished = true;                 // what is left is somebody else's by now
+  };
+  // Gives back what was kept, by whatever process, the latest first. Takes the hold before.
+  GivenBack revert_kept();
+
  private:
   struct File;
   std::span<const Kind> more_;
   std::unique_ptr<File> file_;
 };
+
+// A thing that was kept as it had been changed, before it was and after (the last time), and as it is now.
+struct Kept {
+  std::string kind, where, what;  // `where` is to be compared only
+  Value before, after, now;
+  std::string unseen;  // why it cannot be said what it is now; "" where it can
+};
+// Since this machine was started, in the order of the first change. Throws Error if it cannot be looked up.
+std::vector<Kept> kept(std::span<const Kind>);
 
 // Takes back what processes that are gone left behind: only what can be seen from here, and only if it still
 // is what they made of it. What somebody else has changed since is left to him; what cannot be seen from
@@ -86,6 +108,10 @@ std::vector<std::string> revert_abandoned(std::span<const Kind> more = {});
 
 // Names of our own making: only they can be made, and only they are ever removed.
 constexpr const char* own_prefix = "ontime-";
+
+// Calls `action`, in a thread that is in the network namespace that `ip netns` knows by that name and sees
+// its interfaces under /sys; what it throws is passed on. "": in this thread, where it is. Throws Error.
+void within_namespace(const std::string& name, const std::function<void()>& action);
 
 // A network namespace that `ip netns` knows, removed with all that is in it. `name` begins with own_prefix.
 // Throws Error that says what to do when there is one of that name already.

@@ -2,6 +2,7 @@
 // The kinds of change that are this room's own.
 #pragma once
 
+#include <optional>
 #include <span>
 #include <string>
 #include <string_view>
@@ -22,5 +23,7 @@ const Kind* find_kind(std::string_view name, std::span<const Kind> more);
 // Lower case letters, digits and hyphens: one component of a path, so that nothing else can ever be meant.
 bool is_plain_name(std::string_view name);
 std::string namespace_path(const std::string& name);
+// The name by which `ip netns` knows a network namespace, of its identity.
+std::optional<std::string> namespace_name(const std::string& identity);
 
 }  // namespace ontime::journal

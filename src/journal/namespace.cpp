@@ -3,6 +3,7 @@
 // `ip`: so its identity is in the journal before anybody can see it.
 #include <cerrno>
 #include <exception>
+#include <filesystem>
 #include <system_error>
 #include <thread>
 
@@ -86,6 +87,27 @@ void make(Journal& journal, const std::string& name) {
   journal.change(namespace_kind, name, network_identity(itself.get()));
 }
 
+// As `ip netns exec` does it: /sys shows the interfaces of the namespace that it was mounted in.
+void enter(const std::string& name) {
+  const Fd fd(open(namespace_path(name).c_str(), O_RDONLY | O_NOFOLLOW | O_NONBLOCK | O_CLOEXEC));
+  if (fd.get() < 0 || setns(fd.get(), CLONE_NEWNET) != 0 || unshare(CLONE_NEWNS) != 0 ||
+      mount("", "/", "none", MS_SLAVE | MS_REC, nullptr) != 0 ||
+      mount("sysfs", "/sys", "sysfs", 0, nullptr) != 0)
+    throw trouble(name, "entered", errno);
+}
+
+void in_own_thread(const std::function<void()>& action) {
+  std::exception_ptr error;
+  std::thread([&] {
+    try {
+      action();
+    } catch (...) {
+      error = std::current_exception();
+    }
+  }).join();
+  if (error) std::rethrow_exception(error);
+}
+
 }  // namespace
 
 const Kind namespace_kind = {.name = "namespace",
@@ -97,6 +119,24 @@ const Kind namespace_kind = {.name = "namespace",
                              .write = write};
 
 std::string namespace_path(const std::string& name) { return fmt::format("{}/{}", folder, name); }
+
+std::optional<std::string> namespace_name(const std::string& identity) {
+  std::error_code none;
+  for (const auto& entry : std::filesystem::directory_iterator(folder, none)) {
+    const Fd fd(open(entry.path().c_str(), O_RDONLY | O_NOFOLLOW | O_NONBLOCK | O_CLOEXEC));
+    if (fd.get() >= 0 && network_identity(fd.get()) == identity) return entry.path().filename().string();
+  }
+  return {};
+}
+
+void within_namespace(const std::string& name, const std::function<void()>& action) {
+  if (name.empty()) return action();
+  if (name.find('/') != name.npos || name == "." || name == "..") throw trouble(name, "entered", EINVAL);
+  in_own_thread([&] {
+    enter(name);
+    action();
+  });
+}
 
 void add_namespace(Journal& journal, const std::string& name) {
   if (!accepts(name))
@@ -111,15 +151,7 @@ void add_namespace(Journal& journal, const std::string& name) {
         "needs it, remove it (sudo ip netns delete {})",
         name, name));
   journal.change(namespace_kind, name, "");
-  std::exception_ptr error;
-  std::thread([&] {
-    try {
-      make(journal, name);
-    } catch (...) {
-      error = std::current_exception();
-    }
-  }).join();
-  if (error) std::rethrow_exception(error);
+  in_own_thread([&] { make(journal, name); });
 }
 
 }  // namespace ontime::journal

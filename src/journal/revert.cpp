@@ -27,12 +27,8 @@ bool is_ours(const Entry& entry, const Value& now) {
   return entry.after == to_be_made ? now.has_value() : now == entry.after;
 }
 
-Fate undo(const Entry& entry, const Kind& kind, const Header& header) {
-  const bool rebooted = header.boot != boot_id();
-  if (rebooted && !kind.on_disk) return Fate::nothing_there;
-  const bool same_place = rebooted || entry.where == place(kind.scope);
-  // The same name elsewhere is another thing; but an identity is the same from everywhere.
-  if (!same_place && kind.scope != Scope::mount_namespace) return Fate::out_of_sight;
+Fate undo_from(bool same_place, const Entry& entry, const Kind& kind) {
+  if (entry.before == entry.after) return Fate::nothing_there;  // it was only remembered
   const auto now = kind.read(entry.what);
   if (is_ours(entry, now) && (same_place || now)) {
     kind.write(entry.what, entry.before, entry.after);
@@ -40,7 +36,30 @@ Fate undo(const Entry& entry, const Kind& kind, const Header& header) {
     throw Error(fmt::format("{} {} cannot be brought back to what it was", kind.name, entry.what));
   }
   if (!same_place) return Fate::out_of_sight;
-  return now == entry.before ? Fate::nothing_there : Fate::somebody_elses;
+  return now == entry.before || !now ? Fate::nothing_there : Fate::somebody_elses;
+}
+
+// Whether it was of this journal's owner's making: what was in it went with it.
+bool was_made(const std::string& network, const std::vector<Entry>& entries) {
+  return std::any_of(entries.begin(), entries.end(), [&](const Entry& entry) {
+    return entry.kind == namespace_kind.name && entry.after == network;
+  });
+}
+
+Fate undo(const Entry& entry, const Kind& kind, const Contents& contents) {
+  const bool rebooted = contents.header.boot != boot_id();
+  if (rebooted && !kind.on_disk) return Fate::nothing_there;
+  const bool same_place = rebooted || entry.where == place(kind.scope);
+  if (same_place || kind.scope == Scope::mount_namespace)  // an identity is the same from everywhere
+    return undo_from(same_place, entry, kind);
+  // The same name elsewhere is another thing.
+  const auto name = namespace_name(entry.where);
+  if (!name) return was_made(entry.where, contents.entries) ? Fate::nothing_there : Fate::out_of_sight;
+  auto fate = Fate::out_of_sight;
+  within_namespace(*name, [&] {
+    if (entry.where == place(kind.scope)) fate = undo_from(true, entry, kind);
+  });
+  return fate;
 }
 
 const Kind* acceptable_kind(const Entry& entry, std::span<const Kind> more) {
@@ -54,10 +73,10 @@ class Told {
  public:
   void say(const Entry& entry, std::string line) {
     const auto known = std::find_if(things_.begin(), things_.end(), [&](const auto& thing) {
-      return thing.kind == entry.kind && thing.what == entry.what;
+      return thing.kind == entry.kind && thing.where == entry.where && thing.what == entry.what;
     });
     if (known == things_.end())
-      things_.push_back({entry.kind, entry.what, std::move(line)});
+      things_.push_back({entry.kind, entry.where, entry.what, std::move(line)});
     else
       known->line = std::move(line);
   }
@@ -69,7 +88,7 @@ class Told {
 
  private:
   struct Thing {
-    std::string kind, what, line;
+    std::string kind, where, what, line;
   };
   std::vector<Thing> things_;
 };
@@ -86,14 +105,14 @@ Reverted undo(Contents& contents, const std::string& path, std::span<const Kind>
     auto& entry = contents.entries[index];
     if (entry.done || (wanted && !wanted(entry))) continue;
     // Of several changes of one thing, none is taken back before those after it are.
-    if (kept.contains({entry.kind, entry.what})) continue;
+    if (kept.contains({entry.kind, entry.where + entry.what})) continue;
     const auto whose = fmt::format("process {} ({})", contents.header.pid, quoted(contents.header.command));
     try {
       const auto* const kind = acceptable_kind(entry, more);
       if (kind == nullptr)
         throw Error(fmt::format("{} is nothing that this version of ontime, or this user, may undo",
                                 quoted(entry.kind + ' ' + entry.what)));
-      switch (undo(entry, *kind, contents.header)) {
+      switch (undo(entry, *kind, contents)) {
         case Fate::undone:
           done.say(entry, entry.before
                               ? fmt::format("set {} {} back to {}, left by {}", entry.kind, entry.what,
@@ -112,7 +131,7 @@ Reverted undo(Contents& contents, const std::string& path, std::span<const Kind>
       }
       entry.done = true;
     } catch (const Error& error) {
-      kept.insert({entry.kind, entry.what});
+      kept.insert({entry.kind, entry.where + entry.what});
       left.say(entry, fmt::format("{} {}", error.what(), by_hand(path)));
     }
   }
@@ -154,6 +173,38 @@ Reverted revert(int fd, const std::string& path, std::span<const Kind> more, con
       std::all_of(contents.entries.begin(), contents.entries.end(), std::mem_fn(&Entry::done));
   reverted.entries = contents.entries.empty() ? 0 : rewrite(fd, text, contents);
   return reverted;
+}
+
+void look_at(int fd, const std::string& path, std::span<const Kind> more, std::vector<Kept>& all) {
+  const auto contents = parse(text_of(fd));
+  if (!contents.not_understood.empty())
+    throw Error(
+        fmt::format("{}: {} is nothing that this version of ontime knows", path, contents.not_understood));
+  if (contents.header.boot != boot_id()) return;
+  for (const auto& entry : contents.entries) {
+    if (entry.done) continue;
+    const auto known = std::find_if(all.begin(), all.end(), [&](const Kept& one) {
+      return one.kind == entry.kind && one.where == entry.where && one.what == entry.what;
+    });
+    const bool first = known == all.end();
+    auto& one = first ? all.emplace_back() : *known;
+    const auto before = first ? entry.before : one.before;
+    one = {entry.kind, entry.where, entry.what, before, entry.after, {}, ""};
+    try {
+      const auto* const kind = acceptable_kind(entry, more);
+      if (kind == nullptr) throw Error("it is nothing that this version of ontime may look at");
+      const auto look = [&] { one.now = kind->read(entry.what); };
+      if (entry.where == place(kind->scope)) {
+        look();
+      } else {
+        const auto name = namespace_name(entry.where);
+        if (!name) throw Error("its network namespace is not to be seen from here");
+        within_namespace(*name, look);
+      }
+    } catch (const Error& error) {
+      one.unseen = error.what();
+    }
+  }
 }
 
 Cleared clear(const Folder& folder, std::span<const Kind> more) {

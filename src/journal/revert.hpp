@@ -24,6 +24,9 @@ using Wanted = std::function<bool(const Entry&)>;
 // Of a journal that is locked by us: all of it, or the entries that are wanted.
 Reverted revert(int fd, const std::string& path, std::span<const Kind> more, const Wanted& wanted = {});
 
+// Adds what a journal's things are, if it is of this boot. Throws Error if it is not understood.
+void look_at(int fd, const std::string& path, std::span<const Kind> more, std::vector<Kept>& all);
+
 struct Cleared {
   std::vector<std::string> done, left;
   std::string holder;  // whose the machine is, for people; nothing was done then

@@ -6,6 +6,9 @@
 //   order                 answer
 //   open   {}             opened {machine, notes}: what it is; what was given back of earlier ontimes
 //   join   {}             joined {controller, component}: two namespaces, each {place, interface, address}
+//   tune   {host, link, wishes}  tuned {settings} of a host, all of them applied, until restore; or {error},
+//                         and nothing is changed
+//   restore {}            restored {notes}: what could not be given back
 //   load   {host, load}   loaded {}: stress-ng for a host of that name, until unload
 //   check  {faults}       checked {}, or {error}: which of them this kernel has not
 //   link   {host, network_namespace, interface, faults, not_counted}
@@ -16,13 +19,17 @@
 //   unload {}             unloaded {notes}: what of the load could not be given back
 //   begin  {}             begun {}: "during the run" is from here on
 //   end    {}             ended {conditions, load_running {host: bool}, traffic {host: {way: …}},
-//                         links {host: …}}
+//                         links {host: …}, kernel {host: [{setting, thing, before, after, now}]}}:
+//                         what was set, and what it is at this moment
 //   close  {}             closed {notes}: what could not be given back
 #pragma once
+
+#include <span>
 
 #include <nlohmann/json.hpp>
 
 #include "background/background.hpp"
+#include "journal/journal.hpp"
 
 namespace ontime::keeper {
 
@@ -32,6 +39,9 @@ nlohmann::json to_json(const background::Stream&);
 background::Stream stream_of(const nlohmann::json&);
 nlohmann::json to_json(const background::Faults&);
 background::Faults faults_of(const nlohmann::json&);
+
+// Of all that is changed of a machine, by whatever part of ontime: what its journals may hold.
+std::span<const journal::Kind> kinds();
 
 // Carries out orders from standard input until its end. Returns the exit code.
 int serve();

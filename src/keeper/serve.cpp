@@ -10,6 +10,7 @@
 #include "keeper/flows.hpp"
 #include "keeper/keeper.hpp"
 #include "keeper/links.hpp"
+#include "keeper/tuned.hpp"
 #include "machine/machine.hpp"
 #include "orders/orders.hpp"
 
@@ -29,12 +30,16 @@ class Keeper final : public orders::Worker {
 
   void obey(const std::string& order, const json& body) override {
     if (order == "open") {
-      const auto notes = journal::revert_abandoned(background::kinds());
+      const auto notes = journal::revert_abandoned(kinds());
       events_.tell("opened", {{"machine", machine::describe()}, {"notes", notes}});
     } else if (order == "join") {
       const auto pair = machine::join_namespaces(journal_);
       events_.tell("joined",
                    {{"controller", end_of(pair.controller)}, {"component", end_of(pair.component)}});
+    } else if (order == "tune") {
+      events_.tell("tuned", tuned_.apply(body));
+    } else if (order == "restore") {
+      events_.tell("restored", {{"notes", tuned_.take_back()}});
     } else if (order == "load") {
       load(body.at("host"), workers_of(body.at("load")));
       events_.tell("loaded");
@@ -60,7 +65,8 @@ class Keeper final : public orders::Worker {
       events_.tell("ended", {{"conditions", machine::between(activity_, machine::activity())},
                              {"load_running", load_running()},
                              {"traffic", flows_.end()},
-                             {"links", links_.end()}});
+                             {"links", links_.end()},
+                             {"kernel", tuned_.now()}});
     } else if (order == "close") {
       flows_.clear();
       links_.clear();
@@ -84,7 +90,7 @@ class Keeper final : public orders::Worker {
     loads_.clear();
     journal_.revert();
     try {
-      journal::revert_abandoned(background::kinds());
+      journal::revert_abandoned(kinds());
     } catch (const std::exception&) {
       return;  // the next start will say so
     }
@@ -141,7 +147,8 @@ class Keeper final : public orders::Worker {
   }
 
   orders::Events& events_;
-  journal::Journal journal_{background::kinds()};
+  journal::Journal journal_{kinds()};
+  Tuned tuned_{journal_};
   std::map<std::string, Load> loads_;  // by host; they end before the journal
   Links links_{journal_};
   Flows flows_;
@@ -149,6 +156,16 @@ class Keeper final : public orders::Worker {
 };
 
 }  // namespace
+
+std::span<const journal::Kind> kinds() {
+  static const auto all = [] {
+    const auto tuned = settings::kinds(), links = background::kinds();
+    std::vector<journal::Kind> both(tuned.begin(), tuned.end());
+    both.insert(both.end(), links.begin(), links.end());
+    return both;
+  }();
+  return all;
+}
 
 int serve() {
   return orders::serve("keeper", "", [](orders::Events& events) { return std::make_unique<Keeper>(events); });

@@ -81,6 +81,15 @@ std::string link(const json& asked) {
   return faults.empty() ? "" : "a link that " + join(faults, ", ");
 }
 
+// "kernel: irq-threads 90, ksoftirqd 60".
+std::string kernel(const json& asked) {
+  std::vector<std::string> parts;
+  if (asked.is_object())
+    for (const auto& [name, value] : asked.items())
+      parts.push_back(shortened(printable(name) + " " + word(value), longest_value));
+  return parts.empty() ? "" : "kernel: " + join(parts, ", ");
+}
+
 std::string quality_of_service(const json& qos) {
   if (!qos.is_object()) return "";
   auto text = word(at(qos, "reliability")) + " " + word(at(qos, "history"));
@@ -194,6 +203,7 @@ std::vector<Phrase> phrases_of(const Summary& summary) {
   add("load", at(asked, "load"), load(asked));
   add("traffic", at(asked, "traffic"), traffic(at(asked, "traffic")));
   add("link", at(asked, "link"), link(at(asked, "link")));
+  add("kernel", at(asked, "kernel"), kernel(at(asked, "kernel")));
   add("hosts", at(asked, "hosts"), "hosts " + word(at(asked, "hosts")), Phrase::Where::in_labels);
   return phrases;
 }
@@ -249,8 +259,8 @@ void add_variant(std::string& label, const json& variant, const std::vector<Phra
     const auto key = part.substr(0, part.find(' '));
     // "qos.depth 5" is told by "qos", "load.controller.cpu 4" by "load".
     const bool told = std::any_of(phrases.begin(), phrases.end(), [&](const Phrase& phrase) {
-      const bool holds_others =
-          phrase.key == "qos" || phrase.key == "load" || phrase.key == "traffic" || phrase.key == "link";
+      const bool holds_others = phrase.key == "qos" || phrase.key == "load" || phrase.key == "traffic" ||
+                                phrase.key == "link" || phrase.key == "kernel";
       return key == phrase.key || (holds_others && key.starts_with(phrase.key + "."));
     });
     if (!told) label += " " + shortened(part, longest_value);

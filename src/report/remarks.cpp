@@ -142,6 +142,19 @@ void add_notes(std::vector<std::string>& parts, const statistics::Summary& summa
     parts.push_back(many(summary.notes.size() - most_notes, "further note", "further notes"));
 }
 
+// Of the machines' settings, those that somebody changed while it was measured.
+std::vector<std::string> changed_settings(const json& outcome) {
+  std::vector<std::string> parts;
+  for (const auto& [host, facts] : at(outcome, "hosts").items())
+    for (const auto& [index, one] : at(facts, "kernel").items())
+      if (at(one, "now") != at(one, "after"))
+        parts.push_back(fmt::format("kernel.{} was no longer so at the end: {} of the {} was {}, not {}",
+                                    word(at(one, "setting")), word(at(one, "thing")), word(host),
+                                    at(one, "now").is_null() ? "gone" : word(at(one, "now")),
+                                    word(at(one, "after"))));
+  return parts;
+}
+
 struct Refused {
   std::string found, remedy;
   std::vector<std::string> asked;
@@ -189,6 +202,7 @@ std::string remarks(const statistics::Summary& summary) {
       parts.push_back("the load on the " + word(host) + " had died by the end");
   if (const auto text = traffic(outcome); !text.empty()) parts.push_back(text);
   if (const auto& why = at(outcome, "link_unproved"); why.is_string()) parts.push_back(word(why));
+  for (const auto& text : changed_settings(outcome)) parts.push_back(text);
   add_notes(parts, summary);
   if (const auto text = drops(outcome); !text.empty()) parts.push_back(text);
   if (const auto text = faults(outcome); !text.empty()) parts.push_back(text);

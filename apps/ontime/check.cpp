@@ -1,0 +1,95 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <fmt/format.h>
+
+#include "campaign/campaign.hpp"
+#include "commands.hpp"
+#include "fitness/fitness.hpp"
+#include "machine/machine.hpp"
+#include "run_flags.hpp"
+#include "settings/settings.hpp"
+#include "terminal.hpp"
+
+namespace ontime::app {
+namespace {
+
+using fitness::Finding;
+using fitness::Severity;
+using report::printable;
+
+std::string text_of(const Finding& finding) {
+  auto text = fmt::format("{:<6} {}: {}\n",
+                          finding.severity == Severity::fine ? "" : fitness::word_of(finding.severity),
+                          finding.check, printable(finding.is));
+  for (const auto& [label, words] :
+       {std::pair{"should be", finding.should}, {"because", finding.why}, {"to mend it", finding.remedy}})
+    if (!words.empty()) text += fmt::format("         {}: {}\n", label, printable(words));
+  return text;
+}
+
+nlohmann::json json_of(const Finding& finding) {
+  return {{"check", finding.check}, {"severity", fitness::word_of(finding.severity)},
+          {"is", finding.is},       {"should_be", finding.should},
+          {"because", finding.why}, {"to_mend_it", finding.remedy}};
+}
+
+int print_findings(const std::vector<Finding>& findings, bool as_json) {
+  const bool fit = fitness::fit(findings);
+  if (as_json) {
+    auto all = nlohmann::json::array();
+    for (const auto& finding : findings) all.push_back(json_of(finding));
+    print(nlohmann::json{{"fit", fit}, {"findings", all}}.dump(2, ' ', false,
+                                                               nlohmann::json::error_handler_t::replace) +
+          "\n");
+    return fit ? 0 : 1;
+  }
+  int hints = 0, wrong = 0;
+  for (const auto& finding : findings) {
+    hints += finding.severity == Severity::hint ? 1 : 0;
+    wrong += finding.severity == Severity::wrong ? 1 : 0;
+    print(text_of(finding));
+  }
+  print(fmt::format("{}: {} to be mended, {} hints\n", fit ? "fit" : "not fit", wrong, hints));
+  return fit ? 0 : 1;
+}
+
+}  // namespace
+
+void add_check(CLI::App& app, Action& action) {
+  auto* command =
+      app.add_subcommand("check", "Whether this machine is fit: what is, what should be, why, what mends it");
+  command->group("Make fit");
+  command->footer("Exit codes: 0 fit, or only hints · 1 something is to be mended for real-time");
+  struct Arguments {
+    std::string interface, peer, format = "table";
+  };
+  auto arguments = std::make_shared<Arguments>();
+  auto* interface =
+      command->add_option("--interface", arguments->interface, "the link: all that are hardware")
+          ->type_name("NAME")
+          ->check(given);
+  command->add_option("--peer", arguments->peer, "instead: the interface by which the traffic to it goes")
+      ->type_name("HOST")
+      ->check(given)
+      ->excludes(interface);
+  command->add_option("--format", arguments->format, "table or json: table")->type_name("FORMAT");
+  command->callback([&action, arguments] {
+    action = [arguments] {
+      if (arguments->format != "table" && arguments->format != "json")
+        throw campaign::Error(2, fmt::format("--format: '{}' is not one of table, json", arguments->format));
+      fitness::Subject subject;
+      subject.synchronised = machine::clock_state().at("synchronised").get<bool>();
+      if (!arguments->peer.empty()) subject.interfaces = {settings::interface_to(arguments->peer, "")};
+      if (!arguments->interface.empty()) {
+        bool there = false;
+        for (const auto& one : machine::interfaces()) there = there || one.name == arguments->interface;
+        if (!there)
+          throw campaign::Error(2,
+                                fmt::format("--interface: there is no interface {}", arguments->interface));
+        subject.interfaces = {arguments->interface};
+      }
+      return print_findings(fitness::check(subject), arguments->format == "json");
+    };
+  });
+}
+
+}  // namespace ontime::app

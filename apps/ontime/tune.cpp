@@ -1,0 +1,270 @@
+// SPDX-License-Identifier: Apache-2.0
+// The settings of a machine by hand, for the robot itself and not only for a run.
+#include <algorithm>
+
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+#include <unistd.h>
+
+#include "campaign/campaign.hpp"
+#include "commands.hpp"
+#include "keeper/keeper.hpp"
+#include "run_flags.hpp"
+#include "settings/settings.hpp"
+#include "terminal.hpp"
+
+namespace ontime::app {
+namespace {
+
+using campaign::Error;
+using nlohmann::json;
+using report::printable;
+
+struct Arguments {
+  std::string interface, peer, network_namespace, format = "table", scenario, run, boot;
+  std::vector<std::string> sets;
+  bool dry_run = false;
+};
+
+bool as_json(const std::string& format) {
+  if (format != "json" && format != "table")
+    throw Error(2, fmt::format("--format: '{}' is not one of table, json", format));
+  return format == "json";
+}
+
+settings::Link link_of(const Arguments& arguments) {
+  settings::Link link{arguments.interface, arguments.network_namespace};
+  if (!arguments.peer.empty())
+    link.interface = settings::interface_to(arguments.peer, arguments.network_namespace);
+  return link;
+}
+
+// The keys of a scenario, by the table that scenarios are read by.
+void set(campaign::Run& run, const std::string& said) {
+  const auto equals = said.find('=');
+  if (equals == said.npos || equals == 0)
+    throw Error(2, fmt::format("--set: '{}' is not NAME=VALUE, such as ksoftirqd=60", said));
+  const auto name = said.substr(0, equals);
+  std::vector<std::string> names;
+  for (const auto& key : campaign::keys()) {
+    if (!key.path.starts_with("kernel.")) continue;
+    names.push_back(key.path.substr(7));
+    if (names.back() != name) continue;
+    try {
+      return key.set(run, said.substr(equals + 1));
+    } catch (const std::invalid_argument& error) {
+      throw Error(2, fmt::format("--set {}: {}", name, error.what()));
+    }
+  }
+  throw Error(2, fmt::format("--set: there is no setting '{}'; there are: {}", name, fmt::join(names, ", ")));
+}
+
+campaign::Run run_of(const Arguments& arguments) {
+  if (arguments.scenario.empty()) return {};
+  const auto scenario = campaign::read_scenario(arguments.scenario, {{arguments.run}, {}, {}});
+  for (const auto& run : scenario.runs)
+    if (run.kernel != scenario.runs.front().kernel)
+      throw Error(
+          2, fmt::format("--run: the runs called '{}' differ in their kernel settings; say them with --set",
+                         arguments.run));
+  return scenario.runs.front();
+}
+
+std::string in_words(const settings::Change& change) {
+  if (change.thing.kind == nullptr)
+    return fmt::format("{}: {}, once {} is on", change.setting->name, change.after,
+                       change.setting->comes_with);
+  return change.before == change.after
+             ? fmt::format("{}: {} is {} already", change.setting->name, change.thing.title(), change.after)
+             : fmt::format("{}: {} from {} to {}", change.setting->name, change.thing.title(), change.before,
+                           change.after);
+}
+
+void print_lines(const std::vector<std::string>& lines) {
+  for (const auto& line : lines) print(printable(line) + "\n");
+}
+
+void warn(const campaign::Run& run) {
+  constexpr int usual = 80;  // the paper's, and what `--realtime` gives
+  const auto own = run.task.realtime.threads.find("receive");
+  const auto text =
+      settings::warning(run.kernel, own == run.task.realtime.threads.end() ? usual : own->second.priority);
+  if (!text.empty()) print_error(text);
+}
+
+int apply(const Arguments& arguments) {
+  auto run = run_of(arguments);
+  for (const auto& said : arguments.sets) set(run, said);
+  if (run.kernel.empty())
+    throw Error(2, "nothing is to be set: say what with --set NAME=VALUE, or a scenario's run");
+  const auto link = link_of(arguments);
+  for (const auto& setting : settings::table())
+    if (setting.of_interface && link.interface.empty() && run.kernel.contains(setting.name))
+      throw Error(
+          2,
+          fmt::format("{} is of an interface: name it (--interface), or the peer to which the traffic goes "
+                      "(--peer)",
+                      setting.name));
+  if (!arguments.boot.empty()) {
+    const auto form = settings::form_of(arguments.boot);
+    if (!form)
+      throw Error(2, fmt::format("--print: '{}' is not one of systemd, tmpfiles, shell", arguments.boot));
+    print(settings::at_every_boot(*form, run.kernel, settings::plan(run.kernel, link), link,
+                                  orders::this_program()));
+    return 0;
+  }
+  warn(run);
+  std::vector<std::string> lines;
+  if (arguments.dry_run) {
+    for (const auto& change : settings::plan(run.kernel, link)) lines.push_back(in_words(change));
+    print_lines(lines);
+    return 0;
+  }
+  // An interruption must not come between the last change and what keeps it.
+  auto& interrupts = catch_interrupts();
+  for (const auto& line : journal::revert_abandoned(keeper::kinds())) print_error(line);
+  journal::Journal journal(keeper::kinds());
+  const auto changes = settings::apply(journal, run.kernel, link);
+  settings::remember(journal, changes, link);
+  if (interrupts > 0) return 130;  // and the journal gives everything back
+  journal.keep();
+  for (const auto& change : changes) lines.push_back(in_words(change));
+  print_lines(lines);
+  print_error("this lasts until `ontime tune revert`, or the next start of this machine");
+  return 0;
+}
+
+int show(const Arguments& arguments) {
+  const bool json_asked = as_json(arguments.format);
+  auto all = json::array();
+  std::string text;
+  for (const auto& state : settings::show(link_of(arguments))) {
+    auto things = json::object();
+    std::vector<std::string> words;
+    for (const auto& [thing, value] : state.things) {
+      things[thing.title()] = value;
+      words.push_back(state.things.size() == 1 ? value : fmt::format("{} {}", thing.title(), value));
+    }
+    all.push_back({{"setting", state.setting->name},
+                   {"values", state.setting->values},
+                   {"now", things},
+                   {"cannot", state.cannot.empty() ? json() : json(state.cannot)}});
+    if (words.empty()) words.push_back("-");
+    text += fmt::format("{:<16}  {}{}\n", state.setting->name,
+                        printable(fmt::format("{}", fmt::join(words, ", "))),
+                        state.cannot.empty() ? "" : "  (" + printable(state.cannot) + ")");
+  }
+  print(json_asked ? json{{"settings", all}}.dump(2, ' ', false, json::error_handler_t::replace) + "\n"
+                   : text);
+  return 0;
+}
+
+// Only who may read root's journal knows what root applied.
+void need_root(const char* what) {
+  if (geteuid() != 0)
+    throw Error(3, fmt::format("tune {}: what was applied is root's to know: run as root", what));
+}
+
+int verify(const Arguments& arguments) {
+  const bool json_asked = as_json(arguments.format);
+  need_root("verify");
+  const auto kept = journal::kept(keeper::kinds());
+  if (kept.empty()) {
+    print_error("nothing was applied since this machine was started: ontime tune apply");
+    return 1;
+  }
+  auto all = json::array();
+  std::vector<std::string> lines;
+  int code = 0;
+  for (const auto& one : kept) {
+    const bool is_so = one.unseen.empty() && one.now == one.after;
+    if (!is_so) code = 1;
+    const auto now = !one.unseen.empty() ? one.unseen : one.now.value_or("gone");
+    all.push_back({{"kind", one.kind},
+                   {"thing", one.what},
+                   {"applied", one.after.value_or("")},
+                   {"now", now},
+                   {"is_so", is_so}});
+    lines.push_back(fmt::format("{} {} {}: applied {}, is {}", is_so ? "  " : "no", one.kind, one.what,
+                                one.after.value_or(""), now));
+  }
+  if (json_asked)
+    print(json{{"applied", all}}.dump(2, ' ', false, json::error_handler_t::replace) + "\n");
+  else
+    print_lines(lines);
+  return code;
+}
+
+int revert() {
+  need_root("revert");
+  auto lines = journal::revert_abandoned(keeper::kinds());
+  journal::Journal journal(keeper::kinds());
+  const auto given_back = journal.revert_kept();
+  lines.insert(lines.end(), given_back.done.begin(), given_back.done.end());
+  print_lines(lines);
+  for (const auto& line : given_back.left) print_error(line);
+  if (lines.empty() && given_back.left.empty()) print_error("nothing was applied");
+  return given_back.finished ? 0 : 3;
+}
+
+}  // namespace
+
+void add_tune(CLI::App& app, Action& action) {
+  auto* command =
+      app.add_subcommand("tune", "Settings of this machine: the kernel's threads and its network path");
+  command->require_subcommand(1)->group("Make fit");
+  std::string settings = "Settings:\n";
+  for (const auto& setting : settings::table())
+    settings += fmt::format("  {:<32}{}\n", fmt::format("{}={}", setting.name, setting.values), setting.help);
+  command->footer(settings + "  preset=paper                    irq-threads=90 and ksoftirqd=60");
+  auto arguments = std::make_shared<Arguments>();
+  const auto add = [&](const char* name, const char* what, int (*act)(const Arguments&)) {
+    auto* added = command->add_subcommand(name, what);
+    added->callback([&action, arguments, act] { action = [arguments, act] { return act(*arguments); }; });
+    return added;
+  };
+  const auto add_link = [&](CLI::App* to) {
+    auto* interface =
+        to->add_option("--interface", arguments->interface, "whose settings, of those that an interface has")
+            ->type_name("NAME")
+            ->check(given);
+    to->add_option("--peer", arguments->peer, "instead: the interface by which the traffic to it goes")
+        ->type_name("HOST")
+        ->check(given)
+        ->excludes(interface);
+    to->add_option("--namespace", arguments->network_namespace,
+                   "the network namespace of the interface, as in ip netns")
+        ->type_name("NAME")
+        ->check(given);
+  };
+  const auto add_format = [&](CLI::App* to) {
+    to->add_option("--format", arguments->format, "table or json: table")->type_name("FORMAT");
+  };
+  auto* shown = add("show", "Every setting: what is, and why it cannot be set where it cannot", show);
+  add_link(shown);
+  add_format(shown);
+  auto* applied = add("apply", "Sets; it lasts until revert, or the next start of the machine", apply);
+  applied->add_option("--set", arguments->sets, "a setting, such as ksoftirqd=60; repeatable")
+      ->type_name("NAME=VALUE")
+      ->check(given);
+  auto* scenario = applied->add_option("--scenario", arguments->scenario, "as the run of a scenario has it")
+                       ->type_name("FILE")
+                       ->check(given);
+  auto* run =
+      applied->add_option("--run", arguments->run, "the id of that run")->type_name("ID")->check(given);
+  scenario->needs(run);
+  run->needs(scenario);
+  add_link(applied);
+  auto* dry = applied->add_flag("--dry-run", arguments->dry_run, "only say what would be changed");
+  applied
+      ->add_option("--print", arguments->boot,
+                   "only write what sets it at every boot: systemd, tmpfiles or shell")
+      ->type_name("FORM")
+      ->check(given)
+      ->excludes(dry);
+  add_format(add("verify", "Whether what was applied is still so; exit code 1 if not", verify));
+  add("revert", "Gives back what apply changed, and what an ontime that was killed left",
+      [](const Arguments&) { return revert(); });
+}
+
+}  // namespace ontime::app

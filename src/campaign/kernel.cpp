@@ -1,0 +1,56 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "campaign/kernel.hpp"
+
+#include <algorithm>
+#include <stdexcept>
+
+#include <fmt/format.h>
+
+namespace ontime::campaign {
+namespace {
+
+constexpr const char* as_is = "as-is";
+
+void set_preset(Run& run, const std::string& text) {
+  if (text != "paper" && text != "none")
+    throw std::invalid_argument(fmt::format("'{}' is not one of paper, none", text));
+  run.kernel = text == "paper" ? settings::paper() : settings::Wishes{};
+}
+
+// A size in words is a number of bytes to the kernel.
+std::string in_kernels_words(const settings::Setting& setting, const std::string& text) {
+  if (setting.values != std::string_view("SIZE")) return text;
+  return std::to_string(bytes_of(text));
+}
+
+void set(Run& run, const settings::Setting& setting, const std::string& text) {
+  run.kernel.erase(setting.name);
+  if (text == as_is) return;
+  const auto value = in_kernels_words(setting, text);
+  setting.check(value);
+  run.kernel[setting.name] = value;
+}
+
+}  // namespace
+
+std::vector<Key> kernel_keys() {
+  const auto client = Key::For::client;
+  std::vector<Key> keys{{"kernel.preset", "", "paper|none",
+                         "priorities of the kernel's threads as in the paper: irq-threads 90, ksoftirqd 60",
+                         client, set_preset}};
+  for (const auto& setting : settings::table())
+    keys.push_back({fmt::format("kernel.{}", setting.name), "", fmt::format("{}|{}", setting.values, as_is),
+                    setting.help, client,
+                    [&setting](Run& run, const std::string& text) { set(run, setting, text); }});
+  return keys;
+}
+
+int application_priority(const Run& run) {
+  int least = 0;
+  for (const auto* role : {"send", "receive", "delivery"})
+    if (const auto thread = run.task.realtime.threads.find(role); thread != run.task.realtime.threads.end())
+      least = least == 0 ? thread->second.priority : std::min(least, thread->second.priority);
+  return least;
+}
+
+}  // namespace ontime::campaign

@@ -1,0 +1,70 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <algorithm>
+
+#include "fitness/look.hpp"
+
+namespace ontime::fitness {
+namespace {
+
+struct Check {
+  const char* name;
+  Findings (*look)(const Look&);
+};
+
+constexpr Check checks[] = {{"preemption", preemption},
+                            {"priority-limit", priority_limit},
+                            {"priority-budget", priority_budget},
+                            {"memory-limit", memory_limit},
+                            {"rt-throttling", throttling},
+                            {"fair-server", fair_server},
+                            {"governor", governor},
+                            {"idle-states", idle_states},
+                            {"smt", smt},
+                            {"isolated-cpus", isolation},
+                            {"virtual-machine", virtualisation},
+                            {"stolen-time", stolen_time},
+                            {"clock-source", clock_source},
+                            {"clock", clock_synchronised},
+                            {"swap", swap},
+                            {"huge-pages", huge_pages},
+                            {"numa-balancing", memory_balancing},
+                            {"autogroup", autogroup},
+                            {"timer-migration", timer_migration},
+                            {"buffers", buffers},
+                            {"fragments", fragments},
+                            {"interrupts", interrupts},
+                            {"irqbalance", interrupt_balance},
+                            {"napi", napi},
+                            {"middleware", middlewares}};
+
+}  // namespace
+
+const char* word_of(Severity severity) {
+  switch (severity) {
+    case Severity::hint:
+      return "hint";
+    case Severity::wrong:
+      return "wrong";
+    case Severity::fine:
+      break;
+  }
+  return "fine";
+}
+
+std::vector<Finding> check(const Subject& subject) {
+  const Look look(subject);
+  std::vector<Finding> all;
+  for (const auto& [name, function] : checks)
+    for (auto& finding : function(look)) {
+      finding.check = name;
+      all.push_back(std::move(finding));
+    }
+  return all;
+}
+
+bool fit(const std::vector<Finding>& findings) {
+  return std::none_of(findings.begin(), findings.end(),
+                      [](const Finding& finding) { return finding.severity == Severity::wrong; });
+}
+
+}  // namespace ontime::fitness

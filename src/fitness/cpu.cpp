@@ -1,0 +1,114 @@
+// SPDX-License-Identifier: Apache-2.0
+// The CPUs: how fast, how deeply asleep, whose.
+#include <map>
+#include <numeric>
+#include <sstream>
+
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+
+#include "fitness/look.hpp"
+
+namespace ontime::fitness {
+namespace {
+
+constexpr const char* folder = "/sys/devices/system/cpu/";
+
+std::vector<std::string> cpus(const Look& look) {
+  auto names = look.names(folder);
+  std::erase_if(names, [](const std::string& name) {
+    return !name.starts_with("cpu") || name.size() == 3 ||
+           name.find_first_not_of("0123456789", 3) != name.npos;
+  });
+  return names;
+}
+
+}  // namespace
+
+Findings governor(const Look& look) {
+  std::map<std::string, int> governors;
+  for (const auto& cpu : cpus(look))
+    if (const auto one = look.text(folder + cpu + "/cpufreq/scaling_governor")) ++governors[*one];
+  if (governors.empty()) return {};
+  if (governors.size() == 1 && governors.contains("performance")) return {fine("performance")};
+  std::vector<std::string> words;
+  for (const auto& [name, count] : governors) words.push_back(fmt::format("{} on {} CPUs", name, count));
+  return {{"", Severity::wrong, fmt::format("{}", fmt::join(words, ", ")), "performance",
+           "a CPU that sleeps between messages is slow when one arrives, and takes milliseconds to be fast",
+           "sudo ontime tune apply --set governor=performance"}};
+}
+
+Findings idle_states(const Look& look) {
+  constexpr std::int64_t enough_us = 10;
+  std::int64_t deepest_us = -1;
+  std::string name;
+  for (const auto& cpu : cpus(look))
+    for (const auto& state : look.names(folder + cpu + "/cpuidle")) {
+      const auto path = folder + cpu + "/cpuidle/" + state;
+      const auto latency = look.number(path + "/latency");
+      if (!latency || look.number(path + "/disable") == 1 || *latency <= deepest_us) continue;
+      deepest_us = *latency;
+      name = look.text(path + "/name").value_or(state);
+    }
+  if (deepest_us < 0) return {};
+  const auto is = fmt::format("the deepest is {}, left within {} µs", name, deepest_us);
+  if (deepest_us <= enough_us) return {fine(is)};
+  return {{"", Severity::hint, is,
+           fmt::format("none that takes longer than {} µs to leave, while messages are awaited", enough_us),
+           "the first message after a pause waits until the CPU is awake",
+           "let the robot's program hold /dev/cpu_dma_latency open with a 0 in it, as ontime does with "
+           "realtime on; or "
+           "for all: intel_idle.max_cstate=1 processor.max_cstate=1 on the kernel's command line"}};
+}
+
+Findings smt(const Look& look) {
+  const auto active = look.number(std::string(folder) + "smt/active");
+  if (!active) return {};
+  if (*active == 0) return {fine("off")};
+  return {{"", Severity::hint, "on", "off",
+           "two CPUs share one core: what runs on the other makes this one slower, whatever the priorities",
+           "echo off | sudo tee /sys/devices/system/cpu/smt/control; for good: nosmt on the kernel's command "
+           "line"}};
+}
+
+Findings isolation(const Look& look) {
+  const auto isolated = look.text(std::string(folder) + "isolated");
+  if (!isolated) return {};
+  if (!isolated->empty()) return {fine(*isolated)};
+  if (cpus(look).size() < 2) return {};
+  return {
+      {"", Severity::hint, "none", "one or more, if priorities are not enough",
+       "whatever runs beside takes turns in the caches, and interrupts of everybody come in between",
+       "isolcpus=managed_irq,domain,N nohz_full=N rcu_nocbs=N on the kernel's command line; then give the "
+       "robot's threads CPU N (realtime.cpus in a scenario)"}};
+}
+
+Findings virtualisation(const Look& look) {
+  std::istringstream flags(look.field("/proc/cpuinfo", "flags").value_or(""));
+  for (std::string flag; flags >> flag;)
+    if (flag == "hypervisor")
+      return {{"", Severity::hint, "a virtual machine", "a machine of its own",
+               "the host lets it wait whenever it likes, and no setting in here changes that",
+               "compare settings here if you must, but measure the robot on the robot"}};
+  return {};
+}
+
+Findings stolen_time(const Look& look) {
+  constexpr std::size_t steal = 7;
+  constexpr double much = 0.001;
+  std::istringstream stat(look.text("/proc/stat").value_or(""));
+  std::string name;
+  stat >> name;
+  std::vector<double> ticks(8);
+  for (auto& one : ticks) stat >> one;
+  const auto total = std::accumulate(ticks.begin(), ticks.end(), 0.0);
+  if (!stat || name != "cpu" || total <= 0 || ticks[steal] == 0) return {};
+  const auto share = ticks[steal] / total;
+  const auto is = fmt::format("{:.2g} % of the time since the start", share * 100);
+  if (share < much) return {fine(is)};
+  return {{"", Severity::wrong, is, "none",
+           "for that long the host gave this machine's CPUs to somebody else while they had work",
+           "give the virtual machine CPUs of its own (libvirt: vcpupin), or take a real one"}};
+}
+
+}  // namespace ontime::fitness

@@ -1,0 +1,117 @@
+// SPDX-License-Identifier: Apache-2.0
+// The kernel: how it preempts, whom it holds back, what time it keeps.
+#include <fmt/format.h>
+
+#include "fitness/look.hpp"
+
+namespace ontime::fitness {
+namespace {
+
+// "full" of "none voluntary (full)".
+std::string chosen(const std::string& choices, char open, char close) {
+  const auto first = choices.find(open), last = choices.find(close);
+  return first == choices.npos || last == choices.npos || last < first
+             ? choices
+             : choices.substr(first + 1, last - first - 1);
+}
+
+bool is_realtime(const Look& look) {
+  return look.number("/sys/kernel/realtime") == 1 ||
+         look.text("/proc/version").value_or("").find("PREEMPT_RT") != std::string::npos;
+}
+
+}  // namespace
+
+Findings preemption(const Look& look) {
+  if (is_realtime(look)) return {fine("PREEMPT_RT")};
+  auto model = look.text("/sys/kernel/debug/sched/preempt");
+  if (model) model = chosen(*model, '(', ')');
+  for (const auto* one : {"none", "voluntary", "full", "lazy"})
+    if (!model && look.kernel_says(std::string("preempt=") + one)) model = one;
+  const auto version = look.text("/proc/version").value_or("");
+  if (!model && version.find("PREEMPT") == version.npos) model = "none or voluntary";
+  Finding finding{
+      "",
+      Severity::hint,
+      fmt::format("not PREEMPT_RT; preemption: {}", model.value_or("as the kernel was built")),
+      "PREEMPT_RT",
+      "an interrupt, a softirq or a lock of the kernel keeps any thread waiting for as long as it lasts",
+      "sudo apt install linux-image-rt-amd64 (arm64: linux-image-rt-arm64), and reboot"};
+  if (model && *model != "full") {
+    finding.severity = Severity::wrong;
+    finding.why = "a system call of any program keeps a real-time thread waiting until it ends or sleeps";
+    finding.remedy += "; meanwhile: preempt=full on the kernel's command line, where it is PREEMPT_DYNAMIC";
+  }
+  return {finding};
+}
+
+Findings throttling(const Look& look) {
+  const auto runtime = look.number("/proc/sys/kernel/sched_rt_runtime_us"),
+             period = look.number("/proc/sys/kernel/sched_rt_period_us");
+  if (!runtime || !period) return {};
+  if (*runtime < 0 || *runtime >= *period) return {fine("off")};
+  return {{"", Severity::hint, fmt::format("real-time tasks have {} of every {} µs", *runtime, *period),
+           "off, once it is certain that no real-time thread runs for ever",
+           "real-time threads that together compute for longer are stopped until the period is over",
+           "sudo ontime tune apply --set rt-throttling=off"}};
+}
+
+Findings fair_server(const Look& look) {
+  const std::string folder = "/sys/kernel/debug/sched/fair_server";
+  for (const auto& cpu : look.names(folder))
+    if (const auto runtime = look.number(fmt::format("{}/{}/runtime", folder, cpu)); runtime && *runtime > 0)
+      return {{"", Severity::hint,
+               fmt::format("ordinary tasks on {} have {} ns of each period for themselves", cpu, *runtime),
+               "0 on CPUs that are for real-time threads alone",
+               "when ordinary tasks starve, they run before real-time threads for that long",
+               fmt::format("for f in {}/cpu*/runtime; do echo 0 | sudo tee $f; done", folder)}};
+  return {};
+}
+
+Findings autogroup(const Look& look) {
+  const auto on = look.number("/proc/sys/kernel/sched_autogroup_enabled");
+  if (!on) return {};
+  if (*on == 0) return {fine("off")};
+  return {{"", Severity::hint, "on", "off",
+           "the niceness of a thread counts within its session only, so that nice and renice do little; "
+           "real-time "
+           "threads do not notice",
+           "sudo sysctl kernel.sched_autogroup_enabled=0"}};
+}
+
+Findings timer_migration(const Look& look) {
+  const auto on = look.number("/proc/sys/kernel/timer_migration");
+  if (!on) return {};
+  const auto isolated = look.text("/sys/devices/system/cpu/isolated").value_or("");
+  if (*on == 0 || isolated.empty()) return {fine(*on == 0 ? "off" : "on, and no CPU is isolated")};
+  return {{"", Severity::hint, "on", "off where CPUs are isolated",
+           "timers of idle CPUs are run by busy ones, perhaps those that are to be left alone",
+           "sudo ontime tune apply --set timer-migration=off"}};
+}
+
+Findings clock_source(const Look& look) {
+  const std::string folder = "/sys/devices/system/clocksource/clocksource0/";
+  const auto current = look.text(folder + "current_clocksource");
+  if (!current) return {};
+  for (const auto* slow : {"hpet", "acpi_pm", "jiffies", "refined-jiffies"})
+    if (*current == slow)
+      return {
+          {"", Severity::wrong, *current, "tsc, or the CPU's own counter on other machines than PCs",
+           "each look at the clock takes microseconds, and everybody looks at it",
+           fmt::format(
+               "it has: {}; see why the kernel does not take tsc (sudo dmesg | grep -i tsc), and if it is "
+               "wrong in that: tsc=reliable on the kernel's command line",
+               look.text(folder + "available_clocksource").value_or("?"))}};
+  return {fine(*current)};
+}
+
+Findings clock_synchronised(const Look& look) {
+  const auto& synchronised = look.subject().synchronised;
+  if (!synchronised) return {};
+  if (*synchronised) return {fine("synchronised")};
+  return {{"", Severity::hint, "not synchronised", "synchronised, best by PTP",
+           "of two machines only the round trip can be measured, not which way of it was slow",
+           "sudo apt install chrony; or linuxptp, where both network cards have clocks (ethtool -T)"}};
+}
+
+}  // namespace ontime::fitness

@@ -1,0 +1,107 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "fitness/look.hpp"
+
+#include <algorithm>
+#include <charconv>
+#include <filesystem>
+#include <fstream>
+#include <iterator>
+#include <sstream>
+
+namespace ontime::fitness {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr const char* white = " \t\n\r";
+
+std::string trimmed(const std::string& text) {
+  const auto first = text.find_first_not_of(white);
+  return first == text.npos ? "" : text.substr(first, text.find_last_not_of(white) - first + 1);
+}
+
+template <typename Number>
+std::optional<Number> number_of(const std::string& text) {
+  Number number = 0;
+  const auto* const end = text.data() + text.size();
+  const auto [last, error] = std::from_chars(text.data(), end, number);
+  return error == std::errc{} && last == end ? std::optional(number) : std::nullopt;
+}
+
+}  // namespace
+
+std::optional<std::string> Look::text(const std::string& path) const {
+  std::ifstream file(at(path));
+  if (!file) return {};
+  std::string text(std::istreambuf_iterator<char>(file), {});
+  if (file.bad()) return {};
+  return trimmed(text);
+}
+
+std::optional<std::int64_t> Look::number(const std::string& path) const {
+  const auto said = text(path);
+  return said ? number_of<std::int64_t>(*said) : std::nullopt;
+}
+
+std::optional<std::string> Look::field(const std::string& path, const std::string& key) const {
+  std::istringstream lines(text(path).value_or(""));
+  for (std::string line; std::getline(lines, line);) {
+    if (!line.starts_with(key) || line.size() == key.size()) continue;
+    auto rest = line.substr(key.size());
+    const auto first = rest.find_first_not_of(white);
+    if (first != rest.npos && rest[first] == ':')
+      rest.erase(0, first + 1);
+    else if (first == 0)
+      continue;  // the beginning of another key
+    return trimmed(rest);
+  }
+  return {};
+}
+
+std::vector<std::string> Look::names(const std::string& folder) const {
+  std::vector<std::string> names;
+  std::error_code none;
+  for (const auto& entry : fs::directory_iterator(at(folder), none))
+    names.push_back(entry.path().filename().string());
+  std::sort(names.begin(), names.end());
+  return names;
+}
+
+bool Look::exists(const std::string& path) const {
+  std::error_code none;
+  return fs::exists(at(path), none);
+}
+
+std::string Look::canonical(const std::string& path) const {
+  std::error_code none;
+  const auto found = fs::canonical(at(path), none).string(), root = fs::canonical(at("/"), none).string();
+  if (found.empty()) return "";
+  return root == "/" ? found : found.substr(std::min(found.size(), root.size()));
+}
+
+std::vector<Look::Thread> Look::threads(const std::string& prefix) const {
+  constexpr std::size_t priority = 37, policy = 38;  // of /proc/PID/stat, counted from the state on
+  std::vector<Thread> found;
+  for (const auto& pid : names("/proc")) {
+    if (!number_of<int>(pid)) continue;
+    const auto stat = text("/proc/" + pid + "/stat").value_or("");
+    const auto open = stat.find('('), close = stat.rfind(')');
+    if (open == stat.npos || close == stat.npos) continue;
+    const auto name = stat.substr(open + 1, close - open - 1);
+    if (!name.starts_with(prefix)) continue;
+    std::istringstream rest(stat.substr(close + 1));
+    const std::vector<std::string> words(std::istream_iterator<std::string>(rest), {});
+    if (words.size() <= policy) continue;
+    found.push_back(
+        {name, number_of<int>(words[policy]).value_or(0), number_of<int>(words[priority]).value_or(0)});
+  }
+  return found;
+}
+
+bool Look::kernel_says(const std::string& word) const {
+  std::istringstream words(text("/proc/cmdline").value_or(""));
+  return std::find(std::istream_iterator<std::string>(words), {}, word) !=
+         std::istream_iterator<std::string>();
+}
+
+}  // namespace ontime::fitness

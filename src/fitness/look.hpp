@@ -1,0 +1,54 @@
+// SPDX-License-Identifier: Apache-2.0
+// A machine's files, below the folder that stands for "/".
+#pragma once
+
+#include <cstdint>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "fitness/fitness.hpp"
+
+namespace ontime::fitness {
+
+class Look {
+ public:
+  explicit Look(const Subject& subject) : subject_(subject) {}
+  const Subject& subject() const { return subject_; }
+
+  // Without white space at its ends; nothing if it cannot be read.
+  std::optional<std::string> text(const std::string& path) const;
+  std::optional<std::int64_t> number(const std::string& path) const;
+  // Behind "key:" or "key   ", as in /proc/self/status and /proc/self/limits.
+  std::optional<std::string> field(const std::string& path, const std::string& key) const;
+  std::vector<std::string> names(const std::string& folder) const;  // in order
+  bool exists(const std::string& path) const;
+  std::string canonical(const std::string& path) const;  // without the root; "" if it is not there
+
+  struct Thread {
+    std::string name;
+    int policy = 0, priority = 0;  // as sched_setscheduler(2) counts them
+  };
+  std::vector<Thread> threads(const std::string& prefix) const;
+  bool kernel_says(const std::string& word) const;  // a word of its command line
+
+ private:
+  std::string at(const std::string& path) const { return subject_.root + path; }
+  const Subject& subject_;
+};
+
+inline Finding fine(std::string is) { return {"", Severity::fine, std::move(is), "", "", ""}; }
+
+using Findings = std::vector<Finding>;
+// None where there is no such thing on this machine.
+Findings preemption(const Look&), throttling(const Look&), fair_server(const Look&), autogroup(const Look&),
+    timer_migration(const Look&), clock_source(const Look&), clock_synchronised(const Look&);
+Findings governor(const Look&), idle_states(const Look&), smt(const Look&), isolation(const Look&),
+    virtualisation(const Look&), stolen_time(const Look&);
+Findings priority_limit(const Look&), memory_limit(const Look&), priority_budget(const Look&),
+    swap(const Look&), huge_pages(const Look&), memory_balancing(const Look&);
+Findings buffers(const Look&), fragments(const Look&), interrupts(const Look&),
+    interrupt_balance(const Look&), napi(const Look&);
+Findings middlewares(const Look&);
+
+}  // namespace ontime::fitness

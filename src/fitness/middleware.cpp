@@ -1,0 +1,65 @@
+// SPDX-License-Identifier: Apache-2.0
+// The DDS libraries that are installed, by the names of their files, and what is known of their versions.
+#include <fmt/format.h>
+
+#include "fitness/look.hpp"
+
+namespace ontime::fitness {
+namespace {
+
+struct Library {
+  const char* file;
+  const char* name;
+};
+constexpr Library libraries[] = {
+    {"libddsc.so.", "Cyclone DDS"}, {"libfastrtps.so.", "Fast DDS"}, {"libfastdds.so.", "Fast DDS"}};
+
+struct Fault {
+  const char* name;
+  const char* version;  // it begins so
+  const char* what;
+  const char* remedy;
+};
+// What this project has found, and works around.
+constexpr Fault faults[] = {
+    {"Cyclone DDS", "0.10.",
+     "it does not count what a full socket buffer lost, and takes no priority for the threads that receive "
+     "data by "
+     "themselves",
+     "set priorities in CYCLONEDDS_URI (Threads) for those it has; ontime counts what is lost by its own "
+     "numbers"},
+    {"Fast DDS", "2.9.",
+     "it takes no priorities for its threads (from 2.13 on it does), and gives them no names",
+     "ontime finds and sets its own (realtime on); a robot's program needs to start as SCHED_FIFO, which its "
+     "threads "
+     "inherit: chrt --fifo 70 PROGRAM"}};
+
+Finding finding_of(const Library& library, const std::string& version, const std::string& folder) {
+  const auto is = fmt::format("{} {} ({})", library.name, version, folder);
+  for (const auto& fault : faults)
+    if (fault.name == std::string_view(library.name) && version.starts_with(fault.version))
+      return {"", Severity::hint, is, "", fault.what, fault.remedy};
+  return fine(is);
+}
+
+}  // namespace
+
+Findings middlewares(const Look& look) {
+  std::vector<std::string> folders{"/usr/lib", "/usr/local/lib"};
+  for (const auto& name : look.names("/usr/lib"))
+    if (name.find("-linux-gnu") != name.npos) folders.push_back("/usr/lib/" + name);
+  for (const auto& distribution : look.names("/opt/ros"))
+    for (const auto* lib : {"/lib", "/lib/x86_64-linux-gnu", "/lib/aarch64-linux-gnu"})
+      folders.push_back("/opt/ros/" + distribution + lib);
+  Findings findings;
+  for (const auto& folder : folders)
+    for (const auto& file : look.names(folder))
+      for (const auto& library : libraries) {
+        if (!file.starts_with(library.file)) continue;
+        const auto version = file.substr(std::string_view(library.file).size());
+        if (version.find('.') != version.npos) findings.push_back(finding_of(library, version, folder));
+      }
+  return findings;
+}
+
+}  // namespace ontime::fitness

@@ -1,0 +1,105 @@
+// SPDX-License-Identifier: Apache-2.0
+// What whoever asks may have for his programs: priorities, and memory that stays.
+#include <charconv>
+#include <sstream>
+
+#include <fmt/format.h>
+#include <linux/capability.h>
+
+#include "fitness/look.hpp"
+
+namespace ontime::fitness {
+namespace {
+
+constexpr const char* how_to_permit =
+    "into /etc/security/limits.d/realtime.conf: \"@realtime - rtprio 98\" and \"@realtime - memlock "
+    "unlimited\"; then "
+    "sudo groupadd --force realtime && sudo usermod --append --groups realtime $USER, and log in anew";
+
+bool capable(const Look& look, unsigned capability) {
+  const auto effective = look.field("/proc/self/status", "CapEff").value_or("0");
+  std::uint64_t mask = 0;
+  std::from_chars(effective.data(), effective.data() + effective.size(), mask, 16);
+  return (mask >> capability & 1U) != 0;
+}
+
+// The soft limit, which is the first of the columns.
+std::string limit(const Look& look, const char* name) {
+  const auto columns = look.field("/proc/self/limits", name).value_or("");
+  return columns.substr(0, columns.find(' '));
+}
+
+}  // namespace
+
+Findings priority_limit(const Look& look) {
+  const auto most = limit(look, "Max realtime priority");
+  if (most.empty()) return {};
+  if (capable(look, CAP_SYS_NICE)) return {fine("any (CAP_SYS_NICE)")};
+  constexpr int needed = 80;
+  int priority = 0;
+  std::from_chars(most.data(), most.data() + most.size(), priority);
+  if (most == "unlimited" || priority >= needed) return {fine("up to " + most)};
+  return {{"", Severity::wrong, fmt::format("you may give your threads real-time priorities up to {}", most),
+           fmt::format("{} or more", needed),
+           "without one, every program that computes comes before your messages", how_to_permit}};
+}
+
+Findings memory_limit(const Look& look) {
+  const auto most = limit(look, "Max locked memory");
+  if (most.empty()) return {};
+  if (most == "unlimited" || capable(look, CAP_IPC_LOCK)) return {fine("unlimited")};
+  return {{"", Severity::wrong, fmt::format("you may lock {} bytes of memory", most), "unlimited",
+           "a page that is not locked may have to be fetched from the disk when it is touched, which takes "
+           "milliseconds",
+           how_to_permit}};
+}
+
+Findings priority_budget(const Look& look) {
+  // "3:cpu,cpuacct:/path"; inside a container the path may be one that only the host sees.
+  std::istringstream lines(look.text("/proc/self/cgroup").value_or(""));
+  for (std::string number, controllers, path; std::getline(lines, number, ':') &&
+                                              std::getline(lines, controllers, ':') &&
+                                              std::getline(lines, path);) {
+    if (("," + controllers + ",").find(",cpu,") == std::string::npos) continue;
+    for (const auto& group : {path, std::string("/")}) {
+      const auto file = fmt::format("/sys/fs/cgroup/{}{}/cpu.rt_runtime_us", controllers, group);
+      const auto budget = look.number(file);
+      if (!budget) continue;
+      if (*budget != 0) return {fine(fmt::format("{} µs of each period", *budget))};
+      return {{"", Severity::wrong, "this control group has no real-time time at all", "some",
+               "nothing in it may have a real-time priority, not even root's",
+               fmt::format("echo 900000 | sudo tee {} (its parents first)", file)}};
+    }
+  }
+  return {};
+}
+
+Findings swap(const Look& look) {
+  const auto swaps = look.text("/proc/swaps");
+  if (!swaps) return {};
+  if (swaps->find('\n') == swaps->npos) return {fine("none")};
+  return {{"", Severity::hint, "there is some", "none, or all memory of the robot's programs locked",
+           "what was swapped out is fetched from the disk when it is touched, which takes milliseconds",
+           "mlockall(MCL_CURRENT | MCL_FUTURE) in the program (as ontime does with realtime on); or sudo "
+           "swapoff --all, "
+           "and take it out of /etc/fstab"}};
+}
+
+Findings huge_pages(const Look& look) {
+  const auto mode = look.text("/sys/kernel/mm/transparent_hugepage/enabled");
+  if (!mode) return {};
+  if (mode->find("[always]") == mode->npos) return {fine(*mode)};
+  return {{"", Severity::hint, *mode, "madvise or never",
+           "the kernel makes large pages of small ones behind a program's back, and lets it wait meanwhile",
+           "echo madvise | sudo tee /sys/kernel/mm/transparent_hugepage/enabled"}};
+}
+
+Findings memory_balancing(const Look& look) {
+  const auto on = look.number("/proc/sys/kernel/numa_balancing");
+  if (!on || *on == 0) return {};
+  return {{"", Severity::hint, "on", "off",
+           "the kernel takes pages away to see who touches them, locked ones too: each costs a fault",
+           "sudo sysctl kernel.numa_balancing=0"}};
+}
+
+}  // namespace ontime::fitness

@@ -1,0 +1,65 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "keeper/tuned.hpp"
+
+#include <utility>
+
+namespace ontime::keeper {
+namespace {
+
+using nlohmann::json;
+
+settings::Link link_of(const json& from) {
+  settings::Link link{from.at("interface"), from.at("network_namespace")};
+  if (!link.interface.empty()) return link;
+  if (const std::string peer = from.at("peer"); !peer.empty())
+    link.interface = settings::interface_to(peer, link.network_namespace);
+  else if (const std::string address = from.at("address"); !address.empty())
+    link.interface = settings::interface_with(address, link.network_namespace);
+  return link;
+}
+
+json to_json(const settings::Change& change, const settings::Link& link) {
+  const auto now = settings::now(change, link);
+  return {{"setting", change.setting->name},
+          {"thing", change.thing.title()},
+          {"before", change.before},
+          {"after", change.after},
+          {"now", now ? json(*now) : json()}};
+}
+
+json to_json(const std::vector<settings::Change>& changes, const settings::Link& link) {
+  auto all = json::array();
+  for (const auto& change : changes) all.push_back(to_json(change, link));
+  return all;
+}
+
+}  // namespace
+
+json Tuned::apply(const json& order) {
+  std::string prefix = "kernel: ";
+  try {
+    const auto link = link_of(order.at("link"));
+    prefix = "kernel.";  // what goes wrong now begins with the name of a setting
+    auto changes = settings::apply(journal_, order.at("wishes").get<settings::Wishes>(), link);
+    const auto told = to_json(changes, link);
+    hosts_[order.at("host")] = {link, std::move(changes)};
+    return {{"settings", told}};
+  } catch (const settings::Error& error) {
+    return {{"error", prefix + error.what()}};
+  }
+}
+
+json Tuned::now() const {
+  auto all = json::object();
+  for (const auto& [host, tuned] : hosts_) all[host] = to_json(tuned.changes, tuned.link);
+  return all;
+}
+
+std::vector<std::string> Tuned::take_back() {
+  std::vector<std::string> left;
+  for (auto& [host, tuned] : std::exchange(hosts_, {}))
+    for (auto& line : settings::take_back(journal_, tuned.changes)) left.push_back(std::move(line));
+  return left;
+}
+
+}  // namespace ontime::keeper

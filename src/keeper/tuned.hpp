@@ -1,0 +1,34 @@
+// SPDX-License-Identifier: Apache-2.0
+// What of a machine is set for the run that it is in, host by host.
+#pragma once
+
+#include <map>
+#include <string>
+#include <vector>
+
+#include <nlohmann/json.hpp>
+
+#include "settings/settings.hpp"
+
+namespace ontime::keeper {
+
+class Tuned {
+ public:
+  explicit Tuned(journal::Journal& journal) : journal_(journal) {}
+
+  // The order "tune", and its answer.
+  nlohmann::json apply(const nlohmann::json& order);
+  // By host, with what each thing is at this moment.
+  nlohmann::json now() const;
+  std::vector<std::string> take_back();
+
+ private:
+  struct Host {
+    settings::Link link;
+    std::vector<settings::Change> changes;
+  };
+  journal::Journal& journal_;
+  std::map<std::string, Host> hosts_;
+};
+
+}  // namespace ontime::keeper

@@ -1,0 +1,192 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <algorithm>
+#include <charconv>
+#include <functional>
+
+#include <fmt/format.h>
+#include <net/if.h>
+#include <unistd.h>
+
+#include "settings/kinds.hpp"
+
+namespace ontime::settings {
+namespace {
+
+struct Wish {
+  const Setting* setting;
+  std::string asked;
+};
+
+// In the order of the table, checked as far as that goes without a machine.
+std::vector<Wish> in_order(const Wishes& wishes) {
+  std::vector<Wish> all;
+  for (const auto& setting : table())
+    if (const auto wish = wishes.find(setting.name); wish != wishes.end()) {
+      try {
+        setting.check(wish->second);
+      } catch (const std::invalid_argument& error) {
+        throw Error(fmt::format("{}: {}", setting.name, error.what()));
+      }
+      all.push_back({&setting, wish->second});
+    }
+  if (all.size() == wishes.size()) return all;
+  for (const auto& [name, value] : wishes)
+    if (std::none_of(all.begin(), all.end(), [&](const Wish& wish) { return name == wish.setting->name; }))
+      throw Error(fmt::format("there is no setting '{}'", name));
+  return all;
+}
+
+// Where the things of a setting are to be seen.
+void where_it_is(const Setting& setting, const Link& link, const std::function<void()>& action) {
+  if (setting.of_interface && link.interface.empty())
+    throw journal::Error("it is of an interface, and none is named");
+  journal::within_namespace(setting.of_interface ? link.network_namespace : "", [&] {
+    if (setting.of_interface && if_nametoindex(link.interface.c_str()) == 0)
+      throw journal::Error(fmt::format("there is no interface {}", link.interface));
+    action();
+  });
+}
+
+// The same, with its name before what went wrong.
+void by_name(const Setting& setting, const Link& link, const std::function<void()>& action) {
+  try {
+    where_it_is(setting, link, action);
+  } catch (const journal::Error& error) {
+    throw Error(fmt::format("{}: {}", setting.name, error.what()));
+  }
+}
+
+std::vector<Change> changes_of(const Wish& wish, const Link& link) {
+  std::vector<Change> changes;
+  by_name(*wish.setting, link, [&] {
+    for (auto& thing : wish.setting->things(link.interface)) {
+      const auto before = thing.kind->read(thing.what);
+      if (!before) continue;  // a thread that has ended meanwhile
+      auto after = wish.setting->wanted(wish.asked, thing, *before);
+      changes.push_back({wish.setting, std::move(thing), *before, std::move(after)});
+    }
+  });
+  return changes;
+}
+
+// Whether another wish, itself to be had, brings the things of this one.
+bool will_come(const Wish& wish, const Wishes& wishes) {
+  const auto other = wishes.find(wish.setting->comes_with);
+  return other != wishes.end() && other->second == "on";
+}
+
+void give_back(journal::Journal& journal, const std::vector<Change>& changes) noexcept {
+  try {
+    take_back(journal, changes);
+  } catch (const std::exception&) {  // it stays in the journal
+  }
+}
+
+int highest_priority(const std::string& asked) {
+  int highest = 0;
+  for (const char *at = asked.data(), *const end = at + asked.size(); at < end;) {
+    int number = 0;
+    const auto [last, error] = std::from_chars(at, end, number);
+    const bool of_cpu = error == std::errc{} && last < end && *last == '=';
+    if (error == std::errc{} && !of_cpu) highest = std::max(highest, number);
+    at = error == std::errc{} ? last + 1 : at + 1;
+  }
+  return highest;
+}
+
+}  // namespace
+
+std::vector<Change> plan(const Wishes& wishes, const Link& link) {
+  std::vector<Change> all;
+  for (const auto& wish : in_order(wishes)) {
+    try {
+      const auto changes = changes_of(wish, link);
+      all.insert(all.end(), changes.begin(), changes.end());
+    } catch (const Error&) {
+      if (!will_come(wish, wishes)) throw;
+      all.push_back({wish.setting, {nullptr, ""}, "", wish.asked});
+    }
+  }
+  return all;
+}
+
+std::vector<Change> apply(journal::Journal& journal, const Wishes& wishes, const Link& link) {
+  if (!wishes.empty() && geteuid() != 0)
+    throw Error(
+        fmt::format("{}: root alone can set it: run as root", in_order(wishes).front().setting->name));
+  plan(wishes, link);
+  std::vector<Change> all;
+  try {
+    for (const auto& wish : in_order(wishes))
+      for (auto& change : changes_of(wish, link)) {
+        by_name(*wish.setting, link,
+                [&] { journal.change(*change.thing.kind, change.thing.what, change.after); });
+        all.push_back(std::move(change));
+      }
+  } catch (...) {
+    give_back(journal, all);
+    throw;
+  }
+  return all;
+}
+
+void remember(journal::Journal& journal, const std::vector<Change>& changes, const Link& link) {
+  for (const auto& change : changes)
+    if (change.before == change.after)
+      by_name(*change.setting, link, [&] { journal.remember(*change.thing.kind, change.thing.what); });
+}
+
+std::vector<std::string> take_back(journal::Journal& journal, const std::vector<Change>& changes) {
+  std::vector<std::string> left;
+  for (auto change = changes.rbegin(); change != changes.rend(); ++change) {
+    const auto lines = journal.take_back(*change->thing.kind, change->thing.what);
+    left.insert(left.end(), lines.begin(), lines.end());
+  }
+  return left;
+}
+
+journal::Value now(const Change& change, const Link& link) {
+  journal::Value value;
+  try {
+    where_it_is(*change.setting, link, [&] { value = change.thing.kind->read(change.thing.what); });
+  } catch (const journal::Error&) {
+    return {};
+  }
+  return value;
+}
+
+std::vector<State> show(const Link& link) {
+  std::vector<State> states;
+  for (const auto& setting : table()) {
+    State state{&setting, {}, geteuid() == 0 ? "" : "root alone can set it"};
+    try {
+      where_it_is(setting, link, [&] {
+        for (auto& thing : setting.things(link.interface))
+          if (const auto value = thing.kind->read(thing.what))
+            state.things.emplace_back(std::move(thing), *value);
+      });
+    } catch (const journal::Error& error) {
+      state.cannot = error.what();
+    }
+    states.push_back(std::move(state));
+  }
+  return states;
+}
+
+std::string warning(const Wishes& wishes, int application_priority) {
+  std::string above;
+  for (const auto* name : {"irq-threads", "ksoftirqd", "napi-threads"})
+    if (const auto wish = wishes.find(name);
+        wish != wishes.end() && highest_priority(wish->second) > application_priority)
+      above += fmt::format("{}{} {}", above.empty() ? "" : ", ", name, wish->second);
+  if (above.empty()) return "";
+  return fmt::format(
+      "{}: above the application's {}, so that whatever packets arrive, everybody's, are taken in before it "
+      "runs. On "
+      "Linux 6.1-rt, with 7,100 small packets/s beside, the paper's priorities made 118 and 283 messages of "
+      "2,000 "
+      "late, where it was 17 and 21 without: measure it with and without",
+      above, application_priority == 0 ? "(SCHED_OTHER)" : std::to_string(application_priority));
+}
+
+}  // namespace ontime::settings

@@ -1,0 +1,119 @@
+// SPDX-License-Identifier: Apache-2.0
+// What a robot needs to have settings at every boot.
+#include <algorithm>
+
+#include <fmt/format.h>
+
+#include "settings/kinds.hpp"
+
+namespace ontime::settings {
+namespace {
+
+std::string systemd(const Wishes& wishes, const Link& link, const std::string& program) {
+  std::string command = program + " tune apply";
+  for (const auto& [name, value] : wishes) command += fmt::format(" --set {}={}", name, value);
+  if (!link.interface.empty()) command += " --interface " + link.interface;
+  if (!link.network_namespace.empty()) command += " --namespace " + link.network_namespace;
+  for (auto at = command.find('%'); at != command.npos; at = command.find('%', at + 2))
+    command.insert(at, "%");
+  return fmt::format(R"(# /etc/systemd/system/ontime-tune.service
+[Unit]
+Description=Kernel settings for messages that arrive on time
+After=network.target
+
+[Service]
+Type=oneshot
+RemainAfterExit=yes
+ExecStart={}
+ExecStop={} tune revert
+
+[Install]
+WantedBy=multi-user.target
+)",
+                     command, program);
+}
+
+[[noreturn]] void not_in(const char* form, const Change& change, const char* why) {
+  throw Error(fmt::format("{}: {} {}: take --print systemd", change.setting->name, form, why));
+}
+
+std::string tmpfiles(const std::vector<Change>& changes) {
+  std::string text = "# /etc/tmpfiles.d/ontime.conf\n";
+  for (const auto& change : changes) {
+    const auto file = change.thing.kind == nullptr ? std::nullopt : file_of(change.thing, change.after);
+    if (!file) not_in("tmpfiles", change, "writes files only, and this is none");
+    text += fmt::format("w {} - - - - {}\n", file->path, file->text);
+  }
+  return text;
+}
+
+// Numbers in the names of threads are not the same at every boot, but those of CPUs.
+std::string pattern_of(const std::string& name) {
+  if (name.starts_with("ksoftirqd/")) return name;
+  if (name.starts_with("irq/")) return "irq/*" + name.substr(std::min(name.size(), name.find('-')));
+  return name.substr(0, name.rfind('-') + 1) + '*';
+}
+
+std::string shell_of_thread(const std::string& name, const std::string& state) {
+  const auto first = state.find(':'), second = state.find(':', first + 1);
+  const auto policy = state.substr(0, first), number = state.substr(first + 1, second - first - 1);
+  const bool has_priority = policy == "fifo" || policy == "rr";
+  auto line = fmt::format("for pid in $(threads '{}'); do chrt --{} --pid {} \"$pid\"", pattern_of(name),
+                          policy, has_priority ? number : "0");
+  // What is bound to its CPU by the kernel stays there.
+  if (!name.starts_with("ksoftirqd/"))
+    line += fmt::format("; taskset --cpu-list --pid {} \"$pid\"", state.substr(second + 1));
+  return line + "; done\n";
+}
+
+std::string shell_of_driver(const Thing& thing, const std::string& value) {
+  auto words = value;
+  std::replace_if(
+      words.begin(), words.end(), [](char c) { return c == '=' || c == ','; }, ' ');
+  return thing.kind->name == std::string_view(gro.name)
+             ? fmt::format("ethtool --features '{}' gro {}\n", thing.what, words)
+             : fmt::format("ethtool --coalesce '{}' {}\n", thing.what, words);
+}
+
+std::string shell(const std::vector<Change>& changes) {
+  std::string text = R"sh(#!/bin/sh
+set -e
+threads() {
+  for folder in /proc/[0-9]*; do
+    case "$(cat "$folder/comm" 2>/dev/null)" in $1) echo "${folder#/proc/}" ;; esac
+  done
+}
+)sh";
+  for (const auto& change : changes) {
+    if (change.thing.kind == nullptr)
+      not_in("a script", change, "cannot be told before the threads are there");
+    std::string line;
+    if (const auto file = file_of(change.thing, change.after))
+      line = fmt::format("echo '{}' > '{}'\n", file->text, file->path);
+    else if (change.thing.kind->name == std::string_view(thread.name))
+      line = shell_of_thread(name_of_thread(change.thing.what), change.after);
+    else
+      line = shell_of_driver(change.thing, change.after);
+    if (text.find("\n" + line) == text.npos) text += line;
+  }
+  return text;
+}
+
+}  // namespace
+
+std::optional<Form> form_of(const std::string& word) {
+  if (word == "systemd") return Form::systemd;
+  if (word == "tmpfiles") return Form::tmpfiles;
+  if (word == "shell") return Form::shell;
+  return {};
+}
+
+std::string at_every_boot(Form form, const Wishes& wishes, const std::vector<Change>& changes,
+                          const Link& link, const std::string& program) {
+  if (form == Form::systemd) return systemd(wishes, link, program);
+  if (!link.network_namespace.empty())
+    throw Error(fmt::format("{} is in a network namespace, which is not there at boot", link.interface));
+  return form == Form::tmpfiles ? tmpfiles(changes) : shell(changes);
+}
+
+}  // namespace ontime::settings

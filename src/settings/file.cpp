@@ -1,0 +1,53 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "settings/file.hpp"
+
+#include <algorithm>
+#include <array>
+#include <cerrno>
+#include <filesystem>
+#include <system_error>
+
+#include <fcntl.h>
+#include <fmt/format.h>
+#include <unistd.h>
+
+namespace ontime::settings {
+
+journal::Error trouble(const std::string& what, int error) {
+  return journal::Error(fmt::format("{}: {}", what, std::generic_category().message(error)));
+}
+
+journal::Value read_file(const std::string& path) {
+  const int fd = open(path.c_str(), O_RDONLY | O_CLOEXEC);
+  if (fd < 0 && (errno == ENOENT || errno == ENOTDIR)) return {};
+  if (fd < 0) throw trouble(path, errno);
+  std::array<char, 4096> text;
+  const auto bytes = read(fd, text.data(), text.size());
+  const int error = errno;
+  close(fd);
+  if (bytes < 0) throw trouble(path, error);
+  std::string value(text.data(), static_cast<std::size_t>(bytes));
+  value.erase(0, value.find_first_not_of(" \t\n"));
+  value.erase(value.find_last_not_of(" \t\n") + 1);
+  return value;
+}
+
+void write_file(const std::string& path, const std::string& text) {
+  const int fd = open(path.c_str(), O_WRONLY | O_CLOEXEC);
+  if (fd < 0) throw trouble(path, errno);
+  const auto bytes = write(fd, text.data(), text.size());
+  const int error = errno;
+  close(fd);
+  if (bytes < 0) throw trouble(fmt::format("\"{}\" into {}", text, path), error);
+}
+
+std::vector<std::string> names_in(const std::string& folder) {
+  std::vector<std::string> names;
+  std::error_code none;
+  for (const auto& entry : std::filesystem::directory_iterator(folder, none))
+    names.push_back(entry.path().filename().string());
+  std::sort(names.begin(), names.end());
+  return names;
+}
+
+}  // namespace ontime::settings

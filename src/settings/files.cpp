@@ -1,0 +1,155 @@
+// SPDX-License-Identifier: Apache-2.0
+// Things that are one file of /proc or /sys each.
+#include <algorithm>
+#include <array>
+
+#include <fmt/format.h>
+#include <net/if.h>
+
+#include "realtime/realtime.hpp"
+#include "settings/file.hpp"
+#include "settings/kinds.hpp"
+
+namespace ontime::settings {
+namespace {
+
+using journal::Scope;
+using journal::Value;
+
+constexpr const char* cpus_folder = "/sys/devices/system/cpu";
+constexpr const char* interfaces_folder = "/sys/class/net";
+
+constexpr journal::Kind kind(const char* name, Scope scope, bool (*accepts)(const std::string&),
+                             Value (*read)(const std::string&),
+                             void (*write)(const std::string&, const Value&, const Value&)) {
+  return {.name = name,
+          .scope = scope,
+          .on_disk = false,
+          .needs_root = true,
+          .accepts = accepts,
+          .read = read,
+          .write = write};
+}
+
+template <std::string (*path)(const std::string&)>
+Value read(const std::string& what) {
+  return read_file(path(what));
+}
+template <std::string (*path)(const std::string&)>
+void write(const std::string& what, const Value& value, const Value&) {
+  write_file(path(what), value.value_or(""));
+}
+
+bool is_network_sysctl(const std::string& what) {
+  constexpr std::array known = {"busy_poll", "busy_read",    "rmem_default",
+                                "rmem_max",  "wmem_default", "wmem_max"};
+  return std::any_of(known.begin(), known.end(),
+                     [&](const char* name) { return what == std::string("net/core/") + name; });
+}
+bool is_kernel_sysctl(const std::string& what) {
+  return what == "kernel/sched_rt_runtime_us" || what == "kernel/timer_migration";
+}
+std::string sysctl_path(const std::string& what) { return "/proc/sys/" + what; }
+
+bool is_numbered(const std::string& name, std::string_view prefix) {
+  return name.starts_with(prefix) && name.size() > prefix.size() && name.size() < prefix.size() + 6 &&
+         std::all_of(name.begin() + static_cast<std::ptrdiff_t>(prefix.size()), name.end(),
+                     [](char c) { return c >= '0' && c <= '9'; });
+}
+
+bool is_cpu(const std::string& what) { return is_numbered(what, "cpu"); }
+std::string governor_path(const std::string& cpu) {
+  return fmt::format("{}/{}/cpufreq/scaling_governor", cpus_folder, cpu);
+}
+
+std::string threaded_path(const std::string& interface) {
+  return fmt::format("{}/{}/threaded", interfaces_folder, interface);
+}
+
+bool is_queue(const std::string& what) {
+  const auto slash = what.find('/');
+  return slash != what.npos && is_interface_name(what.substr(0, slash)) &&
+         is_numbered(what.substr(slash + 1), "rx-");
+}
+std::string steering_path(const std::string& what) {
+  const auto slash = what.find('/');
+  return fmt::format("{}/{}/queues/{}/rps_cpus", interfaces_folder, what.substr(0, slash),
+                     what.substr(std::min(what.size(), slash + 1)));
+}
+
+// "00000000,00000003", the highest CPUs first, 32 in a group.
+std::string list_of_mask(const std::string& mask) {
+  std::vector<int> cpus;
+  int cpu = 0;
+  for (auto digit = mask.rbegin(); digit != mask.rend(); ++digit) {
+    if (*digit == ',') continue;
+    const auto bits = std::stoul(std::string(1, *digit), nullptr, 16);
+    for (int bit = 0; bit < 4; ++bit, ++cpu)
+      if ((bits >> static_cast<unsigned>(bit) & 1U) != 0) cpus.push_back(cpu);
+  }
+  return cpus.empty() ? "none" : realtime::list_of(cpus);
+}
+std::string mask_of_list(const std::string& list) {
+  const auto cpus = realtime::cpus_of(list).value_or(std::vector<int>{});
+  const int highest = cpus.empty() ? 0 : *std::max_element(cpus.begin(), cpus.end());
+  std::vector<std::uint32_t> groups(static_cast<std::size_t>(highest) / 32 + 1, 0);
+  for (const int cpu : cpus)
+    groups[static_cast<std::size_t>(cpu) / 32] |= 1U << (static_cast<unsigned>(cpu) % 32);
+  std::string mask;
+  for (auto group = groups.rbegin(); group != groups.rend(); ++group)
+    mask += fmt::format("{}{:08x}", mask.empty() ? "" : ",", *group);
+  return mask;
+}
+Value read_steering(const std::string& queue) {
+  const auto mask = read_file(steering_path(queue));
+  return mask ? Value(list_of_mask(*mask)) : Value();
+}
+void write_steering(const std::string& queue, const Value& value, const Value&) {
+  write_file(steering_path(queue), mask_of_list(value.value_or("none")));
+}
+
+}  // namespace
+
+bool is_interface_name(const std::string& name) {
+  return !name.empty() && name.size() < IFNAMSIZ && name != "." && name != ".." &&
+         std::all_of(name.begin(), name.end(),
+                     [](unsigned char c) { return c > ' ' && c < 0x7f && c != '/' && c != ':'; });
+}
+
+const journal::Kind network_sysctl = kind("network sysctl", Scope::network_namespace, is_network_sysctl,
+                                          read<sysctl_path>, write<sysctl_path>);
+const journal::Kind kernel_sysctl =
+    kind("kernel sysctl", Scope::machine, is_kernel_sysctl, read<sysctl_path>, write<sysctl_path>);
+const journal::Kind governor =
+    kind("governor", Scope::machine, is_cpu, read<governor_path>, write<governor_path>);
+const journal::Kind threaded = kind("threaded NAPI", Scope::network_namespace, is_interface_name,
+                                    read<threaded_path>, write<threaded_path>);
+const journal::Kind steering =
+    kind("receive packet steering", Scope::network_namespace, is_queue, read_steering, write_steering);
+
+std::optional<File> file_of(const Thing& thing, const std::string& value) {
+  const std::string_view name = thing.kind->name;
+  if (name == network_sysctl.name || name == kernel_sysctl.name) return File{sysctl_path(thing.what), value};
+  if (name == governor.name) return File{governor_path(thing.what), value};
+  if (name == threaded.name) return File{threaded_path(thing.what), value};
+  if (name == steering.name) return File{steering_path(thing.what), mask_of_list(value)};
+  if (name == interrupt.name) return File{fmt::format("/proc/irq/{}/smp_affinity_list", thing.what), value};
+  return {};
+}
+
+std::vector<Thing> cpus_with_governor() {
+  std::vector<Thing> found;
+  for (const auto& cpu : names_in(cpus_folder))
+    if (is_cpu(cpu) && governor.read(cpu)) found.push_back(thing(governor, cpu));
+  return found;
+}
+
+std::vector<Thing> receive_queues_of(const std::string& interface) {
+  std::vector<Thing> found;
+  for (const auto& queue : names_in(fmt::format("{}/{}/queues", interfaces_folder, interface)))
+    if (const auto what = interface + '/' + queue; is_queue(what) && steering.read(what))
+      found.push_back(thing(steering, what));
+  return found;
+}
+
+}  // namespace ontime::settings

@@ -1,0 +1,51 @@
+// SPDX-License-Identifier: Apache-2.0
+// How each kind of thing is found, read and written. All throw journal::Error.
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include <sys/types.h>
+
+#include "settings/settings.hpp"
+
+namespace ontime::settings {
+
+// A thread of the kernel: "14:25:ksoftirqd/0" is its id, the time of its start, by which it is told from a
+// later one of that id, and its name. Its value: "fifo:60:0-1", "other:0:1": policy; priority, or niceness of
+// a policy that has none; CPUs.
+extern const journal::Kind thread;
+// "net/core/rmem_max", "kernel/timer_migration": a file below /proc/sys. Those of the network are seen where
+// they can be written: not in every network namespace.
+extern const journal::Kind network_sysctl, kernel_sysctl;
+extern const journal::Kind governor;   // "cpu0"
+extern const journal::Kind interrupt;  // "41"; its value: CPUs
+extern const journal::Kind threaded;   // an interface's name; "0" or "1"
+extern const journal::Kind steering;   // "eth0/rx-0": to which CPUs its packets are handed; "none"
+// An interface's name; "rx-usecs=3,rx-frames=0,tx-usecs=0,tx-frames=0,adaptive-rx=off,adaptive-tx=off"
+extern const journal::Kind coalescing;
+extern const journal::Kind gro;  // an interface's name; "on" or "off"
+
+// With the kind as kinds() has it, which is the one that the journal knows.
+Thing thing(const journal::Kind&, std::string what);
+
+// Of a thing that is a file: which, and what is to be written into it for a value; nothing for others.
+struct File {
+  std::string path, text;
+};
+std::optional<File> file_of(const Thing&, const std::string& value);
+
+std::vector<Thing> threads_named(const std::string& prefix);
+std::string name_of_thread(const std::string& what);
+// A thread's value, with one part of it exchanged.
+std::string with_priority(const std::string& value, const std::string& asked);
+std::string with_cpus(const std::string& value, const std::string& cpus);
+
+// The numbers of an interface's interrupts, as far as it has any.
+std::vector<int> interrupts_of(const std::string& interface);
+std::vector<Thing> cpus_with_governor();
+std::vector<Thing> receive_queues_of(const std::string& interface);
+std::string with_coalescing(const std::string& value, const std::string& asked);
+bool is_interface_name(const std::string& name);
+
+}  // namespace ontime::settings

@@ -1,0 +1,261 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <algorithm>
+#include <charconv>
+#include <sstream>
+
+#include <fmt/format.h>
+#include <unistd.h>
+
+#include "realtime/realtime.hpp"
+#include "settings/file.hpp"
+#include "settings/kinds.hpp"
+
+namespace ontime::settings {
+namespace {
+
+using Text = const std::string&;
+using Things = std::vector<Thing>;
+
+std::int64_t number_of(Text text, std::int64_t least, std::int64_t most) {
+  std::int64_t number = 0;
+  const auto* const end = text.data() + text.size();
+  const auto [last, error] = std::from_chars(text.data(), end, number);
+  if (error != std::errc{} || last != end || number < least || number > most)
+    throw std::invalid_argument(fmt::format("'{}' is not a whole number from {} to {}", text, least, most));
+  return number;
+}
+
+void check_switch(Text asked) {
+  if (asked != "on" && asked != "off")
+    throw std::invalid_argument(fmt::format("'{}' is neither on nor off", asked));
+}
+void check_priority(Text asked) {
+  if (asked != "other") number_of(asked, 1, 99);
+}
+void check_cpus(Text asked) {
+  if (!realtime::cpus_of(asked))
+    throw std::invalid_argument(fmt::format("'{}' is no list of CPUs such as 1 or 0-1,3", asked));
+}
+void check_cpus_or_none(Text asked) {
+  if (asked != "none") check_cpus(asked);
+}
+void check_bytes(Text asked) { number_of(asked, 1, 2147483647); }
+void check_us(Text asked) { number_of(asked, 0, 1'000'000); }
+void check_coalescing(Text asked) {
+  if (asked.empty()) throw std::invalid_argument("nothing is said of it");
+  with_coalescing("", asked);
+}
+void check_governor(Text asked) {
+  const auto plain = [](char c) { return (c >= 'a' && c <= 'z') || c == '_'; };
+  if (asked.empty() || !std::all_of(asked.begin(), asked.end(), plain))
+    throw std::invalid_argument(fmt::format("'{}' is no governor such as performance", asked));
+}
+
+// "60", or "0=60,1=other": of each CPU what was said of it.
+std::string priority_of_cpu(Text asked, Text cpu) {
+  if (asked.find('=') == asked.npos) return asked;
+  std::istringstream parts(asked);
+  for (std::string part; std::getline(parts, part, ',');)
+    if (const auto equals = part.find('='); part.substr(0, equals) == cpu) return part.substr(equals + 1);
+  return "";
+}
+void check_priorities(Text asked) {
+  if (asked.find('=') == asked.npos) return check_priority(asked);
+  std::istringstream parts(asked);
+  for (std::string part; std::getline(parts, part, ',');) {
+    const auto equals = part.find('=');
+    number_of(part.substr(0, equals), 0, 1023);
+    check_priority(equals == part.npos ? "" : part.substr(equals + 1));
+  }
+}
+
+void check_online(Text cpus) {
+  const auto online = read_file("/sys/devices/system/cpu/online").value_or("");
+  const auto there = realtime::cpus_of(online).value_or(std::vector<int>{});
+  for (const int cpu : realtime::cpus_of(cpus).value_or(std::vector<int>{}))
+    if (std::find(there.begin(), there.end(), cpu) == there.end())
+      throw journal::Error(fmt::format("there is no CPU {}; there are {}", cpu, online));
+}
+
+// ── What a thing is to be
+
+std::string as_asked(Text asked, const Thing&, Text) { return asked; }
+std::string one_or_zero(Text asked, const Thing&, Text) { return asked == "on" ? "1" : "0"; }
+std::string throttling(Text asked, const Thing&, Text) { return asked == "on" ? "950000" : "-1"; }
+std::string these_cpus(Text asked, const Thing&, Text) {
+  if (asked != "none") check_online(asked);
+  return asked == "none" ? asked : realtime::list_of(*realtime::cpus_of(asked));
+}
+std::string with_this_priority(Text asked, const Thing&, Text now) { return with_priority(now, asked); }
+std::string with_these_cpus(Text asked, const Thing& thing, Text now) {
+  return with_cpus(now, these_cpus(asked, thing, now));
+}
+std::string with_priority_of_its_cpu(Text asked, const Thing& thing, Text now) {
+  const auto cpu = thing.title().substr(thing.title().find('/') + 1);
+  const auto own = priority_of_cpu(asked, cpu);
+  return own.empty() ? now : with_priority(now, own);
+}
+std::string with_this_coalescing(Text asked, const Thing&, Text now) { return with_coalescing(now, asked); }
+std::string a_governor_there_is(Text asked, const Thing& thing, Text) {
+  const auto there =
+      read_file(fmt::format("/sys/devices/system/cpu/{}/cpufreq/scaling_available_governors", thing.what))
+          .value_or("");
+  if ((" " + there + " ").find(" " + asked + " ") == there.npos)
+    throw journal::Error(fmt::format("{} has no governor '{}'; it has: {}", thing.what, asked, there));
+  return asked;
+}
+
+// ── What a setting stands for
+
+template <const journal::Kind& kind>
+Things file_of_kernel(const char* name, const char* option) {
+  if (!kind.read(name))
+    throw journal::Error(fmt::format("this kernel has no /proc/sys/{} ({})", name, option));
+  return {thing(kind, name)};
+}
+Things throttled(Text) {
+  return file_of_kernel<kernel_sysctl>("kernel/sched_rt_runtime_us", "it throttles no real-time tasks");
+}
+Things timers(Text) { return file_of_kernel<kernel_sysctl>("kernel/timer_migration", "CONFIG_NO_HZ_COMMON"); }
+
+constexpr const char* not_here = "or not in this network namespace";
+Things busy_poll(Text) { return file_of_kernel<network_sysctl>("net/core/busy_poll", not_here); }
+Things busy_read(Text) { return file_of_kernel<network_sysctl>("net/core/busy_read", not_here); }
+Things rmem_max(Text) { return file_of_kernel<network_sysctl>("net/core/rmem_max", not_here); }
+Things rmem_default(Text) { return file_of_kernel<network_sysctl>("net/core/rmem_default", not_here); }
+Things wmem_max(Text) { return file_of_kernel<network_sysctl>("net/core/wmem_max", not_here); }
+Things wmem_default(Text) { return file_of_kernel<network_sysctl>("net/core/wmem_default", not_here); }
+
+Things governors(Text) {
+  auto found = cpus_with_governor();
+  if (found.empty())
+    throw journal::Error(
+        "this machine has no CPU frequency that Linux governs (a virtual machine, or its firmware does)");
+  return found;
+}
+
+Things softirqs(Text) {
+  auto found = threads_named("ksoftirqd/");
+  if (found.empty()) throw journal::Error("this kernel has no ksoftirqd");
+  return found;
+}
+
+Things of_driver(const journal::Kind& kind, Text interface, const char* lacks) {
+  if (!kind.read(interface)) throw journal::Error(fmt::format("{} {}", interface, lacks));
+  return {thing(kind, interface)};
+}
+Things offloaded(Text interface) { return of_driver(gro, interface, "has no generic receive offload"); }
+Things coalesced(Text interface) {
+  return of_driver(coalescing, interface, "has no interrupts that could be coalesced");
+}
+
+Things steered(Text interface) {
+  auto found = receive_queues_of(interface);
+  if (found.empty())
+    throw journal::Error(
+        fmt::format("{} has no receive queues that could be steered (CONFIG_RPS)", interface));
+  return found;
+}
+
+Things interrupts(Text interface) {
+  Things found;
+  for (const int number : interrupts_of(interface)) found.push_back(thing(interrupt, std::to_string(number)));
+  if (found.empty()) throw journal::Error(fmt::format("{} has no interrupts: it is no hardware", interface));
+  return found;
+}
+
+bool threads_all_interrupts() {
+  return read_file("/sys/kernel/realtime") == "1" ||
+         (" " + read_file("/proc/cmdline").value_or("") + " ").find(" threadirqs ") != std::string::npos;
+}
+
+Things interrupt_threads(Text interface) {
+  Things found;
+  for (const int number : interrupts_of(interface))
+    for (auto& one : threads_named(fmt::format("irq/{}-", number))) found.push_back(std::move(one));
+  if (!found.empty()) return found;
+  if (!threads_all_interrupts())
+    throw journal::Error("this kernel has no IRQ threads: boot with threadirqs or a PREEMPT_RT kernel");
+  interrupts(interface);
+  throw journal::Error(
+      fmt::format("the interrupts of {} have no threads: its driver does without", interface));
+}
+
+// The kernel says whether it can only to who asks it to: what is so already costs nothing.
+Things threadable(Text interface) {
+  const auto now = threaded.read(interface);
+  if (!now) throw journal::Error("this kernel has no threaded NAPI (Linux 5.12 has)");
+  try {
+    if (geteuid() == 0) threaded.write(interface, now, now);
+  } catch (const journal::Error&) {
+    throw journal::Error(
+        fmt::format("{} has no NAPI that could be threaded (a veth interface has, with gro on)", interface));
+  }
+  return {thing(threaded, interface)};
+}
+
+// Threads are named after the interface, older kernels cut their names short.
+Things napi_threads(Text interface) {
+  constexpr std::size_t short_name = 15;
+  const auto name = fmt::format("napi/{}-", interface);
+  auto found = threads_named(name);
+  if (found.empty() && name.size() > short_name) {
+    found = threads_named(name.substr(0, short_name));
+    std::erase_if(found, [](const Thing& one) { return one.title().size() != short_name; });
+  }
+  if (found.empty() || threaded.read(interface) == "0")
+    throw journal::Error(fmt::format("{} has no NAPI threads: they come with threaded-napi on", interface));
+  return found;
+}
+
+constexpr const char *priority = "1-99|other", *cpus = "LIST", *on_off = "on|off", *bytes = "SIZE",
+                     *us = "0-1000000";
+
+const Setting all[] = {
+    {"rt-throttling", on_off, "whether real-time tasks leave 5 % of each second to others", false, "",
+     check_switch, throttled, throttling},
+    {"timer-migration", on_off, "whether timers of idle CPUs go to busy ones", false, "", check_switch,
+     timers, one_or_zero},
+    {"governor", "NAME", "of the frequency of all CPUs, such as performance", false, "", check_governor,
+     governors, a_governor_there_is},
+    {"rmem-max", bytes, "the most that a socket may ask for as its receive buffer", false, "", check_bytes,
+     rmem_max, as_asked},
+    {"rmem-default", bytes, "the receive buffer of a socket that does not ask", false, "", check_bytes,
+     rmem_default, as_asked},
+    {"wmem-max", bytes, "the most that a socket may ask for as its send buffer", false, "", check_bytes,
+     wmem_max, as_asked},
+    {"wmem-default", bytes, "the send buffer of a socket that does not ask", false, "", check_bytes,
+     wmem_default, as_asked},
+    {"busy-poll", us, "microseconds for which poll() and select() look for packets themselves", false, "",
+     check_us, busy_poll, as_asked},
+    {"busy-read", us, "microseconds for which a read looks for packets itself", false, "", check_us,
+     busy_read, as_asked},
+    {"gro", on_off, "whether the interface's packets are put together before the stack sees them", true, "",
+     check_switch, offloaded, as_asked},
+    {"coalescing", "NAME=N,...", "rx-usecs, rx-frames, tx-usecs, tx-frames, adaptive-rx, adaptive-tx", true,
+     "", check_coalescing, coalesced, with_this_coalescing},
+    {"rps", "LIST|none", "the CPUs to which the interface's packets are handed", true, "", check_cpus_or_none,
+     steered, these_cpus},
+    {"irq-cpus", cpus, "the CPUs on which the interface's interrupts come", true, "", check_cpus, interrupts,
+     these_cpus},
+    {"irq-threads", priority, "SCHED_FIFO priority of the threads of the interface's interrupts", true, "",
+     check_priority, interrupt_threads, with_this_priority},
+    {"ksoftirqd", "1-99|other|CPU=...", "SCHED_FIFO priority of ksoftirqd on all CPUs, or on each its own",
+     false, "", check_priorities, softirqs, with_priority_of_its_cpu},
+    {"threaded-napi", on_off, "whether the interface's packets are taken in by threads of their own", true,
+     "gro", check_switch, threadable, one_or_zero},
+    {"napi-threads", priority, "SCHED_FIFO priority of these threads", true, "threaded-napi", check_priority,
+     napi_threads, with_this_priority},
+    {"napi-cpus", cpus, "the CPUs of these threads", true, "threaded-napi", check_cpus, napi_threads,
+     with_these_cpus}};
+
+}  // namespace
+
+std::span<const Setting> table() { return all; }
+
+const Wishes& paper() {
+  static const Wishes wishes = {{"irq-threads", "90"}, {"ksoftirqd", "60"}};
+  return wishes;
+}
+
+}  // namespace ontime::settings

@@ -1,0 +1,182 @@
+// SPDX-License-Identifier: Apache-2.0
+// Threads of the kernel: their policy, priority and CPUs.
+#include <algorithm>
+#include <cerrno>
+#include <charconv>
+#include <iterator>
+#include <sstream>
+
+#include <fmt/format.h>
+#include <sched.h>
+#include <sys/resource.h>
+
+#include "realtime/realtime.hpp"
+#include "settings/file.hpp"
+#include "settings/kinds.hpp"
+
+namespace ontime::settings {
+namespace {
+
+struct Policy {
+  const char* name;
+  int kernel;
+  bool has_priority;
+};
+constexpr Policy policies[] = {{"other", SCHED_OTHER, false},
+                               {"fifo", SCHED_FIFO, true},
+                               {"rr", SCHED_RR, true},
+                               {"batch", SCHED_BATCH, false},
+                               {"idle", SCHED_IDLE, false}};
+
+struct Value {
+  const Policy* policy;
+  int number;  // priority or niceness
+  std::string cpus;
+};
+
+std::optional<int> number_of(const std::string& text) {
+  int number = 0;
+  const auto* const end = text.data() + text.size();
+  const auto [last, error] = std::from_chars(text.data(), end, number);
+  return error == std::errc{} && last == end ? std::optional(number) : std::nullopt;
+}
+
+Value parse(const std::string& text) {
+  std::istringstream parts(text);
+  std::string policy, number, cpus;
+  std::getline(parts, policy, ':') && std::getline(parts, number, ':') && std::getline(parts, cpus);
+  const auto* const known = std::find_if(std::begin(policies), std::end(policies),
+                                         [&](const Policy& one) { return policy == one.name; });
+  const auto value = number_of(number);
+  if (known == std::end(policies) || !value || !realtime::cpus_of(cpus))
+    throw journal::Error(fmt::format("'{}' is no state of a thread that could be given back", text));
+  return {known, *value, cpus};
+}
+
+std::string text_of(const Value& value) {
+  return fmt::format("{}:{}:{}", value.policy->name, value.number, value.cpus);
+}
+
+// "PID:START:NAME" of a thread of the kernel; nothing if there is none of that id.
+std::optional<std::string> identity_of(const std::string& pid) {
+  constexpr std::size_t flags = 6, start = 19;  // counted from the state on
+  constexpr unsigned long is_of_kernel = 0x0020'0000;
+  const auto stat = read_file(fmt::format("/proc/{}/stat", pid));
+  if (!stat) return {};
+  const auto open = stat->find('('), close = stat->rfind(')');
+  if (open == stat->npos || close == stat->npos) return {};
+  std::istringstream text(stat->substr(close + 1));
+  const std::vector<std::string> words(std::istream_iterator<std::string>(text), {});
+  if (words.size() <= start || (std::stoul(words[flags]) & is_of_kernel) == 0) return {};
+  return fmt::format("{}:{}:{}", pid, words[start], stat->substr(open + 1, close - open - 1));
+}
+
+// In a container there may be other ids, and no such threads: what is not seen is not what is not there.
+void check_kernel_is_seen() {
+  const auto second = identity_of("2");
+  if (!second || name_of_thread(*second) != "kthreadd")
+    throw journal::Error("the kernel's threads are not to be seen from here (a container?)");
+}
+
+bool accepts(const std::string& what) {
+  const auto first = what.find(':'), second = what.find(':', first + 1);
+  if (second == what.npos) return false;
+  const auto digits = [](std::string_view text) {
+    return !text.empty() &&
+           std::all_of(text.begin(), text.end(), [](char c) { return c >= '0' && c <= '9'; });
+  };
+  const auto name = what.substr(second + 1);
+  return digits(what.substr(0, first)) && digits(what.substr(first + 1, second - first - 1)) &&
+         (name.starts_with("ksoftirqd/") || name.starts_with("irq/") || name.starts_with("napi/"));
+}
+
+pid_t pid_of(const std::string& what) { return number_of(what.substr(0, what.find(':'))).value_or(-1); }
+
+bool is_there(const std::string& what) { return identity_of(what.substr(0, what.find(':'))) == what; }
+
+journal::Value read(const std::string& what) {
+  check_kernel_is_seen();
+  if (!is_there(what)) return {};
+  const auto pid = pid_of(what);
+  const int policy = sched_getscheduler(pid) & ~SCHED_RESET_ON_FORK;
+  sched_param parameters{};
+  cpu_set_t set;
+  errno = 0;
+  const int niceness = getpriority(PRIO_PROCESS, static_cast<id_t>(pid));
+  if (errno != 0 || sched_getparam(pid, &parameters) != 0 || sched_getaffinity(pid, sizeof set, &set) != 0) {
+    if (errno == ESRCH) return {};
+    throw trouble("thread " + what, errno);
+  }
+  std::vector<int> cpus;
+  for (int cpu = 0; cpu < CPU_SETSIZE; ++cpu)
+    if (CPU_ISSET(static_cast<unsigned>(cpu), &set)) cpus.push_back(cpu);
+  const auto* const known = std::find_if(std::begin(policies), std::end(policies),
+                                         [&](const Policy& one) { return policy == one.kernel; });
+  if (known == std::end(policies)) return fmt::format("policy {}:0:{}", policy, realtime::list_of(cpus));
+  return text_of(
+      {known, known->has_priority ? parameters.sched_priority : niceness, realtime::list_of(cpus)});
+}
+
+void write(const std::string& what, const journal::Value& value, const journal::Value& present) {
+  const auto pid = pid_of(what);
+  const auto wanted = parse(value.value_or("")), before = parse(present.value_or(""));
+  if (!is_there(what)) throw trouble("thread " + what, ESRCH);
+  // Those that are bound to their CPU for ever refuse even to be told the same.
+  if (wanted.cpus != before.cpus) {
+    cpu_set_t set;
+    CPU_ZERO(&set);
+    for (const int cpu : realtime::cpus_of(wanted.cpus).value_or(std::vector<int>{}))
+      CPU_SET(static_cast<unsigned>(cpu), &set);
+    if (sched_setaffinity(pid, sizeof set, &set) != 0)
+      throw trouble(fmt::format("CPUs {} for thread {}", wanted.cpus, name_of_thread(what)), errno);
+  }
+  const sched_param parameters{wanted.policy->has_priority ? wanted.number : 0};
+  const bool done =
+      sched_setscheduler(pid, wanted.policy->kernel, &parameters) == 0 &&
+      (wanted.policy->has_priority || setpriority(PRIO_PROCESS, static_cast<id_t>(pid), wanted.number) == 0);
+  if (!done) throw trouble(fmt::format("{} for thread {}", *value, name_of_thread(what)), errno);
+}
+
+}  // namespace
+
+const journal::Kind thread = {.name = "thread",
+                              .scope = journal::Scope::machine,
+                              .on_disk = false,
+                              .needs_root = true,
+                              .accepts = accepts,
+                              .read = read,
+                              .write = write};
+
+std::string name_of_thread(const std::string& what) {
+  return what.substr(std::min(what.size(), what.find(':', what.find(':') + 1) + 1));
+}
+
+std::vector<Thing> threads_named(const std::string& prefix) {
+  check_kernel_is_seen();
+  std::vector<Thing> found;
+  for (const auto& pid : names_in("/proc")) {
+    if (!number_of(pid)) continue;
+    const auto identity = identity_of(pid);
+    if (identity && name_of_thread(*identity).starts_with(prefix)) found.push_back(thing(thread, *identity));
+  }
+  std::sort(found.begin(), found.end(), [](const Thing& one, const Thing& other) {
+    return name_of_thread(one.what) < name_of_thread(other.what);
+  });
+  return found;
+}
+
+std::string with_priority(const std::string& value, const std::string& asked) {
+  auto state = parse(value);
+  if (asked == "other" && !state.policy->has_priority) return value;
+  state.policy = asked == "other" ? &policies[0] : &policies[1];
+  state.number = asked == "other" ? 0 : number_of(asked).value_or(0);
+  return text_of(state);
+}
+
+std::string with_cpus(const std::string& value, const std::string& cpus) {
+  auto state = parse(value);
+  state.cpus = cpus;
+  return text_of(state);
+}
+
+}  // namespace ontime::settings

@@ -1,0 +1,265 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "fitness/fitness.hpp"
+
+#include <algorithm>
+#include <filesystem>
+#include <fstream>
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <unistd.h>
+
+namespace ontime::fitness {
+namespace {
+
+namespace fs = std::filesystem;
+
+using testing::AllOf;
+using testing::HasSubstr;
+using testing::IsEmpty;
+using testing::Not;
+using testing::SizeIs;
+
+// A machine made of files.
+class Machine : public testing::Test {
+ protected:
+  void SetUp() override { fs::create_directories(root_); }
+  void TearDown() override { fs::remove_all(root_); }
+
+  void file(const std::string& path, const std::string& text) {
+    fs::create_directories((root_ + path).substr(0, (root_ + path).rfind('/')));
+    std::ofstream(root_ + path) << text << '\n';
+  }
+  void thread(int pid, const std::string& name, int policy, int priority) {
+    // pid (comm) state … rt_priority policy …, as proc(5) counts them
+    std::string text = std::to_string(pid) + " (" + name + ") S";
+    for (int field = 4; field < 40; ++field) text += " 0";
+    file("/proc/" + std::to_string(pid) + "/stat",
+         text + ' ' + std::to_string(priority) + ' ' + std::to_string(policy) + " 0 0 0");
+  }
+  std::vector<Finding> found(const std::string& name) {
+    auto all = check({root_, interfaces_, synchronised_});
+    std::erase_if(all, [&](const Finding& finding) { return finding.check != name; });
+    return all;
+  }
+  // Of a check that finds one thing here.
+  Finding one(const std::string& name) {
+    const auto all = found(name);
+    EXPECT_THAT(all, SizeIs(1)) << name;
+    return all.empty() ? Finding{} : all.front();
+  }
+  Severity severity(const std::string& name) { return one(name).severity; }
+
+  std::string root_ =
+      (fs::temp_directory_path() / ("ontime-fitness-test-" + std::to_string(getpid()))).string();
+  std::vector<std::string> interfaces_;
+  std::optional<bool> synchronised_;
+};
+
+TEST_F(Machine, WithoutAnythingHasNothingThatIsWrongButItsKernel) {
+  const auto all = check({root_, {}, {}});
+  ASSERT_THAT(all, SizeIs(1));
+  EXPECT_EQ(all[0].check, "preemption");
+}
+
+TEST_F(Machine, IsPreemptibleOrNot) {
+  file("/proc/version", "Linux version 6.1.0-rt (x) #1 SMP PREEMPT_RT Debian");
+  EXPECT_EQ(severity("preemption"), Severity::fine);
+  file("/proc/version", "Linux version 6.18 #1 SMP PREEMPT_DYNAMIC");
+  EXPECT_EQ(severity("preemption"), Severity::hint);
+  file("/proc/cmdline", "quiet preempt=voluntary");
+  EXPECT_THAT(one("preemption").is, HasSubstr("voluntary"));
+  EXPECT_EQ(severity("preemption"), Severity::wrong);
+  file("/sys/kernel/debug/sched/preempt", "none voluntary (full) lazy");
+  EXPECT_EQ(severity("preemption"), Severity::hint) << "the kernel itself knows best";
+  file("/proc/version", "Linux version 4.19 #1 SMP Debian");
+  fs::remove(root_ + "/sys/kernel/debug/sched/preempt");
+  fs::remove(root_ + "/proc/cmdline");
+  EXPECT_EQ(severity("preemption"), Severity::wrong);
+  file("/sys/kernel/realtime", "1");
+  EXPECT_EQ(severity("preemption"), Severity::fine);
+}
+
+TEST_F(Machine, ThrottlesRealTime) {
+  file("/proc/sys/kernel/sched_rt_period_us", "1000000");
+  file("/proc/sys/kernel/sched_rt_runtime_us", "950000");
+  EXPECT_THAT(one("rt-throttling").is, HasSubstr("950000"));
+  EXPECT_EQ(severity("rt-throttling"), Severity::hint);
+  for (const auto* off : {"-1", "1000000"}) {
+    file("/proc/sys/kernel/sched_rt_runtime_us", off);
+    EXPECT_EQ(severity("rt-throttling"), Severity::fine);
+  }
+  file("/sys/kernel/debug/sched/fair_server/cpu0/runtime", "50000000");
+  EXPECT_EQ(severity("fair-server"), Severity::hint);
+  file("/sys/kernel/debug/sched/fair_server/cpu0/runtime", "0");
+  EXPECT_THAT(found("fair-server"), IsEmpty());
+}
+
+TEST_F(Machine, GivesItsUserPrioritiesAndMemory) {
+  const auto limits = [&](const std::string& priority, const std::string& memory) {
+    file("/proc/self/limits",
+         "Limit                     Soft Limit           Hard Limit           Units     \n"
+         "Max locked memory         " +
+             memory +
+             "              8388608              bytes     \n"
+             "Max realtime priority     " +
+             priority +
+             "                    0                    \n"
+             "Max realtime timeout      unlimited            unlimited            us        ");
+  };
+  file("/proc/self/status", "CapPrm:\t0000000000000000\nCapEff:\t0000000000000000");
+  limits("0", "8388608");
+  EXPECT_EQ(severity("priority-limit"), Severity::wrong);
+  EXPECT_THAT(one("memory-limit").is, HasSubstr("8388608"));
+  EXPECT_EQ(severity("memory-limit"), Severity::wrong);
+  limits("98", "unlimited");
+  EXPECT_EQ(severity("priority-limit"), Severity::fine);
+  EXPECT_EQ(severity("memory-limit"), Severity::fine);
+  limits("79", "0");
+  EXPECT_EQ(severity("priority-limit"), Severity::wrong) << "below what a message's threads get";
+  file("/proc/self/status", "CapEff:\t0000000000804000");
+  EXPECT_EQ(severity("priority-limit"), Severity::fine) << "CAP_SYS_NICE";
+  EXPECT_EQ(severity("memory-limit"), Severity::fine) << "CAP_IPC_LOCK";
+  file("/proc/self/cgroup", "3:cpu,cpuacct:/user\n0::/user");
+  file("/sys/fs/cgroup/cpu,cpuacct/user/cpu.rt_runtime_us", "0");
+  EXPECT_THAT(one("priority-budget").remedy, HasSubstr("/sys/fs/cgroup/cpu,cpuacct/user/cpu.rt_runtime_us"));
+  EXPECT_EQ(severity("priority-budget"), Severity::wrong);
+}
+
+TEST_F(Machine, HasCpusThatAreFastAndAwake) {
+  const std::string cpu0 = "/sys/devices/system/cpu/cpu0/", cpu1 = "/sys/devices/system/cpu/cpu1/";
+  file(cpu0 + "cpufreq/scaling_governor", "performance");
+  file(cpu1 + "cpufreq/scaling_governor", "powersave");
+  EXPECT_THAT(one("governor").is, AllOf(HasSubstr("performance on 1"), HasSubstr("powersave on 1")));
+  EXPECT_EQ(severity("governor"), Severity::wrong);
+  file(cpu1 + "cpufreq/scaling_governor", "performance");
+  EXPECT_EQ(severity("governor"), Severity::fine);
+  for (const auto* state : {"state0", "state1"}) {
+    file(cpu0 + "cpuidle/" + state + "/name", state);
+    file(cpu0 + "cpuidle/" + state + "/disable", "0");
+  }
+  file(cpu0 + "cpuidle/state0/latency", "2");
+  file(cpu0 + "cpuidle/state1/latency", "133");
+  EXPECT_THAT(one("idle-states").is, AllOf(HasSubstr("state1"), HasSubstr("133")));
+  EXPECT_EQ(severity("idle-states"), Severity::hint);
+  file(cpu0 + "cpuidle/state1/disable", "1");
+  EXPECT_EQ(severity("idle-states"), Severity::fine);
+  file("/sys/devices/system/cpu/smt/active", "1");
+  EXPECT_EQ(severity("smt"), Severity::hint);
+  file("/sys/devices/system/cpu/isolated", "");
+  EXPECT_EQ(severity("isolated-cpus"), Severity::hint);
+  file("/proc/sys/kernel/timer_migration", "1");
+  EXPECT_EQ(severity("timer-migration"), Severity::fine);
+  file("/sys/devices/system/cpu/isolated", "1");
+  EXPECT_EQ(severity("isolated-cpus"), Severity::fine);
+  EXPECT_EQ(severity("timer-migration"), Severity::hint);
+}
+
+TEST_F(Machine, IsReal) {
+  file("/proc/cpuinfo", "processor\t: 0\nflags\t\t: fpu tsc");
+  EXPECT_THAT(found("virtual-machine"), IsEmpty());
+  file("/proc/cpuinfo", "processor\t: 0\nflags\t\t: fpu tsc hypervisor");
+  EXPECT_EQ(severity("virtual-machine"), Severity::hint);
+  file("/proc/stat", "cpu  1000 0 1000 8000 0 0 0 1 0 0");
+  EXPECT_EQ(severity("stolen-time"), Severity::fine);
+  file("/proc/stat", "cpu  1000 0 1000 8000 0 0 0 1000 0 0");
+  EXPECT_THAT(one("stolen-time").is, HasSubstr("9.1 %"));
+  EXPECT_EQ(severity("stolen-time"), Severity::wrong);
+}
+
+TEST_F(Machine, KeepsTimeAndMemory) {
+  file("/sys/devices/system/clocksource/clocksource0/current_clocksource", "hpet");
+  file("/sys/devices/system/clocksource/clocksource0/available_clocksource", "hpet acpi_pm");
+  EXPECT_THAT(one("clock-source").remedy, HasSubstr("hpet acpi_pm"));
+  EXPECT_EQ(severity("clock-source"), Severity::wrong);
+  file("/sys/devices/system/clocksource/clocksource0/current_clocksource", "tsc");
+  EXPECT_EQ(severity("clock-source"), Severity::fine);
+  synchronised_ = false;
+  EXPECT_EQ(severity("clock"), Severity::hint);
+  synchronised_ = true;
+  EXPECT_EQ(severity("clock"), Severity::fine);
+  file("/proc/swaps", "Filename\tType\tSize\tUsed\tPriority");
+  EXPECT_EQ(severity("swap"), Severity::fine);
+  file("/proc/swaps", "Filename\tType\tSize\tUsed\tPriority\n/dev/sda2 partition 1 0 -2");
+  EXPECT_EQ(severity("swap"), Severity::hint);
+  file("/sys/kernel/mm/transparent_hugepage/enabled", "always [madvise] never");
+  EXPECT_EQ(severity("huge-pages"), Severity::fine);
+  file("/sys/kernel/mm/transparent_hugepage/enabled", "[always] madvise never");
+  EXPECT_EQ(severity("huge-pages"), Severity::hint);
+  file("/proc/sys/kernel/numa_balancing", "1");
+  EXPECT_EQ(severity("numa-balancing"), Severity::hint);
+  file("/proc/sys/kernel/sched_autogroup_enabled", "1");
+  EXPECT_EQ(severity("autogroup"), Severity::hint);
+}
+
+TEST_F(Machine, TakesPacketsIn) {
+  file("/proc/sys/net/core/rmem_max", "212992");
+  EXPECT_EQ(severity("buffers"), Severity::hint);
+  file("/proc/sys/net/core/rmem_max", "8388608");
+  EXPECT_EQ(severity("buffers"), Severity::fine);
+  file("/proc/sys/net/ipv4/ipfrag_high_thresh", "262144");
+  EXPECT_EQ(severity("fragments"), Severity::hint);
+
+  file("/sys/class/net/lo/threaded", "1");  // no hardware: not looked at unless it is named
+  file("/sys/class/net/eth0/threaded", "0");
+  file("/sys/devices/pci/card/msi_irqs/41", "msix");
+  fs::create_directories(root_ + "/sys/devices/pci/card/virtio0");
+  fs::create_directory_symlink("../../../devices/pci/card/virtio0", root_ + "/sys/class/net/eth0/device");
+  file("/proc/irq/41/effective_affinity_list", "1");
+  thread(7, "irq/41-eth0-rx-0", SCHED_FIFO, 50);
+  EXPECT_EQ(one("interrupts").is, "eth0: 41 on CPU 1, thread at SCHED_FIFO 50");
+  EXPECT_EQ(severity("napi"), Severity::fine);
+  file("/sys/class/net/eth0/threaded", "1");
+  thread(8, "napi/eth0-8193", SCHED_OTHER, 0);
+  EXPECT_THAT(one("napi").remedy, HasSubstr("napi-threads=60 --interface eth0"));
+  EXPECT_EQ(severity("napi"), Severity::wrong);
+  thread(8, "napi/eth0-8193", SCHED_FIFO, 60);
+  EXPECT_THAT(one("napi").is, HasSubstr("SCHED_FIFO 60"));
+  EXPECT_EQ(severity("napi"), Severity::fine);
+  interfaces_ = {"lo"};
+  EXPECT_EQ(severity("napi"), Severity::wrong);
+
+  EXPECT_THAT(found("irqbalance"), IsEmpty());
+  thread(900, "irqbalance", SCHED_OTHER, 0);
+  EXPECT_EQ(severity("irqbalance"), Severity::hint);
+}
+
+TEST_F(Machine, HasMiddlewaresWithKnownFaults) {
+  file("/usr/lib/x86_64-linux-gnu/libddsc.so.0.10.2", "");
+  file("/usr/lib/x86_64-linux-gnu/libddsc.so.0debian", "");
+  file("/opt/ros/jazzy/lib/libfastrtps.so.2.14.1", "");
+  const auto all = found("middleware");
+  ASSERT_THAT(all, SizeIs(2));
+  EXPECT_THAT(all[0].is, HasSubstr("Cyclone DDS 0.10.2"));
+  EXPECT_EQ(all[0].severity, Severity::hint);
+  EXPECT_THAT(all[1].is, HasSubstr("Fast DDS 2.14.1 (/opt/ros/jazzy/lib)"));
+  EXPECT_EQ(all[1].severity, Severity::fine);
+}
+
+TEST_F(Machine, ThatSaysNonsenseIsNoFault) {
+  for (const auto* path :
+       {"/proc/self/limits", "/proc/self/status", "/proc/self/cgroup", "/proc/stat", "/proc/cpuinfo",
+        "/proc/sys/kernel/sched_rt_runtime_us", "/proc/sys/net/core/rmem_max", "/proc/1/stat",
+        "/sys/devices/system/cpu/cpu0/cpuidle/state0/latency", "/sys/class/net/eth0/threaded",
+        "/sys/kernel/debug/sched/preempt"})
+    file(path, std::string("\xff(:x ") + std::string(100, ')'));
+  interfaces_ = {"eth0", "../../etc", ""};
+  EXPECT_THAT(check({root_, interfaces_, {}}), Not(IsEmpty()));
+}
+
+TEST_F(Machine, IsFitIfNothingIsWrong) {
+  EXPECT_TRUE(fit({}));
+  EXPECT_TRUE(fit({{"", Severity::hint, "", "", "", ""}}));
+  EXPECT_FALSE(fit({{"", Severity::fine, "", "", "", ""}, {"", Severity::wrong, "", "", "", ""}}));
+}
+
+TEST(ThisMachine, SaysOfEachFaultWhyItIsOneAndWhatMendsIt) {
+  for (const auto& finding : check({"", {}, false})) {
+    EXPECT_FALSE(finding.check.empty() || finding.is.empty());
+    const bool said = !finding.why.empty() && !finding.remedy.empty();
+    EXPECT_TRUE(finding.severity == Severity::fine || said) << finding.check;
+  }
+}
+
+}  // namespace
+}  // namespace ontime::fitness

@@ -1,0 +1,317 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "settings/settings.hpp"
+
+#include <algorithm>
+#include <fstream>
+#include <iterator>
+#include <sstream>
+
+#include <net/if.h>
+#include <sys/wait.h>
+
+#include "own_run.hpp"
+#include "settings/kinds.hpp"
+
+namespace ontime::settings {
+namespace {
+
+using test::error_of;
+using test::in_child;
+using testing::AllOf;
+using testing::HasSubstr;
+using testing::IsEmpty;
+using testing::SizeIs;
+using testing::StartsWith;
+
+const Setting& setting(const std::string& name) {
+  const auto all = table();
+  return *std::find_if(all.begin(), all.end(), [&](const Setting& one) { return name == one.name; });
+}
+
+std::string refused(const std::string& name, const std::string& value) {
+  try {
+    setting(name).check(value);
+  } catch (const std::invalid_argument& error) {
+    return error.what();
+  }
+  return "";
+}
+
+std::string text_of(const std::string& path) {
+  std::ifstream file(path);
+  std::string text(std::istreambuf_iterator<char>(file), {});
+  text.erase(text.find_last_not_of('\n') + 1);
+  return text;
+}
+
+// --- words
+
+TEST(Words, ThatAreNoValueAreRefused) {
+  for (const auto& [name, values] : std::map<std::string, std::vector<std::string>>{
+           {"ksoftirqd", {"1", "99", "other", "0=60", "0=60,1=other"}},
+           {"irq-threads", {"90", "other"}},
+           {"threaded-napi", {"on", "off"}},
+           {"rps", {"none", "0-1,3"}},
+           {"napi-cpus", {"1"}},
+           {"rmem-max", {"8388608"}},
+           {"governor", {"performance"}},
+           {"coalescing", {"rx-usecs=0", "rx-usecs=10,adaptive-rx=off"}}})
+    for (const auto& value : values) EXPECT_EQ(refused(name, value), "") << name;
+  for (const auto& [name, values] : std::map<std::string, std::vector<std::string>>{
+           {"ksoftirqd", {"0", "100", "fast", "60,70", "0=60,70", "x=60", "0=", ""}},
+           {"irq-threads", {"0", "0=60", "-1", "60 "}},
+           {"threaded-napi", {"1", "yes"}},
+           {"rps", {"none,1", "1-", "-"}},
+           {"rmem-max", {"0", "8 MiB", "99999999999"}},
+           {"governor", {"../x", "Performance"}},
+           {"coalescing", {"", "rx-usecs", "rx-usecs=", "rx-usecs=-1", "speed=1", "adaptive-rx=1"}}})
+    for (const auto& value : values) EXPECT_NE(refused(name, value), "") << name << ' ' << value;
+}
+
+TEST(Words, OneCpuHasAPriorityOfItsOwn) {
+  const auto& ksoftirqd = setting("ksoftirqd");
+  const Thing first{thing(thread, "14:25:ksoftirqd/0")}, second{thing(thread, "22:25:ksoftirqd/1")};
+  EXPECT_EQ(ksoftirqd.wanted("60", first, "other:0:0"), "fifo:60:0");
+  EXPECT_EQ(ksoftirqd.wanted("1=60", first, "other:-5:0"), "other:-5:0");
+  EXPECT_EQ(ksoftirqd.wanted("1=60", second, "other:0:1"), "fifo:60:1");
+  EXPECT_EQ(ksoftirqd.wanted("other", first, "fifo:60:0"), "other:0:0");
+  EXPECT_EQ(ksoftirqd.wanted("other", first, "other:-5:0"), "other:-5:0") << "its niceness stays";
+  EXPECT_THROW(ksoftirqd.wanted("60", first, "policy 6:0:0"), journal::Error) << "what cannot be given back";
+}
+
+TEST(Words, CoalescingChangesWhatIsSaidAndNoMore) {
+  EXPECT_EQ(with_coalescing("rx-usecs=3,rx-frames=0,tx-usecs=5,tx-frames=0,adaptive-rx=on,adaptive-tx=off",
+                            "rx-usecs=0,adaptive-rx=off"),
+            "rx-usecs=0,rx-frames=0,tx-usecs=5,tx-frames=0,adaptive-rx=off,adaptive-tx=off");
+}
+
+TEST(Kinds, TouchOnlyWhatTheyAreFor) {
+  EXPECT_TRUE(thread.accepts("14:25:ksoftirqd/0"));
+  EXPECT_TRUE(thread.accepts("14:25:irq/41-eth0"));
+  for (const auto* what :
+       {"14:25:sshd", "1:25:", "x:25:ksoftirqd/0", "14:ksoftirqd/0", "ksoftirqd/0", "::irq/1"})
+    EXPECT_FALSE(thread.accepts(what)) << what;
+  EXPECT_TRUE(network_sysctl.accepts("net/core/rmem_max"));
+  for (const auto* what : {"net/core/../../kernel/core_pattern", "kernel/core_pattern", "net/core/"})
+    EXPECT_FALSE(network_sysctl.accepts(what) || kernel_sysctl.accepts(what)) << what;
+  EXPECT_TRUE(steering.accepts("eth0/rx-0"));
+  for (const auto* what : {"../x/rx-0", "eth0/tx-0", "eth0/rx-", "eth0", "eth0/rx-0/../../x", "/rx-0"})
+    EXPECT_FALSE(steering.accepts(what)) << what;
+  for (const auto* what : {"..", ".", "", "a/b", "a b", "sixteencharacter"})
+    EXPECT_FALSE(threaded.accepts(what) || gro.accepts(what) || coalescing.accepts(what)) << what;
+  EXPECT_FALSE(governor.accepts("cpufreq") || governor.accepts("cpu0/../cpu1") || interrupt.accepts("41/x"));
+}
+
+TEST(Threads, AreThoseThatTheyWere) {
+  if (geteuid() != 0) GTEST_SKIP() << "needs root";
+  const auto found = threads_named("ksoftirqd/");
+  ASSERT_THAT(found, testing::Not(IsEmpty()));
+  const auto& what = found.front().what;
+  ASSERT_TRUE(thread.read(what));
+  const auto first = what.find(':'), second = what.find(':', first + 1);
+  const auto later =
+      what.substr(0, first) + ":1" + what.substr(first + 1, second - first) + what.substr(second + 1);
+  EXPECT_FALSE(thread.read(later)) << "another that has its id by now";
+  EXPECT_THROW(thread.write(later, "fifo:1:0", "other:0:0"), journal::Error);
+  EXPECT_FALSE(thread.read("1:" + what.substr(first + 1))) << "no thread of the kernel";
+}
+
+TEST(Threads, AreNotGoneWhereTheyAreNotSeen) {
+  if (geteuid() != 0) GTEST_SKIP() << "needs root";
+  const auto what = threads_named("ksoftirqd/").front().what;
+  in_child([&] {
+    ASSERT_EQ(unshare(CLONE_NEWPID | CLONE_NEWNS), 0);
+    in_child([&] {
+      ASSERT_EQ(mount("proc", "/proc", "proc", 0, nullptr), 0);
+      EXPECT_THAT(error_of([&] { thread.read(what); }), HasSubstr("not to be seen"));
+    });
+  });
+}
+
+// --- on an interface of our own: a veth pair in a network namespace that only this process is in
+
+class OnVeth : public testing::Test {
+ protected:
+  static void inside(const std::function<void()>& body) {
+    if (geteuid() != 0 || !test::has_own_run) GTEST_SKIP() << "needs root";
+    if (sysconf(_SC_NPROCESSORS_ONLN) < 2) GTEST_SKIP() << "needs two CPUs";
+    in_child([&] {
+      ASSERT_EQ(unshare(CLONE_NEWNET | CLONE_NEWNS), 0);
+      ASSERT_EQ(mount("sysfs", "/sys", "sysfs", 0, nullptr), 0);
+      ASSERT_EQ(
+          std::system(
+              "ip link add left type veth peer name right && ip link set left up && ip link set right up "
+              "&& ip address add 10.9.8.1/24 dev left"),
+          0);
+      body();
+    });
+  }
+  static std::string threaded_file() { return text_of("/sys/class/net/left/threaded"); }
+  static inline const Link left{"left", ""};
+};
+
+TEST_F(OnVeth, NapiIsThreadedPrioritisedAndGivenBack) {
+  inside([] {
+    const auto before = *gro.read("left");
+    {
+      journal::Journal journal(kinds());
+      const auto changes =
+          apply(journal, {{"gro", "on"}, {"threaded-napi", "on"}, {"napi-threads", "60"}, {"napi-cpus", "0"}},
+                left);
+      EXPECT_EQ(threaded_file(), "1");
+      const auto threads = threads_named("napi/left-");
+      ASSERT_THAT(threads, SizeIs(1));
+      const auto pid = std::stoi(threads[0].what);
+      EXPECT_EQ(sched_getscheduler(pid), SCHED_FIFO);
+      EXPECT_EQ(thread.read(threads[0].what), "fifo:60:0");
+      for (const auto& change : changes) EXPECT_TRUE(now(change, left)) << change.setting->name;
+      EXPECT_THAT(take_back(journal, changes), IsEmpty());
+      EXPECT_EQ(threaded_file(), "0");
+      EXPECT_EQ(gro.read("left"), before);
+    }
+  });
+}
+
+TEST_F(OnVeth, WhatIsLackingIsSaidByNameBeforeAnythingIsChanged) {
+  inside([] {
+    journal::Journal journal(kinds());
+    const auto steering_before = steering.read("left/rx-0");
+    for (const auto& [wish, words] : std::map<std::string, std::string>{
+             {"irq-cpus", "no interrupts"}, {"napi-cpus", "threaded-napi"}, {"coalescing", "coalesced"}}) {
+      const auto value = wish == "coalescing" ? "rx-usecs=1" : "0";
+      EXPECT_THAT(error_of([&] {
+                    apply(journal, {{"rps", "0"}, {wish, value}}, left);
+                  }),
+                  AllOf(StartsWith(wish + ": "), HasSubstr(words)));
+      EXPECT_EQ(steering.read("left/rx-0"), steering_before);
+    }
+    EXPECT_THAT(error_of([&] { plan({{"threaded-napi", "on"}}, left); }), HasSubstr("gro on"));
+    EXPECT_THAT(error_of([&] { plan({{"rps", "0,999"}}, left); }), HasSubstr("no CPU 999"));
+    EXPECT_THAT(error_of([&] {
+                  plan({{"rps", "0"}}, {"nonet0", ""});
+                }),
+                AllOf(StartsWith("rps"), HasSubstr("nonet0")));
+    EXPECT_THAT(error_of([&] { plan({{"speed", "0"}}, left); }), HasSubstr("'speed'"));
+  });
+}
+
+TEST_F(OnVeth, WhatSomebodyChangedMeanwhileIsLeftAndTold) {
+  inside([] {
+    journal::Journal journal(kinds());
+    const auto changes = apply(journal, {{"rps", "0"}}, left);
+    EXPECT_EQ(text_of("/sys/class/net/left/queues/rx-0/rps_cpus").back(), '1');
+    std::ofstream("/sys/class/net/left/queues/rx-0/rps_cpus") << "2";
+    EXPECT_EQ(now(changes[0], left), "1");
+    EXPECT_THAT(take_back(journal, changes),
+                testing::ElementsAre(AllOf(HasSubstr("left/rx-0"), HasSubstr("somebody"))));
+    EXPECT_EQ(steering.read("left/rx-0"), "1");
+  });
+}
+
+TEST_F(OnVeth, WhatAKilledProcessLeftIsGivenBack) {
+  inside([] {
+    test::Victim victim(
+        [](journal::Journal& journal) {
+          apply(journal, {{"gro", "on"}, {"threaded-napi", "on"}, {"napi-threads", "60"}, {"rps", "1"}},
+                left);
+          return "set";
+        },
+        kinds());
+    EXPECT_EQ(victim.said(), "set");
+    victim.kill_9();
+    EXPECT_EQ(threaded_file(), "1");
+    EXPECT_THAT(journal::revert_abandoned(kinds()), SizeIs(4));
+    EXPECT_EQ(threaded_file(), "0");
+    EXPECT_EQ(steering.read("left/rx-0"), "none");
+  });
+}
+
+TEST_F(OnVeth, WhatIsKeptStaysUntilItIsReverted) {
+  inside([] {
+    {
+      journal::Journal journal(kinds());
+      apply(journal, {{"rps", "1"}}, left);
+      journal.keep();
+    }
+    EXPECT_EQ(steering.read("left/rx-0"), "1");
+    EXPECT_THAT(journal::revert_abandoned(kinds()), IsEmpty()) << "it is not abandoned";
+    {
+      journal::Journal run(kinds());  // changes the same, and gives back what was kept
+      apply(run, {{"rps", "0"}}, left);
+      EXPECT_EQ(journal::kept(kinds()).at(0).now, "0");
+    }
+    auto kept = journal::kept(kinds());
+    ASSERT_THAT(kept, SizeIs(1));
+    EXPECT_EQ(kept[0].before, "none");
+    EXPECT_EQ(kept[0].after, "1");
+    EXPECT_EQ(kept[0].now, "1");
+    {
+      journal::Journal again(kinds());
+      const auto changes = apply(again, {{"rps", "0-1"}, {"gro", *gro.read("left")}}, left);
+      remember(again, changes, left);
+      again.keep();
+    }
+    kept = journal::kept(kinds());
+    ASSERT_THAT(kept, SizeIs(2)) << "what was so already is to stay so, too";
+    EXPECT_EQ(kept[0].after, "0-1");
+    journal::Journal revert(kinds());
+    const auto given_back = revert.revert_kept();
+    EXPECT_TRUE(given_back.finished);
+    EXPECT_THAT(given_back.done, SizeIs(2));
+    EXPECT_EQ(steering.read("left/rx-0"), "none");
+    EXPECT_THAT(journal::kept(kinds()), IsEmpty());
+  });
+}
+
+TEST_F(OnVeth, TheInterfaceIsFoundByTheRoute) {
+  inside([] {
+    EXPECT_EQ(interface_to("10.9.8.2", ""), "left");
+    EXPECT_EQ(interface_with("10.9.8.1", ""), "left");
+    EXPECT_THAT(error_of([] { interface_to("10.1.1.1", ""); }), HasSubstr("10.1.1.1"));
+    EXPECT_THAT(error_of([] { interface_with("10.9.8.2", ""); }), HasSubstr("10.9.8.2"));
+  });
+}
+
+TEST(Paper, WarnsOfWhatIsAboveTheApplication) {
+  EXPECT_THAT(warning(paper(), 80),
+              AllOf(StartsWith("irq-threads 90: above the application's 80"), HasSubstr("measure")));
+  EXPECT_THAT(warning({{"ksoftirqd", "0=60,1=85"}}, 80), StartsWith("ksoftirqd"));
+  EXPECT_EQ(warning({{"ksoftirqd", "60"}}, 80), "");
+  EXPECT_EQ(warning({{"ksoftirqd", "0=60,90=2"}}, 80), "") << "CPU 90 is no priority";
+  EXPECT_THAT(warning({{"ksoftirqd", "1"}}, 0), HasSubstr("SCHED_OTHER"));
+}
+
+TEST(Boot, IsSaidForSystemdTmpfilesAndAShell) {
+  const Link link{"eth0", ""};
+  const Wishes wishes{{"ksoftirqd", "60"}, {"busy-poll", "50"}};
+  const std::vector<Change> changes = {
+      {&setting("busy-poll"), thing(network_sysctl, "net/core/busy_poll"), "0", "50"},
+      {&setting("ksoftirqd"), thing(thread, "14:25:ksoftirqd/0"), "other:0:0", "fifo:60:0"},
+      {&setting("napi-threads"), thing(thread, "90:25:napi/eth0-8193"), "other:0:0-1", "fifo:60:0-1"},
+      {&setting("rps"), thing(steering, "eth0/rx-0"), "none", "0-1,33"}};
+  EXPECT_THAT(
+      at_every_boot(Form::systemd, wishes, changes, link, "/usr/bin/ontime"),
+      HasSubstr(
+          "ExecStart=/usr/bin/ontime tune apply --set busy-poll=50 --set ksoftirqd=60 --interface eth0\n"));
+  EXPECT_EQ(at_every_boot(Form::tmpfiles, wishes, {changes[0], changes[3]}, link, ""),
+            "# /etc/tmpfiles.d/ontime.conf\nw /proc/sys/net/core/busy_poll - - - - 50\n"
+            "w /sys/class/net/eth0/queues/rx-0/rps_cpus - - - - 00000002,00000003\n");
+  EXPECT_THAT(error_of([&] { at_every_boot(Form::tmpfiles, wishes, changes, link, ""); }),
+              StartsWith("ksoftirqd: "));
+  const auto script = at_every_boot(Form::shell, wishes, changes, link, "");
+  EXPECT_THAT(
+      script,
+      AllOf(HasSubstr("echo '50' > '/proc/sys/net/core/busy_poll'\n"),
+            HasSubstr("$(threads 'ksoftirqd/0'); do chrt --fifo --pid 60 \"$pid\"; done\n"),
+            HasSubstr("$(threads 'napi/eth0-*'); do chrt --fifo --pid 60 \"$pid\"; taskset --cpu-list "
+                      "--pid 0-1 \"$pid\"; done\n")));
+}
+
+}  // namespace
+}  // namespace ontime::settings
+
+int main(int argc, char** argv) {
+  testing::AddGlobalTestEnvironment(new ontime::test::OwnRun);
+  testing::InitGoogleTest(&argc, argv);
+  return RUN_ALL_TESTS();
+}

@@ -1,0 +1,238 @@
+#!/usr/bin/env python3
+# SPDX-License-Identifier: Apache-2.0
+"""The settings of a machine, changed and given back by the real program however it ends, and looked at by other
+programs: chrt, ps, cat. Needs root, and skips without. ONTIME names the program."""
+
+import json
+import os
+import pathlib
+import shutil
+import signal
+import subprocess
+import tempfile
+import time
+import unittest
+
+ONTIME = os.environ["ONTIME"]
+NAMESPACE, INTERFACE = "ontime-controller", "to-component"
+
+SCENARIO = """
+hosts: namespaces
+defaults: {transport: udp, period: 5 ms, duration: %s, realtime: on}
+runs:
+  - id: tuned
+    kernel: {ksoftirqd: 60, busy-poll: 50, gro: on, threaded-napi: on, napi-threads: 55, rps: 0}
+  - id: lacking
+    kernel: {ksoftirqd: 60, irq-threads: 90}
+"""
+BUSY_POLL = pathlib.Path("/proc/sys/net/core/busy_poll")
+
+
+def threads(prefix):
+    """Kernel threads, as {name: (policy, priority)} by ps and chrt."""
+    found = {}
+    for line in subprocess.run(["ps", "--ppid", "2", "-o", "pid=,comm="], capture_output=True, text=True).stdout.splitlines():
+        pid, name = line.split(maxsplit=1)
+        if name.startswith(prefix):
+            said = subprocess.run(["chrt", "--pid", pid], capture_output=True, text=True).stdout.splitlines()
+            found[name] = (said[0].split()[-1], int(said[1].split()[-1]))
+    return found
+
+
+def state():
+    """All that these tests change of this machine itself."""
+    return threads("ksoftirqd/"), BUSY_POLL.read_text()
+
+
+def in_namespace(path):
+    return subprocess.run(["ip", "netns", "exec", NAMESPACE, "cat", path], capture_output=True, text=True).stdout.strip()
+
+
+def eventually(true, seconds=30):
+    end = time.monotonic() + seconds
+    while time.monotonic() < end and not true():
+        time.sleep(0.05)
+    return true()
+
+
+@unittest.skipUnless(os.geteuid() == 0, "settings of a machine need root")
+@unittest.skipUnless(BUSY_POLL.exists(), "this kernel has no busy polling")
+class Tune(unittest.TestCase):
+    def setUp(self):
+        self.folder = tempfile.mkdtemp(prefix="ontime-test-")
+        self.addCleanup(shutil.rmtree, self.folder)
+        self.results = os.path.join(self.folder, "results.ontime")
+        self.before = state()
+        self.assertTrue(all(policy == "SCHED_OTHER" for policy, _ in self.before[0].values()), "as a machine is at first")
+
+    def tearDown(self):
+        self.ontime("tune", "revert")
+        self.assertEqual(state(), self.before)
+        self.assertFalse(os.path.exists("/run/ontime"))
+        self.assertFalse(os.path.exists(f"/run/netns/{NAMESPACE}"))
+
+    def ontime(self, *arguments):
+        return subprocess.run([ONTIME, *arguments], capture_output=True, text=True, timeout=120)
+
+    def scenario(self, duration):
+        path = os.path.join(self.folder, "scenario.yaml")
+        pathlib.Path(path).write_text(SCENARIO % duration)
+        return path
+
+    def tuned_run(self):
+        process = subprocess.Popen([ONTIME, "run", self.scenario("1 h"), "--only", "tuned", "--results", self.results],
+                                   stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+        self.addCleanup(lambda: (process.kill(), process.communicate()))
+        self.assertTrue(eventually(lambda: in_namespace(f"/sys/class/net/{INTERFACE}/queues/rx-0/rps_cpus").endswith("1")
+                                   and set(threads("napi/").values()) == {("SCHED_FIFO", 55)}))
+        self.assertEqual(set(threads("ksoftirqd/").values()), {("SCHED_FIFO", 60)})
+        self.assertEqual(BUSY_POLL.read_text(), "50\n")
+        self.assertEqual(in_namespace(f"/sys/class/net/{INTERFACE}/threaded"), "1")
+        return process
+
+    def assert_given_back(self):
+        self.assertTrue(eventually(lambda: state() == self.before), state())
+        self.assertTrue(eventually(lambda: not os.path.exists("/run/ontime")))
+
+    def keepers_of(self, process):
+        children = pathlib.Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split()
+        return [int(pid) for pid in children if b"keeper" in pathlib.Path(f"/proc/{pid}/cmdline").read_bytes()]
+
+    # --- a run
+
+    def test_settings_of_a_run_are_in_its_record_and_given_back_after_it(self):
+        answer = self.ontime("run", self.scenario("300 ms"), "--only", "tuned", "--results", self.results)
+        self.assertEqual(answer.returncode, 0, answer.stderr)
+        self.assert_given_back()
+        run = json.loads(self.ontime("report", self.results, "--format", "json").stdout)["runs"][0]
+        self.assertEqual(run["conditions"]["kernel"]["ksoftirqd"], "60")
+        for host in ("controller", "component"):
+            said = run["hosts"][host]["kernel"]
+            self.assertEqual({one["setting"] for one in said}, set(run["conditions"]["kernel"]))
+            for one in said:
+                self.assertEqual(one["now"], one["after"])
+            self.assertEqual({one["after"].rsplit(":", 1)[0] for one in said if one["setting"] == "napi-threads"}, {"fifo:55"})
+        self.assertIn("kernel: busy-poll 50", answer.stdout)
+
+    def test_what_this_kernel_lacks_is_refused_by_name_and_nothing_is_changed(self):
+        if threads("irq/"):
+            self.skipTest("this kernel has IRQ threads")
+        process = subprocess.Popen([ONTIME, "run", self.scenario("1 s"), "--only", "lacking", "--results", self.results],
+                                   stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+        while process.poll() is None:
+            self.assertEqual(state(), self.before)
+        _, error = process.communicate()
+        self.assertEqual(process.returncode, 3)
+        self.assertIn("kernel.irq-threads: this kernel has no IRQ threads: boot with threadirqs or a PREEMPT_RT kernel", error)
+        self.assertIn("irq-threads 90: above the application's 80", error)
+
+    def test_a_signal_gives_back(self):
+        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+            with self.subTest(signal=number):
+                process = self.tuned_run()
+                process.send_signal(number)
+                process.communicate(timeout=60)
+                self.assertEqual(process.returncode, 130)
+                self.assert_given_back()
+
+    def test_a_coordinator_that_is_gone_gives_back(self):
+        process = self.tuned_run()
+        process.kill()
+        process.communicate(timeout=60)
+        self.assert_given_back()
+
+    def test_after_kill_9_of_all_revert_gives_back(self):
+        process = self.tuned_run()
+        for pid in [*self.keepers_of(process), process.pid]:
+            os.kill(pid, signal.SIGKILL)
+        process.communicate(timeout=60)
+        # Agents notice it as well, and leave; who comes first gives back.
+        answer = self.ontime("tune", "revert")
+        self.assertEqual(answer.returncode, 0, answer.stderr)
+        self.assert_given_back()
+
+    def test_what_somebody_changed_meanwhile_is_left_to_him(self):
+        process = self.tuned_run()
+        BUSY_POLL.write_text("70")
+        process.send_signal(signal.SIGINT)
+        _, error = process.communicate(timeout=60)
+        self.assertEqual(BUSY_POLL.read_text(), "70\n")
+        BUSY_POLL.write_text(self.before[1])
+        self.assertRegex(error, "busy_poll.*somebody")
+        run = json.loads(self.ontime("report", self.results, "--format", "json").stdout)["runs"][0]
+        self.assertIn("70", [one["now"] for one in run["hosts"]["controller"]["kernel"]])
+
+    # --- by hand
+
+    def test_what_is_applied_stays_until_it_is_reverted(self):
+        self.assertEqual(self.ontime("tune", "verify").returncode, 1, "nothing was applied yet")
+        dry = self.ontime("tune", "apply", "--set", "ksoftirqd=60", "--dry-run")
+        self.assertIn("ksoftirqd/0 from other:0:0 to fifo:60:0", dry.stdout)
+        self.assertEqual(state(), self.before)
+        answer = self.ontime("tune", "apply", "--set", "ksoftirqd=60", "--set", "busy-poll=40")
+        self.assertEqual(answer.returncode, 0, answer.stderr)
+        self.assertEqual(set(threads("ksoftirqd/").values()), {("SCHED_FIFO", 60)})
+        self.assertEqual(self.ontime("tune", "verify").returncode, 0)
+        shown = json.loads(self.ontime("tune", "show", "--format", "json").stdout)["settings"]
+        self.assertEqual(next(one["now"] for one in shown if one["setting"] == "busy-poll"), {"net/core/busy_poll": "40"})
+
+        # A run changes the same, and gives back what it found.
+        self.assertEqual(self.ontime("run", self.scenario("100 ms"), "--only", "tuned", "--results", self.results).returncode, 0)
+        self.assertEqual(BUSY_POLL.read_text(), "40\n")
+        self.assertEqual(self.ontime("tune", "verify").returncode, 0)
+
+        BUSY_POLL.write_text("41")
+        verified = self.ontime("tune", "verify")
+        self.assertEqual(verified.returncode, 1)
+        self.assertIn("applied 40, is 41", verified.stdout)
+        BUSY_POLL.write_text("40")
+        self.assertEqual(self.ontime("tune", "revert").returncode, 0)
+        self.assert_given_back()
+
+    def test_what_was_so_already_is_verified_too(self):
+        self.assertEqual(self.ontime("tune", "apply", "--set", f"busy-poll={self.before[1].strip()}").returncode, 0)
+        self.assertEqual(self.ontime("tune", "verify").returncode, 0)
+        BUSY_POLL.write_text("33")
+        self.assertEqual(self.ontime("tune", "verify").returncode, 1)
+        BUSY_POLL.write_text(self.before[1])
+
+    def test_a_scenarios_settings_are_applied_by_the_id_of_a_run(self):
+        subprocess.run(["ip", "netns", "add", "tune-test"], check=True)
+        try:
+            for command in (["link", "add", "left", "type", "veth", "peer", "name", "right"], ["link", "set", "left", "up"],
+                            ["link", "set", "right", "up"]):
+                subprocess.run(["ip", "-n", "tune-test", *command], check=True)
+            answer = self.ontime("tune", "apply", "--scenario", self.scenario("1 s"), "--run", "tuned", "--interface", "left",
+                                 "--namespace", "tune-test")
+            self.assertEqual(answer.returncode, 0, answer.stderr)
+            self.assertEqual(threads("napi/left"), {name: ("SCHED_FIFO", 55) for name in threads("napi/left")})
+            self.assertTrue(threads("napi/left"))
+            self.assertEqual(self.ontime("tune", "verify").returncode, 0)
+            self.assertEqual(self.ontime("tune", "revert").returncode, 0)
+            self.assertFalse(threads("napi/left"))
+            self.assert_given_back()
+        finally:
+            subprocess.run(["ip", "netns", "delete", "tune-test"], check=True)
+
+    def test_wrong_input_is_said_and_nothing_is_changed(self):
+        for arguments, code, words in (
+                (["apply"], 2, "--set"),
+                (["apply", "--set", "ksoftirqd"], 2, "NAME=VALUE"),
+                (["apply", "--set", "ksoftirqd=100"], 2, "100"),
+                (["apply", "--set", "speed=1"], 2, "speed"),
+                (["apply", "--set", "rps=0"], 2, "--interface"),
+                (["apply", "--set", "rps=0", "--interface", "nonet0"], 3, "nonet0"),
+                (["apply", "--set", "busy-poll=9", "--set", "rps=0", "--interface", "lo", "--namespace", "no-such"], 3, "no-such"),
+                (["apply", "--set", "busy-poll=9", "--print", "runes"], 2, "runes"),
+                (["apply", "--set", "ksoftirqd=60", "--print", "tmpfiles"], 3, "ksoftirqd"),
+                (["show", "--format", "xml"], 2, "xml"),
+                ([], 2, "")):
+            with self.subTest(arguments=arguments):
+                answer = self.ontime("tune", *arguments)
+                self.assertEqual(answer.returncode, code, answer.stderr)
+                self.assertIn(words, answer.stdout + answer.stderr)
+                self.assertEqual(state(), self.before)
+
+
+if __name__ == "__main__":
+    unittest.main(verbosity=2)
