@@ -4,7 +4,8 @@
 // back what it changed however it ends.
 //
 //   order                 answer
-//   open   {}             opened {machine, notes}: what it is; what was given back of earlier ontimes
+//   open   {}             opened {machine, notes, program}: what it is, what was given back of earlier
+//                         ontimes, where this program lies
 //   join   {}             joined {controller, component}: two namespaces, each {place, interface, address}
 //   load   {host, load}   loaded {}: stress-ng for a host of that name, until unload
 //   check  {faults}       checked {}, or {error}: which of them this kernel has not
