@@ -117,6 +117,39 @@ TEST_F(Agent, MeasuresByOrders) {
   EXPECT_GE(ask(server, "end", "ended").at("answered"), counters.on_time);
 }
 
+// Who goes by ssh to a machine of which nothing else is known may take the link under test.
+TEST_F(Agent, SamplesWaitForTheEndWhereSshMayTakeTheLinkUnderTest) {
+  const int domain = some_domain();
+  Hand server(coordinator_, "server", command(), sample_layout()),
+      client(coordinator_, "client", command(), sample_layout());
+  auto task = task_of(transport::Role::client, domain);
+  task.client.duration = 1500ms;
+  ask(server, "open", "opened", {{"task", task_of(transport::Role::server, domain)}});
+  const auto opened = ask(client, "open", "opened", {{"task", task}, {"ssh", true}});
+  EXPECT_TRUE(opened.at("ssh_link").at("shared"));
+  ask(server, "start", "ready", {{"wait_ns", 0}});
+  ask(client, "start", "ready", {{"wait_ns", 5'000'000'000}});
+  ask(server, "begin", "begun");
+  ask(client, "begin", "begun");
+  std::vector<roundtrip::Sample> samples;
+  std::optional<json> finished;
+  int progress = 0;
+  coordinator_.on("samples", [&](auto&, const orders::Frame& frame) {
+    for (const auto& sample : samples_of(frame.bytes)) samples.push_back(sample);
+  });
+  coordinator_.on("progress", [&](auto&, auto&) {
+    ++progress;
+    EXPECT_TRUE(samples.empty());
+  });
+  coordinator_.on("finished", [&](auto&, const orders::Frame& frame) { finished = frame.message; });
+  client.order("go");
+  coordinator_.until([&] { return finished.has_value(); });
+  EXPECT_GT(progress, 0);
+  EXPECT_EQ(counters_of(finished->at("counters")).sent, samples.size());
+  EXPECT_EQ(finished->at("waited_bytes"), samples.size() * sizeof(roundtrip::Sample));
+  for (std::size_t i = 0; i < samples.size(); ++i) EXPECT_EQ(samples[i].index, i);
+}
+
 TEST_F(Agent, SendsNothingBetweenReadyAndGo) {
   const int domain = some_domain();
   Hand server(coordinator_, "server", command(), sample_layout()),

@@ -355,18 +355,21 @@ TEST_F(ScenarioFile, FaultsOfTheLinkAreSaid) {
 }
 
 TEST_F(ScenarioFile, HostsSayHowTheyAreReachedAndWhereTheEndLives) {
-  const auto hosts = read(
-                         "hosts:\n"
-                         "  controller: {place: [ip, netns, exec, left], interface: eth1}\n"
-                         "  component: {reach: [ssh, robot], place: [], program: /opt/ontime/bin/ontime, "
-                         "interface: eth2, address: 10.0.0.2}\n"
-                         "runs: [{id: a, transport: udp}]\n")
-                         .hosts;
+  const auto hosts =
+      read(
+          "hosts:\n"
+          "  controller: {place: [ip, netns, exec, left], interface: eth1}\n"
+          "  component: {ssh: me@robot, reach: [sudo, -n], place: [], program: /opt/ontime/bin/ontime, "
+          "interface: eth2, address: 10.0.0.2}\n"
+          "runs: [{id: a, transport: udp}]\n")
+          .hosts;
   EXPECT_EQ(hosts.kind, Hosts::Kind::stated);
   EXPECT_THAT(hosts.controller.reach, testing::IsEmpty());
   EXPECT_THAT(hosts.controller.place, ElementsAre("ip", "netns", "exec", "left"));
   EXPECT_EQ(hosts.controller.program, "");
-  EXPECT_THAT(hosts.component.reach, ElementsAre("ssh", "robot"));
+  EXPECT_EQ(hosts.controller.ssh, "");
+  EXPECT_EQ(hosts.component.ssh, "me@robot");
+  EXPECT_THAT(hosts.component.reach, ElementsAre("sudo", "-n"));
   EXPECT_THAT(hosts.component.place, testing::IsEmpty());
   EXPECT_EQ(hosts.component.program, "/opt/ontime/bin/ontime");
   EXPECT_EQ(hosts.component.interface, "eth2");
@@ -378,10 +381,12 @@ TEST_F(ScenarioFile, HostsAreRefusedInWords) {
     return error("hosts: {component: {address: 1.2.3.4, " + host + "}}\nruns: [{id: a, transport: udp}]\n");
   };
   EXPECT_THAT(with("prefix: ip netns exec robot"),
-              testing::AllOf(HasSubstr(":1:39: prefix"), HasSubstr("reach: [ssh, robot]"),
+              testing::AllOf(HasSubstr(":1:39: prefix"), HasSubstr("ssh: robot"),
                              HasSubstr("place: [ip, netns, exec, robot]")));
   EXPECT_THAT(with("reach: ssh robot"), testing::AllOf(HasSubstr("reach: a list of words"),
-                                                       HasSubstr("[ssh, robot]"), HasSubstr("as a program")));
+                                                       HasSubstr("[sudo, -n]"), HasSubstr("as a program")));
+  for (const auto* odd : {"-oProxyCommand=x", "me at robot", "\"robot\\n\""})
+    EXPECT_THAT(with(std::string("ssh: ") + odd), HasSubstr("is nothing that ssh connects to")) << odd;
   EXPECT_THAT(with("reach: ssh"), HasSubstr("reach: a list of words"));
   EXPECT_THAT(with("place: [ip, '']"), HasSubstr("place: a value is needed"));
   EXPECT_THAT(with("place: [ip, [netns]]"), HasSubstr("place: a value is needed"));
@@ -389,7 +394,7 @@ TEST_F(ScenarioFile, HostsAreRefusedInWords) {
   EXPECT_THAT(with("interface: a-name-too-long-for-linux"),
               HasSubstr("interface: 'a-name-too-long-for-linux'"));
   EXPECT_THAT(with("interface: ../x"), HasSubstr("interface: '../x'"));
-  EXPECT_THAT(with("wat: x"), HasSubstr("a host has reach, place, program, interface, address"));
+  EXPECT_THAT(with("wat: x"), HasSubstr("a host has ssh, reach, place, program, interface, address"));
   EXPECT_THAT(with("reach: [a], reach: [b]"), HasSubstr("'reach' is there twice"));
 }
 

@@ -162,6 +162,12 @@ TEST(ActivityBetween, IsAlwaysAShareOrNothing) {
   }
 }
 
+TEST(Interfaces, AreFoundByTheirAddresses) {
+  EXPECT_EQ(interface_with("127.0.0.1"), "lo");
+  EXPECT_EQ(interface_with("192.0.2.77"), std::nullopt);
+  EXPECT_EQ(interface_with("nonsense"), std::nullopt);
+}
+
 TEST(Interfaces, LoopbackIsOneAndNoNameComesTwice) {
   auto all = interfaces();
   const auto loopback =

@@ -92,6 +92,23 @@ TEST(Decoder, RefusesWhatIsNoFrame) {
       frame_of(std::vector<std::uint8_t>(1'000'000, 0x81), 1'000'000));  // a million arrays in one another
 }
 
+TEST(Decoder, TellsTheTextThatLiesThereInPlaceOfAFrame) {
+  const auto text_of = [](const std::vector<std::uint8_t>& bytes) {
+    Decoder decoder;
+    decoder.add(bytes);
+    return decoder.text();
+  };
+  const auto frame = frame_of(json::to_cbor({{"event", "hello"}}), 14);
+  std::string welcome = "Grüezi!\n\tTwo lines\n";
+  std::vector<std::uint8_t> bytes(welcome.begin(), welcome.end());
+  EXPECT_EQ(text_of(bytes), "Gr??ezi!\n\tTwo lines");
+  bytes.insert(bytes.end(), frame.begin(), frame.end());
+  EXPECT_THAT(text_of(bytes), testing::StartsWith("Gr??ezi!\n\tTwo lines"));
+  EXPECT_EQ(text_of(frame), "");
+  EXPECT_EQ(text_of({frame.begin(), frame.begin() + 3}), "");
+  EXPECT_EQ(text_of({}), "");
+}
+
 // ── A coordinator and its workers ──
 
 constexpr int chatter = 2'000;
@@ -173,7 +190,7 @@ TEST_F(CoordinatorTest, SaysWhyAWorkerFailedOrIsGone) {
   EXPECT_THAT(failure([&] { Coordinator::Hand(coordinator_, "the worker", {"false"}, "s"); }),
               HasSubstr("exit code 1"));
   EXPECT_THAT(failure([&] { Coordinator::Hand(coordinator_, "the worker", {"yes"}, "s"); }),
-              HasSubstr("does not speak ontime's orders"));
+              HasSubstr("does not speak ontime's orders; it said: y"));
 }
 
 TEST_F(CoordinatorTest, AWorkerOfAnotherBuildIsRefused) {

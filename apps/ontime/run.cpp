@@ -152,6 +152,8 @@ void add_run(CLI::App& app, Action& action) {
       ->type_name("NAME,...");
   command->add_option("--duration", arguments->duration, "of each run, instead of the scenario's")
       ->type_name("TIME");
+  command->add_flag("--deploy", arguments->selection.deploy,
+                    "bring this program to hosts that are reached by ssh, for the time of the run");
   command->add_option("--results", arguments->results, "add to this results file (default: a new one here)")
       ->type_name("FILE")
       ->check(given);

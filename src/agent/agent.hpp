@@ -4,13 +4,17 @@
 // middlewares never meet in it; what belongs to the machine is its keeper's.
 //
 //   order              answer
-//   open  {task}       opened {transport, refusals}
+//   open  {task, ssh}  opened {transport, refusals, ssh_link}
 //   start {wait_ns}    ready {}: a client has matched and warmed up, and sends nothing any more
 //   begin {}           begun {}: "during the run" is from here on; nothing of ours reads /proc until `end`
 //   go    {}           a client: progress {counters}, peer {readers, writers, at_ns}, samples {} with their
-//                      bytes, until finished {counters}
+//                      bytes, until finished {counters, waited_bytes}
 //   stop  {}           none; a client's `finished` comes the sooner
 //   end   {}           ended {threads, refusals, facts, losses, drops, link, shared_memory, answered}
+//
+// `ssh` (else false) says whether events go out by ssh. Then ssh_link is {interface, shared}: over which
+// interface here (null: cannot be told), and whether the messages take it as well, or may. Where they do,
+// samples wait for the end (waited_bytes of them), lest they disturb what they tell of.
 #pragma once
 
 #include <chrono>

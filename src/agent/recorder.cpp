@@ -1,7 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "agent/recorder.hpp"
 
+#include <algorithm>
 #include <chrono>
+#include <utility>
 
 #include <pthread.h>
 #include <sched.h>
@@ -16,17 +18,23 @@ using namespace std::chrono_literals;
 constexpr auto look = 500ms;
 constexpr int light = 10;             // of niceness, a tenth of an ordinary thread's weight
 constexpr std::size_t at_once = 512;  // 40 kB: less than a pipe holds
+constexpr std::size_t most_waiting_bytes = std::size_t{1} << 30;  // of a day and a half at 100 Hz
 
 }  // namespace
 
-Recorder::Recorder(roundtrip::Client& client, orders::Events& events, roundtrip::Schedule schedule)
+Recorder::Recorder(roundtrip::Client& client, orders::Events& events, roundtrip::Schedule schedule,
+                   Waiting waiting)
     : client_(client),
       events_(events),
       patience_(schedule == roundtrip::Schedule::back_to_back ? client.capacity() / 2 : 0),
       batch_(at_once),
+      waiting_(waiting == Waiting::for_the_end ? std::tmpfile() : nullptr, std::fclose),
       thread_([this] { record(); }) {}
 
-Recorder::~Recorder() {
+Recorder::~Recorder() { finish(); }
+
+std::size_t Recorder::finish() {
+  if (!thread_.joinable()) return waited_bytes_;
   {
     const std::lock_guard lock(mutex_);
     over_ = true;
@@ -35,8 +43,10 @@ Recorder::~Recorder() {
   thread_.join();
   try {
     while (hand_over()) continue;
+    hand_over_what_waited();
   } catch (const orders::Broken&) {  // whoever reads orders will find so
   }
+  return waited_bytes_;
 }
 
 void Recorder::record() {
@@ -61,9 +71,36 @@ void Recorder::record() {
 bool Recorder::hand_over() {
   const auto count = client_.drain(batch_);
   if (count == 0) return false;
-  events_.tell("samples", nlohmann::json::object(),
-               {reinterpret_cast<const std::uint8_t*>(batch_.data()), count * sizeof(roundtrip::Sample)});
+  const std::span bytes{reinterpret_cast<const std::uint8_t*>(batch_.data()),
+                        count * sizeof(roundtrip::Sample)};
+  if (keep(bytes)) return true;
+  hand_over_what_waited();  // first, so that the order stays
+  events_.tell("samples", nlohmann::json::object(), bytes);
   return true;
+}
+
+bool Recorder::keep(std::span<const std::uint8_t> bytes) {
+  if (!waiting_ || waited_bytes_ + bytes.size() > most_waiting_bytes) return false;
+  const auto whole =
+      static_cast<long>(waited_bytes_);  // what a full disk let in beyond it counts as not there
+  if (std::fseek(waiting_.get(), whole, SEEK_SET) != 0 ||
+      std::fwrite(bytes.data(), bytes.size(), 1, waiting_.get()) != 1 || std::fflush(waiting_.get()) != 0)
+    return false;
+  waited_bytes_ += bytes.size();
+  return true;
+}
+
+void Recorder::hand_over_what_waited() {
+  const auto file = std::exchange(waiting_, File(nullptr, std::fclose));
+  if (!file) return;
+  std::rewind(file.get());
+  std::vector<std::uint8_t> bytes(at_once * sizeof(roundtrip::Sample));
+  for (auto left = waited_bytes_; left > 0;) {
+    const auto count = std::fread(bytes.data(), 1, std::min(left, bytes.size()), file.get());
+    if (count == 0) return;
+    events_.tell("samples", nlohmann::json::object(), {bytes.data(), count});
+    left -= count;
+  }
 }
 
 }  // namespace ontime::agent

@@ -3,11 +3,16 @@
 // a tenth of others, looks twice a second, and sends nothing that may as well wait. A schedule with a
 // period hands over what half a second brought, so that a killed agent takes no more with it; back-to-back,
 // whose samples come as fast as they can and are felt by what they measure, only when the ring is half full.
+// Where they would go over the very link that is measured they wait in a file without a name, all of them
+// that it has room for.
 #pragma once
 
 #include <atomic>
 #include <condition_variable>
+#include <cstdio>
+#include <memory>
 #include <mutex>
+#include <span>
 #include <thread>
 #include <vector>
 
@@ -18,19 +23,28 @@ namespace ontime::agent {
 
 class Recorder {
  public:
-  Recorder(roundtrip::Client&, orders::Events&, roundtrip::Schedule);
-  ~Recorder();  // hands the rest over
+  enum class Waiting { no, for_the_end };
+  Recorder(roundtrip::Client&, orders::Events&, roundtrip::Schedule, Waiting);
+  ~Recorder();
   Recorder(const Recorder&) = delete;
   Recorder& operator=(const Recorder&) = delete;
 
+  // Hands the rest over; no more is recorded. Returns how many bytes of samples had waited.
+  std::size_t finish();
+
  private:
+  using File = std::unique_ptr<std::FILE, int (*)(std::FILE*)>;
   void record();
   bool hand_over();  // a little of it; false if there was nothing
+  bool keep(std::span<const std::uint8_t>);
+  void hand_over_what_waited();
 
   roundtrip::Client& client_;
   orders::Events& events_;
   const std::size_t patience_;  // so many samples may wait
   std::vector<roundtrip::Sample> batch_;
+  File waiting_;  // nothing: they do not wait, or no more
+  std::size_t waited_bytes_ = 0;
   std::mutex mutex_;
   std::condition_variable wake_;
   std::atomic<bool> over_{false};

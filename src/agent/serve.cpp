@@ -2,7 +2,9 @@
 // The agent itself: one thread, ordinary, which turns orders into the rooms' doings and reports what comes of
 // them.
 #include <algorithm>
+#include <cstdlib>
 #include <memory>
+#include <sstream>
 
 #include <fmt/format.h>
 #include <sched.h>
@@ -23,6 +25,18 @@ using Clock = std::chrono::steady_clock;
 
 constexpr auto progress_period = 1s;
 
+// By what sshd says of its connection: its client's address and port, and its own.
+json ssh_link(const std::string& under_test) {
+  // NOLINTNEXTLINE(concurrency-mt-unsafe): nothing here sets the environment
+  const char* connection = std::getenv("SSH_CONNECTION");
+  std::istringstream words(connection != nullptr ? connection : "");
+  std::string client, client_port, address;
+  words >> client >> client_port >> address;
+  const auto interface = address.empty() ? std::nullopt : machine::interface_with(address);
+  const bool apart = interface && !under_test.empty() && *interface != under_test;
+  return {{"interface", interface ? json(*interface) : json()}, {"shared", !apart}};
+}
+
 class Agent final : public orders::Worker {
  public:
   explicit Agent(orders::Events& events) : events_(events) {}
@@ -30,7 +44,10 @@ class Agent final : public orders::Worker {
   void obey(const std::string& order, const json& body) override {
     if (order == "open") {
       end_ = std::make_unique<End>(body.at("task").get<Task>());
-      return events_.tell("opened", end_->opened());
+      auto opened = end_->opened();
+      opened["ssh_link"] = body.value("ssh", false) ? ssh_link(end_->task().config.interface) : json();
+      shares_link_ = !opened.at("ssh_link").is_null() && opened.at("ssh_link").at("shared");
+      return events_.tell("opened", std::move(opened));
     }
     if (!end_) throw Error(3, "the order '" + order + "' came before 'open'");
     if (order == "start")
@@ -121,7 +138,9 @@ class Agent final : public orders::Worker {
 
   void go() {
     auto& client = *end_->client();
-    recorder_ = std::make_unique<Recorder>(client, events_, end_->task().client.schedule);
+    recorder_ =
+        std::make_unique<Recorder>(client, events_, end_->task().client.schedule,
+                                   shares_link_ ? Recorder::Waiting::for_the_end : Recorder::Waiting::no);
     peers_ = {.readers = 1, .writers = 1};
     next_progress_ = Clock::now() + progress_period;
     finish_ = Clock::now() + end_->task().client.duration;
@@ -163,8 +182,9 @@ class Agent final : public orders::Worker {
 
   void finish() {
     stage_ = Stage::idle;
+    const auto waited = recorder_ ? recorder_->finish() : 0;
     recorder_.reset();
-    events_.tell("finished", {{"counters", to_json(end_->client()->counters())}});
+    events_.tell("finished", {{"counters", to_json(end_->client()->counters())}, {"waited_bytes", waited}});
   }
 
   static double seconds(std::chrono::nanoseconds time) { return std::chrono::duration<double>(time).count(); }
@@ -173,6 +193,7 @@ class Agent final : public orders::Worker {
   std::unique_ptr<End> end_;
   std::unique_ptr<Recorder> recorder_;  // before the end whose samples it hands over
   Stage stage_ = Stage::idle;
+  bool shares_link_ = false;
   std::chrono::nanoseconds wait_{0};
   transport::Matched peers_;
   Clock::time_point until_, next_progress_, finish_;

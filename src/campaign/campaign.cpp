@@ -223,7 +223,7 @@ int ping(const Run& run, std::chrono::nanoseconds wait, record::Writer& writer, 
          Interrupts& interrupts, const json& command_line) {
   Suite suite(writer, observer, interrupts);
   try {
-    const Hosts alone{Hosts::Kind::alone, {}, {}};
+    const Hosts alone{Hosts::Kind::alone, {}, {}, {}};
     suite.prepare(alone);
     observer.begins(run);
     auto record = asked(run, alone);
@@ -239,7 +239,7 @@ int ping(const Run& run, std::chrono::nanoseconds wait, record::Writer& writer, 
 int pong(const Run& run, Interrupts& interrupts, const std::function<void(const json&)>& told, json& closed) {
   orders::Coordinator coordinator(interrupts);
   try {
-    orders::Coordinator::Hand agent(coordinator, "the agent", command_in_place({}, "agent"),
+    orders::Coordinator::Hand agent(coordinator, "the agent", {orders::this_program(), "agent"},
                                     agent::sample_layout());
     auto task = server_task(run, Host{});
     if (run.task.config.max_payload_bytes == 0) task.config.max_payload_bytes = pong_max_payload_bytes;

@@ -7,6 +7,7 @@
 #include <chrono>
 #include <functional>
 #include <optional>
+#include <set>
 #include <string>
 #include <vector>
 
@@ -93,11 +94,13 @@ void set_option(Run&, const std::string& path, const std::string& value);
 // What only the whole of a run can tell: fills in what follows from other keys. Throws std::invalid_argument.
 void complete(Run&);
 
-// Where the two ends are. `reach` and `place` are words put before a command, which run as a program here.
+// Where the two ends are. `reach` and `place` are words put before a command, which run as a program, on this
+// machine or, where there is `ssh`, on that one.
 struct Host {
-  std::vector<std::string> reach;  // how to reach the machine: {"ssh", "robot"}; nothing: this one
+  std::string ssh;                 // what OpenSSH's client is told to connect to: "robot", "user@host"
+  std::vector<std::string> reach;  // how to reach the machine: {"sudo", "-n"}; nothing: as it is
   std::vector<std::string> place;  // where on it the end lives: {"ip", "netns", "exec", "left"}
-  std::string program;             // ontime on that machine; empty: by this program's own path
+  std::string program;             // ontime on that machine; empty: as it is called here, or there by ssh
   std::string interface;
   std::string address;
 };
@@ -105,6 +108,8 @@ struct Hosts {
   // alone: the controller only, on this machine; somebody else serves
   enum class Kind { namespaces, loopback, stated, alone } kind = Kind::namespaces;
   Host controller, component;  // filled in for `stated`
+  // Brought to hosts that are reached by ssh: this program, with these transports. Nothing: it is there.
+  std::optional<std::set<std::string>> deploy;
 };
 nlohmann::json asked(const Run&, const Hosts&);  // the record's form of a run
 
@@ -128,6 +133,7 @@ struct Selection {
   std::vector<std::string> only;        // ids; empty: all
   std::vector<std::string> transports;  // instead of those that the file states
   std::optional<std::chrono::nanoseconds> duration;
+  bool deploy = false;
 };
 // Throws Error{2} with file, line and column. What is too much to be read or carried out is refused as well.
 Scenario read_scenario(const std::string& file, const Selection&);

@@ -2,10 +2,12 @@
 #include "campaign/machines.hpp"
 
 #include <algorithm>
+#include <tuple>
 #include <utility>
 
 #include <fmt/format.h>
 
+#include "campaign/deploy.hpp"
 #include "campaign/kernel.hpp"
 #include "campaign/traffic.hpp"
 #include "keeper/keeper.hpp"
@@ -29,27 +31,35 @@ std::optional<std::string> network_namespace(const Host& host) {
 }
 
 Host host_of(const json& from) {
-  return {{}, from.at("place"), {}, from.at("interface"), from.at("address")};
+  return {{}, {}, from.at("place"), {}, from.at("interface"), from.at("address")};
 }
 
-std::vector<std::string> command(std::vector<std::string> words, const Host& host,
-                                 const std::string& subcommand) {
-  words.push_back(host.program.empty() ? orders::this_program() : host.program);
-  words.push_back(subcommand);
+std::string program_of(const Host& host) {
+  if (!host.program.empty()) return host.program;
+  return host.ssh.empty() ? orders::this_program() : "ontime";
+}
+
+std::vector<std::string> keeper_command(const Host& host) {
+  auto words = host.reach;
+  words.insert(words.end(), {program_of(host), "keeper"});
+  return words;
+}
+
+std::vector<std::string> agent_command(const Host& host) {
+  auto words = host.reach;
+  words.insert(words.end(), host.place.begin(), host.place.end());
+  words.insert(words.end(), {program_of(host), "agent"});
+  return words;
+}
+
+// How a machine is reached, by which it is told from others.
+std::vector<std::string> way_to(const Host& host) {
+  auto words = host.reach;
+  words.insert(words.begin(), host.ssh);
   return words;
 }
 
 }  // namespace
-
-std::vector<std::string> command_on_machine(const Host& host, const std::string& subcommand) {
-  return command(host.reach, host, subcommand);
-}
-
-std::vector<std::string> command_in_place(const Host& host, const std::string& subcommand) {
-  auto words = host.reach;
-  words.insert(words.end(), host.place.begin(), host.place.end());
-  return command(std::move(words), host, subcommand);
-}
 
 Machines::Machines(orders::Coordinator& coordinator, Observer& observer)
     : coordinator_(coordinator), observer_(observer) {}
@@ -64,12 +74,15 @@ void Machines::prepare(const Hosts& stated) {
     hosts_.kind = Hosts::Kind::loopback;
   }
   if (hosts_.kind == Hosts::Kind::loopback)
-    hosts_.controller = hosts_.component = {{}, {}, {}, "lo", "127.0.0.1"};
+    hosts_.controller = hosts_.component = {{}, {}, {}, {}, "lo", "127.0.0.1"};
   add(controller, hosts_.controller);
   if (hosts_.kind != Hosts::Kind::alone) add(component, hosts_.component);
   for (auto& [reach, machine] : machines_) {
     const auto opened = ask(machine, "open", "opened");
     machine.description = opened.at("machine");
+    if (machine.ssh && hosts_.deploy)
+      for (const auto& host : machine.hosts)
+        (host == controller ? hosts_.controller : hosts_.component).program = opened.at("program");
     tell(opened.at("notes"));
   }
   if (hosts_.kind != Hosts::Kind::namespaces) return;
@@ -79,11 +92,31 @@ void Machines::prepare(const Hosts& stated) {
 }
 
 void Machines::add(const std::string& host, const Host& where) {
-  auto& machine = machines_[where.reach];
+  auto& machine = machines_[way_to(where)];
   machine.hosts.push_back(host);
   if (machine.keeper) return;
-  machine.keeper = std::make_unique<orders::Coordinator::Hand>(
-      coordinator_, "the keeper of the " + host + "'s machine", command_on_machine(where, "keeper"), "");
+  const auto name = "the keeper of the " + host + "'s machine";
+  auto command = keeper_command(where);
+  orders::Between between;
+  if (!where.ssh.empty()) {
+    machine.ssh = std::make_unique<Ssh>(where.ssh);
+    command = machine.ssh->first(command);
+    between = machine.ssh->between(program_of(where));
+    if (hosts_.deploy) std::tie(command, between) = deployment(*machine.ssh, where.reach, *hosts_.deploy);
+  }
+  machine.keeper = std::make_unique<Hand>(coordinator_, name, command, "", std::move(between));
+}
+
+std::unique_ptr<Machines::Hand> Machines::start_agent(const std::string& host) const {
+  const auto& where = host == controller ? hosts_.controller : hosts_.component;
+  const auto name = "the agent of the " + host;
+  auto command = agent_command(where);
+  orders::Between between;
+  if (const auto& ssh = machine_of(host).ssh) {
+    command = ssh->another(command);
+    between = ssh->between(program_of(where));
+  }
+  return std::make_unique<Hand>(coordinator_, name, command, agent::sample_layout(), std::move(between));
 }
 
 const Machines::Machine& Machines::machine_of(const std::string& host) const {

@@ -7,11 +7,14 @@
 #include <set>
 
 #include "campaign/campaign.hpp"
+#include "campaign/ssh.hpp"
 
 namespace ontime::campaign {
 
 class Machines {
  public:
+  using Hand = orders::Coordinator::Hand;
+
   Machines(orders::Coordinator&, Observer&);
 
   // Starts a keeper on each machine that the hosts are on, has what earlier ontimes left there given back,
@@ -21,6 +24,10 @@ class Machines {
   const Hosts& hosts() const { return hosts_; }
   const nlohmann::json& machine(const std::string& host) const { return machine_of(host).description; }
   bool lost() const;  // whether a keeper is
+
+  bool by_ssh(const std::string& host) const { return machine_of(host).ssh != nullptr; }
+  // An agent where that host's end lives. Throws Error.
+  std::unique_ptr<Hand> start_agent(const std::string& host) const;
 
   // Throws Error for a fault of the link that cannot be had here, by its name.
   void check(const Run&);
@@ -43,7 +50,8 @@ class Machines {
 
  private:
   struct Machine {
-    std::unique_ptr<orders::Coordinator::Hand> keeper;
+    std::unique_ptr<Ssh> ssh;  // longer than all that is started by it
+    std::unique_ptr<Hand> keeper;
     nlohmann::json description;
     std::vector<std::string> hosts;
   };
@@ -66,9 +74,5 @@ class Machines {
 
 // Longer than anything takes on a machine under full load; only a hang lasts so long.
 inline constexpr std::chrono::seconds patience{120};
-
-// How a worker on that host is started: a keeper on its machine, an agent where the end lives.
-std::vector<std::string> command_on_machine(const Host&, const std::string& subcommand);
-std::vector<std::string> command_in_place(const Host&, const std::string& subcommand);
 
 }  // namespace ontime::campaign

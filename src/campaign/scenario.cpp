@@ -65,6 +65,7 @@ class File {
     for (const auto& run : *runs) read_run(run, defaults);
     check_only();
     if (repeat) read_repeat(*repeat);
+    if (selection_.deploy) deploy();
     return std::move(scenario_);
   }
 
@@ -166,14 +167,16 @@ class File {
   }
 
   Host read_host(const YAML::Node& node) const {
-    const std::string keys = "a host has reach, place, program, interface, address";
+    const std::string keys = "a host has ssh, reach, place, program, interface, address";
     if (!node.IsMap()) fail(node, keys);
     once_each(node);
     Host host;
     for (const auto& entry : node) {
       const auto key = entry.first.Scalar();
       const auto& value = entry.second;
-      if (key == "reach")
+      if (key == "ssh")
+        host.ssh = read_destination(value);
+      else if (key == "reach")
         host.reach = read_words(value, key);
       else if (key == "place")
         host.place = read_words(value, key);
@@ -185,7 +188,7 @@ class File {
         host.address = scalar(value, key);
       else if (key == "prefix")
         fail(entry.first,
-             "prefix is no more; say how to reach the machine, such as reach: [ssh, robot], and where on it "
+             "prefix is no more; say how to reach the machine, such as ssh: robot, and where on it "
              "the "
              "end lives, such as place: [ip, netns, exec, robot]");
       else
@@ -194,11 +197,22 @@ class File {
     return host;
   }
 
+  std::string read_destination(const YAML::Node& node) const {
+    auto destination = scalar(node, "ssh");
+    const auto odd = [](unsigned char c) { return c <= ' ' || c == 0x7f; };
+    if (destination[0] == '-' || std::any_of(destination.begin(), destination.end(), odd))
+      fail(node,
+           fmt::format("ssh: '{}' is nothing that ssh connects to; say what you would type after \"ssh\": "
+                       "robot, user@host, ssh://user@host:port",
+                       destination));
+    return destination;
+  }
+
   // What becomes a command is a list, so that nobody has to guess where a blank divides it.
   std::vector<std::string> read_words(const YAML::Node& node, const std::string& key) const {
     if (!node.IsSequence())
-      fail(node, fmt::format("{}: a list of words is needed, such as {}; they run as a program here", key,
-                             key == "reach" ? "[ssh, robot]" : "[ip, netns, exec, robot]"));
+      fail(node, fmt::format("{}: a list of words is needed, such as {}; they run as a program", key,
+                             key == "reach" ? "[sudo, -n]" : "[ip, netns, exec, robot]"));
     std::vector<std::string> words;
     for (const auto& word : node) words.push_back(scalar(word, key));
     return words;
@@ -210,6 +224,19 @@ class File {
       fail(node, fmt::format("interface: '{}' is no name that a network interface can have; see \"ip link\"",
                              name));
     return name;
+  }
+
+  void deploy() {
+    auto& hosts = scenario_.hosts;
+    if (hosts.controller.ssh.empty() && hosts.component.ssh.empty())
+      throw Error(2,
+                  fmt::format("--deploy brings ontime to hosts that are reached by ssh, and in {} there is "
+                              "none (hosts: component: {{ssh: user@host …}})",
+                              scenario_.file));
+    hosts.deploy.emplace();
+    for (const auto& run : scenario_.runs)
+      hosts.deploy->insert({run.task.transport,
+                            run.component_transport.empty() ? run.task.transport : run.component_transport});
   }
 
   bool read_order(const YAML::Node& node) const {

@@ -66,6 +66,7 @@ Session::Session(const Run& run, std::int64_t number, orders::Coordinator& coord
   using orders::Frame;
   coordinator_.on("samples", [this](Hand&, const Frame& frame) {
     writer_.append(number_, agent::samples_of(frame.bytes));
+    sampled_ = Clock::now();
   });
   coordinator_.on("progress", [this](Hand&, const Frame& frame) {
     observer_.progress(
@@ -74,8 +75,16 @@ Session::Session(const Run& run, std::int64_t number, orders::Coordinator& coord
   });
   coordinator_.on("cut", [this](Hand&, const Frame& frame) { note_cut(frame.message); });
   coordinator_.on("peer", [this](Hand&, const Frame& frame) { note_peers(frame.message); });
-  coordinator_.on("finished",
-                  [this](Hand&, const Frame& frame) { finished_ = frame.message.at("counters"); });
+  coordinator_.on("finished", [this](Hand&, const Frame& frame) {
+    finished_ = frame.message.at("counters");
+    if (const std::uint64_t bytes = frame.message.at("waited_bytes"); bytes > 0)
+      writer_.note(number_, {"samples-waited",
+                             fmt::format("{:.1f} kB of samples waited at the controller for the end, because "
+                                         "ssh may take the link under test",
+                                         static_cast<double>(bytes) / 1e3),
+                             {},
+                             {}});
+  });
 }
 
 Session::~Session() {
@@ -107,14 +116,13 @@ void Session::note_cut(const json& event) {
                {"link-back", "the link was back", at_ns + std::chrono::nanoseconds(length).count(), {}});
 }
 
-Session::End Session::open(const std::string& host, const Host& where, const agent::Task& task) {
-  End end{host,
-          std::make_unique<Hand>(coordinator_, "the agent of the " + host, command_in_place(where, "agent"),
-                                 agent::sample_layout()),
-          {},
-          {}};
-  end.agent->order("open", {{"task", task}});
+Session::End Session::open(const std::string& host, const agent::Task& task) {
+  End end{host, machines_.start_agent(host), {}, {}};
+  const bool by_ssh = machines_.by_ssh(host);
+  end.agent->order("open", {{"task", task}, {"ssh", by_ssh}});
   end.opened = coordinator_.await(*end.agent, "opened", patience);
+  if (const auto text = note_of_ssh_link(host, end.opened.at("ssh_link")); !text.empty())
+    writer_.note(number_, {"ssh-link", text, {}, {}});
   return end;
 }
 
@@ -131,9 +139,9 @@ json Session::measure(std::chrono::nanoseconds wait) {
   std::optional<Host> served;
   if (hosts.kind != Hosts::Kind::alone) {
     served = hosts.component;
-    component_ = open("component", hosts.component, server_task(run_, hosts.component));
+    component_ = open("component", server_task(run_, hosts.component));
   }
-  controller_ = open("controller", hosts.controller, client_task(run_, hosts.controller, served));
+  controller_ = open("controller", client_task(run_, hosts.controller, served));
   machines_.load(run_);
 
   const auto warm_up = run_.task.client.period * static_cast<std::int64_t>(run_.task.client.warm_up);
@@ -164,7 +172,7 @@ void Session::finish(std::chrono::nanoseconds longest) {
           stopped_ = true;
           controller_->agent->order("stop");
         }
-        if (!finished_ && Clock::now() > until)
+        if (!finished_ && Clock::now() > std::max(until, sampled_ + patience))
           throw Error(3, "the agent of the controller did not finish, long after its time was over");
         return finished_.has_value();
       },
@@ -188,6 +196,7 @@ json Session::outcome() {
     host["transport"] = end->opened.at("transport");
     host["transport"]["facts"] = host.at("facts");
     host.erase("facts");
+    host["ssh_link"] = end->opened.at("ssh_link");
     host["load_running"] = account.load_running.at(end->host);
     const auto& counted = account.links.at(end->host);
     if (!host.at("link").is_null() && !counted.is_null()) host.at("link").update(counted);

@@ -30,7 +30,7 @@ class Session {
     std::unique_ptr<Hand> agent;
     nlohmann::json opened, ended;
   };
-  End open(const std::string& host, const Host&, const agent::Task&);
+  End open(const std::string& host, const agent::Task&);
   std::vector<End*> ends();
   void finish(std::chrono::nanoseconds patience);
   nlohmann::json outcome();
@@ -45,8 +45,8 @@ class Session {
   Observer& observer_;
   Interrupts& interrupts_;
   std::optional<End> controller_, component_;
-  std::chrono::steady_clock::time_point started_;
-  int pongs_ = 1;  // that answer
+  std::chrono::steady_clock::time_point started_, sampled_;  // sampled_: when samples came last
+  int pongs_ = 1;                                            // that answer
   bool measuring_ = false, stopped_ = false;
   std::optional<nlohmann::json> finished_;
 };

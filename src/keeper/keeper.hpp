@@ -4,7 +4,8 @@
 // back what it changed however it ends.
 //
 //   order                 answer
-//   open   {}             opened {machine, notes}: what it is; what was given back of earlier ontimes
+//   open   {}             opened {machine, notes, program}: what it is, what was given back of earlier
+//                         ontimes, where this program lies
 //   join   {}             joined {controller, component}: two namespaces, each {place, interface, address}
 //   tune   {host, link, wishes}  tuned {settings} of a host, all of them applied, until restore; or {error},
 //                         and nothing is changed

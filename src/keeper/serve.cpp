@@ -31,7 +31,8 @@ class Keeper final : public orders::Worker {
   void obey(const std::string& order, const json& body) override {
     if (order == "open") {
       const auto notes = journal::revert_abandoned(kinds());
-      events_.tell("opened", {{"machine", machine::describe()}, {"notes", notes}});
+      events_.tell("opened",
+                   {{"machine", machine::describe()}, {"notes", notes}, {"program", orders::this_program()}});
     } else if (order == "join") {
       const auto pair = machine::join_namespaces(journal_);
       events_.tell("joined",

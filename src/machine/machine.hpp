@@ -53,6 +53,8 @@ struct Interface {
   bool loopback;
 };
 std::vector<Interface> interfaces();
+// The name of the one that has this address, of IPv4 or IPv6, as getnameinfo() writes it.
+std::optional<std::string> interface_with(const std::string& address);
 
 // What has gone over an interface of this process's network namespace since it came up, as the kernel counts
 // it: frames with all their headers, of everybody. Nothing if there is no such interface.

@@ -36,10 +36,10 @@ Coordinator::~Coordinator() {
 }
 
 Coordinator::Hand::Hand(Coordinator& coordinator, std::string name, const std::vector<std::string>& command,
-                        const std::string& samples)
+                        const std::string& samples, Between between)
     : coordinator_(coordinator),
       name_(std::move(name)),
-      process_(std::make_unique<Process>(name_, command)),
+      process_(std::make_unique<Process>(name_, command, std::move(between))),
       heard_(Clock::now()) {
   {
     const std::lock_guard lock(coordinator_.mutex_);
@@ -92,7 +92,7 @@ void Coordinator::listen(Hand& hand) {
       while (const auto frame = frames.take()) dispatch(hand, *frame);
     } catch (const Broken& broken) {
       lose(hand);
-      throw Error(3, fmt::format("{}: {}", hand.name_, broken.what()));
+      hand.process_->foreign(broken.what());
     } catch (const json::exception& error) {
       lose(hand);
       throw Error(3,

@@ -1,14 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "orders/frames.hpp"
 
-#include <array>
+#include <algorithm>
+#include <cctype>
 #include <cerrno>
 #include <cstring>
 #include <system_error>
 
 #include <fcntl.h>
 #include <poll.h>
-#include <sys/uio.h>
 #include <unistd.h>
 
 #include "orders/orders.hpp"
@@ -82,6 +82,19 @@ std::optional<Frame> Decoder::take() {
   return frame;
 }
 
+std::string Decoder::text() const {
+  constexpr std::size_t enough = 2000;
+  const auto first = buffer_.begin() + static_cast<std::ptrdiff_t>(begin_);
+  const auto limit = first + static_cast<std::ptrdiff_t>(std::min(buffer_.size() - begin_, enough));
+  const auto is_text = [](std::uint8_t c) { return (c >= ' ' && c != 0x7f) || std::isspace(c) != 0; };
+  std::string text(first, std::find_if_not(first, limit, is_text));
+  if (text.size() < sizeof(std::uint32_t)) return "";  // no length of a frame is so long that it is text
+  std::replace_if(
+      text.begin(), text.end(), [](char c) { return static_cast<unsigned char>(c) > 0x7f; }, '?');
+  text.erase(text.find_last_not_of(" \r\n") + 1);
+  return text;
+}
+
 Frames::Frames(int in, int out) : in_(in), out_(out) {
   for (const int fd : {in, out}) fcntl(fd, F_SETFL, fcntl(fd, F_GETFL) | O_NONBLOCK);
 }
@@ -93,8 +106,15 @@ void Frames::send(const nlohmann::json& message, std::span<const std::uint8_t> b
   const auto raw_bytes = static_cast<std::uint32_t>(bytes.size());
   std::memcpy(head.data(), &message_bytes, sizeof message_bytes);
   std::memcpy(head.data() + 4, &raw_bytes, sizeof raw_bytes);
-  std::array<iovec, 2> parts{iovec{head.data(), head.size()},
-                             iovec{const_cast<std::uint8_t*>(bytes.data()), bytes.size()}};
+  write({iovec{head.data(), head.size()}, iovec{const_cast<std::uint8_t*>(bytes.data()), bytes.size()}},
+        longest_silence);
+}
+
+void Frames::put(std::span<const std::uint8_t> bytes, std::chrono::milliseconds patience) {
+  write({iovec{const_cast<std::uint8_t*>(bytes.data()), bytes.size()}, iovec{}}, patience);
+}
+
+void Frames::write(Parts parts, std::chrono::milliseconds patience) {
   const std::lock_guard lock(sending_);
   for (std::size_t part = 0; part < parts.size();) {
     if (parts[part].iov_len == 0) {
@@ -104,7 +124,7 @@ void Frames::send(const nlohmann::json& message, std::span<const std::uint8_t> b
     auto written = writev(out_, &parts[part], static_cast<int>(parts.size() - part));
     if (written < 0 && errno == EAGAIN) {
       pollfd room{out_, POLLOUT, 0};
-      if (poll(&room, 1, std::chrono::milliseconds(longest_silence).count()) == 0)
+      if (poll(&room, 1, static_cast<int>(patience.count())) == 0)
         throw Broken("the other end of the pipe is stuck");
       continue;
     }

@@ -4,15 +4,18 @@
 // (likewise), the message in CBOR, the bytes.
 #pragma once
 
+#include <array>
 #include <chrono>
 #include <cstdint>
 #include <mutex>
 #include <optional>
 #include <span>
 #include <stdexcept>
+#include <string>
 #include <vector>
 
 #include <nlohmann/json.hpp>
+#include <sys/uio.h>
 
 namespace ontime::orders {
 
@@ -31,6 +34,9 @@ class Decoder {
   void add(std::span<const std::uint8_t> bytes) { buffer_.insert(buffer_.end(), bytes.begin(), bytes.end()); }
   // The next whole frame. Throws Broken for what is none.
   std::optional<Frame> take();
+  // What lies there and begins no frame, as far as it is text (a shell's complaint): lines of ASCII, not too
+  // many. Else nothing.
+  std::string text() const;
 
  private:
   std::vector<std::uint8_t> buffer_;
@@ -43,12 +49,18 @@ class Frames {
   Frames(int in, int out);
   // Any thread. Waits while the pipe is full, but no longer than `patience`: then the other end is stuck.
   void send(const nlohmann::json& message, std::span<const std::uint8_t> bytes = {});
+  // As they are, ahead of all frames: for what lies between us and the other end.
+  void put(std::span<const std::uint8_t> bytes, std::chrono::milliseconds patience);
   // One thread. Reads what is there now, without waiting; false if nothing was.
   bool fill();
   std::optional<Frame> take() { return decoder_.take(); }
+  std::string text() const { return decoder_.text(); }
   int in() const { return in_; }
 
  private:
+  using Parts = std::array<iovec, 2>;
+  void write(Parts parts, std::chrono::milliseconds patience);
+
   int in_, out_;
   std::mutex sending_;
   Decoder decoder_;

@@ -80,6 +80,14 @@ struct Interrupted {};  // more often than was tolerated
 // Counts a person's interruptions: once, to stop and keep; twice, to leave at once. Set by a signal handler.
 using Interrupts = std::atomic<int>;
 
+// What lies between a coordinator and a worker that is started by way of another program (a shell, ssh).
+struct Between {
+  std::vector<std::uint8_t> ahead;  // what that one reads before the worker reads its orders
+  // Why there is no worker, for people: by the exit code (-1: it was killed, or runs on) and by what was said
+  // in place of events ("": nothing). "" where that is not known.
+  std::function<std::string(int code, const std::string& said)> reason;
+};
+
 class Process;
 
 // One loop over all workers: every event is awaited, handled, or an error; nothing is thrown away.
@@ -94,7 +102,8 @@ class Coordinator {
   // it where it does not (after longest_silence; at once if it is silent).
   class Hand {
    public:
-    Hand(Coordinator&, std::string name, const std::vector<std::string>& command, const std::string& samples);
+    Hand(Coordinator&, std::string name, const std::vector<std::string>& command, const std::string& samples,
+         Between = {});
     ~Hand();
     Hand(const Hand&) = delete;
     Hand& operator=(const Hand&) = delete;

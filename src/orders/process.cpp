@@ -26,6 +26,8 @@ using namespace std::chrono_literals;
 constexpr int pipe_bytes =
     1 << 20;  // what a coordinator that is held up for a moment does not hold its workers up by
 
+constexpr auto patience_ahead = 60s;  // a slow link; before it a slow ssh
+
 std::string errno_text(int code) { return std::generic_category().message(code); }
 
 struct Pipe {
@@ -47,12 +49,19 @@ struct Pipe {
 
 std::string this_program() { return std::filesystem::read_symlink("/proc/self/exe").string(); }
 
-Process::Process(const std::string& name, const std::vector<std::string>& command)
-    : Process(name, fmt::format("{}", fmt::join(command, " ")), spawn(name, command)) {}
+Process::Process(const std::string& name, const std::vector<std::string>& command, Between between)
+    : Process(name, fmt::format("{}", fmt::join(command, " ")), std::move(between), spawn(name, command)) {
+  try {
+    frames_.put(between_.ahead, patience_ahead);
+  } catch (const Broken&) {
+    // What it said of that is read like all it says.
+  }
+}
 
-Process::Process(std::string name, std::string command, Spawned spawned)
+Process::Process(std::string name, std::string command, Between between, Spawned spawned)
     : name_(std::move(name)),
       command_(std::move(command)),
+      between_(std::move(between)),
       spawned_(spawned),
       frames_(spawned.out, spawned.in) {}
 
@@ -83,29 +92,49 @@ Process::Spawned Process::spawn(const std::string& name, const std::vector<std::
 Process::~Process() {
   close(spawned_.in);
   close(spawned_.out);
-  if (given_up_) kill(spawned_.pid, SIGKILL);
+  if (given_up_) kill(-spawned_.pid, SIGKILL);
   const auto patience = std::chrono::steady_clock::now() + longest_silence;
   while (waitpid(spawned_.pid, nullptr, WNOHANG) == 0) {
-    if (std::chrono::steady_clock::now() > patience) kill(spawned_.pid, SIGKILL);
+    if (std::chrono::steady_clock::now() > patience) kill(-spawned_.pid, SIGKILL);
     std::this_thread::sleep_for(5ms);
   }
 }
 
-void Process::gone() const {
+siginfo_t Process::wait_a_little() const {
   siginfo_t info{};
-  for (int tries = 0; tries < 200; ++tries) {
+  for (int tries = 0; tries < 200 && info.si_pid == 0; ++tries) {
+    if (tries > 0) std::this_thread::sleep_for(5ms);
     waitid(P_PID, static_cast<id_t>(spawned_.pid), &info, WEXITED | WNOHANG | WNOWAIT);
-    if (info.si_pid == spawned_.pid) break;
-    std::this_thread::sleep_for(5ms);
   }
-  if (info.si_pid != spawned_.pid) throw Error(3, fmt::format("{} ({}) says nothing more", name_, command_));
-  if (info.si_code == CLD_KILLED || info.si_code == CLD_DUMPED)
+  return info;
+}
+
+void Process::give_reason(int code) const {
+  if (!between_.reason) return;
+  const auto reason = between_.reason(code, frames_.text());
+  if (!reason.empty()) throw Error(3, fmt::format("{}: {}", name_, reason));
+}
+
+void Process::gone() const {
+  const auto info = wait_a_little();
+  const bool left = info.si_pid != 0 && info.si_code == CLD_EXITED;
+  give_reason(left ? info.si_status : -1);
+  if (info.si_pid == 0) throw Error(3, fmt::format("{} ({}) says nothing more", name_, command_));
+  if (!left)
     throw Error(3, fmt::format("{} ({}) was ended by signal {} ({})", name_, command_, info.si_status,
                                sigdescr_np(info.si_status)));
   if (info.si_status == 127)
     throw Error(3,
                 fmt::format("{} could not be started by: {}. Is ontime installed there?", name_, command_));
   throw Error(3, fmt::format("{} ({}) left with exit code {}", name_, command_, info.si_status));
+}
+
+void Process::foreign(const std::string& what) const {
+  const auto info = wait_a_little();
+  give_reason(info.si_pid != 0 && info.si_code == CLD_EXITED ? info.si_status : -1);
+  const auto said = frames_.text();
+  throw Error(3, fmt::format("{}: {}{}", name_, what,
+                             said.empty() ? "" : "; it said: " + said.substr(0, said.find('\n'))));
 }
 
 }  // namespace ontime::orders

@@ -2,20 +2,21 @@
 // A worker's process, and the pipe to it.
 #pragma once
 
+#include <csignal>
 #include <string>
 #include <vector>
 
 #include <sys/types.h>
 
-#include "orders/frames.hpp"
+#include "orders/orders.hpp"
 
 namespace ontime::orders {
 
 class Process {
  public:
   // In a process group of its own, so that a terminal's Ctrl-C reaches the coordinator alone. Throws Error.
-  Process(const std::string& name, const std::vector<std::string>& command);
-  ~Process();  // breaks the pipe and waits; kills it after a while, or at once if it was given up
+  Process(const std::string& name, const std::vector<std::string>& command, Between = {});
+  ~Process();  // breaks the pipe and waits; kills its group after a while, or at once if it was given up
   Process(const Process&) = delete;
   Process& operator=(const Process&) = delete;
 
@@ -23,15 +24,20 @@ class Process {
   void give_up() { given_up_ = true; }
   // How it ended, for people; waits a little for it to do so. Throws Error, always.
   [[noreturn]] void gone() const;
+  // Its first bytes are no frame. Throws Error, always.
+  [[noreturn]] void foreign(const std::string& what) const;
 
  private:
   struct Spawned {
     pid_t pid;
     int in, out;  // ours: we write to `in`, read from `out`
   };
-  Process(std::string name, std::string command, Spawned);
+  Process(std::string name, std::string command, Between, Spawned);
   static Spawned spawn(const std::string& name, const std::vector<std::string>& command);
+  siginfo_t wait_a_little() const;  // si_pid 0: it runs on
+  void give_reason(int code) const;
   std::string name_, command_;
+  Between between_;
   Spawned spawned_;
   Frames frames_;
   bool given_up_ = false;

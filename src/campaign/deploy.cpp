@@ -1,0 +1,136 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "campaign/deploy.hpp"
+
+#include <algorithm>
+#include <array>
+#include <cctype>
+#include <cstdio>
+#include <filesystem>
+#include <fstream>
+#include <iterator>
+#include <memory>
+#include <sstream>
+#include <string_view>
+
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+#include <sys/utsname.h>
+
+namespace ontime::campaign {
+namespace {
+
+namespace fs = std::filesystem;
+using orders::Error;
+
+constexpr int no_room = 121, other_machine = 122, libraries_missing = 123;
+
+// $1: the architecture; then, of each file, where it is to lie in the folder and its size. head takes from
+// the pipe what it is told and no byte more. A signal that reaches the whole session ends the keeper, for
+// which this then cleans up.
+constexpr const char* script = R"sh(
+umask 077
+[ "$(uname -m)" = "$1" ] || { uname -m; exit 122; }
+shift
+folder=$(mktemp -d "${TMPDIR:-/tmp}/ontime-program-XXXXXXXX") || exit 121
+trap : HUP INT TERM
+trap 'rm -rf "$folder"' EXIT
+program=$folder/$1
+missing=
+while [ $# -gt 0 ]; do
+  mkdir -p "$folder/${1%/*}" && head -c "$2" >"$folder/$1" && chmod 700 "$folder/$1" || exit 121
+  [ "$(wc -c <"$folder/$1")" = "$2" ] || exit 121
+  missing="$missing $(ldd "$folder/$1" | sed -n 's/ => not found//p')"
+  shift 2
+done
+set -- $missing
+[ $# = 0 ] || { printf '%s\n' "$@" | sort -u; exit 123; }
+"$program" keeper
+)sh";
+
+struct File {
+  fs::path there;  // in the folder
+  std::string content;
+};
+
+File read(const fs::path& here, const fs::path& there) {
+  std::ifstream file(here, std::ios::binary);
+  std::string content{std::istreambuf_iterator<char>(file), {}};
+  if (!file || content.empty())
+    throw Error(3, fmt::format("{} cannot be read, to bring it there", here.string()));
+  return {there, std::move(content)};
+}
+
+// The program first.
+std::vector<File> files(const std::set<std::string>& transports) {
+  const fs::path program = orders::this_program();
+  const auto libraries = fs::path(ONTIME_LIBDIR) / "ontime";
+  std::vector<File> all{read(program, "bin/ontime")};
+  for (const auto& transport : transports) {
+    const auto there = libraries / fmt::format("ontime_transport_{}.so", transport);
+    const auto here = program.parent_path().parent_path() / there;
+    if (fs::exists(here)) all.push_back(read(here, there));  // else the agent says that it has none
+  }
+  return all;
+}
+
+std::vector<std::string> words_of(const std::string& text) {
+  std::istringstream words(text);
+  return {std::istream_iterator<std::string>(words), {}};
+}
+
+std::string reason_of_bringing(int code, const std::string& said) {
+  if (code == no_room)
+    return "there is no room for ontime, or no right to write, in the temporary folder there";
+  if (code == other_machine)
+    return fmt::format("that machine is {}, and this ontime is for another: build ontime there", said);
+  if (code != libraries_missing) return "";
+  const auto libraries = words_of(said);
+  const auto packages = packages_of(libraries);
+  return fmt::format(
+      "libraries are missing there that ontime needs: {}{}", fmt::join(libraries, ", "),
+      packages.empty() ? ""
+                       : fmt::format(". Install them there: sudo apt install {}", fmt::join(packages, " ")));
+}
+
+}  // namespace
+
+std::vector<std::string> packages_of(const std::vector<std::string>& libraries) {
+  std::set<std::string> packages;
+  // What came from another machine becomes part of a command here.
+  const auto odd = [](char c) {
+    return std::isalnum(static_cast<unsigned char>(c)) == 0 &&
+           std::string_view("._+-").find(c) == std::string_view::npos;
+  };
+  for (const auto& library : libraries) {
+    if (std::any_of(library.begin(), library.end(), odd)) continue;
+    const auto command = fmt::format("dpkg-query -S '*/{}' 2>/dev/null", library);
+    const std::unique_ptr<FILE, int (*)(FILE*)> answer(popen(command.c_str(), "r"), pclose);
+    std::array<char, 256> line{};
+    if (answer && std::fgets(line.data(), static_cast<int>(line.size()), answer.get()) != nullptr) {
+      const std::string text = line.data();  // "libfmt9:amd64: /usr/lib/…"
+      packages.insert(text.substr(0, text.find(':')));
+    }
+  }
+  return {packages.begin(), packages.end()};
+}
+
+std::pair<std::vector<std::string>, orders::Between> deployment(const Ssh& ssh,
+                                                                const std::vector<std::string>& reach,
+                                                                const std::set<std::string>& transports) {
+  utsname here{};
+  uname(&here);
+  auto words = reach;
+  words.insert(words.end(), {"sh", "-c", script, "ontime", here.machine});
+  auto between = ssh.between("the program that was brought");
+  for (const auto& file : files(transports)) {
+    words.insert(words.end(), {file.there.string(), std::to_string(file.content.size())});
+    between.ahead.insert(between.ahead.end(), file.content.begin(), file.content.end());
+  }
+  between.reason = [of_ssh = std::move(between.reason)](int code, const std::string& said) {
+    const auto reason = reason_of_bringing(code, said);
+    return reason.empty() ? of_ssh(code, said) : reason;
+  };
+  return {ssh.first(words), std::move(between)};
+}
+
+}  // namespace ontime::campaign

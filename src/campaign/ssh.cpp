@@ -1,0 +1,162 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "campaign/ssh.hpp"
+
+#include <cerrno>
+#include <cstdlib>
+#include <filesystem>
+#include <system_error>
+
+#include <fmt/format.h>
+
+namespace ontime::campaign {
+namespace {
+
+using orders::Error;
+
+// A shell's own are 126 and 127, ssh's is 255, and ours are the small ones.
+constexpr int no_ssh_here = 125, cannot_run = 126, not_found = 127, ssh_failed = 255;
+
+// Signals that reach every process of a service or a terminal at once are for the coordinator, who then ends
+// its sessions in order; ssh leaves signals ignored that it finds so. What ssh says itself comes last.
+constexpr const char* first_script =
+    "trap '' HUP INT TERM; command -v ssh >/dev/null || exit 125; "
+    "ssh \"$@\"; code=$?; cat \"$0/said\"; rm -rf \"$0\"; exit $code";
+constexpr const char* another_script =
+    "trap '' HUP INT TERM; ssh \"$@\"; code=$?; cat \"$0/said\"; exit $code";
+
+constexpr std::size_t longest_socket =
+    90;  // of 108 bytes that its address has; ssh adds 17 while it makes it
+
+std::string make_folder() {
+  std::error_code none;
+  auto folder = (std::filesystem::temp_directory_path(none) / "ontime-ssh-XXXXXX").string();
+  if (folder.size() + 2 > longest_socket)
+    throw Error(3, fmt::format("{} is too long a name for ssh's socket in it: set TMPDIR to a shorter folder",
+                               folder));
+  if (mkdtemp(folder.data()) == nullptr)
+    throw Error(3, fmt::format("folder {} cannot be made: {}; set TMPDIR to one where there is room", folder,
+                               std::generic_category().message(errno)));
+  return folder;
+}
+
+std::string last_line(std::string text) {
+  text.erase(text.find_last_not_of(" \r\n") + 1);
+  const auto before = text.find_last_of("\r\n");
+  return before == text.npos ? text : text.substr(before + 1);
+}
+
+std::string reason_of_failed_ssh(const std::string& destination, const std::string& ssh_said) {
+  const auto has = [&](const char* words) { return ssh_said.find(words) != ssh_said.npos; };
+  const auto line = last_line(ssh_said);
+  if (has("IDENTIFICATION HAS CHANGED"))
+    return fmt::format(
+        "the host key of {} is not the one that ssh knows: another machine answers there, or it was set up "
+        "anew. ssh says more: ssh {} true. Only if you know why, forget the old key: ssh-keygen -R HOST",
+        destination, destination);
+  if (has("Host key verification failed"))
+    return fmt::format(
+        "ssh does not know the host key of {}. Connect once by hand, compare the fingerprint that is shown "
+        "with "
+        "that machine's own (there: ssh-keygen -lf /etc/ssh/ssh_host_ed25519_key.pub), and say yes: ssh {}",
+        destination, destination);
+  if (has("Permission denied"))
+    return fmt::format(
+        "{} lets nobody in without a password ({}). Give it your key: ssh-copy-id {} (if the key has a "
+        "passphrase, also: ssh-add). This must then work: ssh -o BatchMode=yes {} true",
+        destination, line, destination, destination);
+  for (const auto* words : {"Could not resolve", "Connection refused", "No route to host", "timed out",
+                            "Network is unreachable", "Host is down"})
+    if (has(words) && has("connect to host"))
+      return fmt::format("{} cannot be reached: {}. Is the machine on, and does an ssh server listen there?",
+                         destination, line);
+  if (has("Could not resolve"))
+    return fmt::format("{} cannot be reached: {}. ssh takes names from ~/.ssh/config, /etc/hosts and DNS",
+                       destination, line);
+  return fmt::format("the connection to {} was lost{}", destination, line.empty() ? "" : " (" + line + ")");
+}
+
+}  // namespace
+
+std::string quoted(const std::vector<std::string>& words) {
+  constexpr const char* plain = "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789_-./:,+@";
+  std::string text;
+  for (const auto& word : words) {
+    if (!text.empty()) text += ' ';
+    if (!word.empty() && word.find_first_not_of(plain) == word.npos) {
+      text += word;
+      continue;
+    }
+    text += '\'';
+    for (const char c : word) text += c == '\'' ? std::string("'\\''") : std::string(1, c);
+    text += '\'';
+  }
+  return text;
+}
+
+std::string reason_of(const std::string& destination, const std::string& program, int code,
+                      const std::string& said) {
+  if (code == no_ssh_here)
+    return "there is no ssh client on this machine: install it (sudo apt install openssh-client)";
+  if (code == ssh_failed) return reason_of_failed_ssh(destination, said);
+  if (code == not_found)
+    return fmt::format(
+        "there is no {} on {}: install ontime there, say where it lies (program: PATH, in the scenario), or "
+        "have "
+        "it brought there for the time of the run (ontime run --deploy)",
+        program, destination);
+  if (code == cannot_run)
+    return fmt::format("{} cannot be run on {}: it may not be executable, or be for another kind of machine",
+                       program, destination);
+  if (!said.empty())
+    return fmt::format(
+        "{} says what is not ontime's: \"{}\". If a start-up file of the shell there (.bashrc …) prints "
+        "that, "
+        "have it print only where there is a terminal",
+        destination, said.substr(0, said.find('\n')));
+  return "";
+}
+
+std::string note_of_ssh_link(const std::string& host, const nlohmann::json& link) {
+  if (link.is_null() || !link.at("shared").get<bool>()) return "";
+  if (link.at("interface").is_null())
+    return fmt::format("it cannot be told whether ssh to the {} takes the link under test as well", host);
+  return fmt::format("ssh to the {} goes over {}, which is, or may be, the link under test", host,
+                     link.at("interface").get<std::string>());
+}
+
+Ssh::Ssh(std::string destination) : destination_(std::move(destination)), folder_(make_folder()) {}
+
+Ssh::~Ssh() {
+  std::error_code none;
+  std::filesystem::remove_all(folder_, none);
+}
+
+std::vector<std::string> Ssh::first(const std::vector<std::string>& there) const {
+  return command(first_script, "ControlMaster=yes", there);
+}
+
+std::vector<std::string> Ssh::another(const std::vector<std::string>& there) const {
+  return command(another_script, "ControlMaster=no", there);
+}
+
+std::vector<std::string> Ssh::command(const char* local_script, const char* sharing,
+                                      const std::vector<std::string>& there) const {
+  std::vector<std::string> words{"sh", "-c",           local_script, folder_,          "-T",
+                                 "-S", folder_ + "/c", "-E",         folder_ + "/said"};
+  // What a user's own configuration may say otherwise, and a worker's pipe cannot do with. A link that is
+  // gone is noticed in the time in which a silent worker is.
+  for (const auto* option :
+       {sharing, "ControlPersist=no", "BatchMode=yes", "LogLevel=ERROR", "RemoteCommand=none",
+        "ClearAllForwardings=yes", "ConnectTimeout=20", "ServerAliveInterval=5", "ServerAliveCountMax=2"})
+    words.insert(words.end(), {"-o", option});
+  words.insert(words.end(), {"--", destination_, quoted(there)});
+  return words;
+}
+
+orders::Between Ssh::between(const std::string& program) const {
+  return {{}, [destination = destination_, program](int code, const auto& said) {
+            return reason_of(destination, program, code, said);
+          }};
+}
+
+}  // namespace ontime::campaign

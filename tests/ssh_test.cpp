@@ -1,0 +1,107 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "campaign/ssh.hpp"
+
+#include <algorithm>
+#include <array>
+#include <cstdio>
+#include <filesystem>
+#include <memory>
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include "campaign/deploy.hpp"
+
+namespace ontime::campaign {
+namespace {
+
+using testing::AllOf;
+using testing::Contains;
+using testing::ElementsAre;
+using testing::HasSubstr;
+using testing::Not;
+
+std::string what_a_shell_makes_of(const std::vector<std::string>& words) {
+  const auto command = "printf '<%s>' " + quoted(words);
+  const std::unique_ptr<FILE, int (*)(FILE*)> shell(popen(command.c_str(), "r"), pclose);
+  std::array<char, 512> text{};
+  const auto count = std::fread(text.data(), 1, text.size(), shell.get());
+  return {text.data(), count};
+}
+
+TEST(Ssh, WordsReachAShellUndividedAndUnchanged) {
+  EXPECT_EQ(quoted({"ip", "netns", "exec", "robot", "/usr/bin/ontime"}),
+            "ip netns exec robot /usr/bin/ontime");
+  EXPECT_EQ(what_a_shell_makes_of(
+                {"it's", "", "$HOME", "a b", "*", "~", "`id`", "x;exit 1", "\"", "a\nb", "\\", "ä"}),
+            "<it's><><$HOME><a b><*><~><`id`><x;exit 1><\"><a\nb><\\><ä>");
+}
+
+TEST(Ssh, SessionsShareOneConnectionAndNoCheckIsSwitchedOff) {
+  const Ssh ssh("robot");
+  const auto first = ssh.first({"ontime", "keeper"}), another = ssh.another({"ontime", "agent"});
+  EXPECT_THAT(first, AllOf(Contains("ControlMaster=yes"), Contains("BatchMode=yes"), Contains("robot"),
+                           Contains("ontime keeper")));
+  EXPECT_THAT(another,
+              AllOf(Contains("ControlMaster=no"), Contains("BatchMode=yes"), Contains("ontime agent")));
+  for (const auto& command : {first, another}) EXPECT_THAT(command, Not(Contains(HasSubstr("HostKey"))));
+  const auto socket_of = [](const auto& command) {
+    return *std::next(std::find(command.begin(), command.end(), "-S"));
+  };
+  EXPECT_EQ(socket_of(first), socket_of(another));
+}
+
+TEST(Ssh, TheFolderOfTheConnectionIsThisUsersAloneAndGoesWithIt) {
+  std::string folder;
+  {
+    const Ssh ssh("robot");
+    folder = ssh.first({"x"}).at(3);
+    EXPECT_EQ(std::filesystem::status(folder).permissions(), std::filesystem::perms::owner_all);
+  }
+  EXPECT_FALSE(std::filesystem::exists(folder));
+}
+
+TEST(Ssh, EachFailureHasItsWordsAndWhatToDo) {
+  const auto reason = [](int code, const std::string& said = "") {
+    return reason_of("me@robot", "ontime", code, said);
+  };
+  EXPECT_THAT(reason(125), HasSubstr("apt install openssh-client"));
+  EXPECT_THAT(reason(126), HasSubstr("cannot be run on me@robot"));
+  EXPECT_THAT(reason(127), AllOf(HasSubstr("no ontime on me@robot"), HasSubstr("--deploy")));
+  EXPECT_THAT(reason(255, "Host key verification failed."),
+              AllOf(HasSubstr("does not know"), HasSubstr(": ssh me@robot")));
+  EXPECT_THAT(reason(255,
+                     "@@@@@@\n@    WARNING: REMOTE HOST IDENTIFICATION HAS CHANGED!     @\n…\nHost key "
+                     "verification failed."),
+              AllOf(HasSubstr("is not the one that ssh knows"), HasSubstr("ssh-keygen -R")));
+  EXPECT_THAT(reason(255, "me@10.0.0.2: Permission denied (publickey)."),
+              AllOf(HasSubstr("ssh-copy-id me@robot"), HasSubstr("Permission denied (publickey)")));
+  for (const auto* why :
+       {"Connection refused", "No route to host", "Connection timed out", "Network is unreachable"})
+    EXPECT_THAT(reason(255, std::string("ssh: connect to host 10.0.0.2 port 22: ") + why),
+                AllOf(HasSubstr("me@robot cannot be reached"), HasSubstr(why)));
+  EXPECT_THAT(reason(255, "ssh: Could not resolve hostname robot: Name or service not known"),
+              HasSubstr("me@robot cannot be reached"));
+  EXPECT_EQ(reason(255), "the connection to me@robot was lost");
+  EXPECT_EQ(reason(255, "client_loop: send disconnect: Broken pipe\n"),
+            "the connection to me@robot was lost (client_loop: send disconnect: Broken pipe)");
+  EXPECT_THAT(reason(-1, "Welcome!\nToday"), AllOf(HasSubstr("\"Welcome!\""), Not(HasSubstr("Today"))));
+  EXPECT_EQ(reason(3), "");
+}
+
+TEST(Ssh, TheLinkOfSshIsSaidOnlyWhereItIsOrMayBeTheOneUnderTest) {
+  EXPECT_EQ(note_of_ssh_link("component", nullptr), "");
+  EXPECT_EQ(note_of_ssh_link("component", {{"interface", "eth0"}, {"shared", false}}), "");
+  EXPECT_THAT(note_of_ssh_link("component", {{"interface", "eth1"}, {"shared", true}}),
+              HasSubstr("goes over eth1"));
+  EXPECT_THAT(note_of_ssh_link("component", {{"interface", nullptr}, {"shared", true}}),
+              HasSubstr("cannot be told"));
+}
+
+TEST(Deploy, NamesThePackagesOfLibrariesAndRunsNothingThatCameFromElsewhere) {
+  EXPECT_THAT(packages_of({"libc.so.6", "libc.so.6"}), ElementsAre("libc6"));
+  EXPECT_THAT(packages_of({"'; touch /tmp/x; '", "libnone.so.99"}), testing::IsEmpty());
+}
+
+}  // namespace
+}  // namespace ontime::campaign

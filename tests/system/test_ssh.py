@@ -1,0 +1,417 @@
+#!/usr/bin/env python3
+# SPDX-License-Identifier: Apache-2.0
+"""The real program, and a machine that it reaches by ssh: an sshd of this test's own in a network namespace, with keys
+made for it. Two links join it: one to measure, one for ssh. Needs root, and skips without. ONTIME names the program."""
+
+import contextlib
+import json
+import os
+import pathlib
+import shutil
+import signal
+import sqlite3
+import subprocess
+import tempfile
+import time
+import unittest
+
+from test_system import eventually, processes_with
+
+ONTIME = os.environ["ONTIME"]
+NEAR, FAR = f"near-{os.getpid()}", f"far-{os.getpid()}"
+PORT = 2222
+USER, USER_ID = "robot-user", 64321
+
+SCENARIO = """
+hosts:
+  controller: {interface: test-near, address: 198.18.1.1}
+  component: {ssh: %s, interface: %s, address: 198.18.1.2}
+defaults: {transport: udp, period: 5 ms, duration: %s}
+runs:
+  - id: run
+    %s
+"""
+
+
+def run(*words, **options):
+    return subprocess.run([str(word) for word in words], check=True, capture_output=True, text=True, **options)
+
+
+def sample_count(results):
+    try:
+        with contextlib.closing(sqlite3.connect(f"file:{results}?mode=ro", uri=True)) as database:
+            return database.execute("SELECT count(*) FROM sample").fetchone()[0]
+    except sqlite3.Error:
+        return 0
+
+
+@unittest.skipUnless(os.geteuid() == 0, "network namespaces need root")
+@unittest.skipUnless(shutil.which("sshd", path="/usr/sbin"), "no sshd: sudo apt install openssh-server")
+class Ssh(unittest.TestCase):
+    @classmethod
+    def setUpClass(cls):
+        cls.folder = pathlib.Path(tempfile.mkdtemp(prefix="ontime-ssh-test-"))
+        cls.addClassCleanup(shutil.rmtree, cls.folder)
+        cls.folder.chmod(0o755)  # sshd reads there as the user who comes
+        for name in (NEAR, FAR):
+            run("ip", "netns", "add", name)
+            cls.addClassCleanup(run, "ip", "netns", "del", name)
+        for link, subnet in (("test", 1), ("ssh", 2)):
+            run("ip", "-n", NEAR, "link", "add", f"{link}-near", "type", "veth", "peer", f"{link}-far", "netns", FAR)
+            for name, side, host in ((NEAR, "near", 1), (FAR, "far", 2)):
+                run("ip", "-n", name, "address", "add", f"198.18.{subnet}.{host}/30", "dev", f"{link}-{side}")
+                run("ip", "-n", name, "link", "set", f"{link}-{side}", "up")
+        for name in ("host_key", "user_key", "other_key"):
+            run("ssh-keygen", "-q", "-t", "ed25519", "-N", "", "-f", cls.folder / name)
+        shutil.copy(cls.folder / "user_key.pub", cls.folder / "authorized_keys")
+        cls.far_temporary = cls.folder / "far"
+        cls.far_temporary.mkdir(mode=0o1777)
+        cls.far_temporary.chmod(0o1777)
+        cls.start_sshd()
+
+    @classmethod
+    def start_sshd(cls):
+        """In the namespace's own view of the files there is one more user."""
+        passwd = pathlib.Path("/etc/passwd").read_text()
+        (cls.folder / "passwd").write_text(f"{passwd}{USER}:x:{USER_ID}:{USER_ID}::{cls.folder}:/bin/sh\n")
+        (cls.folder / "sshd_config").write_text(f"""
+            Port {PORT}
+            HostKey {cls.folder}/host_key
+            PidFile {cls.folder}/sshd.pid
+            AuthorizedKeysFile {cls.folder}/authorized_keys
+            PermitRootLogin prohibit-password
+            PasswordAuthentication no
+            KbdInteractiveAuthentication no
+            UsePAM no
+            StrictModes no
+            SetEnv TMPDIR={cls.far_temporary}
+            """)
+        with contextlib.suppress(FileExistsError):
+            os.mkdir("/run/sshd")
+            cls.addClassCleanup(os.rmdir, "/run/sshd")
+        script = f"mount --bind {cls.folder}/passwd /etc/passwd && exec /usr/sbin/sshd -D -E {cls.folder}/log -f {cls.folder}/sshd_config"
+        sshd = subprocess.Popen(["ip", "netns", "exec", FAR, "sh", "-c", script])
+        cls.addClassCleanup(lambda: (sshd.terminate(), sshd.wait()))
+        assert eventually((cls.folder / "sshd.pid").exists, 10), (cls.folder / "log").read_text()
+
+    def setUp(self):
+        self.own = pathlib.Path(tempfile.mkdtemp(dir=self.folder))
+        self.results = self.own / "results.ontime"
+        self.near_temporary = self.own / "tmp"
+        self.near_temporary.mkdir()
+        (self.own / "known_hosts").write_text(f"[198.18.2.2]:{PORT},[198.18.1.2]:{PORT} "
+                                              + (self.folder / "host_key.pub").read_text())
+        self.configure()
+        ssh = self.own / "bin" / "ssh"
+        ssh.parent.mkdir()
+        ssh.write_text(f'#!/bin/sh\nexec /usr/bin/ssh -F {self.own}/ssh_config "$@"\n')
+        ssh.chmod(0o755)
+        self.environment = dict(os.environ, TMPDIR=str(self.near_temporary), PATH=f"{ssh.parent}:{os.environ['PATH']}")
+
+    def tearDown(self):
+        self.assertTrue(eventually(self.nothing_left, 20), self.what_is_left())
+
+    def configure(self, **changes):
+        settings = {"HostName": "198.18.2.2", "Port": PORT, "User": "root", "IdentityFile": self.folder / "user_key",
+                    "IdentitiesOnly": "yes", "UserKnownHostsFile": self.own / "known_hosts",
+                    "GlobalKnownHostsFile": "/dev/null", **changes}
+        (self.own / "ssh_config").write_text("Host robot\n" + "".join(f"{key} {value}\n" for key, value in settings.items()))
+
+    def near(self):
+        return processes_with(f"TMPDIR={self.near_temporary}")
+
+    def far(self, word=""):
+        found = processes_with(f"TMPDIR={self.far_temporary}")
+        return [pid for pid, command in found.items() if word in command]
+
+    def nothing_left(self):
+        return not (self.near() or self.far() or os.listdir(self.near_temporary) or os.listdir(self.far_temporary))
+
+    def what_is_left(self):
+        return (f"near {self.near()} {os.listdir(self.near_temporary)}, "
+                f"far {processes_with(f'TMPDIR={self.far_temporary}')} {os.listdir(self.far_temporary)}")
+
+    def scenario(self, destination="robot", interface="test-far", duration="300 ms", program=ONTIME, keys=""):
+        text = SCENARIO % (destination, interface, duration, keys)
+        if program:
+            text = text.replace("component: {", f"component: {{program: {program}, ")
+        path = self.own / "scenario.yaml"
+        path.write_text(text)
+        return path
+
+    def command(self, *arguments):
+        return ["ip", "netns", "exec", NEAR, ONTIME, "run", *map(str, arguments), "--results", str(self.results)]
+
+    def run_ontime(self, *arguments):
+        return subprocess.run(self.command(*arguments), capture_output=True, text=True, env=self.environment, timeout=180)
+
+    def start_ontime(self, *arguments):
+        process = subprocess.Popen(self.command(*arguments), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+                                   env=self.environment)
+        self.addCleanup(lambda: (process.kill(), process.communicate()))  # of a test that failed
+        return process
+
+    def report(self):
+        answer = subprocess.run([ONTIME, "report", str(self.results), "--format", "json"], capture_output=True, text=True)
+        self.assertEqual(answer.returncode, 0, answer.stderr)
+        return json.loads(answer.stdout)["runs"]
+
+    def connections(self):
+        return run("ip", "netns", "exec", FAR, "ss", "-Htn", "state", "established", "sport", "=", f":{PORT}").stdout.splitlines()
+
+    def loaded_run(self):
+        process = self.start_ontime(self.scenario(duration="1 h", keys="load: {component: {cpu: 1, hdd: 1, hdd-bytes: 16 MiB}}"))
+        self.assertTrue(eventually(lambda: sample_count(self.results) > 50 and self.far("stress-ng"), 60), process.poll())
+        return process
+
+    def ended(self, process, code, words):
+        out, error = process.communicate(timeout=120)
+        self.assertEqual(process.returncode, code, error)
+        self.assertRegex(error, words)
+        return out
+
+    def kept_run(self, words):
+        run_ = self.report()[0]
+        self.assertRegex(run_["error"], words)
+        self.assertGreater(run_["sent"], 50)
+        self.assertEqual(run_["sent"], run_["on_time"] + run_["late"] + run_["lost"])
+
+    # --- what it is for ---
+
+    def test_one_connection_for_keeper_and_agents(self):
+        process = self.start_ontime(self.scenario(duration="3 s"))
+        self.assertTrue(eventually(lambda: self.far("/ontime agent"), 60), process.poll())
+        self.assertEqual(len(self.connections()), 1)
+        self.assertEqual(len(self.far("/ontime keeper")), 1)
+        self.assertIn("udp", self.ended(process, 0, ""))
+        hosts = self.report()[0]["hosts"]
+        self.assertEqual(hosts["component"]["transport"]["facts"]["address"], "198.18.1.2")
+
+    def test_words_reach_the_machine_as_they_are(self):
+        odd = self.own / "it's a \"$HOME\" folder; exit 9"
+        odd.mkdir()
+        program = odd / "ontime"
+        program.write_text(f'#!/bin/sh\nexec {ONTIME} "$@"\n')
+        program.chmod(0o755)
+        answer = self.run_ontime(self.scenario(program=json.dumps(str(program))))
+        self.assertEqual(answer.returncode, 0, answer.stderr)
+
+    def test_other_user_with_capabilities(self):
+        """The capabilities are the file's, and then only transports that lie beside the program are loaded."""
+        there = self.own / "installed"
+        program = there / "bin" / "ontime"
+        program.parent.mkdir(parents=True)
+        self.own.chmod(0o755)
+        shutil.copy(ONTIME, program)
+        shutil.copytree(pathlib.Path(ONTIME).parent.parent / "lib", there / "lib")
+        run("setcap", "cap_sys_nice,cap_ipc_lock=ep", program)
+        answer = self.run_ontime(self.scenario(destination=f"{USER}@robot", program=program,
+                                               keys="realtime: on\n    load: {component: {cpu: 1}}"))
+        self.assertEqual(answer.returncode, 0, answer.stderr)
+        component = self.report()[0]["hosts"]["component"]
+        for thread in component["threads"]:
+            if thread["role"] == "receive":
+                self.assertEqual((thread["policy"], thread["priority"]), ("fifo", 80))
+        self.assertTrue(component["load_running"])
+
+    # --- the link of ssh ---
+
+    def test_ssh_on_a_link_of_its_own_is_told_from_the_one_under_test(self):
+        answer = self.run_ontime(self.scenario())
+        self.assertEqual(answer.returncode, 0, answer.stderr)
+        self.assertNotIn("ssh", answer.stdout)
+        self.assertEqual(self.report()[0]["hosts"]["component"]["ssh_link"], {"interface": "ssh-far", "shared": False})
+        self.assertIsNone(self.report()[0]["hosts"]["controller"]["ssh_link"])
+
+    def test_ssh_on_the_link_under_test_is_said(self):
+        self.configure(HostName="198.18.1.2")
+        answer = self.run_ontime(self.scenario())
+        self.assertEqual(answer.returncode, 0, answer.stderr)
+        self.assertIn("ssh to the component goes over test-far", " ".join(answer.stdout.split()))
+        self.assertNotIn("waited", answer.stdout)  # the samples are on this side
+        self.assertEqual(self.report()[0]["hosts"]["component"]["ssh_link"], {"interface": "test-far", "shared": True})
+
+    def far_controller(self, **settings):
+        """The far machine sends, and the near one answers."""
+        text = self.scenario(**settings).read_text()
+        here, there = "{interface: test-near, address: 198.18.1.1}", text.split("component: ")[1].splitlines()[0]
+        text = text.replace("component: " + there, "component: " + here).replace("controller: " + here, "controller: " + there, 1)
+        path = self.own / "scenario.yaml"
+        path.write_text(text)
+        return path
+
+    def test_samples_wait_where_ssh_takes_the_link_under_test(self):
+        self.configure(HostName="198.18.1.2")
+        process = self.start_ontime(self.far_controller(duration="5 s"))
+        self.assertTrue(eventually(lambda: self.far("/ontime agent"), 60))
+        time.sleep(3)
+        self.assertEqual(sample_count(self.results), 0)
+        out = self.ended(process, 0, "")
+        self.assertIn("kB of samples waited at the controller", " ".join(out.split()))
+        self.assertEqual(sample_count(self.results), self.report()[0]["sent"])
+        self.assertGreater(self.report()[0]["sent"], 500)
+
+    # --- a machine without ontime ---
+
+    def test_deploy_brings_the_program_and_takes_it_away(self):
+        process = self.start_ontime(self.scenario(program="", duration="2 s"), "--deploy")
+        self.assertTrue(eventually(lambda: self.far("/ontime agent"), 120), process.poll())
+        brought = [name for name in os.listdir(self.far_temporary) if name.startswith("ontime-program-")]
+        self.assertEqual(len(brought), 1)
+        self.assertEqual(os.stat(self.far_temporary / brought[0]).st_mode & 0o777, 0o700)
+        self.assertEqual(os.path.realpath(f"/proc/{self.far('/ontime agent')[0]}/exe"),
+                         str(self.far_temporary / brought[0] / "bin" / "ontime"))
+        self.ended(process, 0, "")
+
+    def test_deployed_program_is_taken_away_when_the_connection_breaks(self):
+        process = self.start_ontime(self.scenario(program="", duration="1 h"), "--deploy")
+        self.assertTrue(eventually(lambda: sample_count(self.results) > 50, 120), process.poll())
+        for pid in self.sessions():
+            os.kill(pid, signal.SIGKILL)
+        self.ended(process, 3, "the connection to robot was lost")
+        self.kept_run("the connection to robot was lost")
+
+    def scenario_with_another(self, name, script):
+        """Where a command of the far machine is this one."""
+        folder = self.own / "far-bin"
+        folder.mkdir()
+        (folder / name).write_text(script)
+        (folder / name).chmod(0o755)
+        path = self.scenario(program="")
+        path.write_text(path.read_text().replace("component: {", f"component: {{reach: [env, 'PATH={folder}:/usr/bin:/bin'], "))
+        return path
+
+    def test_deploy_to_another_architecture_is_refused(self):
+        answer = self.run_ontime(self.scenario_with_another("uname", "#!/bin/sh\necho riscv64\n"), "--deploy")
+        self.assertEqual(answer.returncode, 3, answer.stderr)
+        self.assertIn("that machine is riscv64, and this ontime is for another", answer.stderr)
+
+    def test_deploy_where_libraries_are_missing_names_their_packages(self):
+        there = self.scenario_with_another("ldd", "#!/bin/sh\necho '\tlibfmt.so.9 => not found'\n")
+        answer = self.run_ontime(there, "--deploy")
+        self.assertEqual(answer.returncode, 3, answer.stderr)
+        self.assertRegex(answer.stderr, r"libraries are missing .*libfmt.so.9.*sudo apt install libfmt9$")
+
+    def test_deploy_where_there_is_nothing_to_deploy_to(self):
+        path = self.scenario()
+        path.write_text(path.read_text().replace("ssh: robot, ", ""))
+        answer = self.run_ontime(path, "--deploy")
+        self.assertEqual(answer.returncode, 2, answer.stderr)
+        self.assertIn("--deploy brings ontime to hosts that are reached by ssh", answer.stderr)
+
+    # --- what can be wrong ---
+
+    def refused(self, words, **scenario):
+        answer = self.run_ontime(self.scenario(**scenario))
+        self.assertEqual(answer.returncode, 3, answer.stderr)
+        self.assertRegex(answer.stderr, words)
+        self.assertEqual(self.report(), [])
+
+    def test_unknown_host_key(self):
+        (self.own / "known_hosts").write_text("")
+        self.refused("does not know the host key of robot.*: ssh robot")
+        self.assertEqual((self.own / "known_hosts").read_text(), "")
+
+    def test_changed_host_key(self):
+        other = (self.folder / "other_key.pub").read_text()
+        (self.own / "known_hosts").write_text(f"[198.18.2.2]:{PORT} {other}")
+        self.refused("host key of robot is not the one that ssh knows")
+
+    def test_key_that_is_not_let_in(self):
+        self.configure(IdentityFile=self.folder / "other_key")
+        self.refused("robot lets nobody in without a password.*ssh-copy-id robot")
+
+    def test_nobody_listens(self):
+        self.configure(Port=PORT + 1)
+        self.refused("robot cannot be reached: .*Connection refused")
+
+    def test_name_that_nobody_knows(self):
+        self.configure(HostName="no-such-robot.invalid")
+        self.refused("robot cannot be reached: .*Could not resolve")
+
+    def test_no_ssh_client(self):
+        (self.own / "bin" / "ssh").unlink()
+        for name in ("sh", "cat", "rm", "ip"):
+            (self.own / "bin" / name).symlink_to(shutil.which(name))
+        self.environment["PATH"] = str(self.own / "bin")
+        self.refused("no ssh client on this machine: install it .sudo apt install openssh-client")
+
+    def test_ontime_is_missing_there(self):
+        self.refused("there is no /no/such/ontime on robot: install", program="/no/such/ontime")
+
+    def program_there(self, script):
+        program = self.own / "ontime-there"
+        program.write_text(script)
+        program.chmod(0o755)
+        return program
+
+    def test_other_version_there(self):
+        hello = b"\xa3" + b"".join(bytes([0x60 + len(word)]) + word for word in
+                                   (b"event", b"hello", b"version", b"9.9.9", b"samples", b""))
+        (self.own / "hello").write_bytes(len(hello).to_bytes(4, "little") + bytes(4) + hello)
+        program = self.program_there(f"#!/bin/sh\ncat {self.own}/hello -\n")
+        self.refused("is ontime 9.9.9, and this is .*install the same on both machines", program=program)
+
+    def test_shell_that_says_something_of_its_own(self):
+        program = self.program_there(f"#!/bin/sh\necho Welcome to this robot\nexec {ONTIME} \"$@\"\n")
+        self.refused('robot says what is not ontime\'s: "Welcome to this robot"', program=program)
+
+    # --- lost in the middle ---
+
+    def test_connection_that_breaks(self):
+        process = self.loaded_run()
+        for line in self.connections():
+            self.assertIn(f":{PORT}", line)
+        for pid in self.sessions():
+            os.kill(pid, signal.SIGKILL)
+        self.ended(process, 3, "the connection to robot was lost")
+        self.kept_run("the connection to robot was lost")
+
+    def sessions(self):
+        """sshd's processes that hold a connection: those below the one that listens."""
+        listens = int((self.folder / "sshd.pid").read_text())
+        children = {}
+        for entry in pathlib.Path("/proc").glob("[0-9]*/stat"):
+            with contextlib.suppress(OSError):
+                pid, rest = entry.parent.name, entry.read_text().rsplit(")", 1)[1].split()
+                children.setdefault(int(rest[1]), []).append(int(pid))
+        return children.get(listens, [])
+
+    def test_link_of_ssh_that_goes_silent(self):
+        process = self.loaded_run()
+        run("ip", "-n", NEAR, "link", "set", "ssh-near", "down")
+        try:
+            self.assertTrue(eventually(lambda: not self.far("/ontime") and not os.listdir(self.far_temporary), 40), self.what_is_left())
+            self.ended(process, 3, "was silent for 10 s|the connection to robot was lost")
+        finally:
+            run("ip", "-n", NEAR, "link", "set", "ssh-near", "up")
+            run("ip", "-n", NEAR, "address", "replace", "198.18.2.1/30", "dev", "ssh-near")
+            for pid in self.sessions():  # which do not know yet
+                with contextlib.suppress(ProcessLookupError):
+                    os.kill(pid, signal.SIGKILL)
+        self.kept_run("was silent for 10 s|the connection to robot was lost")
+
+    def test_coordinator_that_is_killed(self):
+        process = self.loaded_run()
+        process.kill()
+        process.communicate(timeout=60)
+
+    def test_service_that_is_stopped_keeps_its_run(self):
+        process = self.loaded_run()
+        for pid in self.near():
+            with contextlib.suppress(ProcessLookupError):
+                os.kill(pid, signal.SIGTERM)
+        process.communicate(timeout=60)
+        self.assertEqual(process.returncode, 130)
+        self.assertIsNone(self.report()[0]["error"])
+        self.assertEqual(set(self.report()[0]["hosts"]), {"controller", "component"})
+
+    def test_interrupted_once_it_stops_and_reports(self):
+        process = self.loaded_run()
+        process.send_signal(signal.SIGINT)
+        self.ended(process, 130, "")
+        self.assertIsNone(self.report()[0]["error"])
+
+
+if __name__ == "__main__":
+    unittest.main(verbosity=2)
