@@ -18,6 +18,12 @@ nlohmann::ordered_json json_of(const statistics::Summary&);  // docs/json.md
 std::string csv_of(const Summaries&);
 Page page_of(const Summaries&);
 
+// How sure the figures of runs are, by their labels; without a title. No rows where nothing is known of it.
+Table certainty_table(const std::vector<std::string>& labels, const std::vector<const statistics::Summary*>&);
+// What a response is made of, each by itself: a stall of our own thread is none of the network's.
+Table stages_table(const std::vector<std::string>& labels, const std::vector<const statistics::Summary*>&);
+void add_certainty(nlohmann::ordered_json& run, const statistics::Summary&);
+
 // What a run must not be read without: whatever went wrong or was counted beside the table. Empty if nothing
 // was.
 std::string remarks(const statistics::Summary&);

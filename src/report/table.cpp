@@ -2,6 +2,7 @@
 #include <algorithm>
 #include <map>
 #include <optional>
+#include <utility>
 
 #include <fmt/format.h>
 
@@ -16,10 +17,13 @@ using nlohmann::json;
 using statistics::Distribution;
 using statistics::Summary;
 
-// A percentile needs one answer above it to say anything, and ten to be more than a glimpse: below that it is
+// Where nothing bounds it from above, what was seen there is not to be taken for known. Beside that, a
+// percentile needs one answer above it to say anything, and ten to be more than a glimpse: below that it is
 // "-", or marked "~".
-std::string percentile(const Distribution& of, std::int64_t ns, std::uint64_t one_in) {
+std::string percentile(const Distribution& of, std::int64_t ns, std::uint64_t one_in,
+                       const statistics::Measured& certainty) {
   if (of.count < one_in) return nothing;
+  if (certainty.sure.low && !certainty.sure.high) return "> " + microseconds(*certainty.sure.low);
   const std::uint64_t above = of.count / one_in;
   return (above < 10 ? "~" : "") + microseconds(static_cast<double>(ns));
 }
@@ -33,15 +37,16 @@ bool differs_by_response(const Summary& summary) {
 
 std::vector<std::string> row(const std::string& label, const Summary& summary, bool by_response) {
   const auto& of = summary.round_trip;
+  const auto& sure = summary.round_trip_certainty;
   const auto value = [&](double ns) { return of.count == 0 ? nothing : microseconds(ns); };
   std::vector<std::string> cells = {label,
                                     value(static_cast<double>(of.min)),
                                     value(of.mean),
-                                    percentile(of, of.p50, 2),
-                                    percentile(of, of.p90, 10),
-                                    percentile(of, of.p99, 100),
-                                    percentile(of, of.p99_9, 1000),
-                                    percentile(of, of.p99_99, 10000),
+                                    percentile(of, of.p50, 2, sure.p50),
+                                    percentile(of, of.p90, 10, sure.p90),
+                                    percentile(of, of.p99, 100, sure.p99),
+                                    percentile(of, of.p99_9, 1000, sure.p99_9),
+                                    percentile(of, of.p99_99, 10000, sure.p99_99),
                                     value(static_cast<double>(of.max)),
                                     share(summary.late, summary.sent),
                                     share(summary.lost, summary.sent)};
@@ -99,7 +104,7 @@ std::vector<std::string> parts_of(const Group& group) {
   return lines;
 }
 
-Table table_of(Group group) {
+std::vector<Table> tables_of(Group group) {
   // Interleaved repetitions come together again, in the order in which their first one ran.
   const auto alike = labels_without_repetition(group);
   std::map<std::string, std::size_t> first;
@@ -122,7 +127,15 @@ Table table_of(Group group) {
     table.rows.push_back(row(labels[i], *group[i], by_response));
     if (const auto text = remarks(*group[i]); !text.empty()) table.notes.push_back(labels[i] + ": " + text);
   }
-  return table;
+  std::vector<Table> tables = {table};
+  const std::pair<Table, const char*> others[] = {{certainty_table(labels, group), "95 % sure"},
+                                                  {stages_table(labels, group), "stage by stage"}};
+  for (const auto& [other, what] : others) {
+    if (other.rows.empty()) continue;
+    tables.push_back(other);
+    tables.back().title = word(at(asked, "id")) + "  " + what;
+  }
+  return tables;
 }
 
 // "10 ms" if all runs have it, else `otherwise`.
@@ -151,6 +164,10 @@ std::string legend_of(const Page& page, const Summaries& summaries) {
   };
   if (any_cell([](const std::string& cell) { return cell.starts_with('~'); }))
     legend += " ~: fewer than 10 answers were slower.";
+  if (any_cell([](const std::string& cell) { return cell.starts_with('>'); }))
+    legend += " >: too few answers, or too dependent ones, to bound it from above.";
+  if (any_cell([](const std::string& cell) { return cell.starts_with('['); }))
+    legend += " In brackets between what it lies; missed: late or lost.";
   if (any_cell([](const std::string& cell) { return cell == nothing; }))
     legend += " -: too few answers to tell.";
   return legend;
@@ -161,7 +178,8 @@ std::string legend_of(const Page& page, const Summaries& summaries) {
 Page page_of(const Summaries& summaries) {
   if (summaries.empty()) return {{}, {"There are no runs."}, ""};
   Page page;
-  for (const auto& group : by_id(summaries)) page.tables.push_back(table_of(group));
+  for (const auto& group : by_id(summaries))
+    for (auto& table : tables_of(group)) page.tables.push_back(std::move(table));
   page.notes = refusals(summaries);
   page.legend = legend_of(page, summaries);
   return page;

@@ -3,7 +3,6 @@
 #pragma once
 
 #include <cstdint>
-#include <deque>
 #include <span>
 #include <vector>
 
@@ -21,7 +20,8 @@ class Course {
   // As many batches as there are of Batches, of equal length but for series. Of each threshold: of which
   // values are above it.
   std::vector<std::vector<Batch>> above(std::span<const std::int64_t> thresholds) const;
-  std::vector<Batch> sums() const;  // instead of events the sum of the values
+  std::span<const float> values() const { return values_; }  // without the long series
+  std::vector<Batch> sums() const;                           // instead of events the sum of the values
 
  private:
   struct Series {
@@ -31,8 +31,8 @@ class Course {
   template <class Use, class UseSeries>
   void each(Use, UseSeries) const;  // use(batch, value), use(batch, series)
 
-  std::deque<float> values_;
-  std::deque<Series> series_;
+  std::vector<float> values_;
+  std::vector<Series> series_;
 };
 
 // Of the distribution of the same values.
