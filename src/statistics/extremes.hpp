@@ -18,7 +18,6 @@
 
 #include <cstddef>
 #include <optional>
-#include <random>
 #include <span>
 #include <string>
 #include <vector>

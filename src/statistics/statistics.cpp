@@ -91,11 +91,9 @@ class Pass {
     summary_.response = responses.distribution();
     summary_.round_trip_certainty = certainty(round_trip_course_, round_trips, summary_.round_trip);
     const auto answers = round_trips.count();
-    if (answers > 0) {
-      const auto peaks = std::min<std::uint64_t>(answers / 10, most_peaks);
-      summary_.extremes =
-          extremes(round_trip_course_.values(), static_cast<float>(round_trips.at_rank(answers - peaks)));
-    }
+    const auto peaks = std::min<std::uint64_t>(answers / 10, most_peaks);
+    summary_.extremes =
+        extremes(round_trip_course_.values(), static_cast<float>(round_trips.at_rank(answers - peaks)));
     summary_.response_certainty = certainty(response_course_, responses, summary_.response);
     // Where none is late, how the slowest come in bursts is all that there is to go by.
     const auto effect = summary_.response_certainty.p99_9.effect;
