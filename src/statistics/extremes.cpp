@@ -81,9 +81,9 @@ std::optional<Bound> bound(const std::vector<double>& values, const Fit& fit, co
   return result;
 }
 
-// The greatest of each run of peaks: the longest gaps lie between runs (Ferro & Segers 2003).
-std::vector<double> declustered(const std::vector<std::size_t>& places, std::span<const float> values,
-                                double index) {
+// Where the greatest of each run of peaks is: the longest gaps lie between runs (Ferro & Segers 2003).
+std::vector<std::size_t> declustered(const std::vector<std::size_t>& places, std::span<const float> values,
+                                     double index) {
   std::vector<std::size_t> gaps;
   for (std::size_t i = 1; i < places.size(); ++i) gaps.push_back(places[i] - places[i - 1]);
   auto longest_first = gaps;
@@ -92,31 +92,31 @@ std::vector<double> declustered(const std::vector<std::size_t>& places, std::spa
       std::max<std::size_t>(1, static_cast<std::size_t>(index * static_cast<double>(places.size())));
   // As long a gap as the last that divides, or a longer one, divides; equal ones beyond that do not.
   const auto divides = clusters < 2 ? std::numeric_limits<std::size_t>::max() : longest_first[clusters - 2];
-  std::vector<double> peaks;
+  std::vector<std::size_t> peaks;
   for (std::size_t i = 0; i < places.size(); ++i) {
-    const auto value = static_cast<double>(values[places[i]]);
     if (i == 0 || gaps[i - 1] >= divides)
-      peaks.push_back(value);
-    else
-      peaks.back() = std::max(peaks.back(), value);
+      peaks.push_back(places[i]);
+    else if (values[places[i]] > values[peaks.back()])
+      peaks.back() = places[i];
   }
   return peaks;
 }
 
-std::string unsteady(std::span<const double> maxima, const std::vector<std::size_t>& places,
+std::string unsteady(std::span<const double> maxima, const std::vector<std::size_t>& peaks,
                      std::size_t values) {
   if (const auto p = trend_p(maxima); p < refuses)
     return fmt::format("its slowest answers became slower or faster over the run (Mann-Kendall, p = {:.2g})",
                        p);
   if (const auto p = runs_p(maxima); p < refuses)
     return fmt::format("bad stretches of the run follow upon one another (Wald-Wolfowitz, p = {:.2g})", p);
-  const auto first_half = std::lower_bound(places.begin(), places.end(), values / 2) - places.begin();
-  const boost::math::binomial halves(static_cast<double>(places.size()), 0.5);
-  const auto fewer = static_cast<double>(std::min<std::size_t>(
-      static_cast<std::size_t>(first_half), places.size() - static_cast<std::size_t>(first_half)));
-  if (const auto p = std::min(1.0, 2 * boost::math::cdf(halves, fewer)); p < refuses)
+  if (peaks.empty()) return "";
+  const auto before = std::lower_bound(peaks.begin(), peaks.end(), values / 2) - peaks.begin();
+  const auto first = static_cast<std::size_t>(before), second = peaks.size() - first;
+  const boost::math::binomial halves(static_cast<double>(peaks.size()), 0.5);
+  const auto p = std::min(1.0, 2 * boost::math::cdf(halves, static_cast<double>(std::min(first, second))));
+  if (p < refuses)
     return fmt::format("of its bad stretches {} are in the first half and {} in the second (p = {:.2g})",
-                       first_half, places.size() - static_cast<std::size_t>(first_half), p);
+                       first, second, p);
   return "";
 }
 
@@ -181,6 +181,7 @@ Extremes extremes(std::span<const float> values, float threshold) {
   }
   const auto n = static_cast<double>(values.size());
   std::vector<double> maxima;
+  maxima.reserve(blocks);
   for (std::size_t i = 0; i < blocks; ++i) {
     const auto from = i * values.size() / blocks, to = (i + 1) * values.size() / blocks;
     const auto block = values.subspan(from, to - from);
@@ -191,6 +192,9 @@ Extremes extremes(std::span<const float> values, float threshold) {
     if (values[i] > threshold) places.push_back(i);
   result.index = extremal_index(places);
   const auto peaks = declustered(places, values, result.index);
+  std::vector<double> greatest;
+  greatest.reserve(peaks.size());
+  for (const auto place : peaks) greatest.push_back(static_cast<double>(values[place]));
 
   const double a_block = n / static_cast<double>(blocks) * result.index;
   result.maxima = bound(maxima, fit_maxima, [=](const Tail& tail) {
@@ -199,12 +203,12 @@ Extremes extremes(std::span<const float> values, float threshold) {
   const double passing = static_cast<double>(places.size()) / n;
   if (peaks.size() >= fewest_peaks)
     result.peaks = bound(
-        peaks,
+        greatest,
         [=](std::vector<double> some) { return fit_peaks(std::move(some), static_cast<double>(threshold)); },
         [=](const Tail& tail) { return tail.quantile(std::max(0.0, 1 - one_in_a_million / passing)); });
   if (!result.maxima && !result.peaks)
     result.refused = "its slowest answers are all alike, or all of one burst";
-  const auto why = unsteady(maxima, places, values.size());
+  const auto why = unsteady(maxima, peaks, values.size());
   for (auto* bound : {&result.maxima, &result.peaks})
     if (*bound && !why.empty()) (*bound)->refused = why;
   return result;
