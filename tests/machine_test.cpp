@@ -67,6 +67,7 @@ TEST(Proc, TicksAndStalls) {
   parse_ticks("cpu  10 20 30 400 50 6 7 8 9 10\ncpu0 1 1 1 1 1 1 1 1 1 1\n", activity);
   EXPECT_EQ(activity.total_ticks, 531u);
   EXPECT_EQ(activity.busy_ticks, 81u);
+  EXPECT_EQ(activity.stolen_ticks, 8u);
   EXPECT_EQ(parse_stall("some avg10=0.00 avg60=1.00 avg300=0.00 total=123\nfull avg10=0.00 total=7\n"), 123);
   for (const auto* text : {"", "full total=1", "some avg10=0.00", "some total=x"})
     EXPECT_EQ(parse_stall(text), -1);
@@ -132,10 +133,11 @@ TEST(Describe, LimitsAreThisProcesss) {
 }
 
 TEST(ActivityBetween, IsAShare) {
-  const Activity first{100, 1000, 0, -1, 5000, 1'000'000'000};
-  const Activity last{125, 1100, 250'000, -1, 9'000'000, 2'000'000'000};
+  const Activity first{100, 1000, 10, 0, -1, 5000, 1'000'000'000};
+  const Activity last{125, 1100, 15, 250'000, -1, 9'000'000, 2'000'000'000};
   const auto share = between(first, last);
   EXPECT_EQ(share["cpu_busy"], 0.25);
+  EXPECT_EQ(share["cpu_stolen"], 0.05);
   EXPECT_EQ(share["cpu_pressure"], 0.25);
   EXPECT_TRUE(share["memory_pressure"].is_null());
   EXPECT_EQ(share["io_pressure"], 1.0);

@@ -47,6 +47,62 @@ TEST(TableFormat, ShowsAPercentileOnlyIfThereAreAnswersToTellIt) {
   EXPECT_THAT(render({summary(asked("a", "udp"), outcome(), 100'000)}, Format::table), Not(HasSubstr("~")));
 }
 
+Summary with_certainty() {
+  auto one = summary(asked("a", "udp"), outcome(), 100'000);
+  one.round_trip_certainty.p50 = {50e6, {49e6, 51e6}, {}};
+  one.round_trip_certainty.p99 = {99e6, {98.5e6, 99.5e6}, {}};
+  one.round_trip_certainty.p99_9 = {99.9e6, {99.8e6, {}}, {}};
+  one.missed_probability.messages = 100'000;
+  one.missed_probability.bound = 3e-5;
+  one.message_every_ns = 1e7;
+  return one;
+}
+
+TEST(TableFormat, SaysHowSureItIs) {
+  auto one = with_certainty();
+  auto text = render({one}, Format::table);
+  // What nothing bounds from above is not printed as if it were known.
+  EXPECT_EQ(row_of(text, "udp").at(6), ">");
+  EXPECT_THAT(text, HasSubstr("[49000, 51000]  [98500, 99500]  > 99800"));
+  EXPECT_THAT(text, HasSubstr("< 0.003"));
+  EXPECT_THAT(text, HasSubstr("none late or lost; to claim less than 1 in a million: 3.0 million so, 8.3 h"));
+  EXPECT_THAT(text, HasSubstr(">: too few"));
+  one.missed_probability.events = 200;
+  one.missed_probability.sure = {0.001, 0.003};
+  one.bursts = {2, 7, 70'000'000};
+  text = render({one}, Format::table);
+  EXPECT_THAT(text, HasSubstr("[0.1, 0.3]"));
+  EXPECT_THAT(text,
+              HasSubstr("2 bursts of late or lost messages in a row, the longest of 7 messages, 70 ms"));
+}
+
+TEST(TableFormat, GivesABoundOrSaysWhyThereIsNone) {
+  auto one = with_certainty();
+  statistics::Bound bound;
+  bound.level = 5e6;
+  bound.level_lies = {4e6, 7e6};
+  one.extremes.maxima = one.extremes.peaks = bound;
+  EXPECT_THAT(
+      render({one}, Format::table),
+      HasSubstr("udp: 1 in a million answers is to take longer than 5000 [4000, 7000] µs (block maxima)"));
+  one.extremes.peaks->refused = "it drifts";
+  const auto text = render({one}, Format::table);
+  EXPECT_THAT(text, HasSubstr("this data does not allow a bound on the slowest, because it drifts"));
+  EXPECT_THAT(text, Not(HasSubstr("5000 [4000")));
+}
+
+TEST(TableFormat, ShowsEachStageOfAResponse) {
+  auto one = summary(asked("a", "udp"), outcome(), 10'000);
+  one.server = one.round_trip;
+  one.wake_up.p99_9 = 77'000;
+  const auto lines = lines_of(render({one}, Format::table));
+  const auto header = std::find_if(lines.begin(), lines.end(),
+                                   [](const std::string& line) { return line.starts_with("p99.9 (µs)"); });
+  ASSERT_NE(header, lines.end());
+  EXPECT_THAT(row_of(*std::next(header), "udp"),
+              ElementsAre("udp", "77.0", "-", "9990", "-", "9990", "9990"));
+}
+
 TEST(TableFormat, GivesWholeMicrosecondsFromAHundredOn) {
   const auto shown = [](std::int64_t ns) {
     Summary one{};
@@ -69,6 +125,9 @@ TEST(TableFormat, FitsAHundredColumns) {
       runs.push_back(summary(asked(id, transport), outcome(), 60'001));
       runs.back().lost = 1230;
       runs.back().skipped_cycles = 30'000;
+      const auto sure = with_certainty();
+      runs.back().round_trip_certainty = sure.round_trip_certainty;
+      runs.back().missed_probability = sure.missed_probability;
     }
   }
   for (const auto& line : lines_of(render(runs, Format::table))) EXPECT_LE(width_of(line), 100u) << line;
@@ -372,6 +431,33 @@ TEST(TableFormat, ShowsTheThreeParts) {
   EXPECT_EQ(json::parse(render({without}, Format::json)).at("runs").at(0).at("parts"), nullptr);
   without.no_parts = "not shown in parts: the clocks disagree";
   EXPECT_THAT(render({without}, Format::table), HasSubstr("udp: not shown in parts: the clocks disagree"));
+}
+
+TEST(Remarks, TellWhatNobodyElseIsToBlameFor) {
+  auto facts = outcome();
+  facts["conditions"]["component"]["cpu_stolen"] = 0.0213;
+  facts["conditions"]["controller"]["cpu_stolen"] = 0.0001;
+  facts["hosts"]["controller"]["machine"]["rt_runtime_us"] = 950'000;
+  facts["hosts"]["controller"]["machine"]["rt_period_us"] = 1'000'000;
+  auto as_asked = asked("a", "udp");
+  as_asked["realtime"] = true;
+  auto one = summary(as_asked, facts);
+  one.wake_up.max = 50'500'000;
+  statistics::Worst worst;
+  worst.took_ns = 60'000'000;
+  worst.message.due_ns = 1'000'000'000;
+  worst.message.woke_ns = 1'050'500'000;
+  one.shape.worst = {worst};
+  auto text = render({one}, Format::markdown);
+  EXPECT_THAT(text, HasSubstr("the hypervisor took 2.1 % of the time of the component's CPUs"));
+  EXPECT_THAT(text, Not(HasSubstr("of the controller's CPUs")));
+  EXPECT_THAT(text, HasSubstr("of the longest wait, 60000 µs, our own sending thread overslept 50500"));
+  EXPECT_THAT(text, HasSubstr("woke up to 50500 µs late, as RT throttling would make it"));
+  one.shape.worst[0].message.woke_ns = 1'020'000'000;
+  one.wake_up.max = 20'000'000;
+  text = render({one}, Format::markdown);
+  EXPECT_THAT(text, Not(HasSubstr("overslept")));
+  EXPECT_THAT(text, Not(HasSubstr("throttling")));
 }
 
 TEST(Remarks, TellLossesApart) {

@@ -144,13 +144,28 @@ TEST(Csv, HasAStableHeader) {
   EXPECT_TRUE(header.ends_with(
       ",back_us_max,parts_error_us,controller_lost_on_the_way,controller_lost_overwritten,"
       "component_lost_on_the_way,component_lost_overwritten,component_transport,receive,domain,ping_topic,"
-      "pong_topic,qos_reliability,qos_history,qos_depth,qos_durability,interface,component_interface"));
+      "pong_topic,qos_reliability,qos_history,qos_depth,qos_durability,interface,component_interface,"
+      "round_trip_95_us_mean_low,"
+      "round_trip_95_us_mean_high,round_trip_95_us_p50_low,round_trip_95_us_p50_high,"
+      "round_trip_95_us_p90_low,round_trip_95_us_p90_high,round_trip_95_us_p99_low,round_trip_95_us_p99_high,"
+      "round_trip_95_us_p99.9_low,round_trip_95_us_p99.9_high,round_trip_95_us_p99.99_low,"
+      "round_trip_95_us_p99.99_high,response_95_us_mean_low,response_95_us_mean_high,"
+      "response_95_us_p50_low,response_95_us_p50_high,response_95_us_p90_low,response_95_us_p90_high,"
+      "response_95_us_p99_low,response_95_us_p99_high,response_95_us_p99.9_low,response_95_us_p99.9_high,"
+      "response_95_us_p99.99_low,response_95_us_p99.99_high,probability_late_value,probability_late_low,"
+      "probability_late_high,probability_late_bound,probability_lost_value,probability_lost_low,"
+      "probability_lost_high,probability_lost_bound,probability_missed_value,probability_missed_low,"
+      "probability_missed_high,probability_missed_bound,bursts_count,bursts_longest,bursts_longest_ms"));
 }
 
 TEST(Csv, SaysWhatTheJsonSays) {
   auto whole = summary(asked("a", "udp"), outcome());
   whole.late_by_response = 7;
   whole.parts = statistics::Parts{whole.round_trip, whole.round_trip, 5000, false};
+  whole.round_trip_certainty.p99 = {1e6, {0.9e6, 1.2e6}, {}};
+  whole.late_probability.messages = 2000;
+  whole.late_probability.sure = {0.01, 0.02};
+  whole.bursts = {3, 4, 5'000'000};
   const std::vector<Summary> runs = {whole, summary(asked("b", "udp"), nullptr)};
   const auto csv = render(runs, Format::csv);
   const auto document = json::parse(render(runs, Format::json));
@@ -161,8 +176,16 @@ TEST(Csv, SaysWhatTheJsonSays) {
       if (!value.is_structured()) expected[key] = value;
       if (!key.ends_with("_us") || value.is_null()) continue;
       if (!value.is_object()) continue;
-      for (const auto& [name, number] : value.items()) expected[key + "_" + name] = number;
+      for (const auto& [name, number] : value.items()) {
+        expected[key + "_" + name] = number;
+        if (!number.is_object()) continue;
+        for (const auto* end : {"low", "high"}) expected[key + "_" + name + "_" + end] = number.at(end);
+      }
     }
+    for (const auto& [what, probability] : run.at("probability").items())
+      for (const auto& [name, number] : probability.items())
+        expected["probability_" + what + "_" + name] = number;
+    for (const auto& [name, number] : run.at("bursts").items()) expected["bursts_" + name] = number;
     for (const auto& [key, value] : run.at("conditions").items())
       if (!value.is_structured()) expected[key] = value;
     for (const auto& [key, value] : run.at("conditions").at("qos").items()) expected["qos_" + key] = value;

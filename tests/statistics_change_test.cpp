@@ -34,7 +34,7 @@ TEST(Gate, DoesNotCryWolfBetweenTheHalvesOfARun) {
 TEST(Gate, SeesAShiftOfTwentyPercent) {
   for (const auto& kind : kinds()) {
     Random random(12);
-    constexpr int trials = 30;
+    constexpr int trials = 20;
     int seen = 0;
     for (int i = 0; i < trials; ++i) {
       auto slower = kind.series(samples, random);

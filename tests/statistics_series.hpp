@@ -16,14 +16,14 @@
 
 namespace ontime::statistics {
 
-using Random = std::mt19937_64;
+struct Random : std::mt19937_64 {
+  using std::mt19937_64::mt19937_64;
+  std::normal_distribution<> deviate;
+};
 using Times_ns = std::vector<std::int64_t>;
 
 inline double uniform(Random& random) { return static_cast<double>(random() >> 11) * 0x1p-53; }
-inline double normal(Random& random) {
-  // A deviate by Box & Muller, so that the series are the same with every library.
-  return std::sqrt(-2 * std::log(1 - uniform(random))) * std::cos(2 * M_PI * uniform(random));
-}
+inline double normal(Random& random) { return random.deviate(random); }
 // About 1 ms, spread as latency is.
 inline std::int64_t as_time(double deviate) { return std::llround(1e6 * std::exp(0.25 * deviate)); }
 inline double share_below(double deviate) { return std::erfc(-deviate / std::sqrt(2)) / 2; }

@@ -127,6 +127,35 @@ Sample lost(std::uint64_t index, std::int64_t intended_ns, std::int64_t skipped)
   return sample;
 }
 
+TEST(Summary, CountsWhatIsLateOrLostInARow) {
+  std::vector<Sample> samples;
+  for (const auto took_ns : {1 * ms, 12 * ms, 1 * ms, 12 * ms, 13 * ms, 0 * ms, 1 * ms, 11 * ms, 11 * ms}) {
+    const auto due_ns = static_cast<std::int64_t>(1000 + 20 * samples.size()) * ms;
+    samples.push_back(answered(samples.size(), due_ns, 0, took_ns));
+    if (took_ns > 0) continue;
+    samples.back().received_ns = 0;
+    samples.back().fate = Fate::lost;
+  }
+  const auto summary = summary_of(samples, asked_next_free);
+  EXPECT_EQ(summary.late_probability.events, 5u);
+  EXPECT_EQ(summary.lost_probability.events, 1u);
+  EXPECT_EQ(summary.missed_probability.events, 6u);
+  EXPECT_EQ(summary.bursts.count, 2u);
+  EXPECT_EQ(summary.bursts.longest, 3u);
+  EXPECT_EQ(summary.bursts.longest_ns, 2 * 20 * ms + 51 * us + 500 * ms);  // until the lost one was given up
+  EXPECT_EQ(summary.message_every_ns, 20 * ms);
+  EXPECT_THAT(summary.extremes.refused, HasSubstr("it takes 2000 answers, and there are 8"));
+}
+
+TEST(Summary, IsTheSameOfSamplesReadInSeveralBlocks) {
+  std::vector<Sample> samples;
+  for (std::int64_t i = 0; i < 40'000; ++i)
+    samples.push_back(answered(samples.size(), (1000 + 10 * i) * ms, 0, us + i * 7919 % 40'000));
+  const auto summary = summary_of(samples, asked_next_free);
+  EXPECT_EQ(summary.sent, samples.size());
+  EXPECT_EQ(summary.round_trip.p50, us + 19'999);
+}
+
 TEST(Summary, EveryCycleThatPassedCountsAsAResponse) {
   // The sender stands still for 3 s: 300 cycles, in two messages.
   const auto summary = summary_of(

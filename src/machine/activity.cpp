@@ -36,8 +36,9 @@ Activity activity() {
 
 nlohmann::json between(const Activity& first, const Activity& last) {
   const auto elapsed_ns = last.at_ns - first.at_ns;
-  return {{"cpu_busy", share(static_cast<std::int64_t>(last.busy_ticks - first.busy_ticks),
-                             static_cast<std::int64_t>(last.total_ticks - first.total_ticks))},
+  const auto ticks = static_cast<std::int64_t>(last.total_ticks - first.total_ticks);
+  return {{"cpu_busy", share(static_cast<std::int64_t>(last.busy_ticks - first.busy_ticks), ticks)},
+          {"cpu_stolen", share(static_cast<std::int64_t>(last.stolen_ticks - first.stolen_ticks), ticks)},
           {"cpu_pressure", pressure(first.cpu_stall_us, last.cpu_stall_us, elapsed_ns)},
           {"memory_pressure", pressure(first.memory_stall_us, last.memory_stall_us, elapsed_ns)},
           {"io_pressure", pressure(first.io_stall_us, last.io_stall_us, elapsed_ns)}};

@@ -37,12 +37,14 @@ nlohmann::json clock_state();
 // How busy the machine was between two moments: from /proc/stat and /proc/pressure.
 struct Activity {
   std::uint64_t busy_ticks = 0, total_ticks = 0;
+  std::uint64_t stolen_ticks = 0;  // of the busy ones: a hypervisor gave them to others
   // Microseconds in which some task waited, since boot; -1 where the kernel has no pressure information.
   std::int64_t cpu_stall_us = -1, memory_stall_us = -1, io_stall_us = -1;
   std::int64_t at_ns = 0;  // CLOCK_MONOTONIC
 };
 Activity activity();
-// {"cpu_busy": 0…1, "cpu_pressure": 0…1 or null, "memory_pressure": …, "io_pressure": …}
+// {"cpu_busy": 0…1, "cpu_stolen": 0…1 (by a hypervisor, as far as it tells), "cpu_pressure": 0…1 or null,
+// "memory_pressure": …, "io_pressure": …}
 nlohmann::json between(const Activity& first, const Activity& last);
 
 // An interface of this machine (of this network namespace), and its first IPv4 address ("" if it has none).

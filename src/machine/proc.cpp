@@ -58,6 +58,7 @@ void parse_ticks(const std::string& text, Activity& activity) {
   for (auto& count : ticks) fields >> count;
   if (!fields || cpu != "cpu") return;
   activity.total_ticks = std::accumulate(ticks.begin(), ticks.end(), std::uint64_t{0});
+  activity.stolen_ticks = ticks[7];
   activity.busy_ticks = activity.total_ticks - ticks[3] - ticks[4];
 }
 

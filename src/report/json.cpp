@@ -128,6 +128,15 @@ std::vector<Field> fields() {
   for (const auto* key : {"reliability", "history", "depth", "durability"})
     fields.push_back({fmt::format("qos_{}", key), {"conditions", "qos", key}});
   for (const auto* key : {"interface", "component_interface"}) fields.push_back({key, {"conditions", key}});
+  for (const auto* name : {"round_trip_95_us", "response_95_us"})
+    for (const auto* figure : {"mean", "p50", "p90", "p99", "p99.9", "p99.99"})
+      for (const auto* end : {"low", "high"})
+        fields.push_back({fmt::format("{}_{}_{}", name, figure, end), {name, figure, end}});
+  for (const auto* what : {"late", "lost", "missed"})
+    for (const auto* value : {"value", "low", "high", "bound"})
+      fields.push_back({fmt::format("probability_{}_{}", what, value), {"probability", what, value}});
+  for (const auto* key : {"count", "longest", "longest_ms"})
+    fields.push_back({fmt::format("bursts_{}", key), {"bursts", key}});
   return fields;
 }
 
@@ -159,6 +168,7 @@ ordered_json json_of(const statistics::Summary& summary) {
   run["there_us"] = json_of(parts.there);
   run["back_us"] = json_of(parts.back);
   run["parts"] = parts_of(summary);
+  add_certainty(run, summary);
   run["notes"] = notes_of(summary);
   run["imported"] = imported_json_of(summary);
   run.update(some_of(asked, {"require"}));

@@ -124,6 +124,38 @@ std::vector<std::string> other_traffic(const statistics::Summary& summary) {
   return parts;
 }
 
+// What neither the network nor the other end is to blame for: the CPU given to others, our own thread asleep.
+constexpr double much_stolen = 0.001;
+std::vector<std::string> taken_away(const statistics::Summary& summary) {
+  std::vector<std::string> parts;
+  const auto& outcome = summary.run.outcome;
+  for (const auto* host : {"controller", "component"}) {
+    const auto& stolen = at(at(at(outcome, "conditions"), host), "cpu_stolen");
+    if (stolen.is_number() && stolen.get<double>() >= much_stolen)
+      parts.push_back(fmt::format("the hypervisor took {:.1f} % of the time of the {}'s CPUs",
+                                  stolen.get<double>() * 100, host));
+  }
+  if (!summary.shape.worst.empty()) {
+    const auto& [took_ns, before, message, after] = summary.shape.worst.front();
+    const auto woke_late = static_cast<double>(message.woke_ns) - static_cast<double>(message.due_ns);
+    if (summary.wake_up.count > 0 && woke_late * 2 >= static_cast<double>(took_ns))
+      parts.push_back(fmt::format("of the longest wait, {} µs, our own sending thread overslept {}",
+                                  microseconds(static_cast<double>(took_ns)), microseconds(woke_late)));
+  }
+  // A throttled CPU leaves its real-time threads waiting for the rest of the period.
+  const auto& machine = at(at(at(outcome, "hosts"), "controller"), "machine");
+  const auto &runtime = at(machine, "rt_runtime_us"), &period = at(machine, "rt_period_us");
+  if (!is_true(at(summary.run.asked, "realtime")) || !runtime.is_number() || !period.is_number())
+    return parts;
+  const double rest_us = period.get<double>() - runtime.get<double>();
+  if (runtime >= 0 && rest_us > 0 && static_cast<double>(summary.wake_up.max) >= rest_us * 1e3)
+    parts.push_back(
+        fmt::format("woke up to {} µs late, as RT throttling would make it "
+                    "(kernel.sched_rt_runtime_us {}; `dmesg` has its first time since boot)",
+                    microseconds(static_cast<double>(summary.wake_up.max)), word(runtime)));
+  return parts;
+}
+
 // "at 3.2 s: the pong left".
 constexpr std::size_t most_notes = 5;
 std::string text_of(const record::Note& note, const statistics::Summary& summary) {
@@ -206,6 +238,7 @@ std::string remarks(const statistics::Summary& summary) {
   add_notes(parts, summary);
   if (const auto text = drops(outcome); !text.empty()) parts.push_back(text);
   if (const auto text = faults(outcome); !text.empty()) parts.push_back(text);
+  for (const auto& text : taken_away(summary)) parts.push_back(text);
   if (summary.skipped_cycles > 0)
     parts.push_back(
         many(summary.skipped_cycles, "skipped cycle", "skipped cycles") +

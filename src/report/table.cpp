@@ -2,6 +2,7 @@
 #include <algorithm>
 #include <map>
 #include <optional>
+#include <utility>
 
 #include <fmt/format.h>
 
@@ -17,6 +18,14 @@ using nlohmann::json;
 using statistics::Distribution;
 using statistics::Summary;
 
+// Where nothing bounds it from above, what was seen there is not to be taken for known.
+std::string percentile(const Distribution& of, std::int64_t ns, std::uint64_t one_in,
+                       const statistics::Measured& certainty) {
+  if (of.count >= one_in && certainty.sure.low && !certainty.sure.high)
+    return "> " + microseconds(*certainty.sure.low);
+  return report::percentile(of, ns, one_in);
+}
+
 std::string share(std::uint64_t part, std::uint64_t whole) { return fmt::format("{}/{}", part, whole); }
 
 // Judged by when a cycle's answer should have been asked for, and not by when it was, more may be late.
@@ -26,15 +35,16 @@ bool differs_by_response(const Summary& summary) {
 
 std::vector<std::string> row(const std::string& label, const Summary& summary, bool by_response) {
   const auto& of = summary.round_trip;
+  const auto& sure = summary.round_trip_certainty;
   const auto value = [&](double ns) { return of.count == 0 ? nothing : microseconds(ns); };
   std::vector<std::string> cells = {label,
                                     value(static_cast<double>(of.min)),
                                     value(of.mean),
-                                    percentile(of, of.p50, 2),
-                                    percentile(of, of.p90, 10),
-                                    percentile(of, of.p99, 100),
-                                    percentile(of, of.p99_9, 1000),
-                                    percentile(of, of.p99_99, 10000),
+                                    percentile(of, of.p50, 2, sure.p50),
+                                    percentile(of, of.p90, 10, sure.p90),
+                                    percentile(of, of.p99, 100, sure.p99),
+                                    percentile(of, of.p99_9, 1000, sure.p99_9),
+                                    percentile(of, of.p99_99, 10000, sure.p99_99),
                                     value(static_cast<double>(of.max)),
                                     share(summary.late, summary.sent),
                                     share(summary.lost, summary.sent)};
@@ -110,7 +120,7 @@ std::vector<std::string> parts_of(const Group& group) {
   return lines;
 }
 
-Table table_of(Group group) {
+std::vector<Table> tables_of(Group group) {
   // Interleaved repetitions come together again, in the order in which their first one ran.
   const auto alike = labels_without_repetition(group);
   std::map<std::string, std::size_t> first;
@@ -134,7 +144,15 @@ Table table_of(Group group) {
     if (const auto text = remarks(*group[i]); !text.empty()) table.notes.push_back(labels[i] + ": " + text);
   }
   for (const auto& paper : paper_rows(asked)) table.rows.push_back(row(paper, by_response));
-  return table;
+  std::vector<Table> tables = {table};
+  const std::pair<Table, const char*> others[] = {{certainty_table(labels, group), "95 % sure"},
+                                                  {stages_table(labels, group), "stage by stage"}};
+  for (const auto& [other, what] : others) {
+    if (other.rows.empty()) continue;
+    tables.push_back(other);
+    tables.back().title = word(at(asked, "id")) + "  " + what;
+  }
+  return tables;
 }
 
 // "10 ms" if all runs have it, else `otherwise`.
@@ -168,6 +186,10 @@ std::string legend_of(const Page& page, const Summaries& summaries) {
   };
   if (any_cell([](const std::string& cell) { return cell.starts_with('~'); }))
     legend += " ~: fewer than 10 answers were slower.";
+  if (any_cell([](const std::string& cell) { return cell.starts_with('>'); }))
+    legend += " >: too few answers, or too dependent ones, to bound it from above.";
+  if (any_cell([](const std::string& cell) { return cell.starts_with('['); }))
+    legend += " In brackets between what it lies; missed: late or lost.";
   if (any_cell([](const std::string& cell) { return cell == nothing; }))
     legend += " -: too few answers to tell.";
   if (any_of_paper(summaries))
@@ -190,7 +212,8 @@ Page page_of(const Summaries& summaries) {
   for (auto& group : by_id(summaries)) {
     const auto measured =
         std::stable_partition(group.begin(), group.end(), [](const auto* run) { return !run->imported; });
-    if (measured != group.begin()) page.tables.push_back(table_of({group.begin(), measured}));
+    if (measured != group.begin())
+      for (auto& table : tables_of({group.begin(), measured})) page.tables.push_back(std::move(table));
     if (measured != group.end()) page.tables.push_back(imported_table_of({measured, group.end()}));
   }
   page.notes = refusals(summaries);

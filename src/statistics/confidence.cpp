@@ -13,6 +13,7 @@ namespace {
 
 constexpr double fewest_events = 10;  // to tell how they depend on one another
 constexpr std::size_t fewest_batches = 8;
+constexpr double most_effective = 1e9;  // more make no interval narrower that anybody could see
 constexpr double normal_97_5 = 1.959963984540054;
 
 Batch sum_of(std::span<const Batch> batches) {
@@ -108,6 +109,7 @@ Measured mean(std::span<const Batch> given, double value) {
 }
 
 Shares quantile_shares(double share, double effective, double confidence) {
+  effective = std::min(effective, most_effective);
   const double tail = (1 - confidence) / 2;
   // How probable it is that the value of this rank, out of `effective` ones, is below the quantile: less, the
   // higher the rank.
@@ -141,7 +143,8 @@ Probability probability(std::span<const Batch> batches, double effect_without_ev
   result.messages = static_cast<std::uint64_t>(all.values);
   if (all.values == 0) return result;
   result.effect = std::max(design_effect(batches), all.events == 0 ? effect_without_event : 1.0);
-  const double messages = std::max(1.0, all.values / result.effect), share = all.events / all.values;
+  const double messages = std::clamp(all.values / result.effect, 1.0, most_effective),
+               share = all.events / all.values;
   result.value = share;
   result.sure = clopper_pearson(share * messages, messages, 0.95);
   result.surer = clopper_pearson(share * messages, messages, 0.98);

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <numeric>
 
 namespace ontime::statistics {
 
@@ -18,24 +19,30 @@ void Course::add_series(std::int64_t least, std::int64_t step, std::uint64_t cou
   for (std::uint64_t i = 0; i < count; ++i) add(series.least + static_cast<std::int64_t>(i) * series.step);
 }
 
+std::size_t Course::batches() const { return std::clamp<std::size_t>(values_.size(), 1, most_batches); }
+
 template <class Use, class UseSeries>
 void Course::each(Use use, UseSeries use_series) const {
-  const auto batch_of = [&](std::size_t place) {
-    return values_.empty() ? 0 : std::min(place, values_.size() - 1) * most_batches / values_.size();
-  };
-  std::size_t place = 0;
-  for (const auto value : values_) use(batch_of(place++), value);
-  for (const auto& series : series_) use_series(batch_of(series.place), series.values);
+  const auto first_of = [&](std::size_t batch) { return batch * values_.size() / batches(); };
+  for (std::size_t batch = 0; batch < batches(); ++batch)
+    use(batch, values().subspan(first_of(batch), first_of(batch + 1) - first_of(batch)));
+  std::size_t batch = 0;
+  for (const auto& series : series_) {
+    while (batch + 1 < batches() && first_of(batch + 1) <= series.place) ++batch;
+    use_series(batch, series.values);
+  }
 }
 
 std::vector<std::vector<Batch>> Course::above(std::span<const std::int64_t> thresholds) const {
-  std::vector<std::vector<Batch>> all(thresholds.size(), std::vector<Batch>(most_batches));
-  const std::vector<float> rounded(thresholds.begin(), thresholds.end());
+  std::vector<std::vector<Batch>> all(thresholds.size(), std::vector<Batch>(batches()));
   each(
-      [&](std::size_t batch, float value) {
-        for (std::size_t i = 0; i < rounded.size(); ++i) {
-          all[i][batch].values += 1;
-          all[i][batch].events += value > rounded[i] ? 1 : 0;
+      [&](std::size_t batch, std::span<const float> values) {
+        for (std::size_t i = 0; i < thresholds.size(); ++i) {
+          const auto threshold = static_cast<float>(thresholds[i]);
+          const auto events =
+              std::count_if(values.begin(), values.end(), [&](float value) { return value > threshold; });
+          all[i][batch].values += static_cast<double>(values.size());
+          all[i][batch].events += static_cast<double>(events);
         }
       },
       [&](std::size_t batch, const Values::Series& series) {
@@ -48,11 +55,11 @@ std::vector<std::vector<Batch>> Course::above(std::span<const std::int64_t> thre
 }
 
 std::vector<Batch> Course::sums() const {
-  std::vector<Batch> all(most_batches);
+  std::vector<Batch> all(batches());
   each(
-      [&](std::size_t batch, float value) {
-        all[batch].values += 1;
-        all[batch].events += static_cast<double>(value);
+      [&](std::size_t batch, std::span<const float> values) {
+        all[batch].values += static_cast<double>(values.size());
+        all[batch].events += std::accumulate(values.begin(), values.end(), 0.0);
       },
       [&](std::size_t batch, const Values::Series& series) {
         all[batch].values += static_cast<double>(series.count);

@@ -3,7 +3,6 @@
 #pragma once
 
 #include <cstdint>
-#include <deque>
 #include <span>
 #include <vector>
 
@@ -18,10 +17,11 @@ class Course {
   // As Values has it; a long one is kept as one.
   void add_series(std::int64_t least, std::int64_t step, std::uint64_t count);
 
-  // As many batches as there are of Batches, of equal length but for series. Of each threshold: of which
-  // values are above it.
+  // At most as many batches as there are of Batches, equally long but for series. For each threshold: with
+  // the values above it as events.
   std::vector<std::vector<Batch>> above(std::span<const std::int64_t> thresholds) const;
-  std::vector<Batch> sums() const;  // instead of events the sum of the values
+  std::span<const float> values() const { return values_; }  // without the long series
+  std::vector<Batch> sums() const;                           // instead of events the sum of the values
 
  private:
   struct Series {
@@ -29,10 +29,11 @@ class Course {
     Values::Series values;
   };
   template <class Use, class UseSeries>
-  void each(Use, UseSeries) const;  // use(batch, value), use(batch, series)
+  void each(Use, UseSeries) const;  // use(batch, its values), use(batch, series)
+  std::size_t batches() const;
 
-  std::deque<float> values_;
-  std::deque<Series> series_;
+  std::vector<float> values_;
+  std::vector<Series> series_;
 };
 
 // Of the distribution of the same values.

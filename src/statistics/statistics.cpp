@@ -2,6 +2,8 @@
 #include "statistics/statistics.hpp"
 
 #include <algorithm>
+#include <functional>
+#include <future>
 #include <utility>
 
 #include "statistics/bursts.hpp"
@@ -19,6 +21,7 @@ using nlohmann::json;
 using roundtrip::Fate;
 using roundtrip::Sample;
 
+constexpr std::size_t block_size = 1 << 14;                      // of samples
 constexpr std::uint64_t most_trailing = std::uint64_t{1} << 48;  // more is no count of cycles
 
 Cycles skipped_before(const Sample& sample) {
@@ -88,6 +91,10 @@ class Pass {
     summary_.round_trip = round_trips.distribution();
     summary_.response = responses.distribution();
     summary_.round_trip_certainty = certainty(round_trip_course_, round_trips, summary_.round_trip);
+    const auto answers = round_trips.count();
+    const auto peaks = std::min<std::uint64_t>(answers / 10, most_peaks);
+    summary_.extremes =
+        extremes(round_trip_course_.values(), static_cast<float>(round_trips.at_rank(answers - peaks)));
     summary_.response_certainty = certainty(response_course_, responses, summary_.response);
     // Where none is late, how the slowest come in bursts is all that there is to go by.
     const auto effect = summary_.response_certainty.p99_9.effect;
@@ -157,13 +164,28 @@ Summary summarise(const record::Reader& reader, const record::Run& run) {
     return summary;
   }
   std::optional<Pass> pass;
-  reader.each_sample(run.number, [&](const Sample& sample) {
-    if (!pass) {
-      summary.start_ns = sample.intended_ns;
-      pass.emplace(summary, summary.start_ns);
+  const auto account = [&](const std::vector<Sample>& block) {
+    for (const auto& sample : block) {
+      if (!pass) {
+        summary.start_ns = sample.intended_ns;
+        pass.emplace(summary, summary.start_ns);
+      }
+      pass->message(sample);
     }
-    pass->message(sample);
+  };
+  // While a block is accounted for, the next is read.
+  std::vector<Sample> block, other;
+  std::future<void> at_work;
+  reader.each_sample(run.number, [&](const Sample& sample) {
+    block.push_back(sample);
+    if (block.size() < block_size) return;
+    if (at_work.valid()) at_work.get();
+    std::swap(block, other);
+    block.clear();
+    at_work = std::async(std::launch::async, account, std::cref(other));
   });
+  if (at_work.valid()) at_work.get();
+  account(block);
   if (!pass) {
     summary.start_ns = integer_of(member(run.outcome, "trailing_due_ns")).value_or(0);
     pass.emplace(summary, summary.start_ns);

@@ -12,6 +12,7 @@
 
 #include "record/record.hpp"
 #include "statistics/confidence.hpp"
+#include "statistics/extremes.hpp"
 
 namespace ontime::statistics {
 
@@ -107,6 +108,7 @@ struct Summary {
   Probability late_probability, lost_probability, missed_probability;
   Probability late_by_response_probability;  // of a cycle; no messages where late_by_response is nothing
   Bursts bursts;
+  Extremes extremes;            // of the round trips: extremes.hpp
   double message_every_ns = 0;  // on average; 0 of fewer than two
 };
 Summary summarise(const record::Reader&, const record::Run&);

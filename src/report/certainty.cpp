@@ -1,0 +1,197 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <utility>
+
+#include <fmt/format.h>
+
+#include "report/conditions.hpp"
+#include "report/runs.hpp"
+#include "report/words.hpp"
+
+namespace ontime::report {
+namespace {
+
+using nlohmann::ordered_json;
+using statistics::Bound;
+using statistics::Certainty;
+using statistics::Extremes;
+using statistics::Interval;
+using statistics::Measured;
+using statistics::Probability;
+using statistics::Summary;
+
+struct Named {
+  const char* name;
+  Measured Certainty::*figure;
+};
+constexpr std::array figures = {Named{"mean", &Certainty::mean},   Named{"p50", &Certainty::p50},
+                                Named{"p90", &Certainty::p90},     Named{"p99", &Certainty::p99},
+                                Named{"p99.9", &Certainty::p99_9}, Named{"p99.99", &Certainty::p99_99}};
+
+constexpr double one_in_a_million = 1e-6;
+
+std::string interval(const Interval& ns) {
+  if (!ns.low && !ns.high) return nothing;
+  if (!ns.high) return "> " + microseconds(*ns.low);
+  if (!ns.low) return "< " + microseconds(*ns.high);
+  return fmt::format("[{}, {}]", microseconds(*ns.low), microseconds(*ns.high));
+}
+
+std::string percent(double share) { return fmt::format("{:.2g}", share * 100); }
+
+std::string interval(const Probability& of) {
+  if (of.messages == 0) return nothing;
+  if (of.events == 0) return "< " + percent(of.bound);
+  return fmt::format("[{}, {}]", percent(of.sure.low.value_or(0)), percent(of.sure.high.value_or(1)));
+}
+
+std::string time(double ns) {
+  if (ns >= 2 * 86400e9) return fmt::format("{:.1f} days", ns / 86400e9);
+  if (ns >= 2 * 3600e9) return fmt::format("{:.1f} h", ns / 3600e9);
+  if (ns >= 2 * 60e9) return fmt::format("{:.0f} min", ns / 60e9);
+  return fmt::format("{:.3g} s", ns / 1e9);
+}
+
+std::string note_of(const Summary& summary) {
+  const auto& missed = summary.missed_probability;
+  if (missed.messages == 0) return "";
+  if (missed.events > 0) {
+    const auto& bursts = summary.bursts;
+    if (bursts.count == 0) return "never two late or lost in a row";
+    return fmt::format("{} of late or lost messages in a row, the longest of {} messages, {}",
+                       bursts.count == 1 ? "1 burst" : fmt::format("{} bursts", bursts.count), bursts.longest,
+                       duration(static_cast<double>(bursts.longest_ns) / 1e3));
+  }
+  const auto messages = statistics::messages_to_claim(one_in_a_million, missed.effect);
+  return fmt::format("none late or lost; to claim less than 1 in a million: {:.1f} million so, {}",
+                     messages / 1e6, time(messages * summary.message_every_ns));
+}
+
+ordered_json in_us(const std::optional<double>& ns) {
+  if (!ns) return nullptr;
+  return std::round(*ns) / 1e3;
+}
+
+ordered_json json_of(const Probability& of) {
+  if (of.messages == 0) return nullptr;
+  return {{"events", of.events},
+          {"messages", of.messages},
+          {"value", of.value},
+          {"low", of.sure.low.value_or(0)},
+          {"high", of.sure.high.value_or(1)},
+          {"bound", of.bound},
+          {"effect", of.effect}};
+}
+
+std::string note_of(const Extremes& of) {
+  std::vector<std::string> levels, refusals;
+  if (!of.refused.empty()) refusals.push_back(of.refused);
+  for (const auto& [bound, method] :
+       {std::pair{&of.maxima, "block maxima"}, {&of.peaks, "peaks over a threshold"}}) {
+    if (!*bound) continue;
+    const auto& [tail, shape_lies, level, lies, fit_p, count, refused] = **bound;
+    if (refused.empty())
+      levels.push_back(fmt::format("{} [{}, {}] µs ({})", microseconds(level),
+                                   microseconds(lies.low.value_or(0)), microseconds(lies.high.value_or(0)),
+                                   method));
+    else if (std::find(refusals.begin(), refusals.end(), refused) == refusals.end())
+      refusals.push_back(refused);
+  }
+  // Where one of the two ways is refused, the other stands on the same ground.
+  if (!refusals.empty())
+    return "this data does not allow a bound on the slowest, because " + join(refusals, "; ");
+  return levels.empty() ? "" : "1 in a million answers is to take longer than " + join(levels, ", ");
+}
+
+ordered_json json_of(const std::optional<Bound>& of) {
+  if (!of) return nullptr;
+  const bool peaks = of->tail.family == statistics::Tail::Family::peaks;
+  return {{"allowed", of->refused.empty()},
+          {"refused", of->refused.empty() ? ordered_json() : ordered_json(of->refused)},
+          {"level_us", in_us(of->level)},
+          {"level_low_us", in_us(of->level_lies.low)},
+          {"level_high_us", in_us(of->level_lies.high)},
+          {peaks ? "threshold_us" : "location_us", in_us(of->tail.location)},
+          {"scale_us", in_us(of->tail.scale)},
+          {"shape", of->tail.shape},
+          {"shape_low", of->shape_lies.low.value_or(0)},
+          {"shape_high", of->shape_lies.high.value_or(0)},
+          {"fit_p", of->fit_p},
+          {"count", of->count}};
+}
+
+ordered_json json_of(const Extremes& of) {
+  return {{"refused", of.refused.empty() ? ordered_json() : ordered_json(of.refused)},
+          {"extremal_index", of.index},
+          {"block_maxima", json_of(of.maxima)},
+          {"peaks_over_threshold", json_of(of.peaks)}};
+}
+
+}  // namespace
+
+Table certainty_table(const std::vector<std::string>& labels, const Group& runs) {
+  Table table{"", "", {{"Round trip (µs)", Column::Align::left}}, {}, {}};
+  for (const auto* name : {"p50", "p99", "p99.9", "p99.99", "Missed (%)"}) table.columns.push_back({name});
+  for (std::size_t i = 0; i < runs.size(); ++i) {
+    const auto& of = runs[i]->round_trip_certainty;
+    if (!of.p50.sure.low && runs[i]->missed_probability.messages == 0) continue;
+    table.rows.push_back({labels[i], interval(of.p50.sure), interval(of.p99.sure), interval(of.p99_9.sure),
+                          interval(of.p99_99.sure), interval(runs[i]->missed_probability)});
+    const auto notes = {note_of(*runs[i]), note_of(runs[i]->extremes)};
+    for (const auto& note : notes)
+      if (!note.empty()) table.notes.push_back(labels[i] + ": " + note);
+  }
+  return table;
+}
+
+Table stages_table(const std::vector<std::string>& labels, const Group& runs) {
+  Table table{"", "", {{"p99.9 (µs)", Column::Align::left}}, {}, {}};
+  for (const auto* name : {"Wake-up", "There", "Other end", "Back", "Round trip", "Response"})
+    table.columns.push_back({name});
+  const auto cell = [](const statistics::Distribution& of) {
+    return of.count < 1000 ? nothing : microseconds(static_cast<double>(of.p99_9));
+  };
+  for (std::size_t i = 0; i < runs.size(); ++i) {
+    const auto parts = runs[i]->parts.value_or(statistics::Parts{});
+    if (runs[i]->response.count < 1000) continue;
+    table.rows.push_back({labels[i], cell(runs[i]->wake_up), cell(parts.there), cell(runs[i]->server),
+                          cell(parts.back), cell(runs[i]->round_trip), cell(runs[i]->response)});
+  }
+  return table;
+}
+
+ordered_json json_of(const Certainty& of) {
+  auto result = ordered_json::object();
+  for (const auto& [name, figure] : figures) {
+    const auto& measured = of.*figure;
+    result[name] = {{"low", in_us(measured.sure.low)},
+                    {"high", in_us(measured.sure.high)},
+                    {"supported", measured.sure.low && measured.sure.high}};
+    if (figure != &Certainty::mean) result[name]["effect"] = measured.effect;
+  }
+  return result;
+}
+
+void add_certainty(ordered_json& run, const Summary& summary) {
+  run["round_trip_95_us"] =
+      summary.round_trip.count == 0 ? ordered_json() : json_of(summary.round_trip_certainty);
+  run["response_95_us"] = summary.response.count == 0 ? ordered_json() : json_of(summary.response_certainty);
+  run["probability"] = {{"late", json_of(summary.late_probability)},
+                        {"lost", json_of(summary.lost_probability)},
+                        {"missed", json_of(summary.missed_probability)},
+                        {"late_by_response", json_of(summary.late_by_response_probability)}};
+  run["bursts"] = {{"count", summary.bursts.count},
+                   {"longest", summary.bursts.longest},
+                   {"longest_ms", static_cast<double>(summary.bursts.longest_ns) / 1e6}};
+  run["extremes"] = json_of(summary.extremes);
+  const auto& missed = summary.missed_probability;
+  const auto messages = statistics::messages_to_claim(one_in_a_million, missed.effect);
+  run["to_claim_1e-6"] =
+      missed.messages < 2
+          ? ordered_json()
+          : ordered_json{{"messages", messages}, {"hours", messages * summary.message_every_ns / 3600e9}};
+}
+
+}  // namespace ontime::report

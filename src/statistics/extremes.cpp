@@ -1,0 +1,217 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "statistics/extremes.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <functional>
+#include <limits>
+#include <map>
+#include <random>
+#include <utility>
+
+#include <boost/math/distributions/binomial.hpp>
+#include <boost/math/distributions/normal.hpp>
+#include <fmt/format.h>
+
+namespace ontime::statistics {
+namespace {
+
+constexpr std::size_t blocks = 100;
+constexpr std::size_t fewest_values = 2000;
+constexpr std::size_t fewest_peaks = 30;
+constexpr int resamples = 200;
+constexpr double one_in_a_million = 1e-6;
+constexpr double refuses = 0.01, refuses_fit = 0.05;
+constexpr double heaviest = 0.5;  // beyond, L-moments tell little of the shape: their variance is infinite
+
+double two_sided(double deviate) { return std::erfc(std::abs(deviate) / std::sqrt(2.0)); }
+
+double anderson_darling(std::vector<double> values, const Tail& tail) {
+  std::sort(values.begin(), values.end());
+  const auto n = values.size();
+  double sum = 0;
+  const auto inside = [&](double x) { return std::clamp(tail.below(x), 1e-15, 1 - 1e-15); };
+  for (std::size_t i = 0; i < n; ++i)
+    sum += static_cast<double>(2 * i + 1) *
+           (std::log(inside(values[i])) + std::log1p(-inside(values[n - 1 - i])));
+  return -static_cast<double>(n) - sum / static_cast<double>(n);
+}
+
+using Fit = std::function<std::optional<Tail>(std::vector<double>)>;
+using Level = std::function<double(const Tail&)>;
+
+Interval middle_95(std::vector<double> values) {
+  std::sort(values.begin(), values.end());
+  const auto at = [&](double share) {
+    return values[static_cast<std::size_t>(share * static_cast<double>(values.size() - 1))];
+  };
+  return {at(0.025), at(0.975)};
+}
+
+std::optional<Bound> bound(const std::vector<double>& values, const Fit& fit, const Level& level) {
+  const auto tail = fit(values);
+  if (!tail) return {};
+  Bound result;
+  result.tail = *tail;
+  result.level = level(*tail);
+  result.count = values.size();
+  const double distance = anderson_darling(values, *tail);
+  std::mt19937_64 random(1);
+  std::vector<double> shapes, levels;
+  int further = 0;
+  for (int i = 0; i < resamples; ++i) {
+    std::vector<double> sample(values.size());
+    for (auto& value : sample) value = tail->quantile((static_cast<double>(random() >> 11) + 0.5) * 0x1p-53);
+    const auto again = fit(sample);
+    if (!again) continue;
+    shapes.push_back(again->shape);
+    levels.push_back(level(*again));
+    further += anderson_darling(std::move(sample), *again) >= distance ? 1 : 0;
+  }
+  if (shapes.empty()) return {};
+  result.fit_p = static_cast<double>(further) / static_cast<double>(shapes.size());
+  result.shape_lies = middle_95(std::move(shapes));
+  result.level_lies = middle_95(std::move(levels));
+  if (tail->shape > heaviest)
+    result.refused =
+        fmt::format("its tail is so heavy (shape {:.2f}) that any bound would be a guess", tail->shape);
+  else if (result.fit_p < refuses_fit)
+    result.refused = fmt::format(
+        "the slowest answers do not lie as the theory has it (Anderson-Darling, p = {:.2g})", result.fit_p);
+  return result;
+}
+
+// Where the greatest of each run of peaks is: the longest gaps lie between runs (Ferro & Segers 2003).
+std::vector<std::size_t> declustered(const std::vector<std::size_t>& places, std::span<const float> values,
+                                     double index) {
+  std::vector<std::size_t> gaps;
+  for (std::size_t i = 1; i < places.size(); ++i) gaps.push_back(places[i] - places[i - 1]);
+  auto longest_first = gaps;
+  std::sort(longest_first.begin(), longest_first.end(), std::greater<>());
+  const auto clusters =
+      std::max<std::size_t>(1, static_cast<std::size_t>(index * static_cast<double>(places.size())));
+  // As long a gap as the last that divides, or a longer one, divides; equal ones beyond that do not.
+  const auto divides = clusters < 2 ? std::numeric_limits<std::size_t>::max() : longest_first[clusters - 2];
+  std::vector<std::size_t> peaks;
+  for (std::size_t i = 0; i < places.size(); ++i) {
+    if (i == 0 || gaps[i - 1] >= divides)
+      peaks.push_back(places[i]);
+    else if (values[places[i]] > values[peaks.back()])
+      peaks.back() = places[i];
+  }
+  return peaks;
+}
+
+std::string unsteady(std::span<const double> maxima, const std::vector<std::size_t>& peaks,
+                     std::size_t values) {
+  if (const auto p = trend_p(maxima); p < refuses)
+    return fmt::format("its slowest answers became slower or faster over the run (Mann-Kendall, p = {:.2g})",
+                       p);
+  if (const auto p = runs_p(maxima); p < refuses)
+    return fmt::format("bad stretches of the run follow upon one another (Wald-Wolfowitz, p = {:.2g})", p);
+  if (peaks.empty()) return "";
+  const auto before = std::lower_bound(peaks.begin(), peaks.end(), values / 2) - peaks.begin();
+  const auto first = static_cast<std::size_t>(before), second = peaks.size() - first;
+  const boost::math::binomial halves(static_cast<double>(peaks.size()), 0.5);
+  const auto p = std::min(1.0, 2 * boost::math::cdf(halves, static_cast<double>(std::min(first, second))));
+  if (p < refuses)
+    return fmt::format("of its bad stretches {} are in the first half and {} in the second (p = {:.2g})",
+                       first, second, p);
+  return "";
+}
+
+}  // namespace
+
+double trend_p(std::span<const double> values) {
+  const auto n = static_cast<double>(values.size());
+  double score = 0;
+  std::map<double, double> alike;
+  for (std::size_t i = 0; i < values.size(); ++i) {
+    ++alike[values[i]];
+    for (std::size_t k = 0; k < i; ++k)
+      score += (values[i] > values[k] ? 1 : 0) - (values[i] < values[k] ? 1 : 0);
+  }
+  double variance = n * (n - 1) * (2 * n + 5);
+  for (const auto& [value, count] : alike) variance -= count * (count - 1) * (2 * count + 5);
+  if (variance <= 0 || score == 0) return 1;
+  return two_sided((std::abs(score) - 1) / std::sqrt(variance / 18));
+}
+
+double runs_p(std::span<const double> values) {
+  std::vector<double> sorted(values.begin(), values.end());
+  if (sorted.empty()) return 1;
+  std::sort(sorted.begin(), sorted.end());
+  const double median = sorted[sorted.size() / 2];
+  double above = 0, below = 0, runs = 0;
+  std::optional<bool> last;
+  for (const auto value : values) {
+    const bool is_above = value >= median;
+    (is_above ? above : below) += 1;
+    if (last != is_above) ++runs;
+    last = is_above;
+  }
+  const double n = above + below, product = 2 * above * below;
+  const double variance = product * (product - n) / (n * n * (n - 1));
+  if (!(variance > 0)) return 1;
+  return boost::math::cdf(boost::math::normal(), (runs - product / n - 1 + 0.5) / std::sqrt(variance));
+}
+
+double extremal_index(std::span<const std::size_t> places) {
+  double sum = 0, squares = 0, longest = 0, less_one = 0, products = 0;
+  const auto gaps = places.size() < 2 ? 0 : places.size() - 1;
+  for (std::size_t i = 0; i < gaps; ++i) {
+    const auto gap = static_cast<double>(places[i + 1] - places[i]);
+    longest = std::max(longest, gap);
+    sum += gap;
+    squares += gap * gap;
+    less_one += gap - 1;
+    products += (gap - 1) * (gap - 2);
+  }
+  if (gaps == 0) return 1;
+  const auto n = static_cast<double>(gaps);
+  return std::min(1.0,
+                  longest <= 2 ? 2 * sum * sum / (n * squares) : 2 * less_one * less_one / (n * products));
+}
+
+Extremes extremes(std::span<const float> values, float threshold) {
+  Extremes result;
+  if (values.size() < fewest_values) {
+    result.refused = fmt::format("it takes {} answers, and there are {}", fewest_values, values.size());
+    return result;
+  }
+  const auto n = static_cast<double>(values.size());
+  std::vector<double> maxima;
+  maxima.reserve(blocks);
+  for (std::size_t i = 0; i < blocks; ++i) {
+    const auto from = i * values.size() / blocks, to = (i + 1) * values.size() / blocks;
+    const auto block = values.subspan(from, to - from);
+    maxima.push_back(static_cast<double>(*std::max_element(block.begin(), block.end())));
+  }
+  std::vector<std::size_t> places;
+  for (std::size_t i = 0; i < values.size(); ++i)
+    if (values[i] > threshold) places.push_back(i);
+  result.index = extremal_index(places);
+  const auto peaks = declustered(places, values, result.index);
+  std::vector<double> greatest;
+  greatest.reserve(peaks.size());
+  for (const auto place : peaks) greatest.push_back(static_cast<double>(values[place]));
+
+  const double a_block = n / static_cast<double>(blocks) * result.index;
+  result.maxima = bound(maxima, fit_maxima, [=](const Tail& tail) {
+    return tail.quantile(std::exp(-one_in_a_million * a_block));
+  });
+  const double passing = static_cast<double>(places.size()) / n;
+  if (peaks.size() >= fewest_peaks)
+    result.peaks = bound(
+        greatest,
+        [=](std::vector<double> some) { return fit_peaks(std::move(some), static_cast<double>(threshold)); },
+        [=](const Tail& tail) { return tail.quantile(std::max(0.0, 1 - one_in_a_million / passing)); });
+  if (!result.maxima && !result.peaks)
+    result.refused = "its slowest answers are all alike, or all of one burst";
+  const auto why = unsteady(maxima, peaks, values.size());
+  for (auto* bound : {&result.maxima, &result.peaks})
+    if (*bound && !why.empty()) (*bound)->refused = why;
+  return result;
+}
+
+}  // namespace ontime::statistics

@@ -1,0 +1,68 @@
+// SPDX-License-Identifier: Apache-2.0
+// How slow an answer may be that has not been seen yet: by extreme-value theory, in two ways, each with what
+// it presupposes tested. Ordinary thread.
+//
+// Block maxima: the run in 100 stretches, and the greatest of each; a generalised extreme-value distribution.
+// Peaks over a threshold: what is above the threshold that 500 values pass, or a tenth of fewer, declustered;
+// a generalised Pareto distribution. Their parameters by L-moments (Hosking 1985; Hosking & Wallis 1987), the
+// intervals by a parametric bootstrap of 200 (percentiles), seeded alike each time, as is the p-value of the
+// fit: Anderson & Darling's statistic, of samples fitted anew. How extremes cluster: the extremal index by
+// the intervals between them, which also declusters (Ferro & Segers 2003).
+// Not to be refused are: that the stretches' maxima have no trend (Mann 1945, Kendall), that they do not
+// follow upon one another (runs about the median: Wald & Wolfowitz 1940), that as many peaks lie in the first
+// half as in the second (binomial), each at 1 %, and the fit at 5 %.
+//
+// When it lies: the theory speaks of the causes that were at work in the run. What was not, a nightly backup,
+// say, it knows nothing of.
+#pragma once
+
+#include <cstddef>
+#include <optional>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "statistics/confidence.hpp"
+
+namespace ontime::statistics {
+
+// 1 + shape × (x − location) / scale is what counts: shape below 0 has an upper end, above 0 a heavy tail.
+struct Tail {
+  enum class Family { maxima, peaks } family;  // generalised extreme-value, generalised Pareto
+  double location = 0, scale = 1, shape = 0;   // of peaks the location is the threshold
+  double below(double x) const;                // how probable
+  double quantile(double probability) const;
+};
+// By L-moments; of peaks those above `threshold`. Nothing: they are too few, or all alike.
+std::optional<Tail> fit_maxima(std::vector<double> maxima);
+std::optional<Tail> fit_peaks(std::vector<double> peaks, double threshold);
+
+// The level that one of a million answers passes.
+struct Bound {
+  Tail tail;
+  Interval shape_lies;
+  double level = 0;
+  Interval level_lies;    // with 95 %
+  double fit_p = 0;       // of the fit; small: they do not follow it
+  std::size_t count = 0;  // maxima, or peaks
+  std::string refused;    // why this data does not allow a bound, for people: the figures above are not to be
+                          // taken for one. Empty: nothing speaks against it
+};
+
+struct Extremes {
+  std::optional<Bound> maxima, peaks;  // nothing: too few values, see `refused`
+  double index = 1;                    // extremal: 1 / how many follow upon one another
+  std::string refused;                 // why there is neither
+};
+// Of values in the order in which they came, and the threshold that `most_peaks` of them, or a tenth of
+// fewer, pass.
+inline constexpr std::size_t most_peaks = 500;
+Extremes extremes(std::span<const float> values, float threshold);
+
+// How probable it is that what is so would look as it does or worse: p-values.
+double trend_p(std::span<const double>);  // two-sided, ties counted (Mann & Kendall)
+double runs_p(std::span<const double>);   // too few runs: one-sided (Wald & Wolfowitz)
+// Of the places of the values above a threshold.
+double extremal_index(std::span<const std::size_t> places);
+
+}  // namespace ontime::statistics

@@ -1,0 +1,187 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <array>
+#include <limits>
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include "statistics_series.hpp"
+
+namespace ontime::statistics {
+namespace {
+
+bool holds(const Interval& interval, double value) {
+  return interval.low.value_or(-std::numeric_limits<double>::infinity()) <= value &&
+         value <= interval.high.value_or(std::numeric_limits<double>::infinity());
+}
+
+struct Quantile {
+  const char* name;
+  double share;
+  Measured Certainty::*of;
+};
+constexpr std::array quantiles = {
+    Quantile{"p50", 0.5, &Certainty::p50}, Quantile{"p90", 0.9, &Certainty::p90},
+    Quantile{"p99", 0.99, &Certainty::p99}, Quantile{"p99.9", 0.999, &Certainty::p99_9},
+    Quantile{"p99.99", 0.9999, &Certainty::p99_99}};
+
+TEST(Certainty, HoldsTheTrueQuantilesAsOftenAsItSays) {
+  constexpr int trials = 200;
+  constexpr std::size_t samples = 20'000;
+  for (const auto& kind : kinds()) {
+    Random random(21);
+    std::array<int, quantiles.size()> held{}, held_surer{}, bounded{};
+    for (int i = 0; i < trials; ++i) {
+      const auto found = run_of(kind.series(samples, random)).round_trip_certainty;
+      for (std::size_t k = 0; k < quantiles.size(); ++k) {
+        const auto& measured = found.*quantiles[k].of;
+        const auto truth = kind.quantile(quantiles[k].share);
+        held[k] += holds(measured.sure, truth) ? 1 : 0;
+        held_surer[k] += holds(measured.surer, truth) ? 1 : 0;
+        bounded[k] += measured.sure.low && measured.sure.high ? 1 : 0;
+      }
+    }
+    for (std::size_t k = 0; k < quantiles.size(); ++k) {
+      EXPECT_GE(held[k], trials * 93 / 100) << kind.name << " " << quantiles[k].name;
+      EXPECT_GE(held_surer[k], trials * 96 / 100) << kind.name << " " << quantiles[k].name;
+    }
+    // And not by saying nothing.
+    for (std::size_t k = 0; k < 3; ++k) EXPECT_GE(bounded[k], trials * 85 / 100) << kind.name;
+  }
+}
+
+TEST(Certainty, SaysWhichQuantilesTheRunDoesNotSupport) {
+  Random random(22);
+  const auto few = run_of(kinds().front().series(1000, random)).round_trip_certainty;
+  EXPECT_TRUE(few.p99.sure.high);
+  EXPECT_FALSE(few.p99_9.sure.high);
+  EXPECT_TRUE(few.p99_9.sure.low);
+  EXPECT_FALSE(few.p99_99.sure.high);
+  const auto one = run_of({5}).round_trip_certainty;
+  EXPECT_EQ(one.p50.value, 5);
+  EXPECT_FALSE(one.p50.sure.low);
+  EXPECT_FALSE(one.p50.sure.high);
+  EXPECT_FALSE(one.mean.sure.low);
+}
+
+TEST(Certainty, OfIndependentValuesIsThatOfTheirOrderStatistics) {
+  // Of 100 the median lies between the 40th and the 61st: Conover 1999, table A3.
+  const auto shares = quantile_shares(0.5, 100, 0.95);
+  EXPECT_NEAR(*shares.low, 0.40, 1e-9);
+  EXPECT_NEAR(*shares.high, 0.61, 1e-9);
+  EXPECT_FALSE(quantile_shares(0.5, 5, 0.95).high);  // of 5 it is outside with 1/16
+  EXPECT_NEAR(*quantile_shares(0.5, 6, 0.95).high, 1, 1e-9);
+  EXPECT_FALSE(quantile_shares(0.99, 367, 0.95).high);
+  EXPECT_TRUE(quantile_shares(0.99, 368, 0.95).high);  // 0.99^367 is 0.025
+  EXPECT_FALSE(quantile_shares(0.5, 0, 0.95).low);
+}
+
+TEST(DesignEffect, IsOneOfIndependentAndTheLengthOfBursts) {
+  Random random(23);
+  Batches independent, in_bursts;
+  bool event = false;
+  for (int i = 0; i < 60'000; ++i) {
+    independent.add(uniform(random) < 0.1);
+    if (i % 20 == 0) event = uniform(random) < 0.1;
+    in_bursts.add(event);
+  }
+  EXPECT_LT(design_effect(independent.all()), 2);
+  EXPECT_GT(design_effect(in_bursts.all()), 20);
+  EXPECT_LT(design_effect(in_bursts.all()), 45);
+}
+
+TEST(Batches, LoseNothingHoweverManyCome) {
+  for (const std::size_t count : {0u, 1u, 127u, 128u, 129u, 1000u, 4097u}) {
+    Batches batches;
+    for (std::size_t i = 0; i < count; ++i) batches.add(i % 3 == 0);
+    double values = 0, events = 0;
+    for (const auto& batch : batches.all()) {
+      values += batch.values;
+      events += batch.events;
+    }
+    EXPECT_EQ(values, count);
+    EXPECT_EQ(events, (count + 2) / 3);
+    EXPECT_LE(batches.all().size(), most_batches);
+  }
+}
+
+TEST(Course, CountsALongSeriesAsTheValuesThatItIs) {
+  Course whole, single;
+  for (int i = 0; i < 1000; ++i) {
+    whole.add(50);
+    single.add(50);
+  }
+  whole.add_series(100, 10, 500);
+  for (int i = 0; i < 500; ++i) single.add(100 + 10 * i);
+  whole.add_series(7, 0, 3);
+  for (int i = 0; i < 3; ++i) single.add(7);
+  const auto total = [](const std::vector<Batch>& batches) {
+    Batch sum;
+    for (const auto& [values, events] : batches) {
+      sum.values += values;
+      sum.events += events;
+    }
+    return std::pair{sum.values, sum.events};
+  };
+  for (const std::int64_t threshold : {0, 7, 50, 100, 2000, 6000})
+    EXPECT_EQ(total(whole.above({&threshold, 1})[0]), total(single.above({&threshold, 1})[0])) << threshold;
+  EXPECT_EQ(total(whole.sums()), total(single.sums()));
+}
+
+Probability of_batches(const std::vector<bool>& events, double effect_without_event = 1) {
+  Batches batches;
+  for (const auto event : events) batches.add(event);
+  return probability(batches.all(), effect_without_event);
+}
+
+TEST(Probability, HasABoundAfterNoEvent) {
+  const std::vector<bool> none(100'000);
+  const auto independent = of_batches(none);
+  EXPECT_EQ(independent.value, 0);
+  EXPECT_EQ(independent.sure.low, 0);
+  EXPECT_NEAR(independent.bound, 3e-5, 1e-7);  // the rule of three
+  EXPECT_NEAR(*independent.sure.high, 3.69e-5, 1e-7);
+  EXPECT_NEAR(of_batches(none, 10).bound, 3e-4, 1e-6);
+  EXPECT_EQ(of_batches({}).messages, 0u);
+  const auto always = of_batches(std::vector<bool>(1000, true));
+  EXPECT_EQ(always.bound, 1);
+  EXPECT_NEAR(*always.sure.low, std::pow(0.025, 1.0 / 1000), 1e-9);
+}
+
+TEST(Probability, IsThatOfClopperAndPearson) {
+  // One event in each of ten of 100 messages: 10 of 1000, spread as evenly as can be.
+  std::vector<bool> events(1000);
+  for (std::size_t i = 50; i < events.size(); i += 100) events[i] = true;
+  const auto found = of_batches(events);
+  EXPECT_EQ(found.effect, 1);
+  EXPECT_NEAR(*found.sure.low, 0.004806, 1e-6);  // R: binom.test(10, 1000)
+  EXPECT_NEAR(*found.sure.high, 0.018313, 1e-6);
+}
+
+TEST(Probability, HoldsTheTrueOneThoughMissesComeInBursts) {
+  constexpr int trials = 300;
+  constexpr double calm = 2000, burst = 20;
+  Random random(24);
+  int held = 0, below_bound = 0;
+  for (int i = 0; i < trials; ++i) {
+    Batches batches;
+    bool in_burst = uniform(random) < burst / (calm + burst);
+    for (int k = 0; k < 60'000; ++k) {
+      batches.add(in_burst);
+      if (uniform(random) < 1 / (in_burst ? burst : calm)) in_burst = !in_burst;
+    }
+    const auto found = probability(batches.all(), 1);
+    held += holds(found.sure, burst / (calm + burst)) ? 1 : 0;
+    below_bound += found.bound > burst / (calm + burst) ? 1 : 0;
+  }
+  EXPECT_GE(held, trials * 93 / 100);
+  EXPECT_GE(below_bound, trials * 93 / 100);
+}
+
+TEST(Probability, OfOneInAMillionIsClaimedAfterThreeMillion) {
+  EXPECT_NEAR(messages_to_claim(1e-6, 1), 2'995'731, 1);
+  EXPECT_NEAR(messages_to_claim(1e-6, 4), 4 * 2'995'731, 4);
+}
+
+}  // namespace
+}  // namespace ontime::statistics

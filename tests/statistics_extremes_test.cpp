@@ -1,0 +1,167 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <algorithm>
+#include <numeric>
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include "statistics_series.hpp"
+
+namespace ontime::statistics {
+namespace {
+
+using ::testing::HasSubstr;
+
+// Annual maximum sea levels at Port Pirie, South Australia, 1923 to 1987, in metres: Coles 2001, An
+// Introduction to Statistical Modeling of Extreme Values, table 1.1.
+const std::vector<double> port_pirie = {
+    4.03, 3.83, 3.65, 3.88, 4.01, 4.08, 4.18, 3.80, 4.36, 3.96, 3.98, 4.69, 3.85, 3.96, 3.85, 3.93, 3.75,
+    3.63, 3.57, 4.25, 3.97, 4.05, 4.24, 4.22, 3.73, 4.37, 4.06, 3.71, 3.96, 4.06, 4.55, 3.79, 3.89, 4.11,
+    3.85, 3.86, 3.86, 4.21, 4.01, 4.11, 4.24, 3.96, 4.21, 3.74, 3.85, 3.88, 3.66, 4.11, 3.71, 4.18, 3.90,
+    3.78, 3.91, 3.72, 4.00, 3.66, 3.62, 4.33, 4.55, 3.75, 4.08, 3.90, 3.88, 3.94, 4.33};
+
+TEST(Tail, OfPortPirieIsThePublishedOne) {
+  const auto tail = *fit_maxima(port_pirie);
+  // Coles, chapter 3.4.1, by maximum likelihood, with the standard errors 0.028, 0.020 and 0.098.
+  EXPECT_NEAR(tail.location, 3.87, 0.01);
+  EXPECT_NEAR(tail.scale, 0.198, 0.01);
+  EXPECT_NEAR(tail.shape, -0.050, 0.02);
+  EXPECT_NEAR(tail.quantile(0.9), 4.30, 0.01);   // once in ten years
+  EXPECT_NEAR(tail.quantile(0.99), 4.69, 0.03);  // once in a hundred
+  EXPECT_GT(trend_p(port_pirie), 0.05);
+  EXPECT_GT(runs_p(port_pirie), 0.05);
+}
+
+std::vector<double> drawn_from(const Tail& tail, std::size_t count, Random& random) {
+  std::vector<double> values(count);
+  for (auto& value : values) value = tail.quantile(uniform(random));
+  return values;
+}
+
+TEST(Tail, IsFoundAgain) {
+  Random random(31);
+  for (const double shape : {-0.3, -0.1, 0.0, 0.1, 0.3}) {
+    const Tail maxima{Tail::Family::maxima, 100, 10, shape};
+    const auto fitted = *fit_maxima(drawn_from(maxima, 20'000, random));
+    EXPECT_NEAR(fitted.location, 100, 0.5) << shape;
+    EXPECT_NEAR(fitted.scale, 10, 0.5) << shape;
+    EXPECT_NEAR(fitted.shape, shape, 0.04);
+    const Tail peaks{Tail::Family::peaks, 50, 10, shape};
+    const auto beyond = *fit_peaks(drawn_from(peaks, 20'000, random), 50);
+    EXPECT_NEAR(beyond.scale, 10, 0.7) << shape;
+    EXPECT_NEAR(beyond.shape, shape, 0.06);
+    for (const auto& tail : {maxima, peaks})
+      for (const double probability : {0.01, 0.5, 0.99, 0.9999})
+        EXPECT_NEAR(tail.below(tail.quantile(probability)), probability, 1e-9) << shape;
+  }
+  EXPECT_FALSE(fit_maxima({1, 2, 3}));
+  EXPECT_FALSE(fit_maxima(std::vector<double>(100, 5)));
+  EXPECT_FALSE(fit_peaks(std::vector<double>(100, 5), 5));
+}
+
+Extremes extremes_of(const std::vector<float>& values) {
+  auto sorted = values;
+  std::sort(sorted.begin(), sorted.end());
+  const auto above = std::min(values.size() / 10, most_peaks);
+  return extremes(values, sorted[values.size() - above - 1]);
+}
+
+std::vector<float> independent(std::size_t count, Random& random, double (*of)(double uniform)) {
+  std::vector<float> values(count);
+  for (auto& value : values) value = static_cast<float>(of(uniform(random)));
+  return values;
+}
+
+double exponential(double share) { return 1000 - 100 * std::log1p(-share); }     // shape 0
+double bounded(double share) { return 1000 - 500 * std::pow(1 - share, 0.25); }  // shape −0.25
+double pareto(double share) { return 1000 * std::pow(1 - share, -0.2); }         // shape 0.2
+
+TEST(Extremes, HoldTheLevelOfOneInAMillion) {
+  constexpr int trials = 60;
+  for (const auto of : {exponential, bounded, pareto}) {
+    Random random(32);
+    const double truth = of(1 - 1e-6);
+    int held[2]{}, refused[2]{};
+    for (int i = 0; i < trials; ++i) {
+      const auto found = extremes_of(independent(20'000, random, of));
+      const auto count = [&](const std::optional<Bound>& bound, int which) {
+        refused[which] += bound->refused.empty() ? 0 : 1;
+        held[which] += *bound->level_lies.low <= truth && truth <= *bound->level_lies.high ? 1 : 0;
+      };
+      count(found.maxima, 0);
+      count(found.peaks, 1);
+      EXPECT_GT(found.index, 0.75);
+    }
+    for (const int which : {0, 1}) {
+      EXPECT_GE(held[which], trials * 85 / 100) << which << " " << truth;
+      // Three tests of 1 % and one of 5 %.
+      EXPECT_LE(refused[which], trials * 20 / 100) << which << " " << truth;
+    }
+  }
+}
+
+TEST(Extremes, GiveNoBoundWhereTheRunDoesNotAllowOne) {
+  Random random(33);
+  EXPECT_THAT(extremes_of(independent(1999, random, exponential)).refused,
+              HasSubstr("it takes 2000 answers"));
+  EXPECT_THAT(extremes_of(std::vector<float>(20'000, 5)).refused, HasSubstr("all alike"));
+
+  auto drifting = independent(20'000, random, exponential);
+  for (std::size_t i = 0; i < drifting.size(); ++i) drifting[i] += static_cast<float>(i) / 20;
+  EXPECT_THAT(extremes_of(drifting).maxima->refused, HasSubstr("Mann-Kendall"));
+  EXPECT_THAT(extremes_of(drifting).peaks->refused, HasSubstr("Mann-Kendall"));
+
+  // Every other thousand is bad.
+  auto regimes = independent(20'000, random, exponential);
+  for (std::size_t i = 0; i < regimes.size(); ++i) regimes[i] += i / 1000 % 2 == 0 ? 0.0F : 2000.0F;
+  EXPECT_THAT(extremes_of(regimes).maxima->refused, HasSubstr("Wald-Wolfowitz"));
+
+  EXPECT_THAT(extremes_of(independent(20'000, random,
+                                      [](double share) {
+                                        return 1000 / (1 - share);  // shape 1: not even a mean
+                                      }))
+                  .peaks->refused,
+              HasSubstr("so heavy"));
+  // Two causes, one rare: no single tail.
+  EXPECT_THAT(extremes_of(independent(20'000, random,
+                                      [](double share) {
+                                        return share < 0.99 ? 1000 + 200 * share : 1300 + 100 * share;
+                                      }))
+                  .peaks->refused,
+              HasSubstr("Anderson-Darling"));
+}
+
+TEST(ExtremalIndex, IsOneOverTheLengthOfClusters) {
+  Random random(34);
+  std::vector<std::size_t> single, triple;
+  for (std::size_t place = 0; place < 1'000'000; ++place) {
+    if (uniform(random) > 0.001) continue;
+    single.push_back(place);
+    for (std::size_t i = 0; i < 3; ++i) triple.push_back(3 * place + i);
+  }
+  EXPECT_NEAR(extremal_index(single), 1, 0.1);
+  EXPECT_NEAR(extremal_index(triple), 1.0 / 3, 0.05);
+  EXPECT_EQ(extremal_index(std::vector<std::size_t>{7}), 1);
+}
+
+TEST(Trend, IsSeenAndNotInvented) {
+  Random random(35);
+  int trends = 0, too_few_runs = 0;
+  for (int i = 0; i < 500; ++i) {
+    std::vector<double> values(100);
+    for (auto& value : values) value = normal(random);
+    trends += trend_p(values) < 0.05 ? 1 : 0;
+    too_few_runs += runs_p(values) < 0.05 ? 1 : 0;
+  }
+  EXPECT_NEAR(trends, 25, 15);
+  EXPECT_NEAR(too_few_runs, 25, 15);
+  std::vector<double> rising(100);
+  std::iota(rising.begin(), rising.end(), 0);
+  EXPECT_LT(trend_p(rising), 1e-9);
+  EXPECT_LT(runs_p(rising), 1e-9);
+  EXPECT_EQ(trend_p(std::vector<double>(100, 1)), 1);
+  EXPECT_EQ(runs_p(std::vector<double>(100, 1)), 1);
+}
+
+}  // namespace
+}  // namespace ontime::statistics
