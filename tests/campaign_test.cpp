@@ -227,7 +227,7 @@ TEST_F(ScenarioFile, WhatIsRequiredDoesNotMultiplyAndIsCheckedAsItIsRead) {
   ASSERT_EQ(scenario.runs.size(), 4U);
   EXPECT_THAT(scenario.runs[1].require, testing::ElementsAre("late <= 0"));
   EXPECT_THAT(scenario.runs[3].require, testing::ElementsAre("p99.9 <= 2 ms", "lost <= 0.1%"));
-  EXPECT_EQ(asked(scenario.runs[3]).at("require").size(), 2U);
+  EXPECT_EQ(asked(scenario.runs[3], scenario.hosts).at("require").size(), 2U);
   const auto of = [](const char* gates) {
     return std::string("runs: [{id: a, transport: udp, require: ") + gates + "}]\n";
   };
@@ -657,8 +657,8 @@ TEST_F(ScenarioFile, APresetOfTheKernelIsRefinedAndAnythingIsLeftAsItIs) {
   EXPECT_TRUE(scenario.runs[2].kernel.empty());
   EXPECT_EQ(scenario.runs[3].kernel, (settings::Wishes{{"ksoftirqd", "60"}}));
   EXPECT_EQ(scenario.runs[4].kernel.at("irq-threads"), "95");
-  EXPECT_EQ(asked(scenario.runs[0]).at("kernel").at("ksoftirqd"), "60");
-  EXPECT_TRUE(asked(scenario.runs[2]).at("kernel").is_null()) << "as a version that knew of none";
+  EXPECT_EQ(asked(scenario.runs[0], scenario.hosts).at("kernel").at("ksoftirqd"), "60");
+  EXPECT_TRUE(asked(scenario.runs[2], scenario.hosts).at("kernel").is_null()) << "as a version that knew of none";
 }
 
 TEST_F(ScenarioFile, WrongSettingsOfTheKernelAreRefused) {

@@ -156,8 +156,8 @@ TEST(ActivityBetween, IsAlwaysAShareOrNothing) {
   for (int round = 0; round < 2000; ++round) {
     const auto some = [&] { return random() >> (random() % 64); };
     const auto stall = [&] { return static_cast<std::int64_t>(some() >> 1) - 1; };
-    const Activity first{some(), some(), stall(), stall(), stall(), stall()};
-    const Activity last{some(), some(), stall(), stall(), stall(), stall()};
+    const Activity first{some(), some(), some(), stall(), stall(), stall(), stall()};
+    const Activity last{some(), some(), some(), stall(), stall(), stall(), stall()};
     const auto shares = between(first, last);
     for (const auto& [key, share] : shares.items())
       EXPECT_TRUE(share.is_null() || (share >= 0.0 && share <= 1.0)) << key << share;
