@@ -658,7 +658,8 @@ TEST_F(ScenarioFile, APresetOfTheKernelIsRefinedAndAnythingIsLeftAsItIs) {
   EXPECT_EQ(scenario.runs[3].kernel, (settings::Wishes{{"ksoftirqd", "60"}}));
   EXPECT_EQ(scenario.runs[4].kernel.at("irq-threads"), "95");
   EXPECT_EQ(asked(scenario.runs[0], scenario.hosts).at("kernel").at("ksoftirqd"), "60");
-  EXPECT_TRUE(asked(scenario.runs[2], scenario.hosts).at("kernel").is_null()) << "as a version that knew of none";
+  EXPECT_TRUE(asked(scenario.runs[2], scenario.hosts).at("kernel").is_null())
+      << "as a version that knew of none";
 }
 
 TEST_F(ScenarioFile, WrongSettingsOfTheKernelAreRefused) {

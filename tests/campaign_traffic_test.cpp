@@ -10,10 +10,10 @@ namespace {
 using testing::ElementsAre;
 using testing::HasSubstr;
 
-const Hosts two{
-    .kind = Hosts::Kind::stated,
-    .controller = {.place = {"left"}, .interface = "eth0", .address = "10.0.0.1"},
-    .component = {.place = {"right"}, .interface = "eth1", .address = "10.0.0.2:99"}};
+const Hosts two{Hosts::Kind::stated,
+                {"", {}, {"left"}, "", "eth0", "10.0.0.1"},
+                {"", {}, {"right"}, "", "eth1", "10.0.0.2:99"},
+                {}};
 
 TEST(Streams, TheComponentServesBothWays) {
   const Traffic traffic{.bits_per_s = 1000, .datagram_bytes = 100, .priority = 3};
