@@ -133,7 +133,8 @@ TEST_F(Keeper, GivesAccountOfTrafficBothWays) {
   ask("traffic", "flowing", {{"host", "controller"}, {"way", "to_component"}, {"stream", to_json(stream)}});
   ask("begin", "begun");
   json account;
-  for (int look = 0; look < 600 && account["component"]["to_component"]["bit_s"].is_null(); ++look) {
+  const auto is_known = [&](const char* host) { return !account[host]["to_component"]["bit_s"].is_null(); };
+  for (int look = 0; look < 600 && !(is_known("component") && is_known("controller")); ++look) {
     std::this_thread::sleep_for(50ms);
     account = ask("end", "ended").at("traffic");
   }

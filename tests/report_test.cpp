@@ -269,9 +269,9 @@ TEST(Markdown, KeepsItsCells) {
     std::size_t bars = 0;
     for (std::size_t i = 0; i < line.size(); ++i)
       if (line[i] == '|' && (i == 0 || line[i - 1] != '\\')) ++bars;
-    EXPECT_EQ(bars, 12u) << line;
+    EXPECT_EQ(bars, rows <= 3 ? 12u : 8u) << line;
   }
-  EXPECT_EQ(rows, 3u);
+  EXPECT_EQ(rows, 6u) << "of the paper's table, and of the stages";
 }
 
 TEST(Latex, EscapesWhatItWouldObey) {
@@ -291,7 +291,7 @@ TEST(Latex, MakesOneTableAnId) {
                            Format::latex);
   const auto lines = lines_of(text);
   EXPECT_EQ(std::count(lines.begin(), lines.end(), "\\begin{tabular}{|l|r|r|r|r|r|r|r|r|r|r|}"), 2);
-  EXPECT_EQ(std::count(lines.begin(), lines.end(), "\\end{tabular}"), 2);
+  EXPECT_EQ(std::count(lines.begin(), lines.end(), "\\end{tabular}"), 4) << "and one of the stages";
 }
 
 TEST(Threads, AreShownAsTheKernelSaidTheyWere) {

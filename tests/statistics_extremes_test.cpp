@@ -108,8 +108,10 @@ TEST(Extremes, GiveNoBoundWhereTheRunDoesNotAllowOne) {
 
   auto drifting = independent(20'000, random, exponential);
   for (std::size_t i = 0; i < drifting.size(); ++i) drifting[i] += static_cast<float>(i) / 20;
-  EXPECT_THAT(extremes_of(drifting).maxima->refused, HasSubstr("Mann-Kendall"));
-  EXPECT_THAT(extremes_of(drifting).peaks->refused, HasSubstr("Mann-Kendall"));
+  const auto drifted = extremes_of(drifting);
+  EXPECT_THAT(drifted.maxima->refused, HasSubstr("Mann-Kendall"));
+  // The peaks may all be of the one long rise at the end, and too few then.
+  if (drifted.peaks) EXPECT_THAT(drifted.peaks->refused, HasSubstr("Mann-Kendall"));
 
   // Every other thousand is bad.
   auto regimes = independent(20'000, random, exponential);
