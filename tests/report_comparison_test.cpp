@@ -74,6 +74,14 @@ TEST(Compare, GivesDifferenceAndRatioWithTheirIntervals) {
   EXPECT_EQ(row_by_name(render(comparison, {}, Format::csv), 3).at("verdict"), "worse");
 }
 
+TEST(Compare, WhatFewMessagesCannotBoundIsNotShownAsKnown) {
+  const std::vector a{run("x", "k", 1)}, b{run("x", "k", 2)};  // which have an interval of p99 alone
+  const auto text = render(compare(a, b), {}, Format::table);
+  EXPECT_THAT(row_of(text, "p99.99 ").at(1), ::testing::StartsWith("~"));
+  EXPECT_THAT(text, ::testing::ContainsRegex("p99.99 .* too few messages\n"));
+  EXPECT_THAT(row_of(text, "max ").at(1), Not(::testing::StartsWith("~"))) << "that is what it was";
+}
+
 TEST(Compare, ShowsWhatElseDiffers) {
   const std::vector a{run("x", "k", 1)};
   std::vector b{run("x", "k", 1)};

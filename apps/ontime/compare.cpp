@@ -97,7 +97,7 @@ void add_compare(CLI::App& app, Action& action) {
                    "… with those, of the same file or of B; their conditions may differ")
       ->type_name("ID")
       ->excludes("--only");
-  command->add_option("--format", arguments->format, "table, json, csv, markdown or latex: table")
+  command->add_option("--format", arguments->format, "table, json, csv, markdown, latex or html: table")
       ->type_name("FORMAT");
   command->add_option("--output", arguments->output, "into this file instead of standard output")
       ->type_name("FILE")

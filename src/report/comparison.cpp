@@ -100,12 +100,13 @@ Table table_of(const Pair& pair) {
   for (const auto& row : rows) {
     const auto change = change_of(pair, row);
     if (!change) continue;
-    const bool unbounded = !change->difference_lies.low && !change->difference_lies.high;
-    table.rows.push_back(
-        {row.name, value_of(row, change->from), value_of(row, change->to),
-         change->ratio ? percent(*change->ratio) : nothing, lies(row, *change),
-         unbounded && change->from != change->to ? "cannot tell" : word_of(change->verdict)});
-    if (change->from == change->to && change->to == 0) table.rows.back().back() = "the same";
+    // What no interval bounds is not known: the figure is far out, and the messages were few.
+    const bool known = change->difference_lies.low || change->difference_lies.high;
+    const bool too_few = !known && row.figure != Figure::max;
+    const auto* const mark = too_few ? "~" : "";
+    table.rows.push_back({row.name, mark + value_of(row, change->from), mark + value_of(row, change->to),
+                          change->ratio && !too_few ? percent(*change->ratio) : nothing, lies(row, *change),
+                          too_few ? "too few messages" : word_of(change->verdict)});
   }
   if (table.rows.empty())
     table.notes.push_back("neither nor: nothing was answered, or it was not measured to its end");
@@ -281,8 +282,8 @@ Page page_of(const Comparison& comparison, const std::vector<gate::Judgement>& j
   if (!page.tables.empty())
     page.legend =
         "The true change lies surely within, with 98 % confidence, whatever bursts there were. Cannot tell: "
-        "what was "
-        "measured may be chance.";
+        "what "
+        "was measured may be chance. ~: of too few messages to be known.";
   return page;
 }
 

@@ -142,7 +142,7 @@ class Results(unittest.TestCase):
         self.assertRegex(answer.stdout, r"\np99 .* worse\n")
         self.assertEqual(xml.etree.ElementTree.parse(self.folder / "compare.xml").getroot().get("failures"), "1")
         self.ontime("compare", slower, a, *gate)
-        for form in ("json", "csv", "markdown", "latex"):
+        for form in ("json", "csv", "markdown", "latex", "html"):
             self.assertIn("better", self.ontime("compare", slower, a, "--format", form).stdout)
 
     def test_what_has_no_partner_holds_no_line(self):
@@ -176,7 +176,7 @@ class Results(unittest.TestCase):
         with open("/dev/full", "w") as full:
             self.assertEqual(subprocess.run([ONTIME, "export", self.results], stdout=full, stderr=full).returncode, 3)
         self.assertEqual(self.results.read_bytes(), before)
-        self.assertEqual(sorted(path.name for path in self.folder.iterdir()), ["out.csv", "results.ontime", "scenario.yaml"])
+        self.assertEqual([path.name for path in self.folder.iterdir() if ".part" in path.name], [])
 
     # --- in ---
 
@@ -242,7 +242,7 @@ class Results(unittest.TestCase):
         run = json.loads(self.ontime("report", self.results, "--format", "json").stdout)["runs"][0]
         self.assertEqual([lines[-1][key] for key in ("sent", "late", "lost")], [run[key] for key in ("sent", "late", "lost")])
         self.assertEqual(lines[-1]["round_trip_us"]["max"], run["round_trip_us"]["max"])
-        self.assertEqual(sorted(path.name for path in self.folder.iterdir()), ["results.ontime", "scenario.yaml"])
+        self.assertEqual(list(self.folder.glob("results.ontime-*")), [], "the writer could leave one file")
         self.assertIn("(ended)", self.ontime("watch", self.results).stdout)
 
     def test_watch_offers_metrics(self):
