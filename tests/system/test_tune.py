@@ -3,11 +3,13 @@
 """The settings of a machine, changed and given back by the real program however it ends, and looked at by other
 programs: chrt, ps, cat. Needs root, and skips without. ONTIME names the program."""
 
+import contextlib
 import json
 import os
 import pathlib
 import shutil
 import signal
+import sqlite3
 import subprocess
 import tempfile
 import time
@@ -90,6 +92,13 @@ class Tune(unittest.TestCase):
         self.assertEqual(in_namespace(f"/sys/class/net/{INTERFACE}/threaded"), "1")
         return process
 
+    def samples(self):
+        try:
+            with contextlib.closing(sqlite3.connect(f"file:{self.results}?mode=ro", uri=True)) as database:
+                return database.execute("SELECT count(*) FROM sample").fetchone()[0]
+        except sqlite3.Error:
+            return 0
+
     def assert_given_back(self):
         self.assertTrue(eventually(lambda: state() == self.before), state())
         self.assertTrue(eventually(lambda: not os.path.exists("/run/ontime")))
@@ -153,6 +162,7 @@ class Tune(unittest.TestCase):
 
     def test_what_somebody_changed_meanwhile_is_left_to_him(self):
         process = self.tuned_run()
+        self.assertTrue(eventually(self.samples))
         BUSY_POLL.write_text("70")
         process.send_signal(signal.SIGINT)
         _, error = process.communicate(timeout=60)
