@@ -7,10 +7,8 @@ before, that measures and returns quantiles in µs: {"p50": …, "p99": …, "p9
 """
 import contextlib
 import json
-import math
 import os
 import pathlib
-import random
 import re
 import shutil
 import signal
@@ -222,36 +220,6 @@ def second_by_second(results, most):
 
 
 # Reading.
-
-def lengthen(results, messages):
-    """Puts so many messages into the run of a results file: 100 Hz, spread as latency is. Two are alike."""
-    spread = random.Random(1)
-
-    def some(median_ns, sigma):
-        return round(median_ns * math.exp(spread.gauss(0, sigma)))
-
-    def samples(run, start_ns):
-        for message in range(messages):
-            due_ns, woke, sent, took, answered = (message * 10**7, some(50e3, 0.5), some(5e3, 0.2), some(900e3, 0.35),
-                                                  some(30e3, 0.3))
-            yield (run, message, due_ns, 0, woke, sent, took, start_ns + due_ns + woke + sent + took // 2, answered,
-                   0, 0, 0)
-    with contextlib.closing(sqlite3.connect(results)) as file, file:
-        run = file.execute("SELECT number, start_ns FROM run").fetchone()
-        file.execute("DELETE FROM sample")
-        file.executemany(f"INSERT INTO sample VALUES ({', '.join('?' * 12)})", samples(*run))
-
-
-def reader(*command):
-    """Seconds and peak MiB of a program that reads a file and whose output goes nowhere."""
-    find(command[0])
-    start = time.monotonic()
-    process = subprocess.Popen(command, stdout=subprocess.DEVNULL)
-    _, status, usage = os.wait4(process.pid, 0)
-    process.returncode = os.waitstatus_to_exitcode(status)
-    if process.returncode != 0:
-        raise Cannot(f"{' '.join(map(str, command))}: exit code {process.returncode}")
-    return time.monotonic() - start, usage.ru_maxrss / 1024
 
 
 # The others.
