@@ -400,9 +400,9 @@ runs:
         process = self.start_ontime("run", self.scenario("1 h", text=text, transports=["udp"]), "--only", "idle",
                                     "--results", self.results)
         # They come in bursts, of half a ring each: the first few show what is ever held at once.
-        self.started(process, lambda: self.samples_recorded() > 300_000)
+        self.assertTrue(eventually(lambda: self.samples_recorded() > 300_000, 120), process.poll())
         before, bytes_before = self.samples_recorded(), self.resident_bytes()
-        self.started(process, lambda: self.samples_recorded() > before + 600_000)
+        self.assertTrue(eventually(lambda: self.samples_recorded() > before + 600_000, 120), process.poll())
         grown = self.resident_bytes() - bytes_before
         process.send_signal(signal.SIGTERM)
         process.communicate(timeout=60)
