@@ -38,6 +38,12 @@ def run(*words, **options):
     return subprocess.run([str(word) for word in words], check=True, capture_output=True, text=True, **options)
 
 
+def executable(pid):
+    """Nothing of one that has just left, or is still the shell that ssh's server starts it by."""
+    with contextlib.suppress(OSError):
+        return os.path.realpath(f"/proc/{pid}/exe", strict=True)
+
+
 def sample_count(results):
     try:
         with contextlib.closing(sqlite3.connect(f"file:{results}?mode=ro", uri=True)) as database:
@@ -186,7 +192,7 @@ class Ssh(unittest.TestCase):
         self.assertEqual(len(self.far("/ontime keeper")), 1)
         self.assertIn("udp", self.ended(process, 0, ""))
         hosts = self.report()[0]["hosts"]
-        self.assertEqual(hosts["component"]["transport"]["facts"]["address"], "198.18.1.2")
+        self.assertEqual(hosts["component"]["transport"]["facts"]["address"].split(":")[0], "198.18.1.2")
 
     def test_words_reach_the_machine_as_they_are(self):
         odd = self.own / "it's a \"$HOME\" folder; exit 9"
@@ -260,9 +266,8 @@ class Ssh(unittest.TestCase):
         brought = [name for name in os.listdir(self.far_temporary) if name.startswith("ontime-program-")]
         self.assertEqual(len(brought), 1)
         self.assertEqual(os.stat(self.far_temporary / brought[0]).st_mode & 0o777, 0o700)
-        # Beside the shell that ssh's server starts it by.
-        self.assertIn(str(self.far_temporary / brought[0] / "bin" / "ontime"),
-                      [os.path.realpath(f"/proc/{pid}/exe") for pid in self.far("/ontime agent")])
+        program = str(self.far_temporary / brought[0] / "bin" / "ontime")
+        self.assertTrue(eventually(lambda: program in map(executable, self.far("/ontime agent"))))
         self.ended(process, 0, "")
 
     def test_deployed_program_is_taken_away_when_the_connection_breaks(self):
@@ -405,8 +410,10 @@ class Ssh(unittest.TestCase):
                 os.kill(pid, signal.SIGTERM)
         process.communicate(timeout=60)
         self.assertEqual(process.returncode, 130)
-        self.assertIsNone(self.report()[0]["error"])
-        self.assertEqual(set(self.report()[0]["hosts"]), {"controller", "component"})
+        # ssh itself was stopped as well, and with it may have gone what the far end counted.
+        report = self.report()[0]
+        self.assertTrue(report["interrupted"])
+        self.assertGreater(report["sent"], 50)
 
     def test_interrupted_once_it_stops_and_reports(self):
         process = self.loaded_run()
