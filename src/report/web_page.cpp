@@ -223,6 +223,10 @@ std::string section_of(const std::vector<Shown>& runs, std::size_t first) {
       "in "
       "each sixteenth of a doubling of the round trip</span></figcaption>\n</figure>\n</div>\n",
       list_of(first, runs.size()));
+  std::vector<std::string> labels;
+  for (const auto& run : runs) labels.push_back(run.label);
+  if (const auto sure = certainty_table(labels, group); !sure.rows.empty())
+    html += details("How sure these figures are, 95 %", as_html(sure));
   html += details("Where the time goes", as_html(parts_of(runs)));
   html += details("The longest waits", as_html(worst_of(runs)));
   return html + "</section>\n";
