@@ -17,12 +17,14 @@ using orders::Error;
 constexpr int no_ssh_here = 125, cannot_run = 126, not_found = 127, ssh_failed = 255;
 
 // Signals that reach every process of a service or a terminal at once are for the coordinator, who then ends
-// its sessions in order; ssh leaves signals ignored that it finds so. What ssh says itself comes last.
+// its sessions in order. They are blocked: an ssh that shares a connection does not leave them ignored. What
+// ssh says itself comes last.
 constexpr const char* first_script =
     "trap '' HUP INT TERM; command -v ssh >/dev/null || exit 125; "
-    "ssh \"$@\"; code=$?; cat \"$0/said\"; rm -rf \"$0\"; exit $code";
+    "env --block-signal=HUP,INT,TERM ssh \"$@\"; code=$?; cat \"$0/said\"; rm -rf \"$0\"; exit $code";
 constexpr const char* another_script =
-    "trap '' HUP INT TERM; ssh \"$@\"; code=$?; cat \"$0/said\"; exit $code";
+    "trap '' HUP INT TERM; "
+    "env --block-signal=HUP,INT,TERM ssh \"$@\"; code=$?; cat \"$0/said\"; exit $code";
 
 constexpr std::size_t longest_socket =
     90;  // of 108 bytes that its address has; ssh adds 17 while it makes it
