@@ -30,9 +30,9 @@ std::vector<Wish> in_order(const Wishes& wishes) {
       all.push_back({&setting, wish->second});
     }
   if (all.size() == wishes.size()) return all;
-  for (const auto& [name, value] : wishes)
-    if (std::none_of(all.begin(), all.end(), [&](const Wish& wish) { return name == wish.setting->name; }))
-      throw Error(fmt::format("there is no setting '{}'", name));
+  for (const auto& wished : wishes)
+    if (std::none_of(all.begin(), all.end(), [&](const Wish& wish) { return wished.first == wish.setting->name; }))
+      throw Error(fmt::format("there is no setting '{}'", wished.first));
   return all;
 }
 
