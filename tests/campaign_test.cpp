@@ -2,15 +2,13 @@
 #include "campaign/campaign.hpp"
 
 #include <filesystem>
-#include <fstream>
-#include <limits>
 #include <map>
-#include <random>
 
 #include <fmt/format.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
-#include <unistd.h>
+
+#include "campaign_scenario.hpp"
 
 namespace ontime::campaign {
 namespace {
@@ -19,112 +17,6 @@ using namespace std::chrono_literals;
 using nlohmann::json;
 using testing::ElementsAre;
 using testing::HasSubstr;
-
-TEST(Quantity, IsANumberWithAUnit) {
-  EXPECT_EQ(duration_of("10 ms"), 10ms);
-  EXPECT_EQ(duration_of("10ms"), 10ms);
-  EXPECT_EQ(duration_of("0.5 s"), 500ms);
-  EXPECT_EQ(duration_of("250 µs"), 250us);
-  EXPECT_EQ(duration_of("250 us"), 250us);
-  EXPECT_EQ(duration_of("12 h"), 12h);
-  EXPECT_EQ(bytes_of("500 B"), 500U);
-  EXPECT_EQ(bytes_of("32 KiB"), 32768U);
-  EXPECT_EQ(bytes_of("1 MB"), 1'000'000U);
-}
-
-TEST(Quantity, SaysWhatIsWrong) {
-  for (const auto* text :
-       {"",        "ten",     "ms",         "10",      "10 parsec", "10 ms more",    "nan s",
-        "-nan s",  "inf s",   "infinity s", "1e300 s", "1e-5000 s", "99999999999 h", "-99999999999 h",
-        "0x10 ms", "0x1p3 s", "+5 ms",      "- 5 ms",  "1,5 ms",    " 10 ms",        "10 ms ",
-        "10\tms",  "10 MS",   "1_000 ms",   "10 ms 5", "١٠ ms"})
-    EXPECT_THROW(duration_of(text), std::invalid_argument) << text;
-  for (const auto* text : {"500", "-1 B", "0.5 B", "1e30 B", "99999999999 GiB", "nan B", "inf kB", "0x10 B",
-                           "1 kb", "1 K", "+1 B", "1 B/s"})
-    EXPECT_THROW(bytes_of(text), std::invalid_argument) << text;
-  try {
-    duration_of("10");
-    FAIL();
-  } catch (const std::invalid_argument& error) {
-    EXPECT_THAT(error.what(), HasSubstr("10 ms"));
-  }
-}
-
-// Whatever is written in whole units, or in thousandths of the next, is what is read: nothing is rounded
-// away.
-TEST(Quantity, IsReadExactly) {
-  const std::vector<std::pair<std::string, std::int64_t>> times{{"ns", 1},
-                                                                {"us", 1'000},
-                                                                {"µs", 1'000},
-                                                                {"ms", 1'000'000},
-                                                                {"s", 1'000'000'000},
-                                                                {"min", 60'000'000'000},
-                                                                {"h", 3'600'000'000'000}};
-  const std::vector<std::pair<std::string, std::uint64_t>> sizes{
-      {"B", 1},           {"kB", 1'000},         {"KiB", 1U << 10U}, {"MB", 1'000'000},
-      {"MiB", 1U << 20U}, {"GB", 1'000'000'000}, {"GiB", 1U << 30U}};
-  constexpr std::int64_t most = 9'000'000'000'000'000'000;
-  std::mt19937_64 random(5);
-  // Of all magnitudes alike.
-  const auto up_to = [&](std::int64_t limit) {
-    return static_cast<std::int64_t>(random() >> (1 + random() % 62)) % (limit + 1);
-  };
-  for (int round = 0; round < 2000; ++round) {
-    const auto blank = random() % 2 == 0 ? " " : "";
-    for (const auto& [unit, factor] : times) {
-      const auto count = up_to(most / factor) * (random() % 2 == 0 ? 1 : -1);
-      const auto text = std::to_string(count) + blank + unit;
-      ASSERT_EQ(duration_of(text).count(), count * factor) << text;
-    }
-    for (const auto& [unit, factor] : sizes) {
-      const auto count = static_cast<std::uint64_t>(up_to(most / static_cast<std::int64_t>(factor)));
-      const auto text = std::to_string(count) + blank + unit;
-      ASSERT_EQ(bytes_of(text), count * factor) << text;
-    }
-    const auto thousandths = up_to(1'000'000'000);
-    const auto digits = std::to_string(1000 + thousandths % 1000).substr(1);
-    const auto text = std::to_string(thousandths / 1000) + "." + digits + " s";
-    ASSERT_EQ(duration_of(text).count(), thousandths * 1'000'000) << text;
-  }
-}
-
-TEST(Number, IsWholeAndWithinItsBounds) {
-  EXPECT_EQ(number_of("7", 1, 9), 7);
-  EXPECT_EQ(number_of("-7", -9, 9), -7);
-  EXPECT_EQ(number_of("9223372036854775807", 0, std::numeric_limits<std::int64_t>::max()),
-            std::numeric_limits<std::int64_t>::max());
-  for (const auto* text : {"", "0", "10", "seven", "7.0", "7e0", "0x7", "+7", " 7", "7 ", "7 ms", "nan",
-                           "inf", "99999999999999999999", "-99999999999999999999"})
-    EXPECT_THROW(number_of(text, 1, 9), std::invalid_argument) << text;
-}
-
-class ScenarioFile : public testing::Test {
- protected:
-  ScenarioFile()
-      : path_(std::filesystem::temp_directory_path() /
-              ("ontime-scenario-" + std::to_string(getpid()) + ".yaml")) {
-    unsetenv("ROS_DOMAIN_ID");  // the shell's own; NOLINT(concurrency-mt-unsafe): one thread
-  }
-  ~ScenarioFile() override { std::filesystem::remove(path_); }
-
-  Scenario read(const std::string& text, const Selection& selection = {}) {
-    std::ofstream(path_) << text;
-    return read_scenario(path_, selection);
-  }
-  // The message, without the file's name.
-  std::string error(const std::string& text, const Selection& selection = {}) {
-    try {
-      read(text, selection);
-    } catch (const Error& error) {
-      EXPECT_EQ(error.exit, 2);
-      const std::string message = error.what();
-      EXPECT_THAT(message, HasSubstr(path_.string()));
-      return message.substr(message.find(path_.string()) + path_.string().size());
-    }
-    return "no error";
-  }
-  const std::filesystem::path path_;
-};
 
 std::vector<std::string> words(const Scenario& scenario) {
   std::vector<std::string> result;
@@ -327,33 +219,6 @@ TEST_F(ScenarioFile, QuantitiesThatMeanNothingAreRefused) {
     EXPECT_EQ(error(with(key)), "no error") << key;
 }
 
-TEST_F(ScenarioFile, TrafficIsSaid) {
-  const auto runs = read(
-                        "defaults: {transport: udp, traffic: {rate: 80 Mbit/s}}\n"
-                        "runs:\n"
-                        "  - id: a\n"
-                        "  - {id: b, traffic: {rate: 1.5 Mbit/s, direction: to-controller, datagram: 200 B, "
-                        "priority: 5}}\n")
-                        .runs;
-  EXPECT_EQ(runs.at(0).traffic.bits_per_s, 80'000'000U);
-  EXPECT_EQ(asked(runs.at(0), {}).at("traffic").at("direction"), "both");
-  EXPECT_EQ(runs.at(1).traffic, (Traffic{Traffic::Direction::to_controller, 1'500'000, 200, 5}));
-  EXPECT_EQ(asked(campaign::Run{}, {}).at("traffic"), nullptr) << "keys of earlier runs stay as they were";
-}
-
-TEST_F(ScenarioFile, FaultsOfTheLinkAreSaid) {
-  const auto run =
-      read(
-          "runs: [{id: a, transport: udp, link: {loss: 1%, duplicate: 0.5 %, delay: 2 ms, jitter: 500 us, "
-          "reorder: 25 %, cut: 5 s for 500 ms}}]\n")
-          .runs.at(0);
-  EXPECT_EQ(run.faults, (background::Faults{0.01, 0.005, 2ms, 500us, 0.25, true}));
-  EXPECT_EQ(run.cut->at, 5s);
-  EXPECT_EQ(run.cut->length, 500ms);
-  EXPECT_EQ(asked(run, {}).at("link").at("cut").at("for_ms"), 500);
-  EXPECT_EQ(asked(campaign::Run{}, {}).at("link"), nullptr) << "keys of earlier runs stay as they were";
-}
-
 TEST_F(ScenarioFile, HostsSayHowTheyAreReachedAndWhereTheEndLives) {
   const auto hosts =
       read(
@@ -486,117 +351,6 @@ TEST_F(ScenarioFile, TheSameIsNotMeasuredTwiceUnderOneName) {
               HasSubstr(":1:16: id: each run has one of its own"));
 }
 
-TEST_F(ScenarioFile, AliasesThatNeverEndAreRefused) {
-  EXPECT_THAT(error("defaults: &a {b: *a}\nruns: [{id: a, transport: udp}]\n"),
-              HasSubstr(":1:18: this alias stands within what it stands for"));
-  EXPECT_THAT(error("runs: &r [{id: a, transport: udp}, *r]\n"), HasSubstr(":1:36: this alias"));
-  EXPECT_THAT(error("hosts: &h {controller: {a: [*h]}}\nruns: [{id: a, transport: udp}]\n"),
-              HasSubstr(":1:29: this alias"));
-  EXPECT_THAT(error("? &a [*a]\n: 1\n"), HasSubstr(":1:7: this alias"));
-  // The name may be given anew: this one ends.
-  EXPECT_EQ(error("defaults: {transport: &a udp}\nruns: [{id: &a x, title: *a}]\n"), "no error");
-}
-
-TEST_F(ScenarioFile, AliasesDoNotMultiplyWithoutBound) {
-  std::string laughs = "defaults:\n  options: {a0: &a0 [x, x, x, x, x, x, x, x, x, x]";
-  for (int i = 1; i < 10; ++i) {
-    laughs += fmt::format(", a{0}: &a{0} [", i);
-    for (int j = 0; j < 10; ++j) laughs += fmt::format("{}*a{}", j == 0 ? "" : ", ", i - 1);
-    laughs += "]";
-  }
-  EXPECT_THAT(error(laughs + "}\nruns: [{id: a, transport: udp}]\n"),
-              testing::AllOf(HasSubstr(":2:"), HasSubstr("more than 100000 keys and values")));
-  std::string many = "runs:\n  - {id: a, transport: [";
-  for (int i = 0; i < 100'001; ++i) many += "u,";
-  EXPECT_THAT(error(many + "]}\n"), HasSubstr("more than 100000 keys and values"));
-}
-
-TEST_F(ScenarioFile, DeepNestingIsRefused) {
-  for (const std::string begin : {"[", "{a: ", "- ", "? ", "&a [", "!t [", "[{a: ", "a:\n "})
-    for (const int levels : {33, 10'000}) {
-      std::string text;
-      for (int i = 0; i < levels; ++i) text += begin;
-      EXPECT_THAT(error(text), testing::StartsWith(":")) << begin << levels;
-    }
-  EXPECT_THAT(error("runs: " + std::string(40, '[') + "x" + std::string(40, ']')),
-              HasSubstr(":1:38: more than 32 levels"));
-  // A chain of aliases is as deep as what it stands for.
-  std::string chain = "a0: &a0 [x]\n";
-  for (int i = 1; i < 1000; ++i) chain += fmt::format("a{0}: &a{0} [*a{1}]\n", i, i - 1);
-  EXPECT_THAT(error(chain), HasSubstr("more than 32 levels"));
-}
-
-TEST_F(ScenarioFile, ALargeFileIsRefusedUnread) {
-  const std::string runs = "runs: [{id: a, transport: udp}]\n";
-  EXPECT_EQ(error(runs + std::string((1U << 20U) - runs.size(), '\n')), "no error");
-  std::ofstream(path_) << runs;
-  std::filesystem::resize_file(path_, 64U << 20U);
-  try {
-    read_scenario(path_, {});
-    FAIL();
-  } catch (const Error& error) {
-    EXPECT_EQ(error.exit, 2);
-    EXPECT_THAT(error.what(), testing::AllOf(HasSubstr("67108864 bytes"), HasSubstr("at most 1048576")));
-  }
-  EXPECT_THROW(read_scenario("/dev/zero", {}), Error) << "no end to be waited for";
-}
-
-TEST_F(ScenarioFile, RepetitionsTakeNoRoom) {
-  const std::string runs = "runs: [{id: a, transport: [udp, fastdds]}, {id: b, transport: udp}]\n";
-  const auto scenario = read("repeat: 33333\n" + runs);
-  EXPECT_EQ(scenario.runs.size(), 3U);
-  ASSERT_EQ(scenario.size(), 99'999U);
-  EXPECT_EQ(scenario.at(99'998).id, "b");
-  EXPECT_EQ(scenario.at(99'998).repetition, 33'333);
-  EXPECT_EQ(scenario.at(3).repetition, 2);
-  EXPECT_THAT(error("repeat: 33334\n" + runs), HasSubstr(":1:9: repeat: 3 runs, 33334 times, are 100002"));
-  EXPECT_THAT(error("repeat: 1000000\n" + runs), HasSubstr("from 1 to 100000"));
-  for (const auto* wrong : {"0", "-1", "1e3", "1.0", "99999999999999999999", "many", "[1]", "''"})
-    EXPECT_THAT(error("repeat: " + std::string(wrong) + "\n" + runs), HasSubstr(":1:9: repeat")) << wrong;
-}
-
-TEST_F(ScenarioFile, RunsHaveABound) {
-  const auto list = [](int count) {
-    std::string text = "[";
-    for (int i = 1; i <= count; ++i) text += fmt::format("{}{} B", i == 1 ? "" : ", ", i);
-    return text + "]";
-  };
-  const auto with = [&](int a, int b) {
-    return "defaults: {transport: udp}\nruns:\n  - {id: a, payload: " + list(a) +
-           ", load: {controller: {vm-bytes: " + list(b) + "}}}\n";
-  };
-  EXPECT_EQ(read(with(1000, 10)).size(), 10'000U);
-  EXPECT_THAT(error(with(1000, 11)),
-              HasSubstr(":3:5: run 'a': with every combination of its lists there are more"));
-  // The product of many lists is beyond all integers.
-  std::string lists = "runs: [{id: a, transport: udp, options: {x0: [1, 2]";
-  for (int i = 1; i < 200; ++i) lists += fmt::format(", x{}: [1, 2]", i);
-  EXPECT_THAT(error(lists + "}}]\n"), HasSubstr("more than 10000 different runs"));
-  // Neither may what they hold be multiplied at will.
-  std::string heavy = "defaults: {transport: udp, options: {config: " + std::string(500'000, 'x') + "}}\n";
-  EXPECT_THAT(error(heavy + "runs:\n  - {id: a, payload: " + list(1000) + "}\n"),
-              HasSubstr(":3:5: run 'a': the runs until here hold more than"));
-  std::string wide = "defaults:\n  transport: udp\n  options: {o: 1";
-  for (int i = 0; i < 10'000; ++i) wide += fmt::format(", o{}: 1", i);
-  wide += "}\nruns:\n";
-  for (int i = 0; i < 1000; ++i) wide += fmt::format("  - {{id: r{}}}\n", i);
-  EXPECT_THAT(error(wide), HasSubstr("the runs until here hold more than"));
-}
-
-TEST_F(ScenarioFile, OnlyTextIsRead) {
-  const std::string runs = "runs: [{id: a, transport: udp}]\n";
-  EXPECT_THAT(error("title: caf\xe9\n" + runs), HasSubstr(":1:11: byte 0xe9 is not UTF-8"));
-  EXPECT_THAT(error("title: caf\xc3\xa9\n" + runs), "no error");
-  EXPECT_THAT(error("title: a\x1b[2J\n" + runs), HasSubstr(":1:9: byte 0x1b is a control character"));
-  EXPECT_THAT(error("title: \"a\\e[2J\"\n" + runs), HasSubstr(":1:8: a control character"));
-  EXPECT_THAT(error("title: a\n\x04\n" + runs), HasSubstr(":2:1: byte 0x04")) << "yaml-cpp's end of file";
-  EXPECT_THAT(error(std::string("title: a\0b\n", 11) + runs), HasSubstr(":1:9: byte 0x00"));
-  EXPECT_THAT(error("\xff\xfet"), HasSubstr(":1:1: byte 0xff is not UTF-8"));
-  EXPECT_THAT(error("\xef\xbb\xbf" + runs), "no error");
-  EXPECT_THAT(error(runs + "---\n" + runs), HasSubstr(":2:1: a second document"));
-  EXPECT_THAT(error(runs + "]\n"), testing::StartsWith(":2:1:")) << "nothing is left unread";
-}
-
 // By it a run over one link is told from a run over another: in tables, and by its key.
 TEST_F(ScenarioFile, WhatIsAskedHoldsTheLink) {
   const std::string runs = "runs: [{id: a, transport: udp}]\n";
@@ -613,26 +367,6 @@ TEST_F(ScenarioFile, WhatIsAskedHoldsTheLink) {
   campaign::Run run;
   run.task.config.interface = "wlan0";
   EXPECT_EQ(asked(run, {}).at("interface"), "wlan0") << "by a flag";
-}
-
-// Whatever a file holds, it is read or refused; it never crashes us.
-TEST_F(ScenarioFile, DamagedFilesAreRefusedOrRead) {
-  const std::string good =
-      "title: T\nhosts: {controller: {interface: a}, component: {address: 1.2.3.4}}\nrepeat: 2\n"
-      "defaults: {transport: [udp], payload: 5 B}\nruns:\n  - id: a\n    load: &l {controller: {cpu: 1}}\n  "
-      "- {id: b, load: *l}\n";
-  ASSERT_EQ(read(good).size(), 4U);
-  std::mt19937 random(3);
-  const std::string alphabet = " \n:{}[],-&*'\"#a1!|>%@";
-  for (int round = 0; round < 500; ++round) {
-    auto text = good;
-    for (int edits = 1 + static_cast<int>(random() % 3); edits > 0; --edits)
-      text[random() % text.size()] = alphabet[random() % alphabet.size()];
-    try {
-      read(text);
-    } catch (const Error&) {  // refused: fine
-    }
-  }
 }
 
 TEST(Keys, AreUniqueAndExplained) {

@@ -3,10 +3,12 @@
 #include <gtest/gtest.h>
 
 #include "campaign/traffic.hpp"
+#include "campaign_scenario.hpp"
 
 namespace ontime::campaign {
 namespace {
 
+using namespace std::chrono_literals;
 using testing::ElementsAre;
 using testing::HasSubstr;
 
@@ -47,6 +49,33 @@ TEST(Achieved, IsWhatArrived) {
   EXPECT_THAT(shortfalls(achieved(traffic, both(80e6, 1e6, false))), ElementsAre(HasSubstr("died")));
   EXPECT_THAT(shortfalls(achieved(traffic, nlohmann::json::object())), ElementsAre(HasSubstr("NOT")));
   EXPECT_TRUE(achieved({}, both(1, 1)).empty());
+}
+
+TEST_F(ScenarioFile, TrafficIsSaid) {
+  const auto runs = read(
+                        "defaults: {transport: udp, traffic: {rate: 80 Mbit/s}}\n"
+                        "runs:\n"
+                        "  - id: a\n"
+                        "  - {id: b, traffic: {rate: 1.5 Mbit/s, direction: to-controller, datagram: 200 B, "
+                        "priority: 5}}\n")
+                        .runs;
+  EXPECT_EQ(runs.at(0).traffic.bits_per_s, 80'000'000U);
+  EXPECT_EQ(asked(runs.at(0), {}).at("traffic").at("direction"), "both");
+  EXPECT_EQ(runs.at(1).traffic, (Traffic{Traffic::Direction::to_controller, 1'500'000, 200, 5}));
+  EXPECT_EQ(asked(campaign::Run{}, {}).at("traffic"), nullptr) << "keys of earlier runs stay as they were";
+}
+
+TEST_F(ScenarioFile, FaultsOfTheLinkAreSaid) {
+  const auto run =
+      read(
+          "runs: [{id: a, transport: udp, link: {loss: 1%, duplicate: 0.5 %, delay: 2 ms, jitter: 500 us, "
+          "reorder: 25 %, cut: 5 s for 500 ms}}]\n")
+          .runs.at(0);
+  EXPECT_EQ(run.faults, (background::Faults{0.01, 0.005, 2ms, 500us, 0.25, true}));
+  EXPECT_EQ(run.cut->at, 5s);
+  EXPECT_EQ(run.cut->length, 500ms);
+  EXPECT_EQ(asked(run, {}).at("link").at("cut").at("for_ms"), 500);
+  EXPECT_EQ(asked(campaign::Run{}, {}).at("link"), nullptr) << "keys of earlier runs stay as they were";
 }
 
 }  // namespace
