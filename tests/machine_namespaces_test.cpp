@@ -1,0 +1,156 @@
+// SPDX-License-Identifier: Apache-2.0
+// Two machines on one.
+#include <filesystem>
+#include <string>
+#include <thread>
+
+#include <arpa/inet.h>
+#include <fcntl.h>
+#include <gmock/gmock.h>
+#include <netinet/in.h>
+#include <poll.h>
+#include <sched.h>
+#include <sys/socket.h>
+#include <unistd.h>
+
+#include "journal/journal.hpp"
+#include "machine/command.hpp"
+#include "machine/machine.hpp"
+#include "own_run.hpp"
+
+namespace ontime::machine {
+namespace {
+
+namespace fs = std::filesystem;
+using test::error_of;
+using test::in_child;
+using test::set;
+using ::testing::ElementsAre;
+using ::testing::HasSubstr;
+using ::testing::IsEmpty;
+
+class Namespaces : public ::testing::Test {
+ protected:
+  void SetUp() override {
+    if (!may_join_namespaces()) GTEST_SKIP() << "needs root with CAP_SYS_ADMIN and CAP_NET_ADMIN";
+    if (!test::has_own_run) GTEST_SKIP() << "no mount namespace of its own";
+    if (!there_is_ip()) GTEST_SKIP() << "iproute2 is not installed";
+  }
+  static bool there_is_ip() {
+    return error_of([] { ip({"-Version"}); }).empty();
+  }
+};
+
+bool exist() {
+  return fs::exists("/run/netns/ontime-controller") || fs::exists("/run/netns/ontime-component");
+}
+
+// A UDP socket that lives in that namespace, whoever uses it.
+int socket_in(const std::string& name, const std::string& address) {
+  int fd = -1;
+  std::thread([&] {
+    const int other = open(("/run/netns/" + name).c_str(), O_RDONLY | O_CLOEXEC);
+    EXPECT_EQ(setns(other, CLONE_NEWNET), 0);
+    close(other);
+    fd = socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC, 0);
+    sockaddr_in local{};
+    local.sin_family = AF_INET;
+    local.sin_port = htons(7411);
+    inet_pton(AF_INET, address.c_str(), &local.sin_addr);
+    EXPECT_EQ(bind(fd, reinterpret_cast<sockaddr*>(&local), sizeof local), 0);
+  }).join();
+  return fd;
+}
+
+void send_to(int fd, const std::string& address) {
+  sockaddr_in peer{};
+  peer.sin_family = AF_INET;
+  peer.sin_port = htons(7411);
+  inet_pton(AF_INET, address.c_str(), &peer.sin_addr);
+  EXPECT_EQ(sendto(fd, "x", 1, 0, reinterpret_cast<sockaddr*>(&peer), sizeof peer), 1) << address;
+}
+
+bool arrives(int fd) {
+  pollfd readable{fd, POLLIN, 0};
+  char byte = 0;
+  return poll(&readable, 1, 5000) == 1 && recv(fd, &byte, 1, 0) == 1;
+}
+
+TEST_F(Namespaces, TheFirstMessageArrivesAndNothingStays) {
+  {
+    journal::Journal journal;
+    const auto pair = join_namespaces(journal);
+    EXPECT_THAT(pair.controller.prefix, ElementsAre("ip", "netns", "exec", "ontime-controller"));
+    EXPECT_EQ(pair.component.name, "ontime-component");
+    for (const auto& end : {pair.controller, pair.component}) {
+      EXPECT_LE(end.interface.size(), 15u);
+      const auto shown = ip({"-netns", end.name, "-oneline", "address", "show", "dev", end.interface});
+      EXPECT_THAT(shown, HasSubstr(end.address + "/30"));
+    }
+    const int controller = socket_in("ontime-controller", pair.controller.address);
+    const int component = socket_in("ontime-component", "0.0.0.0");
+    send_to(controller, pair.component.address);
+    EXPECT_TRUE(arrives(component));
+    send_to(component, pair.controller.address);
+    EXPECT_TRUE(arrives(controller));
+
+    const int discovery = socket_in("ontime-controller", "239.255.0.1");
+    ip_mreqn group{};
+    inet_pton(AF_INET, "239.255.0.1", &group.imr_multiaddr);
+    EXPECT_EQ(setsockopt(discovery, IPPROTO_IP, IP_ADD_MEMBERSHIP, &group, sizeof group), 0);
+    send_to(component, "239.255.0.1");
+    EXPECT_TRUE(arrives(discovery));
+    for (const int fd : {controller, component, discovery}) close(fd);
+  }
+  EXPECT_FALSE(exist());
+}
+
+TEST_F(Namespaces, CanBeMadeAgainAtOnce) {
+  for (int round = 0; round < 3; ++round) {
+    journal::Journal journal;
+    EXPECT_EQ(error_of([&] { join_namespaces(journal); }), "");
+  }
+}
+
+TEST_F(Namespaces, SomebodyElsesIsLeftAlone) {
+  ip({"netns", "add", "ontime-component"});
+  {
+    journal::Journal journal;
+    EXPECT_THAT(error_of([&] { join_namespaces(journal); }), HasSubstr("ip netns delete ontime-component"));
+  }
+  EXPECT_TRUE(fs::exists("/run/netns/ontime-component"));
+  EXPECT_FALSE(fs::exists("/run/netns/ontime-controller"));
+  ip({"netns", "delete", "ontime-component"});
+}
+
+TEST_F(Namespaces, OfAKilledProcessAreTakenBack) {
+  test::Victim victim([](journal::Journal& journal) { return join_namespaces(journal).component.name; });
+  ASSERT_EQ(victim.said(), "ontime-component");
+  EXPECT_TRUE(exist());
+  victim.kill_9();
+  EXPECT_THAT(journal::revert_abandoned(),
+              ElementsAre(HasSubstr("ontime-component"), HasSubstr("ontime-controller")));
+  EXPECT_FALSE(exist());
+}
+
+TEST_F(Namespaces, SaysWhatToInstall) {
+  in_child([] {
+    set("PATH", "/there/is/none");
+    journal::Journal journal;
+    EXPECT_THAT(error_of([&] { join_namespaces(journal); }), HasSubstr("apt install iproute2"));
+    EXPECT_THAT(journal.revert(), IsEmpty());
+    EXPECT_FALSE(exist());
+  });
+}
+
+TEST(NamespacesOfOthers, NeedPrivilege) {
+  in_child([] {
+    if (geteuid() == 0) test::become_ordinary_user();
+    EXPECT_FALSE(may_join_namespaces());
+    journal::Journal journal;
+    EXPECT_THAT(error_of([&] { join_namespaces(journal); }), HasSubstr("run as root"));
+  });
+}
+
+}  // namespace
+}  // namespace ontime::machine
