@@ -16,11 +16,12 @@ import tempfile
 import time
 import unittest
 
+import sshd
+from sshd import PORT
 from test_system import eventually, processes_with
 
 ONTIME = os.environ["ONTIME"]
 NEAR, FAR = f"near-{os.getpid()}", f"far-{os.getpid()}"
-PORT = 2222
 USER, USER_ID = "robot-user", 64321
 
 SCENARIO = """
@@ -68,61 +69,27 @@ class Ssh(unittest.TestCase):
             for name, side, host in ((NEAR, "near", 1), (FAR, "far", 2)):
                 run("ip", "-n", name, "address", "add", f"198.18.{subnet}.{host}/30", "dev", f"{link}-{side}")
                 run("ip", "-n", name, "link", "set", f"{link}-{side}", "up")
-        for name in ("host_key", "user_key", "other_key"):
-            run("ssh-keygen", "-q", "-t", "ed25519", "-N", "", "-f", cls.folder / name)
-        shutil.copy(cls.folder / "user_key.pub", cls.folder / "authorized_keys")
+        sshd.make_keys(cls.folder)
         cls.far_temporary = cls.folder / "far"
         cls.far_temporary.mkdir(mode=0o1777)
         cls.far_temporary.chmod(0o1777)
-        cls.start_sshd()
-
-    @classmethod
-    def start_sshd(cls):
-        """In the namespace's own view of the files there is one more user."""
-        passwd = pathlib.Path("/etc/passwd").read_text()
-        (cls.folder / "passwd").write_text(f"{passwd}{USER}:x:{USER_ID}:{USER_ID}::{cls.folder}:/bin/sh\n")
-        (cls.folder / "sshd_config").write_text(f"""
-            Port {PORT}
-            HostKey {cls.folder}/host_key
-            PidFile {cls.folder}/sshd.pid
-            AuthorizedKeysFile {cls.folder}/authorized_keys
-            PermitRootLogin prohibit-password
-            PasswordAuthentication no
-            KbdInteractiveAuthentication no
-            UsePAM no
-            StrictModes no
-            SetEnv TMPDIR={cls.far_temporary}
-            """)
-        with contextlib.suppress(FileExistsError):
-            os.mkdir("/run/sshd")
-            cls.addClassCleanup(os.rmdir, "/run/sshd")
-        script = f"mount --bind {cls.folder}/passwd /etc/passwd && exec /usr/sbin/sshd -D -E {cls.folder}/log -f {cls.folder}/sshd_config"
-        sshd = subprocess.Popen(["ip", "netns", "exec", FAR, "sh", "-c", script])
-        cls.addClassCleanup(lambda: (sshd.terminate(), sshd.wait()))
-        assert eventually((cls.folder / "sshd.pid").exists, 10), (cls.folder / "log").read_text()
+        cls.enterClassContext(sshd.serving(cls.folder, FAR, cls.far_temporary,
+                                           f"{USER}:x:{USER_ID}:{USER_ID}::{cls.folder}:/bin/sh\n"))
 
     def setUp(self):
         self.own = pathlib.Path(tempfile.mkdtemp(dir=self.folder))
         self.results = self.own / "results.ontime"
         self.near_temporary = self.own / "tmp"
         self.near_temporary.mkdir()
-        (self.own / "known_hosts").write_text(f"[198.18.2.2]:{PORT},[198.18.1.2]:{PORT} "
-                                              + (self.folder / "host_key.pub").read_text())
+        path = sshd.make_client(self.folder, self.own, ("198.18.2.2", "198.18.1.2"))
         self.configure()
-        ssh = self.own / "bin" / "ssh"
-        ssh.parent.mkdir()
-        ssh.write_text(f'#!/bin/sh\nexec /usr/bin/ssh -F {self.own}/ssh_config "$@"\n')
-        ssh.chmod(0o755)
-        self.environment = dict(os.environ, TMPDIR=str(self.near_temporary), PATH=f"{ssh.parent}:{os.environ['PATH']}")
+        self.environment = dict(os.environ, TMPDIR=str(self.near_temporary), PATH=f"{path}:{os.environ['PATH']}")
 
     def tearDown(self):
         self.assertTrue(eventually(self.nothing_left, 20), self.what_is_left())
 
     def configure(self, **changes):
-        settings = {"HostName": "198.18.2.2", "Port": PORT, "User": "root", "IdentityFile": self.folder / "user_key",
-                    "IdentitiesOnly": "yes", "UserKnownHostsFile": self.own / "known_hosts",
-                    "GlobalKnownHostsFile": "/dev/null", **changes}
-        (self.own / "ssh_config").write_text("Host robot\n" + "".join(f"{key} {value}\n" for key, value in settings.items()))
+        sshd.configure_client(self.folder, self.own, **{"HostName": "198.18.2.2", **changes})
 
     def near(self):
         return processes_with(f"TMPDIR={self.near_temporary}")

@@ -135,6 +135,20 @@ class Tune(unittest.TestCase):
         self.assertIn("kernel.irq-threads: this kernel has no IRQ threads: boot with threadirqs or a PREEMPT_RT kernel", error)
         self.assertIn("irq-threads 90: above the application's 80", error)
 
+    def test_the_papers_test_4_is_refused_and_the_rest_of_the_folder_goes_on(self):
+        if threads("irq/"):
+            self.skipTest("this kernel has IRQ threads")
+        folder = pathlib.Path(self.folder, "suite")
+        folder.mkdir()
+        shutil.copy(pathlib.Path(__file__).parents[2] / "scenarios/paper/test4.yaml", folder)
+        (folder / "test5.yaml").write_text("hosts: namespaces\nruns: [{id: next, transport: udp}]\n")
+        answer = self.ontime("run", str(folder), "--transports", "udp", "--duration", "200 ms", "--results", self.results)
+        self.assertEqual(answer.returncode, 3, answer.stderr)
+        self.assertIn("failed: on the controller, kernel.irq-threads: this kernel has no IRQ threads", answer.stdout)
+        runs = json.loads(self.ontime("report", self.results, "--format", "json").stdout)["runs"]
+        self.assertEqual([(run["id"], run["complete"], run["sent"] > 0) for run in runs],
+                         [("Test4.A", False, False), ("next", True, True)])
+
     def test_a_signal_gives_back(self):
         for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
             with self.subTest(signal=number):
