@@ -1,0 +1,101 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The harms. Each is done to a repetition (repetition.py), and sees to it that it ends."""
+
+import contextlib
+import json
+import os
+import signal
+import subprocess
+import time
+
+from outside import check, output, processes_of
+
+
+def kill(word, it_ends=False):
+    """One process of it that has this word in its command; whether the measuring ends by that."""
+    def harm(repetition):
+        pids = repetition.pids(word)
+        check(pids, f"there is no process '{word}' to be harmed")
+        if it_ends:
+            repetition.moment()
+        with contextlib.suppress(ProcessLookupError):
+            os.kill(repetition.random.choice(pids), signal.SIGKILL)
+        if not it_ends:
+            time.sleep(repetition.random.uniform(0, 1))
+            repetition.interrupt()
+    return harm
+
+
+def kill_sshd(repetition):
+    """The one who serves our connection, not who listens for others."""
+    listens = repetition.sshd.pid
+    with open(f"/proc/{listens}/task/{listens}/children") as file:
+        children = file.read().split()
+    check(children, "no sshd serves our connection")
+    repetition.moment()
+    os.kill(int(children[0]), signal.SIGKILL)
+
+
+def kill_all(repetition):
+    repetition.moment()
+    for pid in processes_of(repetition.temporary):
+        with contextlib.suppress(ProcessLookupError):
+            os.kill(pid, signal.SIGKILL)
+    repetition.everybody_is_gone = True
+
+
+def terminate_all(repetition):
+    repetition.moment()
+    for pid in processes_of(repetition.temporary):
+        with contextlib.suppress(ProcessLookupError):
+            os.kill(pid, signal.SIGTERM)
+
+
+def stop_for_a_while(word):
+    def harm(repetition):
+        pids = repetition.pids(word)
+        check(pids, f"there is no process '{word}' to be harmed")
+        pid = repetition.random.choice(pids)
+        os.kill(pid, signal.SIGSTOP)
+        time.sleep(repetition.random.uniform(0.05, 3))
+        with contextlib.suppress(ProcessLookupError):
+            os.kill(pid, signal.SIGCONT)
+        repetition.interrupt()
+    return harm
+
+
+def cut_link(repetition):
+    host = repetition.random.choice(["ontime-controller", "ontime-component"])
+    links = [entry["ifname"] for entry in json.loads(output("ip", "-n", host, "-j", "link") or "[]")]
+    for name in links:
+        if name != "lo":
+            subprocess.run(["ip", "-n", host, "link", "set", name, "down"], check=False)
+            time.sleep(repetition.random.uniform(0.01, 0.5))
+            subprocess.run(["ip", "-n", host, "link", "set", name, "up"], check=False)
+    time.sleep(repetition.random.uniform(0, 0.5))
+    repetition.interrupt()
+
+
+def fill_disk(repetition):
+    with contextlib.suppress(OSError), open(repetition.disk / "filler", "wb") as filler:
+        while True:
+            filler.write(b"\0" * 65536)
+            filler.flush()
+    # A run that goes on for as long finds out; one that has ended by then kept what it had.
+    repetition.wait(6)
+    (repetition.disk / "filler").unlink()
+    repetition.interrupt()
+
+
+def interrupt(repetition):
+    repetition.moment()
+    repetition.interrupt()
+
+
+def interrupt_twice(repetition):
+    repetition.moment()
+    repetition.interrupt()
+    time.sleep(repetition.random.uniform(0, 0.3))
+    repetition.interrupt()
+
+

@@ -1,0 +1,227 @@
+# SPDX-License-Identifier: Apache-2.0
+"""One run that is harmed, and what must hold after it, whatever was done to it."""
+
+import contextlib
+import json
+import os
+import pathlib
+import random
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+
+from outside import Broken, HERE, ONTIME, check, difference, processes_of, rows, state_of_machine
+
+sys.path.insert(0, str(HERE / "tests/system"))
+import sshd  # noqa: E402
+
+TIMER_MIGRATION = pathlib.Path("/proc/sys/kernel/timer_migration")
+
+
+class Repetition:
+    """Subclasses say what is started; all else is the same for all."""
+
+    def __init__(self, seed, harm):
+        self.random = random.Random(seed)
+        self.harm = harm
+        self.folder = pathlib.Path(tempfile.mkdtemp(prefix="ontime-torture-"))
+        self.temporary, self.disk = self.folder / "tmp", self.folder / "disk"
+        self.temporary.mkdir()
+        self.disk.mkdir()
+        self.results = self.disk / "results.ontime"
+        self.environment = dict(os.environ, TMPDIR=str(self.temporary))
+        self.transport = self.random.choice(["udp", "cyclonedds", "fastdds"])
+        self.duration = "1 s" if harm is None else "1 h"
+        self.everybody_is_gone = False
+        self.harmed_ns = None
+        self.missing_s = None
+
+    def command(self):
+        """Of who writes the results."""
+        raise NotImplementedError
+
+    def surroundings(self):
+        """What is there before it starts, and is taken away after all has been looked at."""
+        return contextlib.nullcontext()
+
+    def finish(self):
+        """Once who writes the results has left."""
+
+    # For the harms.
+    def pids(self, word):
+        return [pid for pid, command in processes_of(self.temporary).items() if word in command]
+
+    def moment(self):
+        """From here on nothing that ontime does is sure to be kept."""
+        if self.harmed_ns is None:
+            self.harmed_ns = time.monotonic_ns()
+
+    def interrupt(self):
+        with contextlib.suppress(ProcessLookupError):
+            self.process.send_signal(signal.SIGINT)
+
+    def wait(self, seconds):
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            self.process.wait(seconds)
+
+    # The course of it.
+    def start(self, *command):
+        return subprocess.Popen(command, stdout=self.said, stderr=self.said, env=self.environment)
+
+    def scenario(self, text):
+        file = self.folder / "scenario.yaml"
+        file.write_text(text)
+        return ONTIME, "run", str(file), "--results", str(self.results)
+
+    def samples(self):
+        found = rows(self.results, "SELECT count(*) FROM sample")
+        return found[0][0] if found else 0
+
+    def run(self):
+        subprocess.run(["mount", "-t", "tmpfs", "-o", "size=8m", "tmpfs", str(self.disk)], check=True)
+        try:
+            with open(self.folder / "said", "w+b") as self.said, self.surroundings():
+                return self.harmed()
+        finally:
+            subprocess.run(["umount", "-l", str(self.disk)], check=False)
+            shutil.rmtree(self.folder, ignore_errors=True)
+
+    def harmed(self):
+        before = state_of_machine()
+        try:
+            self.process = self.start(*self.command())
+            end = time.monotonic() + 60
+            while self.samples() == 0 and self.process.poll() is None and time.monotonic() < end:
+                time.sleep(0.02)
+            check(self.samples() > 0, "nothing was measured within a minute: " + self.words())
+            if self.harm is not None:
+                time.sleep(self.random.uniform(0, 1))
+                self.harm(self)
+            try:
+                self.process.wait(60)
+            except subprocess.TimeoutExpired:
+                raise Broken("it did not end within a minute: " + self.words()) from None
+            self.finish()
+            self.check_left(before)
+            self.check_results()
+            return self.process.returncode
+        finally:
+            for pid in processes_of(self.temporary):
+                with contextlib.suppress(ProcessLookupError):
+                    os.kill(pid, signal.SIGKILL)
+            self.give_back()  # of one that broke a law; the next begins as the first did
+
+    def words(self):
+        self.said.flush()
+        return pathlib.Path(self.said.name).read_text(errors="replace")[-600:]
+
+    def left(self, before):
+        left = [f"process {pid} {command}" for pid, command in processes_of(self.temporary).items()]
+        left += [f"file {name}" for name in os.listdir(self.temporary)]
+        left += [f"journal {name}" for name in pathlib.Path("/run/ontime").glob("*.journal")]
+        return left + difference(before, state_of_machine())
+
+    def give_back(self):
+        """As the next run does before it begins."""
+        (self.folder / "next.yaml").write_text("hosts: loopback\nruns: [{id: next, transport: udp, duration: 50 ms}]\n")
+        command = [ONTIME, "run", str(self.folder / "next.yaml"), "--results", str(self.folder / "next.ontime")]
+        subprocess.run(command, capture_output=True, env=self.environment, check=False)
+
+    def check_left(self, before):
+        if self.everybody_is_gone:
+            self.give_back()
+        end = time.monotonic() + 15
+        while (left := self.left(before)) and time.monotonic() < end:
+            time.sleep(0.1)
+        check(not left, "left: " + "; ".join(left))
+
+    def check_results(self):
+        check(rows(self.results, "PRAGMA integrity_check") == [("ok",)], "the results file is damaged")
+        answer = subprocess.run([ONTIME, "report", str(self.results), "--format", "json"], capture_output=True, text=True,
+                                env=self.environment)
+        check(answer.returncode in (0, 1), "its report fails: " + answer.stderr)
+        (run,) = json.loads(answer.stdout)["runs"]
+        check(run["sent"] == run["on_time"] + run["late"] + run["lost"], "the ledger does not add up")
+        (numbers,) = rows(self.results, "SELECT count(*), min(message), max(message) FROM sample")
+        check(numbers[0] == numbers[2] + 1 and numbers[1] == 0, f"there is a gap in the samples: {numbers}")
+        if self.harmed_ns is None:
+            return
+        ((start_ns,),) = rows(self.results, "SELECT start_ns FROM run")
+        ((last_ns,),) = rows(self.results, "SELECT max(intended_ns + due_after_ns) FROM sample")
+        self.missing_s = (self.harmed_ns - start_ns - last_ns) / 1e9
+
+
+class BetweenNamespaces(Repetition):
+    """All that a run can have beside it: load, traffic, a link that loses, settings of the kernel."""
+
+    def command(self):
+        timers = "timer-migration: off, " if TIMER_MIGRATION.exists() else ""
+        return self.scenario(f"""
+hosts: namespaces
+defaults: {{transport: {self.transport}, period: 5 ms, timeout: 100 ms, duration: {self.duration}}}
+runs:
+  - id: tortured
+    realtime: on
+    load:
+      controller: {{cpu: 1, vm: 1, vm-bytes: 16 MiB, hdd: 1, hdd-bytes: 4 MiB}}
+      component: {{cpu: 1}}
+    traffic: {{rate: 5 Mbit/s}}
+    link: {{loss: 1 %}}
+    kernel: {{{timers}gro: on, threaded-napi: on, napi-threads: 55}}
+""")
+
+
+class ByHand(Repetition):
+    """`ontime ping` and `ontime pong`, two programs that nobody started together."""
+
+    def command(self):
+        both = ("--transport", self.transport, "--interface", "lo", "--domain", "77")
+        self.pong = self.start(ONTIME, "pong", *both)
+        return (ONTIME, "ping", *both, "--peer", "127.0.0.1", "--period", "5 ms", "--timeout", "100 ms",
+                "--duration", self.duration, "--results", str(self.results))
+
+    def finish(self):
+        if self.pong.poll() is None:
+            self.pong.send_signal(signal.SIGINT)
+        try:
+            code = self.pong.wait(30)
+        except subprocess.TimeoutExpired:
+            raise Broken("pong did not leave: " + self.words()) from None
+        check(code in (130, -signal.SIGKILL), f"pong left with {code}: " + self.words())
+
+
+class BySsh(Repetition):
+    """The component is reached through an sshd of our own, over the link under test."""
+
+    @contextlib.contextmanager
+    def surroundings(self):
+        with contextlib.ExitStack() as stack:
+            ends = {"near": "198.18.1.1", "far": "198.18.1.2"}
+            for name in ends:
+                subprocess.run(["ip", "netns", "add", name], check=True)
+                stack.callback(subprocess.run, ["ip", "netns", "del", name], check=False)
+            subprocess.run(["ip", "-n", "near", "link", "add", "to-far", "type", "veth", "peer", "to-near", "netns", "far"],
+                           check=True)
+            for (name, address), other in zip(ends.items(), reversed(ends)):
+                subprocess.run(["ip", "-n", name, "address", "add", f"{address}/30", "dev", f"to-{other}"], check=True)
+                subprocess.run(["ip", "-n", name, "link", "set", f"to-{other}", "up"], check=True)
+            sshd.make_keys(self.folder)
+            self.sshd = stack.enter_context(sshd.serving(self.folder, "far", self.temporary))
+            path = sshd.make_client(self.folder, self.folder, [ends["far"]])
+            sshd.configure_client(self.folder, self.folder, HostName=ends["far"])
+            self.environment["PATH"] = f"{path}:{os.environ['PATH']}"
+            yield
+
+    def command(self):
+        return ("ip", "netns", "exec", "near", *self.scenario(f"""
+hosts:
+  controller: {{interface: to-far, address: 198.18.1.1}}
+  component: {{ssh: robot, program: {ONTIME}, interface: to-near, address: 198.18.1.2}}
+defaults: {{transport: {self.transport}, period: 5 ms, timeout: 100 ms, duration: {self.duration}}}
+runs:
+  - id: tortured
+    load: {{component: {{cpu: 1, hdd: 1, hdd-bytes: 4 MiB}}}}
+"""))
