@@ -231,7 +231,7 @@ void Machines::unload() {
 void Machines::begin() { all("begin", "begun"); }
 
 Machines::Account Machines::end() {
-  Account account{json::object(), json::object(), json::object(), json::object(), json::object()};
+  Account account;
   for (auto& [reach, machine] : machines_) {
     const auto ended = ask(machine, "end", "ended");
     for (const auto& host : machine.hosts) {
@@ -240,6 +240,7 @@ Machines::Account Machines::end() {
       account.links[host] = ended.at("links").value(host, json());
       account.traffic[host] = ended.at("traffic").value(host, json::object());
       account.kernel[host] = ended.at("kernel").value(host, json());
+      account.clock[host] = ended.at("clock");
     }
   }
   return account;

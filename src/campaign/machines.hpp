@@ -41,7 +41,7 @@ class Machines {
   void unload();
   void begin();
   struct Account {
-    nlohmann::json conditions, load_running, traffic, links, kernel;  // by host
+    nlohmann::json conditions, load_running, traffic, links, kernel, clock;  // by host
   };
   Account end();
 

@@ -193,6 +193,7 @@ json Session::outcome() {
     auto host = end->ended;
     host.erase("event");
     host["machine"] = machines_.machine(end->host);
+    host["machine"]["clock"] = account.clock.at(end->host);
     host["transport"] = end->opened.at("transport");
     host["transport"]["facts"] = host.at("facts");
     host.erase("facts");
@@ -203,7 +204,7 @@ json Session::outcome() {
     if (const auto& kernel = account.kernel.at(end->host); !kernel.is_null()) host["kernel"] = kernel;
     hosts[end->host] = std::move(host);
   }
-  outcome["interrupted"] = interrupts_ > 0;
+  outcome["interrupted"] = stopped_;  // later, it was whole
   outcome["conditions"] = account.conditions;
   if (run_.traffic.bits_per_s > 0) {
     outcome["traffic"] = achieved(run_.traffic, account.traffic);

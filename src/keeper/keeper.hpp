@@ -20,8 +20,9 @@
 //   unload {}             unloaded {notes}: what of the load could not be given back
 //   begin  {}             begun {}: "during the run" is from here on
 //   end    {}             ended {conditions, load_running {host: bool}, traffic {host: {way: …}},
-//                         links {host: …}, kernel {host: [{setting, thing, before, after, now}]}}:
-//                         what was set, and what it is at this moment
+//                         links {host: …}, kernel {host: [{setting, thing, before, after, now}]},
+//                         clock}: what was set, and what it is at this moment; so the clock, which may have
+//                         been set since the suite began
 //   close  {}             closed {notes}: what could not be given back
 #pragma once
 

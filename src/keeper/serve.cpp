@@ -67,7 +67,8 @@ class Keeper final : public orders::Worker {
                              {"load_running", load_running()},
                              {"traffic", flows_.end()},
                              {"links", links_.end()},
-                             {"kernel", tuned_.now()}});
+                             {"kernel", tuned_.now()},
+                             {"clock", machine::clock_state()}});
     } else if (order == "close") {
       flows_.clear();
       links_.clear();
