@@ -120,7 +120,7 @@ class Results(unittest.TestCase):
         self.assertIn("--fail-if: 'p99 > +10%', column 7:", answer.stderr)
         self.ontime("report", self.results, "--fail-if", "late > 0", "--junit", self.folder / "no" / "x.xml", code=3)
         self.assertEqual(self.results.read_bytes(), before)
-        self.ontime("run", self.scenario(), "--results", self.results, "--fail-if", "mean > 1 ns", code=1)
+        self.ontime("run", self.scenario(), "--results", self.results, "--fail-if", "p50 > 1 ns", code=1)
 
     # --- comparing ---
 
