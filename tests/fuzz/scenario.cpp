@@ -12,7 +12,7 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
     const auto scenario = ontime::campaign::parse_scenario("scenario", text, {});
     if (scenario.size() == 0 || scenario.runs.empty()) std::abort();
     for (const auto number : {std::size_t{0}, scenario.size() - 1})
-      ontime::campaign::asked(scenario.at(number)).dump();  // what is read can be recorded
+      ontime::campaign::asked(scenario.at(number), scenario.hosts).dump();  // what is read can be recorded
   } catch (const ontime::campaign::Error& error) {
     if (error.exit != 2) std::abort();
   }
