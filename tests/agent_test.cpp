@@ -98,12 +98,11 @@ TEST_F(Agent, MeasuresByOrders) {
   ask(client, "begin", "begun");
   std::vector<roundtrip::Sample> samples;
   std::optional<json> finished;
-  coordinator_.on("samples", [&](auto&, const orders::Frame& frame) {
+  client.on("samples", [&](const orders::Frame& frame) {
     for (const auto& sample : samples_of(frame.bytes)) samples.push_back(sample);
   });
-  coordinator_.on("progress", [](auto&, auto&) {});
-  coordinator_.on("finished",
-                  [&](auto&, const orders::Frame& frame) { finished = frame.message.at("counters"); });
+  client.on("progress", [](auto&) {});
+  client.on("finished", [&](const orders::Frame& frame) { finished = frame.message.at("counters"); });
   client.order("go");
   coordinator_.until([&] { return finished.has_value(); });
   const auto counters = counters_of(*finished);
@@ -134,14 +133,14 @@ TEST_F(Agent, SamplesWaitForTheEndWhereSshMayTakeTheLinkUnderTest) {
   std::vector<roundtrip::Sample> samples;
   std::optional<json> finished;
   int progress = 0;
-  coordinator_.on("samples", [&](auto&, const orders::Frame& frame) {
+  client.on("samples", [&](const orders::Frame& frame) {
     for (const auto& sample : samples_of(frame.bytes)) samples.push_back(sample);
   });
-  coordinator_.on("progress", [&](auto&, auto&) {
+  client.on("progress", [&](auto&) {
     ++progress;
     EXPECT_TRUE(samples.empty());
   });
-  coordinator_.on("finished", [&](auto&, const orders::Frame& frame) { finished = frame.message; });
+  client.on("finished", [&](const orders::Frame& frame) { finished = frame.message; });
   client.order("go");
   coordinator_.until([&] { return finished.has_value(); });
   EXPECT_GT(progress, 0);

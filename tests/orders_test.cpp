@@ -139,9 +139,10 @@ TEST_F(CoordinatorTest, AwaitsOneAndHandlesTheOthers) {
   EXPECT_EQ(first.hello().at("role"), "obedient");
   EXPECT_FALSE(first.hello().at("boot_id").get<std::string>().empty());
   std::vector<std::string> said;
-  coordinator_.on("said", [&](auto& hand, const Frame& frame) {
-    said.push_back(hand.name() + " " + frame.message.at("what").get<std::string>());
-  });
+  for (auto* hand : {&first, &second})
+    hand->on("said", [&, hand](const Frame& frame) {
+      said.push_back(hand->name() + " " + frame.message.at("what").get<std::string>());
+    });
   second.order("say", {{"what", "x"}});
   second.order("answer");
   coordinator_.await(second, "answered", 10s);
@@ -159,11 +160,21 @@ TEST_F(CoordinatorTest, NoEventIsThrownAway) {
               HasSubstr("the worker said 'said'"));
 }
 
+TEST_F(CoordinatorTest, WhatOneMaySayAnotherMayNot) {
+  Coordinator::Hand first(coordinator_, "the first", worker("obedient"), "s"),
+      second(coordinator_, "the second", worker("obedient"), "s");
+  int said = 0;
+  first.on("said", [&](auto&) { ++said; });
+  second.order("say", {{"what", "x"}});
+  second.order("answer");
+  EXPECT_THAT(failure([&] { coordinator_.await(second, "answered", 10s); }),
+              HasSubstr("the second said 'said', which was not asked"));
+  EXPECT_EQ(said, 0);
+}
+
 TEST_F(CoordinatorTest, WhatIsNotUnderstoodIsSaidByWhomItWas) {
-  coordinator_.on("said", [](auto&, const Frame& frame) {
-    static_cast<void>(frame.message.at("what").get<std::string>());
-  });
   Coordinator::Hand hand(coordinator_, "the worker", worker("obedient"), "s");
+  hand.on("said", [](const Frame& frame) { static_cast<void>(frame.message.at("what").get<std::string>()); });
   hand.order("say", {{"what", 7}});
   EXPECT_THAT(failure([&] { coordinator_.await(hand, "answered", 10s); }),
               AllOf(HasSubstr("3 the worker said what this ontime does not understand"),
@@ -177,6 +188,11 @@ TEST_F(CoordinatorTest, SaysWhyAWorkerFailedOrIsGone) {
     hand.order("fail");
     EXPECT_EQ(failure([&] { coordinator_.await(hand, "answered", 10s); }), "2 it was wrong");
     EXPECT_TRUE(hand.lost());
+  }
+  for (const int exit : {0, 1, 130, 256}) {  // whoever fails does not choose that all is well
+    Coordinator::Hand hand(coordinator_, "the worker", worker("obedient"), "s");
+    hand.order("fail", {{"exit", exit}});
+    EXPECT_EQ(failure([&] { coordinator_.await(hand, "answered", 10s); }), "3 it was wrong");
   }
   {
     Coordinator::Hand hand(coordinator_, "the worker", worker("obedient"), "s");
@@ -220,7 +236,7 @@ TEST_F(CoordinatorTest, OneThatIsLongInComingIsAwaited) {
 TEST_F(CoordinatorTest, OneThatNeverStopsTalkingDoesNotKeepUsFromLeaving) {
   Coordinator::Hand hand(coordinator_, "the talkative one", worker("obedient"), "s");
   int said = 0;
-  coordinator_.on("said", [&](auto&, auto&) {
+  hand.on("said", [&](auto&) {
     ++said;
     interrupts_ = 1;
     usleep(1'000);  // so that the pipe is never empty
@@ -281,7 +297,7 @@ class Obedient final : public Worker {
     if (order == "answer") events_.tell("answered");
     if (order == "chatter")
       for (int count = 0; count < chatter; ++count) events_.tell("said", json::object(), much);
-    if (order == "fail") throw Error(2, "it was wrong");
+    if (order == "fail") throw Error(body.value("exit", 2), "it was wrong");
   }
   std::chrono::milliseconds go_on() override { return 500ms; }
   void give_back() noexcept override {}

@@ -84,20 +84,18 @@ class Suite {
       } catch (const orders::Interrupted&) {
         writer_.end_run(number, {{"interrupted", true}});
       } catch (const Error& error) {
-        auto outcome = session.salvage();
-        outcome["error"] = error.what();
-        outcome["interrupted"] = interrupts_ > 0;
-        writer_.end_run(number, outcome);
-        failures_.note(run, error.what());
-        code = error.exit;
+        code = failed(session, run, number, error.what(), error.exit);
+      } catch (const json::exception& error) {  // answered, and not as it should be
+        code = failed(session, run, number,
+                      fmt::format("an answer that this ontime does not understand ({}): install the same on "
+                                  "both machines",
+                                  error.what()),
+                      3);
       }
     }
     if (interrupts_ > 0) return 130;
     // Whoever kept a machine and is gone: what it held is given back before the next run.
-    if (machines_.lost())
-      machines_.prepare(stated_);
-    else if (code != 0)
-      machines_.unload();  // what failed has left its load
+    if (machines_.lost()) machines_.prepare(stated_);
     return code;
   }
 
@@ -107,6 +105,15 @@ class Suite {
   }
 
  private:
+  int failed(Session& session, const Run& run, std::int64_t number, const std::string& why, int exit) {
+    auto outcome = session.salvage();
+    outcome["error"] = why;
+    outcome["interrupted"] = interrupts_ > 0;
+    writer_.end_run(number, outcome);
+    failures_.note(run, why);
+    return exit;
+  }
+
   record::Writer& writer_;
   Observer& observer_;
   Interrupts& interrupts_;

@@ -105,6 +105,11 @@ void Machines::add(const std::string& host, const Host& where) {
     if (hosts_.deploy) std::tie(command, between) = deployment(*machine.ssh, where.reach, *hosts_.deploy);
   }
   machine.keeper = std::make_unique<Hand>(coordinator_, name, command, "", std::move(between));
+  // Both ends' are cut; when, is said by the clock of the controller, as of everything else.
+  machine.keeper->on("cut", [this, is_controllers = host == controller](const orders::Frame& frame) {
+    if (is_controllers && frame.message.at("host") == controller && when_cut_)
+      when_cut_(frame.message.at("at_ns"));
+  });
 }
 
 std::unique_ptr<Machines::Hand> Machines::start_agent(const std::string& host) const {
@@ -200,7 +205,8 @@ void Machines::link(const std::string& host, const Run& run) {
   if (run.faults.any() && answer.contains("error")) throw Error(3, answer.at("error"));
 }
 
-void Machines::cut(const Cut& cut) {
+void Machines::cut(const Cut& cut, std::function<void(std::int64_t at_ns)> told) {
+  when_cut_ = std::move(told);
   const auto after = std::chrono::duration_cast<std::chrono::milliseconds>(cut.at);
   for (const auto* host : {component, controller})
     ask(machine_of(host), "cut", "cutting",
@@ -208,7 +214,7 @@ void Machines::cut(const Cut& cut) {
 }
 
 void Machines::load(const Run& run) {
-  unload();  // what a run that failed has left is not this one's
+  loaded_ = true;
   for (auto& [reach, machine] : machines_)
     for (const auto& host : machine.hosts) {
       const auto& workers = host == controller ? run.controller_load : run.component_load;
@@ -226,8 +232,12 @@ void Machines::load(const Run& run) {
 }
 
 void Machines::unload() {
-  for (auto& [reach, machine] : machines_) tell(ask(machine, "unload", "unloaded").at("notes"));
+  if (!std::exchange(loaded_, false)) return;
+  when_cut_ = nullptr;
+  for (auto& [reach, machine] : machines_)
+    if (!machine.keeper->lost()) tell(ask(machine, "unload", "unloaded").at("notes"));
 }
+
 void Machines::begin() { all("begin", "begun"); }
 
 Machines::Account Machines::end() {
@@ -240,7 +250,7 @@ Machines::Account Machines::end() {
       account.links[host] = ended.at("links").value(host, json());
       account.traffic[host] = ended.at("traffic").value(host, json::object());
       account.kernel[host] = ended.at("kernel").value(host, json());
-      account.clock[host] = ended.at("clock");
+      account.machine[host] = ended.at("machine");
     }
   }
   return account;

@@ -2,6 +2,7 @@
 // The machines of a suite: a keeper on each, for as long as the suite lasts, and the hosts as they are then.
 #pragma once
 
+#include <functional>
 #include <map>
 #include <memory>
 #include <set>
@@ -37,11 +38,12 @@ class Machines {
   void tune(const Run&);  // throws Error, with nothing changed, where a machine lacks what is asked for
   void restore();         // tells what could not be given back
   void load(const Run&);
-  void cut(const Cut&);  // counted from now on; each host's keeper says when it has ("cut")
-  void unload();
+  // Counted from now on; when it has come to pass is told, until unload().
+  void cut(const Cut&, std::function<void(std::int64_t at_ns)> told);
+  void unload();  // load, link and traffic
   void begin();
   struct Account {
-    nlohmann::json conditions, load_running, traffic, links, kernel, clock;  // by host
+    nlohmann::json conditions, load_running, traffic, links, kernel, machine;  // by host
   };
   Account end();
 
@@ -68,7 +70,8 @@ class Machines {
   Observer& observer_;
   Hosts hosts_;
   std::set<std::string> warned_;
-  bool tuned_ = false;
+  bool tuned_ = false, loaded_ = false;
+  std::function<void(std::int64_t at_ns)> when_cut_;
   std::map<std::vector<std::string>, Machine> machines_;  // by how they are reached
 };
 

@@ -62,20 +62,31 @@ Session::Session(const Run& run, std::int64_t number, orders::Coordinator& coord
       machines_(machines),
       writer_(writer),
       observer_(observer),
-      interrupts_(interrupts) {
+      interrupts_(interrupts) {}
+
+Session::~Session() {
+  try {
+    machines_.unload();
+    machines_.restore();
+  } catch (const std::exception&) {  // whoever keeps the machine gives it back when he leaves
+  } catch (const orders::Interrupted&) {
+  }
+}
+
+// Of the client alone: a component that would say how well it was heard is not asked.
+void Session::listen_to(Hand& client) {
   using orders::Frame;
-  coordinator_.on("samples", [this](Hand&, const Frame& frame) {
+  client.on("samples", [this](const Frame& frame) {
     writer_.append(number_, agent::samples_of(frame.bytes));
     sampled_ = Clock::now();
   });
-  coordinator_.on("progress", [this](Hand&, const Frame& frame) {
+  client.on("progress", [this](const Frame& frame) {
     observer_.progress(
         agent::counters_of(frame.message.at("counters")),
         std::min<std::chrono::nanoseconds>(Clock::now() - started_, run_.task.client.duration));
   });
-  coordinator_.on("cut", [this](Hand&, const Frame& frame) { note_cut(frame.message); });
-  coordinator_.on("peer", [this](Hand&, const Frame& frame) { note_peers(frame.message); });
-  coordinator_.on("finished", [this](Hand&, const Frame& frame) {
+  client.on("peer", [this](const Frame& frame) { note_peers(frame.message); });
+  client.on("finished", [this](const Frame& frame) {
     finished_ = frame.message.at("counters");
     if (const std::uint64_t bytes = frame.message.at("waited_bytes"); bytes > 0)
       writer_.note(number_, {"samples-waited",
@@ -87,16 +98,6 @@ Session::Session(const Run& run, std::int64_t number, orders::Coordinator& coord
   });
 }
 
-Session::~Session() {
-  for (const auto* event : {"samples", "progress", "peer", "finished", "cut"})
-    coordinator_.on(event, [](auto&, auto&) {});
-  try {
-    machines_.restore();
-  } catch (const std::exception&) {  // whoever keeps the machine gives it back when he leaves
-  } catch (const orders::Interrupted&) {
-  }
-}
-
 void Session::note_peers(const json& event) {
   const int now = event.at("writers");
   if (now == pongs_) return;  // somebody who only listens came or went
@@ -106,11 +107,8 @@ void Session::note_peers(const json& event) {
   observer_.note(note.text);
 }
 
-// Both ends' are cut; when, is said by the clock of the controller, as of everything else.
-void Session::note_cut(const json& event) {
-  if (event.at("host") != "controller") return;
-  const auto length = run_.cut.value().length;
-  const std::int64_t at_ns = event.at("at_ns");
+void Session::note_cut(std::int64_t at_ns) {
+  const auto length = run_.cut->length;
   writer_.note(number_, {"link-cut", fmt::format("the link was cut, for {} ms", length.count()), at_ns, {}});
   writer_.note(number_,
                {"link-back", "the link was back", at_ns + std::chrono::nanoseconds(length).count(), {}});
@@ -118,6 +116,7 @@ void Session::note_cut(const json& event) {
 
 Session::End Session::open(const std::string& host, const agent::Task& task) {
   End end{host, machines_.start_agent(host), {}, {}};
+  if (task.config.role == transport::Role::client) listen_to(*end.agent);
   const bool by_ssh = machines_.by_ssh(host);
   end.agent->order("open", {{"task", task}, {"ssh", by_ssh}});
   end.opened = coordinator_.await(*end.agent, "opened", patience);
@@ -159,7 +158,7 @@ json Session::measure(std::chrono::nanoseconds wait) {
   started_ = Clock::now();
   measuring_ = true;
   controller_->agent->order("go");
-  if (run_.cut) machines_.cut(*run_.cut);
+  if (run_.cut) machines_.cut(*run_.cut, [this](std::int64_t at_ns) { note_cut(at_ns); });
   finish(run_.task.client.duration + run_.task.client.timeout + patience);
   return outcome();
 }
@@ -192,8 +191,7 @@ json Session::outcome() {
   for (auto* end : ends()) {
     auto host = end->ended;
     host.erase("event");
-    host["machine"] = machines_.machine(end->host);
-    host["machine"]["clock"] = account.clock.at(end->host);
+    host["machine"] = account.machine.at(end->host);
     host["transport"] = end->opened.at("transport");
     host["transport"]["facts"] = host.at("facts");
     host.erase("facts");

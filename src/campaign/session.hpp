@@ -32,10 +32,11 @@ class Session {
   };
   End open(const std::string& host, const agent::Task&);
   std::vector<End*> ends();
+  void listen_to(Hand& client);
   void finish(std::chrono::nanoseconds patience);
   nlohmann::json outcome();
   void note_peers(const nlohmann::json& event);
-  void note_cut(const nlohmann::json& event);
+  void note_cut(std::int64_t at_ns);
 
   const Run& run_;
   const std::int64_t number_;

@@ -19,12 +19,7 @@ constexpr int reads_a_turn = 32;          // of 64 KiB each: more than a pipe ho
 
 }  // namespace
 
-Coordinator::Coordinator(Interrupts& interrupts) : interrupts_(interrupts), beating_([this] { beat(); }) {
-  on("terminated", [this](Hand&, const Frame&) {
-    int none = 0;
-    interrupts_.compare_exchange_strong(none, 1);
-  });
-}
+Coordinator::Coordinator(Interrupts& interrupts) : interrupts_(interrupts), beating_([this] { beat(); }) {}
 
 Coordinator::~Coordinator() {
   {
@@ -111,17 +106,23 @@ void Coordinator::dispatch(Hand& hand, const Frame& frame) {
   if (event == "beat") return;
   if (event == "failed") {
     lose(hand);
-    throw Error(frame.message.value("exit", 3), frame.message.value("message", "it failed"));
+    // Ours is no exit code of its choice: whatever fails has failed.
+    throw Error(frame.message.value("exit", 3) == 2 ? 2 : 3, frame.message.value("message", "it failed"));
+  }
+  if (event == "terminated") {
+    int none = 0;
+    interrupts_.compare_exchange_strong(none, 1);
+    return;
   }
   if (&hand == awaited_ && event == awaited_event_ && !answer_) {
     answer_ = frame.message;
     return;
   }
-  const auto handle = handles_.find(event);
-  if (handle == handles_.end())
+  const auto handle = hand.handles_.find(event);
+  if (handle == hand.handles_.end())
     throw Error(
         3, fmt::format("{} said '{}', which was not asked: this is a fault of ontime", hand.name_, event));
-  handle->second(hand, frame);
+  handle->second(frame);
 }
 
 bool Coordinator::turn(std::chrono::milliseconds within) {

@@ -110,6 +110,10 @@ class Coordinator {
     const std::string& name() const { return name_; }  // for people: "the agent of the controller"
     const nlohmann::json& hello() const { return hello_; }
     void order(const std::string& order, nlohmann::json body = nlohmann::json::object());
+    // `handle` is called for each event of that name by this worker, until it is set again: what one may say,
+    // another may not.
+    using Handle = std::function<void(const Frame&)>;
+    void on(const std::string& event, Handle handle) { handles_[event] = std::move(handle); }
     // It failed, is gone, or was given up: no order reaches it any more, and the loop goes on without it.
     bool lost() const { return lost_; }
 
@@ -119,13 +123,10 @@ class Coordinator {
     std::string name_;
     std::unique_ptr<Process> process_;
     nlohmann::json hello_;
+    std::map<std::string, Handle> handles_;
     std::chrono::steady_clock::time_point heard_;
     bool lost_ = false;
   };
-
-  // `handle` is called for each event of that name, whoever tells it, until it is set again.
-  using Handle = std::function<void(Hand&, const Frame&)>;
-  void on(const std::string& event, Handle handle) { handles_[event] = std::move(handle); }
 
   // The next event of that name by that worker; meanwhile all others are handled. Throws Error for `failed`,
   // when a worker is gone, silent, or does not come to it within `patience`; Interrupted once there are more
@@ -150,7 +151,6 @@ class Coordinator {
   Interrupts& interrupts_;
   std::mutex mutex_;  // of hands_, which the beating thread reads
   std::vector<Hand*> hands_;
-  std::map<std::string, Handle> handles_;
   Hand* awaited_ = nullptr;
   std::string awaited_event_;
   std::optional<nlohmann::json> answer_;
