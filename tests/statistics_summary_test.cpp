@@ -293,6 +293,12 @@ TEST(Parts, OfSynchronisedClocksAreAsSureAsBothSay) {
   const auto contradicted = with(-6 * us, client, server);
   EXPECT_FALSE(contradicted.parts);
   EXPECT_THAT(contradicted.no_parts, AllOf(HasSubstr("±5.0 µs"), HasSubstr("-6.0")));
+  auto set = server;
+  set["clock"]["moved_ns"] = -3000;
+  EXPECT_TRUE(with(12 * us, client, set).parts) << "within what it says it may be off";
+  set["clock"]["moved_ns"] = -3001;
+  EXPECT_FALSE(with(12 * us, client, set).parts);
+  EXPECT_THAT(with(12 * us, client, set).no_parts, HasSubstr("was set by -3.0 µs"));
   // By PTP each is off its grandmaster by so much: it must be the same one.
   const auto by_ptp = [](nlohmann::json machine, const nlohmann::json& grandmaster) {
     machine["clock"].update({{"source", "ptp"}, {"reference", grandmaster}});

@@ -21,8 +21,8 @@
 //   begin  {}             begun {}: "during the run" is from here on
 //   end    {}             ended {conditions, load_running {host: bool}, traffic {host: {way: …}},
 //                         links {host: …}, kernel {host: [{setting, thing, before, after, now}]},
-//                         clock}: what was set, and what it is at this moment; so the clock, which may have
-//                         been set since the suite began
+//                         machine}: what was set, and what it is at this moment; the machine as it was at
+//                         begin, but its clock as it is now, with moved_ns: how far it was set since
 //   close  {}             closed {notes}: what could not be given back
 #pragma once
 

@@ -58,6 +58,7 @@ class Keeper final : public orders::Worker {
     } else if (order == "unload") {
       events_.tell("unloaded", {{"notes", unload()}});
     } else if (order == "begin") {
+      machine_ = machine::describe();
       activity_ = machine::activity();
       flows_.begin();
       links_.begin();
@@ -68,7 +69,7 @@ class Keeper final : public orders::Worker {
                              {"traffic", flows_.end()},
                              {"links", links_.end()},
                              {"kernel", tuned_.now()},
-                             {"clock", machine::clock_state()}});
+                             {"machine", machine_as_it_was()}});
     } else if (order == "close") {
       flows_.clear();
       links_.clear();
@@ -148,6 +149,16 @@ class Keeper final : public orders::Worker {
     return running;
   }
 
+  // As it was when the run began, but for the clock, which may have been set since then.
+  json machine_as_it_was() {
+    auto clock = machine::clock_state();
+    if (machine_.is_null()) return machine::describe();
+    const auto offset_ns = [](const json& state) { return state.at("realtime_offset_ns").get<std::int64_t>(); };
+    clock["moved_ns"] = offset_ns(clock) - offset_ns(machine_.at("clock"));
+    machine_["clock"] = std::move(clock);
+    return std::exchange(machine_, nullptr);
+  }
+
   orders::Events& events_;
   journal::Journal journal_{kinds()};
   Tuned tuned_{journal_};
@@ -155,6 +166,7 @@ class Keeper final : public orders::Worker {
   Links links_{journal_};
   Flows flows_;
   machine::Activity activity_;
+  json machine_;
 };
 
 }  // namespace

@@ -27,15 +27,17 @@ std::optional<RoundTripParts::Clocks> RoundTripParts::clocks_of(const nlohmann::
   const auto& client = member(member(hosts, "controller"), "machine");
   const auto& server = member(member(hosts, "component"), "machine");
   const auto boot = text_of(member(client, "boot_id"));
-  if (!boot.empty() && boot == text_of(member(server, "boot_id"))) return Clocks{0, 0, true};
+  if (!boot.empty() && boot == text_of(member(server, "boot_id"))) return Clocks{.one = true};
   if (!have_one_reference(client, server)) return {};
-  Clocks clocks{0, 0, false};
+  Clocks clocks{};
   for (const auto* machine : {&client, &server}) {
     const auto& clock = member(*machine, "clock");
     const auto error_ns = integer_of(member(clock, "error_ns"));
     const auto offset_ns = integer_of(member(clock, "realtime_offset_ns"));
     if (member(clock, "synchronised") != true || !error_ns || *error_ns < 0 || !offset_ns) return {};
     if (__builtin_add_overflow(clocks.error_ns, *error_ns, &clocks.error_ns)) return {};
+    const auto moved_ns = integer_of(member(clock, "moved_ns")).value_or(0);
+    if (moved_ns > *error_ns || moved_ns < -*error_ns) clocks.moved_ns = moved_ns;
     // By way of the time of day, which both know: client = server + server's offset - client's offset.
     clocks.ahead_ns = machine == &client ? between(*offset_ns, 0) : nth_after(clocks.ahead_ns, *offset_ns, 1);
   }
@@ -55,6 +57,11 @@ void RoundTripParts::message(const roundtrip::Sample& sample) {
 
 void RoundTripParts::into(Summary& summary) && {
   if (!clocks_ || there_.count() == 0) return;
+  if (clocks_->moved_ns != 0) {
+    summary.no_parts = fmt::format("not shown in parts: a clock was set by {:.1f} µs while it was measured",
+                                   static_cast<double>(clocks_->moved_ns) / 1e3);
+    return;
+  }
   if (least_ns_ < -clocks_->error_ns) {
     const auto by_us = static_cast<double>(least_ns_) / 1e3;
     summary.no_parts =

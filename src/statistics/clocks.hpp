@@ -17,9 +17,10 @@ class RoundTripParts {
 
  private:
   struct Clocks {
-    std::int64_t ahead_ns;  // what the client's clock shows more than the server's
-    std::int64_t error_ns;  // of that
-    bool one;
+    std::int64_t ahead_ns = 0;  // what the client's clock shows more than the server's
+    std::int64_t error_ns = 0;  // of that
+    std::int64_t moved_ns = 0;  // by which one was set meanwhile, if that is more than it may be off
+    bool one = false;
   };
   static std::optional<Clocks> clocks_of(const nlohmann::json& outcome);
   std::optional<Clocks> clocks_;
