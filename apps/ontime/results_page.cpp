@@ -26,7 +26,7 @@ bool is_a_page(const std::string& path) {
 }  // namespace
 
 std::string write_page_beside(const std::string& results) {
-  const auto path = fs::path(results).replace_extension("html").string();
+  auto path = fs::path(results).replace_extension("html").string();
   std::error_code none;
   if (fs::exists(path, none) && !is_a_page(path))
     throw campaign::Error(
