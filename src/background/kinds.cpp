@@ -50,11 +50,11 @@ bool is_there(const std::string& netns) {
   return netns.empty() || std::filesystem::exists("/run/netns/" + netns, ignored);
 }
 
-// In the network namespace; and what went wrong is the journal's to tell.
+// In the network namespace; and what went wrong there is the journal's to tell.
 template <class Job>
 void inside(const std::string& netns, Job job) {
   try {
-    in_namespace(netns, job);
+    journal::within_namespace(netns, job);
   } catch (const Error& error) {
     throw journal::Error(error.what());
   }

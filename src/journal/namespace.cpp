@@ -2,10 +2,9 @@
 // A network namespace as `ip netns` keeps them: a file in /run/netns over which it is mounted. Not made by
 // `ip`: so its identity is in the journal before anybody can see it.
 #include <cerrno>
-#include <exception>
 #include <filesystem>
+#include <future>
 #include <system_error>
-#include <thread>
 
 #include <fcntl.h>
 #include <fmt/format.h>
@@ -96,18 +95,6 @@ void enter(const std::string& name) {
     throw trouble(name, "entered", errno);
 }
 
-void in_own_thread(const std::function<void()>& action) {
-  std::exception_ptr error;
-  std::thread([&] {
-    try {
-      action();
-    } catch (...) {
-      error = std::current_exception();
-    }
-  }).join();
-  if (error) std::rethrow_exception(error);
-}
-
 }  // namespace
 
 const Kind namespace_kind = {.name = "namespace",
@@ -132,10 +119,11 @@ std::optional<std::string> namespace_name(const std::string& identity) {
 void within_namespace(const std::string& name, const std::function<void()>& action) {
   if (name.empty()) return action();
   if (name.find('/') != name.npos || name == "." || name == "..") throw trouble(name, "entered", EINVAL);
-  in_own_thread([&] {
+  const auto inside = [&] {
     enter(name);
     action();
-  });
+  };
+  std::async(std::launch::async, inside).get();
 }
 
 void add_namespace(Journal& journal, const std::string& name) {
@@ -151,7 +139,7 @@ void add_namespace(Journal& journal, const std::string& name) {
         "needs it, remove it (sudo ip netns delete {})",
         name, name));
   journal.change(namespace_kind, name, "");
-  in_own_thread([&] { make(journal, name); });
+  std::async(std::launch::async, [&] { make(journal, name); }).get();
 }
 
 }  // namespace ontime::journal
