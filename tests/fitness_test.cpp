@@ -72,6 +72,8 @@ TEST_F(Machine, IsPreemptibleOrNot) {
   EXPECT_EQ(severity("preemption"), Severity::wrong);
   file("/sys/kernel/debug/sched/preempt", "none voluntary (full) lazy");
   EXPECT_EQ(severity("preemption"), Severity::hint) << "the kernel itself knows best";
+  file("/sys/kernel/debug/sched/preempt", "none voluntary full (lazy)");
+  EXPECT_EQ(severity("preemption"), Severity::hint) << "ordinary threads alone are not kept waiting by it";
   file("/proc/version", "Linux version 4.19 #1 SMP Debian");
   fs::remove(root_ + "/sys/kernel/debug/sched/preempt");
   fs::remove(root_ + "/proc/cmdline");

@@ -27,6 +27,13 @@ struct Error : std::runtime_error {
 // cannot be read is null, never guessed.
 nlohmann::json describe();
 
+// "rt", "full", "voluntary", "none", "lazy", or what the kernel's version leaves open ("dynamic", "none or
+// voluntary"). From the texts of /sys/kernel/realtime, /sys/kernel/debug/sched/preempt, /proc/cmdline and
+// /proc/version (or `uname -v`), which say more or less, the surest first. Pure.
+std::optional<std::string> preemption(const std::optional<std::string>& realtime,
+                                      const std::optional<std::string>& debug,
+                                      const std::string& command_line, const std::string& version);
+
 // {"synchronised", "source": "ptp", "chrony" or "kernel", "error_ns": how far CLOCK_REALTIME is off at most
 // by what the source knows, "reference": whose time it is (of PTP the grandmaster, which may be this machine;
 // two of different grandmasters have nothing in common), "realtime_offset_ns": CLOCK_REALTIME -
@@ -43,6 +50,7 @@ struct Activity {
   std::int64_t at_ns = 0;  // CLOCK_MONOTONIC
 };
 Activity activity();
+void parse_ticks(const std::string& text, Activity&);  // of the text of /proc/stat: its first line
 // {"cpu_busy": 0…1, "cpu_stolen": 0…1 (by a hypervisor, as far as it tells), "cpu_pressure": 0…1 or null,
 // "memory_pressure": …, "io_pressure": …}
 nlohmann::json between(const Activity& first, const Activity& last);
