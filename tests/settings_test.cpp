@@ -263,15 +263,6 @@ TEST_F(OnVeth, WhatIsKeptStaysUntilItIsReverted) {
   });
 }
 
-TEST_F(OnVeth, TheInterfaceIsFoundByTheRoute) {
-  inside([] {
-    EXPECT_EQ(interface_to("10.9.8.2", ""), "left");
-    EXPECT_EQ(interface_with("10.9.8.1", ""), "left");
-    EXPECT_THAT(error_of([] { interface_to("10.1.1.1", ""); }), HasSubstr("10.1.1.1"));
-    EXPECT_THAT(error_of([] { interface_with("10.9.8.2", ""); }), HasSubstr("10.9.8.2"));
-  });
-}
-
 TEST(Paper, WarnsOfWhatIsAboveTheApplication) {
   EXPECT_THAT(warning(paper(), 80),
               AllOf(StartsWith("irq-threads 90: above the application's 80"), HasSubstr("measure")));

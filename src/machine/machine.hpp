@@ -65,6 +65,11 @@ struct Interface {
 std::vector<Interface> interfaces();
 // The name of the one that has this address, of IPv4 or IPv6, as getnameinfo() writes it.
 std::optional<std::string> interface_with(const std::string& address);
+// In the network namespace of that name, as `ip netns` has it ("": in this process's), the one by which this
+// machine sends to a peer, by address or name; and the one that has an address, or that of a name, to which
+// others send. Throws Error.
+std::string interface_to(const std::string& peer, const std::string& network_namespace);
+std::string interface_of(const std::string& own, const std::string& network_namespace);
 
 // What has gone over an interface of this process's network namespace since it came up, as the kernel counts
 // it: frames with all their headers, of everybody. Nothing if there is no such interface.
