@@ -6,7 +6,6 @@
 #include <memory>
 #include <system_error>
 
-#include <arpa/inet.h>
 #include <fmt/format.h>
 #include <ifaddrs.h>
 #include <net/if.h>
@@ -20,11 +19,6 @@
 
 namespace ontime::machine {
 namespace {
-
-std::string dotted(const in_addr& address) {
-  std::array<char, INET_ADDRSTRLEN> text{};
-  return inet_ntop(AF_INET, &address, text.data(), text.size());
-}
 
 std::string name_of(const ifaddrs& address) {
   const std::string label = address.ifa_name;  // an address may have a label: eth0:1
@@ -145,8 +139,7 @@ std::vector<Interface> interfaces() {
   for (const auto* address = owned.get(); address != nullptr; address = address->ifa_next) {
     auto& interface = entry_of(all, *address);
     if (address->ifa_addr == nullptr || address->ifa_addr->sa_family != AF_INET) continue;
-    if (interface.address.empty())
-      interface.address = dotted(reinterpret_cast<const sockaddr_in*>(address->ifa_addr)->sin_addr);
+    if (interface.address.empty()) interface.address = numeric(*address->ifa_addr);
   }
   return all;
 }
