@@ -3,6 +3,7 @@
 // "machines" made of one. Ordinary thread only.
 #pragma once
 
+#include <chrono>
 #include <cstdint>
 #include <optional>
 #include <stdexcept>
@@ -95,6 +96,10 @@ nlohmann::json between(const Drops& first, const Drops& last);
 // Names of the shared memory segments of a DDS ("fastrtps_…", "fastdds_…", "iox_…") that this process has
 // mapped.
 std::vector<std::string> shared_memory();
+
+// What another program says; nothing if it is not there, fails, or is not done within the limit (then it is
+// killed).
+std::optional<std::string> answer_of(const std::vector<std::string>& command, std::chrono::nanoseconds limit);
 
 // Two "machines" on one: network namespaces `ontime-controller` and `ontime-component`, joined by a veth
 // pair, each with an address of 198.18.0.0/30 (RFC 2544's range for benchmarks). Needs root; needs iproute2's
