@@ -27,10 +27,7 @@ Error trouble(const std::string& name, const char* what, int error) {
                            std::generic_category().message(error)));
 }
 
-bool accepts(const std::string& name) {
-  const std::string_view prefix = own_prefix;
-  return is_plain_name(name) && name.starts_with(prefix) && name.size() > prefix.size();
-}
+bool accepts(const std::string& name) { return is_own_name(name); }
 
 Value read(const std::string& name) {
   const Fd fd(open(namespace_path(name).c_str(), O_RDONLY | O_NOFOLLOW | O_NONBLOCK | O_CLOEXEC));
