@@ -85,81 +85,75 @@ Task task_of(transport::Role role, int domain) {
 // A port that is most likely free; two tests of this file never run in one moment on one.
 int some_domain() { return 1000 + getpid() % 20000; }
 
-TEST_F(Agent, MeasuresByOrders) {
-  const int domain = some_domain();
-  Hand server(coordinator_, "server", command(), sample_layout()),
-      client(coordinator_, "client", command(), sample_layout());
-  ask(server, "open", "opened", {{"task", task_of(transport::Role::server, domain)}});
-  const auto opened = ask(client, "open", "opened", {{"task", task_of(transport::Role::client, domain)}});
+// A server and a client.
+class TwoAgents : public Agent {
+ protected:
+  // Opens and starts both; returns what the client said when it was opened.
+  json ready(const Task& of_client, const json& more = json::object()) {
+    ask(server_, "open", "opened", {{"task", task_of(transport::Role::server, of_client.config.domain)}});
+    json open{{"task", of_client}};
+    open.update(more);
+    auto opened = ask(client_, "open", "opened", open);
+    ask(server_, "start", "ready", {{"wait_ns", 0}});
+    ask(client_, "start", "ready", {{"wait_ns", 5'000'000'000}});
+    return opened;
+  }
+  // Until the client has finished; returns what it said then.
+  json measure() {
+    ask(server_, "begin", "begun");
+    ask(client_, "begin", "begun");
+    client_.on("samples", [this](const orders::Frame& frame) {
+      for (const auto& sample : samples_of(frame.bytes)) samples_.push_back(sample);
+    });
+    client_.on("finished", [this](const orders::Frame& frame) { finished_ = frame.message; });
+    client_.order("go");
+    coordinator_.until([this] { return finished_.has_value(); });
+    return *finished_;
+  }
+
+  Hand server_{coordinator_, "server", command(), sample_layout()},
+      client_{coordinator_, "client", command(), sample_layout()};
+  std::vector<roundtrip::Sample> samples_;
+  std::optional<json> finished_;
+};
+
+TEST_F(TwoAgents, MeasureByOrders) {
+  const auto opened = ready(task_of(transport::Role::client, some_domain()));
   EXPECT_EQ(opened.at("transport").at("name"), "udp");
-  ask(server, "start", "ready", {{"wait_ns", 0}});
-  ask(client, "start", "ready", {{"wait_ns", 5'000'000'000}});
-  ask(server, "begin", "begun");
-  ask(client, "begin", "begun");
-  std::vector<roundtrip::Sample> samples;
-  std::optional<json> finished;
-  client.on("samples", [&](const orders::Frame& frame) {
-    for (const auto& sample : samples_of(frame.bytes)) samples.push_back(sample);
-  });
-  client.on("progress", [](auto&) {});
-  client.on("finished", [&](const orders::Frame& frame) { finished = frame.message.at("counters"); });
-  client.order("go");
-  coordinator_.until([&] { return finished.has_value(); });
-  const auto counters = counters_of(*finished);
+  client_.on("progress", [](auto&) {});
+  const auto counters = counters_of(measure().at("counters"));
   EXPECT_GT(counters.sent, 0U);
-  EXPECT_EQ(counters.sent, samples.size());
+  EXPECT_EQ(counters.sent, samples_.size());
   EXPECT_EQ(counters.sent, counters.on_time + counters.late + counters.lost);
-  const auto ended = ask(client, "end", "ended");
+  const auto ended = ask(client_, "end", "ended");
   EXPECT_EQ(ended.at("threads").at(0).at("role"), "send");
   EXPECT_GE(ended.at("link").at("sent_bytes"), counters.sent * 500);
   EXPECT_TRUE(ended.at("shared_memory").empty());
-  EXPECT_GE(ask(server, "end", "ended").at("answered"), counters.on_time);
+  EXPECT_GE(ask(server_, "end", "ended").at("answered"), counters.on_time);
 }
 
 // Who goes by ssh to a machine of which nothing else is known may take the link under test.
-TEST_F(Agent, SamplesWaitForTheEndWhereSshMayTakeTheLinkUnderTest) {
-  const int domain = some_domain();
-  Hand server(coordinator_, "server", command(), sample_layout()),
-      client(coordinator_, "client", command(), sample_layout());
-  auto task = task_of(transport::Role::client, domain);
+TEST_F(TwoAgents, LetSamplesWaitForTheEndWhereSshMayTakeTheLinkUnderTest) {
+  auto task = task_of(transport::Role::client, some_domain());
   task.client.duration = 1500ms;
-  ask(server, "open", "opened", {{"task", task_of(transport::Role::server, domain)}});
-  const auto opened = ask(client, "open", "opened", {{"task", task}, {"ssh", true}});
-  EXPECT_TRUE(opened.at("ssh_link").at("shared"));
-  ask(server, "start", "ready", {{"wait_ns", 0}});
-  ask(client, "start", "ready", {{"wait_ns", 5'000'000'000}});
-  ask(server, "begin", "begun");
-  ask(client, "begin", "begun");
-  std::vector<roundtrip::Sample> samples;
-  std::optional<json> finished;
+  EXPECT_TRUE(ready(task, {{"ssh", true}}).at("ssh_link").at("shared"));
   int progress = 0;
-  client.on("samples", [&](const orders::Frame& frame) {
-    for (const auto& sample : samples_of(frame.bytes)) samples.push_back(sample);
-  });
-  client.on("progress", [&](auto&) {
+  client_.on("progress", [&](auto&) {
     ++progress;
-    EXPECT_TRUE(samples.empty());
+    EXPECT_TRUE(samples_.empty());
   });
-  client.on("finished", [&](const orders::Frame& frame) { finished = frame.message; });
-  client.order("go");
-  coordinator_.until([&] { return finished.has_value(); });
+  const auto finished = measure();
   EXPECT_GT(progress, 0);
-  EXPECT_EQ(counters_of(finished->at("counters")).sent, samples.size());
-  EXPECT_EQ(finished->at("waited_bytes"), samples.size() * sizeof(roundtrip::Sample));
-  for (std::size_t i = 0; i < samples.size(); ++i) EXPECT_EQ(samples[i].index, i);
+  EXPECT_EQ(counters_of(finished.at("counters")).sent, samples_.size());
+  EXPECT_EQ(finished.at("waited_bytes"), samples_.size() * sizeof(roundtrip::Sample));
+  for (std::size_t i = 0; i < samples_.size(); ++i) EXPECT_EQ(samples_[i].index, i);
 }
 
-TEST_F(Agent, SendsNothingBetweenReadyAndGo) {
-  const int domain = some_domain();
-  Hand server(coordinator_, "server", command(), sample_layout()),
-      client(coordinator_, "client", command(), sample_layout());
-  ask(server, "open", "opened", {{"task", task_of(transport::Role::server, domain)}});
-  ask(client, "open", "opened", {{"task", task_of(transport::Role::client, domain)}});
-  ask(server, "start", "ready", {{"wait_ns", 0}});
-  ask(client, "start", "ready", {{"wait_ns", 5'000'000'000}});
-  const auto answered = ask(server, "end", "ended").at("answered").get<std::uint64_t>();
+TEST_F(TwoAgents, SendNothingBetweenReadyAndGo) {
+  ready(task_of(transport::Role::client, some_domain()));
+  const auto answered = ask(server_, "end", "ended").at("answered").get<std::uint64_t>();
   usleep(50'000);
-  EXPECT_EQ(ask(server, "end", "ended").at("answered"), answered);
+  EXPECT_EQ(ask(server_, "end", "ended").at("answered"), answered);
 }
 
 TEST_F(Agent, SaysWhyItCannot) {

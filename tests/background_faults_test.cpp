@@ -26,18 +26,18 @@ class LinkFaults : public testing::Test {
   void SetUp() override {
     if (geteuid() != 0) GTEST_SKIP() << "the link's faults need root";
     journal::add_namespace(journal_, netns);
-    in_namespace(netns, [] { output_of({"ip", "link", "set", "lo", "up"}, "iproute2"); });
+    journal::within_namespace(netns, [] { output_of({"ip", "link", "set", "lo", "up"}, "iproute2"); });
   }
   // What is there, as nft says it.
   static std::string tables() {
     std::string found;
-    in_namespace(netns, [&] { found = nft("list ruleset"); });
+    journal::within_namespace(netns, [&] { found = nft("list ruleset"); });
     return found;
   }
   // Sends so many datagrams to itself; returns how many came.
   static int exchange(int datagrams) {
     int came = 0;
-    in_namespace(netns, [&] {
+    journal::within_namespace(netns, [&] {
       const int fd = socket(AF_INET, SOCK_DGRAM | SOCK_NONBLOCK | SOCK_CLOEXEC, 0);
       sockaddr_in self{};
       self.sin_family = AF_INET;
@@ -124,8 +124,8 @@ TEST_F(LinkFaults, ThatSomebodyMadeAnewAreLeft) {
   journal_.change(table_kind, what, journal::to_be_made);
   const auto first = table_kind.read(what);
   ASSERT_TRUE(first);
-  in_namespace(netns,
-               [] { nft("delete table netdev ontime-controller; add table netdev ontime-controller"); });
+  journal::within_namespace(
+      netns, [] { nft("delete table netdev ontime-controller; add table netdev ontime-controller"); });
   EXPECT_NE(table_kind.read(what), first);
   EXPECT_THAT(journal_.take_back(table_kind, what),
               testing::ElementsAre(HasSubstr("somebody has changed it")));

@@ -17,6 +17,13 @@ const Hosts two{Hosts::Kind::stated,
                 {"", {}, {"right"}, "", "eth1", "10.0.0.2:99"},
                 {}};
 
+TEST(Address, IsWithoutItsPort) {
+  EXPECT_EQ(without_port("10.0.0.2:99"), "10.0.0.2");
+  EXPECT_EQ(without_port("robot:99"), "robot");
+  for (const auto* address : {"10.0.0.2", "robot", "fe80::1", "::1", ""})
+    EXPECT_EQ(without_port(address), address);
+}
+
 TEST(Streams, TheComponentServesBothWays) {
   const Traffic traffic{.bits_per_s = 1000, .datagram_bytes = 100, .priority = 3};
   EXPECT_THAT(ways_of(traffic), ElementsAre("to_component", "to_controller"));

@@ -49,6 +49,11 @@ class Machine : public testing::Test {
     return all.empty() ? Finding{} : all.front();
   }
   Severity severity(const std::string& name) { return one(name).severity; }
+  // Once a file says so.
+  Severity severity(const std::string& name, const std::string& path, const std::string& text) {
+    file(path, text);
+    return severity(name);
+  }
 
   std::string root_ =
       (fs::temp_directory_path() / ("ontime-fitness-test-" + std::to_string(getpid()))).string();
@@ -63,21 +68,24 @@ TEST_F(Machine, WithoutAnythingHasNothingThatIsWrongButItsKernel) {
 }
 
 TEST_F(Machine, IsPreemptibleOrNot) {
-  file("/proc/version", "Linux version 6.1.0-rt (x) #1 SMP PREEMPT_RT Debian");
-  EXPECT_EQ(severity("preemption"), Severity::fine);
-  file("/proc/version", "Linux version 6.18 #1 SMP PREEMPT_DYNAMIC");
-  EXPECT_EQ(severity("preemption"), Severity::hint);
+  EXPECT_EQ(severity("preemption", "/proc/version", "Linux version 6.1.0-rt (x) #1 SMP PREEMPT_RT Debian"),
+            Severity::fine);
+  EXPECT_EQ(severity("preemption", "/proc/version", "Linux version 6.18 #1 SMP PREEMPT_DYNAMIC"),
+            Severity::hint);
   file("/proc/cmdline", "quiet preempt=voluntary");
   EXPECT_THAT(one("preemption").is, HasSubstr("voluntary"));
   EXPECT_EQ(severity("preemption"), Severity::wrong);
-  file("/sys/kernel/debug/sched/preempt", "none voluntary (full) lazy");
-  EXPECT_EQ(severity("preemption"), Severity::hint) << "the kernel itself knows best";
+  EXPECT_EQ(severity("preemption", "/sys/kernel/debug/sched/preempt", "none voluntary (full) lazy"),
+            Severity::hint)
+      << "the kernel itself knows best";
+  EXPECT_EQ(severity("preemption", "/sys/kernel/debug/sched/preempt", "none voluntary full (lazy)"),
+            Severity::hint)
+      << "ordinary threads alone are not kept waiting by it";
   file("/proc/version", "Linux version 4.19 #1 SMP Debian");
   fs::remove(root_ + "/sys/kernel/debug/sched/preempt");
   fs::remove(root_ + "/proc/cmdline");
   EXPECT_EQ(severity("preemption"), Severity::wrong);
-  file("/sys/kernel/realtime", "1");
-  EXPECT_EQ(severity("preemption"), Severity::fine);
+  EXPECT_EQ(severity("preemption", "/sys/kernel/realtime", "1"), Severity::fine);
 }
 
 TEST_F(Machine, ThrottlesRealTime) {
@@ -85,12 +93,10 @@ TEST_F(Machine, ThrottlesRealTime) {
   file("/proc/sys/kernel/sched_rt_runtime_us", "950000");
   EXPECT_THAT(one("rt-throttling").is, HasSubstr("950000"));
   EXPECT_EQ(severity("rt-throttling"), Severity::hint);
-  for (const auto* off : {"-1", "1000000"}) {
-    file("/proc/sys/kernel/sched_rt_runtime_us", off);
-    EXPECT_EQ(severity("rt-throttling"), Severity::fine);
-  }
-  file("/sys/kernel/debug/sched/fair_server/cpu0/runtime", "50000000");
-  EXPECT_EQ(severity("fair-server"), Severity::hint);
+  for (const auto* off : {"-1", "1000000"})
+    EXPECT_EQ(severity("rt-throttling", "/proc/sys/kernel/sched_rt_runtime_us", off), Severity::fine);
+  EXPECT_EQ(severity("fair-server", "/sys/kernel/debug/sched/fair_server/cpu0/runtime", "50000000"),
+            Severity::hint);
   file("/sys/kernel/debug/sched/fair_server/cpu0/runtime", "0");
   EXPECT_THAT(found("fair-server"), IsEmpty());
 }
@@ -117,8 +123,8 @@ TEST_F(Machine, GivesItsUserPrioritiesAndMemory) {
   EXPECT_EQ(severity("memory-limit"), Severity::fine);
   limits("79", "0");
   EXPECT_EQ(severity("priority-limit"), Severity::wrong) << "below what a message's threads get";
-  file("/proc/self/status", "CapEff:\t0000000000804000");
-  EXPECT_EQ(severity("priority-limit"), Severity::fine) << "CAP_SYS_NICE";
+  EXPECT_EQ(severity("priority-limit", "/proc/self/status", "CapEff:\t0000000000804000"), Severity::fine)
+      << "CAP_SYS_NICE";
   EXPECT_EQ(severity("memory-limit"), Severity::fine) << "CAP_IPC_LOCK";
   file("/proc/self/cgroup", "3:cpu,cpuacct:/user\n0::/user");
   file("/sys/fs/cgroup/cpu,cpuacct/user/cpu.rt_runtime_us", "0");
@@ -132,8 +138,7 @@ TEST_F(Machine, HasCpusThatAreFastAndAwake) {
   file(cpu1 + "cpufreq/scaling_governor", "powersave");
   EXPECT_THAT(one("governor").is, AllOf(HasSubstr("performance on 1"), HasSubstr("powersave on 1")));
   EXPECT_EQ(severity("governor"), Severity::wrong);
-  file(cpu1 + "cpufreq/scaling_governor", "performance");
-  EXPECT_EQ(severity("governor"), Severity::fine);
+  EXPECT_EQ(severity("governor", cpu1 + "cpufreq/scaling_governor", "performance"), Severity::fine);
   for (const auto* state : {"state0", "state1"}) {
     file(cpu0 + "cpuidle/" + state + "/name", state);
     file(cpu0 + "cpuidle/" + state + "/disable", "0");
@@ -142,26 +147,20 @@ TEST_F(Machine, HasCpusThatAreFastAndAwake) {
   file(cpu0 + "cpuidle/state1/latency", "133");
   EXPECT_THAT(one("idle-states").is, AllOf(HasSubstr("state1"), HasSubstr("133")));
   EXPECT_EQ(severity("idle-states"), Severity::hint);
-  file(cpu0 + "cpuidle/state1/disable", "1");
-  EXPECT_EQ(severity("idle-states"), Severity::fine);
-  file("/sys/devices/system/cpu/smt/active", "1");
-  EXPECT_EQ(severity("smt"), Severity::hint);
-  file("/sys/devices/system/cpu/isolated", "");
-  EXPECT_EQ(severity("isolated-cpus"), Severity::hint);
-  file("/proc/sys/kernel/timer_migration", "1");
-  EXPECT_EQ(severity("timer-migration"), Severity::fine);
-  file("/sys/devices/system/cpu/isolated", "1");
-  EXPECT_EQ(severity("isolated-cpus"), Severity::fine);
+  EXPECT_EQ(severity("idle-states", cpu0 + "cpuidle/state1/disable", "1"), Severity::fine);
+  EXPECT_EQ(severity("smt", "/sys/devices/system/cpu/smt/active", "1"), Severity::hint);
+  EXPECT_EQ(severity("isolated-cpus", "/sys/devices/system/cpu/isolated", ""), Severity::hint);
+  EXPECT_EQ(severity("timer-migration", "/proc/sys/kernel/timer_migration", "1"), Severity::fine);
+  EXPECT_EQ(severity("isolated-cpus", "/sys/devices/system/cpu/isolated", "1"), Severity::fine);
   EXPECT_EQ(severity("timer-migration"), Severity::hint);
 }
 
 TEST_F(Machine, IsReal) {
   file("/proc/cpuinfo", "processor\t: 0\nflags\t\t: fpu tsc");
   EXPECT_THAT(found("virtual-machine"), IsEmpty());
-  file("/proc/cpuinfo", "processor\t: 0\nflags\t\t: fpu tsc hypervisor");
-  EXPECT_EQ(severity("virtual-machine"), Severity::hint);
-  file("/proc/stat", "cpu  1000 0 1000 8000 0 0 0 1 0 0");
-  EXPECT_EQ(severity("stolen-time"), Severity::fine);
+  EXPECT_EQ(severity("virtual-machine", "/proc/cpuinfo", "processor\t: 0\nflags\t\t: fpu tsc hypervisor"),
+            Severity::hint);
+  EXPECT_EQ(severity("stolen-time", "/proc/stat", "cpu  1000 0 1000 8000 0 0 0 1 0 0"), Severity::fine);
   file("/proc/stat", "cpu  1000 0 1000 8000 0 0 0 1000 0 0");
   EXPECT_THAT(one("stolen-time").is, HasSubstr("9.1 %"));
   EXPECT_EQ(severity("stolen-time"), Severity::wrong);
@@ -172,33 +171,29 @@ TEST_F(Machine, KeepsTimeAndMemory) {
   file("/sys/devices/system/clocksource/clocksource0/available_clocksource", "hpet acpi_pm");
   EXPECT_THAT(one("clock-source").remedy, HasSubstr("hpet acpi_pm"));
   EXPECT_EQ(severity("clock-source"), Severity::wrong);
-  file("/sys/devices/system/clocksource/clocksource0/current_clocksource", "tsc");
-  EXPECT_EQ(severity("clock-source"), Severity::fine);
+  EXPECT_EQ(
+      severity("clock-source", "/sys/devices/system/clocksource/clocksource0/current_clocksource", "tsc"),
+      Severity::fine);
   synchronised_ = false;
   EXPECT_EQ(severity("clock"), Severity::hint);
   synchronised_ = true;
   EXPECT_EQ(severity("clock"), Severity::fine);
-  file("/proc/swaps", "Filename\tType\tSize\tUsed\tPriority");
-  EXPECT_EQ(severity("swap"), Severity::fine);
-  file("/proc/swaps", "Filename\tType\tSize\tUsed\tPriority\n/dev/sda2 partition 1 0 -2");
-  EXPECT_EQ(severity("swap"), Severity::hint);
-  file("/sys/kernel/mm/transparent_hugepage/enabled", "always [madvise] never");
-  EXPECT_EQ(severity("huge-pages"), Severity::fine);
-  file("/sys/kernel/mm/transparent_hugepage/enabled", "[always] madvise never");
-  EXPECT_EQ(severity("huge-pages"), Severity::hint);
-  file("/proc/sys/kernel/numa_balancing", "1");
-  EXPECT_EQ(severity("numa-balancing"), Severity::hint);
-  file("/proc/sys/kernel/sched_autogroup_enabled", "1");
-  EXPECT_EQ(severity("autogroup"), Severity::hint);
+  EXPECT_EQ(severity("swap", "/proc/swaps", "Filename\tType\tSize\tUsed\tPriority"), Severity::fine);
+  EXPECT_EQ(
+      severity("swap", "/proc/swaps", "Filename\tType\tSize\tUsed\tPriority\n/dev/sda2 partition 1 0 -2"),
+      Severity::hint);
+  EXPECT_EQ(severity("huge-pages", "/sys/kernel/mm/transparent_hugepage/enabled", "always [madvise] never"),
+            Severity::fine);
+  EXPECT_EQ(severity("huge-pages", "/sys/kernel/mm/transparent_hugepage/enabled", "[always] madvise never"),
+            Severity::hint);
+  EXPECT_EQ(severity("numa-balancing", "/proc/sys/kernel/numa_balancing", "1"), Severity::hint);
+  EXPECT_EQ(severity("autogroup", "/proc/sys/kernel/sched_autogroup_enabled", "1"), Severity::hint);
 }
 
 TEST_F(Machine, TakesPacketsIn) {
-  file("/proc/sys/net/core/rmem_max", "212992");
-  EXPECT_EQ(severity("buffers"), Severity::hint);
-  file("/proc/sys/net/core/rmem_max", "8388608");
-  EXPECT_EQ(severity("buffers"), Severity::fine);
-  file("/proc/sys/net/ipv4/ipfrag_high_thresh", "262144");
-  EXPECT_EQ(severity("fragments"), Severity::hint);
+  EXPECT_EQ(severity("buffers", "/proc/sys/net/core/rmem_max", "212992"), Severity::hint);
+  EXPECT_EQ(severity("buffers", "/proc/sys/net/core/rmem_max", "8388608"), Severity::fine);
+  EXPECT_EQ(severity("fragments", "/proc/sys/net/ipv4/ipfrag_high_thresh", "262144"), Severity::hint);
 
   file("/sys/class/net/lo/threaded", "1");  // no hardware: not looked at unless it is named
   file("/sys/class/net/eth0/threaded", "0");

@@ -105,6 +105,18 @@ TEST_F(Namespaces, TheFirstMessageArrivesAndNothingStays) {
   EXPECT_FALSE(exist());
 }
 
+TEST_F(Namespaces, HaveTheirInterfacesFoundByTheRoute) {
+  journal::Journal journal;
+  const auto pair = join_namespaces(journal);
+  const auto &own = pair.controller, &other = pair.component;
+  EXPECT_EQ(interface_to(other.address, own.name), own.interface);
+  EXPECT_EQ(interface_to(own.address, own.name), "lo") << "a machine sends so to itself";
+  EXPECT_EQ(interface_of(own.address, own.name), own.interface);
+  EXPECT_THAT(error_of([&] { interface_to("10.1.1.1", own.name); }), HasSubstr("10.1.1.1"));
+  EXPECT_THAT(error_of([&] { interface_of(other.address, own.name); }), HasSubstr(other.address));
+  EXPECT_THAT(error_of([&] { interface_to(other.address, "ontime-none"); }), HasSubstr("ontime-none"));
+}
+
 TEST_F(Namespaces, CanBeMadeAgainAtOnce) {
   for (int round = 0; round < 3; ++round) {
     journal::Journal journal;

@@ -89,14 +89,6 @@ TEST(Proc, CgroupsFromTheInnermostOut) {
   EXPECT_THAT(cgroups_of("nonsense", ""), IsEmpty());
 }
 
-TEST(Proc, Capabilities) {
-  EXPECT_TRUE(has_capability("CapPrm:\t0\nCapEff:\t0000000000201000\n", 21));
-  EXPECT_TRUE(has_capability("CapEff:\t0000000000201000\n", 12));
-  EXPECT_FALSE(has_capability("CapEff:\t0000000000201000\n", 20));
-  EXPECT_FALSE(has_capability("CapPrm:\tffffffffffffffff\n", 1));
-  EXPECT_FALSE(has_capability("", 1));
-}
-
 // --- this machine
 
 TEST(Describe, SaysEverythingAndGuessesNothing) {

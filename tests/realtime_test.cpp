@@ -178,6 +178,21 @@ TEST(Stat, CutTextIsRefused) {
     EXPECT_FALSE(parse_stat(whole.substr(0, length), state)) << length;
 }
 
+TEST(Capabilities, AreThoseInEffect) {
+  EXPECT_TRUE(has_capability("CapPrm:\t0\nCapEff:\t0000000000201000\n", 21));
+  EXPECT_TRUE(has_capability("CapEff:\t0000000000201000\n", 12));
+  EXPECT_FALSE(has_capability("CapEff:\t0000000000201000\n", 20));
+  EXPECT_FALSE(has_capability("CapPrm:\tffffffffffffffff\n", 1));
+  EXPECT_FALSE(has_capability("", 1));
+}
+
+TEST(Budget, IsThatOfTheGroupOrOfTheNearestThatIsSeen) {
+  EXPECT_THAT(budget_files("4:memory:/a\n3:cpu,cpuacct:/c\n0::/d\n"),
+              testing::ElementsAre("/sys/fs/cgroup/cpu,cpuacct/c/cpu.rt_runtime_us",
+                                   "/sys/fs/cgroup/cpu,cpuacct//cpu.rt_runtime_us"));
+  EXPECT_THAT(budget_files("3:cpuset:/c\n0::/d\n"), testing::IsEmpty());
+}
+
 TEST(Read, SaysTheNameAsItIs) {
   const Sleeper sleeper(") R 1 (x) y");
   const auto state = read(sleeper.tid());

@@ -70,7 +70,7 @@ TEST(Words, ThatAreNoValueAreRefused) {
 
 TEST(Words, OneCpuHasAPriorityOfItsOwn) {
   const auto& ksoftirqd = setting("ksoftirqd");
-  const Thing first{thing(thread, "14:25:ksoftirqd/0")}, second{thing(thread, "22:25:ksoftirqd/1")};
+  const Thing first{&thread, "14:25:ksoftirqd/0"}, second{&thread, "22:25:ksoftirqd/1"};
   EXPECT_EQ(ksoftirqd.wanted("60", first, "other:0:0"), "fifo:60:0");
   EXPECT_EQ(ksoftirqd.wanted("1=60", first, "other:-5:0"), "other:-5:0");
   EXPECT_EQ(ksoftirqd.wanted("1=60", second, "other:0:1"), "fifo:60:1");
@@ -263,15 +263,6 @@ TEST_F(OnVeth, WhatIsKeptStaysUntilItIsReverted) {
   });
 }
 
-TEST_F(OnVeth, TheInterfaceIsFoundByTheRoute) {
-  inside([] {
-    EXPECT_EQ(interface_to("10.9.8.2", ""), "left");
-    EXPECT_EQ(interface_with("10.9.8.1", ""), "left");
-    EXPECT_THAT(error_of([] { interface_to("10.1.1.1", ""); }), HasSubstr("10.1.1.1"));
-    EXPECT_THAT(error_of([] { interface_with("10.9.8.2", ""); }), HasSubstr("10.9.8.2"));
-  });
-}
-
 TEST(Paper, WarnsOfWhatIsAboveTheApplication) {
   EXPECT_THAT(warning(paper(), 80),
               AllOf(StartsWith("irq-threads 90: above the application's 80"), HasSubstr("measure")));
@@ -285,10 +276,10 @@ TEST(Boot, IsSaidForSystemdTmpfilesAndAShell) {
   const Link link{"eth0", ""};
   const Wishes wishes{{"ksoftirqd", "60"}, {"busy-poll", "50"}};
   const std::vector<Change> changes = {
-      {&setting("busy-poll"), thing(network_sysctl, "net/core/busy_poll"), "0", "50"},
-      {&setting("ksoftirqd"), thing(thread, "14:25:ksoftirqd/0"), "other:0:0", "fifo:60:0"},
-      {&setting("napi-threads"), thing(thread, "90:25:napi/eth0-8193"), "other:0:0-1", "fifo:60:0-1"},
-      {&setting("rps"), thing(steering, "eth0/rx-0"), "none", "0-1,33"}};
+      {&setting("busy-poll"), {&network_sysctl, "net/core/busy_poll"}, "0", "50"},
+      {&setting("ksoftirqd"), {&thread, "14:25:ksoftirqd/0"}, "other:0:0", "fifo:60:0"},
+      {&setting("napi-threads"), {&thread, "90:25:napi/eth0-8193"}, "other:0:0-1", "fifo:60:0-1"},
+      {&setting("rps"), {&steering, "eth0/rx-0"}, "none", "0-1,33"}};
   EXPECT_THAT(
       at_every_boot(Form::systemd, wishes, changes, link, "/usr/bin/ontime"),
       HasSubstr(

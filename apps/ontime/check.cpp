@@ -6,7 +6,6 @@
 #include "fitness/fitness.hpp"
 #include "machine/machine.hpp"
 #include "run_flags.hpp"
-#include "settings/settings.hpp"
 #include "terminal.hpp"
 
 namespace ontime::app {
@@ -78,7 +77,7 @@ void add_check(CLI::App& app, Action& action) {
         throw campaign::Error(2, fmt::format("--format: '{}' is not one of table, json", arguments->format));
       fitness::Subject subject;
       subject.synchronised = machine::clock_state().at("synchronised").get<bool>();
-      if (!arguments->peer.empty()) subject.interfaces = {settings::interface_to(arguments->peer, "")};
+      if (!arguments->peer.empty()) subject.interfaces = {machine::interface_to(arguments->peer, "")};
       if (!arguments->interface.empty()) {
         bool there = false;
         for (const auto& one : machine::interfaces()) there = there || one.name == arguments->interface;

@@ -9,6 +9,7 @@
 #include "campaign/campaign.hpp"
 #include "commands.hpp"
 #include "keeper/keeper.hpp"
+#include "machine/machine.hpp"
 #include "run_flags.hpp"
 #include "settings/settings.hpp"
 #include "terminal.hpp"
@@ -35,7 +36,7 @@ bool as_json(const std::string& format) {
 settings::Link link_of(const Arguments& arguments) {
   settings::Link link{arguments.interface, arguments.network_namespace};
   if (!arguments.peer.empty())
-    link.interface = settings::interface_to(arguments.peer, arguments.network_namespace);
+    link.interface = machine::interface_to(arguments.peer, arguments.network_namespace);
   return link;
 }
 

@@ -2,12 +2,16 @@
 // The link's faults. Loss, duplicates and a cut are nftables', on every kernel alike; delay and what follows
 // from it need netem. What is lost is lost where it comes in: so the interfaces at both ends have counted it,
 // as those of a wire that loses it behind the one and before the other do not.
+#include <cerrno>
 #include <functional>
+#include <future>
+#include <system_error>
 
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 #include <net/if.h>
 #include <nlohmann/json.hpp>
+#include <sched.h>
 
 #include "background/background.hpp"
 #include "background/kinds.hpp"
@@ -94,7 +98,10 @@ void try_it(const char* keys, const char* needs, const std::function<void()>& at
 
 void check(const Faults& faults) {
   if (!faults.any()) return;
-  in_new_namespace([&] {
+  const auto try_all = [&] {
+    if (unshare(CLONE_NEWNET) != 0)
+      throw Error("a network namespace to try it in cannot be made: " +
+                  std::generic_category().message(errno));
     const std::string table = std::string(journal::own_prefix) + "check", interface = "lo";
     if (needs_netem(faults))
       try_it("link.delay, link.jitter, link.reorder", "the queueing discipline netem, module sch_netem",
@@ -105,7 +112,8 @@ void check(const Faults& faults) {
     if (faults.duplicates > 0)
       try_it("link.duplicate", "nftables' hook egress of the family netdev, from Linux 5.16 on",
              [&] { nft(faults_table(table + "-more", interface, {.duplicates = faults.duplicates})); });
-  });
+  };
+  std::async(std::launch::async, try_all).get();  // the namespace goes with the thread
 }
 
 Link::Link(journal::Journal& journal, const Place& place, const Faults& faults,
@@ -114,7 +122,7 @@ Link::Link(journal::Journal& journal, const Place& place, const Faults& faults,
   if (!is_interface_name(place_.interface))
     throw Error(fmt::format("'{}' is no interface that the link's faults can be had on", place_.interface));
   // The kernel, from Linux 6.16 on, takes rules for one that may come.
-  in_namespace(place_.netns, [&] {
+  journal::within_namespace(place_.netns, [&] {
     if (if_nametoindex(place_.interface.c_str()) == 0)
       throw Error(
           fmt::format("there is no interface '{}' there, whose faults could be had", place_.interface));
@@ -122,14 +130,14 @@ Link::Link(journal::Journal& journal, const Place& place, const Faults& faults,
   const auto table = journal::own_prefix + place_.host;
   const auto make = [&](const char* family, const std::string& text) {
     journal_.change(table_kind, table_what(place_.netns, family, place_.host), journal::to_be_made);
-    in_namespace(place_.netns, [&] { nft(text); });
+    journal::within_namespace(place_.netns, [&] { nft(text); });
   };
   try {
     make("inet", counting_table(table, place_.interface, not_counted));
     if (faults.any()) make("netdev", faults_table(table, place_.interface, faults));
     if (!netem_) return;
     journal_.change(qdisc_kind, qdisc_what(place_.netns, place_.interface), our_qdisc);
-    in_namespace(place_.netns, [&] { tc(netem("change", place_.interface, faults)); });
+    journal::within_namespace(place_.netns, [&] { tc(netem("change", place_.interface, faults)); });
   } catch (const std::exception&) {
     give_back();
     throw;
@@ -149,7 +157,7 @@ void Link::give_back() noexcept {
 }
 
 void Link::cut(std::chrono::milliseconds time) const {
-  in_namespace(place_.netns, [&] {
+  journal::within_namespace(place_.netns, [&] {
     nft(fmt::format("add element netdev {}{} cut {{ \"{}\" timeout {}ms }}", journal::own_prefix, place_.host,
                     place_.interface, time.count()));
   });
@@ -157,7 +165,7 @@ void Link::cut(std::chrono::milliseconds time) const {
 
 Link::Counts Link::counts() const {
   Counts counts;
-  in_namespace(place_.netns, [&] {
+  journal::within_namespace(place_.netns, [&] {
     const auto answer = json::parse(nft_json("list counters"), nullptr, false);
     if (!answer.is_object()) throw Error("nft --json list counters: that is no JSON");
     for (const auto& entry : answer.value("nftables", json::array())) {

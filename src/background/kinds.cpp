@@ -38,23 +38,16 @@ bool is_namespace_name(const std::string& name) {
                      [](unsigned char c) { return c > ' ' && c < 0x7f && c != '/'; });
 }
 
-bool is_own_name(const std::string& name) {
-  const std::string prefix = journal::own_prefix;
-  return name.starts_with(prefix) && name.size() > prefix.size() && name.size() <= 40 &&
-         std::all_of(name.begin(), name.end(),
-                     [](char c) { return (c >= 'a' && c <= 'z') || (c >= '0' && c <= '9') || c == '-'; });
-}
-
 bool is_there(const std::string& netns) {
   std::error_code ignored;
   return netns.empty() || std::filesystem::exists("/run/netns/" + netns, ignored);
 }
 
-// In the network namespace; and what went wrong is the journal's to tell.
+// In the network namespace; and what went wrong there is the journal's to tell.
 template <class Job>
 void inside(const std::string& netns, Job job) {
   try {
-    in_namespace(netns, job);
+    journal::within_namespace(netns, job);
   } catch (const Error& error) {
     throw journal::Error(error.what());
   }
@@ -70,7 +63,7 @@ std::uint64_t own_namespace() {
 bool accepts_table(const std::string& what) {
   const auto parts = parts_of(what);
   return parts.size() == 3 && is_namespace_name(parts[0]) && (parts[1] == "netdev" || parts[1] == "inet") &&
-         is_own_name(parts[2]);
+         journal::is_own_name(parts[2]);
 }
 
 Value read_table(const std::string& what) {

@@ -1,18 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-// The kernel's packet filter and queueing disciplines, in a network namespace.
+// The kernel's packet filter and queueing disciplines.
 #pragma once
 
-#include <functional>
 #include <string>
 #include <vector>
 
 namespace ontime::background {
-
-// In a thread that is there meanwhile: in the network namespace of that name, as `ip netns` has it ("": in
-// this process's own), or in a new and empty one, gone with the thread. What the job throws is thrown. Throws
-// Error where it cannot be entered or made.
-void in_namespace(const std::string& name, const std::function<void()>& job);
-void in_new_namespace(const std::function<void()>& job);
 
 // Has `nft` carry out these commands, all or none, in the caller's network namespace, and returns what it
 // wrote. Throws Error with what it said, or with what to install.

@@ -2,19 +2,18 @@
 #include "campaign/deploy.hpp"
 
 #include <algorithm>
-#include <array>
 #include <cctype>
-#include <cstdio>
 #include <filesystem>
 #include <fstream>
 #include <iterator>
-#include <memory>
 #include <sstream>
 #include <string_view>
 
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 #include <sys/utsname.h>
+
+#include "machine/machine.hpp"
 
 namespace ontime::campaign {
 namespace {
@@ -95,21 +94,17 @@ std::string reason_of_bringing(int code, const std::string& said) {
 }  // namespace
 
 std::vector<std::string> packages_of(const std::vector<std::string>& libraries) {
+  constexpr std::chrono::seconds limit{10};
   std::set<std::string> packages;
-  // What came from another machine becomes part of a command here.
+  // What came from another machine becomes part of a pattern here.
   const auto odd = [](char c) {
     return std::isalnum(static_cast<unsigned char>(c)) == 0 &&
            std::string_view("._+-").find(c) == std::string_view::npos;
   };
   for (const auto& library : libraries) {
     if (std::any_of(library.begin(), library.end(), odd)) continue;
-    const auto command = fmt::format("dpkg-query -S '*/{}' 2>/dev/null", library);
-    const std::unique_ptr<FILE, int (*)(FILE*)> answer(popen(command.c_str(), "r"), pclose);
-    std::array<char, 256> line{};
-    if (answer && std::fgets(line.data(), static_cast<int>(line.size()), answer.get()) != nullptr) {
-      const std::string text = line.data();  // "libfmt9:amd64: /usr/lib/…"
-      packages.insert(text.substr(0, text.find(':')));
-    }
+    if (const auto answer = machine::answer_of({"dpkg-query", "-S", "*/" + library}, limit))
+      packages.insert(answer->substr(0, answer->find(':')));  // "libfmt9:amd64: /usr/lib/…"
   }
   return {packages.begin(), packages.end()};
 }

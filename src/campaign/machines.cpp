@@ -155,8 +155,8 @@ void Machines::tune(const Run& run) {
         throw Error(2, "kernel.*: a place other than [ip, netns, exec, NAME] is not where a keeper can look");
       const json link = {{"interface", where.interface},
                          {"network_namespace", *netns},
-                         {"peer", asks ? hosts_.component.address : ""},
-                         {"address", where.address}};
+                         {"peer", asks ? without_port(hosts_.component.address) : ""},
+                         {"address", without_port(where.address)}};
       const auto tuned =
           ask(machine, "tune", "tuned", {{"host", host}, {"link", link}, {"wishes", run.kernel}});
       if (tuned.contains("error"))

@@ -13,9 +13,6 @@ constexpr const char* to_controller = "to_controller";
 constexpr int first_port = 5201;  // iperf3's own, which firewalls know
 constexpr double enough = 0.95;   // of what was asked
 
-// A transport may be told a port with the address, which is not ours.
-std::string without_port(const std::string& address) { return address.substr(0, address.find(':')); }
-
 json rate_of(const json& by_host, const char* host, const std::string& way) {
   return by_host.value(host, json::object()).value(way, json::object()).value("bit_s", json());
 }
@@ -31,6 +28,11 @@ std::string megabits(const json& bit_s) {
 }
 
 }  // namespace
+
+std::string without_port(const std::string& address) {
+  const auto colon = address.find(':');
+  return colon == address.rfind(':') ? address.substr(0, colon) : address;
+}
 
 const char* word_of(Traffic::Direction direction) {
   switch (direction) {

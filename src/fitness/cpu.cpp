@@ -1,13 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
 // The CPUs: how fast, how deeply asleep, whose.
 #include <map>
-#include <numeric>
 #include <sstream>
 
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
 #include "fitness/look.hpp"
+#include "machine/machine.hpp"
 
 namespace ontime::fitness {
 namespace {
@@ -94,16 +94,12 @@ Findings virtualisation(const Look& look) {
 }
 
 Findings stolen_time(const Look& look) {
-  constexpr std::size_t steal = 7;
   constexpr double much = 0.001;
-  std::istringstream stat(look.text("/proc/stat").value_or(""));
-  std::string name;
-  stat >> name;
-  std::vector<double> ticks(8);
-  for (auto& one : ticks) stat >> one;
-  const auto total = std::accumulate(ticks.begin(), ticks.end(), 0.0);
-  if (!stat || name != "cpu" || total <= 0 || ticks[steal] == 0) return {};
-  const auto share = ticks[steal] / total;
+  machine::Activity since_start;
+  machine::parse_ticks(look.text("/proc/stat").value_or(""), since_start);
+  if (since_start.stolen_ticks == 0) return {};
+  const auto share =
+      static_cast<double>(since_start.stolen_ticks) / static_cast<double>(since_start.total_ticks);
   const auto is = fmt::format("{:.2g} % of the time since the start", share * 100);
   if (share < much) return {fine(is)};
   return {{"", Severity::wrong, is, "none",

@@ -3,33 +3,15 @@
 #include <fmt/format.h>
 
 #include "fitness/look.hpp"
+#include "machine/machine.hpp"
 
 namespace ontime::fitness {
-namespace {
-
-// "full" of "none voluntary (full)".
-std::string chosen(const std::string& choices, char open, char close) {
-  const auto first = choices.find(open), last = choices.find(close);
-  return first == choices.npos || last == choices.npos || last < first
-             ? choices
-             : choices.substr(first + 1, last - first - 1);
-}
-
-bool is_realtime(const Look& look) {
-  return look.number("/sys/kernel/realtime") == 1 ||
-         look.text("/proc/version").value_or("").find("PREEMPT_RT") != std::string::npos;
-}
-
-}  // namespace
-
 Findings preemption(const Look& look) {
-  if (is_realtime(look)) return {fine("PREEMPT_RT")};
-  auto model = look.text("/sys/kernel/debug/sched/preempt");
-  if (model) model = chosen(*model, '(', ')');
-  for (const auto* one : {"none", "voluntary", "full", "lazy"})
-    if (!model && look.kernel_says(std::string("preempt=") + one)) model = one;
-  const auto version = look.text("/proc/version").value_or("");
-  if (!model && version.find("PREEMPT") == version.npos) model = "none or voluntary";
+  auto model =
+      machine::preemption(look.text("/sys/kernel/realtime"), look.text("/sys/kernel/debug/sched/preempt"),
+                          look.text("/proc/cmdline").value_or(""), look.text("/proc/version").value_or(""));
+  if (model == "rt") return {fine("PREEMPT_RT")};
+  if (model == "dynamic") model.reset();
   Finding finding{
       "",
       Severity::hint,
@@ -37,7 +19,8 @@ Findings preemption(const Look& look) {
       "PREEMPT_RT",
       "an interrupt, a softirq or a lock of the kernel keeps any thread waiting for as long as it lasts",
       "sudo apt install linux-image-rt-amd64 (arm64: linux-image-rt-arm64), and reboot"};
-  if (model && *model != "full") {
+  // Lazily it lets only ordinary threads go on for a while.
+  if (model && *model != "full" && *model != "lazy") {
     finding.severity = Severity::wrong;
     finding.why = "a system call of any program keeps a real-time thread waiting until it ends or sleeps";
     finding.remedy += "; meanwhile: preempt=full on the kernel's command line, where it is PREEMPT_DYNAMIC";

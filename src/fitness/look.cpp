@@ -98,10 +98,4 @@ std::vector<Look::Thread> Look::threads(const std::string& prefix) const {
   return found;
 }
 
-bool Look::kernel_says(const std::string& word) const {
-  std::istringstream words(text("/proc/cmdline").value_or(""));
-  return std::find(std::istream_iterator<std::string>(words), {}, word) !=
-         std::istream_iterator<std::string>();
-}
-
 }  // namespace ontime::fitness

@@ -30,7 +30,6 @@ class Look {
     int policy = 0, priority = 0;  // as sched_setscheduler(2) counts them
   };
   std::vector<Thread> threads(const std::string& prefix) const;
-  bool kernel_says(const std::string& word) const;  // a word of its command line
 
  private:
   std::string at(const std::string& path) const { return subject_.root + path; }

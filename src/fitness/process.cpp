@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 // What whoever asks may have for his programs: priorities, and memory that stays.
 #include <charconv>
-#include <sstream>
 
 #include <fmt/format.h>
 #include <linux/capability.h>
 
 #include "fitness/look.hpp"
+#include "realtime/realtime.hpp"
 
 namespace ontime::fitness {
 namespace {
@@ -16,11 +16,8 @@ constexpr const char* how_to_permit =
     "unlimited\"; then "
     "sudo groupadd --force realtime && sudo usermod --append --groups realtime $USER, and log in anew";
 
-bool capable(const Look& look, unsigned capability) {
-  const auto effective = look.field("/proc/self/status", "CapEff").value_or("0");
-  std::uint64_t mask = 0;
-  std::from_chars(effective.data(), effective.data() + effective.size(), mask, 16);
-  return (mask >> capability & 1U) != 0;
+bool capable(const Look& look, int capability) {
+  return realtime::has_capability(look.text("/proc/self/status").value_or(""), capability);
 }
 
 // The soft limit, which is the first of the columns.
@@ -55,21 +52,13 @@ Findings memory_limit(const Look& look) {
 }
 
 Findings priority_budget(const Look& look) {
-  // "3:cpu,cpuacct:/path"; inside a container the path may be one that only the host sees.
-  std::istringstream lines(look.text("/proc/self/cgroup").value_or(""));
-  for (std::string number, controllers, path; std::getline(lines, number, ':') &&
-                                              std::getline(lines, controllers, ':') &&
-                                              std::getline(lines, path);) {
-    if (("," + controllers + ",").find(",cpu,") == std::string::npos) continue;
-    for (const auto& group : {path, std::string("/")}) {
-      const auto file = fmt::format("/sys/fs/cgroup/{}{}/cpu.rt_runtime_us", controllers, group);
-      const auto budget = look.number(file);
-      if (!budget) continue;
-      if (*budget != 0) return {fine(fmt::format("{} µs of each period", *budget))};
-      return {{"", Severity::wrong, "this control group has no real-time time at all", "some",
-               "nothing in it may have a real-time priority, not even root's",
-               fmt::format("echo 900000 | sudo tee {} (its parents first)", file)}};
-    }
+  for (const auto& file : realtime::budget_files(look.text("/proc/self/cgroup").value_or(""))) {
+    const auto budget = look.number(file);
+    if (!budget) continue;
+    if (*budget != 0) return {fine(fmt::format("{} µs of each period", *budget))};
+    return {{"", Severity::wrong, "this control group has no real-time time at all", "some",
+             "nothing in it may have a real-time priority, not even root's",
+             fmt::format("echo 900000 | sudo tee {} (its parents first)", file)}};
   }
   return {};
 }

@@ -43,8 +43,8 @@ bool accepts(const std::string& path) {
   const auto name = std::string_view(path).substr(slash + 1);
   const auto hyphen = name.rfind('-');
   const auto is_hex = [](char c) { return (c >= '0' && c <= '9') || (c >= 'a' && c <= 'f'); };
-  return name.starts_with(own_prefix) && is_plain_name(name) &&
-         hyphen > std::string_view(own_prefix).size() && name.size() - hyphen - 1 == random_digits &&
+  return is_own_name(name) && hyphen > std::string_view(own_prefix).size() &&
+         name.size() - hyphen - 1 == random_digits &&
          std::all_of(name.begin() + static_cast<std::ptrdiff_t>(hyphen) + 1, name.end(), is_hex);
 }
 

@@ -9,6 +9,7 @@
 #include <span>
 #include <stdexcept>
 #include <string>
+#include <string_view>
 #include <vector>
 
 #include <sys/types.h>
@@ -108,6 +109,9 @@ std::vector<std::string> revert_abandoned(std::span<const Kind> more = {});
 
 // Names of our own making: only they can be made, and only they are ever removed.
 constexpr const char* own_prefix = "ontime-";
+// "ontime-…", of lower case letters, digits and hyphens: one component of a path, so that nothing else can
+// ever be meant.
+bool is_own_name(std::string_view name);
 
 // Calls `action`, in a thread that is in the network namespace that `ip netns` knows by that name and sees
 // its interfaces under /sys; what it throws is passed on. "": in this thread, where it is. Throws Error.

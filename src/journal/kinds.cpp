@@ -19,4 +19,9 @@ bool is_plain_name(std::string_view name) {
          std::all_of(name.begin(), name.end(), plain);
 }
 
+bool is_own_name(std::string_view name) {
+  const std::string_view prefix = own_prefix;
+  return is_plain_name(name) && name.starts_with(prefix) && name.size() > prefix.size();
+}
+
 }  // namespace ontime::journal

@@ -2,10 +2,9 @@
 // A network namespace as `ip netns` keeps them: a file in /run/netns over which it is mounted. Not made by
 // `ip`: so its identity is in the journal before anybody can see it.
 #include <cerrno>
-#include <exception>
 #include <filesystem>
+#include <future>
 #include <system_error>
-#include <thread>
 
 #include <fcntl.h>
 #include <fmt/format.h>
@@ -28,10 +27,7 @@ Error trouble(const std::string& name, const char* what, int error) {
                            std::generic_category().message(error)));
 }
 
-bool accepts(const std::string& name) {
-  const std::string_view prefix = own_prefix;
-  return is_plain_name(name) && name.starts_with(prefix) && name.size() > prefix.size();
-}
+bool accepts(const std::string& name) { return is_own_name(name); }
 
 Value read(const std::string& name) {
   const Fd fd(open(namespace_path(name).c_str(), O_RDONLY | O_NOFOLLOW | O_NONBLOCK | O_CLOEXEC));
@@ -96,18 +92,6 @@ void enter(const std::string& name) {
     throw trouble(name, "entered", errno);
 }
 
-void in_own_thread(const std::function<void()>& action) {
-  std::exception_ptr error;
-  std::thread([&] {
-    try {
-      action();
-    } catch (...) {
-      error = std::current_exception();
-    }
-  }).join();
-  if (error) std::rethrow_exception(error);
-}
-
 }  // namespace
 
 const Kind namespace_kind = {.name = "namespace",
@@ -132,10 +116,11 @@ std::optional<std::string> namespace_name(const std::string& identity) {
 void within_namespace(const std::string& name, const std::function<void()>& action) {
   if (name.empty()) return action();
   if (name.find('/') != name.npos || name == "." || name == "..") throw trouble(name, "entered", EINVAL);
-  in_own_thread([&] {
+  const auto inside = [&] {
     enter(name);
     action();
-  });
+  };
+  std::async(std::launch::async, inside).get();
 }
 
 void add_namespace(Journal& journal, const std::string& name) {
@@ -151,7 +136,7 @@ void add_namespace(Journal& journal, const std::string& name) {
         "needs it, remove it (sudo ip netns delete {})",
         name, name));
   journal.change(namespace_kind, name, "");
-  in_own_thread([&] { make(journal, name); });
+  std::async(std::launch::async, [&] { make(journal, name); }).get();
 }
 
 }  // namespace ontime::journal

@@ -3,6 +3,10 @@
 
 #include <utility>
 
+#include <fmt/format.h>
+
+#include "machine/machine.hpp"
+
 namespace ontime::keeper {
 namespace {
 
@@ -12,9 +16,9 @@ settings::Link link_of(const json& from) {
   settings::Link link{from.at("interface"), from.at("network_namespace")};
   if (!link.interface.empty()) return link;
   if (const std::string peer = from.at("peer"); !peer.empty())
-    link.interface = settings::interface_to(peer, link.network_namespace);
+    link.interface = machine::interface_to(peer, link.network_namespace);
   else if (const std::string address = from.at("address"); !address.empty())
-    link.interface = settings::interface_with(address, link.network_namespace);
+    link.interface = machine::interface_of(address, link.network_namespace);
   return link;
 }
 
@@ -36,16 +40,16 @@ json to_json(const std::vector<settings::Change>& changes, const settings::Link&
 }  // namespace
 
 json Tuned::apply(const json& order) {
-  std::string prefix = "kernel: ";
   try {
     const auto link = link_of(order.at("link"));
-    prefix = "kernel.";  // what goes wrong now begins with the name of a setting
     auto changes = settings::apply(journal_, order.at("wishes").get<settings::Wishes>(), link);
     const auto told = to_json(changes, link);
     hosts_[order.at("host")] = {link, std::move(changes)};
     return {{"settings", told}};
-  } catch (const settings::Error& error) {
-    return {{"error", prefix + error.what()}};
+  } catch (const machine::Error& error) {
+    return {{"error", fmt::format("kernel: {}", error.what())}};
+  } catch (const settings::Error& error) {  // which begins with the name of a setting
+    return {{"error", fmt::format("kernel.{}", error.what())}};
   }
 }
 

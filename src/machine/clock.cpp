@@ -13,7 +13,6 @@
 #include <time.h>
 #include <unistd.h>
 
-#include "machine/command.hpp"
 #include "machine/machine.hpp"
 #include "machine/proc.hpp"
 

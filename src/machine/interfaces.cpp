@@ -2,25 +2,23 @@
 #include <algorithm>
 #include <array>
 #include <cerrno>
+#include <functional>
 #include <memory>
 #include <system_error>
 
-#include <arpa/inet.h>
 #include <fmt/format.h>
 #include <ifaddrs.h>
 #include <net/if.h>
 #include <netdb.h>
 #include <netinet/in.h>
+#include <sys/socket.h>
+#include <unistd.h>
 
+#include "journal/journal.hpp"
 #include "machine/machine.hpp"
 
 namespace ontime::machine {
 namespace {
-
-std::string dotted(const in_addr& address) {
-  std::array<char, INET_ADDRSTRLEN> text{};
-  return inet_ntop(AF_INET, &address, text.data(), text.size());
-}
 
 std::string name_of(const ifaddrs& address) {
   const std::string label = address.ifa_name;  // an address may have a label: eth0:1
@@ -46,6 +44,25 @@ Addresses addresses() {
   return {first, freeifaddrs};
 }
 
+struct Address {
+  sockaddr_storage storage{};
+  socklen_t bytes = 0;
+};
+
+Address address_of(const std::string& name) {
+  addrinfo hints{};
+  hints.ai_socktype = SOCK_DGRAM;
+  addrinfo* found = nullptr;
+  if (const int error = getaddrinfo(name.c_str(), "9", &hints, &found); error != 0)
+    throw Error(fmt::format("'{}' is no address: {}", name, gai_strerror(error)));
+  const std::unique_ptr<addrinfo, decltype(&freeaddrinfo)> owned(found, freeaddrinfo);
+  Address address;
+  address.bytes = owned->ai_addrlen;
+  std::copy_n(reinterpret_cast<const char*>(owned->ai_addr), address.bytes,
+              reinterpret_cast<char*>(&address.storage));
+  return address;
+}
+
 std::string numeric(const sockaddr& address) {
   const auto size = address.sa_family == AF_INET6 ? sizeof(sockaddr_in6) : sizeof(sockaddr_in);
   std::array<char, NI_MAXHOST> text{};
@@ -54,7 +71,57 @@ std::string numeric(const sockaddr& address) {
   return failed == 0 ? text.data() : "";
 }
 
+std::string numeric(const Address& address) {
+  return numeric(reinterpret_cast<const sockaddr&>(address.storage));
+}
+
+Error no_route(const std::string& name, int error) {
+  return Error(fmt::format("a route to {}: {}", name, std::generic_category().message(error)));
+}
+
+// What this machine would send from: asked of a socket that sends nothing.
+Address source_to(const Address& peer, const std::string& name) {
+  const int any = socket(peer.storage.ss_family, SOCK_DGRAM | SOCK_CLOEXEC, 0);
+  if (any < 0) throw no_route(name, errno);
+  Address source;
+  source.bytes = sizeof source.storage;
+  const bool known = connect(any, reinterpret_cast<const sockaddr*>(&peer.storage), peer.bytes) == 0 &&
+                     getsockname(any, reinterpret_cast<sockaddr*>(&source.storage), &source.bytes) == 0;
+  const int error = errno;
+  close(any);
+  if (!known) throw no_route(name, error);
+  return source;
+}
+
+std::string named(const std::string& address) {
+  if (const auto name = interface_with(address)) return *name;
+  throw Error(fmt::format("no interface of this machine has the address {}", address));
+}
+
+std::string found(const std::string& network_namespace, const std::function<std::string()>& find) {
+  std::string interface;
+  try {
+    journal::within_namespace(network_namespace, [&] { interface = find(); });
+  } catch (const journal::Error& error) {
+    throw Error(error.what());
+  }
+  return interface;
+}
+
 }  // namespace
+
+std::string interface_to(const std::string& peer, const std::string& network_namespace) {
+  return found(network_namespace, [&] {
+    const auto address = address_of(peer);
+    const auto source = source_to(address, peer);
+    // To itself a machine sends by way of loopback, whatever interface has the address.
+    return named(numeric(source) == numeric(address) ? "127.0.0.1" : numeric(source));
+  });
+}
+
+std::string interface_of(const std::string& own, const std::string& network_namespace) {
+  return found(network_namespace, [&] { return named(numeric(address_of(own))); });
+}
 
 std::optional<std::string> interface_with(const std::string& wanted) {
   const auto owned = addresses();
@@ -72,8 +139,7 @@ std::vector<Interface> interfaces() {
   for (const auto* address = owned.get(); address != nullptr; address = address->ifa_next) {
     auto& interface = entry_of(all, *address);
     if (address->ifa_addr == nullptr || address->ifa_addr->sa_family != AF_INET) continue;
-    if (interface.address.empty())
-      interface.address = dotted(reinterpret_cast<const sockaddr_in*>(address->ifa_addr)->sin_addr);
+    if (interface.address.empty()) interface.address = numeric(*address->ifa_addr);
   }
   return all;
 }

@@ -3,6 +3,7 @@
 // "machines" made of one. Ordinary thread only.
 #pragma once
 
+#include <chrono>
 #include <cstdint>
 #include <optional>
 #include <stdexcept>
@@ -27,6 +28,13 @@ struct Error : std::runtime_error {
 // cannot be read is null, never guessed.
 nlohmann::json describe();
 
+// "rt", "full", "voluntary", "none", "lazy", or what the kernel's version leaves open ("dynamic", "none or
+// voluntary"). From the texts of /sys/kernel/realtime, /sys/kernel/debug/sched/preempt, /proc/cmdline and
+// /proc/version (or `uname -v`), which say more or less, the surest first. Pure.
+std::optional<std::string> preemption(const std::optional<std::string>& realtime,
+                                      const std::optional<std::string>& debug,
+                                      const std::string& command_line, const std::string& version);
+
 // {"synchronised", "source": "ptp", "chrony" or "kernel", "error_ns": how far CLOCK_REALTIME is off at most
 // by what the source knows, "reference": whose time it is (of PTP the grandmaster, which may be this machine;
 // two of different grandmasters have nothing in common), "realtime_offset_ns": CLOCK_REALTIME -
@@ -43,6 +51,7 @@ struct Activity {
   std::int64_t at_ns = 0;  // CLOCK_MONOTONIC
 };
 Activity activity();
+void parse_ticks(const std::string& text, Activity&);  // of the text of /proc/stat: its first line
 // {"cpu_busy": 0…1, "cpu_stolen": 0…1 (by a hypervisor, as far as it tells), "cpu_pressure": 0…1 or null,
 // "memory_pressure": …, "io_pressure": …}
 nlohmann::json between(const Activity& first, const Activity& last);
@@ -57,6 +66,11 @@ struct Interface {
 std::vector<Interface> interfaces();
 // The name of the one that has this address, of IPv4 or IPv6, as getnameinfo() writes it.
 std::optional<std::string> interface_with(const std::string& address);
+// In the network namespace of that name, as `ip netns` has it ("": in this process's), the one by which this
+// machine sends to a peer, by address or name; and the one that has an address, or that of a name, to which
+// others send. Throws Error.
+std::string interface_to(const std::string& peer, const std::string& network_namespace);
+std::string interface_of(const std::string& own, const std::string& network_namespace);
 
 // What has gone over an interface of this process's network namespace since it came up, as the kernel counts
 // it: frames with all their headers, of everybody. Nothing if there is no such interface.
@@ -82,6 +96,10 @@ nlohmann::json between(const Drops& first, const Drops& last);
 // Names of the shared memory segments of a DDS ("fastrtps_…", "fastdds_…", "iox_…") that this process has
 // mapped.
 std::vector<std::string> shared_memory();
+
+// What another program says; nothing if it is not there, fails, or is not done within the limit (then it is
+// killed).
+std::optional<std::string> answer_of(const std::vector<std::string>& command, std::chrono::nanoseconds limit);
 
 // Two "machines" on one: network namespaces `ontime-controller` and `ontime-component`, joined by a veth
 // pair, each with an address of 198.18.0.0/30 (RFC 2544's range for benchmarks). Needs root; needs iproute2's

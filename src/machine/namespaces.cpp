@@ -10,6 +10,7 @@
 #include "machine/command.hpp"
 #include "machine/machine.hpp"
 #include "machine/proc.hpp"
+#include "realtime/realtime.hpp"
 
 namespace ontime::machine {
 namespace {
@@ -51,7 +52,8 @@ void wait_until_up(const NamespacePair::End& end) {
 bool may_join_namespaces() {
   const auto status = text_of("/proc/thread-self/status").value_or("");
   // `ip` is another program: capabilities that only this file has do not reach it.
-  return geteuid() == 0 && has_capability(status, CAP_SYS_ADMIN) && has_capability(status, CAP_NET_ADMIN);
+  return geteuid() == 0 && realtime::has_capability(status, CAP_SYS_ADMIN) &&
+         realtime::has_capability(status, CAP_NET_ADMIN);
 }
 
 NamespacePair join_namespaces(journal::Journal& journal) {

@@ -109,13 +109,6 @@ std::vector<std::string> cgroups_of(const std::string& text, const std::string& 
   return {};
 }
 
-bool has_capability(const std::string& status, int capability) {
-  const auto effective = field(status, "CapEff").value_or("");
-  std::uint64_t mask = 0;
-  std::from_chars(effective.data(), effective.data() + effective.size(), mask, 16);
-  return (mask >> capability & 1U) != 0;
-}
-
 std::optional<Traffic> parse_traffic(const std::string& text, const std::string& interface) {
   const auto counts = field(text, interface);
   if (!counts) return {};

@@ -24,24 +24,12 @@ std::optional<std::int64_t> number(const std::optional<std::string>& text);
 // The value behind "key :" in a file such as /proc/cpuinfo or /proc/meminfo; the first if there are several.
 std::optional<std::string> field(const std::string& text, const std::string& key);
 
-// Of the text of /proc/stat: its first line.
-void parse_ticks(const std::string& text, Activity&);
 // Of the text of a file in /proc/pressure: microseconds in which some task waited, or -1.
 std::int64_t parse_stall(const std::string& text);
-
-// "rt", "full", "voluntary", "none", "lazy", or what the kernel's version leaves open. From
-// /sys/kernel/realtime, /sys/kernel/debug/sched/preempt, /proc/cmdline and `uname -v`, which say more or
-// less, the surest first.
-std::optional<std::string> preemption(const std::optional<std::string>& realtime,
-                                      const std::optional<std::string>& debug,
-                                      const std::string& command_line, const std::string& version);
 
 // Of the text of /proc/self/cgroup: the group's path and those of all groups around it, innermost first (""
 // is the root). Controller "" is version 2's hierarchy.
 std::vector<std::string> cgroups_of(const std::string& text, const std::string& controller);
-
-// Bit of <linux/capability.h> in the "CapEff" of the text of /proc/PID/status.
-bool has_capability(const std::string& status, int capability);
 
 // Of the text of /proc/net/dev.
 std::optional<Traffic> parse_traffic(const std::string& text, const std::string& interface);

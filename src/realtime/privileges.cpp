@@ -23,12 +23,14 @@ std::string path_of_program() {
 
 }  // namespace
 
-bool capable(int capability) {
-  const auto effective = status_field(text_of("/proc/thread-self/status"), "CapEff").value_or("");
+bool has_capability(const std::string& status, int capability) {
+  const auto effective = status_field(status, "CapEff").value_or("");
   std::uint64_t mask = 0;
   std::from_chars(effective.data(), effective.data() + effective.size(), mask, 16);
   return (mask >> capability & 1U) != 0;
 }
+
+bool capable(int capability) { return has_capability(text_of("/proc/thread-self/status"), capability); }
 
 std::string limit_of(int resource) {
   rlimit limit{};
@@ -52,19 +54,22 @@ std::string how_to_permit(int priority) {
       std::max(priority, 98), how_to_permit_capabilities());
 }
 
-std::string file_of_empty_realtime_budget() {
+std::vector<std::string> budget_files(const std::string& cgroup) {
+  std::vector<std::string> files;
   // A line is "3:cpu,cpuacct:/path"; inside a container the path may be one that only the host sees.
-  std::istringstream lines(text_of("/proc/self/cgroup"));
+  std::istringstream lines(cgroup);
   for (std::string number, controllers, path; std::getline(lines, number, ':') &&
                                               std::getline(lines, controllers, ':') &&
-                                              std::getline(lines, path);) {
-    if (("," + controllers + ",").find(",cpu,") == std::string::npos) continue;
-    for (const auto& group : {path, std::string("/")}) {
-      const auto file = fmt::format("/sys/fs/cgroup/{}{}/cpu.rt_runtime_us", controllers, group);
-      const auto budget = text_of(file);
-      if (!budget.empty()) return budget == "0\n" ? file : "";
-    }
-  }
+                                              std::getline(lines, path);)
+    if (("," + controllers + ",").find(",cpu,") != std::string::npos)
+      for (const auto& group : {path, std::string("/")})
+        files.push_back(fmt::format("/sys/fs/cgroup/{}{}/cpu.rt_runtime_us", controllers, group));
+  return files;
+}
+
+std::string file_of_empty_realtime_budget() {
+  for (const auto& file : budget_files(text_of("/proc/self/cgroup")))
+    if (const auto budget = text_of(file); !budget.empty()) return budget == "0\n" ? file : "";
   return "";
 }
 

@@ -86,6 +86,12 @@ class InstructionCounter {
   int fd_;
 };
 
+// Of the text of /proc/PID/status: whether a CAP_ of <linux/capability.h> is in its effective set.
+bool has_capability(const std::string& status, int capability);
+// Of the text of /proc/PID/cgroup: the first of these files that is there says how much real-time CPU time
+// its group has, in microseconds of each period; where none is, it is not limited so (cgroup v2).
+std::vector<std::string> budget_files(const std::string& cgroup);
+
 // "fifo" ↔ Policy::fifo, as scenario files and reports write it. Nothing for another word.
 std::optional<Policy> policy_of(const std::string& word);
 const char* word_of(Policy);

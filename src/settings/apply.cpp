@@ -2,6 +2,7 @@
 #include <algorithm>
 #include <charconv>
 #include <functional>
+#include <sstream>
 
 #include <fmt/format.h>
 #include <net/if.h>
@@ -82,14 +83,14 @@ void give_back(journal::Journal& journal, const std::vector<Change>& changes) no
   }
 }
 
+// Of "60", or "0=60,1=other".
 int highest_priority(const std::string& asked) {
   int highest = 0;
-  for (const char *at = asked.data(), *const end = at + asked.size(); at < end;) {
+  std::istringstream parts(asked);
+  for (std::string part; std::getline(parts, part, ',');) {
     int number = 0;
-    const auto [last, error] = std::from_chars(at, end, number);
-    const bool of_cpu = error == std::errc{} && last < end && *last == '=';
-    if (error == std::errc{} && !of_cpu) highest = std::max(highest, number);
-    at = error == std::errc{} ? last + 1 : at + 1;
+    std::from_chars(part.data() + (part.find('=') + 1), part.data() + part.size(), number);
+    highest = std::max(highest, number);
   }
   return highest;
 }

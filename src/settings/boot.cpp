@@ -70,9 +70,8 @@ std::string shell_of_driver(const Thing& thing, const std::string& value) {
   auto words = value;
   std::replace_if(
       words.begin(), words.end(), [](char c) { return c == '=' || c == ','; }, ' ');
-  return thing.kind->name == std::string_view(gro.name)
-             ? fmt::format("ethtool --features '{}' gro {}\n", thing.what, words)
-             : fmt::format("ethtool --coalesce '{}' {}\n", thing.what, words);
+  return thing.kind == &gro ? fmt::format("ethtool --features '{}' gro {}\n", thing.what, words)
+                            : fmt::format("ethtool --coalesce '{}' {}\n", thing.what, words);
 }
 
 std::string shell(const std::vector<Change>& changes) {
@@ -90,7 +89,7 @@ threads() {
     std::string line;
     if (const auto file = file_of(change.thing, change.after))
       line = fmt::format("echo '{}' > '{}'\n", file->text, file->path);
-    else if (change.thing.kind->name == std::string_view(thread.name))
+    else if (change.thing.kind == &thread)
       line = shell_of_thread(name_of_thread(change.thing.what), change.after);
     else
       line = shell_of_driver(change.thing, change.after);

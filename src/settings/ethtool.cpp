@@ -125,20 +125,10 @@ void write_coalescing(const std::string& interface, const Value& value, const Va
 
 }  // namespace
 
-const journal::Kind coalescing = {.name = "coalescing",
-                                  .scope = Scope::network_namespace,
-                                  .on_disk = false,
-                                  .needs_root = true,
-                                  .accepts = is_interface_name,
-                                  .read = read_coalescing,
-                                  .write = write_coalescing};
-const journal::Kind gro = {.name = "generic receive offload",
-                           .scope = Scope::network_namespace,
-                           .on_disk = false,
-                           .needs_root = true,
-                           .accepts = is_interface_name,
-                           .read = read_gro,
-                           .write = write_gro};
+const journal::Kind coalescing =
+    kind("coalescing", Scope::network_namespace, is_interface_name, read_coalescing, write_coalescing);
+const journal::Kind gro =
+    kind("generic receive offload", Scope::network_namespace, is_interface_name, read_gro, write_gro);
 
 std::string with_coalescing(const std::string& value, const std::string& asked) {
   ethtool_coalesce state{};

@@ -19,18 +19,6 @@ using journal::Value;
 constexpr const char* cpus_folder = "/sys/devices/system/cpu";
 constexpr const char* interfaces_folder = "/sys/class/net";
 
-constexpr journal::Kind kind(const char* name, Scope scope, bool (*accepts)(const std::string&),
-                             Value (*read)(const std::string&),
-                             void (*write)(const std::string&, const Value&, const Value&)) {
-  return {.name = name,
-          .scope = scope,
-          .on_disk = false,
-          .needs_root = true,
-          .accepts = accepts,
-          .read = read,
-          .write = write};
-}
-
 template <std::string (*path)(const std::string&)>
 Value read(const std::string& what) {
   return read_file(path(what));
@@ -52,7 +40,7 @@ bool is_kernel_sysctl(const std::string& what) {
 std::string sysctl_path(const std::string& what) { return "/proc/sys/" + what; }
 
 bool is_numbered(const std::string& name, std::string_view prefix) {
-  return name.starts_with(prefix) && name.size() > prefix.size() && name.size() < prefix.size() + 6 &&
+  return name.starts_with(prefix) && name.size() > prefix.size() && name.size() < prefix.size() + 8 &&
          std::all_of(name.begin() + static_cast<std::ptrdiff_t>(prefix.size()), name.end(),
                      [](char c) { return c >= '0' && c <= '9'; });
 }
@@ -60,6 +48,11 @@ bool is_numbered(const std::string& name, std::string_view prefix) {
 bool is_cpu(const std::string& what) { return is_numbered(what, "cpu"); }
 std::string governor_path(const std::string& cpu) {
   return fmt::format("{}/{}/cpufreq/scaling_governor", cpus_folder, cpu);
+}
+
+bool is_interrupt(const std::string& what) { return is_numbered(what, ""); }
+std::string interrupt_path(const std::string& number) {
+  return fmt::format("/proc/irq/{}/smp_affinity_list", number);
 }
 
 std::string threaded_path(const std::string& interface) {
@@ -122,25 +115,27 @@ const journal::Kind kernel_sysctl =
     kind("kernel sysctl", Scope::machine, is_kernel_sysctl, read<sysctl_path>, write<sysctl_path>);
 const journal::Kind governor =
     kind("governor", Scope::machine, is_cpu, read<governor_path>, write<governor_path>);
+const journal::Kind interrupt =
+    kind("interrupt", Scope::machine, is_interrupt, read<interrupt_path>, write<interrupt_path>);
 const journal::Kind threaded = kind("threaded NAPI", Scope::network_namespace, is_interface_name,
                                     read<threaded_path>, write<threaded_path>);
 const journal::Kind steering =
     kind("receive packet steering", Scope::network_namespace, is_queue, read_steering, write_steering);
 
 std::optional<File> file_of(const Thing& thing, const std::string& value) {
-  const std::string_view name = thing.kind->name;
-  if (name == network_sysctl.name || name == kernel_sysctl.name) return File{sysctl_path(thing.what), value};
-  if (name == governor.name) return File{governor_path(thing.what), value};
-  if (name == threaded.name) return File{threaded_path(thing.what), value};
-  if (name == steering.name) return File{steering_path(thing.what), mask_of_list(value)};
-  if (name == interrupt.name) return File{fmt::format("/proc/irq/{}/smp_affinity_list", thing.what), value};
+  const auto* const kind = thing.kind;
+  if (kind == &network_sysctl || kind == &kernel_sysctl) return File{sysctl_path(thing.what), value};
+  if (kind == &governor) return File{governor_path(thing.what), value};
+  if (kind == &interrupt) return File{interrupt_path(thing.what), value};
+  if (kind == &threaded) return File{threaded_path(thing.what), value};
+  if (kind == &steering) return File{steering_path(thing.what), mask_of_list(value)};
   return {};
 }
 
 std::vector<Thing> cpus_with_governor() {
   std::vector<Thing> found;
   for (const auto& cpu : names_in(cpus_folder))
-    if (is_cpu(cpu) && governor.read(cpu)) found.push_back(thing(governor, cpu));
+    if (is_cpu(cpu) && governor.read(cpu)) found.push_back({&governor, cpu});
   return found;
 }
 
@@ -148,7 +143,7 @@ std::vector<Thing> receive_queues_of(const std::string& interface) {
   std::vector<Thing> found;
   for (const auto& queue : names_in(fmt::format("{}/{}/queues", interfaces_folder, interface)))
     if (const auto what = interface + '/' + queue; is_queue(what) && steering.read(what))
-      found.push_back(thing(steering, what));
+      found.push_back({&steering, what});
   return found;
 }
 

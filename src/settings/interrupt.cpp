@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The interrupts of a network interface, and on which CPUs they come.
-#include <algorithm>
+// The interrupts of a network interface.
 #include <filesystem>
 #include <fstream>
 #include <set>
@@ -16,19 +15,6 @@ namespace {
 
 namespace fs = std::filesystem;
 
-bool accepts(const std::string& what) {
-  return !what.empty() && what.size() < 8 &&
-         std::all_of(what.begin(), what.end(), [](char c) { return c >= '0' && c <= '9'; });
-}
-
-std::string path(const std::string& number) { return fmt::format("/proc/irq/{}/smp_affinity_list", number); }
-
-journal::Value read(const std::string& number) { return read_file(path(number)); }
-
-void write(const std::string& number, const journal::Value& value, const journal::Value&) {
-  write_file(path(number), value.value_or(""));
-}
-
 // Of the device, or (of a card on a bus, such as virtio or USB) of the one that it hangs on.
 void add_of_device(const std::string& interface, std::set<int>& numbers) {
   std::error_code none;
@@ -36,7 +22,8 @@ void add_of_device(const std::string& interface, std::set<int>& numbers) {
        device.has_relative_path() && device != "/sys/devices"; device = device.parent_path()) {
     for (const auto& number : names_in(device / "msi_irqs")) numbers.insert(std::stoi(number));
     const auto wired = read_file(device / "irq");
-    if (numbers.empty() && wired && accepts(*wired) && *wired != "0") numbers.insert(std::stoi(*wired));
+    if (numbers.empty() && wired && interrupt.accepts(*wired) && *wired != "0")
+      numbers.insert(std::stoi(*wired));
     if (!numbers.empty()) return;
   }
 }
@@ -56,19 +43,11 @@ void add_by_name(const std::string& interface, std::set<int>& numbers) {
 
 }  // namespace
 
-const journal::Kind interrupt = {.name = "interrupt",
-                                 .scope = journal::Scope::machine,
-                                 .on_disk = false,
-                                 .needs_root = true,
-                                 .accepts = accepts,
-                                 .read = read,
-                                 .write = write};
-
 std::vector<int> interrupts_of(const std::string& interface) {
   std::set<int> numbers;
   add_of_device(interface, numbers);
   if (numbers.empty()) add_by_name(interface, numbers);
-  std::erase_if(numbers, [](int number) { return !read(std::to_string(number)); });
+  std::erase_if(numbers, [](int number) { return !interrupt.read(std::to_string(number)); });
   return {numbers.begin(), numbers.end()};
 }
 

@@ -1,8 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "settings/kinds.hpp"
 
-#include <algorithm>
-
 namespace ontime::settings {
 
 std::span<const journal::Kind> kinds() {
@@ -11,16 +9,9 @@ std::span<const journal::Kind> kinds() {
   return all;
 }
 
-Thing thing(const journal::Kind& kind, std::string what) {
-  const auto all = kinds();
-  const auto known =
-      std::find_if(all.begin(), all.end(), [&](const journal::Kind& one) { return one.name == kind.name; });
-  return {&*known, std::move(what)};
-}
-
 std::string Thing::title() const {
-  if (kind == &*thing(thread, "").kind) return name_of_thread(what);
-  if (kind->name == std::string_view("interrupt")) return "interrupt " + what;
+  if (kind == &thread) return name_of_thread(what);
+  if (kind == &interrupt) return "interrupt " + what;
   return what;
 }
 

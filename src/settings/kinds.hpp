@@ -26,8 +26,17 @@ extern const journal::Kind steering;   // "eth0/rx-0": to which CPUs its packets
 extern const journal::Kind coalescing;
 extern const journal::Kind gro;  // an interface's name; "on" or "off"
 
-// With the kind as kinds() has it, which is the one that the journal knows.
-Thing thing(const journal::Kind&, std::string what);
+// Of whatever is here: none of it outlives the kernel, and root alone changes it.
+constexpr journal::Kind kind(const char* name, journal::Scope scope, decltype(journal::Kind::accepts) accepts,
+                             decltype(journal::Kind::read) read, decltype(journal::Kind::write) write) {
+  return {.name = name,
+          .scope = scope,
+          .on_disk = false,
+          .needs_root = true,
+          .accepts = accepts,
+          .read = read,
+          .write = write};
+}
 
 // Of a thing that is a file: which, and what is to be written into it for a value; nothing for others.
 struct File {

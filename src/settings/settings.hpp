@@ -25,10 +25,6 @@ struct Error : std::runtime_error {
 struct Link {
   std::string interface, network_namespace;
 };
-// The interface by which this machine sends to an address or a name. Throws Error.
-std::string interface_to(const std::string& peer, const std::string& network_namespace);
-// The interface that has this address, to which others send. Throws Error.
-std::string interface_with(const std::string& address, const std::string& network_namespace);
 
 // A thing of this machine, such as one thread, by the name that its kind has for it.
 struct Thing {

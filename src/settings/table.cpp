@@ -111,7 +111,7 @@ template <const journal::Kind& kind>
 Things file_of_kernel(const char* name, const char* option) {
   if (!kind.read(name))
     throw journal::Error(fmt::format("this kernel has no /proc/sys/{} ({})", name, option));
-  return {thing(kind, name)};
+  return {{&kind, name}};
 }
 Things throttled(Text) {
   return file_of_kernel<kernel_sysctl>("kernel/sched_rt_runtime_us", "it throttles no real-time tasks");
@@ -142,7 +142,7 @@ Things softirqs(Text) {
 
 Things of_driver(const journal::Kind& kind, Text interface, const char* lacks) {
   if (!kind.read(interface)) throw journal::Error(fmt::format("{} {}", interface, lacks));
-  return {thing(kind, interface)};
+  return {{&kind, interface}};
 }
 Things offloaded(Text interface) { return of_driver(gro, interface, "has no generic receive offload"); }
 Things coalesced(Text interface) {
@@ -159,7 +159,7 @@ Things steered(Text interface) {
 
 Things interrupts(Text interface) {
   Things found;
-  for (const int number : interrupts_of(interface)) found.push_back(thing(interrupt, std::to_string(number)));
+  for (const int number : interrupts_of(interface)) found.push_back({&interrupt, std::to_string(number)});
   if (found.empty()) throw journal::Error(fmt::format("{} has no interrupts: it is no hardware", interface));
   return found;
 }
@@ -191,7 +191,7 @@ Things threadable(Text interface) {
     throw journal::Error(
         fmt::format("{} has no NAPI that could be threaded (a veth interface has, with gro on)", interface));
   }
-  return {thing(threaded, interface)};
+  return {{&threaded, interface}};
 }
 
 // Threads are named after the interface, older kernels cut their names short.

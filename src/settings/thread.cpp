@@ -139,13 +139,7 @@ void write(const std::string& what, const journal::Value& value, const journal::
 
 }  // namespace
 
-const journal::Kind thread = {.name = "thread",
-                              .scope = journal::Scope::machine,
-                              .on_disk = false,
-                              .needs_root = true,
-                              .accepts = accepts,
-                              .read = read,
-                              .write = write};
+const journal::Kind thread = kind("thread", journal::Scope::machine, accepts, read, write);
 
 std::string name_of_thread(const std::string& what) {
   return what.substr(std::min(what.size(), what.find(':', what.find(':') + 1) + 1));
@@ -157,7 +151,7 @@ std::vector<Thing> threads_named(const std::string& prefix) {
   for (const auto& pid : names_in("/proc")) {
     if (!number_of(pid)) continue;
     const auto identity = identity_of(pid);
-    if (identity && name_of_thread(*identity).starts_with(prefix)) found.push_back(thing(thread, *identity));
+    if (identity && name_of_thread(*identity).starts_with(prefix)) found.push_back({&thread, *identity});
   }
   std::sort(found.begin(), found.end(), [](const Thing& one, const Thing& other) {
     return name_of_thread(one.what) < name_of_thread(other.what);

@@ -10,17 +10,15 @@ import pathlib
 import re
 import shutil
 import signal
-import sqlite3
 import subprocess
 import tempfile
 import time
 import unittest
 
 import sshd
+from program import ONTIME, eventually, processes_with, sample_count
 from sshd import PORT
-from test_system import eventually, processes_with
 
-ONTIME = os.environ["ONTIME"]
 NEAR, FAR = f"near-{os.getpid()}", f"far-{os.getpid()}"
 USER, USER_ID = "robot-user", 64321
 
@@ -43,14 +41,6 @@ def executable(pid):
     """Nothing of one that has just left, or is still the shell that ssh's server starts it by."""
     with contextlib.suppress(OSError):
         return os.path.realpath(f"/proc/{pid}/exe", strict=True)
-
-
-def sample_count(results):
-    try:
-        with contextlib.closing(sqlite3.connect(f"file:{results}?mode=ro", uri=True)) as database:
-            return database.execute("SELECT count(*) FROM sample").fetchone()[0]
-    except sqlite3.Error:
-        return 0
 
 
 @unittest.skipUnless(os.geteuid() == 0, "network namespaces need root")

@@ -3,19 +3,17 @@
 """The settings of a machine, changed and given back by the real program however it ends, and looked at by other
 programs: chrt, ps, cat. Needs root, and skips without. ONTIME names the program."""
 
-import contextlib
 import json
 import os
 import pathlib
 import shutil
 import signal
-import sqlite3
 import subprocess
 import tempfile
-import time
 import unittest
 
-ONTIME = os.environ["ONTIME"]
+from program import ONTIME, eventually, sample_count
+
 NAMESPACE, INTERFACE = "ontime-controller", "to-component"
 
 SCENARIO = """
@@ -53,13 +51,6 @@ def in_namespace(path):
     return subprocess.run(["ip", "netns", "exec", NAMESPACE, "cat", path], capture_output=True, text=True).stdout.strip()
 
 
-def eventually(true, seconds=30):
-    end = time.monotonic() + seconds
-    while time.monotonic() < end and not true():
-        time.sleep(0.05)
-    return true()
-
-
 @unittest.skipUnless(os.geteuid() == 0, "settings of a machine need root")
 @unittest.skipUnless(BUSY_POLL.exists(), "this kernel has no busy polling")
 class Tune(unittest.TestCase):
@@ -89,22 +80,15 @@ class Tune(unittest.TestCase):
                                    stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
         self.addCleanup(lambda: (process.kill(), process.communicate()))
         self.assertTrue(eventually(lambda: in_namespace(f"/sys/class/net/{INTERFACE}/queues/rx-0/rps_cpus").endswith("1")
-                                   and set(threads("napi/").values()) == {("SCHED_FIFO", 55)}))
+                                   and set(threads("napi/").values()) == {("SCHED_FIFO", 55)}, 30))
         self.assertEqual(set(threads("ksoftirqd/").values()), {("SCHED_FIFO", 60)})
         self.assertEqual(BUSY_POLL.read_text(), "50\n")
         self.assertEqual(in_namespace(f"/sys/class/net/{INTERFACE}/threaded"), "1")
         return process
 
-    def samples(self):
-        try:
-            with contextlib.closing(sqlite3.connect(f"file:{self.results}?mode=ro", uri=True)) as database:
-                return database.execute("SELECT count(*) FROM sample").fetchone()[0]
-        except sqlite3.Error:
-            return 0
-
     def assert_given_back(self):
-        self.assertTrue(eventually(lambda: state() == self.before), state())
-        self.assertTrue(eventually(lambda: not os.path.exists("/run/ontime")))
+        self.assertTrue(eventually(lambda: state() == self.before, 30), state())
+        self.assertTrue(eventually(lambda: not os.path.exists("/run/ontime"), 30))
 
     def keepers_of(self, process):
         children = pathlib.Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split()
@@ -176,7 +160,7 @@ class Tune(unittest.TestCase):
 
     def test_what_somebody_changed_meanwhile_is_left_to_him(self):
         process = self.tuned_run()
-        self.assertTrue(eventually(self.samples))
+        self.assertTrue(eventually(lambda: sample_count(self.results), 30))
         BUSY_POLL.write_text("70")
         process.send_signal(signal.SIGINT)
         _, error = process.communicate(timeout=60)

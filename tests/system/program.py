@@ -1,0 +1,141 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The real program, as tests start it, and what they see of it and of this machine. ONTIME names the program."""
+
+import contextlib
+import json
+import os
+import pathlib
+import shutil
+import sqlite3
+import subprocess
+import tempfile
+import time
+import unittest
+
+ONTIME = os.environ["ONTIME"]
+TRANSPORTS = os.environ.get("ONTIME_TEST_TRANSPORTS", "udp,cyclonedds,fastdds").split(",")
+
+SCENARIO = """
+hosts: namespaces
+defaults: {transport: [%s], period: 5 ms, duration: %s}
+runs:
+  - id: idle
+  - id: loaded
+    realtime: on
+    load:
+      controller: {cpu: 1, vm: 1, io: 1, hdd: 1, vm-bytes: 16 MiB, hdd-bytes: 16 MiB}
+      component: {cpu: 1}
+"""
+
+
+def processes_with(word):
+    """Living processes, as {pid: command line}, that were started with this text in their environment: a test's own,
+    and nobody else's."""
+    found = {}
+    for entry in pathlib.Path("/proc").iterdir():
+        if not entry.name.isdigit():
+            continue
+        try:
+            environment = (entry / "environ").read_bytes().decode(errors="replace")
+            command = (entry / "cmdline").read_bytes().replace(b"\0", b" ").decode(errors="replace")
+            state = (entry / "stat").read_text().rsplit(")", 1)[1].split()[0]
+        except (OSError, IndexError):
+            continue
+        if word in environment and state != "Z":
+            found[int(entry.name)] = command
+    return found
+
+
+def eventually(true, seconds=5):
+    end = time.monotonic() + seconds
+    while time.monotonic() < end:
+        if true():
+            return True
+        time.sleep(0.05)
+    return true()
+
+
+def sample_count(results):
+    if not os.path.exists(results):
+        return 0
+    try:
+        with contextlib.closing(sqlite3.connect(f"file:{results}?mode=ro", uri=True)) as database:
+            return database.execute("SELECT count(*) FROM sample").fetchone()[0]
+    except sqlite3.Error:
+        return 0
+
+
+def namespaces():
+    return [line.split()[0] for line in
+            subprocess.run(["ip", "netns", "list"], capture_output=True, text=True, check=True).stdout.splitlines()]
+
+
+OUR_NAMESPACES = {"ontime-controller", "ontime-component"}
+
+
+@unittest.skipUnless(os.geteuid() == 0, "network namespaces need root")
+class Program(unittest.TestCase):
+    """A test after which nothing of the program is left."""
+
+    def setUp(self):
+        self.folder = tempfile.mkdtemp(prefix="ontime-test-")
+        self.addCleanup(shutil.rmtree, self.folder)
+        self.results = os.path.join(self.folder, "results.ontime")
+        # What load and agents of this test are known by.
+        self.temporary = os.path.join(self.folder, "tmp")
+        os.mkdir(self.temporary)
+        self.environment = dict(os.environ, TMPDIR=self.temporary)
+
+    def tearDown(self):
+        self.assertTrue(eventually(self.nothing_left), self.what_is_left())
+
+    def own(self, word):
+        return [pid for pid, command in processes_with("TMPDIR=" + self.temporary).items() if word in command]
+
+    def agents(self):
+        return [*self.own("/ontime agent"), *self.own("/ontime keeper")]
+
+    def keepers(self):
+        return self.own("/ontime keeper")
+
+    def load(self):
+        return self.own("stress-ng")
+
+    def what_is_left(self):
+        return (f"agents and keepers {self.agents()}, load {self.load()}, traffic {self.traffic()}, namespaces {namespaces()}, "
+                f"files {os.listdir(self.temporary)}")
+
+    def nothing_left(self):
+        return not (self.agents() or self.load() or self.traffic() or OUR_NAMESPACES & set(namespaces()) or os.listdir(self.temporary))
+
+    def scenario(self, duration="1 s", text=SCENARIO, transports=None):
+        path = os.path.join(self.folder, "scenario.yaml")
+        pathlib.Path(path).write_text(text % (", ".join(transports or TRANSPORTS), duration))
+        return path
+
+    def run_ontime(self, *arguments, **options):
+        return subprocess.run([ONTIME, *arguments], capture_output=True, text=True, env=self.environment,
+                              timeout=120, **options)
+
+    def start_ontime(self, *arguments):
+        return self.start([ONTIME, *arguments])
+
+    def start(self, command):
+        process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+                                   env=self.environment)
+        self.addCleanup(lambda: (process.kill(), process.communicate()))  # of a test that failed
+        return process
+
+    def report(self):
+        answer = self.run_ontime("report", self.results, "--format", "json")
+        self.assertEqual(answer.returncode, 0, answer.stderr)
+        return json.loads(answer.stdout)["runs"]
+
+    def started(self, process, condition):
+        self.assertTrue(eventually(condition, 30), process.poll())
+
+    def traffic(self):
+        return self.own("iperf3")
+
+    def samples_recorded(self):
+        return sample_count(self.results)

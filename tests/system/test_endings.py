@@ -1,0 +1,246 @@
+#!/usr/bin/env python3
+# SPDX-License-Identifier: Apache-2.0
+"""How a run of the real program ends that is interrupted, killed, stopped, or has no room left: what it had is kept, and
+nothing of it stays on the machine. Needs root, and skips without. ONTIME names the program."""
+
+import contextlib
+import fcntl
+import os
+import signal
+import subprocess
+import termios
+import time
+import unittest
+
+from program import ONTIME, OUR_NAMESPACES, SCENARIO, Program, eventually, namespaces, processes_with
+
+LOADED_FIRST = """
+hosts: namespaces
+defaults: {transport: [%s], period: 5 ms, duration: %s}
+runs:
+  - id: loaded
+    load: {controller: {cpu: 1}}
+  - id: idle
+"""
+
+
+class Endings(Program):
+    # --- interrupted, killed, without room ---
+
+    def interrupted(self, times):
+        process = self.start_ontime("run", self.scenario("1 h", transports=["udp"]), "--only", "loaded", "--results", self.results)
+        self.started(process, lambda: self.samples_recorded() > 50)
+        for _ in range(times):
+            process.send_signal(signal.SIGINT)
+            time.sleep(0.05)
+        out, error = process.communicate(timeout=30)
+        self.assertEqual(process.returncode, 130, error)
+        return out
+
+    def test_interrupted_once_it_stops_and_reports(self):
+        out = self.interrupted(1)
+        self.assertIn("udp", out)
+        run = self.report()[0]
+        self.assertTrue(run["interrupted"])
+        self.assertEqual(run["sent"], run["on_time"] + run["late"] + run["lost"])
+        self.assertEqual(run["sent"], self.samples_recorded())
+
+    def test_interrupted_twice_it_leaves_and_keeps_what_it_had(self):
+        self.interrupted(2)
+        self.assertGreater(self.samples_recorded(), 50)
+
+    def killed(self, whom):
+        process = self.start_ontime("run", self.scenario("1 h", transports=["cyclonedds"]), "--only", "loaded", "--results", self.results)
+        self.started(process, lambda: self.samples_recorded() > 50 and len(self.load()) > 0)
+        before = self.samples_recorded()
+        for pid in whom(process):
+            os.kill(pid, signal.SIGKILL)
+        process.communicate(timeout=30)
+        self.assertTrue(eventually(lambda: not self.load() and not self.agents(), 5), self.what_is_left())
+        self.assertTrue(eventually(lambda: not OUR_NAMESPACES & set(namespaces()), 5), self.what_is_left())
+        self.assertGreaterEqual(self.report()[0]["sent"], before)
+        return process.returncode
+
+    def test_killed_coordinator_leaves_nothing(self):
+        self.killed(lambda process: [process.pid])
+
+    def test_killed_agents_leave_nothing(self):
+        self.assertEqual(self.killed(lambda _: self.own("/ontime agent")), 3)
+
+    def test_killed_keeper_leaves_nothing(self):
+        self.assertEqual(self.killed(lambda _: self.keepers()), 3)
+
+    def test_killed_all_at_once_is_cleared_by_the_next_start(self):
+        process = self.start_ontime("run", self.scenario("1 h", transports=["udp"]), "--only", "loaded", "--results", self.results)
+        self.started(process, lambda: self.samples_recorded() > 50 and len(self.load()) > 0)
+        for pid in [process.pid, *self.agents()]:
+            os.kill(pid, signal.SIGKILL)
+        process.communicate(timeout=30)
+        self.assertTrue(eventually(lambda: not self.load(), 5), self.what_is_left())
+        answer = self.run_ontime("run", self.scenario("50 ms", transports=["udp"]), "--only", "idle", "--results", self.results)
+        self.assertEqual(answer.returncode, 0, answer.stderr)
+        self.assertIn("ontime-controller", answer.stderr)  # it says what it found and cleared
+
+    def test_killed_load_is_noticed(self):
+        process = self.start_ontime("run", self.scenario("3 s", transports=["udp"]), "--only", "loaded", "--results", self.results)
+        self.started(process, lambda: self.samples_recorded() > 50 and len(self.load()) > 0)
+        for pid in self.load():
+            try:
+                os.kill(pid, signal.SIGKILL)
+            except ProcessLookupError:
+                pass
+        out, error = process.communicate(timeout=60)
+        self.assertEqual(process.returncode, 0, error)
+        self.assertIn("load", out)
+        self.assertIn(False, [host["load_running"] for host in self.report()[0]["hosts"].values()])
+
+    def test_load_of_a_run_that_failed_is_not_the_next_ones(self):
+        process = self.start_ontime("run", self.scenario("3 s", LOADED_FIRST, ["udp"]), "--results", self.results)
+        self.started(process, lambda: self.samples_recorded() > 50 and len(self.load()) > 0)
+        for pid in self.own("/ontime agent"):
+            os.kill(pid, signal.SIGKILL)
+        _, error = process.communicate(timeout=60)
+        self.assertEqual(process.returncode, 3, error)
+        failed, idle = self.report()
+        self.assertFalse(failed["complete"])
+        self.assertTrue(idle["complete"])
+        self.assertEqual([host["load_running"] for host in idle["hosts"].values()], [None, None])
+
+    def test_full_disk_is_said_and_the_file_opens(self):
+        disk = os.path.join(self.folder, "disk")
+        os.mkdir(disk)
+        subprocess.run(["mount", "-t", "tmpfs", "-o", "size=3m", "tmpfs", disk], check=True)
+        try:
+            self.results = os.path.join(disk, "results.ontime")
+            scenario = self.scenario("1 h", transports=["udp"], text=SCENARIO.replace("period: 5 ms", "schedule: back-to-back"))
+            answer = self.run_ontime("run", scenario, "--only", "idle", "--results", self.results)
+            self.assertEqual(answer.returncode, 3, answer.stderr)
+            self.assertIn("full", answer.stderr)
+            self.assertGreater(self.report()[0]["sent"], 0)
+        finally:
+            subprocess.run(["umount", disk], check=True)
+
+    def test_namespace_of_somebody_else_is_left_alone(self):
+        subprocess.run(["ip", "netns", "add", "ontime-component"], check=True)
+        try:
+            answer = self.run_ontime("run", self.scenario("50 ms"), "--results", self.results)
+            self.assertEqual(answer.returncode, 3, answer.stderr)
+            self.assertIn("ontime-component", answer.stderr)
+            self.assertEqual(namespaces(), ["ontime-component"])
+        finally:
+            subprocess.run(["ip", "netns", "del", "ontime-component"], check=True)
+
+    def test_second_ontime_is_refused_while_the_first_holds_the_machine(self):
+        first = self.start_ontime("run", self.scenario("1 h", transports=["udp"]), "--only", "idle", "--results", self.results)
+        self.started(first, lambda: self.samples_recorded() > 10)
+        second = self.run_ontime("run", self.scenario("50 ms", transports=["udp"]), "--only", "idle",
+                                 "--results", os.path.join(self.folder, "second.ontime"))
+        self.assertEqual(second.returncode, 3, second.stderr)
+        self.assertTrue(OUR_NAMESPACES <= set(namespaces()), "the first one's are still there")
+        first.send_signal(signal.SIGINT)
+        first.communicate(timeout=60)
+
+    # --- silence ---
+
+    def loaded_run(self, transport="udp", prefix=()):
+        process = self.start([*prefix, ONTIME, "run", self.scenario("1 h", transports=[transport]), "--only", "loaded",
+                              "--results", self.results])
+        self.started(process, lambda: self.samples_recorded() > 50 and len(self.load()) > 0)
+        return process
+
+    def assert_ended_and_kept(self, process, words):
+        out, error = process.communicate(timeout=90)
+        self.assertEqual(process.returncode, 3, error)
+        self.assertRegex(error, words)
+        run = self.report()[0]
+        self.assertRegex(run["error"], words)
+        self.assertGreater(run["sent"], 50)
+        self.assertEqual(run["sent"], run["on_time"] + run["late"] + run["lost"])
+
+    def test_agent_that_is_stopped_is_named_and_what_was_recorded_is_kept(self):
+        process = self.loaded_run()
+        os.kill(self.agent_in("ontime-component"), signal.SIGSTOP)
+        self.assert_ended_and_kept(process, "the agent of the component was silent for 10 s")
+
+    def test_keeper_that_is_stopped_is_named_and_its_machine_given_back(self):
+        process = self.loaded_run()
+        os.kill(self.keepers()[0], signal.SIGSTOP)
+        self.assert_ended_and_kept(process, "the keeper of the .* was silent for 10 s")
+
+    def test_coordinator_that_is_stopped_is_left_alone_and_the_machine_given_back(self):
+        process = self.loaded_run()
+        process.send_signal(signal.SIGSTOP)
+        self.assertTrue(eventually(self.nothing_left, 30), self.what_is_left())
+        process.send_signal(signal.SIGCONT)
+        self.assert_ended_and_kept(process, "the coordinator .* was silent for 10 s")
+
+    def agent_in(self, namespace):
+        own = os.stat(f"/run/netns/{namespace}").st_ino
+        return next(pid for pid in self.own("/ontime agent") if os.stat(f"/proc/{pid}/ns/net").st_ino == own)
+
+    # --- signals ---
+
+    def assert_interrupted_and_given_back(self):
+        self.assertTrue(eventually(self.nothing_left, 30), self.what_is_left())
+        run = self.report()[0]
+        self.assertTrue(run["interrupted"])
+        self.assertIsNone(run["error"])
+        self.assertEqual(set(run["hosts"]), {"controller", "component"})
+        self.assertGreater(run["sent"], 50)
+
+    def test_service_that_is_stopped_keeps_its_run(self):
+        """As systemctl stop does: a SIGTERM to every process of the service at once."""
+        process = self.loaded_run()
+        for pid in processes_with("TMPDIR=" + self.temporary):
+            with contextlib.suppress(ProcessLookupError):
+                os.kill(pid, signal.SIGTERM)
+        process.communicate(timeout=60)
+        self.assertEqual(process.returncode, 130)
+        self.assert_interrupted_and_given_back()
+
+    def test_pong_that_is_stopped_as_a_service_has_not_failed(self):
+        process = self.start_ontime("pong", "--transport", "udp", "--interface", "lo", "--domain", "78")
+        self.started(process, lambda: self.own("/ontime agent"))
+        time.sleep(0.5)
+        for pid in [*self.own("/ontime agent"), process.pid]:
+            os.kill(pid, signal.SIGTERM)
+        process.communicate(timeout=30)
+        self.assertEqual(process.returncode, 0)
+
+    def test_nohup_goes_on_when_the_terminal_closes(self):
+        process = self.loaded_run(prefix=["nohup"])
+        before = self.samples_recorded()
+        process.send_signal(signal.SIGHUP)
+        self.assertTrue(eventually(lambda: self.samples_recorded() > before + 100, 30))
+        self.assertIsNone(process.poll())
+        process.send_signal(signal.SIGINT)
+        process.communicate(timeout=60)
+        self.assertEqual(process.returncode, 130)
+
+    def test_closed_terminal_keeps_the_run(self):
+        """The session's leader goes: the kernel sends SIGHUP to the foreground, and writing to the terminal fails."""
+        master, slave = os.openpty()
+        command = [ONTIME, "run", self.scenario("1 h", transports=["udp"]), "--only", "loaded", "--results", self.results]
+
+        def own_terminal():
+            os.setsid()
+            fcntl.ioctl(slave, termios.TIOCSCTTY, 0)
+
+        process = subprocess.Popen(command, stdin=slave, stdout=slave, stderr=slave, env=self.environment,
+                                   preexec_fn=own_terminal)
+        self.addCleanup(process.kill)
+        os.close(slave)
+        self.started(process, lambda: self.samples_recorded() > 50 and len(self.load()) > 0)
+        os.close(master)
+        process.wait(timeout=60)
+        self.assert_interrupted_and_given_back()
+
+    def test_timeout_keeps_the_run(self):
+        answer = subprocess.run(["timeout", "8", ONTIME, "run", self.scenario("1 h", transports=["udp"]), "--only",
+                                 "loaded", "--results", self.results], env=self.environment, capture_output=True, timeout=120)
+        self.assertEqual(answer.returncode, 124)
+        self.assert_interrupted_and_given_back()
+
+
+if __name__ == "__main__":
+    unittest.main(verbosity=2)
