@@ -4,9 +4,11 @@
 #include <algorithm>
 #include <fstream>
 #include <iterator>
+#include <memory>
 #include <sstream>
 
 #include <net/if.h>
+#include <sys/prctl.h>
 #include <sys/wait.h>
 
 #include "own_run.hpp"
@@ -97,7 +99,8 @@ TEST(Kinds, TouchOnlyWhatTheyAreFor) {
   EXPECT_TRUE(steering.accepts("eth0/rx-0"));
   for (const auto* what : {"../x/rx-0", "eth0/tx-0", "eth0/rx-", "eth0", "eth0/rx-0/../../x", "/rx-0"})
     EXPECT_FALSE(steering.accepts(what)) << what;
-  for (const auto* what : {"..", ".", "", "a/b", "a b", "sixteencharacter"})
+  for (const auto* what :
+       {"..", ".", "", "a/b", "a b", "sixteencharacter", "a';reboot;'", "a`b", "a$b", "a\nb"})
     EXPECT_FALSE(threaded.accepts(what) || gro.accepts(what) || coalescing.accepts(what)) << what;
   EXPECT_FALSE(governor.accepts("cpufreq") || governor.accepts("cpu0/../cpu1") || interrupt.accepts("41/x"));
 }
@@ -294,8 +297,46 @@ TEST(Boot, IsSaidForSystemdTmpfilesAndAShell) {
       script,
       AllOf(HasSubstr("echo '50' > '/proc/sys/net/core/busy_poll'\n"),
             HasSubstr("$(threads 'ksoftirqd/0'); do chrt --fifo --pid 60 \"$pid\"; done\n"),
-            HasSubstr("$(threads 'napi/eth0-*'); do chrt --fifo --pid 60 \"$pid\"; taskset --cpu-list "
+            HasSubstr("$(threads 'napi/eth0-[0-9]*'); do chrt --fifo --pid 60 \"$pid\"; taskset --cpu-list "
                       "--pid 0-1 \"$pid\"; done\n")));
+}
+
+// Any user has a network namespace in which he names interfaces, and so threads, as he likes.
+TEST(Boot, NoWordOfAStrangerIsInTheScript) {
+  const auto script_for = [](const std::string& name) {
+    return at_every_boot(Form::shell, {},
+                         {{&setting("napi-threads"), {&thread, "90:25:" + name}, "other:0:0", "fifo:60:0"}},
+                         {}, "");
+  };
+  for (const char bad : std::string("';`$\"\\*[( \n"))
+    EXPECT_THAT(script_for(std::string("napi/eth0") + bad + "-12"),
+                HasSubstr("$(threads 'napi/eth0.-[0-9]*');"));
+  EXPECT_THAT(script_for("napi/eth0.5-12"), HasSubstr("$(threads 'napi/eth0[.]5-[0-9]*');"));
+  EXPECT_THAT(script_for("irq/41-ahci[0000"), HasSubstr("$(threads 'irq/[0-9]+-ahci.0000');"));
+  EXPECT_THAT(error_of([] {
+                plan({{"rps", "0"}}, {"e';reboot;'", ""});
+              }),
+              HasSubstr("no name of an interface"));
+}
+
+TEST(Boot, TheScriptFindsThreadsOfTheKernelByTheirWholeName) {
+  const auto script = at_every_boot(
+      Form::shell, {}, {{&setting("ksoftirqd"), {&thread, "14:25:ksoftirqd/0"}, "other:0:0", "fifo:60:0"}},
+      {}, "");
+  const auto begin = script.find("threads()"), end = script.find("for pid");
+  const auto found = [&](const std::string& pattern) {
+    const auto command = script.substr(begin, end - begin) + "threads '" + pattern + "' | wc -l";
+    const std::unique_ptr<FILE, decltype(&pclose)> pipe(popen(command.c_str(), "r"), pclose);
+    int count = -1;
+    EXPECT_EQ(std::fscanf(pipe.get(), "%d", &count), 1);
+    return count;
+  };
+  if (found("kthreadd|ksoftirqd/0") == 0) GTEST_SKIP() << "the kernel's threads are not to be seen from here";
+  in_child([&] {
+    prctl(PR_SET_NAME, "ksoftirqd/0");
+    EXPECT_EQ(found("ksoftirqd/0"), 1) << "and not who calls himself so";
+    EXPECT_EQ(found("softirqd/0"), 0);
+  });
 }
 
 }  // namespace

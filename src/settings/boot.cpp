@@ -47,11 +47,22 @@ std::string tmpfiles(const std::vector<Change>& changes) {
   return text;
 }
 
-// Numbers in the names of threads are not the same at every boot, but those of CPUs.
+// Of the names of threads, as pgrep takes it. Numbers in them are not the same at every boot, but those of
+// CPUs. What is no plain letter may be any: whoever named an interface chose it, and root's shell reads it.
 std::string pattern_of(const std::string& name) {
-  if (name.starts_with("ksoftirqd/")) return name;
-  if (name.starts_with("irq/")) return "irq/*" + name.substr(std::min(name.size(), name.find('-')));
-  return name.substr(0, name.rfind('-') + 1) + '*';
+  constexpr const char* plain = "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789_-/@:";
+  std::string pattern;
+  for (const char c : name)
+    if (c == '.')
+      pattern += "[.]";
+    else
+      pattern += std::string_view(plain).find(c) == std::string_view::npos ? '.' : c;
+  const auto number = pattern.find_last_not_of("0123456789") + 1;
+  if (name.starts_with("irq/"))
+    return "irq/[0-9]+" + pattern.substr(std::min(pattern.size(), pattern.find('-')));
+  if (name.starts_with("napi/"))
+    return pattern.substr(0, number) + "[0-9]*";  // older kernels cut names short
+  return pattern;
 }
 
 std::string shell_of_thread(const std::string& name, const std::string& state) {
@@ -77,11 +88,8 @@ std::string shell_of_driver(const Thing& thing, const std::string& value) {
 std::string shell(const std::vector<Change>& changes) {
   std::string text = R"sh(#!/bin/sh
 set -e
-threads() {
-  for folder in /proc/[0-9]*; do
-    case "$(cat "$folder/comm" 2>/dev/null)" in $1) echo "${folder#/proc/}" ;; esac
-  done
-}
+pgrep --version >/dev/null
+threads() { pgrep --parent 2 --exact "$1"; }  # of the kernel: others may call themselves so, too
 )sh";
   for (const auto& change : changes) {
     if (change.thing.kind == nullptr)

@@ -104,9 +104,9 @@ void write_steering(const std::string& queue, const Value& value, const Value&) 
 }  // namespace
 
 bool is_interface_name(const std::string& name) {
+  constexpr const char* plain = "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789_-.@";
   return !name.empty() && name.size() < IFNAMSIZ && name != "." && name != ".." &&
-         std::all_of(name.begin(), name.end(),
-                     [](unsigned char c) { return c > ' ' && c < 0x7f && c != '/' && c != ':'; });
+         name.find_first_not_of(plain) == name.npos;
 }
 
 const journal::Kind network_sysctl = kind("network sysctl", Scope::network_namespace, is_network_sysctl,
