@@ -9,6 +9,7 @@
 
 #include <net/if.h>
 #include <sys/prctl.h>
+#include <sys/stat.h>
 #include <sys/wait.h>
 
 #include "own_run.hpp"
@@ -284,9 +285,10 @@ TEST(Boot, IsSaidForSystemdTmpfilesAndAShell) {
       {&setting("napi-threads"), {&thread, "90:25:napi/eth0-8193"}, "other:0:0-1", "fifo:60:0-1"},
       {&setting("rps"), {&steering, "eth0/rx-0"}, "none", "0-1,33"}};
   EXPECT_THAT(
-      at_every_boot(Form::systemd, wishes, changes, link, "/usr/bin/ontime"),
-      HasSubstr(
-          "ExecStart=/usr/bin/ontime tune apply --set busy-poll=50 --set ksoftirqd=60 --interface eth0\n"));
+      at_every_boot(Form::systemd, wishes, changes, link, "/usr/bin/env"),
+      AllOf(HasSubstr("ExecStart=/usr/bin/env tune apply --set busy-poll=50 --set ksoftirqd=60 --interface "
+                      "eth0\n"),
+            HasSubstr("ExecStop=/usr/bin/env tune revert\n")));
   EXPECT_EQ(at_every_boot(Form::tmpfiles, wishes, {changes[0], changes[3]}, link, ""),
             "# /etc/tmpfiles.d/ontime.conf\nw /proc/sys/net/core/busy_poll - - - - 50\n"
             "w /sys/class/net/eth0/queues/rx-0/rps_cpus - - - - 00000002,00000003\n");
@@ -317,6 +319,35 @@ TEST(Boot, NoWordOfAStrangerIsInTheScript) {
                 plan({{"rps", "0"}}, {"e';reboot;'", ""});
               }),
               HasSubstr("no name of an interface"));
+}
+
+TEST(Boot, SystemdIsToldPlainWordsAndAProgramOfRootsAlone) {
+  const auto refused_of = [](const Link& link, const std::string& program) {
+    return error_of([&] { at_every_boot(Form::systemd, {{"ksoftirqd", "60"}}, {}, link, program); });
+  };
+  EXPECT_EQ(refused_of({}, "/usr/bin/env"), "");
+  for (const std::string bad : {"eth0\nExecStartPre=/tmp/x", "a b", "%h", "$x", "'"}) {
+    EXPECT_THAT(refused_of({bad, ""}, "/usr/bin/env"), HasSubstr("cannot be"));
+    EXPECT_THAT(refused_of({"eth0", bad}, "/usr/bin/env"), HasSubstr("cannot be"));
+    EXPECT_THAT(refused_of({}, "/usr/bin/" + bad), HasSubstr("cannot be"));
+  }
+  EXPECT_THAT(refused_of({}, "/usr/bin/none"), HasSubstr("install"));
+  EXPECT_THAT(refused_of({}, "/tmp/none"), HasSubstr("install"));
+  if (geteuid() != 0) return;
+  std::string folder = "/var/ontime-settings-test-XXXXXX";
+  ASSERT_NE(mkdtemp(folder.data()), nullptr);
+  const auto program = folder + "/ontime";
+  std::ofstream(program) << "x";
+  EXPECT_EQ(refused_of({}, program), "");
+  for (const auto& [path, mode] : {std::pair(folder, 0777), std::pair(program, 0775)}) {
+    ASSERT_EQ(chown(path.c_str(), 0, 12345), 0);
+    ASSERT_EQ(chmod(path.c_str(), mode), 0);
+    EXPECT_THAT(refused_of({}, program), AllOf(HasSubstr(path), HasSubstr("install")));
+    ASSERT_EQ(chmod(path.c_str(), 0755), 0);
+  }
+  ASSERT_EQ(chown(program.c_str(), 12345, 0), 0);
+  EXPECT_THAT(refused_of({}, program), HasSubstr("install"));
+  std::filesystem::remove_all(folder);
 }
 
 TEST(Boot, TheScriptFindsThreadsOfTheKernelByTheirWholeName) {
