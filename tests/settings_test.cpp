@@ -189,13 +189,24 @@ TEST_F(OnVeth, WhatIsLackingIsSaidByNameBeforeAnythingIsChanged) {
                   AllOf(StartsWith(wish + ": "), HasSubstr(words)));
       EXPECT_EQ(steering.read("left/rx-0"), steering_before);
     }
-    EXPECT_THAT(error_of([&] { plan({{"threaded-napi", "on"}}, left); }), HasSubstr("gro on"));
+    const auto unthreadable = [&] { apply(journal, {{"rps", "0"}, {"threaded-napi", "on"}}, left); };
+    EXPECT_THAT(error_of(unthreadable), AllOf(StartsWith("threaded-napi: "), HasSubstr("gro on")));
+    EXPECT_EQ(steering.read("left/rx-0"), steering_before) << "what was set before is given back";
     EXPECT_THAT(error_of([&] { plan({{"rps", "0,999"}}, left); }), HasSubstr("no CPU 999"));
     EXPECT_THAT(error_of([&] {
                   plan({{"rps", "0"}}, {"nonet0", ""});
                 }),
                 AllOf(StartsWith("rps"), HasSubstr("nonet0")));
     EXPECT_THAT(error_of([&] { plan({{"speed", "0"}}, left); }), HasSubstr("'speed'"));
+  });
+}
+
+TEST_F(OnVeth, LookingWritesNothing) {
+  inside([] {
+    ASSERT_EQ(mount("", "/sys", "", MS_REMOUNT | MS_BIND | MS_RDONLY, nullptr), 0);
+    for (const auto& state : show(left))
+      if (state.setting->name == std::string("threaded-napi")) EXPECT_EQ(state.cannot, "");
+    EXPECT_EQ(plan({{"threaded-napi", "off"}}, left).at(0).before, "0");
   });
 }
 

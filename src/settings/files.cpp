@@ -59,6 +59,16 @@ std::string threaded_path(const std::string& interface) {
   return fmt::format("{}/{}/threaded", interfaces_folder, interface);
 }
 
+// That there is no NAPI which could have threads the kernel says to whoever sets it, and not before.
+void write_threaded(const std::string& interface, const Value& value, const Value&) {
+  try {
+    write_file(threaded_path(interface), value.value_or(""));
+  } catch (const journal::Error& error) {
+    throw journal::Error(
+        fmt::format("{} (has {} NAPI? a veth interface has, with gro on)", error.what(), interface));
+  }
+}
+
 bool is_queue(const std::string& what) {
   const auto slash = what.find('/');
   return slash != what.npos && is_interface_name(what.substr(0, slash)) &&
@@ -117,8 +127,8 @@ const journal::Kind governor =
     kind("governor", Scope::machine, is_cpu, read<governor_path>, write<governor_path>);
 const journal::Kind interrupt =
     kind("interrupt", Scope::machine, is_interrupt, read<interrupt_path>, write<interrupt_path>);
-const journal::Kind threaded = kind("threaded NAPI", Scope::network_namespace, is_interface_name,
-                                    read<threaded_path>, write<threaded_path>);
+const journal::Kind threaded =
+    kind("threaded NAPI", Scope::network_namespace, is_interface_name, read<threaded_path>, write_threaded);
 const journal::Kind steering =
     kind("receive packet steering", Scope::network_namespace, is_queue, read_steering, write_steering);
 

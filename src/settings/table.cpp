@@ -4,7 +4,6 @@
 #include <sstream>
 
 #include <fmt/format.h>
-#include <unistd.h>
 
 #include "realtime/realtime.hpp"
 #include "settings/file.hpp"
@@ -181,16 +180,8 @@ Things interrupt_threads(Text interface) {
       fmt::format("the interrupts of {} have no threads: its driver does without", interface));
 }
 
-// The kernel says whether it can only to who asks it to: what is so already costs nothing.
 Things threadable(Text interface) {
-  const auto now = threaded.read(interface);
-  if (!now) throw journal::Error("this kernel has no threaded NAPI (Linux 5.12 has)");
-  try {
-    if (geteuid() == 0) threaded.write(interface, now, now);
-  } catch (const journal::Error&) {
-    throw journal::Error(
-        fmt::format("{} has no NAPI that could be threaded (a veth interface has, with gro on)", interface));
-  }
+  if (!threaded.read(interface)) throw journal::Error("this kernel has no threaded NAPI (Linux 5.12 has)");
   return {{&threaded, interface}};
 }
 
@@ -243,7 +234,7 @@ const Setting all[] = {
     {"ksoftirqd", "1-99|other|CPU=...", "SCHED_FIFO priority of ksoftirqd on all CPUs, or on each its own",
      false, "", check_priorities, softirqs, with_priority_of_its_cpu},
     {"threaded-napi", on_off, "whether the interface's packets are taken in by threads of their own", true,
-     "gro", check_switch, threadable, one_or_zero},
+     "", check_switch, threadable, one_or_zero},
     {"napi-threads", priority, "SCHED_FIFO priority of these threads", true, "threaded-napi", check_priority,
      napi_threads, with_this_priority},
     {"napi-cpus", cpus, "the CPUs of these threads", true, "threaded-napi", check_cpus, napi_threads,
