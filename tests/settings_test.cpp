@@ -97,12 +97,16 @@ TEST(Kinds, TouchOnlyWhatTheyAreFor) {
   EXPECT_TRUE(network_sysctl.accepts("net/core/rmem_max"));
   for (const auto* what : {"net/core/../../kernel/core_pattern", "kernel/core_pattern", "net/core/"})
     EXPECT_FALSE(network_sysctl.accepts(what) || kernel_sysctl.accepts(what)) << what;
-  EXPECT_TRUE(steering.accepts("eth0/rx-0"));
-  for (const auto* what : {"../x/rx-0", "eth0/tx-0", "eth0/rx-", "eth0", "eth0/rx-0/../../x", "/rx-0"})
+  EXPECT_TRUE(steering.accepts("3:eth0/rx-0"));
+  for (const auto* what :
+       {"3:../x/rx-0", "3:eth0/tx-0", "3:eth0/rx-", "3:eth0", "3:eth0/rx-0/../../x", "/rx-0", "eth0/rx-0"})
     EXPECT_FALSE(steering.accepts(what)) << what;
   for (const auto* what :
        {"..", ".", "", "a/b", "a b", "sixteencharacter", "a';reboot;'", "a`b", "a$b", "a\nb"})
-    EXPECT_FALSE(threaded.accepts(what) || gro.accepts(what) || coalescing.accepts(what)) << what;
+    for (const auto& interface : {std::string(what), std::string("3:") + what})
+      EXPECT_FALSE(threaded.accepts(interface) || gro.accepts(interface) || coalescing.accepts(interface))
+          << interface;
+  EXPECT_TRUE(gro.accepts("3:eth0"));
   EXPECT_FALSE(governor.accepts("cpufreq") || governor.accepts("cpu0/../cpu1") || interrupt.accepts("41/x"));
 }
 
@@ -156,7 +160,7 @@ class OnVeth : public testing::Test {
 
 TEST_F(OnVeth, NapiIsThreadedPrioritisedAndGivenBack) {
   inside([] {
-    const auto before = *gro.read("left");
+    const auto before = *gro.read(interface_here("left"));
     {
       journal::Journal journal(kinds());
       const auto changes =
@@ -171,7 +175,7 @@ TEST_F(OnVeth, NapiIsThreadedPrioritisedAndGivenBack) {
       for (const auto& change : changes) EXPECT_TRUE(now(change, left)) << change.setting->name;
       EXPECT_THAT(take_back(journal, changes), IsEmpty());
       EXPECT_EQ(threaded_file(), "0");
-      EXPECT_EQ(gro.read("left"), before);
+      EXPECT_EQ(gro.read(interface_here("left")), before);
     }
   });
 }
@@ -179,7 +183,7 @@ TEST_F(OnVeth, NapiIsThreadedPrioritisedAndGivenBack) {
 TEST_F(OnVeth, WhatIsLackingIsSaidByNameBeforeAnythingIsChanged) {
   inside([] {
     journal::Journal journal(kinds());
-    const auto steering_before = steering.read("left/rx-0");
+    const auto steering_before = steering.read(interface_here("left") + "/rx-0");
     for (const auto& [wish, words] : std::map<std::string, std::string>{
              {"irq-cpus", "no interrupts"}, {"napi-cpus", "threaded-napi"}, {"coalescing", "coalesced"}}) {
       const auto value = wish == "coalescing" ? "rx-usecs=1" : "0";
@@ -187,11 +191,12 @@ TEST_F(OnVeth, WhatIsLackingIsSaidByNameBeforeAnythingIsChanged) {
                     apply(journal, {{"rps", "0"}, {wish, value}}, left);
                   }),
                   AllOf(StartsWith(wish + ": "), HasSubstr(words)));
-      EXPECT_EQ(steering.read("left/rx-0"), steering_before);
+      EXPECT_EQ(steering.read(interface_here("left") + "/rx-0"), steering_before);
     }
     const auto unthreadable = [&] { apply(journal, {{"rps", "0"}, {"threaded-napi", "on"}}, left); };
     EXPECT_THAT(error_of(unthreadable), AllOf(StartsWith("threaded-napi: "), HasSubstr("gro on")));
-    EXPECT_EQ(steering.read("left/rx-0"), steering_before) << "what was set before is given back";
+    EXPECT_EQ(steering.read(interface_here("left") + "/rx-0"), steering_before)
+        << "what was set before is given back";
     EXPECT_THAT(error_of([&] { plan({{"rps", "0,999"}}, left); }), HasSubstr("no CPU 999"));
     EXPECT_THAT(error_of([&] {
                   plan({{"rps", "0"}}, {"nonet0", ""});
@@ -219,8 +224,36 @@ TEST_F(OnVeth, WhatSomebodyChangedMeanwhileIsLeftAndTold) {
     EXPECT_EQ(now(changes[0], left), "1");
     EXPECT_THAT(take_back(journal, changes),
                 testing::ElementsAre(AllOf(HasSubstr("left/rx-0"), HasSubstr("somebody"))));
-    EXPECT_EQ(steering.read("left/rx-0"), "1");
+    EXPECT_EQ(steering.read(interface_here("left") + "/rx-0"), "1");
   });
+}
+
+TEST_F(OnVeth, AnotherInterfaceOfThatNameIsNotGivenBackTo) {
+  inside([] {
+    journal::Journal journal(kinds());
+    const auto changes = apply(journal, {{"rps", "0"}, {"gro", "on"}}, left);
+    const auto first = interface_here("left");
+    ASSERT_EQ(std::system("ip link del left && ip link add left type veth peer name right"), 0);
+    ASSERT_NE(interface_here("left"), first);
+    std::ofstream("/sys/class/net/left/queues/rx-0/rps_cpus") << "1";
+    EXPECT_EQ(now(changes[0], left), std::nullopt);
+    EXPECT_THROW(gro.write(first, "on", "off"), journal::Error);
+    EXPECT_THAT(take_back(journal, changes), IsEmpty());
+    EXPECT_EQ(steering.read(interface_here("left") + "/rx-0"), "0") << "as whoever made it has set it";
+  });
+}
+
+TEST(Interrupts, AreThoseThatTheyWere) {
+  for (const auto& entry : std::filesystem::directory_iterator("/proc/irq")) {
+    const auto name = entry.path().filename().string();
+    if (name.find_first_not_of("0123456789") != name.npos) continue;
+    const auto what = interrupt_here(std::stoi(name));
+    EXPECT_EQ(interrupt.read(what), text_of(entry.path() / "smp_affinity_list"));
+    EXPECT_FALSE(interrupt.read(what + "1")) << "another line that has its number by now";
+    EXPECT_THROW(interrupt.write(what + "1", "0", "0"), journal::Error);
+    EXPECT_EQ(Thing({&interrupt, what}).title(), "interrupt " + name);
+    return;
+  }
 }
 
 TEST_F(OnVeth, WhatAKilledProcessLeftIsGivenBack) {
@@ -237,7 +270,7 @@ TEST_F(OnVeth, WhatAKilledProcessLeftIsGivenBack) {
     EXPECT_EQ(threaded_file(), "1");
     EXPECT_THAT(journal::revert_abandoned(kinds()), SizeIs(4));
     EXPECT_EQ(threaded_file(), "0");
-    EXPECT_EQ(steering.read("left/rx-0"), "none");
+    EXPECT_EQ(steering.read(interface_here("left") + "/rx-0"), "none");
   });
 }
 
@@ -248,7 +281,7 @@ TEST_F(OnVeth, WhatIsKeptStaysUntilItIsReverted) {
       apply(journal, {{"rps", "1"}}, left);
       journal.keep();
     }
-    EXPECT_EQ(steering.read("left/rx-0"), "1");
+    EXPECT_EQ(steering.read(interface_here("left") + "/rx-0"), "1");
     EXPECT_THAT(journal::revert_abandoned(kinds()), IsEmpty()) << "it is not abandoned";
     {
       journal::Journal run(kinds());  // changes the same, and gives back what was kept
@@ -262,7 +295,7 @@ TEST_F(OnVeth, WhatIsKeptStaysUntilItIsReverted) {
     EXPECT_EQ(kept[0].now, "1");
     {
       journal::Journal again(kinds());
-      const auto changes = apply(again, {{"rps", "0-1"}, {"gro", *gro.read("left")}}, left);
+      const auto changes = apply(again, {{"rps", "0-1"}, {"gro", *gro.read(interface_here("left"))}}, left);
       remember(again, changes, left);
       again.keep();
     }
@@ -273,7 +306,7 @@ TEST_F(OnVeth, WhatIsKeptStaysUntilItIsReverted) {
     const auto given_back = revert.revert_kept();
     EXPECT_TRUE(given_back.finished);
     EXPECT_THAT(given_back.done, SizeIs(2));
-    EXPECT_EQ(steering.read("left/rx-0"), "none");
+    EXPECT_EQ(steering.read(interface_here("left") + "/rx-0"), "none");
     EXPECT_THAT(journal::kept(kinds()), IsEmpty());
   });
 }
@@ -294,7 +327,7 @@ TEST(Boot, IsSaidForSystemdTmpfilesAndAShell) {
       {&setting("busy-poll"), {&network_sysctl, "net/core/busy_poll"}, "0", "50"},
       {&setting("ksoftirqd"), {&thread, "14:25:ksoftirqd/0"}, "other:0:0", "fifo:60:0"},
       {&setting("napi-threads"), {&thread, "90:25:napi/eth0-8193"}, "other:0:0-1", "fifo:60:0-1"},
-      {&setting("rps"), {&steering, "eth0/rx-0"}, "none", "0-1,33"}};
+      {&setting("rps"), {&steering, "3:eth0/rx-0"}, "none", "0-1,33"}};
   EXPECT_THAT(
       at_every_boot(Form::systemd, wishes, changes, link, "/usr/bin/env"),
       AllOf(HasSubstr("ExecStart=/usr/bin/env tune apply --set busy-poll=50 --set ksoftirqd=60 --interface "

@@ -106,8 +106,8 @@ std::string shell_of_driver(const Thing& thing, const std::string& value) {
   auto words = value;
   std::replace_if(
       words.begin(), words.end(), [](char c) { return c == '=' || c == ','; }, ' ');
-  return thing.kind == &gro ? fmt::format("ethtool --features '{}' gro {}\n", thing.what, words)
-                            : fmt::format("ethtool --coalesce '{}' {}\n", thing.what, words);
+  return thing.kind == &gro ? fmt::format("ethtool --features '{}' gro {}\n", thing.title(), words)
+                            : fmt::format("ethtool --coalesce '{}' {}\n", thing.title(), words);
 }
 
 std::string shell(const std::vector<Change>& changes) {

@@ -140,8 +140,9 @@ Things softirqs(Text) {
 }
 
 Things of_driver(const journal::Kind& kind, Text interface, const char* lacks) {
-  if (!kind.read(interface)) throw journal::Error(fmt::format("{} {}", interface, lacks));
-  return {{&kind, interface}};
+  const auto what = interface_here(interface);
+  if (!kind.read(what)) throw journal::Error(fmt::format("{} {}", interface, lacks));
+  return {{&kind, what}};
 }
 Things offloaded(Text interface) { return of_driver(gro, interface, "has no generic receive offload"); }
 Things coalesced(Text interface) {
@@ -158,7 +159,7 @@ Things steered(Text interface) {
 
 Things interrupts(Text interface) {
   Things found;
-  for (const int number : interrupts_of(interface)) found.push_back({&interrupt, std::to_string(number)});
+  for (const int number : interrupts_of(interface)) found.push_back({&interrupt, interrupt_here(number)});
   if (found.empty()) throw journal::Error(fmt::format("{} has no interrupts: it is no hardware", interface));
   return found;
 }
@@ -181,8 +182,9 @@ Things interrupt_threads(Text interface) {
 }
 
 Things threadable(Text interface) {
-  if (!threaded.read(interface)) throw journal::Error("this kernel has no threaded NAPI (Linux 5.12 has)");
-  return {{&threaded, interface}};
+  const auto what = interface_here(interface);
+  if (!threaded.read(what)) throw journal::Error("this kernel has no threaded NAPI (Linux 5.12 has)");
+  return {{&threaded, what}};
 }
 
 // Threads are named after the interface, older kernels cut their names short.
@@ -194,7 +196,7 @@ Things napi_threads(Text interface) {
     found = threads_named(name.substr(0, short_name));
     std::erase_if(found, [](const Thing& one) { return one.title().size() != short_name; });
   }
-  if (found.empty() || threaded.read(interface) == "0")
+  if (found.empty() || threaded.read(interface_here(interface)) == "0")
     throw journal::Error(fmt::format("{} has no NAPI threads: they come with threaded-napi on", interface));
   return found;
 }
