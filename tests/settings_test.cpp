@@ -4,9 +4,12 @@
 #include <algorithm>
 #include <fstream>
 #include <iterator>
+#include <memory>
 #include <sstream>
 
 #include <net/if.h>
+#include <sys/prctl.h>
+#include <sys/stat.h>
 #include <sys/wait.h>
 
 #include "own_run.hpp"
@@ -94,11 +97,16 @@ TEST(Kinds, TouchOnlyWhatTheyAreFor) {
   EXPECT_TRUE(network_sysctl.accepts("net/core/rmem_max"));
   for (const auto* what : {"net/core/../../kernel/core_pattern", "kernel/core_pattern", "net/core/"})
     EXPECT_FALSE(network_sysctl.accepts(what) || kernel_sysctl.accepts(what)) << what;
-  EXPECT_TRUE(steering.accepts("eth0/rx-0"));
-  for (const auto* what : {"../x/rx-0", "eth0/tx-0", "eth0/rx-", "eth0", "eth0/rx-0/../../x", "/rx-0"})
+  EXPECT_TRUE(steering.accepts("3:eth0/rx-0"));
+  for (const auto* what :
+       {"3:../x/rx-0", "3:eth0/tx-0", "3:eth0/rx-", "3:eth0", "3:eth0/rx-0/../../x", "/rx-0", "eth0/rx-0"})
     EXPECT_FALSE(steering.accepts(what)) << what;
-  for (const auto* what : {"..", ".", "", "a/b", "a b", "sixteencharacter"})
-    EXPECT_FALSE(threaded.accepts(what) || gro.accepts(what) || coalescing.accepts(what)) << what;
+  for (const auto* what :
+       {"..", ".", "", "a/b", "a b", "sixteencharacter", "a';reboot;'", "a`b", "a$b", "a\nb"})
+    for (const auto& interface : {std::string(what), std::string("3:") + what})
+      EXPECT_FALSE(threaded.accepts(interface) || gro.accepts(interface) || coalescing.accepts(interface))
+          << interface;
+  EXPECT_TRUE(gro.accepts("3:eth0"));
   EXPECT_FALSE(governor.accepts("cpufreq") || governor.accepts("cpu0/../cpu1") || interrupt.accepts("41/x"));
 }
 
@@ -152,7 +160,7 @@ class OnVeth : public testing::Test {
 
 TEST_F(OnVeth, NapiIsThreadedPrioritisedAndGivenBack) {
   inside([] {
-    const auto before = *gro.read("left");
+    const auto before = *gro.read(interface_here("left"));
     {
       journal::Journal journal(kinds());
       const auto changes =
@@ -167,7 +175,7 @@ TEST_F(OnVeth, NapiIsThreadedPrioritisedAndGivenBack) {
       for (const auto& change : changes) EXPECT_TRUE(now(change, left)) << change.setting->name;
       EXPECT_THAT(take_back(journal, changes), IsEmpty());
       EXPECT_EQ(threaded_file(), "0");
-      EXPECT_EQ(gro.read("left"), before);
+      EXPECT_EQ(gro.read(interface_here("left")), before);
     }
   });
 }
@@ -175,7 +183,7 @@ TEST_F(OnVeth, NapiIsThreadedPrioritisedAndGivenBack) {
 TEST_F(OnVeth, WhatIsLackingIsSaidByNameBeforeAnythingIsChanged) {
   inside([] {
     journal::Journal journal(kinds());
-    const auto steering_before = steering.read("left/rx-0");
+    const auto steering_before = steering.read(interface_here("left") + "/rx-0");
     for (const auto& [wish, words] : std::map<std::string, std::string>{
              {"irq-cpus", "no interrupts"}, {"napi-cpus", "threaded-napi"}, {"coalescing", "coalesced"}}) {
       const auto value = wish == "coalescing" ? "rx-usecs=1" : "0";
@@ -183,15 +191,27 @@ TEST_F(OnVeth, WhatIsLackingIsSaidByNameBeforeAnythingIsChanged) {
                     apply(journal, {{"rps", "0"}, {wish, value}}, left);
                   }),
                   AllOf(StartsWith(wish + ": "), HasSubstr(words)));
-      EXPECT_EQ(steering.read("left/rx-0"), steering_before);
+      EXPECT_EQ(steering.read(interface_here("left") + "/rx-0"), steering_before);
     }
-    EXPECT_THAT(error_of([&] { plan({{"threaded-napi", "on"}}, left); }), HasSubstr("gro on"));
+    const auto unthreadable = [&] { apply(journal, {{"rps", "0"}, {"threaded-napi", "on"}}, left); };
+    EXPECT_THAT(error_of(unthreadable), AllOf(StartsWith("threaded-napi: "), HasSubstr("gro on")));
+    EXPECT_EQ(steering.read(interface_here("left") + "/rx-0"), steering_before)
+        << "what was set before is given back";
     EXPECT_THAT(error_of([&] { plan({{"rps", "0,999"}}, left); }), HasSubstr("no CPU 999"));
     EXPECT_THAT(error_of([&] {
                   plan({{"rps", "0"}}, {"nonet0", ""});
                 }),
                 AllOf(StartsWith("rps"), HasSubstr("nonet0")));
     EXPECT_THAT(error_of([&] { plan({{"speed", "0"}}, left); }), HasSubstr("'speed'"));
+  });
+}
+
+TEST_F(OnVeth, LookingWritesNothing) {
+  inside([] {
+    ASSERT_EQ(mount("", "/sys", "", MS_REMOUNT | MS_BIND | MS_RDONLY, nullptr), 0);
+    for (const auto& state : show(left))
+      if (state.setting->name == std::string("threaded-napi")) EXPECT_EQ(state.cannot, "");
+    EXPECT_EQ(plan({{"threaded-napi", "off"}}, left).at(0).before, "0");
   });
 }
 
@@ -204,8 +224,36 @@ TEST_F(OnVeth, WhatSomebodyChangedMeanwhileIsLeftAndTold) {
     EXPECT_EQ(now(changes[0], left), "1");
     EXPECT_THAT(take_back(journal, changes),
                 testing::ElementsAre(AllOf(HasSubstr("left/rx-0"), HasSubstr("somebody"))));
-    EXPECT_EQ(steering.read("left/rx-0"), "1");
+    EXPECT_EQ(steering.read(interface_here("left") + "/rx-0"), "1");
   });
+}
+
+TEST_F(OnVeth, AnotherInterfaceOfThatNameIsNotGivenBackTo) {
+  inside([] {
+    journal::Journal journal(kinds());
+    const auto changes = apply(journal, {{"rps", "0"}, {"gro", "on"}}, left);
+    const auto first = interface_here("left");
+    ASSERT_EQ(std::system("ip link del left && ip link add left type veth peer name right"), 0);
+    ASSERT_NE(interface_here("left"), first);
+    std::ofstream("/sys/class/net/left/queues/rx-0/rps_cpus") << "1";
+    EXPECT_EQ(now(changes[0], left), std::nullopt);
+    EXPECT_THROW(gro.write(first, "on", "off"), journal::Error);
+    EXPECT_THAT(take_back(journal, changes), IsEmpty());
+    EXPECT_EQ(steering.read(interface_here("left") + "/rx-0"), "0") << "as whoever made it has set it";
+  });
+}
+
+TEST(Interrupts, AreThoseThatTheyWere) {
+  for (const auto& entry : std::filesystem::directory_iterator("/proc/irq")) {
+    const auto name = entry.path().filename().string();
+    if (name.find_first_not_of("0123456789") != name.npos) continue;
+    const auto what = interrupt_here(std::stoi(name));
+    EXPECT_EQ(interrupt.read(what), text_of(entry.path() / "smp_affinity_list"));
+    EXPECT_FALSE(interrupt.read(what + "1")) << "another line that has its number by now";
+    EXPECT_THROW(interrupt.write(what + "1", "0", "0"), journal::Error);
+    EXPECT_EQ(Thing({&interrupt, what}).title(), "interrupt " + name);
+    return;
+  }
 }
 
 TEST_F(OnVeth, WhatAKilledProcessLeftIsGivenBack) {
@@ -222,7 +270,7 @@ TEST_F(OnVeth, WhatAKilledProcessLeftIsGivenBack) {
     EXPECT_EQ(threaded_file(), "1");
     EXPECT_THAT(journal::revert_abandoned(kinds()), SizeIs(4));
     EXPECT_EQ(threaded_file(), "0");
-    EXPECT_EQ(steering.read("left/rx-0"), "none");
+    EXPECT_EQ(steering.read(interface_here("left") + "/rx-0"), "none");
   });
 }
 
@@ -233,7 +281,7 @@ TEST_F(OnVeth, WhatIsKeptStaysUntilItIsReverted) {
       apply(journal, {{"rps", "1"}}, left);
       journal.keep();
     }
-    EXPECT_EQ(steering.read("left/rx-0"), "1");
+    EXPECT_EQ(steering.read(interface_here("left") + "/rx-0"), "1");
     EXPECT_THAT(journal::revert_abandoned(kinds()), IsEmpty()) << "it is not abandoned";
     {
       journal::Journal run(kinds());  // changes the same, and gives back what was kept
@@ -247,7 +295,7 @@ TEST_F(OnVeth, WhatIsKeptStaysUntilItIsReverted) {
     EXPECT_EQ(kept[0].now, "1");
     {
       journal::Journal again(kinds());
-      const auto changes = apply(again, {{"rps", "0-1"}, {"gro", *gro.read("left")}}, left);
+      const auto changes = apply(again, {{"rps", "0-1"}, {"gro", *gro.read(interface_here("left"))}}, left);
       remember(again, changes, left);
       again.keep();
     }
@@ -258,7 +306,7 @@ TEST_F(OnVeth, WhatIsKeptStaysUntilItIsReverted) {
     const auto given_back = revert.revert_kept();
     EXPECT_TRUE(given_back.finished);
     EXPECT_THAT(given_back.done, SizeIs(2));
-    EXPECT_EQ(steering.read("left/rx-0"), "none");
+    EXPECT_EQ(steering.read(interface_here("left") + "/rx-0"), "none");
     EXPECT_THAT(journal::kept(kinds()), IsEmpty());
   });
 }
@@ -279,11 +327,12 @@ TEST(Boot, IsSaidForSystemdTmpfilesAndAShell) {
       {&setting("busy-poll"), {&network_sysctl, "net/core/busy_poll"}, "0", "50"},
       {&setting("ksoftirqd"), {&thread, "14:25:ksoftirqd/0"}, "other:0:0", "fifo:60:0"},
       {&setting("napi-threads"), {&thread, "90:25:napi/eth0-8193"}, "other:0:0-1", "fifo:60:0-1"},
-      {&setting("rps"), {&steering, "eth0/rx-0"}, "none", "0-1,33"}};
+      {&setting("rps"), {&steering, "3:eth0/rx-0"}, "none", "0-1,33"}};
   EXPECT_THAT(
-      at_every_boot(Form::systemd, wishes, changes, link, "/usr/bin/ontime"),
-      HasSubstr(
-          "ExecStart=/usr/bin/ontime tune apply --set busy-poll=50 --set ksoftirqd=60 --interface eth0\n"));
+      at_every_boot(Form::systemd, wishes, changes, link, "/usr/bin/env"),
+      AllOf(HasSubstr("ExecStart=/usr/bin/env tune apply --set busy-poll=50 --set ksoftirqd=60 --interface "
+                      "eth0\n"),
+            HasSubstr("ExecStop=/usr/bin/env tune revert\n")));
   EXPECT_EQ(at_every_boot(Form::tmpfiles, wishes, {changes[0], changes[3]}, link, ""),
             "# /etc/tmpfiles.d/ontime.conf\nw /proc/sys/net/core/busy_poll - - - - 50\n"
             "w /sys/class/net/eth0/queues/rx-0/rps_cpus - - - - 00000002,00000003\n");
@@ -294,8 +343,75 @@ TEST(Boot, IsSaidForSystemdTmpfilesAndAShell) {
       script,
       AllOf(HasSubstr("echo '50' > '/proc/sys/net/core/busy_poll'\n"),
             HasSubstr("$(threads 'ksoftirqd/0'); do chrt --fifo --pid 60 \"$pid\"; done\n"),
-            HasSubstr("$(threads 'napi/eth0-*'); do chrt --fifo --pid 60 \"$pid\"; taskset --cpu-list "
+            HasSubstr("$(threads 'napi/eth0-[0-9]*'); do chrt --fifo --pid 60 \"$pid\"; taskset --cpu-list "
                       "--pid 0-1 \"$pid\"; done\n")));
+}
+
+// Any user has a network namespace in which he names interfaces, and so threads, as he likes.
+TEST(Boot, NoWordOfAStrangerIsInTheScript) {
+  const auto script_for = [](const std::string& name) {
+    return at_every_boot(Form::shell, {},
+                         {{&setting("napi-threads"), {&thread, "90:25:" + name}, "other:0:0", "fifo:60:0"}},
+                         {}, "");
+  };
+  for (const char bad : std::string("';`$\"\\*[( \n"))
+    EXPECT_THAT(script_for(std::string("napi/eth0") + bad + "-12"),
+                HasSubstr("$(threads 'napi/eth0.-[0-9]*');"));
+  EXPECT_THAT(script_for("napi/eth0.5-12"), HasSubstr("$(threads 'napi/eth0[.]5-[0-9]*');"));
+  EXPECT_THAT(script_for("irq/41-ahci[0000"), HasSubstr("$(threads 'irq/[0-9]+-ahci.0000');"));
+  EXPECT_THAT(error_of([] {
+                plan({{"rps", "0"}}, {"e';reboot;'", ""});
+              }),
+              HasSubstr("no name of an interface"));
+}
+
+TEST(Boot, SystemdIsToldPlainWordsAndAProgramOfRootsAlone) {
+  const auto refused_of = [](const Link& link, const std::string& program) {
+    return error_of([&] { at_every_boot(Form::systemd, {{"ksoftirqd", "60"}}, {}, link, program); });
+  };
+  EXPECT_EQ(refused_of({}, "/usr/bin/env"), "");
+  for (const std::string bad : {"eth0\nExecStartPre=/tmp/x", "a b", "%h", "$x", "'"}) {
+    EXPECT_THAT(refused_of({bad, ""}, "/usr/bin/env"), HasSubstr("cannot be"));
+    EXPECT_THAT(refused_of({"eth0", bad}, "/usr/bin/env"), HasSubstr("cannot be"));
+    EXPECT_THAT(refused_of({}, "/usr/bin/" + bad), HasSubstr("cannot be"));
+  }
+  EXPECT_THAT(refused_of({}, "/usr/bin/none"), HasSubstr("install"));
+  EXPECT_THAT(refused_of({}, "/tmp/none"), HasSubstr("install"));
+  if (geteuid() != 0) return;
+  std::string folder = "/var/ontime-settings-test-XXXXXX";
+  ASSERT_NE(mkdtemp(folder.data()), nullptr);
+  const auto program = folder + "/ontime";
+  std::ofstream(program) << "x";
+  EXPECT_EQ(refused_of({}, program), "");
+  for (const auto& [path, mode] : {std::pair(folder, 0777), std::pair(program, 0775)}) {
+    ASSERT_EQ(chown(path.c_str(), 0, 12345), 0);
+    ASSERT_EQ(chmod(path.c_str(), mode), 0);
+    EXPECT_THAT(refused_of({}, program), AllOf(HasSubstr(path), HasSubstr("install")));
+    ASSERT_EQ(chmod(path.c_str(), 0755), 0);
+  }
+  ASSERT_EQ(chown(program.c_str(), 12345, 0), 0);
+  EXPECT_THAT(refused_of({}, program), HasSubstr("install"));
+  std::filesystem::remove_all(folder);
+}
+
+TEST(Boot, TheScriptFindsThreadsOfTheKernelByTheirWholeName) {
+  const auto script = at_every_boot(
+      Form::shell, {}, {{&setting("ksoftirqd"), {&thread, "14:25:ksoftirqd/0"}, "other:0:0", "fifo:60:0"}},
+      {}, "");
+  const auto begin = script.find("threads()"), end = script.find("for pid");
+  const auto found = [&](const std::string& pattern) {
+    const auto command = script.substr(begin, end - begin) + "threads '" + pattern + "' | wc -l";
+    const std::unique_ptr<FILE, decltype(&pclose)> pipe(popen(command.c_str(), "r"), pclose);
+    int count = -1;
+    EXPECT_EQ(std::fscanf(pipe.get(), "%d", &count), 1);
+    return count;
+  };
+  if (found("kthreadd|ksoftirqd/0") == 0) GTEST_SKIP() << "the kernel's threads are not to be seen from here";
+  in_child([&] {
+    prctl(PR_SET_NAME, "ksoftirqd/0");
+    EXPECT_EQ(found("ksoftirqd/0"), 1) << "and not who calls himself so";
+    EXPECT_EQ(found("softirqd/0"), 0);
+  });
 }
 
 }  // namespace

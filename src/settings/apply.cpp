@@ -32,7 +32,8 @@ std::vector<Wish> in_order(const Wishes& wishes) {
     }
   if (all.size() == wishes.size()) return all;
   for (const auto& wished : wishes)
-    if (std::none_of(all.begin(), all.end(), [&](const Wish& wish) { return wished.first == wish.setting->name; }))
+    if (std::none_of(all.begin(), all.end(),
+                     [&](const Wish& wish) { return wished.first == wish.setting->name; }))
       throw Error(fmt::format("there is no setting '{}'", wished.first));
   return all;
 }
@@ -41,6 +42,11 @@ std::vector<Wish> in_order(const Wishes& wishes) {
 void where_it_is(const Setting& setting, const Link& link, const std::function<void()>& action) {
   if (setting.of_interface && link.interface.empty())
     throw journal::Error("it is of an interface, and none is named");
+  if (setting.of_interface && !is_interface_name(link.interface))
+    throw journal::Error(
+        fmt::format("'{}' is no name of an interface of letters, digits and '_-.@': ip link set ... name "
+                    "NAME gives it one",
+                    link.interface));
   journal::within_namespace(setting.of_interface ? link.network_namespace : "", [&] {
     if (setting.of_interface && if_nametoindex(link.interface.c_str()) == 0)
       throw journal::Error(fmt::format("there is no interface {}", link.interface));

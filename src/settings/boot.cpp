@@ -1,21 +1,47 @@
 // SPDX-License-Identifier: Apache-2.0
 // What a robot needs to have settings at every boot.
 #include <algorithm>
+#include <filesystem>
 
 #include <fmt/format.h>
+#include <sys/stat.h>
 
 #include "settings/kinds.hpp"
 
 namespace ontime::settings {
 namespace {
 
+namespace fs = std::filesystem;
+
+// That neither a shell, nor systemd, nor a regular expression takes for something else.
+constexpr const char* plain = "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789_-/@:";
+
+// What root has started at every boot must be root's to write alone, and so must all folders above.
+void require_roots(const std::string& program) {
+  for (fs::path path = program;; path = path.parent_path()) {
+    struct stat found {};
+    const bool roots = lstat(path.c_str(), &found) == 0 && found.st_uid == 0 &&
+                       (found.st_mode & S_IWOTH) == 0 &&
+                       (found.st_gid == 0 || (found.st_mode & S_IWGRP) == 0);
+    if (!roots)
+      throw Error(
+          fmt::format("root would start {} at every boot, but others than root can write {}: install it "
+                      "(sudo cmake --install build/release), and use the one that is installed",
+                      program, path.string()));
+    if (!path.has_relative_path()) return;
+  }
+}
+
 std::string systemd(const Wishes& wishes, const Link& link, const std::string& program) {
+  for (const auto& word : {link.interface, link.network_namespace, program})
+    if (const auto at = word.find_first_not_of(std::string(plain) + "."); at != word.npos)
+      throw Error(
+          fmt::format("'{}' cannot be in a unit: '{}' is no letter, digit or one of _-/@:.", word, word[at]));
+  require_roots(program);
   std::string command = program + " tune apply";
   for (const auto& [name, value] : wishes) command += fmt::format(" --set {}={}", name, value);
   if (!link.interface.empty()) command += " --interface " + link.interface;
   if (!link.network_namespace.empty()) command += " --namespace " + link.network_namespace;
-  for (auto at = command.find('%'); at != command.npos; at = command.find('%', at + 2))
-    command.insert(at, "%");
   return fmt::format(R"(# /etc/systemd/system/ontime-tune.service
 [Unit]
 Description=Kernel settings for messages that arrive on time
@@ -47,11 +73,21 @@ std::string tmpfiles(const std::vector<Change>& changes) {
   return text;
 }
 
-// Numbers in the names of threads are not the same at every boot, but those of CPUs.
+// Of the names of threads, as pgrep takes it. Numbers in them are not the same at every boot, but those of
+// CPUs. What is no plain letter may be any: whoever named an interface chose it, and root's shell reads it.
 std::string pattern_of(const std::string& name) {
-  if (name.starts_with("ksoftirqd/")) return name;
-  if (name.starts_with("irq/")) return "irq/*" + name.substr(std::min(name.size(), name.find('-')));
-  return name.substr(0, name.rfind('-') + 1) + '*';
+  std::string pattern;
+  for (const char c : name)
+    if (c == '.')
+      pattern += "[.]";
+    else
+      pattern += std::string_view(plain).find(c) == std::string_view::npos ? '.' : c;
+  const auto number = pattern.find_last_not_of("0123456789") + 1;
+  if (name.starts_with("irq/"))
+    return "irq/[0-9]+" + pattern.substr(std::min(pattern.size(), pattern.find('-')));
+  if (name.starts_with("napi/"))
+    return pattern.substr(0, number) + "[0-9]*";  // older kernels cut names short
+  return pattern;
 }
 
 std::string shell_of_thread(const std::string& name, const std::string& state) {
@@ -70,18 +106,15 @@ std::string shell_of_driver(const Thing& thing, const std::string& value) {
   auto words = value;
   std::replace_if(
       words.begin(), words.end(), [](char c) { return c == '=' || c == ','; }, ' ');
-  return thing.kind == &gro ? fmt::format("ethtool --features '{}' gro {}\n", thing.what, words)
-                            : fmt::format("ethtool --coalesce '{}' {}\n", thing.what, words);
+  return thing.kind == &gro ? fmt::format("ethtool --features '{}' gro {}\n", thing.title(), words)
+                            : fmt::format("ethtool --coalesce '{}' {}\n", thing.title(), words);
 }
 
 std::string shell(const std::vector<Change>& changes) {
   std::string text = R"sh(#!/bin/sh
 set -e
-threads() {
-  for folder in /proc/[0-9]*; do
-    case "$(cat "$folder/comm" 2>/dev/null)" in $1) echo "${folder#/proc/}" ;; esac
-  done
-}
+pgrep --version >/dev/null
+threads() { pgrep --parent 2 --exact "$1"; }  # of the kernel: others may call themselves so, too
 )sh";
   for (const auto& change : changes) {
     if (change.thing.kind == nullptr)

@@ -49,7 +49,7 @@ Value read_gro(const std::string& interface) {
   return command.data != 0 ? "on" : "off";
 }
 
-void write_gro(const std::string& interface, const Value& value, const Value&) {
+void write_gro(const std::string& interface, const Value& value) {
   ethtool_value command{.cmd = ETHTOOL_SGRO, .data = value == "on" ? 1U : 0U};
   if (const int error = call(interface, &command); error != 0)
     throw trouble(fmt::format("generic receive offload of {}", interface), error);
@@ -110,7 +110,7 @@ Value read_coalescing(const std::string& interface) {
   return state ? Value(text_of(*state)) : Value();
 }
 
-void write_coalescing(const std::string& interface, const Value& value, const Value&) {
+void write_coalescing(const std::string& interface, const Value& value) {
   auto state = coalescing_of(interface);
   if (!state) throw trouble(fmt::format("interrupt coalescing of {}", interface), EOPNOTSUPP);
   try {
@@ -126,9 +126,8 @@ void write_coalescing(const std::string& interface, const Value& value, const Va
 }  // namespace
 
 const journal::Kind coalescing =
-    kind("coalescing", Scope::network_namespace, is_interface_name, read_coalescing, write_coalescing);
-const journal::Kind gro =
-    kind("generic receive offload", Scope::network_namespace, is_interface_name, read_gro, write_gro);
+    kind_of_interface<read_coalescing, write_coalescing>("coalescing", is_interface);
+const journal::Kind gro = kind_of_interface<read_gro, write_gro>("generic receive offload", is_interface);
 
 std::string with_coalescing(const std::string& value, const std::string& asked) {
   ethtool_coalesce state{};

@@ -50,18 +50,39 @@ std::string governor_path(const std::string& cpu) {
   return fmt::format("{}/{}/cpufreq/scaling_governor", cpus_folder, cpu);
 }
 
-bool is_interrupt(const std::string& what) { return is_numbered(what, ""); }
-std::string interrupt_path(const std::string& number) {
-  return fmt::format("/proc/irq/{}/smp_affinity_list", number);
+bool is_interrupt(const std::string& what) { return is_numbered(what.substr(0, what.find(':')), ""); }
+std::string interrupt_path(const std::string& what) {
+  return fmt::format("/proc/irq/{}/smp_affinity_list", what.substr(0, what.find(':')));
+}
+// A number is given to another device's line when the first is gone.
+bool is_same_interrupt(const std::string& what) { return what == interrupt_here(std::stoi(what)); }
+Value read_interrupt(const std::string& what) {
+  return is_same_interrupt(what) ? read_file(interrupt_path(what)) : Value();
+}
+void write_interrupt(const std::string& what, const Value& value, const Value&) {
+  if (!is_same_interrupt(what)) throw journal::Error(fmt::format("interrupt {} is another's by now", what));
+  write_file(interrupt_path(what), value.value_or(""));
 }
 
 std::string threaded_path(const std::string& interface) {
   return fmt::format("{}/{}/threaded", interfaces_folder, interface);
 }
 
+// That there is no NAPI which could have threads the kernel says to whoever sets it, and not before.
+void write_threaded(const std::string& interface, const Value& value) {
+  try {
+    write_file(threaded_path(interface), value.value_or(""));
+  } catch (const journal::Error& error) {
+    throw journal::Error(
+        fmt::format("{} (has {} NAPI? a veth interface has, with gro on)", error.what(), interface));
+  }
+}
+
+Value read_threaded(const std::string& interface) { return read_file(threaded_path(interface)); }
+
 bool is_queue(const std::string& what) {
   const auto slash = what.find('/');
-  return slash != what.npos && is_interface_name(what.substr(0, slash)) &&
+  return slash != what.npos && is_interface(what.substr(0, slash)) &&
          is_numbered(what.substr(slash + 1), "rx-");
 }
 std::string steering_path(const std::string& what) {
@@ -97,16 +118,32 @@ Value read_steering(const std::string& queue) {
   const auto mask = read_file(steering_path(queue));
   return mask ? Value(list_of_mask(*mask)) : Value();
 }
-void write_steering(const std::string& queue, const Value& value, const Value&) {
+void write_steering(const std::string& queue, const Value& value) {
   write_file(steering_path(queue), mask_of_list(value.value_or("none")));
 }
 
 }  // namespace
 
 bool is_interface_name(const std::string& name) {
+  constexpr const char* plain = "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789_-.@";
   return !name.empty() && name.size() < IFNAMSIZ && name != "." && name != ".." &&
-         std::all_of(name.begin(), name.end(),
-                     [](unsigned char c) { return c > ' ' && c < 0x7f && c != '/' && c != ':'; });
+         name.find_first_not_of(plain) == name.npos;
+}
+
+std::string interface_here(const std::string& name) {
+  return fmt::format("{}:{}", if_nametoindex(name.c_str()), name);
+}
+bool is_interface(const std::string& what) {
+  const auto colon = what.find_first_not_of("0123456789");
+  return colon != what.npos && colon > 0 && what[colon] == ':' && is_interface_name(what.substr(colon + 1));
+}
+bool is_here(const std::string& interface_or_queue) {
+  const auto interface = interface_or_queue.substr(0, interface_or_queue.find('/'));
+  const auto name = name_of_interface(interface);
+  return if_nametoindex(name.c_str()) != 0 && interface == interface_here(name);
+}
+std::string name_of_interface(const std::string& interface_or_queue) {
+  return interface_or_queue.substr(interface_or_queue.find(':') + 1);
 }
 
 const journal::Kind network_sysctl = kind("network sysctl", Scope::network_namespace, is_network_sysctl,
@@ -116,19 +153,19 @@ const journal::Kind kernel_sysctl =
 const journal::Kind governor =
     kind("governor", Scope::machine, is_cpu, read<governor_path>, write<governor_path>);
 const journal::Kind interrupt =
-    kind("interrupt", Scope::machine, is_interrupt, read<interrupt_path>, write<interrupt_path>);
-const journal::Kind threaded = kind("threaded NAPI", Scope::network_namespace, is_interface_name,
-                                    read<threaded_path>, write<threaded_path>);
+    kind("interrupt", Scope::machine, is_interrupt, read_interrupt, write_interrupt);
+const journal::Kind threaded =
+    kind_of_interface<read_threaded, write_threaded>("threaded NAPI", is_interface);
 const journal::Kind steering =
-    kind("receive packet steering", Scope::network_namespace, is_queue, read_steering, write_steering);
+    kind_of_interface<read_steering, write_steering>("receive packet steering", is_queue);
 
 std::optional<File> file_of(const Thing& thing, const std::string& value) {
   const auto* const kind = thing.kind;
   if (kind == &network_sysctl || kind == &kernel_sysctl) return File{sysctl_path(thing.what), value};
   if (kind == &governor) return File{governor_path(thing.what), value};
   if (kind == &interrupt) return File{interrupt_path(thing.what), value};
-  if (kind == &threaded) return File{threaded_path(thing.what), value};
-  if (kind == &steering) return File{steering_path(thing.what), mask_of_list(value)};
+  if (kind == &threaded) return File{threaded_path(thing.title()), value};
+  if (kind == &steering) return File{steering_path(thing.title()), mask_of_list(value)};
   return {};
 }
 
@@ -142,7 +179,7 @@ std::vector<Thing> cpus_with_governor() {
 std::vector<Thing> receive_queues_of(const std::string& interface) {
   std::vector<Thing> found;
   for (const auto& queue : names_in(fmt::format("{}/{}/queues", interfaces_folder, interface)))
-    if (const auto what = interface + '/' + queue; is_queue(what) && steering.read(what))
+    if (const auto what = interface_here(interface) + '/' + queue; is_queue(what) && steering.read(what))
       found.push_back({&steering, what});
   return found;
 }

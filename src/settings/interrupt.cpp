@@ -47,8 +47,15 @@ std::vector<int> interrupts_of(const std::string& interface) {
   std::set<int> numbers;
   add_of_device(interface, numbers);
   if (numbers.empty()) add_by_name(interface, numbers);
-  std::erase_if(numbers, [](int number) { return !interrupt.read(std::to_string(number)); });
+  std::erase_if(numbers, [](int number) { return !interrupt.read(interrupt_here(number)); });
   return {numbers.begin(), numbers.end()};
+}
+
+std::string interrupt_here(int number) {
+  const auto said = [&](const char* file) {
+    return read_file(fmt::format("/sys/kernel/irq/{}/{}", number, file)).value_or("");
+  };
+  return fmt::format("{}:{} {}", number, said("chip_name"), said("hwirq"));
 }
 
 }  // namespace ontime::settings

@@ -11,7 +11,8 @@ std::span<const journal::Kind> kinds() {
 
 std::string Thing::title() const {
   if (kind == &thread) return name_of_thread(what);
-  if (kind == &interrupt) return "interrupt " + what;
+  if (kind == &interrupt) return "interrupt " + what.substr(0, what.find(':'));
+  if (is_interface(what.substr(0, what.find('/')))) return name_of_interface(what);
   return what;
 }
 

@@ -18,13 +18,14 @@ extern const journal::Kind thread;
 // "net/core/rmem_max", "kernel/timer_migration": a file below /proc/sys. Those of the network are seen where
 // they can be written: not in every network namespace.
 extern const journal::Kind network_sysctl, kernel_sysctl;
-extern const journal::Kind governor;   // "cpu0"
-extern const journal::Kind interrupt;  // "41"; its value: CPUs
-extern const journal::Kind threaded;   // an interface's name; "0" or "1"
-extern const journal::Kind steering;   // "eth0/rx-0": to which CPUs its packets are handed; "none"
-// An interface's name; "rx-usecs=3,rx-frames=0,tx-usecs=0,tx-frames=0,adaptive-rx=off,adaptive-tx=off"
+extern const journal::Kind governor;  // "cpu0"
+// "41:PCI-MSI 524288": its number, and whose line it is; its value: CPUs
+extern const journal::Kind interrupt;
+extern const journal::Kind threaded;  // an interface; "0" or "1"
+extern const journal::Kind steering;  // "3:eth0/rx-0": to which CPUs its packets are handed; "none"
+// An interface; "rx-usecs=3,rx-frames=0,tx-usecs=0,tx-frames=0,adaptive-rx=off,adaptive-tx=off"
 extern const journal::Kind coalescing;
-extern const journal::Kind gro;  // an interface's name; "on" or "off"
+extern const journal::Kind gro;  // an interface; "on" or "off"
 
 // Of whatever is here: none of it outlives the kernel, and root alone changes it.
 constexpr journal::Kind kind(const char* name, journal::Scope scope, decltype(journal::Kind::accepts) accepts,
@@ -36,6 +37,26 @@ constexpr journal::Kind kind(const char* name, journal::Scope scope, decltype(jo
           .accepts = accepts,
           .read = read,
           .write = write};
+}
+
+// An interface is "3:eth0", its index and its name: another one of that name has another index.
+std::string interface_here(const std::string& name);
+bool is_interface(const std::string& what);
+bool is_here(const std::string& interface_or_queue);
+std::string name_of_interface(const std::string& interface_or_queue);  // "eth0", "eth0/rx-0"
+
+// Read and written by its name, as long as it is the one that it was.
+template <auto read, auto write>
+constexpr journal::Kind kind_of_interface(const char* name, bool (*accepts)(const std::string&)) {
+  return kind(
+      name, journal::Scope::network_namespace, accepts,
+      [](const std::string& what) {
+        return is_here(what) ? read(name_of_interface(what)) : journal::Value();
+      },
+      [](const std::string& what, const journal::Value& value, const journal::Value&) {
+        if (!is_here(what)) throw journal::Error(what + " is not there any more");
+        write(name_of_interface(what), value);
+      });
 }
 
 // Of a thing that is a file: which, and what is to be written into it for a value; nothing for others.
@@ -52,9 +73,11 @@ std::string with_cpus(const std::string& value, const std::string& cpus);
 
 // The numbers of an interface's interrupts, as far as it has any.
 std::vector<int> interrupts_of(const std::string& interface);
+std::string interrupt_here(int number);
 std::vector<Thing> cpus_with_governor();
 std::vector<Thing> receive_queues_of(const std::string& interface);
 std::string with_coalescing(const std::string& value, const std::string& asked);
+// Linux permits more: quotes and blanks, that a shell takes for its own.
 bool is_interface_name(const std::string& name);
 
 }  // namespace ontime::settings

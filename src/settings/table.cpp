@@ -4,7 +4,6 @@
 #include <sstream>
 
 #include <fmt/format.h>
-#include <unistd.h>
 
 #include "realtime/realtime.hpp"
 #include "settings/file.hpp"
@@ -141,8 +140,9 @@ Things softirqs(Text) {
 }
 
 Things of_driver(const journal::Kind& kind, Text interface, const char* lacks) {
-  if (!kind.read(interface)) throw journal::Error(fmt::format("{} {}", interface, lacks));
-  return {{&kind, interface}};
+  const auto what = interface_here(interface);
+  if (!kind.read(what)) throw journal::Error(fmt::format("{} {}", interface, lacks));
+  return {{&kind, what}};
 }
 Things offloaded(Text interface) { return of_driver(gro, interface, "has no generic receive offload"); }
 Things coalesced(Text interface) {
@@ -159,7 +159,7 @@ Things steered(Text interface) {
 
 Things interrupts(Text interface) {
   Things found;
-  for (const int number : interrupts_of(interface)) found.push_back({&interrupt, std::to_string(number)});
+  for (const int number : interrupts_of(interface)) found.push_back({&interrupt, interrupt_here(number)});
   if (found.empty()) throw journal::Error(fmt::format("{} has no interrupts: it is no hardware", interface));
   return found;
 }
@@ -181,17 +181,10 @@ Things interrupt_threads(Text interface) {
       fmt::format("the interrupts of {} have no threads: its driver does without", interface));
 }
 
-// The kernel says whether it can only to who asks it to: what is so already costs nothing.
 Things threadable(Text interface) {
-  const auto now = threaded.read(interface);
-  if (!now) throw journal::Error("this kernel has no threaded NAPI (Linux 5.12 has)");
-  try {
-    if (geteuid() == 0) threaded.write(interface, now, now);
-  } catch (const journal::Error&) {
-    throw journal::Error(
-        fmt::format("{} has no NAPI that could be threaded (a veth interface has, with gro on)", interface));
-  }
-  return {{&threaded, interface}};
+  const auto what = interface_here(interface);
+  if (!threaded.read(what)) throw journal::Error("this kernel has no threaded NAPI (Linux 5.12 has)");
+  return {{&threaded, what}};
 }
 
 // Threads are named after the interface, older kernels cut their names short.
@@ -203,7 +196,7 @@ Things napi_threads(Text interface) {
     found = threads_named(name.substr(0, short_name));
     std::erase_if(found, [](const Thing& one) { return one.title().size() != short_name; });
   }
-  if (found.empty() || threaded.read(interface) == "0")
+  if (found.empty() || threaded.read(interface_here(interface)) == "0")
     throw journal::Error(fmt::format("{} has no NAPI threads: they come with threaded-napi on", interface));
   return found;
 }
@@ -243,7 +236,7 @@ const Setting all[] = {
     {"ksoftirqd", "1-99|other|CPU=...", "SCHED_FIFO priority of ksoftirqd on all CPUs, or on each its own",
      false, "", check_priorities, softirqs, with_priority_of_its_cpu},
     {"threaded-napi", on_off, "whether the interface's packets are taken in by threads of their own", true,
-     "gro", check_switch, threadable, one_or_zero},
+     "", check_switch, threadable, one_or_zero},
     {"napi-threads", priority, "SCHED_FIFO priority of these threads", true, "threaded-napi", check_priority,
      napi_threads, with_this_priority},
     {"napi-cpus", cpus, "the CPUs of these threads", true, "threaded-napi", check_cpus, napi_threads,
