@@ -3,11 +3,12 @@
 #include <filesystem>
 #include <system_error>
 
+#include "campaign/campaign.hpp"
 #include <fmt/format.h>
+#include "flags.hpp"
 
 #include "commands.hpp"
 #include "output.hpp"
-#include "run_flags.hpp"
 
 namespace ontime::app {
 namespace {
@@ -63,9 +64,7 @@ void add_export(CLI::App& app, Action& action) {
       ->delimiter(',')
       ->allow_extra_args(false)
       ->type_name("N,...");
-  command->add_option("--output", arguments->output, "into this file, instead of standard output")
-      ->type_name("FILE")
-      ->check(given);
+  add_output(*command, arguments->output);
   command->callback([&action, arguments] { action = [arguments] { return export_results(*arguments); }; });
 }
 

@@ -13,7 +13,9 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
+#include "campaign/campaign.hpp"
 #include "commands.hpp"
+#include "flags.hpp"
 #include "output.hpp"
 #include "results_page.hpp"
 #include "run_flags.hpp"
@@ -141,10 +143,7 @@ void add_plot(CLI::App& app, Action& action) {
   auto* command = app.add_subcommand("plot", "Figures for a paper: SVG, PDF, PNG");
   auto arguments = std::make_shared<Arguments>();
   command->add_option("RESULTS", arguments->results, "a results file")->required();
-  command->add_option("--output", arguments->output, "the figure: .svg, .pdf or .png")
-      ->required()
-      ->type_name("FILE")
-      ->check(given);
+  add_file(*command, "--output", arguments->output, "the figure: .svg, .pdf or .png")->required();
   command
       ->add_option("--figure", arguments->figure,
                    "time (round trips over it), worse (how often is it worse than x) or payload (against "

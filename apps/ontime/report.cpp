@@ -4,6 +4,7 @@
 #include <filesystem>
 
 #include "commands.hpp"
+#include "flags.hpp"
 #include "gates.hpp"
 #include "output.hpp"
 #include "results_page.hpp"
@@ -22,11 +23,8 @@ void add_report(CLI::App& app, Action& action) {
   };
   auto arguments = std::make_shared<Arguments>();
   command->add_option("RESULTS", arguments->results, "a results file")->required();
-  command->add_option("--format", arguments->format, "table, json, csv, markdown, latex or html: table")
-      ->type_name("FORMAT");
-  command->add_option("--output", arguments->output, "into this file instead of standard output")
-      ->type_name("FILE")
-      ->check(given);
+  add_report_format(*command, arguments->format);
+  add_output(*command, arguments->output);
   command->add_flag("--threads", arguments->threads,
                     "each thread as the kernel said it was, instead of the times");
   command->add_flag("--layers", arguments->layers, "what each layer costs, of runs that add to one another")

@@ -10,9 +10,9 @@
 #include "campaign/campaign.hpp"
 #include "commands.hpp"
 #include "gates.hpp"
+#include "flags.hpp"
 #include "results_page.hpp"
 #include "resumed.hpp"
-#include "run_flags.hpp"
 #include "scenario_files.hpp"
 #include "terminal.hpp"
 
@@ -154,16 +154,13 @@ void add_run(CLI::App& app, Action& action) {
       ->type_name("TIME");
   command->add_flag("--deploy", arguments->selection.deploy,
                     "bring this program to hosts that are reached by ssh, for the time of the run");
-  command->add_option("--results", arguments->results, "add to this results file (default: a new one here)")
-      ->type_name("FILE")
-      ->check(given);
+  add_file(*command, "--results", arguments->results, "add to this results file (default: a new one here)");
   command
       ->add_flag("--resume", arguments->resume,
                  "leave out what these results have already, measured to its end: the same conditions, "
                  "repetition and text of the scenario")
       ->needs("--results");
-  command->add_option("--format", arguments->format, "table, json, csv, markdown, latex or html: table")
-      ->type_name("FORMAT");
+  add_report_format(*command, arguments->format);
   auto flags = std::make_shared<GateFlags>(*command, gate::Use::fail_if);
   command->callback([&action, arguments, flags] {
     action = [arguments, flags] { return run(*arguments, *flags, command_line()); };
