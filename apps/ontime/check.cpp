@@ -37,9 +37,7 @@ int print_findings(const std::vector<Finding>& findings, bool as_json) {
   if (as_json) {
     auto all = nlohmann::json::array();
     for (const auto& finding : findings) all.push_back(json_of(finding));
-    print(nlohmann::json{{"fit", fit}, {"findings", all}}.dump(2, ' ', false,
-                                                               nlohmann::json::error_handler_t::replace) +
-          "\n");
+    print_json(nlohmann::json{{"fit", fit}, {"findings", all}});
     return fit ? 0 : 1;
   }
   int hints = 0, wrong = 0;

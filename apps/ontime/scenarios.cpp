@@ -89,9 +89,10 @@ void add_scenarios(CLI::App& app, Action& action) {
       if (arguments->names.empty()) files = own_files();
       std::vector<ordered_json> lines;
       for (const auto& file : files) lines.push_back(line_of(file));
-      print(arguments->format == "json"
-                ? ordered_json(lines).dump(2, ' ', true, ordered_json::error_handler_t::replace) + "\n"
-                : text_of(lines));
+      if (as_json)
+        print_json(ordered_json(lines));
+      else
+        print(text_of(lines));
       return 0;
     };
   });

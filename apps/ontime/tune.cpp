@@ -148,8 +148,10 @@ int show(const Arguments& arguments) {
                         printable(fmt::format("{}", fmt::join(words, ", "))),
                         state.cannot.empty() ? "" : "  (" + printable(state.cannot) + ")");
   }
-  print(json_asked ? json{{"settings", all}}.dump(2, ' ', false, json::error_handler_t::replace) + "\n"
-                   : text);
+  if (json_asked)
+    print_json(json{{"settings", all}});
+  else
+    print(text);
   return 0;
 }
 
@@ -183,7 +185,7 @@ int verify(const Arguments& arguments) {
                                 one.after.value_or(""), now));
   }
   if (json_asked)
-    print(json{{"applied", all}}.dump(2, ' ', false, json::error_handler_t::replace) + "\n");
+    print_json(json{{"applied", all}});
   else
     print_lines(lines);
   return code;
