@@ -1,7 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <algorithm>
-#include <filesystem>
-#include <system_error>
 
 #include "campaign/campaign.hpp"
 #include <fmt/format.h>
@@ -43,10 +41,6 @@ int export_results(const Arguments& arguments) {
   const auto format = sample_format_flag(arguments.format);
   const record::Reader reader(arguments.results);
   const auto runs = chosen(reader.runs(), arguments.runs);
-  std::error_code ignored;
-  if (std::filesystem::equivalent(arguments.results, arguments.output, ignored))
-    throw campaign::Error(
-        2, fmt::format("--output: {} is the results file itself; choose another", arguments.output));
   Output output(arguments.output);
   report::export_samples(reader, runs, format, [&](std::string_view text) { output.write(text); });
   output.finish();

@@ -17,8 +17,6 @@
 #include "commands.hpp"
 #include "flags.hpp"
 #include "output.hpp"
-#include "results_page.hpp"
-#include "run_flags.hpp"
 #include "statistics/statistics.hpp"
 #include "terminal.hpp"
 
@@ -114,7 +112,7 @@ constexpr std::size_t most_panels = 12;  // on one sheet of paper
 int plot(const Arguments& arguments) {
   const auto plot = plot_of(arguments);
   const record::Reader reader(arguments.results);
-  refuse_to_replace(arguments.results, arguments.output);
+  Output output(arguments.output);
   auto wanted = arguments.runs;
   std::vector<statistics::Summary> summaries;
   for (const auto& run : reader.runs()) {
@@ -130,9 +128,7 @@ int plot(const Arguments& arguments) {
   if (plot.figure == Plot::Figure::time && summaries.size() > most_panels)
     throw Error(2, fmt::format("{} runs are more than the {} that a figure can hold: choose with --runs",
                                summaries.size(), most_panels));
-  const auto figure = drawn(report::gnuplot_of(summaries, plot));
-  Output output(arguments.output);
-  output.write(figure);
+  output.write(drawn(report::gnuplot_of(summaries, plot)));
   output.finish();
   return 0;
 }

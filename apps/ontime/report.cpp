@@ -7,8 +7,6 @@
 #include "flags.hpp"
 #include "gates.hpp"
 #include "output.hpp"
-#include "results_page.hpp"
-#include "run_flags.hpp"
 #include "statistics/statistics.hpp"
 #include "terminal.hpp"
 
@@ -35,9 +33,8 @@ void add_report(CLI::App& app, Action& action) {
       const auto format = format_flag(arguments->format);
       const auto gates = flags->gates();
       const record::Reader reader(arguments->results);
-      refuse_to_replace(arguments->results, arguments->output);
-      std::vector<statistics::Summary> summaries;
-      for (const auto& run : reader.runs()) summaries.push_back(statistics::summarise(reader, run));
+      Output output(arguments->output);
+      const auto summaries = statistics::summarise(reader);
       const auto text =
           arguments->threads  ? report::render_threads(summaries, format)
           : arguments->layers ? report::render_layers(summaries, format)
@@ -45,7 +42,6 @@ void add_report(CLI::App& app, Action& action) {
               ? report::render_html(reader, summaries,
                                     std::filesystem::path(arguments->results).filename().string())
               : report::render(summaries, format);
-      Output output(arguments->output);
       output.write(text);
       output.finish();
       std::vector<gate::Judgement> judgements;

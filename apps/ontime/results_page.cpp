@@ -42,10 +42,4 @@ std::string write_page_beside(const std::string& results) {
   return path;
 }
 
-void refuse_to_replace(const std::string& results, const std::string& output) {
-  std::error_code none;
-  if (!output.empty() && fs::equivalent(results, output, none))
-    throw campaign::Error(2, fmt::format("--output: {} is the results file itself. Name another.", output));
-}
-
 }  // namespace ontime::app

@@ -170,13 +170,28 @@ class Results(unittest.TestCase):
         self.assertEqual((self.folder / "out.csv").read_text().count("\n"), sent + 1)
         before = self.results.read_bytes()
         for arguments, word in ((["--run", "7"], "there is no run 7"), (["--format", "parquet"], "Debian 12"),
-                                (["--format", "x"], "'x'"), (["--output", self.results], "the results file itself")):
+                                (["--format", "x"], "'x'"), (["--output", self.results], "is a results file")):
             self.assertIn(word, self.ontime("export", self.results, *arguments, code=2).stderr)
         self.ontime("export", self.results, "--output", self.folder / "no" / "out.csv", code=3)
         with open("/dev/full", "w") as full:
             self.assertEqual(subprocess.run([ONTIME, "export", self.results], stdout=full, stderr=full).returncode, 3)
         self.assertEqual(self.results.read_bytes(), before)
         self.assertEqual([path.name for path in self.folder.iterdir() if ".part" in path.name], [])
+
+    def test_no_output_takes_the_place_of_results(self):
+        self.measured()
+        other = self.folder / "other.ontime"
+        shutil.copy(self.results, other)
+        before = self.results.read_bytes()
+        for arguments in (("compare", self.results, other, "--output", self.results),
+                          ("compare", self.results, other, "--junit", other),
+                          ("report", self.results, "--output", other), ("report", self.results, "--junit", self.results),
+                          ("plot", self.results, "--output", self.folder / "link.svg")):
+            if arguments[0] == "plot":
+                (self.folder / "link.svg").symlink_to(other)
+            self.assertIn("is a results file", self.ontime(*arguments, code=2).stderr)
+            self.assertEqual(self.results.read_bytes(), before)
+            self.assertEqual(other.read_bytes(), before)
 
     # --- in ---
 
