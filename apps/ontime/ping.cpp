@@ -30,7 +30,8 @@ void add_ping(CLI::App& app, Action& action) {
       Terminal terminal;
       const int code = campaign::ping(run, wait, writer, terminal, interrupts, command_line());
       terminal.clear_line();
-      if (code == 0 || code == 130) print_report(writer.reader(), known, format);
+      if (code == 0 || code == 130)
+        print(report::render(statistics::summarise(writer.reader(), known), format));
       return code;
     };
   });

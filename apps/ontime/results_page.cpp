@@ -25,7 +25,8 @@ bool is_a_page(const std::string& path) {
 
 }  // namespace
 
-std::string write_page_beside(const std::string& results) {
+std::string write_page_beside(const std::string& results, const record::Reader& reader,
+                              const std::vector<statistics::Summary>& summaries) {
   const auto path = fs::path(results).replace_extension("html").string();
   std::error_code none;
   if (fs::exists(path, none) && !is_a_page(path))
@@ -33,9 +34,6 @@ std::string write_page_beside(const std::string& results) {
         2, fmt::format("{} is there and no page of ontime's. Name another: ontime report {} --format "
                        "html --output FILE",
                        path, results));
-  const record::Reader reader(results);
-  std::vector<statistics::Summary> summaries;
-  for (const auto& run : reader.runs()) summaries.push_back(statistics::summarise(reader, run));
   Output output(path);
   output.write(report::render_html(reader, summaries, fs::path(results).filename().string()));
   output.finish();

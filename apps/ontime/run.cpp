@@ -2,6 +2,7 @@
 #include <algorithm>
 #include <ctime>
 #include <filesystem>
+#include <span>
 
 #include <fmt/chrono.h>
 #include <fmt/format.h>
@@ -9,8 +10,8 @@
 
 #include "campaign/campaign.hpp"
 #include "commands.hpp"
-#include "gates.hpp"
 #include "flags.hpp"
+#include "gates.hpp"
 #include "results_page.hpp"
 #include "resumed.hpp"
 #include "scenario_files.hpp"
@@ -70,24 +71,17 @@ void note(record::Writer& writer, statistics::Summary& summary, const gate::Judg
   writer.note(summary.run.number, summary.notes.back());
 }
 
-// Of the runs after the first `known`: what their scenario and the flags say of them goes into the file too,
-// as far as it does not hold. Prints the report.
-std::vector<gate::Judgement> judge_and_report(record::Writer& writer, std::size_t known,
-                                              const GateFlags& flags, const std::vector<gate::Gate>& gates,
-                                              report::Format format) {
-  const auto reader = writer.reader();
-  const auto runs = reader.runs();
-  std::vector<statistics::Summary> summaries;
+// Of these runs, by what their scenario and the flags say: what does not hold goes into the file too.
+std::vector<gate::Judgement> judge(record::Writer& writer, std::span<statistics::Summary> summaries,
+                                   const GateFlags& flags, const std::vector<gate::Gate>& gates) {
   std::vector<gate::Judgement> judgements;
-  for (std::size_t i = known; i < runs.size(); ++i) {
-    auto& summary = summaries.emplace_back(statistics::summarise(reader, runs[i]));
+  for (auto& summary : summaries) {
     for (auto& judgement : flags.judge(gates, summary)) {
       if (judgement.result != gate::Judgement::Result::held && judgement.gate != gate::end)
         note(writer, summary, judgement);
       judgements.push_back(std::move(judgement));
     }
   }
-  print(report::render(summaries, format));
   return judgements;
 }
 
@@ -117,10 +111,13 @@ int run(const Arguments& arguments, const GateFlags& flags, const nlohmann::json
     if (code != 130)
       code = std::max(code, campaign::execute(scenario, writer, terminal, interrupts, command_line, done));
   terminal.clear_line();
-  const auto judgements = judge_and_report(writer, known, flags, gates, format);
+  auto summaries = statistics::summarise(writer.reader());
+  if (summaries.empty()) return code;  // interrupted before the first
+  const auto judgements = judge(writer, std::span(summaries).subspan(known), flags, gates);
+  print(report::render({summaries.begin() + static_cast<std::ptrdiff_t>(known), summaries.end()}, format));
   terminal.note(fmt::format("every sample is in {}; see also: ontime report {} --threads", results, results));
   try {
-    terminal.note(fmt::format("to look at: {}", write_page_beside(results)));
+    terminal.note(fmt::format("to look at: {}", write_page_beside(results, writer.reader(), summaries)));
   } catch (const std::exception& error) {  // what was measured is safe, and said
     terminal.note(fmt::format("there is no page of it: {}", error.what()));
   }

@@ -16,8 +16,6 @@
 #include <sys/ioctl.h>
 #include <unistd.h>
 
-#include "statistics/statistics.hpp"
-
 namespace ontime::app {
 namespace {
 
@@ -150,13 +148,5 @@ void print(const std::string& text) {
 }
 
 void print_error(const std::string& text) { say("ontime: {}\n", lines_of(text)); }
-
-void print_report(const record::Reader& reader, std::size_t known, report::Format format) {
-  std::vector<statistics::Summary> summaries;
-  const auto runs = reader.runs();
-  for (std::size_t i = known; i < runs.size(); ++i)
-    summaries.push_back(statistics::summarise(reader, runs[i]));
-  print(report::render(summaries, format));
-}
 
 }  // namespace ontime::app

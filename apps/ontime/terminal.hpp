@@ -50,7 +50,4 @@ void print_json(const Json& value) {
 // To standard error, as "ontime: text"; never throws.
 void print_error(const std::string& text);
 
-// Prints the report on the runs that came after the first `known`.
-void print_report(const record::Reader&, std::size_t known, report::Format);
-
 }  // namespace ontime::app

@@ -193,5 +193,12 @@ Summary summarise(const record::Reader& reader, const record::Run& run) {
   std::move(*pass).finish();
   return summary;
 }
+std::vector<Summary> summarise(const record::Reader& reader, std::size_t known) {
+  const auto runs = reader.runs();
+  std::vector<Summary> summaries;
+  for (std::size_t i = known; i < runs.size(); ++i) summaries.push_back(summarise(reader, runs[i]));
+  return summaries;
+}
+
 
 }  // namespace ontime::statistics
