@@ -10,18 +10,12 @@ namespace ontime::gate {
 namespace {
 
 using nlohmann::json;
+using record::at;
 using statistics::Answer;
 using statistics::Figure;
 using statistics::Interval;
 using statistics::Summary;
 using Result = Judgement::Result;
-
-const json& at(const json& object, const char* key) {
-  static const json none;
-  if (!object.is_object()) return none;
-  const auto found = object.find(key);
-  return found == object.end() ? none : *found;
-}
 
 std::string text_of(const json& value) { return value.is_string() ? value.get<std::string>() : ""; }
 

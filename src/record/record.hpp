@@ -11,6 +11,7 @@
 #include <span>
 #include <stdexcept>
 #include <string>
+#include <string_view>
 #include <vector>
 
 #include <nlohmann/json.hpp>
@@ -40,6 +41,10 @@ struct Run {
 };
 
 std::string key_of(const nlohmann::json& asked);
+
+// What these, and whatever else is from elsewhere, may have or not: null where nothing is there, and where
+// nothing can be.
+const nlohmann::json& at(const nlohmann::json& object, std::string_view key);
 
 // Something that happened in a run: at a moment, or to one message, or both.
 struct Note {

@@ -10,13 +10,6 @@
 
 namespace ontime::report {
 
-const nlohmann::json& at(const nlohmann::json& object, std::string_view key) {
-  static const nlohmann::json null;
-  if (!object.is_object()) return null;
-  const auto found = object.find(key);
-  return found == object.end() ? null : *found;
-}
-
 std::string word(const nlohmann::json& value) {
   if (value.is_null()) return nothing;
   const auto text = value.is_string() ? value.get<std::string>()

@@ -13,8 +13,10 @@ namespace ontime::report {
 
 inline constexpr const char* nothing = "-";
 
-const nlohmann::json& at(const nlohmann::json& object, std::string_view key);  // null if it is not there
-std::string word(const nlohmann::json&);  // on one line; `nothing` for null
+using record::at;
+std::string word(const nlohmann::json&);             // on one line; `nothing` for null
+std::string id_of(const nlohmann::json& asked);      // of a run, likewise, and shortened
+std::string cell_of(const nlohmann::ordered_json&);  // as a spreadsheet has it
 bool is_true(const nlohmann::json&);
 std::uint64_t count(const nlohmann::json&);  // 0 for what is no count
 

@@ -11,13 +11,7 @@ namespace ontime::watch {
 namespace {
 
 using nlohmann::json;
-
-const json& at(const json& object, const char* key) {
-  static const json none;
-  if (!object.is_object()) return none;
-  const auto found = object.find(key);
-  return found == object.end() ? none : *found;
-}
+using record::at;
 
 std::string word(const json& value) {
   if (value.is_null()) return "";
