@@ -111,6 +111,33 @@ TEST(TableFormat, NamesTheOtherEndWhereItIsAnother) {
     EXPECT_THAT(text, HasSubstr(name));
 }
 
+TEST(TableFormat, SaysTheOtherEndsTransportOnce) {
+  std::vector<Summary> runs;
+  for (const auto* component : {"cyclonedds", "fastdds"}) {
+    runs.push_back(summary(asked("pair", "cyclonedds"), outcome()));
+    runs.back().run.asked["component_transport"] = component;
+    runs.back().run.asked["variant"] = std::string("component.transport ") + component;
+  }
+  EXPECT_THAT(render(runs, Format::markdown),
+              AllOf(HasSubstr("\n| cyclonedds |"), HasSubstr("\n| cyclonedds component fastdds |")));
+}
+
+TEST(TableFormat, ShortensAnOverlongIdAndKeepsItApart) {
+  const std::string beginning(60, 'a');
+  const std::vector runs = {summary(asked(beginning + "long", "udp"), outcome()),
+                            summary(asked(beginning + "longer", "udp"), outcome())};
+  for (const auto format : {Format::table, Format::markdown, Format::latex, Format::html}) {
+    const auto text = render(runs, format);
+    EXPECT_THAT(text, Not(HasSubstr(beginning + "l")));
+    const auto first = text.find(beginning + "…  System");
+    EXPECT_NE(first, text.npos);
+    EXPECT_NE(text.find(beginning + "…  System", first + 1), text.npos) << "they are two";
+  }
+  EXPECT_THAT(gate::name_of(runs.back()), beginning + "… udp (run 1)");
+  EXPECT_THAT(render(runs, Format::json), HasSubstr(beginning + "longer"));
+  EXPECT_THAT(render_threads(runs, Format::table), Not(HasSubstr(beginning + "l")));
+}
+
 TEST(TableFormat, NamesDomainAndTopicsWhereTheyAreNotTheUsualOnes) {
   const auto shown = [](const json& domain, const char* ping, const char* pong) {
     auto conditions = asked("a", "udp");

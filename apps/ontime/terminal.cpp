@@ -89,8 +89,8 @@ std::string Terminal::next(const campaign::Run& run) {
   left_ -= campaign::time_of(run);
   const auto repetition = run.repetition > 1 ? fmt::format(" ×{}", run.repetition) : "";
   const auto variant = run.variant.empty() ? "" : " " + run.variant;
-  return report::printable(
-      fmt::format("{}{}{} {}{}", count, run.id, variant, run.task.transport, repetition));
+  return report::printable(fmt::format("{}{}{} {}{}", count, report::shortened(run.id, gate::longest_id),
+                                       variant, run.task.transport, repetition));
 }
 
 void Terminal::begins(const campaign::Run& run) {

@@ -62,7 +62,8 @@ std::vector<Gate> required_of(const statistics::Summary&);
 inline constexpr const char* end = "measured to its end";
 Judgement judge_end(const statistics::Summary&);
 
-// "Test1.B cyclonedds ×2 (run 5)"; of several: "Test1.B cyclonedds".
+// "Test1.B cyclonedds ×2 (run 5)"; of several: "Test1.B cyclonedds". An id of more characters is shortened.
+inline constexpr int longest_id = 60;
 std::string name_of(const statistics::Summary&);
 std::string name_of(const Runs&);
 

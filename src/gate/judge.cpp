@@ -97,7 +97,9 @@ std::string name_of(const Summary& run) {
 
 std::string name_of(const Runs& runs) {
   const auto& asked = runs.front()->run.asked;
-  auto name = text_of(at(asked, "id"));
+  const auto id = text_of(at(asked, "id"));
+  auto name = fmt::format("{:.{}}", id, longest_id);
+  if (name.size() < id.size()) name += "…";
   for (const auto* key : {"variant", "transport"})
     if (const auto word = text_of(at(asked, key)); !word.empty()) name += " " + word;
   return name;

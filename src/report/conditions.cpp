@@ -258,11 +258,14 @@ void add_variant(std::string& label, const json& variant, const std::vector<Phra
     const auto part = text.substr(begin, end - begin);
     const auto key = part.substr(0, part.find(' '));
     // "qos.depth 5" is told by "qos", "load.controller.cpu 4" by "load".
-    const bool told = std::any_of(phrases.begin(), phrases.end(), [&](const Phrase& phrase) {
-      const bool holds_others = phrase.key == "qos" || phrase.key == "load" || phrase.key == "traffic" ||
-                                phrase.key == "link" || phrase.key == "kernel";
-      return key == phrase.key || (holds_others && key.starts_with(phrase.key + "."));
-    });
+    // The component's transport is told where it is another, and the label begins with the one.
+    const bool told = key == "component.transport" ||
+                      std::any_of(phrases.begin(), phrases.end(), [&](const Phrase& phrase) {
+                        const bool holds_others = phrase.key == "qos" || phrase.key == "load" ||
+                                                  phrase.key == "traffic" || phrase.key == "link" ||
+                                                  phrase.key == "kernel";
+                        return key == phrase.key || (holds_others && key.starts_with(phrase.key + "."));
+                      });
     if (!told) label += " " + shortened(part, longest_value);
     begin = end + 2;
   }

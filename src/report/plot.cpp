@@ -65,8 +65,7 @@ std::optional<double> deadline_ms(const Summary& summary) {
 // What tells a run from the others of the figure.
 std::vector<std::string> names_of(const Group& group) {
   auto names = labels_of(group);
-  for (std::size_t i = 0; i < group.size(); ++i)
-    names[i] = word(at(group[i]->run.asked, "id")) + "  " + names[i];
+  for (std::size_t i = 0; i < group.size(); ++i) names[i] = id_of(group[i]->run.asked) + "  " + names[i];
   tell_apart(names, group);
   return names;
 }
@@ -220,7 +219,8 @@ std::string against_payload(const Group& group, const Plot& plot) {
         "{0}$run{1} using 1:2 with linespoints pointtype 7 pointsize 0.35 linecolor rgb '{2}' title {3}, "
         "\\\n  $run{1} using 1:3 with linespoints pointtype 6 pointsize 0.35 dashtype 2 linecolor rgb "
         "'{2}' notitle",
-        i == 0 ? "plot " : ", \\\n  ", i, colour, quoted(name));
+        i == 0 ? "plot " : ", \\\n  ", i, colour,
+        quoted(shortened(name.first, gate::longest_id) + "  " + name.second));
     ++i;
   }
   return text + lines + "\n";

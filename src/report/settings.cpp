@@ -21,7 +21,7 @@ constexpr std::initializer_list<const char*> both_hosts = {"controller", "compon
 constexpr std::initializer_list<const char*> changing = {"realtime_offset_ns"};
 
 std::string name_of(const Summary& summary) {
-  return fmt::format("{} {}", word(at(summary.run.asked, "id")), word(at(summary.run.asked, "transport")));
+  return fmt::format("{} {}", id_of(summary.run.asked), word(at(summary.run.asked, "transport")));
 }
 
 std::string percent(const json& share) {
@@ -103,7 +103,8 @@ Table differences_of(const Summaries& summaries) {
   for (auto& [id, values, transports, runs] : rows) {
     for (auto& transport : transports)
       if (const auto times = runs[transport]; times > 1) transport += fmt::format(" ×{}", times);
-    auto& cells = table.rows.emplace_back(std::vector<std::string>{id + ": " + join(transports, ", ")});
+    auto& cells = table.rows.emplace_back(
+        std::vector<std::string>{shortened(id, gate::longest_id) + ": " + join(transports, ", ")});
     for (const auto& value : values) cells.push_back(value.empty() ? nothing : value);
   }
   return table;

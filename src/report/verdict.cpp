@@ -92,10 +92,11 @@ Verdict verdict_of(const Summaries& summaries) {
   if (measured > 1 && fine < measured)
     further.push_back(fmt::format("{} of {} were without fault.", fine, runs_text(measured)));
   if (slowest != nullptr)
-    further.push_back(fmt::format("The slowest answer took {}{}.", short_time(slowest->round_trip.max),
-                                  measured > 1 ? fmt::format(" ({}, {})", word(at(slowest->run.asked, "id")),
-                                                             word(at(slowest->run.asked, "transport")))
-                                               : ""));
+    further.push_back(fmt::format(
+        "The slowest answer took {}{}.", gate::time_of(static_cast<double>(slowest->round_trip.max)),
+        measured > 1
+            ? fmt::format(" ({}, {})", id_of(slowest->run.asked), word(at(slowest->run.asked, "transport")))
+            : ""));
   // Of several runs, of different conditions, there is no such thing.
   if (const auto& missed = summaries.front().missed_probability;
       summaries.size() == 1 && missed.events == 0 && missed.messages > 0)

@@ -16,6 +16,14 @@ std::string word(const nlohmann::json& value) {
                                       : value.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace);
   return printable(text);
 }
+std::string id_of(const nlohmann::json& asked) { return shortened(word(at(asked, "id")), gate::longest_id); }
+
+std::string cell_of(const nlohmann::ordered_json& value) {
+  if (value.is_null()) return "";
+  return value.is_string() ? value.get<std::string>()
+                           : value.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace);
+}
+
 
 bool is_true(const nlohmann::json& value) { return value.is_boolean() && value.get<bool>(); }
 
@@ -49,12 +57,8 @@ std::string size(const nlohmann::json& bytes) {
 }
 
 std::string shortened(const std::string& text, std::size_t most) {
-  std::size_t length = 0;
-  for (std::size_t i = 0; i < text.size(); ++i) {
-    if ((static_cast<unsigned char>(text[i]) & 0xc0) == 0x80) continue;  // within a code point
-    if (++length > most) return text.substr(0, i) + "…";
-  }
-  return text;
+  const auto beginning = fmt::format("{:.{}}", text, most);  // fmt counts code points
+  return beginning.size() < text.size() ? beginning + "…" : text;
 }
 
 std::string join(const std::vector<std::string>& parts, std::string_view separator) {

@@ -20,11 +20,11 @@ std::string cell_of(const nlohmann::ordered_json&);  // as a spreadsheet has it
 bool is_true(const nlohmann::json&);
 std::uint64_t count(const nlohmann::json&);  // 0 for what is no count
 
-std::string microseconds(double ns);                               // "1234", below 100 "98.7"
-std::string duration(const nlohmann::json& us);                    // "10 ms"
-std::string megabits(const nlohmann::json& bit_s);                 // "80", "38.2"
-std::string size(const nlohmann::json& bytes);                     // "500 B", "32 KiB"
-std::string shortened(const std::string& text, std::size_t most);  // code points, and then "…"
+std::string microseconds(double ns);                                           // "1234", below 100 "98.7"
+std::string duration(const nlohmann::json& us);                                // "10 ms"
+std::string megabits(const nlohmann::json& bit_s);                             // "80", "38.2"
+std::string many(std::uint64_t number, const char* one, const char* several);  // "1 run", "2 runs"
+std::string size(const nlohmann::json& bytes);                                 // "500 B", "32 KiB"
 std::string join(const std::vector<std::string>&, std::string_view separator);
 std::string replace_all(std::string text, std::string_view what, std::string_view with);
 

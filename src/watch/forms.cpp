@@ -42,7 +42,8 @@ std::optional<double> left_s(const Progress& progress) {
 std::string head_of(const Progress& progress) {
   if (progress.run.number == 0) return "no run yet\n";
   const auto& asked = progress.run.asked;
-  auto text = fmt::format("run {}  {}", progress.run.number, word(at(asked, "id")));
+  auto text = fmt::format("run {}  {}", progress.run.number,
+                          report::shortened(word(at(asked, "id")), gate::longest_id));
   for (const auto* key : {"variant", "transport"})
     if (const auto part = word(at(asked, key)); !part.empty()) text += " " + part;
   if (const auto repetition = word(at(asked, "repetition")); !repetition.empty() && repetition != "1")
