@@ -168,6 +168,9 @@ TEST(TableFormat, NamesTheSizeOfALoadsWorkers) {
   EXPECT_THAT(render({summary(small, outcome()), summary(large, outcome())}, Format::table),
               AllOf(HasSubstr("\nudp load: 2 vm of 1 MiB on the controller\n"),
                     HasSubstr("\nudp load: 2 vm of 1024 MiB on the controller\n")));
+  large["load"]["controller"]["cpu"] = 8;
+  EXPECT_THAT(render({summary(large, outcome())}, Format::table),
+              HasSubstr("load: 8 cpu, 2 vm of 1024 MiB on the controller"));
 }
 
 TEST(TableFormat, PutsALongNameAboveItsNumbers) {

@@ -31,16 +31,6 @@ struct Phrase {
   enum class Where { everywhere, in_labels } where = Where::everywhere;
 };
 
-std::string workers(const json& load) {
-  std::vector<std::string> parts;
-  for (const auto* kind : {"cpu", "vm", "io", "hdd"})
-    if (const auto number = count(at(load, kind)); number > 0) {
-      const auto& bytes = at(load, fmt::format("{}_bytes", kind));
-      parts.push_back(fmt::format("{} {}{}", number, kind, count(bytes) > 0 ? " of " + size(bytes) : ""));
-    }
-  return join(parts, " ");
-}
-
 std::string load(const json& run) {
   const auto& asked = at(run, "load");
   if (!asked.is_object()) return "";
@@ -272,6 +262,22 @@ void add_variant(std::string& label, const json& variant, const std::vector<Phra
 }
 
 }  // namespace
+
+std::string workers(const json& load) {
+  std::vector<std::string> parts;
+  for (const auto* kind : {"cpu", "vm", "io", "hdd"})
+    if (const auto number = count(at(load, kind)); number > 0) {
+      const auto& bytes = at(load, fmt::format("{}_bytes", kind));
+      parts.push_back(fmt::format("{} {}{}", number, kind, count(bytes) > 0 ? " of " + size(bytes) : ""));
+    }
+  return join(parts, ", ");
+}
+
+Group all_of(const Summaries& summaries) {
+  Group all;
+  for (const auto& summary : summaries) all.push_back(&summary);
+  return all;
+}
 
 std::vector<Group> by_id(const Summaries& summaries) {
   std::vector<Group> groups;

@@ -23,6 +23,9 @@ std::vector<std::string> labels_without_repetition(const Group&);
 void tell_apart(std::vector<std::string>& labels, const Group&);
 
 // What is the same in all of them.
+// Of a load that was asked for, on one host: "8 cpu, 2 vm of 64 MiB"; of none nothing.
+std::string workers(const nlohmann::json& load);
+
 std::vector<std::string> shared_conditions(const Group&);
 
 // Each condition that is not the same in all of them, by the key that a scenario has for it, and what it was

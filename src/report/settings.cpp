@@ -28,14 +28,6 @@ std::string percent(const json& share) {
   return share.is_number() ? fmt::format("{:.0f} %", share.get<double>() * 100) : nothing;
 }
 
-std::string workers(const json& load) {
-  std::vector<std::string> parts;
-  for (const auto* kind : {"cpu", "vm", "io", "hdd"})
-    if (const auto number = count(at(load, kind)); number > 0)
-      parts.push_back(fmt::format("{} {}", number, kind));
-  return parts.empty() ? "none" : join(parts, ", ");
-}
-
 std::string megabytes(const json& link) {
   if (!link.is_object()) return nothing;
   const auto bytes = static_cast<double>(count(at(link, "sent_bytes"))) +
@@ -129,10 +121,11 @@ Table loads_of(const Summaries& summaries) {
       const auto& facts = at(at(summary.run.outcome, "hosts"), host);
       const auto& asked = at(at(summary.run.asked, "load"), host);
       if (achieved.is_null() && facts.is_null()) continue;
-      table.rows.push_back({fmt::format("{}: {}", summary.run.number, name_of(summary)), host, workers(asked),
-                            percent(at(achieved, "cpu_busy")), percent(at(achieved, "cpu_pressure")),
-                            percent(at(achieved, "memory_pressure")), percent(at(achieved, "io_pressure")),
-                            megabytes(at(facts, "link"))});
+      const auto load = workers(asked);
+      table.rows.push_back({fmt::format("{}: {}", summary.run.number, name_of(summary)), host,
+                            load.empty() ? "none" : load, percent(at(achieved, "cpu_busy")),
+                            percent(at(achieved, "cpu_pressure")), percent(at(achieved, "memory_pressure")),
+                            percent(at(achieved, "io_pressure")), megabytes(at(facts, "link"))});
     }
   }
   return table;
