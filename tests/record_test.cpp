@@ -91,6 +91,7 @@ TEST_F(RecordTest, SamplesThatCannotBeAreRefused) {
   EXPECT_THAT(refusal([](Sample& s) { s.fate = Fate::lost; }), cannot_be) << "lost, with an answer";
   EXPECT_THAT(refusal([](Sample& s) { s.received_ns = 0; }), cannot_be) << "on time, without";
   EXPECT_THAT(refusal([](Sample& s) { s.fate = static_cast<Fate>(7); }), cannot_be) << "no Reader takes that";
+  EXPECT_THAT(refusal([](Sample& s) { s.received_ns = s.sent_ns - 1; }), cannot_be) << "before it was sent";
   EXPECT_THAT(refusal([](Sample& s) { s.passed_wake_ns = -1; }), cannot_be);
   EXPECT_THAT(refusal([](Sample& s) { s.server_sent_ns = too_much; }), cannot_be);
   EXPECT_THAT(refusal([](Sample& s) { s.sent_ns = -too_much; }), cannot_be);

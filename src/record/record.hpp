@@ -71,7 +71,7 @@ class Writer {
   // In order of index; one that is there already is replaced (a message given up as lost, whose answer was in
   // time after all). Durable against kill -9 once flush() has returned, or a second has passed in which the
   // disk did not stall. Throws for a sample that cannot be: with times beyond ±2^60 ns, with an answer and
-  // lost, or of no fate.
+  // lost, answered before it was sent, or of no fate.
   void append(std::int64_t run, std::span<const roundtrip::Sample> samples);
   void note(std::int64_t run, const Note&);  // also of a run that has ended
   void end_run(std::int64_t run, const nlohmann::json& outcome);
@@ -96,7 +96,8 @@ class Reader {
   explicit Reader(const std::string& path);                            // never changes the file
   std::vector<Run> runs(std::optional<std::int64_t> from = {}) const;  // from this number on; nothing: all
   std::vector<Note> notes(std::int64_t run) const;  // in the order in which they were written
-  // Each sample of a run, in order of index. Memory does not grow with their number.
+  // Each sample of a run, in order of index. Memory does not grow with their number. Its times are as
+  // append() has them, so that no difference of two overflows.
   void each_sample(std::int64_t run, const std::function<void(const roundtrip::Sample&)>&) const;
   // Those from this message on.
   void each_sample(std::int64_t run, std::uint64_t from,
