@@ -142,11 +142,13 @@ void add_run(CLI::App& app, Action& action) {
       ->required();
   command->add_option("--only", arguments->selection.only, "only these runs")
       ->delimiter(',')
-      ->type_name("ID,...");
+      ->type_name("ID,...")
+      ->check(given);
   command
       ->add_option("--transports", arguments->selection.transports, "these, instead of those of the scenario")
       ->delimiter(',')
-      ->type_name("NAME,...");
+      ->type_name("NAME,...")
+      ->check(given);
   command->add_option("--duration", arguments->duration, "of each run, instead of the scenario's")
       ->type_name("TIME");
   command->add_flag("--deploy", arguments->selection.deploy,
