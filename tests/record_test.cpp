@@ -265,6 +265,18 @@ TEST_F(RecordTest, LeavesOneFileAndNothingBesideIt) {
   EXPECT_EQ(query(path_, "PRAGMA journal_mode"), "delete");
 }
 
+TEST_F(RecordTest, AFileMadeForRunsIsNotLeftWithoutOne) {
+  {
+    Writer writer(path_);
+    EXPECT_TRUE(writer.reader().runs().empty());
+  }
+  EXPECT_THAT(files(), IsEmpty());
+  Writer(path_).begin_run({});
+  const auto before = query(path_, "SELECT count(*) FROM run");
+  { const Writer writer(path_); }
+  EXPECT_EQ(query(path_, "SELECT count(*) FROM run"), before) << "it was there before";
+}
+
 TEST_F(RecordTest, AnybodyCanReadItWithSqlite) {
   {
     Writer writer(path_);

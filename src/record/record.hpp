@@ -63,7 +63,7 @@ class Writer {
   // path: a temporary file that goes with the Writer. Throws if it is not a results file, is from a newer
   // version, cannot be written, or another Writer has it open.
   explicit Writer(const std::string& path);
-  ~Writer();  // leaves one file, nothing beside it
+  ~Writer();  // leaves one file, nothing beside it; and none, if it created it and there was no run
   Writer(Writer&&) noexcept;
   Writer& operator=(Writer&&) noexcept;
 

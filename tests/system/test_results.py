@@ -122,6 +122,27 @@ class Results(unittest.TestCase):
         self.assertEqual(self.results.read_bytes(), before)
         self.ontime("run", self.scenario(), "--results", self.results, "--fail-if", "mean > 1 ns", code=1)
 
+    # --- what comes to nothing ---
+
+    def test_a_run_that_cannot_begin_leaves_no_file(self):
+        path = self.folder / "unreachable.yaml"
+        path.write_text("hosts: {component: {reach: ['false'], address: 127.0.0.1}}\n"
+                        "runs: [{id: one, transport: udp, duration: 100 ms}]\n")
+        self.ontime("run", path, code=3)
+        self.ontime("run", path, "--results", "mine.ontime", code=3)
+        self.assertEqual([entry.name for entry in self.folder.iterdir()], ["unreachable.yaml"])
+
+    def test_an_empty_choice_is_wrong_usage(self):
+        for flag in ("--transports", "--only", "--duration", "--results"):
+            self.ontime("run", self.scenario(), flag, "", code=2)
+        self.assertIn("a value is needed", self.ontime("run", self.scenario(), "--transports", "", code=2).stderr)
+
+    def test_json_steers_no_terminal(self):
+        for command in (("check",), ("tune", "show"), ("scenarios",)):
+            done = subprocess.run([ONTIME, *command, "--format", "json"], capture_output=True, text=True, timeout=60)
+            json.loads(done.stdout)
+            self.assertTrue(done.stdout.isascii(), command)
+
     # --- comparing ---
 
     def test_a_change_is_seen_and_chance_is_not(self):
