@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <algorithm>
 
-#include "campaign/campaign.hpp"
 #include <fmt/format.h>
-#include "flags.hpp"
 
+#include "campaign/campaign.hpp"
 #include "commands.hpp"
+#include "flags.hpp"
 #include "output.hpp"
 
 namespace ontime::app {

@@ -63,7 +63,7 @@ void expect(Terminal& terminal, const std::vector<campaign::Scenario>& scenarios
 void note(record::Writer& writer, statistics::Summary& summary, const gate::Judgement& judgement) {
   const bool missed = judgement.result == gate::Judgement::Result::missed;
   const auto text =
-      fmt::format("{}: {}: {}", missed ? "missed" : "cannot judge", judgement.gate, judgement.says);
+      fmt::format("{}: {}: {}", gate::word_of(judgement.result), judgement.gate, judgement.says);
   const bool known = std::any_of(summary.notes.begin(), summary.notes.end(),
                                  [&](const auto& before) { return before.text == text; });
   if (known) return;

@@ -187,10 +187,11 @@ std::string how_often_worse(const Group& group, const Plot& plot) {
 }
 
 std::string against_payload(const Group& group, const Plot& plot) {
-  std::map<std::string, std::map<std::uint64_t, std::vector<const Summary*>>> series;
+  std::map<std::pair<std::string, std::string>, std::map<std::uint64_t, std::vector<const Summary*>>>
+      series;  // by id and transport
   for (const auto* summary : group)
     if (summary->round_trip.count > 0)
-      series[word(at(summary->run.asked, "id")) + "  " + word(at(summary->run.asked, "transport"))]
+      series[{word(at(summary->run.asked, "id")), word(at(summary->run.asked, "transport"))}]
             [std::max<std::uint64_t>(count(at(summary->run.asked, "payload_bytes")), 1)]
                 .push_back(summary);
   auto text = terminal(plot, single_cm + 0.35 * static_cast<double>(series.size())) + looks;
@@ -229,8 +230,7 @@ std::string against_payload(const Group& group, const Plot& plot) {
 }  // namespace
 
 std::string gnuplot_of(const Summaries& summaries, const Plot& plot) {
-  Group group;
-  for (const auto& summary : summaries) group.push_back(&summary);
+  const auto group = all_of(summaries);
   switch (plot.figure) {
     case Plot::Figure::worse:
       return how_often_worse(group, plot);

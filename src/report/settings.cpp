@@ -65,8 +65,7 @@ std::string values_of(const std::vector<std::pair<std::string, std::string>>& of
 }  // namespace
 
 Table differences_of(const Summaries& summaries) {
-  Group all;
-  for (const auto& summary : summaries) all.push_back(&summary);
+  const auto all = all_of(summaries);
   const auto differences = differences_between(all);
   Table table{"Where the runs differ",
               "In all of them: " + join(shared_conditions(all), ", ") + ".",

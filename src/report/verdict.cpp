@@ -3,6 +3,7 @@
 
 #include <fmt/format.h>
 
+#include "gate/gate.hpp"
 #include "report/runs.hpp"
 #include "report/words.hpp"
 
@@ -11,19 +12,9 @@ namespace {
 
 using statistics::Summary;
 
-std::string runs_text(std::size_t number) { return number == 1 ? "1 run" : fmt::format("{} runs", number); }
-
 // Whether nothing at all speaks against a run: a cycle that passed without a message was not on time either.
 bool all_on_time(const Summary& summary) {
   return summary.sent > 0 && summary.on_time == summary.sent && summary.late_by_response.value_or(0) == 0;
-}
-
-// "28.25 ms"
-std::string short_time(std::int64_t ns) {
-  const auto us = static_cast<double>(ns) / 1e3;
-  return us < 1e3   ? fmt::format("{:.4g} µs", us)
-         : us < 1e6 ? fmt::format("{:.4g} ms", us / 1e3)
-                    : fmt::format("{:.4g} s", us / 1e6);
 }
 
 // "10 ms" if they have one deadline.
@@ -90,7 +81,7 @@ Verdict verdict_of(const Summaries& summaries) {
   }
   std::vector<std::string> further;
   if (measured > 1 && fine < measured)
-    further.push_back(fmt::format("{} of {} were without fault.", fine, runs_text(measured)));
+    further.push_back(fmt::format("{} of {} were without fault.", fine, many(measured, "run", "runs")));
   if (slowest != nullptr)
     further.push_back(fmt::format(
         "The slowest answer took {}{}.", gate::time_of(static_cast<double>(slowest->round_trip.max)),
@@ -105,7 +96,7 @@ Verdict verdict_of(const Summaries& summaries) {
                     "with 95 % confidence.",
                     missed.bound * 1e6));
   if (unfinished > 0)
-    further.push_back(fmt::format("{} did not end as asked: see below.", runs_text(unfinished)));
+    further.push_back(fmt::format("{} did not end as asked: see below.", many(unfinished, "run", "runs")));
   verdict.further = join(further, " ");
   return verdict;
 }

@@ -3,10 +3,9 @@
 
 #include <cmath>
 
+#include <boost/algorithm/string/split.hpp>
 #include <fmt/format.h>
 #include <fmt/ranges.h>
-
-#include "report/report.hpp"
 
 namespace ontime::report {
 
@@ -16,6 +15,7 @@ std::string word(const nlohmann::json& value) {
                                       : value.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace);
   return printable(text);
 }
+
 std::string id_of(const nlohmann::json& asked) { return shortened(word(at(asked, "id")), gate::longest_id); }
 
 std::string cell_of(const nlohmann::ordered_json& value) {
@@ -23,7 +23,6 @@ std::string cell_of(const nlohmann::ordered_json& value) {
   return value.is_string() ? value.get<std::string>()
                            : value.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace);
 }
-
 
 bool is_true(const nlohmann::json& value) { return value.is_boolean() && value.get<bool>(); }
 
@@ -48,6 +47,10 @@ std::string megabits(const nlohmann::json& bit_s) {
   return bit_s.is_number() ? fmt::format("{:.4g}", bit_s.get<double>() / 1e6) : nothing;
 }
 
+std::string many(std::uint64_t number, const char* one, const char* several) {
+  return fmt::format("{} {}", number, number == 1 ? one : several);
+}
+
 std::string size(const nlohmann::json& bytes) {
   if (!bytes.is_number_integer()) return nothing;
   const auto value = count(bytes);
@@ -63,6 +66,12 @@ std::string shortened(const std::string& text, std::size_t most) {
 
 std::string join(const std::vector<std::string>& parts, std::string_view separator) {
   return fmt::format("{}", fmt::join(parts, separator));
+}
+
+std::vector<std::string> split(const std::string& text, char separator) {
+  std::vector<std::string> parts;
+  boost::algorithm::split(parts, text, [&](char c) { return c == separator; });
+  return parts;
 }
 
 std::string replace_all(std::string text, std::string_view what, std::string_view with) {

@@ -9,6 +9,8 @@
 
 #include <nlohmann/json.hpp>
 
+#include "report/report.hpp"
+
 namespace ontime::report {
 
 inline constexpr const char* nothing = "-";
@@ -26,6 +28,7 @@ std::string megabits(const nlohmann::json& bit_s);                             /
 std::string many(std::uint64_t number, const char* one, const char* several);  // "1 run", "2 runs"
 std::string size(const nlohmann::json& bytes);                                 // "500 B", "32 KiB"
 std::string join(const std::vector<std::string>&, std::string_view separator);
+std::vector<std::string> split(const std::string& text, char separator);  // at least one
 std::string replace_all(std::string text, std::string_view what, std::string_view with);
 
 }  // namespace ontime::report

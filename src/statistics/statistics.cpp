@@ -200,5 +200,4 @@ std::vector<Summary> summarise(const record::Reader& reader, std::size_t known) 
   return summaries;
 }
 
-
 }  // namespace ontime::statistics

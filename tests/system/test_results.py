@@ -178,6 +178,21 @@ class Results(unittest.TestCase):
         self.ontime("compare", self.results, "--from", "1", code=2)
         self.assertIn("'two'", self.ontime("compare", self.results, other, "--only", "two", code=2).stderr)
 
+    def test_no_output_takes_the_place_of_results(self):
+        self.measured()
+        other = self.folder / "other.ontime"
+        shutil.copy(self.results, other)
+        before = self.results.read_bytes()
+        for arguments in (("compare", self.results, other, "--output", self.results),
+                          ("compare", self.results, other, "--junit", other),
+                          ("report", self.results, "--output", other), ("report", self.results, "--junit", self.results),
+                          ("plot", self.results, "--output", self.folder / "link.svg")):
+            if arguments[0] == "plot":
+                (self.folder / "link.svg").symlink_to(other)
+            self.assertIn("is a results file", self.ontime(*arguments, code=2).stderr)
+            self.assertEqual(self.results.read_bytes(), before)
+            self.assertEqual(other.read_bytes(), before)
+
     # --- out ---
 
     def test_export_has_every_sample(self):
@@ -198,21 +213,6 @@ class Results(unittest.TestCase):
             self.assertEqual(subprocess.run([ONTIME, "export", self.results], stdout=full, stderr=full).returncode, 3)
         self.assertEqual(self.results.read_bytes(), before)
         self.assertEqual([path.name for path in self.folder.iterdir() if ".part" in path.name], [])
-
-    def test_no_output_takes_the_place_of_results(self):
-        self.measured()
-        other = self.folder / "other.ontime"
-        shutil.copy(self.results, other)
-        before = self.results.read_bytes()
-        for arguments in (("compare", self.results, other, "--output", self.results),
-                          ("compare", self.results, other, "--junit", other),
-                          ("report", self.results, "--output", other), ("report", self.results, "--junit", self.results),
-                          ("plot", self.results, "--output", self.folder / "link.svg")):
-            if arguments[0] == "plot":
-                (self.folder / "link.svg").symlink_to(other)
-            self.assertIn("is a results file", self.ontime(*arguments, code=2).stderr)
-            self.assertEqual(self.results.read_bytes(), before)
-            self.assertEqual(other.read_bytes(), before)
 
     # --- in ---
 
