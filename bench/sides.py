@@ -219,9 +219,6 @@ def second_by_second(results, most):
     return {name: statistics.median(one[name] for one in each) for name in QUANTILES}
 
 
-# Reading.
-
-
 # The others.
 
 @contextlib.contextmanager

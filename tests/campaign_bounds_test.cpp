@@ -126,6 +126,14 @@ TEST_F(ScenarioFile, OnlyTextIsRead) {
   EXPECT_THAT(error(runs + "]\n"), testing::StartsWith(":2:1:")) << "nothing is left unread";
 }
 
+TEST_F(ScenarioFile, ATagIsRefusedForItWouldChangeNothing) {
+  EXPECT_THAT(error("runs: [{id: a, transport: udp, payload: !!int 500 B}]\n"),
+              HasSubstr(":1:41: the tag 'tag:yaml.org,2002:int'"));
+  EXPECT_THAT(error("runs: !list [{id: a, transport: udp}]\n"), HasSubstr(":1:7: the tag '!list'"));
+  EXPECT_THAT(error("hosts: !<x> {}\nruns: [{id: a, transport: udp}]\n"), HasSubstr(":1:8: the tag 'x'"));
+  EXPECT_EQ(error("runs: [{id: 'a', transport: \"udp\"}]\n"), "no error");
+}
+
 // Whatever a file holds, it is read or refused; it never crashes us.
 TEST_F(ScenarioFile, DamagedFilesAreRefusedOrRead) {
   const std::string good =

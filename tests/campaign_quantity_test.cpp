@@ -20,6 +20,8 @@ TEST(Quantity, IsANumberWithAUnit) {
   EXPECT_EQ(duration_of("250 µs"), 250us);
   EXPECT_EQ(duration_of("250 us"), 250us);
   EXPECT_EQ(duration_of("12 h"), 12h);
+  for (const auto* text : {"1 s", "1500 ms", "90 min", "2 h", "10 ms", "250 µs", "7 ns", "0 ns"})
+    EXPECT_EQ(text_of(duration_of(text)), text);
   EXPECT_EQ(bytes_of("500 B"), 500U);
   EXPECT_EQ(bytes_of("32 KiB"), 32768U);
   EXPECT_EQ(bytes_of("1 MB"), 1'000'000U);

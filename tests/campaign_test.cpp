@@ -351,6 +351,11 @@ TEST_F(ScenarioFile, TheSameIsNotMeasuredTwiceUnderOneName) {
               HasSubstr(":1:16: id: each run has one of its own"));
 }
 
+TEST_F(ScenarioFile, ADeadlineBeyondTheTimeOutIsSaidInUnitsThatPeopleRead) {
+  EXPECT_THAT(error("runs: [{id: a, transport: udp, deadline: 1 s, timeout: 500 ms}]\n"),
+              HasSubstr("the deadline (1 s) is longer than the time-out (500 ms)"));
+}
+
 // By it a run over one link is told from a run over another: in tables, and by its key.
 TEST_F(ScenarioFile, WhatIsAskedHoldsTheLink) {
   const std::string runs = "runs: [{id: a, transport: udp}]\n";

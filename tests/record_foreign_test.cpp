@@ -299,8 +299,9 @@ TEST_F(Foreign, NumbersThatCannotBe) {
        {"start_ns = 9223372036854775807", "start_ns = -9223372036854775807 - 1", "start_ns = 1 << 61"})
     EXPECT_THAT(error_after(std::string("UPDATE run SET ") + change), HasSubstr("cannot be")) << change;
   for (const auto* change :
-       {"due_after_ns = 9223372036854775807", "received_after_ns = NULL", "fate = 2", "passed_wake_ns = -1",
-        "server_sent_after_ns = 9223372036854775807", "server_received_ns = -9223372036854775807"})
+       {"due_after_ns = 9223372036854775807", "received_after_ns = NULL", "received_after_ns = -1",
+        "fate = 2", "passed_wake_ns = -1", "server_sent_after_ns = 9223372036854775807",
+        "server_received_ns = -9223372036854775807"})
     EXPECT_THAT(error_after(std::string("UPDATE sample SET ") + change), HasSubstr("cannot be")) << change;
   EXPECT_THAT(error_after("UPDATE sample SET skipped_cycles = -1"), HasSubstr("skipped -1 cycles"));
   EXPECT_THAT(error_after("UPDATE sample SET skipped_cycles = 1 << 32"),

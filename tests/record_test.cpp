@@ -91,6 +91,7 @@ TEST_F(RecordTest, SamplesThatCannotBeAreRefused) {
   EXPECT_THAT(refusal([](Sample& s) { s.fate = Fate::lost; }), cannot_be) << "lost, with an answer";
   EXPECT_THAT(refusal([](Sample& s) { s.received_ns = 0; }), cannot_be) << "on time, without";
   EXPECT_THAT(refusal([](Sample& s) { s.fate = static_cast<Fate>(7); }), cannot_be) << "no Reader takes that";
+  EXPECT_THAT(refusal([](Sample& s) { s.received_ns = s.sent_ns - 1; }), cannot_be) << "before it was sent";
   EXPECT_THAT(refusal([](Sample& s) { s.passed_wake_ns = -1; }), cannot_be);
   EXPECT_THAT(refusal([](Sample& s) { s.server_sent_ns = too_much; }), cannot_be);
   EXPECT_THAT(refusal([](Sample& s) { s.sent_ns = -too_much; }), cannot_be);
@@ -262,6 +263,18 @@ TEST_F(RecordTest, LeavesOneFileAndNothingBesideIt) {
   }
   EXPECT_THAT(files(), ElementsAre("results.db"));
   EXPECT_EQ(query(path_, "PRAGMA journal_mode"), "delete");
+}
+
+TEST_F(RecordTest, AFileMadeForRunsIsNotLeftWithoutOne) {
+  {
+    Writer writer(path_);
+    EXPECT_TRUE(writer.reader().runs().empty());
+  }
+  EXPECT_THAT(files(), IsEmpty());
+  Writer(path_).begin_run({});
+  const auto before = query(path_, "SELECT count(*) FROM run");
+  { const Writer writer(path_); }
+  EXPECT_EQ(query(path_, "SELECT count(*) FROM run"), before) << "it was there before";
 }
 
 TEST_F(RecordTest, AnybodyCanReadItWithSqlite) {

@@ -4,8 +4,8 @@
 #include "campaign/campaign.hpp"
 #include "commands.hpp"
 #include "fitness/fitness.hpp"
+#include "flags.hpp"
 #include "machine/machine.hpp"
-#include "run_flags.hpp"
 #include "terminal.hpp"
 
 namespace ontime::app {
@@ -36,9 +36,7 @@ int print_findings(const std::vector<Finding>& findings, bool as_json) {
   if (as_json) {
     auto all = nlohmann::json::array();
     for (const auto& finding : findings) all.push_back(json_of(finding));
-    print(nlohmann::json{{"fit", fit}, {"findings", all}}.dump(2, ' ', false,
-                                                               nlohmann::json::error_handler_t::replace) +
-          "\n");
+    print_json(nlohmann::json{{"fit", fit}, {"findings", all}});
     return fit ? 0 : 1;
   }
   int hints = 0, wrong = 0;
@@ -62,19 +60,11 @@ void add_check(CLI::App& app, Action& action) {
     std::string interface, peer, format = "table";
   };
   auto arguments = std::make_shared<Arguments>();
-  auto* interface =
-      command->add_option("--interface", arguments->interface, "the link: all that are hardware")
-          ->type_name("NAME")
-          ->check(given);
-  command->add_option("--peer", arguments->peer, "instead: the interface by which the traffic to it goes")
-      ->type_name("HOST")
-      ->check(given)
-      ->excludes(interface);
-  command->add_option("--format", arguments->format, "table or json: table")->type_name("FORMAT");
+  add_link(*command, arguments->interface, arguments->peer, "the link: all that are hardware");
+  add_format(*command, arguments->format);
   command->callback([&action, arguments] {
     action = [arguments] {
-      if (arguments->format != "table" && arguments->format != "json")
-        throw campaign::Error(2, fmt::format("--format: '{}' is not one of table, json", arguments->format));
+      const bool as_json = is_json_flag(arguments->format);
       fitness::Subject subject;
       subject.synchronised = machine::clock_state().at("synchronised").get<bool>();
       if (!arguments->peer.empty()) subject.interfaces = {machine::interface_to(arguments->peer, "")};
@@ -86,7 +76,7 @@ void add_check(CLI::App& app, Action& action) {
                                 fmt::format("--interface: there is no interface {}", arguments->interface));
         subject.interfaces = {arguments->interface};
       }
-      return print_findings(fitness::check(subject), arguments->format == "json");
+      return print_findings(fitness::check(subject), as_json);
     };
   });
 }

@@ -3,10 +3,11 @@
 
 #include <fmt/format.h>
 
+#include "campaign/campaign.hpp"
 #include "commands.hpp"
+#include "flags.hpp"
 #include "gates.hpp"
 #include "output.hpp"
-#include "run_flags.hpp"
 
 namespace ontime::app {
 namespace {
@@ -97,11 +98,8 @@ void add_compare(CLI::App& app, Action& action) {
                    "… with those, of the same file or of B; their conditions may differ")
       ->type_name("ID")
       ->excludes("--only");
-  command->add_option("--format", arguments->format, "table, json, csv, markdown, latex or html: table")
-      ->type_name("FORMAT");
-  command->add_option("--output", arguments->output, "into this file instead of standard output")
-      ->type_name("FILE")
-      ->check(given);
+  add_report_format(*command, arguments->format);
+  add_output(*command, arguments->output);
   auto flags = std::make_shared<GateFlags>(*command, gate::Use::fail_if_compared);
   command->callback(
       [&action, arguments, flags] { action = [arguments, flags] { return compare(*arguments, *flags); }; });

@@ -1,13 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <algorithm>
-#include <filesystem>
-#include <system_error>
 
 #include <fmt/format.h>
 
+#include "campaign/campaign.hpp"
 #include "commands.hpp"
+#include "flags.hpp"
 #include "output.hpp"
-#include "run_flags.hpp"
 
 namespace ontime::app {
 namespace {
@@ -42,10 +41,6 @@ int export_results(const Arguments& arguments) {
   const auto format = sample_format_flag(arguments.format);
   const record::Reader reader(arguments.results);
   const auto runs = chosen(reader.runs(), arguments.runs);
-  std::error_code ignored;
-  if (std::filesystem::equivalent(arguments.results, arguments.output, ignored))
-    throw campaign::Error(
-        2, fmt::format("--output: {} is the results file itself; choose another", arguments.output));
   Output output(arguments.output);
   report::export_samples(reader, runs, format, [&](std::string_view text) { output.write(text); });
   output.finish();
@@ -63,9 +58,7 @@ void add_export(CLI::App& app, Action& action) {
       ->delimiter(',')
       ->allow_extra_args(false)
       ->type_name("N,...");
-  command->add_option("--output", arguments->output, "into this file, instead of standard output")
-      ->type_name("FILE")
-      ->check(given);
+  add_output(*command, arguments->output);
   command->callback([&action, arguments] { action = [arguments] { return export_results(*arguments); }; });
 }
 

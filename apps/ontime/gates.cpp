@@ -6,9 +6,9 @@
 #include <fmt/format.h>
 
 #include "campaign/campaign.hpp"
+#include "flags.hpp"
 #include "output.hpp"
 #include "report/report.hpp"
-#include "run_flags.hpp"
 #include "terminal.hpp"
 
 namespace ontime::app {
@@ -20,9 +20,7 @@ GateFlags::GateFlags(CLI::App& command, gate::Use use) : use_(use) {
                                   ? "exit 1 if this is so of a run: 'late > 0', 'p99.9 > 2 ms'"
                                   : "exit 1 if this is so: 'p99.9 > +10%', 'late > 0'";
   command.add_option("--fail-if", fail_if_, example)->type_name("GATE")->allow_extra_args(false);
-  command.add_option("--junit", junit_, "write what came of it into this file, as JUnit's XML")
-      ->type_name("FILE")
-      ->check(given);
+  add_file(command, "--junit", junit_, "write what came of it into this file, as JUnit's XML");
 }
 
 std::vector<gate::Gate> GateFlags::gates() const {

@@ -1,9 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <fmt/format.h>
 
+#include "campaign/campaign.hpp"
 #include "commands.hpp"
+#include "flags.hpp"
 #include "foreign/foreign.hpp"
-#include "run_flags.hpp"
 #include "terminal.hpp"
 
 namespace ontime::app {
@@ -53,10 +54,7 @@ void add_import(CLI::App& app, Action& action) {
   command->add_option("--from", arguments->from, "cyclictest-histogram (text) or cyclictest-json")
       ->type_name("FORM")
       ->required();
-  command->add_option("--results", arguments->results, "add to this results file")
-      ->type_name("FILE")
-      ->required()
-      ->check(given);
+  add_file(*command, "--results", arguments->results, "add to this results file")->required();
   command->add_option("--id", arguments->id, "of the runs, by which they are compared: cyclictest")
       ->type_name("ID")
       ->check(given);

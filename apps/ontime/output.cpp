@@ -3,6 +3,7 @@
 
 #include <cerrno>
 #include <filesystem>
+#include <fstream>
 #include <system_error>
 #include <utility>
 
@@ -15,10 +16,26 @@ namespace ontime::app {
 
 namespace fs = std::filesystem;
 
+namespace {
+
+// What a slip of the pen must not cost: hours of measuring. An SQLite file says at its beginning what it is.
+bool may_be_results(const std::string& path) {
+  constexpr std::string_view mark = "SQLite format 3";
+  std::string beginning(mark.size(), '\0');
+  std::ifstream(path, std::ios::binary)
+      .read(beginning.data(), static_cast<std::streamsize>(beginning.size()));
+  return beginning == mark;
+}
+
+}  // namespace
+
 Output::Output(std::string path) : path_(std::move(path)) {
   std::error_code ignored;
   const bool to_stdout = path_.empty();
-  if (!to_stdout && (!fs::exists(path_, ignored) || fs::is_regular_file(path_, ignored)))
+  const bool is_file = fs::is_regular_file(path_, ignored);
+  if (is_file && may_be_results(path_))
+    throw campaign::Error(2, fmt::format("{} is a results file: it is not replaced. Name another.", path_));
+  if (!to_stdout && (is_file || !fs::exists(path_, ignored)))
     part_ = fmt::format("{}.part-{}", path_, ::getpid());
   const auto* mode = part_.empty() ? "we" : "wxe";
   file_.reset(to_stdout ? ::fdopen(::dup(STDOUT_FILENO), "w")

@@ -12,8 +12,8 @@ namespace ontime::app {
 class Output {
  public:
   // An empty path: standard output. A file of that name is replaced once finish() has returned, and not
-  // before; what is no file (a pipe, a device) is written to as it is. All throw campaign::Error, which names
-  // the file.
+  // before, and never if it is one of results; what is no file (a pipe, a device) is written to as it is. All
+  // throw campaign::Error, which names the file.
   explicit Output(std::string path);
   ~Output();
   Output(const Output&) = delete;

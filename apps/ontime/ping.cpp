@@ -1,7 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "campaign/campaign.hpp"
 #include "commands.hpp"
+#include "flags.hpp"
 #include "run_flags.hpp"
+#include "statistics/statistics.hpp"
 #include "terminal.hpp"
 
 namespace ontime::app {
@@ -15,11 +17,8 @@ void add_ping(CLI::App& app, Action& action) {
   auto flags = std::make_shared<RunFlags>(*command, campaign::Key::For::client);
   auto arguments = std::make_shared<Arguments>();
   command->add_option("--wait", arguments->wait, "how long to look for pong: 10 s")->type_name("TIME");
-  command->add_option("--results", arguments->results, "keep every sample in this file")
-      ->type_name("FILE")
-      ->check(given);
-  command->add_option("--format", arguments->format, "table, json, csv, markdown, latex or html: table")
-      ->type_name("FORMAT");
+  add_file(*command, "--results", arguments->results, "keep every sample in this file");
+  add_report_format(*command, arguments->format);
   command->callback([&action, flags, arguments] {
     action = [flags, arguments] {
       const auto run = flags->run();
@@ -31,7 +30,8 @@ void add_ping(CLI::App& app, Action& action) {
       Terminal terminal;
       const int code = campaign::ping(run, wait, writer, terminal, interrupts, command_line());
       terminal.clear_line();
-      if (code == 0 || code == 130) print_report(writer.reader(), known, format);
+      if (code == 0 || code == 130)
+        print(report::render(statistics::summarise(writer.reader(), known), format));
       return code;
     };
   });

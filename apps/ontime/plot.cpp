@@ -13,10 +13,10 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
+#include "campaign/campaign.hpp"
 #include "commands.hpp"
+#include "flags.hpp"
 #include "output.hpp"
-#include "results_page.hpp"
-#include "run_flags.hpp"
 #include "statistics/statistics.hpp"
 #include "terminal.hpp"
 
@@ -112,7 +112,7 @@ constexpr std::size_t most_panels = 12;  // on one sheet of paper
 int plot(const Arguments& arguments) {
   const auto plot = plot_of(arguments);
   const record::Reader reader(arguments.results);
-  refuse_to_replace(arguments.results, arguments.output);
+  Output output(arguments.output);
   auto wanted = arguments.runs;
   std::vector<statistics::Summary> summaries;
   for (const auto& run : reader.runs()) {
@@ -128,9 +128,7 @@ int plot(const Arguments& arguments) {
   if (plot.figure == Plot::Figure::time && summaries.size() > most_panels)
     throw Error(2, fmt::format("{} runs are more than the {} that a figure can hold: choose with --runs",
                                summaries.size(), most_panels));
-  const auto figure = drawn(report::gnuplot_of(summaries, plot));
-  Output output(arguments.output);
-  output.write(figure);
+  output.write(drawn(report::gnuplot_of(summaries, plot)));
   output.finish();
   return 0;
 }
@@ -141,10 +139,7 @@ void add_plot(CLI::App& app, Action& action) {
   auto* command = app.add_subcommand("plot", "Figures for a paper: SVG, PDF, PNG");
   auto arguments = std::make_shared<Arguments>();
   command->add_option("RESULTS", arguments->results, "a results file")->required();
-  command->add_option("--output", arguments->output, "the figure: .svg, .pdf or .png")
-      ->required()
-      ->type_name("FILE")
-      ->check(given);
+  add_file(*command, "--output", arguments->output, "the figure: .svg, .pdf or .png")->required();
   command
       ->add_option("--figure", arguments->figure,
                    "time (round trips over it), worse (how often is it worse than x) or payload (against "

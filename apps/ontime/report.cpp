@@ -4,10 +4,9 @@
 #include <filesystem>
 
 #include "commands.hpp"
+#include "flags.hpp"
 #include "gates.hpp"
 #include "output.hpp"
-#include "results_page.hpp"
-#include "run_flags.hpp"
 #include "statistics/statistics.hpp"
 #include "terminal.hpp"
 
@@ -22,11 +21,8 @@ void add_report(CLI::App& app, Action& action) {
   };
   auto arguments = std::make_shared<Arguments>();
   command->add_option("RESULTS", arguments->results, "a results file")->required();
-  command->add_option("--format", arguments->format, "table, json, csv, markdown, latex or html: table")
-      ->type_name("FORMAT");
-  command->add_option("--output", arguments->output, "into this file instead of standard output")
-      ->type_name("FILE")
-      ->check(given);
+  add_report_format(*command, arguments->format);
+  add_output(*command, arguments->output);
   command->add_flag("--threads", arguments->threads,
                     "each thread as the kernel said it was, instead of the times");
   command->add_flag("--layers", arguments->layers, "what each layer costs, of runs that add to one another")
@@ -37,9 +33,8 @@ void add_report(CLI::App& app, Action& action) {
       const auto format = format_flag(arguments->format);
       const auto gates = flags->gates();
       const record::Reader reader(arguments->results);
-      refuse_to_replace(arguments->results, arguments->output);
-      std::vector<statistics::Summary> summaries;
-      for (const auto& run : reader.runs()) summaries.push_back(statistics::summarise(reader, run));
+      Output output(arguments->output);
+      const auto summaries = statistics::summarise(reader);
       const auto text =
           arguments->threads  ? report::render_threads(summaries, format)
           : arguments->layers ? report::render_layers(summaries, format)
@@ -47,7 +42,6 @@ void add_report(CLI::App& app, Action& action) {
               ? report::render_html(reader, summaries,
                                     std::filesystem::path(arguments->results).filename().string())
               : report::render(summaries, format);
-      Output output(arguments->output);
       output.write(text);
       output.finish();
       std::vector<gate::Judgement> judgements;

@@ -27,7 +27,8 @@ bool is_a_page(const std::string& path) {
 
 }  // namespace
 
-std::string write_page_beside(const std::string& results) {
+std::string write_page_beside(const std::string& results, const record::Reader& reader,
+                              const std::vector<statistics::Summary>& summaries) {
   auto path = fs::path(results).replace_extension("html").string();
   std::error_code none;
   if (fs::exists(path, none) && !is_a_page(path))
@@ -35,19 +36,10 @@ std::string write_page_beside(const std::string& results) {
         2, fmt::format("{} is there and no page of ontime's. Name another: ontime report {} --format "
                        "html --output FILE",
                        path, results));
-  const record::Reader reader(results);
-  std::vector<statistics::Summary> summaries;
-  for (const auto& run : reader.runs()) summaries.push_back(statistics::summarise(reader, run));
   Output output(path);
   output.write(report::render_html(reader, summaries, fs::path(results).filename().string()));
   output.finish();
   return path;
-}
-
-void refuse_to_replace(const std::string& results, const std::string& output) {
-  std::error_code none;
-  if (!output.empty() && fs::equivalent(results, output, none))
-    throw campaign::Error(2, fmt::format("--output: {} is the results file itself. Name another.", output));
 }
 
 }  // namespace ontime::app

@@ -10,14 +10,11 @@ namespace ontime::app {
 namespace {
 
 using nlohmann::json;
-
-json member(const json& object, const char* name) {
-  return object.is_object() ? object.value(name, json()) : json();
-}
+using record::at;
 
 bool same(const json& one, const json& other, std::initializer_list<const char*> names) {
   for (const auto* name : names)
-    if (member(one, name) != member(other, name)) return false;
+    if (at(one, name) != at(other, name)) return false;
   return true;
 }
 
@@ -35,9 +32,9 @@ bool Resumed::has(const json& asked, const json& machines) const {
   for (auto known = first; known != last; ++known) {
     const auto& run = known->second;
     if (!same(run.asked, asked, {"repetition", "scenario", "ontime"})) continue;
-    const auto hosts = member(run.outcome, "hosts");
+    const auto& hosts = at(run.outcome, "hosts");
     for (const auto& [host, machine] : machines.items())
-      if (!same(member(member(hosts, host.c_str()), "machine"), machine,
+      if (!same(at(at(hosts, host), "machine"), machine,
                 {"hostname", "kernel_release", "kernel_version", "cpu_model"}))
         throw campaign::Error(
             2,

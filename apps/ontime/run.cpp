@@ -2,6 +2,7 @@
 #include <algorithm>
 #include <ctime>
 #include <filesystem>
+#include <span>
 
 #include <fmt/chrono.h>
 #include <fmt/format.h>
@@ -9,10 +10,10 @@
 
 #include "campaign/campaign.hpp"
 #include "commands.hpp"
+#include "flags.hpp"
 #include "gates.hpp"
 #include "results_page.hpp"
 #include "resumed.hpp"
-#include "run_flags.hpp"
 #include "scenario_files.hpp"
 #include "terminal.hpp"
 
@@ -63,7 +64,7 @@ void expect(Terminal& terminal, const std::vector<campaign::Scenario>& scenarios
 void note(record::Writer& writer, statistics::Summary& summary, const gate::Judgement& judgement) {
   const bool missed = judgement.result == gate::Judgement::Result::missed;
   const auto text =
-      fmt::format("{}: {}: {}", missed ? "missed" : "cannot judge", judgement.gate, judgement.says);
+      fmt::format("{}: {}: {}", gate::word_of(judgement.result), judgement.gate, judgement.says);
   const bool known = std::any_of(summary.notes.begin(), summary.notes.end(),
                                  [&](const auto& before) { return before.text == text; });
   if (known) return;
@@ -71,24 +72,17 @@ void note(record::Writer& writer, statistics::Summary& summary, const gate::Judg
   writer.note(summary.run.number, summary.notes.back());
 }
 
-// Of the runs after the first `known`: what their scenario and the flags say of them goes into the file too,
-// as far as it does not hold. Prints the report.
-std::vector<gate::Judgement> judge_and_report(record::Writer& writer, std::size_t known,
-                                              const GateFlags& flags, const std::vector<gate::Gate>& gates,
-                                              report::Format format) {
-  const auto reader = writer.reader();
-  const auto runs = reader.runs();
-  std::vector<statistics::Summary> summaries;
+// Of these runs, by what their scenario and the flags say: what does not hold goes into the file too.
+std::vector<gate::Judgement> judge(record::Writer& writer, std::span<statistics::Summary> summaries,
+                                   const GateFlags& flags, const std::vector<gate::Gate>& gates) {
   std::vector<gate::Judgement> judgements;
-  for (std::size_t i = known; i < runs.size(); ++i) {
-    auto& summary = summaries.emplace_back(statistics::summarise(reader, runs[i]));
+  for (auto& summary : summaries) {
     for (auto& judgement : flags.judge(gates, summary)) {
       if (judgement.result != gate::Judgement::Result::held && judgement.gate != gate::end)
         note(writer, summary, judgement);
       judgements.push_back(std::move(judgement));
     }
   }
-  print(report::render(summaries, format));
   return judgements;
 }
 
@@ -118,10 +112,13 @@ int run(const Arguments& arguments, const GateFlags& flags, const nlohmann::json
     if (code != 130)
       code = std::max(code, campaign::execute(scenario, writer, terminal, interrupts, command_line, done));
   terminal.clear_line();
-  const auto judgements = judge_and_report(writer, known, flags, gates, format);
+  auto summaries = statistics::summarise(writer.reader());
+  if (summaries.empty()) return code;  // interrupted before the first
+  const auto judgements = judge(writer, std::span(summaries).subspan(known), flags, gates);
+  print(report::render({summaries.begin() + static_cast<std::ptrdiff_t>(known), summaries.end()}, format));
   terminal.note(fmt::format("every sample is in {}; see also: ontime report {} --threads", results, results));
   try {
-    terminal.note(fmt::format("to look at: {}", write_page_beside(results)));
+    terminal.note(fmt::format("to look at: {}", write_page_beside(results, writer.reader(), summaries)));
   } catch (const std::exception& error) {  // what was measured is safe, and said
     terminal.note(fmt::format("there is no page of it: {}", error.what()));
   }
@@ -146,25 +143,24 @@ void add_run(CLI::App& app, Action& action) {
       ->required();
   command->add_option("--only", arguments->selection.only, "only these runs")
       ->delimiter(',')
-      ->type_name("ID,...");
+      ->type_name("ID,...")
+      ->check(given);
   command
       ->add_option("--transports", arguments->selection.transports, "these, instead of those of the scenario")
       ->delimiter(',')
-      ->type_name("NAME,...");
+      ->type_name("NAME,...")
+      ->check(given);
   command->add_option("--duration", arguments->duration, "of each run, instead of the scenario's")
       ->type_name("TIME");
   command->add_flag("--deploy", arguments->selection.deploy,
                     "bring this program to hosts that are reached by ssh, for the time of the run");
-  command->add_option("--results", arguments->results, "add to this results file (default: a new one here)")
-      ->type_name("FILE")
-      ->check(given);
+  add_file(*command, "--results", arguments->results, "add to this results file (default: a new one here)");
   command
       ->add_flag("--resume", arguments->resume,
                  "leave out what these results have already, measured to its end: the same conditions, "
                  "repetition and text of the scenario")
       ->needs("--results");
-  command->add_option("--format", arguments->format, "table, json, csv, markdown, latex or html: table")
-      ->type_name("FORMAT");
+  add_report_format(*command, arguments->format);
   auto flags = std::make_shared<GateFlags>(*command, gate::Use::fail_if);
   command->callback([&action, arguments, flags] {
     action = [arguments, flags] { return run(*arguments, *flags, command_line()); };

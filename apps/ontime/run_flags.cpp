@@ -5,13 +5,12 @@
 
 #include <fmt/format.h>
 
+#include "flags.hpp"
+
 namespace ontime::app {
 
 using campaign::Error;
 using campaign::Key;
-
-const CLI::Validator given([](const std::string& value) { return value.empty() ? "a value is needed" : ""; },
-                           "");
 
 RunFlags::RunFlags(CLI::App& app, Key::For end) {
   for (const auto& key : campaign::keys()) {
@@ -61,23 +60,6 @@ campaign::Run RunFlags::run() const {
     throw Error(2, error.what());
   }
   return run;
-}
-
-report::Format format_flag(const std::string& word) {
-  const auto format = report::format_of(word);
-  if (!format)
-    throw Error(2, fmt::format("--format: '{}' is not one of table, json, csv, markdown, latex, html", word));
-  return *format;
-}
-
-std::chrono::nanoseconds duration_flag(const std::string& flag, const std::string& text) {
-  try {
-    const auto duration = campaign::duration_of(text);
-    if (duration.count() > 0) return duration;
-    throw std::invalid_argument(fmt::format("'{}' is not longer than nothing", text));
-  } catch (const std::invalid_argument& error) {
-    throw Error(2, fmt::format("{}: {}", flag, error.what()));
-  }
 }
 
 }  // namespace ontime::app

@@ -7,7 +7,6 @@
 #include <CLI/CLI.hpp>
 
 #include "campaign/campaign.hpp"
-#include "report/report.hpp"
 
 namespace ontime::app {
 
@@ -26,12 +25,5 @@ class RunFlags {
   std::vector<std::string> peers_;
   std::string interface_;
 };
-
-// Refuses an empty value, which a script's unset variable is.
-extern const CLI::Validator given;
-
-// A flag that takes a word or a quantity, checked as such.
-report::Format format_flag(const std::string& word);
-std::chrono::nanoseconds duration_flag(const std::string& flag, const std::string& text);
 
 }  // namespace ontime::app

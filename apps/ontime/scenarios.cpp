@@ -5,8 +5,8 @@
 
 #include "campaign/campaign.hpp"
 #include "commands.hpp"
+#include "flags.hpp"
 #include "report/report.hpp"
-#include "run_flags.hpp"
 #include "scenario_files.hpp"
 #include "terminal.hpp"
 
@@ -79,20 +79,20 @@ void add_scenarios(CLI::App& app, Action& action) {
   auto arguments = std::make_shared<Arguments>();
   command->add_option("SCENARIO", arguments->names,
                       "files or folders (default: those that came with ontime)");
-  command->add_option("--format", arguments->format, "table or json: table")
-      ->type_name("FORMAT")
-      ->check(CLI::IsMember({"table", "json"}));
+  add_format(*command, arguments->format);
   command->callback([&action, arguments] {
     action = [arguments] {
+      const bool as_json = is_json_flag(arguments->format);
       std::vector<std::string> files;
       for (const auto& name : arguments->names)
         for (auto& file : scenario_files(name)) files.push_back(std::move(file));
       if (arguments->names.empty()) files = own_files();
       std::vector<ordered_json> lines;
       for (const auto& file : files) lines.push_back(line_of(file));
-      print(arguments->format == "json"
-                ? ordered_json(lines).dump(2, ' ', true, ordered_json::error_handler_t::replace) + "\n"
-                : text_of(lines));
+      if (as_json)
+        print_json(ordered_json(lines));
+      else
+        print(text_of(lines));
       return 0;
     };
   });

@@ -16,8 +16,6 @@
 #include <sys/ioctl.h>
 #include <unistd.h>
 
-#include "statistics/statistics.hpp"
-
 namespace ontime::app {
 namespace {
 
@@ -91,8 +89,8 @@ std::string Terminal::next(const campaign::Run& run) {
   left_ -= campaign::time_of(run);
   const auto repetition = run.repetition > 1 ? fmt::format(" ×{}", run.repetition) : "";
   const auto variant = run.variant.empty() ? "" : " " + run.variant;
-  return report::printable(
-      fmt::format("{}{}{} {}{}", count, run.id, variant, run.task.transport, repetition));
+  return report::printable(fmt::format("{}{}{} {}{}", count, report::shortened(run.id, gate::longest_id),
+                                       variant, run.task.transport, repetition));
 }
 
 void Terminal::begins(const campaign::Run& run) {
@@ -150,13 +148,5 @@ void print(const std::string& text) {
 }
 
 void print_error(const std::string& text) { say("ontime: {}\n", lines_of(text)); }
-
-void print_report(const record::Reader& reader, std::size_t known, report::Format format) {
-  std::vector<statistics::Summary> summaries;
-  const auto runs = reader.runs();
-  for (std::size_t i = known; i < runs.size(); ++i)
-    summaries.push_back(statistics::summarise(reader, runs[i]));
-  print(report::render(summaries, format));
-}
 
 }  // namespace ontime::app

@@ -42,10 +42,12 @@ nlohmann::json command_line();
 
 // To standard output, all of it, or throws Error.
 void print(const std::string& text);
+// As ASCII: what would steer a terminal is an escape of JSON then, and the same value.
+template <class Json>
+void print_json(const Json& value) {
+  print(value.dump(2, ' ', true, Json::error_handler_t::replace) + "\n");
+}
 // To standard error, as "ontime: text"; never throws.
 void print_error(const std::string& text);
-
-// Prints the report on the runs that came after the first `known`.
-void print_report(const record::Reader&, std::size_t known, report::Format);
 
 }  // namespace ontime::app

@@ -8,9 +8,9 @@
 
 #include "campaign/campaign.hpp"
 #include "commands.hpp"
+#include "flags.hpp"
 #include "keeper/keeper.hpp"
 #include "machine/machine.hpp"
-#include "run_flags.hpp"
 #include "settings/settings.hpp"
 #include "terminal.hpp"
 
@@ -26,12 +26,6 @@ struct Arguments {
   std::vector<std::string> sets;
   bool dry_run = false;
 };
-
-bool as_json(const std::string& format) {
-  if (format != "json" && format != "table")
-    throw Error(2, fmt::format("--format: '{}' is not one of table, json", format));
-  return format == "json";
-}
 
 settings::Link link_of(const Arguments& arguments) {
   settings::Link link{arguments.interface, arguments.network_namespace};
@@ -136,7 +130,7 @@ int apply(const Arguments& arguments) {
 }
 
 int show(const Arguments& arguments) {
-  const bool json_asked = as_json(arguments.format);
+  const bool json_asked = is_json_flag(arguments.format);
   auto all = json::array();
   std::string text;
   for (const auto& state : settings::show(link_of(arguments))) {
@@ -155,8 +149,10 @@ int show(const Arguments& arguments) {
                         printable(fmt::format("{}", fmt::join(words, ", "))),
                         state.cannot.empty() ? "" : "  (" + printable(state.cannot) + ")");
   }
-  print(json_asked ? json{{"settings", all}}.dump(2, ' ', false, json::error_handler_t::replace) + "\n"
-                   : text);
+  if (json_asked)
+    print_json(json{{"settings", all}});
+  else
+    print(text);
   return 0;
 }
 
@@ -167,7 +163,7 @@ void need_root(const char* what) {
 }
 
 int verify(const Arguments& arguments) {
-  const bool json_asked = as_json(arguments.format);
+  const bool json_asked = is_json_flag(arguments.format);
   need_root("verify");
   const auto kept = journal::kept(keeper::kinds());
   if (kept.empty()) {
@@ -190,7 +186,7 @@ int verify(const Arguments& arguments) {
                                 one.after.value_or(""), now));
   }
   if (json_asked)
-    print(json{{"applied", all}}.dump(2, ' ', false, json::error_handler_t::replace) + "\n");
+    print_json(json{{"applied", all}});
   else
     print_lines(lines);
   return code;
@@ -224,38 +220,26 @@ void add_tune(CLI::App& app, Action& action) {
     added->callback([&action, arguments, act] { action = [arguments, act] { return act(*arguments); }; });
     return added;
   };
-  const auto add_link = [&](CLI::App* to) {
-    auto* interface =
-        to->add_option("--interface", arguments->interface, "whose settings, of those that an interface has")
-            ->type_name("NAME")
-            ->check(given);
-    to->add_option("--peer", arguments->peer, "instead: the interface by which the traffic to it goes")
-        ->type_name("HOST")
-        ->check(given)
-        ->excludes(interface);
+  const auto add_place = [&](CLI::App* to) {
+    add_link(*to, arguments->interface, arguments->peer, "whose settings, of those that an interface has");
     to->add_option("--namespace", arguments->network_namespace,
                    "the network namespace of the interface, as in ip netns")
         ->type_name("NAME")
         ->check(given);
   };
-  const auto add_format = [&](CLI::App* to) {
-    to->add_option("--format", arguments->format, "table or json: table")->type_name("FORMAT");
-  };
   auto* shown = add("show", "Every setting: what is, and why it cannot be set where it cannot", show);
-  add_link(shown);
-  add_format(shown);
+  add_place(shown);
+  add_format(*shown, arguments->format);
   auto* applied = add("apply", "Sets; it lasts until revert, or the next start of the machine", apply);
   applied->add_option("--set", arguments->sets, "a setting, such as ksoftirqd=60; repeatable")
       ->type_name("NAME=VALUE")
       ->check(given);
-  auto* scenario = applied->add_option("--scenario", arguments->scenario, "as the run of a scenario has it")
-                       ->type_name("FILE")
-                       ->check(given);
+  auto* scenario = add_file(*applied, "--scenario", arguments->scenario, "as the run of a scenario has it");
   auto* run =
       applied->add_option("--run", arguments->run, "the id of that run")->type_name("ID")->check(given);
   scenario->needs(run);
   run->needs(scenario);
-  add_link(applied);
+  add_place(applied);
   auto* dry = applied->add_flag("--dry-run", arguments->dry_run, "only say what would be changed");
   applied
       ->add_option("--print", arguments->boot,
@@ -263,7 +247,8 @@ void add_tune(CLI::App& app, Action& action) {
       ->type_name("FORM")
       ->check(given)
       ->excludes(dry);
-  add_format(add("verify", "Whether what was applied is still so; exit code 1 if not", verify));
+  add_format(*add("verify", "Whether what was applied is still so; exit code 1 if not", verify),
+             arguments->format);
   add("revert", "Gives back what apply changed, and what an ontime that was killed left",
       [](const Arguments&) { return revert(); });
 }

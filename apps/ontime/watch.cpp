@@ -9,8 +9,9 @@
 #include <sys/resource.h>
 #include <unistd.h>
 
+#include "campaign/campaign.hpp"
 #include "commands.hpp"
-#include "run_flags.hpp"
+#include "flags.hpp"
 #include "terminal.hpp"
 
 namespace ontime::app {
@@ -50,9 +51,7 @@ class Screen {
 };
 
 int follow(const Arguments& arguments) {
-  const bool as_json = arguments.format == "json";
-  if (!as_json && arguments.format != "table")
-    throw campaign::Error(2, fmt::format("--format: '{}' is neither table nor json", arguments.format));
+  const bool as_json = is_json_flag(arguments.format);
   const auto metrics = metrics_at(arguments.metrics);
   const auto& interrupts = catch_interrupts();
   ::setpriority(PRIO_PROCESS, 0, 19);  // what is measured comes first

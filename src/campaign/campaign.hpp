@@ -25,6 +25,7 @@ using orders::Error;
 
 // "10 ms" → 10'000'000. Units: ns us µs ms s min h. Throws std::invalid_argument, for people.
 std::chrono::nanoseconds duration_of(const std::string& text);
+std::string text_of(std::chrono::nanoseconds);  // the way back, in the largest unit that makes it whole
 // "32 KiB" → 32'768. Units: B kB KiB MB MiB GB GiB.
 std::uint64_t bytes_of(const std::string& text);
 // "80 Mbit/s" → 80'000'000. Units: bit/s kbit/s Mbit/s Gbit/s.

@@ -63,8 +63,9 @@ class Bounds final : public YAML::EventHandler {
   }
   void OnDocumentEnd() override {}
   void OnNull(const YAML::Mark& mark, YAML::anchor_t anchor) override { add(mark, anchor, {1, 1}); }
-  void OnScalar(const YAML::Mark& mark, const std::string&, YAML::anchor_t anchor,
+  void OnScalar(const YAML::Mark& mark, const std::string& tag, YAML::anchor_t anchor,
                 const std::string& value) override {
+    check(mark, tag);
     if (first_of_no_text(value) != value.npos) fail(mark, "a control character stands in this value");
     add(mark, anchor, {1, 1});
   }
@@ -74,13 +75,15 @@ class Bounds final : public YAML::EventHandler {
       fail(mark, "this alias stands within what it stands for, which would never end");
     add(mark, 0, whole->second);
   }
-  void OnSequenceStart(const YAML::Mark& mark, const std::string&, YAML::anchor_t anchor,
+  void OnSequenceStart(const YAML::Mark& mark, const std::string& tag, YAML::anchor_t anchor,
                        YAML::EmitterStyle::value) override {
+    check(mark, tag);
     begin(mark, anchor);
   }
   void OnSequenceEnd() override { end(); }
-  void OnMapStart(const YAML::Mark& mark, const std::string&, YAML::anchor_t anchor,
+  void OnMapStart(const YAML::Mark& mark, const std::string& tag, YAML::anchor_t anchor,
                   YAML::EmitterStyle::value) override {
+    check(mark, tag);
     begin(mark, anchor);
   }
   void OnMapEnd() override { end(); }
@@ -100,6 +103,12 @@ class Bounds final : public YAML::EventHandler {
     throw YAML::ParserException(mark, message);
   }
 
+  // Of what has none yaml-cpp says "?", of what is quoted "!".
+  static void check(const YAML::Mark& mark, const std::string& tag) {
+    if (!tag.empty() && tag != "?" && tag != "!")
+      fail(mark,
+           fmt::format("the tag '{}' would change nothing: a key says what its value is; leave it out", tag));
+  }
   void add(const YAML::Mark& mark, YAML::anchor_t anchor, Extent extent) {
     nodes_ += extent.nodes;
     if (nodes_ > most_nodes)

@@ -330,9 +330,8 @@ void complete(Run& run) {
   complete_network(run);
   if (client.deadline > client.timeout)
     throw std::invalid_argument(
-        fmt::format("the deadline ({} us) is longer than the time-out ({} us): nothing could "
-                    "ever be late",
-                    client.deadline.count() / 1000, client.timeout.count() / 1000));
+        fmt::format("the deadline ({}) is longer than the time-out ({}): nothing could ever be late",
+                    text_of(client.deadline), text_of(client.timeout)));
   if (client.schedule == roundtrip::Schedule::fixed && client.timeout / client.period > 500'000)
     throw std::invalid_argument(
         "more than 500000 messages may be in flight: lengthen the period or shorten the time-out");

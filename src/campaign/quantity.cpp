@@ -15,6 +15,12 @@ namespace {
 // A long double holds every number of nanoseconds or bytes that the result does.
 using Units = std::vector<std::pair<std::string, long double>>;
 
+const Units& times() {
+  static const Units units{{"ns", 1},  {"us", 1e3},   {"µs", 1e3},  {"ms", 1e6},
+                           {"s", 1e9}, {"min", 60e9}, {"h", 3600e9}};
+  return units;
+}
+
 long double quantity(const std::string& text, const Units& units, const std::string& example) {
   std::string names;
   for (const auto& [name, factor] : units) names += (names.empty() ? "" : ", ") + name;
@@ -40,9 +46,16 @@ long double quantity(const std::string& text, const Units& units, const std::str
 }  // namespace
 
 std::chrono::nanoseconds duration_of(const std::string& text) {
-  static const Units units{{"ns", 1},  {"us", 1e3},   {"µs", 1e3},  {"ms", 1e6},
-                           {"s", 1e9}, {"min", 60e9}, {"h", 3600e9}};
-  return std::chrono::nanoseconds(std::llround(quantity(text, units, "10 ms")));
+  return std::chrono::nanoseconds(std::llround(quantity(text, times(), "10 ms")));
+}
+
+std::string text_of(std::chrono::nanoseconds duration) {
+  auto text = fmt::format("{} ns", duration.count());
+  for (const auto& [name, factor] : times())
+    if (const auto ns = static_cast<std::int64_t>(factor);
+        duration.count() >= ns && duration.count() % ns == 0)
+      text = fmt::format("{} {}", duration.count() / ns, name);
+  return text;
 }
 
 std::uint64_t bytes_of(const std::string& text) {

@@ -20,6 +20,7 @@ namespace ontime::foreign {
 namespace {
 
 using nlohmann::json;
+using record::at;
 
 constexpr std::uintmax_t most_text_bytes = std::uintmax_t{256} << 20U;  // a million values of 30 threads
 constexpr std::uintmax_t most_json_bytes = std::uintmax_t{32}
@@ -170,13 +171,6 @@ json document_of(const std::string& file) {
   } catch (const json::exception& error) {
     fail(file, "", fmt::format("it is no JSON, or cut off ({})", error.what()));
   }
-}
-
-const json& at(const json& object, const char* key) {
-  static const json none;
-  if (!object.is_object()) return none;
-  const auto found = object.find(key);
-  return found == object.end() ? none : *found;
 }
 
 // What is of another kind, or too long for what it says it is, is not known.

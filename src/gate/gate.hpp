@@ -54,6 +54,8 @@ Judgement judge(const Gate&, const statistics::Summary&);  // none that is relat
 // Of repetitions of the same.
 using Runs = std::vector<const statistics::Summary*>;
 Judgement judge(const Gate&, const Runs& from, const Runs& to);  // one that is relative
+// "held", "missed", "cannot judge".
+const char* word_of(Judgement::Result);
 // "missed: p99 <= 2 ms (Test1.B udp (run 5)): p99 is 3.1 ms, surely between 2.9 ms and 3.4 ms".
 std::string text_of(const Judgement&);
 // What the scenario required of a run, out of its record; what is no gate there is left out.
@@ -62,8 +64,11 @@ std::vector<Gate> required_of(const statistics::Summary&);
 inline constexpr const char* end = "measured to its end";
 Judgement judge_end(const statistics::Summary&);
 
-// "Test1.B cyclonedds ×2 (run 5)"; of several: "Test1.B cyclonedds".
+// "Test1.B cyclonedds ×2 (run 5)"; of several: "Test1.B cyclonedds". An id of more characters is shortened.
+inline constexpr int longest_id = 60;
 std::string name_of(const statistics::Summary&);
 std::string name_of(const Runs&);
+// "28.25 ms".
+std::string time_of(double ns);
 
 }  // namespace ontime::gate

@@ -10,29 +10,16 @@ namespace ontime::gate {
 namespace {
 
 using nlohmann::json;
+using record::at;
 using statistics::Answer;
 using statistics::Figure;
 using statistics::Interval;
 using statistics::Summary;
 using Result = Judgement::Result;
 
-const json& at(const json& object, const char* key) {
-  static const json none;
-  if (!object.is_object()) return none;
-  const auto found = object.find(key);
-  return found == object.end() ? none : *found;
-}
-
 std::string text_of(const json& value) { return value.is_string() ? value.get<std::string>() : ""; }
 
 bool is_share(const Gate& gate) { return gate.figure == Figure::late || gate.figure == Figure::lost; }
-
-std::string time_of(double ns) {
-  const double size = std::abs(ns);
-  if (size >= 1e9) return fmt::format("{:.4g} s", ns / 1e9);
-  if (size >= 1e6) return fmt::format("{:.4g} ms", ns / 1e6);
-  return fmt::format("{:.4g} µs", ns / 1e3);
-}
 
 std::string value_of(const Gate& gate, double value) {
   return is_share(gate) ? fmt::format("{:.4g} %", value * 100) : time_of(value);
@@ -93,6 +80,13 @@ Judgement judge_answer(const Gate& gate, std::string run, Answer answer, const s
 
 }  // namespace
 
+std::string time_of(double ns) {
+  const double size = std::abs(ns);
+  if (size >= 1e9) return fmt::format("{:.4g} s", ns / 1e9);
+  if (size >= 1e6) return fmt::format("{:.4g} ms", ns / 1e6);
+  return fmt::format("{:.4g} µs", ns / 1e3);
+}
+
 std::string name_of(const Summary& run) {
   auto name = name_of(Runs{&run});
   if (const auto& repetition = at(run.run.asked, "repetition");
@@ -103,17 +97,21 @@ std::string name_of(const Summary& run) {
 
 std::string name_of(const Runs& runs) {
   const auto& asked = runs.front()->run.asked;
-  auto name = text_of(at(asked, "id"));
+  const auto id = text_of(at(asked, "id"));
+  auto name = fmt::format("{:.{}}", id, longest_id);
+  if (name.size() < id.size()) name += "…";
   for (const auto* key : {"variant", "transport"})
     if (const auto word = text_of(at(asked, key)); !word.empty()) name += " " + word;
   return name;
 }
 
+const char* word_of(Result result) {
+  return result == Result::held ? "held" : result == Result::missed ? "missed" : "cannot judge";
+}
+
 std::string text_of(const Judgement& judgement) {
-  const auto* const word = judgement.result == Result::held     ? "held"
-                           : judgement.result == Result::missed ? "missed"
-                                                                : "cannot judge";
-  return fmt::format("{}: {} ({}): {}", word, judgement.gate, judgement.run, judgement.says);
+  return fmt::format("{}: {} ({}): {}", word_of(judgement.result), judgement.gate, judgement.run,
+                     judgement.says);
 }
 
 std::vector<Gate> required_of(const Summary& run) {

@@ -8,6 +8,8 @@
 
 #include <sodium.h>
 
+#include "record/record.hpp"
+
 namespace ontime::record {
 namespace {
 
@@ -65,6 +67,13 @@ std::optional<json> json_of(const std::string& text) {
   } catch (const TooDeep&) {
   }
   return std::nullopt;
+}
+
+const json& at(const json& object, std::string_view key) {
+  static const json none;
+  if (!object.is_object()) return none;
+  const auto found = object.find(key);
+  return found == object.end() ? none : *found;
 }
 
 std::string key_of(const json& asked) {

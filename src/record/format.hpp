@@ -41,8 +41,9 @@ constexpr bool can_be(const roundtrip::Sample& sample) {
   return can_be(sample.intended_ns) && can_be(sample.due_ns) && can_be(sample.woke_ns) &&
          can_be(sample.sent_ns) && can_be(sample.received_ns) && can_be(sample.server_received_ns) &&
          can_be(sample.server_sent_ns) && can_be(sample.passed_wake_ns) && sample.passed_wake_ns >= 0 &&
-         sample.fate <= roundtrip::Fate::lost &&
-         (sample.fate == roundtrip::Fate::lost) == (sample.received_ns == 0);
+         (sample.fate == roundtrip::Fate::lost
+              ? sample.received_ns == 0
+              : sample.fate < roundtrip::Fate::lost && sample.received_ns >= sample.sent_ns);
 }
 
 }  // namespace ontime::record

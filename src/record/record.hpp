@@ -11,6 +11,7 @@
 #include <span>
 #include <stdexcept>
 #include <string>
+#include <string_view>
 #include <vector>
 
 #include <nlohmann/json.hpp>
@@ -41,6 +42,10 @@ struct Run {
 
 std::string key_of(const nlohmann::json& asked);
 
+// What these, and whatever else is from elsewhere, may have or not: null where nothing is there, and where
+// nothing can be.
+const nlohmann::json& at(const nlohmann::json& object, std::string_view key);
+
 // Something that happened in a run: at a moment, or to one message, or both.
 struct Note {
   std::string kind;                      // "peer-left", "second-pong" …: a word for programs
@@ -58,7 +63,7 @@ class Writer {
   // path: a temporary file that goes with the Writer. Throws if it is not a results file, is from a newer
   // version, cannot be written, or another Writer has it open.
   explicit Writer(const std::string& path);
-  ~Writer();  // leaves one file, nothing beside it
+  ~Writer();  // leaves one file, nothing beside it; and none, if it created it and there was no run
   Writer(Writer&&) noexcept;
   Writer& operator=(Writer&&) noexcept;
 
@@ -66,7 +71,7 @@ class Writer {
   // In order of index; one that is there already is replaced (a message given up as lost, whose answer was in
   // time after all). Durable against kill -9 once flush() has returned, or a second has passed in which the
   // disk did not stall. Throws for a sample that cannot be: with times beyond ±2^60 ns, with an answer and
-  // lost, or of no fate.
+  // lost, answered before it was sent, or of no fate.
   void append(std::int64_t run, std::span<const roundtrip::Sample> samples);
   void note(std::int64_t run, const Note&);  // also of a run that has ended
   void end_run(std::int64_t run, const nlohmann::json& outcome);
@@ -91,7 +96,8 @@ class Reader {
   explicit Reader(const std::string& path);                            // never changes the file
   std::vector<Run> runs(std::optional<std::int64_t> from = {}) const;  // from this number on; nothing: all
   std::vector<Note> notes(std::int64_t run) const;  // in the order in which they were written
-  // Each sample of a run, in order of index. Memory does not grow with their number.
+  // Each sample of a run, in order of index. Memory does not grow with their number. Its times are as
+  // append() has them, so that no difference of two overflows.
   void each_sample(std::int64_t run, const std::function<void(const roundtrip::Sample&)>&) const;
   // Those from this message on.
   void each_sample(std::int64_t run, std::uint64_t from,

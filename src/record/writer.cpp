@@ -45,12 +45,31 @@ std::string checked_text_of(const nlohmann::json& value, const std::string& name
   return text;
 }
 
+// A file that was made for runs is not left behind without one.
+class NewFile {
+ public:
+  NewFile() = default;
+  ~NewFile() {
+    std::error_code ignored;
+    if (!path_.empty()) std::filesystem::remove(path_, ignored);
+  }
+  NewFile(const NewFile&) = delete;
+  NewFile& operator=(const NewFile&) = delete;
+  void made(const std::string& path) { path_ = path; }
+  void has_a_run() { path_.clear(); }
+
+ private:
+  std::string path_;
+};
+
 }  // namespace
 
 // The thread that waits for the disk, and what waits for it.
 class Writer::Thread {
  public:
-  explicit Thread(const std::string& path) : database_(path), thread_([this] { work(); }) {}
+  Thread(const std::string& path, bool is_new) : database_(path), thread_([this] { work(); }) {
+    if (is_new) new_file.made(path);
+  }
   ~Thread() {
     {
       const std::lock_guard lock(mutex_);
@@ -92,7 +111,8 @@ class Writer::Thread {
   Reader reader() const { return Reader(database_.connection()); }
   const std::string& name() const { return database_.connection()->name(); }
 
-  std::set<std::int64_t> open_runs;  // the caller's
+  NewFile new_file;  // the caller's, as these; goes once the database is closed
+  std::set<std::int64_t> open_runs;
 
  private:
   void work() {
@@ -161,7 +181,7 @@ Writer::Writer(const std::string& path) {
   if (!path.empty() && !is_new && errno == EEXIST && !std::filesystem::is_regular_file(path, ignored))
     throw WrongFile(fmt::format("{}: it is there, but not a file. Choose another name.", path));
   try {
-    thread_ = std::make_unique<Thread>(path);
+    thread_ = std::make_unique<Thread>(path, is_new);
   } catch (const Error&) {
     if (is_new && std::filesystem::file_size(path, ignored) == 0) std::filesystem::remove(path, ignored);
     throw;
@@ -177,6 +197,7 @@ std::int64_t Writer::begin_run(const nlohmann::json& asked) {
   const auto key = key_of(*json_of(text));
   const auto run = thread_->ask([&](Database& database) { return database.begin_run(text, key); });
   thread_->open_runs.insert(run);
+  thread_->new_file.has_a_run();
   return run;
 }
 

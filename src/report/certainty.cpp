@@ -61,7 +61,7 @@ std::string note_of(const Summary& summary) {
     const auto& bursts = summary.bursts;
     if (bursts.count == 0) return "never two late or lost in a row";
     return fmt::format("{} of late or lost messages in a row, the longest of {} messages, {}",
-                       bursts.count == 1 ? "1 burst" : fmt::format("{} bursts", bursts.count), bursts.longest,
+                       many(bursts.count, "burst", "bursts"), bursts.longest,
                        duration(static_cast<double>(bursts.longest_ns) / 1e3));
   }
   const auto messages = statistics::messages_to_claim(one_in_a_million, missed.effect);

@@ -79,8 +79,6 @@ std::string lies(const Row& row, const statistics::Change& change) {
               [&](double value) { return (value < 0 ? "" : "+") + value_of(row, value); });
 }
 
-std::string many(std::size_t runs) { return fmt::format("{} run{}", runs, runs == 1 ? "" : "s"); }
-
 std::string list_of(const std::vector<Difference>& differences) {
   std::vector<std::string> parts;
   for (const auto& [what, from, to] : differences)
@@ -110,8 +108,8 @@ Table table_of(const Pair& pair) {
   }
   if (table.rows.empty())
     table.notes.push_back("neither nor: nothing was answered, or it was not measured to its end");
-  table.notes.insert(table.notes.begin(),
-                     fmt::format("A: {}; B: {}", many(pair.from.size()), many(pair.to.size())));
+  table.notes.insert(table.notes.begin(), fmt::format("A: {}; B: {}", many(pair.from.size(), "run", "runs"),
+                                                      many(pair.to.size(), "run", "runs")));
   for (const auto* runs : {&pair.from, &pair.to})
     for (const auto* run : *runs)
       if (!statistics::is_complete(run->run))
@@ -155,13 +153,8 @@ bool is_imported(const Pair& pair) { return pair.from.front()->imported && pair.
 std::string list_of(const std::vector<Runs>& groups) {
   std::vector<std::string> names;
   for (const auto& group : groups)
-    names.push_back(fmt::format("{} ({})", gate::name_of(group), many(group.size())));
+    names.push_back(fmt::format("{} ({})", gate::name_of(group), many(group.size(), "run", "runs")));
   return join(names, "; ");
-}
-
-const char* word_of(gate::Judgement::Result result) {
-  using Result = gate::Judgement::Result;
-  return result == Result::held ? "held" : result == Result::missed ? "missed" : "cannot judge";
 }
 
 // --- for programs ---
@@ -208,19 +201,6 @@ ordered_json json_of(const Pair& pair) {
           {"not_the_same", not_the_same}};
 }
 
-// What a spreadsheet has in its cells.
-std::string cell_of(const ordered_json& value) {
-  return value.is_null()     ? ""
-         : value.is_string() ? value.get<std::string>()
-                             : value.dump(-1, ' ', false, ordered_json::error_handler_t::replace);
-}
-
-Runs pointers_to(const Summaries& summaries) {
-  Runs all;
-  for (const auto& summary : summaries) all.push_back(&summary);
-  return all;
-}
-
 // In the order of their first ones.
 template <class Key>
 Comparison compare_by(const Runs& a, const Runs& b, Key key_of) {
@@ -251,7 +231,7 @@ Comparison compare_by(const Runs& a, const Runs& b, Key key_of) {
 }  // namespace
 
 Comparison compare(const Summaries& a, const Summaries& b) {
-  return compare_by(pointers_to(a), pointers_to(b), [](const auto& summary) { return summary.run.key; });
+  return compare_by(all_of(a), all_of(b), [](const auto& summary) { return summary.run.key; });
 }
 
 Comparison compare_chosen(const Summaries& a, const Summaries& b) {
@@ -262,7 +242,7 @@ Comparison compare_chosen(const Summaries& a, const Summaries& b) {
       key.push_back(at(summary.run.asked, name));
     return key.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace);
   };
-  auto comparison = compare_by(pointers_to(a), pointers_to(b), key_of);
+  auto comparison = compare_by(all_of(a), all_of(b), key_of);
   if (comparison.pairs.empty() && comparison.only_from.size() == 1 && comparison.only_to.size() == 1) {
     comparison.pairs.push_back({comparison.only_from.front(), comparison.only_to.front()});
     comparison.only_from.clear();
@@ -300,7 +280,7 @@ ordered_json json_of(const Comparison& comparison, const std::vector<gate::Judge
   result["gates"] = list(judgements, [](const gate::Judgement& judgement) {
     return ordered_json{{"gate", judgement.gate},
                         {"run", judgement.run},
-                        {"result", word_of(judgement.result)},
+                        {"result", gate::word_of(judgement.result)},
                         {"says", judgement.says}};
   });
   return result;

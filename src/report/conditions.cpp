@@ -31,16 +31,6 @@ struct Phrase {
   enum class Where { everywhere, in_labels } where = Where::everywhere;
 };
 
-std::string workers(const json& load) {
-  std::vector<std::string> parts;
-  for (const auto* kind : {"cpu", "vm", "io", "hdd"})
-    if (const auto number = count(at(load, kind)); number > 0) {
-      const auto& bytes = at(load, fmt::format("{}_bytes", kind));
-      parts.push_back(fmt::format("{} {}{}", number, kind, count(bytes) > 0 ? " of " + size(bytes) : ""));
-    }
-  return join(parts, " ");
-}
-
 std::string load(const json& run) {
   const auto& asked = at(run, "load");
   if (!asked.is_object()) return "";
@@ -258,17 +248,36 @@ void add_variant(std::string& label, const json& variant, const std::vector<Phra
     const auto part = text.substr(begin, end - begin);
     const auto key = part.substr(0, part.find(' '));
     // "qos.depth 5" is told by "qos", "load.controller.cpu 4" by "load".
-    const bool told = std::any_of(phrases.begin(), phrases.end(), [&](const Phrase& phrase) {
-      const bool holds_others = phrase.key == "qos" || phrase.key == "load" || phrase.key == "traffic" ||
-                                phrase.key == "link" || phrase.key == "kernel";
-      return key == phrase.key || (holds_others && key.starts_with(phrase.key + "."));
-    });
+    // The component's transport is told where it is another, and the label begins with the one.
+    const bool told = key == "component.transport" ||
+                      std::any_of(phrases.begin(), phrases.end(), [&](const Phrase& phrase) {
+                        const bool holds_others = phrase.key == "qos" || phrase.key == "load" ||
+                                                  phrase.key == "traffic" || phrase.key == "link" ||
+                                                  phrase.key == "kernel";
+                        return key == phrase.key || (holds_others && key.starts_with(phrase.key + "."));
+                      });
     if (!told) label += " " + shortened(part, longest_value);
     begin = end + 2;
   }
 }
 
 }  // namespace
+
+std::string workers(const json& load) {
+  std::vector<std::string> parts;
+  for (const auto* kind : {"cpu", "vm", "io", "hdd"})
+    if (const auto number = count(at(load, kind)); number > 0) {
+      const auto& bytes = at(load, fmt::format("{}_bytes", kind));
+      parts.push_back(fmt::format("{} {}{}", number, kind, count(bytes) > 0 ? " of " + size(bytes) : ""));
+    }
+  return join(parts, ", ");
+}
+
+Group all_of(const Summaries& summaries) {
+  Group all;
+  for (const auto& summary : summaries) all.push_back(&summary);
+  return all;
+}
 
 std::vector<Group> by_id(const Summaries& summaries) {
   std::vector<Group> groups;

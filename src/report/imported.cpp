@@ -36,7 +36,7 @@ std::string source_of(const Summary& summary) {
 
 Table imported_table_of(const std::vector<const Summary*>& group) {
   Table table{
-      word(at(group.front()->run.asked, "id")),
+      id_of(group.front()->run.asked),
       "imported: waking up, not round trips; how often each value was seen, and not when, so that nothing "
       "is known of bursts, and no interval can be given",
       {{"Wake-up (µs)", Column::Align::left}},

@@ -80,12 +80,6 @@ ordered_json paper_of(const nlohmann::json& asked) {
   return rows.empty() ? ordered_json() : rows;
 }
 
-std::string text_of(const ordered_json& value) {
-  if (value.is_null()) return "";
-  return value.is_string() ? value.get<std::string>()
-                           : value.dump(-1, ' ', false, ordered_json::error_handler_t::replace);
-}
-
 // A column of CSV, and where in the JSON of a run it is found.
 struct Field {
   std::string name;
@@ -99,7 +93,7 @@ std::string field_of(const ordered_json& run, const Field& field) {
     if (!value->is_object() || found == value->end()) return "";
     value = &*found;
   }
-  return text_of(*value);
+  return cell_of(*value);
 }
 
 // The columns that each file has; new ones come last.

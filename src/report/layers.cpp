@@ -75,7 +75,7 @@ std::map<const Summary*, std::string> names_of(const Layers& layers) {
     auto labels = labels_without_repetition(group);
     tell_apart(labels, group);
     for (std::size_t i = 0; i < group.size(); ++i)
-      names[group[i]] = group.size() == 1 ? id : id + ": " + labels[i];
+      names[group[i]] = shortened(id, gate::longest_id) + (group.size() == 1 ? "" : ": " + labels[i]);
   }
   return names;
 }
@@ -85,7 +85,7 @@ std::vector<std::string> missing(const Layers& layers) {
   std::map<std::string, std::vector<std::string>> ids;
   for (const auto& [id, reason] : layers.missing) {
     if (!ids.contains(reason)) reasons.push_back(reason);
-    ids[reason].push_back(word(id));
+    ids[reason].push_back(shortened(word(id), gate::longest_id));
   }
   std::vector<std::string> notes;
   notes.reserve(reasons.size());

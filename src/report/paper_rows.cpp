@@ -13,13 +13,7 @@ namespace {
 PaperRow row_of(const std::string& line) {
   const auto number = [](const std::string& text) { return std::stoll(text); };
   constexpr std::size_t after_title = 7;
-  std::vector<std::string> fields(1);
-  for (const char c : line) {
-    if (c == ',')
-      fields.emplace_back();
-    else
-      fields.back() += c;
-  }
+  const auto fields = split(line, ',');
   const auto* const last = &fields.at(fields.size() - after_title);
   return {fields.front(),
           last[0],

@@ -65,8 +65,7 @@ std::optional<double> deadline_ms(const Summary& summary) {
 // What tells a run from the others of the figure.
 std::vector<std::string> names_of(const Group& group) {
   auto names = labels_of(group);
-  for (std::size_t i = 0; i < group.size(); ++i)
-    names[i] = word(at(group[i]->run.asked, "id")) + "  " + names[i];
+  for (std::size_t i = 0; i < group.size(); ++i) names[i] = id_of(group[i]->run.asked) + "  " + names[i];
   tell_apart(names, group);
   return names;
 }
@@ -188,10 +187,11 @@ std::string how_often_worse(const Group& group, const Plot& plot) {
 }
 
 std::string against_payload(const Group& group, const Plot& plot) {
-  std::map<std::string, std::map<std::uint64_t, std::vector<const Summary*>>> series;
+  std::map<std::pair<std::string, std::string>, std::map<std::uint64_t, std::vector<const Summary*>>>
+      series;  // by id and transport
   for (const auto* summary : group)
     if (summary->round_trip.count > 0)
-      series[word(at(summary->run.asked, "id")) + "  " + word(at(summary->run.asked, "transport"))]
+      series[{word(at(summary->run.asked, "id")), word(at(summary->run.asked, "transport"))}]
             [std::max<std::uint64_t>(count(at(summary->run.asked, "payload_bytes")), 1)]
                 .push_back(summary);
   auto text = terminal(plot, single_cm + 0.35 * static_cast<double>(series.size())) + looks;
@@ -220,7 +220,8 @@ std::string against_payload(const Group& group, const Plot& plot) {
         "{0}$run{1} using 1:2 with linespoints pointtype 7 pointsize 0.35 linecolor rgb '{2}' title {3}, "
         "\\\n  $run{1} using 1:3 with linespoints pointtype 6 pointsize 0.35 dashtype 2 linecolor rgb "
         "'{2}' notitle",
-        i == 0 ? "plot " : ", \\\n  ", i, colour, quoted(name));
+        i == 0 ? "plot " : ", \\\n  ", i, colour,
+        quoted(shortened(name.first, gate::longest_id) + "  " + name.second));
     ++i;
   }
   return text + lines + "\n";
@@ -229,8 +230,7 @@ std::string against_payload(const Group& group, const Plot& plot) {
 }  // namespace
 
 std::string gnuplot_of(const Summaries& summaries, const Plot& plot) {
-  Group group;
-  for (const auto& summary : summaries) group.push_back(&summary);
+  const auto group = all_of(summaries);
   switch (plot.figure) {
     case Plot::Figure::worse:
       return how_often_worse(group, plot);

@@ -20,10 +20,6 @@ std::string ending(const json& outcome) {
   return is_true(at(outcome, "interrupted")) ? "interrupted before its end" : "";
 }
 
-std::string many(std::uint64_t number, const char* one, const char* several) {
-  return fmt::format("{} {}", number, number == 1 ? one : several);
-}
-
 // "12 at the component, 3 at the controller": of what each end's own reader says of its losses.
 std::string losses(const json& outcome, const char* key, const char* where) {
   std::vector<std::string> parts;

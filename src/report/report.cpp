@@ -1,8 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "report/report.hpp"
 
-#include <algorithm>
-
 #include "report/comparison.hpp"
 #include "report/html.hpp"
 #include "report/page.hpp"
@@ -19,12 +17,8 @@ std::string text_of(const nlohmann::ordered_json& value) {
 
 // Line by line, for in a note and in a column's name a line has its meaning.
 void make_printable(std::string& text) {
-  std::vector<std::string> lines;
-  for (std::size_t begin = 0; begin <= text.size();) {
-    const auto end = std::min(text.find('\n', begin), text.size());
-    lines.push_back(printable(text.substr(begin, end - begin)));
-    begin = end + 1;
-  }
+  auto lines = split(text, '\n');
+  for (auto& line : lines) line = printable(line);
   text = join(lines, "\n");
 }
 

@@ -23,6 +23,8 @@ std::optional<Format> format_of(const std::string& word);
 // comes from elsewhere: a results file, the network. The forms for people below pass all their text through
 // it.
 std::string printable(const std::string& text);
+// Its first so many characters, with "…" where there are more.
+std::string shortened(const std::string& text, std::size_t most);
 
 // One row a run; as HTML the tables alone. docs/json.md describes the JSON; it is stable.
 std::string render(const std::vector<statistics::Summary>&, Format);

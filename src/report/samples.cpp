@@ -1,4 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
+#include <cstdlib>
 #include <iterator>
 #include <optional>
 
@@ -57,17 +58,17 @@ class Line {
   }
 
   void add(fmt::memory_buffer& out, const Sample& sample, std::int64_t start_ns) {
-    const auto after_start = [&](std::int64_t ns) { return between(start_ns, ns); };
+    const auto after_start = [&](std::int64_t ns) { return ns - start_ns; };
     std::optional<std::int64_t> received, round_trip, response, wake_up, server_received, server_sent, server;
     if (sample.fate != Fate::lost) {
       received = after_start(sample.received_ns);
-      round_trip = between(sample.sent_ns, sample.received_ns);
-      response = between(sample.intended_ns, sample.received_ns);
+      round_trip = sample.received_ns - sample.sent_ns;
+      response = sample.received_ns - sample.intended_ns;
     }
-    if (has_cycles_) wake_up = between(sample.due_ns, sample.woke_ns);
+    if (has_cycles_) wake_up = sample.woke_ns - sample.due_ns;
     if (sample.server_received_ns != 0) server_received = sample.server_received_ns;
     if (sample.server_sent_ns != 0) server_sent = sample.server_sent_ns;
-    if (server_received && server_sent) server = between(*server_received, *server_sent);
+    if (server_received && server_sent) server = *server_sent - *server_received;
 
     out.append(run_);
     fmt::format_to(std::back_inserter(out), "{}", sample.index);
@@ -94,11 +95,6 @@ class Line {
     return value.is_null() ? "" : word(value);
   }
 
-  // Times of a damaged file may be any numbers.
-  static std::int64_t between(std::int64_t earlier, std::int64_t later) {
-    return static_cast<std::int64_t>(static_cast<std::uint64_t>(later) - static_cast<std::uint64_t>(earlier));
-  }
-
   void begin(fmt::memory_buffer& out) {
     if (json_)
       fmt::format_to(std::back_inserter(out), R"(,"{}":)", columns[column_++]);
@@ -115,13 +111,10 @@ class Line {
   void add_us(fmt::memory_buffer& out, const std::optional<std::int64_t>& ns) {
     begin(out);
     if (ns)
-      fmt::format_to(std::back_inserter(out), "{}{}.{:03}", *ns < 0 ? "-" : "", magnitude(*ns) / 1000,
-                     magnitude(*ns) % 1000);
+      fmt::format_to(std::back_inserter(out), "{}{}.{:03}", *ns < 0 ? "-" : "", std::abs(*ns) / 1000,
+                     std::abs(*ns) % 1000);
     else
       add_nothing(out);
-  }
-  static std::uint64_t magnitude(std::int64_t ns) {
-    return ns < 0 ? -static_cast<std::uint64_t>(ns) : static_cast<std::uint64_t>(ns);
   }
   void add_nothing(fmt::memory_buffer& out) const {
     if (json_) out.append(std::string_view("null"));

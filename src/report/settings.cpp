@@ -21,19 +21,11 @@ constexpr std::initializer_list<const char*> both_hosts = {"controller", "compon
 constexpr std::initializer_list<const char*> changing = {"realtime_offset_ns"};
 
 std::string name_of(const Summary& summary) {
-  return fmt::format("{} {}", word(at(summary.run.asked, "id")), word(at(summary.run.asked, "transport")));
+  return fmt::format("{} {}", id_of(summary.run.asked), word(at(summary.run.asked, "transport")));
 }
 
 std::string percent(const json& share) {
   return share.is_number() ? fmt::format("{:.0f} %", share.get<double>() * 100) : nothing;
-}
-
-std::string workers(const json& load) {
-  std::vector<std::string> parts;
-  for (const auto* kind : {"cpu", "vm", "io", "hdd"})
-    if (const auto number = count(at(load, kind)); number > 0)
-      parts.push_back(fmt::format("{} {}", number, kind));
-  return parts.empty() ? "none" : join(parts, ", ");
 }
 
 std::string megabytes(const json& link) {
@@ -73,8 +65,7 @@ std::string values_of(const std::vector<std::pair<std::string, std::string>>& of
 }  // namespace
 
 Table differences_of(const Summaries& summaries) {
-  Group all;
-  for (const auto& summary : summaries) all.push_back(&summary);
+  const auto all = all_of(summaries);
   const auto differences = differences_between(all);
   Table table{"Where the runs differ",
               "In all of them: " + join(shared_conditions(all), ", ") + ".",
@@ -103,7 +94,8 @@ Table differences_of(const Summaries& summaries) {
   for (auto& [id, values, transports, runs] : rows) {
     for (auto& transport : transports)
       if (const auto times = runs[transport]; times > 1) transport += fmt::format(" ×{}", times);
-    auto& cells = table.rows.emplace_back(std::vector<std::string>{id + ": " + join(transports, ", ")});
+    auto& cells = table.rows.emplace_back(
+        std::vector<std::string>{shortened(id, gate::longest_id) + ": " + join(transports, ", ")});
     for (const auto& value : values) cells.push_back(value.empty() ? nothing : value);
   }
   return table;
@@ -128,10 +120,11 @@ Table loads_of(const Summaries& summaries) {
       const auto& facts = at(at(summary.run.outcome, "hosts"), host);
       const auto& asked = at(at(summary.run.asked, "load"), host);
       if (achieved.is_null() && facts.is_null()) continue;
-      table.rows.push_back({fmt::format("{}: {}", summary.run.number, name_of(summary)), host, workers(asked),
-                            percent(at(achieved, "cpu_busy")), percent(at(achieved, "cpu_pressure")),
-                            percent(at(achieved, "memory_pressure")), percent(at(achieved, "io_pressure")),
-                            megabytes(at(facts, "link"))});
+      const auto load = workers(asked);
+      table.rows.push_back({fmt::format("{}: {}", summary.run.number, name_of(summary)), host,
+                            load.empty() ? "none" : load, percent(at(achieved, "cpu_busy")),
+                            percent(at(achieved, "cpu_pressure")), percent(at(achieved, "memory_pressure")),
+                            percent(at(achieved, "io_pressure")), megabytes(at(facts, "link"))});
     }
   }
   return table;

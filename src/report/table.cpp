@@ -133,8 +133,7 @@ std::vector<Table> tables_of(Group group) {
   const bool by_response = std::any_of(group.begin(), group.end(),
                                        [](const auto* summary) { return differs_by_response(*summary); });
   const auto& asked = group.front()->run.asked;
-  Table table{
-      word(at(asked, "id")), join(shared_conditions(group), ", "), columns(by_response), {}, parts_of(group)};
+  Table table{id_of(asked), join(shared_conditions(group), ", "), columns(by_response), {}, parts_of(group)};
   if (const auto title = word(at(asked, "title")); title != nothing && !title.empty())
     table.title += "  " + title;
   auto labels = labels_of(group);
@@ -150,7 +149,7 @@ std::vector<Table> tables_of(Group group) {
   for (const auto& [other, what] : others) {
     if (other.rows.empty()) continue;
     tables.push_back(other);
-    tables.back().title = word(at(asked, "id")) + "  " + what;
+    tables.back().title = id_of(asked) + "  " + what;
   }
   return tables;
 }

@@ -6,6 +6,7 @@
 #include <fmt/format.h>
 
 #include "report/page.hpp"
+#include "report/words.hpp"
 
 namespace ontime::report {
 namespace {
@@ -17,17 +18,6 @@ constexpr std::size_t column_gap = 2;
 std::size_t width(const std::string& text) {
   return static_cast<std::size_t>(std::count_if(
       text.begin(), text.end(), [](char c) { return (static_cast<unsigned char>(c) & 0xc0) != 0x80; }));
-}
-
-std::vector<std::string> split(const std::string& text, char separator) {
-  std::vector<std::string> parts(1);
-  for (const char c : text) {
-    if (c == separator)
-      parts.emplace_back();
-    else
-      parts.back() += c;
-  }
-  return parts;
 }
 
 // Breaks a paragraph between words. Its lines after the first are indented further.

@@ -62,7 +62,7 @@ std::map<const statistics::Summary*, std::string> names_of(const Summaries& summ
     const auto labels = labels_of(group);
     for (std::size_t i = 0; i < group.size(); ++i)
       names[group[i]] =
-          fmt::format("Run {}: {}  {}", group[i]->run.number, word(at(group[i]->run.asked, "id")), labels[i]);
+          fmt::format("Run {}: {}  {}", group[i]->run.number, id_of(group[i]->run.asked), labels[i]);
   }
   return names;
 }

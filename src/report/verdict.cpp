@@ -3,6 +3,7 @@
 
 #include <fmt/format.h>
 
+#include "gate/gate.hpp"
 #include "report/runs.hpp"
 #include "report/words.hpp"
 
@@ -11,19 +12,9 @@ namespace {
 
 using statistics::Summary;
 
-std::string runs_text(std::size_t number) { return number == 1 ? "1 run" : fmt::format("{} runs", number); }
-
 // Whether nothing at all speaks against a run: a cycle that passed without a message was not on time either.
 bool all_on_time(const Summary& summary) {
   return summary.sent > 0 && summary.on_time == summary.sent && summary.late_by_response.value_or(0) == 0;
-}
-
-// "28.25 ms"
-std::string short_time(std::int64_t ns) {
-  const auto us = static_cast<double>(ns) / 1e3;
-  return us < 1e3   ? fmt::format("{:.4g} µs", us)
-         : us < 1e6 ? fmt::format("{:.4g} ms", us / 1e3)
-                    : fmt::format("{:.4g} s", us / 1e6);
 }
 
 // "10 ms" if they have one deadline.
@@ -90,12 +81,13 @@ Verdict verdict_of(const Summaries& summaries) {
   }
   std::vector<std::string> further;
   if (measured > 1 && fine < measured)
-    further.push_back(fmt::format("{} of {} were without fault.", fine, runs_text(measured)));
+    further.push_back(fmt::format("{} of {} were without fault.", fine, many(measured, "run", "runs")));
   if (slowest != nullptr)
-    further.push_back(fmt::format("The slowest answer took {}{}.", short_time(slowest->round_trip.max),
-                                  measured > 1 ? fmt::format(" ({}, {})", word(at(slowest->run.asked, "id")),
-                                                             word(at(slowest->run.asked, "transport")))
-                                               : ""));
+    further.push_back(fmt::format(
+        "The slowest answer took {}{}.", gate::time_of(static_cast<double>(slowest->round_trip.max)),
+        measured > 1
+            ? fmt::format(" ({}, {})", id_of(slowest->run.asked), word(at(slowest->run.asked, "transport")))
+            : ""));
   // Of several runs, of different conditions, there is no such thing.
   if (const auto& missed = summaries.front().missed_probability;
       summaries.size() == 1 && missed.events == 0 && missed.messages > 0)
@@ -104,7 +96,7 @@ Verdict verdict_of(const Summaries& summaries) {
                     "with 95 % confidence.",
                     missed.bound * 1e6));
   if (unfinished > 0)
-    further.push_back(fmt::format("{} did not end as asked: see below.", runs_text(unfinished)));
+    further.push_back(fmt::format("{} did not end as asked: see below.", many(unfinished, "run", "runs")));
   verdict.further = join(further, " ");
   return verdict;
 }

@@ -36,7 +36,7 @@ std::vector<std::vector<Shown>> shown(const Summaries& summaries) {
 
 std::string heading_of(const Summary& summary) {
   const auto title = word(at(summary.run.asked, "title"));
-  const auto id = word(at(summary.run.asked, "id"));
+  const auto id = id_of(summary.run.asked);
   return title == nothing || title.empty() ? id : id + " · " + title;
 }
 

@@ -3,25 +3,25 @@
 
 #include <cmath>
 
+#include <boost/algorithm/string/split.hpp>
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
-#include "report/report.hpp"
-
 namespace ontime::report {
-
-const nlohmann::json& at(const nlohmann::json& object, std::string_view key) {
-  static const nlohmann::json null;
-  if (!object.is_object()) return null;
-  const auto found = object.find(key);
-  return found == object.end() ? null : *found;
-}
 
 std::string word(const nlohmann::json& value) {
   if (value.is_null()) return nothing;
   const auto text = value.is_string() ? value.get<std::string>()
                                       : value.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace);
   return printable(text);
+}
+
+std::string id_of(const nlohmann::json& asked) { return shortened(word(at(asked, "id")), gate::longest_id); }
+
+std::string cell_of(const nlohmann::ordered_json& value) {
+  if (value.is_null()) return "";
+  return value.is_string() ? value.get<std::string>()
+                           : value.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace);
 }
 
 bool is_true(const nlohmann::json& value) { return value.is_boolean() && value.get<bool>(); }
@@ -47,6 +47,10 @@ std::string megabits(const nlohmann::json& bit_s) {
   return bit_s.is_number() ? fmt::format("{:.4g}", bit_s.get<double>() / 1e6) : nothing;
 }
 
+std::string many(std::uint64_t number, const char* one, const char* several) {
+  return fmt::format("{} {}", number, number == 1 ? one : several);
+}
+
 std::string size(const nlohmann::json& bytes) {
   if (!bytes.is_number_integer()) return nothing;
   const auto value = count(bytes);
@@ -56,16 +60,18 @@ std::string size(const nlohmann::json& bytes) {
 }
 
 std::string shortened(const std::string& text, std::size_t most) {
-  std::size_t length = 0;
-  for (std::size_t i = 0; i < text.size(); ++i) {
-    if ((static_cast<unsigned char>(text[i]) & 0xc0) == 0x80) continue;  // within a code point
-    if (++length > most) return text.substr(0, i) + "…";
-  }
-  return text;
+  const auto beginning = fmt::format("{:.{}}", text, most);  // fmt counts code points
+  return beginning.size() < text.size() ? beginning + "…" : text;
 }
 
 std::string join(const std::vector<std::string>& parts, std::string_view separator) {
   return fmt::format("{}", fmt::join(parts, separator));
+}
+
+std::vector<std::string> split(const std::string& text, char separator) {
+  std::vector<std::string> parts;
+  boost::algorithm::split(parts, text, [&](char c) { return c == separator; });
+  return parts;
 }
 
 std::string replace_all(std::string text, std::string_view what, std::string_view with) {

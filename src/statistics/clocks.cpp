@@ -13,30 +13,30 @@ namespace {
 
 // By PTP a clock knows how far it is off its grandmaster, whose own time may be any; else, how far off UTC.
 bool have_one_reference(const nlohmann::json& client, const nlohmann::json& server) {
-  const auto &one = member(client, "clock"), &other = member(server, "clock");
-  if (member(one, "source") != "ptp" && member(other, "source") != "ptp") return true;
-  const auto grandmaster = text_of(member(one, "reference"));
-  return member(one, "source") == member(other, "source") && !grandmaster.empty() &&
-         grandmaster == text_of(member(other, "reference"));
+  const auto &one = at(client, "clock"), &other = at(server, "clock");
+  if (at(one, "source") != "ptp" && at(other, "source") != "ptp") return true;
+  const auto grandmaster = text_of(at(one, "reference"));
+  return at(one, "source") == at(other, "source") && !grandmaster.empty() &&
+         grandmaster == text_of(at(other, "reference"));
 }
 
 }  // namespace
 
 std::optional<RoundTripParts::Clocks> RoundTripParts::clocks_of(const nlohmann::json& outcome) {
-  const auto& hosts = member(outcome, "hosts");
-  const auto& client = member(member(hosts, "controller"), "machine");
-  const auto& server = member(member(hosts, "component"), "machine");
-  const auto boot = text_of(member(client, "boot_id"));
-  if (!boot.empty() && boot == text_of(member(server, "boot_id"))) return Clocks{.one = true};
+  const auto& hosts = at(outcome, "hosts");
+  const auto& client = at(at(hosts, "controller"), "machine");
+  const auto& server = at(at(hosts, "component"), "machine");
+  const auto boot = text_of(at(client, "boot_id"));
+  if (!boot.empty() && boot == text_of(at(server, "boot_id"))) return Clocks{.one = true};
   if (!have_one_reference(client, server)) return {};
   Clocks clocks{};
   for (const auto* machine : {&client, &server}) {
-    const auto& clock = member(*machine, "clock");
-    const auto error_ns = integer_of(member(clock, "error_ns"));
-    const auto offset_ns = integer_of(member(clock, "realtime_offset_ns"));
-    if (member(clock, "synchronised") != true || !error_ns || *error_ns < 0 || !offset_ns) return {};
+    const auto& clock = at(*machine, "clock");
+    const auto error_ns = integer_of(at(clock, "error_ns"));
+    const auto offset_ns = integer_of(at(clock, "realtime_offset_ns"));
+    if (at(clock, "synchronised") != true || !error_ns || *error_ns < 0 || !offset_ns) return {};
     if (__builtin_add_overflow(clocks.error_ns, *error_ns, &clocks.error_ns)) return {};
-    const auto moved_ns = integer_of(member(clock, "moved_ns")).value_or(0);
+    const auto moved_ns = integer_of(at(clock, "moved_ns")).value_or(0);
     if (moved_ns > *error_ns || moved_ns < -*error_ns) clocks.moved_ns = moved_ns;
     // By way of the time of day, which both know: client = server + server's offset - client's offset.
     clocks.ahead_ns = machine == &client ? between(*offset_ns, 0) : nth_after(clocks.ahead_ns, *offset_ns, 1);

@@ -17,30 +17,30 @@ constexpr std::uint64_t most_seen = std::uint64_t{1} << 53U;
 
 class Counted {
  public:
-  explicit Counted(const record::Run& run) : run_(run.number), of_(member(run.outcome, "histogram")) {
-    beyond_ = static_cast<std::uint64_t>(whole(member(of_, "beyond")));
-    beyond_from_ns_ = whole(member(of_, "beyond_from_ns"));
-    max_ns_ = whole(member(of_, "max_ns"));
+  explicit Counted(const record::Run& run) : run_(run.number), of_(at(run.outcome, "histogram")) {
+    beyond_ = static_cast<std::uint64_t>(whole(at(of_, "beyond")));
+    beyond_from_ns_ = whole(at(of_, "beyond_from_ns"));
+    max_ns_ = whole(at(of_, "max_ns"));
     if (beyond_ > most_seen || (beyond_ > 0 && beyond_from_ns_ > max_ns_)) wrong();
     seen_ = beyond_;
-    const auto& values = member(of_, "values");
+    const auto& values = at(of_, "values");
     if (!values.is_array() || values.empty()) wrong();
     for (const auto& value : values) add(value);
     if (beyond_ > 0 ? values_.back().first >= beyond_from_ns_ : values_.back().first != max_ns_) wrong();
-    if (!member(of_, "mean_ns").is_number()) wrong();
+    if (!at(of_, "mean_ns").is_number()) wrong();
   }
 
   Distribution distribution() const {
     Distribution of;
     of.count = seen_;
     of.min = values_.front().first;
-    of.p50 = at(50, 100);
-    of.p90 = at(90, 100);
-    of.p99 = at(99, 100);
-    of.p99_9 = at(999, 1000);
-    of.p99_99 = at(9999, 10000);
+    of.p50 = percentile(50, 100);
+    of.p90 = percentile(90, 100);
+    of.p99 = percentile(99, 100);
+    of.p99_9 = percentile(999, 1000);
+    of.p99_99 = percentile(9999, 10000);
     of.max = max_ns_;
-    of.mean = member(of_, "mean_ns").get<double>();
+    of.mean = at(of_, "mean_ns").get<double>();
     return of;
   }
   std::uint64_t beyond() const { return beyond_; }
@@ -65,7 +65,7 @@ class Counted {
     if (!values_.empty() && ns <= values_.back().first) wrong();
     values_.emplace_back(ns, count);
   }
-  std::int64_t at(std::uint64_t part, std::uint64_t whole) const {
+  std::int64_t percentile(std::uint64_t part, std::uint64_t whole) const {
     const auto rank = seen_ / whole * part + (seen_ % whole * part + whole - 1) / whole;
     if (rank == seen_) return max_ns_;
     std::uint64_t below = 0;
@@ -83,16 +83,15 @@ class Counted {
 
 }  // namespace
 
-bool is_imported(const record::Run& run) { return member(run.asked, "imported").is_object(); }
+bool is_imported(const record::Run& run) { return at(run.asked, "imported").is_object(); }
 
 void summarise_imported(Summary& summary) {
   const Counted histogram(summary.run);
-  const auto& imported = member(summary.run.asked, "imported");
+  const auto& imported = at(summary.run.asked, "imported");
   summary.wake_up = histogram.distribution();
-  summary.imported =
-      Imported{text_of(member(imported, "from")), text_of(member(imported, "file")),
-               positive_ns(member(member(summary.run.outcome, "histogram"), "unit_ns"), 1).value_or(0),
-               histogram.beyond(), histogram.beyond_from_ns()};
+  summary.imported = Imported{text_of(at(imported, "from")), text_of(at(imported, "file")),
+                              positive_ns(at(at(summary.run.outcome, "histogram"), "unit_ns"), 1).value_or(0),
+                              histogram.beyond(), histogram.beyond_from_ns()};
 }
 
 }  // namespace ontime::statistics

@@ -18,7 +18,7 @@ namespace {
 using nlohmann::json;
 using Value = std::function<std::optional<double>(const Summary&)>;
 
-std::string asked(const Summary& summary, const char* key) { return text_of(member(summary.run.asked, key)); }
+std::string asked(const Summary& summary, const char* key) { return text_of(at(summary.run.asked, key)); }
 
 std::optional<double> round_trip(const Summary& summary) {
   if (summary.round_trip.count == 0) return {};
@@ -29,9 +29,9 @@ std::optional<double> round_trip(const Summary& summary) {
 std::optional<double> a_message(const Summary& summary, const char* key) {
   double sum = 0;
   std::size_t threads = 0;
-  for (const auto& host : member(summary.run.outcome, "hosts"))
-    for (const auto& thread : member(host, "threads")) {
-      const auto& value = member(thread, key);
+  for (const auto& host : at(summary.run.outcome, "hosts"))
+    for (const auto& thread : at(host, "threads")) {
+      const auto& value = at(thread, key);
       if (!value.is_number()) return {};
       sum += value.get<double>();
       ++threads;
@@ -48,9 +48,9 @@ class Sessions {
   // In the order of the file. A session is over where the next was called otherwise, or measured again what
   // was in it already.
   Repetition next(const Summary& summary) {
-    const auto number = integer_of(member(summary.run.asked, "repetition")).value_or(1);
+    const auto number = integer_of(at(summary.run.asked, "repetition")).value_or(1);
     const auto call =
-        std::make_pair(member(summary.run.asked, "command_line"), member(summary.run.asked, "scenario_file"));
+        std::make_pair(at(summary.run.asked, "command_line"), at(summary.run.asked, "scenario_file"));
     if (call != call_ || seen_.contains({summary.run.key, number})) {
       ++session_;
       seen_.clear();
@@ -114,7 +114,7 @@ json conditions_of(const Summary& summary) {
 std::vector<std::string> differing_keys(const json& one, const json& other) {
   std::vector<std::string> keys;
   for (const auto& [key, value] : one.items())
-    if (member(other, key.c_str()) != value) keys.push_back(key);
+    if (at(other, key.c_str()) != value) keys.push_back(key);
   for (const auto& [key, value] : other.items())
     if (!one.contains(key) && !value.is_null()) keys.push_back(key);
   return keys;
@@ -124,7 +124,7 @@ std::vector<std::string> differing_keys(const json& one, const json& other) {
 std::size_t likeness(const Summary& one, const Summary& other) {
   std::size_t same = 0;
   for (const auto* key : a_layers_own) {
-    const auto &here = member(one.run.asked, key), &there = member(other.run.asked, key);
+    const auto &here = at(one.run.asked, key), &there = at(other.run.asked, key);
     if (!here.is_object()) {
       same += here == there ? 1 : 0;
       continue;
@@ -181,7 +181,7 @@ Cost cost(const Candidate& layer, const Candidate* base, const Value& value) {
 std::string reason_of(const Summary& incomplete) {
   const auto& outcome = incomplete.run.outcome;
   if (outcome.is_null()) return "not ended";
-  const auto error = text_of(member(outcome, "error"));
+  const auto error = text_of(at(outcome, "error"));
   return error.empty() ? "interrupted" : error;
 }
 

@@ -9,14 +9,11 @@
 
 #include <nlohmann/json.hpp>
 
+#include "record/record.hpp"
+
 namespace ontime::statistics {
 
-inline const nlohmann::json& member(const nlohmann::json& object, const char* key) {
-  static const nlohmann::json none;
-  if (!object.is_object()) return none;
-  const auto found = object.find(key);
-  return found == object.end() ? none : *found;
-}
+using record::at;
 
 inline std::string text_of(const nlohmann::json& value) {
   return value.is_string() ? value.get<std::string>() : "";

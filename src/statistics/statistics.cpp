@@ -36,10 +36,10 @@ class Pass {
   Pass(Summary& summary, std::int64_t start_ns)
       : summary_(summary),
         asked_(summary.run.asked),
-        timeout_ns_(positive_ns(member(asked_, "timeout_us"), 1e3)),
-        has_cycles_(member(asked_, "schedule") != "back-to-back"),
+        timeout_ns_(positive_ns(at(asked_, "timeout_us"), 1e3)),
+        has_cycles_(at(asked_, "schedule") != "back-to-back"),
         parts_(summary.run.outcome),
-        timeline_(start_ns, positive_ns(member(asked_, "duration_s"), 1e9)),
+        timeline_(start_ns, positive_ns(at(asked_, "duration_s"), 1e9)),
         worst_(timeout_ns_),
         misses_(timeout_ns_) {}
 
@@ -75,12 +75,11 @@ class Pass {
 
   void finish() && {
     const auto& outcome = summary_.run.outcome;
-    const auto cycles = integer_of(member(outcome, "trailing_cycles")).value_or(0);
+    const auto cycles = integer_of(at(outcome, "trailing_cycles")).value_or(0);
     if (cycles > 0 && static_cast<std::uint64_t>(cycles) < most_trailing) {
-      skip({integer_of(member(outcome, "trailing_due_ns")).value_or(0),
-            positive_ns(member(asked_, "period_us"), 1e3).value_or(0), static_cast<std::uint64_t>(cycles)});
-      waited_until_ns_ =
-          std::max(waited_until_ns_, integer_of(member(outcome, "trailing_until_ns")).value_or(0));
+      skip({integer_of(at(outcome, "trailing_due_ns")).value_or(0),
+            positive_ns(at(asked_, "period_us"), 1e3).value_or(0), static_cast<std::uint64_t>(cycles)});
+      waited_until_ns_ = std::max(waited_until_ns_, integer_of(at(outcome, "trailing_until_ns")).value_or(0));
     }
     // Whom no answer came to waited at least so long.
     if (!waiting_.empty()) answer_waiting(std::max(waited_until_ns_, waiting_.back().last_due_ns()));
@@ -99,7 +98,7 @@ class Pass {
     // Where none is late, how the slowest come in bursts is all that there is to go by.
     const auto effect = summary_.response_certainty.p99_9.effect;
     std::move(misses_).into(summary_, effect);
-    if (const auto deadline_ns = positive_ns(member(asked_, "deadline_us"), 1e3)) {
+    if (const auto deadline_ns = positive_ns(at(asked_, "deadline_us"), 1e3)) {
       summary_.late_by_response = responses.count() - responses.at_most(*deadline_ns);
       summary_.late_by_response_probability =
           probability(response_course_.above({&*deadline_ns, 1}).front(), effect);
@@ -151,8 +150,8 @@ class Pass {
 }  // namespace
 
 bool is_complete(const record::Run& run) {
-  return run.outcome.is_object() && member(run.outcome, "error").is_null() &&
-         member(run.outcome, "interrupted") != true;
+  return run.outcome.is_object() && at(run.outcome, "error").is_null() &&
+         at(run.outcome, "interrupted") != true;
 }
 
 Summary summarise(const record::Reader& reader, const record::Run& run) {
@@ -187,11 +186,18 @@ Summary summarise(const record::Reader& reader, const record::Run& run) {
   if (at_work.valid()) at_work.get();
   account(block);
   if (!pass) {
-    summary.start_ns = integer_of(member(run.outcome, "trailing_due_ns")).value_or(0);
+    summary.start_ns = integer_of(at(run.outcome, "trailing_due_ns")).value_or(0);
     pass.emplace(summary, summary.start_ns);
   }
   std::move(*pass).finish();
   return summary;
+}
+
+std::vector<Summary> summarise(const record::Reader& reader, std::size_t known) {
+  const auto runs = reader.runs();
+  std::vector<Summary> summaries;
+  for (std::size_t i = known; i < runs.size(); ++i) summaries.push_back(summarise(reader, runs[i]));
+  return summaries;
 }
 
 }  // namespace ontime::statistics

@@ -112,6 +112,8 @@ struct Summary {
   double message_every_ns = 0;  // on average; 0 of fewer than two
 };
 Summary summarise(const record::Reader&, const record::Run&);
+// Of all runs but the first `known`.
+std::vector<Summary> summarise(const record::Reader&, std::size_t known = 0);
 
 // Measured to the end that was asked for: not cut off, interrupted or failed.
 bool is_complete(const record::Run&);

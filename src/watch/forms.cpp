@@ -4,6 +4,7 @@
 
 #include <fmt/format.h>
 
+#include "gate/gate.hpp"
 #include "report/report.hpp"
 #include "watch/watch.hpp"
 
@@ -11,13 +12,7 @@ namespace ontime::watch {
 namespace {
 
 using nlohmann::json;
-
-const json& at(const json& object, const char* key) {
-  static const json none;
-  if (!object.is_object()) return none;
-  const auto found = object.find(key);
-  return found == object.end() ? none : *found;
-}
+using record::at;
 
 std::string word(const json& value) {
   if (value.is_null()) return "";
@@ -25,12 +20,7 @@ std::string word(const json& value) {
                                              : value.dump(-1, ' ', true, json::error_handler_t::replace));
 }
 
-std::string time_of(std::int64_t ns) {
-  const auto us = static_cast<double>(ns) / 1e3;
-  return us < 1e3   ? fmt::format("{:.4g} µs", us)
-         : us < 1e6 ? fmt::format("{:.4g} ms", us / 1e3)
-                    : fmt::format("{:.4g} s", us / 1e6);
-}
+std::string time_of(std::int64_t ns) { return gate::time_of(static_cast<double>(ns)); }
 
 // "1:02:03", below an hour "2:03".
 std::string clock(double seconds) {
@@ -48,7 +38,8 @@ std::optional<double> left_s(const Progress& progress) {
 std::string head_of(const Progress& progress) {
   if (progress.run.number == 0) return "no run yet\n";
   const auto& asked = progress.run.asked;
-  auto text = fmt::format("run {}  {}", progress.run.number, word(at(asked, "id")));
+  auto text = fmt::format("run {}  {}", progress.run.number,
+                          report::shortened(word(at(asked, "id")), gate::longest_id));
   for (const auto* key : {"variant", "transport"})
     if (const auto part = word(at(asked, key)); !part.empty()) text += " " + part;
   if (const auto repetition = word(at(asked, "repetition")); !repetition.empty() && repetition != "1")
@@ -112,6 +103,11 @@ const char* word_of(Progress::State state) {
 
 double mean_ns(const Buckets& buckets) { return buckets.sum_ns() / static_cast<double>(buckets.count()); }
 
+template <class Value>
+nlohmann::ordered_json or_null(bool is_known, Value value) {
+  return is_known ? nlohmann::ordered_json(value) : nlohmann::ordered_json();
+}
+
 // What a label's value may hold, as Prometheus has it.
 std::string label(const std::string& name, const json& value) {
   std::string quoted;
@@ -130,7 +126,7 @@ std::string text_of(const Progress& progress) {
   const auto& times = progress.round_trip;
   if (times.count() == 0) return text;
   text += fmt::format("round trip: min {}  mean {}  max {}\n", time_of(times.min_ns()),
-                      time_of(static_cast<std::int64_t>(mean_ns(times))), time_of(times.max_ns()));
+                      gate::time_of(mean_ns(times)), time_of(times.max_ns()));
   text += histogram_of(times);
   for (const auto& worst : progress.worst)
     text += fmt::format("worst: response {} (round trip {}) at {:.2f} s, message {}\n",
@@ -142,14 +138,12 @@ std::string json_of(const Progress& progress) {
   const auto& asked = progress.run.asked;
   const auto& times = progress.round_trip;
   nlohmann::ordered_json object = {{"state", word_of(progress.state)}};
-  object["run"] =
-      progress.run.number > 0 ? nlohmann::ordered_json(progress.run.number) : nlohmann::ordered_json();
+  object["run"] = or_null(progress.run.number > 0, progress.run.number);
   for (const auto* key : {"id", "variant", "transport", "repetition"}) object[key] = at(asked, key);
   object["elapsed_s"] = progress.elapsed_s;
-  object["duration_s"] =
-      progress.duration_s ? nlohmann::ordered_json(*progress.duration_s) : nlohmann::ordered_json();
+  object["duration_s"] = or_null(progress.duration_s.has_value(), progress.duration_s.value_or(0));
   const auto left = left_s(progress);
-  object["left_s"] = left ? nlohmann::ordered_json(*left) : nlohmann::ordered_json();
+  object["left_s"] = or_null(left.has_value(), left.value_or(0));
   object["sent"] = progress.sent;
   object["on_time"] = progress.on_time;
   object["late"] = progress.late;
@@ -160,14 +154,12 @@ std::string json_of(const Progress& progress) {
     object["round_trip_us"] = {{"min", in_us(times.min_ns())},
                                {"mean", std::round(mean_ns(times)) / 1e3},
                                {"max", in_us(times.max_ns())}};
-  object["response_max_us"] =
-      times.count() > 0 ? nlohmann::ordered_json(in_us(progress.response_max_ns)) : nlohmann::ordered_json();
+  object["response_max_us"] = or_null(times.count() > 0, in_us(progress.response_max_ns));
   object["histogram"] = nlohmann::ordered_json::array();
   for (auto [i, end] = filled(times); i < end; ++i) {
     const bool beyond = i + 1 == Buckets::size;
-    object["histogram"].push_back({{"up_to_us", beyond ? nlohmann::ordered_json()
-                                                       : nlohmann::ordered_json(in_us(Buckets::upper_ns(i)))},
-                                   {"count", times.counts()[i]}});
+    object["histogram"].push_back(
+        {{"up_to_us", or_null(!beyond, in_us(Buckets::upper_ns(i)))}, {"count", times.counts()[i]}});
   }
   object["worst"] = nlohmann::ordered_json::array();
   for (const auto& worst : progress.worst)

@@ -269,7 +269,7 @@ class File(unittest.TestCase):
     def test_the_results_are_not_written_over(self):
         results_file.twelve_hours(self.results, 100)
         before = self.results.read_bytes()
-        self.assert_refused(2, "results file itself", "--format", "html", "--output", self.results)
+        self.assert_refused(2, "is a results file", "--format", "html", "--output", self.results)
         self.assertEqual(self.results.read_bytes(), before)
         self.assert_refused(3, "cannot be written", "--format", "html", "--output", self.folder / "none" / "r.html")
 

@@ -128,6 +128,27 @@ class Results(unittest.TestCase):
         self.assertEqual(self.results.read_bytes(), before)
         self.ontime("run", self.scenario(), "--results", self.results, "--fail-if", "p50 > 1 ns", code=1)
 
+    # --- what comes to nothing ---
+
+    def test_a_run_that_cannot_begin_leaves_no_file(self):
+        path = self.folder / "unreachable.yaml"
+        path.write_text("hosts: {component: {reach: ['false'], address: 127.0.0.1}}\n"
+                        "runs: [{id: one, transport: udp, duration: 100 ms}]\n")
+        self.ontime("run", path, code=3)
+        self.ontime("run", path, "--results", "mine.ontime", code=3)
+        self.assertEqual([entry.name for entry in self.folder.iterdir()], ["unreachable.yaml"])
+
+    def test_an_empty_choice_is_wrong_usage(self):
+        for flag in ("--transports", "--only", "--duration", "--results"):
+            self.ontime("run", self.scenario(), flag, "", code=2)
+        self.assertIn("a value is needed", self.ontime("run", self.scenario(), "--transports", "", code=2).stderr)
+
+    def test_json_steers_no_terminal(self):
+        for command in (("check",), ("tune", "show"), ("scenarios",)):
+            done = subprocess.run([ONTIME, *command, "--format", "json"], capture_output=True, text=True, timeout=60)
+            json.loads(done.stdout)
+            self.assertTrue(done.stdout.isascii(), command)
+
     # --- comparing ---
 
     def test_a_change_is_seen_and_chance_is_not(self):
@@ -163,6 +184,21 @@ class Results(unittest.TestCase):
         self.ontime("compare", self.results, "--from", "1", code=2)
         self.assertIn("'two'", self.ontime("compare", self.results, other, "--only", "two", code=2).stderr)
 
+    def test_no_output_takes_the_place_of_results(self):
+        self.measured()
+        other = self.folder / "other.ontime"
+        shutil.copy(self.results, other)
+        before = self.results.read_bytes()
+        for arguments in (("compare", self.results, other, "--output", self.results),
+                          ("compare", self.results, other, "--junit", other),
+                          ("report", self.results, "--output", other), ("report", self.results, "--junit", self.results),
+                          ("plot", self.results, "--output", self.folder / "link.svg")):
+            if arguments[0] == "plot":
+                (self.folder / "link.svg").symlink_to(other)
+            self.assertIn("is a results file", self.ontime(*arguments, code=2).stderr)
+            self.assertEqual(self.results.read_bytes(), before)
+            self.assertEqual(other.read_bytes(), before)
+
     # --- out ---
 
     def test_export_has_every_sample(self):
@@ -176,7 +212,7 @@ class Results(unittest.TestCase):
         self.assertEqual((self.folder / "out.csv").read_text().count("\n"), sent + 1)
         before = self.results.read_bytes()
         for arguments, word in ((["--run", "7"], "there is no run 7"), (["--format", "parquet"], "Debian 12"),
-                                (["--format", "x"], "'x'"), (["--output", self.results], "the results file itself")):
+                                (["--format", "x"], "'x'"), (["--output", self.results], "is a results file")):
             self.assertIn(word, self.ontime("export", self.results, *arguments, code=2).stderr)
         self.ontime("export", self.results, "--output", self.folder / "no" / "out.csv", code=3)
         with open("/dev/full", "w") as full:

@@ -1,0 +1,188 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "report_fixture.hpp"
+
+namespace ontime::report {
+namespace {
+
+using ::testing::AllOf;
+using ::testing::AnyOf;
+using ::testing::HasSubstr;
+using ::testing::Not;
+
+TEST(TableFormat, GroupsByIdAndBringsRepetitionsTogether) {
+  std::vector<Summary> runs;
+  for (const int repetition : {1, 2})
+    for (const auto* id : {"Test1.A", "Test1.B"})
+      for (const auto* transport : {"udp", "fastdds"})
+        runs.push_back(summary(asked(id, transport, repetition), outcome()));
+  std::vector<std::string> beginnings;
+  for (const auto& line : lines_of(render(runs, Format::table)))
+    if (line.starts_with("Test") || line.starts_with("udp") || line.starts_with("fastdds"))
+      beginnings.push_back(line.substr(0, 10));
+  std::vector<std::string> expected;
+  for (const auto* head : {"Test1.A  S", "Test1.A  s", "Test1.B  S", "Test1.B  s"})  // times, then stages
+    expected.insert(expected.end(), {head, "udp #1    ", "udp #2    ", "fastdds #1", "fastdds #2"});
+  EXPECT_EQ(beginnings, expected);
+}
+
+TEST(TableFormat, TellsRunsOfOneIdApart) {
+  auto small = asked("Payload", "udp"), large = asked("Payload", "udp");
+  large["payload_bytes"] = 32768;
+  const auto by_payload = render({summary(small, outcome()), summary(large, outcome())}, Format::table);
+  EXPECT_THAT(by_payload, AllOf(HasSubstr("\nudp 500 B "), HasSubstr("\nudp 32 KiB ")));
+  EXPECT_THAT(lines_of(by_payload).at(1), Not(HasSubstr("500 B"))) << "it does not hold for all";
+
+  small["variant"] = "payload 500 B";
+  large["variant"] = "payload 32 KiB";
+  EXPECT_EQ(render({summary(small, outcome()), summary(large, outcome())}, Format::table), by_payload)
+      << "it is told already";
+  small["variant"] = "payload 500 B, realtime.priority 20";
+  large["variant"] = "payload 32 KiB, realtime.priority 50";
+  EXPECT_THAT(render({summary(small, outcome()), summary(large, outcome())}, Format::markdown),
+              AllOf(HasSubstr("\n| udp 500 B realtime.priority 20 |"),
+                    HasSubstr("\n| udp 32 KiB realtime.priority 50 |")));
+
+  auto again = summary(small, outcome());
+  again.run.number = 2;
+  EXPECT_THAT(render({summary(small, outcome()), again}, Format::markdown),
+              AllOf(HasSubstr("\n| udp realtime.priority 20 run 1 |"),
+                    HasSubstr("\n| udp realtime.priority 20 run 2 |")));
+}
+
+Summary ros2(const std::string& executor, int number, const json& further = json::object()) {
+  auto conditions = asked("ros", "ros2");
+  conditions["options"] = {{"rmw", "rmw_cyclonedds_cpp"}, {"executor", executor}};
+  conditions["component_options"] = conditions["options"];
+  conditions["component_transport"] = "ros2";
+  conditions.update(further);
+  auto one = summary(conditions, outcome());
+  one.run.number = number;
+  return one;
+}
+
+TEST(TableFormat, NamesTheOptionsThatDiffer) {
+  const std::vector<Summary> runs = {ros2("single", 1), ros2("multi", 2)};
+  for (const auto format : {Format::table, Format::markdown, Format::latex}) {
+    const auto text = render(runs, format);
+    EXPECT_THAT(text, AllOf(HasSubstr("ros2 executor single"), HasSubstr("ros2 executor multi")));
+    EXPECT_THAT(text, AnyOf(HasSubstr("listener, rmw_cyclonedds_cpp,"),
+                            HasSubstr("listener, rmw\\_cyclonedds\\_cpp, ")));
+  }
+  EXPECT_THAT(render_threads(runs, Format::table),
+              AllOf(HasSubstr("Run 1: ros  ros2 executor single, threads on the controller"),
+                    HasSubstr("Run 2: ros  ros2 executor multi, threads on the component")));
+  for (const auto& entry : json::parse(render_threads(runs, Format::json)))
+    EXPECT_EQ(entry.at("options").at("executor"), entry.at("run") == 1 ? "single" : "multi");
+
+  const auto again = render({ros2("multi", 1), ros2("multi", 2)}, Format::markdown);
+  EXPECT_THAT(again, AllOf(HasSubstr("executor multi, "), HasSubstr("\n| ros2 run 1 |"),
+                           HasSubstr("\n| ros2 run 2 |")));
+}
+
+TEST(TableFormat, NamesWhatTheEndsTookWhereNothingWasAsked) {
+  auto taken = outcome();
+  for (const auto* host : {"controller", "component"})
+    taken["hosts"][host]["transport"]["facts"] = {
+        {"rmw", "rmw_fastrtps_cpp"}, {"executor", "single"}, {"node", "/n"}};
+  const auto one = summary(asked("ros", "ros2"), taken);
+  const auto text = render({one}, Format::table);
+  EXPECT_THAT(text, HasSubstr("rmw_fastrtps_cpp"));
+  EXPECT_THAT(text, HasSubstr("executor single"));
+  EXPECT_THAT(text, Not(HasSubstr("component rmw")));
+  EXPECT_EQ(row_by_name(render({one}, Format::csv), 0).at("option.rmw"), "rmw_fastrtps_cpp");
+  // One that failed before it could say is not another for that.
+  auto failed = summary(asked("ros", "ros2"), {{"error", "no peer"}});
+  failed.run.number = 2;
+  EXPECT_THAT(render({one, failed}, Format::table),
+              AllOf(HasSubstr("\nros2 run 1 "), HasSubstr("\nros2 run 2 ")));
+}
+
+TEST(TableFormat, NamesTheOtherEndWhereItIsAnother) {
+  std::vector<Summary> runs;
+  for (const auto* component : {"cyclonedds", "fastdds"})
+    for (const auto* rmw : {"rmw_a", "rmw_b"})
+      runs.push_back(summary(asked("pair", "cyclonedds"), outcome())),
+          runs.back().run.asked.update({{"component_transport", component},
+                                        {"options", json::object()},
+                                        {"component_options", {{"rmw", rmw}}}});
+  const auto text = render(runs, Format::markdown);
+  for (const auto* name :
+       {"| cyclonedds component rmw\\_a |", "| cyclonedds component fastdds component rmw\\_b |"})
+    EXPECT_THAT(text, HasSubstr(name));
+}
+
+TEST(TableFormat, SaysTheOtherEndsTransportOnce) {
+  std::vector<Summary> runs;
+  for (const auto* component : {"cyclonedds", "fastdds"}) {
+    runs.push_back(summary(asked("pair", "cyclonedds"), outcome()));
+    runs.back().run.asked["component_transport"] = component;
+    runs.back().run.asked["variant"] = std::string("component.transport ") + component;
+  }
+  EXPECT_THAT(render(runs, Format::markdown),
+              AllOf(HasSubstr("\n| cyclonedds |"), HasSubstr("\n| cyclonedds component fastdds |")));
+}
+
+TEST(TableFormat, ShortensAnOverlongIdAndKeepsItApart) {
+  const std::string beginning(60, 'a');
+  const std::vector runs = {summary(asked(beginning + "long", "udp"), outcome()),
+                            summary(asked(beginning + "longer", "udp"), outcome())};
+  for (const auto format : {Format::table, Format::markdown, Format::latex, Format::html}) {
+    const auto text = render(runs, format);
+    EXPECT_THAT(text, Not(HasSubstr(beginning + "l")));
+    const auto first = text.find(beginning + "…  System");
+    EXPECT_NE(first, text.npos);
+    EXPECT_NE(text.find(beginning + "…  System", first + 1), text.npos) << "they are two";
+  }
+  EXPECT_THAT(gate::name_of(runs.back()), beginning + "… udp (run 1)");
+  EXPECT_THAT(render(runs, Format::json), HasSubstr(beginning + "longer"));
+  EXPECT_THAT(render_threads(runs, Format::table), Not(HasSubstr(beginning + "l")));
+}
+
+TEST(TableFormat, NamesDomainAndTopicsWhereTheyAreNotTheUsualOnes) {
+  const auto shown = [](const json& domain, const char* ping, const char* pong) {
+    auto conditions = asked("a", "udp");
+    conditions.update({{"domain", domain}, {"ping_topic", ping}, {"pong_topic", pong}});
+    return render({summary(conditions, outcome())}, Format::markdown);
+  };
+  EXPECT_THAT(shown(0, "/ping", "/pong"), AllOf(Not(HasSubstr("domain")), Not(HasSubstr("topics"))));
+  EXPECT_THAT(shown(42, "/robot/ping", "/robot/pong"),
+              AllOf(HasSubstr("domain 42"), HasSubstr("topics /robot/ping and /robot/pong")));
+}
+
+TEST(TableFormat, NamesTheLinkWhereItWasAskedFor) {
+  auto wired = asked("a", "udp"), wireless = wired;
+  EXPECT_THAT(render({summary(wired, outcome())}, Format::table), Not(HasSubstr("over")));
+  wired["interface"] = "eth1";
+  wireless["interface"] = "wlan0";
+  wireless["component_interface"] = "wlp2s0";
+  EXPECT_THAT(render({summary(wired, outcome()), summary(wireless, outcome())}, Format::table),
+              AllOf(HasSubstr("\nudp over eth1 "), HasSubstr("\nudp over wlan0 and wlp2s0 ")));
+}
+
+TEST(TableFormat, NamesTheSizeOfALoadsWorkers) {
+  auto small = asked("a", "udp"), large = small;
+  small["load"] = {{"controller", {{"vm", 2}, {"vm_bytes", 1 << 20}}}};
+  large["load"] = {{"controller", {{"vm", 2}, {"vm_bytes", 1 << 30}}}};
+  small["variant"] = "load.controller.vm-bytes 1 MiB";
+  large["variant"] = "load.controller.vm-bytes 1 GiB";
+  EXPECT_THAT(render({summary(small, outcome()), summary(large, outcome())}, Format::table),
+              AllOf(HasSubstr("\nudp load: 2 vm of 1 MiB on the controller\n"),
+                    HasSubstr("\nudp load: 2 vm of 1024 MiB on the controller\n")));
+  large["load"]["controller"]["cpu"] = 8;
+  EXPECT_THAT(render({summary(large, outcome())}, Format::table),
+              HasSubstr("load: 8 cpu, 2 vm of 1024 MiB on the controller"));
+}
+
+TEST(TableFormat, PutsALongNameAboveItsNumbers) {
+  std::vector<Summary> runs = {ros2("single", 1), ros2("multi", 2)};
+  runs[1].run.asked["options"]["rmw"] = "rmw_fastrtps_cpp";
+  runs[1].run.asked["options"]["config"] = std::string(500, 'x');
+  for (auto& run : runs) run.lost = 12345, run.sent = 123456;
+  const auto text = render(runs, Format::table);
+  for (const auto& line : lines_of(text)) EXPECT_LE(width_of(line), 100u) << line;
+  EXPECT_THAT(text, HasSubstr("\nros2 rmw_cyclonedds_cpp executor single\n      "));
+  EXPECT_THAT(text, HasSubstr("12345/123456"));
+}
+
+}  // namespace
+}  // namespace ontime::report

@@ -1,0 +1,170 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "report_fixture.hpp"
+
+namespace ontime::report {
+namespace {
+
+using ::testing::AllOf;
+using ::testing::Each;
+using ::testing::HasSubstr;
+using ::testing::Not;
+
+TEST(TableFormat, HasNoNotesWhenThereIsNothingToSay) {
+  const auto lines = lines_of(render({summary(asked("a", "udp"), outcome(), 100'000)}, Format::table));
+  EXPECT_EQ(
+      std::count_if(lines.begin(), lines.end(), [](const auto& line) { return line.starts_with("  udp"); }),
+      0);
+  EXPECT_THAT(lines, Each(Not(HasSubstr("not given"))));
+}
+
+TEST(TableFormat, NotesWhatWentWrong) {
+  auto bad = outcome();
+  bad["duplicates"] = 2;
+  bad["strays"] = 1;
+  bad["reordered"] = 3;
+  bad["refused_sends"] = 4;
+  bad["dropped_records"] = 5;
+  bad["interrupted"] = true;
+  bad["hosts"]["controller"]["load_running"] = false;
+  auto one = summary(asked("a", "udp"), bad);
+  one.skipped_cycles = 6;
+  auto text = render({one}, Format::markdown);
+  for (const auto* part :
+       {"udp: interrupted", "load on the controller had died", "6 skipped cycles", "2000 µs", "2 duplicates",
+        "1 stray answer;", "3 answers out of order", "4 messages refused", "5 samples not recorded"})
+    EXPECT_THAT(text, HasSubstr(part));
+  EXPECT_THAT(text, Not(HasSubstr("load on the component had died")));
+  EXPECT_THAT(render({summary(asked("a", "udp"), nullptr)}, Format::table), HasSubstr("udp: not ended"));
+  EXPECT_THAT(render({summary(asked("a", "udp"), {{"error", "no peer found"}})}, Format::table),
+              HasSubstr("udp: failed: no peer found"));
+}
+
+TEST(TableFormat, TellsTheTrafficAndLoudlyWhereItWasNotThere) {
+  auto with = asked("a", "udp");
+  with["traffic"] = {{"bit_s", 80'000'000}, {"datagram_bytes", 1470}, {"direction", "both"}, {"priority", 0}};
+  auto came = outcome();
+  came["traffic"] = {
+      {"to_component",
+       {{"asked_bit_s", 80e6}, {"sent_bit_s", 80e6}, {"received_bit_s", 79.96e6}, {"short", false}}},
+      {"to_controller",
+       {{"asked_bit_s", 80e6}, {"sent_bit_s", 80e6}, {"received_bit_s", 80e6}, {"short", false}}}};
+  auto text = render({summary(with, came)}, Format::markdown);
+  EXPECT_THAT(text, HasSubstr("traffic: 80 Mbit/s each way in datagrams of 1470 B"));
+  EXPECT_THAT(
+      text, HasSubstr("udp: traffic: 79.96 Mbit/s of 80 arrived at the component, 80 Mbit/s of 80 arrived"));
+  came["traffic"]["to_controller"] = {
+      {"asked_bit_s", 80e6}, {"sent_bit_s", 38.2e6}, {"received_bit_s", nullptr}, {"short", true}};
+  text = render({summary(with, came)}, Format::markdown);
+  EXPECT_THAT(text,
+              HasSubstr("NOT THE TRAFFIC THAT WAS ASKED FOR: 79.96 Mbit/s of 80 arrived at the component, "
+                        "- Mbit/s of 80 arrived at the controller (38.2 sent)"));
+  came["hosts"]["controller"]["link"] = {
+      {"interface", "eth1"}, {"sent_bytes", 200'000'000}, {"received_bytes", 95'500'000}};
+  EXPECT_THAT(render({summary(with, came)}, Format::markdown), Not(HasSubstr("other traffic")))
+      << "it is ours";
+}
+
+TEST(TableFormat, TellsWhatTheKernelDroppedAndWhatWasOurs) {
+  auto came = outcome();
+  came["hosts"]["component"]["drops"] = {{"own_sockets", 12}, {"udp_receive", 12}, {"backlog", 3}};
+  came["hosts"]["controller"]["link"]["faults"] = {{"lost_frames", 7}, {"cut_off_frames", 1}};
+  const auto text = render({summary(asked("a", "udp"), came)}, Format::markdown);
+  EXPECT_THAT(
+      text,
+      HasSubstr("dropped by the kernel: 12 for want of room in the sockets of the component's middleware, "
+                "3 in the queues of the component's CPUs"));
+  EXPECT_THAT(
+      text,
+      HasSubstr("lost by link.loss 7 frames that came to the controller, cut off by link.cut 1 frame that"));
+}
+
+TEST(TableFormat, NotesEachRefusalOnce) {
+  auto refused = outcome();
+  const auto refusal = [](const char* what) {
+    return json{{"asked", what}, {"found", "Operation not permitted"}, {"remedy", "run as root"}};
+  };
+  for (const auto* host : {"controller", "component"})
+    refused["hosts"][host]["refusals"] = {refusal("SCHED_FIFO 80 for thread send"), refusal("locked memory")};
+  const auto text =
+      render({summary(asked("a", "udp"), refused), summary(asked("a", "fastdds"), refused)}, Format::table);
+  EXPECT_THAT(text, HasSubstr("Asked but not given: SCHED_FIFO 80 for thread send, locked memory;\n"
+                              "  found: Operation not permitted;\n"
+                              "  to permit it: run as root\n"));
+  EXPECT_EQ(text.find("run as root"), text.rfind("run as root"));
+}
+
+TEST(Remarks, TellWhatNobodyElseIsToBlameFor) {
+  auto facts = outcome();
+  facts["conditions"]["component"]["cpu_stolen"] = 0.0213;
+  facts["conditions"]["controller"]["cpu_stolen"] = 0.0001;
+  facts["hosts"]["controller"]["machine"]["rt_runtime_us"] = 950'000;
+  facts["hosts"]["controller"]["machine"]["rt_period_us"] = 1'000'000;
+  auto as_asked = asked("a", "udp");
+  as_asked["realtime"] = true;
+  auto one = summary(as_asked, facts);
+  one.wake_up.max = 50'500'000;
+  statistics::Worst worst;
+  worst.took_ns = 60'000'000;
+  worst.message.due_ns = 1'000'000'000;
+  worst.message.woke_ns = 1'050'500'000;
+  one.shape.worst = {worst};
+  auto text = render({one}, Format::markdown);
+  EXPECT_THAT(text, HasSubstr("the hypervisor took 2.1 % of the time of the component's CPUs"));
+  EXPECT_THAT(text, Not(HasSubstr("of the controller's CPUs")));
+  EXPECT_THAT(text, HasSubstr("of the longest wait, 60000 µs, our own sending thread overslept 50500"));
+  EXPECT_THAT(text, HasSubstr("woke up to 50500 µs late, as RT throttling would make it"));
+  one.shape.worst[0].message.woke_ns = 1'020'000'000;
+  one.wake_up.max = 20'000'000;
+  text = render({one}, Format::markdown);
+  EXPECT_THAT(text, Not(HasSubstr("overslept")));
+  EXPECT_THAT(text, Not(HasSubstr("throttling")));
+}
+
+TEST(Remarks, TellLossesApart) {
+  auto lossy = outcome();
+  lossy["hosts"]["controller"]["losses"] = {{"on_the_way", 9}, {"overwritten", 0}};
+  lossy["hosts"]["component"]["losses"] = {{"on_the_way", nullptr}, {"overwritten", 12}};
+  const auto text = render({summary(asked("a", "udp"), lossy)}, Format::markdown);
+  EXPECT_THAT(text, AllOf(HasSubstr("overwritten before they were read: 12 at the component;"),
+                          HasSubstr("lost on the way: 9 to the controller")));
+  EXPECT_EQ(row_by_name(render({summary(asked("a", "udp"), lossy)}, Format::csv), 0)
+                .at("component_lost_overwritten"),
+            "12");
+}
+
+TEST(Remarks, TellOfOtherTrafficOnTheLink) {
+  const auto with = [](const char* interface, std::uint64_t bytes) {
+    auto linked = outcome();
+    for (auto& host : linked["hosts"]) {
+      host["machine"]["boot_id"] = "b";
+      host["link"] = {{"interface", interface}, {"sent_bytes", bytes}, {"received_bytes", bytes}};
+    }
+    linked["hosts"]["component"]["link"]["interface"] = "lo";
+    return render({summary(asked("a", "udp"), linked)}, Format::markdown);
+  };
+  EXPECT_THAT(with("lo", 1'300'000), Not(HasSubstr("other traffic")));
+  const auto text = with("lo", 80'000'000);
+  EXPECT_THAT(text, HasSubstr("other traffic on lo of the controller: 160 MB in all"));
+  EXPECT_THAT(text, Not(HasSubstr("of the component"))) << "it is the same";
+  EXPECT_THAT(with("eth1", 80'000'000),
+              AllOf(HasSubstr("eth1 of the controller"), HasSubstr("lo of the component")));
+}
+
+TEST(Remarks, TellNotesWithTheirMoment) {
+  auto one = summary(asked("a", "udp"), outcome());
+  one.start_ns = 1'000'000'000;
+  one.notes = {{"peer-left", "the pong left", 4'200'000'000, {}},
+               {"second-pong", "two pongs answer", {}, 17}};
+  EXPECT_THAT(render({one}, Format::markdown),
+              HasSubstr("udp: at 3.2 s: the pong left; two pongs answer (message 17)"));
+  const auto notes = json::parse(render({one}, Format::json)).at("runs").at(0).at("notes");
+  EXPECT_EQ(notes.at(0),
+            json({{"kind", "peer-left"}, {"text", "the pong left"}, {"at_s", 3.2}, {"message", nullptr}}));
+  EXPECT_EQ(notes.at(1).at("message"), 17);
+  EXPECT_EQ(notes.at(1).at("at_s"), nullptr);
+  one.notes.assign(30, {"peer-left", "gone", {}, {}});
+  EXPECT_THAT(render({one}, Format::markdown), HasSubstr("gone; 25 further notes"));
+}
+
+}  // namespace
+}  // namespace ontime::report
