@@ -40,6 +40,9 @@ struct Gate {
 };
 Gate parse(const std::string& text, Use);
 
+// Why a run can hold no line, for people. Empty: nothing speaks against it.
+std::string unfit(const statistics::Summary&);
+
 struct Judgement {
   // cannot_judge: the run does not tell, whatever it is asked: it was cut off, or is too short for the
   // figure. Who holds a line must know, so that is no pass.

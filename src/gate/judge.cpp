@@ -53,20 +53,6 @@ std::string lies(const Interval& interval, Text text) {
   return "anywhere";
 }
 
-// Why a run can hold no line, or nothing.
-std::string unfit(const Summary& run) {
-  if (run.imported) return "it was imported, and has no messages";
-  if (!statistics::is_complete(run.run)) {
-    const auto error = text_of(at(run.run.outcome, "error"));
-    return error.empty() ? "it was not measured to its end" : "it failed: " + error;
-  }
-  if (run.sent == 0) return "nothing was sent";
-  const auto& dropped = at(run.run.outcome, "dropped_records");
-  if (dropped.is_number_integer() && dropped > 0)
-    return fmt::format("{} of its samples were not recorded", dropped.dump());
-  return "";
-}
-
 constexpr const char* too_few = "too few messages to tell: measure longer";
 
 Judgement judgement(const Gate& gate, std::string run, Result result, std::string says) {
@@ -92,6 +78,18 @@ Judgement judge_answer(const Gate& gate, std::string run, Answer answer, const s
 }
 
 }  // namespace
+
+std::string unfit(const Summary& run) {
+  if (run.imported) return "it was imported, and has no messages";
+  if (!statistics::is_complete(run.run)) {
+    const auto error = text_of(at(run.run.outcome, "error"));
+    return error.empty() ? "it was not measured to its end" : "it failed: " + error;
+  }
+  if (const auto missing = statistics::unrecorded(run.run); missing > 0)
+    return fmt::format("{} of its samples were not recorded", missing);
+  if (run.sent == 0) return "nothing was sent";
+  return "";
+}
 
 std::string name_of(const Summary& run) {
   auto name = name_of(Runs{&run});

@@ -6,6 +6,8 @@
 #include <future>
 #include <utility>
 
+#include <fmt/format.h>
+
 #include "statistics/bursts.hpp"
 #include "statistics/clocks.hpp"
 #include "statistics/course.hpp"
@@ -107,6 +109,7 @@ class Pass {
     if (summary_.sent > 1)
       summary_.message_every_ns =
           static_cast<double>(between(first_due_ns_, last_due_ns_)) / static_cast<double>(summary_.sent - 1);
+    if (const auto missing = unrecorded(summary_.run); missing > 0) forget_how_sure(missing);
     auto& shape = summary_.shape;
     shape.round_trip = round_trips.histogram();
     shape.response = responses.histogram();
@@ -120,6 +123,19 @@ class Pass {
     summary_.skipped_cycles += cycles.count;
     timeline_.skipped(cycles);
     waiting_.push_back(cycles);
+  }
+
+  // Samples go missing where a machine is busiest, and not by chance.
+  void forget_how_sure(std::uint64_t missing) {
+    for (auto* certainty : {&summary_.round_trip_certainty, &summary_.response_certainty})
+      for (auto* figure : {&certainty->mean, &certainty->p50, &certainty->p90, &certainty->p99,
+                           &certainty->p99_9, &certainty->p99_99})
+        *figure = Measured{figure->value, {}, {}};
+    for (auto* probability : {&summary_.late_probability, &summary_.lost_probability,
+                              &summary_.missed_probability, &summary_.late_by_response_probability})
+      *probability = {};
+    summary_.extremes = {};
+    summary_.extremes.refused = fmt::format("{} of its samples were not recorded", missing);
   }
 
   // The answer that those who wait have waited for.
@@ -153,6 +169,11 @@ class Pass {
 bool is_complete(const record::Run& run) {
   return run.outcome.is_object() && member(run.outcome, "error").is_null() &&
          member(run.outcome, "interrupted") != true;
+}
+
+std::uint64_t unrecorded(const record::Run& run) {
+  return static_cast<std::uint64_t>(
+      std::max<std::int64_t>(integer_of(member(run.outcome, "dropped_records")).value_or(0), 0));
 }
 
 Summary summarise(const record::Reader& reader, const record::Run& run) {

@@ -102,7 +102,8 @@ struct Summary {
   std::optional<Imported> imported;
   Shape shape;
 
-  // How sure they are: confidence.hpp.
+  // How sure they are: confidence.hpp. Where samples are missing these have no intervals, no messages and no
+  // bound, for nobody knows what those were.
   Certainty round_trip_certainty, response_certainty;
   // Of a message, to be answered late, not at all, and either of the two.
   Probability late_probability, lost_probability, missed_probability;
@@ -115,6 +116,9 @@ Summary summarise(const record::Reader&, const record::Run&);
 
 // Measured to the end that was asked for: not cut off, interrupted or failed.
 bool is_complete(const record::Run&);
+// So many messages' samples were not recorded: no figure speaks for all messages, and nothing says how sure
+// it is.
+std::uint64_t unrecorded(const record::Run&);
 
 enum class Times { round_trip, response };
 // What is known of a run in one number: in ns, or, of late and lost, the share of all messages (of late by
