@@ -177,6 +177,18 @@ TEST(Judge, WhatWasNotMeasuredHoldsNoLine) {
   EXPECT_EQ(judged("late > 0", imported).result, Result::cannot_judge);
 }
 
+TEST(Judge, WhatWasNotMeasuredAsAskedHoldsNoLine) {
+  auto idle = run(measured(1, 0.5, 1.5));
+  idle.run.outcome["hosts"]["component"] = {{"load_running", false}};
+  EXPECT_EQ(judged("p99 > 2 ms", idle).says, "the load on the component had died by the end");
+  EXPECT_EQ(judged("late > 0", idle).result, Result::cannot_judge);
+  idle.run.outcome["hosts"]["component"]["load_running"] = nullptr;  // none was asked for
+  EXPECT_EQ(judged("p99 > 2 ms", idle).result, Result::held);
+  idle.run.outcome["traffic"] = {{"to_component", {{"short", false}}}, {"to_controller", {{"short", true}}}};
+  EXPECT_EQ(judged("p99 > 2 ms", idle).says, "the traffic that was asked for was not there");
+  EXPECT_EQ(judged("late > 0", idle).result, Result::cannot_judge);
+}
+
 TEST(Judge, WhatIsRequiredMustBeSo) {
   auto of = run(measured(3, 2.5, 3.5), 1);
   of.run.asked["require"] = {"p99 <= 2 ms", "late <= 1", "what is this", 7};

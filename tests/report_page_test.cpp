@@ -298,6 +298,17 @@ TEST(Verdict, never_says_yes_where_samples_are_missing) {
   EXPECT_THAT(verdict_of({run}).sentence, HasSubstr("700 of 6,500 messages missed the deadline"));
 }
 
+TEST(Verdict, is_no_yes_to_what_was_not_asked) {
+  auto run = judged(5000, 0, 0);
+  run.missed_probability = statistics::Probability{};
+  run.missed_probability.messages = 5000;
+  run.run.outcome["hosts"]["controller"]["load_running"] = false;
+  const auto verdict = verdict_of({run});
+  EXPECT_EQ(verdict.word, Verdict::Word::partly);
+  EXPECT_THAT(verdict.further, HasSubstr("Of 1 run: the load on the controller had died by the end."));
+  EXPECT_THAT(verdict.further, Not(HasSubstr("So long as it goes on like this")));
+}
+
 TEST(Settings, show_what_differs_and_name_the_rest_once) {
   auto other = asked("b", "udp");
   other["payload_bytes"] = 32768;

@@ -88,6 +88,12 @@ std::string unfit(const Summary& run) {
   if (const auto missing = statistics::unrecorded(run.run); missing > 0)
     return fmt::format("{} of its samples were not recorded", missing);
   if (run.sent == 0) return "nothing was sent";
+  for (const auto* host : {"controller", "component"})
+    if (at(at(at(run.run.outcome, "hosts"), host), "load_running") == false)
+      return fmt::format("the load on the {} had died by the end", host);
+  for (const auto* way : {"to_component", "to_controller"})
+    if (at(at(at(run.run.outcome, "traffic"), way), "short") == true)
+      return "the traffic that was asked for was not there";
   return "";
 }
 
