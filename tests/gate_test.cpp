@@ -256,6 +256,15 @@ TEST(JudgeAChange, OfNothingAnyMoreIsInfinitelyMore) {
   EXPECT_EQ(judge(gate, {&a}, {&b}).result, Result::held) << "one message is chance";
 }
 
+TEST(JudgeAChange, ARepetitionThatAnsweredNothingIsNotPassedOver) {
+  const auto a = run(measured(1, 0.98, 1.02)), b = run(measured(1, 0.98, 1.02));
+  auto lost = b;
+  lost.round_trip = {};
+  const auto judgement = judge(parse("p99 > +10%", Use::fail_if_compared), {&a}, {&b, &lost});
+  EXPECT_EQ(judgement.result, Result::cannot_judge);
+  EXPECT_THAT(judgement.says, HasSubstr("of B: nothing was answered"));
+}
+
 TEST(JudgeAChange, ARunThatFailedIsNotComparedWith) {
   const auto a = run(measured(1, 0.98, 1.02));
   auto b = run(measured(1, 0.98, 1.02));

@@ -110,6 +110,15 @@ TEST(Compare, ARunThatWasCutOffIsLeftOutAndNamed) {
   EXPECT_THAT(render(compare(a, b), {}, Format::table), HasSubstr("neither nor"));
 }
 
+TEST(Compare, ARunThatAnsweredNothingIsNamed) {
+  const std::vector a{run("x", "k", 1)};
+  std::vector b{run("x", "k", 1), run("x", "k", 9, 7)};
+  b[1].round_trip = {};
+  const auto text = render(compare(a, b), {}, Format::table);
+  EXPECT_THAT(text, HasSubstr("left out of all but late and lost: x udp (run 7) of B, nothing was answered"));
+  EXPECT_EQ(row_of(text, "p99 ").at(2), "1000");
+}
+
 TEST(CompareChosen, RunsOfOtherIdsByTheirTransportsOrTheOneThatThereIs) {
   std::vector a{run("idle", "k1", 1), run("idle", "k2", 1)},
       b{run("loaded", "k3", 1), run("loaded", "k4", 1)};

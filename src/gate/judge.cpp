@@ -53,6 +53,7 @@ std::string lies(const Interval& interval, Text text) {
   return "anywhere";
 }
 
+constexpr const char* nothing_answered = "nothing was answered";
 constexpr const char* too_few = "too few messages to tell: measure longer";
 
 Judgement judgement(const Gate& gate, std::string run, Result result, std::string says) {
@@ -143,7 +144,7 @@ Judgement judge(const Gate& gate, const Summary& run) {
     return judgement(gate, name_of(run), Result::cannot_judge, why);
   if (gate.kind == Gate::Limit::count) return judge_count(gate, run);
   const auto found = statistics::measured(run, gate.times, gate.figure);
-  if (!found) return judgement(gate, name_of(run), Result::cannot_judge, "nothing was answered");
+  if (!found) return judgement(gate, name_of(run), Result::cannot_judge, nothing_answered);
   auto says = fmt::format("{} is {}", figure_of(gate), value_of(gate, found->value));
   if (gate.figure == Figure::max)
     return judgement(gate, name_of(run), found->value > gate.limit ? Result::missed : Result::held, says);
@@ -157,27 +158,29 @@ Judgement judge(const Gate& gate, const Summary& run) {
 Judgement judge(const Gate& gate, const Runs& from, const Runs& to) {
   const auto name = name_of(to);
   for (const auto* runs : {&from, &to})
-    for (const auto* run : *runs)
-      if (const auto why = unfit(*run); !why.empty())
+    for (const auto* run : *runs) {
+      auto why = unfit(*run);
+      if (why.empty() && !statistics::measured(*run, gate.times, gate.figure)) why = nothing_answered;
+      if (!why.empty())
         return judgement(gate, name, Result::cannot_judge,
                          fmt::format("{} of {}: {}", name_of(*run), runs == &from ? "A" : "B", why));
-  const auto change = statistics::change(from, to, gate.times, gate.figure);
-  if (!change) return judgement(gate, name, Result::cannot_judge, "nothing was answered");
+    }
+  const auto change = *statistics::change(from, to, gate.times, gate.figure);
   const auto figure = figure_of(gate);
   auto says =
-      fmt::format("{} went from {} to {}", figure, value_of(gate, change->from), value_of(gate, change->to));
-  if (!change->difference_lies.low)  // that it is worse could never be told
+      fmt::format("{} went from {} to {}", figure, value_of(gate, change.from), value_of(gate, change.to));
+  if (!change.difference_lies.low)  // that it is worse could never be told
     return judgement(gate, name, Result::cannot_judge, says + ": " + too_few);
   if (gate.kind == Gate::Limit::difference) {
-    says += fmt::format(", surely by {}", lies(change->difference_lies, [&](double value) {
+    says += fmt::format(", surely by {}", lies(change.difference_lies, [&](double value) {
                           return (value < 0 ? "" : "+") + value_of(gate, value);
                         }));
-    return judge_answer(gate, name, statistics::difference_exceeds(*change, gate.limit), says);
+    return judge_answer(gate, name, statistics::difference_exceeds(change, gate.limit), says);
   }
-  if (!change->ratio) {  // of nothing, of which any more is infinitely more; or in some of the repetitions of
-                         // nothing
-    const bool worse = change->verdict == statistics::Verdict::worse;
-    const bool passes = change->to > change->from * gate.limit;
+  if (!change.ratio) {  // of nothing, of which any more is infinitely more; or in some of the repetitions of
+                        // nothing
+    const bool worse = change.verdict == statistics::Verdict::worse;
+    const bool passes = change.to > change.from * gate.limit;
     return judge_answer(gate, name,
                         passes && worse ? Answer::yes
                         : passes        ? Answer::cannot_tell
@@ -185,9 +188,9 @@ Judgement judge(const Gate& gate, const Runs& from, const Runs& to) {
                         says);
   }
   says += fmt::format(
-      " ({:+.3g} %), surely {}", (*change->ratio - 1) * 100,
-      lies(change->ratio_lies, [](double ratio) { return fmt::format("{:+.3g} %", (ratio - 1) * 100); }));
-  return judge_answer(gate, name, statistics::ratio_exceeds(*change, gate.limit), says);
+      " ({:+.3g} %), surely {}", (*change.ratio - 1) * 100,
+      lies(change.ratio_lies, [](double ratio) { return fmt::format("{:+.3g} %", (ratio - 1) * 100); }));
+  return judge_answer(gate, name, statistics::ratio_exceeds(change, gate.limit), says);
 }
 
 }  // namespace ontime::gate

@@ -113,10 +113,14 @@ Table table_of(const Pair& pair) {
   table.notes.insert(table.notes.begin(),
                      fmt::format("A: {}; B: {}", many(pair.from.size()), many(pair.to.size())));
   for (const auto* runs : {&pair.from, &pair.to})
-    for (const auto* run : *runs)
+    for (const auto* run : *runs) {
+      const auto name = fmt::format("{} of {}", gate::name_of(*run), runs == &pair.from ? "A" : "B");
       if (!statistics::is_complete(run->run))
-        table.notes.push_back(fmt::format("left out: {} of {}, not measured to its end", gate::name_of(*run),
-                                          runs == &pair.from ? "A" : "B"));
+        table.notes.push_back(fmt::format("left out: {}, not measured to its end", name));
+      else if (run->round_trip.count == 0)
+        table.notes.push_back(
+            fmt::format("left out of all but late and lost: {}, nothing was answered", name));
+    }
   if (const auto text = list_of(differences(pair.from, pair.to)); !text.empty())
     table.notes.push_back("not the same (A → B): " + text);
   return table;
