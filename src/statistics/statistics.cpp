@@ -98,7 +98,7 @@ class Pass {
     summary_.extremes =
         extremes(round_trip_course_.values(), static_cast<float>(round_trips.at_rank(answers - peaks)));
     summary_.response_certainty = certainty(response_course_, responses, summary_.response);
-    // Where none is late, how the slowest come in bursts is all that there is to go by.
+    // Where hardly any is late, how the slowest come in bursts is all that there is to go by.
     const auto effect = summary_.response_certainty.p99_9.effect;
     std::move(misses_).into(summary_, effect);
     if (const auto deadline_ns = positive_ns(member(asked_, "deadline_us"), 1e3)) {
