@@ -49,6 +49,7 @@ TEST(Parse, CountsAndShares) {
   EXPECT_EQ(share.kind, Gate::Limit::absolute);
   EXPECT_DOUBLE_EQ(share.limit, 0.001);
   EXPECT_EQ(parse("response late > 3", Use::fail_if).times, Times::response);
+  EXPECT_EQ(parse("lost > 0 %", Use::fail_if).kind, Gate::Limit::count);
 }
 
 TEST(Parse, Changes) {
@@ -135,7 +136,9 @@ TEST(Judge, ALimitIsPassedOnlyIfItSurelyIs) {
   EXPECT_EQ(judged("p99 > 2 ms", run(measured(1, 0.5, 1.5))).result, Result::held);
   const auto unsure = judged("p99 > 2 ms", run(measured(2.1, 1.9, 2.4)));
   EXPECT_EQ(unsure.result, Result::held);
+  EXPECT_FALSE(unsure.is_sure);
   EXPECT_THAT(unsure.says, HasSubstr("cannot be told"));
+  EXPECT_TRUE(judged("p99 > 2 ms", run(measured(1, 0.5, 1.5))).is_sure);
 }
 
 TEST(Judge, NamesGateRunFigureAndInterval) {
@@ -149,6 +152,27 @@ TEST(Judge, ARunTooShortForTheFigureHoldsNoLine) {
   EXPECT_EQ(judgement.result, Result::cannot_judge);
   EXPECT_THAT(judgement.says, HasSubstr("measure longer"));
   EXPECT_EQ(judged("p99 > 2 ms", run(measured(3, 2.5, {}))).result, Result::missed) << "sure enough";
+}
+
+// `lost` of so many messages, evenly.
+Summary losing(std::uint64_t lost, std::uint64_t messages, double effect_of_few = 1) {
+  statistics::Batches batches;
+  for (std::uint64_t i = 0; i < messages; ++i) batches.add(lost > 0 && i % (messages / lost) == 0);
+  auto one = run(measured(1, 0.5, 1.5));
+  one.lost_probability = statistics::probability(batches.all(), effect_of_few);
+  return one;
+}
+
+TEST(Judge, ARunTooShortForAShareHoldsNoLineEither) {
+  const auto result = [](const Summary& of) { return judged("lost > 1%", of).result; };
+  EXPECT_EQ(result(losing(2, 20)), Result::cannot_judge);
+  EXPECT_EQ(result(losing(0, 20)), Result::cannot_judge) << "300 without a loss are needed";
+  EXPECT_THAT(judged("lost > 1%", losing(0, 20)).says, HasSubstr("measure longer"));
+  EXPECT_EQ(result(losing(0, 1000)), Result::held);
+  EXPECT_EQ(result(losing(0, 1000, 20)), Result::held) << "what it can hold hangs on no chance";
+  EXPECT_EQ(result(losing(1, 1000, 20)), Result::cannot_judge) << "as many as 50";
+  EXPECT_EQ(result(losing(12, 1200)), Result::held) << "it is long enough, and it cannot be told";
+  EXPECT_EQ(result(losing(10, 20)), Result::missed) << "sure enough";
 }
 
 TEST(Judge, CountsAndMaximaAreWhatTheyAre) {

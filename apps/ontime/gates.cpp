@@ -50,9 +50,9 @@ std::vector<Judgement> GateFlags::judge(const std::vector<gate::Gate>& gates,
 int GateFlags::finish(const std::vector<Judgement>& judgements) const {
   int code = 0;
   for (const auto& judgement : judgements) {
-    if (judgement.result == Judgement::Result::held) continue;
-    code = 1;
-    print_error(gate::text_of(judgement));
+    const bool held = judgement.result == Judgement::Result::held;
+    if (!held) code = 1;
+    if (!held || !judgement.is_sure) print_error(gate::text_of(judgement));
   }
   if (!junit_.empty()) {
     Output output(junit_);

@@ -22,7 +22,8 @@ class GateFlags {
   // whether it was measured to its end.
   std::vector<gate::Judgement> judge(const std::vector<gate::Gate>&, const statistics::Summary&) const;
 
-  // Says on standard error what did not hold, writes the JUnit file, and returns the exit code: 0 or 1.
+  // Says on standard error what did not hold, and what held only because it cannot be told; writes the JUnit
+  // file, and returns the exit code: 0 or 1.
   int finish(const std::vector<gate::Judgement>&) const;
 
  private:

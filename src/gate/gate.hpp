@@ -3,7 +3,7 @@
 //
 //   gate       = [ "response" ] figure ( ">" | "<=" ) limit
 //   figure     = "mean" | "p50" | "p90" | "p99" | "p99.9" | "p99.99" | "max" | "late" | "lost"
-//   limit      = number                                         messages: late and lost alone
+//   limit      = number                                         messages: late and lost alone; 0 % is 0
 //              | number ( "ns" | "us" | "µs" | "ms" | "s" | "%" )   a time, of late and lost a share
 //              | ( "+" | "-" ) number ( "%" | "ns" … "s" | "points" )  against another run: of what it was,
 //              or so much more
@@ -48,7 +48,8 @@ struct Judgement {
   // figure. Who holds a line must know, so that is no pass.
   enum class Result { held, missed, cannot_judge } result = Result::held;
   std::string run, gate;
-  std::string says;  // the figure, between what it surely lies, and what follows, for people
+  std::string says;     // the figure, between what it surely lies, and what follows, for people
+  bool is_sure = true;  // else it held only because it cannot be told
 };
 
 // A number of messages and a maximum are what they are. Of all other figures a limit is passed only if they

@@ -60,6 +60,20 @@ Judgement judgement(const Gate& gate, std::string run, Result result, std::strin
   return {result, std::move(run), gate.text, std::move(says)};
 }
 
+const statistics::Probability& probability_of(const Gate& gate, const Summary& run) {
+  if (gate.figure == Figure::lost) return run.lost_probability;
+  return gate.times == statistics::Times::response ? run.late_by_response_probability : run.late_probability;
+}
+
+// So short that it could not have shown that it keeps to the limit. Where nothing is known to come in bursts
+// that hangs on the number of messages alone: what a run can hold is not left to chance.
+bool is_too_short(const Gate& gate, const Summary& run, const statistics::Measured& found) {
+  if (!is_share(gate)) return !found.surer.high;
+  const auto& probability = probability_of(gate, run);
+  return static_cast<double>(probability.messages) <
+         statistics::messages_to_claim(gate.limit, probability.events == 0 ? 1 : probability.effect);
+}
+
 Judgement judge_count(const Gate& gate, const Summary& run) {
   const auto late =
       gate.times == statistics::Times::response ? run.late_by_response : std::optional(run.late);
@@ -74,8 +88,10 @@ Judgement judge_count(const Gate& gate, const Summary& run) {
 // What the answer to "is the limit passed" makes of a gate.
 Judgement judge_answer(const Gate& gate, std::string run, Answer answer, const std::string& says) {
   if (answer == Answer::yes) return judgement(gate, std::move(run), Result::missed, says);
-  return judgement(gate, std::move(run), Result::held,
-                   answer == Answer::no ? says : says + "; whether that passes the limit cannot be told");
+  auto held = judgement(gate, std::move(run), Result::held, says);
+  held.is_sure = answer == Answer::no;
+  if (!held.is_sure) held.says += "; whether that passes the limit cannot be told";
+  return held;
 }
 
 }  // namespace
@@ -150,7 +166,7 @@ Judgement judge(const Gate& gate, const Summary& run) {
     return judgement(gate, name_of(run), found->value > gate.limit ? Result::missed : Result::held, says);
   says += fmt::format(", surely {}", lies(found->surer, [&](double value) { return value_of(gate, value); }));
   const auto answer = statistics::exceeds(*found, gate.limit);
-  if (answer == Answer::cannot_tell && !found->surer.high)
+  if (answer == Answer::cannot_tell && is_too_short(gate, run, *found))
     return judgement(gate, name_of(run), Result::cannot_judge, says + ": " + too_few);
   return judge_answer(gate, name_of(run), answer, says);
 }
