@@ -64,18 +64,18 @@ int compare(const Arguments& arguments, const GateFlags& flags) {
     for (const auto& run : b)
       for (auto& judgement : flags.judge(gates, run)) judgements.push_back(std::move(judgement));
   // What cannot be compared any more holds no line.
-  if (!gates.empty())
+  if (flags.wanted())
     for (const auto& runs : comparison.only_from)
       judgements.push_back({gate::Judgement::Result::cannot_judge, gate::name_of(runs),
                             "there is a run of B to compare with", "there is none with the same conditions"});
-  if (!gates.empty() && comparison.pairs.empty() && comparison.only_from.empty())
+  if (flags.wanted() && comparison.pairs.empty() && comparison.only_from.empty())
     judgements.push_back({gate::Judgement::Result::cannot_judge, arguments.a, "there is something to compare",
                           "A has no run to compare with"});
 
   Output output(arguments.output);
   output.write(report::render(comparison, judgements, format));
   output.finish();
-  return flags.finish(judgements);
+  return flags.finish(std::move(judgements), second);
 }
 
 }  // namespace

@@ -47,7 +47,9 @@ std::vector<Judgement> GateFlags::judge(const std::vector<gate::Gate>& gates,
   return judgements;
 }
 
-int GateFlags::finish(const std::vector<Judgement>& judgements) const {
+int GateFlags::finish(std::vector<Judgement> judgements, const std::string& file) const {
+  if (wanted() && judgements.empty())
+    judgements.push_back({Judgement::Result::cannot_judge, file, "there is a run", "there is none"});
   int code = 0;
   for (const auto& judgement : judgements) {
     const bool held = judgement.result == Judgement::Result::held;

@@ -122,6 +122,16 @@ class Results(unittest.TestCase):
         self.assertEqual(self.results.read_bytes(), before)
         self.ontime("run", self.scenario(), "--results", self.results, "--fail-if", "mean > 1 ns", code=1)
 
+    def test_a_file_without_a_run_holds_no_line(self):
+        self.measured()
+        with contextlib.closing(sqlite3.connect(self.results)) as database:
+            database.executescript("DELETE FROM sample; DELETE FROM run")
+        self.ontime("report", self.results)
+        for flags in (["--fail-if", "late > 0"], ["--junit", "none.xml"]):
+            answer = self.ontime("report", self.results, *flags, code=1)
+            self.assertIn("cannot judge: there is a run", answer.stderr)
+        self.assertEqual(xml.etree.ElementTree.parse(self.folder / "none.xml").getroot().get("errors"), "1")
+
     # --- comparing ---
 
     def test_a_change_is_seen_and_chance_is_not(self):
