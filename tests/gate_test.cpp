@@ -183,6 +183,10 @@ TEST(Judge, CountsAndMaximaAreWhatTheyAre) {
   EXPECT_EQ(judged("max > 7 ms", run({})).result, Result::held);
   EXPECT_EQ(judged("response late > 0", run({})).result, Result::cannot_judge)
       << "nothing is known of a deadline";
+  auto stalled = run({});
+  stalled.skipped_cycles = 299;
+  stalled.late_by_response = 300;
+  EXPECT_EQ(judged("response late > 0", stalled).says, "300 of 1299 cycles");
 }
 
 TEST(Judge, WhatWasNotMeasuredHoldsNoLine) {

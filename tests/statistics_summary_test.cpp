@@ -102,8 +102,11 @@ TEST(Summary, AddsUp) {
     ASSERT_EQ(summary.response.p99, expected.p99);
     ASSERT_EQ(summary.response.max, expected.max);
     ASSERT_NEAR(summary.response.mean, expected.mean, 1e-9 * expected.mean);
-    ASSERT_EQ(summary.late_by_response, std::count_if(responses.begin(), responses.end(),
-                                                      [](auto response) { return response > 10 * ms; }));
+    ASSERT_EQ(summary.late_by_response,
+              summary.lost +
+                  static_cast<std::uint64_t>(std::count_if(
+                      responses.begin(), responses.end(), [](auto response) { return response > 10 * ms; })));
+    ASSERT_EQ(summary.late_by_response_probability.messages, summary.sent + summary.skipped_cycles);
   }
 }
 

@@ -75,14 +75,15 @@ bool is_too_short(const Gate& gate, const Summary& run, const statistics::Measur
 }
 
 Judgement judge_count(const Gate& gate, const Summary& run) {
-  const auto late =
-      gate.times == statistics::Times::response ? run.late_by_response : std::optional(run.late);
+  const bool by_response = gate.times == statistics::Times::response;
+  const auto late = by_response ? run.late_by_response : std::optional(run.late);
   const auto count = gate.figure == Figure::lost ? std::optional(run.lost) : late;
   if (!count)
     return judgement(gate, name_of(run), Result::cannot_judge, "its record does not say its deadline");
   return judgement(gate, name_of(run),
                    static_cast<double>(*count) > gate.limit ? Result::missed : Result::held,
-                   fmt::format("{} of {} messages", *count, run.sent));
+                   by_response ? fmt::format("{} of {} cycles", *count, run.sent + run.skipped_cycles)
+                               : fmt::format("{} of {} messages", *count, run.sent));
 }
 
 // What the answer to "is the limit passed" makes of a gate.

@@ -56,9 +56,9 @@ Interval clopper_pearson(double events, double messages, double confidence) {
 
 }  // namespace
 
-void Batches::add(bool event) {
-  open_.values += 1;
-  open_.events += event ? 1 : 0;
+void Batches::add(const Batch& some) {
+  open_.values += some.values;
+  open_.events += some.events;
   if (open_.values < length_) return;
   full_.push_back(open_);
   open_ = {};

@@ -66,7 +66,8 @@ struct Batch {
 inline constexpr std::size_t most_batches = 128;
 class Batches {
  public:
-  void add(bool event);
+  void add(bool event) { add(Batch{1, event ? 1.0 : 0.0}); }
+  void add(const Batch&);  // of messages that are not told apart
   std::vector<Batch> all() const;
 
  private:

@@ -86,9 +86,11 @@ struct Summary {
   std::vector<record::Note> notes;
   std::int64_t start_ns = 0;  // when its first message was due: the client's clock, as that of notes
   std::uint64_t sent = 0, on_time = 0, late = 0, lost = 0;
-  std::uint64_t skipped_cycles = 0;               // those after the last message among them
-  std::optional<std::uint64_t> late_by_response;  // responses above the deadline, where the record has that
-  Distribution round_trip;                        // sent → received: the paper's T2 − T1
+  std::uint64_t skipped_cycles = 0;  // those after the last message among them
+  // Cycles without an answer within the deadline from when they were due, where the record has a deadline:
+  // responses above it, and lost messages. Of sent + skipped_cycles.
+  std::optional<std::uint64_t> late_by_response;
+  Distribution round_trip;  // sent → received: the paper's T2 − T1
   // Due → answered, of every cycle, those that passed without a message among them: until the answer that
   // ended their wait, or, if none did any more, as long as they are known to have waited. Hides no stall. A
   // lost message has none.
