@@ -72,9 +72,7 @@ std::string lies(const Row& row, const statistics::Change& change) {
     if (!low && !high) return std::string(nothing);
     return fmt::format("{} … {}", low ? text(*low) : "", high ? text(*high) : "");
   };
-  if (change.ratio)
-    return ends(change.ratio_lies.low == 0 ? std::nullopt : change.ratio_lies.low, change.ratio_lies.high,
-                percent);
+  if (change.ratio) return ends(change.ratio_lies.low, change.ratio_lies.high, percent);
   return ends(change.difference_lies.low, change.difference_lies.high,
               [&](double value) { return (value < 0 ? "" : "+") + value_of(row, value); });
 }

@@ -128,12 +128,12 @@ enum class Times { round_trip, response };
 enum class Figure { mean, p50, p90, p99, p99_9, p99_99, max, late, lost };
 std::optional<Measured> measured(const Summary&, Times, Figure);  // nothing: nothing was answered, or sent
 
-// From one or several runs to one or several others: their means, and for the ratio their geometric means.
+// From one or several runs to one or several others: their means.
 // Both ends of the intervals are passed by the truth at most once in a hundred. They come from the intervals
-// of the single figures (MOVER: Zou & Donner 2008; of ratios on the logarithms), and, where at least one side
-// has repetitions, are no narrower than Student's t of the variance between runs, taken to be the same on
-// both sides. Without repetitions they are of these two runs: what else changes from one run to the next
-// (placement in memory, the order of start) is not in them.
+// of the single figures (MOVER: Zou & Donner 2008; of ratios on the logarithms, widened so that they hold the
+// means' ratio), and, where at least one side has repetitions, are no narrower than Student's t of the
+// variance between runs, taken to be the same on both sides. Without repetitions they are of these two runs:
+// what else changes from one run to the next (placement in memory, the order of start) is not in them.
 enum class Verdict { better, cannot_tell, worse };  // less is better
 struct Change {
   double from = 0, to = 0;
