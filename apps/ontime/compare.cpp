@@ -40,6 +40,16 @@ Summaries summaries_of(const std::string& file, const std::string& flag,
   return summaries;
 }
 
+// Runs of one id need not be repetitions of one another.
+void refuse_unlike(const std::string& flag, const std::string& word, const report::Comparison::Runs& runs) {
+  for (const auto* run : runs)
+    if (run->run.key != runs.front()->run.key)
+      throw Error(
+          2, fmt::format("{} {}: runs {} and {} were not measured under the same conditions: say the number "
+                         "of one",
+                         flag, word, runs.front()->run.number, run->run.number));
+}
+
 int compare(const Arguments& arguments, const GateFlags& flags) {
   const auto format = format_flag(arguments.format);
   const auto gates = flags.gates();
@@ -55,6 +65,10 @@ int compare(const Arguments& arguments, const GateFlags& flags) {
   const auto a = summaries_of(arguments.a, chosen ? "--from" : "--only", words(arguments.from));
   const auto b = summaries_of(second, chosen ? "--to" : "--only", words(arguments.to));
   const auto comparison = chosen ? report::compare_chosen(a, b) : report::compare(a, b);
+  for (const auto& pair : comparison.pairs) {
+    refuse_unlike("--from", arguments.from, pair.from);
+    refuse_unlike("--to", arguments.to, pair.to);
+  }
 
   std::vector<gate::Judgement> judgements;
   for (const auto& pair : comparison.pairs)

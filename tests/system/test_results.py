@@ -167,6 +167,13 @@ class Results(unittest.TestCase):
         self.ontime("compare", self.results, "--from", "1", code=2)
         self.assertIn("'two'", self.ontime("compare", self.results, other, "--only", "two", code=2).stderr)
 
+    def test_runs_that_are_not_alike_are_no_repetitions(self):
+        self.measured()
+        self.measured(duration="200 ms")
+        answer = self.ontime("compare", self.results, "--from", "one", "--to", "2", code=2)
+        self.assertIn("--from one: runs 1 and 2 were not measured under the same conditions", answer.stderr)
+        self.ontime("compare", self.results, "--from", "1", "--to", "2")
+
     # --- out ---
 
     def test_export_has_every_sample(self):
