@@ -20,7 +20,8 @@ std::string utf8_of(const std::string&);
 // through a document does so by recursion.
 std::optional<nlohmann::json> json_of(const std::string&);
 
-// Run::key
+// Run::key, and what it is of.
 std::string key_of(const nlohmann::json& asked);
+nlohmann::json conditions_of(const nlohmann::json& asked);
 
 }  // namespace ontime::record

@@ -39,6 +39,8 @@ struct Run {
   std::string key;
 };
 
+// What the key is of; the same in one form, whoever wrote it.
+nlohmann::json conditions_of(const nlohmann::json& asked);
 std::string key_of(const nlohmann::json& asked);
 
 // Something that happened in a run: at a moment, or to one message, or both.
