@@ -215,6 +215,11 @@ TEST(Judge, WhatWasNotMeasuredAsAskedHoldsNoLine) {
   idle.run.outcome["traffic"] = {{"to_component", {{"short", false}}}, {"to_controller", {{"short", true}}}};
   EXPECT_EQ(judged("p99 > 2 ms", idle).says, "the traffic that was asked for was not there");
   EXPECT_EQ(judged("late > 0", idle).result, Result::cannot_judge);
+  auto whole = run(measured(1, 0.5, 1.5));
+  whole.run.outcome["hosts"]["component"]["link"]["gone"] = "somebody took the rules away";
+  EXPECT_EQ(judged("p99 > 2 ms", whole).result, Result::held) << "there were to be no faults";
+  whole.run.asked["link"] = {{"loss", 0.1}};
+  EXPECT_EQ(judged("p99 > 2 ms", whole).result, Result::cannot_judge);
 }
 
 TEST(Judge, WhatIsRequiredMustBeSo) {

@@ -10,6 +10,7 @@
 #include <unistd.h>
 
 #include "keeper/flows.hpp"
+#include "keeper/links.hpp"
 #include "machine/machine.hpp"
 #include "orders/orders.hpp"
 #include "own_run.hpp"
@@ -55,6 +56,15 @@ class Keeper : public testing::Test {
   Coordinator coordinator_{interrupts_};
   Coordinator::Hand keeper_{coordinator_, "the keeper", {orders::this_program(), "keeper"}, ""};
 };
+
+TEST(Links, CountersThatWereSetBackAreNoCount) {
+  const background::Link::Counts before{.lost = 3, .sent_bytes = 5000};
+  auto now = before;
+  now.sent_bytes = 7000;
+  EXPECT_EQ(account_of(before, now).at("beside_traffic").at("sent_bytes"), 2000);
+  now.lost = 0;
+  EXPECT_THROW(account_of(before, now), background::Error);
+}
 
 TEST_F(Keeper, TellsWhatTheMachineIsAndHowBusyItWas) {
   EXPECT_FALSE(ask("open", "opened").at("machine").at("boot_id").get<std::string>().empty());

@@ -109,6 +109,10 @@ std::string unfit(const Summary& run) {
   for (const auto* host : {"controller", "component"})
     if (at(at(at(run.run.outcome, "hosts"), host), "load_running") == false)
       return fmt::format("the load on the {} had died by the end", host);
+  if (!at(run.run.asked, "link").is_null())
+    for (const auto* host : {"controller", "component"})
+      if (at(at(at(at(run.run.outcome, "hosts"), host), "link"), "gone").is_string())
+        return fmt::format("the link's faults need not have been there to the end, at the {}", host);
   for (const auto* way : {"to_component", "to_controller"})
     if (at(at(at(run.run.outcome, "traffic"), way), "short") == true)
       return "the traffic that was asked for was not there";

@@ -233,6 +233,11 @@ std::string remarks(const statistics::Summary& summary) {
     if (at(facts, "load_running") == false)
       parts.push_back("the load on the " + word(host) + " had died by the end");
   if (const auto text = traffic(outcome); !text.empty()) parts.push_back(text);
+  if (!at(summary.run.asked, "link").is_null())
+    for (const auto& [host, facts] : at(outcome, "hosts").items())
+      if (const auto& gone = at(at(facts, "link"), "gone"); gone.is_string())
+        parts.push_back("THE LINK'S FAULTS NEED NOT HAVE BEEN THERE on the " + word(host) + ": " +
+                        word(gone));
   if (const auto& why = at(outcome, "link_unproved"); why.is_string()) parts.push_back(word(why));
   for (const auto& text : changed_settings(outcome)) parts.push_back(text);
   add_notes(parts, summary);
