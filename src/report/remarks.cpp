@@ -139,8 +139,9 @@ std::vector<std::string> taken_away(const statistics::Summary& summary) {
     const auto& [took_ns, before, message, after] = summary.shape.worst.front();
     const auto woke_late = static_cast<double>(message.woke_ns) - static_cast<double>(message.due_ns);
     if (summary.wake_up.count > 0 && woke_late * 2 >= static_cast<double>(took_ns))
-      parts.push_back(fmt::format("of the longest wait, {} µs, our own sending thread overslept {}",
-                                  microseconds(static_cast<double>(took_ns)), microseconds(woke_late)));
+      parts.push_back(
+          fmt::format("of the longest wait that was answered, {} µs, our own sending thread overslept {}",
+                      microseconds(static_cast<double>(took_ns)), microseconds(woke_late)));
   }
   // A throttled CPU leaves its real-time threads waiting for the rest of the period.
   const auto& machine = at(at(at(outcome, "hosts"), "controller"), "machine");
