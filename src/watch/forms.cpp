@@ -41,7 +41,8 @@ std::string clock(double seconds) {
 }
 
 std::optional<double> left_s(const Progress& progress) {
-  if (!progress.duration_s || progress.state != Progress::State::measuring) return {};
+  if (!progress.duration_s || progress.state != Progress::State::measuring || progress.samples_wait)
+    return {};
   return std::max(*progress.duration_s - progress.elapsed_s, 0.0);
 }
 
@@ -53,8 +54,12 @@ std::string head_of(const Progress& progress) {
     if (const auto part = word(at(asked, key)); !part.empty()) text += " " + part;
   if (const auto repetition = word(at(asked, "repetition")); !repetition.empty() && repetition != "1")
     text += " ×" + repetition;
-  text += fmt::format("  {}", clock(progress.elapsed_s));
-  if (progress.duration_s) text += " of " + clock(*progress.duration_s);
+  if (!progress.samples_wait) {
+    text += fmt::format("  {}", clock(progress.elapsed_s));
+    if (progress.duration_s) text += " of " + clock(*progress.duration_s);
+  } else {
+    text += "  (measuring; its samples wait for the end, for ssh may take the link under test)";
+  }
   if (const auto left = left_s(progress)) text += fmt::format(", {} left", clock(*left));
   const bool cut_off = progress.state == Progress::State::ended && progress.run.outcome.is_null();
   if (progress.state == Progress::State::waiting)
@@ -145,7 +150,9 @@ std::string json_of(const Progress& progress) {
   object["run"] =
       progress.run.number > 0 ? nlohmann::ordered_json(progress.run.number) : nlohmann::ordered_json();
   for (const auto* key : {"id", "variant", "transport", "repetition"}) object[key] = at(asked, key);
-  object["elapsed_s"] = progress.elapsed_s;
+  object["samples_wait"] = progress.samples_wait;
+  object["elapsed_s"] =
+      progress.samples_wait ? nlohmann::ordered_json() : nlohmann::ordered_json(progress.elapsed_s);
   object["duration_s"] =
       progress.duration_s ? nlohmann::ordered_json(*progress.duration_s) : nlohmann::ordered_json();
   const auto left = left_s(progress);
@@ -192,8 +199,9 @@ std::string metrics_of(const Progress& progress) {
   for (const auto* key : {"id", "variant", "transport", "repetition"})
     run += "," + label(key, at(asked, key));
   add("messages_total", "counter", "Counted messages of the newest run, by what became of them.");
+  // A counter never falls.
   const std::pair<const char*, std::uint64_t> fates[] = {
-      {"on_time", progress.on_time}, {"late", progress.late}, {"lost", progress.lost}};
+      {"on_time", progress.on_time}, {"late", progress.late}, {"lost", progress.lost_for_good}};
   for (const auto& [fate, count] : fates)
     text += fmt::format("ontime_messages_total{{{},fate=\"{}\"}} {}\n", run, fate, count);
   add("skipped_cycles_total", "counter", "Cycles that passed without a message.");
