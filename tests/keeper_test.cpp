@@ -120,16 +120,18 @@ TEST_F(Keeper, GivesNamespacesBackWhenThePipeBreaks) {
 // --- what was achieved ---
 
 TEST(BitsPerSecond, AreOfTheStretchThatWasReported) {
-  EXPECT_DOUBLE_EQ(*bits_per_second({1, 1e6}, {11, 801e6}, 10.1s), 80e6);
-  EXPECT_DOUBLE_EQ(*bits_per_second({1, 1e6}, {1, 1e6}, 60s), 0) << "nothing moved any more";
+  EXPECT_DOUBLE_EQ(*bits_per_second({1, 1e6}, {11, 801e6}, 10.1s, true), 80e6);
+  EXPECT_DOUBLE_EQ(*bits_per_second({1, 1e6}, {1, 1e6}, 60s, true), 0) << "nothing moved any more";
+  EXPECT_DOUBLE_EQ(*bits_per_second({0, 0}, {3, 240e6}, 4s, true), 80e6) << "its report is late";
+  EXPECT_DOUBLE_EQ(*bits_per_second({0, 0}, {3, 240e6}, 4s, false), 60e6) << "it died";
 }
 
 TEST(BitsPerSecond, OfOneThatFellSilentCountAgainstTheWholeTime) {
-  EXPECT_DOUBLE_EQ(*bits_per_second({0, 0}, {10, 800e6}, 21s), 40e6);
+  EXPECT_DOUBLE_EQ(*bits_per_second({0, 0}, {10, 800e6}, 21s, true), 40e6);
 }
 
 TEST(BitsPerSecond, AreNotKnownWhereNothingCouldBeReportedYet) {
-  EXPECT_FALSE(bits_per_second({1, 1e6}, {1, 1e6}, 100ms));
+  EXPECT_FALSE(bits_per_second({1, 1e6}, {1, 1e6}, 100ms, true));
 }
 
 TEST_F(Keeper, GivesAccountOfTrafficBothWays) {
