@@ -225,12 +225,19 @@ TEST(Judge, WhatWasNotMeasuredAsAskedHoldsNoLine) {
 TEST(Judge, WhatIsRequiredMustBeSo) {
   auto of = run(measured(3, 2.5, 3.5), 1);
   of.run.asked["require"] = {"p99 <= 2 ms", "late <= 1", "what is this", 7};
-  const auto gates = required_of(of);
-  ASSERT_EQ(gates.size(), 2U);
-  EXPECT_EQ(judge(gates[0], of).result, Result::missed);
-  EXPECT_EQ(judge(gates[1], of).result, Result::held);
+  const auto judgements = judge_required(of);
+  ASSERT_EQ(judgements.size(), 4U);
+  EXPECT_EQ(judgements[0].result, Result::missed);
+  EXPECT_EQ(judgements[1].result, Result::held);
+  EXPECT_EQ(judgements[2].result, Result::cannot_judge) << "nobody holds what nobody understands";
+  EXPECT_EQ(judgements[2].gate, "\"what is this\"");
+  EXPECT_EQ(judgements[3].gate, "7");
+  of.run.asked["require"] = nullptr;
+  EXPECT_TRUE(judge_required(of).empty());
+  of.run.asked["require"] = "p99 <= 2 ms";
+  EXPECT_EQ(judge_required(of).at(0).result, Result::missed);
   of.run.asked = "text";
-  EXPECT_TRUE(required_of(of).empty());
+  EXPECT_TRUE(judge_required(of).empty());
 }
 
 TEST(Judge, TheEndOfARunIsAGateToo) {

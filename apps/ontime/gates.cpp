@@ -43,7 +43,7 @@ std::vector<Judgement> GateFlags::judge(const std::vector<gate::Gate>& gates,
   if (!junit_.empty()) judgements.push_back(gate::judge_end(run));
   for (const auto& gate : gates)
     if (!gate.is_relative()) judgements.push_back(gate::judge(gate, run));
-  for (const auto& gate : gate::required_of(run)) judgements.push_back(gate::judge(gate, run));
+  for (auto& judgement : gate::judge_required(run)) judgements.push_back(std::move(judgement));
   return judgements;
 }
 

@@ -60,8 +60,8 @@ using Runs = std::vector<const statistics::Summary*>;
 Judgement judge(const Gate&, const Runs& from, const Runs& to);  // one that is relative
 // "missed: p99 <= 2 ms (Test1.B udp (run 5)): p99 is 3.1 ms, surely between 2.9 ms and 3.4 ms".
 std::string text_of(const Judgement&);
-// What the scenario required of a run, out of its record; what is no gate there is left out.
-std::vector<Gate> required_of(const statistics::Summary&);
+// By what its scenario required of it, out of its record; what is no gate there cannot be judged.
+std::vector<Judgement> judge_required(const statistics::Summary&);
 // Whether it was measured to its end, which is a gate of this name.
 inline constexpr const char* end = "measured to its end";
 Judgement judge_end(const statistics::Summary&);

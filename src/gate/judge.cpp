@@ -142,19 +142,6 @@ std::string text_of(const Judgement& judgement) {
   return fmt::format("{}: {} ({}): {}", word, judgement.gate, judgement.run, judgement.says);
 }
 
-std::vector<Gate> required_of(const Summary& run) {
-  std::vector<Gate> gates;
-  const auto& required = at(run.run.asked, "require");
-  if (!required.is_array()) return gates;
-  for (const auto& text : required) {
-    try {
-      gates.push_back(parse(text_of(text), Use::require));
-    } catch (const Error&) {  // of somebody else's file
-    }
-  }
-  return gates;
-}
-
 Judgement judge_end(const Summary& run) {
   const bool complete = statistics::is_complete(run.run);
   return {complete ? Result::held : Result::cannot_judge, name_of(run), end, complete ? "" : unfit(run)};
@@ -174,6 +161,21 @@ Judgement judge(const Gate& gate, const Summary& run) {
   if (answer == Answer::cannot_tell && is_too_short(gate, run, *found))
     return judgement(gate, name_of(run), Result::cannot_judge, says + ": " + too_few);
   return judge_answer(gate, name_of(run), answer, says);
+}
+
+std::vector<Judgement> judge_required(const Summary& run) {
+  std::vector<Judgement> judgements;
+  const auto& required = at(run.run.asked, "require");
+  if (required.is_null()) return judgements;
+  for (const auto& text : required.is_array() ? required : json::array({required})) {
+    try {
+      judgements.push_back(judge(parse(text_of(text), Use::require), run));
+    } catch (const Error& error) {  // of a version to come, or somebody else's file
+      judgements.push_back({Result::cannot_judge, name_of(run),
+                            text.dump(-1, ' ', true, json::error_handler_t::replace), error.what()});
+    }
+  }
+  return judgements;
 }
 
 Judgement judge(const Gate& gate, const Runs& from, const Runs& to) {
