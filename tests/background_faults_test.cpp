@@ -118,6 +118,16 @@ TEST_F(LinkFaults, CountWhatIsNotTheTraffics) {
   EXPECT_THAT(tables(), Not(HasSubstr("netdev"))) << "who only counts has no part in what comes and goes";
 }
 
+TEST_F(LinkFaults, ThatSomebodyTookAwayAreNotCountedAsNone) {
+  const Link link(journal_, here_, {.loss = 0.01}, {}), other(journal_, {"component", netns, "lo"}, {}, {});
+  EXPECT_NO_THROW(link.counts());
+  in_namespace(netns, [] { nft("delete table netdev ontime-controller"); });
+  EXPECT_THROW(link.counts(), Error);
+  EXPECT_NO_THROW(other.counts());
+  in_namespace(netns, [] { nft("flush ruleset"); });
+  EXPECT_THROW(other.counts(), Error);
+}
+
 TEST_F(LinkFaults, ThatSomebodyMadeAnewAreLeft) {
   const auto what = table_what(netns, "netdev", "controller");
   // What a journal says is made, by its name and its handle; one that was made anew since is somebody else's.

@@ -54,6 +54,8 @@ TEST(Achieved, IsWhatArrived) {
   EXPECT_THAT(shortfalls(achieved(traffic, both(80e6, nullptr))), ElementsAre(HasSubstr("unknown")))
       << "what nobody knows is not taken for achieved";
   EXPECT_THAT(shortfalls(achieved(traffic, both(80e6, 1e6, false))), ElementsAre(HasSubstr("died")));
+  EXPECT_THAT(shortfalls(achieved(traffic, both(80e6, 80e6, false))), ElementsAre(HasSubstr("died")))
+      << "it was not there to the end";
   EXPECT_THAT(shortfalls(achieved(traffic, nlohmann::json::object())), ElementsAre(HasSubstr("NOT")));
   EXPECT_TRUE(achieved({}, both(1, 1)).empty());
 }

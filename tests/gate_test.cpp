@@ -49,6 +49,7 @@ TEST(Parse, CountsAndShares) {
   EXPECT_EQ(share.kind, Gate::Limit::absolute);
   EXPECT_DOUBLE_EQ(share.limit, 0.001);
   EXPECT_EQ(parse("response late > 3", Use::fail_if).times, Times::response);
+  EXPECT_EQ(parse("lost > 0 %", Use::fail_if).kind, Gate::Limit::count);
 }
 
 TEST(Parse, Changes) {
@@ -135,7 +136,9 @@ TEST(Judge, ALimitIsPassedOnlyIfItSurelyIs) {
   EXPECT_EQ(judged("p99 > 2 ms", run(measured(1, 0.5, 1.5))).result, Result::held);
   const auto unsure = judged("p99 > 2 ms", run(measured(2.1, 1.9, 2.4)));
   EXPECT_EQ(unsure.result, Result::held);
+  EXPECT_FALSE(unsure.is_sure);
   EXPECT_THAT(unsure.says, HasSubstr("cannot be told"));
+  EXPECT_TRUE(judged("p99 > 2 ms", run(measured(1, 0.5, 1.5))).is_sure);
 }
 
 TEST(Judge, NamesGateRunFigureAndInterval) {
@@ -151,6 +154,27 @@ TEST(Judge, ARunTooShortForTheFigureHoldsNoLine) {
   EXPECT_EQ(judged("p99 > 2 ms", run(measured(3, 2.5, {}))).result, Result::missed) << "sure enough";
 }
 
+// `lost` of so many messages, evenly.
+Summary losing(std::uint64_t lost, std::uint64_t messages, double effect_of_few = 1) {
+  statistics::Batches batches;
+  for (std::uint64_t i = 0; i < messages; ++i) batches.add(lost > 0 && i % (messages / lost) == 0);
+  auto one = run(measured(1, 0.5, 1.5));
+  one.lost_probability = statistics::probability(batches.all(), effect_of_few);
+  return one;
+}
+
+TEST(Judge, ARunTooShortForAShareHoldsNoLineEither) {
+  const auto result = [](const Summary& of) { return judged("lost > 1%", of).result; };
+  EXPECT_EQ(result(losing(2, 20)), Result::cannot_judge);
+  EXPECT_EQ(result(losing(0, 20)), Result::cannot_judge) << "300 without a loss are needed";
+  EXPECT_THAT(judged("lost > 1%", losing(0, 20)).says, HasSubstr("measure longer"));
+  EXPECT_EQ(result(losing(0, 1000)), Result::held);
+  EXPECT_EQ(result(losing(0, 1000, 20)), Result::held) << "what it can hold hangs on no chance";
+  EXPECT_EQ(result(losing(1, 1000, 20)), Result::cannot_judge) << "as many as 50";
+  EXPECT_EQ(result(losing(12, 1200)), Result::held) << "it is long enough, and it cannot be told";
+  EXPECT_EQ(result(losing(10, 20)), Result::missed) << "sure enough";
+}
+
 TEST(Judge, CountsAndMaximaAreWhatTheyAre) {
   EXPECT_EQ(judged("late > 0", run({}, 1)).result, Result::missed);
   EXPECT_EQ(judged("late > 0", run({}, 0)).result, Result::held);
@@ -159,6 +183,10 @@ TEST(Judge, CountsAndMaximaAreWhatTheyAre) {
   EXPECT_EQ(judged("max > 7 ms", run({})).result, Result::held);
   EXPECT_EQ(judged("response late > 0", run({})).result, Result::cannot_judge)
       << "nothing is known of a deadline";
+  auto stalled = run({});
+  stalled.skipped_cycles = 299;
+  stalled.late_by_response = 300;
+  EXPECT_EQ(judged("response late > 0", stalled).says, "300 of 1299 cycles");
 }
 
 TEST(Judge, WhatWasNotMeasuredHoldsNoLine) {
@@ -177,15 +205,39 @@ TEST(Judge, WhatWasNotMeasuredHoldsNoLine) {
   EXPECT_EQ(judged("late > 0", imported).result, Result::cannot_judge);
 }
 
+TEST(Judge, WhatWasNotMeasuredAsAskedHoldsNoLine) {
+  auto idle = run(measured(1, 0.5, 1.5));
+  idle.run.outcome["hosts"]["component"] = {{"load_running", false}};
+  EXPECT_EQ(judged("p99 > 2 ms", idle).says, "the load on the component had died by the end");
+  EXPECT_EQ(judged("late > 0", idle).result, Result::cannot_judge);
+  idle.run.outcome["hosts"]["component"]["load_running"] = nullptr;  // none was asked for
+  EXPECT_EQ(judged("p99 > 2 ms", idle).result, Result::held);
+  idle.run.outcome["traffic"] = {{"to_component", {{"short", false}}}, {"to_controller", {{"short", true}}}};
+  EXPECT_EQ(judged("p99 > 2 ms", idle).says, "the traffic that was asked for was not there");
+  EXPECT_EQ(judged("late > 0", idle).result, Result::cannot_judge);
+  auto whole = run(measured(1, 0.5, 1.5));
+  whole.run.outcome["hosts"]["component"]["link"]["gone"] = "somebody took the rules away";
+  EXPECT_EQ(judged("p99 > 2 ms", whole).result, Result::held) << "there were to be no faults";
+  whole.run.asked["link"] = {{"loss", 0.1}};
+  EXPECT_EQ(judged("p99 > 2 ms", whole).result, Result::cannot_judge);
+}
+
 TEST(Judge, WhatIsRequiredMustBeSo) {
   auto of = run(measured(3, 2.5, 3.5), 1);
   of.run.asked["require"] = {"p99 <= 2 ms", "late <= 1", "what is this", 7};
-  const auto gates = required_of(of);
-  ASSERT_EQ(gates.size(), 2U);
-  EXPECT_EQ(judge(gates[0], of).result, Result::missed);
-  EXPECT_EQ(judge(gates[1], of).result, Result::held);
+  const auto judgements = judge_required(of);
+  ASSERT_EQ(judgements.size(), 4U);
+  EXPECT_EQ(judgements[0].result, Result::missed);
+  EXPECT_EQ(judgements[1].result, Result::held);
+  EXPECT_EQ(judgements[2].result, Result::cannot_judge) << "nobody holds what nobody understands";
+  EXPECT_EQ(judgements[2].gate, "\"what is this\"");
+  EXPECT_EQ(judgements[3].gate, "7");
+  of.run.asked["require"] = nullptr;
+  EXPECT_TRUE(judge_required(of).empty());
+  of.run.asked["require"] = "p99 <= 2 ms";
+  EXPECT_EQ(judge_required(of).at(0).result, Result::missed);
   of.run.asked = "text";
-  EXPECT_TRUE(required_of(of).empty());
+  EXPECT_TRUE(judge_required(of).empty());
 }
 
 TEST(Judge, TheEndOfARunIsAGateToo) {
@@ -242,6 +294,15 @@ TEST(JudgeAChange, OfNothingAnyMoreIsInfinitelyMore) {
   EXPECT_EQ(judge(gate, {&a}, {&a}).result, Result::held);
   b.late_probability = share(0.001, 0, 0.005);
   EXPECT_EQ(judge(gate, {&a}, {&b}).result, Result::held) << "one message is chance";
+}
+
+TEST(JudgeAChange, ARepetitionThatAnsweredNothingIsNotPassedOver) {
+  const auto a = run(measured(1, 0.98, 1.02)), b = run(measured(1, 0.98, 1.02));
+  auto lost = b;
+  lost.round_trip = {};
+  const auto judgement = judge(parse("p99 > +10%", Use::fail_if_compared), {&a}, {&b, &lost});
+  EXPECT_EQ(judgement.result, Result::cannot_judge);
+  EXPECT_THAT(judgement.says, HasSubstr("of B: nothing was answered"));
 }
 
 TEST(JudgeAChange, ARunThatFailedIsNotComparedWith) {

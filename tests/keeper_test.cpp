@@ -10,6 +10,7 @@
 #include <unistd.h>
 
 #include "keeper/flows.hpp"
+#include "keeper/links.hpp"
 #include "machine/machine.hpp"
 #include "orders/orders.hpp"
 #include "own_run.hpp"
@@ -55,6 +56,15 @@ class Keeper : public testing::Test {
   Coordinator coordinator_{interrupts_};
   Coordinator::Hand keeper_{coordinator_, "the keeper", {orders::this_program(), "keeper"}, ""};
 };
+
+TEST(Links, CountersThatWereSetBackAreNoCount) {
+  const background::Link::Counts before{.lost = 3, .sent_bytes = 5000};
+  auto now = before;
+  now.sent_bytes = 7000;
+  EXPECT_EQ(account_of(before, now).at("beside_traffic").at("sent_bytes"), 2000);
+  now.lost = 0;
+  EXPECT_THROW(account_of(before, now), background::Error);
+}
 
 TEST_F(Keeper, TellsWhatTheMachineIsAndHowBusyItWas) {
   EXPECT_FALSE(ask("open", "opened").at("machine").at("boot_id").get<std::string>().empty());
@@ -112,16 +122,18 @@ TEST_F(Keeper, GivesNamespacesBackWhenThePipeBreaks) {
 // --- what was achieved ---
 
 TEST(BitsPerSecond, AreOfTheStretchThatWasReported) {
-  EXPECT_DOUBLE_EQ(*bits_per_second({1, 1e6}, {11, 801e6}, 10.1s), 80e6);
-  EXPECT_DOUBLE_EQ(*bits_per_second({1, 1e6}, {1, 1e6}, 60s), 0) << "nothing moved any more";
+  EXPECT_DOUBLE_EQ(*bits_per_second({1, 1e6}, {11, 801e6}, 10.1s, true), 80e6);
+  EXPECT_DOUBLE_EQ(*bits_per_second({1, 1e6}, {1, 1e6}, 60s, true), 0) << "nothing moved any more";
+  EXPECT_DOUBLE_EQ(*bits_per_second({0, 0}, {3, 240e6}, 4s, true), 80e6) << "its report is late";
+  EXPECT_DOUBLE_EQ(*bits_per_second({0, 0}, {3, 240e6}, 4s, false), 60e6) << "it died";
 }
 
 TEST(BitsPerSecond, OfOneThatFellSilentCountAgainstTheWholeTime) {
-  EXPECT_DOUBLE_EQ(*bits_per_second({0, 0}, {10, 800e6}, 21s), 40e6);
+  EXPECT_DOUBLE_EQ(*bits_per_second({0, 0}, {10, 800e6}, 21s, true), 40e6);
 }
 
 TEST(BitsPerSecond, AreNotKnownWhereNothingCouldBeReportedYet) {
-  EXPECT_FALSE(bits_per_second({1, 1e6}, {1, 1e6}, 100ms));
+  EXPECT_FALSE(bits_per_second({1, 1e6}, {1, 1e6}, 100ms, true));
 }
 
 TEST_F(Keeper, GivesAccountOfTrafficBothWays) {

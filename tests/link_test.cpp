@@ -69,6 +69,16 @@ TEST(Link, ThatCarriesOtherTrafficIsJudgedByWhatItCarriesBeside) {
   EXPECT_FALSE(unproved(outcome(busy, busy)));
 }
 
+TEST(Link, WhoseCountersAreGoneProvesNothing) {
+  auto gone = host(60'000, 60'000);
+  gone["link"]["gone"] = "somebody took the rules away";
+  EXPECT_THAT(unproved(outcome(gone, gone)).value_or(""),
+              AllOf(HasSubstr("eth1 is not proved"), HasSubstr("somebody took the rules away")));
+  gone["link"] = {{"interface", "eth1"}, {"gone", "the interface is not there any more"}};
+  EXPECT_TRUE(unproved(outcome(gone, host(60'000, 60'000))));
+  EXPECT_EQ(found(outcome(gone, host(60'000, 60'000))), "nothing");
+}
+
 TEST(Link, NobodyAskedForProvesNothing) {
   auto any = host(0, 0, {"fastrtps_port7411"});
   any["link"] = nullptr;

@@ -263,15 +263,15 @@ TEST(DropsOf, EachPlaceAreRead) {
   const std::string dev =
       "Inter-|   Receive  |  Transmit\n face |bytes ...\n"
       "  eth0: 1 2 3 40 5 6 7 8 9 10 11 120 13 14 15 16\n    lo: 1 2 3 4 5 6 7 8 9 10 11 12 13 14 15 16\n";
-  EXPECT_EQ(parse_dropped(dev, "eth0"), (std::pair<std::uint64_t, std::uint64_t>(40, 120)));
-  EXPECT_EQ(parse_dropped(dev, "eth1"), (std::pair<std::uint64_t, std::uint64_t>(0, 0)));
+  EXPECT_EQ(parse_dropped(dev, "eth0"), (std::pair<Drops::Count, Drops::Count>(40, 120)));
+  EXPECT_EQ(parse_dropped(dev, "eth1"), (std::pair<Drops::Count, Drops::Count>()));
   const std::string snmp =
       "Ip: Forwarding ReasmFails\nIp: 1 7\nUdp: InDatagrams RcvbufErrors SndbufErrors\nUdp: 117507977 172 3\n"
       "UdpLite: InDatagrams RcvbufErrors\nUdpLite: 9 9\n";
   EXPECT_EQ(parse_snmp(snmp, "Udp", "RcvbufErrors"), 172U);
   EXPECT_EQ(parse_snmp(snmp, "Ip", "ReasmFails"), 7U);
-  EXPECT_EQ(parse_snmp(snmp, "Udp", "MemErrors"), 0U);
-  EXPECT_EQ(parse_snmp("Udp: A\nUdp:", "Udp", "A"), 0U);
+  EXPECT_EQ(parse_snmp(snmp, "Udp", "MemErrors"), std::nullopt) << "this kernel does not count it";
+  EXPECT_EQ(parse_snmp("Udp: A\nUdp:", "Udp", "A"), std::nullopt);
   const std::string udp =
       "   sl  local_address rem_address   st tx_queue rx_queue tr tm->when retrnsmt   uid  timeout inode ref "
       "pointer drops\n"
@@ -282,7 +282,32 @@ TEST(DropsOf, EachPlaceAreRead) {
   EXPECT_EQ(parse_socket_drops(udp, {4711}), 5U) << "another process's are not ours";
   EXPECT_EQ(parse_socket_drops(udp, {}), 0U);
   EXPECT_EQ(parse_backlog_drops("06c7f99e 0000001f 00000007\n00000001 00000001 00000000\n"), 32U);
-  EXPECT_EQ(parse_backlog_drops(""), 0U);
+  EXPECT_EQ(parse_socket_drops("", {4711}), std::nullopt);
+  EXPECT_EQ(parse_backlog_drops(""), std::nullopt);
+}
+
+TEST(DropsOf, WhatCannotBeToldAreNotNone) {
+  Drops before, now;
+  before.udp_receive = before.udp_send = before.backlog = 7;
+  now.udp_receive = 9;
+  now.udp_send = 3;
+  now.fragments = 5;
+  const auto dropped = between(before, now);
+  EXPECT_EQ(dropped.at("udp_receive"), 2);
+  EXPECT_TRUE(dropped.at("udp_send").is_null()) << "set back";
+  EXPECT_TRUE(dropped.at("fragments").is_null());
+  EXPECT_TRUE(dropped.at("backlog").is_null());
+}
+
+TEST(TrafficOf, AnInterfaceThatWasMadeAnewIsNotTold) {
+  const Traffic before{.sent_bytes = 5000, .sent_packets = 5, .received_bytes = 5000, .received_packets = 5};
+  auto now = before;
+  now.sent_bytes += 100;
+  EXPECT_EQ(between(before, now).at("sent_bytes"), 100);
+  now.received_bytes = 10;
+  EXPECT_THAT(between(before, now).at("gone").get<std::string>(), ::testing::HasSubstr("set back"));
+  EXPECT_FALSE(between(before, now).contains("sent_bytes"));
+  EXPECT_TRUE(between(before, {}).contains("gone"));
 }
 
 TEST(DropsOf, SocketWithoutRoomIsSeen) {

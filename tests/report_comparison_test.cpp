@@ -99,6 +99,42 @@ TEST(Compare, ShowsWhatElseDiffers) {
   EXPECT_THAT(render(compare(a, a), {}, Format::table), Not(HasSubstr("not the same")));
 }
 
+TEST(Compare, WhatWasAskedAndWhatCameOfItDiffer) {
+  const std::vector a{run("x", "k", 1)};
+  std::vector b{run("x", "k", 1, 7)};
+  b[0].run.asked.update({{"traffic", {{"bit_s", 80'000'000}}},
+                         {"link", {{"loss", 0.1}}},
+                         {"kernel", {{"irq-threads", 90}}},
+                         {"repetition", 3},
+                         {"payload_bytes", 500.0}});
+  auto& outcome = b[0].run.outcome;
+  outcome["traffic"]["to_component"]["short"] = true;
+  outcome["link_unproved"] = "it is not proved";
+  outcome["hosts"]["controller"]["load_running"] = false;
+  outcome["hosts"]["component"]["refusals"] = {{{"asked", "fifo 80"}, {"found", "EPERM"}, {"remedy", "y"}}};
+  std::vector<std::string> found;
+  const auto document = json::parse(render(compare(a, b), {}, Format::json));
+  for (const auto& one : document.at("pairs").at(0).at("not_the_same"))
+    found.push_back(one.at("what").get<std::string>() + ": " + one.at("from").get<std::string>() + ", " +
+                    one.at("to").get<std::string>());
+  EXPECT_THAT(found,
+              ::testing::ElementsAre("component refused fifo 80: -, EPERM",
+                                     "controller load_running: true, false", "kernel irq-threads: -, 90",
+                                     "link loss: -, 0.1", "link_unproved: -, it is not proved",
+                                     "traffic bit_s: -, 80000000", "traffic to_component short: -, true"));
+  EXPECT_THAT(render(compare(a, b), {}, Format::table),
+              HasSubstr("x udp (run 7) of B: the load on the controller had died by the end"));
+}
+
+TEST(Compare, ARunWhoseSamplesAreMissingIsLeftOut) {
+  const std::vector a{run("x", "k", 1)};
+  std::vector b{run("x", "k", 1), run("x", "k", 9, 7)};
+  b[1].run.outcome["dropped_records"] = 4000;
+  const auto text = render(compare(a, b), {}, Format::table);
+  EXPECT_THAT(text, HasSubstr("left out: x udp (run 7) of B, 4000 of its samples were not recorded"));
+  EXPECT_EQ(row_of(text, "p99 ").at(2), "1000");
+}
+
 TEST(Compare, ARunThatWasCutOffIsLeftOutAndNamed) {
   const std::vector a{run("x", "k", 1)};
   std::vector b{run("x", "k", 1), run("x", "k", 9, 7)};
@@ -108,6 +144,15 @@ TEST(Compare, ARunThatWasCutOffIsLeftOutAndNamed) {
   EXPECT_EQ(row_of(text, "p99 ").at(2), "1000");
   b.erase(b.begin());
   EXPECT_THAT(render(compare(a, b), {}, Format::table), HasSubstr("neither nor"));
+}
+
+TEST(Compare, ARunThatAnsweredNothingIsNamed) {
+  const std::vector a{run("x", "k", 1)};
+  std::vector b{run("x", "k", 1), run("x", "k", 9, 7)};
+  b[1].round_trip = {};
+  const auto text = render(compare(a, b), {}, Format::table);
+  EXPECT_THAT(text, HasSubstr("left out of all but late and lost: x udp (run 7) of B, nothing was answered"));
+  EXPECT_EQ(row_of(text, "p99 ").at(2), "1000");
 }
 
 TEST(CompareChosen, RunsOfOtherIdsByTheirTransportsOrTheOneThatThereIs) {

@@ -288,6 +288,27 @@ TEST(Verdict, does_not_praise_what_hides_a_stall_or_was_cut_off) {
   EXPECT_EQ(verdict_of({}).word, Verdict::Word::nothing);
 }
 
+TEST(Verdict, never_says_yes_where_samples_are_missing) {
+  auto run = judged(5000, 0, 0);
+  run.run.outcome.update({{"dropped_records", 1500}, {"sent", 6500}, {"late", 0}, {"lost", 0}});
+  EXPECT_EQ(verdict_of({run}).word, Verdict::Word::partly);
+  EXPECT_THAT(verdict_of({run}).further, HasSubstr("Of 1 run: 1500 of its samples were not recorded."));
+  run.run.outcome.update({{"late", 700}, {"lost", 200}});
+  EXPECT_EQ(verdict_of({run}).word, Verdict::Word::no);
+  EXPECT_THAT(verdict_of({run}).sentence, HasSubstr("700 of 6,500 messages missed the deadline"));
+}
+
+TEST(Verdict, is_no_yes_to_what_was_not_asked) {
+  auto run = judged(5000, 0, 0);
+  run.missed_probability = statistics::Probability{};
+  run.missed_probability.messages = 5000;
+  run.run.outcome["hosts"]["controller"]["load_running"] = false;
+  const auto verdict = verdict_of({run});
+  EXPECT_EQ(verdict.word, Verdict::Word::partly);
+  EXPECT_THAT(verdict.further, HasSubstr("Of 1 run: the load on the controller had died by the end."));
+  EXPECT_THAT(verdict.further, Not(HasSubstr("So long as it goes on like this")));
+}
+
 TEST(Settings, show_what_differs_and_name_the_rest_once) {
   auto other = asked("b", "udp");
   other["payload_bytes"] = 32768;

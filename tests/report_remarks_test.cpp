@@ -111,7 +111,9 @@ TEST(Remarks, TellWhatNobodyElseIsToBlameFor) {
   auto text = render({one}, Format::markdown);
   EXPECT_THAT(text, HasSubstr("the hypervisor took 2.1 % of the time of the component's CPUs"));
   EXPECT_THAT(text, Not(HasSubstr("of the controller's CPUs")));
-  EXPECT_THAT(text, HasSubstr("of the longest wait, 60000 µs, our own sending thread overslept 50500"));
+  EXPECT_THAT(
+      text,
+      HasSubstr("of the longest wait that was answered, 60000 µs, our own sending thread overslept 50500"));
   EXPECT_THAT(text, HasSubstr("woke up to 50500 µs late, as RT throttling would make it"));
   one.shape.worst[0].message.woke_ns = 1'020'000'000;
   one.wake_up.max = 20'000'000;

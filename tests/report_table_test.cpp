@@ -152,12 +152,37 @@ TEST(Paper, FiguresStandBesideOursWhereTheConditionsAreIts) {
   const auto run =
       json::parse(render({summary(asked("Test1.B", "udp"), outcome())}, Format::json)).at("runs").at(0);
   EXPECT_EQ(run.at("paper").at(2).at("avg_us"), 2750);
-  const json others = {{"id", "Test9.A"}, {"period_us", 5000}, {"payload_bytes", 501}, {"schedule", "fixed"}};
+  const json others = {{"id", "Test9.A"},
+                       {"period_us", 5000},
+                       {"payload_bytes", 501},
+                       {"schedule", "fixed"},
+                       {"realtime", true},
+                       {"load", nullptr},
+                       {"traffic", {{"bit_s", 40'000'000}}},
+                       {"link", {{"loss", 0.1}}},
+                       {"kernel", {{"rt-throttling", "off"}}}};
   for (const auto& [key, value] : others.items()) {
     auto other = asked("Test1.B", "udp");
     other[key] = value;
     EXPECT_THAT(render({summary(other, outcome())}, Format::table), Not(HasSubstr("paper"))) << key;
   }
+}
+
+TEST(Paper, EachTestHasTheConditionsOfItsCaption) {
+  auto busy = asked("Test2.F", "udp");
+  busy["realtime"] = true;
+  busy["traffic"] = {{"bit_s", 80'000'000}};
+  EXPECT_EQ(paper_rows(busy).size(), 3U);
+  busy["id"] = "Test2.E";  // which has no load
+  EXPECT_TRUE(paper_rows(busy).empty());
+  busy["id"] = "Test4.A";
+  EXPECT_TRUE(paper_rows(busy).empty());
+  busy["kernel"] = {{"ksoftirqd", 60}};
+  EXPECT_EQ(paper_rows(busy).size(), 3U);
+  auto large = asked("Test3.B", "udp");
+  large["realtime"] = true;
+  large["payload_bytes"] = 32768;
+  EXPECT_EQ(paper_rows(large).size(), 3U) << "its caption has a comma";
 }
 
 TEST(TableFormat, ShowsWhereJudgingByResponseDiffers) {

@@ -116,6 +116,19 @@ TEST(Change, OfRepetitionsCountsHowMuchTheyDiffer) {
   EXPECT_EQ(found.verdict, Verdict::cannot_tell);
 }
 
+TEST(Change, HasTheRatioOfTheTwoNumbersBesideIt) {
+  const auto calm = with_p99(between(99, 100, 101));
+  const std::vector<Summary> uneven = {with_p99(between(49, 50, 51)), with_p99(between(49, 50, 51)),
+                                       with_p99(between(259, 260, 261))};
+  const auto found =
+      *change({&calm, &calm, &calm}, {&uneven[0], &uneven[1], &uneven[2]}, Times::round_trip, Figure::p99);
+  EXPECT_DOUBLE_EQ(*found.ratio, 1.2) << "by the geometric means it would be better";
+  EXPECT_LE(*found.ratio_lies.low, 1.2);
+  EXPECT_GE(*found.ratio_lies.high, 1.2);
+  const auto unbounded = with_p99({130, {}, {{}, 140}});
+  EXPECT_FALSE(change({&calm}, {&unbounded}, Times::round_trip, Figure::p99)->ratio_lies.low);
+}
+
 TEST(Change, IsOfWhatBothHave) {
   const auto answered = with_p99(between(1, 2, 3));
   const Summary empty;

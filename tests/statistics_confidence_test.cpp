@@ -128,10 +128,10 @@ TEST(Course, CountsALongSeriesAsTheValuesThatItIs) {
   EXPECT_EQ(total(whole.sums()), total(single.sums()));
 }
 
-Probability of_batches(const std::vector<bool>& events, double effect_without_event = 1) {
+Probability of_batches(const std::vector<bool>& events, double effect_of_few = 1) {
   Batches batches;
   for (const auto event : events) batches.add(event);
-  return probability(batches.all(), effect_without_event);
+  return probability(batches.all(), effect_of_few);
 }
 
 TEST(Probability, HasABoundAfterNoEvent) {
@@ -146,6 +146,27 @@ TEST(Probability, HasABoundAfterNoEvent) {
   const auto always = of_batches(std::vector<bool>(1000, true));
   EXPECT_EQ(always.bound, 1);
   EXPECT_NEAR(*always.sure.low, std::pow(0.025, 1.0 / 1000), 1e-9);
+}
+
+TEST(Probability, IsNoLowerForAnEventMore) {
+  std::vector<bool> events(60'000);
+  auto before = of_batches(events, 20);
+  EXPECT_EQ(before.effect, 20);
+  for (std::size_t count = 1; count <= 40; ++count) {
+    // As evenly as can be: nothing but the effect of few speaks of bursts.
+    events.assign(events.size(), false);
+    for (std::size_t i = 0; i < count; ++i) events[(2 * i + 1) * events.size() / (2 * count)] = true;
+    const auto found = of_batches(events, 20);
+    EXPECT_EQ(found.effect, count < 10 ? 20 : 1) << count;
+    EXPECT_GE(found.bound, before.bound) << count;
+    EXPECT_GE(found.sure.high, before.sure.high) << count;
+    EXPECT_GE(found.surer.high, before.surer.high) << count;
+    before = found;
+  }
+  std::vector<bool> nearly_all(60'000, true);
+  const auto all = of_batches(nearly_all, 20);
+  nearly_all[30'000] = false;
+  EXPECT_EQ(of_batches(nearly_all, 20).sure.low, all.sure.low);
 }
 
 TEST(Probability, IsThatOfClopperAndPearson) {

@@ -102,9 +102,29 @@ TEST(Summary, AddsUp) {
     ASSERT_EQ(summary.response.p99, expected.p99);
     ASSERT_EQ(summary.response.max, expected.max);
     ASSERT_NEAR(summary.response.mean, expected.mean, 1e-9 * expected.mean);
-    ASSERT_EQ(summary.late_by_response, std::count_if(responses.begin(), responses.end(),
-                                                      [](auto response) { return response > 10 * ms; }));
+    ASSERT_EQ(summary.late_by_response,
+              summary.lost +
+                  static_cast<std::uint64_t>(std::count_if(
+                      responses.begin(), responses.end(), [](auto response) { return response > 10 * ms; })));
+    ASSERT_EQ(summary.late_by_response_probability.messages, summary.sent + summary.skipped_cycles);
   }
+}
+
+TEST(Summary, IsNotSureOfWhatWasNotRecorded) {
+  std::mt19937_64 random(7);
+  std::vector<Sample> samples;
+  for (std::uint64_t i = 0; i < 5000; ++i) samples.push_back(random_sample(i, random));
+  for (auto& sample : samples) sample.fate = Fate::on_time;
+  const auto whole = summary_of(samples, asked_next_free, {{"dropped_records", 0}});
+  EXPECT_TRUE(whole.round_trip_certainty.p50.sure.high);
+  EXPECT_EQ(whole.missed_probability.messages, 5000U);
+  const auto missing = summary_of(samples, asked_next_free, {{"dropped_records", 1500}});
+  EXPECT_EQ(missing.sent, 5000U);
+  EXPECT_EQ(missing.round_trip_certainty.p50.value, whole.round_trip_certainty.p50.value);
+  EXPECT_FALSE(missing.round_trip_certainty.p50.sure.high);
+  EXPECT_EQ(missing.missed_probability.messages, 0U);
+  EXPECT_FALSE(missing.extremes.maxima || missing.extremes.peaks);
+  EXPECT_EQ(missing.extremes.refused, "1500 of its samples were not recorded");
 }
 
 Sample answered(std::uint64_t index, std::int64_t intended_ns, std::int64_t skipped, std::int64_t took_ns) {

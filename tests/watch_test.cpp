@@ -88,6 +88,33 @@ TEST_F(Following, AMessageThatWasGivenUpAndProvesAnsweredIsCountedRight) {
   EXPECT_EQ(follower.look().on_time, 510U);
 }
 
+TEST_F(Following, SamplesThatWaitAreSaidTo) {
+  int to_child[2], to_parent[2];
+  ASSERT_EQ(::pipe(to_child), 0);
+  ASSERT_EQ(::pipe(to_parent), 0);
+  const auto child = ::fork();
+  if (child == 0) {
+    record::Writer writer(path_);
+    writer.note(writer.begin_run(asked()), {"samples-wait", "they wait", {}, {}});
+    writer.flush();
+    [[maybe_unused]] auto ignored = ::write(to_parent[1], "x", 1);
+    ::pause();
+    ::_exit(0);
+  }
+  char byte = 0;
+  ASSERT_EQ(::read(to_parent[0], &byte, 1), 1);
+  Follower follower(path_);
+  EXPECT_EQ(follower.look().state, State::measuring);
+  const auto text = text_of(follower.look());
+  EXPECT_THAT(text, HasSubstr("measuring; its samples wait"));
+  EXPECT_THAT(text, Not(HasSubstr("left"))) << "nobody knows since when";
+  EXPECT_TRUE(json::parse(json_of(follower.look())).at("elapsed_s").is_null());
+  EXPECT_THAT(metrics_of(follower.look()), HasSubstr("ontime_measuring 1\n"));
+  ::kill(child, SIGKILL);
+  ::waitpid(child, nullptr, 0);
+  EXPECT_EQ(follower.look().state, State::ended);
+}
+
 TEST_F(Following, TheNextRunBeginsAnew) {
   record::Writer writer(path_);
   Follower follower(path_);
@@ -145,9 +172,11 @@ class Forms : public Following {
     progress.run = {5, asked(), nullptr, ""};
     progress.duration_s = 60;
     progress.elapsed_s = 12;
-    progress.sent = 3;
+    progress.sent = 7;
     progress.on_time = 2;
     progress.late = 1;
+    progress.lost = 4;
+    progress.lost_for_good = 3;
     for (const auto ns : {40'000, 60'000, 12'000'000}) progress.round_trip.add(ns);
     progress.response_max_ns = 13'000'000;
     progress.worst = {{2, 11.5, 12'000'000, 13'000'000}};
@@ -159,7 +188,7 @@ TEST_F(Forms, TextSteersNoTerminal) {
   const auto text = text_of(progress());
   EXPECT_THAT(text, Not(HasSubstr("\x1b")));
   EXPECT_THAT(text, HasSubstr("0:12 of 1:00, 0:48 left"));
-  EXPECT_THAT(text, HasSubstr("sent 3  on time 2  late 1  lost 0"));
+  EXPECT_THAT(text, HasSubstr("sent 7  on time 2  late 1  lost 4"));
   EXPECT_THAT(text, HasSubstr("response 13 ms (round trip 12 ms) at 11.50 s, message 2"));
   EXPECT_THAT(text_of({}), HasSubstr("no run yet"));
 }
@@ -186,6 +215,8 @@ TEST_F(Forms, MetricsAreWhatPrometheusReads) {
   EXPECT_THAT(text, HasSubstr("le=\"+Inf\"} 3\n"));
   EXPECT_THAT(text, HasSubstr("ontime_measuring 1\n"));
   EXPECT_THAT(text, HasSubstr("fate=\"late\"} 1\n"));
+  EXPECT_THAT(text, HasSubstr("fate=\"lost\"} 3\n"))
+      << "a counter never falls: the fourth may prove answered";
   EXPECT_THAT(metrics_of({}), HasSubstr("ontime_measuring 0\n"));
 }
 

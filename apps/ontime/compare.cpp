@@ -41,6 +41,16 @@ Summaries summaries_of(const std::string& file, const std::string& flag,
   return summaries;
 }
 
+// Runs of one id need not be repetitions of one another.
+void refuse_unlike(const std::string& flag, const std::string& word, const report::Comparison::Runs& runs) {
+  for (const auto* run : runs)
+    if (run->run.key != runs.front()->run.key)
+      throw Error(
+          2, fmt::format("{} {}: runs {} and {} were not measured under the same conditions: say the number "
+                         "of one",
+                         flag, word, runs.front()->run.number, run->run.number));
+}
+
 int compare(const Arguments& arguments, const GateFlags& flags) {
   const auto format = format_flag(arguments.format);
   const auto gates = flags.gates();
@@ -56,6 +66,10 @@ int compare(const Arguments& arguments, const GateFlags& flags) {
   const auto a = summaries_of(arguments.a, chosen ? "--from" : "--only", words(arguments.from));
   const auto b = summaries_of(second, chosen ? "--to" : "--only", words(arguments.to));
   const auto comparison = chosen ? report::compare_chosen(a, b) : report::compare(a, b);
+  for (const auto& pair : comparison.pairs) {
+    refuse_unlike("--from", arguments.from, pair.from);
+    refuse_unlike("--to", arguments.to, pair.to);
+  }
 
   std::vector<gate::Judgement> judgements;
   for (const auto& pair : comparison.pairs)
@@ -65,18 +79,18 @@ int compare(const Arguments& arguments, const GateFlags& flags) {
     for (const auto& run : b)
       for (auto& judgement : flags.judge(gates, run)) judgements.push_back(std::move(judgement));
   // What cannot be compared any more holds no line.
-  if (!gates.empty())
+  if (flags.wanted())
     for (const auto& runs : comparison.only_from)
       judgements.push_back({gate::Judgement::Result::cannot_judge, gate::name_of(runs),
                             "there is a run of B to compare with", "there is none with the same conditions"});
-  if (!gates.empty() && comparison.pairs.empty() && comparison.only_from.empty())
+  if (flags.wanted() && comparison.pairs.empty() && comparison.only_from.empty())
     judgements.push_back({gate::Judgement::Result::cannot_judge, arguments.a, "there is something to compare",
                           "A has no run to compare with"});
 
   Output output(arguments.output);
   output.write(report::render(comparison, judgements, format));
   output.finish();
-  return flags.finish(judgements);
+  return flags.finish(std::move(judgements), second);
 }
 
 }  // namespace

@@ -41,16 +41,18 @@ std::vector<Judgement> GateFlags::judge(const std::vector<gate::Gate>& gates,
   if (!junit_.empty()) judgements.push_back(gate::judge_end(run));
   for (const auto& gate : gates)
     if (!gate.is_relative()) judgements.push_back(gate::judge(gate, run));
-  for (const auto& gate : gate::required_of(run)) judgements.push_back(gate::judge(gate, run));
+  for (auto& judgement : gate::judge_required(run)) judgements.push_back(std::move(judgement));
   return judgements;
 }
 
-int GateFlags::finish(const std::vector<Judgement>& judgements) const {
+int GateFlags::finish(std::vector<Judgement> judgements, const std::string& file) const {
+  if (wanted() && judgements.empty())
+    judgements.push_back({Judgement::Result::cannot_judge, file, "there is a run", "there is none"});
   int code = 0;
   for (const auto& judgement : judgements) {
-    if (judgement.result == Judgement::Result::held) continue;
-    code = 1;
-    print_error(gate::text_of(judgement));
+    const bool held = judgement.result == Judgement::Result::held;
+    if (!held) code = 1;
+    if (!held || !judgement.is_sure) print_error(gate::text_of(judgement));
   }
   if (!junit_.empty()) {
     Output output(junit_);

@@ -22,8 +22,10 @@ class GateFlags {
   // whether it was measured to its end.
   std::vector<gate::Judgement> judge(const std::vector<gate::Gate>&, const statistics::Summary&) const;
 
-  // Says on standard error what did not hold, writes the JUnit file, and returns the exit code: 0 or 1.
-  int finish(const std::vector<gate::Judgement>&) const;
+  // `file`: what was judged, for who asked for judgements and there was nothing to judge: that is no pass.
+  // Says on standard error what did not hold, and what held only because it cannot be told; writes the JUnit
+  // file, and returns the exit code: 0 or 1.
+  int finish(std::vector<gate::Judgement>, const std::string& file) const;
 
  private:
   const gate::Use use_;

@@ -48,7 +48,7 @@ void add_report(CLI::App& app, Action& action) {
       if (flags->wanted())
         for (const auto& summary : summaries)
           for (auto& judgement : flags->judge(gates, summary)) judgements.push_back(std::move(judgement));
-      return flags->finish(judgements);
+      return flags->finish(std::move(judgements), arguments->results);
     };
   });
 }

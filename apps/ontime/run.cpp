@@ -122,7 +122,7 @@ int run(const Arguments& arguments, const GateFlags& flags, const nlohmann::json
   } catch (const std::exception& error) {  // what was measured is safe, and said
     terminal.note(fmt::format("there is no page of it: {}", error.what()));
   }
-  const int judged = flags.finish(judgements);
+  const int judged = flags.finish(judgements, results);
   return code == 130 ? code : std::max(code, judged);
 }
 

@@ -181,14 +181,10 @@ json End::losses() {
 }
 
 json End::link() const {
-  const auto now = traffic_before_ ? machine::traffic(task_.config.interface) : std::nullopt;
-  if (!now) return nullptr;
-  const auto& before = *traffic_before_;
-  return {{"interface", task_.config.interface},
-          {"sent_bytes", now->sent_bytes - before.sent_bytes},
-          {"sent_packets", now->sent_packets - before.sent_packets},
-          {"received_bytes", now->received_bytes - before.received_bytes},
-          {"received_packets", now->received_packets - before.received_packets}};
+  if (!traffic_before_) return nullptr;
+  auto link = machine::between(*traffic_before_, machine::traffic(task_.config.interface));
+  link["interface"] = task_.config.interface;
+  return link;
 }
 
 }  // namespace ontime::agent

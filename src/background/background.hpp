@@ -104,6 +104,7 @@ class Link {
     std::uint64_t lost = 0, cut_off = 0, duplicated = 0;  // frames
     std::uint64_t sent_bytes = 0, received_bytes = 0;     // of IP, before and after the faults
   };
+  // Throws Error if the rules that count, or the faults, are not there any more.
   Counts counts() const;
 
  private:
@@ -111,6 +112,7 @@ class Link {
   journal::Journal& journal_;
   const Place place_;
   bool netem_;
+  std::size_t counters_;  // that it has made
 };
 
 // What of it a journal may have to give back.

@@ -118,7 +118,10 @@ void check(const Faults& faults) {
 
 Link::Link(journal::Journal& journal, const Place& place, const Faults& faults,
            const std::vector<int>& not_counted)
-    : journal_(journal), place_(place), netem_(needs_netem(faults)) {
+    : journal_(journal),
+      place_(place),
+      netem_(needs_netem(faults)),
+      counters_(2U + (faults.any() ? 2U : 0U) + (faults.duplicates > 0 ? 1U : 0U)) {
   if (!is_interface_name(place_.interface))
     throw Error(fmt::format("'{}' is no interface that the link's faults can be had on", place_.interface));
   // The kernel, from Linux 6.16 on, takes rules for one that may come.
@@ -165,12 +168,14 @@ void Link::cut(std::chrono::milliseconds time) const {
 
 Link::Counts Link::counts() const {
   Counts counts;
+  std::size_t found = 0;
   journal::within_namespace(place_.netns, [&] {
     const auto answer = json::parse(nft_json("list counters"), nullptr, false);
     if (!answer.is_object()) throw Error("nft --json list counters: that is no JSON");
     for (const auto& entry : answer.value("nftables", json::array())) {
       const auto counter = entry.value("counter", json::object());
       if (counter.value("table", "") != journal::own_prefix + place_.host) continue;
+      ++found;
       const auto name = counter.value("name", "");
       const auto frames = counter.value("packets", std::uint64_t{0}),
                  bytes = counter.value("bytes", std::uint64_t{0});
@@ -181,6 +186,9 @@ Link::Counts Link::counts() const {
       if (name == "received") counts.received_bytes = bytes;
     }
   });
+  if (found < counters_)
+    throw Error(fmt::format("of the {} counters on {} {} are gone: somebody took nftables' rules away",
+                            counters_, place_.interface, counters_ - found));
   return counts;
 }
 

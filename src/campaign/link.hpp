@@ -19,7 +19,8 @@ namespace ontime::campaign {
 // (`beside_traffic`).
 std::optional<std::string> went_elsewhere(const nlohmann::json& outcome, std::uint64_t payload_bytes);
 
-// Why that proves nothing, for people: there was concurrent traffic, and it could not be left out.
+// Why that proves nothing, for people: there was concurrent traffic, and it could not be left out; or what
+// counts was not there to the end.
 std::optional<std::string> unproved(const nlohmann::json& outcome);
 
 }  // namespace ontime::campaign

@@ -158,6 +158,10 @@ json Session::measure(std::chrono::nanoseconds wait) {
   started_ = Clock::now();
   measuring_ = true;
   controller_->agent->order("go");
+  if (const auto& link = controller_->opened.at("ssh_link"); !link.is_null() && link.at("shared").get<bool>())
+    writer_.note(
+        number_,
+        {"samples-wait", "its samples come at its end, for ssh may take the link under test", {}, {}});
   if (run_.cut) machines_.cut(*run_.cut, [this](std::int64_t at_ns) { note_cut(at_ns); });
   finish(run_.task.client.duration + run_.task.client.timeout + patience);
   return outcome();

@@ -81,12 +81,13 @@ json achieved(const Traffic& traffic, const json& by_host) {
     const bool there = way == to_component;
     const auto sent = rate_of(by_host, there ? "controller" : "component", way);
     const auto received = rate_of(by_host, there ? "component" : "controller", way);
+    const bool still_there = running(by_host, way);
     const bool is_enough =
-        received.is_number() && received >= enough * static_cast<double>(traffic.bits_per_s);
+        still_there && received.is_number() && received >= enough * static_cast<double>(traffic.bits_per_s);
     all[way] = {{"asked_bit_s", traffic.bits_per_s},
                 {"sent_bit_s", sent},
                 {"received_bit_s", received},
-                {"running", running(by_host, way)},
+                {"running", still_there},
                 {"short", !is_enough}};
   }
   return all;

@@ -3,7 +3,7 @@
 //
 //   gate       = [ "response" ] figure ( ">" | "<=" ) limit
 //   figure     = "mean" | "p50" | "p90" | "p99" | "p99.9" | "p99.99" | "max" | "late" | "lost"
-//   limit      = number                                         messages: late and lost alone
+//   limit      = number                                         messages: late and lost alone; 0 % is 0
 //              | number ( "ns" | "us" | "µs" | "ms" | "s" | "%" )   a time, of late and lost a share
 //              | ( "+" | "-" ) number ( "%" | "ns" … "s" | "points" )  against another run: of what it was,
 //              or so much more
@@ -40,12 +40,16 @@ struct Gate {
 };
 Gate parse(const std::string& text, Use);
 
+// Why a run can hold no line, for people. Empty: nothing speaks against it.
+std::string unfit(const statistics::Summary&);
+
 struct Judgement {
   // cannot_judge: the run does not tell, whatever it is asked: it was cut off, or is too short for the
   // figure. Who holds a line must know, so that is no pass.
   enum class Result { held, missed, cannot_judge } result = Result::held;
   std::string run, gate;
-  std::string says;  // the figure, between what it surely lies, and what follows, for people
+  std::string says;     // the figure, between what it surely lies, and what follows, for people
+  bool is_sure = true;  // else it held only because it cannot be told
 };
 
 // A number of messages and a maximum are what they are. Of all other figures a limit is passed only if they
@@ -58,8 +62,8 @@ Judgement judge(const Gate&, const Runs& from, const Runs& to);  // one that is 
 const char* word_of(Judgement::Result);
 // "missed: p99 <= 2 ms (Test1.B udp (run 5)): p99 is 3.1 ms, surely between 2.9 ms and 3.4 ms".
 std::string text_of(const Judgement&);
-// What the scenario required of a run, out of its record; what is no gate there is left out.
-std::vector<Gate> required_of(const statistics::Summary&);
+// By what its scenario required of it, out of its record; what is no gate there cannot be judged.
+std::vector<Judgement> judge_required(const statistics::Summary&);
 // Whether it was measured to its end, which is a gate of this name.
 inline constexpr const char* end = "measured to its end";
 Judgement judge_end(const statistics::Summary&);

@@ -40,42 +40,46 @@ std::string lies(const Interval& interval, Text text) {
   return "anywhere";
 }
 
-// Why a run can hold no line, or nothing.
-std::string unfit(const Summary& run) {
-  if (run.imported) return "it was imported, and has no messages";
-  if (!statistics::is_complete(run.run)) {
-    const auto error = text_of(at(run.run.outcome, "error"));
-    return error.empty() ? "it was not measured to its end" : "it failed: " + error;
-  }
-  if (run.sent == 0) return "nothing was sent";
-  const auto& dropped = at(run.run.outcome, "dropped_records");
-  if (dropped.is_number_integer() && dropped > 0)
-    return fmt::format("{} of its samples were not recorded", dropped.dump());
-  return "";
-}
-
+constexpr const char* nothing_answered = "nothing was answered";
 constexpr const char* too_few = "too few messages to tell: measure longer";
 
 Judgement judgement(const Gate& gate, std::string run, Result result, std::string says) {
   return {result, std::move(run), gate.text, std::move(says)};
 }
 
+const statistics::Probability& probability_of(const Gate& gate, const Summary& run) {
+  if (gate.figure == Figure::lost) return run.lost_probability;
+  return gate.times == statistics::Times::response ? run.late_by_response_probability : run.late_probability;
+}
+
+// So short that it could not have shown that it keeps to the limit. Where nothing is known to come in bursts
+// that hangs on the number of messages alone: what a run can hold is not left to chance.
+bool is_too_short(const Gate& gate, const Summary& run, const statistics::Measured& found) {
+  if (!is_share(gate)) return !found.surer.high;
+  const auto& probability = probability_of(gate, run);
+  return static_cast<double>(probability.messages) <
+         statistics::messages_to_claim(gate.limit, probability.events == 0 ? 1 : probability.effect);
+}
+
 Judgement judge_count(const Gate& gate, const Summary& run) {
-  const auto late =
-      gate.times == statistics::Times::response ? run.late_by_response : std::optional(run.late);
+  const bool by_response = gate.times == statistics::Times::response;
+  const auto late = by_response ? run.late_by_response : std::optional(run.late);
   const auto count = gate.figure == Figure::lost ? std::optional(run.lost) : late;
   if (!count)
     return judgement(gate, name_of(run), Result::cannot_judge, "its record does not say its deadline");
   return judgement(gate, name_of(run),
                    static_cast<double>(*count) > gate.limit ? Result::missed : Result::held,
-                   fmt::format("{} of {} messages", *count, run.sent));
+                   by_response ? fmt::format("{} of {} cycles", *count, run.sent + run.skipped_cycles)
+                               : fmt::format("{} of {} messages", *count, run.sent));
 }
 
 // What the answer to "is the limit passed" makes of a gate.
 Judgement judge_answer(const Gate& gate, std::string run, Answer answer, const std::string& says) {
   if (answer == Answer::yes) return judgement(gate, std::move(run), Result::missed, says);
-  return judgement(gate, std::move(run), Result::held,
-                   answer == Answer::no ? says : says + "; whether that passes the limit cannot be told");
+  auto held = judgement(gate, std::move(run), Result::held, says);
+  held.is_sure = answer == Answer::no;
+  if (!held.is_sure) held.says += "; whether that passes the limit cannot be told";
+  return held;
 }
 
 }  // namespace
@@ -85,6 +89,28 @@ std::string time_of(double ns) {
   if (size >= 1e9) return fmt::format("{:.4g} s", ns / 1e9);
   if (size >= 1e6) return fmt::format("{:.4g} ms", ns / 1e6);
   return fmt::format("{:.4g} µs", ns / 1e3);
+}
+
+std::string unfit(const Summary& run) {
+  if (run.imported) return "it was imported, and has no messages";
+  if (!statistics::is_complete(run.run)) {
+    const auto error = text_of(at(run.run.outcome, "error"));
+    return error.empty() ? "it was not measured to its end" : "it failed: " + error;
+  }
+  if (const auto missing = statistics::unrecorded(run.run); missing > 0)
+    return fmt::format("{} of its samples were not recorded", missing);
+  if (run.sent == 0) return "nothing was sent";
+  for (const auto* host : {"controller", "component"})
+    if (at(at(at(run.run.outcome, "hosts"), host), "load_running") == false)
+      return fmt::format("the load on the {} had died by the end", host);
+  if (!at(run.run.asked, "link").is_null())
+    for (const auto* host : {"controller", "component"})
+      if (at(at(at(at(run.run.outcome, "hosts"), host), "link"), "gone").is_string())
+        return fmt::format("the link's faults need not have been there to the end, at the {}", host);
+  for (const auto* way : {"to_component", "to_controller"})
+    if (at(at(at(run.run.outcome, "traffic"), way), "short") == true)
+      return "the traffic that was asked for was not there";
+  return "";
 }
 
 std::string name_of(const Summary& run) {
@@ -114,19 +140,6 @@ std::string text_of(const Judgement& judgement) {
                      judgement.says);
 }
 
-std::vector<Gate> required_of(const Summary& run) {
-  std::vector<Gate> gates;
-  const auto& required = at(run.run.asked, "require");
-  if (!required.is_array()) return gates;
-  for (const auto& text : required) {
-    try {
-      gates.push_back(parse(text_of(text), Use::require));
-    } catch (const Error&) {  // of somebody else's file
-    }
-  }
-  return gates;
-}
-
 Judgement judge_end(const Summary& run) {
   const bool complete = statistics::is_complete(run.run);
   return {complete ? Result::held : Result::cannot_judge, name_of(run), end, complete ? "" : unfit(run)};
@@ -137,41 +150,58 @@ Judgement judge(const Gate& gate, const Summary& run) {
     return judgement(gate, name_of(run), Result::cannot_judge, why);
   if (gate.kind == Gate::Limit::count) return judge_count(gate, run);
   const auto found = statistics::measured(run, gate.times, gate.figure);
-  if (!found) return judgement(gate, name_of(run), Result::cannot_judge, "nothing was answered");
+  if (!found) return judgement(gate, name_of(run), Result::cannot_judge, nothing_answered);
   auto says = fmt::format("{} is {}", figure_of(gate), value_of(gate, found->value));
   if (gate.figure == Figure::max)
     return judgement(gate, name_of(run), found->value > gate.limit ? Result::missed : Result::held, says);
   says += fmt::format(", surely {}", lies(found->surer, [&](double value) { return value_of(gate, value); }));
   const auto answer = statistics::exceeds(*found, gate.limit);
-  if (answer == Answer::cannot_tell && !found->surer.high)
+  if (answer == Answer::cannot_tell && is_too_short(gate, run, *found))
     return judgement(gate, name_of(run), Result::cannot_judge, says + ": " + too_few);
   return judge_answer(gate, name_of(run), answer, says);
+}
+
+std::vector<Judgement> judge_required(const Summary& run) {
+  std::vector<Judgement> judgements;
+  const auto& required = at(run.run.asked, "require");
+  if (required.is_null()) return judgements;
+  for (const auto& text : required.is_array() ? required : json::array({required})) {
+    try {
+      judgements.push_back(judge(parse(text_of(text), Use::require), run));
+    } catch (const Error& error) {  // of a version to come, or somebody else's file
+      judgements.push_back({Result::cannot_judge, name_of(run),
+                            text.dump(-1, ' ', true, json::error_handler_t::replace), error.what()});
+    }
+  }
+  return judgements;
 }
 
 Judgement judge(const Gate& gate, const Runs& from, const Runs& to) {
   const auto name = name_of(to);
   for (const auto* runs : {&from, &to})
-    for (const auto* run : *runs)
-      if (const auto why = unfit(*run); !why.empty())
+    for (const auto* run : *runs) {
+      auto why = unfit(*run);
+      if (why.empty() && !statistics::measured(*run, gate.times, gate.figure)) why = nothing_answered;
+      if (!why.empty())
         return judgement(gate, name, Result::cannot_judge,
                          fmt::format("{} of {}: {}", name_of(*run), runs == &from ? "A" : "B", why));
-  const auto change = statistics::change(from, to, gate.times, gate.figure);
-  if (!change) return judgement(gate, name, Result::cannot_judge, "nothing was answered");
+    }
+  const auto change = *statistics::change(from, to, gate.times, gate.figure);
   const auto figure = figure_of(gate);
   auto says =
-      fmt::format("{} went from {} to {}", figure, value_of(gate, change->from), value_of(gate, change->to));
-  if (!change->difference_lies.low)  // that it is worse could never be told
+      fmt::format("{} went from {} to {}", figure, value_of(gate, change.from), value_of(gate, change.to));
+  if (!change.difference_lies.low)  // that it is worse could never be told
     return judgement(gate, name, Result::cannot_judge, says + ": " + too_few);
   if (gate.kind == Gate::Limit::difference) {
-    says += fmt::format(", surely by {}", lies(change->difference_lies, [&](double value) {
+    says += fmt::format(", surely by {}", lies(change.difference_lies, [&](double value) {
                           return (value < 0 ? "" : "+") + value_of(gate, value);
                         }));
-    return judge_answer(gate, name, statistics::difference_exceeds(*change, gate.limit), says);
+    return judge_answer(gate, name, statistics::difference_exceeds(change, gate.limit), says);
   }
-  if (!change->ratio) {  // of nothing, of which any more is infinitely more; or in some of the repetitions of
-                         // nothing
-    const bool worse = change->verdict == statistics::Verdict::worse;
-    const bool passes = change->to > change->from * gate.limit;
+  if (!change.ratio) {  // of nothing, of which any more is infinitely more; or in some of the repetitions of
+                        // nothing
+    const bool worse = change.verdict == statistics::Verdict::worse;
+    const bool passes = change.to > change.from * gate.limit;
     return judge_answer(gate, name,
                         passes && worse ? Answer::yes
                         : passes        ? Answer::cannot_tell
@@ -179,9 +209,9 @@ Judgement judge(const Gate& gate, const Runs& from, const Runs& to) {
                         says);
   }
   says += fmt::format(
-      " ({:+.3g} %), surely {}", (*change->ratio - 1) * 100,
-      lies(change->ratio_lies, [](double ratio) { return fmt::format("{:+.3g} %", (ratio - 1) * 100); }));
-  return judge_answer(gate, name, statistics::ratio_exceeds(*change, gate.limit), says);
+      " ({:+.3g} %), surely {}", (*change.ratio - 1) * 100,
+      lies(change.ratio_lies, [](double ratio) { return fmt::format("{:+.3g} %", (ratio - 1) * 100); }));
+  return judge_answer(gate, name, statistics::ratio_exceeds(change, gate.limit), says);
 }
 
 }  // namespace ontime::gate

@@ -29,17 +29,17 @@ json Flows::end() {
   const std::chrono::duration<double> elapsed = Clock::now() - begun_;
   auto account = json::object();
   for (auto& flow : flows_) {
-    const auto bit_s = bits_per_second(flow.before, flow.traffic->moved(), elapsed);
-    account[flow.host][flow.way] = {{"bit_s", bit_s ? json(*bit_s) : json()},
-                                    {"running", flow.traffic->running()}};
+    const bool running = flow.traffic->running();
+    const auto bit_s = bits_per_second(flow.before, flow.traffic->moved(), elapsed, running);
+    account[flow.host][flow.way] = {{"bit_s", bit_s ? json(*bit_s) : json()}, {"running", running}};
   }
   return account;
 }
 
 std::optional<double> bits_per_second(const background::Moved& before, const background::Moved& after,
-                                      std::chrono::duration<double> elapsed) {
+                                      std::chrono::duration<double> elapsed, bool running) {
   const double reported = after.seconds - before.seconds;
-  const double time = std::max(reported, elapsed.count() - late_report_s);
+  const double time = std::max(reported, elapsed.count() - (running ? late_report_s : 0));
   if (time <= 0) return {};
   return (after.bits - before.bits) / time;
 }

@@ -34,8 +34,9 @@ class Flows {
 };
 
 // What went by in a time, by what was reported at its begin and end; nothing if nothing was. A stretch of
-// which nothing is reported any more is one in which nothing moved.
+// which nothing is reported any more is one in which nothing moved; of one that runs, its last second may
+// only be reported late.
 std::optional<double> bits_per_second(const background::Moved& before, const background::Moved& after,
-                                      std::chrono::duration<double> elapsed);
+                                      std::chrono::duration<double> elapsed, bool running);
 
 }  // namespace ontime::keeper

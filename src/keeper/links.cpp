@@ -46,17 +46,27 @@ void Links::begin() {
 json Links::end() const {
   auto account = json::object();
   for (const auto& [host, counted] : links_) {
-    const auto now = counted.link->counts();
-    const auto& before = counted.before;
-    account[host] = {{"faults",
-                      {{"lost_frames", now.lost - before.lost},
-                       {"cut_off_frames", now.cut_off - before.cut_off},
-                       {"duplicated_frames", now.duplicated - before.duplicated}}},
-                     {"beside_traffic",
-                      {{"sent_bytes", now.sent_bytes - before.sent_bytes},
-                       {"received_bytes", now.received_bytes - before.received_bytes}}}};
+    try {
+      account[host] = account_of(counted.before, counted.link->counts());
+    } catch (const background::Error& error) {
+      account[host] = {{"gone", error.what()}};
+    }
   }
   return account;
+}
+
+json account_of(const background::Link::Counts& before, const background::Link::Counts& now) {
+  const auto since = [](std::uint64_t then, std::uint64_t count) {
+    if (count < then) throw background::Error("somebody set the link's counters back");
+    return count - then;
+  };
+  return {{"faults",
+           {{"lost_frames", since(before.lost, now.lost)},
+            {"cut_off_frames", since(before.cut_off, now.cut_off)},
+            {"duplicated_frames", since(before.duplicated, now.duplicated)}}},
+          {"beside_traffic",
+           {{"sent_bytes", since(before.sent_bytes, now.sent_bytes)},
+            {"received_bytes", since(before.received_bytes, now.received_bytes)}}}};
 }
 
 }  // namespace ontime::keeper

@@ -28,7 +28,7 @@ class Links {
   std::chrono::milliseconds go_on(const Told&);
   void begin();  // the account is opened
   // By host {faults {lost_frames, cut_off_frames, duplicated_frames}, beside_traffic {sent_bytes,
-  // received_bytes}}.
+  // received_bytes}}, or {gone: why it cannot be counted any more, and the faults need not have been there}.
   nlohmann::json end() const;
 
  private:
@@ -42,5 +42,8 @@ class Links {
   journal::Journal& journal_;
   std::map<std::string, Counted> links_;  // by host
 };
+
+// What was counted between two moments. Throws background::Error if the counters were set back.
+nlohmann::json account_of(const background::Link::Counts& before, const background::Link::Counts& now);
 
 }  // namespace ontime::keeper

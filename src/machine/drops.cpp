@@ -33,10 +33,15 @@ std::vector<std::string> words_of(const std::string& line) {
   return all;
 }
 
+Drops::Count count(const std::string& word) {
+  const auto value = number(word);
+  return value && *value >= 0 ? Drops::Count(static_cast<std::uint64_t>(*value)) : std::nullopt;
+}
+
 }  // namespace
 
 Drops drops(const std::string& interface) {
-  const auto text = [](const char* path) { return text_of(path).value_or(""); };
+  const auto text = [](const char* path) { return text_of(path).value_or(""); };  // which says nothing
   const auto snmp = text("/proc/thread-self/net/snmp");
   const auto frames = parse_dropped(text("/proc/thread-self/net/dev"), interface);
   return {.own_sockets = parse_socket_drops(text("/proc/thread-self/net/udp"), own_sockets()),
@@ -49,8 +54,10 @@ Drops drops(const std::string& interface) {
 }
 
 nlohmann::json between(const Drops& first, const Drops& last) {
-  // A socket that was closed meanwhile took its count with it.
-  const auto since = [](std::uint64_t before, std::uint64_t now) { return now - std::min(now, before); };
+  const auto since = [](const Drops::Count& before, const Drops::Count& now) -> nlohmann::json {
+    if (!before || !now || *now < *before) return nullptr;
+    return *now - *before;
+  };
   return {{"own_sockets", since(first.own_sockets, last.own_sockets)},
           {"udp_receive", since(first.udp_receive, last.udp_receive)},
           {"udp_send", since(first.udp_send, last.udp_send)},
@@ -60,18 +67,15 @@ nlohmann::json between(const Drops& first, const Drops& last) {
           {"backlog", since(first.backlog, last.backlog)}};
 }
 
-std::pair<std::uint64_t, std::uint64_t> parse_dropped(const std::string& text, const std::string& interface) {
+std::pair<Drops::Count, Drops::Count> parse_dropped(const std::string& text, const std::string& interface) {
   constexpr std::size_t received = 3, sent = 11;
   const auto counts = words_of(field(text, interface).value_or(""));
-  if (counts.size() <= sent) return {0, 0};
-  const auto count = [&](std::size_t place) {
-    return static_cast<std::uint64_t>(std::max<std::int64_t>(number(counts[place]).value_or(0), 0));
-  };
-  return {count(received), count(sent)};
+  if (counts.size() <= sent) return {};
+  return {count(counts[received]), count(counts[sent])};
 }
 
 // Two lines a protocol: the names, then the numbers.
-std::uint64_t parse_snmp(const std::string& text, const std::string& protocol, const std::string& name) {
+Drops::Count parse_snmp(const std::string& text, const std::string& protocol, const std::string& name) {
   std::istringstream lines(text);
   std::vector<std::string> names;
   for (std::string line; std::getline(lines, line);) {
@@ -81,36 +85,35 @@ std::uint64_t parse_snmp(const std::string& text, const std::string& protocol, c
       names = std::move(words);
       continue;
     }
-    const auto place = std::find(names.begin(), names.end(), name) - names.begin();
-    if (static_cast<std::size_t>(place) >= words.size()) return 0;
-    return static_cast<std::uint64_t>(
-        std::max<std::int64_t>(number(words[static_cast<std::size_t>(place)]).value_or(0), 0));
+    const auto place = static_cast<std::size_t>(std::find(names.begin(), names.end(), name) - names.begin());
+    return place < words.size() ? count(words[place]) : std::nullopt;
   }
-  return 0;
+  return {};
 }
 
-std::uint64_t parse_socket_drops(const std::string& text, const std::set<std::uint64_t>& inodes) {
+Drops::Count parse_socket_drops(const std::string& text, const std::set<std::uint64_t>& inodes) {
   constexpr std::size_t inode = 9, drops = 12;
   std::istringstream lines(text);
+  std::string line;
+  if (!std::getline(lines, line)) return {};  // not even the names of the columns
   std::uint64_t all = 0;
-  for (std::string line; std::getline(lines, line);) {
+  while (std::getline(lines, line)) {
     const auto words = words_of(line);
     if (words.size() <= drops) continue;
-    const auto which = number(words[inode]), dropped = number(words[drops]);
-    if (which && dropped && inodes.contains(static_cast<std::uint64_t>(*which)))
-      all += static_cast<std::uint64_t>(*dropped);
+    const auto which = count(words[inode]), dropped = count(words[drops]);
+    if (which && dropped && inodes.contains(*which)) all += *dropped;
   }
   return all;
 }
 
 // A line a CPU, of hexadecimal numbers; the second is what was dropped.
-std::uint64_t parse_backlog_drops(const std::string& text) {
+Drops::Count parse_backlog_drops(const std::string& text) {
   std::istringstream lines(text);
-  std::uint64_t all = 0;
+  Drops::Count all;
   for (std::string line; std::getline(lines, line);) {
     std::istringstream words(line);
     std::uint64_t processed = 0, dropped = 0;
-    if (words >> std::hex >> processed >> dropped) all += dropped;
+    if (words >> std::hex >> processed >> dropped) all = all.value_or(0) + dropped;
   }
   return all;
 }

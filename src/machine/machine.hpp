@@ -79,18 +79,24 @@ struct Traffic {
   std::uint64_t received_bytes = 0, received_packets = 0;
 };
 std::optional<Traffic> traffic(const std::string& interface);
+// What went over it between two such moments, by the names above; or {"gone": why nobody can tell}, if it is
+// not there any more, or is another of that name.
+nlohmann::json between(const Traffic& first, const std::optional<Traffic>& last);
 
 // What was dropped so far where this process lives, by what the kernel counts. A datagram may be in several.
+// Nothing: it cannot be read.
 struct Drops {
-  std::uint64_t own_sockets = 0;  // datagrams that came for this process's UDP sockets and found no room
-  std::uint64_t udp_receive = 0;  // likewise for anybody's in this network namespace
-  std::uint64_t udp_send = 0;     // that anybody's there could not send
-  std::uint64_t fragments = 0;    // datagrams of which not all fragments came, or found room
-  std::uint64_t interface_received = 0, interface_sent = 0;  // frames, on that interface
-  std::uint64_t backlog = 0;  // frames, of the whole machine: no room in a CPU's queue
+  using Count = std::optional<std::uint64_t>;
+  Count own_sockets;  // datagrams that came for this process's UDP sockets and found no room
+  Count udp_receive;  // likewise for anybody's in this network namespace
+  Count udp_send;     // that anybody's there could not send
+  Count fragments;    // datagrams of which not all fragments came, or found room
+  Count interface_received, interface_sent;  // frames, on that interface
+  Count backlog;                             // frames, of the whole machine: no room in a CPU's queue
 };
 Drops drops(const std::string& interface);
-// What was dropped between two such moments, by the names above.
+// What was dropped between two such moments, by the names above; null where nobody can tell: it could not be
+// read, or was set back (a socket that was closed meanwhile took its count with it).
 nlohmann::json between(const Drops& first, const Drops& last);
 
 // Names of the shared memory segments of a DDS ("fastrtps_…", "fastdds_…", "iox_…") that this process has

@@ -34,14 +34,14 @@ std::vector<std::string> cgroups_of(const std::string& text, const std::string& 
 // Of the text of /proc/net/dev.
 std::optional<Traffic> parse_traffic(const std::string& text, const std::string& interface);
 
-// Frames dropped on an interface, of the text of /proc/net/dev: received, sent. None if there is no such.
-std::pair<std::uint64_t, std::uint64_t> parse_dropped(const std::string& text, const std::string& interface);
-// Of the text of /proc/net/snmp, such as "Udp", "RcvbufErrors"; 0 if it has none.
-std::uint64_t parse_snmp(const std::string& text, const std::string& protocol, const std::string& name);
+// Frames dropped on an interface, of the text of /proc/net/dev: received, sent.
+std::pair<Drops::Count, Drops::Count> parse_dropped(const std::string& text, const std::string& interface);
+// Of the text of /proc/net/snmp, such as "Udp", "RcvbufErrors".
+Drops::Count parse_snmp(const std::string& text, const std::string& protocol, const std::string& name);
 // Of the text of /proc/net/udp: what these sockets, by their inodes, had no room for.
-std::uint64_t parse_socket_drops(const std::string& text, const std::set<std::uint64_t>& inodes);
+Drops::Count parse_socket_drops(const std::string& text, const std::set<std::uint64_t>& inodes);
 // Of the text of /proc/net/softnet_stat: dropped, by all CPUs.
-std::uint64_t parse_backlog_drops(const std::string& text);
+Drops::Count parse_backlog_drops(const std::string& text);
 
 // Of the text of /proc/PID/maps: names of the shared memory segments of a DDS, each once.
 std::vector<std::string> parse_segments(const std::string& text);

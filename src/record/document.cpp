@@ -76,16 +76,19 @@ const json& at(const json& object, std::string_view key) {
   return found == object.end() ? none : *found;
 }
 
-std::string key_of(const json& asked) {
+json conditions_of(const json& asked) {
   auto conditions = canonical(asked);
-  if (conditions.is_object()) {
-    for (const auto* name : not_of_the_key) conditions.erase(name);
-    // What they were before they could be chosen.
-    conditions.emplace("ping_topic", "/ping");
-    conditions.emplace("pong_topic", "/pong");
-  }
+  if (!conditions.is_object()) return conditions;
+  for (const auto* name : not_of_the_key) conditions.erase(name);
+  // What they were before they could be chosen.
+  conditions.emplace("ping_topic", "/ping");
+  conditions.emplace("pong_topic", "/pong");
+  return conditions;
+}
+
+std::string key_of(const json& asked) {
   if (sodium_init() < 0) throw std::runtime_error("libsodium does not start");
-  const auto text = text_of(conditions);  // objects are sorted by name
+  const auto text = text_of(conditions_of(asked));  // objects are sorted by name
   std::array<unsigned char, crypto_generichash_BYTES_MIN> hash;
   crypto_generichash(hash.data(), hash.size(), reinterpret_cast<const unsigned char*>(text.data()),
                      text.size(), nullptr, 0);

@@ -40,6 +40,8 @@ struct Run {
   std::string key;
 };
 
+// What the key is of; the same in one form, whoever wrote it.
+nlohmann::json conditions_of(const nlohmann::json& asked);
 std::string key_of(const nlohmann::json& asked);
 
 // What these, and whatever else is from elsewhere, may have or not: null where nothing is there, and where

@@ -45,15 +45,22 @@ const char* word_of(Verdict verdict) {
   return verdict == Verdict::better ? "better" : verdict == Verdict::worse ? "worse" : "cannot tell";
 }
 
-Runs complete(const Runs& runs) {
+// Why the figures of a run are not those of all its messages; empty, if they are.
+std::string why_left_out(const statistics::Summary& run) {
+  if (!statistics::is_complete(run.run)) return "not measured to its end";
+  const auto missing = statistics::unrecorded(run.run);
+  return missing > 0 ? fmt::format("{} of its samples were not recorded", missing) : "";
+}
+
+Runs whole(const Runs& runs) {
   Runs result;
   std::copy_if(runs.begin(), runs.end(), std::back_inserter(result),
-               [](const auto* run) { return statistics::is_complete(run->run); });
+               [](const auto* run) { return why_left_out(*run).empty(); });
   return result;
 }
 
 std::optional<statistics::Change> change_of(const Pair& pair, const Row& row) {
-  return statistics::change(complete(pair.from), complete(pair.to), row.times, row.figure);
+  return statistics::change(whole(pair.from), whole(pair.to), row.times, row.figure);
 }
 
 // --- for people ---
@@ -72,9 +79,7 @@ std::string lies(const Row& row, const statistics::Change& change) {
     if (!low && !high) return std::string(nothing);
     return fmt::format("{} … {}", low ? text(*low) : "", high ? text(*high) : "");
   };
-  if (change.ratio)
-    return ends(change.ratio_lies.low == 0 ? std::nullopt : change.ratio_lies.low, change.ratio_lies.high,
-                percent);
+  if (change.ratio) return ends(change.ratio_lies.low, change.ratio_lies.high, percent);
   return ends(change.difference_lies.low, change.difference_lies.high,
               [&](double value) { return (value < 0 ? "" : "+") + value_of(row, value); });
 }
@@ -111,10 +116,16 @@ Table table_of(const Pair& pair) {
   table.notes.insert(table.notes.begin(), fmt::format("A: {}; B: {}", many(pair.from.size(), "run", "runs"),
                                                       many(pair.to.size(), "run", "runs")));
   for (const auto* runs : {&pair.from, &pair.to})
-    for (const auto* run : *runs)
-      if (!statistics::is_complete(run->run))
-        table.notes.push_back(fmt::format("left out: {} of {}, not measured to its end", gate::name_of(*run),
-                                          runs == &pair.from ? "A" : "B"));
+    for (const auto* run : *runs) {
+      const auto name = fmt::format("{} of {}", gate::name_of(*run), runs == &pair.from ? "A" : "B");
+      if (const auto why = why_left_out(*run); !why.empty())
+        table.notes.push_back(fmt::format("left out: {}, {}", name, why));
+      else if (run->round_trip.count == 0)
+        table.notes.push_back(
+            fmt::format("left out of all but late and lost: {}, nothing was answered", name));
+      if (const auto text = remarks(*run); !text.empty())
+        table.notes.push_back(fmt::format("{}: {}", name, text));
+    }
   if (const auto text = list_of(differences(pair.from, pair.to)); !text.empty())
     table.notes.push_back("not the same (A → B): " + text);
   return table;

@@ -2,6 +2,7 @@
 #include <map>
 #include <set>
 
+#include "record/record.hpp"
 #include "report/comparison.hpp"
 #include "report/words.hpp"
 
@@ -11,26 +12,6 @@ namespace {
 using nlohmann::json;
 
 constexpr std::size_t longest_value = 60;
-constexpr const char* asked_keys[] = {"id",
-                                      "transport",
-                                      "component_transport",
-                                      "options",
-                                      "component_options",
-                                      "payload_bytes",
-                                      "period_us",
-                                      "deadline_us",
-                                      "timeout_us",
-                                      "duration_s",
-                                      "schedule",
-                                      "receive",
-                                      "interface",
-                                      "component_interface",
-                                      "realtime",
-                                      "realtime_settings",
-                                      "qos",
-                                      "load",
-                                      "hosts",
-                                      "ontime"};
 // What is another each time.
 const std::set<std::string> of_the_moment = {"boot_id", "clock"};
 
@@ -48,15 +29,25 @@ void add(Values& values, const std::string& name, const json& value) {
 Values values_of(const Comparison::Runs& runs) {
   Values values;
   for (const auto* run : runs) {
-    for (const auto* key : asked_keys) add(values, key, at(run->run.asked, key));
+    const auto &asked = run->run.asked, &outcome = run->run.outcome;
+    const auto conditions = record::conditions_of(asked);
+    if (conditions.is_object())
+      for (const auto& [name, value] : conditions.items()) add(values, printable(name), value);
+    add(values, "ontime", at(asked, "ontime"));
+    add(values, "link_unproved", at(outcome, "link_unproved"));
+    for (const auto* way : {"to_component", "to_controller"})
+      add(values, std::string("traffic ") + way + " short", at(at(at(outcome, "traffic"), way), "short"));
     for (const auto* host : {"controller", "component"}) {
-      const auto& facts = at(at(run->run.outcome, "hosts"), host);
+      const auto& facts = at(at(outcome, "hosts"), host);
       const auto& machine = at(facts, "machine");
       if (machine.is_object())
         for (const auto& [key, value] : machine.items())
           if (!of_the_moment.contains(key)) add(values, std::string(host) + " " + printable(key), value);
       for (const auto* key : {"name", "version"})
         add(values, std::string(host) + " transport " + key, at(at(facts, "transport"), key));
+      add(values, std::string(host) + " load_running", at(facts, "load_running"));
+      for (const auto& [index, refusal] : at(facts, "refusals").items())
+        add(values, std::string(host) + " refused " + word(at(refusal, "asked")), at(refusal, "found"));
     }
   }
   return values;

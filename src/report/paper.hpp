@@ -14,15 +14,18 @@ namespace ontime::report {
 extern const char* const paper_csv;  // paper.csv, as it was when this was built
 
 struct PaperRow {
-  std::string test;  // "Test1.A"
-  std::string dds;   // "DDS 1": the paper does not say which
+  std::string test;     // "Test1.A"
+  std::string caption;  // "System under load with RT settings": in quotes, if it has a comma
+  std::string dds;      // "DDS 1": the paper does not say which
   std::int64_t min_us = 0, avg_us = 0, max_us = 0;
   std::uint64_t missed_deadlines = 0, lost = 0, messages = 0;
 };
 const std::vector<PaperRow>& paper();
 
-// Those that a run, by what was asked of it, can be set beside: of its id, and at the paper's period, payload
-// and schedule. Whatever else somebody calls so is another test.
+// Those that a run, by what was asked of it, can be set beside: of its id, and at the paper's period,
+// deadline, payload and schedule, with its real-time settings and traffic, and with a load where that has
+// one. Whatever else somebody calls so is another test. How great the load was, and how long it was measured,
+// may differ.
 std::vector<PaperRow> paper_rows(const nlohmann::json& asked);
 
 }  // namespace ontime::report

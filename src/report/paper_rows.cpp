@@ -9,13 +9,14 @@
 namespace ontime::report {
 namespace {
 
-// Titles, the second column, are quoted where they hold commas; all others are plain.
+// Captions, the second column, are quoted where they hold commas; all others are plain.
 PaperRow row_of(const std::string& line) {
   const auto number = [](const std::string& text) { return std::stoll(text); };
-  constexpr std::size_t after_title = 7;
+  constexpr std::size_t after_caption = 7;
   const auto fields = split(line, ',');
-  const auto* const last = &fields.at(fields.size() - after_title);
+  const auto* const last = &fields.at(fields.size() - after_caption);
   return {fields.front(),
+          join({fields.begin() + 1, fields.end() - after_caption}, ","),
           last[0],
           number(last[1]),
           number(last[2]),
@@ -29,6 +30,28 @@ std::uint64_t payload_of(const std::string& test) {
   constexpr std::uint64_t kib = 1024;
   if (test == "Test3.A" || test == "Test3.B") return 32 * kib;
   return test == "Test3.C" ? 128 * kib : 500;
+}
+
+double traffic_bit_s_of(const std::string& caption) {
+  const auto unit = caption.find(" Mbps");
+  if (unit == caption.npos) return 0;
+  return std::stod(caption.substr(caption.rfind(' ', unit - 1) + 1)) * 1e6;
+}
+
+bool has_load(const nlohmann::json& asked) {
+  for (const auto* host : {"controller", "component"})
+    for (const auto* kind : {"cpu", "vm", "io", "hdd"})
+      if (count(at(at(at(asked, "load"), host), kind)) > 0) return true;
+  return false;
+}
+
+// In what a scenario sets beside the times; how much of a load there is need not be the same.
+bool is_as(const std::string& caption, const nlohmann::json& asked) {
+  const auto says = [&](const char* words) { return caption.find(words) != caption.npos; };
+  const auto& bit_s = at(at(asked, "traffic"), "bit_s");
+  return is_true(at(asked, "realtime")) == says("RT settings") && has_load(asked) == says("under load") &&
+         (bit_s.is_number() ? bit_s.get<double>() : 0) == traffic_bit_s_of(caption) &&
+         !at(asked, "kernel").is_null() == says("ksoftirqd") && at(asked, "link").is_null();
 }
 
 }  // namespace
@@ -54,7 +77,7 @@ std::vector<PaperRow> paper_rows(const nlohmann::json& asked) {
       at(asked, "schedule") != "next-free" || count(at(asked, "payload_bytes")) != payload_of(id))
     return rows;
   std::copy_if(paper().begin(), paper().end(), std::back_inserter(rows),
-               [&](const PaperRow& row) { return row.test == id; });
+               [&](const PaperRow& row) { return row.test == id && is_as(row.caption, asked); });
   return rows;
 }
 

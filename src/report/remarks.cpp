@@ -135,8 +135,9 @@ std::vector<std::string> taken_away(const statistics::Summary& summary) {
     const auto& [took_ns, before, message, after] = summary.shape.worst.front();
     const auto woke_late = static_cast<double>(message.woke_ns) - static_cast<double>(message.due_ns);
     if (summary.wake_up.count > 0 && woke_late * 2 >= static_cast<double>(took_ns))
-      parts.push_back(fmt::format("of the longest wait, {} µs, our own sending thread overslept {}",
-                                  microseconds(static_cast<double>(took_ns)), microseconds(woke_late)));
+      parts.push_back(
+          fmt::format("of the longest wait that was answered, {} µs, our own sending thread overslept {}",
+                      microseconds(static_cast<double>(took_ns)), microseconds(woke_late)));
   }
   // A throttled CPU leaves its real-time threads waiting for the rest of the period.
   const auto& machine = at(at(at(outcome, "hosts"), "controller"), "machine");
@@ -229,6 +230,11 @@ std::string remarks(const statistics::Summary& summary) {
     if (at(facts, "load_running") == false)
       parts.push_back("the load on the " + word(host) + " had died by the end");
   if (const auto text = traffic(outcome); !text.empty()) parts.push_back(text);
+  if (!at(summary.run.asked, "link").is_null())
+    for (const auto& [host, facts] : at(outcome, "hosts").items())
+      if (const auto& gone = at(at(facts, "link"), "gone"); gone.is_string())
+        parts.push_back("THE LINK'S FAULTS NEED NOT HAVE BEEN THERE on the " + word(host) + ": " +
+                        word(gone));
   if (const auto& why = at(outcome, "link_unproved"); why.is_string()) parts.push_back(word(why));
   for (const auto& text : changed_settings(outcome)) parts.push_back(text);
   add_notes(parts, summary);

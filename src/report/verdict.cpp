@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <algorithm>
+#include <map>
 
 #include <fmt/format.h>
 
@@ -12,9 +13,20 @@ namespace {
 
 using statistics::Summary;
 
-// Whether nothing at all speaks against a run: a cycle that passed without a message was not on time either.
+// Of all messages: where samples are missing, as the client counted them.
+struct Fates {
+  std::uint64_t sent, late, lost;
+};
+Fates fates_of(const Summary& summary) {
+  const auto& counted = summary.run.outcome;
+  if (statistics::unrecorded(summary.run) == 0) return {summary.sent, summary.late, summary.lost};
+  return {count(at(counted, "sent")), count(at(counted, "late")), count(at(counted, "lost"))};
+}
+
+// A cycle that passed without a message was not on time either.
 bool all_on_time(const Summary& summary) {
-  return summary.sent > 0 && summary.on_time == summary.sent && summary.late_by_response.value_or(0) == 0;
+  const auto [sent, late, lost] = fates_of(summary);
+  return sent > 0 && late + lost == 0 && summary.late_by_response.value_or(0) == 0;
 }
 
 // "10 ms" if they have one deadline.
@@ -41,15 +53,20 @@ std::string grouped(std::uint64_t count) {
 Verdict verdict_of(const Summaries& summaries) {
   std::uint64_t sent = 0, late = 0, lost = 0, late_cycles = 0;
   std::size_t measured = 0, fine = 0, unfinished = 0;
+  std::map<std::string, std::size_t> flaws;  // of runs that were measured to their end
   const Summary* slowest = nullptr;
   for (const auto& summary : summaries) {
-    sent += summary.sent;
-    late += summary.late;
-    lost += summary.lost;
+    const auto fates = fates_of(summary);
+    sent += fates.sent;
+    late += fates.late;
+    lost += fates.lost;
     late_cycles += summary.late_by_response.value_or(0);
-    measured += summary.sent > 0 ? 1 : 0;
+    measured += fates.sent > 0 ? 1 : 0;
     fine += all_on_time(summary) ? 1 : 0;
-    unfinished += statistics::is_complete(summary.run) ? 0 : 1;
+    if (!statistics::is_complete(summary.run))
+      ++unfinished;
+    else if (const auto why = gate::unfit(summary); !why.empty() && !summary.imported)
+      ++flaws[why];
     if (summary.round_trip.count > 0 &&
         (slowest == nullptr || summary.round_trip.max > slowest->round_trip.max))
       slowest = &summary;
@@ -61,7 +78,7 @@ Verdict verdict_of(const Summaries& summaries) {
     return fmt::format("{} of {}", grouped(part), grouped(sent));
   };
   if (fine == measured) {
-    verdict.word = unfinished == 0 ? Verdict::Word::yes : Verdict::Word::partly;
+    verdict.word = unfinished == 0 && flaws.empty() ? Verdict::Word::yes : Verdict::Word::partly;
     verdict.sentence =
         fmt::format("All {} messages came back within the {}.", grouped(sent), deadline(summaries));
   } else {
@@ -90,13 +107,14 @@ Verdict verdict_of(const Summaries& summaries) {
             : ""));
   // Of several runs, of different conditions, there is no such thing.
   if (const auto& missed = summaries.front().missed_probability;
-      summaries.size() == 1 && missed.events == 0 && missed.messages > 0)
+      summaries.size() == 1 && flaws.empty() && missed.events == 0 && missed.messages > 0)
     further.push_back(
         fmt::format("So long as it goes on like this, fewer than {:.2g} of a million messages will miss it, "
                     "with 95 % confidence.",
                     missed.bound * 1e6));
   if (unfinished > 0)
     further.push_back(fmt::format("{} did not end as asked: see below.", many(unfinished, "run", "runs")));
+  for (const auto& [why, runs] : flaws) further.push_back(fmt::format("Of {}: {}.", many(runs, "run", "runs"), why));
   verdict.further = join(further, " ");
   return verdict;
 }

@@ -14,7 +14,7 @@ class Misses {
   // Nothing: the record does not say after how long a message was given up.
   explicit Misses(std::optional<std::int64_t> timeout_ns) : timeout_ns_(timeout_ns.value_or(0)) {}
   void message(const roundtrip::Sample&);
-  // `effect`: of the slowest answers, for what never occurred.
+  // `effect`: of the slowest answers, for what hardly or never occurred.
   void into(Summary&, double effect) &&;
 
  private:

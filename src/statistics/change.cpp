@@ -59,10 +59,11 @@ void set_ratio(Change& change, const std::vector<Measured>& from, const std::vec
     return;
   const auto log = [](double value) { return value > 0 ? std::log(value) : -infinite; };
   const auto one = side_of(from, log), other = side_of(to, log);
-  change.ratio = std::exp(other.value - one.value);
+  change.ratio = change.to / change.from;
+  // Of the geometric means, which may lie elsewhere where repetitions differ much.
   const auto lies = difference_lies(one, other);
-  change.ratio_lies.low = lies.low ? std::exp(*lies.low) : 0;
-  if (lies.high) change.ratio_lies.high = std::exp(*lies.high);
+  if (lies.low) change.ratio_lies.low = std::min(std::exp(*lies.low), *change.ratio);
+  if (lies.high) change.ratio_lies.high = std::max(std::exp(*lies.high), *change.ratio);
 }
 
 std::vector<Measured> measured_of(const std::vector<const Summary*>& runs, Times times, Figure figure) {

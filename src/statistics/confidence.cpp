@@ -56,9 +56,9 @@ Interval clopper_pearson(double events, double messages, double confidence) {
 
 }  // namespace
 
-void Batches::add(bool event) {
-  open_.values += 1;
-  open_.events += event ? 1 : 0;
+void Batches::add(const Batch& some) {
+  open_.values += some.values;
+  open_.events += some.events;
   if (open_.values < length_) return;
   full_.push_back(open_);
   open_ = {};
@@ -136,19 +136,28 @@ Shares quantile_shares(double share, double effective, double confidence) {
   return shares;
 }
 
-Probability probability(std::span<const Batch> batches, double effect_without_event) {
+Probability probability(std::span<const Batch> batches, double effect_of_few) {
   const auto all = sum_of(batches);
   Probability result;
   result.events = static_cast<std::uint64_t>(all.events);
   result.messages = static_cast<std::uint64_t>(all.values);
   if (all.values == 0) return result;
-  result.effect = std::max(design_effect(batches), all.events == 0 ? effect_without_event : 1.0);
-  const double messages = std::clamp(all.values / result.effect, 1.0, most_effective),
-               share = all.events / all.values;
-  result.value = share;
-  result.sure = clopper_pearson(share * messages, messages, 0.95);
-  result.surer = clopper_pearson(share * messages, messages, 0.98);
-  result.bound = clopper_pearson(share * messages, messages, 0.90).high.value_or(1);
+  result.value = all.events / all.values;
+  const double own_effect = design_effect(batches), greater_effect = std::max(own_effect, effect_of_few);
+  const double rarer = std::min(all.events, all.values - all.events);
+  result.effect = rarer / own_effect < fewest_events ? greater_effect : own_effect;
+  const auto effective = [&](double effect) { return std::clamp(all.values / effect, 1.0, most_effective); };
+  const double messages = effective(own_effect), fewer = effective(greater_effect);
+  const auto limits = [&](double confidence) {
+    auto lies = clopper_pearson(result.value * messages, messages, confidence);
+    // An event is no better news than none, nor is a message without it than that all had it.
+    lies.high = std::max(lies.high, clopper_pearson(0, fewer, confidence).high);
+    lies.low = std::min(lies.low, clopper_pearson(fewer, fewer, confidence).low);
+    return lies;
+  };
+  result.sure = limits(0.95);
+  result.surer = limits(0.98);
+  result.bound = limits(0.90).high.value_or(1);
   return result;
 }
 

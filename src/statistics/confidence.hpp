@@ -66,7 +66,8 @@ struct Batch {
 inline constexpr std::size_t most_batches = 128;
 class Batches {
  public:
-  void add(bool event);
+  void add(bool event) { add(Batch{1, event ? 1.0 : 0.0}); }
+  void add(const Batch&);  // of messages that are not told apart
   std::vector<Batch> all() const;
 
  private:
@@ -92,8 +93,9 @@ Shares quantile_shares(double share, double effective, double confidence);
 // Of batches that have their values' sum for events.
 Measured mean(std::span<const Batch>, double value);
 
-// `effect_without_event`: taken where there was none, for then the batches say nothing of it.
-Probability probability(std::span<const Batch>, double effect_without_event);
+// `effect_of_few`: taken where there were too few events, or messages without, to tell how they depend on one
+// another. One event does not make the limits tighter than none would: those are never passed.
+Probability probability(std::span<const Batch>, double effect_of_few);
 
 // Messages without any event that allow the claim that its probability is below `probability`, with 95 %
 // confidence.

@@ -6,6 +6,8 @@
 #include <future>
 #include <utility>
 
+#include <fmt/format.h>
+
 #include "statistics/bursts.hpp"
 #include "statistics/clocks.hpp"
 #include "statistics/course.hpp"
@@ -37,6 +39,7 @@ class Pass {
       : summary_(summary),
         asked_(summary.run.asked),
         timeout_ns_(positive_ns(at(asked_, "timeout_us"), 1e3)),
+        deadline_ns_(positive_ns(at(asked_, "deadline_us"), 1e3)),
         has_cycles_(at(asked_, "schedule") != "back-to-back"),
         parts_(summary.run.outcome),
         timeline_(start_ns, positive_ns(at(asked_, "duration_s"), 1e9)),
@@ -57,6 +60,7 @@ class Pass {
     last_due_ns_ = sample.due_ns;
     if (sample.fate == Fate::lost) {
       ++summary_.lost;
+      late_by_response_.add(true);
       waited_until_ns_ = nth_after(sample.sent_ns, timeout_ns_.value_or(0), 1);
       return;
     }
@@ -65,6 +69,7 @@ class Pass {
     const auto response_ns = between(sample.due_ns, sample.received_ns);
     response_.add(response_ns);
     response_course_.add(response_ns);
+    late_by_response_.add(response_ns > deadline_ns_.value_or(0));
     const auto round_trip_ns = between(sample.sent_ns, sample.received_ns);
     round_trip_.add(round_trip_ns);
     round_trip_course_.add(round_trip_ns);
@@ -95,17 +100,17 @@ class Pass {
     summary_.extremes =
         extremes(round_trip_course_.values(), static_cast<float>(round_trips.at_rank(answers - peaks)));
     summary_.response_certainty = certainty(response_course_, responses, summary_.response);
-    // Where none is late, how the slowest come in bursts is all that there is to go by.
+    // Where hardly any is late, how the slowest come in bursts is all that there is to go by.
     const auto effect = summary_.response_certainty.p99_9.effect;
     std::move(misses_).into(summary_, effect);
-    if (const auto deadline_ns = positive_ns(at(asked_, "deadline_us"), 1e3)) {
-      summary_.late_by_response = responses.count() - responses.at_most(*deadline_ns);
-      summary_.late_by_response_probability =
-          probability(response_course_.above({&*deadline_ns, 1}).front(), effect);
+    if (deadline_ns_) {
+      summary_.late_by_response_probability = probability(late_by_response_.all(), effect);
+      summary_.late_by_response = summary_.late_by_response_probability.events;
     }
     if (summary_.sent > 1)
       summary_.message_every_ns =
           static_cast<double>(between(first_due_ns_, last_due_ns_)) / static_cast<double>(summary_.sent - 1);
+    if (const auto missing = unrecorded(summary_.run); missing > 0) forget_how_sure(missing);
     auto& shape = summary_.shape;
     shape.round_trip = round_trips.histogram();
     shape.response = responses.histogram();
@@ -121,20 +126,39 @@ class Pass {
     waiting_.push_back(cycles);
   }
 
+  // Samples go missing where a machine is busiest, and not by chance.
+  void forget_how_sure(std::uint64_t missing) {
+    for (auto* certainty : {&summary_.round_trip_certainty, &summary_.response_certainty})
+      for (auto* figure : {&certainty->mean, &certainty->p50, &certainty->p90, &certainty->p99,
+                           &certainty->p99_9, &certainty->p99_99})
+        *figure = Measured{figure->value, {}, {}};
+    for (auto* probability : {&summary_.late_probability, &summary_.lost_probability,
+                              &summary_.missed_probability, &summary_.late_by_response_probability})
+      *probability = {};
+    summary_.extremes = {};
+    summary_.extremes.refused = fmt::format("{} of its samples were not recorded", missing);
+  }
+
   // The answer that those who wait have waited for.
   void answer_waiting(std::int64_t at_ns) {
     for (const auto& cycles : waiting_) {
       const auto least_ns = between(cycles.last_due_ns(), at_ns);
       response_.add_series(least_ns, cycles.period_ns, cycles.count);
       response_course_.add_series(least_ns, cycles.period_ns, cycles.count);
+      late_by_response_.add(above(Values::Series::of(least_ns, cycles.period_ns, cycles.count)));
       timeline_.answered(cycles, at_ns);
     }
     waiting_.clear();
   }
 
+  Batch above(const Values::Series& responses) const {
+    return {static_cast<double>(responses.count),
+            static_cast<double>(responses.count - responses.at_most(deadline_ns_.value_or(0)))};
+  }
+
   Summary& summary_;
   const json& asked_;
-  const std::optional<std::int64_t> timeout_ns_;
+  const std::optional<std::int64_t> timeout_ns_, deadline_ns_;
   const bool has_cycles_;
   Values round_trip_, response_, wake_up_, server_;
   RoundTripParts parts_;
@@ -142,6 +166,7 @@ class Pass {
   WorstOnes worst_;
   Misses misses_;
   Course round_trip_course_, response_course_;
+  Batches late_by_response_;  // of each cycle
   std::int64_t first_due_ns_ = 0, last_due_ns_ = 0;
   std::vector<Cycles> waiting_;       // for the next answer
   std::int64_t waited_until_ns_ = 0;  // at least, if there is none
@@ -152,6 +177,11 @@ class Pass {
 bool is_complete(const record::Run& run) {
   return run.outcome.is_object() && at(run.outcome, "error").is_null() &&
          at(run.outcome, "interrupted") != true;
+}
+
+std::uint64_t unrecorded(const record::Run& run) {
+  return static_cast<std::uint64_t>(
+      std::max<std::int64_t>(integer_of(at(run.outcome, "dropped_records")).value_or(0), 0));
 }
 
 Summary summarise(const record::Reader& reader, const record::Run& run) {

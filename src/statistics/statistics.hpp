@@ -86,9 +86,11 @@ struct Summary {
   std::vector<record::Note> notes;
   std::int64_t start_ns = 0;  // when its first message was due: the client's clock, as that of notes
   std::uint64_t sent = 0, on_time = 0, late = 0, lost = 0;
-  std::uint64_t skipped_cycles = 0;               // those after the last message among them
-  std::optional<std::uint64_t> late_by_response;  // responses above the deadline, where the record has that
-  Distribution round_trip;                        // sent → received: the paper's T2 − T1
+  std::uint64_t skipped_cycles = 0;  // those after the last message among them
+  // Cycles without an answer within the deadline from when they were due, where the record has a deadline:
+  // responses above it, and lost messages. Of sent + skipped_cycles.
+  std::optional<std::uint64_t> late_by_response;
+  Distribution round_trip;  // sent → received: the paper's T2 − T1
   // Due → answered, of every cycle, those that passed without a message among them: until the answer that
   // ended their wait, or, if none did any more, as long as they are known to have waited. Hides no stall. A
   // lost message has none.
@@ -102,7 +104,8 @@ struct Summary {
   std::optional<Imported> imported;
   Shape shape;
 
-  // How sure they are: confidence.hpp.
+  // How sure they are: confidence.hpp. Where samples are missing these have no intervals, no messages and no
+  // bound, for nobody knows what those were.
   Certainty round_trip_certainty, response_certainty;
   // Of a message, to be answered late, not at all, and either of the two.
   Probability late_probability, lost_probability, missed_probability;
@@ -117,6 +120,9 @@ std::vector<Summary> summarise(const record::Reader&, std::size_t known = 0);
 
 // Measured to the end that was asked for: not cut off, interrupted or failed.
 bool is_complete(const record::Run&);
+// So many messages' samples were not recorded: no figure speaks for all messages, and nothing says how sure
+// it is.
+std::uint64_t unrecorded(const record::Run&);
 
 enum class Times { round_trip, response };
 // What is known of a run in one number: in ns, or, of late and lost, the share of all messages (of late by
@@ -124,12 +130,12 @@ enum class Times { round_trip, response };
 enum class Figure { mean, p50, p90, p99, p99_9, p99_99, max, late, lost };
 std::optional<Measured> measured(const Summary&, Times, Figure);  // nothing: nothing was answered, or sent
 
-// From one or several runs to one or several others: their means, and for the ratio their geometric means.
+// From one or several runs to one or several others: their means.
 // Both ends of the intervals are passed by the truth at most once in a hundred. They come from the intervals
-// of the single figures (MOVER: Zou & Donner 2008; of ratios on the logarithms), and, where at least one side
-// has repetitions, are no narrower than Student's t of the variance between runs, taken to be the same on
-// both sides. Without repetitions they are of these two runs: what else changes from one run to the next
-// (placement in memory, the order of start) is not in them.
+// of the single figures (MOVER: Zou & Donner 2008; of ratios on the logarithms, widened so that they hold the
+// means' ratio), and, where at least one side has repetitions, are no narrower than Student's t of the
+// variance between runs, taken to be the same on both sides. Without repetitions they are of these two runs:
+// what else changes from one run to the next (placement in memory, the order of start) is not in them.
 enum class Verdict { better, cannot_tell, worse };  // less is better
 struct Change {
   double from = 0, to = 0;

@@ -21,6 +21,13 @@ std::optional<double> duration_of(const record::Run& run) {
   return found->get<double>();
 }
 
+// As the coordinator says when it begins: what would disturb the link is sent afterwards.
+bool samples_wait(const record::Reader& reader, std::int64_t run) {
+  const auto notes = reader.notes(run);
+  return std::any_of(notes.begin(), notes.end(),
+                     [](const auto& note) { return note.kind == "samples-wait"; });
+}
+
 }  // namespace
 
 // What does not change any more, and from which message on it may.
@@ -96,7 +103,10 @@ const Progress& Follower::look() {
   progress_.round_trip = newest.round_trip;
   progress_.response_max_ns = newest.response_max_ns;
   progress_.worst = newest.worst;
-  const bool under_way = progress_.run.outcome.is_null() && newest.sent > 0;
+  const bool has_ended = !is_written || !progress_.run.outcome.is_null();
+  progress_.lost_for_good = has_ended ? newest.lost : settled.lost;
+  progress_.samples_wait = !has_ended && newest.sent == 0 && samples_wait(reader, progress_.run.number);
+  const bool under_way = !has_ended && (newest.sent > 0 || progress_.samples_wait);
   progress_.state = !is_written ? Progress::State::ended
                     : under_way ? Progress::State::measuring
                                 : Progress::State::waiting;

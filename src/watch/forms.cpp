@@ -31,7 +31,8 @@ std::string clock(double seconds) {
 }
 
 std::optional<double> left_s(const Progress& progress) {
-  if (!progress.duration_s || progress.state != Progress::State::measuring) return {};
+  if (!progress.duration_s || progress.state != Progress::State::measuring || progress.samples_wait)
+    return {};
   return std::max(*progress.duration_s - progress.elapsed_s, 0.0);
 }
 
@@ -44,8 +45,12 @@ std::string head_of(const Progress& progress) {
     if (const auto part = word(at(asked, key)); !part.empty()) text += " " + part;
   if (const auto repetition = word(at(asked, "repetition")); !repetition.empty() && repetition != "1")
     text += " ×" + repetition;
-  text += fmt::format("  {}", clock(progress.elapsed_s));
-  if (progress.duration_s) text += " of " + clock(*progress.duration_s);
+  if (!progress.samples_wait) {
+    text += fmt::format("  {}", clock(progress.elapsed_s));
+    if (progress.duration_s) text += " of " + clock(*progress.duration_s);
+  } else {
+    text += "  (measuring; its samples wait for the end, for ssh may take the link under test)";
+  }
   if (const auto left = left_s(progress)) text += fmt::format(", {} left", clock(*left));
   const bool cut_off = progress.state == Progress::State::ended && progress.run.outcome.is_null();
   if (progress.state == Progress::State::waiting)
@@ -140,7 +145,8 @@ std::string json_of(const Progress& progress) {
   nlohmann::ordered_json object = {{"state", word_of(progress.state)}};
   object["run"] = or_null(progress.run.number > 0, progress.run.number);
   for (const auto* key : {"id", "variant", "transport", "repetition"}) object[key] = at(asked, key);
-  object["elapsed_s"] = progress.elapsed_s;
+  object["samples_wait"] = progress.samples_wait;
+  object["elapsed_s"] = or_null(!progress.samples_wait, progress.elapsed_s);
   object["duration_s"] = or_null(progress.duration_s.has_value(), progress.duration_s.value_or(0));
   const auto left = left_s(progress);
   object["left_s"] = or_null(left.has_value(), left.value_or(0));
@@ -184,8 +190,9 @@ std::string metrics_of(const Progress& progress) {
   for (const auto* key : {"id", "variant", "transport", "repetition"})
     run += "," + label(key, at(asked, key));
   add("messages_total", "counter", "Counted messages of the newest run, by what became of them.");
+  // A counter never falls.
   const std::pair<const char*, std::uint64_t> fates[] = {
-      {"on_time", progress.on_time}, {"late", progress.late}, {"lost", progress.lost}};
+      {"on_time", progress.on_time}, {"late", progress.late}, {"lost", progress.lost_for_good}};
   for (const auto& [fate, count] : fates)
     text += fmt::format("ontime_messages_total{{{},fate=\"{}\"}} {}\n", run, fate, count);
   add("skipped_cycles_total", "counter", "Cycles that passed without a message.");

@@ -49,9 +49,11 @@ struct Progress {
     measuring,
     ended,  // nobody writes into the file any more
   } state = State::ended;
-  record::Run run;  // the newest; number 0: there is none yet
+  record::Run run;            // the newest; number 0: there is none yet
+  bool samples_wait = false;  // it is measuring, and nothing is seen of it before its end
   std::uint64_t sent = 0, on_time = 0, late = 0, lost = 0, skipped_cycles = 0;
-  Buckets round_trip;  // of messages that were answered
+  std::uint64_t lost_for_good = 0;  // of the lost ones those that cannot prove to have been answered any more
+  Buckets round_trip;               // of messages that were answered
   std::int64_t response_max_ns = 0;
   std::vector<Worst> worst;          // by response, the longest first; at most 3
   double elapsed_s = 0;              // from the first message to the newest

@@ -8,6 +8,7 @@ import contextlib
 import json
 import os
 import pathlib
+import re
 import sqlite3
 import subprocess
 import sys
@@ -180,6 +181,20 @@ class Page(unittest.TestCase):
             timePlots.then(([plot]) => done([...plot.layers.late.attr("d").matchAll(/M([\\d.]+),([\\d.]+)h0/g)]
               .map(found => [plot.x.invert(+found[1]), plot.y.invert(+found[2])])));""")
         self.assertTrue(any(abs(at - 312.34) < 1 and abs(ns / 49e6 - 1) < 0.02 for at, ns in drawn), drawn)
+        # Of a run that is too long for a page two of so many messages are here, and no more is claimed to be.
+        counted = opened.run_async("""
+            const done = arguments[arguments.length - 1];
+            timePlots.then(([plot]) => {
+              const px = plot.x(312.34), told = of => {
+                plot.course.of = of;
+                plot.point(px);
+                return plot.readout.text();
+              };
+              done([told(1), told(10)]);
+            });""")
+        messages = int(re.search(r"· ([\d,]+) messages", counted[0])[1].replace(",", ""))
+        self.assertIn(f"about {messages * 10:,} messages", counted[1])
+        self.assertIn("at least 1 late", counted[1])
 
     def test_hostile_file_is_shown_and_runs_nothing(self):
         request = results_file.asked(50, id=HOSTILE, title=HOSTILE, transport=HOSTILE, variant=HOSTILE, receive=HOSTILE,

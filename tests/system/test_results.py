@@ -149,6 +149,16 @@ class Results(unittest.TestCase):
             json.loads(done.stdout)
             self.assertTrue(done.stdout.isascii(), command)
 
+    def test_a_file_without_a_run_holds_no_line(self):
+        self.measured()
+        with contextlib.closing(sqlite3.connect(self.results)) as database:
+            database.executescript("DELETE FROM sample; DELETE FROM run")
+        self.ontime("report", self.results)
+        for flags in (["--fail-if", "late > 0"], ["--junit", "none.xml"]):
+            answer = self.ontime("report", self.results, *flags, code=1)
+            self.assertIn("cannot judge: there is a run", answer.stderr)
+        self.assertEqual(xml.etree.ElementTree.parse(self.folder / "none.xml").getroot().get("errors"), "1")
+
     # --- comparing ---
 
     def test_a_change_is_seen_and_chance_is_not(self):
@@ -198,6 +208,12 @@ class Results(unittest.TestCase):
             self.assertIn("is a results file", self.ontime(*arguments, code=2).stderr)
             self.assertEqual(self.results.read_bytes(), before)
             self.assertEqual(other.read_bytes(), before)
+    def test_runs_that_are_not_alike_are_no_repetitions(self):
+        self.measured()
+        self.measured(duration="200 ms")
+        answer = self.ontime("compare", self.results, "--from", "one", "--to", "2", code=2)
+        self.assertIn("--from one: runs 1 and 2 were not measured under the same conditions", answer.stderr)
+        self.ontime("compare", self.results, "--from", "1", "--to", "2")
 
     # --- out ---
 

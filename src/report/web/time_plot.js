@@ -181,10 +181,12 @@ class TimePlot {
     this.setCursor(px);
     const left = x.invert(Math.floor(px)), right = x.invert(Math.floor(px) + 1);
     const found = course.extremes(course.indexAt(left), course.indexAt(right));
-    const parts = [`${left.toPrecision(5)} s`, `${number(found.count)} messages`];
+    // Of a long run two of so many messages are here, the fastest and the slowest.
+    const about = course.of > 1 ? "about " : "", least = course.of > 1 ? "at least " : "";
+    const parts = [`${left.toPrecision(5)} s`, `${about}${number(found.count * course.of)} messages`];
     if (found.slowest >= 0) parts.push(`${time(timeOf(found.fastest))} to ${time(timeOf(found.slowest))}`);
-    if (found.late > 0) parts.push(`${number(found.late)} late`);
-    if (found.lost > 0) parts.push(`${number(found.lost)} lost`);
+    if (found.late > 0) parts.push(`${least}${number(found.late)} late`);
+    if (found.lost > 0) parts.push(`${least}${number(found.lost)} lost`);
     this.readout.text(parts.join(" · "));
   }
 
