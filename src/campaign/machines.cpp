@@ -225,7 +225,39 @@ void Machines::load(const Run& run) {
   for (const auto* host : {component, controller}) link(host, run);
 }
 
+json Machines::trace() {
+  auto answers = json::object();
+  std::string refused;
+  traced_.clear();
+  for (auto& [reach, machine] : machines_) {
+    const auto host = host_kept_by(*machine.keeper);
+    auto answer = ask(machine, "trace", "tracing");
+    answer.erase("event");
+    if (answer.contains("error"))
+      refused = fmt::format("explain: on the {}'s machine: {}", host, answer.at("error").get<std::string>());
+    else
+      traced_.push_back(host);
+    answers[host] = std::move(answer);
+  }
+  if (traced_.empty()) throw Error(3, refused);
+  if (!refused.empty()) observer_.note(refused);
+  return answers;
+}
+
+void Machines::cut_out(const std::string& host, const std::vector<trace::Span>& spans) {
+  auto asked = json::array();
+  for (const auto& span : spans) asked.push_back({span.message, span.from_ns, span.to_ns});
+  machine_of(host).keeper->order("cut-out", {{"spans", std::move(asked)}});
+}
+
+std::string Machines::host_kept_by(const Hand& keeper) const {
+  const auto found = std::find_if(machines_.begin(), machines_.end(),
+                                  [&](const auto& entry) { return entry.second.keeper.get() == &keeper; });
+  return found->second.hosts.front();
+}
+
 void Machines::unload() {
+  traced_.clear();
   for (auto& [reach, machine] : machines_) tell(ask(machine, "unload", "unloaded").at("notes"));
 }
 void Machines::begin() { all("begin", "begun"); }

@@ -8,6 +8,7 @@
 
 #include "campaign/campaign.hpp"
 #include "campaign/ssh.hpp"
+#include "trace/trace.hpp"
 
 namespace ontime::campaign {
 
@@ -38,6 +39,12 @@ class Machines {
   void restore();         // tells what could not be given back
   void load(const Run&);
   void cut(const Cut&);  // counted from now on; each host's keeper says when it has ("cut")
+  // The kernels' events are kept from now on, until unload(). Returns, by the host whose machine it is,
+  // {missing} or {error}. Throws Error where no machine can.
+  nlohmann::json trace();
+  const std::vector<std::string>& traced() const { return traced_; }       // hosts; of one machine, the first
+  void cut_out(const std::string& host, const std::vector<trace::Span>&);  // its keeper will say "window"
+  std::string host_kept_by(const Hand& keeper) const;
   void unload();
   void begin();
   struct Account {
@@ -69,6 +76,7 @@ class Machines {
   Hosts hosts_;
   std::set<std::string> warned_;
   bool tuned_ = false;
+  std::vector<std::string> traced_;
   std::map<std::vector<std::string>, Machine> machines_;  // by how they are reached
 };
 

@@ -4,6 +4,7 @@
 
 #include "campaign/campaign.hpp"
 #include "campaign/machines.hpp"
+#include "campaign/windows.hpp"
 
 namespace ontime::campaign {
 
@@ -34,6 +35,7 @@ class Session {
   std::vector<End*> ends();
   void finish(std::chrono::nanoseconds patience);
   nlohmann::json outcome();
+  void await_windows();
   void note_peers(const nlohmann::json& event);
   void note_cut(const nlohmann::json& event);
 
@@ -49,6 +51,8 @@ class Session {
   int pongs_ = 1;                                            // that answer
   bool measuring_ = false, stopped_ = false;
   std::optional<nlohmann::json> finished_;
+  std::optional<Windows> windows_;
+  nlohmann::json traced_;
 };
 
 // The server's part of a run.
