@@ -39,10 +39,11 @@ constexpr Row rows[] = {
     {Cause::timer, "timer", none,
      "the timer that wakes {0} came late: its CPU had interrupts off, or a hypervisor did not run it",
      "a virtual CPU is pinned at its host; no setting here helps"},
-    {Cause::queue, "queue", "the packet was held at {0}, by the queue of {1}", "the packet was held at {0}, by a queue",
+    {Cause::queue, "queue", "the packet was held at {0}, by the queue of {1}",
+     "the packet was held at {0}, by a queue",
      "tc -s qdisc show dev {1}: a rate, a delay, or other traffic ahead of it"},
-    {Cause::dropped, "dropped", "the packet was dropped ({1})",
-     "the packet was dropped, the kernel does not say why", none},
+    {Cause::dropped, "dropped", "the packet was dropped at {0} ({1})",
+     "the packet was dropped at {0}, the kernel does not say why", none},
     {Cause::unknown, "unknown", none, "unknown", none}};
 
 const Row& row_of(Cause cause) {
