@@ -235,6 +235,7 @@ class Foreign : public RecordTest {
       for (const auto& run : reader.runs()) {
         reader.notes(run.number);
         samples_of(reader, run.number);
+        reader.each_trace(run.number, [](const auto&) {});
       }
     } catch (const WrongFile& error) {
       return error.what();
@@ -248,7 +249,7 @@ TEST_F(Foreign, FormatsThatNobodyWrites) {
   EXPECT_THAT(error_after("PRAGMA user_version = -1"), HasSubstr("format -1, which no ontime writes"));
   EXPECT_THAT(error_after("PRAGMA user_version = 2000000000"), HasSubstr("from a newer ontime"));
   const auto path = (folder_ / "changed.db").string();
-  for (const auto* version : {"0", "-1", "3"}) {
+  for (const auto* version : {"0", "-1", "4"}) {
     query(path, std::string("PRAGMA user_version = ") + version);
     const auto before = bytes_of(path);
     EXPECT_THAT(error_of([&] { Writer writer(path); }), HasSubstr(std::string("format ") + version));
