@@ -17,6 +17,9 @@ using nlohmann::json;
 using roundtrip::Fate;
 using roundtrip::Sample;
 
+// Of any of a message's stages: beyond it nothing of a file is believed, nor calculated with.
+constexpr std::int64_t longest_ns = std::int64_t{86'400} * 1'000'000'000;
+
 // What is not there, or is of another kind, is null: the file may be anybody's.
 const json& member(const json& object, const char* name) {
   static const json none;
@@ -71,8 +74,13 @@ class Explainer {
     client.timeline = here ? &*here : nullptr;
     server.timeline = one_machine_ ? client.timeline : there ? &*there : nullptr;
     Way way(std::move(client), std::move(server), usual_, payload_bytes_, one_machine_);
+    until_ns = std::min(until_ns, sample.sent_ns + longest_ns);
+    const auto way_of = usual_.of(sample);
+    const bool can_be = std::all_of(way_of.begin(), way_of.end(), [](const Leg& leg) {
+      return -longest_ns <= leg.length_ns() && leg.length_ns() <= longest_ns;
+    });
     const bool all_times =
-        sample.fate != Fate::lost && sample.server_received_ns != 0 && sample.server_sent_ns != 0;
+        can_be && sample.fate != Fate::lost && sample.server_received_ns != 0 && sample.server_sent_ns != 0;
     if (all_times) message.parts = way.delays_of(sample);
     if (sample.fate == Fate::lost) message.parts = way.loss_of(sample, until_ns);
     for (const auto& part : message.parts) message.delay_ns += part.ns;
