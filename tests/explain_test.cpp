@@ -148,7 +148,7 @@ TEST_F(Explained, AThreadThatWaitsForACpuBehindAnother) {
   const auto part = first(message);
   EXPECT_EQ(part.cause, Cause::cpu);
   EXPECT_EQ(part.culprit, "hog");
-  EXPECT_EQ(part.culprit_thread, hog);
+  EXPECT_THAT(part.culprit_threads, testing::ElementsAre(hog));
   EXPECT_EQ(part.stage, Stage::delivered);
   EXPECT_EQ(part.end, "component");
   EXPECT_EQ(part.thread, "receive");

@@ -35,7 +35,7 @@ constexpr Row rows[] = {
     {Cause::blocked, "blocked", none,
      "{0} waited in the kernel, for memory, a disk or a lock of the kernel's", "realtime.lock-memory: on"},
     {Cause::waited, "waited", none, "{0} slept on its way, until another thread woke it", none},
-    {Cause::busy, "busy", none, "{0} ran all the time, and took so long", none},
+    {Cause::busy, "busy", none, "{0} had its CPU, and took so long (or a hypervisor did not run it)", none},
     {Cause::timer, "timer", none,
      "the timer that wakes {0} came late: its CPU had interrupts off, or a hypervisor did not run it",
      "a virtual CPU is pinned at its host; no setting here helps"},

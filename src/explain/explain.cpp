@@ -118,8 +118,7 @@ std::vector<Group> groups_of(const std::vector<Message>& messages) {
     ++group.messages;
     group.least_ns = std::min(group.least_ns, first.ns);
     group.most_ns = std::max(group.most_ns, first.ns);
-    for (const auto& part : message.parts)
-      if (same(part, first) && part.culprit_thread != 0) threads[place].insert(part.culprit_thread);
+    threads[place].insert(first.culprit_threads.begin(), first.culprit_threads.end());
     group.threads = threads[place].size();
   }
   std::stable_sort(groups.begin(), groups.end(),

@@ -40,7 +40,7 @@ struct Part {
   std::string end{};      // "controller", "component": where
   std::string thread{};   // whose role: "send", "receive" …; "": none
   std::string culprit{};  // a thread's name, an interrupt, an interface, the kernel's reason; may be ""
-  std::int32_t culprit_thread = 0;
+  std::vector<std::int32_t> culprit_threads{};  // those of that name
   // The kernel's priorities (trace::Thread), of `thread` and of a culprit that is one.
   std::int32_t priority = 0, culprit_priority = 0;
   std::int64_t ns = 0;  // of the delay; of a packet that was dropped 0

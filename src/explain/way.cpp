@@ -52,11 +52,14 @@ void Way::add(Found& found, Part part, std::int64_t ns) const {
   found.held_ns += ns;
   const auto same = std::find_if(found.parts.begin(), found.parts.end(), [&](const Part& other) {
     return other.cause == part.cause && other.stage == part.stage && other.end == part.end &&
-           other.thread == part.thread && other.culprit == part.culprit &&
-           other.culprit_thread == part.culprit_thread;
+           other.thread == part.thread && other.culprit == part.culprit;
   });
   if (same != found.parts.end()) {
     same->ns += ns;
+    for (const auto thread : part.culprit_threads)
+      if (std::find(same->culprit_threads.begin(), same->culprit_threads.end(), thread) ==
+          same->culprit_threads.end())
+        same->culprit_threads.push_back(thread);
     return;
   }
   part.ns = ns;
@@ -88,7 +91,7 @@ void Way::waited(Found& found, const Timeline& timeline, const Part& whose, cons
     part.cause = outranks && ns >= surely_throttled_ns ? Cause::throttled : Cause::cpu;
     if (part.cause == Cause::cpu) {
       part.culprit = held.thread.name;
-      part.culprit_thread = held.thread.id;
+      part.culprit_threads = {held.thread.id};
       part.culprit_priority = held.thread.priority;
     }
     add(found, part, ns);
