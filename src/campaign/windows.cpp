@@ -3,6 +3,8 @@
 
 #include <algorithm>
 
+#include <fmt/format.h>
+
 namespace ontime::campaign {
 namespace {
 
@@ -70,8 +72,14 @@ void Windows::order() {
 }
 
 void Windows::take(const std::string& host, const nlohmann::json& window) {
-  --awaited_;
-  record::Trace trace{host, trace::window_of(window)};
+  if (awaited_ > 0) --awaited_;
+  record::Trace trace{host, {}};
+  try {
+    trace.window = trace::window_of(window);
+  } catch (const trace::Error& error) {
+    throw Error(3,
+                fmt::format("the keeper of the {}'s machine said what is no trace ({})", host, error.what()));
+  }
   const auto message = trace.window.span.message;
   const bool chosen = std::any_of(chosen_.begin(), chosen_.end(), [&](const auto& of_fate) {
     return std::any_of(of_fate.begin(), of_fate.end(),

@@ -125,6 +125,7 @@ class Keeper final : public orders::Worker {
 
   // Each window in a frame of its own, none of which is too long then.
   void cut_out(const json& spans) {
+    if (!recorder_) throw orders::Error(3, "the order 'cut-out' came, and nothing is traced");
     std::vector<trace::Span> asked;
     for (const auto& span : spans) asked.push_back({span.at(0), span.at(1), span.at(2)});
     for (const auto& window : recorder_->cut(std::move(asked)))
