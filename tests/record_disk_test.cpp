@@ -184,11 +184,11 @@ TEST_F(RecordTest, MigrationThatIsCutOffAnywhereCostsNothing) {
     EXPECT_THAT(error, ::testing::AnyOf("", HasSubstr("was cut off while it changed the file"))) << step;
     const auto version = query(path_, "PRAGMA user_version");
     EXPECT_EQ(query(path_, "SELECT count(*) FROM pragma_table_info('sample') WHERE name = 'passed_wake_ns'"),
-              version == "2" ? "1" : "0");
-    if (version == "2") {
+              version == "3" ? "1" : "0");
+    if (version == "3") {
       EXPECT_EQ(query(path_, "SELECT count(*) FROM run WHERE key = ''"), "0");
     }
-    ++(version == "2" ? migrated : not_migrated);
+    ++(version == "3" ? migrated : not_migrated);
     as_it_was_or_will_be(Writer(path_).reader());
     EXPECT_THAT(query(path_, "SELECT key FROM run WHERE number = 4"), Not(IsEmpty()));
     EXPECT_EQ(query(path_, "PRAGMA integrity_check"), "ok");

@@ -15,7 +15,7 @@ TEST_F(RecordTest, WhatIsNoResultsFileIsRefusedAndLeftAlone) {
   const auto other = (folder_ / "other.db").string();
   query(other, "CREATE TABLE bookmark (url TEXT)");
   const auto newer = made("newer.db", results);
-  query(newer, "PRAGMA user_version = 3");
+  query(newer, "PRAGMA user_version = 4");
   const auto cut = made("cut.db", results.substr(0, 5000));
   const struct {
     std::string path, found;
@@ -167,19 +167,19 @@ TEST_F(Format1, TakesNewRuns) {
     EXPECT_EQ(reader.notes(5).size(), 1u);
     EXPECT_EQ(reader.notes(1).at(0).text, "of an old run");
   }
-  EXPECT_EQ(query(path_, "PRAGMA user_version"), "2");
+  EXPECT_EQ(query(path_, "PRAGMA user_version"), "3");
   EXPECT_EQ(query(path_, "SELECT key FROM run WHERE number = 3"), "cef90dcf372a29afca060c3075a906b0");
   EXPECT_EQ(query(path_, "SELECT passed_wake_us FROM message WHERE run = 5"), "4.711");
   EXPECT_EQ(query(path_, "PRAGMA integrity_check"), "ok");
   Writer(killed_).begin_run({});
   EXPECT_EQ(samples_of(Reader(killed_), 1).size(), 110u);
-  EXPECT_EQ(query(killed_, "PRAGMA user_version"), "2");
+  EXPECT_EQ(query(killed_, "PRAGMA user_version"), "3");
 }
 
 TEST_F(Format1, BecomesLikeAFileMadeNow) {
   const auto made_now = (folder_ / "now.db").string();
   { const Writer one(path_), other(made_now); }
-  for (const auto* table : {"run", "sample", "note", "message"}) {
+  for (const auto* table : {"run", "sample", "note", "message", "trace"}) {
     const auto columns =
         std::string(
             "SELECT group_concat(concat, '; ') FROM (SELECT cid || ' ' || name || ' ' || type || ' ' || "
@@ -198,6 +198,47 @@ TEST_F(Format1, ThatNobodyCanMigrateIsLeftAsItIs) {
               AllOf(HasSubstr(path_), HasSubstr("run 4 holds no JSON")));
   EXPECT_EQ(query(path_, "PRAGMA user_version"), "1");
   EXPECT_EQ(samples_of(Reader(path_), 4).size(), 30u);
+}
+
+// A results file of format 2, of two runs over udp: what is in it, and that it takes traces once it is
+// written to.
+TEST_F(RecordTest, Format2IsReadAndTakesTraces) {
+  fs::copy_file(fs::path(ONTIME_TEST_DATA) / "format2.db", path_);
+  const auto expect_as_measured = [](const Reader& reader) {
+    const auto runs = reader.runs();
+    ASSERT_GE(runs.size(), 2u);
+    EXPECT_EQ(runs[1].key, "8ed9985b0a70aa62b5508ebac789eefa");
+    std::int64_t round_trip = 0;
+    for (const auto& sample : samples_of(reader, 2)) round_trip += sample.received_ns - sample.sent_ns;
+    EXPECT_EQ(round_trip, 1'444'661);
+    reader.each_trace(2, [](const auto&) { FAIL() << "there are none"; });
+  };
+  expect_as_measured(Reader(path_));
+  EXPECT_EQ(query(path_, "PRAGMA user_version"), "2");
+  const Trace trace{
+      "controller",
+      {{3, 1'000, 2'000}, true, {{.at_ns = 1'500, .kind = trace::Kind::timer, .thread = {1, "a", 120}}}}};
+  {
+    Writer writer(path_);
+    expect_as_measured(writer.reader());
+    writer.trace(2, trace);
+  }
+  EXPECT_EQ(query(path_, "PRAGMA user_version"), "3");
+  std::size_t traces = 0;
+  Reader(path_).each_trace(2, [&](const Trace& read) {
+    ++traces;
+    EXPECT_EQ(read.host, "controller");
+    EXPECT_EQ(read.window.span.message, 3u);
+    EXPECT_EQ(read.window.events, trace.window.events);
+  });
+  EXPECT_EQ(traces, 1u);
+  const auto error_with = [&](const char* change) {
+    query(path_, change);
+    return error_of([&] { Reader(path_).each_trace(2, [](const auto&) {}); });
+  };
+  EXPECT_THAT(error_with("UPDATE trace SET message = 4"), HasSubstr("of another"));
+  EXPECT_THAT(error_with("UPDATE trace SET events = '[]'"), HasSubstr("trace of message 4"));
+  EXPECT_THAT(error_with("UPDATE trace SET events = '{'"), HasSubstr("no JSON"));
 }
 
 // Files that say they are ours, and are not.
@@ -224,6 +265,7 @@ class Foreign : public RecordTest {
       for (const auto& run : reader.runs()) {
         reader.notes(run.number);
         samples_of(reader, run.number);
+        reader.each_trace(run.number, [](const auto&) {});
       }
     } catch (const WrongFile& error) {
       return error.what();
@@ -237,7 +279,7 @@ TEST_F(Foreign, FormatsThatNobodyWrites) {
   EXPECT_THAT(error_after("PRAGMA user_version = -1"), HasSubstr("format -1, which no ontime writes"));
   EXPECT_THAT(error_after("PRAGMA user_version = 2000000000"), HasSubstr("from a newer ontime"));
   const auto path = (folder_ / "changed.db").string();
-  for (const auto* version : {"0", "-1", "3"}) {
+  for (const auto* version : {"0", "-1", "4"}) {
     query(path, std::string("PRAGMA user_version = ") + version);
     const auto before = bytes_of(path);
     EXPECT_THAT(error_of([&] { Writer writer(path); }), HasSubstr(std::string("format ") + version));

@@ -17,6 +17,7 @@ void add_scenarios(CLI::App&, Action&);
 void add_watch(CLI::App&, Action&);
 void add_report(CLI::App&, Action&);
 void add_compare(CLI::App&, Action&);
+void add_explain(CLI::App&, Action&);
 void add_export(CLI::App&, Action&);
 void add_import(CLI::App&, Action&);
 void add_plot(CLI::App&, Action&);

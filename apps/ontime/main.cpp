@@ -24,8 +24,8 @@ int main(int argc, char** argv) {
        {ontime::app::add_run, ontime::app::add_ping, ontime::app::add_pong, ontime::app::add_watch,
         ontime::app::add_scenarios}},
       {"Understand",
-       {ontime::app::add_report, ontime::app::add_compare, ontime::app::add_plot, ontime::app::add_export,
-        ontime::app::add_import}},
+       {ontime::app::add_report, ontime::app::add_compare, ontime::app::add_explain, ontime::app::add_plot,
+        ontime::app::add_export, ontime::app::add_import}},
       {"Make fit", {ontime::app::add_check, ontime::app::add_tune}}};
   for (const auto& [group, commands] : groups)
     for (const auto add : commands) {

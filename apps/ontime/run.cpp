@@ -86,6 +86,18 @@ std::vector<gate::Judgement> judge(record::Writer& writer, std::span<statistics:
   return judgements;
 }
 
+// For people; what is asked for as JSON or CSV is nothing else.
+void explain_new(record::Writer& writer, std::size_t known, report::Format format) {
+  if (format != report::Format::table && format != report::Format::markdown) return;
+  const auto reader = writer.reader();
+  const auto runs = reader.runs();
+  std::vector<report::Explained> all;
+  for (std::size_t i = known; i < runs.size(); ++i)
+    if (auto account = explain::account_of(reader, runs[i]); account.traced)
+      all.push_back({runs[i], std::move(account)});
+  if (!all.empty()) print("\n" + report::render(all, format));
+}
+
 int run(const Arguments& arguments, const GateFlags& flags, const nlohmann::json& command_line) {
   auto selection = arguments.selection;
   if (!arguments.duration.empty()) selection.duration = duration_flag("--duration", arguments.duration);
@@ -116,6 +128,7 @@ int run(const Arguments& arguments, const GateFlags& flags, const nlohmann::json
   if (summaries.empty()) return code;  // interrupted before the first
   const auto judgements = judge(writer, std::span(summaries).subspan(known), flags, gates);
   print(report::render({summaries.begin() + static_cast<std::ptrdiff_t>(known), summaries.end()}, format));
+  explain_new(writer, known, format);
   terminal.note(fmt::format("every sample is in {}; see also: ontime report {} --threads", results, results));
   try {
     terminal.note(fmt::format("to look at: {}", write_page_beside(results, writer.reader(), summaries)));
@@ -154,6 +167,9 @@ void add_run(CLI::App& app, Action& action) {
       ->type_name("TIME");
   command->add_flag("--deploy", arguments->selection.deploy,
                     "bring this program to hosts that are reached by ssh, for the time of the run");
+  command->add_flag(
+      "--explain", arguments->selection.explain,
+      "keep what the kernels did around late, lost and the worst messages, for `ontime explain`");
   add_file(*command, "--results", arguments->results, "add to this results file (default: a new one here)");
   command
       ->add_flag("--resume", arguments->resume,

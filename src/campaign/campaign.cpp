@@ -185,6 +185,7 @@ json asked(const Run& run, const Hosts& hosts) {
       {"schedule", roundtrip::word_of(client.schedule)},
       {"receive", agent::word_of(run.task.config.receive)},
       {"warm_up", client.warm_up},
+      {"explain", run.explain ? json(true) : json()},
       {"count_instructions", run.task.count_instructions ? json(true) : json()},
       {"realtime", run.task.realtime.on},
       {"realtime_settings", run.task.realtime},

@@ -64,6 +64,7 @@ struct Run {
   agent::Task task;  // the client's; the server's follows from it
   background::Workers controller_load, component_load;
   Traffic traffic;
+  bool explain = false;             // keep what the kernels did around late and lost messages
   background::Faults faults;        // of either end
   std::optional<Cut> cut;           // for which `faults` has to provide
   settings::Wishes kernel;          // of both machines
@@ -134,7 +135,7 @@ struct Selection {
   std::vector<std::string> only;        // ids; empty: all
   std::vector<std::string> transports;  // instead of those that the file states
   std::optional<std::chrono::nanoseconds> duration;
-  bool deploy = false;
+  bool deploy = false, explain = false;  // as `explain: on` of each run
 };
 // Throws Error{2} with file, line and column. What is too much to be read or carried out is refused as well.
 Scenario read_scenario(const std::string& file, const Selection&);

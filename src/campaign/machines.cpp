@@ -105,6 +105,9 @@ void Machines::add(const std::string& host, const Host& where) {
     if (hosts_.deploy) std::tie(command, between) = deployment(*machine.ssh, where.reach, *hosts_.deploy);
   }
   machine.keeper = std::make_unique<Hand>(coordinator_, name, command, "", std::move(between));
+  machine.keeper->on("window", [this, host](const orders::Frame& frame) {
+    if (window_came_) window_came_(host, frame.message.at("window"));
+  });
   // Both ends' are cut; when, is said by the clock of the controller, as of everything else.
   machine.keeper->on("cut", [this, is_controllers = host == controller](const orders::Frame& frame) {
     if (is_controllers && frame.message.at("host") == controller && when_cut_)
@@ -231,9 +234,37 @@ void Machines::load(const Run& run) {
   for (const auto* host : {component, controller}) link(host, run);
 }
 
+json Machines::trace(WindowCame came) {
+  window_came_ = std::move(came);
+  auto answers = json::object();
+  std::string refused;
+  traced_.clear();
+  for (auto& [reach, machine] : machines_) {
+    const auto& host = machine.hosts.front();
+    auto answer = ask(machine, "trace", "tracing");
+    answer.erase("event");
+    if (answer.contains("error"))
+      refused = fmt::format("explain: on the {}'s machine: {}", host, answer.at("error").get<std::string>());
+    else
+      traced_.push_back(host);
+    answers[host] = std::move(answer);
+  }
+  if (traced_.empty()) throw Error(3, refused);
+  if (!refused.empty()) observer_.note(refused);
+  return answers;
+}
+
+void Machines::cut_out(const std::string& host, const std::vector<trace::Span>& spans) {
+  auto asked = json::array();
+  for (const auto& span : spans) asked.push_back({span.message, span.from_ns, span.to_ns});
+  machine_of(host).keeper->order("cut-out", {{"spans", std::move(asked)}});
+}
+
 void Machines::unload() {
   if (!std::exchange(loaded_, false)) return;
   when_cut_ = nullptr;
+  window_came_ = nullptr;
+  traced_.clear();
   for (auto& [reach, machine] : machines_)
     if (!machine.keeper->lost()) tell(ask(machine, "unload", "unloaded").at("notes"));
 }

@@ -9,6 +9,7 @@
 
 #include "campaign/campaign.hpp"
 #include "campaign/ssh.hpp"
+#include "trace/trace.hpp"
 
 namespace ontime::campaign {
 
@@ -40,7 +41,14 @@ class Machines {
   void load(const Run&);
   // Counted from now on; when it has come to pass is told, until unload().
   void cut(const Cut&, std::function<void(std::int64_t at_ns)> told);
-  void unload();  // load, link and traffic
+  // The kernels' events are kept from now on, until unload(); each window that is cut out is told, with the
+  // host whose machine it is of; of one machine for several, the first. Returns, by such a host, {missing} or
+  // {error}. Throws Error where no machine can.
+  using WindowCame = std::function<void(const std::string& host, const nlohmann::json& window)>;
+  nlohmann::json trace(WindowCame);
+  const std::vector<std::string>& traced() const { return traced_; }
+  void cut_out(const std::string& host, const std::vector<trace::Span>&);
+  void unload();  // load, link, traffic and trace
   void begin();
   struct Account {
     nlohmann::json conditions, load_running, traffic, links, kernel, machine;  // by host
@@ -72,6 +80,8 @@ class Machines {
   std::set<std::string> warned_;
   bool tuned_ = false, loaded_ = false;
   std::function<void(std::int64_t at_ns)> when_cut_;
+  std::vector<std::string> traced_;
+  WindowCame window_came_;
   std::map<std::vector<std::string>, Machine> machines_;  // by how they are reached
 };
 

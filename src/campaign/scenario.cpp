@@ -66,6 +66,8 @@ class File {
     check_only();
     if (repeat) read_repeat(*repeat);
     if (selection_.deploy) deploy();
+    if (selection_.explain)
+      for (auto& run : scenario_.runs) run.explain = true;
     return std::move(scenario_);
   }
 

@@ -77,7 +77,9 @@ Session::~Session() {
 void Session::listen_to(Hand& client) {
   using orders::Frame;
   client.on("samples", [this](const Frame& frame) {
-    writer_.append(number_, agent::samples_of(frame.bytes));
+    const auto samples = agent::samples_of(frame.bytes);
+    writer_.append(number_, samples);
+    if (windows_) windows_->add(samples);
     sampled_ = Clock::now();
   });
   client.on("progress", [this](const Frame& frame) {
@@ -142,6 +144,11 @@ json Session::measure(std::chrono::nanoseconds wait) {
   }
   controller_ = open("controller", client_task(run_, hosts.controller, served));
   machines_.load(run_);
+  if (run_.explain) {
+    traced_ = machines_.trace(
+        [this](const auto& host, const auto& window) { windows_->take(host, window); });
+    windows_.emplace(machines_);
+  }
 
   const auto warm_up = run_.task.client.period * static_cast<std::int64_t>(run_.task.client.warm_up);
   const auto longest = patience + std::chrono::ceil<std::chrono::milliseconds>(2 * wait + warm_up);
@@ -175,6 +182,7 @@ void Session::finish(std::chrono::nanoseconds longest) {
           stopped_ = true;
           controller_->agent->order("stop");
         }
+        if (windows_) windows_->order();
         if (!finished_ && Clock::now() > std::max(until, sampled_ + patience))
           throw Error(3, "the agent of the controller did not finish, long after its time was over");
         return finished_.has_value();
@@ -182,8 +190,18 @@ void Session::finish(std::chrono::nanoseconds longest) {
       1);
 }
 
+// What the kernels still know of the last messages, and of all of them into the file.
+void Session::await_windows() {
+  if (!windows_) return;
+  const auto until = Clock::now() + patience;
+  windows_->order();
+  coordinator_.until([&] { return windows_->all_came() || Clock::now() > until; }, 1);
+  windows_->write(writer_, number_);
+}
+
 json Session::outcome() {
   auto outcome = *finished_;
+  await_windows();
   for (auto* end : ends()) {
     end->agent->order("end");
     end->ended = coordinator_.await(*end->agent, "ended", patience, 1);
@@ -213,6 +231,7 @@ json Session::outcome() {
     for (const auto& text : shortfalls(outcome.at("traffic"))) observer_.note(text);
   }
   outcome["hosts"] = std::move(hosts);
+  if (windows_) outcome["trace"] = traced_;
   if (const auto why = unproved(outcome)) outcome["link_unproved"] = *why;
   if (const auto elsewhere = went_elsewhere(outcome, run_.task.client.payload_bytes))
     outcome["error"] = *elsewhere;

@@ -4,6 +4,7 @@
 
 #include "campaign/campaign.hpp"
 #include "campaign/machines.hpp"
+#include "campaign/windows.hpp"
 
 namespace ontime::campaign {
 
@@ -35,6 +36,7 @@ class Session {
   void listen_to(Hand& client);
   void finish(std::chrono::nanoseconds patience);
   nlohmann::json outcome();
+  void await_windows();
   void note_peers(const nlohmann::json& event);
   void note_cut(std::int64_t at_ns);
 
@@ -50,6 +52,8 @@ class Session {
   int pongs_ = 1;                                            // that answer
   bool measuring_ = false, stopped_ = false;
   std::optional<nlohmann::json> finished_;
+  std::optional<Windows> windows_;
+  nlohmann::json traced_;
 };
 
 // The server's part of a run.

@@ -17,6 +17,10 @@
 //                         unload
 //   cut    {host, after_ms, for_ms}   cutting {}, and when it is time: cut {host, at_ns}
 //   traffic {host, way, stream}   flowing {}: one end of one way of it, by iperf3, until unload
+//   trace  {}             tracing {missing}: the kernel's events are kept for some seconds, until unload;
+//   what
+//                         of them this kernel has not, for people; or {error}
+//   cut-out {spans [[message, from_ns, to_ns] …]}   window {window} for each of them, as soon as may be
 //   unload {}             unloaded {notes}: what of the load could not be given back
 //   begin  {}             begun {}: "during the run" is from here on
 //   end    {}             ended {conditions, load_running {host: bool}, traffic {host: {way: …}},

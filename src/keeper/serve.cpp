@@ -13,6 +13,7 @@
 #include "keeper/tuned.hpp"
 #include "machine/machine.hpp"
 #include "orders/orders.hpp"
+#include "trace/trace.hpp"
 
 namespace ontime::keeper {
 namespace {
@@ -55,6 +56,10 @@ class Keeper final : public orders::Worker {
     } else if (order == "traffic") {
       flows_.add(body.at("host"), body.at("way"), stream_of(body.at("stream")));
       events_.tell("flowing");
+    } else if (order == "trace") {
+      events_.tell("tracing", trace());
+    } else if (order == "cut-out") {
+      cut_out(body.at("spans"));
     } else if (order == "unload") {
       events_.tell("unloaded", {{"notes", unload()}});
     } else if (order == "begin") {
@@ -71,9 +76,7 @@ class Keeper final : public orders::Worker {
                              {"kernel", tuned_.now()},
                              {"machine", machine_as_it_was()}});
     } else if (order == "close") {
-      flows_.clear();
-      links_.clear();
-      loads_.clear();
+      end_all();
       events_.tell("closed", {{"notes", journal_.revert()}});
     } else {
       throw orders::Error(3, "there is no order '" + order + "'");
@@ -88,9 +91,7 @@ class Keeper final : public orders::Worker {
   }
 
   void give_back() noexcept override {
-    flows_.clear();
-    links_.clear();
-    loads_.clear();
+    end_all();
     journal_.revert();
     try {
       journal::revert_abandoned(kinds());
@@ -104,6 +105,34 @@ class Keeper final : public orders::Worker {
     std::string directory;
     std::unique_ptr<background::Background> running;
   };
+
+  void end_all() {
+    recorder_.reset();
+    flows_.clear();
+    links_.clear();
+    loads_.clear();
+  }
+
+  json trace() {
+    try {
+      recorder_.reset();
+      recorder_ = std::make_unique<trace::Recorder>(journal_);
+      return {{"missing", recorder_->missing()}};
+    } catch (const trace::Error& error) {
+      return {{"error", error.what()}};
+    } catch (const journal::Error& error) {
+      return {{"error", error.what()}};
+    }
+  }
+
+  // Each window in a frame of its own, none of which is too long then.
+  void cut_out(const json& spans) {
+    if (!recorder_) throw orders::Error(3, "the order 'cut-out' came, and nothing is traced");
+    std::vector<trace::Span> asked;
+    for (const auto& span : spans) asked.push_back({span.at(0), span.at(1), span.at(2)});
+    for (const auto& window : recorder_->cut(std::move(asked)))
+      events_.tell("window", {{"window", trace::to_json(window)}});
+  }
 
   void load(const std::string& host, const background::Workers& workers) {
     const auto directory = journal::add_directory(journal_, "stress");
@@ -132,6 +161,7 @@ class Keeper final : public orders::Worker {
 
   // A suite has many runs, and the journal holds only what there is.
   std::vector<std::string> unload() {
+    recorder_.reset();
     flows_.clear();
     links_.clear();
     std::vector<std::string> notes;
@@ -165,6 +195,7 @@ class Keeper final : public orders::Worker {
   std::map<std::string, Load> loads_;  // by host; they end before the journal
   Links links_{journal_};
   Flows flows_;
+  std::unique_ptr<trace::Recorder> recorder_;
   machine::Activity activity_;
   json machine_;
 };
@@ -173,10 +204,10 @@ class Keeper final : public orders::Worker {
 
 std::span<const journal::Kind> kinds() {
   static const auto all = [] {
-    const auto tuned = settings::kinds(), links = background::kinds();
-    std::vector<journal::Kind> both(tuned.begin(), tuned.end());
-    both.insert(both.end(), links.begin(), links.end());
-    return both;
+    std::vector<journal::Kind> kinds;
+    for (const auto& some : {settings::kinds(), background::kinds(), trace::kinds()})
+      kinds.insert(kinds.end(), some.begin(), some.end());
+    return kinds;
   }();
   return all;
 }

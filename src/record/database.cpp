@@ -45,7 +45,7 @@ Database::Database(const std::string& path)
   // so it is done before a run, and in one only when the log has become long.
   connection_->run("PRAGMA synchronous = NORMAL; PRAGMA journal_mode = WAL; PRAGMA wal_autocheckpoint = 0");
   connection_->run("BEGIN IMMEDIATE");
-  if (format_of(*connection_) == 1) migrate();
+  if (const auto format = format_of(*connection_); format < format_version) migrate(format);
   insert_.emplace(*connection_,
                   "INSERT OR REPLACE INTO sample (run, message, intended_ns, due_after_ns, woke_after_ns, "
                   "sent_after_ns, received_after_ns, server_received_ns, server_sent_after_ns, "
@@ -66,9 +66,9 @@ Database::~Database() {
 }
 
 // In one transaction of the log: whatever stops it, the file is of one format or the other.
-void Database::migrate() {
+void Database::migrate(std::int64_t from) {
   const auto runs = Reader(connection_).runs();
-  migrate_tables(*connection_);
+  migrate_tables(*connection_, from);
   for (const auto& run : runs)
     Statement(*connection_, "UPDATE run SET key = ? WHERE number = ?")
         .bind(run.key)
@@ -120,6 +120,7 @@ void Database::add(const Batch& batch) {
         for (const auto& sample : piece) add(run, start_ns, sample);
     }
     for (const auto& [run, note] : batch.notes) add(run, note);
+    for (const auto& [run, trace] : batch.traces) add(run, trace);
   });
   starts_.merge(starts);
   if (log_pages_ >= enough_log_pages) copy_log();
@@ -173,6 +174,15 @@ void Database::add(std::int64_t run, const Note& note) {
       .bind(message)
       .bind(utf8_of(note.kind))
       .bind(utf8_of(note.text))
+      .execute();
+}
+
+void Database::add(std::int64_t run, const Trace& trace) {
+  Statement(*connection_, "INSERT OR REPLACE INTO trace (run, message, host, events) VALUES (?, ?, ?, ?)")
+      .bind(run)
+      .bind(static_cast<std::int64_t>(trace.window.span.message))
+      .bind(utf8_of(trace.host))
+      .bind(text_of(trace::to_json(trace.window)))
       .execute();
 }
 

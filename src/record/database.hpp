@@ -20,6 +20,7 @@ namespace ontime::record {
 struct Batch {
   std::map<std::int64_t, std::deque<std::vector<roundtrip::Sample>>> samples;
   std::vector<std::pair<std::int64_t, Note>> notes;
+  std::vector<std::pair<std::int64_t, Trace>> traces;
 };
 
 class Database {
@@ -38,13 +39,14 @@ class Database {
   const std::shared_ptr<Connection>& connection() const { return connection_; }
 
  private:
-  void migrate();
+  void migrate(std::int64_t from);
   template <class Change>
   void commit(Change change);
   void copy_log();
   std::int64_t start_of(std::int64_t run, const roundtrip::Sample& first);
   void add(std::int64_t run, std::int64_t start_ns, const roundtrip::Sample&);
   void add(std::int64_t run, const Note&);
+  void add(std::int64_t run, const Trace&);
 
   std::shared_ptr<Connection> connection_;
   std::optional<Statement> insert_;

@@ -73,7 +73,17 @@ SELECT sample.run, id, transport, repetition, message,
        server_sent_after_ns / 1e3 AS server_us,
        passed_wake_ns / 1e3 AS passed_wake_us
 FROM sample JOIN run ON run.number = sample.run;
-PRAGMA user_version = 2;
+)";
+
+constexpr const char* trace = R"(
+CREATE TABLE trace (
+  run INTEGER NOT NULL,
+  message INTEGER NOT NULL,  -- sample.message
+  host TEXT NOT NULL,        -- of whose machine
+  events TEXT NOT NULL,      -- JSON
+  PRIMARY KEY (run, message, host)
+);
+PRAGMA user_version = 3;
 )";
 
 struct Table {
@@ -90,7 +100,9 @@ std::vector<Table> tables_of(std::int64_t version) {
   if (version == 1) return {run, sample};
   run.others.push_back("key");
   sample.others.push_back("passed_wake_ns");
-  return {run, sample, {"note", {"run", "number"}, {"at_ns", "message", "kind", "text"}}};
+  Table note{"note", {"run", "number"}, {"at_ns", "message", "kind", "text"}};
+  if (version == 2) return {run, sample, note};
+  return {run, sample, note, {"trace", {"run", "message", "host"}, {"events"}}};
 }
 
 // Whether it keeps its rows by the key by which we read them (which no view does), and has these columns as
@@ -146,11 +158,15 @@ std::int64_t format_of(Connection& connection) {
 void create_tables(Connection& connection) {
   connection.run(run_and_sample);
   connection.run(note_and_view);
+  connection.run(trace);
 }
 
-void migrate_tables(Connection& connection) {
-  connection.run(from_format_1);
-  connection.run(note_and_view);
+void migrate_tables(Connection& connection, std::int64_t from) {
+  if (from == 1) {
+    connection.run(from_format_1);
+    connection.run(note_and_view);
+  }
+  connection.run(trace);
 }
 
 }  // namespace ontime::record

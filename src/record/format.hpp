@@ -10,7 +10,7 @@
 
 namespace ontime::record {
 
-inline constexpr std::int64_t format_version = 2;  // user_version, in the file's header
+inline constexpr std::int64_t format_version = 3;  // user_version, in the file's header
 
 // The format of the file; 0 if it holds nothing. Throws if it is not a results file, has a format that this
 // ontime does not know, or its tables are not those of its format: whatever holds the columns that we name,
@@ -18,8 +18,8 @@ inline constexpr std::int64_t format_version = 2;  // user_version, in the file'
 std::int64_t format_of(Connection&);
 
 void create_tables(Connection&);
-// From format 1, all but run.key. To be called in a transaction, as create_tables() is.
-void migrate_tables(Connection&);
+// From an earlier format, all but run.key. To be called in a transaction, as create_tables() is.
+void migrate_tables(Connection&, std::int64_t from);
 
 // The way into the file and back, exact for every pair of numbers, also for those whose difference is no
 // int64.

@@ -186,6 +186,30 @@ std::vector<Note> Reader::notes(std::int64_t run) const {
   return notes;
 }
 
+void Reader::each_trace(std::int64_t run, const std::function<void(const Trace&)>& use) const {
+  Statement start(*connection_, "SELECT 1 FROM run WHERE number = ?");
+  require_run(*connection_, run, start.bind(run).next());
+  if (connection_->number("PRAGMA user_version") < 3) return;
+  Texts text_in(*connection_);
+  Statement row(*connection_, "SELECT message, host, events FROM trace WHERE run = ? ORDER BY message, host");
+  row.bind(run);
+  while (row.next()) {
+    const auto message = row.integer(0);
+    Trace trace{utf8_of(text_in(row, 1)), {}};
+    const auto events = parsed(*connection_, run, text_in(row, 2));
+    try {
+      trace.window = trace::window_of(events);
+    } catch (const trace::Error& error) {
+      damaged(*connection_, fmt::format("a trace of message {} has {}", message, error.what()));
+    } catch (const nlohmann::json::exception&) {
+      damaged(*connection_, fmt::format("a trace of message {} is none", message));
+    }
+    if (static_cast<std::int64_t>(trace.window.span.message) != message)
+      damaged(*connection_, fmt::format("a trace of message {} is of another", message));
+    use(trace);
+  }
+}
+
 void Reader::each_sample(std::int64_t run, const std::function<void(const roundtrip::Sample&)>& use) const {
   each_sample(run, 0, use);
 }

@@ -17,6 +17,7 @@
 #include <nlohmann/json.hpp>
 
 #include "roundtrip/sample.hpp"
+#include "trace/trace.hpp"
 
 namespace ontime::record {
 
@@ -56,6 +57,12 @@ struct Note {
   std::optional<std::uint64_t> message;  // its index
 };
 
+// What the kernel of a machine did around one of the messages.
+struct Trace {
+  std::string host;      // "controller", "component": whose machine; where both are one, the controller's
+  trace::Window window;  // by the clock of that machine
+};
+
 // What waits for the disk does so on a thread of the Writer's own. begin_run(), end_run(), flush(), reader()
 // and the destructor wait for it; append() and note() of a run under way do not, however long the disk stalls
 // (or until four million samples wait). They throw what became of what was appended before.
@@ -75,7 +82,8 @@ class Writer {
   // disk did not stall. Throws for a sample that cannot be: with times beyond ±2^60 ns, with an answer and
   // lost, answered before it was sent, or of no fate.
   void append(std::int64_t run, std::span<const roundtrip::Sample> samples);
-  void note(std::int64_t run, const Note&);  // also of a run that has ended
+  void note(std::int64_t run, const Note&);    // also of a run that has ended
+  void trace(std::int64_t run, const Trace&);  // likewise; one that is there already is replaced
   void end_run(std::int64_t run, const nlohmann::json& outcome);
   void flush();
 
@@ -84,6 +92,7 @@ class Writer {
 
  private:
   class Thread;
+  void require(std::int64_t run, const char* purpose);
   std::unique_ptr<Thread> thread_;
 };
 
@@ -98,6 +107,8 @@ class Reader {
   explicit Reader(const std::string& path);                            // never changes the file
   std::vector<Run> runs(std::optional<std::int64_t> from = {}) const;  // from this number on; nothing: all
   std::vector<Note> notes(std::int64_t run) const;  // in the order in which they were written
+  // Each trace of a run, in order of its message. Memory does not grow with their number.
+  void each_trace(std::int64_t run, const std::function<void(const Trace&)>&) const;
   // Each sample of a run, in order of index. Memory does not grow with their number. Its times are as
   // append() has them, so that no difference of two overflows.
   void each_sample(std::int64_t run, const std::function<void(const roundtrip::Sample&)>&) const;

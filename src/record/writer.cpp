@@ -213,14 +213,26 @@ void Writer::append(std::int64_t run, std::span<const roundtrip::Sample> samples
                      [&](Batch& batch) { batch.samples[run].emplace_back(samples.begin(), samples.end()); });
 }
 
-void Writer::note(std::int64_t run, const Note& note) {
+void Writer::require(std::int64_t run, const char* purpose) {
   if (!thread_->open_runs.contains(run) &&
       !thread_->ask([&](Database& database) { return database.has_run(run); }))
-    refuse(thread_->name(), fmt::format("there is no run {} to note something of", run));
+    refuse(thread_->name(), fmt::format("there is no run {} {}", run, purpose));
+}
+
+void Writer::note(std::int64_t run, const Note& note) {
+  require(run, "to note something of");
   if (!can_be(note.at_ns.value_or(0)) || static_cast<std::int64_t>(note.message.value_or(0)) < 0)
     refuse(thread_->name(),
            fmt::format("a note of run {} is to be of a moment or a message that cannot be", run));
   thread_->hand_over(0, [&](Batch& batch) { batch.notes.emplace_back(run, note); });
+}
+
+void Writer::trace(std::int64_t run, const Trace& trace) {
+  require(run, "to trace a message of");
+  const auto& span = trace.window.span;
+  if (static_cast<std::int64_t>(span.message) < 0 || !can_be(span.from_ns) || !can_be(span.to_ns))
+    refuse(thread_->name(), fmt::format("a trace of run {} is of a message that cannot be", run));
+  thread_->hand_over(0, [&](Batch& batch) { batch.traces.emplace_back(run, trace); });
 }
 
 void Writer::end_run(std::int64_t run, const nlohmann::json& outcome) {

@@ -10,6 +10,7 @@
 #include <string_view>
 #include <vector>
 
+#include "explain/explain.hpp"
 #include "gate/gate.hpp"
 #include "statistics/statistics.hpp"
 
@@ -70,6 +71,15 @@ Comparison compare_chosen(const std::vector<statistics::Summary>& a,
 // Each figure, how much it changed and between what that surely lies; what else differs between the two
 // sides; and what has no partner.
 std::string render(const Comparison&, const std::vector<gate::Judgement>&, Format);
+
+// Why messages of a run were late or lost; as table, Markdown or JSON.
+struct Explained {
+  record::Run run;
+  explain::Account account;
+};
+std::string render(const std::vector<Explained>&, Format);
+// All of one message's delay.
+std::string render(const Explained&, const explain::Message&, Format);
 
 // What gates came to, for a CI: JUnit's XML as Jenkins, GitLab and GitHub's actions read it. What was missed
 // is a failure, what could not be judged an error.

@@ -10,6 +10,7 @@
 
 #include <unistd.h>
 
+#include "explain/explain.hpp"
 #include "record/record.hpp"
 
 namespace {
@@ -54,6 +55,7 @@ void read_all(const std::string& path) {
     reader.each_sample(run.number, [](const roundtrip::Sample& sample) {
       if ((sample.fate == roundtrip::Fate::lost) != (sample.received_ns == 0)) std::abort();
     });
+    explain::account_of(reader, run);
   }
 }
 

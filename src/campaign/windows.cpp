@@ -1,0 +1,96 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "campaign/windows.hpp"
+
+#include <algorithm>
+
+#include <fmt/format.h>
+
+namespace ontime::campaign {
+namespace {
+
+using roundtrip::Fate;
+using roundtrip::Sample;
+
+constexpr std::array<std::size_t, 3> most{8, 32, 16};  // on time, late, lost
+constexpr std::int64_t before_ns = 1'000'000;          // in which a thread was woken, or stopped
+constexpr std::int64_t after_ns = 100'000;
+constexpr std::int64_t longest_ns = 1'000'000'000;
+constexpr std::int64_t of_a_lost_one_ns = 200'000'000;  // after it was sent
+
+trace::Span span_of(const Sample& sample) {
+  const auto end_ns = sample.fate == Fate::lost ? sample.sent_ns + of_a_lost_one_ns
+                                                : std::min(sample.received_ns, sample.due_ns + longest_ns);
+  return {sample.index, sample.due_ns - before_ns, end_ns + after_ns};
+}
+
+// The first that are lost are as bad as any later.
+std::int64_t badness_of(const Sample& sample) {
+  return sample.fate == Fate::lost ? 0 : sample.received_ns - sample.due_ns;
+}
+
+}  // namespace
+
+void Windows::add(std::span<const Sample> samples) {
+  for (const auto& sample : samples) clocks_.add(sample);
+  for (const auto& sample : samples) choose(sample);
+}
+
+void Windows::choose(const Sample& sample) {
+  forget(sample.index);  // given up as lost, it was answered after all
+  const auto fate = static_cast<std::size_t>(sample.fate);
+  auto& chosen = chosen_[fate];
+  const Chosen candidate{badness_of(sample), sample.index};
+  if (chosen.size() == most[fate]) {
+    const auto least = *chosen.begin();
+    if (candidate.badness_ns <= least.badness_ns) return;
+    forget(least.message);
+  }
+  chosen.insert(candidate);
+  wanted_[sample.index] = span_of(sample);
+}
+
+void Windows::forget(std::uint64_t message) {
+  for (auto& chosen : chosen_)
+    std::erase_if(chosen, [&](const Chosen& one) { return one.message == message; });
+  wanted_.erase(message);
+  traces_.erase(message);
+}
+
+void Windows::order() {
+  if (wanted_.empty()) return;
+  for (const auto& host : machines_.traced()) {
+    const bool by_its_own_clock = host != "controller";
+    const auto difference_ns = by_its_own_clock ? clocks_.difference_ns() : 0;
+    if (!difference_ns) continue;  // nothing was answered yet: who could say when it was there?
+    std::vector<trace::Span> spans;
+    for (const auto& [message, span] : wanted_)
+      spans.push_back({message, span.from_ns + *difference_ns, span.to_ns + *difference_ns});
+    machines_.cut_out(host, spans);
+    awaited_ += spans.size();
+  }
+  wanted_.clear();
+}
+
+void Windows::take(const std::string& host, const nlohmann::json& window) {
+  if (awaited_ > 0) --awaited_;
+  record::Trace trace{host, {}};
+  try {
+    trace.window = trace::window_of(window);
+  } catch (const trace::Error& error) {
+    throw Error(3,
+                fmt::format("the keeper of the {}'s machine said what is no trace ({})", host, error.what()));
+  }
+  const auto message = trace.window.span.message;
+  const bool chosen = std::any_of(chosen_.begin(), chosen_.end(), [&](const auto& of_fate) {
+    return std::any_of(of_fate.begin(), of_fate.end(),
+                       [&](const auto& one) { return one.message == message; });
+  });
+  if (chosen) traces_.emplace(message, std::move(trace));
+}
+
+void Windows::write(record::Writer& writer, std::int64_t run) {
+  for (const auto& [message, trace] : traces_) writer.trace(run, trace);
+  traces_.clear();
+}
+
+}  // namespace ontime::campaign

@@ -1,0 +1,49 @@
+// SPDX-License-Identifier: Apache-2.0
+// Of a run with `explain: on`: which messages are worth a look at what the kernels did around them, late or
+// lost ones and the slowest of the others. They are asked for while the keepers still have it; the worst are
+// kept.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <map>
+#include <set>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "campaign/machines.hpp"
+#include "record/record.hpp"
+#include "roundtrip/clocks.hpp"
+
+namespace ontime::campaign {
+
+class Windows {
+ public:
+  explicit Windows(Machines& machines) : machines_(machines) {}
+
+  void add(std::span<const roundtrip::Sample>);
+  // Asks the keepers for what was found worth it since; in the loop, not in a handler.
+  void order();
+  void take(const std::string& host, const nlohmann::json& window);
+  bool all_came() const { return awaited_ == 0 && wanted_.empty(); }
+  void write(record::Writer&, std::int64_t run);
+
+ private:
+  struct Chosen {
+    std::int64_t badness_ns;
+    std::uint64_t message;
+    auto operator<=>(const Chosen&) const = default;
+  };
+  void choose(const roundtrip::Sample&);
+  void forget(std::uint64_t message);
+
+  Machines& machines_;
+  roundtrip::Clocks clocks_;
+  std::array<std::set<Chosen>, 3> chosen_;  // by fate, the least bad first
+  std::map<std::uint64_t, trace::Span> wanted_;
+  std::multimap<std::uint64_t, record::Trace> traces_;
+  std::size_t awaited_ = 0;
+};
+
+}  // namespace ontime::campaign

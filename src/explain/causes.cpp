@@ -1,0 +1,111 @@
+// SPDX-License-Identifier: Apache-2.0
+// The causes in words, and what mends them: a row each.
+#include <algorithm>
+#include <array>
+#include <string_view>
+
+#include <fmt/format.h>
+
+#include "explain/explain.hpp"
+
+namespace ontime::explain {
+namespace {
+
+constexpr std::int32_t least_ordinary = 100;  // of the kernel's priorities
+
+// {0}: whose thread, such as "pong's receive thread"; {1}: the culprit.
+struct Row {
+  Cause cause;
+  const char *word, *sentence, *without_culprit, *remedy;
+};
+constexpr const char* none = "";
+constexpr Row rows[] = {
+    {Cause::cpu, "cpu", "{0} waited for a CPU while {1} ran", "{0} waited for a CPU", none},
+    {Cause::interrupts, "interrupts", "{1} took the CPU of {0}", "interrupts took the CPU of {0}",
+     "kernel.irq-cpus: interrupts to other CPUs than {0} has"},
+    {Cause::throttled, "throttled", none,
+     "{0} was ready, but was kept from its CPU: throttled, by its cgroup's quota or as a real-time thread",
+     "give its cgroup more (cpu.max, cpu.cfs_quota_us), and real-time threads too "
+     "(kernel.rt-throttling: off)"},
+    {Cause::idle_cpu, "idle-cpu", none,
+     "{0} was ready, but its idle CPU showed no sign of life: it woke slowly, or a hypervisor did not run it",
+     "realtime.cpu-latency: 0 us; a virtual CPU is pinned at its host, no setting here helps"},
+    {Cause::stopped, "stopped", "{0} was stopped by a signal from {1}", "{0} was stopped by a signal",
+     "nobody should stop it (SIGSTOP, SIGTSTP)"},
+    {Cause::blocked, "blocked", none,
+     "{0} waited in the kernel, for memory, a disk or a lock of the kernel's", "realtime.lock-memory: on"},
+    {Cause::waited, "waited", none, "{0} slept on its way, until another thread woke it", none},
+    {Cause::busy, "busy", none, "{0} had its CPU, and took so long (or a hypervisor did not run it)", none},
+    {Cause::timer, "timer", none,
+     "the timer that wakes {0} came late: its CPU had interrupts off, or a hypervisor did not run it",
+     "a virtual CPU is pinned at its host; no setting here helps"},
+    {Cause::queue, "queue", "the packet was held at {0}, by the queue of {1}",
+     "the packet was held at {0}, by a queue",
+     "tc -s qdisc show dev {1}: a rate, a delay, or other traffic ahead of it"},
+    {Cause::dropped, "dropped", "the packet was dropped at {0} ({1})",
+     "the packet was dropped at {0}, the kernel does not say why", none},
+    {Cause::unknown, "unknown", none, "unknown", none}};
+
+const Row& row_of(Cause cause) {
+  return *std::find_if(std::begin(rows), std::end(rows), [&](const Row& row) { return row.cause == cause; });
+}
+
+// By how the kernel's word for a reason begins.
+struct Drop {
+  std::string_view reason;
+  const char* remedy;
+};
+constexpr Drop drops[] = {
+    {"NETFILTER", "a rule of a packet filter dropped it: nft list ruleset"},
+    {"SOCKET_RCVBUFF",
+     "a larger receive buffer (kernel.rmem-max, and the transport's option), or a reader that is "
+     "not kept from its CPU"},
+    {"PROTO_MEM", "net.ipv4.udp_mem: sockets of the whole machine are out of memory"},
+    {"QDISC", "tc -s qdisc: the interface's queue was full, or its rate was reached"},
+    {"TC_", "tc filter show: a filter dropped it"},
+    {"NO_SOCKET", "nobody listened there: was the other end gone?"},
+    {"CPU_BACKLOG", "net.core.netdev_max_backlog, and a ksoftirqd that is not starved (kernel.ksoftirqd)"},
+    {"DEV_READY", "the interface at the other side was down"}};
+
+std::string possessive(const std::string& end) { return end == "component" ? "pong's" : "ping's"; }
+
+std::string whose(const Part& part) {
+  if (part.thread.empty()) return possessive(part.end) + " side";
+  if (part.stage == Stage::travelled)
+    return fmt::format("{}, by which packets come to {} end,", part.thread, possessive(part.end));
+  return fmt::format("{} {} thread", possessive(part.end), part.thread);
+}
+
+std::string for_a_cpu(const Part& part) {
+  if (part.stage == Stage::travelled)
+    return "kernel.ksoftirqd, or kernel.napi-threads: a priority above " + part.culprit;
+  if (part.priority >= least_ordinary)
+    return fmt::format("realtime: on (of this thread alone: realtime.{}.priority: 80)", part.thread);
+  return fmt::format("realtime.{}.priority above {}'s, or realtime.{}.cpus apart from it", part.thread,
+                     part.culprit, part.thread);
+}
+
+}  // namespace
+
+const char* word_of(Cause cause) { return row_of(cause).word; }
+
+const char* word_of(Stage stage) {
+  constexpr const char* words[] = {"woke", "sent", "left", "queued", "travelled", "delivered", "answered"};
+  return words[static_cast<std::size_t>(stage)];
+}
+
+std::string sentence_of(const Part& part) {
+  const auto& row = row_of(part.cause);
+  const bool without = part.culprit.empty() || *row.sentence == '\0';
+  return fmt::format(fmt::runtime(without ? row.without_culprit : row.sentence), whose(part), part.culprit);
+}
+
+std::string remedy_of(const Part& part) {
+  if (part.cause == Cause::cpu) return for_a_cpu(part);
+  if (part.cause == Cause::dropped)
+    for (const auto& [reason, remedy] : drops)
+      if (part.culprit.starts_with(reason)) return remedy;
+  return fmt::format(fmt::runtime(row_of(part.cause).remedy), whose(part), part.culprit);
+}
+
+}  // namespace ontime::explain

@@ -1,0 +1,186 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "explain/explain.hpp"
+
+#include <algorithm>
+#include <map>
+#include <optional>
+#include <set>
+
+#include <fmt/format.h>
+
+#include "explain/way.hpp"
+
+namespace ontime::explain {
+namespace {
+
+using nlohmann::json;
+using roundtrip::Fate;
+using roundtrip::Sample;
+
+// Of any of a message's stages: beyond it nothing of a file is believed, nor calculated with.
+constexpr std::int64_t longest_ns = std::int64_t{86'400} * 1'000'000'000;
+
+// What is not there, or is of another kind, is null: the file may be anybody's.
+const json& member(const json& object, const char* name) {
+  static const json none;
+  if (!object.is_object()) return none;
+  const auto found = object.find(name);
+  return found == object.end() ? none : *found;
+}
+std::string text_of(const json& value) { return value.is_string() ? value.get<std::string>() : ""; }
+std::int64_t integer_of(const json& value) {
+  return value.is_number_integer() ? value.get<std::int64_t>() : 0;
+}
+
+End end_of(const record::Run& run, const char* host) {
+  End end{host, {}, nullptr};
+  const auto& threads = member(member(member(run.outcome, "hosts"), host), "threads");
+  if (!threads.is_array()) return end;
+  for (const auto& thread : threads)
+    end.threads.push_back(
+        {static_cast<std::int32_t>(integer_of(member(thread, "tid"))), text_of(member(thread, "role"))});
+  return end;
+}
+
+bool on_one_machine(const record::Run& run) {
+  const auto boot = [&](const char* host) {
+    return text_of(member(member(member(member(run.outcome, "hosts"), host), "machine"), "boot_id"));
+  };
+  return !boot("controller").empty() && boot("controller") == boot("component");
+}
+
+// Of whoever knows the threads, and nobody else, what the kernel did says why.
+class Explainer {
+ public:
+  Explainer(const record::Reader& reader, const record::Run& run)
+      : client_(end_of(run, "controller")),
+        server_(end_of(run, "component")),
+        one_machine_(on_one_machine(run)),
+        payload_bytes_(integer_of(member(run.asked, "payload_bytes"))),
+        usual_(reader, run.number, one_machine_) {}
+
+  Message explain(const Sample& sample, const std::vector<record::Trace>& traces) const {
+    Message message{.sample = sample, .delay_ns = 0, .parts = {}, .whole = true};
+    std::optional<Timeline> here, there;
+    auto until_ns = sample.sent_ns;
+    for (const auto& trace : traces) {
+      const bool of_client = trace.host == "controller";
+      const auto later_ns = of_client ? 0 : usual_.server_later_ns();
+      (of_client ? here : there).emplace(trace.window, later_ns);
+      until_ns = std::max(until_ns, trace.window.span.to_ns + later_ns);
+      message.whole = message.whole && trace.window.whole;
+    }
+    auto client = client_, server = server_;
+    client.timeline = here ? &*here : nullptr;
+    server.timeline = one_machine_ ? client.timeline : there ? &*there : nullptr;
+    Way way(std::move(client), std::move(server), usual_, payload_bytes_, one_machine_);
+    until_ns = std::min(until_ns, sample.sent_ns + longest_ns);
+    const auto way_of = usual_.of(sample);
+    const bool can_be = std::all_of(way_of.begin(), way_of.end(), [](const Leg& leg) {
+      return -longest_ns <= leg.length_ns() && leg.length_ns() <= longest_ns;
+    });
+    const bool all_times =
+        can_be && sample.fate != Fate::lost && sample.server_received_ns != 0 && sample.server_sent_ns != 0;
+    if (all_times) message.parts = way.delays_of(sample);
+    if (sample.fate == Fate::lost) message.parts = way.loss_of(sample, until_ns);
+    for (const auto& part : message.parts) message.delay_ns += part.ns;
+    return message;
+  }
+
+ private:
+  const End client_, server_;
+  const bool one_machine_;
+  const std::int64_t payload_bytes_;
+  const Usual usual_;
+};
+
+// Of one message for another: the same culprit.
+bool same(const Part& one, const Part& other) {
+  return one.cause == other.cause && one.end == other.end && one.thread == other.thread &&
+         one.culprit == other.culprit && (one.cause != Cause::dropped || one.stage == other.stage);
+}
+
+std::vector<Group> groups_of(const std::vector<Message>& messages) {
+  std::vector<Group> groups;
+  std::vector<std::set<std::int32_t>> threads;
+  for (const auto& message : messages) {
+    if (message.sample.fate == Fate::on_time || message.parts.empty()) continue;
+    const auto& first = message.parts.front();
+    const auto found = std::find_if(groups.begin(), groups.end(),
+                                    [&](const Group& group) { return same(group.culprit, first); });
+    const auto place = static_cast<std::size_t>(found - groups.begin());
+    if (found == groups.end()) {
+      groups.push_back(
+          {.culprit = first, .least_ns = first.ns, .most_ns = first.ns, .remedy = remedy_of(first)});
+      threads.emplace_back();
+    }
+    auto& group = groups[place];
+    ++group.messages;
+    group.least_ns = std::min(group.least_ns, first.ns);
+    group.most_ns = std::max(group.most_ns, first.ns);
+    threads[place].insert(first.culprit_threads.begin(), first.culprit_threads.end());
+    group.threads = threads[place].size();
+  }
+  std::stable_sort(groups.begin(), groups.end(),
+                   [](const Group& one, const Group& other) { return one.messages > other.messages; });
+  return groups;
+}
+
+void add_limits(Account& account, const record::Run& run) {
+  const auto& traced = member(run.outcome, "trace");
+  if (traced.is_object())
+    for (const auto& [host, answer] : traced.items()) {
+      if (const auto error = text_of(member(answer, "error")); !error.empty())
+        account.limits.push_back(
+            fmt::format("nothing is known of what the {}'s machine did: {}", host, error));
+      const auto& missing = member(answer, "missing");
+      if (missing.is_array())
+        for (const auto& what : missing)
+          account.limits.push_back(
+              fmt::format("the kernel of the {}'s machine does not tell {}", host, text_of(what)));
+    }
+  std::uint64_t late = 0, lost = 0, in_part = 0;
+  for (const auto& message : account.messages) {
+    late += message.sample.fate == Fate::late ? 1 : 0;
+    lost += message.sample.fate == Fate::lost ? 1 : 0;
+    in_part += message.whole ? 0 : 1;
+  }
+  if (late < account.late || lost < account.lost)
+    account.limits.push_back(
+        fmt::format("looked at: the worst {} of {} late and the first {} of {} lost messages", late,
+                    account.late, lost, account.lost));
+  if (in_part > 0)
+    account.limits.push_back(fmt::format(
+        "of {} messages a part of what the kernel did is not known: more happened than was kept", in_part));
+}
+
+}  // namespace
+
+Account account_of(const record::Reader& reader, const record::Run& run) {
+  Account account;
+  account.traced = !member(run.outcome, "trace").is_null();
+  std::map<std::uint64_t, std::vector<record::Trace>> traces;
+  reader.each_trace(run.number,
+                    [&](const record::Trace& trace) { traces[trace.window.span.message].push_back(trace); });
+  account.traced = account.traced || !traces.empty();
+  if (!account.traced) return account;
+  const Explainer explainer(reader, run);
+  reader.each_sample(run.number, [&](const Sample& sample) {
+    account.late += sample.fate == Fate::late ? 1 : 0;
+    account.lost += sample.fate == Fate::lost ? 1 : 0;
+    const auto found = traces.find(sample.index);
+    if (found != traces.end()) account.messages.push_back(explainer.explain(sample, found->second));
+  });
+  std::stable_sort(account.messages.begin(), account.messages.end(),
+                   [](const Message& one, const Message& other) {
+                     const auto badness = [](const Message& message) {
+                       return std::pair(static_cast<int>(message.sample.fate), message.delay_ns);
+                     };
+                     return badness(one) > badness(other);
+                   });
+  account.groups = groups_of(account.messages);
+  add_limits(account, run);
+  return account;
+}
+
+}  // namespace ontime::explain

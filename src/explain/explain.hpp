@@ -1,0 +1,79 @@
+// SPDX-License-Identifier: Apache-2.0
+// Why messages were late or lost, from what is recorded of them and what the kernels did around them. Nobody
+// is accused without an event that shows it; what is left is unknown, and all of a delay adds up. Ordinary
+// thread only; throws record::Error.
+#pragma once
+
+#include <cstdint>
+#include <string>
+#include <vector>
+
+#include "record/record.hpp"
+#include "roundtrip/sample.hpp"
+
+namespace ontime::explain {
+
+// A message's way; from `left` to `delivered` it goes twice, there and back.
+enum class Stage { woke, sent, left, queued, travelled, delivered, answered };
+const char* word_of(Stage);
+
+// What was the matter with the thread, or the packet, that should have gone on.
+enum class Cause {
+  cpu,         // it waited for a CPU while another thread ran there
+  interrupts,  // interrupts or soft interrupts took its CPU
+  throttled,   // it was ready and its CPU was not given to it, though nobody of its rank or above had it
+  idle_cpu,    // it was ready, and its CPU showed no sign of life
+  stopped,     // by a signal
+  blocked,     // it waited in the kernel: for memory, a disk …
+  waited,      // it slept until another thread woke it
+  busy,        // it ran, and took its time
+  timer,       // the timer that should have woken it came late
+  queue,       // a queueing discipline held the packet
+  dropped,     // the kernel threw the packet away
+  unknown
+};
+const char* word_of(Cause);
+
+struct Part {
+  Cause cause = Cause::unknown;
+  Stage stage = Stage::woke;
+  std::string end{};      // "controller", "component": where
+  std::string thread{};   // whose role: "send", "receive" …; "": none
+  std::string culprit{};  // a thread's name, an interrupt, an interface, the kernel's reason; may be ""
+  std::vector<std::int32_t> culprit_threads{};  // those of that name
+  // The kernel's priorities (trace::Thread), of `thread` and of a culprit that is one.
+  std::int32_t priority = 0, culprit_priority = 0;
+  std::int64_t ns = 0;  // of the delay; of a packet that was dropped 0
+};
+
+struct Message {
+  roundtrip::Sample sample;
+  std::int64_t delay_ns = 0;  // the sum of its parts; of one that is lost: as far as it was looked at
+  std::vector<Part> parts;    // the largest first
+  bool whole = true;          // false: a part of what the kernels did around it is not known
+};
+
+// Those messages that have the same first culprit.
+struct Group {
+  Part culprit;  // without ns
+  std::size_t messages = 0;
+  std::size_t threads = 0;                 // of that name
+  std::int64_t least_ns = 0, most_ns = 0;  // of the delay, by this culprit
+  std::string remedy{};                    // "": there is none that could be named
+};
+
+struct Account {
+  bool traced = false;               // it was measured with `explain: on`
+  std::uint64_t late = 0, lost = 0;  // of the run
+  std::vector<Message> messages;  // that were looked at, the worst first: lost, late, and the slowest others
+  std::vector<Group> groups;      // of the late and the lost, most messages first
+  std::vector<std::string> limits;  // for people: what could not be told, and why
+};
+
+Account account_of(const record::Reader&, const record::Run&);
+
+// For people, in one line: "pong's receive thread waited for a CPU while stress-ng-cpu ran".
+std::string sentence_of(const Part&);
+std::string remedy_of(const Part&);
+
+}  // namespace ontime::explain

@@ -1,0 +1,51 @@
+// SPDX-License-Identifier: Apache-2.0
+// What threads and CPUs were at, from the events of one machine.
+#pragma once
+
+#include <cstdint>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "trace/trace.hpp"
+
+namespace ontime::explain {
+
+enum class State { unknown, sleeps, ready, runs, stopped, blocked, gone };
+
+struct Stretch {
+  std::int64_t from_ns, to_ns;
+  State state;
+  int cpu;  // on which it runs, or is to run; -1: not known
+  std::int64_t length_ns() const { return to_ns - from_ns; }
+};
+// Who had a CPU: id 0 is nobody.
+struct Held {
+  std::int64_t from_ns, to_ns;
+  trace::Thread thread;
+};
+struct Interrupted {
+  std::int64_t from_ns, to_ns;
+  std::string what;
+};
+
+class Timeline {
+ public:
+  // By a clock that shows `later_ns` more than that of the events.
+  Timeline(const trace::Window&, std::int64_t later_ns);
+
+  const std::vector<trace::Event>& events() const { return events_; }
+  std::vector<Stretch> of(std::int32_t thread, std::int64_t from_ns, std::int64_t to_ns) const;
+  std::optional<State> state_at(std::int32_t thread, std::int64_t at_ns) const;
+  std::vector<Held> holders(int cpu, std::int64_t from_ns, std::int64_t to_ns) const;
+  std::vector<Interrupted> interrupts(int cpu, std::int64_t from_ns, std::int64_t to_ns) const;
+  bool lives(int cpu, std::int64_t from_ns, std::int64_t to_ns) const;  // whether anything happened on it
+  // As an event last said it; what no event says is 120: SCHED_OTHER.
+  std::int32_t priority_of(std::int32_t thread) const;
+  std::string name_of(std::int32_t thread) const;
+
+ private:
+  std::vector<trace::Event> events_;
+};
+
+}  // namespace ontime::explain

@@ -1,0 +1,41 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "explain/usual.hpp"
+
+#include <algorithm>
+
+namespace ontime::explain {
+
+using roundtrip::Sample;
+
+Usual::Usual(const record::Reader& reader, std::int64_t run, bool one_clock) {
+  if (!one_clock) {
+    roundtrip::Clocks clocks;
+    reader.each_sample(run, [&](const Sample& sample) { clocks.add(sample); });
+    server_later_ns_ = -clocks.difference_ns().value_or(0);
+    uncertainty_ns_ = clocks.uncertainty_ns();
+  }
+  std::array<std::vector<std::int64_t>, legs> all;
+  reader.each_sample(run, [&](const Sample& sample) {
+    if (sample.received_ns == 0 || sample.server_sent_ns == 0) return;
+    const auto way = of(sample);
+    for (std::size_t leg = 0; leg < legs; ++leg) all[leg].push_back(way[leg].length_ns());
+  });
+  for (std::size_t leg = 0; leg < legs; ++leg) {
+    if (all[leg].empty()) continue;
+    const auto middle = all[leg].begin() + static_cast<std::ptrdiff_t>(all[leg].size() / 2);
+    std::nth_element(all[leg].begin(), middle, all[leg].end());
+    medians_[leg] = *middle;
+  }
+}
+
+std::array<Leg, legs> Usual::of(const Sample& sample) const {
+  const auto there_ns = sample.server_received_ns + server_later_ns_,
+             back_ns = sample.server_sent_ns + server_later_ns_;
+  return {{{sample.due_ns, sample.woke_ns},
+           {sample.woke_ns, sample.sent_ns},
+           {sample.sent_ns, there_ns},
+           {there_ns, back_ns},
+           {back_ns, sample.received_ns}}};
+}
+
+}  // namespace ontime::explain

@@ -1,0 +1,39 @@
+// SPDX-License-Identifier: Apache-2.0
+// How long a run's messages usually take, stage by stage as far as the record tells, and how the two ends'
+// clocks go beside one another.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <vector>
+
+#include "record/record.hpp"
+#include "roundtrip/clocks.hpp"
+#include "roundtrip/sample.hpp"
+
+namespace ontime::explain {
+
+// due → woke → sent → received by the server → answered → received.
+inline constexpr std::size_t legs = 5;
+struct Leg {
+  std::int64_t from_ns, to_ns;
+  std::int64_t length_ns() const { return to_ns - from_ns; }
+};
+
+class Usual {
+ public:
+  // Of all messages that were answered: medians. `one_clock`: both ends have the same.
+  Usual(const record::Reader&, std::int64_t run, bool one_clock);
+  std::int64_t leg_ns(std::size_t leg) const { return medians_[leg]; }
+  // By the client's clock; of an answered message whose server said when.
+  std::array<Leg, legs> of(const roundtrip::Sample&) const;
+  // What is to be added to a time of the server's clock.
+  std::int64_t server_later_ns() const { return server_later_ns_; }
+  std::int64_t uncertainty_ns() const { return uncertainty_ns_; }
+
+ private:
+  std::array<std::int64_t, legs> medians_{};
+  std::int64_t server_later_ns_ = 0, uncertainty_ns_ = 0;
+};
+
+}  // namespace ontime::explain

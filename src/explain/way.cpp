@@ -1,0 +1,337 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "explain/way.hpp"
+
+#include <algorithm>
+
+namespace ontime::explain {
+namespace {
+
+using trace::Event;
+using trace::Kind;
+
+constexpr std::int32_t least_ordinary = 100;  // of the kernel's priorities
+constexpr std::int64_t surely_throttled_ns =
+    10'000'000;                                      // longer than the kernel holds off a real-time thread
+constexpr std::int64_t slow_to_wake_ns = 1'000'000;  // longer than any idle state takes to leave
+constexpr std::int64_t at_once_ns = 20'000;  // what packets and wake-ups take when nothing is in the way
+constexpr std::int64_t before_queue_ns =
+    1'000'000;                                 // within which a packet that is sent is queued or dropped
+constexpr std::int64_t fragment_bytes = 1000;  // of a message that takes several packets
+const std::string sigstop = "19", sigtstp = "20";
+
+bool is_kernels(const std::string& name) {
+  return name.starts_with("ksoftirqd/") || name.starts_with("napi/");
+}
+
+bool has(const End& end, std::int32_t thread) {
+  return std::any_of(end.threads.begin(), end.threads.end(),
+                     [&](const KnownThread& known) { return known.id == thread; });
+}
+
+// Who stopped a process: the kernel names one of its threads.
+std::string who_stopped(const Timeline& timeline, std::int64_t before_ns) {
+  std::string who;
+  for (const auto& event : timeline.events())
+    if (event.kind == Kind::signal && event.at_ns <= before_ns &&
+        (event.what == sigstop || event.what == sigtstp))
+      who = timeline.name_of(event.other.id);
+  return who;
+}
+
+}  // namespace
+
+Way::Way(End client, End server, const Usual& usual, std::int64_t payload_bytes, bool one_machine)
+    : client_(std::move(client)),
+      server_(std::move(server)),
+      usual_(usual),
+      packet_bytes_(std::min(payload_bytes, fragment_bytes)),
+      one_machine_(one_machine) {}
+
+void Way::add(Found& found, Part part, std::int64_t ns) const {
+  if (ns <= 0) return;
+  found.held_ns += ns;
+  const auto same = std::find_if(found.parts.begin(), found.parts.end(), [&](const Part& other) {
+    return other.cause == part.cause && other.stage == part.stage && other.end == part.end &&
+           other.thread == part.thread && other.culprit == part.culprit;
+  });
+  if (same != found.parts.end()) {
+    same->ns += ns;
+    for (const auto thread : part.culprit_threads)
+      if (std::find(same->culprit_threads.begin(), same->culprit_threads.end(), thread) ==
+          same->culprit_threads.end())
+        same->culprit_threads.push_back(thread);
+    return;
+  }
+  part.ns = ns;
+  found.parts.push_back(std::move(part));
+}
+
+// Ready, and not running: by who had the CPU that it was to run on.
+void Way::waited(Found& found, const Timeline& timeline, const Part& whose, const Stretch& stretch) const {
+  auto left_ns = stretch.length_ns();
+  for (const auto& held : timeline.holders(stretch.cpu, stretch.from_ns, stretch.to_ns)) {
+    auto part = whose;
+    auto ns = held.to_ns - held.from_ns;
+    left_ns -= ns;
+    if (held.thread.id == 0) {
+      const bool kept = stretch.length_ns() >= slow_to_wake_ns &&
+                        timeline.lives(stretch.cpu, stretch.from_ns + at_once_ns, stretch.to_ns - at_once_ns);
+      part.cause = kept ? Cause::throttled : Cause::idle_cpu;
+      add(found, part, ns);
+      continue;
+    }
+    for (const auto& interrupt : timeline.interrupts(stretch.cpu, held.from_ns, held.to_ns)) {
+      auto by = whose;
+      by.cause = Cause::interrupts;
+      by.culprit = interrupt.what;
+      add(found, by, interrupt.to_ns - interrupt.from_ns);
+      ns -= interrupt.to_ns - interrupt.from_ns;
+    }
+    const bool outranks = whose.priority < least_ordinary && held.thread.priority >= least_ordinary;
+    part.cause = outranks && ns >= surely_throttled_ns ? Cause::throttled : Cause::cpu;
+    if (part.cause == Cause::cpu) {
+      part.culprit = held.thread.name;
+      part.culprit_threads = {held.thread.id};
+      part.culprit_priority = held.thread.priority;
+    }
+    add(found, part, ns);
+  }
+  if (left_ns <= 0) return;
+  auto part = whose;
+  part.cause = Cause::unknown;
+  add(found, part, left_ns);
+}
+
+void Way::thread(Found& found, const End& end, std::int32_t id, const std::string& role, Stage stage,
+                 std::int64_t from_ns, std::int64_t to_ns) const {
+  if (end.timeline == nullptr || to_ns <= from_ns) return;
+  const auto& timeline = *end.timeline;
+  Part whose{.stage = stage, .end = end.name, .thread = role, .priority = timeline.priority_of(id)};
+  found.last = whose;
+  for (const auto& stretch : timeline.of(id, from_ns, to_ns)) {
+    auto part = whose;
+    switch (stretch.state) {
+      case State::ready:
+        waited(found, timeline, whose, stretch);
+        break;
+      case State::runs:
+        found.ran_ns += stretch.length_ns();
+        for (const auto& interrupt : timeline.interrupts(stretch.cpu, stretch.from_ns, stretch.to_ns)) {
+          part.cause = Cause::interrupts;
+          part.culprit = interrupt.what;
+          add(found, part, interrupt.to_ns - interrupt.from_ns);
+          found.ran_ns -= interrupt.to_ns - interrupt.from_ns;
+        }
+        break;
+      case State::stopped:
+        part.cause = Cause::stopped;
+        part.culprit = who_stopped(timeline, stretch.to_ns);
+        add(found, part, stretch.length_ns());
+        break;
+      case State::blocked:
+        part.cause = Cause::blocked;
+        add(found, part, stretch.length_ns());
+        break;
+      case State::sleeps:
+        found.slept_ns += stretch.length_ns();
+        break;
+      case State::gone:
+      case State::unknown:
+        break;
+    }
+  }
+}
+
+const KnownThread* Way::with(const End& end, const std::string& role) {
+  const auto found = std::find_if(end.threads.begin(), end.threads.end(),
+                                  [&](const KnownThread& thread) { return thread.role == role; });
+  return found == end.threads.end() ? nullptr : &*found;
+}
+
+// A middleware has several: the one that ran when the message was there, or else one that should have.
+const KnownThread* Way::receives(const End& end, std::int64_t at_ns) const {
+  if (end.timeline == nullptr) return nullptr;
+  const KnownThread* best = nullptr;
+  for (const auto& thread : end.threads) {
+    if (thread.role != "receive" && thread.role != "delivery") continue;
+    const auto state = end.timeline->state_at(thread.id, at_ns);
+    if (state == State::runs) return &thread;
+    if (best == nullptr || (state && *state != State::sleeps)) best = &thread;
+  }
+  return best;
+}
+
+// From the packet's arrival on, by the threads of the end that hand it on, the last first.
+void Way::receiver(Found& found, const End& end, std::int64_t from_ns, std::int64_t to_ns) const {
+  const auto* last = receives(end, to_ns);
+  if (last == nullptr) return;
+  auto id = last->id;
+  auto role = last->role;
+  for (int hands = 0; hands < 4; ++hands) {
+    const Event* woken = nullptr;
+    for (const auto& event : end.timeline->events())
+      if (event.kind == Kind::waking && event.thread.id == id && event.at_ns > from_ns + at_once_ns &&
+          event.at_ns < to_ns)
+        woken = &event;
+    const bool by_another = woken != nullptr && woken->other.id != id && has(end, woken->other.id) &&
+                            end.timeline->state_at(woken->other.id, woken->at_ns) == State::runs;
+    thread(found, end, id, role, Stage::delivered, by_another ? woken->at_ns : from_ns, to_ns);
+    if (!by_another) return;
+    to_ns = woken->at_ns;
+    id = woken->other.id;
+    role = std::find_if(end.threads.begin(), end.threads.end(), [&](const KnownThread& known) {
+             return known.id == id;
+           })->role;
+  }
+}
+
+Way::Packet Way::packet(const End& from, const End& to, std::int64_t from_ns, std::int64_t to_ns) const {
+  Packet packet;
+  if (from.timeline == nullptr) return packet;
+  for (const auto& event : from.timeline->events()) {
+    if (event.at_ns < from_ns || event.at_ns > to_ns) continue;
+    if (packet.queued == nullptr) {
+      const bool ours = has(from, event.thread.id);
+      if (event.kind == Kind::queued && ours && event.bytes >= packet_bytes_) packet.queued = &event;
+      if (event.kind == Kind::dropped && ours && event.at_ns < from_ns + before_queue_ns) {
+        packet.dropped = &event;
+        return packet;
+      }
+      continue;
+    }
+    if (event.packet != packet.queued->packet) continue;
+    if (event.kind == Kind::queued) break;  // the kernel gave its place to another
+    if (event.kind == Kind::sent && packet.sent == nullptr) packet.sent = &event;
+    if (event.kind == Kind::received && packet.received == nullptr && one_machine_) packet.received = &event;
+    if (event.kind == Kind::dropped) {
+      packet.dropped = &event;
+      break;
+    }
+  }
+  if (one_machine_ || packet.sent == nullptr || to.timeline == nullptr) return packet;
+  // On the other machine: the last of its size that had come.
+  for (const auto& event : to.timeline->events())
+    if (event.kind == Kind::received && event.bytes >= packet_bytes_ && event.at_ns <= to_ns &&
+        event.at_ns >= packet.sent->at_ns - usual_.uncertainty_ns())
+      packet.received = &event;
+  return packet;
+}
+
+void Way::leg(Found& found, const End& from, const End& to, std::int64_t from_ns, std::int64_t to_ns) const {
+  const auto way = packet(from, to, from_ns, to_ns);
+  if (way.queued == nullptr || way.dropped != nullptr) {
+    receiver(found, to, from_ns, to_ns);
+    return;
+  }
+  const auto known = std::find_if(from.threads.begin(), from.threads.end(),
+                                  [&](const auto& thread) { return thread.id == way.queued->thread.id; });
+  thread(found, from, known->id, known->role, Stage::left, from_ns, way.queued->at_ns);
+  if (way.sent == nullptr) {
+    receiver(found, to, way.queued->at_ns, to_ns);
+    return;
+  }
+  const auto queued_ns = way.sent->at_ns - way.queued->at_ns;
+  if (queued_ns > at_once_ns)
+    add(found, {.cause = Cause::queue, .stage = Stage::queued, .end = from.name, .culprit = way.queued->what},
+        queued_ns);
+  if (way.received == nullptr) {
+    receiver(found, to, way.sent->at_ns, to_ns);
+    return;
+  }
+  const auto by = to.timeline->name_of(way.received->thread.id);
+  if (is_kernels(by))
+    thread(found, to, way.received->thread.id, by, Stage::travelled, way.sent->at_ns, way.received->at_ns);
+  receiver(found, to, way.received->at_ns, to_ns);
+}
+
+// What is over the usual, and no state of a thread or packet accounts for.
+void Way::rest(Found& found, std::size_t leg, std::int64_t length_ns) const {
+  auto left_ns = length_ns - found.held_ns - usual_.leg_ns(leg);
+  const auto take = [&](Cause cause, std::int64_t most_ns) {
+    const auto ns = std::min(left_ns, most_ns);
+    auto part = found.last;
+    part.cause = cause;
+    add(found, part, ns);
+    left_ns -= std::max<std::int64_t>(ns, 0);
+  };
+  constexpr std::size_t waking = 0, sending = 1, answering = 3;
+  if (leg == waking) take(Cause::timer, found.slept_ns);
+  take(Cause::busy, found.ran_ns);
+  if (leg == sending || leg == answering) take(Cause::waited, found.slept_ns);
+  take(Cause::unknown, left_ns);
+}
+
+std::vector<Part> Way::delays_of(const roundtrip::Sample& sample) {
+  std::vector<Part> all;
+  const auto way = usual_.of(sample);
+  for (std::size_t number = 0; number < legs; ++number) {
+    const auto [from_ns, to_ns] = way[number];
+    Found found;
+    constexpr Stage stages[] = {Stage::woke, Stage::sent, Stage::delivered, Stage::answered,
+                                Stage::delivered};
+    found.last = {.stage = stages[number], .end = number == 2 || number == 3 ? server_.name : client_.name};
+    if (number < 2) {
+      if (const auto* sends = with(client_, "send"))
+        thread(found, client_, sends->id, "send", stages[number], from_ns, to_ns);
+    } else if (number == 3) {
+      if (const auto* answers = receives(server_, from_ns))
+        thread(found, server_, answers->id, answers->role, Stage::answered, from_ns, to_ns);
+    } else {
+      leg(found, number == 2 ? client_ : server_, number == 2 ? server_ : client_, from_ns, to_ns);
+    }
+    rest(found, number, to_ns - from_ns);
+    all.insert(all.end(), found.parts.begin(), found.parts.end());
+  }
+  std::stable_sort(all.begin(), all.end(),
+                   [](const Part& one, const Part& other) { return one.ns > other.ns; });
+  return all;
+}
+
+// Whether it is known where the message ended.
+bool Way::lost_between(Found& found, const End& from, const End& to, const Packet& way, std::int64_t from_ns,
+                       std::int64_t until_ns) const {
+  if (way.dropped != nullptr) {
+    const bool here = way.sent == nullptr;
+    found.parts.push_back({.cause = Cause::dropped,
+                           .stage = way.received != nullptr ? Stage::delivered
+                                    : here                  ? Stage::queued
+                                                            : Stage::travelled,
+                           .end = here ? from.name : to.name,
+                           .culprit = way.dropped->what});
+    return true;
+  }
+  if (way.queued == nullptr) {
+    if (const auto* sends = with(from, "send"))
+      thread(found, from, sends->id, "send", Stage::left, from_ns, until_ns);
+    return found.held_ns > 0;
+  }
+  if (way.sent == nullptr) {
+    add(found, {.cause = Cause::queue, .stage = Stage::queued, .end = from.name, .culprit = way.queued->what},
+        until_ns - way.queued->at_ns);
+    return true;
+  }
+  return false;
+}
+
+std::vector<Part> Way::loss_of(const roundtrip::Sample& sample, std::int64_t until_ns) {
+  Found found;
+  const auto there = packet(client_, server_, sample.sent_ns, until_ns);
+  if (!lost_between(found, client_, server_, there, sample.sent_ns, until_ns) && there.received != nullptr) {
+    const auto back = packet(server_, client_, there.received->at_ns, until_ns);
+    if (back.queued == nullptr && back.dropped == nullptr)
+      receiver(found, server_, there.received->at_ns, until_ns);
+    else if (!lost_between(found, server_, client_, back, there.received->at_ns, until_ns) &&
+             back.received != nullptr)
+      receiver(found, client_, back.received->at_ns, until_ns);
+  }
+  // What let it go on soon is not what lost it.
+  std::erase_if(found.parts, [&](const Part& part) {
+    return part.cause != Cause::dropped && part.ns < (until_ns - sample.sent_ns) / 2;
+  });
+  if (found.parts.empty()) found.parts.push_back({.stage = Stage::delivered, .end = server_.name});
+  std::stable_sort(found.parts.begin(), found.parts.end(),
+                   [](const Part& one, const Part& other) { return one.ns > other.ns; });
+  return found.parts;
+}
+
+}  // namespace ontime::explain

@@ -1,0 +1,66 @@
+// SPDX-License-Identifier: Apache-2.0
+// A message's way through both ends, and where it was held up.
+#pragma once
+
+#include <cstdint>
+#include <string>
+#include <vector>
+
+#include "explain/explain.hpp"
+#include "explain/timeline.hpp"
+#include "explain/usual.hpp"
+
+namespace ontime::explain {
+
+struct KnownThread {
+  std::int32_t id;
+  std::string role;
+};
+// One end of a run. `timeline` may be nullptr: its machine was not traced.
+struct End {
+  const char* name;  // "controller", "component"
+  std::vector<KnownThread> threads;
+  const Timeline* timeline = nullptr;
+};
+
+class Way {
+ public:
+  // `one_machine`: a packet is the same at both ends.
+  Way(End client, End server, const Usual&, std::int64_t payload_bytes, bool one_machine);
+
+  // All of what is above the usual, by cause, the largest first.
+  std::vector<Part> delays_of(const roundtrip::Sample&);
+  // Where it went, as far as can be seen.
+  std::vector<Part> loss_of(const roundtrip::Sample&, std::int64_t until_ns);
+
+ private:
+  // Of a leg: what held it up, and what the threads did beside.
+  struct Found {
+    std::vector<Part> parts;
+    std::int64_t held_ns = 0, ran_ns = 0, slept_ns = 0;
+    Part last{};  // whose thread was looked at last
+  };
+  struct Packet {
+    const trace::Event *queued = nullptr, *sent = nullptr, *received = nullptr, *dropped = nullptr;
+  };
+
+  void add(Found&, Part, std::int64_t ns) const;
+  void thread(Found&, const End&, std::int32_t id, const std::string& role, Stage, std::int64_t from_ns,
+              std::int64_t to_ns) const;
+  void waited(Found&, const Timeline&, const Part&, const Stretch&) const;
+  void receiver(Found&, const End&, std::int64_t from_ns, std::int64_t to_ns) const;
+  void leg(Found&, const End& from, const End& to, std::int64_t from_ns, std::int64_t to_ns) const;
+  void rest(Found&, std::size_t leg, std::int64_t length_ns) const;
+  Packet packet(const End& from, const End& to, std::int64_t from_ns, std::int64_t to_ns) const;
+  bool lost_between(Found&, const End& from, const End& to, const Packet&, std::int64_t from_ns,
+                    std::int64_t until_ns) const;
+  const KnownThread* receives(const End&, std::int64_t at_ns) const;
+  static const KnownThread* with(const End&, const std::string& role);
+
+  const End client_, server_;
+  const Usual& usual_;
+  const std::int64_t packet_bytes_;  // a packet of a message has as many at least
+  const bool one_machine_;
+};
+
+}  // namespace ontime::explain

@@ -1,0 +1,169 @@
+// SPDX-License-Identifier: Apache-2.0
+// Why messages were late or lost, for people and as JSON.
+#include <algorithm>
+
+#include <fmt/format.h>
+
+#include "report/report.hpp"
+#include "report/words.hpp"
+
+namespace ontime::report {
+namespace {
+
+using explain::Account;
+using explain::Cause;
+using explain::Group;
+using explain::Message;
+using explain::Part;
+using nlohmann::ordered_json;
+using roundtrip::Fate;
+
+constexpr std::int64_t worth_naming_ns = 20'000;  // of a message that was on time
+
+const char* word_of(Fate fate) {
+  return fate == Fate::on_time ? "on time" : fate == Fate::late ? "late" : "lost";
+}
+
+std::string time_of(std::int64_t ns) {
+  const auto us = static_cast<double>(ns) / 1e3;
+  return us < 1000 ? fmt::format("{:.0f} µs", us) : fmt::format("{:.1f} ms", us / 1e3);
+}
+
+std::string of_the_delay(const Group& group) {
+  if (group.most_ns == 0) return "";
+  const auto least = time_of(group.least_ns), most = time_of(group.most_ns);
+  return least == most ? ": " + most + " of it" : fmt::format(": {} to {} of it", least, most);
+}
+
+std::string sentence_of(const Group& group) {
+  auto part = group.culprit;
+  if (group.threads > 1) part.culprit += fmt::format(" [{} threads]", group.threads);
+  const auto sentence =
+      part.cause == Cause::unknown ? "unknown: no event of the kernel shows why" : explain::sentence_of(part);
+  return printable(sentence + of_the_delay(group));
+}
+
+// Text and Markdown differ in how a list is written.
+struct Marks {
+  const char *heading, *item, *below;
+};
+Marks marks_of(Format format) {
+  return format == Format::markdown ? Marks{"**", "- ", "  - "} : Marks{"", "  ", "       → "};
+}
+
+std::string name_of(const Explained& one) {
+  return fmt::format("run {}, {} ({})", one.run.number, word(at(one.run.asked, "id")),
+                     word(at(one.run.asked, "transport")));
+}
+
+std::string text_of(const Explained& one, const Marks& marks) {
+  const auto& account = one.account;
+  const auto heading = [&](const std::string& rest) {
+    return fmt::format("{0}{1}: {2}{0}\n", marks.heading, name_of(one), rest);
+  };
+  if (!account.traced) return heading("it was measured without `explain: on`, and nobody knows why");
+  if (account.late + account.lost == 0 && account.limits.empty() && account.messages.empty())
+    return heading("nothing was late or lost");
+  auto text = heading(account.late + account.lost == 0
+                          ? "nothing was late or lost"
+                          : fmt::format("{} late, {} lost. Why:", account.late, account.lost));
+  if (*marks.heading != '\0') text += "\n";
+  for (const auto& group : account.groups) {
+    text += fmt::format("{}{:>4}  {}\n", marks.item, group.messages, sentence_of(group));
+    if (!group.remedy.empty()) text += fmt::format("{}{}\n", marks.below, printable(group.remedy));
+  }
+  const auto slowest = std::find_if(
+      account.messages.begin(), account.messages.end(),
+      [](const Message& message) { return message.sample.fate == Fate::on_time && !message.parts.empty(); });
+  if (slowest != account.messages.end() && slowest->parts.front().ns >= worth_naming_ns &&
+      slowest->parts.front().cause != Cause::unknown)
+    text += fmt::format("{}the slowest of those on time, message {}: {}, {} of {}\n", marks.item,
+                        slowest->sample.index, printable(explain::sentence_of(slowest->parts.front())),
+                        time_of(slowest->parts.front().ns), time_of(slowest->delay_ns));
+  for (const auto& limit : account.limits) text += fmt::format("{}{}\n", marks.item, printable(limit));
+  return text;
+}
+
+std::string text_of(const Explained& one, const Message& message, const Marks& marks) {
+  auto text = fmt::format(
+      "{0}{1}, message {2} ({3}){4}{0}\n", marks.heading, name_of(one), message.sample.index,
+      word_of(message.sample.fate),
+      message.delay_ns == 0 ? "" : fmt::format(": {} more than usual", time_of(message.delay_ns)));
+  if (*marks.heading != '\0') text += "\n";
+  for (const auto& part : message.parts) {
+    text += fmt::format("{}{:>8}  {:<9}  {}\n", marks.item, part.ns == 0 ? "" : time_of(part.ns),
+                        explain::word_of(part.stage), printable(explain::sentence_of(part)));
+  }
+  if (!message.parts.empty())
+    if (const auto remedy = explain::remedy_of(message.parts.front()); !remedy.empty())
+      text += fmt::format("{}{}\n", marks.below, printable(remedy));
+  if (!message.whole)
+    text += fmt::format("{}a part of what the kernel did around it is not known\n", marks.item);
+  return text;
+}
+
+ordered_json json_of(const Part& part) {
+  return {{"cause", explain::word_of(part.cause)},
+          {"stage", explain::word_of(part.stage)},
+          {"end", part.end},
+          {"thread", part.thread},
+          {"culprit", printable(part.culprit)},
+          {"us", static_cast<double>(part.ns) / 1e3}};
+}
+
+ordered_json json_of(const Message& message) {
+  auto parts = ordered_json::array();
+  for (const auto& part : message.parts) parts.push_back(json_of(part));
+  return {{"message", message.sample.index},
+          {"fate", word_of(message.sample.fate)},
+          {"delay_us", static_cast<double>(message.delay_ns) / 1e3},
+          {"whole", message.whole},
+          {"parts", parts}};
+}
+
+ordered_json json_of(const Group& group) {
+  auto result = json_of(group.culprit);
+  result.erase("us");
+  result.update({{"threads", group.threads},
+                 {"messages", group.messages},
+                 {"least_us", static_cast<double>(group.least_ns) / 1e3},
+                 {"most_us", static_cast<double>(group.most_ns) / 1e3},
+                 {"says", printable(explain::sentence_of(group.culprit))},
+                 {"remedy", printable(group.remedy)}});
+  return result;
+}
+
+ordered_json json_of(const Explained& one) {
+  auto groups = ordered_json::array(), messages = ordered_json::array(), limits = ordered_json::array();
+  for (const auto& group : one.account.groups) groups.push_back(json_of(group));
+  for (const auto& message : one.account.messages) messages.push_back(json_of(message));
+  for (const auto& limit : one.account.limits) limits.push_back(printable(limit));
+  return {{"run", one.run.number},
+          {"id", word(at(one.run.asked, "id"))},
+          {"transport", word(at(one.run.asked, "transport"))},
+          {"traced", one.account.traced},
+          {"late", one.account.late},
+          {"lost", one.account.lost},
+          {"causes", groups},
+          {"messages", messages},
+          {"limits", limits}};
+}
+
+}  // namespace
+
+std::string render(const std::vector<Explained>& all, Format format) {
+  if (format == Format::json) {
+    auto runs = ordered_json::array();
+    for (const auto& one : all) runs.push_back(json_of(one));
+    return runs.dump(2) + "\n";
+  }
+  std::string text;
+  for (const auto& one : all) text += (text.empty() ? "" : "\n") + text_of(one, marks_of(format));
+  return text;
+}
+
+std::string render(const Explained& one, const Message& message, Format format) {
+  return format == Format::json ? json_of(message).dump(2) + "\n" : text_of(one, message, marks_of(format));
+}
+
+}  // namespace ontime::report

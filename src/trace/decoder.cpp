@@ -1,0 +1,229 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "trace/decoder.hpp"
+
+#include <algorithm>
+#include <array>
+#include <bit>
+#include <cstring>
+
+#include <event-parse.h>
+#include <fmt/format.h>
+
+namespace ontime::trace {
+namespace {
+
+// A tracepoint, what its fields are to us, and what cannot be told without it. `common_pid` is who ran.
+struct Wanted {
+  Kind kind;
+  const char *system, *name, *filter;
+  const char *thread, *thread_name, *thread_priority, *other, *other_name, *other_priority, *what, *packet,
+      *bytes;
+  const char* tells;  // "": another stands in for it
+};
+constexpr const char* running = "common_pid";
+constexpr const char* none = "";
+constexpr const char* internet = "protocol == 0x800 || protocol == 0x86dd";
+constexpr const char* stop_or_go = "sig >= 18 && sig <= 20";  // SIGCONT, SIGSTOP, SIGTSTP
+
+constexpr Wanted wanted[] = {
+    {Kind::switched, "sched", "sched_switch", none, "prev_pid", "prev_comm", "prev_prio", "next_pid",
+     "next_comm", "next_prio", "prev_state", none, none, "who had the CPU"},
+    {Kind::waking, "sched", "sched_waking", none, "pid", "comm", "prio", running, none, none, "target_cpu",
+     none, none, "when a thread was woken"},
+    {Kind::interrupt, "irq", "irq_handler_entry", none, running, none, none, none, none, none, "name", none,
+     none, "which interrupts took the CPU"},
+    {Kind::interrupt_end, "irq", "irq_handler_exit", none, running, none, none, none, none, none, none, none,
+     none, none},
+    {Kind::soft_interrupt, "irq", "softirq_entry", none, running, none, none, none, none, none, "vec", none,
+     none, "which soft interrupts took the CPU"},
+    {Kind::soft_interrupt_end, "irq", "softirq_exit", none, running, none, none, none, none, none, "vec",
+     none, none, none},
+    {Kind::timer, "irq_vectors", "local_timer_entry", none, running, none, none, none, none, none, none, none,
+     none, none},
+    {Kind::timer_end, "irq_vectors", "local_timer_exit", none, running, none, none, none, none, none, none,
+     none, none, none},
+    {Kind::queued, "net", "net_dev_queue", none, running, none, none, none, none, none, "name", "skbaddr",
+     "len", "when a packet was queued"},
+    {Kind::sent, "net", "net_dev_start_xmit", none, running, none, none, none, none, none, "name", "skbaddr",
+     "len", "when a packet left the queue"},
+    {Kind::received, "net", "netif_receive_skb", none, running, none, none, none, none, none, "name",
+     "skbaddr", "len", "when a packet arrived"},
+    {Kind::dropped, "skb", "kfree_skb", internet, running, none, none, none, none, none, "reason", "skbaddr",
+     none, "that a packet was dropped"},
+    {Kind::signal, "signal", "signal_generate", stop_or_go, "pid", "comm", none, running, none, none, "sig",
+     none, none, "who stopped a thread"}};
+
+// The kernel's TASK_*, of which those above 0x80 are not said to user space. It may add that a thread was
+// pre-empted; ready it is then as well.
+char state_of(std::int64_t bits) {
+  constexpr std::string_view letters = "SDTtXZPI";
+  for (std::size_t i = 0; i < letters.size(); ++i)
+    if ((bits & (1 << i)) != 0) return letters[i];
+  return 'R';
+}
+
+constexpr const char* soft_interrupts[] = {"HI",       "TIMER",   "NET_TX", "NET_RX",  "BLOCK",
+                                           "IRQ_POLL", "TASKLET", "SCHED",  "HRTIMER", "RCU"};
+
+}  // namespace
+
+Decoder::Decoder(const Tracefs& tracefs) : tep_(tep_alloc(), tep_free) {
+  tep_set_loglevel(TEP_LOG_NONE);  // what it cannot read of a description is not the user's concern
+  tep_set_long_size(tep_.get(), sizeof(long));
+  tep_set_file_bigendian(tep_.get(),
+                         std::endian::native == std::endian::big ? TEP_BIG_ENDIAN : TEP_LITTLE_ENDIAN);
+  for (const auto& one : wanted) {
+    const auto path = fmt::format("events/{}/{}", one.system, one.name);
+    const auto miss = [&] {
+      if (*one.tells != '\0') missing_.push_back(fmt::format("{}:{} ({})", one.system, one.name, one.tells));
+    };
+    if (!tracefs.has(path + "/format")) {
+      miss();
+      continue;
+    }
+    const auto format = tracefs.read(path + "/format");
+    tep_parse_event(tep_.get(), format.data(), format.size(), one.system);
+    auto* const event = tep_find_event_by_name(tep_.get(), one.system, one.name);
+    if (event == nullptr) {
+      miss();
+      continue;
+    }
+    bool whole = true;
+    const auto field = [&](const char* name) -> Field {
+      if (*name == '\0') return {};
+      const auto* const found = tep_find_any_field(event, name);
+      // An older kernel does not give the reason of a drop.
+      if (found == nullptr) {
+        whole = whole && one.kind == Kind::dropped && std::string_view(name) == "reason";
+        return {};
+      }
+      return {found->offset, found->size, (found->flags & TEP_FIELD_IS_SIGNED) != 0,
+              (found->flags & TEP_FIELD_IS_DYNAMIC) != 0};
+    };
+    const Shape shape{one.kind,
+                      event,
+                      field(running),
+                      field(one.thread),
+                      field(one.thread_name),
+                      field(one.thread_priority),
+                      field(one.other),
+                      field(one.other_name),
+                      field(one.other_priority),
+                      field(one.what),
+                      field(one.packet),
+                      field(one.bytes)};
+    if (!whole) {
+      miss();
+      continue;
+    }
+    shapes_.emplace(event->id, shape);
+    enabled_.push_back({path, one.filter});
+  }
+  for (const auto kind : {Kind::switched, Kind::waking})
+    if (std::none_of(shapes_.begin(), shapes_.end(),
+                     [&](const auto& shape) { return shape.second.kind == kind; }))
+      throw Error(
+          "this kernel has no tracepoints sched:sched_switch and sched:sched_waking as they are understood "
+          "here, and "
+          "nothing can be explained without");
+}
+
+const Decoder::Shape* Decoder::shape_of(const RawEvent& event) const {
+  std::uint16_t id = 0;
+  if (event.bytes.size() < sizeof id) return nullptr;
+  std::memcpy(&id, event.bytes.data(), sizeof id);
+  const auto shape = shapes_.find(id);
+  return shape == shapes_.end() ? nullptr : &shape->second;
+}
+
+std::int64_t Decoder::number(const Field& field, const RawEvent& event) {
+  const auto offset = static_cast<std::size_t>(field.offset), size = static_cast<std::size_t>(field.size);
+  if (field.offset < 0 || size > sizeof(std::int64_t) || offset + size > event.bytes.size()) return 0;
+  std::int64_t value = 0;
+  const std::size_t place = std::endian::native == std::endian::big ? sizeof value - size : 0;
+  std::memcpy(reinterpret_cast<std::byte*>(&value) + place, event.bytes.data() + offset, size);
+  const auto unused = 8 * (sizeof value - size);
+  if (field.is_signed && unused > 0)
+    value = static_cast<std::int64_t>(static_cast<std::uint64_t>(value) << unused) >> unused;
+  return value;
+}
+
+std::string Decoder::text(const Field& field, const RawEvent& event) {
+  if (field.offset < 0) return {};
+  auto offset = static_cast<std::size_t>(field.offset), size = static_cast<std::size_t>(field.size);
+  if (field.is_elsewhere) {  // the kernel's __data_loc
+    const auto place = static_cast<std::uint32_t>(number({field.offset, 4, false, false}, event));
+    offset = place & 0xffff;
+    size = place >> 16;
+  }
+  if (offset + size > event.bytes.size()) return {};
+  const auto* const begin = reinterpret_cast<const char*>(event.bytes.data()) + offset;
+  return {begin, std::find(begin, begin + size, '\0')};
+}
+
+// As the kernel's own description prints it: the numbers of reasons change from one version to the next.
+std::string Decoder::what_of(const Shape& shape, const RawEvent& event) const {
+  switch (shape.kind) {
+    case Kind::switched:
+      return {state_of(number(shape.what, event))};
+    case Kind::soft_interrupt:
+    case Kind::soft_interrupt_end: {
+      const auto which = static_cast<std::size_t>(number(shape.what, event));
+      return which < std::size(soft_interrupts) ? soft_interrupts[which] : fmt::format("{}", which);
+    }
+    case Kind::waking:
+    case Kind::signal:
+      return fmt::format("{}", number(shape.what, event));
+    case Kind::dropped: {
+      tep_record record{};
+      record.data = event.bytes.data();
+      record.size = static_cast<int>(event.bytes.size());
+      trace_seq printed;
+      trace_seq_init(&printed);
+      tep_print_event(tep_.get(), &printed, &record, "%s", TEP_PRINT_INFO);
+      trace_seq_terminate(&printed);
+      const std::string text(printed.buffer, printed.len);
+      trace_seq_destroy(&printed);
+      const std::string_view before = "reason: ";
+      const auto begin = text.find(before);
+      return begin == text.npos ? "" : text.substr(begin + before.size());
+    }
+    default:
+      return text(shape.what, event);
+  }
+}
+
+std::optional<Kind> Decoder::kind_of(const RawEvent& event) const {
+  const auto* const shape = shape_of(event);
+  return shape == nullptr ? std::nullopt : std::optional(shape->kind);
+}
+
+Event Decoder::decode(const RawEvent& raw, Packets& packets) const {
+  const auto& shape = *shape_of(raw);
+  const auto whole = [&](const Field& field) { return static_cast<std::int32_t>(number(field, raw)); };
+  Event event{.at_ns = raw.at_ns,
+              .cpu = raw.cpu,
+              .kind = shape.kind,
+              .thread = {whole(shape.thread), text(shape.name, raw), whole(shape.priority)},
+              .other = {whole(shape.other), text(shape.other_name, raw), whole(shape.other_priority)},
+              .what = what_of(shape, raw),
+              .packet = 0,
+              .bytes = whole(shape.bytes)};
+  // Not its address, which is the kernel's own affair.
+  if (const auto address = static_cast<std::uint64_t>(number(shape.packet, raw)); address != 0)
+    event.packet = packets.try_emplace(address, static_cast<std::int32_t>(packets.size()) + 1).first->second;
+  return event;
+}
+
+Decoder::Switch Decoder::switch_of(const RawEvent& event) const {
+  const auto& shape = *shape_of(event);
+  return {static_cast<std::int32_t>(number(shape.thread, event)),
+          static_cast<std::int32_t>(number(shape.other, event)),
+          std::string_view("SIXZP").find(state_of(number(shape.what, event))) != std::string_view::npos};
+}
+
+std::int32_t Decoder::woken(const RawEvent& event) const {
+  return static_cast<std::int32_t>(number(shape_of(event)->thread, event));
+}
+
+}  // namespace ontime::trace

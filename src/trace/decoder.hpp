@@ -1,0 +1,66 @@
+// SPDX-License-Identifier: Apache-2.0
+// The tracepoints that we want of a kernel, as far as it has them, and what their bytes mean, by its own
+// description of them.
+#pragma once
+
+#include <cstdint>
+#include <map>
+#include <memory>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "trace/ring.hpp"
+#include "trace/trace.hpp"
+#include "trace/tracefs.hpp"
+
+struct tep_event;
+struct tep_handle;
+
+namespace ontime::trace {
+
+class Decoder {
+ public:
+  explicit Decoder(const Tracefs&);  // throws Error where the kernel has not what nothing can be told without
+
+  struct Enabled {
+    std::string path;    // "events/sched/sched_switch", within tracefs and within an instance
+    std::string filter;  // "": all of them
+  };
+  const std::vector<Enabled>& enabled() const { return enabled_; }
+  const std::vector<std::string>& missing() const { return missing_; }
+
+  std::optional<Kind> kind_of(const RawEvent&) const;
+  // Packets are numbered as they are met, beginning anew with each map.
+  using Packets = std::map<std::uint64_t, std::int32_t>;
+  Event decode(const RawEvent&, Packets&) const;
+  // Of a switch: less than decode() does.
+  struct Switch {
+    std::int32_t left, came;
+    bool sleeps;  // who left waits to be woken
+  };
+  Switch switch_of(const RawEvent&) const;
+  std::int32_t woken(const RawEvent&) const;
+
+ private:
+  struct Field {
+    int offset = -1, size = 0;
+    bool is_signed = false, is_elsewhere = false;
+  };
+  struct Shape {
+    Kind kind;
+    tep_event* event;
+    Field running, thread, name, priority, other, other_name, other_priority, what, packet, bytes;
+  };
+  const Shape* shape_of(const RawEvent&) const;
+  static std::int64_t number(const Field&, const RawEvent&);
+  static std::string text(const Field&, const RawEvent&);
+  std::string what_of(const Shape&, const RawEvent&) const;
+
+  std::unique_ptr<tep_handle, void (*)(tep_handle*)> tep_;
+  std::map<int, Shape> shapes_;  // by the id that the kernel gave
+  std::vector<Enabled> enabled_;
+  std::vector<std::string> missing_;
+};
+
+}  // namespace ontime::trace

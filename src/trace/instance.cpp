@@ -1,0 +1,55 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "trace/instance.hpp"
+
+#include <fmt/format.h>
+
+#include "trace/trace.hpp"
+#include "trace/tracefs.hpp"
+
+namespace ontime::trace {
+namespace {
+
+using journal::Value;
+
+constexpr const char* name = "ontime-trace";
+constexpr const char* path = "instances/ontime-trace";
+
+bool accepts(const std::string& what) { return what == name; }
+
+template <class Job>
+auto on_tracefs(Job job) {
+  try {
+    return job(Tracefs());
+  } catch (const Error& error) {
+    throw journal::Error(error.what());
+  }
+}
+
+Value read(const std::string&) {
+  return on_tracefs([](const Tracefs& tracefs) -> Value {
+    struct stat found {};
+    if (!tracefs.look(path, found)) return {};
+    return fmt::format("{}", found.st_ino);
+  });
+}
+
+void write(const std::string&, const Value& value, const Value&) {
+  on_tracefs([&](const Tracefs& tracefs) { value ? tracefs.make(path) : tracefs.remove(path); });
+}
+
+}  // namespace
+
+const char* const instance_name = name;
+const char* const instance_path = path;
+
+const journal::Kind instance_kind = {.name = "trace-instance",
+                                     .scope = journal::Scope::machine,
+                                     .on_disk = false,
+                                     .needs_root = true,
+                                     .accepts = accepts,
+                                     .read = read,
+                                     .write = write};
+
+std::span<const journal::Kind> kinds() { return {&instance_kind, 1}; }
+
+}  // namespace ontime::trace

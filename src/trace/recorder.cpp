@@ -1,0 +1,203 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <algorithm>
+#include <cerrno>
+#include <chrono>
+#include <condition_variable>
+#include <csignal>
+#include <mutex>
+#include <thread>
+
+#include <fcntl.h>
+#include <fmt/format.h>
+#include <pthread.h>
+#include <sched.h>
+#include <unistd.h>
+
+#include "trace/decoder.hpp"
+#include "trace/instance.hpp"
+#include "trace/ring.hpp"
+#include "trace/trace.hpp"
+#include "trace/tracefs.hpp"
+
+namespace ontime::trace {
+namespace {
+
+using namespace std::chrono_literals;
+
+constexpr auto look = 100ms;
+constexpr std::size_t kernel_kib = 8192;   // of each CPU: half a second of 250,000 events a second
+constexpr std::size_t page_bytes = 65536;  // at least what the kernel makes its pages
+constexpr std::int64_t look_back_ns = 2'000'000'000;
+constexpr std::size_t most_events = 10'000;  // of a window
+
+// What the CPUs are at, and those threads that do not sleep, as of the last event that was entered.
+class Now {
+ public:
+  explicit Now(const Decoder& decoder) : decoder_(decoder) {}
+  void enter(const RawEvent& event, Kind kind) {
+    if (kind == Kind::waking) awake_[decoder_.woken(event)] = event;
+    if (kind != Kind::switched) return;
+    cpus_[event.cpu] = event;
+    const auto change = decoder_.switch_of(event);
+    awake_.erase(change.came);
+    if (change.left == 0) return;
+    if (change.sleeps)
+      awake_.erase(change.left);
+    else
+      awake_[change.left] = event;
+  }
+  std::vector<RawEvent> events() const {
+    std::vector<RawEvent> all;
+    for (const auto& [cpu, event] : cpus_) all.push_back(event);
+    for (const auto& [thread, event] : awake_) all.push_back(event);
+    const auto key = [](const RawEvent& event) { return std::pair(event.at_ns, event.bytes.data()); };
+    std::sort(all.begin(), all.end(),
+              [&](const auto& one, const auto& other) { return key(one) < key(other); });
+    all.erase(std::unique(all.begin(), all.end(),
+                          [&](const auto& one, const auto& other) { return key(one) == key(other); }),
+              all.end());
+    return all;
+  }
+
+ private:
+  const Decoder& decoder_;
+  std::map<std::int32_t, RawEvent> cpus_;   // the last switch of each
+  std::map<std::int32_t, RawEvent> awake_;  // by thread: since when it is ready, stopped …
+};
+
+}  // namespace
+
+class Recorder::Drain {
+ public:
+  explicit Drain(journal::Journal& journal)
+      : journal_(journal),
+        decoder_(tracefs_),
+        ring_(static_cast<std::size_t>(sysconf(_SC_NPROCESSORS_CONF))) {
+    if (tracefs_.has(instance_path))
+      throw Error(
+          fmt::format("tracefs has an instance {} that another ontime uses, or that nobody gave back: if "
+                      "nobody traces, remove it "
+                      "(rmdir /sys/kernel/tracing/{})",
+                      instance_name, instance_path));
+    journal_.change(instance_kind, instance_name, journal::to_be_made);
+    try {
+      start();
+    } catch (...) {
+      give_back();
+      throw;
+    }
+  }
+  ~Drain() {
+    {
+      const std::lock_guard lock(mutex_);
+      over_ = true;
+    }
+    wake_.notify_all();
+    thread_.join();
+    give_back();
+  }
+  Drain(const Drain&) = delete;
+  Drain& operator=(const Drain&) = delete;
+
+  const std::vector<std::string>& missing() const { return decoder_.missing(); }
+
+  std::vector<Window> cut(std::vector<Span> spans) {
+    std::vector<Window> windows;
+    if (spans.empty()) return windows;
+    std::sort(spans.begin(), spans.end(),
+              [](const Span& one, const Span& other) { return one.from_ns < other.from_ns; });
+    const auto last_ns = std::max_element(spans.begin(), spans.end(), [](const Span& one, const Span& other) {
+                           return one.to_ns < other.to_ns;
+                         })->to_ns;
+    const std::lock_guard lock(mutex_);
+    read();
+    const auto events = ring_.between(spans.front().from_ns - look_back_ns, last_ns);
+    Now now(decoder_);
+    auto next = events.begin();
+    for (const auto& span : spans) {
+      for (; next != events.end() && next->at_ns < span.from_ns; ++next)
+        if (const auto kind = decoder_.kind_of(*next)) now.enter(*next, *kind);
+      windows.push_back(window(span, now.events(), {next, events.end()}));
+    }
+    return windows;
+  }
+
+ private:
+  void start() {
+    const std::string root = std::string(instance_path) + '/';
+    tracefs_.write(root + "trace_clock", "mono");
+    tracefs_.write(root + "buffer_size_kb", fmt::format("{}", kernel_kib));
+    for (std::size_t cpu = 0; tracefs_.has(fmt::format("{}per_cpu/cpu{}", root, cpu)); ++cpu)
+      pipes_.push_back(
+          tracefs_.open(fmt::format("{}per_cpu/cpu{}/trace_pipe_raw", root, cpu), O_RDONLY | O_NONBLOCK));
+    for (const auto& event : decoder_.enabled()) {
+      if (!event.filter.empty()) tracefs_.write(root + event.path + "/filter", event.filter);
+      tracefs_.write(root + event.path + "/enable", "1");
+    }
+    begun_ns_ = std::chrono::nanoseconds(std::chrono::steady_clock::now().time_since_epoch()).count();
+    thread_ = std::thread([this] { work(); });
+  }
+
+  void work() {
+    sigset_t all;  // signals are for the threads that were there before
+    sigfillset(&all);
+    pthread_sigmask(SIG_SETMASK, &all, nullptr);
+    pthread_setname_np(pthread_self(), "ontime-trace");
+    const sched_param none{};
+    sched_setscheduler(0, SCHED_BATCH, &none);  // it pre-empts nothing that is measured
+    std::unique_lock lock(mutex_);
+    while (!wake_.wait_for(lock, look, [this] { return over_; })) read();
+  }
+
+  void read() {
+    for (std::size_t cpu = 0; cpu < pipes_.size(); ++cpu)
+      while (true) {
+        const auto bytes = ::read(pipes_[cpu].get(), page_.data(), page_.size());
+        if (bytes <= 0) break;
+        ring_.add(static_cast<std::int32_t>(cpu), std::span(page_).first(static_cast<std::size_t>(bytes)));
+      }
+  }
+
+  Window window(const Span& span, const std::vector<RawEvent>& before, std::span<const RawEvent> rest) const {
+    Window window{span, span.from_ns >= begun_ns_ && ring_.has_all(span.from_ns, span.to_ns), {}};
+    Decoder::Packets packets;
+    for (const auto& event : before) window.events.push_back(decoder_.decode(event, packets));
+    std::size_t kept = 0;
+    for (const auto& event : rest) {
+      if (event.at_ns > span.to_ns) break;
+      if (!decoder_.kind_of(event)) continue;
+      if (++kept > most_events) {
+        window.span.to_ns = event.at_ns;
+        window.whole = false;
+        break;
+      }
+      window.events.push_back(decoder_.decode(event, packets));
+    }
+    return window;
+  }
+
+  // A kernel does not remove a ring that somebody reads.
+  void give_back() {
+    pipes_.clear();
+    journal_.take_back(instance_kind, instance_name);
+  }
+
+  journal::Journal& journal_;
+  const Tracefs tracefs_;
+  const Decoder decoder_;
+  std::mutex mutex_;  // of what follows
+  std::condition_variable wake_;
+  bool over_ = false;
+  std::int64_t begun_ns_ = 0;
+  std::vector<File> pipes_;  // of each CPU
+  std::vector<std::byte> page_ = std::vector<std::byte>(page_bytes);
+  Ring ring_;
+  std::thread thread_;
+};
+
+Recorder::Recorder(journal::Journal& journal) : drain_(std::make_unique<Drain>(journal)) {}
+Recorder::~Recorder() = default;
+const std::vector<std::string>& Recorder::missing() const { return drain_->missing(); }
+std::vector<Window> Recorder::cut(std::vector<Span> spans) { return drain_->cut(std::move(spans)); }
+
+}  // namespace ontime::trace

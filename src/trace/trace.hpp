@@ -1,0 +1,101 @@
+// SPDX-License-Identifier: Apache-2.0
+// What the kernel did around a message: its own tracepoints, in an instance of tracefs that is ours, kept for
+// a few seconds and cut out where somebody asks. Ordinary threads only.
+#pragma once
+
+#include <cstdint>
+#include <memory>
+#include <optional>
+#include <span>
+#include <stdexcept>
+#include <string>
+#include <vector>
+
+#include <nlohmann/json.hpp>
+
+#include "journal/journal.hpp"
+
+namespace ontime::trace {
+
+struct Error : std::runtime_error {
+  using std::runtime_error::runtime_error;
+};
+
+enum class Kind : std::uint8_t {
+  switched,  // `thread` left the CPU for `other`; `what`: the state that it is in since
+  waking,    // `thread` was woken by `other`; `what`: the number of the CPU that it is to run on
+  interrupt,
+  interrupt_end,
+  soft_interrupt,
+  soft_interrupt_end,
+  timer,  // the timer's interrupt, where that is not one of the above
+  timer_end,
+  queued,    // a packet is given to an interface
+  sent,      // a packet leaves the queue of an interface
+  received,  // a packet has come over an interface
+  dropped,   // a packet is thrown away; `what`: the kernel's reason, "" where it does not say
+  signal     // `thread` is sent one by `other`; `what`: its number
+};
+const char* word_of(Kind);
+std::optional<Kind> kind_of(const std::string& word);
+
+// A thread as an event names it.
+struct Thread {
+  std::int32_t id = 0;  // 0: the idle thread of a CPU
+  std::string name{};   // "": the event does not say
+  std::int32_t priority =
+      0;  // the kernel's: below 0 SCHED_DEADLINE, 0 … 98 real-time 99 … 1, from 100 on others
+  bool operator==(const Thread&) const = default;
+};
+
+struct Event {
+  std::int64_t at_ns = 0;  // CLOCK_MONOTONIC of the machine
+  std::int32_t cpu = 0;
+  Kind kind = Kind::switched;
+  Thread thread{};     // whom it happened to; of interrupts and packets: who ran there
+  Thread other{};      // by whom, or for whom
+  std::string what{};  // the state ("R" ready, "S" sleeps, "D" waits in the kernel, "T" stopped …), the
+                       // interrupt, the interface, the reason
+  std::int32_t packet = 0;  // the same number is the same packet, within a window; 0: none
+  std::int32_t bytes = 0;   // of the packet
+  bool operator==(const Event&) const = default;
+};
+
+// The time around a message.
+struct Span {
+  std::uint64_t message = 0;
+  std::int64_t from_ns = 0, to_ns = 0;
+};
+// What was seen in it, in order of time. Before `from_ns` there are those events that tell what the CPUs and
+// the threads that do not sleep were at when it began.
+struct Window {
+  Span span;          // which ends early where there were more events than are kept
+  bool whole = true;  // false: of a part of the span some, or all, is not known
+  std::vector<Event> events;
+};
+// Times of events in JSON are after `from_ns`. from_json throws nlohmann::json::exception or Error.
+nlohmann::json to_json(const Window&);
+Window window_of(const nlohmann::json&);
+
+// What a journal may have to give back.
+std::span<const journal::Kind> kinds();
+
+// Records from its making to its destruction, and keeps the last seconds.
+class Recorder {
+ public:
+  // Throws Error that says what this machine lacks, or journal::Error; nothing is changed then.
+  explicit Recorder(journal::Journal&);
+  ~Recorder();
+  Recorder(const Recorder&) = delete;
+  Recorder& operator=(const Recorder&) = delete;
+
+  // What this kernel has no tracepoint for, and what cannot be told for want of it; for people.
+  const std::vector<std::string>& missing() const;
+  std::vector<Window> cut(std::vector<Span> spans);  // in order of time
+
+ private:
+  class Drain;
+  std::unique_ptr<Drain> drain_;
+};
+
+}  // namespace ontime::trace

@@ -1,0 +1,41 @@
+// SPDX-License-Identifier: Apache-2.0
+// The kernel's tracefs, by a mount of our own that nobody else sees: it need not be mounted anywhere, and
+// nothing is left mounted. There is one tracefs a kernel, whoever mounts it.
+#pragma once
+
+#include <string>
+
+#include <sys/stat.h>
+
+namespace ontime::trace {
+
+// A file descriptor that is closed.
+class File {
+ public:
+  explicit File(int fd) : fd_(fd) {}
+  ~File();
+  File(File&& other) noexcept : fd_(other.fd_) { other.fd_ = -1; }
+  File& operator=(File&&) = delete;
+  int get() const { return fd_; }
+
+ private:
+  int fd_;
+};
+
+class Tracefs {
+ public:
+  Tracefs();  // throws Error
+  // Paths are within it.
+  bool has(const std::string& path) const;
+  bool look(const std::string& path, struct stat&) const;  // false: there is none
+  std::string read(const std::string& path) const;         // throws Error
+  void write(const std::string& path, const std::string& text) const;
+  File open(const std::string& path, int flags) const;
+  void make(const std::string& folder) const;
+  void remove(const std::string& folder) const;
+
+ private:
+  File root_;
+};
+
+}  // namespace ontime::trace

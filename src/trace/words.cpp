@@ -1,0 +1,126 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <algorithm>
+#include <array>
+#include <iterator>
+#include <utility>
+
+#include <fmt/format.h>
+
+#include "trace/trace.hpp"
+
+namespace ontime::trace {
+namespace {
+
+using nlohmann::json;
+
+constexpr std::array<std::pair<Kind, const char*>, 13> words{{{Kind::switched, "switch"},
+                                                              {Kind::waking, "waking"},
+                                                              {Kind::interrupt, "interrupt"},
+                                                              {Kind::interrupt_end, "interrupt-end"},
+                                                              {Kind::soft_interrupt, "softirq"},
+                                                              {Kind::soft_interrupt_end, "softirq-end"},
+                                                              {Kind::timer, "timer"},
+                                                              {Kind::timer_end, "timer-end"},
+                                                              {Kind::queued, "queued"},
+                                                              {Kind::sent, "sent"},
+                                                              {Kind::received, "received"},
+                                                              {Kind::dropped, "dropped"},
+                                                              {Kind::signal, "signal"}}};
+
+// No clock that counts from a machine's start shows more: 36 years.
+constexpr std::int64_t latest_ns = std::int64_t{1} << 60;
+
+// What an event does not say is left out.
+template <class Value>
+void put(json& object, const char* name, const Value& value) {
+  if (value != Value{}) object[name] = value;
+}
+
+// Whole, and one that we can hold.
+template <class Number>
+Number number_of(const json& number) {
+  const bool too_large =
+      number.is_number_unsigned() && !std::in_range<std::int64_t>(number.get<std::uint64_t>());
+  if (!number.is_number_integer() || too_large || !std::in_range<Number>(number.get<std::int64_t>()))
+    throw Error("a number that cannot be");
+  return static_cast<Number>(number.get<std::int64_t>());
+}
+
+std::int32_t number_in(const json& object, const char* name) {
+  const auto found = object.find(name);
+  return found == object.end() ? 0 : number_of<std::int32_t>(*found);
+}
+
+std::int64_t time_of(std::int64_t ns) {
+  if (ns < -latest_ns || ns > latest_ns) throw Error("a time that cannot be");
+  return ns;
+}
+std::int64_t time_in(const json& object, const char* name) {
+  return time_of(number_of<std::int64_t>(object.at(name)));
+}
+
+json to_json(const Event& event, std::int64_t from_ns) {
+  json object{{"at", event.at_ns - from_ns}, {"cpu", event.cpu}, {"kind", word_of(event.kind)}};
+  put(object, "thread", event.thread.id);
+  put(object, "name", event.thread.name);
+  put(object, "priority", event.thread.priority);
+  put(object, "other", event.other.id);
+  put(object, "other_name", event.other.name);
+  put(object, "other_priority", event.other.priority);
+  put(object, "what", event.what);
+  put(object, "packet", event.packet);
+  put(object, "bytes", event.bytes);
+  return object;
+}
+
+Event event_of(const json& object, std::int64_t from_ns) {
+  const auto kind = kind_of(object.at("kind"));
+  if (!kind) throw Error("an event of a kind that this ontime does not know");
+  return {.at_ns = time_of(from_ns + time_in(object, "at")),
+          .cpu = number_of<std::int32_t>(object.at("cpu")),
+          .kind = *kind,
+          .thread = {number_in(object, "thread"), object.value("name", ""), number_in(object, "priority")},
+          .other = {number_in(object, "other"), object.value("other_name", ""),
+                    number_in(object, "other_priority")},
+          .what = object.value("what", ""),
+          .packet = number_in(object, "packet"),
+          .bytes = number_in(object, "bytes")};
+}
+
+}  // namespace
+
+const char* word_of(Kind kind) {
+  return std::find_if(words.begin(), words.end(), [&](const auto& word) { return word.first == kind; })
+      ->second;
+}
+
+std::optional<Kind> kind_of(const std::string& word) {
+  const auto* const found =
+      std::find_if(words.begin(), words.end(), [&](const auto& one) { return one.second == word; });
+  return found == words.end() ? std::nullopt : std::optional(found->first);
+}
+
+json to_json(const Window& window) {
+  auto events = json::array();
+  for (const auto& event : window.events) events.push_back(to_json(event, window.span.from_ns));
+  return {{"message", window.span.message},
+          {"from_ns", window.span.from_ns},
+          {"to_ns", window.span.to_ns},
+          {"whole", window.whole},
+          {"events", std::move(events)}};
+}
+
+Window window_of(const json& object) {
+  const auto message = number_of<std::int64_t>(object.at("message"));
+  if (message < 0) throw Error("a message that cannot be");
+  Window window{{static_cast<std::uint64_t>(message), time_in(object, "from_ns"), time_in(object, "to_ns")},
+                object.at("whole"),
+                {}};
+  for (const auto& event : object.at("events")) window.events.push_back(event_of(event, window.span.from_ns));
+  if (!std::is_sorted(window.events.begin(), window.events.end(),
+                      [](const Event& one, const Event& other) { return one.at_ns < other.at_ns; }))
+    throw Error("events that are not in the order of their times");
+  return window;
+}
+
+}  // namespace ontime::trace

@@ -1,0 +1,285 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "explain/explain.hpp"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include "explain/timeline.hpp"
+
+namespace ontime::explain {
+namespace {
+
+using nlohmann::json;
+using roundtrip::Fate;
+using roundtrip::Sample;
+using testing::HasSubstr;
+using testing::IsEmpty;
+using testing::SizeIs;
+using trace::Event;
+using trace::Kind;
+
+constexpr std::int64_t us = 1'000, ms = 1'000'000;
+constexpr std::int32_t asks = 10, hears = 11, answers = 20, hog = 99;
+constexpr std::int32_t ordinary = 120, fifo_80 = 19;
+
+trace::Thread named(std::int32_t id) {
+  switch (id) {
+    case 0:
+      return {0, "swapper", 120};
+    case asks:
+      return {asks, "ping-send", ordinary};
+    case hears:
+      return {hears, "ping-receive", ordinary};
+    case answers:
+      return {answers, "pong-receive", ordinary};
+    default:
+      return {hog, "hog", ordinary};
+  }
+}
+
+// A run of which message 50 is to be explained. The message is due at 500 ms; usual ones take 10 µs to wake,
+// 2 to be sent, 50 there, 3 to be answered, 40 back.
+class Explained : public testing::Test {
+ protected:
+  static constexpr std::int64_t due = 500 * ms, sent = due + 12 * us;
+
+  Explained() {
+    window_.span = {50, due - ms, due + 400 * ms};
+    for (std::uint64_t i = 0; i < 100; ++i)
+      if (i != 50) samples_.push_back(usual(i));
+  }
+
+  static Sample usual(std::uint64_t index) {
+    const auto at = static_cast<std::int64_t>(index) * 10 * ms;
+    return {.index = index,
+            .intended_ns = at,
+            .due_ns = at,
+            .woke_ns = at + 10 * us,
+            .passed_wake_ns = 0,
+            .sent_ns = at + 12 * us,
+            .received_ns = at + 105 * us,
+            .server_received_ns = at + 62 * us,
+            .server_sent_ns = at + 65 * us,
+            .skipped_cycles = 0,
+            .fate = Fate::on_time};
+  }
+  static Sample late(std::int64_t woke, std::int64_t there, std::int64_t back) {
+    auto sample = usual(50);
+    sample.woke_ns += woke;
+    sample.sent_ns += woke;
+    sample.server_received_ns += woke + there;
+    sample.server_sent_ns += woke + there;
+    sample.received_ns += woke + there + back;
+    sample.fate = Fate::late;
+    return sample;
+  }
+  static Sample lost() {
+    auto sample = usual(50);
+    sample.received_ns = sample.server_received_ns = sample.server_sent_ns = 0;
+    sample.fate = Fate::lost;
+    return sample;
+  }
+
+  void event(std::int64_t at, int cpu, Kind kind, std::int32_t thread, std::int32_t other = 0,
+             const std::string& what = "", std::int32_t packet = 0) {
+    window_.events.push_back({.at_ns = at,
+                              .cpu = cpu,
+                              .kind = kind,
+                              .thread = named(thread),
+                              .other = named(other),
+                              .what = what,
+                              .packet = packet,
+                              .bytes = packet != 0 ? 550 : 0});
+  }
+  void switched(std::int64_t at, int cpu, std::int32_t from, const char* state, std::int32_t to) {
+    event(at, cpu, Kind::switched, from, to, state);
+  }
+  void sender_wakes_and_sends(std::int64_t by = 0) {
+    event(due + 5 * us + by, 0, Kind::waking, asks, 0, "0");
+    switched(due + 8 * us + by, 0, 0, "R", asks);
+    event(sent + 5 * us + by, 0, Kind::queued, asks, 0, "veth", 1);
+    event(sent + 6 * us + by, 0, Kind::sent, asks, 0, "veth", 1);
+    event(sent + 9 * us + by, 0, Kind::received, asks, 0, "veth", 1);
+  }
+  static json threads(std::initializer_list<std::pair<std::int32_t, const char*>> all) {
+    auto list = json::array();
+    for (const auto& [tid, role] : all) list.push_back({{"tid", tid}, {"role", role}});
+    return list;
+  }
+
+  Account account(const Sample& sample, const json& traced = {{"controller", json::object()}}) {
+    record::Writer writer("");
+    const auto run = writer.begin_run({{"id", "x"}, {"payload_bytes", 500}});
+    samples_.insert(samples_.begin() + 50, sample);
+    writer.append(run, samples_);
+    writer.trace(run, {"controller", window_});
+    const json machine = {{"boot_id", "b"}};
+    writer.end_run(
+        run,
+        {{"trace", traced},
+         {"hosts",
+          {{"controller", {{"machine", machine}, {"threads", threads({{asks, "send"}, {hears, "receive"}})}}},
+           {"component", {{"machine", machine}, {"threads", threads({{answers, "receive"}})}}}}}});
+    const auto reader = writer.reader();
+    return account_of(reader, reader.runs().at(0));
+  }
+  Message message(const Sample& sample) {
+    const auto account = this->account(sample);
+    EXPECT_THAT(account.messages, SizeIs(1));
+    return account.messages.at(0);
+  }
+  static Part first(const Message& message) {
+    std::int64_t sum = 0;
+    for (const auto& part : message.parts) sum += part.ns;
+    EXPECT_EQ(sum, message.delay_ns) << "it adds up";
+    return message.parts.empty() ? Part{} : message.parts.front();
+  }
+
+  trace::Window window_;
+  std::vector<Sample> samples_;
+};
+
+TEST_F(Explained, AThreadThatWaitsForACpuBehindAnother) {
+  sender_wakes_and_sends();
+  event(sent + 10 * us, 1, Kind::waking, answers, asks, "1");
+  switched(sent + 20 * ms, 1, hog, "R", answers);
+  switched(sent + 30 * ms, 1, answers, "S", hog);
+  const auto message = this->message(late(0, 20 * ms, 0));
+  const auto part = first(message);
+  EXPECT_EQ(part.cause, Cause::cpu);
+  EXPECT_EQ(part.culprit, "hog");
+  EXPECT_THAT(part.culprit_threads, testing::ElementsAre(hog));
+  EXPECT_EQ(part.stage, Stage::delivered);
+  EXPECT_EQ(part.end, "component");
+  EXPECT_EQ(part.thread, "receive");
+  EXPECT_EQ(part.ns, 20 * ms - 10 * us);
+  EXPECT_EQ(sentence_of(part), "pong's receive thread waited for a CPU while hog ran");
+  EXPECT_THAT(remedy_of(part), HasSubstr("realtime: on"));
+}
+
+TEST_F(Explained, AThreadThatIsStopped) {
+  event(due - 800 * us, 1, Kind::signal, answers, hog, "19");
+  switched(due - 700 * us, 1, answers, "T", 0);
+  switched(due - 600 * us, 1, hog, "S", 0);
+  sender_wakes_and_sends();
+  event(sent + 30 * ms, 1, Kind::waking, answers, hog, "1");
+  switched(sent + 30 * ms + 5 * us, 1, 0, "R", answers);
+  const auto part = first(message(late(0, 30 * ms, 0)));
+  EXPECT_EQ(part.cause, Cause::stopped);
+  EXPECT_EQ(part.end, "component");
+  EXPECT_EQ(part.culprit, "hog");
+}
+
+TEST_F(Explained, AThreadThatIsReadyBesideAnIdleCpuThatLivesIsThrottled) {
+  sender_wakes_and_sends();
+  event(sent + 10 * us, 1, Kind::waking, answers, asks, "1");
+  switched(sent + 15 * us, 1, 0, "R", answers);
+  switched(sent + 18 * us, 1, answers, "R", 0);
+  event(sent + 10 * ms, 1, Kind::timer, 0);
+  event(sent + 10 * ms + us, 1, Kind::timer_end, 0);
+  switched(sent + 20 * ms, 1, 0, "R", answers);
+  EXPECT_EQ(first(message(late(0, 20 * ms, 0))).cause, Cause::throttled);
+}
+
+TEST_F(Explained, ACpuThatShowsNoSignOfLife) {
+  switched(sent - ms / 2, 1, hog, "S", 0);
+  sender_wakes_and_sends();
+  event(sent + 10 * us, 0, Kind::waking, answers, asks, "1");
+  switched(sent + 6 * ms, 1, 0, "R", answers);
+  EXPECT_EQ(first(message(late(0, 6 * ms, 0))).cause, Cause::idle_cpu);
+}
+
+TEST_F(Explained, ATimerThatCameLate) {
+  switched(due - ms / 2, 0, asks, "S", 0);
+  sender_wakes_and_sends(3 * ms);
+  const auto part = first(message(late(3 * ms, 0, 0)));
+  EXPECT_EQ(part.cause, Cause::timer);
+  EXPECT_EQ(part.stage, Stage::woke);
+  EXPECT_EQ(part.ns, 3 * ms - 3 * us) << "and for so long it waited for its idle CPU";
+}
+
+TEST_F(Explained, APacketThatIsHeldInAQueue) {
+  event(due + 5 * us, 0, Kind::waking, asks, 0, "0");
+  switched(due + 8 * us, 0, 0, "R", asks);
+  event(sent + 5 * us, 0, Kind::queued, asks, 0, "veth", 1);
+  event(sent + 15 * ms, 0, Kind::sent, 0, 0, "veth", 1);
+  event(sent + 15 * ms + us, 0, Kind::received, 0, 0, "veth", 1);
+  const auto part = first(message(late(0, 15 * ms, 0)));
+  EXPECT_EQ(part.cause, Cause::queue);
+  EXPECT_EQ(part.end, "controller");
+  EXPECT_EQ(part.culprit, "veth");
+  EXPECT_THAT(remedy_of(part), HasSubstr("tc -s qdisc show dev veth"));
+}
+
+TEST_F(Explained, APacketThatIsDropped) {
+  sender_wakes_and_sends();
+  event(sent + 10 * us, 0, Kind::dropped, asks, 0, "SOCKET_RCVBUFF", 1);
+  const auto message = this->message(lost());
+  EXPECT_EQ(first(message).cause, Cause::dropped);
+  EXPECT_EQ(first(message).end, "component");
+  EXPECT_EQ(first(message).culprit, "SOCKET_RCVBUFF");
+  EXPECT_THAT(remedy_of(first(message)), HasSubstr("kernel.rmem-max"));
+}
+
+TEST_F(Explained, SomebodyElsesPacketThatIsDroppedAccusesNobody) {
+  sender_wakes_and_sends();
+  event(sent + 10 * us, 0, Kind::dropped, hog, 0, "SOCKET_RCVBUFF", 2);
+  EXPECT_EQ(first(message(lost())).cause, Cause::unknown);
+}
+
+TEST_F(Explained, WhatHadTheCpuBeforeItWasWantedIsNotAccused) {
+  switched(due - ms / 2, 1, hog, "S", 0);
+  sender_wakes_and_sends();
+  event(sent + 10 * us, 1, Kind::waking, answers, asks, "1");
+  switched(sent + 15 * us, 1, 0, "R", answers);
+  switched(sent + 25 * us, 1, answers, "S", 0);
+  const auto part = first(message(late(0, 0, 20 * ms)));
+  EXPECT_EQ(part.cause, Cause::unknown);
+  EXPECT_EQ(part.ns, 20 * ms);
+}
+
+TEST_F(Explained, ARealTimeThreadThatWaitsLongForAnOrdinaryOneIsThrottled) {
+  sender_wakes_and_sends();
+  event(sent + 10 * us, 1, Kind::waking, answers, asks, "1");
+  window_.events.back().thread.priority = fifo_80;
+  switched(sent + 50 * ms, 1, hog, "R", answers);
+  window_.events.back().other.priority = fifo_80;
+  EXPECT_EQ(first(message(late(0, 50 * ms, 0))).cause, Cause::throttled);
+}
+
+TEST_F(Explained, AMessageThatTookAsLongAsUsualAccusesNobody) {
+  sender_wakes_and_sends();
+  const auto message = this->message(usual(50));
+  EXPECT_LT(message.delay_ns, 20 * us);
+}
+
+TEST_F(Explained, TheSameCulpritsAreOneGroup) {
+  sender_wakes_and_sends();
+  event(sent + 10 * us, 1, Kind::waking, answers, asks, "1");
+  switched(sent + 20 * ms, 1, hog, "R", answers);
+  const auto account = this->account(late(0, 20 * ms, 0));
+  EXPECT_EQ(account.late, 1u);
+  ASSERT_THAT(account.groups, SizeIs(1));
+  EXPECT_EQ(account.groups[0].messages, 1u);
+  EXPECT_EQ(account.groups[0].threads, 1u);
+  EXPECT_THAT(account.limits, IsEmpty());
+}
+
+TEST_F(Explained, WhatCouldNotBeSeenIsSaid) {
+  window_.whole = false;
+  const auto limits = account(late(0, 20 * ms, 0), {{"controller", {{"missing", {"skb:kfree_skb (that …)"}}}},
+                                                    {"component", {{"error", "no root"}}}})
+                          .limits;
+  EXPECT_THAT(limits, testing::UnorderedElementsAre(HasSubstr("skb:kfree_skb"), HasSubstr("no root"),
+                                                    HasSubstr("a part of what the kernel did")));
+}
+
+TEST_F(Explained, ARunWithoutTracesIsNotExplained) {
+  record::Writer writer("");
+  writer.begin_run({});
+  const auto reader = writer.reader();
+  EXPECT_FALSE(account_of(reader, reader.runs().at(0)).traced);
+}
+
+}  // namespace
+}  // namespace ontime::explain

@@ -1,0 +1,75 @@
+#!/usr/bin/env python3
+# SPDX-License-Identifier: Apache-2.0
+"""Why messages were late: causes that are made here, named by the real program. Needs root, and skips without. ONTIME names
+the program."""
+
+import json
+import os
+import pathlib
+import signal
+import subprocess
+import tempfile
+import time
+import unittest
+
+ONTIME = os.environ["ONTIME"]
+CULPRITS = pathlib.Path(__file__).resolve().parent.parent.parent / "scripts" / "culprits"
+SCENARIO = "hosts: namespaces\ndefaults: {transport: udp, duration: %s%s}\nruns: [{id: explained}]\n"
+
+
+def ontime(*arguments):
+    return subprocess.run([ONTIME, *arguments], capture_output=True, text=True, timeout=120)
+
+
+@unittest.skipUnless(os.geteuid() == 0, "tracing needs root")
+class Explain(unittest.TestCase):
+    def setUp(self):
+        folder = tempfile.TemporaryDirectory(prefix="ontime-explain-")
+        self.addCleanup(folder.cleanup)
+        self.scenario, self.results = (str(pathlib.Path(folder.name) / name) for name in ("s.yaml", "r.ontime"))
+
+    def write(self, duration, more=""):
+        pathlib.Path(self.scenario).write_text(SCENARIO % (duration, more))
+
+    def test_what_was_made_is_named(self):
+        said = subprocess.run([CULPRITS, "--only", "stop,drop-in,drop-out", "--seed", "1"], capture_output=True, text=True,
+                              timeout=280)
+        self.assertEqual(said.returncode, 0, said.stdout + said.stderr)
+
+    def test_a_run_is_explained_at_its_end_and_later(self):
+        self.write("2 s", ", explain: on, link.loss: 20 %")
+        run = ontime("run", self.scenario, "--results", self.results)
+        self.assertEqual(run.returncode, 0, run.stderr)
+        later = ontime("explain", self.results)
+        self.assertIn("lost. Why:", later.stdout)
+        self.assertIn("the packet was dropped at", later.stdout)
+        self.assertIn(later.stdout, run.stdout)
+        account = json.loads(ontime("explain", self.results, "--format", "json").stdout)[0]
+        lost = next(message for message in account["messages"] if message["fate"] == "lost")
+        one = ontime("explain", self.results, "--message", str(lost["message"]))
+        self.assertIn(f"message {lost['message']} (lost)", one.stdout)
+        self.assertEqual(ontime("explain", self.results, "--message", "100000").returncode, 2)
+        self.assertEqual(ontime("explain", self.results, "--run", "2").returncode, 2)
+        self.assertEqual(ontime("explain", self.results, "--format", "csv").returncode, 2)
+
+    def test_a_run_without_traces_says_so(self):
+        self.write("500 ms")
+        self.assertEqual(ontime("run", self.scenario, "--results", self.results).returncode, 0)
+        self.assertIn("without `explain: on`", ontime("explain", self.results).stdout)
+
+    def test_a_kill_leaves_no_tracing(self):
+        self.write("60 s", ", explain: on")
+        with subprocess.Popen([ONTIME, "run", self.scenario, "--results", self.results], stdout=subprocess.DEVNULL,
+                              stderr=subprocess.DEVNULL) as run:
+            time.sleep(3)
+            keeper = subprocess.run(["pgrep", "-P", str(run.pid), "-f", "keeper"], capture_output=True, text=True)
+            for pid in [run.pid, *map(int, keeper.stdout.split())]:
+                os.kill(pid, signal.SIGKILL)
+        self.write("500 ms", ", explain: on")
+        again = ontime("run", self.scenario, "--results", self.results)
+        self.assertEqual(again.returncode, 0, again.stderr)
+        self.assertIn("trace-instance ontime-trace", again.stderr)
+
+
+if __name__ == "__main__":
+    unittest.main()
