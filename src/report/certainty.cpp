@@ -117,11 +117,12 @@ ordered_json json_of(const std::optional<Bound>& of) {
 }
 
 ordered_json json_of(const Extremes& of) {
+  const auto tested = [&](double p) { return of.maxima || of.peaks ? ordered_json(p) : ordered_json(); };
   return {{"refused", of.refused.empty() ? ordered_json() : ordered_json(of.refused)},
           {"extremal_index", of.index},
-          {"trend_p", of.trend_p},
-          {"runs_p", of.runs_p},
-          {"halves_p", of.halves_p},
+          {"trend_p", tested(of.trend_p)},
+          {"runs_p", tested(of.runs_p)},
+          {"halves_p", tested(of.halves_p)},
           {"block_maxima", json_of(of.maxima)},
           {"peaks_over_threshold", json_of(of.peaks)}};
 }
