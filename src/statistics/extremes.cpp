@@ -70,7 +70,8 @@ std::optional<Bound> bound(const std::vector<double>& values, const Fit& fit, co
     further += anderson_darling(std::move(sample), *again) >= distance ? 1 : 0;
   }
   if (shapes.empty()) return {};
-  result.fit_p = (further + 1.0) / (static_cast<double>(shapes.size()) + 1.0);  // what was found is one of them
+  result.fit_p =
+      (further + 1.0) / (static_cast<double>(shapes.size()) + 1.0);  // what was found is one of them
   result.shape_lies = middle_of(std::move(shapes));
   result.level_lies = middle_of(std::move(levels));
   if (tail->shape > heaviest)
