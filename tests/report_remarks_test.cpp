@@ -115,6 +115,8 @@ TEST(Remarks, TellWhatNobodyElseIsToBlameFor) {
       text,
       HasSubstr("of the longest wait that was answered, 60000 µs, our own sending thread overslept 50500"));
   EXPECT_THAT(text, HasSubstr("woke up to 50500 µs late, as RT throttling would make it"));
+  const auto document = json::parse(render({one}, Format::json));
+  EXPECT_THAT(document.at("runs").at(0).at("remarks").get<std::string>(), HasSubstr("RT throttling"));
   one.shape.worst[0].message.woke_ns = 1'020'000'000;
   one.wake_up.max = 20'000'000;
   text = render({one}, Format::markdown);

@@ -79,10 +79,10 @@ TEST(TableFormat, GivesABoundOrSaysWhyThereIsNone) {
   statistics::Bound bound;
   bound.level = 5e6;
   bound.level_lies = {4e6, 7e6};
+  bound.fit_p = 0.3;
   one.extremes.maxima = one.extremes.peaks = bound;
-  EXPECT_THAT(
-      render({one}, Format::table),
-      HasSubstr("udp: 1 in a million answers is to take longer than 5000 [4000, 7000] µs (block maxima)"));
+  EXPECT_THAT(render({one}, Format::table),
+              HasSubstr("5000 [4000, 7000]  0.3  5000 [4000, 7000]  0.3      1"));
   one.extremes.peaks->refused = "it drifts";
   const auto text = render({one}, Format::table);
   EXPECT_THAT(text, HasSubstr("this data does not allow a bound on the slowest, because it drifts"));

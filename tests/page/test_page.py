@@ -235,6 +235,18 @@ class Page(unittest.TestCase):
             self.assertTrue(file.read_bytes().startswith(beginning), form)
         self.assert_quiet(opened)
 
+    def test_what_was_imported_is_a_table_without_messages(self):
+        histogram = {"unit_ns": 1000, "values": [[9_000, 90], [12_000, 9]], "beyond": 1, "beyond_from_ns": 100_000,
+                     "max_ns": 400_000, "mean_ns": 12_000}
+        request = {"id": "cyclictest", "variant": "thread 0", "imported": {"from": "cyclictest-json", "file": HOSTILE}}
+        opened = self.browser(width=360)
+        opened.open(self.page_of(self.results([(request, {"interrupted": False, "histogram": histogram}, [])])))
+        self.assertEqual(opened.text("h1"), "No messages were measured: what is here was imported.")
+        self.assertEqual(opened.run("return document.querySelectorAll('figure, .runs').length"), 0)
+        self.assertIn("thread 0", opened.text("main"))
+        self.assertLessEqual(opened.run("return document.documentElement.scrollWidth"), 360)
+        self.assert_quiet(opened)
+
     def test_it_fits_a_phone_and_the_dark(self):
         page = self.page_of(self.several())
         for width, scheme in ((360, "light"), (360, "dark"), (1280, "light"), (1280, "dark")):
