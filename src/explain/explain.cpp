@@ -14,19 +14,14 @@ namespace ontime::explain {
 namespace {
 
 using nlohmann::json;
+using record::at;
 using roundtrip::Fate;
 using roundtrip::Sample;
 
 // Of any of a message's stages: beyond it nothing of a file is believed, nor calculated with.
 constexpr std::int64_t longest_ns = std::int64_t{86'400} * 1'000'000'000;
 
-// What is not there, or is of another kind, is null: the file may be anybody's.
-const json& member(const json& object, const char* name) {
-  static const json none;
-  if (!object.is_object()) return none;
-  const auto found = object.find(name);
-  return found == object.end() ? none : *found;
-}
+// What is of another kind is nothing: the file may be anybody's.
 std::string text_of(const json& value) { return value.is_string() ? value.get<std::string>() : ""; }
 std::int64_t integer_of(const json& value) {
   return value.is_number_integer() ? value.get<std::int64_t>() : 0;
@@ -34,17 +29,17 @@ std::int64_t integer_of(const json& value) {
 
 End end_of(const record::Run& run, const char* host) {
   End end{host, {}, nullptr};
-  const auto& threads = member(member(member(run.outcome, "hosts"), host), "threads");
+  const auto& threads = at(at(at(run.outcome, "hosts"), host), "threads");
   if (!threads.is_array()) return end;
   for (const auto& thread : threads)
     end.threads.push_back(
-        {static_cast<std::int32_t>(integer_of(member(thread, "tid"))), text_of(member(thread, "role"))});
+        {static_cast<std::int32_t>(integer_of(at(thread, "tid"))), text_of(at(thread, "role"))});
   return end;
 }
 
 bool on_one_machine(const record::Run& run) {
   const auto boot = [&](const char* host) {
-    return text_of(member(member(member(member(run.outcome, "hosts"), host), "machine"), "boot_id"));
+    return text_of(at(at(at(at(run.outcome, "hosts"), host), "machine"), "boot_id"));
   };
   return !boot("controller").empty() && boot("controller") == boot("component");
 }
@@ -56,7 +51,7 @@ class Explainer {
       : client_(end_of(run, "controller")),
         server_(end_of(run, "component")),
         one_machine_(on_one_machine(run)),
-        payload_bytes_(integer_of(member(run.asked, "payload_bytes"))),
+        payload_bytes_(integer_of(at(run.asked, "payload_bytes"))),
         usual_(reader, run.number, one_machine_) {}
 
   Message explain(const Sample& sample, const std::vector<record::Trace>& traces) const {
@@ -127,13 +122,13 @@ std::vector<Group> groups_of(const std::vector<Message>& messages) {
 }
 
 void add_limits(Account& account, const record::Run& run) {
-  const auto& traced = member(run.outcome, "trace");
+  const auto& traced = at(run.outcome, "trace");
   if (traced.is_object())
     for (const auto& [host, answer] : traced.items()) {
-      if (const auto error = text_of(member(answer, "error")); !error.empty())
+      if (const auto error = text_of(at(answer, "error")); !error.empty())
         account.limits.push_back(
             fmt::format("nothing is known of what the {}'s machine did: {}", host, error));
-      const auto& missing = member(answer, "missing");
+      const auto& missing = at(answer, "missing");
       if (missing.is_array())
         for (const auto& what : missing)
           account.limits.push_back(
@@ -158,7 +153,7 @@ void add_limits(Account& account, const record::Run& run) {
 
 Account account_of(const record::Reader& reader, const record::Run& run) {
   Account account;
-  account.traced = !member(run.outcome, "trace").is_null();
+  account.traced = !at(run.outcome, "trace").is_null();
   std::map<std::uint64_t, std::vector<record::Trace>> traces;
   reader.each_trace(run.number,
                     [&](const record::Trace& trace) { traces[trace.window.span.message].push_back(trace); });
