@@ -42,6 +42,7 @@ int explain(const Arguments& arguments) {
   if (arguments.message && runs.size() > 1)
     throw campaign::Error(2, fmt::format("--message: of which of the {} runs? Say --run N too", runs.size()));
   std::vector<report::Explained> all;
+  all.reserve(runs.size());
   for (const auto& run : runs) all.push_back({run, explain::account_of(reader, run)});
   Output output("");
   if (!arguments.message) {

@@ -63,6 +63,7 @@ void Windows::order() {
     const auto difference_ns = by_its_own_clock ? clocks_.difference_ns() : 0;
     if (!difference_ns) continue;  // nothing was answered yet: who could say when it was there?
     std::vector<trace::Span> spans;
+    spans.reserve(wanted_.size());
     for (const auto& [message, span] : wanted_)
       spans.push_back({message, span.from_ns + *difference_ns, span.to_ns + *difference_ns});
     machines_.cut_out(host, spans);

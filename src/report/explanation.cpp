@@ -10,7 +10,6 @@
 namespace ontime::report {
 namespace {
 
-using explain::Account;
 using explain::Cause;
 using explain::Group;
 using explain::Message;

@@ -48,6 +48,7 @@ class Now {
   }
   std::vector<RawEvent> events() const {
     std::vector<RawEvent> all;
+    all.reserve(cpus_.size() + awake_.size());
     for (const auto& [cpu, event] : cpus_) all.push_back(event);
     for (const auto& [thread, event] : awake_) all.push_back(event);
     const auto key = [](const RawEvent& event) { return std::pair(event.at_ns, event.bytes.data()); };
@@ -103,6 +104,7 @@ class Recorder::Drain {
 
   std::vector<Window> cut(std::vector<Span> spans) {
     std::vector<Window> windows;
+    windows.reserve(spans.size());
     if (spans.empty()) return windows;
     std::sort(spans.begin(), spans.end(),
               [](const Span& one, const Span& other) { return one.from_ns < other.from_ns; });
