@@ -43,6 +43,27 @@ TEST_F(RecordTest, MissingFilesAndFolders) {
   EXPECT_THAT(files(), IsEmpty());
 }
 
+// Whoever may write in the folder may put them there.
+TEST_F(RecordTest, WhatLiesBesideAFileAndIsNoneIsRefused) {
+  { Writer(path_).begin_run({}); }
+  write_bytes((folder_ / "other").string(), "x");
+  for (const std::string suffix : {"-wal", "-shm", "-journal"})
+    for (const bool fifo : {true, false}) {
+      const auto beside = path_ + suffix;
+      if (fifo)
+        ASSERT_EQ(::mkfifo(beside.c_str(), 0666), 0);
+      else
+        fs::create_symlink("other", beside);
+      const auto told = AllOf(HasSubstr(beside), HasSubstr("not a file"));
+      EXPECT_FALSE(is_being_written(path_));
+      EXPECT_THAT(error_of([&] { Reader(path_).runs(); }), told);
+      EXPECT_THAT(error_of([&] { Writer writer(path_); }), told);
+      fs::remove(beside);
+    }
+  EXPECT_EQ(bytes_of((folder_ / "other").string()), "x");
+  EXPECT_THAT(Reader(path_).runs(), testing::SizeIs(1));
+}
+
 TEST_F(RecordTest, EmptyFileIsWrittenButNotRead) {
   write_bytes(path_, "");
   EXPECT_THAT(error_of([&] { Reader reader(path_); }), AllOf(HasSubstr(path_), HasSubstr("empty")));

@@ -17,6 +17,8 @@ namespace {
 namespace fs = std::filesystem;
 
 bool is_a_page(const std::string& path) {
+  std::error_code none;
+  if (!fs::is_regular_file(path, none)) return false;
   std::string beginning(1024, '\0');
   std::ifstream(path, std::ios::binary)
       .read(beginning.data(), static_cast<std::streamsize>(beginning.size()));

@@ -91,10 +91,24 @@ std::string uri_of(const std::string& path, bool immutable) {
   return immutable ? uri + "?immutable=1" : uri;
 }
 
+// SQLite opens what lies beside a file by its name; opening a FIFO would wait for ever.
+void require_files_beside(const std::string& path) {
+  namespace fs = std::filesystem;
+  std::error_code ignored;
+  for (const auto* suffix : {"-wal", "-shm", "-journal"}) {
+    const auto beside = fs::weakly_canonical(path, ignored).string() + suffix;
+    const auto status = fs::symlink_status(beside, ignored);
+    if (fs::exists(status) && !fs::is_regular_file(status))
+      throw WrongFile(fmt::format(
+          "{}: {} belongs to it, and is not a file. Look who put it there, and remove it.", path, beside));
+  }
+}
+
 }  // namespace
 
 Connection::Connection(const std::string& path, int flags, bool immutable)
     : path_(path), name_(path.empty() ? "temporary results file (in $TMPDIR or /var/tmp)" : path) {
+  if (!path.empty()) require_files_beside(path);
   sqlite3* handle = nullptr;
   const int code =
       sqlite3_open_v2(uri_of(path, immutable).c_str(), &handle, flags | SQLITE_OPEN_URI, nullptr);

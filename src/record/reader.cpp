@@ -218,7 +218,7 @@ bool is_being_written(const std::string& path) {
   constexpr off_t write_lock = 120;
   std::error_code ignored;
   const auto beside = std::filesystem::canonical(path, ignored).string() + "-shm";
-  const int file = ::open(beside.c_str(), O_RDONLY | O_CLOEXEC);
+  const int file = ::open(beside.c_str(), O_RDONLY | O_NOFOLLOW | O_NONBLOCK | O_CLOEXEC);
   if (file < 0) return false;
   struct flock lock {};
   lock.l_type = F_RDLCK;

@@ -78,6 +78,12 @@ class Results(unittest.TestCase):
             database.commit()
         return path
 
+    def test_page_is_not_written_through_what_is_no_file(self):
+        os.mkfifo(self.folder / "results.html")
+        answer = self.ontime("run", self.scenario(), "--results", self.results)
+        self.assertIn("results.html is there and no page of ontime's", answer.stderr)
+        self.assertTrue(self.results.with_suffix(".html").is_fifo())
+
     # --- gates ---
 
     def test_what_a_scenario_requires_is_judged_and_recorded(self):
