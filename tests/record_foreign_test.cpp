@@ -64,6 +64,15 @@ TEST_F(RecordTest, WhatLiesBesideAFileAndIsNoneIsRefused) {
   EXPECT_THAT(Reader(path_).runs(), testing::SizeIs(1));
 }
 
+TEST_F(RecordTest, FileIsNotMadeWhereALinkLeads) {
+  const auto elsewhere = folder_ / "elsewhere.db";
+  fs::create_symlink(elsewhere, path_);
+  EXPECT_THAT(error_of([&] { Writer writer(path_); }), AllOf(HasSubstr(path_), HasSubstr("not a file")));
+  EXPECT_THAT(files(), ElementsAre("results.db"));
+  { Writer(elsewhere.string()).begin_run({}); }
+  EXPECT_EQ(Writer(path_).begin_run({}), 2) << "to a file that is there it may lead";
+}
+
 TEST_F(RecordTest, EmptyFileIsWrittenButNotRead) {
   write_bytes(path_, "");
   EXPECT_THAT(error_of([&] { Reader reader(path_); }), AllOf(HasSubstr(path_), HasSubstr("empty")));

@@ -33,7 +33,8 @@ std::string new_results_file(const std::string& scenario) {
   const auto stem =
       fmt::format("{}-{:%Y%m%d-%H%M%S}", path.stem().string(), fmt::localtime(std::time(nullptr)));
   auto name = stem + ".ontime";
-  for (int next = 2; std::filesystem::exists(name); ++next) name = fmt::format("{}-{}.ontime", stem, next);
+  for (int next = 2; exists(std::filesystem::symlink_status(name)); ++next)
+    name = fmt::format("{}-{}.ontime", stem, next);
   return name;
 }
 

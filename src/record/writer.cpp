@@ -1,4 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
+#include <cerrno>
 #include <chrono>
 #include <condition_variable>
 #include <csignal>
@@ -14,7 +15,9 @@
 #include <thread>
 #include <utility>
 
+#include <fcntl.h>
 #include <fmt/format.h>
+#include <unistd.h>
 
 #include "record/database.hpp"
 #include "record/document.hpp"
@@ -151,8 +154,11 @@ class Writer::Thread {
 
 Writer::Writer(const std::string& path) {
   std::error_code ignored;
-  const bool is_new = !path.empty() && !std::filesystem::exists(path, ignored);
-  if (!is_new && !path.empty() && !std::filesystem::is_regular_file(path, ignored))
+  // Before SQLite does, which would make it wherever a link to nothing leads.
+  const int made = path.empty() ? -1 : ::open(path.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0644);
+  const bool is_new = made >= 0;
+  if (is_new) ::close(made);
+  if (!path.empty() && !is_new && errno == EEXIST && !std::filesystem::is_regular_file(path, ignored))
     throw WrongFile(fmt::format("{}: it is there, but not a file. Choose another name.", path));
   try {
     thread_ = std::make_unique<Thread>(path);
