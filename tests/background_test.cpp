@@ -356,6 +356,14 @@ TEST_F(Iperf3, WhoServesIsGoneWithWhoAsked) {
   EXPECT_FALSE(server->running());
 }
 
+TEST_F(Iperf3, NobodyIsServedMuchMoreThanWasAsked) {
+  auto serves = serving(7805), greedy = asking(7805, true);
+  serves.bits_per_s = 4'000'000;
+  greedy.bits_per_s = 9'000'000;
+  const auto server = traffic(serves);
+  EXPECT_THAT(error_of(greedy), HasSubstr("ended at once"));
+}
+
 TEST_F(Iperf3, SaysWhatItSaid) {
   EXPECT_THAT(error_of(asking(7803, false)), AllOf(HasSubstr("ended at once"), HasSubstr("refused")));
   const auto server = traffic(serving(7803));

@@ -50,10 +50,11 @@ struct Stream {
   std::string address{};             // where it is served
   std::string interface {};          // that it takes at this end, and no other; "": whichever leads there
   int port = 0;
-  // Of who asks:
-  std::uint64_t bits_per_s = 0;  // of payload: without the headers of UDP, IP and Ethernet
-  std::uint64_t datagram_bytes = 0;
-  int priority = 0;  // SCHED_FIFO, of iperf3 itself; 0: as anybody's
+  // Of payload: without the headers of UDP, IP and Ethernet. Who serves refuses more than twice that; 0:
+  // nothing.
+  std::uint64_t bits_per_s = 0;
+  std::uint64_t datagram_bytes = 0;  // of who asks
+  int priority = 0;                  // SCHED_FIFO, of iperf3 itself; 0: as anybody's
 };
 // What one end says it has sent, or received, since it began.
 struct Moved {
