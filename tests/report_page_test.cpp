@@ -255,6 +255,44 @@ TEST_F(Page, has_each_figure_as_json_has_it) {
     EXPECT_THAT(html, HasSubstr(cell));
 }
 
+TEST_F(Page, says_of_a_quantile_and_of_the_worst_case_what_the_table_says) {
+  std::mt19937_64 random(5);
+  std::vector<Sample> samples;
+  for (std::uint64_t i = 0; i < 3000; ++i)
+    samples.push_back(sample(i, 400'000 + static_cast<std::int64_t>(random() % 100'000)));
+  add_run(asked("a", "udp"), outcome(), samples);
+  const auto reader = writer_.reader();
+  const auto table = render({statistics::summarise(reader, reader.runs().front())}, Format::table);
+  const auto html = page();
+  const auto shown = found_in(html, "data-figure=\"p99.9\"[^>]*>&gt; ([^<]*)<");
+  ASSERT_EQ(shown.size(), 1u) << "3,000 answers do not bound p99.9";
+  EXPECT_THAT(table, HasSubstr("> " + shown[0]));
+  const auto seen = found_in(table, "Slowest \\(µs\\).*\nudp +([0-9]+) ");
+  ASSERT_EQ(seen.size(), 1u);
+  EXPECT_THAT(html, HasSubstr("How slow an answer may be that was not seen yet"));
+  EXPECT_THAT(html, HasSubstr("<th scope=\"row\">udp</th><td class=\"number\">" + seen[0] + "</td>"));
+}
+
+TEST_F(Page, shows_no_messages_of_what_was_imported) {
+  json request = {{"id", "cyclictest"},
+                  {"variant", "thread 0"},
+                  {"imported", {{"from", "cyclictest-json"}, {"file", "c.json"}}}};
+  const json histogram = {{"unit_ns", 1000},   {"values", {{9'000, 90}, {12'000, 9}}},
+                          {"beyond", 1},       {"beyond_from_ns", 100'000},
+                          {"max_ns", 400'000}, {"mean_ns", 12'000.0}};
+  add_run(request, {{"interrupted", false}, {"histogram", histogram}}, {});
+  const auto alone = page();
+  EXPECT_THAT(alone, HasSubstr("No messages were measured: what is here was imported."));
+  EXPECT_THAT(alone, HasSubstr("thread 0 (c.json)"));
+  EXPECT_THAT(alone, Not(HasSubstr("<figure")));
+  EXPECT_THAT(alone, Not(HasSubstr("data-run=")));
+  add_run(asked("a", "udp"), outcome(), {sample(0, ms)});
+  const auto beside = page();
+  EXPECT_THAT(beside, HasSubstr("All 1 messages came back within the deadline of 10 ms."));
+  EXPECT_THAT(beside, HasSubstr("thread 0 (c.json)"));
+  EXPECT_EQ(found_in(beside, "(data-run=)").size(), 1u);
+}
+
 Summary judged(std::uint64_t on_time, std::uint64_t late, std::uint64_t lost) {
   auto run = summary(asked("Test1.B", "udp"), outcome(), 0);
   run.on_time = on_time;

@@ -155,7 +155,10 @@ TEST(Csv, HasAStableHeader) {
       "response_95_us_p99.99_low,response_95_us_p99.99_high,probability_late_value,probability_late_low,"
       "probability_late_high,probability_late_bound,probability_lost_value,probability_lost_low,"
       "probability_lost_high,probability_lost_bound,probability_missed_value,probability_missed_low,"
-      "probability_missed_high,probability_missed_bound,bursts_count,bursts_longest,bursts_longest_ms"));
+      "probability_missed_high,probability_missed_bound,bursts_count,bursts_longest,bursts_longest_ms,"
+      "block_maxima_allowed,block_maxima_level_us,block_maxima_level_low_us,block_maxima_level_high_us,"
+      "block_maxima_fit_p,peaks_over_threshold_allowed,peaks_over_threshold_level_us,"
+      "peaks_over_threshold_level_low_us,peaks_over_threshold_level_high_us,peaks_over_threshold_fit_p"));
 }
 
 TEST(Csv, SaysWhatTheJsonSays) {
@@ -166,6 +169,7 @@ TEST(Csv, SaysWhatTheJsonSays) {
   whole.late_probability.messages = 2000;
   whole.late_probability.sure = {0.01, 0.02};
   whole.bursts = {3, 4, 5'000'000};
+  whole.extremes.maxima.emplace().level_lies = {4e6, 7e6};
   const std::vector<Summary> runs = {whole, summary(asked("b", "udp"), nullptr)};
   const auto csv = render(runs, Format::csv);
   const auto document = json::parse(render(runs, Format::json));
@@ -186,6 +190,9 @@ TEST(Csv, SaysWhatTheJsonSays) {
       for (const auto& [name, number] : probability.items())
         expected["probability_" + what + "_" + name] = number;
     for (const auto& [name, number] : run.at("bursts").items()) expected["bursts_" + name] = number;
+    if (i == 0)
+      for (const auto& [name, number] : run.at("extremes").at("block_maxima").items())
+        expected["block_maxima_" + name] = number;
     for (const auto& [key, value] : run.at("conditions").items())
       if (!value.is_structured()) expected[key] = value;
     for (const auto& [key, value] : run.at("conditions").at("qos").items()) expected["qos_" + key] = value;

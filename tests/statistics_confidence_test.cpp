@@ -45,8 +45,9 @@ TEST(Certainty, HoldsTheTrueQuantilesAsOftenAsItSays) {
       EXPECT_GE(held[k], trials * 93 / 100) << kind.name << " " << quantiles[k].name;
       EXPECT_GE(held_surer[k], trials * 96 / 100) << kind.name << " " << quantiles[k].name;
     }
-    // And not by saying nothing.
-    for (std::size_t k = 0; k < 3; ++k) EXPECT_GE(bounded[k], trials * 85 / 100) << kind.name;
+    // And not by saying nothing, but of the p99 of no more than forty bursts.
+    for (std::size_t k = 0; k < 3; ++k)
+      EXPECT_GE(bounded[k], trials * (k == 2 && kind.name == "bursty" ? 85 : 99) / 100) << kind.name;
   }
 }
 

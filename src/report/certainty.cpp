@@ -85,25 +85,19 @@ ordered_json json_of(const Probability& of) {
           {"effect", of.effect}};
 }
 
-std::string note_of(const Extremes& of) {
-  std::vector<std::string> levels, refusals;
-  if (!of.refused.empty()) refusals.push_back(of.refused);
-  for (const auto& [bound, method] :
-       {std::pair{&of.maxima, "block maxima"}, {&of.peaks, "peaks over a threshold"}}) {
-    if (!*bound) continue;
-    const auto& [tail, shape_lies, level, lies, fit_p, count, refused] = **bound;
-    if (refused.empty())
-      levels.push_back(fmt::format("{} [{}, {}] µs ({})", microseconds(level),
-                                   microseconds(lies.low.value_or(0)), microseconds(lies.high.value_or(0)),
-                                   method));
-    else if (std::find(refusals.begin(), refusals.end(), refused) == refusals.end())
-      refusals.push_back(refused);
-  }
-  // Where one of the two ways is refused, the other stands on the same ground.
-  if (!refusals.empty())
-    return "this data does not allow a bound on the slowest, because " + join(refusals, "; ");
-  return levels.empty() ? "" : "1 in a million answers is to take longer than " + join(levels, ", ");
+// Why there is no bound; empty, if there is. Where one of the two ways is refused, the other stands on the
+// same ground.
+std::string refusal_of(const Extremes& of) {
+  std::vector<std::string> reasons;
+  if (!of.refused.empty()) reasons.push_back(of.refused);
+  for (const auto* bound : {&of.maxima, &of.peaks})
+    if (*bound && !(*bound)->refused.empty() &&
+        std::find(reasons.begin(), reasons.end(), (*bound)->refused) == reasons.end())
+      reasons.push_back((*bound)->refused);
+  return join(reasons, "; ");
 }
+
+std::string p_value(double p) { return fmt::format("{:.2g}", p); }
 
 ordered_json json_of(const std::optional<Bound>& of) {
   if (!of) return nullptr;
@@ -123,8 +117,12 @@ ordered_json json_of(const std::optional<Bound>& of) {
 }
 
 ordered_json json_of(const Extremes& of) {
+  const auto tested = [&](double p) { return of.maxima || of.peaks ? ordered_json(p) : ordered_json(); };
   return {{"refused", of.refused.empty() ? ordered_json() : ordered_json(of.refused)},
           {"extremal_index", of.index},
+          {"trend_p", tested(of.trend_p)},
+          {"runs_p", tested(of.runs_p)},
+          {"halves_p", tested(of.halves_p)},
           {"block_maxima", json_of(of.maxima)},
           {"peaks_over_threshold", json_of(of.peaks)}};
 }
@@ -139,9 +137,37 @@ Table certainty_table(const std::vector<std::string>& labels, const Group& runs)
     if (!of.p50.sure.low && runs[i]->missed_probability.messages == 0) continue;
     table.rows.push_back({labels[i], interval(of.p50.sure), interval(of.p99.sure), interval(of.p99_9.sure),
                           interval(of.p99_99.sure), interval(runs[i]->missed_probability)});
-    const auto notes = {note_of(*runs[i]), note_of(runs[i]->extremes)};
-    for (const auto& note : notes)
-      if (!note.empty()) table.notes.push_back(labels[i] + ": " + note);
+    if (const auto note = note_of(*runs[i]); !note.empty()) table.notes.push_back(labels[i] + ": " + note);
+  }
+  return table;
+}
+
+Table worst_case_table(const std::vector<std::string>& labels, const Group& runs) {
+  Table table{
+      "",
+      "What 1 in a million answers takes longer than, by extreme-value theory, for as long as it goes on "
+      "as it did. Fit, trend: p-values, which speak against a bound where they are small.",
+      {{"Slowest (µs)", Column::Align::left}},
+      {},
+      {}};
+  for (const auto* name : {"Seen", "By block\nmaxima", "Fit", "By peaks over\na threshold", "Fit", "Trend"})
+    table.columns.push_back({name});
+  for (std::size_t i = 0; i < runs.size(); ++i) {
+    const auto& of = runs[i]->extremes;
+    if (runs[i]->round_trip.count == 0 || (!of.maxima && !of.peaks && of.refused.empty())) continue;
+    const auto why = refusal_of(of);
+    const auto level = [&](const std::optional<Bound>& bound) {
+      if (!why.empty()) return std::string("none");
+      return bound ? microseconds(bound->level) + " " + interval(bound->level_lies) : nothing;
+    };
+    const auto fit = [](const std::optional<Bound>& bound) {
+      return bound ? p_value(bound->fit_p) : nothing;
+    };
+    table.rows.push_back({labels[i], microseconds(static_cast<double>(runs[i]->round_trip.max)),
+                          level(of.maxima), fit(of.maxima), level(of.peaks), fit(of.peaks),
+                          of.maxima ? p_value(of.trend_p) : nothing});
+    if (!why.empty())
+      table.notes.push_back(labels[i] + ": this data does not allow a bound on the slowest, because " + why);
   }
   return table;
 }

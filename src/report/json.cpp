@@ -137,6 +137,9 @@ std::vector<Field> fields() {
       fields.push_back({fmt::format("probability_{}_{}", what, value), {"probability", what, value}});
   for (const auto* key : {"count", "longest", "longest_ms"})
     fields.push_back({fmt::format("bursts_{}", key), {"bursts", key}});
+  for (const auto* method : {"block_maxima", "peaks_over_threshold"})
+    for (const auto* key : {"allowed", "level_us", "level_low_us", "level_high_us", "fit_p"})
+      fields.push_back({fmt::format("{}_{}", method, key), {"extremes", method, key}});
   return fields;
 }
 
@@ -170,6 +173,8 @@ ordered_json json_of(const statistics::Summary& summary) {
   run["parts"] = parts_of(summary);
   add_certainty(run, summary);
   run["notes"] = notes_of(summary);
+  const auto text = remarks(summary);
+  run["remarks"] = text.empty() ? ordered_json() : ordered_json(text);
   run["imported"] = imported_json_of(summary);
   run.update(some_of(asked, {"require"}));
   run["conditions"] =

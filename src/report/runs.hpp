@@ -21,8 +21,15 @@ Page page_of(const Summaries&);
 // A percentile needs one value above it to say anything, and ten to be more than a glimpse: below that it is
 // "-", or marked "~". `one_in`: how many values have one above it.
 std::string percentile(const statistics::Distribution&, std::int64_t ns, std::uint64_t one_in);
+// Likewise, where it is known how sure it is: of what nothing bounds from above "> " and what it is surely
+// above.
+std::string percentile(const statistics::Distribution&, std::int64_t ns, std::uint64_t one_in,
+                       const statistics::Measured& certainty);
 // How sure the figures of runs are, by their labels; without a title. No rows where nothing is known of it.
 Table certainty_table(const std::vector<std::string>& labels, const std::vector<const statistics::Summary*>&);
+// How slow an answer may be that was not seen yet, or why that cannot be said; likewise.
+Table worst_case_table(const std::vector<std::string>& labels,
+                       const std::vector<const statistics::Summary*>&);
 // What a response is made of, each by itself: a stall of our own thread is none of the network's.
 Table stages_table(const std::vector<std::string>& labels, const std::vector<const statistics::Summary*>&);
 void add_certainty(nlohmann::ordered_json& run, const statistics::Summary&);

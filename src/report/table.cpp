@@ -18,14 +18,6 @@ using nlohmann::json;
 using statistics::Distribution;
 using statistics::Summary;
 
-// Where nothing bounds it from above, what was seen there is not to be taken for known.
-std::string percentile(const Distribution& of, std::int64_t ns, std::uint64_t one_in,
-                       const statistics::Measured& certainty) {
-  if (of.count >= one_in && certainty.sure.low && !certainty.sure.high)
-    return "> " + microseconds(*certainty.sure.low);
-  return report::percentile(of, ns, one_in);
-}
-
 std::string share(std::uint64_t part, std::uint64_t whole) { return fmt::format("{}/{}", part, whole); }
 
 // Judged by when a cycle's answer should have been asked for, and not by when it was, more may be late.
@@ -146,6 +138,7 @@ std::vector<Table> tables_of(Group group) {
   for (const auto& paper : paper_rows(asked)) table.rows.push_back(row(paper, by_response));
   std::vector<Table> tables = {table};
   const std::pair<Table, const char*> others[] = {{certainty_table(labels, group), "95 % sure"},
+                                                  {worst_case_table(labels, group), "worst case"},
                                                   {stages_table(labels, group), "stage by stage"}};
   for (const auto& [other, what] : others) {
     if (other.rows.empty()) continue;
@@ -204,6 +197,13 @@ std::string percentile(const Distribution& of, std::int64_t ns, std::uint64_t on
   if (of.count < one_in) return nothing;
   const std::uint64_t above = of.count / one_in;
   return (above < 10 ? "~" : "") + microseconds(static_cast<double>(ns));
+}
+
+std::string percentile(const Distribution& of, std::int64_t ns, std::uint64_t one_in,
+                       const statistics::Measured& certainty) {
+  if (of.count >= one_in && certainty.sure.low && !certainty.sure.high)
+    return "> " + microseconds(*certainty.sure.low);
+  return percentile(of, ns, one_in);
 }
 
 Page page_of(const Summaries& summaries) {

@@ -40,13 +40,11 @@ std::string heading_of(const Summary& summary) {
   return title == nothing || title.empty() ? id : id + " · " + title;
 }
 
-// Rounded for the eye, exact for programs.
-std::string time_cell(const statistics::Distribution& of, double ns, const char* name,
-                      std::uint64_t one_in = 1) {
-  if (of.count < one_in) return "<td class=\"number\">–</td>";
-  const bool glimpse = one_in > 1 && of.count / one_in < 10;
-  return fmt::format("<td class=\"number\"><data data-figure=\"{}\" value=\"{:.3f}\">{}{}</data></td>", name,
-                     ns / 1e3, glimpse ? "~" : "", microseconds(ns));
+// Exact for programs, for the eye as in the tables: `shown`.
+std::string time_cell(const std::string& shown, double ns, const char* name) {
+  if (shown == nothing) return "<td class=\"number\">–</td>";
+  return fmt::format("<td class=\"number\"><data data-figure=\"{}\" value=\"{:.3f}\">{}</data></td>", name,
+                     ns / 1e3, escaped(shown));
 }
 
 std::string count_cell(std::uint64_t count, const char* name, bool is_fault) {
@@ -64,15 +62,21 @@ std::string against_deadline(const Summary& summary) {
 std::string row_of(const Shown& run, std::size_t figure) {
   const auto& summary = *run.summary;
   const auto& of = summary.round_trip;
-  const auto time = [&](std::int64_t ns, const char* name, std::uint64_t one_in = 1) {
-    return time_cell(of, static_cast<double>(ns), name, one_in);
+  const auto& sure = summary.round_trip_certainty;
+  const auto time = [&](double ns, const char* name) {
+    return time_cell(of.count == 0 ? nothing : microseconds(ns), ns, name);
+  };
+  const auto quantile = [&](std::int64_t ns, const char* name, std::uint64_t one_in,
+                            const statistics::Measured& certainty) {
+    return time_cell(percentile(of, ns, one_in, certainty), static_cast<double>(ns), name);
   };
   return fmt::format("<tr data-run=\"{}\"><th scope=\"row\"><a href=\"#run-{}\">{}</a></th>",
                      summary.run.number, figure, escaped(run.label)) +
          count_cell(summary.sent, "sent", false) + count_cell(summary.late, "late", true) +
-         count_cell(summary.lost, "lost", true) + time(of.min, "min") + time_cell(of, of.mean, "mean") +
-         time(of.p50, "p50", 2) + time(of.p99, "p99", 100) + time(of.p99_9, "p99.9", 1000) +
-         time(of.max, "max") +
+         count_cell(summary.lost, "lost", true) + time(static_cast<double>(of.min), "min") +
+         time(of.mean, "mean") + quantile(of.p50, "p50", 2, sure.p50) +
+         quantile(of.p99, "p99", 100, sure.p99) + quantile(of.p99_9, "p99.9", 1000, sure.p99_9) +
+         time(static_cast<double>(of.max), "max") +
          fmt::format("<td class=\"number\">{}</td><td class=\"range\" data-figure-of=\"{}\"></td></tr>\n",
                      against_deadline(summary), figure);
 }
@@ -105,7 +109,7 @@ std::string table_of(const std::vector<std::vector<Shown>>& groups) {
   std::string text = table_head;
   std::size_t figure = 0;
   for (const auto& group : groups) {
-    text += fmt::format("<tbody>\n<tr><th scope=\"rowgroup\" colspan=\"12\">{}</th></tr>\n",
+    text += fmt::format("<tbody>\n<tr><th scope=\"rowgroup\" colspan=\"12\"><span>{}</span></th></tr>\n",
                         escaped(heading_of(*group.front().summary)));
     for (const auto& run : group) text += row_of(run, figure++);
     for (const auto& paper : paper_rows(group.front().summary->run.asked)) text += row_of(paper);
@@ -176,8 +180,9 @@ Table parts_of(const std::vector<Shown>& group) {
   return table;
 }
 
-std::string details(const std::string& summary, const std::string& content) {
-  return "<details><summary>" + escaped(summary) + "</summary>\n" + content + "</details>\n";
+std::string details(const std::string& summary, const std::string& content, bool open = false) {
+  return std::string(open ? "<details open" : "<details") + "><summary>" + escaped(summary) + "</summary>\n" +
+         content + "</details>\n";
 }
 
 std::string time_figure(const Shown& run, std::size_t figure) {
@@ -225,8 +230,14 @@ std::string section_of(const std::vector<Shown>& runs, std::size_t first) {
       list_of(first, runs.size()));
   std::vector<std::string> labels;
   for (const auto& run : runs) labels.push_back(run.label);
-  if (const auto sure = certainty_table(labels, group); !sure.rows.empty())
-    html += details("How sure these figures are, 95 %", as_html(sure));
+  if (auto worst = worst_case_table(labels, group); !worst.rows.empty()) {
+    worst.title = "The slowest, seen and expected";
+    html += details("How slow an answer may be that was not seen yet", as_html(worst), true);
+  }
+  if (auto sure = certainty_table(labels, group); !sure.rows.empty()) {
+    sure.title = "Between what each figure lies, with 95 % confidence";
+    html += details("How sure these figures are", as_html(sure));
+  }
   html += details("Where the time goes", as_html(parts_of(runs)));
   html += details("The longest waits", as_html(worst_of(runs)));
   return html + "</section>\n";
@@ -262,6 +273,13 @@ std::string comparing_figures(const Summaries& summaries, std::size_t groups) {
   return html.empty() ? "" : "<section>\n<h2>Side by side</h2>\n" + html + "</section>\n";
 }
 
+// What another tool measured has neither messages nor a course.
+std::string imported_section_of(const Summaries& imported) {
+  std::string html = "<section>\n<h2>Imported</h2>\n";
+  for (const auto& group : by_id(imported)) html += as_html(imported_table_of(group));
+  return html + details("The machines", as_html(machines_of(imported))) + "</section>\n";
+}
+
 std::string settings_of(const Summaries& summaries) {
   std::string html = "<section>\n<h2>What was set, and what was so</h2>\n";
   const auto differences = differences_of(summaries);
@@ -290,15 +308,19 @@ const char* class_of(Verdict::Word word) {
 }  // namespace
 
 std::string render_html(const record::Reader& reader, const Summaries& summaries, const std::string& name) {
-  const auto verdict = verdict_of(summaries);
-  const auto groups = shown(summaries);
+  Summaries measured, imported;
+  for (const auto& summary : summaries) (summary.imported ? imported : measured).push_back(summary);
+  auto verdict = verdict_of(measured);
+  if (measured.empty() && !imported.empty())
+    verdict.sentence = "No messages were measured: what is here was imported.";
   auto body = fmt::format(
       "<header>\n<p class=\"brand\">ontime <span>{}</span></p>\n<h1 "
       "class=\"{}\">{}</h1>\n<p>{}</p>\n</header>\n<main>\n",
       escaped(name), class_of(verdict.word), escaped(verdict.sentence), escaped(verdict.further));
-  if (!summaries.empty()) {
+  if (!measured.empty()) {
+    const auto groups = shown(measured);
     body += table_of(groups);
-    body += note_as_html(page_of(summaries).legend);
+    body += note_as_html(page_of(measured).legend);
     body +=
         "<noscript><p class=\"note\">The figures want JavaScript, which is off here. The tables do "
         "not.</p></noscript>\n";
@@ -308,12 +330,13 @@ std::string render_html(const record::Reader& reader, const Summaries& summaries
       body += section_of(group, first);
       first += group.size();
     }
-    body += comparing_figures(summaries, groups.size()) + settings_of(summaries);
+    body += comparing_figures(measured, groups.size()) + settings_of(measured);
   }
+  if (!imported.empty()) body += imported_section_of(imported);
   body += "</main>\n<footer><p>Made by ontime " ONTIME_VERSION
           " from the results file, which has every sample. Figures are drawn by D3, whose licence is in this "
           "file's source.</p></footer>\n";
-  return standing_alone(name + " · ontime", body, figures_of(reader, summaries));
+  return standing_alone(name + " · ontime", body, figures_of(reader, measured));
 }
 
 }  // namespace ontime::report

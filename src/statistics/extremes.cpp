@@ -4,7 +4,6 @@
 #include <algorithm>
 #include <cmath>
 #include <functional>
-#include <limits>
 #include <map>
 #include <random>
 #include <utility>
@@ -19,7 +18,9 @@ namespace {
 constexpr std::size_t blocks = 100;
 constexpr std::size_t fewest_values = 2000;
 constexpr std::size_t fewest_peaks = 30;
-constexpr int resamples = 200;
+constexpr int resamples = 400;
+// Of a percentile bootstrap so many hold what is asked of them at 95 %: tests/statistics_extremes_test.cpp.
+constexpr double middle = 0.98;
 constexpr double one_in_a_million = 1e-6;
 constexpr double refuses = 0.01, refuses_fit = 0.05;
 constexpr double heaviest = 0.5;  // beyond, L-moments tell little of the shape: their variance is infinite
@@ -40,12 +41,12 @@ double anderson_darling(std::vector<double> values, const Tail& tail) {
 using Fit = std::function<std::optional<Tail>(std::vector<double>)>;
 using Level = std::function<double(const Tail&)>;
 
-Interval middle_95(std::vector<double> values) {
+Interval middle_of(std::vector<double> values) {
   std::sort(values.begin(), values.end());
   const auto at = [&](double share) {
     return values[static_cast<std::size_t>(share * static_cast<double>(values.size() - 1))];
   };
-  return {at(0.025), at(0.975)};
+  return {at((1 - middle) / 2), at((1 + middle) / 2)};
 }
 
 std::optional<Bound> bound(const std::vector<double>& values, const Fit& fit, const Level& level) {
@@ -69,9 +70,10 @@ std::optional<Bound> bound(const std::vector<double>& values, const Fit& fit, co
     further += anderson_darling(std::move(sample), *again) >= distance ? 1 : 0;
   }
   if (shapes.empty()) return {};
-  result.fit_p = static_cast<double>(further) / static_cast<double>(shapes.size());
-  result.shape_lies = middle_95(std::move(shapes));
-  result.level_lies = middle_95(std::move(levels));
+  result.fit_p =
+      (further + 1.0) / (static_cast<double>(shapes.size()) + 1.0);  // what was found is one of them
+  result.shape_lies = middle_of(std::move(shapes));
+  result.level_lies = middle_of(std::move(levels));
   if (tail->shape > heaviest)
     result.refused =
         fmt::format("its tail is so heavy (shape {:.2f}) that any bound would be a guess", tail->shape);
@@ -90,11 +92,11 @@ std::vector<std::size_t> declustered(const std::vector<std::size_t>& places, std
   std::sort(longest_first.begin(), longest_first.end(), std::greater<>());
   const auto clusters =
       std::max<std::size_t>(1, static_cast<std::size_t>(index * static_cast<double>(places.size())));
-  // As long a gap as the last that divides, or a longer one, divides; equal ones beyond that do not.
-  const auto divides = clusters < 2 ? std::numeric_limits<std::size_t>::max() : longest_first[clusters - 2];
+  // As many of the longest as lie between so many clusters, or, where the next is as long, those longer.
+  const auto longest_within = clusters > gaps.size() ? 0 : longest_first[clusters - 1];
   std::vector<std::size_t> peaks;
   for (std::size_t i = 0; i < places.size(); ++i) {
-    if (i == 0 || gaps[i - 1] >= divides)
+    if (i == 0 || gaps[i - 1] > longest_within)
       peaks.push_back(places[i]);
     else if (values[places[i]] > values[peaks.back()])
       peaks.back() = places[i];
@@ -102,21 +104,22 @@ std::vector<std::size_t> declustered(const std::vector<std::size_t>& places, std
   return peaks;
 }
 
-std::string unsteady(std::span<const double> maxima, const std::vector<std::size_t>& peaks,
-                     std::size_t values) {
-  if (const auto p = trend_p(maxima); p < refuses)
+// Of what is to lie in either half of the values alike.
+double halves_p(std::size_t first, std::size_t second) {
+  const boost::math::binomial fair(static_cast<double>(first + second), 0.5);
+  return std::min(1.0, 2 * boost::math::cdf(fair, static_cast<double>(std::min(first, second))));
+}
+
+std::string unsteady(const Extremes& of, std::size_t first, std::size_t second) {
+  if (of.trend_p < refuses)
     return fmt::format("its slowest answers became slower or faster over the run (Mann-Kendall, p = {:.2g})",
-                       p);
-  if (const auto p = runs_p(maxima); p < refuses)
-    return fmt::format("bad stretches of the run follow upon one another (Wald-Wolfowitz, p = {:.2g})", p);
-  if (peaks.empty()) return "";
-  const auto before = std::lower_bound(peaks.begin(), peaks.end(), values / 2) - peaks.begin();
-  const auto first = static_cast<std::size_t>(before), second = peaks.size() - first;
-  const boost::math::binomial halves(static_cast<double>(peaks.size()), 0.5);
-  const auto p = std::min(1.0, 2 * boost::math::cdf(halves, static_cast<double>(std::min(first, second))));
-  if (p < refuses)
+                       of.trend_p);
+  if (of.runs_p < refuses)
+    return fmt::format("bad stretches of the run follow upon one another (Wald-Wolfowitz, p = {:.2g})",
+                       of.runs_p);
+  if (of.halves_p < refuses)
     return fmt::format("of its bad stretches {} are in the first half and {} in the second (p = {:.2g})",
-                       first, second, p);
+                       first, second, of.halves_p);
   return "";
 }
 
@@ -208,7 +211,12 @@ Extremes extremes(std::span<const float> values, float threshold) {
         [=](const Tail& tail) { return tail.quantile(std::max(0.0, 1 - one_in_a_million / passing)); });
   if (!result.maxima && !result.peaks)
     result.refused = "its slowest answers are all alike, or all of one burst";
-  const auto why = unsteady(maxima, peaks, values.size());
+  result.trend_p = trend_p(maxima);
+  result.runs_p = runs_p(maxima);
+  const auto half = std::lower_bound(peaks.begin(), peaks.end(), values.size() / 2);
+  const auto first = static_cast<std::size_t>(half - peaks.begin()), second = peaks.size() - first;
+  result.halves_p = halves_p(first, second);
+  const auto why = unsteady(result, first, second);
   for (auto* bound : {&result.maxima, &result.peaks})
     if (*bound && !why.empty()) (*bound)->refused = why;
   return result;

@@ -5,9 +5,11 @@
 // Block maxima: the run in 100 stretches, and the greatest of each; a generalised extreme-value distribution.
 // Peaks over a threshold: what is above the threshold that 500 values pass, or a tenth of fewer, declustered;
 // a generalised Pareto distribution. Their parameters by L-moments (Hosking 1985; Hosking & Wallis 1987), the
-// intervals by a parametric bootstrap of 200 (percentiles), seeded alike each time, as is the p-value of the
-// fit: Anderson & Darling's statistic, of samples fitted anew. How extremes cluster: the extremal index by
-// the intervals between them, which also declusters (Ferro & Segers 2003).
+// intervals by a parametric bootstrap of 400, seeded alike each time, of which the middle 98 % are taken: the
+// middle 95 % hold the truth too seldom. The same bootstrap gives the p-value of the fit: Anderson &
+// Darling's statistic, of samples fitted anew. How extremes cluster: the extremal index by the intervals
+// between them, which also declusters (Ferro & Segers 2003).
+//
 // Not to be refused are: that the stretches' maxima have no trend (Mann 1945, Kendall), that they do not
 // follow upon one another (runs about the median: Wald & Wolfowitz 1940), that as many peaks lie in the first
 // half as in the second (binomial), each at 1 %, and the fit at 5 %.
@@ -40,9 +42,9 @@ std::optional<Tail> fit_peaks(std::vector<double> peaks, double threshold);
 // The level that one of a million answers passes.
 struct Bound {
   Tail tail;
-  Interval shape_lies;
+  Interval shape_lies;  // with 95 %, as level_lies
   double level = 0;
-  Interval level_lies;    // with 95 %
+  Interval level_lies;
   double fit_p = 0;       // of the fit; small: they do not follow it
   std::size_t count = 0;  // maxima, or peaks
   std::string refused;    // why this data does not allow a bound, for people: the figures above are not to be
@@ -52,6 +54,8 @@ struct Bound {
 struct Extremes {
   std::optional<Bound> maxima, peaks;  // nothing: too few values, see `refused`
   double index = 1;                    // extremal: 1 / how many follow upon one another
+  double trend_p = 1, runs_p = 1;      // of the stretches' maxima: the tests below
+  double halves_p = 1;                 // of how many peaks lie in either half
   std::string refused;                 // why there is neither
 };
 // Of values in the order in which they came, and the threshold that `most_peaks` of them, or a tenth of

@@ -3,43 +3,16 @@
 #include <cstddef>
 #include <cstdint>
 #include <cstdlib>
-#include <filesystem>
 #include <fstream>
 #include <iterator>
 #include <string>
 
-#include <unistd.h>
-
+#include "folder.hpp"
 #include "record/record.hpp"
 
 namespace {
 
 using namespace ontime;
-namespace fs = std::filesystem;
-
-// In memory where there is such a place.
-class Folder {
- public:
-  Folder() {
-    std::string name = (fs::path(::access("/dev/shm", W_OK) == 0 ? "/dev/shm" : fs::temp_directory_path()) /
-                        "ontime-fuzz-XXXXXX");
-    path_ = ::mkdtemp(name.data());
-  }
-  ~Folder() { fs::remove_all(path_); }
-  Folder(const Folder&) = delete;
-  Folder& operator=(const Folder&) = delete;
-
-  std::string file(const std::uint8_t* data, std::size_t size) const {
-    for (const auto& entry : fs::directory_iterator(path_)) fs::remove(entry);
-    const auto path = path_ / "results.ontime";
-    std::ofstream(path, std::ios::binary)
-        .write(reinterpret_cast<const char*>(data), static_cast<std::streamsize>(size));
-    return path.string();
-  }
-
- private:
-  fs::path path_;
-};
 
 std::string bytes_of(const std::string& path) {
   std::ifstream file(path, std::ios::binary);
@@ -79,8 +52,8 @@ void add_run(const std::string& path) {
 }  // namespace
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
-  static const Folder folder;
-  const auto path = folder.file(data, size);
+  static const fuzz::Folder folder;
+  const auto path = folder.file("results.ontime", data, size);
   try {
     read_all(path);
   } catch (const record::Error&) {

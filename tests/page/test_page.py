@@ -207,6 +207,15 @@ class Page(unittest.TestCase):
         self.assertIsNone(opened.run("return window.hacked"))
         self.assertIn("Content Security Policy", " ".join(opened.errors()))
 
+    def test_times_that_cannot_be_are_drawn_all_the_same(self):
+        for round_trip in (0, -7_000):
+            with self.subTest(round_trip=round_trip):
+                rows = [[*row[:6], round_trip, *row[7:]] for row in results_file.samples(1, 100)]
+                opened = self.browser()
+                opened.open(self.page_of(self.results([(results_file.asked(100), outcome(), rows)])))
+                self.assert_quiet(opened)
+                self.assertEqual(opened.run("return document.querySelectorAll('.fault[role=alert]').length"), 0)
+
     def test_figures_can_be_saved(self):
         opened = self.browser()
         opened.devtools("Browser.setDownloadBehavior", behavior="allow", downloadPath=str(self.folder))
@@ -218,6 +227,18 @@ class Page(unittest.TestCase):
             while not file.exists() and time.monotonic() < deadline:
                 time.sleep(0.05)
             self.assertTrue(file.read_bytes().startswith(beginning), form)
+        self.assert_quiet(opened)
+
+    def test_what_was_imported_is_a_table_without_messages(self):
+        histogram = {"unit_ns": 1000, "values": [[9_000, 90], [12_000, 9]], "beyond": 1, "beyond_from_ns": 100_000,
+                     "max_ns": 400_000, "mean_ns": 12_000}
+        request = {"id": "cyclictest", "variant": "thread 0", "imported": {"from": "cyclictest-json", "file": HOSTILE}}
+        opened = self.browser(width=360)
+        opened.open(self.page_of(self.results([(request, {"interrupted": False, "histogram": histogram}, [])])))
+        self.assertEqual(opened.text("h1"), "No messages were measured: what is here was imported.")
+        self.assertEqual(opened.run("return document.querySelectorAll('figure, .runs').length"), 0)
+        self.assertIn("thread 0", opened.text("main"))
+        self.assertLessEqual(opened.run("return document.documentElement.scrollWidth"), 360)
         self.assert_quiet(opened)
 
     def test_it_fits_a_phone_and_the_dark(self):

@@ -276,19 +276,19 @@ function drawPayload(figure) {
   const runs = runsOf(figure), groups = d3.nest().key(run => `${run.id} ${run.transport}`).entries(runs);
   const sizes = [...new Set(runs.map(run => Math.max(run.payload_bytes, 1)))].sort(d3.ascending);
   const times = [d3.min(runs, run => run.round_trip.p50) * 0.7, d3.max(runs, run => run.round_trip.p99) * 1.4];
-  const line = (values, x, y, figureOf, dashes) => {
+  const line = (values, x, y, figureOf, dashes, wide) => {  // a dot, or a stroke so wide, where it was measured
     const points = d3.nest().key(run => Math.max(run.payload_bytes, 1)).rollup(of => d3.median(of, run => run.round_trip[figureOf]))
       .entries(values).map(entry => [+entry.key, entry.value]).sort((a, b) => a[0] - b[0]);
     return [{ d: d3.line().x(p => x(p[0])).y(p => y(p[1]))(points), dash: dashes },
-      { d: points.map(p => `M${x(p[0])},${y(p[1])}h0`).join(""), class: "dots" }];
+      { d: points.map(p => `M${x(p[0]) - wide / 2},${y(p[1])}h${wide}`).join(""), class: wide ? "" : "dots", dash: " " }];
   };
   const bytes = value => value >= 1048576 ? `${value / 1048576} MiB` : value >= 1024 ? `${+(value / 1024).toPrecision(3)} KiB` : `${value} B`;
   new Lines(figure, {
-    series: groups.map(group => ({ name: group.key, values: group.values })), left: "round trip", bottom: "payload; p50 —, p99 - -",
+    series: groups.map(group => ({ name: group.key, values: group.values })), left: "round trip", bottom: "payload; p50 ● ──, p99 ─ - -",
     x: { scale: () => d3.scaleLog().domain([sizes[0] / 1.3, sizes[sizes.length - 1] * 1.3]),
       axis: scale => d3.axisBottom(scale).tickValues(sizes).tickFormat(bytes) },
     y: { scale: () => d3.scaleLog().domain(times), axis: scale => timeAxis(scale, true, 6) },
-    lines: (one, x, y) => [...line(one.values, x, y, "p50", " "), ...line(one.values, x, y, "p99", "5 4")],
+    lines: (one, x, y) => [...line(one.values, x, y, "p50", " ", 0), ...line(one.values, x, y, "p99", "5 4", 10)],
   });
 }
 
