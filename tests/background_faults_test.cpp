@@ -26,12 +26,12 @@ class LinkFaults : public testing::Test {
   void SetUp() override {
     if (geteuid() != 0) GTEST_SKIP() << "the link's faults need root";
     journal::add_namespace(journal_, netns);
-    journal::within_namespace(netns, [] { output_of({"ip", "link", "set", "lo", "up"}, "iproute2"); });
+    journal::withjournal::within_namespace(netns, [] { output_of({"ip", "link", "set", "lo", "up"}, "iproute2"); });
   }
   // What is there, as nft says it.
   static std::string tables() {
     std::string found;
-    journal::within_namespace(netns, [&] { found = nft("list ruleset"); });
+    journal::withjournal::within_namespace(netns, [&] { found = nft("list ruleset"); });
     return found;
   }
   // Sends so many datagrams to itself; returns how many came.
@@ -121,10 +121,10 @@ TEST_F(LinkFaults, CountWhatIsNotTheTraffics) {
 TEST_F(LinkFaults, ThatSomebodyTookAwayAreNotCountedAsNone) {
   const Link link(journal_, here_, {.loss = 0.01}, {}), other(journal_, {"component", netns, "lo"}, {}, {});
   EXPECT_NO_THROW(link.counts());
-  in_namespace(netns, [] { nft("delete table netdev ontime-controller"); });
+  journal::within_namespace(netns, [] { nft("delete table netdev ontime-controller"); });
   EXPECT_THROW(link.counts(), Error);
   EXPECT_NO_THROW(other.counts());
-  in_namespace(netns, [] { nft("flush ruleset"); });
+  journal::within_namespace(netns, [] { nft("flush ruleset"); });
   EXPECT_THROW(other.counts(), Error);
 }
 

@@ -8,8 +8,8 @@
 
 #include "commands.hpp"
 #include "gates.hpp"
+#include "flags.hpp"
 #include "output.hpp"
-#include "run_flags.hpp"
 
 namespace ontime::app {
 namespace {
@@ -46,7 +46,7 @@ int explain(const Arguments& arguments) {
   for (const auto& run : runs) all.push_back({run, explain::account_of(reader, run)});
   Output output("");
   if (!arguments.message) {
-    output.write(report::render(all, format));
+    output.write(report::render_explained(all, format));
   } else {
     const auto& messages = all.at(0).account.messages;
     const auto found = std::find_if(messages.begin(), messages.end(), [&](const auto& message) {
@@ -58,7 +58,7 @@ int explain(const Arguments& arguments) {
                  "--message: of message {} it is not known what the kernel did; it is of {} of this run, the "
                  "worst (--format json lists them)",
                  *arguments.message, messages.size()));
-    output.write(report::render(all.front(), *found, format));
+    output.write(report::render_explained(all.front(), *found, format));
   }
   output.finish();
   return 0;

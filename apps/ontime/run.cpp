@@ -95,7 +95,7 @@ void explain_new(record::Writer& writer, std::size_t known, report::Format forma
   for (std::size_t i = known; i < runs.size(); ++i)
     if (auto account = explain::account_of(reader, runs[i]); account.traced)
       all.push_back({runs[i], std::move(account)});
-  if (!all.empty()) print("\n" + report::render(all, format));
+  if (!all.empty()) print("\n" + report::render_explained(all, format));
 }
 
 int run(const Arguments& arguments, const GateFlags& flags, const nlohmann::json& command_line) {

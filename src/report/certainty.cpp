@@ -145,8 +145,8 @@ Table certainty_table(const std::vector<std::string>& labels, const Group& runs)
 Table worst_case_table(const std::vector<std::string>& labels, const Group& runs) {
   Table table{
       "",
-      "what 1 in a million answers takes longer than, by extreme-value theory, for as long as it goes "
-      "on as it did; with p-values: the fit's, and of no trend",
+      "What 1 in a million answers takes longer than, by extreme-value theory, for as long as it goes on "
+      "as it did. Fit, trend: p-values, which speak against a bound where they are small.",
       {{"Slowest (µs)", Column::Align::left}},
       {},
       {}};

@@ -150,7 +150,7 @@ ordered_json json_of(const Explained& one) {
 
 }  // namespace
 
-std::string render(const std::vector<Explained>& all, Format format) {
+std::string render_explained(const std::vector<Explained>& all, Format format) {
   if (format == Format::json) {
     auto runs = ordered_json::array();
     for (const auto& one : all) runs.push_back(json_of(one));
@@ -161,7 +161,7 @@ std::string render(const std::vector<Explained>& all, Format format) {
   return text;
 }
 
-std::string render(const Explained& one, const Message& message, Format format) {
+std::string render_explained(const Explained& one, const Message& message, Format format) {
   return format == Format::json ? json_of(message).dump(2) + "\n" : text_of(one, message, marks_of(format));
 }
 

@@ -21,16 +21,19 @@ json ns_of(const json& us) {
   return us.is_number() && std::isfinite(us.get<double>()) ? json(us.get<double>() * 1e3) : json();
 }
 
+// On a logarithmic axis nothing takes less than a nanosecond, whatever a damaged file says.
+std::int64_t drawn(std::int64_t ns) { return std::max<std::int64_t>(ns, 1); }
+
 json json_of(const Distribution& of) {
   if (of.count == 0) return nullptr;
-  return {{"min", of.min},     {"p50", of.p50}, {"p99", of.p99},
-          {"p99.9", of.p99_9}, {"max", of.max}, {"count", of.count}};
+  return {{"min", drawn(of.min)},     {"p50", drawn(of.p50)}, {"p99", drawn(of.p99)},
+          {"p99.9", drawn(of.p99_9)}, {"max", drawn(of.max)}, {"count", of.count}};
 }
 
 // [from, to, count] of each bin, in order.
 json json_of(const statistics::Histogram& histogram) {
   auto bins = json::array();
-  for (const auto& [from_ns, to_ns, count] : histogram) bins.push_back({from_ns, to_ns, count});
+  for (const auto& [from_ns, to_ns, count] : histogram) bins.push_back({drawn(from_ns), drawn(to_ns), count});
   return bins;
 }
 
@@ -40,8 +43,8 @@ json slices_of(const statistics::Shape& shape) {
   auto medians = json::array(), stalls = json::array();
   for (const auto& slice : shape.slices) {
     if (slice.skipped_cycles > 0)
-      stalls.push_back({medians.size(), slice.skipped_cycles, slice.response_max_ns});
-    medians.push_back(slice.sent > slice.lost ? json(slice.p50_ns) : json());
+      stalls.push_back({medians.size(), slice.skipped_cycles, drawn(slice.response_max_ns)});
+    medians.push_back(slice.sent > slice.lost ? json(drawn(slice.p50_ns)) : json());
   }
   return {{"slice_ns", shape.slice_ns}, {"medians", medians}, {"stalls", stalls}};
 }

@@ -77,9 +77,9 @@ struct Explained {
   record::Run run;
   explain::Account account;
 };
-std::string render(const std::vector<Explained>&, Format);
+std::string render_explained(const std::vector<Explained>&, Format);
 // All of one message's delay.
-std::string render(const Explained&, const explain::Message&, Format);
+std::string render_explained(const Explained&, const explain::Message&, Format);
 
 // What gates came to, for a CI: JUnit's XML as Jenkins, GitLab and GitHub's actions read it. What was missed
 // is a failure, what could not be judged an error.

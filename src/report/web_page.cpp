@@ -231,7 +231,7 @@ std::string section_of(const std::vector<Shown>& runs, std::size_t first) {
   std::vector<std::string> labels;
   for (const auto& run : runs) labels.push_back(run.label);
   if (auto worst = worst_case_table(labels, group); !worst.rows.empty()) {
-    worst.title = "The slowest, seen and expected (µs)";
+    worst.title = "The slowest, seen and expected";
     html += details("How slow an answer may be that was not seen yet", as_html(worst), true);
   }
   if (auto sure = certainty_table(labels, group); !sure.rows.empty()) {
