@@ -26,12 +26,12 @@ class LinkFaults : public testing::Test {
   void SetUp() override {
     if (geteuid() != 0) GTEST_SKIP() << "the link's faults need root";
     journal::add_namespace(journal_, netns);
-    journal::withjournal::within_namespace(netns, [] { output_of({"ip", "link", "set", "lo", "up"}, "iproute2"); });
+    journal::within_namespace(netns, [] { output_of({"ip", "link", "set", "lo", "up"}, "iproute2"); });
   }
   // What is there, as nft says it.
   static std::string tables() {
     std::string found;
-    journal::withjournal::within_namespace(netns, [&] { found = nft("list ruleset"); });
+    journal::within_namespace(netns, [&] { found = nft("list ruleset"); });
     return found;
   }
   // Sends so many datagrams to itself; returns how many came.

@@ -210,7 +210,9 @@ TEST_F(OnVeth, LookingWritesNothing) {
   inside([] {
     ASSERT_EQ(mount("", "/sys", "", MS_REMOUNT | MS_BIND | MS_RDONLY, nullptr), 0);
     for (const auto& state : show(left)) {
-      if (state.setting->name == std::string("threaded-napi")) EXPECT_EQ(state.cannot, "");
+      if (state.setting->name == std::string("threaded-napi")) {
+        EXPECT_EQ(state.cannot, "");
+      }
     }
     EXPECT_EQ(plan({{"threaded-napi", "off"}}, left).at(0).before, "0");
   });

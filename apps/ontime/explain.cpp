@@ -6,8 +6,8 @@
 
 #include <fmt/format.h>
 
+#include "campaign/campaign.hpp"
 #include "commands.hpp"
-#include "gates.hpp"
 #include "flags.hpp"
 #include "output.hpp"
 
