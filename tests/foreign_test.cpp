@@ -223,7 +223,11 @@ TEST_F(Imports, EveryWrongJsonIsNamed) {
       {changed(good, "\"cycles\": 100", "\"cycles\": -100"), "'cycles' is no whole number"},
       {changed(good, "\"min\": 9", "\"min\": 8"), "the least value is 8"},
       {changed(good, "\"avg\": 48.91", "\"avg\": \"NaN\""), "'avg' is no number"},
-      {changed(good, "\"avg\": 48.91", "\"avg\": -1"), "its mean is no time"},
+      {changed(good, "\"avg\": 48.91", "\"avg\": -1"),
+       "its mean, -1, is not between 0 and its maximum, 3908"},
+      {changed(good, "\"avg\": 48.91", "\"avg\": 1e306"), "is not between 0 and its maximum"},
+      {changed(good, "\"9\": 1", "\"9\": 1, \"09\": 1"), "9 is in its histogram twice"},
+      {changed(good, "\"thread\": {", "\"thread\": {\"00\": {}, "), "0 is there twice"},
       {changed(good, "\"avg\": 48.91", "\"avg\": 1e999"), "no JSON"},
       {changed(good, "\"max\": 3908", "\"max\": 1e3"), "'max' is no whole number"},
   };

@@ -198,7 +198,8 @@ class Thread {
              fmt::format("'{:.20}' in its histogram is no value that was seen a number of times", value));
       if (__builtin_add_overflow(seen, count.get<std::uint64_t>(), &seen))
         fail(file_, where_, "more values than any run has");
-      if (count > 0) values[*number] = count;
+      if (count > 0 && !values.try_emplace(*number, count.get<std::uint64_t>()).second)
+        fail(file_, where_, fmt::format("{} is in its histogram twice", *number));
     }
     result.values.assign(values.begin(), values.end());
     const auto cycles = whole("cycles");
@@ -254,7 +255,8 @@ std::vector<Import> read_json(const std::string& file, const What& what) {
     const auto number = count_of(name);
     if (!number || *number >= most_threads)
       fail(file, "thread", fmt::format("'{:.20}' is no thread's number", name));
-    in_order[*number] = &thread;
+    if (!in_order.try_emplace(*number, &thread).second)
+      fail(file, "thread", fmt::format("{} is there twice", *number));
   }
   const auto unit_ns = at(document, "resolution_in_ns") == 1 ? 1 : 1000;
   std::vector<Import> runs;

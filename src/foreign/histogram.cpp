@@ -1,8 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "foreign/histogram.hpp"
 
-#include <cmath>
-
 #include <fmt/format.h>
 
 #include "record/record.hpp"
@@ -30,7 +28,8 @@ nlohmann::json json_of(const Histogram& of, std::int64_t unit_ns, const std::str
   if (of.values.size() > most_values)
     wrong(fmt::format("it has {} different values; at most {} can be kept", of.values.size(), most_values));
   if (of.max > most_ns / unit) wrong(fmt::format("a maximum of {} cannot be", of.max));
-  if (!std::isfinite(of.mean) || of.mean < 0) wrong("its mean is no time");
+  if (!(of.mean >= 0 && of.mean <= static_cast<double>(of.max)))
+    wrong(fmt::format("its mean, {}, is not between 0 and its maximum, {}", of.mean, of.max));
   std::uint64_t seen = of.beyond;
   if (seen > most_seen) wrong("more values than any run has");
   for (const auto& [value, count] : of.values)

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Any bytes as what cyclictest wrote (the first says in which form): refused in words, or runs that are reported.
+// Any bytes as what cyclictest wrote (the first says in which form): refused in words, or runs that are
+// reported.
 #include <cstddef>
 #include <cstdint>
 #include <cstdlib>
@@ -24,6 +25,7 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
     return 0;
   }
   if (runs.empty()) std::abort();
+  if (runs.size() > 64) return 0;  // so many more are only slower
   const auto results = folder.path("results.ontime");
   {
     record::Writer writer(results);

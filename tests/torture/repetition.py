@@ -170,7 +170,7 @@ runs:
       component: {{cpu: 1}}
     traffic: {{rate: 5 Mbit/s}}
     link: {{loss: 1 %}}
-    kernel: {{{timers}gro: on, threaded-napi: on, napi-threads: 55}}
+    kernel: {{{timers}gro: on, rps: 0}}
 """)
 
 
