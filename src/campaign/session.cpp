@@ -145,8 +145,7 @@ json Session::measure(std::chrono::nanoseconds wait) {
   controller_ = open("controller", client_task(run_, hosts.controller, served));
   machines_.load(run_);
   if (run_.explain) {
-    traced_ = machines_.trace(
-        [this](const auto& host, const auto& window) { windows_->take(host, window); });
+    traced_ = machines_.trace([this](const auto& host, const auto& window) { windows_->take(host, window); });
     windows_.emplace(machines_);
   }
 

@@ -149,7 +149,8 @@ std::vector<std::string> Ssh::command(const char* local_script, const char* shar
   // gone is noticed in the time in which a silent worker is.
   for (const auto* option :
        {sharing, "ControlPersist=no", "BatchMode=yes", "LogLevel=ERROR", "RemoteCommand=none",
-        "ClearAllForwardings=yes", "ForwardAgent=no", "ForwardX11=no", "ConnectTimeout=20", "ServerAliveInterval=5", "ServerAliveCountMax=2"})
+        "ClearAllForwardings=yes", "ForwardAgent=no", "ForwardX11=no", "ConnectTimeout=20",
+        "ServerAliveInterval=5", "ServerAliveCountMax=2"})
     words.insert(words.end(), {"-o", option});
   words.insert(words.end(), {"--", destination_, quoted(there)});
   return words;

@@ -183,7 +183,9 @@ class Keeper final : public orders::Worker {
   json machine_as_it_was() {
     auto clock = machine::clock_state();
     if (machine_.is_null()) return machine::describe();
-    const auto offset_ns = [](const json& state) { return state.at("realtime_offset_ns").get<std::int64_t>(); };
+    const auto offset_ns = [](const json& state) {
+      return state.at("realtime_offset_ns").get<std::int64_t>();
+    };
     clock["moved_ns"] = offset_ns(clock) - offset_ns(machine_.at("clock"));
     machine_["clock"] = std::move(clock);
     return std::exchange(machine_, nullptr);

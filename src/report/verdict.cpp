@@ -114,7 +114,8 @@ Verdict verdict_of(const Summaries& summaries) {
                     missed.bound * 1e6));
   if (unfinished > 0)
     further.push_back(fmt::format("{} did not end as asked: see below.", many(unfinished, "run", "runs")));
-  for (const auto& [why, runs] : flaws) further.push_back(fmt::format("Of {}: {}.", many(runs, "run", "runs"), why));
+  for (const auto& [why, runs] : flaws)
+    further.push_back(fmt::format("Of {}: {}.", many(runs, "run", "runs"), why));
   verdict.further = join(further, " ");
   return verdict;
 }
