@@ -180,6 +180,18 @@ TEST_F(OnVeth, NapiIsThreadedPrioritisedAndGivenBack) {
   });
 }
 
+TEST_F(OnVeth, ThreadsOfAnInterfaceWhoseNameOnlyBeginsAlikeAreAnothers) {
+  inside([] {
+    ASSERT_EQ(std::system("ip link add left-7 type veth peer name right-7 && ip link set left-7 up"), 0);
+    journal::Journal journal(kinds());
+    apply(journal, {{"gro", "on"}, {"threaded-napi", "on"}}, {"left-7", ""});
+    apply(journal, {{"gro", "on"}, {"threaded-napi", "on"}}, left);
+    const auto threads = setting("napi-threads").things("left");
+    ASSERT_THAT(threads, SizeIs(1));
+    EXPECT_EQ(threads[0].title().rfind('-'), std::string("napi/left").size());
+  });
+}
+
 TEST_F(OnVeth, WhatIsLackingIsSaidByNameBeforeAnythingIsChanged) {
   inside([] {
     journal::Journal journal(kinds());
@@ -209,11 +221,11 @@ TEST_F(OnVeth, WhatIsLackingIsSaidByNameBeforeAnythingIsChanged) {
 TEST_F(OnVeth, LookingWritesNothing) {
   inside([] {
     ASSERT_EQ(mount("", "/sys", "", MS_REMOUNT | MS_BIND | MS_RDONLY, nullptr), 0);
-    for (const auto& state : show(left)) {
-      if (state.setting->name == std::string("threaded-napi")) {
-        EXPECT_EQ(state.cannot, "");
-      }
-    }
+    const auto states = show(left);
+    const auto threads = std::find_if(states.begin(), states.end(), [](const State& one) {
+      return one.setting->name == std::string("threaded-napi");
+    });
+    EXPECT_EQ(threads->cannot, "");
     EXPECT_EQ(plan({{"threaded-napi", "off"}}, left).at(0).before, "0");
   });
 }

@@ -192,6 +192,9 @@ Things napi_threads(Text interface) {
   constexpr std::size_t short_name = 15;
   const auto name = fmt::format("napi/{}-", interface);
   auto found = threads_named(name);
+  std::erase_if(found, [&](const Thing& one) {  // of eth0-x
+    return one.title().find_first_not_of("0123456789", name.size()) != std::string::npos;
+  });
   if (found.empty() && name.size() > short_name) {
     found = threads_named(name.substr(0, short_name));
     std::erase_if(found, [](const Thing& one) { return one.title().size() != short_name; });
