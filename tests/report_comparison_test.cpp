@@ -123,7 +123,7 @@ TEST(Compare, WhatWasAskedAndWhatCameOfItDiffer) {
                                      "link loss: -, 0.1", "link_unproved: -, it is not proved",
                                      "traffic bit_s: -, 80000000", "traffic to_component short: -, true"));
   EXPECT_THAT(render(compare(a, b), {}, Format::table),
-              HasSubstr("x udp (run 7) of B: the load on the controller had died by the end"));
+              HasSubstr("x udp ×3 (run 7) of B: the load on the controller had died by the end"));
 }
 
 TEST(Compare, ARunWhoseSamplesAreMissingIsLeftOut) {

@@ -164,7 +164,8 @@ void add_run(CLI::App& app, Action& action) {
       ->type_name("NAME,...")
       ->check(given);
   command->add_option("--duration", arguments->duration, "of each run, instead of the scenario's")
-      ->type_name("TIME");
+      ->type_name("TIME")
+      ->check(given);
   command->add_flag("--deploy", arguments->selection.deploy,
                     "bring this program to hosts that are reached by ssh, for the time of the run");
   command->add_flag(

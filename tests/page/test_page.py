@@ -222,14 +222,12 @@ class Page(unittest.TestCase):
         self.assertIsNone(opened.run("return window.hacked"))
         self.assertIn("Content Security Policy", " ".join(opened.errors()))
 
-    def test_times_that_cannot_be_are_drawn_all_the_same(self):
-        for round_trip in (0, -7_000):
-            with self.subTest(round_trip=round_trip):
-                rows = [[*row[:6], round_trip, *row[7:]] for row in results_file.samples(1, 100)]
-                opened = self.browser()
-                opened.open(self.page_of(self.results([(results_file.asked(100), outcome(), rows)])))
-                self.assert_quiet(opened)
-                self.assertEqual(opened.run("return document.querySelectorAll('.fault[role=alert]').length"), 0)
+    def test_answers_that_took_no_time_are_drawn_all_the_same(self):
+        rows = [[*row[:6], 0, *row[7:]] for row in results_file.samples(1, 100)]
+        opened = self.browser()
+        opened.open(self.page_of(self.results([(results_file.asked(100), outcome(), rows)])))
+        self.assert_quiet(opened)
+        self.assertEqual(opened.run("return document.querySelectorAll('.fault[role=alert]').length"), 0)
 
     def test_figures_can_be_saved(self):
         opened = self.browser()
