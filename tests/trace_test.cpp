@@ -152,8 +152,8 @@ TEST_F(Traced, IsGivenBackAfterAKill) {
   EXPECT_FALSE(is_there());
 }
 
-// Of about every third window the switch back to the woken thread is missing, however long one waits before it
-// is cut: it is not known why (docs/explain.md).
+// Of about every third window the switch back to the woken thread is missing, however long one waits before
+// it is cut: it is not known why (docs/explain.md).
 TEST_F(Traced, DISABLED_SaysWhenAThreadSleptAndWasWoken) {
   journal::Journal journal(kinds());
   Recorder recorder(journal);
