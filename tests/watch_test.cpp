@@ -39,6 +39,28 @@ class Following : public RecordTest {
   static json asked() {
     return {{"id", "Test1.B\"\\\n\x1b[31m"}, {"transport", "udp"}, {"repetition", 1}, {"duration_s", 60}};
   }
+  // A process that has written what `write` writes, and measures on.
+  pid_t measuring(const std::function<void(record::Writer&)>& write) {
+    int written[2];
+    EXPECT_EQ(::pipe(written), 0);
+    const auto child = ::fork();
+    if (child == 0) {
+      record::Writer writer(path_);
+      write(writer);
+      writer.flush();
+      [[maybe_unused]] auto ignored = ::write(written[1], "x", 1);
+      ::pause();
+      ::_exit(0);
+    }
+    char byte = 0;
+    EXPECT_EQ(::read(written[0], &byte, 1), 1);
+    for (const int end : written) ::close(end);
+    return child;
+  }
+  static void kill(pid_t child) {
+    ::kill(child, SIGKILL);
+    ::waitpid(child, nullptr, 0);
+  }
 };
 
 TEST_F(Following, CountsWhatIsNewEachTime) {
@@ -89,20 +111,9 @@ TEST_F(Following, AMessageThatWasGivenUpAndProvesAnsweredIsCountedRight) {
 }
 
 TEST_F(Following, SamplesThatWaitAreSaidTo) {
-  int to_child[2], to_parent[2];
-  ASSERT_EQ(::pipe(to_child), 0);
-  ASSERT_EQ(::pipe(to_parent), 0);
-  const auto child = ::fork();
-  if (child == 0) {
-    record::Writer writer(path_);
+  const auto child = measuring([](record::Writer& writer) {
     writer.note(writer.begin_run(asked()), {"samples-wait", "they wait", {}, {}});
-    writer.flush();
-    [[maybe_unused]] auto ignored = ::write(to_parent[1], "x", 1);
-    ::pause();
-    ::_exit(0);
-  }
-  char byte = 0;
-  ASSERT_EQ(::read(to_parent[0], &byte, 1), 1);
+  });
   Follower follower(path_);
   EXPECT_EQ(follower.look().state, State::measuring);
   const auto text = text_of(follower.look());
@@ -110,8 +121,7 @@ TEST_F(Following, SamplesThatWaitAreSaidTo) {
   EXPECT_THAT(text, Not(HasSubstr("left"))) << "nobody knows since when";
   EXPECT_TRUE(json::parse(json_of(follower.look())).at("elapsed_s").is_null());
   EXPECT_THAT(metrics_of(follower.look()), HasSubstr("ontime_measuring 1\n"));
-  ::kill(child, SIGKILL);
-  ::waitpid(child, nullptr, 0);
+  kill(child);
   EXPECT_EQ(follower.look().state, State::ended);
 }
 
@@ -131,26 +141,12 @@ TEST_F(Following, TheNextRunBeginsAnew) {
 }
 
 TEST_F(Following, ItEndsWithTheWriterWhetherThatIsDoneOrKilled) {
-  int to_child[2], to_parent[2];
-  ASSERT_EQ(::pipe(to_child), 0);
-  ASSERT_EQ(::pipe(to_parent), 0);
-  const auto child = ::fork();
-  if (child == 0) {
-    record::Writer writer(path_);
-    const auto run = writer.begin_run(asked());
-    writer.append(run, usual(0, 100));
-    writer.flush();
-    [[maybe_unused]] auto ignored = ::write(to_parent[1], "x", 1);
-    ::pause();
-    ::_exit(0);
-  }
-  char byte = 0;
-  ASSERT_EQ(::read(to_parent[0], &byte, 1), 1);
+  const auto child =
+      measuring([](record::Writer& writer) { writer.append(writer.begin_run(asked()), usual(0, 100)); });
   Follower follower(path_);
   EXPECT_EQ(follower.look().state, State::measuring);
   EXPECT_THAT(text_of(follower.look()), HasSubstr("left"));
-  ::kill(child, SIGKILL);
-  ::waitpid(child, nullptr, 0);
+  kill(child);
   EXPECT_EQ(follower.look().state, State::ended);
   EXPECT_THAT(text_of(follower.look()), HasSubstr("cut off"));
   { record::Writer again(path_); }

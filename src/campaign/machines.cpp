@@ -269,7 +269,9 @@ void Machines::unload() {
     if (!machine.keeper->lost()) tell(ask(machine, "unload", "unloaded").at("notes"));
 }
 
-void Machines::begin() { all("begin", "begun"); }
+void Machines::begin() {
+  for (auto& [reach, machine] : machines_) ask(machine, "begin", "begun");
+}
 
 Machines::Account Machines::end() {
   Account account;
@@ -290,10 +292,6 @@ Machines::Account Machines::end() {
 void Machines::close() {
   for (auto& [reach, machine] : machines_)
     if (!machine.keeper->lost()) tell(ask(machine, "close", "closed").at("notes"));
-}
-
-void Machines::all(const char* order, const char* answer) {
-  for (auto& [reach, machine] : machines_) ask(machine, order, answer);
 }
 
 void Machines::tell(const json& notes) {

@@ -69,7 +69,6 @@ class Machines {
   const Machine& machine_of(const std::string& host) const;
   void add(const std::string& host, const Host&);
   void link(const std::string& host, const Run&);
-  void all(const char* order, const char* answer);
   void tell(const nlohmann::json& notes);
   nlohmann::json ask(const Machine&, const char* order, const char* answer,
                      nlohmann::json body = nlohmann::json::object());

@@ -20,7 +20,4 @@ std::string utf8_of(const std::string&);
 // through a document does so by recursion.
 std::optional<nlohmann::json> json_of(const std::string&);
 
-// What a key is of.
-nlohmann::json conditions_of(const nlohmann::json& asked);
-
 }  // namespace ontime::record
