@@ -192,6 +192,32 @@ TEST_F(OnVeth, ThreadsOfAnInterfaceWhoseNameOnlyBeginsAlikeAreAnothers) {
   });
 }
 
+TEST_F(OnVeth, ThreadsOfItsNamesakeInAnotherNamespaceAreNotItsOwn) {
+  inside([] {
+    journal::Journal journal(kinds());
+    journal::add_namespace(journal, "ontime-other");
+    const Link other{"left", "ontime-other"};
+    ASSERT_EQ(std::system("ip -n ontime-other link add left type veth peer name right && "
+                          "ip -n ontime-other link set left up && ip -n ontime-other link set right up"),
+              0);
+    const Wishes wishes{{"gro", "on"}, {"threaded-napi", "on"}, {"napi-threads", "60"}};
+    const auto refused = error_of([&] { apply(journal, wishes, left); });
+    if (!refused.empty()) {  // before Linux 6.8
+      EXPECT_THAT(refused, HasSubstr("more than one network namespace has an interface left"));
+      return;
+    }
+    apply(journal, {{"gro", "on"}, {"threaded-napi", "on"}, {"napi-threads", "70"}}, other);
+    std::vector<Thing> own, others;
+    own = napi_threads_of("left");
+    journal::within_namespace("ontime-other", [&] { others = napi_threads_of("left"); });
+    ASSERT_THAT(own, SizeIs(1));
+    ASSERT_THAT(others, SizeIs(1));
+    EXPECT_THAT(*thread.read(own[0].what), StartsWith("fifo:60:"));
+    EXPECT_THAT(*thread.read(others[0].what), StartsWith("fifo:70:"));
+    EXPECT_THAT(error_of([] { napi_threads_by_name("left"); }), HasSubstr("more than one network namespace"));
+  });
+}
+
 TEST_F(OnVeth, WhatIsLackingIsSaidByNameBeforeAnythingIsChanged) {
   inside([] {
     journal::Journal journal(kinds());

@@ -67,6 +67,10 @@ std::optional<File> file_of(const Thing&, const std::string& value);
 
 std::vector<Thing> threads_named(const std::string& prefix);
 std::string name_of_thread(const std::string& what);
+// Those that take in the packets of an interface of this network namespace.
+std::vector<Thing> napi_threads_of(const std::string& interface);
+// The same for kernels that tell nothing but names: throws where two interfaces have the same.
+std::vector<Thing> napi_threads_by_name(const std::string& interface);
 // A thread's value, with one part of it exchanged.
 std::string with_priority(const std::string& value, const std::string& asked);
 std::string with_cpus(const std::string& value, const std::string& cpus);

@@ -187,18 +187,8 @@ Things threadable(Text interface) {
   return {{&threaded, what}};
 }
 
-// Threads are named after the interface, older kernels cut their names short.
 Things napi_threads(Text interface) {
-  constexpr std::size_t short_name = 15;
-  const auto name = fmt::format("napi/{}-", interface);
-  auto found = threads_named(name);
-  std::erase_if(found, [&](const Thing& one) {  // of eth0-x
-    return one.title().find_first_not_of("0123456789", name.size()) != std::string::npos;
-  });
-  if (found.empty() && name.size() > short_name) {
-    found = threads_named(name.substr(0, short_name));
-    std::erase_if(found, [](const Thing& one) { return one.title().size() != short_name; });
-  }
+  auto found = napi_threads_of(interface);
   if (found.empty() || threaded.read(interface_here(interface)) == "0")
     throw journal::Error(fmt::format("{} has no NAPI threads: they come with threaded-napi on", interface));
   return found;

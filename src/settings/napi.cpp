@@ -1,0 +1,150 @@
+// SPDX-License-Identifier: Apache-2.0
+// Which threads take an interface's packets in. Linux says it from 6.8 on, by netlink's family "netdev"
+// (Documentation/netlink/specs/netdev.yaml, of which Debian 12 has no header); before, there are their names.
+#include <algorithm>
+#include <array>
+#include <cerrno>
+#include <filesystem>
+#include <functional>
+#include <memory>
+#include <set>
+#include <thread>
+
+#include <fcntl.h>
+#include <fmt/format.h>
+#include <libmnl/libmnl.h>
+#include <linux/genetlink.h>
+#include <net/if.h>
+#include <sched.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include "settings/file.hpp"
+#include "settings/kinds.hpp"
+
+namespace ontime::settings {
+namespace {
+
+constexpr std::uint8_t get_napi = 11;
+constexpr std::uint16_t interface_index = 1, thread_id = 4;
+
+using Attribute = std::function<void(const nlattr&)>;
+using Socket = std::unique_ptr<mnl_socket, decltype(&mnl_socket_close)>;
+
+// A request, in the form that libmnl puts it together.
+class Question {
+ public:
+  Question(std::uint16_t family, std::uint8_t command, int flags)
+      : header(mnl_nlmsg_put_header(bytes_.data())) {
+    header->nlmsg_type = family;
+    header->nlmsg_flags = static_cast<std::uint16_t>(NLM_F_REQUEST | flags);
+    auto* const generic = static_cast<genlmsghdr*>(mnl_nlmsg_put_extra_header(header, sizeof(genlmsghdr)));
+    generic->cmd = command;
+    generic->version = 1;
+  }
+  Question(const Question&) = delete;
+  Question& operator=(const Question&) = delete;
+
+ private:
+  std::array<char, 256> bytes_{};
+
+ public:
+  nlmsghdr* const header;
+};
+
+int on_attribute(const nlattr* attribute, void* each) {
+  (*static_cast<const Attribute*>(each))(*attribute);
+  return MNL_CB_OK;
+}
+int on_message(const nlmsghdr* header, void* each) {
+  return mnl_attr_parse(header, sizeof(genlmsghdr), on_attribute, each);
+}
+
+// Calls `each` for every attribute of the answers. Returns 0 or an errno.
+int ask(mnl_socket* socket, const Question& asked, Attribute each) {
+  if (mnl_socket_sendto(socket, asked.header, asked.header->nlmsg_len) < 0) return errno;
+  std::vector<char> answer(static_cast<std::size_t>(MNL_SOCKET_BUFFER_SIZE));
+  for (int more = MNL_CB_OK; more > MNL_CB_STOP;) {
+    const auto bytes = mnl_socket_recvfrom(socket, answer.data(), answer.size());
+    if (bytes < 0) return errno;
+    more = mnl_cb_run(answer.data(), static_cast<std::size_t>(bytes), 0, mnl_socket_get_portid(socket),
+                      on_message, &each);
+    if (more < 0) return errno;
+    if ((asked.header->nlmsg_flags & NLM_F_DUMP) == 0) break;
+  }
+  return 0;
+}
+
+// Of this thread's network namespace. Nothing: this kernel does not say.
+std::optional<std::set<pid_t>> threads_by_kernel(const std::string& interface) {
+  const Socket socket(mnl_socket_open2(NETLINK_GENERIC, SOCK_CLOEXEC), mnl_socket_close);
+  if (!socket || mnl_socket_bind(socket.get(), 0, MNL_SOCKET_AUTOPID) < 0) return {};
+  const Question family(GENL_ID_CTRL, CTRL_CMD_GETFAMILY, 0);
+  mnl_attr_put_strz(family.header, CTRL_ATTR_FAMILY_NAME, "netdev");
+  std::uint16_t netdev = 0;
+  const int unknown = ask(socket.get(), family, [&](const nlattr& attribute) {
+    if (mnl_attr_get_type(&attribute) == CTRL_ATTR_FAMILY_ID) netdev = mnl_attr_get_u16(&attribute);
+  });
+  if (unknown != 0 || netdev == 0) return {};
+  const Question napi(netdev, get_napi, NLM_F_DUMP);
+  mnl_attr_put_u32(napi.header, interface_index, if_nametoindex(interface.c_str()));
+  std::set<pid_t> threads;
+  const int error = ask(socket.get(), napi, [&](const nlattr& attribute) {
+    if (mnl_attr_get_type(&attribute) == thread_id)
+      threads.insert(static_cast<pid_t>(mnl_attr_get_u32(&attribute)));
+  });
+  if (error == EOPNOTSUPP) return {};
+  if (error != 0) throw trouble("the NAPI threads of " + interface, error);
+  return threads;
+}
+
+// How many network namespaces that can be found (by their processes, or by `ip netns`) have one of that name.
+int interfaces_named(const std::string& name) {
+  std::set<std::pair<dev_t, ino_t>> seen;
+  int count = 0;
+  const auto look = [&](const std::filesystem::path& file) {
+    const int fd = open(file.c_str(), O_RDONLY | O_NONBLOCK | O_CLOEXEC);
+    struct stat found {};
+    if (fd >= 0 && fstat(fd, &found) == 0 && seen.emplace(found.st_dev, found.st_ino).second &&
+        setns(fd, CLONE_NEWNET) == 0 && if_nametoindex(name.c_str()) != 0)
+      ++count;
+    if (fd >= 0) close(fd);
+  };
+  std::thread([&] {  // which goes from one to the next
+    for (const auto& process : names_in("/proc")) look("/proc/" + process + "/ns/net");
+    for (const auto& named : names_in("/run/netns")) look("/run/netns/" + named);
+  })
+      .join();
+  return count;
+}
+
+}  // namespace
+
+std::vector<Thing> napi_threads_by_name(const std::string& interface) {
+  constexpr std::size_t short_name = 15;  // older kernels cut the names of threads
+  const auto name = fmt::format("napi/{}-", interface);
+  auto found = threads_named(name);
+  std::erase_if(found, [&](const Thing& one) {  // of eth0-x
+    return one.title().find_first_not_of("0123456789", name.size()) != std::string::npos;
+  });
+  if (found.empty() && name.size() > short_name) {
+    found = threads_named(name.substr(0, short_name));
+    std::erase_if(found, [](const Thing& one) { return one.title().size() != short_name; });
+  }
+  if (!found.empty() && interfaces_named(interface) > 1)
+    throw journal::Error(
+        fmt::format("more than one network namespace has an interface {0}, and before Linux 6.8 nothing "
+                    "tells their threads apart: give it a name of its own: ip link set {0} name NAME",
+                    interface));
+  return found;
+}
+
+std::vector<Thing> napi_threads_of(const std::string& interface) {
+  const auto told = threads_by_kernel(interface);
+  if (!told) return napi_threads_by_name(interface);
+  auto found = threads_named("napi/");
+  std::erase_if(found, [&](const Thing& one) { return !told->contains(std::stoi(one.what)); });
+  return found;
+}
+
+}  // namespace ontime::settings
