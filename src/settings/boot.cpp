@@ -59,7 +59,7 @@ WantedBy=multi-user.target
                      command, program);
 }
 
-[[noreturn]] void not_in(const char* form, const Change& change, const char* why) {
+[[noreturn]] void not_in(const char* form, const Change& change, const std::string& why) {
   throw Error(fmt::format("{}: {} {}: take --print systemd", change.setting->name, form, why));
 }
 
@@ -118,7 +118,8 @@ threads() { pgrep --parent 2 --exact "$1"; }  # of the kernel: others may call t
 )sh";
   for (const auto& change : changes) {
     if (change.thing.kind == nullptr)
-      not_in("a script", change, "cannot be told before the threads are there");
+      not_in("a script", change,
+             fmt::format("cannot tell of it before {} is set", change.setting->comes_with));
     std::string line;
     if (const auto file = file_of(change.thing, change.after))
       line = fmt::format("echo '{}' > '{}'\n", file->text, file->path);
