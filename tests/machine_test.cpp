@@ -117,14 +117,29 @@ TEST(Describe, LimitsAreThisProcesss) {
 }
 
 TEST(ActivityBetween, IsAShare) {
-  const Activity first{100, 1000, 10, 0, -1, 5000, 1'000'000'000};
-  const Activity last{125, 1100, 15, 250'000, -1, 9'000'000, 2'000'000'000};
+  const Activity first{100, 1000, 10, 0, -1, 5000, 1'000'000'000, 0, 0};
+  const Activity last{125, 1100, 15, 250'000, -1, 9'000'000, 2'000'000'000, 1'000'000'000, 1'000'000'000};
   const auto share = between(first, last);
   EXPECT_EQ(share["cpu_busy"], 0.25);
   EXPECT_EQ(share["cpu_stolen"], 0.05);
   EXPECT_EQ(share["cpu_pressure"], 0.25);
   EXPECT_TRUE(share["memory_pressure"].is_null());
   EXPECT_EQ(share["io_pressure"], 1.0);
+  EXPECT_EQ(share["suspended_s"], 0);
+  EXPECT_EQ(share["clock_moved_s"], 0);
+}
+
+TEST(ActivityBetween, TellsASleepFromAClockThatWasSet) {
+  constexpr std::int64_t s = 1'000'000'000;
+  Activity first, last;
+  last.at_ns = 10 * s;
+  last.boot_ns = last.realtime_ns = 70 * s;
+  EXPECT_EQ(between(first, last)["suspended_s"], 60);
+  EXPECT_EQ(between(first, last)["clock_moved_s"], 0);
+  last.boot_ns = 10 * s;
+  last.realtime_ns = -3590 * s;
+  EXPECT_EQ(between(first, last)["suspended_s"], 0);
+  EXPECT_EQ(between(first, last)["clock_moved_s"], -3600);
 }
 
 TEST(ActivityBetween, NothingWhereNoTimePassed) {
@@ -144,7 +159,7 @@ TEST(ActivityBetween, IsAlwaysAShareOrNothing) {
     const Activity last{some(), some(), some(), stall(), stall(), stall(), stall()};
     const auto shares = between(first, last);
     for (const auto& [key, share] : shares.items())
-      EXPECT_TRUE(share.is_null() || (share >= 0.0 && share <= 1.0)) << key << share;
+      EXPECT_TRUE(key.ends_with("_s") || share.is_null() || (share >= 0.0 && share <= 1.0)) << key << share;
   }
 }
 

@@ -93,6 +93,16 @@ TEST(TableFormat, NotesEachRefusalOnce) {
   EXPECT_EQ(text.find("run as root"), text.rfind("run as root"));
 }
 
+TEST(Remarks, TellThatAMachineSleptOrItsClockWasMoved) {
+  auto facts = outcome();
+  facts["conditions"]["controller"] = {{"suspended_s", 61.26}, {"clock_moved_s", 0.002}};
+  facts["conditions"]["component"] = {{"suspended_s", 0}, {"clock_moved_s", -3600.0}};
+  const auto text = render({summary(asked("a", "udp"), facts)}, Format::markdown);
+  EXPECT_THAT(text, HasSubstr("the controller's machine was suspended for 61.3 s"));
+  EXPECT_THAT(text, HasSubstr("the component's system clock was moved by -3600.0 s"));
+  EXPECT_THAT(text, Not(HasSubstr("the controller's system clock")));
+}
+
 TEST(Remarks, TellWhatNobodyElseIsToBlameFor) {
   auto facts = outcome();
   facts["conditions"]["component"]["cpu_stolen"] = 0.0213;

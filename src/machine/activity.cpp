@@ -1,8 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <algorithm>
 
-#include <time.h>
-
+#include "machine/clock.hpp"
 #include "machine/machine.hpp"
 #include "machine/proc.hpp"
 
@@ -20,13 +19,18 @@ nlohmann::json pressure(std::int64_t first_us, std::int64_t last_us, std::int64_
   return share(last_us - first_us, elapsed_ns / 1000);
 }
 
+nlohmann::json seconds(std::int64_t time_ns, std::int64_t elapsed_ns) {
+  if (elapsed_ns <= 0) return nullptr;
+  return static_cast<double>(time_ns) / 1e9;
+}
+
 }  // namespace
 
 Activity activity() {
   Activity now;
-  timespec time{};
-  clock_gettime(CLOCK_MONOTONIC, &time);
-  now.at_ns = std::int64_t{time.tv_sec} * 1'000'000'000 + time.tv_nsec;
+  now.at_ns = read_ns(CLOCK_MONOTONIC);
+  now.boot_ns = read_ns(CLOCK_BOOTTIME);
+  now.realtime_ns = read_ns(CLOCK_REALTIME);
   parse_ticks(text_of("/proc/stat").value_or(""), now);
   now.cpu_stall_us = parse_stall(text_of("/proc/pressure/cpu").value_or(""));
   now.memory_stall_us = parse_stall(text_of("/proc/pressure/memory").value_or(""));
@@ -41,7 +45,10 @@ nlohmann::json between(const Activity& first, const Activity& last) {
           {"cpu_stolen", share(static_cast<std::int64_t>(last.stolen_ticks - first.stolen_ticks), ticks)},
           {"cpu_pressure", pressure(first.cpu_stall_us, last.cpu_stall_us, elapsed_ns)},
           {"memory_pressure", pressure(first.memory_stall_us, last.memory_stall_us, elapsed_ns)},
-          {"io_pressure", pressure(first.io_stall_us, last.io_stall_us, elapsed_ns)}};
+          {"io_pressure", pressure(first.io_stall_us, last.io_stall_us, elapsed_ns)},
+          {"suspended_s", seconds(last.boot_ns - first.boot_ns - elapsed_ns, elapsed_ns)},
+          {"clock_moved_s",
+           seconds(last.realtime_ns - first.realtime_ns - (last.boot_ns - first.boot_ns), elapsed_ns)}};
 }
 
 }  // namespace ontime::machine

@@ -71,12 +71,6 @@ std::optional<Synchronisation> of_ptp() {
   return said ? parse_ptp(*said) : std::nullopt;
 }
 
-std::int64_t read_ns(clockid_t clock) {
-  timespec time{};
-  clock_gettime(clock, &time);
-  return std::int64_t{time.tv_sec} * 1'000'000'000 + time.tv_nsec;
-}
-
 // CLOCK_REALTIME - CLOCK_MONOTONIC, by the reading that took the least time.
 std::int64_t realtime_offset_ns() {
   constexpr int readings = 100;
@@ -101,6 +95,12 @@ json told(const char* source, const Synchronisation& clock) {
 }
 
 }  // namespace
+
+std::int64_t read_ns(clockid_t clock) {
+  timespec time{};
+  clock_gettime(clock, &time);
+  return std::int64_t{time.tv_sec} * 1'000'000'000 + time.tv_nsec;
+}
 
 std::optional<Synchronisation> parse_chrony(const std::string& text) {
   std::vector<std::string> fields;

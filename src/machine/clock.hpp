@@ -6,7 +6,11 @@
 #include <optional>
 #include <string>
 
+#include <time.h>
+
 namespace ontime::machine {
+
+std::int64_t read_ns(clockid_t);
 
 struct Synchronisation {
   bool synchronised = false;

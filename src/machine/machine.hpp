@@ -49,11 +49,13 @@ struct Activity {
   // Microseconds in which some task waited, since boot; -1 where the kernel has no pressure information.
   std::int64_t cpu_stall_us = -1, memory_stall_us = -1, io_stall_us = -1;
   std::int64_t at_ns = 0;  // CLOCK_MONOTONIC
+  std::int64_t boot_ns = 0, realtime_ns = 0;  // CLOCK_BOOTTIME, CLOCK_REALTIME, at the same moment
 };
 Activity activity();
 void parse_ticks(const std::string& text, Activity&);  // of the text of /proc/stat: its first line
 // {"cpu_busy": 0…1, "cpu_stolen": 0…1 (by a hypervisor, as far as it tells), "cpu_pressure": 0…1 or null,
-// "memory_pressure": …, "io_pressure": …}
+// "memory_pressure": …, "io_pressure": …, "suspended_s": for how long it slept, "clock_moved_s": by how much
+// CLOCK_REALTIME went on more, or less, than time did; both as exact as two clocks can be read at one moment}
 nlohmann::json between(const Activity& first, const Activity& last);
 
 // An interface of this machine (of this network namespace), and its first IPv4 address ("" if it has none).

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <algorithm>
+#include <cmath>
 #include <sstream>
 
 #include <fmt/format.h>
@@ -153,6 +154,25 @@ std::vector<std::string> taken_away(const statistics::Summary& summary) {
   return parts;
 }
 
+// Neither is in any number above, but whoever was there looks for it.
+constexpr double long_s = 0.1;  // more than two clocks are read apart on a busy machine
+std::vector<std::string> clocks(const nlohmann::json& outcome) {
+  std::vector<std::string> parts;
+  for (const auto* host : {"controller", "component"}) {
+    const auto& conditions = at(at(outcome, "conditions"), host);
+    const auto &slept = at(conditions, "suspended_s"), &moved = at(conditions, "clock_moved_s");
+    if (slept.is_number() && slept.get<double>() >= long_s)
+      parts.push_back(
+          fmt::format("the {}'s machine was suspended for {:.1f} s, which no time counts that was measured",
+                      host, slept.get<double>()));
+    if (moved.is_number() && std::abs(moved.get<double>()) >= long_s)
+      parts.push_back(
+          fmt::format("the {}'s system clock was moved by {:+.1f} s, by which nothing is measured", host,
+                      moved.get<double>()));
+  }
+  return parts;
+}
+
 // "at 3.2 s: the pong left".
 constexpr std::size_t most_notes = 5;
 std::string text_of(const record::Note& note, const statistics::Summary& summary) {
@@ -241,6 +261,7 @@ std::string remarks(const statistics::Summary& summary) {
   if (const auto text = drops(outcome); !text.empty()) parts.push_back(text);
   if (const auto text = faults(outcome); !text.empty()) parts.push_back(text);
   for (const auto& text : taken_away(summary)) parts.push_back(text);
+  for (const auto& text : clocks(outcome)) parts.push_back(text);
   if (summary.skipped_cycles > 0)
     parts.push_back(
         many(summary.skipped_cycles, "skipped cycle", "skipped cycles") +
