@@ -45,6 +45,18 @@ TEST(Link, ThatCarriedTooLittleIsNamed) {
               HasSubstr("shared memory in use (fastrtps_port7411)"));
 }
 
+TEST(Link, OfAnEndThatWasStartedAgainCarriedWhatThatOneAnswered) {
+  auto again = host(20'000, 20'000);
+  again["answered"] = 40;
+  EXPECT_EQ(found(outcome(host(60'000, 60'000), again)), "nothing");
+  again["answered"] = 41;
+  EXPECT_THAT(found(outcome(host(60'000, 60'000), again)),
+              HasSubstr("41 messages of 500 bytes were answered"));
+  again["answered"] = 200;
+  EXPECT_THAT(found(outcome(host(60'000, 60'000), again)),
+              HasSubstr("99 messages of 500 bytes were answered"));
+}
+
 // Other traffic on the link may make up for what is missing.
 TEST(Link, SharedMemoryBetweenEndsOfOneMachineIsWrongByItself) {
   const std::vector<std::string> segments{"fastrtps_port7411"};

@@ -172,6 +172,7 @@ json asked(const Run& run, const Hosts& hosts) {
       {"component_transport", run.component_transport.empty() ? run.task.transport : run.component_transport},
       {"component_options",
        run.component_transport.empty() ? run.task.config.options : run.component_options},
+      {"component_restart", run.component_restart ? json(true) : json()},
       {"domain", run.task.config.domain},
       {"ping_topic", run.task.config.ping_topic},
       {"pong_topic", run.task.config.pong_topic},

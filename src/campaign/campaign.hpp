@@ -70,6 +70,7 @@ struct Run {
   settings::Wishes kernel;          // of both machines
   std::string component_transport;  // empty: as the controller's, with its options
   std::map<std::string, std::string> component_options;
+  bool component_restart = false;  // if it dies while the controller measures
 
   // What was said, of which complete() makes what `task` holds.
   std::optional<int> domain;  // nothing: what ROS_DOMAIN_ID says, or 0

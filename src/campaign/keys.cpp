@@ -211,6 +211,8 @@ std::vector<Key> all_keys() {
        [](Run& run, Text text) { run.task.transport = text; }},
       {"component.transport", "", "NAME", "of the answering end, where it is another", client,
        [](Run& run, Text text) { run.component_transport = text; }},
+      {"component.restart", "", "on|off", "start the answering end again if it dies during the run", client,
+       [](Run& run, Text text) { run.component_restart = yes_or_no(text); }},
       {"payload", "--payload", "SIZE", "bytes beside the sequence number: 500 B; for pong at most: 60 kB",
        both,
        [](Run& run, Text text) {

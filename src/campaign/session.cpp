@@ -121,10 +121,20 @@ Session::End Session::open(const std::string& host, const agent::Task& task) {
   if (task.config.role == transport::Role::client) listen_to(*end.agent);
   const bool by_ssh = machines_.by_ssh(host);
   end.agent->order("open", {{"task", task}, {"ssh", by_ssh}});
-  end.opened = coordinator_.await(*end.agent, "opened", patience);
+  end.opened = coordinator_.await(*end.agent, "opened", patience, measuring_ ? 1 : 0);
   if (const auto text = note_of_ssh_link(host, end.opened.at("ssh_link")); !text.empty())
     writer_.note(number_, {"ssh-link", text, {}, {}});
   return end;
+}
+
+void Session::make_ready(End& end, std::chrono::milliseconds longest) {
+  end.agent->order("start", {{"wait_ns", wait_.count()}});
+  coordinator_.await(*end.agent, "ready", longest, measuring_ ? 1 : 0);
+}
+
+void Session::begin(End& end) {
+  end.agent->order("begin");
+  coordinator_.await(*end.agent, "begun", patience, measuring_ ? 1 : 0);
 }
 
 std::vector<Session::End*> Session::ends() {
@@ -135,6 +145,7 @@ std::vector<Session::End*> Session::ends() {
 }
 
 json Session::measure(std::chrono::nanoseconds wait) {
+  wait_ = wait;
   machines_.tune(run_);
   const auto& hosts = machines_.hosts();
   std::optional<Host> served;
@@ -151,16 +162,10 @@ json Session::measure(std::chrono::nanoseconds wait) {
 
   const auto warm_up = run_.task.client.period * static_cast<std::int64_t>(run_.task.client.warm_up);
   const auto longest = patience + std::chrono::ceil<std::chrono::milliseconds>(2 * wait + warm_up);
-  for (auto* end : ends()) {
-    end->agent->order("start", {{"wait_ns", wait.count()}});
-    coordinator_.await(*end->agent, "ready", longest);
-  }
+  for (auto* end : ends()) make_ready(*end, longest);
   // All accounts are opened while nothing is sent: what opening them costs is nobody's round trip.
   machines_.begin();
-  for (auto* end : ends()) {
-    end->agent->order("begin");
-    coordinator_.await(*end->agent, "begun", patience);
-  }
+  for (auto* end : ends()) begin(*end);
   started_ = Clock::now();
   measuring_ = true;
   controller_->agent->order("go");
@@ -175,18 +180,50 @@ json Session::measure(std::chrono::nanoseconds wait) {
 
 void Session::finish(std::chrono::nanoseconds longest) {
   const auto until = Clock::now() + longest;
-  coordinator_.until(
-      [&] {
-        if (interrupts_ > 0 && !stopped_) {
-          stopped_ = true;
-          controller_->agent->order("stop");
-        }
-        if (windows_) windows_->order();
-        if (!finished_ && Clock::now() > std::max(until, sampled_ + patience))
-          throw Error(3, "the agent of the controller did not finish, long after its time was over");
-        return finished_.has_value();
-      },
-      1);
+  const auto done = [&] {
+    if (interrupts_ > 0 && !stopped_) {
+      stopped_ = true;
+      controller_->agent->order("stop");
+    }
+    if (windows_) windows_->order();
+    if (!finished_ && Clock::now() > std::max(until, sampled_ + patience))
+      throw Error(3, "the agent of the controller did not finish, long after its time was over");
+    return finished_.has_value();
+  };
+  while (!finished_) {
+    try {
+      coordinator_.until(done, 1);
+    } catch (const Error& error) {
+      if (!may_restart_component()) throw;
+      restart_component(error.what());
+    }
+  }
+}
+
+bool Session::may_restart_component() const {
+  return run_.component_restart && component_ && component_->agent->lost() && !controller_->agent->lost() &&
+         !machines_.lost() && !stopped_;
+}
+
+void Session::restart_component(const std::string& why) {
+  const auto& controller = machines_.hosts().controller;
+  const auto note = [&](const char* kind, const std::string& text) {
+    // Our clock is the controller's where it is on this machine.
+    std::optional<std::int64_t> at_ns;
+    if (controller.ssh.empty() && controller.reach.empty()) at_ns = Clock::now().time_since_epoch().count();
+    writer_.note(number_, {kind, text, at_ns, {}});
+    observer_.note(text);
+  };
+  note("component-gone", why + "; it is started again");
+  const auto gone = Clock::now();
+  component_.reset();
+  ++pongs_;  // DDS counts the one that died until its lease is over
+  component_ = open("component", server_task(run_, machines_.hosts().component));
+  make_ready(*component_, patience);
+  begin(*component_);
+  note("component-back", fmt::format("the component's end was there again after {:.3f} s; what is said of "
+                                     "its threads and losses is from then on",
+                                     std::chrono::duration<double>(Clock::now() - gone).count()));
 }
 
 // What the kernels still know of the last messages, and of all of them into the file.

@@ -32,9 +32,13 @@ class Session {
     nlohmann::json opened, ended;
   };
   End open(const std::string& host, const agent::Task&);
+  void make_ready(End&, std::chrono::milliseconds patience);
+  void begin(End&);
   std::vector<End*> ends();
   void listen_to(Hand& client);
   void finish(std::chrono::nanoseconds patience);
+  bool may_restart_component() const;
+  void restart_component(const std::string& why);
   nlohmann::json outcome();
   void await_windows();
   void note_peers(const nlohmann::json& event);
@@ -48,6 +52,7 @@ class Session {
   Observer& observer_;
   Interrupts& interrupts_;
   std::optional<End> controller_, component_;
+  std::chrono::nanoseconds wait_{0};
   std::chrono::steady_clock::time_point started_, sampled_;  // sampled_: when samples came last
   int pongs_ = 1;                                            // that answer
   bool measuring_ = false, stopped_ = false;

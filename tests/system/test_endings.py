@@ -12,7 +12,7 @@ import termios
 import time
 import unittest
 
-from program import ONTIME, OUR_NAMESPACES, SCENARIO, Program, eventually, namespaces, processes_with
+from program import ONTIME, OUR_NAMESPACES, Program, eventually, namespaces, processes_with
 
 LOADED_FIRST = """
 hosts: namespaces
@@ -105,20 +105,6 @@ class Endings(Program):
         self.assertFalse(failed["complete"])
         self.assertTrue(idle["complete"])
         self.assertEqual([host["load_running"] for host in idle["hosts"].values()], [None, None])
-
-    def test_full_disk_is_said_and_the_file_opens(self):
-        disk = os.path.join(self.folder, "disk")
-        os.mkdir(disk)
-        subprocess.run(["mount", "-t", "tmpfs", "-o", "size=3m", "tmpfs", disk], check=True)
-        try:
-            self.results = os.path.join(disk, "results.ontime")
-            scenario = self.scenario("1 h", transports=["udp"], text=SCENARIO.replace("period: 5 ms", "schedule: back-to-back"))
-            answer = self.run_ontime("run", scenario, "--only", "idle", "--results", self.results)
-            self.assertEqual(answer.returncode, 3, answer.stderr)
-            self.assertIn("full", answer.stderr)
-            self.assertGreater(self.report()[0]["sent"], 0)
-        finally:
-            subprocess.run(["umount", disk], check=True)
 
     def test_namespace_of_somebody_else_is_left_alone(self):
         subprocess.run(["ip", "netns", "add", "ontime-component"], check=True)

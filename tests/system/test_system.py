@@ -13,7 +13,7 @@ import subprocess
 import time
 import unittest
 
-from program import ONTIME, OUR_NAMESPACES, SCENARIO, TRANSPORTS, Program, eventually, namespaces, processes_with
+from program import ONTIME, OUR_NAMESPACES, TRANSPORTS, Program, namespaces
 
 
 class System(Program):
@@ -106,30 +106,6 @@ class System(Program):
             out, _ = pong.communicate(timeout=30)
         self.assertEqual(pong.returncode, 130)
         self.assertRegex(out, r"answered \d\d+ messages")
-
-    # --- long runs ---
-
-    def resident_bytes(self):
-        """Of all processes of this test's ontime."""
-        total = 0
-        for pid in processes_with("TMPDIR=" + self.temporary):
-            with contextlib.suppress(OSError):
-                total += int(pathlib.Path(f"/proc/{pid}/statm").read_text().split()[1]) * os.sysconf("SC_PAGESIZE")
-        return total
-
-    def test_memory_is_flat_however_many_messages(self):
-        """Back to back, so that hours of messages pass in seconds."""
-        text = SCENARIO.replace("period: 5 ms", "schedule: back-to-back")
-        process = self.start_ontime("run", self.scenario("1 h", text=text, transports=["udp"]), "--only", "idle",
-                                    "--results", self.results)
-        # They come in bursts, of half a ring each: the first few show what is ever held at once.
-        self.assertTrue(eventually(lambda: self.samples_recorded() > 300_000, 120), process.poll())
-        before, bytes_before = self.samples_recorded(), self.resident_bytes()
-        self.assertTrue(eventually(lambda: self.samples_recorded() > before + 600_000, 120), process.poll())
-        grown = self.resident_bytes() - bytes_before
-        process.send_signal(signal.SIGTERM)
-        process.communicate(timeout=60)
-        self.assertLess(grown, 600_000 * 88 / 2, "of samples that are kept somewhere")
 
     # --- suites ---
 
