@@ -3,6 +3,8 @@
 
 #include <algorithm>
 #include <cctype>
+#include <cstdio>
+#include <cstdlib>
 #include <filesystem>
 #include <fstream>
 #include <iterator>
@@ -12,6 +14,7 @@
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 #include <sys/utsname.h>
+#include <unistd.h>
 
 #include "machine/machine.hpp"
 
@@ -59,15 +62,30 @@ File read(const fs::path& here, const fs::path& there) {
   return {there, std::move(content)};
 }
 
+// A program as it was built is ten times as long by what debuggers want to know of it. Where nobody here can
+// take that out, it goes along.
+File without_symbols(const fs::path& here, const fs::path& there) {
+  auto copy = (fs::temp_directory_path() / "ontime-stripped-XXXXXX").string();
+  const int made = mkstemp(copy.data());
+  if (made < 0) return read(here, there);
+  close(made);
+  const auto command = quoted({"strip", "-o", copy, here.string()}) + " 2>/dev/null";
+  // NOLINTNEXTLINE(concurrency-mt-unsafe): nothing here changes the environment
+  auto file = std::system(command.c_str()) == 0 ? read(copy, there) : read(here, there);
+  fs::remove(copy);
+  return file;
+}
+
 // The program first.
 std::vector<File> files(const std::set<std::string>& transports) {
   const fs::path program = orders::this_program();
   const auto libraries = fs::path(ONTIME_LIBDIR) / "ontime";
-  std::vector<File> all{read(program, "bin/ontime")};
+  std::vector<File> all{without_symbols(program, "bin/ontime")};
   for (const auto& transport : transports) {
     const auto there = libraries / fmt::format("ontime_transport_{}.so", transport);
     const auto here = program.parent_path().parent_path() / there;
-    if (fs::exists(here)) all.push_back(read(here, there));  // else the agent says that it has none
+    if (fs::exists(here))
+      all.push_back(without_symbols(here, there));  // else the agent says that it has none
   }
   return all;
 }

@@ -224,6 +224,8 @@ class Ssh(unittest.TestCase):
         self.assertEqual(len(brought), 1)
         self.assertEqual(os.stat(self.far_temporary / brought[0]).st_mode & 0o777, 0o700)
         program = str(self.far_temporary / brought[0] / "bin" / "ontime")
+        if shutil.which("strip"):
+            self.assertLess(os.stat(program).st_size, os.stat(ONTIME).st_size)
         self.assertTrue(eventually(lambda: program in map(executable, self.far("/ontime agent"))))
         self.ended(process, 0, "")
 
