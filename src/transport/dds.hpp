@@ -18,7 +18,7 @@
 namespace ontime::transport::dds {
 
 inline constexpr int max_domain = 232;  // the last one whose ports exist
-inline constexpr std::size_t max_payload_bytes = std::size_t{1}
+inline constexpr std::size_t max_payload_bytes = std::size_t{16}
                                                  << 20;  // tested; DDS itself would go to 2 GiB
 inline constexpr int participants_per_host = 32;         // so many ports of a peer are tried
 

@@ -49,6 +49,6 @@ extern "C" __attribute__((visibility("default"))) const ontime::transport::Plugi
                      .loans = false,  // of a message that has no upper bound
                      .discovery = true,
                      .thread_settings = true,
-                     .max_payload_bytes = ontime::transport::dds::max_payload_bytes},
+                     .max_payload_bytes = std::size_t{1} << 20},  // tested, with its allocators
     .options = ontime::transport::ros2::known_options,
     .open = ontime::transport::ros2::open};
