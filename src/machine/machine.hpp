@@ -48,7 +48,7 @@ struct Activity {
   std::uint64_t stolen_ticks = 0;  // of the busy ones: a hypervisor gave them to others
   // Microseconds in which some task waited, since boot; -1 where the kernel has no pressure information.
   std::int64_t cpu_stall_us = -1, memory_stall_us = -1, io_stall_us = -1;
-  std::int64_t at_ns = 0;  // CLOCK_MONOTONIC
+  std::int64_t at_ns = 0;                     // CLOCK_MONOTONIC
   std::int64_t boot_ns = 0, realtime_ns = 0;  // CLOCK_BOOTTIME, CLOCK_REALTIME, at the same moment
 };
 Activity activity();
