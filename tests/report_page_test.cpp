@@ -347,6 +347,14 @@ TEST(Verdict, is_no_yes_to_what_was_not_asked) {
   EXPECT_THAT(verdict.further, Not(HasSubstr("So long as it goes on like this")));
 }
 
+TEST(Verdict, in_a_line_says_what_its_yes_must_not_be_read_without) {
+  EXPECT_EQ(verdict({judged(24'000, 0, 0)}), "All 24,000 messages came back within the deadline of 10 ms.");
+  EXPECT_EQ(verdict({judged(99, 0, 1)}), "1 of 100 messages were lost.");
+  auto run = judged(5000, 0, 0);
+  run.run.outcome["hosts"]["controller"]["load_running"] = false;
+  EXPECT_THAT(verdict({run}), HasSubstr("Of 1 run: the load on the controller had died by the end."));
+}
+
 TEST(Settings, show_what_differs_and_name_the_rest_once) {
   auto other = asked("b", "udp");
   other["payload_bytes"] = 32768;
@@ -378,7 +386,30 @@ TEST(Gnuplot, is_given_texts_that_end_nowhere_and_no_extreme_is_missing) {
     for (const auto& line : lines_of(commands))
       EXPECT_EQ(std::count(line.begin(), line.end(), '\'') % 2, 0) << line;
   }
-  EXPECT_THAT(gnuplot_of({run}, {}), HasSubstr("27.6543 27.6543"));
+  EXPECT_THAT(gnuplot_of({run}, {}), HasSubstr("0.005 27.6543\n"));
+}
+
+TEST(Gnuplot, draws_no_more_than_can_be_seen_and_no_extreme_is_missing) {
+  auto run = summary(asked("a", "udp"), outcome());
+  run.shape.slice_ns = 10 * ms;
+  for (std::int64_t i = 0; i < 2000; ++i)
+    run.shape.slices.push_back(
+        {.sent = 12, .late = 1, .lost = 1, .min_ns = 100'000, .p50_ns = 200'000, .max_ns = (i + 1) * ms});
+  run.shape.slices[1203].max_ns = 7'777 * ms;
+  run.shape.slices[1204].min_ns = 1'234;
+  run.sent = 24'000;
+  const auto commands = gnuplot_of({run}, {});
+  EXPECT_THAT(commands, HasSubstr(" 7777\n"));
+  EXPECT_THAT(commands, HasSubstr(" 0.001234\n"));
+  EXPECT_LT(commands.size(), 80'000u);
+}
+
+TEST(Gnuplot, draws_a_run_of_which_nothing_came_back) {
+  auto lost = summary(asked("a", "udp"), outcome(), 0), other = summary(asked("a", "fastdds"), outcome());
+  lost.sent = lost.lost = 100;
+  other.shape.round_trip = {{100'000, 106'250, 2000}};
+  const auto commands = gnuplot_of({other, lost}, {Plot::Figure::worse, Plot::Form::svg, false});
+  EXPECT_EQ(found_in(commands, "\\$run1 << END\n([0-9.e-]+ 1\n[0-9.e-]+ 1\n)END").size(), 1u) << commands;
 }
 
 }  // namespace

@@ -1,4 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
+#include "report/runs.hpp"
 #include "report_fixture.hpp"
 
 namespace ontime::report {
@@ -124,7 +125,7 @@ TEST(Remarks, TellWhatNobodyElseIsToBlameFor) {
   EXPECT_THAT(
       text,
       HasSubstr("of the longest wait that was answered, 60000 µs, our own sending thread overslept 50500"));
-  EXPECT_THAT(text, HasSubstr("woke up to 50500 µs late, as RT throttling would make it"));
+  EXPECT_THAT(text, HasSubstr("woke up to 50500 µs late, as RT throttling of the controller would make it"));
   const auto document = json::parse(render({one}, Format::json));
   EXPECT_THAT(document.at("runs").at(0).at("remarks").get<std::string>(), HasSubstr("RT throttling"));
   one.shape.worst[0].message.woke_ns = 1'020'000'000;
@@ -132,6 +133,30 @@ TEST(Remarks, TellWhatNobodyElseIsToBlameFor) {
   text = render({one}, Format::markdown);
   EXPECT_THAT(text, Not(HasSubstr("overslept")));
   EXPECT_THAT(text, Not(HasSubstr("throttling")));
+}
+
+TEST(Remarks, SuspectThrottlingAtTheComponentToo) {
+  auto facts = outcome();
+  facts["hosts"]["component"]["machine"].update({{"rt_runtime_us", 950'000}, {"rt_period_us", 1'000'000}});
+  auto as_asked = asked("a", "udp");
+  as_asked["realtime"] = true;
+  const auto said = [&](std::int64_t answered_ns, std::int64_t there_ns) {
+    auto one = summary(as_asked, facts);
+    one.server.max = answered_ns;
+    one.parts.emplace();
+    one.parts->there.p50 = 40'000;
+    one.parts->there.max = there_ns;
+    return remarks(one);
+  };
+  EXPECT_THAT(said(51'000'000, 0),
+              HasSubstr("answered up to 51000 µs late, as RT throttling of the component"));
+  EXPECT_THAT(said(0, 52'040'000),
+              HasSubstr("received up to 52000 µs late, as RT throttling of the component"));
+  EXPECT_THAT(said(20'000'000, 20'000'000), Not(HasSubstr("throttling")));
+  as_asked["link"] = {{"delay_us", 60'000}};
+  EXPECT_THAT(said(0, 52'040'000), Not(HasSubstr("throttling"))) << "the link was asked to be slow";
+  facts["hosts"]["component"]["machine"]["rt_runtime_us"] = -1;
+  EXPECT_THAT(said(51'000'000, 0), Not(HasSubstr("throttling"))) << "it is off";
 }
 
 TEST(Remarks, TellLossesApart) {

@@ -87,6 +87,12 @@ TEST(TableFormat, GivesABoundOrSaysWhyThereIsNone) {
   const auto text = render({one}, Format::table);
   EXPECT_THAT(text, HasSubstr("this data does not allow a bound on the slowest, because it drifts"));
   EXPECT_THAT(text, Not(HasSubstr("5000 [4000")));
+  EXPECT_THAT(text, Not(HasSubstr("Slowest (µs)"))) << "a table of nothing";
+  auto other = one;
+  other.run.asked["transport"] = "fastdds";
+  const auto both = render({one, other}, Format::table);
+  EXPECT_THAT(both, HasSubstr("udp, fastdds: this data does not allow a bound"));
+  EXPECT_EQ(both.find("it drifts"), both.rfind("it drifts")) << "once";
 }
 
 TEST(TableFormat, ShowsEachStageOfAResponse) {
@@ -99,6 +105,16 @@ TEST(TableFormat, ShowsEachStageOfAResponse) {
   ASSERT_NE(header, lines.end());
   EXPECT_THAT(row_of(*std::next(header), "udp"),
               ElementsAre("udp", "77.0", "-", "9990", "-", "9990", "9990"));
+}
+
+TEST(TableFormat, MarksAStageThatTheSampleDoesNotSupport) {
+  auto one = summary(asked("a", "udp"), outcome(), 5000);
+  one.response_certainty.p99_9 = {4.99e6, {4.9e6, {}}, {}};
+  const auto lines = lines_of(render({one}, Format::table));
+  const auto header = std::find_if(lines.begin(), lines.end(),
+                                   [](const std::string& line) { return line.starts_with("p99.9 (µs)"); });
+  ASSERT_NE(header, lines.end());
+  EXPECT_THAT(*std::next(header), AllOf(HasSubstr("~4995"), HasSubstr("> 4900"), Not(HasSubstr(" 4995"))));
 }
 
 TEST(TableFormat, GivesWholeMicrosecondsFromAHundredOn) {

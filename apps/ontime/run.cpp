@@ -127,7 +127,9 @@ int run(const Arguments& arguments, const GateFlags& flags, const nlohmann::json
   auto summaries = statistics::summarise(writer.reader());
   if (summaries.empty()) return code;  // interrupted before the first
   const auto judgements = judge(writer, std::span(summaries).subspan(known), flags, gates);
-  print(report::render({summaries.begin() + static_cast<std::ptrdiff_t>(known), summaries.end()}, format));
+  const std::vector<statistics::Summary> fresh(summaries.begin() + static_cast<std::ptrdiff_t>(known),
+                                               summaries.end());
+  print(report::render(fresh, format));
   explain_new(writer, known, format);
   terminal.note(fmt::format("every sample is in {}; see also: ontime report {} --threads", results, results));
   try {
@@ -136,6 +138,7 @@ int run(const Arguments& arguments, const GateFlags& flags, const nlohmann::json
     terminal.note(fmt::format("there is no page of it: {}", error.what()));
   }
   const int judged = flags.finish(judgements, results);
+  terminal.note(report::verdict(fresh));  // the last line is what is read first
   return code == 130 ? code : std::max(code, judged);
 }
 

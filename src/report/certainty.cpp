@@ -2,6 +2,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <map>
 #include <utility>
 
 #include <fmt/format.h>
@@ -85,18 +86,6 @@ ordered_json json_of(const Probability& of) {
           {"effect", of.effect}};
 }
 
-// Why there is no bound; empty, if there is. Where one of the two ways is refused, the other stands on the
-// same ground.
-std::string refusal_of(const Extremes& of) {
-  std::vector<std::string> reasons;
-  if (!of.refused.empty()) reasons.push_back(of.refused);
-  for (const auto* bound : {&of.maxima, &of.peaks})
-    if (*bound && !(*bound)->refused.empty() &&
-        std::find(reasons.begin(), reasons.end(), (*bound)->refused) == reasons.end())
-      reasons.push_back((*bound)->refused);
-  return join(reasons, "; ");
-}
-
 std::string p_value(double p) { return fmt::format("{:.2g}", p); }
 
 ordered_json json_of(const std::optional<Bound>& of) {
@@ -129,6 +118,17 @@ ordered_json json_of(const Extremes& of) {
 
 }  // namespace
 
+// Where one of the two ways is refused, the other stands on the same ground.
+std::string refusal_of(const Extremes& of) {
+  std::vector<std::string> reasons;
+  if (!of.refused.empty()) reasons.push_back(of.refused);
+  for (const auto* bound : {&of.maxima, &of.peaks})
+    if (*bound && !(*bound)->refused.empty() &&
+        std::find(reasons.begin(), reasons.end(), (*bound)->refused) == reasons.end())
+      reasons.push_back((*bound)->refused);
+  return join(reasons, "; ");
+}
+
 Table certainty_table(const std::vector<std::string>& labels, const Group& runs) {
   Table table{"", "", {{"Round trip (µs)", Column::Align::left}}, {}, {}};
   for (const auto* name : {"p50", "p99", "p99.9", "p99.99", "Missed (%)"}) table.columns.push_back({name});
@@ -150,14 +150,17 @@ Table worst_case_table(const std::vector<std::string>& labels, const Group& runs
       {{"Slowest (µs)", Column::Align::left}},
       {},
       {}};
+  std::map<std::string, std::vector<std::string>> without;  // labels, by why there is no bound
   for (const auto* name : {"Seen", "By block\nmaxima", "Fit", "By peaks over\na threshold", "Fit", "Trend"})
     table.columns.push_back({name});
   for (std::size_t i = 0; i < runs.size(); ++i) {
     const auto& of = runs[i]->extremes;
     if (runs[i]->round_trip.count == 0 || (!of.maxima && !of.peaks && of.refused.empty())) continue;
-    const auto why = refusal_of(of);
-    const auto level = [&](const std::optional<Bound>& bound) {
-      if (!why.empty()) return std::string("none");
+    if (const auto why = refusal_of(of); !why.empty()) {
+      without[why].push_back(labels[i]);
+      continue;
+    }
+    const auto level = [](const std::optional<Bound>& bound) {
       return bound ? microseconds(bound->level) + " " + interval(bound->level_lies) : nothing;
     };
     const auto fit = [](const std::optional<Bound>& bound) {
@@ -166,9 +169,10 @@ Table worst_case_table(const std::vector<std::string>& labels, const Group& runs
     table.rows.push_back({labels[i], microseconds(static_cast<double>(runs[i]->round_trip.max)),
                           level(of.maxima), fit(of.maxima), level(of.peaks), fit(of.peaks),
                           of.maxima ? p_value(of.trend_p) : nothing});
-    if (!why.empty())
-      table.notes.push_back(labels[i] + ": this data does not allow a bound on the slowest, because " + why);
   }
+  for (const auto& [why, of] : without)
+    table.notes.push_back(join(of, ", ") + ": this data does not allow a bound on the slowest, because " +
+                          why);
   return table;
 }
 
@@ -176,14 +180,17 @@ Table stages_table(const std::vector<std::string>& labels, const Group& runs) {
   Table table{"", "", {{"p99.9 (µs)", Column::Align::left}}, {}, {}};
   for (const auto* name : {"Wake-up", "There", "Other end", "Back", "Round trip", "Response"})
     table.columns.push_back({name});
-  const auto cell = [](const statistics::Distribution& of) {
-    return of.count < 1000 ? nothing : microseconds(static_cast<double>(of.p99_9));
+  constexpr std::uint64_t one_in = 1000;
+  const auto cell = [](const statistics::Distribution& of, const Certainty& sure = {}) {
+    return percentile(of, of.p99_9, one_in, sure.p99_9);
   };
   for (std::size_t i = 0; i < runs.size(); ++i) {
-    const auto parts = runs[i]->parts.value_or(statistics::Parts{});
-    if (runs[i]->response.count < 1000) continue;
-    table.rows.push_back({labels[i], cell(runs[i]->wake_up), cell(parts.there), cell(runs[i]->server),
-                          cell(parts.back), cell(runs[i]->round_trip), cell(runs[i]->response)});
+    const auto& run = *runs[i];
+    const auto parts = run.parts.value_or(statistics::Parts{});
+    if (run.response.count < one_in) continue;
+    table.rows.push_back({labels[i], cell(run.wake_up), cell(parts.there), cell(run.server), cell(parts.back),
+                          cell(run.round_trip, run.round_trip_certainty),
+                          cell(run.response, run.response_certainty)});
   }
   return table;
 }

@@ -49,6 +49,21 @@ json slices_of(const statistics::Shape& shape) {
   return {{"slice_ns", shape.slice_ns}, {"medians", medians}, {"stalls", stalls}};
 }
 
+// Where the data allow one: the later of the two ways'.
+json bound_of(const statistics::Extremes& extremes) {
+  if (!refusal_of(extremes).empty()) return nullptr;
+  const statistics::Bound* worst = nullptr;
+  for (const auto* bound : {&extremes.maxima, &extremes.peaks})
+    if (*bound && (worst == nullptr || (*bound)->level > worst->level)) worst = &**bound;
+  if (worst == nullptr || !(worst->level >= 1)) return nullptr;
+  const auto drawn_or_null = [](const std::optional<double>& ns) {
+    return ns && std::isfinite(*ns) ? json(std::max(*ns, 1.0)) : json();
+  };
+  return {{"level", worst->level},
+          {"low", std::max(worst->level_lies.low.value_or(1), 1.0)},
+          {"high", drawn_or_null(worst->level_lies.high)}};
+}
+
 json notes_of(const Summary& summary) {
   auto notes = json::array();
   for (const auto& note : summary.notes)
@@ -110,6 +125,7 @@ json figures_of(const record::Reader& reader, const Summaries& summaries) {
                       {"response", json_of(summary.response)},
                       {"histogram", json_of(summary.shape.round_trip)},
                       {"responses", json_of(summary.shape.response)},
+                      {"bound", bound_of(summary.extremes)},
                       {"slices", slices_of(summary.shape)},
                       {"notes", notes_of(summary)},
                       {"course", course_of(reader, summary, of)}});

@@ -32,17 +32,18 @@ std::string terminal(const Plot& plot, double height_cm) {
   switch (plot.form) {
     case Plot::Form::svg:  // of 96 pixels an inch
       return fmt::format(
-          "set terminal svg size {:.0f},{:.0f} font 'Helvetica,{:.1f}' linewidth 1 noenhanced "
+          "set terminal svg size {:.0f},{:.0f} font 'Helvetica,{:.1f}' linewidth 1 rounded noenhanced "
           "background '#ffffff'\n",
           width_cm / 2.54 * 96, height_cm / 2.54 * 96, font_pt * 96.0 / 72);
     case Plot::Form::pdf:
-      return fmt::format("set terminal pdfcairo size {}cm,{}cm font 'Helvetica,{}' linewidth 1 noenhanced\n",
-                         width_cm, height_cm, font_pt);
+      return fmt::format(
+          "set terminal pdfcairo size {}cm,{}cm font 'Helvetica,{}' linewidth 1 rounded noenhanced\n",
+          width_cm, height_cm, font_pt);
     case Plot::Form::png: {
       const double finer = pixels_a_cm * 2.54 / 96;
       return fmt::format(
           "set terminal pngcairo size {:.0f},{:.0f} font 'Helvetica,{}' fontscale {:.3f} linewidth {:.3f} "
-          "pointscale {:.3f} noenhanced\n",
+          "pointscale {:.3f} rounded noenhanced\n",
           width_cm * pixels_a_cm, height_cm * pixels_a_cm, font_pt, finer, finer, finer);
     }
   }
@@ -82,24 +83,59 @@ std::pair<double, double> range_of(const Group& group) {
   return {std::max(least, 1e-6) / 1.4, greatest * 2.2};
 }
 
-// Of each slice its time, least, median and greatest round trip, and late and lost ones. No extreme is left
-// out.
-std::string slices(const Summary& summary, const std::string& name) {
-  auto data = fmt::format("${} << END\n", name);
-  const auto& shape = summary.shape;
-  for (std::size_t i = 0; i < shape.slices.size(); ++i) {
-    const auto& slice = shape.slices[i];
-    if (slice.sent == 0) continue;
-    const auto at_s = (static_cast<double>(i) + 0.5) * static_cast<double>(shape.slice_ns) / 1e9;
-    const bool answered = slice.sent > slice.lost;
-    const auto value = [&](std::int64_t ns, bool shown) {
-      return shown ? fmt::format("{:.6g}", ms(ns)) : "NaN";
-    };
-    data += fmt::format("{:.6g} {} {} {} {} {}\n", at_s, value(slice.min_ns, answered),
-                        value(slice.p50_ns, answered), value(slice.max_ns, answered),
-                        value(slice.max_ns, slice.late > 0), slice.lost > 0 ? "1" : "NaN");
+// As long as a line is wide: what is finer nobody sees, and makes a figure of megabytes.
+constexpr double stretches_a_cm = 50;
+struct Stretch {
+  double at_s;
+  statistics::Slice of;  // its median is that of its slices' medians
+};
+// As many slices together as it takes to be no more than so many. No extreme is left out.
+std::vector<Stretch> stretches_of(const statistics::Shape& shape, std::size_t most) {
+  const auto each = std::max<std::size_t>((shape.slices.size() + most - 1) / most, 1);
+  std::vector<Stretch> stretches;
+  for (std::size_t first = 0; first < shape.slices.size(); first += each) {
+    const auto after = std::min(first + each, shape.slices.size());
+    statistics::Slice all;
+    std::vector<double> medians;
+    for (auto i = first; i < after; ++i) {
+      const auto& slice = shape.slices[i];
+      all.sent += slice.sent;
+      all.late += slice.late;
+      all.lost += slice.lost;
+      if (slice.sent == slice.lost) continue;
+      all.min_ns = medians.empty() ? slice.min_ns : std::min(all.min_ns, slice.min_ns);
+      all.max_ns = std::max(all.max_ns, slice.max_ns);
+      medians.push_back(static_cast<double>(slice.p50_ns));
+    }
+    if (!medians.empty()) all.p50_ns = std::llround(statistics::estimate(medians)->median);
+    if (all.sent > 0)
+      stretches.push_back(
+          {static_cast<double>(first + after) / 2 * static_cast<double>(shape.slice_ns) / 1e9, all});
   }
-  return data + "END\n";
+  return stretches;
+}
+
+// A line, or, where it is none, a dot: gnuplot leaves out what has no length.
+std::string segment(double at_s, std::int64_t from_ns, std::int64_t to_ns) {
+  const auto to_ms = std::max(ms(to_ns), ms(from_ns) * 1.003);
+  return fmt::format("{0:.6g} {1:.6g}\n{0:.6g} {2:.6g}\n\n", at_s, ms(from_ns), to_ms);
+}
+
+// By these names: lines from least to greatest, medians, and late and lost ones.
+std::string course(const std::vector<Stretch>& stretches, std::size_t run) {
+  std::string extents, medians, late, lost;
+  for (const auto& [at_s, of] : stretches) {
+    const bool answered = of.sent > of.lost;
+    if (answered) extents += segment(at_s, of.min_ns, of.max_ns);
+    medians += answered ? fmt::format("{:.6g} {:.6g}\n", at_s, ms(of.p50_ns)) : "\n";
+    if (of.late > 0) late += segment(at_s, of.max_ns, of.max_ns);
+    if (of.lost > 0) lost += fmt::format("{:.6g}\n", at_s);
+  }
+  std::string data;
+  for (const auto& [name, lines] : {std::pair{"extents", &extents}, std::pair{"medians", &medians},
+                                    std::pair{"late", &late}, std::pair{"lost", &lost}})
+    data += fmt::format("${}{} << END\n{}END\n", name, run, lines->empty() ? "NaN NaN\n" : *lines);
+  return data;
 }
 
 std::string over_time(const Group& group, const Plot& plot) {
@@ -107,6 +143,7 @@ std::string over_time(const Group& group, const Plot& plot) {
   const auto [least, greatest] = range_of(group);
   const std::size_t columns = plot.wide && group.size() > 1 ? 2 : 1;
   const auto rows = (group.size() + columns - 1) / columns;
+  const auto panel_width_cm = (plot.wide ? page_cm : column_cm) / static_cast<double>(columns);
   auto text = terminal(plot, rows == 1 ? single_cm : panel_cm * static_cast<double>(rows) + 0.6) + looks;
   text +=
       fmt::format("set multiplot layout {},{} columnsfirst downwards\nset logscale y\nset yrange [{}:{}]\n",
@@ -114,7 +151,7 @@ std::string over_time(const Group& group, const Plot& plot) {
   text += "set format y '%g'\nset lmargin 8\nset rmargin 1.5\nset tmargin 1.6\nset key off\n";
   for (std::size_t i = 0; i < group.size(); ++i) {
     const auto& summary = *group[i];
-    text += slices(summary, fmt::format("run{}", i));
+    text += course(stretches_of(summary.shape, static_cast<std::size_t>(panel_width_cm * stretches_a_cm)), i);
     const bool lowest = (i + 1) % rows == 0 || i + 1 == group.size();
     text += fmt::format(
         "set title {} offset 0,-0.8\nset xlabel {} offset 0,0.6\nset bmargin {}\nset ylabel {} offset 1\n",
@@ -125,16 +162,12 @@ std::string over_time(const Group& group, const Plot& plot) {
     if (const auto deadline = deadline_ms(summary))
       parts.push_back(
           fmt::format("{} with lines linewidth 0.8 dashtype 2 linecolor rgb '#d55e00'", *deadline));
-    for (const auto* look :
-         {"1:2:(0):($4-$2) with vectors nohead linewidth 0.7", "1:2 with points pointtype 7 pointsize 0.12",
-          "1:4 with points pointtype 7 pointsize 0.12"})
-      parts.push_back(fmt::format("$run{} using {} linecolor rgb '#0072b2'", i, look));
+    parts.push_back(fmt::format("$extents{} with lines linewidth 0.9 linecolor rgb '#0072b2'", i));
     if (summary.sent > few * summary.shape.slices.size())
-      parts.push_back(fmt::format("$run{} using 1:3 with lines linewidth 0.7 linecolor rgb '#000000'", i));
+      parts.push_back(fmt::format("$medians{} with lines linewidth 0.7 linecolor rgb '#000000'", i));
+    parts.push_back(fmt::format("$late{} with lines linewidth 2.2 linecolor rgb '#d55e00'", i));
     parts.push_back(
-        fmt::format("$run{} using 1:5 with points pointtype 7 pointsize 0.25 linecolor rgb '#d55e00'", i));
-    parts.push_back(
-        fmt::format("$run{} using 1:($6*{}) with points pointtype 2 pointsize 0.4 linewidth 0.8 linecolor "
+        fmt::format("$lost{} using 1:({}) with points pointtype 2 pointsize 0.4 linewidth 0.8 linecolor "
                     "rgb '#000000'",
                     i, greatest / 1.2));
     text += "plot " + join(parts, ", \\\n  ") + "\n";
@@ -144,7 +177,7 @@ std::string over_time(const Group& group, const Plot& plot) {
 
 // The share of messages slower than the beginning of each bin, where it is exact; lost ones are slower than
 // any.
-std::string slower(const Summary& summary, const std::string& name) {
+std::string slower(const Summary& summary, const std::string& name, double least, double greatest) {
   auto data = fmt::format("${} << END\n", name);
   std::uint64_t all = summary.lost;
   for (const auto& bin : summary.shape.round_trip) all += bin.count;
@@ -154,7 +187,12 @@ std::string slower(const Summary& summary, const std::string& name) {
     data += fmt::format("{:.6g} {:.6g}\n", ms(bin.from_ns), share());
     left -= bin.count;
   }
-  if (left > 0) data += fmt::format("{:.6g} {:.6g}\n", ms(summary.round_trip.max), share());
+  // Those that are left were lost, and stand however slow one asks for.
+  if (left > 0) {
+    data += fmt::format("{:.6g} {:.6g}\n", summary.round_trip.count > 0 ? ms(summary.round_trip.max) : least,
+                        share());
+    data += fmt::format("{:.6g} {:.6g}\n", greatest, share());
+  }
   return data + "END\n";
 }
 
@@ -177,7 +215,7 @@ std::string how_often_worse(const Group& group, const Plot& plot) {
         "'#d55e00'\n",
         *deadline);
   for (std::size_t i = 0; i < group.size(); ++i) {
-    text += slower(*group[i], fmt::format("run{}", i));
+    text += slower(*group[i], fmt::format("run{}", i), least, greatest);
     lines +=
         fmt::format("{}$run{} using 1:2 with steps linewidth 1.4 linecolor rgb '{}' dashtype {} title {}",
                     i == 0 ? "plot " : ", \\\n  ", i, colours[i % std::size(colours)],

@@ -140,17 +140,6 @@ std::vector<std::string> taken_away(const statistics::Summary& summary) {
           fmt::format("of the longest wait that was answered, {} µs, our own sending thread overslept {}",
                       microseconds(static_cast<double>(took_ns)), microseconds(woke_late)));
   }
-  // A throttled CPU leaves its real-time threads waiting for the rest of the period.
-  const auto& machine = at(at(at(outcome, "hosts"), "controller"), "machine");
-  const auto &runtime = at(machine, "rt_runtime_us"), &period = at(machine, "rt_period_us");
-  if (!is_true(at(summary.run.asked, "realtime")) || !runtime.is_number() || !period.is_number())
-    return parts;
-  const double rest_us = period.get<double>() - runtime.get<double>();
-  if (runtime >= 0 && rest_us > 0 && static_cast<double>(summary.wake_up.max) >= rest_us * 1e3)
-    parts.push_back(
-        fmt::format("woke up to {} µs late, as RT throttling would make it "
-                    "(kernel.sched_rt_runtime_us {}; `dmesg` has its first time since boot)",
-                    microseconds(static_cast<double>(summary.wake_up.max)), word(runtime)));
   return parts;
 }
 
@@ -171,6 +160,29 @@ std::vector<std::string> clocks(const nlohmann::json& outcome) {
                       moved.get<double>()));
   }
   return parts;
+}
+
+// A throttled CPU leaves its real-time threads waiting for the rest of the period; newer kernels' fair server
+// does, for as long.
+void add_throttling(std::vector<std::string>& parts, const statistics::Summary& summary) {
+  if (!is_true(at(summary.run.asked, "realtime"))) return;
+  const auto suspect = [&](const char* host, const char* what, std::int64_t ns) {
+    const auto& machine = at(at(at(summary.run.outcome, "hosts"), host), "machine");
+    const auto &runtime = at(machine, "rt_runtime_us"), &period = at(machine, "rt_period_us");
+    if (!runtime.is_number() || !period.is_number() || runtime < 0) return;
+    const double rest_us = period.get<double>() - runtime.get<double>();
+    if (rest_us <= 0 || static_cast<double>(ns) < rest_us * 1e3) return;
+    parts.push_back(fmt::format(
+        "{} up to {} µs late, as RT throttling of the {} would make it (its "
+        "kernel.sched_rt_runtime_us is {}; `dmesg` has its first time since boot), or, from Linux "
+        "6.12 on, the fair server",
+        what, microseconds(static_cast<double>(ns)), host, word(runtime)));
+  };
+  suspect("controller", "woke", summary.wake_up.max);
+  suspect("component", "answered", summary.server.max);
+  // A faulty link delays as long by itself.
+  if (summary.parts && at(summary.run.asked, "link").is_null())
+    suspect("component", "received", summary.parts->there.max - summary.parts->there.p50);
 }
 
 // "at 3.2 s: the pong left".
@@ -262,6 +274,7 @@ std::string remarks(const statistics::Summary& summary) {
   if (const auto text = faults(outcome); !text.empty()) parts.push_back(text);
   for (const auto& text : taken_away(summary)) parts.push_back(text);
   for (const auto& text : clocks(outcome)) parts.push_back(text);
+  add_throttling(parts, summary);
   if (summary.skipped_cycles > 0)
     parts.push_back(
         many(summary.skipped_cycles, "skipped cycle", "skipped cycles") +

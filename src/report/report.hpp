@@ -29,6 +29,8 @@ std::string shortened(const std::string& text, std::size_t most);
 
 // One row a run; as HTML the tables alone. docs/json.md describes the JSON; it is stable.
 std::string render(const std::vector<statistics::Summary>&, Format);
+// Whether messages arrived on time, in a line: the page's first. Where it is no plain yes or no, with why.
+std::string verdict(const std::vector<statistics::Summary>&);
 // The threads of each run as the kernel said they were: policy, priority, affinity, faults, switches.
 std::string render_threads(const std::vector<statistics::Summary>&, Format);
 
@@ -47,7 +49,7 @@ struct Plot {
   bool wide = false;
 };
 // The commands for gnuplot, which writes the figure to its standard output. Of runs that were measured; of a
-// long one the extremes of at most 2,000 stretches of time are drawn, so that none is missing.
+// long one the extremes of as many stretches of time as can be told apart are drawn, so that none is missing.
 std::string gnuplot_of(const std::vector<statistics::Summary>&, const Plot&);
 
 // What each layer costs a message, of runs that say what they add to: a waterfall.

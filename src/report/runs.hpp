@@ -27,9 +27,11 @@ std::string percentile(const statistics::Distribution&, std::int64_t ns, std::ui
                        const statistics::Measured& certainty);
 // How sure the figures of runs are, by their labels; without a title. No rows where nothing is known of it.
 Table certainty_table(const std::vector<std::string>& labels, const std::vector<const statistics::Summary*>&);
-// How slow an answer may be that was not seen yet, or why that cannot be said; likewise.
+// How slow an answer may be that was not seen yet; likewise. A note says of which runs that cannot be said,
+// and why: they have no row.
 Table worst_case_table(const std::vector<std::string>& labels,
                        const std::vector<const statistics::Summary*>&);
+std::string refusal_of(const statistics::Extremes&);  // why there is no bound; empty, if there is one
 // What a response is made of, each by itself: a stall of our own thread is none of the network's.
 Table stages_table(const std::vector<std::string>& labels, const std::vector<const statistics::Summary*>&);
 void add_certainty(nlohmann::ordered_json& run, const statistics::Summary&);

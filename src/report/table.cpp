@@ -141,7 +141,10 @@ std::vector<Table> tables_of(Group group) {
                                                   {worst_case_table(labels, group), "worst case"},
                                                   {stages_table(labels, group), "stage by stage"}};
   for (const auto& [other, what] : others) {
-    if (other.rows.empty()) continue;
+    if (other.rows.empty()) {
+      tables.front().notes.insert(tables.front().notes.end(), other.notes.begin(), other.notes.end());
+      continue;
+    }
     tables.push_back(other);
     tables.back().title = id_of(asked) + "  " + what;
   }

@@ -5,6 +5,7 @@
 #include <fmt/format.h>
 
 #include "gate/gate.hpp"
+#include "report/report.hpp"
 #include "report/runs.hpp"
 #include "report/words.hpp"
 
@@ -118,6 +119,11 @@ Verdict verdict_of(const Summaries& summaries) {
     further.push_back(fmt::format("Of {}: {}.", many(runs, "run", "runs"), why));
   verdict.further = join(further, " ");
   return verdict;
+}
+
+std::string verdict(const Summaries& summaries) {
+  const auto [word, sentence, further] = verdict_of(summaries);
+  return printable(word == Verdict::Word::partly ? sentence + " " + further : sentence);
 }
 
 }  // namespace ontime::report

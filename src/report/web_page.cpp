@@ -230,8 +230,9 @@ std::string section_of(const std::vector<Shown>& runs, std::size_t first) {
       list_of(first, runs.size()));
   std::vector<std::string> labels;
   for (const auto& run : runs) labels.push_back(run.label);
-  if (auto worst = worst_case_table(labels, group); !worst.rows.empty()) {
-    worst.title = "The slowest, seen and expected";
+  auto worst = worst_case_table(labels, group);
+  worst.title = "The slowest, seen and expected";
+  if (!worst.rows.empty())
     html += details("How slow an answer may be that was not seen yet", as_html(worst), true);
   }
   if (auto sure = certainty_table(labels, group); !sure.rows.empty()) {
@@ -269,7 +270,8 @@ std::string comparing_figures(const Summaries& summaries, std::size_t groups) {
         "<figure class=\"layers\">\n<figcaption><b>What each layer costs</b> <span>round trip of the median "
         "message; filled: what the layer adds</span></figcaption>\n</figure>\n";
     for (const auto& table : layers.tables) html += details(table.title, as_html(table));
-  }
+  else
+    for (const auto& note : worst.notes) html += note_as_html(note);
   return html.empty() ? "" : "<section>\n<h2>Side by side</h2>\n" + html + "</section>\n";
 }
 

@@ -8,6 +8,7 @@ import contextlib
 import json
 import os
 import pathlib
+import random
 import re
 import sqlite3
 import subprocess
@@ -222,6 +223,50 @@ class Page(unittest.TestCase):
         self.assertIsNone(opened.run("return window.hacked"))
         self.assertIn("Content Security Policy", " ".join(opened.errors()))
 
+    def test_a_run_of_which_nothing_came_back_stands_among_the_others(self):
+        lost = [[*row[:6], None, None, None, row[9], results_file.LOST, 0] for row in results_file.samples(2, 300)]
+        opened = self.browser()
+        opened.open(self.page_of(self.results([
+            (results_file.asked(300), outcome(), results_file.samples(1, 300)),
+            (results_file.asked(300, transport="fastdds", component_transport="fastdds"), outcome(), lost)])))
+        self.assertEqual(opened.run("return [...document.querySelectorAll('figure.worse .names span')].map(one => one.textContent)"),
+                         ["udp", "fastdds"])
+        top, bottom, width = opened.run("""const box = document.querySelector("figure.worse path.line.c1").getBBox();
+            return [box.y, box.y + box.height, box.width];""")
+        self.assertEqual((top, bottom), (0, 0), "all of it is slower than any")
+        self.assertGreater(width, 300)
+        self.assertIn("nothing came back: fastdds", opened.text("figure.histogram .note"))
+        self.assert_quiet(opened)
+
+    def test_nothing_but_losses_is_drawn_all_the_same(self):
+        lost = [[*row[:6], None, None, None, row[9], results_file.LOST, 0] for row in results_file.samples(1, 300)]
+        opened = self.browser()
+        opened.open(self.page_of(self.results([(results_file.asked(300), outcome(), lost)])))
+        self.assertEqual(opened.run("return document.querySelectorAll('figure.worse path.line[d]').length"), 2)
+        self.assert_quiet(opened)
+
+    def test_the_worst_case_is_drawn_where_the_data_allow_it(self):
+        chance = random.Random(3)
+        fine = [[*row[:6], int(300_000 + chance.expovariate(1 / 40_000)), *row[7:]] for row in results_file.samples(1, 20_000)]
+        few = [[2, *row[1:]] for row in fine[:200]]
+        results = self.results([(results_file.asked(20_000, transport="udp"), outcome(), fine),
+                                (results_file.asked(200, transport="fastdds"), outcome(), few)])
+        said = json.loads(subprocess.run([ONTIME, "report", results, "--format", "json"], check=True,
+                                         capture_output=True).stdout)["runs"]
+        bounds = [said[0]["extremes"][way] for way in ("block_maxima", "peaks_over_threshold")]
+        self.assertTrue(all(bound["allowed"] for bound in bounds), bounds)
+        opened = self.browser()
+        opened.open(self.page_of(results))
+        drawn = opened.run("return data.runs.map(run => run.bound)")
+        self.assertAlmostEqual(drawn[0]["level"] / 1e3, max(bound["level_us"] for bound in bounds), places=2)
+        self.assertIsNone(drawn[1])
+        marks = "return document.querySelectorAll('figure.worse path.expected').length"
+        self.assertEqual(opened.run(marks), 3, "of one of the two runs")
+        self.assertEqual(opened.text("figure.worse svg g g text.label"), "expected of 1 in a million")
+        opened.click("figure.worse [title^='of every cycle']")
+        self.assertEqual(opened.run(marks), 0, "of round trips alone")
+        self.assert_quiet(opened)
+
     def test_answers_that_took_no_time_are_drawn_all_the_same(self):
         rows = [[*row[:6], 0, *row[7:]] for row in results_file.samples(1, 100)]
         opened = self.browser()
@@ -321,6 +366,20 @@ class File(unittest.TestCase):
                     self.assertEqual((done.returncode, done.stderr), (0, ""))
                     self.assertTrue(file.read_bytes().startswith(beginning))
         self.assertFalse((self.folder / "hacked").exists())
+
+    def test_plot_makes_no_figure_of_megabytes(self):
+        rows = [list(row) for row in results_file.samples(1, 12_000)]
+        for i in range(0, 12_000, 12):  # as bad as can be: something late and something lost everywhere
+            rows[i][6], rows[i][10] = 30_000_000 + i, results_file.LATE
+            rows[i + 1][6:9], rows[i + 1][10] = [None] * 3, results_file.LOST
+        rows[7_001][6], rows[7_001][10] = 444_000_000, results_file.LATE
+        results_file.write(self.results, [(results_file.asked(12_000), outcome(), rows)])
+        sizes = {}
+        for wide in ("", "--wide"):
+            file = self.folder / "time.svg"
+            subprocess.run([ONTIME, "plot", self.results, "--output", file, *filter(None, [wide])], check=True, timeout=60)
+            sizes[wide] = file.stat().st_size
+        self.assertLess(max(sizes.values()), 200_000, sizes)
 
     def test_plot_says_what_is_wrong(self):
         results_file.twelve_hours(self.results, 100)

@@ -91,6 +91,8 @@ class Results(unittest.TestCase):
         answer = self.ontime("run", self.scenario("mean <= 1 ns"), "--results", self.results, "--junit", "missed.xml", code=1)
         self.assertIn("missed: mean <= 1 ns (one udp (run 2)): mean is ", answer.stderr)
         self.assertIn("missed: mean <= 1 ns", answer.stdout)
+        self.assertRegex(answer.stderr.splitlines()[-1], r"^ontime: .*(All \d+ messages came back|missed|lost|no answer).*\.$",
+                         "the verdict is what is read first")
         self.assertIn("missed: mean <= 1 ns", self.ontime("report", self.results).stdout)
         run = json.loads(self.ontime("report", self.results, "--format", "json").stdout)["runs"][1]
         self.assertEqual(run["require"], ["mean <= 1 ns"])

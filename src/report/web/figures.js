@@ -133,16 +133,17 @@ function savePng(svg, name) {
   image.src = url;
 }
 
-// Lines of runs over each other, each of which a name switches on and off.
+// Lines of runs over each other, each of which a name switches on and off. `labels`: what is said of those that are shown.
 class Lines {
-  constructor(figure, { series, x, y, lines, left, bottom, tell }) {
-    Object.assign(this, { series, x, y, lines, tell, hidden: new Set() });
+  constructor(figure, { series, x, y, lines, labels = () => [], left, bottom, tell }) {
+    Object.assign(this, { series, x, y, lines, labels, tell, hidden: new Set() });
     series.forEach((one, i) => { one.look = one.look || looks(i); });
     this.frame = new Frame(figure, { height: 300, margin: { top: 24, right: 14, bottom: 36, left: 56 } });
     this.frame.labels(bottom, left);
     this.deadline = this.frame.plot.append("path").attr("class", "deadline");
     this.cursor = this.frame.plot.append("line").attr("class", "cursor").attr("visibility", "hidden");
     this.paths = this.frame.plot.append("g");
+    this.said = this.frame.plot.append("g");
     const names = d3.select(figure).append("div").attr("class", "names").attr("role", "group").attr("aria-label", "shown");
     names.selectAll("button").data(series).enter().append("button").attr("type", "button").attr("aria-pressed", "true")
       .on("click", (one, i, nodes) => {
@@ -175,6 +176,10 @@ class Lines {
     paths.exit().remove();
     paths.enter().append("path").merge(paths).attr("class", one => one.class).attr("stroke-dasharray", one => one.dash || null)
       .attr("d", one => one.d);
+    const texts = this.said.selectAll("text").data(this.labels(this.series.filter(one => !this.hidden.has(one)), x, y));
+    texts.exit().remove();
+    texts.enter().append("text").attr("class", "label").attr("text-anchor", "end").merge(texts)
+      .attr("x", one => one.x).attr("y", one => one.y).text(one => one.text);
     const deadlines = new Set(this.series.map(one => one.deadline_ns));
     const [deadline] = deadlines;
     this.deadline.attr("d", deadlines.size === 1 && deadline && this.x.isTime ? `M${x(deadline)},0V${frame.height}` : null);
@@ -187,11 +192,21 @@ class Lines {
   }
 }
 
-const runsOf = figure => figure.dataset.figuresOf.split(" ").map(i => data.runs[i]).filter(run => run.round_trip);
+const allOf = figure => figure.dataset.figuresOf.split(" ").map(i => data.runs[i]);
+
+// Those that have round trips. What is not drawn is named.
+function runsOf(figure) {
+  const all = allOf(figure), lost = all.filter(run => !run.round_trip);
+  if (lost.length > 0)
+    d3.select(figure).append("p").attr("class", "note").text(`Not here, for nothing came back: ${lost.map(run => run.label).join(", ")}.`);
+  return all.filter(run => run.round_trip);
+}
 
 function timesDomain(runs) {
-  return [d3.min(runs, run => run.round_trip.min) * 0.9,
-    Math.max(d3.max(runs, run => run.round_trip.max), d3.max(runs, run => run.deadline_ns) || 0) * 1.2];
+  const answered = runs.filter(run => run.round_trip), deadline = d3.max(runs, run => run.deadline_ns) || 0;
+  if (answered.length === 0) return [(deadline || 1e7) / 100, (deadline || 1e7) * 1.2];
+  return [d3.min(answered, run => run.round_trip.min) * 0.9,
+    Math.max(d3.max(answered, run => run.round_trip.max), deadline) * 1.2];
 }
 const timesAxis = domain => ({
   isTime: true,
@@ -200,6 +215,8 @@ const timesAxis = domain => ({
 });
 
 // The share of messages that are slower than each bin's beginning: exact there, and up to the next bin no more than that.
+// Lost ones are slower than whatever one asks for.
+const NEVER = 1e18;
 function worse(histogram, greatest, lost) {
   const points = [], all = d3.sum(histogram, bin => bin[2]) + lost;
   let slower = all;
@@ -208,18 +225,33 @@ function worse(histogram, greatest, lost) {
     slower -= count;
   }
   points.push([greatest, slower / all]);
+  if (lost > 0) points.push([NEVER, slower / all]);
   return points;
 }
 
+// What has not been seen: from the slowest that was to the one in a million that is expected, and between what that lies.
+const ONE_IN_A_MILLION = 1e-6;
+function expected({ bound, roundTrips }, x, y, edge) {
+  if (!bound) return [];
+  const at = y(ONE_IN_A_MILLION), slowest = roundTrips[roundTrips.length - 2];
+  const way = slowest[1] > ONE_IN_A_MILLION && slowest[0] < bound.level ? `M${x(slowest[0])},${y(slowest[1])}L${x(bound.level)},${at}` : "";
+  return [{ d: way, class: "expected", dash: "1 4" },
+    { d: `M${x(bound.low)},${at}H${bound.high === null ? edge : x(bound.high)}m0,-4v8M${x(bound.low)},${at - 4}v8`, class: "expected", dash: " " },
+    { d: `M${x(bound.level)},${at}h0`, class: "dots expected", dash: " " }];
+}
+
 function drawWorse(figure) {
-  const runs = runsOf(figure);
+  const runs = allOf(figure).filter(run => run.sent > 0), answered = runs.filter(run => run.round_trip);
   if (runs.length === 0) return;
-  const whole = figure.dataset.names === "whole", domain = timesDomain(runs);
-  domain[1] = Math.max(domain[1], d3.max(runs, run => run.response.max) * 1.2);
-  const least = d3.min(runs, run => 1 / run.response.count);
+  const whole = figure.dataset.names === "whole", domain = timesDomain(runs), bounds = answered.filter(run => run.bound);
+  domain[1] = Math.max(domain[1], (d3.max(answered, run => run.response.max) || 0) * 1.2);
+  domain[1] = Math.max(domain[1], Math.min(domain[1] * 10, (d3.max(bounds, run => run.bound.high || run.bound.level) || 0) * 1.2));
+  const least = Math.min(d3.min(runs, run => 1 / run.sent), d3.min(answered, run => 1 / run.response.count) || 1,
+    bounds.length > 0 ? ONE_IN_A_MILLION : 1);
   const look = whole ? looksOf(runs) : [];
   const series = runs.map((run, i) => ({ ...run, look: look[i], name: whole ? `${run.id} ${run.label}` : run.label,
-    roundTrips: worse(run.histogram, run.round_trip.max, run.lost), responses: worse(run.responses, run.response.max, run.lost) }));
+    roundTrips: worse(run.histogram, run.round_trip ? run.round_trip.max : domain[0], run.lost),
+    responses: worse(run.responses, run.response ? run.response.max : domain[0], run.lost) }));
   const share = value => value >= 1e-4 ? `${+(value * 100).toPrecision(2)} %` : `${+(value * 1e6).toPrecision(2)} ppm`;
   let kind = "roundTrips";
   const lines = new Lines(figure, {
@@ -227,7 +259,12 @@ function drawWorse(figure) {
     y: { scale: () => d3.scaleLog().domain([least * 0.7, 1]).clamp(true),
       axis: scale => d3.axisLeft(scale).tickValues(d3.range(0, Math.ceil(-Math.log10(least)) + 1).map(i => 10 ** -i)
         .filter(value => value >= least * 0.7)).tickFormat(share) },
-    lines: (one, x, y) => [{ d: d3.line().x(p => x(p[0])).y(p => p[1] > 0 ? y(p[1]) : y(least * 0.7)).curve(d3.curveStepAfter)(one[kind]) }],
+    lines: (one, x, y) => [
+      { d: d3.line().x(p => x(p[0])).y(p => p[1] > 0 ? y(p[1]) : y(least * 0.7)).curve(d3.curveStepAfter)(one[kind]) },
+      ...(kind === "roundTrips" ? expected(one, x, y, x.range()[1]) : []),
+    ],
+    labels: (shown, x, y) => kind === "roundTrips" && shown.some(one => one.bound)
+      ? [{ x: x.range()[1], y: y(ONE_IN_A_MILLION) - 8, text: "expected of 1 in a million" }] : [],
     tell: (ns, shown) => `slower than ${time(ns)}: ` + shown.map(one => {
       const i = d3.bisector(p => p[0]).right(one[kind], ns) - 1, slower = i < 0 ? 1 : one[kind][i][1];
       return `${one.name} ${slower > 0 ? share(slower) : "none"}`;
@@ -273,7 +310,9 @@ function drawHistogram(figure) {
 }
 
 function drawPayload(figure) {
-  const runs = runsOf(figure), groups = d3.nest().key(run => `${run.id} ${run.transport}`).entries(runs);
+  const runs = runsOf(figure);
+  if (runs.length === 0) return;
+  const groups = d3.nest().key(run => `${run.id} ${run.transport}`).entries(runs);
   const sizes = [...new Set(runs.map(run => Math.max(run.payload_bytes, 1)))].sort(d3.ascending);
   const times = [d3.min(runs, run => run.round_trip.p50) * 0.7, d3.max(runs, run => run.round_trip.p99) * 1.4];
   const line = (values, x, y, figureOf, dashes, wide) => {  // a dot, or a stroke so wide, where it was measured
