@@ -18,6 +18,11 @@ CREATE TABLE sample (run INTEGER NOT NULL, message INTEGER NOT NULL, intended_ns
 CREATE TABLE note (run INTEGER NOT NULL, number INTEGER NOT NULL, at_ns INTEGER, message INTEGER, kind TEXT NOT NULL,
   text TEXT NOT NULL, PRIMARY KEY (run, number)) WITHOUT ROWID;
 """
+TRACES = """
+CREATE TABLE trace (run INTEGER NOT NULL, message INTEGER NOT NULL, host TEXT NOT NULL, events TEXT NOT NULL,
+  PRIMARY KEY (run, message, host));
+PRAGMA user_version = 3;
+"""
 PERIOD_NS, DEADLINE_NS, TIMEOUT_NS = 10_000_000, 10_000_000, 500_000_000
 START_NS = 864_000_000_000_000  # a machine that has been up for ten days
 ON_TIME, LATE, LOST = range(3)
@@ -49,8 +54,9 @@ def samples(run, messages, seed=1):
                None if lost else 4_000 + chance.randrange(3_000), 0, fate, 0)
 
 
-def write(path, runs, notes=()):
-    """`runs`: (asked, outcome, samples) of each; `notes`: (run, number, at_ns, message, kind, text)."""
+def write(path, runs, notes=(), traces=()):
+    """`runs`: (asked, outcome, samples) of each; `notes`: (run, number, at_ns, message, kind, text); `traces`: (run, message,
+    host, events)."""
     with contextlib.closing(sqlite3.connect(path)) as file:
         file.executescript(f"PRAGMA journal_mode = OFF; PRAGMA application_id = {APPLICATION_ID}; "
                            f"PRAGMA user_version = {FORMAT}; {SCHEMA}")
@@ -60,6 +66,9 @@ def write(path, runs, notes=()):
                           None if outcome is None else json.dumps(outcome)))
             file.executemany(f"INSERT INTO sample VALUES ({', '.join('?' * 12)})", rows)
         file.executemany("INSERT INTO note VALUES (?, ?, ?, ?, ?, ?)", notes)
+        if traces:
+            file.executescript(TRACES)
+            file.executemany("INSERT INTO trace VALUES (?, ?, ?, ?)", ((*row[:3], json.dumps(row[3])) for row in traces))
         file.commit()
 
 

@@ -223,8 +223,8 @@ TEST_F(Page, shows_hostile_names_and_runs_none_of_them) {
   EXPECT_THAT(html, HasSubstr("&lt;script&gt;alert(1)&lt;/script&gt;"));
   // Its own elements, and no end of one but theirs. (D3's licence is a comment, which none of them can
   // begin.)
-  EXPECT_EQ(found_in(html, "(<script)").size(), 5u);
-  EXPECT_EQ(found_in(html, "(</script)").size(), 5u);
+  EXPECT_EQ(found_in(html, "(<script)").size(), 6u);
+  EXPECT_EQ(found_in(html, "(</script)").size(), 6u);
   EXPECT_EQ(found_in(html, "(<!--)").size(), 1u);
 }
 
@@ -235,7 +235,7 @@ TEST_F(Page, lets_no_script_run_but_its_own) {
   ASSERT_EQ(policy.size(), 1u);
   EXPECT_THAT(policy[0], HasSubstr("default-src 'none'"));
   EXPECT_THAT(policy[0], Not(HasSubstr("unsafe")));
-  EXPECT_EQ(found_in(policy[0], "(sha256-)").size(), 5u);  // four scripts and a style
+  EXPECT_EQ(found_in(policy[0], "(sha256-)").size(), 6u);  // five scripts and a style
   EXPECT_TRUE(found_in(html, "( (?:src|href)=\"[^#\"])").empty()) << "nothing is fetched";
   EXPECT_TRUE(found_in(html, "(<[^>]* style=)").empty()) << "no style but that of the page";
 }

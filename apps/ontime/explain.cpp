@@ -15,7 +15,7 @@ namespace ontime::app {
 namespace {
 
 struct Arguments {
-  std::string results, format = "table";
+  std::string results, format = "table", perfetto;
   std::optional<std::int64_t> run;
   std::optional<std::uint64_t> message;
 };
@@ -35,31 +35,50 @@ std::vector<record::Run> chosen(const record::Reader& reader, const std::optiona
   return runs;
 }
 
+const explain::Message& message_of(const report::Explained& one, std::uint64_t index) {
+  const auto& messages = one.account.messages;
+  const auto found = std::find_if(messages.begin(), messages.end(),
+                                  [&](const auto& message) { return message.sample.index == index; });
+  if (found == messages.end())
+    throw campaign::Error(
+        2, fmt::format(
+               "--message: of message {} it is not known what the kernel did; it is of {} of this run, the "
+               "worst (--format json lists them)",
+               index, messages.size()));
+  return *found;
+}
+
+// What was seen around this message, or around all of which something was, to a file.
+void write_perfetto(const Arguments& arguments, const record::Reader& reader, const report::Explained& one) {
+  const auto messages =
+      arguments.message ? std::vector{message_of(one, *arguments.message)} : one.account.messages;
+  if (messages.empty())
+    throw campaign::Error(
+        2,
+        fmt::format("--perfetto: of run {} nothing is known of what the kernels did; measure with --explain",
+                    one.run.number));
+  Output file(arguments.perfetto);
+  file.write(report::perfetto_of(reader, one.run, messages));
+  file.finish();
+}
+
 int explain(const Arguments& arguments) {
   const auto format = format_of(arguments.format);
   const record::Reader reader(arguments.results);
   const auto runs = chosen(reader, arguments.run);
-  if (arguments.message && runs.size() > 1)
-    throw campaign::Error(2, fmt::format("--message: of which of the {} runs? Say --run N too", runs.size()));
+  if (const char* const flag = arguments.message             ? "--message"
+                               : !arguments.perfetto.empty() ? "--perfetto"
+                                                             : nullptr;
+      flag != nullptr && runs.size() != 1)
+    throw campaign::Error(2, fmt::format("{}: of which of the {} runs? Say --run N too", flag, runs.size()));
   std::vector<report::Explained> all;
   all.reserve(runs.size());
   for (const auto& run : runs) all.push_back({run, explain::account_of(reader, run)});
+  if (!arguments.perfetto.empty()) write_perfetto(arguments, reader, all.front());
   Output output("");
-  if (!arguments.message) {
-    output.write(report::render_explained(all, format));
-  } else {
-    const auto& messages = all.at(0).account.messages;
-    const auto found = std::find_if(messages.begin(), messages.end(), [&](const auto& message) {
-      return message.sample.index == *arguments.message;
-    });
-    if (found == messages.end())
-      throw campaign::Error(
-          2, fmt::format(
-                 "--message: of message {} it is not known what the kernel did; it is of {} of this run, the "
-                 "worst (--format json lists them)",
-                 *arguments.message, messages.size()));
-    output.write(report::render_explained(all.front(), *found, format));
-  }
+  output.write(arguments.message ? report::render_explained(
+                                       all.front(), message_of(all.front(), *arguments.message), format)
+                                 : report::render_explained(all, format));
   output.finish();
   return 0;
 }
@@ -75,6 +94,8 @@ void add_explain(CLI::App& app, Action& action) {
   command->add_option("--message", arguments->message, "all of this message's delay, part by part")
       ->type_name("N");
   command->add_option("--format", arguments->format, "table, json or markdown: table")->type_name("FORMAT");
+  add_file(*command, "--perfetto", arguments->perfetto,
+           "write what was seen around these messages to this file, for ui.perfetto.dev");
   command->callback([&action, arguments] { action = [arguments] { return explain(*arguments); }; });
 }
 

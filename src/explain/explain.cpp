@@ -82,6 +82,26 @@ class Explainer {
     return message;
   }
 
+  Scene scene(const Sample& sample, const std::vector<record::Trace>& traces) const {
+    Scene scene{.machines = {},
+                .threads = {},
+                .there_ns = {},
+                .answered_ns = {},
+                .uncertainty_ns = usual_.uncertainty_ns(),
+                .one_machine = one_machine_};
+    for (const auto& trace : traces) {
+      const auto later_ns = trace.host == "controller" ? 0 : usual_.server_later_ns();
+      const auto& [message, from_ns, to_ns] = trace.window.span;
+      scene.machines.push_back({trace.host, from_ns + later_ns, to_ns + later_ns, {trace.window, later_ns}});
+    }
+    for (const auto* end : {&client_, &server_})
+      for (const auto& [id, role] : end->threads) scene.threads.push_back({end->name, role, id});
+    const auto way = usual_.of(sample);
+    if (sample.server_received_ns != 0) scene.there_ns = way[2].to_ns;
+    if (sample.server_sent_ns != 0) scene.answered_ns = way[3].to_ns;
+    return scene;
+  }
+
  private:
   const End client_, server_;
   const bool one_machine_;
@@ -176,6 +196,18 @@ Account account_of(const record::Reader& reader, const record::Run& run) {
   account.groups = groups_of(account.messages);
   add_limits(account, run);
   return account;
+}
+
+void each_scene(const record::Reader& reader, const record::Run& run, const std::vector<Message>& messages,
+                const std::function<void(const Message&, const Scene&)>& use) {
+  std::map<std::uint64_t, std::pair<const Message*, std::vector<record::Trace>>> wanted;
+  for (const auto& message : messages) wanted[message.sample.index].first = &message;
+  reader.each_trace(run.number, [&](const record::Trace& trace) {
+    const auto found = wanted.find(trace.window.span.message);
+    if (found != wanted.end()) found->second.second.push_back(trace);
+  });
+  const Explainer explainer(reader, run);
+  for (const auto& [index, one] : wanted) use(*one.first, explainer.scene(one.first->sample, one.second));
 }
 
 }  // namespace ontime::explain

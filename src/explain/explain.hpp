@@ -5,9 +5,12 @@
 #pragma once
 
 #include <cstdint>
+#include <functional>
+#include <optional>
 #include <string>
 #include <vector>
 
+#include "explain/timeline.hpp"
 #include "record/record.hpp"
 #include "roundtrip/sample.hpp"
 
@@ -71,6 +74,27 @@ struct Account {
 };
 
 Account account_of(const record::Reader&, const record::Run&);
+
+// What was seen around a message, for whoever draws it; times are of the client's clock.
+struct Scene {
+  struct Machine {
+    std::string end;  // whose; where both ends are on one machine, it is the controller's
+    std::int64_t from_ns, to_ns;
+    Timeline timeline;
+  };
+  struct Thread {
+    std::string end, role;
+    std::int32_t id;
+  };
+  std::vector<Machine> machines;                      // those that were traced
+  std::vector<Thread> threads;                        // ours
+  std::optional<std::int64_t> there_ns, answered_ns;  // when the server received and answered it
+  std::int64_t uncertainty_ns = 0;                    // of the component's times
+  bool one_machine = false;
+};
+// Of each of these messages of a run, in the order of their index.
+void each_scene(const record::Reader&, const record::Run&, const std::vector<Message>&,
+                const std::function<void(const Message&, const Scene&)>&);
 
 // For people, in one line: "pong's receive thread waited for a CPU while stress-ng-cpu ran".
 std::string sentence_of(const Part&);

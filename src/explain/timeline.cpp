@@ -112,7 +112,8 @@ std::vector<Interrupted> Timeline::interrupts(int cpu, std::int64_t from_ns, std
   for (const auto& event : events_) {
     if (event.cpu != cpu) continue;
     if (begins(event.kind) && depth++ == 0)
-      now = {event.at_ns, 0, event.kind == Kind::timer ? "timer interrupt" : event.what};
+      now = {event.at_ns, 0, event.kind == Kind::timer ? "timer interrupt" : event.what,
+             event.kind == Kind::soft_interrupt};
     if (!ends(event.kind) || depth == 0 || --depth > 0) continue;
     now.from_ns = std::max(now.from_ns, from_ns);
     now.to_ns = std::min(event.at_ns, to_ns);

@@ -27,6 +27,7 @@ struct Held {
 struct Interrupted {
   std::int64_t from_ns, to_ns;
   std::string what;
+  bool soft;
 };
 
 class Timeline {

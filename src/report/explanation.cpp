@@ -5,6 +5,7 @@
 #include <fmt/format.h>
 
 #include "report/report.hpp"
+#include "report/why.hpp"
 #include "report/words.hpp"
 
 namespace ontime::report {
@@ -19,27 +20,10 @@ using roundtrip::Fate;
 
 constexpr std::int64_t worth_naming_ns = 20'000;  // of a message that was on time
 
-const char* word_of(Fate fate) {
-  return fate == Fate::on_time ? "on time" : fate == Fate::late ? "late" : "lost";
-}
-
-std::string time_of(std::int64_t ns) {
-  const auto us = static_cast<double>(ns) / 1e3;
-  return us < 1000 ? fmt::format("{:.0f} µs", us) : fmt::format("{:.1f} ms", us / 1e3);
-}
-
 std::string of_the_delay(const Group& group) {
   if (group.most_ns == 0) return "";
-  const auto least = time_of(group.least_ns), most = time_of(group.most_ns);
+  const auto least = span_of(group.least_ns), most = span_of(group.most_ns);
   return least == most ? ": " + most + " of it" : fmt::format(": {} to {} of it", least, most);
-}
-
-std::string sentence_of(const Group& group) {
-  auto part = group.culprit;
-  if (group.threads > 1) part.culprit += fmt::format(" [{} threads]", group.threads);
-  const auto sentence =
-      part.cause == Cause::unknown ? "unknown: no event of the kernel shows why" : explain::sentence_of(part);
-  return printable(sentence + of_the_delay(group));
 }
 
 // Text and Markdown differ in how a list is written.
@@ -78,7 +62,7 @@ std::string text_of(const Explained& one, const Marks& marks) {
       slowest->parts.front().cause != Cause::unknown)
     text += fmt::format("{}the slowest of those on time, message {}: {}, {} of {}\n", marks.item,
                         slowest->sample.index, printable(explain::sentence_of(slowest->parts.front())),
-                        time_of(slowest->parts.front().ns), time_of(slowest->delay_ns));
+                        span_of(slowest->parts.front().ns), span_of(slowest->delay_ns));
   for (const auto& limit : account.limits) text += fmt::format("{}{}\n", marks.item, printable(limit));
   return text;
 }
@@ -87,10 +71,10 @@ std::string text_of(const Explained& one, const Message& message, const Marks& m
   auto text = fmt::format(
       "{0}{1}, message {2} ({3}){4}{0}\n", marks.heading, name_of(one), message.sample.index,
       word_of(message.sample.fate),
-      message.delay_ns == 0 ? "" : fmt::format(": {} more than usual", time_of(message.delay_ns)));
+      message.delay_ns == 0 ? "" : fmt::format(": {} more than usual", span_of(message.delay_ns)));
   if (*marks.heading != '\0') text += "\n";
   for (const auto& part : message.parts) {
-    text += fmt::format("{}{:>8}  {:<9}  {}\n", marks.item, part.ns == 0 ? "" : time_of(part.ns),
+    text += fmt::format("{}{:>8}  {:<9}  {}\n", marks.item, part.ns == 0 ? "" : span_of(part.ns),
                         explain::word_of(part.stage), printable(explain::sentence_of(part)));
   }
   if (!message.parts.empty())
@@ -149,6 +133,48 @@ ordered_json json_of(const Explained& one) {
 }
 
 }  // namespace
+
+const char* word_of(Fate fate) {
+  return fate == Fate::on_time ? "on time" : fate == Fate::late ? "late" : "lost";
+}
+
+const char* word_of(explain::State state) {
+  switch (state) {
+    case explain::State::ready:
+      return "ready, waits for a CPU";
+    case explain::State::runs:
+      return "runs";
+    case explain::State::stopped:
+      return "stopped by a signal";
+    case explain::State::blocked:
+      return "waits in the kernel";
+    case explain::State::gone:
+      return "gone";
+    default:
+      return "sleeps";
+  }
+}
+
+std::string span_of(std::int64_t ns) {
+  const auto us = static_cast<double>(ns) / 1e3;
+  return us < 1000 ? fmt::format("{:.0f} µs", us) : fmt::format("{:.1f} ms", us / 1e3);
+}
+
+std::int64_t deadline_ns_of(const record::Run& run) {
+  const auto& us = at(run.asked, "deadline_us");
+  constexpr double longest_us = 1e12;
+  return us.is_number() && us.get<double>() > 0 && us.get<double>() < longest_us
+             ? static_cast<std::int64_t>(us.get<double>() * 1e3)
+             : 0;
+}
+
+std::string sentence_of(const Group& group) {
+  auto part = group.culprit;
+  if (group.threads > 1) part.culprit += fmt::format(" [{} threads]", group.threads);
+  const auto sentence =
+      part.cause == Cause::unknown ? "unknown: no event of the kernel shows why" : explain::sentence_of(part);
+  return printable(sentence + of_the_delay(group));
+}
 
 std::string render_explained(const std::vector<Explained>& all, Format format) {
   if (format == Format::json) {

@@ -105,7 +105,7 @@ std::string standing_alone(const std::string& title, const std::string& body, co
   if (!data.is_null()) {
     scripts += "<script type=\"application/json\" id=\"data\">" + text_of(data) + "</script>\n";
     scripts += fmt::format("<!--\n{}-->\n", web::d3_licence);
-    for (const auto script : {web::d3, web::course, web::figures, web::time_plot}) {
+    for (const auto script : {web::d3, web::course, web::figures, web::way, web::time_plot}) {
       scripts += fmt::format("<script>{}</script>\n", script);
       hashes += " " + hash_of(script);
     }

@@ -83,6 +83,9 @@ std::string render_explained(const std::vector<Explained>&, Format);
 // All of one message's delay.
 std::string render_explained(const Explained&, const explain::Message&, Format);
 
+// What was seen around these messages of a run, for ui.perfetto.dev and chrome://tracing.
+std::string perfetto_of(const record::Reader&, const record::Run&, const std::vector<explain::Message>&);
+
 // What gates came to, for a CI: JUnit's XML as Jenkins, GitLab and GitHub's actions read it. What was missed
 // is a failure, what could not be judged an error.
 std::string junit(const std::vector<gate::Judgement>&);

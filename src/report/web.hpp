@@ -6,8 +6,8 @@
 
 namespace ontime::report::web {
 
-extern const std::string_view style;                       // page.css
-extern const std::string_view course, figures, time_plot;  // *.js
+extern const std::string_view style;                            // page.css
+extern const std::string_view course, figures, time_plot, way;  // *.js
 extern const std::string_view d3, d3_licence;
 
 }  // namespace ontime::report::web

@@ -9,6 +9,7 @@
 #include "report/paper.hpp"
 #include "report/report.hpp"
 #include "report/runs.hpp"
+#include "report/why.hpp"
 #include "report/words.hpp"
 
 namespace ontime::report {
@@ -207,18 +208,39 @@ constexpr const char* time_plot_key =
 class="middle">─</span>median <span class="stall">━</span>longest wait of cycles that passed without a message</p>
 )";
 
+// Of messages' ways: as many as a page can bear.
+constexpr std::size_t most_drawings = 60, most_drawings_of_a_run = 6;
+struct Drawings {
+  std::vector<json> drawn;
+  std::size_t of_a_run = 0;
+};
+
 std::string list_of(std::size_t first, std::size_t count) {
   std::vector<std::string> numbers;
   for (std::size_t i = first; i < first + count; ++i) numbers.push_back(fmt::format("{}", i));
   return join(numbers, " ");
 }
 
-std::string section_of(const std::vector<Shown>& runs, std::size_t first) {
+// Of each run that was measured with `explain: on`.
+std::string whys_of(const record::Reader& reader, const std::vector<Shown>& runs, Drawings& drawings) {
+  std::string html;
+  for (const auto& run : runs) {
+    auto why = why_of(reader, run.summary->run, drawings.drawn.size(), drawings.of_a_run);
+    if (why.html.empty()) continue;
+    html += fmt::format("<div class=\"why\">\n<h3>Why: {}</h3>\n{}</div>\n", escaped(run.label), why.html);
+    for (auto& drawing : why.drawings) drawings.drawn.push_back(std::move(drawing));
+  }
+  return html;
+}
+
+std::string section_of(const record::Reader& reader, const std::vector<Shown>& runs, std::size_t first,
+                       Drawings& drawings) {
   Group group;
   for (const auto& run : runs) group.push_back(run.summary);
   auto html = fmt::format("<section>\n<h2>{}</h2>\n<p>{}</p>\n", escaped(heading_of(*group.front())),
                           escaped(join(shared_conditions(group), ", ")));
   for (std::size_t i = 0; i < runs.size(); ++i) html += time_figure(runs[i], first + i);
+  html += whys_of(reader, runs, drawings);
   html += fmt::format(
       "<div class=\"pair\">\n<figure class=\"worse\" data-figures-of=\"{0}\">\n<figcaption><b>How often is "
       "it worse "
@@ -234,7 +256,8 @@ std::string section_of(const std::vector<Shown>& runs, std::size_t first) {
   worst.title = "The slowest, seen and expected";
   if (!worst.rows.empty())
     html += details("How slow an answer may be that was not seen yet", as_html(worst), true);
-  }
+  else
+    for (const auto& note : worst.notes) html += note_as_html(note);
   if (auto sure = certainty_table(labels, group); !sure.rows.empty()) {
     sure.title = "Between what each figure lies, with 95 % confidence";
     html += details("How sure these figures are", as_html(sure));
@@ -270,8 +293,7 @@ std::string comparing_figures(const Summaries& summaries, std::size_t groups) {
         "<figure class=\"layers\">\n<figcaption><b>What each layer costs</b> <span>round trip of the median "
         "message; filled: what the layer adds</span></figcaption>\n</figure>\n";
     for (const auto& table : layers.tables) html += details(table.title, as_html(table));
-  else
-    for (const auto& note : worst.notes) html += note_as_html(note);
+  }
   return html.empty() ? "" : "<section>\n<h2>Side by side</h2>\n" + html + "</section>\n";
 }
 
@@ -319,6 +341,7 @@ std::string render_html(const record::Reader& reader, const Summaries& summaries
       "<header>\n<p class=\"brand\">ontime <span>{}</span></p>\n<h1 "
       "class=\"{}\">{}</h1>\n<p>{}</p>\n</header>\n<main>\n",
       escaped(name), class_of(verdict.word), escaped(verdict.sentence), escaped(verdict.further));
+  Drawings drawings;
   if (!measured.empty()) {
     const auto groups = shown(measured);
     body += table_of(groups);
@@ -328,8 +351,9 @@ std::string render_html(const record::Reader& reader, const Summaries& summaries
         "not.</p></noscript>\n";
     body += time_plot_key;
     std::size_t first = 0;
+    drawings.of_a_run = std::clamp<std::size_t>(most_drawings / measured.size(), 1, most_drawings_of_a_run);
     for (const auto& group : groups) {
-      body += section_of(group, first);
+      body += section_of(reader, group, first, drawings);
       first += group.size();
     }
     body += comparing_figures(measured, groups.size()) + settings_of(measured);
@@ -338,7 +362,9 @@ std::string render_html(const record::Reader& reader, const Summaries& summaries
   body += "</main>\n<footer><p>Made by ontime " ONTIME_VERSION
           " from the results file, which has every sample. Figures are drawn by D3, whose licence is in this "
           "file's source.</p></footer>\n";
-  return standing_alone(name + " · ontime", body, figures_of(reader, measured));
+  auto data = figures_of(reader, measured);
+  data["drawings"] = drawings.drawn;
+  return standing_alone(name + " · ontime", body, data);
 }
 
 }  // namespace ontime::report

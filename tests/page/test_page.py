@@ -55,11 +55,42 @@ class Page(unittest.TestCase):
         subprocess.run([ONTIME, "report", results, "--format", "html", "--output", page], check=True, timeout=300)
         return page
 
-    def results(self, runs, notes=()):
+    def results(self, runs, notes=(), traces=()):
         path = self.folder / f"{self.id()}.ontime"
         path.unlink(missing_ok=True)
-        results_file.write(path, runs, notes)
+        results_file.write(path, runs, notes, traces)
         return path
+
+    def explained(self, hog="hog", reason="NETFILTER_DROP"):
+        """A message that was late because another thread had the CPU, and one whose packet was dropped."""
+        rows = [[1, i, i * 10_000_000, 0, 10_000, 2_000, 93_000, results_file.START_NS + i * 10_000_000 + 62_000, 3_000, 0,
+                 results_file.ON_TIME, 0] for i in range(100)]
+        rows[50][6], rows[50][7], rows[50][10] = 20_093_000, rows[50][7] + 20_000_000, results_file.LATE
+        rows[70][6:9], rows[70][10] = [None] * 3, results_file.LOST
+
+        def window(message, *events):
+            all_of_it = [(0, "switch", {"at": 500_000, "other": 99, "other_name": hog, "other_priority": 120, "what": "R"}),
+                         (-1, "waking", {"thread": 10, "name": "ping-send", "priority": 19, "what": "0"}),
+                         (-1, "switch", {"other": 10, "other_name": "ping-send", "other_priority": 19, "what": "R"}), *events]
+            listed = [{"at": 1_000_000 + 5_000 + i * 3_000, "cpu": cpu if cpu >= 0 else 1 + cpu, "kind": kind, **own}
+                      for i, (cpu, kind, own) in enumerate(all_of_it)]
+            listed[0]["cpu"] = 1
+            begin = results_file.START_NS + message * 10_000_000 - 1_000_000
+            return (1, message, "controller", {"message": message, "from_ns": begin, "to_ns": begin + 210_000_000, "whole": True,
+                                               "events": sorted(listed, key=lambda event: event["at"])})
+        ours = {"thread": 10, "packet": 1, "bytes": 550, "what": "veth"}
+        waits = window(50, (0, "queued", ours), (0, "sent", ours), (0, "received", ours),
+                       (0, "waking", {"thread": 20, "name": "pong-receive", "priority": 120, "what": "1", "other": 10}),
+                       (0, "switch", {"thread": 10, "name": "ping-send", "what": "S"}),
+                       (1, "switch", {"at": 21_000_000, "thread": 99, "name": hog, "priority": 120, "other": 20,
+                                      "other_name": "pong-receive", "other_priority": 120, "what": "R"}),
+                       (1, "switch", {"at": 21_070_000, "thread": 20, "name": "pong-receive", "priority": 120, "what": "S"}))
+        dropped = window(70, (0, "queued", ours), (0, "sent", ours), (0, "received", ours),
+                         (0, "dropped", {**ours, "what": reason}))
+        came = outcome(trace={"controller": {}})
+        came["hosts"] = {host: {"machine": {"boot_id": "b"}, "refusals": [], "threads": [{"role": role, "name": role, "tid": tid}]}
+                         for host, role, tid in (("controller", "send", 10), ("component", "receive", 20))}
+        return self.results([(results_file.asked(100), came, rows)], traces=[waits, dropped])
 
     def several(self):
         """Two conditions, two transports, two payloads, layers, losses, notes."""
@@ -267,6 +298,58 @@ class Page(unittest.TestCase):
         self.assertEqual(opened.run(marks), 0, "of round trips alone")
         self.assert_quiet(opened)
 
+    def test_a_culprit_is_seen_and_said(self):
+        opened = self.browser()
+        opened.open(self.page_of(self.explained()))
+        self.assertIn("1 of 2 pong's receive thread waited for a CPU while hog ran: 20.0 ms of it", opened.text(".culprits"))
+        self.assertIn("NETFILTER_DROP", opened.text(".culprits"))
+        late = "figure.way[data-drawing='0']"
+        self.assertIn("Message 50 was late: 20.0 ms more than usual", opened.text(f"{late} figcaption"))
+        box = opened.run("""const box = document.querySelector(arguments[0] + " .bar.other.culprit rect").getBBox();
+            return [box.width, document.querySelector(arguments[0] + " .lane").getBBox().width];""", late)
+        self.assertGreater(box[0], 0.8 * box[1], "the culprit had the CPU for most of what is shown")
+        self.assertEqual(opened.run("return document.querySelectorAll(arguments[0] + ' .stage.culprit').length", late), 1)
+        colours = opened.run("""return ["other.culprit", "ours"].map(one =>
+            getComputedStyle(document.querySelector(`${arguments[0]} .bar.${one} rect`)).fill);""", late)
+        self.assertNotEqual(*colours)
+        # By the keyboard, and in words.
+        opened.type(f"{late} svg", "\ue014" * 20)
+        self.assertIn("hog", opened.text(f"{late} .readout"))
+        self.assertIn("waited for a CPU while hog ran", opened.run(
+            "return document.querySelector(arguments[0] + ' + details').textContent", late))
+        self.assertIn("dropped: NETFILTER_DROP", opened.run(
+            "return document.querySelector('figure.way[data-drawing=\"1\"] .bar.dropped.culprit').textContent"))
+        self.assert_quiet(opened)
+
+    def test_what_was_seen_goes_to_perfetto(self):
+        results, file = self.explained(hog=HOSTILE), self.folder / "trace.json"
+
+        def explain(*arguments):
+            return subprocess.run([ONTIME, "explain", results, *arguments], capture_output=True, text=True)
+        self.assertEqual(explain("--perfetto", file).returncode, 0)
+        trace = json.loads(file.read_text())
+        names = {event["name"] for event in trace["traceEvents"]}
+        self.assertLessEqual({"message 50", "message 50 due", "message 50 late", "message 70", SHOWN_OF_IT[:9]},
+                             names | {name[:9] for name in names})
+        times = [event["ts"] for event in trace["traceEvents"] if event["ph"] != "M"]
+        self.assertEqual(times, sorted(times))
+        self.assertEqual(explain("--perfetto", file, "--message", "50").returncode, 0)
+        self.assertNotIn("message 70", file.read_text())
+        before = results.read_bytes()
+        self.assertEqual(explain("--perfetto", results).returncode, 2)
+        self.assertEqual(results.read_bytes(), before)
+        self.assertIn("--run N", subprocess.run([ONTIME, "explain", self.several(), "--perfetto", file], capture_output=True,
+                                                text=True).stderr)
+
+    def test_hostile_names_in_what_was_seen_run_nothing(self):
+        opened = self.browser()
+        opened.open(self.page_of(self.explained(hog=HOSTILE, reason=HOSTILE)))
+        self.assertIsNone(opened.run("return window.hacked"))
+        self.assertIn(SHOWN_OF_IT, " ".join(opened.text(".culprits").split()))
+        self.assertIn(SHOWN_OF_IT[:40], opened.run("return document.querySelector('.bar.culprit').textContent"))
+        self.assertEqual(opened.run("return document.images.length + document.querySelectorAll('main script').length"), 0)
+        self.assert_quiet(opened)
+
     def test_answers_that_took_no_time_are_drawn_all_the_same(self):
         rows = [[*row[:6], 0, *row[7:]] for row in results_file.samples(1, 100)]
         opened = self.browser()
@@ -300,16 +383,18 @@ class Page(unittest.TestCase):
         self.assert_quiet(opened)
 
     def test_it_fits_a_phone_and_the_dark(self):
-        page = self.page_of(self.several())
-        for width, scheme in ((360, "light"), (360, "dark"), (1280, "light"), (1280, "dark")):
-            opened = self.browser(width=width, scheme=scheme)
-            opened.open(page)
-            with self.subTest(width=width, scheme=scheme):
-                self.assertLessEqual(opened.run("return document.documentElement.scrollWidth"), width)
-                light = opened.run("return getComputedStyle(document.body).backgroundColor") == "rgb(255, 255, 255)"
-                self.assertEqual(light, scheme == "light")
-            if PICTURES:
-                opened.picture(pathlib.Path(PICTURES) / f"page-{width}-{scheme}.png")
+        for name, results in (("page", self.several), ("way", self.explained)):
+            page = self.page_of(results())
+            for width, scheme in ((360, "light"), (360, "dark"), (1280, "light"), (1280, "dark")):
+                opened = self.browser(width=width, scheme=scheme)
+                opened.open(page)
+                with self.subTest(name, width=width, scheme=scheme):
+                    self.assertLessEqual(opened.run("return document.documentElement.scrollWidth"), width)
+                    light = opened.run("return getComputedStyle(document.body).backgroundColor") == "rgb(255, 255, 255)"
+                    self.assertEqual(light, scheme == "light")
+                if PICTURES:
+                    opened.run("document.querySelector(arguments[0]).scrollIntoView()", ".why" if name == "way" else "header")
+                    opened.picture(pathlib.Path(PICTURES) / f"{name}-{width}-{scheme}.png")
 
 
 class File(unittest.TestCase):

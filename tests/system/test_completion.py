@@ -33,6 +33,7 @@ class Completion(unittest.TestCase):
         self.assertEqual(completed("ping", "--receive", "w"), ["waitset"])
         self.assertEqual(completed("run", "some.yaml", "--on"), ["--only"])
         self.assertEqual(completed("report", "--results", "x", "nothing"), [])
+        self.assertEqual(completed("explain", "x.ontime", "--per"), ["--perfetto"])
 
     def test_zsh_takes_it(self):
         if shutil.which("zsh") is None:

@@ -95,7 +95,7 @@ class Frame {
 // With the looks that the page's style gives it, so that it stands alone.
 function standalone(svg) {
   const copy = svg.cloneNode(true), looks = ["fill", "stroke", "stroke-width", "stroke-linecap", "stroke-dasharray",
-    "opacity", "fill-opacity", "font-size", "font-family", "font-weight", "text-anchor", "visibility"];
+    "opacity", "fill-opacity", "font-size", "font-family", "font-weight", "text-anchor", "visibility", "paint-order"];
   const from = [svg, ...svg.querySelectorAll("*")], to = [copy, ...copy.querySelectorAll("*")];
   from.forEach((element, i) => {
     const style = getComputedStyle(element);

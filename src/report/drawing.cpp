@@ -1,0 +1,383 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <algorithm>
+#include <map>
+
+#include <fmt/format.h>
+
+#include "report/report.hpp"
+#include "report/why.hpp"
+
+namespace ontime::report {
+namespace {
+
+using explain::Cause;
+using explain::Part;
+using explain::Scene;
+using explain::Stage;
+using explain::State;
+using explain::Timeline;
+using nlohmann::json;
+using roundtrip::Fate;
+using trace::Kind;
+
+constexpr std::size_t most_cpus = 6, most_packets = 24;
+constexpr std::int64_t finest = 700;                     // parts of what is shown: less cannot be seen
+constexpr std::int64_t most_of_a_loss_ns = 200'000'000;  // as `explain` looks at
+
+enum class Look {
+  other,
+  ours,
+  interrupt,
+  soft_interrupt,
+  several,
+  ready,
+  runs,
+  stopped,
+  blocked,
+  queued,
+  travels,
+  dropped,
+  sleeps
+};
+
+struct Bar {
+  std::int64_t from_ns, to_ns;
+  Look look;
+  std::string name;
+  bool culprit = false, together = false;
+  std::int64_t length_ns() const { return to_ns - from_ns; }
+};
+
+class Drawing {
+ public:
+  Drawing(const explain::Message& message, const Scene& scene, std::int64_t deadline_ns)
+      : message_(message), scene_(scene), deadline_ns_(deadline_ns) {
+    if (!message.parts.empty()) culprit_ = message.parts.front();
+    find_span();
+  }
+
+  json all() {
+    auto marks = json::array(), stages = json::array(), lanes = json::array();
+    add_stages(stages);
+    add_marks(marks);
+    for (const auto* end : {"controller", "component"}) {
+      add_threads(lanes, end);
+      if (!scene_.one_machine) add_cpus(lanes, end);
+      if (std::string_view(end) == "controller") add_packets(lanes);
+    }
+    if (scene_.one_machine) add_cpus(lanes, "controller");
+    return {{"span_ns", to_ns_ - from_ns_},
+            {"marks", marks},
+            {"stages", stages},
+            {"lanes", lanes},
+            {"names", names_},
+            {"one_machine", scene_.one_machine},
+            {"uncertainty_ns", scene_.uncertainty_ns}};
+  }
+
+ private:
+  const Timeline* timeline_of(const std::string& end) const {
+    for (const auto& machine : scene_.machines)
+      if (machine.end == end || scene_.one_machine) return &machine.timeline;
+    return nullptr;
+  }
+
+  std::int64_t known_until_ns() const {
+    auto until_ns = message_.sample.sent_ns;
+    for (const auto& machine : scene_.machines) until_ns = std::max(until_ns, machine.to_ns);
+    return until_ns;
+  }
+
+  // From a little before it was due until a little after its answer, or where it ended.
+  void find_span() {
+    const auto& sample = message_.sample;
+    auto end_ns = sample.received_ns;
+    if (sample.fate == Fate::lost) {
+      end_ns = std::min(known_until_ns(), sample.sent_ns + most_of_a_loss_ns);
+      for (const auto& machine : scene_.machines)
+        for (const auto& event : machine.timeline.events())
+          if (culprit_.cause == Cause::dropped && event.kind == Kind::dropped &&
+              event.what == culprit_.culprit && event.at_ns >= sample.due_ns && event.at_ns < end_ns)
+            end_ns = event.at_ns;
+    }
+    end_ns = std::max(end_ns, sample.due_ns + 1'000);
+    const auto beside_ns = (end_ns - sample.due_ns) / (culprit_.cause == Cause::dropped ? 4 : 16);
+    from_ns_ = sample.due_ns - beside_ns;
+    to_ns_ = end_ns + beside_ns;
+  }
+
+  json after(std::int64_t ns) const { return std::clamp(ns, from_ns_, to_ns_) - from_ns_; }
+  bool shown(std::int64_t ns) const { return from_ns_ <= ns && ns <= to_ns_; }
+
+  std::size_t name(const std::string& text) {
+    const auto shown = shortened(printable(text), 60);
+    const auto found = std::find(names_.begin(), names_.end(), shown);
+    if (found != names_.end()) return static_cast<std::size_t>(found - names_.begin());
+    names_.push_back(shown);
+    return names_.size() - 1;
+  }
+
+  json packed(const std::vector<Bar>& bars) {
+    auto all = json::array();
+    for (const auto& bar : bars)
+      all.push_back({after(bar.from_ns), after(bar.to_ns), static_cast<int>(bar.look), name(bar.name),
+                     bar.culprit ? 1 : 0});
+    return all;
+  }
+
+  // Of the way's five parts, the one in which a part of a delay was.
+  static std::size_t leg_of(const Part& part) {
+    if (part.stage == Stage::woke) return 0;
+    if (part.stage == Stage::sent) return 1;
+    if (part.stage == Stage::answered) return 3;
+    const bool at_the_far_end = part.stage == Stage::travelled || part.stage == Stage::delivered;
+    return (part.end == "component") == at_the_far_end ? 2 : 4;
+  }
+
+  // As far as it came.
+  std::vector<std::pair<std::int64_t, std::int64_t>> legs() const {
+    const auto& sample = message_.sample;
+    std::vector<std::int64_t> times = {sample.due_ns, sample.woke_ns, sample.sent_ns};
+    if (scene_.there_ns && scene_.answered_ns) {
+      times.push_back(*scene_.there_ns);
+      times.push_back(*scene_.answered_ns);
+    }
+    times.push_back(sample.fate == Fate::lost ? to_ns_ : sample.received_ns);
+    std::vector<std::pair<std::int64_t, std::int64_t>> legs;
+    for (std::size_t i = 1; i < times.size(); ++i)
+      legs.emplace_back(times[i - 1], std::max(times[i], times[i - 1]));
+    return legs;
+  }
+
+  void add_stages(json& stages) {
+    const auto all = legs();
+    const char* names[] = {"wakes", "is sent", "on its way there", "is answered", "on its way back"};
+    if (message_.sample.fate == Fate::lost)
+      names[2] = "never comes back";
+    else if (all.size() == 3)
+      names[2] = "there and back";
+    for (std::size_t i = 0; i < all.size(); ++i) {
+      const bool culprits = !message_.parts.empty() && culprit_.cause != Cause::unknown &&
+                            std::min(leg_of(culprit_), all.size() - 1) == i;
+      stages.push_back({names[i], after(all[i].first), after(all[i].second), culprits ? 1 : 0});
+    }
+  }
+
+  void add_marks(json& marks) {
+    const auto& sample = message_.sample;
+    const auto mark = [&](const char* what, std::int64_t ns) {
+      if (shown(ns)) marks.push_back({what, after(ns)});
+    };
+    mark("due", sample.due_ns);
+    mark("sent", sample.sent_ns);
+    if (scene_.there_ns) mark("there", *scene_.there_ns);
+    if (scene_.answered_ns) mark("answered", *scene_.answered_ns);
+    if (sample.fate != Fate::lost) mark("back", sample.received_ns);
+    if (deadline_ns_ > 0) mark("deadline", sample.sent_ns + deadline_ns_);
+  }
+
+  // Whether what a thread of ours was at is what the culprit did to it.
+  bool suffers(const Scene::Thread& thread, State state, std::int64_t from_ns, std::int64_t to_ns) const {
+    if (message_.parts.empty() || thread.end != culprit_.end || thread.role != culprit_.thread) return false;
+    const auto all = legs();
+    const auto& [begin_ns, end_ns] = all[std::min(leg_of(culprit_), all.size() - 1)];
+    if (to_ns <= begin_ns || from_ns >= end_ns) return false;
+    switch (culprit_.cause) {
+      case Cause::cpu:
+      case Cause::throttled:
+      case Cause::idle_cpu:
+        return state == State::ready;
+      case Cause::stopped:
+        return state == State::stopped;
+      case Cause::blocked:
+        return state == State::blocked;
+      case Cause::waited:
+      case Cause::timer:
+        return state == State::sleeps;
+      case Cause::busy:
+      case Cause::interrupts:
+        return state == State::runs;
+      default:
+        return false;
+    }
+  }
+
+  void add_threads(json& lanes, const std::string& end) {
+    const auto* timeline = timeline_of(end);
+    if (timeline == nullptr) return;
+    constexpr std::pair<State, Look> looks[] = {{State::ready, Look::ready},
+                                                {State::runs, Look::runs},
+                                                {State::stopped, Look::stopped},
+                                                {State::blocked, Look::blocked},
+                                                {State::sleeps, Look::sleeps}};
+    for (const auto& thread : scene_.threads) {
+      if (thread.end != end) continue;
+      std::vector<Bar> bars;
+      bool awake = false;
+      for (const auto& stretch : timeline->of(thread.id, from_ns_, to_ns_))
+        for (const auto& [state, look] : looks) {
+          if (state != stretch.state) continue;
+          const bool suffering = suffers(thread, state, stretch.from_ns, stretch.to_ns);
+          awake = awake || state != State::sleeps || suffering;
+          if (suffering) held_up_.push_back(stretch);
+          if (state != State::sleeps || suffering)
+            bars.push_back({stretch.from_ns, stretch.to_ns, look, word_of(state), suffering});
+        }
+      // Of a middleware's many threads those that had to do with it.
+      if (awake)
+        lanes.push_back(
+            {{"of", "thread"}, {"end", end}, {"name", name(thread.role)}, {"bars", packed(merged(bars))}});
+    }
+  }
+
+  const Scene::Thread* ours(const std::string& end, std::int32_t id) const {
+    for (const auto& thread : scene_.threads)
+      if (thread.id == id && (thread.end == end || scene_.one_machine)) return &thread;
+    return nullptr;
+  }
+
+  // Of whom the culprit's name is: where and while it held up a thread of ours, if that was one of ours.
+  bool accused(const std::string& name, Cause of, int cpu, std::int64_t from_ns, std::int64_t to_ns) const {
+    if (culprit_.cause != of || name != culprit_.culprit) return false;
+    return held_up_.empty() || std::any_of(held_up_.begin(), held_up_.end(), [&](const auto& stretch) {
+             return stretch.cpu == cpu && stretch.from_ns < to_ns && stretch.to_ns > from_ns;
+           });
+  }
+
+  // Those on which our threads were, or were to be, and then those on which the culprit was.
+  std::vector<int> cpus_of(const Timeline& timeline, const std::string& end) const {
+    std::map<int, std::int64_t> weight;
+    for (const auto& thread : scene_.threads)
+      if (thread.end == end || scene_.one_machine)
+        for (const auto& stretch : timeline.of(thread.id, from_ns_, to_ns_))
+          if (stretch.cpu >= 0 && stretch.state != State::sleeps)
+            weight[stretch.cpu] += 2 + stretch.length_ns();
+    for (const auto& event : timeline.events())
+      if (shown(event.at_ns)) ++weight[event.cpu];
+    std::vector<int> cpus;
+    for (const auto& [cpu, events] : weight) cpus.push_back(cpu);
+    std::stable_sort(cpus.begin(), cpus.end(),
+                     [&](int one, int other) { return weight[one] > weight[other]; });
+    if (cpus.size() > most_cpus) cpus.resize(most_cpus);
+    std::sort(cpus.begin(), cpus.end());
+    return cpus;
+  }
+
+  void add_cpus(json& lanes, const std::string& end) {
+    const auto* timeline = timeline_of(end);
+    if (timeline == nullptr) return;
+    const bool here = culprit_.end == end || scene_.one_machine;
+    for (const auto cpu : cpus_of(*timeline, end)) {
+      std::vector<Bar> bars;
+      for (const auto& held : timeline->holders(cpu, from_ns_, to_ns_)) {
+        if (held.thread.id == 0) continue;
+        const auto* thread = ours(end, held.thread.id);
+        const bool culprit = here && accused(held.thread.name, Cause::cpu, cpu, held.from_ns, held.to_ns);
+        bars.push_back({held.from_ns, held.to_ns, thread != nullptr ? Look::ours : Look::other,
+                        thread != nullptr ? (thread->end == "component" ? "pong " : "ping ") + thread->role
+                                          : held.thread.name,
+                        culprit});
+      }
+      auto interrupts = merged(interrupts_of(*timeline, cpu, here));
+      bars = merged(bars);
+      bars.insert(bars.end(), interrupts.begin(), interrupts.end());  // over the threads that they interrupt
+      lanes.push_back(
+          {{"of", "cpu"}, {"end", end}, {"name", name(fmt::format("CPU {}", cpu))}, {"bars", packed(bars)}});
+    }
+  }
+
+  std::vector<Bar> interrupts_of(const Timeline& timeline, int cpu, bool here) const {
+    std::vector<Bar> bars;
+    for (const auto& interrupt : timeline.interrupts(cpu, from_ns_, to_ns_)) {
+      const bool culprit =
+          here && accused(interrupt.what, Cause::interrupts, cpu, interrupt.from_ns, interrupt.to_ns);
+      bars.push_back({interrupt.from_ns, interrupt.to_ns,
+                      interrupt.soft ? Look::soft_interrupt : Look::interrupt, interrupt.what, culprit});
+    }
+    return bars;
+  }
+
+  // What is too short to be seen goes together with what is beside it, however often they change.
+  std::vector<Bar> merged(const std::vector<Bar>& bars) const {
+    const auto least_ns = std::max<std::int64_t>((to_ns_ - from_ns_) / finest, 1);
+    std::vector<Bar> all;
+    for (const auto& bar : bars) {
+      const bool near = !all.empty() && bar.from_ns - all.back().to_ns < least_ns;
+      if (near && bar.look == all.back().look && bar.name == all.back().name &&
+          bar.culprit == all.back().culprit) {
+        all.back().to_ns = bar.to_ns;
+      } else if (near && bar.length_ns() < least_ns &&
+                 (all.back().together || all.back().length_ns() < least_ns)) {
+        auto& last = all.back();
+        const bool ours = bar.look == Look::ours || bar.look == Look::runs;
+        const bool were_ours = last.look == Look::ours || last.look == Look::runs;
+        last.look = ours ? bar.look : were_ours ? last.look : Look::several;
+        last.culprit = last.culprit || bar.culprit;
+        last.name = last.culprit ? "several, the culprit among them" : "several, each for a short time";
+        last.to_ns = bar.to_ns;
+        last.together = true;
+      } else {
+        all.push_back(bar);
+      }
+    }
+    return all;
+  }
+
+  // Of packets that may be the message's: in the queue, on the wire, thrown away.
+  void add_packets(json& lanes) {
+    for (const auto* end : {"controller", "component"}) {
+      const auto* timeline = timeline_of(end);
+      if (timeline == nullptr) continue;
+      std::map<std::int32_t, Bar> queued, travels;
+      std::vector<Bar> bars;
+      for (const auto& event : timeline->events()) {
+        if (!shown(event.at_ns) || event.packet == 0) continue;
+        const auto* thread = ours(end, event.thread.id);
+        if (event.kind == Kind::queued && thread != nullptr && thread->end == end &&
+            queued.size() < most_packets)
+          queued[event.packet] = {event.at_ns, to_ns_, Look::queued, "in the queue of " + event.what,
+                                  culprit_.cause == Cause::queue && culprit_.end == end};
+        const auto found = queued.find(event.packet);
+        if (event.kind == Kind::sent && found != queued.end()) {
+          found->second.to_ns = event.at_ns;
+          travels[event.packet] = {event.at_ns, event.at_ns, Look::travels, "on the wire of " + event.what};
+        }
+        if (event.kind == Kind::received && travels.contains(event.packet))
+          travels[event.packet].to_ns = event.at_ns;
+        if (event.kind == Kind::dropped) {
+          const bool culprit = culprit_.cause == Cause::dropped && event.what == culprit_.culprit;
+          const bool of_it = (thread != nullptr && thread->end == end) || found != queued.end();
+          if (!culprit && !of_it) continue;
+          if (found != queued.end() && !travels.contains(event.packet)) found->second.to_ns = event.at_ns;
+          if (travels.contains(event.packet)) travels[event.packet].to_ns = event.at_ns;
+          if (bars.size() < most_packets)
+            bars.push_back({event.at_ns, event.at_ns, Look::dropped, "dropped: " + event.what, culprit});
+        }
+      }
+      for (const auto& [packet, bar] : travels)
+        if (bar.to_ns > bar.from_ns) bars.insert(bars.begin(), bar);
+      for (const auto& [packet, bar] : queued) bars.insert(bars.begin(), bar);
+      if (bars.empty()) continue;
+      lanes.push_back({{"of", "packet"},
+                       {"end", end},
+                       {"name", name(std::string_view(end) == "component" ? "pong sends" : "ping sends")},
+                       {"bars", packed(bars)}});
+    }
+  }
+
+  const explain::Message& message_;
+  const Scene& scene_;
+  const std::int64_t deadline_ns_;
+  Part culprit_{};
+  std::vector<explain::Stretch> held_up_;
+  std::int64_t from_ns_ = 0, to_ns_ = 0;
+  std::vector<std::string> names_;
+};
+
+}  // namespace
+
+json drawing_of(const explain::Message& message, const Scene& scene, std::int64_t deadline_ns) {
+  return Drawing(message, scene, deadline_ns).all();
+}
+
+}  // namespace ontime::report

@@ -1,0 +1,126 @@
+// SPDX-License-Identifier: Apache-2.0
+// Why messages of a run were late or lost, on the page.
+#include "report/why.hpp"
+
+#include <algorithm>
+#include <set>
+
+#include <fmt/format.h>
+
+#include "report/html.hpp"
+#include "report/runs.hpp"
+#include "report/words.hpp"
+
+namespace ontime::report {
+namespace {
+
+using explain::Account;
+using explain::Cause;
+using explain::Group;
+using explain::Message;
+using roundtrip::Fate;
+
+// Of the late and lost messages that were looked at, how many have this culprit first: as a length and in
+// words.
+std::string share_of(const Group& group, std::size_t messages) {
+  const auto share = static_cast<double>(group.messages) / static_cast<double>(messages);
+  auto html = fmt::format(
+      "<li><svg class=\"share\" viewBox=\"0 0 100 8\" preserveAspectRatio=\"none\" "
+      "aria-hidden=\"true\"><rect "
+      "class=\"of\" width=\"100\" height=\"8\"/><rect class=\"{}\" width=\"{:.1f}\" height=\"8\"/></svg>"
+      "<p><b>{} of {}</b> {}",
+      group.culprit.cause == Cause::unknown ? "unknown" : "culprit", share * 100, group.messages, messages,
+      escaped(sentence_of(group)));
+  if (!group.remedy.empty()) html += "<span class=\"remedy\">" + escaped(group.remedy) + "</span>";
+  return html + "</p></li>\n";
+}
+
+// The worst of each culprit, and then the worst.
+std::vector<const Message*> chosen(const Account& account, std::size_t most) {
+  std::vector<const Message*> all;
+  std::set<std::string> said;
+  for (const bool anew : {true, false})
+    for (const auto& message : account.messages) {
+      if (all.size() == most) return all;
+      if (message.parts.empty() || std::find(all.begin(), all.end(), &message) != all.end()) continue;
+      const bool fresh = said.insert(explain::sentence_of(message.parts.front())).second;
+      if (fresh || !anew) all.push_back(&message);
+    }
+  return all;
+}
+
+std::string heading_of(const Message& message) {
+  const auto which = "Message " + grouped(message.sample.index);
+  if (message.sample.fate == Fate::lost) return which + " was lost";
+  return fmt::format("{} was {} {} more than usual", which,
+                     message.sample.fate == Fate::late ? "late:" : "on time, but took",
+                     span_of(message.delay_ns));
+}
+
+// What the figure shows, in words: all of the delay.
+std::string parts_of(const Message& message) {
+  Table table{"All of its delay",
+              "",
+              {{"Stage", Column::Align::left}, {"Took"}, {"What was so", Column::Align::left}},
+              {},
+              {}};
+  for (const auto& part : message.parts)
+    table.rows.push_back({explain::word_of(part.stage), part.ns == 0 ? nothing : span_of(part.ns),
+                          explain::sentence_of(part)});
+  if (!message.whole) table.notes.emplace_back("A part of what the kernel did around it is not known.");
+  return as_html(table);
+}
+
+std::string figure_of(const Message& message, std::size_t drawing) {
+  const auto& culprit = message.parts.front();
+  auto says = culprit.cause == Cause::unknown ? std::string("no event of the kernel shows why")
+                                              : explain::sentence_of(culprit);
+  if (culprit.ns > 0) says += fmt::format(": {} of it", span_of(culprit.ns));
+  return fmt::format(
+      "<figure class=\"way\" data-drawing=\"{}\">\n<figcaption><b>{}</b> <span>{}</span></figcaption>\n"
+      "</figure>\n<details><summary>Part by part</summary>\n{}</details>\n",
+      drawing, escaped(heading_of(message)), escaped(says), parts_of(message));
+}
+
+constexpr const char* key =
+    R"(<p class="note key">In the plots of a message’s way: <span class="culprit">▨</span>the culprit, and what it held
+up <span class="ours">■</span>a thread of the measurement runs <span class="ready">▨</span>it is ready, and waits <span
+class="other">■</span>another thread <span class="interrupt">■</span>interrupts <span class="packet">■</span>packets</p>
+)";
+
+}  // namespace
+
+Why why_of(const record::Reader& reader, const record::Run& run, std::size_t first_drawing,
+           std::size_t most_drawings) {
+  const auto account = explain::account_of(reader, run);
+  if (!account.traced) return {};
+  Why why;
+  const auto faults = account.late + account.lost;
+  std::size_t looked_at = 0;
+  for (const auto& group : account.groups) looked_at += group.messages;
+  why.html =
+      fmt::format("<p>{}</p>\n", faults == 0 ? "Nothing was late or lost. What held up the slowest is shown."
+                                             : fmt::format("{} late, {} lost. What held them up first:",
+                                                           grouped(account.late), grouped(account.lost)));
+  if (!account.groups.empty()) {
+    why.html += "<ol class=\"culprits\">\n";
+    for (const auto& group : account.groups) why.html += share_of(group, looked_at);
+    why.html += "</ol>\n";
+  }
+  for (const auto& limit : account.limits) why.html += note_as_html(limit);
+
+  const auto worst = chosen(account, most_drawings);
+  if (worst.empty()) return why;
+  why.html += key;
+  std::vector<Message> messages;
+  messages.reserve(worst.size());
+  for (const auto* message : worst) messages.push_back(*message);
+  const auto deadline_ns = deadline_ns_of(run);
+  explain::each_scene(reader, run, messages, [&](const Message& message, const explain::Scene& scene) {
+    why.html += figure_of(message, first_drawing + why.drawings.size());
+    why.drawings.push_back(drawing_of(message, scene, deadline_ns));
+  });
+  return why;
+}
+
+}  // namespace ontime::report

@@ -1,0 +1,37 @@
+// SPDX-License-Identifier: Apache-2.0
+// Why messages were late or lost: its words, and what a page has of it.
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include <nlohmann/json.hpp>
+
+#include "explain/explain.hpp"
+#include "record/record.hpp"
+
+namespace ontime::report {
+
+const char* word_of(roundtrip::Fate);
+const char* word_of(explain::State);
+std::int64_t deadline_ns_of(const record::Run&);  // 0: it has none
+std::string span_of(std::int64_t ns);             // "310 µs", "41.2 ms"
+// "pong's receive thread waited for a CPU while hog [4 processes] ran: 4.0 ms to 30.0 ms of it", printable.
+std::string sentence_of(const explain::Group&);
+
+// What a page draws of a message's way, web/way.js: {"span_ns", "marks": [[name, ns] …], "stages": [[name,
+// from, to, is the culprit's] …], "lanes": [{"of": "thread" | "cpu" | "packet", "end", "name", "bars":
+// [[from, to, look, name, is the culprit's] …]} …], "names", "uncertainty_ns"}; times are after the begin of
+// what is shown. Bounded: of the CPUs those that it had most to do with, and what is too short to be seen
+// goes together with what is beside it.
+nlohmann::json drawing_of(const explain::Message&, const explain::Scene&, std::int64_t deadline_ns);
+
+// Of a run that was measured with `explain: on`: each culprit's share, and the figures for the worst of its
+// messages, which draw `drawings` from `first_drawing` on. Nothing of any other.
+struct Why {
+  std::string html;
+  std::vector<nlohmann::json> drawings;
+};
+Why why_of(const record::Reader&, const record::Run&, std::size_t first_drawing, std::size_t most_drawings);
+
+}  // namespace ontime::report

@@ -1,0 +1,245 @@
+// SPDX-License-Identifier: Apache-2.0
+// Why messages were late or lost: on the page, and for Perfetto.
+#include <set>
+
+#include "report/why.hpp"
+#include "report_fixture.hpp"
+
+namespace ontime::report {
+namespace {
+
+using roundtrip::Fate;
+using roundtrip::Sample;
+using ::testing::Contains;
+using ::testing::HasSubstr;
+using ::testing::IsEmpty;
+using ::testing::Not;
+using ::testing::SizeIs;
+using trace::Kind;
+
+constexpr std::int64_t us = 1'000, ms = 1'000'000;
+constexpr std::int32_t sends = 10, answers = 20, culprit = 99;
+
+// Between two ends of one machine. Of messages 40, 41 … the component's thread waited 20 ms for CPU 1, which
+// another had; what was seen around each overlaps with what was seen around the next.
+class Traced : public ::testing::Test {
+ protected:
+  static std::int64_t due(std::uint64_t index) {
+    return static_cast<std::int64_t>(index) * 10 * ms + 1'000 * ms;
+  }
+  static Sample answered(std::uint64_t index, std::int64_t held_ns) {
+    return {.index = index,
+            .intended_ns = due(index),
+            .due_ns = due(index),
+            .woke_ns = due(index) + 10 * us,
+            .passed_wake_ns = 0,
+            .sent_ns = due(index) + 12 * us,
+            .received_ns = due(index) + 105 * us + held_ns,
+            .server_received_ns = due(index) + 62 * us + held_ns,
+            .server_sent_ns = due(index) + 65 * us + held_ns,
+            .skipped_cycles = 0,
+            .fate = held_ns > 0 ? Fate::late : Fate::on_time};
+  }
+  trace::Thread thread(std::int32_t id) const {
+    if (id == 0) return {0, "swapper", 120};
+    return {id, id == sends ? "ping-send" : id == answers ? "pong-receive" : name_, 120};
+  }
+  trace::Window around(std::uint64_t index) const {
+    const auto at = due(index);
+    trace::Window window{{index, at - ms, at + 40 * ms}, true, {}};
+    const auto event = [&](std::int64_t after, int cpu, Kind kind, std::int32_t of, std::int32_t other,
+                           const std::string& what, std::int32_t packet = 0) {
+      window.events.push_back(
+          {at + after, cpu, kind, thread(of), thread(other), what, packet, packet == 0 ? 0 : 550});
+    };
+    event(-ms / 2, 1, Kind::switched, 0, culprit, "R");
+    event(5 * us, 0, Kind::waking, sends, 0, "0");
+    event(8 * us, 0, Kind::switched, 0, sends, "R");
+    event(17 * us, 0, Kind::queued, sends, 0, "veth", 1);
+    event(18 * us, 0, Kind::sent, sends, 0, "veth", 1);
+    event(20 * us, 0, Kind::soft_interrupt, sends, 0, "NET_RX");
+    event(21 * us, 0, Kind::received, sends, 0, "veth", 1);
+    event(22 * us, 0, Kind::waking, answers, sends, "1");
+    event(23 * us, 0, Kind::soft_interrupt_end, sends, 0, "NET_RX");
+    event(30 * us, 0, Kind::switched, sends, 0, "S");
+    event(20 * ms, 1, Kind::switched, culprit, answers, "R");
+    event(20 * ms + 70 * us, 1, Kind::switched, answers, culprit, "S");
+    return window;
+  }
+
+  record::Reader recorded(std::size_t late) {
+    auto request = asked("x", "udp");
+    const auto run = writer_.begin_run(request);
+    std::vector<Sample> samples;
+    for (std::uint64_t i = 0; i < 100; ++i)
+      samples.push_back(answered(i, i >= 40 && i < 40 + late ? 20 * ms : 0));
+    writer_.append(run, samples);
+    for (std::uint64_t i = 40; i < 40 + late; ++i) writer_.trace(run, {"controller", around(i)});
+    auto came = outcome();
+    came["trace"] = {{"controller", json::object()}};
+    for (const auto* host : {"controller", "component"}) came["hosts"][host]["machine"]["boot_id"] = "b";
+    came["hosts"]["controller"]["threads"] = {{{"tid", sends}, {"role", "send"}}};
+    came["hosts"]["component"]["threads"] = {{{"tid", answers}, {"role", "receive"}}};
+    writer_.end_run(run, came);
+    return writer_.reader();
+  }
+  std::string page(const record::Reader& reader) {
+    return render_html(reader, statistics::summarise(reader), "r.ontime");
+  }
+
+  record::Writer writer_{""};
+  std::string name_ = "hog";
+};
+
+// The bars of all lanes that are of something, by the name on them.
+std::vector<json> bars_of(const json& drawing, const std::string& of) {
+  std::vector<json> bars;
+  for (const auto& lane : drawing.at("lanes"))
+    if (lane.at("of") == of)
+      for (const auto& bar : lane.at("bars")) {
+        bars.push_back(bar);
+        bars.back()[3] = drawing.at("names").at(bar.at(3).get<std::size_t>());
+      }
+  return bars;
+}
+
+TEST_F(Traced, ACulpritStandsOutOfWhatIsDrawn) {
+  const auto reader = recorded(1);
+  const auto why = why_of(reader, reader.runs().at(0), 0, 6);
+  EXPECT_THAT(why.html, HasSubstr("1 late, 0 lost. What held them up first:"));
+  EXPECT_THAT(
+      why.html,
+      HasSubstr("<b>1 of 1</b> pong&#39;s receive thread waited for a CPU while hog ran: 20.0 ms of it"));
+  ASSERT_THAT(why.drawings, SizeIs(1));
+  const auto& drawing = why.drawings[0];
+  std::set<std::string> accused;
+  std::int64_t held_ns = 0;
+  for (const auto& bar : bars_of(drawing, "cpu")) {
+    if (bar.at(4) != 1) continue;
+    accused.insert(bar.at(3).get<std::string>());
+    held_ns += bar.at(1).get<std::int64_t>() - bar.at(0).get<std::int64_t>();
+  }
+  EXPECT_EQ(accused, std::set<std::string>{"hog"});
+  EXPECT_GE(held_ns, 19 * ms);
+  EXPECT_THAT(
+      bars_of(drawing, "thread"),
+      Contains(testing::ResultOf(
+          [](const json& bar) { return bar.at(3) == "ready, waits for a CPU" && bar.at(4) == 1; }, true)));
+  EXPECT_THAT(
+      drawing.at("stages"),
+      Contains(testing::ResultOf(
+          [](const json& stage) { return stage.at(0) == "on its way there" && stage.at(3) == 1; }, true)));
+  for (const auto& mark : drawing.at("marks")) EXPECT_LE(mark.at(1), drawing.at("span_ns"));
+}
+
+TEST_F(Traced, ADrawingIsBoundedAndHasTheCulpritAllTheSame) {
+  auto window = around(40);
+  std::vector<trace::Event> more;
+  for (std::int64_t i = 0; i < 20'000; ++i)
+    for (const auto& [from, to] : {std::pair{0, 7}, std::pair{7, 0}})
+      more.push_back({due(40) + 100 * us + i * 900 + (from == 0 ? 0 : 400),
+                      0,
+                      Kind::switched,
+                      {from, from == 0 ? "swapper" : "busy", 120},
+                      {to, to == 0 ? "swapper" : "busy", 120},
+                      "S",
+                      0,
+                      0});
+  window.events.insert(window.events.end() - 2, more.begin(), more.end());
+  std::stable_sort(window.events.begin(), window.events.end(),
+                   [](const auto& one, const auto& other) { return one.at_ns < other.at_ns; });
+  recorded(1);
+  writer_.trace(1, {"controller", window});
+  const auto reader = writer_.reader();
+  const auto why = why_of(reader, reader.runs().at(0), 0, 6);
+  ASSERT_THAT(why.drawings, SizeIs(1));
+  EXPECT_LT(why.drawings[0].dump().size(), 100'000u);
+  EXPECT_THAT(bars_of(why.drawings[0], "cpu"),
+              Contains(testing::ResultOf([](const json& bar) { return bar.at(3) == "hog" && bar.at(4) == 1; },
+                                         true)));
+}
+
+TEST_F(Traced, NoNameIsMarkup) {
+  name_ = "</script><b>";
+  const auto html = page(recorded(1));
+  EXPECT_THAT(html, HasSubstr("while &lt;/script&gt;&lt;b&gt; ran"));
+  EXPECT_THAT(html, Not(HasSubstr("</script><b>")));
+}
+
+TEST_F(Traced, APageShowsTheWorstOfARunAndNoMore) {
+  const auto html = page(recorded(20));
+  std::size_t figures = 0;
+  for (auto at = html.find("class=\"way\""); at != std::string::npos; at = html.find("class=\"way\"", at + 1))
+    ++figures;
+  EXPECT_EQ(figures, 6u);
+  EXPECT_THAT(html, HasSubstr("<b>20 of 20</b>"));
+}
+
+TEST_F(Traced, WhatWasNotTracedIsNotExplained) {
+  const auto run = writer_.begin_run(asked("x", "udp"));
+  writer_.append(run, std::vector{answered(0, 0)});
+  writer_.end_run(run, outcome());
+  const auto html = page(writer_.reader());
+  EXPECT_THAT(html, Not(HasSubstr("class=\"why\"")));
+}
+
+class Perfetto : public Traced {
+ protected:
+  json written(std::size_t late) {
+    const auto reader = recorded(late);
+    const auto run = reader.runs().at(0);
+    return json::parse(perfetto_of(reader, run, explain::account_of(reader, run).messages));
+  }
+  static std::vector<json> named(const json& file, const std::string& name, const std::string& phase) {
+    std::vector<json> found;
+    for (const auto& event : file.at("traceEvents"))
+      if (event.at("name") == name && event.at("ph") == phase) found.push_back(event);
+    return found;
+  }
+};
+
+TEST_F(Perfetto, HasWhatIsInTheWindow) {
+  const auto file = written(1);
+  const auto hogs = named(file, "hog", "X");
+  ASSERT_THAT(hogs, SizeIs(2));
+  EXPECT_EQ(hogs[0].at("tid"), 1);
+  EXPECT_DOUBLE_EQ(hogs[0].at("dur"), 20'500);
+  EXPECT_EQ(hogs[0].at("args").at("thread"), culprit);
+  ASSERT_THAT(named(file, "NET_RX", "X"), SizeIs(1));
+  EXPECT_DOUBLE_EQ(named(file, "NET_RX", "X")[0].at("dur"), 3);
+  for (const auto* packet : {"queued", "sent", "received"})
+    EXPECT_THAT(named(file, std::string("packet of 550 bytes ") + packet + ": veth", "i"), SizeIs(1));
+  ASSERT_THAT(named(file, "message 40", "b"), SizeIs(1));
+  const auto due_us = named(file, "message 40 due", "i").at(0).at("ts").get<double>();
+  EXPECT_DOUBLE_EQ(named(file, "message 40", "b")[0].at("ts"), due_us);
+  EXPECT_DOUBLE_EQ(named(file, "message 40", "e")[0].at("ts").get<double>() - due_us, 20'105);
+  EXPECT_DOUBLE_EQ(named(file, "message 40 late", "i").at(0).at("ts").get<double>() - due_us, 10'012);
+  EXPECT_DOUBLE_EQ(named(file, "on its way there", "b").at(0).at("ts").get<double>() - due_us, 12);
+  EXPECT_DOUBLE_EQ(named(file, "on its way there", "e").at(0).at("ts").get<double>() - due_us, 20'062);
+  EXPECT_EQ(file.at("otherData").at("clock_uncertainty_ns"), 0);
+  EXPECT_THAT(file.at("otherData").at("machines").get<std::string>(), HasSubstr("both ends are on one"));
+}
+
+TEST_F(Perfetto, IsInOrderAndNothingOverlapsOnATrack) {
+  const auto file = written(5);
+  double last = 0;
+  std::map<std::pair<int, int>, double> until;
+  for (const auto& event : file.at("traceEvents")) {
+    if (event.at("ph") == "M") continue;
+    ASSERT_GE(event.at("ts").get<double>(), last);
+    last = event.at("ts");
+    if (event.at("ph") != "X") continue;
+    auto& end = until[{event.at("pid"), event.at("tid")}];
+    ASSERT_GE(last, end - 0.001) << event;
+    end = last + event.at("dur").get<double>();
+  }
+  EXPECT_THAT(named(file, "message 44", "b"), SizeIs(1));
+}
+
+TEST_F(Perfetto, NamesAreText) {
+  name_ = "\"},{\x1b[2J";
+  EXPECT_THAT(named(written(1), "\"},{?[2J", "X"), Not(IsEmpty()));
+}
+
+}  // namespace
+}  // namespace ontime::report
