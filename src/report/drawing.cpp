@@ -347,7 +347,8 @@ class Drawing {
         if (event.kind == Kind::dropped) {
           const bool culprit = culprit_.cause == Cause::dropped && event.what == culprit_.culprit;
           const bool of_it = (thread != nullptr && thread->end == end) || found != queued.end();
-          if (!culprit && !of_it) continue;
+          // On its other machine a packet has another number.
+          if (!of_it && (!culprit || scene_.one_machine || culprit_.end != end)) continue;
           if (found != queued.end() && !travels.contains(event.packet)) found->second.to_ns = event.at_ns;
           if (travels.contains(event.packet)) travels[event.packet].to_ns = event.at_ns;
           if (bars.size() < most_packets)

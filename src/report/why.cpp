@@ -3,7 +3,7 @@
 #include "report/why.hpp"
 
 #include <algorithm>
-#include <set>
+#include <map>
 
 #include <fmt/format.h>
 
@@ -35,17 +35,17 @@ std::string share_of(const Group& group, std::size_t messages) {
   return html + "</p></li>\n";
 }
 
-// The worst of each culprit, and then the worst.
-std::vector<const Message*> chosen(const Account& account, std::size_t most) {
-  std::vector<const Message*> all;
-  std::set<std::string> said;
-  for (const bool anew : {true, false})
-    for (const auto& message : account.messages) {
-      if (all.size() == most) return all;
-      if (message.parts.empty() || std::find(all.begin(), all.end(), &message) != all.end()) continue;
-      const bool fresh = said.insert(explain::sentence_of(message.parts.front())).second;
-      if (fresh || !anew) all.push_back(&message);
-    }
+// The worst, of each culprit two: the late and lost ones, or, where there are none, the slowest.
+std::vector<Message> chosen(const Account& account, std::size_t most) {
+  constexpr std::size_t most_of_a_culprit = 2;
+  std::vector<Message> all;
+  std::map<std::string, std::size_t> said;
+  for (const auto& message : account.messages) {
+    const bool is_fault = message.sample.fate != Fate::on_time;
+    if (message.parts.empty() || is_fault != (account.late + account.lost > 0)) continue;
+    if (++said[explain::sentence_of(message.parts.front())] <= most_of_a_culprit && all.size() < most)
+      all.push_back(message);
+  }
   return all;
 }
 
@@ -111,15 +111,15 @@ Why why_of(const record::Reader& reader, const record::Run& run, std::size_t fir
 
   const auto worst = chosen(account, most_drawings);
   if (worst.empty()) return why;
-  why.html += key;
-  std::vector<Message> messages;
-  messages.reserve(worst.size());
-  for (const auto* message : worst) messages.push_back(*message);
-  const auto deadline_ns = deadline_ns_of(run);
-  explain::each_scene(reader, run, messages, [&](const Message& message, const explain::Scene& scene) {
-    why.html += figure_of(message, first_drawing + why.drawings.size());
-    why.drawings.push_back(drawing_of(message, scene, deadline_ns));
+  std::map<std::uint64_t, nlohmann::json> drawings;  // by message
+  explain::each_scene(reader, run, worst, [&](const Message& message, const explain::Scene& scene) {
+    drawings[message.sample.index] = drawing_of(message, scene, deadline_ns_of(run));
   });
+  why.html += key;
+  for (const auto& message : worst) {
+    why.html += figure_of(message, first_drawing + why.drawings.size());
+    why.drawings.push_back(std::move(drawings[message.sample.index]));
+  }
   return why;
 }
 

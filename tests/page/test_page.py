@@ -303,7 +303,7 @@ class Page(unittest.TestCase):
         opened.open(self.page_of(self.explained()))
         self.assertIn("1 of 2 pong's receive thread waited for a CPU while hog ran: 20.0 ms of it", opened.text(".culprits"))
         self.assertIn("NETFILTER_DROP", opened.text(".culprits"))
-        late = "figure.way[data-drawing='0']"
+        late = "figure.way[data-drawing='1']"
         self.assertIn("Message 50 was late: 20.0 ms more than usual", opened.text(f"{late} figcaption"))
         box = opened.run("""const box = document.querySelector(arguments[0] + " .bar.other.culprit rect").getBBox();
             return [box.width, document.querySelector(arguments[0] + " .lane").getBBox().width];""", late)
@@ -318,7 +318,7 @@ class Page(unittest.TestCase):
         self.assertIn("waited for a CPU while hog ran", opened.run(
             "return document.querySelector(arguments[0] + ' + details').textContent", late))
         self.assertIn("dropped: NETFILTER_DROP", opened.run(
-            "return document.querySelector('figure.way[data-drawing=\"1\"] .bar.dropped.culprit').textContent"))
+            "return document.querySelector('figure.way[data-drawing=\"0\"] .bar.dropped.culprit').textContent"))
         self.assert_quiet(opened)
 
     def test_what_was_seen_goes_to_perfetto(self):

@@ -27,8 +27,8 @@ class WayPlot {
     this.cursor = this.frame.plot.append("line").attr("class", "cursor").attr("visibility", "hidden");
     this.readout = d3.select(figure).append("output").attr("class", "readout").attr("aria-live", "polite");
     if (drawing.uncertainty_ns > 0)
-      d3.select(figure).append("p").attr("class", "note")
-        .text(`The two machines’ clocks are related by the run’s answers: times of pong’s machine may be off by ±${time(drawing.uncertainty_ns)}.`);
+      d3.select(figure).append("p").attr("class", "note").text("The two machines’ clocks are related by the run’s answers: " +
+        `times of pong’s machine may be off by ±${time(drawing.uncertainty_ns)}.`);
     this.frame.svg.attr("tabindex", 0).attr("role", "application")
       .attr("aria-label", `${this.frame.svg.attr("aria-label")}. Arrow keys go through its time; part by part it stands below.`);
     this.frame.area.on("mousemove", () => this.tell(...d3.mouse(this.frame.area.node())))
@@ -112,12 +112,12 @@ class WayPlot {
       const one = group.append("g").attr("class", `bar ${kind}${culprit ? " culprit" : ""}`);
       if (kind === "dropped") {
         one.append("path").attr("d", `M${left - 5},${lane.height / 2 - 5}l10,10m0,-10l-10,10`);
-        const text = drawing.names[name], before = left + 10 + text.length * LETTER > this.frame.width;
+        const text = drawing.names[name], before = left + 12 + text.length * LETTER * 1.25 > this.frame.width;
         one.append("text").attr("class", "inside").attr("x", before ? left - 10 : left + 10).attr("y", lane.height - 4)
           .attr("text-anchor", before ? "end" : "start").text(text);
         continue;
       }
-      const thin = lane.of === "cpu" && (kind === "interrupt" || kind === "soft") ? lane.height / 2 : lane.height;
+      const thin = lane.of === "cpu" && (kind === "interrupt" || kind === "soft") ? lane.height / 3 : lane.height;
       const rect = one.append("rect").attr("x", left).attr("width", width).attr("height", thin);
       if (lane.of === "thread" && (culprit || kind === "ready"))
         rect.attr("fill", `url(#${this.hatch}-${culprit ? "culprit" : "ready"})`);
