@@ -152,15 +152,13 @@ TEST_F(Traced, IsGivenBackAfterAKill) {
   EXPECT_FALSE(is_there());
 }
 
-// Of about every third window the switch back to the woken thread is missing, however long one waits before
-// it is cut: it is not known why (docs/explain.md).
-TEST_F(Traced, DISABLED_SaysWhenAThreadSleptAndWasWoken) {
+TEST_F(Traced, SaysWhenAThreadSleptAndWasWoken) {
   journal::Journal journal(kinds());
   Recorder recorder(journal);
   const auto from_ns = now_ns();
   std::this_thread::sleep_for(20ms);
-  const auto to_ns = now_ns();
-  const auto window = cut(recorder, from_ns, to_ns);
+  std::this_thread::sleep_for(1ms);  // by which it is seen to have run
+  const auto window = cut(recorder, from_ns, now_ns());
   EXPECT_TRUE(window.whole);
   // One after the other: before it sleeps it may have been pre-empted.
   auto event = window.events.begin();
@@ -173,8 +171,10 @@ TEST_F(Traced, DISABLED_SaysWhenAThreadSleptAndWasWoken) {
   });
   const auto woken =
       next([](const Event& one) { return one.kind == Kind::waking && one.thread.id == gettid(); });
-  const auto ran =
-      next([](const Event& one) { return one.kind == Kind::switched && one.other.id == gettid(); });
+  // Not every kernel says how a CPU leaves its idle thread: then the first thing that it does shows it.
+  const auto ran = next([](const Event& one) {
+    return running_at(one) == gettid() || (one.kind == Kind::switched && one.other.id == gettid());
+  });
   ASSERT_NE(ran, window.events.end());
   EXPECT_EQ(left->thread.name, "trace_test");
   EXPECT_GE(woken->at_ns - left->at_ns, 19'000'000);

@@ -7,11 +7,21 @@
 #include <string>
 #include <vector>
 
+#include "explain/scheduling.hpp"
 #include "trace/trace.hpp"
 
 namespace ontime::explain {
 
-enum class State { unknown, sleeps, ready, runs, stopped, blocked, gone };
+enum class State {
+  unknown,
+  sleeps,
+  ready,
+  comes,  // its CPU is idle: it runs, or is about to, and only later is it seen that it does
+  runs,
+  stopped,
+  blocked,
+  gone
+};
 
 struct Stretch {
   std::int64_t from_ns, to_ns;
@@ -23,6 +33,7 @@ struct Stretch {
 struct Held {
   std::int64_t from_ns, to_ns;
   trace::Thread thread;
+  bool surely;  // false: it comes, see above
 };
 struct Interrupted {
   std::int64_t from_ns, to_ns;
@@ -45,7 +56,9 @@ class Timeline {
   std::string name_of(std::int32_t thread) const;
 
  private:
+  std::int64_t begin_ns_;
   std::vector<trace::Event> events_;
+  std::vector<Scheduled> scheduling_;
 };
 
 }  // namespace ontime::explain

@@ -72,6 +72,7 @@ void Way::waited(Found& found, const Timeline& timeline, const Part& whose, cons
   for (const auto& held : timeline.holders(stretch.cpu, stretch.from_ns, stretch.to_ns)) {
     auto part = whose;
     auto ns = held.to_ns - held.from_ns;
+    if (!held.surely) continue;
     left_ns -= ns;
     if (held.thread.id == 0) {
       const bool kept = stretch.length_ns() >= slow_to_wake_ns &&
@@ -135,6 +136,7 @@ void Way::thread(Found& found, const End& end, std::int32_t id, const std::strin
       case State::sleeps:
         found.slept_ns += stretch.length_ns();
         break;
+      case State::comes:
       case State::gone:
       case State::unknown:
         break;
@@ -155,7 +157,7 @@ const KnownThread* Way::receives(const End& end, std::int64_t at_ns) const {
   for (const auto& thread : end.threads) {
     if (thread.role != "receive" && thread.role != "delivery") continue;
     const auto state = end.timeline->state_at(thread.id, at_ns);
-    if (state == State::runs) return &thread;
+    if (state == State::runs || state == State::comes) return &thread;
     if (best == nullptr || (state && *state != State::sleeps)) best = &thread;
   }
   return best;

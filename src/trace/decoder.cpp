@@ -226,4 +226,8 @@ std::int32_t Decoder::woken(const RawEvent& event) const {
   return static_cast<std::int32_t>(number(shape_of(event)->thread, event));
 }
 
+std::int32_t Decoder::who_ran(const RawEvent& event) const {
+  return static_cast<std::int32_t>(number(shape_of(event)->running, event));
+}
+
 }  // namespace ontime::trace

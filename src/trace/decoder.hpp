@@ -41,6 +41,7 @@ class Decoder {
   };
   Switch switch_of(const RawEvent&) const;
   std::int32_t woken(const RawEvent&) const;
+  std::int32_t who_ran(const RawEvent&) const;  // who had the CPU; of a switch: who left it
 
  private:
   struct Field {

@@ -36,9 +36,13 @@ class Now {
   explicit Now(const Decoder& decoder) : decoder_(decoder) {}
   void enter(const RawEvent& event, Kind kind) {
     if (kind == Kind::waking) awake_[decoder_.woken(event)] = event;
-    if (kind != Kind::switched) return;
-    cpus_[event.cpu] = event;
+    if (kind != Kind::switched) {
+      const auto cpu = cpus_.find(event.cpu);
+      if (cpu != cpus_.end()) cpu->second.enter(event, decoder_.who_ran(event));
+      return;
+    }
     const auto change = decoder_.switch_of(event);
+    cpus_[event.cpu] = {event, change.came == 0, {}, {}};
     awake_.erase(change.came);
     if (change.left == 0) return;
     if (change.sleeps)
@@ -48,8 +52,12 @@ class Now {
   }
   std::vector<RawEvent> events() const {
     std::vector<RawEvent> all;
-    all.reserve(cpus_.size() + awake_.size());
-    for (const auto& [cpu, event] : cpus_) all.push_back(event);
+    all.reserve(3 * cpus_.size() + awake_.size());
+    for (const auto& [number, cpu] : cpus_) {
+      all.push_back(cpu.last);
+      if (cpu.idle) all.push_back(*cpu.idle);
+      if (cpu.left_idle) all.push_back(*cpu.left_idle);
+    }
     for (const auto& [thread, event] : awake_) all.push_back(event);
     const auto key = [](const RawEvent& event) { return std::pair(event.at_ns, event.bytes.data()); };
     std::sort(all.begin(), all.end(),
@@ -61,8 +69,18 @@ class Now {
   }
 
  private:
+  // There are kernels that do not say how a CPU leaves its idle thread: whoever does something on it shows.
+  struct Cpu {
+    RawEvent last;  // switch
+    bool to_idle;   // it was
+    std::optional<RawEvent> idle,
+        left_idle;  // what the idle thread did last since then; what another did first
+    void enter(const RawEvent& event, std::int32_t running) {
+      if (to_idle && !left_idle) (running == 0 ? idle : left_idle) = event;
+    }
+  };
   const Decoder& decoder_;
-  std::map<std::int32_t, RawEvent> cpus_;   // the last switch of each
+  std::map<std::int32_t, Cpu> cpus_;
   std::map<std::int32_t, RawEvent> awake_;  // by thread: since when it is ready, stopped …
 };
 

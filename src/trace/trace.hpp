@@ -60,14 +60,17 @@ struct Event {
   std::int32_t bytes = 0;   // of the packet
   bool operator==(const Event&) const = default;
 };
+// Who had the CPU when it happened; of a switch: who left it.
+std::int32_t running_at(const Event&);
 
 // The time around a message.
 struct Span {
   std::uint64_t message = 0;
   std::int64_t from_ns = 0, to_ns = 0;
 };
-// What was seen in it, in order of time. Before `from_ns` there are those events that tell what the CPUs and
-// the threads that do not sleep were at when it began.
+// What was seen in it, in order of time, and nothing else: a kernel may not say how a CPU leaves its idle
+// thread. Before `from_ns` there are those events that tell what the CPUs and the threads that do not sleep
+// were at when it began.
 struct Window {
   Span span;          // which ends early where there were more events than are kept
   bool whole = true;  // false: of a part of the span some, or all, is not known

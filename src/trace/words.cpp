@@ -100,6 +100,10 @@ std::optional<Kind> kind_of(const std::string& word) {
   return found == words.end() ? std::nullopt : std::optional(found->first);
 }
 
+std::int32_t running_at(const Event& event) {
+  return event.kind == Kind::waking || event.kind == Kind::signal ? event.other.id : event.thread.id;
+}
+
 json to_json(const Window& window) {
   auto events = json::array();
   for (const auto& event : window.events) events.push_back(to_json(event, window.span.from_ns));
