@@ -103,6 +103,14 @@ class Explained : public testing::TestWithParam<bool> {
     event(sent + 6 * us + by, 0, Kind::sent, asks, 0, "veth", 1);
     event(sent + 9 * us + by, 0, Kind::received, asks, 0, "veth", 1);
   }
+  void has_the_message() {
+    switched(due - ms / 2, 1, hog, "S", 0);
+    sender_wakes_and_sends();
+    event(sent + 10 * us, 0, Kind::waking, answers, asks, "1");
+    switched(sent + 12 * us, 1, 0, "R", answers);
+    event(sent + 20 * us, 1, Kind::timer, answers);
+    event(sent + 21 * us, 1, Kind::timer_end, answers);
+  }
   static json threads(std::initializer_list<std::pair<std::int32_t, const char*>> all) {
     auto list = json::array();
     for (const auto& [tid, role] : all) list.push_back({{"tid", tid}, {"role", role}});
@@ -179,8 +187,10 @@ TEST_P(Explained, AThreadThatIsReadyBesideAnIdleCpuThatLivesIsThrottled) {
   switched(sent + 18 * us, 1, answers, "R", 0);
   event(sent + 10 * ms, 1, Kind::timer, 0);
   event(sent + 10 * ms + us, 1, Kind::timer_end, 0);
+  event(sent + 20 * ms - 3 * us, 1, Kind::timer, 0);
+  event(sent + 20 * ms - 2 * us, 1, Kind::timer_end, 0);
   switched(sent + 20 * ms, 1, 0, "R", answers);
-  switched(sent + 20 * ms + 30 * us, 1, answers, "S", 0);
+  switched(sent + 20 * ms + 60 * us, 1, answers, "S", 0);
   EXPECT_EQ(first(message(late(0, 20 * ms, 0))).cause, Cause::throttled);
 }
 
@@ -189,7 +199,7 @@ TEST_P(Explained, ACpuThatShowsNoSignOfLife) {
   sender_wakes_and_sends();
   event(sent + 10 * us, 0, Kind::waking, answers, asks, "1");
   switched(sent + 6 * ms, 1, 0, "R", answers);
-  switched(sent + 6 * ms + 30 * us, 1, answers, "S", 0);
+  switched(sent + 6 * ms + 60 * us, 1, answers, "S", 0);
   EXPECT_EQ(first(message(late(0, 6 * ms, 0))).cause,
             leaving_idle_is_told() ? Cause::idle_cpu : Cause::unknown)
       << "it may as well have run";
@@ -212,7 +222,7 @@ TEST_P(Explained, AThreadThatRunsOnAnIdleCpuIsBusyFromWhenItIsSeen) {
 TEST_P(Explained, WhoComesToAnIdleCpuIsNotAccusedBeforeItIsSeenToRun) {
   switched(sent - ms / 2, 1, answers, "S", 0);
   sender_wakes_and_sends();
-  event(sent + 5 * us, 0, Kind::waking, hog, 0, "1");
+  event(sent + 9 * us, 0, Kind::waking, hog, 0, "1");
   event(sent + 10 * us, 0, Kind::waking, answers, asks, "1");
   switched(sent + 8 * ms - us, 1, 0, "R", hog);  // the CPU was not run until then
   switched(sent + 8 * ms, 1, hog, "S", answers);
@@ -322,6 +332,55 @@ TEST_P(Explained, WhatCouldNotBeSeenIsSaid) {
                           .limits;
   EXPECT_THAT(limits, testing::UnorderedElementsAre(HasSubstr("skb:kfree_skb"), HasSubstr("no root"),
                                                     HasSubstr("a part of what the kernel did")));
+}
+
+TEST_P(Explained, AThreadThatHadTheMessageAndSleptUntilAnotherWokeIt) {
+  has_the_message();
+  switched(sent + 30 * us, 1, answers, "S", 0);
+  event(sent + 15 * ms, 0, Kind::waking, answers, hog, "1");
+  switched(sent + 15 * ms + 2 * us, 1, 0, "R", answers);
+  switched(sent + 15 * ms + 60 * us, 1, answers, "S", 0);
+  const auto part = first(message(late(0, 15 * ms, 0)));
+  EXPECT_EQ(part.cause, Cause::waited);
+  EXPECT_EQ(part.culprit, "hog");
+  EXPECT_EQ(part.ns, 15 * ms - 30 * us);
+}
+
+TEST_P(Explained, WhoRanWhenATimerWokeAThreadIsNotAccused) {
+  has_the_message();
+  switched(sent + 30 * us, 1, answers, "S", 0);
+  event(sent + 15 * ms - us, 0, Kind::timer, hog);
+  event(sent + 15 * ms, 0, Kind::waking, answers, hog, "1");
+  event(sent + 15 * ms + us, 0, Kind::timer_end, hog);
+  switched(sent + 15 * ms + 2 * us, 1, 0, "R", answers);
+  switched(sent + 15 * ms + 60 * us, 1, answers, "S", 0);
+  const auto part = first(message(late(0, 15 * ms, 0)));
+  EXPECT_EQ(part.cause, Cause::waited);
+  EXPECT_EQ(part.culprit, "");
+}
+
+TEST_P(Explained, WhatAThreadWaitedForInTheKernelIsToldByItsFunctions) {
+  has_the_message();
+  switched(sent + 30 * us, 1, answers, "D", 0);
+  event(sent + 31 * us, 1, Kind::waits, answers, 0,
+        "schedule io_schedule filemap_fault handle_mm_fault exc_page_fault");
+  event(sent + 15 * ms, 0, Kind::waking, answers, hog, "1");
+  switched(sent + 15 * ms + 2 * us, 1, 0, "R", answers);
+  switched(sent + 15 * ms + 60 * us, 1, answers, "S", 0);
+  const auto part = first(message(late(0, 15 * ms, 0)));
+  EXPECT_EQ(part.cause, Cause::page_fault);
+  EXPECT_EQ(part.culprit, "") << "who ended the wait has no part in it";
+}
+
+TEST(Causes, OfWaitsInTheKernel) {
+  EXPECT_EQ(cause_of_wait("schedule rwsem_down_read_slowpath down_read lock_mm_and_find_vma exc_page_fault"),
+            Cause::lock)
+      << "not for the page, but to look it up";
+  EXPECT_EQ(cause_of_wait("schedule schedule_preempt_disabled __mutex_lock.constprop.0 rtnl_lock"),
+            Cause::lock);
+  EXPECT_EQ(cause_of_wait("schedule io_schedule bit_wait_io"), Cause::disk);
+  EXPECT_EQ(cause_of_wait("schedule synchronize_rcu"), Cause::blocked);
+  EXPECT_EQ(cause_of_wait(""), Cause::blocked);
 }
 
 TEST_P(Explained, ARunWithoutTracesIsNotExplained) {

@@ -27,6 +27,7 @@ class Scheduling {
   };
 
   void enter(const Event& event) {
+    if (event.kind == Kind::waits) return;  // by who leaves, and just after it is said to have left
     const auto cpu = cpus_.find(event.cpu);
     if (cpu != cpus_.end() && cpu->second.last.id == idle) {
       const auto running = trace::running_at(event);
@@ -56,13 +57,13 @@ class Scheduling {
     const auto place =
         std::upper_bound(all.begin(), all.end(), came_ns,
                          [](std::int64_t at_ns, const Scheduled& one) { return at_ns < one.event.at_ns; });
-    all.insert(place, {{.at_ns = came_ns,
-                        .cpu = event.cpu,
-                        .kind = Kind::switched,
-                        .thread = cpu.last,
-                        .other = thread,
-                        .what = "R"},
-                       event.at_ns});
+    all.insert(place, Scheduled{{.at_ns = came_ns,
+                                 .cpu = event.cpu,
+                                 .kind = Kind::switched,
+                                 .thread = cpu.last,
+                                 .other = thread,
+                                 .what = "R"},
+                                event.at_ns});
     cpu.last = thread;
   }
 

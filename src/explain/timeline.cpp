@@ -138,6 +138,23 @@ bool Timeline::lives(int cpu, std::int64_t from_ns, std::int64_t to_ns) const {
   });
 }
 
+std::optional<std::int32_t> Timeline::waker_of(std::int32_t thread, std::int64_t until_ns) const {
+  const Event* woken = nullptr;
+  for (const auto& event : events_)
+    if (event.kind == Kind::waking && event.thread.id == thread && event.at_ns <= until_ns) woken = &event;
+  if (woken == nullptr || woken->other.id == 0 || woken->other.id == thread) return {};
+  const bool by_interrupt = !interrupts(woken->cpu, woken->at_ns, woken->at_ns + 1).empty();
+  return by_interrupt ? std::nullopt : std::optional(woken->other.id);
+}
+
+std::string Timeline::waited_in(std::int32_t thread, std::int64_t until_ns) const {
+  std::string functions;
+  for (const auto& event : events_)
+    if (event.kind == Kind::waits && event.thread.id == thread && event.at_ns <= until_ns)
+      functions = event.what;
+  return functions;
+}
+
 std::int32_t Timeline::priority_of(std::int32_t thread) const {
   auto priority = ordinary_priority;
   for (const auto& event : events_) {

@@ -51,6 +51,10 @@ class Timeline {
   std::vector<Held> holders(int cpu, std::int64_t from_ns, std::int64_t to_ns) const;
   std::vector<Interrupted> interrupts(int cpu, std::int64_t from_ns, std::int64_t to_ns) const;
   bool lives(int cpu, std::int64_t from_ns, std::int64_t to_ns) const;  // whether anything happened on it
+  // Who woke it last before `until_ns`: nullopt for an interrupt, and where nothing says it.
+  std::optional<std::int32_t> waker_of(std::int32_t thread, std::int64_t until_ns) const;
+  // The kernel's functions that it waited in before `until_ns`.
+  std::string waited_in(std::int32_t thread, std::int64_t until_ns) const;
   // As an event last said it; what no event says is 120: SCHED_OTHER.
   std::int32_t priority_of(std::int32_t thread) const;
   std::string name_of(std::int32_t thread) const;

@@ -34,7 +34,9 @@ enum class Kind : std::uint8_t {
   sent,      // a packet leaves the queue of an interface
   received,  // a packet has come over an interface
   dropped,   // a packet is thrown away; `what`: the kernel's reason, "" where it does not say
-  signal     // `thread` is sent one by `other`; `what`: its number
+  signal,    // `thread` is sent one by `other`; `what`: its number
+  waits  // `thread` has left its CPU to wait in the kernel (state "D"); `what`: the kernel's functions that
+         // it is in, the innermost first, "" where they are hidden
 };
 const char* word_of(Kind);
 std::optional<Kind> kind_of(const std::string& word);
