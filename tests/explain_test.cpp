@@ -38,8 +38,9 @@ trace::Thread named(std::int32_t id) {
 }
 
 // A run of which message 50 is to be explained. The message is due at 500 ms; usual ones take 10 µs to wake,
-// 2 to be sent, 50 there, 3 to be answered, 40 back.
-class Explained : public testing::Test {
+// 2 to be sent, 50 there, 3 to be answered, 40 back. By a kernel that says how a CPU leaves its idle thread,
+// and by one that does not.
+class Explained : public testing::TestWithParam<bool> {
  protected:
   static constexpr std::int64_t due = 500 * ms, sent = due + 12 * us;
 
@@ -91,8 +92,9 @@ class Explained : public testing::Test {
                               .packet = packet,
                               .bytes = packet != 0 ? 550 : 0});
   }
+  static bool leaving_idle_is_told() { return GetParam(); }
   void switched(std::int64_t at, int cpu, std::int32_t from, const char* state, std::int32_t to) {
-    event(at, cpu, Kind::switched, from, to, state);
+    if (from != 0 || leaving_idle_is_told()) event(at, cpu, Kind::switched, from, to, state);
   }
   void sender_wakes_and_sends(std::int64_t by = 0) {
     event(due + 5 * us + by, 0, Kind::waking, asks, 0, "0");
@@ -100,6 +102,14 @@ class Explained : public testing::Test {
     event(sent + 5 * us + by, 0, Kind::queued, asks, 0, "veth", 1);
     event(sent + 6 * us + by, 0, Kind::sent, asks, 0, "veth", 1);
     event(sent + 9 * us + by, 0, Kind::received, asks, 0, "veth", 1);
+  }
+  void has_the_message() {
+    switched(due - ms / 2, 1, hog, "S", 0);
+    sender_wakes_and_sends();
+    event(sent + 10 * us, 0, Kind::waking, answers, asks, "1");
+    switched(sent + 12 * us, 1, 0, "R", answers);
+    event(sent + 20 * us, 1, Kind::timer, answers);
+    event(sent + 21 * us, 1, Kind::timer_end, answers);
   }
   static json threads(std::initializer_list<std::pair<std::int32_t, const char*>> all) {
     auto list = json::array();
@@ -139,7 +149,7 @@ class Explained : public testing::Test {
   std::vector<Sample> samples_;
 };
 
-TEST_F(Explained, AThreadThatWaitsForACpuBehindAnother) {
+TEST_P(Explained, AThreadThatWaitsForACpuBehindAnother) {
   sender_wakes_and_sends();
   event(sent + 10 * us, 1, Kind::waking, answers, asks, "1");
   switched(sent + 20 * ms, 1, hog, "R", answers);
@@ -157,7 +167,7 @@ TEST_F(Explained, AThreadThatWaitsForACpuBehindAnother) {
   EXPECT_THAT(remedy_of(part), HasSubstr("realtime: on"));
 }
 
-TEST_F(Explained, AThreadThatIsStopped) {
+TEST_P(Explained, AThreadThatIsStopped) {
   event(due - 800 * us, 1, Kind::signal, answers, hog, "19");
   switched(due - 700 * us, 1, answers, "T", 0);
   switched(due - 600 * us, 1, hog, "S", 0);
@@ -170,35 +180,85 @@ TEST_F(Explained, AThreadThatIsStopped) {
   EXPECT_EQ(part.culprit, "hog");
 }
 
-TEST_F(Explained, AThreadThatIsReadyBesideAnIdleCpuThatLivesIsThrottled) {
+TEST_P(Explained, AThreadThatIsReadyBesideAnIdleCpuThatLivesIsThrottled) {
   sender_wakes_and_sends();
   event(sent + 10 * us, 1, Kind::waking, answers, asks, "1");
   switched(sent + 15 * us, 1, 0, "R", answers);
   switched(sent + 18 * us, 1, answers, "R", 0);
   event(sent + 10 * ms, 1, Kind::timer, 0);
   event(sent + 10 * ms + us, 1, Kind::timer_end, 0);
+  event(sent + 20 * ms - 3 * us, 1, Kind::timer, 0);
+  event(sent + 20 * ms - 2 * us, 1, Kind::timer_end, 0);
   switched(sent + 20 * ms, 1, 0, "R", answers);
+  switched(sent + 20 * ms + 60 * us, 1, answers, "S", 0);
   EXPECT_EQ(first(message(late(0, 20 * ms, 0))).cause, Cause::throttled);
 }
 
-TEST_F(Explained, ACpuThatShowsNoSignOfLife) {
+TEST_P(Explained, ACpuThatShowsNoSignOfLife) {
   switched(sent - ms / 2, 1, hog, "S", 0);
   sender_wakes_and_sends();
   event(sent + 10 * us, 0, Kind::waking, answers, asks, "1");
   switched(sent + 6 * ms, 1, 0, "R", answers);
-  EXPECT_EQ(first(message(late(0, 6 * ms, 0))).cause, Cause::idle_cpu);
+  switched(sent + 6 * ms + 60 * us, 1, answers, "S", 0);
+  EXPECT_EQ(first(message(late(0, 6 * ms, 0))).cause,
+            leaving_idle_is_told() ? Cause::idle_cpu : Cause::unknown)
+      << "it may as well have run";
 }
 
-TEST_F(Explained, ATimerThatCameLate) {
+TEST_P(Explained, AThreadThatRunsOnAnIdleCpuIsBusyFromWhenItIsSeen) {
+  switched(sent - ms / 2, 1, hog, "S", 0);
+  sender_wakes_and_sends();
+  event(sent + 10 * us, 0, Kind::waking, answers, asks, "1");
+  switched(sent + 13 * us, 1, 0, "R", answers);
+  event(sent + 2 * ms, 1, Kind::timer, answers);
+  event(sent + 2 * ms + us, 1, Kind::timer_end, answers);
+  switched(sent + 16 * ms, 1, answers, "S", 0);
+  const auto part = first(message(late(0, 15 * ms, 0)));
+  EXPECT_EQ(part.cause, Cause::busy);
+  EXPECT_EQ(part.stage, Stage::delivered);
+  EXPECT_GT(part.ns, leaving_idle_is_told() ? 14 * ms : 12 * ms);
+}
+
+TEST_P(Explained, WhoComesToAnIdleCpuIsNotAccusedBeforeItIsSeenToRun) {
+  switched(sent - ms / 2, 1, answers, "S", 0);
+  sender_wakes_and_sends();
+  event(sent + 9 * us, 0, Kind::waking, hog, 0, "1");
+  event(sent + 10 * us, 0, Kind::waking, answers, asks, "1");
+  switched(sent + 8 * ms - us, 1, 0, "R", hog);  // the CPU was not run until then
+  switched(sent + 8 * ms, 1, hog, "S", answers);
+  EXPECT_THAT(first(message(late(0, 8 * ms, 0))).cause, testing::AnyOf(Cause::idle_cpu, Cause::unknown));
+}
+
+TEST(Scheduling, AThreadCameAfterItWasWokenAndTheIdleThreadDidItsLast) {
+  const auto at = [](std::int64_t at_ns, Kind kind, std::int32_t thread, std::int32_t other,
+                     const char* what) {
+    return Event{
+        .at_ns = at_ns, .cpu = 1, .kind = kind, .thread = named(thread), .other = named(other), .what = what};
+  };
+  const auto all =
+      scheduling_of({at(10, Kind::switched, hog, 0, "S"), at(20, Kind::timer, 0, 0, ""),
+                     at(21, Kind::waking, answers, 0, "1"), at(22, Kind::timer_end, 0, 0, ""),
+                     at(30, Kind::queued, answers, 0, "veth"), at(40, Kind::switched, answers, 0, "S")});
+  ASSERT_THAT(all, SizeIs(4));
+  const auto& came = all[2];
+  EXPECT_EQ(came.event.at_ns, 22);
+  EXPECT_EQ(came.latest_ns, 30);
+  EXPECT_EQ(came.event.thread.id, 0);
+  EXPECT_EQ(came.event.other, named(answers));
+  EXPECT_EQ(all[3].latest_ns, all[3].event.at_ns) << "what the kernel says is sure";
+}
+
+TEST_P(Explained, ATimerThatCameLate) {
   switched(due - ms / 2, 0, asks, "S", 0);
   sender_wakes_and_sends(3 * ms);
   const auto part = first(message(late(3 * ms, 0, 0)));
   EXPECT_EQ(part.cause, Cause::timer);
   EXPECT_EQ(part.stage, Stage::woke);
-  EXPECT_EQ(part.ns, 3 * ms - 3 * us) << "and for so long it waited for its idle CPU";
+  EXPECT_EQ(part.ns, 3 * ms - (leaving_idle_is_told() ? 3 * us : 0))
+      << "and for so long it waited for its idle CPU";
 }
 
-TEST_F(Explained, APacketThatIsHeldInAQueue) {
+TEST_P(Explained, APacketThatIsHeldInAQueue) {
   event(due + 5 * us, 0, Kind::waking, asks, 0, "0");
   switched(due + 8 * us, 0, 0, "R", asks);
   event(sent + 5 * us, 0, Kind::queued, asks, 0, "veth", 1);
@@ -211,7 +271,7 @@ TEST_F(Explained, APacketThatIsHeldInAQueue) {
   EXPECT_THAT(remedy_of(part), HasSubstr("tc -s qdisc show dev veth"));
 }
 
-TEST_F(Explained, APacketThatIsDropped) {
+TEST_P(Explained, APacketThatIsDropped) {
   sender_wakes_and_sends();
   event(sent + 10 * us, 0, Kind::dropped, asks, 0, "SOCKET_RCVBUFF", 1);
   const auto message = this->message(lost());
@@ -221,13 +281,13 @@ TEST_F(Explained, APacketThatIsDropped) {
   EXPECT_THAT(remedy_of(first(message)), HasSubstr("kernel.rmem-max"));
 }
 
-TEST_F(Explained, SomebodyElsesPacketThatIsDroppedAccusesNobody) {
+TEST_P(Explained, SomebodyElsesPacketThatIsDroppedAccusesNobody) {
   sender_wakes_and_sends();
   event(sent + 10 * us, 0, Kind::dropped, hog, 0, "SOCKET_RCVBUFF", 2);
   EXPECT_EQ(first(message(lost())).cause, Cause::unknown);
 }
 
-TEST_F(Explained, WhatHadTheCpuBeforeItWasWantedIsNotAccused) {
+TEST_P(Explained, WhatHadTheCpuBeforeItWasWantedIsNotAccused) {
   switched(due - ms / 2, 1, hog, "S", 0);
   sender_wakes_and_sends();
   event(sent + 10 * us, 1, Kind::waking, answers, asks, "1");
@@ -238,7 +298,7 @@ TEST_F(Explained, WhatHadTheCpuBeforeItWasWantedIsNotAccused) {
   EXPECT_EQ(part.ns, 20 * ms);
 }
 
-TEST_F(Explained, ARealTimeThreadThatWaitsLongForAnOrdinaryOneIsThrottled) {
+TEST_P(Explained, ARealTimeThreadThatWaitsLongForAnOrdinaryOneIsThrottled) {
   sender_wakes_and_sends();
   event(sent + 10 * us, 1, Kind::waking, answers, asks, "1");
   window_.events.back().thread.priority = fifo_80;
@@ -247,13 +307,13 @@ TEST_F(Explained, ARealTimeThreadThatWaitsLongForAnOrdinaryOneIsThrottled) {
   EXPECT_EQ(first(message(late(0, 50 * ms, 0))).cause, Cause::throttled);
 }
 
-TEST_F(Explained, AMessageThatTookAsLongAsUsualAccusesNobody) {
+TEST_P(Explained, AMessageThatTookAsLongAsUsualAccusesNobody) {
   sender_wakes_and_sends();
   const auto message = this->message(usual(50));
   EXPECT_LT(message.delay_ns, 20 * us);
 }
 
-TEST_F(Explained, TheSameCulpritsAreOneGroup) {
+TEST_P(Explained, TheSameCulpritsAreOneGroup) {
   sender_wakes_and_sends();
   event(sent + 10 * us, 1, Kind::waking, answers, asks, "1");
   switched(sent + 20 * ms, 1, hog, "R", answers);
@@ -265,7 +325,7 @@ TEST_F(Explained, TheSameCulpritsAreOneGroup) {
   EXPECT_THAT(account.limits, IsEmpty());
 }
 
-TEST_F(Explained, WhatCouldNotBeSeenIsSaid) {
+TEST_P(Explained, WhatCouldNotBeSeenIsSaid) {
   window_.whole = false;
   const auto limits = account(late(0, 20 * ms, 0), {{"controller", {{"missing", {"skb:kfree_skb (that …)"}}}},
                                                     {"component", {{"error", "no root"}}}})
@@ -274,12 +334,78 @@ TEST_F(Explained, WhatCouldNotBeSeenIsSaid) {
                                                     HasSubstr("a part of what the kernel did")));
 }
 
-TEST_F(Explained, ARunWithoutTracesIsNotExplained) {
+TEST_P(Explained, AThreadThatHadTheMessageAndSleptUntilAnotherWokeIt) {
+  has_the_message();
+  switched(sent + 30 * us, 1, answers, "S", 0);
+  event(sent + 15 * ms, 0, Kind::waking, answers, hog, "1");
+  switched(sent + 15 * ms + 2 * us, 1, 0, "R", answers);
+  switched(sent + 15 * ms + 60 * us, 1, answers, "S", 0);
+  const auto part = first(message(late(0, 15 * ms, 0)));
+  EXPECT_EQ(part.cause, Cause::waited);
+  EXPECT_EQ(part.culprit, "hog");
+  EXPECT_EQ(part.ns, 15 * ms - 30 * us);
+}
+
+TEST_P(Explained, WhoRanWhenATimerWokeAThreadIsNotAccused) {
+  has_the_message();
+  switched(sent + 30 * us, 1, answers, "S", 0);
+  event(sent + 15 * ms - us, 0, Kind::timer, hog);
+  event(sent + 15 * ms, 0, Kind::waking, answers, hog, "1");
+  event(sent + 15 * ms + us, 0, Kind::timer_end, hog);
+  switched(sent + 15 * ms + 2 * us, 1, 0, "R", answers);
+  switched(sent + 15 * ms + 60 * us, 1, answers, "S", 0);
+  const auto part = first(message(late(0, 15 * ms, 0)));
+  EXPECT_EQ(part.cause, Cause::waited);
+  EXPECT_EQ(part.culprit, "");
+}
+
+TEST_P(Explained, WhatAThreadWaitedForInTheKernelIsToldByItsFunctions) {
+  has_the_message();
+  switched(sent + 30 * us, 1, answers, "D", 0);
+  event(sent + 31 * us, 1, Kind::waits, answers, 0,
+        "schedule io_schedule filemap_fault handle_mm_fault exc_page_fault");
+  event(sent + 15 * ms, 0, Kind::waking, answers, hog, "1");
+  switched(sent + 15 * ms + 2 * us, 1, 0, "R", answers);
+  switched(sent + 15 * ms + 60 * us, 1, answers, "S", 0);
+  const auto part = first(message(late(0, 15 * ms, 0)));
+  EXPECT_EQ(part.cause, Cause::page_fault);
+  EXPECT_EQ(part.culprit, "") << "who ended the wait has no part in it";
+}
+
+TEST(Causes, OfWaitsInTheKernel) {
+  EXPECT_EQ(cause_of_wait("schedule rwsem_down_read_slowpath down_read lock_mm_and_find_vma exc_page_fault"),
+            Cause::lock)
+      << "not for the page, but to look it up";
+  EXPECT_EQ(cause_of_wait("schedule schedule_preempt_disabled __mutex_lock.constprop.0 rtnl_lock"),
+            Cause::lock);
+  EXPECT_EQ(cause_of_wait("schedule io_schedule bit_wait_io"), Cause::disk);
+  EXPECT_EQ(cause_of_wait("schedule synchronize_rcu"), Cause::blocked);
+  EXPECT_EQ(cause_of_wait(""), Cause::blocked);
+}
+
+TEST_P(Explained, ARunWithoutTracesIsNotExplained) {
   record::Writer writer("");
   writer.begin_run({});
   const auto reader = writer.reader();
   EXPECT_FALSE(account_of(reader, reader.runs().at(0)).traced);
 }
+
+TEST_P(Explained, ThatAKernelDoesNotTellHowACpuLeavesIdleIsSaid) {
+  sender_wakes_and_sends();
+  for (int i = 1; i <= 10; ++i) {
+    switched(sent + i * ms, 1, hog, "S", 0);
+    switched(sent + i * ms + ms / 2, 1, 0, "R", hog);
+  }
+  const auto limits = account(late(0, 20 * ms, 0)).limits;
+  if (leaving_idle_is_told())
+    EXPECT_THAT(limits, IsEmpty());
+  else
+    EXPECT_THAT(limits, testing::ElementsAre(HasSubstr("does not tell when CPU 1 leaves idle")));
+}
+
+INSTANTIATE_TEST_SUITE_P(Kernel, Explained, testing::Values(true, false), [](const auto& told) {
+  return told.param ? "TellsLeavingIdle" : "DoesNotTellLeavingIdle";
+});
 
 }  // namespace
 }  // namespace ontime::explain

@@ -32,9 +32,17 @@ constexpr Row rows[] = {
      "realtime.cpu-latency: 0 us; a virtual CPU is pinned at its host, no setting here helps"},
     {Cause::stopped, "stopped", "{0} was stopped by a signal from {1}", "{0} was stopped by a signal",
      "nobody should stop it (SIGSTOP, SIGTSTP)"},
-    {Cause::blocked, "blocked", none,
-     "{0} waited in the kernel, for memory, a disk or a lock of the kernel's", "realtime.lock-memory: on"},
-    {Cause::waited, "waited", none, "{0} slept on its way, until another thread woke it", none},
+    {Cause::page_fault, "page-fault", none,
+     "{0} waited for pages of its memory that were not there: to be read from a disk, or to be freed",
+     "realtime.lock-memory: on"},
+    {Cause::lock, "lock", "{0} waited for a lock of the kernel's, which {1} had",
+     "{0} waited for a lock of the kernel's",
+     "fewer mappings and threads made and ended while messages go; realtime.lock-memory: on"},
+    {Cause::disk, "disk", none, "{0} waited for a disk", "no files are written or read on a message's way"},
+    {Cause::blocked, "blocked", none, "{0} waited in the kernel (state D), it is not known for what",
+     "realtime.lock-memory: on"},
+    {Cause::waited, "waited", "{0} slept until {1} woke it, which had a lock, or work to do first",
+     "{0} slept on its way, of its own accord", none},
     {Cause::busy, "busy", none, "{0} had its CPU, and took so long (or a hypervisor did not run it)", none},
     {Cause::timer, "timer", none,
      "the timer that wakes {0} came late: its CPU had interrupts off, or a hypervisor did not run it",
@@ -49,6 +57,15 @@ constexpr Row rows[] = {
 const Row& row_of(Cause cause) {
   return *std::find_if(std::begin(rows), std::end(rows), [&](const Row& row) { return row.cause == cause; });
 }
+
+// By a function of the kernel that a thread is in: the first that fits.
+struct Wait {
+  std::string_view function;
+  Cause cause;
+};
+constexpr Wait waits[] = {{"rwsem_down_", Cause::lock},       {"mutex_lock", Cause::lock},
+                          {"percpu_rwsem_wait", Cause::lock}, {"handle_mm_fault", Cause::page_fault},
+                          {"page_fault", Cause::page_fault},  {"io_schedule", Cause::disk}};
 
 // By how the kernel's word for a reason begins.
 struct Drop {
@@ -86,6 +103,12 @@ std::string for_a_cpu(const Part& part) {
 }
 
 }  // namespace
+
+Cause cause_of_wait(const std::string& functions) {
+  for (const auto& [function, cause] : waits)
+    if (functions.find(function) != functions.npos) return cause;
+  return Cause::blocked;
+}
 
 const char* word_of(Cause cause) { return row_of(cause).word; }
 

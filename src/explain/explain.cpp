@@ -141,6 +141,31 @@ std::vector<Group> groups_of(const std::vector<Message>& messages) {
   return groups;
 }
 
+using Traces = std::map<std::uint64_t, std::vector<record::Trace>>;  // by message
+
+// A kernel that says how a CPU leaves its idle thread at all says it about as often as how it comes to it.
+void add_untold_switches(Account& account, const Traces& traces) {
+  constexpr std::size_t surely_some = 10;
+  struct Switches {
+    std::size_t to_idle = 0, from_idle = 0;
+  };
+  std::map<std::pair<std::string, int>, Switches> cpus;
+  for (const auto& [message, windows] : traces)
+    for (const auto& trace : windows)
+      for (const auto& event : trace.window.events) {
+        if (event.kind != trace::Kind::switched) continue;
+        auto& cpu = cpus[{trace.host, event.cpu}];
+        cpu.to_idle += event.other.id == 0 ? 1 : 0;
+        cpu.from_idle += event.thread.id == 0 ? 1 : 0;
+      }
+  for (const auto& [place, switches] : cpus)
+    if (switches.to_idle >= surely_some && switches.from_idle == 0)
+      account.limits.push_back(fmt::format(
+          "the kernel of the {}'s machine does not tell when CPU {} leaves idle: it is inferred from "
+          "what is done on it next, and of what passed until then nobody is accused",
+          place.first, place.second));
+}
+
 void add_limits(Account& account, const record::Run& run) {
   const auto& traced = at(run.outcome, "trace");
   if (traced.is_object())
@@ -174,7 +199,7 @@ void add_limits(Account& account, const record::Run& run) {
 Account account_of(const record::Reader& reader, const record::Run& run) {
   Account account;
   account.traced = !at(run.outcome, "trace").is_null();
-  std::map<std::uint64_t, std::vector<record::Trace>> traces;
+  Traces traces;
   reader.each_trace(run.number,
                     [&](const record::Trace& trace) { traces[trace.window.span.message].push_back(trace); });
   account.traced = account.traced || !traces.empty();
@@ -195,6 +220,7 @@ Account account_of(const record::Reader& reader, const record::Run& run) {
                    });
   account.groups = groups_of(account.messages);
   add_limits(account, run);
+  add_untold_switches(account, traces);
   return account;
 }
 

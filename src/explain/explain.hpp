@@ -27,8 +27,11 @@ enum class Cause {
   throttled,   // it was ready and its CPU was not given to it, though nobody of its rank or above had it
   idle_cpu,    // it was ready, and its CPU showed no sign of life
   stopped,     // by a signal
-  blocked,     // it waited in the kernel: for memory, a disk …
-  waited,      // it slept until another thread woke it
+  page_fault,  // it waited in the kernel for a page of its memory
+  lock,        // it waited for a lock of the kernel's
+  disk,        // it waited in the kernel for a disk
+  blocked,     // it waited in the kernel, it is not known for what
+  waited,      // it had the message, and slept: of its own accord, or until another thread woke it
   busy,        // it ran, and took its time
   timer,       // the timer that should have woken it came late
   queue,       // a queueing discipline held the packet
@@ -95,6 +98,9 @@ struct Scene {
 // Of each of these messages of a run, in the order of their index.
 void each_scene(const record::Reader&, const record::Run&, const std::vector<Message>&,
                 const std::function<void(const Message&, const Scene&)>&);
+
+// What a thread waited for that was in these functions of the kernel (see trace::Kind::waits).
+Cause cause_of_wait(const std::string& functions);
 
 // For people, in one line: "pong's receive thread waited for a CPU while stress-ng-cpu ran".
 std::string sentence_of(const Part&);

@@ -10,8 +10,6 @@ namespace {
 using trace::Event;
 using trace::Kind;
 
-constexpr std::int32_t ordinary = 120;  // the kernel's priority of SCHED_OTHER, nice 0
-
 State state_of(const std::string& letter) {
   if (letter == "R") return State::ready;
   if (letter == "D") return State::blocked;
@@ -36,7 +34,8 @@ std::optional<Change> change_of(const Event& event, std::int32_t thread, State n
     return Change{State::runs, state_of(event.what), event.cpu};
   if (event.kind == Kind::switched && event.other.id == thread)
     return Change{State::ready, State::runs, event.cpu};
-  if (event.kind == Kind::waking && event.thread.id == thread && now != State::runs && now != State::ready)
+  const bool is_awake = now == State::runs || now == State::comes || now == State::ready;
+  if (event.kind == Kind::waking && event.thread.id == thread && !is_awake)
     return Change{State::sleeps, State::ready, cpu_of(event.what)};
   return {};
 }
@@ -50,34 +49,41 @@ bool ends(Kind kind) {
 
 }  // namespace
 
-Timeline::Timeline(const trace::Window& window, std::int64_t later_ns) : events_(window.events) {
+Timeline::Timeline(const trace::Window& window, std::int64_t later_ns)
+    : begin_ns_(window.span.from_ns + later_ns), events_(window.events) {
   for (auto& event : events_) event.at_ns += later_ns;
+  scheduling_ = scheduling_of(events_);
 }
 
 std::vector<Stretch> Timeline::of(std::int32_t thread, std::int64_t from_ns, std::int64_t to_ns) const {
   std::vector<Stretch> stretches;
   State now = State::unknown;
   int cpu = -1;
-  auto since_ns = from_ns;
+  auto since_ns = from_ns, surely_ns = from_ns;
+  const auto until = [&](std::int64_t end_ns, State state, int where) {
+    if (state == State::comes && surely_ns < end_ns) {
+      if (surely_ns > since_ns) stretches.push_back({since_ns, surely_ns, state, where});
+      since_ns = std::max(since_ns, surely_ns);
+      state = State::runs;
+    }
+    if (end_ns > since_ns) stretches.push_back({since_ns, end_ns, state, where});
+    since_ns = std::max(since_ns, end_ns);
+  };
   bool seen = false;
-  for (const auto& event : events_) {
+  for (const auto& [event, latest_ns] : scheduling_) {
     if (event.at_ns >= to_ns && seen) break;
     const auto change = change_of(event, thread, now);
     if (!change) continue;
     seen = true;
-    if (event.at_ns > since_ns) {
-      const auto until_ns = std::min(event.at_ns, to_ns);
-      const bool inferred = now == State::unknown;
-      stretches.push_back(
-          {since_ns, until_ns, inferred ? change->before : now, inferred ? change->cpu : cpu});
-      since_ns = until_ns;
-    }
+    const bool inferred = now == State::unknown;
+    until(std::min(event.at_ns, to_ns), inferred ? change->before : now, inferred ? change->cpu : cpu);
     if (event.at_ns >= to_ns) return stretches;
-    now = change->after;
+    now = latest_ns > event.at_ns ? State::comes : change->after;
+    surely_ns = latest_ns;
     cpu = change->cpu;
   }
   // A thread that is at anything but sleep is named at the beginning of each window.
-  if (since_ns < to_ns) stretches.push_back({since_ns, to_ns, seen ? now : State::sleeps, cpu});
+  until(to_ns, seen ? now : State::sleeps, cpu);
   return stretches;
 }
 
@@ -89,18 +95,23 @@ std::optional<State> Timeline::state_at(std::int32_t thread, std::int64_t at_ns)
 std::vector<Held> Timeline::holders(int cpu, std::int64_t from_ns, std::int64_t to_ns) const {
   std::vector<Held> holders;
   std::optional<trace::Thread> now;
-  auto since_ns = from_ns;
-  for (const auto& event : events_) {
-    if (event.kind != Kind::switched || event.cpu != cpu) continue;
-    const auto until_ns = std::min(event.at_ns, to_ns);
-    if (until_ns > since_ns) {
-      holders.push_back({since_ns, until_ns, now.value_or(event.thread)});
-      since_ns = until_ns;
+  auto since_ns = from_ns, surely_ns = from_ns;
+  const auto until = [&](std::int64_t end_ns, const trace::Thread& thread) {
+    for (const bool surely : {false, true}) {
+      const auto part_ns = surely ? end_ns : std::min(surely_ns, end_ns);
+      if (part_ns <= since_ns) continue;
+      holders.push_back({since_ns, part_ns, thread, surely});
+      since_ns = part_ns;
     }
+  };
+  for (const auto& [event, latest_ns] : scheduling_) {
+    if (event.kind != Kind::switched || event.cpu != cpu) continue;
+    until(std::min(event.at_ns, to_ns), now.value_or(event.thread));
     now = event.other;
+    surely_ns = latest_ns;
     if (event.at_ns >= to_ns) break;
   }
-  if (since_ns < to_ns && now) holders.push_back({since_ns, to_ns, *now});
+  if (now) until(to_ns, *now);
   return holders;
 }
 
@@ -110,7 +121,7 @@ std::vector<Interrupted> Timeline::interrupts(int cpu, std::int64_t from_ns, std
   int depth = 0;
   Interrupted now{};
   for (const auto& event : events_) {
-    if (event.cpu != cpu) continue;
+    if (event.cpu != cpu || event.at_ns < begin_ns_) continue;
     if (begins(event.kind) && depth++ == 0)
       now = {event.at_ns, 0, event.kind == Kind::timer ? "timer interrupt" : event.what,
              event.kind == Kind::soft_interrupt};
@@ -128,8 +139,25 @@ bool Timeline::lives(int cpu, std::int64_t from_ns, std::int64_t to_ns) const {
   });
 }
 
+std::optional<std::int32_t> Timeline::waker_of(std::int32_t thread, std::int64_t until_ns) const {
+  const Event* woken = nullptr;
+  for (const auto& event : events_)
+    if (event.kind == Kind::waking && event.thread.id == thread && event.at_ns <= until_ns) woken = &event;
+  if (woken == nullptr || woken->other.id == 0 || woken->other.id == thread) return {};
+  const bool by_interrupt = !interrupts(woken->cpu, woken->at_ns, woken->at_ns + 1).empty();
+  return by_interrupt ? std::nullopt : std::optional(woken->other.id);
+}
+
+std::string Timeline::waited_in(std::int32_t thread, std::int64_t until_ns) const {
+  std::string functions;
+  for (const auto& event : events_)
+    if (event.kind == Kind::waits && event.thread.id == thread && event.at_ns <= until_ns)
+      functions = event.what;
+  return functions;
+}
+
 std::int32_t Timeline::priority_of(std::int32_t thread) const {
-  auto priority = ordinary;
+  auto priority = ordinary_priority;
   for (const auto& event : events_) {
     if (event.kind == Kind::switched && event.other.id == thread) priority = event.other.priority;
     const bool says = event.kind == Kind::switched || event.kind == Kind::waking;

@@ -7,11 +7,21 @@
 #include <string>
 #include <vector>
 
+#include "explain/scheduling.hpp"
 #include "trace/trace.hpp"
 
 namespace ontime::explain {
 
-enum class State { unknown, sleeps, ready, runs, stopped, blocked, gone };
+enum class State {
+  unknown,
+  sleeps,
+  ready,
+  comes,  // its CPU is idle: it runs, or is about to, and only later is it seen that it does
+  runs,
+  stopped,
+  blocked,
+  gone
+};
 
 struct Stretch {
   std::int64_t from_ns, to_ns;
@@ -23,6 +33,7 @@ struct Stretch {
 struct Held {
   std::int64_t from_ns, to_ns;
   trace::Thread thread;
+  bool surely;  // false: it comes, see above
 };
 struct Interrupted {
   std::int64_t from_ns, to_ns;
@@ -41,12 +52,18 @@ class Timeline {
   std::vector<Held> holders(int cpu, std::int64_t from_ns, std::int64_t to_ns) const;
   std::vector<Interrupted> interrupts(int cpu, std::int64_t from_ns, std::int64_t to_ns) const;
   bool lives(int cpu, std::int64_t from_ns, std::int64_t to_ns) const;  // whether anything happened on it
+  // Who woke it last before `until_ns`: nullopt for an interrupt, and where nothing says it.
+  std::optional<std::int32_t> waker_of(std::int32_t thread, std::int64_t until_ns) const;
+  // The kernel's functions that it waited in before `until_ns`.
+  std::string waited_in(std::int32_t thread, std::int64_t until_ns) const;
   // As an event last said it; what no event says is 120: SCHED_OTHER.
   std::int32_t priority_of(std::int32_t thread) const;
   std::string name_of(std::int32_t thread) const;
 
  private:
+  std::int64_t begin_ns_;
   std::vector<trace::Event> events_;
+  std::vector<Scheduled> scheduling_;
 };
 
 }  // namespace ontime::explain

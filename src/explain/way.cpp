@@ -28,6 +28,13 @@ bool has(const End& end, std::int32_t thread) {
                      [&](const KnownThread& known) { return known.id == thread; });
 }
 
+bool has_run(const Timeline& timeline, std::int32_t thread, std::int64_t from_ns, std::int64_t to_ns) {
+  const auto stretches = timeline.of(thread, from_ns, to_ns);
+  return std::any_of(stretches.begin(), stretches.end(), [](const Stretch& stretch) {
+    return stretch.state == State::runs || stretch.state == State::comes;
+  });
+}
+
 // Who stopped a process: the kernel names one of its threads.
 std::string who_stopped(const Timeline& timeline, std::int64_t before_ns) {
   std::string who;
@@ -72,6 +79,7 @@ void Way::waited(Found& found, const Timeline& timeline, const Part& whose, cons
   for (const auto& held : timeline.holders(stretch.cpu, stretch.from_ns, stretch.to_ns)) {
     auto part = whose;
     auto ns = held.to_ns - held.from_ns;
+    if (!held.surely) continue;
     left_ns -= ns;
     if (held.thread.id == 0) {
       const bool kept = stretch.length_ns() >= slow_to_wake_ns &&
@@ -108,6 +116,13 @@ void Way::thread(Found& found, const End& end, std::int32_t id, const std::strin
   const auto& timeline = *end.timeline;
   Part whose{.stage = stage, .end = end.name, .thread = role, .priority = timeline.priority_of(id)};
   found.last = whose;
+  bool begun = false;
+  const auto by_its_waker = [&](Part& part, const Stretch& stretch) {
+    if (const auto waker = timeline.waker_of(id, stretch.to_ns)) {
+      part.culprit = timeline.name_of(*waker);
+      part.culprit_threads = {*waker};
+    }
+  };
   for (const auto& stretch : timeline.of(id, from_ns, to_ns)) {
     auto part = whose;
     switch (stretch.state) {
@@ -129,16 +144,25 @@ void Way::thread(Found& found, const End& end, std::int32_t id, const std::strin
         add(found, part, stretch.length_ns());
         break;
       case State::blocked:
-        part.cause = Cause::blocked;
+        part.cause = cause_of_wait(timeline.waited_in(id, stretch.to_ns));
+        if (part.cause == Cause::lock) by_its_waker(part, stretch);
         add(found, part, stretch.length_ns());
         break;
       case State::sleeps:
-        found.slept_ns += stretch.length_ns();
+        if (!begun) {
+          found.slept_ns += stretch.length_ns();
+          break;
+        }
+        part.cause = Cause::waited;
+        by_its_waker(part, stretch);
+        add(found, part, stretch.length_ns());
         break;
+      case State::comes:
       case State::gone:
       case State::unknown:
         break;
     }
+    begun = begun || stretch.state == State::runs || stretch.state == State::comes;
   }
 }
 
@@ -155,7 +179,7 @@ const KnownThread* Way::receives(const End& end, std::int64_t at_ns) const {
   for (const auto& thread : end.threads) {
     if (thread.role != "receive" && thread.role != "delivery") continue;
     const auto state = end.timeline->state_at(thread.id, at_ns);
-    if (state == State::runs) return &thread;
+    if (state == State::runs || state == State::comes) return &thread;
     if (best == nullptr || (state && *state != State::sleeps)) best = &thread;
   }
   return best;
@@ -173,7 +197,10 @@ void Way::receiver(Found& found, const End& end, std::int64_t from_ns, std::int6
       if (event.kind == Kind::waking && event.thread.id == id && event.at_ns > from_ns + at_once_ns &&
           event.at_ns < to_ns)
         woken = &event;
-    const bool by_another = woken != nullptr && woken->other.id != id && has(end, woken->other.id) &&
+    // One that had begun with the message already waits for a lock, or for what another does for it.
+    const bool had_begun = woken != nullptr && has_run(*end.timeline, id, from_ns, woken->at_ns);
+    const bool by_another = woken != nullptr && !had_begun && woken->other.id != id &&
+                            has(end, woken->other.id) &&
                             end.timeline->state_at(woken->other.id, woken->at_ns) == State::runs;
     thread(found, end, id, role, Stage::delivered, by_another ? woken->at_ns : from_ns, to_ns);
     if (!by_another) return;

@@ -25,6 +25,10 @@ constexpr const char* none = "";
 constexpr const char* internet = "protocol == 0x800 || protocol == 0x86dd";
 constexpr const char* stop_or_go = "sig >= 18 && sig <= 20";  // SIGCONT, SIGSTOP, SIGTSTP
 
+// The kernel adds its stack to a switch of a thread that is to wait in it, which is seldom.
+constexpr const char *switches = "events/sched/sched_switch/trigger", *stack = "stacktrace",
+                     *of_those_that_wait = "stacktrace if prev_state == 2";
+
 constexpr Wanted wanted[] = {
     {Kind::switched, "sched", "sched_switch", none, "prev_pid", "prev_comm", "prev_prio", "next_pid",
      "next_comm", "next_prio", "prev_state", none, none, "who had the CPU"},
@@ -51,7 +55,9 @@ constexpr Wanted wanted[] = {
     {Kind::dropped, "skb", "kfree_skb", internet, running, none, none, none, none, none, "reason", "skbaddr",
      none, "that a packet was dropped"},
     {Kind::signal, "signal", "signal_generate", stop_or_go, "pid", "comm", none, running, none, none, "sig",
-     none, none, "who stopped a thread"}};
+     none, none, "who stopped a thread"},
+    {Kind::waits, "ftrace", "kernel_stack", none, running, none, none, none, none, none, "caller", none, none,
+     "what a thread waits for in the kernel"}};
 
 // The kernel's TASK_*, of which those above 0x80 are not said to user space. It may add that a thread was
 // pre-empted; ready it is then as well.
@@ -77,7 +83,9 @@ Decoder::Decoder(const Tracefs& tracefs) : tep_(tep_alloc(), tep_free) {
     const auto miss = [&] {
       if (*one.tells != '\0') missing_.push_back(fmt::format("{}:{} ({})", one.system, one.name, one.tells));
     };
-    if (!tracefs.has(path + "/format")) {
+    const bool is_there = tracefs.has(path + "/format");
+    const bool can_be = one.kind != Kind::waits || tracefs.read(switches).find(stack) != std::string::npos;
+    if (!is_there || !can_be) {
       miss();
       continue;
     }
@@ -117,7 +125,12 @@ Decoder::Decoder(const Tracefs& tracefs) : tep_(tep_alloc(), tep_free) {
       continue;
     }
     shapes_.emplace(event->id, shape);
-    enabled_.push_back({path, one.filter});
+    if (one.kind == Kind::waits) {
+      settings_.push_back({switches, of_those_that_wait});
+      continue;
+    }
+    if (*one.filter != '\0') settings_.push_back({path + "/filter", one.filter});
+    settings_.push_back({path + "/enable", "1"});
   }
   for (const auto kind : {Kind::switched, Kind::waking})
     if (std::none_of(shapes_.begin(), shapes_.end(),
@@ -161,8 +174,25 @@ std::string Decoder::text(const Field& field, const RawEvent& event) {
   return {begin, std::find(begin, begin + size, '\0')};
 }
 
+std::string Decoder::functions_of(const Shape& shape, const RawEvent& event) {
+  constexpr std::string_view last_of_switching = "__schedule";
+  std::string functions;
+  const auto offset = shape.what.offset;
+  for (Field one{offset, sizeof(long), false, false};
+       static_cast<std::size_t>(one.offset + one.size) <= event.bytes.size(); one.offset += one.size) {
+    const auto address = number(one, event);
+    if (address == -1) break;  // older kernels end it so
+    const auto& name = symbols_.at(static_cast<std::uint64_t>(address));
+    if (name == last_of_switching)
+      functions.clear();
+    else if (!name.empty())
+      functions += (functions.empty() ? "" : " ") + name;
+  }
+  return functions;
+}
+
 // As the kernel's own description prints it: the numbers of reasons change from one version to the next.
-std::string Decoder::what_of(const Shape& shape, const RawEvent& event) const {
+std::string Decoder::what_of(const Shape& shape, const RawEvent& event) {
   switch (shape.kind) {
     case Kind::switched:
       return {state_of(number(shape.what, event))};
@@ -188,6 +218,8 @@ std::string Decoder::what_of(const Shape& shape, const RawEvent& event) const {
       const auto begin = text.find(before);
       return begin == text.npos ? "" : text.substr(begin + before.size());
     }
+    case Kind::waits:
+      return functions_of(shape, event);
     default:
       return text(shape.what, event);
   }
@@ -198,7 +230,7 @@ std::optional<Kind> Decoder::kind_of(const RawEvent& event) const {
   return shape == nullptr ? std::nullopt : std::optional(shape->kind);
 }
 
-Event Decoder::decode(const RawEvent& raw, Packets& packets) const {
+Event Decoder::decode(const RawEvent& raw, Packets& packets) {
   const auto& shape = *shape_of(raw);
   const auto whole = [&](const Field& field) { return static_cast<std::int32_t>(number(field, raw)); };
   Event event{.at_ns = raw.at_ns,
@@ -224,6 +256,10 @@ Decoder::Switch Decoder::switch_of(const RawEvent& event) const {
 
 std::int32_t Decoder::woken(const RawEvent& event) const {
   return static_cast<std::int32_t>(number(shape_of(event)->thread, event));
+}
+
+std::int32_t Decoder::who_ran(const RawEvent& event) const {
+  return static_cast<std::int32_t>(number(shape_of(event)->running, event));
 }
 
 }  // namespace ontime::trace

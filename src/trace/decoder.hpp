@@ -11,6 +11,7 @@
 #include <vector>
 
 #include "trace/ring.hpp"
+#include "trace/symbols.hpp"
 #include "trace/trace.hpp"
 #include "trace/tracefs.hpp"
 
@@ -23,17 +24,17 @@ class Decoder {
  public:
   explicit Decoder(const Tracefs&);  // throws Error where the kernel has not what nothing can be told without
 
-  struct Enabled {
-    std::string path;    // "events/sched/sched_switch", within tracefs and within an instance
-    std::string filter;  // "": all of them
+  // What makes an instance record them: to be written to its files, in this order.
+  struct Setting {
+    std::string file, text;
   };
-  const std::vector<Enabled>& enabled() const { return enabled_; }
+  const std::vector<Setting>& settings() const { return settings_; }
   const std::vector<std::string>& missing() const { return missing_; }
 
   std::optional<Kind> kind_of(const RawEvent&) const;
   // Packets are numbered as they are met, beginning anew with each map.
   using Packets = std::map<std::uint64_t, std::int32_t>;
-  Event decode(const RawEvent&, Packets&) const;
+  Event decode(const RawEvent&, Packets&);
   // Of a switch: less than decode() does.
   struct Switch {
     std::int32_t left, came;
@@ -41,6 +42,7 @@ class Decoder {
   };
   Switch switch_of(const RawEvent&) const;
   std::int32_t woken(const RawEvent&) const;
+  std::int32_t who_ran(const RawEvent&) const;  // who had the CPU; of a switch: who left it
 
  private:
   struct Field {
@@ -55,12 +57,14 @@ class Decoder {
   const Shape* shape_of(const RawEvent&) const;
   static std::int64_t number(const Field&, const RawEvent&);
   static std::string text(const Field&, const RawEvent&);
-  std::string what_of(const Shape&, const RawEvent&) const;
+  std::string what_of(const Shape&, const RawEvent&);
+  std::string functions_of(const Shape&, const RawEvent&);
 
   std::unique_ptr<tep_handle, void (*)(tep_handle*)> tep_;
   std::map<int, Shape> shapes_;  // by the id that the kernel gave
-  std::vector<Enabled> enabled_;
+  std::vector<Setting> settings_;
   std::vector<std::string> missing_;
+  Symbols symbols_;
 };
 
 }  // namespace ontime::trace

@@ -35,10 +35,21 @@ class Now {
  public:
   explicit Now(const Decoder& decoder) : decoder_(decoder) {}
   void enter(const RawEvent& event, Kind kind) {
-    if (kind == Kind::waking) awake_[decoder_.woken(event)] = event;
-    if (kind != Kind::switched) return;
-    cpus_[event.cpu] = event;
+    if (kind == Kind::waking) {
+      awake_[decoder_.woken(event)] = event;
+      waits_.erase(decoder_.woken(event));
+    }
+    if (kind == Kind::waits) {
+      waits_[decoder_.who_ran(event)] = event;
+      return;  // its switch, which has come before it, says more
+    }
+    if (kind != Kind::switched) {
+      const auto cpu = cpus_.find(event.cpu);
+      if (cpu != cpus_.end()) cpu->second.enter(event, decoder_.who_ran(event));
+      return;
+    }
     const auto change = decoder_.switch_of(event);
+    cpus_[event.cpu] = {event, change.came == 0, {}, {}};
     awake_.erase(change.came);
     if (change.left == 0) return;
     if (change.sleeps)
@@ -48,9 +59,14 @@ class Now {
   }
   std::vector<RawEvent> events() const {
     std::vector<RawEvent> all;
-    all.reserve(cpus_.size() + awake_.size());
-    for (const auto& [cpu, event] : cpus_) all.push_back(event);
-    for (const auto& [thread, event] : awake_) all.push_back(event);
+    all.reserve(3 * cpus_.size() + awake_.size() + waits_.size());
+    for (const auto& [number, cpu] : cpus_) {
+      all.push_back(cpu.last);
+      if (cpu.idle) all.push_back(*cpu.idle);
+      if (cpu.left_idle) all.push_back(*cpu.left_idle);
+    }
+    for (const auto* threads : {&awake_, &waits_})
+      for (const auto& [thread, event] : *threads) all.push_back(event);
     const auto key = [](const RawEvent& event) { return std::pair(event.at_ns, event.bytes.data()); };
     std::sort(all.begin(), all.end(),
               [&](const auto& one, const auto& other) { return key(one) < key(other); });
@@ -61,9 +77,20 @@ class Now {
   }
 
  private:
+  // There are kernels that do not say how a CPU leaves its idle thread: whoever does something on it shows.
+  struct Cpu {
+    RawEvent last;  // switch
+    bool to_idle;   // it was
+    std::optional<RawEvent> idle,
+        left_idle;  // what the idle thread did last since then; what another did first
+    void enter(const RawEvent& event, std::int32_t running) {
+      if (to_idle && !left_idle) (running == 0 ? idle : left_idle) = event;
+    }
+  };
   const Decoder& decoder_;
-  std::map<std::int32_t, RawEvent> cpus_;   // the last switch of each
+  std::map<std::int32_t, Cpu> cpus_;
   std::map<std::int32_t, RawEvent> awake_;  // by thread: since when it is ready, stopped …
+  std::map<std::int32_t, RawEvent> waits_;  // by thread: for what
 };
 
 }  // namespace
@@ -132,10 +159,7 @@ class Recorder::Drain {
     for (std::size_t cpu = 0; tracefs_.has(fmt::format("{}per_cpu/cpu{}", root, cpu)); ++cpu)
       pipes_.push_back(
           tracefs_.open(fmt::format("{}per_cpu/cpu{}/trace_pipe_raw", root, cpu), O_RDONLY | O_NONBLOCK));
-    for (const auto& event : decoder_.enabled()) {
-      if (!event.filter.empty()) tracefs_.write(root + event.path + "/filter", event.filter);
-      tracefs_.write(root + event.path + "/enable", "1");
-    }
+    for (const auto& [file, text] : decoder_.settings()) tracefs_.write(root + file, text);
     begun_ns_ = std::chrono::nanoseconds(std::chrono::steady_clock::now().time_since_epoch()).count();
     thread_ = std::thread([this] { work(); });
   }
@@ -160,7 +184,7 @@ class Recorder::Drain {
       }
   }
 
-  Window window(const Span& span, const std::vector<RawEvent>& before, std::span<const RawEvent> rest) const {
+  Window window(const Span& span, const std::vector<RawEvent>& before, std::span<const RawEvent> rest) {
     Window window{span, span.from_ns >= begun_ns_ && ring_.has_all(span.from_ns, span.to_ns), {}};
     Decoder::Packets packets;
     for (const auto& event : before) window.events.push_back(decoder_.decode(event, packets));
@@ -186,7 +210,7 @@ class Recorder::Drain {
 
   journal::Journal& journal_;
   const Tracefs tracefs_;
-  const Decoder decoder_;
+  Decoder decoder_;
   std::mutex mutex_;  // of what follows
   std::condition_variable wake_;
   bool over_ = false;

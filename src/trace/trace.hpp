@@ -34,7 +34,9 @@ enum class Kind : std::uint8_t {
   sent,      // a packet leaves the queue of an interface
   received,  // a packet has come over an interface
   dropped,   // a packet is thrown away; `what`: the kernel's reason, "" where it does not say
-  signal     // `thread` is sent one by `other`; `what`: its number
+  signal,    // `thread` is sent one by `other`; `what`: its number
+  waits  // `thread` has left its CPU to wait in the kernel (state "D"); `what`: the kernel's functions that
+         // it is in, the innermost first, "" where they are hidden
 };
 const char* word_of(Kind);
 std::optional<Kind> kind_of(const std::string& word);
@@ -60,14 +62,17 @@ struct Event {
   std::int32_t bytes = 0;   // of the packet
   bool operator==(const Event&) const = default;
 };
+// Who had the CPU when it happened; of a switch: who left it.
+std::int32_t running_at(const Event&);
 
 // The time around a message.
 struct Span {
   std::uint64_t message = 0;
   std::int64_t from_ns = 0, to_ns = 0;
 };
-// What was seen in it, in order of time. Before `from_ns` there are those events that tell what the CPUs and
-// the threads that do not sleep were at when it began.
+// What was seen in it, in order of time, and nothing else: a kernel may not say how a CPU leaves its idle
+// thread. Before `from_ns` there are those events that tell what the CPUs and the threads that do not sleep
+// were at when it began.
 struct Window {
   Span span;          // which ends early where there were more events than are kept
   bool whole = true;  // false: of a part of the span some, or all, is not known

@@ -13,7 +13,7 @@ namespace {
 
 using nlohmann::json;
 
-constexpr std::array<std::pair<Kind, const char*>, 13> words{{{Kind::switched, "switch"},
+constexpr std::array<std::pair<Kind, const char*>, 14> words{{{Kind::switched, "switch"},
                                                               {Kind::waking, "waking"},
                                                               {Kind::interrupt, "interrupt"},
                                                               {Kind::interrupt_end, "interrupt-end"},
@@ -25,7 +25,8 @@ constexpr std::array<std::pair<Kind, const char*>, 13> words{{{Kind::switched, "
                                                               {Kind::sent, "sent"},
                                                               {Kind::received, "received"},
                                                               {Kind::dropped, "dropped"},
-                                                              {Kind::signal, "signal"}}};
+                                                              {Kind::signal, "signal"},
+                                                              {Kind::waits, "waits"}}};
 
 // No clock that counts from a machine's start shows more: 36 years.
 constexpr std::int64_t latest_ns = std::int64_t{1} << 60;
@@ -98,6 +99,10 @@ std::optional<Kind> kind_of(const std::string& word) {
   const auto* const found =
       std::find_if(words.begin(), words.end(), [&](const auto& one) { return one.second == word; });
   return found == words.end() ? std::nullopt : std::optional(found->first);
+}
+
+std::int32_t running_at(const Event& event) {
+  return event.kind == Kind::waking || event.kind == Kind::signal ? event.other.id : event.thread.id;
 }
 
 json to_json(const Window& window) {

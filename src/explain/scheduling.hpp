@@ -1,0 +1,28 @@
+// SPDX-License-Identifier: Apache-2.0
+// Who came onto which CPU, where the kernel says it and where only what it says beside shows it.
+#pragma once
+
+#include <cstdint>
+#include <vector>
+
+#include "trace/trace.hpp"
+
+namespace ontime::explain {
+
+// The kernel's, of SCHED_OTHER with nice 0; of whom no event says another.
+inline constexpr std::int32_t ordinary_priority = 120;
+
+// A switch or a waking. Of a switch that nothing says but what happened afterwards, `event.at_ns` is the
+// earliest moment at which it can have been; otherwise the two times are the same.
+struct Scheduled {
+  trace::Event event;
+  std::int64_t latest_ns;
+};
+
+// Of events in order of time. There are kernels that trace no switch by which a CPU leaves its idle thread
+// (seen: 6.18 as it runs under Firecracker, on all CPUs but the first). So where an event on a CPU that is
+// said to be idle was made by another thread, that thread came after whatever the idle thread did there last,
+// and after it was woken.
+std::vector<Scheduled> scheduling_of(const std::vector<trace::Event>&);
+
+}  // namespace ontime::explain

@@ -1,0 +1,127 @@
+// SPDX-License-Identifier: Apache-2.0
+// Preloaded into both ends of a run by scripts/culprits: what the receiving thread of one of them does wrong
+// with every so many-th message. ONTIME_CULPRIT is "FAULT INTERFACE EVERY MILLISECONDS FILE": FAULT is a word
+// below, INTERFACE one that only this end has, FILE on a disk.
+#include <atomic>
+#include <cstdlib>
+#include <ctime>
+#include <mutex>
+#include <sstream>
+#include <string>
+#include <thread>
+
+#include <dlfcn.h>
+#include <fcntl.h>
+#include <net/if.h>
+#include <pthread.h>
+#include <sys/mman.h>
+#include <sys/socket.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+namespace {
+
+constexpr ssize_t message_bytes = 500;
+constexpr long page_bytes = 4096;
+std::mutex held;
+
+std::int64_t now_ns() {
+  timespec now{};
+  clock_gettime(CLOCK_MONOTONIC, &now);
+  return std::int64_t{now.tv_sec} * 1'000'000'000 + now.tv_nsec;
+}
+void sleep_ms(long ms) {
+  const timespec pause{ms / 1000, ms % 1000 * 1'000'000};
+  nanosleep(&pause, nullptr);
+}
+
+struct Fault {
+  std::string what, interface, file;
+  unsigned every = 0;
+  long ms = 0;
+  Fault() {
+    if (const char* said = std::getenv("ONTIME_CULPRIT"))
+      std::istringstream(said) >> what >> interface >> every >> ms >> file;
+    if (every == 0 || if_nametoindex(interface.c_str()) == 0) what.clear();
+    if (what == "lock") std::thread([this] { hold(); }).detach();
+  }
+  [[noreturn]] void hold() const {
+    pthread_setname_np(pthread_self(), "culprit-lock");
+    while (true) {
+      sleep_ms(10L * every);
+      const std::lock_guard lock(held);
+      sleep_ms(ms);
+    }
+  }
+  // Pages of a file that is in no cache, one after the other, until the time has passed.
+  void touch_pages() const {
+    const auto until_ns = now_ns() + ms * 1'000'000;
+    const int fd = open(file.c_str(), O_RDONLY | O_CLOEXEC);
+    struct stat found {};
+    if (fd < 0 || fstat(fd, &found) != 0) return;
+    const auto bytes = static_cast<std::size_t>(found.st_size);
+    void* const pages = mmap(nullptr, bytes, PROT_READ, MAP_PRIVATE, fd, 0);
+    if (pages != MAP_FAILED) {
+      madvise(pages, bytes, MADV_RANDOM);
+      for (long at = 0; at < found.st_size && now_ns() < until_ns; at += 16 * page_bytes)
+        static_cast<void>(static_cast<volatile const char*>(pages)[at]);
+      munmap(pages, bytes);
+    }
+    posix_fadvise(fd, 0, 0, POSIX_FADV_DONTNEED);
+    close(fd);
+  }
+  void make(int socket) const {
+    if (what == "lock") {
+      const std::lock_guard lock(held);
+      return;
+    }
+    if (what == "buffer") {
+      const int least = 1;
+      setsockopt(socket, SOL_SOCKET, SO_RCVBUF, &least, sizeof least);
+      return;
+    }
+    static std::atomic<unsigned> messages{0};
+    if (++messages % every != 0) return;
+    if (what == "sleep") sleep_ms(ms);
+    if (what == "pages") touch_pages();
+    if (what == "busy")
+      for (const auto until_ns = now_ns() + ms * 1'000'000; now_ns() < until_ns;) {
+      }
+  }
+};
+
+bool is_of_the_link(int socket) {
+  int domain = 0, type = 0;
+  socklen_t size = sizeof domain;
+  return getsockopt(socket, SOL_SOCKET, SO_DOMAIN, &domain, &size) == 0 && domain == AF_INET &&
+         getsockopt(socket, SOL_SOCKET, SO_TYPE, &type, &size) == 0 && type == SOCK_DGRAM;
+}
+
+ssize_t after(int socket, ssize_t bytes) {
+  if (bytes < message_bytes || !is_of_the_link(socket)) return bytes;
+  static const Fault fault;
+  if (!fault.what.empty()) fault.make(socket);
+  return bytes;
+}
+
+template <class Function>
+Function next(Function, const char* name) {
+  return reinterpret_cast<Function>(dlsym(RTLD_NEXT, name));
+}
+
+}  // namespace
+
+extern "C" {
+ssize_t recv(int socket, void* bytes, size_t size, int flags) {
+  static const auto real = next(&recv, "recv");
+  return after(socket, real(socket, bytes, size, flags));
+}
+ssize_t recvfrom(int socket, void* bytes, size_t size, int flags, sockaddr* from, socklen_t* from_size) {
+  static const auto real = next(&recvfrom, "recvfrom");
+  return after(socket, real(socket, bytes, size, flags, from, from_size));
+}
+ssize_t recvmsg(int socket, msghdr* message, int flags) {
+  static const auto real = next(&recvmsg, "recvmsg");
+  return after(socket, real(socket, message, flags));
+}
+}
