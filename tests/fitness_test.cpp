@@ -187,6 +187,8 @@ TEST_F(Machine, KeepsTimeAndMemory) {
   EXPECT_EQ(severity("huge-pages", "/sys/kernel/mm/transparent_hugepage/enabled", "[always] madvise never"),
             Severity::hint);
   EXPECT_EQ(severity("numa-balancing", "/proc/sys/kernel/numa_balancing", "1"), Severity::hint);
+  EXPECT_EQ(severity("compaction", "/proc/sys/vm/compact_unevictable_allowed", "0"), Severity::fine);
+  EXPECT_EQ(severity("compaction", "/proc/sys/vm/compact_unevictable_allowed", "1"), Severity::hint);
   EXPECT_EQ(severity("autogroup", "/proc/sys/kernel/sched_autogroup_enabled", "1"), Severity::hint);
 }
 

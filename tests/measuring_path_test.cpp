@@ -6,8 +6,10 @@
 #include <atomic>
 #include <cerrno>
 #include <cstdlib>
+#include <fstream>
 #include <functional>
 #include <new>
+#include <string>
 #include <thread>
 #include <utility>
 
@@ -230,7 +232,17 @@ class Child {
   int orders_ = -1, status_ = 0;
 };
 
-// Between begin() and check(), the threads of an end are held to the rules.
+// Pages that the kernel has moved, also locked ones (vm.compact_unevictable_allowed): each faults once when it is
+// touched again, whatever the program does. Any machine that is short of large pages does so at any time.
+std::uint64_t pages_moved() {
+  std::ifstream file("/proc/vmstat");
+  std::string name;
+  for (std::uint64_t value = 0; file >> name >> value;)
+    if (name == "pgmigrate_success") return value;
+  return 0;
+}
+
+// Between begin() and check(), the threads of an end are held to the rules. Made once memory is locked.
 class Watch {
  public:
   explicit Watch(const Case& value) : value_(value) {}
@@ -246,12 +258,13 @@ class Watch {
   void check(std::uint64_t messages, std::uint64_t cycles) {
     counting = false;
     const auto after = states();
+    const auto moved = pages_moved() - moved_before_;
     ASSERT_FALSE(threads_.empty());
     EXPECT_EQ(sbrk(0), heap_end_) << "the heap grew";
     for (std::size_t i = 0; i < threads_.size(); ++i) {
       SCOPED_TRACE(threads_[i].role + " " + threads_[i].name);
       EXPECT_LE(allocations_of(threads_[i].tid), allocations_allowed(value_, messages));
-      EXPECT_EQ(after[i].minor_faults - before_[i].minor_faults, 0U);
+      EXPECT_LE(after[i].minor_faults - before_[i].minor_faults, moved);
       EXPECT_EQ(after[i].major_faults - before_[i].major_faults, 0U);
       EXPECT_LE(after[i].voluntary_switches - before_[i].voluntary_switches, waits_allowed(value_, cycles));
     }
@@ -264,6 +277,7 @@ class Watch {
     return result;
   }
   const Case& value_;
+  const std::uint64_t moved_before_ = pages_moved();
   std::vector<Thread> threads_;
   std::vector<realtime::ThreadState> before_;
   void* heap_end_ = nullptr;
@@ -289,8 +303,8 @@ TEST_P(MeasuringPath, AllocatesFaultsAndWaitsForNothing) {
   if (geteuid() != 0) GTEST_SKIP() << "locking memory needs root, or limits";
   Child server([](Child::Orders orders) {
     ASSERT_TRUE(realtime::lock_memory(32 << 20).empty());
-    Server end(transport::load(GetParam().transport), config_of(GetParam(), transport::Role::server));
     Watch watch(GetParam());
+    Server end(transport::load(GetParam().transport), config_of(GetParam(), transport::Role::server));
     orders.await();
     watch.begin(end.threads());
     const auto before = end.answered();
@@ -303,6 +317,7 @@ TEST_P(MeasuringPath, AllocatesFaultsAndWaitsForNothing) {
   });
   Child client([&server](Child::Orders) {
     ASSERT_TRUE(realtime::lock_memory(32 << 20).empty());
+    Watch watch(GetParam());
     ClientOptions options;
     options.schedule = GetParam().schedule;
     options.period = 1ms;
@@ -315,7 +330,6 @@ TEST_P(MeasuringPath, AllocatesFaultsAndWaitsForNothing) {
     end.start();
     while (end.state() != Client::State::ready) std::this_thread::sleep_for(1ms);
     server.order();
-    Watch watch(GetParam());
     watch.begin(end.threads());
     end.go();
     while (end.state() != Client::State::finished) std::this_thread::sleep_for(1ms);

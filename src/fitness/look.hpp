@@ -45,7 +45,7 @@ Findings preemption(const Look&), throttling(const Look&), fair_server(const Loo
 Findings governor(const Look&), idle_states(const Look&), smt(const Look&), isolation(const Look&),
     virtualisation(const Look&), stolen_time(const Look&);
 Findings priority_limit(const Look&), memory_limit(const Look&), priority_budget(const Look&),
-    swap(const Look&), huge_pages(const Look&), memory_balancing(const Look&);
+    swap(const Look&), huge_pages(const Look&), memory_balancing(const Look&), compaction(const Look&);
 Findings buffers(const Look&), fragments(const Look&), interrupts(const Look&),
     interrupt_balance(const Look&), napi(const Look&);
 Findings middlewares(const Look&);

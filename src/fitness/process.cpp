@@ -91,4 +91,14 @@ Findings memory_balancing(const Look& look) {
            "sudo sysctl kernel.numa_balancing=0"}};
 }
 
+// Documentation/admin-guide/sysctl/vm.rst: the default is 1, under PREEMPT_RT 0.
+Findings compaction(const Look& look) {
+  const auto moves = look.number("/proc/sys/vm/compact_unevictable_allowed");
+  if (!moves) return {};
+  if (*moves == 0) return {fine("not of locked memory")};
+  return {{"", Severity::hint, "of locked memory too", "not of locked memory",
+           "the kernel moves pages to make large ones; a locked one that was moved faults when it is touched",
+           "sudo sysctl vm.compact_unevictable_allowed=0"}};
+}
+
 }  // namespace ontime::fitness
