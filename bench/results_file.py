@@ -6,7 +6,7 @@ import json
 import random
 import sqlite3
 
-APPLICATION_ID, FORMAT = 1869509741, 2
+APPLICATION_ID, FORMAT = 1869509741, 3
 SCHEMA = """
 CREATE TABLE run (number INTEGER PRIMARY KEY, started_at TEXT NOT NULL, start_ns INTEGER, asked TEXT NOT NULL, outcome TEXT,
   id TEXT AS (json_extract(asked, '$.id')), transport TEXT AS (json_extract(asked, '$.transport')),
@@ -17,6 +17,8 @@ CREATE TABLE sample (run INTEGER NOT NULL, message INTEGER NOT NULL, intended_ns
   fate INTEGER NOT NULL, passed_wake_ns INTEGER NOT NULL DEFAULT 0, PRIMARY KEY (run, message)) WITHOUT ROWID;
 CREATE TABLE note (run INTEGER NOT NULL, number INTEGER NOT NULL, at_ns INTEGER, message INTEGER, kind TEXT NOT NULL,
   text TEXT NOT NULL, PRIMARY KEY (run, number)) WITHOUT ROWID;
+CREATE TABLE trace (run INTEGER NOT NULL, message INTEGER NOT NULL, host TEXT NOT NULL, events TEXT NOT NULL,
+  PRIMARY KEY (run, message, host));
 """
 TRACES = """
 CREATE TABLE trace (run INTEGER NOT NULL, message INTEGER NOT NULL, host TEXT NOT NULL, events TEXT NOT NULL,

@@ -40,6 +40,20 @@ TEST_F(ScenarioFile, AliasesDoNotMultiplyWithoutBound) {
   EXPECT_THAT(error(many + "]}\n"), HasSubstr("more than 100000 keys and values"));
 }
 
+TEST_F(ScenarioFile, HowLongItTakesDoesNotOverflow) {
+  const auto run = parse_scenario("x.yaml", "runs: [{id: a, transport: udp, duration: 1000 h}]\n", {}).at(0);
+  EXPECT_NEAR(time_of(run).count(), 3.6e6, 10);
+  auto scenario =
+      parse_scenario("x.yaml", "repeat: 1000\nruns: [{id: a, transport: udp, duration: 1000 h}]\n", {});
+  EXPECT_NEAR(time_of(scenario).count(), 3.6e9, 1e4);
+}
+
+TEST(Duration, HasABound) {
+  EXPECT_EQ(positive_duration("1000 h"), longest_duration);
+  EXPECT_THROW(positive_duration("2000000 h"), std::invalid_argument);
+  EXPECT_THROW(positive_duration("0 s"), std::invalid_argument);
+}
+
 TEST_F(ScenarioFile, DeepNestingIsRefused) {
   for (const std::string begin : {"[", "{a: ", "- ", "? ", "&a [", "!t [", "[{a: ", "a:\n "})
     for (const int levels : {33, 10'000}) {

@@ -187,6 +187,10 @@ TEST(Judge, CountsAndMaximaAreWhatTheyAre) {
   stalled.skipped_cycles = 299;
   stalled.late_by_response = 300;
   EXPECT_EQ(judged("response late > 0", stalled).says, "300 of 1299 cycles");
+  const auto held = judged("late > 0", stalled);
+  EXPECT_EQ(held.result, Result::held);
+  EXPECT_FALSE(held.is_sure);
+  EXPECT_THAT(held.says, HasSubstr("but 300 of 1299 cycles had no answer in time"));
 }
 
 TEST(Judge, WhatWasNotMeasuredHoldsNoLine) {

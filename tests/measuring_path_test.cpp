@@ -232,8 +232,9 @@ class Child {
   int orders_ = -1, status_ = 0;
 };
 
-// Pages that the kernel has moved, also locked ones (vm.compact_unevictable_allowed): each faults once when it is
-// touched again, whatever the program does. Any machine that is short of large pages does so at any time.
+// Pages that the kernel has moved, also locked ones (vm.compact_unevictable_allowed): each faults once when
+// it is touched again, whatever the program does. Any machine that is short of large pages does so at any
+// time.
 std::uint64_t pages_moved() {
   std::ifstream file("/proc/vmstat");
   std::string name;

@@ -133,6 +133,22 @@ TEST(Compare, ARunWhoseSamplesAreMissingIsLeftOut) {
   const auto text = render(compare(a, b), {}, Format::table);
   EXPECT_THAT(text, HasSubstr("left out: x udp (run 7) of B, 4000 of its samples were not recorded"));
   EXPECT_EQ(row_of(text, "p99 ").at(2), "1000");
+  const auto to = json::parse(render(compare(a, b), {}, Format::json)).at("pairs").at(0).at("to");
+  EXPECT_EQ(to.at("runs").size(), 1u);
+  EXPECT_EQ(to.at("left_out").at(0).at("run"), 7);
+  EXPECT_EQ(to.at("left_out").at(0).at("why"), "4000 of its samples were not recorded");
+}
+
+TEST(Compare, ASenderThatStoodStillIsSeen) {
+  std::vector a{run("x", "k", 1)}, b{run("x", "k", 1)};
+  for (auto* runs : {&a, &b}) {
+    runs->front().late_by_response_probability.messages = 60'000;
+    runs->front().late_by_response = 0;
+  }
+  b[0].late_by_response = 30;
+  b[0].late_by_response_probability.events = 30;
+  b[0].late_by_response_probability.value = 30.0 / 60'030;
+  EXPECT_EQ(row_of(render(compare(a, b), {}, Format::table), "response late % ").at(4), "~0.04998");
 }
 
 TEST(Compare, ARunThatWasCutOffIsLeftOutAndNamed) {

@@ -319,6 +319,13 @@ TEST(Verdict, does_not_praise_what_hides_a_stall_or_was_cut_off) {
   stalled.late_by_response = 300;  // cycles that passed without a message
   EXPECT_EQ(verdict_of({stalled}).word, Verdict::Word::no);
   EXPECT_THAT(verdict_of({stalled}).sentence, HasSubstr("300 cycles had no answer within the deadline"));
+  stalled = judged(100, 1, 0);
+  stalled.late_by_response = 300;
+  EXPECT_EQ(verdict_of({stalled}).sentence,
+            "1 of 101 messages missed the deadline of 10 ms, and 300 cycles, those without a message among "
+            "them, had no "
+            "answer in time.");
+  EXPECT_THAT(verdict_of({stalled}).further, Not(HasSubstr("So long as")));
   auto cut = judged(100, 0, 0);
   cut.run.outcome = nullptr;
   EXPECT_EQ(verdict_of({cut}).word, Verdict::Word::partly);
@@ -387,6 +394,18 @@ TEST(Gnuplot, is_given_texts_that_end_nowhere_and_no_extreme_is_missing) {
       EXPECT_EQ(std::count(line.begin(), line.end(), '\'') % 2, 0) << line;
   }
   EXPECT_THAT(gnuplot_of({run}, {}), HasSubstr("0.005 27.6543\n"));
+}
+
+TEST(Gnuplot, draws_how_long_cycles_waited_that_passed_without_a_message) {
+  auto run = summary(asked("a", "udp"), outcome());
+  run.skipped_cycles = 300;
+  run.response.max = 3'000 * ms;
+  run.shape.slice_ns = 10 * ms;
+  run.shape.slices = {{.sent = 1, .min_ns = 100'000, .p50_ns = 100'000, .max_ns = 100'000},
+                      {.skipped_cycles = 300, .response_max_ns = 3'000 * ms}};
+  const auto commands = gnuplot_of({run}, {});
+  EXPECT_THAT(commands, HasSubstr("300 cycles without a message"));
+  EXPECT_THAT(commands, HasSubstr("$passed0 << END\n0.015 3000\n"));
 }
 
 TEST(Gnuplot, draws_no_more_than_can_be_seen_and_no_extreme_is_missing) {

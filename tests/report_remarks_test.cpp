@@ -128,6 +128,13 @@ TEST(Remarks, TellWhatNobodyElseIsToBlameFor) {
   EXPECT_THAT(text, HasSubstr("woke up to 50500 µs late, as RT throttling of the controller would make it"));
   const auto document = json::parse(render({one}, Format::json));
   EXPECT_THAT(document.at("runs").at(0).at("remarks").get<std::string>(), HasSubstr("RT throttling"));
+  for (const auto* host : {"controller", "component"}) {
+    facts["conditions"][host]["cpu_stolen"] = 0.0213;
+    facts["hosts"][host]["machine"]["boot_id"] = "one";
+  }
+  text = render({summary(as_asked, facts)}, Format::markdown);
+  EXPECT_THAT(text, HasSubstr("the hypervisor took 2.1 % of the time of the machine's CPUs"));
+  EXPECT_THAT(text, Not(HasSubstr("of the component's CPUs")));
   one.shape.worst[0].message.woke_ns = 1'020'000'000;
   one.wake_up.max = 20'000'000;
   text = render({one}, Format::markdown);

@@ -101,6 +101,14 @@ TEST(Layers, AreNotComparedWithOtherConditions) {
   EXPECT_EQ(found[1].no_base, "no run of 'below' has the same payload_bytes");
 }
 
+TEST(Layers, AreTheSameWhateverIsRequiredOfThem) {
+  const auto found = layers({layer_run("below", "", 1, 100, {}, {{"require", {"late <= 0"}}, {"title", "x"}}),
+                             layer_run("above", "below", 1, 110)})
+                         .measured;
+  ASSERT_EQ(found.size(), 2u);
+  EXPECT_EQ(found[1].round_trip_ns.added->median, 10) << found[1].no_base;
+}
+
 TEST(Layers, CountTheRepetitionsOfEverySession) {
   std::vector<Summary> runs;
   for (int session = 0; session < 3; ++session)

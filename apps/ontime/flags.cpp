@@ -54,9 +54,7 @@ bool is_json_flag(const std::string& word) {
 
 std::chrono::nanoseconds duration_flag(const std::string& flag, const std::string& text) {
   try {
-    const auto duration = campaign::duration_of(text);
-    if (duration.count() > 0) return duration;
-    throw std::invalid_argument(fmt::format("'{}' is not longer than nothing", text));
+    return campaign::positive_duration(text);
   } catch (const std::invalid_argument& error) {
     throw Error(2, fmt::format("{}: {}", flag, error.what()));
   }

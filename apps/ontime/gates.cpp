@@ -17,8 +17,8 @@ using gate::Judgement;
 
 GateFlags::GateFlags(CLI::App& command, gate::Use use) : use_(use) {
   const auto* const example = use == gate::Use::fail_if
-                                  ? "exit 1 if this is so of a run: 'late > 0', 'p99.9 > 2 ms'"
-                                  : "exit 1 if this is so: 'p99.9 > +10%', 'late > 0'";
+                                  ? "exit 1 if this is so of a run: 'response late > 0', 'p99.9 > 2 ms'"
+                                  : "exit 1 if this is so: 'p99.9 > +10%', 'response late > 0'";
   command.add_option("--fail-if", fail_if_, example)->type_name("GATE")->allow_extra_args(false);
   add_file(command, "--junit", junit_, "write what came of it into this file, as JUnit's XML");
 }

@@ -3,6 +3,8 @@
 #include <utility>
 #include <vector>
 
+#include <fmt/format.h>
+
 #include "commands.hpp"
 #include "orders/orders.hpp"
 #include "record/record.hpp"
@@ -17,6 +19,13 @@ int main(int argc, char** argv) {
   app.footer(
       "Exit codes: 0 fine · 1 a stated requirement was missed · 2 wrong usage or input · 3 this machine or a "
       "peer cannot do what was asked · 130 interrupted");
+
+  app.failure_message([](const CLI::App* from, const CLI::Error& error) {
+    const auto unknown = from->remaining();
+    const bool no_command = dynamic_cast<const CLI::RequiredError*>(&error) != nullptr && !unknown.empty();
+    return fmt::format("ontime: {}\nontime --help says what there is.\n",
+                       no_command ? fmt::format("there is no command '{}'", unknown.front()) : error.what());
+  });
 
   ontime::app::Action action;
   const std::pair<const char*, std::vector<void (*)(CLI::App&, ontime::app::Action&)>> groups[] = {

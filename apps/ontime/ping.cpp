@@ -1,4 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
+#include <algorithm>
+
 #include "campaign/campaign.hpp"
 #include "commands.hpp"
 #include "flags.hpp"
@@ -30,8 +32,11 @@ void add_ping(CLI::App& app, Action& action) {
       Terminal terminal;
       const int code = campaign::ping(run, wait, writer, terminal, interrupts, command_line());
       terminal.clear_line();
-      if (code == 0 || code == 130)
-        print(report::render(statistics::summarise(writer.reader(), known), format));
+      // Also of a run that failed: what was measured until then.
+      const auto measured = statistics::summarise(writer.reader(), known);
+      const bool any =
+          std::any_of(measured.begin(), measured.end(), [](const auto& one) { return one.sent > 0; });
+      if (any || code == 0 || code == 130) print(report::render(measured, format));
       return code;
     };
   });

@@ -51,7 +51,7 @@ void check_transports(const std::vector<std::string>& names) {
 
 void expect(Terminal& terminal, const std::vector<campaign::Scenario>& scenarios) {
   std::size_t runs = 0;
-  std::chrono::nanoseconds time{0};
+  std::chrono::duration<double> time{0};
   for (const auto& scenario : scenarios) {
     runs += scenario.size();
     time += campaign::time_of(scenario);

@@ -42,7 +42,7 @@ ordered_json line_of(const std::string& file) {
     const auto scenario = campaign::read_scenario(file, {});
     line["title"] = scenario.title;
     line["runs"] = scenario.size();
-    line["seconds"] = std::chrono::duration<double>(campaign::time_of(scenario)).count();
+    line["seconds"] = campaign::time_of(scenario).count();
   } catch (const campaign::Error& error) {
     line["error"] = error.what();
   }
@@ -60,10 +60,9 @@ std::string text_of(const std::vector<ordered_json>& lines) {
       continue;
     }
     const auto runs = line.at("runs").get<std::size_t>();
-    text +=
-        fmt::format("{:{}}  {}: {} run{}, {}\n", name, width, report::printable(line.at("title")), runs,
-                    runs == 1 ? "" : "s",
-                    about(std::chrono::seconds(static_cast<std::int64_t>(line.at("seconds").get<double>()))));
+    text += fmt::format("{:{}}  {}: {} run{}, {}\n", name, width, report::printable(line.at("title")), runs,
+                        runs == 1 ? "" : "s",
+                        about(std::chrono::duration<double>(line.at("seconds").get<double>())));
   }
   return text;
 }
@@ -88,12 +87,16 @@ void add_scenarios(CLI::App& app, Action& action) {
         for (auto& file : scenario_files(name)) files.push_back(std::move(file));
       if (arguments->names.empty()) files = own_files();
       std::vector<ordered_json> lines;
+      lines.reserve(files.size());
       for (const auto& file : files) lines.push_back(line_of(file));
       if (as_json)
         print_json(ordered_json(lines));
       else
         print(text_of(lines));
-      return 0;
+      return std::all_of(lines.begin(), lines.end(),
+                         [](const auto& line) { return line.at("error").is_null(); })
+                 ? 0
+                 : 2;
     };
   });
 }

@@ -78,7 +78,7 @@ void Terminal::note(const std::string& text) {
   say("ontime: {}\n", lines_of(text));
 }
 
-void Terminal::expect(std::size_t runs, std::chrono::nanoseconds time) {
+void Terminal::expect(std::size_t runs, std::chrono::duration<double> time) {
   runs_ = runs;
   left_ = time;
 }
@@ -113,7 +113,7 @@ void Terminal::ends(const roundtrip::Counters& counters) {
   say("{}  {}\n", head_, words(counters));
 }
 
-std::string about(std::chrono::nanoseconds time) {
+std::string about(std::chrono::duration<double> time) {
   const auto s = std::max<std::int64_t>(0, std::chrono::round<std::chrono::seconds>(time).count());
   if (s < 60) return fmt::format("{} s", s);
   const auto min = (s + 30) / 60;

@@ -11,7 +11,7 @@ class Terminal final : public campaign::Observer {
  public:
   Terminal();
   // How many runs there will be, and how long they take together: so that it can be said how far it is.
-  void expect(std::size_t runs, std::chrono::nanoseconds time);
+  void expect(std::size_t runs, std::chrono::duration<double> time);
   void note(const std::string& text) override;
   void begins(const campaign::Run&) override;
   void passes_over(const campaign::Run&) override;
@@ -26,12 +26,12 @@ class Terminal final : public campaign::Observer {
   bool line_open_ = false;
   std::string head_;
   std::size_t runs_ = 1, number_ = 0;
-  std::chrono::nanoseconds left_{0};  // of this run and all after it
+  std::chrono::duration<double> left_{0};  // of this run and all after it
   std::chrono::nanoseconds duration_{0};
 };
 
 // "45 s", "12 min", "7 h 40 min".
-std::string about(std::chrono::nanoseconds);
+std::string about(std::chrono::duration<double>);
 
 // Counts SIGINT, SIGTERM and SIGHUP from now on.
 campaign::Interrupts& catch_interrupts();

@@ -3,6 +3,7 @@
 // from it need netem. What is lost is lost where it comes in: so the interfaces at both ends have counted it,
 // as those of a wire that loses it behind the one and before the other do not.
 #include <cerrno>
+#include <cmath>
 #include <functional>
 #include <future>
 #include <system_error>
@@ -29,7 +30,7 @@ constexpr const char* longest_queue = "1000000";  // frames: what waits for a de
 
 // What matches that share of the frames. (nftables takes no number for all of them.)
 std::string some(double share) {
-  const auto part = static_cast<int>(share * parts + 0.5);
+  const auto part = static_cast<int>(std::lround(share * parts));
   return part < parts ? fmt::format("numgen random mod {} < {} ", parts, part) : "";
 }
 

@@ -25,6 +25,10 @@ using orders::Error;
 
 // "10 ms" → 10'000'000. Units: ns us µs ms s min h. Throws std::invalid_argument, for people.
 std::chrono::nanoseconds duration_of(const std::string& text);
+// The same, more than nothing and at most `most`.
+constexpr std::chrono::hours longest_duration{1000};  // whose messages can be numbered at the least period
+std::chrono::nanoseconds positive_duration(const std::string& text,
+                                           std::chrono::hours most = longest_duration);
 std::string text_of(std::chrono::nanoseconds);  // the way back, in the largest unit that makes it whole
 // "32 KiB" → 32'768. Units: B kB KiB MB MiB GB GiB.
 std::uint64_t bytes_of(const std::string& text);
@@ -129,8 +133,8 @@ struct Scenario {
   Run at(std::size_t number) const;
 };
 // Of measuring, and of what else a run takes.
-std::chrono::nanoseconds time_of(const Run&);
-std::chrono::nanoseconds time_of(const Scenario&);
+std::chrono::duration<double> time_of(const Run&);
+std::chrono::duration<double> time_of(const Scenario&);
 
 struct Selection {
   std::vector<std::string> only;        // ids; empty: all

@@ -26,7 +26,6 @@ constexpr int paper_priority = 80;             // of what a message passes throu
 constexpr int background_priority = 70;        // of a middleware's other threads
 constexpr std::int64_t max_domain = 232;       // the last one whose ports exist
 constexpr std::size_t max_topic_length = 247;  // RMW_TOPIC_MAX_NAME_LENGTH
-constexpr auto max_duration = 1000h;           // whose messages can be numbered at the least period
 constexpr std::uint64_t max_payload_bytes = std::uint64_t{1} << 30U;
 const std::vector<std::string> message_roles{"send", "receive", "delivery"};
 const std::vector<std::string> background_roles{"discovery", "timer", "other"};
@@ -239,7 +238,7 @@ std::vector<Key> all_keys() {
       {"timeout", "--timeout", "TIME", "a message without an answer for longer is lost: 500 ms", client,
        [](Run& run, Text text) { run.task.client.timeout = positive_duration(text, 1h); }},
       {"duration", "--duration", "TIME", "of sending, warm-up not counted: 10 s", client,
-       [](Run& run, Text text) { run.task.client.duration = positive_duration(text, max_duration); }},
+       [](Run& run, Text text) { run.task.client.duration = positive_duration(text); }},
       {"warm-up", "--warm-up", "N", "answers before the first counted message: 10", client,
        [](Run& run, Text text) {
          run.task.client.warm_up = static_cast<std::uint64_t>(number_of(text, 1, 1'000'000));
@@ -295,15 +294,6 @@ std::vector<Key> all_keys() {
 }
 
 }  // namespace
-
-std::chrono::nanoseconds positive_duration(Text text, std::chrono::hours most) {
-  const auto duration = duration_of(text);
-  if (duration.count() <= 0)
-    throw std::invalid_argument(fmt::format("'{}' is not longer than nothing", text));
-  if (duration > most)
-    throw std::invalid_argument(fmt::format("'{}' is too long: at most {} h", text, most.count()));
-  return duration;
-}
 
 const std::vector<Key>& keys() {
   static const auto keys = all_keys();

@@ -14,8 +14,6 @@
 
 namespace ontime::campaign {
 
-std::chrono::nanoseconds positive_duration(const std::string& text, std::chrono::hours most);
-
 template <typename Value>
 Value one_of(const std::optional<Value>& value, const std::string& text, const std::string& values) {
   if (!value) throw std::invalid_argument(fmt::format("'{}' is not one of {}", text, values));

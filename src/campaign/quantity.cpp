@@ -49,6 +49,15 @@ std::chrono::nanoseconds duration_of(const std::string& text) {
   return std::chrono::nanoseconds(std::llround(quantity(text, times(), "10 ms")));
 }
 
+std::chrono::nanoseconds positive_duration(const std::string& text, std::chrono::hours most) {
+  const auto duration = duration_of(text);
+  if (duration.count() <= 0)
+    throw std::invalid_argument(fmt::format("'{}' is not longer than nothing", text));
+  if (duration > most)
+    throw std::invalid_argument(fmt::format("'{}' is too long: at most {} h", text, most.count()));
+  return duration;
+}
+
 std::string text_of(std::chrono::nanoseconds duration) {
   auto text = fmt::format("{} ns", duration.count());
   for (const auto& [name, factor] : times())

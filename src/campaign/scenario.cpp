@@ -430,14 +430,15 @@ Run Scenario::at(std::size_t number) const {
   return run;
 }
 
-std::chrono::nanoseconds time_of(const Run& run) {
-  constexpr std::chrono::seconds beside(2);  // start, matching, the account; as seen with three transports
+std::chrono::duration<double> time_of(const Run& run) {
+  constexpr std::chrono::duration<double> beside(
+      2);  // start, matching, the account; as seen with three transports
   const auto& client = run.task.client;
-  return client.duration + client.period * static_cast<std::int64_t>(client.warm_up) + beside;
+  return beside + client.duration + static_cast<double>(client.warm_up) * client.period;
 }
 
-std::chrono::nanoseconds time_of(const Scenario& scenario) {
-  std::chrono::nanoseconds once{0};
+std::chrono::duration<double> time_of(const Scenario& scenario) {
+  std::chrono::duration<double> once{0};
   for (const auto& run : scenario.runs) once += time_of(run);
   return once * scenario.repeat;
 }

@@ -33,7 +33,7 @@ class Windows {
   struct Chosen {
     std::int64_t badness_ns;
     std::uint64_t message;
-    auto operator<=>(const Chosen&) const = default;
+    auto operator<=>(const Chosen&) const = default;  // NOLINT(modernize-use-nullptr): it means <=> 0
   };
   void choose(const roundtrip::Sample&);
   void forget(std::uint64_t message);

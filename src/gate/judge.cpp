@@ -67,10 +67,18 @@ Judgement judge_count(const Gate& gate, const Summary& run) {
   const auto count = gate.figure == Figure::lost ? std::optional(run.lost) : late;
   if (!count)
     return judgement(gate, name_of(run), Result::cannot_judge, "its record does not say its deadline");
-  return judgement(gate, name_of(run),
-                   static_cast<double>(*count) > gate.limit ? Result::missed : Result::held,
-                   by_response ? fmt::format("{} of {} cycles", *count, run.sent + run.skipped_cycles)
-                               : fmt::format("{} of {} messages", *count, run.sent));
+  auto result =
+      judgement(gate, name_of(run), static_cast<double>(*count) > gate.limit ? Result::missed : Result::held,
+                by_response ? fmt::format("{} of {} cycles", *count, run.sent + run.skipped_cycles)
+                            : fmt::format("{} of {} messages", *count, run.sent));
+  // A sender that stood still has sent nothing that could be late.
+  const auto waited = run.late_by_response.value_or(0);
+  if (result.result == Result::held && gate.figure == Figure::late && waited > run.late + run.lost) {
+    result.is_sure = false;
+    result.says += fmt::format("; but {} of {} cycles had no answer in time (response late)", waited,
+                               run.sent + run.skipped_cycles);
+  }
+  return result;
 }
 
 // What the answer to "is the limit passed" makes of a gate.

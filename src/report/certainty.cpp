@@ -40,7 +40,9 @@ std::string interval(const Interval& ns) {
   return fmt::format("[{}, {}]", microseconds(*ns.low), microseconds(*ns.high));
 }
 
-std::string percent(double share) { return fmt::format("{:.2g}", share * 100); }
+std::string percent(double share) {
+  return share > 0.99 ? fmt::format("{:.0f}", share * 100) : fmt::format("{:.2g}", share * 100);
+}
 
 std::string interval(const Probability& of) {
   if (of.messages == 0) return nothing;

@@ -39,6 +39,7 @@ constexpr Row rows[] = {{"mean", "round_trip_us.mean", Times::round_trip, Figure
                         {"response p99.9", "response_us.p99.9", Times::response, Figure::p99_9, false},
                         {"response max", "response_us.max", Times::response, Figure::max, false},
                         {"late %", "late", Times::round_trip, Figure::late, true},
+                        {"response late %", "late_by_response", Times::response, Figure::late, true},
                         {"lost %", "lost", Times::round_trip, Figure::lost, true}};
 
 const char* word_of(Verdict verdict) {
@@ -86,6 +87,7 @@ std::string lies(const Row& row, const statistics::Change& change) {
 
 std::string list_of(const std::vector<Difference>& differences) {
   std::vector<std::string> parts;
+  parts.reserve(differences.size());
   for (const auto& [what, from, to] : differences)
     parts.push_back(fmt::format("{}: {} → {}", what, from, to));
   return join(parts, "; ");
@@ -163,6 +165,7 @@ bool is_imported(const Pair& pair) { return pair.from.front()->imported && pair.
 
 std::string list_of(const std::vector<Runs>& groups) {
   std::vector<std::string> names;
+  names.reserve(groups.size());
   for (const auto& group : groups)
     names.push_back(fmt::format("{} ({})", gate::name_of(group), many(group.size(), "run", "runs")));
   return join(names, "; ");
@@ -189,14 +192,19 @@ ordered_json json_of(const Row& row, const statistics::Change& change) {
 }
 
 ordered_json runs_json_of(const Runs& runs) {
-  auto numbers = ordered_json::array();
-  for (const auto* run : runs) numbers.push_back(run->run.number);
+  auto numbers = ordered_json::array(), left_out = ordered_json::array();
+  for (const auto* run : runs)
+    if (const auto why = why_left_out(*run); why.empty())
+      numbers.push_back(run->run.number);
+    else
+      left_out.push_back({{"run", run->run.number}, {"why", why}});
   const auto& first = runs.front()->run;
   return {{"key", first.key},
           {"id", at(first.asked, "id")},
           {"variant", at(first.asked, "variant")},
           {"transport", at(first.asked, "transport")},
-          {"runs", numbers}};
+          {"runs", numbers},
+          {"left_out", left_out}};
 }
 
 ordered_json json_of(const Pair& pair) {

@@ -77,7 +77,8 @@ std::pair<double, double> range_of(const Group& group) {
   for (const auto* summary : group) {
     if (summary->round_trip.count == 0) continue;
     least = std::min(least, ms(summary->round_trip.min));
-    greatest = std::max({greatest, ms(summary->round_trip.max), deadline_ms(*summary).value_or(0)});
+    greatest = std::max({greatest, ms(summary->round_trip.max), deadline_ms(*summary).value_or(0),
+                         summary->skipped_cycles > 0 ? ms(summary->response.max) : 0});
   }
   if (greatest <= 0) return {0.1, 10};
   return {std::max(least, 1e-6) / 1.4, greatest * 2.2};
@@ -102,13 +103,15 @@ std::vector<Stretch> stretches_of(const statistics::Shape& shape, std::size_t mo
       all.sent += slice.sent;
       all.late += slice.late;
       all.lost += slice.lost;
+      all.skipped_cycles += slice.skipped_cycles;
+      all.response_max_ns = std::max(all.response_max_ns, slice.response_max_ns);
       if (slice.sent == slice.lost) continue;
       all.min_ns = medians.empty() ? slice.min_ns : std::min(all.min_ns, slice.min_ns);
       all.max_ns = std::max(all.max_ns, slice.max_ns);
       medians.push_back(static_cast<double>(slice.p50_ns));
     }
     if (!medians.empty()) all.p50_ns = std::llround(statistics::estimate(medians)->median);
-    if (all.sent > 0)
+    if (all.sent > 0 || all.skipped_cycles > 0)
       stretches.push_back(
           {static_cast<double>(first + after) / 2 * static_cast<double>(shape.slice_ns) / 1e9, all});
   }
@@ -121,19 +124,22 @@ std::string segment(double at_s, std::int64_t from_ns, std::int64_t to_ns) {
   return fmt::format("{0:.6g} {1:.6g}\n{0:.6g} {2:.6g}\n\n", at_s, ms(from_ns), to_ms);
 }
 
-// By these names: lines from least to greatest, medians, and late and lost ones.
+// By these names: lines from least to greatest, medians, late and lost ones, and the longest wait of cycles
+// that passed without a message.
 std::string course(const std::vector<Stretch>& stretches, std::size_t run) {
-  std::string extents, medians, late, lost;
+  std::string extents, medians, late, lost, passed;
   for (const auto& [at_s, of] : stretches) {
     const bool answered = of.sent > of.lost;
     if (answered) extents += segment(at_s, of.min_ns, of.max_ns);
     medians += answered ? fmt::format("{:.6g} {:.6g}\n", at_s, ms(of.p50_ns)) : "\n";
     if (of.late > 0) late += segment(at_s, of.max_ns, of.max_ns);
     if (of.lost > 0) lost += fmt::format("{:.6g}\n", at_s);
+    if (of.skipped_cycles > 0) passed += segment(at_s, of.response_max_ns, of.response_max_ns);
   }
   std::string data;
-  for (const auto& [name, lines] : {std::pair{"extents", &extents}, std::pair{"medians", &medians},
-                                    std::pair{"late", &late}, std::pair{"lost", &lost}})
+  for (const auto& [name, lines] :
+       {std::pair{"extents", &extents}, std::pair{"medians", &medians}, std::pair{"late", &late},
+        std::pair{"lost", &lost}, std::pair{"passed", &passed}})
     data += fmt::format("${}{} << END\n{}END\n", name, run, lines->empty() ? "NaN NaN\n" : *lines);
   return data;
 }
@@ -155,8 +161,11 @@ std::string over_time(const Group& group, const Plot& plot) {
     const bool lowest = (i + 1) % rows == 0 || i + 1 == group.size();
     text += fmt::format(
         "set title {} offset 0,-0.8\nset xlabel {} offset 0,0.6\nset bmargin {}\nset ylabel {} offset 1\n",
-        quoted(fmt::format("{}: {} late, {} lost of {}", names[i], summary.late, summary.lost,
-                           grouped(summary.sent))),
+        quoted(fmt::format("{}: {} late, {} lost of {}{}", names[i], summary.late, summary.lost,
+                           grouped(summary.sent),
+                           summary.skipped_cycles > 0
+                               ? fmt::format("; {} cycles without a message", grouped(summary.skipped_cycles))
+                               : "")),
         lowest ? "'Time (s)'" : "''", lowest ? 2.6 : 1.6, "'Round trip (ms)'");
     std::vector<std::string> parts;
     if (const auto deadline = deadline_ms(summary))
@@ -166,6 +175,7 @@ std::string over_time(const Group& group, const Plot& plot) {
     if (summary.sent > few * summary.shape.slices.size())
       parts.push_back(fmt::format("$medians{} with lines linewidth 0.7 linecolor rgb '#000000'", i));
     parts.push_back(fmt::format("$late{} with lines linewidth 2.2 linecolor rgb '#d55e00'", i));
+    parts.push_back(fmt::format("$passed{} with lines linewidth 2.2 linecolor rgb '#cc79a7'", i));
     parts.push_back(
         fmt::format("$lost{} using 1:({}) with points pointtype 2 pointsize 0.4 linewidth 0.8 linecolor "
                     "rgb '#000000'",

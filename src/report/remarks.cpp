@@ -126,11 +126,16 @@ constexpr double much_stolen = 0.001;
 std::vector<std::string> taken_away(const statistics::Summary& summary) {
   std::vector<std::string> parts;
   const auto& outcome = summary.run.outcome;
+  const auto boot_of = [&](const char* host) {
+    return at(at(at(at(outcome, "hosts"), host), "machine"), "boot_id");
+  };
+  const bool one_machine = boot_of("controller").is_string() && boot_of("controller") == boot_of("component");
   for (const auto* host : {"controller", "component"}) {
     const auto& stolen = at(at(at(outcome, "conditions"), host), "cpu_stolen");
-    if (stolen.is_number() && stolen.get<double>() >= much_stolen)
-      parts.push_back(fmt::format("the hypervisor took {:.1f} % of the time of the {}'s CPUs",
-                                  stolen.get<double>() * 100, host));
+    if (!stolen.is_number() || stolen.get<double>() < much_stolen) continue;
+    parts.push_back(fmt::format("the hypervisor took {:.1f} % of the time of the {}'s CPUs",
+                                stolen.get<double>() * 100, one_machine ? "machine" : host));
+    if (one_machine) break;
   }
   if (!summary.shape.worst.empty()) {
     const auto& [took_ns, before, message, after] = summary.shape.worst.front();

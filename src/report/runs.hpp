@@ -18,6 +18,10 @@ nlohmann::ordered_json json_of(const statistics::Summary&);  // docs/json.md
 std::string csv_of(const Summaries&);
 Page page_of(const Summaries&);
 
+// Judged by when a cycle's answer should have been asked for, and not by when it was, more may be late than
+// were late or lost: shown beside where it is so.
+bool differs_by_response(const statistics::Summary&);
+
 // A percentile needs one value above it to say anything, and ten to be more than a glimpse: below that it is
 // "-", or marked "~". `one_in`: how many values have one above it.
 std::string percentile(const statistics::Distribution&, std::int64_t ns, std::uint64_t one_in);

@@ -40,7 +40,7 @@ void flatten(const json& value, const std::string& name, std::map<std::string, s
   if (value.is_object()) {
     for (const auto& [key, within] : value.items())
       if (std::find(changing.begin(), changing.end(), key) == changing.end())
-        flatten(within, name.empty() ? key : name + "." + key, into);
+        flatten(within, name.empty() ? key : fmt::format("{}.{}", name, key), into);
   } else if (!value.is_null() && !name.empty()) {
     into[name] = word(value);
   }
@@ -56,6 +56,7 @@ std::string values_of(const std::vector<std::pair<std::string, std::string>>& of
   }
   if (order.size() == 1) return order.front();
   std::vector<std::string> parts;
+  parts.reserve(order.size());
   for (const auto& value : order)
     parts.push_back(
         fmt::format("{} ({} {})", value, runs[value].size() == 1 ? "run" : "runs", join(runs[value], ", ")));

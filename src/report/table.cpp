@@ -20,12 +20,6 @@ using statistics::Summary;
 
 std::string share(std::uint64_t part, std::uint64_t whole) { return fmt::format("{}/{}", part, whole); }
 
-// Judged by when a cycle's answer should have been asked for, and not by when it was, more may be late than
-// were late or lost.
-bool differs_by_response(const Summary& summary) {
-  return summary.late_by_response && *summary.late_by_response != summary.late + summary.lost;
-}
-
 std::vector<std::string> row(const std::string& label, const Summary& summary, bool by_response) {
   const auto& of = summary.round_trip;
   const auto& sure = summary.round_trip_certainty;
@@ -198,6 +192,10 @@ std::string legend_of(const Page& page, const Summaries& summaries) {
 }
 
 }  // namespace
+
+bool differs_by_response(const Summary& summary) {
+  return summary.late_by_response && *summary.late_by_response != summary.late + summary.lost;
+}
 
 std::string percentile(const Distribution& of, std::int64_t ns, std::uint64_t one_in) {
   if (of.count < one_in) return nothing;

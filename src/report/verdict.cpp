@@ -94,6 +94,9 @@ Verdict verdict_of(const Summaries& summaries) {
       parts.push_back(
           fmt::format("every message sent came back in time, but {} cycles had no answer within the {}",
                       grouped(late_cycles), deadline(summaries)));
+    else if (late_cycles > late + lost)  // a sender that stood still
+      parts.push_back(fmt::format("{} cycles, those without a message among them, had no answer in time",
+                                  grouped(late_cycles)));
     verdict.sentence = join(parts, ", and ") + ".";
     verdict.sentence.front() = static_cast<char>(std::toupper(verdict.sentence.front()));
   }
@@ -107,12 +110,14 @@ Verdict verdict_of(const Summaries& summaries) {
             ? fmt::format(" ({}, {})", id_of(slowest->run.asked), word(at(slowest->run.asked, "transport")))
             : ""));
   // Of several runs, of different conditions, there is no such thing.
-  if (const auto& missed = summaries.front().missed_probability;
-      summaries.size() == 1 && flaws.empty() && missed.events == 0 && missed.messages > 0)
+  if (const auto& missed = summaries.front().missed_probability; summaries.size() == 1 &&
+                                                                 verdict.word == Verdict::Word::yes &&
+                                                                 missed.events == 0 && missed.messages > 0)
     further.push_back(
-        fmt::format("So long as it goes on like this, fewer than {:.2g} of a million messages will miss it, "
+        fmt::format("So long as it goes on like this, fewer than {} messages will miss it, "
                     "with 95 % confidence.",
-                    missed.bound * 1e6));
+                    missed.bound > 0.01 ? fmt::format("{:.2g} % of the", missed.bound * 100)
+                                        : fmt::format("{:.0f} of a million", missed.bound * 1e6)));
   if (unfinished > 0)
     further.push_back(fmt::format("{} did not end as asked: see below.", many(unfinished, "run", "runs")));
   for (const auto& [why, runs] : flaws)

@@ -60,7 +60,7 @@ std::string against_deadline(const Summary& summary) {
   return share < 1 ? fmt::format("{:.2g} %", share * 100) : fmt::format("{:.1f} ×", share);
 }
 
-std::string row_of(const Shown& run, std::size_t figure) {
+std::string row_of(const Shown& run, std::size_t figure, bool by_response) {
   const auto& summary = *run.summary;
   const auto& of = summary.round_trip;
   const auto& sure = summary.round_trip_certainty;
@@ -74,6 +74,7 @@ std::string row_of(const Shown& run, std::size_t figure) {
   return fmt::format("<tr data-run=\"{}\"><th scope=\"row\"><a href=\"#run-{}\">{}</a></th>",
                      summary.run.number, figure, escaped(run.label)) +
          count_cell(summary.sent, "sent", false) + count_cell(summary.late, "late", true) +
+         (by_response ? count_cell(summary.late_by_response.value_or(0), "late_by_response", true) : "") +
          count_cell(summary.lost, "lost", true) + time(static_cast<double>(of.min), "min") +
          time(of.mean, "mean") + quantile(of.p50, "p50", 2, sure.p50) +
          quantile(of.p99, "p99", 100, sure.p99) + quantile(of.p99_9, "p99.9", 1000, sure.p99_9) +
@@ -86,14 +87,14 @@ constexpr const char* table_head = R"(<div class="wide" tabindex="0" role="regio
 <table class="runs">
 <caption>Round trips in µs</caption>
 <thead><tr><th scope="col">Run</th><th scope="col" class="number">Sent</th><th scope="col" class="number">Late</th>
-<th scope="col" class="number">Lost</th><th scope="col" class="number">Min</th><th scope="col" class="number">Mean</th>
+{}<th scope="col" class="number">Lost</th><th scope="col" class="number">Min</th><th scope="col" class="number">Mean</th>
 <th scope="col" class="number">p50</th><th scope="col" class="number">p99</th><th scope="col" class="number">p99.9</th>
 <th scope="col" class="number">Max</th><th scope="col" class="number">Max to deadline</th>
 <th scope="col" class="range">Min to max, p50, p99</th></tr></thead>
 )";
 
 // What the paper measured, beside it.
-std::string row_of(const PaperRow& paper) {
+std::string row_of(const PaperRow& paper, bool by_response) {
   const auto us = [](const auto& value) {
     return fmt::format("<td class=\"number\">{}</td>", microseconds(static_cast<double>(value) * 1e3));
   };
@@ -102,18 +103,23 @@ std::string row_of(const PaperRow& paper) {
   };
   constexpr const char* unknown = "<td class=\"number\">–</td>";
   return fmt::format("<tr class=\"paper\"><th scope=\"row\">paper’s {}</th>", escaped(paper.dds)) +
-         number(paper.messages) + number(paper.missed_deadlines) + number(paper.lost) + us(paper.min_us) +
-         us(paper.avg_us) + unknown + unknown + unknown + us(paper.max_us) + unknown + "<td></td></tr>\n";
+         number(paper.messages) + number(paper.missed_deadlines) + (by_response ? unknown : "") +
+         number(paper.lost) + us(paper.min_us) + us(paper.avg_us) + unknown + unknown + unknown +
+         us(paper.max_us) + unknown + "<td></td></tr>\n";
 }
 
 std::string table_of(const std::vector<std::vector<Shown>>& groups) {
-  std::string text = table_head;
+  bool by_response = false;
+  for (const auto& group : groups)
+    for (const auto& run : group) by_response = by_response || differs_by_response(*run.summary);
+  auto text =
+      fmt::format(table_head, by_response ? "<th scope=\"col\" class=\"number\">By response</th>\n" : "");
   std::size_t figure = 0;
   for (const auto& group : groups) {
-    text += fmt::format("<tbody>\n<tr><th scope=\"rowgroup\" colspan=\"12\"><span>{}</span></th></tr>\n",
-                        escaped(heading_of(*group.front().summary)));
-    for (const auto& run : group) text += row_of(run, figure++);
-    for (const auto& paper : paper_rows(group.front().summary->run.asked)) text += row_of(paper);
+    text += fmt::format("<tbody>\n<tr><th scope=\"rowgroup\" colspan=\"{}\"><span>{}</span></th></tr>\n",
+                        by_response ? 13 : 12, escaped(heading_of(*group.front().summary)));
+    for (const auto& run : group) text += row_of(run, figure++, by_response);
+    for (const auto& paper : paper_rows(group.front().summary->run.asked)) text += row_of(paper, by_response);
     text += "</tbody>\n";
   }
   return text + "</table>\n</div>\n";
@@ -163,7 +169,7 @@ Table parts_of(const std::vector<Shown>& group) {
   const auto cell = [](const statistics::Distribution& of) {
     if (of.count == 0) return std::string(nothing);
     const auto us = [](std::int64_t ns) { return microseconds(static_cast<double>(ns)); };
-    return us(of.p50) + " / " + us(of.p99) + " / " + us(of.max);
+    return percentile(of, of.p50, 2) + " / " + percentile(of, of.p99, 100) + " / " + us(of.max);
   };
   for (const auto& [summary, label] : group) {
     std::vector<std::string> row = {label, cell(summary->wake_up)};

@@ -28,8 +28,9 @@ Side side_of(const std::vector<Measured>& figures, double (*scale)(double)) {
   for (const auto& figure : figures) {
     const double value = scale(figure.value);
     const auto &low = figure.surer.low, &high = figure.surer.high;
-    side.below += low ? std::pow(value - scale(*low), 2) : infinite;
-    side.above += high ? std::pow(scale(*high) - value, 2) : infinite;
+    const double below = low ? value - scale(*low) : infinite, above = high ? scale(*high) - value : infinite;
+    side.below += below * below;
+    side.above += above * above;
     side.squares += std::pow(value - side.value, 2);
   }
   side.below = std::sqrt(side.below) / side.runs;

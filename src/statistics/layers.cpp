@@ -98,15 +98,13 @@ Measured measured_of(const std::vector<Summary>& summaries) {
   return all;
 }
 
-constexpr std::array varies = {"id",       "title",         "variant",      "adds_to", "repetition",
-                               "scenario", "scenario_file", "command_line", "ontime"};
 constexpr std::array a_layers_own = {"transport", "options", "component_transport", "component_options",
                                      "receive"};
 
 json conditions_of(const Summary& summary) {
-  if (!summary.run.asked.is_object()) return json::object();
-  auto conditions = summary.run.asked;
-  for (const auto* key : varies) conditions.erase(key);
+  auto conditions = record::conditions_of(summary.run.asked);
+  if (!conditions.is_object()) return json::object();
+  conditions.erase("id");
   for (const auto* key : a_layers_own) conditions.erase(key);
   return conditions;
 }

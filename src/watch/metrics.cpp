@@ -76,7 +76,7 @@ class Session : public std::enable_shared_from_this<Session> {
   }
 
   beast::tcp_stream stream_;
-  beast::flat_buffer buffer_{2 * longest_header};
+  beast::flat_buffer buffer_{std::size_t{2} * longest_header};
   http::request_parser<http::empty_body> parser_;
   http::response<http::string_body> response_;
   const Text text_;

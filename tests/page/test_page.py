@@ -127,6 +127,8 @@ class Page(unittest.TestCase):
             with self.subTest(run=run["run"]):
                 for name in ("sent", "late", "lost"):
                     self.assertEqual(shown[name], run[name])
+                if "late_by_response" in shown:
+                    self.assertEqual(shown["late_by_response"], run["late_by_response"])
                 for name in ("min", "mean", "p50", "p99", "p99.9", "max"):
                     self.assertEqual(shown[name], run["round_trip_us"][name])
         self.assertIn("of 12,000 messages missed the deadline of 10 ms, and 1", opened.text("h1"))

@@ -94,6 +94,18 @@ class Endings(Program):
         self.assertIn("load", out)
         self.assertIn(False, [host["load_running"] for host in self.report()[0]["hosts"].values()])
 
+    def test_a_ping_that_fails_shows_what_it_measured(self):
+        arguments = ["--transport", "udp", "--interface", "lo", "--domain", "78"]
+        self.start_ontime("pong", *arguments)
+        ping = self.start_ontime("ping", *arguments, "--peer", "127.0.0.1", "--duration", "1 h", "--results", self.results)
+        self.started(ping, lambda: self.samples_recorded() > 50)
+        children = subprocess.run(["ps", "--ppid", str(ping.pid), "-o", "pid="], capture_output=True, text=True).stdout.split()
+        os.kill(next(pid for pid in self.own("/ontime agent") if str(pid) in children), signal.SIGKILL)
+        out, error = ping.communicate(timeout=60)
+        self.assertEqual(ping.returncode, 3, error)
+        self.assertIn("Round trip", out)
+        self.assertIn("failed", out)
+
     def test_load_of_a_run_that_failed_is_not_the_next_ones(self):
         process = self.start_ontime("run", self.scenario("3 s", LOADED_FIRST, ["udp"]), "--results", self.results)
         self.started(process, lambda: self.samples_recorded() > 50 and len(self.load()) > 0)

@@ -170,6 +170,7 @@ class System(Program):
         broken.write_text("runs: 5\n")
         answer = self.run_ontime("scenarios", str(broken))
         self.assertIn("cannot be run", answer.stdout)
+        self.assertEqual(answer.returncode, 2)
         self.assertEqual(self.run_ontime("run", "no-such-thing").returncode, 2)
 
     # --- wrong input ---
@@ -201,8 +202,9 @@ class System(Program):
             (["ping", "--transport", "udp", "--peer", "127.0.0.1", "--timeout", "99999 h"], 2, "--timeout"),
             (["run", scenario, "--transports", "udp,foo"], 3, "foo"),
             (["ping"], 2, "transport"),
+            (["ping", "--transport", "udp", "--peer", "127.0.0.1", "--wait", "2000000 h"], 2, "--wait"),
             ([], 2, ""),
-            (["dance"], 2, ""),
+            (["dance"], 2, "there is no command 'dance'"),
         ]
         for arguments, code, word in cases:
             with self.subTest(arguments=arguments):
