@@ -96,12 +96,14 @@ class Endings(Program):
 
     def test_a_ping_that_fails_shows_what_it_measured(self):
         arguments = ["--transport", "udp", "--interface", "lo", "--domain", "78"]
-        self.start_ontime("pong", *arguments)
+        pong = self.start_ontime("pong", *arguments)
         ping = self.start_ontime("ping", *arguments, "--peer", "127.0.0.1", "--duration", "1 h", "--results", self.results)
         self.started(ping, lambda: self.samples_recorded() > 50)
         children = subprocess.run(["ps", "--ppid", str(ping.pid), "-o", "pid="], capture_output=True, text=True).stdout.split()
         os.kill(next(pid for pid in self.own("/ontime agent") if str(pid) in children), signal.SIGKILL)
         out, error = ping.communicate(timeout=60)
+        pong.send_signal(signal.SIGINT)
+        pong.communicate(timeout=30)
         self.assertEqual(ping.returncode, 3, error)
         self.assertIn("Round trip", out)
         self.assertIn("failed", out)
