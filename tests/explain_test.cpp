@@ -346,6 +346,13 @@ TEST_P(Explained, AThreadThatHadTheMessageAndSleptUntilAnotherWokeIt) {
   EXPECT_EQ(part.ns, 15 * ms - 30 * us);
 }
 
+TEST_P(Explained, OneThatSleepsAfterAMessageThatIsLostIsNotAccused) {
+  event(due + 5 * us, 0, Kind::waking, asks, 0, "0");
+  switched(due + 8 * us, 0, 0, "R", asks);
+  switched(sent + 20 * us, 0, asks, "S", 0);  // no packet of it was seen
+  EXPECT_EQ(first(message(lost())).cause, Cause::unknown);
+}
+
 TEST_P(Explained, WhoRanWhenATimerWokeAThreadIsNotAccused) {
   has_the_message();
   switched(sent + 30 * us, 1, answers, "S", 0);

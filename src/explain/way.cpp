@@ -351,9 +351,10 @@ std::vector<Part> Way::loss_of(const roundtrip::Sample& sample, std::int64_t unt
              back.received != nullptr)
       receiver(found, client_, back.received->at_ns, until_ns);
   }
-  // What let it go on soon is not what lost it.
+  // What let it go on soon is not what lost it; and one that sleeps may wait for the next.
   std::erase_if(found.parts, [&](const Part& part) {
-    return part.cause != Cause::dropped && part.ns < (until_ns - sample.sent_ns) / 2;
+    return part.cause == Cause::waited ||
+           (part.cause != Cause::dropped && part.ns < (until_ns - sample.sent_ns) / 2);
   });
   if (found.parts.empty()) found.parts.push_back({.stage = Stage::delivered, .end = server_.name});
   std::stable_sort(found.parts.begin(), found.parts.end(),
