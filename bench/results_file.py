@@ -20,11 +20,6 @@ CREATE TABLE note (run INTEGER NOT NULL, number INTEGER NOT NULL, at_ns INTEGER,
 CREATE TABLE trace (run INTEGER NOT NULL, message INTEGER NOT NULL, host TEXT NOT NULL, events TEXT NOT NULL,
   PRIMARY KEY (run, message, host));
 """
-TRACES = """
-CREATE TABLE trace (run INTEGER NOT NULL, message INTEGER NOT NULL, host TEXT NOT NULL, events TEXT NOT NULL,
-  PRIMARY KEY (run, message, host));
-PRAGMA user_version = 3;
-"""
 PERIOD_NS, DEADLINE_NS, TIMEOUT_NS = 10_000_000, 10_000_000, 500_000_000
 START_NS = 864_000_000_000_000  # a machine that has been up for ten days
 ON_TIME, LATE, LOST = range(3)
@@ -68,9 +63,7 @@ def write(path, runs, notes=(), traces=()):
                           None if outcome is None else json.dumps(outcome)))
             file.executemany(f"INSERT INTO sample VALUES ({', '.join('?' * 12)})", rows)
         file.executemany("INSERT INTO note VALUES (?, ?, ?, ?, ?, ?)", notes)
-        if traces:
-            file.executescript(TRACES)
-            file.executemany("INSERT INTO trace VALUES (?, ?, ?, ?)", ((*row[:3], json.dumps(row[3])) for row in traces))
+        file.executemany("INSERT INTO trace VALUES (?, ?, ?, ?)", ((*row[:3], json.dumps(row[3])) for row in traces))
         file.commit()
 
 

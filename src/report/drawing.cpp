@@ -186,15 +186,19 @@ class Drawing {
       case Cause::cpu:
       case Cause::throttled:
       case Cause::idle_cpu:
-        return state == State::ready;
+        return state == State::ready || state == State::comes;
       case Cause::stopped:
         return state == State::stopped;
+      case Cause::page_fault:
+      case Cause::lock:
+      case Cause::disk:
       case Cause::blocked:
         return state == State::blocked;
       case Cause::waited:
       case Cause::timer:
         return state == State::sleeps;
       case Cause::busy:
+        return state == State::runs || state == State::comes;
       case Cause::interrupts:
         return state == State::runs;
       default:
@@ -205,11 +209,9 @@ class Drawing {
   void add_threads(json& lanes, const std::string& end) {
     const auto* timeline = timeline_of(end);
     if (timeline == nullptr) return;
-    constexpr std::pair<State, Look> looks[] = {{State::ready, Look::ready},
-                                                {State::runs, Look::runs},
-                                                {State::stopped, Look::stopped},
-                                                {State::blocked, Look::blocked},
-                                                {State::sleeps, Look::sleeps}};
+    constexpr std::pair<State, Look> looks[] = {
+        {State::ready, Look::ready},     {State::comes, Look::ready},     {State::runs, Look::runs},
+        {State::stopped, Look::stopped}, {State::blocked, Look::blocked}, {State::sleeps, Look::sleeps}};
     for (const auto& thread : scene_.threads) {
       if (thread.end != end) continue;
       std::vector<Bar> bars;
@@ -237,21 +239,23 @@ class Drawing {
   }
 
   // Of whom the culprit's name is: where and while it held up a thread of ours, if that was one of ours.
-  bool accused(const std::string& name, Cause of, int cpu, std::int64_t from_ns, std::int64_t to_ns) const {
-    if (culprit_.cause != of || name != culprit_.culprit) return false;
+  bool accused(const std::string& name, std::initializer_list<Cause> of, int cpu, std::int64_t from_ns,
+               std::int64_t to_ns) const {
+    if (std::find(of.begin(), of.end(), culprit_.cause) == of.end() || name != culprit_.culprit) return false;
+    const bool anywhere = culprit_.cause == Cause::lock || culprit_.cause == Cause::waited;
     return held_up_.empty() || std::any_of(held_up_.begin(), held_up_.end(), [&](const auto& stretch) {
-             return stretch.cpu == cpu && stretch.from_ns < to_ns && stretch.to_ns > from_ns;
+             return (anywhere || stretch.cpu == cpu) && stretch.from_ns < to_ns && stretch.to_ns > from_ns;
            });
   }
 
   // Those on which our threads were, or were to be, and then those on which the culprit was.
   std::vector<int> cpus_of(const Timeline& timeline, const std::string& end) const {
-    std::map<int, std::int64_t> weight;
+    std::map<int, double> weight;
     for (const auto& thread : scene_.threads)
       if (thread.end == end || scene_.one_machine)
         for (const auto& stretch : timeline.of(thread.id, from_ns_, to_ns_))
           if (stretch.cpu >= 0 && stretch.state != State::sleeps)
-            weight[stretch.cpu] += 2 + stretch.length_ns();
+            weight[stretch.cpu] += 2 + static_cast<double>(stretch.length_ns());
     for (const auto& event : timeline.events())
       if (shown(event.at_ns)) ++weight[event.cpu];
     std::vector<int> cpus;
@@ -272,7 +276,8 @@ class Drawing {
       for (const auto& held : timeline->holders(cpu, from_ns_, to_ns_)) {
         if (held.thread.id == 0) continue;
         const auto* thread = ours(end, held.thread.id);
-        const bool culprit = here && accused(held.thread.name, Cause::cpu, cpu, held.from_ns, held.to_ns);
+        const bool culprit = here && accused(held.thread.name, {Cause::cpu, Cause::lock, Cause::waited}, cpu,
+                                             held.from_ns, held.to_ns);
         bars.push_back({held.from_ns, held.to_ns, thread != nullptr ? Look::ours : Look::other,
                         thread != nullptr ? (thread->end == "component" ? "pong " : "ping ") + thread->role
                                           : held.thread.name,
@@ -290,7 +295,7 @@ class Drawing {
     std::vector<Bar> bars;
     for (const auto& interrupt : timeline.interrupts(cpu, from_ns_, to_ns_)) {
       const bool culprit =
-          here && accused(interrupt.what, Cause::interrupts, cpu, interrupt.from_ns, interrupt.to_ns);
+          here && accused(interrupt.what, {Cause::interrupts}, cpu, interrupt.from_ns, interrupt.to_ns);
       bars.push_back({interrupt.from_ns, interrupt.to_ns,
                       interrupt.soft ? Look::soft_interrupt : Look::interrupt, interrupt.what, culprit});
     }

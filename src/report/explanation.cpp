@@ -142,6 +142,8 @@ const char* word_of(explain::State state) {
   switch (state) {
     case explain::State::ready:
       return "ready, waits for a CPU";
+    case explain::State::comes:
+      return "comes to its CPU, which is idle";
     case explain::State::runs:
       return "runs";
     case explain::State::stopped:

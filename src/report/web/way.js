@@ -107,6 +107,7 @@ class WayPlot {
       .text(label.length > 14 ? `${label.slice(0, 13)}…` : label).append("title").text(label);
     shown.append("rect").attr("class", "lane").attr("y", lane.y).attr("width", this.frame.width).attr("height", lane.height);
     const group = shown.append("g").attr("transform", `translate(0,${lane.y})`);
+    const drops = lane.bars.some(bar => BAR_LOOKS[bar[2]] === "dropped");  // whose names need the room
     for (const [from, to, look, name, culprit] of lane.bars) {
       const left = x(from), width = Math.max(x(to) - left, culprit ? 2 : 0.7), kind = BAR_LOOKS[look];
       const one = group.append("g").attr("class", `bar ${kind}${culprit ? " culprit" : ""}`);
@@ -121,7 +122,7 @@ class WayPlot {
       const rect = one.append("rect").attr("x", left).attr("width", width).attr("height", thin);
       if (lane.of === "thread" && (culprit || kind === "ready"))
         rect.attr("fill", `url(#${this.hatch}-${culprit ? "culprit" : "ready"})`);
-      if (thin === lane.height) this.inside(one, `${drawing.names[name]} ${time(to - from)}`, left, width, lane.height - 4) ||
+      if (thin === lane.height && !drops) this.inside(one, `${drawing.names[name]} ${time(to - from)}`, left, width, lane.height - 4) ||
         this.inside(one, drawing.names[name], left, width, lane.height - 4);
     }
   }
