@@ -233,12 +233,12 @@ TEST_F(ScenarioFile, HostsSayHowTheyAreReachedAndWhereTheEndLives) {
   EXPECT_THAT(hosts.controller.place, ElementsAre("ip", "netns", "exec", "left"));
   EXPECT_EQ(hosts.controller.program, "");
   EXPECT_EQ(hosts.controller.ssh, "");
-  EXPECT_EQ(hosts.component.ssh, "me@robot");
-  EXPECT_THAT(hosts.component.reach, ElementsAre("sudo", "-n"));
-  EXPECT_THAT(hosts.component.place, testing::IsEmpty());
-  EXPECT_EQ(hosts.component.program, "/opt/ontime/bin/ontime");
-  EXPECT_EQ(hosts.component.interface, "eth2");
-  EXPECT_EQ(hosts.component.address, "10.0.0.2");
+  EXPECT_EQ(hosts.at("component").ssh, "me@robot");
+  EXPECT_THAT(hosts.at("component").reach, ElementsAre("sudo", "-n"));
+  EXPECT_THAT(hosts.at("component").place, testing::IsEmpty());
+  EXPECT_EQ(hosts.at("component").program, "/opt/ontime/bin/ontime");
+  EXPECT_EQ(hosts.at("component").interface, "eth2");
+  EXPECT_EQ(hosts.at("component").address, "10.0.0.2");
 }
 
 TEST_F(ScenarioFile, HostsAreRefusedInWords) {

@@ -28,6 +28,7 @@ using test::set;
 using ::testing::ElementsAre;
 using ::testing::HasSubstr;
 using ::testing::IsEmpty;
+using ::testing::SizeIs;
 
 class Namespaces : public ::testing::Test {
  protected:
@@ -79,19 +80,20 @@ bool arrives(int fd) {
 TEST_F(Namespaces, TheFirstMessageArrivesAndNothingStays) {
   {
     journal::Journal journal;
-    const auto pair = join_namespaces(journal);
-    EXPECT_THAT(pair.controller.prefix, ElementsAre("ip", "netns", "exec", "ontime-controller"));
-    EXPECT_EQ(pair.component.name, "ontime-component");
-    for (const auto& end : {pair.controller, pair.component}) {
+    const auto ends = join_namespaces(journal);
+    ASSERT_THAT(ends, SizeIs(2));
+    EXPECT_THAT(ends[0].prefix, ElementsAre("ip", "netns", "exec", "ontime-controller"));
+    EXPECT_EQ(ends[1].name, "ontime-component");
+    for (const auto& end : ends) {
       EXPECT_LE(end.interface.size(), 15u);
       const auto shown = ip({"-netns", end.name, "-oneline", "address", "show", "dev", end.interface});
-      EXPECT_THAT(shown, HasSubstr(end.address + "/30"));
+      EXPECT_THAT(shown, HasSubstr(end.address + "/24"));
     }
-    const int controller = socket_in("ontime-controller", pair.controller.address);
+    const int controller = socket_in("ontime-controller", ends[0].address);
     const int component = socket_in("ontime-component", "0.0.0.0");
-    send_to(controller, pair.component.address);
+    send_to(controller, ends[1].address);
     EXPECT_TRUE(arrives(component));
-    send_to(component, pair.controller.address);
+    send_to(component, ends[0].address);
     EXPECT_TRUE(arrives(controller));
 
     const int discovery = socket_in("ontime-controller", "239.255.0.1");
@@ -105,10 +107,33 @@ TEST_F(Namespaces, TheFirstMessageArrivesAndNothingStays) {
   EXPECT_FALSE(exist());
 }
 
+TEST_F(Namespaces, OfSeveralComponentsAreOnOneWire) {
+  {
+    journal::Journal journal;
+    const auto ends = join_namespaces(journal, {"left_arm", "base"});
+    ASSERT_THAT(ends, SizeIs(3));
+    EXPECT_EQ(ends[1].name, "ontime-left-arm");
+    EXPECT_EQ(ends[0].interface, "to-components");
+    const int controller = socket_in(ends[0].name, ends[0].address);
+    for (const auto& other : {ends[1], ends[2]}) {
+      EXPECT_EQ(interface_to(other.address, ends[0].name), "to-components");
+      const int component = socket_in(other.name, "0.0.0.0");
+      send_to(controller, other.address);
+      EXPECT_TRUE(arrives(component)) << other.host;
+      send_to(component, ends[0].address);
+      EXPECT_TRUE(arrives(controller)) << other.host;
+      close(component);
+    }
+    close(controller);
+  }
+  for (const auto* name : {"ontime-controller", "ontime-left-arm", "ontime-base"})
+    EXPECT_FALSE(fs::exists(fs::path("/run/netns") / name)) << name;
+}
+
 TEST_F(Namespaces, HaveTheirInterfacesFoundByTheRoute) {
   journal::Journal journal;
-  const auto pair = join_namespaces(journal);
-  const auto &own = pair.controller, &other = pair.component;
+  const auto ends = join_namespaces(journal);
+  const auto &own = ends[0], &other = ends[1];
   EXPECT_EQ(interface_to(other.address, own.name), own.interface);
   EXPECT_EQ(interface_to(own.address, own.name), "lo") << "a machine sends so to itself";
   EXPECT_EQ(interface_of(own.address, own.name), own.interface);
@@ -136,7 +161,7 @@ TEST_F(Namespaces, SomebodyElsesIsLeftAlone) {
 }
 
 TEST_F(Namespaces, OfAKilledProcessAreTakenBack) {
-  test::Victim victim([](journal::Journal& journal) { return join_namespaces(journal).component.name; });
+  test::Victim victim([](journal::Journal& journal) { return join_namespaces(journal)[1].name; });
   ASSERT_EQ(victim.said(), "ontime-component");
   EXPECT_TRUE(exist());
   victim.kill_9();

@@ -62,31 +62,34 @@ class Suite {
     for (const auto& run : scenario.runs)
       if (run.faults.any()) machines_.check(run);
   }
-  json machines() const {
-    return {{"controller", machines_.machine("controller")}, {"component", machines_.machine("component")}};
+  json machines(const Run& run) const {
+    return {{"controller", machines_.machine("controller")}, {"component", machines_.machine(run.component)}};
   }
   Hosts::Kind kind() const { return machines_.hosts().kind; }
 
-  // Returns the exit code.
-  int carry_out(const Run& run, std::chrono::nanoseconds wait, const json& asked) {
-    const auto number = writer_.begin_run(asked);
+  // All at the same time. Returns the exit code.
+  int carry_out(const std::vector<Run>& runs, std::chrono::nanoseconds wait, const std::vector<json>& asked) {
+    Numbers numbers;
+    for (const auto& record : asked) numbers.push_back(writer_.begin_run(record));
     int code = 0;
     {
-      Session session(run, number, coordinator_, machines_, writer_, observer_, interrupts_);
+      Session session(runs, numbers, coordinator_, machines_, writer_, observer_, interrupts_);
       try {
-        const auto outcome = session.measure(wait);
-        if (outcome.contains("error")) {
-          failures_.note(run, outcome.at("error"));
-          code = 3;
+        const auto outcomes = session.measure(wait);
+        for (std::size_t i = 0; i < runs.size(); ++i) {
+          if (outcomes[i].contains("error")) {
+            failures_.note(runs[i], outcomes[i].at("error"));
+            code = 3;
+          }
+          writer_.end_run(numbers[i], outcomes[i]);
         }
-        writer_.end_run(number, outcome);
-        observer_.ends(agent::counters_of(outcome));
+        observer_.ends(session.counters());
       } catch (const orders::Interrupted&) {
-        writer_.end_run(number, {{"interrupted", true}});
+        for (const auto number : numbers) writer_.end_run(number, {{"interrupted", true}});
       } catch (const Error& error) {
-        code = failed(session, run, number, error.what(), error.exit);
+        code = failed(session, runs.front(), numbers, error.what(), error.exit);
       } catch (const json::exception& error) {  // answered, and not as it should be
-        code = failed(session, run, number,
+        code = failed(session, runs.front(), numbers,
                       fmt::format("an answer that this ontime does not understand ({}): install the same on "
                                   "both machines",
                                   error.what()),
@@ -105,11 +108,17 @@ class Suite {
   }
 
  private:
-  int failed(Session& session, const Run& run, std::int64_t number, const std::string& why, int exit) {
-    auto outcome = session.salvage();
-    outcome["error"] = why;
-    outcome["interrupted"] = interrupts_ > 0;
-    writer_.end_run(number, outcome);
+  using Numbers = std::vector<std::int64_t>;
+
+  // What ends one of those that run at the same time ends all: it was not measured what was asked for.
+  int failed(Session& session, const Run& run, const Numbers& numbers, const std::string& why, int exit) {
+    const auto outcomes = session.salvage();
+    for (std::size_t i = 0; i < numbers.size(); ++i) {
+      auto outcome = outcomes[i];
+      outcome["error"] = why;
+      outcome["interrupted"] = interrupts_ > 0;
+      writer_.end_run(numbers[i], outcome);
+    }
     failures_.note(run, why);
     return exit;
   }
@@ -157,6 +166,8 @@ json asked(const Traffic& traffic) {
 
 }  // namespace
 
+bool is_named(const Run& run) { return run.component != "component"; }
+
 json asked(const Run& run, const Hosts& hosts) {
   const auto& client = run.task.client;
   const auto& interface = run.task.config.interface;
@@ -173,11 +184,12 @@ json asked(const Run& run, const Hosts& hosts) {
       {"component_options",
        run.component_transport.empty() ? run.task.config.options : run.component_options},
       {"component_restart", run.component_restart ? json(true) : json()},
+      {"component", is_named(run) ? json(run.component) : json()},
       {"domain", run.task.config.domain},
       {"ping_topic", run.task.config.ping_topic},
       {"pong_topic", run.task.config.pong_topic},
       {"interface", or_null(interface.empty() ? hosts.controller.interface : interface)},
-      {"component_interface", or_null(hosts.component.interface)},
+      {"component_interface", or_null(hosts.at(run.component).interface)},
       {"payload_bytes", client.payload_bytes},
       {"period_us", microseconds(client.period)},
       {"deadline_us", microseconds(client.deadline)},
@@ -209,17 +221,25 @@ int execute(const Scenario& scenario, record::Writer& writer, Observer& observer
     suite.check(scenario);
     for (std::size_t i = 0; i < scenario.size() && code != 130; ++i) {
       const auto run = scenario.at(i);
-      auto record = asked(run, scenario.hosts);
-      record["scenario"] = scenario.text;
-      record["scenario_file"] = scenario.file;
-      record["hosts"] = word_of(suite.kind());
-      record["command_line"] = command_line;
-      if (done && done(record, suite.machines())) {
+      std::vector<Run> runs;
+      std::vector<json> records;
+      for (const auto& component : scenario.hosts.components) {
+        runs.push_back(with_component(run, component.name));
+        auto& record = records.emplace_back(asked(runs.back(), scenario.hosts));
+        record["scenario"] = scenario.text;
+        record["scenario_file"] = scenario.file;
+        record["hosts"] = word_of(suite.kind());
+        record["command_line"] = command_line;
+      }
+      const auto is_done = [&](std::size_t at) { return done(records[at], suite.machines(runs[at])); };
+      std::size_t known = 0;
+      while (done && known < runs.size() && is_done(known)) ++known;
+      if (known == runs.size()) {
         observer.passes_over(run);
         continue;
       }
       observer.begins(run);
-      code = std::max(code, suite.carry_out(run, wait_for_own_server, record));
+      code = std::max(code, suite.carry_out(runs, wait_for_own_server, records));
     }
     suite.close();
   } catch (const orders::Interrupted&) {
@@ -232,12 +252,13 @@ int ping(const Run& run, std::chrono::nanoseconds wait, record::Writer& writer, 
          Interrupts& interrupts, const json& command_line) {
   Suite suite(writer, observer, interrupts);
   try {
-    const Hosts alone{Hosts::Kind::alone, {}, {}, {}};
+    Hosts alone;
+    alone.kind = Hosts::Kind::alone;
     suite.prepare(alone);
     observer.begins(run);
     auto record = asked(run, alone);
     record["command_line"] = command_line;
-    const int code = suite.carry_out(run, wait, record);
+    const int code = suite.carry_out({run}, wait, {record});
     suite.close();
     return code;
   } catch (const orders::Interrupted&) {

@@ -74,7 +74,8 @@ struct Run {
   settings::Wishes kernel;          // of both machines
   std::string component_transport;  // empty: as the controller's, with its options
   std::map<std::string, std::string> component_options;
-  bool component_restart = false;  // if it dies while the controller measures
+  bool component_restart = false;       // if it dies while the controller measures
+  std::string component = "component";  // the name of the one that answers
 
   // What was said, of which complete() makes what `task` holds.
   std::optional<int> domain;  // nothing: what ROS_DOMAIN_ID says, or 0
@@ -100,6 +101,9 @@ bool is_option(const std::string& path);
 void set_option(Run&, const std::string& path, const std::string& value);
 // What only the whole of a run can tell: fills in what follows from other keys. Throws std::invalid_argument.
 void complete(Run&);
+// The same for the component of that name, where there are several: on topics of its own, /arm/ping for
+// /ping, if its transport has any. Throws std::invalid_argument.
+Run with_component(Run, const std::string& name);
 
 // Where the two ends are. `reach` and `place` are words put before a command, which run as a program, on this
 // machine or, where there is `ssh`, on that one.
@@ -114,11 +118,20 @@ struct Host {
 struct Hosts {
   // alone: the controller only, on this machine; somebody else serves
   enum class Kind { namespaces, loopback, stated, alone } kind = Kind::namespaces;
-  Host controller, component;  // filled in for `stated`
+  Host controller;  // filled in for `stated`, as are these
+  struct Component {
+    std::string name;
+    Host host;
+  };
+  std::vector<Component> components{{"component", {}}};  // that one, or those that were given names
+  const Host& at(const std::string& name) const;         // of the controller, or of a component
+  Host& at(const std::string& name);
   // Brought to hosts that are reached by ssh: this program, with these transports. Nothing: it is there.
   std::optional<std::set<std::string>> deploy;
 };
 nlohmann::json asked(const Run&, const Hosts&);  // the record's form of a run
+// Whether its component is one that was given a name.
+bool is_named(const Run&);
 
 struct Scenario {
   std::string file, text, title;
@@ -128,7 +141,8 @@ struct Scenario {
   bool interleaved =
       true;  // all runs once, then all again, so that a drift of the machine falls on all alike
 
-  // What is to be carried out, one after the other.
+  // What is to be carried out, one after the other; each at the same time between the controller and all
+  // components.
   std::size_t size() const noexcept { return runs.size() * static_cast<std::size_t>(repeat); }
   Run at(std::size_t number) const;
 };

@@ -6,6 +6,7 @@
 #include <filesystem>
 #include <fstream>
 #include <map>
+#include <set>
 #include <sstream>
 #include <system_error>
 #include <vector>
@@ -142,6 +143,20 @@ class Bounds final : public YAML::EventHandler {
 
 void fail_at(const std::string& file, const YAML::Mark& mark, const std::string& message) {
   throw Error(2, fmt::format("{}:{}:{}: {}", file, mark.line + 1, mark.column + 1, message));
+}
+
+std::string scalar_of(const std::string& file, const YAML::Node& node, const std::string& key) {
+  if (!node.IsScalar() || node.Scalar().empty()) fail_at(file, node.Mark(), key + ": a value is needed here");
+  return node.Scalar();
+}
+
+void once_each(const std::string& file, const YAML::Node& map) {
+  std::set<std::string> seen;
+  for (const auto& entry : map) {
+    if (!entry.first.IsScalar()) fail_at(file, entry.first.Mark(), "a key must be a word");
+    if (!seen.insert(entry.first.Scalar()).second)
+      fail_at(file, entry.first.Mark(), fmt::format("'{}' is there twice", entry.first.Scalar()));
+  }
 }
 
 std::string text_of(const std::string& file) {

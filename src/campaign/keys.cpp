@@ -83,10 +83,7 @@ std::string whole_topic(const Run& run, Text name) {
                      run.ros_namespace == "/" ? "" : run.ros_namespace, name);
 }
 
-void complete_topics(Run& run) {
-  auto& config = run.task.config;
-  config.ping_topic = whole_topic(run, run.ping_topic);
-  config.pong_topic = whole_topic(run, run.pong_topic);
+void check_topics(const transport::Config& config) {
   for (const auto& topic : {config.ping_topic, config.pong_topic})
     if (topic.size() > max_topic_length)
       throw std::invalid_argument(
@@ -95,6 +92,13 @@ void complete_topics(Run& run) {
   if (config.ping_topic == config.pong_topic)
     throw std::invalid_argument(
         fmt::format("topics.ping and topics.pong are both {}: name two", config.ping_topic));
+}
+
+void complete_topics(Run& run) {
+  auto& config = run.task.config;
+  config.ping_topic = whole_topic(run, run.ping_topic);
+  config.pong_topic = whole_topic(run, run.pong_topic);
+  check_topics(config);
 }
 
 // Every user of ROS 2 says the domain so, of its nodes and of what is to talk to them.
@@ -313,6 +317,17 @@ void set_option(Run& run, Text path, Text value) {
     run.component_options[path.substr(component_options_path.size())] = value;
   else
     run.task.config.options[path.substr(options_path.size())] = value;
+}
+
+Run with_component(Run run, const std::string& name) {
+  run.component = name;
+  if (!is_named(run)) return run;
+  run.variant += fmt::format("{}component {}", run.variant.empty() ? "" : ", ", name);
+  auto& config = run.task.config;
+  if (run.task.transport == "udp") return run;  // it has no topics: its pongs are told apart by address
+  for (auto* topic : {&config.ping_topic, &config.pong_topic}) topic->insert(topic->rfind('/'), "/" + name);
+  check_topics(config);
+  return run;
 }
 
 void complete(Run& run) {

@@ -19,7 +19,6 @@ namespace {
 using nlohmann::json;
 
 constexpr const char* controller = "controller";
-constexpr const char* component = "component";
 
 // Where an end lives, by the name that `ip netns` has for it; nothing: somewhere else.
 std::optional<std::string> network_namespace(const Host& host) {
@@ -52,6 +51,12 @@ std::vector<std::string> agent_command(const Host& host) {
   return words;
 }
 
+std::vector<std::string> names_of(const std::vector<Hosts::Component>& components) {
+  std::vector<std::string> names;
+  for (const auto& component : components) names.push_back(component.name);
+  return names;
+}
+
 // How a machine is reached, by which it is told from others.
 std::vector<std::string> way_to(const Host& host) {
   auto words = host.reach;
@@ -68,27 +73,31 @@ void Machines::prepare(const Hosts& stated) {
   machines_.clear();
   hosts_ = stated;
   if (hosts_.kind == Hosts::Kind::namespaces && !machine::may_join_namespaces()) {
+    if (hosts_.components.size() > 1)
+      throw Error(3,
+                  "components: no permission to make a network namespace for each: run as root (sudo ontime "
+                  "run …), or state where they are");
     observer_.note(
         "no permission to make network namespaces: the two ends are two processes on loopback instead. "
         "To have two \"machines\", run as root: sudo ontime run …");
     hosts_.kind = Hosts::Kind::loopback;
   }
   if (hosts_.kind == Hosts::Kind::loopback)
-    hosts_.controller = hosts_.component = {{}, {}, {}, {}, "lo", "127.0.0.1"};
+    hosts_.controller = hosts_.components.front().host = {{}, {}, {}, {}, "lo", "127.0.0.1"};
   add(controller, hosts_.controller);
-  if (hosts_.kind != Hosts::Kind::alone) add(component, hosts_.component);
+  if (hosts_.kind != Hosts::Kind::alone)
+    for (const auto& [name, host] : hosts_.components) add(name, host);
   for (auto& [reach, machine] : machines_) {
     const auto opened = ask(machine, "open", "opened");
     machine.description = opened.at("machine");
     if (machine.ssh && hosts_.deploy)
-      for (const auto& host : machine.hosts)
-        (host == controller ? hosts_.controller : hosts_.component).program = opened.at("program");
+      for (const auto& host : machine.hosts) hosts_.at(host).program = opened.at("program");
     tell(opened.at("notes"));
   }
   if (hosts_.kind != Hosts::Kind::namespaces) return;
-  const auto joined = ask(machines_.begin()->second, "join", "joined");
-  hosts_.controller = host_of(joined.at(controller));
-  hosts_.component = host_of(joined.at(component));
+  const auto joined =
+      ask(machines_.begin()->second, "join", "joined", {{"components", names_of(hosts_.components)}});
+  for (const auto& [name, host] : joined.at("hosts").items()) hosts_.at(name) = host_of(host);
 }
 
 void Machines::add(const std::string& host, const Host& where) {
@@ -115,9 +124,10 @@ void Machines::add(const std::string& host, const Host& where) {
   });
 }
 
-std::unique_ptr<Machines::Hand> Machines::start_agent(const std::string& host) const {
-  const auto& where = host == controller ? hosts_.controller : hosts_.component;
-  const auto name = "the agent of the " + host;
+std::unique_ptr<Machines::Hand> Machines::start_agent(const std::string& host,
+                                                      const std::string& whom) const {
+  const auto& where = hosts_.at(host);
+  const auto name = fmt::format("the agent of the {}{}", host, whom);
   auto command = agent_command(where);
   orders::Between between;
   if (const auto& ssh = machine_of(host).ssh) {
@@ -133,6 +143,13 @@ const Machines::Machine& Machines::machine_of(const std::string& host) const {
     return std::find(hosts.begin(), hosts.end(), host) != hosts.end();
   });
   return found->second;
+}
+
+// Who serves is ready before who asks.
+std::vector<std::string> Machines::from_who_serves() const {
+  auto names = names_of(hosts_.components);
+  names.emplace_back(controller);
+  return names;
 }
 
 bool Machines::lost() const {
@@ -152,13 +169,13 @@ void Machines::tune(const Run& run) {
   for (auto& [reach, machine] : machines_)
     for (const auto& host : machine.hosts) {
       const bool asks = host == controller;
-      const auto& where = asks ? hosts_.controller : hosts_.component;
+      const auto& where = hosts_.at(host);
       const auto netns = network_namespace(where);
       if (!netns)
         throw Error(2, "kernel.*: a place other than [ip, netns, exec, NAME] is not where a keeper can look");
       const json link = {{"interface", where.interface},
                          {"network_namespace", *netns},
-                         {"peer", asks ? without_port(hosts_.component.address) : ""},
+                         {"peer", asks ? without_port(hosts_.components.front().host.address) : ""},
                          {"address", without_port(where.address)}};
       const auto tuned =
           ask(machine, "tune", "tuned", {{"host", host}, {"link", link}, {"wishes", run.kernel}});
@@ -182,9 +199,10 @@ void Machines::check(const Run& run) {
         "link.*: on loopback there is no link whose faults would be these two ends' alone: say hosts: "
         "namespaces, "
         "as root");
-  for (const auto* host : {&hosts_.controller, &hosts_.component}) {
-    if (host->interface.empty()) fail("link.*: which link? Each of the hosts needs its interface");
-    if (!network_namespace(*host))
+  for (const auto& name : from_who_serves()) {
+    const auto& host = hosts_.at(name);
+    if (host.interface.empty()) fail("link.*: which link? Each of the hosts needs its interface");
+    if (!network_namespace(host))
       fail("link.*: a place other than [ip, netns, exec, NAME] could not be given back as it was");
   }
   for (auto& [reach, machine] : machines_)
@@ -195,7 +213,7 @@ void Machines::check(const Run& run) {
 
 // With faults, or with traffic, beside which the messages are to be counted.
 void Machines::link(const std::string& host, const Run& run) {
-  const auto& where = host == controller ? hosts_.controller : hosts_.component;
+  const auto& where = hosts_.at(host);
   const auto netns = network_namespace(where);
   if (!run.faults.any() && (ports_of(run.traffic).empty() || where.interface.empty() || !netns)) return;
   const auto answer = ask(machine_of(host), "link", "linked",
@@ -211,7 +229,7 @@ void Machines::link(const std::string& host, const Run& run) {
 void Machines::cut(const Cut& cut, std::function<void(std::int64_t at_ns)> told) {
   when_cut_ = std::move(told);
   const auto after = std::chrono::duration_cast<std::chrono::milliseconds>(cut.at);
-  for (const auto* host : {component, controller})
+  for (const auto& host : from_who_serves())
     ask(machine_of(host), "cut", "cutting",
         {{"host", host}, {"after_ms", after.count()}, {"for_ms", cut.length.count()}});
 }
@@ -224,14 +242,14 @@ void Machines::load(const Run& run) {
       if (workers.any()) ask(machine, "load", "loaded", {{"host", host}, {"load", keeper::to_json(workers)}});
     }
   if (hosts_.kind == Hosts::Kind::alone) return;
-  for (const auto* host : {component, controller})  // who serves is ready before who asks
+  for (const auto& host : from_who_serves())
     for (const auto& way : ways_of(run.traffic))
       ask(machine_of(host), "traffic", "flowing",
           {{"host", host},
            {"way", way},
            {"stream", keeper::to_json(stream_of(run.traffic, way, host, hosts_))}});
   // Only then: iperf3 begins with a datagram that it does not send again.
-  for (const auto* host : {component, controller}) link(host, run);
+  for (const auto& host : from_who_serves()) link(host, run);
 }
 
 json Machines::trace(WindowCame came) {

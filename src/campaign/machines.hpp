@@ -28,8 +28,9 @@ class Machines {
   bool lost() const;  // whether a keeper is
 
   bool by_ssh(const std::string& host) const { return machine_of(host).ssh != nullptr; }
-  // An agent where that host's end lives. Throws Error.
-  std::unique_ptr<Hand> start_agent(const std::string& host) const;
+  // An agent where that host's end lives, "the agent of the HOST" and what else there is to say of it. Throws
+  // Error.
+  std::unique_ptr<Hand> start_agent(const std::string& host, const std::string& whom) const;
 
   // Throws Error for a fault of the link that cannot be had here, by its name.
   void check(const Run&);
@@ -67,6 +68,7 @@ class Machines {
   };
   void warn(const Run&);
   const Machine& machine_of(const std::string& host) const;
+  std::vector<std::string> from_who_serves() const;
   void add(const std::string& host, const Host&);
   void link(const std::string& host, const Run&);
   void tell(const nlohmann::json& notes);

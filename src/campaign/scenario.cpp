@@ -8,10 +8,10 @@
 
 #include <fmt/format.h>
 #include <fmt/ranges.h>
-#include <net/if.h>
 
 #include "campaign/campaign.hpp"
 #include "campaign/document.hpp"
+#include "campaign/hosts.hpp"
 #include "gate/gate.hpp"
 
 namespace ontime::campaign {
@@ -38,15 +38,17 @@ class File {
     if (!root.IsMap())
       throw Error(2, scenario_.file + ": not a scenario: it has no keys (title, hosts, defaults, runs …)");
     Entries defaults;
-    std::optional<YAML::Node> runs, repeat;
-    once_each(root);
+    std::optional<YAML::Node> hosts, runs, repeat;
+    once_each(scenario_.file, root);
     for (const auto& entry : root) {
       const auto key = entry.first.Scalar();
       const auto& value = entry.second;
       if (key == "title")
         scenario_.title = scalar(value, key);
       else if (key == "hosts")
-        read_hosts(value);
+        hosts.emplace(value);
+      else if (key == "components")
+        components_.emplace(value);
       else if (key == "defaults")
         read_defaults(value, defaults);
       else if (key == "order")
@@ -56,18 +58,19 @@ class File {
       else if (key == "runs")
         runs.emplace(value);
       else
-        fail(
-            entry.first,
-            fmt::format("unknown key '{}'; a scenario has title, hosts, defaults, order, repeat, runs", key));
+        fail(entry.first,
+             fmt::format(
+                 "unknown key '{}'; a scenario has title, hosts, components, defaults, order, repeat, runs",
+                 key));
     }
     if (!runs || !runs->IsSequence() || runs->size() == 0)
       fail(runs.value_or(root), "runs: a list of runs is needed");
+    scenario_.hosts = hosts_of(scenario_.file, hosts, components_);
     for (const auto& run : *runs) read_run(run, defaults);
     check_only();
     if (repeat) read_repeat(*repeat);
     if (selection_.deploy) deploy();
-    if (selection_.explain)
-      for (auto& run : scenario_.runs) run.explain = true;
+    if (selection_.explain) explain();
     return std::move(scenario_);
   }
 
@@ -80,18 +83,7 @@ class File {
   }
 
   std::string scalar(const YAML::Node& node, const std::string& key) const {
-    if (!node.IsScalar() || node.Scalar().empty()) fail(node, key + ": a value is needed here");
-    return node.Scalar();
-  }
-
-  // YAML forbids it, yaml-cpp lets the last one win.
-  void once_each(const YAML::Node& map) const {
-    std::set<std::string> seen;
-    for (const auto& entry : map) {
-      if (!entry.first.IsScalar()) fail(entry.first, "a key must be a word");
-      if (!seen.insert(entry.first.Scalar()).second)
-        fail(entry.first, fmt::format("'{}' is there twice", entry.first.Scalar()));
-    }
+    return scalar_of(scenario_.file, node, key);
   }
 
   void read_defaults(const YAML::Node& node, Entries& defaults) const {
@@ -103,7 +95,7 @@ class File {
   void flatten(const YAML::Node& node, const std::string& prefix, Entries& entries) const {
     if (!node.IsMap())
       fail(node, prefix.empty() ? "keys and values are needed here" : prefix + ": a value is needed here");
-    once_each(node);
+    once_each(scenario_.file, node);
     for (const auto& entry : node) {
       const auto path = prefix + entry.first.Scalar();
       if (entry.second.IsMap()) {
@@ -138,99 +130,11 @@ class File {
     return fmt::format("; here may stand: {}", fmt::join(siblings, ", "));
   }
 
-  void read_hosts(const YAML::Node& node) {
-    auto& hosts = scenario_.hosts;
-    if (node.IsScalar()) {
-      if (node.Scalar() == "namespaces")
-        hosts.kind = Hosts::Kind::namespaces;
-      else if (node.Scalar() == "loopback")
-        hosts.kind = Hosts::Kind::loopback;
-      else
-        fail(node,
-             fmt::format(
-                 "hosts: '{}' is neither namespaces nor loopback, nor a map of controller and component",
-                 node.Scalar()));
-      return;
-    }
-    if (!node.IsMap()) fail(node, "hosts: namespaces, loopback, or a map of controller and component");
-    once_each(node);
-    hosts.kind = Hosts::Kind::stated;
-    for (const auto& entry : node) {
-      const auto name = entry.first.Scalar();
-      if (name == "controller")
-        hosts.controller = read_host(entry.second);
-      else if (name == "component")
-        hosts.component = read_host(entry.second);
-      else
-        fail(entry.first, fmt::format("hosts: unknown host '{}'; there are controller and component", name));
-    }
-    if (hosts.component.address.empty())
-      fail(node, "hosts: component.address is needed: where the controller finds it");
-  }
-
-  Host read_host(const YAML::Node& node) const {
-    const std::string keys = "a host has ssh, reach, place, program, interface, address";
-    if (!node.IsMap()) fail(node, keys);
-    once_each(node);
-    Host host;
-    for (const auto& entry : node) {
-      const auto key = entry.first.Scalar();
-      const auto& value = entry.second;
-      if (key == "ssh")
-        host.ssh = read_destination(value);
-      else if (key == "reach")
-        host.reach = read_words(value, key);
-      else if (key == "place")
-        host.place = read_words(value, key);
-      else if (key == "program")
-        host.program = scalar(value, key);
-      else if (key == "interface")
-        host.interface = read_interface(value);
-      else if (key == "address")
-        host.address = scalar(value, key);
-      else if (key == "prefix")
-        fail(entry.first,
-             "prefix is no more; say how to reach the machine, such as ssh: robot, and where on it "
-             "the "
-             "end lives, such as place: [ip, netns, exec, robot]");
-      else
-        fail(entry.first, fmt::format("unknown key '{}'; {}", key, keys));
-    }
-    return host;
-  }
-
-  std::string read_destination(const YAML::Node& node) const {
-    auto destination = scalar(node, "ssh");
-    const auto odd = [](unsigned char c) { return c <= ' ' || c == 0x7f; };
-    if (destination[0] == '-' || std::any_of(destination.begin(), destination.end(), odd))
-      fail(node,
-           fmt::format("ssh: '{}' is nothing that ssh connects to; say what you would type after \"ssh\": "
-                       "robot, user@host, ssh://user@host:port",
-                       destination));
-    return destination;
-  }
-
-  // What becomes a command is a list, so that nobody has to guess where a blank divides it.
-  std::vector<std::string> read_words(const YAML::Node& node, const std::string& key) const {
-    if (!node.IsSequence())
-      fail(node, fmt::format("{}: a list of words is needed, such as {}; they run as a program", key,
-                             key == "reach" ? "[sudo, -n]" : "[ip, netns, exec, robot]"));
-    std::vector<std::string> words;
-    for (const auto& word : node) words.push_back(scalar(word, key));
-    return words;
-  }
-
-  std::string read_interface(const YAML::Node& node) const {
-    auto name = scalar(node, "interface");
-    if (name.size() >= IFNAMSIZ || name.find_first_of("/: \t\n") != name.npos || name == "." || name == "..")
-      fail(node, fmt::format("interface: '{}' is no name that a network interface can have; see \"ip link\"",
-                             name));
-    return name;
-  }
-
   void deploy() {
     auto& hosts = scenario_.hosts;
-    if (hosts.controller.ssh.empty() && hosts.component.ssh.empty())
+    const auto is_here = [](const auto& component) { return component.host.ssh.empty(); };
+    if (hosts.controller.ssh.empty() &&
+        std::all_of(hosts.components.begin(), hosts.components.end(), is_here))
       throw Error(2,
                   fmt::format("--deploy brings ontime to hosts that are reached by ssh, and in {} there is "
                               "none (hosts: component: {{ssh: user@host …}})",
@@ -239,6 +143,14 @@ class File {
     for (const auto& run : scenario_.runs)
       hosts.deploy->insert({run.task.transport,
                             run.component_transport.empty() ? run.task.transport : run.component_transport});
+  }
+
+  void explain() {
+    if (components_)
+      throw Error(2, fmt::format("{} has several components, and --explain looks at the messages of one: "
+                                 "leave either out",
+                                 scenario_.file));
+    for (auto& run : scenario_.runs) run.explain = true;
   }
 
   bool read_order(const YAML::Node& node) const {
@@ -384,6 +296,7 @@ class File {
       const auto& [path, key, choices] = dimensions[i];
       const auto& choice = choices[at[i]];
       try {
+        if (components_) check_for_several(path);
         if (key == nullptr)
           set_option(run, path, choice.value);
         else
@@ -396,10 +309,21 @@ class File {
     }
     try {
       complete(run);
+      if (components_)
+        for (const auto& component : scenario_.hosts.components) with_component(run, component.name);
     } catch (const std::invalid_argument& error) {
       fail(node, fmt::format("run '{}': {}", id, error.what()));
     }
     return run;
+  }
+
+  // What is between two, or of one of them.
+  static void check_for_several(const std::string& path) {
+    for (const auto* prefix : {"link.", "traffic.", "explain"})
+      if (path.starts_with(prefix))
+        throw std::invalid_argument(
+            "this cannot be said of several components at once: leave it out, or "
+            "components");
   }
 
   void check_only() const {
@@ -417,6 +341,7 @@ class File {
 
   const Selection& selection_;
   Scenario scenario_;
+  std::optional<YAML::Node> components_;
   std::set<std::string> ids_;
   std::size_t held_ = 0;
 };

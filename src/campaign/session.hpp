@@ -1,67 +1,48 @@
 // SPDX-License-Identifier: Apache-2.0
-// One run, on agents that live just for it.
+// What is measured at one time: a run, or one for each of several components, on the same machines.
 #pragma once
 
 #include "campaign/campaign.hpp"
 #include "campaign/machines.hpp"
+#include "campaign/pair.hpp"
 #include "campaign/windows.hpp"
 
 namespace ontime::campaign {
 
 class Session {
  public:
-  // With hosts that are alone somebody else serves.
-  // What comes of it goes into the writer, as run `number`.
-  Session(const Run&, std::int64_t number, orders::Coordinator&, Machines&, record::Writer&, Observer&,
-          Interrupts&);
+  // What comes of each run goes into the writer, as the run of the same place in `numbers`.
+  Session(const std::vector<Run>&, const std::vector<std::int64_t>& numbers, orders::Coordinator&, Machines&,
+          record::Writer&, Observer&, Interrupts&);
   ~Session();
   Session(const Session&) = delete;
   Session& operator=(const Session&) = delete;
 
-  // Measures; returns the outcome for the record, in which "error" says what went wrong at last. Throws
+  // Measures; returns the outcomes for the record, in which "error" says what went wrong at last. Throws
   // Error or Interrupted; what was measured until then is in the writer, and salvage() has the counters.
-  nlohmann::json measure(std::chrono::nanoseconds wait);
-  // After an error: what the client counted, if it can still be asked.
-  nlohmann::json salvage() noexcept;
+  std::vector<nlohmann::json> measure(std::chrono::nanoseconds wait);
+  // After an error: what each client counted, if it can still be asked.
+  std::vector<nlohmann::json> salvage() noexcept;
+  roundtrip::Counters counters() const;  // of all runs together
 
  private:
-  using Hand = orders::Coordinator::Hand;
-  struct End {
-    std::string host;
-    std::unique_ptr<Hand> agent;
-    nlohmann::json opened, ended;
-  };
-  End open(const std::string& host, const agent::Task&);
-  void make_ready(End&, std::chrono::milliseconds patience);
-  void begin(End&);
-  std::vector<End*> ends();
-  void listen_to(Hand& client);
+  using Clock = std::chrono::steady_clock;
   void finish(std::chrono::nanoseconds patience);
-  bool may_restart_component() const;
-  void restart_component(const std::string& why);
-  nlohmann::json outcome();
+  bool restart_component(const std::string& why);
+  std::vector<nlohmann::json> outcomes();
   void await_windows();
-  void note_peers(const nlohmann::json& event);
-  void note_cut(std::int64_t at_ns);
 
-  const Run& run_;
-  const std::int64_t number_;
+  const Run& run_;  // the first: of what they have in common
   orders::Coordinator& coordinator_;
   Machines& machines_;
   record::Writer& writer_;
   Observer& observer_;
   Interrupts& interrupts_;
-  std::optional<End> controller_, component_;
-  std::chrono::nanoseconds wait_{0};
-  std::chrono::steady_clock::time_point started_, sampled_;  // sampled_: when samples came last
-  int pongs_ = 1;                                            // that answer
+  std::vector<std::unique_ptr<Pair>> pairs_;
+  Clock::time_point started_;
   bool measuring_ = false, stopped_ = false;
-  std::optional<nlohmann::json> finished_;
   std::optional<Windows> windows_;
   nlohmann::json traced_;
 };
-
-// The server's part of a run.
-agent::Task server_task(const Run&, const Host&);
 
 }  // namespace ontime::campaign

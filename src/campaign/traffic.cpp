@@ -63,11 +63,11 @@ std::vector<std::string> ways_of(const Traffic& traffic) {
 background::Stream stream_of(const Traffic& traffic, const std::string& way, const std::string& end,
                              const Hosts& hosts) {
   const bool serves = end == "component";
-  const auto& host = serves ? hosts.component : hosts.controller;
+  const auto& host = hosts.at(end);
   return {.place = host.place,
           .serves = serves,
           .receives = way == to_controller,
-          .address = without_port(hosts.component.address),
+          .address = without_port(hosts.at("component").address),
           .interface = host.interface,
           .port = first_port + (way == to_controller ? 1 : 0),
           .bits_per_s = traffic.bits_per_s,

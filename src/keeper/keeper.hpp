@@ -6,7 +6,8 @@
 //   order                 answer
 //   open   {}             opened {machine, notes, program}: what it is, what was given back of earlier
 //                         ontimes, where this program lies
-//   join   {}             joined {controller, component}: two namespaces, each {place, interface, address}
+//   join   {components}   joined {hosts}: namespaces, of the controller and of each component by its name,
+//                         {place, interface, address}
 //   tune   {host, link, wishes}  tuned {settings} of a host, all of them applied, until restore; or {error},
 //                         and nothing is changed
 //   restore {}            restored {notes}: what could not be given back

@@ -21,7 +21,7 @@ namespace {
 using namespace std::chrono_literals;
 using nlohmann::json;
 
-json end_of(const machine::NamespacePair::End& end) {
+json end_of(const machine::NamespaceEnd& end) {
   return {{"place", end.prefix}, {"interface", end.interface}, {"address", end.address}};
 }
 
@@ -35,9 +35,10 @@ class Keeper final : public orders::Worker {
       events_.tell("opened",
                    {{"machine", machine::describe()}, {"notes", notes}, {"program", orders::this_program()}});
     } else if (order == "join") {
-      const auto pair = machine::join_namespaces(journal_);
-      events_.tell("joined",
-                   {{"controller", end_of(pair.controller)}, {"component", end_of(pair.component)}});
+      auto hosts = json::object();
+      for (const auto& end : machine::join_namespaces(journal_, body.at("components")))
+        hosts[end.host] = end_of(end);
+      events_.tell("joined", {{"hosts", hosts}});
     } else if (order == "tune") {
       events_.tell("tuned", tuned_.apply(body));
     } else if (order == "restore") {

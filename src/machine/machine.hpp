@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// This machine: what it is, how busy it is, its clock, its interfaces and what went over them; and two
+// This machine: what it is, how busy it is, its clock, its interfaces and what went over them; and
 // "machines" made of one. Ordinary thread only.
 #pragma once
 
@@ -109,17 +109,19 @@ std::vector<std::string> shared_memory();
 // killed).
 std::optional<std::string> answer_of(const std::vector<std::string>& command, std::chrono::nanoseconds limit);
 
-// Two "machines" on one: network namespaces `ontime-controller` and `ontime-component`, joined by a veth
-// pair, each with an address of 198.18.0.0/30 (RFC 2544's range for benchmarks). Needs root; needs iproute2's
-// `ip`. Throws Error, or journal::Error if somebody else has a namespace of that name.
-struct NamespacePair {
-  struct End {
-    std::string name, interface, address;
-    std::vector<std::string> prefix;  // {"ip", "netns", "exec", name}
-  };
-  End controller, component;
+// "Machines" made of one: network namespaces `ontime-controller` and, of each component, `ontime-NAME`, each
+// with an address of 198.18.0.0/24 (RFC 2544's range for benchmarks). One component is joined to the
+// controller by a veth pair; several to a bridge, which is the controller's interface, as machines to a
+// switch. Needs root; needs iproute2's `ip`. Throws Error, or journal::Error if somebody else has a namespace
+// of that name.
+struct NamespaceEnd {
+  std::string host;  // "controller", or the component's name
+  std::string name, interface, address;
+  std::vector<std::string> prefix;  // {"ip", "netns", "exec", name}
 };
-NamespacePair join_namespaces(journal::Journal&);
+// The controller's first.
+std::vector<NamespaceEnd> join_namespaces(journal::Journal&,
+                                          const std::vector<std::string>& components = {"component"});
 // Whether this process may (CAP_SYS_ADMIN and CAP_NET_ADMIN).
 bool may_join_namespaces();
 

@@ -1,5 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
+#include <algorithm>
 #include <chrono>
+#include <iterator>
 #include <thread>
 
 #include <fmt/format.h>
@@ -19,24 +21,25 @@ using namespace std::chrono_literals;
 
 constexpr auto time_for_link = 10s;
 
-NamespacePair::End end(const std::string& name, const std::string& other, const std::string& address) {
-  const auto own = journal::own_prefix + name;
-  return {own, "to-" + other, address, {"ip", "netns", "exec", own}};
+NamespaceEnd end(const std::string& host, const std::string& other, std::size_t number) {
+  auto own = journal::own_prefix + host;
+  std::replace(own.begin(), own.end(), '_', '-');
+  return {host, own, "to-" + other, fmt::format("198.18.0.{}", number), {"ip", "netns", "exec", own}};
 }
 
-void configure(const NamespacePair::End& end) {
+void configure(const NamespaceEnd& end) {
   const auto inside = [&](std::vector<std::string> arguments) {
     arguments.insert(arguments.begin(), {"-netns", end.name});
     ip(arguments);
   };
-  inside({"address", "add", end.address + "/30", "dev", end.interface});
+  inside({"address", "add", end.address + "/24", "dev", end.interface});
   inside({"link", "set", "lo", "up"});
   inside({"link", "set", end.interface, "up"});
   // For programs that join a multicast group, as DDS discovery does, and name no interface.
   inside({"route", "add", "224.0.0.0/4", "dev", end.interface});
 }
 
-void wait_until_up(const NamespacePair::End& end) {
+void wait_until_up(const NamespaceEnd& end) {
   const auto limit = std::chrono::steady_clock::now() + time_for_link;
   while (ip({"-netns", end.name, "-oneline", "link", "show", end.interface}).find(" state UP ") ==
          std::string::npos) {
@@ -56,22 +59,29 @@ bool may_join_namespaces() {
          realtime::has_capability(status, CAP_NET_ADMIN);
 }
 
-NamespacePair join_namespaces(journal::Journal& journal) {
+std::vector<NamespaceEnd> join_namespaces(journal::Journal& journal,
+                                          const std::vector<std::string>& components) {
   if (!may_join_namespaces())
     throw Error(
-        "two network namespaces were asked for, which this process may not make: run as root (in a "
-        "container, with the capabilities SYS_ADMIN and NET_ADMIN), or run both ends on loopback");
-  NamespacePair pair{end("controller", "component", "198.18.0.1"),
-                     end("component", "controller", "198.18.0.2")};
-  journal::add_namespace(journal, pair.controller.name);
-  journal::add_namespace(journal, pair.component.name);
-  ip({"link", "add", pair.controller.interface, "netns", pair.controller.name, "type", "veth", "peer", "name",
-      pair.component.interface, "netns", pair.component.name});
-  configure(pair.controller);
-  configure(pair.component);
-  wait_until_up(pair.controller);
-  wait_until_up(pair.component);
-  return pair;
+        "network namespaces were asked for, which this process may not make: run as root (in a container, "
+        "with the capabilities SYS_ADMIN and NET_ADMIN), or run both ends on loopback");
+  const bool several = components.size() > 1;
+  std::vector<NamespaceEnd> ends{end("controller", several ? "components" : components.at(0), 1)};
+  for (const auto& component : components) ends.push_back(end(component, "controller", ends.size() + 1));
+  for (const auto& end : ends) journal::add_namespace(journal, end.name);
+  const auto& controller = ends.front();
+  if (several)  // that floods groups as a plain switch does: who knows of none must not lose discovery
+    ip({"-netns", controller.name, "link", "add", controller.interface, "type", "bridge", "mcast_snooping",
+        "0"});
+  for (auto component = std::next(ends.begin()); component != ends.end(); ++component) {
+    const auto leg = "to-" + component->host;
+    ip({"link", "add", leg, "netns", controller.name, "type", "veth", "peer", "name", component->interface,
+        "netns", component->name});
+    if (several) ip({"-netns", controller.name, "link", "set", leg, "master", controller.interface, "up"});
+  }
+  for (const auto& end : ends) configure(end);
+  for (const auto& end : ends) wait_until_up(end);
+  return ends;
 }
 
 }  // namespace ontime::machine

@@ -155,10 +155,20 @@ std::string interfaces(const json& asked) {
   return names.empty() ? "" : "over " + join(names, " and ");
 }
 
+// Where there are several components, the name of each is in its topics; it is told by itself.
 void add_topics(std::vector<Phrase>& phrases, const json& asked) {
-  const auto &ping = at(asked, "ping_topic"), &pong = at(asked, "pong_topic");
-  if (ping.is_null() || pong.is_null() || (ping == "/ping" && pong == "/pong")) return;
-  phrases.push_back({"topics", fmt::format("topics {} and {}", word(ping), word(pong))});
+  if (at(asked, "ping_topic").is_null() || at(asked, "pong_topic").is_null()) return;
+  const auto& component = at(asked, "component");
+  const auto topic = [&](const char* key) {
+    auto name = word(at(asked, key));
+    const auto own = fmt::format("/{}/", word(component));
+    if (const auto place = component.is_null() ? name.npos : name.rfind(own); place != name.npos)
+      name.erase(place, own.size() - 1);
+    return name;
+  };
+  const auto ping = topic("ping_topic"), pong = topic("pong_topic");
+  if (ping != "/ping" || pong != "/pong")
+    phrases.push_back({"topics", fmt::format("topics {} and {}", ping, pong)});
 }
 
 // The conditions of a run in words, each for itself; nothing of what its record does not say.
@@ -188,6 +198,7 @@ std::vector<Phrase> phrases_of(const Summary& summary) {
   add_options(phrases, summary);
   if (const auto& domain = at(asked, "domain"); domain != 0) add("domain", domain, "domain " + word(domain));
   add_topics(phrases, asked);
+  add("component", at(asked, "component"), "component " + word(at(asked, "component")));
   add("interface", at(asked, "interface"), interfaces(asked));
   add("duration", at(asked, "duration_s"), seconds(at(asked, "duration_s")));
   add("load", at(asked, "load"), load(asked));

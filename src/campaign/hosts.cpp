@@ -1,0 +1,185 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "campaign/hosts.hpp"
+
+#include <algorithm>
+
+#include <fmt/format.h>
+#include <net/if.h>
+
+#include "campaign/document.hpp"
+
+namespace ontime::campaign {
+namespace {
+
+constexpr std::size_t most_components = 32;
+constexpr std::size_t longest_name = 12;  // "to-NAME" is an interface
+
+class HostsOfFile {
+ public:
+  explicit HostsOfFile(const std::string& file) : file_(file) {}
+
+  void read(const YAML::Node& node, bool names_components) {
+    if (node.IsScalar()) return read_kind(node);
+    if (!node.IsMap()) fail(node, "hosts: namespaces, loopback, or a map of controller and component");
+    once_each(file_, node);
+    hosts_.kind = Hosts::Kind::stated;
+    auto& component = hosts_.components.front().host;
+    for (const auto& entry : node) {
+      const auto name = entry.first.Scalar();
+      if (name == "controller")
+        hosts_.controller = host_of(entry.second);
+      else if (name == "component" && !names_components)
+        component = host_of(entry.second);
+      else if (name == "component")
+        fail(entry.first,
+             "hosts: a component is stated here, and components are named beside; state all there");
+      else
+        fail(entry.first, fmt::format("hosts: unknown host '{}'; there are controller and component", name));
+    }
+    if (component.address.empty() && !names_components)
+      fail(node, "hosts: component.address is needed: where the controller finds it");
+  }
+
+  // A list of names, or a map of name and host where hosts are stated.
+  void read_components(const YAML::Node& node) {
+    const bool stated = hosts_.kind == Hosts::Kind::stated;
+    if (hosts_.kind == Hosts::Kind::loopback)
+      fail(node,
+           "components: on loopback there is one; several are machines of their own (hosts: namespaces)");
+    if (stated ? !node.IsMap() : !node.IsSequence())
+      fail(node, stated ? "components: with hosts that are stated, a map of names and hosts is needed: "
+                          "{arm: {address: …}, base: {address: …}}"
+                        : "components: a list of names is needed, such as [arm, base]; where each is can be "
+                          "said with hosts: {controller: …}");
+    hosts_.components.clear();
+    if (stated) once_each(file_, node);
+    for (const auto& entry : node) {
+      const auto& name = stated ? entry.first : entry;
+      hosts_.components.push_back({name_of(name), stated ? host_of(entry.second) : Host{}});
+      if (stated && hosts_.components.back().host.address.empty())
+        fail(name,
+             fmt::format("components: {}.address is needed: where the controller finds it", name.Scalar()));
+    }
+    if (hosts_.components.empty() || hosts_.components.size() > most_components)
+      fail(node, fmt::format("components: {} are named; there may be 1 to {}", hosts_.components.size(),
+                             most_components));
+  }
+
+  Hosts take() { return std::move(hosts_); }
+
+ private:
+  [[noreturn]] void fail(const YAML::Node& node, const std::string& message) const {
+    fail_at(file_, node.Mark(), message);
+  }
+
+  void read_kind(const YAML::Node& node) {
+    if (node.Scalar() != "namespaces" && node.Scalar() != "loopback")
+      fail(node, fmt::format(
+                     "hosts: '{}' is neither namespaces nor loopback, nor a map of controller and component",
+                     node.Scalar()));
+    hosts_.kind = node.Scalar() == "loopback" ? Hosts::Kind::loopback : Hosts::Kind::namespaces;
+  }
+
+  // It becomes part of a topic, of an interface's name and of a network namespace's.
+  std::string name_of(const YAML::Node& node) const {
+    auto name = scalar_of(file_, node, "components");
+    const auto plain = [](char c) { return (c >= 'a' && c <= 'z') || (c >= '0' && c <= '9') || c == '_'; };
+    if (name.size() > longest_name || !std::all_of(name.begin(), name.end(), plain) || name[0] < 'a')
+      fail(node,
+           fmt::format("components: '{}' is no name of at most {} lower case letters, digits and _ that "
+                       "begins with a letter",
+                       name, longest_name));
+    for (const auto* taken : {"controller", "component", "components"})
+      if (name == taken)
+        fail(node, fmt::format("components: '{}' has a meaning already; take another name", name));
+    const auto same = [&](const auto& component) { return component.name == name; };
+    if (std::any_of(hosts_.components.begin(), hosts_.components.end(), same))
+      fail(node, fmt::format("components: '{}' is there twice", name));
+    return name;
+  }
+
+  Host host_of(const YAML::Node& node) const {
+    const std::string keys = "a host has ssh, reach, place, program, interface, address";
+    if (!node.IsMap()) fail(node, keys);
+    once_each(file_, node);
+    Host host;
+    for (const auto& entry : node) {
+      const auto key = entry.first.Scalar();
+      const auto& value = entry.second;
+      if (key == "ssh")
+        host.ssh = read_destination(value);
+      else if (key == "reach")
+        host.reach = read_words(value, key);
+      else if (key == "place")
+        host.place = read_words(value, key);
+      else if (key == "program")
+        host.program = scalar_of(file_, value, key);
+      else if (key == "interface")
+        host.interface = read_interface(value);
+      else if (key == "address")
+        host.address = scalar_of(file_, value, key);
+      else if (key == "prefix")
+        fail(entry.first,
+             "prefix is no more; say how to reach the machine, such as ssh: robot, and where on it "
+             "the "
+             "end lives, such as place: [ip, netns, exec, robot]");
+      else
+        fail(entry.first, fmt::format("unknown key '{}'; {}", key, keys));
+    }
+    return host;
+  }
+
+  std::string read_destination(const YAML::Node& node) const {
+    auto destination = scalar_of(file_, node, "ssh");
+    const auto odd = [](unsigned char c) { return c <= ' ' || c == 0x7f; };
+    if (destination[0] == '-' || std::any_of(destination.begin(), destination.end(), odd))
+      fail(node,
+           fmt::format("ssh: '{}' is nothing that ssh connects to; say what you would type after \"ssh\": "
+                       "robot, user@host, ssh://user@host:port",
+                       destination));
+    return destination;
+  }
+
+  // What becomes a command is a list, so that nobody has to guess where a blank divides it.
+  std::vector<std::string> read_words(const YAML::Node& node, const std::string& key) const {
+    if (!node.IsSequence())
+      fail(node, fmt::format("{}: a list of words is needed, such as {}; they run as a program", key,
+                             key == "reach" ? "[sudo, -n]" : "[ip, netns, exec, robot]"));
+    std::vector<std::string> words;
+    for (const auto& word : node) words.push_back(scalar_of(file_, word, key));
+    return words;
+  }
+
+  std::string read_interface(const YAML::Node& node) const {
+    auto name = scalar_of(file_, node, "interface");
+    if (name.size() >= IFNAMSIZ || name.find_first_of("/: \t\n") != name.npos || name == "." || name == "..")
+      fail(node, fmt::format("interface: '{}' is no name that a network interface can have; see \"ip link\"",
+                             name));
+    return name;
+  }
+
+  const std::string& file_;
+  Hosts hosts_;
+};
+
+template <typename Any>
+auto& find(Any& hosts, const std::string& name) {
+  if (name == "controller") return hosts.controller;
+  const auto is_it = [&](const auto& component) { return component.name == name; };
+  return std::find_if(hosts.components.begin(), hosts.components.end(), is_it)->host;
+}
+
+}  // namespace
+
+const Host& Hosts::at(const std::string& name) const { return find(*this, name); }
+Host& Hosts::at(const std::string& name) { return find(*this, name); }
+
+Hosts hosts_of(const std::string& file, const std::optional<YAML::Node>& hosts,
+               const std::optional<YAML::Node>& components) {
+  HostsOfFile found(file);
+  if (hosts) found.read(*hosts, components.has_value());
+  if (components) found.read_components(*components);
+  return found.take();
+}
+
+}  // namespace ontime::campaign

@@ -1,0 +1,18 @@
+// SPDX-License-Identifier: Apache-2.0
+// Where the ends are, as a scenario says it.
+#pragma once
+
+#include <optional>
+
+#include <yaml-cpp/yaml.h>
+
+#include "campaign/campaign.hpp"
+
+namespace ontime::campaign {
+
+// Of a scenario's `hosts` and `components`, as far as they are there. Throws Error{2} with file, line and
+// column.
+Hosts hosts_of(const std::string& file, const std::optional<YAML::Node>& hosts,
+               const std::optional<YAML::Node>& components);
+
+}  // namespace ontime::campaign

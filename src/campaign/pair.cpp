@@ -1,0 +1,235 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "campaign/pair.hpp"
+
+#include <fmt/format.h>
+
+#include "campaign/link.hpp"
+
+namespace ontime::campaign {
+namespace {
+
+using nlohmann::json;
+
+agent::Task client_task(const Run& run, const Host& host, const std::optional<Host>& component) {
+  auto task = run.task;
+  task.config.role = transport::Role::client;
+  task.config.max_payload_bytes = task.client.payload_bytes;
+  if (!host.interface.empty()) task.config.interface = host.interface;
+  if (component) task.config.peers = {component->address};
+  return task;
+}
+
+// What the client saw of who answers, once that has changed.
+record::Note note_of_peers(const json& event, int before) {
+  const int now = event.at("writers");
+  record::Note note{now < before ? "peer-left"
+                    : now > 1    ? "second-pong"
+                                 : "peer-came",
+                    "",
+                    event.at("at_ns"),
+                    {}};
+  if (now == 0)
+    note.text = "pong left: nobody answers";
+  else if (now > 1)
+    note.text = fmt::format("{} pongs answer: each ping has as many answers, and the first counts", now);
+  else
+    note.text = now < before ? "a pong left, one answers" : "pong came back";
+  return note;
+}
+
+}  // namespace
+
+agent::Task server_task(const Run& run, const Host& host) {
+  auto task = run.task;
+  task.config.role = transport::Role::server;
+  if (task.config.max_payload_bytes == 0) task.config.max_payload_bytes = task.client.payload_bytes;
+  if (!host.interface.empty()) task.config.interface = host.interface;
+  if (!run.component_transport.empty()) {
+    task.transport = run.component_transport;
+    task.config.options = run.component_options;
+  }
+  return task;
+}
+
+Pair::Pair(const Run& run, std::int64_t number, orders::Coordinator& coordinator, const Machines& machines,
+           record::Writer& writer, Observer& observer, Told told)
+    : run_(run),
+      number_(number),
+      coordinator_(coordinator),
+      machines_(machines),
+      writer_(writer),
+      observer_(observer),
+      told_(std::move(told)) {}
+
+// Of the client alone: a component that would say how well it was heard is not asked.
+void Pair::listen_to(Hand& client) {
+  using orders::Frame;
+  client.on("samples", [this](const Frame& frame) {
+    const auto samples = agent::samples_of(frame.bytes);
+    writer_.append(number_, samples);
+    told_.samples(samples);
+    sampled_ = Clock::now();
+  });
+  client.on("progress", [this](const Frame& frame) {
+    counters_ = agent::counters_of(frame.message.at("counters"));
+    told_.progress();
+  });
+  client.on("peer", [this](const Frame& frame) { note_peers(frame.message); });
+  client.on("finished", [this](const Frame& frame) {
+    finished_ = frame.message.at("counters");
+    counters_ = agent::counters_of(*finished_);
+    if (const std::uint64_t bytes = frame.message.at("waited_bytes"); bytes > 0)
+      writer_.note(number_, {"samples-waited",
+                             fmt::format("{:.1f} kB of samples waited at the controller for the end, because "
+                                         "ssh may take the link under test",
+                                         static_cast<double>(bytes) / 1e3),
+                             {},
+                             {}});
+  });
+}
+
+void Pair::note_peers(const json& event) {
+  const int now = event.at("writers");
+  if (now == pongs_) return;  // somebody who only listens came or went
+  const auto note = note_of_peers(event, pongs_);
+  pongs_ = now;
+  writer_.note(number_, note);
+  observer_.note(note.text);
+}
+
+void Pair::note_cut(std::int64_t at_ns) {
+  const auto length = run_.cut->length;
+  writer_.note(number_, {"link-cut", fmt::format("the link was cut, for {} ms", length.count()), at_ns, {}});
+  writer_.note(number_,
+               {"link-back", "the link was back", at_ns + std::chrono::nanoseconds(length).count(), {}});
+}
+
+Pair::End Pair::open(const std::string& host, const agent::Task& task) {
+  const bool asks = task.config.role == transport::Role::client;
+  const auto whom = asks && is_named(run_) ? " for " + run_.component : "";
+  End end{host, asks ? "controller" : "component", machines_.start_agent(host, whom), {}, {}};
+  if (asks) listen_to(*end.agent);
+  const bool by_ssh = machines_.by_ssh(host);
+  end.agent->order("open", {{"task", task}, {"ssh", by_ssh}});
+  end.opened = coordinator_.await(*end.agent, "opened", patience, measuring_ ? 1 : 0);
+  if (const auto text = note_of_ssh_link(host, end.opened.at("ssh_link")); !text.empty())
+    writer_.note(number_, {"ssh-link", text, {}, {}});
+  return end;
+}
+
+void Pair::make_ready(End& end, std::chrono::milliseconds longest) {
+  end.agent->order("start", {{"wait_ns", wait_.count()}});
+  coordinator_.await(*end.agent, "ready", longest, measuring_ ? 1 : 0);
+}
+
+void Pair::begin(End& end) {
+  end.agent->order("begin");
+  coordinator_.await(*end.agent, "begun", patience, measuring_ ? 1 : 0);
+}
+
+std::vector<Pair::End*> Pair::ends() {
+  std::vector<End*> there;
+  for (auto* end : {&component_, &controller_})  // who answers is ready before who asks
+    if (*end) there.push_back(&**end);
+  return there;
+}
+
+void Pair::open() {
+  const auto& hosts = machines_.hosts();
+  std::optional<Host> served;
+  if (hosts.kind != Hosts::Kind::alone) {
+    served = hosts.at(run_.component);
+    component_ = open(run_.component, server_task(run_, *served));
+  }
+  controller_ = open("controller", client_task(run_, hosts.controller, served));
+}
+
+void Pair::make_ready(std::chrono::nanoseconds wait) {
+  wait_ = wait;
+  const auto warm_up = run_.task.client.period * static_cast<std::int64_t>(run_.task.client.warm_up);
+  const auto longest = patience + std::chrono::ceil<std::chrono::milliseconds>(2 * wait + warm_up);
+  for (auto* end : ends()) make_ready(*end, longest);
+}
+
+void Pair::begin() {
+  for (auto* end : ends()) begin(*end);
+}
+
+void Pair::go() {
+  measuring_ = true;
+  controller_->agent->order("go");
+  if (const auto& link = controller_->opened.at("ssh_link"); !link.is_null() && link.at("shared").get<bool>())
+    writer_.note(
+        number_,
+        {"samples-wait", "its samples come at its end, for ssh may take the link under test", {}, {}});
+}
+
+void Pair::stop() {
+  if (!over()) controller_->agent->order("stop");
+}
+
+bool Pair::over() const { return finished_ || !measuring_ || controller_->agent->lost(); }
+
+bool Pair::overdue(Clock::time_point until) const {
+  return !over() && Clock::now() > std::max(until, sampled_ + patience);
+}
+
+void Pair::end() {
+  for (auto* end : ends()) {
+    end->agent->order("end");
+    end->ended = coordinator_.await(*end->agent, "ended", patience, 1);
+  }
+}
+
+json Pair::outcome(const Machines::Account& account) const {
+  auto outcome = finished_.value_or(json::object());
+  for (const auto* end : {&component_, &controller_}) {
+    if (!*end) continue;
+    const auto& of_host = (*end)->host;
+    auto host = (*end)->ended;
+    host.erase("event");
+    host["machine"] = account.machine.at(of_host);
+    host["transport"] = (*end)->opened.at("transport");
+    host["transport"]["facts"] = host.at("facts");
+    host.erase("facts");
+    host["ssh_link"] = (*end)->opened.at("ssh_link");
+    host["load_running"] = account.load_running.at(of_host);
+    const auto& counted = account.links.at(of_host);
+    if (!host.at("link").is_null() && !counted.is_null()) host.at("link").update(counted);
+    if (const auto& kernel = account.kernel.at(of_host); !kernel.is_null()) host["kernel"] = kernel;
+    outcome["conditions"][(*end)->role] = account.conditions.at(of_host);
+    outcome["hosts"][(*end)->role] = std::move(host);
+  }
+  return outcome;
+}
+
+bool Pair::restart_component(const std::string& why) {
+  if (!run_.component_restart || !component_ || !component_->agent->lost() || over()) return false;
+  const auto& controller = machines_.hosts().controller;
+  const auto note = [&](const char* kind, const std::string& text) {
+    // Our clock is the controller's where it is on this machine.
+    std::optional<std::int64_t> at_ns;
+    if (controller.ssh.empty() && controller.reach.empty()) at_ns = Clock::now().time_since_epoch().count();
+    writer_.note(number_, {kind, text, at_ns, {}});
+    observer_.note(text);
+  };
+  note("component-gone", why + "; it is started again");
+  const auto gone = Clock::now();
+  component_.reset();
+  ++pongs_;  // DDS counts the one that died until its lease is over
+  component_ = open(run_.component, server_task(run_, machines_.hosts().at(run_.component)));
+  make_ready(*component_, patience);
+  begin(*component_);
+  note("component-back", fmt::format("the component's end was there again after {:.3f} s; what is said of "
+                                     "its threads and losses is from then on",
+                                     std::chrono::duration<double>(Clock::now() - gone).count()));
+  return true;
+}
+
+void Pair::abandon() {
+  if (over()) return;
+  component_.reset();  // there may be nobody left to answer: what is in flight is lost
+  stop();
+}
+
+}  // namespace ontime::campaign

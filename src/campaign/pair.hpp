@@ -1,0 +1,78 @@
+// SPDX-License-Identifier: Apache-2.0
+// The two ends of one run, on agents that live just for it: the controller's, which asks, and a component's.
+#pragma once
+
+#include "campaign/campaign.hpp"
+#include "campaign/machines.hpp"
+
+namespace ontime::campaign {
+
+class Pair {
+ public:
+  // What is told of while the client measures, in the loop.
+  struct Told {
+    std::function<void(std::span<const roundtrip::Sample>)> samples;
+    std::function<void()> progress;
+  };
+  // With hosts that are alone somebody else serves. Samples and notes go into the writer, as run `number`.
+  Pair(const Run&, std::int64_t number, orders::Coordinator&, const Machines&, record::Writer&, Observer&,
+       Told);
+
+  // Each once, in this order. All throw Error.
+  void open();
+  void make_ready(std::chrono::nanoseconds wait);  // matched, warmed up, silent
+  void begin();                                    // the accounts
+  void go();
+  void stop();                                                // the sooner, if it is not over
+  bool over() const;                                          // it has finished, or never will
+  bool overdue(std::chrono::steady_clock::time_point) const;  // and says nothing any more
+  void end();
+  // For the record, with what each of its ends' machines did.
+  nlohmann::json outcome(const Machines::Account&) const;
+
+  const Run& run() const { return run_; }
+  std::int64_t number() const { return number_; }
+  const roundtrip::Counters& counters() const { return counters_; }
+  std::optional<nlohmann::json> finished() const { return finished_; }
+  // While it measures: starts the answering end again, if that was asked for and it is what was lost. Returns
+  // whether.
+  bool restart_component(const std::string& why);
+  // After an error: whoever is still there to say what it counted is told to stop, and nobody answers.
+  void abandon();
+  void note_cut(std::int64_t at_ns);
+
+ private:
+  using Hand = orders::Coordinator::Hand;
+  using Clock = std::chrono::steady_clock;
+  struct End {
+    std::string host, role;
+    std::unique_ptr<Hand> agent;
+    nlohmann::json opened, ended;
+  };
+  End open(const std::string& host, const agent::Task&);
+  void make_ready(End&, std::chrono::milliseconds patience);
+  void begin(End&);
+  std::vector<End*> ends();
+  void listen_to(Hand& client);
+  void note_peers(const nlohmann::json& event);
+
+  const Run& run_;
+  const std::int64_t number_;
+  orders::Coordinator& coordinator_;
+  const Machines& machines_;
+  record::Writer& writer_;
+  Observer& observer_;
+  const Told told_;
+  std::optional<End> controller_, component_;
+  std::chrono::nanoseconds wait_{0};
+  Clock::time_point sampled_;  // when samples came last
+  int pongs_ = 1;              // that answer
+  bool measuring_ = false;
+  roundtrip::Counters counters_;
+  std::optional<nlohmann::json> finished_;
+};
+
+// The server's part of a run.
+agent::Task server_task(const Run&, const Host&);
+
+}  // namespace ontime::campaign

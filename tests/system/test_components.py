@@ -1,0 +1,137 @@
+#!/usr/bin/env python3
+# SPDX-License-Identifier: Apache-2.0
+"""One controller with several components, each with a round trip of its own at the same time. Needs root, and skips
+without. ONTIME names the program."""
+
+import contextlib
+import os
+import signal
+import sqlite3
+import subprocess
+import unittest
+
+from program import TRANSPORTS, Program, eventually, namespaces
+
+SCENARIO = """
+hosts: namespaces
+components: [left_arm, base]
+defaults: {transport: [%s], period: 5 ms, duration: %s}
+runs:
+  - id: idle
+    load: {component: {cpu: 1}}
+"""
+NAMESPACES = {"ontime-controller", "ontime-left-arm", "ontime-base"}
+
+
+class Components(Program):
+    def nothing_left(self):
+        return super().nothing_left() and not NAMESPACES & set(namespaces())
+
+    def spans(self):
+        """Of each run, when its first message was sent and its last."""
+        with contextlib.closing(sqlite3.connect(f"file:{self.results}?mode=ro", uri=True)) as database:
+            return database.execute("SELECT start_ns, start_ns + max(intended_ns) FROM run JOIN sample ON run.number = sample.run GROUP BY run ORDER BY run").fetchall()
+
+    def test_each_has_a_row_and_they_were_measured_at_the_same_time(self):
+        for transport in TRANSPORTS:
+            with self.subTest(transport=transport):
+                self.results = os.path.join(self.folder, transport + ".ontime")
+                scenario = self.scenario("2 s", text=SCENARIO, transports=[transport])
+                answer = self.run_ontime("run", scenario, "--results", self.results)
+                self.assertEqual(answer.returncode, 0, answer.stderr)
+                for name in ("left_arm", "base"):
+                    self.assertRegex(answer.stdout, rf"(?m)^{transport} component {name} +\d")
+                arm, base = self.report()
+                self.assertNotEqual(arm["key"], base["key"])
+                addresses = set()
+                for run, name in ((arm, "left_arm"), (base, "base")):
+                    self.assertTrue(run["complete"])
+                    self.assertEqual(run["conditions"]["component"], name)
+                    self.assertEqual(run["conditions"]["ping_topic"], "/ping" if transport == "udp" else f"/{name}/ping")
+                    self.assertEqual(run["sent"] + run["skipped_cycles"], 400)
+                    self.assertGreater(run["on_time"] + run["late"], run["lost"])
+                    self.assertEqual(run["strays"], 0, "nobody answers another's")
+                    self.assertEqual(run["duplicates"], 0)
+                    self.assertLessEqual(run["hosts"]["component"]["answered"], run["sent"] + 10, "with its warm-up")
+                    self.assertEqual([run["hosts"][host]["load_running"] for host in ("controller", "component")], [None, True])
+                    addresses.add(run["hosts"]["component"]["transport"]["facts"]["address"])
+                self.assertEqual(len(addresses), 2)
+                (one_began, one_ended), (other_began, other_ended) = self.spans()
+                self.assertLess(max(one_began, other_began), min(one_ended, other_ended))
+
+    def test_of_hosts_of_your_own_each_is_where_it_is_said_to_be(self):
+        names = ["ot-near", "ot-arm", "ot-base"]
+        commands = [f"netns add {name}" for name in names]
+        for number, name in enumerate(names[1:]):
+            commands += [f"link add {name} netns ot-near type veth peer name far netns {name}",
+                         f"-n ot-near addr add 198.18.{number}.1/30 dev {name}", f"-n {name} addr add 198.18.{number}.2/30 dev far",
+                         f"-n ot-near link set {name} up", f"-n {name} link set far up"]
+        try:
+            for command in commands:
+                subprocess.run(["ip", *command.split()], check=True)
+            text = SCENARIO.replace("hosts: namespaces", "hosts: {controller: {place: [ip, netns, exec, ot-near]}}").replace(
+                "[left_arm, base]", """{arm: {place: [ip, netns, exec, ot-arm], interface: far, address: 198.18.0.2},
+                                        base: {place: [ip, netns, exec, ot-base], interface: far, address: 198.18.1.2}}""")
+            answer = self.run_ontime("run", self.scenario("1 s", text=text, transports=["udp"]), "--results", self.results)
+            self.assertEqual(answer.returncode, 0, answer.stderr)
+            for run, address in zip(self.report(), ("198.18.0.2:", "198.18.1.2:")):
+                self.assertTrue(run["complete"])
+                self.assertTrue(run["hosts"]["component"]["transport"]["facts"]["address"].startswith(address))
+                self.assertEqual(run["hosts"]["component"]["link"]["interface"], "far")
+        finally:
+            for name in names:
+                subprocess.run(["ip", "netns", "del", name], check=False)
+
+    def test_interrupted_all_are_kept_and_resumed_all_are_done_once(self):
+        process = self.start_ontime("run", self.scenario("1 h", text=SCENARIO, transports=["udp"]), "--results", self.results)
+        self.started(process, lambda: self.samples_recorded() > 100)
+        process.send_signal(signal.SIGINT)
+        _, error = process.communicate(timeout=60)
+        self.assertEqual(process.returncode, 130, error)
+        for run in self.report():
+            self.assertTrue(run["interrupted"])
+            self.assertGreater(run["sent"], 10)
+            self.assertEqual(run["sent"], run["on_time"] + run["late"] + run["lost"])
+        again = ["run", self.scenario("500 ms", text=SCENARIO, transports=["udp"]), "--results", self.results, "--resume"]
+        self.assertEqual(self.run_ontime(*again).returncode, 0)
+        answer = self.run_ontime(*again)
+        self.assertIn("is done already", answer.stderr)
+        self.assertEqual([run["complete"] for run in self.report()], [False, False, True, True])
+
+    def test_one_that_dies_ends_all_and_is_named(self):
+        process = self.start_ontime("run", self.scenario("1 h", text=SCENARIO, transports=["udp"]), "--results", self.results)
+        self.started(process, lambda: self.samples_recorded() > 100)
+        pids = subprocess.run(["ip", "netns", "pids", "ontime-base"], capture_output=True, text=True, check=True).stdout.split()
+        self.assertEqual(len(pids), 1)
+        os.kill(int(pids[0]), signal.SIGKILL)
+        _, error = process.communicate(timeout=60)
+        self.assertEqual(process.returncode, 3, error)
+        self.assertIn("the agent of the base", error)
+        for run in self.report():
+            self.assertIn("the agent of the base", run["error"])
+            self.assertGreater(run["sent"], 10)
+            self.assertEqual(run["sent"], run["on_time"] + run["late"] + run["lost"])
+
+    def test_one_that_dies_is_started_again_if_asked(self):
+        text = SCENARIO.replace("duration: %s", "duration: %s, component: {restart: on}")
+        process = self.start_ontime("run", self.scenario("4 s", text=text, transports=["udp"]), "--results", self.results)
+        self.started(process, lambda: self.samples_recorded() > 200)
+        pids = subprocess.run(["ip", "netns", "pids", "ontime-base"], capture_output=True, text=True, check=True).stdout.split()
+        os.kill(int(pids[0]), signal.SIGKILL)
+        _, error = process.communicate(timeout=60)
+        self.assertEqual(process.returncode, 0, error)
+        arm, base = self.report()
+        self.assertEqual([note["kind"] for note in arm["notes"]], [])
+        self.assertEqual([note["kind"] for note in base["notes"]], ["component-gone", "component-back"])
+        self.assertGreater(base["lost"], 0)
+
+    def test_killed_coordinator_leaves_nothing(self):
+        process = self.start_ontime("run", self.scenario("1 h", text=SCENARIO, transports=["udp"]), "--results", self.results)
+        self.started(process, lambda: self.samples_recorded() > 100)
+        process.kill()
+        process.communicate(timeout=30)
+        self.assertTrue(eventually(self.nothing_left, 10), self.what_is_left())
+
+
+if __name__ == "__main__":
+    unittest.main(verbosity=2)
