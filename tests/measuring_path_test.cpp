@@ -249,7 +249,8 @@ class Watch {
   explicit Watch(const Case& value) : value_(value) {}
   void begin(std::vector<Thread> threads) {
     std::erase_if(threads, [](const Thread& thread) {
-      return thread.role != "send" && thread.role != "receive" && thread.role != "delivery";
+      return thread.role != "send" && thread.role != "receive" && thread.role != "delivery" &&
+             thread.role != "resend";
     });
     threads_ = std::move(threads);
     before_ = states();

@@ -109,7 +109,12 @@ void End::set_threads() {
     auto settings = task_.realtime.threads.find(thread.role);
     if (settings == task_.realtime.threads.end()) settings = task_.realtime.threads.find("other");
     if (settings == task_.realtime.threads.end()) continue;
-    refuse(realtime::apply(thread.tid, thread.role, settings->second));
+    auto asked = settings->second;
+    if (thread.role == "resend") {
+      asked.policy = realtime::Policy::other;
+      asked.priority = 0;
+    }
+    refuse(realtime::apply(thread.tid, thread.role, asked));
   }
 }
 

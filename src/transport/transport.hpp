@@ -45,9 +45,11 @@ struct Qos {
   Durability durability = Durability::volatile_;
 };
 
-// What threads are for, as words: "send", "receive", "delivery", "discovery", "timer", "other"; and "unknown"
-// for one of which that cannot be told here, so that whoever gives priorities can say that it got none of its
-// own.
+// What threads are for, as words: "send", "receive", "delivery", "discovery", "timer", "other"; "resend"
+// for one that sends again, and spins for locks that the others hold: above or beside them at a real-time
+// priority it may never let them go on, so it has none, whatever is asked (seen: two of Fast DDS's, on two
+// CPUs, for minutes); and "unknown" for one of which that cannot be told here, so that whoever gives
+// priorities can say that it got none of its own.
 struct Thread {
   pid_t tid;
   std::string role;

@@ -13,7 +13,7 @@ import subprocess
 import time
 import unittest
 
-from program import ONTIME, OUR_NAMESPACES, TRANSPORTS, Program, namespaces
+from program import ONTIME, OUR_NAMESPACES, SCENARIO, TRANSPORTS, Program, namespaces
 
 
 class System(Program):
@@ -154,6 +154,18 @@ class System(Program):
                 return database.execute("SELECT number FROM run").fetchall()
         except sqlite3.Error:
             return []
+
+    def test_what_spins_for_locks_of_others_has_no_real_time_priority(self):
+        if "fastdds" not in TRANSPORTS:
+            self.skipTest("there is no transport fastdds")
+        scenario = self.scenario("300 ms", transports=["fastdds"],
+                                 text=SCENARIO.replace("- id: idle\n", "- id: idle\n    realtime: on\n"))
+        answer = self.run_ontime("run", scenario, "--only", "idle", "--results", self.results)
+        self.assertEqual(answer.returncode, 0, answer.stderr)
+        for host in self.report()[0]["hosts"].values():
+            policies = {thread["role"]: thread["policy"] for thread in host["threads"]}
+            self.assertEqual(policies["receive"], "fifo")
+            self.assertEqual(policies["resend"], "other")
 
     def test_scenarios_are_shown_with_a_line_each_and_found_by_name(self):
         answer = self.run_ontime("scenarios")

@@ -101,7 +101,7 @@ std::vector<std::string> roles_by_order(std::size_t threads, int domain) {
   if (ports.empty() || threads < beside || threads > beside + 1) return {};
   std::vector<std::string> roles{"timer"};
   for (const int port : ports) roles.emplace_back(role_of_port(port, domain));
-  if (threads > beside) roles.emplace_back("send");
+  if (threads > beside) roles.emplace_back("resend");
   return roles;
 }
 
@@ -110,8 +110,9 @@ Thread by_what_it_sleeps_in(pid_t tid, const SystemCall& call, bool first, int d
     const int port = port_of(call.first_argument);
     return {tid, role_of_port(port, domain), name_of(tid) + ":" + std::to_string(port)};
   }
-  // A participant starts its timer first. What waits beside it sends what is published asynchronously.
-  if (call.number == SYS_futex) return {tid, first ? "timer" : "send", name_of(tid)};
+  // A participant starts its timer first. What waits beside it sends again, and what is published
+  // asynchronously.
+  if (call.number == SYS_futex) return {tid, first ? "timer" : "resend", name_of(tid)};
   return {tid, "other", name_of(tid)};
 }
 
