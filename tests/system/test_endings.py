@@ -117,7 +117,7 @@ class Endings(Program):
         self.assertEqual(process.returncode, 3, error)
         failed, idle = self.report()
         self.assertFalse(failed["complete"])
-        self.assertTrue(idle["complete"])
+        self.assertTrue(idle["complete"], error)
         self.assertEqual([host["load_running"] for host in idle["hosts"].values()], [None, None])
 
     def test_namespace_of_somebody_else_is_left_alone(self):

@@ -56,8 +56,10 @@ class System(Program):
                 self.assertTrue(host == "component" or "send" in roles)
                 for thread in threads:
                     with self.subTest(transport=run["transport"], host=host, thread=thread["name"]):
-                        wanted = 80 if thread["role"] in ("send", "receive", "delivery") else 70
-                        self.assertEqual((thread["policy"], thread["priority"]), ("fifo", wanted))
+                        wanted = ("fifo", 80 if thread["role"] in ("send", "receive", "delivery") else 70)
+                        if thread["role"] == "resend":
+                            wanted = ("other", 0)
+                        self.assertEqual((thread["policy"], thread["priority"]), wanted)
                         self.assertEqual(thread["major_faults"], 0)
                         if thread["role"] in ("send", "receive"):
                             self.assertEqual(thread["minor_faults"], 0)
