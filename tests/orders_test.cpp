@@ -160,6 +160,24 @@ TEST_F(CoordinatorTest, NoEventIsThrownAway) {
               HasSubstr("the worker said 'said'"));
 }
 
+// Another's end broke the wait; who is well owes an answer still, and gives it.
+TEST_F(CoordinatorTest, AnAnswerThatIsNoLongerAwaitedIsNotHeldAgainstWhoGivesIt) {
+  Coordinator::Hand well(coordinator_, "the one that is well", worker("obedient"), "s");
+  {
+    Coordinator::Hand killed(coordinator_, "the one that is killed", worker("obedient"), "s");
+    kill(killed.hello().at("pid"), SIGKILL);
+    EXPECT_THAT(failure([&] { coordinator_.await(well, "answered", 10s); }), HasSubstr("signal 9"));
+  }
+  well.order("answer");
+  well.order("answer");
+  coordinator_.await(well, "answered", 10s);  // the second
+  EXPECT_THAT(failure([&] {
+                well.order("answer");
+                coordinator_.until([] { return false; });
+              }),
+              HasSubstr("'answered', which was not asked"));
+}
+
 TEST_F(CoordinatorTest, WhatOneMaySayAnotherMayNot) {
   Coordinator::Hand first(coordinator_, "the first", worker("obedient"), "s"),
       second(coordinator_, "the second", worker("obedient"), "s");

@@ -2,6 +2,7 @@
 #include "campaign/machines.hpp"
 
 #include <algorithm>
+#include <exception>
 #include <tuple>
 #include <utility>
 
@@ -186,8 +187,7 @@ void Machines::tune(const Run& run) {
 
 void Machines::restore() {
   if (!std::exchange(tuned_, false)) return;
-  for (auto& [reach, machine] : machines_)
-    if (!machine.keeper->lost()) tell(ask(machine, "restore", "restored").at("notes"));
+  give_back("restore", "restored");
 }
 
 void Machines::check(const Run& run) {
@@ -283,8 +283,7 @@ void Machines::unload() {
   when_cut_ = nullptr;
   window_came_ = nullptr;
   traced_.clear();
-  for (auto& [reach, machine] : machines_)
-    if (!machine.keeper->lost()) tell(ask(machine, "unload", "unloaded").at("notes"));
+  give_back("unload", "unloaded");
 }
 
 void Machines::begin() {
@@ -307,9 +306,17 @@ Machines::Account Machines::end() {
   return account;
 }
 
-void Machines::close() {
-  for (auto& [reach, machine] : machines_)
-    if (!machine.keeper->lost()) tell(ask(machine, "close", "closed").at("notes"));
+void Machines::close() { give_back("close", "closed"); }
+
+// By all, whatever becomes of one.
+void Machines::give_back(const char* order, const char* answer) {
+  std::exception_ptr first;
+  for (auto& [reach, machine] : machines_) try {
+      if (!machine.keeper->lost()) tell(ask(machine, order, answer).at("notes"));
+    } catch (...) {
+      if (!first) first = std::current_exception();
+    }
+  if (first) std::rethrow_exception(first);
 }
 
 void Machines::tell(const json& notes) {

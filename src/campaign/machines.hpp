@@ -71,6 +71,7 @@ class Machines {
   std::vector<std::string> from_who_serves() const;
   void add(const std::string& host, const Host&);
   void link(const std::string& host, const Run&);
+  void give_back(const char* order, const char* answer);
   void tell(const nlohmann::json& notes);
   nlohmann::json ask(const Machine&, const char* order, const char* answer,
                      nlohmann::json body = nlohmann::json::object());

@@ -34,12 +34,12 @@ Session::Session(const std::vector<Run>& runs, const std::vector<std::int64_t>& 
 }
 
 Session::~Session() {
-  try {
-    machines_.unload();
-    machines_.restore();
-  } catch (const std::exception&) {  // whoever keeps the machine gives it back when he leaves
-  } catch (const orders::Interrupted&) {
-  }
+  pairs_.clear();  // how its agents end is not to keep the machines from being given back
+  for (const auto give_back : {&Machines::unload, &Machines::restore}) try {
+      (machines_.*give_back)();
+    } catch (const std::exception&) {  // whoever keeps the machine gives it back when he leaves
+    } catch (const orders::Interrupted&) {
+    }
 }
 
 roundtrip::Counters Session::counters() const {

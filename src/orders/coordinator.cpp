@@ -114,6 +114,10 @@ void Coordinator::dispatch(Hand& hand, const Frame& frame) {
     interrupts_.compare_exchange_strong(none, 1);
     return;
   }
+  if (const auto owed = std::find(hand.owed_.begin(), hand.owed_.end(), event); owed != hand.owed_.end()) {
+    hand.owed_.erase(owed);
+    return;
+  }
   if (&hand == awaited_ && event == awaited_event_ && !answer_) {
     answer_ = frame.message;
     return;
@@ -164,7 +168,10 @@ json Coordinator::await(Hand& hand, const std::string& event, std::chrono::milli
   answer_.reset();
   struct NoLonger {
     Coordinator& self;
-    ~NoLonger() { self.awaited_ = nullptr; }
+    ~NoLonger() {
+      if (!self.answer_) self.awaited_->owed_.push_back(self.awaited_event_);
+      self.awaited_ = nullptr;
+    }
   } const no_longer{*this};
   const auto end = Clock::now() + patience;
   while (!answer_) {
@@ -174,7 +181,7 @@ json Coordinator::await(Hand& hand, const std::string& event, std::chrono::milli
                                  std::chrono::duration_cast<std::chrono::seconds>(patience).count()));
     turn(look);
   }
-  return *std::exchange(answer_, std::nullopt);
+  return *answer_;
 }
 
 void Coordinator::until(const std::function<bool()>& done, int tolerated) {

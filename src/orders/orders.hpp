@@ -124,6 +124,7 @@ class Coordinator {
     std::unique_ptr<Process> process_;
     nlohmann::json hello_;
     std::map<std::string, Handle> handles_;
+    std::vector<std::string> owed_;  // answers for which nobody waits any more
     std::chrono::steady_clock::time_point heard_;
     bool lost_ = false;
   };
