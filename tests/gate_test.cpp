@@ -191,6 +191,8 @@ TEST(Judge, CountsAndMaximaAreWhatTheyAre) {
   EXPECT_EQ(held.result, Result::held);
   EXPECT_FALSE(held.is_sure);
   EXPECT_THAT(held.says, HasSubstr("but 300 of 1299 cycles had no answer in time"));
+  EXPECT_FALSE(judged("max > 7 ms", stalled).is_sure);
+  EXPECT_THAT(judged("max > 7 ms", stalled).says, HasSubstr("(response max)"));
 }
 
 TEST(Judge, WhatWasNotMeasuredHoldsNoLine) {

@@ -61,24 +61,30 @@ bool is_too_short(const Gate& gate, const Summary& run, const statistics::Measur
          statistics::messages_to_claim(gate.limit, probability.events == 0 ? 1 : probability.effect);
 }
 
+// A sender that stood still has sent nothing that could be late.
+Judgement unless_it_stood_still(Judgement judged, const Gate& gate, const Summary& run) {
+  if (judged.result != Result::held || gate.figure == Figure::lost ||
+      gate.times != statistics::Times::round_trip)
+    return judged;
+  const auto waited = run.late_by_response.value_or(0);
+  if (waited <= run.late + run.lost) return judged;
+  judged.is_sure = false;
+  judged.says += fmt::format("; but {} of {} cycles had no answer in time (response {})", waited,
+                             run.sent + run.skipped_cycles, figure_of(gate));
+  return judged;
+}
+
 Judgement judge_count(const Gate& gate, const Summary& run) {
   const bool by_response = gate.times == statistics::Times::response;
   const auto late = by_response ? run.late_by_response : std::optional(run.late);
   const auto count = gate.figure == Figure::lost ? std::optional(run.lost) : late;
   if (!count)
     return judgement(gate, name_of(run), Result::cannot_judge, "its record does not say its deadline");
-  auto result =
+  return unless_it_stood_still(
       judgement(gate, name_of(run), static_cast<double>(*count) > gate.limit ? Result::missed : Result::held,
                 by_response ? fmt::format("{} of {} cycles", *count, run.sent + run.skipped_cycles)
-                            : fmt::format("{} of {} messages", *count, run.sent));
-  // A sender that stood still has sent nothing that could be late.
-  const auto waited = run.late_by_response.value_or(0);
-  if (result.result == Result::held && gate.figure == Figure::late && waited > run.late + run.lost) {
-    result.is_sure = false;
-    result.says += fmt::format("; but {} of {} cycles had no answer in time (response late)", waited,
-                               run.sent + run.skipped_cycles);
-  }
-  return result;
+                            : fmt::format("{} of {} messages", *count, run.sent)),
+      gate, run);
 }
 
 // What the answer to "is the limit passed" makes of a gate.
@@ -161,12 +167,14 @@ Judgement judge(const Gate& gate, const Summary& run) {
   if (!found) return judgement(gate, name_of(run), Result::cannot_judge, nothing_answered);
   auto says = fmt::format("{} is {}", figure_of(gate), value_of(gate, found->value));
   if (gate.figure == Figure::max)
-    return judgement(gate, name_of(run), found->value > gate.limit ? Result::missed : Result::held, says);
+    return unless_it_stood_still(
+        judgement(gate, name_of(run), found->value > gate.limit ? Result::missed : Result::held, says), gate,
+        run);
   says += fmt::format(", surely {}", lies(found->surer, [&](double value) { return value_of(gate, value); }));
   const auto answer = statistics::exceeds(*found, gate.limit);
   if (answer == Answer::cannot_tell && is_too_short(gate, run, *found))
     return judgement(gate, name_of(run), Result::cannot_judge, says + ": " + too_few);
-  return judge_answer(gate, name_of(run), answer, says);
+  return unless_it_stood_still(judge_answer(gate, name_of(run), answer, says), gate, run);
 }
 
 std::vector<Judgement> judge_required(const Summary& run) {
