@@ -126,6 +126,7 @@ void End::begin() {
     if (task_.count_instructions) instructions_.emplace(thread.tid, thread.tid);
     if (const auto state = realtime::read(thread.tid)) before_[thread.tid] = *state;
   }
+  answered_before_ = server_ ? server_->answered() : 0;
   losses_before_ = endpoint().losses();
   drops_before_ = machine::drops(task_.config.interface);
   if (!task_.config.interface.empty()) traffic_before_ = machine::traffic(task_.config.interface);
@@ -142,7 +143,7 @@ json End::ended() {
           {"drops", machine::between(drops_before_, machine::drops(task_.config.interface))},
           {"link", link()},
           {"shared_memory", machine::shared_memory()},
-          {"answered", server_ ? server_->answered() : 0}};
+          {"answered", server_ ? server_->answered() - answered_before_ : 0}};
 }
 
 void End::refuse(const std::vector<realtime::Refusal>& refusals) {

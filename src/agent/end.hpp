@@ -45,6 +45,7 @@ class End {
   std::map<pid_t, realtime::ThreadState> before_;
   std::map<pid_t, realtime::InstructionCounter> instructions_;
   transport::Losses losses_before_;
+  std::uint64_t answered_before_ = 0;
   std::optional<machine::Traffic> traffic_before_;
   machine::Drops drops_before_;
 };

@@ -60,6 +60,8 @@ std::string against_deadline(const Summary& summary) {
   return share < 1 ? fmt::format("{:.2g} %", share * 100) : fmt::format("{:.1f} ×", share);
 }
 
+constexpr const char* unknown = "<td class=\"number\">–</td>";
+
 std::string row_of(const Shown& run, std::size_t figure, bool by_response) {
   const auto& summary = *run.summary;
   const auto& of = summary.round_trip;
@@ -74,7 +76,9 @@ std::string row_of(const Shown& run, std::size_t figure, bool by_response) {
   return fmt::format("<tr data-run=\"{}\"><th scope=\"row\"><a href=\"#run-{}\">{}</a></th>",
                      summary.run.number, figure, escaped(run.label)) +
          count_cell(summary.sent, "sent", false) + count_cell(summary.late, "late", true) +
-         (by_response ? count_cell(summary.late_by_response.value_or(0), "late_by_response", true) : "") +
+         (!by_response                ? ""
+          : !summary.late_by_response ? unknown
+                                      : count_cell(*summary.late_by_response, "late_by_response", true)) +
          count_cell(summary.lost, "lost", true) + time(static_cast<double>(of.min), "min") +
          time(of.mean, "mean") + quantile(of.p50, "p50", 2, sure.p50) +
          quantile(of.p99, "p99", 100, sure.p99) + quantile(of.p99_9, "p99.9", 1000, sure.p99_9) +
@@ -101,7 +105,6 @@ std::string row_of(const PaperRow& paper, bool by_response) {
   const auto number = [](std::uint64_t value) {
     return fmt::format("<td class=\"number\">{}</td>", grouped(value));
   };
-  constexpr const char* unknown = "<td class=\"number\">–</td>";
   return fmt::format("<tr class=\"paper\"><th scope=\"row\">paper’s {}</th>", escaped(paper.dds)) +
          number(paper.messages) + number(paper.missed_deadlines) + (by_response ? unknown : "") +
          number(paper.lost) + us(paper.min_us) + us(paper.avg_us) + unknown + unknown + unknown +
