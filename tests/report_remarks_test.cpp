@@ -100,8 +100,19 @@ TEST(Remarks, TellThatAMachineSleptOrItsClockWasMoved) {
   facts["conditions"]["component"] = {{"suspended_s", 0}, {"clock_moved_s", -3600.0}};
   const auto text = render({summary(asked("a", "udp"), facts)}, Format::markdown);
   EXPECT_THAT(text, HasSubstr("the controller's machine was suspended for 61.3 s"));
-  EXPECT_THAT(text, HasSubstr("the component's system clock was moved by -3600.0 s"));
-  EXPECT_THAT(text, Not(HasSubstr("the controller's system clock")));
+  EXPECT_THAT(text, HasSubstr("the system clock of the component's machine was moved by -3600.0 s"));
+  EXPECT_THAT(text, Not(HasSubstr("the system clock of the controller's")));
+}
+
+TEST(Remarks, TellOfOneMachineOnce) {
+  auto facts = outcome();
+  for (const auto* host : {"controller", "component"}) {
+    facts["conditions"][host] = {{"suspended_s", 61.26}, {"clock_moved_s", 0}};
+    facts["hosts"][host]["machine"]["boot_id"] = "b";
+  }
+  const auto text = render({summary(asked("a", "udp"), facts)}, Format::markdown);
+  EXPECT_THAT(text, HasSubstr("the machine was suspended for 61.3 s"));
+  EXPECT_EQ(text.find("suspended"), text.rfind("suspended"));
 }
 
 TEST(Remarks, TellWhatNobodyElseIsToBlameFor) {

@@ -49,6 +49,9 @@ std::string key_of(const nlohmann::json& asked);
 // nothing can be.
 const nlohmann::json& at(const nlohmann::json& object, std::string_view key);
 
+// Of an outcome: whether both ends are known to have shared one kernel.
+bool on_one_machine(const nlohmann::json& outcome);
+
 // Something that happened in a run: at a moment, or to one message, or both.
 struct Note {
   std::string kind;                      // "peer-left", "second-pong" …: a word for programs

@@ -126,10 +126,7 @@ constexpr double much_stolen = 0.001;
 std::vector<std::string> taken_away(const statistics::Summary& summary) {
   std::vector<std::string> parts;
   const auto& outcome = summary.run.outcome;
-  const auto boot_of = [&](const char* host) {
-    return at(at(at(at(outcome, "hosts"), host), "machine"), "boot_id");
-  };
-  const bool one_machine = boot_of("controller").is_string() && boot_of("controller") == boot_of("component");
+  const bool one_machine = record::on_one_machine(outcome);
   for (const auto* host : {"controller", "component"}) {
     const auto& stolen = at(at(at(outcome, "conditions"), host), "cpu_stolen");
     if (!stolen.is_number() || stolen.get<double>() < much_stolen) continue;
@@ -152,16 +149,18 @@ std::vector<std::string> taken_away(const statistics::Summary& summary) {
 constexpr double long_s = 0.1;  // more than two clocks are read apart on a busy machine
 std::vector<std::string> clocks(const nlohmann::json& outcome) {
   std::vector<std::string> parts;
+  const bool one_machine = record::on_one_machine(outcome);
   for (const auto* host : {"controller", "component"}) {
+    if (one_machine && host != std::string_view("controller")) continue;
+    const std::string machine = one_machine ? "the machine" : fmt::format("the {}'s machine", host);
     const auto& conditions = at(at(outcome, "conditions"), host);
     const auto &slept = at(conditions, "suspended_s"), &moved = at(conditions, "clock_moved_s");
     if (slept.is_number() && slept.get<double>() >= long_s)
-      parts.push_back(
-          fmt::format("the {}'s machine was suspended for {:.1f} s, which no time counts that was measured",
-                      host, slept.get<double>()));
+      parts.push_back(fmt::format("{} was suspended for {:.1f} s, which no time counts that was measured",
+                                  machine, slept.get<double>()));
     if (moved.is_number() && std::abs(moved.get<double>()) >= long_s)
       parts.push_back(
-          fmt::format("the {}'s system clock was moved by {:+.1f} s, by which nothing is measured", host,
+          fmt::format("the system clock of {} was moved by {:+.1f} s, by which nothing is measured", machine,
                       moved.get<double>()));
   }
   return parts;
@@ -185,8 +184,11 @@ void add_throttling(std::vector<std::string>& parts, const statistics::Summary& 
   };
   suspect("controller", "woke", summary.wake_up.max);
   suspect("component", "answered", summary.server.max);
-  // A faulty link delays as long by itself.
-  if (summary.parts && at(summary.run.asked, "link").is_null())
+  // A faulty or a full link delays as long by itself, and so does what is sent again.
+  const auto& asked = summary.run.asked;
+  const bool by_the_link = !at(asked, "link").is_null() || !at(asked, "traffic").is_null() ||
+                           !losses(summary.run.outcome, "on_the_way", "to").empty();
+  if (summary.parts && !by_the_link)
     suspect("component", "received", summary.parts->there.max - summary.parts->there.p50);
 }
 
