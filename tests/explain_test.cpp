@@ -4,6 +4,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include "explain/packets.hpp"
 #include "explain/timeline.hpp"
 
 namespace ontime::explain {
@@ -399,7 +400,7 @@ TEST_P(Explained, ARunWithoutTracesIsNotExplained) {
 
 TEST_P(Explained, ThatAKernelDoesNotTellHowACpuLeavesIdleIsSaid) {
   sender_wakes_and_sends();
-  for (int i = 1; i <= 10; ++i) {
+  for (int i = 1; i <= 11; ++i) {
     switched(sent + i * ms, 1, hog, "S", 0);
     switched(sent + i * ms + ms / 2, 1, 0, "R", hog);
   }
@@ -408,6 +409,64 @@ TEST_P(Explained, ThatAKernelDoesNotTellHowACpuLeavesIdleIsSaid) {
     EXPECT_THAT(limits, IsEmpty());
   else
     EXPECT_THAT(limits, testing::ElementsAre(HasSubstr("does not tell when CPU 1 leaves idle")));
+}
+
+// What is kept of the time before a window is how each CPU came to what it was at, and no more.
+TEST_P(Explained, OfCpusThatWereIdleBeforeAllThatNothingIsSaid) {
+  for (int i = 20; i > 0; --i) switched(due - ms - i * us, 1, hog, "S", 0);
+  sender_wakes_and_sends();
+  EXPECT_THAT(account(late(0, 20 * ms, 0)).limits, IsEmpty());
+}
+
+TEST_P(Explained, AThreadThatSleptUntilAPacketCameIsNotAccused) {
+  has_the_message();
+  switched(sent + 30 * us, 1, answers, "S", 0);
+  event(sent + 15 * ms - us, 0, Kind::soft_interrupt, hog, 0, "NET_RX");
+  event(sent + 15 * ms, 0, Kind::waking, answers, hog, "1");
+  event(sent + 15 * ms + us, 0, Kind::soft_interrupt_end, hog, 0, "NET_RX");
+  switched(sent + 15 * ms + 2 * us, 1, 0, "R", answers);
+  switched(sent + 15 * ms + 60 * us, 1, answers, "S", 0);
+  EXPECT_EQ(first(message(late(0, 15 * ms, 0))).cause, Cause::unknown);
+}
+
+TEST_P(Explained, WhoEndedAnEarlierWaitIsNotAccusedOfTheNext) {
+  has_the_message();
+  switched(sent + 30 * us, 1, answers, "S", 0);
+  event(sent + 50 * us, 0, Kind::waking, answers, hog, "1");
+  switched(sent + 52 * us, 1, 0, "R", answers);
+  switched(sent + 90 * us, 1, answers, "S", 0);
+  switched(sent + 15 * ms, 1, 0, "R", answers);  // who woke it is not known
+  switched(sent + 15 * ms + 60 * us, 1, answers, "S", 0);
+  for (const auto& part : message(late(0, 15 * ms, 0)).parts)
+    EXPECT_TRUE(part.culprit != "hog" || part.ns <= 22 * us);
+}
+
+TEST_P(Explained, APartSaysWhenItWas) {
+  sender_wakes_and_sends();
+  event(sent + 10 * us, 1, Kind::waking, answers, asks, "1");
+  switched(sent + 20 * ms, 1, hog, "R", answers);
+  const auto part = first(message(late(0, 20 * ms, 0)));
+  ASSERT_THAT(part.when, SizeIs(1));
+  EXPECT_EQ(part.when[0].from_ns, sent + 10 * us);
+  EXPECT_EQ(part.when[0].to_ns, sent + 20 * ms);
+  EXPECT_EQ(part.when[0].cpu, 1);
+  EXPECT_EQ(part.thread_id, answers);
+}
+
+TEST_P(Explained, ANumberOfAPacketIsGivenToTheNext) {
+  sender_wakes_and_sends();
+  event(sent + 20 * us, 0, Kind::queued, asks, 0, "veth", 1);
+  event(sent + 21 * us, 0, Kind::dropped, asks, 0, "QDISC_DROP", 1);
+  event(sent + 30 * us, 0, Kind::queued, hog, 0, "veth", 1);
+  event(sent + 31 * us, 0, Kind::sent, hog, 0, "veth", 1);
+  const Timeline timeline(window_, 0);
+  const auto packets = packets_of(
+      timeline, [](std::int32_t thread) { return thread == asks; }, true, due, due + ms);
+  ASSERT_THAT(packets, SizeIs(2));
+  EXPECT_EQ(packets[0].received->at_ns, sent + 9 * us);
+  EXPECT_EQ(packets[0].dropped, nullptr);
+  EXPECT_EQ(packets[1].dropped->what, "QDISC_DROP");
+  EXPECT_EQ(packets[1].sent, nullptr);
 }
 
 INSTANTIATE_TEST_SUITE_P(Kernel, Explained, testing::Values(true, false), [](const auto& told) {

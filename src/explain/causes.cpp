@@ -11,8 +11,6 @@
 namespace ontime::explain {
 namespace {
 
-constexpr std::int32_t least_ordinary = 100;  // of the kernel's priorities
-
 // {0}: whose thread, such as "pong's receive thread"; {1}: the culprit.
 struct Row {
   Cause cause;
@@ -96,7 +94,7 @@ std::string whose(const Part& part) {
 std::string for_a_cpu(const Part& part) {
   if (part.stage == Stage::travelled)
     return "kernel.ksoftirqd, or kernel.napi-threads: a priority above " + part.culprit;
-  if (part.priority >= least_ordinary)
+  if (part.priority >= trace::least_ordinary)
     return fmt::format("realtime: on (of this thread alone: realtime.{}.priority: 80)", part.thread);
   return fmt::format("realtime.{}.priority above {}'s, or realtime.{}.cpus apart from it", part.thread,
                      part.culprit, part.thread);

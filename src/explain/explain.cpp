@@ -37,20 +37,13 @@ End end_of(const record::Run& run, const char* host) {
   return end;
 }
 
-bool on_one_machine(const record::Run& run) {
-  const auto boot = [&](const char* host) {
-    return text_of(at(at(at(at(run.outcome, "hosts"), host), "machine"), "boot_id"));
-  };
-  return !boot("controller").empty() && boot("controller") == boot("component");
-}
-
 // Of whoever knows the threads, and nobody else, what the kernel did says why.
 class Explainer {
  public:
   Explainer(const record::Reader& reader, const record::Run& run)
       : client_(end_of(run, "controller")),
         server_(end_of(run, "component")),
-        one_machine_(on_one_machine(run)),
+        one_machine_(record::on_one_machine(run.outcome)),
         payload_bytes_(integer_of(at(run.asked, "payload_bytes"))),
         usual_(reader, run.number, one_machine_) {}
 
@@ -85,6 +78,7 @@ class Explainer {
   Scene scene(const Sample& sample, const std::vector<record::Trace>& traces) const {
     Scene scene{.machines = {},
                 .threads = {},
+                .legs = {},
                 .there_ns = {},
                 .answered_ns = {},
                 .uncertainty_ns = usual_.uncertainty_ns(),
@@ -99,6 +93,23 @@ class Explainer {
     const auto way = usual_.of(sample);
     if (sample.server_received_ns != 0) scene.there_ns = way[2].to_ns;
     if (sample.server_sent_ns != 0) scene.answered_ns = way[3].to_ns;
+    const bool is_lost = sample.fate == Fate::lost;
+    auto end_ns = is_lost ? sample.sent_ns : sample.received_ns;
+    for (const auto& machine : scene.machines)
+      if (is_lost) end_ns = std::max(end_ns, machine.to_ns);
+    const auto add = [&](const char* name, std::int64_t until_ns) {
+      const auto from_ns = scene.legs.empty() ? sample.due_ns : scene.legs.back().to_ns;
+      scene.legs.push_back({name, from_ns, std::max(from_ns, until_ns)});
+    };
+    add("wakes", sample.woke_ns);
+    add("is sent", sample.sent_ns);
+    if (scene.there_ns && scene.answered_ns) {
+      add("on its way there", *scene.there_ns);
+      add("is answered", *scene.answered_ns);
+      add("on its way back", end_ns);
+    } else {
+      add(is_lost ? "never comes back" : "there and back", end_ns);
+    }
     return scene;
   }
 
@@ -127,6 +138,7 @@ std::vector<Group> groups_of(const std::vector<Message>& messages) {
     if (found == groups.end()) {
       groups.push_back(
           {.culprit = first, .least_ns = first.ns, .most_ns = first.ns, .remedy = remedy_of(first)});
+      groups.back().culprit.when.clear();
       threads.emplace_back();
     }
     auto& group = groups[place];
@@ -143,23 +155,17 @@ std::vector<Group> groups_of(const std::vector<Message>& messages) {
 
 using Traces = std::map<std::uint64_t, std::vector<record::Trace>>;  // by message
 
-// A kernel that says how a CPU leaves its idle thread at all says it about as often as how it comes to it.
+// A kernel that says how a CPU leaves its idle thread leaves nothing to be inferred; but for events that are
+// lost.
 void add_untold_switches(Account& account, const Traces& traces) {
   constexpr std::size_t surely_some = 10;
-  struct Switches {
-    std::size_t to_idle = 0, from_idle = 0;
-  };
-  std::map<std::pair<std::string, int>, Switches> cpus;
+  std::map<std::pair<std::string, int>, std::size_t> inferred;
   for (const auto& [message, windows] : traces)
-    for (const auto& trace : windows)
-      for (const auto& event : trace.window.events) {
-        if (event.kind != trace::Kind::switched) continue;
-        auto& cpu = cpus[{trace.host, event.cpu}];
-        cpu.to_idle += event.other.id == 0 ? 1 : 0;
-        cpu.from_idle += event.thread.id == 0 ? 1 : 0;
-      }
-  for (const auto& [place, switches] : cpus)
-    if (switches.to_idle >= surely_some && switches.from_idle == 0)
+    for (const auto& [host, window] : windows)
+      for (const auto& [event, latest_ns] : scheduling_of(window.events))
+        if (latest_ns > event.at_ns && latest_ns >= window.span.from_ns) ++inferred[{host, event.cpu}];
+  for (const auto& [place, switches] : inferred)
+    if (switches >= surely_some)
       account.limits.push_back(fmt::format(
           "the kernel of the {}'s machine does not tell when CPU {} leaves idle: it is inferred from "
           "what is done on it next, and of what passed until then nobody is accused",

@@ -43,13 +43,17 @@ const char* word_of(Cause);
 struct Part {
   Cause cause = Cause::unknown;
   Stage stage = Stage::woke;
-  std::string end{};      // "controller", "component": where
-  std::string thread{};   // whose role: "send", "receive" …; "": none
+  std::string end{};     // "controller", "component": where
+  std::string thread{};  // whose role: "send", "receive" …; "": none
+  std::int32_t thread_id = 0;
   std::string culprit{};  // a thread's name, an interrupt, an interface, the kernel's reason; may be ""
   std::vector<std::int32_t> culprit_threads{};  // those of that name
   // The kernel's priorities (trace::Thread), of `thread` and of a culprit that is one.
   std::int32_t priority = 0, culprit_priority = 0;
   std::int64_t ns = 0;  // of the delay; of a packet that was dropped 0
+  // Where in time, by the client's clock: what the thread, or the packet, was at. As long as `ns` at least;
+  // empty where only the length is known.
+  std::vector<Stretch> when{};
 };
 
 struct Message {
@@ -61,7 +65,7 @@ struct Message {
 
 // Those messages that have the same first culprit.
 struct Group {
-  Part culprit;  // without ns
+  Part culprit;  // without ns and when
   std::size_t messages = 0;
   std::size_t threads = 0;                 // of that name
   std::int64_t least_ns = 0, most_ns = 0;  // of the delay, by this culprit
@@ -89,8 +93,14 @@ struct Scene {
     std::string end, role;
     std::int32_t id;
   };
+  // Of the message's way, as far as it came: for people.
+  struct Leg {
+    const char* name;
+    std::int64_t from_ns, to_ns;
+  };
   std::vector<Machine> machines;                      // those that were traced
   std::vector<Thread> threads;                        // ours
+  std::vector<Leg> legs;                              // in order, each from where the one before it ended
   std::optional<std::int64_t> there_ns, answered_ns;  // when the server received and answered it
   std::int64_t uncertainty_ns = 0;                    // of the component's times
   bool one_machine = false;

@@ -139,21 +139,30 @@ bool Timeline::lives(int cpu, std::int64_t from_ns, std::int64_t to_ns) const {
   });
 }
 
-std::optional<std::int32_t> Timeline::waker_of(std::int32_t thread, std::int64_t until_ns) const {
-  const Event* woken = nullptr;
-  for (const auto& event : events_)
-    if (event.kind == Kind::waking && event.thread.id == thread && event.at_ns <= until_ns) woken = &event;
-  if (woken == nullptr || woken->other.id == 0 || woken->other.id == thread) return {};
-  const bool by_interrupt = !interrupts(woken->cpu, woken->at_ns, woken->at_ns + 1).empty();
-  return by_interrupt ? std::nullopt : std::optional(woken->other.id);
+// Since it last left its CPU.
+const Event* Timeline::last_of_its_wait(Kind kind, std::int32_t thread, std::int64_t until_ns) const {
+  const Event* last = nullptr;
+  for (const auto& event : events_) {
+    if (event.at_ns > until_ns) break;
+    if (event.thread.id != thread) continue;
+    if (event.kind == kind)
+      last = &event;
+    else if (event.kind == Kind::switched)
+      last = nullptr;
+  }
+  return last;
+}
+
+std::optional<Waker> Timeline::waker_of(std::int32_t thread, std::int64_t until_ns) const {
+  const auto* woken = last_of_its_wait(Kind::waking, thread, until_ns);
+  if (woken == nullptr) return {};
+  const auto interrupted = interrupts(woken->cpu, woken->at_ns, woken->at_ns + 1);
+  return Waker{woken->other.id, interrupted.empty() ? "" : interrupted.front().what};
 }
 
 std::string Timeline::waited_in(std::int32_t thread, std::int64_t until_ns) const {
-  std::string functions;
-  for (const auto& event : events_)
-    if (event.kind == Kind::waits && event.thread.id == thread && event.at_ns <= until_ns)
-      functions = event.what;
-  return functions;
+  const auto* waits = last_of_its_wait(Kind::waits, thread, until_ns);
+  return waits == nullptr ? "" : waits->what;
 }
 
 std::int32_t Timeline::priority_of(std::int32_t thread) const {

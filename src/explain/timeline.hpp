@@ -40,6 +40,11 @@ struct Interrupted {
   std::string what;
   bool soft;
 };
+// A thread, or an interrupt while that thread ran.
+struct Waker {
+  std::int32_t thread;
+  std::string interrupt;  // "": none
+};
 
 class Timeline {
  public:
@@ -52,15 +57,17 @@ class Timeline {
   std::vector<Held> holders(int cpu, std::int64_t from_ns, std::int64_t to_ns) const;
   std::vector<Interrupted> interrupts(int cpu, std::int64_t from_ns, std::int64_t to_ns) const;
   bool lives(int cpu, std::int64_t from_ns, std::int64_t to_ns) const;  // whether anything happened on it
-  // Who woke it last before `until_ns`: nullopt for an interrupt, and where nothing says it.
-  std::optional<std::int32_t> waker_of(std::int32_t thread, std::int64_t until_ns) const;
-  // The kernel's functions that it waited in before `until_ns`.
+  // Who ended the sleep or wait that it was in until `until_ns`; nullopt: nothing says it.
+  std::optional<Waker> waker_of(std::int32_t thread, std::int64_t until_ns) const;
+  // The kernel's functions that it waited in then; "": nothing says it.
   std::string waited_in(std::int32_t thread, std::int64_t until_ns) const;
   // As an event last said it; what no event says is 120: SCHED_OTHER.
   std::int32_t priority_of(std::int32_t thread) const;
   std::string name_of(std::int32_t thread) const;
 
  private:
+  const trace::Event* last_of_its_wait(trace::Kind, std::int32_t thread, std::int64_t until_ns) const;
+
   std::int64_t begin_ns_;
   std::vector<trace::Event> events_;
   std::vector<Scheduled> scheduling_;

@@ -2,6 +2,7 @@
 #include "explain/way.hpp"
 
 #include <algorithm>
+#include <numeric>
 
 namespace ontime::explain {
 namespace {
@@ -9,7 +10,6 @@ namespace {
 using trace::Event;
 using trace::Kind;
 
-constexpr std::int32_t least_ordinary = 100;  // of the kernel's priorities
 constexpr std::int64_t surely_throttled_ns =
     10'000'000;                                      // longer than the kernel holds off a real-time thread
 constexpr std::int64_t slow_to_wake_ns = 1'000'000;  // longer than any idle state takes to leave
@@ -21,6 +21,10 @@ const std::string sigstop = "19", sigtstp = "20";
 
 bool is_kernels(const std::string& name) {
   return name.starts_with("ksoftirqd/") || name.starts_with("napi/");
+}
+
+bool brings_packets(const Timeline& timeline, const Waker& waker) {
+  return waker.interrupt == "NET_RX" || is_kernels(timeline.name_of(waker.thread));
 }
 
 bool has(const End& end, std::int32_t thread) {
@@ -54,7 +58,11 @@ Way::Way(End client, End server, const Usual& usual, std::int64_t payload_bytes,
       packet_bytes_(std::min(payload_bytes, fragment_bytes)),
       one_machine_(one_machine) {}
 
-void Way::add(Found& found, Part part, std::int64_t ns) const {
+void Way::add(Found& found, const Part& part, const Stretch& when) const {
+  add(found, part, when.length_ns(), {when});
+}
+
+void Way::add(Found& found, Part part, std::int64_t ns, const std::vector<Stretch>& when) const {
   if (ns <= 0) return;
   found.held_ns += ns;
   const auto same = std::find_if(found.parts.begin(), found.parts.end(), [&](const Part& other) {
@@ -63,6 +71,7 @@ void Way::add(Found& found, Part part, std::int64_t ns) const {
   });
   if (same != found.parts.end()) {
     same->ns += ns;
+    same->when.insert(same->when.end(), when.begin(), when.end());
     for (const auto thread : part.culprit_threads)
       if (std::find(same->culprit_threads.begin(), same->culprit_threads.end(), thread) ==
           same->culprit_threads.end())
@@ -70,6 +79,7 @@ void Way::add(Found& found, Part part, std::int64_t ns) const {
     return;
   }
   part.ns = ns;
+  part.when = when;
   found.parts.push_back(std::move(part));
 }
 
@@ -78,50 +88,51 @@ void Way::waited(Found& found, const Timeline& timeline, const Part& whose, cons
   auto left_ns = stretch.length_ns();
   for (const auto& held : timeline.holders(stretch.cpu, stretch.from_ns, stretch.to_ns)) {
     auto part = whose;
-    auto ns = held.to_ns - held.from_ns;
+    const Stretch when{held.from_ns, held.to_ns, State::ready, stretch.cpu};
+    auto ns = when.length_ns();
     if (!held.surely) continue;
     left_ns -= ns;
     if (held.thread.id == 0) {
       const bool kept = stretch.length_ns() >= slow_to_wake_ns &&
                         timeline.lives(stretch.cpu, stretch.from_ns + at_once_ns, stretch.to_ns - at_once_ns);
       part.cause = kept ? Cause::throttled : Cause::idle_cpu;
-      add(found, part, ns);
+      add(found, part, when);
       continue;
     }
     for (const auto& interrupt : timeline.interrupts(stretch.cpu, held.from_ns, held.to_ns)) {
       auto by = whose;
       by.cause = Cause::interrupts;
       by.culprit = interrupt.what;
-      add(found, by, interrupt.to_ns - interrupt.from_ns);
+      add(found, by, {interrupt.from_ns, interrupt.to_ns, State::ready, stretch.cpu});
       ns -= interrupt.to_ns - interrupt.from_ns;
     }
-    const bool outranks = whose.priority < least_ordinary && held.thread.priority >= least_ordinary;
+    const bool outranks =
+        whose.priority < trace::least_ordinary && held.thread.priority >= trace::least_ordinary;
     part.cause = outranks && ns >= surely_throttled_ns ? Cause::throttled : Cause::cpu;
     if (part.cause == Cause::cpu) {
-      part.culprit = held.thread.name;
+      part.culprit = held.thread.name.empty() ? timeline.name_of(held.thread.id) : held.thread.name;
       part.culprit_threads = {held.thread.id};
       part.culprit_priority = held.thread.priority;
     }
-    add(found, part, ns);
+    add(found, part, ns, {when});
   }
-  if (left_ns <= 0) return;
   auto part = whose;
   part.cause = Cause::unknown;
-  add(found, part, left_ns);
+  add(found, part, left_ns, {});
 }
 
 void Way::thread(Found& found, const End& end, std::int32_t id, const std::string& role, Stage stage,
                  std::int64_t from_ns, std::int64_t to_ns) const {
   if (end.timeline == nullptr || to_ns <= from_ns) return;
   const auto& timeline = *end.timeline;
-  Part whose{.stage = stage, .end = end.name, .thread = role, .priority = timeline.priority_of(id)};
+  const Part whose{
+      .stage = stage, .end = end.name, .thread = role, .thread_id = id, .priority = timeline.priority_of(id)};
   found.last = whose;
   bool begun = false;
-  const auto by_its_waker = [&](Part& part, const Stretch& stretch) {
-    if (const auto waker = timeline.waker_of(id, stretch.to_ns)) {
-      part.culprit = timeline.name_of(*waker);
-      part.culprit_threads = {*waker};
-    }
+  const auto accuse = [&](Part& part, const std::optional<Waker>& waker) {
+    if (!waker || !waker->interrupt.empty() || waker->thread == 0 || waker->thread == id) return;
+    part.culprit = timeline.name_of(waker->thread);
+    part.culprit_threads = {waker->thread};
   };
   for (const auto& stretch : timeline.of(id, from_ns, to_ns)) {
     auto part = whose;
@@ -131,32 +142,37 @@ void Way::thread(Found& found, const End& end, std::int32_t id, const std::strin
         break;
       case State::runs:
         found.ran_ns += stretch.length_ns();
+        found.ran.push_back(stretch);
         for (const auto& interrupt : timeline.interrupts(stretch.cpu, stretch.from_ns, stretch.to_ns)) {
           part.cause = Cause::interrupts;
           part.culprit = interrupt.what;
-          add(found, part, interrupt.to_ns - interrupt.from_ns);
+          add(found, part, {interrupt.from_ns, interrupt.to_ns, State::runs, stretch.cpu});
           found.ran_ns -= interrupt.to_ns - interrupt.from_ns;
         }
         break;
       case State::stopped:
         part.cause = Cause::stopped;
         part.culprit = who_stopped(timeline, stretch.to_ns);
-        add(found, part, stretch.length_ns());
+        add(found, part, stretch);
         break;
       case State::blocked:
         part.cause = cause_of_wait(timeline.waited_in(id, stretch.to_ns));
-        if (part.cause == Cause::lock) by_its_waker(part, stretch);
-        add(found, part, stretch.length_ns());
+        if (part.cause == Cause::lock) accuse(part, timeline.waker_of(id, stretch.to_ns));
+        add(found, part, stretch);
         break;
-      case State::sleeps:
+      case State::sleeps: {
         if (!begun) {
-          found.slept_ns += stretch.length_ns();
+          found.slept.push_back(stretch);
           break;
         }
+        const auto waker = timeline.waker_of(id, stretch.to_ns);
+        // Of the kernel's threads, and of what a packet woke, sleep says that there was nothing to do yet.
+        if (is_kernels(role) || (waker && brings_packets(timeline, *waker))) break;
         part.cause = Cause::waited;
-        by_its_waker(part, stretch);
-        add(found, part, stretch.length_ns());
+        accuse(part, waker);
+        add(found, part, stretch);
         break;
+      }
       case State::comes:
       case State::gone:
       case State::unknown:
@@ -212,28 +228,17 @@ void Way::receiver(Found& found, const End& end, std::int64_t from_ns, std::int6
   }
 }
 
-Way::Packet Way::packet(const End& from, const End& to, std::int64_t from_ns, std::int64_t to_ns) const {
+// The first that is large enough, or that was thrown away before there was any.
+Packet Way::packet(const End& from, const End& to, std::int64_t from_ns, std::int64_t to_ns) const {
+  if (from.timeline == nullptr) return {};
+  const auto ours = [&](std::int32_t thread) { return has(from, thread); };
   Packet packet;
-  if (from.timeline == nullptr) return packet;
-  for (const auto& event : from.timeline->events()) {
-    if (event.at_ns < from_ns || event.at_ns > to_ns) continue;
-    if (packet.queued == nullptr) {
-      const bool ours = has(from, event.thread.id);
-      if (event.kind == Kind::queued && ours && event.bytes >= packet_bytes_) packet.queued = &event;
-      if (event.kind == Kind::dropped && ours && event.at_ns < from_ns + before_queue_ns) {
-        packet.dropped = &event;
-        return packet;
-      }
-      continue;
-    }
-    if (event.packet != packet.queued->packet) continue;
-    if (event.kind == Kind::queued) break;  // the kernel gave its place to another
-    if (event.kind == Kind::sent && packet.sent == nullptr) packet.sent = &event;
-    if (event.kind == Kind::received && packet.received == nullptr && one_machine_) packet.received = &event;
-    if (event.kind == Kind::dropped) {
-      packet.dropped = &event;
-      break;
-    }
+  for (const auto& one : packets_of(*from.timeline, ours, one_machine_, from_ns, to_ns)) {
+    const bool fits = one.queued != nullptr ? one.queued->bytes >= packet_bytes_
+                                            : one.dropped->at_ns < from_ns + before_queue_ns;
+    if (!fits) continue;
+    packet = one;
+    break;
   }
   if (one_machine_ || packet.sent == nullptr || to.timeline == nullptr) return packet;
   // On the other machine: the last of its size that had come.
@@ -242,6 +247,12 @@ Way::Packet Way::packet(const End& from, const End& to, std::int64_t from_ns, st
         event.at_ns >= packet.sent->at_ns - usual_.uncertainty_ns())
       packet.received = &event;
   return packet;
+}
+
+void Way::held_in_queue(Found& found, const End& from, const Packet& packet, std::int64_t until_ns) const {
+  add(found,
+      {.cause = Cause::queue, .stage = Stage::queued, .end = from.name, .culprit = packet.queued->what},
+      {packet.queued->at_ns, until_ns, State::unknown, -1});
 }
 
 void Way::leg(Found& found, const End& from, const End& to, std::int64_t from_ns, std::int64_t to_ns) const {
@@ -257,10 +268,7 @@ void Way::leg(Found& found, const End& from, const End& to, std::int64_t from_ns
     receiver(found, to, way.queued->at_ns, to_ns);
     return;
   }
-  const auto queued_ns = way.sent->at_ns - way.queued->at_ns;
-  if (queued_ns > at_once_ns)
-    add(found, {.cause = Cause::queue, .stage = Stage::queued, .end = from.name, .culprit = way.queued->what},
-        queued_ns);
+  if (way.sent->at_ns - way.queued->at_ns > at_once_ns) held_in_queue(found, from, way, way.sent->at_ns);
   if (way.received == nullptr) {
     receiver(found, to, way.sent->at_ns, to_ns);
     return;
@@ -274,18 +282,21 @@ void Way::leg(Found& found, const End& from, const End& to, std::int64_t from_ns
 // What is over the usual, and no state of a thread or packet accounts for.
 void Way::rest(Found& found, std::size_t leg, std::int64_t length_ns) const {
   auto left_ns = length_ns - found.held_ns - usual_.leg_ns(leg);
-  const auto take = [&](Cause cause, std::int64_t most_ns) {
+  const auto take = [&](Cause cause, std::int64_t most_ns, const std::vector<Stretch>& when) {
     const auto ns = std::min(left_ns, most_ns);
     auto part = found.last;
     part.cause = cause;
-    add(found, part, ns);
+    add(found, part, ns, when);
     left_ns -= std::max<std::int64_t>(ns, 0);
   };
+  const auto slept_ns =
+      std::accumulate(found.slept.begin(), found.slept.end(), std::int64_t{0},
+                      [](std::int64_t sum, const Stretch& stretch) { return sum + stretch.length_ns(); });
   constexpr std::size_t waking = 0, sending = 1, answering = 3;
-  if (leg == waking) take(Cause::timer, found.slept_ns);
-  take(Cause::busy, found.ran_ns);
-  if (leg == sending || leg == answering) take(Cause::waited, found.slept_ns);
-  take(Cause::unknown, left_ns);
+  if (leg == waking) take(Cause::timer, slept_ns, found.slept);
+  take(Cause::busy, found.ran_ns, found.ran);
+  if (leg == sending || leg == answering) take(Cause::waited, slept_ns, found.slept);
+  take(Cause::unknown, left_ns, {});
 }
 
 std::vector<Part> Way::delays_of(const roundtrip::Sample& sample) {
@@ -318,13 +329,14 @@ std::vector<Part> Way::delays_of(const roundtrip::Sample& sample) {
 bool Way::lost_between(Found& found, const End& from, const End& to, const Packet& way, std::int64_t from_ns,
                        std::int64_t until_ns) const {
   if (way.dropped != nullptr) {
-    const bool here = way.sent == nullptr;
+    const bool here = way.sent == nullptr || !one_machine_;
     found.parts.push_back({.cause = Cause::dropped,
                            .stage = way.received != nullptr ? Stage::delivered
-                                    : here                  ? Stage::queued
+                                    : way.sent == nullptr   ? Stage::queued
                                                             : Stage::travelled,
                            .end = here ? from.name : to.name,
-                           .culprit = way.dropped->what});
+                           .culprit = way.dropped->what,
+                           .when = {{way.dropped->at_ns, way.dropped->at_ns, State::unknown, -1}}});
     return true;
   }
   if (way.queued == nullptr) {
@@ -333,8 +345,7 @@ bool Way::lost_between(Found& found, const End& from, const End& to, const Packe
     return found.held_ns > 0;
   }
   if (way.sent == nullptr) {
-    add(found, {.cause = Cause::queue, .stage = Stage::queued, .end = from.name, .culprit = way.queued->what},
-        until_ns - way.queued->at_ns);
+    held_in_queue(found, from, way, until_ns);
     return true;
   }
   return false;

@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "explain/explain.hpp"
+#include "explain/packets.hpp"
 #include "explain/timeline.hpp"
 #include "explain/usual.hpp"
 
@@ -37,18 +38,18 @@ class Way {
   // Of a leg: what held it up, and what the threads did beside.
   struct Found {
     std::vector<Part> parts;
-    std::int64_t held_ns = 0, ran_ns = 0, slept_ns = 0;
+    std::int64_t held_ns = 0, ran_ns = 0;
+    std::vector<Stretch> ran, slept;
     Part last{};  // whose thread was looked at last
   };
-  struct Packet {
-    const trace::Event *queued = nullptr, *sent = nullptr, *received = nullptr, *dropped = nullptr;
-  };
 
-  void add(Found&, Part, std::int64_t ns) const;
+  void add(Found&, Part, std::int64_t ns, const std::vector<Stretch>& when) const;
+  void add(Found&, const Part&, const Stretch& when) const;
   void thread(Found&, const End&, std::int32_t id, const std::string& role, Stage, std::int64_t from_ns,
               std::int64_t to_ns) const;
   void waited(Found&, const Timeline&, const Part&, const Stretch&) const;
   void receiver(Found&, const End&, std::int64_t from_ns, std::int64_t to_ns) const;
+  void held_in_queue(Found&, const End& from, const Packet&, std::int64_t until_ns) const;
   void leg(Found&, const End& from, const End& to, std::int64_t from_ns, std::int64_t to_ns) const;
   void rest(Found&, std::size_t leg, std::int64_t length_ns) const;
   Packet packet(const End& from, const End& to, std::int64_t from_ns, std::int64_t to_ns) const;

@@ -1,9 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <algorithm>
 #include <map>
+#include <optional>
 
 #include <fmt/format.h>
 
+#include "explain/packets.hpp"
 #include "report/report.hpp"
 #include "report/why.hpp"
 
@@ -13,7 +15,6 @@ namespace {
 using explain::Cause;
 using explain::Part;
 using explain::Scene;
-using explain::Stage;
 using explain::State;
 using explain::Timeline;
 using nlohmann::json;
@@ -21,8 +22,7 @@ using roundtrip::Fate;
 using trace::Kind;
 
 constexpr std::size_t most_cpus = 6, most_packets = 24;
-constexpr std::int64_t finest = 700;                     // parts of what is shown: less cannot be seen
-constexpr std::int64_t most_of_a_loss_ns = 200'000'000;  // as `explain` looks at
+constexpr std::int64_t finest = 700;  // parts of what is shown: less cannot be seen
 
 enum class Look {
   other,
@@ -82,27 +82,14 @@ class Drawing {
     return nullptr;
   }
 
-  std::int64_t known_until_ns() const {
-    auto until_ns = message_.sample.sent_ns;
-    for (const auto& machine : scene_.machines) until_ns = std::max(until_ns, machine.to_ns);
-    return until_ns;
-  }
-
   // From a little before it was due until a little after its answer, or where it ended.
   void find_span() {
-    const auto& sample = message_.sample;
-    auto end_ns = sample.received_ns;
-    if (sample.fate == Fate::lost) {
-      end_ns = std::min(known_until_ns(), sample.sent_ns + most_of_a_loss_ns);
-      for (const auto& machine : scene_.machines)
-        for (const auto& event : machine.timeline.events())
-          if (culprit_.cause == Cause::dropped && event.kind == Kind::dropped &&
-              event.what == culprit_.culprit && event.at_ns >= sample.due_ns && event.at_ns < end_ns)
-            end_ns = event.at_ns;
-    }
-    end_ns = std::max(end_ns, sample.due_ns + 1'000);
-    const auto beside_ns = (end_ns - sample.due_ns) / (culprit_.cause == Cause::dropped ? 4 : 16);
-    from_ns_ = sample.due_ns - beside_ns;
+    const auto due_ns = message_.sample.due_ns;
+    const bool is_dropped = culprit_.cause == Cause::dropped && !culprit_.when.empty();
+    const auto end_ns =
+        std::max(is_dropped ? culprit_.when.front().to_ns : scene_.legs.back().to_ns, due_ns + 1'000);
+    const auto beside_ns = (end_ns - due_ns) / (is_dropped ? 4 : 16);
+    from_ns_ = due_ns - beside_ns;
     to_ns_ = end_ns + beside_ns;
   }
 
@@ -125,41 +112,12 @@ class Drawing {
     return all;
   }
 
-  // Of the way's five parts, the one in which a part of a delay was.
-  static std::size_t leg_of(const Part& part) {
-    if (part.stage == Stage::woke) return 0;
-    if (part.stage == Stage::sent) return 1;
-    if (part.stage == Stage::answered) return 3;
-    const bool at_the_far_end = part.stage == Stage::travelled || part.stage == Stage::delivered;
-    return (part.end == "component") == at_the_far_end ? 2 : 4;
-  }
-
-  // As far as it came.
-  std::vector<std::pair<std::int64_t, std::int64_t>> legs() const {
-    const auto& sample = message_.sample;
-    std::vector<std::int64_t> times = {sample.due_ns, sample.woke_ns, sample.sent_ns};
-    if (scene_.there_ns && scene_.answered_ns) {
-      times.push_back(*scene_.there_ns);
-      times.push_back(*scene_.answered_ns);
-    }
-    times.push_back(sample.fate == Fate::lost ? to_ns_ : sample.received_ns);
-    std::vector<std::pair<std::int64_t, std::int64_t>> legs;
-    for (std::size_t i = 1; i < times.size(); ++i)
-      legs.emplace_back(times[i - 1], std::max(times[i], times[i - 1]));
-    return legs;
-  }
-
   void add_stages(json& stages) {
-    const auto all = legs();
-    const char* names[] = {"wakes", "is sent", "on its way there", "is answered", "on its way back"};
-    if (message_.sample.fate == Fate::lost)
-      names[2] = "never comes back";
-    else if (all.size() == 3)
-      names[2] = "there and back";
-    for (std::size_t i = 0; i < all.size(); ++i) {
-      const bool culprits = !message_.parts.empty() && culprit_.cause != Cause::unknown &&
-                            std::min(leg_of(culprit_), all.size() - 1) == i;
-      stages.push_back({names[i], after(all[i].first), after(all[i].second), culprits ? 1 : 0});
+    for (const auto& leg : scene_.legs) {
+      const bool is_last = &leg == &scene_.legs.back();
+      const bool culprits = !culprit_.when.empty() && culprit_.when.front().from_ns >= leg.from_ns &&
+                            (is_last || culprit_.when.front().from_ns < leg.to_ns);
+      stages.push_back({leg.name, after(leg.from_ns), after(leg.to_ns), culprits ? 1 : 0});
     }
   }
 
@@ -176,34 +134,11 @@ class Drawing {
     if (deadline_ns_ > 0) mark("deadline", sample.sent_ns + deadline_ns_);
   }
 
-  // Whether what a thread of ours was at is what the culprit did to it.
-  bool suffers(const Scene::Thread& thread, State state, std::int64_t from_ns, std::int64_t to_ns) const {
-    if (message_.parts.empty() || thread.end != culprit_.end || thread.role != culprit_.thread) return false;
-    const auto all = legs();
-    const auto& [begin_ns, end_ns] = all[std::min(leg_of(culprit_), all.size() - 1)];
-    if (to_ns <= begin_ns || from_ns >= end_ns) return false;
-    switch (culprit_.cause) {
-      case Cause::cpu:
-      case Cause::throttled:
-      case Cause::idle_cpu:
-        return state == State::ready || state == State::comes;
-      case Cause::stopped:
-        return state == State::stopped;
-      case Cause::page_fault:
-      case Cause::lock:
-      case Cause::disk:
-      case Cause::blocked:
-        return state == State::blocked;
-      case Cause::waited:
-      case Cause::timer:
-        return state == State::sleeps;
-      case Cause::busy:
-        return state == State::runs || state == State::comes;
-      case Cause::interrupts:
-        return state == State::runs;
-      default:
-        return false;
-    }
+  // Whether the culprit was at work then: on that CPU, or, of what is on none or on any, anywhere.
+  bool at_work(std::int64_t from_ns, std::int64_t to_ns, std::optional<int> cpu = {}) const {
+    return std::any_of(culprit_.when.begin(), culprit_.when.end(), [&](const auto& when) {
+      return (!cpu || when.cpu == *cpu) && when.from_ns < to_ns && when.to_ns > from_ns;
+    });
   }
 
   void add_threads(json& lanes, const std::string& end) {
@@ -219,9 +154,9 @@ class Drawing {
       for (const auto& stretch : timeline->of(thread.id, from_ns_, to_ns_))
         for (const auto& [state, look] : looks) {
           if (state != stretch.state) continue;
-          const bool suffering = suffers(thread, state, stretch.from_ns, stretch.to_ns);
+          const bool suffering = thread.end == culprit_.end && thread.id == culprit_.thread_id &&
+                                 at_work(stretch.from_ns, stretch.to_ns);
           awake = awake || state != State::sleeps || suffering;
-          if (suffering) held_up_.push_back(stretch);
           if (state != State::sleeps || suffering)
             bars.push_back({stretch.from_ns, stretch.to_ns, look, word_of(state), suffering});
         }
@@ -238,14 +173,12 @@ class Drawing {
     return nullptr;
   }
 
-  // Of whom the culprit's name is: where and while it held up a thread of ours, if that was one of ours.
+  // Whose name is the culprit's: where and while it held up a thread of ours.
   bool accused(const std::string& name, std::initializer_list<Cause> of, int cpu, std::int64_t from_ns,
                std::int64_t to_ns) const {
     if (std::find(of.begin(), of.end(), culprit_.cause) == of.end() || name != culprit_.culprit) return false;
     const bool anywhere = culprit_.cause == Cause::lock || culprit_.cause == Cause::waited;
-    return held_up_.empty() || std::any_of(held_up_.begin(), held_up_.end(), [&](const auto& stretch) {
-             return (anywhere || stretch.cpu == cpu) && stretch.from_ns < to_ns && stretch.to_ns > from_ns;
-           });
+    return at_work(from_ns, to_ns, anywhere ? std::nullopt : std::optional(cpu));
   }
 
   // Those on which our threads were, or were to be, and then those on which the culprit was.
@@ -330,52 +263,45 @@ class Drawing {
 
   // Of packets that may be the message's: in the queue, on the wire, thrown away.
   void add_packets(json& lanes) {
-    for (const auto* end : {"controller", "component"}) {
+    for (const std::string end : {"controller", "component"}) {
       const auto* timeline = timeline_of(end);
       if (timeline == nullptr) continue;
-      std::map<std::int32_t, Bar> queued, travels;
-      std::vector<Bar> bars;
-      for (const auto& event : timeline->events()) {
-        if (!shown(event.at_ns) || event.packet == 0) continue;
-        const auto* thread = ours(end, event.thread.id);
-        if (event.kind == Kind::queued && thread != nullptr && thread->end == end &&
-            queued.size() < most_packets)
-          queued[event.packet] = {event.at_ns, to_ns_, Look::queued, "in the queue of " + event.what,
-                                  culprit_.cause == Cause::queue && culprit_.end == end};
-        const auto found = queued.find(event.packet);
-        if (event.kind == Kind::sent && found != queued.end()) {
-          found->second.to_ns = event.at_ns;
-          travels[event.packet] = {event.at_ns, event.at_ns, Look::travels, "on the wire of " + event.what};
+      const auto its = [&](std::int32_t id) {
+        const auto* thread = ours(end, id);
+        return thread != nullptr && thread->end == end;
+      };
+      auto packets = explain::packets_of(*timeline, its, scene_.one_machine, from_ns_, to_ns_);
+      if (packets.empty()) continue;
+      if (packets.size() > most_packets) packets.resize(most_packets);
+      std::vector<Bar> queued, travels, dropped;
+      for (const auto& [queues, leaves, comes, falls] : packets) {
+        const auto* ends = falls != nullptr ? falls : comes;
+        if (queues != nullptr) {
+          const auto* out = leaves != nullptr ? leaves : ends;
+          queued.push_back({queues->at_ns, out != nullptr ? out->at_ns : to_ns_, Look::queued,
+                            "in the queue of " + queues->what, begins(Cause::queue, queues->at_ns)});
         }
-        if (event.kind == Kind::received && travels.contains(event.packet))
-          travels[event.packet].to_ns = event.at_ns;
-        if (event.kind == Kind::dropped) {
-          const bool culprit = culprit_.cause == Cause::dropped && event.what == culprit_.culprit;
-          const bool of_it = (thread != nullptr && thread->end == end) || found != queued.end();
-          // On its other machine a packet has another number.
-          if (!of_it && (!culprit || scene_.one_machine || culprit_.end != end)) continue;
-          if (found != queued.end() && !travels.contains(event.packet)) found->second.to_ns = event.at_ns;
-          if (travels.contains(event.packet)) travels[event.packet].to_ns = event.at_ns;
-          if (bars.size() < most_packets)
-            bars.push_back({event.at_ns, event.at_ns, Look::dropped, "dropped: " + event.what, culprit});
-        }
+        if (leaves != nullptr && ends != nullptr)
+          travels.push_back({leaves->at_ns, ends->at_ns, Look::travels, "on the wire of " + leaves->what});
+        if (falls != nullptr)
+          dropped.push_back({falls->at_ns, falls->at_ns, Look::dropped, "dropped: " + falls->what,
+                             begins(Cause::dropped, falls->at_ns)});
       }
-      for (const auto& [packet, bar] : travels)
-        if (bar.to_ns > bar.from_ns) bars.insert(bars.begin(), bar);
-      for (const auto& [packet, bar] : queued) bars.insert(bars.begin(), bar);
-      if (bars.empty()) continue;
+      for (const auto* over : {&travels, &dropped}) queued.insert(queued.end(), over->begin(), over->end());
       lanes.push_back({{"of", "packet"},
                        {"end", end},
-                       {"name", name(std::string_view(end) == "component" ? "pong sends" : "ping sends")},
-                       {"bars", packed(bars)}});
+                       {"name", name(end == "component" ? "pong sends" : "ping sends")},
+                       {"bars", packed(queued)}});
     }
+  }
+  bool begins(Cause cause, std::int64_t at_ns) const {
+    return culprit_.cause == cause && !culprit_.when.empty() && culprit_.when.front().from_ns == at_ns;
   }
 
   const explain::Message& message_;
   const Scene& scene_;
   const std::int64_t deadline_ns_;
   Part culprit_{};
-  std::vector<explain::Stretch> held_up_;
   std::int64_t from_ns_ = 0, to_ns_ = 0;
   std::vector<std::string> names_;
 };

@@ -26,11 +26,11 @@ using trace::Kind;
 // Its "processes", which are groups of tracks.
 enum Group { messages = 1, controller_cpus, component_cpus, controller_threads, component_threads };
 constexpr std::int64_t interrupts_track = 10'000;  // of CPU 0; beyond what has as many CPUs
-constexpr std::int32_t least_ordinary = 100;
 
 std::string rank_of(std::int32_t priority) {
   if (priority < 0) return "SCHED_DEADLINE";
-  if (priority < least_ordinary) return fmt::format("real-time, priority {}", least_ordinary - 1 - priority);
+  if (priority < trace::least_ordinary)
+    return fmt::format("real-time, priority {}", trace::least_ordinary - 1 - priority);
   return fmt::format("ordinary, nice {}", priority - 120);
 }
 
@@ -47,7 +47,7 @@ class Trace {
 
   ordered_json about() const {
     return {{"clock", "CLOCK_MONOTONIC of the controller's machine"},
-            {"origin_ns", events_.empty() ? 0 : origin_ns()},
+            {"origin_ns", origin_ns()},
             {"machines",
              one_machine_ ? "both ends are on one" : "two; the component's times are moved to this clock"},
             {"clock_uncertainty_ns", uncertainty_ns_}};
@@ -67,7 +67,7 @@ class Trace {
               {"pid", track.first},
               {"tid", std::max<std::int64_t>(track.second, 0)},
               {"args", {{"name", printable(name)}}}});
-    const auto origin = events_.empty() ? 0 : origin_ns();
+    const auto origin = origin_ns();
     for (auto& [at_ns, event] : events_) {
       event["ts"] = static_cast<double>(at_ns - origin) / 1e3;
       append(event);
@@ -77,6 +77,7 @@ class Trace {
 
  private:
   std::int64_t origin_ns() const {
+    if (events_.empty()) return 0;
     return std::min_element(events_.begin(), events_.end(),
                             [](const auto& one, const auto& other) { return one.first < other.first; })
         ->first;
@@ -115,7 +116,9 @@ class Trace {
       for (const auto& held : machine.timeline.holders(cpu, from_ns, to_ns))
         if (held.thread.id != 0)
           slice(cpus, cpu, held.from_ns, held.to_ns, held.thread.name,
-                {{"thread", held.thread.id}, {"rank", rank_of(held.thread.priority)}});
+                {{"thread", held.thread.id},
+                 {"rank", rank_of(held.thread.priority)},
+                 {"seen", held.surely ? "that it ran" : "only later that it had come"}});
       for (const auto& interrupt : machine.timeline.interrupts(cpu, from_ns, to_ns)) {
         tracks_[{cpus, interrupts_track + cpu}] = fmt::format("CPU {}, interrupts", cpu);
         slice(cpus, interrupts_track + cpu, interrupt.from_ns, interrupt.to_ns, interrupt.what,
@@ -149,27 +152,16 @@ class Trace {
                                              {"tid", 0},
                                              {"name", name}});
   }
-  void stage(std::uint64_t index, const char* name, std::int64_t from_ns, std::int64_t to_ns) {
-    phase("b", index, name, from_ns);
-    phase("e", index, name, std::max(from_ns, to_ns));
-  }
 
   void add_way(const Message& message, const Scene& scene) {
     const auto& sample = message.sample;
     tracks_[{messages, -1}] = "messages";
-    auto end_ns = sample.fate == Fate::lost ? sample.sent_ns : sample.received_ns;
-    if (sample.fate == Fate::lost)
-      for (const auto& machine : scene.machines) end_ns = std::max(end_ns, machine.to_ns);
+    const auto end_ns = scene.legs.back().to_ns;
     const auto name = fmt::format("message {}", sample.index);
     phase("b", sample.index, name, sample.due_ns);
-    stage(sample.index, "wakes", sample.due_ns, sample.woke_ns);
-    stage(sample.index, "is sent", sample.woke_ns, sample.sent_ns);
-    if (scene.there_ns && scene.answered_ns) {
-      stage(sample.index, "on its way there", sample.sent_ns, *scene.there_ns);
-      stage(sample.index, "is answered", *scene.there_ns, *scene.answered_ns);
-      stage(sample.index, "on its way back", *scene.answered_ns, end_ns);
-    } else {
-      stage(sample.index, sample.fate == Fate::lost ? "lost" : "there and back", sample.sent_ns, end_ns);
+    for (const auto& leg : scene.legs) {
+      phase("b", sample.index, leg.name, leg.from_ns);
+      phase("e", sample.index, leg.name, leg.to_ns);
     }
     phase("e", sample.index, name, end_ns);
     mark(messages, 0, sample.due_ns, fmt::format("message {} due", sample.index), "g");

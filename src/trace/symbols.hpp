@@ -11,12 +11,11 @@ namespace ontime::trace {
 
 class Symbols {
  public:
-  // "" where the kernel hides its addresses (kernel.kptr_restrict), or there is none there. The first time
-  // it takes some tens of milliseconds.
-  const std::string& at(std::uint64_t address);
+  Symbols();  // takes some tens of milliseconds
+  // "" where the kernel hides its addresses (kernel.kptr_restrict), or there is none there.
+  const std::string& at(std::uint64_t address) const;
 
  private:
-  void read();
   std::vector<std::pair<std::uint64_t, std::string>> functions_;  // by where they begin
 };
 

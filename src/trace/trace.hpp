@@ -41,12 +41,14 @@ enum class Kind : std::uint8_t {
 const char* word_of(Kind);
 std::optional<Kind> kind_of(const std::string& word);
 
+inline constexpr std::int32_t least_ordinary = 100;  // of the kernel's priorities
+
 // A thread as an event names it.
 struct Thread {
   std::int32_t id = 0;  // 0: the idle thread of a CPU
   std::string name{};   // "": the event does not say
   std::int32_t priority =
-      0;  // the kernel's: below 0 SCHED_DEADLINE, 0 … 98 real-time 99 … 1, from 100 on others
+      0;  // the kernel's: below 0 SCHED_DEADLINE, 0 … 98 real-time 99 … 1, from least_ordinary on others
   bool operator==(const Thread&) const = default;
 };
 

@@ -1,0 +1,40 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "explain/packets.hpp"
+
+#include <map>
+
+namespace ontime::explain {
+
+using trace::Kind;
+
+std::vector<Packet> packets_of(const Timeline& timeline, const std::function<bool(std::int32_t)>& ours,
+                               bool one_machine, std::int64_t from_ns, std::int64_t to_ns) {
+  std::vector<Packet> packets;
+  std::map<std::int32_t, std::size_t> open;  // by number, those that are not done with
+  for (const auto& event : timeline.events()) {
+    if (event.at_ns < from_ns || event.at_ns > to_ns) continue;
+    if (event.kind == Kind::queued) {
+      open.erase(event.packet);
+      if (!ours(event.thread.id)) continue;
+      if (event.packet != 0) open[event.packet] = packets.size();
+      packets.push_back({.queued = &event});
+      continue;
+    }
+    const auto found = open.find(event.packet);
+    if (found == open.end()) {
+      if (event.kind == Kind::dropped && ours(event.thread.id)) packets.push_back({.dropped = &event});
+      continue;
+    }
+    auto& packet = packets[found->second];
+    if (event.kind == Kind::sent && packet.sent == nullptr) packet.sent = &event;
+    if (event.kind == Kind::received && packet.received == nullptr && packet.sent != nullptr && one_machine)
+      packet.received = &event;
+    if (event.kind == Kind::dropped) {
+      packet.dropped = &event;
+      open.erase(found);
+    }
+  }
+  return packets;
+}
+
+}  // namespace ontime::explain

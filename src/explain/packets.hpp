@@ -1,0 +1,23 @@
+// SPDX-License-Identifier: Apache-2.0
+// What became of the packets that threads gave to the kernel of their machine.
+#pragma once
+
+#include <cstdint>
+#include <functional>
+#include <vector>
+
+#include "explain/timeline.hpp"
+
+namespace ontime::explain {
+
+// Events of the timeline, or nullptr. Of one that was dropped before it was queued that is all.
+struct Packet {
+  const trace::Event *queued = nullptr, *sent = nullptr, *received = nullptr, *dropped = nullptr;
+};
+
+// Of threads that are `ours`, from `from_ns` until `to_ns`, in order. The kernel gives a packet's number to
+// another as soon as it is done with it. `one_machine`: what is received there is what was sent.
+std::vector<Packet> packets_of(const Timeline&, const std::function<bool(std::int32_t thread)>& ours,
+                               bool one_machine, std::int64_t from_ns, std::int64_t to_ns);
+
+}  // namespace ontime::explain
