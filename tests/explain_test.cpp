@@ -120,7 +120,7 @@ class Explained : public testing::TestWithParam<bool> {
 
   Account account(const Sample& sample, const json& traced = {{"controller", json::object()}}) {
     record::Writer writer("");
-    const auto run = writer.begin_run({{"id", "x"}, {"payload_bytes", 500}});
+    const auto run = writer.begin_run({{"id", "x"}, {"payload_bytes", 500}, {"deadline_us", deadline_us_}});
     samples_.insert(samples_.begin() + 50, sample);
     writer.append(run, samples_);
     writer.trace(run, {"controller", window_});
@@ -148,6 +148,7 @@ class Explained : public testing::TestWithParam<bool> {
 
   trace::Window window_;
   std::vector<Sample> samples_;
+  int deadline_us_ = 0;
 };
 
 TEST_P(Explained, AThreadThatWaitsForACpuBehindAnother) {
@@ -467,6 +468,48 @@ TEST_P(Explained, ANumberOfAPacketIsGivenToTheNext) {
   EXPECT_EQ(packets[0].dropped, nullptr);
   EXPECT_EQ(packets[1].dropped->what, "QDISC_DROP");
   EXPECT_EQ(packets[1].sent, nullptr);
+}
+
+TEST_P(Explained, ASenderThatStoodStillIsAFaultThoughItsMessageWasQuick) {
+  sender_wakes_and_sends();
+  auto sample = usual(50);
+  sample.intended_ns = due - 30 * ms;
+  sample.skipped_cycles = 3;
+  sample.passed_wake_ns = sample.woke_ns - sample.intended_ns;
+  window_.span.from_ns = due - 31 * ms;
+  window_.events.insert(window_.events.begin(), {.at_ns = due - 30 * ms - 100 * us,
+                                                 .cpu = 0,
+                                                 .kind = Kind::waking,
+                                                 .thread = named(asks),
+                                                 .other = named(0),
+                                                 .what = "0"});
+  deadline_us_ = 10'000;
+  const auto account = this->account(sample);
+  EXPECT_EQ(account.late, 0u);
+  EXPECT_EQ(account.late_by_response, 1u);
+  ASSERT_THAT(account.messages, SizeIs(1));
+  EXPECT_TRUE(account.messages[0].late_by_response);
+  const auto part = first(account.messages[0]);
+  EXPECT_EQ(part.stage, Stage::woke);
+  EXPECT_GT(part.ns, 25 * ms);
+  EXPECT_THAT(account.groups, SizeIs(1));
+}
+
+TEST(Sample, OfCyclesThatPassedWhileAnAnswerWasAwaitedNoneWasSleptThrough) {
+  Sample sample{.index = 1,
+                .intended_ns = 10 * ms,
+                .due_ns = 40 * ms,
+                .woke_ns = 40 * ms + 10 * us,
+                .passed_wake_ns = 50 * us,
+                .sent_ns = 0,
+                .received_ns = 0,
+                .server_received_ns = 0,
+                .server_sent_ns = 0,
+                .skipped_cycles = 3,
+                .fate = Fate::on_time};
+  EXPECT_EQ(awaited_since_ns(sample), 40 * ms);
+  sample.passed_wake_ns = 30 * ms + 10 * us;
+  EXPECT_EQ(awaited_since_ns(sample), 10 * ms);
 }
 
 INSTANTIATE_TEST_SUITE_P(Kernel, Explained, testing::Values(true, false), [](const auto& told) {

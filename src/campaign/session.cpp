@@ -55,7 +55,7 @@ std::vector<json> Session::measure(std::chrono::nanoseconds wait) {
   machines_.load(run_);
   if (run_.explain) {
     traced_ = machines_.trace([this](const auto& host, const auto& window) { windows_->take(host, window); });
-    windows_.emplace(machines_);
+    windows_.emplace(machines_, run_.task.client.deadline);
   }
   for (auto& pair : pairs_) pair->make_ready(wait);
   // All accounts are opened while nothing is sent: what opening them costs is nobody's round trip.

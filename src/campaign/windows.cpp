@@ -18,14 +18,15 @@ constexpr std::int64_t longest_ns = 1'000'000'000;
 constexpr std::int64_t of_a_lost_one_ns = 200'000'000;  // after it was sent
 
 trace::Span span_of(const Sample& sample) {
+  const auto since_ns = awaited_since_ns(sample);
   const auto end_ns = sample.fate == Fate::lost ? sample.sent_ns + of_a_lost_one_ns
-                                                : std::min(sample.received_ns, sample.due_ns + longest_ns);
-  return {sample.index, sample.due_ns - before_ns, end_ns + after_ns};
+                                                : std::min(sample.received_ns, since_ns + longest_ns);
+  return {sample.index, since_ns - before_ns, end_ns + after_ns};
 }
 
 // The first that are lost are as bad as any later.
 std::int64_t badness_of(const Sample& sample) {
-  return sample.fate == Fate::lost ? 0 : sample.received_ns - sample.due_ns;
+  return sample.fate == Fate::lost ? 0 : sample.received_ns - awaited_since_ns(sample);
 }
 
 }  // namespace
@@ -37,9 +38,10 @@ void Windows::add(std::span<const Sample> samples) {
 
 void Windows::choose(const Sample& sample) {
   forget(sample.index);  // given up as lost, it was answered after all
-  const auto fate = static_cast<std::size_t>(sample.fate);
-  auto& chosen = chosen_[fate];
   const Chosen candidate{badness_of(sample), sample.index};
+  const bool kept_waiting = sample.fate == Fate::on_time && candidate.badness_ns > deadline_.count();
+  const auto fate = static_cast<std::size_t>(kept_waiting ? Fate::late : sample.fate);
+  auto& chosen = chosen_[fate];
   if (chosen.size() == most[fate]) {
     const auto least = *chosen.begin();
     if (candidate.badness_ns <= least.badness_ns) return;

@@ -1,10 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-// Of a run with `explain: on`: which messages are worth a look at what the kernels did around them, late or
-// lost ones and the slowest of the others. They are asked for while the keepers still have it; the worst are
-// kept.
+// Of a run with `explain: on`: which messages are worth a look at what the kernels did around them: lost
+// ones, late ones, by response too, and the slowest of the others. They are asked for while the keepers still
+// have it; the worst are kept.
 #pragma once
 
 #include <array>
+#include <chrono>
 #include <cstdint>
 #include <map>
 #include <set>
@@ -20,7 +21,7 @@ namespace ontime::campaign {
 
 class Windows {
  public:
-  explicit Windows(Machines& machines) : machines_(machines) {}
+  Windows(Machines& machines, std::chrono::nanoseconds deadline) : machines_(machines), deadline_(deadline) {}
 
   void add(std::span<const roundtrip::Sample>);
   // Asks the keepers for what was found worth it since; in the loop, not in a handler.
@@ -39,8 +40,9 @@ class Windows {
   void forget(std::uint64_t message);
 
   Machines& machines_;
+  const std::chrono::nanoseconds deadline_;
   roundtrip::Clocks clocks_;
-  std::array<std::set<Chosen>, 3> chosen_;  // by fate, the least bad first
+  std::array<std::set<Chosen>, 3> chosen_;  // by fate, those late by response as late; the least bad first
   std::map<std::uint64_t, trace::Span> wanted_;
   std::multimap<std::uint64_t, record::Trace> traces_;
   std::size_t awaited_ = 0;

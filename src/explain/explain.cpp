@@ -5,6 +5,7 @@
 #include <map>
 #include <optional>
 #include <set>
+#include <tuple>
 
 #include <fmt/format.h>
 
@@ -45,10 +46,20 @@ class Explainer {
         server_(end_of(run, "component")),
         one_machine_(record::on_one_machine(run.outcome)),
         payload_bytes_(integer_of(at(run.asked, "payload_bytes"))),
+        deadline_ns_(deadline_ns_of(run)),
         usual_(reader, run.number, one_machine_) {}
 
+  bool is_late_by_response(const Sample& sample) const {
+    return sample.fate == Fate::on_time && deadline_ns_ > 0 &&
+           sample.received_ns - awaited_since_ns(sample) > deadline_ns_;
+  }
+
   Message explain(const Sample& sample, const std::vector<record::Trace>& traces) const {
-    Message message{.sample = sample, .delay_ns = 0, .parts = {}, .whole = true};
+    Message message{.sample = sample,
+                    .delay_ns = 0,
+                    .parts = {},
+                    .whole = true,
+                    .late_by_response = is_late_by_response(sample)};
     std::optional<Timeline> here, there;
     auto until_ns = sample.sent_ns;
     for (const auto& trace : traces) {
@@ -98,7 +109,7 @@ class Explainer {
     for (const auto& machine : scene.machines)
       if (is_lost) end_ns = std::max(end_ns, machine.to_ns);
     const auto add = [&](const char* name, std::int64_t until_ns) {
-      const auto from_ns = scene.legs.empty() ? sample.due_ns : scene.legs.back().to_ns;
+      const auto from_ns = scene.legs.empty() ? awaited_since_ns(sample) : scene.legs.back().to_ns;
       scene.legs.push_back({name, from_ns, std::max(from_ns, until_ns)});
     };
     add("wakes", sample.woke_ns);
@@ -116,7 +127,7 @@ class Explainer {
  private:
   const End client_, server_;
   const bool one_machine_;
-  const std::int64_t payload_bytes_;
+  const std::int64_t payload_bytes_, deadline_ns_;
   const Usual usual_;
 };
 
@@ -130,7 +141,7 @@ std::vector<Group> groups_of(const std::vector<Message>& messages) {
   std::vector<Group> groups;
   std::vector<std::set<std::int32_t>> threads;
   for (const auto& message : messages) {
-    if (message.sample.fate == Fate::on_time || message.parts.empty()) continue;
+    if (!message.is_fault() || message.parts.empty()) continue;
     const auto& first = message.parts.front();
     const auto found = std::find_if(groups.begin(), groups.end(),
                                     [&](const Group& group) { return same(group.culprit, first); });
@@ -187,20 +198,29 @@ void add_limits(Account& account, const record::Run& run) {
     }
   std::uint64_t late = 0, lost = 0, in_part = 0;
   for (const auto& message : account.messages) {
-    late += message.sample.fate == Fate::late ? 1 : 0;
     lost += message.sample.fate == Fate::lost ? 1 : 0;
+    late += message.is_fault() && message.sample.fate != Fate::lost ? 1 : 0;
     in_part += message.whole ? 0 : 1;
   }
-  if (late < account.late || lost < account.lost)
+  const auto all_late = account.late + account.late_by_response;
+  if (late < all_late || lost < account.lost)
     account.limits.push_back(
-        fmt::format("looked at: the worst {} of {} late and the first {} of {} lost messages", late,
-                    account.late, lost, account.lost));
+        fmt::format("looked at: the worst {} of {} late and the first {} of {} lost messages", late, all_late,
+                    lost, account.lost));
   if (in_part > 0)
     account.limits.push_back(fmt::format(
         "of {} messages a part of what the kernel did is not known: more happened than was kept", in_part));
 }
 
 }  // namespace
+
+std::int64_t deadline_ns_of(const record::Run& run) {
+  const auto& us = at(run.asked, "deadline_us");
+  constexpr double longest_us = 1e12;
+  return us.is_number() && us.get<double>() > 0 && us.get<double>() < longest_us
+             ? static_cast<std::int64_t>(us.get<double>() * 1e3)
+             : 0;
+}
 
 Account account_of(const record::Reader& reader, const record::Run& run) {
   Account account;
@@ -214,13 +234,14 @@ Account account_of(const record::Reader& reader, const record::Run& run) {
   reader.each_sample(run.number, [&](const Sample& sample) {
     account.late += sample.fate == Fate::late ? 1 : 0;
     account.lost += sample.fate == Fate::lost ? 1 : 0;
+    account.late_by_response += explainer.is_late_by_response(sample) ? 1 : 0;
     const auto found = traces.find(sample.index);
     if (found != traces.end()) account.messages.push_back(explainer.explain(sample, found->second));
   });
   std::stable_sort(account.messages.begin(), account.messages.end(),
                    [](const Message& one, const Message& other) {
                      const auto badness = [](const Message& message) {
-                       return std::pair(static_cast<int>(message.sample.fate), message.delay_ns);
+                       return std::tuple(message.sample.fate, message.is_fault(), message.delay_ns);
                      };
                      return badness(one) > badness(other);
                    });

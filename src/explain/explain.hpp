@@ -61,6 +61,9 @@ struct Message {
   std::int64_t delay_ns = 0;  // the sum of its parts; of one that is lost: as far as it was looked at
   std::vector<Part> parts;    // the largest first
   bool whole = true;          // false: a part of what the kernels did around it is not known
+  // Answered in time since it was sent, and too late since it, or a cycle slept through before it, was due.
+  bool late_by_response = false;
+  bool is_fault() const { return sample.fate != roundtrip::Fate::on_time || late_by_response; }
 };
 
 // Those messages that have the same first culprit.
@@ -73,12 +76,15 @@ struct Group {
 };
 
 struct Account {
-  bool traced = false;               // it was measured with `explain: on`
-  std::uint64_t late = 0, lost = 0;  // of the run
+  bool traced = false;                 // it was measured with `explain: on`
+  std::uint64_t late = 0, lost = 0;    // of the run
+  std::uint64_t late_by_response = 0;  // messages that are neither, see Message
   std::vector<Message> messages;  // that were looked at, the worst first: lost, late, and the slowest others
-  std::vector<Group> groups;      // of the late and the lost, most messages first
+  std::vector<Group> groups;      // of the faults, most messages first
   std::vector<std::string> limits;  // for people: what could not be told, and why
 };
+
+std::int64_t deadline_ns_of(const record::Run&);  // 0: it has none
 
 Account account_of(const record::Reader&, const record::Run&);
 

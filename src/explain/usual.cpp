@@ -31,7 +31,7 @@ Usual::Usual(const record::Reader& reader, std::int64_t run, bool one_clock) {
 std::array<Leg, legs> Usual::of(const Sample& sample) const {
   const auto there_ns = sample.server_received_ns + server_later_ns_,
              back_ns = sample.server_sent_ns + server_later_ns_;
-  return {{{sample.due_ns, sample.woke_ns},
+  return {{{awaited_since_ns(sample), sample.woke_ns},
            {sample.woke_ns, sample.sent_ns},
            {sample.sent_ns, there_ns},
            {there_ns, back_ns},

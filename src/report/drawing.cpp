@@ -84,7 +84,7 @@ class Drawing {
 
   // From a little before it was due until a little after its answer, or where it ended.
   void find_span() {
-    const auto due_ns = message_.sample.due_ns;
+    const auto due_ns = scene_.legs.front().from_ns;
     const bool is_dropped = culprit_.cause == Cause::dropped && !culprit_.when.empty();
     const auto end_ns =
         std::max(is_dropped ? culprit_.when.front().to_ns : scene_.legs.back().to_ns, due_ns + 1'000);
@@ -126,7 +126,7 @@ class Drawing {
     const auto mark = [&](const char* what, std::int64_t ns) {
       if (shown(ns)) marks.push_back({what, after(ns)});
     };
-    mark("due", sample.due_ns);
+    mark("due", scene_.legs.front().from_ns);
     mark("sent", sample.sent_ns);
     if (scene_.there_ns) mark("there", *scene_.there_ns);
     if (scene_.answered_ns) mark("answered", *scene_.answered_ns);

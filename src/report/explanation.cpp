@@ -5,12 +5,14 @@
 #include <fmt/format.h>
 
 #include "report/report.hpp"
+#include "report/runs.hpp"
 #include "report/why.hpp"
 #include "report/words.hpp"
 
 namespace ontime::report {
 namespace {
 
+using explain::Account;
 using explain::Cause;
 using explain::Group;
 using explain::Message;
@@ -45,19 +47,17 @@ std::string text_of(const Explained& one, const Marks& marks) {
     return fmt::format("{0}{1}: {2}{0}\n", marks.heading, name_of(one), rest);
   };
   if (!account.traced) return heading("it was measured without `explain: on`, and nobody knows why");
-  if (account.late + account.lost == 0 && account.limits.empty() && account.messages.empty())
-    return heading("nothing was late or lost");
-  auto text = heading(account.late + account.lost == 0
-                          ? "nothing was late or lost"
-                          : fmt::format("{} late, {} lost. Why:", account.late, account.lost));
+  const auto faults = faults_of(account);
+  auto text = heading(faults.empty() ? "nothing was late or lost" : faults + ". Why:");
+  if (faults.empty() && account.limits.empty() && account.messages.empty()) return text;
   if (*marks.heading != '\0') text += "\n";
   for (const auto& group : account.groups) {
     text += fmt::format("{}{:>4}  {}\n", marks.item, group.messages, sentence_of(group));
     if (!group.remedy.empty()) text += fmt::format("{}{}\n", marks.below, printable(group.remedy));
   }
-  const auto slowest = std::find_if(
-      account.messages.begin(), account.messages.end(),
-      [](const Message& message) { return message.sample.fate == Fate::on_time && !message.parts.empty(); });
+  const auto slowest =
+      std::find_if(account.messages.begin(), account.messages.end(),
+                   [](const Message& message) { return !message.is_fault() && !message.parts.empty(); });
   if (slowest != account.messages.end() && slowest->parts.front().ns >= worth_naming_ns &&
       slowest->parts.front().cause != Cause::unknown)
     text += fmt::format("{}the slowest of those on time, message {}: {}, {} of {}\n", marks.item,
@@ -70,7 +70,7 @@ std::string text_of(const Explained& one, const Marks& marks) {
 std::string text_of(const Explained& one, const Message& message, const Marks& marks) {
   auto text = fmt::format(
       "{0}{1}, message {2} ({3}){4}{0}\n", marks.heading, name_of(one), message.sample.index,
-      word_of(message.sample.fate),
+      word_of(message),
       message.delay_ns == 0 ? "" : fmt::format(": {} more than usual", span_of(message.delay_ns)));
   if (*marks.heading != '\0') text += "\n";
   for (const auto& part : message.parts) {
@@ -98,7 +98,7 @@ ordered_json json_of(const Message& message) {
   auto parts = ordered_json::array();
   for (const auto& part : message.parts) parts.push_back(json_of(part));
   return {{"message", message.sample.index},
-          {"fate", word_of(message.sample.fate)},
+          {"fate", word_of(message)},
           {"delay_us", static_cast<double>(message.delay_ns) / 1e3},
           {"whole", message.whole},
           {"parts", parts}};
@@ -127,6 +127,7 @@ ordered_json json_of(const Explained& one) {
           {"traced", one.account.traced},
           {"late", one.account.late},
           {"lost", one.account.lost},
+          {"late_by_response", one.account.late_by_response},
           {"causes", groups},
           {"messages", messages},
           {"limits", limits}};
@@ -134,7 +135,9 @@ ordered_json json_of(const Explained& one) {
 
 }  // namespace
 
-const char* word_of(Fate fate) {
+const char* word_of(const Message& message) {
+  if (message.late_by_response) return "late by response";
+  const auto fate = message.sample.fate;
   return fate == Fate::on_time ? "on time" : fate == Fate::late ? "late" : "lost";
 }
 
@@ -162,12 +165,12 @@ std::string span_of(std::int64_t ns) {
   return us < 1000 ? fmt::format("{:.0f} µs", us) : fmt::format("{:.1f} ms", us / 1e3);
 }
 
-std::int64_t deadline_ns_of(const record::Run& run) {
-  const auto& us = at(run.asked, "deadline_us");
-  constexpr double longest_us = 1e12;
-  return us.is_number() && us.get<double>() > 0 && us.get<double>() < longest_us
-             ? static_cast<std::int64_t>(us.get<double>() * 1e3)
-             : 0;
+std::string faults_of(const Account& account) {
+  if (account.late + account.lost + account.late_by_response == 0) return "";
+  auto text = fmt::format("{} late, {} lost", grouped(account.late), grouped(account.lost));
+  if (account.late_by_response > 0)
+    text += fmt::format(", {} late by response", grouped(account.late_by_response));
+  return text;
 }
 
 std::string sentence_of(const Group& group) {

@@ -158,13 +158,14 @@ class Trace {
     tracks_[{messages, -1}] = "messages";
     const auto end_ns = scene.legs.back().to_ns;
     const auto name = fmt::format("message {}", sample.index);
-    phase("b", sample.index, name, sample.due_ns);
+    const auto due_ns = scene.legs.front().from_ns;
+    phase("b", sample.index, name, due_ns);
     for (const auto& leg : scene.legs) {
       phase("b", sample.index, leg.name, leg.from_ns);
       phase("e", sample.index, leg.name, leg.to_ns);
     }
     phase("e", sample.index, name, end_ns);
-    mark(messages, 0, sample.due_ns, fmt::format("message {} due", sample.index), "g");
+    mark(messages, 0, due_ns, fmt::format("message {} due", sample.index), "g");
     if (sample.fate == Fate::late && deadline_ns_ > 0)
       mark(messages, 0, sample.sent_ns + deadline_ns_, fmt::format("message {} late", sample.index), "g");
     if (!message.parts.empty())
@@ -184,7 +185,7 @@ class Trace {
 
 std::string perfetto_of(const record::Reader& reader, const record::Run& run,
                         const std::vector<explain::Message>& messages) {
-  Trace trace(deadline_ns_of(run));
+  Trace trace(explain::deadline_ns_of(run));
   explain::each_scene(reader, run, messages,
                       [&](const Message& message, const Scene& scene) { trace.add(message, scene); });
   ordered_json about = trace.about();

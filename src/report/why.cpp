@@ -41,8 +41,7 @@ std::vector<Message> chosen(const Account& account, std::size_t most) {
   std::vector<Message> all;
   std::map<std::string, std::size_t> said;
   for (const auto& message : account.messages) {
-    const bool is_fault = message.sample.fate != Fate::on_time;
-    if (message.parts.empty() || is_fault != (account.late + account.lost > 0)) continue;
+    if (message.parts.empty() || message.is_fault() == faults_of(account).empty()) continue;
     if (++said[explain::sentence_of(message.parts.front())] <= most_of_a_culprit && all.size() < most)
       all.push_back(message);
   }
@@ -53,7 +52,7 @@ std::string heading_of(const Message& message) {
   const auto which = "Message " + grouped(message.sample.index);
   if (message.sample.fate == Fate::lost) return which + " was lost";
   return fmt::format("{} was {} {} more than usual", which,
-                     message.sample.fate == Fate::late ? "late:" : "on time, but took",
+                     message.is_fault() ? std::string(word_of(message)) + ":" : "on time, but took",
                      span_of(message.delay_ns));
 }
 
@@ -95,13 +94,12 @@ Why why_of(const record::Reader& reader, const record::Run& run, std::size_t fir
   const auto account = explain::account_of(reader, run);
   if (!account.traced) return {};
   Why why;
-  const auto faults = account.late + account.lost;
+  const auto faults = faults_of(account);
   std::size_t looked_at = 0;
   for (const auto& group : account.groups) looked_at += group.messages;
-  why.html =
-      fmt::format("<p>{}</p>\n", faults == 0 ? "Nothing was late or lost. What held up the slowest is shown."
-                                             : fmt::format("{} late, {} lost. What held them up first:",
-                                                           grouped(account.late), grouped(account.lost)));
+  why.html = fmt::format("<p>{}</p>\n", faults.empty()
+                                            ? "Nothing was late or lost. What held up the slowest is shown."
+                                            : faults + ". What held them up first:");
   if (!account.groups.empty()) {
     why.html += "<ol class=\"culprits\">\n";
     for (const auto& group : account.groups) why.html += share_of(group, looked_at);
@@ -113,7 +111,7 @@ Why why_of(const record::Reader& reader, const record::Run& run, std::size_t fir
   if (worst.empty()) return why;
   std::map<std::uint64_t, nlohmann::json> drawings;  // by message
   explain::each_scene(reader, run, worst, [&](const Message& message, const explain::Scene& scene) {
-    drawings[message.sample.index] = drawing_of(message, scene, deadline_ns_of(run));
+    drawings[message.sample.index] = drawing_of(message, scene, explain::deadline_ns_of(run));
   });
   why.html += key;
   for (const auto& message : worst) {

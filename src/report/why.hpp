@@ -12,10 +12,10 @@
 
 namespace ontime::report {
 
-const char* word_of(roundtrip::Fate);
+const char* word_of(const explain::Message&);  // its fate
 const char* word_of(explain::State);
-std::int64_t deadline_ns_of(const record::Run&);  // 0: it has none
-std::string span_of(std::int64_t ns);             // "310 µs", "41.2 ms"
+std::string faults_of(const explain::Account&);  // "2 late, 0 lost, 3 late by response"; "": none
+std::string span_of(std::int64_t ns);            // "310 µs", "41.2 ms"
 // "pong's receive thread waited for a CPU while hog [4 processes] ran: 4.0 ms to 30.0 ms of it", printable.
 std::string sentence_of(const explain::Group&);
 

@@ -27,4 +27,12 @@ struct Sample {
 };
 static_assert(std::is_trivially_copyable_v<Sample> && sizeof(Sample) == 80);
 
+// When the first cycle was due that the sending thread should have been awake for, where it slept through all
+// until this message's; else this one's own.
+inline std::int64_t awaited_since_ns(const Sample& sample) {
+  const bool slept =
+      sample.skipped_cycles > 0 && sample.woke_ns - sample.passed_wake_ns <= sample.intended_ns;
+  return slept ? sample.intended_ns : sample.due_ns;
+}
+
 }  // namespace ontime::roundtrip
