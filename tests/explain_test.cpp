@@ -120,7 +120,8 @@ class Explained : public testing::TestWithParam<bool> {
 
   Account account(const Sample& sample, const json& traced = {{"controller", json::object()}}) {
     record::Writer writer("");
-    const auto run = writer.begin_run({{"id", "x"}, {"payload_bytes", 500}, {"deadline_us", deadline_us_}});
+    const auto run = writer.begin_run(
+        {{"id", "x"}, {"payload_bytes", 500}, {"deadline_us", deadline_us_}, {"timeout_us", timeout_us_}});
     samples_.insert(samples_.begin() + 50, sample);
     writer.append(run, samples_);
     writer.trace(run, {"controller", window_});
@@ -148,7 +149,7 @@ class Explained : public testing::TestWithParam<bool> {
 
   trace::Window window_;
   std::vector<Sample> samples_;
-  int deadline_us_ = 0;
+  int deadline_us_ = 0, timeout_us_ = 0;
 };
 
 TEST_P(Explained, AThreadThatWaitsForACpuBehindAnother) {
@@ -281,6 +282,18 @@ TEST_P(Explained, APacketThatIsDropped) {
   EXPECT_EQ(first(message).end, "component");
   EXPECT_EQ(first(message).culprit, "SOCKET_RCVBUFF");
   EXPECT_THAT(remedy_of(first(message)), HasSubstr("kernel.rmem-max"));
+}
+
+TEST_P(Explained, WhatKeptAMessageUntilItsTimeOutLostIt) {
+  event(due - 800 * us, 1, Kind::signal, answers, hog, "19");
+  switched(due - 700 * us, 1, answers, "T", 0);
+  sender_wakes_and_sends();
+  event(sent + 60 * ms, 1, Kind::waking, answers, hog, "1");
+  switched(sent + 60 * ms + 5 * us, 1, 0, "R", answers);
+  timeout_us_ = 50'000;
+  const auto part = first(message(lost()));
+  EXPECT_EQ(part.cause, Cause::stopped);
+  EXPECT_EQ(part.end, "component");
 }
 
 TEST_P(Explained, SomebodyElsesPacketThatIsDroppedAccusesNobody) {

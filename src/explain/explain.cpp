@@ -38,6 +38,15 @@ End end_of(const record::Run& run, const char* host) {
   return end;
 }
 
+// 0: nothing was asked for, or nothing that can be.
+std::int64_t asked_ns(const record::Run& run, const char* key) {
+  const auto& us = at(run.asked, key);
+  constexpr double longest_us = 1e12;
+  return us.is_number() && us.get<double>() > 0 && us.get<double>() < longest_us
+             ? static_cast<std::int64_t>(us.get<double>() * 1e3)
+             : 0;
+}
+
 // Of whoever knows the threads, and nobody else, what the kernel did says why.
 class Explainer {
  public:
@@ -46,7 +55,8 @@ class Explainer {
         server_(end_of(run, "component")),
         one_machine_(record::on_one_machine(run.outcome)),
         payload_bytes_(integer_of(at(run.asked, "payload_bytes"))),
-        deadline_ns_(deadline_ns_of(run)),
+        deadline_ns_(asked_ns(run, "deadline_us")),
+        timeout_ns_(asked_ns(run, "timeout_us")),
         usual_(reader, run.number, one_machine_) {}
 
   bool is_late_by_response(const Sample& sample) const {
@@ -81,6 +91,7 @@ class Explainer {
     const bool all_times =
         can_be && sample.fate != Fate::lost && sample.server_received_ns != 0 && sample.server_sent_ns != 0;
     if (all_times) message.parts = way.delays_of(sample);
+    if (timeout_ns_ > 0) until_ns = std::min(until_ns, sample.sent_ns + timeout_ns_);
     if (sample.fate == Fate::lost) message.parts = way.loss_of(sample, until_ns);
     for (const auto& part : message.parts) message.delay_ns += part.ns;
     return message;
@@ -127,7 +138,7 @@ class Explainer {
  private:
   const End client_, server_;
   const bool one_machine_;
-  const std::int64_t payload_bytes_, deadline_ns_;
+  const std::int64_t payload_bytes_, deadline_ns_, timeout_ns_;
   const Usual usual_;
 };
 
@@ -214,13 +225,7 @@ void add_limits(Account& account, const record::Run& run) {
 
 }  // namespace
 
-std::int64_t deadline_ns_of(const record::Run& run) {
-  const auto& us = at(run.asked, "deadline_us");
-  constexpr double longest_us = 1e12;
-  return us.is_number() && us.get<double>() > 0 && us.get<double>() < longest_us
-             ? static_cast<std::int64_t>(us.get<double>() * 1e3)
-             : 0;
-}
+std::int64_t deadline_ns_of(const record::Run& run) { return asked_ns(run, "deadline_us"); }
 
 Account account_of(const record::Reader& reader, const record::Run& run) {
   Account account;
