@@ -85,12 +85,18 @@ TEST(Words, ThatCannotBeAreRefused) {
   EXPECT_TRUE(refused("/events/0/at", 5'000)) << "it is after the next";
   EXPECT_TRUE(refused("/events/0/kind", "none"));
   EXPECT_TRUE(refused("/events/0/cpu", std::int64_t{1} << 40));
+  EXPECT_TRUE(refused("/events/0/cpu", -1));
+  EXPECT_TRUE(refused("/events/0/cpu", 8192));
+  EXPECT_FALSE(refused("/events/0/cpu", 8191));
   EXPECT_TRUE(refused("/events/0/thread", "x"));
   EXPECT_TRUE(refused("/events/0", json::array()));
   EXPECT_TRUE(refused("/events", 7));
   EXPECT_TRUE(refused("/message", -1));
   EXPECT_TRUE(refused("/to_ns", INT64_MAX));
   EXPECT_FALSE(refused("/whole", true));
+  const json any{{"at", 0}, {"cpu", 0}, {"kind", "timer"}};
+  EXPECT_FALSE(refused("/events", json(50'000, any)));
+  EXPECT_TRUE(refused("/events", json(50'001, any)));
 }
 
 // --- of this machine ---
