@@ -107,7 +107,7 @@ void Pair::note_cut(std::int64_t at_ns) {
 Pair::End Pair::open(const std::string& host, const agent::Task& task) {
   const bool asks = task.config.role == transport::Role::client;
   const auto whom = asks && is_named(run_) ? " for " + run_.component : "";
-  End end{host, asks ? "controller" : "component", machines_.start_agent(host, whom), {}, {}};
+  End end{host, asks ? "controller" : "component", machines_.start_agent(host, whom), {}, {}, measuring_};
   if (asks) listen_to(*end.agent);
   const bool by_ssh = machines_.by_ssh(host);
   end.agent->order("open", {{"task", task}, {"ssh", by_ssh}});
@@ -193,6 +193,7 @@ json Pair::outcome(const Machines::Account& account) const {
     host["transport"]["facts"] = host.at("facts");
     host.erase("facts");
     host["ssh_link"] = (*end)->opened.at("ssh_link");
+    if ((*end)->again) host["started_again"] = true;
     host["load_running"] = account.load_running.at(of_host);
     const auto& counted = account.links.at(of_host);
     if (!host.at("link").is_null() && !counted.is_null()) host.at("link").update(counted);

@@ -48,6 +48,7 @@ class Pair {
     std::string host, role;
     std::unique_ptr<Hand> agent;
     nlohmann::json opened, ended;
+    bool again = false;  // it was started again, while the client measured
   };
   End open(const std::string& host, const agent::Task&);
   void make_ready(End&, std::chrono::milliseconds patience);
