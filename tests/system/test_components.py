@@ -78,9 +78,21 @@ class Components(Program):
                 self.assertTrue(run["complete"])
                 self.assertTrue(run["hosts"]["component"]["transport"]["facts"]["address"].startswith(address))
                 self.assertEqual(run["hosts"]["component"]["link"]["interface"], "far")
+            # The same place in other words: what answers is not the arm.
+            wrong = self.scenario("1 s", text=text.replace("address: 198.18.0.2}", "address: '198.18.1.2:7900'}"), transports=["udp"])
+            answer = self.run_ontime("run", wrong, "--results", self.results)
+            self.assertEqual(answer.returncode, 3, answer.stderr)
+            self.assertRegex(answer.stderr, r"arm: the component answered 0 messages, and \d+ were answered: somebody else")
+            self.assertIn("somebody else", self.report()[2]["error"])
         finally:
             for name in names:
                 subprocess.run(["ip", "netns", "del", name], check=False)
+
+    def test_one_alone_may_have_a_name(self):
+        text = SCENARIO.replace("[left_arm, base]", "[left_arm]")
+        answer = self.run_ontime("run", self.scenario("500 ms", text=text, transports=["udp"]), "--results", self.results)
+        self.assertEqual(answer.returncode, 0, answer.stderr)
+        self.assertEqual([run["conditions"]["component"] for run in self.report()], ["left_arm"])
 
     def test_interrupted_all_are_kept_and_resumed_all_are_done_once(self):
         process = self.start_ontime("run", self.scenario("1 h", text=SCENARIO, transports=["udp"]), "--results", self.results)
