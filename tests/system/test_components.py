@@ -40,7 +40,7 @@ class Components(Program):
                 answer = self.run_ontime("run", scenario, "--results", self.results)
                 self.assertEqual(answer.returncode, 0, answer.stderr)
                 for name in ("left_arm", "base"):
-                    self.assertRegex(answer.stdout, rf"(?m)^{transport} component {name} +\d")
+                    self.assertRegex(answer.stdout, rf"(?m)^{transport} component {name}\s+\d")  # a narrow table has the name on a line of its own
                 arm, base = self.report()
                 self.assertNotEqual(arm["key"], base["key"])
                 addresses = set()
