@@ -109,6 +109,11 @@ class Components(Program):
         answer = self.run_ontime(*again)
         self.assertIn("is done already", answer.stderr)
         self.assertEqual([run["complete"] for run in self.report()], [False, False, True, True])
+        with contextlib.closing(sqlite3.connect(self.results)) as database, database:
+            database.execute("UPDATE run SET outcome = NULL WHERE number = 4")
+        answer = self.run_ontime(*again)
+        self.assertIn("is done already for 1 of 2 components; all are measured once more", answer.stderr)
+        self.assertEqual([run["complete"] for run in self.report()], [False, False, True, False, True, True])
 
     def test_one_that_dies_ends_all_and_is_named(self):
         process = self.start_ontime("run", self.scenario("1 h", text=SCENARIO, transports=["udp"]), "--results", self.results)
@@ -136,6 +141,20 @@ class Components(Program):
         self.assertEqual([note["kind"] for note in arm["notes"]], [])
         self.assertEqual([note["kind"] for note in base["notes"]], ["component-gone", "component-back"])
         self.assertGreater(base["lost"], 0)
+
+    def test_all_that_die_together_are_started_again_and_each_is_told_of(self):
+        text = SCENARIO.replace("duration: %s", "duration: %s, component: {restart: on}").replace("base]", "base, hand]")
+        process = self.start_ontime("run", self.scenario("6 s", text=text, transports=["udp"]), "--results", self.results)
+        self.started(process, lambda: self.samples_recorded() > 300)
+        for name in ("left-arm", "base", "hand"):
+            pids = subprocess.run(["ip", "netns", "pids", f"ontime-{name}"], capture_output=True, text=True, check=True).stdout.split()
+            os.kill(int(pids[0]), signal.SIGKILL)
+        _, error = process.communicate(timeout=60)
+        self.assertEqual(process.returncode, 0, error)
+        for run, name in zip(self.report(), ("left_arm", "base", "hand")):
+            self.assertEqual([note["kind"] for note in run["notes"]], ["component-gone", "component-back"])
+            self.assertIn(f"the agent of the {name} ", run["notes"][0]["text"])
+            self.assertTrue(run["hosts"]["component"]["started_again"])
 
     def test_killed_coordinator_leaves_nothing(self):
         process = self.start_ontime("run", self.scenario("1 h", text=SCENARIO, transports=["udp"]), "--results", self.results)
