@@ -64,7 +64,7 @@ TEST(Link, OfWhichAnotherAnswersIsNotTheComponents) {
     component["answered"] = answered;
     return found(outcome(host(60'000, 60'000), component));
   };
-  EXPECT_EQ(with(120), "nothing") << "with its warm-up";
+  EXPECT_EQ(with(120), "nothing") << "others may ask it as well";
   EXPECT_EQ(with(98), "nothing") << "the last may not be counted yet";
   EXPECT_THAT(with(97), HasSubstr("the component answered 97 messages, and 99 were answered: somebody else"));
   EXPECT_THAT(with(0), HasSubstr("somebody else"));

@@ -49,8 +49,7 @@ std::optional<std::string> went_elsewhere(const json& outcome, std::uint64_t pay
   if (!again && by_component + uncounted < answered)
     return fmt::format(
         "the component answered {} messages, and {} were answered: somebody else was at its address, or on "
-        "its "
-        "topics. Whatever was measured is not this component",
+        "its topics. Whatever was measured is not this component",
         by_component, answered);
   for (const auto& [name, host] : outcome.at("hosts").items()) {
     const auto& link = host.at("link");
