@@ -12,6 +12,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <spawn.h>
+#include <sys/prctl.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
@@ -191,6 +192,7 @@ TEST_F(Traced, SaysWhenAThreadSleptAndWasWoken) {
 TEST_F(Traced, SaysThatAThreadWasStoppedBeforeTheWindow) {
   const pid_t child = fork();
   if (child == 0) {
+    prctl(PR_SET_PDEATHSIG, SIGKILL);  // also where this test ends sooner
     while (true) pause();
   }
   journal::Journal journal(kinds());
