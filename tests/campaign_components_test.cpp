@@ -1,4 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
+#include <fmt/format.h>
+
 #include "campaign_scenario.hpp"
 
 namespace ontime::campaign {
@@ -86,14 +88,52 @@ TEST_F(Components, TakeNothingThatIsSaidOfALinkBetweenTwo) {
     return error("components: [arm, base]\nruns:\n  - {id: a, transport: udp, " + keys + "}\n");
   };
   for (const auto* keys : {"traffic: {rate: 1 Mbit/s}", "link: {loss: 1 %}", "link: {cut: 1 s for 1 s}"})
-    EXPECT_THAT(with(keys), AllOf(HasSubstr(":3:"), HasSubstr("cannot be said of several components")))
+    EXPECT_THAT(with(keys),
+                AllOf(HasSubstr(":3:"), HasSubstr("cannot be said of components that have names")))
         << keys;
   EXPECT_THAT(with("explain: on"), HasSubstr(":3:38: explain: this cannot be said"));
   Selection selection;
   selection.explain = true;
-  EXPECT_THAT(error("components: [arm, base]" + runs, selection),
-              HasSubstr("has several components, and --explain"));
+  EXPECT_THAT(error("components: [arm]" + runs, selection), HasSubstr(":2:8: explain: this cannot be said"));
   EXPECT_EQ(with("load: {component: {cpu: 1}}, realtime: on, component: {restart: on}"), "no error");
+}
+
+TEST_F(Components, BehindABridgeTakeNothingThatIsOfItsPorts) {
+  const std::string stated =
+      "hosts: {controller: {}}\ncomponents: {a: {address: 10.0.0.1}, b: {address: 10.0.0.2}}";
+  for (const auto* kernel : {"gro: on", "threaded-napi: on", "napi-threads: 50", "napi-cpus: 0"}) {
+    const auto of = [&](const std::string& hosts) {
+      return error(fmt::format("{}\nruns: [{{id: a, transport: udp, kernel: {{{}}}}}]\n", hosts, kernel));
+    };
+    EXPECT_THAT(of("components: [arm, base]"), HasSubstr("joined by a bridge")) << kernel;
+    EXPECT_EQ(of("components: [arm]"), "no error");
+    EXPECT_EQ(of(stated), "no error");
+  }
+}
+
+TEST_F(Components, OverUdpHaveAddressesOfTheirOwn) {
+  const auto of = [this](const std::string& transport) {
+    return error("hosts: {controller: {}}\ncomponents: {arm: {address: robot}, base: {address: robot}}\n" +
+                 ("runs: [{id: a, transport: " + transport + "}]\n"));
+  };
+  EXPECT_THAT(of("udp"), AllOf(HasSubstr(":3:8: run 'a'"), HasSubstr("arm and base have the same: robot")));
+  EXPECT_EQ(of("cyclonedds"), "no error") << "it has topics";
+}
+
+TEST_F(Components, WithoutThatNameAreNowhere) {
+  const auto hosts = read("components: [arm, base]" + runs).hosts;
+  EXPECT_THROW(hosts.at("component"), std::out_of_range);
+}
+
+// What explain would make of threads that are gone.
+TEST_F(Components, ThatAreStartedAgainAreNotExplained) {
+  const std::string run = "runs: [{id: a, transport: udp, component: {restart: on}";
+  EXPECT_THAT(error(run + ", explain: on}]\n"),
+              AllOf(HasSubstr(":1:8: run 'a'"), HasSubstr("explain knows")));
+  Selection selection;
+  selection.explain = true;
+  EXPECT_THAT(error(run + "}]\n", selection), HasSubstr("leave out explain, or component.restart"));
+  EXPECT_TRUE(read("runs: [{id: a, transport: udp, explain: off}]\n", selection).runs[0].explain);
 }
 
 }  // namespace

@@ -251,6 +251,25 @@ TEST(Scheduling, AThreadCameAfterItWasWokenAndTheIdleThreadDidItsLast) {
   EXPECT_EQ(all[3].latest_ns, all[3].event.at_ns) << "what the kernel says is sure";
 }
 
+// As many as a window may have, of which each CPU that was idle tells so at the end.
+TEST(Scheduling, OfAsManyEventsAsMayBeIsInOrderOfTime) {
+  constexpr std::int32_t cpus = 8192, wakings = 33'000;
+  std::vector<Event> events;
+  for (int cpu = 0; cpu < cpus; ++cpu)
+    events.push_back(
+        {.at_ns = cpu, .cpu = cpu, .kind = Kind::switched, .thread = named(hog), .other = named(0)});
+  for (int i = 0; i < wakings; ++i)
+    events.push_back({.at_ns = cpus + i, .cpu = cpus, .kind = Kind::waking, .thread = named(hears)});
+  for (int cpu = 0; cpu < cpus; ++cpu)
+    events.push_back({.at_ns = cpus + wakings, .cpu = cpu, .kind = Kind::queued, .thread = named(answers)});
+  const auto all = scheduling_of(events);
+  EXPECT_THAT(all, SizeIs(2 * cpus + wakings));
+  EXPECT_TRUE(std::is_sorted(all.begin(), all.end(), [](const auto& one, const auto& other) {
+    return one.event.at_ns < other.event.at_ns;
+  }));
+  EXPECT_EQ(all.at(1).event.other.id, answers) << "as soon as it can have been";
+}
+
 TEST_P(Explained, ATimerThatCameLate) {
   switched(due - ms / 2, 0, asks, "S", 0);
   sender_wakes_and_sends(3 * ms);
@@ -403,6 +422,22 @@ TEST(Causes, OfWaitsInTheKernel) {
   EXPECT_EQ(cause_of_wait("schedule io_schedule bit_wait_io"), Cause::disk);
   EXPECT_EQ(cause_of_wait("schedule synchronize_rcu"), Cause::blocked);
   EXPECT_EQ(cause_of_wait(""), Cause::blocked);
+}
+
+TEST(Explain, OfMoreThreadsThanThereCanBeIsRefused) {
+  record::Writer writer("");
+  const auto run = writer.begin_run({{"id", "x"}});
+  const json thread{{"tid", 1}, {"role", "receive"}};
+  writer.trace(run, {"controller", {{0, 0, 1}, true, {}}});
+  writer.end_run(run, {{"trace", {{"controller", json::object()}}},
+                       {"hosts", {{"component", {{"threads", json(1001, thread)}}}}}});
+  const auto reader = writer.reader();
+  try {
+    account_of(reader, reader.runs().at(0));
+    FAIL();
+  } catch (const record::WrongFile& error) {
+    EXPECT_THAT(error.what(), HasSubstr("run 1 has 1001 threads at its component"));
+  }
 }
 
 TEST_P(Explained, ARunWithoutTracesIsNotExplained) {

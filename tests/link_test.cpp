@@ -47,6 +47,7 @@ TEST(Link, ThatCarriedTooLittleIsNamed) {
 
 TEST(Link, OfAnEndThatWasStartedAgainCarriedWhatThatOneAnswered) {
   auto again = host(20'000, 20'000);
+  again["started_again"] = true;
   again["answered"] = 40;
   EXPECT_EQ(found(outcome(host(60'000, 60'000), again)), "nothing");
   again["answered"] = 41;
@@ -55,6 +56,18 @@ TEST(Link, OfAnEndThatWasStartedAgainCarriedWhatThatOneAnswered) {
   again["answered"] = 200;
   EXPECT_THAT(found(outcome(host(60'000, 60'000), again)),
               HasSubstr("99 messages of 500 bytes were answered"));
+}
+
+TEST(Link, OfWhichAnotherAnswersIsNotTheComponents) {
+  auto component = host(60'000, 60'000);
+  const auto with = [&](std::uint64_t answered) {
+    component["answered"] = answered;
+    return found(outcome(host(60'000, 60'000), component));
+  };
+  EXPECT_EQ(with(120), "nothing") << "others may ask it as well";
+  EXPECT_EQ(with(98), "nothing") << "the last may not be counted yet";
+  EXPECT_THAT(with(97), HasSubstr("the component answered 97 messages, and 99 were answered: somebody else"));
+  EXPECT_THAT(with(0), HasSubstr("somebody else"));
 }
 
 // Other traffic on the link may make up for what is missing.

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <array>
 #include <cstdio>
+#include <cstdlib>
 #include <filesystem>
 #include <memory>
 
@@ -49,6 +50,22 @@ TEST(Ssh, SessionsShareOneConnectionAndNoCheckIsSwitchedOff) {
     return *std::next(std::find(command.begin(), command.end(), "-S"));
   };
   EXPECT_EQ(socket_of(first), socket_of(another));
+}
+
+TEST(Ssh, WithoutATemporaryFolderNothingIsMade) {
+  const char* own = std::getenv("TMPDIR");  // NOLINT(concurrency-mt-unsafe): one thread
+  const std::string before = own != nullptr ? own : "/tmp";
+  for (const auto* bad : {"/nonexistent/folder", "."}) {
+    setenv("TMPDIR", bad, 1);  // NOLINT(concurrency-mt-unsafe)
+    try {
+      const Ssh ssh("robot");
+      ADD_FAILURE() << ssh.folder();
+    } catch (const orders::Error& error) {
+      EXPECT_EQ(error.exit, 3);
+      EXPECT_THAT(error.what(), HasSubstr("set TMPDIR to the absolute path of one"));
+    }
+  }
+  setenv("TMPDIR", before.c_str(), 1);  // NOLINT(concurrency-mt-unsafe)
 }
 
 TEST(Ssh, TheFolderOfTheConnectionIsThisUsersAloneAndGoesWithIt) {

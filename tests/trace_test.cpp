@@ -12,6 +12,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <spawn.h>
+#include <sys/prctl.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
@@ -85,12 +86,18 @@ TEST(Words, ThatCannotBeAreRefused) {
   EXPECT_TRUE(refused("/events/0/at", 5'000)) << "it is after the next";
   EXPECT_TRUE(refused("/events/0/kind", "none"));
   EXPECT_TRUE(refused("/events/0/cpu", std::int64_t{1} << 40));
+  EXPECT_TRUE(refused("/events/0/cpu", -1));
+  EXPECT_TRUE(refused("/events/0/cpu", 8192));
+  EXPECT_FALSE(refused("/events/0/cpu", 8191));
   EXPECT_TRUE(refused("/events/0/thread", "x"));
   EXPECT_TRUE(refused("/events/0", json::array()));
   EXPECT_TRUE(refused("/events", 7));
   EXPECT_TRUE(refused("/message", -1));
   EXPECT_TRUE(refused("/to_ns", INT64_MAX));
   EXPECT_FALSE(refused("/whole", true));
+  const json any{{"at", 0}, {"cpu", 0}, {"kind", "timer"}};
+  EXPECT_FALSE(refused("/events", json(50'000, any)));
+  EXPECT_TRUE(refused("/events", json(50'001, any)));
 }
 
 // --- of this machine ---
@@ -185,6 +192,7 @@ TEST_F(Traced, SaysWhenAThreadSleptAndWasWoken) {
 TEST_F(Traced, SaysThatAThreadWasStoppedBeforeTheWindow) {
   const pid_t child = fork();
   if (child == 0) {
+    prctl(PR_SET_PDEATHSIG, SIGKILL);  // also where this test ends sooner
     while (true) pause();
   }
   journal::Journal journal(kinds());

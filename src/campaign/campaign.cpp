@@ -233,11 +233,15 @@ int execute(const Scenario& scenario, record::Writer& writer, Observer& observer
       }
       const auto is_done = [&](std::size_t at) { return done(records[at], suite.machines(runs[at])); };
       std::size_t known = 0;
-      while (done && known < runs.size() && is_done(known)) ++known;
+      for (std::size_t at = 0; done && at < runs.size(); ++at) known += is_done(at) ? 1 : 0;
       if (known == runs.size()) {
         observer.passes_over(run);
         continue;
       }
+      if (known > 0)
+        observer.note(fmt::format(
+            "{} is done already for {} of {} components; all are measured once more, for it is at one time",
+            run.id, known, runs.size()));
       observer.begins(run);
       code = std::max(code, suite.carry_out(runs, wait_for_own_server, records));
     }

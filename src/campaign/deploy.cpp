@@ -3,8 +3,7 @@
 
 #include <algorithm>
 #include <cctype>
-#include <cstdio>
-#include <cstdlib>
+#include <chrono>
 #include <filesystem>
 #include <fstream>
 #include <iterator>
@@ -14,7 +13,6 @@
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 #include <sys/utsname.h>
-#include <unistd.h>
 
 #include "machine/machine.hpp"
 
@@ -64,28 +62,25 @@ File read(const fs::path& here, const fs::path& there) {
 
 // A program as it was built is ten times as long by what debuggers want to know of it. Where nobody here can
 // take that out, it goes along.
-File without_symbols(const fs::path& here, const fs::path& there) {
-  auto copy = (fs::temp_directory_path() / "ontime-stripped-XXXXXX").string();
-  const int made = mkstemp(copy.data());
-  if (made < 0) return read(here, there);
-  close(made);
-  const auto command = quoted({"strip", "-o", copy, here.string()}) + " 2>/dev/null";
-  // NOLINTNEXTLINE(concurrency-mt-unsafe): nothing here changes the environment
-  auto file = std::system(command.c_str()) == 0 ? read(copy, there) : read(here, there);
+File without_symbols(const fs::path& here, const fs::path& there, const std::string& folder) {
+  constexpr std::chrono::seconds limit{10};
+  const auto copy = folder + "/stripped";
+  if (!machine::answer_of({"strip", "-o", copy, here.string()}, limit)) return read(here, there);
+  auto file = read(copy, there);
   fs::remove(copy);
   return file;
 }
 
 // The program first.
-std::vector<File> files(const std::set<std::string>& transports) {
+std::vector<File> files(const std::set<std::string>& transports, const std::string& folder) {
   const fs::path program = orders::this_program();
   const auto libraries = fs::path(ONTIME_LIBDIR) / "ontime";
-  std::vector<File> all{without_symbols(program, "bin/ontime")};
+  std::vector<File> all{without_symbols(program, "bin/ontime", folder)};
   for (const auto& transport : transports) {
     const auto there = libraries / fmt::format("ontime_transport_{}.so", transport);
     const auto here = program.parent_path().parent_path() / there;
     if (fs::exists(here))
-      all.push_back(without_symbols(here, there));  // else the agent says that it has none
+      all.push_back(without_symbols(here, there, folder));  // else the agent says that it has none
   }
   return all;
 }
@@ -135,7 +130,7 @@ std::pair<std::vector<std::string>, orders::Between> deployment(const Ssh& ssh,
   auto words = reach;
   words.insert(words.end(), {"sh", "-c", script, "ontime", here.machine});
   auto between = ssh.between("the program that was brought");
-  for (const auto& file : files(transports)) {
+  for (const auto& file : files(transports, ssh.folder())) {
     words.insert(words.end(), {file.there.string(), std::to_string(file.content.size())});
     between.ahead.insert(between.ahead.end(), file.content.begin(), file.content.end());
   }

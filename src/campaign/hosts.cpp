@@ -2,6 +2,7 @@
 #include "campaign/hosts.hpp"
 
 #include <algorithm>
+#include <stdexcept>
 
 #include <fmt/format.h>
 #include <net/if.h>
@@ -166,7 +167,9 @@ template <typename Any>
 auto& find(Any& hosts, const std::string& name) {
   if (name == "controller") return hosts.controller;
   const auto is_it = [&](const auto& component) { return component.name == name; };
-  return std::find_if(hosts.components.begin(), hosts.components.end(), is_it)->host;
+  const auto found = std::find_if(hosts.components.begin(), hosts.components.end(), is_it);
+  if (found == hosts.components.end()) throw std::out_of_range("no host is called " + name);
+  return found->host;
 }
 
 }  // namespace

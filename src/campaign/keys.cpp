@@ -335,6 +335,11 @@ void complete(Run& run) {
   if (run.task.transport.empty()) throw std::invalid_argument("no transport is stated");
   if (run.component_transport.empty() && !run.component_options.empty())
     throw std::invalid_argument("component.options need a component.transport that they are for");
+  if (run.explain && run.component_restart)
+    throw std::invalid_argument(
+        "explain knows a component's threads by their numbers, of which one that is started again has "
+        "others: leave "
+        "out explain, or component.restart");
   run.task.config.domain = run.domain ? *run.domain : domain_of_environment();
   complete_topics(run);
   complete_network(run);

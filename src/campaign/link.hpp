@@ -11,10 +11,10 @@
 
 namespace ontime::campaign {
 
-// Of a run's outcome (its counters, and `link` and `shared_memory` of its hosts): what is wrong, for people;
-// nothing if every end's interface carried at least what was answered, or no interface was asked
-// for. Other traffic on the link can make up for what is missing, so where both ends are one machine and both
-// have a middleware's shared memory in use, that is wrong by itself.
+// Of a run's outcome (its counters, and `answered`, `link` and `shared_memory` of its hosts): what is wrong,
+// for people; nothing if the component answered what was answered, and every end's interface carried at least
+// that, or no interface was asked for. Other traffic on the link can make up for what is missing, so where
+// both ends are one machine and both have a middleware's shared memory in use, that is wrong by itself.
 // Concurrent traffic that ontime itself asked for is left out, where that could be counted
 // (`beside_traffic`).
 std::optional<std::string> went_elsewhere(const nlohmann::json& outcome, std::uint64_t payload_bytes);

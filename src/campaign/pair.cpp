@@ -107,7 +107,7 @@ void Pair::note_cut(std::int64_t at_ns) {
 Pair::End Pair::open(const std::string& host, const agent::Task& task) {
   const bool asks = task.config.role == transport::Role::client;
   const auto whom = asks && is_named(run_) ? " for " + run_.component : "";
-  End end{host, asks ? "controller" : "component", machines_.start_agent(host, whom), {}, {}};
+  End end{host, asks ? "controller" : "component", machines_.start_agent(host, whom), {}, {}, measuring_};
   if (asks) listen_to(*end.agent);
   const bool by_ssh = machines_.by_ssh(host);
   end.agent->order("open", {{"task", task}, {"ssh", by_ssh}});
@@ -193,6 +193,7 @@ json Pair::outcome(const Machines::Account& account) const {
     host["transport"]["facts"] = host.at("facts");
     host.erase("facts");
     host["ssh_link"] = (*end)->opened.at("ssh_link");
+    if ((*end)->again) host["started_again"] = true;
     host["load_running"] = account.load_running.at(of_host);
     const auto& counted = account.links.at(of_host);
     if (!host.at("link").is_null() && !counted.is_null()) host.at("link").update(counted);
@@ -203,27 +204,34 @@ json Pair::outcome(const Machines::Account& account) const {
   return outcome;
 }
 
-bool Pair::restart_component(const std::string& why) {
-  if (!run_.component_restart || !component_ || !component_->agent->lost() || over()) return false;
+void Pair::note_now(const char* kind, const std::string& text) {
   const auto& controller = machines_.hosts().controller;
-  const auto note = [&](const char* kind, const std::string& text) {
-    // Our clock is the controller's where it is on this machine.
-    std::optional<std::int64_t> at_ns;
-    if (controller.ssh.empty() && controller.reach.empty()) at_ns = Clock::now().time_since_epoch().count();
-    writer_.note(number_, {kind, text, at_ns, {}});
-    observer_.note(text);
-  };
-  note("component-gone", why + "; it is started again");
-  const auto gone = Clock::now();
-  component_.reset();
+  // Our clock is the controller's where it is on this machine.
+  std::optional<std::int64_t> at_ns;
+  if (controller.ssh.empty() && controller.reach.empty()) at_ns = Clock::now().time_since_epoch().count();
+  writer_.note(number_, {kind, text, at_ns, {}});
+  observer_.note(text);
+}
+
+bool Pair::component_is_gone(const std::string& why) {
+  if (!run_.component_restart || gone_ || !component_ || !component_->agent->lost() || over()) return false;
+  gone_ = Clock::now();
   ++pongs_;  // DDS counts the one that died until its lease is over
+  note_now("component-gone", why + "; it is started again");
+  return true;
+}
+
+void Pair::restart_component() {
+  component_.reset();
   component_ = open(run_.component, server_task(run_, machines_.hosts().at(run_.component)));
   make_ready(*component_, patience);
   begin(*component_);
-  note("component-back", fmt::format("the component's end was there again after {:.3f} s; what is said of "
-                                     "its threads and losses is from then on",
-                                     std::chrono::duration<double>(Clock::now() - gone).count()));
-  return true;
+  const std::chrono::duration<double> gone_s = Clock::now() - *gone_;
+  gone_.reset();
+  note_now("component-back",
+           fmt::format("the component's end was there again {:.3f} s after it was found to be "
+                       "gone; what is said of its threads and losses is from then on",
+                       gone_s.count()));
 }
 
 void Pair::abandon() {

@@ -34,9 +34,11 @@ class Pair {
   std::int64_t number() const { return number_; }
   const roundtrip::Counters& counters() const { return counters_; }
   std::optional<nlohmann::json> finished() const { return finished_; }
-  // While it measures: starts the answering end again, if that was asked for and it is what was lost. Returns
-  // whether.
-  bool restart_component(const std::string& why);
+  // While it measures: whether its answering end is what was lost, and is to be started again, which is
+  // noted.
+  bool component_is_gone(const std::string& why);
+  bool lacks_component() const { return gone_.has_value(); }  // from then on
+  void restart_component();                                   // until now; throws as the others do
   // After an error: whoever is still there to say what it counted is told to stop, and nobody answers.
   void abandon();
   void note_cut(std::int64_t at_ns);
@@ -48,6 +50,7 @@ class Pair {
     std::string host, role;
     std::unique_ptr<Hand> agent;
     nlohmann::json opened, ended;
+    bool again = false;  // it was started again, while the client measured
   };
   End open(const std::string& host, const agent::Task&);
   void make_ready(End&, std::chrono::milliseconds patience);
@@ -55,6 +58,7 @@ class Pair {
   std::vector<End*> ends();
   void listen_to(Hand& client);
   void note_peers(const nlohmann::json& event);
+  void note_now(const char* kind, const std::string& text);
 
   const Run& run_;
   const std::int64_t number_;
@@ -68,6 +72,7 @@ class Pair {
   Clock::time_point sampled_;  // when samples came last
   int pongs_ = 1;              // that answer
   bool measuring_ = false;
+  std::optional<Clock::time_point> gone_;  // when its component was found to be
   roundtrip::Counters counters_;
   std::optional<nlohmann::json> finished_;
 };

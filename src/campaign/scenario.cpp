@@ -70,7 +70,6 @@ class File {
     check_only();
     if (repeat) read_repeat(*repeat);
     if (selection_.deploy) deploy();
-    if (selection_.explain) explain();
     return std::move(scenario_);
   }
 
@@ -143,14 +142,6 @@ class File {
     for (const auto& run : scenario_.runs)
       hosts.deploy->insert({run.task.transport,
                             run.component_transport.empty() ? run.task.transport : run.component_transport});
-  }
-
-  void explain() {
-    if (components_)
-      throw Error(2, fmt::format("{} has several components, and --explain looks at the messages of one: "
-                                 "leave either out",
-                                 scenario_.file));
-    for (auto& run : scenario_.runs) run.explain = true;
   }
 
   bool read_order(const YAML::Node& node) const {
@@ -237,6 +228,8 @@ class File {
       for (const auto& transport : selection_.transports) choices.push_back({transport, node});
     } else if (path == "duration" && selection_.duration) {
       choices.push_back({fmt::format("{} ns", selection_.duration->count()), node});
+    } else if (path == "explain" && selection_.explain) {
+      choices.push_back({"on", node});
     } else if (node.IsSequence()) {
       for (const auto& element : node) choices.push_back({scalar(element, path), element});
       if (choices.empty()) fail(node, path + ": the list is empty");
@@ -255,6 +248,7 @@ class File {
                 const std::vector<std::string>& require) {
     if (!selection_.transports.empty()) entries.try_emplace("transport", node);
     if (selection_.duration) entries.try_emplace("duration", node);
+    if (selection_.explain) entries.try_emplace("explain", node);
     std::vector<Dimension> dimensions;  // in the order of the table: a preset before what refines it
     for (const auto& key : keys())
       if (const auto entry = entries.find(key.path); entry != entries.end())
@@ -296,7 +290,7 @@ class File {
       const auto& [path, key, choices] = dimensions[i];
       const auto& choice = choices[at[i]];
       try {
-        if (components_) check_for_several(path);
+        if (components_) check_with_names(path);
         if (key == nullptr)
           set_option(run, path, choice.value);
         else
@@ -311,19 +305,38 @@ class File {
       complete(run);
       if (components_)
         for (const auto& component : scenario_.hosts.components) with_component(run, component.name);
+      if (run.task.transport == "udp") check_addresses();
     } catch (const std::invalid_argument& error) {
       fail(node, fmt::format("run '{}': {}", id, error.what()));
     }
     return run;
   }
 
-  // What is between two, or of one of them.
-  static void check_for_several(const std::string& path) {
+  // What is between two, or of one of them; and what a bridge, which namespaces are joined by, has not.
+  void check_with_names(const std::string& path) const {
     for (const auto* prefix : {"link.", "traffic.", "explain"})
       if (path.starts_with(prefix))
         throw std::invalid_argument(
-            "this cannot be said of several components at once: leave it out, or "
-            "components");
+            "this cannot be said of components that have names: leave it out, or components");
+    const auto& hosts = scenario_.hosts;
+    if (hosts.kind != Hosts::Kind::namespaces || hosts.components.size() == 1) return;
+    for (const auto* of_ports :
+         {"kernel.gro", "kernel.threaded-napi", "kernel.napi-threads", "kernel.napi-cpus"})
+      if (path == of_ports)
+        throw std::invalid_argument(
+            "several components in namespaces are joined by a bridge, which takes in no packets itself: "
+            "leave it out, or components");
+  }
+
+  // By which alone udp tells components apart.
+  void check_addresses() const {
+    std::map<std::string, std::string> names;
+    for (const auto& [name, host] : scenario_.hosts.components)
+      if (const auto [other, is_first] = names.emplace(host.address, name);
+          !is_first && !host.address.empty())
+        throw std::invalid_argument(
+            fmt::format("over udp each component has its own address, and {} and {} have the same: {}",
+                        other->second, name, host.address));
   }
 
   void check_only() const {

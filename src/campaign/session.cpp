@@ -88,14 +88,28 @@ void Session::finish(std::chrono::nanoseconds longest) {
     try {
       coordinator_.until(done, 1);
     } catch (const Error& error) {
-      if (stopped_ || machines_.lost() || !restart_component(error.what())) throw;
+      if (stopped_ || machines_.lost() || !component_is_gone(error.what())) throw;
+      restart_components();
     }
   } while (!over());
 }
 
-bool Session::restart_component(const std::string& why) {
+bool Session::component_is_gone(const std::string& why) {
   return std::any_of(pairs_.begin(), pairs_.end(),
-                     [&](const auto& pair) { return pair->restart_component(why); });
+                     [&](const auto& pair) { return pair->component_is_gone(why); });
+}
+
+// That another died as well may come to light while one is started: then that one is begun anew.
+void Session::restart_components() {
+  const auto lacking = [&] {
+    return std::find_if(pairs_.begin(), pairs_.end(),
+                        [](const auto& pair) { return pair->lacks_component(); });
+  };
+  for (auto pair = lacking(); pair != pairs_.end(); pair = lacking()) try {
+      (*pair)->restart_component();
+    } catch (const Error& error) {
+      if (machines_.lost() || !component_is_gone(error.what())) throw;
+    }
 }
 
 // What the kernels still know of the last messages, and of all of them into the file.

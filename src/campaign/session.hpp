@@ -28,7 +28,8 @@ class Session {
  private:
   using Clock = std::chrono::steady_clock;
   void finish(std::chrono::nanoseconds patience);
-  bool restart_component(const std::string& why);
+  bool component_is_gone(const std::string& why);
+  void restart_components();
   std::vector<nlohmann::json> outcomes();
   void await_windows();
 

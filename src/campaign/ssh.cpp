@@ -30,8 +30,12 @@ constexpr std::size_t longest_socket =
     90;  // of 108 bytes that its address has; ssh adds 17 while it makes it
 
 std::string make_folder() {
-  std::error_code none;
-  auto folder = (std::filesystem::temp_directory_path(none) / "ontime-ssh-XXXXXX").string();
+  std::error_code missing;
+  auto folder = (std::filesystem::temp_directory_path(missing) / "ontime-ssh-XXXXXX").string();
+  if (missing || folder[0] != '/')
+    throw Error(
+        3,
+        "there is no temporary folder for ssh's socket: set TMPDIR to the absolute path of one, or unset it");
   if (folder.size() + 2 > longest_socket)
     throw Error(3, fmt::format("{} is too long a name for ssh's socket in it: set TMPDIR to a shorter folder",
                                folder));

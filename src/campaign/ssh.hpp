@@ -27,6 +27,9 @@ class Ssh {
   std::vector<std::string> first(const std::vector<std::string>& there) const;
   std::vector<std::string> another(const std::vector<std::string>& there) const;
 
+  // This user's alone; it goes with the connection, and all that is in it.
+  const std::string& folder() const { return folder_; }
+
   // Why that command came to nothing, and what to do; `program` is ontime as it was called there.
   orders::Between between(const std::string& program) const;
 

@@ -21,6 +21,7 @@ using roundtrip::Sample;
 
 // Of any of a message's stages: beyond it nothing of a file is believed, nor calculated with.
 constexpr std::int64_t longest_ns = std::int64_t{86'400} * 1'000'000'000;
+constexpr std::size_t most_threads = 1000;  // of a process that measures
 
 // What is of another kind is nothing: the file may be anybody's.
 std::string text_of(const json& value) { return value.is_string() ? value.get<std::string>() : ""; }
@@ -32,6 +33,11 @@ End end_of(const record::Run& run, const char* host) {
   End end{host, {}, nullptr};
   const auto& threads = at(at(at(run.outcome, "hosts"), host), "threads");
   if (!threads.is_array()) return end;
+  if (threads.size() > most_threads)
+    throw record::WrongFile(
+        fmt::format("run {} has {} threads at its {}, where there are at most {}: the file is "
+                    "damaged, or was made to mislead",
+                    run.number, threads.size(), host, most_threads));
   for (const auto& thread : threads)
     end.threads.push_back(
         {static_cast<std::int32_t>(integer_of(at(thread, "tid"))), text_of(at(thread, "role"))});

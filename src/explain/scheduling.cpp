@@ -17,6 +17,9 @@ class Scheduling {
  public:
   explicit Scheduling(const std::vector<Event>& events) {
     for (const auto& event : events) enter(event);
+    std::stable_sort(all.begin(), all.end(), [](const Scheduled& one, const Scheduled& other) {
+      return one.event.at_ns < other.event.at_ns;
+    });
   }
   std::vector<Scheduled> all;
 
@@ -54,16 +57,13 @@ class Scheduling {
     } else if (event.kind == Kind::switched) {
       thread = event.thread;
     }
-    const auto place =
-        std::upper_bound(all.begin(), all.end(), came_ns,
-                         [](std::int64_t at_ns, const Scheduled& one) { return at_ns < one.event.at_ns; });
-    all.insert(place, Scheduled{{.at_ns = came_ns,
-                                 .cpu = event.cpu,
-                                 .kind = Kind::switched,
-                                 .thread = cpu.last,
-                                 .other = thread,
-                                 .what = "R"},
-                                event.at_ns});
+    all.push_back({{.at_ns = came_ns,
+                    .cpu = event.cpu,
+                    .kind = Kind::switched,
+                    .thread = cpu.last,
+                    .other = thread,
+                    .what = "R"},
+                   event.at_ns});
     cpu.last = thread;
   }
 

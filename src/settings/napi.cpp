@@ -4,11 +4,10 @@
 #include <algorithm>
 #include <array>
 #include <cerrno>
-#include <filesystem>
 #include <functional>
+#include <future>
 #include <memory>
 #include <set>
-#include <thread>
 
 #include <fcntl.h>
 #include <fmt/format.h>
@@ -16,6 +15,7 @@
 #include <linux/genetlink.h>
 #include <net/if.h>
 #include <sched.h>
+#include <sys/mount.h>
 #include <sys/stat.h>
 #include <unistd.h>
 
@@ -60,12 +60,14 @@ int on_message(const nlmsghdr* header, void* each) {
   return mnl_attr_parse(header, sizeof(genlmsghdr), on_attribute, each);
 }
 
-// Calls `each` for every attribute of the answers. Returns 0 or an errno.
+// Calls `each` for every attribute of the answers. Returns 0 or an errno: EINTR, if what was asked for has
+// changed meanwhile.
 int ask(mnl_socket* socket, const Question& asked, Attribute each) {
   if (mnl_socket_sendto(socket, asked.header, asked.header->nlmsg_len) < 0) return errno;
   std::vector<char> answer(static_cast<std::size_t>(MNL_SOCKET_BUFFER_SIZE));
   for (int more = MNL_CB_OK; more > MNL_CB_STOP;) {
     const auto bytes = mnl_socket_recvfrom(socket, answer.data(), answer.size());
+    if (bytes < 0 && errno == EINTR) continue;
     if (bytes < 0) return errno;
     more = mnl_cb_run(answer.data(), static_cast<std::size_t>(bytes), 0, mnl_socket_get_portid(socket),
                       on_message, &each);
@@ -75,47 +77,72 @@ int ask(mnl_socket* socket, const Question& asked, Attribute each) {
   return 0;
 }
 
-// Of this thread's network namespace. Nothing: this kernel does not say.
-std::optional<std::set<pid_t>> threads_by_kernel(const std::string& interface) {
+// Of this thread's network namespace, into `threads`. Returns 0 or an errno: EOPNOTSUPP, if this kernel does
+// not say.
+int ask_kernel(const std::string& interface, std::set<pid_t>& threads) {
   const Socket socket(mnl_socket_open2(NETLINK_GENERIC, SOCK_CLOEXEC), mnl_socket_close);
-  if (!socket || mnl_socket_bind(socket.get(), 0, MNL_SOCKET_AUTOPID) < 0) return {};
+  if (!socket || mnl_socket_bind(socket.get(), 0, MNL_SOCKET_AUTOPID) < 0) return EOPNOTSUPP;
   const Question family(GENL_ID_CTRL, CTRL_CMD_GETFAMILY, 0);
   mnl_attr_put_strz(family.header, CTRL_ATTR_FAMILY_NAME, "netdev");
   std::uint16_t netdev = 0;
   const int unknown = ask(socket.get(), family, [&](const nlattr& attribute) {
     if (mnl_attr_get_type(&attribute) == CTRL_ATTR_FAMILY_ID) netdev = mnl_attr_get_u16(&attribute);
   });
-  if (unknown != 0 || netdev == 0) return {};
+  if (unknown != 0 || netdev == 0) return EOPNOTSUPP;
   const Question napi(netdev, get_napi, NLM_F_DUMP);
   mnl_attr_put_u32(napi.header, interface_index, if_nametoindex(interface.c_str()));
-  std::set<pid_t> threads;
-  const int error = ask(socket.get(), napi, [&](const nlattr& attribute) {
+  return ask(socket.get(), napi, [&](const nlattr& attribute) {
     if (mnl_attr_get_type(&attribute) == thread_id)
       threads.insert(static_cast<pid_t>(mnl_attr_get_u32(&attribute)));
   });
+}
+
+// Nothing: this kernel does not say.
+std::optional<std::set<pid_t>> threads_by_kernel(const std::string& interface) {
+  constexpr int most_tries = 10;
+  std::set<pid_t> threads;
+  int error = EINTR;
+  for (int tries = 0; error == EINTR && tries < most_tries; ++tries) {
+    threads.clear();
+    error = ask_kernel(interface, threads);
+  }
   if (error == EOPNOTSUPP) return {};
   if (error != 0) throw trouble("the NAPI threads of " + interface, error);
   return threads;
 }
 
-// How many network namespaces that can be found (by their processes, or by `ip netns`) have one of that name.
-int interfaces_named(const std::string& name) {
-  std::set<std::pair<dev_t, ino_t>> seen;
-  int count = 0;
-  const auto look = [&](const std::filesystem::path& file) {
+// Whether the interface of that name has, or may have, such threads, in the namespace that this thread is in.
+bool may_have_threads(const std::string& name) {
+  if (if_nametoindex(name.c_str()) == 0) return false;
+  if (mount("sysfs", "/sys", "sysfs", 0, nullptr) != 0) return true;  // which shows the namespace's own
+  const auto is_threaded = read_file(fmt::format("/sys/class/net/{}/threaded", name));
+  umount2("/sys", MNT_DETACH);
+  return is_threaded != "0";
+}
+
+// Whether there is such a one in another network namespace that can be found, by its processes or by `ip
+// netns`.
+bool namesake_has_threads(const std::string& name) {
+  struct stat own {};
+  if (stat("/proc/thread-self/ns/net", &own) != 0) throw trouble("its own network namespace", errno);
+  std::set<std::pair<dev_t, ino_t>> seen{{own.st_dev, own.st_ino}};
+  bool found = false;
+  const auto look = [&](const std::string& file) {
     const int fd = open(file.c_str(), O_RDONLY | O_NONBLOCK | O_CLOEXEC);
-    struct stat found {};
-    if (fd >= 0 && fstat(fd, &found) == 0 && seen.emplace(found.st_dev, found.st_ino).second &&
-        setns(fd, CLONE_NEWNET) == 0 && if_nametoindex(name.c_str()) != 0)
-      ++count;
+    struct stat status {};
+    const bool is_new =
+        fd >= 0 && fstat(fd, &status) == 0 && seen.emplace(status.st_dev, status.st_ino).second;
+    if (is_new && setns(fd, CLONE_NEWNET) == 0) found = found || may_have_threads(name);
     if (fd >= 0) close(fd);
   };
-  std::thread([&] {  // which goes from one to the next
+  const auto look_at_all = [&] {  // which goes from one to the next
+    if (unshare(CLONE_NEWNS) != 0 || mount("", "/", "none", MS_SLAVE | MS_REC, nullptr) != 0)
+      throw trouble("a look at other network namespaces", errno);
     for (const auto& process : names_in("/proc")) look("/proc/" + process + "/ns/net");
     for (const auto& named : names_in("/run/netns")) look("/run/netns/" + named);
-  })
-      .join();
-  return count;
+  };
+  std::async(std::launch::async, look_at_all).get();
+  return found;
 }
 
 }  // namespace
@@ -131,11 +158,11 @@ std::vector<Thing> napi_threads_by_name(const std::string& interface) {
     found = threads_named(name.substr(0, short_name));
     std::erase_if(found, [](const Thing& one) { return one.title().size() != short_name; });
   }
-  if (!found.empty() && interfaces_named(interface) > 1)
-    throw journal::Error(
-        fmt::format("more than one network namespace has an interface {0}, and before Linux 6.8 nothing "
-                    "tells their threads apart: give it a name of its own: ip link set {0} name NAME",
-                    interface));
+  if (!found.empty() && namesake_has_threads(interface))
+    throw journal::Error(fmt::format(
+        "another network namespace has an interface {0} with threads too, and before Linux 6.8 nothing "
+        "tells them apart: give it a name of its own: ip link set {0} name NAME",
+        interface));
   return found;
 }
 

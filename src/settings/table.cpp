@@ -144,7 +144,17 @@ Things of_driver(const journal::Kind& kind, Text interface, const char* lacks) {
   if (!kind.read(what)) throw journal::Error(fmt::format("{} {}", interface, lacks));
   return {{&kind, what}};
 }
-Things offloaded(Text interface) { return of_driver(gro, interface, "has no generic receive offload"); }
+
+void refuse_bridge(Text interface) {
+  if (read_file(fmt::format("/sys/class/net/{}/bridge/bridge_id", interface)))
+    throw journal::Error(fmt::format(
+        "{0} is a bridge, which takes in no packets itself: name one of its ports (bridge link)", interface));
+}
+
+Things offloaded(Text interface) {
+  refuse_bridge(interface);
+  return of_driver(gro, interface, "has no generic receive offload");
+}
 Things coalesced(Text interface) {
   return of_driver(coalescing, interface, "has no interrupts that could be coalesced");
 }
@@ -182,12 +192,14 @@ Things interrupt_threads(Text interface) {
 }
 
 Things threadable(Text interface) {
+  refuse_bridge(interface);
   const auto what = interface_here(interface);
   if (!threaded.read(what)) throw journal::Error("this kernel has no threaded NAPI (Linux 5.12 has)");
   return {{&threaded, what}};
 }
 
 Things napi_threads(Text interface) {
+  refuse_bridge(interface);
   auto found = napi_threads_of(interface);
   if (found.empty() || threaded.read(interface_here(interface)) == "0")
     throw journal::Error(fmt::format("{} has no NAPI threads: they come with threaded-napi on", interface));

@@ -30,6 +30,8 @@ constexpr std::array<std::pair<Kind, const char*>, 14> words{{{Kind::switched, "
 
 // No clock that counts from a machine's start shows more: 36 years.
 constexpr std::int64_t latest_ns = std::int64_t{1} << 60;
+constexpr std::int32_t most_cpus = 8192;     // that Linux can be built for
+constexpr std::size_t most_events = 50'000;  // several times those that a Recorder keeps of a window
 
 // What an event does not say is left out.
 template <class Value>
@@ -60,6 +62,12 @@ std::int64_t time_in(const json& object, const char* name) {
   return time_of(number_of<std::int64_t>(object.at(name)));
 }
 
+std::int32_t cpu_in(const json& object) {
+  const auto cpu = number_of<std::int32_t>(object.at("cpu"));
+  if (cpu < 0 || cpu >= most_cpus) throw Error(fmt::format("a CPU {}, which cannot be", cpu));
+  return cpu;
+}
+
 json to_json(const Event& event, std::int64_t from_ns) {
   json object{{"at", event.at_ns - from_ns}, {"cpu", event.cpu}, {"kind", word_of(event.kind)}};
   put(object, "thread", event.thread.id);
@@ -78,7 +86,7 @@ Event event_of(const json& object, std::int64_t from_ns) {
   const auto kind = kind_of(object.at("kind"));
   if (!kind) throw Error("an event of a kind that this ontime does not know");
   return {.at_ns = time_of(from_ns + time_in(object, "at")),
-          .cpu = number_of<std::int32_t>(object.at("cpu")),
+          .cpu = cpu_in(object),
           .kind = *kind,
           .thread = {number_in(object, "thread"), object.value("name", ""), number_in(object, "priority")},
           .other = {number_in(object, "other"), object.value("other_name", ""),
@@ -121,7 +129,10 @@ Window window_of(const json& object) {
   Window window{{static_cast<std::uint64_t>(message), time_in(object, "from_ns"), time_in(object, "to_ns")},
                 object.at("whole"),
                 {}};
-  for (const auto& event : object.at("events")) window.events.push_back(event_of(event, window.span.from_ns));
+  const auto& events = object.at("events");
+  if (events.size() > most_events)
+    throw Error(fmt::format("{} events, and a window has at most {}", events.size(), most_events));
+  for (const auto& event : events) window.events.push_back(event_of(event, window.span.from_ns));
   if (!std::is_sorted(window.events.begin(), window.events.end(),
                       [](const Event& one, const Event& other) { return one.at_ns < other.at_ns; }))
     throw Error("events that are not in the order of their times");

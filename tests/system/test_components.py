@@ -40,7 +40,7 @@ class Components(Program):
                 answer = self.run_ontime("run", scenario, "--results", self.results)
                 self.assertEqual(answer.returncode, 0, answer.stderr)
                 for name in ("left_arm", "base"):
-                    self.assertRegex(answer.stdout, rf"(?m)^{transport} component {name} +\d")
+                    self.assertRegex(answer.stdout, rf"(?m)^{transport} component {name}\s+\d")  # a narrow table has the name on a line of its own
                 arm, base = self.report()
                 self.assertNotEqual(arm["key"], base["key"])
                 addresses = set()
@@ -78,9 +78,21 @@ class Components(Program):
                 self.assertTrue(run["complete"])
                 self.assertTrue(run["hosts"]["component"]["transport"]["facts"]["address"].startswith(address))
                 self.assertEqual(run["hosts"]["component"]["link"]["interface"], "far")
+            # The same place in other words: what answers is not the arm.
+            wrong = self.scenario("1 s", text=text.replace("address: 198.18.0.2}", "address: '198.18.1.2:7900'}"), transports=["udp"])
+            answer = self.run_ontime("run", wrong, "--results", self.results)
+            self.assertEqual(answer.returncode, 3, answer.stderr)
+            self.assertRegex(answer.stderr, r"arm: the component answered 0 messages, and \d+ were answered: somebody else")
+            self.assertIn("somebody else", self.report()[2]["error"])
         finally:
             for name in names:
                 subprocess.run(["ip", "netns", "del", name], check=False)
+
+    def test_one_alone_may_have_a_name(self):
+        text = SCENARIO.replace("[left_arm, base]", "[left_arm]")
+        answer = self.run_ontime("run", self.scenario("500 ms", text=text, transports=["udp"]), "--results", self.results)
+        self.assertEqual(answer.returncode, 0, answer.stderr)
+        self.assertEqual([run["conditions"]["component"] for run in self.report()], ["left_arm"])
 
     def test_interrupted_all_are_kept_and_resumed_all_are_done_once(self):
         process = self.start_ontime("run", self.scenario("1 h", text=SCENARIO, transports=["udp"]), "--results", self.results)
@@ -97,6 +109,11 @@ class Components(Program):
         answer = self.run_ontime(*again)
         self.assertIn("is done already", answer.stderr)
         self.assertEqual([run["complete"] for run in self.report()], [False, False, True, True])
+        with contextlib.closing(sqlite3.connect(self.results)) as database, database:
+            database.execute("UPDATE run SET outcome = NULL WHERE number = 4")
+        answer = self.run_ontime(*again)
+        self.assertIn("is done already for 1 of 2 components; all are measured once more", answer.stderr)
+        self.assertEqual([run["complete"] for run in self.report()], [False, False, True, False, True, True])
 
     def test_one_that_dies_ends_all_and_is_named(self):
         process = self.start_ontime("run", self.scenario("1 h", text=SCENARIO, transports=["udp"]), "--results", self.results)
@@ -124,6 +141,20 @@ class Components(Program):
         self.assertEqual([note["kind"] for note in arm["notes"]], [])
         self.assertEqual([note["kind"] for note in base["notes"]], ["component-gone", "component-back"])
         self.assertGreater(base["lost"], 0)
+
+    def test_all_that_die_together_are_started_again_and_each_is_told_of(self):
+        text = SCENARIO.replace("duration: %s", "duration: %s, component: {restart: on}").replace("base]", "base, hand]")
+        process = self.start_ontime("run", self.scenario("6 s", text=text, transports=["udp"]), "--results", self.results)
+        self.started(process, lambda: self.samples_recorded() > 300)
+        for name in ("left-arm", "base", "hand"):
+            pids = subprocess.run(["ip", "netns", "pids", f"ontime-{name}"], capture_output=True, text=True, check=True).stdout.split()
+            os.kill(int(pids[0]), signal.SIGKILL)
+        _, error = process.communicate(timeout=60)
+        self.assertEqual(process.returncode, 0, error)
+        for run, name in zip(self.report(), ("left_arm", "base", "hand")):
+            self.assertEqual([note["kind"] for note in run["notes"]], ["component-gone", "component-back"])
+            self.assertIn(f"the agent of the {name} ", run["notes"][0]["text"])
+            self.assertTrue(run["hosts"]["component"]["started_again"])
 
     def test_killed_coordinator_leaves_nothing(self):
         process = self.start_ontime("run", self.scenario("1 h", text=SCENARIO, transports=["udp"]), "--results", self.results)

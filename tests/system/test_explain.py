@@ -3,14 +3,20 @@
 """Why messages were late: causes that are made here, named by the real program. Needs root, and skips without. ONTIME names
 the program."""
 
+import contextlib
+import importlib.machinery
+import importlib.util
+import io
 import json
 import os
 import pathlib
 import signal
 import subprocess
+import sys
 import tempfile
 import time
 import unittest
+import unittest.mock
 
 ONTIME = os.environ["ONTIME"]
 CULPRITS = pathlib.Path(__file__).resolve().parent.parent.parent / "scripts" / "culprits"
@@ -35,6 +41,23 @@ class Explain(unittest.TestCase):
         said = subprocess.run([CULPRITS, "--only", "drop-in,drop-out", "--seed", "1"], capture_output=True, text=True,
                               timeout=280)
         self.assertEqual(said.returncode, 0, said.stdout + said.stderr)
+
+    def test_culprits_are_made_where_they_can_be_and_of_what_is_its_own(self):
+        loader = importlib.machinery.SourceFileLoader("culprits", str(CULPRITS))
+        culprits = importlib.util.module_from_spec(importlib.util.spec_from_loader("culprits", loader))
+        sys.modules["culprits"] = culprits  # where dataclasses look
+        with unittest.mock.patch("sys.dont_write_bytecode", True):
+            loader.exec_module(culprits)
+        with subprocess.Popen(["sh", "-c", "sleep 60 & echo $!; wait"], stdout=subprocess.PIPE, text=True) as shell:
+            sleeper = int(shell.stdout.readline())
+            self.assertTrue(culprits.is_ours(sleeper))
+            os.kill(sleeper, signal.SIGKILL)
+        self.assertFalse(culprits.is_ours(1) or culprits.is_ours(os.getppid()) or culprits.is_ours(sleeper))
+        culprits.KINDS = [kind for kind in culprits.KINDS if kind.name == "quota"]
+        culprits.KINDS[0].needs = "/nowhere"
+        with unittest.mock.patch("sys.argv", ["culprits"]), contextlib.redirect_stdout(io.StringIO()) as said:
+            self.assertEqual(culprits.main(), 0)
+        self.assertIn("not tried: there is no /nowhere", said.getvalue())
 
     def test_a_run_is_explained_at_its_end_and_later(self):
         self.write("2 s", ", explain: on, link.loss: 20 %")
