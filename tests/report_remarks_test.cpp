@@ -177,6 +177,17 @@ TEST(Remarks, SuspectThrottlingAtTheComponentToo) {
   EXPECT_THAT(said(51'000'000, 0), Not(HasSubstr("throttling"))) << "it is off";
 }
 
+TEST(Remarks, TellThatNothingWasAnsweredAnyMore) {
+  auto one = summary(asked("a", "udp"), outcome());
+  one.sent = 500;
+  one.start_ns = 1'000'000'000;
+  one.unanswered_from_ns = 4'200'000'000;
+  one.unanswered_at_end = 180;
+  EXPECT_THAT(remarks(one), HasSubstr("nothing was answered any more from 3.2 s on: the last 180 messages"));
+  one.unanswered_at_end = 9;
+  EXPECT_THAT(remarks(one), Not(HasSubstr("any more"))) << "they may as well be lost";
+}
+
 TEST(Remarks, TellLossesApart) {
   auto lossy = outcome();
   lossy["hosts"]["controller"]["losses"] = {{"on_the_way", 9}, {"overwritten", 0}};

@@ -70,6 +70,19 @@ std::vector<std::int64_t> responses_by_definition(const std::vector<Sample>& sam
   return responses;
 }
 
+TEST(Summary, KnowsSinceWhenNothingWasAnswered) {
+  std::mt19937_64 random(5);
+  std::vector<Sample> samples;
+  for (std::uint64_t i = 0; i < 20; ++i) {
+    samples.push_back(random_sample(i, random));
+    samples.back().fate = i == 3 || i >= 15 ? Fate::lost : Fate::on_time;
+    samples.back().received_ns = samples.back().fate == Fate::lost ? 0 : samples.back().sent_ns + 1;
+  }
+  const auto summary = summary_of(samples, asked_next_free);
+  EXPECT_EQ(summary.unanswered_at_end, 5u);
+  EXPECT_EQ(summary.unanswered_from_ns, samples[15].due_ns);
+}
+
 TEST(Summary, AddsUp) {
   std::mt19937_64 random(3);
   for (int i = 0; i < 50; ++i) {

@@ -210,6 +210,16 @@ void add_notes(std::vector<std::string>& parts, const statistics::Summary& summa
     parts.push_back(many(summary.notes.size() - most_notes, "further note", "further notes"));
 }
 
+// A pong that died, a cable that was pulled: not every transport notices.
+constexpr std::uint64_t surely_gone = 10;  // messages
+void add_silence(std::vector<std::string>& parts, const statistics::Summary& summary) {
+  if (summary.unanswered_at_end < surely_gone || summary.unanswered_at_end == summary.sent) return;
+  const auto from_ns =
+      static_cast<double>(summary.unanswered_from_ns) - static_cast<double>(summary.start_ns);
+  parts.push_back(fmt::format("nothing was answered any more from {:.1f} s on: the last {} messages",
+                              from_ns / 1e9, grouped(summary.unanswered_at_end)));
+}
+
 // Of the machines' settings, those that somebody changed while it was measured.
 std::vector<std::string> changed_settings(const json& outcome) {
   std::vector<std::string> parts;
@@ -277,6 +287,7 @@ std::string remarks(const statistics::Summary& summary) {
   if (const auto& why = at(outcome, "link_unproved"); why.is_string()) parts.push_back(word(why));
   for (const auto& text : changed_settings(outcome)) parts.push_back(text);
   add_notes(parts, summary);
+  add_silence(parts, summary);
   if (const auto text = drops(outcome); !text.empty()) parts.push_back(text);
   if (const auto text = faults(outcome); !text.empty()) parts.push_back(text);
   for (const auto& text : taken_away(summary)) parts.push_back(text);

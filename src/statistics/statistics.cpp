@@ -60,10 +60,12 @@ class Pass {
     last_due_ns_ = sample.due_ns;
     if (sample.fate == Fate::lost) {
       ++summary_.lost;
+      if (summary_.unanswered_at_end++ == 0) summary_.unanswered_from_ns = sample.due_ns;
       late_by_response_.add(true);
       waited_until_ns_ = nth_after(sample.sent_ns, timeout_ns_.value_or(0), 1);
       return;
     }
+    summary_.unanswered_at_end = 0;
     ++(sample.fate == Fate::late ? summary_.late : summary_.on_time);
     answer_waiting(sample.received_ns);
     const auto response_ns = between(sample.due_ns, sample.received_ns);

@@ -87,6 +87,9 @@ struct Summary {
   std::int64_t start_ns = 0;  // when its first message was due: the client's clock, as that of notes
   std::uint64_t sent = 0, on_time = 0, late = 0, lost = 0;
   std::uint64_t skipped_cycles = 0;  // those after the last message among them
+  // So many messages at the end were not answered, the first of which was due then.
+  std::uint64_t unanswered_at_end = 0;
+  std::int64_t unanswered_from_ns = 0;
   // Cycles without an answer within the deadline from when they were due, where the record has a deadline:
   // responses above it, and lost messages. Of sent + skipped_cycles.
   std::optional<std::uint64_t> late_by_response;
