@@ -170,20 +170,34 @@ TEST_F(Lab, ConsoleGivesWholeLines) {
   EXPECT_THAT(console.lines(true), ElementsAre("three"));
 }
 
+TEST_F(Lab, ConsoleKnowsALineThatIsWrittenAnew) {
+  std::ofstream line(folder() / "console");
+  Console console(folder() / "console");
+  line << "1/9 s\r\033[K2/9 s" << std::flush;
+  EXPECT_THAT(console.lines(), IsEmpty());
+  EXPECT_EQ(console.present(), "2/9 s");
+  line << "\r\033[Kdone\r\n" << std::flush;
+  EXPECT_THAT(console.lines(), ElementsAre("done"));
+  EXPECT_EQ(console.present(), "");
+}
+
 TEST_F(Lab, WhatTheMachineLeftComesOutByNameAlone) {
   fs::create_directories(folder() / "there");
   fs::create_directories(folder() / "out");
   write("there/code", "0\n");
   background::output_of(
-      {"tar", "-c", "-P", "-f", (folder() / "disk").string(), (folder() / "there/code").string()}, "tar");
-  fs::resize_file(folder() / "disk", 1 << 20);
-  bring_out(folder() / "disk", folder() / "out");
+      {"tar", "-c", "-P", "-f", (folder() / "left").string(), (folder() / "there/code").string()}, "tar");
+  bring_out(folder() / "left", folder() / "out");
   EXPECT_EQ(read(folder() / "out/code"), "0\n");
 }
 
-TEST_F(Lab, DiskThatHoldsNoArchiveIsRefused) {
-  write("disk", std::string(4096, 'x'));
-  EXPECT_THROW(bring_out(folder() / "disk", folder()), Error);
+TEST_F(Lab, WhatIsNoWholeArchiveIsRefused) {
+  EXPECT_THROW(bring_out(write("none", std::string(4096, 'x')), folder()), Error);
+  const auto many = write("many", std::string(100'000, 'x'));
+  const auto part = folder() / "part";
+  background::output_of({"tar", "-c", "-P", "-f", part.string(), many.string()}, "tar");
+  fs::resize_file(part, 50'000);
+  EXPECT_THROW(bring_out(part, folder()), Error);
 }
 
 }  // namespace

@@ -56,8 +56,9 @@ lab::Observer observer_of(Terminal& terminal, const campaign::Interrupts& interr
   lab::Observer observer;
   observer.note = [&](const std::string& text) { terminal.note(text); };
   observer.says = [&](const std::string& line) { terminal.line(line); };
-  observer.waits = [&](std::chrono::seconds since, bool booted) {
-    terminal.waits(fmt::format("the lab's machine {} … {}", booted ? "measures" : "starts", about(since)));
+  observer.waits = [&](std::chrono::seconds since, const std::optional<std::string>& line) {
+    terminal.waits(line ? fmt::format("({} here) {}", about(since), *line)
+                        : fmt::format("the lab's machine starts … {}", about(since)));
   };
   observer.interrupted = [&] { return interrupts > 0; };
   return observer;

@@ -84,7 +84,7 @@ void Terminal::line(const std::string& text) {
 }
 
 void Terminal::waits(const std::string& text) {
-  if (interactive_) rewrite_line(text);
+  if (interactive_) rewrite_line(report::printable(text));
 }
 
 void Terminal::expect(std::size_t runs, std::chrono::duration<double> time) {

@@ -15,6 +15,8 @@ class Console {
   explicit Console(const std::filesystem::path& file) : file_(file), input_(file, std::ios::binary) {}
   // The lines that are whole since it was asked last; at the end of the machine also one that is not.
   std::vector<std::string> lines(bool at_end = false);
+  // The one that is being written, or written anew: how far the machine is.
+  std::string present() const;
   // The last lines of all, for people.
   std::string tail() const;
 
@@ -22,6 +24,7 @@ class Console {
   std::filesystem::path file_;
   std::ifstream input_;
   std::string part_;
+  bool anew_ = false;
 };
 
 }  // namespace ontime::lab

@@ -41,8 +41,6 @@ Prepared prepare(const Machine& machine, journal::Journal& journal, const std::v
     const auto kernel = fetch_kernel(machine.kernel, observer.note);
     Files files(journal::add_directory(journal, "lab"));
     image_of(machine, kernel, command, brought).write(files.image);
-    std::ofstream(files.disk).close();
-    fs::resize_file(files.disk, machine.memory_bytes);  // of which only what is written takes room
     return {files, qemu_command(machine, version, kernel.image, files, command.empty())};
   } catch (const background::Error& error) {
     throw Error(error.what());
@@ -69,7 +67,8 @@ class Running {
       for (const auto& line : words_.lines(ended)) take(line);
       if (observer_.interrupted()) throw Interrupted();
       if (!up_ && since(start_) > time_to_boot) fail("it does not come up");
-      observer_.waits(std::chrono::duration_cast<std::chrono::seconds>(since(start_)), up_);
+      observer_.waits(std::chrono::duration_cast<std::chrono::seconds>(since(start_)),
+                      up_ ? std::make_optional(words_.present()) : std::nullopt);
     }
     if (!up_) fail("it ended before it was up");
   }
@@ -118,7 +117,11 @@ Outcome run(const Machine& machine, journal::Journal& journal, const std::vector
   const auto start = Clock::now();
   Running running(prepared, observer);
   running.watch();
-  bring_out(prepared.files.disk, into);
+  try {
+    bring_out(prepared.files.results, into);
+  } catch (const Error& error) {
+    running.fail(error.what());
+  }
   const auto code = number_in(into / "code"), uptime_s = number_in(into / "uptime");
   if (code < 0 || uptime_s < 0) running.fail("it ended before its command did");
   return {static_cast<int>(code),

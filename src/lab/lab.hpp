@@ -8,6 +8,7 @@
 #include <cstdint>
 #include <filesystem>
 #include <functional>
+#include <optional>
 #include <span>
 #include <stdexcept>
 #include <string>
@@ -43,9 +44,10 @@ struct File {
 
 // What is told while it goes on.
 struct Observer {
-  std::function<void(const std::string& text)> note;                   // something a person should know
-  std::function<void(const std::string& line)> says;                   // what the command writes there
-  std::function<void(std::chrono::seconds since, bool booted)> waits;  // now and then
+  std::function<void(const std::string& text)> note;  // something a person should know
+  std::function<void(const std::string& line)> says;  // what the command writes there
+  // Now and then: for how long already, and the line that the command is writing; nothing: it boots.
+  std::function<void(std::chrono::seconds since, const std::optional<std::string>& line)> waits;
   std::function<bool()> interrupted;
 };
 

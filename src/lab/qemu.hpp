@@ -14,17 +14,17 @@ namespace ontime::lab {
 struct Files {
   explicit Files(const std::filesystem::path& folder)
       : image(folder / "image"),
-        disk(folder / "disk"),
+        results(folder / "results"),
         console(folder / "console"),
         words(folder / "words") {}
-  std::filesystem::path image, disk, console, words;
+  std::filesystem::path image, results, console, words;
 };
 
 // The version of the QEMU that is here. Throws Error if there is none, if it has no such NIC, or if this
 // machine is not one whose programs it could run.
 std::string check_qemu(const Machine&);
 
-// Its command. `at_terminal`: the console is the terminal, and there is no disk.
+// Its command. `at_terminal`: the console is the terminal, and nothing takes results.
 std::vector<std::string> qemu_command(const Machine&, const std::string& version,
                                       const std::filesystem::path& kernel, const Files&, bool at_terminal);
 

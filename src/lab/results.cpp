@@ -33,12 +33,12 @@ void bring_one_out(archive* from, const fs::path& file) {
 
 }  // namespace
 
-void bring_out(const fs::path& disk, const fs::path& folder) {
+void bring_out(const fs::path& left, const fs::path& folder) {
   const std::unique_ptr<archive, decltype(&archive_read_free)> from(archive_read_new(), archive_read_free);
   archive_read_support_format_tar(from.get());
   constexpr std::size_t block = 65536;
   archive_entry* entry = nullptr;
-  if (archive_read_open_filename(from.get(), disk.c_str(), block) != ARCHIVE_OK)
+  if (archive_read_open_filename(from.get(), left.c_str(), block) != ARCHIVE_OK)
     throw Error(fmt::format("what the machine left cannot be read: {}", archive_error_string(from.get())));
   int result = ARCHIVE_OK;
   while ((result = archive_read_next_header(from.get(), &entry)) == ARCHIVE_OK)
