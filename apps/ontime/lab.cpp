@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <filesystem>
+#include <string_view>
 
 #include <fmt/format.h>
 #include <fmt/ranges.h>
@@ -32,11 +33,19 @@ struct Arguments {
   bool live = false;
 };
 
+bool is_of_kernel(std::string_view package) {
+  return package.starts_with("linux-image-") &&
+         package.find_first_not_of("abcdefghijklmnopqrstuvwxyz0123456789+.-") == package.npos;
+}
+
 lab::Machine machine_of(const Arguments& arguments) {
   auto machine = arguments.machine;
   const auto nics = lab::nics();
   if (std::find(nics.begin(), nics.end(), machine.nic) == nics.end())
     throw Error(2, fmt::format("--nic: '{}' is not one of {}", machine.nic, fmt::join(nics, ", ")));
+  if (!is_of_kernel(machine.kernel))
+    throw Error(2, fmt::format("--kernel: '{}' is no package of a kernel, such as linux-image-rt-amd64",
+                               machine.kernel));
   machine.deterministic = !arguments.live;
   try {
     if (!arguments.memory.empty()) machine.memory_bytes = campaign::bytes_of(arguments.memory);

@@ -103,7 +103,8 @@ void check_room(const fs::path& folder) {
 }
 
 Kernel kernel_in(const fs::path& folder) {
-  for (const auto& entry : fs::directory_iterator(folder / "lib/modules")) {
+  std::error_code none;
+  for (const auto& entry : fs::directory_iterator(folder / "lib/modules", none)) {
     const auto release = entry.path().filename().string();
     const auto image = folder / "boot" / ("vmlinuz-" + release);
     if (fs::exists(image)) return {release, folder.filename().string(), image, entry.path()};

@@ -29,6 +29,22 @@ defaults: {transport: [%s], duration: 2 s, realtime: on}
 runs:
   - id: quiet
 """
+LACKING = """
+hosts: namespaces
+defaults: {transport: udp, duration: 1 s, kernel: {governor: performance}}
+runs:
+  - id: governed
+"""
+BAD_LINK = """
+hosts: namespaces
+defaults: {transport: udp, duration: 2 s, realtime: on}
+runs:
+  - id: good
+  - id: slow
+    link: {delay: 2 ms}
+  - id: lossy
+    link: {loss: 10 %}
+"""
 
 
 def samples(results):
@@ -64,6 +80,14 @@ class Lab(unittest.TestCase):
         return subprocess.run([ONTIME, "lab", *arguments], capture_output=True, text=True, cwd=self.folder, timeout=900,
                               env=dict(self.environment, **environment))
 
+    def instead_of_qemu(self, text):
+        """A PATH on which there is this first."""
+        folder = pathlib.Path(self.folder, "bin")
+        folder.mkdir()
+        (folder / "qemu-system-x86_64").write_text(text)
+        (folder / "qemu-system-x86_64").chmod(0o755)
+        return f"{folder}:{os.environ['PATH']}"
+
     def report(self, results):
         answer = subprocess.run([ONTIME, "report", results, "--format", "json"], capture_output=True, text=True, timeout=120)
         self.assertEqual(answer.returncode, 0, answer.stderr)
@@ -84,7 +108,9 @@ class Refused(Lab):
         self.refused(2, "--with: /there/is/none", "run", scenario, "--with", "/there/is/none")
         self.refused(2, "there is no such scenario", "run", "/there/is/none")
         self.refused(2, "needs hosts: namespaces", "run", self.scenario((SCENARIO % "udp").replace("namespaces", "loopback")))
-        self.refused(2, "", "run", scenario, "--live", "--deterministic")
+        self.refused(2, "--deterministic excludes --live", "run", scenario, "--live", "--deterministic")
+        for package in ("bash", "-o=x", "linux-image-rt-amd64 bash"):
+            self.refused(2, f"--kernel: '{package}' is no package of a kernel", "run", scenario, "--kernel=" + package)
 
     def test_results_that_are_there_already(self):
         taken = pathlib.Path(self.results("taken"))
@@ -94,6 +120,17 @@ class Refused(Lab):
 
     def test_a_machine_that_has_no_qemu(self):
         self.refused(3, "sudo apt install qemu-system-x86", "run", self.scenario(SCENARIO % "udp"), PATH=self.temporary)
+
+    def test_what_this_machine_has_not(self):
+        scenario = self.scenario(SCENARIO % "udp")
+        path = self.instead_of_qemu("""#!/bin/sh
+[ "$1" = --version ] && echo 'QEMU emulator version 7.2.22 (Debian)' || echo 'name "e1000e", bus PCI'
+""")
+        self.refused(3, "this QEMU has no igb: QEMU emulator version 7.2.22 (Debian). Debian 12's has igb only from "
+                        "bookworm-backports", "run", scenario, "--nic", "igb", PATH=path)
+        self.refused(3, "is to have 9536743 MiB of memory, and ", "run", scenario, "--memory", "10000000 MB", PATH=path)
+        self.refused(3, "the kernel package linux-image-of-nobody is not to be had here: ", "run", scenario,
+                     "--kernel", "linux-image-of-nobody", PATH=path)
 
 
 @unittest.skipUnless(shutil.which("qemu-system-x86_64"), "there is no QEMU (Debian's package: qemu-system-x86)")
@@ -168,6 +205,18 @@ class Machines(Lab):
         return [value for thing, value in seen.items() if re.fullmatch(pattern, thing)]
 
     @of_all
+    def test_what_the_machine_lacks_is_named(self):
+        answer = self.lab("run", self.scenario(LACKING), "--results", self.results())
+        self.assertEqual(answer.returncode, 3, answer.stderr)
+        self.assertIn("kernel.governor: this machine has no CPU frequency that Linux governs", answer.stderr)
+
+    @of_all
+    def test_a_link_is_as_bad_as_asked_for(self):
+        self.measured("bad.ontime", self.scenario(BAD_LINK))
+        good, slow, lossy = self.report(self.results("bad.ontime"))
+        print(good["round_trip_ns"], slow["round_trip_ns"], lossy["messages"])
+
+    @of_all
     def test_an_interruption_ends_the_machine(self):
         process = subprocess.Popen([ONTIME, "lab", "run", self.scenario(SCENARIO % "udp"), "--results", self.results()],
                                    stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=self.environment)
@@ -181,11 +230,8 @@ class Machines(Lab):
 
     @of_all
     def test_a_machine_that_does_not_come_up_shows_its_console(self):
-        folder = pathlib.Path(self.folder, "bin")
-        folder.mkdir()
         real = shutil.which("qemu-system-x86_64")
-        qemu = folder / "qemu-system-x86_64"  # it starts the machine without its files
-        qemu.write_text(f"""#!/usr/bin/env python3
+        path = self.instead_of_qemu(f"""#!/usr/bin/env python3
 import os, sys
 words = sys.argv[1:]
 if "-initrd" in words:
@@ -193,9 +239,7 @@ if "-initrd" in words:
     del words[at:at + 2]
 os.execv("{real}", ["{real}", *words])
 """)
-        qemu.chmod(0o755)
-        answer = self.lab("run", self.scenario(SCENARIO % "udp"), "--results", self.results(),
-                          PATH=f"{folder}:{os.environ['PATH']}")
+        answer = self.lab("run", self.scenario(SCENARIO % "udp"), "--results", self.results(), PATH=path)
         self.assertEqual(answer.returncode, 3, answer.stderr)
         self.assertIn("The last lines of its console", answer.stderr)
         self.assertIn("VFS: Unable to mount root fs", answer.stderr)
