@@ -160,6 +160,19 @@ TEST_F(Namespaces, SomebodyElsesIsLeftAlone) {
   ip({"netns", "delete", "ontime-component"});
 }
 
+TEST_F(Namespaces, AreNotJoinedByWhatWouldNotComeBack) {
+  ip({"link", "add", "ontime-left", "type", "veth", "peer", "name", "ontime-right"});
+  {
+    journal::Journal journal;
+    EXPECT_THAT(error_of([&] {
+                  join_namespaces(journal, {"component"}, Cable{"ontime-left", "ontime-right"});
+                }),
+                HasSubstr("ontime-left was asked for, but that is no hardware"));
+    EXPECT_FALSE(exist());
+  }
+  ip({"link", "delete", "ontime-left"});
+}
+
 TEST_F(Namespaces, OfAKilledProcessAreTakenBack) {
   test::Victim victim([](journal::Journal& journal) { return join_namespaces(journal)[1].name; });
   ASSERT_EQ(victim.said(), "ontime-component");

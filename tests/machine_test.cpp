@@ -94,9 +94,9 @@ TEST(Proc, CgroupsFromTheInnermostOut) {
 TEST(Describe, SaysEverythingAndGuessesNothing) {
   const auto machine = describe();
   for (const auto* key :
-       {"hostname", "kernel_release", "kernel_version", "kernel_command_line", "preemption", "rt_runtime_us",
-        "rt_period_us", "autogroup", "boot_id", "clock", "cpu_model", "cpu_count", "isolated_cpus",
-        "governor", "clocksource", "virtual_machine", "memory_bytes", "limits"})
+       {"hostname", "simulated", "kernel_release", "kernel_version", "kernel_command_line", "preemption",
+        "rt_runtime_us", "rt_period_us", "autogroup", "boot_id", "clock", "cpu_model", "cpu_count",
+        "isolated_cpus", "governor", "clocksource", "virtual_machine", "memory_bytes", "limits"})
     EXPECT_TRUE(machine.contains(key)) << key;
   for (const auto* key : {"rtprio", "memlock_bytes", "cgroup_memory_bytes"})
     EXPECT_TRUE(machine["limits"].contains(key)) << key;
@@ -106,6 +106,11 @@ TEST(Describe, SaysEverythingAndGuessesNothing) {
   EXPECT_GT(machine["memory_bytes"], 0);
   for (const auto& [key, value] : machine.items())
     EXPECT_TRUE(value.dump() != "\"\"" || key == "isolated_cpus") << key << " is empty, not null";
+}
+
+TEST(Describe, AMachineOfTheLabSaysSo) {
+  EXPECT_EQ(simulated("quiet " + simulated_by("QEMU 7.2.22, e1000e") + " panic=-1"), "QEMU 7.2.22, e1000e");
+  EXPECT_FALSE(simulated("quiet panic=-1"));
 }
 
 TEST(Describe, LimitsAreThisProcesss) {

@@ -188,6 +188,17 @@ TEST(Remarks, TellThatNothingWasAnsweredAnyMore) {
   EXPECT_THAT(remarks(one), Not(HasSubstr("any more"))) << "they may as well be lost";
 }
 
+TEST(Remarks, SayThatAMachineIsSimulated) {
+  auto facts = outcome();
+  facts["hosts"]["controller"]["machine"]["simulated"] = nullptr;
+  EXPECT_THAT(render({summary(asked("a", "udp"), facts)}, Format::table), Not(HasSubstr("SIMULATED")));
+  facts["hosts"]["controller"]["machine"]["simulated"] = "QEMU 7.2.22\033, e1000e";
+  auto text = render({summary(asked("a", "udp"), facts)}, Format::markdown);
+  EXPECT_THAT(text, HasSubstr("SIMULATED by QEMU 7.2.22"));
+  EXPECT_THAT(text, HasSubstr("predicts no real machine's times"));
+  EXPECT_THAT(text, Not(HasSubstr("\033")));
+}
+
 TEST(Remarks, TellLossesApart) {
   auto lossy = outcome();
   lossy["hosts"]["controller"]["losses"] = {{"on_the_way", 9}, {"overwritten", 0}};

@@ -23,6 +23,7 @@ void add_import(CLI::App&, Action&);
 void add_plot(CLI::App&, Action&);
 void add_check(CLI::App&, Action&);
 void add_tune(CLI::App&, Action&);
+void add_lab(CLI::App&, Action&);
 void add_completion(CLI::App&, Action&);  // for bash and zsh
 void add_workers(CLI::App&, Action&);     // what the others start, by orders over standard input and output
 

@@ -35,7 +35,8 @@ int main(int argc, char** argv) {
       {"Understand",
        {ontime::app::add_report, ontime::app::add_compare, ontime::app::add_explain, ontime::app::add_plot,
         ontime::app::add_export, ontime::app::add_import}},
-      {"Make fit", {ontime::app::add_check, ontime::app::add_tune}}};
+      {"Make fit", {ontime::app::add_check, ontime::app::add_tune}},
+      {"Try", {ontime::app::add_lab}}};
   for (const auto& [group, commands] : groups)
     for (const auto add : commands) {
       add(app, action);

@@ -78,6 +78,15 @@ void Terminal::note(const std::string& text) {
   say("ontime: {}\n", lines_of(text));
 }
 
+void Terminal::line(const std::string& text) {
+  clear_line();
+  say("{}\n", report::printable(text));
+}
+
+void Terminal::waits(const std::string& text) {
+  if (interactive_) rewrite_line(report::printable(text));
+}
+
 void Terminal::expect(std::size_t runs, std::chrono::duration<double> time) {
   runs_ = runs;
   left_ = time;

@@ -13,6 +13,8 @@ class Terminal final : public campaign::Observer {
   // How many runs there will be, and how long they take together: so that it can be said how far it is.
   void expect(std::size_t runs, std::chrono::duration<double> time);
   void note(const std::string& text) override;
+  void line(const std::string& text);   // of another ontime, which has said whose it is
+  void waits(const std::string& text);  // goes with whatever is said next
   void begins(const campaign::Run&) override;
   void passes_over(const campaign::Run&) override;
   void progress(const roundtrip::Counters&, std::chrono::nanoseconds elapsed) override;

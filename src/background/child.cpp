@@ -29,7 +29,6 @@ namespace {
 using namespace std::chrono_literals;
 
 constexpr auto time_to_end = 3s;
-constexpr auto time_to_run = 10s;
 
 struct Plan {
   char* const* arguments;
@@ -145,7 +144,8 @@ bool Child::ended() const {
          info.si_pid == pid_;
 }
 
-std::string output_of(const std::vector<std::string>& command, const std::string& package) {
+std::string output_of(const std::vector<std::string>& command, const std::string& package,
+                      std::chrono::nanoseconds limit) {
   const Output output;
   const auto started = start(command, output.fd());
   if (started.pid < 0) {
@@ -161,7 +161,7 @@ std::string output_of(const std::vector<std::string>& command, const std::string
         return waitid(P_PID, static_cast<id_t>(started.pid), &info, WEXITED | WNOHANG | WNOWAIT) == 0 &&
                info.si_pid == started.pid;
       },
-      time_to_run);
+      limit);
   if (info.si_pid == started.pid && info.si_code == CLD_EXITED && info.si_status == 0) return output.text();
   throw Error(fmt::format("{} failed: {}", fmt::join(command, " "), output.text()));
 }

@@ -38,7 +38,8 @@ class Child {
 
 // Runs a program to its end, of which there is a limit, and returns what it wrote. Throws Error with that if
 // it fails, or with the package to install if it is missing.
-std::string output_of(const std::vector<std::string>& command, const std::string& package);
+std::string output_of(const std::vector<std::string>& command, const std::string& package,
+                      std::chrono::nanoseconds limit = std::chrono::seconds(10));
 
 // What a child writes, kept in memory: nobody need read while it writes.
 class Output {

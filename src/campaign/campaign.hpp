@@ -118,7 +118,7 @@ struct Host {
 struct Hosts {
   // alone: the controller only, on this machine; somebody else serves
   enum class Kind { namespaces, loopback, stated, alone } kind = Kind::namespaces;
-  Host controller;  // filled in for `stated`, as are these
+  Host controller;  // filled in for `stated`, as are these; for `namespaces` with a cable, the interfaces
   struct Component {
     std::string name;
     Host host;
@@ -155,6 +155,7 @@ struct Selection {
   std::vector<std::string> transports;  // instead of those that the file states
   std::optional<std::chrono::nanoseconds> duration;
   bool deploy = false, explain = false;  // as `explain: on` of each run
+  std::vector<std::string> cable{};      // two interfaces of this machine, by which its namespaces are joined
 };
 // Throws Error{2} with file, line and column. What is too much to be read or carried out is refused as well.
 Scenario read_scenario(const std::string& file, const Selection&);

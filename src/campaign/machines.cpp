@@ -34,6 +34,11 @@ Host host_of(const json& from) {
   return {{}, {}, from.at("place"), {}, from.at("interface"), from.at("address")};
 }
 
+json cable_of(const Hosts& hosts) {
+  if (hosts.controller.interface.empty()) return nullptr;
+  return {{"controller", hosts.controller.interface}, {"component", hosts.components.front().host.interface}};
+}
+
 std::string program_of(const Host& host) {
   if (!host.program.empty()) return host.program;
   return host.ssh.empty() ? orders::this_program() : "ontime";
@@ -73,7 +78,8 @@ Machines::Machines(orders::Coordinator& coordinator, Observer& observer)
 void Machines::prepare(const Hosts& stated) {
   machines_.clear();
   hosts_ = stated;
-  if (hosts_.kind == Hosts::Kind::namespaces && !machine::may_join_namespaces()) {
+  if (hosts_.kind == Hosts::Kind::namespaces && cable_of(hosts_).is_null() &&
+      !machine::may_join_namespaces()) {
     if (hosts_.components.size() > 1)
       throw Error(3,
                   "components: no permission to make a network namespace for each: run as root (sudo ontime "
@@ -96,8 +102,8 @@ void Machines::prepare(const Hosts& stated) {
     tell(opened.at("notes"));
   }
   if (hosts_.kind != Hosts::Kind::namespaces) return;
-  const auto joined =
-      ask(machines_.begin()->second, "join", "joined", {{"components", names_of(hosts_.components)}});
+  const auto joined = ask(machines_.begin()->second, "join", "joined",
+                          {{"components", names_of(hosts_.components)}, {"cable", cable_of(hosts_)}});
   for (const auto& [name, host] : joined.at("hosts").items()) hosts_.at(name) = host_of(host);
 }
 

@@ -6,8 +6,9 @@
 //   order                 answer
 //   open   {}             opened {machine, notes, program}: what it is, what was given back of earlier
 //                         ontimes, where this program lies
-//   join   {components}   joined {hosts}: namespaces, of the controller and of each component by its name,
-//                         {place, interface, address}
+//   join   {components, cable}  joined {hosts}: namespaces, of the controller and of each component by its
+//                         name, {place, interface, address}; cable: null, or the names of two interfaces
+//                         that are to join the controller and its one component
 //   tune   {host, link, wishes}  tuned {settings} of a host, all of them applied, until restore; or {error},
 //                         and nothing is changed
 //   restore {}            restored {notes}: what could not be given back

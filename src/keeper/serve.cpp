@@ -25,6 +25,11 @@ json end_of(const machine::NamespaceEnd& end) {
   return {{"place", end.prefix}, {"interface", end.interface}, {"address", end.address}};
 }
 
+std::optional<machine::Cable> cable_of(const json& ends) {
+  if (ends.is_null()) return {};
+  return machine::Cable{ends.at("controller"), ends.at("component")};
+}
+
 class Keeper final : public orders::Worker {
  public:
   explicit Keeper(orders::Events& events) : events_(events) {}
@@ -36,7 +41,8 @@ class Keeper final : public orders::Worker {
                    {{"machine", machine::describe()}, {"notes", notes}, {"program", orders::this_program()}});
     } else if (order == "join") {
       auto hosts = json::object();
-      for (const auto& end : machine::join_namespaces(journal_, body.at("components")))
+      for (const auto& end :
+           machine::join_namespaces(journal_, body.at("components"), cable_of(body.at("cable"))))
         hosts[end.host] = end_of(end);
       events_.tell("joined", {{"hosts", hosts}});
     } else if (order == "tune") {

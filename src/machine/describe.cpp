@@ -82,7 +82,19 @@ json virtual_machine() {
   return flags ? json((" " + *flags + " ").find(" hypervisor ") != std::string::npos) : json(nullptr);
 }
 
+constexpr std::string_view simulated_word = "ontime.simulated=";
+
 }  // namespace
+
+std::string simulated_by(const std::string& what) { return fmt::format("\"{}{}\"", simulated_word, what); }
+
+std::optional<std::string> simulated(const std::string& command_line) {
+  const auto word = '"' + std::string(simulated_word);
+  const auto begin = command_line.find(word);
+  if (begin == command_line.npos) return {};
+  const auto rest = command_line.substr(begin + word.size());
+  return rest.substr(0, rest.find('"'));
+}
 
 json describe() {
   utsname kernel{};
@@ -92,6 +104,7 @@ json describe() {
   const auto isolated = text_of("/sys/devices/system/cpu/isolated");
   const json description = {
       {"hostname", kernel.nodename},
+      {"simulated", or_null(simulated(command_line.value_or("")))},
       {"kernel_release", kernel.release},
       {"kernel_version", kernel.version},
       {"kernel_command_line", or_null(command_line)},

@@ -22,10 +22,10 @@ struct Error : std::runtime_error {
   using std::runtime_error::runtime_error;
 };
 
-// Provenance: hostname, kernel (release and version), cpu model and count, governor, preemption model,
-// rt_runtime_us / rt_period_us (RT throttling), autogroup, clocksource, limits (rtprio, memlock, cgroup
-// memory), memory_bytes, boot_id (the same for all that share this kernel), and clock: clock_state(). What
-// cannot be read is null, never guessed.
+// Provenance: hostname, simulated (by what, if this machine is one of `ontime lab`), kernel (release and
+// version), cpu model and count, governor, preemption model, rt_runtime_us / rt_period_us (RT throttling),
+// autogroup, clocksource, limits (rtprio, memlock, cgroup memory), memory_bytes, boot_id (the same for all
+// that share this kernel), and clock: clock_state(). What cannot be read is null, never guessed.
 nlohmann::json describe();
 
 // "rt", "full", "voluntary", "none", "lazy", or what the kernel's version leaves open ("dynamic", "none or
@@ -41,6 +41,12 @@ std::optional<std::string> preemption(const std::optional<std::string>& realtime
 // CLOCK_MONOTONIC, which drifts}. Asks chronyc and pmc where there are such: a second at the worst, so not
 // during a measurement.
 nlohmann::json clock_state();
+
+// What `ontime lab` tells a machine of itself, out of its kernel's command line: "QEMU 7.2.22, …"; nothing:
+// it is no such machine. Pure.
+std::optional<std::string> simulated(const std::string& command_line);
+// The word of the command line that says so.
+std::string simulated_by(const std::string& what);
 
 // How busy the machine was between two moments: from /proc/stat and /proc/pressure.
 struct Activity {
@@ -114,6 +120,13 @@ std::optional<std::string> answer_of(const std::vector<std::string>& command, st
 // controller by a veth pair; several to a bridge, which is the controller's interface, as machines to a
 // switch. Needs root; needs iproute2's `ip`. Throws Error, or journal::Error if somebody else has a namespace
 // of that name.
+// With a cable, two interfaces of this machine between which there is one join the controller and its one
+// component instead: they are moved there, and come back, as they were, when the namespaces go. Only hardware
+// does that, and only what is down and has no address is as it was then: throws Error where one is anything
+// else.
+struct Cable {
+  std::string controller, component;
+};
 struct NamespaceEnd {
   std::string host;  // "controller", or the component's name
   std::string name, interface, address;
@@ -121,7 +134,8 @@ struct NamespaceEnd {
 };
 // The controller's first.
 std::vector<NamespaceEnd> join_namespaces(journal::Journal&,
-                                          const std::vector<std::string>& components = {"component"});
+                                          const std::vector<std::string>& components = {"component"},
+                                          const std::optional<Cable>& cable = {});
 // Whether this process may (CAP_SYS_ADMIN and CAP_NET_ADMIN).
 bool may_join_namespaces();
 

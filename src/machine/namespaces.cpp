@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <algorithm>
 #include <chrono>
-#include <iterator>
+#include <filesystem>
+#include <span>
 #include <thread>
 
 #include <fmt/format.h>
@@ -39,6 +40,55 @@ void configure(const NamespaceEnd& end) {
   inside({"route", "add", "224.0.0.0/4", "dev", end.interface});
 }
 
+std::optional<Interface> interface(const std::string& name) {
+  const auto all = interfaces();
+  const auto found = std::find_if(all.begin(), all.end(), [&](const auto& one) { return one.name == name; });
+  return found == all.end() ? std::nullopt : std::make_optional(*found);
+}
+
+// A namespace that goes gives its interfaces back some time after its name is gone.
+Interface awaited(const std::string& name) {
+  const auto limit = std::chrono::steady_clock::now() + time_for_link;
+  for (;; std::this_thread::sleep_for(2ms)) {
+    if (const auto found = interface(name)) return *found;
+    if (std::chrono::steady_clock::now() > limit)
+      throw Error(
+          fmt::format("a cable at {} was asked for, but there is no such interface: see ip link", name));
+  }
+}
+
+void check_end_of_cable(const std::string& name) {
+  const auto found = awaited(name);
+  if (!std::filesystem::exists("/sys/class/net/" + name + "/device"))
+    throw Error(
+        fmt::format("a cable at {} was asked for, but that is no hardware, and would not come back", name));
+  if (found.up || !found.address.empty())
+    throw Error(
+        fmt::format("a cable at {} was asked for, but that interface is up or has an address, and who uses "
+                    "it would lose it: take one that is down (sudo ip link set {} down; sudo ip address "
+                    "flush dev {})",
+                    name, name, name));
+}
+
+void lay(const Cable& cable, NamespaceEnd& controller, NamespaceEnd& component) {
+  controller.interface = cable.controller;
+  component.interface = cable.component;
+  for (const auto* end : {&controller, &component}) ip({"link", "set", end->interface, "netns", end->name});
+}
+
+void join(const NamespaceEnd& controller, std::span<const NamespaceEnd> components) {
+  const bool several = components.size() > 1;
+  if (several)  // that floods groups as a plain switch does: who knows of none must not lose discovery
+    ip({"-netns", controller.name, "link", "add", controller.interface, "type", "bridge", "mcast_snooping",
+        "0"});
+  for (const auto& component : components) {
+    const auto leg = "to-" + component.host;
+    ip({"link", "add", leg, "netns", controller.name, "type", "veth", "peer", "name", component.interface,
+        "netns", component.name});
+    if (several) ip({"-netns", controller.name, "link", "set", leg, "master", controller.interface, "up"});
+  }
+}
+
 void wait_until_up(const NamespaceEnd& end) {
   const auto limit = std::chrono::steady_clock::now() + time_for_link;
   while (ip({"-netns", end.name, "-oneline", "link", "show", end.interface}).find(" state UP ") ==
@@ -60,25 +110,22 @@ bool may_join_namespaces() {
 }
 
 std::vector<NamespaceEnd> join_namespaces(journal::Journal& journal,
-                                          const std::vector<std::string>& components) {
+                                          const std::vector<std::string>& components,
+                                          const std::optional<Cable>& cable) {
   if (!may_join_namespaces())
     throw Error(
         "network namespaces were asked for, which this process may not make: run as root (in a container, "
         "with the capabilities SYS_ADMIN and NET_ADMIN), or run both ends on loopback");
+  if (cable)
+    for (const auto& name : {cable->controller, cable->component}) check_end_of_cable(name);
   const bool several = components.size() > 1;
   std::vector<NamespaceEnd> ends{end("controller", several ? "components" : components.at(0), 1)};
   for (const auto& component : components) ends.push_back(end(component, "controller", ends.size() + 1));
   for (const auto& end : ends) journal::add_namespace(journal, end.name);
-  const auto& controller = ends.front();
-  if (several)  // that floods groups as a plain switch does: who knows of none must not lose discovery
-    ip({"-netns", controller.name, "link", "add", controller.interface, "type", "bridge", "mcast_snooping",
-        "0"});
-  for (auto component = std::next(ends.begin()); component != ends.end(); ++component) {
-    const auto leg = "to-" + component->host;
-    ip({"link", "add", leg, "netns", controller.name, "type", "veth", "peer", "name", component->interface,
-        "netns", component->name});
-    if (several) ip({"-netns", controller.name, "link", "set", leg, "master", controller.interface, "up"});
-  }
+  if (cable)
+    lay(*cable, ends.at(0), ends.at(1));
+  else
+    join(ends.front(), std::span(ends).subspan(1));
   for (const auto& end : ends) configure(end);
   for (const auto& end : ends) wait_until_up(end);
   return ends;

@@ -21,6 +21,15 @@ std::string ending(const json& outcome) {
   return is_true(at(outcome, "interrupted")) ? "interrupted before its end" : "";
 }
 
+// Whoever finds the table must not take it for a robot's.
+std::string simulated(const json& outcome) {
+  for (const auto& [host, facts] : at(outcome, "hosts").items())
+    if (const auto& by = at(at(facts, "machine"), "simulated"); by.is_string())
+      return fmt::format("SIMULATED by {}: it compares settings, and predicts no real machine's times",
+                         word(by));
+  return "";
+}
+
 // "12 at the component, 3 at the controller": of what each end's own reader says of its losses.
 std::string losses(const json& outcome, const char* key, const char* where) {
   std::vector<std::string> parts;
@@ -275,6 +284,7 @@ std::string remarks(const statistics::Summary& summary) {
   const auto& outcome = summary.run.outcome;
   std::vector<std::string> parts;
   if (const auto text = ending(outcome); !text.empty()) parts.push_back(text);
+  if (const auto text = simulated(outcome); !text.empty()) parts.push_back(text);
   for (const auto& [host, facts] : at(outcome, "hosts").items())
     if (at(facts, "load_running") == false)
       parts.push_back("the load on the " + word(host) + " had died by the end");

@@ -1,0 +1,200 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "lab/lab.hpp"
+
+#include <algorithm>
+#include <filesystem>
+#include <string_view>
+
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+
+#include "commands.hpp"
+#include "flags.hpp"
+#include "journal/journal.hpp"
+#include "keeper/keeper.hpp"
+#include "measured.hpp"
+#include "scenario_files.hpp"
+#include "terminal.hpp"
+
+namespace ontime::app {
+namespace {
+
+namespace fs = std::filesystem;
+using campaign::Error;
+
+constexpr std::uint64_t least_memory_bytes = std::uint64_t{512} << 20U;
+constexpr const char* results_name = "results.ontime";
+
+struct Arguments {
+  std::vector<std::string> scenarios, with;
+  Choice choice;
+  lab::Machine machine;
+  std::string memory, results, format = "table";
+  bool live = false;
+};
+
+bool is_of_kernel(std::string_view package) {
+  return package.starts_with("linux-image-") &&
+         package.find_first_not_of("abcdefghijklmnopqrstuvwxyz0123456789+.-") == package.npos;
+}
+
+lab::Machine machine_of(const Arguments& arguments) {
+  auto machine = arguments.machine;
+  const auto nics = lab::nics();
+  if (std::find(nics.begin(), nics.end(), machine.nic) == nics.end())
+    throw Error(2, fmt::format("--nic: '{}' is not one of {}", machine.nic, fmt::join(nics, ", ")));
+  if (!is_of_kernel(machine.kernel))
+    throw Error(2, fmt::format("--kernel: '{}' is no package of a kernel, such as linux-image-rt-amd64",
+                               machine.kernel));
+  machine.deterministic = !arguments.live;
+  try {
+    if (!arguments.memory.empty()) machine.memory_bytes = campaign::bytes_of(arguments.memory);
+  } catch (const std::invalid_argument& error) {
+    throw Error(2, fmt::format("--memory: {}", error.what()));
+  }
+  if (machine.memory_bytes < least_memory_bytes)
+    throw Error(2, fmt::format("--memory: '{}' is too little: 512 MiB are the least", arguments.memory));
+  for (const auto& path : arguments.with) {
+    if (!fs::exists(path)) throw Error(2, fmt::format("--with: {}: there is no such file or folder", path));
+    machine.with.emplace_back(fs::absolute(path));
+  }
+  return machine;
+}
+
+lab::Observer observer_of(Terminal& terminal, const campaign::Interrupts& interrupts) {
+  lab::Observer observer;
+  observer.note = [&](const std::string& text) { terminal.note(text); };
+  observer.says = [&](const std::string& line) { terminal.line(line); };
+  observer.waits = [&](std::chrono::seconds since, const std::optional<std::string>& line) {
+    terminal.waits(line ? fmt::format("({} here) {}", about(since), *line)
+                        : fmt::format("the lab's machine starts … {}", about(since)));
+  };
+  observer.interrupted = [&] { return interrupts > 0; };
+  return observer;
+}
+
+// As they are to be found there, each in a folder of its own, for two may have one name.
+std::vector<lab::File> files_of(const std::vector<std::string>& scenarios,
+                                const campaign::Selection& selection) {
+  std::vector<lab::File> files;
+  for (const auto& name : scenarios)
+    for (const auto& file : scenario_files(name)) {
+      const auto scenario = campaign::read_scenario(file, selection);
+      if (scenario.hosts.kind != campaign::Hosts::Kind::namespaces)
+        throw Error(2, fmt::format("{}: the lab has two machines in one, and needs hosts: namespaces", file));
+      files.push_back(
+          {file, fmt::format("/scenarios/{}/{}", files.size() + 1, fs::path(file).filename().string())});
+    }
+  return files;
+}
+
+// What measures there, of the same scenarios by the same choice.
+std::vector<std::string> command_of(const std::vector<lab::File>& scenarios, const Choice& choice) {
+  std::vector<std::string> words = {"ontime", "run", "--only-measure"};
+  const auto add = [&](const char* flag, const std::string& value) {
+    if (!value.empty()) words.insert(words.end(), {flag, value});
+  };
+  for (const auto& file : scenarios) words.push_back(file.there.string());
+  add("--cable", fmt::format("{},{}", lab::controller_nic, lab::component_nic));
+  add("--results", (fs::path(lab::results_folder) / results_name).string());
+  add("--only", fmt::format("{}", fmt::join(choice.selection.only, ",")));
+  add("--transports", fmt::format("{}", fmt::join(choice.selection.transports, ",")));
+  add("--duration", choice.duration);
+  if (choice.selection.explain) words.emplace_back("--explain");
+  return words;
+}
+
+int run(const Arguments& arguments, const GateFlags& flags) {
+  const auto format = format_flag(arguments.format);
+  const auto gates = flags.gates();
+  const auto machine = machine_of(arguments);
+  const auto scenarios = files_of(arguments.scenarios, arguments.choice.checked());
+  const auto results =
+      arguments.results.empty() ? new_results_file(arguments.scenarios.front()) : arguments.results;
+  if (fs::exists(fs::symlink_status(results)))
+    throw Error(
+        2, fmt::format("--results: {} is there already, and what comes out of the lab is a file of its own: "
+                       "name another",
+                       results));
+  auto& interrupts = catch_interrupts();
+  Terminal terminal;
+  const auto observer = observer_of(terminal, interrupts);
+  journal::revert_abandoned(keeper::kinds());
+  journal::Journal journal(keeper::kinds());
+  const fs::path folder = journal::add_directory(journal, "lab-results");
+  try {
+    const auto outcome =
+        lab::run(machine, journal, command_of(scenarios, arguments.choice), scenarios, folder, observer);
+    terminal.note(fmt::format("the lab's machine ran for {} of its time, which took {}", about(outcome.time),
+                              about(outcome.real)));
+    if (!fs::exists(folder / results_name)) return outcome.code;
+    fs::copy_file(folder / results_name, results);
+    record::Writer writer(results);
+    return show_measured({writer, results, 0, outcome.code}, format, flags, gates, terminal);
+  } catch (const lab::Interrupted&) {
+    terminal.note("interrupted: the machine is gone, and what it had measured with it");
+    return 130;
+  }
+}
+
+int shell(const Arguments& arguments) {
+  const auto machine = machine_of(arguments);
+  auto& interrupts = catch_interrupts();
+  Terminal terminal;
+  journal::revert_abandoned(keeper::kinds());
+  journal::Journal journal(keeper::kinds());
+  terminal.note("a machine of its own comes up here in about 10 to 30 s; leave it with exit, or Ctrl-A X");
+  lab::shell(machine, journal, observer_of(terminal, interrupts));
+  return 0;
+}
+
+void add_machine(CLI::App& command, Arguments& arguments) {
+  command.add_option("--nic", arguments.machine.nic, "of which it has two: e1000e, virtio or igb: e1000e")
+      ->type_name("e1000e|virtio|igb")
+      ->check(given);
+  auto* deterministic = command.add_flag(
+      "--deterministic", arguments.machine.deterministic,
+      "its time is the number of its instructions, so that it goes the same way again: so it is");
+  command.add_flag("--live", arguments.live, "its time is this machine's, with all that disturbs that")
+      ->excludes(deterministic);
+  command.add_option("--kernel", arguments.machine.kernel, "Debian's package: linux-image-rt-amd64")
+      ->type_name("PACKAGE")
+      ->check(given);
+  command.add_option("--memory", arguments.memory, "that it has: 2 GiB")->type_name("SIZE")->check(given);
+  command.add_option("--with", arguments.with, "files and folders that it has at the same place; repeatable")
+      ->type_name("PATH")
+      ->check(given);
+}
+
+}  // namespace
+
+void add_lab(CLI::App& app, Action& action) {
+  auto* command = app.add_subcommand(
+      "lab",
+      "A simulated machine with PREEMPT_RT and two NICs: scenarios are tried in it, and repeat exactly");
+  command->require_subcommand(1);
+  command->footer(
+      "It is QEMU, with a kernel of Debian's that apt fetches into the user's cache folder (500 MB). It "
+      "compares "
+      "settings; the times of a real machine it does not predict.");
+  auto* runs = command->add_subcommand(
+      "run", "Carries out scenarios there, with hosts: namespaces; brings out the results");
+  auto measured = std::make_shared<Arguments>();
+  runs->add_option("SCENARIO", measured->scenarios,
+                   "scenario files, folders of them, or names that `ontime scenarios` shows")
+      ->required();
+  add_machine(*runs, *measured);
+  add_choice(*runs, measured->choice);
+  add_file(*runs, "--results", measured->results, "this new results file (default: one here)");
+  add_report_format(*runs, measured->format);
+  auto flags = std::make_shared<GateFlags>(*runs, gate::Use::fail_if);
+  runs->callback(
+      [&action, measured, flags] { action = [measured, flags] { return run(*measured, *flags); }; });
+
+  auto* shells = command->add_subcommand("shell", "A shell in such a machine, to look around");
+  auto looked = std::make_shared<Arguments>();
+  add_machine(*shells, *looked);
+  shells->callback([&action, looked] { action = [looked] { return shell(*looked); }; });
+}
+
+}  // namespace ontime::app

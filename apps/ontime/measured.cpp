@@ -1,0 +1,127 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "measured.hpp"
+
+#include <algorithm>
+#include <ctime>
+#include <filesystem>
+#include <span>
+
+#include <fmt/chrono.h>
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+
+#include "flags.hpp"
+#include "results_page.hpp"
+
+namespace ontime::app {
+namespace {
+
+// A slip of the pen in what was asked for by name must not show only after hours. (A transport that a
+// scenario lists and this machine lacks costs its own runs only.)
+void check_transports(const std::vector<std::string>& names) {
+  const auto here = transport::available();
+  for (const auto& name : names)
+    if (std::find(here.begin(), here.end(), name) == here.end())
+      throw campaign::Error(3, fmt::format("--transports: there is no transport '{}' here; there are: {}",
+                                           name, fmt::join(here, ", ")));
+}
+
+// Once, however often the runs are resumed.
+void note(record::Writer& writer, statistics::Summary& summary, const gate::Judgement& judgement) {
+  const bool missed = judgement.result == gate::Judgement::Result::missed;
+  const auto text =
+      fmt::format("{}: {}: {}", gate::word_of(judgement.result), judgement.gate, judgement.says);
+  const bool known = std::any_of(summary.notes.begin(), summary.notes.end(),
+                                 [&](const auto& before) { return before.text == text; });
+  if (known) return;
+  summary.notes.push_back({missed ? "gate-missed" : "gate-not-judged", text, {}, {}});
+  writer.note(summary.run.number, summary.notes.back());
+}
+
+// Of these runs, by what their scenario and the flags say: what does not hold goes into the file too.
+std::vector<gate::Judgement> judge(record::Writer& writer, std::span<statistics::Summary> summaries,
+                                   const GateFlags& flags, const std::vector<gate::Gate>& gates) {
+  std::vector<gate::Judgement> judgements;
+  for (auto& summary : summaries) {
+    for (auto& judgement : flags.judge(gates, summary)) {
+      if (judgement.result != gate::Judgement::Result::held && judgement.gate != gate::end)
+        note(writer, summary, judgement);
+      judgements.push_back(std::move(judgement));
+    }
+  }
+  return judgements;
+}
+
+// For people; what is asked for as JSON or CSV is nothing else.
+void explain_new(record::Writer& writer, std::size_t known, report::Format format) {
+  if (format != report::Format::table && format != report::Format::markdown) return;
+  const auto reader = writer.reader();
+  const auto runs = reader.runs();
+  std::vector<report::Explained> all;
+  for (std::size_t i = known; i < runs.size(); ++i)
+    if (auto account = explain::account_of(reader, runs[i]); account.traced)
+      all.push_back({runs[i], std::move(account)});
+  if (!all.empty()) print("\n" + report::render_explained(all, format));
+}
+
+}  // namespace
+
+campaign::Selection Choice::checked() const {
+  auto checked = selection;
+  if (!duration.empty()) checked.duration = duration_flag("--duration", duration);
+  check_transports(checked.transports);
+  return checked;
+}
+
+void add_choice(CLI::App& command, Choice& choice) {
+  command.add_option("--only", choice.selection.only, "only these runs")
+      ->delimiter(',')
+      ->type_name("ID,...")
+      ->check(given);
+  command.add_option("--transports", choice.selection.transports, "these, instead of those of the scenario")
+      ->delimiter(',')
+      ->type_name("NAME,...")
+      ->check(given);
+  command.add_option("--duration", choice.duration, "of each run, instead of the scenario's")
+      ->type_name("TIME")
+      ->check(given);
+  command.add_flag(
+      "--explain", choice.selection.explain,
+      "keep what the kernels did around late, lost and the worst messages, for `ontime explain`");
+}
+
+std::string new_results_file(const std::string& scenario) {
+  auto path = std::filesystem::path(scenario).lexically_normal();
+  if (!path.has_filename()) path = path.parent_path();  // "paper/"
+  const auto stem =
+      fmt::format("{}-{:%Y%m%d-%H%M%S}", path.stem().string(), fmt::localtime(std::time(nullptr)));
+  auto name = stem + ".ontime";
+  for (int next = 2; exists(std::filesystem::symlink_status(name)); ++next)
+    name = fmt::format("{}-{}.ontime", stem, next);
+  return name;
+}
+
+int show_measured(const Measured& measured, report::Format format, const GateFlags& flags,
+                  const std::vector<gate::Gate>& gates, Terminal& terminal) {
+  terminal.clear_line();
+  auto summaries = statistics::summarise(measured.writer.reader());
+  if (summaries.empty()) return measured.code;  // interrupted before the first
+  const auto judgements = judge(measured.writer, std::span(summaries).subspan(measured.known), flags, gates);
+  const std::vector<statistics::Summary> fresh(
+      summaries.begin() + static_cast<std::ptrdiff_t>(measured.known), summaries.end());
+  print(report::render(fresh, format));
+  explain_new(measured.writer, measured.known, format);
+  terminal.note(fmt::format("every sample is in {}; see also: ontime report {} --threads", measured.results,
+                            measured.results));
+  try {
+    terminal.note(fmt::format("to look at: {}",
+                              write_page_beside(measured.results, measured.writer.reader(), summaries)));
+  } catch (const std::exception& error) {  // what was measured is safe, and said
+    terminal.note(fmt::format("there is no page of it: {}", error.what()));
+  }
+  const int judged = flags.finish(judgements, measured.results);
+  terminal.note(report::verdict(fresh));  // the last line is what is read first
+  return measured.code == 130 ? measured.code : std::max(measured.code, judged);
+}
+
+}  // namespace ontime::app

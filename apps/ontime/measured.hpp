@@ -1,0 +1,41 @@
+// SPDX-License-Identifier: Apache-2.0
+// What commands that carry out scenarios have in common: what they take of them, and what they show
+// afterwards.
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include <CLI/CLI.hpp>
+
+#include "campaign/campaign.hpp"
+#include "gates.hpp"
+#include "report/report.hpp"
+#include "terminal.hpp"
+
+namespace ontime::app {
+
+// --only, --transports, --duration and --explain.
+struct Choice {
+  campaign::Selection selection;
+  std::string duration;
+  campaign::Selection checked() const;  // throws Error that names the flag
+};
+void add_choice(CLI::App&, Choice&);
+
+// Beside the user, named after what was run and when; an earlier one is never added to.
+std::string new_results_file(const std::string& scenario);
+
+// Those that are in the results from `known` on, and the exit code of measuring them.
+struct Measured {
+  record::Writer& writer;
+  const std::string& results;
+  std::size_t known;
+  int code;
+};
+// Shows them, judges them, and makes the page; what does not hold goes into the results too. Returns the exit
+// code.
+int show_measured(const Measured&, report::Format, const GateFlags&, const std::vector<gate::Gate>&,
+                  Terminal&);
+
+}  // namespace ontime::app

@@ -1,0 +1,175 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "lab/guest.hpp"
+
+#include <algorithm>
+#include <array>
+#include <fstream>
+#include <sstream>
+#include <string_view>
+
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+
+namespace ontime::lab {
+namespace {
+
+namespace fs = std::filesystem;
+
+// What it cannot do without; what ontime starts for a scenario, and a person looks around with.
+constexpr std::array needed = {"ip", "kmod"};
+constexpr std::array wanted = {"tc",      "nft",  "stress-ng", "iperf3", "ethtool", "sysctl", "chrt",
+                               "taskset", "ps",   "bash",      "ls",     "cat",     "grep",   "sed",
+                               "head",    "tail", "less",      "top",    "kill",    "sleep",  "cut",
+                               "sort",    "find", "awk",       "env",    "uname",   "dmesg",  "nice",
+                               "cp",      "mv",   "rm",        "mkdir",  "date",    "perf",   "trace-cmd"};
+
+// Of the kernel's modules, with those that they need: those below these places.
+constexpr std::array modules = {"kernel/net/core/",
+                                "kernel/net/sched/",
+                                "kernel/net/netfilter/",
+                                "kernel/net/ipv4/",
+                                "kernel/net/ipv6/",
+                                "kernel/net/8021q/",
+                                "kernel/drivers/net/veth.ko",
+                                "kernel/drivers/net/ifb.ko",
+                                "kernel/drivers/net/dummy.ko",
+                                "kernel/drivers/net/virtio_net.ko",
+                                "kernel/drivers/net/ethernet/intel/e1000e/",
+                                "kernel/drivers/net/ethernet/intel/igb/",
+                                "kernel/drivers/virtio/virtio_pci.ko",
+                                "kernel/drivers/char/virtio_console.ko"};
+
+// Loaded by hand, for there is no udev; whatever ontime asks of the network later the kernel loads by itself.
+constexpr std::string_view start = R"sh(#!/bin/busybox sh
+# SPDX-License-Identifier: Apache-2.0
+export PATH=/usr/sbin:/usr/bin:/sbin:/bin HOME=/root TERM=linux
+mount() {{ /bin/busybox mount -t "$1" "$1" "$2"; }}
+/bin/busybox mkdir -p /proc /sys /dev /run /tmp /root {results}
+mount proc /proc
+mount sysfs /sys
+mount devtmpfs /dev
+/bin/busybox mkdir -p /dev/shm /dev/pts
+mount devpts /dev/pts
+for folder in /run /tmp /dev/shm; do mount tmpfs "$folder"; done
+mount cgroup2 /sys/fs/cgroup
+mount tracefs /sys/kernel/tracing
+mount debugfs /sys/kernel/debug
+/bin/busybox hostname ontime-lab
+ip link set lo up
+modprobe {driver}
+for nic in {nics}; do
+  until [ -e "/sys/class/net/$nic" ]; do /bin/busybox usleep 10000; done
+done
+{then}
+/bin/busybox sync
+/bin/busybox poweroff -f
+)sh";
+
+// What takes the results is looked for only now: when it answers is a matter of this machine's time.
+constexpr std::string_view then_run = R"sh(exec 3>/dev/ttyS1
+echo '{up}' >&3
+cd {results}
+{command} </dev/null >/dev/null 2>&3 3>&-
+echo $? >{results}/code
+/bin/busybox cut -d ' ' -f 1 /proc/uptime >{results}/uptime
+modprobe -a virtio_pci virtio_console
+until [ -c /dev/vport0p1 ]; do /bin/busybox usleep 10000; done
+/bin/busybox tar -c -C {results} . >/dev/vport0p1)sh";
+
+constexpr std::string_view then_shell = R"sh(cd /root
+/bin/busybox setsid /bin/busybox cttyhack {shell})sh";
+
+std::string quoted(const std::string& word) {
+  std::string result = "'";
+  for (const char c : word) result += c == '\'' ? std::string("'\\''") : std::string(1, c);
+  return result + "'";
+}
+
+const char* driver_of(const std::string& nic) {
+  return nic == "virtio" ? "-a virtio_pci virtio_net" : nic.c_str();
+}
+
+void add_programs(Image& image) {
+  const auto busybox = program("busybox");
+  if (busybox.empty())
+    throw Error("the lab's machine starts with busybox: install it (sudo apt install busybox-static)");
+  image.add(busybox, "/usr/bin/busybox");
+  for (const auto* name : needed)
+    if (const auto file = program(name); !file.empty())
+      image.add_program(file);
+    else
+      throw Error(
+          fmt::format("there is no {}, which the lab's machine needs: install it (sudo apt install {})", name,
+                      std::string_view(name) == "ip" ? "iproute2" : name));
+  for (const auto* name : wanted)
+    if (const auto file = program(name); !file.empty()) image.add_program(file);
+  image.add_link("/usr/sbin/modprobe", program("kmod"));
+}
+
+void add_ontime(Image& image) {
+  const auto self = fs::read_symlink("/proc/self/exe");
+  image.add_program(self, "/usr/bin/ontime");
+  const auto transports = fs::path(ONTIME_LIBDIR) / "ontime";
+  std::error_code none;
+  for (const auto& entry : fs::directory_iterator(self.parent_path().parent_path() / transports, none))
+    if (entry.path().extension() == ".so")
+      image.add_program(entry.path(), fs::path("/usr") / transports / entry.path().filename());
+}
+
+bool is_wanted(const std::string& module) {
+  return std::any_of(modules.begin(), modules.end(),
+                     [&](std::string_view place) { return module.starts_with(place); });
+}
+
+void add_modules(Image& image, const Kernel& kernel) {
+  const auto there = fs::path("/usr/lib/modules") / kernel.release;
+  const auto add = [&](const std::string& name) { image.add(kernel.modules / name, there / name); };
+  std::ifstream dependencies(kernel.modules / "modules.dep");  // "MODULE: what it needs, all of it"
+  for (std::string line; std::getline(dependencies, line);) {
+    const auto colon = line.find(':');
+    if (colon == line.npos || !is_wanted(line)) continue;
+    add(line.substr(0, colon));
+    std::istringstream others(line.substr(colon + 1));
+    for (std::string other; others >> other;) add(other);
+  }
+  for (const auto& entry : fs::directory_iterator(kernel.modules))
+    if (entry.is_regular_file()) add(entry.path().filename());
+}
+
+}  // namespace
+
+Image image_of(const Machine& machine, const Kernel& kernel, const std::vector<std::string>& command,
+               const std::vector<File>& files) {
+  Image image;
+  // As on this machine: folders of one name, wherever they are asked for.
+  for (const auto* name : {"bin", "sbin", "lib", "lib64"}) {
+    image.add_folder(fs::path("/usr") / name);
+    image.add_link(fs::path("/") / name, fs::path("usr") / name);
+  }
+  add_programs(image);
+  add_ontime(image);
+  add_modules(image, kernel);
+  image.add_text("/etc/passwd", "root:x:0:0:root:/root:/bin/sh\n");
+  image.add_text("/etc/group", "root:x:0:\n");
+  image.add_text("/etc/hosts", "127.0.0.1 localhost\n::1 localhost\n");
+  for (const auto& path : machine.with) image.add_tree(path);
+  for (const auto& file : files) image.add(file.here, file.there);
+
+  std::vector<std::string> words;
+  for (const auto& word : command) words.push_back(quoted(word));
+  const auto then =
+      command.empty()
+          ? fmt::format(fmt::runtime(then_shell),
+                        fmt::arg("shell", program("bash").empty() ? "/bin/busybox sh" : "bash"))
+          : fmt::format(fmt::runtime(then_run), fmt::arg("up", up), fmt::arg("results", results_folder),
+                        fmt::arg("command", fmt::join(words, " ")));
+  image.add_text("/init",
+                 fmt::format(fmt::runtime(start), fmt::arg("results", results_folder),
+                             fmt::arg("driver", driver_of(machine.nic)),
+                             fmt::arg("nics", fmt::format("{} {}", controller_nic, component_nic)),
+                             fmt::arg("then", then)),
+                 true);
+  return image;
+}
+
+}  // namespace ontime::lab

@@ -1,0 +1,163 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "lab/kernel.hpp"
+
+#include <algorithm>
+#include <cstdlib>
+#include <sstream>
+#include <system_error>
+
+#include <fmt/format.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include "background/background.hpp"
+#include "background/child.hpp"
+#include "lab/lab.hpp"
+
+namespace ontime::lab {
+namespace {
+
+namespace fs = std::filesystem;
+using background::output_of;
+using namespace std::chrono_literals;
+
+constexpr std::uint64_t unpacked_bytes = 500'000'000;  // with the package beside it
+constexpr auto time_to_ask = 60s, time_to_fetch = 600s, time_to_unpack = 300s;
+
+fs::path cache() {
+  const auto variable = [](const char* name) {
+    const char* value = std::getenv(name);  // NOLINT(concurrency-mt-unsafe): nobody sets it
+    return fs::path(value == nullptr ? "" : value);
+  };
+  auto folder = variable("XDG_CACHE_HOME");
+  if (!folder.is_absolute()) folder = variable("HOME") / ".cache";
+  if (!folder.is_absolute())
+    throw Error(
+        "the lab keeps its kernel in a cache folder, and neither XDG_CACHE_HOME nor HOME says where that is");
+  return folder / "ontime" / "kernels";
+}
+
+// Whoever may write there has his code run in the machine, as root of it.
+void check_own(const fs::path& folder) {
+  struct stat found {};
+  if (lstat(folder.c_str(), &found) != 0 || !S_ISDIR(found.st_mode))
+    throw Error(fmt::format("{}, where the lab keeps its kernels, is no folder", folder.string()));
+  if (found.st_uid != geteuid() || (found.st_mode & (S_IWGRP | S_IWOTH)) != 0)
+    throw Error(fmt::format(
+        "{}, where the lab keeps its kernels, can be written by others: take their rights away, or "
+        "name another folder with XDG_CACHE_HOME",
+        folder.string()));
+}
+
+Error not_to_be_had(const std::string& package, const std::string& why) {
+  return Error(fmt::format(
+      "the kernel package {} is not to be had here: {}. It is one of Debian 12's: sudo apt update, "
+      "and try again",
+      package, why));
+}
+
+// "linux-image-rt-amd64" only names the present one.
+std::string present_one(const std::string& package) {
+  std::istringstream lines;
+  try {
+    lines.str(output_of({"apt-cache", "depends", "--important", package}, "apt", time_to_ask));
+  } catch (const background::Error& error) {
+    throw not_to_be_had(package, error.what());
+  }
+  for (std::string word; lines >> word;)
+    if (word.starts_with("linux-image-") && word != package) return word;
+  return package;
+}
+
+struct Download {
+  std::string file;
+  std::uint64_t bytes = 0;
+};
+
+// 'ADDRESS' FILE BYTES HASH
+Download download_of(const std::string& package) {
+  std::string text;
+  try {
+    text = output_of({"apt-get", "download", "--print-uris", package}, "apt", time_to_ask);
+  } catch (const background::Error& error) {
+    throw not_to_be_had(package, error.what());
+  }
+  std::istringstream lines(text);
+  Download download;
+  for (std::string line; std::getline(lines, line);) {
+    std::string address;
+    std::istringstream words(line);
+    if (words >> address >> download.file >> download.bytes && address.starts_with('\'') &&
+        download.file.ends_with(".deb") && download.file.find('/') == download.file.npos)
+      return download;
+  }
+  throw not_to_be_had(package, "apt knows no address of it");
+}
+
+void check_room(const fs::path& folder) {
+  if (const auto free = fs::space(folder).available; free < unpacked_bytes)
+    throw Error(fmt::format(
+        "the lab's kernel takes {} MB in {}, and {} MB are free there: make room, or name another "
+        "folder with XDG_CACHE_HOME",
+        unpacked_bytes / 1'000'000, folder.string(), free / 1'000'000));
+}
+
+Kernel kernel_in(const fs::path& folder) {
+  std::error_code none;
+  for (const auto& entry : fs::directory_iterator(folder / "lib/modules", none)) {
+    const auto release = entry.path().filename().string();
+    const auto image = folder / "boot" / ("vmlinuz-" + release);
+    if (fs::exists(image)) return {release, folder.filename().string(), image, entry.path()};
+  }
+  throw Error(fmt::format("there is no kernel in {}: remove it, and it is fetched anew", folder.string()));
+}
+
+// Whole, or not at all: it gets its name last.
+void unpack(const fs::path& package, const fs::path& folder) {
+  const auto unfinished = package.parent_path() / "unpacked";
+  output_of({"dpkg-deb", "--extract", package.string(), unfinished.string()}, "dpkg", time_to_unpack);
+  const auto kernel = kernel_in(unfinished);
+  output_of({"depmod", "--basedir", unfinished.string(), kernel.release}, "kmod", time_to_unpack);
+  fs::rename(unfinished, folder);
+}
+
+// Gone when it ends, with what is in it.
+struct Unfinished {
+  explicit Unfinished(std::string pattern) : folder(std::move(pattern)) {
+    if (mkdtemp(folder.data()) == nullptr)
+      throw Error(fmt::format("{} cannot be made: {}", folder, std::generic_category().message(errno)));
+  }
+  ~Unfinished() {
+    std::error_code ignored;
+    fs::remove_all(folder, ignored);
+  }
+  Unfinished(const Unfinished&) = delete;
+  Unfinished& operator=(const Unfinished&) = delete;
+  std::string folder;
+};
+
+}  // namespace
+
+Kernel fetch_kernel(const std::string& package, const std::function<void(const std::string&)>& told) {
+  const auto folder = cache();
+  fs::create_directories(folder);
+  check_own(folder);
+  const auto name = present_one(package);
+  const auto download = download_of(name);
+  const auto kept = folder / fs::path(download.file).stem();
+  if (fs::exists(kept)) return kernel_in(kept);
+  check_room(folder);
+  told(fmt::format("fetching {}, {} MB, by apt, and unpacking it into {}, which takes {} MB", name,
+                   download.bytes / 1'000'000, folder.string(), unpacked_bytes / 1'000'000));
+  const Unfinished unfinished((folder / "unfinished-XXXXXX").string());
+  try {
+    output_of({"sh", "-c", "cd \"$1\" && exec apt-get download \"$2\"", "sh", unfinished.folder, name}, "apt",
+              time_to_fetch);
+  } catch (const background::Error& error) {
+    throw not_to_be_had(name, error.what());
+  }
+  unpack(fs::path(unfinished.folder) / download.file, kept);
+  return kernel_in(kept);
+}
+
+}  // namespace ontime::lab

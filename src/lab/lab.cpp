@@ -1,0 +1,147 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "lab/lab.hpp"
+
+#include <cerrno>
+#include <csignal>
+#include <fstream>
+#include <system_error>
+#include <thread>
+
+#include <fmt/format.h>
+#include <spawn.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include "background/background.hpp"
+#include "background/child.hpp"
+#include "lab/console.hpp"
+#include "lab/guest.hpp"
+#include "lab/qemu.hpp"
+#include "lab/results.hpp"
+
+namespace ontime::lab {
+namespace {
+
+namespace fs = std::filesystem;
+using namespace std::chrono_literals;
+using Clock = std::chrono::steady_clock;
+
+constexpr auto time_to_boot = 5min;
+constexpr auto between_looks = 200ms;
+
+struct Prepared {
+  Files files;
+  std::vector<std::string> command;  // QEMU's
+};
+
+Prepared prepare(const Machine& machine, journal::Journal& journal, const std::vector<std::string>& command,
+                 const std::vector<File>& brought, const Observer& observer) {
+  try {
+    const auto version = check_qemu(machine);
+    const auto kernel = fetch_kernel(machine.kernel, observer.note);
+    Files files(journal::add_directory(journal, "lab"));
+    image_of(machine, kernel, command, brought).write(files.image);
+    return {files, qemu_command(machine, version, kernel.image, files, command.empty())};
+  } catch (const background::Error& error) {
+    throw Error(error.what());
+  } catch (const fs::filesystem_error& error) {
+    throw Error(error.what());
+  }
+}
+
+std::chrono::milliseconds since(Clock::time_point then) {
+  return std::chrono::duration_cast<std::chrono::milliseconds>(Clock::now() - then);
+}
+
+class Running {
+ public:
+  Running(const Prepared& machine, const Observer& observer)
+      : observer_(observer),
+        console_(machine.files.console),
+        words_(machine.files.words),
+        qemu_(started(machine.command)) {}
+
+  void watch() {
+    for (bool ended = false; !ended; std::this_thread::sleep_for(between_looks)) {
+      ended = qemu_.ended();
+      for (const auto& line : words_.lines(ended)) take(line);
+      if (observer_.interrupted()) throw Interrupted();
+      if (!up_ && since(start_) > time_to_boot) fail("it does not come up");
+      observer_.waits(std::chrono::duration_cast<std::chrono::seconds>(since(start_)),
+                      up_ ? std::make_optional(words_.present()) : std::nullopt);
+    }
+    if (!up_) fail("it ended before it was up");
+  }
+
+  [[noreturn]] void fail(const std::string& how) {
+    const auto said = output_.text();
+    throw Error(fmt::format("the lab's machine failed: {}. The last lines of its console:\n{}{}{}", how,
+                            console_.tail(), said.empty() ? "" : "\nand of QEMU:\n", said));
+  }
+
+ private:
+  pid_t started(const std::vector<std::string>& command) {
+    const auto qemu = background::start(command, output_.fd());
+    if (qemu.pid < 0)
+      throw Error(fmt::format("{} cannot be started: {}", command.front(),
+                              std::generic_category().message(qemu.error)));
+    return qemu.pid;
+  }
+
+  void take(const std::string& line) {
+    if (up_)
+      observer_.says(line);
+    else
+      up_ = line == up;
+  }
+
+  const Observer& observer_;
+  const Clock::time_point start_ = Clock::now();
+  Console console_, words_;
+  background::Output output_;
+  background::Child qemu_;
+  bool up_ = false;
+};
+
+double number_in(const fs::path& file) {
+  double number = -1;
+  std::ifstream(file) >> number;
+  return number;
+}
+
+}  // namespace
+
+Outcome run(const Machine& machine, journal::Journal& journal, const std::vector<std::string>& command,
+            const std::vector<File>& files, const fs::path& into, const Observer& observer) {
+  const auto prepared = prepare(machine, journal, command, files, observer);
+  const auto start = Clock::now();
+  Running running(prepared, observer);
+  running.watch();
+  try {
+    bring_out(prepared.files.results, into);
+  } catch (const Error& error) {
+    running.fail(error.what());
+  }
+  const auto code = number_in(into / "code"), uptime_s = number_in(into / "uptime");
+  if (code < 0 || uptime_s < 0) running.fail("it ended before its command did");
+  return {static_cast<int>(code),
+          std::chrono::duration_cast<std::chrono::milliseconds>(std::chrono::duration<double>(uptime_s)),
+          since(start)};
+}
+
+void shell(const Machine& machine, journal::Journal& journal, const Observer& observer) {
+  auto prepared = prepare(machine, journal, {}, {}, observer);
+  std::vector<char*> words;
+  words.reserve(prepared.command.size() + 1);
+  for (auto& word : prepared.command) words.push_back(word.data());
+  words.push_back(nullptr);
+  pid_t pid = -1;
+  if (const int error = posix_spawnp(&pid, words[0], nullptr, nullptr, words.data(), environ); error != 0)
+    throw Error(fmt::format("{} cannot be started: {}", words[0], std::generic_category().message(error)));
+  int status = 0;
+  while (waitpid(pid, &status, 0) < 0 && errno == EINTR)
+    if (observer.interrupted()) kill(pid, SIGTERM);
+  if (!WIFEXITED(status) || WEXITSTATUS(status) != 0) throw Error("QEMU failed");
+}
+
+}  // namespace ontime::lab

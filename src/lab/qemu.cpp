@@ -1,0 +1,116 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "lab/qemu.hpp"
+
+#include <array>
+#include <fstream>
+
+#include <fmt/format.h>
+#include <sys/utsname.h>
+
+#include "background/background.hpp"
+#include "background/child.hpp"
+#include "machine/machine.hpp"
+
+namespace ontime::lab {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr const char* qemu = "qemu-system-x86_64";
+constexpr const char* package = "qemu-system-x86";
+constexpr std::array all_nics = {"e1000e", "virtio", "igb"};
+
+std::string device_of(const std::string& nic) { return nic == "virtio" ? "virtio-net-pci" : nic; }
+
+std::string answer(const std::vector<std::string>& command) {
+  try {
+    return background::output_of(command, package);
+  } catch (const background::Error& error) {
+    throw Error(error.what());
+  }
+}
+
+// A comma ends a value there, and two of them are one.
+std::string escaped(const fs::path& path) {
+  std::string result;
+  for (const char c : path.string()) result += c == ',' ? std::string(",,") : std::string(1, c);
+  return result;
+}
+
+void check_memory(const Machine& machine) {
+  std::ifstream text("/proc/meminfo");
+  for (std::string word; text >> word;) {
+    std::uint64_t kib = 0;
+    if (word != "MemAvailable:" || !(text >> kib)) continue;
+    if (kib * 1024 < machine.memory_bytes)
+      throw Error(
+          fmt::format("the lab's machine is to have {} MiB of memory, and {} MiB are free here: give it less "
+                      "(--memory), or end what takes it",
+                      machine.memory_bytes >> 20U, kib >> 10U));
+    return;
+  }
+}
+
+std::string kernel_words(const Machine& machine, const std::string& version) {
+  const auto what =
+      fmt::format("QEMU {}, {}, {}", version, machine.nic,
+                  machine.deterministic ? "its time by counted instructions, 2 ns each" : "in this time");
+  return fmt::format("console=ttyS0 quiet panic=-1 {}{}",
+                     machine.deterministic ? "nokaslr tsc=reliable clocksource=tsc " : "",
+                     machine::simulated_by(what));
+}
+
+}  // namespace
+
+std::span<const char* const> nics() { return all_nics; }
+
+std::string check_qemu(const Machine& machine) {
+  utsname here{};
+  uname(&here);
+  if (std::string_view(here.machine) != "x86_64")
+    throw Error(
+        fmt::format("the lab's machine is an x86_64, and this one is {}: its programs would not run there",
+                    here.machine));
+  const auto said = answer({qemu, "--version"});
+  if (answer({qemu, "-device", "help"}).find(fmt::format("name \"{}\"", device_of(machine.nic))) == said.npos)
+    throw Error(
+        fmt::format("this QEMU has no {}: {}. Debian 12's has igb only from bookworm-backports (sudo apt "
+                    "install -t bookworm-backports {})",
+                    machine.nic, said.substr(0, said.find('\n')), package));
+  check_memory(machine);
+  constexpr std::string_view before = "version ";
+  const auto begin = said.find(before);
+  if (begin == said.npos) throw Error(fmt::format("{} does not say its version, but: {}", qemu, said));
+  const auto version = said.substr(begin + before.size());
+  return version.substr(0, version.find_first_of(" \n"));
+}
+
+std::vector<std::string> qemu_command(const Machine& machine, const std::string& version,
+                                      const fs::path& kernel, const Files& files, bool at_terminal) {
+  std::vector<std::string> words = {qemu, "-nodefaults", "-no-user-config", "-no-reboot", "-display", "none"};
+  const auto add = [&](std::initializer_list<std::string> more) { words.insert(words.end(), more); };
+  add({"-machine", "q35", "-m", fmt::format("{}M", machine.memory_bytes >> 20U)});
+  if (machine.deterministic)
+    add({"-smp", "1", "-accel", "tcg", "-icount", "shift=1,sleep=off", "-rtc",
+         "clock=vm,base=2026-01-01T00:00:00", "-seed", "1"});
+  else
+    add({"-smp", "2", "-accel", "tcg"});
+  add({"-kernel", kernel.string(), "-initrd", files.image.string(), "-append",
+       kernel_words(machine, version)});
+  // In slots with some between them, for igb's virtual functions; not looked at by the firmware.
+  for (int end = 0; end < 2; ++end)
+    add({"-netdev", fmt::format("hubport,hubid=0,id=n{}", end), "-device",
+         fmt::format("{},netdev=n{},mac=52:54:00:00:00:0{},addr={},romfile=", device_of(machine.nic), end,
+                     end + 1, 4 + 4 * end)});
+  if (at_terminal) {
+    add({"-serial", "mon:stdio"});
+  } else {
+    for (const auto& line : {files.console, files.words}) add({"-serial", "file:" + escaped(line)});
+    // No disk: the firmware would read it, and when that ends is a matter of this machine's time.
+    add({"-chardev", "file,id=results,path=" + escaped(files.results), "-device", "virtio-serial-pci,addr=c",
+         "-device", "virtserialport,chardev=results"});
+  }
+  return words;
+}
+
+}  // namespace ontime::lab

@@ -1,0 +1,204 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "lab/lab.hpp"
+
+#include <algorithm>
+#include <cstdlib>
+#include <filesystem>
+#include <fstream>
+#include <sstream>
+#include <thread>
+
+#include <gmock/gmock.h>
+#include <unistd.h>
+
+#include "background/background.hpp"
+#include "background/child.hpp"
+#include "lab/console.hpp"
+#include "lab/image.hpp"
+#include "lab/qemu.hpp"
+#include "lab/results.hpp"
+#include "machine/machine.hpp"
+
+namespace ontime::lab {
+namespace {
+
+namespace fs = std::filesystem;
+using ::testing::Contains;
+using ::testing::ElementsAre;
+using ::testing::HasSubstr;
+using ::testing::IsEmpty;
+using ::testing::IsSupersetOf;
+using ::testing::Not;
+
+class Lab : public ::testing::Test {
+ protected:
+  void SetUp() override { ASSERT_NE(mkdtemp(pattern_.data()), nullptr); }
+  void TearDown() override { fs::remove_all(folder()); }
+  fs::path folder() const { return pattern_; }
+  fs::path write(const std::string& name, const std::string& text) const {
+    std::ofstream(folder() / name) << text;
+    return folder() / name;
+  }
+  static std::string read(const fs::path& file) {
+    std::ostringstream text;
+    text << std::ifstream(file, std::ios::binary).rdbuf();
+    return text.str();
+  }
+  std::vector<std::string> command(const Machine& machine) const {
+    return qemu_command(machine, "7.2.22", "/boot/vmlinuz", Files(folder()), false);
+  }
+
+ private:
+  std::string pattern_ = (fs::temp_directory_path() / "ontime-lab-test-XXXXXX").string();
+};
+
+std::string list_of(const fs::path& archive) {
+  return background::output_of({"python3", "-c", R"py(
+import sys
+data, at = open(sys.argv[1], "rb").read(), 0
+while True:
+    fields = [int(data[at + 6 + 8 * i:at + 14 + 8 * i], 16) for i in range(13)]
+    name = data[at + 110:at + 110 + fields[11] - 1].decode()
+    if name == "TRAILER!!!": break
+    at = (at + 110 + fields[11] + 3) // 4 * 4
+    content = data[at:at + fields[6]]
+    at = (at + fields[6] + 3) // 4 * 4
+    print(oct(fields[1]), name, fields[5], content if len(content) < 40 else len(content))
+)py",
+                                archive.string()},
+                               "python3");
+}
+
+TEST_F(Lab, ImageHasFoldersBeforeWhatIsInThemAndNoDates) {
+  Image image;
+  image.add_text("/init", "#!/bin/sh\n", true);
+  image.add(write("scenario.yaml", "runs: []\n"), "/scenarios/1/scenario.yaml");
+  image.add_link("/lib", "usr/lib");
+  image.write(folder() / "image");
+  EXPECT_EQ(list_of(folder() / "image"),
+            "0o100755 init 0 b'#!/bin/sh\\n'\n0o120777 lib 0 b'usr/lib'\n0o40755 scenarios 0 b''\n"
+            "0o40755 scenarios/1 0 b''\n0o100644 scenarios/1/scenario.yaml 0 b'runs: []\\n'\n");
+}
+
+TEST_F(Lab, ImageHasWhatTheDynamicLinkerWouldLoad) {
+  Image image;
+  image.add_program(fs::read_symlink("/proc/self/exe"), "/usr/bin/this");
+  image.write(folder() / "image");
+  const auto list = list_of(folder() / "image");
+  EXPECT_THAT(list, HasSubstr("0o100755 usr/bin/this 0"));
+  EXPECT_THAT(list, HasSubstr("libstdc++.so.6"));
+  EXPECT_THAT(list, HasSubstr("usr/lib64/ld-linux-x86-64.so.2"));
+}
+
+TEST_F(Lab, ImageOfATreeKeepsItsLinks) {
+  fs::create_directory(folder() / "mine");
+  write("mine/profile.xml", "<a/>");
+  fs::create_symlink("profile.xml", folder() / "mine/default.xml");
+  Image image;
+  image.add_tree(folder() / "mine");
+  image.write(folder() / "image");
+  const auto list = list_of(folder() / "image");
+  EXPECT_THAT(list, HasSubstr("mine/profile.xml 0 b'<a/>'"));
+  EXPECT_THAT(list, HasSubstr("mine/default.xml 0 b'profile.xml'"));
+}
+
+TEST_F(Lab, ImageOfNoFileIsRefused) {
+  Image image;
+  EXPECT_THROW(image.add(folder() / "none", "/none"), Error);
+}
+
+TEST_F(Lab, DeterministicTimeIsThatOfInstructions) {
+  Machine machine;
+  EXPECT_THAT(command(machine),
+              IsSupersetOf({"shift=1,sleep=off", "clock=vm,base=2026-01-01T00:00:00", "1"}));
+  EXPECT_THAT(command(machine), Contains(HasSubstr("nokaslr tsc=reliable")));
+  machine.deterministic = false;
+  EXPECT_THAT(command(machine), Not(Contains("-icount")));
+  EXPECT_THAT(command(machine), Not(Contains(HasSubstr("nokaslr"))));
+}
+
+TEST_F(Lab, MachineIsToldThatItIsSimulated) {
+  Machine machine;
+  machine.nic = "virtio";
+  const auto words = command(machine);
+  const auto append = std::find(words.begin(), words.end(), "-append") + 1;
+  EXPECT_EQ(machine::simulated(*append), "QEMU 7.2.22, virtio, its time by counted instructions, 2 ns each");
+  EXPECT_THAT(words, Contains(HasSubstr("virtio-net-pci,netdev=n1,mac=")));
+}
+
+TEST_F(Lab, NoQemuNamesThePackage) {
+  const std::string before = std::getenv("PATH");
+  setenv("PATH", folder().c_str(), 1);
+  std::string said;
+  try {
+    check_qemu({});
+  } catch (const Error& error) {
+    said = error.what();
+  }
+  setenv("PATH", before.c_str(), 1);
+  EXPECT_THAT(said, HasSubstr("sudo apt install qemu-system-x86"));
+}
+
+TEST_F(Lab, QemuWithoutThatNicSaysWhereThereIsOne) {
+  const std::string before = std::getenv("PATH");
+  write("qemu-system-x86_64",
+        "#!/bin/sh\n[ \"$1\" = --version ] && echo 'QEMU emulator version 7.2.22 (Debian)'\nexit 0\n");
+  fs::permissions(folder() / "qemu-system-x86_64", fs::perms::owner_all);
+  setenv("PATH", (folder().string() + ":" + before).c_str(), 1);
+  std::string said;
+  try {
+    Machine machine;
+    machine.nic = "igb";
+    check_qemu(machine);
+  } catch (const Error& error) {
+    said = error.what();
+  }
+  setenv("PATH", before.c_str(), 1);
+  EXPECT_THAT(said, HasSubstr("this QEMU has no igb: QEMU emulator version 7.2.22 (Debian)."));
+  EXPECT_THAT(said, HasSubstr("bookworm-backports"));
+}
+
+TEST_F(Lab, ConsoleGivesWholeLines) {
+  std::ofstream line(folder() / "console");
+  Console console(folder() / "console");
+  line << "one\r\ntw" << std::flush;
+  EXPECT_THAT(console.lines(), ElementsAre("one"));
+  EXPECT_THAT(console.lines(), IsEmpty());
+  line << "o\r\nthree" << std::flush;
+  EXPECT_THAT(console.lines(), ElementsAre("two"));
+  EXPECT_EQ(console.tail(), "one\ntwo\nthree");
+  EXPECT_THAT(console.lines(true), ElementsAre("three"));
+}
+
+TEST_F(Lab, ConsoleKnowsALineThatIsWrittenAnew) {
+  std::ofstream line(folder() / "console");
+  Console console(folder() / "console");
+  line << "1/9 s\r\033[K2/9 s" << std::flush;
+  EXPECT_THAT(console.lines(), IsEmpty());
+  EXPECT_EQ(console.present(), "2/9 s");
+  line << "\r\033[Kdone\r\n" << std::flush;
+  EXPECT_THAT(console.lines(), ElementsAre("done"));
+  EXPECT_EQ(console.present(), "");
+}
+
+TEST_F(Lab, WhatTheMachineLeftComesOutByNameAlone) {
+  fs::create_directories(folder() / "there");
+  fs::create_directories(folder() / "out");
+  write("there/code", "0\n");
+  background::output_of(
+      {"tar", "-c", "-P", "-f", (folder() / "left").string(), (folder() / "there/code").string()}, "tar");
+  bring_out(folder() / "left", folder() / "out");
+  EXPECT_EQ(read(folder() / "out/code"), "0\n");
+}
+
+TEST_F(Lab, WhatIsNoWholeArchiveIsRefused) {
+  EXPECT_THROW(bring_out(write("none", std::string(4096, 'x')), folder()), Error);
+  const auto many = write("many", std::string(100'000, 'x'));
+  const auto part = folder() / "part";
+  background::output_of({"tar", "-c", "-P", "-f", part.string(), many.string()}, "tar");
+  fs::resize_file(part, 50'000);
+  EXPECT_THROW(bring_out(part, folder()), Error);
+}
+
+}  // namespace
+}  // namespace ontime::lab

@@ -1,0 +1,249 @@
+#!/usr/bin/env python3
+# SPDX-License-Identifier: Apache-2.0
+"""The simulated machine of `ontime lab`. What is refused takes no time and no QEMU; where there is one, it is seen that two
+machines measure the same by UDP. All else that starts machines takes minutes: ONTIME_LAB=1 asks for it (scripts/test --lab).
+ONTIME names the program."""
+
+import contextlib
+import hashlib
+import json
+import os
+import pathlib
+import re
+import shutil
+import signal
+import sqlite3
+import subprocess
+import tempfile
+import time
+import unittest
+
+from program import ONTIME, TRANSPORTS, eventually, processes_with
+
+ALL = os.environ.get("ONTIME_LAB") == "1"
+of_all = unittest.skipUnless(ALL, "more machines are started by scripts/test --lab only")
+
+SCENARIO = """
+hosts: namespaces
+defaults: {transport: [%s], duration: 2 s, realtime: on}
+runs:
+  - id: quiet
+"""
+LACKING = """
+hosts: namespaces
+defaults: {transport: udp, duration: 1 s, kernel: {governor: performance}}
+runs:
+  - id: governed
+"""
+BAD_LINK = """
+hosts: namespaces
+defaults: {transport: udp, duration: 2 s, realtime: on}
+runs:
+  - id: good
+  - id: slow
+    link: {delay: 2 ms}
+  - id: lossy
+    link: {loss: 10 %}
+"""
+
+
+def samples(results):
+    """All of them, as one hash."""
+    with contextlib.closing(sqlite3.connect(f"file:{results}?mode=ro", uri=True)) as database:
+        rows = database.execute("SELECT * FROM sample ORDER BY run, message").fetchall()
+    return len(rows), hashlib.sha256(repr(rows).encode()).hexdigest()
+
+
+class Lab(unittest.TestCase):
+    def setUp(self):
+        self.folder = tempfile.mkdtemp(prefix="ontime-test-")
+        self.addCleanup(shutil.rmtree, self.folder)
+        self.temporary = os.path.join(self.folder, "tmp")
+        os.mkdir(self.temporary)
+        self.environment = dict(os.environ, TMPDIR=self.temporary)
+
+    def tearDown(self):
+        self.assertTrue(eventually(lambda: not self.left()), self.left())
+
+    def left(self):
+        return [*os.listdir(self.temporary), *processes_with("TMPDIR=" + self.temporary).values()]
+
+    def scenario(self, text):
+        path = os.path.join(self.folder, "scenario.yaml")
+        pathlib.Path(path).write_text(text)
+        return path
+
+    def results(self, name="results.ontime"):
+        return os.path.join(self.folder, name)
+
+    def lab(self, *arguments, **environment):
+        return subprocess.run([ONTIME, "lab", *arguments], capture_output=True, text=True, cwd=self.folder, timeout=900,
+                              env=dict(self.environment, **environment))
+
+    def instead_of_qemu(self, text):
+        """A PATH on which there is this first."""
+        folder = pathlib.Path(self.folder, "bin")
+        folder.mkdir()
+        (folder / "qemu-system-x86_64").write_text(text)
+        (folder / "qemu-system-x86_64").chmod(0o755)
+        return f"{folder}:{os.environ['PATH']}"
+
+    def report(self, results):
+        answer = subprocess.run([ONTIME, "report", results, "--format", "json"], capture_output=True, text=True, timeout=120)
+        self.assertEqual(answer.returncode, 0, answer.stderr)
+        return json.loads(answer.stdout)["runs"]
+
+
+class Refused(Lab):
+    def refused(self, code, words, *arguments, **environment):
+        answer = self.lab(*arguments, **environment)
+        self.assertEqual(answer.returncode, code, answer.stderr)
+        self.assertIn(words, answer.stderr)
+        self.assertEqual([name for name in os.listdir(self.folder) if name.endswith(".ontime")], [])
+
+    def test_what_is_asked_for_wrongly(self):
+        scenario = self.scenario(SCENARIO % "udp")
+        self.refused(2, "--nic: 'e1000' is not one of e1000e, virtio, igb", "run", scenario, "--nic", "e1000")
+        self.refused(2, "512 MiB are the least", "run", scenario, "--memory", "1 MiB")
+        self.refused(2, "--with: /there/is/none", "run", scenario, "--with", "/there/is/none")
+        self.refused(2, "there is no such scenario", "run", "/there/is/none")
+        self.refused(2, "needs hosts: namespaces", "run", self.scenario((SCENARIO % "udp").replace("namespaces", "loopback")))
+        self.refused(2, "--deterministic excludes --live", "run", scenario, "--live", "--deterministic")
+        for package in ("bash", "-o=x", "linux-image-rt-amd64 bash"):
+            self.refused(2, f"--kernel: '{package}' is no package of a kernel", "run", scenario, "--kernel=" + package)
+
+    def test_results_that_are_there_already(self):
+        taken = pathlib.Path(self.results("taken"))
+        taken.write_text("mine")
+        self.refused(2, "is there already", "run", self.scenario(SCENARIO % "udp"), "--results", str(taken))
+        self.assertEqual(taken.read_text(), "mine")
+
+    def test_a_machine_that_has_no_qemu(self):
+        self.refused(3, "sudo apt install qemu-system-x86", "run", self.scenario(SCENARIO % "udp"), PATH=self.temporary)
+
+    def test_what_this_machine_has_not(self):
+        scenario = self.scenario(SCENARIO % "udp")
+        path = self.instead_of_qemu("""#!/bin/sh
+[ "$1" = --version ] && echo 'QEMU emulator version 7.2.22 (Debian)' || echo 'name "e1000e", bus PCI'
+""")
+        self.refused(3, "this QEMU has no igb: QEMU emulator version 7.2.22 (Debian). Debian 12's has igb only from "
+                        "bookworm-backports", "run", scenario, "--nic", "igb", PATH=path)
+        self.refused(3, "is to have 9536743 MiB of memory, and ", "run", scenario, "--memory", "10000000 MB", PATH=path)
+        self.refused(3, "the kernel package linux-image-of-nobody is not to be had here: ", "run", scenario,
+                     "--kernel", "linux-image-of-nobody", PATH=path)
+
+
+@unittest.skipUnless(shutil.which("qemu-system-x86_64"), "there is no QEMU (Debian's package: qemu-system-x86)")
+class Machines(Lab):
+    def measured(self, name, *arguments):
+        answer = self.lab("run", *arguments, "--results", self.results(name))
+        if "is not to be had here" in answer.stderr:
+            self.skipTest(answer.stderr)
+        self.assertEqual(answer.returncode, 0, answer.stderr)
+        return answer
+
+    def test_two_machines_give_the_same_samples_whatever_else_this_one_does(self):
+        scenario = self.scenario(SCENARIO % (",".join(TRANSPORTS) if ALL else "udp"))
+        answer = self.measured("first.ontime", scenario)
+        self.assertIn("SIMULATED by QEMU", answer.stdout)
+        with subprocess.Popen(["sh", "-c", "while :; do :; done"]) as busy:
+            try:
+                self.measured("second.ontime", scenario)
+            finally:
+                busy.kill()
+        first, second = samples(self.results("first.ontime")), samples(self.results("second.ontime"))
+        self.assertGreater(first[0], 100)
+        self.assertEqual(first, second)
+        runs = self.report(self.results("first.ontime"))
+        self.assertEqual(len(runs), len(TRANSPORTS) if ALL else 1)
+        for run in runs:
+            machine = run["hosts"]["controller"]["machine"]
+            self.assertEqual((machine["preemption"], machine["cpu_count"], machine["clocksource"]), ("rt", 1, "tsc"))
+            self.assertIn("counted instructions", machine["simulated"])
+
+    def shell(self, script):
+        """What a script says in such a machine."""
+        process = subprocess.Popen([ONTIME, "lab", "shell", "--with", script], stdin=subprocess.PIPE, stdout=subprocess.PIPE,
+                                   stderr=subprocess.STDOUT, cwd=self.folder, env=self.environment)
+        self.addCleanup(lambda: (process.kill(), process.communicate()))
+        said = b""
+        while not said.endswith(b"# "):
+            part = os.read(process.stdout.fileno(), 4096)
+            self.assertTrue(part, said)
+            said += part
+        answer, _ = process.communicate(f"bash {script}; exit\r".encode(), timeout=300)
+        self.assertEqual(process.returncode, 0, answer)
+        return answer.decode(errors="replace").replace("\r\033[K", "\n").replace("\r", "").splitlines()
+
+    @of_all
+    def test_settings_come_to_real_interrupt_threads_and_go_again_also_after_kill_9(self):
+        seen = {}
+        said = self.shell(pathlib.Path(__file__).with_name("lab_settings.sh"))
+        for line in said:
+            if found := re.fullmatch(r"(before|during|after|killed|reverted) (\S+(?: \S+)?)=(.+)", line):
+                seen.setdefault(found[1], {})[found[2]] = found[3]
+        text = "\n".join(said)
+        self.assertIn("whole ended 0", said, text)
+        self.assertIn("revert ended 0", said, text)
+        self.assertIn("left ", said, text)
+        for moment in ("during", "killed"):
+            for nic in ("eth0", "eth1"):
+                self.assertEqual(seen[moment][f"{nic} threaded"], "1", text)
+                self.assertEqual(seen[moment][f"{nic} rx-usecs"], "10", text)
+                self.assertEqual(seen[moment][f"{nic} generic-receive-offload"], "off", text)
+                self.assertEqual(self.threads(seen[moment], f"irq/[0-9]+-{nic}.*"), ["FF 90"] * 3, text)
+                self.assertEqual(self.threads(seen[moment], f"napi/{nic}-.*"), ["FF 61"], text)
+            self.assertEqual(self.threads(seen[moment], "ksoftirqd/.*"), ["FF 60"], text)
+        for moment in ("after", "reverted"):
+            for thing, value in seen["before"].items():
+                self.assertEqual(seen[moment][thing], value, text)
+            self.assertLessEqual(set(self.threads(seen[moment], "irq/.*")), {"FF 50"}, text)
+            self.assertLessEqual(set(self.threads(seen[moment], "napi/.*")), {"TS -"}, text)
+
+    @staticmethod
+    def threads(seen, pattern):
+        return [value for thing, value in seen.items() if re.fullmatch(pattern, thing)]
+
+    @of_all
+    def test_what_the_machine_lacks_is_named(self):
+        answer = self.lab("run", self.scenario(LACKING), "--results", self.results())
+        self.assertEqual(answer.returncode, 3, answer.stderr)
+        self.assertIn("kernel.governor: this machine has no CPU frequency that Linux governs", answer.stderr)
+
+    @of_all
+    def test_a_link_is_as_bad_as_asked_for(self):
+        self.measured("bad.ontime", self.scenario(BAD_LINK))
+        good, slow, lossy = self.report(self.results("bad.ontime"))
+        print(good["round_trip_ns"], slow["round_trip_ns"], lossy["messages"])
+
+    @of_all
+    def test_an_interruption_ends_the_machine(self):
+        process = subprocess.Popen([ONTIME, "lab", "run", self.scenario(SCENARIO % "udp"), "--results", self.results()],
+                                   stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=self.environment)
+        self.addCleanup(lambda: (process.kill(), process.communicate()))
+        self.assertTrue(eventually(lambda: any("qemu" in one for one in
+                                               processes_with("TMPDIR=" + self.temporary).values()), 300))
+        time.sleep(1)
+        process.send_signal(signal.SIGTERM)
+        self.assertEqual(process.wait(30), 130)
+        self.assertFalse(os.path.exists(self.results()))
+
+    @of_all
+    def test_a_machine_that_does_not_come_up_shows_its_console(self):
+        real = shutil.which("qemu-system-x86_64")
+        path = self.instead_of_qemu(f"""#!/usr/bin/env python3
+import os, sys
+words = sys.argv[1:]
+if "-initrd" in words:
+    at = words.index("-initrd")
+    del words[at:at + 2]
+os.execv("{real}", ["{real}", *words])
+""")
+        answer = self.lab("run", self.scenario(SCENARIO % "udp"), "--results", self.results(), PATH=path)
+        self.assertEqual(answer.returncode, 3, answer.stderr)
+        self.assertIn("The last lines of its console", answer.stderr)
+        self.assertIn("VFS: Unable to mount root fs", answer.stderr)
+
+
+if __name__ == "__main__":
+    unittest.main()
