@@ -185,4 +185,15 @@ Hosts hosts_of(const std::string& file, const std::optional<YAML::Node>& hosts,
   return found.take();
 }
 
+void lay_cable(const std::string& file, const std::vector<std::string>& interfaces, Hosts& hosts) {
+  if (hosts.kind != Hosts::Kind::namespaces || hosts.components.size() > 1)
+    throw Error(2, fmt::format("--cable joins the two namespaces of hosts: namespaces with one component, "
+                               "and {} has other hosts",
+                               file));
+  if (interfaces.size() != 2 || interfaces[0] == interfaces[1])
+    throw Error(2, "--cable: it has two ends: name two interfaces, such as eth1,eth2");
+  hosts.controller.interface = interfaces[0];
+  hosts.components.front().host.interface = interfaces[1];
+}
+
 }  // namespace ontime::campaign

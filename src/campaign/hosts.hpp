@@ -15,4 +15,8 @@ namespace ontime::campaign {
 Hosts hosts_of(const std::string& file, const std::optional<YAML::Node>& hosts,
                const std::optional<YAML::Node>& components);
 
+// That the namespaces of `hosts` are joined by these two interfaces of this machine. Throws Error{2} where
+// hosts are others, or interfaces not two.
+void lay_cable(const std::string& file, const std::vector<std::string>& interfaces, Hosts& hosts);
+
 }  // namespace ontime::campaign

@@ -70,7 +70,7 @@ class File {
     check_only();
     if (repeat) read_repeat(*repeat);
     if (selection_.deploy) deploy();
-    if (!selection_.cable.empty()) lay_cable();
+    if (!selection_.cable.empty()) lay_cable(scenario_.file, selection_.cable, scenario_.hosts);
     return std::move(scenario_);
   }
 
@@ -143,18 +143,6 @@ class File {
     for (const auto& run : scenario_.runs)
       hosts.deploy->insert({run.task.transport,
                             run.component_transport.empty() ? run.task.transport : run.component_transport});
-  }
-
-  void lay_cable() {
-    auto& hosts = scenario_.hosts;
-    if (hosts.kind != Hosts::Kind::namespaces || hosts.components.size() > 1)
-      throw Error(2, fmt::format("--cable joins the two namespaces of hosts: namespaces with one component, "
-                                 "and {} has other hosts",
-                                 scenario_.file));
-    if (selection_.cable.size() != 2 || selection_.cable[0] == selection_.cable[1])
-      throw Error(2, "--cable: it has two ends: name two interfaces, such as eth1,eth2");
-    hosts.controller.interface = selection_.cable[0];
-    hosts.components.front().host.interface = selection_.cable[1];
   }
 
   bool read_order(const YAML::Node& node) const {

@@ -112,6 +112,15 @@ class Refused(Lab):
         for package in ("bash", "-o=x", "linux-image-rt-amd64 bash"):
             self.refused(2, f"--kernel: '{package}' is no package of a kernel", "run", scenario, "--kernel=" + package)
 
+    def test_a_cable_that_is_none(self):
+        for text, cable, words in ((SCENARIO % "udp", "eth1", "it has two ends"), (SCENARIO % "udp", "eth1,eth1", "it has two ends"),
+                                   ("hosts: loopback\nruns: [{id: a}]", "eth1,eth2", "joins the two namespaces")):
+            answer = subprocess.run([ONTIME, "run", self.scenario(text), "--cable", cable, "--results", self.results()],
+                                    capture_output=True, text=True, timeout=60)
+            self.assertEqual(answer.returncode, 2, answer.stderr)
+            self.assertIn(words, answer.stderr)
+            self.assertFalse(os.path.exists(self.results()))
+
     def test_results_that_are_there_already(self):
         taken = pathlib.Path(self.results("taken"))
         taken.write_text("mine")
