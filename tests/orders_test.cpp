@@ -129,6 +129,11 @@ std::string failure(const std::function<void()>& doing) {
 
 class CoordinatorTest : public testing::Test {
  protected:
+  pid_t pid_of(Coordinator::Hand& hand) {
+    hand.order("answer");
+    return coordinator_.await(hand, "answered", 10s).at("pid");
+  }
+
   Interrupts interrupts_{0};
   Coordinator coordinator_{interrupts_};
 };
@@ -136,8 +141,6 @@ class CoordinatorTest : public testing::Test {
 TEST_F(CoordinatorTest, AwaitsOneAndHandlesTheOthers) {
   Coordinator::Hand first(coordinator_, "the first", worker("obedient"), "s"),
       second(coordinator_, "the second", worker("obedient"), "s");
-  EXPECT_EQ(first.hello().at("role"), "obedient");
-  EXPECT_FALSE(first.hello().at("boot_id").get<std::string>().empty());
   std::vector<std::string> said;
   for (auto* hand : {&first, &second})
     hand->on("said", [&, hand](const Frame& frame) {
@@ -165,7 +168,7 @@ TEST_F(CoordinatorTest, AnAnswerThatIsNoLongerAwaitedIsNotHeldAgainstWhoGivesIt)
   Coordinator::Hand well(coordinator_, "the one that is well", worker("obedient"), "s");
   {
     Coordinator::Hand killed(coordinator_, "the one that is killed", worker("obedient"), "s");
-    kill(killed.hello().at("pid"), SIGKILL);
+    kill(pid_of(killed), SIGKILL);
     EXPECT_THAT(failure([&] { coordinator_.await(well, "answered", 10s); }), HasSubstr("signal 9"));
   }
   well.order("answer");
@@ -214,7 +217,7 @@ TEST_F(CoordinatorTest, SaysWhyAWorkerFailedOrIsGone) {
   }
   {
     Coordinator::Hand hand(coordinator_, "the worker", worker("obedient"), "s");
-    kill(hand.hello().at("pid"), SIGKILL);
+    kill(pid_of(hand), SIGKILL);
     EXPECT_THAT(failure([&] { coordinator_.await(hand, "answered", 10s); }),
                 AllOf(HasSubstr("3 the worker"), HasSubstr("signal 9")));
     EXPECT_TRUE(hand.lost());
@@ -235,7 +238,7 @@ TEST_F(CoordinatorTest, AWorkerOfAnotherBuildIsRefused) {
 TEST_F(CoordinatorTest, OneThatIsStoppedIsNamedAndGivenUp) {
   Coordinator::Hand stuck(coordinator_, "the stuck one", worker("obedient"), "s"),
       well(coordinator_, "the other", worker("obedient"), "s");
-  kill(stuck.hello().at("pid"), SIGSTOP);
+  kill(pid_of(stuck), SIGSTOP);
   EXPECT_THAT(failure([&] { coordinator_.until([] { return false; }); }),
               AllOf(HasSubstr("3 the stuck one was silent for 10 s")));
   EXPECT_TRUE(stuck.lost());
@@ -266,7 +269,8 @@ TEST_F(CoordinatorTest, OneThatNeverStopsTalkingDoesNotKeepUsFromLeaving) {
 
 TEST_F(CoordinatorTest, OneThatIsTerminatedIsAnInterruption) {
   Coordinator::Hand hand(coordinator_, "the worker", worker("obedient"), "s");
-  for (const int signal : {SIGTERM, SIGHUP}) kill(hand.hello().at("pid"), signal);  // as a session's end does
+  const auto pid = pid_of(hand);
+  for (const int signal : {SIGTERM, SIGHUP}) kill(pid, signal);  // as a session's end does
   EXPECT_EQ(failure([&] { coordinator_.until([] { return false; }); }), "interrupted");
   EXPECT_EQ(interrupts_, 1);
   hand.order("answer");  // and goes on carrying out orders for a while
@@ -312,7 +316,7 @@ class Obedient final : public Worker {
   explicit Obedient(Events& events) : events_(events) {}
   void obey(const std::string& order, const json& body) override {
     if (order == "say") events_.tell("said", {{"what", body.at("what")}});
-    if (order == "answer") events_.tell("answered");
+    if (order == "answer") events_.tell("answered", {{"pid", getpid()}});
     if (order == "chatter")
       for (int count = 0; count < chatter; ++count) events_.tell("said", json::object(), much);
     if (order == "fail") throw Error(body.value("exit", 2), "it was wrong");
@@ -331,7 +335,7 @@ class Obedient final : public Worker {
 int main(int argc, char** argv) {
   using namespace ontime::orders;
   if (argc > 1 && std::string_view(argv[1]) == "obedient")
-    return serve("obedient", "s", [](Events& events) { return std::make_unique<Obedient>(events); });
+    return serve("s", [](Events& events) { return std::make_unique<Obedient>(events); });
   on_termination([](int) { _exit(130); });
   testing::InitGoogleTest(&argc, argv);
   return RUN_ALL_TESTS();

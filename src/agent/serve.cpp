@@ -202,7 +202,7 @@ class Agent final : public orders::Worker {
 }  // namespace
 
 int serve() {
-  return orders::serve("agent", sample_layout(),
+  return orders::serve(sample_layout(),
                        [](orders::Events& events) { return std::make_unique<Agent>(events); });
 }
 

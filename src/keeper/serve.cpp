@@ -222,7 +222,7 @@ std::span<const journal::Kind> kinds() {
 }
 
 int serve() {
-  return orders::serve("keeper", "", [](orders::Events& events) { return std::make_unique<Keeper>(events); });
+  return orders::serve("", [](orders::Events& events) { return std::make_unique<Keeper>(events); });
 }
 
 }  // namespace ontime::keeper

@@ -41,9 +41,10 @@ Coordinator::Hand::Hand(Coordinator& coordinator, std::string name, const std::v
     coordinator_.hands_.push_back(this);
   }
   try {
-    hello_ = coordinator_.await(*this, "hello", patience_for_hello, 1);
-    const std::string version = hello_.value("version", "unknown");
-    if (version != ONTIME_VERSION || hello_.value("samples", "") != samples)
+    const auto hello = coordinator_.await(*this, "hello", patience_for_hello, 1);
+    there_ = true;
+    const std::string version = hello.value("version", "unknown");
+    if (version != ONTIME_VERSION || hello.value("samples", "") != samples)
       throw Error(3,
                   fmt::format("{} is ontime {}, and this is {}{}: install the same on both machines", name_,
                               version, ONTIME_VERSION, version == ONTIME_VERSION ? " of another build" : ""));
@@ -143,7 +144,7 @@ bool Coordinator::turn(std::chrono::milliseconds within) {
 
 void Coordinator::check_silence() {
   for (auto* hand : std::vector(hands_)) {
-    if (hand->hello_.is_null()) continue;  // it is on its way: patience_for_hello
+    if (!hand->there_) continue;  // it is on its way: patience_for_hello
     if (Clock::now() - hand->heard_ <= longest_silence) continue;
     // Perhaps it was we who did not listen.
     listen(*hand);

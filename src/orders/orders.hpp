@@ -3,7 +3,7 @@
 // the other end of a pipe, here or (through ssh) elsewhere. Ordinary threads only.
 //
 // An order is a frame whose message has "order", an event one that has "event". A worker's first event is
-// hello {role, version, samples, boot_id, pid}; when it cannot go on its last is failed {exit, message}.
+// hello {version, samples}; when it cannot go on its last is failed {exit, message}.
 // While neither has anything to say both say "beat" now and then (beat_period): who is silent for
 // longest_silence is given up, by its name, and a worker that is alone gives back what it changed and leaves.
 #pragma once
@@ -69,8 +69,7 @@ class Worker {
 // Carries out orders from standard input until its end, a failure, or the coordinator's silence. A SIGTERM is
 // told to the coordinator ("terminated"), whose orders are awaited for a while: what stops a service stops
 // all its processes at once. Returns the exit code.
-int serve(const std::string& role, const std::string& samples,
-          const std::function<std::unique_ptr<Worker>(Events&)>& make);
+int serve(const std::string& samples, const std::function<std::unique_ptr<Worker>(Events&)>& make);
 
 // ── The coordinator's side
 // ─────────────────────────────────────────────────────────────────────────────────────
@@ -108,7 +107,6 @@ class Coordinator {
     Hand(const Hand&) = delete;
     Hand& operator=(const Hand&) = delete;
     const std::string& name() const { return name_; }  // for people: "the agent of the controller"
-    const nlohmann::json& hello() const { return hello_; }
     void order(const std::string& order, nlohmann::json body = nlohmann::json::object());
     // `handle` is called for each event of that name by this worker, until it is set again: what one may say,
     // another may not.
@@ -122,7 +120,7 @@ class Coordinator {
     Coordinator& coordinator_;
     std::string name_;
     std::unique_ptr<Process> process_;
-    nlohmann::json hello_;
+    bool there_ = false;  // it has said hello
     std::map<std::string, Handle> handles_;
     std::vector<std::string> owed_;  // answers for which nobody waits any more
     std::chrono::steady_clock::time_point heard_;

@@ -2,7 +2,6 @@
 #include <algorithm>
 #include <condition_variable>
 #include <csignal>
-#include <fstream>
 
 #include <fcntl.h>
 #include <fmt/format.h>
@@ -23,12 +22,6 @@ using Clock = std::chrono::steady_clock;
 constexpr unsigned patience_to_leave_s = 3;
 
 volatile std::sig_atomic_t terminations = 0;
-
-std::string boot_id() {
-  std::string id;
-  std::getline(std::ifstream("/proc/sys/kernel/random/boot_id"), id);
-  return id;
-}
 
 class Pipe final : public Events {
  public:
@@ -101,8 +94,7 @@ void obey_all(Pipe& pipe, Worker& worker) {
 
 }  // namespace
 
-int serve(const std::string& role, const std::string& samples,
-          const std::function<std::unique_ptr<Worker>(Events&)>& make) {
+int serve(const std::string& samples, const std::function<std::unique_ptr<Worker>(Events&)>& make) {
   on_termination([](int signal) {
     // What stops a service or a session may say so twice, by SIGTERM and SIGHUP; only a person is in a hurry.
     if (signal == SIGINT || terminations == 0) terminations = terminations + 1;
@@ -126,13 +118,7 @@ int serve(const std::string& role, const std::string& samples,
     };
     std::unique_ptr<Worker> worker;
     try {
-      pipe.tell("hello",
-                {{"role", role},
-                 {"version", ONTIME_VERSION},
-                 {"samples", samples},
-                 {"boot_id", boot_id()},
-                 {"pid", getpid()}},
-                {});
+      pipe.tell("hello", {{"version", ONTIME_VERSION}, {"samples", samples}}, {});
       worker = make(pipe);
       obey_all(pipe, *worker);
     } catch (const Broken&) {
