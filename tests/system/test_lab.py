@@ -223,7 +223,10 @@ class Machines(Lab):
     def test_a_link_is_as_bad_as_asked_for(self):
         self.measured("bad.ontime", self.scenario(BAD_LINK))
         good, slow, lossy = self.report(self.results("bad.ontime"))
-        print(good["round_trip_ns"], slow["round_trip_ns"], lossy["messages"])
+        self.assertEqual((good["lost"], slow["lost"]), (0, 0))
+        self.assertEqual(round((slow["round_trip_us"]["p50"] - good["round_trip_us"]["p50"]) / 1000), 4, "2 ms either way")
+        self.assertGreater(lossy["lost"], 10)
+        self.assertLess(lossy["lost"], 80, "of 200, of which each way loses a tenth")
 
     @of_all
     def test_an_interruption_ends_the_machine(self):
