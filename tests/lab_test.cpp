@@ -126,6 +126,14 @@ TEST_F(Lab, MachineIsToldThatItIsSimulated) {
   EXPECT_THAT(words, Contains(HasSubstr("virtio-net-pci,netdev=n1,mac=")));
 }
 
+TEST_F(Lab, FolderThatCannotBeLookedIntoHasNoProgram) {
+  const std::string before = std::getenv("PATH");
+  setenv("PATH", ("/" + std::string(5000, 'x') + ":" + before).c_str(), 1);
+  const auto found = program("sh");
+  setenv("PATH", before.c_str(), 1);
+  EXPECT_EQ(found.filename(), "sh");
+}
+
 TEST_F(Lab, NoQemuNamesThePackage) {
   const std::string before = std::getenv("PATH");
   setenv("PATH", folder().c_str(), 1);

@@ -24,20 +24,22 @@ constexpr std::array wanted = {"tc",      "nft",  "stress-ng", "iperf3", "ethtoo
                                "cp",      "mv",   "rm",        "mkdir",  "date",    "perf",   "trace-cmd"};
 
 // Of the kernel's modules, with those that they need: those below these places.
-constexpr std::array modules = {"kernel/net/core/",
-                                "kernel/net/sched/",
-                                "kernel/net/netfilter/",
-                                "kernel/net/ipv4/",
-                                "kernel/net/ipv6/",
-                                "kernel/net/8021q/",
-                                "kernel/drivers/net/veth.ko",
-                                "kernel/drivers/net/ifb.ko",
-                                "kernel/drivers/net/dummy.ko",
-                                "kernel/drivers/net/virtio_net.ko",
-                                "kernel/drivers/net/ethernet/intel/e1000e/",
-                                "kernel/drivers/net/ethernet/intel/igb/",
-                                "kernel/drivers/virtio/virtio_pci.ko",
-                                "kernel/drivers/char/virtio_console.ko"};
+constexpr std::array modules = {
+    "kernel/net/core/",
+    "kernel/net/sched/",
+    "kernel/net/netfilter/",
+    "kernel/net/ipv4/",
+    "kernel/net/ipv6/",
+    "kernel/net/8021q/",
+    "kernel/crypto/crc32c_generic.ko",  // nf_tables needs it, and modules.dep does not say so
+    "kernel/drivers/net/veth.ko",
+    "kernel/drivers/net/ifb.ko",
+    "kernel/drivers/net/dummy.ko",
+    "kernel/drivers/net/virtio_net.ko",
+    "kernel/drivers/net/ethernet/intel/e1000e/",
+    "kernel/drivers/net/ethernet/intel/igb/",
+    "kernel/drivers/virtio/virtio_pci.ko",
+    "kernel/drivers/char/virtio_console.ko"};
 
 // Loaded by hand, for there is no udev; whatever ontime asks of the network later the kernel loads by itself.
 constexpr std::string_view start = R"sh(#!/bin/busybox sh
