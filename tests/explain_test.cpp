@@ -1,156 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "explain/explain.hpp"
-
-#include <gmock/gmock.h>
-#include <gtest/gtest.h>
-
-#include "explain/packets.hpp"
-#include "explain/timeline.hpp"
+#include "explain_fixture.hpp"
 
 namespace ontime::explain {
 namespace {
-
-using nlohmann::json;
-using roundtrip::Fate;
-using roundtrip::Sample;
-using testing::HasSubstr;
-using testing::IsEmpty;
-using testing::SizeIs;
-using trace::Event;
-using trace::Kind;
-
-constexpr std::int64_t us = 1'000, ms = 1'000'000;
-constexpr std::int32_t asks = 10, hears = 11, answers = 20, hog = 99;
-constexpr std::int32_t ordinary = 120, fifo_80 = 19;
-
-trace::Thread named(std::int32_t id) {
-  switch (id) {
-    case 0:
-      return {0, "swapper", 120};
-    case asks:
-      return {asks, "ping-send", ordinary};
-    case hears:
-      return {hears, "ping-receive", ordinary};
-    case answers:
-      return {answers, "pong-receive", ordinary};
-    default:
-      return {hog, "hog", ordinary};
-  }
-}
-
-// A run of which message 50 is to be explained. The message is due at 500 ms; usual ones take 10 µs to wake,
-// 2 to be sent, 50 there, 3 to be answered, 40 back. By a kernel that says how a CPU leaves its idle thread,
-// and by one that does not.
-class Explained : public testing::TestWithParam<bool> {
- protected:
-  static constexpr std::int64_t due = 500 * ms, sent = due + 12 * us;
-
-  Explained() {
-    window_.span = {50, due - ms, due + 400 * ms};
-    for (std::uint64_t i = 0; i < 100; ++i)
-      if (i != 50) samples_.push_back(usual(i));
-  }
-
-  static Sample usual(std::uint64_t index) {
-    const auto at = static_cast<std::int64_t>(index) * 10 * ms;
-    return {.index = index,
-            .intended_ns = at,
-            .due_ns = at,
-            .woke_ns = at + 10 * us,
-            .passed_wake_ns = 0,
-            .sent_ns = at + 12 * us,
-            .received_ns = at + 105 * us,
-            .server_received_ns = at + 62 * us,
-            .server_sent_ns = at + 65 * us,
-            .skipped_cycles = 0,
-            .fate = Fate::on_time};
-  }
-  static Sample late(std::int64_t woke, std::int64_t there, std::int64_t back) {
-    auto sample = usual(50);
-    sample.woke_ns += woke;
-    sample.sent_ns += woke;
-    sample.server_received_ns += woke + there;
-    sample.server_sent_ns += woke + there;
-    sample.received_ns += woke + there + back;
-    sample.fate = Fate::late;
-    return sample;
-  }
-  static Sample lost() {
-    auto sample = usual(50);
-    sample.received_ns = sample.server_received_ns = sample.server_sent_ns = 0;
-    sample.fate = Fate::lost;
-    return sample;
-  }
-
-  void event(std::int64_t at, int cpu, Kind kind, std::int32_t thread, std::int32_t other = 0,
-             const std::string& what = "", std::int32_t packet = 0) {
-    window_.events.push_back({.at_ns = at,
-                              .cpu = cpu,
-                              .kind = kind,
-                              .thread = named(thread),
-                              .other = named(other),
-                              .what = what,
-                              .packet = packet,
-                              .bytes = packet != 0 ? 550 : 0});
-  }
-  static bool leaving_idle_is_told() { return GetParam(); }
-  void switched(std::int64_t at, int cpu, std::int32_t from, const char* state, std::int32_t to) {
-    if (from != 0 || leaving_idle_is_told()) event(at, cpu, Kind::switched, from, to, state);
-  }
-  void sender_wakes_and_sends(std::int64_t by = 0) {
-    event(due + 5 * us + by, 0, Kind::waking, asks, 0, "0");
-    switched(due + 8 * us + by, 0, 0, "R", asks);
-    event(sent + 5 * us + by, 0, Kind::queued, asks, 0, "veth", 1);
-    event(sent + 6 * us + by, 0, Kind::sent, asks, 0, "veth", 1);
-    event(sent + 9 * us + by, 0, Kind::received, asks, 0, "veth", 1);
-  }
-  void has_the_message() {
-    switched(due - ms / 2, 1, hog, "S", 0);
-    sender_wakes_and_sends();
-    event(sent + 10 * us, 0, Kind::waking, answers, asks, "1");
-    switched(sent + 12 * us, 1, 0, "R", answers);
-    event(sent + 20 * us, 1, Kind::timer, answers);
-    event(sent + 21 * us, 1, Kind::timer_end, answers);
-  }
-  static json threads(std::initializer_list<std::pair<std::int32_t, const char*>> all) {
-    auto list = json::array();
-    for (const auto& [tid, role] : all) list.push_back({{"tid", tid}, {"role", role}});
-    return list;
-  }
-
-  Account account(const Sample& sample, const json& traced = {{"controller", json::object()}}) {
-    record::Writer writer("");
-    const auto run = writer.begin_run(
-        {{"id", "x"}, {"payload_bytes", 500}, {"deadline_us", deadline_us_}, {"timeout_us", timeout_us_}});
-    samples_.insert(samples_.begin() + 50, sample);
-    writer.append(run, samples_);
-    writer.trace(run, {"controller", window_});
-    const json machine = {{"boot_id", "b"}};
-    writer.end_run(
-        run,
-        {{"trace", traced},
-         {"hosts",
-          {{"controller", {{"machine", machine}, {"threads", threads({{asks, "send"}, {hears, "receive"}})}}},
-           {"component", {{"machine", machine}, {"threads", threads({{answers, "receive"}})}}}}}});
-    const auto reader = writer.reader();
-    return account_of(reader, reader.runs().at(0));
-  }
-  Message message(const Sample& sample) {
-    const auto account = this->account(sample);
-    EXPECT_THAT(account.messages, SizeIs(1));
-    return account.messages.at(0);
-  }
-  static Part first(const Message& message) {
-    std::int64_t sum = 0;
-    for (const auto& part : message.parts) sum += part.ns;
-    EXPECT_EQ(sum, message.delay_ns) << "it adds up";
-    return message.parts.empty() ? Part{} : message.parts.front();
-  }
-
-  trace::Window window_;
-  std::vector<Sample> samples_;
-  int deadline_us_ = 0, timeout_us_ = 0;
-};
 
 TEST_P(Explained, AThreadThatWaitsForACpuBehindAnother) {
   sender_wakes_and_sends();
@@ -368,62 +220,6 @@ TEST_P(Explained, WhatCouldNotBeSeenIsSaid) {
                                                     HasSubstr("a part of what the kernel did")));
 }
 
-TEST_P(Explained, AThreadThatHadTheMessageAndSleptUntilAnotherWokeIt) {
-  has_the_message();
-  switched(sent + 30 * us, 1, answers, "S", 0);
-  event(sent + 15 * ms, 0, Kind::waking, answers, hog, "1");
-  switched(sent + 15 * ms + 2 * us, 1, 0, "R", answers);
-  switched(sent + 15 * ms + 60 * us, 1, answers, "S", 0);
-  const auto part = first(message(late(0, 15 * ms, 0)));
-  EXPECT_EQ(part.cause, Cause::waited);
-  EXPECT_EQ(part.culprit, "hog");
-  EXPECT_EQ(part.ns, 15 * ms - 30 * us);
-}
-
-TEST_P(Explained, OneThatSleepsAfterAMessageThatIsLostIsNotAccused) {
-  event(due + 5 * us, 0, Kind::waking, asks, 0, "0");
-  switched(due + 8 * us, 0, 0, "R", asks);
-  switched(sent + 20 * us, 0, asks, "S", 0);  // no packet of it was seen
-  EXPECT_EQ(first(message(lost())).cause, Cause::unknown);
-}
-
-TEST_P(Explained, WhoRanWhenATimerWokeAThreadIsNotAccused) {
-  has_the_message();
-  switched(sent + 30 * us, 1, answers, "S", 0);
-  event(sent + 15 * ms - us, 0, Kind::timer, hog);
-  event(sent + 15 * ms, 0, Kind::waking, answers, hog, "1");
-  event(sent + 15 * ms + us, 0, Kind::timer_end, hog);
-  switched(sent + 15 * ms + 2 * us, 1, 0, "R", answers);
-  switched(sent + 15 * ms + 60 * us, 1, answers, "S", 0);
-  const auto part = first(message(late(0, 15 * ms, 0)));
-  EXPECT_EQ(part.cause, Cause::waited);
-  EXPECT_EQ(part.culprit, "");
-}
-
-TEST_P(Explained, WhatAThreadWaitedForInTheKernelIsToldByItsFunctions) {
-  has_the_message();
-  switched(sent + 30 * us, 1, answers, "D", 0);
-  event(sent + 31 * us, 1, Kind::waits, answers, 0,
-        "schedule io_schedule filemap_fault handle_mm_fault exc_page_fault");
-  event(sent + 15 * ms, 0, Kind::waking, answers, hog, "1");
-  switched(sent + 15 * ms + 2 * us, 1, 0, "R", answers);
-  switched(sent + 15 * ms + 60 * us, 1, answers, "S", 0);
-  const auto part = first(message(late(0, 15 * ms, 0)));
-  EXPECT_EQ(part.cause, Cause::page_fault);
-  EXPECT_EQ(part.culprit, "") << "who ended the wait has no part in it";
-}
-
-TEST(Causes, OfWaitsInTheKernel) {
-  EXPECT_EQ(cause_of_wait("schedule rwsem_down_read_slowpath down_read lock_mm_and_find_vma exc_page_fault"),
-            Cause::lock)
-      << "not for the page, but to look it up";
-  EXPECT_EQ(cause_of_wait("schedule schedule_preempt_disabled __mutex_lock.constprop.0 rtnl_lock"),
-            Cause::lock);
-  EXPECT_EQ(cause_of_wait("schedule io_schedule bit_wait_io"), Cause::disk);
-  EXPECT_EQ(cause_of_wait("schedule synchronize_rcu"), Cause::blocked);
-  EXPECT_EQ(cause_of_wait(""), Cause::blocked);
-}
-
 TEST(Explain, OfMoreThreadsThanThereCanBeIsRefused) {
   record::Writer writer("");
   const auto run = writer.begin_run({{"id", "x"}});
@@ -467,29 +263,6 @@ TEST_P(Explained, OfCpusThatWereIdleBeforeAllThatNothingIsSaid) {
   EXPECT_THAT(account(late(0, 20 * ms, 0)).limits, IsEmpty());
 }
 
-TEST_P(Explained, AThreadThatSleptUntilAPacketCameIsNotAccused) {
-  has_the_message();
-  switched(sent + 30 * us, 1, answers, "S", 0);
-  event(sent + 15 * ms - us, 0, Kind::soft_interrupt, hog, 0, "NET_RX");
-  event(sent + 15 * ms, 0, Kind::waking, answers, hog, "1");
-  event(sent + 15 * ms + us, 0, Kind::soft_interrupt_end, hog, 0, "NET_RX");
-  switched(sent + 15 * ms + 2 * us, 1, 0, "R", answers);
-  switched(sent + 15 * ms + 60 * us, 1, answers, "S", 0);
-  EXPECT_EQ(first(message(late(0, 15 * ms, 0))).cause, Cause::unknown);
-}
-
-TEST_P(Explained, WhoEndedAnEarlierWaitIsNotAccusedOfTheNext) {
-  has_the_message();
-  switched(sent + 30 * us, 1, answers, "S", 0);
-  event(sent + 50 * us, 0, Kind::waking, answers, hog, "1");
-  switched(sent + 52 * us, 1, 0, "R", answers);
-  switched(sent + 90 * us, 1, answers, "S", 0);
-  switched(sent + 15 * ms, 1, 0, "R", answers);  // who woke it is not known
-  switched(sent + 15 * ms + 60 * us, 1, answers, "S", 0);
-  for (const auto& part : message(late(0, 15 * ms, 0)).parts)
-    EXPECT_TRUE(part.culprit != "hog" || part.ns <= 22 * us);
-}
-
 TEST_P(Explained, APartSaysWhenItWas) {
   sender_wakes_and_sends();
   event(sent + 10 * us, 1, Kind::waking, answers, asks, "1");
@@ -516,48 +289,6 @@ TEST_P(Explained, ANumberOfAPacketIsGivenToTheNext) {
   EXPECT_EQ(packets[0].dropped, nullptr);
   EXPECT_EQ(packets[1].dropped->what, "QDISC_DROP");
   EXPECT_EQ(packets[1].sent, nullptr);
-}
-
-TEST_P(Explained, ASenderThatStoodStillIsAFaultThoughItsMessageWasQuick) {
-  sender_wakes_and_sends();
-  auto sample = usual(50);
-  sample.intended_ns = due - 30 * ms;
-  sample.skipped_cycles = 3;
-  sample.passed_wake_ns = sample.woke_ns - sample.intended_ns;
-  window_.span.from_ns = due - 31 * ms;
-  window_.events.insert(window_.events.begin(), {.at_ns = due - 30 * ms - 100 * us,
-                                                 .cpu = 0,
-                                                 .kind = Kind::waking,
-                                                 .thread = named(asks),
-                                                 .other = named(0),
-                                                 .what = "0"});
-  deadline_us_ = 10'000;
-  const auto account = this->account(sample);
-  EXPECT_EQ(account.late, 0u);
-  EXPECT_EQ(account.late_by_response, 1u);
-  ASSERT_THAT(account.messages, SizeIs(1));
-  EXPECT_TRUE(account.messages[0].late_by_response);
-  const auto part = first(account.messages[0]);
-  EXPECT_EQ(part.stage, Stage::woke);
-  EXPECT_GT(part.ns, 25 * ms);
-  EXPECT_THAT(account.groups, SizeIs(1));
-}
-
-TEST(Sample, OfCyclesThatPassedWhileAnAnswerWasAwaitedNoneWasSleptThrough) {
-  Sample sample{.index = 1,
-                .intended_ns = 10 * ms,
-                .due_ns = 40 * ms,
-                .woke_ns = 40 * ms + 10 * us,
-                .passed_wake_ns = 50 * us,
-                .sent_ns = 0,
-                .received_ns = 0,
-                .server_received_ns = 0,
-                .server_sent_ns = 0,
-                .skipped_cycles = 3,
-                .fate = Fate::on_time};
-  EXPECT_EQ(awaited_since_ns(sample), 40 * ms);
-  sample.passed_wake_ns = 30 * ms + 10 * us;
-  EXPECT_EQ(awaited_since_ns(sample), 10 * ms);
 }
 
 INSTANTIATE_TEST_SUITE_P(Kernel, Explained, testing::Values(true, false), [](const auto& told) {

@@ -16,7 +16,8 @@ Symbols::Symbols() {
     std::istringstream words(line);
     std::uint64_t address = 0;
     std::string type, name;
-    if (words >> std::hex >> address >> type >> name && address != 0 && std::string_view("tTwW").find(type) != std::string_view::npos)
+    if (words >> std::hex >> address >> type >> name && address != 0 &&
+        std::string_view("tTwW").find(type) != std::string_view::npos)
       functions_.emplace_back(address, std::move(name));
   }
   std::sort(functions_.begin(), functions_.end());
