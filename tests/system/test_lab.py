@@ -114,7 +114,7 @@ class Refused(Lab):
 
     def test_a_cable_that_is_none(self):
         for text, cable, words in ((SCENARIO % "udp", "eth1", "it has two ends"), (SCENARIO % "udp", "eth1,eth1", "it has two ends"),
-                                   ("hosts: loopback\nruns: [{id: a}]", "eth1,eth2", "joins the two namespaces")):
+                                   ("hosts: loopback\ndefaults: {transport: udp}\nruns: [{id: a}]", "eth1,eth2", "joins the two namespaces")):
             answer = subprocess.run([ONTIME, "run", self.scenario(text), "--cable", cable, "--results", self.results()],
                                     capture_output=True, text=True, timeout=60)
             self.assertEqual(answer.returncode, 2, answer.stderr)
