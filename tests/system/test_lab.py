@@ -225,8 +225,9 @@ class Machines(Lab):
         good, slow, lossy = self.report(self.results("bad.ontime"))
         self.assertEqual((good["lost"], slow["lost"]), (0, 0))
         self.assertEqual(round((slow["round_trip_us"]["p50"] - good["round_trip_us"]["p50"]) / 1000), 4, "2 ms either way")
-        self.assertGreater(lossy["lost"], 10)
-        self.assertLess(lossy["lost"], 80, "of 200, of which each way loses a tenth")
+        self.assertGreater(lossy["lost"], 0)
+        frames = [lossy["hosts"][host]["link"]["faults"]["lost_frames"] for host in ("controller", "component")]
+        self.assertGreaterEqual(sum(frames), lossy["lost"])
 
     @of_all
     def test_an_interruption_ends_the_machine(self):
