@@ -55,6 +55,7 @@ struct Cases {
           fmt::format("      '{}/{}') command='{}/{}' ;;\n", path, one->get_name(), path, one->get_name());
     }
     for (const auto* option : command.get_options()) {
+      if (option->get_group().empty()) continue;  // which no help names either
       const auto flags = flags_of(*option);
       next.insert(next.end(), flags.begin(), flags.end());
       if (const auto few = words_of(*option); !few.empty())

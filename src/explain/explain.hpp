@@ -10,6 +10,7 @@
 #include <string>
 #include <vector>
 
+#include "explain/packets.hpp"
 #include "explain/timeline.hpp"
 #include "record/record.hpp"
 #include "roundtrip/sample.hpp"

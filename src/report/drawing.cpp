@@ -5,7 +5,6 @@
 
 #include <fmt/format.h>
 
-#include "explain/packets.hpp"
 #include "report/report.hpp"
 #include "report/why.hpp"
 

@@ -191,7 +191,7 @@ class Results(unittest.TestCase):
         self.assertIn("No run of A", self.ontime("compare", self.results, other).stdout)
         answer = self.ontime("compare", self.results, other, "--fail-if", "p50 > +900%", code=1)
         self.assertIn("there is none with the same conditions", answer.stderr)
-        self.ontime("compare", self.results, other, "--from", "1", "--to", "one", "--fail-if", "p50 > +900%")
+        self.ontime("compare", self.results, other, "--from", "1", "--to", "one", "--fail-if", "lost > +900%")
         self.ontime("compare", self.results, code=2)
         self.ontime("compare", self.results, "--from", "1", code=2)
         self.assertIn("'two'", self.ontime("compare", self.results, other, "--only", "two", code=2).stderr)
