@@ -153,7 +153,7 @@ class LongRun(Program):
                 self.assertTrue(run["complete"])
                 self.assertLess(run["lost"], run["sent"] / 2)
                 self.assertAlmostEqual(run["conditions"]["load"]["achieved"]["controller"]["clock_moved_s"], moved, delta=60)
-                self.assertIn(f"the controller's system clock was moved by {moved:+}.0 s", " ".join(out.split()))
+                self.assertIn(f"the system clock of the machine was moved by {moved:+}.0 s", " ".join(out.split()))
 
 
 if __name__ == "__main__":
