@@ -5,6 +5,7 @@
 #include <filesystem>
 #include <fstream>
 
+#include <fmt/format.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <unistd.h>
@@ -239,7 +240,7 @@ TEST_F(Machine, ThatSaysNonsenseIsNoFault) {
         "/proc/sys/kernel/sched_rt_runtime_us", "/proc/sys/net/core/rmem_max", "/proc/1/stat",
         "/sys/devices/system/cpu/cpu0/cpuidle/state0/latency", "/sys/class/net/eth0/threaded",
         "/sys/kernel/debug/sched/preempt"})
-    file(path, std::string("\xff(:x ") + std::string(100, ')'));
+    file(path, fmt::format("\xff(:x {:)>100}", ""));
   interfaces_ = {"eth0", "../../etc", ""};
   EXPECT_THAT(check({root_, interfaces_, {}}), Not(IsEmpty()));
 }

@@ -107,14 +107,14 @@ Contents parse(std::string_view text) {
         add(line, contents.entries);
       if (contents.begins.size() < contents.entries.size()) contents.begins.push_back(begin);
     } catch (const NotUnderstood&) {
-      contents.not_understood = quoted(words);
+      contents.not_understood = in_quotes(words);
       return contents;
     }
   }
   return contents;
 }
 
-std::string quoted(std::string_view text) {
+std::string in_quotes(std::string_view text) {
   constexpr std::size_t enough = 100;
   const json start = std::string(text.substr(0, enough));
   const auto shown = start.dump(-1, ' ', true, json::error_handler_t::replace);

@@ -48,6 +48,6 @@ struct Contents {
 Contents parse(std::string_view text);
 
 // For people: no control characters, no more than a line.
-std::string quoted(std::string_view text);
+std::string in_quotes(std::string_view text);
 
 }  // namespace ontime::journal

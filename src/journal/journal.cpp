@@ -66,7 +66,7 @@ void Journal::change(const Kind& kind, const std::string& what, const Value& wan
   if (find_kind(kind.name, more_) == nullptr)
     throw std::logic_error(fmt::format("{} was not named to the journal as a kind of change", kind.name));
   if (!kind.accepts(what))
-    throw Error(fmt::format("{} is nothing that {} may change", quoted(what), kind.name));
+    throw Error(fmt::format("{} is nothing that {} may change", in_quotes(what), kind.name));
   if (kind.needs_root && geteuid() != 0)
     throw Error(fmt::format("{} {} can be changed by root alone: run as root", kind.name, what));
   hold();

@@ -106,12 +106,13 @@ Reverted undo(Contents& contents, const std::string& path, std::span<const Kind>
     if (entry.done || (wanted && !wanted(entry))) continue;
     // Of several changes of one thing, none is taken back before those after it are.
     if (kept.contains({entry.kind, entry.where + entry.what})) continue;
-    const auto whose = fmt::format("process {} ({})", contents.header.pid, quoted(contents.header.command));
+    const auto whose =
+        fmt::format("process {} ({})", contents.header.pid, in_quotes(contents.header.command));
     try {
       const auto* const kind = acceptable_kind(entry, more);
       if (kind == nullptr)
         throw Error(fmt::format("{} is nothing that this version of ontime, or this user, may undo",
-                                quoted(entry.kind + ' ' + entry.what)));
+                                in_quotes(entry.kind + ' ' + entry.what)));
       switch (undo(entry, *kind, contents)) {
         case Fate::undone:
           done.say(entry, entry.before
@@ -214,7 +215,7 @@ Cleared clear(const Folder& folder, std::span<const Kind> more) {
     auto opened = folder.open(name);
     if (opened.alive) {
       const auto owner = parse(text_of(opened.fd.get())).header;
-      return {{}, {}, fmt::format("process {} ({})", owner.pid, quoted(owner.command))};
+      return {{}, {}, fmt::format("process {} ({})", owner.pid, in_quotes(owner.command))};
     }
     if (opened.not_believed.empty())
       abandoned.emplace_back(name, std::move(opened.fd));

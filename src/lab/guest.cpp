@@ -81,7 +81,7 @@ until [ -c /dev/vport0p1 ]; do /bin/busybox usleep 10000; done
 constexpr std::string_view then_shell = R"sh(cd /root
 /bin/busybox setsid /bin/busybox cttyhack {shell})sh";
 
-std::string quoted(const std::string& word) {
+std::string in_quotes(const std::string& word) {
   std::string result = "'";
   for (const char c : word) result += c == '\'' ? std::string("'\\''") : std::string(1, c);
   return result + "'";
@@ -158,7 +158,7 @@ Image image_of(const Machine& machine, const Kernel& kernel, const std::vector<s
   for (const auto& file : files) image.add(file.here, file.there);
 
   std::vector<std::string> words;
-  for (const auto& word : command) words.push_back(quoted(word));
+  for (const auto& word : command) words.push_back(in_quotes(word));
   const auto then =
       command.empty()
           ? fmt::format(fmt::runtime(then_shell),

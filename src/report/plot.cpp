@@ -25,7 +25,7 @@ constexpr const char* colours[] = {"#0072b2", "#d55e00", "#009e73", "#cc79a7",
                                    "#e69f00", "#56b4e9", "#000000"};
 
 // A text of gnuplot's in which nothing is a command of its own: it reads only quotes in these.
-std::string quoted(const std::string& text) { return "'" + replace_all(printable(text), "'", "''") + "'"; }
+std::string in_quotes(const std::string& text) { return "'" + replace_all(printable(text), "'", "''") + "'"; }
 
 std::string terminal(const Plot& plot, double height_cm) {
   const double width_cm = plot.wide ? page_cm : column_cm;
@@ -161,11 +161,11 @@ std::string over_time(const Group& group, const Plot& plot) {
     const bool lowest = (i + 1) % rows == 0 || i + 1 == group.size();
     text += fmt::format(
         "set title {} offset 0,-0.8\nset xlabel {} offset 0,0.6\nset bmargin {}\nset ylabel {} offset 1\n",
-        quoted(fmt::format("{}: {} late, {} lost of {}{}", names[i], summary.late, summary.lost,
-                           grouped(summary.sent),
-                           summary.skipped_cycles > 0
-                               ? fmt::format("; {} cycles without a message", grouped(summary.skipped_cycles))
-                               : "")),
+        in_quotes(fmt::format(
+            "{}: {} late, {} lost of {}{}", names[i], summary.late, summary.lost, grouped(summary.sent),
+            summary.skipped_cycles > 0
+                ? fmt::format("; {} cycles without a message", grouped(summary.skipped_cycles))
+                : "")),
         lowest ? "'Time (s)'" : "''", lowest ? 2.6 : 1.6, "'Round trip (ms)'");
     std::vector<std::string> parts;
     if (const auto deadline = deadline_ms(summary))
@@ -229,7 +229,7 @@ std::string how_often_worse(const Group& group, const Plot& plot) {
     lines +=
         fmt::format("{}$run{} using 1:2 with steps linewidth 1.4 linecolor rgb '{}' dashtype {} title {}",
                     i == 0 ? "plot " : ", \\\n  ", i, colours[i % std::size(colours)],
-                    i / std::size(colours) + 1, quoted(names[i]));
+                    i / std::size(colours) + 1, in_quotes(names[i]));
   }
   return text + lines + "\n";
 }
@@ -269,7 +269,7 @@ std::string against_payload(const Group& group, const Plot& plot) {
         "\\\n  $run{1} using 1:3 with linespoints pointtype 6 pointsize 0.35 dashtype 2 linecolor rgb "
         "'{2}' notitle",
         i == 0 ? "plot " : ", \\\n  ", i, colour,
-        quoted(shortened(name.first, gate::longest_id) + "  " + name.second));
+        in_quotes(shortened(name.first, gate::longest_id) + "  " + name.second));
     ++i;
   }
   return text + lines + "\n";

@@ -34,7 +34,7 @@ void require_roots(const std::string& program) {
 
 std::string systemd(const Wishes& wishes, const Link& link, const std::string& program) {
   for (const auto& word : {link.interface, link.network_namespace, program})
-    if (const auto at = word.find_first_not_of(std::string(plain) + "."); at != word.npos)
+    if (const auto at = word.find_first_not_of(fmt::format("{}.", plain)); at != word.npos)
       throw Error(
           fmt::format("'{}' cannot be in a unit: '{}' is no letter, digit or one of _-/@:.", word, word[at]));
   require_roots(program);

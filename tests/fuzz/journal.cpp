@@ -10,7 +10,7 @@ namespace journal = ontime::journal;
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
   const auto contents = journal::parse({reinterpret_cast<const char*>(data), size});
-  journal::quoted({reinterpret_cast<const char*>(data), size});
+  journal::in_quotes({reinterpret_cast<const char*>(data), size});
   if (!contents.not_understood.empty()) return 0;
   std::string again = journal::line_of(contents.header);
   for (const auto& entry : contents.entries) again += journal::line_of(entry);
