@@ -3,6 +3,8 @@
 
 #include <algorithm>
 #include <exception>
+#include <map>
+#include <string>
 #include <tuple>
 #include <utility>
 
@@ -101,6 +103,7 @@ void Machines::prepare(const Hosts& stated) {
       for (const auto& host : machine.hosts) hosts_.at(host).program = opened.at("program");
     tell(opened.at("notes"));
   }
+  tell_of_two_ways();
   if (hosts_.kind != Hosts::Kind::namespaces) return;
   const auto joined = ask(machines_.begin()->second, "join", "joined",
                           {{"components", names_of(hosts_.components)}, {"cable", cable_of(hosts_)}});
@@ -129,6 +132,22 @@ void Machines::add(const std::string& host, const Host& where) {
     if (is_controllers && frame.message.at("host") == controller && when_cut_)
       when_cut_(frame.message.at("at_ns"));
   });
+}
+
+// By its ways alone a machine cannot be told from another: what it says of itself can.
+void Machines::tell_of_two_ways() {
+  std::map<std::string, std::string> first_host;  // by boot
+  for (const auto& [reach, machine] : machines_) {
+    const auto boot = machine.description.value("boot_id", json());
+    if (!boot.is_string()) continue;
+    const auto [first, is_new] = first_host.emplace(boot.get<std::string>(), machine.hosts.front());
+    if (!is_new)
+      observer_.note(fmt::format(
+          "the {} and the {} are on one machine, which is reached in two ways: each way has a keeper of its "
+          "own, and what is to be set of the machine is set by both. To have one, state the same way for "
+          "both.",
+          first->second, machine.hosts.front()));
+  }
 }
 
 std::unique_ptr<Machines::Hand> Machines::start_agent(const std::string& host,

@@ -179,7 +179,7 @@ std::string Decoder::functions_of(const Shape& shape, const RawEvent& event) {
   std::string functions;
   const auto offset = shape.what.offset;
   for (Field one{offset, sizeof(long), false, false};
-       static_cast<std::size_t>(one.offset + one.size) <= event.bytes.size(); one.offset += one.size) {
+       static_cast<std::size_t>(one.offset) + sizeof(long) <= event.bytes.size(); one.offset += one.size) {
     const auto address = number(one, event);
     if (address == -1) break;  // older kernels end it so
     const auto& name = symbols_.at(static_cast<std::uint64_t>(address));

@@ -151,6 +151,11 @@ class Ssh(unittest.TestCase):
         hosts = self.report()[0]["hosts"]
         self.assertEqual(hosts["component"]["transport"]["facts"]["address"].split(":")[0], "198.18.1.2")
 
+    def test_one_machine_reached_in_two_ways_is_said(self):
+        answer = self.run_ontime(self.scenario())
+        self.assertEqual(answer.returncode, 0, answer.stderr)
+        self.assertIn("are on one machine, which is reached in two ways", answer.stderr)
+
     def test_words_reach_the_machine_as_they_are(self):
         odd = self.own / "it's a \"$HOME\" folder; exit 9"
         odd.mkdir()
