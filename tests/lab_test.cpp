@@ -44,8 +44,9 @@ class Lab : public ::testing::Test {
     text << std::ifstream(file, std::ios::binary).rdbuf();
     return text.str();
   }
-  std::vector<std::string> command(const Machine& machine) const {
-    return qemu_command(machine, "7.2.22", "/boot/vmlinuz", Files(folder()), false);
+  std::vector<std::string> command(const Machine& machine,
+                                   Accelerator accelerator = Accelerator::emulation) const {
+    return qemu_command(machine, accelerator, "7.2.22", "/boot/vmlinuz", Files(folder()), false);
   }
 
  private:
@@ -105,6 +106,15 @@ TEST_F(Lab, ImageOfATreeKeepsItsLinks) {
 TEST_F(Lab, ImageOfNoFileIsRefused) {
   Image image;
   EXPECT_THROW(image.add(folder() / "none", "/none"), Error);
+}
+
+TEST_F(Lab, KvmIsOfTheMachineInThisTimeAndSaid) {
+  Machine machine;
+  machine.deterministic = false;
+  EXPECT_THAT(command(machine), testing::AllOf(Contains("tcg"), testing::Not(Contains("kvm"))));
+  const auto by_kvm = command(machine, Accelerator::kvm);
+  EXPECT_THAT(by_kvm, testing::AllOf(Contains("kvm"), testing::Not(Contains("tcg")),
+                                     Contains(HasSubstr("KVM, in this time"))));
 }
 
 TEST_F(Lab, DeterministicTimeIsThatOfInstructions) {

@@ -70,6 +70,7 @@ class Machines {
   const Machine& machine_of(const std::string& host) const;
   std::vector<std::string> from_who_serves() const;
   void add(const std::string& host, const Host&);
+  void tell_of_two_ways();
   void link(const std::string& host, const Run&);
   void give_back(const char* order, const char* answer);
   void tell(const nlohmann::json& notes);

@@ -4,9 +4,12 @@
 #include <cerrno>
 #include <csignal>
 #include <fstream>
+#include <functional>
+#include <memory>
 #include <system_error>
 #include <thread>
 
+#include <fmt/chrono.h>
 #include <fmt/format.h>
 #include <spawn.h>
 #include <sys/wait.h>
@@ -26,12 +29,12 @@ namespace fs = std::filesystem;
 using namespace std::chrono_literals;
 using Clock = std::chrono::steady_clock;
 
-constexpr auto time_to_boot = 5min;
+constexpr std::chrono::seconds time_to_boot = 5min, time_to_boot_by_kvm = 30s;
 constexpr auto between_looks = 200ms;
 
 struct Prepared {
   Files files;
-  std::vector<std::string> command;  // QEMU's
+  std::function<std::vector<std::string>(Accelerator)> command;  // QEMU's
 };
 
 Prepared prepare(const Machine& machine, journal::Journal& journal, const std::vector<std::string>& command,
@@ -41,7 +44,9 @@ Prepared prepare(const Machine& machine, journal::Journal& journal, const std::v
     const auto kernel = fetch_kernel(machine.kernel, observer.note);
     Files files(journal::add_directory(journal, "lab"));
     image_of(machine, kernel, command, brought).write(files.image);
-    return {files, qemu_command(machine, version, kernel.image, files, command.empty())};
+    return {files, [=, &machine, at_terminal = command.empty()](Accelerator accelerator) {
+              return qemu_command(machine, accelerator, version, kernel.image, files, at_terminal);
+            }};
   } catch (const background::Error& error) {
     throw Error(error.what());
   } catch (const fs::filesystem_error& error) {
@@ -55,22 +60,20 @@ std::chrono::milliseconds since(Clock::time_point then) {
 
 class Running {
  public:
-  Running(const Prepared& machine, const Observer& observer)
+  Running(const Prepared& machine, Accelerator accelerator, const Observer& observer)
       : observer_(observer),
-        console_(machine.files.console),
-        words_(machine.files.words),
-        qemu_(started(machine.command)) {}
+        console_(emptied(machine.files.console)),
+        words_(emptied(machine.files.words)),
+        qemu_(started(machine.command(accelerator))) {}
 
+  // Whether it is up, after so long at most.
+  bool comes_up(std::chrono::seconds within) {
+    while (!up_ && !ended_ && since(start_) < within) look();
+    return up_;
+  }
   void watch() {
-    for (bool ended = false; !ended; std::this_thread::sleep_for(between_looks)) {
-      ended = qemu_.ended();
-      for (const auto& line : words_.lines(ended)) take(line);
-      if (observer_.interrupted()) throw Interrupted();
-      if (!up_ && since(start_) > time_to_boot) fail("it does not come up");
-      observer_.waits(std::chrono::duration_cast<std::chrono::seconds>(since(start_)),
-                      up_ ? std::make_optional(words_.present()) : std::nullopt);
-    }
-    if (!up_) fail("it ended before it was up");
+    if (!comes_up(time_to_boot)) fail(ended_ ? "it ended before it was up" : "it does not come up");
+    while (!ended_) look();
   }
 
   [[noreturn]] void fail(const std::string& how) {
@@ -88,6 +91,21 @@ class Running {
     return qemu.pid;
   }
 
+  // Of another machine before it, whose lines are not this one's.
+  static const fs::path& emptied(const fs::path& file) {
+    fs::remove(file);
+    return file;
+  }
+
+  void look() {
+    ended_ = qemu_.ended();
+    for (const auto& line : words_.lines(ended_)) take(line);
+    if (observer_.interrupted()) throw Interrupted();
+    observer_.waits(std::chrono::duration_cast<std::chrono::seconds>(since(start_)),
+                    up_ ? std::make_optional(words_.present()) : std::nullopt);
+    if (!ended_) std::this_thread::sleep_for(between_looks);
+  }
+
   void take(const std::string& line) {
     if (up_)
       observer_.says(line);
@@ -100,8 +118,20 @@ class Running {
   Console console_, words_;
   background::Output output_;
   background::Child qemu_;
-  bool up_ = false;
+  bool up_ = false, ended_ = false;
 };
+
+// Under KVM, where it is to run in this machine's time and does come up so; else emulated.
+std::unique_ptr<Running> started(const Machine& machine, const Prepared& prepared, const Observer& observer) {
+  if (!machine.deterministic && may_use_kvm()) {
+    auto by_kvm = std::make_unique<Running>(prepared, Accelerator::kvm, observer);
+    if (by_kvm->comes_up(time_to_boot_by_kvm)) return by_kvm;
+    observer.note(
+        fmt::format("KVM is here, but in {} the lab's machine did not come up under it: it is emulated",
+                    time_to_boot_by_kvm));
+  }
+  return std::make_unique<Running>(prepared, Accelerator::emulation, observer);
+}
 
 double number_in(const fs::path& file) {
   double number = -1;
@@ -115,25 +145,25 @@ Outcome run(const Machine& machine, journal::Journal& journal, const std::vector
             const std::vector<File>& files, const fs::path& into, const Observer& observer) {
   const auto prepared = prepare(machine, journal, command, files, observer);
   const auto start = Clock::now();
-  Running running(prepared, observer);
-  running.watch();
+  const auto running = started(machine, prepared, observer);
+  running->watch();
   try {
     bring_out(prepared.files.results, into);
   } catch (const Error& error) {
-    running.fail(error.what());
+    running->fail(error.what());
   }
   const auto code = number_in(into / "code"), uptime_s = number_in(into / "uptime");
-  if (code < 0 || uptime_s < 0) running.fail("it ended before its command did");
+  if (code < 0 || uptime_s < 0) running->fail("it ended before its command did");
   return {static_cast<int>(code),
           std::chrono::duration_cast<std::chrono::milliseconds>(std::chrono::duration<double>(uptime_s)),
           since(start)};
 }
 
 void shell(const Machine& machine, journal::Journal& journal, const Observer& observer) {
-  auto prepared = prepare(machine, journal, {}, {}, observer);
+  auto command = prepare(machine, journal, {}, {}, observer).command(Accelerator::emulation);
   std::vector<char*> words;
-  words.reserve(prepared.command.size() + 1);
-  for (auto& word : prepared.command) words.push_back(word.data());
+  words.reserve(command.size() + 1);
+  for (auto& word : command) words.push_back(word.data());
   words.push_back(nullptr);
   pid_t pid = -1;
   if (const int error = posix_spawnp(&pid, words[0], nullptr, nullptr, words.data(), environ); error != 0)

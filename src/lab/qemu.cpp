@@ -6,6 +6,7 @@
 
 #include <fmt/format.h>
 #include <sys/utsname.h>
+#include <unistd.h>
 
 #include "background/background.hpp"
 #include "background/child.hpp"
@@ -51,10 +52,11 @@ void check_memory(const Machine& machine) {
   }
 }
 
-std::string kernel_words(const Machine& machine, const std::string& version) {
-  const auto what =
-      fmt::format("QEMU {}, {}, {}", version, machine.nic,
-                  machine.deterministic ? "its time by counted instructions, 2 ns each" : "in this time");
+std::string kernel_words(const Machine& machine, Accelerator accelerator, const std::string& version) {
+  const auto* time = machine.deterministic             ? "its time by counted instructions, 2 ns each"
+                     : accelerator == Accelerator::kvm ? "KVM, in this time"
+                                                       : "in this time";
+  const auto what = fmt::format("QEMU {}, {}, {}", version, machine.nic, time);
   return fmt::format("console=ttyS0 quiet panic=-1 {}{}",
                      machine.deterministic ? "nokaslr tsc=reliable clocksource=tsc " : "",
                      machine::simulated_by(what));
@@ -85,8 +87,11 @@ std::string check_qemu(const Machine& machine) {
   return version.substr(0, version.find_first_of(" \n"));
 }
 
-std::vector<std::string> qemu_command(const Machine& machine, const std::string& version,
-                                      const fs::path& kernel, const Files& files, bool at_terminal) {
+bool may_use_kvm() { return access("/dev/kvm", R_OK | W_OK) == 0; }
+
+std::vector<std::string> qemu_command(const Machine& machine, Accelerator accelerator,
+                                      const std::string& version, const fs::path& kernel, const Files& files,
+                                      bool at_terminal) {
   std::vector<std::string> words = {qemu, "-nodefaults", "-no-user-config", "-no-reboot", "-display", "none"};
   const auto add = [&](std::initializer_list<std::string> more) { words.insert(words.end(), more); };
   add({"-machine", "q35", "-m", fmt::format("{}M", machine.memory_bytes >> 20U)});
@@ -94,9 +99,10 @@ std::vector<std::string> qemu_command(const Machine& machine, const std::string&
     add({"-smp", "1", "-accel", "tcg", "-icount", "shift=1,sleep=off", "-rtc",
          "clock=vm,base=2026-01-01T00:00:00", "-seed", "1"});
   else
-    add({"-smp", "2", "-accel", "tcg"});
+    add({"-smp", "2", "-accel", accelerator == Accelerator::kvm ? "kvm" : "tcg"});
+  if (accelerator == Accelerator::kvm) add({"-cpu", "host"});
   add({"-kernel", kernel.string(), "-initrd", files.image.string(), "-append",
-       kernel_words(machine, version)});
+       kernel_words(machine, accelerator, version)});
   // In slots with some between them, for igb's virtual functions; not looked at by the firmware.
   for (int end = 0; end < 2; ++end)
     add({"-netdev", fmt::format("hubport,hubid=0,id=n{}", end), "-device",

@@ -24,8 +24,13 @@ struct Files {
 // machine is not one whose programs it could run.
 std::string check_qemu(const Machine&);
 
+// Who carries the machine's instructions out. That /dev/kvm opens does not say that a machine comes up under
+// it.
+enum class Accelerator { emulation, kvm };
+bool may_use_kvm();
+
 // Its command. `at_terminal`: the console is the terminal, and nothing takes results.
-std::vector<std::string> qemu_command(const Machine&, const std::string& version,
+std::vector<std::string> qemu_command(const Machine&, Accelerator, const std::string& version,
                                       const std::filesystem::path& kernel, const Files&, bool at_terminal);
 
 }  // namespace ontime::lab
