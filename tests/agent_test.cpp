@@ -36,6 +36,14 @@ TEST(Task, SurvivesItsJourney) {
   task.client.duration = 4us;
   task.client.payload_bytes = 5;
   task.client.warm_up = 6;
+  task.neighbours = {.topics = 2,
+                     .where = roundtrip::Where::other_process,
+                     .payload_bytes = 7,
+                     .period = 9us,
+                     .reliability = transport::Reliability::reliable,
+                     .there = false,
+                     .back = true,
+                     .priority = 3};
   task.realtime.on = task.realtime.lock_memory = true;
   task.realtime.cpu_latency = 8us;
   task.realtime.threads["send"] = {realtime::Policy::deadline, 0, {0, 1}, 1us, 2us, 3us};

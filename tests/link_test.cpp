@@ -45,6 +45,16 @@ TEST(Link, ThatCarriedTooLittleIsNamed) {
               HasSubstr("shared memory in use (fastrtps_port7411)"));
 }
 
+TEST(Link, CarriedTheNeighboursToo) {
+  auto controller = host(60'000, 60'000), component = host(60'000, 60'000);
+  controller["neighbours"] = {{"received", 10}, {"payload_bytes", 1000}};
+  component["neighbours"] = {{"received", 10}, {"payload_bytes", 1000}};
+  EXPECT_EQ(found(outcome(controller, component)), "nothing");
+  component["neighbours"]["received"] = 11;
+  EXPECT_THAT(found(outcome(controller, component)),
+              AllOf(HasSubstr("and 11000 bytes of neighbours received"), HasSubstr("the controller sent")));
+}
+
 TEST(Link, OfAnEndThatWasStartedAgainCarriedWhatThatOneAnswered) {
   auto again = host(20'000, 20'000);
   again["started_again"] = true;

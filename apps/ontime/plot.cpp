@@ -94,13 +94,16 @@ std::string drawn(const std::string& commands) {
 }
 
 Plot plot_of(const Arguments& arguments) {
-  const std::map<std::string, Plot::Figure> figures = {
-      {"time", Plot::Figure::time}, {"worse", Plot::Figure::worse}, {"payload", Plot::Figure::payload}};
+  const std::map<std::string, Plot::Figure> figures = {{"time", Plot::Figure::time},
+                                                       {"worse", Plot::Figure::worse},
+                                                       {"payload", Plot::Figure::payload},
+                                                       {"neighbours", Plot::Figure::neighbours}};
   const std::map<std::string, Plot::Form> forms = {
       {".svg", Plot::Form::svg}, {".pdf", Plot::Form::pdf}, {".png", Plot::Form::png}};
   const auto figure = figures.find(arguments.figure);
   if (figure == figures.end())
-    throw Error(2, fmt::format("--figure: '{}' is not one of time, worse, payload", arguments.figure));
+    throw Error(
+        2, fmt::format("--figure: '{}' is not one of time, worse, payload, neighbours", arguments.figure));
   const auto form = forms.find(std::filesystem::path(arguments.output).extension().string());
   if (form == forms.end())
     throw Error(2, fmt::format("--output: '{}' ends in none of .svg, .pdf, .png", arguments.output));
@@ -128,6 +131,11 @@ int plot(const Arguments& arguments) {
   if (plot.figure == Plot::Figure::time && summaries.size() > most_panels)
     throw Error(2, fmt::format("{} runs are more than the {} that a figure can hold: choose with --runs",
                                summaries.size(), most_panels));
+  if (plot.figure == Plot::Figure::neighbours &&
+      std::none_of(summaries.begin(), summaries.end(), [](const auto& summary) {
+        return record::at(summary.run.asked, "neighbours").is_object();
+      }))
+    throw Error(2, arguments.results + ": no run of it had neighbours");
   output.write(drawn(report::gnuplot_of(summaries, plot)));
   output.finish();
   return 0;
@@ -141,9 +149,10 @@ void add_plot(CLI::App& app, Action& action) {
   command->add_option("RESULTS", arguments->results, "a results file")->required();
   add_file(*command, "--output", arguments->output, "the figure: .svg, .pdf or .png")->required();
   command
-      ->add_option("--figure", arguments->figure,
-                   "time (round trips over it), worse (how often is it worse than x) or payload (against "
-                   "round trip): time")
+      ->add_option(
+          "--figure", arguments->figure,
+          "time (round trips over it), worse (how often is it worse than x) , or payload or neighbours "
+          "(round trip against it, or against their rate): time")
       ->type_name("FIGURE");
   command->add_option("--runs", arguments->runs, "only these, by their numbers in the file")
       ->delimiter(',')

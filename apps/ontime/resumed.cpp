@@ -27,7 +27,7 @@ Resumed::Resumed(const record::Reader& reader) {
   }
 }
 
-bool Resumed::has(const json& asked, const json& machines) const {
+const json* Resumed::find(const json& asked, const json& machines) const {
   const auto [first, last] = complete_.equal_range(record::key_of(asked));
   for (auto known = first; known != last; ++known) {
     const auto& run = known->second;
@@ -42,9 +42,9 @@ bool Resumed::has(const json& asked, const json& machines) const {
                 "--resume: run {} of these results is of another machine, or of another kernel than the {} "
                 "now is: one suite is of one. Begin a new file of results",
                 run.number, host));
-    return true;
+    return &run.outcome;
   }
-  return false;
+  return nullptr;
 }
 
 }  // namespace ontime::app

@@ -13,9 +13,10 @@ class Resumed {
  public:
   explicit Resumed(const record::Reader&);
 
-  // Whether this run was measured to its end: the same conditions, repetition, text of the scenario and
-  // version of ontime. Throws campaign::Error{2} if it was so on another machine, or under another kernel.
-  bool has(const nlohmann::json& asked, const nlohmann::json& machines) const;
+  // The outcome of this run, if it was measured to its end: the same conditions, repetition, text of the
+  // scenario and version of ontime. Throws campaign::Error{2} if it was so on another machine, or under
+  // another kernel.
+  const nlohmann::json* find(const nlohmann::json& asked, const nlohmann::json& machines) const;
 
  private:
   std::multimap<std::string, record::Run> complete_;  // by key

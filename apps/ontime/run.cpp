@@ -49,7 +49,7 @@ int run(const Arguments& arguments, const GateFlags& flags, const nlohmann::json
   const auto known = arguments.resume ? 0 : writer.reader().runs().size();
   const auto resumed = arguments.resume ? std::make_optional<Resumed>(writer.reader()) : std::nullopt;
   campaign::Done done;
-  if (resumed) done = [&](const auto& asked, const auto& machines) { return resumed->has(asked, machines); };
+  if (resumed) done = [&](const auto& asked, const auto& machines) { return resumed->find(asked, machines); };
   Terminal terminal;
   expect(terminal, scenarios);
   int code = 0;

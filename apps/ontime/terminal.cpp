@@ -111,6 +111,8 @@ void Terminal::begins(const campaign::Run& run) {
 
 void Terminal::passes_over(const campaign::Run& run) { say("{}  is done already\n", next(run)); }
 
+void Terminal::leaves_out(const campaign::Run& run) { next(run); }
+
 void Terminal::progress(const roundtrip::Counters& counters, std::chrono::nanoseconds elapsed) {
   if (!interactive_) return;
   rewrite_line(

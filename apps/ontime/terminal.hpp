@@ -17,6 +17,7 @@ class Terminal final : public campaign::Observer {
   void waits(const std::string& text);  // goes with whatever is said next
   void begins(const campaign::Run&) override;
   void passes_over(const campaign::Run&) override;
+  void leaves_out(const campaign::Run&) override;
   void progress(const roundtrip::Counters&, std::chrono::nanoseconds elapsed) override;
   void ends(const roundtrip::Counters&) override;
   void clear_line();  // before anything else is printed there

@@ -5,12 +5,14 @@
 //
 //   order              answer
 //   open  {task, ssh}  opened {transport, refusals, ssh_link}
-//   start {wait_ns}    ready {}: a client has matched and warmed up, and sends nothing any more
+//   start {wait_ns}    ready {}: a client has matched and warmed up, and sends nothing any more; its
+//                      neighbours have matched, and send
 //   begin {}           begun {}: "during the run" is from here on; nothing of ours reads /proc until `end`
 //   go    {}           a client: progress {counters}, peer {readers, writers, at_ns}, samples {} with their
-//                      bytes, until finished {counters, waited_bytes}
+//                      bytes, until finished {counters, waited_bytes}; of neighbours nothing
 //   stop  {}           none; a client's `finished` comes the sooner
-//   end   {}           ended {threads, refusals, facts, losses, drops, link, shared_memory, answered}
+//   end   {}           ended {threads, refusals, facts, losses, drops, link, shared_memory, answered,
+//                      neighbours}
 //
 // `ssh` (else false) says whether events go out by ssh. Then ssh_link is {interface, shared}: over which
 // interface here (null: cannot be told), and whether the messages take it as well, or may. Where they do,
@@ -40,11 +42,12 @@ struct RealtimeSettings {
   std::map<std::string, realtime::ThreadSettings> threads;  // by role
 };
 
-// One end of one run.
+// One end of one run. With neighbours in another process it is that process: they alone are opened.
 struct Task {
   std::string transport;
   transport::Config config;  // `address` is found by the agent; `fifo_priority` follows from `realtime`
   roundtrip::ClientOptions client;
+  roundtrip::NeighbourOptions neighbours;
   RealtimeSettings realtime;
   bool count_instructions = false;  // of each thread; it makes switching between threads a little dearer
 };
@@ -53,6 +56,7 @@ void from_json(const nlohmann::json&, Task&);
 void to_json(nlohmann::json&, const RealtimeSettings&);
 nlohmann::json to_json(const transport::Qos&);
 nlohmann::json to_json(const roundtrip::Counters&);
+nlohmann::json to_json(const roundtrip::NeighbourCounters&);
 roundtrip::Counters counters_of(const nlohmann::json&);
 
 // Samples travel as their bytes: both ends are the same program of the same build, which `hello` shows by

@@ -14,6 +14,9 @@ namespace {
 using nlohmann::json;
 using orders::Error;
 
+// Before the role of a thread that is the neighbours' alone.
+constexpr std::string_view of_neighbours = "neighbours ";
+
 // Enough for a middleware's own allocations from set-up to end, so that none of them has to fault pages in.
 constexpr std::size_t heap_bytes = std::size_t{32} << 20;
 
@@ -41,9 +44,10 @@ void resolve(transport::Config& config) {
 
 void check(const transport::Plugin& plugin, const Task& task) {
   const auto& can = plugin.capabilities;
-  if (task.config.max_payload_bytes > can.max_payload_bytes)
+  const auto beside = task.neighbours.topics > 0 ? task.neighbours.payload_bytes : 0;
+  if (const auto largest = std::max(task.config.max_payload_bytes, beside); largest > can.max_payload_bytes)
     throw Error(2, fmt::format("transport {} carries at most {} bytes of payload; {} were asked for",
-                               plugin.name, can.max_payload_bytes, task.config.max_payload_bytes));
+                               plugin.name, can.max_payload_bytes, largest));
   const bool listener = task.config.receive == transport::Receive::listener;
   if (listener ? !can.listener : !can.waitset)
     throw Error(2,
@@ -82,14 +86,34 @@ End::End(Task task) : task_(std::move(task)) {
     if (settings.policy == realtime::Policy::fifo && realtime::may_use_fifo(settings.priority))
       task_.config.fifo_priority[role] = settings.priority;
   try {
-    if (task_.config.role == transport::Role::client)
-      client_ = std::make_unique<roundtrip::Client>(*plugin_, task_.config, task_.client);
-    else
-      server_ = std::make_unique<roundtrip::Server>(*plugin_, task_.config);
+    open();
   } catch (const transport::WrongInput& wrong) {
     throw Error(2, wrong.what());
   }
   set_threads();
+}
+
+void End::open() {
+  const bool some = task_.neighbours.topics > 0;
+  const bool alone = some && task_.neighbours.where == roundtrip::Where::other_process;
+  if (!alone && task_.config.role == transport::Role::client)
+    client_ = std::make_unique<roundtrip::Client>(*plugin_, task_.config, task_.client);
+  else if (!alone)
+    server_ = std::make_unique<roundtrip::Server>(*plugin_, task_.config);
+  if (some)
+    neighbours_ = std::make_unique<roundtrip::Neighbours>(
+        *plugin_, alone ? nullptr : &endpoint(), task_.config, task_.neighbours, task_.client.duration);
+}
+
+std::vector<transport::Thread> End::threads() {
+  auto all = client_ ? client_->threads() : server_ ? server_->threads() : std::vector<transport::Thread>{};
+  if (!neighbours_) return all;
+  for (auto& thread : neighbours_->threads()) {
+    const bool known =
+        std::any_of(all.begin(), all.end(), [&](const auto& other) { return other.tid == thread.tid; });
+    if (!known) all.push_back({thread.tid, std::string(of_neighbours) + thread.role, thread.name});
+  }
+  return all;
 }
 
 json End::opened() {
@@ -100,6 +124,10 @@ json End::opened() {
 
 void End::set_threads() {
   for (const auto& thread : threads()) {
+    if (thread.role.starts_with(of_neighbours)) {
+      set_thread_of_neighbours(thread);
+      continue;
+    }
     if (!task_.realtime.on || !set_.insert(thread.tid).second) continue;
     if (thread.role == "unknown") {
       refuse({{"settings for thread " + thread.name, "what it is for cannot be told from outside",
@@ -116,6 +144,16 @@ void End::set_threads() {
     }
     refuse(realtime::apply(thread.tid, thread.role, asked));
   }
+}
+
+// Of those that their messages pass through, and only if it was asked for.
+void End::set_thread_of_neighbours(const transport::Thread& thread) {
+  const auto role = thread.role.substr(of_neighbours.size());
+  if (role != "send" && role != "receive" && role != "delivery") return;
+  if (task_.neighbours.priority == 0 || !set_.insert(thread.tid).second) return;
+  refuse(
+      realtime::apply(thread.tid, thread.role,
+                      {.policy = realtime::Policy::fifo, .priority = task_.neighbours.priority, .cpus = {}}));
 }
 
 void End::begin() {
@@ -143,7 +181,15 @@ json End::ended() {
           {"drops", machine::between(drops_before_, machine::drops(task_.config.interface))},
           {"link", link()},
           {"shared_memory", machine::shared_memory()},
-          {"answered", server_ ? server_->answered() - answered_before_ : 0}};
+          {"answered", server_ ? server_->answered() - answered_before_ : 0},
+          {"neighbours", account_of_neighbours()}};
+}
+
+json End::account_of_neighbours() const {
+  if (!neighbours_) return nullptr;
+  auto account = to_json(neighbours_->counters());
+  account["payload_bytes"] = task_.neighbours.payload_bytes;
+  return account;
 }
 
 void End::refuse(const std::vector<realtime::Refusal>& refusals) {

@@ -17,8 +17,12 @@ class End {
  public:
   explicit End(Task);  // throws orders::Error, or what the transport throws
 
-  roundtrip::Client* client() { return client_.get(); }  // null at the server's end
-  transport::Endpoint& endpoint() { return client_ ? client_->endpoint() : server_->endpoint(); }
+  roundtrip::Client* client() { return client_.get(); }              // null at the server's end
+  roundtrip::Neighbours* neighbours() { return neighbours_.get(); }  // null where there are none
+  // The critical one; where neighbours are alone, one of theirs.
+  transport::Endpoint& endpoint() {
+    return client_ ? client_->endpoint() : server_ ? server_->endpoint() : neighbours_->endpoint();
+  }
   const Task& task() const { return task_; }
   nlohmann::json opened();
 
@@ -28,10 +32,13 @@ class End {
   nlohmann::json ended();
 
  private:
-  std::vector<transport::Thread> threads() { return client_ ? client_->threads() : server_->threads(); }
+  void open();
+  std::vector<transport::Thread> threads();
+  void set_thread_of_neighbours(const transport::Thread&);
   void refuse(const std::vector<realtime::Refusal>&);
   nlohmann::json refusals() const;
   nlohmann::json during(const transport::Thread&, const realtime::ThreadState& now) const;
+  nlohmann::json account_of_neighbours() const;
   nlohmann::json losses();
   nlohmann::json link() const;
 
@@ -40,6 +47,7 @@ class End {
   const transport::Plugin* plugin_ = nullptr;
   std::unique_ptr<roundtrip::Client> client_;
   std::unique_ptr<roundtrip::Server> server_;
+  std::unique_ptr<roundtrip::Neighbours> neighbours_;  // beside one of these, or alone
   std::set<pid_t> set_;
   std::vector<realtime::Refusal> refusals_;
   std::map<pid_t, realtime::ThreadState> before_;

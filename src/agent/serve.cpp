@@ -85,14 +85,14 @@ class Agent final : public orders::Worker {
   enum class Stage { idle, matching, warming_up, measuring };
 
   void start(std::chrono::nanoseconds wait) {
-    if (end_->client() == nullptr) return events_.tell("ready");
+    if (end_->client() == nullptr && end_->neighbours() == nullptr) return events_.tell("ready");
     wait_ = wait;
     until_ = Clock::now() + wait;
     stage_ = Stage::matching;
   }
 
   milliseconds match() {
-    if (!end_->endpoint().matched().both()) {
+    if (end_->client() != nullptr && !end_->endpoint().matched().both()) {
       if (Clock::now() < until_) return 5ms;
       const auto seen = end_->endpoint().seen();
       throw Error(
@@ -102,7 +102,19 @@ class Agent final : public orders::Worker {
                       end_->task().transport, seconds(wait_), seen.empty() ? "" : "; seen: " + seen,
                       end_->task().transport, end_->task().config.domain));
     }
+    if (auto* neighbours = end_->neighbours(); neighbours != nullptr && !neighbours->matched()) {
+      if (Clock::now() < until_) return 5ms;
+      throw Error(3, fmt::format("the neighbours' topics ({} …) found no other end over {} within {:g} s",
+                                 roundtrip::neighbour_topic(end_->task().config.ping_topic, 1),
+                                 end_->task().transport, seconds(wait_)));
+    }
     end_->set_threads();
+    if (end_->neighbours() != nullptr) end_->neighbours()->start();
+    if (end_->client() == nullptr) {
+      stage_ = Stage::idle;
+      events_.tell("ready");
+      return 500ms;
+    }
     end_->client()->start();
     // What the warm-up may take: its own messages' time, and what is left of the wait.
     const auto& options = end_->task().client;
@@ -137,6 +149,8 @@ class Agent final : public orders::Worker {
   }
 
   void go() {
+    if (end_->neighbours() != nullptr) end_->neighbours()->go();
+    if (end_->client() == nullptr) return;
     auto& client = *end_->client();
     recorder_ =
         std::make_unique<Recorder>(client, events_, end_->task().client.schedule,
@@ -173,6 +187,7 @@ class Agent final : public orders::Worker {
   }
 
   void stop() {
+    if (end_->neighbours() != nullptr) end_->neighbours()->stop();
     auto* client = end_->client();
     if (client == nullptr) return;
     client->stop();

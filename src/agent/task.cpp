@@ -64,6 +64,28 @@ realtime::ThreadSettings settings_of(const json& from) {
   return settings;
 }
 
+json to_json(const roundtrip::NeighbourOptions& options) {
+  return {{"topics", options.topics},
+          {"where", roundtrip::word_of(options.where)},
+          {"payload_bytes", options.payload_bytes},
+          {"period_ns", options.period.count()},
+          {"reliability", find(reliabilities, options.reliability)},
+          {"there", options.there},
+          {"back", options.back},
+          {"priority", options.priority}};
+}
+
+roundtrip::NeighbourOptions neighbours_of(const json& from) {
+  return {.topics = from.at("topics"),
+          .where = roundtrip::where_of(from.at("where")).value(),
+          .payload_bytes = from.at("payload_bytes"),
+          .period = std::chrono::nanoseconds(from.at("period_ns").get<std::int64_t>()),
+          .reliability = find(reliabilities, from.at("reliability")).value(),
+          .there = from.at("there"),
+          .back = from.at("back"),
+          .priority = from.at("priority")};
+}
+
 RealtimeSettings realtime_of(const json& from) {
   RealtimeSettings settings;
   settings.on = from.at("on");
@@ -119,6 +141,7 @@ void to_json(json& to, const Task& task) {
         {"duration_ns", client.duration.count()},
         {"payload_bytes", client.payload_bytes},
         {"warm_up", client.warm_up},
+        {"neighbours", to_json(task.neighbours)},
         {"realtime", task.realtime},
         {"count_instructions", task.count_instructions}};
 }
@@ -145,6 +168,7 @@ void from_json(const json& from, Task& task) {
   task.client.duration = nanoseconds(from.at("duration_ns").get<std::int64_t>());
   task.client.payload_bytes = from.at("payload_bytes");
   task.client.warm_up = from.at("warm_up");
+  task.neighbours = neighbours_of(from.at("neighbours"));
   task.realtime = realtime_of(from.at("realtime"));
   task.count_instructions = from.at("count_instructions");
 }
@@ -155,6 +179,14 @@ json to_json(const roundtrip::Counters& counters) {
   to["trailing_due_ns"] = counters.trailing_due_ns;
   to["trailing_until_ns"] = counters.trailing_until_ns;
   return to;
+}
+
+json to_json(const roundtrip::NeighbourCounters& counters) {
+  return {{"sent", counters.sent},
+          {"refused", counters.refused},
+          {"skipped_cycles", counters.skipped_cycles},
+          {"received", counters.received},
+          {"strays", counters.strays}};
 }
 
 roundtrip::Counters counters_of(const json& from) {

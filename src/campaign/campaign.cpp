@@ -6,6 +6,7 @@
 
 #include <fmt/format.h>
 
+#include "campaign/search.hpp"
 #include "campaign/session.hpp"
 #include "keeper/keeper.hpp"
 
@@ -67,11 +68,17 @@ class Suite {
   }
   Hosts::Kind kind() const { return machines_.hosts().kind; }
 
-  // All at the same time. Returns the exit code.
-  int carry_out(const std::vector<Run>& runs, std::chrono::nanoseconds wait, const std::vector<json>& asked) {
+  // What came of runs at the same time.
+  struct Result {
+    int code = 0;             // to exit with
+    bool ends_search = true;  // also if they failed
+  };
+  Result carry_out(const std::vector<Run>& runs, std::chrono::nanoseconds wait,
+                   const std::vector<json>& asked) {
     Numbers numbers;
     for (const auto& record : asked) numbers.push_back(writer_.begin_run(record));
     int code = 0;
+    bool ends = true;
     {
       Session session(runs, numbers, coordinator_, machines_, writer_, observer_, interrupts_);
       try {
@@ -83,6 +90,7 @@ class Suite {
           }
           writer_.end_run(numbers[i], outcomes[i]);
         }
+        ends = std::any_of(outcomes.begin(), outcomes.end(), ends_search);
         observer_.ends(session.counters());
       } catch (const orders::Interrupted&) {
         for (const auto number : numbers) writer_.end_run(number, {{"interrupted", true}});
@@ -96,10 +104,10 @@ class Suite {
                       3);
       }
     }
-    if (interrupts_ > 0) return 130;
+    if (interrupts_ > 0) return {130};
     // Whoever kept a machine and is gone: what it held is given back before the next run.
     if (machines_.lost()) machines_.prepare(stated_);
-    return code;
+    return {code, ends};
   }
 
   void close() {
@@ -164,6 +172,28 @@ json asked(const Traffic& traffic) {
           {"priority", traffic.priority}};
 }
 
+json asked(const Run::Step& step) {
+  if (step.of == 0) return nullptr;
+  return {{"key", step.key},
+          {"value", step.value},
+          {"step", step.number},
+          {"steps", step.of},
+          {"among", step.among}};
+}
+
+json asked(const roundtrip::NeighbourOptions& options) {
+  if (options.topics == 0) return nullptr;
+  return {
+      {"topics", options.topics},
+      {"where", roundtrip::word_of(options.where)},
+      {"payload_bytes", options.payload_bytes},
+      {"rate_hz", 1e9 / static_cast<double>(options.period.count())},
+      {"reliability", options.reliability == transport::Reliability::reliable ? "reliable" : "best-effort"},
+      {"there", options.there},
+      {"back", options.back},
+      {"priority", options.priority}};
+}
+
 }  // namespace
 
 bool is_named(const Run& run) { return run.component != "component"; }
@@ -176,6 +206,7 @@ json asked(const Run& run, const Hosts& hosts) {
       {"title", run.title},
       {"variant", run.variant},
       {"adds_to", run.adds_to},
+      {"search", asked(run.step)},
       {"repetition", run.repetition},
       {"require", run.require.empty() ? json() : json(run.require)},
       {"transport", run.task.transport},
@@ -207,49 +238,108 @@ json asked(const Run& run, const Hosts& hosts) {
        {{"controller", keeper::to_json(run.controller_load)},
         {"component", keeper::to_json(run.component_load)}}},
       {"traffic", asked(run.traffic)},
+      {"neighbours", asked(run.task.neighbours)},
       {"link", asked_of_link(run)},
       {"kernel", run.kernel.empty() ? json() : json(run.kernel)},
       {"ontime", ONTIME_VERSION}};
 }
 
+namespace {
+
+// Carries out a scenario's runs, those that are not done.
+class Execution {
+ public:
+  Execution(const Scenario& scenario, Suite& suite, Observer& observer, const json& command_line,
+            const Done& done)
+      : scenario_(scenario), suite_(suite), observer_(observer), command_line_(command_line), done_(done) {}
+
+  // Returns the exit code.
+  int carry_out() {
+    for (std::size_t i = 0; i < scenario_.size() && code_ != 130; ++i)
+      if (const auto run = scenario_.at(i); run.step.of == 0) measure(run);
+    for (std::size_t first = 0; first < scenario_.runs.size() && code_ != 130; ++first)
+      if (const auto& step = scenario_.runs[first].step; step.of > 0 && step.number == 0) search(first);
+    return code_;
+  }
+
+ private:
+  // Whether it ends a search.
+  bool measure(const Run& run) {
+    std::vector<Run> runs;
+    std::vector<json> records;
+    for (const auto& component : scenario_.hosts.components) {
+      runs.push_back(with_component(run, component.name));
+      auto& record = records.emplace_back(asked(runs.back(), scenario_.hosts));
+      record["scenario"] = scenario_.text;
+      record["scenario_file"] = scenario_.file;
+      record["hosts"] = word_of(suite_.kind());
+      record["command_line"] = command_line_;
+    }
+    std::size_t known = 0;
+    bool ends = false;
+    for (std::size_t at = 0; done_ && at < runs.size(); ++at)
+      if (const auto* outcome = done_(records[at], suite_.machines(runs[at]))) {
+        ++known;
+        ends = ends || ends_search(*outcome);
+      }
+    if (known == runs.size()) {
+      observer_.passes_over(run);
+      return ends;
+    }
+    if (known > 0)
+      observer_.note(fmt::format(
+          "{} is done already for {} of {} components; all are measured once more, for it is at one time",
+          run.id, known, runs.size()));
+    observer_.begins(run);
+    const auto result = suite_.carry_out(runs, wait_for_own_server, records);
+    code_ = std::max(code_, result.code);
+    return result.ends_search;
+  }
+
+  // Of the steps that begin with this run; each as often as all runs, until it misses.
+  void search(std::size_t first) {
+    const auto number_of_steps = scenario_.runs[first].step.of;
+    std::vector<int> times(static_cast<std::size_t>(number_of_steps), 0);
+    const auto step = [&](int number) { return scenario_.runs[first + static_cast<std::size_t>(number)]; };
+    Search search(number_of_steps);
+    for (auto number = search.next(); number; number = search.next()) {
+      bool missed = false;
+      auto& measured = times[static_cast<std::size_t>(*number)];
+      while (!missed && measured < scenario_.repeat) {
+        auto run = step(*number);
+        run.repetition = ++measured;
+        missed = measure(run);
+        if (code_ == 130) return;
+      }
+      search.tell(missed);
+    }
+    for (int number = 0; number < number_of_steps; ++number)
+      for (auto left = times[static_cast<std::size_t>(number)]; left < scenario_.repeat; ++left)
+        observer_.leaves_out(step(number));
+  }
+
+  const Scenario& scenario_;
+  Suite& suite_;
+  Observer& observer_;
+  const json& command_line_;
+  const Done& done_;
+  int code_ = 0;
+};
+
+}  // namespace
+
 int execute(const Scenario& scenario, record::Writer& writer, Observer& observer, Interrupts& interrupts,
             const json& command_line, const Done& done) {
   Suite suite(writer, observer, interrupts);
-  int code = 0;
   try {
     suite.prepare(scenario.hosts);
     suite.check(scenario);
-    for (std::size_t i = 0; i < scenario.size() && code != 130; ++i) {
-      const auto run = scenario.at(i);
-      std::vector<Run> runs;
-      std::vector<json> records;
-      for (const auto& component : scenario.hosts.components) {
-        runs.push_back(with_component(run, component.name));
-        auto& record = records.emplace_back(asked(runs.back(), scenario.hosts));
-        record["scenario"] = scenario.text;
-        record["scenario_file"] = scenario.file;
-        record["hosts"] = word_of(suite.kind());
-        record["command_line"] = command_line;
-      }
-      const auto is_done = [&](std::size_t at) { return done(records[at], suite.machines(runs[at])); };
-      std::size_t known = 0;
-      for (std::size_t at = 0; done && at < runs.size(); ++at) known += is_done(at) ? 1 : 0;
-      if (known == runs.size()) {
-        observer.passes_over(run);
-        continue;
-      }
-      if (known > 0)
-        observer.note(fmt::format(
-            "{} is done already for {} of {} components; all are measured once more, for it is at one time",
-            run.id, known, runs.size()));
-      observer.begins(run);
-      code = std::max(code, suite.carry_out(runs, wait_for_own_server, records));
-    }
+    const int code = Execution(scenario, suite, observer, command_line, done).carry_out();
     suite.close();
+    return code;
   } catch (const orders::Interrupted&) {
-    code = 130;
+    return 130;
   }
-  return code;
 }
 
 int ping(const Run& run, std::chrono::nanoseconds wait, record::Writer& writer, Observer& observer,
@@ -262,7 +352,7 @@ int ping(const Run& run, std::chrono::nanoseconds wait, record::Writer& writer, 
     observer.begins(run);
     auto record = asked(run, alone);
     record["command_line"] = command_line;
-    const int code = suite.carry_out({run}, wait, {record});
+    const int code = suite.carry_out({run}, wait, {record}).code;
     suite.close();
     return code;
   } catch (const orders::Interrupted&) {

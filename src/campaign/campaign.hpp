@@ -34,6 +34,8 @@ std::string text_of(std::chrono::nanoseconds);  // the way back, in the largest 
 std::uint64_t bytes_of(const std::string& text);
 // "80 Mbit/s" → 80'000'000. Units: bit/s kbit/s Mbit/s Gbit/s.
 std::uint64_t bit_rate_of(const std::string& text);
+// "100 Hz" → 10 ms. Units: Hz kHz. From 0.1 Hz to 100 kHz.
+std::chrono::nanoseconds period_of_rate(const std::string& text);
 // "1 %" → 0.01. From 0.0001 % to 100 %.
 double share_of(const std::string& text);
 // A whole number within these bounds. Throws std::invalid_argument, for people.
@@ -64,6 +66,12 @@ struct Run {
       variant;  // what tells it from others of the same id, beside transport and repetition: "payload 32 KiB"
   std::string adds_to;               // the id of the layer below, where the runs of a session are layers
   std::vector<std::string> require;  // what must be so at the end: gates, checked as such
+  // Which key of it a search turns up, and which of its values this is; no key: it is no step of a search.
+  struct Step {
+    std::string key, value;
+    int number = 0, of = 0;  // from 0
+    std::string among;       // `variant` without the key: what tells this search from others of the same id
+  } step;
   int repetition = 1;
   agent::Task task;  // the client's; the server's follows from it
   background::Workers controller_load, component_load;
@@ -136,13 +144,13 @@ bool is_named(const Run&);
 struct Scenario {
   std::string file, text, title;
   Hosts hosts;
-  std::vector<Run> runs;  // each once, in the order of the file
+  std::vector<Run> runs;  // each once, in the order of the file; the steps of a search one after another
   int repeat = 1;
   bool interleaved =
       true;  // all runs once, then all again, so that a drift of the machine falls on all alike
 
   // What is to be carried out, one after the other; each at the same time between the controller and all
-  // components.
+  // components. Of a search it is what its steps are at most.
   std::size_t size() const noexcept { return runs.size() * static_cast<std::size_t>(repeat); }
   Run at(std::size_t number) const;
 };
@@ -169,14 +177,17 @@ class Observer {
   virtual void note(const std::string& text) = 0;  // something a person should know
   virtual void begins(const Run&) = 0;
   virtual void passes_over(const Run&) = 0;  // it is done already
+  virtual void leaves_out(const Run&) = 0;   // the search that it is a step of needs it no more
   virtual void progress(const roundtrip::Counters&, std::chrono::nanoseconds elapsed) = 0;
   virtual void ends(const roundtrip::Counters&) = 0;  // measured to its end, or to an interruption
 };
 
 using orders::Interrupts;
 
-// Whether a run is done already: of its record as asked, and of what each host's machine is.
-using Done = std::function<bool(const nlohmann::json& asked, const nlohmann::json& machines)>;
+// The outcome of a run that is done already; nothing if it is not. Of its record as asked, and of what each
+// host's machine is.
+using Done =
+    std::function<const nlohmann::json*(const nlohmann::json& asked, const nlohmann::json& machines)>;
 
 // Carries out all runs that are not done. Returns the exit code: 0, 2 or 3 as the worst failed run had it
 // (the others are carried out all the same), or 130. What was changed on the hosts is taken back when it

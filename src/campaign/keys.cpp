@@ -48,13 +48,6 @@ std::uint64_t size_of(Text text) {
   return bytes;
 }
 
-std::size_t payload_of(Text text) {
-  const auto bytes = bytes_of(text);
-  if (bytes > max_payload_bytes)
-    throw std::invalid_argument(fmt::format("'{}' is too large: at most 1 GiB", text));
-  return bytes;
-}
-
 // As rmw validates a topic's whole name, and a namespace: parts between slashes, each like a variable's name.
 bool is_ros_name(std::string_view name) {
   const auto is_letter = [](char c) { return (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || c == '_'; };
@@ -81,17 +74,6 @@ std::string whole_topic(const Run& run, Text name) {
   if (name.starts_with('/')) return name;
   return fmt::format("{}{}/{}", run.ros_namespace.starts_with('/') ? "" : "/",
                      run.ros_namespace == "/" ? "" : run.ros_namespace, name);
-}
-
-void check_topics(const transport::Config& config) {
-  for (const auto& topic : {config.ping_topic, config.pong_topic})
-    if (topic.size() > max_topic_length)
-      throw std::invalid_argument(
-          fmt::format("the topic {} is longer than {} characters, which ROS 2 takes no more of", topic,
-                      max_topic_length));
-  if (config.ping_topic == config.pong_topic)
-    throw std::invalid_argument(
-        fmt::format("topics.ping and topics.pong are both {}: name two", config.ping_topic));
 }
 
 void complete_topics(Run& run) {
@@ -205,6 +187,9 @@ std::vector<Key> all_keys() {
        [](Run& run, Text text) { run.title = text; }},
       {"adds-to", "", "ID", "the run that is the layer below this one, for `ontime report --layers`", client,
        [](Run& run, Text text) { run.adds_to = text; }},
+      {"search", "", "KEY",
+       "the key whose list of values, from the gentlest on, is tried for the first misses", client,
+       [](Run& run, Text text) { run.step.key = text; }},
       {"count-instructions", "", "on|off", "of each thread, where the CPU has a counter for it", client,
        [](Run& run, Text text) { run.task.count_instructions = yes_or_no(text); }},
       {"explain", "--explain", "on|off",
@@ -293,11 +278,30 @@ std::vector<Key> all_keys() {
   add_load_keys(keys, "controller", &Run::controller_load);
   add_load_keys(keys, "component", &Run::component_load);
   for (auto& key : network_keys()) keys.push_back(std::move(key));
+  for (auto& key : neighbour_keys()) keys.push_back(std::move(key));
   for (auto& key : kernel_keys()) keys.push_back(std::move(key));
   return keys;
 }
 
 }  // namespace
+
+std::size_t payload_of(Text text) {
+  const auto bytes = bytes_of(text);
+  if (bytes > max_payload_bytes)
+    throw std::invalid_argument(fmt::format("'{}' is too large: at most 1 GiB", text));
+  return bytes;
+}
+
+void check_topics(const transport::Config& config) {
+  for (const auto& topic : {config.ping_topic, config.pong_topic})
+    if (topic.size() > max_topic_length)
+      throw std::invalid_argument(
+          fmt::format("the topic {} is longer than {} characters, which ROS 2 takes no more of", topic,
+                      max_topic_length));
+  if (config.ping_topic == config.pong_topic)
+    throw std::invalid_argument(
+        fmt::format("topics.ping and topics.pong are both {}: name two", config.ping_topic));
+}
 
 const std::vector<Key>& keys() {
   static const auto keys = all_keys();
@@ -343,6 +347,7 @@ void complete(Run& run) {
   run.task.config.domain = run.domain ? *run.domain : domain_of_environment();
   complete_topics(run);
   complete_network(run);
+  complete_neighbours(run);
   if (client.deadline > client.timeout)
     throw std::invalid_argument(
         fmt::format("the deadline ({}) is longer than the time-out ({}): nothing could ever be late",

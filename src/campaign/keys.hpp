@@ -23,5 +23,13 @@ Value one_of(const std::optional<Value>& value, const std::string& text, const s
 // Of concurrent traffic and of the link's faults, and what only all of them together can tell.
 std::vector<Key> network_keys();
 void complete_network(const Run&);
+// Of ordinary topics beside the critical one; likewise.
+std::vector<Key> neighbour_keys();
+void complete_neighbours(const Run&);
+
+std::size_t payload_of(const std::string& text);
+std::optional<Traffic::Direction> direction_of(const std::string& word);
+// That ROS 2 would take the names of all topics.
+void check_topics(const transport::Config&);
 
 }  // namespace ontime::campaign

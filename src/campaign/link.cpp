@@ -17,11 +17,19 @@ constexpr std::uint64_t uncounted = 1;
 struct Direction {
   const char* key;
   const char* verb;
+  const char* receiver;
 };
 
 std::string segments(const json& host) {
   const auto names = host.value("shared_memory", std::vector<std::string>{});
   return names.empty() ? "" : fmt::format("; this end has shared memory in use ({})", fmt::join(names, ", "));
+}
+
+// What surely came to an end beside the messages: what of its neighbours' was received there.
+std::uint64_t neighbours_bytes(const json& outcome, const char* receiver) {
+  const auto neighbours = outcome.at("hosts").value(receiver, json::object()).value("neighbours", json());
+  if (neighbours.is_null()) return 0;
+  return neighbours.at("received").get<std::uint64_t>() * neighbours.at("payload_bytes").get<std::uint64_t>();
 }
 
 bool one_machine_with_shared_memory(const json& hosts) {
@@ -55,17 +63,21 @@ std::optional<std::string> went_elsewhere(const json& outcome, std::uint64_t pay
     const auto& link = host.at("link");
     if (link.is_null()) continue;
     const auto own = name == "component" && again ? std::min(answered, by_component) : answered;
-    for (const auto& [key, verb] :
-         {Direction{"sent_bytes", "sent"}, Direction{"received_bytes", "received"}}) {
+    const auto* const other = name == "component" ? "controller" : "component";
+    for (const auto& [key, verb, receiver] :
+         {Direction{"sent_bytes", "sent", other}, Direction{"received_bytes", "received", name.c_str()}}) {
       const auto counted = link.value("beside_traffic", link);
       if (!counted.contains(key)) continue;  // unproved() says so
       const auto carried = counted.at(key).get<std::uint64_t>();
-      if (carried >= own * payload_bytes) continue;
+      const auto beside = neighbours_bytes(outcome, receiver);
+      if (carried >= own * payload_bytes + beside) continue;
       return fmt::format(
-          "the data did not go over {}: {} messages of {} bytes were answered, and of what the {} {} the "
+          "the data did not go over {}: {} messages of {} bytes were answered{}, and of what the {} {} the "
           "kernel "
           "counted {} bytes there{}. Whatever was measured is not this link",
-          link.at("interface").get<std::string>(), own, payload_bytes, name, verb, carried, segments(host));
+          link.at("interface").get<std::string>(), own, payload_bytes,
+          beside > 0 ? fmt::format(" and {} bytes of neighbours received", beside) : "", name, verb, carried,
+          segments(host));
     }
   }
   if (one_machine_with_shared_memory(outcome.at("hosts")))

@@ -23,13 +23,6 @@ std::uint64_t datagram_of(Text text) {
   return bytes;
 }
 
-std::optional<Traffic::Direction> direction_of(Text text) {
-  using Direction = Traffic::Direction;
-  for (const auto direction : {Direction::both, Direction::to_component, Direction::to_controller})
-    if (text == word_of(direction)) return direction;
-  return {};
-}
-
 // Of netem, which takes whole microseconds.
 std::chrono::microseconds delay_of(Text text) {
   const auto delay = positive_duration(text, 1h);
@@ -103,6 +96,13 @@ void add_traffic_keys(std::vector<Key>& keys) {
 }
 
 }  // namespace
+
+std::optional<Traffic::Direction> direction_of(Text text) {
+  using Direction = Traffic::Direction;
+  for (const auto direction : {Direction::both, Direction::to_component, Direction::to_controller})
+    if (text == word_of(direction)) return direction;
+  return {};
+}
 
 std::vector<Key> network_keys() {
   std::vector<Key> keys;

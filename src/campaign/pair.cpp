@@ -19,6 +19,22 @@ agent::Task client_task(const Run& run, const Host& host, const std::optional<Ho
   return task;
 }
 
+bool in_another_process(const roundtrip::NeighbourOptions& neighbours) {
+  return neighbours.topics > 0 && neighbours.where == roundtrip::Where::other_process;
+}
+
+agent::Task without_others(agent::Task task) {
+  if (in_another_process(task.neighbours)) task.neighbours = {};
+  return task;
+}
+
+// What a neighbour's agent says of itself is said with what the critical topic's says of that end.
+void add_neighbours(json& host, const json& ended) {
+  host["neighbours"] = ended.at("neighbours");
+  for (const auto* list : {"threads", "refusals"})
+    for (const auto& one : ended.at(list)) host.at(list).push_back(one);
+}
+
 // What the client saw of who answers, once that has changed.
 record::Note note_of_peers(const json& event, int before) {
   const int now = event.at("writers");
@@ -105,14 +121,16 @@ void Pair::note_cut(std::int64_t at_ns) {
 }
 
 Pair::End Pair::open(const std::string& host, const agent::Task& task) {
+  const bool beside = in_another_process(task.neighbours);
   const bool asks = task.config.role == transport::Role::client;
-  const auto whom = asks && is_named(run_) ? " for " + run_.component : "";
+  const auto whom = std::string(asks && is_named(run_) ? " for " + run_.component : "") +
+                    (beside ? " for its neighbours" : "");
   End end{host, asks ? "controller" : "component", machines_.start_agent(host, whom), {}, {}, measuring_};
-  if (asks) listen_to(*end.agent);
+  if (asks && !beside) listen_to(*end.agent);
   const bool by_ssh = machines_.by_ssh(host);
   end.agent->order("open", {{"task", task}, {"ssh", by_ssh}});
   end.opened = coordinator_.await(*end.agent, "opened", patience, measuring_ ? 1 : 0);
-  if (const auto text = note_of_ssh_link(host, end.opened.at("ssh_link")); !text.empty())
+  if (const auto text = note_of_ssh_link(host, end.opened.at("ssh_link")); !beside && !text.empty())
     writer_.note(number_, {"ssh-link", text, {}, {}});
   return end;
 }
@@ -129,6 +147,7 @@ void Pair::begin(End& end) {
 
 std::vector<Pair::End*> Pair::ends() {
   std::vector<End*> there;
+  for (auto& end : neighbours_) there.push_back(&end);
   for (auto* end : {&component_, &controller_})  // who answers is ready before who asks
     if (*end) there.push_back(&**end);
   return there;
@@ -137,11 +156,25 @@ std::vector<Pair::End*> Pair::ends() {
 void Pair::open() {
   const auto& hosts = machines_.hosts();
   std::optional<Host> served;
+  agent::Task of_component;
   if (hosts.kind != Hosts::Kind::alone) {
     served = hosts.at(run_.component);
-    component_ = open(run_.component, server_task(run_, *served));
+    of_component = server_task(run_, *served);
+    component_ = open(run_.component, without_others(of_component));
   }
-  controller_ = open("controller", client_task(run_, hosts.controller, served));
+  const auto of_controller = client_task(run_, hosts.controller, served);
+  controller_ = open("controller", without_others(of_controller));
+  if (in_another_process(run_.task.neighbours)) open_neighbours(of_component, of_controller);
+}
+
+// Ordinary processes, whatever the critical one is.
+void Pair::open_neighbours(agent::Task of_component, agent::Task of_controller) {
+  for (auto* task : {&of_component, &of_controller}) {
+    task->realtime = {};
+    task->count_instructions = false;
+  }
+  neighbours_.push_back(open(run_.component, of_component));
+  neighbours_.push_back(open("controller", of_controller));
 }
 
 void Pair::make_ready(std::chrono::nanoseconds wait) {
@@ -157,6 +190,9 @@ void Pair::begin() {
 
 void Pair::go() {
   measuring_ = true;
+  if (run_.task.neighbours.topics > 0)
+    for (auto* end : ends())
+      if (end != &*controller_) end->agent->order("go");
   controller_->agent->order("go");
   if (const auto& link = controller_->opened.at("ssh_link"); !link.is_null() && link.at("shared").get<bool>())
     writer_.note(
@@ -165,7 +201,9 @@ void Pair::go() {
 }
 
 void Pair::stop() {
-  if (!over()) controller_->agent->order("stop");
+  if (over()) return;
+  for (auto* end : ends())
+    if (end == &*controller_ || run_.task.neighbours.topics > 0) end->agent->order("stop");
 }
 
 bool Pair::over() const { return finished_ || !measuring_ || controller_->agent->lost(); }
@@ -198,6 +236,8 @@ json Pair::outcome(const Machines::Account& account) const {
     const auto& counted = account.links.at(of_host);
     if (!host.at("link").is_null() && !counted.is_null()) host.at("link").update(counted);
     if (const auto& kernel = account.kernel.at(of_host); !kernel.is_null()) host["kernel"] = kernel;
+    for (const auto& beside : neighbours_)
+      if (beside.role == (*end)->role) add_neighbours(host, beside.ended);
     outcome["conditions"][(*end)->role] = account.conditions.at(of_host);
     outcome["hosts"][(*end)->role] = std::move(host);
   }
@@ -237,6 +277,7 @@ void Pair::restart_component() {
 void Pair::abandon() {
   if (over()) return;
   component_.reset();  // there may be nobody left to answer: what is in flight is lost
+  neighbours_.clear();
   stop();
 }
 

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The two ends of one run, on agents that live just for it: the controller's, which asks, and a component's.
+// The two ends of one run, on agents that live just for it: the controller's, which asks, and a component's;
+// and two more, where neighbours are to be in another process.
 #pragma once
 
 #include "campaign/campaign.hpp"
@@ -53,6 +54,7 @@ class Pair {
     bool again = false;  // it was started again, while the client measured
   };
   End open(const std::string& host, const agent::Task&);
+  void open_neighbours(agent::Task of_component, agent::Task of_controller);
   void make_ready(End&, std::chrono::milliseconds patience);
   void begin(End&);
   std::vector<End*> ends();
@@ -68,6 +70,7 @@ class Pair {
   Observer& observer_;
   const Told told_;
   std::optional<End> controller_, component_;
+  std::vector<End> neighbours_;  // of the component, and of the controller, in processes of their own
   std::chrono::nanoseconds wait_{0};
   Clock::time_point sampled_;  // when samples came last
   int pongs_ = 1;              // that answer

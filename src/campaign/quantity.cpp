@@ -84,6 +84,14 @@ std::uint64_t bit_rate_of(const std::string& text) {
   return static_cast<std::uint64_t>(std::llround(rate));
 }
 
+std::chrono::nanoseconds period_of_rate(const std::string& text) {
+  static const Units units{{"Hz", 1}, {"kHz", 1e3}};
+  const auto rate = quantity(text, units, "100 Hz");
+  if (!(rate >= 0.1L) || rate > 1e5L)
+    throw std::invalid_argument(fmt::format("'{}' is no rate of messages: 0.1 Hz to 100 kHz are", text));
+  return std::chrono::nanoseconds(std::llround(1e9L / rate));
+}
+
 double share_of(const std::string& text) {
   static const Units units{{"%", 0.01L}};
   const auto share = static_cast<double>(quantity(text, units, "1 %"));

@@ -256,6 +256,7 @@ class File {
         dimensions.push_back({key.path, &key, choices_of(key.path, entry->second)});
     for (const auto& [path, value] : entries)
       if (is_option(path)) dimensions.push_back({path, nullptr, choices_of(path, value)});
+    const auto searched = search_last(dimensions);
 
     std::size_t combinations = 1, bytes = 0;
     for (const auto& gate : require) bytes += gate.size() + held_beside;
@@ -275,11 +276,38 @@ class File {
     std::vector<std::size_t> at(dimensions.size(), 0);
     while (true) {
       scenario_.runs.push_back(make_run(id, node, dimensions, at));
+      if (searched) make_step(scenario_.runs.back().step, dimensions.back().choices, at.back());
       scenario_.runs.back().require = require;
       std::size_t digit = dimensions.size();
       while (digit > 0 && ++at[digit - 1] == dimensions[digit - 1].choices.size()) at[--digit] = 0;
       if (digit == 0) return;
     }
+  }
+
+  // The key that is searched becomes the last, so that its values follow one another. False: there is none.
+  bool search_last(std::vector<Dimension>& dimensions) const {
+    const auto at = [&](const std::string& path) {
+      return std::find_if(dimensions.begin(), dimensions.end(),
+                          [&](const auto& d) { return d.path == path; });
+    };
+    const auto search = at("search");
+    if (search == dimensions.end()) return false;
+    if (search->choices.size() > 1) fail(search->choices[1].node, "search: one key at a time");
+    const auto [path, node] = search->choices.front();
+    const auto key = at(path);
+    if (key == dimensions.end() || key->choices.size() < 2)
+      fail(node, fmt::format("search: '{}' is no key of this run with a list of values, from the gentlest to "
+                             "the harshest",
+                             path));
+    if (path == "transport") fail(node, "search: transports are no more or less of anything");
+    std::rotate(key, key + 1, dimensions.end());
+    return true;
+  }
+
+  static void make_step(Run::Step& step, const std::vector<Choice>& choices, std::size_t number) {
+    step.value = choices[number].value;
+    step.number = static_cast<int>(number);
+    step.of = static_cast<int>(choices.size());
   }
 
   Run make_run(const std::string& id, const YAML::Node& node, const std::vector<Dimension>& dimensions,
@@ -299,6 +327,7 @@ class File {
       } catch (const std::invalid_argument& error) {
         fail(choice.node, fmt::format("{}: {}", path, error.what()));
       }
+      if (&dimensions[i] == &dimensions.back()) run.step.among = run.variant;
       if (choices.size() > 1 && path != "transport")
         run.variant += fmt::format("{}{} {}", run.variant.empty() ? "" : ", ", path, choice.value);
     }

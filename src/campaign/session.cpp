@@ -4,6 +4,7 @@
 #include <algorithm>
 
 #include "campaign/link.hpp"
+#include "campaign/neighbours.hpp"
 #include "campaign/traffic.hpp"
 
 namespace ontime::campaign {
@@ -121,8 +122,16 @@ void Session::await_windows() {
   windows_->write(writer_, pairs_.front()->number());
 }
 
+// As long as a message of ours, theirs may be on its way; then it is lost.
+void Session::await_neighbours() {
+  if (run_.task.neighbours.topics == 0) return;
+  const auto until = Clock::now() + run_.task.client.timeout;
+  coordinator_.until([&] { return Clock::now() > until; }, 1);
+}
+
 std::vector<json> Session::outcomes() {
   await_windows();
+  await_neighbours();
   for (auto& pair : pairs_) pair->end();
   const auto account = machines_.end();
   machines_.unload();
@@ -134,6 +143,10 @@ std::vector<json> Session::outcomes() {
     if (run_.traffic.bits_per_s > 0) {
       outcome["traffic"] = achieved(run_.traffic, account.traffic);
       for (const auto& text : shortfalls(outcome.at("traffic"))) observer_.note(text);
+    }
+    if (run_.task.neighbours.topics > 0) {
+      outcome["neighbours"] = achieved(run_.task.neighbours, outcome);
+      for (const auto& text : shortfalls_of_neighbours(outcome.at("neighbours"))) observer_.note(text);
     }
     if (windows_) outcome["trace"] = traced_;
     if (const auto why = unproved(outcome)) outcome["link_unproved"] = *why;

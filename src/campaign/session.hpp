@@ -32,6 +32,7 @@ class Session {
   void restart_components();
   std::vector<nlohmann::json> outcomes();
   void await_windows();
+  void await_neighbours();
 
   const Run& run_;  // the first: of what they have in common
   orders::Coordinator& coordinator_;

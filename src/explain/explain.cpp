@@ -38,9 +38,11 @@ End end_of(const record::Run& run, const char* host) {
         fmt::format("run {} has {} threads at its {}, where there are at most {}: the file is "
                     "damaged, or was made to mislead",
                     run.number, threads.size(), host, most_threads));
-  for (const auto& thread : threads)
-    end.threads.push_back(
-        {static_cast<std::int32_t>(integer_of(at(thread, "tid"))), text_of(at(thread, "role"))});
+  for (const auto& thread : threads) {
+    const auto role = text_of(at(thread, "role"));
+    if (role.starts_with("neighbours ")) continue;  // what they send is none of ours
+    end.threads.push_back({static_cast<std::int32_t>(integer_of(at(thread, "tid"))), role});
+  }
   return end;
 }
 

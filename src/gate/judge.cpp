@@ -122,8 +122,11 @@ std::string unfit(const Summary& run) {
       if (at(at(at(at(run.run.outcome, "hosts"), host), "link"), "gone").is_string())
         return fmt::format("the link's faults need not have been there to the end, at the {}", host);
   for (const auto* way : {"to_component", "to_controller"})
-    if (at(at(at(run.run.outcome, "traffic"), way), "short") == true)
-      return "the traffic that was asked for was not there";
+    for (const auto* beside : {"traffic", "neighbours"})
+      if (at(at(at(run.run.outcome, beside), way), "short") == true)
+        return fmt::format("the {} that {} asked for {} not there", beside,
+                           beside == std::string_view("traffic") ? "was" : "were",
+                           beside == std::string_view("traffic") ? "was" : "were");
   return "";
 }
 

@@ -53,6 +53,26 @@ std::string traffic(const json& asked) {
   return text;
 }
 
+// "4 neighbours of 1 KiB at 100 Hz each way, best-effort, in the same participant".
+std::string neighbours(const json& asked) {
+  if (!asked.is_object()) return "";
+  const auto& where = at(asked, "where");
+  auto text = fmt::format("{} of {} at {:g} Hz {}, {}, {}",
+                          many(count(at(asked, "topics")), "neighbour", "neighbours"),
+                          size(at(asked, "payload_bytes")),
+                          at(asked, "rate_hz").is_number() ? at(asked, "rate_hz").get<double>() : 0,
+                          !is_true(at(asked, "back"))    ? "to the component"
+                          : !is_true(at(asked, "there")) ? "to the controller"
+                                                         : "each way",
+                          word(at(asked, "reliability")),
+                          where == "same-participant" ? "in the same participant"
+                          : where == "same-process"   ? "in another participant of the same process"
+                                                      : "in another process");
+  if (const auto priority = count(at(asked, "priority")); priority > 0)
+    text += fmt::format(", at SCHED_FIFO {}", priority);
+  return text;
+}
+
 std::string percent(const json& share) { return fmt::format("{:.4g} %", share.get<double>() * 100); }
 
 std::string link(const json& asked) {
@@ -203,6 +223,7 @@ std::vector<Phrase> phrases_of(const Summary& summary) {
   add("duration", at(asked, "duration_s"), seconds(at(asked, "duration_s")));
   add("load", at(asked, "load"), load(asked));
   add("traffic", at(asked, "traffic"), traffic(at(asked, "traffic")));
+  add("neighbours", at(asked, "neighbours"), neighbours(at(asked, "neighbours")));
   add("link", at(asked, "link"), link(at(asked, "link")));
   add("kernel", at(asked, "kernel"), kernel(at(asked, "kernel")));
   add("hosts", at(asked, "hosts"), "hosts " + word(at(asked, "hosts")), Phrase::Where::in_labels);
@@ -264,7 +285,7 @@ void add_variant(std::string& label, const json& variant, const std::vector<Phra
                       std::any_of(phrases.begin(), phrases.end(), [&](const Phrase& phrase) {
                         const bool holds_others = phrase.key == "qos" || phrase.key == "load" ||
                                                   phrase.key == "traffic" || phrase.key == "link" ||
-                                                  phrase.key == "kernel";
+                                                  phrase.key == "neighbours" || phrase.key == "kernel";
                         return key == phrase.key || (holds_others && key.starts_with(phrase.key + "."));
                       });
     if (!told) label += " " + shortened(part, longest_value);

@@ -177,6 +177,8 @@ ordered_json json_of(const statistics::Summary& summary) {
               "component_restart", "component", "realtime_settings", "count_instructions", "kernel"});
   run["conditions"]["load"] = {{"asked", at(asked, "load")}, {"achieved", at(outcome, "conditions")}};
   run["conditions"]["traffic"] = {{"asked", at(asked, "traffic")}, {"achieved", at(outcome, "traffic")}};
+  run["conditions"]["neighbours"] = {{"asked", at(asked, "neighbours")},
+                                     {"achieved", at(outcome, "neighbours")}};
   run["conditions"]["link"] = at(asked, "link");
   run["link_unproved"] = at(outcome, "link_unproved");
   run["paper"] = paper_of(asked);

@@ -234,33 +234,52 @@ std::string how_often_worse(const Group& group, const Plot& plot) {
   return text + lines + "\n";
 }
 
-std::string against_payload(const Group& group, const Plot& plot) {
-  std::map<std::pair<std::string, std::string>, std::map<std::uint64_t, std::vector<const Summary*>>>
+// Of what a round trip is drawn against.
+struct Abscissa {
+  const char* label;
+  double (*of)(const Summary&);  // above 0; else the run is not drawn
+};
+constexpr Abscissa payload{
+    "Payload (bytes)", [](const Summary& summary) {
+      return static_cast<double>(std::max<std::uint64_t>(count(at(summary.run.asked, "payload_bytes")), 1));
+    }};
+constexpr Abscissa rate_of_neighbours{"Messages of neighbours (Hz, of each topic and direction)",
+                                      [](const Summary& summary) {
+                                        const auto& rate = at(at(summary.run.asked, "neighbours"), "rate_hz");
+                                        return rate.is_number() ? rate.get<double>() : 0;
+                                      }};
+
+std::string against(const Abscissa& abscissa, const Group& group, const Plot& plot) {
+  std::map<std::pair<std::string, std::string>, std::map<double, std::vector<const Summary*>>>
       series;  // by id and transport
   for (const auto* summary : group)
-    if (summary->round_trip.count > 0)
-      series[{word(at(summary->run.asked, "id")), word(at(summary->run.asked, "transport"))}]
-            [std::max<std::uint64_t>(count(at(summary->run.asked, "payload_bytes")), 1)]
-                .push_back(summary);
+    if (const auto x = abscissa.of(*summary); summary->round_trip.count > 0 && x > 0)
+      series[{word(at(summary->run.asked, "id")), word(at(summary->run.asked, "transport"))}][x].push_back(
+          summary);
   auto text = terminal(plot, single_cm + 0.35 * static_cast<double>(series.size())) + looks;
-  text +=
-      "set logscale xy\nset xlabel 'Payload (bytes)' offset 0,0.5\nset ylabel 'Round trip (ms): p50, p99 "
-      "dashed' "
+  text += fmt::format(
+      "set logscale xy\nset xlabel '{}' offset 0,0.5\nset ylabel 'Round trip (ms): p50, p99 "
+      "dashed; × missed' "
       "offset 1\nset format y '%g'\nset key below left Left reverse vertical maxcols 1 samplen 2\nset "
       "offsets "
-      "graph 0.05, graph 0.05\n";
+      "graph 0.05, graph 0.05\n",
+      abscissa.label);
   std::string lines;
   std::size_t i = 0;
-  for (const auto& [name, payloads] : series) {
+  for (const auto& [name, places] : series) {
     text += fmt::format("$run{} << END\n", i);
-    for (const auto& [bytes, summaries] : payloads) {
+    std::string missed;
+    for (const auto& [x, summaries] : places) {
       std::vector<double> p50, p99;
+      bool any = false;
       for (const auto* summary : summaries) {
         p50.push_back(ms(summary->round_trip.p50));
         p99.push_back(ms(summary->round_trip.p99));
+        any = any || summary->late + summary->lost > 0;
       }
-      text += fmt::format("{} {:.6g} {:.6g}\n", bytes, statistics::estimate(p50)->median,
-                          statistics::estimate(p99)->median);
+      const auto y = statistics::estimate(p99)->median;
+      text += fmt::format("{:.6g} {:.6g} {:.6g}\n", x, statistics::estimate(p50)->median, y);
+      if (any) missed += fmt::format("{:.6g} {:.6g}\n", x, y);
     }
     text += "END\n";
     const auto* colour = colours[i % std::size(colours)];
@@ -270,6 +289,12 @@ std::string against_payload(const Group& group, const Plot& plot) {
         "'{2}' notitle",
         i == 0 ? "plot " : ", \\\n  ", i, colour,
         in_quotes(shortened(name.first, gate::longest_id) + "  " + name.second));
+    if (!missed.empty()) {
+      text += fmt::format("$missed{} << END\n{}END\n", i, missed);
+      lines += fmt::format(
+          ", \\\n  $missed{} using 1:2 with points pointtype 2 pointsize 0.7 linecolor rgb '{}' notitle", i,
+          colour);
+    }
     ++i;
   }
   return text + lines + "\n";
@@ -283,7 +308,9 @@ std::string gnuplot_of(const Summaries& summaries, const Plot& plot) {
     case Plot::Figure::worse:
       return how_often_worse(group, plot);
     case Plot::Figure::payload:
-      return against_payload(group, plot);
+      return against(payload, group, plot);
+    case Plot::Figure::neighbours:
+      return against(rate_of_neighbours, group, plot);
     default:
       return over_time(group, plot);
   }

@@ -56,6 +56,33 @@ std::string traffic(const json& outcome) {
   return (is_short ? "NOT THE TRAFFIC THAT WAS ASKED FOR: " : "traffic: ") + join(ways, ", ");
 }
 
+// What became of the neighbours' messages, loudly where they were not those that were asked for.
+std::string neighbours(const json& outcome) {
+  std::vector<std::string> ways;
+  bool is_short = false;
+  for (const auto* way : {"to_component", "to_controller"}) {
+    const auto& counted = at(at(outcome, "neighbours"), way);
+    if (!counted.is_object()) continue;
+    is_short = is_short || is_true(at(counted, "short"));
+    auto text =
+        fmt::format("{} of {} arrived at the {}", grouped(count(at(counted, "received"))),
+                    grouped(count(at(counted, "sent"))), std::string_view(way).substr(sizeof("to_") - 1));
+    const struct {
+      const char *key, *what;
+    } others[] = {{"lost", "{} lost"},
+                  {"skipped_cycles", "{} not sent, for their sender overran its period"},
+                  {"refused", "{} refused by the transport"},
+                  {"strays", "and {} of somebody else's"}};
+    std::vector<std::string> details;
+    for (const auto& [key, what] : others)
+      if (const auto number = count(at(counted, key)); number > 0)
+        details.push_back(fmt::format(fmt::runtime(what), grouped(number)));
+    ways.push_back(details.empty() ? text : text + " (" + join(details, ", ") + ")");
+  }
+  if (ways.empty()) return "";
+  return (is_short ? "NOT THE NEIGHBOURS THAT WERE ASKED FOR: " : "neighbours: ") + join(ways, ", ");
+}
+
 // Where the kernel dropped something: loss has a place.
 std::string drops(const json& outcome) {
   std::vector<std::string> parts;
@@ -110,10 +137,20 @@ std::uint64_t traffic_bytes(const statistics::Summary& summary) {
   return static_cast<std::uint64_t>(
       std::clamp(seconds.is_number() ? bits / 8 * seconds.get<double>() : 0, 0.0, 1e15));
 }
+std::uint64_t neighbours_bytes(const statistics::Summary& summary) {
+  std::uint64_t bytes = 0;
+  for (const auto& [host, facts] : at(summary.run.outcome, "hosts").items()) {
+    const auto& neighbours = at(facts, "neighbours");
+    const auto payload = std::min<std::uint64_t>(count(at(neighbours, "payload_bytes")), 1 << 30);
+    bytes += std::min<std::uint64_t>(count(at(neighbours, "sent")), 1 << 30) * (payload + headers_bytes);
+  }
+  return bytes;
+}
 std::vector<std::string> other_traffic(const statistics::Summary& summary) {
   const auto& hosts = at(summary.run.outcome, "hosts");
   const auto payload = std::min<std::uint64_t>(count(at(summary.run.asked, "payload_bytes")), 1 << 30);
-  const auto expected = 2 * summary.sent * (payload + headers_bytes) + traffic_bytes(summary);
+  const auto expected =
+      2 * summary.sent * (payload + headers_bytes) + traffic_bytes(summary) + neighbours_bytes(summary);
   std::vector<std::string> parts;
   json seen;  // both ends of loopback are one interface
   for (const auto* host : {"controller", "component"}) {
@@ -289,6 +326,7 @@ std::string remarks(const statistics::Summary& summary) {
     if (at(facts, "load_running") == false)
       parts.push_back("the load on the " + word(host) + " had died by the end");
   if (const auto text = traffic(outcome); !text.empty()) parts.push_back(text);
+  if (const auto text = neighbours(outcome); !text.empty()) parts.push_back(text);
   if (!at(summary.run.asked, "link").is_null())
     for (const auto& [host, facts] : at(outcome, "hosts").items())
       if (const auto& gone = at(at(facts, "link"), "gone"); gone.is_string())

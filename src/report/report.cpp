@@ -79,7 +79,7 @@ std::string render(const Summaries& summaries, Format format) {
   if (format != Format::json) return page_text(page_of(summaries), format);
   auto runs = nlohmann::ordered_json::array();
   for (const auto& summary : summaries) runs.push_back(json_of(summary));
-  return text_of({{"ontime", ONTIME_VERSION}, {"runs", runs}});
+  return text_of({{"ontime", ONTIME_VERSION}, {"runs", runs}, {"searches", searches_json_of(summaries)}});
 }
 
 std::string render(const Comparison& comparison, const std::vector<gate::Judgement>& judgements,

@@ -44,7 +44,7 @@ std::string render_html(const record::Reader&, const std::vector<statistics::Sum
 
 // A figure for a paper: of one column's width, or `wide`, of both. Letters are of 7 pt at that size.
 struct Plot {
-  enum class Figure { time, worse, payload } figure = Figure::time;
+  enum class Figure { time, worse, payload, neighbours } figure = Figure::time;
   enum class Form { svg, pdf, png } form = Form::svg;
   bool wide = false;
 };

@@ -40,6 +40,10 @@ std::string refusal_of(const statistics::Extremes&);  // why there is no bound; 
 Table stages_table(const std::vector<std::string>& labels, const std::vector<const statistics::Summary*>&);
 void add_certainty(nlohmann::ordered_json& run, const statistics::Summary&);
 
+// How far a search could turn up a key; without rows where there was none.
+Table searches_table(const std::vector<const statistics::Summary*>&);
+nlohmann::ordered_json searches_json_of(const Summaries&);
+
 // What a run must not be read without: whatever went wrong or was counted beside the table. Empty if nothing
 // was.
 std::string remarks(const statistics::Summary&);

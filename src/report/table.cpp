@@ -133,14 +133,15 @@ std::vector<Table> tables_of(Group group) {
   std::vector<Table> tables = {table};
   const std::pair<Table, const char*> others[] = {{certainty_table(labels, group), "95 % sure"},
                                                   {worst_case_table(labels, group), "worst case"},
-                                                  {stages_table(labels, group), "stage by stage"}};
+                                                  {stages_table(labels, group), "stage by stage"},
+                                                  {searches_table(group), "search"}};
   for (const auto& [other, what] : others) {
     if (other.rows.empty()) {
       tables.front().notes.insert(tables.front().notes.end(), other.notes.begin(), other.notes.end());
       continue;
     }
     tables.push_back(other);
-    tables.back().title = id_of(asked) + "  " + what;
+    tables.back().title = id_of(asked) + "  " + (other.title.empty() ? what : other.title);
   }
   return tables;
 }

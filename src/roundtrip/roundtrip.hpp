@@ -118,6 +118,55 @@ class Client {
   std::unique_ptr<Measurement> measurement_;
 };
 
+// Ordinary topics beside the critical one: so many, all alike, each as ping and pong are, with one message
+// each period on its way. They have one sending thread at either end, which no setting but `priority` is for.
+enum class Where { same_participant, same_process, other_process };
+const char* word_of(Where);  // "same-participant", "same-process", "other-process"
+std::optional<Where> where_of(const std::string& word);
+struct NeighbourOptions {
+  int topics = 0;  // 0: there are none
+  Where where = Where::same_participant;
+  std::size_t payload_bytes = 1000;
+  std::chrono::nanoseconds period{std::chrono::milliseconds(10)};  // of each topic and direction
+  transport::Reliability reliability = transport::Reliability::best_effort;
+  bool there = true, back = true;  // whether the client's end sends, and the server's
+  int priority = 0;                // SCHED_FIFO, of the threads that are theirs alone; 0: none
+};
+std::string neighbour_topic(std::string critical, int number);  // "/neighbour_1/ping" of "/ping"
+
+// Of one end. What it sent is lost if it is not among what the other end received.
+struct NeighbourCounters {
+  std::uint64_t sent = 0, refused = 0;
+  std::uint64_t skipped_cycles = 0;  // in which nothing was sent: it overran its period
+  std::uint64_t received = 0;
+  std::uint64_t strays = 0;  // received of somebody else's
+};
+
+class Neighbours {
+ public:
+  // `critical`: the endpoint that they are beside; nothing in a process of their own. Throws
+  // transport::Error.
+  Neighbours(const transport::Plugin&, transport::Endpoint* critical, const transport::Config&,
+             const NeighbourOptions&, std::chrono::nanoseconds duration);
+  ~Neighbours();  // before what they are beside
+  Neighbours(const Neighbours&) = delete;
+  Neighbours& operator=(const Neighbours&) = delete;
+
+  transport::Endpoint& endpoint();  // one of them
+  std::vector<Thread> threads();    // also those that they share with the critical one
+  bool matched();                   // all of them, both ways
+
+  // Once each. start() sends what is not counted, go() what is, for the duration.
+  void start();
+  void go();
+  void stop();  // at any time
+  NeighbourCounters counters() const;
+
+ private:
+  class Group;
+  std::unique_ptr<Group> group_;
+};
+
 class Server {
  public:
   Server(const transport::Plugin&, const transport::Config&);  // answers from now on; throws transport::Error

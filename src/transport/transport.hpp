@@ -107,9 +107,17 @@ struct Losses {
   std::optional<std::uint64_t> overwritten;
 };
 
+// Where another endpoint of this process has its topics: those of one participant share its threads and
+// sockets.
+enum class Participant { same, another };
+
 class Endpoint {
  public:
   virtual ~Endpoint() = default;  // after it, the sink is not called any more
+
+  // Ordinary thread, before the first message. Opens another endpoint in this process, on topics of its own,
+  // for as long as this one lives at most. Throws Error; nothing if this transport has none beside another.
+  virtual std::unique_ptr<Endpoint> beside(const Config&, Sink&, Participant) { return nullptr; }
 
   // Ordinary thread. Called every few milliseconds while somebody waits for a peer; a transport without
   // discovery does its handshake here, and one whose own begins with a burst matches nobody before that is
@@ -151,7 +159,7 @@ struct Option {
 };
 
 // The version of the port, and the size of what crosses it, which a forgotten rebuild shows by.
-inline constexpr int abi = 2 * 1'000'000 + static_cast<int>(sizeof(Config) * 10 + sizeof(Capabilities));
+inline constexpr int abi = 3 * 1'000'000 + static_cast<int>(sizeof(Config) * 10 + sizeof(Capabilities));
 
 struct Plugin {
   int abi;

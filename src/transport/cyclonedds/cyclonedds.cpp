@@ -5,6 +5,7 @@
 #include <cerrno>
 #include <chrono>
 #include <cstdio>
+#include <deque>
 #include <mutex>
 #include <system_error>
 #include <thread>
@@ -63,7 +64,9 @@ dds_entity_t opened(dds_entity_t entity, const std::string& what, Log& log) {
               (log.text().empty() ? dds_strretcode(entity) : legible(log.text())));
 }
 
+// Of all endpoints of this process: Cyclone has a domain once in a process.
 struct Domain {
+  std::deque<Blocks> blocks;  // of each endpoint, for messages may outlive it
   dds_entity_t entity = 0;
   ~Domain() {
     if (entity > 0) dds_delete(entity);
@@ -119,7 +122,10 @@ dds::Policy policy_of(std::uint32_t id) {
 class CycloneEndpoint final : public Endpoint {
  public:
   CycloneEndpoint(const Config& config, Sink& sink);
+  CycloneEndpoint(const Config& config, Sink& sink, const CycloneEndpoint& first, Participant participant);
+  ~CycloneEndpoint() override;
 
+  std::unique_ptr<Endpoint> beside(const Config& config, Sink& sink, Participant participant) override;
   Matched matched() override { return matches_.now(); }
   Losses losses() override;
   std::string seen() override;
@@ -130,6 +136,11 @@ class CycloneEndpoint final : public Endpoint {
   std::map<std::string, std::string> facts() override;
 
  private:
+  // Before anything is opened, so that what is gets closed wherever a constructor fails.
+  CycloneEndpoint(const Config& config, Sink& sink, Configuration configuration,
+                  std::shared_ptr<Domain> domain, dds_entity_t participant);
+  void open_participant(Log& log);
+  void open_ends(Log& log);
   void open_writer(dds_entity_t topic, const dds_qos_t& qos, Log& log);
   void open_reader(dds_entity_t topic, const dds_qos_t& qos, Log& log);
   void take_all(dds_entity_t reader) noexcept;
@@ -140,10 +151,11 @@ class CycloneEndpoint final : public Endpoint {
   Config config_;
   Sink& sink_;
   Configuration configuration_;
-  Blocks blocks_;
   dds::Matches matches_;
   dds::Gaps gaps_;
-  Domain domain_;  // after what its threads use, so that they end first
+  std::shared_ptr<Domain> domain_;
+  Blocks& blocks_;
+  std::vector<dds_entity_t> own_;  // what ends with this endpoint, where the domain does not
   ddsi_sertype* type_ = nullptr;
   dds_entity_t participant_ = 0;
   dds_entity_t writer_ = 0;
@@ -152,37 +164,77 @@ class CycloneEndpoint final : public Endpoint {
   dds_entity_t interrupted_ = 0;
 };
 
-CycloneEndpoint::CycloneEndpoint(const Config& config, Sink& sink)
+CycloneEndpoint::CycloneEndpoint(const Config& config, Sink& sink, Configuration configuration,
+                                 std::shared_ptr<Domain> domain, dds_entity_t participant)
     : config_(config),
       sink_(sink),
-      configuration_(configuration(config)),
-      blocks_(message::cdr_overhead + config.max_payload_bytes) {
+      configuration_(std::move(configuration)),
+      domain_(std::move(domain)),
+      blocks_(domain_->blocks.emplace_back(message::cdr_overhead + config.max_payload_bytes)),
+      participant_(participant) {}
+
+CycloneEndpoint::CycloneEndpoint(const Config& config, Sink& sink)
+    : CycloneEndpoint(config, sink, configuration(config), std::make_shared<Domain>(), 0) {
   Log log;
   const auto tasks_before = dds::tasks();
   const auto sockets_before = dds::sockets();
-  const auto domain_id = static_cast<dds_domainid_t>(config.domain);
   std::string where = "domain " + std::to_string(config.domain);
   if (!config.interface.empty()) where += " on " + config.interface + " (" + config.address + ")";
   where += " as configured by " + configuration_.source;
-  domain_.entity = opened(dds_create_domain(domain_id, configuration_.xml.c_str()), where, log);
-  participant_ = opened(dds_create_participant(domain_id, nullptr, nullptr), "a participant", log);
+  domain_->entity = opened(
+      dds_create_domain(static_cast<dds_domainid_t>(config.domain), configuration_.xml.c_str()), where, log);
+  open_participant(log);
+  open_ends(log);
+  dds::keep_to_link(sockets_before, config, "cyclonedds");
+  await_names(tasks_before);
+  give_priorities_that_xml_cannot();
+}
 
+CycloneEndpoint::CycloneEndpoint(const Config& config, Sink& sink, const CycloneEndpoint& first,
+                                 Participant participant)
+    : CycloneEndpoint(config, sink, first.configuration_, first.domain_, first.participant_) {
+  Log log;
+  const auto sockets_before = dds::sockets();
+  if (participant == Participant::another) open_participant(log);
+  open_ends(log);
+  dds::keep_to_link(sockets_before, config, "cyclonedds");
+}
+
+CycloneEndpoint::~CycloneEndpoint() {
+  // The last one's threads, which call it, end here, and not when its members are half gone.
+  if (domain_.use_count() == 1) {
+    domain_.reset();
+    return;
+  }
+  for (auto entity = own_.rbegin(); entity != own_.rend(); ++entity) dds_delete(*entity);
+}
+
+std::unique_ptr<Endpoint> CycloneEndpoint::beside(const Config& config, Sink& sink, Participant participant) {
+  dds::check(config, "cyclonedds", options);
+  return std::make_unique<CycloneEndpoint>(config, sink, *this, participant);
+}
+
+void CycloneEndpoint::open_participant(Log& log) {
+  participant_ = opened(dds_create_participant(static_cast<dds_domainid_t>(config_.domain), nullptr, nullptr),
+                        "a participant", log);
+  own_.push_back(participant_);
+}
+
+void CycloneEndpoint::open_ends(Log& log) {
   const auto open_topic = [&](const std::string& name) {
     type_ = new_type(blocks_);
     const dds_entity_t topic =
         dds_create_topic_sertype(participant_, name.c_str(), &type_, nullptr, nullptr, nullptr);
     if (topic < 0) ddsi_sertype_unref(type_);
-    return opened(topic, "the topic " + name, log);
+    own_.push_back(opened(topic, "the topic " + name, log));
+    return topic;
   };
-  const dds_entity_t read = open_topic(dds::topic_read(config));
-  const dds_entity_t written = open_topic(dds::topic_written(config));
+  const dds_entity_t read = open_topic(dds::topic_read(config_));
+  const dds_entity_t written = open_topic(dds::topic_written(config_));
 
-  const auto qos = vendor_qos(config.qos);
+  const auto qos = vendor_qos(config_.qos);
   open_writer(written, *qos, log);  // before the reader, whose listener may call send() at once
   open_reader(read, *qos, log);
-  dds::keep_to_link(sockets_before, config, "cyclonedds");
-  await_names(tasks_before);
-  give_priorities_that_xml_cannot();
 }
 
 void CycloneEndpoint::open_writer(dds_entity_t topic, const dds_qos_t& qos, Log& log) {
@@ -192,6 +244,7 @@ void CycloneEndpoint::open_writer(dds_entity_t topic, const dds_qos_t& qos, Log&
         static_cast<CycloneEndpoint*>(self)->matches_.set_readers(static_cast<int>(status.current_count));
       });
   writer_ = opened(dds_create_writer(participant_, topic, &qos, listener.get()), "a writer", log);
+  own_.push_back(writer_);
 }
 
 void CycloneEndpoint::open_reader(dds_entity_t topic, const dds_qos_t& qos, Log& log) {
@@ -205,9 +258,12 @@ void CycloneEndpoint::open_reader(dds_entity_t topic, const dds_qos_t& qos, Log&
       static_cast<CycloneEndpoint*>(self)->take_all(reader);
     });
   reader_ = opened(dds_create_reader(participant_, topic, &qos, listener.get()), "a reader", log);
+  own_.push_back(reader_);
   if (config_.receive == Receive::listener) return;
   waitset_ = opened(dds_create_waitset(participant_), "a waitset", log);
+  own_.push_back(waitset_);
   interrupted_ = opened(dds_create_guardcondition(participant_), "a guard condition", log);
+  own_.push_back(interrupted_);
   const dds_entity_t data = opened(dds_create_readcondition(reader_, DDS_ANY_STATE), "a read condition", log);
   opened(dds_waitset_attach(waitset_, data, 0), "a waitset", log);
   opened(dds_waitset_attach(waitset_, interrupted_, 0), "a waitset", log);

@@ -64,7 +64,7 @@ vendor::DomainParticipantQos participant_qos(const Profiles& profiles, Log& log)
 
 // What readers and writers have alike.
 template <typename EndpointQos>
-void set_qos(EndpointQos& to, const Qos& qos, std::size_t cdr_bytes) {
+void set_qos(EndpointQos& to, const Qos& qos, std::size_t cdr_bytes, rtps::MemoryManagementPolicy_t memory) {
   to.reliability().kind = qos.reliability == Reliability::reliable ? vendor::RELIABLE_RELIABILITY_QOS
                                                                    : vendor::BEST_EFFORT_RELIABILITY_QOS;
   to.reliability().max_blocking_time = {0, 100'000'000};
@@ -74,7 +74,7 @@ void set_qos(EndpointQos& to, const Qos& qos, std::size_t cdr_bytes) {
   to.history().kind =
       qos.history == History::keep_all ? vendor::KEEP_ALL_HISTORY_QOS : vendor::KEEP_LAST_HISTORY_QOS;
   to.history().depth = qos.depth;
-  to.endpoint().history_memory_policy = rtps::PREALLOCATED_MEMORY_MODE;
+  to.endpoint().history_memory_policy = memory;
   auto& limits = to.resource_limits();
   limits.max_samples = std::max(limits.max_samples, qos.depth);
   limits.max_samples_per_instance = std::max(limits.max_samples_per_instance, qos.depth);
@@ -141,18 +141,30 @@ std::int64_t number_of(const vendor::SampleInfo& info) {
   return static_cast<std::int64_t>(info.sample_identity.sequence_number().to64long());
 }
 
-struct ParticipantDeleter {
-  void operator()(vendor::DomainParticipant* participant) const {
-    participant->delete_contained_entities();
-    DomainParticipantFactory::get_instance()->delete_participant(participant);
+// Of all endpoints that share it.
+struct SharedParticipant {
+  explicit SharedParticipant(const Config& config) : discovered(config) {}
+  ~SharedParticipant() {
+    if (entity == nullptr) return;
+    entity->delete_contained_entities();
+    DomainParticipantFactory::get_instance()->delete_participant(entity);
   }
+  SharedParticipant(const SharedParticipant&) = delete;
+  SharedParticipant& operator=(const SharedParticipant&) = delete;
+
+  Discovered discovered;
+  vendor::DomainParticipant* entity = nullptr;
+  std::int64_t quiet_from_ns = 0;  // its first announcements are over: a hundred packets of ours, or more
 };
 
 class FastEndpoint final : public Endpoint, vendor::DataReaderListener, vendor::DataWriterListener {
  public:
   FastEndpoint(const Config& config, Sink& sink);
+  FastEndpoint(const Config& config, Sink& sink, const FastEndpoint& first);  // in its participant
+  ~FastEndpoint() override;
 
-  Matched matched() override { return now_ns() < quiet_from_ns_ ? Matched{} : matches_.now(); }
+  std::unique_ptr<Endpoint> beside(const Config& config, Sink& sink, Participant participant) override;
+  Matched matched() override { return now_ns() < participant_->quiet_from_ns ? Matched{} : matches_.now(); }
   Losses losses() override;
   std::string seen() override;
   bool send(std::uint64_t sequence, std::span<const std::byte> payload) noexcept override;
@@ -162,8 +174,10 @@ class FastEndpoint final : public Endpoint, vendor::DataReaderListener, vendor::
   std::map<std::string, std::string> facts() override;
 
  private:
+  // Before anything is opened, so that what is gets closed wherever a constructor fails.
+  FastEndpoint(const Config& config, Sink& sink, std::shared_ptr<SharedParticipant> participant);
   void open_participant(Log& log);
-  void open_topics_and_ends(Log& log);
+  void open_topics_and_ends(Log& log, rtps::MemoryManagementPolicy_t memory);
   void on_data_available(vendor::DataReader* reader) override { take_all(*reader); }
   void on_subscription_matched(vendor::DataReader*,
                                const vendor::SubscriptionMatchedStatus& status) override {
@@ -183,29 +197,62 @@ class FastEndpoint final : public Endpoint, vendor::DataReaderListener, vendor::
   vendor::WaitSet waitset_;
   vendor::GuardCondition interrupted_;
   vendor::ConditionSeq active_;
-  Discovered discovered_;
   dds::Matches matches_;
-  std::int64_t quiet_from_ns_ = 0;  // our first announcements are over: a hundred packets of ours, or more
   dds::Gaps gaps_;
-  std::unique_ptr<vendor::DomainParticipant, ParticipantDeleter> participant_;  // ends before what it calls
+  std::shared_ptr<SharedParticipant> participant_;
+  vendor::Publisher* publisher_ = nullptr;
+  vendor::Subscriber* subscriber_ = nullptr;
   vendor::DataWriter* writer_ = nullptr;
   vendor::DataReader* reader_ = nullptr;
 };
 
-FastEndpoint::FastEndpoint(const Config& config, Sink& sink)
+FastEndpoint::FastEndpoint(const Config& config, Sink& sink, std::shared_ptr<SharedParticipant> participant)
     : config_(config),
       sink_(sink),
       room_(message::cdr_overhead + config.max_payload_bytes + 3),  // DDS pads to a multiple of four
-      discovered_(config) {
+      participant_(std::move(participant)) {}
+
+FastEndpoint::FastEndpoint(const Config& config, Sink& sink)
+    : FastEndpoint(config, sink, std::make_shared<SharedParticipant>(config)) {
   const auto before = dds::tasks();
   const auto sockets_before = dds::sockets();
   {
     Log log;
     open_participant(log);
-    open_topics_and_ends(log);
+    open_topics_and_ends(log, rtps::PREALLOCATED_MEMORY_MODE);
   }
   dds::keep_to_link(sockets_before, config, "fastdds");
   for (const auto& task : dds::started_since(before)) threads_.push_back(task.tid);
+}
+
+FastEndpoint::FastEndpoint(const Config& config, Sink& sink, const FastEndpoint& first)
+    : FastEndpoint(config, sink, first.participant_) {
+  profiles_ = first.profiles_;
+  const auto before = dds::tasks();
+  const auto sockets_before = dds::sockets();
+  {
+    Log log;
+    // A participant knows our type once, with the size that its first endpoint has.
+    open_topics_and_ends(log, rtps::PREALLOCATED_WITH_REALLOC_MEMORY_MODE);
+  }
+  dds::keep_to_link(sockets_before, config, "fastdds");
+  for (const auto& task : dds::started_since(before)) threads_.push_back(task.tid);
+}
+
+FastEndpoint::~FastEndpoint() {
+  // The last one's threads, which call it, end here, and not when its members are half gone.
+  if (participant_.use_count() == 1) {
+    participant_.reset();
+    return;
+  }
+  if (reader_ != nullptr) subscriber_->delete_datareader(reader_);
+  if (writer_ != nullptr) publisher_->delete_datawriter(writer_);
+}
+
+std::unique_ptr<Endpoint> FastEndpoint::beside(const Config& config, Sink& sink, Participant participant) {
+  dds::check(config, "fastdds", options);
+  if (participant == Participant::another) return std::make_unique<FastEndpoint>(config, sink);
+  return std::make_unique<FastEndpoint>(config, sink, *this);
 }
 
 void FastEndpoint::open_participant(Log& log) {
@@ -215,41 +262,41 @@ void FastEndpoint::open_participant(Log& log) {
   std::string where = "domain " + std::to_string(config_.domain);
   if (!config_.interface.empty()) where += " on " + config_.interface + " (" + config_.address + ")";
   where += " as configured by " + profiles_.source;
-  participant_.reset(
-      opened(DomainParticipantFactory::get_instance()->create_participant(
-                 static_cast<vendor::DomainId_t>(config_.domain), qos, &discovered_, StatusMask::none()),
-             where, log));
+  participant_->entity = opened(DomainParticipantFactory::get_instance()->create_participant(
+                                    static_cast<vendor::DomainId_t>(config_.domain), qos,
+                                    &participant_->discovered, StatusMask::none()),
+                                where, log);
   const auto& first = qos.wire_protocol().builtin.discovery_config.initial_announcements;
-  quiet_from_ns_ = now_ns() + (first.count + std::int64_t{1}) * first.period.to_ns();
+  participant_->quiet_from_ns = now_ns() + (first.count + std::int64_t{1}) * first.period.to_ns();
 }
 
-void FastEndpoint::open_topics_and_ends(Log& log) {
-  const vendor::TypeSupport type(new CdrType(room_.size()));
-  type.register_type(participant_.get());
+void FastEndpoint::open_topics_and_ends(Log& log, rtps::MemoryManagementPolicy_t memory) {
+  auto* const participant = participant_->entity;
+  if (participant->find_type(message::type_name).empty())
+    vendor::TypeSupport(new CdrType(room_.size())).register_type(participant);
   const auto open_topic = [&](const std::string& name) {
-    return opened(participant_->create_topic(name, message::type_name, vendor::TOPIC_QOS_DEFAULT),
+    return opened(participant->create_topic(name, message::type_name, vendor::TOPIC_QOS_DEFAULT),
                   "the topic " + name, log);
   };
   auto* const read = open_topic(dds::topic_read(config_));
   auto* const written = open_topic(dds::topic_written(config_));
 
-  auto* const publisher =
-      opened(participant_->create_publisher(vendor::PUBLISHER_QOS_DEFAULT), "a publisher", log);
-  vendor::DataWriterQos writer_qos = publisher->get_default_datawriter_qos();
-  set_qos(writer_qos, config_.qos, room_.size());
+  publisher_ = opened(participant->create_publisher(vendor::PUBLISHER_QOS_DEFAULT), "a publisher", log);
+  vendor::DataWriterQos writer_qos = publisher_->get_default_datawriter_qos();
+  set_qos(writer_qos, config_.qos, room_.size(), memory);
   writer_qos.publish_mode().kind = vendor::SYNCHRONOUS_PUBLISH_MODE;
   // Before the reader, whose listener may call send() at once.
-  writer_ = opened(publisher->create_datawriter(written, writer_qos, this, StatusMask::publication_matched()),
-                   "a writer", log);
+  writer_ =
+      opened(publisher_->create_datawriter(written, writer_qos, this, StatusMask::publication_matched()),
+             "a writer", log);
 
-  auto* const subscriber =
-      opened(participant_->create_subscriber(vendor::SUBSCRIBER_QOS_DEFAULT), "a subscriber", log);
-  vendor::DataReaderQos reader_qos = subscriber->get_default_datareader_qos();
-  set_qos(reader_qos, config_.qos, room_.size());
+  subscriber_ = opened(participant->create_subscriber(vendor::SUBSCRIBER_QOS_DEFAULT), "a subscriber", log);
+  vendor::DataReaderQos reader_qos = subscriber_->get_default_datareader_qos();
+  set_qos(reader_qos, config_.qos, room_.size(), memory);
   const bool listens = config_.receive == Receive::listener;
   StatusMask heard = StatusMask::subscription_matched();
   if (listens) heard << StatusMask::data_available();
-  reader_ = opened(subscriber->create_datareader(read, reader_qos, this, heard), "a reader", log);
+  reader_ = opened(subscriber_->create_datareader(read, reader_qos, this, heard), "a reader", log);
   if (listens) return;
   reader_->get_statuscondition().set_enabled_statuses(StatusMask::data_available());
   waitset_.attach_condition(reader_->get_statuscondition());
@@ -294,8 +341,8 @@ std::string FastEndpoint::seen() {
   vendor::OfferedIncompatibleQosStatus offered;
   writer_->get_offered_incompatible_qos_status(offered);
   if (offered.total_count > 0) return dds::refused_reader(config_, policy_of(offered.last_policy_id));
-  if (std::string found = discovered_.other_type(); !found.empty()) return found;
-  return dds::others_without_our_topics(config_, discovered_.participants(), matched());
+  if (std::string found = participant_->discovered.other_type(); !found.empty()) return found;
+  return dds::others_without_our_topics(config_, participant_->discovered.participants(), matched());
 }
 
 std::map<std::string, std::string> FastEndpoint::facts() {

@@ -1,0 +1,86 @@
+// SPDX-License-Identifier: Apache-2.0
+// What can be said of ordinary topics beside the critical one.
+#include "campaign/keys.hpp"
+
+namespace ontime::campaign {
+namespace {
+
+using Text = const std::string&;
+using roundtrip::NeighbourOptions;
+
+constexpr int most_topics = 100;
+constexpr std::chrono::microseconds least_step{10};  // between two messages of one sending thread
+
+// Whether any of it was said.
+bool is_described(const NeighbourOptions& options) {
+  const NeighbourOptions none;
+  return options.where != none.where || options.payload_bytes != none.payload_bytes ||
+         options.period != none.period || options.reliability != none.reliability ||
+         options.there != none.there || options.back != none.back || options.priority != none.priority;
+}
+
+}  // namespace
+
+std::vector<Key> neighbour_keys() {
+  const auto client = Key::For::client;
+  return {
+      {"neighbours.topics", "", "1-100", "ordinary topics beside the critical one: none", client,
+       [](Run& run, Text text) {
+         run.task.neighbours.topics = static_cast<int>(number_of(text, 1, most_topics));
+       }},
+      {"neighbours.where", "", "same-participant|same-process|other-process",
+       "in the critical topic's participant, in another of its process, or in another process: "
+       "same-participant",
+       client,
+       [](Run& run, Text text) {
+         run.task.neighbours.where =
+             one_of(roundtrip::where_of(text), text, "same-participant, same-process, other-process");
+       }},
+      {"neighbours.rate", "", "RATE", "of messages, of each topic and direction: 100 Hz", client,
+       [](Run& run, Text text) { run.task.neighbours.period = period_of_rate(text); }},
+      {"neighbours.payload", "", "SIZE", "of each message: 1 kB", client,
+       [](Run& run, Text text) { run.task.neighbours.payload_bytes = payload_of(text); }},
+      {"neighbours.reliability", "", "best-effort|reliable",
+       "of their topics, which keep the last 10: best-effort", client,
+       [](Run& run, Text text) {
+         run.task.neighbours.reliability = one_of(agent::reliability_of(text), text, "best-effort, reliable");
+       }},
+      {"neighbours.direction", "", "both|to-component|to-controller", "of their messages: both", client,
+       [](Run& run, Text text) {
+         const auto direction = one_of(direction_of(text), text, "both, to-component, to-controller");
+         run.task.neighbours.there = direction != Traffic::Direction::to_controller;
+         run.task.neighbours.back = direction != Traffic::Direction::to_component;
+       }},
+      {"neighbours.priority", "", "1-99", "SCHED_FIFO priority of the threads that are theirs alone: none",
+       client,
+       [](Run& run, Text text) { run.task.neighbours.priority = static_cast<int>(number_of(text, 1, 99)); }}};
+}
+
+void complete_neighbours(const Run& run) {
+  const auto& neighbours = run.task.neighbours;
+  if (neighbours.topics == 0) {
+    if (is_described(neighbours))
+      throw std::invalid_argument(
+          "neighbours are described, but there are none: neighbours.topics says how many");
+    return;
+  }
+  for (const auto& transport : {run.task.transport, run.component_transport})
+    if (transport == "udp")
+      throw std::invalid_argument(
+          "transport udp has no topics, and so no neighbours: what goes over the link beside its messages is "
+          "`traffic`");
+  if (neighbours.period / neighbours.topics < least_step)
+    throw std::invalid_argument(
+        fmt::format("{} neighbours with a message every {} are more than 100000 messages a second, each way",
+                    neighbours.topics, text_of(neighbours.period)));
+  if (run.component_restart)
+    throw std::invalid_argument(
+        "neighbours of an end that is started again have nobody to count what they lost: leave out "
+        "neighbours, or component.restart");
+  auto config = run.task.config;
+  for (auto* topic : {&config.ping_topic, &config.pong_topic})
+    *topic = roundtrip::neighbour_topic(*topic, neighbours.topics);
+  check_topics(config);
+}
+
+}  // namespace ontime::campaign

@@ -1,0 +1,53 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "campaign/neighbours.hpp"
+
+#include <algorithm>
+
+#include <fmt/format.h>
+
+namespace ontime::campaign {
+namespace {
+
+using nlohmann::json;
+
+constexpr double enough = 0.95;  // of what was asked, as of traffic
+
+json way(const json& sender, const json& receiver) {
+  const auto sent = sender.at("sent").get<std::uint64_t>();
+  const auto received = receiver.at("received").get<std::uint64_t>();
+  const auto refused = sender.at("refused").get<std::uint64_t>();
+  const auto skipped = sender.at("skipped_cycles").get<std::uint64_t>();
+  const auto asked = static_cast<double>(sent + refused + skipped);
+  return {{"sent", sent},
+          {"received", received},
+          {"lost", sent - std::min(sent, received)},
+          {"refused", refused},
+          {"skipped_cycles", skipped},
+          {"strays", receiver.at("strays")},
+          {"short", static_cast<double>(sent) < enough * asked}};
+}
+
+}  // namespace
+
+json achieved(const roundtrip::NeighbourOptions& options, const json& outcome) {
+  const auto& controller = outcome.at("hosts").at("controller").at("neighbours");
+  const auto& component = outcome.at("hosts").at("component").at("neighbours");
+  auto all = json::object();
+  if (options.there) all["to_component"] = way(controller, component);
+  if (options.back) all["to_controller"] = way(component, controller);
+  return all;
+}
+
+std::vector<std::string> shortfalls_of_neighbours(const json& achieved) {
+  std::vector<std::string> texts;
+  for (const auto& [name, counted] : achieved.items())
+    if (counted.at("short"))
+      texts.push_back(fmt::format(
+          "the neighbours that were asked for were NOT there: {} messages went to the {}, {} did not, "
+          "for their sender overran its period, and {} were refused by the transport",
+          counted.at("sent").get<std::uint64_t>(), name == "to_component" ? "component" : "controller",
+          counted.at("skipped_cycles").get<std::uint64_t>(), counted.at("refused").get<std::uint64_t>()));
+  return texts;
+}
+
+}  // namespace ontime::campaign

@@ -1,0 +1,20 @@
+// SPDX-License-Identifier: Apache-2.0
+// What became of the ordinary topics beside the critical one.
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include <nlohmann/json.hpp>
+
+#include "roundtrip/roundtrip.hpp"
+
+namespace ontime::campaign {
+
+// Of a run's outcome (`neighbours` of its hosts), each way: {sent, received, lost, refused, skipped_cycles,
+// strays, short}. `short`: fewer were sent than were asked for, because the sender overran its period or the
+// transport refused them.
+nlohmann::json achieved(const roundtrip::NeighbourOptions&, const nlohmann::json& outcome);
+std::vector<std::string> shortfalls_of_neighbours(const nlohmann::json& achieved);  // for people
+
+}  // namespace ontime::campaign

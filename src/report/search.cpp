@@ -1,0 +1,168 @@
+// SPDX-License-Identifier: Apache-2.0
+// What searches found: how far a key can be turned up before something is missed.
+#include <algorithm>
+#include <cmath>
+#include <map>
+#include <tuple>
+
+#include <fmt/format.h>
+
+#include "report/conditions.hpp"
+#include "report/runs.hpp"
+#include "report/words.hpp"
+
+namespace ontime::report {
+namespace {
+
+using nlohmann::json;
+using nlohmann::ordered_json;
+using statistics::Summary;
+
+// The runs of one value.
+struct Step {
+  std::string value;
+  std::uint64_t messages = 0, late = 0, lost = 0, skipped_cycles = 0;
+  double effect = 1;         // the greatest design effect of its runs
+  bool failed = false;       // one of them was not measured to its end
+  bool is_short = false;     // the neighbours or the traffic that were asked for were not there
+  bool interrupted = false;  // says nothing
+  bool missed() const { return failed || is_short || late + lost + skipped_cycles > 0; }
+};
+
+struct Found {
+  std::string id, transport, among, key;
+  std::map<std::int64_t, Step> steps;
+  const Step *passed = nullptr, *ended = nullptr;  // next to one another once the search is over
+};
+
+bool any_short(const json& outcome) {
+  for (const auto* beside : {"neighbours", "traffic"})
+    if (const auto& ways = at(outcome, beside); ways.is_object())
+      for (const auto& way : ways)
+        if (is_true(at(way, "short"))) return true;
+  return false;
+}
+
+void add(Step& step, const Summary& summary) {
+  const auto& outcome = summary.run.outcome;
+  step.value = word(at(at(summary.run.asked, "search"), "value"));
+  if (outcome.is_null() || is_true(at(outcome, "interrupted"))) {
+    step.interrupted = true;
+    return;
+  }
+  step.messages += summary.sent;
+  step.late += summary.late;
+  step.lost += summary.lost;
+  step.skipped_cycles += summary.skipped_cycles;
+  step.effect = std::max(step.effect, summary.missed_probability.effect);
+  step.failed = step.failed || !at(outcome, "error").is_null();
+  step.is_short = step.is_short || any_short(outcome);
+}
+
+std::vector<Found> found(const Group& group) {
+  std::vector<Found> all;
+  std::map<std::tuple<json, json, json, json, json>, std::size_t> places;
+  for (const auto* summary : group) {
+    const auto& asked = summary->run.asked;
+    const auto& search = at(asked, "search");
+    if (!search.is_object()) continue;
+    const auto [place, is_new] =
+        places.try_emplace({at(asked, "id"), at(asked, "transport"), at(asked, "component"),
+                            at(search, "among"), at(search, "key")},
+                           all.size());
+    if (is_new) {
+      auto& one = all.emplace_back();
+      one.id = id_of(asked);
+      one.transport = word(at(asked, "transport"));
+      one.key = word(at(search, "key"));
+      for (const auto& text : {at(asked, "component"), at(search, "among")})
+        if (text.is_string() && !text.get<std::string>().empty())
+          one.among += (one.among.empty() ? "" : ", ") + word(text);
+    }
+    add(all[place->second].steps[static_cast<std::int64_t>(count(at(search, "step")))], *summary);
+  }
+  for (auto& one : all)
+    for (const auto& [number, step] : one.steps) {
+      if (step.missed()) {
+        one.ended = &step;
+        break;
+      }
+      if (!step.interrupted) one.passed = &step;
+    }
+  return all;
+}
+
+// Below what the probability of a miss is, with 95 % confidence, after none of so many messages.
+std::optional<double> bound_of(const Step* passed) {
+  if (passed == nullptr || passed->messages == 0) return {};
+  return -std::expm1(std::log(0.05) * passed->effect / static_cast<double>(passed->messages));
+}
+
+std::string why(const Step& step) {
+  std::vector<std::string> parts;
+  if (step.failed) parts.emplace_back("failed");
+  if (step.late > 0) parts.push_back(fmt::format("{} late", grouped(step.late)));
+  if (step.lost > 0) parts.push_back(fmt::format("{} lost", grouped(step.lost)));
+  if (step.skipped_cycles > 0) parts.push_back(many(step.skipped_cycles, "skipped cycle", "skipped cycles"));
+  if (step.is_short) parts.emplace_back("what was to be beside it could be no more");
+  return fmt::format("{}, of {}", join(parts, ", "), many(step.messages, "message", "messages"));
+}
+
+ordered_json json_of(const Step* step) {
+  if (step == nullptr) return nullptr;
+  return {{"value", step->value},
+          {"messages", step->messages},
+          {"late", step->late},
+          {"lost", step->lost},
+          {"skipped_cycles", step->skipped_cycles},
+          {"failed", step->failed},
+          {"short", step->is_short}};
+}
+
+}  // namespace
+
+Table searches_table(const Group& group) {
+  using enum Column::Align;
+  Table table{"", "", {}, {}, {}};
+  std::string keys;
+  for (const auto& one : found(group)) {
+    if (keys.find(one.key) == std::string::npos) keys += (keys.empty() ? "" : ", ") + one.key;
+    const auto bound = bound_of(one.passed);
+    table.rows.push_back({one.transport + (one.among.empty() ? "" : " " + one.among),
+                          one.passed == nullptr ? "nothing tried" : one.passed->value,
+                          one.passed == nullptr ? nothing : grouped(one.passed->messages),
+                          bound ? fmt::format("< {:.2g} %", *bound * 100) : nothing,
+                          one.ended == nullptr ? "nothing tried" : one.ended->value,
+                          one.ended == nullptr ? nothing : why(*one.ended)});
+  }
+  if (table.rows.empty()) return table;
+  table.title = fmt::format("how far {} can be turned up", keys);
+  table.columns = {{"", left},
+                   {"No miss\nat", right},
+                   {"Messages\nthere", right},
+                   {"Missed\nthere", right},
+                   {"Missed\nat", right},
+                   {"What", left}};
+  table.notes.emplace_back(
+      "A miss: a message late or lost, or a cycle without one. Missed there: below that with 95 % "
+      "confidence, after "
+      "none.");
+  return table;
+}
+
+ordered_json searches_json_of(const Summaries& summaries) {
+  auto all = ordered_json::array();
+  for (const auto& one : found(all_of(summaries))) {
+    const auto bound = bound_of(one.passed);
+    all.push_back({{"id", one.id},
+                   {"transport", one.transport},
+                   {"among", one.among},
+                   {"key", one.key},
+                   {"passed", json_of(one.passed)},
+                   {"missed_below", bound ? ordered_json(*bound) : ordered_json()},
+                   {"ended", json_of(one.ended)}});
+  }
+  return all;
+}
+
+}  // namespace ontime::report

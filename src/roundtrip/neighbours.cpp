@@ -1,0 +1,213 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <array>
+#include <limits>
+#include <random>
+#include <thread>
+
+#include <pthread.h>
+#include <unistd.h>
+
+#include "message/message.hpp"
+#include "roundtrip/alarm.hpp"
+#include "roundtrip/cycles.hpp"
+#include "roundtrip/receiver.hpp"
+#include "roundtrip/roundtrip.hpp"
+#include "transport/clock.hpp"
+
+namespace ontime::roundtrip {
+namespace {
+
+using transport::Config;
+using transport::Endpoint;
+using transport::now_ns;
+
+constexpr int depth = 10;             // ROS 2's own choice
+constexpr std::uint32_t counted = 1;  // in a session: whether its messages are
+
+struct WhereWord {
+  Where where;
+  const char* word;
+};
+constexpr std::array<WhereWord, 3> wheres{{{Where::same_participant, "same-participant"},
+                                           {Where::same_process, "same-process"},
+                                           {Where::other_process, "other-process"}}};
+
+// Of the topic of that number: as the critical one's, and of the neighbour's size and reliability.
+Config config_of(Config config, const NeighbourOptions& options, int number) {
+  for (auto* topic : {&config.ping_topic, &config.pong_topic}) *topic = neighbour_topic(*topic, number);
+  config.max_payload_bytes = options.payload_bytes;
+  config.qos = {.reliability = options.reliability, .depth = depth};
+  config.fifo_priority.clear();
+  return config;
+}
+
+}  // namespace
+
+const char* word_of(Where where) {
+  for (const auto& known : wheres)
+    if (known.where == where) return known.word;
+  return "";
+}
+
+std::optional<Where> where_of(const std::string& word) {
+  for (const auto& known : wheres)
+    if (word == known.word) return known.where;
+  return {};
+}
+
+std::string neighbour_topic(std::string critical, int number) {
+  return critical.insert(critical.rfind('/'), "/neighbour_" + std::to_string(number));
+}
+
+class Neighbours::Group final : public transport::Sink {
+ public:
+  Group(const transport::Plugin& plugin, Endpoint* critical, const Config& config,
+        const NeighbourOptions& options, std::chrono::nanoseconds duration)
+      : sends_(config.role == transport::Role::client ? options.there : options.back),
+        topics_(options.topics),
+        period_ns_(options.period.count()),
+        duration_ns_(duration.count()),
+        payload_(options.payload_bytes),
+        session_(static_cast<std::uint32_t>(std::random_device{}() >> 8) & ~counted) {
+    auto* beside = critical;
+    auto participant =
+        options.where == Where::same_process ? transport::Participant::another : transport::Participant::same;
+    for (int number = 1; number <= topics_; ++number) {
+      const auto own = config_of(config, options, number);
+      endpoints_.push_back(beside == nullptr ? plugin.open(own, *this)
+                                             : beside->beside(own, *this, participant));
+      if (!endpoints_.back())
+        throw transport::WrongInput(
+            std::string("transport ") + plugin.name +
+            " has no neighbours: it opens one end in a process, and no other beside it");
+      if (number == 1 && options.where != Where::same_participant) beside = endpoints_.front().get();
+      participant = transport::Participant::same;
+    }
+    for (auto& endpoint : endpoints_)
+      receivers_.push_back(std::make_unique<Receiver>(*endpoint, config.receive));
+    if (!sends_) return;
+    sender_ = std::thread([this] { send(); });
+    sender_tid_.wait(0);
+  }
+
+  ~Group() {
+    stop();
+    leave_.ring();
+    if (sender_.joinable()) sender_.join();
+    receivers_.clear();
+    while (!endpoints_.empty()) endpoints_.pop_back();  // the one that the others are beside is the first
+  }
+
+  // Real-time: on the transport's thread, or on a receiver's.
+  void arrived(std::uint64_t sequence, std::span<std::byte>, std::int64_t) noexcept override {
+    const auto session = message::session_of(sequence);
+    std::uint32_t unknown = 0;
+    const auto whose = (session & ~counted) + 1;  // 0 is nobody's
+    if (!heard_.compare_exchange_strong(unknown, whose, std::memory_order_relaxed) && unknown != whose)
+      strays_.fetch_add(1, std::memory_order_relaxed);
+    else if ((session & counted) != 0)
+      received_.fetch_add(1, std::memory_order_relaxed);
+  }
+
+  bool matched() {
+    for (auto& endpoint : endpoints_)
+      if (!endpoint->matched().both()) return false;
+    return true;
+  }
+  void start() { start_.ring(); }
+  void go() { go_.ring(); }
+  void stop() {
+    for (auto* alarm : {&stop_, &start_, &go_}) alarm->ring();
+  }
+  NeighbourCounters counters() const {
+    return {.sent = sent_,
+            .refused = refused_,
+            .skipped_cycles = skipped_,
+            .received = received_,
+            .strays = strays_};
+  }
+
+  std::vector<Thread> threads() {
+    std::vector<Thread> all;
+    if (sends_) all.push_back({sender_tid_, "send", sender_name});
+    for (const auto& receiver : receivers_)
+      for (auto& thread : receiver->threads()) all.push_back(std::move(thread));
+    for (auto& endpoint : endpoints_)
+      for (auto& thread : endpoint->threads()) all.push_back(std::move(thread));
+    return all;
+  }
+  Endpoint& endpoint() { return *endpoints_.front(); }
+
+ private:
+  static constexpr const char* sender_name = "ontime-beside";
+  static constexpr auto never_ns = std::numeric_limits<std::int64_t>::max();
+
+  // What walk() asks of a sender. Each cycle is another topic's turn: so their messages are spread evenly.
+  struct Sender {
+    Group& self;
+    Alarm& end;
+    std::uint32_t session;
+    std::int64_t first_ns, step_ns;
+    void sleep_until(std::int64_t due_ns) noexcept { end.sleep_until(due_ns); }
+    std::int64_t now_ns() const noexcept { return transport::now_ns(); }
+    std::int64_t stopped_ns() const noexcept { return end.rung() ? transport::now_ns() : never_ns; }
+    bool may_send(std::int64_t) const noexcept { return true; }
+    void post(const Turn& turn) noexcept {
+      const auto turns = (turn.due_ns - first_ns) / step_ns;
+      const auto taken = self.endpoints_[static_cast<std::size_t>(turns % self.topics_)]->send(
+          message::sequence_of(session, self.index_++), self.payload_);
+      if ((session & counted) == 0) return;
+      (taken ? self.sent_ : self.refused_).fetch_add(1, std::memory_order_relaxed);
+      self.skipped_.fetch_add(turn.skipped_cycles, std::memory_order_relaxed);
+    }
+  };
+
+  void send() noexcept {
+    pthread_setname_np(pthread_self(), sender_name);
+    sender_tid_ = gettid();
+    sender_tid_.notify_one();
+    start_.wait();
+    const auto step_ns = std::max<std::int64_t>(period_ns_ / topics_, 1);
+    // As many cycles as messages were asked for, however a period divides.
+    const auto cycles = std::max<std::int64_t>((duration_ns_ * topics_ + period_ns_ / 2) / period_ns_, 1);
+    const auto walk_until = [&](Alarm& end, std::uint32_t session, std::int64_t for_ns) {
+      const auto first_ns = now_ns() + step_ns;
+      Sender sender{*this, end, session, first_ns, step_ns};
+      return walk(sender, first_ns, step_ns, for_ns == never_ns ? never_ns : first_ns + for_ns);
+    };
+    walk_until(go_, session_, never_ns);
+    if (!stop_.rung()) {
+      const auto rest = walk_until(stop_, session_ | counted, cycles * step_ns);
+      skipped_.fetch_add(rest.cycles, std::memory_order_relaxed);
+    }
+    leave_.wait();  // until then it is still there to be read
+  }
+
+  const bool sends_;
+  const int topics_;
+  const std::int64_t period_ns_, duration_ns_;
+  const std::vector<std::byte> payload_;
+  const std::uint32_t session_;
+  std::uint64_t index_ = 0;
+  std::atomic<std::uint32_t> heard_{0};
+  std::atomic<std::uint64_t> sent_{0}, refused_{0}, skipped_{0}, received_{0}, strays_{0};
+  Alarm start_, go_, stop_, leave_;
+  std::atomic<pid_t> sender_tid_{0};
+  std::vector<std::unique_ptr<Endpoint>> endpoints_;
+  std::vector<std::unique_ptr<Receiver>> receivers_;
+  std::thread sender_;
+};
+
+Neighbours::Neighbours(const transport::Plugin& plugin, Endpoint* critical, const Config& config,
+                       const NeighbourOptions& options, std::chrono::nanoseconds duration)
+    : group_(std::make_unique<Group>(plugin, critical, config, options, duration)) {}
+Neighbours::~Neighbours() = default;
+Endpoint& Neighbours::endpoint() { return group_->endpoint(); }
+std::vector<Thread> Neighbours::threads() { return group_->threads(); }
+bool Neighbours::matched() { return group_->matched(); }
+void Neighbours::start() { group_->start(); }
+void Neighbours::go() { group_->go(); }
+void Neighbours::stop() { group_->stop(); }
+NeighbourCounters Neighbours::counters() const { return group_->counters(); }
+
+}  // namespace ontime::roundtrip

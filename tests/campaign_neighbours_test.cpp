@@ -1,0 +1,182 @@
+// SPDX-License-Identifier: Apache-2.0
+// Ordinary topics beside the critical one, and searches for how far they can be turned up.
+#include "campaign/neighbours.hpp"
+#include "campaign/search.hpp"
+#include "campaign_scenario.hpp"
+
+namespace ontime::campaign {
+namespace {
+
+using namespace std::chrono_literals;
+using nlohmann::json;
+using testing::AllOf;
+using testing::ElementsAre;
+using testing::HasSubstr;
+
+class Neighbours : public ScenarioFile {
+ protected:
+  static std::string with(const std::string& neighbours, const std::string& transport = "cyclonedds",
+                          const std::string& more = "") {
+    return "runs: [{id: a, transport: " + transport + more + ", neighbours: {" + neighbours + "}}]\n";
+  }
+};
+
+TEST_F(Neighbours, AreNoneUnlessTopicsSaysHowMany) {
+  EXPECT_EQ(read("runs: [{id: a, transport: udp}]\n").runs[0].task.neighbours.topics, 0);
+  EXPECT_THAT(error(with("rate: 200 Hz")), HasSubstr("neighbours.topics says how many"));
+}
+
+TEST_F(Neighbours, AreAllThatWasSaid) {
+  const auto run =
+      read(with("topics: 3, where: other-process, rate: 250 Hz, payload: 2 KiB, reliability: reliable, "
+                "direction: to-controller, priority: 40"))
+          .runs[0];
+  const auto& neighbours = run.task.neighbours;
+  EXPECT_EQ(neighbours.topics, 3);
+  EXPECT_EQ(neighbours.where, roundtrip::Where::other_process);
+  EXPECT_EQ(neighbours.period, 4ms);
+  EXPECT_EQ(neighbours.payload_bytes, 2048U);
+  EXPECT_EQ(neighbours.reliability, transport::Reliability::reliable);
+  EXPECT_FALSE(neighbours.there);
+  EXPECT_TRUE(neighbours.back);
+  EXPECT_EQ(neighbours.priority, 40);
+  const auto record = asked(run, {}).at("neighbours");
+  EXPECT_EQ(record.at("rate_hz"), 250);
+  EXPECT_EQ(record.at("where"), "other-process");
+}
+
+TEST_F(Neighbours, ThatCannotBeAreRefusedWhereTheyStand) {
+  for (const auto& [wrong, why] : {std::pair("topics: 0", "from 1 to 100"),
+                                   {"topics: 101", "from 1 to 100"},
+                                   {"topics: 1, rate: 10", "has no unit"},
+                                   {"topics: 1, rate: 0 Hz", "no rate of messages"},
+                                   {"topics: 1, rate: 200 kHz", "no rate of messages"},
+                                   {"topics: 1, rate: -1 Hz", "no rate of messages"},
+                                   {"topics: 1, payload: 2 GiB", "too large"},
+                                   {"topics: 1, where: beside", "is not one of same-participant"},
+                                   {"topics: 1, direction: up", "is not one of both"},
+                                   {"topics: 1, priority: 100", "from 1 to 99"},
+                                   {"topics: 1, number: 2", "unknown key 'neighbours.number'"}})
+    EXPECT_THAT(error(with(wrong)), AllOf(HasSubstr(":1:"), HasSubstr(why))) << wrong;
+  EXPECT_THAT(error(with("topics: 10, rate: 20 kHz")), HasSubstr("more than 100000 messages a second"));
+  EXPECT_THAT(error(with("topics: 1", "cyclonedds", ", component: {restart: on}")),
+              HasSubstr("component.restart"));
+}
+
+TEST_F(Neighbours, AreRefusedByNameOfATransportWithoutTopics) {
+  EXPECT_THAT(error(with("topics: 1", "udp")),
+              AllOf(HasSubstr("transport udp has no topics"), HasSubstr("traffic")));
+  EXPECT_THAT(error(with("topics: 1", "cyclonedds", ", component: {transport: udp}")),
+              HasSubstr("transport udp has no topics"));
+}
+
+TEST_F(Neighbours, HaveTopicsOfTheirOwnThatRosWouldTake) {
+  EXPECT_EQ(roundtrip::neighbour_topic("/robot/arm/ping", 7), "/robot/arm/neighbour_7/ping");
+  const std::string longest(240, 'x');
+  EXPECT_EQ(error("runs: [{id: a, transport: cyclonedds, topics: {ping: " + longest + "}}]\n"), "no error");
+  EXPECT_THAT(error(with("topics: 1", "cyclonedds", ", topics: {ping: " + longest + "}")),
+              HasSubstr("longer than 247 characters"));
+}
+
+json end_of(std::uint64_t sent, std::uint64_t received, std::uint64_t skipped = 0) {
+  return {{"sent", sent}, {"received", received}, {"refused", 0}, {"skipped_cycles", skipped}, {"strays", 0}};
+}
+json outcome_of(json controller, json component) {
+  json outcome{{"late", 0}, {"lost", 0}, {"skipped_cycles", 0}};
+  outcome["hosts"]["controller"]["neighbours"] = std::move(controller);
+  outcome["hosts"]["component"]["neighbours"] = std::move(component);
+  return outcome;
+}
+
+TEST(NeighboursAccount, IsWhatOneEndSentAndTheOtherReceived) {
+  const auto both = achieved({}, outcome_of(end_of(100, 45), end_of(50, 98)));
+  EXPECT_EQ(both.at("to_component").at("lost"), 2);
+  EXPECT_EQ(both.at("to_controller").at("lost"), 5);
+  EXPECT_FALSE(both.at("to_component").at("short"));
+  EXPECT_TRUE(shortfalls_of_neighbours(both).empty());
+  const auto there = achieved({.back = false}, outcome_of(end_of(100, 0), end_of(0, 100)));
+  EXPECT_FALSE(there.contains("to_controller"));
+}
+
+TEST(NeighboursAccount, SaysThatTheyOverranTheirPeriod) {
+  const auto overrun = achieved({.back = false}, outcome_of(end_of(94, 0, 6), end_of(0, 94)));
+  EXPECT_TRUE(overrun.at("to_component").at("short"));
+  EXPECT_THAT(shortfalls_of_neighbours(overrun),
+              ElementsAre(AllOf(HasSubstr("94 messages went to the component"), HasSubstr("6 did not"))));
+  EXPECT_FALSE(
+      achieved({.back = false}, outcome_of(end_of(95, 0, 5), end_of(0, 95))).at("to_component").at("short"));
+}
+
+// Of a search that is missed from a value on; returns what it tried.
+std::vector<int> tried(int values, int first_missed, Search search) {
+  std::vector<int> all;
+  while (const auto next = search.next()) {
+    all.push_back(*next);
+    search.tell(*next >= first_missed);
+    EXPECT_LE(all.size(), static_cast<std::size_t>(values)) << "it comes to an end";
+  }
+  const auto none = [](int value, bool is) { return is ? std::optional<int>() : value; };
+  EXPECT_EQ(search.passed(), none(first_missed - 1, first_missed == 0));
+  EXPECT_EQ(search.missed(), none(first_missed, first_missed == values));
+  return all;
+}
+
+TEST(Search, FindsTwoNeighboursOfWhichOneMisses) {
+  for (int values = 2; values < 40; ++values)
+    for (int first_missed = 0; first_missed <= values; ++first_missed)
+      tried(values, first_missed, Search(values));
+  EXPECT_THAT(tried(20, 5, Search(20)), ElementsAre(0, 1, 3, 7, 5, 4))
+      << "from the gentlest, and no harsher than it must";
+  EXPECT_THAT(tried(20, 0, Search(20)), ElementsAre(0));
+}
+
+TEST(Search, EndsAtMissesAtFailuresAndWhereMoreIsNotToBeHad) {
+  auto outcome = outcome_of(end_of(1, 1), end_of(1, 1));
+  EXPECT_FALSE(ends_search(outcome));
+  for (const auto* counter : {"late", "lost", "skipped_cycles"}) {
+    auto missed = outcome;
+    missed[counter] = 1;
+    EXPECT_TRUE(ends_search(missed)) << counter;
+  }
+  auto failed = outcome;
+  failed["error"] = "no answer";
+  EXPECT_TRUE(ends_search(failed));
+  outcome["neighbours"]["to_component"]["short"] = false;
+  EXPECT_FALSE(ends_search(outcome));
+  outcome["neighbours"]["to_component"]["short"] = true;
+  EXPECT_TRUE(ends_search(outcome));
+}
+
+constexpr const char* searched =
+    "runs: [{id: a, transport: [cyclonedds, fastdds], search: neighbours.rate, neighbours: {topics: 1, rate: "
+    "[100 Hz, 200 Hz, 400 Hz], where: [same-participant, other-process]}}]\n";
+
+TEST_F(Neighbours, ASearchHasItsStepsOneAfterAnother) {
+  const auto scenario = read(searched);
+  ASSERT_EQ(scenario.runs.size(), 12U);
+  for (std::size_t i = 0; i < scenario.runs.size(); ++i) {
+    const auto& step = scenario.runs[i].step;
+    EXPECT_EQ(step.key, "neighbours.rate");
+    EXPECT_EQ(step.number, static_cast<int>(i % 3));
+    EXPECT_EQ(step.of, 3);
+    EXPECT_THAT(step.among, testing::StartsWith("neighbours.where ")) << "not the rate";
+  }
+  EXPECT_EQ(scenario.runs[1].step.value, "200 Hz");
+  EXPECT_THAT(scenario.runs[1].variant, HasSubstr("neighbours.rate 200 Hz"));
+  EXPECT_EQ(scenario.runs[0].task.transport, scenario.runs[5].task.transport);
+  EXPECT_EQ(read("runs: [{id: a, transport: udp}]\n").runs[0].step.of, 0);
+}
+
+TEST_F(Neighbours, ASearchIsOfOneKeyWithAList) {
+  const auto of = [this](const std::string& search) {
+    return error("runs:\n  - {id: a, transport: [udp, fastdds], payload: [1 kB, 2 kB],\n     search: " +
+                 search + "}\n");
+  };
+  EXPECT_EQ(of("payload"), "no error");
+  EXPECT_THAT(of("period"), AllOf(HasSubstr(":3:14: search: 'period' is no key of this run with a list")));
+  EXPECT_THAT(of("[payload, period]"), HasSubstr("one key at a time"));
+  EXPECT_THAT(of("transport"), HasSubstr("transports are no more or less of anything"));
+}
+
+}  // namespace
+}  // namespace ontime::campaign

@@ -1,0 +1,142 @@
+// SPDX-License-Identifier: Apache-2.0
+// Ordinary topics beside a critical one, over each DDS: what they send is counted at both ends, wherever they
+// are, and the critical one goes on.
+#include <thread>
+
+#include "dds_ends.hpp"
+#include "roundtrip/roundtrip.hpp"
+
+namespace ontime::roundtrip {
+namespace {
+
+using namespace std::chrono_literals;
+using transport::Role;
+using transport::test::config_of;
+using transport::test::eventually;
+using transport::test::require;
+
+struct Case {
+  const char* transport;
+  Where where;
+  transport::Receive receive;
+};
+std::string name_of(const testing::TestParamInfo<Case>& info) {
+  auto name = std::string(info.param.transport) + "_" + word_of(info.param.where) +
+              (info.param.receive == transport::Receive::listener ? "_listener" : "_waitset");
+  std::replace(name.begin(), name.end(), '-', '_');
+  return name;
+}
+std::vector<Case> cases() {
+  std::vector<Case> all;
+  for (const auto* transport : {"cyclonedds", "fastdds"})
+    for (const auto where : {Where::same_participant, Where::same_process, Where::other_process})
+      for (const auto receive : {transport::Receive::listener, transport::Receive::waitset})
+        all.push_back({transport, where, receive});
+  return all;
+}
+
+constexpr auto duration = 200ms;
+// Larger than the critical one's messages, so that they have room of their own.
+NeighbourOptions options_of(const Case& value) {
+  return {.topics = 3,
+          .where = value.where,
+          .payload_bytes = 40'000,
+          .period = 20ms,
+          .reliability = transport::Reliability::reliable};
+}
+
+transport::Config ends_config(const Case& value, Role role) {
+  auto config = config_of(role, transport::Reliability::best_effort, value.receive);
+  config.max_payload_bytes = 500;
+  return config;
+}
+
+std::unique_ptr<Neighbours> open(const Case& value, Role role, transport::Endpoint* critical) {
+  return std::make_unique<Neighbours>(transport::load(value.transport), critical, ends_config(value, role),
+                                      options_of(value), duration);
+}
+
+// Sent, received, and passed over by the one sender in all.
+void check(const Neighbours& neighbours) {
+  const auto counted = neighbours.counters();
+  require(counted.sent + counted.refused + counted.skipped_cycles == 30,
+          "every cycle of the three is counted");
+  require(counted.strays == 0, "nobody else's came");
+}
+
+void run_neighbours(Neighbours& neighbours) {
+  require(eventually([&] { return neighbours.matched(); }), "they match");
+  neighbours.start();
+  std::this_thread::sleep_for(50ms);
+  neighbours.go();
+  std::this_thread::sleep_for(2 * duration);
+  require(eventually([&] { return neighbours.counters().received > 0; }), "the other end's came");
+  check(neighbours);
+}
+
+class NeighboursOf : public testing::TestWithParam<Case> {
+  void SetUp() override {
+    if (!transport::test::have(GetParam().transport)) GTEST_SKIP() << GetParam().transport << " is not built";
+  }
+};
+INSTANTIATE_TEST_SUITE_P(, NeighboursOf, testing::ValuesIn(cases()), name_of);
+
+TEST_P(NeighboursOf, AreCountedBesideACriticalOneThatGoesOn) {
+  const auto& value = GetParam();
+  const bool alone = value.where == Where::other_process;
+  transport::test::Process serving([&](const auto&) {
+    std::optional<Server> server;
+    if (!alone) server.emplace(transport::load(value.transport), ends_config(value, Role::server));
+    auto neighbours = open(value, Role::server, server ? &server->endpoint() : nullptr);
+    run_neighbours(*neighbours);
+    neighbours.reset();
+    if (!server) return;
+    const auto answered = server->answered();
+    require(answered > 0, "the critical one answered");
+    require(eventually([&] { return server->answered() > answered; }), "and does so without them");
+  });
+  transport::test::Process asking([&](const auto& await_end) {
+    std::optional<Client> client;
+    if (!alone) {
+      ClientOptions options;
+      options.period = 1ms;
+      options.duration = 60s;
+      client.emplace(transport::load(value.transport), ends_config(value, Role::client), options);
+    }
+    auto neighbours = open(value, Role::client, client ? &client->endpoint() : nullptr);
+    if (client) {
+      require(eventually([&] { return client->endpoint().matched().both(); }), "the critical one matches");
+      client->start();
+      require(eventually([&] { return client->state() == Client::State::ready; }), "it warms up");
+      client->go();
+    }
+    run_neighbours(*neighbours);
+    neighbours.reset();
+    if (client) {
+      const auto sent = client->counters().sent;
+      require(eventually([&] { return client->counters().sent > sent; }), "it goes on without them");
+    }
+    await_end();
+  });
+  EXPECT_EQ(serving.finish(), "");
+  EXPECT_EQ(asking.finish(), "");
+}
+
+TEST(Neighbours, OfATransportThatHasNoneAreRefusedByName) {
+  transport::test::Process serving([](const auto&) {
+    auto config = config_of(Role::server);
+    config.max_payload_bytes = 500;
+    Server server(transport::load("udp"), config);
+    try {
+      const Neighbours neighbours(transport::load("udp"), &server.endpoint(), config, {.topics = 1},
+                                  duration);
+      require(false, "it is refused");
+    } catch (const transport::WrongInput& wrong) {
+      require(std::string(wrong.what()).find("transport udp has no neighbours") == 0, wrong.what());
+    }
+  });
+  EXPECT_EQ(serving.finish(), "");
+}
+
+}  // namespace
+}  // namespace ontime::roundtrip

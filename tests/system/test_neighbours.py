@@ -1,0 +1,92 @@
+#!/usr/bin/env python3
+# SPDX-License-Identifier: Apache-2.0
+"""Ordinary topics beside the critical one, in its participant, in its process and in another: all counted, and as
+ordinary as they are said to be. Needs root, and skips without. ONTIME names the program."""
+
+import json
+import os
+import unittest
+
+from program import TRANSPORTS, Program
+
+SCENARIO = """
+hosts: namespaces
+defaults: {transport: [%s], period: 5 ms, duration: %s}
+runs:
+  - id: beside
+    realtime: on
+    neighbours: {topics: 3, rate: 100 Hz, payload: 2 kB, reliability: reliable,
+                 where: [same-participant, same-process, other-process]}
+"""
+SEARCH = """
+hosts: namespaces
+repeat: 2
+defaults: {transport: [%s], period: 5 ms, deadline: 500 ms, duration: %s}
+runs:
+  - {id: up, search: neighbours.rate, neighbours: {topics: 1, rate: [10 Hz, 20 Hz, 100 kHz], payload: 60 kB, direction: to-component}}
+"""
+DDS = [name for name in TRANSPORTS if name != "udp"]
+
+
+class Neighbours(Program):
+    def test_of_every_kind_are_counted_and_ordinary(self):
+        for transport in DDS:
+            with self.subTest(transport=transport):
+                self.results = os.path.join(self.folder, transport + ".ontime")
+                scenario = self.scenario("1 s", text=SCENARIO, transports=[transport])
+                answer = self.run_ontime("run", scenario, "--results", self.results)
+                self.assertEqual(answer.returncode, 0, answer.stderr)
+                for run in self.report():
+                    self.assertTrue(run["complete"])
+                    self.assertIsNone(run["error"])
+                    self.assertIn("eighbours", run["remarks"].replace("NEIGHBOURS", "neighbours"))
+                    self.counted(run)
+                    self.ordinary(run)
+                self.assertEqual(len(self.report()), 3)
+                self.assertEqual(len({run["key"] for run in self.report()}), 3)
+
+    def counted(self, run):
+        for way, counted in run["conditions"]["neighbours"]["achieved"].items():
+            with self.subTest(way=way, run=run["variant"]):
+                self.assertEqual(counted["sent"] + counted["refused"] + counted["skipped_cycles"], 300, "three, 100 times")
+                self.assertGreater(counted["received"], 0)
+                self.assertEqual(counted["lost"], counted["sent"] - counted["received"])
+                self.assertEqual(counted["strays"], 0)
+
+    def ordinary(self, run):
+        for name, host in run["hosts"].items():
+            beside = [thread for thread in host["threads"] if thread["role"].startswith("neighbours ")]
+            with self.subTest(host=name, run=run["variant"]):
+                self.assertIn("neighbours send", [thread["role"] for thread in beside])
+                self.assertEqual({thread["policy"] for thread in beside}, {"other"})
+                critical = [thread for thread in host["threads"] if thread["role"] in ("send", "receive")]
+                self.assertTrue(critical)
+                asked = [refusal["asked"] for refusal in host["refusals"]]
+                if not asked:
+                    self.assertEqual({thread["policy"] for thread in critical}, {"fifo"})
+
+    def test_are_turned_up_until_no_more_is_to_be_had_and_that_goes_on_where_it_was_left(self):
+        scenario = self.scenario("1 s", text=SEARCH, transports=DDS[:1])
+        answer = self.run_ontime("run", scenario, "--results", self.results)
+        self.assertEqual(answer.returncode, 0, answer.stderr)
+        self.assertIn("how far neighbours.rate can be turned up", answer.stdout)
+        first = self.report()
+        values = [(run["variant"].split()[1], run["repetition"]) for run in first]
+        self.assertEqual(values[0], ("10", 1))
+        self.assertEqual(values[-1][0] if len(values) == 5 else "100", "100", "60 kB a hundred thousand times a second are nowhere to be had")
+        (search,) = json.loads(self.run_ontime("report", self.results, "--format", "json").stdout)["searches"]
+        self.assertIsNotNone(search["ended"])
+        self.assertEqual(search["key"], "neighbours.rate")
+        again = self.run_ontime("run", scenario, "--results", self.results, "--resume")
+        self.assertEqual(again.returncode, 0, again.stderr)
+        self.assertEqual(len(self.report()), len(first), "all was done already")
+
+    def test_of_a_transport_without_topics_are_refused(self):
+        answer = self.run_ontime("run", self.scenario("1 s", text=SCENARIO, transports=["udp"]), "--results", self.results)
+        self.assertEqual(answer.returncode, 2)
+        self.assertIn("transport udp has no topics", answer.stderr)
+        self.assertFalse(os.path.exists(self.results))
+
+
+if __name__ == "__main__":
+    unittest.main()
