@@ -208,6 +208,7 @@ json asked(const Run& run, const Hosts& hosts) {
         {"component", keeper::to_json(run.component_load)}}},
       {"traffic", asked(run.traffic)},
       {"link", asked_of_link(run)},
+      {"isolation", run.isolation.any() ? keeper::to_json(run.isolation) : json()},
       {"kernel", run.kernel.empty() ? json() : json(run.kernel)},
       {"ontime", ONTIME_VERSION}};
 }
