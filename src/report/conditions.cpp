@@ -83,7 +83,8 @@ std::string kernel(const json& asked) {
 // "CPUs 2-3 kept, interrupts elsewhere, load and traffic with 50 % of a CPU".
 std::string isolation(const json& asked) {
   std::vector<std::string> parts;
-  if (!at(asked, "cpus").empty()) parts.push_back(fmt::format("CPUs {} kept", word(at(asked, "cpus"))));
+  if (const auto& cpus = at(asked, "cpus"); cpus.is_string() && cpus != "")
+    parts.push_back(fmt::format("CPUs {} kept", word(cpus)));
   if (is_true(at(asked, "interrupts"))) parts.emplace_back("interrupts elsewhere");
   if (const auto& quota = at(asked, "load_quota"); quota.is_number() && quota > 0)
     parts.push_back("load and traffic with " + percent(quota) + " of a CPU");
