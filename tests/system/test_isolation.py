@@ -153,7 +153,8 @@ class Isolation(unittest.TestCase):
         answer = self.ontime("run", self.scenario("300 ms"), "--results", self.results)
         self.assertEqual(answer.returncode, 0, answer.stderr)
         self.assert_given_back()
-        self.assertIn(f"CPUs {KEPT} kept, interrupts elsewhere, load and traffic with 30 % of a CPU", answer.stdout)
+        self.assertIn(f"CPUs {KEPT} kept, interrupts elsewhere, load and traffic with 30 % of a CPU",
+                      " ".join(answer.stdout.split()))
         run = json.loads(self.ontime("report", self.results, "--format", "json").stdout)["runs"][0]
         self.assertEqual(run["conditions"]["isolation"]["cpus"], KEPT)
         for host in ("controller", "component"):
