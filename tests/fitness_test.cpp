@@ -156,6 +156,31 @@ TEST_F(Machine, HasCpusThatAreFastAndAwake) {
   EXPECT_EQ(severity("timer-migration"), Severity::hint);
 }
 
+TEST_F(Machine, IsToldWhatItsIsolationLacks) {
+  const std::string isolated = "/sys/devices/system/cpu/isolated",
+                    tickless = "/sys/devices/system/cpu/nohz_full", command_line = "/proc/cmdline";
+  file(isolated, "");
+  EXPECT_THAT(found("full-isolation"), IsEmpty());
+  file(isolated, "2-3");
+  file(command_line, "isolcpus=2-3 quiet");
+  EXPECT_THAT(one("full-isolation").is,
+              AllOf(HasSubstr("CONFIG_NO_HZ_FULL"), HasSubstr("rcu_nocbs, managed_irq")));
+  file(tickless, "(null)");
+  EXPECT_EQ(one("full-isolation").is, "CPUs 2-3 are isolated without nohz_full, rcu_nocbs, managed_irq");
+  EXPECT_THAT(one("full-isolation").remedy,
+              HasSubstr("isolcpus=managed_irq,domain,2-3 nohz_full=2-3 rcu_nocbs=2-3"));
+  file(tickless, "3");
+  EXPECT_THAT(one("full-isolation").is, HasSubstr("nohz_full")) << "of one of them only";
+  file(tickless, "1-3");
+  EXPECT_EQ(one("full-isolation").is, "CPUs 2-3 are isolated without managed_irq")
+      << "RCU's callbacks went with the tick";
+  file(command_line, "isolcpus=managed_irq,domain,2-3 nohz_full=1-3");
+  EXPECT_EQ(severity("full-isolation"), Severity::fine);
+  file(tickless, "");
+  file(command_line, "isolcpus=managed_irq,domain,2-3 rcu_nocbs=all");
+  EXPECT_EQ(one("full-isolation").is, "CPUs 2-3 are isolated without nohz_full");
+}
+
 TEST_F(Machine, IsReal) {
   file("/proc/cpuinfo", "processor\t: 0\nflags\t\t: fpu tsc");
   EXPECT_THAT(found("virtual-machine"), IsEmpty());

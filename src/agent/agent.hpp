@@ -4,6 +4,7 @@
 // middlewares never meet in it; what belongs to the machine is its keeper's.
 //
 //   order              answer
+//   identify {}        identified {pid}: as its machine has it
 //   open  {task, ssh}  opened {transport, refusals, ssh_link}
 //   start {wait_ns}    ready {}: a client has matched and warmed up, and sends nothing any more; its
 //                      neighbours have matched, and send

@@ -8,6 +8,7 @@
 
 #include <fmt/format.h>
 #include <sched.h>
+#include <unistd.h>
 
 #include "agent/agent.hpp"
 #include "agent/end.hpp"
@@ -42,6 +43,7 @@ class Agent final : public orders::Worker {
   explicit Agent(orders::Events& events) : events_(events) {}
 
   void obey(const std::string& order, const json& body) override {
+    if (order == "identify") return events_.tell("identified", {{"pid", getpid()}});
     if (order == "open") {
       end_ = std::make_unique<End>(body.at("task").get<Task>());
       auto opened = end_->opened();

@@ -37,10 +37,13 @@ class Background {
   virtual bool running() = 0;  // false once it has ended by itself (no memory, say)
 };
 
+// Files of control groups (cgroup.procs) that a process enters before it is anything else.
+using Groups = std::vector<std::string>;
+
 // stress-ng as an ordinary process (SCHED_OTHER, any CPU, whatever the caller has), with its temporary files
-// in `directory`. Returns once its workers run. Throws Error if it is missing (says the package) or ends at
-// once (says what it said).
-std::unique_ptr<Background> stress(const Workers&, const std::string& directory);
+// in `directory`, in these groups. Returns once its workers run. Throws Error if it is missing (says the
+// package) or ends at once (says what it said).
+std::unique_ptr<Background> stress(const Workers&, const std::string& directory, const Groups& = {});
 
 // One way of concurrent traffic, as one of its two ends has it: UDP, by iperf3.
 struct Stream {
@@ -55,6 +58,7 @@ struct Stream {
   std::uint64_t bits_per_s = 0;
   std::uint64_t datagram_bytes = 0;  // of who asks
   int priority = 0;                  // SCHED_FIFO, of iperf3 itself; 0: as anybody's
+  Groups groups{};
 };
 // What one end says it has sent, or received, since it began.
 struct Moved {

@@ -34,6 +34,7 @@ struct Plan {
   char* const* arguments;
   int output;
   int parent;  // a pidfd: inside a PID namespace getppid() says nothing
+  const std::vector<std::string>* groups;
   int error;
 };
 
@@ -68,6 +69,13 @@ int run(void* argument) {
   prctl(PR_SET_PDEATHSIG, SIGKILL);
   if (gone(plan->parent)) _exit(1);
   setpgid(0, 0);
+  for (const auto& group : *plan->groups) {
+    const int file = open(group.c_str(), O_WRONLY | O_CLOEXEC);
+    if (file < 0 || write(file, "0", 1) != 1) {
+      plan->error = errno == ENOENT ? ENODEV : errno;  // it is not the program that is missing
+      _exit(127);
+    }
+  }
   become_ordinary();
   const int nothing = open("/dev/null", O_RDONLY | O_CLOEXEC);
   dup2(nothing, STDIN_FILENO);
@@ -104,12 +112,12 @@ bool group_gone(pid_t group) {
 
 }  // namespace
 
-Started start(const std::vector<std::string>& command, int output) {
+Started start(const std::vector<std::string>& command, int output, const std::vector<std::string>& groups) {
   std::vector<char*> arguments;
   arguments.reserve(command.size() + 1);
   for (const auto& word : command) arguments.push_back(const_cast<char*>(word.c_str()));
   arguments.push_back(nullptr);
-  Plan plan{arguments.data(), output, static_cast<int>(syscall(SYS_pidfd_open, getpid(), 0)), 0};
+  Plan plan{arguments.data(), output, static_cast<int>(syscall(SYS_pidfd_open, getpid(), 0)), &groups, 0};
 
   // Not fork(): its copy-on-write would make locked pages of ours fault again.
   constexpr std::size_t stack_bytes = 32768;

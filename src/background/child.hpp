@@ -20,7 +20,10 @@ struct Started {
 // signal blocked or ignored, leader of its process group. It reads nothing and writes both its outputs to
 // `output`. It is killed when the calling thread ends, however that ends. Where the kernel permits (root, or
 // user namespaces) it is the first process of a PID namespace, and all its descendants are killed with it.
-Started start(const std::vector<std::string>& command, int output);
+// Into each file of `groups` it writes a 0 first: so it is in that control group, and so are all its
+// descendants.
+Started start(const std::vector<std::string>& command, int output,
+              const std::vector<std::string>& groups = {});
 
 // Such a process, until this ends: it and all of its group are ended then, and waited for.
 class Child {

@@ -77,7 +77,7 @@ std::vector<std::string> command_for(const Stream& stream) {
 class Iperf final : public Traffic {
  public:
   explicit Iperf(const Stream& stream) : serves_(stream.serves), command_(command_for(stream)) {
-    const auto started = start(command_, output_.in());
+    const auto started = start(command_, output_.in(), stream.groups);
     if (started.pid < 0) fail(fmt::format("cannot be started: {}", errno_text(started.error)), started.error);
     child_ = std::make_unique<Child>(started.pid);
     wait_until([this] { return child_->ended() || (read(), ready()); }, time_to_start);

@@ -59,13 +59,14 @@ class Stress final : public Background {
 
 }  // namespace
 
-std::unique_ptr<Background> stress(const Workers& workers, const std::string& directory) {
+std::unique_ptr<Background> stress(const Workers& workers, const std::string& directory,
+                                   const Groups& groups) {
   const auto command = command_for(workers, directory);
   const long wanted = long{workers.cpu} + workers.vm + workers.io + workers.hdd;
   if (wanted == 0)
     throw Error("load without a worker was asked for: name a number of cpu, vm, io or hdd workers");
   const Output output;
-  const auto started = start(command, output.fd());
+  const auto started = start(command, output.fd(), groups);
   if (started.pid < 0) throw not_started(started.error);
   auto child = std::make_unique<Child>(started.pid);
   long running = 0;

@@ -240,6 +240,7 @@ json asked(const Run& run, const Hosts& hosts) {
       {"traffic", asked(run.traffic)},
       {"neighbours", asked(run.task.neighbours)},
       {"link", asked_of_link(run)},
+      {"isolation", run.isolation.any() ? keeper::to_json(run.isolation) : json()},
       {"kernel", run.kernel.empty() ? json() : json(run.kernel)},
       {"ontime", ONTIME_VERSION}};
 }

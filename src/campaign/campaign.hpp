@@ -15,6 +15,7 @@
 
 #include "agent/agent.hpp"
 #include "background/background.hpp"
+#include "isolation/isolation.hpp"
 #include "orders/orders.hpp"
 #include "record/record.hpp"
 #include "settings/settings.hpp"
@@ -80,6 +81,7 @@ struct Run {
   background::Faults faults;        // of either end
   std::optional<Cut> cut;           // for which `faults` has to provide
   settings::Wishes kernel;          // of both machines
+  isolation::Wish isolation;        // of both machines, for both ends
   std::string component_transport;  // empty: as the controller's, with its options
   std::map<std::string, std::string> component_options;
   bool component_restart = false;       // if it dies while the controller measures

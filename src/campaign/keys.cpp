@@ -11,6 +11,7 @@
 #include <fmt/ranges.h>
 
 #include "campaign/campaign.hpp"
+#include "campaign/isolation.hpp"
 #include "campaign/kernel.hpp"
 
 namespace ontime::campaign {
@@ -279,6 +280,7 @@ std::vector<Key> all_keys() {
   add_load_keys(keys, "component", &Run::component_load);
   for (auto& key : network_keys()) keys.push_back(std::move(key));
   for (auto& key : neighbour_keys()) keys.push_back(std::move(key));
+  for (auto& key : isolation_keys()) keys.push_back(std::move(key));
   for (auto& key : kernel_keys()) keys.push_back(std::move(key));
   return keys;
 }
@@ -348,6 +350,7 @@ void complete(Run& run) {
   complete_topics(run);
   complete_network(run);
   complete_neighbours(run);
+  complete_isolation(run);
   if (client.deadline > client.timeout)
     throw std::invalid_argument(
         fmt::format("the deadline ({}) is longer than the time-out ({}): nothing could ever be late",

@@ -9,6 +9,7 @@
 #include <utility>
 
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 
 #include "campaign/deploy.hpp"
 #include "campaign/kernel.hpp"
@@ -189,7 +190,7 @@ void Machines::warn(const Run& run) {
 }
 
 void Machines::tune(const Run& run) {
-  if (run.kernel.empty()) return;
+  if (run.kernel.empty() && !run.isolation.any()) return;
   warn(run);
   tuned_ = true;
   for (auto& [reach, machine] : machines_)
@@ -198,16 +199,39 @@ void Machines::tune(const Run& run) {
       const auto& where = hosts_.at(host);
       const auto netns = network_namespace(where);
       if (!netns)
-        throw Error(2, "kernel.*: a place other than [ip, netns, exec, NAME] is not where a keeper can look");
+        throw Error(2,
+                    "kernel.*, isolation.*: a place other than [ip, netns, exec, NAME] is not where a keeper "
+                    "can look");
       const json link = {{"interface", where.interface},
                          {"network_namespace", *netns},
                          {"peer", asks ? without_port(hosts_.components.front().host.address) : ""},
                          {"address", without_port(where.address)}};
+      if (run.isolation.any()) isolate(machine, host, run, link);
+      if (run.kernel.empty()) continue;
       const auto tuned =
           ask(machine, "tune", "tuned", {{"host", host}, {"link", link}, {"wishes", run.kernel}});
       if (tuned.contains("error"))
         throw Error(3, fmt::format("on the {}, {}", host, tuned.at("error").get<std::string>()));
     }
+}
+
+void Machines::isolate(const Machine& machine, const std::string& host, const Run& run, const json& link) {
+  const auto isolated = ask(machine, "isolate", "isolated",
+                            {{"host", host}, {"link", link}, {"wish", keeper::to_json(run.isolation)}});
+  if (isolated.contains("error"))
+    throw Error(3, fmt::format("on the {}, {}", host, isolated.at("error").get<std::string>()));
+  const auto stay = isolated.at("stay").get<std::vector<std::string>>();
+  if (stay.empty() || !warned_.insert(host + run.isolation.cpus).second) return;
+  observer_.note(
+      fmt::format("isolation: on the {}, {} threads may run on the CPUs {} all the same: they were given "
+                  "CPUs of their own: {}",
+                  host, stay.size(), run.isolation.cpus, fmt::join(stay, ", ")));
+}
+
+void Machines::keep(const std::string& host, pid_t process) const {
+  const auto kept = ask(machine_of(host), "keep", "kept", {{"pid", process}});
+  if (kept.contains("error"))
+    throw Error(3, fmt::format("on the {}, {}", host, kept.at("error").get<std::string>()));
 }
 
 void Machines::restore() {
@@ -325,6 +349,7 @@ Machines::Account Machines::end() {
       account.links[host] = ended.at("links").value(host, json());
       account.traffic[host] = ended.at("traffic").value(host, json::object());
       account.kernel[host] = ended.at("kernel").value(host, json());
+      account.isolation[host] = ended.at("isolation").value(host, json());
       account.machine[host] = ended.at("machine");
     }
   }
@@ -348,7 +373,7 @@ void Machines::tell(const json& notes) {
   for (const auto& note : notes) observer_.note(note);
 }
 
-json Machines::ask(const Machine& machine, const char* order, const char* answer, json body) {
+json Machines::ask(const Machine& machine, const char* order, const char* answer, json body) const {
   machine.keeper->order(order, std::move(body));
   return coordinator_.await(*machine.keeper, answer, patience, 1);
 }

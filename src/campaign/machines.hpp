@@ -35,10 +35,12 @@ class Machines {
   // Throws Error for a fault of the link that cannot be had here, by its name.
   void check(const Run&);
 
-  // For one run: the settings of the kernels, its load, its link and its traffic, and the account of what
+  // For one run: the settings of the kernels and the CPUs that are kept, its load, its link and its traffic, and the account of what
   // each machine did between begin() and end().
   void tune(const Run&);  // throws Error, with nothing changed, where a machine lacks what is asked for
-  void restore();         // tells what could not be given back
+  // That process on the host's machine has the CPUs that tune() kept. Throws Error.
+  void keep(const std::string& host, pid_t) const;
+  void restore();  // tells what could not be given back
   void load(const Run&);
   // Counted from now on; when it has come to pass is told, until unload().
   void cut(const Cut&, std::function<void(std::int64_t at_ns)> told);
@@ -52,7 +54,7 @@ class Machines {
   void unload();  // load, link, traffic and trace
   void begin();
   struct Account {
-    nlohmann::json conditions, load_running, traffic, links, kernel, machine;  // by host
+    nlohmann::json conditions, load_running, traffic, links, kernel, isolation, machine;  // by host
   };
   Account end();
 
@@ -67,6 +69,7 @@ class Machines {
     std::vector<std::string> hosts;
   };
   void warn(const Run&);
+  void isolate(const Machine&, const std::string& host, const Run&, const nlohmann::json& link);
   const Machine& machine_of(const std::string& host) const;
   std::vector<std::string> from_who_serves() const;
   void add(const std::string& host, const Host&);
@@ -75,7 +78,7 @@ class Machines {
   void give_back(const char* order, const char* answer);
   void tell(const nlohmann::json& notes);
   nlohmann::json ask(const Machine&, const char* order, const char* answer,
-                     nlohmann::json body = nlohmann::json::object());
+                     nlohmann::json body = nlohmann::json::object()) const;
 
   orders::Coordinator& coordinator_;
   Observer& observer_;

@@ -127,6 +127,11 @@ Pair::End Pair::open(const std::string& host, const agent::Task& task) {
                     (beside ? " for its neighbours" : "");
   End end{host, asks ? "controller" : "component", machines_.start_agent(host, whom), {}, {}, measuring_};
   if (asks && !beside) listen_to(*end.agent);
+  if (!run_.isolation.cpus.empty() && !beside) {  // before it has threads, which it may give CPUs of these
+    end.agent->order("identify");
+    machines_.keep(host,
+                   coordinator_.await(*end.agent, "identified", patience, measuring_ ? 1 : 0).at("pid"));
+  }
   const bool by_ssh = machines_.by_ssh(host);
   end.agent->order("open", {{"task", task}, {"ssh", by_ssh}});
   end.opened = coordinator_.await(*end.agent, "opened", patience, measuring_ ? 1 : 0);
@@ -238,6 +243,7 @@ json Pair::outcome(const Machines::Account& account) const {
     if (const auto& kernel = account.kernel.at(of_host); !kernel.is_null()) host["kernel"] = kernel;
     for (const auto& beside : neighbours_)
       if (beside.role == (*end)->role) add_neighbours(host, beside.ended);
+    if (const auto& kept = account.isolation.at(of_host); !kept.is_null()) host["isolation"] = kept;
     outcome["conditions"][(*end)->role] = account.conditions.at(of_host);
     outcome["hosts"][(*end)->role] = std::move(host);
   }

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // The CPUs: how fast, how deeply asleep, whose.
+#include <algorithm>
 #include <map>
 #include <sstream>
 
@@ -8,6 +9,7 @@
 
 #include "fitness/look.hpp"
 #include "machine/machine.hpp"
+#include "realtime/realtime.hpp"
 
 namespace ontime::fitness {
 namespace {
@@ -80,7 +82,44 @@ Findings isolation(const Look& look) {
       {"", Severity::hint, "none", "one or more, if priorities are not enough",
        "whatever runs beside takes turns in the caches, and interrupts of everybody come in between",
        "isolcpus=managed_irq,domain,N nohz_full=N rcu_nocbs=N on the kernel's command line; then give the "
-       "robot's threads CPU N (realtime.cpus in a scenario)"}};
+       "robot's threads CPU N (realtime.cpus in a scenario); what of it can be had without, for the time of "
+       "a "
+       "run, is isolation.cpus"}};
+}
+
+// What only the command line can: a CPU that others' threads are kept off has its tick all the same.
+Findings full_isolation(const Look& look) {
+  const auto isolated = realtime::cpus_of(look.text(std::string(folder) + "isolated").value_or(""));
+  if (!isolated || isolated->empty()) return {};
+  const auto cpus = realtime::list_of(*isolated);
+  std::istringstream words(look.text("/proc/cmdline").value_or(""));
+  std::string isolcpus, callbacks;
+  for (std::string word; words >> word;) {
+    if (word.starts_with("isolcpus=")) isolcpus = word.substr(9);
+    if (word.starts_with("rcu_nocbs=")) callbacks = word.substr(10);
+  }
+  const auto has_all = [&](const std::string& list) {
+    const auto given = realtime::cpus_of(list).value_or(std::vector<int>{});
+    return list == "all" || std::all_of(isolated->begin(), isolated->end(), [&](int cpu) {
+             return std::find(given.begin(), given.end(), cpu) != given.end();
+           });
+  };
+  const auto tickless = look.text(std::string(folder) + "nohz_full");
+  const bool without_tick = has_all(tickless.value_or(""));
+  std::vector<std::string> lacking;
+  if (!tickless) lacking.emplace_back("nohz_full (which this kernel is built without: CONFIG_NO_HZ_FULL)");
+  if (tickless && !without_tick) lacking.emplace_back("nohz_full");
+  if (!without_tick && !has_all(callbacks)) lacking.emplace_back("rcu_nocbs");  // the one brings the other
+  if (isolcpus.find("managed_irq") == isolcpus.npos) lacking.emplace_back("managed_irq");
+  if (lacking.empty())
+    return {fine(fmt::format("of CPUs {}: without tick, RCU's callbacks and managed interrupts", cpus))};
+  return {
+      {"", Severity::hint, fmt::format("CPUs {} are isolated without {}", cpus, fmt::join(lacking, ", ")),
+       "all of it",
+       "the kernel's tick, the callbacks of RCU, and interrupts whose CPUs a driver manages (NVMe, network "
+       "cards) come there all the same",
+       fmt::format("isolcpus=managed_irq,domain,{0} nohz_full={0} rcu_nocbs={0} on the kernel's command line",
+                   cpus)}};
 }
 
 Findings virtualisation(const Look& look) {

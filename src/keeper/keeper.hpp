@@ -11,6 +11,10 @@
 //                         that are to join the controller and its one component
 //   tune   {host, link, wishes}  tuned {settings} of a host, all of them applied, until restore; or {error},
 //                         and nothing is changed
+//   isolate {host, link, wish}  isolated {stay: what may run on the kept CPUs all the same, for people},
+//   until
+//                         restore, before any tune; or {error}, and nothing is changed
+//   keep   {pid}          kept {}, or {error}: that process has the kept CPUs
 //   restore {}            restored {notes}: what could not be given back
 //   load   {host, load}   loaded {}: stress-ng for a host of that name, until unload
 //   check  {faults}       checked {}, or {error}: which of them this kernel has not
@@ -27,6 +31,7 @@
 //   begin  {}             begun {}: "during the run" is from here on
 //   end    {}             ended {conditions, load_running {host: bool}, traffic {host: {way: …}},
 //                         links {host: …}, kernel {host: [{setting, thing, before, after, now}]},
+//                         isolation {host: [{setting, thing, before, after, now}]},
 //                         machine}: what was set, and what it is at this moment; the machine as it was at
 //                         begin, but its clock as it is now, with moved_ns: how far it was set since
 //   close  {}             closed {notes}: what could not be given back
@@ -37,6 +42,7 @@
 #include <nlohmann/json.hpp>
 
 #include "background/background.hpp"
+#include "isolation/isolation.hpp"
 #include "journal/journal.hpp"
 
 namespace ontime::keeper {
@@ -45,6 +51,8 @@ nlohmann::json to_json(const background::Workers&);
 background::Workers workers_of(const nlohmann::json&);
 nlohmann::json to_json(const background::Stream&);
 background::Stream stream_of(const nlohmann::json&);
+nlohmann::json to_json(const isolation::Wish&);
+isolation::Wish wish_of(const nlohmann::json&);
 nlohmann::json to_json(const background::Faults&);
 background::Faults faults_of(const nlohmann::json&);
 

@@ -8,6 +8,7 @@
 
 #include "journal/journal.hpp"
 #include "keeper/flows.hpp"
+#include "keeper/isolated.hpp"
 #include "keeper/keeper.hpp"
 #include "keeper/links.hpp"
 #include "keeper/tuned.hpp"
@@ -47,8 +48,14 @@ class Keeper final : public orders::Worker {
       events_.tell("joined", {{"hosts", hosts}});
     } else if (order == "tune") {
       events_.tell("tuned", tuned_.apply(body));
+    } else if (order == "isolate") {
+      events_.tell("isolated", isolated_.apply(body));
+    } else if (order == "keep") {
+      events_.tell("kept", isolated_.keep(body.at("pid")));
     } else if (order == "restore") {
-      events_.tell("restored", {{"notes", tuned_.take_back()}});
+      auto notes = tuned_.take_back();
+      for (auto& note : isolated_.take_back()) notes.push_back(std::move(note));
+      events_.tell("restored", {{"notes", notes}});
     } else if (order == "load") {
       load(body.at("host"), workers_of(body.at("load")));
       events_.tell("loaded");
@@ -61,7 +68,9 @@ class Keeper final : public orders::Worker {
                  std::chrono::milliseconds(body.at("for_ms")));
       events_.tell("cutting");
     } else if (order == "traffic") {
-      flows_.add(body.at("host"), body.at("way"), stream_of(body.at("stream")));
+      auto stream = stream_of(body.at("stream"));
+      stream.groups = isolated_.beside();
+      flows_.add(body.at("host"), body.at("way"), stream);
       events_.tell("flowing");
     } else if (order == "trace") {
       events_.tell("tracing", trace());
@@ -81,6 +90,7 @@ class Keeper final : public orders::Worker {
                              {"traffic", flows_.end()},
                              {"links", links_.end()},
                              {"kernel", tuned_.now()},
+                             {"isolation", isolated_.now()},
                              {"machine", machine_as_it_was()}});
     } else if (order == "close") {
       end_all();
@@ -143,7 +153,7 @@ class Keeper final : public orders::Worker {
 
   void load(const std::string& host, const background::Workers& workers) {
     const auto directory = journal::add_directory(journal_, "stress");
-    loads_[host] = {directory, background::stress(workers, directory)};
+    loads_[host] = {directory, background::stress(workers, directory, isolated_.beside())};
   }
 
   json link(const json& order) {
@@ -201,6 +211,7 @@ class Keeper final : public orders::Worker {
   orders::Events& events_;
   journal::Journal journal_{kinds()};
   Tuned tuned_{journal_};
+  Isolated isolated_{journal_};
   std::map<std::string, Load> loads_;  // by host; they end before the journal
   Links links_{journal_};
   Flows flows_;
@@ -214,7 +225,7 @@ class Keeper final : public orders::Worker {
 std::span<const journal::Kind> kinds() {
   static const auto all = [] {
     std::vector<journal::Kind> kinds;
-    for (const auto& some : {settings::kinds(), background::kinds(), trace::kinds()})
+    for (const auto& some : {settings::kinds(), isolation::kinds(), background::kinds(), trace::kinds()})
       kinds.insert(kinds.end(), some.begin(), some.end());
     return kinds;
   }();

@@ -12,6 +12,17 @@ namespace {
 
 using nlohmann::json;
 
+json to_json(const settings::Change& change, const settings::Link& link) {
+  const auto now = settings::now(change, link);
+  return {{"setting", change.setting->name},
+          {"thing", change.thing.title()},
+          {"before", change.before},
+          {"after", change.after},
+          {"now", now ? json(*now) : json()}};
+}
+
+}  // namespace
+
 settings::Link link_of(const json& from) {
   settings::Link link{from.at("interface"), from.at("network_namespace")};
   if (!link.interface.empty()) return link;
@@ -22,22 +33,11 @@ settings::Link link_of(const json& from) {
   return link;
 }
 
-json to_json(const settings::Change& change, const settings::Link& link) {
-  const auto now = settings::now(change, link);
-  return {{"setting", change.setting->name},
-          {"thing", change.thing.title()},
-          {"before", change.before},
-          {"after", change.after},
-          {"now", now ? json(*now) : json()}};
-}
-
 json to_json(const std::vector<settings::Change>& changes, const settings::Link& link) {
   auto all = json::array();
   for (const auto& change : changes) all.push_back(to_json(change, link));
   return all;
 }
-
-}  // namespace
 
 json Tuned::apply(const json& order) {
   try {

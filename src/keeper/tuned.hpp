@@ -12,6 +12,10 @@
 
 namespace ontime::keeper {
 
+// Of an order's {interface, network_namespace, peer, address}: by whichever of them is there.
+settings::Link link_of(const nlohmann::json&);
+nlohmann::json to_json(const std::vector<settings::Change>&, const settings::Link&);
+
 class Tuned {
  public:
   explicit Tuned(journal::Journal& journal) : journal_(journal) {}

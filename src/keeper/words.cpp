@@ -19,6 +19,20 @@ background::Workers workers_of(const json& from) {
           from.at("hdd"), from.at("vm_bytes"), from.at("hdd_bytes")};
 }
 
+json to_json(const isolation::Wish& wish) {
+  return {{"cpus", wish.cpus},
+          {"interrupts", wish.interrupts},
+          {"load_quota", wish.load_quota},
+          {"load_weight", wish.load_weight}};
+}
+
+isolation::Wish wish_of(const json& from) {
+  return {.cpus = from.at("cpus"),
+          .interrupts = from.at("interrupts"),
+          .load_quota = from.at("load_quota"),
+          .load_weight = from.at("load_weight")};
+}
+
 json to_json(const background::Faults& faults) {
   return {{"loss", faults.loss},
           {"duplicates", faults.duplicates},
@@ -54,7 +68,8 @@ background::Stream stream_of(const json& from) {
           .port = from.at("port"),
           .bits_per_s = from.at("bit_s"),
           .datagram_bytes = from.at("datagram_bytes"),
-          .priority = from.at("priority")};
+          .priority = from.at("priority"),
+          .groups = {}};
 }
 
 }  // namespace ontime::keeper

@@ -100,6 +100,19 @@ std::string kernel(const json& asked) {
   return parts.empty() ? "" : "kernel: " + join(parts, ", ");
 }
 
+// "CPUs 2-3 kept, interrupts elsewhere, load and traffic with 50 % of a CPU".
+std::string isolation(const json& asked) {
+  std::vector<std::string> parts;
+  if (const auto& cpus = at(asked, "cpus"); cpus.is_string() && cpus != "")
+    parts.push_back(fmt::format("CPUs {} kept", word(cpus)));
+  if (is_true(at(asked, "interrupts"))) parts.emplace_back("interrupts elsewhere");
+  if (const auto& quota = at(asked, "load_quota"); quota.is_number() && quota > 0)
+    parts.push_back("load and traffic with " + percent(quota) + " of a CPU");
+  if (const auto& weight = at(asked, "load_weight"); weight.is_number() && weight > 0)
+    parts.push_back("load and traffic of weight " + word(weight));
+  return join(parts, ", ");
+}
+
 std::string quality_of_service(const json& qos) {
   if (!qos.is_object()) return "";
   auto text = word(at(qos, "reliability")) + " " + word(at(qos, "history"));
@@ -225,6 +238,7 @@ std::vector<Phrase> phrases_of(const Summary& summary) {
   add("traffic", at(asked, "traffic"), traffic(at(asked, "traffic")));
   add("neighbours", at(asked, "neighbours"), neighbours(at(asked, "neighbours")));
   add("link", at(asked, "link"), link(at(asked, "link")));
+  add("isolation", at(asked, "isolation"), isolation(at(asked, "isolation")));
   add("kernel", at(asked, "kernel"), kernel(at(asked, "kernel")));
   add("hosts", at(asked, "hosts"), "hosts " + word(at(asked, "hosts")), Phrase::Where::in_labels);
   return phrases;
@@ -285,7 +299,8 @@ void add_variant(std::string& label, const json& variant, const std::vector<Phra
                       std::any_of(phrases.begin(), phrases.end(), [&](const Phrase& phrase) {
                         const bool holds_others = phrase.key == "qos" || phrase.key == "load" ||
                                                   phrase.key == "traffic" || phrase.key == "link" ||
-                                                  phrase.key == "neighbours" || phrase.key == "kernel";
+                                                  phrase.key == "neighbours" || phrase.key == "kernel" ||
+                                                  phrase.key == "isolation";
                         return key == phrase.key || (holds_others && key.starts_with(phrase.key + "."));
                       });
     if (!told) label += " " + shortened(part, longest_value);

@@ -270,12 +270,13 @@ void add_silence(std::vector<std::string>& parts, const statistics::Summary& sum
 std::vector<std::string> changed_settings(const json& outcome) {
   std::vector<std::string> parts;
   for (const auto& [host, facts] : at(outcome, "hosts").items())
-    for (const auto& [index, one] : at(facts, "kernel").items())
-      if (at(one, "now") != at(one, "after"))
-        parts.push_back(fmt::format("kernel.{} was no longer so at the end: {} of the {} was {}, not {}",
-                                    word(at(one, "setting")), word(at(one, "thing")), word(host),
-                                    at(one, "now").is_null() ? "gone" : word(at(one, "now")),
-                                    word(at(one, "after"))));
+    for (const auto* group : {"kernel", "isolation"})
+      for (const auto& [index, one] : at(facts, group).items())
+        if (at(one, "now") != at(one, "after"))
+          parts.push_back(fmt::format("{}.{} was no longer so at the end: {} of the {} was {}, not {}", group,
+                                      word(at(one, "setting")), word(at(one, "thing")), word(host),
+                                      at(one, "now").is_null() ? "gone" : word(at(one, "now")),
+                                      word(at(one, "after"))));
   return parts;
 }
 

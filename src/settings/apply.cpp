@@ -103,6 +103,18 @@ int highest_priority(const std::string& asked) {
 
 }  // namespace
 
+Wishes away_to(const std::string& cpus, const Link& link) {
+  Wishes wishes = {{"workqueue-cpus", cpus}};
+  if (link.interface.empty()) return wishes;
+  const auto all = table();
+  const auto setting = std::find_if(all.begin(), all.end(),
+                                    [](const Setting& one) { return one.name == std::string("irq-cpus"); });
+  by_name(*setting, link, [&] {
+    if (!interrupts_of(link.interface).empty()) wishes["irq-cpus"] = cpus;
+  });
+  return wishes;
+}
+
 std::vector<Change> plan(const Wishes& wishes, const Link& link) {
   std::vector<Change> all;
   for (const auto& wish : in_order(wishes)) {

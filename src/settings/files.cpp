@@ -64,6 +64,8 @@ void write_interrupt(const std::string& what, const Value& value, const Value&) 
   write_file(interrupt_path(what), value.value_or(""));
 }
 
+bool is_unbound(const std::string& what) { return what == "unbound"; }
+
 std::string threaded_path(const std::string& interface) {
   return fmt::format("{}/{}/threaded", interfaces_folder, interface);
 }
@@ -122,6 +124,15 @@ void write_steering(const std::string& queue, const Value& value) {
   write_file(steering_path(queue), mask_of_list(value.value_or("none")));
 }
 
+constexpr const char* workqueues_path = "/sys/devices/virtual/workqueue/cpumask";
+Value read_workqueues(const std::string&) {
+  const auto mask = read_file(workqueues_path);
+  return mask ? Value(list_of_mask(*mask)) : Value();
+}
+void write_workqueues(const std::string&, const Value& value, const Value&) {
+  write_file(workqueues_path, mask_of_list(value.value_or("none")));
+}
+
 }  // namespace
 
 bool is_interface_name(const std::string& name) {
@@ -152,6 +163,8 @@ const journal::Kind kernel_sysctl =
     kind("kernel sysctl", Scope::machine, is_kernel_sysctl, read<sysctl_path>, write<sysctl_path>);
 const journal::Kind governor =
     kind("governor", Scope::machine, is_cpu, read<governor_path>, write<governor_path>);
+const journal::Kind workqueues =
+    kind("workqueues", Scope::machine, is_unbound, read_workqueues, write_workqueues);
 const journal::Kind interrupt =
     kind("interrupt", Scope::machine, is_interrupt, read_interrupt, write_interrupt);
 const journal::Kind threaded =
@@ -163,6 +176,7 @@ std::optional<File> file_of(const Thing& thing, const std::string& value) {
   const auto* const kind = thing.kind;
   if (kind == &network_sysctl || kind == &kernel_sysctl) return File{sysctl_path(thing.what), value};
   if (kind == &governor) return File{governor_path(thing.what), value};
+  if (kind == &workqueues) return File{workqueues_path, mask_of_list(value)};
   if (kind == &interrupt) return File{interrupt_path(thing.what), value};
   if (kind == &threaded) return File{threaded_path(thing.title()), value};
   if (kind == &steering) return File{steering_path(thing.title()), mask_of_list(value)};

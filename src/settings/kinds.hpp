@@ -19,6 +19,8 @@ extern const journal::Kind thread;
 // they can be written: not in every network namespace.
 extern const journal::Kind network_sysctl, kernel_sysctl;
 extern const journal::Kind governor;  // "cpu0"
+// "unbound": the kernel's work that is bound to no CPU, by the CPUs that it is done on.
+extern const journal::Kind workqueues;
 // "41:PCI-MSI 524288": its number, and whose line it is; its value: CPUs
 extern const journal::Kind interrupt;
 extern const journal::Kind threaded;  // an interface; "0" or "1"

@@ -56,6 +56,10 @@ using Wishes = std::map<std::string, std::string>;  // name of a setting → val
 // The paper's, of the kernel's threads: interrupts at 90, ksoftirqd at 60.
 const Wishes& paper();
 
+// That the interface's interrupts, if it is hardware, and the kernel's unbound work come on these CPUs alone.
+// Throws Error where the interface cannot be looked at.
+Wishes away_to(const std::string& cpus, const Link&);
+
 // What a thing was and what it is, or is to be.
 struct Change {
   const Setting* setting;

@@ -133,6 +133,12 @@ Things governors(Text) {
   return found;
 }
 
+Things unbound_work(Text) {
+  if (!workqueues.read("unbound"))
+    throw journal::Error("this kernel does not say where its unbound work is done (Linux 4.2 does)");
+  return {{&workqueues, "unbound"}};
+}
+
 Things softirqs(Text) {
   auto found = threads_named("ksoftirqd/");
   if (found.empty()) throw journal::Error("this kernel has no ksoftirqd");
@@ -216,6 +222,8 @@ const Setting all[] = {
      timers, one_or_zero},
     {"governor", "NAME", "of the frequency of all CPUs, such as performance", false, "", check_governor,
      governors, a_governor_there_is},
+    {"workqueue-cpus", cpus, "the CPUs on which the kernel does work that is bound to none", false, "",
+     check_cpus, unbound_work, these_cpus},
     {"rmem-max", bytes, "the most that a socket may ask for as its receive buffer", false, "", check_bytes,
      rmem_max, as_asked},
     {"rmem-default", bytes, "the receive buffer of a socket that does not ask", false, "", check_bytes,

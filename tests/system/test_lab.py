@@ -170,9 +170,9 @@ class Machines(Lab):
             self.assertEqual((machine["preemption"], machine["cpu_count"], machine["clocksource"]), ("rt", 1, "tsc"))
             self.assertIn("counted instructions", machine["simulated"])
 
-    def shell(self, script):
+    def shell(self, script, *flags):
         """What a script says in such a machine."""
-        process = subprocess.Popen([ONTIME, "lab", "shell", "--with", script], stdin=subprocess.PIPE, stdout=subprocess.PIPE,
+        process = subprocess.Popen([ONTIME, "lab", "shell", "--with", script, *flags], stdin=subprocess.PIPE, stdout=subprocess.PIPE,
                                    stderr=subprocess.STDOUT, cwd=self.folder, env=self.environment)
         self.addCleanup(lambda: (process.kill(), process.communicate()))
         said = b""
@@ -212,6 +212,25 @@ class Machines(Lab):
     @staticmethod
     def threads(seen, pattern):
         return [value for thing, value in seen.items() if re.fullmatch(pattern, thing)]
+
+    @of_all
+    def test_cpus_are_kept_by_a_partition_of_version_2_and_given_back_also_after_kill_9(self):
+        seen = {}
+        said = self.shell(pathlib.Path(__file__).with_name("lab_isolation.sh"), "--live")
+        for line in said:
+            if found := re.fullmatch(r"(before|during|after|killed|reverted) (\w+)=(.*)", line):
+                seen.setdefault(found[1], {})[found[2]] = found[3]
+        text = "\n".join(said)
+        self.assertIn("whole ended 0", said, text)
+        self.assertIn("revert ended 0", said, text)
+        self.assertEqual(seen["before"]["everybody"], "0,1", text)
+        during = seen["during"]
+        self.assertEqual((during["partition"], during["everybody"], during["agents"]), ("root", "0", "1"), text)
+        self.assertEqual((during["work"].lstrip("0"), during["interrupts"], during["limit"]), ("1", "0", "30000 100000 10"), text)
+        self.assertTrue(during["load"].endswith("/ontime-load"), text)
+        self.assertNotEqual(seen["killed"]["groups"], seen["before"]["groups"], text)
+        for moment in ("after", "reverted"):
+            self.assertEqual(seen[moment], seen["before"], text)
 
     @of_all
     def test_what_the_machine_lacks_is_named(self):

@@ -1,0 +1,80 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "isolation/groups.hpp"
+
+#include <algorithm>
+#include <filesystem>
+#include <fstream>
+#include <sstream>
+
+#include <fmt/format.h>
+
+#include "realtime/realtime.hpp"
+#include "settings/file.hpp"
+
+namespace ontime::isolation {
+namespace {
+
+namespace fs = std::filesystem;
+using settings::read_file;
+
+bool has_word(std::string words, const std::string& word) {
+  std::replace(words.begin(), words.end(), ',', ' ');
+  std::istringstream all(words);
+  for (std::string one; all >> one;)
+    if (one == word) return true;
+  return false;
+}
+
+// The root alone has the one, and all but the root the other.
+bool is_root(const Hierarchy& hierarchy) {
+  return hierarchy.unified ? !fs::exists(hierarchy.folder + "/cgroup.type")
+                           : fs::exists(hierarchy.folder + "/release_agent");
+}
+
+}  // namespace
+
+Hierarchy hierarchy_of(const std::string& controller, const std::string& mounts) {
+  std::ifstream file(mounts);
+  for (std::string line; std::getline(file, line);) {
+    std::istringstream words(line);
+    std::string device, type, options;
+    Hierarchy found;
+    words >> device >> found.folder >> type >> options;
+    found.unified = type == "cgroup2";
+    const bool has_it =
+        found.unified ? has_word(read_file(found.folder + "/cgroup.controllers").value_or(""), controller)
+                      : type == "cgroup" && has_word(options, controller);
+    if (!has_it) continue;
+    if (is_root(found)) return found;
+    throw journal::Error(
+        fmt::format("the control groups in {} are a part of somebody else's, as in a container: run on the "
+                    "machine itself",
+                    found.folder));
+  }
+  throw journal::Error(
+      fmt::format("there are no control groups with the controller '{0}': mount them (mount -t cgroup2 none "
+                  "/sys/fs/cgroup), if this kernel has it (/proc/cgroups)",
+                  controller));
+}
+
+std::vector<std::string> owners_of(const Hierarchy& hierarchy, const std::vector<int>& cpus) {
+  std::vector<std::string> owners;
+  std::error_code gone;  // groups come and go
+  for (fs::recursive_directory_iterator entry(hierarchy.folder, gone), end; !gone && entry != end;
+       entry.increment(gone)) {
+    if (!entry->is_directory(gone)) continue;
+    const auto given = realtime::cpus_of(read_file(entry->path() / "cpuset.cpus").value_or(""));
+    if (given && std::any_of(given->begin(), given->end(),
+                             [&](int cpu) { return std::find(cpus.begin(), cpus.end(), cpu) != cpus.end(); }))
+      owners.push_back(entry->path());
+  }
+  std::sort(owners.begin(), owners.end());
+  return owners;
+}
+
+std::string folder_of(const std::string& group) {
+  const auto slash = group.find('/');
+  return fmt::format("{}/{}", hierarchy_of(group.substr(0, slash)).folder, group.substr(slash + 1));
+}
+
+}  // namespace ontime::isolation

@@ -1,0 +1,78 @@
+// SPDX-License-Identifier: Apache-2.0
+// CPUs that are kept for some processes, and a limit for what runs beside them: by the kernel's control
+// groups, of version 2 or 1, whichever the machine has the controller in. Ordinary thread only; root alone
+// may.
+//
+// Version 2: a partition of the root, which the kernel itself keeps all others off, wherever they are; nobody
+// is moved. Version 1: who is in the root and may run anywhere is moved into a group that has the other CPUs,
+// and back; who was given CPUs of his own, or a group of somebody else's, is left there.
+#pragma once
+
+#include <span>
+#include <string>
+#include <vector>
+
+#include <sys/types.h>
+
+#include "journal/journal.hpp"
+
+namespace ontime::isolation {
+
+// What is asked for of a machine.
+struct Wish {
+  std::string cpus;         // to be kept: "1", "2-3"; "": none
+  bool interrupts = false;  // not to come there: settings::away_to(rest())
+  // Of what runs beside, all of it together.
+  double load_quota = 0;  // time on CPUs in that time: 0.5 is half of one CPU; 0: no limit
+  int load_weight = 0;    // 1 to 10000, where everybody has 100; 0: as everybody
+  bool limits() const { return load_quota > 0 || load_weight > 0; }
+  bool any() const { return !cpus.empty() || interrupts || limits(); }
+  bool operator==(const Wish&) const = default;
+};
+
+class Isolation {
+ public:
+  // Throws journal::Error, for people, and then nothing is changed.
+  Isolation(journal::Journal&, const Wish&);
+  ~Isolation();
+  Isolation(const Isolation&) = delete;
+  Isolation& operator=(const Isolation&) = delete;
+
+  // That process has the kept CPUs from now on, with all its threads, and no others. Throws journal::Error.
+  void keep(pid_t) const;
+  // The CPUs of all others; "" where none are kept.
+  const std::string& rest() const { return rest_; }
+  // What a process that is to run beside writes a 0 into, before anything else: files of the kernel.
+  std::vector<std::string> beside() const;
+
+  // What was made of the machine, and what it is at this moment ("gone" where it is no more).
+  struct State {
+    std::string setting, thing, before, after, now;  // "cpus", "everybody else": "0-1", "0", "0"
+  };
+  std::vector<State> state() const;
+  // The threads of others that may run on the kept CPUs all the same, but for the kernel's own of each CPU.
+  std::vector<std::string> stay() const;
+
+  // Before the end, which does the same. Returns what could not be given back, for people.
+  std::vector<std::string> take_back();
+
+ private:
+  struct Made {
+    const journal::Kind* kind;
+    std::string what;
+  };
+  void make(const journal::Kind&, const std::string& what, const journal::Value&);
+  void keep_cpus();
+  void move_others() const;
+  void limit();
+  journal::Journal& journal_;
+  const Wish wish_;
+  std::string everybodys_, rest_;
+  std::vector<Made> made_;
+  std::vector<State> limits_;
+};
+
+// What of it a journal may have to give back.
+std::span<const journal::Kind> kinds();
+
+}  // namespace ontime::isolation

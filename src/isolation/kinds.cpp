@@ -1,0 +1,143 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <algorithm>
+#include <array>
+#include <cerrno>
+#include <chrono>
+#include <filesystem>
+#include <thread>
+
+#include <fmt/format.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include "isolation/groups.hpp"
+#include "isolation/isolation.hpp"
+#include "settings/file.hpp"
+
+namespace ontime::isolation {
+namespace {
+
+using journal::Value;
+using settings::read_file;
+using settings::trouble;
+using settings::write_file;
+
+bool is_controller(const std::string& what) { return what == "cpuset" || what == "cpu"; }
+
+bool accepts_group(const std::string& what) {
+  const auto slash = what.find('/');
+  return slash != what.npos && is_controller(what.substr(0, slash)) &&
+         journal::is_own_name(what.substr(slash + 1));
+}
+
+// The kernel numbers folders in the order of their making, and takes no number again.
+Value read_group(const std::string& what) {
+  struct stat found {};
+  const auto folder = folder_of(what);
+  if (stat(folder.c_str(), &found) != 0) {
+    if (errno == ENOENT) return {};
+    throw trouble(folder, errno);
+  }
+  return std::to_string(found.st_ino);
+}
+
+// Who is in it may have children meanwhile: again, until it lets itself be removed.
+void remove_group(const std::string& what) {
+  constexpr int tries = 400;
+  const auto folder = folder_of(what);
+  const auto root = hierarchy_of(what.substr(0, what.find('/')));
+  const auto* const list = root.unified ? "/cgroup.procs" : "/tasks";
+  for (int i = 0; i < tries; ++i) {
+    const auto inside = ids_in(folder + list);
+    for (const auto id : inside) move(id, root.folder + list);
+    if (!inside.empty()) continue;
+    if (rmdir(folder.c_str()) == 0 || errno == ENOENT) return;
+    if (errno != EBUSY) break;
+    std::this_thread::sleep_for(std::chrono::milliseconds(5));  // who has just ended is not gone at once
+  }
+  throw trouble(folder + " cannot be removed", errno);
+}
+
+void write_group(const std::string& what, const Value& value, const Value& present) {
+  if (value) {
+    const auto folder = folder_of(what);
+    if (mkdir(folder.c_str(), 0755) == 0) return;
+    if (errno == EEXIST)
+      throw journal::Error(
+          fmt::format("there is a control group {0} already, and it is not this ontime's: if "
+                      "nobody uses it, remove it (sudo rmdir {0})",
+                      folder));
+    throw trouble(folder, errno);
+  }
+  if (present != journal::to_be_made && read_group(what) != present)
+    throw journal::Error(fmt::format("the control group {} cannot be removed: it is another one", what));
+  remove_group(what);
+}
+
+std::string control_file(const std::string& controller) {
+  const auto root = hierarchy_of(controller);
+  if (!root.unified)
+    throw journal::Error(
+        fmt::format("'{}' is by now a controller of control groups of version 1", controller));
+  return root.folder + "/cgroup.subtree_control";
+}
+
+// A group that was given something by this controller; "": none.
+std::string user_of(const std::string& controller) {
+  const auto root = hierarchy_of(controller).folder;
+  for (const auto& name : settings::names_in(root)) {
+    if (journal::is_own_name(name)) continue;
+    const auto is = [&](const char* file, const char* usual) {
+      const auto said = read_file(fmt::format("{}/{}/{}", root, name, file));
+      return !said || *said == usual;
+    };
+    const bool as_born = controller == "cpuset" ? is("cpuset.cpus", "") && is("cpuset.mems", "")
+                                                : is("cpu.weight", "100") && is("cpu.max", "max 100000");
+    if (!as_born) return name;
+  }
+  return "";
+}
+
+Value read_controller(const std::string& controller) {
+  const auto on = ' ' + read_file(control_file(controller)).value_or("") + ' ';
+  if (on.find(' ' + controller + ' ') == on.npos) return "off";
+  const auto user = user_of(controller);
+  return user.empty() ? "on" : "on, for " + user;
+}
+
+void write_controller(const std::string& controller, const Value& value, const Value&) {
+  write_file(control_file(controller), (value == "on" ? "+" : "-") + controller);
+}
+
+bool is_root(const std::string& what) { return what == "root"; }
+std::string balance_file() { return hierarchy_of("cpuset").folder + "/cpuset.sched_load_balance"; }
+Value read_balance(const std::string&) { return read_file(balance_file()); }
+void write_balance(const std::string&, const Value& value, const Value&) {
+  write_file(balance_file(), value.value_or("1"));
+}
+
+// What is mounted is seen from a mount namespace.
+constexpr journal::Kind kind(const char* name, decltype(journal::Kind::accepts) accepts,
+                             decltype(journal::Kind::read) read, decltype(journal::Kind::write) write) {
+  return {.name = name,
+          .scope = journal::Scope::mount_namespace,
+          .on_disk = false,
+          .needs_root = true,
+          .accepts = accepts,
+          .read = read,
+          .write = write};
+}
+
+}  // namespace
+
+const journal::Kind group_kind = kind("control group", accepts_group, read_group, write_group);
+const journal::Kind controller_kind =
+    kind("control group controller", is_controller, read_controller, write_controller);
+const journal::Kind balance_kind = kind("cpuset load balancing", is_root, read_balance, write_balance);
+
+std::span<const journal::Kind> kinds() {
+  static const std::array all{group_kind, controller_kind, balance_kind};
+  return all;
+}
+
+}  // namespace ontime::isolation

@@ -1,0 +1,86 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <algorithm>
+#include <cerrno>
+#include <fstream>
+#include <iterator>
+#include <sstream>
+
+#include <fcntl.h>
+#include <fmt/format.h>
+#include <sched.h>
+#include <unistd.h>
+
+#include "isolation/groups.hpp"
+#include "settings/file.hpp"
+
+namespace ontime::isolation {
+namespace {
+
+bool is_number(const std::string& text) {
+  return !text.empty() && text.size() < 10 &&
+         std::all_of(text.begin(), text.end(), [](char c) { return c >= '0' && c <= '9'; });
+}
+
+// Of a thread's stat; nothing: it has ended.
+std::optional<Thread> thread_of(const std::string& folder, pid_t id) {
+  constexpr std::size_t flags_at = 6;  // counted from the state on
+  constexpr unsigned long of_kernel = 0x0020'0000, no_setaffinity = 0x0400'0000;
+  const auto stat = settings::read_file(folder + "/stat");
+  if (!stat) return {};
+  const auto open = stat->find('('), close = stat->rfind(')');
+  if (open == stat->npos || close == stat->npos) return {};
+  std::istringstream text(stat->substr(close + 1));
+  const std::vector<std::string> words(std::istream_iterator<std::string>(text), {});
+  auto cpus = cpus_of_thread(id);
+  if (words.size() <= flags_at || words[0] == "Z" || cpus.empty()) return {};
+  const auto flags = std::stoul(words[flags_at]);
+  return Thread{id, stat->substr(open + 1, close - open - 1), std::move(cpus), (flags & of_kernel) != 0,
+                (flags & no_setaffinity) != 0};
+}
+
+}  // namespace
+
+std::vector<int> cpus_of_thread(pid_t id) {
+  cpu_set_t set;
+  CPU_ZERO(&set);
+  std::vector<int> cpus;
+  if (sched_getaffinity(id, sizeof set, &set) != 0) return cpus;
+  for (int cpu = 0; cpu < CPU_SETSIZE; ++cpu)
+    if (CPU_ISSET(static_cast<unsigned>(cpu), &set)) cpus.push_back(cpu);
+  return cpus;
+}
+
+std::vector<Thread> threads() {
+  std::vector<Thread> all;
+  for (const auto& process : settings::names_in("/proc")) {
+    if (!is_number(process)) continue;
+    const auto tasks = fmt::format("/proc/{}/task", process);
+    for (const auto& id : settings::names_in(tasks)) try {
+        if (auto thread = thread_of(fmt::format("{}/{}", tasks, id), std::stoi(id)))
+          all.push_back(std::move(*thread));
+      } catch (const journal::Error&) {  // it ended while it was read
+        continue;
+      }
+  }
+  return all;
+}
+
+std::vector<pid_t> ids_in(const std::string& path) {
+  std::ifstream file(path);
+  return {std::istream_iterator<pid_t>(file), {}};
+}
+
+bool move(pid_t id, const std::string& file) {
+  const auto text = std::to_string(id);
+  const int fd = open(file.c_str(), O_WRONLY | O_CLOEXEC);
+  if (fd < 0) throw settings::trouble(file, errno);
+  const bool moved = write(fd, text.data(), text.size()) >= 0;
+  const int error = errno;
+  close(fd);
+  // EINVAL: a thread of the kernel's that is bound.
+  if (!moved && error != ESRCH && error != EINVAL)
+    throw settings::trouble(fmt::format("process {} into {}", id, file), error);
+  return moved;
+}
+
+}  // namespace ontime::isolation

@@ -1,0 +1,75 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "keeper/isolated.hpp"
+
+#include <utility>
+
+#include <fmt/format.h>
+
+#include "keeper/keeper.hpp"
+#include "keeper/tuned.hpp"
+#include "machine/machine.hpp"
+
+namespace ontime::keeper {
+
+using nlohmann::json;
+
+json Isolated::apply(const json& order) {
+  try {
+    const auto wish = wish_of(order.at("wish"));
+    if (!isolation_) isolation_.emplace(journal_, wish);
+    Host host;
+    if (wish.interrupts) {
+      host.link = link_of(order.at("link"));
+      host.changes = settings::apply(journal_, settings::away_to(isolation_->rest(), host.link), host.link);
+    }
+    hosts_[order.at("host")] = std::move(host);
+    return {{"stay", isolation_->stay()}};
+  } catch (const machine::Error& error) {
+    return {{"error", fmt::format("isolation: {}", error.what())}};
+  } catch (const settings::Error& error) {
+    return {{"error", fmt::format("isolation.interrupts: {}", error.what())}};
+  } catch (const journal::Error& error) {
+    return {{"error", fmt::format("isolation: {}", error.what())}};
+  }
+}
+
+json Isolated::keep(pid_t process) {
+  try {
+    if (isolation_) isolation_->keep(process);
+    return json::object();
+  } catch (const journal::Error& error) {
+    return {{"error", fmt::format("isolation.cpus: {}", error.what())}};
+  }
+}
+
+std::vector<std::string> Isolated::beside() const {
+  return isolation_ ? isolation_->beside() : std::vector<std::string>{};
+}
+
+json Isolated::now() const {
+  auto all = json::object();
+  for (const auto& [host, its] : hosts_) {
+    auto things = to_json(its.changes, its.link);
+    for (const auto& one : isolation_->state())
+      things.push_back({{"setting", one.setting},
+                        {"thing", one.thing},
+                        {"before", one.before},
+                        {"after", one.after},
+                        {"now", one.now}});
+    all[host] = std::move(things);
+  }
+  return all;
+}
+
+std::vector<std::string> Isolated::take_back() {
+  std::vector<std::string> left;
+  const auto add = [&](std::vector<std::string> lines) {
+    left.insert(left.end(), lines.begin(), lines.end());
+  };
+  for (const auto& [host, its] : std::exchange(hosts_, {})) add(settings::take_back(journal_, its.changes));
+  if (isolation_) add(isolation_->take_back());
+  isolation_.reset();
+  return left;
+}
+
+}  // namespace ontime::keeper

@@ -1,0 +1,38 @@
+// SPDX-License-Identifier: Apache-2.0
+// The CPUs of this machine that are kept for the run that it is in, whichever of its hosts it is for.
+#pragma once
+
+#include <map>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include <nlohmann/json.hpp>
+
+#include "isolation/isolation.hpp"
+#include "settings/settings.hpp"
+
+namespace ontime::keeper {
+
+class Isolated {
+ public:
+  explicit Isolated(journal::Journal& journal) : journal_(journal) {}
+
+  nlohmann::json apply(const nlohmann::json& order);  // the order "isolate", and its answer
+  nlohmann::json keep(pid_t);                         // the answer to "keep"
+  // Of what runs beside: the groups that it enters.
+  std::vector<std::string> beside() const;
+  nlohmann::json now() const;  // by host, with what each thing is at this moment
+  std::vector<std::string> take_back();
+
+ private:
+  struct Host {
+    settings::Link link;
+    std::vector<settings::Change> changes;  // of its interface's interrupts
+  };
+  journal::Journal& journal_;
+  std::optional<isolation::Isolation> isolation_;
+  std::map<std::string, Host> hosts_;
+};
+
+}  // namespace ontime::keeper

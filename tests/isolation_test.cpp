@@ -1,0 +1,105 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "isolation/isolation.hpp"
+
+#include <filesystem>
+#include <fstream>
+
+#include "isolation/groups.hpp"
+
+namespace ontime::isolation {
+namespace {
+
+namespace fs = std::filesystem;
+using testing::ElementsAre;
+using testing::HasSubstr;
+using testing::IsEmpty;
+
+// A tree as the kernel shows it, of files that do nothing.
+class Tree : public testing::Test {
+ protected:
+  Tree() {
+    std::string name = (fs::temp_directory_path() / "ontime-test-XXXXXX").string();
+    root_ = mkdtemp(name.data());
+  }
+  ~Tree() override { fs::remove_all(root_); }
+  void file(const std::string& path, const std::string& text) const {
+    fs::create_directories((root_ / path).parent_path());
+    std::ofstream(root_ / path) << text << '\n';
+  }
+  std::string at(const std::string& path) const { return root_ / path; }
+  std::string mounts(const std::string& lines) const {
+    std::string text = lines;
+    for (auto found = text.find('@'); found != text.npos; found = text.find('@'))
+      text.replace(found, 1, root_);
+    file("mounts", text);
+    return at("mounts");
+  }
+  static std::string refused(const std::string& controller, const std::string& mounts) {
+    try {
+      hierarchy_of(controller, mounts);
+    } catch (const journal::Error& error) {
+      return error.what();
+    }
+    return "";
+  }
+  fs::path root_;
+};
+
+TEST_F(Tree, OfEitherVersionIsFoundWhereTheControllerIs) {
+  file("unified/cgroup.controllers", "cpuset cpu memory");
+  const auto two = mounts("cgroup2 @/unified cgroup2 rw,nosuid 0 0");
+  EXPECT_EQ(hierarchy_of("cpuset", two).folder, at("unified"));
+  EXPECT_TRUE(hierarchy_of("cpu", two).unified);
+
+  file("unified/cgroup.controllers", "memory");
+  file("cpuset/release_agent", "");
+  file("cpu/release_agent", "");
+  const auto both = mounts(
+      "cgroup2 @/unified cgroup2 rw 0 0\ncgroup @/cpu cgroup rw,cpu,cpuacct 0 0\n"
+      "cgroup @/cpuset cgroup rw,relatime,cpuset 0 0");
+  EXPECT_EQ(hierarchy_of("cpuset", both).folder, at("cpuset"));
+  EXPECT_FALSE(hierarchy_of("cpuset", both).unified);
+  EXPECT_EQ(hierarchy_of("cpu", both).folder, at("cpu")) << "not that of cpuacct, nor of cpuset";
+}
+
+TEST_F(Tree, ThatIsNotThereOrAPartOfAnotherIsRefused) {
+  EXPECT_THAT(refused("cpuset", mounts("proc /proc proc rw 0 0")), HasSubstr("controller 'cpuset'"));
+  file("unified/cgroup.controllers", "cpuset");
+  file("unified/cgroup.type", "domain");
+  EXPECT_THAT(refused("cpuset", mounts("cgroup2 @/unified cgroup2 rw 0 0")), HasSubstr("container"));
+  file("cpuset/tasks", "");
+  EXPECT_THAT(refused("cpuset", mounts("cgroup @/cpuset cgroup rw,cpuset 0 0")), HasSubstr("container"));
+}
+
+TEST_F(Tree, TellsWhoWasGivenCpus) {
+  file("system.slice/a.service/cpuset.cpus", "2-3");
+  file("system.slice/cpuset.cpus", "");
+  file("docker/cpuset.cpus", "0-1");
+  file("broken/cpuset.cpus", "x");
+  const Hierarchy hierarchy{root_, true};
+  EXPECT_THAT(owners_of(hierarchy, {3}), ElementsAre(at("system.slice/a.service")));
+  EXPECT_THAT(owners_of(hierarchy, {1, 2}), ElementsAre(at("docker"), at("system.slice/a.service")));
+  EXPECT_THAT(owners_of(hierarchy, {4}), IsEmpty());
+}
+
+TEST(Group, OfAnotherNameIsNeverTouched) {
+  EXPECT_TRUE(group_kind.accepts("cpuset/ontime-robot"));
+  for (const auto* what :
+       {"cpuset/", "cpuset/system.slice", "cpuset/ontime-/..", "cpuset/../ontime-x", "memory/ontime-x",
+        "ontime-robot", "cpuset/ontime-robot/ontime-x", "/ontime-robot"})
+    EXPECT_FALSE(group_kind.accepts(what)) << what;
+  EXPECT_FALSE(controller_kind.accepts("memory"));
+  EXPECT_FALSE(balance_kind.accepts("ontime-robot"));
+}
+
+TEST(Threads, AreReadAsTheKernelHasThem) {
+  const auto all = threads();
+  const auto own = std::find_if(all.begin(), all.end(), [](const Thread& one) { return one.id == gettid(); });
+  ASSERT_NE(own, all.end());
+  EXPECT_FALSE(own->of_kernel);
+  EXPECT_FALSE(own->bound);
+  EXPECT_EQ(own->cpus, cpus_of_thread(0));
+}
+
+}  // namespace
+}  // namespace ontime::isolation

@@ -1,0 +1,47 @@
+# SPDX-License-Identifier: Apache-2.0
+# For a shell of `ontime lab --live`, whose control groups are of version 2: a run that keeps CPU 1 to its end, and one all
+# of whose processes are killed; what /proc and taskset then see. See test_lab.py.
+cat >/tmp/isolated.yaml <<'YAML'
+hosts: namespaces
+defaults: {transport: udp, duration: 3 s, realtime: {policy: fifo, cpus: 1}, load: {controller: {cpu: 1}}}
+runs:
+  - id: isolated
+    isolation: {cpus: 1, interrupts: on, load-quota: 30 %, load-weight: 10}
+YAML
+groups=/sys/fs/cgroup
+sleep 1000 &
+bystander=$!
+agents() { ps -eo pid=,args= | grep '[o]ntime agent' | sed 's/^ *//; s/ .*//'; }
+cpus() { taskset -cp "$1" | sed 's/.*: //'; }
+see() {
+  echo "$1 everybody=$(cpus $bystander)"
+  echo "$1 work=$(cat /sys/devices/virtual/workqueue/cpumask)"
+  echo "$1 interrupts=$(for irq in $(grep -E 'eth[01]' /proc/interrupts | cut -d: -f1); do cat "/proc/irq/$irq/smp_affinity_list"; done | sort -u)"
+  echo "$1 groups=$(cd $groups && echo ontime-*)"
+  echo "$1 controllers=$(cat $groups/cgroup.subtree_control)"
+  echo "$1 partition=$(cat $groups/ontime-robot/cpuset.cpus.partition 2>&1 | sed 's/.*: //')"
+  echo "$1 agents=$(for pid in $(agents); do cpus "$pid"; done | sort -u)"
+  echo "$1 limit=$(echo $(cat $groups/ontime-load/cpu.max $groups/ontime-load/cpu.weight 2>/dev/null))"
+  echo "$1 load=$(grep -h ontime-load /proc/$(ps -C stress-ng -o pid= | head -n 1 | sed 's/ //g')/cgroup 2>/dev/null)"
+}
+measure() { TERM=dumb ontime run --only-measure --cable eth0,eth1 --results "/tmp/$1" /tmp/isolated.yaml 2>&1; echo "$1 ended $?"; }
+measures() {
+  until [ -n "$(agents)" ] && [ -n "$(ps -C stress-ng -o pid=)" ]; do sleep 0.1; done
+  sleep 1.5
+}
+
+see before
+measure whole &
+measures
+see during
+wait %2
+see after
+measure cut &
+measures
+kill -9 $(ps -C ontime -o pid=)
+sleep 1
+see killed
+ontime tune revert
+echo "revert ended $?"
+see reverted
+kill $bystander

@@ -1,0 +1,206 @@
+#!/usr/bin/env python3
+# SPDX-License-Identifier: Apache-2.0
+"""CPUs that are kept for a run, by the real program, and given back however it ends; looked at by other means: /proc,
+taskset. Needs root, control groups and two CPUs, and skips without. ONTIME names the program."""
+
+import json
+import os
+import pathlib
+import re
+import shutil
+import signal
+import subprocess
+import tempfile
+import unittest
+
+from program import ONTIME, eventually
+
+SCENARIO = """
+hosts: namespaces
+defaults: {transport: udp, period: 5 ms, duration: %s}
+runs:
+  - id: kept
+    load: {controller: {cpu: 1}}
+    traffic: {rate: 1 Mbit/s, direction: to-component}
+    isolation: {cpus: %s, interrupts: on, load-quota: 30 %%, load-weight: 10}
+"""
+CPUS = sorted(os.sched_getaffinity(0))
+KEPT, REST = str(CPUS[-1]), CPUS[:-1]
+WORK = pathlib.Path("/sys/devices/virtual/workqueue/cpumask")
+
+
+def hierarchy(controller):
+    """Where its groups are, and whether that is version 2."""
+    for line in pathlib.Path("/proc/mounts").read_text().splitlines():
+        _, folder, kind, options = line.split()[:4]
+        if kind == "cgroup" and controller in options.split(","):
+            return pathlib.Path(folder), False
+        if kind == "cgroup2" and controller in pathlib.Path(folder, "cgroup.controllers").read_text().split():
+            return pathlib.Path(folder), True
+    return None, False
+
+
+def state():
+    """What these tests change of this machine, but for who is where."""
+    found = [WORK.read_text()]
+    for controller in ("cpuset", "cpu"):
+        root, unified = hierarchy(controller)
+        found.append(sorted(path.name for path in root.iterdir() if path.name.startswith("ontime-")))
+        file = root / ("cgroup.subtree_control" if unified else "cpuset.sched_load_balance")
+        found.append(file.read_text() if file.exists() else "")
+    return found
+
+
+def cpus(pid):
+    """Of each thread of a process, by /proc."""
+    found = set()
+    for thread in pathlib.Path(f"/proc/{pid}/task").iterdir():
+        found.add(re.search(r"Cpus_allowed_list:\s*(\S+)", (thread / "status").read_text())[1])
+    return found
+
+
+def named(name):
+    """Processes whose command line begins with that program and holds that word."""
+    program, _, word = name.partition(" ")
+    found = []
+    for path in pathlib.Path("/proc").glob("[0-9]*/cmdline"):
+        try:
+            words = path.read_bytes().decode(errors="replace").split("\0")
+        except OSError:
+            continue
+        if words[0].rpartition("/")[2].startswith(program) and (not word or word in words):
+            found.append(int(path.parent.name))
+    return found
+
+
+def agents():
+    return [pid for pid in named("ontime agent") if os.readlink(f"/proc/{pid}/exe") == os.path.realpath(ONTIME)]
+
+
+@unittest.skipUnless(os.geteuid() == 0, "CPUs are kept by root alone")
+@unittest.skipUnless(len(CPUS) > 1, "there is no CPU to spare")
+@unittest.skipUnless(hierarchy("cpuset")[0] and hierarchy("cpu")[0], "there are no control groups")
+class Isolation(unittest.TestCase):
+    def setUp(self):
+        self.folder = tempfile.mkdtemp(prefix="ontime-test-")
+        self.addCleanup(shutil.rmtree, self.folder)
+        self.results = os.path.join(self.folder, "results.ontime")
+        self.before = state()
+        self.bystander = subprocess.Popen(["sleep", "1000"])  # who asked for nothing
+        # who asked for a CPU of his own, and is to have it again
+        self.pinned = subprocess.Popen(["taskset", "--cpu-list", str(CPUS[0]), "sleep", "1000"])
+        self.addCleanup(lambda: [one.kill() or one.wait() for one in (self.bystander, self.pinned)])
+        self.assertTrue(eventually(lambda: cpus(self.pinned.pid) == {str(CPUS[0])}, 30))
+        self.everywhere = cpus(self.bystander.pid)
+
+    def tearDown(self):
+        self.ontime("tune", "revert")
+        self.assertEqual(state(), self.before)
+        self.assertFalse(os.path.exists("/run/ontime"))
+
+    def ontime(self, *arguments):
+        return subprocess.run([ONTIME, *arguments], capture_output=True, text=True, timeout=120)
+
+    def scenario(self, duration, kept=KEPT):
+        path = os.path.join(self.folder, "scenario.yaml")
+        pathlib.Path(path).write_text(SCENARIO % (duration, kept))
+        return path
+
+    def isolated_run(self):
+        process = subprocess.Popen([ONTIME, "run", self.scenario("1 h"), "--results", self.results],
+                                   stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+        self.addCleanup(lambda: (process.kill(), process.communicate()))
+        self.assertTrue(eventually(lambda: len(named("iperf3")) >= 2 and named("stress-ng") and len(agents()) == 2, 60))
+        return process
+
+    def assert_given_back(self):
+        self.assertTrue(eventually(lambda: state() == self.before, 30), state())
+        self.assertTrue(eventually(lambda: not os.path.exists("/run/ontime"), 30))
+        self.assertEqual(cpus(self.bystander.pid), self.everywhere)
+        self.assertEqual(cpus(self.pinned.pid), {str(CPUS[0])})
+        root, _ = hierarchy("cpuset")
+        self.assertIn(str(self.bystander.pid), (root / "cgroup.procs").read_text().split())
+
+    def test_the_robot_has_its_cpus_and_nobody_else(self):
+        process = self.isolated_run()
+        for pid in agents():
+            self.assertEqual(cpus(pid), {KEPT})
+            said = subprocess.run(["taskset", "--cpu-list", "--pid", str(pid)], capture_output=True, text=True).stdout
+            self.assertTrue(said.rstrip().endswith(f": {KEPT}"), said)
+        beside = named("iperf3") + named("stress-ng")
+        for pid in [self.bystander.pid, process.pid, *beside]:
+            for one in cpus(pid):
+                self.assertNotIn(int(KEPT), [cpu for part in one.split(",") for cpu in
+                                             range(int(part.split("-")[0]), int(part.split("-")[-1]) + 1)], pid)
+        root, unified = hierarchy("cpu")
+        group = root / "ontime-load"
+        inside = set(map(int, (group / "cgroup.procs").read_text().split()))
+        self.assertLessEqual(set(beside), inside)
+        self.assertTrue(inside.isdisjoint(agents()))
+        if unified:
+            self.assertEqual((group / "cpu.max").read_text(), "30000 100000\n")
+            self.assertEqual((group / "cpu.weight").read_text(), "10\n")
+        else:
+            self.assertEqual((group / "cpu.cfs_quota_us").read_text(), "30000\n")
+            self.assertEqual((group / "cpu.shares").read_text(), "102\n")
+        self.assertEqual(int(WORK.read_text().replace(",", ""), 16), sum(1 << cpu for cpu in REST))
+        process.send_signal(signal.SIGINT)
+        process.communicate(timeout=60)
+        self.assertEqual(process.returncode, 130)
+        self.assert_given_back()
+
+    def test_it_is_in_the_record(self):
+        answer = self.ontime("run", self.scenario("300 ms"), "--results", self.results)
+        self.assertEqual(answer.returncode, 0, answer.stderr)
+        self.assert_given_back()
+        self.assertIn(f"CPUs {KEPT} kept, interrupts elsewhere, load and traffic with 30 % of a CPU",
+                      " ".join(answer.stdout.split()))
+        run = json.loads(self.ontime("report", self.results, "--format", "json").stdout)["runs"][0]
+        self.assertEqual(run["conditions"]["isolation"]["cpus"], KEPT)
+        for host in ("controller", "component"):
+            said = run["hosts"][host]["isolation"]
+            self.assertEqual({one["setting"] for one in said}, {"cpus", "workqueue-cpus", "load-quota", "load-weight"})
+            for one in said:
+                self.assertEqual(one["now"], one["after"], one)
+
+    def test_killed_it_is_given_back_by_the_next(self):
+        for by in ("keeper", "next start"):
+            with self.subTest(by=by):
+                process = self.isolated_run()
+                children = pathlib.Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split()
+                if by == "next start":  # nobody is left who could
+                    for pid in children:
+                        os.kill(int(pid), signal.SIGKILL)
+                process.kill()
+                process.communicate(timeout=60)
+                if by == "next start":
+                    self.assertTrue(eventually(lambda: not agents(), 30))
+                    self.assertNotEqual(state(), self.before)
+                    self.assertIn("ontime-robot", self.ontime("tune", "revert").stdout)
+                self.assert_given_back()
+
+    def test_what_cannot_be_is_refused_and_nothing_is_changed(self):
+        root, _ = hierarchy("cpuset")
+        for kept, why in ((f"{CPUS[0]}-{CPUS[-1]}", "leave one to everybody else"), ("1023", "there is no CPU 1023")):
+            with self.subTest(kept=kept):
+                answer = self.ontime("run", self.scenario("1 s", kept), "--results", self.results)
+                self.assertEqual(answer.returncode, 3)
+                self.assertIn(why, answer.stderr)
+                self.assert_given_back()
+        other = root / "test-of-ontime"
+        other.mkdir()
+        try:
+            if not (other / "cpuset.cpus").exists():
+                self.skipTest("the controller is not on for the groups here")
+            (other / "cpuset.cpus").write_text(KEPT)
+            answer = self.ontime("run", self.scenario("1 s"), "--results", self.results)
+            self.assertEqual(answer.returncode, 3)
+            self.assertIn(f"somebody else's: {other}", answer.stderr)
+            self.assertEqual((other / "cpuset.cpus").read_text(), KEPT + "\n")
+        finally:
+            other.rmdir()
+        self.assert_given_back()
+
+
+if __name__ == "__main__":
+    unittest.main()
