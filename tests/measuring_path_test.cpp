@@ -9,6 +9,7 @@
 #include <fstream>
 #include <functional>
 #include <new>
+#include <optional>
 #include <string>
 #include <thread>
 #include <utility>
@@ -22,6 +23,7 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
+#include "own_link.hpp"
 #include "realtime/realtime.hpp"
 #include "roundtrip/roundtrip.hpp"
 
@@ -123,7 +125,8 @@ void PrintTo(const Case& value, std::ostream* out) {
 
 std::vector<Case> cases() {
   using transport::Receive, transport::Reliability;
-  constexpr std::size_t small = 500, most_of_udp = 65'475, beyond_a_datagram = 64 << 10;
+  constexpr std::size_t small = 500, most_of_a_frame = 1468, most_of_udp = 65'475,
+                        beyond_a_datagram = 64 << 10;
   const std::array<std::pair<Schedule, Receive>, 3> dds{{{Schedule::next_free, Receive::listener},
                                                          {Schedule::fixed, Receive::waitset},
                                                          {Schedule::back_to_back, Receive::listener}}};
@@ -133,12 +136,22 @@ std::vector<Case> cases() {
       result.push_back({"udp", schedule, receive, Reliability::best_effort, bytes});
     result.push_back({"udp", Schedule::back_to_back, Receive::waitset, Reliability::best_effort, bytes});
   }
+  for (const auto* transport : {"ethernet", "xdp"})
+    for (const auto bytes : {small, most_of_a_frame}) {
+      for (const auto& [schedule, receive] : dds)
+        result.push_back({transport, schedule, receive, Reliability::best_effort, bytes});
+    }
   for (const auto* transport : {"cyclonedds", "fastdds"})
     for (const auto reliability : {Reliability::best_effort, Reliability::reliable})
       for (const auto bytes : {small, beyond_a_datagram})
         for (const auto& [schedule, receive] : dds)
           result.push_back({transport, schedule, receive, reliability, bytes});
   return result;
+}
+
+bool is_below_ip(const Case& value) {
+  const std::string transport = value.transport;
+  return transport == "ethernet" || transport == "xdp";
 }
 
 std::string name_of(const testing::TestParamInfo<Case>& info) {
@@ -181,7 +194,7 @@ std::uint64_t waits_allowed(const Case& value, std::uint64_t cycles) {
   // A heartbeat, and its acknowledgement.
   if (value.reliability == transport::Reliability::reliable) waits += 2;
   // The waitsets of both hand a lock from their receiving thread to ours.
-  if (value.receive == transport::Receive::waitset && transport != "udp") waits += 3;
+  if (value.receive == transport::Receive::waitset && !is_below_ip(value) && transport != "udp") waits += 3;
   // The sender of back-to-back also looks for losses a hundred times a second.
   return (cycles + 100) * waits;
 }
@@ -305,6 +318,11 @@ transport::Config config_of(const Case& value, transport::Role role) {
   config.address = "127.0.0.1";
   config.domain = 100 + getppid() % 100;
   config.peers = {"127.0.0.1"};
+  if (is_below_ip(value)) {  // over OwnLink
+    config.interface = role == transport::Role::client ? "near" : "far";
+    config.address.clear();
+    config.peers.clear();
+  }
   return config;
 }
 
@@ -313,6 +331,8 @@ TEST_P(MeasuringPath, AllocatesFaultsAndWaitsForNothing) {
   if (std::find(names.begin(), names.end(), GetParam().transport) == names.end())
     GTEST_SKIP() << "there is no transport " << GetParam().transport;
   if (geteuid() != 0) GTEST_SKIP() << "locking memory needs root, or limits";
+  std::optional<OwnLink> link;
+  if (is_below_ip(GetParam())) link.emplace();
   Child server([](Child::Orders orders) {
     ASSERT_TRUE(realtime::lock_memory(32 << 20).empty());
     Watch watch(GetParam());

@@ -6,6 +6,7 @@
 
 #include <fmt/format.h>
 
+#include "campaign/keys.hpp"
 #include "campaign/search.hpp"
 #include "campaign/session.hpp"
 #include "keeper/keeper.hpp"
@@ -367,7 +368,9 @@ int pong(const Run& run, Interrupts& interrupts, const std::function<void(const 
     orders::Coordinator::Hand agent(coordinator, "the agent", {orders::this_program(), "agent"},
                                     agent::sample_layout());
     auto task = server_task(run, Host{});
-    if (run.task.config.max_payload_bytes == 0) task.config.max_payload_bytes = pong_max_payload_bytes;
+    if (run.task.config.max_payload_bytes == 0 &&
+        !is_below_ip(run.task.transport))  // whose link's MTU says it
+      task.config.max_payload_bytes = pong_max_payload_bytes;
     agent.order("open", {{"task", task}});
     const auto opened = coordinator.await(agent, "opened", patience);
     agent.order("start", {{"wait_ns", 0}});

@@ -196,7 +196,8 @@ std::vector<Key> all_keys() {
       {"explain", "--explain", "on|off",
        "keep what the kernel did around late, lost and the worst messages, for `ontime explain`; needs root",
        client, [](Run& run, Text text) { run.explain = yes_or_no(text); }},
-      {"transport", "--transport", "NAME", "udp, cyclonedds, fastdds, or another that is installed", both,
+      {"transport", "--transport", "NAME",
+       "ethernet, xdp, udp, cyclonedds, fastdds, or another that is installed", both,
        [](Run& run, Text text) { run.task.transport = text; }},
       {"component.transport", "", "NAME", "of the answering end, where it is another", client,
        [](Run& run, Text text) { run.component_transport = text; }},
@@ -310,6 +311,16 @@ const std::vector<Key>& keys() {
   return keys;
 }
 
+bool is_below_ip(const std::string& transport) {
+  return transport == "ethernet" || is_past_the_kernel(transport);
+}
+
+bool is_past_the_kernel(const std::string& transport) { return transport == "xdp"; }
+
+bool any_past_the_kernel(const Run& run) {
+  return is_past_the_kernel(run.task.transport) || is_past_the_kernel(run.component_transport);
+}
+
 constexpr std::string_view options_path = "options.", component_options_path = "component.options.";
 
 bool is_option(Text path) {
@@ -346,6 +357,11 @@ void complete(Run& run) {
         "explain knows a component's threads by their numbers, of which one that is started again has "
         "others: leave "
         "out explain, or component.restart");
+  if (run.explain && any_past_the_kernel(run))
+    throw std::invalid_argument(
+        "explain cannot follow what xdp sends, for the kernel's tracepoints do not see it: leave out "
+        "explain, or take "
+        "ethernet");
   run.task.config.domain = run.domain ? *run.domain : domain_of_environment();
   complete_topics(run);
   complete_network(run);

@@ -20,6 +20,12 @@ Value one_of(const std::optional<Value>& value, const std::string& text, const s
   return *value;
 }
 
+// Whether its messages go by no IP, which the kernel's packet filter counts; and past all that the kernel
+// does to what it sends and receives.
+bool is_below_ip(const std::string& transport);
+bool is_past_the_kernel(const std::string& transport);
+bool any_past_the_kernel(const Run&);  // of its two ends
+
 // Of concurrent traffic and of the link's faults, and what only all of them together can tell.
 std::vector<Key> network_keys();
 void complete_network(const Run&);

@@ -102,7 +102,7 @@ std::optional<std::string> unproved(const json& outcome) {
       return fmt::format(
           "that the messages took {} is not proved: on the {} they could not be counted beside the traffic "
           "(that "
-          "takes root, nftables, and a place that is [ip, netns, exec, NAME] or none)",
+          "takes messages by IP, root, nftables, and a place that is [ip, netns, exec, NAME] or none)",
           link.at("interface").get<std::string>(), name);
   }
   return {};

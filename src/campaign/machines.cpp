@@ -13,6 +13,7 @@
 
 #include "campaign/deploy.hpp"
 #include "campaign/kernel.hpp"
+#include "campaign/keys.hpp"
 #include "campaign/traffic.hpp"
 #include "keeper/keeper.hpp"
 #include "machine/machine.hpp"
@@ -264,13 +265,15 @@ void Machines::check(const Run& run) {
 void Machines::link(const std::string& host, const Run& run) {
   const auto& where = hosts_.at(host);
   const auto netns = network_namespace(where);
-  if (!run.faults.any() && (ports_of(run.traffic).empty() || where.interface.empty() || !netns)) return;
+  const bool can_count = !is_below_ip(run.task.transport);
+  if (!run.faults.any() && (!can_count || ports_of(run.traffic).empty() || where.interface.empty() || !netns))
+    return;
   const auto answer = ask(machine_of(host), "link", "linked",
                           {{"host", host},
                            {"network_namespace", netns.value_or("")},
                            {"interface", where.interface},
                            {"faults", keeper::to_json(run.faults)},
-                           {"not_counted", ports_of(run.traffic)}});
+                           {"not_counted", can_count ? json(ports_of(run.traffic)) : json()}});
   // Without faults it can be done without: the record says that nothing is proved then.
   if (run.faults.any() && answer.contains("error")) throw Error(3, answer.at("error"));
 }

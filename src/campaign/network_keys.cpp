@@ -114,6 +114,11 @@ std::vector<Key> network_keys() {
 void complete_network(const Run& run) {
   if (run.traffic.bits_per_s == 0 && run.traffic != Traffic{})
     throw std::invalid_argument("traffic is described, but there is none: traffic.rate says how much");
+  if (run.faults.any() && any_past_the_kernel(run))
+    throw std::invalid_argument(
+        "the link's faults are made by the kernel's packet filter and queueing disciplines, which xdp passes "
+        "by: leave "
+        "out link, or take ethernet");
   complete_link(run);
 }
 

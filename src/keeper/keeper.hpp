@@ -20,7 +20,7 @@
 //   check  {faults}       checked {}, or {error}: which of them this kernel has not
 //   link   {host, network_namespace, interface, faults, not_counted}
 //                         linked {}, or {error}: the end's interface has these faults, and is counted, until
-//                         unload
+//                         unload; `not_counted`: UDP ports, or null where messages do not go by IP
 //   cut    {host, after_ms, for_ms}   cutting {}, and when it is time: cut {host, at_ns}
 //   traffic {host, way, stream}   flowing {}: one end of one way of it, by iperf3, until unload
 //   trace  {}             tracing {missing}: the kernel's events are kept for some seconds, until unload;

@@ -12,9 +12,12 @@ using nlohmann::json;
 void Links::add(const json& order) {
   const std::string host = order.at("host");
   links_.erase(host);
+  const json& not_counted = order.at("not_counted");
+  links_[host].by_ip = !not_counted.is_null();
   links_[host].link = std::make_unique<background::Link>(
       journal_, background::Link::Place{host, order.at("network_namespace"), order.at("interface")},
-      faults_of(order.at("faults")), order.at("not_counted").get<std::vector<int>>());
+      faults_of(order.at("faults")),
+      not_counted.is_null() ? std::vector<int>{} : not_counted.get<std::vector<int>>());
 }
 
 void Links::cut(const std::string& host, std::chrono::milliseconds after, std::chrono::milliseconds length) {
@@ -48,6 +51,7 @@ json Links::end() const {
   for (const auto& [host, counted] : links_) {
     try {
       account[host] = account_of(counted.before, counted.link->counts());
+      if (!counted.by_ip) account[host].erase("beside_traffic");
     } catch (const background::Error& error) {
       account[host] = {{"gone", error.what()}};
     }

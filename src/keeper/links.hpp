@@ -28,7 +28,8 @@ class Links {
   std::chrono::milliseconds go_on(const Told&);
   void begin();  // the account is opened
   // By host {faults {lost_frames, cut_off_frames, duplicated_frames}, beside_traffic {sent_bytes,
-  // received_bytes}}, or {gone: why it cannot be counted any more, and the faults need not have been there}.
+  // received_bytes} where messages go by IP}, or {gone: why it cannot be counted any more, and the faults
+  // need not have been there}.
   nlohmann::json end() const;
 
  private:
@@ -38,6 +39,7 @@ class Links {
     background::Link::Counts before;
     std::optional<Clock::time_point> to_be_cut;
     std::chrono::milliseconds length{0};
+    bool by_ip = true;  // else what is beside the traffic cannot be told
   };
   journal::Journal& journal_;
   std::map<std::string, Counted> links_;  // by host

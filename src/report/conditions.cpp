@@ -21,8 +21,9 @@ using Texts = std::map<std::string, std::string>;
 
 constexpr std::size_t longest_value = 40;  // of an option; the whole is in JSON and CSV
 
-// What an end says it took where nothing was asked, and without which a run of ROS 2 has no name.
-constexpr std::initializer_list<const char*> told_by_facts = {"rmw", "executor"};
+// What an end says it took where nothing was asked, and without which a run of ROS 2 has no name, or one of
+// xdp is taken for another.
+constexpr std::initializer_list<const char*> told_by_facts = {"rmw", "executor", "xdp"};
 
 // A condition of a run.
 struct Phrase {

@@ -56,6 +56,8 @@ std::optional<fs::path> in_ament_index(const std::string& name) {
 }
 
 std::string remedy(const std::string& name) {
+  if (name == "xdp")
+    return "; it needs Debian's package libxdp1 when run, libxdp-dev and libbpf-dev when built";
   if (name == "cyclonedds")
     return "; it needs Debian's package libddsc0debian when run, cyclonedds-dev when built";
   if (name == "fastdds")

@@ -1,0 +1,188 @@
+// SPDX-License-Identifier: Apache-2.0
+// Raw Ethernet, by a socket of AF_PACKET: no IP, no UDP. What arrives is in a ring that the kernel shares
+// with us; what goes out takes the link's queueing discipline, as all that the kernel sends.
+#include <bit>
+#include <cerrno>
+#include <system_error>
+
+#include <fmt/format.h>
+#include <linux/filter.h>
+#include <linux/if_packet.h>
+#include <sys/mman.h>
+#include <sys/socket.h>
+
+#include "transport/ethernet/frames.hpp"
+
+namespace ontime::transport {
+namespace {
+
+constexpr const char* who = "ethernet";
+
+std::string errno_text() { return std::generic_category().message(errno); }
+
+class PacketSocket {
+ public:
+  PacketSocket() : fd_(socket(AF_PACKET, SOCK_RAW | SOCK_CLOEXEC, 0)) {
+    if (fd_ >= 0) return;
+    if (errno == EPERM || errno == EACCES)
+      throw Error(
+          "ethernet: this process may have no raw socket: run it as root, or grant it CAP_NET_RAW (sudo "
+          "setcap cap_net_raw+ep PROGRAM)");
+    throw Error("ethernet: no raw socket (AF_PACKET): " + errno_text());
+  }
+  ~PacketSocket() { close(fd_); }
+  PacketSocket(const PacketSocket&) = delete;
+  PacketSocket& operator=(const PacketSocket&) = delete;
+  int fd() const noexcept { return fd_; }
+
+  template <typename Value>
+  void set(int level, int option, const Value& value, const char* what) const {
+    if (setsockopt(fd_, level, option, &value, sizeof value) != 0)
+      throw Error(fmt::format("ethernet: {}: {}", what, errno_text()));
+  }
+
+ private:
+  int fd_;
+};
+
+// What the kernel writes and we read, slot by slot; each belongs to one of the two.
+class Ring {
+ public:
+  Ring(const PacketSocket& socket, std::size_t frame_bytes) {
+    constexpr std::size_t head_bytes = 128;  // TPACKET2_HDRLEN and its alignment, and more
+    constexpr std::size_t usual_bytes = 1 << 19, least_block_bytes = 1 << 16, least_slots = 16;
+    slot_bytes_ = std::bit_ceil(head_bytes + frame_bytes);
+    const std::size_t block_bytes = std::max(least_block_bytes, slot_bytes_);
+    bytes_ = std::max(usual_bytes, least_slots * slot_bytes_);
+    slots_ = bytes_ / slot_bytes_;
+    const tpacket_req request{.tp_block_size = static_cast<unsigned>(block_bytes),
+                              .tp_block_nr = static_cast<unsigned>(bytes_ / block_bytes),
+                              .tp_frame_size = static_cast<unsigned>(slot_bytes_),
+                              .tp_frame_nr = static_cast<unsigned>(slots_)};
+    socket.set(SOL_PACKET, PACKET_VERSION, static_cast<int>(TPACKET_V2), "no ring of version 2");
+    socket.set(SOL_PACKET, PACKET_RX_RING, request, "no room for a ring");
+    memory_ = mmap(nullptr, bytes_, PROT_READ | PROT_WRITE, MAP_SHARED | MAP_POPULATE, socket.fd(), 0);
+    if (memory_ == MAP_FAILED)
+      throw Error(fmt::format("ethernet: cannot map its ring of {} bytes: {}", bytes_, errno_text()));
+  }
+  ~Ring() { munmap(memory_, bytes_); }
+  Ring(const Ring&) = delete;
+  Ring& operator=(const Ring&) = delete;
+
+  bool has_frame() const noexcept {
+    return (__atomic_load_n(&slot()->tp_status, __ATOMIC_ACQUIRE) & TP_STATUS_USER) != 0;
+  }
+  template <typename Take>
+  void hand_over(const Take& take) noexcept {
+    auto* const head = slot();
+    if (head->tp_snaplen == head->tp_len)  // else it is longer than any of ours
+      take(std::span(reinterpret_cast<std::byte*>(head) + head->tp_mac, head->tp_snaplen));
+    __atomic_store_n(&head->tp_status, TP_STATUS_KERNEL, __ATOMIC_RELEASE);
+    next_ = next_ + 1 == slots_ ? 0 : next_ + 1;
+  }
+
+ private:
+  tpacket2_hdr* slot() const noexcept {
+    return reinterpret_cast<tpacket2_hdr*>(static_cast<std::byte*>(memory_) + next_ * slot_bytes_);
+  }
+
+  std::size_t slot_bytes_ = 0, slots_ = 0, bytes_ = 0, next_ = 0;
+  void* memory_ = MAP_FAILED;
+};
+
+// The kernel throws away what is not of our topic: nobody else's frame wakes us.
+void take_only(const PacketSocket& socket, std::uint64_t topic) {
+  constexpr auto at = [](auto member) { return static_cast<std::uint32_t>(member); };
+  std::array<std::uint32_t, 2> words{};
+  std::memcpy(words.data(), &topic, sizeof topic);
+  const auto load = [](std::uint32_t offset) {
+    return sock_filter(BPF_STMT(BPF_LD | BPF_W | BPF_ABS, offset));
+  };
+  const auto unless = [](std::uint32_t word, std::uint8_t to_end) {
+    return sock_filter(BPF_JUMP(BPF_JMP | BPF_JEQ | BPF_K, ntohl(word), 0, to_end));
+  };
+  using frames::Header;
+  std::array<sock_filter, 8> code{
+      load(at(offsetof(Header, magic))),           unless(frames::magic, 5),
+      load(at(offsetof(Header, topic))),           unless(words[0], 3),
+      load(at(offsetof(Header, topic) + 4)),       unless(words[1], 1),
+      sock_filter(BPF_STMT(BPF_RET | BPF_K, ~0U)), sock_filter(BPF_STMT(BPF_RET | BPF_K, 0))};
+  socket.set(SOL_SOCKET, SO_ATTACH_FILTER, sock_fprog{code.size(), code.data()}, "no filter of frames");
+}
+
+class Packets {
+ public:
+  static constexpr const char* thread_name = "ontime-eth-recv";
+
+  Packets(const Config& config, const frames::Link& link, std::uint64_t topic)
+      : busy_(frames::busy_polls(config, who)), ring_(socket_, link.frame_bytes), sending_(link.frame_bytes) {
+    take_only(socket_, topic);
+    sockaddr_ll where{};
+    where.sll_family = AF_PACKET;
+    where.sll_protocol = htons(frames::ether_type);
+    where.sll_ifindex = link.index;
+    if (bind(socket_.fd(), reinterpret_cast<const sockaddr*>(&where), sizeof where) != 0)
+      throw Error(fmt::format("ethernet: cannot listen on {}: {}", link.name, errno_text()));
+  }
+
+  int fd() const noexcept { return socket_.fd(); }
+  std::span<std::byte> room() noexcept { return sending_; }
+  int send(std::size_t bytes) noexcept {
+    return ::send(socket_.fd(), sending_.data(), bytes, MSG_NOSIGNAL) < 0 ? errno : 0;
+  }
+
+  template <typename Take>
+  int receive(const frames::Alarm& alarm, const Take& take) noexcept {
+    while (!ring_.has_frame()) {
+      if (alarm.rung()) return 0;
+      if (busy_) continue;
+      if (const int error = alarm.wait(socket_.fd()); error != 0) return error;
+    }
+    while (ring_.has_frame() && !alarm.rung()) ring_.hand_over(take);
+    return 0;
+  }
+
+  // The kernel counts from question to question.
+  Losses losses() {
+    tpacket_stats since{};
+    socklen_t length = sizeof since;
+    if (getsockopt(socket_.fd(), SOL_PACKET, PACKET_STATISTICS, &since, &length) != 0) return {};
+    dropped_ += since.tp_drops;
+    return {.on_the_way = {}, .overwritten = dropped_};
+  }
+
+  std::map<std::string, std::string> facts() const { return {{"busy-poll", busy_ ? "on" : "off"}}; }
+
+ private:
+  const bool busy_;
+  PacketSocket socket_;
+  Ring ring_;
+  std::vector<std::byte> sending_;
+  std::uint64_t dropped_ = 0;
+};
+
+constexpr std::array<Option, 1> options{
+    {{"busy-poll",
+      "on|off: whether the thread that receives looks for frames without sleeping; it takes a "
+      "CPU for itself"}}};
+
+std::unique_ptr<Endpoint> open(const Config& config, Sink& sink) {
+  constexpr std::size_t any_frame = ~std::size_t{0};
+  return std::make_unique<frames::End<Packets>>(config, sink, frames::link_of(config, who, any_frame), who);
+}
+
+}  // namespace
+}  // namespace ontime::transport
+
+extern "C" __attribute__((visibility("default"))) const ontime::transport::Plugin ontime_transport{
+    ontime::transport::abi,
+    "ethernet",
+    ontime::transport::frames::kernel_version,
+    {.listener = true,
+     .waitset = true,
+     .loans = false,
+     .discovery = true,
+     .thread_settings = false,
+     .max_payload_bytes = ontime::transport::frames::max_payload_bytes},
+    ontime::transport::options,
+    ontime::transport::open};

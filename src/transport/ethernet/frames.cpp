@@ -1,0 +1,198 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "transport/ethernet/frames.hpp"
+
+#include <algorithm>
+#include <cerrno>
+#include <memory>
+#include <system_error>
+
+#include <arpa/inet.h>
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+#include <ifaddrs.h>
+#include <linux/close_range.h>
+#include <net/if.h>
+#include <net/if_arp.h>
+#include <netdb.h>
+#include <poll.h>
+#include <sys/eventfd.h>
+#include <sys/ioctl.h>
+#include <sys/socket.h>
+#include <sys/utsname.h>
+
+namespace ontime::transport::frames {
+namespace {
+
+// What the kernel says of an interface, by a socket of any kind.
+class Asked {
+ public:
+  explicit Asked(const std::string& name) : fd_(socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC, 0)) {
+    name.copy(request_.ifr_name, sizeof request_.ifr_name - 1);
+  }
+  ~Asked() { close(fd_); }
+  Asked(const Asked&) = delete;
+  Asked& operator=(const Asked&) = delete;
+
+  const ifreq* operator()(unsigned long what) {
+    return fd_ >= 0 && ioctl(fd_, what, &request_) == 0 ? &request_ : nullptr;
+  }
+
+ private:
+  const int fd_;
+  ifreq request_{};
+};
+
+enum class State { absent, down, running };
+
+// The kernel tells up to a second late that a new link runs.
+State state_of(const std::string& name) {
+  const std::int64_t end_ns = now_ns() + 3'000'000'000;
+  while (true) {
+    Asked asked(name);
+    const auto* const flags = asked(SIOCGIFFLAGS);
+    if (flags == nullptr) return State::absent;
+    const int both = IFF_UP | IFF_RUNNING;
+    if ((flags->ifr_flags & both) == both) return State::running;
+    if ((flags->ifr_flags & IFF_UP) == 0 || now_ns() > end_ns) return State::down;
+    std::this_thread::sleep_for(std::chrono::milliseconds(10));
+  }
+}
+
+std::vector<in_addr_t> addresses_of(const std::string& name) {
+  std::vector<in_addr_t> found;
+  ifaddrs* list = nullptr;
+  if (getifaddrs(&list) != 0) return found;
+  const std::unique_ptr<ifaddrs, decltype(&freeifaddrs)> owner(list, freeifaddrs);
+  for (const ifaddrs* entry = list; entry != nullptr; entry = entry->ifa_next)
+    if (entry->ifa_name == name && entry->ifa_addr != nullptr && entry->ifa_addr->sa_family == AF_INET)
+      found.push_back(reinterpret_cast<const sockaddr_in*>(entry->ifa_addr)->sin_addr.s_addr);
+  return found;
+}
+
+std::size_t frame_bytes_of(const Config& config, const std::string& who, std::size_t most_bytes,
+                           std::size_t mtu) {
+  const std::size_t most = std::min(mtu + ethernet_bytes, most_bytes);
+  if (most < overhead) throw Error(fmt::format("{}: the MTU of {} is {}", who, config.interface, mtu));
+  if (config.role == Role::server && config.max_payload_bytes == 0) return most;
+  const std::size_t needed = overhead + config.max_payload_bytes;
+  if (needed <= most) return needed;
+  throw Error(fmt::format(
+      "{}: a payload of {} bytes is too large for one frame of {}, and {} divides none: {} bytes at most{}",
+      who, config.max_payload_bytes, config.interface, who, most - overhead,
+      mtu + ethernet_bytes <= most_bytes
+          ? fmt::format(" at its MTU of {} (sudo ip link set {} mtu N, at both ends)", mtu, config.interface)
+          : ""));
+}
+
+std::uint64_t hash(int domain, const std::string& topic) {
+  std::uint64_t value = 0xcbf29ce484222325;  // FNV-1a
+  for (const char letter : std::to_string(domain) + topic)
+    value = (value ^ static_cast<unsigned char>(letter)) * 0x100000001b3;
+  return value;
+}
+
+}  // namespace
+
+Link link_of(const Config& config, const std::string& who, std::size_t most_bytes) {
+  if (config.interface.empty())
+    throw WrongInput(who + " needs the link by name: --interface, or \"interface\" of both hosts");
+  if (config.ping_topic == config.pong_topic)
+    throw WrongInput(fmt::format("{}: ping and pong have one topic, {}; each end would read what it writes",
+                                 who, config.ping_topic));
+  if (config.interface.size() >= IFNAMSIZ)
+    throw WrongInput(fmt::format("{}: '{}' is too long for an interface", who, config.interface));
+  switch (state_of(config.interface)) {
+    case State::absent:
+      throw Error(fmt::format("{}: this host has no interface {}; see \"ip link\"", who, config.interface));
+    case State::down:
+      throw Error(fmt::format("{}: the interface {} is down or has no carrier; see \"ip link\"", who,
+                              config.interface));
+    case State::running:
+      break;
+  }
+  Link link{.name = config.interface, .addresses = addresses_of(config.interface)};
+  Asked asked(config.interface);
+  if (const auto* const found = asked(SIOCGIFINDEX)) link.index = found->ifr_ifindex;
+  if (const auto* const found = asked(SIOCGIFHWADDR)) {
+    const auto kind = found->ifr_hwaddr.sa_family;
+    link.loopback = kind == ARPHRD_LOOPBACK;
+    if (kind != ARPHRD_ETHER && !link.loopback)
+      throw Error(
+          fmt::format("{}: the interface {} is no Ethernet (the kernel's type {}); name one that is, such as "
+                      "those that \"ip link\" shows as link/ether",
+                      who, config.interface, kind));
+    std::memcpy(link.mac.data(), found->ifr_hwaddr.sa_data, link.mac.size());
+  }
+  const auto* const mtu = asked(SIOCGIFMTU);
+  if (link.index == 0 || mtu == nullptr)
+    throw Error(fmt::format("{}: the interface {} went away", who, config.interface));
+  link.frame_bytes = frame_bytes_of(config, who, most_bytes, static_cast<std::size_t>(mtu->ifr_mtu));
+  return link;
+}
+
+std::uint64_t topic_written(const Config& config) {
+  return hash(config.domain, config.role == Role::client ? config.ping_topic : config.pong_topic);
+}
+std::uint64_t topic_read(const Config& config) {
+  return hash(config.domain, config.role == Role::client ? config.pong_topic : config.ping_topic);
+}
+
+in_addr_t wanted(const Config& config, const std::string& who) {
+  if (config.role == Role::server || config.peers.empty()) return 0;
+  const std::string host = config.peers.front().substr(0, config.peers.front().rfind(':'));
+  addrinfo hints{};
+  hints.ai_family = AF_INET;
+  addrinfo* found = nullptr;
+  if (const int code = getaddrinfo(host.c_str(), nullptr, &hints, &found); code != 0)
+    throw Error(fmt::format(
+        "{}: host '{}' was not found: {}. Name an IPv4 address of pong's interface, or no peer at all", who,
+        host, gai_strerror(code)));
+  const auto address = reinterpret_cast<const sockaddr_in*>(found->ai_addr)->sin_addr.s_addr;
+  freeaddrinfo(found);
+  return address;
+}
+
+bool busy_polls(const Config& config, const std::string& who) {
+  const auto option = config.options.find("busy-poll");
+  if (option == config.options.end() || option->second == "off") return false;
+  if (option->second == "on") return true;
+  throw WrongInput(fmt::format("{}: busy-poll is on or off, not '{}'", who, option->second));
+}
+
+std::string text_of(const Mac& mac) { return fmt::format("{:02x}", fmt::join(mac, ":")); }
+
+std::string kernel_version() {
+  utsname name{};
+  uname(&name);
+  return std::string("Linux ") + name.release;
+}
+
+bool keep_alone(int one, int other) noexcept {
+  const auto low = static_cast<unsigned>(std::min(one, other));
+  const auto high = static_cast<unsigned>(std::max(one, other));
+  if (close_range(high + 1, ~0U, CLOSE_RANGE_UNSHARE) != 0) return false;
+  if (low > 0) close_range(0, low - 1, 0);
+  if (high > low + 1) close_range(low + 1, high - 1, 0);
+  return true;
+}
+
+Alarm::Alarm() : fd_(eventfd(0, EFD_CLOEXEC | EFD_NONBLOCK)) {
+  if (fd_ < 0) throw Error("no eventfd: " + std::generic_category().message(errno));
+}
+
+void Alarm::ring() noexcept {
+  rung_ = true;
+  const std::uint64_t once = 1;
+  static_cast<void>(write(fd_, &once, sizeof once));
+}
+
+int Alarm::wait(int fd) const noexcept {
+  std::array<pollfd, 2> both{{{fd, POLLIN, 0}, {fd_, POLLIN, 0}}};
+  if (poll(both.data(), both.size(), -1) <= 0 || (both[0].revents & POLLERR) == 0) return 0;
+  int error = 0;
+  socklen_t length = sizeof error;
+  getsockopt(fd, SOL_SOCKET, SO_ERROR, &error, &length);
+  return error;
+}
+
+}  // namespace ontime::transport::frames

@@ -1,0 +1,370 @@
+// SPDX-License-Identifier: Apache-2.0
+// Transports below IP, over a veth pair of the test's own.
+#include <array>
+#include <atomic>
+#include <mutex>
+#include <thread>
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <linux/bpf.h>
+#include <linux/if_link.h>
+#include <net/if.h>
+#include <sys/syscall.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include "own_link.hpp"
+#include "transport/transport.hpp"
+
+namespace ontime::transport {
+namespace {
+
+using namespace std::chrono_literals;
+using testing::AllOf;
+using testing::HasSubstr;
+
+class Echo final : public Sink {
+ public:
+  void arrived(std::uint64_t sequence, std::span<std::byte> payload, std::int64_t) noexcept override {
+    ++arrivals;
+    if (auto* to = endpoint.load()) to->send(sequence, payload);
+  }
+  std::atomic<Endpoint*> endpoint{nullptr};
+  std::atomic<int> arrivals{0};
+};
+
+class Keep final : public Sink {
+ public:
+  void arrived(std::uint64_t sequence, std::span<std::byte> payload, std::int64_t) noexcept override {
+    const std::lock_guard lock(mutex);
+    last_sequence = sequence;
+    last.assign(payload.begin(), payload.end());
+    ++arrivals;
+  }
+  std::mutex mutex;
+  std::uint64_t last_sequence = 0;
+  std::vector<std::byte> last;
+  std::atomic<int> arrivals{0};
+};
+
+template <typename Done>
+bool within(std::chrono::milliseconds time, Done done) {
+  const auto end = std::chrono::steady_clock::now() + time;
+  while (!done() && std::chrono::steady_clock::now() < end) std::this_thread::sleep_for(1ms);
+  return done();
+}
+
+constexpr auto a_while = 5000ms, not_at_all = 200ms;
+
+class BelowIp : public testing::TestWithParam<const char*> {
+ protected:
+  void SetUp() override {
+    if (geteuid() != 0) GTEST_SKIP() << "network namespaces need root";
+    if (const auto names = available(); std::find(names.begin(), names.end(), GetParam()) == names.end())
+      GTEST_SKIP() << "there is no transport " << GetParam();
+    link_.emplace();
+    config.max_payload_bytes = 1000;
+  }
+  std::unique_ptr<Endpoint> open(Role role, Sink& sink, const std::string& transport = GetParam()) {
+    auto copy = config;
+    copy.role = role;
+    if (copy.interface.empty()) copy.interface = role == Role::client ? "near" : "far";
+    if (role == Role::server) copy.peers.clear();
+    return load(transport).open(copy, sink);
+  }
+  std::string error(Role role, const std::string& transport = GetParam()) {
+    try {
+      open(role, keep, transport);
+    } catch (const Error& failure) {
+      return failure.what();
+    }
+    return "none";
+  }
+  Config config;
+  Keep keep;
+  std::optional<OwnLink> link_;
+};
+INSTANTIATE_TEST_SUITE_P(, BelowIp, testing::Values("ethernet", "xdp"),
+                         [](const auto& one) { return std::string(one.param); });
+
+TEST_P(BelowIp, CarriesEverySizeThatOneFrameHoldsThereAndBack) {
+  Echo echo;
+  config.max_payload_bytes = 1468;
+  const auto server = open(Role::server, echo);
+  echo.endpoint = server.get();
+  const auto client = open(Role::client, keep);
+  EXPECT_FALSE(client->send(1, {})) << "to whom?";
+  ASSERT_TRUE(within(a_while, [&] { return client->matched().both(); }));
+  for (const std::size_t size : {0, 1, 15, 16, 500, 1467, 1468}) {
+    std::vector<std::byte> payload(size);
+    for (std::size_t i = 0; i < size; ++i) payload[i] = static_cast<std::byte>(i * 7);
+    const int before = keep.arrivals;
+    ASSERT_TRUE(client->send(size, payload));
+    ASSERT_TRUE(within(a_while, [&] { return keep.arrivals > before; })) << size;
+    const std::lock_guard lock(keep.mutex);
+    EXPECT_EQ(keep.last_sequence, size);
+    EXPECT_EQ(keep.last, payload);
+  }
+  EXPECT_FALSE(client->send(1, std::vector<std::byte>(1469)));
+  EXPECT_TRUE(server->matched().both());
+  EXPECT_EQ(client->facts().at("carrier"), "Ethernet");
+  EXPECT_EQ(client->facts().at("peer"), server->facts().at("address"));
+}
+
+// More than the rings have room for, one after the other: each slot is used again.
+TEST_P(BelowIp, GoesOnForever) {
+  Echo echo;
+  const auto server = open(Role::server, echo);
+  echo.endpoint = server.get();
+  const auto client = open(Role::client, keep);
+  ASSERT_TRUE(within(a_while, [&] { return client->matched().both(); }));
+  const std::vector<std::byte> payload(500);
+  for (int i = 1; i <= 2000; ++i) {
+    ASSERT_TRUE(client->send(static_cast<std::uint64_t>(i), payload)) << i;
+    ASSERT_TRUE(within(a_while, [&] { return keep.arrivals == i; })) << i;
+  }
+  EXPECT_EQ(client->losses().overwritten, 0U);
+}
+
+TEST_P(BelowIp, DividesNoMessage) {
+  config.max_payload_bytes = 1469;
+  EXPECT_THAT(error(Role::client), AllOf(HasSubstr("1469 bytes is too large for one frame of near"),
+                                         HasSubstr("1468 bytes at most"), HasSubstr("MTU of 1500")));
+  config.max_payload_bytes = 0;
+  EXPECT_EQ(error(Role::server), "none") << "as many as the link carries";
+}
+
+TEST_P(BelowIp, DomainsAndTopicsKeepApart) {
+  Echo echo;
+  const auto server = open(Role::server, echo);
+  config.domain = 1;
+  EXPECT_FALSE(within(not_at_all, [client = open(Role::client, keep)] { return client->matched().both(); }));
+  config.domain = 0;
+  config.ping_topic = "/arm/ping";
+  EXPECT_FALSE(within(not_at_all, [client = open(Role::client, keep)] { return client->matched().both(); }));
+  config.pong_topic = "/arm/ping";
+  EXPECT_THAT(error(Role::server), HasSubstr("/arm/ping"));
+}
+
+TEST_P(BelowIp, PeerIsWhoHasTheAddress) {
+  Echo echo;
+  const auto server = open(Role::server, echo);
+  config.peers = {"10.9.0.3"};
+  {
+    const auto client = open(Role::client, keep);
+    EXPECT_FALSE(within(not_at_all, [&] { return client->matched().both(); }));
+    EXPECT_THAT(client->seen(), HasSubstr("10.9.0.3"));
+  }
+  config.peers = {"10.9.0.2:7900"};
+  const auto client = open(Role::client, keep);
+  EXPECT_TRUE(within(a_while, [&] { return client->matched().both(); }));
+}
+
+TEST_P(BelowIp, ClientOutlivesARestartOfTheServer) {
+  auto first = std::make_unique<Echo>();
+  auto server = open(Role::server, *first);
+  const auto client = open(Role::client, keep);
+  ASSERT_TRUE(within(a_while, [&] { return client->matched().both(); }));
+  server.reset();
+  Echo echo;
+  server = open(Role::server, echo);  // what the first held is free again
+  echo.endpoint = server.get();
+  EXPECT_TRUE(within(a_while, [&] {
+    client->send(1, std::vector<std::byte>(500));
+    return keep.arrivals > 0;
+  }));
+}
+
+TEST_P(BelowIp, WaitsetEndsWhenInterrupted) {
+  config.receive = Receive::waitset;
+  for (const char* busy : {"off", "on"})
+    for (const auto role : {Role::server, Role::client}) {
+      config.options["busy-poll"] = busy;
+      const auto endpoint = open(role, keep);
+      std::thread waiting([&] { endpoint->receive(); });
+      std::this_thread::sleep_for(5ms);
+      endpoint->interrupt();
+      waiting.join();
+      endpoint->receive();  // and every later one
+      EXPECT_TRUE(endpoint->threads().empty());
+    }
+}
+
+TEST_P(BelowIp, TellsWhatFoundNoRoom) {
+  Echo echo;
+  config.receive = Receive::waitset;
+  const auto server = open(Role::server, echo);
+  config.receive = Receive::listener;
+  const auto client = open(Role::client, keep);
+  ASSERT_FALSE(client->matched().both());  // it has called
+  server->receive();
+  ASSERT_TRUE(within(a_while, [&] { return client->matched().both(); }));
+  EXPECT_EQ(server->losses().overwritten, 0U);
+  // Nobody receives any more.
+  EXPECT_TRUE(within(a_while, [&] {
+    client->send(1, std::vector<std::byte>(500));
+    return server->losses().overwritten.value_or(0) > 0;
+  }));
+  const auto lost = *server->losses().overwritten;
+  EXPECT_EQ(server->losses().overwritten, lost) << "as often as it is asked";
+}
+
+TEST_P(BelowIp, OutlivesALinkThatGoesDown) {
+  Echo echo;
+  const auto server = open(Role::server, echo);
+  echo.endpoint = server.get();
+  const auto client = open(Role::client, keep);
+  ASSERT_TRUE(within(a_while, [&] { return client->matched().both(); }));
+  OwnLink::ip("link set far down");
+  client->send(1, std::vector<std::byte>(500));
+  OwnLink::ip("link set far up");
+  EXPECT_TRUE(within(a_while, [&] {
+    client->send(2, std::vector<std::byte>(500));
+    return keep.arrivals > 0;
+  }));
+}
+
+TEST_P(BelowIp, SaysWhatIsWrongAtOpening) {
+  config.options["busy-poll"] = "perhaps";
+  EXPECT_THAT(error(Role::client), HasSubstr("on or off"));
+  config.options.clear();
+  config.peers = {"no-such-host.invalid"};
+  EXPECT_THAT(error(Role::client), HasSubstr("no-such-host.invalid"));
+  config.peers.clear();
+  config.interface = "nonet0";
+  EXPECT_THAT(error(Role::client), HasSubstr("no interface nonet0"));
+  config.interface = "far";
+  OwnLink::ip("link set far down");
+  EXPECT_THAT(error(Role::client), HasSubstr("far is down"));
+  if (OwnLink::try_ip("link add tunnel type ipip local 10.9.0.1 remote 10.9.0.9") &&
+      OwnLink::try_ip("link set tunnel up")) {
+    config.interface = "tunnel";
+    EXPECT_THAT(error(Role::client), HasSubstr("tunnel is no Ethernet"));
+  }
+  Config none;
+  EXPECT_THROW(load(GetParam()).open(none, keep), WrongInput);
+}
+
+TEST_P(BelowIp, SaysWhatPermissionItWants) {
+  const pid_t child = fork();
+  if (child == 0) {
+    static_cast<void>(setuid(65534) + 1);
+    const auto text = error(Role::server);
+    _exit(text.find("CAP_NET_RAW") != text.npos && text.find("root") != text.npos ? 0 : 1);
+  }
+  int status = -1;
+  waitpid(child, &status, 0);
+  EXPECT_EQ(status, 0);
+}
+
+TEST_P(BelowIp, FindsTheOtherOfTheTwo) {
+  const std::string other = GetParam() == std::string("xdp") ? "ethernet" : "xdp";
+  if (const auto names = available(); std::find(names.begin(), names.end(), other) == names.end())
+    GTEST_SKIP() << "there is no transport " << other;
+  Echo echo;
+  const auto server = open(Role::server, echo, other);
+  echo.endpoint = server.get();
+  const auto client = open(Role::client, keep);
+  ASSERT_TRUE(within(a_while, [&] { return client->matched().both(); }));
+  client->send(1, std::vector<std::byte>(500));
+  EXPECT_TRUE(within(a_while, [&] { return keep.arrivals == 1; }));
+}
+
+TEST(Ethernet, WorksOnLoopback) {
+  if (geteuid() != 0) GTEST_SKIP() << "a raw socket needs root";
+  const OwnLink link;
+  Config config;
+  config.interface = "lo";
+  config.max_payload_bytes = 60'000;
+  config.role = Role::server;
+  Echo echo;
+  const auto server = load("ethernet").open(config, echo);
+  echo.endpoint = server.get();
+  config.role = Role::client;
+  config.peers = {"127.0.0.1"};
+  Keep keep;
+  const auto client = load("ethernet").open(config, keep);
+  ASSERT_TRUE(within(a_while, [&] { return client->matched().both(); }));
+  client->send(1, std::vector<std::byte>(60'000));
+  EXPECT_TRUE(within(a_while, [&] { return keep.arrivals == 1; }));
+}
+
+// --- the XDP program ---
+
+class Xdp : public BelowIp {
+ protected:
+  static bool has_program(const std::string& interface) {
+    return OwnLink::try_ip("link show dev " + interface + " | grep -q xdp");
+  }
+};
+INSTANTIATE_TEST_SUITE_P(, Xdp, testing::Values("xdp"), [](const auto&) { return "xdp"; });
+
+TEST_P(Xdp, LeavesAllOtherFramesToTheKernel) {
+  const auto server = open(Role::server, keep);
+  ASSERT_TRUE(has_program("far"));
+  config.domain = 1;  // of the same EtherType, too
+  Echo echo;
+  const auto beside = open(Role::server, echo, "ethernet");
+  echo.endpoint = beside.get();
+  Keep heard;
+  config.role = Role::client;
+  config.interface = "near";
+  const auto client = load("ethernet").open(config, heard);
+  ASSERT_TRUE(within(a_while, [&] { return client->matched().both(); }));
+  client->send(1, std::vector<std::byte>(500));
+  EXPECT_TRUE(within(a_while, [&] { return heard.arrivals == 1; }));
+  EXPECT_EQ(keep.arrivals, 0);
+}
+
+TEST_P(Xdp, LeavesNothingBehind) {
+  {
+    const auto server = open(Role::server, keep);
+    EXPECT_TRUE(has_program("far"));
+    EXPECT_THAT(server->facts().at("xdp"), testing::MatchesRegex("(native|generic) (zero-)?copy"));
+    EXPECT_THAT(error(Role::server), HasSubstr("queue 0 of far is taken"));
+    EXPECT_TRUE(has_program("far"));
+  }
+  EXPECT_TRUE(within(a_while, [] { return !has_program("far"); }));
+  config.options["queue"] = "77";
+  EXPECT_THAT(error(Role::server), AllOf(HasSubstr("queue 77 of far is not there"), HasSubstr("ethtool")));
+  config.options["queue"] = "first";
+  EXPECT_THAT(error(Role::server), HasSubstr("'first' is not the number of a queue"));
+  EXPECT_FALSE(has_program("far"));
+}
+
+TEST_P(Xdp, LeavesSomebodyElsesProgramAlone) {
+  std::array<bpf_insn, 2> pass{};
+  pass[0].code = BPF_ALU64 | BPF_MOV | BPF_K;
+  pass[0].imm = XDP_PASS;
+  pass[1].code = BPF_JMP | BPF_EXIT;
+  bpf_attr load{};
+  load.prog_type = BPF_PROG_TYPE_XDP;
+  load.insns = reinterpret_cast<std::uint64_t>(pass.data());
+  load.insn_cnt = pass.size();
+  load.license = reinterpret_cast<std::uint64_t>("GPL");
+  const auto program = syscall(SYS_bpf, BPF_PROG_LOAD, &load, sizeof load);
+  ASSERT_GE(program, 0);
+  bpf_attr attach{};
+  attach.link_create.prog_fd = static_cast<std::uint32_t>(program);
+  attach.link_create.target_ifindex = if_nametoindex("far");
+  attach.link_create.attach_type = BPF_XDP;
+  attach.link_create.flags = XDP_FLAGS_SKB_MODE;
+  const auto attached = syscall(SYS_bpf, BPF_LINK_CREATE, &attach, sizeof attach);
+  ASSERT_GE(attached, 0);
+  EXPECT_THAT(error(Role::server),
+              AllOf(HasSubstr("far has an XDP program already"), HasSubstr("left alone")));
+  EXPECT_TRUE(has_program("far"));
+  close(static_cast<int>(attached));
+  close(static_cast<int>(program));
+  EXPECT_TRUE(within(a_while, [] { return !has_program("far"); }));
+  EXPECT_EQ(error(Role::server), "none");
+}
+
+TEST_P(Xdp, IsNotForLoopback) {
+  config.interface = "lo";
+  EXPECT_THAT(error(Role::server), AllOf(HasSubstr("lo has one queue"), HasSubstr("ethernet")));
+}
+
+}  // namespace
+}  // namespace ontime::transport
