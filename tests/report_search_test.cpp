@@ -38,7 +38,8 @@ TEST(TableFormat, TellsTheNeighboursAndLoudlyWhereTheyWereNotThere) {
   came["neighbours"]["to_component"] = way(8000, 7990);
   auto text = render({summary(with_neighbours(), came)}, Format::markdown);
   EXPECT_THAT(
-      text, HasSubstr("4 neighbours of 32 KiB at 100 Hz to the component, reliable, in another participant"));
+      text,
+      HasSubstr("4 neighbours of 32 KiB to the component, reliable, at 100 Hz, in another participant"));
   EXPECT_THAT(text, HasSubstr("neighbours: 7,990 of 8,000 arrived at the component (10 lost)"));
   came["neighbours"]["to_component"] = way(5000, 5000, 3000);
   text = render({summary(with_neighbours(), came)}, Format::markdown);
