@@ -52,7 +52,7 @@ TEST(Link, CarriedTheNeighboursToo) {
   EXPECT_EQ(found(outcome(controller, component)), "nothing");
   component["neighbours"]["received"] = 11;
   EXPECT_THAT(found(outcome(controller, component)),
-              AllOf(HasSubstr("and 11000 bytes of neighbours received"), HasSubstr("the controller sent")));
+              AllOf(HasSubstr("and 11000 bytes of neighbours received"), HasSubstr("the component received")));
 }
 
 TEST(Link, OfAnEndThatWasStartedAgainCarriedWhatThatOneAnswered) {
