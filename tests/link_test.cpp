@@ -51,8 +51,9 @@ TEST(Link, CarriedTheNeighboursToo) {
   component["neighbours"] = {{"received", 10}, {"payload_bytes", 1000}};
   EXPECT_EQ(found(outcome(controller, component)), "nothing");
   component["neighbours"]["received"] = 11;
-  EXPECT_THAT(found(outcome(controller, component)),
-              AllOf(HasSubstr("and 11000 bytes of neighbours received"), HasSubstr("the controller sent")));
+  EXPECT_THAT(
+      found(outcome(controller, component)),
+      AllOf(HasSubstr("and 11000 bytes of neighbours received"), HasSubstr("the component received")));
 }
 
 TEST(Link, OfAnEndThatWasStartedAgainCarriedWhatThatOneAnswered) {

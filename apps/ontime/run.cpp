@@ -24,13 +24,17 @@ struct Arguments {
 
 void expect(Terminal& terminal, const std::vector<campaign::Scenario>& scenarios) {
   std::size_t runs = 0;
+  bool searches = false;
   std::chrono::duration<double> time{0};
   for (const auto& scenario : scenarios) {
     runs += scenario.size();
+    searches = searches || std::any_of(scenario.runs.begin(), scenario.runs.end(),
+                                       [](const auto& run) { return run.step.of > 0; });
     time += campaign::time_of(scenario);
   }
   terminal.expect(runs, time);
-  if (runs > 1) terminal.note(fmt::format("{} runs, about {}", runs, about(time)));
+  if (runs > 1)
+    terminal.note(fmt::format("{}{} runs, about {}", searches ? "at most " : "", runs, about(time)));
 }
 
 int run(const Arguments& arguments, const GateFlags& flags, const nlohmann::json& command_line) {

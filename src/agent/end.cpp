@@ -2,6 +2,7 @@
 #include "agent/end.hpp"
 
 #include <algorithm>
+#include <string_view>
 
 #include <fmt/format.h>
 #include <fmt/ranges.h>

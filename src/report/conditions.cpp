@@ -54,24 +54,25 @@ std::string traffic(const json& asked) {
   return text;
 }
 
-// "4 neighbours of 1 KiB at 100 Hz each way, best-effort, in the same participant".
-std::string neighbours(const json& asked) {
-  if (!asked.is_object()) return "";
-  const auto& where = at(asked, "where");
-  auto text = fmt::format("{} of {} at {:g} Hz {}, {}, {}",
-                          many(count(at(asked, "topics")), "neighbour", "neighbours"),
+// "4 neighbours of 1 KiB each way, reliable", "at 100 Hz", "in another process": each may be what runs differ
+// in.
+void add_neighbours(std::vector<Phrase>& phrases, const json& asked) {
+  if (!asked.is_object()) return;
+  const auto &where = at(asked, "where"), &rate = at(asked, "rate_hz");
+  auto text = fmt::format("{} of {} {}, {}", many(count(at(asked, "topics")), "neighbour", "neighbours"),
                           size(at(asked, "payload_bytes")),
-                          at(asked, "rate_hz").is_number() ? at(asked, "rate_hz").get<double>() : 0,
                           !is_true(at(asked, "back"))    ? "to the component"
                           : !is_true(at(asked, "there")) ? "to the controller"
                                                          : "each way",
-                          word(at(asked, "reliability")),
-                          where == "same-participant" ? "in the same participant"
-                          : where == "same-process"   ? "in another participant of the same process"
-                                                      : "in another process");
+                          word(at(asked, "reliability")));
   if (const auto priority = count(at(asked, "priority")); priority > 0)
-    text += fmt::format(", at SCHED_FIFO {}", priority);
-  return text;
+    text += fmt::format(" with SCHED_FIFO {}", priority);
+  phrases.push_back({"neighbours", text});
+  phrases.push_back(
+      {"neighbours.rate", fmt::format("at {:.4g} Hz", rate.is_number() ? rate.get<double>() : 0)});
+  phrases.push_back({"neighbours.where", where == "same-participant" ? "in the same participant"
+                                         : where == "same-process"   ? "in another participant of the process"
+                                                                     : "in another process"});
 }
 
 std::string percent(const json& share) { return fmt::format("{:.4g} %", share.get<double>() * 100); }
@@ -237,7 +238,7 @@ std::vector<Phrase> phrases_of(const Summary& summary) {
   add("duration", at(asked, "duration_s"), seconds(at(asked, "duration_s")));
   add("load", at(asked, "load"), load(asked));
   add("traffic", at(asked, "traffic"), traffic(at(asked, "traffic")));
-  add("neighbours", at(asked, "neighbours"), neighbours(at(asked, "neighbours")));
+  add_neighbours(phrases, at(asked, "neighbours"));
   add("link", at(asked, "link"), link(at(asked, "link")));
   add("isolation", at(asked, "isolation"), isolation(at(asked, "isolation")));
   add("kernel", at(asked, "kernel"), kernel(at(asked, "kernel")));

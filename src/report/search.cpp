@@ -104,7 +104,7 @@ std::string why(const Step& step) {
   if (step.late > 0) parts.push_back(fmt::format("{} late", grouped(step.late)));
   if (step.lost > 0) parts.push_back(fmt::format("{} lost", grouped(step.lost)));
   if (step.skipped_cycles > 0) parts.push_back(many(step.skipped_cycles, "skipped cycle", "skipped cycles"));
-  if (step.is_short) parts.emplace_back("what was to be beside it could be no more");
+  if (step.is_short) parts.emplace_back("what was asked for beside it was more than could be had");
   return fmt::format("{}, of {}", join(parts, ", "), many(step.messages, "message", "messages"));
 }
 
@@ -137,12 +137,9 @@ Table searches_table(const Group& group) {
   }
   if (table.rows.empty()) return table;
   table.title = fmt::format("how far {} can be turned up", keys);
-  table.columns = {{"", left},
-                   {"No miss\nat", right},
-                   {"Messages\nthere", right},
-                   {"Missed\nthere", right},
-                   {"Missed\nat", right},
-                   {"What", left}};
+  table.columns = {
+      {"", left},           {"No miss\nat", right}, {"Messages\nthere", right}, {"Missed\nthere", right},
+      {"Ended\nat", right}, {"Because", left}};
   table.notes.emplace_back(
       "A miss: a message late or lost, or a cycle without one. Missed there: below that with 95 % "
       "confidence, after "

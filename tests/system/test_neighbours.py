@@ -21,9 +21,9 @@ runs:
 SEARCH = """
 hosts: namespaces
 repeat: 2
-defaults: {transport: [%s], period: 5 ms, deadline: 500 ms, duration: %s}
+defaults: {transport: [%s], period: 200 ms, deadline: 500 ms, duration: %s}
 runs:
-  - {id: up, search: neighbours.rate, neighbours: {topics: 1, rate: [10 Hz, 20 Hz, 100 kHz], payload: 60 kB, direction: to-component}}
+  - {id: up, search: neighbours.rate, neighbours: {topics: 1, rate: [10 Hz, 20 Hz, 100 kHz], payload: 20 kB, direction: to-component}}
 """
 DDS = [name for name in TRANSPORTS if name != "udp"]
 
@@ -66,17 +66,19 @@ class Neighbours(Program):
                     self.assertEqual({thread["policy"] for thread in critical}, {"fifo"})
 
     def test_are_turned_up_until_no_more_is_to_be_had_and_that_goes_on_where_it_was_left(self):
-        scenario = self.scenario("1 s", text=SEARCH, transports=DDS[:1])
+        scenario = self.scenario("2 s", text=SEARCH, transports=DDS[:1])
         answer = self.run_ontime("run", scenario, "--results", self.results)
         self.assertEqual(answer.returncode, 0, answer.stderr)
         self.assertIn("how far neighbours.rate can be turned up", answer.stdout)
         first = self.report()
-        values = [(run["variant"].split()[1], run["repetition"]) for run in first]
-        self.assertEqual(values[0], ("10", 1))
-        self.assertEqual(values[-1][0] if len(values) == 5 else "100", "100", "60 kB a hundred thousand times a second are nowhere to be had")
+        steps = [(run["variant"], run["repetition"]) for run in first]
+        self.assertEqual(steps[:4], [(f"neighbours.rate {rate}", times) for rate in ("10 Hz", "20 Hz") for times in (1, 2)])
+        self.assertEqual(steps[4][0], "neighbours.rate 100 kHz")
         (search,) = json.loads(self.run_ontime("report", self.results, "--format", "json").stdout)["searches"]
-        self.assertIsNotNone(search["ended"])
         self.assertEqual(search["key"], "neighbours.rate")
+        self.assertEqual(search["passed"]["value"], "20 Hz")
+        self.assertEqual(search["passed"]["messages"], 20, "of both times")
+        self.assertEqual(search["ended"]["value"], "100 kHz", "two gigabytes a second are nowhere to be had")
         again = self.run_ontime("run", scenario, "--results", self.results, "--resume")
         self.assertEqual(again.returncode, 0, again.stderr)
         self.assertEqual(len(self.report()), len(first), "all was done already")

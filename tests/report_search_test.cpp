@@ -1,0 +1,108 @@
+// SPDX-License-Identifier: Apache-2.0
+// What became of neighbours, and what searches found.
+#include "report/runs.hpp"
+#include "report_fixture.hpp"
+
+namespace ontime::report {
+namespace {
+
+using ::testing::AllOf;
+using ::testing::HasSubstr;
+using ::testing::Not;
+
+json with_neighbours(double rate_hz = 100) {
+  auto with = asked("a", "cyclonedds");
+  with["neighbours"] = {{"topics", 4},
+                        {"where", "same-process"},
+                        {"payload_bytes", 32768},
+                        {"rate_hz", rate_hz},
+                        {"reliability", "reliable"},
+                        {"there", true},
+                        {"back", false},
+                        {"priority", 0}};
+  return with;
+}
+
+json way(int sent, int received, int skipped = 0) {
+  return {{"sent", sent},
+          {"received", received},
+          {"lost", sent - received},
+          {"refused", 0},
+          {"skipped_cycles", skipped},
+          {"strays", 0},
+          {"short", skipped > sent / 19}};
+}
+
+TEST(TableFormat, TellsTheNeighboursAndLoudlyWhereTheyWereNotThere) {
+  auto came = outcome();
+  came["neighbours"]["to_component"] = way(8000, 7990);
+  auto text = render({summary(with_neighbours(), came)}, Format::markdown);
+  EXPECT_THAT(
+      text,
+      HasSubstr("4 neighbours of 32 KiB to the component, reliable, at 100 Hz, in another participant"));
+  EXPECT_THAT(text, HasSubstr("neighbours: 7,990 of 8,000 arrived at the component (10 lost)"));
+  came["neighbours"]["to_component"] = way(5000, 5000, 3000);
+  text = render({summary(with_neighbours(), came)}, Format::markdown);
+  EXPECT_THAT(text,
+              HasSubstr("NOT THE NEIGHBOURS THAT WERE ASKED FOR: 5,000 of 5,000 arrived at the component "
+                        "(3,000 not sent, for their sender overran its period)"));
+  EXPECT_THAT(render({summary(asked("a", "udp"), outcome())}, Format::markdown), Not(HasSubstr("eighbours")));
+}
+
+Summary step(int number, const char* value, std::uint64_t late, int repetition = 1) {
+  auto of = with_neighbours(100.0 * (number + 1));
+  of["repetition"] = repetition;
+  of["search"] = {
+      {"key", "neighbours.rate"}, {"value", value}, {"step", number}, {"steps", 4}, {"among", ""}};
+  auto one = summary(of, outcome());
+  one.late = late;
+  one.on_time -= late;
+  return one;
+}
+
+TEST(Searches, AreBetweenTheLastValueWithoutAMissAndTheFirstWithOne) {
+  const Summaries summaries = {step(0, "100 Hz", 0),    step(1, "200 Hz", 0), step(1, "200 Hz", 0, 2),
+                               step(3, "800 Hz", 7, 1), step(2, "400 Hz", 0), step(2, "400 Hz", 3, 2)};
+  const auto text = render(summaries, Format::markdown);
+  EXPECT_THAT(text, HasSubstr("how far neighbours.rate can be turned up"));
+  const auto searches = json::parse(render(summaries, Format::json)).at("searches");
+  ASSERT_EQ(searches.size(), 1U);
+  EXPECT_EQ(searches[0].at("passed").at("value"), "200 Hz");
+  EXPECT_EQ(searches[0].at("passed").at("messages"), 4000) << "of both repetitions";
+  EXPECT_EQ(searches[0].at("ended").at("value"), "400 Hz") << "in one of its repetitions";
+  EXPECT_EQ(searches[0].at("ended").at("late"), 3);
+  EXPECT_NEAR(searches[0].at("missed_below").get<double>(), 3.0 / 4000, 1e-5) << "the rule of three";
+}
+
+TEST(Searches, SayWhereNothingMissedAndWhereTheGentlestDid) {
+  auto found = json::parse(render({step(0, "100 Hz", 0)}, Format::json)).at("searches").at(0);
+  EXPECT_TRUE(found.at("ended").is_null());
+  EXPECT_EQ(found.at("passed").at("value"), "100 Hz");
+  found = json::parse(render({step(0, "100 Hz", 1)}, Format::json)).at("searches").at(0);
+  EXPECT_TRUE(found.at("passed").is_null());
+  EXPECT_TRUE(found.at("missed_below").is_null());
+  EXPECT_EQ(json::parse(render({summary(asked("a", "udp"), outcome())}, Format::json)).at("searches"),
+            json::array());
+}
+
+TEST(Searches, EndWhereARunFailedOrMoreWasNotToBeHad) {
+  auto failed = step(1, "200 Hz", 0);
+  failed.run.outcome["error"] = "no answer";
+  auto found = json::parse(render({step(0, "100 Hz", 0), failed}, Format::json)).at("searches").at(0);
+  EXPECT_TRUE(found.at("ended").at("failed"));
+  auto overran = step(1, "200 Hz", 0);
+  overran.run.outcome["neighbours"]["to_component"] = way(100, 100, 100);
+  found = json::parse(render({step(0, "100 Hz", 0), overran}, Format::json)).at("searches").at(0);
+  EXPECT_TRUE(found.at("ended").at("short"));
+  EXPECT_EQ(found.at("passed").at("value"), "100 Hz");
+}
+
+TEST(Plots, DrawTheRoundTripAgainstTheNeighboursRate) {
+  const auto text = gnuplot_of({step(0, "100 Hz", 0), step(1, "200 Hz", 5)}, {Plot::Figure::neighbours});
+  EXPECT_THAT(text, AllOf(HasSubstr("Messages of neighbours"), HasSubstr("\n100 1 1.98\n200 1 1.98\n"),
+                          HasSubstr("$missed0 << END\n200 1.98\nEND")));
+  EXPECT_THAT(gnuplot_of({step(0, "100 Hz", 0)}, {Plot::Figure::neighbours}), Not(HasSubstr("$missed")));
+}
+
+}  // namespace
+}  // namespace ontime::report
