@@ -77,6 +77,33 @@ TEST_F(LinkFaults, AreThereAsLongAsTheLinkIs) {
   EXPECT_THAT(tables(), IsEmpty());
 }
 
+// The qdiscs themselves are tried in the lab: this kernel may have none of them.
+TEST_F(LinkFaults, QueueByADisciplineOrAreRefusedByItsName) {
+  for (const auto* name : {"prio", "taprio"}) {
+    const auto words = std::string(name) + (name == std::string("prio") ? " bands 3" : "");
+    const auto said = error_of({.qdisc = words});
+    EXPECT_THAT(said,
+                testing::AnyOf(IsEmpty(), HasSubstr(std::string("link.qdisc: this kernel has not ") + name)));
+    if (said.empty()) continue;
+    EXPECT_ANY_THROW(Link(journal_, here_, {.qdisc = words}, {}));
+    EXPECT_THAT(tables(), IsEmpty()) << "nothing is left of what was made before";
+  }
+  EXPECT_THROW(check_qdisc("pfifo limit 3"), Error);
+  EXPECT_THROW(check_qdisc(""), Error);
+  EXPECT_NO_THROW(check_qdisc("prio bands 3 priomap 1 2 2 2 1 2 0 0 1 1 1 1 1 1 1 1"));
+}
+
+TEST_F(LinkFaults, GiveMessagesAndTrafficAPriority) {
+  {
+    const Link link(journal_, here_, {.message_priority = 6, .traffic_priority = 11}, {5201, 5202});
+    EXPECT_THAT(tables(),
+                HasSubstr("udp dport != { 5201, 5202 } udp sport != { 5201, 5202 } meta priority set 0:6"));
+    EXPECT_THAT(tables(), HasSubstr("udp sport { 5201, 5202 } meta priority set 0:b"));
+    EXPECT_EQ(exchange(3), 3);
+  }
+  EXPECT_THAT(tables(), IsEmpty());
+}
+
 TEST_F(LinkFaults, LoseWhatTheyAreToLose) {
   const Link link(journal_, here_, {.loss = 0.25}, {});
   const int came = exchange(4000);
@@ -150,6 +177,10 @@ TEST_F(LinkFaults, NothingElseIsEverTouched) {
   for (const auto* what : {"", "eth0", "/", "/eth 0", "/..", "/a/b", "../eth0/"})
     EXPECT_FALSE(qdisc_kind.accepts(what)) << what;
   EXPECT_TRUE(qdisc_kind.accepts("ontime-controller/eth0"));
+  EXPECT_TRUE(qdisc_kind.accepts("ontime-controller/eth0/prio bands 3"));
+  for (const auto* what :
+       {"x/eth0/", "x/eth0/pfifo", "x/eth0/prio -batch", "x/eth0/prio bands 3;", "x/eth0/prio/a"})
+    EXPECT_FALSE(qdisc_kind.accepts(what)) << what;
   EXPECT_EQ(table_kind.read("no-such-namespace/inet/ontime-a"), std::nullopt) << "gone with its namespace";
 }
 

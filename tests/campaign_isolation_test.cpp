@@ -30,7 +30,7 @@ TEST_F(IsolationKeys, AreReadAndRecorded) {
 
 TEST_F(IsolationKeys, ThatMakeNoSenseAreRefused) {
   EXPECT_THAT(refused("isolation: {cpus: x}"), HasSubstr("lists of CPUs"));
-  EXPECT_THAT(refused("isolation: {cpus: ''}"), HasSubstr("lists of CPUs"));
+  EXPECT_THAT(refused("isolation: {cpus: ' '}"), HasSubstr("lists of CPUs"));
   EXPECT_THAT(refused("isolation: {interrupts: on}"), HasSubstr("needs isolation.cpus"));
   EXPECT_THAT(refused("isolation: {load-quota: 50}"), HasSubstr("write it as '50 %'"));
   EXPECT_THAT(refused("isolation: {load-quota: 0 %}"), HasSubstr("from 1 to"));

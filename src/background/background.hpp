@@ -5,6 +5,7 @@
 #include <chrono>
 #include <cstdint>
 #include <memory>
+#include <optional>
 #include <span>
 #include <stdexcept>
 #include <string>
@@ -82,9 +83,16 @@ struct Faults {
   std::chrono::microseconds jitter{0};  // by how much the delay varies, either way
   double reordered = 0;                 // share of those that go without the delay, before those that wait
   bool cut = false;                     // that it can be cut
+  // What those that go wait in, in the words of tc: "prio bands 3"; "": whatever there is.
+  std::string qdisc{};
+  // By which it tells them apart, as SO_PRIORITY has it: of the messages and of the traffic; nothing: as they
+  // are.
+  std::optional<int> message_priority{}, traffic_priority{};
   bool any() const { return *this != Faults{}; }
   bool operator==(const Faults&) const = default;
 };
+// Throws Error, for people, for words that name no queueing discipline which can be had as Faults::qdisc.
+void check_qdisc(const std::string& words);
 // Throws Error that names the first that this kernel has not, by its key; changes nothing. Needs root.
 void check(const Faults&);
 
@@ -96,7 +104,7 @@ class Link {
     std::string netns;  // as `ip netns` has it; "": this process's
     std::string interface;
   };
-  // Throws Error or journal::Error, and then nothing is changed. `not_counted`: UDP ports of other traffic.
+  // Throws Error or journal::Error, and then nothing is changed. `not_counted`: UDP ports of the traffic.
   Link(journal::Journal&, const Place&, const Faults&, const std::vector<int>& not_counted);
   ~Link();
   Link(const Link&) = delete;
@@ -115,7 +123,7 @@ class Link {
   void give_back() noexcept;
   journal::Journal& journal_;
   const Place place_;
-  bool netem_;
+  std::string qdisc_;     // as the journal has it; "": none
   std::size_t counters_;  // that it has made
 };
 

@@ -59,17 +59,26 @@ std::string faults_table(const std::string& table, const std::string& interface,
 
 // What comes and goes as whole datagrams, whatever of it is fragments.
 std::string counting_table(const std::string& table, const std::string& interface,
-                           const std::vector<int>& others) {
+                           const std::vector<int>& others, const Faults& faults) {
   const auto except =
       others.empty() ? ""
                      : fmt::format("udp dport != {{ {0} }} udp sport != {{ {0} }} ", fmt::join(others, ", "));
+  // What a socket would say by SO_PRIORITY: the same word of each packet, whoever sends it.
+  std::string priorities;
+  if (faults.message_priority)
+    priorities += fmt::format("oifname \"{}\" meta l4proto udp {}meta priority set {};\n", interface, except,
+                              *faults.message_priority);
+  for (const auto* port : {"dport", "sport"})
+    if (faults.traffic_priority && !others.empty())
+      priorities += fmt::format("oifname \"{}\" udp {} {{ {} }} meta priority set {};\n", interface, port,
+                                fmt::join(others, ", "), *faults.traffic_priority);
   return fmt::format(
       "table inet {0} {{\n"
       "counter sent {{ }}\ncounter received {{ }}\n"
-      "chain going {{ type filter hook output priority {2}; oifname \"{1}\" {3}counter name sent; }}\n"
+      "chain going {{ type filter hook output priority {2};\n{4} oifname \"{1}\" {3}counter name sent; }}\n"
       "chain coming {{ type filter hook input priority {2}; iifname \"{1}\" {3}counter name received; }}\n"
       "}}\n",
-      table, interface, before_all, except);
+      table, interface, before_all, except, priorities);
 }
 
 std::vector<std::string> netem(const std::string& command, const std::string& interface,
@@ -95,6 +104,20 @@ void try_it(const char* keys, const char* needs, const std::function<void()>& at
   }
 }
 
+// Some want more queues than the loopback has: whether they are there is seen by how they are refused.
+void try_qdisc(const std::string& words) {
+  const auto name = words_of(words).front();
+  try {
+    tc(make_qdisc("lo", words));
+  } catch (const Error& error) {
+    const std::string said = error.what();
+    if (said.find("qdisc kind is unknown") != said.npos || said.find("Unknown qdisc") != said.npos)
+      throw Error(fmt::format("link.qdisc: this kernel has not {0}, module sch_{0}: {1}", name, said));
+    if (name == "mqprio" || name == "taprio") return;
+    throw Error(fmt::format("link.qdisc: '{}' is not taken: {}", words, said));
+  }
+}
+
 }  // namespace
 
 void check(const Faults& faults) {
@@ -107,6 +130,7 @@ void check(const Faults& faults) {
     if (needs_netem(faults))
       try_it("link.delay, link.jitter, link.reorder", "the queueing discipline netem, module sch_netem",
              [&] { tc(netem("add", interface, faults)); });
+    if (!faults.qdisc.empty()) try_qdisc(faults.qdisc);
     if (faults.loss > 0 || faults.cut)
       try_it("link.loss, link.cut", "nftables' hook ingress of the family netdev, from Linux 4.10 on",
              [&] { nft(faults_table(table, interface, {.loss = faults.loss, .cut = faults.cut})); });
@@ -121,7 +145,6 @@ Link::Link(journal::Journal& journal, const Place& place, const Faults& faults,
            const std::vector<int>& not_counted)
     : journal_(journal),
       place_(place),
-      netem_(needs_netem(faults)),
       counters_(2U + (faults.any() ? 2U : 0U) + (faults.duplicates > 0 ? 1U : 0U)) {
   if (!is_interface_name(place_.interface))
     throw Error(fmt::format("'{}' is no interface that the link's faults can be had on", place_.interface));
@@ -137,10 +160,15 @@ Link::Link(journal::Journal& journal, const Place& place, const Faults& faults,
     journal::within_namespace(place_.netns, [&] { nft(text); });
   };
   try {
-    make("inet", counting_table(table, place_.interface, not_counted));
+    make("inet", counting_table(table, place_.interface, not_counted, faults));
     if (faults.any()) make("netdev", faults_table(table, place_.interface, faults));
-    if (!netem_) return;
-    journal_.change(qdisc_kind, qdisc_what(place_.netns, place_.interface), our_qdisc);
+    if (!faults.qdisc.empty()) {
+      qdisc_ = qdisc_what(place_.netns, place_.interface, faults.qdisc);
+      journal_.change(qdisc_kind, qdisc_, our_qdisc_of(faults.qdisc));
+    }
+    if (!needs_netem(faults)) return;
+    qdisc_ = qdisc_what(place_.netns, place_.interface);
+    journal_.change(qdisc_kind, qdisc_, our_qdisc);
     journal::within_namespace(place_.netns, [&] { tc(netem("change", place_.interface, faults)); });
   } catch (const std::exception&) {
     give_back();
@@ -152,7 +180,7 @@ Link::~Link() { give_back(); }
 
 void Link::give_back() noexcept {
   try {
-    if (netem_) journal_.take_back(qdisc_kind, qdisc_what(place_.netns, place_.interface));
+    if (!qdisc_.empty()) journal_.take_back(qdisc_kind, qdisc_);
     for (const auto* family : {"netdev", "inet"})
       journal_.take_back(table_kind, table_what(place_.netns, family, place_.host));
   } catch (const std::exception&) {  // it is in the journal, whose end gives it back or says why it cannot

@@ -5,9 +5,12 @@
 #include <array>
 #include <cerrno>
 #include <filesystem>
+#include <iterator>
+#include <sstream>
 #include <system_error>
 
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 #include <nlohmann/json.hpp>
 #include <sys/stat.h>
 
@@ -90,9 +93,25 @@ void write_table(const std::string& what, const Value& value, const Value& prese
          [&] { nft(fmt::format("{} table {} {}", value ? "create" : "delete", parts[1], parts[2])); });
 }
 
+constexpr std::array disciplines = {"prio", "mqprio", "taprio", "etf", "cbs"};
+
+// Of tc's words, of which none is a path or an option of tc itself.
+bool is_qdisc(const std::string& words) {
+  const auto all = words_of(words);
+  return words.size() <= 2000 && !all.empty() &&
+         std::find(disciplines.begin(), disciplines.end(), all.front()) != disciplines.end() &&
+         std::all_of(all.begin(), all.end(), [](const std::string& word) {
+           return word[0] != '-' && std::all_of(word.begin(), word.end(), [](char c) {
+                    return (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || (c >= '0' && c <= '9') ||
+                           c == '_' || c == '@' || c == ':' || c == '.' || c == '-';
+                  });
+         });
+}
+
 bool accepts_qdisc(const std::string& what) {
   const auto parts = parts_of(what);
-  return parts.size() == 2 && is_namespace_name(parts[0]) && is_interface_name(parts[1]);
+  return (parts.size() == 2 || (parts.size() == 3 && is_qdisc(parts[2]))) && is_namespace_name(parts[0]) &&
+         is_interface_name(parts[1]);
 }
 
 Value read_qdisc(const std::string& what) {
@@ -115,21 +134,43 @@ void write_qdisc(const std::string& what, const Value& value, const Value& prese
   const auto parts = parts_of(what);
   if (value && present)
     throw journal::Error(
-        fmt::format("{} has a queueing discipline of somebody's ({}), which delay would take the place of: "
+        fmt::format("{} has a queueing discipline of somebody's ({}), which link.delay or link.qdisc would "
+                    "take the place of: "
                     "remove it (tc qdisc del dev {} root)",
                     parts[1], *present, parts[1]));
   inside(parts[0], [&] {
     if (!value)
       tc({"qdisc", "del", "dev", parts[1], "root"});
     else
-      tc({"qdisc", "add", "dev", parts[1], "root", "handle", our_qdisc_handle, "netem"});
+      tc(make_qdisc(parts[1], parts.size() == 3 ? parts[2] : "netem"));
   });
 }
 
 }  // namespace
 
 const char* const our_qdisc_handle = "6f74:";
-const std::string our_qdisc = "netem 6f74:";
+const std::string our_qdisc = our_qdisc_of("netem");
+
+std::string our_qdisc_of(const std::string& words) { return words_of(words).front() + " 6f74:"; }
+
+std::vector<std::string> words_of(const std::string& qdisc) {
+  std::istringstream text(qdisc);
+  return {std::istream_iterator<std::string>(text), {}};
+}
+
+std::vector<std::string> make_qdisc(const std::string& interface, const std::string& words) {
+  std::vector<std::string> command = {"qdisc", "add", "dev", interface, "root", "handle", our_qdisc_handle};
+  for (auto& word : words_of(words)) command.push_back(std::move(word));
+  return command;
+}
+
+void check_qdisc(const std::string& words) {
+  if (!is_qdisc(words))
+    throw Error(fmt::format(
+        "'{}' is no queueing discipline in tc's words that can be had: one of {}, with its options "
+        "(tc-prio(8), tc-taprio(8) …), and no path",
+        words, fmt::join(disciplines, ", ")));
+}
 
 const journal::Kind table_kind = {.name = "nft-table",
                                   .scope = journal::Scope::mount_namespace,
@@ -156,8 +197,8 @@ std::string table_what(const std::string& netns, const std::string& family, cons
   return fmt::format("{}/{}/{}{}", netns, family, journal::own_prefix, name);
 }
 
-std::string qdisc_what(const std::string& netns, const std::string& interface) {
-  return fmt::format("{}/{}", netns, interface);
+std::string qdisc_what(const std::string& netns, const std::string& interface, const std::string& words) {
+  return fmt::format("{}/{}{}{}", netns, interface, words.empty() ? "" : "/", words);
 }
 
 }  // namespace ontime::background

@@ -3,6 +3,7 @@
 #pragma once
 
 #include <string>
+#include <vector>
 
 #include "journal/journal.hpp"
 
@@ -12,12 +13,18 @@ namespace ontime::background {
 // from a later one. It is made empty.
 extern const journal::Kind table_kind;
 // The root queueing discipline of an interface, "NETNS/INTERFACE": nothing, as long as it is the kernel's own
-// choice; else what and whose it is. Made is a netem of ours, that does nothing yet.
+// choice; else what and whose it is. Made is a netem of ours, that does nothing yet; or, of
+// "NETNS/INTERFACE/WORDS", what tc calls by these words.
 extern const journal::Kind qdisc_kind;
 extern const std::string our_qdisc;  // the value of that
 extern const char* const our_qdisc_handle;
+std::string our_qdisc_of(const std::string& words);  // the same of "prio bands 3"
 
 std::string table_what(const std::string& netns, const std::string& family, const std::string& name);
-std::string qdisc_what(const std::string& netns, const std::string& interface);
+std::string qdisc_what(const std::string& netns, const std::string& interface, const std::string& words = "");
+// "prio", "bands", "3"
+// What has tc make it at the root of an interface.
+std::vector<std::string> make_qdisc(const std::string& interface, const std::string& words);
+std::vector<std::string> words_of(const std::string& qdisc);
 
 }  // namespace ontime::background

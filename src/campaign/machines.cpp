@@ -224,7 +224,7 @@ void Machines::isolate(const Machine& machine, const std::string& host, const Ru
   const auto stay = isolated.at("stay").get<std::vector<std::string>>();
   if (stay.empty() || !warned_.insert(host + run.isolation.cpus).second) return;
   observer_.note(
-      fmt::format("isolation: on the {}, {} threads may run on the CPUs {} all the same: they were given "
+      fmt::format("isolation: on the {}, {} threads may run on CPUs {} all the same: they were given "
                   "CPUs of their own: {}",
                   host, stay.size(), run.isolation.cpus, fmt::join(stay, ", ")));
 }

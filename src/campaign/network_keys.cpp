@@ -62,6 +62,21 @@ void add_link_keys(std::vector<Key>& keys) {
         [](Run& run, Text text) { run.faults.jitter = delay_of(text); }},
        {"link.reorder", "", "PERCENT", "share of the frames that go without that delay, before others: none",
         client, [](Run& run, Text text) { run.faults.reordered = share_of(text); }},
+       {"link.qdisc", "", "TEXT",
+        "what waits to go waits in, in tc's words, such as 'prio bands 3': the kernel's choice", client,
+        [](Run& run, Text text) {
+          try {
+            background::check_qdisc(text);
+          } catch (const background::Error& error) {
+            throw std::invalid_argument(error.what());
+          }
+          run.faults.qdisc = text;
+        }},
+       {"link.message-priority", "", "0-15", "of the messages' packets, as SO_PRIORITY has it: as they are",
+        client,
+        [](Run& run, Text text) { run.faults.message_priority = static_cast<int>(number_of(text, 0, 15)); }},
+       {"link.traffic-priority", "", "0-15", "of the concurrent traffic's packets, likewise", client,
+        [](Run& run, Text text) { run.faults.traffic_priority = static_cast<int>(number_of(text, 0, 15)); }},
        {"link.cut", "", "TIME for TIME", "when nothing comes any more, and for how long: '10 s for 500 ms'",
         client, [](Run& run, Text text) {
           run.cut = cut_of(text);
@@ -73,6 +88,11 @@ void complete_link(const Run& run) {
   const auto& faults = run.faults;
   if (faults.delay.count() == 0 && (faults.jitter.count() > 0 || faults.reordered > 0))
     throw std::invalid_argument("link.jitter and link.reorder need a link.delay, which they are about");
+  if (!faults.qdisc.empty() && faults.delay.count() > 0)
+    throw std::invalid_argument(
+        "link.qdisc and link.delay both are the queueing discipline of the interface: leave out one");
+  if (faults.traffic_priority && run.traffic.bits_per_s == 0)
+    throw std::invalid_argument("link.traffic-priority needs a traffic.rate, of whose packets it is");
   if (faults.jitter > faults.delay)
     throw std::invalid_argument("link.jitter is more than link.delay: nothing comes before it was sent");
   if (run.cut && run.cut->at >= run.task.client.duration)

@@ -232,7 +232,8 @@ std::vector<std::string> Isolation::stay() const {
   const auto ours =
       ids_in(folder_of(robot) + (hierarchy_of("cpuset").unified ? "/cgroup.threads" : "/tasks"));
   for (const auto& thread : threads())
-    if (!(thread.of_kernel && thread.bound) && any_of(thread.cpus, kept) &&
+    // kthreadd does nothing but have the kernel's other threads.
+    if (!(thread.of_kernel && (thread.bound || thread.name == "kthreadd")) && any_of(thread.cpus, kept) &&
         std::find(ours.begin(), ours.end(), thread.id) == ours.end())
       names.push_back(
           fmt::format("{} ({}, CPUs {})", thread.name, thread.id, realtime::list_of(thread.cpus)));

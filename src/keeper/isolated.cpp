@@ -16,14 +16,15 @@ using nlohmann::json;
 json Isolated::apply(const json& order) {
   try {
     const auto wish = wish_of(order.at("wish"));
-    if (!isolation_) isolation_.emplace(journal_, wish);
+    std::vector<std::string> stay;  // told once of a machine
+    if (!isolation_) stay = isolation_.emplace(journal_, wish).stay();
     Host host;
     if (wish.interrupts) {
       host.link = link_of(order.at("link"));
       host.changes = settings::apply(journal_, settings::away_to(isolation_->rest(), host.link), host.link);
     }
     hosts_[order.at("host")] = std::move(host);
-    return {{"stay", isolation_->stay()}};
+    return {{"stay", stay}};
   } catch (const machine::Error& error) {
     return {{"error", fmt::format("isolation: {}", error.what())}};
   } catch (const settings::Error& error) {

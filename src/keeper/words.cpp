@@ -5,6 +5,15 @@ namespace ontime::keeper {
 
 using nlohmann::json;
 
+namespace {
+
+json or_null(const std::optional<int>& number) { return number ? json(*number) : json(); }
+std::optional<int> number_of(const json& from) {
+  return from.is_null() ? std::nullopt : std::optional(from.get<int>());
+}
+
+}  // namespace
+
 json to_json(const background::Workers& workers) {
   return {{"cpu", workers.cpu},
           {"vm", workers.vm},
@@ -39,7 +48,10 @@ json to_json(const background::Faults& faults) {
           {"delay_us", faults.delay.count()},
           {"jitter_us", faults.jitter.count()},
           {"reordered", faults.reordered},
-          {"cut", faults.cut}};
+          {"cut", faults.cut},
+          {"qdisc", faults.qdisc},
+          {"message_priority", or_null(faults.message_priority)},
+          {"traffic_priority", or_null(faults.traffic_priority)}};
 }
 
 background::Faults faults_of(const json& from) {
@@ -48,7 +60,10 @@ background::Faults faults_of(const json& from) {
           .delay = std::chrono::microseconds(from.at("delay_us")),
           .jitter = std::chrono::microseconds(from.at("jitter_us")),
           .reordered = from.at("reordered"),
-          .cut = from.at("cut")};
+          .cut = from.at("cut"),
+          .qdisc = from.at("qdisc"),
+          .message_priority = number_of(from.at("message_priority")),
+          .traffic_priority = number_of(from.at("traffic_priority"))};
 }
 
 json to_json(const background::Stream& stream) {

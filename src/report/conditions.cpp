@@ -88,6 +88,12 @@ std::string link(const json& asked) {
     if (is_some("reordered")) text += fmt::format(" but for {}", percent(at(asked, "reordered")));
     faults.push_back(text);
   }
+  if (const auto& qdisc = at(asked, "qdisc"); qdisc.is_string() && qdisc != "")
+    faults.push_back("queues by " + shortened(word(qdisc), longest_value));
+  if (at(asked, "message_priority").is_number())
+    faults.push_back("sends messages with priority " + word(at(asked, "message_priority")));
+  if (at(asked, "traffic_priority").is_number())
+    faults.push_back("sends traffic with priority " + word(at(asked, "traffic_priority")));
   if (const auto& cut = at(asked, "cut"); cut.is_object())
     faults.push_back(fmt::format("is cut at {} s for {} ms", word(at(cut, "at_s")), word(at(cut, "for_ms"))));
   return faults.empty() ? "" : "a link that " + join(faults, ", ");
