@@ -16,7 +16,7 @@ class Pair {
   };
   // With hosts that are alone somebody else serves. Samples and notes go into the writer, as run `number`.
   Pair(const Run&, std::int64_t number, orders::Coordinator&, const Machines&, record::Writer&, Observer&,
-       Told);
+       Told, const security::Authority*);
 
   // Each once, in this order. All throw Error.
   void open();
@@ -52,7 +52,7 @@ class Pair {
     nlohmann::json opened, ended;
     bool again = false;  // it was started again, while the client measured
   };
-  End open(const std::string& host, const agent::Task&);
+  End open(const std::string& host, agent::Task);
   void make_ready(End&, std::chrono::milliseconds patience);
   void begin(End&);
   std::vector<End*> ends();
@@ -67,6 +67,7 @@ class Pair {
   record::Writer& writer_;
   Observer& observer_;
   const Told told_;
+  const security::Authority* const authority_;  // null: the run has no DDS Security
   std::optional<End> controller_, component_;
   std::chrono::nanoseconds wait_{0};
   Clock::time_point sampled_;  // when samples came last

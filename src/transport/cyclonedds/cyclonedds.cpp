@@ -5,12 +5,14 @@
 #include <cerrno>
 #include <chrono>
 #include <cstdio>
+#include <filesystem>
 #include <mutex>
 #include <system_error>
 #include <thread>
 
 #include <dds/dds.h>
 #include <dds/version.h>
+#include <dlfcn.h>
 #include <sched.h>
 #include <unistd.h>
 
@@ -61,6 +63,37 @@ dds_entity_t opened(dds_entity_t entity, const std::string& what, Log& log) {
   if (entity >= 0) return entity;
   throw Error("cyclonedds: cannot open " + what + ": " +
               (log.text().empty() ? dds_strretcode(entity) : legible(log.text())));
+}
+
+// Debian has Cyclone's plug-ins for security in a folder of their own, where Cyclone itself does not look.
+std::string plugin_for(const std::string& name) {
+  Dl_info ours{};
+  if (dladdr(reinterpret_cast<const void*>(&dds_create_domain), &ours) != 0) {
+    const auto there = std::filesystem::path(ours.dli_fname).parent_path() / "libddsc0debian" /
+                       ("libdds_security_" + name + ".so");
+    if (std::error_code none; std::filesystem::exists(there, none)) return there;
+  }
+  return "dds_security_" + name;
+}
+
+void demand_security(dds_qos_t& qos, const Security& security) {
+  const auto load = [&qos](const std::string& what, const std::string& plugin, const std::string& function) {
+    dds_qset_prop(&qos, ("dds.sec." + what + ".library.path").c_str(), plugin_for(plugin).c_str());
+    dds_qset_prop(&qos, ("dds.sec." + what + ".library.init").c_str(), ("init_" + function).c_str());
+    dds_qset_prop(&qos, ("dds.sec." + what + ".library.finalize").c_str(), ("finalize_" + function).c_str());
+  };
+  load("auth", "auth", "authentication");
+  load("crypto", "crypto", "crypto");
+  load("access", "ac", "access_control");
+  const auto give = [&qos](const char* what, const std::string& data) {
+    dds_qset_prop(&qos, what, ("data:," + data).c_str());
+  };
+  give("dds.sec.auth.identity_ca", security.identity_ca);
+  give("dds.sec.auth.identity_certificate", security.identity_certificate);
+  give("dds.sec.auth.private_key", security.private_key);
+  give("dds.sec.access.permissions_ca", security.permissions_ca);
+  give("dds.sec.access.governance", security.governance);
+  give("dds.sec.access.permissions", security.permissions);
 }
 
 struct Domain {
@@ -165,7 +198,10 @@ CycloneEndpoint::CycloneEndpoint(const Config& config, Sink& sink)
   if (!config.interface.empty()) where += " on " + config.interface + " (" + config.address + ")";
   where += " as configured by " + configuration_.source;
   domain_.entity = opened(dds_create_domain(domain_id, configuration_.xml.c_str()), where, log);
-  participant_ = opened(dds_create_participant(domain_id, nullptr, nullptr), "a participant", log);
+  const std::unique_ptr<dds_qos_t, QosDeleter> participant_qos(dds_create_qos());
+  if (config.security) demand_security(*participant_qos, *config.security);
+  participant_ =
+      opened(dds_create_participant(domain_id, participant_qos.get(), nullptr), "a participant", log);
 
   const auto open_topic = [&](const std::string& name) {
     type_ = new_type(blocks_);
@@ -316,6 +352,7 @@ std::map<std::string, std::string> CycloneEndpoint::facts() {
                                            {"domain", std::to_string(config_.domain)},
                                            {"carrier", configuration_.carrier},
                                            {"configuration", configuration_.source}};
+  if (config_.security) facts["security"] = config_.security->level;
   if (!config_.interface.empty())
     facts.insert({{"interface", config_.interface}, {"address", config_.address}});
   return facts;
@@ -340,6 +377,7 @@ extern "C" __attribute__((visibility("default"))) const ontime::transport::Plugi
                      .loans = false,
                      .discovery = true,
                      .thread_settings = true,
-                     .max_payload_bytes = ontime::transport::dds::max_payload_bytes},
+                     .max_payload_bytes = ontime::transport::dds::max_payload_bytes,
+                     .security = true},
     .options = ontime::transport::cyclonedds::options,
     .open = ontime::transport::cyclonedds::open};
