@@ -53,6 +53,9 @@ void check(const transport::Plugin& plugin, const Task& task) {
   if (listener ? !can.listener : !can.waitset)
     throw Error(2,
                 fmt::format("transport {} cannot receive by {}", plugin.name, word_of(task.config.receive)));
+  if (task.config.security && !can.security)
+    throw Error(2, fmt::format("transport {} has no DDS Security (security: {}); cyclonedds and fastdds have",
+                               plugin.name, task.config.security->level));
   for (const auto& [name, value] : task.config.options) {
     const bool known = std::any_of(plugin.options.begin(), plugin.options.end(),
                                    [&asked = name](const auto& option) { return asked == option.name; });

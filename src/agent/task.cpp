@@ -121,6 +121,30 @@ void to_json(json& to, const RealtimeSettings& settings) {
   if (settings.cpu_latency) to["cpu_latency_us"] = settings.cpu_latency->count();
 }
 
+// Its parts, by name: they are many and all alike.
+constexpr std::pair<const char*, std::string transport::Security::*> security_parts[] = {
+    {"level", &transport::Security::level},
+    {"identity_ca", &transport::Security::identity_ca},
+    {"identity_certificate", &transport::Security::identity_certificate},
+    {"private_key", &transport::Security::private_key},
+    {"permissions_ca", &transport::Security::permissions_ca},
+    {"governance", &transport::Security::governance},
+    {"permissions", &transport::Security::permissions}};
+
+json to_json(const std::optional<transport::Security>& security) {
+  if (!security) return nullptr;
+  json to;
+  for (const auto& [name, part] : security_parts) to[name] = (*security).*part;
+  return to;
+}
+
+std::optional<transport::Security> security_of(const json& from) {
+  if (from.is_null()) return {};
+  transport::Security security;
+  for (const auto& [name, part] : security_parts) security.*part = from.at(name);
+  return security;
+}
+
 void to_json(json& to, const Task& task) {
   const auto& client = task.client;
   to = {{"transport", task.transport},
@@ -134,6 +158,7 @@ void to_json(json& to, const Task& task) {
         {"pong_topic", task.config.pong_topic},
         {"domain", task.config.domain},
         {"options", task.config.options},
+        {"security", to_json(task.config.security)},
         {"schedule", roundtrip::word_of(client.schedule)},
         {"period_ns", client.period.count()},
         {"deadline_ns", client.deadline.count()},
@@ -161,6 +186,7 @@ void from_json(const json& from, Task& task) {
   task.config.pong_topic = from.at("pong_topic");
   task.config.domain = from.at("domain");
   task.config.options = from.at("options").get<std::map<std::string, std::string>>();
+  task.config.security = security_of(from.at("security"));
   task.client.schedule = roundtrip::schedule_of(from.at("schedule")).value();
   task.client.period = nanoseconds(from.at("period_ns").get<std::int64_t>());
   task.client.deadline = nanoseconds(from.at("deadline_ns").get<std::int64_t>());

@@ -217,6 +217,7 @@ json asked(const Run& run, const Hosts& hosts) {
        run.component_transport.empty() ? run.task.config.options : run.component_options},
       {"component_restart", run.component_restart ? json(true) : json()},
       {"component", is_named(run) ? json(run.component) : json()},
+      {"security", run.security == security::Level::off ? json() : json(security::word_of(run.security))},
       {"domain", run.task.config.domain},
       {"ping_topic", run.task.config.ping_topic},
       {"pong_topic", run.task.config.pong_topic},

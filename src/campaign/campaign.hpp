@@ -18,6 +18,7 @@
 #include "isolation/isolation.hpp"
 #include "orders/orders.hpp"
 #include "record/record.hpp"
+#include "security/security.hpp"
 #include "settings/settings.hpp"
 
 namespace ontime::campaign {
@@ -84,8 +85,9 @@ struct Run {
   isolation::Wish isolation;        // of both machines, for both ends
   std::string component_transport;  // empty: as the controller's, with its options
   std::map<std::string, std::string> component_options;
-  bool component_restart = false;       // if it dies while the controller measures
-  std::string component = "component";  // the name of the one that answers
+  security::Level security = security::Level::off;  // of DDS, at both ends
+  bool component_restart = false;                   // if it dies while the controller measures
+  std::string component = "component";              // the name of the one that answers
 
   // What was said, of which complete() makes what `task` holds.
   std::optional<int> domain;  // nothing: what ROS_DOMAIN_ID says, or 0

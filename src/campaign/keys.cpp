@@ -264,6 +264,11 @@ std::vector<Key> all_keys() {
          run.task.config.qos.durability =
              one_of(agent::durability_of(text), text, "volatile, transient-local");
        }},
+      {"security", "", "off|authenticate|sign|encrypt",
+       "DDS Security: whether both ends show who they are, and what becomes of each payload: off", client,
+       [](Run& run, Text text) {
+         run.security = one_of(security::level_of(text), text, "off, authenticate, sign, encrypt");
+       }},
       {"realtime", "--realtime", "on|off",
        "locked memory, no deep idle states, SCHED_FIFO 80 for the message's way and 70 for a middleware's "
        "other threads",
@@ -357,6 +362,12 @@ void complete(Run& run) {
         "explain knows a component's threads by their numbers, of which one that is started again has "
         "others: leave "
         "out explain, or component.restart");
+  if (run.security != security::Level::off && !run.component_transport.empty() &&
+      run.component_transport != run.task.transport)
+    throw std::invalid_argument(fmt::format(
+        "security needs one transport at both ends, for the DDS of two vendors do not always let each "
+        "other in: leave out security, or component.transport ({})",
+        run.component_transport));
   if (run.explain && any_past_the_kernel(run))
     throw std::invalid_argument(
         "explain cannot follow what xdp sends, for the kernel's tracepoints do not see it: leave out "

@@ -68,14 +68,15 @@ agent::Task server_task(const Run& run, const Host& host) {
 }
 
 Pair::Pair(const Run& run, std::int64_t number, orders::Coordinator& coordinator, const Machines& machines,
-           record::Writer& writer, Observer& observer, Told told)
+           record::Writer& writer, Observer& observer, Told told, const security::Authority* authority)
     : run_(run),
       number_(number),
       coordinator_(coordinator),
       machines_(machines),
       writer_(writer),
       observer_(observer),
-      told_(std::move(told)) {}
+      told_(std::move(told)),
+      authority_(authority) {}
 
 // Of the client alone: a component that would say how well it was heard is not asked.
 void Pair::listen_to(Hand& client) {
@@ -120,12 +121,14 @@ void Pair::note_cut(std::int64_t at_ns) {
                {"link-back", "the link was back", at_ns + std::chrono::nanoseconds(length).count(), {}});
 }
 
-Pair::End Pair::open(const std::string& host, const agent::Task& task) {
+Pair::End Pair::open(const std::string& host, agent::Task task) {
   const bool beside = in_another_process(task.neighbours);
   const bool asks = task.config.role == transport::Role::client;
   const auto whom = std::string(asks && is_named(run_) ? " for " + run_.component : "") +
                     (beside ? " for its neighbours" : "");
   End end{host, asks ? "controller" : "component", machines_.start_agent(host, whom), {}, {}, measuring_};
+  if (authority_ != nullptr)
+    task.config.security = authority_->identity(end.role, run_.security, task.config.domain);
   if (asks && !beside) listen_to(*end.agent);
   if (!run_.isolation.cpus.empty() && !beside) {  // before it has threads, which it may give CPUs of these
     end.agent->order("identify");

@@ -17,7 +17,7 @@ class Pair {
   };
   // With hosts that are alone somebody else serves. Samples and notes go into the writer, as run `number`.
   Pair(const Run&, std::int64_t number, orders::Coordinator&, const Machines&, record::Writer&, Observer&,
-       Told);
+       Told, const security::Authority*);
 
   // Each once, in this order. All throw Error.
   void open();
@@ -53,7 +53,7 @@ class Pair {
     nlohmann::json opened, ended;
     bool again = false;  // it was started again, while the client measured
   };
-  End open(const std::string& host, const agent::Task&);
+  End open(const std::string& host, agent::Task);
   void open_neighbours(agent::Task of_component, agent::Task of_controller);
   void make_ready(End&, std::chrono::milliseconds patience);
   void begin(End&);
@@ -69,6 +69,7 @@ class Pair {
   record::Writer& writer_;
   Observer& observer_;
   const Told told_;
+  const security::Authority* const authority_;  // null: the run has no DDS Security
   std::optional<End> controller_, component_;
   std::vector<End> neighbours_;  // of the component, and of the controller, in processes of their own
   std::chrono::nanoseconds wait_{0};

@@ -29,9 +29,14 @@ Session::Session(const std::vector<Run>& runs, const std::vector<std::int64_t>& 
                                              std::min<std::chrono::nanoseconds>(Clock::now() - started_,
                                                                                 run_.task.client.duration));
                         }};
+  try {
+    if (run_.security != security::Level::off) authority_.emplace();
+  } catch (const transport::Error& error) {
+    throw Error(3, error.what());
+  }
   for (std::size_t i = 0; i < runs.size(); ++i)
-    pairs_.push_back(
-        std::make_unique<Pair>(runs[i], numbers.at(i), coordinator, machines, writer, observer, told));
+    pairs_.push_back(std::make_unique<Pair>(runs[i], numbers.at(i), coordinator, machines, writer, observer,
+                                            told, authority_ ? &*authority_ : nullptr));
 }
 
 Session::~Session() {

@@ -43,6 +43,7 @@ class Session {
   std::vector<std::unique_ptr<Pair>> pairs_;
   Clock::time_point started_;
   bool measuring_ = false, stopped_ = false;
+  std::optional<security::Authority> authority_;
   std::optional<Windows> windows_;
   nlohmann::json traced_;
 };

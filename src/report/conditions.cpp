@@ -238,6 +238,7 @@ std::vector<Phrase> phrases_of(const Summary& summary) {
   add("receive", at(asked, "receive"), word(at(asked, "receive")));
   add_options(phrases, summary);
   if (const auto& domain = at(asked, "domain"); domain != 0) add("domain", domain, "domain " + word(domain));
+  add("security", at(asked, "security"), "security " + word(at(asked, "security")));
   add_topics(phrases, asked);
   add("component", at(asked, "component"), "component " + word(at(asked, "component")));
   add("interface", at(asked, "interface"), interfaces(asked));

@@ -99,7 +99,7 @@ Measured measured_of(const std::vector<Summary>& summaries) {
 }
 
 constexpr std::array a_layers_own = {"transport", "options", "component_transport", "component_options",
-                                     "receive"};
+                                     "receive",   "security"};
 
 json conditions_of(const Summary& summary) {
   auto conditions = record::conditions_of(summary.run.asked);

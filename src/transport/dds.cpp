@@ -184,11 +184,14 @@ std::string other_type(const std::string& topic, const std::string& type) {
 
 std::string others_without_our_topics(const Config& config, std::size_t participants, Matched matched) {
   if (matched.both()) return {};
-  if (participants == 0) return others_elsewhere(config);
+  // Of whom it does not let in a middleware says nothing else.
+  const char* const let_in = "DDS Security lets in only who has it too, with a certificate of our authority";
+  if (participants == 0) return config.security ? let_in : others_elsewhere(config);
   std::string text = std::to_string(participants) + " other DDS participant" +
                      (participants == 1 ? "" : "s") + " in domain " + std::to_string(config.domain);
   if (matched.readers == 0) text += ", nobody who reads " + topic_written(config);
   if (matched.writers == 0) text += ", nobody who writes " + topic_read(config);
+  if (config.security) text.append("; ").append(let_in);
   return text;
 }
 

@@ -56,6 +56,13 @@ struct Thread {
   std::string name;  // as the middleware calls it
 };
 
+// What DDS Security wants of a participant, by the names of its properties; never recorded.
+struct Security {
+  std::string level;                                           // "authenticate", "sign", "encrypt"
+  std::string identity_ca, identity_certificate, private_key;  // PEM
+  std::string permissions_ca, governance, permissions;         // PEM; signed, as S/MIME
+};
+
 struct Config {
   Role role = Role::client;
   Receive receive = Receive::listener;
@@ -72,6 +79,7 @@ struct Config {
   // SCHED_FIFO priority that threads of a role are to be born with, where the middleware has such a setting.
   // Only what this process is permitted to have is ever asked for here.
   std::map<std::string, int> fifo_priority;
+  std::optional<Security> security;            // only for a transport that has it
   std::map<std::string, std::string> options;  // the transport's own, named in Plugin::options
 };
 
@@ -151,6 +159,7 @@ struct Capabilities {
   bool discovery;        // finds its peers by itself
   bool thread_settings;  // honours Config::fifo_priority
   std::size_t max_payload_bytes;
+  bool security = false;  // honours Config::security
 };
 
 struct Option {

@@ -77,8 +77,8 @@ class BelowIp(Program):
 
     def test_link_of_ethernet_has_its_faults(self):
         path = pathlib.Path(self.folder, "faults.yaml")
-        path.write_text("hosts: namespaces\nruns: [{id: a, transport: ethernet, period: 2 ms, duration: 2 s, link: {loss: 20 %},"
-                        " traffic: {rate: 1 Mbit/s}}]\n")
+        path.write_text("hosts: namespaces\nruns: [{id: a, transport: ethernet, schedule: fixed, period: 2 ms, duration: 2 s,"
+                        " link: {loss: 20 %}, traffic: {rate: 1 Mbit/s}}]\n")
         answer = self.run_ontime("run", str(path), "--results", self.results)
         run = self.report()[0]
         self.assertIsNone(run["error"], answer.stderr)

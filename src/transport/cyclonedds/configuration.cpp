@@ -104,6 +104,12 @@ bool erase_ways_around_the_link(Tree& tree) {
   });
 }
 
+bool erase_security(Tree& tree) {
+  return xml::erase_if(tree, [](const std::string& name, const Tree&) {
+    return xml::is_one_of(name, {"Security", "DDSSecurity"});
+  });
+}
+
 // Those of threads that have a priority of ours.
 bool erase_threads(Tree& tree, const Config& config) {
   return xml::erase_if(tree, [&](const std::string& name, const Tree& element) {
@@ -222,6 +228,7 @@ Configuration configuration(const Config& config) {
     result.source += ", " + document.origin;
     if (!config.interface.empty() && erase_ways_around_the_link(document.tree))
       result.source += " without its interfaces";
+    if (config.security && erase_security(document.tree)) result.source += " without its security";
     if (erase_threads(document.tree, config)) result.source += " without its thread priorities";
     check_scheduling(document);
     result.xml += "," + xml::text_of(document.tree);

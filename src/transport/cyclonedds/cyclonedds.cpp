@@ -6,12 +6,14 @@
 #include <chrono>
 #include <cstdio>
 #include <deque>
+#include <filesystem>
 #include <mutex>
 #include <system_error>
 #include <thread>
 
 #include <dds/dds.h>
 #include <dds/version.h>
+#include <dlfcn.h>
 #include <sched.h>
 #include <unistd.h>
 
@@ -62,6 +64,37 @@ dds_entity_t opened(dds_entity_t entity, const std::string& what, Log& log) {
   if (entity >= 0) return entity;
   throw Error("cyclonedds: cannot open " + what + ": " +
               (log.text().empty() ? dds_strretcode(entity) : legible(log.text())));
+}
+
+// Debian has Cyclone's plug-ins for security in a folder of their own, where Cyclone itself does not look.
+std::string plugin_for(const std::string& name) {
+  Dl_info ours{};
+  if (dladdr(reinterpret_cast<const void*>(&dds_create_domain), &ours) != 0) {
+    const auto there = std::filesystem::path(ours.dli_fname).parent_path() / "libddsc0debian" /
+                       ("libdds_security_" + name + ".so");
+    if (std::error_code none; std::filesystem::exists(there, none)) return there;
+  }
+  return "dds_security_" + name;
+}
+
+void demand_security(dds_qos_t& qos, const Security& security) {
+  const auto load = [&qos](const std::string& what, const std::string& plugin, const std::string& function) {
+    dds_qset_prop(&qos, ("dds.sec." + what + ".library.path").c_str(), plugin_for(plugin).c_str());
+    dds_qset_prop(&qos, ("dds.sec." + what + ".library.init").c_str(), ("init_" + function).c_str());
+    dds_qset_prop(&qos, ("dds.sec." + what + ".library.finalize").c_str(), ("finalize_" + function).c_str());
+  };
+  load("auth", "auth", "authentication");
+  load("crypto", "crypto", "crypto");
+  load("access", "ac", "access_control");
+  const auto give = [&qos](const char* what, const std::string& data) {
+    dds_qset_prop(&qos, what, ("data:," + data).c_str());
+  };
+  give("dds.sec.auth.identity_ca", security.identity_ca);
+  give("dds.sec.auth.identity_certificate", security.identity_certificate);
+  give("dds.sec.auth.private_key", security.private_key);
+  give("dds.sec.access.permissions_ca", security.permissions_ca);
+  give("dds.sec.access.governance", security.governance);
+  give("dds.sec.access.permissions", security.permissions);
 }
 
 // Of all endpoints of this process: Cyclone has a domain once in a process.
@@ -215,8 +248,11 @@ std::unique_ptr<Endpoint> CycloneEndpoint::beside(const Config& config, Sink& si
 }
 
 void CycloneEndpoint::open_participant(Log& log) {
-  participant_ = opened(dds_create_participant(static_cast<dds_domainid_t>(config_.domain), nullptr, nullptr),
-                        "a participant", log);
+  const std::unique_ptr<dds_qos_t, QosDeleter> qos(dds_create_qos());
+  if (config_.security) demand_security(*qos, *config_.security);
+  participant_ =
+      opened(dds_create_participant(static_cast<dds_domainid_t>(config_.domain), qos.get(), nullptr),
+             "a participant", log);
   own_.push_back(participant_);
 }
 
@@ -372,6 +408,7 @@ std::map<std::string, std::string> CycloneEndpoint::facts() {
                                            {"domain", std::to_string(config_.domain)},
                                            {"carrier", configuration_.carrier},
                                            {"configuration", configuration_.source}};
+  if (config_.security) facts["security"] = config_.security->level;
   if (!config_.interface.empty())
     facts.insert({{"interface", config_.interface}, {"address", config_.address}});
   return facts;
@@ -396,6 +433,7 @@ extern "C" __attribute__((visibility("default"))) const ontime::transport::Plugi
                      .loans = false,
                      .discovery = true,
                      .thread_settings = true,
-                     .max_payload_bytes = ontime::transport::dds::max_payload_bytes},
+                     .max_payload_bytes = ontime::transport::dds::max_payload_bytes,
+                     .security = true},
     .options = ontime::transport::cyclonedds::options,
     .open = ontime::transport::cyclonedds::open};

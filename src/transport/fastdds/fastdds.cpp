@@ -2,8 +2,10 @@
 // Fast DDS 2.9, by its DDS API, over UDPv4 alone: shared memory and shortcuts within a process would bypass
 // the link.
 #include <algorithm>
+#include <cerrno>
 #include <mutex>
 #include <set>
+#include <system_error>
 
 #include <fastdds/dds/core/condition/GuardCondition.hpp>
 #include <fastdds/dds/core/condition/WaitSet.hpp>
@@ -19,6 +21,8 @@
 #include <fastdds/dds/subscriber/Subscriber.hpp>
 #include <fastrtps/config.h>
 #include <fastrtps/xmlparser/XMLProfileManager.h>
+#include <sys/mman.h>
+#include <unistd.h>
 
 #include "message/message.hpp"
 #include "transport/clock.hpp"
@@ -60,6 +64,46 @@ vendor::DomainParticipantQos participant_qos(const Profiles& profiles, Log& log)
   auto qos = factory->get_default_participant_qos();
   qos.name("ontime");
   return qos;
+}
+
+// A file that is nowhere but in this process, for a middleware that reads nothing else.
+class MemoryFile {
+ public:
+  explicit MemoryFile(const std::string& text) : fd_(memfd_create("ontime", MFD_CLOEXEC)) {
+    if (fd_ >= 0 && write(fd_, text.data(), text.size()) == static_cast<ssize_t>(text.size())) return;
+    const int error = errno;
+    if (fd_ >= 0) close(fd_);
+    throw Error("fastdds: no file in memory: " + std::system_category().message(error));
+  }
+  ~MemoryFile() { close(fd_); }
+  MemoryFile(const MemoryFile&) = delete;
+  MemoryFile& operator=(const MemoryFile&) = delete;
+
+  std::string uri() const { return "file:///proc/self/fd/" + std::to_string(fd_); }
+
+ private:
+  const int fd_;
+};
+
+// It reads them while the participant is created.
+std::vector<std::unique_ptr<MemoryFile>> demand_security(vendor::DomainParticipantQos& qos,
+                                                         const Security& security) {
+  auto& properties = qos.properties().properties();
+  properties.emplace_back("dds.sec.auth.plugin", "builtin.PKI-DH");
+  properties.emplace_back("dds.sec.access.plugin", "builtin.Access-Permissions");
+  properties.emplace_back("dds.sec.crypto.plugin", "builtin.AES-GCM-GMAC");
+  std::vector<std::unique_ptr<MemoryFile>> files;
+  const auto give = [&](const char* what, const std::string& text) {
+    files.push_back(std::make_unique<MemoryFile>(text));
+    properties.emplace_back(what, files.back()->uri());
+  };
+  give("dds.sec.auth.builtin.PKI-DH.identity_ca", security.identity_ca);
+  give("dds.sec.auth.builtin.PKI-DH.identity_certificate", security.identity_certificate);
+  give("dds.sec.auth.builtin.PKI-DH.private_key", security.private_key);
+  give("dds.sec.access.builtin.Access-Permissions.permissions_ca", security.permissions_ca);
+  give("dds.sec.access.builtin.Access-Permissions.governance", security.governance);
+  give("dds.sec.access.builtin.Access-Permissions.permissions", security.permissions);
+  return files;
 }
 
 // What readers and writers have alike.
@@ -258,7 +302,9 @@ std::unique_ptr<Endpoint> FastEndpoint::beside(const Config& config, Sink& sink,
 void FastEndpoint::open_participant(Log& log) {
   profiles_ = profiles(config_, "fastdds");
   const OnlyFile none("");
-  const auto qos = participant_qos(profiles_, log);
+  auto qos = participant_qos(profiles_, log);
+  std::vector<std::unique_ptr<MemoryFile>> files;
+  if (config_.security) files = demand_security(qos, *config_.security);
   std::string where = "domain " + std::to_string(config_.domain);
   if (!config_.interface.empty()) where += " on " + config_.interface + " (" + config_.address + ")";
   where += " as configured by " + profiles_.source;
@@ -350,6 +396,7 @@ std::map<std::string, std::string> FastEndpoint::facts() {
                                            {"domain", std::to_string(config_.domain)},
                                            {"carrier", profiles_.carrier},
                                            {"configuration", profiles_.source}};
+  if (config_.security) facts["security"] = config_.security->level;
   if (!config_.interface.empty())
     facts.insert({{"interface", config_.interface}, {"address", config_.address}});
   return facts;
@@ -374,6 +421,7 @@ extern "C" __attribute__((visibility("default"))) const ontime::transport::Plugi
                      .loans = false,
                      .discovery = true,
                      .thread_settings = false,
-                     .max_payload_bytes = ontime::transport::dds::max_payload_bytes},
+                     .max_payload_bytes = ontime::transport::dds::max_payload_bytes,
+                     .security = true},
     .options = ontime::transport::fastdds::options,
     .open = ontime::transport::fastdds::open};

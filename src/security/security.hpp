@@ -1,0 +1,36 @@
+// SPDX-License-Identifier: Apache-2.0
+// Test identities for DDS Security, of one run and for nothing else: they are made when it begins, travel to
+// its ends with their orders, are on no disk, and are forgotten with it. Ordinary thread.
+#pragma once
+
+#include <memory>
+#include <optional>
+#include <string>
+
+#include "transport/transport.hpp"
+
+namespace ontime::security {
+
+// What becomes of each message, in the specification's words for its payload (data_protection_kind). From
+// `authenticate` on participants show each other who they are, and nobody else is let in.
+enum class Level { off, authenticate, sign, encrypt };
+std::optional<Level> level_of(const std::string&);  // nothing for another word
+const char* word_of(Level);
+
+// Who signs for all ends of a run.
+class Authority {
+ public:
+  Authority();  // of a new key that nobody else has; throws transport::Error
+  ~Authority();
+  Authority(const Authority&) = delete;
+  Authority& operator=(const Authority&) = delete;
+
+  // For an end of that name in that domain, and in no other.
+  transport::Security identity(const std::string& name, Level, int domain) const;
+
+ private:
+  struct Signer;
+  std::unique_ptr<Signer> signer_;
+};
+
+}  // namespace ontime::security
