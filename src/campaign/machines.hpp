@@ -35,8 +35,8 @@ class Machines {
   // Throws Error for a fault of the link that cannot be had here, by its name.
   void check(const Run&);
 
-  // For one run: the settings of the kernels and the CPUs that are kept, its load, its link and its traffic, and the account of what
-  // each machine did between begin() and end().
+  // For one run: the settings of the kernels and the CPUs that are kept, its load, its link and its traffic,
+  // and the account of what each machine did between begin() and end().
   void tune(const Run&);  // throws Error, with nothing changed, where a machine lacks what is asked for
   // That process on the host's machine has the CPUs that tune() kept. Throws Error.
   void keep(const std::string& host, pid_t) const;
