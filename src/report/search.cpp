@@ -100,12 +100,13 @@ std::optional<double> bound_of(const Step* passed) {
 
 std::string why(const Step& step) {
   std::vector<std::string> parts;
-  if (step.failed) parts.emplace_back("failed");
   if (step.late > 0) parts.push_back(fmt::format("{} late", grouped(step.late)));
   if (step.lost > 0) parts.push_back(fmt::format("{} lost", grouped(step.lost)));
   if (step.skipped_cycles > 0) parts.push_back(many(step.skipped_cycles, "skipped cycle", "skipped cycles"));
-  if (step.is_short) parts.emplace_back("what was asked for beside it was more than could be had");
-  return fmt::format("{}, of {}", join(parts, ", "), many(step.messages, "message", "messages"));
+  if (!parts.empty()) parts = {join(parts, ", ") + " of " + many(step.messages, "message", "messages")};
+  if (step.failed) parts.emplace_back("it failed");
+  if (step.is_short) parts.emplace_back("more was asked for beside it than could be had");
+  return join(parts, "; ");
 }
 
 ordered_json json_of(const Step* step) {
@@ -129,10 +130,10 @@ Table searches_table(const Group& group) {
     if (keys.find(one.key) == std::string::npos) keys += (keys.empty() ? "" : ", ") + one.key;
     const auto bound = bound_of(one.passed);
     table.rows.push_back({one.transport + (one.among.empty() ? "" : " " + one.among),
-                          one.passed == nullptr ? "nothing tried" : one.passed->value,
+                          one.passed == nullptr ? "none" : one.passed->value,
                           one.passed == nullptr ? nothing : grouped(one.passed->messages),
                           bound ? fmt::format("< {:.2g} %", *bound * 100) : nothing,
-                          one.ended == nullptr ? "nothing tried" : one.ended->value,
+                          one.ended == nullptr ? "none" : one.ended->value,
                           one.ended == nullptr ? nothing : why(*one.ended)});
   }
   if (table.rows.empty()) return table;
