@@ -223,6 +223,29 @@ TEST_F(FastXml, KeepsItsTransportsWhereNoLinkIsNamed) {
   EXPECT_EQ(facts_of(config, "carrier"), "the profile's transports");
 }
 
+// They sleep on an event as its timer does, and as what sends again, which no message passes through on its
+// way.
+TEST_F(FastXml, WhatReceivesInSharedMemoryIsKnownToReceive) {
+  Config config = without_link();
+  config.options["profiles"] = write(profile("p"));
+  const std::string roles = in_own_process([&] {
+    Answers answers;
+    End end(transport_, config, answers);
+    std::multiset<std::string> found;
+    for (const auto& thread : end->threads())
+      found.insert(thread.role + (contains(thread.name, ":shm") ? " in shared memory" : ""));
+    std::string all;
+    for (const auto& role : found) all += role + ", ";
+    throw std::runtime_error(all);
+  });
+  expect_contains(roles, "discovery in shared memory");
+  expect_contains(roles, "receive in shared memory");
+  expect_contains(roles, "receive, ");
+  // The participant's own and shared memory's watchdog, and the one that sends again.
+  expect_contains(roles, "resend, timer, timer, ");
+  EXPECT_FALSE(contains(roles, "resend, resend")) << roles;
+}
+
 TEST_F(FastXml, ItsTransportsGiveWayToTheLink) {
   Config config = config_of(Role::client);
   const auto path = write(profile("p"));

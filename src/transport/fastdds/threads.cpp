@@ -4,10 +4,13 @@
 #include <algorithm>
 #include <charconv>
 #include <chrono>
+#include <cstdint>
 #include <filesystem>
 #include <fstream>
 #include <optional>
+#include <sstream>
 #include <string>
+#include <string_view>
 #include <system_error>
 #include <thread>
 
@@ -25,7 +28,7 @@ constexpr std::int64_t patience_ns = 20'000'000;  // with threads that do not sl
 
 struct SystemCall {
   long number;
-  int first_argument;
+  std::uint64_t first_argument;
 };
 
 std::filesystem::path task_folder(pid_t tid) { return "/proc/self/task/" + std::to_string(tid); }
@@ -37,12 +40,8 @@ std::optional<SystemCall> sleeps_in(pid_t tid, std::int64_t until_ns) {
     std::string word;
     if (!(in >> word)) return {};
     SystemCall call{};
-    long argument = 0;
     const auto [end, error] = std::from_chars(word.data(), word.data() + word.size(), call.number);
-    if (error == std::errc{} && call.number >= 0 && in >> std::hex >> argument) {
-      call.first_argument = static_cast<int>(argument);
-      return call;
-    }
+    if (error == std::errc{} && call.number >= 0 && in >> std::hex >> call.first_argument) return call;
     if (now_ns() >= until_ns) return {};
     std::this_thread::sleep_for(std::chrono::milliseconds(1));
   }
@@ -55,6 +54,24 @@ int port_of(int socket) {
       address.sin_family != AF_INET)
     return 0;
   return ntohs(address.sin_port);
+}
+
+// Of the vendor's shared memory, the port that this address lies in; 0: in none. What receives there sleeps
+// in it.
+int shared_memory_port_of(std::uint64_t address) {
+  constexpr std::string_view named = "/fastrtps_port";
+  std::ifstream maps("/proc/self/maps");
+  for (std::string line; std::getline(maps, line);) {
+    std::istringstream in(line);
+    std::uint64_t from = 0, to = 0;
+    char dash = 0;
+    if (!(in >> std::hex >> from >> dash >> to) || address < from || address >= to) continue;
+    int port = 0;
+    if (const auto at = line.find(named); at != line.npos)
+      std::from_chars(line.data() + at + named.size(), line.data() + line.size(), port);
+    return port;
+  }
+  return 0;
 }
 
 // RTPS: multicast of discovery and users at 0 and 1, then unicast of the two in turns.
@@ -105,16 +122,21 @@ std::vector<std::string> roles_by_order(std::size_t threads, int domain) {
   return roles;
 }
 
-Thread by_what_it_sleeps_in(pid_t tid, const SystemCall& call, bool first, int domain) {
+// `before_receivers`: nothing that receives was started before it.
+Thread by_what_it_sleeps_in(pid_t tid, const SystemCall& call, bool before_receivers, int domain) {
   if (call.number == SYS_recvmsg || call.number == SYS_recvfrom) {
-    const int port = port_of(call.first_argument);
+    const int port = port_of(static_cast<int>(call.first_argument));
     return {tid, role_of_port(port, domain), name_of(tid) + ":" + std::to_string(port)};
   }
-  // A participant starts its timer first. What waits beside it sends again, and what is published
-  // asynchronously.
-  if (call.number == SYS_futex) return {tid, first ? "timer" : "resend", name_of(tid)};
-  return {tid, "other", name_of(tid)};
+  if (call.number != SYS_futex) return {tid, "other", name_of(tid)};
+  if (const int port = shared_memory_port_of(call.first_argument); port != 0)
+    return {tid, role_of_port(port, domain), name_of(tid) + ":shm" + std::to_string(port)};
+  // A participant starts its timer before all that receives, and shared memory its watchdog before that. What
+  // waits beside them sends again, and what is published asynchronously.
+  return {tid, before_receivers ? "timer" : "resend", name_of(tid)};
 }
+
+bool receives(const Thread& thread) { return thread.role == "receive" || thread.role == "discovery"; }
 
 }  // namespace
 
@@ -124,8 +146,9 @@ std::vector<Thread> tell_apart(const std::vector<pid_t>& threads, int domain) {
   std::vector<Thread> found;
   for (const pid_t tid : threads) {
     const std::size_t place = found.size();
+    const bool before_receivers = std::none_of(found.begin(), found.end(), receives);
     if (const auto call = sleeps_in(tid, until_ns))
-      found.push_back(by_what_it_sleeps_in(tid, *call, place == 0, domain));
+      found.push_back(by_what_it_sleeps_in(tid, *call, before_receivers, domain));
     else
       found.push_back({tid, place < by_order.size() ? by_order[place] : "unknown", name_of(tid)});
   }

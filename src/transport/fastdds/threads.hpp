@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Which thread of Fast DDS does what. 2.9 neither names its threads nor tells of them, so they are known by
-// what they sleep on: a socket, whose port says what it receives, or an event.
+// what they sleep on: a socket or a port of shared memory, whose number says what it receives, or an event.
 //
 // The kernel tells that only where this process is dumpable, which a program with file capabilities is not.
 // There the order tells, in which a participant starts them: its timer, one thread for each socket that

@@ -31,6 +31,10 @@ int priority_of(rclcpp::Node& node, const char* name) {
   return static_cast<int>(priority);
 }
 
+// Of a thread whose role is not known, what it does is not known to be in the background either; and one that
+// sends again has no priority whoever asks (transport.hpp).
+bool may_have_priority(const Thread& thread) { return thread.role != "unknown" && thread.role != "resend"; }
+
 bool is_passed_through(const Thread& thread) {
   return thread.role == "send" || thread.role == "receive" || thread.role == "delivery";
 }
@@ -75,8 +79,7 @@ void make_realtime(rclcpp::Node& node, const std::vector<pid_t>& started) {
   if (priority == 0 && background_priority == 0) return;
   for (const Thread& thread : threads(node, started)) {
     const int wanted = is_passed_through(thread) ? priority : background_priority;
-    // Of a thread whose role is not known, what it does is not known to be in the background either.
-    if (wanted != 0 && thread.role != "unknown") set_priority(thread, wanted);
+    if (wanted != 0 && may_have_priority(thread)) set_priority(thread, wanted);
     RCLCPP_INFO(node.get_logger(), "%s: %s", text_of(thread).c_str(), scheduling_of(thread).c_str());
   }
 }
