@@ -29,6 +29,7 @@ TEST(Task, SurvivesItsJourney) {
   task.config.peers = {"a", "b:1"};
   task.config.domain = 3;
   task.config.options = {{"k", "v"}};
+  task.config.security = transport::Security{"sign", "a", "b", "c", "d", "e", "f"};
   task.client.schedule = roundtrip::Schedule::fixed;
   task.client.period = 1us;
   task.client.deadline = 2us;
