@@ -98,8 +98,8 @@ Measured measured_of(const std::vector<Summary>& summaries) {
   return all;
 }
 
-constexpr std::array a_layers_own = {"transport", "options", "component_transport", "component_options",
-                                     "receive",   "security"};
+constexpr std::array a_layers_own = {"transport",         "options", "component_transport",
+                                     "component_options", "receive", "security"};
 
 json conditions_of(const Summary& summary) {
   auto conditions = record::conditions_of(summary.run.asked);
