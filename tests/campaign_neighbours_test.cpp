@@ -68,6 +68,8 @@ TEST_F(Neighbours, AreRefusedByNameOfATransportWithoutTopics) {
               AllOf(HasSubstr("transport udp has no topics"), HasSubstr("traffic")));
   EXPECT_THAT(error(with("topics: 1", "cyclonedds", ", component: {transport: udp}")),
               HasSubstr("transport udp has no topics"));
+  EXPECT_THAT(error(with("topics: 1, where: other-process", "ethernet")),
+              HasSubstr("transport ethernet has no neighbours"));
 }
 
 TEST_F(Neighbours, HaveTopicsOfTheirOwnThatRosWouldTake) {
@@ -105,6 +107,22 @@ TEST(NeighboursAccount, SaysThatTheyOverranTheirPeriod) {
               ElementsAre(AllOf(HasSubstr("94 messages went to the component"), HasSubstr("6 did not"))));
   EXPECT_FALSE(
       achieved({.back = false}, outcome_of(end_of(95, 0, 5), end_of(0, 95))).at("to_component").at("short"));
+}
+
+TEST(NeighboursAccount, KnowsHowManyWereAskedForOfASenderThatNeverRan) {
+  const roundtrip::NeighbourOptions asked{
+      .topics = 1, .period = std::chrono::milliseconds(10), .back = false};
+  const auto none = outcome_of(end_of(0, 0), end_of(0, 0));
+  EXPECT_TRUE(achieved(asked, none, std::chrono::seconds(1)).at("to_component").at("short"));
+  EXPECT_FALSE(achieved(asked, none).at("to_component").at("short")) << "the run was stopped";
+}
+
+TEST(Search, EndsWhereWhatWasAskedForBesideWasNotThere) {
+  for (const auto* what :
+       {R"({"hosts": {"component": {"load_running": false}}})",
+        R"({"hosts": {"controller": {"link": {"gone": "the table"}}}})", R"({"late": "x"})"})
+    EXPECT_TRUE(ends_search(json::parse(what))) << what;
+  EXPECT_FALSE(ends_search(json::parse(R"({"late": 0, "traffic": {"to_component": {}}, "hosts": 1})")));
 }
 
 // Of a search that is missed from a value on; returns what it tried.

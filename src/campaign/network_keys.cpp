@@ -139,6 +139,12 @@ void complete_network(const Run& run) {
         "the link's faults are made by the kernel's packet filter and queueing disciplines, which xdp passes "
         "by: leave "
         "out link, or take ethernet");
+  if (run.faults.message_priority &&
+      (is_below_ip(run.task.transport) || is_below_ip(run.component_transport)))
+    throw std::invalid_argument(
+        "link.message-priority is given by the packet filter to what UDP sends, and ethernet has no UDP: "
+        "leave "
+        "it out, or take another transport");
   complete_link(run);
 }
 

@@ -150,7 +150,8 @@ std::vector<json> Session::outcomes() {
       for (const auto& text : shortfalls(outcome.at("traffic"))) observer_.note(text);
     }
     if (run_.task.neighbours.topics > 0) {
-      outcome["neighbours"] = achieved(run_.task.neighbours, outcome);
+      outcome["neighbours"] = achieved(run_.task.neighbours, outcome,
+                                       stopped_ ? std::nullopt : std::optional(run_.task.client.duration));
       for (const auto& text : shortfalls_of_neighbours(outcome.at("neighbours"))) observer_.note(text);
     }
     if (windows_) outcome["trace"] = traced_;

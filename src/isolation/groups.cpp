@@ -31,6 +31,16 @@ bool is_root(const Hierarchy& hierarchy) {
                            : fs::exists(hierarchy.folder + "/release_agent");
 }
 
+// "" too if the group is gone by now.
+std::string given_to(const fs::path& group) {
+  try {
+    return read_file(group / "cpuset.cpus").value_or("");
+  } catch (const journal::Error&) {
+    if (fs::exists(group)) throw;
+    return "";
+  }
+}
+
 }  // namespace
 
 Hierarchy hierarchy_of(const std::string& controller, const std::string& mounts) {
@@ -58,18 +68,26 @@ Hierarchy hierarchy_of(const std::string& controller, const std::string& mounts)
 }
 
 std::vector<std::string> owners_of(const Hierarchy& hierarchy, const std::vector<int>& cpus) {
+  constexpr int tries = 20;
   std::vector<std::string> owners;
-  std::error_code gone;  // groups come and go
-  for (fs::recursive_directory_iterator entry(hierarchy.folder, gone), end; !gone && entry != end;
-       entry.increment(gone)) {
-    if (!entry->is_directory(gone)) continue;
-    const auto given = realtime::cpus_of(read_file(entry->path() / "cpuset.cpus").value_or(""));
-    if (given && std::any_of(given->begin(), given->end(),
-                             [&](int cpu) { return std::find(cpus.begin(), cpus.end(), cpu) != cpus.end(); }))
-      owners.push_back(entry->path());
+  std::error_code gone;  // groups come and go; where one goes the walk ends, and begins anew
+  for (int i = 0; i < tries; ++i) {
+    owners.clear();
+    fs::recursive_directory_iterator entry(hierarchy.folder, gone);
+    for (const fs::recursive_directory_iterator end; !gone && entry != end; entry.increment(gone)) {
+      if (std::error_code none; !entry->is_directory(none)) continue;
+      const auto given = realtime::cpus_of(given_to(entry->path()));
+      if (given && std::any_of(given->begin(), given->end(), [&](int cpu) {
+            return std::find(cpus.begin(), cpus.end(), cpu) != cpus.end();
+          }))
+        owners.push_back(entry->path());
+    }
+    if (gone) continue;
+    std::sort(owners.begin(), owners.end());
+    return owners;
   }
-  std::sort(owners.begin(), owners.end());
-  return owners;
+  throw journal::Error(fmt::format("whose the CPUs are cannot be told: control groups in {} come and go: {}",
+                                   hierarchy.folder, gone.message()));
 }
 
 std::string folder_of(const std::string& group) {

@@ -7,6 +7,7 @@
 
 #include <fmt/format.h>
 
+#include "gate/gate.hpp"
 #include "report/conditions.hpp"
 #include "report/runs.hpp"
 #include "report/words.hpp"
@@ -25,8 +26,9 @@ struct Step {
   double effect = 1;         // the greatest design effect of its runs
   bool failed = false;       // one of them was not measured to its end
   bool is_short = false;     // the neighbours or the traffic that were asked for were not there
+  std::string unfit;         // why else it says nothing of what was asked for
   bool interrupted = false;  // says nothing
-  bool missed() const { return failed || is_short || late + lost + skipped_cycles > 0; }
+  bool missed() const { return failed || is_short || !unfit.empty() || late + lost + skipped_cycles > 0; }
 };
 
 struct Found {
@@ -57,11 +59,14 @@ void add(Step& step, const Summary& summary) {
   step.effect = std::max(step.effect, summary.missed_probability.effect);
   step.failed = step.failed || !at(outcome, "error").is_null();
   step.is_short = step.is_short || any_short(outcome);
+  if (!step.failed && !step.is_short && step.unfit.empty()) step.unfit = gate::unfit(summary);
 }
 
 std::vector<Found> found(const Group& group) {
   std::vector<Found> all;
   std::map<std::tuple<json, json, json, json, json>, std::size_t> places;
+  // What was measured again (--resume) counts as it was then.
+  std::map<std::tuple<std::size_t, std::int64_t, std::uint64_t>, const Summary*> last;
   for (const auto* summary : group) {
     const auto& asked = summary->run.asked;
     const auto& search = at(asked, "search");
@@ -79,8 +84,10 @@ std::vector<Found> found(const Group& group) {
         if (text.is_string() && !text.get<std::string>().empty())
           one.among += (one.among.empty() ? "" : ", ") + word(text);
     }
-    add(all[place->second].steps[static_cast<std::int64_t>(count(at(search, "step")))], *summary);
+    const auto step = static_cast<std::int64_t>(count(at(search, "step")));
+    last[{place->second, step, count(at(asked, "repetition"))}] = summary;
   }
+  for (const auto& [which, summary] : last) add(all[std::get<0>(which)].steps[std::get<1>(which)], *summary);
   for (auto& one : all)
     for (const auto& [number, step] : one.steps) {
       if (step.missed()) {
@@ -105,6 +112,7 @@ std::string why(const Step& step) {
   if (step.skipped_cycles > 0) parts.push_back(many(step.skipped_cycles, "skipped cycle", "skipped cycles"));
   if (!parts.empty()) parts = {join(parts, ", ") + " of " + many(step.messages, "message", "messages")};
   if (step.failed) parts.emplace_back("it failed");
+  if (!step.unfit.empty()) parts.push_back(step.unfit);
   if (step.is_short) parts.emplace_back("more was asked for beside it than could be had");
   return join(parts, "; ");
 }
@@ -117,6 +125,7 @@ ordered_json json_of(const Step* step) {
           {"lost", step->lost},
           {"skipped_cycles", step->skipped_cycles},
           {"failed", step->failed},
+          {"unfit", step->unfit.empty() ? json() : json(step->unfit)},
           {"short", step->is_short}};
 }
 

@@ -104,9 +104,10 @@ bool erase_ways_around_the_link(Tree& tree) {
   });
 }
 
+// And its trace, which would have our private key in it.
 bool erase_security(Tree& tree) {
   return xml::erase_if(tree, [](const std::string& name, const Tree&) {
-    return xml::is_one_of(name, {"Security", "DDSSecurity"});
+    return xml::is_one_of(name, {"Security", "DDSSecurity", "Tracing"});
   });
 }
 
@@ -228,7 +229,7 @@ Configuration configuration(const Config& config) {
     result.source += ", " + document.origin;
     if (!config.interface.empty() && erase_ways_around_the_link(document.tree))
       result.source += " without its interfaces";
-    if (config.security && erase_security(document.tree)) result.source += " without its security";
+    if (config.security && erase_security(document.tree)) result.source += " without its security and trace";
     if (erase_threads(document.tree, config)) result.source += " without its thread priorities";
     check_scheduling(document);
     result.xml += "," + xml::text_of(document.tree);

@@ -88,7 +88,11 @@ class MemoryFile {
 // It reads them while the participant is created.
 std::vector<std::unique_ptr<MemoryFile>> demand_security(vendor::DomainParticipantQos& qos,
                                                          const Security& security) {
+  // The first of a name counts: those of the user's own profile would.
+  const auto is_security = [](const auto& property) { return property.name().starts_with("dds.sec."); };
   auto& properties = qos.properties().properties();
+  std::erase_if(properties, is_security);
+  std::erase_if(qos.properties().binary_properties(), is_security);
   properties.emplace_back("dds.sec.auth.plugin", "builtin.PKI-DH");
   properties.emplace_back("dds.sec.access.plugin", "builtin.Access-Permissions");
   properties.emplace_back("dds.sec.crypto.plugin", "builtin.AES-GCM-GMAC");
@@ -422,6 +426,6 @@ extern "C" __attribute__((visibility("default"))) const ontime::transport::Plugi
                      .discovery = true,
                      .thread_settings = false,
                      .max_payload_bytes = ontime::transport::dds::max_payload_bytes,
-                     .security = true},
+                     .security = HAVE_SECURITY},
     .options = ontime::transport::fastdds::options,
     .open = ontime::transport::fastdds::open};
