@@ -118,8 +118,7 @@ class End final : public Endpoint {
       listener_tid_ = gettid();
       while (!alarm_.rung()) receive();
       if (!own_table) return;  // else the link stays taken until the thread is quite gone
-      close(wire);
-      close(alarm);
+      close_range(0, ~0U, 0);
     });
     while (listener_tid_ == 0) std::this_thread::yield();
   }
