@@ -121,8 +121,8 @@ TEST(Search, EndsWhereWhatWasAskedForBesideWasNotThere) {
   for (const auto* what :
        {R"({"hosts": {"component": {"load_running": false}}})",
         R"({"hosts": {"controller": {"link": {"gone": "the table"}}}})", R"({"late": "x"})"})
-    EXPECT_TRUE(ends_search(json::parse(what))) << what;
-  EXPECT_FALSE(ends_search(json::parse(R"({"late": 0, "traffic": {"to_component": {}}, "hosts": 1})")));
+    EXPECT_TRUE(ends_search({{"link", "1 % lost"}}, json::parse(what))) << what;
+  EXPECT_FALSE(ends_search({}, json::parse(R"({"late": 0, "traffic": {"to_component": {}}, "hosts": 1})")));
 }
 
 // Of a search that is missed from a value on; returns what it tried.
@@ -150,19 +150,19 @@ TEST(Search, FindsTwoNeighboursOfWhichOneMisses) {
 
 TEST(Search, EndsAtMissesAtFailuresAndWhereMoreIsNotToBeHad) {
   auto outcome = outcome_of(end_of(1, 1), end_of(1, 1));
-  EXPECT_FALSE(ends_search(outcome));
+  EXPECT_FALSE(ends_search({}, outcome));
   for (const auto* counter : {"late", "lost", "skipped_cycles"}) {
     auto missed = outcome;
     missed[counter] = 1;
-    EXPECT_TRUE(ends_search(missed)) << counter;
+    EXPECT_TRUE(ends_search({}, missed)) << counter;
   }
   auto failed = outcome;
   failed["error"] = "no answer";
-  EXPECT_TRUE(ends_search(failed));
+  EXPECT_TRUE(ends_search({}, failed));
   outcome["neighbours"]["to_component"]["short"] = false;
-  EXPECT_FALSE(ends_search(outcome));
+  EXPECT_FALSE(ends_search({}, outcome));
   outcome["neighbours"]["to_component"]["short"] = true;
-  EXPECT_TRUE(ends_search(outcome));
+  EXPECT_TRUE(ends_search({}, outcome));
 }
 
 constexpr const char* searched =

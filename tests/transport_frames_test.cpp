@@ -15,6 +15,7 @@
 #include <unistd.h>
 
 #include "own_link.hpp"
+#include "sinks.hpp"
 #include "transport/transport.hpp"
 
 namespace ontime::transport {
@@ -23,37 +24,6 @@ namespace {
 using namespace std::chrono_literals;
 using testing::AllOf;
 using testing::HasSubstr;
-
-class Echo final : public Sink {
- public:
-  void arrived(std::uint64_t sequence, std::span<std::byte> payload, std::int64_t) noexcept override {
-    ++arrivals;
-    if (auto* to = endpoint.load()) to->send(sequence, payload);
-  }
-  std::atomic<Endpoint*> endpoint{nullptr};
-  std::atomic<int> arrivals{0};
-};
-
-class Keep final : public Sink {
- public:
-  void arrived(std::uint64_t sequence, std::span<std::byte> payload, std::int64_t) noexcept override {
-    const std::lock_guard lock(mutex);
-    last_sequence = sequence;
-    last.assign(payload.begin(), payload.end());
-    ++arrivals;
-  }
-  std::mutex mutex;
-  std::uint64_t last_sequence = 0;
-  std::vector<std::byte> last;
-  std::atomic<int> arrivals{0};
-};
-
-template <typename Done>
-bool within(std::chrono::milliseconds time, Done done) {
-  const auto end = std::chrono::steady_clock::now() + time;
-  while (!done() && std::chrono::steady_clock::now() < end) std::this_thread::sleep_for(1ms);
-  return done();
-}
 
 constexpr auto a_while = 5000ms, not_at_all = 200ms;
 

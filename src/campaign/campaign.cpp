@@ -84,14 +84,16 @@ class Suite {
       Session session(runs, numbers, coordinator_, machines_, writer_, observer_, interrupts_);
       try {
         const auto outcomes = session.measure(wait);
+        bool missed = false;
         for (std::size_t i = 0; i < runs.size(); ++i) {
           if (outcomes[i].contains("error")) {
             failures_.note(runs[i], outcomes[i].at("error"));
             code = 3;
           }
+          missed = missed || ends_search(asked[i], outcomes[i]);
           writer_.end_run(numbers[i], outcomes[i]);
         }
-        ends = std::any_of(outcomes.begin(), outcomes.end(), ends_search);
+        ends = missed;
         observer_.ends(session.counters());
       } catch (const orders::Interrupted&) {
         for (const auto number : numbers) writer_.end_run(number, {{"interrupted", true}});
@@ -283,7 +285,7 @@ class Execution {
     for (std::size_t at = 0; done_ && at < runs.size(); ++at)
       if (const auto* outcome = done_(records[at], suite_.machines(runs[at]))) {
         ++known;
-        ends = ends || ends_search(*outcome);
+        ends = ends || ends_search(records[at], *outcome);
       }
     if (known == runs.size()) {
       observer_.passes_over(run);

@@ -64,14 +64,14 @@ void complete_neighbours(const Run& run) {
           "neighbours are described, but there are none: neighbours.topics says how many");
     return;
   }
-  for (const auto& transport : {run.task.transport, run.component_transport})
+  for (const auto& transport : {run.task.transport, run.component_transport}) {
     if (transport == "udp")
       throw std::invalid_argument(
           "transport udp has no topics, and so no neighbours: what goes over the link beside its messages is "
           "`traffic`");
-  for (const auto& transport : {run.task.transport, run.component_transport})
     if (is_below_ip(transport))
       throw std::invalid_argument(fmt::format("transport {} has no neighbours; DDS has", transport));
+  }
   if (neighbours.period / neighbours.topics < least_step)
     throw std::invalid_argument(
         fmt::format("{} neighbours with a message every {} are more than 100000 messages a second, each way",

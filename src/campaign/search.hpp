@@ -37,6 +37,6 @@ class Search {
 // Of a run's outcome: whether it ends a search. A message was late or lost, or a cycle passed without one; it
 // failed; or what was asked for beside it (neighbours, traffic, load, the link's faults) was not there, and
 // will not be with more.
-bool ends_search(const nlohmann::json& outcome);
+bool ends_search(const nlohmann::json& asked, const nlohmann::json& outcome);
 
 }  // namespace ontime::campaign

@@ -105,6 +105,24 @@ std::string time_of(double ns) {
   return fmt::format("{:.4g} µs", ns / 1e3);
 }
 
+std::string absent(const json& asked, const json& outcome) {
+  const auto& hosts = at(outcome, "hosts");
+  for (const auto* host : {"controller", "component"})
+    if (at(at(hosts, host), "load_running") == false)
+      return fmt::format("the load on the {} had died by the end", host);
+  if (!at(asked, "link").is_null())
+    for (const auto* host : {"controller", "component"})
+      if (at(at(at(hosts, host), "link"), "gone").is_string())
+        return fmt::format("the link's faults need not have been there to the end, at the {}", host);
+  for (const auto* way : {"to_component", "to_controller"})
+    for (const auto* beside : {"traffic", "neighbours"})
+      if (at(at(at(outcome, beside), way), "short") == true)
+        return fmt::format("the {} that {} asked for {} not there", beside,
+                           beside == std::string_view("traffic") ? "was" : "were",
+                           beside == std::string_view("traffic") ? "was" : "were");
+  return "";
+}
+
 std::string unfit(const Summary& run) {
   if (run.imported) return "it was imported, and has no messages";
   if (!statistics::is_complete(run.run)) {
@@ -114,20 +132,7 @@ std::string unfit(const Summary& run) {
   if (const auto missing = statistics::unrecorded(run.run); missing > 0)
     return fmt::format("{} of its samples were not recorded", missing);
   if (run.sent == 0) return "nothing was sent";
-  for (const auto* host : {"controller", "component"})
-    if (at(at(at(run.run.outcome, "hosts"), host), "load_running") == false)
-      return fmt::format("the load on the {} had died by the end", host);
-  if (!at(run.run.asked, "link").is_null())
-    for (const auto* host : {"controller", "component"})
-      if (at(at(at(at(run.run.outcome, "hosts"), host), "link"), "gone").is_string())
-        return fmt::format("the link's faults need not have been there to the end, at the {}", host);
-  for (const auto* way : {"to_component", "to_controller"})
-    for (const auto* beside : {"traffic", "neighbours"})
-      if (at(at(at(run.run.outcome, beside), way), "short") == true)
-        return fmt::format("the {} that {} asked for {} not there", beside,
-                           beside == std::string_view("traffic") ? "was" : "were",
-                           beside == std::string_view("traffic") ? "was" : "were");
-  return "";
+  return absent(run.run.asked, run.run.outcome);
 }
 
 std::string name_of(const Summary& run) {
