@@ -85,6 +85,26 @@ TEST(Searches, SayWhereNothingMissedAndWhereTheGentlestDid) {
             json::array());
 }
 
+TEST(Searches, SayThatTheyWereNotCarriedToTheirEnd) {
+  auto found = json::parse(render({step(0, "100 Hz", 0)}, Format::json)).at("searches").at(0);
+  EXPECT_FALSE(found.at("finished"));
+  EXPECT_THAT(render({step(0, "100 Hz", 0)}, Format::markdown), HasSubstr("not searched to its end"));
+  found =
+      json::parse(render({step(1, "200 Hz", 0), step(3, "800 Hz", 7)}, Format::json)).at("searches").at(0);
+  EXPECT_FALSE(found.at("finished"));
+  found = json::parse(render({step(3, "800 Hz", 0)}, Format::json)).at("searches").at(0);
+  EXPECT_TRUE(found.at("finished")) << "nothing is beyond";
+}
+
+TEST(Searches, AreNotMixedWithLaterOnesOfTheSameFile) {
+  const auto text = render(
+      {step(0, "100 Hz", 0), step(1, "200 Hz", 3), step(0, "100 Hz", 0), step(1, "200 Hz", 0)}, Format::json);
+  const auto searches = json::parse(text).at("searches");
+  ASSERT_EQ(searches.size(), 2U);
+  EXPECT_EQ(searches[0].at("ended").at("value"), "200 Hz");
+  EXPECT_TRUE(searches[1].at("ended").is_null());
+}
+
 TEST(Searches, EndWhereARunFailedOrMoreWasNotToBeHad) {
   auto failed = step(1, "200 Hz", 0);
   failed.run.outcome["error"] = "no answer";

@@ -16,16 +16,16 @@ json way(const json& sender, const json& receiver, double wanted) {
   const auto sent = sender.at("sent").get<std::uint64_t>();
   const auto received = receiver.at("received").get<std::uint64_t>();
   const auto refused = sender.at("refused").get<std::uint64_t>();
-  const auto skipped = sender.at("skipped_cycles").get<std::uint64_t>();
-  // One that has not run until its end has not seen what it skipped.
+  auto skipped = sender.at("skipped_cycles").get<std::uint64_t>();
   const auto asked = std::max(static_cast<double>(sent + refused + skipped), wanted);
-  return {{"sent", sent},
-          {"received", received},
-          {"lost", sent - std::min(sent, received)},
-          {"refused", refused},
-          {"skipped_cycles", skipped},
-          {"strays", receiver.at("strays")},
-          {"short", static_cast<double>(sent) < enough * asked}};
+  const bool is_short = static_cast<double>(sent) < enough * asked;
+  // One that has not run until its end has not seen what it skipped.
+  if (is_short)
+    skipped = std::max(skipped, static_cast<std::uint64_t>(asked) -
+                                    std::min(static_cast<std::uint64_t>(asked), sent + refused));
+  return {{"sent", sent},       {"received", received},      {"lost", sent - std::min(sent, received)},
+          {"refused", refused}, {"skipped_cycles", skipped}, {"strays", receiver.at("strays")},
+          {"short", is_short}};
 }
 
 }  // namespace

@@ -40,8 +40,8 @@ struct Gate {
 };
 Gate parse(const std::string& text, Use);
 
-// What of the conditions that were asked for was not there, for people: load, the link's faults, traffic,
-// neighbours. Empty: nothing speaks against it.
+// What of the conditions that were asked for was not there, for people: load, CPUs that are kept, the link's
+// faults, traffic, neighbours. Empty: nothing speaks against it.
 std::string absent(const nlohmann::json& asked, const nlohmann::json& outcome);
 
 // Why a run can hold no line, for people. Empty: nothing speaks against it.

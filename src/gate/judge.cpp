@@ -110,6 +110,11 @@ std::string absent(const json& asked, const json& outcome) {
   for (const auto* host : {"controller", "component"})
     if (at(at(hosts, host), "load_running") == false)
       return fmt::format("the load on the {} had died by the end", host);
+  for (const auto* host : {"controller", "component"})
+    for (const auto& made : at(at(hosts, host), "isolation"))
+      if (made.is_object() && at(made, "now") != at(made, "after"))
+        return fmt::format("the CPUs and limits that were asked for were not there to the end, on the {}",
+                           host);
   if (!at(asked, "link").is_null())
     for (const auto* host : {"controller", "component"})
       if (at(at(at(hosts, host), "link"), "gone").is_string())

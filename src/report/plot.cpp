@@ -259,7 +259,8 @@ double rate_of_neighbours_hz(const Summary& summary) {
     for (const auto* other : {"skipped_cycles", "refused"})
       others += static_cast<double>(count(at(counted, other)));
   }
-  return rate.get<double>() * (is_short ? sent / std::max(sent + others, 1.0) : 1);
+  // Of none that was sent the abscissa has no place: there it is what was asked for, and marked.
+  return rate.get<double>() * (is_short && sent > 0 ? sent / (sent + others) : 1);
 }
 constexpr Abscissa rate_of_neighbours{"Messages of neighbours (Hz, each topic and way); × missed",
                                       rate_of_neighbours_hz, true};

@@ -33,9 +33,16 @@ struct Step {
 
 struct Found {
   std::string id, transport, among, key;
+  std::int64_t steps_asked = 0;
   std::map<std::int64_t, Step> steps;
-  const Step *passed = nullptr, *ended = nullptr;  // next to one another once the search is over
+  const Step *passed = nullptr, *ended = nullptr;
+  bool finished = false;  // they are next to one another, or nothing is beyond
 };
+
+bool is_whole(const Summary& summary) {
+  const auto& outcome = summary.run.outcome;
+  return outcome.is_object() && !is_true(at(outcome, "interrupted")) && at(outcome, "error").is_null();
+}
 
 bool any_short(const json& outcome) {
   for (const auto* beside : {"neighbours", "traffic"})
@@ -71,12 +78,19 @@ std::vector<Found> found(const Group& group) {
     const auto& asked = summary->run.asked;
     const auto& search = at(asked, "search");
     if (!search.is_object()) continue;
-    const auto [place, is_new] =
+    auto [place, is_new] =
         places.try_emplace({at(asked, "id"), at(asked, "transport"), at(asked, "component"),
                             at(search, "among"), at(search, "key")},
                            all.size());
-    if (is_new) {
+    const auto step = static_cast<std::int64_t>(count(at(search, "step")));
+    const auto repetition = count(at(asked, "repetition"));
+    // Whoever has its first run and measures it again, has begun another search.
+    const auto before = last.find({place->second, 0, 1});
+    const bool again = step == 0 && repetition == 1 && before != last.end() && is_whole(*before->second);
+    if (again) place->second = all.size();
+    if (is_new || again) {
       auto& one = all.emplace_back();
+      one.steps_asked = static_cast<std::int64_t>(count(at(search, "steps")));
       one.id = id_of(asked);
       one.transport = word(at(asked, "transport"));
       one.key = word(at(search, "key"));
@@ -84,18 +98,23 @@ std::vector<Found> found(const Group& group) {
         if (text.is_string() && !text.get<std::string>().empty())
           one.among += (one.among.empty() ? "" : ", ") + word(text);
     }
-    const auto step = static_cast<std::int64_t>(count(at(search, "step")));
-    last[{place->second, step, count(at(asked, "repetition"))}] = summary;
+    last[{place->second, step, repetition}] = summary;
   }
   for (const auto& [which, summary] : last) add(all[std::get<0>(which)].steps[std::get<1>(which)], *summary);
-  for (auto& one : all)
+  for (auto& one : all) {
+    std::int64_t passed = -1, ended = one.steps_asked;
     for (const auto& [number, step] : one.steps) {
       if (step.missed()) {
         one.ended = &step;
+        ended = number;
         break;
       }
-      if (!step.interrupted) one.passed = &step;
+      if (step.interrupted) continue;
+      one.passed = &step;
+      passed = number;
     }
+    one.finished = passed + 1 == ended;
+  }
   return all;
 }
 
@@ -115,6 +134,12 @@ std::string why(const Step& step) {
   if (!step.unfit.empty()) parts.push_back(step.unfit);
   if (step.is_short) parts.emplace_back("more was asked for beside it than could be had");
   return join(parts, "; ");
+}
+
+std::string because(const Found& one) {
+  const std::string unfinished = "not searched to its end";
+  if (one.ended == nullptr) return one.finished ? nothing : unfinished;
+  return why(*one.ended) + (one.finished ? "" : "; " + unfinished);
 }
 
 ordered_json json_of(const Step* step) {
@@ -142,8 +167,10 @@ Table searches_table(const Group& group) {
                           one.passed == nullptr ? "none" : one.passed->value,
                           one.passed == nullptr ? nothing : grouped(one.passed->messages),
                           bound ? fmt::format("< {:.2g} %", *bound * 100) : nothing,
-                          one.ended == nullptr ? "none" : one.ended->value,
-                          one.ended == nullptr ? nothing : why(*one.ended)});
+                          one.ended != nullptr ? one.ended->value
+                          : one.finished       ? "none"
+                                               : nothing,
+                          because(one)});
   }
   if (table.rows.empty()) return table;
   table.title = fmt::format("how far {} can be turned up", keys);
@@ -167,7 +194,8 @@ ordered_json searches_json_of(const Summaries& summaries) {
                    {"key", one.key},
                    {"passed", json_of(one.passed)},
                    {"missed_below", bound ? ordered_json(*bound) : ordered_json()},
-                   {"ended", json_of(one.ended)}});
+                   {"ended", json_of(one.ended)},
+                   {"finished", one.finished}});
   }
   return all;
 }

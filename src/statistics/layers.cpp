@@ -31,6 +31,8 @@ std::optional<double> a_message(const Summary& summary, const char* key) {
   std::size_t threads = 0;
   for (const auto& host : at(summary.run.outcome, "hosts"))
     for (const auto& thread : at(host, "threads")) {
+      const auto& role = at(thread, "role");  // what neighbours' own threads do is no part of a message
+      if (role.is_string() && role.get_ref<const std::string&>().starts_with("neighbours ")) continue;
       const auto& value = at(thread, key);
       if (!value.is_number()) return {};
       sum += value.get<double>();

@@ -6,6 +6,7 @@
 #include <cerrno>
 #include <charconv>
 #include <memory>
+#include <optional>
 #include <system_error>
 
 #include <bpf/libbpf.h>
@@ -107,7 +108,8 @@ class Queue {
     for (int attempt = 0; xsk_ring_prod__needs_wakeup(&sending_); ++attempt) {
       if (sendto(fd(), nullptr, 0, MSG_DONTWAIT, nullptr, 0) >= 0) return 0;
       const bool again = errno == EAGAIN || errno == EBUSY || errno == ENOBUFS;
-      if (!again || attempt == attempts) return errno;
+      if (!again) return errno;
+      if (attempt == attempts) return 0;  // it is queued, and goes with the next at the latest
     }
     return 0;
   }
@@ -135,23 +137,28 @@ class Queue {
     xdp_statistics count{};
     socklen_t length = sizeof count;
     if (getsockopt(fd(), SOL_XDP, XDP_STATISTICS, &count, &length) != 0) return {};
+    if (is_zero_copy().value_or(true)) return {};  // there the device drops, and counts by itself
     return {.on_the_way = {}, .overwritten = count.rx_dropped + count.rx_ring_full};
   }
 
   std::map<std::string, std::string> facts() const {
-    xdp_options options{};
-    socklen_t length = sizeof options;
-    const bool known = getsockopt(fd(), SOL_XDP, XDP_OPTIONS, &options, &length) == 0;
-    const bool zero_copy = (options.flags & XDP_OPTIONS_ZEROCOPY) != 0;
-    return {{"xdp", std::string(program_->mode()) + (!known      ? ""
-                                                     : zero_copy ? " zero-copy"
-                                                                 : " copy")},
+    const auto zero_copy = is_zero_copy();
+    return {{"xdp", std::string(program_->mode()) + (!zero_copy   ? ""
+                                                     : *zero_copy ? " zero-copy"
+                                                                  : " copy")},
             {"queue", std::to_string(number_)},
             {"busy-poll", busy_ ? "on" : "off"}};
   }
 
  private:
   static constexpr int attempts = 3;
+
+  std::optional<bool> is_zero_copy() const {
+    xdp_options options{};
+    socklen_t length = sizeof options;
+    if (getsockopt(fd(), SOL_XDP, XDP_OPTIONS, &options, &length) != 0) return {};
+    return (options.flags & XDP_OPTIONS_ZEROCOPY) != 0;
+  }
 
   void share_memory() {
     const xsk_umem_config config{.fill_size = to_receive,
