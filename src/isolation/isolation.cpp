@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <filesystem>
 #include <iterator>
 #include <utility>
 
@@ -64,22 +65,44 @@ void check_spare(const std::string& asked, const Cpus& kept, const std::string& 
     throw Error(fmt::format("CPUs {} are all that there are: leave one to everybody else", asked));
 }
 
-// Linux before 6.2 forgets the CPUs that a thread has asked for when those of its group change.
-void check_nothing_is_forgotten(const std::string& everybodys) {
+// What the kernel does to all threads of the root when a partition is made, and removed: they get the CPUs of
+// the root. Before Linux 6.2 it forgets those that they have asked for, and those of its own threads always
+// (but for its interrupts', which are said to it again: see remove_group). Who asked for kept CPUs alone has
+// to go elsewhere.
+void check_nothing_is_forgotten(const std::string& everybodys, const Cpus& kept) {
   utsname name{};
   uname(&name);
   int major = 0, minor = 0;
-  if (std::sscanf(name.release, "%d.%d", &major, &minor) != 2 || std::pair(major, minor) >= std::pair(6, 2))
-    return;
+  const bool remembers =
+      std::sscanf(name.release, "%d.%d", &major, &minor) == 2 && std::pair(major, minor) >= std::pair(6, 2);
   std::vector<std::string> own;
-  for (const auto& thread : threads())
-    if (!thread.of_kernel && thread.cpus != list(everybodys))
-      own.push_back(fmt::format("{} ({})", thread.name, thread.id));
+  for (const auto& thread : threads()) {
+    if (thread.of_kernel && (thread.bound || thread.name.starts_with("irq/"))) continue;
+    const bool suffers =
+        remembers && !thread.of_kernel ? without(thread.cpus, kept).empty() : thread.cpus != list(everybodys);
+    if (suffers) own.push_back(fmt::format("{} ({})", thread.name, thread.id));
+  }
   if (!own.empty())
     throw Error(fmt::format(
-        "threads have CPUs of their own, which Linux before 6.2 would forget: {}. Give them all for "
-        "that time (taskset --all-tasks --cpu-list --pid {} PID), or take a later Linux",
+        "threads have CPUs of their own, {}: {}. Give them all for that time (taskset --all-tasks --cpu-list "
+        "--pid {} PID), or keep other CPUs",
+        remembers ? "which they would be moved away from" : "which Linux before 6.2 would forget",
         some_of(own), everybodys));
+}
+
+// It says its number itself, which means another process here if it lives in a PID namespace of its own.
+void check_is_ours(pid_t process) {
+  namespace fs = std::filesystem;
+  for (const auto* link : {"exe", "ns/pid"}) {
+    std::error_code ended;
+    const auto here = fs::read_symlink(fmt::format("/proc/self/{}", link), ended);
+    const auto there = fs::read_symlink(fmt::format("/proc/{}/{}", process, link), ended);
+    if (process <= 1 || ended || here != there)
+      throw Error(
+          fmt::format("process {} is not the agent's that was to have CPUs of its own: it seems to "
+                      "live in a PID namespace of its own, or to be another program",
+                      process));
+  }
 }
 
 }  // namespace
@@ -129,7 +152,7 @@ void Isolation::keep_cpus() {
                     "from there (of a service of systemd's: AllowedCPUs=)",
                     wish_.cpus, some_of(owners)));
   if (root.unified) {
-    check_nothing_is_forgotten(everybodys_);
+    check_nothing_is_forgotten(everybodys_, kept);
     if (!controller_kind.read("cpuset").value_or("").starts_with("on")) make(controller_kind, "cpuset", "on");
     make(group_kind, robot, journal::to_be_made);
     const auto folder = folder_of(robot);
@@ -191,6 +214,7 @@ void Isolation::limit() {
 
 void Isolation::keep(pid_t process) const {
   if (wish_.cpus.empty()) return;
+  check_is_ours(process);
   if (!move(process, folder_of(robot) + "/cgroup.procs"))
     throw Error(fmt::format("process {} cannot be given the CPUs {}: it has ended", process, wish_.cpus));
   if (const auto cpus = cpus_of_thread(process); !without(cpus, list(wish_.cpus)).empty())

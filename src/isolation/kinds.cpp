@@ -41,6 +41,19 @@ Value read_group(const std::string& what) {
   return std::to_string(found.st_ino);
 }
 
+// Interrupts' threads follow their interrupts; the kernel forgets that when the CPUs of their group change,
+// until it is told those of the interrupt again.
+void say_interrupts_again() {
+  for (const auto& number : settings::names_in("/proc/irq")) {
+    const auto file = fmt::format("/proc/irq/{}/smp_affinity_list", number);
+    try {
+      if (const auto cpus = read_file(file); cpus) write_file(file, *cpus);
+    } catch (const journal::Error&) {  // the kernel's own, or a CPU's: nobody places it
+      continue;
+    }
+  }
+}
+
 // Who is in it may have children meanwhile: again, until it lets itself be removed.
 void remove_group(const std::string& what) {
   constexpr int tries = 400;
@@ -51,7 +64,10 @@ void remove_group(const std::string& what) {
     const auto inside = ids_in(folder + list);
     for (const auto id : inside) move(id, root.folder + list);
     if (!inside.empty()) continue;
-    if (rmdir(folder.c_str()) == 0 || errno == ENOENT) return;
+    if (rmdir(folder.c_str()) == 0 || errno == ENOENT) {
+      if (root.unified && what.starts_with("cpuset/")) say_interrupts_again();
+      return;
+    }
     if (errno != EBUSY) break;
     std::this_thread::sleep_for(std::chrono::milliseconds(5));  // who has just ended is not gone at once
   }

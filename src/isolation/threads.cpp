@@ -67,7 +67,10 @@ std::vector<Thread> threads() {
 
 std::vector<pid_t> ids_in(const std::string& path) {
   std::ifstream file(path);
-  return {std::istream_iterator<pid_t>(file), {}};
+  std::vector<pid_t> ids(std::istream_iterator<pid_t>(file), {});
+  if (std::find(ids.begin(), ids.end(), 0) != ids.end())  // so it calls who is not of our PID namespace
+    throw journal::Error(path + " has processes of another PID namespace: run on the machine itself");
+  return ids;
 }
 
 bool move(pid_t id, const std::string& file) {
