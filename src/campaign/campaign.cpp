@@ -61,8 +61,11 @@ class Suite {
   }
   // What a machine lacks is said before the first run, and not when its turn comes after hours.
   void check(const Scenario& scenario) {
-    for (const auto& run : scenario.runs)
+    for (const auto& run : scenario.runs) {
       if (run.faults.any()) machines_.check(run);
+      for (const auto& own : run.own)
+        if (own.faults.any() && own.faults != run.faults) machines_.check(own);
+    }
   }
   json machines(const Run& run) const {
     return {{"controller", machines_.machine("controller")}, {"component", machines_.machine(run.component)}};
@@ -74,7 +77,7 @@ class Suite {
     int code = 0;             // to exit with
     bool ends_search = true;  // also if they failed
   };
-  Result carry_out(const std::vector<Run>& runs, std::chrono::nanoseconds wait,
+  Result carry_out(const Together& runs, std::chrono::nanoseconds wait,
                    const std::vector<json>& asked) {
     Numbers numbers;
     for (const auto& record : asked) numbers.push_back(writer_.begin_run(record));
@@ -201,6 +204,12 @@ json asked(const roundtrip::NeighbourOptions& options) {
 
 bool is_named(const Run& run) { return run.component != "component"; }
 
+Together together(const Run& run, const Hosts& hosts) {
+  Together runs;
+  for (const auto& component : hosts.components) runs.push_back(with_component(run, component.name));
+  return runs;
+}
+
 json asked(const Run& run, const Hosts& hosts) {
   const auto& client = run.task.client;
   const auto& interface = run.task.config.interface;
@@ -208,6 +217,7 @@ json asked(const Run& run, const Hosts& hosts) {
       {"id", run.id},
       {"title", run.title},
       {"variant", run.variant},
+      {"beside", run.beside},
       {"adds_to", run.adds_to},
       {"search", asked(run.step)},
       {"repetition", run.repetition},
@@ -270,11 +280,10 @@ class Execution {
  private:
   // Whether it ends a search.
   bool measure(const Run& run) {
-    std::vector<Run> runs;
+    const auto runs = together(run, scenario_.hosts);
     std::vector<json> records;
-    for (const auto& component : scenario_.hosts.components) {
-      runs.push_back(with_component(run, component.name));
-      auto& record = records.emplace_back(asked(runs.back(), scenario_.hosts));
+    for (const auto& one : runs) {
+      auto& record = records.emplace_back(asked(one, scenario_.hosts));
       record["scenario"] = scenario_.text;
       record["scenario_file"] = scenario_.file;
       record["hosts"] = word_of(suite_.kind());

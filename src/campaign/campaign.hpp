@@ -88,6 +88,8 @@ struct Run {
   security::Level security = security::Level::off;  // of DDS, at both ends
   bool component_restart = false;                   // if it dies while the controller measures
   std::string component = "component";              // the name of the one that answers
+  std::vector<Run> own;  // the same of those components of which something else was said, each whole
+  std::string beside;    // what it is that varies only for others, which are measured at the same time
 
   // What was said, of which complete() makes what `task` holds.
   std::optional<int> domain;  // nothing: what ROS_DOMAIN_ID says, or 0
@@ -113,9 +115,11 @@ bool is_option(const std::string& path);
 void set_option(Run&, const std::string& path, const std::string& value);
 // What only the whole of a run can tell: fills in what follows from other keys. Throws std::invalid_argument.
 void complete(Run&);
-// The same for the component of that name, where there are several: on topics of its own, /arm/ping for
-// /ping, if its transport has any. Throws std::invalid_argument.
+// The same for the component of that name, where there are several: with its own conditions, if it has any,
+// and on topics of its own, /arm/ping for /ping, if its transport has any. Throws std::invalid_argument.
 Run with_component(Run, const std::string& name);
+// Why that key cannot be said of one of several components alone, for people; "": it can.
+std::string common_to_all(const std::string& path);
 
 // Where the two ends are. `reach` and `place` are words put before a command, which run as a program, on this
 // machine or, where there is `ssh`, on that one.
@@ -126,6 +130,7 @@ struct Host {
   std::string program;             // ontime on that machine; empty: as it is called here, or there by ssh
   std::string interface;
   std::string address;
+  std::string port{};  // of a controller's bridge, the one that leads here; "": it has no bridge
 };
 struct Hosts {
   // alone: the controller only, on this machine; somebody else serves
@@ -141,6 +146,9 @@ struct Hosts {
   // Brought to hosts that are reached by ssh: this program, with these transports. Nothing: it is there.
   std::optional<std::set<std::string>> deploy;
 };
+// Those that are measured at one time: a run, or one for each of several components.
+using Together = std::vector<Run>;
+Together together(const Run&, const Hosts&);
 nlohmann::json asked(const Run&, const Hosts&);  // the record's form of a run
 // Whether its component is one that was given a name.
 bool is_named(const Run&);

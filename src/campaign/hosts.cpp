@@ -81,6 +81,14 @@ class HostsOfFile {
     hosts_.kind = node.Scalar() == "loopback" ? Hosts::Kind::loopback : Hosts::Kind::namespaces;
   }
 
+  // A run's keys may stand below a component's name, beside those that stand there for all.
+  static bool has_a_meaning(const std::string& name) {
+    for (const auto* word : {"controller", "component", "components", "id", "require", "options"})
+      if (name == word || name.starts_with("controller_")) return true;  // of what is made for it there
+    const auto begins_so = [&](const Key& key) { return key.path == name || key.path.starts_with(name + "."); };
+    return std::any_of(keys().begin(), keys().end(), begins_so);
+  }
+
   // It becomes part of a topic, of an interface's name and of a network namespace's.
   std::string name_of(const YAML::Node& node) const {
     auto name = scalar_of(file_, node, "components");
@@ -90,9 +98,8 @@ class HostsOfFile {
            fmt::format("components: '{}' is no name of at most {} lower case letters, digits and _ that "
                        "begins with a letter",
                        name, longest_name));
-    for (const auto* taken : {"controller", "component", "components"})
-      if (name == taken)
-        fail(node, fmt::format("components: '{}' has a meaning already; take another name", name));
+    if (has_a_meaning(name))
+      fail(node, fmt::format("components: '{}' has a meaning already; take another name", name));
     const auto same = [&](const auto& component) { return component.name == name; };
     if (std::any_of(hosts_.components.begin(), hosts_.components.end(), same))
       fail(node, fmt::format("components: '{}' is there twice", name));

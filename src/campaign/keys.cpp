@@ -2,6 +2,7 @@
 // What can be said of a run: one table, from which scenario files, flags and --help are made.
 #include "campaign/keys.hpp"
 
+#include <algorithm>
 #include <cstdlib>
 #include <limits>
 #include <stdexcept>
@@ -342,6 +343,15 @@ void set_option(Run& run, Text path, Text value) {
 }
 
 Run with_component(Run run, const std::string& name) {
+  const auto own =
+      std::find_if(run.own.begin(), run.own.end(), [&](const Run& one) { return one.component == name; });
+  if (own != run.own.end()) {
+    auto found = std::move(*own);
+    found.repetition = run.repetition;
+    found.step = run.step;
+    run = std::move(found);
+  }
+  run.own.clear();
   run.component = name;
   if (!is_named(run)) return run;
   run.variant += fmt::format("{}component {}", run.variant.empty() ? "" : ", ", name);
@@ -350,6 +360,22 @@ Run with_component(Run run, const std::string& name) {
   for (auto* topic : {&config.ping_topic, &config.pong_topic}) topic->insert(topic->rfind('/'), "/" + name);
   check_topics(config);
   return run;
+}
+
+std::string common_to_all(Text path) {
+  constexpr std::pair<std::string_view, const char*> reasons[] = {
+      {"id", "it is of the run, which is one for all components"},
+      {"title", "it is of the run, which is one for all components"},
+      {"adds-to", "it is of the run, which is one for all components"},
+      {"search", "it is of the run: say search: NAME.KEY there"},
+      {"duration", "all are measured at the same time, for as long"},
+      {"explain", "the kernels' events are kept for all, or for none"},
+      {"kernel.", "it is of machines, and the controller's is one for all"},
+      {"isolation.", "it is of machines, and the controller's is one for all"},
+      {"load.controller.", "the controller is one for all"}};
+  for (const auto& [key, reason] : reasons)
+    if (path == key || (key.ends_with('.') && path.starts_with(key))) return reason;
+  return "";
 }
 
 void complete(Run& run) {

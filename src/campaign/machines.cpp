@@ -35,7 +35,7 @@ std::optional<std::string> network_namespace(const Host& host) {
 }
 
 Host host_of(const json& from) {
-  return {{}, {}, from.at("place"), {}, from.at("interface"), from.at("address")};
+  return {{}, {}, from.at("place"), {}, from.at("interface"), from.at("address"), from.at("port")};
 }
 
 json cable_of(const Hosts& hosts) {
@@ -72,6 +72,35 @@ std::vector<std::string> way_to(const Host& host) {
   auto words = host.reach;
   words.insert(words.begin(), host.ssh);
   return words;
+}
+
+// As the keepers call what is made for a host, and what is made at the controller for one component alone.
+std::string name_of(const std::string& host) {
+  auto name = host;
+  std::replace(name.begin(), name.end(), '_', '-');
+  return name;
+}
+std::string name_at_controller(const std::string& component) {
+  return fmt::format("{}-{}", controller, name_of(component));
+}
+
+// What tells an interface from others.
+std::vector<std::string> interface_of(const Host& host) {
+  auto words = way_to(host);
+  words.insert(words.end(), host.place.begin(), host.place.end());
+  words.push_back(host.interface);
+  return words;
+}
+
+background::Faults with_priorities_alone(const background::Faults& faults) {
+  background::Faults alone;
+  alone.message_priority = faults.message_priority;
+  alone.traffic_priority = faults.traffic_priority;
+  return alone;
+}
+background::Faults without_priorities(background::Faults faults) {
+  faults.message_priority = faults.traffic_priority = {};
+  return faults;
 }
 
 }  // namespace
@@ -127,12 +156,20 @@ void Machines::add(const std::string& host, const Host& where) {
   }
   machine.keeper = std::make_unique<Hand>(coordinator_, name, command, "", std::move(between));
   machine.keeper->on("window", [this, host](const orders::Frame& frame) {
-    if (window_came_) window_came_(host, frame.message.at("window"));
+    if (!window_came_) return;
+    try {
+      window_came_(host, trace::window_of(frame.message.at("window")));
+    } catch (const trace::Error& error) {
+      throw Error(
+          3, fmt::format("the keeper of the {}'s machine said what is no trace ({})", host, error.what()));
+    }
   });
   // Both ends' are cut; when, is said by the clock of the controller, as of everything else.
-  machine.keeper->on("cut", [this, is_controllers = host == controller](const orders::Frame& frame) {
-    if (is_controllers && frame.message.at("host") == controller && when_cut_)
-      when_cut_(frame.message.at("at_ns"));
+  machine.keeper->on("cut", [this](const orders::Frame& frame) {
+    const auto end = std::find_if(links_.begin(), links_.end(), [&](const LinkEnd& link) {
+      return link.host == controller && link.name == frame.message.at("host");
+    });
+    if (end != links_.end() && was_cut_) was_cut_(end->component, frame.message.at("at_ns"));
   });
 }
 
@@ -185,14 +222,17 @@ bool Machines::lost() const {
                      [](const auto& entry) { return entry.second.keeper->lost(); });
 }
 
-void Machines::warn(const Run& run) {
-  const auto text = settings::warning(run.kernel, application_priority(run));
-  if (!text.empty() && warned_.insert(text).second) observer_.note("kernel: " + text);
+void Machines::warn(const Together& runs) {
+  for (const auto& run : runs) {
+    const auto text = settings::warning(run.kernel, application_priority(run));
+    if (!text.empty() && warned_.insert(text).second) observer_.note("kernel: " + text);
+  }
 }
 
-void Machines::tune(const Run& run) {
+void Machines::tune(const Together& runs) {
+  const auto& run = runs.front();  // it is of machines, and the same for all
   if (run.kernel.empty() && !run.isolation.any()) return;
-  warn(run);
+  warn(runs);
   tuned_ = true;
   for (auto& [reach, machine] : machines_)
     for (const auto& host : machine.hosts) {
@@ -261,54 +301,93 @@ void Machines::check(const Run& run) {
       fail(answer.at("error"));
 }
 
+bool Machines::has_ports() const {
+  return std::any_of(hosts_.components.begin(), hosts_.components.end(),
+                     [](const auto& component) { return !component.host.port.empty(); });
+}
+
+// Each component's, and the controller's: behind a bridge the link of each component by its port, where what
+// is sent is told apart by the whole. Two that are one interface are one end.
+std::vector<Machines::LinkEnd> Machines::ends_of_links(const Together& runs) const {
+  std::vector<LinkEnd> ends;
+  std::set<std::vector<std::string>> interfaces;
+  bool all_by_ip = true;
+  json ports;
+  for (const auto& run : runs) {
+    const auto& host = hosts_.at(run.component);
+    const bool by_ip = !is_below_ip(run.task.transport);
+    all_by_ip = all_by_ip && by_ip;
+    if (const auto own = ports_of(run.traffic); !own.empty()) ports = own;
+    const json not_counted = by_ip ? json(ports_of(run.traffic)) : json();
+    if (interfaces.insert(interface_of(host)).second)
+      ends.push_back({run.component, name_of(run.component), host.interface, run.faults, run.cut,
+                      run.component, not_counted});
+    if (!host.port.empty())
+      ends.push_back({controller, name_at_controller(run.component), host.port,
+                      without_priorities(run.faults), run.cut, run.component});
+  }
+  const auto& common = runs.front();
+  LinkEnd whole{controller, controller, hosts_.controller.interface, common.faults, common.cut, ""};
+  if (has_ports()) {
+    whole.faults = with_priorities_alone(common.faults);
+    whole.cut = {};
+  }
+  if (all_by_ip) whole.not_counted = ports.is_null() ? json::array() : ports;
+  ends.push_back(std::move(whole));
+  return ends;
+}
+
 // With faults, or with traffic, beside which the messages are to be counted.
-void Machines::link(const std::string& host, const Run& run) {
-  const auto& where = hosts_.at(host);
-  const auto netns = network_namespace(where);
-  const bool can_count = !is_below_ip(run.task.transport);
-  if (!run.faults.any() && (!can_count || ports_of(run.traffic).empty() || where.interface.empty() || !netns))
-    return;
-  const auto answer = ask(machine_of(host), "link", "linked",
-                          {{"host", host},
+void Machines::link(const LinkEnd& end) {
+  const auto netns = network_namespace(hosts_.at(end.host));
+  const bool counts = !end.not_counted.is_null() && !end.not_counted.empty();
+  if (!end.faults.any() && (!counts || end.interface.empty() || !netns)) return;
+  const auto answer = ask(machine_of(end.host), "link", "linked",
+                          {{"host", end.name},
                            {"network_namespace", netns.value_or("")},
-                           {"interface", where.interface},
-                           {"faults", keeper::to_json(run.faults)},
-                           {"not_counted", can_count ? json(ports_of(run.traffic)) : json()}});
+                           {"interface", end.interface},
+                           {"faults", keeper::to_json(end.faults)},
+                           {"not_counted", end.not_counted}});
   // Without faults it can be done without: the record says that nothing is proved then.
-  if (run.faults.any() && answer.contains("error")) throw Error(3, answer.at("error"));
+  if (end.faults.any() && answer.contains("error")) throw Error(3, answer.at("error"));
 }
 
-void Machines::cut(const Cut& cut, std::function<void(std::int64_t at_ns)> told) {
-  when_cut_ = std::move(told);
-  const auto after = std::chrono::duration_cast<std::chrono::milliseconds>(cut.at);
-  for (const auto& host : from_who_serves())
+void Machines::cut(const Together& runs, WasCut told) {
+  was_cut_ = std::move(told);
+  links_ = ends_of_links(runs);
+  for (const auto& [host, name, interface, faults, cut, component, not_counted] : links_) {
+    if (!cut) continue;
+    const auto after = std::chrono::duration_cast<std::chrono::milliseconds>(cut->at);
     ask(machine_of(host), "cut", "cutting",
-        {{"host", host}, {"after_ms", after.count()}, {"for_ms", cut.length.count()}});
+        {{"host", name}, {"after_ms", after.count()}, {"for_ms", cut->length.count()}});
+  }
 }
 
-void Machines::load(const Run& run) {
+void Machines::load(const Together& runs) {
   loaded_ = true;
-  for (auto& [reach, machine] : machines_)
-    for (const auto& host : machine.hosts) {
-      const auto& workers = host == controller ? run.controller_load : run.component_load;
-      if (workers.any()) ask(machine, "load", "loaded", {{"host", host}, {"load", keeper::to_json(workers)}});
-    }
+  const auto load_on = [this](const std::string& host, const background::Workers& workers) {
+    if (workers.any())
+      ask(machine_of(host), "load", "loaded", {{"host", host}, {"load", keeper::to_json(workers)}});
+  };
+  load_on(controller, runs.front().controller_load);
   if (hosts_.kind == Hosts::Kind::alone) return;
-  for (const auto& host : from_who_serves())
-    for (const auto& way : ways_of(run.traffic))
-      ask(machine_of(host), "traffic", "flowing",
-          {{"host", host},
-           {"way", way},
-           {"stream", keeper::to_json(stream_of(run.traffic, way, host, hosts_))}});
+  for (const auto& run : runs) load_on(run.component, run.component_load);
+  for (const auto& run : runs)
+    for (const std::string& host : {run.component, std::string(controller)})
+      for (const auto& way : ways_of(run.traffic))
+        ask(machine_of(host), "traffic", "flowing",
+            {{"host", host == controller ? name_at_controller(run.component) : name_of(host)},
+             {"way", way},
+             {"stream", keeper::to_json(stream_of(run, way, host, hosts_))}});
   // Only then: iperf3 begins with a datagram that it does not send again.
-  for (const auto& host : from_who_serves()) link(host, run);
+  for (const auto& end : ends_of_links(runs)) link(end);
 }
 
-json Machines::trace(WindowCame came) {
+void Machines::trace(WindowCame came) {
   window_came_ = std::move(came);
-  auto answers = json::object();
   std::string refused;
-  traced_.clear();
+  bool any = false;
+  traced_ = json::object();
   for (auto& [reach, machine] : machines_) {
     const auto& host = machine.hosts.front();
     auto answer = ask(machine, "trace", "tracing");
@@ -316,12 +395,27 @@ json Machines::trace(WindowCame came) {
     if (answer.contains("error"))
       refused = fmt::format("explain: on the {}'s machine: {}", host, answer.at("error").get<std::string>());
     else
-      traced_.push_back(host);
-    answers[host] = std::move(answer);
+      any = true;
+    traced_[host] = std::move(answer);
   }
-  if (traced_.empty()) throw Error(3, refused);
+  if (!any) throw Error(3, refused);
   if (!refused.empty()) observer_.note(refused);
-  return answers;
+}
+
+std::vector<std::string> Machines::traced(const std::string& component) const {
+  std::vector<std::string> hosts = {controller};
+  if (hosts_.kind != Hosts::Kind::alone)
+    if (const auto& first = machine_of(component).hosts.front(); first != controller) hosts.push_back(first);
+  std::erase_if(hosts, [this](const auto& host) { return traced_.at(host).contains("error"); });
+  return hosts;
+}
+
+json Machines::how_traced(const std::string& component) const {
+  json all = {{controller, traced_.at(controller)}};
+  if (hosts_.kind != Hosts::Kind::alone)
+    if (const auto& first = machine_of(component).hosts.front(); first != controller)
+      all["component"] = traced_.at(first);
+  return all;
 }
 
 void Machines::cut_out(const std::string& host, const std::vector<trace::Span>& spans) {
@@ -332,9 +426,9 @@ void Machines::cut_out(const std::string& host, const std::vector<trace::Span>& 
 
 void Machines::unload() {
   if (!std::exchange(loaded_, false)) return;
-  when_cut_ = nullptr;
+  was_cut_ = nullptr;
+  links_.clear();
   window_came_ = nullptr;
-  traced_.clear();
   give_back("unload", "unloaded");
 }
 
@@ -344,19 +438,37 @@ void Machines::begin() {
 
 Machines::Account Machines::end() {
   Account account;
+  json links = json::object(), traffic = json::object();
   for (auto& [reach, machine] : machines_) {
     const auto ended = ask(machine, "end", "ended");
     for (const auto& host : machine.hosts) {
       account.conditions[host] = ended.at("conditions");
       account.load_running[host] = ended.at("load_running").value(host, json());
-      account.links[host] = ended.at("links").value(host, json());
-      account.traffic[host] = ended.at("traffic").value(host, json::object());
       account.kernel[host] = ended.at("kernel").value(host, json());
       account.isolation[host] = ended.at("isolation").value(host, json());
       account.machine[host] = ended.at("machine");
     }
+    links.update(ended.at("links"));
+    traffic.update(ended.at("traffic"));
   }
+  account_of(links, traffic, account);
   return account;
+}
+
+// What keepers say of the ends of links and of traffic, by their names, becomes each component's.
+void Machines::account_of(const json& links, const json& traffic, Account& account) const {
+  if (hosts_.kind == Hosts::Kind::alone) return;
+  for (const auto& [component, host] : hosts_.components) {
+    const auto first = std::find_if(hosts_.components.begin(), hosts_.components.end(), [&](const auto& other) {
+      return interface_of(other.host) == interface_of(host);
+    });
+    auto at_controller = links.value(controller, json::object());
+    at_controller.update(links.value(name_at_controller(component), json::object()));
+    account.links[component] = {{controller, at_controller},
+                                {"component", links.value(name_of(first->name), json::object())}};
+    account.traffic[component] = {{controller, traffic.value(name_at_controller(component), json::object())},
+                                  {"component", traffic.value(name_of(component), json::object())}};
+  }
 }
 
 void Machines::close() { give_back("close", "closed"); }

@@ -35,26 +35,31 @@ class Machines {
   // Throws Error for a fault of the link that cannot be had here, by its name.
   void check(const Run&);
 
-  // For one run: the settings of the kernels and the CPUs that are kept, its load, its link and its traffic,
-  // and the account of what each machine did between begin() and end().
-  void tune(const Run&);  // throws Error, with nothing changed, where a machine lacks what is asked for
+  // For what is measured at one time: the settings of the kernels and the CPUs that are kept, its load, its
+  // links and its traffic, and the account of what each machine did between begin() and end().
+  void tune(const Together&);  // throws Error, with nothing changed, where a machine lacks what is asked for
   // That process on the host's machine has the CPUs that tune() kept. Throws Error.
   void keep(const std::string& host, pid_t) const;
   void restore();  // tells what could not be given back
-  void load(const Run&);
-  // Counted from now on; when it has come to pass is told, until unload().
-  void cut(const Cut&, std::function<void(std::int64_t at_ns)> told);
+  void load(const Together&);
+  // Counted from now on; when one has come to pass is told, with the component whose link it is, or "" for
+  // the links of all, until unload().
+  using WasCut = std::function<void(const std::string& component, std::int64_t at_ns)>;
+  void cut(const Together&, WasCut);
   // The kernels' events are kept from now on, until unload(); each window that is cut out is told, with the
-  // host whose machine it is of; of one machine for several, the first. Returns, by such a host, {missing} or
-  // {error}. Throws Error where no machine can.
-  using WindowCame = std::function<void(const std::string& host, const nlohmann::json& window)>;
-  nlohmann::json trace(WindowCame);
-  const std::vector<std::string>& traced() const { return traced_; }
+  // host whose machine it is of; of one machine for several, the first. Throws Error where no machine can.
+  using WindowCame = std::function<void(const std::string& host, trace::Window)>;
+  void trace(WindowCame);
+  // Of the machines of the controller and of that component, by such a host: those that can; and of all
+  // {missing} or {error}, by "controller" and "component".
+  std::vector<std::string> traced(const std::string& component) const;
+  nlohmann::json how_traced(const std::string& component) const;
   void cut_out(const std::string& host, const std::vector<trace::Span>&);
   void unload();  // load, link, traffic and trace
   void begin();
   struct Account {
-    nlohmann::json conditions, load_running, traffic, links, kernel, isolation, machine;  // by host
+    nlohmann::json conditions, load_running, kernel, isolation, machine;  // by host
+    nlohmann::json traffic, links;  // by component, and then by "controller" and "component"
   };
   Account end();
 
@@ -68,13 +73,24 @@ class Machines {
     nlohmann::json description;
     std::vector<std::string> hosts;
   };
-  void warn(const Run&);
+  // What the keeper of a host is told of one end of a link, under that name.
+  struct LinkEnd {
+    std::string host, name, interface;
+    background::Faults faults;
+    std::optional<Cut> cut;
+    std::string component;         // whose link it is; "": of all
+    nlohmann::json not_counted{};  // UDP ports; null: what is beside them cannot be counted
+  };
+  std::vector<LinkEnd> ends_of_links(const Together&) const;
+  bool has_ports() const;
+  void account_of(const nlohmann::json& links, const nlohmann::json& traffic, Account&) const;
+  void warn(const Together&);
   void isolate(const Machine&, const std::string& host, const Run&, const nlohmann::json& link);
   const Machine& machine_of(const std::string& host) const;
   std::vector<std::string> from_who_serves() const;
   void add(const std::string& host, const Host&);
   void tell_of_two_ways();
-  void link(const std::string& host, const Run&);
+  void link(const LinkEnd&);
   void give_back(const char* order, const char* answer);
   void tell(const nlohmann::json& notes);
   nlohmann::json ask(const Machine&, const char* order, const char* answer,
@@ -85,8 +101,9 @@ class Machines {
   Hosts hosts_;
   std::set<std::string> warned_;
   bool tuned_ = false, loaded_ = false;
-  std::function<void(std::int64_t at_ns)> when_cut_;
-  std::vector<std::string> traced_;
+  std::vector<LinkEnd> links_;
+  WasCut was_cut_;
+  nlohmann::json traced_;  // by the first host of each machine
   WindowCame window_came_;
   std::map<std::vector<std::string>, Machine> machines_;  // by how they are reached
 };

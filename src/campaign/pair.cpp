@@ -241,8 +241,9 @@ json Pair::outcome(const Machines::Account& account) const {
     host["ssh_link"] = (*end)->opened.at("ssh_link");
     if ((*end)->again) host["started_again"] = true;
     host["load_running"] = account.load_running.at(of_host);
-    const auto& counted = account.links.at(of_host);
-    if (!host.at("link").is_null() && !counted.is_null()) host.at("link").update(counted);
+    if (!host.at("link").is_null())
+      host.at("link").update(
+          account.links.value(run_.component, json::object()).value((*end)->role, json::object()));
     if (const auto& kernel = account.kernel.at(of_host); !kernel.is_null()) host["kernel"] = kernel;
     for (const auto& beside : neighbours_)
       if (beside.role == (*end)->role) add_neighbours(host, beside.ended);

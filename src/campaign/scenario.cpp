@@ -12,6 +12,7 @@
 #include "campaign/campaign.hpp"
 #include "campaign/document.hpp"
 #include "campaign/hosts.hpp"
+#include "campaign/traffic.hpp"
 #include "gate/gate.hpp"
 
 namespace ontime::campaign {
@@ -37,8 +38,7 @@ class File {
     const auto root = document_of(scenario_.file, scenario_.text);
     if (!root.IsMap())
       throw Error(2, scenario_.file + ": not a scenario: it has no keys (title, hosts, defaults, runs …)");
-    Entries defaults;
-    std::optional<YAML::Node> hosts, runs, repeat;
+    std::optional<YAML::Node> hosts, defaults, runs, repeat;
     once_each(scenario_.file, root);
     for (const auto& entry : root) {
       const auto key = entry.first.Scalar();
@@ -50,7 +50,7 @@ class File {
       else if (key == "components")
         components_.emplace(value);
       else if (key == "defaults")
-        read_defaults(value, defaults);
+        defaults.emplace(value);
       else if (key == "order")
         scenario_.interleaved = read_order(value);
       else if (key == "repeat")
@@ -66,7 +66,8 @@ class File {
     if (!runs || !runs->IsSequence() || runs->size() == 0)
       fail(runs.value_or(root), "runs: a list of runs is needed");
     scenario_.hosts = hosts_of(scenario_.file, hosts, components_);
-    for (const auto& run : *runs) read_run(run, defaults);
+    const auto for_all = defaults ? read_defaults(*defaults) : Entries{};
+    for (const auto& run : *runs) read_run(run, for_all);
     check_only();
     if (repeat) read_repeat(*repeat);
     if (selection_.deploy) deploy();
@@ -86,10 +87,28 @@ class File {
     return scalar_of(scenario_.file, node, key);
   }
 
-  void read_defaults(const YAML::Node& node, Entries& defaults) const {
+  Entries read_defaults(const YAML::Node& node) const {
+    Entries defaults;
     flatten(node, "", defaults);
     if (const auto id = defaults.find("id"); id != defaults.end())
       fail(id->second, "id: each run has one of its own, under runs");
+    return defaults;
+  }
+
+  // A key as it stands below a component's name, "arm.period", or for all.
+  struct Said {
+    std::string component;  // "": all
+    std::string key;
+  };
+  Said divided(const std::string& path) const {
+    const auto dot = path.find('.');
+    auto name = path.substr(0, dot);
+    if (!is_component(name)) return {"", path};
+    return {std::move(name), dot == path.npos ? "" : path.substr(dot + 1)};
+  }
+  bool is_component(const std::string& name) const {
+    const auto& all = scenario_.hosts.components;
+    return components_ && std::any_of(all.begin(), all.end(), [&](const auto& one) { return one.name == name; });
   }
 
   void flatten(const YAML::Node& node, const std::string& prefix, Entries& entries) const {
@@ -102,10 +121,28 @@ class File {
         flatten(entry.second, path + ".", entries);
         continue;
       }
-      if (!is_key(path) && !is_option(path) && path != "id" && path != "require")
-        fail(entry.first, fmt::format("unknown key '{}'{}", path, nearest(path)));
+      const auto [component, key] = divided(path);
+      if (!component.empty() && key.empty())
+        fail(entry.first, fmt::format("{0}: what holds for this component alone is needed here, such as {0}: "
+                                      "{{period: 2 ms}}",
+                                      component));
+      if (!is_key(key) && !is_option(key) && key != "id" && key != "require")
+        fail(entry.first, fmt::format("unknown key '{}'{}", path, nearest(key)));
+      if (const auto reason = component.empty() ? "" : why_not_its_own(key); !reason.empty())
+        fail(entry.first, fmt::format("{}: this cannot be said of one component: {}", path, reason));
       entries[path] = entry.second;
     }
+  }
+
+  // The controller's end of a component's link is its own behind a bridge, but for what sends there.
+  std::string why_not_its_own(const std::string& key) const {
+    const auto& hosts = scenario_.hosts;
+    if (!key.starts_with("link.") || hosts.components.size() == 1) return common_to_all(key);
+    if (hosts.kind == Hosts::Kind::stated)
+      return "the controller's interface, which is one end of the link, is one for all";
+    if (key == "link.message-priority" || key == "link.traffic-priority")
+      return "the controller gives it to all that it sends";
+    return "";
   }
 
   static bool is_key(const std::string& path) {
@@ -140,9 +177,14 @@ class File {
                               "none (hosts: component: {{ssh: user@host …}})",
                               scenario_.file));
     hosts.deploy.emplace();
-    for (const auto& run : scenario_.runs)
+    const auto bring = [&](const Run& run) {
       hosts.deploy->insert({run.task.transport,
                             run.component_transport.empty() ? run.task.transport : run.component_transport});
+    };
+    for (const auto& run : scenario_.runs) {
+      bring(run);
+      for (const auto& own : run.own) bring(own);
+    }
   }
 
   bool read_order(const YAML::Node& node) const {
@@ -176,12 +218,18 @@ class File {
       return;
     hold(id, node, defaults.size() * held_beside);
     own.insert(defaults.begin(), defaults.end());  // where the run says nothing
-    std::vector<std::string> require;
-    if (const auto entry = own.find("require"); entry != own.end()) {
-      require = read_require(entry->second);
-      own.erase(entry);
+    multiply(id, node, take_require(own), std::move(own));
+  }
+
+  using Required = std::map<std::string, std::vector<std::string>>;  // by component; "": all
+  Required take_require(Entries& entries) const {
+    Required required;
+    for (auto entry = entries.begin(); entry != entries.end();) {
+      const auto [component, key] = divided(entry->first);
+      if (key == "require") required[component] = read_require(entry->second);
+      entry = key == "require" ? entries.erase(entry) : std::next(entry);
     }
-    multiply(id, node, std::move(own), require);
+    return required;
   }
 
   // A list that does not multiply: all of it must be so.
@@ -221,6 +269,7 @@ class File {
     std::string path;
     const Key* key;  // nothing: a transport's option
     std::vector<Choice> choices;
+    Said said;
   };
 
   std::vector<Choice> choices_of(const std::string& path, const YAML::Node& node) const {
@@ -245,24 +294,37 @@ class File {
   }
 
   // Lists multiply: every combination of choices is a run.
-  void multiply(const std::string& id, const YAML::Node& node, Entries entries,
-                const std::vector<std::string>& require) {
-    if (!selection_.transports.empty()) entries.try_emplace("transport", node);
+  void multiply(const std::string& id, const YAML::Node& node, const Required& required, Entries entries) {
+    if (!selection_.transports.empty()) {
+      std::erase_if(entries, [&](const auto& entry) {
+        const auto [component, key] = divided(entry.first);
+        return !component.empty() && key == "transport";
+      });
+      entries.try_emplace("transport", node);
+    }
     if (selection_.duration) entries.try_emplace("duration", node);
     if (selection_.explain) entries.try_emplace("explain", node);
     std::vector<Dimension> dimensions;  // in the order of the table: a preset before what refines it
     for (const auto& key : keys())
-      if (const auto entry = entries.find(key.path); entry != entries.end())
-        dimensions.push_back({key.path, &key, choices_of(key.path, entry->second)});
+      for (const auto& [path, value] : entries)
+        if (auto said = divided(path); said.key == key.path)
+          dimensions.push_back({path, &key, choices_of(path, value), std::move(said)});
     for (const auto& [path, value] : entries)
-      if (is_option(path)) dimensions.push_back({path, nullptr, choices_of(path, value)});
+      if (auto said = divided(path); is_option(said.key))
+        dimensions.push_back({path, nullptr, choices_of(path, value), std::move(said)});
     const auto searched = search_last(dimensions);
 
-    std::size_t combinations = 1, bytes = 0;
-    for (const auto& gate : require) bytes += gate.size() + held_beside;
-    for (const auto& [path, key, choices] : dimensions) {
+    std::set<std::string> owners;  // and all, as one
+    for (const auto& dimension : dimensions) owners.insert(dimension.said.component);
+    for (const auto& [component, gates] : required) owners.insert(component);
+    owners.insert("");
+
+    std::size_t combinations = owners.size(), bytes = 0;
+    for (const auto& [component, gates] : required)
+      for (const auto& gate : gates) bytes += gate.size() + held_beside;
+    for (const auto& [path, key, choices, said] : dimensions) {
       combinations *= choices.size();
-      if (scenario_.runs.size() + combinations > most_different_runs)
+      if (different_ + combinations > most_different_runs)
         fail(node,
              fmt::format("run '{}': with every combination of its lists there are more than {} different "
                          "runs; make several scenarios of them",
@@ -271,13 +333,19 @@ class File {
       for (const auto& choice : choices) longest = std::max(longest, choice.value.size());
       bytes += path.size() + longest + held_beside;
     }
+    different_ += combinations;
     hold(id, node, combinations * bytes);
 
     std::vector<std::size_t> at(dimensions.size(), 0);
     while (true) {
-      scenario_.runs.push_back(make_run(id, node, dimensions, at));
-      if (searched) make_step(scenario_.runs.back().step, dimensions.back().choices, at.back());
-      scenario_.runs.back().require = require;
+      scenario_.runs.push_back(make_runs(id, node, dimensions, at, owners));
+      auto& run = scenario_.runs.back();
+      if (searched) make_step(run.step, dimensions.back().choices, at.back());
+      if (const auto gates = required.find(""); gates != required.end()) run.require = gates->second;
+      for (auto& own : run.own) {
+        const auto gates = required.find(own.component);
+        own.require = gates != required.end() ? gates->second : run.require;
+      }
       std::size_t digit = dimensions.size();
       while (digit > 0 && ++at[digit - 1] == dimensions[digit - 1].choices.size()) at[--digit] = 0;
       if (digit == 0) return;
@@ -310,44 +378,72 @@ class File {
     step.of = static_cast<int>(choices.size());
   }
 
-  Run make_run(const std::string& id, const YAML::Node& node, const std::vector<Dimension>& dimensions,
-               const std::vector<std::size_t>& at) const {
-    Run run;
-    run.id = id;
-    run.where = fmt::format("{}:{}", scenario_.file, node.Mark().line + 1);
-    for (std::size_t i = 0; i < dimensions.size(); ++i) {
-      const auto& [path, key, choices] = dimensions[i];
-      const auto& choice = choices[at[i]];
-      try {
-        if (components_) check_with_names(path);
-        if (key == nullptr)
-          set_option(run, path, choice.value);
-        else
-          key->set(run, choice.value);
-      } catch (const std::invalid_argument& error) {
-        fail(choice.node, fmt::format("{}: {}", path, error.what()));
-      }
-      if (&dimensions[i] == &dimensions.back()) run.step.among = run.variant;
-      if (choices.size() > 1 && path != "transport")
-        run.variant += fmt::format("{}{} {}", run.variant.empty() ? "" : ", ", path, choice.value);
-    }
+  // Of all, and of those that have something of their own.
+  Run make_runs(const std::string& id, const YAML::Node& node, const std::vector<Dimension>& dimensions,
+                const std::vector<std::size_t>& at, const std::set<std::string>& owners) const {
+    auto run = make_run(id, node, dimensions, at, "");
+    for (const auto& component : owners)
+      if (!component.empty()) run.own.push_back(make_run(id, node, dimensions, at, component));
     try {
-      complete(run);
-      if (components_)
-        for (const auto& component : scenario_.hosts.components) with_component(run, component.name);
-      if (run.task.transport == "udp") check_addresses();
+      const auto all = together(run, scenario_.hosts);
+      check_addresses(all);
     } catch (const std::invalid_argument& error) {
       fail(node, fmt::format("run '{}': {}", id, error.what()));
     }
     return run;
   }
 
-  // What is between two, or of one of them; and what a bridge, which namespaces are joined by, has not.
-  void check_with_names(const std::string& path) const {
-    for (const auto* prefix : {"link.", "traffic.", "explain"})
-      if (path.starts_with(prefix))
-        throw std::invalid_argument(
-            "this cannot be said of components that have names: leave it out, or components");
+  // Of all components, or of one by its name, where what is said of it alone comes before what is of all.
+  Run make_run(const std::string& id, const YAML::Node& node, const std::vector<Dimension>& dimensions,
+               const std::vector<std::size_t>& at, const std::string& component) const {
+    Run run;
+    run.id = id;
+    run.where = fmt::format("{}:{}", scenario_.file, node.Mark().line + 1);
+    if (!component.empty()) run.component = component;
+    for (std::size_t i = 0; i < dimensions.size(); ++i) {
+      const auto& [path, key, choices, said] = dimensions[i];
+      const auto& choice = choices[at[i]];
+      const bool holds = said.component == component ||
+                         (said.component.empty() && !is_said_anew(dimensions, said.key, component));
+      if (holds) set(run, dimensions[i], choice);
+      if (&dimensions[i] == &dimensions.back()) run.step.among = run.variant;
+      if (choices.size() == 1 || (holds && said.key == "transport")) continue;
+      const auto& name = holds ? said.key : path;
+      auto& text = holds || component.empty() ? run.variant : run.beside;
+      text += fmt::format("{}{} {}", text.empty() ? "" : ", ", name, choice.value);
+    }
+    try {
+      complete(run);
+    } catch (const std::invalid_argument& error) {
+      fail(node, fmt::format("run '{}'{}: {}", id, component.empty() ? "" : ", " + component, error.what()));
+    }
+    return run;
+  }
+
+  // By that key, or, of "realtime", by one below it.
+  static bool is_said_anew(const std::vector<Dimension>& dimensions, const std::string& key,
+                           const std::string& component) {
+    if (component.empty()) return false;
+    return std::any_of(dimensions.begin(), dimensions.end(), [&](const Dimension& other) {
+      return other.said.component == component &&
+             (other.said.key == key || other.said.key.starts_with(key + "."));
+    });
+  }
+
+  void set(Run& run, const Dimension& dimension, const Choice& choice) const {
+    try {
+      check_behind_a_bridge(dimension.path);
+      if (dimension.key == nullptr)
+        set_option(run, dimension.said.key, choice.value);
+      else
+        dimension.key->set(run, choice.value);
+    } catch (const std::invalid_argument& error) {
+      fail(choice.node, fmt::format("{}: {}", dimension.path, error.what()));
+    }
+  }
+
+  // What the bridge has not by which several namespaces are joined.
+  void check_behind_a_bridge(const std::string& path) const {
     const auto& hosts = scenario_.hosts;
     if (hosts.kind != Hosts::Kind::namespaces || hosts.components.size() == 1) return;
     for (const auto* of_ports :
@@ -358,15 +454,21 @@ class File {
             "leave it out, or components");
   }
 
-  // By which alone udp tells components apart.
-  void check_addresses() const {
-    std::map<std::string, std::string> names;
-    for (const auto& [name, host] : scenario_.hosts.components)
-      if (const auto [other, is_first] = names.emplace(host.address, name);
-          !is_first && !host.address.empty())
+  // By which alone udp tells components apart; and iperf3, which listens there.
+  void check_addresses(const Together& all) const {
+    std::map<std::string, std::string> of_udp, of_traffic;
+    const auto check = [](auto& names, const char* whose, const std::string& address, const Run& run) {
+      if (address.empty()) return;
+      if (const auto [other, is_first] = names.emplace(address, run.component); !is_first)
         throw std::invalid_argument(
-            fmt::format("over udp each component has its own address, and {} and {} have the same: {}",
-                        other->second, name, host.address));
+            fmt::format("{} each component has its own address, and {} and {} have the same: {}", whose,
+                        other->second, run.component, address));
+    };
+    for (const auto& run : all) {
+      const auto& address = scenario_.hosts.at(run.component).address;
+      if (run.task.transport == "udp") check(of_udp, "over udp", address, run);
+      if (run.traffic.bits_per_s > 0) check(of_traffic, "with traffic", without_port(address), run);
+    }
   }
 
   void check_only() const {
@@ -386,7 +488,7 @@ class File {
   Scenario scenario_;
   std::optional<YAML::Node> components_;
   std::set<std::string> ids_;
-  std::size_t held_ = 0;
+  std::size_t different_ = 0, held_ = 0;
 };
 
 }  // namespace
@@ -401,8 +503,12 @@ Run Scenario::at(std::size_t number) const {
 std::chrono::duration<double> time_of(const Run& run) {
   constexpr std::chrono::duration<double> beside(
       2);  // start, matching, the account; as seen with three transports
-  const auto& client = run.task.client;
-  return beside + client.duration + static_cast<double>(client.warm_up) * client.period;
+  const auto warm_up = [](const Run& one) {
+    return static_cast<double>(one.task.client.warm_up) * one.task.client.period;
+  };
+  std::chrono::duration<double> longest = warm_up(run);  // all warm up before any begins
+  for (const auto& own : run.own) longest = std::max<std::chrono::duration<double>>(longest, warm_up(own));
+  return beside + run.task.client.duration + longest;
 }
 
 std::chrono::duration<double> time_of(const Scenario& scenario) {

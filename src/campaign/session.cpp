@@ -12,31 +12,35 @@ namespace ontime::campaign {
 using namespace std::chrono_literals;
 using nlohmann::json;
 
-Session::Session(const std::vector<Run>& runs, const std::vector<std::int64_t>& numbers,
+Session::Session(const Together& runs, const std::vector<std::int64_t>& numbers,
                  orders::Coordinator& coordinator, Machines& machines, record::Writer& writer,
                  Observer& observer, Interrupts& interrupts)
-    : run_(runs.front()),
+    : runs_(runs),
+      run_(runs.front()),
       coordinator_(coordinator),
       machines_(machines),
       writer_(writer),
       observer_(observer),
       interrupts_(interrupts) {
-  const Pair::Told told{[this](const auto samples) {
-                          if (windows_) windows_->add(samples);
-                        },
-                        [this] {
-                          observer_.progress(counters(),
-                                             std::min<std::chrono::nanoseconds>(Clock::now() - started_,
-                                                                                run_.task.client.duration));
-                        }};
+  const auto told = [this](std::size_t number) {
+    return Pair::Told{[this, number](const auto samples) {
+                        if (!windows_.empty()) windows_[number].add(samples);
+                      },
+                      [this] {
+                        observer_.progress(counters(),
+                                           std::min<std::chrono::nanoseconds>(Clock::now() - started_,
+                                                                              run_.task.client.duration));
+                      }};
+  };
+  const auto is_secure = [](const Run& run) { return run.security != security::Level::off; };
   try {
-    if (run_.security != security::Level::off) authority_.emplace();
+    if (std::any_of(runs.begin(), runs.end(), is_secure)) authority_.emplace();
   } catch (const transport::Error& error) {
     throw Error(3, error.what());
   }
   for (std::size_t i = 0; i < runs.size(); ++i)
     pairs_.push_back(std::make_unique<Pair>(runs[i], numbers.at(i), coordinator, machines, writer, observer,
-                                            told, authority_ ? &*authority_ : nullptr));
+                                            told(i), authority_ ? &*authority_ : nullptr));
 }
 
 Session::~Session() {
@@ -56,12 +60,15 @@ roundtrip::Counters Session::counters() const {
 }
 
 std::vector<json> Session::measure(std::chrono::nanoseconds wait) {
-  machines_.tune(run_);
+  machines_.tune(runs_);
   for (auto& pair : pairs_) pair->open();
-  machines_.load(run_);
+  machines_.load(runs_);
   if (run_.explain) {
-    traced_ = machines_.trace([this](const auto& host, const auto& window) { windows_->take(host, window); });
-    windows_.emplace(machines_, run_.task.client.deadline);
+    machines_.trace([this](const auto& host, trace::Window window) {
+      if (const auto number = Windows::number_of(window); number < windows_.size())
+        windows_[number].take(host, std::move(window));
+    });
+    for (std::size_t i = 0; i < runs_.size(); ++i) windows_.emplace_back(machines_, runs_[i], i);
   }
   for (auto& pair : pairs_) pair->make_ready(wait);
   // All accounts are opened while nothing is sent: what opening them costs is nobody's round trip.
@@ -70,8 +77,12 @@ std::vector<json> Session::measure(std::chrono::nanoseconds wait) {
   started_ = Clock::now();
   measuring_ = true;
   for (auto& pair : pairs_) pair->go();
-  if (run_.cut) machines_.cut(*run_.cut, [this](std::int64_t at_ns) { pairs_.front()->note_cut(at_ns); });
-  finish(run_.task.client.duration + run_.task.client.timeout + patience);
+  if (std::any_of(runs_.begin(), runs_.end(), [](const Run& run) { return run.cut.has_value(); }))
+    machines_.cut(runs_, [this](const auto& component, std::int64_t at_ns) {
+      for (auto& pair : pairs_)
+        if (component.empty() || component == pair->run().component) pair->note_cut(at_ns);
+    });
+  finish(run_.task.client.duration + longest_timeout() + patience);
   return outcomes();
 }
 
@@ -85,7 +96,7 @@ void Session::finish(std::chrono::nanoseconds longest) {
       stopped_ = true;
       for (auto& pair : pairs_) pair->stop();
     }
-    if (windows_) windows_->order();
+    for (auto& windows : windows_) windows.order();
     if (std::any_of(pairs_.begin(), pairs_.end(), [&](const auto& pair) { return pair->overdue(until); }))
       throw Error(3, "the agent of the controller did not finish, long after its time was over");
     return over();
@@ -120,17 +131,27 @@ void Session::restart_components() {
 
 // What the kernels still know of the last messages, and of all of them into the file.
 void Session::await_windows() {
-  if (!windows_) return;
+  if (windows_.empty()) return;
   const auto until = Clock::now() + patience;
-  windows_->order();
-  coordinator_.until([&] { return windows_->all_came() || Clock::now() > until; }, 1);
-  windows_->write(writer_, pairs_.front()->number());
+  for (auto& windows : windows_) windows.order();
+  const auto all_came = [this] {
+    return std::all_of(windows_.begin(), windows_.end(), [](const auto& one) { return one.all_came(); });
+  };
+  coordinator_.until([&] { return all_came() || Clock::now() > until; }, 1);
+  for (std::size_t i = 0; i < windows_.size(); ++i) windows_[i].write(writer_, pairs_[i]->number());
+}
+
+std::chrono::nanoseconds Session::longest_timeout() const {
+  std::chrono::nanoseconds longest{0};
+  for (const auto& run : runs_) longest = std::max(longest, run.task.client.timeout);
+  return longest;
 }
 
 // As long as a message of ours, theirs may be on its way; then it is lost.
 void Session::await_neighbours() {
-  if (run_.task.neighbours.topics == 0) return;
-  const auto until = Clock::now() + run_.task.client.timeout;
+  const auto has_neighbours = [](const Run& run) { return run.task.neighbours.topics > 0; };
+  if (std::none_of(runs_.begin(), runs_.end(), has_neighbours)) return;
+  const auto until = Clock::now() + longest_timeout();
   coordinator_.until([&] { return Clock::now() > until; }, 1);
 }
 
@@ -143,21 +164,24 @@ std::vector<json> Session::outcomes() {
   machines_.restore();
   std::vector<json> outcomes;
   for (const auto& pair : pairs_) {
+    const auto& run = pair->run();
+    const auto whose = is_named(run) ? run.component + ": " : "";
     auto outcome = pair->outcome(account);
     outcome["interrupted"] = stopped_;  // later, it was whole
-    if (run_.traffic.bits_per_s > 0) {
-      outcome["traffic"] = achieved(run_.traffic, account.traffic);
-      for (const auto& text : shortfalls(outcome.at("traffic"))) observer_.note(text);
+    if (run.traffic.bits_per_s > 0) {
+      outcome["traffic"] = achieved(run.traffic, account.traffic.at(run.component));
+      for (const auto& text : shortfalls(outcome.at("traffic"))) observer_.note(whose + text);
     }
-    if (run_.task.neighbours.topics > 0) {
-      outcome["neighbours"] = achieved(run_.task.neighbours, outcome,
-                                       stopped_ ? std::nullopt : std::optional(run_.task.client.duration));
-      for (const auto& text : shortfalls_of_neighbours(outcome.at("neighbours"))) observer_.note(text);
+    if (run.task.neighbours.topics > 0) {
+      outcome["neighbours"] = achieved(run.task.neighbours, outcome,
+                                       stopped_ ? std::nullopt : std::optional(run.task.client.duration));
+      for (const auto& text : shortfalls_of_neighbours(outcome.at("neighbours")))
+        observer_.note(whose + text);
     }
-    if (windows_) outcome["trace"] = traced_;
+    if (!windows_.empty()) outcome["trace"] = machines_.how_traced(run.component);
     if (const auto why = unproved(outcome)) outcome["link_unproved"] = *why;
-    if (const auto elsewhere = went_elsewhere(outcome, run_.task.client.payload_bytes))
-      outcome["error"] = (is_named(pair->run()) ? pair->run().component + ": " : "") + *elsewhere;
+    if (const auto elsewhere = went_elsewhere(outcome, run.task.client.payload_bytes))
+      outcome["error"] = whose + *elsewhere;
     outcomes.push_back(std::move(outcome));
   }
   return outcomes;
@@ -170,7 +194,7 @@ std::vector<json> Session::salvage() noexcept {
         std::any_of(pairs_.begin(), pairs_.end(), [](const auto& pair) { return !pair->over(); })) {
       for (auto& pair : pairs_) pair->abandon();
       stopped_ = true;
-      finish(run_.task.client.timeout + 5s);
+      finish(longest_timeout() + 5s);
     }
   } catch (const std::exception&) {       // what went wrong first is what is told
   } catch (const orders::Interrupted&) {  // in a hurry

@@ -12,7 +12,7 @@ namespace ontime::campaign {
 class Session {
  public:
   // What comes of each run goes into the writer, as the run of the same place in `numbers`.
-  Session(const std::vector<Run>&, const std::vector<std::int64_t>& numbers, orders::Coordinator&, Machines&,
+  Session(const Together&, const std::vector<std::int64_t>& numbers, orders::Coordinator&, Machines&,
           record::Writer&, Observer&, Interrupts&);
   ~Session();
   Session(const Session&) = delete;
@@ -33,7 +33,9 @@ class Session {
   std::vector<nlohmann::json> outcomes();
   void await_windows();
   void await_neighbours();
+  std::chrono::nanoseconds longest_timeout() const;
 
+  const Together& runs_;
   const Run& run_;  // the first: of what they have in common
   orders::Coordinator& coordinator_;
   Machines& machines_;
@@ -44,8 +46,7 @@ class Session {
   Clock::time_point started_;
   bool measuring_ = false, stopped_ = false;
   std::optional<security::Authority> authority_;
-  std::optional<Windows> windows_;
-  nlohmann::json traced_;
+  std::vector<Windows> windows_;  // of each run, where they are explained
 };
 
 }  // namespace ontime::campaign

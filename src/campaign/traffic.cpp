@@ -60,14 +60,15 @@ std::vector<std::string> ways_of(const Traffic& traffic) {
 }
 
 // The component serves both ways: so only its address need be known, which it is.
-background::Stream stream_of(const Traffic& traffic, const std::string& way, const std::string& end,
+background::Stream stream_of(const Run& run, const std::string& way, const std::string& end,
                              const Hosts& hosts) {
-  const bool serves = end == "component";
+  const auto& traffic = run.traffic;
+  const bool serves = end == run.component;
   const auto& host = hosts.at(end);
   return {.place = host.place,
           .serves = serves,
           .receives = way == to_controller,
-          .address = without_port(hosts.at("component").address),
+          .address = without_port(hosts.at(run.component).address),
           .interface = host.interface,
           .port = first_port + (way == to_controller ? 1 : 0),
           .bits_per_s = traffic.bits_per_s,

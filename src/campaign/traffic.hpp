@@ -17,10 +17,10 @@ std::string without_port(const std::string& address);
 // The ways that were asked for: "to_component", "to_controller".
 std::vector<std::string> ways_of(const Traffic&);
 std::vector<int> ports_of(const Traffic&);  // at the component
-// As one of the two ends has it.
-background::Stream stream_of(const Traffic&, const std::string& way, const std::string& end, const Hosts&);
+// As one of the two ends has it: the controller's, or that component's.
+background::Stream stream_of(const Run&, const std::string& way, const std::string& end, const Hosts&);
 
-// Of each way {asked_bit_s, sent_bit_s, received_bit_s, running, short}, by what both keepers say: of what
+// By what both keepers say, `by_host` controller and component, of each way {asked_bit_s, sent_bit_s, received_bit_s, running, short}: of what
 // one end sent, what the other received; null where it is not known. Short is less than 95 % of what was
 // asked, or less than is known.
 nlohmann::json achieved(const Traffic&, const nlohmann::json& by_host);

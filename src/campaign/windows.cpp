@@ -29,7 +29,16 @@ std::int64_t badness_of(const Sample& sample) {
   return sample.fate == Fate::lost ? 0 : sample.received_ns - awaited_since_ns(sample);
 }
 
+// A message's number has no more bits (roundtrip/ledger.hpp).
+constexpr unsigned index_bits = 40;
+
 }  // namespace
+
+Windows::Windows(Machines& machines, const Run& run, std::size_t number)
+    : machines_(machines),
+      component_(run.component),
+      deadline_(run.task.client.deadline),
+      first_message_(std::uint64_t{number} << index_bits) {}
 
 void Windows::add(std::span<const Sample> samples) {
   for (const auto& sample : samples) clocks_.add(sample);
@@ -60,30 +69,27 @@ void Windows::forget(std::uint64_t message) {
 
 void Windows::order() {
   if (wanted_.empty()) return;
-  for (const auto& host : machines_.traced()) {
+  for (const auto& host : machines_.traced(component_)) {
     const bool by_its_own_clock = host != "controller";
     const auto difference_ns = by_its_own_clock ? clocks_.difference_ns() : 0;
     if (!difference_ns) continue;  // nothing was answered yet: who could say when it was there?
     std::vector<trace::Span> spans;
     spans.reserve(wanted_.size());
     for (const auto& [message, span] : wanted_)
-      spans.push_back({message, span.from_ns + *difference_ns, span.to_ns + *difference_ns});
+      spans.push_back({first_message_ + message, span.from_ns + *difference_ns, span.to_ns + *difference_ns});
     machines_.cut_out(host, spans);
     awaited_ += spans.size();
   }
   wanted_.clear();
 }
 
-void Windows::take(const std::string& host, const nlohmann::json& window) {
+std::size_t Windows::number_of(const trace::Window& window) { return window.span.message >> index_bits; }
+
+void Windows::take(const std::string& host, trace::Window window) {
   if (awaited_ > 0) --awaited_;
-  record::Trace trace{host, {}};
-  try {
-    trace.window = trace::window_of(window);
-  } catch (const trace::Error& error) {
-    throw Error(3,
-                fmt::format("the keeper of the {}'s machine said what is no trace ({})", host, error.what()));
-  }
-  const auto message = trace.window.span.message;
+  window.span.message -= first_message_;
+  const auto message = window.span.message;
+  record::Trace trace{host == "controller" ? host : "component", std::move(window)};
   const bool chosen = std::any_of(chosen_.begin(), chosen_.end(), [&](const auto& of_fate) {
     return std::any_of(of_fate.begin(), of_fate.end(),
                        [&](const auto& one) { return one.message == message; });

@@ -21,12 +21,15 @@ namespace ontime::campaign {
 
 class Windows {
  public:
-  Windows(Machines& machines, std::chrono::nanoseconds deadline) : machines_(machines), deadline_(deadline) {}
+  // Of the run with that number of those that are measured at one time.
+  Windows(Machines&, const Run&, std::size_t number);
 
   void add(std::span<const roundtrip::Sample>);
   // Asks the keepers for what was found worth it since; in the loop, not in a handler.
   void order();
-  void take(const std::string& host, const nlohmann::json& window);
+  void take(const std::string& host, trace::Window window);
+  // Which run's a window is, of those that are measured at one time. Throws Error.
+  static std::size_t number_of(const trace::Window&);
   bool all_came() const { return awaited_ == 0 && wanted_.empty(); }
   void write(record::Writer&, std::int64_t run);
 
@@ -40,7 +43,9 @@ class Windows {
   void forget(std::uint64_t message);
 
   Machines& machines_;
+  const std::string component_;
   const std::chrono::nanoseconds deadline_;
+  const std::uint64_t first_message_;  // as its messages are numbered among those of all runs
   roundtrip::Clocks clocks_;
   std::array<std::set<Chosen>, 3> chosen_;  // by fate, those late by response as late; the least bad first
   std::map<std::uint64_t, trace::Span> wanted_;

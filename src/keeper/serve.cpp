@@ -23,7 +23,7 @@ using namespace std::chrono_literals;
 using nlohmann::json;
 
 json end_of(const machine::NamespaceEnd& end) {
-  return {{"place", end.prefix}, {"interface", end.interface}, {"address", end.address}};
+  return {{"place", end.prefix}, {"interface", end.interface}, {"address", end.address}, {"port", end.port}};
 }
 
 std::optional<machine::Cable> cable_of(const json& ends) {

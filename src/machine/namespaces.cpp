@@ -28,6 +28,8 @@ NamespaceEnd end(const std::string& host, const std::string& other, std::size_t 
   return {host, own, "to-" + other, fmt::format("198.18.0.{}", number), {"ip", "netns", "exec", own}};
 }
 
+std::string leg_to(const std::string& component) { return "to-" + component; }
+
 void configure(const NamespaceEnd& end) {
   const auto inside = [&](std::vector<std::string> arguments) {
     arguments.insert(arguments.begin(), {"-netns", end.name});
@@ -82,7 +84,7 @@ void join(const NamespaceEnd& controller, std::span<const NamespaceEnd> componen
     ip({"-netns", controller.name, "link", "add", controller.interface, "type", "bridge", "mcast_snooping",
         "0"});
   for (const auto& component : components) {
-    const auto leg = "to-" + component.host;
+    const auto leg = leg_to(component.host);
     ip({"link", "add", leg, "netns", controller.name, "type", "veth", "peer", "name", component.interface,
         "netns", component.name});
     if (several) ip({"-netns", controller.name, "link", "set", leg, "master", controller.interface, "up"});
@@ -120,7 +122,10 @@ std::vector<NamespaceEnd> join_namespaces(journal::Journal& journal,
     for (const auto& name : {cable->controller, cable->component}) check_end_of_cable(name);
   const bool several = components.size() > 1;
   std::vector<NamespaceEnd> ends{end("controller", several ? "components" : components.at(0), 1)};
-  for (const auto& component : components) ends.push_back(end(component, "controller", ends.size() + 1));
+  for (const auto& component : components) {
+    ends.push_back(end(component, "controller", ends.size() + 1));
+    if (several) ends.back().port = leg_to(component);
+  }
   for (const auto& end : ends) journal::add_namespace(journal, end.name);
   if (cable)
     lay(*cable, ends.at(0), ends.at(1));

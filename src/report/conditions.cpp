@@ -241,6 +241,7 @@ std::vector<Phrase> phrases_of(const Summary& summary) {
   add("security", at(asked, "security"), "security " + word(at(asked, "security")));
   add_topics(phrases, asked);
   add("component", at(asked, "component"), "component " + word(at(asked, "component")));
+  add("beside", at(asked, "beside"), "beside " + word(at(asked, "beside")));
   add("interface", at(asked, "interface"), interfaces(asked));
   add("duration", at(asked, "duration_s"), seconds(at(asked, "duration_s")));
   add("load", at(asked, "load"), load(asked));
