@@ -1,4 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
+#include <set>
+
 #include <fmt/format.h>
 
 #include "campaign_scenario.hpp"
@@ -6,6 +8,7 @@
 namespace ontime::campaign {
 namespace {
 
+using namespace std::chrono_literals;
 using testing::AllOf;
 using testing::ElementsAre;
 using testing::HasSubstr;
@@ -69,7 +72,8 @@ TEST_F(Components, AreRefusedInWords) {
   for (const auto* odd : {"Arm", "1st", "left-arm", "_a", "abcdefghijklm", "a/b"})
     EXPECT_THAT(of(std::string("[arm, ") + odd + "]"), AllOf(HasSubstr(":1:19: "), HasSubstr("is no name")))
         << odd;
-  for (const auto* taken : {"controller", "component", "components"})
+  for (const auto* taken : {"controller", "component", "components", "link", "traffic", "qos", "period",
+                            "options", "require", "id", "kernel", "controller_2"})
     EXPECT_THAT(of(std::string("[") + taken + "]"), HasSubstr("has a meaning already"));
   EXPECT_THAT(of("[arm, arm]"), HasSubstr("'arm' is there twice"));
   EXPECT_THAT(of("{arm: {address: 1.2.3.4}}"), HasSubstr("a list of names is needed"));
@@ -83,19 +87,164 @@ TEST_F(Components, AreRefusedInWords) {
               HasSubstr(":1:9: hosts: a component is stated here"));
 }
 
-TEST_F(Components, TakeNothingThatIsSaidOfALinkBetweenTwo) {
+TEST_F(Components, TakeWhatIsSaidOfAll) {
   const auto with = [this](const std::string& keys) {
     return error("components: [arm, base]\nruns:\n  - {id: a, transport: udp, " + keys + "}\n");
   };
-  for (const auto* keys : {"traffic: {rate: 1 Mbit/s}", "link: {loss: 1 %}", "link: {cut: 1 s for 1 s}"})
-    EXPECT_THAT(with(keys),
-                AllOf(HasSubstr(":3:"), HasSubstr("cannot be said of components that have names")))
-        << keys;
-  EXPECT_THAT(with("explain: on"), HasSubstr(":3:38: explain: this cannot be said"));
+  for (const auto* keys :
+       {"traffic: {rate: 1 Mbit/s}", "link: {loss: 1 %}", "link: {cut: 1 s for 1 s}", "explain: on",
+        "load: {component: {cpu: 1}}, realtime: on, component: {restart: on}"})
+    EXPECT_EQ(with(keys), "no error") << keys;
+}
+
+// --- conditions of their own ---
+
+TEST_F(Components, MayHaveConditionsOfTheirOwn) {
+  const auto scenario = read(
+      "defaults:\n"
+      "  transport: udp\n"
+      "  arm: {period: 1 ms, deadline: 1 ms, qos: {reliability: reliable}, traffic: {rate: 1 Mbit/s}}\n"
+      "components: [arm, base]\n"
+      "runs:\n"
+      "  - {id: a, period: 20 ms, realtime: on, base: {payload: 1 B}, arm: {transport: fastdds, realtime: "
+      "off}}\n"
+      "  - {id: b, arm: {period: 2 ms}}\n");
+  ASSERT_EQ(scenario.size(), 2u);
+  const auto a = together(scenario.at(0), scenario.hosts), b = together(scenario.at(1), scenario.hosts);
+  ASSERT_EQ(a.size(), 2u);
+  const auto& arm = a[0];
+  EXPECT_EQ(arm.component, "arm");
+  EXPECT_EQ(arm.task.transport, "fastdds");
+  EXPECT_EQ(arm.task.config.ping_topic, "/arm/ping");
+  EXPECT_EQ(arm.task.client.period, 1ms);
+  EXPECT_EQ(arm.task.client.deadline, 1ms);
+  EXPECT_EQ(arm.task.config.qos.reliability, transport::Reliability::reliable);
+  EXPECT_EQ(arm.traffic.bits_per_s, 1'000'000u);
+  EXPECT_FALSE(arm.task.realtime.on);
+  EXPECT_EQ(arm.variant, "component arm");
+  const auto& base = a[1];
+  EXPECT_EQ(base.task.transport, "udp");
+  EXPECT_EQ(base.task.client.period, 20ms);
+  EXPECT_EQ(base.task.client.payload_bytes, 1u);
+  EXPECT_EQ(base.task.config.qos.reliability, transport::Reliability::best_effort);
+  EXPECT_EQ(base.traffic.bits_per_s, 0u);
+  EXPECT_TRUE(base.task.realtime.on);
+  EXPECT_EQ(b[0].task.client.period, 2ms) << "what the run says of it, before what holds for all runs";
+  EXPECT_EQ(b[1].task.client.period, 10ms);
+}
+
+TEST_F(Components, OfWhichOneSettingIsSaidTakeItThoughOthersTakeNone) {
+  const auto scenario = read(
+      "components: [arm, base]\n"
+      "runs: [{id: a, transport: udp, realtime: off, arm: {realtime: {priority: 50}}}]\n");
+  const auto runs = together(scenario.at(0), scenario.hosts);
+  EXPECT_EQ(runs[0].task.realtime.threads.at("send").priority, 50);
+  EXPECT_FALSE(runs[1].task.realtime.on);
+}
+
+TEST_F(Components, SayWhatVariesForOthersBesideWhatVariesForThem) {
+  const auto scenario = read(
+      "components: [arm, base]\n"
+      "runs: [{id: a, transport: [udp, cyclonedds], payload: [1 B, 2 B], arm: {transport: udp, payload: 3 "
+      "B}, "
+      "base: {period: [1 ms, 2 ms]}}]\n");
+  ASSERT_EQ(scenario.size(), 8u);
+  std::set<std::string> keys;
+  for (std::size_t i = 0; i < scenario.size(); ++i)
+    for (const auto& run : together(scenario.at(i), scenario.hosts))
+      keys.insert(record::key_of(asked(run, scenario.hosts)));
+  EXPECT_EQ(keys.size(), 16u) << "none is taken for another when a suite is resumed";
+  const auto last = together(scenario.at(7), scenario.hosts);
+  EXPECT_EQ(last[0].variant, "component arm");
+  EXPECT_EQ(last[0].beside, "transport cyclonedds, payload 2 B, base.period 2 ms");
+  EXPECT_EQ(last[1].variant, "payload 2 B, period 2 ms, component base");
+  EXPECT_EQ(last[1].beside, "");
+  EXPECT_EQ(scenario.at(7).variant, "payload 2 B, base.period 2 ms");
+}
+
+TEST_F(Components, HaveGatesOfTheirOwn) {
+  const auto scenario = read(
+      "components: [arm, base]\n"
+      "runs: [{id: a, transport: udp, require: late <= 5, arm: {require: [late <= 0, lost <= 0]}}]\n");
+  const auto runs = together(scenario.at(0), scenario.hosts);
+  EXPECT_THAT(runs[0].require, ElementsAre("late <= 0", "lost <= 0"));
+  EXPECT_THAT(runs[1].require, ElementsAre("late <= 5"));
+}
+
+TEST_F(Components, AreRepeatedAndSearchedTogether) {
+  const auto scenario = read(
+      "components: [arm, base]\nrepeat: 2\n"
+      "runs: [{id: a, transport: udp, search: arm.period, arm: {period: [9 ms, 8 ms, 7 ms]}}]\n");
+  const auto runs = together(scenario.at(5), scenario.hosts);
+  for (const auto& run : runs) {
+    EXPECT_EQ(run.repetition, 2);
+    EXPECT_EQ(run.step.key, "arm.period");
+    EXPECT_EQ(run.step.number, 2);
+  }
+  EXPECT_EQ(runs[0].task.client.period, 7ms);
+  EXPECT_EQ(runs[1].task.client.period, 10ms);
+}
+
+TEST_F(Components, TakeTransportsInsteadOfTheirOwn) {
   Selection selection;
-  selection.explain = true;
-  EXPECT_THAT(error("components: [arm]" + runs, selection), HasSubstr(":2:8: explain: this cannot be said"));
-  EXPECT_EQ(with("load: {component: {cpu: 1}}, realtime: on, component: {restart: on}"), "no error");
+  selection.transports = {"cyclonedds"};
+  const auto scenario = read(
+      "components: [arm, base]\nruns: [{id: a, transport: udp, arm: {transport: fastdds}}]\n", selection);
+  for (const auto& run : together(scenario.at(0), scenario.hosts))
+    EXPECT_EQ(run.task.transport, "cyclonedds");
+}
+
+TEST_F(Components, AreRefusedWhatIsCommonToAllByName) {
+  const auto with = [this](const std::string& keys, const std::string& components = "[arm, base]") {
+    return error("components: " + components + "\nruns:\n  - {id: a, transport: udp, arm: {" + keys + "}}\n");
+  };
+  EXPECT_THAT(with("duration: 1 s"),
+              AllOf(HasSubstr(":3:36: arm.duration: "), HasSubstr("at the same time")));
+  EXPECT_THAT(with("explain: on"), HasSubstr("for all, or for none"));
+  EXPECT_THAT(with("kernel: {gro: on}"), HasSubstr("arm.kernel.gro: this cannot be said of one"));
+  EXPECT_THAT(with("isolation: {cpus: 0}"), HasSubstr("arm.isolation.cpus: this cannot be said of one"));
+  EXPECT_THAT(with("load: {controller: {cpu: 1}}"), HasSubstr("the controller is one for all"));
+  EXPECT_THAT(with("id: b"), HasSubstr("arm.id: this cannot be said"));
+  EXPECT_THAT(with("search: period"), HasSubstr("say search: NAME.KEY"));
+  EXPECT_THAT(with("link: {message-priority: 1}"), HasSubstr("the controller gives it to all"));
+  EXPECT_EQ(with("link: {message-priority: 1}", "[arm]"), "no error");
+  EXPECT_EQ(with("link: {loss: 1 %}"), "no error");
+  EXPECT_EQ(with("load: {component: {cpu: 1}}, neighbours: {topics: 1}, transport: cyclonedds"), "no error");
+  EXPECT_THAT(with("perod: 1 ms"), AllOf(HasSubstr("unknown key 'arm.perod'"), HasSubstr("period")));
+  EXPECT_THAT(with("period: 1 ms, deadline: 2 s"), HasSubstr("run 'a', arm: the deadline (2 s)"));
+  EXPECT_THAT(error("components: [arm]\nruns: [{id: a, transport: udp, arm: 5}]\n"),
+              HasSubstr("arm: what holds for this component alone"));
+  EXPECT_THAT(error("components: [arm]\nruns: [{id: a, transport: udp, leg: {period: 1 ms}}]\n"),
+              HasSubstr("unknown key 'leg.period'"));
+  EXPECT_THAT(error("runs: [{id: a, transport: udp, arm: {period: 1 ms}}]\n"), HasSubstr("unknown key"));
+  const std::string stated =
+      "hosts: {controller: {}}\ncomponents: {arm: {address: 10.0.0.1}, base: {address: 10.0.0.2}}\n";
+  EXPECT_THAT(error(stated + "runs: [{id: a, transport: udp, arm: {link: {loss: 1 %}}}]\n"),
+              HasSubstr("arm.link.loss: this cannot be said of one component: the controller's interface"));
+  EXPECT_EQ(error(stated + "runs: [{id: a, transport: udp, link: {loss: 1 %}}]\n"), "no error");
+}
+
+TEST_F(Components, WithTrafficHaveAddressesOfTheirOwn) {
+  const auto of = [this](const std::string& keys) {
+    return error("hosts: {controller: {}}\ncomponents: {arm: {address: robot}, base: {address: robot}}\n" +
+                 ("runs: [{id: a, transport: cyclonedds, " + keys + "}]\n"));
+  };
+  EXPECT_THAT(of("traffic: {rate: 1 Mbit/s}"),
+              HasSubstr("with traffic each component has its own address, and arm and base have the same"));
+  EXPECT_EQ(of("arm: {traffic: {rate: 1 Mbit/s}}"), "no error");
+  EXPECT_THAT(of("arm: {transport: udp}, base: {transport: udp}"), HasSubstr("over udp"));
+  EXPECT_EQ(of("arm: {transport: udp}"), "no error");
+}
+
+TEST_F(Components, EachOfWhichHasConditionsAreCountedAsRuns) {
+  std::string list = "1 B";
+  for (int i = 2; i <= 5000; ++i) list += fmt::format(", {} B", i);
+  const auto of = [&](const std::string& own) {
+    return error("components: [arm, base]\nruns: [{id: a, transport: udp, payload: [" + list + "]" + own +
+                 "}]\n");
+  };
+  EXPECT_EQ(of(", arm: {period: 1 ms}"), "no error");
+  EXPECT_THAT(of(", arm: {period: 1 ms}, base: {period: 1 ms}"), HasSubstr("more than 10000 different runs"));
 }
 
 TEST_F(Components, BehindABridgeTakeNothingThatIsOfItsPorts) {

@@ -28,11 +28,13 @@ TEST(Streams, TheComponentServesBothWays) {
   const Traffic traffic{.bits_per_s = 1000, .datagram_bytes = 100, .priority = 3};
   EXPECT_THAT(ways_of(traffic), ElementsAre("to_component", "to_controller"));
   EXPECT_TRUE(ways_of({}).empty());
-  const auto serves = stream_of(traffic, "to_component", "component", two);
+  campaign::Run run;
+  run.traffic = traffic;
+  const auto serves = stream_of(run, "to_component", "component", two);
   EXPECT_TRUE(serves.serves);
   EXPECT_THAT(serves.place, ElementsAre("right"));
   EXPECT_EQ(serves.address, "10.0.0.2") << "the port is a transport's";
-  const auto back = stream_of(traffic, "to_controller", "controller", two);
+  const auto back = stream_of(run, "to_controller", "controller", two);
   EXPECT_FALSE(back.serves);
   EXPECT_TRUE(back.receives);
   EXPECT_THAT(back.place, ElementsAre("left"));

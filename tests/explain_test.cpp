@@ -291,6 +291,21 @@ TEST_P(Explained, ANumberOfAPacketIsGivenToTheNext) {
   EXPECT_EQ(packets[1].sent, nullptr);
 }
 
+TEST_P(Explained, APacketThatABridgeHandsOnIsOne) {
+  event(sent + 5 * us, 0, Kind::queued, asks, 0, "to-components", 1);
+  event(sent + 6 * us, 0, Kind::sent, asks, 0, "to-components", 1);
+  event(sent + 7 * us, 0, Kind::queued, asks, 0, "to-arm", 1);
+  event(sent + 8 * us, 0, Kind::sent, asks, 0, "to-arm", 1);
+  event(sent + 9 * us, 0, Kind::dropped, asks, 0, "NETFILTER_DROP", 1);
+  const Timeline timeline(window_, 0);
+  const auto packets = packets_of(
+      timeline, [](std::int32_t thread) { return thread == asks; }, true, due, due + ms);
+  ASSERT_THAT(packets, SizeIs(1));
+  EXPECT_EQ(packets[0].sent->at_ns, sent + 6 * us);
+  ASSERT_NE(packets[0].dropped, nullptr);
+  EXPECT_EQ(packets[0].dropped->what, "NETFILTER_DROP");
+}
+
 INSTANTIATE_TEST_SUITE_P(Kernel, Explained, testing::Values(true, false), [](const auto& told) {
   return told.param ? "TellsLeavingIdle" : "DoesNotTellLeavingIdle";
 });

@@ -77,8 +77,7 @@ class Suite {
     int code = 0;             // to exit with
     bool ends_search = true;  // also if they failed
   };
-  Result carry_out(const Together& runs, std::chrono::nanoseconds wait,
-                   const std::vector<json>& asked) {
+  Result carry_out(const Together& runs, std::chrono::nanoseconds wait, const std::vector<json>& asked) {
     Numbers numbers;
     for (const auto& record : asked) numbers.push_back(writer_.begin_run(record));
     int code = 0;
@@ -217,7 +216,7 @@ json asked(const Run& run, const Hosts& hosts) {
       {"id", run.id},
       {"title", run.title},
       {"variant", run.variant},
-      {"beside", run.beside},
+      {"beside", or_null(run.beside)},
       {"adds_to", run.adds_to},
       {"search", asked(run.step)},
       {"repetition", run.repetition},

@@ -85,7 +85,9 @@ class HostsOfFile {
   static bool has_a_meaning(const std::string& name) {
     for (const auto* word : {"controller", "component", "components", "id", "require", "options"})
       if (name == word || name.starts_with("controller_")) return true;  // of what is made for it there
-    const auto begins_so = [&](const Key& key) { return key.path == name || key.path.starts_with(name + "."); };
+    const auto begins_so = [&](const Key& key) {
+      return key.path == name || key.path.starts_with(name + ".");
+    };
     return std::any_of(keys().begin(), keys().end(), begins_so);
   }
 

@@ -108,7 +108,8 @@ class File {
   }
   bool is_component(const std::string& name) const {
     const auto& all = scenario_.hosts.components;
-    return components_ && std::any_of(all.begin(), all.end(), [&](const auto& one) { return one.name == name; });
+    return components_ &&
+           std::any_of(all.begin(), all.end(), [&](const auto& one) { return one.name == name; });
   }
 
   void flatten(const YAML::Node& node, const std::string& prefix, Entries& entries) const {

@@ -20,9 +20,9 @@ std::vector<int> ports_of(const Traffic&);  // at the component
 // As one of the two ends has it: the controller's, or that component's.
 background::Stream stream_of(const Run&, const std::string& way, const std::string& end, const Hosts&);
 
-// By what both keepers say, `by_host` controller and component, of each way {asked_bit_s, sent_bit_s, received_bit_s, running, short}: of what
-// one end sent, what the other received; null where it is not known. Short is less than 95 % of what was
-// asked, or less than is known.
+// By what both keepers say, `by_host` controller and component, of each way {asked_bit_s, sent_bit_s,
+// received_bit_s, running, short}: of what one end sent, what the other received; null where it is not known.
+// Short is less than 95 % of what was asked, or less than is known.
 nlohmann::json achieved(const Traffic&, const nlohmann::json& by_host);
 // Of what fell short, for people; nothing if nothing did.
 std::vector<std::string> shortfalls(const nlohmann::json& achieved);

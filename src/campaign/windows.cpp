@@ -29,7 +29,7 @@ std::int64_t badness_of(const Sample& sample) {
   return sample.fate == Fate::lost ? 0 : sample.received_ns - awaited_since_ns(sample);
 }
 
-// A message's number has no more bits (roundtrip/ledger.hpp).
+// A message's number has no more bits (message/message.hpp).
 constexpr unsigned index_bits = 40;
 
 }  // namespace

@@ -14,6 +14,13 @@ std::vector<Packet> packets_of(const Timeline& timeline, const std::function<boo
   for (const auto& event : timeline.events()) {
     if (event.at_ns < from_ns || event.at_ns > to_ns) continue;
     if (event.kind == Kind::queued) {
+      if (const auto on = open.find(event.packet); on != open.end()) {
+        auto& packet = packets[on->second];
+        const bool by_a_bridge = packet.sent != nullptr && packet.received == nullptr &&
+                                 packet.queued->what != event.what &&
+                                 packet.queued->thread.id == event.thread.id;
+        if (by_a_bridge) continue;  // it is the same packet, on the port that leads on
+      }
       open.erase(event.packet);
       if (!ours(event.thread.id)) continue;
       if (event.packet != 0) open[event.packet] = packets.size();

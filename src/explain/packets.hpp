@@ -16,7 +16,8 @@ struct Packet {
 };
 
 // Of threads that are `ours`, from `from_ns` until `to_ns`, in order. The kernel gives a packet's number to
-// another as soon as it is done with it. `one_machine`: what is received there is what was sent.
+// another as soon as it is done with it; one that comes again on another interface is handed on, by a
+// bridge. `one_machine`: what is received there is what was sent.
 std::vector<Packet> packets_of(const Timeline&, const std::function<bool(std::int32_t thread)>& ours,
                                bool one_machine, std::int64_t from_ns, std::int64_t to_ns);
 

@@ -8,7 +8,7 @@
 //                         ontimes, where this program lies
 //   join   {components, cable}  joined {hosts}: namespaces, of the controller and of each component by its
 //                         name, {place, interface, address, port: of the controller's bridge, "" where it
-  //                        has none}; cable: null, or the names of two interfaces
+//                        has none}; cable: null, or the names of two interfaces
 //                         that are to join the controller and its one component
 //   tune   {host, link, wishes}  tuned {settings} of a host, all of them applied, until restore; or {error},
 //                         and nothing is changed

@@ -131,7 +131,7 @@ struct NamespaceEnd {
   std::string host;  // "controller", or the component's name
   std::string name, interface, address;
   std::vector<std::string> prefix;  // {"ip", "netns", "exec", name}
-  std::string port{};               // of the bridge that the controller has then, where components are several
+  std::string port{};  // of the bridge that the controller has then, where components are several
 };
 // The controller's first.
 std::vector<NamespaceEnd> join_namespaces(journal::Journal&,

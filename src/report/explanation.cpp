@@ -37,8 +37,10 @@ Marks marks_of(Format format) {
 }
 
 std::string name_of(const Explained& one) {
-  return fmt::format("run {}, {} ({})", one.run.number, word(at(one.run.asked, "id")),
-                     word(at(one.run.asked, "transport")));
+  const auto& component = at(one.run.asked, "component");
+  return fmt::format("run {}, {} ({}{})", one.run.number, word(at(one.run.asked, "id")),
+                     word(at(one.run.asked, "transport")),
+                     component.is_null() ? "" : ", component " + word(component));
 }
 
 std::string text_of(const Explained& one, const Marks& marks) {
@@ -124,6 +126,7 @@ ordered_json json_of(const Explained& one) {
   return {{"run", one.run.number},
           {"id", word(at(one.run.asked, "id"))},
           {"transport", word(at(one.run.asked, "transport"))},
+          {"component", at(one.run.asked, "component")},
           {"traced", one.account.traced},
           {"late", one.account.late},
           {"lost", one.account.lost},
