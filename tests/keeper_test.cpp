@@ -102,6 +102,18 @@ TEST_F(Keeper, RefusesASettingByItsNameAndGoesOn) {
   EXPECT_TRUE(ask("restore", "restored").at("notes").empty());
 }
 
+TEST_F(Keeper, GoesOnWithoutALinkThatItCannotCount) {
+  const auto answer = ask("link", "linked",
+                          {{"host", "controller"},
+                           {"network_namespace", ""},
+                           {"interface", "no-such-link"},
+                           {"faults", to_json(background::Faults{})},
+                           {"not_counted", {5201}}});
+  EXPECT_THAT(answer.value("error", ""), HasSubstr("no-such-link"));
+  ask("begin", "begun");
+  EXPECT_TRUE(ask("end", "ended").at("links").empty());
+}
+
 TEST_F(Keeper, SaysWhatItCannot) {
   keeper_.order("load", {{"host", "controller"}, {"load", to_json(background::Workers{})}});
   EXPECT_THROW(coordinator_.until([] { return false; }), orders::Error);

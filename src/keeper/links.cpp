@@ -13,11 +13,13 @@ void Links::add(const json& order) {
   const std::string host = order.at("host");
   links_.erase(host);
   const json& not_counted = order.at("not_counted");
-  links_[host].by_ip = !not_counted.is_null();
-  links_[host].link = std::make_unique<background::Link>(
+  auto link = std::make_unique<background::Link>(
       journal_, background::Link::Place{host, order.at("network_namespace"), order.at("interface")},
       faults_of(order.at("faults")),
       not_counted.is_null() ? std::vector<int>{} : not_counted.get<std::vector<int>>());
+  auto& counted = links_[host];  // one that could not be had is none
+  counted.link = std::move(link);
+  counted.by_ip = !not_counted.is_null();
 }
 
 void Links::cut(const std::string& host, std::chrono::milliseconds after, std::chrono::milliseconds length) {

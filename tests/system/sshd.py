@@ -52,11 +52,11 @@ def serving(folder, namespace, temporary, more_users=""):
             os.rmdir("/run/sshd")
 
 
-def configure_client(folder, own, **changes):
-    """Of the host "robot", in a folder of the client's own."""
+def configure_client(folder, own, host="robot", **changes):
+    """Of that host, in a folder of the client's own."""
     settings = {"Port": PORT, "User": "root", "IdentityFile": folder / "user_key", "IdentitiesOnly": "yes",
                 "UserKnownHostsFile": own / "known_hosts", "GlobalKnownHostsFile": "/dev/null", **changes}
-    (own / "ssh_config").write_text("Host robot\n" + "".join(f"{key} {value}\n" for key, value in settings.items()))
+    (own / "ssh_config").write_text(f"Host {host}\n" + "".join(f"{key} {value}\n" for key, value in settings.items()))
 
 
 def make_client(folder, own, addresses):

@@ -4,6 +4,7 @@
 without. ONTIME names the program."""
 
 import contextlib
+import json
 import os
 import signal
 import sqlite3
@@ -87,6 +88,69 @@ class Components(Program):
         finally:
             for name in names:
                 subprocess.run(["ip", "netns", "del", name], check=False)
+
+    def test_each_may_have_conditions_of_its_own_and_its_row_says_so(self):
+        text = SCENARIO.replace("period: 5 ms,", "left_arm: {period: 2 ms, deadline: 2 ms, payload: 64 B, require: [late < 0]}, period: 5 ms,")
+        answer = self.run_ontime("run", self.scenario("1 s", text=text, transports=["udp"]), "--results", self.results)
+        self.assertEqual(answer.returncode, 1, "what only the arm requires is missed: " + answer.stderr)
+        arm, base = self.report()
+        self.assertEqual([run["period_us"] for run in (arm, base)], [2000, 5000])
+        self.assertEqual([run["payload_bytes"] for run in (arm, base)], [64, 500])
+        self.assertEqual([run["sent"] + run["skipped_cycles"] for run in (arm, base)], [500, 200])
+        self.assertRegex(answer.stdout, r"(?m)^udp 64 B every 2 ms component left_arm")
+        self.assertRegex(answer.stdout, r"(?m)^udp 500 B every 5 ms .*component base")
+
+    def test_traffic_flows_between_the_controller_and_whom_it_is_said_of(self):
+        text = SCENARIO.replace("{component: {cpu: 1}}", "{component: {cpu: 0}}\n    traffic: {rate: 4 Mbit/s}") + (
+            "  - {id: one, base: {traffic: {rate: 4 Mbit/s, direction: to-component}}}\n")
+        answer = self.run_ontime("run", self.scenario("2 s", text=text, transports=["udp"]), "--results", self.results)
+        self.assertEqual(answer.returncode, 0, answer.stderr)
+        runs = self.report()
+        achieved = [run["conditions"]["traffic"]["achieved"] for run in runs]
+        self.assertEqual([set(ways or {}) for ways in achieved],
+                         [{"to_component", "to_controller"}, {"to_component", "to_controller"}, set(), {"to_component"}])
+        for run, ways in zip(runs, achieved):
+            self.assertIsNone(run["error"])
+            self.assertIsNone(run["link_unproved"])
+            carried = run["hosts"]["component"]["link"]["received_bytes"]
+            if ways:
+                self.assertGreater(ways["to_component"]["received_bit_s"], 1e6)
+                self.assertGreater(carried, ways["to_component"]["received_bit_s"] / 8)
+            else:
+                self.assertLess(carried, 400 * 1000, "the other's traffic is not on its link")
+
+    def test_faults_are_of_the_link_that_they_are_said_of(self):
+        text = SCENARIO.replace("duration: %s", "duration: %s, timeout: 100 ms").replace("load: {component: {cpu: 1}}", "base: {link: {loss: 20 %%}}") + (
+            "  - {id: cut, link: {cut: 500 ms for 300 ms}}\n  - {id: cut-one, left_arm: {link: {cut: 500 ms for 300 ms}}}\n")
+        answer = self.run_ontime("run", self.scenario("2 s", text=text, transports=["udp"]), "--results", self.results)
+        self.assertEqual(answer.returncode, 0, answer.stderr)
+        runs = self.report()
+        ours = [{name: host["link"].get("faults") for name, host in run["hosts"].items()} for run in runs]
+        self.assertEqual(ours[0], {"controller": None, "component": None})
+        frames = sum(faults["lost_frames"] for faults in ours[1].values())
+        self.assertGreater(frames, 0)
+        self.assertGreater(runs[1]["lost"], 0)
+        self.assertLessEqual(runs[1]["lost"], frames)
+        self.assertEqual([[note["kind"] for note in run["notes"]] for run in runs[2:]],
+                         [["link-cut", "link-back"], ["link-cut", "link-back"], ["link-cut", "link-back"], []])
+        self.assertGreater(min(run["lost"] for run in runs[2:5]), 0)
+
+    def test_explained_each_has_windows_of_its_own_messages(self):
+        text = SCENARIO.replace("load: {component: {cpu: 1}}", "load: {component: {cpu: 2}}\n    explain: on\n    base: {link: {loss: 20 %%}}")
+        text = text.replace("duration: %s", "duration: %s, timeout: 100 ms")
+        answer = self.run_ontime("run", self.scenario("2 s", text=text, transports=["udp"]), "--results", self.results)
+        if "tracefs" in answer.stderr:
+            self.skipTest(answer.stderr)
+        self.assertEqual(answer.returncode, 0, answer.stderr)
+        explained = self.run_ontime("explain", self.results, "--format", "json")
+        self.assertEqual(explained.returncode, 0, explained.stderr)
+        arm, base = json.loads(explained.stdout)["runs"]
+        self.assertEqual([arm["component"], base["component"]], ["left_arm", "base"])
+        for run in (arm, base):
+            self.assertTrue(run["traced"])
+            self.assertGreater(len(run["messages"]), 0)
+        causes = {message["parts"][0]["cause"] for message in base["messages"] if message["fate"] == "lost"}
+        self.assertIn("dropped", causes, "also where a bridge handed the packet on")
 
     def test_one_alone_may_have_a_name(self):
         text = SCENARIO.replace("[left_arm, base]", "[left_arm]")
