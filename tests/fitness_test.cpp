@@ -68,6 +68,12 @@ TEST_F(Machine, WithoutAnythingHasNothingThatIsWrongButItsKernel) {
   EXPECT_EQ(all[0].check, "preemption");
 }
 
+TEST_F(Machine, OfWhichAFileOpensAndCannotBeReadIsCheckedAllTheSame) {
+  fs::create_directories(root_ + "/proc/cmdline");
+  fs::create_directories(root_ + "/sys/kernel/realtime");
+  EXPECT_FALSE(check({root_, {}, {}}).empty());
+}
+
 TEST_F(Machine, IsPreemptibleOrNot) {
   EXPECT_EQ(severity("preemption", "/proc/version", "Linux version 6.1.0-rt (x) #1 SMP PREEMPT_RT Debian"),
             Severity::fine);

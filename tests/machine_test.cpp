@@ -36,6 +36,9 @@ using ::testing::StartsWith;
 
 // --- what /proc says
 
+// As of a process that ends while its file is read.
+TEST(Proc, WhatOpensAndCannotBeReadIsNothing) { EXPECT_EQ(text_of("/proc"), std::nullopt); }
+
 TEST(Proc, FieldsAreFoundByTheirWholeName) {
   const std::string text =
       "vendor_id\t: A\nmodel\t\t: 17\nmodel name\t: AMD EPYC: 7\nempty :\nmodel name : second\n";

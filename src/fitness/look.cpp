@@ -33,9 +33,12 @@ std::optional<Number> number_of(const std::string& text) {
 std::optional<std::string> Look::text(const std::string& path) const {
   std::ifstream file(at(path));
   if (!file) return {};
-  std::string text(std::istreambuf_iterator<char>(file), {});
-  if (file.bad()) return {};
-  return trimmed(text);
+  try {
+    std::string text(std::istreambuf_iterator<char>(file), {});
+    return trimmed(text);
+  } catch (const std::ios_base::failure&) {  // of a process that has ended meanwhile
+    return {};
+  }
 }
 
 std::optional<std::int64_t> Look::number(const std::string& path) const {

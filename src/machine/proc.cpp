@@ -18,9 +18,12 @@ constexpr const char* white = " \t\n\r";
 std::optional<std::string> text_of(const std::string& path) {
   std::ifstream file(path);
   if (!file) return {};
-  std::string text(std::istreambuf_iterator<char>(file), {});
-  if (file.bad()) return {};
-  return text;
+  try {
+    std::string text(std::istreambuf_iterator<char>(file), {});
+    return text;
+  } catch (const std::ios_base::failure&) {  // of a process that has ended meanwhile
+    return {};
+  }
 }
 
 std::optional<std::string> word(const std::optional<std::string>& text) {
