@@ -273,8 +273,22 @@ TEST_F(CoordinatorTest, OneThatIsTerminatedIsAnInterruption) {
   for (const int signal : {SIGTERM, SIGHUP}) kill(pid, signal);  // as a session's end does
   EXPECT_EQ(failure([&] { coordinator_.until([] { return false; }); }), "interrupted");
   EXPECT_EQ(interrupts_, 1);
-  hand.order("answer");  // and goes on carrying out orders for a while
+  // What is under way may take longer than anybody may be silent, and is its coordinator's to end.
+  const auto later = std::chrono::steady_clock::now() + longest_silence + 2s;
+  coordinator_.until([&] { return std::chrono::steady_clock::now() > later; }, 1);
+  hand.order("answer");
   coordinator_.await(hand, "answered", 10s, 1);
+}
+
+// A person is: he need not wait for what a coordinator still has to do.
+TEST_F(CoordinatorTest, OneThatIsInterruptedAfterThatLeavesAtOnce) {
+  Coordinator::Hand hand(coordinator_, "the worker", worker("obedient"), "s");
+  const auto pid = pid_of(hand);
+  kill(pid, SIGTERM);
+  EXPECT_EQ(failure([&] { coordinator_.until([] { return false; }); }), "interrupted");
+  kill(pid, SIGINT);
+  EXPECT_THAT(failure([&] { coordinator_.until([] { return false; }, 1); }), HasSubstr("3 the worker"));
+  EXPECT_TRUE(hand.lost());
 }
 
 // What a worker says that is alone: here the coordinator is this test, which says nothing.

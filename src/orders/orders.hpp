@@ -67,8 +67,8 @@ class Worker {
 };
 
 // Carries out orders from standard input until its end, a failure, or the coordinator's silence. A SIGTERM is
-// told to the coordinator ("terminated"), whose orders are awaited for a while: what stops a service stops
-// all its processes at once. Returns the exit code.
+// told to the coordinator ("terminated"), which ends what is under way as long as it lives: what stops a
+// service stops all its processes at once. A SIGINT after it ends this one. Returns the exit code.
 int serve(const std::string& samples, const std::function<std::unique_ptr<Worker>(Events&)>& make);
 
 // ── The coordinator's side

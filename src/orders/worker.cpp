@@ -2,6 +2,7 @@
 #include <algorithm>
 #include <condition_variable>
 #include <csignal>
+#include <utility>
 
 #include <fcntl.h>
 #include <fmt/format.h>
@@ -69,7 +70,7 @@ class Pipe final : public Events {
 void obey_all(Pipe& pipe, Worker& worker) {
   auto& frames = pipe.frames();
   auto heard = Clock::now();
-  std::optional<Clock::time_point> terminated;
+  bool told = false;
   while (true) {
     const auto alone = std::min(worker.go_on(), std::chrono::milliseconds(1000));
     pollfd waiting{frames.in(), POLLIN, 0};
@@ -79,11 +80,8 @@ void obey_all(Pipe& pipe, Worker& worker) {
       const std::string order = frame->message.value("order", "");
       if (order != "beat") worker.obey(order, frame->message);
     }
-    if (terminations > 0 && !terminated) {
-      terminated = Clock::now();
-      pipe.tell("terminated", json::object(), {});
-    }
-    if (terminations > 1 || (terminated && Clock::now() - *terminated > longest_silence)) return;
+    if (terminations > 0 && !std::exchange(told, true)) pipe.tell("terminated", json::object(), {});
+    if (terminations > 1) return;
     if (Clock::now() - heard > longest_silence)
       throw Error(
           3, fmt::format("the coordinator (the ontime that was started by hand) was silent for {} s: it was "
