@@ -25,6 +25,14 @@ constexpr std::uint64_t warm_up = 200;
 constexpr std::uint64_t messages = 1000;
 constexpr std::size_t payload_bytes = 500;
 
+#ifdef ONTIME_HAS_TLSF
+constexpr const char* allocators[] = {"default", "tlsf", "pmr"};
+constexpr const char* left_out = "";
+#else
+constexpr const char* allocators[] = {"default", "pmr"};
+constexpr const char* left_out = "\nleft out: tlsf, for tlsf_cpp was not there when this was built\n";
+#endif
+
 struct Case {
   std::string rmw;
   std::string allocator;
@@ -81,12 +89,13 @@ void print(const std::vector<Case>& cases, const std::vector<Counts>& results) {
       std::printf("%22.2f", static_cast<double>(counts[layer]) / static_cast<double>(messages));
     std::printf("\n");
   }
+  std::printf("%s", left_out);
 }
 
 int run(const std::vector<std::string>& rmws) {
   std::vector<Case> cases;
   for (const auto& rmw : rmws)
-    for (const char* allocator : {"default", "tlsf", "pmr"}) cases.push_back({rmw, allocator});
+    for (const char* allocator : allocators) cases.push_back({rmw, allocator});
   std::vector<Counts> results;
   std::vector<Case> measured;
   for (const Case& what : cases) {

@@ -5,6 +5,7 @@
 #include <chrono>
 #include <thread>
 
+#include "environment.hpp"
 #include "transport/clock.hpp"
 #include "transport/cyclonedds/configuration.hpp"
 #include "transport/dds.hpp"
@@ -28,8 +29,15 @@ void await_names(const std::vector<pid_t>& created) {
   } while (now_ns() < until_ns);
 }
 
+// Its thread that sends again sends everything then, and as it spins for locks it has no priority all the
+// same.
+bool sends_asynchronously() { return environment("RMW_FASTRTPS_PUBLICATION_MODE") == "ASYNCHRONOUS"; }
+
 std::vector<Thread> of_fastdds(const std::vector<pid_t>& created, int domain) {
   auto found = fastdds::tell_apart({created.begin(), created.end() - 1}, domain);
+  if (sends_asynchronously())
+    for (auto& thread : found)
+      if (thread.role == "resend") thread.name += " (sends all: ASYNCHRONOUS)";
   for (const auto& task : dds::tasks())
     if (task.tid == created.back()) found.push_back(graph_thread(task));
   return found;
