@@ -6,38 +6,20 @@
 #include <filesystem>
 #include <iterator>
 
-#include <dlfcn.h>
-#include <link.h>
 #include <linux/filter.h>
 #include <netinet/in.h>
 #include <sys/socket.h>
 #include <unistd.h>
 
 #include "dds_ends.hpp"
+#include "dds_library.hpp"
 #include "transport/clock.hpp"
 
 namespace {
 
-std::atomic<std::int64_t> taken_ns{0};  // when the middleware last handed us a message
+using ontime::transport::test::in_library;
 
-// The function that a call would have reached without us: transports are loaded where RTLD_NEXT does not
-// look.
-template <typename Function>
-Function* in_library(const char* library, const char* function) {
-  struct Wanted {
-    const char* name;
-    void* handle = nullptr;
-  } wanted{library};
-  dl_iterate_phdr(
-      [](dl_phdr_info* info, std::size_t, void* data) {
-        auto& of = *static_cast<Wanted*>(data);
-        if (!std::filesystem::path(info->dlpi_name).filename().string().starts_with(of.name)) return 0;
-        of.handle = dlopen(info->dlpi_name, RTLD_LAZY | RTLD_NOLOAD);
-        return 1;
-      },
-      &wanted);
-  return reinterpret_cast<Function*>(dlsym(wanted.handle, function));
-}
+std::atomic<std::int64_t> taken_ns{0};  // when the middleware last handed us a message
 
 constexpr const char* fast_take =
     "_ZN8eprosima7fastdds3dds10DataReader16take_next_sampleEPvPNS1_10SampleInfoE";

@@ -12,6 +12,37 @@
 #include <unistd.h>
 
 #include "dds_ends.hpp"
+#include "dds_library.hpp"
+
+namespace {
+
+constexpr const char* fast_load =
+    "_ZN8eprosima7fastdds3dds24DomainParticipantFactory24load_XML_profiles_stringEPKcm";
+constexpr const char* fast_log =
+    "_ZN8eprosima7fastdds3dds3Log8QueueLogERKNSt7__cxx1112basic_stringIcSt11char_traitsIcESaIcEEERKNS2_"
+    "7ContextENS2_4KindE";
+
+bool another_participant_speaks = false;  // while profiles are loaded
+
+}  // namespace
+
+// This program stands between the transport and its middleware's function that loads profiles.
+extern "C" std::uint32_t load_profiles(void* factory, const char* xml, std::size_t bytes) asm(
+    "_ZN8eprosima7fastdds3dds24DomainParticipantFactory24load_XML_profiles_stringEPKcm");
+extern "C" std::uint32_t load_profiles(void* factory, const char* xml, std::size_t bytes) {
+  using ontime::transport::test::in_library;
+  struct Context {
+    const char* file;
+    int line;
+    const char *function, *category;
+  };
+  enum class Kind { error };
+  const auto result = in_library<decltype(load_profiles)>("libfastrtps.so", fast_load)(factory, xml, bytes);
+  if (another_participant_speaks)
+    in_library<void(const std::string&, const Context&, Kind)>("libfastrtps.so", fast_log)(
+        "its network is gone", {"", 0, "", "RTPS_MSG_OUT"}, Kind::error);
+  return result;
+}
 
 namespace ontime::transport::test {
 namespace {
@@ -272,6 +303,13 @@ TEST_F(FastXml, ThatIsWrongIsRefusedByItsLine) {
   config.options["profiles"] = path;
   const auto said = refusal(transport_, config);
   expect_contains(said, "wrong input: fastdds: " + path + ", line 2");
+}
+
+TEST_F(FastXml, WhatAnotherParticipantSaysMeanwhileIsNoFaultOfIt) {
+  another_participant_speaks = true;
+  const auto said = refusal(transport_, config_of(Role::client));
+  another_participant_speaks = false;
+  EXPECT_EQ(said, "");
 }
 
 TEST_F(FastXml, ThatIsNamedAndNotThereIsRefused) {

@@ -221,6 +221,16 @@ TEST(Judge, WhatWasNotMeasuredAsAskedHoldsNoLine) {
   idle.run.outcome["traffic"] = {{"to_component", {{"short", false}}}, {"to_controller", {{"short", true}}}};
   EXPECT_EQ(judged("p99 > 2 ms", idle).says, "the traffic that was asked for was not there");
   EXPECT_EQ(judged("late > 0", idle).result, Result::cannot_judge);
+  auto tuned = run(measured(1, 0.5, 1.5));
+  auto& set = tuned.run.outcome["hosts"]["controller"]["kernel"];
+  set = {{{"setting", "irq-threads"}, {"thing", "irq/1"}, {"after", "fifo 90"}, {"now", "fifo 90"}}};
+  EXPECT_EQ(judged("p99 > 2 ms", tuned).result, Result::held);
+  for (const auto& now : {json("other"), json()}) {
+    set[0]["now"] = now;
+    EXPECT_EQ(judged("p99 > 2 ms", tuned).result, Result::cannot_judge);
+    EXPECT_EQ(judged("late > 0", tuned).says,
+              "kernel.irq-threads was not as it was asked for to the end, on the controller");
+  }
   auto whole = run(measured(1, 0.5, 1.5));
   whole.run.outcome["hosts"]["component"]["link"]["gone"] = "somebody took the rules away";
   EXPECT_EQ(judged("p99 > 2 ms", whole).result, Result::held) << "there were to be no faults";

@@ -8,11 +8,13 @@
 #include <cstdlib>
 #include <fstream>
 #include <functional>
+#include <memory>
 #include <new>
 #include <optional>
 #include <string>
 #include <thread>
 #include <utility>
+#include <vector>
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -118,6 +120,7 @@ struct Case {
   transport::Receive receive;
   transport::Reliability reliability = transport::Reliability::best_effort;
   std::size_t payload_bytes = 500;
+  std::optional<Where> neighbours = {};
 };
 void PrintTo(const Case& value, std::ostream* out) {
   *out << value.transport << ' ' << word_of(value.schedule);
@@ -146,6 +149,10 @@ std::vector<Case> cases() {
       for (const auto bytes : {small, beyond_a_datagram})
         for (const auto& [schedule, receive] : dds)
           result.push_back({transport, schedule, receive, reliability, bytes});
+  for (const auto* transport : {"cyclonedds", "fastdds"})
+    for (const auto where : {Where::same_participant, Where::same_process})
+      for (const auto& [schedule, receive] : dds)
+        result.push_back({transport, schedule, receive, Reliability::best_effort, small, where});
   return result;
 }
 
@@ -160,7 +167,37 @@ std::string name_of(const testing::TestParamInfo<Case>& info) {
   std::erase(name, '-');
   name += value.receive == transport::Receive::listener ? "_listener" : "_waitset";
   name += value.reliability == transport::Reliability::reliable ? "_reliable_" : "_besteffort_";
+  if (value.neighbours) name += *value.neighbours == Where::same_participant ? "shared_" : "beside_";
   return name + std::to_string(value.payload_bytes);
+}
+
+// Three topics with a message each 10 ms either way, for longer than it is measured.
+constexpr int neighbours_a_second = 2 * 3 * 100;
+std::unique_ptr<Neighbours> neighbours_of(const Case& value, transport::Endpoint& critical,
+                                          const transport::Config& config) {
+  if (!value.neighbours) return nullptr;
+  return std::make_unique<Neighbours>(
+      transport::load(value.transport), &critical, config,
+      NeighbourOptions{
+          .topics = 3, .where = *value.neighbours, .payload_bytes = value.payload_bytes, .period = 10ms},
+      1h);
+}
+
+// They send as they do in a run: before the first counted message they have long been at it.
+void start(const std::unique_ptr<Neighbours>& neighbours) {
+  if (!neighbours) return;
+  while (!neighbours->matched()) std::this_thread::sleep_for(1ms);
+  neighbours->start();
+  neighbours->go();
+}
+
+std::vector<Thread> all_of(std::vector<Thread> threads, const std::unique_ptr<Neighbours>& neighbours) {
+  if (neighbours)
+    for (auto& thread : neighbours->threads())
+      if (std::none_of(threads.begin(), threads.end(),
+                       [&](const auto& other) { return other.tid == thread.tid; }))
+        threads.push_back(std::move(thread));
+  return threads;
 }
 
 // What the middlewares themselves do, as this test and a debugger found it: of one thread, in so many
@@ -278,10 +315,13 @@ class Watch {
     threads_ = std::move(threads);
     before_ = states();
     heap_end_ = sbrk(0);
+    begun_ = Clock::now();
     counting = true;
   }
   void check(std::uint64_t messages, std::uint64_t cycles) {
     counting = false;
+    if (value_.neighbours)
+      for (auto* count : {&messages, &cycles}) *count += neighbours_a_second * (seconds() + 1);
     const auto after = states();
     const auto moved = pages_moved() - moved_before_;
     ASSERT_FALSE(threads_.empty());
@@ -296,6 +336,11 @@ class Watch {
   }
 
  private:
+  using Clock = std::chrono::steady_clock;
+  std::uint64_t seconds() const {
+    return static_cast<std::uint64_t>(
+        std::chrono::duration_cast<std::chrono::seconds>(Clock::now() - begun_).count());
+  }
   std::vector<realtime::ThreadState> states() const {
     std::vector<realtime::ThreadState> result;
     for (const auto& thread : threads_) result.push_back(realtime::read(thread.tid).value());
@@ -306,6 +351,7 @@ class Watch {
   std::vector<Thread> threads_;
   std::vector<realtime::ThreadState> before_;
   void* heap_end_ = nullptr;
+  Clock::time_point begun_;
 };
 
 transport::Config config_of(const Case& value, transport::Role role) {
@@ -336,9 +382,12 @@ TEST_P(MeasuringPath, AllocatesFaultsAndWaitsForNothing) {
   Child server([](Child::Orders orders) {
     ASSERT_TRUE(realtime::lock_memory(32 << 20).empty());
     Watch watch(GetParam());
-    Server end(transport::load(GetParam().transport), config_of(GetParam(), transport::Role::server));
+    const auto config = config_of(GetParam(), transport::Role::server);
+    Server end(transport::load(GetParam().transport), config);
+    const auto neighbours = neighbours_of(GetParam(), end.endpoint(), config);
+    start(neighbours);
     orders.await();
-    watch.begin(end.threads());
+    watch.begin(all_of(end.threads(), neighbours));
     const auto before = end.answered();
     orders.obeyed();
     orders.await();
@@ -356,19 +405,25 @@ TEST_P(MeasuringPath, AllocatesFaultsAndWaitsForNothing) {
     options.duration = 1s;
     options.payload_bytes = GetParam().payload_bytes;
     options.warm_up = 100;
-    Client end(transport::load(GetParam().transport), config_of(GetParam(), transport::Role::client),
-               options);
+    const auto config = config_of(GetParam(), transport::Role::client);
+    Client end(transport::load(GetParam().transport), config, options);
+    const auto neighbours = neighbours_of(GetParam(), end.endpoint(), config);
     while (!end.endpoint().matched().both()) std::this_thread::sleep_for(1ms);
+    start(neighbours);
     end.start();
     while (end.state() != Client::State::ready) std::this_thread::sleep_for(1ms);
     server.order();
-    watch.begin(end.threads());
+    watch.begin(all_of(end.threads(), neighbours));
     end.go();
     while (end.state() != Client::State::finished) std::this_thread::sleep_for(1ms);
     const auto counters = end.counters();
     watch.check(counters.sent, counters.sent + counters.skipped_cycles);
     server.order();
     EXPECT_GE(counters.on_time + counters.late, 100U);
+    if (neighbours) {
+      EXPECT_GT(neighbours->counters().sent, 0U);
+      EXPECT_GT(neighbours->counters().received, 0U);
+    }
   });
   EXPECT_EQ(client.end(), 0);
 }

@@ -157,7 +157,7 @@ class Agent final : public orders::Worker {
     recorder_ =
         std::make_unique<Recorder>(client, events_, end_->task().client.schedule,
                                    shares_link_ ? Recorder::Waiting::for_the_end : Recorder::Waiting::no);
-    peers_ = {.readers = 1, .writers = 1};
+    peers_ = {.readers = 1, .writers = 1, .changed_ns = end_->endpoint().matched().changed_ns};
     next_progress_ = Clock::now() + progress_period;
     finish_ = Clock::now() + end_->task().client.duration;
     stage_ = Stage::measuring;
@@ -183,9 +183,13 @@ class Agent final : public orders::Worker {
 
   void tell_of_peers() {
     const auto now = end_->endpoint().matched();
-    if (now.readers == peers_.readers && now.writers == peers_.writers) return;
+    const bool as_before = now.readers == peers_.readers && now.writers == peers_.writers;
+    if (as_before && now.changed_ns == peers_.changed_ns) return;
     peers_ = now;
-    events_.tell("peer", {{"readers", now.readers}, {"writers", now.writers}, {"at_ns", now.changed_ns}});
+    events_.tell("peer", {{"readers", now.readers},
+                          {"writers", now.writers},
+                          {"as_before", as_before},
+                          {"at_ns", now.changed_ns}});
   }
 
   void stop() {

@@ -38,6 +38,13 @@ void add_neighbours(json& host, const json& ended) {
 // What the client saw of who answers, once that has changed.
 record::Note note_of_peers(const json& event, int before) {
   const int now = event.at("writers");
+  if (now == before)
+    return {
+        "peer-flickered",
+        "somebody came and went, or went and came back, within a second: a pong that was started again, or "
+        "a second one, or one who only listened",
+        event.at("at_ns"),
+        {}};
   record::Note note{now < before ? "peer-left"
                     : now > 1    ? "second-pong"
                                  : "peer-came",
@@ -107,7 +114,7 @@ void Pair::listen_to(Hand& client) {
 
 void Pair::note_peers(const json& event) {
   const int now = event.at("writers");
-  if (now == pongs_) return;  // somebody who only listens came or went
+  if (now == pongs_ && !event.at("as_before")) return;  // somebody who only listens came or went
   const auto note = note_of_peers(event, pongs_);
   pongs_ = now;
   writer_.note(number_, note);

@@ -40,7 +40,7 @@ struct Gate {
 };
 Gate parse(const std::string& text, Use);
 
-// What of the conditions that were asked for was not there, for people: load, CPUs that are kept, the link's
+// What of the conditions that were asked for was not there, for people: load, settings, kept CPUs, the link's
 // faults, traffic, neighbours. Empty: nothing speaks against it.
 std::string absent(const nlohmann::json& asked, const nlohmann::json& outcome);
 

@@ -111,6 +111,11 @@ std::string absent(const json& asked, const json& outcome) {
     if (at(at(hosts, host), "load_running") == false)
       return fmt::format("the load on the {} had died by the end", host);
   for (const auto* host : {"controller", "component"})
+    for (const auto& set : at(at(hosts, host), "kernel"))
+      if (set.is_object() && at(set, "now") != at(set, "after"))
+        return fmt::format("kernel.{} was not as it was asked for to the end, on the {}",
+                           text_of(at(set, "setting")), host);
+  for (const auto* host : {"controller", "component"})
     for (const auto& made : at(at(hosts, host), "isolation"))
       if (made.is_object() && at(made, "now") != at(made, "after"))
         return fmt::format("the CPUs and limits that were asked for were not there to the end, on the {}",

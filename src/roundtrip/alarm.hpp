@@ -14,8 +14,8 @@
 
 namespace ontime::roundtrip {
 
-// An absolute sleep that another thread can end for good. It sleeps on a futex rather than in
-// clock_nanosleep, which only a signal could end; both wait on the same kind of kernel timer.
+// An absolute sleep that another thread can end, for good unless it is reset. It sleeps on a futex rather
+// than in clock_nanosleep, which only a signal could end; both wait on the same kind of kernel timer.
 class Alarm {
  public:
   void sleep_until(std::int64_t at_ns) noexcept {
@@ -30,6 +30,7 @@ class Alarm {
     rung_.store(1);
     syscall(SYS_futex, &rung_, FUTEX_WAKE_PRIVATE, 0x7fffffff, nullptr, nullptr, 0);
   }
+  void reset() noexcept { rung_.exchange(0); }  // by whoever sleeps, before it looks what it was rung for
   bool rung() const noexcept { return rung_.load(std::memory_order_acquire) != 0; }
 
  private:

@@ -102,7 +102,7 @@ class Client::Measurement final : public transport::Sink {
   void stop() {
     auto not_yet = never_ns;
     stopped_ns_.compare_exchange_strong(not_yet, now_ns());
-    for (auto* alarm : {&stop_, &start_, &go_}) alarm->ring();
+    for (auto* alarm : {&stop_, &start_, &go_, &look_}) alarm->ring();
   }
   State state() const { return state_; }
   std::uint64_t warm_up_answers() const { return warm_up_answers_; }
@@ -183,6 +183,7 @@ class Client::Measurement final : public transport::Sink {
     follow(start_ns);
     while (!back_to_back_done_.load(std::memory_order_acquire)) {
       rest_back_to_back();
+      look_.reset();
       const auto at_ns = now_ns();
       if (no_room_.exchange(false, std::memory_order_acquire) ||
           ledger_.expire(last_posted_.load(std::memory_order_relaxed), at_ns))
@@ -195,9 +196,10 @@ class Client::Measurement final : public transport::Sink {
   void rest_back_to_back() noexcept {
     const auto at_ns = now_ns();
     const auto soon_ns = std::min(options_.timeout.count(), 10 * ms);
-    if (stop_.rung() || at_ns >= back_to_back_end_ns_) return pause(soon_ns);
+    if (stop_.rung() || at_ns >= back_to_back_end_ns_ || no_room_.load(std::memory_order_relaxed))
+      return pause(soon_ns);
     const auto lost_ns = ledger_.lost_from_ns(last_posted_.load(std::memory_order_relaxed));
-    stop_.sleep_until(std::min(std::max(lost_ns, at_ns + soon_ns), back_to_back_end_ns_));
+    look_.sleep_until(std::min(std::max(lost_ns, at_ns + soon_ns), back_to_back_end_ns_));
   }
 
   // By whoever settled the last message, and so owns the ledger. That may come to pass while another thread
@@ -214,12 +216,14 @@ class Client::Measurement final : public transport::Sink {
 
   void next(std::int64_t at_ns) noexcept {
     ledger_.settle(at_ns);
-    if (stop_.rung() || at_ns >= back_to_back_end_ns_)
+    if (stop_.rung() || at_ns >= back_to_back_end_ns_) {
       back_to_back_done_.store(true, std::memory_order_release);
-    else if (ledger_.claim())
+    } else if (ledger_.claim()) {
       post({.intended_ns = at_ns, .due_ns = at_ns, .woke_ns = at_ns});
-    else
-      no_room_.store(true, std::memory_order_release);  // the sending thread will look again
+    } else {
+      no_room_.store(true, std::memory_order_release);
+      look_.ring();  // the sending thread is to try again, soon, whenever the last message would be lost
+    }
   }
 
   static void pause(std::int64_t ns) noexcept {
@@ -236,7 +240,7 @@ class Client::Measurement final : public transport::Sink {
   std::atomic<std::uint64_t> warm_up_answers_{0};
   std::atomic<std::uint64_t> last_posted_{0};
   std::atomic<std::int64_t> stopped_ns_{never_ns};
-  Alarm start_, go_, stop_, leave_;
+  Alarm start_, go_, stop_, leave_, look_;
   // Of back-to-back. Those that are not atomic are the ledger's owner's.
   std::int64_t back_to_back_end_ns_ = 0, follows_ns_ = 0;
   std::atomic<unsigned> turns_{0};

@@ -58,8 +58,10 @@ vendor::DomainParticipantQos participant_qos(const Profiles& profiles, Log& log)
   auto* const factory = DomainParticipantFactory::get_instance();
   factory->load_profiles();  // that is, none: it does so once, and takes heed of no others before
   const auto loaded = factory->load_XML_profiles_string(profiles.xml.data(), profiles.xml.size());
-  if (loaded != ReturnCode_t::RETCODE_OK || !log.text().empty())
-    throw Error("fastdds: cannot use the profiles of " + profiles.source + ": " + log.text());
+  // A participant that is open already may say something meanwhile.
+  const std::string faults = log.text("XML");
+  if (loaded != ReturnCode_t::RETCODE_OK || !faults.empty())
+    throw Error("fastdds: cannot use the profiles of " + profiles.source + ": " + faults);
   factory->set_default_participant_qos(vendor::PARTICIPANT_QOS_DEFAULT);  // that is, the default profile
   auto qos = factory->get_default_participant_qos();
   qos.name("ontime");

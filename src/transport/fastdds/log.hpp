@@ -1,10 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
-// Fast DDS prints by itself. As long as this lives it prints nothing, and what it would have said is kept.
-// One at a time in a process.
+// Fast DDS prints by itself. As long as this lives it prints nothing, and what it would have said is kept:
+// by all participants of this process. One at a time in a process.
 #pragma once
 
 #include <memory>
 #include <string>
+#include <string_view>
+#include <utility>
+#include <vector>
 
 #include <fastdds/dds/log/Log.hpp>
 
@@ -15,7 +18,7 @@ class Log {
   Log() {
     Vendor::SetVerbosity(Vendor::Kind::Error);
     Vendor::ClearConsumers();
-    Vendor::RegisterConsumer(std::make_unique<Keeper>(text_));
+    Vendor::RegisterConsumer(std::make_unique<Keeper>(said_));
   }
   ~Log() {
     Vendor::ClearConsumers();
@@ -24,20 +27,27 @@ class Log {
   Log(const Log&) = delete;
   Log& operator=(const Log&) = delete;
 
-  std::string text() {
+  // Of the categories that begin so.
+  std::string text(std::string_view categories = "") {
     Vendor::Flush();
-    return text_;
+    std::string text;
+    for (const auto& [category, message] : said_)
+      if (category.starts_with(categories)) text += (text.empty() ? "" : "; ") + message;
+    return text;
   }
 
  private:
   using Vendor = eprosima::fastdds::dds::Log;
+  using Said = std::vector<std::pair<std::string, std::string>>;
   struct Keeper : eprosima::fastdds::dds::LogConsumer {
-    explicit Keeper(std::string& to) : text(to) {}
-    void Consume(const Vendor::Entry& entry) override { text += (text.empty() ? "" : "; ") + entry.message; }
-    std::string& text;
+    explicit Keeper(Said& to) : said(to) {}
+    void Consume(const Vendor::Entry& entry) override {
+      said.emplace_back(entry.context.category, entry.message);
+    }
+    Said& said;
   };
 
-  std::string text_;
+  Said said_;
 };
 
 }  // namespace ontime::transport::fastdds

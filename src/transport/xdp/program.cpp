@@ -108,11 +108,14 @@ Program::Program(const frames::Link& link, std::uint64_t topic, std::uint32_t qu
 
 Program::~Program() { close_all(); }
 
-void Program::attach(const frames::Link& link) {
+void Program::refuse_another(const frames::Link& link) {
   LIBBPF_OPTS(bpf_xdp_query_opts, there);
-  if (bpf_xdp_query(link.index, 0, &there) == 0)
-    for (const auto program : {there.prog_id, there.drv_prog_id, there.hw_prog_id, there.skb_prog_id})
-      if (program != 0) is_taken(link.name, program);
+  if (bpf_xdp_query(link.index, 0, &there) != 0) return;
+  for (const auto program : {there.prog_id, there.drv_prog_id, there.hw_prog_id, there.skb_prog_id})
+    if (program != 0) is_taken(link.name, program);
+}
+
+void Program::attach(const frames::Link& link) {
   struct Mode {
     std::uint32_t flag;
     const char* name;

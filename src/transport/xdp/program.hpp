@@ -11,8 +11,10 @@ namespace ontime::transport::xdp {
 // Held by descriptors alone, so that the kernel takes it off however the process ends.
 class Program {
  public:
+  // Throws Error for a program that is there already, which is left alone. Takes nothing.
+  static void refuse_another(const frames::Link& link);
   // Of frames of that topic that come to that queue, to be received by `socket`. Native where the driver can,
-  // else generic. Throws Error: no permission, no XDP, a program that is there already (which is left alone).
+  // else generic. Throws Error: no permission, no XDP, a program that came meanwhile.
   Program(const frames::Link& link, std::uint64_t topic, std::uint32_t queue, int socket);
   ~Program();
   Program(const Program&) = delete;

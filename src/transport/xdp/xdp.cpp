@@ -81,6 +81,7 @@ class Queue {
       : busy_(frames::busy_polls(config, who)), number_(queue_of(config)), frame_bytes_(link.frame_bytes) {
     libbpf_set_print(nullptr);  // they would print by themselves
     libxdp_set_print(nullptr);
+    Program::refuse_another(link);
     share_memory();
     open_socket(link);
     fill();
