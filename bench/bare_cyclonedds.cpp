@@ -28,7 +28,7 @@ using namespace std::chrono_literals;
 dds_entity_t opened(dds_entity_t entity, const char* what) {
   if (entity >= 0) return entity;
   std::fprintf(stderr, "%s: %s\n", what, dds_strretcode(entity));
-  std::exit(3);
+  std::_Exit(3);
 }
 
 class End {
@@ -153,7 +153,7 @@ int main(int argc, char** argv) {
     // Ends with the process: Cyclone's threads may still be in the listener.
     auto* const ping = new Ping(static_cast<dds_domainid_t>(std::stoul(arguments[1])),
                                 std::stoul(arguments[2]), reliable, std::stod(arguments[3]));
-    std::exit(ping->run());
+    return ping->run();
   }
   std::fputs(
       "usage: bare_cyclonedds pong DOMAIN PAYLOAD [reliable] | ping DOMAIN PAYLOAD SECONDS [reliable]\n",

@@ -108,6 +108,21 @@ class Endings(Program):
         self.assertIn("Round trip", out)
         self.assertIn("failed", out)
 
+    def test_a_pong_that_is_started_again_at_once_is_noted(self):
+        arguments = ["--transport", "cyclonedds", "--interface", "lo", "--domain", "78"]
+        pong = self.start_ontime("pong", *arguments)
+        ping = self.start_ontime("ping", *arguments, "--duration", "5 s", "--results", self.results)
+        self.started(ping, lambda: self.samples_recorded() > 50)
+        pong.send_signal(signal.SIGINT)
+        pong.communicate(timeout=30)
+        pong = self.start_ontime("pong", *arguments)
+        out, error = ping.communicate(timeout=60)
+        pong.send_signal(signal.SIGINT)
+        pong.communicate(timeout=30)
+        self.assertEqual(ping.returncode, 0, error)
+        kinds = {note["kind"] for note in self.report()[0]["notes"]}
+        self.assertTrue(kinds & {"peer-left", "peer-flickered"}, kinds)
+
     def test_load_of_a_run_that_failed_is_not_the_next_ones(self):
         process = self.start_ontime("run", self.scenario("3 s", LOADED_FIRST, ["udp"]), "--results", self.results)
         self.started(process, lambda: self.samples_recorded() > 50 and len(self.load()) > 0)
