@@ -213,6 +213,28 @@ class Endings(Program):
         self.assertEqual(process.returncode, 130)
         self.assert_interrupted_and_given_back()
 
+    def test_service_that_is_stopped_leaves_what_is_under_way_its_time_out(self):
+        arguments = ["--transport", "udp", "--interface", "lo", "--domain", "78"]
+        pong = self.start_ontime("pong", *arguments)
+        self.started(pong, lambda: self.own("/ontime agent"))
+        of_pong = [*self.own("/ontime agent"), pong.pid]
+        ping = self.start_ontime("ping", *arguments, "--peer", "127.0.0.1", "--duration", "1 h", "--timeout", "15 s",
+                                 "--results", self.results)
+        self.started(ping, lambda: self.samples_recorded() > 50)
+        of_ping = [pid for pid in processes_with("TMPDIR=" + self.temporary) if pid not in of_pong]
+        for pid in of_pong:
+            os.kill(pid, signal.SIGKILL)
+        time.sleep(0.5)
+        for pid in of_ping:
+            os.kill(pid, signal.SIGTERM)
+        out, error = ping.communicate(timeout=60)
+        pong.communicate(timeout=30)
+        self.assertEqual(ping.returncode, 130, error)
+        run = self.report()[0]
+        self.assertTrue(run["interrupted"])
+        self.assertGreater(run["lost"], 0)
+        self.assertEqual(run["sent"], self.samples_recorded())
+
     def test_pong_that_is_stopped_as_a_service_has_not_failed(self):
         process = self.start_ontime("pong", "--transport", "udp", "--interface", "lo", "--domain", "78")
         self.started(process, lambda: self.own("/ontime agent"))
