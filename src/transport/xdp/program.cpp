@@ -82,11 +82,13 @@ int load_program(int map, std::uint64_t topic) {
 }
 
 [[noreturn]] void is_taken(const std::string& interface, std::uint32_t program) {
-  throw Error(fmt::format(
-      "xdp: {} has an XDP program already{}, of somebody else or of another run: it is left alone. \"ip link "
-      "show {}\" and \"bpftool net\" show it; take it off (ip link set {} xdp off), or name another "
-      "interface",
-      interface, program == 0 ? "" : fmt::format(" (number {})", program), interface, interface));
+  throw Error(
+      fmt::format("xdp: {0} has an XDP program already{1}, of somebody else or of another run: it is left "
+                  "alone. \"ip link "
+                  "show {0}\" and \"bpftool net\" show it; end that run, or take it off (ip link set {0} xdp "
+                  "off), or name "
+                  "another interface",
+                  interface, program == 0 ? "" : fmt::format(" (number {})", program)));
 }
 
 }  // namespace
