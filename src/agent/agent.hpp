@@ -9,8 +9,8 @@
 //   start {wait_ns}    ready {}: a client has matched and warmed up, and sends nothing any more; its
 //                      neighbours have matched, and send
 //   begin {}           begun {}: "during the run" is from here on; nothing of ours reads /proc until `end`
-//   go    {}           a client: progress {counters}, peer {readers, writers, as_before, at_ns}, samples {} with
-//                      their bytes, until finished {counters, waited_bytes}; of neighbours nothing
+//   go    {}           a client: progress {counters}, peer {readers, writers, as_before, at_ns}, samples {}
+//                      with bytes, until finished {counters, waited_bytes}; of neighbours nothing
 //   stop  {}           none; a client's `finished` comes the sooner
 //   end   {}           ended {threads, refusals, facts, losses, drops, link, shared_memory, answered,
 //                      neighbours}
