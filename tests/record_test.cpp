@@ -6,6 +6,27 @@
 namespace ontime::record {
 namespace {
 
+TEST_F(RecordTest, AForgottenRunWasNeverThere) {
+  {
+    Writer writer(path_);
+    writer.forget_run(writer.begin_run({{"id", "nobody answered"}}));
+  }
+  EXPECT_FALSE(fs::exists(path_)) << "a file made for it alone";
+  {
+    Writer writer(path_);
+    const auto kept = writer.begin_run({{"id", "kept"}});
+    writer.end_run(kept, json::object());
+    const auto gone = writer.begin_run({{"id", "nobody answered"}});
+    writer.note(gone, {"note", "nobody", {}, {}});
+    writer.end_run(gone, json::object());
+    writer.forget_run(gone);
+  }
+  const Reader reader(path_);
+  ASSERT_EQ(reader.runs().size(), 1u);
+  EXPECT_EQ(reader.runs()[0].asked.at("id"), "kept");
+  EXPECT_TRUE(reader.notes(2).empty());
+}
+
 TEST_F(RecordTest, EverySampleComesBackAsItWas) {
   std::mt19937_64 random(20240607);
   // As far as times can be; 0 says that there is none.

@@ -82,6 +82,31 @@ TEST(Compare, WhatFewMessagesCannotBoundIsNotShownAsKnown) {
   EXPECT_THAT(row_of(text, "max ").at(1), Not(::testing::StartsWith("~"))) << "that is what it was";
 }
 
+TEST(Compare, OfTwoShortRunsNothingIsTold) {
+  std::vector a{run("x", "k", 1)}, b{run("x", "k", 2)};
+  const auto shown = [&] { return render(compare(a, b), {}, Format::table); };
+  const auto lost = [](Summary& one, double most) {
+    one.lost_probability.messages = 5;
+    one.lost_probability.sure = one.lost_probability.surer = {0.0, most};
+  };
+  // Of five messages up to 60 % may be lost, though none was: that is no comparison.
+  lost(a[0], 0.6);
+  lost(b[0], 0.6);
+  EXPECT_THAT(shown(), ::testing::ContainsRegex("lost % +~0 +~0 +- +- +too few messages\n"));
+  // Fewer than a tenth more or less is something.
+  lost(b[0], 0.05);
+  EXPECT_THAT(shown(), ::testing::ContainsRegex("lost % +0 +0 +- +-60 … \\+5 +cannot tell\n"));
+  // Likewise between half and twice.
+  const auto p99 = [](Summary& one, double low, double high) {
+    one.round_trip_certainty.p99.surer = {low * 1e6, high * 1e6};
+  };
+  p99(a[0], 0.3, 3);
+  p99(b[0], 0.6, 6);
+  EXPECT_THAT(shown(), ::testing::ContainsRegex("p99 +~1000 +~2000 +- +- +too few messages\n"));
+  b.push_back(b[0]);
+  EXPECT_THAT(shown(), ::testing::ContainsRegex("p99 +~1000 +~2000 +- +- +too few runs or messages\n"));
+}
+
 TEST(Compare, ShowsWhatElseDiffers) {
   const std::vector a{run("x", "k", 1)};
   std::vector b{run("x", "k", 1)};

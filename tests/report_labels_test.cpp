@@ -150,6 +150,16 @@ TEST(TableFormat, NamesDomainAndTopicsWhereTheyAreNotTheUsualOnes) {
               AllOf(HasSubstr("domain 42"), HasSubstr("topics /robot/ping and /robot/pong")));
 }
 
+TEST(TableFormat, NamesTheWayOfXdpOnce) {
+  auto native = summary(asked("a", "xdp"), outcome()), generic = native;
+  for (const auto* host : {"controller", "component"}) {
+    native.run.outcome["hosts"][host]["transport"]["facts"]["xdp"] = "native copy";
+    generic.run.outcome["hosts"][host]["transport"]["facts"]["xdp"] = "generic copy";
+  }
+  EXPECT_THAT(render({native, generic}, Format::table),
+              AllOf(HasSubstr("\nxdp native copy "), HasSubstr("\nxdp generic copy ")));
+}
+
 TEST(TableFormat, NamesTheLinkWhereItWasAskedFor) {
   auto wired = asked("a", "udp"), wireless = wired;
   EXPECT_THAT(render({summary(wired, outcome())}, Format::table), Not(HasSubstr("over")));

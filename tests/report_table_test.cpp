@@ -65,6 +65,11 @@ TEST(TableFormat, SaysHowSureItIs) {
   EXPECT_THAT(text, HasSubstr("< 0.003"));
   EXPECT_THAT(text, HasSubstr("none late or lost; to claim less than 1 in a million: 3.0 million so, 8.3 h"));
   EXPECT_THAT(text, HasSubstr(">: too few"));
+  // A bound that is wide says why.
+  one.missed_probability.effect = 40;
+  EXPECT_THAT(render({one}, Format::table),
+              HasSubstr("none late or lost, though its slow answers came together, so that 100,000 messages "
+                        "tell no more of it than 2500 single ones would; to claim"));
   one.missed_probability.events = 200;
   one.missed_probability.sure = {0.001, 0.003};
   one.bursts = {2, 7, 70'000'000};
@@ -93,6 +98,11 @@ TEST(TableFormat, GivesABoundOrSaysWhyThereIsNone) {
   const auto both = render({one, other}, Format::table);
   EXPECT_THAT(both, HasSubstr("udp, fastdds: this data does not allow a bound"));
   EXPECT_EQ(both.find("it drifts"), both.rfind("it drifts")) << "once";
+  one.extremes.maxima->refused = "it lies ill (Anderson-Darling, p = 0.01)";
+  one.extremes.peaks->refused = "it lies ill (Anderson-Darling, p = 0.0025)";
+  const auto alike = render({one}, Format::table);
+  EXPECT_THAT(alike, HasSubstr("it lies ill"));
+  EXPECT_EQ(alike.find("it lies ill"), alike.rfind("it lies ill")) << "once";
 }
 
 TEST(TableFormat, ShowsEachStageOfAResponse) {

@@ -37,6 +37,8 @@ void add_ping(CLI::App& app, Action& action) {
       const bool any =
           std::any_of(measured.begin(), measured.end(), [](const auto& one) { return one.sent > 0; });
       if (any || code == 0 || code == 130) print(report::render(measured, format));
+      if (!any && code != 0)  // there was nobody to measure with: no run that a report would have to show
+        for (const auto& one : measured) writer.forget_run(one.run.number);
       return code;
     };
   });

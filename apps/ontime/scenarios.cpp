@@ -36,13 +36,15 @@ std::string name_of(const std::string& file) {
 }
 
 ordered_json line_of(const std::string& file) {
-  ordered_json line = {{"name", name_of(file)}, {"file", file},       {"title", nullptr},
-                       {"runs", nullptr},       {"seconds", nullptr}, {"error", nullptr}};
+  ordered_json line = {{"name", name_of(file)}, {"file", file},        {"title", nullptr}, {"runs", nullptr},
+                       {"seconds", nullptr},    {"searches", nullptr}, {"error", nullptr}};
   try {
     const auto scenario = campaign::read_scenario(file, {});
     line["title"] = scenario.title;
     line["runs"] = scenario.size();
     line["seconds"] = campaign::time_of(scenario).count();
+    line["searches"] = std::any_of(scenario.runs.begin(), scenario.runs.end(),
+                                   [](const campaign::Run& run) { return run.step.of > 0; });
   } catch (const campaign::Error& error) {
     line["error"] = error.what();
   }
@@ -60,8 +62,8 @@ std::string text_of(const std::vector<ordered_json>& lines) {
       continue;
     }
     const auto runs = line.at("runs").get<std::size_t>();
-    text += fmt::format("{:{}}  {}: {} run{}, {}\n", name, width, report::printable(line.at("title")), runs,
-                        runs == 1 ? "" : "s",
+    text += fmt::format("{:{}}  {}: {}{} run{}, {}\n", name, width, report::printable(line.at("title")),
+                        line.at("searches").get<bool>() ? "at most " : "", runs, runs == 1 ? "" : "s",
                         about(std::chrono::duration<double>(line.at("seconds").get<double>())));
   }
   return text;

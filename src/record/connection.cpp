@@ -78,11 +78,14 @@ std::string explanation(const std::string& path, int code, sqlite3* handle) {
   }
 }
 
-// Absolute, so that no path means something else to SQLite, as ":memory:" does.
+// Absolute, so that no path means something else to SQLite, as ":memory:" does; and where a link leads: it is
+// opened with SQLITE_OPEN_NOFOLLOW, so that none which is put there meanwhile is followed.
 std::string uri_of(const std::string& path, bool immutable) {
   if (path.empty()) return path;
   std::string uri = "file:";
-  for (const char c : std::filesystem::absolute(path).string()) {
+  std::error_code ignored;  // of what cannot be resolved SQLite says why
+  const auto real = std::filesystem::weakly_canonical(std::filesystem::absolute(path), ignored);
+  for (const char c : (ignored ? std::filesystem::absolute(path) : real).string()) {
     if (c == '%' || c == '?' || c == '#')
       uri += fmt::format("%{:02x}", c);
     else
@@ -110,8 +113,8 @@ Connection::Connection(const std::string& path, int flags, bool immutable)
     : path_(path), name_(path.empty() ? "temporary results file (in $TMPDIR or /var/tmp)" : path) {
   if (!path.empty()) require_files_beside(path);
   sqlite3* handle = nullptr;
-  const int code =
-      sqlite3_open_v2(uri_of(path, immutable).c_str(), &handle, flags | SQLITE_OPEN_URI, nullptr);
+  const int code = sqlite3_open_v2(uri_of(path, immutable).c_str(), &handle,
+                                   flags | SQLITE_OPEN_URI | SQLITE_OPEN_NOFOLLOW, nullptr);
   handle_.reset(handle);
   if (code != SQLITE_OK) fail(code);
   sqlite3_extended_result_codes(handle, 1);

@@ -133,6 +133,17 @@ void Database::end_run(std::int64_t run, const std::string& outcome) {
   starts_.erase(run);
 }
 
+void Database::forget_run(std::int64_t run) {
+  commit([&] {
+    for (const auto* sql : {"DELETE FROM sample WHERE run = ?", "DELETE FROM note WHERE run = ?",
+                            "DELETE FROM trace WHERE run = ?", "DELETE FROM run WHERE number = ?"})
+      Statement(*connection_, sql).bind(run).execute();
+  });
+  starts_.erase(run);
+}
+
+bool Database::has_runs() { return Statement(*connection_, "SELECT 1 FROM run").next(); }
+
 bool Database::has_run(std::int64_t run) {
   return Statement(*connection_, "SELECT 1 FROM run WHERE number = ?").bind(run).next();
 }

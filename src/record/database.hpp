@@ -33,6 +33,8 @@ class Database {
   // Each is one transaction. One that fails is given up whole: SQLite may have given up a part of it.
   std::int64_t begin_run(const std::string& asked, const std::string& key);
   void add(const Batch&);
+  void forget_run(std::int64_t run);
+  bool has_runs();
   void end_run(std::int64_t run, const std::string& outcome);
 
   bool has_run(std::int64_t run);

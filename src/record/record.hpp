@@ -88,6 +88,7 @@ class Writer {
   void note(std::int64_t run, const Note&);    // also of a run that has ended
   void trace(std::int64_t run, const Trace&);  // likewise; one that is there already is replaced
   void end_run(std::int64_t run, const nlohmann::json& outcome);
+  void forget_run(std::int64_t run);  // as if it had never begun; so goes a file made for it alone
   void flush();
 
   // Of what was appended before, which it flushes; for a temporary file the only way to it.

@@ -51,15 +51,16 @@ class NewFile {
   NewFile() = default;
   ~NewFile() {
     std::error_code ignored;
-    if (!path_.empty()) std::filesystem::remove(path_, ignored);
+    if (!path_.empty() && !has_runs_) std::filesystem::remove(path_, ignored);
   }
   NewFile(const NewFile&) = delete;
   NewFile& operator=(const NewFile&) = delete;
   void made(const std::string& path) { path_ = path; }
-  void has_a_run() { path_.clear(); }
+  void has_runs(bool some) { has_runs_ = some; }
 
  private:
   std::string path_;
+  bool has_runs_ = false;
 };
 
 }  // namespace
@@ -197,7 +198,7 @@ std::int64_t Writer::begin_run(const nlohmann::json& asked) {
   const auto key = key_of(*json_of(text));
   const auto run = thread_->ask([&](Database& database) { return database.begin_run(text, key); });
   thread_->open_runs.insert(run);
-  thread_->new_file.has_a_run();
+  thread_->new_file.has_runs(true);
   return run;
 }
 
@@ -241,6 +242,15 @@ void Writer::end_run(std::int64_t run, const nlohmann::json& outcome) {
   const auto text = checked_text_of(outcome, thread_->name());
   thread_->ask([&](Database& database) { database.end_run(run, text); });
   thread_->open_runs.erase(run);
+}
+
+void Writer::forget_run(std::int64_t run) {
+  const bool some = thread_->ask([&](Database& database) {
+    database.forget_run(run);
+    return database.has_runs();
+  });
+  thread_->open_runs.erase(run);
+  thread_->new_file.has_runs(some);
 }
 
 void Writer::flush() {

@@ -32,6 +32,7 @@ constexpr std::array figures = {Named{"mean", &Certainty::mean},   Named{"p50", 
                                 Named{"p99.9", &Certainty::p99_9}, Named{"p99.99", &Certainty::p99_99}};
 
 constexpr double one_in_a_million = 1e-6;
+constexpr double worth_a_word = 3;  // a design effect by which a bound is wider than people expect
 
 std::string interval(const Interval& ns) {
   if (!ns.low && !ns.high) return nothing;
@@ -68,7 +69,13 @@ std::string note_of(const Summary& summary) {
                        duration(static_cast<double>(bursts.longest_ns) / 1e3));
   }
   const auto messages = statistics::messages_to_claim(one_in_a_million, missed.effect);
-  return fmt::format("none late or lost; to claim less than 1 in a million: {:.1f} million so, {}",
+  const auto told = static_cast<double>(missed.messages) / missed.effect;
+  return fmt::format("none late or lost{}; to claim less than 1 in a million: {:.1f} million so, {}",
+                     missed.effect < worth_a_word
+                         ? ""
+                         : fmt::format(", though its slow answers came together, so that {} messages tell no "
+                                       "more of it than {:.0f} single ones would",
+                                       grouped(missed.messages), std::max(told, 1.0)),
                      messages / 1e6, time(messages * summary.message_every_ns));
 }
 
@@ -120,13 +127,17 @@ ordered_json json_of(const Extremes& of) {
 
 }  // namespace
 
-// Where one of the two ways is refused, the other stands on the same ground.
+// Where one of the two ways is refused, the other stands on the same ground. What both say, each with its own
+// figure in brackets, is said once.
 std::string refusal_of(const Extremes& of) {
   std::vector<std::string> reasons;
   if (!of.refused.empty()) reasons.push_back(of.refused);
+  const auto without_figure = [](const std::string& reason) { return reason.substr(0, reason.find(" (")); };
   for (const auto* bound : {&of.maxima, &of.peaks})
     if (*bound && !(*bound)->refused.empty() &&
-        std::find(reasons.begin(), reasons.end(), (*bound)->refused) == reasons.end())
+        std::none_of(reasons.begin(), reasons.end(), [&](const std::string& said) {
+          return without_figure(said) == without_figure((*bound)->refused);
+        }))
       reasons.push_back((*bound)->refused);
   return join(reasons, "; ");
 }

@@ -85,6 +85,18 @@ std::string lies(const Row& row, const statistics::Change& change) {
               [&](double value) { return (value < 0 ? "" : "+") + value_of(row, value); });
 }
 
+// Whether so much lies within that it tells nothing: both a tenth of all messages more and as many less, both
+// half as much and twice.
+bool tells_nothing(const Row& row, const statistics::Change& change) {
+  if (change.verdict != statistics::Verdict::cannot_tell) return false;
+  const auto beyond = [](const statistics::Interval& lies, double low, double high) {
+    return (!lies.low || *lies.low < low) && (!lies.high || *lies.high > high);
+  };
+  if (row.is_share) return beyond(change.difference_lies, -0.1, 0.1);
+  if (!change.ratio) return !change.difference_lies.low && !change.difference_lies.high;
+  return beyond(change.ratio_lies, 0.5, 2);
+}
+
 std::string list_of(const std::vector<Difference>& differences) {
   std::vector<std::string> parts;
   parts.reserve(differences.size());
@@ -105,13 +117,15 @@ Table table_of(const Pair& pair) {
   for (const auto& row : rows) {
     const auto change = change_of(pair, row);
     if (!change) continue;
-    // What no interval bounds is not known: the figure is far out, and the messages were few.
-    const bool known = change->difference_lies.low || change->difference_lies.high;
-    const bool too_few = !known && row.figure != Figure::max;
+    // Not known: the figure is far out, or the messages, or the runs, were few.
+    const bool too_few = row.figure != Figure::max && tells_nothing(row, *change);
     const auto* const mark = too_few ? "~" : "";
     table.rows.push_back({row.name, mark + value_of(row, change->from), mark + value_of(row, change->to),
-                          change->ratio && !too_few ? percent(*change->ratio) : nothing, lies(row, *change),
-                          too_few ? "too few messages" : word_of(change->verdict)});
+                          change->ratio && !too_few ? percent(*change->ratio) : nothing,
+                          too_few ? nothing : lies(row, *change),
+                          !too_few                                ? word_of(change->verdict)
+                          : pair.from.size() + pair.to.size() > 2 ? "too few runs or messages"
+                                                                  : "too few messages"});
   }
   if (table.rows.empty())
     table.notes.push_back("neither nor: nothing was answered, or it was not measured to its end");

@@ -353,7 +353,9 @@ std::vector<std::string> labels_without_repetition(const Group& group) {
   for (std::size_t i = 0; i < group.size(); ++i) {
     const auto& asked = group[i]->run.asked;
     labels.push_back(word(at(asked, "transport")));
-    for (const auto& phrase : compared.own[i]) labels.back() += " " + phrase.text;
+    const auto transport = labels.back() + " ";
+    for (const auto& phrase : compared.own[i])  // "xdp native copy" of xdp is told once
+      labels.back() += " " + phrase.text.substr(phrase.text.starts_with(transport) ? transport.size() : 0);
     add_variant(labels.back(), at(asked, "variant"), phrases_of(*group[i]));
   }
   return labels;

@@ -20,8 +20,9 @@ using nlohmann::json;
 using roundtrip::Fate;
 using trace::Kind;
 
-constexpr std::size_t most_cpus = 6, most_packets = 24;
-constexpr std::int64_t finest = 700;  // parts of what is shown: less cannot be seen
+constexpr std::size_t most_cpus = 6, most_threads = 12, most_packets = 24;
+constexpr std::int64_t finest = 700;   // parts of what is shown: less cannot be seen
+constexpr std::int64_t coarsest = 10;  // however many lanes there are
 
 enum class Look {
   other,
@@ -47,11 +48,41 @@ struct Bar {
   std::int64_t length_ns() const { return to_ns - from_ns; }
 };
 
+// Moments, told quickly of however many stretches: a culprit comes and goes thousands of times.
+class Moments {
+ public:
+  void add(std::int64_t from_ns, std::int64_t to_ns) { stretches_.emplace_back(from_ns, to_ns); }
+  void end() {
+    std::sort(stretches_.begin(), stretches_.end());
+    std::vector<std::pair<std::int64_t, std::int64_t>> apart;
+    for (const auto& [from_ns, to_ns] : stretches_)
+      if (!apart.empty() && from_ns <= apart.back().second)
+        apart.back().second = std::max(apart.back().second, to_ns);
+      else
+        apart.emplace_back(from_ns, to_ns);
+    stretches_ = std::move(apart);
+  }
+  bool any_within(std::int64_t from_ns, std::int64_t to_ns) const {
+    const auto found = std::partition_point(stretches_.begin(), stretches_.end(),
+                                            [&](const auto& one) { return one.second <= from_ns; });
+    return found != stretches_.end() && found->first < to_ns;
+  }
+
+ private:
+  std::vector<std::pair<std::int64_t, std::int64_t>> stretches_;
+};
+
 class Drawing {
  public:
-  Drawing(const explain::Message& message, const Scene& scene, std::int64_t deadline_ns)
-      : message_(message), scene_(scene), deadline_ns_(deadline_ns) {
+  Drawing(const explain::Message& message, const Scene& scene, std::int64_t deadline_ns, std::int64_t parts)
+      : message_(message), scene_(scene), deadline_ns_(deadline_ns), parts_(parts) {
     if (!message.parts.empty()) culprit_ = message.parts.front();
+    for (const auto& when : culprit_.when) {
+      at_work_[when.cpu].add(when.from_ns, when.to_ns);
+      at_work_anywhere_.add(when.from_ns, when.to_ns);
+    }
+    for (auto& [cpu, moments] : at_work_) moments.end();
+    at_work_anywhere_.end();
     find_span();
   }
 
@@ -97,10 +128,9 @@ class Drawing {
 
   std::size_t name(const std::string& text) {
     const auto shown = shortened(printable(text), 60);
-    const auto found = std::find(names_.begin(), names_.end(), shown);
-    if (found != names_.end()) return static_cast<std::size_t>(found - names_.begin());
-    names_.push_back(shown);
-    return names_.size() - 1;
+    const auto [found, is_new] = places_.try_emplace(shown, names_.size());
+    if (is_new) names_.push_back(shown);
+    return found->second;
   }
 
   json packed(const std::vector<Bar>& bars) {
@@ -135,9 +165,9 @@ class Drawing {
 
   // Whether the culprit was at work then: on that CPU, or, of what is on none or on any, anywhere.
   bool at_work(std::int64_t from_ns, std::int64_t to_ns, std::optional<int> cpu = {}) const {
-    return std::any_of(culprit_.when.begin(), culprit_.when.end(), [&](const auto& when) {
-      return (!cpu || when.cpu == *cpu) && when.from_ns < to_ns && when.to_ns > from_ns;
-    });
+    if (!cpu) return at_work_anywhere_.any_within(from_ns, to_ns);
+    const auto there = at_work_.find(*cpu);
+    return there != at_work_.end() && there->second.any_within(from_ns, to_ns);
   }
 
   void add_threads(json& lanes, const std::string& end) {
@@ -146,10 +176,12 @@ class Drawing {
     constexpr std::pair<State, Look> looks[] = {
         {State::ready, Look::ready},     {State::comes, Look::ready},     {State::runs, Look::runs},
         {State::stopped, Look::stopped}, {State::blocked, Look::blocked}, {State::sleeps, Look::sleeps}};
+    std::size_t drawn = 0;
     for (const auto& thread : scene_.threads) {
       if (thread.end != end) continue;
       std::vector<Bar> bars;
       bool awake = false;
+      if (drawn >= most_threads && thread.id != culprit_.thread_id) continue;
       for (const auto& stretch : timeline->of(thread.id, from_ns_, to_ns_))
         for (const auto& [state, look] : looks) {
           if (state != stretch.state) continue;
@@ -160,9 +192,10 @@ class Drawing {
             bars.push_back({stretch.from_ns, stretch.to_ns, look, word_of(state), suffering});
         }
       // Of a middleware's many threads those that had to do with it.
-      if (awake)
-        lanes.push_back(
-            {{"of", "thread"}, {"end", end}, {"name", name(thread.role)}, {"bars", packed(merged(bars))}});
+      if (!awake) continue;
+      ++drawn;
+      lanes.push_back(
+          {{"of", "thread"}, {"end", end}, {"name", name(thread.role)}, {"bars", packed(merged(bars))}});
     }
   }
 
@@ -236,7 +269,7 @@ class Drawing {
 
   // What is too short to be seen goes together with what is beside it, however often they change.
   std::vector<Bar> merged(const std::vector<Bar>& bars) const {
-    const auto least_ns = std::max<std::int64_t>((to_ns_ - from_ns_) / finest, 1);
+    const auto least_ns = std::max<std::int64_t>((to_ns_ - from_ns_) / parts_, 1);
     std::vector<Bar> all;
     for (const auto& bar : bars) {
       const bool near = !all.empty() && bar.from_ns - all.back().to_ns < least_ns;
@@ -299,16 +332,22 @@ class Drawing {
 
   const explain::Message& message_;
   const Scene& scene_;
-  const std::int64_t deadline_ns_;
+  const std::int64_t deadline_ns_, parts_;
   Part culprit_{};
+  std::map<int, Moments> at_work_;  // the culprit, by CPU
+  Moments at_work_anywhere_;
   std::int64_t from_ns_ = 0, to_ns_ = 0;
   std::vector<std::string> names_;
+  std::map<std::string, std::size_t> places_;  // of names
 };
 
 }  // namespace
 
 json drawing_of(const explain::Message& message, const Scene& scene, std::int64_t deadline_ns) {
-  return Drawing(message, scene, deadline_ns).all();
+  for (auto parts = finest;; parts /= 2) {
+    auto drawing = Drawing(message, scene, deadline_ns, parts).all();
+    if (drawing.dump().size() <= most_of_a_drawing || parts / 2 < coarsest) return drawing;
+  }
 }
 
 }  // namespace ontime::report

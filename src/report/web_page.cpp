@@ -234,7 +234,8 @@ std::string list_of(std::size_t first, std::size_t count) {
 std::string whys_of(const record::Reader& reader, const std::vector<Shown>& runs, Drawings& drawings) {
   std::string html;
   for (const auto& run : runs) {
-    auto why = why_of(reader, run.summary->run, drawings.drawn.size(), drawings.of_a_run);
+    auto why = why_of(reader, run.summary->run, drawings.drawn.size(),
+                      std::min(drawings.of_a_run, most_drawings - drawings.drawn.size()));
     if (why.html.empty()) continue;
     html += fmt::format("<div class=\"why\">\n<h3>Why: {}</h3>\n{}</div>\n", escaped(run.label), why.html);
     for (auto& drawing : why.drawings) drawings.drawn.push_back(std::move(drawing));

@@ -20,6 +20,8 @@ using explain::Group;
 using explain::Message;
 using roundtrip::Fate;
 
+constexpr std::size_t most_culprits = 20;  // of a run; the rest is for `ontime explain`
+
 // Of the late and lost messages that were looked at, how many have this culprit first: as a length and in
 // words.
 std::string share_of(const Group& group, std::size_t messages) {
@@ -102,8 +104,13 @@ Why why_of(const record::Reader& reader, const record::Run& run, std::size_t fir
                                             : faults + ". What held them up first:");
   if (!account.groups.empty()) {
     why.html += "<ol class=\"culprits\">\n";
-    for (const auto& group : account.groups) why.html += share_of(group, looked_at);
+    const auto shown = std::min(account.groups.size(), most_culprits);
+    for (std::size_t i = 0; i < shown; ++i) why.html += share_of(account.groups[i], looked_at);
     why.html += "</ol>\n";
+    if (shown < account.groups.size())
+      why.html +=
+          note_as_html(fmt::format("And {} more, each of which held up fewer: `ontime explain` has all.",
+                                   account.groups.size() - shown));
   }
   for (const auto& limit : account.limits) why.html += note_as_html(limit);
 

@@ -11,7 +11,8 @@
 namespace ontime::statistics {
 namespace {
 
-constexpr double fewest_events = 10;  // to tell how they depend on one another
+constexpr double fewest_events = 10;    // to tell how they depend on one another
+constexpr double fewest_effective = 3;  // not all of one burst
 constexpr std::size_t fewest_batches = 8;
 constexpr double most_effective = 1e9;  // more make no interval narrower that anybody could see
 constexpr double normal_97_5 = 1.959963984540054;
@@ -90,6 +91,16 @@ double design_effect(std::span<const Batch> given) {
 double tail_effect(std::span<const Batch> batches, double effect_before) {
   const auto effect = design_effect(batches);
   return sum_of(batches).events / effect < fewest_events ? std::max(effect, effect_before) : effect;
+}
+
+double slowest_effect(std::span<const std::vector<Batch>> rarest_first) {
+  double effect = 1;
+  for (const auto& batches : rarest_first) {
+    effect = design_effect(batches);
+    const auto events = sum_of(batches).events;
+    if (events >= fewest_events && events / effect >= fewest_effective) break;
+  }
+  return effect;
 }
 
 Measured mean(std::span<const Batch> given, double value) {

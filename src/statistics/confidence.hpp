@@ -47,6 +47,7 @@ struct Probability : Measured {
 // Of a distribution, in ns. Nothing: no value.
 struct Certainty {
   Measured mean, p50, p90, p99, p99_9, p99_99;
+  double slowest_effect = 1;  // of the slowest: what is handed to misses, of which there are few or none
 };
 
 // Late or lost messages one right after another: what stops an arm.
@@ -83,6 +84,11 @@ double design_effect(std::span<const Batch>);
 // Likewise, of a share far out: where it is fewer than ten effective messages, they do not tell their
 // dependence either, and that of the threshold before it, which ten times as many pass, counts as well.
 double tail_effect(std::span<const Batch>, double effect_before);
+
+// Of what is rarer than all of these, which are given the rarest first: that of the first one that tells it,
+// by three effective messages of ten at least; else that of the last. What most messages do is not asked: the
+// median of a run drifts without anything in its tail.
+double slowest_effect(std::span<const std::vector<Batch>> rarest_first);
 
 // Between which shares of the sorted values the quantile lies. Nothing: beyond all of them.
 struct Shares {

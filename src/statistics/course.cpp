@@ -101,6 +101,7 @@ Certainty certainty(const Course& course, Ranks& ranks, const Distribution& of) 
       *interval = {value_at(shares.low, false), value_at(shares.high, true)};
     }
   }
+  result.slowest_effect = slowest_effect(std::array{above[3], above[2], above[1]});  // p99.9, p99, p90
   return result;
 }
 

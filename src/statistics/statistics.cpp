@@ -103,7 +103,7 @@ class Pass {
         extremes(round_trip_course_.values(), static_cast<float>(round_trips.at_rank(answers - peaks)));
     summary_.response_certainty = certainty(response_course_, responses, summary_.response);
     // Where hardly any is late, how the slowest come in bursts is all that there is to go by.
-    const auto effect = summary_.response_certainty.p99_9.effect;
+    const auto effect = summary_.response_certainty.slowest_effect;
     std::move(misses_).into(summary_, effect);
     if (deadline_ns_) {
       summary_.late_by_response_probability = probability(late_by_response_.all(), effect);

@@ -140,6 +140,22 @@ class Results(unittest.TestCase):
         self.ontime("run", path, "--results", "mine.ontime", code=3)
         self.assertEqual([entry.name for entry in self.folder.iterdir()], ["unreachable.yaml"])
 
+    def test_a_ping_without_a_pong_leaves_no_run(self):
+        lonely = ("ping", "--transport", "udp", "--peer", "127.0.0.1", "--wait", "100 ms", "--duration", "100 ms")
+        self.ontime(*lonely, "--results", "mine.ontime", code=3)
+        self.assertEqual(list(self.folder.iterdir()), [])
+        self.measured()
+        before = json.loads(self.ontime("report", self.results, "--format", "json").stdout)
+        self.ontime(*lonely, "--results", self.results, code=3)
+        self.assertEqual(json.loads(self.ontime("report", self.results, "--format", "json").stdout), before)
+
+    def test_of_a_search_the_number_of_runs_is_a_bound(self):
+        path = self.folder / "search.yaml"
+        path.write_text("runs: [{id: one, transport: udp, payload: [1 kB, 2 kB, 4 kB], search: payload, "
+                        "duration: 100 ms, require: [lost <= 50%]}]\n")
+        self.assertIn("at most 3 runs", self.ontime("scenarios", path).stdout)
+        self.assertTrue(json.loads(self.ontime("scenarios", path, "--format", "json").stdout)[0]["searches"])
+
     def test_an_empty_choice_is_wrong_usage(self):
         for flag in ("--transports", "--only", "--duration", "--results"):
             self.ontime("run", self.scenario(), flag, "", code=2)
