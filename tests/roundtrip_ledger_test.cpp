@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <array>
 #include <atomic>
+#include <limits>
 #include <map>
 #include <random>
 #include <set>
@@ -11,6 +12,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include "roundtrip/alarm.hpp"
 #include "roundtrip/ledger.hpp"
 
 namespace ontime::roundtrip {
@@ -311,6 +313,23 @@ TEST(Ledger, NeverHasMoreFatesThanMessagesWhoeverIsHeldUp) {
   EXPECT_EQ(of(Fate::on_time), c.on_time);
   EXPECT_EQ(of(Fate::late), c.late);
   EXPECT_EQ(of(Fate::lost), c.lost);
+}
+
+// As the sending thread of back-to-back is woken where there is no room for a message.
+TEST(Alarm, ThatWasResetCanBeSleptOnAgain) {
+  constexpr auto never_ns = std::numeric_limits<std::int64_t>::max();
+  Alarm alarm;
+  alarm.ring();
+  alarm.sleep_until(never_ns);
+  alarm.reset();
+  EXPECT_FALSE(alarm.rung());
+  const auto due_ns = transport::now_ns() + ms;
+  alarm.sleep_until(due_ns);
+  EXPECT_GE(transport::now_ns(), due_ns);
+  std::thread ringing([&] { alarm.ring(); });
+  alarm.sleep_until(never_ns);
+  ringing.join();
+  EXPECT_TRUE(alarm.rung());
 }
 
 }  // namespace

@@ -111,7 +111,8 @@ Program::Program(const frames::Link& link, std::uint64_t topic, std::uint32_t qu
 Program::~Program() { close_all(); }
 
 void Program::refuse_another(const frames::Link& link) {
-  LIBBPF_OPTS(bpf_xdp_query_opts, there);
+  bpf_xdp_query_opts there{};
+  there.sz = sizeof there;
   if (bpf_xdp_query(link.index, 0, &there) != 0) return;
   for (const auto program : {there.prog_id, there.drv_prog_id, there.hw_prog_id, there.skb_prog_id})
     if (program != 0) is_taken(link.name, program);
@@ -124,7 +125,9 @@ void Program::attach(const frames::Link& link) {
   };
   int error = 0;
   for (const auto& [flag, name] : {Mode{XDP_FLAGS_DRV_MODE, "native"}, Mode{XDP_FLAGS_SKB_MODE, "generic"}}) {
-    LIBBPF_OPTS(bpf_link_create_opts, how, .flags = flag);
+    bpf_link_create_opts how{};
+    how.sz = sizeof how;
+    how.flags = flag;
     mode_ = name;
     attached_ = bpf_link_create(program_, link.index, BPF_XDP, &how);
     if (attached_ >= 0) return;
