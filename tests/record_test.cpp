@@ -15,16 +15,17 @@ TEST_F(RecordTest, AForgottenRunWasNeverThere) {
   {
     Writer writer(path_);
     const auto kept = writer.begin_run({{"id", "kept"}});
-    writer.end_run(kept, json::object());
+    writer.end_run(kept, nlohmann::json::object());
     const auto gone = writer.begin_run({{"id", "nobody answered"}});
     writer.note(gone, {"note", "nobody", {}, {}});
-    writer.end_run(gone, json::object());
+    writer.end_run(gone, nlohmann::json::object());
     writer.forget_run(gone);
   }
   const Reader reader(path_);
   ASSERT_EQ(reader.runs().size(), 1u);
   EXPECT_EQ(reader.runs()[0].asked.at("id"), "kept");
-  EXPECT_TRUE(reader.notes(2).empty());
+  EXPECT_EQ(Writer(path_).begin_run({{"id", "the next"}}), 2);
+  EXPECT_TRUE(Reader(path_).notes(2).empty());
 }
 
 TEST_F(RecordTest, EverySampleComesBackAsItWas) {

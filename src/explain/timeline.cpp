@@ -53,6 +53,26 @@ Timeline::Timeline(const trace::Window& window, std::int64_t later_ns)
     : begin_ns_(window.span.from_ns + later_ns), events_(window.events) {
   for (auto& event : events_) event.at_ns += later_ns;
   scheduling_ = scheduling_of(events_);
+  find_interrupts();
+}
+
+// Once, for it is asked of every stretch of a thread. Within one another they count once, as the outermost.
+void Timeline::find_interrupts() {
+  struct Open {
+    int depth = 0;
+    Interrupted now{};
+  };
+  std::map<int, Open> open;  // by CPU
+  for (const auto& event : events_) {
+    if (event.at_ns < begin_ns_ || (!begins(event.kind) && !ends(event.kind))) continue;
+    auto& [depth, now] = open[event.cpu];
+    if (begins(event.kind) && depth++ == 0)
+      now = {event.at_ns, 0, event.kind == Kind::timer ? "timer interrupt" : event.what,
+             event.kind == Kind::soft_interrupt};
+    if (!ends(event.kind) || depth == 0 || --depth > 0) continue;
+    now.to_ns = event.at_ns;
+    interrupts_[event.cpu].push_back(now);
+  }
 }
 
 std::vector<Stretch> Timeline::of(std::int32_t thread, std::int64_t from_ns, std::int64_t to_ns) const {
@@ -115,20 +135,17 @@ std::vector<Held> Timeline::holders(int cpu, std::int64_t from_ns, std::int64_t 
   return holders;
 }
 
-// Within one another they count once, as the outermost.
 std::vector<Interrupted> Timeline::interrupts(int cpu, std::int64_t from_ns, std::int64_t to_ns) const {
   std::vector<Interrupted> all;
-  int depth = 0;
-  Interrupted now{};
-  for (const auto& event : events_) {
-    if (event.cpu != cpu || event.at_ns < begin_ns_) continue;
-    if (begins(event.kind) && depth++ == 0)
-      now = {event.at_ns, 0, event.kind == Kind::timer ? "timer interrupt" : event.what,
-             event.kind == Kind::soft_interrupt};
-    if (!ends(event.kind) || depth == 0 || --depth > 0) continue;
-    now.from_ns = std::max(now.from_ns, from_ns);
-    now.to_ns = std::min(event.at_ns, to_ns);
-    if (now.to_ns > now.from_ns) all.push_back(now);
+  const auto there = interrupts_.find(cpu);
+  if (there == interrupts_.end()) return all;
+  auto next = std::partition_point(there->second.begin(), there->second.end(),
+                                   [&](const Interrupted& one) { return one.to_ns <= from_ns; });
+  for (; next != there->second.end() && next->from_ns < to_ns; ++next) {
+    auto clipped = *next;
+    clipped.from_ns = std::max(clipped.from_ns, from_ns);
+    clipped.to_ns = std::min(clipped.to_ns, to_ns);
+    if (clipped.to_ns > clipped.from_ns) all.push_back(clipped);
   }
   return all;
 }

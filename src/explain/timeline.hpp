@@ -3,6 +3,7 @@
 #pragma once
 
 #include <cstdint>
+#include <map>
 #include <optional>
 #include <string>
 #include <vector>
@@ -66,11 +67,13 @@ class Timeline {
   std::string name_of(std::int32_t thread) const;
 
  private:
+  void find_interrupts();
   const trace::Event* last_of_its_wait(trace::Kind, std::int32_t thread, std::int64_t until_ns) const;
 
   std::int64_t begin_ns_;
   std::vector<trace::Event> events_;
   std::vector<Scheduled> scheduling_;
+  std::map<int, std::vector<Interrupted>> interrupts_;  // by CPU, in order
 };
 
 }  // namespace ontime::explain
