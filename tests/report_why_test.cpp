@@ -164,12 +164,12 @@ TEST_F(Traced, ADrawingIsBoundedHoweverManyEventsThereAre) {
   auto window = around(40);
   std::vector<trace::Event> more;
   const auto at = [&](std::int64_t step) { return due(40) + 100 * us + step; };
-  for (std::int64_t i = 0; i < 50'000; ++i) {
-    const auto other = static_cast<std::int32_t>(1'000 + i);
+  for (std::int64_t i = 0; i < 6'000; ++i) {
+    const bool comes = i % 2 == 0;
+    const trace::Thread other{static_cast<std::int32_t>(1'000 + i / 2), fmt::format("other {}", i / 2), 120};
     for (const int cpu : {1, 2, 3, 4, 5})
-      more.push_back(
-          {at(i * 390 + (i % 2) * 100), cpu, Kind::switched, i % 2 == 0 ? thread(culprit) : thread(other - 1),
-           i % 2 == 0 ? trace::Thread{other, fmt::format("other {}", i), 120} : thread(culprit), "R", 0, 0});
+      more.push_back({at(i * 3'200), cpu, Kind::switched, comes ? thread(culprit) : other,
+                      comes ? other : thread(culprit), "R", 0, 0});
   }
   window.events.insert(window.events.end() - 2, more.begin(), more.end());
   std::stable_sort(window.events.begin(), window.events.end(),
