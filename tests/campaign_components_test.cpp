@@ -137,9 +137,9 @@ TEST_F(Components, OfWhichOneSettingIsSaidTakeItThoughOthersTakeNone) {
   const auto scenario = read(
       "components: [arm, base]\n"
       "runs: [{id: a, transport: udp, realtime: off, arm: {realtime: {priority: 50}}}]\n");
-  const auto runs = together(scenario.at(0), scenario.hosts);
-  EXPECT_EQ(runs[0].task.realtime.threads.at("send").priority, 50);
-  EXPECT_FALSE(runs[1].task.realtime.on);
+  const auto all = together(scenario.at(0), scenario.hosts);
+  EXPECT_EQ(all[0].task.realtime.threads.at("send").priority, 50);
+  EXPECT_FALSE(all[1].task.realtime.on);
 }
 
 TEST_F(Components, SayWhatVariesForOthersBesideWhatVariesForThem) {
@@ -166,23 +166,23 @@ TEST_F(Components, HaveGatesOfTheirOwn) {
   const auto scenario = read(
       "components: [arm, base]\n"
       "runs: [{id: a, transport: udp, require: late <= 5, arm: {require: [late <= 0, lost <= 0]}}]\n");
-  const auto runs = together(scenario.at(0), scenario.hosts);
-  EXPECT_THAT(runs[0].require, ElementsAre("late <= 0", "lost <= 0"));
-  EXPECT_THAT(runs[1].require, ElementsAre("late <= 5"));
+  const auto all = together(scenario.at(0), scenario.hosts);
+  EXPECT_THAT(all[0].require, ElementsAre("late <= 0", "lost <= 0"));
+  EXPECT_THAT(all[1].require, ElementsAre("late <= 5"));
 }
 
 TEST_F(Components, AreRepeatedAndSearchedTogether) {
   const auto scenario = read(
       "components: [arm, base]\nrepeat: 2\n"
       "runs: [{id: a, transport: udp, search: arm.period, arm: {period: [9 ms, 8 ms, 7 ms]}}]\n");
-  const auto runs = together(scenario.at(5), scenario.hosts);
-  for (const auto& run : runs) {
+  const auto all = together(scenario.at(5), scenario.hosts);
+  for (const auto& run : all) {
     EXPECT_EQ(run.repetition, 2);
     EXPECT_EQ(run.step.key, "arm.period");
     EXPECT_EQ(run.step.number, 2);
   }
-  EXPECT_EQ(runs[0].task.client.period, 7ms);
-  EXPECT_EQ(runs[1].task.client.period, 10ms);
+  EXPECT_EQ(all[0].task.client.period, 7ms);
+  EXPECT_EQ(all[1].task.client.period, 10ms);
 }
 
 TEST_F(Components, TakeTransportsInsteadOfTheirOwn) {
@@ -199,7 +199,7 @@ TEST_F(Components, AreRefusedWhatIsCommonToAllByName) {
     return error("components: " + components + "\nruns:\n  - {id: a, transport: udp, arm: {" + keys + "}}\n");
   };
   EXPECT_THAT(with("duration: 1 s"),
-              AllOf(HasSubstr(":3:36: arm.duration: "), HasSubstr("at the same time")));
+              AllOf(HasSubstr(":3:35: arm.duration: "), HasSubstr("at the same time")));
   EXPECT_THAT(with("explain: on"), HasSubstr("for all, or for none"));
   EXPECT_THAT(with("kernel: {gro: on}"), HasSubstr("arm.kernel.gro: this cannot be said of one"));
   EXPECT_THAT(with("isolation: {cpus: 0}"), HasSubstr("arm.isolation.cpus: this cannot be said of one"));

@@ -219,7 +219,8 @@ class File {
       return;
     hold(id, node, defaults.size() * held_beside);
     own.insert(defaults.begin(), defaults.end());  // where the run says nothing
-    multiply(id, node, take_require(own), std::move(own));
+    const auto required = take_require(own);
+    multiply(id, node, required, std::move(own));
   }
 
   using Required = std::map<std::string, std::vector<std::string>>;  // by component; "": all
