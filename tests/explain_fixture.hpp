@@ -36,7 +36,7 @@ trace::Thread named(std::int32_t id) {
     case answers:
       return {answers, "pong-receive", ordinary};
     default:
-      return {hog, "hog", ordinary};
+      return {id, id == hog ? "hog" : "another", ordinary};
   }
 }
 

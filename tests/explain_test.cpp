@@ -93,7 +93,8 @@ TEST(Scheduling, AThreadCameAfterItWasWokenAndTheIdleThreadDidItsLast) {
   const auto all =
       scheduling_of({at(10, Kind::switched, hog, 0, "S"), at(20, Kind::timer, 0, 0, ""),
                      at(21, Kind::waking, answers, 0, "1"), at(22, Kind::timer_end, 0, 0, ""),
-                     at(30, Kind::queued, answers, 0, "veth"), at(40, Kind::switched, answers, 0, "S")});
+                     at(30, Kind::queued, answers, 0, "veth"), at(40, Kind::switched, answers, 0, "S")},
+                    0);
   ASSERT_THAT(all, SizeIs(4));
   const auto& came = all[2];
   EXPECT_EQ(came.event.at_ns, 22);
@@ -114,7 +115,7 @@ TEST(Scheduling, OfAsManyEventsAsMayBeIsInOrderOfTime) {
     events.push_back({.at_ns = cpus + i, .cpu = cpus, .kind = Kind::waking, .thread = named(hears)});
   for (int cpu = 0; cpu < cpus; ++cpu)
     events.push_back({.at_ns = cpus + wakings, .cpu = cpu, .kind = Kind::queued, .thread = named(answers)});
-  const auto all = scheduling_of(events);
+  const auto all = scheduling_of(events, 0);
   EXPECT_THAT(all, SizeIs(2 * cpus + wakings));
   EXPECT_TRUE(std::is_sorted(all.begin(), all.end(), [](const auto& one, const auto& other) {
     return one.event.at_ns < other.event.at_ns;
@@ -304,6 +305,100 @@ TEST_P(Explained, APacketThatABridgeHandsOnIsOne) {
   EXPECT_EQ(packets[0].sent->at_ns, sent + 6 * us);
   ASSERT_NE(packets[0].dropped, nullptr);
   EXPECT_EQ(packets[0].dropped->what, "NETFILTER_DROP");
+}
+
+// What is kept of the time before a window was kept for one of the two that a switch names.
+TEST_P(Explained, WhoCameToACpuLongAgoIsNotThereStill) {
+  event(due - 900 * ms, 1, Kind::switched, hog, asks, "R");  // hog is ready since; asks slept since then
+  event(due - 2 * ms, 1, Kind::switched, answers, hog, "S");
+  sender_wakes_and_sends(8 * ms);
+  EXPECT_EQ(first(message(late(8 * ms, 0, 0))).cause, Cause::timer);
+}
+
+TEST(Scheduling, WhoSleptBeforeTheWindowDidNotComeByWhatAnotherDidThere) {
+  const auto at = [](std::int64_t at_ns, Kind kind, std::int32_t thread, std::int32_t other,
+                     const char* what) {
+    return Event{
+        .at_ns = at_ns, .cpu = 1, .kind = kind, .thread = named(thread), .other = named(other), .what = what};
+  };
+  const trace::Window window{{1, 1000, 2000},
+                             true,
+                             {at(10, Kind::switched, hog, 0, "R"), at(20, Kind::waking, hears, answers, "1"),
+                              at(900, Kind::switched, asks, 0, "S")}};
+  const Timeline timeline(window, 0);
+  EXPECT_NE(timeline.state_at(answers, 1500), State::runs) << "who woke another has left since";
+  EXPECT_EQ(timeline.state_at(hears, 1500), State::ready);
+  EXPECT_EQ(timeline.state_at(hog, 1500), State::ready);
+}
+
+TEST_P(Explained, AThreadThatIsMovedWaitsForTheCpuThatItIsMovedTo) {
+  switched(due - 300 * us, 0, 5, "S", 6);
+  sender_wakes_and_sends();
+  event(sent + 10 * us, 1, Kind::waking, answers, asks, "0");
+  event(sent + 11 * us, 1, Kind::moved, answers, asks, "1");
+  switched(sent + 20 * ms, 1, hog, "R", answers);
+  const auto part = first(message(late(0, 20 * ms, 0)));
+  EXPECT_EQ(part.cause, Cause::cpu);
+  EXPECT_EQ(part.when.front().cpu, 1);
+}
+
+TEST_P(Explained, AReadyThreadThatTheSchedulerPassesOverForIdlingIsThrottled) {
+  sender_wakes_and_sends();
+  event(sent + 10 * us, 0, Kind::waking, answers, asks, "1");
+  switched(sent + 14 * ms, 1, hog, "S", 0);
+  event(sent + 18 * ms, 1, Kind::timer, 0);
+  event(sent + 18 * ms + us, 1, Kind::timer_end, 0);
+  switched(sent + 20 * ms, 1, 0, "R", answers);
+  switched(sent + 20 * ms + 60 * us, 1, answers, "S", 0);
+  const auto part = first(message(late(0, 20 * ms, 0)));
+  EXPECT_EQ(part.cause, Cause::throttled) << "whoever had the CPU meanwhile took it from nobody";
+  EXPECT_GT(part.ns, 17 * ms);
+}
+
+TEST_P(Explained, AThreadThatCameFirstWasNotTakenFromByWhoWasThereBefore) {
+  sender_wakes_and_sends();
+  event(sent + 10 * us, 0, Kind::waking, answers, asks, "1");
+  switched(sent + 14 * ms, 1, hog, "S", 0);  // and it comes at once
+  switched(sent + 14 * ms + 10 * us, 1, 0, "R", answers);
+  switched(sent + 14 * ms + 60 * us, 1, answers, "S", 0);
+  EXPECT_EQ(first(message(late(0, 14 * ms, 0))).cause, Cause::cpu);
+}
+
+TEST_P(Explained, ARealTimeThreadThatWaitsLongForSeveralOrdinaryOnesIsThrottled) {
+  sender_wakes_and_sends();
+  event(sent + 10 * us, 1, Kind::waking, answers, asks, "1");
+  window_.events.back().thread.priority = fifo_80;
+  for (int i = 0; i < 10; ++i) switched(sent + i * 5 * ms + 20 * us, 1, hog + i % 2, "R", hog + (i + 1) % 2);
+  switched(sent + 50 * ms, 1, hog, "R", answers);
+  window_.events.back().other.priority = fifo_80;
+  const auto message = this->message(late(0, 50 * ms, 0));
+  EXPECT_EQ(first(message).cause, Cause::throttled);
+  EXPECT_GT(first(message).ns, 48 * ms);
+}
+
+TEST_P(Explained, AMessageForWhichThereWasNoRoute) {
+  event(due + 5 * us, 0, Kind::waking, asks, 0, "0");
+  switched(due + 8 * us, 0, 0, "R", asks);
+  event(sent + 5 * us, 0, Kind::no_route, asks);
+  const auto part = first(message(lost()));
+  EXPECT_EQ(part.cause, Cause::unreachable);
+  EXPECT_EQ(part.end, "controller");
+  EXPECT_EQ(sentence_of(part), "the packet could not be sent at ping's side: no route");
+}
+
+TEST_P(Explained, AnAnswerForWhichTheOtherEndWasNotFound) {
+  sender_wakes_and_sends();
+  event(sent + 20 * us, 1, Kind::no_neighbour, answers);
+  const auto part = first(message(lost()));
+  EXPECT_EQ(part.cause, Cause::unreachable);
+  EXPECT_EQ(part.end, "component");
+  EXPECT_EQ(part.culprit, "no neighbour");
+}
+
+TEST_P(Explained, AMessageThatWentIsNotAccusedOfSomebodyElsesRoute) {
+  sender_wakes_and_sends();
+  event(sent + 10 * us, 0, Kind::no_route, asks);
+  EXPECT_NE(first(message(lost())).cause, Cause::unreachable);
 }
 
 INSTANTIATE_TEST_SUITE_P(Kernel, Explained, testing::Values(true, false), [](const auto& told) {

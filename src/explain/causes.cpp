@@ -50,6 +50,8 @@ constexpr Row rows[] = {
      "tc -s qdisc show dev {1}: a rate, a delay, or other traffic ahead of it"},
     {Cause::dropped, "dropped", "the packet was dropped at {0} ({1})",
      "the packet was dropped at {0}, the kernel does not say why", none},
+    {Cause::unreachable, "unreachable", "the packet could not be sent at {0}: {1}", none,
+     "ip route get ADDRESS, ip neigh: the interface, or the other end's, was down or lost its address"},
     {Cause::unknown, "unknown", none, "unknown", none}};
 
 const Row& row_of(Cause cause) {
@@ -80,7 +82,8 @@ constexpr Drop drops[] = {
     {"TC_", "tc filter show: a filter dropped it"},
     {"NO_SOCKET", "nobody listened there: was the other end gone?"},
     {"CPU_BACKLOG", "net.core.netdev_max_backlog, and a ksoftirqd that is not starved (kernel.ksoftirqd)"},
-    {"DEV_READY", "the interface at the other side was down"}};
+    {"DEV_READY", "the interface at the other side was down"},
+    {"__dev_forward_skb", "the interface at the other side was down"}};
 
 std::string possessive(const std::string& end) { return end == "component" ? "pong's" : "ping's"; }
 

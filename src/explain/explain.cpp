@@ -192,7 +192,7 @@ void add_untold_switches(Account& account, const Traces& traces) {
   std::map<std::pair<std::string, int>, std::size_t> inferred;
   for (const auto& [message, windows] : traces)
     for (const auto& [host, window] : windows)
-      for (const auto& [event, latest_ns] : scheduling_of(window.events))
+      for (const auto& [event, latest_ns] : scheduling_of(window.events, window.span.from_ns))
         if (latest_ns > event.at_ns && latest_ns >= window.span.from_ns) ++inferred[{host, event.cpu}];
   for (const auto& [place, switches] : inferred)
     if (switches >= surely_some)

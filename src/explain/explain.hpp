@@ -23,20 +23,21 @@ const char* word_of(Stage);
 
 // What was the matter with the thread, or the packet, that should have gone on.
 enum class Cause {
-  cpu,         // it waited for a CPU while another thread ran there
-  interrupts,  // interrupts or soft interrupts took its CPU
-  throttled,   // it was ready and its CPU was not given to it, though nobody of its rank or above had it
-  idle_cpu,    // it was ready, and its CPU showed no sign of life
-  stopped,     // by a signal
-  page_fault,  // it waited in the kernel for a page of its memory
-  lock,        // it waited for a lock of the kernel's
-  disk,        // it waited in the kernel for a disk
-  blocked,     // it waited in the kernel, it is not known for what
-  waited,      // it had the message, and slept: of its own accord, or until another thread woke it
-  busy,        // it ran, and took its time
-  timer,       // the timer that should have woken it came late
-  queue,       // a queueing discipline held the packet
-  dropped,     // the kernel threw the packet away
+  cpu,          // it waited for a CPU while another thread ran there
+  interrupts,   // interrupts or soft interrupts took its CPU
+  throttled,    // it was ready and its CPU was not given to it, though nobody of its rank or above had it
+  idle_cpu,     // it was ready, and its CPU showed no sign of life
+  stopped,      // by a signal
+  page_fault,   // it waited in the kernel for a page of its memory
+  lock,         // it waited for a lock of the kernel's
+  disk,         // it waited in the kernel for a disk
+  blocked,      // it waited in the kernel, it is not known for what
+  waited,       // it had the message, and slept: of its own accord, or until another thread woke it
+  busy,         // it ran, and took its time
+  timer,        // the timer that should have woken it came late
+  queue,        // a queueing discipline held the packet
+  dropped,      // the kernel threw the packet away
+  unreachable,  // the kernel had no way to send the packet
   unknown
 };
 const char* word_of(Cause);

@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <map>
+#include <set>
 
 namespace ontime::explain {
 namespace {
@@ -45,7 +46,8 @@ class Scheduling {
       threads_[event.other.id] = {event.other, event.at_ns};
     }
     if (event.kind == Kind::waking) threads_[event.thread.id] = {event.thread, event.at_ns};
-    if (event.kind == Kind::switched || event.kind == Kind::waking) all.push_back({event, event.at_ns});
+    if (event.kind == Kind::switched || event.kind == Kind::waking || event.kind == Kind::moved)
+      all.push_back({event, event.at_ns});
   }
 
   void left_idle(Cpu& cpu, const Event& event, std::int32_t running) {
@@ -77,6 +79,14 @@ class Scheduling {
 
 }  // namespace
 
-std::vector<Scheduled> scheduling_of(const std::vector<Event>& events) { return Scheduling(events).all; }
+std::vector<Scheduled> scheduling_of(const std::vector<Event>& events, std::int64_t begin_ns) {
+  auto all = Scheduling(events).all;
+  std::set<std::int32_t> later;  // CPUs
+  for (auto one = all.rbegin(); one != all.rend(); ++one)
+    if (one->event.kind == Kind::switched && one->event.at_ns < begin_ns &&
+        !later.insert(one->event.cpu).second)
+      one->event.other = {nobody, "", ordinary_priority};
+  return all;
+}
 
 }  // namespace ontime::explain

@@ -37,6 +37,9 @@ std::optional<Change> change_of(const Event& event, std::int32_t thread, State n
   const bool is_awake = now == State::runs || now == State::comes || now == State::ready;
   if (event.kind == Kind::waking && event.thread.id == thread && !is_awake)
     return Change{State::sleeps, State::ready, cpu_of(event.what)};
+  if (event.kind == Kind::moved && event.thread.id == thread &&
+      (now == State::ready || now == State::unknown))
+    return Change{State::ready, State::ready, cpu_of(event.what)};
   return {};
 }
 
@@ -52,7 +55,7 @@ bool ends(Kind kind) {
 Timeline::Timeline(const trace::Window& window, std::int64_t later_ns)
     : begin_ns_(window.span.from_ns + later_ns), events_(window.events) {
   for (auto& event : events_) event.at_ns += later_ns;
-  scheduling_ = scheduling_of(events_);
+  scheduling_ = scheduling_of(events_, begin_ns_);
   find_interrupts();
 }
 

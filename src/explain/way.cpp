@@ -83,10 +83,30 @@ void Way::add(Found& found, Part part, std::int64_t ns, const std::vector<Stretc
   found.parts.push_back(std::move(part));
 }
 
+// Until when a thread was ready and passed over: then at the latest the scheduler let its CPU idle.
+std::int64_t passed_over_until_ns(const std::vector<Held>& holders, const Stretch& stretch) {
+  auto until_ns = stretch.from_ns;
+  for (const auto& held : holders)
+    if (held.thread.id == 0 && held.surely && held.from_ns > stretch.from_ns + at_once_ns &&
+        held.to_ns - held.from_ns >= slow_to_wake_ns)
+      until_ns = held.to_ns;
+  return until_ns;
+}
+
 // Ready, and not running: by who had the CPU that it was to run on.
 void Way::waited(Found& found, const Timeline& timeline, const Part& whose, const Stretch& stretch) const {
   auto left_ns = stretch.length_ns();
-  for (const auto& held : timeline.holders(stretch.cpu, stretch.from_ns, stretch.to_ns)) {
+  const auto holders = timeline.holders(stretch.cpu, stretch.from_ns, stretch.to_ns);
+  const auto passed_over_ns = passed_over_until_ns(holders, stretch);
+  const auto is_outranked = [&](const Held& held) {
+    return held.thread.id != 0 && whose.priority < trace::least_ordinary &&
+           held.thread.priority >= trace::least_ordinary;
+  };
+  const auto outranked_ns = std::accumulate(
+      holders.begin(), holders.end(), std::int64_t{0}, [&](std::int64_t sum, const Held& held) {
+        return sum + (held.surely && is_outranked(held) ? held.to_ns - held.from_ns : 0);
+      });
+  for (const auto& held : holders) {
     auto part = whose;
     const Stretch when{held.from_ns, held.to_ns, State::ready, stretch.cpu};
     auto ns = when.length_ns();
@@ -106,9 +126,10 @@ void Way::waited(Found& found, const Timeline& timeline, const Part& whose, cons
       add(found, by, {interrupt.from_ns, interrupt.to_ns, State::ready, stretch.cpu});
       ns -= interrupt.to_ns - interrupt.from_ns;
     }
-    const bool outranks =
-        whose.priority < trace::least_ordinary && held.thread.priority >= trace::least_ordinary;
-    part.cause = outranks && ns >= surely_throttled_ns ? Cause::throttled : Cause::cpu;
+    const bool is_passed_over = held.thread.priority >= trace::least_ordinary && held.to_ns <= passed_over_ns;
+    part.cause = is_passed_over || (is_outranked(held) && outranked_ns >= surely_throttled_ns)
+                     ? Cause::throttled
+                     : Cause::cpu;
     if (part.cause == Cause::cpu) {
       part.culprit = held.thread.name.empty() ? timeline.name_of(held.thread.id) : held.thread.name;
       part.culprit_threads = {held.thread.id};
@@ -325,6 +346,24 @@ std::vector<Part> Way::delays_of(const roundtrip::Sample& sample) {
   return all;
 }
 
+// Whether the kernel is known to have had no way for what the end sent first.
+bool Way::not_sent(Found& found, const End& from, std::int64_t from_ns) const {
+  if (from.timeline == nullptr) return false;
+  for (const auto& event : from.timeline->events()) {
+    const bool tells = event.kind == Kind::no_route || event.kind == Kind::no_neighbour;
+    if (!tells || event.at_ns < from_ns || event.at_ns > from_ns + before_queue_ns ||
+        !has(from, event.thread.id))
+      continue;
+    found.parts.push_back({.cause = Cause::unreachable,
+                           .stage = Stage::left,
+                           .end = from.name,
+                           .culprit = event.kind == Kind::no_route ? "no route" : "no neighbour",
+                           .when = {{event.at_ns, event.at_ns, State::unknown, -1}}});
+    return true;
+  }
+  return false;
+}
+
 // Whether it is known where the message ended.
 bool Way::lost_between(Found& found, const End& from, const End& to, const Packet& way, std::int64_t from_ns,
                        std::int64_t until_ns) const {
@@ -340,6 +379,7 @@ bool Way::lost_between(Found& found, const End& from, const End& to, const Packe
     return true;
   }
   if (way.queued == nullptr) {
+    if (not_sent(found, from, from_ns)) return true;
     if (const auto* sends = with(from, "send"))
       thread(found, from, sends->id, "send", Stage::left, from_ns, until_ns);
     return found.held_ns > 0;
@@ -356,16 +396,17 @@ std::vector<Part> Way::loss_of(const roundtrip::Sample& sample, std::int64_t unt
   const auto there = packet(client_, server_, sample.sent_ns, until_ns);
   if (!lost_between(found, client_, server_, there, sample.sent_ns, until_ns) && there.received != nullptr) {
     const auto back = packet(server_, client_, there.received->at_ns, until_ns);
-    if (back.queued == nullptr && back.dropped == nullptr)
-      receiver(found, server_, there.received->at_ns, until_ns);
-    else if (!lost_between(found, server_, client_, back, there.received->at_ns, until_ns) &&
-             back.received != nullptr)
+    if (back.queued == nullptr && back.dropped == nullptr) {
+      if (!not_sent(found, server_, there.received->at_ns))
+        receiver(found, server_, there.received->at_ns, until_ns);
+    } else if (!lost_between(found, server_, client_, back, there.received->at_ns, until_ns) &&
+               back.received != nullptr)
       receiver(found, client_, back.received->at_ns, until_ns);
   }
   // What let it go on soon is not what lost it; and one that sleeps may wait for the next.
   std::erase_if(found.parts, [&](const Part& part) {
-    return part.cause == Cause::waited ||
-           (part.cause != Cause::dropped && part.ns < (until_ns - sample.sent_ns) / 2);
+    return part.cause == Cause::waited || (part.cause != Cause::dropped && part.cause != Cause::unreachable &&
+                                           part.ns < (until_ns - sample.sent_ns) / 2);
   });
   if (found.parts.empty()) found.parts.push_back({.stage = Stage::delivered, .end = server_.name});
   std::stable_sort(found.parts.begin(), found.parts.end(),

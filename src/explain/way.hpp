@@ -53,6 +53,7 @@ class Way {
   void leg(Found&, const End& from, const End& to, std::int64_t from_ns, std::int64_t to_ns) const;
   void rest(Found&, std::size_t leg, std::int64_t length_ns) const;
   Packet packet(const End& from, const End& to, std::int64_t from_ns, std::int64_t to_ns) const;
+  bool not_sent(Found&, const End& from, std::int64_t from_ns) const;
   bool lost_between(Found&, const End& from, const End& to, const Packet&, std::int64_t from_ns,
                     std::int64_t until_ns) const;
   const KnownThread* receives(const End&, std::int64_t at_ns) const;

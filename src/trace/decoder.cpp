@@ -23,6 +23,8 @@ struct Wanted {
 constexpr const char* running = "common_pid";
 constexpr const char* none = "";
 constexpr const char* internet = "protocol == 0x800 || protocol == 0x86dd";
+constexpr const char* by_no_table = "err != 0 && tb_id == 254";  // of the last of all tables, RT_TABLE_MAIN
+constexpr const char* it_waits = "err != 0";
 constexpr const char* stop_or_go = "sig >= 18 && sig <= 20";  // SIGCONT, SIGSTOP, SIGTSTP
 
 // The kernel adds its stack to a switch of a thread that is to wait in it, which is seldom.
@@ -57,7 +59,13 @@ constexpr Wanted wanted[] = {
     {Kind::signal, "signal", "signal_generate", stop_or_go, "pid", "comm", none, running, none, none, "sig",
      none, none, "who stopped a thread"},
     {Kind::waits, "ftrace", "kernel_stack", none, running, none, none, none, none, none, "caller", none, none,
-     "what a thread waits for in the kernel"}};
+     "what a thread waits for in the kernel"},
+    {Kind::moved, "sched", "sched_migrate_task", none, "pid", "comm", "prio", running, none, none, "dest_cpu",
+     none, none, "which CPU a thread was to run on"},
+    {Kind::no_route, "fib", "fib_table_lookup", by_no_table, running, none, none, none, none, none, none,
+     none, none, "that there was no route"},
+    {Kind::no_neighbour, "neigh", "neigh_event_send_done", it_waits, running, none, none, none, none, none,
+     none, none, none, "that nobody on the link had the address"}};
 
 // The kernel's TASK_*, of which those above 0x80 are not said to user space. It may add that a thread was
 // pre-empted; ready it is then as well.
@@ -119,7 +127,8 @@ Decoder::Decoder(const Tracefs& tracefs) : tep_(tep_alloc(), tep_free) {
                       field(one.other_priority),
                       field(one.what),
                       field(one.packet),
-                      field(one.bytes)};
+                      field(one.bytes),
+                      field(one.kind == Kind::dropped ? "location" : none)};
     if (!whole) {
       miss();
       continue;
@@ -203,6 +212,7 @@ std::string Decoder::what_of(const Shape& shape, const RawEvent& event) {
     }
     case Kind::waking:
     case Kind::signal:
+    case Kind::moved:
       return fmt::format("{}", number(shape.what, event));
     case Kind::dropped: {
       tep_record record{};
@@ -216,7 +226,9 @@ std::string Decoder::what_of(const Shape& shape, const RawEvent& event) {
       trace_seq_destroy(&printed);
       const std::string_view before = "reason: ";
       const auto begin = text.find(before);
-      return begin == text.npos ? "" : text.substr(begin + before.size());
+      const auto reason = begin == text.npos ? "" : text.substr(begin + before.size());
+      if (!reason.empty() && reason != "NOT_SPECIFIED") return reason;
+      return symbols_.at(static_cast<std::uint64_t>(number(shape.place, event)));
     }
     case Kind::waits:
       return functions_of(shape, event);

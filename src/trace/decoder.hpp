@@ -41,7 +41,7 @@ class Decoder {
     bool sleeps;  // who left waits to be woken
   };
   Switch switch_of(const RawEvent&) const;
-  std::int32_t woken(const RawEvent&) const;
+  std::int32_t woken(const RawEvent&) const;    // or moved
   std::int32_t who_ran(const RawEvent&) const;  // who had the CPU; of a switch: who left it
 
  private:
@@ -52,7 +52,7 @@ class Decoder {
   struct Shape {
     Kind kind;
     tep_event* event;
-    Field running, thread, name, priority, other, other_name, other_priority, what, packet, bytes;
+    Field running, thread, name, priority, other, other_name, other_priority, what, packet, bytes, place;
   };
   const Shape* shape_of(const RawEvent&) const;
   static std::int64_t number(const Field&, const RawEvent&);

@@ -43,6 +43,7 @@ class Now {
       waits_[decoder_.who_ran(event)] = event;
       return;  // its switch, which has come before it, says more
     }
+    if (kind == Kind::moved && awake_.contains(decoder_.woken(event))) awake_[decoder_.woken(event)] = event;
     if (kind != Kind::switched) {
       const auto cpu = cpus_.find(event.cpu);
       if (cpu != cpus_.end()) cpu->second.enter(event, decoder_.who_ran(event));

@@ -33,10 +33,14 @@ enum class Kind : std::uint8_t {
   queued,    // a packet is given to an interface
   sent,      // a packet leaves the queue of an interface
   received,  // a packet has come over an interface
-  dropped,   // a packet is thrown away; `what`: the kernel's reason, "" where it does not say
+  dropped,   // a packet is thrown away; `what`: the kernel's reason, and where it gives none the function
+             // that did it, "" where it says neither
   signal,    // `thread` is sent one by `other`; `what`: its number
-  waits  // `thread` has left its CPU to wait in the kernel (state "D"); `what`: the kernel's functions that
-         // it is in, the innermost first, "" where they are hidden
+  waits,  // `thread` has left its CPU to wait in the kernel (state "D"); `what`: the kernel's functions that
+          // it is in, the innermost first, "" where they are hidden
+  moved,  // `thread` is to run on another CPU from now on; `what`: its number
+  no_route,     // what `thread` would send has no way to where it should go
+  no_neighbour  // what `thread` sent waits until somebody on the link says that the address is his
 };
 const char* word_of(Kind);
 std::optional<Kind> kind_of(const std::string& word);

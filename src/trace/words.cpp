@@ -13,7 +13,7 @@ namespace {
 
 using nlohmann::json;
 
-constexpr std::array<std::pair<Kind, const char*>, 14> words{{{Kind::switched, "switch"},
+constexpr std::array<std::pair<Kind, const char*>, 17> words{{{Kind::switched, "switch"},
                                                               {Kind::waking, "waking"},
                                                               {Kind::interrupt, "interrupt"},
                                                               {Kind::interrupt_end, "interrupt-end"},
@@ -26,7 +26,10 @@ constexpr std::array<std::pair<Kind, const char*>, 14> words{{{Kind::switched, "
                                                               {Kind::received, "received"},
                                                               {Kind::dropped, "dropped"},
                                                               {Kind::signal, "signal"},
-                                                              {Kind::waits, "waits"}}};
+                                                              {Kind::waits, "waits"},
+                                                              {Kind::moved, "moved"},
+                                                              {Kind::no_route, "no-route"},
+                                                              {Kind::no_neighbour, "no-neighbour"}}};
 
 // No clock that counts from a machine's start shows more: 36 years.
 constexpr std::int64_t latest_ns = std::int64_t{1} << 60;
@@ -110,7 +113,9 @@ std::optional<Kind> kind_of(const std::string& word) {
 }
 
 std::int32_t running_at(const Event& event) {
-  return event.kind == Kind::waking || event.kind == Kind::signal ? event.other.id : event.thread.id;
+  const bool by_another =
+      event.kind == Kind::waking || event.kind == Kind::signal || event.kind == Kind::moved;
+  return by_another ? event.other.id : event.thread.id;
 }
 
 json to_json(const Window& window) {
