@@ -401,6 +401,70 @@ TEST_P(Explained, AMessageThatWentIsNotAccusedOfSomebodyElsesRoute) {
   EXPECT_NE(first(message(lost())).cause, Cause::unreachable);
 }
 
+// A run by hand, and what its pong kept: by a clock that shows 7 s more.
+class ByHand : public Explained {
+ protected:
+  static constexpr std::int64_t ahead = 7'000 * ms;
+
+  ByHand() : ping_(""), kept_("") {
+    for (auto& sample : samples_) by_its_own_clock(sample);
+    window_.span = {50, due - ms + ahead, due + 21 * ms + ahead};
+    event(sent + ahead + 10 * us, 1, Kind::waking, answers, 0, "1");
+    switched(sent + ahead + 20 * ms, 1, hog, "R", answers);
+    run_ = ping_.begin_run({{"id", "ping"}, {"payload_bytes", 500}});
+    ping_.end_run(run_, {{"hosts", {{"controller", {{"threads", threads({{asks, "send"}})}}}}}});
+  }
+  static void by_its_own_clock(Sample& sample) {
+    sample.server_received_ns += ahead;
+    sample.server_sent_ns += ahead;
+  }
+  void keep() {
+    const auto run = kept_.begin_run({{"id", "pong"}});
+    kept_.trace(run, {"component", window_});
+    kept_.end_run(run, {{"trace", {{"component", json::object()}}},
+                        {"hosts", {{"component", {{"threads", threads({{answers, "receive"}})}}}}}});
+  }
+  Account account_with(Sample sample) {
+    samples_.insert(samples_.begin() + 50, sample);
+    ping_.append(run_, samples_);
+    const auto reader = ping_.reader();
+    const auto run = reader.runs().at(0);
+    const Pong pong(kept_.reader(), reader, run);
+    return account_of(reader, run, &pong);
+  }
+  record::Writer ping_, kept_;
+  std::int64_t run_ = 0;
+};
+
+TEST_P(ByHand, WhatPongKeptExplainsItsPart) {
+  keep();
+  auto sample = late(0, 20 * ms, 0);
+  by_its_own_clock(sample);
+  const auto account = account_with(sample);
+  ASSERT_THAT(account.messages, SizeIs(1));
+  const auto part = first(account.messages[0]);
+  EXPECT_EQ(part.cause, Cause::cpu);
+  EXPECT_EQ(part.culprit, "hog");
+  EXPECT_EQ(part.end, "component");
+  EXPECT_THAT(account.limits, testing::UnorderedElementsAre(
+                                  HasSubstr("nothing is known of what the controller's machine did"),
+                                  HasSubstr("known to within 45.0 us of the controller's")));
+}
+
+TEST_P(ByHand, WhatAnotherPongKeptIsRefused) {
+  window_.span.from_ns += 60'000 * ms;
+  window_.span.to_ns += 60'000 * ms;
+  window_.events.clear();
+  keep();
+  auto sample = late(0, 20 * ms, 0);
+  by_its_own_clock(sample);
+  EXPECT_THROW(account_with(sample), record::WrongFile);
+}
+
+INSTANTIATE_TEST_SUITE_P(Kernel, ByHand, testing::Values(true, false), [](const auto& told) {
+  return told.param ? "TellsLeavingIdle" : "DoesNotTellLeavingIdle";
+});
+
 INSTANTIATE_TEST_SUITE_P(Kernel, Explained, testing::Values(true, false), [](const auto& told) {
   return told.param ? "TellsLeavingIdle" : "DoesNotTellLeavingIdle";
 });

@@ -52,6 +52,35 @@ TEST_P(Waits, WhatAThreadWaitedForInTheKernelIsToldByItsFunctions) {
   EXPECT_EQ(part.culprit, "") << "who ended the wait has no part in it";
 }
 
+TEST_P(Waits, WhatAThreadRunsBetweenTwoWaitsForPagesIsForThem) {
+  has_the_message();
+  for (int i = 0; i < 50; ++i) {
+    const auto at = sent + 30 * us + i * 300 * us;
+    switched(at, 1, answers, "D", hog);
+    event(at + us, 1, Kind::waits, answers, 0,
+          "schedule io_schedule filemap_fault handle_mm_fault exc_page_fault");
+    event(at + 150 * us, 1, Kind::waking, answers, hog, "1");
+    switched(at + 152 * us, 1, hog, "R", answers);
+  }
+  switched(sent + 15 * ms + 60 * us, 1, answers, "S", 0);
+  const auto message = this->message(late(0, 15 * ms, 0));
+  EXPECT_EQ(first(message).cause, Cause::page_fault);
+  EXPECT_GT(first(message).ns, 14 * ms);
+}
+
+TEST_P(Waits, WhatAThreadComputesAfterAPageIsBusy) {
+  has_the_message();
+  for (const auto at : {sent + 30 * us, sent + 14 * ms}) {
+    switched(at, 1, answers, "D", hog);
+    event(at + us, 1, Kind::waits, answers, 0,
+          "schedule io_schedule filemap_fault handle_mm_fault exc_page_fault");
+    event(at + 150 * us, 1, Kind::waking, answers, hog, "1");
+    switched(at + 152 * us, 1, hog, "R", answers);
+  }
+  switched(sent + 15 * ms + 60 * us, 1, answers, "S", 0);
+  EXPECT_EQ(first(message(late(0, 15 * ms, 0))).cause, Cause::busy);
+}
+
 TEST(Causes, OfWaitsInTheKernel) {
   EXPECT_EQ(cause_of_wait("schedule rwsem_down_read_slowpath down_read lock_mm_and_find_vma exc_page_fault"),
             Cause::lock)

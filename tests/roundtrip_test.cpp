@@ -456,5 +456,38 @@ TEST(Words, ArePairs) {
   EXPECT_FALSE(schedule_of("sometimes"));
 }
 
+TEST(Answers, AreNotedOnceThatIsAskedFor) {
+  struct Answering final : transport::Endpoint {
+    transport::Matched matched() override { return {1, 1}; }
+    bool send(std::uint64_t, std::span<const std::byte>) noexcept override { return true; }
+    std::vector<transport::Thread> threads() override { return {}; }
+    std::map<std::string, std::string> facts() override { return {}; }
+  };
+  static transport::Sink* sink = nullptr;
+  const transport::Plugin plugin{transport::abi,
+                                 "answering",
+                                 [] { return std::string(); },
+                                 {},
+                                 {},
+                                 [](const transport::Config&, transport::Sink& given) {
+                                   sink = &given;
+                                   return std::unique_ptr<transport::Endpoint>(new Answering);
+                                 }};
+  Server server(plugin, {});
+  std::array<std::byte, 16> payload{};
+  sink->arrived(1, payload, 1000);
+  server.note_answers();
+  for (std::uint64_t i = 2; i < 70'000; ++i) sink->arrived(i, payload, static_cast<std::int64_t>(i));
+  std::array<Server::Answer, 100> answers{};
+  ASSERT_EQ(server.drain(answers), 100U);
+  EXPECT_EQ(answers[0].sequence, 70'000U - 65'536) << "the oldest were written over";
+  EXPECT_EQ(answers[99].sequence, answers[0].sequence + 99);
+  EXPECT_EQ(answers[99].received_ns, static_cast<std::int64_t>(answers[99].sequence));
+  EXPECT_GE(answers[99].sent_ns, answers[99].received_ns);
+  std::size_t all = 100;
+  while (const auto count = server.drain(answers)) all += count;
+  EXPECT_EQ(all, 65'536U);
+}
+
 }  // namespace
 }  // namespace ontime::roundtrip

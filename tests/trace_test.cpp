@@ -5,6 +5,7 @@
 #include <array>
 #include <chrono>
 #include <csignal>
+#include <cstring>
 #include <ctime>
 #include <filesystem>
 #include <thread>
@@ -240,6 +241,28 @@ TEST_F(Traced, OfATimeBeforeItBeganNothingIsWhole) {
   journal::Journal journal(kinds());
   Recorder recorder(journal);
   EXPECT_FALSE(cut(recorder, from_ns, from_ns + 1'000'000).whole);
+}
+
+// As the kernel gives them: when, how much and whether some before were lost, and one event.
+std::vector<std::byte> page_of_one(std::uint64_t at_ns, bool lost_before) {
+  const std::uint64_t size = 8 | (lost_before ? std::uint64_t{1} << 31 : 0);
+  const std::array<std::uint32_t, 2> event{1, 0};
+  std::vector<std::byte> page(24);
+  std::memcpy(page.data(), &at_ns, sizeof at_ns);
+  std::memcpy(page.data() + 8, &size, sizeof size);
+  std::memcpy(page.data() + 16, event.data(), sizeof event);
+  return page;
+}
+
+TEST(Ring, SaysOfWhichTimeTheKernelLostSomething) {
+  Ring ring(1);
+  ring.add(0, page_of_one(1000, false));
+  ring.add(0, page_of_one(5000, true));
+  EXPECT_THAT(ring.between(0, INT64_MAX), testing::SizeIs(2));
+  EXPECT_TRUE(ring.has_all(500, 900));
+  EXPECT_FALSE(ring.has_all(2000, 3000));
+  EXPECT_FALSE(ring.has_all(500, 6000));
+  EXPECT_TRUE(ring.has_all(5001, 6000));
 }
 
 TEST(Ring, TakesNoPageThatIsNone) {

@@ -15,7 +15,7 @@ namespace ontime::app {
 namespace {
 
 struct Arguments {
-  std::string results, format = "table", perfetto;
+  std::string results, format = "table", perfetto, pong;
   std::optional<std::int64_t> run;
   std::optional<std::uint64_t> message;
 };
@@ -49,7 +49,8 @@ const explain::Message& message_of(const report::Explained& one, std::uint64_t i
 }
 
 // What was seen around this message, or around all of which something was, to a file.
-void write_perfetto(const Arguments& arguments, const record::Reader& reader, const report::Explained& one) {
+void write_perfetto(const Arguments& arguments, const record::Reader& reader, const report::Explained& one,
+                    const explain::Pong* pong) {
   const auto messages =
       arguments.message ? std::vector{message_of(one, *arguments.message)} : one.account.messages;
   if (messages.empty())
@@ -58,7 +59,7 @@ void write_perfetto(const Arguments& arguments, const record::Reader& reader, co
         fmt::format("--perfetto: of run {} nothing is known of what the kernels did; measure with --explain",
                     one.run.number));
   Output file(arguments.perfetto);
-  file.write(report::perfetto_of(reader, one.run, messages));
+  file.write(report::perfetto_of(reader, one.run, messages, pong));
   file.finish();
 }
 
@@ -68,13 +69,17 @@ int explain(const Arguments& arguments) {
   const auto runs = chosen(reader, arguments.run);
   if (const char* const flag = arguments.message             ? "--message"
                                : !arguments.perfetto.empty() ? "--perfetto"
+                               : !arguments.pong.empty()     ? "--pong"
                                                              : nullptr;
       flag != nullptr && runs.size() != 1)
     throw campaign::Error(2, fmt::format("{}: of which of the {} runs? Say --run N too", flag, runs.size()));
   std::vector<report::Explained> all;
   all.reserve(runs.size());
-  for (const auto& run : runs) all.push_back({run, explain::account_of(reader, run)});
-  if (!arguments.perfetto.empty()) write_perfetto(arguments, reader, all.front());
+  std::optional<explain::Pong> pong;
+  if (!arguments.pong.empty()) pong.emplace(record::Reader(arguments.pong), reader, runs.front());
+  for (const auto& run : runs)
+    all.push_back({run, explain::account_of(reader, run, pong ? &*pong : nullptr)});
+  if (!arguments.perfetto.empty()) write_perfetto(arguments, reader, all.front(), pong ? &*pong : nullptr);
   Output output("");
   output.write(arguments.message ? report::render_explained(
                                        all.front(), message_of(all.front(), *arguments.message), format)
@@ -93,6 +98,8 @@ void add_explain(CLI::App& app, Action& action) {
   command->add_option("--run", arguments->run, "this run alone")->type_name("N");
   command->add_option("--message", arguments->message, "all of this message's delay, part by part")
       ->type_name("N");
+  add_file(*command, "--pong", arguments->pong,
+           "what `ontime pong --explain --results FILE` kept of the other machine");
   command->add_option("--format", arguments->format, "table, json or markdown: table")->type_name("FORMAT");
   add_file(*command, "--perfetto", arguments->perfetto,
            "write what was seen around these messages to this file, for ui.perfetto.dev");

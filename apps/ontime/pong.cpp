@@ -4,6 +4,7 @@
 
 #include "campaign/campaign.hpp"
 #include "commands.hpp"
+#include "flags.hpp"
 #include "run_flags.hpp"
 #include "terminal.hpp"
 
@@ -26,15 +27,38 @@ void print_opened(const json& opened) {
                           fmt::join(facts, ", ")));
 }
 
+// Of each ping a run, without samples, which the pings have.
+void write(record::Writer& writer, const campaign::Run& run, const json& closed) {
+  auto asked = campaign::asked(run, {});
+  asked["id"] = "pong";
+  asked["command_line"] = command_line();
+  for (const auto& windows : closed.at("pings")) {
+    const auto number = writer.begin_run(asked);
+    for (const auto& window : windows) writer.trace(number, {"component", trace::window_of(window)});
+    writer.end_run(
+        number,
+        {{"trace", {{"component", closed.at("trace")}}},
+         {"hosts", {{"component", {{"threads", closed.at("threads")}, {"machine", closed.at("machine")}}}}}});
+  }
+}
+
 }  // namespace
 
 void add_pong(CLI::App& app, Action& action) {
   auto* command =
       app.add_subcommand("pong", "The server's end: answers pings that come and go, until interrupted");
   auto flags = std::make_shared<RunFlags>(*command, campaign::Key::For::both);
-  command->callback([&action, flags] {
-    action = [flags] {
+  auto results = std::make_shared<std::string>();
+  add_file(*command, "--results", *results,
+           "with --explain: keep what was seen in this file, for `ontime explain --pong`");
+  command->callback([&action, flags, results] {
+    action = [flags, results] {
       const auto run = flags->run();
+      if (run.explain == results->empty())
+        throw campaign::Error(2, run.explain ? "--explain: where is it to be kept? Say --results FILE too"
+                                             : "--results: pong keeps nothing without --explain");
+      std::optional<record::Writer> writer;
+      if (run.explain) writer.emplace(*results);
       json closed;
       const int code = campaign::pong(
           run, catch_interrupts(),
@@ -43,6 +67,7 @@ void add_pong(CLI::App& app, Action& action) {
             print_refusals(opened);
           },
           closed);
+      if (writer && closed.contains("pings")) write(*writer, run, closed);
       if (closed.contains("answered"))
         print(fmt::format("answered {} messages\n", closed.at("answered").get<std::uint64_t>()));
       return was_stopped() ? 0 : code;  // a service that is stopped has not failed

@@ -7,7 +7,8 @@
 //   identify {}        identified {pid}: as its machine has it
 //   open  {task, ssh}  opened {transport, refusals, ssh_link}
 //   start {wait_ns}    ready {}: a client has matched and warmed up, and sends nothing any more; its
-//                      neighbours have matched, and send
+//                      neighbours have matched, and send. With note_answers (else false) a server tells, from
+//                      now on and now and then, answered {} with the bytes of its answers
 //   begin {}           begun {}: "during the run" is from here on; nothing of ours reads /proc until `end`
 //   go    {}           a client: progress {counters}, peer {readers, writers, as_before, at_ns}, samples {}
 //                      with bytes, until finished {counters, waited_bytes}; of neighbours nothing
@@ -64,6 +65,7 @@ roundtrip::Counters counters_of(const nlohmann::json&);
 // this.
 std::string sample_layout();
 std::vector<roundtrip::Sample> samples_of(std::span<const std::uint8_t> bytes);
+std::vector<roundtrip::Server::Answer> answers_of(std::span<const std::uint8_t> bytes);
 
 // The words of scenario files, flags, records and orders. Nothing for another word.
 std::optional<transport::Receive> receive_of(const std::string&);

@@ -18,6 +18,7 @@ class End {
   explicit End(Task);  // throws orders::Error, or what the transport throws
 
   roundtrip::Client* client() { return client_.get(); }              // null at the server's end
+  roundtrip::Server* server() { return server_.get(); }              // null at the client's end
   roundtrip::Neighbours* neighbours() { return neighbours_.get(); }  // null where there are none
   // The critical one; where neighbours are alone, one of theirs.
   transport::Endpoint& endpoint() {

@@ -2,6 +2,7 @@
 // The agent itself: one thread, ordinary, which turns orders into the rooms' doings and reports what comes of
 // them.
 #include <algorithm>
+#include <array>
 #include <cstdlib>
 #include <memory>
 #include <sstream>
@@ -52,6 +53,10 @@ class Agent final : public orders::Worker {
       return events_.tell("opened", std::move(opened));
     }
     if (!end_) throw Error(3, "the order '" + order + "' came before 'open'");
+    if (order == "start" && body.value("note_answers", false)) {
+      end_->server()->note_answers();
+      notes_answers_ = true;
+    }
     if (order == "start")
       start(std::chrono::nanoseconds(body.at("wait_ns").get<std::int64_t>()));
     else if (order == "begin")
@@ -69,6 +74,7 @@ class Agent final : public orders::Worker {
   milliseconds go_on() override {
     switch (stage_) {
       case Stage::idle:
+        if (notes_answers_) tell_answers();
         return 500ms;
       case Stage::matching:
         return match();
@@ -91,6 +97,13 @@ class Agent final : public orders::Worker {
     wait_ = wait;
     until_ = Clock::now() + wait;
     stage_ = Stage::matching;
+  }
+
+  void tell_answers() {
+    std::array<roundtrip::Server::Answer, 512> answers{};
+    while (const auto count = end_->server()->drain(answers))
+      events_.tell("answered", json::object(),
+                   {reinterpret_cast<const std::uint8_t*>(answers.data()), count * sizeof answers.front()});
   }
 
   milliseconds match() {
@@ -214,7 +227,7 @@ class Agent final : public orders::Worker {
   std::unique_ptr<End> end_;
   std::unique_ptr<Recorder> recorder_;  // before the end whose samples it hands over
   Stage stage_ = Stage::idle;
-  bool shares_link_ = false;
+  bool shares_link_ = false, notes_answers_ = false;
   std::chrono::nanoseconds wait_{0};
   transport::Matched peers_;
   Clock::time_point until_, next_progress_, finish_;

@@ -234,4 +234,11 @@ std::vector<roundtrip::Sample> samples_of(std::span<const std::uint8_t> bytes) {
   return samples;
 }
 
+std::vector<roundtrip::Server::Answer> answers_of(std::span<const std::uint8_t> bytes) {
+  std::vector<roundtrip::Server::Answer> answers(bytes.size() / sizeof(roundtrip::Server::Answer));
+  if (!answers.empty())
+    std::memcpy(answers.data(), bytes.data(), answers.size() * sizeof(roundtrip::Server::Answer));
+  return answers;
+}
+
 }  // namespace ontime::agent

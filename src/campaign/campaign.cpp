@@ -18,7 +18,6 @@ using namespace std::chrono_literals;
 using nlohmann::json;
 
 constexpr auto wait_for_own_server = 10s;
-constexpr std::size_t pong_max_payload_bytes = 60'000;  // where none is stated: what every transport carries
 
 double microseconds(std::chrono::nanoseconds time) { return static_cast<double>(time.count()) / 1e3; }
 
@@ -371,28 +370,6 @@ int ping(const Run& run, std::chrono::nanoseconds wait, record::Writer& writer, 
   } catch (const orders::Interrupted&) {
     return 130;
   }
-}
-
-int pong(const Run& run, Interrupts& interrupts, const std::function<void(const json&)>& told, json& closed) {
-  orders::Coordinator coordinator(interrupts);
-  try {
-    orders::Coordinator::Hand agent(coordinator, "the agent", {orders::this_program(), "agent"},
-                                    agent::sample_layout());
-    auto task = server_task(run, Host{});
-    if (run.task.config.max_payload_bytes == 0 &&
-        !is_below_ip(run.task.transport))  // whose link's MTU says it
-      task.config.max_payload_bytes = pong_max_payload_bytes;
-    agent.order("open", {{"task", task}});
-    const auto opened = coordinator.await(agent, "opened", patience);
-    agent.order("start", {{"wait_ns", 0}});
-    coordinator.await(agent, "ready", patience);
-    told(opened);
-    coordinator.until([&] { return interrupts > 0; }, 1);
-    agent.order("end");
-    closed = coordinator.await(agent, "ended", patience, 1);
-  } catch (const orders::Interrupted&) {  // in a hurry
-  }
-  return 130;
 }
 
 }  // namespace ontime::campaign

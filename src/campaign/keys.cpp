@@ -196,7 +196,7 @@ std::vector<Key> all_keys() {
        [](Run& run, Text text) { run.task.count_instructions = yes_or_no(text); }},
       {"explain", "--explain", "on|off",
        "keep what the kernel did around late, lost and the worst messages, for `ontime explain`; needs root",
-       client, [](Run& run, Text text) { run.explain = yes_or_no(text); }},
+       both, [](Run& run, Text text) { run.explain = yes_or_no(text); }},
       {"transport", "--transport", "NAME",
        "ethernet, xdp, udp, cyclonedds, fastdds, or another that is installed", both,
        [](Run& run, Text text) { run.task.transport = text; }},

@@ -10,6 +10,7 @@
 #include <fmt/format.h>
 
 #include "explain/way.hpp"
+#include "roundtrip/clocks.hpp"
 
 namespace ontime::explain {
 namespace {
@@ -58,9 +59,9 @@ std::int64_t asked_ns(const record::Run& run, const char* key) {
 // Of whoever knows the threads, and nobody else, what the kernel did says why.
 class Explainer {
  public:
-  Explainer(const record::Reader& reader, const record::Run& run)
+  Explainer(const record::Reader& reader, const record::Run& run, const Pong* pong)
       : client_(end_of(run, "controller")),
-        server_(end_of(run, "component")),
+        server_(end_of(pong != nullptr ? pong->run() : run, "component")),
         one_machine_(record::on_one_machine(run.outcome)),
         payload_bytes_(integer_of(at(run.asked, "payload_bytes"))),
         deadline_ns_(asked_ns(run, "deadline_us")),
@@ -70,6 +71,11 @@ class Explainer {
   bool is_late_by_response(const Sample& sample) const {
     return sample.fate == Fate::on_time && deadline_ns_ > 0 &&
            sample.received_ns - awaited_since_ns(sample) > deadline_ns_;
+  }
+
+  // How well the component's clock is known beside the controller's; nothing: it is the same.
+  std::optional<std::int64_t> uncertainty_ns() const {
+    return one_machine_ ? std::nullopt : std::optional(usual_.uncertainty_ns());
   }
 
   Message explain(const Sample& sample, const std::vector<record::Trace>& traces) const {
@@ -231,23 +237,93 @@ void add_limits(Account& account, const record::Run& run) {
         "of {} messages a part of what the kernel did is not known: more happened than was kept", in_part));
 }
 
+// Of two machines what was seen of one says nothing of the other.
+void add_one_sided(Account& account, const record::Run& run, const Traces& traces) {
+  const auto seen = [&](const char* host) {
+    return static_cast<std::size_t>(std::count_if(traces.begin(), traces.end(), [&](const auto& message) {
+      return std::any_of(message.second.begin(), message.second.end(),
+                         [&](const auto& trace) { return trace.host == host; });
+    }));
+  };
+  for (const auto* host : {"controller", "component"}) {
+    const auto of_others = traces.size() - seen(host);
+    if (of_others == 0) continue;
+    const bool by_hand = at(at(run.outcome, "hosts"), "component").is_null();
+    const auto* const remedy =
+        !by_hand ? ""
+        : host == std::string_view("component")
+            ? " (ontime pong --explain --results FILE there, and ontime explain … --pong FILE)"
+            : " (ontime ping --explain)";
+    account.limits.push_back(
+        fmt::format("of {} of the {} messages nothing is known of what the {}'s machine did{}", of_others,
+                    traces.size(), host, remedy));
+  }
+}
+
 }  // namespace
+
+Pong::Pong(const record::Reader& kept, const record::Reader& reader, const record::Run& run) {
+  std::map<std::uint64_t, std::int64_t> received_ns;  // by message
+  roundtrip::Clocks clocks;
+  reader.each_sample(run.number, [&](const Sample& sample) {
+    clocks.add(sample);
+    if (sample.server_received_ns != 0) received_ns[sample.index] = sample.server_received_ns;
+  });
+  server_ahead_ns_ = clocks.difference_ns().value_or(0);
+  std::size_t most = 0;
+  for (auto& one : kept.runs()) {
+    std::size_t fit = 0;
+    kept.each_trace(one.number, [&](const record::Trace& trace) {
+      const auto& span = trace.window.span;
+      const auto at = received_ns.find(span.message);
+      fit += at != received_ns.end() && span.from_ns <= at->second && at->second <= span.to_ns ? 1 : 0;
+    });
+    if (fit <= most) continue;
+    most = fit;
+    run_ = std::move(one);
+  }
+  if (most == 0)
+    throw record::WrongFile(fmt::format(
+        "no pong --explain kept there what it did when it answered run {}: its file is another's, or "
+        "of another time",
+        run.number));
+  kept.each_trace(run_.number, [&](const record::Trace& trace) {
+    if (trace.host == "component") traces_.push_back(trace);
+  });
+}
+
+// Of the message itself; of one that never came, that of the time at which it should have.
+const record::Trace* Pong::trace_of(const Sample& sample) const {
+  const auto there_ns =
+      sample.server_received_ns != 0 ? sample.server_received_ns : sample.sent_ns + server_ahead_ns_;
+  const record::Trace* best = nullptr;
+  for (const auto& trace : traces_) {
+    const auto& span = trace.window.span;
+    if (there_ns < span.from_ns || span.to_ns < there_ns) continue;
+    const bool is_its = span.message == sample.index;
+    if (is_its || (best == nullptr && sample.server_received_ns == 0)) best = &trace;
+    if (is_its) break;
+  }
+  return best;
+}
 
 std::int64_t deadline_ns_of(const record::Run& run) { return asked_ns(run, "deadline_us"); }
 
-Account account_of(const record::Reader& reader, const record::Run& run) {
+Account account_of(const record::Reader& reader, const record::Run& run, const Pong* pong) {
   Account account;
   account.traced = !at(run.outcome, "trace").is_null();
   Traces traces;
   reader.each_trace(run.number,
                     [&](const record::Trace& trace) { traces[trace.window.span.message].push_back(trace); });
-  account.traced = account.traced || !traces.empty();
+  account.traced = account.traced || !traces.empty() || pong != nullptr;
   if (!account.traced) return account;
-  const Explainer explainer(reader, run);
+  const Explainer explainer(reader, run, pong);
   reader.each_sample(run.number, [&](const Sample& sample) {
     account.late += sample.fate == Fate::late ? 1 : 0;
     account.lost += sample.fate == Fate::lost ? 1 : 0;
     account.late_by_response += explainer.is_late_by_response(sample) ? 1 : 0;
+    if (const auto* const there = pong != nullptr ? pong->trace_of(sample) : nullptr)
+      traces[sample.index].push_back(*there);
     const auto found = traces.find(sample.index);
     if (found != traces.end()) account.messages.push_back(explainer.explain(sample, found->second));
   });
@@ -260,20 +336,33 @@ Account account_of(const record::Reader& reader, const record::Run& run) {
                    });
   account.groups = groups_of(account.messages);
   add_limits(account, run);
+  if (const auto uncertainty_ns = explainer.uncertainty_ns()) {
+    add_one_sided(account, run, traces);
+    if (!traces.empty())
+      account.limits.push_back(
+          fmt::format("the component's clock is known to within {:.1f} us of the controller's: so much may "
+                      "be wrong of where "
+                      "one machine's part of a message's way ends and the other's begins",
+                      static_cast<double>(*uncertainty_ns) / 1e3));
+  }
   add_untold_switches(account, traces);
   return account;
 }
 
 void each_scene(const record::Reader& reader, const record::Run& run, const std::vector<Message>& messages,
-                const std::function<void(const Message&, const Scene&)>& use) {
+                const std::function<void(const Message&, const Scene&)>& use, const Pong* pong) {
   std::map<std::uint64_t, std::pair<const Message*, std::vector<record::Trace>>> wanted;
   for (const auto& message : messages) wanted[message.sample.index].first = &message;
   reader.each_trace(run.number, [&](const record::Trace& trace) {
     const auto found = wanted.find(trace.window.span.message);
     if (found != wanted.end()) found->second.second.push_back(trace);
   });
-  const Explainer explainer(reader, run);
-  for (const auto& [index, one] : wanted) use(*one.first, explainer.scene(one.first->sample, one.second));
+  const Explainer explainer(reader, run, pong);
+  for (auto& [index, one] : wanted) {
+    if (const auto* const there = pong != nullptr ? pong->trace_of(one.first->sample) : nullptr)
+      one.second.push_back(*there);
+    use(*one.first, explainer.scene(one.first->sample, one.second));
+  }
 }
 
 }  // namespace ontime::explain

@@ -88,7 +88,21 @@ struct Account {
 
 std::int64_t deadline_ns_of(const record::Run&);  // 0: it has none
 
-Account account_of(const record::Reader&, const record::Run&);
+// What a `pong --explain` kept of the machine that answered a run by hand.
+class Pong {
+ public:
+  // Throws record::Error where none of its windows is of that run.
+  Pong(const record::Reader& kept, const record::Reader&, const record::Run&);
+  const record::Run& run() const { return run_; }
+  const record::Trace* trace_of(const roundtrip::Sample&) const;  // nullptr: it kept none
+
+ private:
+  record::Run run_;
+  std::int64_t server_ahead_ns_ = 0;  // of the client's clock
+  std::vector<record::Trace> traces_;
+};
+
+Account account_of(const record::Reader&, const record::Run&, const Pong* = nullptr);
 
 // What was seen around a message, for whoever draws it; times are of the client's clock.
 struct Scene {
@@ -115,7 +129,7 @@ struct Scene {
 };
 // Of each of these messages of a run, in the order of their index.
 void each_scene(const record::Reader&, const record::Run&, const std::vector<Message>&,
-                const std::function<void(const Message&, const Scene&)>&);
+                const std::function<void(const Message&, const Scene&)>&, const Pong* = nullptr);
 
 // What a thread waited for that was in these functions of the kernel (see trace::Kind::waits).
 Cause cause_of_wait(const std::string& functions);

@@ -15,8 +15,9 @@ constexpr std::int64_t surely_throttled_ns =
 constexpr std::int64_t slow_to_wake_ns = 1'000'000;  // longer than any idle state takes to leave
 constexpr std::int64_t at_once_ns = 20'000;  // what packets and wake-ups take when nothing is in the way
 constexpr std::int64_t before_queue_ns =
-    1'000'000;                                 // within which a packet that is sent is queued or dropped
-constexpr std::int64_t fragment_bytes = 1000;  // of a message that takes several packets
+    1'000'000;                                  // within which a packet that is sent is queued or dropped
+constexpr std::int64_t of_a_page_ns = 200'000;  // what the kernel does at most of itself to fetch one
+constexpr std::int64_t fragment_bytes = 1000;   // of a message that takes several packets
 const std::string sigstop = "19", sigtstp = "20";
 
 bool is_kernels(const std::string& name) {
@@ -37,6 +38,21 @@ bool has_run(const Timeline& timeline, std::int32_t thread, std::int64_t from_ns
   return std::any_of(stretches.begin(), stretches.end(), [](const Stretch& stretch) {
     return stretch.state == State::runs || stretch.state == State::comes;
   });
+}
+
+// Between two waits for pages a thread runs for the next of them, if that is short; it is one cause.
+bool fetches_pages(const Timeline& timeline, std::int32_t id, const std::vector<Stretch>& stretches,
+                   std::size_t place) {
+  const auto waits_for_a_page = [&](const Stretch& stretch) {
+    return stretch.state == State::blocked &&
+           cause_of_wait(timeline.waited_in(id, stretch.to_ns)) == Cause::page_fault;
+  };
+  const auto is_beside = [](const Stretch& stretch) { return stretch.state != State::ready; };
+  const auto here = stretches.begin() + static_cast<std::ptrdiff_t>(place);
+  const auto after = std::find_if(here + 1, stretches.end(), is_beside);
+  const auto before = std::find_if(std::make_reverse_iterator(here), stretches.rend(), is_beside);
+  return here->length_ns() <= of_a_page_ns && before != stretches.rend() && after != stretches.end() &&
+         waits_for_a_page(*before) && waits_for_a_page(*after);
 }
 
 // Who stopped a process: the kernel names one of its threads.
@@ -155,13 +171,20 @@ void Way::thread(Found& found, const End& end, std::int32_t id, const std::strin
     part.culprit = timeline.name_of(waker->thread);
     part.culprit_threads = {waker->thread};
   };
-  for (const auto& stretch : timeline.of(id, from_ns, to_ns)) {
+  const auto stretches = timeline.of(id, from_ns, to_ns);
+  for (std::size_t place = 0; place < stretches.size(); ++place) {
+    const auto& stretch = stretches[place];
     auto part = whose;
     switch (stretch.state) {
       case State::ready:
         waited(found, timeline, whose, stretch);
         break;
       case State::runs:
+        if (fetches_pages(timeline, id, stretches, place)) {
+          part.cause = Cause::page_fault;
+          add(found, part, stretch);
+          break;
+        }
         found.ran_ns += stretch.length_ns();
         found.ran.push_back(stretch);
         for (const auto& interrupt : timeline.interrupts(stretch.cpu, stretch.from_ns, stretch.to_ns)) {

@@ -184,10 +184,11 @@ class Trace {
 }  // namespace
 
 std::string perfetto_of(const record::Reader& reader, const record::Run& run,
-                        const std::vector<explain::Message>& messages) {
+                        const std::vector<explain::Message>& messages, const explain::Pong* pong) {
   Trace trace(explain::deadline_ns_of(run));
-  explain::each_scene(reader, run, messages,
-                      [&](const Message& message, const Scene& scene) { trace.add(message, scene); });
+  explain::each_scene(
+      reader, run, messages, [&](const Message& message, const Scene& scene) { trace.add(message, scene); },
+      pong);
   ordered_json about = trace.about();
   about.update({{"by", "ontime " ONTIME_VERSION},
                 {"run", run.number},

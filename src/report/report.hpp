@@ -84,7 +84,8 @@ std::string render_explained(const std::vector<Explained>&, Format);
 std::string render_explained(const Explained&, const explain::Message&, Format);
 
 // What was seen around these messages of a run, for ui.perfetto.dev and chrome://tracing.
-std::string perfetto_of(const record::Reader&, const record::Run&, const std::vector<explain::Message>&);
+std::string perfetto_of(const record::Reader&, const record::Run&, const std::vector<explain::Message>&,
+                        const explain::Pong* = nullptr);
 
 // What gates came to, for a CI: JUnit's XML as Jenkins, GitLab and GitHub's actions read it. What was missed
 // is a failure, what could not be judged an error.

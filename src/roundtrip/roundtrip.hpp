@@ -178,6 +178,15 @@ class Server {
   std::vector<Thread> threads();
   std::uint64_t answered() const;  // any thread
 
+  struct Answer {
+    std::uint64_t sequence;  // see message/message.hpp
+    std::int64_t received_ns, sent_ns;
+  };
+  // From now on each answer is noted; once, before drain(). One ordinary thread drains; what waits for longer
+  // than 65,536 answers is gone.
+  void note_answers();
+  std::size_t drain(std::span<Answer>);
+
  private:
   class Echo;
   std::unique_ptr<Echo> echo_;

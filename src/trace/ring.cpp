@@ -12,7 +12,6 @@ namespace ontime::trace {
 namespace {
 
 constexpr std::size_t most_bytes = std::size_t{96} << 20;
-constexpr std::int64_t longest_ns = 20'000'000'000;
 
 std::int64_t signed_of(unsigned long long time) { return static_cast<std::int64_t>(time); }
 
@@ -34,15 +33,8 @@ void Ring::add(std::int32_t cpu, std::span<const std::byte> from) {
   for (; event != nullptr; event = kbuffer_next_event(page_.get(), &at)) page.end_ns = signed_of(at);
   auto& pages = cpus_[static_cast<std::size_t>(cpu)].pages;
   bytes_ += page.bytes.size();
-  const auto oldest_ns = page.end_ns - longest_ns;
   pages.push_back(std::move(page));
   while (bytes_ > most_bytes) give_up_oldest();
-  for (auto& [kept, gone_ns] : cpus_)
-    while (!kept.empty() && kept.front().end_ns < oldest_ns) {
-      gone_ns = kept.front().end_ns;
-      bytes_ -= kept.front().bytes.size();
-      kept.pop_front();
-    }
 }
 
 void Ring::give_up_oldest() {

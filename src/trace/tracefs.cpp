@@ -16,10 +16,12 @@ namespace ontime::trace {
 namespace {
 
 Error trouble(const std::string& what, int error) {
-  const auto remedy = error == EPERM || error == EACCES
-                          ? " (it takes root; a kernel in lockdown grants it to nobody, see "
-                            "/sys/kernel/security/lockdown)"
-                          : "";
+  const auto* const remedy =
+      error == EPERM || error == EACCES ? " (it takes root; a kernel in lockdown grants it to nobody, see "
+                                          "/sys/kernel/security/lockdown)"
+      : error == ENOSYS ? " (it was built without CONFIG_TRACING, or is older than 5.2: nothing can be "
+                          "explained on it)"
+                        : "";
   return Error(fmt::format("{}: {}{}", what, std::generic_category().message(error), remedy));
 }
 

@@ -75,6 +75,56 @@ class Explain(unittest.TestCase):
         self.assertEqual(ontime("explain", self.results, "--run", "2").returncode, 2)
         self.assertEqual(ontime("explain", self.results, "--format", "csv").returncode, 2)
 
+    def test_pong_by_hand_keeps_what_its_machine_did(self):
+        kept, other = self.results + ".pong", self.results + ".other"
+        ping = [ONTIME, "ping", "--transport", "udp", "--domain", "88", "--peer", "127.0.0.1", "--deadline", "5 ms", "--duration", "2 s"]
+        pong = [ONTIME, "pong", "--transport", "udp", "--domain", "88", "--explain", "--results", kept]
+        with subprocess.Popen(pong, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as answers:
+            self.assertIn("pong answers", answers.stderr.readline())
+            with subprocess.Popen([*ping, "--results", self.results], stdout=subprocess.DEVNULL) as asks:
+                time.sleep(1.5)
+                agent = subprocess.run(["pgrep", "-P", str(answers.pid), "-f", "ontime agent"], capture_output=True, text=True)
+                stopped = int(agent.stdout)
+                for number in signal.SIGSTOP, signal.SIGCONT:
+                    os.kill(stopped, number)
+                    time.sleep(0.06)
+                self.assertEqual(asks.wait(timeout=30), 0)
+            self.assertEqual(subprocess.run([*ping, "--duration", "100 ms", "--results", other], stdout=subprocess.DEVNULL).returncode, 0)
+            answers.send_signal(signal.SIGINT)
+            self.assertEqual(answers.wait(timeout=30), 0)
+            self.assertIn("answered", answers.stdout.read())
+        said = ontime("explain", self.results, "--pong", kept)
+        self.assertEqual(said.returncode, 0, said.stderr)
+        self.assertIn("pong's receive thread was stopped by a signal", said.stdout)
+        self.assertIn("nothing is known of what the controller's machine did (ontime ping --explain)", said.stdout)
+        self.assertIn("the component's clock is known to within", said.stdout)
+        self.assertIn("without `explain: on`", ontime("explain", self.results).stdout)
+        refused = ontime("explain", self.results, "--pong", other)
+        self.assertEqual(refused.returncode, 2)
+        self.assertIn("no pong --explain kept there", refused.stderr)
+        for flags in (["--explain"], ["--results", kept]):
+            self.assertEqual(ontime("pong", "--transport", "udp", *flags).returncode, 2)
+
+    def test_what_cannot_be_traced_says_why(self):
+        pong = [ONTIME, "pong", "--transport", "udp", "--domain", "88"]
+        folder = "/sys/kernel/tracing/instances/ontime-trace"
+        ping = ["ping", "--transport", "udp", "--domain", "88", "--peer", "127.0.0.1", "--duration", "100 ms", "--explain"]
+        ordinary = ["setpriv", "--reuid", "65534", "--regid", "65534", "--clear-groups"]
+        with subprocess.Popen(pong, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True) as answers:
+            self.addCleanup(answers.wait)
+            self.addCleanup(answers.terminate)
+            answers.stderr.readline()
+            refused = subprocess.run([*ordinary, ONTIME, *ping], capture_output=True, text=True, timeout=60)
+            self.assertEqual(refused.returncode, 3)
+            self.assertIn("it takes root", refused.stderr)
+            with subprocess.Popen([*pong[:4], "--domain", "89", "--explain", "--results", self.results], stdout=subprocess.DEVNULL,
+                                  stderr=subprocess.PIPE, text=True) as traced:
+                traced.stderr.readline()
+                refused = ontime(*ping)
+                traced.terminate()
+            self.assertEqual(refused.returncode, 3)
+            self.assertIn(f"rmdir {folder}", refused.stderr)
+
     def test_a_run_without_traces_says_so(self):
         self.write("500 ms")
         self.assertEqual(ontime("run", self.scenario, "--results", self.results).returncode, 0)

@@ -1,0 +1,187 @@
+// SPDX-License-Identifier: Apache-2.0
+// The server's end by hand. With `explain` its machine is traced: which of a ping's messages were late only
+// the ping knows, but here is seen which came, or were answered, longest after the one before, and what the
+// kernel did around those is kept.
+#include <deque>
+#include <map>
+#include <set>
+
+#include "campaign/campaign.hpp"
+#include "campaign/machines.hpp"
+#include "campaign/pair.hpp"
+#include "message/message.hpp"
+
+namespace ontime::campaign {
+namespace {
+
+using nlohmann::json;
+using roundtrip::Server;
+
+constexpr std::size_t pong_max_payload_bytes = 60'000;  // where none is stated: what every transport carries
+constexpr std::size_t most_messages = 48, most_pings = 8;
+constexpr std::int64_t around_ns = 1'000'000;  // in which a thread was woken, or the answer left
+constexpr std::int64_t longest_ns = 1'000'000'000;
+
+// Of one ping, what is worth a look.
+class Ping {
+ public:
+  explicit Ping(std::uint32_t session) : session_(session) {}
+  std::uint32_t session() const { return session_; }
+
+  std::optional<trace::Span> add(const Server::Answer& answer) {
+    const auto before = std::exchange(last_, answer);
+    if (!before || answer.sequence <= before->sequence) return {};
+    const Chosen candidate{answer.sent_ns - before->received_ns, message::index_of(answer.sequence)};
+    if (chosen_.size() == most_messages) {
+      if (candidate < *chosen_.begin()) return {};
+      windows_.erase(chosen_.begin()->message);
+      chosen_.erase(chosen_.begin());
+    }
+    chosen_.insert(candidate);
+    return trace::Span{candidate.message,
+                       std::max(before->received_ns, answer.received_ns - longest_ns) - around_ns,
+                       answer.sent_ns + around_ns};
+  }
+  void take(json window) {
+    const std::uint64_t message = window.at("message");
+    const bool is_chosen =
+        std::any_of(chosen_.begin(), chosen_.end(), [&](const auto& one) { return one.message == message; });
+    if (is_chosen) windows_[message] = std::move(window);
+  }
+  json windows() const {
+    auto all = json::array();
+    for (const auto& [message, window] : windows_) all.push_back(window);
+    return all;
+  }
+
+ private:
+  struct Chosen {
+    std::int64_t badness_ns;
+    std::uint64_t message;
+    auto operator<=>(const Chosen&) const = default;  // NOLINT(modernize-use-nullptr): it means <=> 0
+  };
+  const std::uint32_t session_;
+  std::optional<Server::Answer> last_;
+  std::set<Chosen> chosen_;
+  std::map<std::uint64_t, json> windows_;
+};
+
+class Quiet final : public Observer {
+  void note(const std::string&) override {}
+  void begins(const Run&) override {}
+  void passes_over(const Run&) override {}
+  void leaves_out(const Run&) override {}
+  void progress(const roundtrip::Counters&, std::chrono::nanoseconds) override {}
+  void ends(const roundtrip::Counters&) override {}
+};
+
+// This machine, and the last pings that came.
+class Traced {
+ public:
+  explicit Traced(orders::Coordinator& coordinator) : machines_(coordinator, quiet_) {
+    Hosts alone;
+    alone.kind = Hosts::Kind::alone;
+    machines_.prepare(alone);
+    told_ = machines_.trace([this](const auto&, const json& window) { take(window); });
+  }
+
+  void add(std::span<const Server::Answer> answers) {
+    for (const auto& answer : answers)
+      if (const auto span = of(message::session_of(answer.sequence)).add(answer)) {
+        spans_.push_back(*span);
+        spans_.back().message = asked_.size() + given_;
+        asked_.emplace_back(message::session_of(answer.sequence), span->message);
+      }
+  }
+  // In the loop, not in a handler.
+  void order() {
+    if (spans_.empty()) return;
+    machines_.cut_out("controller", spans_);
+    spans_.clear();
+  }
+  bool all_came() const { return asked_.empty(); }
+
+  json account() {
+    auto pings = json::array();
+    for (const auto& ping : pings_) pings.push_back(ping.windows());
+    return {
+        {"pings", pings}, {"trace", told_.at("controller")}, {"machine", machines_.machine("controller")}};
+  }
+  void close() { machines_.close(); }
+
+ private:
+  Ping& of(std::uint32_t session) {
+    const auto found = std::find_if(pings_.begin(), pings_.end(),
+                                    [&](const Ping& ping) { return ping.session() == session; });
+    if (found != pings_.end()) return *found;
+    // A ping's warm-up has the session that follows upon its own.
+    std::erase_if(pings_, [&](const Ping& ping) { return ping.session() == ((session + 1) & 0xffffff); });
+    if (pings_.size() == most_pings) pings_.pop_front();
+    return pings_.emplace_back(session);
+  }
+
+  // They come as they were asked for, each under a number of its own: two pings may have the same message.
+  void take(json window) {
+    const std::uint64_t number = window.at("message");
+    if (number < given_ || number - given_ >= asked_.size())
+      throw Error(3, "the keeper of this machine said what nobody asked for");
+    const auto [session, message] = asked_[number - given_];
+    window["message"] = message;
+    for (auto& ping : pings_)
+      if (ping.session() == session) ping.take(window);
+    ++came_;
+    if (came_ == given_ + asked_.size()) {
+      given_ = came_;
+      asked_.clear();
+    }
+  }
+
+  Quiet quiet_;
+  Machines machines_;
+  json told_;
+  std::deque<Ping> pings_;  // the oldest first
+  std::vector<trace::Span> spans_;
+  std::deque<std::pair<std::uint32_t, std::uint64_t>>
+      asked_;  // session and message, by number from `given_` on
+  std::uint64_t given_ = 0, came_ = 0;
+};
+
+}  // namespace
+
+int pong(const Run& run, Interrupts& interrupts, const std::function<void(const json&)>& told, json& closed) {
+  orders::Coordinator coordinator(interrupts);
+  try {
+    std::optional<Traced> traced;
+    if (run.explain) traced.emplace(coordinator);
+    orders::Coordinator::Hand agent(coordinator, "the agent", {orders::this_program(), "agent"},
+                                    agent::sample_layout());
+    auto task = server_task(run, Host{});
+    if (run.task.config.max_payload_bytes == 0 &&
+        !is_below_ip(run.task.transport))  // whose link's MTU says it
+      task.config.max_payload_bytes = pong_max_payload_bytes;
+    agent.order("open", {{"task", task}});
+    const auto opened = coordinator.await(agent, "opened", patience);
+    agent.on("answered", [&](const orders::Frame& frame) { traced->add(agent::answers_of(frame.bytes)); });
+    agent.order("start", {{"wait_ns", 0}, {"note_answers", run.explain}});
+    coordinator.await(agent, "ready", patience);
+    told(opened);
+    coordinator.until(
+        [&] {
+          if (traced) traced->order();
+          return interrupts > 0;
+        },
+        1);
+    agent.order("end");
+    closed = coordinator.await(agent, "ended", patience, 1);
+    if (traced) {
+      const auto until = std::chrono::steady_clock::now() + patience;
+      coordinator.until([&] { return traced->all_came() || std::chrono::steady_clock::now() > until; }, 1);
+      closed.update(traced->account());
+      traced->close();
+    }
+  } catch (const orders::Interrupted&) {  // in a hurry
+  }
+  return 130;
+}
+
+}  // namespace ontime::campaign
