@@ -2,11 +2,14 @@
 // The server's end by hand. With `explain` its machine is traced: which of a ping's messages were late only
 // the ping knows, but here is seen which came, or were answered, longest after the one before, and what the
 // kernel did around those is kept.
+#include <algorithm>
 #include <deque>
 #include <map>
 #include <set>
+#include <utility>
 
 #include "campaign/campaign.hpp"
+#include "campaign/keys.hpp"
 #include "campaign/machines.hpp"
 #include "campaign/pair.hpp"
 #include "message/message.hpp"
@@ -60,7 +63,7 @@ class Ping {
     std::uint64_t message;
     auto operator<=>(const Chosen&) const = default;  // NOLINT(modernize-use-nullptr): it means <=> 0
   };
-  const std::uint32_t session_;
+  std::uint32_t session_;
   std::optional<Server::Answer> last_;
   std::set<Chosen> chosen_;
   std::map<std::uint64_t, json> windows_;

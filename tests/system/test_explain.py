@@ -57,7 +57,7 @@ class Explain(unittest.TestCase):
         culprits.KINDS[0].needs = "/nowhere"
         with unittest.mock.patch("sys.argv", ["culprits"]), contextlib.redirect_stdout(io.StringIO()) as said:
             self.assertEqual(culprits.main(), 0)
-        self.assertIn("not tried: there is no /nowhere", said.getvalue())
+        self.assertIn("Not tried: quota: there is no /nowhere", said.getvalue())
 
     def test_a_run_is_explained_at_its_end_and_later(self):
         self.write("2 s", ", explain: on, link.loss: 20 %")
