@@ -412,7 +412,6 @@ class ByHand : public Explained {
     event(sent + ahead + 10 * us, 1, Kind::waking, answers, 0, "1");
     switched(sent + ahead + 20 * ms, 1, hog, "R", answers);
     run_ = ping_.begin_run({{"id", "ping"}, {"payload_bytes", 500}});
-    ping_.end_run(run_, {{"hosts", {{"controller", {{"threads", threads({{asks, "send"}})}}}}}});
   }
   static void by_its_own_clock(Sample& sample) {
     sample.server_received_ns += ahead;
@@ -427,6 +426,7 @@ class ByHand : public Explained {
   Account account_with(Sample sample) {
     samples_.insert(samples_.begin() + 50, sample);
     ping_.append(run_, samples_);
+    ping_.end_run(run_, {{"hosts", {{"controller", {{"threads", threads({{asks, "send"}})}}}}}});
     const auto reader = ping_.reader();
     const auto run = reader.runs().at(0);
     const Pong pong(kept_.reader(), reader, run);
