@@ -178,7 +178,12 @@ int pong(const Run& run, Interrupts& interrupts, const std::function<void(const 
     closed = coordinator.await(agent, "ended", patience, 1);
     if (traced) {
       const auto until = std::chrono::steady_clock::now() + patience;
-      coordinator.until([&] { return traced->all_came() || std::chrono::steady_clock::now() > until; }, 1);
+      coordinator.until(
+          [&] {
+            traced->order();
+            return traced->all_came() || std::chrono::steady_clock::now() > until;
+          },
+          1);
       closed.update(traced->account());
       traced->close();
     }

@@ -77,11 +77,12 @@ class Explain(unittest.TestCase):
 
     def test_pong_by_hand_keeps_what_its_machine_did(self):
         kept, other = self.results + ".pong", self.results + ".other"
-        ping = [ONTIME, "ping", "--transport", "udp", "--domain", "88", "--peer", "127.0.0.1", "--deadline", "5 ms", "--duration", "2 s"]
+        ping = [ONTIME, "ping", "--transport", "udp", "--domain", "88", "--peer", "127.0.0.1", "--deadline", "5 ms"]
         pong = [ONTIME, "pong", "--transport", "udp", "--domain", "88", "--explain", "--results", kept]
-        with subprocess.Popen(pong, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as answers:
+        with subprocess.Popen(pong, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as answers, contextlib.ExitStack() as ends:
+            ends.callback(answers.terminate)
             self.assertIn("pong answers", answers.stderr.readline())
-            with subprocess.Popen([*ping, "--results", self.results], stdout=subprocess.DEVNULL) as asks:
+            with subprocess.Popen([*ping, "--duration", "2 s", "--results", self.results], stdout=subprocess.DEVNULL) as asks:
                 time.sleep(1.5)
                 agent = subprocess.run(["pgrep", "-P", str(answers.pid), "-f", "ontime agent"], capture_output=True, text=True)
                 stopped = int(agent.stdout)
@@ -90,7 +91,7 @@ class Explain(unittest.TestCase):
                     time.sleep(0.06)
                 self.assertEqual(asks.wait(timeout=30), 0)
             self.assertEqual(subprocess.run([*ping, "--duration", "100 ms", "--results", other], stdout=subprocess.DEVNULL).returncode, 0)
-            answers.send_signal(signal.SIGINT)
+            answers.terminate()
             self.assertEqual(answers.wait(timeout=30), 0)
             self.assertIn("answered", answers.stdout.read())
         said = ontime("explain", self.results, "--pong", kept)
@@ -109,7 +110,7 @@ class Explain(unittest.TestCase):
         pong = [ONTIME, "pong", "--transport", "udp", "--domain", "88"]
         folder = "/sys/kernel/tracing/instances/ontime-trace"
         ping = ["ping", "--transport", "udp", "--domain", "88", "--peer", "127.0.0.1", "--duration", "100 ms", "--explain"]
-        ordinary = ["setpriv", "--reuid", "65534", "--regid", "65534", "--clear-groups"]
+        ordinary = ["setpriv", "--bounding-set=-all", "--inh-caps=-all"]
         with subprocess.Popen(pong, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True) as answers:
             self.addCleanup(answers.wait)
             self.addCleanup(answers.terminate)
