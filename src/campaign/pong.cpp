@@ -45,15 +45,15 @@ class Ping {
                        std::max(before->received_ns, answer.received_ns - longest_ns) - around_ns,
                        answer.sent_ns + around_ns};
   }
-  void take(json window) {
-    const std::uint64_t message = window.at("message");
+  void take(const trace::Window& window) {
+    const auto message = window.span.message;
     const bool is_chosen =
         std::any_of(chosen_.begin(), chosen_.end(), [&](const auto& one) { return one.message == message; });
-    if (is_chosen) windows_[message] = std::move(window);
+    if (is_chosen) windows_[message] = window;
   }
   json windows() const {
     auto all = json::array();
-    for (const auto& [message, window] : windows_) all.push_back(window);
+    for (const auto& [message, window] : windows_) all.push_back(trace::to_json(window));
     return all;
   }
 
@@ -66,7 +66,7 @@ class Ping {
   std::uint32_t session_;
   std::optional<Server::Answer> last_;
   std::set<Chosen> chosen_;
-  std::map<std::uint64_t, json> windows_;
+  std::map<std::uint64_t, trace::Window> windows_;
 };
 
 class Quiet final : public Observer {
@@ -85,7 +85,7 @@ class Traced {
     Hosts alone;
     alone.kind = Hosts::Kind::alone;
     machines_.prepare(alone);
-    told_ = machines_.trace([this](const auto&, const json& window) { take(window); });
+    machines_.trace([this](const auto&, trace::Window window) { take(std::move(window)); });
   }
 
   void add(std::span<const Server::Answer> answers) {
@@ -107,8 +107,9 @@ class Traced {
   json account() {
     auto pings = json::array();
     for (const auto& ping : pings_) pings.push_back(ping.windows());
-    return {
-        {"pings", pings}, {"trace", told_.at("controller")}, {"machine", machines_.machine("controller")}};
+    return {{"pings", pings},
+            {"trace", machines_.how_traced("component").at("controller")},
+            {"machine", machines_.machine("controller")}};
   }
   void close() { machines_.close(); }
 
@@ -124,12 +125,12 @@ class Traced {
   }
 
   // They come as they were asked for, each under a number of its own: two pings may have the same message.
-  void take(json window) {
-    const std::uint64_t number = window.at("message");
+  void take(trace::Window window) {
+    const auto number = window.span.message;
     if (number < given_ || number - given_ >= asked_.size())
       throw Error(3, "the keeper of this machine said what nobody asked for");
     const auto [session, message] = asked_[number - given_];
-    window["message"] = message;
+    window.span.message = message;
     for (auto& ping : pings_)
       if (ping.session() == session) ping.take(window);
     ++came_;
@@ -141,7 +142,6 @@ class Traced {
 
   Quiet quiet_;
   Machines machines_;
-  json told_;
   std::deque<Ping> pings_;  // the oldest first
   std::vector<trace::Span> spans_;
   std::deque<std::pair<std::uint32_t, std::uint64_t>>
