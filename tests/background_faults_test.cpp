@@ -90,6 +90,9 @@ TEST_F(LinkFaults, QueueByADisciplineOrAreRefusedByItsName) {
   }
   EXPECT_THROW(check_qdisc("pfifo limit 3"), Error);
   EXPECT_THROW(check_qdisc(""), Error);
+  EXPECT_NO_THROW(check_qdisc("cbs idleslope 5000 sendslope -995000 hicredit 30 locredit -1470"));
+  for (const auto* words : {"prio -batch x", "prio -b", "prio -", "cbs idleslope 5/6"})
+    EXPECT_THROW(check_qdisc(words), Error) << words;
   EXPECT_NO_THROW(check_qdisc("prio bands 3 priomap 1 2 2 2 1 2 0 0 1 1 1 1 1 1 1 1"));
 }
 

@@ -285,5 +285,31 @@ TEST_F(Components, ThatAreStartedAgainAreNotExplained) {
   EXPECT_TRUE(read("runs: [{id: a, transport: udp, explain: off}]\n", selection).runs[0].explain);
 }
 
+TEST_F(Components, AreJoinedByAWireOfARateAndAVlan) {
+  EXPECT_FALSE(read("hosts: namespaces" + runs).hosts.wire.any());
+  const auto hosts = read("wire: {rate: 10 Mbit/s, vlan: 5}" + runs).hosts;
+  EXPECT_EQ(hosts.wire.bits_per_s, 10'000'000u);
+  EXPECT_EQ(hosts.wire.vlan, 5);
+  const auto run = read("wire: {vlan: 5}" + runs);
+  EXPECT_EQ(asked(run.runs[0], run.hosts)["wire"], nlohmann::json({{"bits_per_s", 0}, {"vlan", 5}}));
+
+  const auto of = [this](const std::string& wire) { return error(wire + runs); };
+  EXPECT_THAT(of("wire: on"), HasSubstr(":1:7: wire: it has a rate, a vlan, or both"));
+  EXPECT_THAT(of("wire: {}"), HasSubstr("wire: it has a rate, a vlan, or both"));
+  EXPECT_THAT(of("wire: {length: 5}"), HasSubstr(":1:8: wire: unknown key 'length'"));
+  EXPECT_THAT(of("wire: {vlan: 4095}"), HasSubstr(":1:14: wire: vlan: '4095'"));
+  EXPECT_THAT(of("wire: {vlan: 0}"), HasSubstr("wire: vlan: '0'"));
+  EXPECT_THAT(of("wire: {rate: fast}"), HasSubstr(":1:14: wire: rate: 'fast'"));
+  EXPECT_THAT(of("wire: {vlan: 5, vlan: 6}"), HasSubstr("vlan"));
+  EXPECT_THAT(of("hosts: loopback\nwire: {vlan: 5}"), HasSubstr(":2:7: wire: it joins the two namespaces"));
+  EXPECT_THAT(of("components: [arm, base]\nwire: {vlan: 5}"), HasSubstr("wire: it joins the two namespaces"));
+}
+
+TEST_F(Components, HaveInterfacesOfOneQueueingDiscipline) {
+  const std::string run = "\nruns: [{id: a, transport: udp, link: {delay: 1 ms}}]";
+  EXPECT_THAT(error("wire: {rate: 10 Mbit/s}" + run), HasSubstr("a: wire.rate and link.delay both are"));
+  EXPECT_EQ(read("wire: {rate: 10 Mbit/s, vlan: 5}" + run).runs.size(), 1u);
+}
+
 }  // namespace
 }  // namespace ontime::campaign

@@ -107,6 +107,33 @@ TEST_F(Namespaces, TheFirstMessageArrivesAndNothingStays) {
   EXPECT_FALSE(exist());
 }
 
+// Seen in the lab as well, for a kernel may lack either.
+TEST_F(Namespaces, HaveAWireOfARateAndAVlan) {
+  for (const auto& [wire, lacking] : {std::pair{Wire{.bits_per_s = 10'000'000}, "wire.rate: this kernel has not"},
+                                      std::pair{Wire{.vlan = 5}, "wire.vlan: "}}) {
+    try {
+      journal::Journal journal;
+      const auto ends = join_namespaces(journal, {"component"}, {}, wire);
+      EXPECT_EQ(ends[0].interface, wire.vlan > 0 ? "vlan5" : "to-component");
+      if (wire.vlan > 0) {
+        EXPECT_THAT(ip({"-netns", ends[0].name, "-details", "link", "show", "vlan5"}),
+                    AllOf(HasSubstr("id 5 "), HasSubstr("numtxqueues 8"), HasSubstr("egress-qos-map { 1:1 2:2")));
+      } else {
+        EXPECT_THAT(tc({"-netns", ends[0].name, "qdisc", "show", "dev", ends[0].interface}),
+                    AllOf(HasSubstr("netem"), HasSubstr("rate 10Mbit")));
+      }
+      const int component = socket_in(ends[1].name, ends[1].address);
+      const int controller = socket_in(ends[0].name, ends[0].address);
+      send_to(controller, ends[1].address);
+      EXPECT_TRUE(arrives(component));
+      for (const int fd : {controller, component}) close(fd);
+    } catch (const Error& error) {
+      EXPECT_THAT(error.what(), HasSubstr(lacking));
+    }
+    EXPECT_FALSE(exist());
+  }
+}
+
 TEST_F(Namespaces, OfSeveralComponentsAreOnOneWire) {
   {
     journal::Journal journal;

@@ -73,15 +73,29 @@ lab::Observer observer_of(Terminal& terminal, const campaign::Interrupts& interr
   return observer;
 }
 
+// That of Ethernet that all wires have which are of one, for their NICs are the same; 0: none is.
+int speed_of(const campaign::Scenario& scenario, int others) {
+  constexpr std::uint64_t mbit = 1'000'000;
+  const auto rate = scenario.hosts.wire.bits_per_s;
+  if (rate != 10 * mbit && rate != 100 * mbit && rate != 1000 * mbit) return others;
+  const auto speed = static_cast<int>(rate / mbit);
+  if (others != 0 && others != speed)
+    throw Error(2, fmt::format("{}: its wire has {} Mbit/s, and another scenario's {}: the lab's NICs have one "
+                               "speed, so run them one after the other",
+                               scenario.file, speed, others));
+  return speed;
+}
+
 // As they are to be found there, each in a folder of its own, for two may have one name.
 std::vector<lab::File> files_of(const std::vector<std::string>& scenarios,
-                                const campaign::Selection& selection) {
+                                const campaign::Selection& selection, lab::Machine& machine) {
   std::vector<lab::File> files;
   for (const auto& name : scenarios)
     for (const auto& file : scenario_files(name)) {
       const auto scenario = campaign::read_scenario(file, selection);
       if (scenario.hosts.kind != campaign::Hosts::Kind::namespaces)
         throw Error(2, fmt::format("{}: the lab has two machines in one, and needs hosts: namespaces", file));
+      machine.nic_mbit_per_s = speed_of(scenario, machine.nic_mbit_per_s);
       files.push_back(
           {file, fmt::format("/scenarios/{}/{}", files.size() + 1, fs::path(file).filename().string())});
     }
@@ -107,8 +121,8 @@ std::vector<std::string> command_of(const std::vector<lab::File>& scenarios, con
 int run(const Arguments& arguments, const GateFlags& flags) {
   const auto format = format_flag(arguments.format);
   const auto gates = flags.gates();
-  const auto machine = machine_of(arguments);
-  const auto scenarios = files_of(arguments.scenarios, arguments.choice.checked());
+  auto machine = machine_of(arguments);
+  const auto scenarios = files_of(arguments.scenarios, arguments.choice.checked(), machine);
   const auto results =
       arguments.results.empty() ? new_results_file(arguments.scenarios.front()) : arguments.results;
   if (fs::exists(fs::symlink_status(results)))

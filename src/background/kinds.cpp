@@ -101,7 +101,8 @@ bool is_qdisc(const std::string& words) {
   return words.size() <= 2000 && !all.empty() &&
          std::find(disciplines.begin(), disciplines.end(), all.front()) != disciplines.end() &&
          std::all_of(all.begin(), all.end(), [](const std::string& word) {
-           return word[0] != '-' && std::all_of(word.begin(), word.end(), [](char c) {
+           const bool is_negative = word.size() > 1 && word[0] == '-' && word[1] >= '0' && word[1] <= '9';
+           return (word[0] != '-' || is_negative) && std::all_of(word.begin(), word.end(), [](char c) {
                     return (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || (c >= '0' && c <= '9') ||
                            c == '_' || c == '@' || c == ':' || c == '.' || c == '-';
                   });

@@ -200,6 +200,10 @@ json asked(const roundtrip::NeighbourOptions& options) {
 
 }  // namespace
 
+json asked(const machine::Wire& wire) {
+  return wire.any() ? json{{"bits_per_s", wire.bits_per_s}, {"vlan", wire.vlan}} : json();
+}
+
 bool is_named(const Run& run) { return run.component != "component"; }
 
 Together together(const Run& run, const Hosts& hosts) {
@@ -252,6 +256,7 @@ json asked(const Run& run, const Hosts& hosts) {
       {"traffic", asked(run.traffic)},
       {"neighbours", asked(run.task.neighbours)},
       {"link", asked_of_link(run)},
+      {"wire", asked(hosts.wire)},
       {"isolation", run.isolation.any() ? keeper::to_json(run.isolation) : json()},
       {"kernel", run.kernel.empty() ? json() : json(run.kernel)},
       {"ontime", ONTIME_VERSION}};

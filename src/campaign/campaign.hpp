@@ -16,6 +16,7 @@
 #include "agent/agent.hpp"
 #include "background/background.hpp"
 #include "isolation/isolation.hpp"
+#include "machine/machine.hpp"
 #include "orders/orders.hpp"
 #include "record/record.hpp"
 #include "security/security.hpp"
@@ -143,6 +144,7 @@ struct Hosts {
   std::vector<Component> components{{"component", {}}};  // that one, or those that were given names
   const Host& at(const std::string& name) const;         // of the controller, or of a component
   Host& at(const std::string& name);
+  machine::Wire wire;  // between two `namespaces`
   // Brought to hosts that are reached by ssh: this program, with these transports. Nothing: it is there.
   std::optional<std::set<std::string>> deploy;
 };
@@ -150,6 +152,7 @@ struct Hosts {
 using Together = std::vector<Run>;
 Together together(const Run&, const Hosts&);
 nlohmann::json asked(const Run&, const Hosts&);  // the record's form of a run
+nlohmann::json asked(const machine::Wire&);      // and of that; null: there is none
 // Whether its component is one that was given a name.
 bool is_named(const Run&);
 

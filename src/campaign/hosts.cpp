@@ -13,6 +13,7 @@ namespace ontime::campaign {
 namespace {
 
 constexpr std::size_t most_components = 32;
+constexpr int most_vlan = 4094;
 constexpr std::size_t longest_name = 12;  // "to-NAME" is an interface
 
 class HostsOfFile {
@@ -192,6 +193,32 @@ Hosts hosts_of(const std::string& file, const std::optional<YAML::Node>& hosts,
   if (hosts) found.read(*hosts, components.has_value());
   if (components) found.read_components(*components);
   return found.take();
+}
+
+void lay_wire(const std::string& file, const YAML::Node& node, Hosts& hosts) {
+  const auto fail = [&](const YAML::Node& at, const std::string& message) {
+    fail_at(file, at.Mark(), "wire: " + message);
+  };
+  if (hosts.kind != Hosts::Kind::namespaces || hosts.components.size() > 1)
+    fail(node,
+         "it joins the two namespaces of hosts: namespaces with one component, and these are other hosts");
+  if (!node.IsMap() || node.size() == 0)
+    fail(node, "it has a rate, a vlan, or both: {rate: 10 Mbit/s, vlan: 5}");
+  once_each(file, node);
+  for (const auto& entry : node) {
+    const auto key = entry.first.Scalar();
+    const auto text = scalar_of(file, entry.second, key);
+    try {
+      if (key == "rate")
+        hosts.wire.bits_per_s = bit_rate_of(text);
+      else if (key == "vlan")
+        hosts.wire.vlan = static_cast<int>(number_of(text, 1, most_vlan));
+      else
+        fail(entry.first, fmt::format("unknown key '{}'; it has rate and vlan", key));
+    } catch (const std::invalid_argument& error) {
+      fail(entry.second, fmt::format("{}: {}", key, error.what()));
+    }
+  }
 }
 
 void lay_cable(const std::string& file, const std::vector<std::string>& interfaces, Hosts& hosts) {

@@ -117,6 +117,11 @@ void Machines::prepare(const Hosts& stated) {
       throw Error(3,
                   "components: no permission to make a network namespace for each: run as root (sudo ontime "
                   "run …), or state where they are");
+    if (hosts_.wire.any())
+      throw Error(
+          3,
+          "wire: no permission to make the network namespaces that it joins: run as root (sudo ontime run "
+          "…)");
     observer_.note(
         "no permission to make network namespaces: the two ends are two processes on loopback instead. "
         "To have two \"machines\", run as root: sudo ontime run …");
@@ -137,7 +142,9 @@ void Machines::prepare(const Hosts& stated) {
   tell_of_two_ways();
   if (hosts_.kind != Hosts::Kind::namespaces) return;
   const auto joined = ask(machines_.begin()->second, "join", "joined",
-                          {{"components", names_of(hosts_.components)}, {"cable", cable_of(hosts_)}});
+                          {{"components", names_of(hosts_.components)},
+                           {"cable", cable_of(hosts_)},
+                           {"wire", asked(hosts_.wire)}});
   for (const auto& [name, host] : joined.at("hosts").items()) hosts_.at(name) = host_of(host);
 }
 

@@ -38,7 +38,7 @@ class File {
     const auto root = document_of(scenario_.file, scenario_.text);
     if (!root.IsMap())
       throw Error(2, scenario_.file + ": not a scenario: it has no keys (title, hosts, defaults, runs …)");
-    std::optional<YAML::Node> hosts, defaults, runs, repeat;
+    std::optional<YAML::Node> hosts, wire, defaults, runs, repeat;
     once_each(scenario_.file, root);
     for (const auto& entry : root) {
       const auto key = entry.first.Scalar();
@@ -47,6 +47,8 @@ class File {
         scenario_.title = scalar(value, key);
       else if (key == "hosts")
         hosts.emplace(value);
+      else if (key == "wire")
+        wire.emplace(value);
       else if (key == "components")
         components_.emplace(value);
       else if (key == "defaults")
@@ -58,17 +60,18 @@ class File {
       else if (key == "runs")
         runs.emplace(value);
       else
-        fail(entry.first,
-             fmt::format(
-                 "unknown key '{}'; a scenario has title, hosts, components, defaults, order, repeat, runs",
-                 key));
+        fail(entry.first, fmt::format("unknown key '{}'; a scenario has title, hosts, wire, components, "
+                                      "defaults, order, repeat, runs",
+                                      key));
     }
     if (!runs || !runs->IsSequence() || runs->size() == 0)
       fail(runs.value_or(root), "runs: a list of runs is needed");
     scenario_.hosts = hosts_of(scenario_.file, hosts, components_);
+    if (wire) lay_wire(scenario_.file, *wire, scenario_.hosts);
     const auto for_all = defaults ? read_defaults(*defaults) : Entries{};
     for (const auto& run : *runs) read_run(run, for_all);
     check_only();
+    check_wire();
     if (repeat) read_repeat(*repeat);
     if (selection_.deploy) deploy();
     if (!selection_.cable.empty()) lay_cable(scenario_.file, selection_.cable, scenario_.hosts);
@@ -232,6 +235,18 @@ class File {
       entry = key == "require" ? entries.erase(entry) : std::next(entry);
     }
     return required;
+  }
+
+  // Both are what frames wait in before they leave the interface, which has one.
+  void check_wire() const {
+    const auto& wire = scenario_.hosts.wire;
+    if (wire.bits_per_s == 0 || wire.vlan > 0) return;
+    for (const auto& run : scenario_.runs)
+      if (!run.faults.qdisc.empty() || run.faults.delay.count() > 0)
+        throw Error(
+            2, fmt::format("{}: {}: wire.rate and {} both are the queueing discipline of the interface: "
+                           "say wire.vlan as well, whose interface has one of its own",
+                           scenario_.file, run.id, run.faults.qdisc.empty() ? "link.delay" : "link.qdisc"));
   }
 
   // A list that does not multiply: all of it must be so.

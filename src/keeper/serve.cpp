@@ -31,6 +31,11 @@ std::optional<machine::Cable> cable_of(const json& ends) {
   return machine::Cable{ends.at("controller"), ends.at("component")};
 }
 
+machine::Wire wire_of(const json& wire) {
+  if (wire.is_null()) return {};
+  return {.bits_per_s = wire.at("bits_per_s"), .vlan = wire.at("vlan")};
+}
+
 class Keeper final : public orders::Worker {
  public:
   explicit Keeper(orders::Events& events) : events_(events) {}
@@ -42,8 +47,8 @@ class Keeper final : public orders::Worker {
                    {{"machine", machine::describe()}, {"notes", notes}, {"program", orders::this_program()}});
     } else if (order == "join") {
       auto hosts = json::object();
-      for (const auto& end :
-           machine::join_namespaces(journal_, body.at("components"), cable_of(body.at("cable"))))
+      for (const auto& end : machine::join_namespaces(journal_, body.at("components"),
+                                                      cable_of(body.at("cable")), wire_of(body.at("wire"))))
         hosts[end.host] = end_of(end);
       events_.tell("joined", {{"hosts", hosts}});
     } else if (order == "tune") {

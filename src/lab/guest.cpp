@@ -61,6 +61,7 @@ ip link set lo up
 modprobe {driver}
 for nic in {nics}; do
   until [ -e "/sys/class/net/$nic" ]; do /bin/busybox usleep 10000; done
+  {speed}
 done
 {then}
 /bin/busybox sync
@@ -89,6 +90,15 @@ std::string in_quotes(const std::string& word) {
 
 const char* driver_of(const std::string& nic) {
   return nic == "virtio" ? "-a virtio_pci virtio_net" : nic.c_str();
+}
+
+std::string speed_of(const Machine& machine) {
+  if (machine.nic_mbit_per_s == 0) return ":";
+  if (program("ethtool").empty())
+    throw Error(
+        "the lab's NICs are to have the speed of the scenario's wire, which ethtool sets: install it (sudo apt "
+        "install ethtool)");
+  return fmt::format("ethtool -s \"$nic\" speed {} duplex full autoneg off", machine.nic_mbit_per_s);
 }
 
 void add_programs(Image& image) {
@@ -169,7 +179,7 @@ Image image_of(const Machine& machine, const Kernel& kernel, const std::vector<s
                  fmt::format(fmt::runtime(start), fmt::arg("results", results_folder),
                              fmt::arg("driver", driver_of(machine.nic)),
                              fmt::arg("nics", fmt::format("{} {}", controller_nic, component_nic)),
-                             fmt::arg("then", then)),
+                             fmt::arg("speed", speed_of(machine)), fmt::arg("then", then)),
                  true);
   return image;
 }

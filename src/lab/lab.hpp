@@ -25,6 +25,9 @@ struct Error : std::runtime_error {
 
 struct Machine {
   std::string nic = "e1000e";  // one of nics()
+  // The speed that they say they have, by which some disciplines reckon (taprio): 10, 100 or 1000 Mbit/s; 0:
+  // whatever they say. What they are given goes at once all the same.
+  int nic_mbit_per_s = 0;
   // Its time is the number of instructions that it carried out, on one CPU: whatever else this machine does,
   // it goes the same way again. Else this machine's time, on two.
   bool deterministic = true;

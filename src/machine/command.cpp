@@ -77,22 +77,26 @@ bool ended(pid_t pid) {
   return waitid(P_PID, static_cast<id_t>(pid), &info, WEXITED | WNOHANG | WNOWAIT) != 0 || info.si_pid == pid;
 }
 
-}  // namespace
-
-std::string ip(const std::vector<std::string>& arguments) {
-  std::vector<std::string> command = {"ip"};
+std::string answer_of_iproute2(std::string program, const std::vector<std::string>& arguments) {
+  std::vector<std::string> command = {std::move(program)};
   command.insert(command.end(), arguments.begin(), arguments.end());
   const Output output;
   const auto asked = fmt::format("{}", fmt::join(command, " "));
   const auto started = spawn(command, output.fd());
   if (started.error == ENOENT)
-    throw Error(fmt::format("{}: there is no `ip`: install iproute2 (sudo apt install iproute2)", asked));
+    throw Error(fmt::format("{}: there is no `{}`: install iproute2 (sudo apt install iproute2)", asked,
+                            command.front()));
   if (started.error != 0)
     throw Error(fmt::format("{}: {}", asked, std::generic_category().message(started.error)));
   if (wait_for(started.pid) != 0)
     throw Error(fmt::format("{} failed: {}", asked, word(output.text()).value_or("it did not say why")));
   return output.text();
 }
+
+}  // namespace
+
+std::string ip(const std::vector<std::string>& arguments) { return answer_of_iproute2("ip", arguments); }
+std::string tc(const std::vector<std::string>& arguments) { return answer_of_iproute2("tc", arguments); }
 
 std::optional<std::string> answer_of(const std::vector<std::string>& command,
                                      std::chrono::nanoseconds limit) {

@@ -21,6 +21,7 @@ namespace {
 using namespace std::chrono_literals;
 
 constexpr auto time_for_link = 10s;
+constexpr const char* frames_before_a_wire = "100";
 
 NamespaceEnd end(const std::string& host, const std::string& other, std::size_t number) {
   auto own = journal::own_prefix + host;
@@ -30,16 +31,48 @@ NamespaceEnd end(const std::string& host, const std::string& other, std::size_t 
 
 std::string leg_to(const std::string& component) { return "to-" + component; }
 
+void inside(const NamespaceEnd& end, std::vector<std::string> arguments) {
+  arguments.insert(arguments.begin(), {"-netns", end.name});
+  ip(arguments);
+}
+
+void raise(const NamespaceEnd& end) {
+  for (const auto& interface : {std::string("lo"), end.interface})
+    inside(end, {"link", "set", interface, "up"});
+}
+
+// Each frame takes its time, and the next one waits for it, as before a wire.
+void slow_down(const NamespaceEnd& end, std::uint64_t bits_per_s) {
+  try {
+    tc({"-netns", end.name, "qdisc", "add", "dev", end.interface, "root", "netem", "limit",
+        frames_before_a_wire, "rate", fmt::format("{}bit", bits_per_s)});
+  } catch (const Error& error) {
+    throw Error(
+        fmt::format("wire.rate: this kernel has not what that needs (the queueing discipline netem, module "
+                    "sch_netem): {}",
+                    error.what()));
+  }
+}
+
+void lay_vlan(NamespaceEnd& end, int vlan) {
+  const auto name = fmt::format("vlan{}", vlan);
+  std::vector<std::string> words = {
+      "link", "add",  "link", end.interface,        "name",          name, "numtxqueues", "8",
+      "type", "vlan", "id",   std::to_string(vlan), "egress-qos-map"};
+  for (int priority = 0; priority < 8; ++priority) words.push_back(fmt::format("{0}:{0}", priority));
+  try {
+    inside(end, words);
+  } catch (const Error& error) {
+    throw Error(fmt::format("wire.vlan: {}", error.what()));
+  }
+  end.interface = name;
+  inside(end, {"link", "set", name, "up"});
+}
+
 void configure(const NamespaceEnd& end) {
-  const auto inside = [&](std::vector<std::string> arguments) {
-    arguments.insert(arguments.begin(), {"-netns", end.name});
-    ip(arguments);
-  };
-  inside({"address", "add", end.address + "/24", "dev", end.interface});
-  inside({"link", "set", "lo", "up"});
-  inside({"link", "set", end.interface, "up"});
+  inside(end, {"address", "add", end.address + "/24", "dev", end.interface});
   // For programs that join a multicast group, as DDS discovery does, and name no interface.
-  inside({"route", "add", "224.0.0.0/4", "dev", end.interface});
+  inside(end, {"route", "add", "224.0.0.0/4", "dev", end.interface});
 }
 
 std::optional<Interface> interface(const std::string& name) {
@@ -113,7 +146,7 @@ bool may_join_namespaces() {
 
 std::vector<NamespaceEnd> join_namespaces(journal::Journal& journal,
                                           const std::vector<std::string>& components,
-                                          const std::optional<Cable>& cable) {
+                                          const std::optional<Cable>& cable, const Wire& wire) {
   if (!may_join_namespaces())
     throw Error(
         "network namespaces were asked for, which this process may not make: run as root (in a container, "
@@ -131,8 +164,13 @@ std::vector<NamespaceEnd> join_namespaces(journal::Journal& journal,
     lay(*cable, ends.at(0), ends.at(1));
   else
     join(ends.front(), std::span(ends).subspan(1));
-  for (const auto& end : ends) configure(end);
+  for (const auto& end : ends) raise(end);
   for (const auto& end : ends) wait_until_up(end);
+  for (auto& end : ends) {
+    if (wire.bits_per_s > 0) slow_down(end, wire.bits_per_s);
+    if (wire.vlan > 0) lay_vlan(end, wire.vlan);
+    configure(end);
+  }
   return ends;
 }
 

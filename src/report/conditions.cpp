@@ -99,6 +99,16 @@ std::string link(const json& asked) {
   return faults.empty() ? "" : "a link that " + join(faults, ", ");
 }
 
+std::string wire(const json& asked) {
+  if (!asked.is_object()) return "";
+  std::vector<std::string> parts;
+  if (const auto& rate = at(asked, "bits_per_s"); rate.is_number() && rate > 0)
+    parts.push_back("of " + megabits(rate) + " Mbit/s");
+  if (const auto& vlan = at(asked, "vlan"); vlan.is_number() && vlan > 0)
+    parts.push_back("with VLAN " + word(vlan));
+  return "a wire " + join(parts, " ");
+}
+
 // "kernel: irq-threads 90, ksoftirqd 60".
 std::string kernel(const json& asked) {
   std::vector<std::string> parts;
@@ -248,6 +258,7 @@ std::vector<Phrase> phrases_of(const Summary& summary) {
   add("traffic", at(asked, "traffic"), traffic(at(asked, "traffic")));
   add_neighbours(phrases, at(asked, "neighbours"));
   add("link", at(asked, "link"), link(at(asked, "link")));
+  add("wire", at(asked, "wire"), wire(at(asked, "wire")));
   add("isolation", at(asked, "isolation"), isolation(at(asked, "isolation")));
   add("kernel", at(asked, "kernel"), kernel(at(asked, "kernel")));
   add("hosts", at(asked, "hosts"), "hosts " + word(at(asked, "hosts")), Phrase::Where::in_labels);

@@ -214,6 +214,23 @@ class Machines(Lab):
         return [value for thing, value in seen.items() if re.fullmatch(pattern, thing)]
 
     @of_all
+    def test_frames_wait_in_disciplines_with_queues_and_carry_their_class_and_all_of_it_goes_again_also_after_kill_9(self):
+        seen = {}
+        said = self.shell(pathlib.Path(__file__).with_name("lab_link.sh"))
+        for line in said:
+            if found := re.fullmatch(r"(before|taprio|mqprio|cbs|after|killed|reverted) (\w+)=(.*)", line):
+                seen.setdefault(found[1], {})[found[2]] = found[3]
+        text = "\n".join(said)
+        self.assertIn("revert ended 0", said, text)
+        for kind in ("taprio", "mqprio", "cbs"):
+            self.assertIn(f"{kind} whole ended 0", said, text)
+            self.assertEqual((seen[kind]["wire"], seen[kind]["vlan"], seen[kind]["tagged"]), ("10Mbit", kind, "1"), text)
+            self.assertGreater(int(seen[kind]["sent"]), 0, text)
+        self.assertEqual((seen["killed"]["wire"], seen["killed"]["vlan"]), ("10Mbit", "taprio"), text)
+        for moment in ("before", "after", "reverted"):
+            self.assertEqual((seen[moment]["vlan"], seen[moment]["left"]), ("", "0 0"), text)
+
+    @of_all
     def test_cpus_are_kept_by_a_partition_of_version_2_and_given_back_also_after_kill_9(self):
         seen = {}
         said = self.shell(pathlib.Path(__file__).with_name("lab_isolation.sh"), "--live")
