@@ -14,6 +14,7 @@
 #include "background/background.hpp"
 #include "background/child.hpp"
 #include "lab/console.hpp"
+#include "lab/guest.hpp"
 #include "lab/image.hpp"
 #include "lab/qemu.hpp"
 #include "lab/results.hpp"
@@ -134,6 +135,22 @@ TEST_F(Lab, MachineIsToldThatItIsSimulated) {
   const auto append = std::find(words.begin(), words.end(), "-append") + 1;
   EXPECT_EQ(machine::simulated(*append), "QEMU 7.2.22, virtio, its time by counted instructions, 2 ns each");
   EXPECT_THAT(words, Contains(HasSubstr("virtio-net-pci,netdev=n1,mac=")));
+}
+
+TEST_F(Lab, NicsSayTheSpeedThatTheyAreToHave) {
+  for (const auto* name : {"busybox", "kmod", "ip", "ethtool"})
+    if (program(name).empty()) GTEST_SKIP() << "there is no " << name;
+  const Kernel kernel{"6.1.0", "linux-image", "/boot/vmlinuz", folder() / "modules"};
+  fs::create_directory(kernel.modules);
+  write("modules/modules.dep", "");
+  const auto start = [&](int speed) {
+    Machine machine;
+    machine.nic_mbit_per_s = speed;
+    image_of(machine, kernel, {"true"}, {}).write(folder() / "image");
+    return read(folder() / "image");
+  };
+  EXPECT_THAT(start(10), HasSubstr("  ethtool -s \"$nic\" speed 10 duplex full autoneg off\n"));
+  EXPECT_THAT(start(0), Not(HasSubstr("ethtool -s \"$nic\"")));
 }
 
 TEST_F(Lab, FolderThatCannotBeLookedIntoHasNoProgram) {

@@ -109,15 +109,17 @@ TEST_F(Namespaces, TheFirstMessageArrivesAndNothingStays) {
 
 // Seen in the lab as well, for a kernel may lack either.
 TEST_F(Namespaces, HaveAWireOfARateAndAVlan) {
-  for (const auto& [wire, lacking] : {std::pair{Wire{.bits_per_s = 10'000'000}, "wire.rate: this kernel has not"},
-                                      std::pair{Wire{.vlan = 5}, "wire.vlan: "}}) {
+  for (const auto& [wire, lacking] :
+       {std::pair{Wire{.bits_per_s = 10'000'000}, "wire.rate: this kernel has not"},
+        std::pair{Wire{.vlan = 5}, "wire.vlan: "}}) {
     try {
       journal::Journal journal;
       const auto ends = join_namespaces(journal, {"component"}, {}, wire);
       EXPECT_EQ(ends[0].interface, wire.vlan > 0 ? "vlan5" : "to-component");
       if (wire.vlan > 0) {
-        EXPECT_THAT(ip({"-netns", ends[0].name, "-details", "link", "show", "vlan5"}),
-                    AllOf(HasSubstr("id 5 "), HasSubstr("numtxqueues 8"), HasSubstr("egress-qos-map { 1:1 2:2")));
+        EXPECT_THAT(
+            ip({"-netns", ends[0].name, "-details", "link", "show", "vlan5"}),
+            AllOf(HasSubstr("id 5 "), HasSubstr("numtxqueues 8"), HasSubstr("egress-qos-map { 1:1 2:2")));
       } else {
         EXPECT_THAT(tc({"-netns", ends[0].name, "qdisc", "show", "dev", ends[0].interface}),
                     AllOf(HasSubstr("netem"), HasSubstr("rate 10Mbit")));

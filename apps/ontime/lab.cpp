@@ -80,9 +80,10 @@ int speed_of(const campaign::Scenario& scenario, int others) {
   if (rate != 10 * mbit && rate != 100 * mbit && rate != 1000 * mbit) return others;
   const auto speed = static_cast<int>(rate / mbit);
   if (others != 0 && others != speed)
-    throw Error(2, fmt::format("{}: its wire has {} Mbit/s, and another scenario's {}: the lab's NICs have one "
-                               "speed, so run them one after the other",
-                               scenario.file, speed, others));
+    throw Error(2,
+                fmt::format("{}: its wire has {} Mbit/s, and another scenario's {}: the lab's NICs have one "
+                            "speed, so run them one after the other",
+                            scenario.file, speed, others));
   return speed;
 }
 

@@ -96,7 +96,8 @@ std::string speed_of(const Machine& machine) {
   if (machine.nic_mbit_per_s == 0) return ":";
   if (program("ethtool").empty())
     throw Error(
-        "the lab's NICs are to have the speed of the scenario's wire, which ethtool sets: install it (sudo apt "
+        "the lab's NICs are to have the speed of the scenario's wire, which ethtool sets: install it (sudo "
+        "apt "
         "install ethtool)");
   return fmt::format("ethtool -s \"$nic\" speed {} duplex full autoneg off", machine.nic_mbit_per_s);
 }

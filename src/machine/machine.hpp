@@ -129,7 +129,7 @@ struct Cable {
 };
 // What the way between two namespaces is beside that.
 struct Wire {
-  // At which the frames of each end leave it, one after the other, 100 of them waiting at most; 0: at once.
+  // At which the frames of each end leave it, one after the other, 64 of them waiting at most; 0: at once.
   std::uint64_t bits_per_s = 0;
   // Of the interfaces that the ends have then, which have eight queues, and give frames of priority 0 to 7
   // that class (PCP) in their tag; 0: none.

@@ -21,7 +21,7 @@ namespace {
 using namespace std::chrono_literals;
 
 constexpr auto time_for_link = 10s;
-constexpr const char* frames_before_a_wire = "100";
+constexpr const char* frames_before_a_wire = "64";  // a socket's buffer holds more: the rest is lost
 
 NamespaceEnd end(const std::string& host, const std::string& other, std::size_t number) {
   auto own = journal::own_prefix + host;
