@@ -22,7 +22,7 @@ namespace {
 namespace fs = std::filesystem;
 using campaign::Error;
 
-constexpr std::uint64_t least_memory_bytes = std::uint64_t{512} << 20U;
+constexpr std::uint64_t least_memory_bytes = std::uint64_t{512} << 20U;  // that the kernel needs for itself
 constexpr const char* results_name = "results.ontime";
 
 struct Arguments {

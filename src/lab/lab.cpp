@@ -37,6 +37,16 @@ struct Prepared {
   std::function<std::vector<std::string>(Accelerator)> command;  // QEMU's
 };
 
+// Linux unpacks them into half of its memory at most, and what the command leaves goes there too.
+void check_room(const Machine& machine, std::uint64_t files_bytes) {
+  constexpr std::uint64_t for_all_else = std::uint64_t{256} << 20U;
+  if (const auto needed = 2 * files_bytes + for_all_else; machine.memory_bytes < needed)
+    throw Error(
+        fmt::format("the lab's machine is to have {} MiB of memory, and with its files, which take {}, it "
+                    "needs {}: give it more (--memory), or bring less (--with)",
+                    machine.memory_bytes >> 20U, files_bytes >> 20U, needed >> 20U));
+}
+
 Prepared prepare(const Machine& machine, journal::Journal& journal, const std::vector<std::string>& command,
                  const std::vector<File>& brought, const Observer& observer) {
   try {
@@ -44,6 +54,7 @@ Prepared prepare(const Machine& machine, journal::Journal& journal, const std::v
     const auto kernel = fetch_kernel(machine.kernel, observer.note);
     Files files(journal::add_directory(journal, "lab"));
     image_of(machine, kernel, command, brought).write(files.image);
+    check_room(machine, fs::file_size(files.image));
     return {files, [=, &machine, at_terminal = command.empty()](Accelerator accelerator) {
               return qemu_command(machine, accelerator, version, kernel.image, files, at_terminal);
             }};

@@ -170,6 +170,13 @@ class Machines(Lab):
             self.assertEqual((machine["preemption"], machine["cpu_count"], machine["clocksource"]), ("rt", 1, "tsc"))
             self.assertIn("counted instructions", machine["simulated"])
 
+    def test_too_little_memory_for_its_files(self):
+        answer = self.lab("run", self.scenario(SCENARIO % "udp"), "--results", self.results(), "--memory", "512 MiB")
+        if "is not to be had here" in answer.stderr:
+            self.skipTest(answer.stderr)
+        self.assertEqual(answer.returncode, 3, answer.stderr)
+        self.assertRegex(answer.stderr, "is to have 512 MiB of memory, and with its files, which take [0-9]+, it needs [0-9]+")
+
     def shell(self, script, *flags):
         """What a script says in such a machine."""
         process = subprocess.Popen([ONTIME, "lab", "shell", "--with", script, *flags], stdin=subprocess.PIPE, stdout=subprocess.PIPE,
