@@ -5,7 +5,7 @@ classes="num_tc 2 map 1 1 1 1 1 1 0 1 1 1 1 1 1 1 1 1 queues 1@0 1@1"
 {
   echo "hosts: namespaces"
   echo "wire: {rate: 10 Mbit/s, vlan: 5}"
-  echo "defaults: {transport: udp, duration: 3 s, realtime: on, link: {message-priority: 6}}"
+  echo "defaults: {transport: udp, duration: 2 s, realtime: on, link: {message-priority: 6}}"
   echo "runs:"
   while read -r kind words; do echo "  - {id: $kind, link: {qdisc: $kind $words}}"; done <<DISCIPLINES
 taprio $classes base-time 0 sched-entry S 01 1000000 sched-entry S 02 3000000 clockid CLOCK_TAI
@@ -25,7 +25,7 @@ measure() { TERM=dumb ontime run --only-measure --cable eth0,eth1 --only "$1" --
 measures() {
   until ps -eo args | grep -q '[o]ntime agent'; do sleep 0.1; done
   ip netns exec ontime-component nft 'table netdev seen { chain coming { type filter hook ingress device "eth1" priority -600; vlan pcp 6 counter; }; }'
-  sleep 1.5
+  sleep 1
 }
 
 see before

@@ -187,7 +187,7 @@ class Machines(Lab):
             part = os.read(process.stdout.fileno(), 4096)
             self.assertTrue(part, said)
             said += part
-        answer, _ = process.communicate(f"bash {script}; exit\r".encode(), timeout=300)
+        answer, _ = process.communicate(f"bash {script}; exit\r".encode(), timeout=600)
         self.assertEqual(process.returncode, 0, answer)
         return answer.decode(errors="replace").replace("\r\033[K", "\n").replace("\r", "").splitlines()
 
