@@ -15,6 +15,7 @@ using testing::HasSubstr;
 const Hosts two{Hosts::Kind::stated,
                 {"", {}, {"left"}, "", "eth0", "10.0.0.1"},
                 {{"component", {"", {}, {"right"}, "", "eth1", "10.0.0.2:99"}}},
+                {},
                 {}};
 
 TEST(Address, IsWithoutItsPort) {

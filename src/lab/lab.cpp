@@ -11,7 +11,7 @@
 
 #include <fmt/chrono.h>
 #include <fmt/format.h>
-#include <spawn.h>
+#include <sys/prctl.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
@@ -176,9 +176,14 @@ void shell(const Machine& machine, journal::Journal& journal, const Observer& ob
   words.reserve(command.size() + 1);
   for (auto& word : command) words.push_back(word.data());
   words.push_back(nullptr);
-  pid_t pid = -1;
-  if (const int error = posix_spawnp(&pid, words[0], nullptr, nullptr, words.data(), environ); error != 0)
-    throw Error(fmt::format("{} cannot be started: {}", words[0], std::generic_category().message(error)));
+  const pid_t self = getpid(), pid = fork();
+  if (pid < 0)
+    throw Error(fmt::format("{} cannot be started: {}", words[0], std::generic_category().message(errno)));
+  if (pid == 0) {
+    prctl(PR_SET_PDEATHSIG, SIGKILL);  // it does not outlive us, however we end
+    if (getppid() == self) execvp(words[0], words.data());
+    _exit(127);
+  }
   int status = 0;
   while (waitpid(pid, &status, 0) < 0 && errno == EINTR)
     if (observer.interrupted()) kill(pid, SIGTERM);

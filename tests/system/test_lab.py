@@ -260,6 +260,17 @@ class Machines(Lab):
             self.assertEqual(seen[moment], seen["before"], text)
 
     @of_all
+    def test_a_shell_that_is_killed_takes_its_machine_with_it(self):
+        process = subprocess.Popen([ONTIME, "lab", "shell"], stdin=subprocess.PIPE, stdout=subprocess.PIPE,
+                                   stderr=subprocess.STDOUT, cwd=self.folder, env=self.environment)
+        self.addCleanup(process.communicate)
+        self.assertTrue(eventually(lambda: any("qemu" in one for one in
+                                               processes_with("TMPDIR=" + self.temporary).values()), 300))
+        process.kill()
+        self.assertTrue(eventually(lambda: not processes_with("TMPDIR=" + self.temporary)))
+        subprocess.run([ONTIME, "tune", "revert"], env=self.environment, timeout=120)  # as whatever starts next does
+
+    @of_all
     def test_what_the_machine_lacks_is_named(self):
         answer = self.lab("run", self.scenario(LACKING), "--results", self.results())
         self.assertEqual(answer.returncode, 3, answer.stderr)
