@@ -175,12 +175,13 @@ ordered_json json_of(const statistics::Summary& summary) {
       some_of(asked, {"duration_s", "warm_up", "receive", "qos", "options", "component_transport",
                       "component_options", "security", "domain", "ping_topic", "pong_topic", "interface",
                       "component_interface", "component_restart", "component", "beside", "realtime_settings",
-                      "count_instructions", "kernel", "isolation", "wire"});
+                      "count_instructions", "kernel", "isolation"});
   run["conditions"]["load"] = {{"asked", at(asked, "load")}, {"achieved", at(outcome, "conditions")}};
   run["conditions"]["traffic"] = {{"asked", at(asked, "traffic")}, {"achieved", at(outcome, "traffic")}};
   run["conditions"]["neighbours"] = {{"asked", at(asked, "neighbours")},
                                      {"achieved", at(outcome, "neighbours")}};
   run["conditions"]["link"] = at(asked, "link");
+  run["conditions"]["wire"] = at(asked, "wire");
   run["link_unproved"] = at(outcome, "link_unproved");
   run["paper"] = paper_of(asked);
   run["hosts"] = at(outcome, "hosts");
