@@ -11,7 +11,7 @@
 namespace ontime::lab {
 namespace {
 
-constexpr std::size_t most_lines = 12;
+constexpr std::size_t most_lines = 30;          // a panic and its trace are some 25
 constexpr std::string_view cleared = "\033[K";  // what a line that is written anew begins with
 
 std::string bare(std::string line) {
