@@ -111,9 +111,8 @@ class Explain(unittest.TestCase):
         folder = "/sys/kernel/tracing/instances/ontime-trace"
         ping = ["ping", "--transport", "udp", "--domain", "88", "--peer", "127.0.0.1", "--duration", "100 ms", "--explain"]
         ordinary = ["setpriv", "--bounding-set=-all", "--inh-caps=-all"]
-        with subprocess.Popen(pong, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True) as answers:
-            self.addCleanup(answers.wait)
-            self.addCleanup(answers.terminate)
+        with subprocess.Popen(pong, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True) as answers, contextlib.ExitStack() as ends:
+            ends.callback(answers.terminate)
             answers.stderr.readline()
             refused = subprocess.run([*ordinary, ONTIME, *ping], capture_output=True, text=True, timeout=60)
             self.assertEqual(refused.returncode, 3)
