@@ -171,11 +171,11 @@ ordered_json json_of(const statistics::Summary& summary) {
   run["remarks"] = text.empty() ? ordered_json() : ordered_json(text);
   run["imported"] = imported_json_of(summary);
   run.update(some_of(asked, {"require"}));
-  run["conditions"] =
-      some_of(asked, {"duration_s", "warm_up", "receive", "qos", "options", "component_transport",
-                      "component_options", "security", "domain", "ping_topic", "pong_topic", "interface",
-                      "component_interface", "component_restart", "component", "beside", "realtime_settings",
-                      "count_instructions", "kernel", "isolation"});
+  run["conditions"] = some_of(
+      asked, {"duration_s", "warm_up", "receive", "qos", "options", "security", "domain", "ping_topic",
+              "pong_topic", "interface", "realtime_settings", "count_instructions", "kernel", "isolation"});
+  run["conditions"].update(some_of(asked, {"component", "component_transport", "component_options",
+                                           "component_interface", "component_restart", "beside"}));
   run["conditions"]["load"] = {{"asked", at(asked, "load")}, {"achieved", at(outcome, "conditions")}};
   run["conditions"]["traffic"] = {{"asked", at(asked, "traffic")}, {"achieved", at(outcome, "traffic")}};
   run["conditions"]["neighbours"] = {{"asked", at(asked, "neighbours")},
