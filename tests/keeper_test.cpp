@@ -123,7 +123,7 @@ TEST_F(Keeper, GivesNamespacesBackWhenThePipeBreaks) {
   if (!machine::may_join_namespaces()) GTEST_SKIP() << "network namespaces need root";
   {
     Coordinator::Hand other(coordinator_, "the other", {orders::this_program(), "keeper"}, "");
-    other.order("join", {{"components", {"component"}}, {"cable", nullptr}});
+    other.order("join", {{"components", {"component"}}, {"cable", nullptr}, {"wire", nullptr}});
     const auto joined = coordinator_.await(other, "joined", 60s);
     EXPECT_EQ(joined.at("hosts").at("controller").at("place").at(3), "ontime-controller");
     EXPECT_TRUE(std::filesystem::exists("/run/netns/ontime-controller"));

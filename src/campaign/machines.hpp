@@ -59,7 +59,8 @@ class Machines {
   void begin();
   struct Account {
     nlohmann::json conditions, load_running, kernel, isolation, machine;  // by host
-    nlohmann::json traffic, links;  // by component, and then by "controller" and "component"
+    // By component, and then by "controller" and "component".
+    nlohmann::json traffic = nlohmann::json::object(), links = nlohmann::json::object();
   };
   Account end();
 

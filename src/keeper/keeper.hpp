@@ -6,14 +6,15 @@
 //   order                 answer
 //   open   {}             opened {machine, notes, program}: what it is, what was given back of earlier
 //                         ontimes, where this program lies
-//   join   {components, cable}  joined {hosts}: namespaces, of the controller and of each component by its
-//                         name, {place, interface, address, port: of the controller's bridge, "" where it
-//                        has none}; cable: null, or the names of two interfaces
-//                         that are to join the controller and its one component
+//   join   {components, cable, wire}
+//                         joined {hosts}: namespaces, of the controller and of each component by its name,
+//                         {place, interface, address, port: of the controller's bridge, "" where it has
+//                         none}; cable: null, or the names of two interfaces that are to join the
+//                         controller and its one component; wire: null, or {bits_per_s, vlan}
 //   tune   {host, link, wishes}  tuned {settings} of a host, all of them applied, until restore; or {error},
 //                         and nothing is changed
-//   isolate {host, link, wish}  isolated {stay: what may run on the kept CPUs all the same, for people},
-//   until
+//   isolate {host, link, wish}
+//                         isolated {stay: what may run on the kept CPUs all the same, for people}, until
 //                         restore, before any tune; or {error}, and nothing is changed
 //   keep   {pid}          kept {}, or {error}: that process has the kept CPUs
 //   restore {}            restored {notes}: what could not be given back
@@ -25,8 +26,7 @@
 //   cut    {host, after_ms, for_ms}   cutting {}, and when it is time: cut {host, at_ns}
 //   traffic {host, way, stream}   flowing {}: one end of one way of it, by iperf3, until unload
 //   trace  {}             tracing {missing}: the kernel's events are kept for some seconds, until unload;
-//   what
-//                         of them this kernel has not, for people; or {error}
+//                         what of them this kernel has not, for people; or {error}
 //   cut-out {spans [[message, from_ns, to_ns] …]}   window {window} for each of them, as soon as may be
 //   unload {}             unloaded {notes}: what of the load could not be given back
 //   begin  {}             begun {}: "during the run" is from here on

@@ -88,7 +88,7 @@ std::string link(const json& asked) {
     if (is_some("reordered")) text += fmt::format(" but for {}", percent(at(asked, "reordered")));
     faults.push_back(text);
   }
-  if (const auto& qdisc = at(asked, "qdisc"); qdisc.is_string() && qdisc != "")
+  if (const auto& qdisc = at(asked, "qdisc"); is_said(qdisc))
     faults.push_back("queues by " + shortened(word(qdisc), longest_value));
   if (at(asked, "message_priority").is_number())
     faults.push_back("sends messages with priority " + word(at(asked, "message_priority")));
@@ -121,7 +121,7 @@ std::string kernel(const json& asked) {
 // "CPUs 2-3 kept, interrupts elsewhere, load and traffic with 50 % of a CPU".
 std::string isolation(const json& asked) {
   std::vector<std::string> parts;
-  if (const auto& cpus = at(asked, "cpus"); cpus.is_string() && cpus != "")
+  if (const auto& cpus = at(asked, "cpus"); is_said(cpus))
     parts.push_back(fmt::format("CPUs {} kept", word(cpus)));
   if (is_true(at(asked, "interrupts"))) parts.emplace_back("interrupts elsewhere");
   if (const auto& quota = at(asked, "load_quota"); quota.is_number() && quota > 0)

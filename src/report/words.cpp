@@ -25,6 +25,9 @@ std::string cell_of(const nlohmann::ordered_json& value) {
 }
 
 bool is_true(const nlohmann::json& value) { return value.is_boolean() && value.get<bool>(); }
+bool is_said(const nlohmann::json& value) {
+  return value.is_string() && !value.get_ref<const std::string&>().empty();
+}
 
 std::uint64_t count(const nlohmann::json& value) {
   return value.is_number_integer() && value >= 0 ? value.get<std::uint64_t>() : 0;

@@ -20,6 +20,7 @@ std::string word(const nlohmann::json&);             // on one line; `nothing` f
 std::string id_of(const nlohmann::json& asked);      // of a run, likewise, and shortened
 std::string cell_of(const nlohmann::ordered_json&);  // as a spreadsheet has it
 bool is_true(const nlohmann::json&);
+bool is_said(const nlohmann::json&);         // a text that is not empty
 std::uint64_t count(const nlohmann::json&);  // 0 for what is no count
 
 std::string microseconds(double ns);                                           // "1234", below 100 "98.7"

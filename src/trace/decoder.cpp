@@ -226,7 +226,7 @@ std::string Decoder::what_of(const Shape& shape, const RawEvent& event) {
       trace_seq_destroy(&printed);
       const std::string_view before = "reason: ";
       const auto begin = text.find(before);
-      const auto reason = begin == text.npos ? "" : text.substr(begin + before.size());
+      auto reason = begin == text.npos ? "" : text.substr(begin + before.size());
       if (!reason.empty() && reason != "NOT_SPECIFIED") return reason;
       return symbols_.at(static_cast<std::uint64_t>(number(shape.place, event)));
     }
