@@ -213,6 +213,36 @@ TEST_F(RecordTest, OneWriterAtATime) {
   EXPECT_EQ(Writer(path_).begin_run({}), 2);
 }
 
+TEST_F(RecordTest, WhatTookThePlaceOfItsFileIsLeftAlone) {
+  const auto other = (folder_ / "other").string();
+  write_bytes(other, "somebody's");
+  {
+    Writer writer(path_);
+    fs::rename(other, path_);
+  }
+  EXPECT_EQ(bytes_of(path_), "somebody's");
+}
+
+TEST_F(RecordTest, AFileThatIsRemovedWhileAWriterWaitsForItTakesNoRun) {
+  { Writer(path_).begin_run({{"id", "one"}}); }
+  sqlite3* holder = nullptr;
+  sqlite3_open(path_.c_str(), &holder);
+  ASSERT_EQ(sqlite3_exec(holder, "BEGIN EXCLUSIVE", nullptr, nullptr, nullptr), SQLITE_OK);
+  std::string error;
+  std::thread waiting([&] { error = error_of([&] { Writer(path_).begin_run({{"id", "two"}}); }); });
+  const auto opened = [&] {
+    std::error_code gone;
+    return std::count_if(fs::directory_iterator("/proc/self/fd"), fs::directory_iterator(),
+                         [&](const auto& entry) { return fs::read_symlink(entry, gone) == path_; });
+  };
+  while (opened() < 2) std::this_thread::yield();
+  fs::remove(path_);
+  sqlite3_close(holder);
+  waiting.join();
+  EXPECT_THAT(error, HasSubstr("removed"));
+  EXPECT_THAT(files(), IsEmpty());
+}
+
 TEST_F(RecordTest, KilledWriterLosesNothingThatWasFlushed) {
   kill_9([&](auto far_enough) {
     Writer writer(path_);

@@ -39,6 +39,8 @@ std::string why_not_opened(const std::string& path, sqlite3* handle) {
 }
 
 std::string explanation(const std::string& path, int code, sqlite3* handle) {
+  if (code == SQLITE_READONLY_DBMOVED)
+    return "it was removed or renamed while this waited for it. Try again, or choose another file.";
   switch (code & 0xff) {  // the rest tells kinds of each apart
     case SQLITE_FULL:
       return "the disk is full. What was committed before is in the file: make room, or choose a file "

@@ -5,6 +5,7 @@
 
 #include <fmt/chrono.h>
 #include <fmt/format.h>
+#include <unistd.h>
 
 #include "record/document.hpp"
 #include "record/format.hpp"
@@ -29,9 +30,16 @@ std::optional<std::int64_t> time_after(std::int64_t time, std::int64_t earlier) 
 
 }  // namespace
 
+bool is_at(const std::string& path, const struct stat& file) {
+  struct stat there {};
+  return ::lstat(path.c_str(), &there) == 0 && there.st_dev == file.st_dev && there.st_ino == file.st_ino;
+}
+
 // Two threads may use this connection: one adds, while the other has a Reader on it.
-Database::Database(const std::string& path)
-    : connection_(std::make_shared<Connection>(
+Database::Database(const std::string& path, const std::optional<struct stat>& made)
+    : path_(path),
+      made_(made),
+      connection_(std::make_shared<Connection>(
           path, SQLITE_OPEN_READWRITE | SQLITE_OPEN_CREATE | SQLITE_OPEN_FULLMUTEX)) {
   format_of(*connection_);  // looked at before anything is changed: it may be somebody else's
   if (sqlite3_db_readonly(connection_->handle(), "main") == 1) connection_->fail(SQLITE_READONLY);
@@ -63,6 +71,21 @@ Database::~Database() {
   connection_->try_run("COMMIT");
   // Fails while somebody reads: then the next Writer clears away what lies beside the file.
   connection_->try_run("PRAGMA journal_mode = DELETE");
+  if (made_) try {
+      remove_unused();
+    } catch (const Error&) {  // somebody else has it
+    }
+  connection_->try_run("COMMIT");
+}
+
+// While nobody else has it: another Writer that waits for it finds that it is gone. Not beside a log, whose
+// names are a new file's as well.
+void Database::remove_unused() {
+  Statement mode(*connection_, "PRAGMA journal_mode");
+  if (!mode.next() || mode.text(0) != "delete") return;
+  connection_->run("BEGIN EXCLUSIVE");
+  if (Statement(*connection_, "SELECT 1 FROM run").next()) return;
+  if (is_at(path_, *made_)) ::unlink(path_.c_str());
 }
 
 // In one transaction of the log: whatever stops it, the file is of one format or the other.
@@ -141,8 +164,6 @@ void Database::forget_run(std::int64_t run) {
   });
   starts_.erase(run);
 }
-
-bool Database::has_runs() { return Statement(*connection_, "SELECT 1 FROM run").next(); }
 
 bool Database::has_run(std::int64_t run) {
   return Statement(*connection_, "SELECT 1 FROM run WHERE number = ?").bind(run).next();

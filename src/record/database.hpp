@@ -11,6 +11,8 @@
 #include <utility>
 #include <vector>
 
+#include <sys/stat.h>
+
 #include "record/connection.hpp"
 #include "record/record.hpp"
 
@@ -23,10 +25,14 @@ struct Batch {
   std::vector<std::pair<std::int64_t, Trace>> traces;
 };
 
+// Whether that file is what the path leads to, and no other that has taken its place.
+bool is_at(const std::string& path, const struct stat& file);
+
 class Database {
  public:
-  explicit Database(const std::string& path);  // as of Writer
-  ~Database();                                 // leaves one file
+  // As of Writer. `made`: what that path led to when the file was made for it.
+  Database(const std::string& path, const std::optional<struct stat>& made);
+  ~Database();  // leaves one file, or none where it was made and no run is in it
   Database(const Database&) = delete;
   Database& operator=(const Database&) = delete;
 
@@ -34,7 +40,6 @@ class Database {
   std::int64_t begin_run(const std::string& asked, const std::string& key);
   void add(const Batch&);
   void forget_run(std::int64_t run);
-  bool has_runs();
   void end_run(std::int64_t run, const std::string& outcome);
 
   bool has_run(std::int64_t run);
@@ -50,6 +55,10 @@ class Database {
   void add(std::int64_t run, const Note&);
   void add(std::int64_t run, const Trace&);
 
+  void remove_unused();
+
+  const std::string path_;
+  const std::optional<struct stat> made_;
   std::shared_ptr<Connection> connection_;
   std::optional<Statement> insert_;
   std::map<std::int64_t, std::int64_t>

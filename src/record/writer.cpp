@@ -45,32 +45,13 @@ std::string checked_text_of(const nlohmann::json& value, const std::string& name
   return text;
 }
 
-// A file that was made for runs is not left behind without one.
-class NewFile {
- public:
-  NewFile() = default;
-  ~NewFile() {
-    std::error_code ignored;
-    if (!path_.empty() && !has_runs_) std::filesystem::remove(path_, ignored);
-  }
-  NewFile(const NewFile&) = delete;
-  NewFile& operator=(const NewFile&) = delete;
-  void made(const std::string& path) { path_ = path; }
-  void has_runs(bool some) { has_runs_ = some; }
-
- private:
-  std::string path_;
-  bool has_runs_ = false;
-};
-
 }  // namespace
 
 // The thread that waits for the disk, and what waits for it.
 class Writer::Thread {
  public:
-  Thread(const std::string& path, bool is_new) : database_(path), thread_([this] { work(); }) {
-    if (is_new) new_file.made(path);
-  }
+  Thread(const std::string& path, const std::optional<struct stat>& made)
+      : database_(path, made), thread_([this] { work(); }) {}
   ~Thread() {
     {
       const std::lock_guard lock(mutex_);
@@ -112,8 +93,7 @@ class Writer::Thread {
   Reader reader() const { return Reader(database_.connection()); }
   const std::string& name() const { return database_.connection()->name(); }
 
-  NewFile new_file;  // the caller's, as these; goes once the database is closed
-  std::set<std::int64_t> open_runs;
+  std::set<std::int64_t> open_runs;  // the caller's
 
  private:
   void work() {
@@ -176,15 +156,19 @@ class Writer::Thread {
 Writer::Writer(const std::string& path) {
   std::error_code ignored;
   // Before SQLite does, which would make it wherever a link to nothing leads.
-  const int made = path.empty() ? -1 : ::open(path.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0644);
-  const bool is_new = made >= 0;
-  if (is_new) ::close(made);
-  if (!path.empty() && !is_new && errno == EEXIST && !std::filesystem::is_regular_file(path, ignored))
+  const int file = path.empty() ? -1 : ::open(path.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0644);
+  std::optional<struct stat> made;
+  if (file >= 0) {
+    if (::fstat(file, &made.emplace()) != 0) made.reset();
+    ::close(file);
+  } else if (!path.empty() && errno == EEXIST && !std::filesystem::is_regular_file(path, ignored)) {
     throw WrongFile(fmt::format("{}: it is there, but not a file. Choose another name.", path));
+  }
   try {
-    thread_ = std::make_unique<Thread>(path, is_new);
+    thread_ = std::make_unique<Thread>(path, made);
   } catch (const Error&) {
-    if (is_new && std::filesystem::file_size(path, ignored) == 0) std::filesystem::remove(path, ignored);
+    if (made && is_at(path, *made) && std::filesystem::file_size(path, ignored) == 0)
+      std::filesystem::remove(path, ignored);
     throw;
   }
 }
@@ -198,7 +182,6 @@ std::int64_t Writer::begin_run(const nlohmann::json& asked) {
   const auto key = key_of(*json_of(text));
   const auto run = thread_->ask([&](Database& database) { return database.begin_run(text, key); });
   thread_->open_runs.insert(run);
-  thread_->new_file.has_runs(true);
   return run;
 }
 
@@ -245,12 +228,8 @@ void Writer::end_run(std::int64_t run, const nlohmann::json& outcome) {
 }
 
 void Writer::forget_run(std::int64_t run) {
-  const bool some = thread_->ask([&](Database& database) {
-    database.forget_run(run);
-    return database.has_runs();
-  });
+  thread_->ask([&](Database& database) { database.forget_run(run); });
   thread_->open_runs.erase(run);
-  thread_->new_file.has_runs(some);
 }
 
 void Writer::flush() {
