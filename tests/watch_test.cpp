@@ -140,6 +140,52 @@ TEST_F(Following, TheNextRunBeginsAnew) {
   EXPECT_EQ(follower.look().sent, 3U);
 }
 
+TEST_F(Following, ARunThatIsForgottenIsSeenNoMore) {
+  record::Writer writer(path_);
+  Follower follower(path_);
+  const auto first = writer.begin_run(asked());
+  writer.append(first, usual(0, 500));
+  writer.end_run(first, {{"interrupted", false}});
+  const auto begin = [&](int duration_s) {
+    auto other = asked();
+    other["duration_s"] = duration_s;
+    return writer.begin_run(other);
+  };
+  const auto second = begin(10);
+  EXPECT_EQ(follower.look().run.number, second);
+  EXPECT_EQ(follower.look().sent, 0U);
+  writer.forget_run(second);
+  EXPECT_EQ(follower.look().run.number, first) << "what is there is the run before it";
+  EXPECT_EQ(follower.look().sent, 500U);
+  EXPECT_EQ(follower.look().duration_s, 60);
+
+  EXPECT_EQ(begin(10), second);
+  EXPECT_EQ(follower.look().duration_s, 10);
+  writer.forget_run(second);
+  ASSERT_EQ(begin(20), second) << "its number is the next one's";
+  EXPECT_EQ(follower.look().duration_s, 20);
+}
+
+TEST_F(Following, ARunThatIsForgottenMayHaveBeenTheOnlyOne) {
+  record::Writer writer(path_);
+  Follower follower(path_);
+  const auto run = writer.begin_run(asked());
+  EXPECT_EQ(follower.look().run.number, run);
+  writer.forget_run(run);
+  EXPECT_EQ(follower.look().run.number, 0);
+}
+
+TEST_F(Following, ItEndsWithAFileThatIsGone) {
+  const auto child =
+      measuring([](record::Writer& writer) { writer.append(writer.begin_run(asked()), usual(0, 100)); });
+  Follower follower(path_);
+  EXPECT_EQ(follower.look().state, State::measuring);
+  kill(child);
+  for (const auto& name : files()) std::filesystem::remove(folder_ / name);
+  EXPECT_EQ(follower.look().state, State::ended);
+  EXPECT_EQ(follower.look().sent, 100U) << "as it was seen last";
+}
+
 TEST_F(Following, ItEndsWithTheWriterWhetherThatIsDoneOrKilled) {
   const auto child =
       measuring([](record::Writer& writer) { writer.append(writer.begin_run(asked()), usual(0, 100)); });

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <algorithm>
 #include <deque>
+#include <filesystem>
+#include <system_error>
 #include <utility>
 
 #include "watch/watch.hpp"
@@ -72,12 +74,38 @@ void Follower::begin(const record::Run& run) {
 }
 
 const Progress& Follower::look() {
+  try {
+    look_once();
+  } catch (const record::Error&) {
+    if (!seen_) throw;
+    look_once();  // while it was looked at, whoever writes may have taken away a run, or the file
+  }
+  return progress_;
+}
+
+void Follower::look_once() {
+  std::error_code ignored;
+  if (seen_ && std::filesystem::status(results_, ignored).type() == std::filesystem::file_type::not_found) {
+    progress_.state = Progress::State::ended;
+    progress_.samples_wait = false;
+    progress_.lost_for_good = progress_.lost;
+    return;
+  }
   const bool is_written =
       record::is_being_written(results_);  // before it is read: what ends meanwhile is seen next time
   const record::Reader reader(results_);
-  const auto runs = reader.runs(std::max<std::int64_t>(progress_.run.number, 1));
-  if (!runs.empty() && runs.back().number != progress_.run.number) begin(runs.back());
-  if (!runs.empty()) progress_.run = runs.back();
+  seen_ = true;
+  auto runs = reader.runs(std::max<std::int64_t>(progress_.run.number, 1));
+  if (runs.empty() && progress_.run.number > 0) {  // it was forgotten
+    begin({});
+    runs = reader.runs(1);
+  }
+  if (!runs.empty()) {
+    const auto& newest = runs.back();
+    // One that was forgotten has left its number to the next, and no samples.
+    if (newest.number != progress_.run.number || newest.asked != progress_.run.asked) begin(newest);
+    progress_.run = newest;
+  }
 
   // What is settled is added for good, the newest anew each time.
   auto& settled = *course_;
@@ -110,7 +138,6 @@ const Progress& Follower::look() {
   progress_.state = !is_written ? Progress::State::ended
                     : under_way ? Progress::State::measuring
                                 : Progress::State::waiting;
-  return progress_;
 }
 
 }  // namespace ontime::watch

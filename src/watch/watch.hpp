@@ -67,12 +67,15 @@ class Follower {
  public:
   explicit Follower(std::string results);
   ~Follower();
-  const Progress& look();  // throws record::Error
+  // Throws record::Error. A file that was there and is gone has ended, as it was seen last.
+  const Progress& look();
 
  private:
   class Course;
+  void look_once();
   void begin(const record::Run&);
   const std::string results_;
+  bool seen_ = false;
   std::unique_ptr<Course> course_;
   Progress progress_;
 };
