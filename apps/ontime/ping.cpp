@@ -1,6 +1,4 @@
 // SPDX-License-Identifier: Apache-2.0
-#include <algorithm>
-
 #include "campaign/campaign.hpp"
 #include "commands.hpp"
 #include "flags.hpp"
@@ -32,13 +30,10 @@ void add_ping(CLI::App& app, Action& action) {
       Terminal terminal;
       const int code = campaign::ping(run, wait, writer, terminal, interrupts, command_line());
       terminal.clear_line();
-      // Also of a run that failed: what was measured until then.
+      // Also of a run that failed: what was measured until then. There is none where there was nobody to
+      // measure with.
       const auto measured = statistics::summarise(writer.reader(), known);
-      const bool any =
-          std::any_of(measured.begin(), measured.end(), [](const auto& one) { return one.sent > 0; });
-      if (any || code == 0 || code == 130) print(report::render(measured, format));
-      if (!any && code != 0)  // there was nobody to measure with: no run that a report would have to show
-        for (const auto& one : measured) writer.forget_run(one.run.number);
+      if (!measured.empty()) print(report::render(measured, format));
       return code;
     };
   });

@@ -71,16 +71,19 @@ class Suite {
   }
   Hosts::Kind kind() const { return machines_.hosts().kind; }
 
+  using Numbers = std::vector<std::int64_t>;
+
   // What came of runs at the same time.
   struct Result {
     int code = 0;             // to exit with
     bool ends_search = true;  // also if they failed
+    Numbers never_begun;      // those that ended before the first message was sent
   };
   Result carry_out(const Together& runs, std::chrono::nanoseconds wait, const std::vector<json>& asked) {
     Numbers numbers;
     for (const auto& record : asked) numbers.push_back(writer_.begin_run(record));
     int code = 0;
-    bool ends = true;
+    bool ends = true, has_begun = false;
     {
       Session session(runs, numbers, coordinator_, machines_, writer_, observer_, interrupts_);
       try {
@@ -107,11 +110,13 @@ class Suite {
                                   error.what()),
                       3);
       }
+      has_begun = session.has_begun();
     }
-    if (interrupts_ > 0) return {130};
+    const auto never_begun = has_begun ? Numbers() : numbers;
+    if (interrupts_ > 0) return {130, true, never_begun};
     // Whoever kept a machine and is gone: what it held is given back before the next run.
     if (machines_.lost()) machines_.prepare(stated_);
-    return {code, ends};
+    return {code, ends, never_begun};
   }
 
   void close() {
@@ -120,8 +125,6 @@ class Suite {
   }
 
  private:
-  using Numbers = std::vector<std::int64_t>;
-
   // What ends one of those that run at the same time ends all: it was not measured what was asked for.
   int failed(Session& session, const Run& run, const Numbers& numbers, const std::string& why, int exit) {
     const auto outcomes = session.salvage();
@@ -369,9 +372,10 @@ int ping(const Run& run, std::chrono::nanoseconds wait, record::Writer& writer, 
     observer.begins(run);
     auto record = asked(run, alone);
     record["command_line"] = command_line;
-    const int code = suite.carry_out({run}, wait, {record}).code;
+    const auto result = suite.carry_out({run}, wait, {record});
+    for (const auto number : result.never_begun) writer.forget_run(number);
     suite.close();
-    return code;
+    return result.code;
   } catch (const orders::Interrupted&) {
     return 130;
   }

@@ -210,7 +210,7 @@ using Done =
 int execute(const Scenario&, record::Writer&, Observer&, Interrupts&, const nlohmann::json& command_line,
             const Done& done = {});
 
-// One end by hand, on this host.
+// One end by hand, on this host. Of what ends before the first message is sent no run is left.
 int ping(const Run&, std::chrono::nanoseconds wait, record::Writer&, Observer&, Interrupts&,
          const nlohmann::json& command_line);
 // Serves until interrupted. `told` is called once it serves, with the record of what it is.

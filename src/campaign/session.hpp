@@ -24,6 +24,8 @@ class Session {
   // After an error: what each client counted, if it can still be asked.
   std::vector<nlohmann::json> salvage() noexcept;
   roundtrip::Counters counters() const;  // of all runs together
+  // Messages may have been sent that are to be counted, whatever of them has come back to us.
+  bool has_begun() const { return measuring_; }
 
  private:
   using Clock = std::chrono::steady_clock;

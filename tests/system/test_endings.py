@@ -6,7 +6,9 @@ nothing of it stays on the machine. Needs root, and skips without. ONTIME names 
 import contextlib
 import fcntl
 import os
+import pathlib
 import signal
+import sqlite3
 import subprocess
 import termios
 import time
@@ -107,6 +109,29 @@ class Endings(Program):
         self.assertEqual(ping.returncode, 3, error)
         self.assertIn("Round trip", out)
         self.assertIn("failed", out)
+
+    def test_a_ping_that_fails_before_its_samples_came_keeps_its_run(self):
+        arguments = ["--transport", "udp", "--interface", "lo", "--domain", "78"]
+        pong = self.start_ontime("pong", *arguments)
+        ping = self.start_ontime("ping", *arguments, "--peer", "127.0.0.1", "--duration", "1 h", "--schedule", "back-to-back",
+                                 "--results", self.results)
+        measuring = []
+
+        def begun():  # it has the thread then that hands samples over, and half a second for the first
+            for pid in self.own("/ontime agent"):
+                with contextlib.suppress(OSError):
+                    if any((task / "comm").read_text() == "ontime-record\n" for task in pathlib.Path(f"/proc/{pid}/task").iterdir()):
+                        measuring.append(pid)
+            return measuring
+
+        self.started(ping, begun)
+        os.kill(measuring[0], signal.SIGKILL)
+        out, error = ping.communicate(timeout=60)
+        pong.send_signal(signal.SIGINT)
+        pong.communicate(timeout=30)
+        self.assertEqual(ping.returncode, 3, error)
+        self.assertIn("failed", out)
+        self.assertIn("the agent of the controller", self.report()[0]["error"])
 
     def test_a_pong_that_is_started_again_at_once_is_noted(self):
         arguments = ["--transport", "cyclonedds", "--interface", "lo", "--domain", "78"]

@@ -12,6 +12,7 @@ import os
 import pathlib
 import random
 import shutil
+import signal
 import sqlite3
 import subprocess
 import tempfile
@@ -20,6 +21,8 @@ import unittest
 import urllib.error
 import urllib.request
 import xml.etree.ElementTree
+
+from program import eventually
 
 ONTIME = os.environ["ONTIME"]
 
@@ -148,6 +151,21 @@ class Results(unittest.TestCase):
         before = json.loads(self.ontime("report", self.results, "--format", "json").stdout)
         self.ontime(*lonely, "--results", self.results, code=3)
         self.assertEqual(json.loads(self.ontime("report", self.results, "--format", "json").stdout), before)
+
+    def test_a_ping_that_is_interrupted_before_a_pong_was_there_shows_no_run(self):
+        process = self.start("ping", "--transport", "udp", "--peer", "127.0.0.1", "--domain", "79", "--wait", "1 min",
+                             "--results", self.results)
+
+        def begun():
+            with contextlib.suppress(sqlite3.Error), \
+                    contextlib.closing(sqlite3.connect(f"file:{self.results}?mode=ro", uri=True)) as database:
+                return database.execute("SELECT count(*) FROM run").fetchone()[0] > 0
+
+        self.assertTrue(eventually(begun, 30))
+        process.send_signal(signal.SIGINT)
+        out, error = process.communicate(timeout=30)
+        self.assertEqual((process.returncode, out), (130, ""), error)
+        self.assertFalse(self.results.exists())
 
     def test_of_a_search_the_number_of_runs_is_a_bound(self):
         path = self.folder / "search.yaml"
