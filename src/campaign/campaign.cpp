@@ -100,6 +100,7 @@ class Suite {
         ends = missed;
         observer_.ends(session.counters());
       } catch (const orders::Interrupted&) {
+        coordinator_.drain();  // samples that are here, and not yet read
         for (const auto number : numbers) writer_.end_run(number, {{"interrupted", true}});
       } catch (const Error& error) {
         code = failed(session, runs.front(), numbers, error.what(), error.exit);

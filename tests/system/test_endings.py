@@ -51,6 +51,20 @@ class Endings(Program):
         self.interrupted(2)
         self.assertGreater(self.samples_recorded(), 50)
 
+    def test_interrupted_twice_it_keeps_what_lies_in_its_pipe(self):
+        process = self.start_ontime("run", self.scenario("1 h", transports=["udp"]), "--only", "idle", "--results", self.results)
+        self.started(process, lambda: self.samples_recorded() > 50)
+        process.send_signal(signal.SIGSTOP)
+        stopped_ns = time.monotonic_ns()
+        time.sleep(3)  # its agent measures on, and hands over twice a second
+        for one in (signal.SIGINT, signal.SIGTERM, signal.SIGCONT):
+            process.send_signal(one)
+        _, error = process.communicate(timeout=30)
+        self.assertEqual(process.returncode, 130, error)
+        with contextlib.closing(sqlite3.connect(f"file:{self.results}?mode=ro", uri=True)) as database:
+            newest_ns = database.execute("SELECT start_ns + max(intended_ns) FROM run JOIN sample ON run = number").fetchone()[0]
+        self.assertGreater(newest_ns, stopped_ns)
+
     def killed(self, whom):
         process = self.start_ontime("run", self.scenario("1 h", transports=["cyclonedds"]), "--only", "loaded", "--results", self.results)
         self.started(process, lambda: self.samples_recorded() > 50 and len(self.load()) > 0)
