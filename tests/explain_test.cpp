@@ -417,9 +417,10 @@ class ByHand : public Explained {
     sample.server_received_ns += ahead;
     sample.server_sent_ns += ahead;
   }
-  void keep() {
+  void keep() { keep({{"component", window_}}); }
+  void keep(const std::vector<record::Trace>& windows) {
     const auto run = kept_.begin_run({{"id", "pong"}});
-    kept_.trace(run, {"component", window_});
+    for (const auto& window : windows) kept_.trace(run, window);
     kept_.end_run(run, {{"trace", {{"component", json::object()}}},
                         {"hosts", {{"component", {{"threads", threads({{answers, "receive"}})}}}}}});
   }
@@ -448,7 +449,7 @@ TEST_P(ByHand, WhatPongKeptExplainsItsPart) {
   EXPECT_EQ(part.end, "component");
   EXPECT_THAT(account.limits, testing::UnorderedElementsAre(
                                   HasSubstr("nothing is known of what the controller's machine did"),
-                                  HasSubstr("known to within 45.0 us of the controller's")));
+                                  HasSubstr("known to within 46.0 us of the controller's")));
 }
 
 TEST_P(ByHand, WhatAnotherPongKeptIsRefused) {
@@ -460,6 +461,121 @@ TEST_P(ByHand, WhatAnotherPongKeptIsRefused) {
   by_its_own_clock(sample);
   EXPECT_THROW(account_with(sample), record::WrongFile);
 }
+
+// One of two days may have been another's.
+TEST_P(ByHand, WhatFitsOnceAndContradictsOnceIsAnothers) {
+  auto later = window_;
+  later.span.message = 70;
+  keep({{"component", window_}, {"component", later}});
+  auto sample = late(0, 20 * ms, 0);
+  by_its_own_clock(sample);
+  EXPECT_THROW(account_with(sample), record::WrongFile);
+}
+
+TEST_P(ByHand, AWindowThatIsCutOffContradictsNothing) {
+  auto cut_off = window_;
+  cut_off.whole = false;
+  cut_off.span = {70, due + 195 * ms + ahead, due + 196 * ms + ahead};
+  cut_off.events.clear();
+  keep({{"component", window_}, {"component", cut_off}});
+  auto sample = late(0, 20 * ms, 0);
+  by_its_own_clock(sample);
+  EXPECT_NO_THROW(account_with(sample));
+}
+
+TEST_P(ByHand, WhatACoordinatorsMachineDidIsNotPongs) {
+  keep({{"controller", window_}});
+  auto sample = late(0, 20 * ms, 0);
+  by_its_own_clock(sample);
+  EXPECT_THROW(account_with(sample), record::WrongFile);
+}
+
+TEST_P(ByHand, OfMessagesThatWereOnTimeNothingNeedBeKnown) {
+  auto of_next = window_;
+  of_next.span.message = 51;
+  keep({{"component", window_}, {"component", of_next}});
+  ping_.trace(run_, {"controller", {{50, due - ms, due + 21 * ms}, true, {}}});
+  auto sample = late(0, 20 * ms, 0);
+  by_its_own_clock(sample);
+  EXPECT_THAT(account_with(sample).limits, testing::Each(testing::Not(HasSubstr("nothing is known"))));
+}
+
+TEST_P(ByHand, OfALateMessageThatPongDidNotKeepNobodyIsToldToDoWhatWasDone) {
+  window_.span.message = 51;
+  keep();
+  ping_.trace(run_, {"controller", {{50, due - ms, due + 21 * ms}, true, {}}});
+  auto sample = late(0, 20 * ms, 0);
+  by_its_own_clock(sample);
+  const auto limits = account_with(sample).limits;
+  EXPECT_THAT(limits, testing::Contains(testing::AllOf(
+                          HasSubstr("of 1 of the 1 late and lost messages that were looked at nothing is "
+                                    "known of what the component's"),
+                          testing::Not(HasSubstr("ontime pong")))));
+}
+
+// The second half of the run is an hour later, and the server's clock went 20 ppm faster.
+class Drifting : public ByHand {
+ protected:
+  static constexpr std::int64_t hour = 3'600'000 * ms, drift = 72 * ms;
+  Drifting() {
+    for (auto& sample : samples_)
+      if (sample.index >= 40) an_hour_later(sample);
+    window_.span.from_ns += hour + drift;
+    window_.span.to_ns += hour + drift;
+    for (auto& event : window_.events) event.at_ns += hour + drift;
+  }
+  static void an_hour_later(Sample& sample) {
+    for (auto* at : {&sample.intended_ns, &sample.due_ns, &sample.woke_ns, &sample.sent_ns}) *at += hour;
+    for (auto* at : {&sample.received_ns, &sample.server_received_ns, &sample.server_sent_ns})
+      if (*at != 0) *at += hour;
+    for (auto* at : {&sample.server_received_ns, &sample.server_sent_ns})
+      if (*at != 0) *at += drift;
+  }
+};
+
+TEST_P(Drifting, AMessageIsRelatedByTheAnswersAroundIt) {
+  keep();
+  auto sample = late(0, 20 * ms, 0);
+  by_its_own_clock(sample);
+  an_hour_later(sample);
+  const auto account = account_with(sample);
+  ASSERT_THAT(account.messages, SizeIs(1));
+  const auto part = first(account.messages[0]);
+  EXPECT_EQ(part.cause, Cause::cpu);
+  EXPECT_NEAR(static_cast<double>(part.ns), 20e6, 0.2e6);
+  EXPECT_NEAR(static_cast<double>(account.messages[0].delay_ns), 20e6, 0.2e6);
+  EXPECT_THAT(account.limits, testing::Contains(HasSubstr("known to within 46.0 us")));
+}
+
+TEST_P(Drifting, AMessageThatNeverCameIsLookedForAmongItsNeighbours) {
+  window_.span.message = 51;
+  keep();
+  auto sample = lost();
+  an_hour_later(sample);
+  const auto account = account_with(sample);
+  EXPECT_THAT(account.messages, SizeIs(2)) << "the lost one, and the one of that window";
+}
+
+// Where nothing was answered for an hour, the clocks are known as well as they may have drifted since.
+TEST_P(Drifting, WhatNoAnswerSaysIsNotKnownWell) {
+  std::erase_if(samples_, [](const Sample& sample) { return sample.index > 51; });
+  std::erase_if(samples_, [](const Sample& sample) { return sample.index >= 40 && sample.index < 50; });
+  record::Writer writer("");
+  const auto run = writer.begin_run({{"id", "x"}});
+  writer.append(run, samples_);
+  writer.end_run(run, json::object());
+  const Drift drifts(writer.reader(), run);
+  EXPECT_EQ(drifts.at(samples_.front().sent_ns).uncertainty_ns, 45 * us);
+  EXPECT_EQ(drifts.at(0).difference_ns, ahead + 5 * us);
+  const auto between = drifts.at(hour / 2);
+  EXPECT_GT(between.uncertainty_ns, 170 * ms);
+  EXPECT_GE(between.uncertainty_ns, std::abs(between.difference_ns - ahead - drift / 2));
+  EXPECT_EQ(drifts.at(samples_.back().sent_ns).difference_ns, ahead + drift + 5 * us);
+}
+
+INSTANTIATE_TEST_SUITE_P(Kernel, Drifting, testing::Values(true, false), [](const auto& told) {
+  return told.param ? "TellsLeavingIdle" : "DoesNotTellLeavingIdle";
+});
 
 INSTANTIATE_TEST_SUITE_P(Kernel, ByHand, testing::Values(true, false), [](const auto& told) {
   return told.param ? "TellsLeavingIdle" : "DoesNotTellLeavingIdle";

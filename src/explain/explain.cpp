@@ -10,7 +10,6 @@
 #include <fmt/format.h>
 
 #include "explain/way.hpp"
-#include "roundtrip/clocks.hpp"
 
 namespace ontime::explain {
 namespace {
@@ -73,10 +72,9 @@ class Explainer {
            sample.received_ns - awaited_since_ns(sample) > deadline_ns_;
   }
 
-  // How well the component's clock is known beside the controller's; nothing: it is the same.
-  std::optional<std::int64_t> uncertainty_ns() const {
-    return one_machine_ ? std::nullopt : std::optional(usual_.uncertainty_ns());
-  }
+  bool one_machine() const { return one_machine_; }
+  // How well the component's clock is known beside the controller's.
+  std::int64_t uncertainty_ns(const Sample& sample) const { return usual_.uncertainty_ns(sample.sent_ns); }
 
   Message explain(const Sample& sample, const std::vector<record::Trace>& traces) const {
     Message message{.sample = sample,
@@ -85,10 +83,11 @@ class Explainer {
                     .whole = true,
                     .late_by_response = is_late_by_response(sample)};
     std::optional<Timeline> here, there;
+    const auto server_later_ns = usual_.server_later_ns(sample.sent_ns);
     auto until_ns = sample.sent_ns;
     for (const auto& trace : traces) {
       const bool of_client = trace.host == "controller";
-      const auto later_ns = of_client ? 0 : usual_.server_later_ns();
+      const auto later_ns = of_client ? 0 : server_later_ns;
       (of_client ? here : there).emplace(trace.window, later_ns);
       until_ns = std::max(until_ns, trace.window.span.to_ns + later_ns);
       message.whole = message.whole && trace.window.whole;
@@ -117,10 +116,11 @@ class Explainer {
                 .legs = {},
                 .there_ns = {},
                 .answered_ns = {},
-                .uncertainty_ns = usual_.uncertainty_ns(),
+                .uncertainty_ns = uncertainty_ns(sample),
                 .one_machine = one_machine_};
+    const auto server_later_ns = usual_.server_later_ns(sample.sent_ns);
     for (const auto& trace : traces) {
-      const auto later_ns = trace.host == "controller" ? 0 : usual_.server_later_ns();
+      const auto later_ns = trace.host == "controller" ? 0 : server_later_ns;
       const auto& [message, from_ns, to_ns] = trace.window.span;
       scene.machines.push_back({trace.host, from_ns + later_ns, to_ns + later_ns, {trace.window, later_ns}});
     }
@@ -233,30 +233,41 @@ void add_limits(Account& account, const record::Run& run) {
         fmt::format("looked at: the worst {} of {} late and the first {} of {} lost messages", late, all_late,
                     lost, account.lost));
   if (in_part > 0)
-    account.limits.push_back(fmt::format(
-        "of {} messages a part of what the kernel did is not known: more happened than was kept", in_part));
+    account.limits.push_back(
+        fmt::format("of {} message{} a part of what the kernel did is not known: more happened than was kept",
+                    in_part, in_part == 1 ? "" : "s"));
 }
 
 // Of two machines what was seen of one says nothing of the other.
 void add_one_sided(Account& account, const record::Run& run, const Traces& traces) {
-  const auto seen = [&](const char* host) {
-    return static_cast<std::size_t>(std::count_if(traces.begin(), traces.end(), [&](const auto& message) {
+  const bool by_hand = at(at(run.outcome, "hosts"), "component").is_null();
+  for (const auto* host : {"controller", "component"}) {
+    const auto is_seen = [&](const auto& message) {
       return std::any_of(message.second.begin(), message.second.end(),
                          [&](const auto& trace) { return trace.host == host; });
-    }));
-  };
-  for (const auto* host : {"controller", "component"}) {
-    const auto of_others = traces.size() - seen(host);
-    if (of_others == 0) continue;
-    const bool by_hand = at(at(run.outcome, "hosts"), "component").is_null();
-    const auto* const remedy =
-        !by_hand ? ""
-        : host == std::string_view("component")
-            ? " (ontime pong --explain --results FILE there, and ontime explain … --pong FILE)"
-            : " (ontime ping --explain)";
-    account.limits.push_back(
-        fmt::format("of {} of the {} messages nothing is known of what the {}'s machine did{}", of_others,
-                    traces.size(), host, remedy));
+    };
+    if (!traces.empty() && std::none_of(traces.begin(), traces.end(), is_seen)) {
+      const auto* const remedy =
+          !by_hand ? ""
+          : host == std::string_view("component")
+              ? " (ontime pong --explain --results FILE there, and ontime explain … --pong FILE)"
+              : " (ontime ping --explain)";
+      if (text_of(at(at(at(run.outcome, "trace"), host), "error")).empty())  // or else it is told
+        account.limits.push_back(
+            fmt::format("nothing is known of what the {}'s machine did{}", host, remedy));
+      continue;
+    }
+    std::size_t faults = 0, of_others = 0;
+    for (const auto& message : account.messages) {
+      if (!message.is_fault()) continue;
+      ++faults;
+      of_others += is_seen(*traces.find(message.sample.index)) ? 0 : 1;
+    }
+    if (of_others > 0)
+      account.limits.push_back(
+          fmt::format("of {} of the {} late and lost messages that were looked at nothing is known of what "
+                      "the {}'s machine did",
+                      of_others, faults, host));
   }
 }
 
@@ -264,21 +275,24 @@ void add_one_sided(Account& account, const record::Run& run, const Traces& trace
 
 Pong::Pong(const record::Reader& kept, const record::Reader& reader, const record::Run& run) {
   std::map<std::uint64_t, std::int64_t> received_ns;  // by message
-  roundtrip::Clocks clocks;
   reader.each_sample(run.number, [&](const Sample& sample) {
-    clocks.add(sample);
     if (sample.server_received_ns != 0) received_ns[sample.index] = sample.server_received_ns;
   });
-  server_ahead_ns_ = clocks.difference_ns().value_or(0);
+  clocks_ = Drift(reader, run.number);
   std::size_t most = 0;
   for (auto& one : kept.runs()) {
     std::size_t fit = 0;
+    bool is_anothers = false;
     kept.each_trace(one.number, [&](const record::Trace& trace) {
-      const auto& span = trace.window.span;
+      const auto& [span, whole, events] = trace.window;
       const auto at = received_ns.find(span.message);
-      fit += at != received_ns.end() && span.from_ns <= at->second && at->second <= span.to_ns ? 1 : 0;
+      if (trace.host != "component" || at == received_ns.end()) return;
+      const bool may_be_cut_off = !whole && span.to_ns < at->second;
+      const bool fits = span.from_ns <= at->second && at->second <= span.to_ns;
+      fit += fits ? 1 : 0;
+      is_anothers = is_anothers || (!fits && !may_be_cut_off);
     });
-    if (fit <= most) continue;
+    if (is_anothers || fit <= most) continue;
     most = fit;
     run_ = std::move(one);
   }
@@ -294,8 +308,9 @@ Pong::Pong(const record::Reader& kept, const record::Reader& reader, const recor
 
 // Of the message itself; of one that never came, that of the time at which it should have.
 const record::Trace* Pong::trace_of(const Sample& sample) const {
-  const auto there_ns =
-      sample.server_received_ns != 0 ? sample.server_received_ns : sample.sent_ns + server_ahead_ns_;
+  const auto there_ns = sample.server_received_ns != 0
+                            ? sample.server_received_ns
+                            : sample.sent_ns + clocks_.at(sample.sent_ns).difference_ns;
   const record::Trace* best = nullptr;
   for (const auto& trace : traces_) {
     const auto& span = trace.window.span;
@@ -336,14 +351,16 @@ Account account_of(const record::Reader& reader, const record::Run& run, const P
                    });
   account.groups = groups_of(account.messages);
   add_limits(account, run);
-  if (const auto uncertainty_ns = explainer.uncertainty_ns()) {
+  if (!explainer.one_machine()) {
     add_one_sided(account, run, traces);
-    if (!traces.empty())
+    std::int64_t worst_ns = 0;
+    for (const auto& message : account.messages)
+      worst_ns = std::max(worst_ns, explainer.uncertainty_ns(message.sample));
+    if (!account.messages.empty())
       account.limits.push_back(
           fmt::format("the component's clock is known to within {:.1f} us of the controller's: so much may "
-                      "be wrong of where "
-                      "one machine's part of a message's way ends and the other's begins",
-                      static_cast<double>(*uncertainty_ns) / 1e3));
+                      "be wrong of where one machine's part of a message's way ends and the other's begins",
+                      static_cast<double>(worst_ns) / 1e3));
   }
   add_untold_switches(account, traces);
   return account;

@@ -10,6 +10,7 @@
 #include <string>
 #include <vector>
 
+#include "explain/drift.hpp"
 #include "explain/packets.hpp"
 #include "explain/timeline.hpp"
 #include "record/record.hpp"
@@ -91,14 +92,14 @@ std::int64_t deadline_ns_of(const record::Run&);  // 0: it has none
 // What a `pong --explain` kept of the machine that answered a run by hand.
 class Pong {
  public:
-  // Throws record::Error where none of its windows is of that run.
+  // Throws record::Error where nothing that is kept fits that run, or all of it contradicts it.
   Pong(const record::Reader& kept, const record::Reader&, const record::Run&);
   const record::Run& run() const { return run_; }
   const record::Trace* trace_of(const roundtrip::Sample&) const;  // nullptr: it kept none
 
  private:
   record::Run run_;
-  std::int64_t server_ahead_ns_ = 0;  // of the client's clock
+  Drift clocks_;
   std::vector<record::Trace> traces_;
 };
 

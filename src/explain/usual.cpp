@@ -7,13 +7,8 @@ namespace ontime::explain {
 
 using roundtrip::Sample;
 
-Usual::Usual(const record::Reader& reader, std::int64_t run, bool one_clock) {
-  if (!one_clock) {
-    roundtrip::Clocks clocks;
-    reader.each_sample(run, [&](const Sample& sample) { clocks.add(sample); });
-    server_later_ns_ = -clocks.difference_ns().value_or(0);
-    uncertainty_ns_ = clocks.uncertainty_ns();
-  }
+Usual::Usual(const record::Reader& reader, std::int64_t run, bool one_clock)
+    : clocks_(one_clock ? Drift() : Drift(reader, run)) {
   std::array<std::vector<std::int64_t>, legs> all;
   reader.each_sample(run, [&](const Sample& sample) {
     if (sample.received_ns == 0 || sample.server_sent_ns == 0) return;
@@ -29,8 +24,8 @@ Usual::Usual(const record::Reader& reader, std::int64_t run, bool one_clock) {
 }
 
 std::array<Leg, legs> Usual::of(const Sample& sample) const {
-  const auto there_ns = sample.server_received_ns + server_later_ns_,
-             back_ns = sample.server_sent_ns + server_later_ns_;
+  const auto later_ns = server_later_ns(sample.sent_ns);
+  const auto there_ns = sample.server_received_ns + later_ns, back_ns = sample.server_sent_ns + later_ns;
   return {{{awaited_since_ns(sample), sample.woke_ns},
            {sample.woke_ns, sample.sent_ns},
            {sample.sent_ns, there_ns},

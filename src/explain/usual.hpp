@@ -7,8 +7,8 @@
 #include <cstdint>
 #include <vector>
 
+#include "explain/drift.hpp"
 #include "record/record.hpp"
-#include "roundtrip/clocks.hpp"
 #include "roundtrip/sample.hpp"
 
 namespace ontime::explain {
@@ -27,13 +27,13 @@ class Usual {
   std::int64_t leg_ns(std::size_t leg) const { return medians_[leg]; }
   // By the client's clock; of an answered message whose server said when.
   std::array<Leg, legs> of(const roundtrip::Sample&) const;
-  // What is to be added to a time of the server's clock.
-  std::int64_t server_later_ns() const { return server_later_ns_; }
-  std::int64_t uncertainty_ns() const { return uncertainty_ns_; }
+  // What is to be added to a time of the server's clock, of what was sent then by the client's.
+  std::int64_t server_later_ns(std::int64_t sent_ns) const { return -clocks_.at(sent_ns).difference_ns; }
+  std::int64_t uncertainty_ns(std::int64_t sent_ns) const { return clocks_.at(sent_ns).uncertainty_ns; }
 
  private:
   std::array<std::int64_t, legs> medians_{};
-  std::int64_t server_later_ns_ = 0, uncertainty_ns_ = 0;
+  const Drift clocks_;
 };
 
 }  // namespace ontime::explain

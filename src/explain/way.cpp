@@ -288,7 +288,7 @@ Packet Way::packet(const End& from, const End& to, std::int64_t from_ns, std::in
   // On the other machine: the last of its size that had come.
   for (const auto& event : to.timeline->events())
     if (event.kind == Kind::received && event.bytes >= packet_bytes_ && event.at_ns <= to_ns &&
-        event.at_ns >= packet.sent->at_ns - usual_.uncertainty_ns())
+        event.at_ns >= packet.sent->at_ns - usual_.uncertainty_ns(from_ns))
       packet.received = &event;
   return packet;
 }

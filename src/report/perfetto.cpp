@@ -40,7 +40,7 @@ class Trace {
 
   void add(const Message& message, const Scene& scene) {
     one_machine_ = scene.one_machine;
-    uncertainty_ns_ = scene.uncertainty_ns;
+    uncertainty_ns_ = std::max(uncertainty_ns_, scene.uncertainty_ns);
     for (const auto& machine : scene.machines) add(machine, scene);
     add_way(message, scene);
   }
