@@ -376,6 +376,28 @@ TEST_P(Explained, ARealTimeThreadThatWaitsLongForSeveralOrdinaryOnesIsThrottled)
   EXPECT_GT(first(message).ns, 48 * ms);
 }
 
+// As the kernel says it of one that waits all the time.
+TEST_P(Explained, WhoIsMovedHasThePriorityThatIsSaidThen) {
+  event(sent, 1, Kind::moved, answers, 0, "1");
+  window_.events.back().thread.priority = fifo_80;
+  EXPECT_EQ(Timeline(window_, 0).priority_of(answers), fifo_80);
+}
+
+TEST_P(Explained, ARealTimeThreadThatWaitsForOrdinaryOnesOnTwoCpusIsThrottled) {
+  sender_wakes_and_sends();
+  event(sent + 10 * us, 1, Kind::waking, answers, asks, "1");
+  window_.events.back().thread.priority = fifo_80;
+  switched(sent + ms, 0, asks, "S", 6);
+  event(sent + 6 * ms, 1, Kind::moved, answers, 0, "0");
+  window_.events.back().thread.priority = fifo_80;
+  switched(sent + 12 * ms, 0, 6, "R", answers);
+  window_.events.back().other.priority = fifo_80;
+  switched(sent + 13 * ms, 1, hog, "S", 0);
+  const auto message = this->message(late(0, 12 * ms, 0));
+  EXPECT_EQ(first(message).cause, Cause::throttled);
+  EXPECT_GT(first(message).ns, 11 * ms);
+}
+
 TEST_P(Explained, AMessageForWhichThereWasNoRoute) {
   event(due + 5 * us, 0, Kind::waking, asks, 0, "0");
   switched(due + 8 * us, 0, 0, "R", asks);

@@ -189,7 +189,7 @@ std::int32_t Timeline::priority_of(std::int32_t thread) const {
   auto priority = ordinary_priority;
   for (const auto& event : events_) {
     if (event.kind == Kind::switched && event.other.id == thread) priority = event.other.priority;
-    const bool says = event.kind == Kind::switched || event.kind == Kind::waking;
+    const bool says = event.kind == Kind::switched || event.kind == Kind::waking || event.kind == Kind::moved;
     if (says && event.thread.id == thread) priority = event.thread.priority;
   }
   return priority;

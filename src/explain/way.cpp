@@ -109,19 +109,30 @@ std::int64_t passed_over_until_ns(const std::vector<Held>& holders, const Stretc
   return until_ns;
 }
 
+bool is_outranked(const Held& held, std::int32_t priority) {
+  return held.surely && held.thread.id != 0 && priority < trace::least_ordinary &&
+         held.thread.priority >= trace::least_ordinary;
+}
+
+// In the whole of a wait, of which a thread that is moved from CPU to CPU has several stretches.
+std::int64_t outranked_in(const Timeline& timeline, const std::vector<Stretch>& stretches, std::size_t place,
+                          std::int32_t priority) {
+  const auto is_other = [](const Stretch& stretch) { return stretch.state != State::ready; };
+  const auto here = stretches.begin() + static_cast<std::ptrdiff_t>(place);
+  auto one = std::find_if(std::make_reverse_iterator(here), stretches.rend(), is_other).base();
+  std::int64_t sum_ns = 0;
+  for (; one != stretches.end() && !is_other(*one); ++one)
+    for (const auto& held : timeline.holders(one->cpu, one->from_ns, one->to_ns))
+      if (is_outranked(held, priority)) sum_ns += held.to_ns - held.from_ns;
+  return sum_ns;
+}
+
 // Ready, and not running: by who had the CPU that it was to run on.
-void Way::waited(Found& found, const Timeline& timeline, const Part& whose, const Stretch& stretch) const {
+void Way::waited(Found& found, const Timeline& timeline, const Part& whose, const Stretch& stretch,
+                 std::int64_t outranked_ns) const {
   auto left_ns = stretch.length_ns();
   const auto holders = timeline.holders(stretch.cpu, stretch.from_ns, stretch.to_ns);
   const auto passed_over_ns = passed_over_until_ns(holders, stretch);
-  const auto is_outranked = [&](const Held& held) {
-    return held.thread.id != 0 && whose.priority < trace::least_ordinary &&
-           held.thread.priority >= trace::least_ordinary;
-  };
-  const auto outranked_ns = std::accumulate(
-      holders.begin(), holders.end(), std::int64_t{0}, [&](std::int64_t sum, const Held& held) {
-        return sum + (held.surely && is_outranked(held) ? held.to_ns - held.from_ns : 0);
-      });
   for (const auto& held : holders) {
     auto part = whose;
     const Stretch when{held.from_ns, held.to_ns, State::ready, stretch.cpu};
@@ -143,7 +154,7 @@ void Way::waited(Found& found, const Timeline& timeline, const Part& whose, cons
       ns -= interrupt.to_ns - interrupt.from_ns;
     }
     const bool is_passed_over = held.thread.priority >= trace::least_ordinary && held.to_ns <= passed_over_ns;
-    part.cause = is_passed_over || (is_outranked(held) && outranked_ns >= surely_throttled_ns)
+    part.cause = is_passed_over || (is_outranked(held, whose.priority) && outranked_ns >= surely_throttled_ns)
                      ? Cause::throttled
                      : Cause::cpu;
     if (part.cause == Cause::cpu) {
@@ -177,7 +188,7 @@ void Way::thread(Found& found, const End& end, std::int32_t id, const std::strin
     auto part = whose;
     switch (stretch.state) {
       case State::ready:
-        waited(found, timeline, whose, stretch);
+        waited(found, timeline, whose, stretch, outranked_in(timeline, stretches, place, whose.priority));
         break;
       case State::runs:
         if (fetches_pages(timeline, id, stretches, place)) {

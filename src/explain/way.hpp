@@ -47,7 +47,8 @@ class Way {
   void add(Found&, const Part&, const Stretch& when) const;
   void thread(Found&, const End&, std::int32_t id, const std::string& role, Stage, std::int64_t from_ns,
               std::int64_t to_ns) const;
-  void waited(Found&, const Timeline&, const Part&, const Stretch&) const;
+  // `outranked_ns`: how long, of its wait, a real-time thread was kept from CPUs by ordinary ones.
+  void waited(Found&, const Timeline&, const Part&, const Stretch&, std::int64_t outranked_ns) const;
   void receiver(Found&, const End&, std::int64_t from_ns, std::int64_t to_ns) const;
   void held_in_queue(Found&, const End& from, const Packet&, std::int64_t until_ns) const;
   void leg(Found&, const End& from, const End& to, std::int64_t from_ns, std::int64_t to_ns) const;
