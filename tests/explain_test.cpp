@@ -423,6 +423,27 @@ TEST_P(Explained, AMessageThatWentIsNotAccusedOfSomebodyElsesRoute) {
   EXPECT_NE(first(message(lost())).cause, Cause::unreachable);
 }
 
+TEST_P(Explained, AMessageWhoseNeighbourAnsweredIsNotUnreachable) {
+  event(sent + 5 * us, 0, Kind::no_neighbour, asks);
+  event(sent + 300 * us, 0, Kind::queued, hog, 0, "veth", 1);  // whoever ran when the neighbour's answer came
+  EXPECT_NE(first(message(lost())).cause, Cause::unreachable);
+}
+
+TEST_P(Explained, WhatAnotherThreadOfPingHasNoRouteForIsNotTheMessage) {
+  event(sent + 5 * us, 0, Kind::no_route, hears);
+  EXPECT_NE(first(message(lost())).cause, Cause::unreachable);
+}
+
+TEST_P(Explained, AnAnswerThatHadNoRouteWhenItsThreadRanAtLast) {
+  sender_wakes_and_sends();
+  event(sent + 10 * us, 1, Kind::waking, answers, asks, "1");
+  switched(sent + 5 * ms, 1, hog, "R", answers);
+  event(sent + 5 * ms + 20 * us, 1, Kind::no_route, answers);
+  const auto part = first(message(lost()));
+  EXPECT_EQ(part.cause, Cause::unreachable);
+  EXPECT_EQ(part.end, "component");
+}
+
 // A run by hand, and what its pong kept: by a clock that shows 7 s more.
 class ByHand : public Explained {
  protected:

@@ -83,7 +83,7 @@ constexpr Drop drops[] = {
     {"NO_SOCKET", "nobody listened there: was the other end gone?"},
     {"CPU_BACKLOG", "net.core.netdev_max_backlog, and a ksoftirqd that is not starved (kernel.ksoftirqd)"},
     {"DEV_READY", "the interface at the other side was down"},
-    {"__dev_forward_skb", "the interface at the other side was down"}};
+    {"__dev_forward_skb", "the interface at the other side was down, or its MTU is smaller than the packet"}};
 
 std::string possessive(const std::string& end) { return end == "component" ? "pong's" : "ping's"; }
 

@@ -40,6 +40,14 @@ bool has_run(const Timeline& timeline, std::int32_t thread, std::int64_t from_ns
   });
 }
 
+// Until it does, what it has to do waits.
+std::int64_t ran_from_ns(const Timeline& timeline, std::int32_t thread, std::int64_t from_ns,
+                         std::int64_t to_ns) {
+  for (const auto& stretch : timeline.of(thread, from_ns, to_ns))
+    if (stretch.state == State::runs || stretch.state == State::comes) return stretch.from_ns;
+  return from_ns;
+}
+
 // Between two waits for pages a thread runs for the next of them, if that is short; it is one cause.
 bool fetches_pages(const Timeline& timeline, std::int32_t id, const std::vector<Stretch>& stretches,
                    std::size_t place) {
@@ -380,13 +388,26 @@ std::vector<Part> Way::delays_of(const roundtrip::Sample& sample) {
   return all;
 }
 
-// Whether the kernel is known to have had no way for what the end sent first.
+// Whether the kernel is known to have had no way for what the end sent first. A socket may be bound to an
+// interface and need no route, and a neighbour may answer: then a packet goes after all, by whoever took in
+// the neighbour's answer.
 bool Way::not_sent(Found& found, const End& from, std::int64_t from_ns) const {
   if (from.timeline == nullptr) return false;
-  for (const auto& event : from.timeline->events()) {
+  const auto& events = from.timeline->events();
+  const auto* const sends = with(from, "send");
+  const auto goes_after_all = [&](const Event& refused) {
+    return std::any_of(events.begin(), events.end(), [&](const Event& event) {
+      return event.kind == Kind::queued && event.bytes >= packet_bytes_ && event.at_ns >= refused.at_ns &&
+             event.at_ns <= refused.at_ns + before_queue_ns;
+    });
+  };
+  for (const auto& event : events) {
     const bool tells = event.kind == Kind::no_route || event.kind == Kind::no_neighbour;
-    if (!tells || event.at_ns < from_ns || event.at_ns > from_ns + before_queue_ns ||
-        !has(from, event.thread.id))
+    const bool is_its =
+        &from == &client_ ? sends != nullptr && event.thread.id == sends->id : has(from, event.thread.id);
+    if (!tells || !is_its || event.at_ns < from_ns ||
+        event.at_ns > ran_from_ns(*from.timeline, event.thread.id, from_ns, event.at_ns) + before_queue_ns ||
+        goes_after_all(event))
       continue;
     found.parts.push_back({.cause = Cause::unreachable,
                            .stage = Stage::left,
