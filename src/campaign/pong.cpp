@@ -35,21 +35,25 @@ class Ping {
     const auto before = std::exchange(last_, answer);
     if (!before || answer.sequence <= before->sequence) return {};
     const Chosen candidate{answer.sent_ns - before->received_ns, message::index_of(answer.sequence)};
-    if (chosen_.size() == most_messages) {
-      if (candidate < *chosen_.begin()) return {};
-      windows_.erase(chosen_.begin()->message);
-      chosen_.erase(chosen_.begin());
+    const bool is_next = answer.sequence == before->sequence + 1;
+    auto &alike = is_next ? next_ : after_a_gap_, &others = is_next ? after_a_gap_ : next_;
+    if (alike.size() + others.size() == most_messages) {
+      auto& too_many = alike.size() < most_messages / 2 ? others : alike;
+      if (&too_many == &alike && candidate < *alike.begin()) return {};
+      windows_.erase(too_many.begin()->message);
+      too_many.erase(too_many.begin());
     }
-    chosen_.insert(candidate);
+    alike.insert(candidate);
     return trace::Span{candidate.message,
                        std::max(before->received_ns, answer.received_ns - longest_ns) - around_ns,
                        answer.sent_ns + around_ns};
   }
   void take(const trace::Window& window) {
     const auto message = window.span.message;
-    const bool is_chosen =
-        std::any_of(chosen_.begin(), chosen_.end(), [&](const auto& one) { return one.message == message; });
-    if (is_chosen) windows_[message] = window;
+    const auto is_it = [&](const Chosen& one) { return one.message == message; };
+    if (std::any_of(next_.begin(), next_.end(), is_it) ||
+        std::any_of(after_a_gap_.begin(), after_a_gap_.end(), is_it))
+      windows_[message] = window;
   }
   json windows() const {
     auto all = json::array();
@@ -65,7 +69,9 @@ class Ping {
   };
   std::uint32_t session_;
   std::optional<Server::Answer> last_;
-  std::set<Chosen> chosen_;
+  // Where messages were lost or skipped the time since the one before is long of itself: each of the two has
+  // half of the places, and more where the other needs fewer.
+  std::set<Chosen> next_, after_a_gap_;
   std::map<std::uint64_t, trace::Window> windows_;
 };
 
