@@ -27,6 +27,15 @@ def ontime(*arguments):
     return subprocess.run([ONTIME, *arguments], capture_output=True, text=True, timeout=120)
 
 
+def loaded_culprits():
+    loader = importlib.machinery.SourceFileLoader("culprits", str(CULPRITS))
+    culprits = importlib.util.module_from_spec(importlib.util.spec_from_loader("culprits", loader))
+    sys.modules["culprits"] = culprits  # where dataclasses look
+    with unittest.mock.patch("sys.dont_write_bytecode", True):
+        loader.exec_module(culprits)
+    return culprits
+
+
 @unittest.skipUnless(os.geteuid() == 0, "tracing needs root")
 class Explain(unittest.TestCase):
     def setUp(self):
@@ -42,12 +51,36 @@ class Explain(unittest.TestCase):
                               timeout=280)
         self.assertEqual(said.returncode, 0, said.stdout + said.stderr)
 
+    def test_culprits_are_judged_by_all_that_was_late_or_lost(self):
+        culprits = loaded_culprits()
+        kinds = {kind.name: kind for kind in culprits.KINDS}
+
+        def part(cause, us, culprit="", stage="delivered", end="component"):
+            return {"cause": cause, "stage": stage, "end": end, "culprit": culprit, "us": us}
+
+        def verdict(kind, *firsts, end="component"):
+            messages = [{"fate": "lost" if one["us"] == 0 else "late", "delay_us": one["us"], "parts": [one]} for one in firsts]
+            messages.append({"fate": "on time", "delay_us": 9e9, "parts": [part("unknown", 9e9)]})
+            firsts = {json.dumps({**one, "us": 0}): one for one in firsts}.values()
+            return culprits.judged(kinds[kind], end, {"causes": list(firsts), "messages": messages}).right
+
+        stopped, unknown, short = part("stopped", 80e3), part("unknown", 10e3), part("unknown", 1e3)
+        self.assertTrue(verdict("stop", stopped, stopped, unknown))
+        self.assertFalse(verdict("stop", stopped, unknown), "not most of them")
+        self.assertFalse(verdict("stop", stopped, stopped, part("cpu", 90e3, "hog")), "not most of the delay")
+        self.assertFalse(verdict("stop", stopped, short, short, short))
+        self.assertTrue(verdict("two", part("waited", 20e3), stopped))
+        self.assertFalse(verdict("two", part("waited", 20e3)))
+        dropped, lost = part("dropped", 0, "NETFILTER_DROP"), part("unknown", 0)
+        self.assertTrue(verdict("drop-in", dropped, dropped, dropped, dropped, unknown))
+        self.assertFalse(verdict("drop-in", dropped, dropped, lost), "of the messages")
+        self.assertTrue(verdict("link-down", part("unreachable", 0, "no route", "left")))
+        self.assertTrue(verdict("link-down", part("dropped", 0, "__dev_forward_skb2", "travelled")))
+        self.assertFalse(verdict("link-down", part("dropped", 0, "__dev_forward_skb2", "travelled", "controller")), "the other end")
+        self.assertFalse(verdict("link-down", dropped), "by another")
+
     def test_culprits_are_made_where_they_can_be_and_of_what_is_its_own(self):
-        loader = importlib.machinery.SourceFileLoader("culprits", str(CULPRITS))
-        culprits = importlib.util.module_from_spec(importlib.util.spec_from_loader("culprits", loader))
-        sys.modules["culprits"] = culprits  # where dataclasses look
-        with unittest.mock.patch("sys.dont_write_bytecode", True):
-            loader.exec_module(culprits)
+        culprits = loaded_culprits()
         with subprocess.Popen(["sh", "-c", "sleep 60 & echo $!; wait"], stdout=subprocess.PIPE, text=True) as shell:
             sleeper = int(shell.stdout.readline())
             self.assertTrue(culprits.is_ours(sleeper))
