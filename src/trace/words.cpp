@@ -87,7 +87,7 @@ json to_json(const Event& event, std::int64_t from_ns) {
 
 Event event_of(const json& object, std::int64_t from_ns) {
   const auto kind = kind_of(object.at("kind"));
-  if (!kind) throw Error("an event of a kind that this ontime does not know");
+  if (!kind) throw Error("an event of a kind that this ontime does not know, and a later one may");
   return {.at_ns = time_of(from_ns + time_in(object, "at")),
           .cpu = cpu_in(object),
           .kind = *kind,
