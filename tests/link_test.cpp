@@ -93,25 +93,33 @@ TEST(Link, SharedMemoryBetweenEndsOfOneMachineIsWrongByItself) {
 TEST(Link, ThatCarriesOtherTrafficIsJudgedByWhatItCarriesBeside) {
   auto busy = host(9'000'000, 9'000'000);
   auto with = outcome(busy, busy);
-  with["traffic"] = {{"to_component", json::object()}};
-  EXPECT_THAT(unproved(with).value_or(""), HasSubstr("eth1 is not proved: on the "));
+  const std::set<std::string> both{"controller", "component"};
+  EXPECT_THAT(unproved(with, both).value_or(""), HasSubstr("eth1 is not proved: on the "));
   for (auto& end : with["hosts"])
     end["link"]["beside_traffic"] = {{"sent_bytes", 60'000}, {"received_bytes", 60'000}};
-  EXPECT_FALSE(unproved(with));
+  EXPECT_FALSE(unproved(with, both));
   EXPECT_EQ(found(with), "nothing");
   with["hosts"]["component"]["link"]["beside_traffic"]["received_bytes"] = 0;
   EXPECT_THAT(found(with), HasSubstr("of what the component received"))
       << "it was the traffic that was counted";
-  EXPECT_FALSE(unproved(outcome(busy, busy)));
+  EXPECT_FALSE(unproved(outcome(busy, busy), {}));
+}
+
+TEST(Link, ThatCarriesAnothersTrafficProvesNothingWhereThatIsNotLeftOut) {
+  auto counted = host(9'000'000, 9'000'000), not_counted = counted;
+  counted["link"]["beside_traffic"] = {{"sent_bytes", 60'000}, {"received_bytes", 60'000}};
+  EXPECT_FALSE(unproved(outcome(counted, not_counted), {"controller"})) << "the component's has none";
+  EXPECT_THAT(unproved(outcome(counted, not_counted), {"controller", "component"}).value_or(""),
+              HasSubstr("on the component they could not be counted"));
 }
 
 TEST(Link, WhoseCountersAreGoneProvesNothing) {
   auto gone = host(60'000, 60'000);
   gone["link"]["gone"] = "somebody took the rules away";
-  EXPECT_THAT(unproved(outcome(gone, gone)).value_or(""),
+  EXPECT_THAT(unproved(outcome(gone, gone), {}).value_or(""),
               AllOf(HasSubstr("eth1 is not proved"), HasSubstr("somebody took the rules away")));
   gone["link"] = {{"interface", "eth1"}, {"gone", "the interface is not there any more"}};
-  EXPECT_TRUE(unproved(outcome(gone, host(60'000, 60'000))));
+  EXPECT_TRUE(unproved(outcome(gone, host(60'000, 60'000)), {}));
   EXPECT_EQ(found(outcome(gone, host(60'000, 60'000))), "nothing");
 }
 

@@ -91,14 +91,14 @@ std::optional<std::string> went_elsewhere(const json& outcome, std::uint64_t pay
   return {};
 }
 
-std::optional<std::string> unproved(const json& outcome) {
+std::optional<std::string> unproved(const json& outcome, const std::set<std::string>& with_traffic) {
   for (const auto& [name, host] : outcome.at("hosts").items()) {
     const auto& link = host.at("link");
     if (link.is_null() || link.contains("beside_traffic")) continue;
     if (link.contains("gone"))
       return fmt::format("that the messages took {} is not proved: on the {}, {}",
                          link.at("interface").get<std::string>(), name, link.at("gone").get<std::string>());
-    if (outcome.contains("traffic"))
+    if (with_traffic.contains(name))
       return fmt::format(
           "that the messages took {} is not proved: on the {} they could not be counted beside the traffic "
           "(that "

@@ -5,6 +5,7 @@
 
 #include <cstdint>
 #include <optional>
+#include <set>
 #include <string>
 
 #include <nlohmann/json.hpp>
@@ -19,8 +20,9 @@ namespace ontime::campaign {
 // (`beside_traffic`).
 std::optional<std::string> went_elsewhere(const nlohmann::json& outcome, std::uint64_t payload_bytes);
 
-// Why that proves nothing, for people: there was concurrent traffic, and it could not be left out; or what
-// counts was not there to the end.
-std::optional<std::string> unproved(const nlohmann::json& outcome);
+// Why that proves nothing, for people: there was concurrent traffic, whosever, on the interface of an end
+// (`with_traffic`: which of its hosts), and it could not be left out; or what counts was not there to the
+// end.
+std::optional<std::string> unproved(const nlohmann::json& outcome, const std::set<std::string>& with_traffic);
 
 }  // namespace ontime::campaign

@@ -103,6 +103,20 @@ background::Faults without_priorities(background::Faults faults) {
   return faults;
 }
 
+bool has_traffic(const Together& runs) {
+  return std::any_of(runs.begin(), runs.end(), [](const Run& run) { return run.traffic.bits_per_s > 0; });
+}
+
+// Of what goes over one interface.
+json not_counted_of(const Together& runs) {
+  auto ports = json::array();
+  for (const auto& run : runs) {
+    if (is_below_ip(run.task.transport)) return nullptr;
+    if (const auto own = ports_of(run.traffic); !own.empty()) ports = own;  // the same of all
+  }
+  return ports;
+}
+
 }  // namespace
 
 Machines::Machines(orders::Coordinator& coordinator, Observer& observer)
@@ -316,30 +330,25 @@ bool Machines::has_ports() const {
 // Each component's, and the controller's: behind a bridge the link of each component by its port, where what
 // is sent is told apart by the whole. Two that are one interface are one end.
 std::vector<Machines::LinkEnd> Machines::ends_of_links(const Together& runs) const {
+  std::map<std::vector<std::string>, Together> sharing;
+  for (const auto& run : runs) sharing[interface_of(hosts_.at(run.component))].push_back(run);
   std::vector<LinkEnd> ends;
-  std::set<std::vector<std::string>> interfaces;
-  bool all_by_ip = true;
-  json ports;
   for (const auto& run : runs) {
     const auto& host = hosts_.at(run.component);
-    const bool by_ip = !is_below_ip(run.task.transport);
-    all_by_ip = all_by_ip && by_ip;
-    if (const auto own = ports_of(run.traffic); !own.empty()) ports = own;
-    const json not_counted = by_ip ? json(ports_of(run.traffic)) : json();
-    if (interfaces.insert(interface_of(host)).second)
+    if (const auto& all = sharing.at(interface_of(host)); all.front().component == run.component)
       ends.push_back({run.component, name_of(run.component), host.interface, run.faults, run.cut,
-                      run.component, not_counted});
+                      run.component, not_counted_of(all), has_traffic(all)});
     if (!host.port.empty())
       ends.push_back({controller, name_at_controller(run.component), host.port,
                       without_priorities(run.faults), run.cut, run.component});
   }
   const auto& common = runs.front();
-  LinkEnd whole{controller, controller, hosts_.controller.interface, common.faults, common.cut, ""};
+  LinkEnd whole{controller, controller, hosts_.controller.interface, common.faults,
+                common.cut, "",         not_counted_of(runs),        has_traffic(runs)};
   if (has_ports()) {
     whole.faults = with_priorities_alone(common.faults);
     whole.cut = {};
   }
-  if (all_by_ip) whole.not_counted = ports.is_null() ? json::array() : ports;
   ends.push_back(std::move(whole));
   return ends;
 }
@@ -359,14 +368,13 @@ void Machines::link(const LinkEnd& end) {
   if (end.faults.any() && answer.contains("error")) throw Error(3, answer.at("error"));
 }
 
-void Machines::cut(const Together& runs, WasCut told) {
+void Machines::cut(WasCut told) {
   was_cut_ = std::move(told);
-  links_ = ends_of_links(runs);
-  for (const auto& [host, name, interface, faults, cut, component, not_counted] : links_) {
-    if (!cut) continue;
-    const auto after = std::chrono::duration_cast<std::chrono::milliseconds>(cut->at);
-    ask(machine_of(host), "cut", "cutting",
-        {{"host", name}, {"after_ms", after.count()}, {"for_ms", cut->length.count()}});
+  for (const auto& end : links_) {
+    if (!end.cut) continue;
+    const auto after = std::chrono::duration_cast<std::chrono::milliseconds>(end.cut->at);
+    ask(machine_of(end.host), "cut", "cutting",
+        {{"host", end.name}, {"after_ms", after.count()}, {"for_ms", end.cut->length.count()}});
   }
 }
 
@@ -387,7 +395,8 @@ void Machines::load(const Together& runs) {
              {"way", way},
              {"stream", keeper::to_json(stream_of(run, way, host, hosts_))}});
   // Only then: iperf3 begins with a datagram that it does not send again.
-  for (const auto& end : ends_of_links(runs)) link(end);
+  links_ = ends_of_links(runs);
+  for (const auto& end : links_) link(end);
 }
 
 void Machines::trace(WindowCame came) {
@@ -473,6 +482,9 @@ void Machines::account_of(const json& links, const json& traffic, Account& accou
     at_controller.update(links.value(name_at_controller(component), json::object()));
     account.links[component] = {{controller, at_controller},
                                 {"component", links.value(name_of(first->name), json::object())}};
+    for (const auto& end : links_)
+      if (end.has_traffic && (end.component.empty() || end.component == first->name))
+        account.with_traffic[component].insert(end.component.empty() ? controller : "component");
     account.traffic[component] = {{controller, traffic.value(name_at_controller(component), json::object())},
                                   {"component", traffic.value(name_of(component), json::object())}};
   }

@@ -45,7 +45,7 @@ class Machines {
   // Counted from now on; when one has come to pass is told, with the component whose link it is, or "" for
   // the links of all, until unload().
   using WasCut = std::function<void(const std::string& component, std::int64_t at_ns)>;
-  void cut(const Together&, WasCut);
+  void cut(WasCut);
   // The kernels' events are kept from now on, until unload(); each window that is cut out is told, with the
   // host whose machine it is of; of one machine for several, the first. Throws Error where no machine can.
   using WindowCame = std::function<void(const std::string& host, trace::Window)>;
@@ -61,6 +61,8 @@ class Machines {
     nlohmann::json conditions, load_running, kernel, isolation, machine;  // by host
     // By component, and then by "controller" and "component".
     nlohmann::json traffic = nlohmann::json::object(), links = nlohmann::json::object();
+    // By component: those of the two on whose interface there was traffic, be it another component's.
+    std::map<std::string, std::set<std::string>> with_traffic;
   };
   Account end();
 
@@ -81,6 +83,7 @@ class Machines {
     std::optional<Cut> cut;
     std::string component;         // whose link it is; "": of all
     nlohmann::json not_counted{};  // UDP ports; null: what is beside them cannot be counted
+    bool has_traffic = false;
   };
   std::vector<LinkEnd> ends_of_links(const Together&) const;
   bool has_ports() const;

@@ -78,7 +78,7 @@ std::vector<json> Session::measure(std::chrono::nanoseconds wait) {
   measuring_ = true;
   for (auto& pair : pairs_) pair->go();
   if (std::any_of(runs_.begin(), runs_.end(), [](const Run& run) { return run.cut.has_value(); }))
-    machines_.cut(runs_, [this](const auto& component, std::int64_t at_ns) {
+    machines_.cut([this](const auto& component, std::int64_t at_ns) {
       for (auto& pair : pairs_)
         if (component.empty() || component == pair->run().component) pair->note_cut(at_ns);
     });
@@ -159,7 +159,7 @@ std::vector<json> Session::outcomes() {
   await_windows();
   await_neighbours();
   for (auto& pair : pairs_) pair->end();
-  const auto account = machines_.end();
+  auto account = machines_.end();
   machines_.unload();
   machines_.restore();
   std::vector<json> outcomes;
@@ -179,7 +179,8 @@ std::vector<json> Session::outcomes() {
         observer_.note(whose + text);
     }
     if (!windows_.empty()) outcome["trace"] = machines_.how_traced(run.component);
-    if (const auto why = unproved(outcome)) outcome["link_unproved"] = *why;
+    if (const auto why = unproved(outcome, account.with_traffic[run.component]))
+      outcome["link_unproved"] = *why;
     if (const auto elsewhere = went_elsewhere(outcome, run.task.client.payload_bytes))
       outcome["error"] = whose + *elsewhere;
     outcomes.push_back(std::move(outcome));

@@ -119,6 +119,39 @@ class Components(Program):
             else:
                 self.assertLess(carried, 400 * 1000, "the other's traffic is not on its link")
 
+    def test_traffic_of_another_at_the_same_address_proves_nothing_of_ones_messages(self):
+        names = ["ot-near", "ot-both"]
+        commands = ["link add both netns ot-near type veth peer name far netns ot-both", "-n ot-near addr add 198.18.0.1/30 dev both",
+                    "-n ot-both addr add 198.18.0.2/30 dev far", "-n ot-near link set both up", "-n ot-both link set far up"]
+        text = """
+hosts: {controller: {place: [ip, netns, exec, ot-near], interface: both}}
+components:
+  arm: &both {place: [ip, netns, exec, ot-both], interface: far, address: 198.18.0.2}
+  base: *both
+defaults: {transport: cyclonedds, period: 5 ms, duration: 2 s, base: {traffic: {rate: 4 Mbit/s}}}
+runs:
+  - id: counted
+  - {id: uncounted, base: {transport: ethernet}}
+"""
+        path = os.path.join(self.folder, "scenario.yaml")
+        with open(path, "w", encoding="utf-8") as file:
+            file.write(text)
+        try:
+            for command in [f"netns add {name}" for name in names] + commands:
+                subprocess.run(["ip", *command.split()], check=True)
+            answer = self.run_ontime("run", path, "--results", self.results)
+            self.assertEqual(answer.returncode, 0, answer.stderr)
+            arm, base, beside_ethernet, _ = self.report()
+            for run in (arm, base):
+                self.assertIsNone(run["link_unproved"])
+                for host in run["hosts"].values():
+                    self.assertLess(host["link"]["beside_traffic"]["received_bytes"], host["link"]["received_bytes"])
+            self.assertIn("could not be counted beside the traffic", beside_ethernet["link_unproved"] or "")
+            self.assertEqual(arm["conditions"]["others"]["base"]["traffic"]["bit_s"], 4000000)
+        finally:
+            for name in names:
+                subprocess.run(["ip", "netns", "del", name], check=False)
+
     def test_faults_are_of_the_link_that_they_are_said_of(self):
         text = SCENARIO.replace("duration: %s", "duration: %s, timeout: 100 ms").replace("load: {component: {cpu: 1}}", "base: {link: {loss: 20 %%}}") + (
             "  - {id: cut, link: {cut: 500 ms for 300 ms}}\n  - {id: cut-one, left_arm: {link: {cut: 500 ms for 300 ms}}}\n")
