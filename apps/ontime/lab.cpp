@@ -73,18 +73,15 @@ lab::Observer observer_of(Terminal& terminal, const campaign::Interrupts& interr
   return observer;
 }
 
-// That of Ethernet that all wires have which are of one, for their NICs are the same; 0: none is.
-int speed_of(const campaign::Scenario& scenario, int others) {
+// Of its wire, where that is one that a NIC can have; 0: whatever they say.
+int speed_of(const campaign::Scenario& scenario) {
   constexpr std::uint64_t mbit = 1'000'000;
   const auto rate = scenario.hosts.wire.bits_per_s;
-  if (rate != 10 * mbit && rate != 100 * mbit && rate != 1000 * mbit) return others;
-  const auto speed = static_cast<int>(rate / mbit);
-  if (others != 0 && others != speed)
-    throw Error(2,
-                fmt::format("{}: its wire has {} Mbit/s, and another scenario's {}: the lab's NICs have one "
-                            "speed, so run them one after the other",
-                            scenario.file, speed, others));
-  return speed;
+  return rate == 10 * mbit || rate == 100 * mbit || rate == 1000 * mbit ? static_cast<int>(rate / mbit) : 0;
+}
+
+std::string words_of_speed(int mbit_per_s) {
+  return mbit_per_s == 0 ? "none" : fmt::format("{} Mbit/s", mbit_per_s);
 }
 
 // As they are to be found there, each in a folder of its own, for two may have one name.
@@ -96,7 +93,14 @@ std::vector<lab::File> files_of(const std::vector<std::string>& scenarios,
       const auto scenario = campaign::read_scenario(file, selection);
       if (scenario.hosts.kind != campaign::Hosts::Kind::namespaces)
         throw Error(2, fmt::format("{}: the lab has two machines in one, and needs hosts: namespaces", file));
-      machine.nic_mbit_per_s = speed_of(scenario, machine.nic_mbit_per_s);
+      const auto speed = speed_of(scenario);
+      if (files.empty()) machine.nic_mbit_per_s = speed;
+      if (speed != machine.nic_mbit_per_s)
+        throw Error(2,
+                    fmt::format("{}: its wire asks for NICs of a speed ({}), and {}'s for another ({}): the "
+                                "lab's have one for all, so run them one after the other",
+                                file, words_of_speed(speed), files.front().here.string(),
+                                words_of_speed(machine.nic_mbit_per_s)));
       files.push_back(
           {file, fmt::format("/scenarios/{}/{}", files.size() + 1, fs::path(file).filename().string())});
     }

@@ -99,7 +99,13 @@ std::string speed_of(const Machine& machine) {
         "the lab's NICs are to have the speed of the scenario's wire, which ethtool sets: install it (sudo "
         "apt "
         "install ethtool)");
-  return fmt::format("ethtool -s \"$nic\" speed {} duplex full autoneg off", machine.nic_mbit_per_s);
+  return fmt::format(
+      "ethtool -s \"$nic\" speed {0} duplex full autoneg off || {{ echo \"$nic cannot be given the speed of "
+      "the "
+      "scenario's wire, {0} Mbit/s: take another --nic\"; /bin/busybox usleep 500000; /bin/busybox poweroff "
+      "-f; "
+      "}}",
+      machine.nic_mbit_per_s);
 }
 
 void add_programs(Image& image) {

@@ -108,6 +108,11 @@ class Refused(Lab):
         self.refused(2, "--with: /there/is/none", "run", scenario, "--with", "/there/is/none")
         self.refused(2, "there is no such scenario", "run", "/there/is/none")
         self.refused(2, "needs hosts: namespaces", "run", self.scenario((SCENARIO % "udp").replace("namespaces", "loopback")))
+        wired = os.path.join(self.folder, "wired.yaml")
+        pathlib.Path(wired).write_text("wire: {rate: 10 Mbit/s}" + SCENARIO % "udp")
+        other = self.scenario(SCENARIO % "udp")
+        self.refused(2, "wired.yaml: its wire asks for NICs of a speed (10 Mbit/s), and ", "run", other, wired)
+        self.refused(2, "scenario.yaml: its wire asks for NICs of a speed (none), and ", "run", wired, other)
         self.refused(2, "--deterministic excludes --live", "run", scenario, "--live", "--deterministic")
         for package in ("bash", "-o=x", "linux-image-rt-amd64 bash"):
             self.refused(2, f"--kernel: '{package}' is no package of a kernel", "run", scenario, "--kernel=" + package)
