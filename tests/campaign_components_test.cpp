@@ -309,6 +309,40 @@ TEST_F(Components, HaveInterfacesOfOneQueueingDiscipline) {
   const std::string run = "\nruns: [{id: a, transport: udp, link: {delay: 1 ms}}]";
   EXPECT_THAT(error("wire: {rate: 10 Mbit/s}" + run), HasSubstr("a: wire.rate and link.delay both are"));
   EXPECT_EQ(read("wire: {rate: 10 Mbit/s, vlan: 5}" + run).runs.size(), 1u);
+  const std::string own = "\ncomponents: [arm]\nruns: [{id: a, transport: udp, arm: {link: {delay: 1 ms}}}]";
+  EXPECT_THAT(error("wire: {rate: 10 Mbit/s}" + own), HasSubstr("a: wire.rate and link.delay both are"));
+  EXPECT_EQ(error("wire: {vlan: 5}" + own), "no error");
+}
+
+TEST_F(Components, OverXdpPassByAWireOfARate) {
+  const auto of = [this](const std::string& wire, const std::string& keys) {
+    return error("wire: {" + wire + "}\ncomponents: [arm]\nruns: [{id: a, " + keys + "}]");
+  };
+  for (const auto* keys : {"transport: xdp", "transport: udp, arm: {transport: xdp}",
+                           "transport: ethernet, component: {transport: xdp}"}) {
+    EXPECT_THAT(of("rate: 10 Mbit/s", keys), HasSubstr("a: xdp passes by")) << keys;
+    EXPECT_EQ(of("vlan: 5", keys), "no error");
+    EXPECT_EQ(of("rate: 10 Mbit/s, vlan: 5", keys), "no error");
+  }
+  EXPECT_EQ(of("rate: 10 Mbit/s", "transport: xdp, arm: {transport: ethernet}"), "no error");
+}
+
+TEST_F(Components, OverAVlanHaveNoSettingsOfTheInterfaceBelow) {
+  const auto of = [this](const std::string& wire, const std::string& keys) {
+    return error("wire: {" + wire + "}\nruns: [{id: a, transport: udp, " + keys + "}]");
+  };
+  const std::string isolated = "isolation: {cpus: 1, interrupts: on}";
+  for (const auto& [keys, name] : {std::pair<std::string, std::string>{"kernel: {gro: off}", "kernel.gro"},
+                                   {"kernel: {rps: 0}", "kernel.rps"},
+                                   {"kernel: {threaded-napi: [as-is, on]}", "kernel.threaded-napi"},
+                                   {"kernel: {preset: paper}", "kernel.irq-threads"},
+                                   {isolated, "isolation.interrupts"}}) {
+    EXPECT_THAT(of("vlan: 5", keys),
+                AllOf(HasSubstr("a: " + name + " is of the interface"), HasSubstr("or wire.vlan")));
+    EXPECT_EQ(of("rate: 10 Mbit/s", keys), "no error");
+  }
+  EXPECT_EQ(of("vlan: 5", "kernel: {ksoftirqd: 50}, isolation: {cpus: 1}"), "no error");
+  EXPECT_EQ(of("vlan: 5", "kernel: {preset: paper, irq-threads: as-is}"), "no error");
 }
 
 }  // namespace

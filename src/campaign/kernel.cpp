@@ -45,6 +45,13 @@ std::vector<Key> kernel_keys() {
   return keys;
 }
 
+std::string of_an_interface(const Run& run) {
+  for (const auto& setting : settings::table())
+    if (setting.of_interface && run.kernel.contains(setting.name))
+      return fmt::format("kernel.{}", setting.name);
+  return run.isolation.interrupts ? "isolation.interrupts" : "";
+}
+
 int application_priority(const Run& run) {
   int least = 0;
   for (const auto* role : {"send", "receive", "delivery"})

@@ -12,6 +12,8 @@
 #include "campaign/campaign.hpp"
 #include "campaign/document.hpp"
 #include "campaign/hosts.hpp"
+#include "campaign/kernel.hpp"
+#include "campaign/keys.hpp"
 #include "campaign/traffic.hpp"
 #include "gate/gate.hpp"
 
@@ -23,6 +25,27 @@ constexpr std::size_t most_different_runs = 10'000;
 constexpr std::size_t most_held = std::size_t{32} << 20U;  // bytes of keys and values of all runs together
 constexpr std::size_t held_beside = 16;                    // of each, beside its words
 constexpr std::size_t most_required = 100;
+
+// "": it can be measured over that wire.
+std::string why_not_over(const machine::Wire& wire, const Run& run) {
+  if (wire.vlan > 0) {
+    const auto name = of_an_interface(run);
+    if (name.empty()) return "";
+    return fmt::format(
+        "{} is of the interface that takes packets in, and with wire.vlan that is not the messages', but the "
+        "one below it: leave out {}, or wire.vlan",
+        name, name);
+  }
+  if (wire.bits_per_s > 0 && any_past_the_kernel(run))
+    return "xdp passes by the queueing disciplines of the interface it sends by, of which wire.rate is one: "
+           "take ethernet, or leave out wire.rate";
+  if (wire.bits_per_s > 0 && (!run.faults.qdisc.empty() || run.faults.delay.count() > 0))
+    return fmt::format(
+        "wire.rate and {} both are the queueing discipline of the interface: say wire.vlan as well, whose "
+        "interface has one of its own",
+        run.faults.qdisc.empty() ? "link.delay" : "link.qdisc");
+  return "";
+}
 
 // A run as written, flat: path ("qos.depth") → what stands there.
 using Entries = std::map<std::string, YAML::Node>;
@@ -237,16 +260,12 @@ class File {
     return required;
   }
 
-  // Both are what frames wait in before they leave the interface, which has one.
   void check_wire() const {
-    const auto& wire = scenario_.hosts.wire;
-    if (wire.bits_per_s == 0 || wire.vlan > 0) return;
-    for (const auto& run : scenario_.runs)
-      if (!run.faults.qdisc.empty() || run.faults.delay.count() > 0)
-        throw Error(
-            2, fmt::format("{}: {}: wire.rate and {} both are the queueing discipline of the interface: "
-                           "say wire.vlan as well, whose interface has one of its own",
-                           scenario_.file, run.id, run.faults.qdisc.empty() ? "link.delay" : "link.qdisc"));
+    if (!scenario_.hosts.wire.any()) return;
+    for (const auto& of_all : scenario_.runs)
+      for (const auto& run : together(of_all, scenario_.hosts))
+        if (const auto why = why_not_over(scenario_.hosts.wire, run); !why.empty())
+          throw Error(2, fmt::format("{}: {}: {}", scenario_.file, run.id, why));
   }
 
   // A list that does not multiply: all of it must be so.

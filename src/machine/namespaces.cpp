@@ -3,6 +3,7 @@
 #include <chrono>
 #include <filesystem>
 #include <span>
+#include <string_view>
 #include <thread>
 
 #include <fmt/format.h>
@@ -47,10 +48,14 @@ void slow_down(const NamespaceEnd& end, std::uint64_t bits_per_s) {
     tc({"-netns", end.name, "qdisc", "add", "dev", end.interface, "root", "netem", "limit",
         frames_before_a_wire, "rate", fmt::format("{}bit", bits_per_s)});
   } catch (const Error& error) {
-    throw Error(
-        fmt::format("wire.rate: this kernel has not what that needs (the queueing discipline netem, module "
-                    "sch_netem): {}",
-                    error.what()));
+    const std::string_view said = error.what();
+    const bool unknown =
+        said.find("qdisc kind is unknown") != said.npos || said.find("Unknown qdisc") != said.npos;
+    throw Error(fmt::format(
+        "wire.rate: {}{}",
+        unknown ? "this kernel has not what that needs (the queueing discipline netem, module sch_netem): "
+                : "",
+        said));
   }
 }
 
