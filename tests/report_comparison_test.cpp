@@ -209,6 +209,17 @@ TEST(CompareChosen, RunsOfOtherIdsByTheirTransportsOrTheOneThatThereIs) {
   EXPECT_THAT(render(compare_chosen(one, other), {}, Format::table), HasSubstr("transport: udp → fastdds"));
 }
 
+TEST(CompareChosen, RunsBesideTheSameOfOthers) {
+  std::vector a{run("idle", "k1", 1), run("idle", "k2", 1)},
+      b{run("loaded", "k3", 1), run("loaded", "k4", 1)};
+  a[0].run.asked["beside"] = b[1].run.asked["beside"] = "arm.period 1 ms";
+  a[1].run.asked["beside"] = b[0].run.asked["beside"] = "arm.period 2 ms";
+  const auto comparison = compare_chosen(a, b);
+  ASSERT_EQ(comparison.pairs.size(), 2U);
+  EXPECT_EQ(comparison.pairs[0].to[0]->run.key, "k4");
+  EXPECT_THAT(gate::name_of(comparison.pairs[0].from), HasSubstr("beside arm.period 1 ms"));
+}
+
 TEST(Compare, OfNothingSaysSo) {
   const std::vector<Summary> none;
   for (const auto format : all_formats) EXPECT_NO_THROW(render(compare(none, none), {}, format));

@@ -268,6 +268,30 @@ json asked(const Run& run, const Hosts& hosts) {
 
 namespace {
 
+json differences(const json& one, const json& other) {
+  auto different = json::object();
+  for (const auto& [key, value] : other.items())
+    if (one.value(key, json()) != value) different[key] = value;
+  for (const auto& [key, value] : one.items())
+    if (!other.contains(key)) different[key] = "none";
+  different.erase("beside");  // words for what is here
+  return different;
+}
+
+}  // namespace
+
+std::vector<json> asked(const Together& runs, const Hosts& hosts) {
+  std::vector<json> all, conditions;
+  for (const auto& run : runs)
+    conditions.push_back(record::conditions_of(all.emplace_back(asked(run, hosts))));
+  for (std::size_t i = 0; i < runs.size(); ++i)
+    for (std::size_t other = 0; other < runs.size(); ++other)
+      if (i != other) all[i]["others"][runs[other].component] = differences(conditions[i], conditions[other]);
+  return all;
+}
+
+namespace {
+
 // Carries out a scenario's runs, those that are not done.
 class Execution {
  public:
@@ -288,9 +312,8 @@ class Execution {
   // Whether it ends a search.
   bool measure(const Run& run) {
     const auto runs = together(run, scenario_.hosts);
-    std::vector<json> records;
-    for (const auto& one : runs) {
-      auto& record = records.emplace_back(asked(one, scenario_.hosts));
+    auto records = asked(runs, scenario_.hosts);
+    for (auto& record : records) {
       record["scenario"] = scenario_.text;
       record["scenario_file"] = scenario_.file;
       record["hosts"] = word_of(suite_.kind());

@@ -152,7 +152,9 @@ struct Hosts {
 using Together = std::vector<Run>;
 Together together(const Run&, const Hosts&);
 nlohmann::json asked(const Run&, const Hosts&);  // the record's form of a run
-nlohmann::json asked(const machine::Wire&);      // and of that; null: there is none
+// The same of each, with what is asked of the others and not of it: they are conditions of it, too.
+std::vector<nlohmann::json> asked(const Together&, const Hosts&);
+nlohmann::json asked(const machine::Wire&);  // and of that; null: there is none
 // Whether its component is one that was given a name.
 bool is_named(const Run&);
 

@@ -353,6 +353,8 @@ class File {
     std::set<std::string> owners;  // and all, as one
     for (const auto& dimension : dimensions) owners.insert(dimension.said.component);
     for (const auto& [component, gates] : required) owners.insert(component);
+    if (std::any_of(owners.begin(), owners.end(), [](const auto& owner) { return !owner.empty(); }))
+      for (const auto& component : scenario_.hosts.components) owners.insert(component.name);
     owners.insert("");
 
     std::size_t combinations = owners.size(), bytes = 0;
@@ -403,7 +405,7 @@ class File {
       fail(node, fmt::format("search: '{}' is no key of this run with a list of values, from the gentlest to "
                              "the harshest",
                              path));
-    if (path == "transport") fail(node, "search: transports are no more or less of anything");
+    if (key->said.key == "transport") fail(node, "search: transports are no more or less of anything");
     std::rotate(key, key + 1, dimensions.end());
     return true;
   }
@@ -414,7 +416,7 @@ class File {
     step.of = static_cast<int>(choices.size());
   }
 
-  // Of all, and of those that have something of their own.
+  // Of all, and, where any has something of its own, of each: what varies for one is beside the others.
   Run make_runs(const std::string& id, const YAML::Node& node, const std::vector<Dimension>& dimensions,
                 const std::vector<std::size_t>& at, const std::set<std::string>& owners) const {
     auto run = make_run(id, node, dimensions, at, "");
@@ -436,12 +438,18 @@ class File {
     run.id = id;
     run.where = fmt::format("{}:{}", scenario_.file, node.Mark().line + 1);
     if (!component.empty()) run.component = component;
+    const auto holds_for_it = [&](const Said& said) {
+      return said.component == component ||
+             (said.component.empty() && !is_said_anew(dimensions, said.key, component));
+    };
+    for (const bool its_own : {false, true})
+      for (std::size_t i = 0; i < dimensions.size(); ++i)
+        if (const auto& said = dimensions[i].said; said.component.empty() != its_own && holds_for_it(said))
+          set(run, dimensions[i], dimensions[i].choices[at[i]]);
     for (std::size_t i = 0; i < dimensions.size(); ++i) {
       const auto& [path, key, choices, said] = dimensions[i];
       const auto& choice = choices[at[i]];
-      const bool holds = said.component == component ||
-                         (said.component.empty() && !is_said_anew(dimensions, said.key, component));
-      if (holds) set(run, dimensions[i], choice);
+      const bool holds = holds_for_it(said);
       if (&dimensions[i] == &dimensions.back()) run.step.among = run.variant;
       if (choices.size() == 1 || (holds && said.key == "transport")) continue;
       const auto& name = holds ? said.key : path;

@@ -160,6 +160,7 @@ std::string name_of(const Runs& runs) {
   if (name.size() < id.size()) name += "…";
   for (const auto* key : {"variant", "transport"})
     if (const auto word = text_of(at(asked, key)); !word.empty()) name += " " + word;
+  if (const auto others = text_of(at(asked, "beside")); !others.empty()) name += " beside " + others;
   return name;
 }
 

@@ -270,8 +270,8 @@ Comparison compare(const Summaries& a, const Summaries& b) {
 Comparison compare_chosen(const Summaries& a, const Summaries& b) {
   const auto key_of = [](const statistics::Summary& summary) {
     auto key = nlohmann::json::array();
-    for (const auto* name :
-         {"transport", "component_transport", "options", "component_options", "receive", "variant", "thread"})
+    for (const auto* name : {"transport", "component_transport", "options", "component_options", "receive",
+                             "variant", "beside", "thread"})
       key.push_back(at(summary.run.asked, name));
     return key.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace);
   };

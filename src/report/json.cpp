@@ -175,7 +175,7 @@ ordered_json json_of(const statistics::Summary& summary) {
       asked, {"duration_s", "warm_up", "receive", "qos", "options", "security", "domain", "ping_topic",
               "pong_topic", "interface", "realtime_settings", "count_instructions", "kernel", "isolation"});
   run["conditions"].update(some_of(asked, {"component", "component_transport", "component_options",
-                                           "component_interface", "component_restart", "beside"}));
+                                           "component_interface", "component_restart", "beside", "others"}));
   run["conditions"]["load"] = {{"asked", at(asked, "load")}, {"achieved", at(outcome, "conditions")}};
   run["conditions"]["traffic"] = {{"asked", at(asked, "traffic")}, {"achieved", at(outcome, "traffic")}};
   run["conditions"]["neighbours"] = {{"asked", at(asked, "neighbours")},
