@@ -96,9 +96,10 @@ double tail_effect(std::span<const Batch> batches, double effect_before) {
 double slowest_effect(std::span<const std::vector<Batch>> rarest_first) {
   double effect = 1;
   for (const auto& batches : rarest_first) {
-    effect = design_effect(batches);
+    const auto own_effect = design_effect(batches);
+    effect = std::max(effect, own_effect);
     const auto events = sum_of(batches).events;
-    if (events >= fewest_events && events / effect >= fewest_effective) break;
+    if (events >= fewest_events && events / own_effect >= fewest_effective) break;
   }
   return effect;
 }

@@ -85,9 +85,10 @@ double design_effect(std::span<const Batch>);
 // dependence either, and that of the threshold before it, which ten times as many pass, counts as well.
 double tail_effect(std::span<const Batch>, double effect_before);
 
-// Of what is rarer than all of these, which are given the rarest first: that of the first one that tells it,
-// by three effective messages of ten at least; else that of the last. What most messages do is not asked: the
-// median of a run drifts without anything in its tail.
+// Of what is rarer than all of these, which are given the rarest first: the greatest up to the first one that
+// tells it, by three effective messages of ten at least. One that does not may come from a single stall: no
+// proof that stalls are all that long, but none that they are shorter. What most messages do is not asked:
+// the median of a run drifts without anything in its tail.
 double slowest_effect(std::span<const std::vector<Batch>> rarest_first);
 
 // Between which shares of the sorted values the quantile lies. Nothing: beyond all of them.
