@@ -17,6 +17,12 @@ using ::testing::Not;
 using ::testing::SizeIs;
 using trace::Kind;
 
+std::size_t count_of(const std::string& what, const std::string& text) {
+  std::size_t count = 0;
+  for (auto at = text.find(what); at != std::string::npos; at = text.find(what, at + 1)) ++count;
+  return count;
+}
+
 constexpr std::int64_t us = 1'000, ms = 1'000'000;
 constexpr std::int32_t sends = 10, answers = 20, culprit = 99;
 
@@ -180,17 +186,52 @@ TEST_F(Traced, ADrawingIsBoundedHoweverManyEventsThereAre) {
   const auto why = why_of(reader, reader.runs().at(0), 0, 6);
   ASSERT_THAT(why.drawings, SizeIs(1));
   EXPECT_LE(why.drawings[0].dump().size(), most_of_a_drawing);
+  EXPECT_EQ(count_of("<tr>", why.html), 1u + 20);
+  EXPECT_THAT(why.html, HasSubstr("more, none of them longer"));
+}
+
+// As somebody else's file may have it, too: on each CPU one of a long name after another.
+TEST_F(Traced, WhatIsTooMuchToBeDrawnIsToldInWords) {
+  auto window = around(40);
+  std::string long_name;
+  for (int i = 0; i < 55; ++i) long_name += "𝄞";
+  std::vector<trace::Event> more;
+  std::int32_t before = 0;
+  for (std::int64_t i = 0; i < 8; ++i)
+    for (const int cpu : {1, 2, 3, 4, 5, 6}) {
+      const auto at = due(40) + 100 * us + i * 2'450 * us;
+      const trace::Thread from{1'000 + before, fmt::format("{} {}", before, long_name), 120};
+      ++before;
+      const trace::Thread to{1'000 + before, fmt::format("{} {}", before, long_name), 120};
+      more.push_back({at, cpu, Kind::switched, from, to, "R", 0, 0});
+      const trace::Thread between{2'000 + before, fmt::format("{}b {}", before, long_name), 120};
+      more.push_back({at + 2'444 * us, cpu, Kind::switched, to, between, "R", 0, 0});
+      const auto interrupt = fmt::format("{}i {}", before, long_name);
+      more.push_back({at + us, cpu, Kind::soft_interrupt, to, thread(0), interrupt, 0, 0});
+      more.push_back({at + 2'440 * us, cpu, Kind::soft_interrupt_end, to, thread(0), interrupt, 0, 0});
+    }
+  window.events.insert(window.events.end() - 2, more.begin(), more.end());
+  std::stable_sort(window.events.begin(), window.events.end(),
+                   [](const auto& one, const auto& other) { return one.at_ns < other.at_ns; });
+  recorded(1);
+  writer_.trace(1, {"controller", window});
+  const auto reader = writer_.reader();
+  const auto why = why_of(reader, reader.runs().at(0), 0, 6);
+  EXPECT_THAT(why.drawings, IsEmpty());
+  EXPECT_THAT(why.html, Not(HasSubstr("class=\"way\"")));
+  EXPECT_THAT(why.html, HasSubstr("More happened around it than a page can draw"));
+  EXPECT_THAT(why.html, HasSubstr("Part by part"));
 }
 
 // Five million messages take 13 MB of the 15 that a page is to have at most.
 TEST_F(Traced, APageHasNoMoreDrawingsThanItBears) {
   for (int i = 0; i < 70; ++i) recorded(1);
   const auto html = page(writer_.reader());
-  std::size_t figures = 0;
-  for (auto at = html.find("class=\"way\""); at != std::string::npos; at = html.find("class=\"way\"", at + 1))
-    ++figures;
+  const auto figures = count_of("class=\"way\"", html);
   EXPECT_EQ(figures, 60u);
   EXPECT_LE(figures * most_of_a_drawing, 1'500'000u);
+  EXPECT_EQ(count_of("The ways of its messages are not drawn", html), 10u);
+  EXPECT_THAT(html, HasSubstr("`ontime explain --run 70` tells"));
 }
 
 TEST_F(Traced, NoNameIsMarkup) {
@@ -202,9 +243,7 @@ TEST_F(Traced, NoNameIsMarkup) {
 
 TEST_F(Traced, APageShowsTheWorstOfEachCulpritAndNoMore) {
   const auto html = page(recorded(20));
-  std::size_t figures = 0;
-  for (auto at = html.find("class=\"way\""); at != std::string::npos; at = html.find("class=\"way\"", at + 1))
-    ++figures;
+  const auto figures = count_of("class=\"way\"", html);
   EXPECT_EQ(figures, 2u) << "of one culprit";
   EXPECT_THAT(html, HasSubstr("<b>20 of 20</b>"));
 }

@@ -22,7 +22,7 @@ using trace::Kind;
 
 constexpr std::size_t most_cpus = 6, most_threads = 12, most_packets = 24;
 constexpr std::int64_t finest = 700;   // parts of what is shown: less cannot be seen
-constexpr std::int64_t coarsest = 10;  // however many lanes there are
+constexpr std::int64_t coarsest = 10;  // less shows nothing
 
 enum class Look {
   other,
@@ -344,10 +344,11 @@ class Drawing {
 }  // namespace
 
 json drawing_of(const explain::Message& message, const Scene& scene, std::int64_t deadline_ns) {
-  for (auto parts = finest;; parts /= 2) {
-    auto drawing = Drawing(message, scene, deadline_ns, parts).all();
-    if (drawing.dump().size() <= most_of_a_drawing || parts / 2 < coarsest) return drawing;
-  }
+  for (auto parts = finest; parts >= coarsest; parts /= 2)
+    if (auto drawing = Drawing(message, scene, deadline_ns, parts).all();
+        drawing.dump().size() <= most_of_a_drawing)
+      return drawing;
+  return nullptr;
 }
 
 }  // namespace ontime::report

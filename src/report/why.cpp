@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <map>
+#include <optional>
 
 #include <fmt/format.h>
 
@@ -20,7 +21,8 @@ using explain::Group;
 using explain::Message;
 using roundtrip::Fate;
 
-constexpr std::size_t most_culprits = 20;  // of a run; the rest is for `ontime explain`
+constexpr std::size_t most_culprits = 20,
+                      most_parts = 20;  // of a run, of a message; `ontime explain` has all
 
 // Of the late and lost messages that were looked at, how many have this culprit first: as a length and in
 // words.
@@ -58,29 +60,43 @@ std::string heading_of(const Message& message) {
                      span_of(message.delay_ns));
 }
 
-// What the figure shows, in words: all of the delay.
+// What the figure shows, in words: the delay, the largest parts first.
 std::string parts_of(const Message& message) {
   Table table{"All of its delay",
               "",
               {{"Stage", Column::Align::left}, {"Took"}, {"What was so", Column::Align::left}},
               {},
               {}};
-  for (const auto& part : message.parts)
+  const auto shown = std::min(message.parts.size(), most_parts);
+  for (std::size_t i = 0; i < shown; ++i) {
+    const auto& part = message.parts[i];
     table.rows.push_back({explain::word_of(part.stage), part.ns == 0 ? nothing : span_of(part.ns),
                           explain::sentence_of(part)});
+  }
+  if (shown < message.parts.size())
+    table.notes.push_back(
+        fmt::format("And {} more, none of them longer: `ontime explain --message {}` has all.",
+                    message.parts.size() - shown, message.sample.index));
   if (!message.whole) table.notes.emplace_back("A part of what the kernel did around it is not known.");
   return as_html(table);
 }
 
-std::string figure_of(const Message& message, std::size_t drawing) {
+// The figure, or, of what cannot be drawn, that it cannot; and all of it in words.
+std::string figure_of(const Message& message, std::optional<std::size_t> drawing) {
   const auto& culprit = message.parts.front();
   auto says = culprit.cause == Cause::unknown ? std::string("no event of the kernel shows why")
                                               : explain::sentence_of(culprit);
   if (culprit.ns > 0) says += fmt::format(": {} of it", span_of(culprit.ns));
-  return fmt::format(
-      "<figure class=\"way\" data-drawing=\"{}\">\n<figcaption><b>{}</b> <span>{}</span></figcaption>\n"
-      "</figure>\n<details><summary>Part by part</summary>\n{}</details>\n",
-      drawing, escaped(heading_of(message)), escaped(says), parts_of(message));
+  const auto caption = fmt::format("<b>{}</b> <span>{}</span>", escaped(heading_of(message)), escaped(says));
+  auto html = drawing ? fmt::format(
+                            "<figure class=\"way\" data-drawing=\"{}\">\n<figcaption>{}</figcaption>\n"
+                            "</figure>\n",
+                            *drawing, caption)
+                      : fmt::format("<p>{}</p>\n", caption) +
+                            note_as_html(fmt::format("More happened around it than a page can draw: `ontime "
+                                                     "explain --message {} --perfetto FILE` has it.",
+                                                     message.sample.index));
+  return html + "<details><summary>Part by part</summary>\n" + parts_of(message) + "</details>\n";
 }
 
 constexpr const char* key =
@@ -115,15 +131,27 @@ Why why_of(const record::Reader& reader, const record::Run& run, std::size_t fir
   for (const auto& limit : account.limits) why.html += note_as_html(limit);
 
   const auto worst = chosen(account, most_drawings);
-  if (worst.empty()) return why;
+  if (worst.empty()) {
+    if (most_drawings == 0 && !chosen(account, 1).empty())
+      why.html += note_as_html(fmt::format(
+          "The ways of its messages are not drawn: the runs before it have as many as a page bears. "
+          "`ontime explain --run {}` tells of them.",
+          run.number));
+    return why;
+  }
   std::map<std::uint64_t, nlohmann::json> drawings;  // by message
   explain::each_scene(reader, run, worst, [&](const Message& message, const explain::Scene& scene) {
     drawings[message.sample.index] = drawing_of(message, scene, explain::deadline_ns_of(run));
   });
   why.html += key;
   for (const auto& message : worst) {
+    auto& drawing = drawings[message.sample.index];
+    if (drawing.is_null()) {
+      why.html += figure_of(message, std::nullopt);
+      continue;
+    }
     why.html += figure_of(message, first_drawing + why.drawings.size());
-    why.drawings.push_back(std::move(drawings[message.sample.index]));
+    why.drawings.push_back(std::move(drawing));
   }
   return why;
 }

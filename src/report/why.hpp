@@ -23,12 +23,13 @@ std::string sentence_of(const explain::Group&);
 // from, to, is the culprit's] …], "lanes": [{"of": "thread" | "cpu" | "packet", "end", "name", "bars":
 // [[from, to, look, name, is the culprit's] …]} …], "names", "uncertainty_ns"}; times are after the begin of
 // what is shown. Bounded: of the CPUs those that it had most to do with, of threads a dozen, and what is too
-// short to be seen goes together with what is beside it, the coarser the more there is.
+// short to be seen goes together with what is beside it, the coarser the more there is. null: even so it is
+// too much.
 inline constexpr std::size_t most_of_a_drawing = 25'000;  // bytes
 nlohmann::json drawing_of(const explain::Message&, const explain::Scene&, std::int64_t deadline_ns);
 
 // Of a run that was measured with `explain: on`: each culprit's share, and the figures for the worst of its
-// messages, which draw `drawings` from `first_drawing` on. Nothing of any other.
+// messages, which draw `drawings` from `first_drawing` on, or that they are not drawn. Nothing of any other.
 struct Why {
   std::string html;
   std::vector<nlohmann::json> drawings;
