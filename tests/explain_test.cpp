@@ -302,9 +302,62 @@ TEST_P(Explained, APacketThatABridgeHandsOnIsOne) {
   const auto packets = packets_of(
       timeline, [](std::int32_t thread) { return thread == asks; }, true, due, due + ms);
   ASSERT_THAT(packets, SizeIs(1));
-  EXPECT_EQ(packets[0].sent->at_ns, sent + 6 * us);
+  EXPECT_EQ(packets[0].sent->at_ns, sent + 8 * us);
   ASSERT_NE(packets[0].dropped, nullptr);
   EXPECT_EQ(packets[0].dropped->what, "NETFILTER_DROP");
+}
+
+// Of a link whose delay is on the bridge's port, or below a VLAN: who lets the packet go is not who queued
+// it.
+TEST_P(Explained, APacketThatIsHeldBehindABridgeIsHeldByThatQueue) {
+  event(sent + 5 * us, 0, Kind::queued, asks, 0, "to-components", 1);
+  event(sent + 6 * us, 0, Kind::sent, asks, 0, "to-components", 1);
+  event(sent + 7 * us, 0, Kind::queued, asks, 0, "to-arm", 1);
+  event(sent + 15 * ms, 1, Kind::sent, hog, 0, "to-arm", 1);
+  event(sent + 15 * ms + 2 * us, 1, Kind::received, hog, 0, "to-component", 1);
+  const auto part = first(message(late(0, 15 * ms, 0)));
+  EXPECT_EQ(part.cause, Cause::queue);
+  EXPECT_EQ(part.stage, Stage::queued);
+  EXPECT_EQ(part.end, "controller");
+  EXPECT_EQ(part.culprit, "to-arm");
+  EXPECT_EQ(part.ns, 15 * ms - 7 * us);
+}
+
+TEST_P(Explained, APacketThatTwoQueuesHoldIsHeldByBoth) {
+  event(sent + 5 * us, 0, Kind::queued, asks, 0, "to-components", 1);
+  event(sent + 5 * ms, 1, Kind::sent, hog, 0, "to-components", 1);
+  event(sent + 5 * ms + us, 1, Kind::queued, hog, 0, "to-arm", 1);
+  event(sent + 15 * ms, 0, Kind::sent, hears, 0, "to-arm", 1);
+  event(sent + 15 * ms + us, 0, Kind::received, hears, 0, "to-component", 1);
+  const auto parts = message(late(0, 15 * ms, 0)).parts;
+  ASSERT_GE(parts.size(), 2U);
+  EXPECT_EQ(parts[0].cause, Cause::queue);
+  EXPECT_EQ(parts[0].culprit, "to-arm");
+  EXPECT_EQ(parts[0].ns, 10 * ms - us);
+  EXPECT_EQ(parts[1].cause, Cause::queue);
+  EXPECT_EQ(parts[1].culprit, "to-components");
+  EXPECT_EQ(parts[1].ns, 5 * ms - 5 * us);
+}
+
+TEST_P(Explained, APacketThatNeverLeavesTheQueueBehindABridgeIsHeldThere) {
+  event(sent + 5 * us, 0, Kind::queued, asks, 0, "to-components", 1);
+  event(sent + 6 * us, 0, Kind::sent, asks, 0, "to-components", 1);
+  event(sent + 7 * us, 0, Kind::queued, asks, 0, "to-arm", 1);
+  const auto part = first(message(lost()));
+  EXPECT_EQ(part.cause, Cause::queue);
+  EXPECT_EQ(part.culprit, "to-arm");
+}
+
+TEST_P(Explained, ANumberThatAnotherThreadHasOnAnotherInterfaceIsAnotherPacket) {
+  event(sent + 5 * us, 0, Kind::queued, asks, 0, "to-component", 1);
+  event(sent + 6 * us, 0, Kind::sent, asks, 0, "to-component", 1);
+  event(sent + 50 * us, 1, Kind::queued, hog, 0, "eth0", 1);
+  event(sent + 15 * ms, 1, Kind::sent, hog, 0, "eth0", 1);
+  const Timeline timeline(window_, 0);
+  const auto packets = packets_of(
+      timeline, [](std::int32_t thread) { return thread == asks; }, false, due, due + 20 * ms);
+  ASSERT_THAT(packets, SizeIs(1));
+  EXPECT_EQ(packets[0].sent->at_ns, sent + 6 * us);
 }
 
 // What is kept of the time before a window was kept for one of the two that a switch names.

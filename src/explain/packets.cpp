@@ -7,6 +7,18 @@ namespace ontime::explain {
 
 using trace::Kind;
 
+namespace {
+
+// An interface hands a packet on while it sends it: on that CPU, and in that thread, which need not be the
+// one that gave it to the kernel, for a queue may let it go later.
+bool is_handed_on(const Packet& packet, const trace::Event& event) {
+  return packet.sent != nullptr && packet.received == nullptr && packet.sent->cpu == event.cpu &&
+         packet.sent->thread.id == event.thread.id && packet.queues.back().in->what != event.what &&
+         packet.queued->bytes == event.bytes;
+}
+
+}  // namespace
+
 std::vector<Packet> packets_of(const Timeline& timeline, const std::function<bool(std::int32_t)>& ours,
                                bool one_machine, std::int64_t from_ns, std::int64_t to_ns) {
   std::vector<Packet> packets;
@@ -16,15 +28,16 @@ std::vector<Packet> packets_of(const Timeline& timeline, const std::function<boo
     if (event.kind == Kind::queued) {
       if (const auto on = open.find(event.packet); on != open.end()) {
         auto& packet = packets[on->second];
-        const bool by_a_bridge = packet.sent != nullptr && packet.received == nullptr &&
-                                 packet.queued->what != event.what &&
-                                 packet.queued->thread.id == event.thread.id;
-        if (by_a_bridge) continue;  // it is the same packet, on the port that leads on
+        if (is_handed_on(packet, event)) {
+          packet.sent = nullptr;
+          packet.queues.push_back({.in = &event});
+          continue;
+        }
       }
       open.erase(event.packet);
       if (!ours(event.thread.id)) continue;
       if (event.packet != 0) open[event.packet] = packets.size();
-      packets.push_back({.queued = &event});
+      packets.push_back({.queued = &event, .queues = {{.in = &event}}});
       continue;
     }
     const auto found = open.find(event.packet);
@@ -33,7 +46,7 @@ std::vector<Packet> packets_of(const Timeline& timeline, const std::function<boo
       continue;
     }
     auto& packet = packets[found->second];
-    if (event.kind == Kind::sent && packet.sent == nullptr) packet.sent = &event;
+    if (event.kind == Kind::sent && packet.sent == nullptr) packet.sent = packet.queues.back().out = &event;
     if (event.kind == Kind::received && packet.received == nullptr && packet.sent != nullptr && one_machine)
       packet.received = &event;
     if (event.kind == Kind::dropped) {

@@ -313,9 +313,12 @@ Packet Way::packet(const End& from, const End& to, std::int64_t from_ns, std::in
 }
 
 void Way::held_in_queue(Found& found, const End& from, const Packet& packet, std::int64_t until_ns) const {
-  add(found,
-      {.cause = Cause::queue, .stage = Stage::queued, .end = from.name, .culprit = packet.queued->what},
-      {packet.queued->at_ns, until_ns, State::unknown, -1});
+  for (const auto& [in, out] : packet.queues) {
+    const auto out_ns = out != nullptr ? out->at_ns : until_ns;
+    if (out_ns - in->at_ns <= at_once_ns) continue;
+    add(found, {.cause = Cause::queue, .stage = Stage::queued, .end = from.name, .culprit = in->what},
+        {in->at_ns, out_ns, State::unknown, -1});
+  }
 }
 
 void Way::leg(Found& found, const End& from, const End& to, std::int64_t from_ns, std::int64_t to_ns) const {
@@ -331,7 +334,7 @@ void Way::leg(Found& found, const End& from, const End& to, std::int64_t from_ns
     receiver(found, to, way.queued->at_ns, to_ns);
     return;
   }
-  if (way.sent->at_ns - way.queued->at_ns > at_once_ns) held_in_queue(found, from, way, way.sent->at_ns);
+  held_in_queue(found, from, way, way.sent->at_ns);
   if (way.received == nullptr) {
     receiver(found, to, way.sent->at_ns, to_ns);
     return;

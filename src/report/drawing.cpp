@@ -306,12 +306,12 @@ class Drawing {
       if (packets.empty()) continue;
       if (packets.size() > most_packets) packets.resize(most_packets);
       std::vector<Bar> queued, travels, dropped;
-      for (const auto& [queues, leaves, comes, falls] : packets) {
+      for (const auto& [given, leaves, comes, falls, queues] : packets) {
         const auto* ends = falls != nullptr ? falls : comes;
-        if (queues != nullptr) {
-          const auto* out = leaves != nullptr ? leaves : ends;
-          queued.push_back({queues->at_ns, out != nullptr ? out->at_ns : to_ns_, Look::queued,
-                            "in the queue of " + queues->what, begins(Cause::queue, queues->at_ns)});
+        for (const auto& queue : queues) {
+          const auto* out = queue.out != nullptr ? queue.out : ends;
+          queued.push_back({queue.in->at_ns, out != nullptr ? out->at_ns : to_ns_, Look::queued,
+                            "in the queue of " + queue.in->what, begins(Cause::queue, queue.in->at_ns)});
         }
         if (leaves != nullptr && ends != nullptr)
           travels.push_back({leaves->at_ns, ends->at_ns, Look::travels, "on the wire of " + leaves->what});
