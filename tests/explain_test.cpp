@@ -548,6 +548,22 @@ TEST_P(ByHand, WhatPongKeptExplainsItsPart) {
                                   HasSubstr("known to within 46.0 us of the controller's")));
 }
 
+TEST_P(ByHand, OfWhatAnOutageLostAsManyAreLookedAtAsWithoutPong) {
+  window_.span.to_ns = due + 400 * ms + ahead;
+  keep();
+  samples_.resize(50 + 49);
+  for (std::size_t i = 51; i < samples_.size(); ++i) {  // 50 goes before them
+    samples_[i].received_ns = samples_[i].server_received_ns = samples_[i].server_sent_ns = 0;
+    samples_[i].fate = Fate::lost;
+  }
+  auto sample = late(0, 20 * ms, 0);
+  by_its_own_clock(sample);
+  const auto account = account_with(sample);
+  EXPECT_THAT(account.messages, SizeIs(1 + 16));
+  EXPECT_EQ(account.lost, 48U);
+  EXPECT_THAT(account.limits, testing::Contains(HasSubstr("the first 16 of 48 lost")));
+}
+
 TEST_P(ByHand, WhatAnotherPongKeptIsRefused) {
   window_.span.from_ns += 60'000 * ms;
   window_.span.to_ns += 60'000 * ms;

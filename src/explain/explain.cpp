@@ -2,6 +2,7 @@
 #include "explain/explain.hpp"
 
 #include <algorithm>
+#include <deque>
 #include <map>
 #include <optional>
 #include <set>
@@ -22,6 +23,8 @@ using roundtrip::Sample;
 // Of any of a message's stages: beyond it nothing of a file is believed, nor calculated with.
 constexpr std::int64_t longest_ns = std::int64_t{86'400} * 1'000'000'000;
 constexpr std::size_t most_threads = 1000;  // of a process that measures
+constexpr std::size_t most_lost = 16;       // that are looked at
+using Traces = std::vector<const record::Trace*>;
 
 // What is of another kind is nothing: the file may be anybody's.
 std::string text_of(const json& value) { return value.is_string() ? value.get<std::string>() : ""; }
@@ -76,7 +79,7 @@ class Explainer {
   // How well the component's clock is known beside the controller's.
   std::int64_t uncertainty_ns(const Sample& sample) const { return usual_.uncertainty_ns(sample.sent_ns); }
 
-  Message explain(const Sample& sample, const std::vector<record::Trace>& traces) const {
+  Message explain(const Sample& sample, const Traces& traces) const {
     Message message{.sample = sample,
                     .delay_ns = 0,
                     .parts = {},
@@ -85,12 +88,12 @@ class Explainer {
     std::optional<Timeline> here, there;
     const auto server_later_ns = usual_.server_later_ns(sample.sent_ns);
     auto until_ns = sample.sent_ns;
-    for (const auto& trace : traces) {
-      const bool of_client = trace.host == "controller";
+    for (const auto* trace : traces) {
+      const bool of_client = trace->host == "controller";
       const auto later_ns = of_client ? 0 : server_later_ns;
-      (of_client ? here : there).emplace(trace.window, later_ns);
-      until_ns = std::max(until_ns, trace.window.span.to_ns + later_ns);
-      message.whole = message.whole && trace.window.whole;
+      (of_client ? here : there).emplace(trace->window, later_ns);
+      until_ns = std::max(until_ns, trace->window.span.to_ns + later_ns);
+      message.whole = message.whole && trace->window.whole;
     }
     auto client = client_, server = server_;
     client.timeline = here ? &*here : nullptr;
@@ -110,7 +113,7 @@ class Explainer {
     return message;
   }
 
-  Scene scene(const Sample& sample, const std::vector<record::Trace>& traces) const {
+  Scene scene(const Sample& sample, const Traces& traces) const {
     Scene scene{.machines = {},
                 .threads = {},
                 .legs = {},
@@ -119,10 +122,11 @@ class Explainer {
                 .uncertainty_ns = uncertainty_ns(sample),
                 .one_machine = one_machine_};
     const auto server_later_ns = usual_.server_later_ns(sample.sent_ns);
-    for (const auto& trace : traces) {
-      const auto later_ns = trace.host == "controller" ? 0 : server_later_ns;
-      const auto& [message, from_ns, to_ns] = trace.window.span;
-      scene.machines.push_back({trace.host, from_ns + later_ns, to_ns + later_ns, {trace.window, later_ns}});
+    for (const auto* trace : traces) {
+      const auto later_ns = trace->host == "controller" ? 0 : server_later_ns;
+      const auto& [message, from_ns, to_ns] = trace->window.span;
+      scene.machines.push_back(
+          {trace->host, from_ns + later_ns, to_ns + later_ns, {trace->window, later_ns}});
     }
     for (const auto* end : {&client_, &server_})
       for (const auto& [id, role] : end->threads) scene.threads.push_back({end->name, role, id});
@@ -189,17 +193,19 @@ std::vector<Group> groups_of(const std::vector<Message>& messages) {
   return groups;
 }
 
-using Traces = std::map<std::uint64_t, std::vector<record::Trace>>;  // by message
+using TracesByMessage = std::map<std::uint64_t, Traces>;
 
 // A kernel that says how a CPU leaves its idle thread leaves nothing to be inferred; but for events that are
 // lost.
-void add_untold_switches(Account& account, const Traces& traces) {
+void add_untold_switches(Account& account, const TracesByMessage& traces) {
   constexpr std::size_t surely_some = 10;
   std::map<std::pair<std::string, int>, std::size_t> inferred;
   for (const auto& [message, windows] : traces)
-    for (const auto& [host, window] : windows)
+    for (const auto* trace : windows) {
+      const auto& window = trace->window;
       for (const auto& [event, latest_ns] : scheduling_of(window.events, window.span.from_ns))
-        if (latest_ns > event.at_ns && latest_ns >= window.span.from_ns) ++inferred[{host, event.cpu}];
+        if (latest_ns > event.at_ns && latest_ns >= window.span.from_ns) ++inferred[{trace->host, event.cpu}];
+    }
   for (const auto& [place, switches] : inferred)
     if (switches >= surely_some)
       account.limits.push_back(fmt::format(
@@ -239,12 +245,12 @@ void add_limits(Account& account, const record::Run& run) {
 }
 
 // Of two machines what was seen of one says nothing of the other.
-void add_one_sided(Account& account, const record::Run& run, const Traces& traces) {
+void add_one_sided(Account& account, const record::Run& run, const TracesByMessage& traces) {
   const bool by_hand = at(at(run.outcome, "hosts"), "component").is_null();
   for (const auto* host : {"controller", "component"}) {
     const auto is_seen = [&](const auto& message) {
       return std::any_of(message.second.begin(), message.second.end(),
-                         [&](const auto& trace) { return trace.host == host; });
+                         [&](const auto* trace) { return trace->host == host; });
     };
     if (!traces.empty() && std::none_of(traces.begin(), traces.end(), is_seen)) {
       const auto* const remedy =
@@ -327,20 +333,28 @@ std::int64_t deadline_ns_of(const record::Run& run) { return asked_ns(run, "dead
 Account account_of(const record::Reader& reader, const record::Run& run, const Pong* pong) {
   Account account;
   account.traced = !at(run.outcome, "trace").is_null();
-  Traces traces;
-  reader.each_trace(run.number,
-                    [&](const record::Trace& trace) { traces[trace.window.span.message].push_back(trace); });
+  std::deque<record::Trace> own;
+  TracesByMessage traces;
+  reader.each_trace(run.number, [&](const record::Trace& trace) {
+    traces[trace.window.span.message].push_back(&own.emplace_back(trace));
+  });
   account.traced = account.traced || !traces.empty() || pong != nullptr;
   if (!account.traced) return account;
   const Explainer explainer(reader, run, pong);
+  std::size_t lost_looked_at = 0;
   reader.each_sample(run.number, [&](const Sample& sample) {
     account.late += sample.fate == Fate::late ? 1 : 0;
     account.lost += sample.fate == Fate::lost ? 1 : 0;
     account.late_by_response += explainer.is_late_by_response(sample) ? 1 : 0;
-    if (const auto* const there = pong != nullptr ? pong->trace_of(sample) : nullptr)
-      traces[sample.index].push_back(*there);
+    const bool is_lost = sample.fate == Fate::lost;
+    // One window of a pong's may be around all that was lost in an outage.
+    const bool is_one_too_many = is_lost && lost_looked_at >= most_lost && !traces.contains(sample.index);
+    if (const auto* const there = pong != nullptr && !is_one_too_many ? pong->trace_of(sample) : nullptr)
+      traces[sample.index].push_back(there);
     const auto found = traces.find(sample.index);
-    if (found != traces.end()) account.messages.push_back(explainer.explain(sample, found->second));
+    if (found == traces.end()) return;
+    lost_looked_at += is_lost ? 1 : 0;
+    account.messages.push_back(explainer.explain(sample, found->second));
   });
   std::stable_sort(account.messages.begin(), account.messages.end(),
                    [](const Message& one, const Message& other) {
@@ -368,16 +382,17 @@ Account account_of(const record::Reader& reader, const record::Run& run, const P
 
 void each_scene(const record::Reader& reader, const record::Run& run, const std::vector<Message>& messages,
                 const std::function<void(const Message&, const Scene&)>& use, const Pong* pong) {
-  std::map<std::uint64_t, std::pair<const Message*, std::vector<record::Trace>>> wanted;
+  std::deque<record::Trace> own;
+  std::map<std::uint64_t, std::pair<const Message*, Traces>> wanted;
   for (const auto& message : messages) wanted[message.sample.index].first = &message;
   reader.each_trace(run.number, [&](const record::Trace& trace) {
     const auto found = wanted.find(trace.window.span.message);
-    if (found != wanted.end()) found->second.second.push_back(trace);
+    if (found != wanted.end()) found->second.second.push_back(&own.emplace_back(trace));
   });
   const Explainer explainer(reader, run, pong);
   for (auto& [index, one] : wanted) {
     if (const auto* const there = pong != nullptr ? pong->trace_of(one.first->sample) : nullptr)
-      one.second.push_back(*there);
+      one.second.push_back(there);
     use(*one.first, explainer.scene(one.first->sample, one.second));
   }
 }
