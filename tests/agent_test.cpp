@@ -141,6 +141,20 @@ TEST_F(TwoAgents, MeasureByOrders) {
   EXPECT_GE(ask(server_, "end", "ended").at("answered"), counters.on_time);
 }
 
+TEST_F(TwoAgents, ToldOfTheEndAreAllAnswersThatWereNoted) {
+  const auto task = task_of(transport::Role::client, some_domain());
+  ask(server_, "open", "opened", {{"task", task_of(transport::Role::server, task.config.domain)}});
+  ask(client_, "open", "opened", {{"task", task}});
+  std::size_t told = 0;
+  server_.on("answered", [&](const orders::Frame& frame) { told += answers_of(frame.bytes).size(); });
+  ask(server_, "start", "ready", {{"wait_ns", 0}, {"note_answers", true}});
+  ask(client_, "start", "ready", {{"wait_ns", 5'000'000'000}});
+  client_.on("progress", [](auto&) {});
+  const auto counters = counters_of(measure().at("counters"));
+  ask(server_, "end", "ended");
+  EXPECT_GE(told + 1, counters.on_time) << "of the last the note may be written a moment later";
+}
+
 // Who goes by ssh to a machine of which nothing else is known may take the link under test.
 TEST_F(TwoAgents, LetSamplesWaitForTheEndWhereSshMayTakeTheLinkUnderTest) {
   auto task = task_of(transport::Role::client, some_domain());

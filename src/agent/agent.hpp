@@ -8,7 +8,8 @@
 //   open  {task, ssh}  opened {transport, refusals, ssh_link}
 //   start {wait_ns}    ready {}: a client has matched and warmed up, and sends nothing any more; its
 //                      neighbours have matched, and send. With note_answers (else false) a server tells, from
-//                      now on and now and then, answered {} with the bytes of its answers
+//                      now on and now and then, answered {} with the bytes of its answers, and before `ended`
+//                      all that are left
 //   begin {}           begun {}: "during the run" is from here on; nothing of ours reads /proc until `end`
 //   go    {}           a client: progress {counters}, peer {readers, writers, as_before, at_ns}, samples {}
 //                      with bytes, until finished {counters, waited_bytes}; of neighbours nothing

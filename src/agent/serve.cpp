@@ -66,7 +66,7 @@ class Agent final : public orders::Worker {
     else if (order == "stop")
       stop();
     else if (order == "end")
-      events_.tell("ended", end_->ended());
+      tell_end();
     else
       throw Error(3, "there is no order '" + order + "'");
   }
@@ -104,6 +104,12 @@ class Agent final : public orders::Worker {
     while (const auto count = end_->server()->drain(answers))
       events_.tell("answered", json::object(),
                    {reinterpret_cast<const std::uint8_t*>(answers.data()), count * sizeof answers.front()});
+  }
+
+  // Who is told of the end waits for no answers any more.
+  void tell_end() {
+    if (notes_answers_) tell_answers();
+    events_.tell("ended", end_->ended());
   }
 
   milliseconds match() {
