@@ -4,6 +4,7 @@
 #pragma once
 
 #include <memory>
+#include <mutex>
 #include <string>
 #include <string_view>
 #include <utility>
@@ -31,18 +32,23 @@ class Log {
   std::string text(std::string_view categories = "") {
     Vendor::Flush();
     std::string text;
-    for (const auto& [category, message] : said_)
+    const std::lock_guard lock(said_.mutex);  // who is open already may say something meanwhile
+    for (const auto& [category, message] : said_.entries)
       if (category.starts_with(categories)) text += (text.empty() ? "" : "; ") + message;
     return text;
   }
 
  private:
   using Vendor = eprosima::fastdds::dds::Log;
-  using Said = std::vector<std::pair<std::string, std::string>>;
+  struct Said {
+    std::mutex mutex;
+    std::vector<std::pair<std::string, std::string>> entries;
+  };
   struct Keeper : eprosima::fastdds::dds::LogConsumer {
     explicit Keeper(Said& to) : said(to) {}
     void Consume(const Vendor::Entry& entry) override {
-      said.emplace_back(entry.context.category, entry.message);
+      const std::lock_guard lock(said.mutex);
+      said.entries.emplace_back(entry.context.category, entry.message);
     }
     Said& said;
   };
