@@ -59,15 +59,25 @@ void add_pong(CLI::App& app, Action& action) {
                                              : "--results: pong keeps nothing without --explain");
       std::optional<record::Writer> writer;
       if (run.explain) writer.emplace(*results);
+      Terminal terminal;
       json closed;
-      const int code = campaign::pong(
-          run, catch_interrupts(),
-          [](const json& opened) {
-            print_opened(opened);
-            print_refusals(opened);
-          },
-          closed);
-      if (writer && closed.contains("pings")) write(*writer, run, closed);
+      int code = 0;
+      const auto keep = [&] {
+        if (writer && closed.contains("pings")) write(*writer, run, closed);
+      };
+      try {
+        code = campaign::pong(
+            run, terminal, catch_interrupts(),
+            [](const json& opened) {
+              print_opened(opened);
+              print_refusals(opened);
+            },
+            closed);
+      } catch (...) {
+        keep();
+        throw;
+      }
+      keep();
       if (closed.contains("answered"))
         print(fmt::format("answered {} messages\n", closed.at("answered").get<std::uint64_t>()));
       return was_stopped() ? 0 : code;  // a service that is stopped has not failed

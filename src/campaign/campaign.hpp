@@ -215,8 +215,9 @@ int execute(const Scenario&, record::Writer&, Observer&, Interrupts&, const nloh
 // One end by hand, on this host. Of what ends before the first message is sent no run is left.
 int ping(const Run&, std::chrono::nanoseconds wait, record::Writer&, Observer&, Interrupts&,
          const nlohmann::json& command_line);
-// Serves until interrupted. `told` is called once it serves, with the record of what it is.
-int pong(const Run&, Interrupts&, const std::function<void(const nlohmann::json& opened)>& told,
+// Serves until interrupted. `told` is called once it serves, with the record of what it is. `closed` has what
+// there is to be kept, also where it throws.
+int pong(const Run&, Observer&, Interrupts&, const std::function<void(const nlohmann::json& opened)>& told,
          nlohmann::json& closed);
 
 }  // namespace ontime::campaign

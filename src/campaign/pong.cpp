@@ -75,19 +75,10 @@ class Ping {
   std::map<std::uint64_t, trace::Window> windows_;
 };
 
-class Quiet final : public Observer {
-  void note(const std::string&) override {}
-  void begins(const Run&) override {}
-  void passes_over(const Run&) override {}
-  void leaves_out(const Run&) override {}
-  void progress(const roundtrip::Counters&, std::chrono::nanoseconds) override {}
-  void ends(const roundtrip::Counters&) override {}
-};
-
 // This machine, and the last pings that came.
 class Traced {
  public:
-  explicit Traced(orders::Coordinator& coordinator) : machines_(coordinator, quiet_) {
+  Traced(orders::Coordinator& coordinator, Observer& observer) : machines_(coordinator, observer) {
     Hosts alone;
     alone.kind = Hosts::Kind::alone;
     machines_.prepare(alone);
@@ -110,7 +101,8 @@ class Traced {
   }
   bool all_came() const { return asked_.empty(); }
 
-  json account() {
+  // What there is of it by now; asks nobody, for who knew more may be gone.
+  json account() const {
     auto pings = json::array();
     for (const auto& ping : pings_) pings.push_back(ping.windows());
     return {{"pings", pings},
@@ -146,7 +138,6 @@ class Traced {
     }
   }
 
-  Quiet quiet_;
   Machines machines_;
   std::deque<Ping> pings_;  // the oldest first
   std::vector<trace::Span> spans_;
@@ -157,11 +148,18 @@ class Traced {
 
 }  // namespace
 
-int pong(const Run& run, Interrupts& interrupts, const std::function<void(const json&)>& told, json& closed) {
+int pong(const Run& run, Observer& observer, Interrupts& interrupts,
+         const std::function<void(const json&)>& told, json& closed) {
   orders::Coordinator coordinator(interrupts);
+  std::optional<Traced> traced;
+  json threads;
+  const auto keep = [&] {
+    if (threads.is_null()) return;
+    closed.update(traced->account());
+    if (!closed.contains("threads")) closed["threads"] = threads;
+  };
   try {
-    std::optional<Traced> traced;
-    if (run.explain) traced.emplace(coordinator);
+    if (run.explain) traced.emplace(coordinator, observer);
     orders::Coordinator::Hand agent(coordinator, "the agent", {orders::this_program(), "agent"},
                                     agent::sample_layout());
     auto task = server_task(run, Host{});
@@ -173,6 +171,11 @@ int pong(const Run& run, Interrupts& interrupts, const std::function<void(const 
     agent.on("answered", [&](const orders::Frame& frame) { traced->add(agent::answers_of(frame.bytes)); });
     agent.order("start", {{"wait_ns", 0}, {"note_answers", run.explain}});
     coordinator.await(agent, "ready", patience);
+    if (traced) {  // whose threads they are is what makes windows worth keeping, should it never come to its
+                   // end
+      agent.order("end");
+      threads = coordinator.await(agent, "ended", patience).at("threads");
+    }
     told(opened);
     coordinator.until(
         [&] {
@@ -190,11 +193,14 @@ int pong(const Run& run, Interrupts& interrupts, const std::function<void(const 
             return traced->all_came() || std::chrono::steady_clock::now() > until;
           },
           1);
-      closed.update(traced->account());
       traced->close();
     }
   } catch (const orders::Interrupted&) {  // in a hurry
+  } catch (...) {
+    keep();
+    throw;
   }
+  keep();
   return 130;
 }
 

@@ -86,6 +86,13 @@ class Explain(unittest.TestCase):
             self.assertTrue(culprits.is_ours(sleeper))
             os.kill(sleeper, signal.SIGKILL)
         self.assertFalse(culprits.is_ours(1) or culprits.is_ours(os.getppid()) or culprits.is_ours(sleeper))
+        for error in (subprocess.CalledProcessError(1, ["ip"], stderr="no such\nCannot open network namespace\n"),
+                      subprocess.TimeoutExpired(["ontime"], 120), OSError("gone"), IndexError("none")):
+            with (unittest.mock.patch.object(culprits, "run", side_effect=error), unittest.mock.patch("sys.argv", ["culprits", "--only", "none"]),
+                  contextlib.redirect_stdout(io.StringIO()) as said, contextlib.redirect_stderr(io.StringIO())):
+                self.assertEqual(culprits.main(), 1)
+            self.assertIn("| `none` | 0 of 1 | 0 % | no run 1 |", said.getvalue())
+            self.assertIn(type(error).__name__, said.getvalue())
         culprits.KINDS = [kind for kind in culprits.KINDS if kind.name == "quota"]
         culprits.KINDS[0].needs = "/nowhere"
         with unittest.mock.patch("sys.argv", ["culprits"]), contextlib.redirect_stdout(io.StringIO()) as said:
@@ -138,6 +145,24 @@ class Explain(unittest.TestCase):
         self.assertIn("no pong --explain kept there", refused.stderr)
         for flags in (["--explain"], ["--results", kept]):
             self.assertEqual(ontime("pong", "--transport", "udp", *flags).returncode, 2)
+
+    def test_pong_by_hand_keeps_what_there_is_when_its_agent_dies(self):
+        kept = self.results + ".pong"
+        common = ["--transport", "udp", "--domain", "87"]
+        ping = [ONTIME, "ping", *common, "--peer", "127.0.0.1", "--deadline", "5 ms", "--duration", "500 ms", "--results", self.results]
+        pong = [ONTIME, "pong", *common, "--explain", "--results", kept]
+        with subprocess.Popen(pong, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as answers, contextlib.ExitStack() as ends:
+            ends.callback(answers.terminate)
+            self.assertIn("pong answers", answers.stderr.readline())
+            self.assertEqual(subprocess.run(ping, stdout=subprocess.DEVNULL, timeout=60).returncode, 0)
+            time.sleep(2)  # what came has been cut out
+            agent = subprocess.run(["pgrep", "-P", str(answers.pid), "-f", "ontime agent"], capture_output=True, text=True)
+            os.kill(int(agent.stdout), signal.SIGKILL)
+            self.assertEqual(answers.wait(timeout=60), 3)
+            self.assertIn("the agent", answers.stderr.read())
+        said = ontime("explain", self.results, "--pong", kept, "--format", "json")
+        self.assertEqual(said.returncode, 0, said.stderr)
+        self.assertTrue(json.loads(said.stdout)[0]["messages"])
 
     def test_what_cannot_be_traced_says_why(self):
         pong = [ONTIME, "pong", "--transport", "udp", "--domain", "88"]
