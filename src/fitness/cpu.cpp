@@ -34,6 +34,7 @@ Findings governor(const Look& look) {
   if (governors.empty()) return {};
   if (governors.size() == 1 && governors.contains("performance")) return {fine("performance")};
   std::vector<std::string> words;
+  words.reserve(governors.size());
   for (const auto& [name, count] : governors) words.push_back(fmt::format("{} on {} CPUs", name, count));
   return {{"", Severity::wrong, fmt::format("{}", fmt::join(words, ", ")), "performance",
            "a CPU that sleeps between messages is slow when one arrives, and takes milliseconds to be fast",
@@ -46,7 +47,7 @@ Findings idle_states(const Look& look) {
   std::string name;
   for (const auto& cpu : cpus(look))
     for (const auto& state : look.names(folder + cpu + "/cpuidle")) {
-      const auto path = folder + cpu + "/cpuidle/" + state;
+      const auto path = fmt::format("{}{}/cpuidle/{}", folder, cpu, state);
       const auto latency = look.number(path + "/latency");
       if (!latency || look.number(path + "/disable") == 1 || *latency <= deepest_us) continue;
       deepest_us = *latency;

@@ -175,6 +175,7 @@ Image image_of(const Machine& machine, const Kernel& kernel, const std::vector<s
   for (const auto& file : files) image.add(file.here, file.there);
 
   std::vector<std::string> words;
+  words.reserve(command.size());
   for (const auto& word : command) words.push_back(in_quotes(word));
   const auto then =
       command.empty()

@@ -261,6 +261,7 @@ std::string section_of(const record::Reader& reader, const std::vector<Shown>& r
       "each sixteenth of a doubling of the round trip</span></figcaption>\n</figure>\n</div>\n",
       list_of(first, runs.size()));
   std::vector<std::string> labels;
+  labels.reserve(runs.size());
   for (const auto& run : runs) labels.push_back(run.label);
   auto worst = worst_case_table(labels, group);
   worst.title = "The slowest, seen and expected";

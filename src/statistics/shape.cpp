@@ -125,12 +125,12 @@ void WorstOnes::message(const Sample& sample) {
   last_ = sample;
 }
 
-void WorstOnes::keep(Worst worst) {
+void WorstOnes::keep(const Worst& worst) {
   if (worst_.size() == most_worst) {
     std::pop_heap(worst_.begin(), worst_.end(), is_longer);
     worst_.pop_back();
   }
-  worst_.push_back(std::move(worst));
+  worst_.push_back(worst);
   std::push_heap(worst_.begin(), worst_.end(), is_longer);
 }
 

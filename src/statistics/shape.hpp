@@ -50,7 +50,7 @@ class WorstOnes {
   std::vector<Worst> longest_first() &&;
 
  private:
-  void keep(Worst);
+  void keep(const Worst&);
   std::int64_t timeout_ns_;
   std::optional<roundtrip::Sample> last_;
   bool last_is_kept_ = false;
