@@ -319,6 +319,8 @@ TEST(Verdict, does_not_praise_what_hides_a_stall_or_was_cut_off) {
   stalled.late_by_response = 300;  // cycles that passed without a message
   EXPECT_EQ(verdict_of({stalled}).word, Verdict::Word::no);
   EXPECT_THAT(verdict_of({stalled}).sentence, HasSubstr("300 cycles had no answer within the deadline"));
+  stalled.late_by_response = 1;
+  EXPECT_THAT(verdict_of({stalled}).sentence, HasSubstr("but 1 cycle had no answer"));
   stalled = judged(100, 1, 0);
   stalled.late_by_response = 300;
   EXPECT_EQ(verdict_of({stalled}).sentence,

@@ -51,6 +51,10 @@ std::string grouped(std::uint64_t count) {
   return text;
 }
 
+namespace {
+std::string cycles(std::uint64_t count) { return grouped(count) + (count == 1 ? " cycle" : " cycles"); }
+}  // namespace
+
 Verdict verdict_of(const Summaries& summaries) {
   std::uint64_t sent = 0, late = 0, lost = 0, late_cycles = 0;
   std::size_t measured = 0, fine = 0, unfinished = 0;
@@ -91,12 +95,11 @@ Verdict verdict_of(const Summaries& summaries) {
       parts.push_back(late > 0 ? fmt::format("{} {} lost", grouped(lost), lost == 1 ? "was" : "were")
                                : fmt::format("{} messages were lost", of_sent(lost)));
     if (parts.empty())
-      parts.push_back(
-          fmt::format("every message sent came back in time, but {} cycles had no answer within the {}",
-                      grouped(late_cycles), deadline(summaries)));
+      parts.push_back(fmt::format("every message sent came back in time, but {} had no answer within the {}",
+                                  cycles(late_cycles), deadline(summaries)));
     else if (late_cycles > late + lost)  // a sender that stood still
-      parts.push_back(fmt::format("{} cycles, those without a message among them, had no answer in time",
-                                  grouped(late_cycles)));
+      parts.push_back(
+          fmt::format("{}, those without a message among them, had no answer in time", cycles(late_cycles)));
     verdict.sentence = join(parts, ", and ") + ".";
     verdict.sentence.front() = static_cast<char>(std::toupper(verdict.sentence.front()));
   }
