@@ -475,9 +475,9 @@ Machines::Account Machines::end() {
 void Machines::account_of(const json& links, const json& traffic, Account& account) const {
   if (hosts_.kind == Hosts::Kind::alone) return;
   for (const auto& [component, host] : hosts_.components) {
-    const auto first =
-        std::find_if(hosts_.components.begin(), hosts_.components.end(),
-                     [&](const auto& other) { return interface_of(other.host) == interface_of(host); });
+    const auto first = std::find_if(
+        hosts_.components.begin(), hosts_.components.end(),
+        [&, &own = host](const auto& other) { return interface_of(other.host) == interface_of(own); });
     auto at_controller = links.value(controller, json::object());
     at_controller.update(links.value(name_at_controller(component), json::object()));
     account.links[component] = {{controller, at_controller},

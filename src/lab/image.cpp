@@ -144,7 +144,7 @@ fs::path program(const std::string& name) {
   std::istringstream folders(std::string(path == nullptr ? "" : path) + ":/usr/sbin:/usr/bin:/sbin:/bin");
   std::error_code unseen;  // others' folders are no reason to fail
   for (std::string folder; std::getline(folders, folder, ':');)
-    if (const auto file = fs::path(folder) / name;
+    if (auto file = fs::path(folder) / name;
         folder.starts_with('/') && fs::is_regular_file(file, unseen) && access(file.c_str(), X_OK) == 0)
       return file;
   return {};

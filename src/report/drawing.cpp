@@ -18,7 +18,6 @@ using explain::State;
 using explain::Timeline;
 using nlohmann::json;
 using roundtrip::Fate;
-using trace::Kind;
 
 constexpr std::size_t most_cpus = 6, most_threads = 12, most_packets = 24;
 constexpr std::int64_t finest = 700;   // parts of what is shown: less cannot be seen
@@ -224,6 +223,7 @@ class Drawing {
     for (const auto& event : timeline.events())
       if (shown(event.at_ns)) ++weight[event.cpu];
     std::vector<int> cpus;
+    cpus.reserve(weight.size());
     for (const auto& [cpu, events] : weight) cpus.push_back(cpu);
     std::stable_sort(cpus.begin(), cpus.end(),
                      [&](int one, int other) { return weight[one] > weight[other]; });

@@ -21,7 +21,6 @@
 namespace ontime::settings {
 namespace {
 
-using journal::Scope;
 using journal::Value;
 
 // 0 or an errno.
