@@ -63,6 +63,7 @@ std::vector<std::string> agent_command(const Host& host) {
 
 std::vector<std::string> names_of(const std::vector<Hosts::Component>& components) {
   std::vector<std::string> names;
+  names.reserve(components.size());
   for (const auto& component : components) names.push_back(component.name);
   return names;
 }
