@@ -5,7 +5,16 @@
 namespace ontime::explain {
 namespace {
 
-class Waits : public Explained {};
+class Waits : public Explained {
+ protected:
+  void waits_for_a_page(std::int64_t at) {
+    switched(at, 1, answers, "D", hog);
+    event(at + us, 1, Kind::waits, answers, 0,
+          "schedule io_schedule filemap_fault handle_mm_fault exc_page_fault");
+    event(at + 150 * us, 1, Kind::waking, answers, hog, "1");
+    switched(at + 152 * us, 1, hog, "R", answers);
+  }
+};
 
 TEST_P(Waits, AThreadThatHadTheMessageAndSleptUntilAnotherWokeIt) {
   has_the_message();
@@ -54,14 +63,7 @@ TEST_P(Waits, WhatAThreadWaitedForInTheKernelIsToldByItsFunctions) {
 
 TEST_P(Waits, WhatAThreadRunsBetweenTwoWaitsForPagesIsForThem) {
   has_the_message();
-  for (int i = 0; i < 50; ++i) {
-    const auto at = sent + 30 * us + i * 300 * us;
-    switched(at, 1, answers, "D", hog);
-    event(at + us, 1, Kind::waits, answers, 0,
-          "schedule io_schedule filemap_fault handle_mm_fault exc_page_fault");
-    event(at + 150 * us, 1, Kind::waking, answers, hog, "1");
-    switched(at + 152 * us, 1, hog, "R", answers);
-  }
+  for (int i = 0; i < 50; ++i) waits_for_a_page(sent + 30 * us + i * 300 * us);
   switched(sent + 15 * ms + 60 * us, 1, answers, "S", 0);
   const auto message = this->message(late(0, 15 * ms, 0));
   EXPECT_EQ(first(message).cause, Cause::page_fault);
@@ -70,13 +72,7 @@ TEST_P(Waits, WhatAThreadRunsBetweenTwoWaitsForPagesIsForThem) {
 
 TEST_P(Waits, WhatAThreadComputesAfterAPageIsBusy) {
   has_the_message();
-  for (const auto at : {sent + 30 * us, sent + 14 * ms}) {
-    switched(at, 1, answers, "D", hog);
-    event(at + us, 1, Kind::waits, answers, 0,
-          "schedule io_schedule filemap_fault handle_mm_fault exc_page_fault");
-    event(at + 150 * us, 1, Kind::waking, answers, hog, "1");
-    switched(at + 152 * us, 1, hog, "R", answers);
-  }
+  for (const auto at : {sent + 30 * us, sent + 14 * ms}) waits_for_a_page(at);
   switched(sent + 15 * ms + 60 * us, 1, answers, "S", 0);
   EXPECT_EQ(first(message(late(0, 15 * ms, 0))).cause, Cause::busy);
 }

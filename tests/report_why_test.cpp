@@ -89,6 +89,17 @@ class Traced : public ::testing::Test {
     writer_.end_run(run, came);
     return writer_.reader();
   }
+  // Of one late message, around which this was seen as well.
+  Why why_with(const std::vector<trace::Event>& more) {
+    auto window = around(40);
+    window.events.insert(window.events.end() - 2, more.begin(), more.end());
+    std::stable_sort(window.events.begin(), window.events.end(),
+                     [](const auto& one, const auto& other) { return one.at_ns < other.at_ns; });
+    recorded(1);
+    writer_.trace(1, {"controller", window});
+    const auto reader = writer_.reader();
+    return why_of(reader, reader.runs().at(0), 0, 6);
+  }
   std::string page(const record::Reader& reader) {
     return render_html(reader, statistics::summarise(reader), "r.ontime");
   }
@@ -139,7 +150,6 @@ TEST_F(Traced, ACulpritStandsOutOfWhatIsDrawn) {
 }
 
 TEST_F(Traced, ADrawingIsBoundedAndHasTheCulpritAllTheSame) {
-  auto window = around(40);
   std::vector<trace::Event> more;
   for (std::int64_t i = 0; i < 4'900; ++i)
     for (const auto& [from, to] : {std::pair{0, 7}, std::pair{7, 0}})
@@ -151,13 +161,7 @@ TEST_F(Traced, ADrawingIsBoundedAndHasTheCulpritAllTheSame) {
                       "S",
                       0,
                       0});
-  window.events.insert(window.events.end() - 2, more.begin(), more.end());
-  std::stable_sort(window.events.begin(), window.events.end(),
-                   [](const auto& one, const auto& other) { return one.at_ns < other.at_ns; });
-  recorded(1);
-  writer_.trace(1, {"controller", window});
-  const auto reader = writer_.reader();
-  const auto why = why_of(reader, reader.runs().at(0), 0, 6);
+  const auto why = why_with(more);
   ASSERT_THAT(why.drawings, SizeIs(1));
   EXPECT_LE(why.drawings[0].dump().size(), most_of_a_drawing);
   EXPECT_THAT(bars_of(why.drawings[0], "cpu"),
@@ -167,7 +171,6 @@ TEST_F(Traced, ADrawingIsBoundedAndHasTheCulpritAllTheSame) {
 
 // As somebody else's file may have it: the culprit comes and goes, each time another thread between.
 TEST_F(Traced, ADrawingIsBoundedHoweverManyEventsThereAre) {
-  auto window = around(40);
   std::vector<trace::Event> more;
   const auto at = [&](std::int64_t step) { return due(40) + 100 * us + step; };
   for (std::int64_t i = 0; i < 6'000; ++i) {
@@ -177,13 +180,7 @@ TEST_F(Traced, ADrawingIsBoundedHoweverManyEventsThereAre) {
       more.push_back({at(i * 3'200), cpu, Kind::switched, comes ? thread(culprit) : other,
                       comes ? other : thread(culprit), "R", 0, 0});
   }
-  window.events.insert(window.events.end() - 2, more.begin(), more.end());
-  std::stable_sort(window.events.begin(), window.events.end(),
-                   [](const auto& one, const auto& other) { return one.at_ns < other.at_ns; });
-  recorded(1);
-  writer_.trace(1, {"controller", window});
-  const auto reader = writer_.reader();
-  const auto why = why_of(reader, reader.runs().at(0), 0, 6);
+  const auto why = why_with(more);
   ASSERT_THAT(why.drawings, SizeIs(1));
   EXPECT_LE(why.drawings[0].dump().size(), most_of_a_drawing);
   EXPECT_EQ(count_of("<tr>", why.html), 1u + 20);
@@ -192,7 +189,6 @@ TEST_F(Traced, ADrawingIsBoundedHoweverManyEventsThereAre) {
 
 // As somebody else's file may have it, too: on each CPU one of a long name after another.
 TEST_F(Traced, WhatIsTooMuchToBeDrawnIsToldInWords) {
-  auto window = around(40);
   std::string long_name;
   for (int i = 0; i < 55; ++i) long_name += "𝄞";
   std::vector<trace::Event> more;
@@ -210,13 +206,7 @@ TEST_F(Traced, WhatIsTooMuchToBeDrawnIsToldInWords) {
       more.push_back({at + us, cpu, Kind::soft_interrupt, to, thread(0), interrupt, 0, 0});
       more.push_back({at + 2'440 * us, cpu, Kind::soft_interrupt_end, to, thread(0), interrupt, 0, 0});
     }
-  window.events.insert(window.events.end() - 2, more.begin(), more.end());
-  std::stable_sort(window.events.begin(), window.events.end(),
-                   [](const auto& one, const auto& other) { return one.at_ns < other.at_ns; });
-  recorded(1);
-  writer_.trace(1, {"controller", window});
-  const auto reader = writer_.reader();
-  const auto why = why_of(reader, reader.runs().at(0), 0, 6);
+  const auto why = why_with(more);
   EXPECT_THAT(why.drawings, IsEmpty());
   EXPECT_THAT(why.html, Not(HasSubstr("class=\"way\"")));
   EXPECT_THAT(why.html, HasSubstr("More happened around it than a page can draw"));

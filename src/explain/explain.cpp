@@ -64,6 +64,7 @@ class Explainer {
   Explainer(const record::Reader& reader, const record::Run& run, const Pong* pong)
       : client_(end_of(run, "controller")),
         server_(end_of(pong != nullptr ? pong->run() : run, "component")),
+        pong_(pong),
         one_machine_(record::on_one_machine(run.outcome)),
         payload_bytes_(integer_of(at(run.asked, "payload_bytes"))),
         deadline_ns_(asked_ns(run, "deadline_us")),
@@ -78,6 +79,13 @@ class Explainer {
   bool one_machine() const { return one_machine_; }
   // How well the component's clock is known beside the controller's.
   std::int64_t uncertainty_ns(const Sample& sample) const { return usual_.uncertainty_ns(sample.sent_ns); }
+
+  // What it kept of that message; nullptr: nothing, or there is none.
+  const record::Trace* of_pong(const Sample& sample) const {
+    return pong_ == nullptr
+               ? nullptr
+               : pong_->trace_of(sample, sample.sent_ns - usual_.server_later_ns(sample.sent_ns));
+  }
 
   Message explain(const Sample& sample, const Traces& traces) const {
     Message message{.sample = sample,
@@ -155,6 +163,7 @@ class Explainer {
 
  private:
   const End client_, server_;
+  const Pong* const pong_;
   const bool one_machine_;
   const std::int64_t payload_bytes_, deadline_ns_, timeout_ns_;
   const Usual usual_;
@@ -284,7 +293,6 @@ Pong::Pong(const record::Reader& kept, const record::Reader& reader, const recor
   reader.each_sample(run.number, [&](const Sample& sample) {
     if (sample.server_received_ns != 0) received_ns[sample.index] = sample.server_received_ns;
   });
-  clocks_ = Drift(reader, run.number);
   std::size_t most = 0;
   for (auto& one : kept.runs()) {
     std::size_t fit = 0;
@@ -313,10 +321,8 @@ Pong::Pong(const record::Reader& kept, const record::Reader& reader, const recor
 }
 
 // Of the message itself; of one that never came, that of the time at which it should have.
-const record::Trace* Pong::trace_of(const Sample& sample) const {
-  const auto there_ns = sample.server_received_ns != 0
-                            ? sample.server_received_ns
-                            : sample.sent_ns + clocks_.at(sample.sent_ns).difference_ns;
+const record::Trace* Pong::trace_of(const Sample& sample, std::int64_t sent_there_ns) const {
+  const auto there_ns = sample.server_received_ns != 0 ? sample.server_received_ns : sent_there_ns;
   const record::Trace* best = nullptr;
   for (const auto& trace : traces_) {
     const auto& span = trace.window.span;
@@ -349,7 +355,7 @@ Account account_of(const record::Reader& reader, const record::Run& run, const P
     const bool is_lost = sample.fate == Fate::lost;
     // One window of a pong's may be around all that was lost in an outage.
     const bool is_one_too_many = is_lost && lost_looked_at >= most_lost && !traces.contains(sample.index);
-    if (const auto* const there = pong != nullptr && !is_one_too_many ? pong->trace_of(sample) : nullptr)
+    if (const auto* const there = is_one_too_many ? nullptr : explainer.of_pong(sample))
       traces[sample.index].push_back(there);
     const auto found = traces.find(sample.index);
     if (found == traces.end()) return;
@@ -391,8 +397,7 @@ void each_scene(const record::Reader& reader, const record::Run& run, const std:
   });
   const Explainer explainer(reader, run, pong);
   for (auto& [index, one] : wanted) {
-    if (const auto* const there = pong != nullptr ? pong->trace_of(one.first->sample) : nullptr)
-      one.second.push_back(there);
+    if (const auto* const there = explainer.of_pong(one.first->sample)) one.second.push_back(there);
     use(*one.first, explainer.scene(one.first->sample, one.second));
   }
 }

@@ -10,7 +10,6 @@
 #include <string>
 #include <vector>
 
-#include "explain/drift.hpp"
 #include "explain/packets.hpp"
 #include "explain/timeline.hpp"
 #include "record/record.hpp"
@@ -95,11 +94,11 @@ class Pong {
   // Throws record::Error where nothing that is kept fits that run, or all of it contradicts it.
   Pong(const record::Reader& kept, const record::Reader&, const record::Run&);
   const record::Run& run() const { return run_; }
-  const record::Trace* trace_of(const roundtrip::Sample&) const;  // nullptr: it kept none
+  // Of a message that was sent at that moment of pong's clock; nullptr: it kept none.
+  const record::Trace* trace_of(const roundtrip::Sample&, std::int64_t sent_there_ns) const;
 
  private:
   record::Run run_;
-  Drift clocks_;
   std::vector<record::Trace> traces_;
 };
 

@@ -39,6 +39,8 @@ std::string deadline(const Summaries& summaries) {
   return same && first.is_number() ? "deadline of " + duration(first) : "deadline";
 }
 
+std::string cycles(std::uint64_t count) { return grouped(count) + (count == 1 ? " cycle" : " cycles"); }
+
 }  // namespace
 
 std::string grouped(std::uint64_t count) {
@@ -50,10 +52,6 @@ std::string grouped(std::uint64_t count) {
   }
   return text;
 }
-
-namespace {
-std::string cycles(std::uint64_t count) { return grouped(count) + (count == 1 ? " cycle" : " cycles"); }
-}  // namespace
 
 Verdict verdict_of(const Summaries& summaries) {
   std::uint64_t sent = 0, late = 0, lost = 0, late_cycles = 0;

@@ -1,0 +1,106 @@
+// SPDX-License-Identifier: Apache-2.0
+// Of packets, and of the queues that they are handed on to.
+#include <optional>
+
+#include "explain_fixture.hpp"
+
+namespace ontime::explain {
+namespace {
+
+class Packets : public Explained {
+ protected:
+  // As long as it is not called again.
+  std::vector<Packet> of_asks(bool one_machine = true, std::int64_t until_ns = due + ms) {
+    timeline_.emplace(window_, 0);
+    return packets_of(
+        *timeline_, [](std::int32_t thread) { return thread == asks; }, one_machine, due, until_ns);
+  }
+
+ private:
+  std::optional<Timeline> timeline_;
+};
+
+TEST_P(Packets, ANumberOfAPacketIsGivenToTheNext) {
+  sender_wakes_and_sends();
+  event(sent + 20 * us, 0, Kind::queued, asks, 0, "veth", 1);
+  event(sent + 21 * us, 0, Kind::dropped, asks, 0, "QDISC_DROP", 1);
+  event(sent + 30 * us, 0, Kind::queued, hog, 0, "veth", 1);
+  event(sent + 31 * us, 0, Kind::sent, hog, 0, "veth", 1);
+  const auto packets = of_asks();
+  ASSERT_THAT(packets, SizeIs(2));
+  EXPECT_EQ(packets[0].received->at_ns, sent + 9 * us);
+  EXPECT_EQ(packets[0].dropped, nullptr);
+  EXPECT_EQ(packets[1].dropped->what, "QDISC_DROP");
+  EXPECT_EQ(packets[1].sent, nullptr);
+}
+
+TEST_P(Packets, APacketThatABridgeHandsOnIsOne) {
+  event(sent + 5 * us, 0, Kind::queued, asks, 0, "to-components", 1);
+  event(sent + 6 * us, 0, Kind::sent, asks, 0, "to-components", 1);
+  event(sent + 7 * us, 0, Kind::queued, asks, 0, "to-arm", 1);
+  event(sent + 8 * us, 0, Kind::sent, asks, 0, "to-arm", 1);
+  event(sent + 9 * us, 0, Kind::dropped, asks, 0, "NETFILTER_DROP", 1);
+  const auto packets = of_asks();
+  ASSERT_THAT(packets, SizeIs(1));
+  EXPECT_EQ(packets[0].sent->at_ns, sent + 8 * us);
+  ASSERT_NE(packets[0].dropped, nullptr);
+  EXPECT_EQ(packets[0].dropped->what, "NETFILTER_DROP");
+}
+
+// Of a link whose delay is on the bridge's port, or below a VLAN: who lets the packet go is not who queued
+// it.
+TEST_P(Packets, APacketThatIsHeldBehindABridgeIsHeldByThatQueue) {
+  event(sent + 5 * us, 0, Kind::queued, asks, 0, "to-components", 1);
+  event(sent + 6 * us, 0, Kind::sent, asks, 0, "to-components", 1);
+  event(sent + 7 * us, 0, Kind::queued, asks, 0, "to-arm", 1);
+  event(sent + 15 * ms, 1, Kind::sent, hog, 0, "to-arm", 1);
+  event(sent + 15 * ms + 2 * us, 1, Kind::received, hog, 0, "to-component", 1);
+  const auto part = first(message(late(0, 15 * ms, 0)));
+  EXPECT_EQ(part.cause, Cause::queue);
+  EXPECT_EQ(part.stage, Stage::queued);
+  EXPECT_EQ(part.end, "controller");
+  EXPECT_EQ(part.culprit, "to-arm");
+  EXPECT_EQ(part.ns, 15 * ms - 7 * us);
+}
+
+TEST_P(Packets, APacketThatTwoQueuesHoldIsHeldByBoth) {
+  event(sent + 5 * us, 0, Kind::queued, asks, 0, "to-components", 1);
+  event(sent + 5 * ms, 1, Kind::sent, hog, 0, "to-components", 1);
+  event(sent + 5 * ms + us, 1, Kind::queued, hog, 0, "to-arm", 1);
+  event(sent + 15 * ms, 0, Kind::sent, hears, 0, "to-arm", 1);
+  event(sent + 15 * ms + us, 0, Kind::received, hears, 0, "to-component", 1);
+  const auto parts = message(late(0, 15 * ms, 0)).parts;
+  ASSERT_GE(parts.size(), 2U);
+  EXPECT_EQ(parts[0].cause, Cause::queue);
+  EXPECT_EQ(parts[0].culprit, "to-arm");
+  EXPECT_EQ(parts[0].ns, 10 * ms - us);
+  EXPECT_EQ(parts[1].cause, Cause::queue);
+  EXPECT_EQ(parts[1].culprit, "to-components");
+  EXPECT_EQ(parts[1].ns, 5 * ms - 5 * us);
+}
+
+TEST_P(Packets, APacketThatNeverLeavesTheQueueBehindABridgeIsHeldThere) {
+  event(sent + 5 * us, 0, Kind::queued, asks, 0, "to-components", 1);
+  event(sent + 6 * us, 0, Kind::sent, asks, 0, "to-components", 1);
+  event(sent + 7 * us, 0, Kind::queued, asks, 0, "to-arm", 1);
+  const auto part = first(message(lost()));
+  EXPECT_EQ(part.cause, Cause::queue);
+  EXPECT_EQ(part.culprit, "to-arm");
+}
+
+TEST_P(Packets, ANumberThatAnotherThreadHasOnAnotherInterfaceIsAnotherPacket) {
+  event(sent + 5 * us, 0, Kind::queued, asks, 0, "to-component", 1);
+  event(sent + 6 * us, 0, Kind::sent, asks, 0, "to-component", 1);
+  event(sent + 50 * us, 1, Kind::queued, hog, 0, "eth0", 1);
+  event(sent + 15 * ms, 1, Kind::sent, hog, 0, "eth0", 1);
+  const auto packets = of_asks(false, due + 20 * ms);
+  ASSERT_THAT(packets, SizeIs(1));
+  EXPECT_EQ(packets[0].sent->at_ns, sent + 6 * us);
+}
+
+INSTANTIATE_TEST_SUITE_P(Kernel, Packets, testing::Values(true, false), [](const auto& told) {
+  return told.param ? "TellsLeavingIdle" : "DoesNotTellLeavingIdle";
+});
+
+}  // namespace
+}  // namespace ontime::explain
