@@ -194,6 +194,20 @@ TEST_P(Explained, ARealTimeThreadThatWaitsLongForAnOrdinaryOneIsThrottled) {
   EXPECT_EQ(first(message(late(0, 50 * ms, 0))).cause, Cause::throttled);
 }
 
+TEST_P(Explained, WhoBecameUrgentWhileItHadTheCpuThrottlesNobody) {
+  switched(due - ms, 1, 0, "R", hog);
+  sender_wakes_and_sends();
+  event(sent + 10 * us, 1, Kind::waking, answers, asks, "1");
+  window_.events.back().thread.priority = fifo_80;
+  switched(sent + 50 * ms, 1, hog, "R", answers);
+  window_.events.back().thread = {hog, "renamed", fifo_80 - 1};
+  window_.events.back().other.priority = fifo_80;
+  const auto part = first(message(late(0, 50 * ms, 0)));
+  EXPECT_EQ(part.cause, Cause::cpu);
+  EXPECT_EQ(part.culprit, "renamed");
+  EXPECT_EQ(part.culprit_priority, fifo_80 - 1);
+}
+
 TEST_P(Explained, AMessageThatTookAsLongAsUsualAccusesNobody) {
   sender_wakes_and_sends();
   const auto message = this->message(usual(50));

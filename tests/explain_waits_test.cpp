@@ -70,6 +70,21 @@ TEST_P(Waits, WhatAThreadRunsBetweenTwoWaitsForPagesIsForThem) {
   EXPECT_GT(first(message).ns, 14 * ms);
 }
 
+TEST_P(Waits, AnIdleCpuThatAThreadComesToBetweenTwoWaitsForPagesIsForThem) {
+  has_the_message();
+  for (int i = 0; i < 50; ++i) {
+    const auto at = sent + 30 * us + i * 300 * us;
+    switched(at, 1, answers, "D", 0);
+    event(at + us, 1, Kind::waits, answers, 0, "schedule io_schedule handle_mm_fault exc_page_fault");
+    event(at + 150 * us, 1, Kind::waking, answers, 0, "1");
+    switched(at + 152 * us, 1, 0, "R", answers);
+  }
+  switched(sent + 15 * ms + 60 * us, 1, answers, "S", 0);
+  const auto message = this->message(late(0, 15 * ms, 0));
+  EXPECT_EQ(first(message).cause, Cause::page_fault);
+  EXPECT_GT(first(message).ns, 14 * ms);
+}
+
 TEST_P(Waits, WhatAThreadComputesAfterAPageIsBusy) {
   has_the_message();
   for (const auto at : {sent + 30 * us, sent + 14 * ms}) waits_for_a_page(at);

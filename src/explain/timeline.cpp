@@ -43,6 +43,14 @@ std::optional<Change> change_of(const Event& event, std::int32_t thread, State n
   return {};
 }
 
+// Who came to a CPU may have another name since, and another priority; it counts as urgent as it was at most.
+trace::Thread as_it_left(trace::Thread came, const trace::Thread& left) {
+  if (left.id != came.id) return came;
+  if (!left.name.empty()) came.name = left.name;
+  came.priority = std::min(came.priority, left.priority);
+  return came;
+}
+
 bool begins(Kind kind) {
   return kind == Kind::interrupt || kind == Kind::soft_interrupt || kind == Kind::timer;
 }
@@ -129,7 +137,7 @@ std::vector<Held> Timeline::holders(int cpu, std::int64_t from_ns, std::int64_t 
   };
   for (const auto& [event, latest_ns] : scheduling_) {
     if (event.kind != Kind::switched || event.cpu != cpu) continue;
-    until(std::min(event.at_ns, to_ns), now.value_or(event.thread));
+    until(std::min(event.at_ns, to_ns), now ? as_it_left(*now, event.thread) : event.thread);
     now = event.other;
     surely_ns = latest_ns;
     if (event.at_ns >= to_ns) break;

@@ -48,19 +48,29 @@ std::int64_t ran_from_ns(const Timeline& timeline, std::int32_t thread, std::int
   return from_ns;
 }
 
-// Between two waits for pages a thread runs for the next of them, if that is short; it is one cause.
+// Between two waits for pages a thread runs for the next of them, or is about to, if that is short; it is one
+// cause.
 bool fetches_pages(const Timeline& timeline, std::int32_t id, const std::vector<Stretch>& stretches,
                    std::size_t place) {
   const auto waits_for_a_page = [&](const Stretch& stretch) {
     return stretch.state == State::blocked &&
            cause_of_wait(timeline.waited_in(id, stretch.to_ns)) == Cause::page_fault;
   };
-  const auto is_beside = [](const Stretch& stretch) { return stretch.state != State::ready; };
+  const auto has_its_cpu = [](const Stretch& stretch) {
+    return stretch.state == State::runs || stretch.state == State::comes;
+  };
+  const auto is_beside = [&](const Stretch& stretch) {
+    return stretch.state != State::ready && !has_its_cpu(stretch);
+  };
   const auto here = stretches.begin() + static_cast<std::ptrdiff_t>(place);
-  const auto after = std::find_if(here + 1, stretches.end(), is_beside);
+  const auto after = std::find_if(here, stretches.end(), is_beside);
   const auto before = std::find_if(std::make_reverse_iterator(here), stretches.rend(), is_beside);
-  return here->length_ns() <= of_a_page_ns && before != stretches.rend() && after != stretches.end() &&
-         waits_for_a_page(*before) && waits_for_a_page(*after);
+  if (before == stretches.rend() || after == stretches.end() || !waits_for_a_page(*before) ||
+      !waits_for_a_page(*after))
+    return false;
+  std::int64_t between_ns = 0;
+  for (auto one = before.base(); one != after; ++one) between_ns += has_its_cpu(*one) ? one->length_ns() : 0;
+  return between_ns <= of_a_page_ns;
 }
 
 // Who stopped a process: the kernel names one of its threads.
@@ -198,12 +208,14 @@ void Way::thread(Found& found, const End& end, std::int32_t id, const std::strin
       case State::ready:
         waited(found, timeline, whose, stretch, outranked_in(timeline, stretches, place, whose.priority));
         break;
+      case State::comes:
       case State::runs:
         if (fetches_pages(timeline, id, stretches, place)) {
           part.cause = Cause::page_fault;
           add(found, part, stretch);
           break;
         }
+        if (stretch.state == State::comes) break;
         found.ran_ns += stretch.length_ns();
         found.ran.push_back(stretch);
         for (const auto& interrupt : timeline.interrupts(stretch.cpu, stretch.from_ns, stretch.to_ns)) {
@@ -236,7 +248,6 @@ void Way::thread(Found& found, const End& end, std::int32_t id, const std::strin
         add(found, part, stretch);
         break;
       }
-      case State::comes:
       case State::gone:
       case State::unknown:
         break;
