@@ -2,6 +2,9 @@
 // A run of which a message is to be explained.
 #pragma once
 
+#include <map>
+#include <string>
+
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -128,12 +131,16 @@ class Explained : public testing::TestWithParam<bool> {
     writer.append(run, samples_);
     writer.trace(run, {"controller", window_});
     const json machine = {{"boot_id", "b"}};
-    writer.end_run(
-        run,
-        {{"trace", traced},
-         {"hosts",
-          {{"controller", {{"machine", machine}, {"threads", threads({{asks, "send"}, {hears, "receive"}})}}},
-           {"component", {{"machine", machine}, {"threads", threads({{answers, "receive"}})}}}}}});
+    writer.end_run(run, {{"trace", traced},
+                         {"hosts",
+                          {{"controller",
+                            {{"machine", machine},
+                             {"threads", threads({{asks, "send"}, {hears, "receive"}})},
+                             {"link", {{"interface", "to-component"}, {"down", down_["controller"]}}}}},
+                           {"component",
+                            {{"machine", machine},
+                             {"threads", threads({{answers, "receive"}})},
+                             {"link", {{"interface", "to-controller"}, {"down", down_["component"]}}}}}}}});
     const auto reader = writer.reader();
     return account_of(reader, reader.runs().at(0));
   }
@@ -151,6 +158,7 @@ class Explained : public testing::TestWithParam<bool> {
 
   trace::Window window_;
   std::vector<Sample> samples_;
+  std::map<std::string, json> down_;  // of whose link
   int deadline_us_ = 0, timeout_us_ = 0;
 };
 

@@ -15,6 +15,7 @@
 
 #include "journal/journal.hpp"
 #include "machine/command.hpp"
+#include "machine/link_watch.hpp"
 #include "machine/machine.hpp"
 #include "own_run.hpp"
 
@@ -169,6 +170,40 @@ TEST_F(Namespaces, HaveTheirInterfacesFoundByTheRoute) {
   EXPECT_THAT(error_of([&] { interface_to("10.1.1.1", own.name); }), HasSubstr("10.1.1.1"));
   EXPECT_THAT(error_of([&] { interface_of(other.address, own.name); }), HasSubstr(other.address));
   EXPECT_THAT(error_of([&] { interface_to(other.address, "ontime-none"); }), HasSubstr("ontime-none"));
+}
+
+TEST_F(Namespaces, TellWhenTheirLinkIsDown) {
+  journal::Journal journal;
+  const auto ends = join_namespaces(journal);
+  const auto watch_of = [&](const NamespaceEnd& end) {
+    std::unique_ptr<LinkWatch> watch;
+    journal::within_namespace(end.name, [&] { watch = std::make_unique<LinkWatch>(end.interface); });
+    return watch;
+  };
+  const auto own = watch_of(ends[0]), other = watch_of(ends[1]);
+  // Within ten seconds: of a carrier the kernel tells once a second.
+  const auto told = [](const LinkWatch& watch, std::size_t count, bool is_over) {
+    const auto is_told = [&] {
+      return watch.downs().size() == count && (watch.downs().back().to_ns != 0) == is_over;
+    };
+    for (int tries = 0; tries < 1000 && !is_told(); ++tries)
+      std::this_thread::sleep_for(std::chrono::milliseconds(10));
+    return is_told();
+  };
+  for (std::size_t times = 1; times <= 2; ++times) {
+    for (const auto* what : {"down", "up"}) {
+      ip({"-netns", ends[1].name, "link", "set", ends[1].interface, what});
+      for (const auto* watch : {own.get(), other.get()})
+        ASSERT_TRUE(told(*watch, times, what == std::string("up"))) << what << " " << times;
+    }
+    const auto taken = other->downs().back(), without = own->downs().back();
+    EXPECT_TRUE(taken.taken);
+    EXPECT_FALSE(without.taken) << "the other end has no carrier meanwhile";
+    EXPECT_LT(taken.from_ns, taken.to_ns);
+  }
+  ip({"-netns", ends[1].name, "link", "delete", ends[1].interface});
+  EXPECT_TRUE(told(*other, 3, false)) << "for ever";
+  EXPECT_TRUE(other->downs().back().taken);
 }
 
 TEST_F(Namespaces, CanBeMadeAgainAtOnce) {

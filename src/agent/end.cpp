@@ -171,7 +171,9 @@ void End::begin() {
   answered_before_ = server_ ? server_->answered() : 0;
   losses_before_ = endpoint().losses();
   drops_before_ = machine::drops(task_.config.interface);
-  if (!task_.config.interface.empty()) traffic_before_ = machine::traffic(task_.config.interface);
+  if (task_.config.interface.empty()) return;
+  traffic_before_ = machine::traffic(task_.config.interface);
+  link_watch_ = std::make_unique<machine::LinkWatch>(task_.config.interface);
 }
 
 json End::ended() {
@@ -240,6 +242,10 @@ json End::link() const {
   if (!traffic_before_) return nullptr;
   auto link = machine::between(*traffic_before_, machine::traffic(task_.config.interface));
   link["interface"] = task_.config.interface;
+  link["down"] = json::array();
+  for (const auto& [from_ns, to_ns, taken] : link_watch_->downs())
+    link["down"].push_back(
+        {{"from_ns", from_ns}, {"to_ns", to_ns != 0 ? json(to_ns) : json(nullptr)}, {"taken", taken}});
   return link;
 }
 

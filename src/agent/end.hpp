@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "agent/agent.hpp"
+#include "machine/link_watch.hpp"
 #include "machine/machine.hpp"
 
 namespace ontime::agent {
@@ -57,6 +58,7 @@ class End {
   std::uint64_t answered_before_ = 0;
   std::optional<machine::Traffic> traffic_before_;
   machine::Drops drops_before_;
+  std::unique_ptr<machine::LinkWatch> link_watch_;  // null: of no interface
 };
 
 }  // namespace ontime::agent

@@ -232,6 +232,28 @@ void Pair::end() {
     end->agent->order("end");
     end->ended = coordinator_.await(*end->agent, "ended", patience, 1);
   }
+  for (const auto* end : {&controller_, &component_})
+    if (*end) note_downs(**end);
+}
+
+void Pair::note_downs(const End& end) {
+  const auto& link = end.ended.at("link");
+  if (link.is_null()) return;
+  const bool by_the_controllers_clock =
+      end.role == "controller" || machines_.hosts().kind != Hosts::Kind::stated;
+  for (const auto& down : link.at("down")) {
+    const std::int64_t from_ns = down.at("from_ns");
+    const auto& to_ns = down.at("to_ns");
+    const auto text = fmt::format(
+        "{} of the {} {} {}", link.at("interface").get<std::string>(), end.role,
+        down.at("taken") ? "was taken down" : "had no carrier",
+        to_ns.is_null()
+            ? "and is so still"
+            : fmt::format("for {:.0f} ms", static_cast<double>(to_ns.get<std::int64_t>() - from_ns) / 1e6));
+    writer_.note(number_,
+                 {"link-down", text, by_the_controllers_clock ? std::optional(from_ns) : std::nullopt, {}});
+    observer_.note(text);
+  }
 }
 
 json Pair::outcome(const Machines::Account& account) const {

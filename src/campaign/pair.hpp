@@ -60,6 +60,7 @@ class Pair {
   std::vector<End*> ends();
   void listen_to(Hand& client);
   void note_peers(const nlohmann::json& event);
+  void note_downs(const End&);
   void note_now(const char* kind, const std::string& text);
 
   const Run& run_;

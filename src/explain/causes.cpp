@@ -52,6 +52,8 @@ constexpr Row rows[] = {
      "the packet was dropped at {0}, the kernel does not say why", none},
     {Cause::unreachable, "unreachable", "the packet could not be sent at {0}: {1}", none,
      "ip route get ADDRESS, ip neigh: the interface, or the other end's, was down or lost its address"},
+    {Cause::link_down, "link-down", "the link was down at {0}: {1}", none,
+     "who takes the interface down, its cable, its driver: ip monitor link, journalctl -k"},
     {Cause::unknown, "unknown", none, "unknown", none}};
 
 const Row& row_of(Cause cause) {

@@ -23,7 +23,9 @@ using roundtrip::Sample;
 // Of any of a message's stages: beyond it nothing of a file is believed, nor calculated with.
 constexpr std::int64_t longest_ns = std::int64_t{86'400} * 1'000'000'000;
 constexpr std::size_t most_threads = 1000;  // of a process that measures
-constexpr std::size_t most_lost = 16;       // that are looked at
+constexpr std::size_t most_downs = 100;     // of a link
+constexpr std::int64_t forever_ns = 1'000'000'000'000'000'000;
+constexpr std::size_t most_lost = 16;  // that are looked at
 using Traces = std::vector<const record::Trace*>;
 
 // What is of another kind is nothing: the file may be anybody's.
@@ -32,9 +34,27 @@ std::int64_t integer_of(const json& value) {
   return value.is_number_integer() ? value.get<std::int64_t>() : 0;
 }
 
+std::vector<Down> downs_of(const json& list) {
+  std::vector<Down> downs;
+  if (!list.is_array()) return downs;
+  const auto can_be = [](const json& ns) {
+    return ns.is_number_integer() && -forever_ns <= ns && ns <= forever_ns;
+  };
+  for (const auto& one : list) {
+    const auto &from = at(one, "from_ns"), &to = at(one, "to_ns");
+    if (!can_be(from) || !(to.is_null() || can_be(to)) || downs.size() == most_downs) continue;
+    downs.push_back({integer_of(from), to.is_null() ? forever_ns : integer_of(to), at(one, "taken") == true});
+  }
+  return downs;
+}
+
 End end_of(const record::Run& run, const char* host) {
   End end{host, {}, nullptr};
-  const auto& threads = at(at(at(run.outcome, "hosts"), host), "threads");
+  const auto& of_host = at(at(run.outcome, "hosts"), host);
+  const auto& link = at(of_host, "link");
+  end.interface = text_of(at(link, "interface"));
+  end.downs = downs_of(at(link, "down"));
+  const auto& threads = at(of_host, "threads");
   if (!threads.is_array()) return end;
   if (threads.size() > most_threads)
     throw record::WrongFile(
@@ -104,6 +124,11 @@ class Explainer {
       message.whole = message.whole && trace->window.whole;
     }
     auto client = client_, server = server_;
+    if (server_later_ns < -forever_ns || forever_ns < server_later_ns) server.downs.clear();
+    for (auto& down : server.downs) {
+      down.from_ns += server_later_ns;
+      down.to_ns += server_later_ns;
+    }
     client.timeline = here ? &*here : nullptr;
     server.timeline = one_machine_ ? client.timeline : there ? &*there : nullptr;
     Way way(std::move(client), std::move(server), usual_, payload_bytes_, one_machine_);

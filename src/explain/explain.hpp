@@ -38,6 +38,7 @@ enum class Cause {
   queue,        // a queueing discipline held the packet
   dropped,      // the kernel threw the packet away
   unreachable,  // the kernel had no way to send the packet
+  link_down,    // an interface could carry nothing
   unknown
 };
 const char* word_of(Cause);

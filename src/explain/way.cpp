@@ -15,10 +15,16 @@ constexpr std::int64_t surely_throttled_ns =
 constexpr std::int64_t slow_to_wake_ns = 1'000'000;  // longer than any idle state takes to leave
 constexpr std::int64_t at_once_ns = 20'000;  // what packets and wake-ups take when nothing is in the way
 constexpr std::int64_t before_queue_ns =
-    1'000'000;                                  // within which a packet that is sent is queued or dropped
+    1'000'000;  // within which a packet that is sent is queued or dropped
+// After a link was taken down, or had no carrier any more, the news of it, at most: of the latter the kernel
+// tells once a second.
+constexpr std::int64_t told_late_ns = 20'000'000, of_carrier_told_late_ns = 1'000'000'000;
 constexpr std::int64_t of_a_page_ns = 200'000;  // what the kernel does at most of itself to fetch one
 constexpr std::int64_t fragment_bytes = 1000;   // of a message that takes several packets
-const std::string sigstop = "19", sigtstp = "20";
+// Who has an address is forgotten when a link goes down, and once it is asked who has it, then anew once a
+// second.
+constexpr std::int64_t forgotten_ns = 3'000'000'000;
+const std::string sigstop = "19", sigtstp = "20", no_neighbour = "no neighbour";
 
 bool is_kernels(const std::string& name) {
   return name.starts_with("ksoftirqd/") || name.starts_with("napi/");
@@ -48,28 +54,26 @@ std::int64_t ran_from_ns(const Timeline& timeline, std::int32_t thread, std::int
   return from_ns;
 }
 
-// Between two waits for pages a thread runs for the next of them, or is about to, if that is short; it is one
-// cause.
+// Between two waits for pages a thread comes to its CPU and runs for the next of them, if that is short; it
+// is one cause.
 bool fetches_pages(const Timeline& timeline, std::int32_t id, const std::vector<Stretch>& stretches,
                    std::size_t place) {
   const auto waits_for_a_page = [&](const Stretch& stretch) {
     return stretch.state == State::blocked &&
            cause_of_wait(timeline.waited_in(id, stretch.to_ns)) == Cause::page_fault;
   };
-  const auto has_its_cpu = [](const Stretch& stretch) {
-    return stretch.state == State::runs || stretch.state == State::comes;
-  };
-  const auto is_beside = [&](const Stretch& stretch) {
-    return stretch.state != State::ready && !has_its_cpu(stretch);
+  const auto is_beside = [](const Stretch& stretch) {
+    return stretch.state != State::ready && stretch.state != State::runs && stretch.state != State::comes;
   };
   const auto here = stretches.begin() + static_cast<std::ptrdiff_t>(place);
+  if (is_beside(*here)) return false;
   const auto after = std::find_if(here, stretches.end(), is_beside);
   const auto before = std::find_if(std::make_reverse_iterator(here), stretches.rend(), is_beside);
   if (before == stretches.rend() || after == stretches.end() || !waits_for_a_page(*before) ||
       !waits_for_a_page(*after))
     return false;
   std::int64_t between_ns = 0;
-  for (auto one = before.base(); one != after; ++one) between_ns += has_its_cpu(*one) ? one->length_ns() : 0;
+  for (auto one = before.base(); one != after; ++one) between_ns += one->length_ns();
   return between_ns <= of_a_page_ns;
 }
 
@@ -204,18 +208,16 @@ void Way::thread(Found& found, const End& end, std::int32_t id, const std::strin
   for (std::size_t place = 0; place < stretches.size(); ++place) {
     const auto& stretch = stretches[place];
     auto part = whose;
+    if (fetches_pages(timeline, id, stretches, place)) {
+      part.cause = Cause::page_fault;
+      add(found, part, stretch);
+      continue;
+    }
     switch (stretch.state) {
       case State::ready:
         waited(found, timeline, whose, stretch, outranked_in(timeline, stretches, place, whose.priority));
         break;
-      case State::comes:
       case State::runs:
-        if (fetches_pages(timeline, id, stretches, place)) {
-          part.cause = Cause::page_fault;
-          add(found, part, stretch);
-          break;
-        }
-        if (stretch.state == State::comes) break;
         found.ran_ns += stretch.length_ns();
         found.ran.push_back(stretch);
         for (const auto& interrupt : timeline.interrupts(stretch.cpu, stretch.from_ns, stretch.to_ns)) {
@@ -248,6 +250,7 @@ void Way::thread(Found& found, const End& end, std::int32_t id, const std::strin
         add(found, part, stretch);
         break;
       }
+      case State::comes:
       case State::gone:
       case State::unknown:
         break;
@@ -356,9 +359,41 @@ void Way::leg(Found& found, const End& from, const End& to, std::int64_t from_ns
   receiver(found, to, way.received->at_ns, to_ns);
 }
 
+// Which interface could carry nothing in that time, or so shortly before it that this is felt still. Where
+// one is taken down the other end has no carrier either.
+std::optional<Part> Way::link_down(Stage stage, std::int64_t from_ns, std::int64_t to_ns,
+                                   std::int64_t felt_ns) const {
+  for (const bool taken : {true, false})
+    for (const auto* end : {&client_, &server_})
+      for (const auto& down : end->downs) {
+        const auto felt_until_ns = down.to_ns + felt_ns;
+        const auto since_ns = down.from_ns - (taken ? told_late_ns : of_carrier_told_late_ns);
+        if (down.taken != taken || since_ns > to_ns || felt_until_ns < from_ns) continue;
+        const auto until_ns = std::min(to_ns, felt_until_ns);
+        const Stretch when{std::clamp(down.from_ns, from_ns, until_ns), until_ns, State::unknown, -1};
+        return Part{.cause = Cause::link_down,
+                    .stage = stage,
+                    .end = end->name,
+                    .culprit = end->interface + (taken ? " was taken down" : " had no carrier"),
+                    .ns = when.length_ns(),
+                    .when = {when}};
+      }
+  return {};
+}
+
+// Whether a neighbour was asked who has the address.
+bool is_sought_by(const End& from, const Leg& times) {
+  if (from.timeline == nullptr) return false;
+  const auto& events = from.timeline->events();
+  return std::any_of(events.begin(), events.end(), [&](const Event& event) {
+    return event.kind == Kind::no_neighbour && has(from, event.thread.id) && times.from_ns <= event.at_ns &&
+           event.at_ns <= times.to_ns;
+  });
+}
+
 // What is over the usual, and no state of a thread or packet accounts for.
-void Way::rest(Found& found, std::size_t leg, std::int64_t length_ns) const {
-  auto left_ns = length_ns - found.held_ns - usual_.leg_ns(leg);
+void Way::rest(Found& found, std::size_t leg, const Leg& times) const {
+  auto left_ns = times.length_ns() - found.held_ns - usual_.leg_ns(leg);
   const auto take = [&](Cause cause, std::int64_t most_ns, const std::vector<Stretch>& when) {
     const auto ns = std::min(left_ns, most_ns);
     auto part = found.last;
@@ -373,6 +408,15 @@ void Way::rest(Found& found, std::size_t leg, std::int64_t length_ns) const {
   if (leg == waking) take(Cause::timer, slept_ns, found.slept);
   take(Cause::busy, found.ran_ns, found.ran);
   if (leg == sending || leg == answering) take(Cause::waited, slept_ns, found.slept);
+  constexpr std::size_t back = 4;
+  const bool is_sought =
+      leg == back ? is_sought_by(server_, times) : leg == 2 && is_sought_by(client_, times);
+  const auto down = link_down(Stage::travelled, times.from_ns, times.to_ns, is_sought ? forgotten_ns : 0);
+  if (down && (leg == 2 || leg == back)) {
+    const auto ns = std::min(left_ns, down->ns);
+    add(found, *down, ns, down->when);
+    left_ns -= std::max<std::int64_t>(ns, 0);
+  }
   take(Cause::unknown, left_ns, {});
 }
 
@@ -394,7 +438,7 @@ std::vector<Part> Way::delays_of(const roundtrip::Sample& sample) {
     } else {
       leg(found, number == 2 ? client_ : server_, number == 2 ? server_ : client_, from_ns, to_ns);
     }
-    rest(found, number, to_ns - from_ns);
+    rest(found, number, way[number]);
     all.insert(all.end(), found.parts.begin(), found.parts.end());
   }
   std::stable_sort(all.begin(), all.end(),
@@ -426,7 +470,7 @@ bool Way::not_sent(Found& found, const End& from, std::int64_t from_ns) const {
     found.parts.push_back({.cause = Cause::unreachable,
                            .stage = Stage::left,
                            .end = from.name,
-                           .culprit = event.kind == Kind::no_route ? "no route" : "no neighbour",
+                           .culprit = event.kind == Kind::no_route ? "no route" : no_neighbour,
                            .when = {{event.at_ns, event.at_ns, State::unknown, -1}}});
     return true;
   }
@@ -460,6 +504,13 @@ bool Way::lost_between(Found& found, const End& from, const End& to, const Packe
   return false;
 }
 
+// Whether what became of a packet may be for want of a link.
+bool may_be_of_a_link(const Part& part) {
+  return part.cause == Cause::unreachable ||
+         (part.cause == Cause::dropped && part.stage != Stage::delivered &&
+          !part.culprit.starts_with("NETFILTER") && !part.culprit.starts_with("TC_"));
+}
+
 std::vector<Part> Way::loss_of(const roundtrip::Sample& sample, std::int64_t until_ns) {
   Found found;
   const auto there = packet(client_, server_, sample.sent_ns, until_ns);
@@ -477,7 +528,21 @@ std::vector<Part> Way::loss_of(const roundtrip::Sample& sample, std::int64_t unt
     return part.cause == Cause::waited || (part.cause != Cause::dropped && part.cause != Cause::unreachable &&
                                            part.ns < (until_ns - sample.sent_ns) / 2);
   });
-  if (found.parts.empty()) found.parts.push_back({.stage = Stage::delivered, .end = server_.name});
+  if (found.parts.empty()) {
+    const auto sent_ns = there.received != nullptr ? there.received->at_ns : sample.sent_ns;
+    const auto down = link_down(Stage::travelled, sent_ns, sent_ns, 0);
+    found.parts.push_back(down.value_or(Part{.stage = Stage::delivered, .end = server_.name}));
+    found.parts.back().ns = 0;
+  }
+  for (auto& part : found.parts) {
+    if (!may_be_of_a_link(part)) continue;
+    const auto at_ns = part.when.front().from_ns;
+    const auto down = link_down(part.stage, at_ns, at_ns, part.culprit == no_neighbour ? forgotten_ns : 0);
+    if (!down) continue;
+    part.cause = down->cause;
+    part.end = down->end;
+    part.culprit = down->culprit;
+  }
   std::stable_sort(found.parts.begin(), found.parts.end(),
                    [](const Part& one, const Part& other) { return one.ns > other.ns; });
   return found.parts;

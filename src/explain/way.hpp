@@ -3,6 +3,7 @@
 #pragma once
 
 #include <cstdint>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -17,11 +18,18 @@ struct KnownThread {
   std::int32_t id;
   std::string role;
 };
+// A time in which the end's interface could carry nothing.
+struct Down {
+  std::int64_t from_ns, to_ns;
+  bool taken;  // down, by somebody; false: it had no carrier
+};
 // One end of a run. `timeline` may be nullptr: its machine was not traced.
 struct End {
   const char* name;  // "controller", "component"
   std::vector<KnownThread> threads;
   const Timeline* timeline = nullptr;
+  std::string interface {};
+  std::vector<Down> downs{};  // in order
 };
 
 class Way {
@@ -52,7 +60,8 @@ class Way {
   void receiver(Found&, const End&, std::int64_t from_ns, std::int64_t to_ns) const;
   void held_in_queue(Found&, const End& from, const Packet&, std::int64_t until_ns) const;
   void leg(Found&, const End& from, const End& to, std::int64_t from_ns, std::int64_t to_ns) const;
-  void rest(Found&, std::size_t leg, std::int64_t length_ns) const;
+  std::optional<Part> link_down(Stage, std::int64_t from_ns, std::int64_t to_ns, std::int64_t felt_ns) const;
+  void rest(Found&, std::size_t leg, const Leg&) const;
   Packet packet(const End& from, const End& to, std::int64_t from_ns, std::int64_t to_ns) const;
   bool not_sent(Found&, const End& from, std::int64_t from_ns) const;
   bool lost_between(Found&, const End& from, const End& to, const Packet&, std::int64_t from_ns,

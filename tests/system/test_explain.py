@@ -74,9 +74,9 @@ class Explain(unittest.TestCase):
         dropped, lost = part("dropped", 0, "NETFILTER_DROP"), part("unknown", 0)
         self.assertTrue(verdict("drop-in", dropped, dropped, dropped, dropped, unknown))
         self.assertFalse(verdict("drop-in", dropped, dropped, lost), "of the messages")
-        self.assertTrue(verdict("link-down", part("unreachable", 0, "no route", "left")))
-        self.assertTrue(verdict("link-down", part("dropped", 0, "__dev_forward_skb2", "travelled")))
-        self.assertFalse(verdict("link-down", part("dropped", 0, "__dev_forward_skb2", "travelled", "controller")), "the other end")
+        self.assertTrue(verdict("link-down", part("link-down", 0, "eth0 was taken down", "left")))
+        self.assertFalse(verdict("link-down", part("link-down", 0, "eth0 was taken down", "left", "controller")), "the other end")
+        self.assertFalse(verdict("link-down", part("link-down", 0, "eth0 had no carrier", "left")), "not by somebody")
         self.assertFalse(verdict("link-down", dropped), "by another")
 
     def test_culprits_are_made_where_they_can_be_and_of_what_is_its_own(self):

@@ -1,0 +1,104 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "machine/link_watch.hpp"
+
+#include <array>
+#include <cerrno>
+#include <chrono>
+#include <optional>
+
+#include <fmt/format.h>
+#include <libmnl/libmnl.h>
+#include <linux/rtnetlink.h>
+#include <net/if.h>
+#include <poll.h>
+#include <pthread.h>
+#include <sys/eventfd.h>
+#include <unistd.h>
+
+#include "machine/machine.hpp"
+
+namespace ontime::machine {
+namespace {
+
+constexpr unsigned lower_up = 1U << 16;  // IFF_LOWER_UP of linux/if.h, which does not go beside net/if.h
+
+struct State {
+  bool is_up, has_carrier;
+};
+
+// Of a message of the kernel's that may be of another interface, or of none.
+std::optional<State> state_in(const nlmsghdr& header, unsigned interface) {
+  if (header.nlmsg_type != RTM_NEWLINK && header.nlmsg_type != RTM_DELLINK) return {};
+  if (header.nlmsg_len < mnl_nlmsg_size(sizeof(ifinfomsg))) return {};
+  const auto& about = *static_cast<const ifinfomsg*>(mnl_nlmsg_get_payload(&header));
+  if (about.ifi_family != AF_UNSPEC || static_cast<unsigned>(about.ifi_index) != interface) return {};
+  if (header.nlmsg_type == RTM_DELLINK) return State{false, false};
+  return State{(about.ifi_flags & IFF_UP) != 0, (about.ifi_flags & lower_up) != 0};
+}
+
+void ask(mnl_socket& socket, unsigned interface) {
+  alignas(nlmsghdr) std::array<char, 128> bytes{};
+  auto* const header = mnl_nlmsg_put_header(bytes.data());
+  header->nlmsg_type = RTM_GETLINK;
+  header->nlmsg_flags = NLM_F_REQUEST;
+  auto* const about = static_cast<ifinfomsg*>(mnl_nlmsg_put_extra_header(header, sizeof(ifinfomsg)));
+  about->ifi_index = static_cast<int>(interface);
+  mnl_socket_sendto(&socket, header, header->nlmsg_len);
+}
+
+std::int64_t now_ns() { return std::chrono::steady_clock::now().time_since_epoch().count(); }
+
+}  // namespace
+
+LinkWatch::LinkWatch(const std::string& interface)
+    : interface_(if_nametoindex(interface.c_str())),
+      socket_(mnl_socket_open2(NETLINK_ROUTE, SOCK_CLOEXEC | SOCK_NONBLOCK), mnl_socket_close),
+      over_(eventfd(0, EFD_CLOEXEC)) {
+  if (!socket_ || over_ < 0 || mnl_socket_bind(socket_.get(), RTMGRP_LINK, MNL_SOCKET_AUTOPID) != 0) {
+    close(over_);
+    throw Error(fmt::format("the kernel's news of interface {} cannot be had", interface));
+  }
+  thread_ = std::thread([this] { watch(); });
+}
+
+LinkWatch::~LinkWatch() {
+  eventfd_write(over_, 1);
+  thread_.join();
+  close(over_);
+}
+
+std::vector<LinkWatch::Down> LinkWatch::downs() const {
+  const std::lock_guard lock(mutex_);
+  return downs_;
+}
+
+void LinkWatch::watch() {
+  pthread_setname_np(pthread_self(), "ontime-link");
+  alignas(nlmsghdr) std::array<char, 32768> bytes{};
+  bool is_down = false;
+  const auto enter = [&](const State& state) {
+    const bool carries = state.is_up && state.has_carrier;
+    const std::lock_guard lock(mutex_);
+    if (!carries && !is_down && downs_.size() < most) downs_.push_back({now_ns(), 0, !state.is_up});
+    // Where the carrier goes before the flag does.
+    if (!carries && is_down && downs_.back().to_ns == 0) downs_.back().taken |= !state.is_up;
+    if (carries && is_down && downs_.back().to_ns == 0) downs_.back().to_ns = now_ns();
+    is_down = !carries;
+  };
+  std::array<pollfd, 2> waits{{{mnl_socket_get_fd(socket_.get()), POLLIN, 0}, {over_, POLLIN, 0}}};
+  while (poll(waits.data(), waits.size(), -1) >= 0 || errno == EINTR) {
+    // First what there is still: it was before the end.
+    for (;;) {
+      const auto size = mnl_socket_recvfrom(socket_.get(), bytes.data(), bytes.size());
+      if (size < 0 && errno == ENOBUFS) ask(*socket_, interface_);  // some news was lost
+      if (size <= 0) break;
+      auto left = static_cast<int>(size);
+      const auto* header = reinterpret_cast<const nlmsghdr*>(bytes.data());
+      for (; mnl_nlmsg_ok(header, left); header = mnl_nlmsg_next(header, &left))
+        if (const auto state = state_in(*header, interface_)) enter(*state);
+    }
+    if ((waits[1].revents & POLLIN) != 0) return;
+  }
+}
+
+}  // namespace ontime::machine

@@ -1,0 +1,106 @@
+// SPDX-License-Identifier: Apache-2.0
+// Of links that could carry nothing.
+#include "explain_fixture.hpp"
+
+namespace ontime::explain {
+namespace {
+
+class Links : public Explained {
+ protected:
+  void down(const char* end, std::int64_t from, std::int64_t to, bool taken) {
+    down_[end].push_back({{"from_ns", from}, {"to_ns", to}, {"taken", taken}});
+  }
+  void dropped(const char* reason) {
+    event(sent + 5 * us, 0, Kind::queued, asks, 0, "veth", 1);
+    event(sent + 6 * us, 0, Kind::sent, asks, 0, "veth", 1);
+    event(sent + 7 * us, 0, Kind::dropped, asks, 0, reason, 1);
+  }
+};
+
+TEST_P(Links, AMessageThatIsLostWhileOneIsTakenDown) {
+  down("controller", due - 50 * ms, due + 50 * ms, false);
+  down("component", due - 49 * ms, due + 50 * ms, true);
+  const auto part = first(message(lost()));
+  EXPECT_EQ(part.cause, Cause::link_down);
+  EXPECT_EQ(part.end, "component") << "the other end has no carrier for want of it";
+  EXPECT_EQ(sentence_of(part), "the link was down at pong's side: to-controller was taken down");
+}
+
+TEST_P(Links, OneThatHasNoCarrierAtBothEndsIsNamedAtOne) {
+  for (const auto* end : {"controller", "component"}) down(end, due - 50 * ms, due + 50 * ms, false);
+  EXPECT_EQ(sentence_of(first(message(lost()))),
+            "the link was down at ping's side: to-component had no carrier");
+}
+
+TEST_P(Links, ThatOneHasNoCarrierIsToldLate) {
+  down("controller", due + 700 * ms, due + 900 * ms, false);
+  EXPECT_EQ(first(message(lost())).cause, Cause::link_down);
+}
+
+TEST_P(Links, OneThatIsDownStill) {
+  down_["component"].push_back({{"from_ns", due - ms}, {"to_ns", nullptr}, {"taken", true}});
+  EXPECT_EQ(first(message(lost())).cause, Cause::link_down);
+}
+
+TEST_P(Links, OneThatWasDownBeforeOrWentDownLaterIsNotAccused) {
+  down("component", due - 50 * ms, due - ms, true);
+  down("component", due + 50 * ms, due + 90 * ms, true);
+  EXPECT_EQ(first(message(lost())).cause, Cause::unknown);
+}
+
+TEST_P(Links, APacketThatIsDroppedWhereOneIsDown) {
+  down("component", due - ms, due + ms, true);
+  dropped("__dev_forward_skb2");
+  const auto part = first(message(lost()));
+  EXPECT_EQ(part.cause, Cause::link_down);
+  EXPECT_EQ(part.stage, Stage::travelled);
+}
+
+TEST_P(Links, APacketThatARuleDroppedIsNotTheLinks) {
+  down("component", due - ms, due + ms, true);
+  dropped("NETFILTER_DROP");
+  EXPECT_EQ(first(message(lost())).cause, Cause::dropped);
+}
+
+TEST_P(Links, WhoIsNotFoundSoonAfterOneWasDownWasForgottenForIt) {
+  event(due + 5 * us, 0, Kind::waking, asks, 0, "0");
+  switched(due + 8 * us, 0, 0, "R", asks);
+  event(sent + 5 * us, 0, Kind::no_neighbour, asks);
+  EXPECT_EQ(first(message(lost())).cause, Cause::unreachable);
+  down("component", due - 450 * ms, due - 300 * ms, true);
+  samples_.erase(samples_.begin() + 50);
+  EXPECT_EQ(first(message(lost())).cause, Cause::link_down);
+}
+
+TEST_P(Links, WhoIsNotFoundLongAfterOneWasDownHasAnotherReason) {
+  event(due + 5 * us, 0, Kind::waking, asks, 0, "0");
+  switched(due + 8 * us, 0, 0, "R", asks);
+  event(sent + 5 * us, 0, Kind::no_neighbour, asks);
+  down("component", due - 6000 * ms, due - 5000 * ms, true);
+  EXPECT_EQ(first(message(lost())).cause, Cause::unreachable);
+}
+
+TEST_P(Links, AMessageThatIsSentAgainWhenOneIsUpIsLateForIt) {
+  down("component", due - ms, due + 15 * ms, true);
+  const auto part = first(message(late(0, 16 * ms, 0)));
+  EXPECT_EQ(part.cause, Cause::link_down);
+  EXPECT_EQ(part.ns, 15 * ms - 12 * us) << "as long as it was down since then, and no longer";
+}
+
+TEST_P(Links, WhatAFileSaysOfThemThatCannotBeIsNothing) {
+  down_["component"] = {{{"from_ns", "x"}, {"to_ns", nullptr}, {"taken", true}},
+                        {{"from_ns", -1.5}, {"to_ns", due + ms}, {"taken", true}},
+                        {{"from_ns", 0}, {"to_ns", std::int64_t{1} << 62}, {"taken", true}},
+                        7};
+  EXPECT_EQ(first(message(lost())).cause, Cause::unknown);
+  down_["component"] = "down";
+  samples_.erase(samples_.begin() + 50);
+  EXPECT_EQ(first(message(lost())).cause, Cause::unknown);
+}
+
+INSTANTIATE_TEST_SUITE_P(Kernel, Links, testing::Values(true, false), [](const auto& told) {
+  return told.param ? "TellsLeavingIdle" : "DoesNotTellLeavingIdle";
+});
+
+}  // namespace
+}  // namespace ontime::explain
