@@ -65,7 +65,8 @@ struct Wait {
   std::string_view function;
   Cause cause;
 };
-constexpr Wait waits[] = {{"rwsem_down_", Cause::lock},       {"mutex_lock", Cause::lock},
+constexpr Wait waits[] = {{"rtlock_slowlock", Cause::lock},   {"rt_mutex_", Cause::lock},
+                          {"rwsem_down_", Cause::lock},       {"mutex_lock", Cause::lock},
                           {"percpu_rwsem_wait", Cause::lock}, {"handle_mm_fault", Cause::page_fault},
                           {"page_fault", Cause::page_fault},  {"io_schedule", Cause::disk}};
 
@@ -98,7 +99,11 @@ std::string whose(const Part& part) {
 
 std::string for_a_cpu(const Part& part) {
   if (part.stage == Stage::travelled)
-    return "kernel.ksoftirqd, or kernel.napi-threads: a priority above " + part.culprit;
+    return fmt::format("kernel.{}: a priority above {}'s",
+                       part.thread.starts_with("irq/")    ? "irq-threads"
+                       : part.thread.starts_with("napi/") ? "napi-threads"
+                                                          : "ksoftirqd",
+                       part.culprit);
   if (part.priority >= trace::least_ordinary)
     return fmt::format("realtime: on (of this thread alone: realtime.{}.priority: 80)", part.thread);
   return fmt::format("realtime.{}.priority above {}'s, or realtime.{}.cpus apart from it", part.thread,

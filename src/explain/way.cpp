@@ -26,8 +26,10 @@ constexpr std::int64_t fragment_bytes = 1000;   // of a message that takes sever
 constexpr std::int64_t forgotten_ns = 3'000'000'000;
 const std::string sigstop = "19", sigtstp = "20", no_neighbour = "no neighbour";
 
+bool is_interrupts(const std::string& name) { return name.starts_with("irq/"); }
+
 bool is_kernels(const std::string& name) {
-  return name.starts_with("ksoftirqd/") || name.starts_with("napi/");
+  return name.starts_with("ksoftirqd/") || name.starts_with("napi/") || is_interrupts(name);
 }
 
 bool brings_packets(const Timeline& timeline, const Waker& waker) {
@@ -89,12 +91,24 @@ std::string who_stopped(const Timeline& timeline, std::int64_t before_ns) {
 
 }  // namespace
 
+// Whether any packet that was sent was received as the same, as between two network namespaces; over a wire
+// it is another.
+bool hands_packets_over(const Timeline* timeline) {
+  if (timeline == nullptr || timeline->events().empty()) return false;
+  const auto anybody = [](std::int32_t) { return true; };
+  const auto& events = timeline->events();
+  const auto packets = packets_of(*timeline, anybody, true, events.front().at_ns, events.back().at_ns);
+  return std::any_of(packets.begin(), packets.end(),
+                     [](const Packet& packet) { return packet.received != nullptr; });
+}
+
 Way::Way(End client, End server, const Usual& usual, std::int64_t payload_bytes, bool one_machine)
     : client_(std::move(client)),
       server_(std::move(server)),
       usual_(usual),
       packet_bytes_(std::min(payload_bytes, fragment_bytes)),
-      one_machine_(one_machine) {}
+      one_machine_(one_machine),
+      is_handed_over_(one_machine && hands_packets_over(client_.timeline)) {}
 
 void Way::add(Found& found, const Part& part, const Stretch& when) const {
   add(found, part, when.length_ns(), {when});
@@ -317,12 +331,14 @@ Packet Way::packet(const End& from, const End& to, std::int64_t from_ns, std::in
     packet = one;
     break;
   }
-  if (one_machine_ || packet.sent == nullptr || to.timeline == nullptr) return packet;
-  // On the other machine: the last of its size that had come.
-  for (const auto& event : to.timeline->events())
-    if (event.kind == Kind::received && event.bytes >= packet_bytes_ && event.at_ns <= to_ns &&
-        event.at_ns >= packet.sent->at_ns - usual_.uncertainty_ns(from_ns))
+  if (is_handed_over_ || packet.sent == nullptr || to.timeline == nullptr) return packet;
+  // Over a wire: the last of its size that had come.
+  for (const auto& event : to.timeline->events()) {
+    const bool is_its = event.kind == Kind::received && event.bytes >= packet_bytes_ &&
+                        (!one_machine_ || event.what == to.interface);
+    if (is_its && event.at_ns <= to_ns && event.at_ns >= packet.sent->at_ns - usual_.uncertainty_ns(from_ns))
       packet.received = &event;
+  }
   return packet;
 }
 
@@ -332,6 +348,25 @@ void Way::held_in_queue(Found& found, const End& from, const Packet& packet, std
     if (out_ns - in->at_ns <= at_once_ns) continue;
     add(found, {.cause = Cause::queue, .stage = Stage::queued, .end = from.name, .culprit = in->what},
         {in->at_ns, out_ns, State::unknown, -1});
+  }
+}
+
+// By the kernel's threads that take it in, the last first: NAPI's may be woken by an interrupt's. Who ran
+// when that was woken was only interrupted.
+void Way::brought(Found& found, const End& to, std::int32_t id, std::int64_t from_ns,
+                  std::int64_t to_ns) const {
+  const auto& timeline = *to.timeline;
+  for (auto name = timeline.name_of(id); is_kernels(name); name = timeline.name_of(id)) {
+    const Event* woken = nullptr;
+    for (const auto& event : timeline.events())
+      if (event.kind == Kind::waking && event.thread.id == id && event.at_ns > from_ns && event.at_ns < to_ns)
+        woken = &event;
+    const bool by_another =
+        !is_interrupts(name) && woken != nullptr && is_interrupts(timeline.name_of(woken->other.id));
+    thread(found, to, id, name, Stage::travelled, by_another ? woken->at_ns : from_ns, to_ns);
+    if (!by_another) return;
+    to_ns = woken->at_ns;
+    id = woken->other.id;
   }
 }
 
@@ -353,9 +388,7 @@ void Way::leg(Found& found, const End& from, const End& to, std::int64_t from_ns
     receiver(found, to, way.sent->at_ns, to_ns);
     return;
   }
-  const auto by = to.timeline->name_of(way.received->thread.id);
-  if (is_kernels(by))
-    thread(found, to, way.received->thread.id, by, Stage::travelled, way.sent->at_ns, way.received->at_ns);
+  brought(found, to, way.received->thread.id, way.sent->at_ns, way.received->at_ns);
   receiver(found, to, way.received->at_ns, to_ns);
 }
 

@@ -34,7 +34,7 @@ struct End {
 
 class Way {
  public:
-  // `one_machine`: a packet is the same at both ends.
+  // `one_machine`: both ends have one timeline.
   Way(End client, End server, const Usual&, std::int64_t payload_bytes, bool one_machine);
 
   // All of what is above the usual, by cause, the largest first.
@@ -59,6 +59,7 @@ class Way {
   void waited(Found&, const Timeline&, const Part&, const Stretch&, std::int64_t outranked_ns) const;
   void receiver(Found&, const End&, std::int64_t from_ns, std::int64_t to_ns) const;
   void held_in_queue(Found&, const End& from, const Packet&, std::int64_t until_ns) const;
+  void brought(Found&, const End& to, std::int32_t id, std::int64_t from_ns, std::int64_t to_ns) const;
   void leg(Found&, const End& from, const End& to, std::int64_t from_ns, std::int64_t to_ns) const;
   std::optional<Part> link_down(Stage, std::int64_t from_ns, std::int64_t to_ns, std::int64_t felt_ns) const;
   void rest(Found&, std::size_t leg, const Leg&) const;
@@ -73,6 +74,7 @@ class Way {
   const Usual& usual_;
   const std::int64_t packet_bytes_;  // a packet of a message has as many at least
   const bool one_machine_;
+  const bool is_handed_over_;  // a packet is the same at both ends
 };
 
 }  // namespace ontime::explain
