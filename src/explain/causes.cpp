@@ -26,7 +26,7 @@ constexpr Row rows[] = {
      "give its cgroup more (cpu.max, cpu.cfs_quota_us), and real-time threads too "
      "(kernel.rt-throttling: off)"},
     {Cause::idle_cpu, "idle-cpu", none,
-     "{0} was ready, but its idle CPU showed no sign of life: it woke slowly, or a hypervisor did not run it",
+     "{0} was ready, but its CPU showed no sign of life: it woke slowly, or a hypervisor did not run it",
      "realtime.cpu-latency: 0 us; a virtual CPU is pinned at its host, no setting here helps"},
     {Cause::stopped, "stopped", "{0} was stopped by a signal from {1}", "{0} was stopped by a signal",
      "nobody should stop it (SIGSTOP, SIGTSTP)"},

@@ -26,7 +26,7 @@ enum class Cause {
   cpu,          // it waited for a CPU while another thread ran there
   interrupts,   // interrupts or soft interrupts took its CPU
   throttled,    // it was ready and its CPU was not given to it, though nobody of its rank or above had it
-  idle_cpu,     // it was ready, and its CPU showed no sign of life
+  idle_cpu,     // it was ready, and its CPU, idle or not, showed no sign of life
   stopped,      // by a signal
   page_fault,   // it waited in the kernel for a page of its memory
   lock,         // it waited for a lock of the kernel's

@@ -189,10 +189,16 @@ void Way::waited(Found& found, const Timeline& timeline, const Part& whose, cons
       add(found, by, {interrupt.from_ns, interrupt.to_ns, State::ready, stretch.cpu});
       ns -= interrupt.to_ns - interrupt.from_ns;
     }
+    // A CPU that another has for so long is interrupted by its clock now and then; one that no hypervisor
+    // runs is not.
+    const bool is_dead = is_outranked(held, whose.priority) && when.length_ns() >= surely_throttled_ns &&
+                         !timeline.lives(stretch.cpu, held.from_ns + at_once_ns, held.to_ns - at_once_ns);
     const bool is_passed_over = held.thread.priority >= trace::least_ordinary && held.to_ns <= passed_over_ns;
-    part.cause = is_passed_over || (is_outranked(held, whose.priority) && outranked_ns >= surely_throttled_ns)
-                     ? Cause::throttled
-                     : Cause::cpu;
+    part.cause =
+        is_dead ? Cause::idle_cpu
+        : is_passed_over || (is_outranked(held, whose.priority) && outranked_ns >= surely_throttled_ns)
+            ? Cause::throttled
+            : Cause::cpu;
     if (part.cause == Cause::cpu) {
       part.culprit = held.thread.name.empty() ? timeline.name_of(held.thread.id) : held.thread.name;
       part.culprit_threads = {held.thread.id};
