@@ -3,6 +3,7 @@
 
 #include <csignal>
 #include <string_view>
+#include <thread>
 
 #include <fcntl.h>
 #include <gmock/gmock.h>
@@ -254,6 +255,15 @@ TEST_F(CoordinatorTest, OneThatIsLongInComingIsAwaited) {
   coordinator_.await(hand, "answered", 10s);
 }
 
+// A keeper that begins to trace, on a machine under full load: what its coordinator said meanwhile is not
+// read yet.
+TEST_F(CoordinatorTest, OneThatTakesLongOverAnOrderDoesNotTakeItsCoordinatorForSilent) {
+  Coordinator::Hand hand(coordinator_, "the busy one", worker("obedient"), "s");
+  hand.order("take long");
+  hand.order("answer");
+  coordinator_.await(hand, "answered", 30s);
+}
+
 TEST_F(CoordinatorTest, OneThatNeverStopsTalkingDoesNotKeepUsFromLeaving) {
   Coordinator::Hand hand(coordinator_, "the talkative one", worker("obedient"), "s");
   int said = 0;
@@ -333,6 +343,7 @@ class Obedient final : public Worker {
     if (order == "answer") events_.tell("answered", {{"pid", getpid()}});
     if (order == "chatter")
       for (int count = 0; count < chatter; ++count) events_.tell("said", json::object(), much);
+    if (order == "take long") std::this_thread::sleep_for(longest_silence + 1s);
     if (order == "fail") throw Error(body.value("exit", 2), "it was wrong");
   }
   std::chrono::milliseconds go_on() override { return 500ms; }

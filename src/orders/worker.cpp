@@ -76,17 +76,18 @@ void obey_all(Pipe& pipe, Worker& worker) {
     pollfd waiting{frames.in(), POLLIN, 0};
     poll(&waiting, 1, static_cast<int>(alone.count()));
     while (frames.fill()) heard = Clock::now();
+    // Here, for an order may have taken longer, and what was said meanwhile is heard only now.
+    if (Clock::now() - heard > longest_silence)
+      throw Error(
+          3, fmt::format("the coordinator (the ontime that was started by hand) was silent for {} s: it was "
+                         "stopped, or the connection to it is gone",
+                         longest_silence.count()));
     while (const auto frame = frames.take()) {
       const std::string order = frame->message.value("order", "");
       if (order != "beat") worker.obey(order, frame->message);
     }
     if (terminations > 0 && !std::exchange(told, true)) pipe.tell("terminated", json::object(), {});
     if (terminations > 1) return;
-    if (Clock::now() - heard > longest_silence)
-      throw Error(
-          3, fmt::format("the coordinator (the ontime that was started by hand) was silent for {} s: it was "
-                         "stopped, or the connection to it is gone",
-                         longest_silence.count()));
   }
 }
 
