@@ -189,8 +189,10 @@ TEST_P(Explained, ARealTimeThreadThatWaitsLongForAnOrdinaryOneIsThrottled) {
   sender_wakes_and_sends();
   event(sent + 10 * us, 1, Kind::waking, answers, asks, "1");
   window_.events.back().thread.priority = fifo_80;
-  event(sent + 4 * ms, 1, Kind::timer, hog);
-  event(sent + 4 * ms + us, 1, Kind::timer_end, hog);
+  for (int i = 1; i < 12; ++i) {
+    event(sent + i * 4 * ms, 1, Kind::timer, hog);
+    event(sent + i * 4 * ms + us, 1, Kind::timer_end, hog);
+  }
   switched(sent + 50 * ms, 1, hog, "R", answers);
   window_.events.back().other.priority = fifo_80;
   EXPECT_EQ(first(message(late(0, 50 * ms, 0))).cause, Cause::throttled);
@@ -200,6 +202,8 @@ TEST_P(Explained, ACpuThatAnOrdinaryThreadHasAndThatShowsNoSignOfLifeIsNotRun) {
   sender_wakes_and_sends();
   event(sent + 10 * us, 1, Kind::waking, answers, asks, "1");
   window_.events.back().thread.priority = fifo_80;
+  event(sent + 4 * ms, 1, Kind::timer, hog);
+  event(sent + 4 * ms + us, 1, Kind::timer_end, hog);
   switched(sent + 50 * ms, 1, hog, "R", answers);
   window_.events.back().other.priority = fifo_80;
   EXPECT_EQ(first(message(late(0, 50 * ms, 0))).cause, Cause::idle_cpu);

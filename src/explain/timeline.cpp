@@ -167,6 +167,17 @@ bool Timeline::lives(int cpu, std::int64_t from_ns, std::int64_t to_ns) const {
   });
 }
 
+std::int64_t Timeline::silence_ns(int cpu, std::int64_t from_ns, std::int64_t to_ns) const {
+  std::int64_t longest_ns = 0;
+  auto since_ns = from_ns;
+  for (const auto& event : events_) {
+    if (event.cpu != cpu || event.at_ns <= from_ns || event.at_ns >= to_ns) continue;
+    longest_ns = std::max(longest_ns, event.at_ns - since_ns);
+    since_ns = event.at_ns;
+  }
+  return std::max(longest_ns, to_ns - since_ns);
+}
+
 // Since it last left its CPU.
 const Event* Timeline::last_of_its_wait(Kind kind, std::int32_t thread, std::int64_t until_ns) const {
   const Event* last = nullptr;

@@ -58,6 +58,8 @@ class Timeline {
   std::vector<Held> holders(int cpu, std::int64_t from_ns, std::int64_t to_ns) const;
   std::vector<Interrupted> interrupts(int cpu, std::int64_t from_ns, std::int64_t to_ns) const;
   bool lives(int cpu, std::int64_t from_ns, std::int64_t to_ns) const;  // whether anything happened on it
+  // The longest time within which nothing happened on it.
+  std::int64_t silence_ns(int cpu, std::int64_t from_ns, std::int64_t to_ns) const;
   // Who ended the sleep or wait that it was in until `until_ns`; nullopt: nothing says it.
   std::optional<Waker> waker_of(std::int32_t thread, std::int64_t until_ns) const;
   // The kernel's functions that it waited in then; "": nothing says it.

@@ -11,7 +11,9 @@ using trace::Event;
 using trace::Kind;
 
 constexpr std::int64_t surely_throttled_ns =
-    10'000'000;                                      // longer than the kernel holds off a real-time thread
+    10'000'000;  // longer than the kernel holds off a real-time thread
+// Longer than a CPU that somebody has is not interrupted by its clock (10 ms at most): no hypervisor runs it.
+constexpr std::int64_t surely_not_run_ns = 11'000'000;
 constexpr std::int64_t slow_to_wake_ns = 1'000'000;  // longer than any idle state takes to leave
 constexpr std::int64_t at_once_ns = 20'000;  // what packets and wake-ups take when nothing is in the way
 constexpr std::int64_t before_queue_ns =
@@ -191,8 +193,8 @@ void Way::waited(Found& found, const Timeline& timeline, const Part& whose, cons
     }
     // A CPU that another has for so long is interrupted by its clock now and then; one that no hypervisor
     // runs is not.
-    const bool is_dead = is_outranked(held, whose.priority) && when.length_ns() >= surely_throttled_ns &&
-                         !timeline.lives(stretch.cpu, held.from_ns + at_once_ns, held.to_ns - at_once_ns);
+    const bool is_dead = is_outranked(held, whose.priority) &&
+                         timeline.silence_ns(stretch.cpu, held.from_ns, held.to_ns) >= surely_not_run_ns;
     const bool is_passed_over = held.thread.priority >= trace::least_ordinary && held.to_ns <= passed_over_ns;
     part.cause =
         is_dead ? Cause::idle_cpu
