@@ -96,6 +96,21 @@ TEST_F(LinkFaults, QueueByADisciplineOrAreRefusedByItsName) {
   EXPECT_NO_THROW(check_qdisc("prio bands 3 priomap 1 2 2 2 1 2 0 0 1 1 1 1 1 1 1 1"));
 }
 
+TEST(Discipline, HasOthersBelowItsClasses) {
+  const std::string etf = "etf clockid CLOCK_TAI delta 300000", words = "prio bands 3 below 1 " + etf;
+  EXPECT_NO_THROW(check_qdisc(words));
+  EXPECT_NO_THROW(
+      check_qdisc(words + " below 2 cbs idleslope 5000 sendslope -995000 hicredit 30 locredit -1470"));
+  EXPECT_TRUE(has_etf(words));
+  EXPECT_TRUE(has_etf(etf));
+  for (const auto* without : {"", "prio bands 3", "prio below 1 cbs etf"})
+    EXPECT_FALSE(has_etf(without)) << without;
+  for (const auto* wrong :
+       {"below 1 etf", "prio below", "prio below 1", "prio below etf", "prio below 0 etf",
+        "prio below 12345 etf", "prio below 1: etf", "prio below 1 pfifo", "prio below 1 etf below"})
+    EXPECT_THROW(check_qdisc(wrong), Error) << wrong;
+}
+
 TEST_F(LinkFaults, GiveMessagesAndTrafficAPriority) {
   {
     const Link link(journal_, here_, {.message_priority = 6, .traffic_priority = 11}, {5201, 5202});

@@ -90,5 +90,35 @@ TEST_F(ScenarioFile, FaultsOfTheLinkAreSaid) {
   EXPECT_EQ(asked(campaign::Run{}, {}).at("link"), nullptr) << "keys of earlier runs stay as they were";
 }
 
+TEST_F(ScenarioFile, ALaunchTimeNeedsAnEtfAndAnEtfALaunchTime) {
+  const std::string etf = "etf clockid CLOCK_TAI delta 300000", below = "prio bands 2 below 1 " + etf;
+  const auto of = [&](const std::string& keys, const std::string& transport = "udp") {
+    return "runs: [{id: a, transport: " + transport + ", " + keys + "}]\n";
+  };
+  const auto whole = of("launch-time: 300 us, link: {message-priority: 6, qdisc: " + below + "}");
+  const auto run = read(whole).runs.at(0);
+  EXPECT_EQ(run.task.config.launch_ns, 300'000);
+  EXPECT_EQ(run.task.config.priority, std::nullopt) << "the packet filter gives it";
+  EXPECT_EQ(asked(run, {}).at("launch_us"), 300);
+  EXPECT_EQ(asked(campaign::Run{}, {}).at("launch_us"), nullptr) << "keys of earlier runs stay as they were";
+  EXPECT_THAT(error(of("launch-time: 300 us")), HasSubstr("launch-time needs an etf"));
+  EXPECT_THAT(error(of("link: {qdisc: " + below + "}")), HasSubstr("add a launch-time"));
+  EXPECT_THAT(error(of("launch-time: 0 us, link: {qdisc: " + below + "}")), HasSubstr("'0 us'"));
+  const auto also = [&](const std::string& qdisc, const std::string& keys = "schedule: fixed") {
+    return "launch-time: 1 ms, link: {qdisc: " + qdisc + "}, " + keys;
+  };
+  EXPECT_THAT(error(of(also(etf))), HasSubstr("drops ARP"));
+  EXPECT_EQ(error(of(also(etf), "ethernet")), "no error") << "which has none";
+  EXPECT_THAT(error(of(also(below + " deadline_mode"))), HasSubstr("deadline_mode"));
+  EXPECT_THAT(error(of(also(below, "schedule: back-to-back"))), HasSubstr("back-to-back"));
+  EXPECT_THAT(error(of(also(below, "explain: on"))), HasSubstr("explain"));
+}
+
+TEST_F(ScenarioFile, WhatGoesByNoIpHasItsPriorityFromItsSocket) {
+  const auto run = read("runs: [{id: a, transport: ethernet, link: {message-priority: 6}}]\n").runs.at(0);
+  EXPECT_EQ(run.task.config.priority, 6);
+  EXPECT_THAT(error("runs: [{id: a, transport: xdp, link: {message-priority: 6}}]\n"), HasSubstr("xdp"));
+}
+
 }  // namespace
 }  // namespace ontime::campaign

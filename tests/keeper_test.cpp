@@ -108,7 +108,8 @@ TEST_F(Keeper, GoesOnWithoutALinkThatItCannotCount) {
                            {"network_namespace", ""},
                            {"interface", "no-such-link"},
                            {"faults", to_json(background::Faults{})},
-                           {"not_counted", {5201}}});
+                           {"traffic_ports", {5201}},
+                           {"by_ip", true}});
   EXPECT_THAT(answer.value("error", ""), HasSubstr("no-such-link"));
   ask("begin", "begun");
   EXPECT_TRUE(ask("end", "ended").at("links").empty());

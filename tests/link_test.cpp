@@ -69,6 +69,27 @@ TEST(Link, OfAnEndThatWasStartedAgainCarriedWhatThatOneAnswered) {
               HasSubstr("99 messages of 500 bytes were answered"));
 }
 
+TEST(Link, KeptTheMessagesUntilTheirLaunchOrNobodyHeededIt) {
+  auto controller = host(60'000, 60'000), component = host(60'000, 60'000);
+  component["answered"] = 90;
+  controller["link"]["etf"] = {{"launched_frames", 91}, {"dropped_frames", 4}};
+  component["link"]["etf"] = {{"launched_frames", 500}, {"dropped_frames", 0}};
+  const auto found = [&] {
+    auto one = outcome(controller, component);
+    one["refused_sends"] = 4;
+    return went_past_etf(one).value_or("nothing");
+  };
+  EXPECT_EQ(found(), "nothing");
+  controller["link"]["etf"]["dropped_frames"] = 3;
+  EXPECT_EQ(found(), "nothing") << "the last may not be counted yet";
+  controller["link"]["etf"]["dropped_frames"] = 2;
+  EXPECT_THAT(found(), AllOf(HasSubstr("the controller sent 96 of them"), HasSubstr("had 93 frames"),
+                             HasSubstr("link.message-priority")));
+  controller["link"]["gone"] = "somebody took it away";
+  component["link"]["etf"]["launched_frames"] = 0;
+  EXPECT_THAT(found(), HasSubstr("the component sent 90 of them"));
+}
+
 TEST(Link, OfWhichAnotherAnswersIsNotTheComponents) {
   auto component = host(60'000, 60'000);
   const auto with = [&](std::uint64_t answered) {

@@ -121,6 +121,7 @@ struct Case {
   transport::Reliability reliability = transport::Reliability::best_effort;
   std::size_t payload_bytes = 500;
   std::optional<Where> neighbours = {};
+  std::int64_t launch_ns = 0;
 };
 void PrintTo(const Case& value, std::ostream* out) {
   *out << value.transport << ' ' << word_of(value.schedule);
@@ -144,6 +145,9 @@ std::vector<Case> cases() {
       for (const auto& [schedule, receive] : dds)
         result.push_back({transport, schedule, receive, Reliability::best_effort, bytes});
     }
+  for (const auto* transport : {"udp", "ethernet"})
+    result.push_back(
+        {transport, Schedule::fixed, Receive::listener, Reliability::best_effort, small, {}, 100'000});
   for (const auto* transport : {"cyclonedds", "fastdds"})
     for (const auto reliability : {Reliability::best_effort, Reliability::reliable})
       for (const auto bytes : {small, beyond_a_datagram})
@@ -168,6 +172,7 @@ std::string name_of(const testing::TestParamInfo<Case>& info) {
   name += value.receive == transport::Receive::listener ? "_listener" : "_waitset";
   name += value.reliability == transport::Reliability::reliable ? "_reliable_" : "_besteffort_";
   if (value.neighbours) name += *value.neighbours == Where::same_participant ? "shared_" : "beside_";
+  if (value.launch_ns > 0) name += "launched_";
   return name + std::to_string(value.payload_bytes);
 }
 
@@ -366,6 +371,7 @@ transport::Config config_of(const Case& value, transport::Role role) {
   config.address = "127.0.0.1";
   config.domain = 100 + getppid() % 100;
   config.peers = {"127.0.0.1"};
+  config.launch_ns = value.launch_ns;
   if (is_below_ip(value)) {  // over OwnLink
     config.interface = role == transport::Role::client ? "near" : "far";
     config.address.clear();

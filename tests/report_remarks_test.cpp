@@ -211,6 +211,17 @@ TEST(Remarks, TellLossesApart) {
             "12");
 }
 
+TEST(Remarks, TellOfLaunchTimesThatWereMissed) {
+  auto facts = outcome();
+  facts["hosts"]["controller"]["link"]["etf"] = {{"launched_frames", 90}, {"dropped_frames", 0}};
+  facts["hosts"]["component"]["link"]["etf"] = {{"launched_frames", 90}, {"dropped_frames", 3}};
+  auto conditions = asked("a", "udp");
+  conditions["launch_us"] = 300;
+  const auto text = render({summary(conditions, facts)}, Format::markdown);
+  EXPECT_THAT(text, HasSubstr("dropped by etf 3 frames of the component, whose launch time had passed"));
+  EXPECT_THAT(text, HasSubstr("launched 300 µs after it was due"));
+}
+
 TEST(Remarks, TellOfOtherTrafficOnTheLink) {
   const auto with = [](const char* interface, std::uint64_t bytes) {
     auto linked = outcome();

@@ -82,6 +82,21 @@ TEST_P(BelowIp, CarriesEverySizeThatOneFrameHoldsThereAndBack) {
   EXPECT_EQ(client->facts().at("peer"), server->facts().at("address"));
 }
 
+// What waits for the launch is the link's queueing discipline, and here is none.
+TEST_P(BelowIp, SaysWhenWhatItSendsIsToLeaveWhereItCan) {
+  if (GetParam() == std::string("xdp")) GTEST_SKIP() << "it passes by all queueing disciplines";
+  config.launch_ns = 1'000'000;
+  config.priority = 6;
+  Echo echo;
+  const auto server = open(Role::server, echo);
+  echo.endpoint = server.get();
+  const auto client = open(Role::client, keep);
+  ASSERT_TRUE(within(a_while, [&] { return client->matched().both(); }));
+  const std::vector<std::byte> payload(500);
+  ASSERT_TRUE(client->launch(1, payload, 1));
+  ASSERT_TRUE(within(a_while, [&] { return keep.arrivals == 1; }));
+}
+
 // More than the rings have room for, one after the other: each slot is used again.
 TEST_P(BelowIp, GoesOnForever) {
   Echo echo;

@@ -28,7 +28,9 @@
 
 namespace {
 thread_local std::int64_t received_ns = 0;  // when the kernel last handed this thread a datagram
-}
+std::atomic<std::int64_t> last_launch_tai_ns = 0;
+std::atomic<int> without_launch_time = 0;  // datagrams that were written
+}  // namespace
 
 // This program stands between the transport and the kernel.
 extern "C" ssize_t recvfrom(int fd, void* __restrict data, std::size_t bytes, int flags,
@@ -36,6 +38,21 @@ extern "C" ssize_t recvfrom(int fd, void* __restrict data, std::size_t bytes, in
   const auto got = syscall(SYS_recvfrom, fd, data, bytes, flags, from, length);
   received_ns = ontime::transport::now_ns();
   return got;
+}
+
+extern "C" ssize_t sendmsg(int fd, const msghdr* message, int flags) {
+  const auto* const head = CMSG_FIRSTHDR(message);
+  if (head != nullptr && head->cmsg_type == SCM_TXTIME) {
+    std::int64_t tai_ns = 0;
+    std::memcpy(&tai_ns, CMSG_DATA(head), sizeof tai_ns);
+    last_launch_tai_ns = tai_ns;
+  }
+  return syscall(SYS_sendmsg, fd, message, flags);
+}
+extern "C" ssize_t sendto(int fd, const void* data, std::size_t bytes, int flags, const sockaddr* to,
+                          socklen_t length) {
+  ++without_launch_time;
+  return syscall(SYS_sendto, fd, data, bytes, flags, to, length);
 }
 
 namespace ontime::transport {
@@ -161,6 +178,40 @@ TEST_F(Udp, CarriesEverySizeThereAndBack) {
   }
   EXPECT_FALSE(client->send(1, std::vector<std::byte>(60'001)));
   EXPECT_EQ(client->facts().at("carrier"), "UDPv4");
+}
+
+// All of it, from the first word on, for an etf drops what does not: and each its own.
+TEST_F(Udp, SaysWhenWhatItSendsIsToLeave) {
+  config.launch_ns = 1'000'000;
+  Echo echo;
+  std::unique_ptr<Endpoint> server;
+  try {
+    server = open(Role::server, echo);
+  } catch (const Error& refused) {
+    EXPECT_THAT(refused.what(), HasSubstr("CAP_NET_ADMIN"));
+    GTEST_SKIP() << refused.what();
+  }
+  echo.endpoint = server.get();
+  KeepTimed keep;
+  without_launch_time = 0;
+  const auto client = open(Role::client, keep);
+  ASSERT_TRUE(within_a_while([&] { return client->matched().both(); }));
+  const std::vector<std::byte> payload(500);
+  ASSERT_TRUE(client->send(1, payload));
+  ASSERT_TRUE(within_a_while([&] { return keep.arrivals == 1; }));
+  EXPECT_EQ(without_launch_time, 0);
+  EXPECT_GT(last_launch_tai_ns, 0);
+  const auto ahead_ns = [] {  // of CLOCK_TAI
+    timespec tai{};
+    clock_gettime(CLOCK_TAI, &tai);
+    return std::int64_t{tai.tv_sec} * 1'000'000'000 + tai.tv_nsec - now_ns();
+  }();
+  echo.endpoint = nullptr;
+  for (const auto after_ns : {1'000'000'000LL, 1'003'000'000LL}) {
+    const auto at_ns = now_ns() + after_ns;
+    ASSERT_TRUE(client->launch(2, payload, at_ns));
+    EXPECT_LT(std::abs(last_launch_tai_ns - (at_ns + ahead_ns)), 500'000'000);
+  }
 }
 
 TEST_F(Udp, ClientOutlivesARestartOfTheServer) {

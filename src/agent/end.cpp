@@ -56,6 +56,11 @@ void check(const transport::Plugin& plugin, const Task& task) {
   if (task.config.security && !can.security)
     throw Error(2, fmt::format("transport {} has no DDS Security (security: {}); cyclonedds and fastdds have",
                                plugin.name, task.config.security->level));
+  if (task.config.launch_ns > 0 && !can.launch_time)
+    throw Error(2,
+                fmt::format("transport {} writes to no socket of ontime's, so that its messages cannot say "
+                            "when they are to leave (launch-time); those of udp and ethernet can",
+                            plugin.name));
   for (const auto& [name, value] : task.config.options) {
     const bool known = std::any_of(plugin.options.begin(), plugin.options.end(),
                                    [&asked = name](const auto& option) { return asked == option.name; });

@@ -157,6 +157,8 @@ void to_json(json& to, const Task& task) {
         {"ping_topic", task.config.ping_topic},
         {"pong_topic", task.config.pong_topic},
         {"domain", task.config.domain},
+        {"launch_ns", task.config.launch_ns},
+        {"priority", task.config.priority ? json(*task.config.priority) : json()},
         {"options", task.config.options},
         {"security", to_json(task.config.security)},
         {"schedule", roundtrip::word_of(client.schedule)},
@@ -185,6 +187,8 @@ void from_json(const json& from, Task& task) {
   task.config.ping_topic = from.at("ping_topic");
   task.config.pong_topic = from.at("pong_topic");
   task.config.domain = from.at("domain");
+  task.config.launch_ns = from.at("launch_ns");
+  if (const auto& priority = from.at("priority"); !priority.is_null()) task.config.priority = priority;
   task.config.options = from.at("options").get<std::map<std::string, std::string>>();
   task.config.security = security_of(from.at("security"));
   task.client.schedule = roundtrip::schedule_of(from.at("schedule")).value();

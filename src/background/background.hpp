@@ -83,7 +83,8 @@ struct Faults {
   std::chrono::microseconds jitter{0};  // by how much the delay varies, either way
   double reordered = 0;                 // share of those that go without the delay, before those that wait
   bool cut = false;                     // that it can be cut
-  // What those that go wait in, in the words of tc: "prio bands 3"; "": whatever there is.
+  // What those that go wait in, in the words of tc: "prio bands 3"; and in what below one of its classes:
+  // "prio bands 3 below 1 etf clockid CLOCK_TAI delta 300000"; "": whatever there is.
   std::string qdisc{};
   // By which it tells them apart, as SO_PRIORITY has it: of the messages and of the traffic; nothing: as they
   // are.
@@ -93,6 +94,7 @@ struct Faults {
 };
 // Throws Error, for people, for words that name no queueing discipline which can be had as Faults::qdisc.
 void check_qdisc(const std::string& words);
+bool has_etf(const std::string& words);  // which keeps what goes until it is to leave
 // Throws Error that names the first that this kernel has not, by its key; changes nothing. Needs root.
 void check(const Faults&);
 
@@ -104,8 +106,9 @@ class Link {
     std::string netns;  // as `ip netns` has it; "": this process's
     std::string interface;
   };
-  // Throws Error or journal::Error, and then nothing is changed. `not_counted`: UDP ports of the traffic.
-  Link(journal::Journal&, const Place&, const Faults&, const std::vector<int>& not_counted);
+  // Throws Error or journal::Error, and then nothing is changed. `traffic_ports`: UDP's,
+  // what goes by which is not counted.
+  Link(journal::Journal&, const Place&, const Faults&, const std::vector<int>& traffic_ports);
   ~Link();
   Link(const Link&) = delete;
   Link& operator=(const Link&) = delete;
@@ -115,6 +118,10 @@ class Link {
   struct Counts {
     std::uint64_t lost = 0, cut_off = 0, duplicated = 0;  // frames
     std::uint64_t sent_bytes = 0, received_bytes = 0;     // of IP, before and after the faults
+    struct Etf {
+      std::uint64_t launched = 0, dropped = 0;  // frames: in time, and of which the time had passed, or none
+    };
+    std::optional<Etf> etf{};  // of those that there are, if any
   };
   // Throws Error if the rules that count, or the faults, are not there any more.
   Counts counts() const;
@@ -123,7 +130,8 @@ class Link {
   void give_back() noexcept;
   journal::Journal& journal_;
   const Place place_;
-  std::string qdisc_;     // as the journal has it; "": none
+  std::string qdisc_;  // as the journal has it; "": none
+  bool has_etf_;
   std::size_t counters_;  // that it has made
 };
 

@@ -105,17 +105,35 @@ void try_it(const char* keys, const char* needs, const std::function<void()>& at
 }
 
 // Some want more queues than the loopback has: whether they are there is seen by how they are refused.
-void try_qdisc(const std::string& words) {
-  const auto name = words_of(words).front();
+void try_discipline(const std::vector<std::string>& words) {
+  const auto& name = words.front();
   try {
-    tc(make_qdisc("lo", words));
+    tc(make_root("lo", words));
+    tc({"qdisc", "del", "dev", "lo", "root"});
   } catch (const Error& error) {
     const std::string said = error.what();
     if (said.find("qdisc kind is unknown") != said.npos || said.find("Unknown qdisc") != said.npos)
       throw Error(fmt::format("link.qdisc: this kernel has not {0}, module sch_{0}: {1}", name, said));
     if (name == "mqprio" || name == "taprio") return;
-    throw Error(fmt::format("link.qdisc: '{}' is not taken: {}", words, said));
+    throw Error(fmt::format("link.qdisc: '{}' is not taken: {}", fmt::join(words, " "), said));
   }
+}
+
+// What all etf of an interface did since they are there.
+Link::Counts::Etf count_etf(const std::string& interface) {
+  const auto answer =
+      json::parse(tc({"-statistics", "-json", "qdisc", "show", "dev", interface}), nullptr, false);
+  if (!answer.is_array()) throw Error("tc -statistics -json qdisc show: that is no JSON");
+  Link::Counts::Etf sum;
+  bool found = false;
+  for (const auto& qdisc : answer) {
+    if (qdisc.value("kind", "") != "etf") continue;
+    found = true;
+    sum.launched += qdisc.value("packets", std::uint64_t{0});
+    sum.dropped += qdisc.value("drops", std::uint64_t{0});
+  }
+  if (!found) throw Error(fmt::format("the etf of {} is gone: somebody took it away", interface));
+  return sum;
 }
 
 }  // namespace
@@ -130,7 +148,8 @@ void check(const Faults& faults) {
     if (needs_netem(faults))
       try_it("link.delay, link.jitter, link.reorder", "the queueing discipline netem, module sch_netem",
              [&] { tc(netem("add", interface, faults)); });
-    if (!faults.qdisc.empty()) try_qdisc(faults.qdisc);
+    if (!faults.qdisc.empty())
+      for (const auto& one : disciplines_of(faults.qdisc)) try_discipline(one.words);
     if (faults.loss > 0 || faults.cut)
       try_it("link.loss, link.cut", "nftables' hook ingress of the family netdev, from Linux 4.10 on",
              [&] { nft(faults_table(table, interface, {.loss = faults.loss, .cut = faults.cut})); });
@@ -142,9 +161,10 @@ void check(const Faults& faults) {
 }
 
 Link::Link(journal::Journal& journal, const Place& place, const Faults& faults,
-           const std::vector<int>& not_counted)
+           const std::vector<int>& traffic_ports)
     : journal_(journal),
       place_(place),
+      has_etf_(has_etf(faults.qdisc)),
       counters_(2U + (faults.any() ? 2U : 0U) + (faults.duplicates > 0 ? 1U : 0U)) {
   if (!is_interface_name(place_.interface))
     throw Error(fmt::format("'{}' is no interface that the link's faults can be had on", place_.interface));
@@ -160,7 +180,7 @@ Link::Link(journal::Journal& journal, const Place& place, const Faults& faults,
     journal::within_namespace(place_.netns, [&] { nft(text); });
   };
   try {
-    make("inet", counting_table(table, place_.interface, not_counted, faults));
+    make("inet", counting_table(table, place_.interface, traffic_ports, faults));
     if (faults.any()) make("netdev", faults_table(table, place_.interface, faults));
     if (!faults.qdisc.empty()) {
       qdisc_ = qdisc_what(place_.netns, place_.interface, faults.qdisc);
@@ -214,6 +234,7 @@ Link::Counts Link::counts() const {
       if (name == "sent") counts.sent_bytes = bytes;
       if (name == "received") counts.received_bytes = bytes;
     }
+    if (has_etf_) counts.etf = count_etf(place_.interface);
   });
   if (found < counters_)
     throw Error(fmt::format("of the {} counters on {} {} are gone: somebody took nftables' rules away",

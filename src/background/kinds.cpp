@@ -93,19 +93,34 @@ void write_table(const std::string& what, const Value& value, const Value& prese
          [&] { nft(fmt::format("{} table {} {}", value ? "create" : "delete", parts[1], parts[2])); });
 }
 
-constexpr std::array disciplines = {"prio", "mqprio", "taprio", "etf", "cbs"};
+constexpr unsigned our_qdisc_number = 0x6f74;  // and so on, for those below it
+constexpr std::array known_disciplines = {"prio", "mqprio", "taprio", "etf", "cbs"};
 
 // Of tc's words, of which none is a path or an option of tc itself.
+bool is_word(const std::string& word) {
+  const bool is_negative = word.size() > 1 && word[0] == '-' && word[1] >= '0' && word[1] <= '9';
+  return (word[0] != '-' || is_negative) && std::all_of(word.begin(), word.end(), [](char c) {
+           return (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || (c >= '0' && c <= '9') || c == '_' ||
+                  c == '@' || c == ':' || c == '.' || c == '-';
+         });
+}
+
+bool is_class(const std::string& text) {
+  constexpr std::size_t most_digits = 4;
+  return !text.empty() && text.size() <= most_digits &&
+         text.find_first_not_of("0123456789abcdef") == text.npos && text.find_first_not_of('0') != text.npos;
+}
+
 bool is_qdisc(const std::string& words) {
-  const auto all = words_of(words);
-  return words.size() <= 2000 && !all.empty() &&
-         std::find(disciplines.begin(), disciplines.end(), all.front()) != disciplines.end() &&
-         std::all_of(all.begin(), all.end(), [](const std::string& word) {
-           const bool is_negative = word.size() > 1 && word[0] == '-' && word[1] >= '0' && word[1] <= '9';
-           return (word[0] != '-' || is_negative) && std::all_of(word.begin(), word.end(), [](char c) {
-                    return (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || (c >= '0' && c <= '9') ||
-                           c == '_' || c == '@' || c == ':' || c == '.' || c == '-';
-                  });
+  constexpr std::size_t longest = 2000;
+  const auto all = disciplines_of(words);
+  return words.size() <= longest && std::all_of(all.begin(), all.end(), [&](const Discipline& one) {
+           const bool is_root = &one == &all.front();
+           return !one.words.empty() &&
+                  std::find(known_disciplines.begin(), known_disciplines.end(), one.words.front()) !=
+                      known_disciplines.end() &&
+                  (is_root || is_class(one.below)) &&
+                  std::all_of(one.words.begin(), one.words.end(), is_word);
          });
 }
 
@@ -131,6 +146,23 @@ Value read_qdisc(const std::string& what) {
   return found;
 }
 
+// All of it, or nothing.
+void make_qdisc(const std::string& interface, const std::string& words) {
+  const auto all = disciplines_of(words);
+  tc(make_root(interface, all.front().words));
+  for (std::size_t i = 1; i < all.size(); ++i) try {
+      std::vector<std::string> command = {"qdisc",  "add",
+                                          "dev",    interface,
+                                          "parent", our_qdisc_handle + all[i].below,
+                                          "handle", fmt::format("{:x}:", our_qdisc_number + i)};
+      command.insert(command.end(), all[i].words.begin(), all[i].words.end());
+      tc(command);
+    } catch (const Error& error) {
+      tc({"qdisc", "del", "dev", interface, "root"});
+      throw Error(fmt::format("below {}: {}", all[i].below, error.what()));
+    }
+}
+
 void write_qdisc(const std::string& what, const Value& value, const Value& present) {
   const auto parts = parts_of(what);
   if (value && present)
@@ -143,7 +175,7 @@ void write_qdisc(const std::string& what, const Value& value, const Value& prese
     if (!value)
       tc({"qdisc", "del", "dev", parts[1], "root"});
     else
-      tc(make_qdisc(parts[1], parts.size() == 3 ? parts[2] : "netem"));
+      make_qdisc(parts[1], parts.size() == 3 ? parts[2] : "netem");
   });
 }
 
@@ -152,25 +184,42 @@ void write_qdisc(const std::string& what, const Value& value, const Value& prese
 const char* const our_qdisc_handle = "6f74:";
 const std::string our_qdisc = our_qdisc_of("netem");
 
-std::string our_qdisc_of(const std::string& words) { return words_of(words).front() + " 6f74:"; }
-
-std::vector<std::string> words_of(const std::string& qdisc) {
-  std::istringstream text(qdisc);
-  return {std::istream_iterator<std::string>(text), {}};
+std::string our_qdisc_of(const std::string& words) {
+  return fmt::format("{} {}", disciplines_of(words).front().words.front(), our_qdisc_handle);
 }
 
-std::vector<std::string> make_qdisc(const std::string& interface, const std::string& words) {
+std::vector<Discipline> disciplines_of(const std::string& words) {
+  std::vector<Discipline> all(1);
+  std::istringstream text(words);
+  for (std::string word; text >> word;)
+    if (word != "below") {
+      all.back().words.push_back(word);
+    } else {
+      all.emplace_back();
+      text >> all.back().below;
+    }
+  return all;
+}
+
+std::vector<std::string> make_root(const std::string& interface, const std::vector<std::string>& words) {
   std::vector<std::string> command = {"qdisc", "add", "dev", interface, "root", "handle", our_qdisc_handle};
-  for (auto& word : words_of(words)) command.push_back(std::move(word));
+  command.insert(command.end(), words.begin(), words.end());
   return command;
+}
+
+bool has_etf(const std::string& words) {
+  const auto all = disciplines_of(words);
+  return std::any_of(all.begin(), all.end(),
+                     [](const Discipline& one) { return !one.words.empty() && one.words.front() == "etf"; });
 }
 
 void check_qdisc(const std::string& words) {
   if (!is_qdisc(words))
     throw Error(fmt::format(
         "'{}' is no queueing discipline in tc's words that can be had: one of {}, with its options "
-        "(tc-prio(8), tc-taprio(8) …), and no path",
-        words, fmt::join(disciplines, ", ")));
+        "(tc-prio(8), tc-taprio(8) …), and no path; and after it, where one is to be below a class of it, "
+        "'below' and the class, such as 'below 1 etf clockid CLOCK_TAI delta 300000'",
+        words, fmt::join(known_disciplines, ", ")));
 }
 
 const journal::Kind table_kind = {.name = "nft-table",

@@ -14,7 +14,7 @@ namespace ontime::background {
 extern const journal::Kind table_kind;
 // The root queueing discipline of an interface, "NETNS/INTERFACE": nothing, as long as it is the kernel's own
 // choice; else what and whose it is. Made is a netem of ours, that does nothing yet; or, of
-// "NETNS/INTERFACE/WORDS", what tc calls by these words.
+// "NETNS/INTERFACE/WORDS", what tc calls by these words, with what is below its classes, which goes with it.
 extern const journal::Kind qdisc_kind;
 extern const std::string our_qdisc;  // the value of that
 extern const char* const our_qdisc_handle;
@@ -22,9 +22,13 @@ std::string our_qdisc_of(const std::string& words);  // the same of "prio bands 
 
 std::string table_what(const std::string& netns, const std::string& family, const std::string& name);
 std::string qdisc_what(const std::string& netns, const std::string& interface, const std::string& words = "");
-// "prio", "bands", "3"
+// "prio bands 3 below 1 etf delta 9": {prio bands 3}, below no class, and {etf delta 9}, below the class 1.
+struct Discipline {
+  std::string below;
+  std::vector<std::string> words;
+};
+std::vector<Discipline> disciplines_of(const std::string& words);
 // What has tc make it at the root of an interface.
-std::vector<std::string> make_qdisc(const std::string& interface, const std::string& words);
-std::vector<std::string> words_of(const std::string& qdisc);
+std::vector<std::string> make_root(const std::string& interface, const std::vector<std::string>& words);
 
 }  // namespace ontime::background

@@ -219,6 +219,7 @@ Together together(const Run& run, const Hosts& hosts) {
 json asked(const Run& run, const Hosts& hosts) {
   const auto& client = run.task.client;
   const auto& interface = run.task.config.interface;
+  const std::chrono::nanoseconds launch(run.task.config.launch_ns);
   return {
       {"id", run.id},
       {"title", run.title},
@@ -247,6 +248,7 @@ json asked(const Run& run, const Hosts& hosts) {
       {"timeout_us", microseconds(client.timeout)},
       {"duration_s", microseconds(client.duration) / 1e6},
       {"schedule", roundtrip::word_of(client.schedule)},
+      {"launch_us", launch.count() > 0 ? json(microseconds(launch)) : json()},
       {"receive", agent::word_of(run.task.config.receive)},
       {"warm_up", client.warm_up},
       {"explain", run.explain ? json(true) : json()},

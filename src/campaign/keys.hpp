@@ -28,7 +28,7 @@ bool any_past_the_kernel(const Run&);  // of its two ends
 
 // Of concurrent traffic and of the link's faults, and what only all of them together can tell.
 std::vector<Key> network_keys();
-void complete_network(const Run&);
+void complete_network(Run&);
 // Of ordinary topics beside the critical one; likewise.
 std::vector<Key> neighbour_keys();
 void complete_neighbours(const Run&);

@@ -91,6 +91,25 @@ std::optional<std::string> went_elsewhere(const json& outcome, std::uint64_t pay
   return {};
 }
 
+std::optional<std::string> went_past_etf(const json& outcome) {
+  const auto count = [&](const char* key) { return outcome.at(key).get<std::uint64_t>(); };
+  for (const auto& [name, host] : outcome.at("hosts").items()) {
+    const auto messages = name == "component" ? host.at("answered").get<std::uint64_t>()
+                                              : count("sent") - count("refused_sends");
+    const auto& link = host.at("link");
+    if (link.is_null() || link.contains("gone")) continue;  // unproved() says so
+    const auto etf = link.value("etf", json::object());
+    const auto seen =
+        etf.value("launched_frames", std::uint64_t{0}) + etf.value("dropped_frames", std::uint64_t{0});
+    if (seen + uncounted >= messages) continue;
+    return fmt::format(
+        "the messages had a launch-time that nobody heeded: the {} sent {} of them, and the etf of its "
+        "interface had {} frames. link.message-priority has to be of the class that the etf is below",
+        name, messages, seen);
+  }
+  return {};
+}
+
 std::optional<std::string> unproved(const json& outcome, const std::set<std::string>& with_traffic) {
   for (const auto& [name, host] : outcome.at("hosts").items()) {
     const auto& link = host.at("link");

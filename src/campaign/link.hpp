@@ -20,6 +20,10 @@ namespace ontime::campaign {
 // (`beside_traffic`).
 std::optional<std::string> went_elsewhere(const nlohmann::json& outcome, std::uint64_t payload_bytes);
 
+// Of a run with a launch time: whether its messages were kept for it, by what the etf counted at each end:
+// what is wrong, for people. One that went past it left at once, and its launch time was nothing but a word.
+std::optional<std::string> went_past_etf(const nlohmann::json& outcome);
+
 // Why that proves nothing, for people: there was concurrent traffic, whosever, on the interface of an end
 // (`with_traffic`: which of its hosts), and it could not be left out; or what counts was not there to the
 // end.

@@ -108,14 +108,15 @@ bool has_traffic(const Together& runs) {
   return std::any_of(runs.begin(), runs.end(), [](const Run& run) { return run.traffic.bits_per_s > 0; });
 }
 
-// Of what goes over one interface.
-json not_counted_of(const Together& runs) {
-  auto ports = json::array();
-  for (const auto& run : runs) {
-    if (is_below_ip(run.task.transport)) return nullptr;
-    if (const auto own = ports_of(run.traffic); !own.empty()) ports = own;  // the same of all
-  }
-  return ports;
+// Of what goes over one interface; it is the same of all that have any.
+std::vector<int> traffic_ports_of(const Together& runs) {
+  for (const auto& run : runs)
+    if (auto ports = ports_of(run.traffic); !ports.empty()) return ports;
+  return {};
+}
+bool all_by_ip(const Together& runs) {
+  return std::none_of(runs.begin(), runs.end(),
+                      [](const Run& run) { return is_below_ip(run.task.transport); });
 }
 
 }  // namespace
@@ -317,6 +318,10 @@ void Machines::check(const Run& run) {
     if (!network_namespace(host))
       fail("link.*: a place other than [ip, netns, exec, NAME] could not be given back as it was");
   }
+  if (run.task.config.launch_ns > 0 && has_ports())
+    fail(
+        "launch-time: behind the controller's bridge there is one interface for several components: have "
+        "one");
   for (auto& [reach, machine] : machines_)
     if (const auto answer = ask(machine, "check", "checked", {{"faults", keeper::to_json(run.faults)}});
         answer.contains("error"))
@@ -338,14 +343,15 @@ std::vector<Machines::LinkEnd> Machines::ends_of_links(const Together& runs) con
     const auto& host = hosts_.at(run.component);
     if (const auto& all = sharing.at(interface_of(host)); all.front().component == run.component)
       ends.push_back({run.component, name_of(run.component), host.interface, run.faults, run.cut,
-                      run.component, not_counted_of(all), has_traffic(all)});
+                      run.component, traffic_ports_of(all), all_by_ip(all), has_traffic(all)});
     if (!host.port.empty())
       ends.push_back({controller, name_at_controller(run.component), host.port,
                       without_priorities(run.faults), run.cut, run.component});
   }
   const auto& common = runs.front();
-  LinkEnd whole{controller, controller, hosts_.controller.interface, common.faults,
-                common.cut, "",         not_counted_of(runs),        has_traffic(runs)};
+  LinkEnd whole{controller,       controller, hosts_.controller.interface, common.faults,
+                common.cut,       "",         traffic_ports_of(runs),      all_by_ip(runs),
+                has_traffic(runs)};
   if (has_ports()) {
     whole.faults = with_priorities_alone(common.faults);
     whole.cut = {};
@@ -357,14 +363,15 @@ std::vector<Machines::LinkEnd> Machines::ends_of_links(const Together& runs) con
 // With faults, or with traffic, beside which the messages are to be counted.
 void Machines::link(const LinkEnd& end) {
   const auto netns = network_namespace(hosts_.at(end.host));
-  const bool counts = !end.not_counted.is_null() && !end.not_counted.empty();
+  const bool counts = end.by_ip && !end.traffic_ports.empty();
   if (!end.faults.any() && (!counts || end.interface.empty() || !netns)) return;
   const auto answer = ask(machine_of(end.host), "link", "linked",
                           {{"host", end.name},
                            {"network_namespace", netns.value_or("")},
                            {"interface", end.interface},
                            {"faults", keeper::to_json(end.faults)},
-                           {"not_counted", end.not_counted}});
+                           {"traffic_ports", end.traffic_ports},
+                           {"by_ip", end.by_ip}});
   // Without faults it can be done without: the record says that nothing is proved then.
   if (end.faults.any() && answer.contains("error")) throw Error(3, answer.at("error"));
 }

@@ -81,8 +81,9 @@ class Machines {
     std::string host, name, interface;
     background::Faults faults;
     std::optional<Cut> cut;
-    std::string component;         // whose link it is; "": of all
-    nlohmann::json not_counted{};  // UDP ports; null: what is beside them cannot be counted
+    std::string component;  // whose link it is; "": of all
+    std::vector<int> traffic_ports{};
+    bool by_ip = false;  // what is beside the traffic is counted by IP
     bool has_traffic = false;
   };
   std::vector<LinkEnd> ends_of_links(const Together&) const;

@@ -77,11 +77,43 @@ void add_link_keys(std::vector<Key>& keys) {
         [](Run& run, Text text) { run.faults.message_priority = static_cast<int>(number_of(text, 0, 15)); }},
        {"link.traffic-priority", "", "0-15", "of the concurrent traffic's packets, likewise", client,
         [](Run& run, Text text) { run.faults.traffic_priority = static_cast<int>(number_of(text, 0, 15)); }},
+       {"launch-time", "", "TIME",
+        "how long after it was due a message leaves, by the etf of link.qdisc: as it is sent", client,
+        [](Run& run, Text text) { run.task.config.launch_ns = positive_duration(text, 1h).count(); }},
        {"link.cut", "", "TIME for TIME", "when nothing comes any more, and for how long: '10 s for 500 ms'",
         client, [](Run& run, Text text) {
           run.cut = cut_of(text);
           run.faults.cut = true;
         }}});
+}
+
+// Without an etf a launch time is a word that nobody heeds; without a launch time, an etf drops all.
+void complete_launch(const Run& run) {
+  const auto& qdisc = run.faults.qdisc;
+  const bool asked = run.task.config.launch_ns > 0;
+  if (asked != background::has_etf(qdisc))
+    throw std::invalid_argument(
+        asked
+            ? "launch-time needs an etf that keeps the messages until then: link.qdisc: prio bands 2 priomap "
+              "1 1 1 1 1 1 0 1 1 1 1 1 1 1 1 1 below 1 etf clockid CLOCK_TAI delta 300000, with "
+              "link.message-priority: 6"
+            : "the etf of link.qdisc drops what does not say when it is to leave: add a launch-time");
+  if (!asked) return;
+  if (qdisc.starts_with("etf") && !is_below_ip(run.task.transport))
+    throw std::invalid_argument(
+        "etf by itself drops ARP as well, without which there is no IP: link.qdisc: prio bands 2 priomap "
+        "1 1 1 1 1 1 0 1 1 1 1 1 1 1 1 1 below 1 etf …, with link.message-priority: 6");
+  if (qdisc.find("deadline_mode") != qdisc.npos)
+    throw std::invalid_argument(
+        "with deadline_mode an etf lets a message go before its launch-time: leave out one");
+  if (run.task.client.schedule == roundtrip::Schedule::back_to_back)
+    throw std::invalid_argument(
+        "launch-time counts from when a message is due, and back-to-back knows no such moment: take another "
+        "schedule");
+  if (run.explain)
+    throw std::invalid_argument(
+        "explain would take the wait for a launch for a wait behind others: leave out explain, or "
+        "launch-time");
 }
 
 void complete_link(const Run& run) {
@@ -95,6 +127,7 @@ void complete_link(const Run& run) {
     throw std::invalid_argument("link.traffic-priority needs a traffic.rate, of whose packets it is");
   if (faults.jitter > faults.delay)
     throw std::invalid_argument("link.jitter is more than link.delay: nothing comes before it was sent");
+  complete_launch(run);
   if (run.cut && run.cut->at >= run.task.client.duration)
     throw std::invalid_argument("link.cut begins when the run's duration is over");
 }
@@ -131,7 +164,7 @@ std::vector<Key> network_keys() {
   return keys;
 }
 
-void complete_network(const Run& run) {
+void complete_network(Run& run) {
   if (run.traffic.bits_per_s == 0 && run.traffic != Traffic{})
     throw std::invalid_argument("traffic is described, but there is none: traffic.rate says how much");
   if (run.faults.any() && any_past_the_kernel(run))
@@ -139,13 +172,8 @@ void complete_network(const Run& run) {
         "the link's faults are made by the kernel's packet filter and queueing disciplines, which xdp passes "
         "by: leave "
         "out link, or take ethernet");
-  if (run.faults.message_priority &&
-      (is_below_ip(run.task.transport) || is_below_ip(run.component_transport)))
-    throw std::invalid_argument(
-        "link.message-priority is given by the packet filter to what UDP sends, and ethernet has no UDP: "
-        "leave "
-        "it out, or take another transport");
   complete_link(run);
+  if (is_below_ip(run.task.transport)) run.task.config.priority = run.faults.message_priority;
 }
 
 }  // namespace ontime::campaign

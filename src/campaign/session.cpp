@@ -183,6 +183,8 @@ std::vector<json> Session::outcomes() {
       outcome["link_unproved"] = *why;
     if (const auto elsewhere = went_elsewhere(outcome, run.task.client.payload_bytes))
       outcome["error"] = whose + *elsewhere;
+    else if (run.task.config.launch_ns > 0)
+      if (const auto past = went_past_etf(outcome)) outcome["error"] = whose + *past;
     outcomes.push_back(std::move(outcome));
   }
   return outcomes;

@@ -12,14 +12,12 @@ using nlohmann::json;
 void Links::add(const json& order) {
   const std::string host = order.at("host");
   links_.erase(host);
-  const json& not_counted = order.at("not_counted");
   auto link = std::make_unique<background::Link>(
       journal_, background::Link::Place{host, order.at("network_namespace"), order.at("interface")},
-      faults_of(order.at("faults")),
-      not_counted.is_null() ? std::vector<int>{} : not_counted.get<std::vector<int>>());
+      faults_of(order.at("faults")), order.at("traffic_ports").get<std::vector<int>>());
   auto& counted = links_[host];  // one that could not be had is none
   counted.link = std::move(link);
-  counted.by_ip = !not_counted.is_null();
+  counted.by_ip = order.at("by_ip");
 }
 
 void Links::cut(const std::string& host, std::chrono::milliseconds after, std::chrono::milliseconds length) {
@@ -66,13 +64,17 @@ json account_of(const background::Link::Counts& before, const background::Link::
     if (count < then) throw background::Error("somebody set the link's counters back");
     return count - then;
   };
-  return {{"faults",
-           {{"lost_frames", since(before.lost, now.lost)},
-            {"cut_off_frames", since(before.cut_off, now.cut_off)},
-            {"duplicated_frames", since(before.duplicated, now.duplicated)}}},
-          {"beside_traffic",
-           {{"sent_bytes", since(before.sent_bytes, now.sent_bytes)},
-            {"received_bytes", since(before.received_bytes, now.received_bytes)}}}};
+  json account{{"faults",
+                {{"lost_frames", since(before.lost, now.lost)},
+                 {"cut_off_frames", since(before.cut_off, now.cut_off)},
+                 {"duplicated_frames", since(before.duplicated, now.duplicated)}}},
+               {"beside_traffic",
+                {{"sent_bytes", since(before.sent_bytes, now.sent_bytes)},
+                 {"received_bytes", since(before.received_bytes, now.received_bytes)}}}};
+  if (before.etf && now.etf)
+    account["etf"] = {{"launched_frames", since(before.etf->launched, now.etf->launched)},
+                      {"dropped_frames", since(before.etf->dropped, now.etf->dropped)}};
+  return account;
 }
 
 }  // namespace ontime::keeper

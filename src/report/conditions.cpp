@@ -240,6 +240,8 @@ std::vector<Phrase> phrases_of(const Summary& summary) {
   add("payload", at(asked, "payload_bytes"), size(at(asked, "payload_bytes")));
   if (schedule != "back-to-back") add("period", period, "every " + duration(period));
   add("schedule", schedule, word(schedule));
+  add("launch-time", at(asked, "launch_us"),
+      "launched " + duration(at(asked, "launch_us")) + " after it was due");
   if (at(asked, "deadline_us") != period)
     add("deadline", at(asked, "deadline_us"), "deadline " + duration(at(asked, "deadline_us")));
   add("timeout", at(asked, "timeout_us"), "time-out " + duration(at(asked, "timeout_us")),

@@ -123,6 +123,18 @@ std::string faults(const json& outcome) {
   return join(parts, ", ");
 }
 
+// "dropped by etf 3 frames of the controller, whose launch time had passed".
+std::string launches_missed(const json& outcome) {
+  std::vector<std::string> parts;
+  for (const auto* host : {"controller", "component"})
+    if (const auto frames =
+            count(at(at(at(at(at(outcome, "hosts"), host), "link"), "etf"), "dropped_frames"));
+        frames > 0)
+      parts.push_back(fmt::format("{} of the {}", many(frames, "frame", "frames"), host));
+  return parts.empty() ? ""
+                       : fmt::format("dropped by etf {}, whose launch time had passed", join(parts, ", "));
+}
+
 // The interface's own counters, where they do not fit what was measured. (Too little makes a run fail.)
 constexpr std::uint64_t headers_bytes = 120;  // of a message, at most: Ethernet, IP, UDP, RTPS
 constexpr std::uint64_t much = 10;            // times what the messages take
@@ -339,6 +351,7 @@ std::string remarks(const statistics::Summary& summary) {
   add_silence(parts, summary);
   if (const auto text = drops(outcome); !text.empty()) parts.push_back(text);
   if (const auto text = faults(outcome); !text.empty()) parts.push_back(text);
+  if (const auto text = launches_missed(outcome); !text.empty()) parts.push_back(text);
   for (const auto& text : taken_away(summary)) parts.push_back(text);
   for (const auto& text : clocks(outcome)) parts.push_back(text);
   add_throttling(parts, summary);

@@ -59,6 +59,7 @@ class Client::Measurement final : public transport::Sink {
  public:
   Measurement(const transport::Plugin& plugin, const transport::Config& config, const ClientOptions& options)
       : options_(options),
+        launch_ns_(config.launch_ns),
         ledger_(options.deadline.count(), options.timeout.count(), size_of(options),
                 options.schedule == Schedule::fixed ? Ledger::From::due : Ledger::From::sent),
         payload_(options.payload_bytes),
@@ -173,7 +174,10 @@ class Client::Measurement final : public transport::Sink {
   void post(const Turn& turn) noexcept {
     const auto index = ledger_.post(turn, now_ns());
     last_posted_.store(index, std::memory_order_relaxed);
-    if (!endpoint_->send(message::sequence_of(session_, index), payload_)) ledger_.refused();
+    const auto sequence = message::sequence_of(session_, index);
+    const bool sent = launch_ns_ > 0 ? endpoint_->launch(sequence, payload_, turn.due_ns + launch_ns_)
+                                     : endpoint_->send(sequence, payload_);
+    if (!sent) ledger_.refused();
   }
 
   // Here the receiving thread sends; this one begins, looks for losses, and goes on where it finds one.
@@ -232,6 +236,7 @@ class Client::Measurement final : public transport::Sink {
   }
 
   const ClientOptions options_;
+  const std::int64_t launch_ns_;  // after it was due, whenever it was written; 0: as it is written
   const std::int64_t period_ns_ = std::max<std::int64_t>(options_.period.count(), 1);
   Ledger ledger_;
   std::vector<std::byte> payload_;

@@ -76,6 +76,10 @@ struct Config {
   // As ROS 2 names them, whole: "/ping", "/robot/ping". On the wire of DDS they are "rt/ping" …
   std::string ping_topic = "/ping", pong_topic = "/pong";
   int domain = 0;  // DDS domain; UDP: port 7900 + domain where none is given
+  // For how long what send() takes, and all else that is sent, is to wait for its launch: each says when it
+  // is to leave, and a queueing discipline (etf) keeps it until then. 0: it leaves as it is sent.
+  std::int64_t launch_ns = 0;
+  std::optional<int> priority;  // SO_PRIORITY of what is sent by no IP, and so has none of the packet filter
   // SCHED_FIFO priority that threads of a role are to be born with, where the middleware has such a setting.
   // Only what this process is permitted to have is ever asked for here.
   std::map<std::string, int> fifo_priority;
@@ -139,6 +143,10 @@ class Endpoint {
 
   // Real-time. False if the middleware refused the message. One caller at a time.
   virtual bool send(std::uint64_t sequence, std::span<const std::byte> payload) noexcept = 0;
+  // The same, to leave when now_ns() will be `at_ns`. Only with Config::launch_ns.
+  virtual bool launch(std::uint64_t, std::span<const std::byte>, std::int64_t /*at_ns*/) noexcept {
+    return false;
+  }
 
   // Real-time, Receive::waitset only: waits for arrivals and hands them to the sink; returns after some, or
   // when interrupted. interrupt() ends the present and every later receive() at once; any thread.
@@ -159,7 +167,8 @@ struct Capabilities {
   bool discovery;        // finds its peers by itself
   bool thread_settings;  // honours Config::fifo_priority
   std::size_t max_payload_bytes;
-  bool security = false;  // honours Config::security
+  bool security = false;     // honours Config::security
+  bool launch_time = false;  // honours Config::launch_ns
 };
 
 struct Option {
@@ -168,7 +177,7 @@ struct Option {
 };
 
 // The version of the port, and the size of what crosses it, which a forgotten rebuild shows by.
-inline constexpr int abi = 3 * 1'000'000 + static_cast<int>(sizeof(Config) * 10 + sizeof(Capabilities));
+inline constexpr int abi = 4 * 1'000'000 + static_cast<int>(sizeof(Config) * 10 + sizeof(Capabilities));
 
 struct Plugin {
   int abi;

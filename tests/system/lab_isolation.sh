@@ -3,7 +3,7 @@
 # of whose processes are killed; what /proc and taskset then see. See test_lab.py.
 cat >/tmp/isolated.yaml <<'YAML'
 hosts: namespaces
-defaults: {transport: udp, duration: 3 s, realtime: {policy: fifo, cpus: 1}, load: {controller: {cpu: 1}}}
+defaults: {transport: udp, duration: 20 s, realtime: {policy: fifo, cpus: 1}, load: {controller: {cpu: 1}}}
 runs:
   - id: isolated
     isolation: {cpus: 1, interrupts: on, load-quota: 30 %, load-weight: 10}
@@ -17,7 +17,7 @@ see() {
   echo "$1 everybody=$(cpus $bystander)"
   echo "$1 work=$(cat /sys/devices/virtual/workqueue/cpumask)"
   echo "$1 interrupts=$(for irq in $(grep -E 'eth[01]' /proc/interrupts | cut -d: -f1); do cat "/proc/irq/$irq/smp_affinity_list"; done | sort -u)"
-  echo "$1 threads=$(ps -eo pid=,args= | grep '\[irq/' | grep -v eth | while read -r pid name; do echo "$name:$(cpus "$pid")"; done | sort | tr '\n' ' ')"
+  echo "$1 threads="$(ps -eo pid=,comm= | grep ' irq/' | grep -v eth | while read -r pid name; do echo "$name:$(cpus "$pid")"; done | sort)
   echo "$1 groups=$(cd $groups && echo ontime-*)"
   echo "$1 controllers=$(cat $groups/cgroup.subtree_control)"
   echo "$1 partition=$(cat $groups/ontime-robot/cpuset.cpus.partition 2>&1 | sed 's/.*: //')"

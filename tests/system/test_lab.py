@@ -35,6 +35,21 @@ defaults: {transport: udp, duration: 1 s, kernel: {governor: performance}}
 runs:
   - id: governed
 """
+LAUNCHED = """
+hosts: namespaces
+defaults:
+  transport: [udp, ethernet]
+  schedule: fixed
+  duration: 500 ms
+  realtime: on
+  launch-time: 2 ms
+  link:
+    message-priority: 6
+    qdisc: prio bands 2 priomap 1 1 1 1 1 1 0 1 1 1 1 1 1 1 1 1 below 1 etf clockid CLOCK_TAI delta 300000
+runs:
+  - id: kept
+  - {id: past, link: {message-priority: 1}}
+"""
 BAD_LINK = """
 hosts: namespaces
 defaults: {transport: udp, duration: 2 s, realtime: on}
@@ -52,6 +67,14 @@ def samples(results):
     with contextlib.closing(sqlite3.connect(f"file:{results}?mode=ro", uri=True)) as database:
         rows = database.execute("SELECT * FROM sample ORDER BY run, message").fetchall()
     return len(rows), hashlib.sha256(repr(rows).encode()).hexdigest()
+
+
+def arrivals(results, run):
+    """When each message was there, after it was due, in µs: of two ends that have one clock."""
+    with contextlib.closing(sqlite3.connect(f"file:{results}?mode=ro", uri=True)) as database:
+        return [ns / 1000 for ns, in database.execute(
+            "SELECT server_received_ns - start_ns - intended_ns - due_after_ns FROM sample JOIN run ON run.number = run"
+            " WHERE run = ?", [run])]
 
 
 class Lab(unittest.TestCase):
@@ -182,7 +205,7 @@ class Machines(Lab):
         self.assertEqual(answer.returncode, 3, answer.stderr)
         self.assertRegex(answer.stderr, "is to have 512 MiB of memory, and with its files, which take [0-9]+, it needs [0-9]+")
 
-    def shell(self, script, *flags):
+    def shell(self, script, *flags, variables=""):
         """What a script says in such a machine."""
         process = subprocess.Popen([ONTIME, "lab", "shell", "--with", script, *flags], stdin=subprocess.PIPE, stdout=subprocess.PIPE,
                                    stderr=subprocess.STDOUT, cwd=self.folder, env=self.environment)
@@ -192,7 +215,7 @@ class Machines(Lab):
             part = os.read(process.stdout.fileno(), 4096)
             self.assertTrue(part, said)
             said += part
-        answer, _ = process.communicate(f"bash {script}; exit\r".encode(), timeout=600)
+        answer, _ = process.communicate(f"{variables} bash {script}; exit\r".encode(), timeout=600)
         self.assertEqual(process.returncode, 0, answer)
         return answer.decode(errors="replace").replace("\r\033[K", "\n").replace("\r", "").splitlines()
 
@@ -243,6 +266,25 @@ class Machines(Lab):
             self.assertEqual((seen[moment]["vlan"], seen[moment]["left"]), ("", "0 0"), text)
 
     @of_all
+    def test_frames_of_every_transport_carry_the_class_of_messages_or_of_traffic(self):
+        transports = [*TRANSPORTS, "ethernet"]
+        seen = {}
+        said = self.shell(pathlib.Path(__file__).with_name("lab_classes.sh"), variables=f"TRANSPORTS='{' '.join(transports)}'")
+        for line in said:
+            if found := re.fullmatch(r"(\w+) (\w+_\w+)=([0-9]+)", line):
+                seen.setdefault(found[1], {}).setdefault(found[2], []).append(int(found[3]))
+        text = "\n".join(said)
+        for transport in transports:
+            self.assertIn(f"{transport} ended 0", said, text)
+            of = seen[transport]
+            self.assertGreater(of["messages_6"][-1], 50, text)
+            self.assertGreater(of["traffic_2"][-1], 10, text)
+            # Until the priorities are given, discovery and the first of the traffic have none.
+            begun = next(at for at, (messages, traffic) in enumerate(zip(of["messages_6"], of["traffic_2"])) if messages and traffic)
+            for others in (of["messages_other"], of["traffic_other"]):
+                self.assertEqual(others[begun], others[-1], text)
+
+    @of_all
     def test_cpus_are_kept_by_a_partition_of_version_2_and_given_back_also_after_kill_9(self):
         seen = {}
         said = self.shell(pathlib.Path(__file__).with_name("lab_isolation.sh"), "--live")
@@ -290,6 +332,24 @@ class Machines(Lab):
         self.assertGreater(lossy["lost"], 0)
         frames = [lossy["hosts"][host]["link"]["faults"]["lost_frames"] for host in ("controller", "component")]
         self.assertGreaterEqual(sum(frames), lossy["lost"])
+
+    @of_all
+    def test_a_message_leaves_at_its_launch_time_or_it_is_said_that_it_did_not(self):
+        answer = self.lab("run", self.scenario(LAUNCHED), "--results", self.results())
+        self.assertEqual(answer.returncode, 3, answer.stderr)
+        runs = self.report(self.results())
+        self.assertEqual([(run["id"], run["transport"]) for run in runs],
+                         [("kept", "udp"), ("kept", "ethernet"), ("past", "udp"), ("past", "ethernet")])
+        for number, run in enumerate(runs[:2], 1):
+            self.assertEqual((run["error"], run["sent"], run["lost"]), (None, 50, 0), answer.stderr)
+            for host in ("controller", "component"):
+                etf = run["hosts"][host]["link"]["etf"]
+                self.assertGreaterEqual(etf["launched_frames"], 50)
+                self.assertEqual(etf["dropped_frames"], 0)
+            for arrived_us in arrivals(self.results(), number):
+                self.assertTrue(1700 <= arrived_us < 2000, f"delta before it at most: {arrived_us} µs")
+        for run in runs[2:]:
+            self.assertIn("a launch-time that nobody heeded", run["error"])
 
     @of_all
     def test_an_interruption_ends_the_machine(self):

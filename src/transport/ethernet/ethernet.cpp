@@ -12,6 +12,7 @@
 #include <sys/socket.h>
 
 #include "transport/ethernet/frames.hpp"
+#include "transport/launch.hpp"
 
 namespace ontime::transport {
 namespace {
@@ -115,8 +116,13 @@ class Packets {
   static constexpr const char* thread_name = "ontime-eth-recv";
 
   Packets(const Config& config, const frames::Link& link, std::uint64_t topic)
-      : busy_(frames::busy_polls(config, who)), ring_(socket_, link.frame_bytes), sending_(link.frame_bytes) {
+      : busy_(frames::busy_polls(config, who)),
+        launches_(config.launch_ns > 0),
+        ring_(socket_, link.frame_bytes),
+        sending_(link.frame_bytes) {
     take_only(socket_, topic);
+    if (launches_) permit_launch_times(socket_.fd());
+    if (config.priority) socket_.set(SOL_SOCKET, SO_PRIORITY, *config.priority, "no priority");
     sockaddr_ll where{};
     where.sll_family = AF_PACKET;
     where.sll_protocol = htons(frames::ether_type);
@@ -127,8 +133,10 @@ class Packets {
 
   int fd() const noexcept { return socket_.fd(); }
   std::span<std::byte> room() noexcept { return sending_; }
-  int send(std::size_t bytes) noexcept {
-    return ::send(socket_.fd(), sending_.data(), bytes, MSG_NOSIGNAL) < 0 ? errno : 0;
+  int send(std::size_t bytes, std::int64_t at_ns) noexcept {
+    const auto sent = launches_ ? send_to_leave_at(at_ns, socket_.fd(), std::span(sending_).first(bytes))
+                                : ::send(socket_.fd(), sending_.data(), bytes, MSG_NOSIGNAL);
+    return sent < 0 ? errno : 0;
   }
 
   template <typename Take>
@@ -154,7 +162,7 @@ class Packets {
   std::map<std::string, std::string> facts() const { return {{"busy-poll", busy_ ? "on" : "off"}}; }
 
  private:
-  const bool busy_;
+  const bool busy_, launches_;
   PacketSocket socket_;
   Ring ring_;
   std::vector<std::byte> sending_;
@@ -183,6 +191,7 @@ extern "C" __attribute__((visibility("default"))) const ontime::transport::Plugi
      .loans = false,
      .discovery = true,
      .thread_settings = false,
-     .max_payload_bytes = ontime::transport::frames::max_payload_bytes},
+     .max_payload_bytes = ontime::transport::frames::max_payload_bytes,
+     .launch_time = true},
     ontime::transport::options,
     ontime::transport::open};

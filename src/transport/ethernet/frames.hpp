@@ -95,7 +95,8 @@ class Alarm {
 // A Wire puts frames on a link and takes them off:
 //   Wire(const Config&, const Link&, std::uint64_t topic)  takes in frames of that topic alone; throws Error
 //   std::span<std::byte> room() noexcept                   for the next frame; empty if there is none now
-//   int send(std::size_t bytes) noexcept                   the bytes of room(); 0, or why not
+//   int send(std::size_t bytes, at_ns) noexcept            the bytes of room(), with Config::launch_ns to
+//                                                          leave then; 0, or why not
 //   int receive(const Alarm&, take) noexcept               waits, and calls take(std::span<std::byte>) for
 //   each
 //                                                          frame; 0, or what is wrong with the link
@@ -132,7 +133,7 @@ class End final : public Endpoint {
     const std::int64_t known_ns = known_ns_, now = now_ns();
     if (config_.role == Role::client && known_ns == 0 && now >= next_call_ns_) {
       next_call_ns_ = now + between_calls_ns;
-      put(Kind::call, everybody, [&](std::span<std::byte> room) {
+      put(Kind::call, everybody, launch_ns(), [&](std::span<std::byte> room) {
         std::memcpy(room.data(), &wanted_, sizeof wanted_);
         return sizeof wanted_;
       });
@@ -153,9 +154,14 @@ class End final : public Endpoint {
   }
 
   bool send(std::uint64_t sequence, std::span<const std::byte> payload) noexcept override {
+    return launch(sequence, payload, launch_ns());
+  }
+
+  bool launch(std::uint64_t sequence, std::span<const std::byte> payload,
+              std::int64_t at_ns) noexcept override {
     const bool server = config_.role == Role::server;
     if (!server && known_ns_.load(std::memory_order_acquire) == 0) return false;
-    return put(Kind::message, server ? answered_ : peer_, [&](std::span<std::byte> room) {
+    return put(Kind::message, server ? answered_ : peer_, at_ns, [&](std::span<std::byte> room) {
       if (room.size() < message::cdr_overhead + payload.size()) return std::size_t{0};
       return message::encode(sequence, payload, room);
     });
@@ -191,15 +197,18 @@ class End final : public Endpoint {
  private:
   static constexpr std::int64_t between_calls_ns = 20'000'000;
 
+  // Of what is sent now.
+  std::int64_t launch_ns() const noexcept { return config_.launch_ns > 0 ? now_ns() + config_.launch_ns : 0; }
+
   template <typename Fill>
-  bool put(Kind kind, const Mac& to, Fill fill) noexcept {
+  bool put(Kind kind, const Mac& to, std::int64_t at_ns, Fill fill) noexcept {
     const auto room = wire_.room();
     if (room.size() < sizeof(Header)) return false;
     const Header header{to, link_.mac, htons(ether_type), magic, kind, topic_written_};
     std::memcpy(room.data(), &header, sizeof header);
     const std::size_t bytes = fill(room.subspan(sizeof header));
     if (bytes == 0 && kind == Kind::message) return false;
-    const int error = wire_.send(sizeof header + bytes);
+    const int error = wire_.send(sizeof header + bytes, at_ns);
     if (error != 0) last_error_ = error;
     return error == 0;
   }
@@ -210,7 +219,7 @@ class End final : public Endpoint {
       std::memcpy(&asked, rest.data(), sizeof asked);
       bool ours = asked == 0;
       for (const in_addr_t address : link_.addresses) ours = ours || address == asked;
-      if (ours) put(Kind::answer, header.from, [](auto) { return std::size_t{0}; });
+      if (ours) put(Kind::answer, header.from, launch_ns(), [](auto) { return std::size_t{0}; });
     } else if (header.kind == Kind::message) {
       const auto view = message::decode(rest);
       if (!view) return;

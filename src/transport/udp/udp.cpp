@@ -27,6 +27,7 @@
 
 #include "message/message.hpp"
 #include "transport/clock.hpp"
+#include "transport/launch.hpp"
 #include "transport/transport.hpp"
 
 namespace ontime::transport {
@@ -111,6 +112,7 @@ class Udp final : public Endpoint {
     const int buffer_bytes = 1 << 20;
     setsockopt(socket_.fd(), SOL_SOCKET, SO_RCVBUF, &buffer_bytes, sizeof buffer_bytes);
     use_link();
+    if (config_.launch_ns > 0) permit_launch_times(socket_.fd());
     config_.role == Role::server ? be_server() : be_client();
     if (config_.receive == Receive::listener) {
       listener_ = std::thread([this] {
@@ -132,7 +134,7 @@ class Udp final : public Endpoint {
   Matched matched() override {
     if (config_.role == Role::client && known_ns_ == 0) {
       const Header hello{magic, Kind::hello, 0};
-      if (::send(socket_.fd(), &hello, sizeof hello, MSG_NOSIGNAL) < 0) last_error_ = errno;
+      send_bytes(std::as_bytes(std::span(&hello, 1)), launch_ns());
     }
     const std::int64_t known_ns = known_ns_;
     const int peers = known_ns == 0 ? 0 : 1;
@@ -156,6 +158,11 @@ class Udp final : public Endpoint {
   }
 
   bool send(std::uint64_t sequence, std::span<const std::byte> payload) noexcept override {
+    return launch(sequence, payload, launch_ns());
+  }
+
+  bool launch(std::uint64_t sequence, std::span<const std::byte> payload,
+              std::int64_t at_ns) noexcept override {
     if (payload.size() > config_.max_payload_bytes) return false;
     const bool server = config_.role == Role::server;
     const Header header{magic, Kind::message,
@@ -163,7 +170,7 @@ class Udp final : public Endpoint {
     std::memcpy(sending_.data(), &header, sizeof header);
     const auto bytes =
         sizeof header + message::encode(sequence, payload, std::span(sending_).subspan(sizeof header));
-    return send_bytes(sending_.data(), bytes);
+    return send_bytes(std::span(sending_).first(bytes), at_ns);
   }
 
   void receive() noexcept override {
@@ -250,13 +257,18 @@ class Udp final : public Endpoint {
     if (known_ns_.load(std::memory_order_relaxed) == 0) known_ns_ = now_ns();
   }
 
-  bool send_bytes(const void* data, std::size_t bytes) noexcept {
+  // Of what is sent now.
+  std::int64_t launch_ns() const noexcept { return config_.launch_ns > 0 ? now_ns() + config_.launch_ns : 0; }
+
+  bool send_bytes(std::span<const std::byte> bytes, std::int64_t at_ns) noexcept {
     const bool server = config_.role == Role::server;
+    const auto* const to = server ? reinterpret_cast<const sockaddr*>(&from_) : nullptr;
+    const socklen_t to_bytes = server ? sizeof from_ : 0;
     for (int attempt = 0; attempt < 2; ++attempt) {
-      const auto sent =
-          sendto(socket_.fd(), data, bytes, MSG_NOSIGNAL,
-                 server ? reinterpret_cast<const sockaddr*>(&from_) : nullptr, server ? sizeof from_ : 0);
-      if (sent == static_cast<ssize_t>(bytes)) return true;
+      const auto sent = config_.launch_ns > 0
+                            ? send_to_leave_at(at_ns, socket_.fd(), bytes, to, to_bytes)
+                            : sendto(socket_.fd(), bytes.data(), bytes.size(), MSG_NOSIGNAL, to, to_bytes);
+      if (sent == static_cast<ssize_t>(bytes.size())) return true;
       last_error_ = errno;
       if (errno != ECONNREFUSED)
         return false;  // else an earlier datagram's error was told us, not this one's
@@ -285,7 +297,7 @@ class Udp final : public Endpoint {
       sink_.arrived(view->sequence, view->payload, arrival_ns);
     } else if (header.kind == Kind::hello || header.kind == Kind::message) {
       const Header answer{magic, Kind::cookie, cookie};
-      send_bytes(&answer, sizeof answer);
+      send_bytes(std::as_bytes(std::span(&answer, 1)), launch_ns());
     }
   }
 
@@ -350,6 +362,7 @@ const ontime::transport::Plugin ontime_transport{ontime::transport::abi,
                                                   .loans = false,
                                                   .discovery = false,
                                                   .thread_settings = false,
-                                                  .max_payload_bytes = ontime::transport::max_payload},
+                                                  .max_payload_bytes = ontime::transport::max_payload,
+                                                  .launch_time = true},
                                                  ontime::transport::options,
                                                  ontime::transport::open};

@@ -101,7 +101,7 @@ class Queue {
     return memory_.at(free_[free_count_ - 1], frame_bytes_);
   }
 
-  int send(std::size_t bytes) noexcept {
+  int send(std::size_t bytes, std::int64_t /*at_ns*/) noexcept {
     std::uint32_t at = 0;
     if (xsk_ring_prod__reserve(&sending_, 1, &at) == 0) return ENOBUFS;
     *xsk_ring_prod__tx_desc(&sending_, at) = {free_[--free_count_], static_cast<std::uint32_t>(bytes), 0};
