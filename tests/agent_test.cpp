@@ -28,6 +28,8 @@ TEST(Task, SurvivesItsJourney) {
   task.config.interface = "lo";
   task.config.peers = {"a", "b:1"};
   task.config.domain = 3;
+  task.config.launch_ns = 4;
+  task.config.priority = 5;
   task.config.options = {{"k", "v"}};
   task.config.security = transport::Security{"sign", "a", "b", "c", "d", "e", "f"};
   task.client.schedule = roundtrip::Schedule::fixed;

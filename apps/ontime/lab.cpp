@@ -56,7 +56,13 @@ lab::Machine machine_of(const Arguments& arguments) {
     throw Error(2, fmt::format("--memory: '{}' is too little: 512 MiB are the least", arguments.memory));
   for (const auto& path : arguments.with) {
     if (!fs::exists(path)) throw Error(2, fmt::format("--with: {}: there is no such file or folder", path));
-    machine.with.emplace_back(fs::absolute(path));
+    machine.with.push_back(fs::absolute(path).lexically_normal());
+    for (const auto* own : {"/dev", "/proc", "/run", "/sys", "/tmp"})
+      if (const auto folder = machine.with.back().string() + '/'; folder.starts_with(std::string(own) + '/'))
+        throw Error(2,
+                    fmt::format("--with: {}: the lab's machine has a {} of its own, which would hide it: put "
+                                "it elsewhere",
+                                path, own));
   }
   return machine;
 }

@@ -13,7 +13,10 @@ see() { inside nft list table netdev seen | awk -v id="$1" '/counter/ {name = $2
 for transport in $TRANSPORTS; do
   messages="vlan type ip udp dport != 5201-5202 udp sport != 5201-5202"
   [ $transport = ethernet ] && messages="vlan type 0x88b5"
-  TERM=dumb ontime run --only-measure --cable eth0,eth1 --only $transport --results /tmp/$transport /tmp/classes.yaml 2>&1 &
+  {
+    TERM=dumb ontime run --only-measure --cable eth0,eth1 --only $transport --results /tmp/$transport /tmp/classes.yaml 2>&1
+    echo "$transport ended $?"
+  } &
   until ps -eo args | grep -q '[o]ntime agent'; do sleep 0.1; done
   inside nft "table netdev seen {
     counter messages_6 { }; counter messages_other { }; counter traffic_2 { }; counter traffic_other { };
@@ -25,5 +28,4 @@ for transport in $TRANSPORTS; do
   }"
   while ps -eo args | grep -q '[o]ntime agent'; do see $transport; sleep 0.2; done
   wait
-  echo "$transport ended $?"
 done

@@ -129,6 +129,8 @@ class Refused(Lab):
         self.refused(2, "--nic: 'e1000' is not one of e1000e, virtio, igb", "run", scenario, "--nic", "e1000")
         self.refused(2, "512 MiB are the least", "run", scenario, "--memory", "1 MiB")
         self.refused(2, "--with: /there/is/none", "run", scenario, "--with", "/there/is/none")
+        self.refused(2, "--with: /proc/version: the lab's machine has a /proc of its own, which would hide it", "run", scenario,
+                     "--with", "/proc/version")
         self.refused(2, "there is no such scenario", "run", "/there/is/none")
         self.refused(2, "needs hosts: namespaces", "run", self.scenario((SCENARIO % "udp").replace("namespaces", "loopback")))
         wired = os.path.join(self.folder, "wired.yaml")

@@ -134,7 +134,7 @@ class Udp final : public Endpoint {
   Matched matched() override {
     if (config_.role == Role::client && known_ns_ == 0) {
       const Header hello{magic, Kind::hello, 0};
-      send_bytes(std::as_bytes(std::span(&hello, 1)), launch_ns());
+      send_bytes(std::as_bytes(std::span(&hello, 1)), soon);
     }
     const std::int64_t known_ns = known_ns_;
     const int peers = known_ns == 0 ? 0 : 1;
@@ -158,9 +158,8 @@ class Udp final : public Endpoint {
   }
 
   bool send(std::uint64_t sequence, std::span<const std::byte> payload) noexcept override {
-    return launch(sequence, payload, launch_ns());
+    return launch(sequence, payload, soon);
   }
-
   bool launch(std::uint64_t sequence, std::span<const std::byte> payload,
               std::int64_t at_ns) noexcept override {
     if (payload.size() > config_.max_payload_bytes) return false;
@@ -257,17 +256,20 @@ class Udp final : public Endpoint {
     if (known_ns_.load(std::memory_order_relaxed) == 0) known_ns_ = now_ns();
   }
 
-  // Of what is sent now.
-  std::int64_t launch_ns() const noexcept { return config_.launch_ns > 0 ? now_ns() + config_.launch_ns : 0; }
+  // Launched as long after now as all that has no time of its own; where nothing has, as it is sent.
+  static constexpr std::int64_t soon = 0;
 
   bool send_bytes(std::span<const std::byte> bytes, std::int64_t at_ns) noexcept {
-    const bool server = config_.role == Role::server;
-    const auto* const to = server ? reinterpret_cast<const sockaddr*>(&from_) : nullptr;
-    const socklen_t to_bytes = server ? sizeof from_ : 0;
     for (int attempt = 0; attempt < 2; ++attempt) {
-      const auto sent = config_.launch_ns > 0
-                            ? send_to_leave_at(at_ns, socket_.fd(), bytes, to, to_bytes)
-                            : sendto(socket_.fd(), bytes.data(), bytes.size(), MSG_NOSIGNAL, to, to_bytes);
+      const bool server = config_.role == Role::server;
+      const auto* const to = server ? reinterpret_cast<const sockaddr*>(&from_) : nullptr;
+      const socklen_t to_bytes = server ? sizeof from_ : 0;
+      ssize_t sent = 0;
+      if (config_.launch_ns > 0) [[unlikely]]
+        sent = send_to_leave_at(at_ns == soon ? now_ns() + config_.launch_ns : at_ns, socket_.fd(), bytes, to,
+                                to_bytes);
+      else
+        sent = sendto(socket_.fd(), bytes.data(), bytes.size(), MSG_NOSIGNAL, to, to_bytes);
       if (sent == static_cast<ssize_t>(bytes.size())) return true;
       last_error_ = errno;
       if (errno != ECONNREFUSED)
@@ -297,7 +299,7 @@ class Udp final : public Endpoint {
       sink_.arrived(view->sequence, view->payload, arrival_ns);
     } else if (header.kind == Kind::hello || header.kind == Kind::message) {
       const Header answer{magic, Kind::cookie, cookie};
-      send_bytes(std::as_bytes(std::span(&answer, 1)), launch_ns());
+      send_bytes(std::as_bytes(std::span(&answer, 1)), soon);
     }
   }
 
