@@ -17,7 +17,8 @@ see() {
   echo "$1 everybody=$(cpus $bystander)"
   echo "$1 work=$(cat /sys/devices/virtual/workqueue/cpumask)"
   echo "$1 interrupts=$(for irq in $(grep -E 'eth[01]' /proc/interrupts | cut -d: -f1); do cat "/proc/irq/$irq/smp_affinity_list"; done | sort -u)"
-  echo "$1 threads="$(ps -eo pid=,comm= | grep ' irq/' | grep -v eth | while read -r pid name; do echo "$name:$(cpus "$pid")"; done | sort)
+  # The console's, whose interrupt comes all the time; another's takes its CPUs again when it next comes.
+  echo "$1 thread=$(ps -eo pid=,comm= | grep 'irq/.*ttyS0' | while read -r pid name; do cpus "$pid"; done)"
   echo "$1 groups=$(cd $groups && echo ontime-*)"
   echo "$1 controllers=$(cat $groups/cgroup.subtree_control)"
   echo "$1 partition=$(cat $groups/ontime-robot/cpuset.cpus.partition 2>&1 | sed 's/.*: //')"

@@ -301,6 +301,7 @@ class Machines(Lab):
         self.assertEqual((during["partition"], during["everybody"], during["agents"]), ("root", "0", "1"), text)
         self.assertEqual((during["work"].lstrip("0"), during["interrupts"], during["limit"]), ("1", "0", "30000 100000 10"), text)
         self.assertTrue(during["load"].endswith("/ontime-load"), text)
+        self.assertEqual(during["thread"], "0", text)
         self.assertNotEqual(seen["killed"]["groups"], seen["before"]["groups"], text)
         for moment in ("after", "reverted"):
             self.assertIn(seen[moment].pop("interrupts"), ("", "0-1"), "of a NIC that is down there are none")
@@ -352,6 +353,17 @@ class Machines(Lab):
                 self.assertTrue(1700 <= arrived_us < 2000, f"delta before it at most: {arrived_us} µs")
         for run in runs[2:]:
             self.assertIn("a launch-time that nobody heeded", run["error"])
+
+    @of_all
+    def test_traffic_that_ruins_best_effort_does_not_touch_a_window(self):
+        tsn = pathlib.Path(__file__).parents[2] / "scenarios/lab/tsn.yaml"
+        self.measured("tsn.ontime", str(tsn), "--only", "one-queue,windows", "--duration", "300 ms")
+        queued, windows = self.report(self.results("tsn.ontime"))
+        self.assertEqual((queued["sent"], queued["on_time"]), (30, 0))
+        self.assertEqual((windows["sent"], windows["on_time"]), (30, 30))
+        for run in (queued, windows):
+            for rates in run["conditions"]["traffic"]["achieved"].values():
+                self.assertGreater(rates["received_bit_s"], 4e6)
 
     @of_all
     def test_an_interruption_ends_the_machine(self):
