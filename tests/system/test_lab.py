@@ -49,6 +49,12 @@ defaults:
 runs:
   - id: kept
   - {id: past, link: {message-priority: 1}}
+  - id: missed
+    realtime: {send: {policy: other}}
+    load: {controller: {cpu: 4}}
+    launch-time: 60 us
+    link:
+      qdisc: prio bands 2 priomap 1 1 1 1 1 1 0 1 1 1 1 1 1 1 1 1 below 1 etf clockid CLOCK_TAI delta 40000
 """
 BAD_LINK = """
 hosts: namespaces
@@ -217,7 +223,7 @@ class Machines(Lab):
             part = os.read(process.stdout.fileno(), 4096)
             self.assertTrue(part, said)
             said += part
-        answer, _ = process.communicate(f"{variables} bash {script}; exit\r".encode(), timeout=600)
+        answer, _ = process.communicate(f"{variables} bash {script}; exit\r".encode(), timeout=900)
         self.assertEqual(process.returncode, 0, answer)
         return answer.decode(errors="replace").replace("\r\033[K", "\n").replace("\r", "").splitlines()
 
@@ -342,7 +348,7 @@ class Machines(Lab):
         self.assertEqual(answer.returncode, 3, answer.stderr)
         runs = self.report(self.results())
         self.assertEqual([(run["id"], run["transport"]) for run in runs],
-                         [("kept", "udp"), ("kept", "ethernet"), ("past", "udp"), ("past", "ethernet")])
+                         [(id, transport) for id in ("kept", "past", "missed") for transport in ("udp", "ethernet")])
         for number, run in enumerate(runs[:2], 1):
             self.assertEqual((run["error"], run["sent"], run["lost"]), (None, 50, 0), answer.stderr)
             for host in ("controller", "component"):
@@ -351,8 +357,13 @@ class Machines(Lab):
                 self.assertEqual(etf["dropped_frames"], 0)
             for arrived_us in arrivals(self.results(), number):
                 self.assertTrue(1700 <= arrived_us < 2000, f"delta before it at most: {arrived_us} µs")
-        for run in runs[2:]:
+        for run in runs[2:4]:
             self.assertIn("a launch-time that nobody heeded", run["error"])
+        for run in runs[4:]:  # an ordinary sender among others wakes later than that
+            dropped = run["hosts"]["controller"]["link"]["etf"]["dropped_frames"]
+            self.assertGreater(dropped, 0)
+            self.assertEqual((run["error"], run["lost"]), (None, dropped))
+            self.assertIn(f"dropped by etf {dropped} frame", answer.stdout.replace("\n    ", " "))
 
     @of_all
     def test_traffic_that_ruins_best_effort_does_not_touch_a_window(self):
