@@ -47,10 +47,12 @@ inline std::int64_t tai_of(std::int64_t monotonic_ns) noexcept {
   return monotonic_ns + ahead_ns;
 }
 
-// sendto(), of what is to leave at that time. Real-time. Not inline: its buffers are not to be on the stack of
-// who sends without.
-[[gnu::noinline]] inline ssize_t send_to_leave_at(std::int64_t at_ns, int fd, std::span<const std::byte> bytes,
-                                const sockaddr* to = nullptr, socklen_t to_bytes = 0) noexcept {
+// sendto(), of what is to leave at that time. Real-time. Not inline: its buffers are not to be on the stack
+// of who sends without.
+[[gnu::noinline]] inline ssize_t send_to_leave_at(std::int64_t at_ns, int fd,
+                                                  std::span<const std::byte> bytes,
+                                                  const sockaddr* to = nullptr,
+                                                  socklen_t to_bytes = 0) noexcept {
   iovec part{const_cast<std::byte*>(bytes.data()), bytes.size()};
   alignas(cmsghdr) std::array<char, CMSG_SPACE(sizeof(std::uint64_t))> control{};
   msghdr message{};
