@@ -198,6 +198,21 @@ TEST_F(Agent, SaysWhyItCannot) {
               testing::AllOf(HasSubstr("2 transport udp has no option 'colour'"), HasSubstr("port")));
 }
 
+TEST_F(Agent, RefusesALaunchTimeWhereTheSocketIsNotOntimes) {
+  auto task = task_of(transport::Role::server, some_domain());
+  task.config.launch_ns = 1'000'000;
+  int refused = 0;
+  for (const auto* name : {"xdp", "cyclonedds", "fastdds"}) {
+    if (const auto names = transport::available(); std::find(names.begin(), names.end(), name) == names.end())
+      continue;
+    task.transport = name;
+    EXPECT_THAT(failure(task),
+                HasSubstr(std::string("2 transport ") + name + " writes to no socket of ontime's"));
+    ++refused;
+  }
+  if (refused == 0) GTEST_SKIP() << "there are udp and ethernet alone";
+}
+
 TEST_F(Agent, SaysThatAPortIsBusy) {
   const auto task = task_of(transport::Role::server, some_domain());
   Hand first(coordinator_, "the first", command(), sample_layout());
