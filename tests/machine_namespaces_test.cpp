@@ -15,7 +15,6 @@
 
 #include "journal/journal.hpp"
 #include "machine/command.hpp"
-#include "machine/link_watch.hpp"
 #include "machine/machine.hpp"
 #include "own_run.hpp"
 

@@ -9,7 +9,6 @@
 #include <vector>
 
 #include "agent/agent.hpp"
-#include "machine/link_watch.hpp"
 #include "machine/machine.hpp"
 
 namespace ontime::agent {

@@ -4,9 +4,9 @@
 #include <algorithm>
 #include <charconv>
 #include <filesystem>
+#include <fstream>
+#include <iterator>
 #include <sstream>
-
-#include "machine/proc.hpp"
 
 namespace ontime::fitness {
 namespace {
@@ -31,8 +31,14 @@ std::optional<Number> number_of(const std::string& text) {
 }  // namespace
 
 std::optional<std::string> Look::text(const std::string& path) const {
-  const auto text = machine::text_of(at(path));
-  return text ? std::optional(trimmed(*text)) : std::nullopt;
+  std::ifstream file(at(path));
+  if (!file) return {};
+  try {
+    std::string text(std::istreambuf_iterator<char>(file), {});
+    return trimmed(text);
+  } catch (const std::ios_base::failure&) {  // of a process that has ended meanwhile
+    return {};
+  }
 }
 
 std::optional<std::int64_t> Look::number(const std::string& path) const {

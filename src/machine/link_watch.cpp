@@ -1,10 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "machine/link_watch.hpp"
-
 #include <array>
 #include <cerrno>
 #include <chrono>
+#include <memory>
+#include <mutex>
 #include <optional>
+#include <thread>
 
 #include <fmt/format.h>
 #include <libmnl/libmnl.h>
@@ -50,55 +51,74 @@ std::int64_t now_ns() { return std::chrono::steady_clock::now().time_since_epoch
 
 }  // namespace
 
-LinkWatch::LinkWatch(const std::string& interface)
-    : interface_(if_nametoindex(interface.c_str())),
-      socket_(mnl_socket_open2(NETLINK_ROUTE, SOCK_CLOEXEC | SOCK_NONBLOCK), mnl_socket_close),
-      over_(eventfd(0, EFD_CLOEXEC)) {
-  if (!socket_ || over_ < 0 || mnl_socket_bind(socket_.get(), RTMGRP_LINK, MNL_SOCKET_AUTOPID) != 0) {
-    close(over_);
-    throw Error(fmt::format("the kernel's news of interface {} cannot be had", interface));
+class LinkWatch::Listener {
+ public:
+  explicit Listener(const std::string& interface)
+      : interface_(if_nametoindex(interface.c_str())),
+        socket_(mnl_socket_open2(NETLINK_ROUTE, SOCK_CLOEXEC | SOCK_NONBLOCK), mnl_socket_close),
+        over_(eventfd(0, EFD_CLOEXEC)) {
+    if (!socket_ || over_ < 0 || mnl_socket_bind(socket_.get(), RTMGRP_LINK, MNL_SOCKET_AUTOPID) != 0) {
+      close(over_);
+      throw Error(fmt::format("the kernel's news of interface {} cannot be had", interface));
+    }
+    thread_ = std::thread([this] { listen(); });
   }
-  thread_ = std::thread([this] { watch(); });
-}
+  ~Listener() {
+    eventfd_write(over_, 1);
+    thread_.join();
+    close(over_);
+  }
+  Listener(const Listener&) = delete;
+  Listener& operator=(const Listener&) = delete;
 
-LinkWatch::~LinkWatch() {
-  eventfd_write(over_, 1);
-  thread_.join();
-  close(over_);
-}
-
-std::vector<LinkWatch::Down> LinkWatch::downs() const {
-  const std::lock_guard lock(mutex_);
-  return downs_;
-}
-
-void LinkWatch::watch() {
-  pthread_setname_np(pthread_self(), "ontime-link");
-  alignas(nlmsghdr) std::array<char, 32768> bytes{};
-  bool is_down = false;
-  const auto enter = [&](const State& state) {
-    const bool carries = state.is_up && state.has_carrier;
+  std::vector<Down> downs() const {
     const std::lock_guard lock(mutex_);
-    if (!carries && !is_down && downs_.size() < most) downs_.push_back({now_ns(), 0, !state.is_up});
-    // Where the carrier goes before the flag does.
-    if (!carries && is_down && downs_.back().to_ns == 0) downs_.back().taken |= !state.is_up;
-    if (carries && is_down && downs_.back().to_ns == 0) downs_.back().to_ns = now_ns();
-    is_down = !carries;
-  };
-  std::array<pollfd, 2> waits{{{mnl_socket_get_fd(socket_.get()), POLLIN, 0}, {over_, POLLIN, 0}}};
-  while (poll(waits.data(), waits.size(), -1) >= 0 || errno == EINTR) {
-    // First what there is still: it was before the end.
-    for (;;) {
+    return downs_;
+  }
+
+ private:
+  void listen() {
+    pthread_setname_np(pthread_self(), "ontime-link");
+    std::array<pollfd, 2> waits{{{mnl_socket_get_fd(socket_.get()), POLLIN, 0}, {over_, POLLIN, 0}}};
+    while (poll(waits.data(), waits.size(), -1) >= 0 || errno == EINTR) {
+      read();  // first: what there is still was before the end
+      if ((waits[1].revents & POLLIN) != 0) return;
+    }
+  }
+  void read() {
+    alignas(nlmsghdr) std::array<char, 32768> bytes{};
+    while (true) {
       const auto size = mnl_socket_recvfrom(socket_.get(), bytes.data(), bytes.size());
       if (size < 0 && errno == ENOBUFS) ask(*socket_, interface_);  // some news was lost
-      if (size <= 0) break;
+      if (size <= 0) return;
       auto left = static_cast<int>(size);
       const auto* header = reinterpret_cast<const nlmsghdr*>(bytes.data());
       for (; mnl_nlmsg_ok(header, left); header = mnl_nlmsg_next(header, &left))
         if (const auto state = state_in(*header, interface_)) enter(*state);
     }
-    if ((waits[1].revents & POLLIN) != 0) return;
   }
-}
+  void enter(const State& state) {
+    const bool carries = state.is_up && state.has_carrier;
+    const std::lock_guard lock(mutex_);
+    if (!carries && !is_down_ && downs_.size() < most) downs_.push_back({now_ns(), 0, !state.is_up});
+    const bool goes_on = is_down_ && !downs_.empty() && downs_.back().to_ns == 0;
+    // A carrier may go before the flag does.
+    if (!carries && goes_on) downs_.back().taken = downs_.back().taken || !state.is_up;
+    if (carries && goes_on) downs_.back().to_ns = now_ns();
+    is_down_ = !carries;
+  }
+
+  const unsigned interface_;
+  const std::unique_ptr<mnl_socket, int (*)(mnl_socket*)> socket_;
+  const int over_;  // an eventfd
+  mutable std::mutex mutex_;
+  std::vector<Down> downs_;
+  bool is_down_ = false;
+  std::thread thread_;
+};
+
+LinkWatch::LinkWatch(const std::string& interface) : listener_(std::make_unique<Listener>(interface)) {}
+LinkWatch::~LinkWatch() = default;
+std::vector<LinkWatch::Down> LinkWatch::downs() const { return listener_->downs(); }
 
 }  // namespace ontime::machine

@@ -5,6 +5,7 @@
 
 #include <chrono>
 #include <cstdint>
+#include <memory>
 #include <optional>
 #include <stdexcept>
 #include <string>
@@ -90,6 +91,25 @@ std::optional<Traffic> traffic(const std::string& interface);
 // What went over it between two such moments, by the names above; or {"gone": why nobody can tell}, if it is
 // not there any more, or is another of that name.
 nlohmann::json between(const Traffic& first, const std::optional<Traffic>& last);
+
+// When an interface could carry nothing, as the kernel tells whoever listens: by a thread of its own,
+// ordinary, so some time after it was so if that gets no CPU.
+class LinkWatch {
+ public:
+  explicit LinkWatch(const std::string& interface);  // from now on; throws Error
+  ~LinkWatch();
+
+  struct Down {
+    std::int64_t from_ns, to_ns;  // CLOCK_MONOTONIC; to_ns 0: still
+    bool taken;                   // by somebody, or it is gone; false: it had no carrier
+  };
+  static constexpr std::size_t most = 100;  // that are kept, the first
+  std::vector<Down> downs() const;
+
+ private:
+  class Listener;
+  const std::unique_ptr<Listener> listener_;
+};
 
 // What was dropped so far where this process lives, by what the kernel counts. A datagram may be in several.
 // Nothing: it cannot be read.
