@@ -16,6 +16,7 @@
 #include "lab/console.hpp"
 #include "lab/guest.hpp"
 #include "lab/image.hpp"
+#include "lab/kernel.hpp"
 #include "lab/qemu.hpp"
 #include "lab/results.hpp"
 #include "machine/machine.hpp"
@@ -128,6 +129,16 @@ TEST_F(Lab, DeterministicTimeIsThatOfInstructions) {
   EXPECT_THAT(command(machine), Not(Contains(HasSubstr("nokaslr"))));
 }
 
+TEST_F(Lab, CpusWhoseInstructionsAreCountedTakeShortTurns) {
+  Machine machine;
+  EXPECT_THAT(command(machine), Not(Contains(HasSubstr("filter-buffer"))));
+  machine.cpus = 2;
+  EXPECT_THAT(command(machine),
+              IsSupersetOf({"-smp", "2", "filter-buffer,id=turn,netdev=turns,interval=20"}));
+  machine.deterministic = false;
+  EXPECT_THAT(command(machine), Not(Contains(HasSubstr("filter-buffer"))));
+}
+
 TEST_F(Lab, MachineIsToldThatItIsSimulated) {
   Machine machine;
   machine.nic = "virtio";
@@ -152,6 +163,44 @@ TEST_F(Lab, NicsSayTheSpeedThatTheyAreToHave) {
   EXPECT_THAT(image.substr(begin, end - begin),
               testing::AllOf(HasSubstr("  ethtool -s \"$nic\" speed 10 duplex full autoneg off || { echo "),
                              HasSubstr("$nic cannot be given the speed of the scenario's wire, 10 Mbit/s")));
+}
+
+TEST_F(Lab, ImageThatHasNoRoomSaysSo) {
+  Image image;
+  image.add_text("/init", std::string(1 << 20, 'x'));
+  try {
+    image.write("/dev/full");
+    FAIL() << "it was written";
+  } catch (const Error& error) {
+    EXPECT_THAT(error.what(), testing::AllOf(HasSubstr("No space left on device"), HasSubstr("TMPDIR")));
+  }
+}
+
+TEST_F(Lab, KernelThatAptDoesNotHaveIsOneThatWasKept) {
+  fs::create_directories(folder() / "ontime/kernels/linux-image-1-rt_1_amd64/lib/modules/1-rt");
+  fs::create_directory(folder() / "ontime/kernels/linux-image-1-rt_1_amd64/boot");
+  write("ontime/kernels/linux-image-1-rt_1_amd64/boot/vmlinuz-1-rt", "");
+  fs::permissions(folder() / "ontime/kernels", fs::perms::owner_all);
+  write("apt-cache", "#!/bin/sh\necho 'N: a word' >&2\necho 'E: No packages found' >&2\nexit 100\n");
+  fs::permissions(folder() / "apt-cache", fs::perms::owner_all);
+  const std::string before = std::getenv("PATH");
+  setenv("PATH", (folder().string() + ":" + before).c_str(), 1);
+  setenv("XDG_CACHE_HOME", folder().c_str(), 1);
+  std::string told, said;
+  Kernel kernel;
+  try {
+    kernel = fetch_kernel("linux-image-1-rt", [&](const std::string& text) { told = text; });
+    fetch_kernel("linux-image-rt-amd64", [](const std::string&) {});
+  } catch (const Error& error) {
+    said = error.what();
+  }
+  unsetenv("XDG_CACHE_HOME");
+  setenv("PATH", before.c_str(), 1);
+  EXPECT_EQ(kernel.release, "1-rt");
+  EXPECT_THAT(told, HasSubstr("Taken is the one that was kept, linux-image-1-rt_1_amd64"));
+  EXPECT_THAT(said,
+              testing::AllOf(HasSubstr("linux-image-rt-amd64 is not to be had here: No packages found. It"),
+                             HasSubstr("which --kernel linux-image-1-rt takes")));
 }
 
 TEST_F(Lab, FolderThatCannotBeLookedIntoHasNoProgram) {

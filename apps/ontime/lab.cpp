@@ -2,11 +2,15 @@
 #include "lab/lab.hpp"
 
 #include <algorithm>
+#include <cerrno>
 #include <filesystem>
+#include <optional>
 #include <string_view>
+#include <system_error>
 
 #include <fmt/format.h>
 #include <fmt/ranges.h>
+#include <unistd.h>
 
 #include "commands.hpp"
 #include "flags.hpp"
@@ -30,6 +34,7 @@ struct Arguments {
   Choice choice;
   lab::Machine machine;
   std::string memory, results, format = "table";
+  std::optional<int> cpus;
   bool live = false;
 };
 
@@ -47,6 +52,7 @@ lab::Machine machine_of(const Arguments& arguments) {
     throw Error(2, fmt::format("--kernel: '{}' is no package of a kernel, such as linux-image-rt-amd64",
                                machine.kernel));
   machine.deterministic = !arguments.live;
+  machine.cpus = arguments.cpus.value_or(arguments.live ? 2 : 1);
   try {
     if (!arguments.memory.empty()) machine.memory_bytes = campaign::bytes_of(arguments.memory);
   } catch (const std::invalid_argument& error) {
@@ -141,6 +147,9 @@ int run(const Arguments& arguments, const GateFlags& flags) {
         2, fmt::format("--results: {} is there already, and what comes out of the lab is a file of its own: "
                        "name another",
                        results));
+  if (const auto there = fs::absolute(results).parent_path(); access(there.c_str(), W_OK | X_OK) != 0)
+    throw Error(3, fmt::format("--results: {} cannot be written there: {}: name another file", results,
+                               std::generic_category().message(errno)));
   auto& interrupts = catch_interrupts();
   Terminal terminal;
   const auto observer = observer_of(terminal, interrupts);
@@ -182,6 +191,9 @@ void add_machine(CLI::App& command, Arguments& arguments) {
       "its time is the number of its instructions, so that it goes the same way again: so it is");
   command.add_flag("--live", arguments.live, "its time is this machine's, with all that disturbs that")
       ->excludes(deterministic);
+  command.add_option("--cpus", arguments.cpus, "that it has: 1; with --live 2")
+      ->type_name("N")
+      ->check(CLI::Range(1, lab::most_cpus));
   command.add_option("--kernel", arguments.machine.kernel, "Debian's package: linux-image-rt-amd64")
       ->type_name("PACKAGE")
       ->check(given);

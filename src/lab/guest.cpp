@@ -68,7 +68,8 @@ done
 /bin/busybox poweroff -f
 )sh";
 
-// What takes the results is looked for only now: when it answers is a matter of this machine's time.
+// What takes the results is looked for only now: when it answers is a matter of this machine's time. Its file
+// is there a little before it can be opened.
 constexpr std::string_view then_run = R"sh(exec 3>/dev/ttyS1
 echo '{up}' >&3
 cd {results}
@@ -76,7 +77,7 @@ cd {results}
 echo $? >{results}/code
 /bin/busybox cut -d ' ' -f 1 /proc/uptime >{results}/uptime
 modprobe -a virtio_pci virtio_console
-until [ -c /dev/vport0p1 ]; do /bin/busybox usleep 10000; done
+until [ -c /dev/vport0p1 ] && (: >/dev/vport0p1) 2>/dev/null; do /bin/busybox usleep 10000; done
 /bin/busybox tar -c -C {results} . >/dev/vport0p1)sh";
 
 constexpr std::string_view then_shell = R"sh(cd /root

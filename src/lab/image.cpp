@@ -6,6 +6,7 @@
 #include <fstream>
 #include <memory>
 #include <sstream>
+#include <system_error>
 
 #include <archive.h>
 #include <archive_entry.h>
@@ -56,9 +57,11 @@ std::vector<fs::path> libraries_of(const fs::path& object) {
 using Archive = std::unique_ptr<archive, decltype(&archive_write_free)>;
 
 void check(archive* of, int result, const fs::path& file) {
-  if (result < ARCHIVE_OK)
-    throw Error(fmt::format("the machine's files cannot be written to {}: {}", file.string(),
-                            archive_error_string(of)));
+  if (result >= ARCHIVE_OK) return;
+  const auto error = archive_errno(of);
+  throw Error(fmt::format(
+      "the machine's files cannot be written to {}: {}: make room, or name another folder with TMPDIR",
+      file.string(), error > 0 ? std::generic_category().message(error) : archive_error_string(of)));
 }
 
 }  // namespace

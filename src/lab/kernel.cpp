@@ -21,6 +21,7 @@ namespace fs = std::filesystem;
 using background::output_of;
 using namespace std::chrono_literals;
 
+using Told = std::function<void(const std::string&)>;
 constexpr std::uint64_t unpacked_bytes = 500'000'000;  // with the package beside it
 constexpr auto time_to_ask = 60s, time_to_fetch = 600s, time_to_unpack = 300s;
 
@@ -49,11 +50,25 @@ void check_own(const fs::path& folder) {
         folder.string()));
 }
 
-Error not_to_be_had(const std::string& package, const std::string& why) {
-  return Error(fmt::format(
-      "the kernel package {} is not to be had here: {}. It is one of Debian 12's: sudo apt update, "
-      "and try again",
-      package, why));
+// Of all that apt says, why it did not.
+std::string reason_of(const std::string& said) {
+  std::string reason;
+  std::istringstream lines(said);
+  for (std::string line; std::getline(lines, line);)
+    if (const auto at = line.find("E: "); at != line.npos && (at == 0 || line[at - 1] == ' '))
+      reason += (reason.empty() ? "" : "; ") + line.substr(at + 3);
+  return reason.empty() ? said : reason;
+}
+
+struct NotToBeHad : Error {
+  using Error::Error;
+};
+NotToBeHad not_to_be_had(const std::string& package, const std::string& why) {
+  return NotToBeHad(
+      fmt::format("the kernel package {} is not to be had here: {}. It is one of Debian 12's, and comes over "
+                  "the network: "
+                  "sudo apt update, and try again",
+                  package, reason_of(why)));
 }
 
 // "linux-image-rt-amd64" only names the present one.
@@ -136,12 +151,7 @@ struct Unfinished {
   std::string folder;
 };
 
-}  // namespace
-
-Kernel fetch_kernel(const std::string& package, const std::function<void(const std::string&)>& told) {
-  const auto folder = cache();
-  fs::create_directories(folder);
-  check_own(folder);
+Kernel present_kernel(const std::string& package, const fs::path& folder, const Told& told) {
   const auto name = present_one(package);
   const auto download = download_of(name);
   const auto kept = folder / fs::path(download.file).stem();
@@ -158,6 +168,33 @@ Kernel fetch_kernel(const std::string& package, const std::function<void(const s
   }
   unpack(fs::path(unfinished.folder) / download.file, kept);
   return kernel_in(kept);
+}
+
+}  // namespace
+
+Kernel fetch_kernel(const std::string& package, const Told& told) {
+  const auto folder = cache();
+  std::error_code failed;
+  if (fs::create_directories(folder, failed); failed)
+    throw Error(
+        fmt::format("{}, where the lab keeps its kernels, cannot be made: {}: name another folder with "
+                    "XDG_CACHE_HOME",
+                    folder.string(), failed.message()));
+  check_own(folder);
+  try {
+    return present_kernel(package, folder, told);
+  } catch (const NotToBeHad& error) {
+    std::string others;
+    for (const auto& entry : fs::directory_iterator(folder)) {
+      const auto kept = entry.path().filename().string(), its = kept.substr(0, kept.find('_'));
+      if (its == package) {
+        told(fmt::format("{}. Taken is the one that was kept, {}", error.what(), kept));
+        return kernel_in(entry.path());
+      }
+      if (its != kept) others += fmt::format(". One was kept, which --kernel {} takes", its);
+    }
+    throw Error(error.what() + others);
+  }
 }
 
 }  // namespace ontime::lab

@@ -17,7 +17,8 @@ struct Kernel {
 };
 
 // That of the package, or of the one that it depends on, in the version that apt would install; fetched if it
-// is not there yet, which is told. Throws Error.
+// is not there yet, which is told. Where apt cannot: one of that package that is there, which is told as
+// well. Throws Error.
 Kernel fetch_kernel(const std::string& package, const std::function<void(const std::string&)>& told);
 
 }  // namespace ontime::lab

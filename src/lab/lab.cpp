@@ -31,7 +31,7 @@ namespace fs = std::filesystem;
 using namespace std::chrono_literals;
 using Clock = std::chrono::steady_clock;
 
-constexpr std::chrono::seconds time_to_boot = 5min, time_to_boot_by_kvm = 30s;
+constexpr std::chrono::seconds time_to_boot = 15min, time_to_boot_by_kvm = 30s;
 constexpr auto between_looks = 200ms;
 
 struct Prepared {

@@ -28,14 +28,16 @@ struct Machine {
   // The speed that they say they have, by which some disciplines reckon (taprio): 10, 100 or 1000 Mbit/s; 0:
   // whatever they say. What they are given goes at once all the same.
   int nic_mbit_per_s = 0;
-  // Its time is the number of instructions that it carried out, on one CPU: whatever else this machine does,
-  // it goes the same way again. Else this machine's time, on two.
+  // Its time is the number of instructions that it carried out: whatever else this machine does, it goes the
+  // same way again. Else this machine's time.
   bool deterministic = true;
+  int cpus = 1;                                 // up to most_cpus
   std::string kernel = "linux-image-rt-amd64";  // Debian's package
   std::uint64_t memory_bytes = std::uint64_t{2} << 30U;
   std::vector<std::filesystem::path> with;  // files and folders that it has at the same place
 };
 std::span<const char* const> nics();
+inline constexpr int most_cpus = 8;
 // The two NICs, as Linux calls them there; down, and without addresses.
 inline constexpr const char* controller_nic = "eth0";
 inline constexpr const char* component_nic = "eth1";

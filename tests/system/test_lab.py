@@ -134,6 +134,7 @@ class Refused(Lab):
         scenario = self.scenario(SCENARIO % "udp")
         self.refused(2, "--nic: 'e1000' is not one of e1000e, virtio, igb", "run", scenario, "--nic", "e1000")
         self.refused(2, "512 MiB are the least", "run", scenario, "--memory", "1 MiB")
+        self.refused(2, "--cpus: Value 9 not in range 1 to 8", "run", scenario, "--cpus", "9")
         self.refused(2, "--with: /there/is/none", "run", scenario, "--with", "/there/is/none")
         self.refused(2, "--with: /proc/version: the lab's machine has a /proc of its own, which would hide it", "run", scenario,
                      "--with", "/proc/version")
@@ -163,6 +164,10 @@ class Refused(Lab):
         self.refused(2, "is there already", "run", self.scenario(SCENARIO % "udp"), "--results", str(taken))
         self.assertEqual(taken.read_text(), "mine")
 
+    def test_results_that_can_be_written_nowhere(self):
+        self.refused(3, "/there/is/none.ontime cannot be written there: No such file or directory", "run",
+                     self.scenario(SCENARIO % "udp"), "--results", "/there/is/none.ontime")
+
     def test_a_machine_that_has_no_qemu(self):
         self.refused(3, "sudo apt install qemu-system-x86", "run", self.scenario(SCENARIO % "udp"), PATH=self.temporary)
 
@@ -173,6 +178,8 @@ class Refused(Lab):
 """)
         self.refused(3, "this QEMU has no igb: QEMU emulator version 7.2.22 (Debian). Debian 12's has igb only from "
                         "bookworm-backports", "run", scenario, "--nic", "igb", PATH=path)
+        self.refused(3, "QEMU 7.2.22 lets the first of 2 CPUs whose instructions are counted run for ever", "run", scenario,
+                     "--cpus", "2", PATH=path)
         self.refused(3, "is to have 9536743 MiB of memory, and ", "run", scenario, "--memory", "10000000 MB", PATH=path)
         self.refused(3, "the kernel package linux-image-of-nobody is not to be had here: ", "run", scenario,
                      "--kernel", "linux-image-of-nobody", PATH=path)
