@@ -46,6 +46,7 @@ constexpr std::string_view start = R"sh(#!/bin/busybox sh
 # SPDX-License-Identifier: Apache-2.0
 export PATH=/usr/sbin:/usr/bin:/sbin:/bin HOME=/root TERM=linux
 mount() {{ /bin/busybox mount -t "$1" "$1" "$2"; }}
+fail() {{ echo "$1"; /bin/busybox usleep 500000; /bin/busybox poweroff -f; }}
 /bin/busybox mkdir -p /proc /sys /dev /run /tmp /root {results}
 mount proc /proc
 mount sysfs /sys
@@ -60,7 +61,11 @@ mount debugfs /sys/kernel/debug
 ip link set lo up
 modprobe {driver}
 for nic in {nics}; do
-  until [ -e "/sys/class/net/$nic" ]; do /bin/busybox usleep 10000; done
+  left=1000
+  until [ -e "/sys/class/net/$nic" ]; do
+    [ $((left -= 1)) -gt 0 ] || fail "there is no $nic: this kernel has no driver for the lab's {card}, take another --nic or --kernel"
+    /bin/busybox usleep 10000
+  done
   {speed}
 done
 {then}
@@ -101,11 +106,8 @@ std::string speed_of(const Machine& machine) {
         "apt "
         "install ethtool)");
   return fmt::format(
-      "ethtool -s \"$nic\" speed {0} duplex full autoneg off || {{ echo \"$nic cannot be given the speed of "
-      "the "
-      "scenario's wire, {0} Mbit/s: take another --nic\"; /bin/busybox usleep 500000; /bin/busybox poweroff "
-      "-f; "
-      "}}",
+      "ethtool -s \"$nic\" speed {0} duplex full autoneg off || fail \"$nic cannot be given the speed of the "
+      "scenario's wire, {0} Mbit/s: take another --nic\"",
       machine.nic_mbit_per_s);
 }
 
@@ -186,7 +188,7 @@ Image image_of(const Machine& machine, const Kernel& kernel, const std::vector<s
                         fmt::arg("command", fmt::join(words, " ")));
   image.add_text("/init",
                  fmt::format(fmt::runtime(start), fmt::arg("results", results_folder),
-                             fmt::arg("driver", driver_of(machine.nic)),
+                             fmt::arg("card", machine.nic), fmt::arg("driver", driver_of(machine.nic)),
                              fmt::arg("nics", fmt::format("{} {}", controller_nic, component_nic)),
                              fmt::arg("speed", speed_of(machine)), fmt::arg("then", then)),
                  true);

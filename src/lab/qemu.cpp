@@ -65,9 +65,9 @@ bool takes_turns(const std::string& version) {
 }
 
 std::string kernel_words(const Machine& machine, Accelerator accelerator, const std::string& version) {
-  const auto* time = machine.deterministic             ? "its time by counted instructions, 2 ns each"
-                     : accelerator == Accelerator::kvm ? "KVM, in this time"
-                                                       : "in this time";
+  std::string time = accelerator == Accelerator::kvm ? "KVM, in this time" : "in this time";
+  if (machine.deterministic) time = "its time by counted instructions, 2 ns each";
+  if (machine.deterministic && machine.cpus > 1) time += fmt::format(", {} CPUs in turn", machine.cpus);
   const auto what = fmt::format("QEMU {}, {}, {}", version, machine.nic, time);
   return fmt::format("console=ttyS0 quiet panic=-1 {}{}",
                      machine.deterministic ? "nokaslr tsc=reliable clocksource=tsc " : "",
