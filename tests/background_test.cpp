@@ -21,6 +21,7 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
+#include "background/child.hpp"
 #include "background/iperf.hpp"
 #include "background/process.hpp"
 
@@ -399,6 +400,15 @@ TEST(Stat, CutTextIsRefused) {
   ASSERT_TRUE(parse_stat(whole));
   for (std::size_t length = 0; length <= whole.rfind(' '); ++length)
     EXPECT_FALSE(parse_stat(whole.substr(0, length))) << length;
+}
+
+TEST(OutputOf, WhatDoesNotEndSaysSo) {
+  try {
+    output_of({"sleep", "60"}, "coreutils", 10ms);
+    FAIL() << "it ended";
+  } catch (const Error& error) {
+    EXPECT_THAT(error.what(), HasSubstr("sleep 60 does not end"));
+  }
 }
 
 }  // namespace

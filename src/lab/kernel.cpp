@@ -23,7 +23,7 @@ using namespace std::chrono_literals;
 
 using Told = std::function<void(const std::string&)>;
 constexpr std::uint64_t unpacked_bytes = 500'000'000;  // with the package beside it
-constexpr auto time_to_ask = 60s, time_to_fetch = 600s, time_to_unpack = 300s;
+constexpr auto time_to_ask = 300s, time_to_fetch = 600s, time_to_unpack = 300s;
 
 fs::path cache() {
   const auto variable = [](const char* name) {
