@@ -213,6 +213,20 @@ class Machines(Lab):
             self.assertEqual((machine["preemption"], machine["cpu_count"], machine["clocksource"]), ("rt", 1, "tsc"))
             self.assertIn("counted instructions", machine["simulated"])
 
+    @of_all
+    def test_two_cpus_in_turn_give_the_same_samples(self):
+        scenario = self.scenario(SCENARIO % "udp")
+        answer = self.lab("run", scenario, "--cpus", "2", "--results", self.results("first.ontime"))
+        if "lets the first of 2 CPUs" in answer.stderr:
+            self.skipTest(answer.stderr)
+        self.assertEqual(answer.returncode, 0, answer.stderr)
+        self.measured("second.ontime", scenario, "--cpus", "2")
+        self.assertEqual(samples(self.results("first.ontime")), samples(self.results("second.ontime")))
+        for run in self.report(self.results("second.ontime")):
+            machine = run["hosts"]["controller"]["machine"]
+            self.assertEqual(machine["cpu_count"], 2)
+            self.assertIn("2 CPUs in turn", machine["simulated"])
+
     def test_too_little_memory_for_its_files(self):
         answer = self.lab("run", self.scenario(SCENARIO % "udp"), "--results", self.results(), "--memory", "512 MiB")
         if "is not to be had here" in answer.stderr:
