@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Cyclone DDS and Fast DDS answer each other and themselves.
+// Cyclone DDS, Fast DDS and OpenDDS answer each other and themselves.
 #include <algorithm>
 #include <fstream>
 #include <map>
@@ -71,6 +71,18 @@ const Pair pairs[] = {
     {"fastdds", "cyclonedds", Reliability::reliable, Receive::waitset},
     {"fastdds", "fastdds", Reliability::best_effort, Receive::waitset},
     {"fastdds", "fastdds", Reliability::reliable, Receive::listener},
+    {"opendds", "opendds", Reliability::best_effort, Receive::listener},
+    {"opendds", "opendds", Reliability::best_effort, Receive::waitset},
+    {"opendds", "opendds", Reliability::reliable, Receive::listener},
+    {"opendds", "opendds", Reliability::reliable, Receive::waitset},
+    {"opendds", "cyclonedds", Reliability::best_effort, Receive::listener},
+    {"opendds", "cyclonedds", Reliability::reliable, Receive::waitset},
+    {"cyclonedds", "opendds", Reliability::best_effort, Receive::waitset},
+    {"cyclonedds", "opendds", Reliability::reliable, Receive::listener},
+    {"opendds", "fastdds", Reliability::best_effort, Receive::waitset},
+    {"opendds", "fastdds", Reliability::reliable, Receive::listener},
+    {"fastdds", "opendds", Reliability::best_effort, Receive::listener},
+    {"fastdds", "opendds", Reliability::reliable, Receive::waitset},
 };
 INSTANTIATE_TEST_SUITE_P(All, DdsPair, testing::ValuesIn(pairs), name_of);
 
@@ -82,7 +94,7 @@ class Dds : public testing::TestWithParam<const char*> {
   static Config client() { return config_of(Role::client); }
   static Config server() { return config_of(Role::server); }
 };
-INSTANTIATE_TEST_SUITE_P(All, Dds, testing::Values("cyclonedds", "fastdds"),
+INSTANTIATE_TEST_SUITE_P(All, Dds, testing::Values("cyclonedds", "fastdds", "opendds"),
                          [](const auto& of) { return std::string(of.param); });
 
 TEST_P(Dds, AServerOutlivesItsClients) {

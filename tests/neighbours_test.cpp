@@ -28,7 +28,7 @@ std::string name_of(const testing::TestParamInfo<Case>& info) {
 }
 std::vector<Case> cases() {
   std::vector<Case> all;
-  for (const auto* transport : {"cyclonedds", "fastdds"})
+  for (const auto* transport : {"cyclonedds", "fastdds", "opendds"})
     for (const auto where : {Where::same_participant, Where::same_process, Where::other_process})
       for (const auto receive : {transport::Receive::listener, transport::Receive::waitset})
         all.push_back({transport, where, receive});

@@ -90,6 +90,8 @@ Entity* opened(Entity* entity, const std::string& what, Log& log) {
   throw Error("opendds: cannot open " + what + (why.empty() ? "" : ": " + why));
 }
 
+constexpr int first_unicast = 10;
+
 int port_of(const Config& config, int offset) {
   return dds::base_port + dds::ports_per_domain * config.domain + offset;
 }
@@ -107,7 +109,8 @@ dcps::RcHandle<OpenDDS::RTPS::RtpsDiscovery> discovery_of(const Config& config) 
   }
   const auto look_at_all = [&](const std::string& address) {
     for (int participant = 0; participant < dds::participants_per_host; ++participant)
-      discovery->spdp_send_addrs().push_back(locator(address, port_of(config, 10 + 2 * participant)));
+      discovery->spdp_send_addrs().push_back(
+          locator(address, port_of(config, first_unicast + 2 * participant)));
   };
   if (dds::is_loopback(config.address)) look_at_all(config.address);
   for (const std::string& text : config.peers) {
@@ -151,23 +154,19 @@ class Service {
   std::vector<dds::Task> threads;
 };
 
-// Whether nobody has that port of ours. Somebody may take it at once, and then opening fails.
-bool is_free(const Config& config, int port) {
-  const int socket = ::socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC, 0);
-  sockaddr_in address{};
-  address.sin_family = AF_INET;
-  address.sin_port = htons(static_cast<std::uint16_t>(port));
-  if (!config.address.empty()) inet_pton(AF_INET, config.address.c_str(), &address.sin_addr);
-  const bool free = bind(socket, reinterpret_cast<const sockaddr*>(&address), sizeof address) == 0;
-  close(socket);
-  return free;
-}
-
-int free_data_port(const Config& config) {
-  constexpr int last_participant = 119;  // whose port is in the domain's range
-  int port = port_of(config, 11);
-  while (port < port_of(config, 11 + 2 * last_participant) && !is_free(config, port)) port += 2;
-  return port;
+// Of a participant that was opened since: the port for its data, as RTPS has it, beside the one at which it
+// hears of others. 0, and the kernel chooses, if it hears of them at another.
+int data_port(const dds::Sockets& before, const Config& config) {
+  for (const auto& [descriptor, number] : dds::sockets()) {
+    if (const auto old = before.find(descriptor); old != before.end() && old->second == number) continue;
+    sockaddr_in address{};
+    socklen_t bytes = sizeof address;
+    if (getsockname(descriptor, reinterpret_cast<sockaddr*>(&address), &bytes) != 0) continue;
+    const int offset = ntohs(address.sin_port) - port_of(config, 0);
+    if (offset >= first_unicast && offset < dds::ports_per_domain && offset % 2 == 0)
+      return ntohs(address.sin_port) + 1;
+  }
+  return 0;
 }
 
 // Of all endpoints that share it, with the socket for their data.
@@ -200,17 +199,19 @@ SharedParticipant::SharedParticipant(const Config& config, Log& log) : service_(
   const auto udp = dcps::static_rchandle_cast<dcps::RtpsUdpInst>(transport_);
   udp->use_multicast_ = false;
   udp->rcv_buffer_size_ = receive_buffer_bytes;
-  udp->local_address(static_cast<std::uint16_t>(free_data_port(config)), config.address.c_str());
   transport_config_ = registry->create_config(name);
   transport_config_->instances_.push_back(transport_);
 
   const auto before = dds::tasks();
+  const auto sockets_before = dds::sockets();
   std::string where = "domain " + std::to_string(config.domain);
   if (!config.interface.empty()) where += " on " + config.interface + " (" + config.address + ")";
   entity_ = opened(service_->factory->create_participant(config.domain, PARTICIPANT_QOS_DEFAULT, nullptr, 0),
                    where, log);
   for (const auto& task : dds::started_since(before))
     threads_.push_back({task.tid, "discovery", "discovery"});
+  // It opens its own socket for the first writer or reader.
+  udp->local_address(static_cast<std::uint16_t>(data_port(sockets_before, config)), config.address.c_str());
   registry->bind_config(transport_config_, entity_);
 }
 
