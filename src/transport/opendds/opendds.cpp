@@ -98,15 +98,16 @@ int port_of(const Config& config, int offset) {
 
 std::string locator(const std::string& address, int port) { return address + ":" + std::to_string(port); }
 
+// One for the life of the process: it numbers its participants, and the next may not be taken for the last.
 dcps::RcHandle<OpenDDS::RTPS::RtpsDiscovery> discovery_of(const Config& config) {
-  auto discovery = dcps::make_rch<OpenDDS::RTPS::RtpsDiscovery>(ours);
+  static const auto discovery = dcps::make_rch<OpenDDS::RTPS::RtpsDiscovery>(ours);
   discovery->resend_period(ACE_Time_Value(1));  // half a minute, its own, is long to wait where one was lost
   discovery->sedp_multicast(false);
-  if (!config.interface.empty()) {
-    discovery->multicast_interface(config.interface);
-    discovery->spdp_local_address(config.address);
-    discovery->sedp_local_address(locator(config.address, 0));
-  }
+  const bool everywhere = config.interface.empty();
+  discovery->multicast_interface(config.interface);
+  discovery->spdp_local_address(config.address);
+  discovery->sedp_local_address(everywhere ? "" : locator(config.address, 0));
+  discovery->spdp_send_addrs().clear();
   const auto look_at_all = [&](const std::string& address) {
     for (int participant = 0; participant < dds::participants_per_host; ++participant)
       discovery->spdp_send_addrs().push_back(
@@ -413,9 +414,11 @@ void OpenEndpoint::open_writer(Log& log) {
   // What is kept for those who come late is as much as is kept for the others.
   qos.durability_service.history_kind = qos.history.kind;
   qos.durability_service.history_depth = qos.history.depth;
+  // Of those who leave it tells by the reader's status.
+  constexpr DDS::StatusMask heard = DDS::PUBLICATION_MATCHED_STATUS | DDS::SUBSCRIPTION_MATCHED_STATUS;
   DDS::DataWriterListener_var listener = new WriterListener(calls_);
-  DDS::DataWriter_var writer = opened(
-      publisher_->create_datawriter(topic, qos, listener, DDS::PUBLICATION_MATCHED_STATUS), "a writer", log);
+  DDS::DataWriter_var writer =
+      opened(publisher_->create_datawriter(topic, qos, listener, heard), "a writer", log);
   writer_ = type::RoundTrip_DataWriter::_narrow(writer);
 }
 
