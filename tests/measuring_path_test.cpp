@@ -148,12 +148,12 @@ std::vector<Case> cases() {
   for (const auto* transport : {"udp", "ethernet"})
     result.push_back(
         {transport, Schedule::fixed, Receive::listener, Reliability::best_effort, small, {}, 100'000});
-  for (const auto* transport : {"cyclonedds", "fastdds"})
+  for (const auto* transport : {"cyclonedds", "fastdds", "opendds"})
     for (const auto reliability : {Reliability::best_effort, Reliability::reliable})
       for (const auto bytes : {small, beyond_a_datagram})
         for (const auto& [schedule, receive] : dds)
           result.push_back({transport, schedule, receive, reliability, bytes});
-  for (const auto* transport : {"cyclonedds", "fastdds"})
+  for (const auto* transport : {"cyclonedds", "fastdds", "opendds"})
     for (const auto where : {Where::same_participant, Where::same_process})
       for (const auto& [schedule, receive] : dds)
         result.push_back({transport, schedule, receive, Reliability::best_effort, small, where});

@@ -124,6 +124,14 @@ dcps::RcHandle<OpenDDS::RTPS::RtpsDiscovery> discovery_of(const Config& config) 
   return discovery;
 }
 
+// It counts a host's participants, by which RTPS has their ports, from what a GUID happens to end with. The
+// next one begins with 0, as everybody's does who is to be found without multicast.
+void count_participants_from_zero(OpenDDS::RTPS::RtpsDiscovery& discovery) {
+  const auto last = discovery.generate_participant_guid();
+  const int next = (last.guidPrefix[10] << 8 | last.guidPrefix[11]) + 1;
+  discovery.d1(static_cast<std::uint16_t>(first_unicast - 2 * next));  // all of it modulo 2^16
+}
+
 // What this process has of OpenDDS as long as an endpoint lives, be it in several participants.
 class Service {
  public:
@@ -133,8 +141,7 @@ class Service {
     if (!service) present = service = std::make_shared<Service>(config);
     return service;
   }
-  explicit Service(const Config& config) {
-    const auto discovery = discovery_of(config);
+  explicit Service(const Config& config) : discovery(discovery_of(config)) {
     const auto before = dds::tasks();
     factory = TheServiceParticipant->get_domain_participant_factory();
     threads = dds::started_since(before);
@@ -151,6 +158,7 @@ class Service {
   Service(const Service&) = delete;
   Service& operator=(const Service&) = delete;
 
+  const dcps::RcHandle<OpenDDS::RTPS::RtpsDiscovery> discovery;
   DDS::DomainParticipantFactory_var factory;
   std::vector<dds::Task> threads;
 };
@@ -203,6 +211,7 @@ SharedParticipant::SharedParticipant(const Config& config, Log& log) : service_(
   transport_config_ = registry->create_config(name);
   transport_config_->instances_.push_back(transport_);
 
+  count_participants_from_zero(*service_->discovery);
   const auto before = dds::tasks();
   const auto sockets_before = dds::sockets();
   std::string where = "domain " + std::to_string(config.domain);
