@@ -73,6 +73,7 @@ class Log {
       if (!keeps) return;
       std::string text = record.msg_data();
       while (text.ends_with('\n')) text.pop_back();
+      if (text.starts_with('(')) text.erase(0, text.find(')') + 2);  // of which process and thread
       const std::lock_guard lock(mutex);
       said += (said.empty() ? "" : "; ") + text;
     }
@@ -215,7 +216,8 @@ SharedParticipant::SharedParticipant(const Config& config, Log& log) : service_(
   const auto before = dds::tasks();
   const auto sockets_before = dds::sockets();
   std::string where = "domain " + std::to_string(config.domain);
-  if (!config.interface.empty()) where += " on " + config.interface + " (" + config.address + ")";
+  where += config.interface.empty() ? " where the default route goes"
+                                    : " on " + config.interface + " (" + config.address + ")";
   entity_ = opened(service_->factory->create_participant(config.domain, PARTICIPANT_QOS_DEFAULT, nullptr, 0),
                    where, log);
   for (const auto& task : dds::started_since(before))
