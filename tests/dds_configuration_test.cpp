@@ -348,7 +348,7 @@ class Link : public testing::TestWithParam<const char*> {
     if (!have(GetParam())) GTEST_SKIP() << GetParam() << " is not built";
   }
 };
-INSTANTIATE_TEST_SUITE_P(All, Link, testing::Values("cyclonedds", "fastdds"),
+INSTANTIATE_TEST_SUITE_P(All, Link, testing::Values("cyclonedds", "fastdds", "opendds"),
                          [](const auto& of) { return std::string(of.param); });
 
 TEST_P(Link, TheKernelKeepsEverySocketToIt) {
