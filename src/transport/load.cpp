@@ -62,8 +62,7 @@ std::string remedy(const std::string& name) {
     return "; it needs Debian's package libddsc0debian when run, cyclonedds-dev when built";
   if (name == "fastdds")
     return "; it needs Debian's package libfastrtps2.9 when run, libfastrtps-dev when built";
-  if (name == "opendds")
-    return "; it is built where OpenDDS is, which Debian has not (docs/transports.md)";
+  if (name == "opendds") return "; it is built where OpenDDS is, which Debian has not (docs/transports.md)";
   if (name == "ros2")
     return "; build ros2/ with colcon in a sourced ROS 2 and source its setup.bash (docs/ros2.md)";
   return "";
