@@ -29,7 +29,7 @@ TEST_F(Neighbours, AreNoneUnlessTopicsSaysHowMany) {
 TEST_F(Neighbours, AreAllThatWasSaid) {
   const auto run =
       read(with("topics: 3, where: other-process, rate: 250 Hz, payload: 2 KiB, reliability: reliable, "
-                "direction: to-controller, priority: 40"))
+                "direction: to-controller, priority: 40, callback: 1.5 ms"))
           .runs[0];
   const auto& neighbours = run.task.neighbours;
   EXPECT_EQ(neighbours.topics, 3);
@@ -43,6 +43,7 @@ TEST_F(Neighbours, AreAllThatWasSaid) {
   const auto record = asked(run, {}).at("neighbours");
   EXPECT_EQ(record.at("rate_hz"), 250);
   EXPECT_EQ(record.at("where"), "other-process");
+  EXPECT_EQ(record.at("callback_us"), 1500);
 }
 
 TEST_F(Neighbours, ThatCannotBeAreRefusedWhereTheyStand) {
@@ -56,6 +57,9 @@ TEST_F(Neighbours, ThatCannotBeAreRefusedWhereTheyStand) {
                                    {"topics: 1, where: beside", "is not one of same-participant"},
                                    {"topics: 1, direction: up", "is not one of both"},
                                    {"topics: 1, priority: 100", "from 1 to 99"},
+                                   {"topics: 1, callback: 0 ms", "not longer than nothing"},
+                                   {"topics: 1, callback: 2", "has no unit"},
+                                   {"topics: 1, callback: 2 h", "at most 1 h"},
                                    {"topics: 1, number: 2", "unknown key 'neighbours.number'"}})
     EXPECT_THAT(error(with(wrong)), AllOf(HasSubstr(":1:"), HasSubstr(why))) << wrong;
   EXPECT_THAT(error(with("topics: 10, rate: 20 kHz")), HasSubstr("more than 100000 messages a second"));
@@ -72,6 +76,21 @@ TEST_F(Neighbours, AreRefusedByNameOfATransportWithoutTopics) {
               HasSubstr("transport ethernet has no neighbours"));
 }
 
+TEST_F(Neighbours, AreInNodesAndExecutorsWithRos2Alone) {
+  for (const auto* where : {"same-callback-group", "same-node", "same-executor", "own-executor"}) {
+    const auto inside = std::string("topics: 1, where: ") + where;
+    EXPECT_EQ(error(with(inside, "ros2")), "no error");
+    EXPECT_THAT(error(with(inside)), AllOf(HasSubstr(where), HasSubstr("cyclonedds has no nodes"))) << where;
+    EXPECT_THAT(error(with(inside, "ros2", ", component: {transport: fastdds}")),
+                HasSubstr("fastdds has no nodes"));
+    EXPECT_THAT(error(with(inside, "ros2", ", receive: waitset")),
+                AllOf(HasSubstr(where), HasSubstr("it needs receive listener")));
+  }
+  EXPECT_EQ(error(with("topics: 1, where: same-process", "ros2", ", receive: waitset")), "no error");
+  EXPECT_THAT(error(with("where: same-node", "ros2")), HasSubstr("neighbours.topics says how many"));
+  EXPECT_THAT(error(with("callback: 1 ms", "ros2")), HasSubstr("neighbours.topics says how many"));
+}
+
 TEST_F(Neighbours, HaveTopicsOfTheirOwnThatRosWouldTake) {
   EXPECT_EQ(roundtrip::neighbour_topic("/robot/arm/ping", 7), "/robot/arm/neighbour_7/ping");
   const std::string longest(240, 'x');
@@ -80,8 +99,10 @@ TEST_F(Neighbours, HaveTopicsOfTheirOwnThatRosWouldTake) {
               HasSubstr("longer than 247 characters"));
 }
 
-json end_of(std::uint64_t sent, std::uint64_t received, std::uint64_t skipped = 0) {
-  return {{"sent", sent}, {"received", received}, {"refused", 0}, {"skipped_cycles", skipped}, {"strays", 0}};
+json end_of(std::uint64_t sent, std::uint64_t received, std::uint64_t skipped = 0,
+            std::uint64_t overruns = 0) {
+  return {{"sent", sent}, {"received", received}, {"refused", 0}, {"skipped_cycles", skipped},
+          {"strays", 0},  {"overruns", overruns}};
 }
 json outcome_of(json controller, json component) {
   json outcome{{"late", 0}, {"lost", 0}, {"skipped_cycles", 0}};
@@ -107,6 +128,16 @@ TEST(NeighboursAccount, SaysThatTheyOverranTheirPeriod) {
               ElementsAre(AllOf(HasSubstr("94 messages went to the component"), HasSubstr("6 did not"))));
   EXPECT_FALSE(
       achieved({.back = false}, outcome_of(end_of(95, 0, 5), end_of(0, 95))).at("to_component").at("short"));
+}
+
+TEST(NeighboursAccount, SaysThatTheirCallbacksOverranTheirPeriod) {
+  const auto overrun = achieved({.back = false}, outcome_of(end_of(100, 0), end_of(0, 60, 0, 4)));
+  EXPECT_TRUE(overrun.at("to_component").at("short")) << "more than 5 % of 60";
+  EXPECT_THAT(shortfalls_of_neighbours(overrun),
+              ElementsAre(HasSubstr("60 arrived, of which 4 had a callback that overran its period")));
+  EXPECT_FALSE(achieved({.back = false}, outcome_of(end_of(100, 0), end_of(0, 60, 0, 3)))
+                   .at("to_component")
+                   .at("short"));
 }
 
 TEST(NeighboursAccount, KnowsHowManyWereAskedForOfASenderThatNeverRan) {

@@ -122,6 +122,33 @@ TEST_P(NeighboursOf, AreCountedBesideACriticalOneThatGoesOn) {
   EXPECT_EQ(asking.finish(), "");
 }
 
+TEST_P(NeighboursOf, WithACallbackOverrunTheirPeriodAndTellSo) {
+  const auto& value = GetParam();
+  const auto open_and_go = [&](Role role) {
+    auto options = options_of(value);
+    options.where = Where::other_process;
+    options.callback = 2 * options.period;
+    auto neighbours = std::make_unique<Neighbours>(transport::load(value.transport), nullptr,
+                                                   ends_config(value, role), options, 60s);
+    require(eventually([&] { return neighbours->matched(); }), "they match");
+    neighbours->start();
+    neighbours->go();
+    return neighbours;
+  };
+  transport::test::Process other([&](const auto& await_end) {
+    const auto neighbours = open_and_go(Role::server);
+    await_end();
+  });
+  EXPECT_EQ(transport::test::in_own_process([&] {
+              const auto neighbours = open_and_go(Role::client);
+              require(eventually([&] { return neighbours->counters().overruns > 0; }), "a callback overruns");
+              const auto counted = neighbours->counters();
+              require(counted.overruns <= counted.received, "each is counted once");
+            }),
+            "");
+  EXPECT_EQ(other.finish(), "");
+}
+
 TEST(Neighbours, OfATransportThatHasNoneAreRefusedByName) {
   transport::test::Process serving([](const auto&) {
     auto config = config_of(Role::server);

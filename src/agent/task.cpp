@@ -72,7 +72,8 @@ json to_json(const roundtrip::NeighbourOptions& options) {
           {"reliability", find(reliabilities, options.reliability)},
           {"there", options.there},
           {"back", options.back},
-          {"priority", options.priority}};
+          {"priority", options.priority},
+          {"callback_ns", options.callback.count()}};
 }
 
 roundtrip::NeighbourOptions neighbours_of(const json& from) {
@@ -83,7 +84,8 @@ roundtrip::NeighbourOptions neighbours_of(const json& from) {
           .reliability = find(reliabilities, from.at("reliability")).value(),
           .there = from.at("there"),
           .back = from.at("back"),
-          .priority = from.at("priority")};
+          .priority = from.at("priority"),
+          .callback = std::chrono::nanoseconds(from.at("callback_ns").get<std::int64_t>())};
 }
 
 RealtimeSettings realtime_of(const json& from) {
@@ -216,7 +218,8 @@ json to_json(const roundtrip::NeighbourCounters& counters) {
           {"refused", counters.refused},
           {"skipped_cycles", counters.skipped_cycles},
           {"received", counters.received},
-          {"strays", counters.strays}};
+          {"strays", counters.strays},
+          {"overruns", counters.overruns}};
 }
 
 roundtrip::Counters counters_of(const json& from) {

@@ -199,7 +199,8 @@ json asked(const roundtrip::NeighbourOptions& options) {
       {"reliability", options.reliability == transport::Reliability::reliable ? "reliable" : "best-effort"},
       {"there", options.there},
       {"back", options.back},
-      {"priority", options.priority}};
+      {"priority", options.priority},
+      {"callback_us", microseconds(options.callback)}};
 }
 
 }  // namespace

@@ -1,5 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // What can be said of ordinary topics beside the critical one.
+#include <fmt/ranges.h>
+
 #include "campaign/keys.hpp"
 
 namespace ontime::campaign {
@@ -10,13 +12,35 @@ using roundtrip::NeighbourOptions;
 
 constexpr int most_topics = 100;
 constexpr std::chrono::microseconds least_step{10};  // between two messages of one sending thread
+constexpr const char* places =
+    "same-participant, same-process, other-process; of ros2 also same-callback-group, same-node, "
+    "same-executor, own-executor";
+
+bool is_of_ros2(roundtrip::Where where) { return where < roundtrip::Where::same_participant; }
 
 // Whether any of it was said.
 bool is_described(const NeighbourOptions& options) {
   const NeighbourOptions none;
   return options.where != none.where || options.payload_bytes != none.payload_bytes ||
          options.period != none.period || options.reliability != none.reliability ||
-         options.there != none.there || options.back != none.back || options.priority != none.priority;
+         options.there != none.there || options.back != none.back || options.priority != none.priority ||
+         options.callback != none.callback;
+}
+
+// What only a transport with nodes and executors has.
+void check_place(const Run& run) {
+  const auto* const where = roundtrip::word_of(run.task.neighbours.where);
+  for (const auto& transport : {run.task.transport, run.component_transport})
+    if (!transport.empty() && transport != "ros2")
+      throw std::invalid_argument(fmt::format(
+          "neighbours.where: {} is ROS 2's, and {} has no nodes, callback groups or executors; it "
+          "has same-participant, same-process and other-process",
+          where, transport));
+  if (run.task.config.receive == transport::Receive::waitset)
+    throw std::invalid_argument(
+        fmt::format("neighbours.where: {} is in or beside an executor, and with receive waitset there is "
+                    "none; it needs receive listener",
+                    where));
 }
 
 }  // namespace
@@ -28,13 +52,12 @@ std::vector<Key> neighbour_keys() {
        [](Run& run, Text text) {
          run.task.neighbours.topics = static_cast<int>(number_of(text, 1, most_topics));
        }},
-      {"neighbours.where", "", "same-participant|same-process|other-process",
-       "in the critical topic's participant, in another of its process, or in another process: "
-       "same-participant",
+      {"neighbours.where", "",
+       "same-callback-group|same-node|same-executor|own-executor|same-participant|same-process|other-process",
+       "the most that they share with the critical topic, the first four with ros2 alone: same-participant",
        client,
        [](Run& run, Text text) {
-         run.task.neighbours.where =
-             one_of(roundtrip::where_of(text), text, "same-participant, same-process, other-process");
+         run.task.neighbours.where = one_of(roundtrip::where_of(text), text, places);
        }},
       {"neighbours.rate", "", "RATE", "of messages, of each topic and direction: 100 Hz", client,
        [](Run& run, Text text) { run.task.neighbours.period = period_of_rate(text); }},
@@ -53,7 +76,11 @@ std::vector<Key> neighbour_keys() {
        }},
       {"neighbours.priority", "", "1-99", "SCHED_FIFO priority of the threads that are theirs alone: none",
        client,
-       [](Run& run, Text text) { run.task.neighbours.priority = static_cast<int>(number_of(text, 1, 99)); }}};
+       [](Run& run, Text text) { run.task.neighbours.priority = static_cast<int>(number_of(text, 1, 99)); }},
+      {"neighbours.callback", "", "TIME", "of a CPU, that each message's callback takes: none", client,
+       [](Run& run, Text text) {
+         run.task.neighbours.callback = positive_duration(text, std::chrono::hours(1));
+       }}};
 }
 
 void complete_neighbours(const Run& run) {
@@ -72,6 +99,7 @@ void complete_neighbours(const Run& run) {
     if (is_below_ip(transport))
       throw std::invalid_argument(fmt::format("transport {} has no neighbours; DDS has", transport));
   }
+  if (is_of_ros2(neighbours.where)) check_place(run);
   if (neighbours.period / neighbours.topics < least_step)
     throw std::invalid_argument(
         fmt::format("{} neighbours with a message every {} are more than 100000 messages a second, each way",

@@ -18,14 +18,16 @@ json way(const json& sender, const json& receiver, double wanted) {
   const auto refused = sender.at("refused").get<std::uint64_t>();
   auto skipped = sender.at("skipped_cycles").get<std::uint64_t>();
   const auto asked = std::max(static_cast<double>(sent + refused + skipped), wanted);
-  const bool is_short = static_cast<double>(sent) < enough * asked;
+  const auto overruns = receiver.at("overruns").get<std::uint64_t>();
+  const bool is_short = static_cast<double>(sent) < enough * asked ||
+                        static_cast<double>(overruns) > (1 - enough) * static_cast<double>(received);
   // One that has not run until its end has not seen what it skipped.
   if (is_short)
     skipped = std::max(skipped, static_cast<std::uint64_t>(asked) -
                                     std::min(static_cast<std::uint64_t>(asked), sent + refused));
-  return {{"sent", sent},       {"received", received},      {"lost", sent - std::min(sent, received)},
-          {"refused", refused}, {"skipped_cycles", skipped}, {"strays", receiver.at("strays")},
-          {"short", is_short}};
+  return {{"sent", sent},         {"received", received},      {"lost", sent - std::min(sent, received)},
+          {"refused", refused},   {"skipped_cycles", skipped}, {"strays", receiver.at("strays")},
+          {"overruns", overruns}, {"short", is_short}};
 }
 
 }  // namespace
@@ -48,9 +50,12 @@ std::vector<std::string> shortfalls_of_neighbours(const json& achieved) {
     if (counted.at("short"))
       texts.push_back(fmt::format(
           "the neighbours that were asked for were NOT there: {} messages went to the {}, {} did not, "
-          "for their sender overran its period, and {} were refused by the transport",
+          "for their sender overran its period, and {} were refused by the transport; {} arrived, of which "
+          "{} "
+          "had a callback that overran its period",
           counted.at("sent").get<std::uint64_t>(), name == "to_component" ? "component" : "controller",
-          counted.at("skipped_cycles").get<std::uint64_t>(), counted.at("refused").get<std::uint64_t>()));
+          counted.at("skipped_cycles").get<std::uint64_t>(), counted.at("refused").get<std::uint64_t>(),
+          counted.at("received").get<std::uint64_t>(), counted.at("overruns").get<std::uint64_t>()));
   return texts;
 }
 

@@ -54,6 +54,16 @@ std::string traffic(const json& asked) {
   return text;
 }
 
+const char* place_of_neighbours(const json& where) {
+  if (where == "same-callback-group") return "in the same callback group";
+  if (where == "same-node") return "in another callback group of the node";
+  if (where == "same-executor") return "in another node of the executor";
+  if (where == "own-executor") return "in the same node, with an executor of their own";
+  if (where == "same-participant") return "in the same participant";
+  if (where == "same-process") return "in another participant of the process";
+  return "in another process";
+}
+
 // "4 neighbours of 1 KiB each way, reliable", "at 100 Hz", "in another process": each may be what runs differ
 // in.
 void add_neighbours(std::vector<Phrase>& phrases, const json& asked) {
@@ -70,9 +80,9 @@ void add_neighbours(std::vector<Phrase>& phrases, const json& asked) {
   phrases.push_back({"neighbours", text});
   phrases.push_back(
       {"neighbours.rate", fmt::format("at {:.4g} Hz", rate.is_number() ? rate.get<double>() : 0)});
-  phrases.push_back({"neighbours.where", where == "same-participant" ? "in the same participant"
-                                         : where == "same-process"   ? "in another participant of the process"
-                                                                     : "in another process"});
+  if (const auto& callback = at(asked, "callback_us"); callback.is_number() && callback > 0)
+    phrases.push_back({"neighbours.callback", fmt::format("with callbacks of {}", duration(callback))});
+  phrases.push_back({"neighbours.where", place_of_neighbours(where)});
 }
 
 std::string percent(const json& share) { return fmt::format("{:.4g} %", share.get<double>() * 100); }

@@ -72,6 +72,7 @@ std::string neighbours(const json& outcome) {
     } others[] = {{"lost", "{} lost"},
                   {"skipped_cycles", "{} not sent, for their sender overran its period"},
                   {"refused", "{} refused by the transport"},
+                  {"overruns", "{} with a callback that overran its period"},
                   {"strays", "and {} of somebody else's"}};
     std::vector<std::string> details;
     for (const auto& [key, what] : others)

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <array>
+#include <ctime>
 #include <limits>
 #include <random>
 #include <thread>
@@ -28,7 +29,11 @@ struct WhereWord {
   Where where;
   const char* word;
 };
-constexpr std::array<WhereWord, 3> wheres{{{Where::same_participant, "same-participant"},
+constexpr std::array<WhereWord, 7> wheres{{{Where::same_callback_group, "same-callback-group"},
+                                           {Where::same_node, "same-node"},
+                                           {Where::same_executor, "same-executor"},
+                                           {Where::own_executor, "own-executor"},
+                                           {Where::same_participant, "same-participant"},
                                            {Where::same_process, "same-process"},
                                            {Where::other_process, "other-process"}}};
 
@@ -67,21 +72,21 @@ class Neighbours::Group final : public transport::Sink {
         topics_(options.topics),
         period_ns_(options.period.count()),
         duration_ns_(duration.count()),
+        callback_ns_(options.callback.count()),
+        turn_ns_(config.receive == transport::Receive::listener ? period_ns_ / topics_ : period_ns_),
         payload_(options.payload_bytes),
         session_(static_cast<std::uint32_t>(std::random_device{}() >> 8) & ~counted) {
-    auto* beside = critical;
-    auto participant =
-        options.where == Where::same_process ? transport::Participant::another : transport::Participant::same;
     for (int number = 1; number <= topics_; ++number) {
       const auto own = config_of(config, options, number);
-      endpoints_.push_back(beside == nullptr ? plugin.open(own, *this)
-                                             : beside->beside(own, *this, participant));
+      if (number > 1)  // with the first, wherever that is
+        endpoints_.push_back(endpoints_.front()->beside(own, *this, Where::same_callback_group));
+      else
+        endpoints_.push_back(critical == nullptr ? plugin.open(own, *this)
+                                                 : critical->beside(own, *this, options.where));
       if (!endpoints_.back())
         throw transport::WrongInput(
             std::string("transport ") + plugin.name +
             " has no neighbours: it opens one end in a process, and no other beside it");
-      if (number == 1 && options.where != Where::same_participant) beside = endpoints_.front().get();
-      participant = transport::Participant::same;
     }
     for (auto& endpoint : endpoints_)
       receivers_.push_back(std::make_unique<Receiver>(*endpoint, config.receive));
@@ -92,6 +97,7 @@ class Neighbours::Group final : public transport::Sink {
 
   ~Group() {
     stop();
+    leaving_ = true;
     leave_.ring();
     if (sender_.joinable()) sender_.join();
     receivers_.clear();
@@ -99,14 +105,19 @@ class Neighbours::Group final : public transport::Sink {
   }
 
   // Real-time: on the transport's thread, or on a receiver's.
-  void arrived(std::uint64_t sequence, std::span<std::byte>, std::int64_t) noexcept override {
+  void arrived(std::uint64_t sequence, std::span<std::byte>, std::int64_t arrival_ns) noexcept override {
     const auto session = message::session_of(sequence);
     std::uint32_t unknown = 0;
     const auto whose = (session & ~counted) + 1;  // 0 is nobody's
-    if (!heard_.compare_exchange_strong(unknown, whose, std::memory_order_relaxed) && unknown != whose)
+    if (!heard_.compare_exchange_strong(unknown, whose, std::memory_order_relaxed) && unknown != whose) {
       strays_.fetch_add(1, std::memory_order_relaxed);
-    else if ((session & counted) != 0)
-      received_.fetch_add(1, std::memory_order_relaxed);
+      return;
+    }
+    if ((session & counted) != 0) received_.fetch_add(1, std::memory_order_relaxed);
+    if (callback_ns_ == 0) return;
+    compute();
+    if ((session & counted) != 0 && now_ns() - arrival_ns > turn_ns_)
+      overruns_.fetch_add(1, std::memory_order_relaxed);
   }
 
   bool matched() {
@@ -124,7 +135,8 @@ class Neighbours::Group final : public transport::Sink {
             .refused = refused_,
             .skipped_cycles = skipped_,
             .received = received_,
-            .strays = strays_};
+            .strays = strays_,
+            .overruns = overruns_};
   }
 
   std::vector<Thread> threads() {
@@ -162,6 +174,18 @@ class Neighbours::Group final : public transport::Sink {
     }
   };
 
+  // The CPU's time, not the clock's: while another thread runs, nothing is computed.
+  void compute() const noexcept {
+    const auto until_ns = computed_ns() + callback_ns_;
+    while (computed_ns() < until_ns && !leaving_.load(std::memory_order_relaxed)) {
+    }
+  }
+  static std::int64_t computed_ns() noexcept {
+    timespec time{};
+    clock_gettime(CLOCK_THREAD_CPUTIME_ID, &time);
+    return std::int64_t{time.tv_sec} * 1'000'000'000 + time.tv_nsec;
+  }
+
   void send() noexcept {
     pthread_setname_np(pthread_self(), sender_name);
     sender_tid_ = gettid();
@@ -185,12 +209,13 @@ class Neighbours::Group final : public transport::Sink {
 
   const bool sends_;
   const int topics_;
-  const std::int64_t period_ns_, duration_ns_;
+  const std::int64_t period_ns_, duration_ns_, callback_ns_, turn_ns_;
   const std::vector<std::byte> payload_;
   const std::uint32_t session_;
   std::uint64_t index_ = 0;
   std::atomic<std::uint32_t> heard_{0};
-  std::atomic<std::uint64_t> sent_{0}, refused_{0}, skipped_{0}, received_{0}, strays_{0};
+  std::atomic<std::uint64_t> sent_{0}, refused_{0}, skipped_{0}, received_{0}, strays_{0}, overruns_{0};
+  std::atomic<bool> leaving_{false};
   Alarm start_, go_, stop_, leave_;
   std::atomic<pid_t> sender_tid_{0};
   std::vector<std::unique_ptr<Endpoint>> endpoints_;

@@ -120,8 +120,8 @@ class Client {
 
 // Ordinary topics beside the critical one: so many, all alike, each as ping and pong are, with one message
 // each period on its way. They have one sending thread at either end, which no setting but `priority` is for.
-enum class Where { same_participant, same_process, other_process };
-const char* word_of(Where);  // "same-participant", "same-process", "other-process"
+using transport::Where;
+const char* word_of(Where);  // "same-callback-group" …
 std::optional<Where> where_of(const std::string& word);
 struct NeighbourOptions {
   int topics = 0;  // 0: there are none
@@ -131,6 +131,8 @@ struct NeighbourOptions {
   transport::Reliability reliability = transport::Reliability::best_effort;
   bool there = true, back = true;  // whether the client's end sends, and the server's
   int priority = 0;                // SCHED_FIFO, of the threads that are theirs alone; 0: none
+  // What the callback of each message takes of its thread's CPU, and so of whoever shares that thread.
+  std::chrono::nanoseconds callback{0};
 };
 std::string neighbour_topic(std::string critical, int number);  // "/neighbour_1/ping" of "/ping"
 
@@ -139,7 +141,9 @@ struct NeighbourCounters {
   std::uint64_t sent = 0, refused = 0;
   std::uint64_t skipped_cycles = 0;  // in which nothing was sent: it overran its period
   std::uint64_t received = 0;
-  std::uint64_t strays = 0;  // received of somebody else's
+  std::uint64_t strays = 0;    // received of somebody else's
+  std::uint64_t overruns = 0;  // of those received: callbacks that took longer than their turn, a period's
+                               // share where one thread receives all topics
 };
 
 class Neighbours {

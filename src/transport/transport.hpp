@@ -119,17 +119,26 @@ struct Losses {
   std::optional<std::uint64_t> overwritten;
 };
 
-// Where another endpoint of this process has its topics: those of one participant share its threads and
-// sockets.
-enum class Participant { same, another };
+// Where topics are beside those of an endpoint, by the most that they share with it. Those of one participant
+// share its threads and sockets. The first four are ROS 2's.
+enum class Where {
+  same_callback_group,  // and so its node and executor
+  same_node,            // and its executor; in a callback group of their own
+  same_executor,        // in a node of their own
+  own_executor,         // its node; in a callback group that a thread of their own runs
+  same_participant,
+  same_process,  // in another participant
+  other_process
+};
 
 class Endpoint {
  public:
   virtual ~Endpoint() = default;  // after it, the sink is not called any more
 
   // Ordinary thread, before the first message. Opens another endpoint in this process, on topics of its own,
-  // for as long as this one lives at most. Throws Error; nothing if this transport has none beside another.
-  virtual std::unique_ptr<Endpoint> beside(const Config&, Sink&, Participant) { return nullptr; }
+  // for as long as this one lives at most. A transport without nodes takes ROS 2's words for
+  // `same_participant`. Throws Error; nothing if this transport has none beside another.
+  virtual std::unique_ptr<Endpoint> beside(const Config&, Sink&, Where) { return nullptr; }
 
   // Ordinary thread. Called every few milliseconds while somebody waits for a peer; a transport without
   // discovery does its handshake here, and one whose own begins with a burst matches nobody before that is

@@ -155,10 +155,10 @@ dds::Policy policy_of(std::uint32_t id) {
 class CycloneEndpoint final : public Endpoint {
  public:
   CycloneEndpoint(const Config& config, Sink& sink);
-  CycloneEndpoint(const Config& config, Sink& sink, const CycloneEndpoint& first, Participant participant);
+  CycloneEndpoint(const Config& config, Sink& sink, const CycloneEndpoint& first, Where where);
   ~CycloneEndpoint() override;
 
-  std::unique_ptr<Endpoint> beside(const Config& config, Sink& sink, Participant participant) override;
+  std::unique_ptr<Endpoint> beside(const Config& config, Sink& sink, Where where) override;
   Matched matched() override { return matches_.now(); }
   Losses losses() override;
   std::string seen() override;
@@ -223,12 +223,11 @@ CycloneEndpoint::CycloneEndpoint(const Config& config, Sink& sink)
   give_priorities_that_xml_cannot();
 }
 
-CycloneEndpoint::CycloneEndpoint(const Config& config, Sink& sink, const CycloneEndpoint& first,
-                                 Participant participant)
+CycloneEndpoint::CycloneEndpoint(const Config& config, Sink& sink, const CycloneEndpoint& first, Where where)
     : CycloneEndpoint(config, sink, first.configuration_, first.domain_, first.participant_) {
   Log log;
   const auto sockets_before = dds::sockets();
-  if (participant == Participant::another) open_participant(log);
+  if (where == Where::same_process) open_participant(log);
   open_ends(log);
   dds::keep_to_link(sockets_before, config, "cyclonedds");
 }
@@ -242,9 +241,9 @@ CycloneEndpoint::~CycloneEndpoint() {
   for (auto entity = own_.rbegin(); entity != own_.rend(); ++entity) dds_delete(*entity);
 }
 
-std::unique_ptr<Endpoint> CycloneEndpoint::beside(const Config& config, Sink& sink, Participant participant) {
+std::unique_ptr<Endpoint> CycloneEndpoint::beside(const Config& config, Sink& sink, Where where) {
   dds::check(config, "cyclonedds", options);
-  return std::make_unique<CycloneEndpoint>(config, sink, *this, participant);
+  return std::make_unique<CycloneEndpoint>(config, sink, *this, where);
 }
 
 void CycloneEndpoint::open_participant(Log& log) {

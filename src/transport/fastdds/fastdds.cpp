@@ -213,7 +213,7 @@ class FastEndpoint final : public Endpoint, vendor::DataReaderListener, vendor::
   FastEndpoint(const Config& config, Sink& sink, const FastEndpoint& first);  // in its participant
   ~FastEndpoint() override;
 
-  std::unique_ptr<Endpoint> beside(const Config& config, Sink& sink, Participant participant) override;
+  std::unique_ptr<Endpoint> beside(const Config& config, Sink& sink, Where where) override;
   Matched matched() override { return now_ns() < participant_->quiet_from_ns ? Matched{} : matches_.now(); }
   Losses losses() override;
   std::string seen() override;
@@ -299,9 +299,9 @@ FastEndpoint::~FastEndpoint() {
   if (writer_ != nullptr) publisher_->delete_datawriter(writer_);
 }
 
-std::unique_ptr<Endpoint> FastEndpoint::beside(const Config& config, Sink& sink, Participant participant) {
+std::unique_ptr<Endpoint> FastEndpoint::beside(const Config& config, Sink& sink, Where where) {
   dds::check(config, "fastdds", options);
-  if (participant == Participant::another) return std::make_unique<FastEndpoint>(config, sink);
+  if (where == Where::same_process) return std::make_unique<FastEndpoint>(config, sink);
   return std::make_unique<FastEndpoint>(config, sink, *this);
 }
 

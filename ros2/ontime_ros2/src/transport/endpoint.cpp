@@ -5,6 +5,7 @@
 #include <exception>
 #include <filesystem>
 #include <memory>
+#include <thread>
 #include <utility>
 #include <vector>
 
@@ -32,16 +33,22 @@ namespace ontime::transport::ros2 {
 
 using ontime_msgs::msg::RoundTrip;
 
-// Of both ends where they are in one process: rclcpp's shortcut is within a context.
-std::shared_ptr<rclcpp::Context> context_of(int domain) {
-  static std::weak_ptr<rclcpp::Context> last;
-  const auto id = static_cast<std::size_t>(domain);
-  if (auto context = last.lock(); context && context->get_domain_id() == id) return context;
+// Each has a participant.
+std::shared_ptr<rclcpp::Context> new_context(int domain) {
   rclcpp::InitOptions options;
-  options.set_domain_id(id);
+  options.set_domain_id(static_cast<std::size_t>(domain));
   options.auto_initialize_logging(false);  // which would open a file
   auto context = std::make_shared<rclcpp::Context>();
   context->init(0, nullptr, options);
+  return context;
+}
+
+// Of both ends where they are in one process: rclcpp's shortcut is within a context.
+std::shared_ptr<rclcpp::Context> context_of(int domain) {
+  static std::weak_ptr<rclcpp::Context> last;
+  if (auto context = last.lock(); context && context->get_domain_id() == static_cast<std::size_t>(domain))
+    return context;
+  auto context = new_context(domain);
   last = context;
   return context;
 }
@@ -86,15 +93,38 @@ std::string loaded_middleware() {
   return name;
 }
 
+// What an endpoint may share with those beside it.
+struct Seat {
+  std::string settings_source, settings_carrier;
+  std::vector<pid_t> created;  // threads, with its participant
+  rclcpp::Context::SharedPtr context;
+  rclcpp::Node::SharedPtr node;
+  rclcpp::CallbackGroup::SharedPtr group;  // nullptr: the node's own
+  std::shared_ptr<Spinning> spinning;      // nullptr: we wait ourselves
+};
+
+// Neighbours are ordinary, whatever the critical one has of its own.
+Options options_beside(Options options) {
+  if (options.executor != Executor::waitset && options.executor != Executor::wait)
+    options.executor = Executor::single;
+  options.allocator = Allocator::standard;
+  options.intra_process = options.loaned = options.statistics = false;
+  return options;
+}
+
 template <typename Alloc>
 class RosEndpoint final : public Endpoint {
  public:
   RosEndpoint(const Config& config, const Options& options, Sink& sink);
-  ~RosEndpoint() override { spinning_.reset(); }  // first, for it calls all the others
+  RosEndpoint(const Config& config, const Options& options, Sink& sink, const Seat& first, Where where);
+  ~RosEndpoint() override;
 
-  Matched matched() override { return graph_->matched(); }
+  std::unique_ptr<Endpoint> beside(const Config& config, Sink& sink, Where where) override;
+  Matched matched() override;
   Losses losses() override { return losses_of(options_.rmw, *subscription_); }
-  std::string seen() override { return ros2::seen(config_, *node_, *publisher_, *subscription_, matched()); }
+  std::string seen() override {
+    return ros2::seen(config_, *seat_.node, *publisher_, *subscription_, matched());
+  }
   bool send(std::uint64_t sequence, std::span<const std::byte> payload) noexcept override;
   void receive() noexcept override;
   void interrupt() noexcept override;
@@ -105,35 +135,36 @@ class RosEndpoint final : public Endpoint {
   using Publisher = rclcpp::Publisher<RoundTrip, Alloc>;
   using Subscription = rclcpp::Subscription<RoundTrip, Alloc>;
 
+  void take_seat(Where where);
   void open_node();
   void open_publisher();
   void open_subscription();
-  void start_receiving();
+  void start_spinning(const char* name);
+  void start_waiting();
   std::shared_ptr<rclcpp::Executor> executor() const;
   void publish(std::uint64_t sequence, std::span<const std::byte> payload);
   void on_message(const RoundTrip& message);
   void take_all();
   void arrived(RoundTrip& message, std::int64_t arrival_ns) noexcept;
   std::string carrier() const;
+  rclcpp::IntraProcessSetting intra_process() const {
+    return options_.intra_process ? rclcpp::IntraProcessSetting::Enable
+                                  : rclcpp::IntraProcessSetting::Disable;
+  }
 
   const Config config_;
   const Options options_;
   Sink& sink_;
   const std::shared_ptr<Alloc> allocator_ = std::make_shared<Alloc>();
-  std::string settings_source_;
-  std::string settings_carrier_;
-  std::vector<pid_t> created_;  // threads
-  rclcpp::Context::SharedPtr context_;
-  rclcpp::Node::SharedPtr node_;
+  Seat seat_;
   typename Publisher::SharedPtr publisher_;
   typename Subscription::SharedPtr subscription_;
-  std::unique_ptr<Graph> graph_;
+  std::unique_ptr<Graph> graph_;  // of the first; who is beside it asks only before the first message
   std::unique_ptr<Statistics> statistics_;
   RoundTrip outgoing_;
   RoundTrip incoming_;
   std::atomic<bool> interrupted_{false};
   std::unique_ptr<Waiting> waiting_;
-  std::unique_ptr<Spinning> spinning_;
 };
 
 template <typename Alloc>
@@ -142,15 +173,69 @@ RosEndpoint<Alloc>::RosEndpoint(const Config& config, const Options& options, Si
   outgoing_.data.reserve(config.max_payload_bytes);
   incoming_.data.reserve(config.max_payload_bytes);
   const auto sockets_before = dds::sockets();
+  seat_.context = context_of(config.domain);
   open_node();
-  refuse_namesake(*node_);
+  refuse_namesake(*seat_.node);
   open_publisher();  // before the subscription, whose callback may call send() at once
   open_subscription();
   if (options.statistics && config.role == Role::client)
-    statistics_ = std::make_unique<Statistics>(*node_, config.deadline_ns);
+    statistics_ = std::make_unique<Statistics>(*seat_.node, config.deadline_ns);
   dds::keep_to_link(sockets_before, config, "ros2");
-  graph_ = std::make_unique<Graph>(context_, *node_, *publisher_, *subscription_);
-  start_receiving();
+  graph_ = std::make_unique<Graph>(seat_.context, *seat_.node, *publisher_, *subscription_);
+  if (config.receive == Receive::waitset) return start_waiting();
+  start_spinning(Spinning::thread_name);
+  seat_.spinning->add(seat_.node);
+}
+
+template <typename Alloc>
+RosEndpoint<Alloc>::RosEndpoint(const Config& config, const Options& options, Sink& sink, const Seat& first,
+                                Where where)
+    : config_(config), options_(options_beside(options)), sink_(sink), seat_(first) {
+  outgoing_.data.reserve(config.max_payload_bytes);
+  incoming_.data.reserve(config.max_payload_bytes);
+  const auto sockets_before = dds::sockets();
+  take_seat(where);
+  open_publisher();
+  open_subscription();
+  dds::keep_to_link(sockets_before, config, "ros2");
+  if (config.receive == Receive::waitset) start_waiting();
+}
+
+// Of another's, as much as is shared.
+template <typename Alloc>
+void RosEndpoint<Alloc>::take_seat(Where where) {
+  if (where == Where::same_callback_group) return;
+  seat_.group.reset();
+  const bool shares_executor = where == Where::same_node || where == Where::same_executor;
+  const bool shares_node = where == Where::same_node || where == Where::own_executor;
+  if (where == Where::same_process) {
+    seat_.context = new_context(config_.domain);
+    seat_.created.clear();
+  }
+  if (!shares_node) open_node();
+  if (!seat_.spinning) return;
+  if (!shares_executor) start_spinning(Spinning::name_beside);
+  if (!shares_node) return seat_.spinning->add(seat_.node);
+  seat_.group = seat_.node->create_callback_group(rclcpp::CallbackGroupType::MutuallyExclusive, false);
+  seat_.spinning->add(seat_.group, seat_.node);
+}
+
+template <typename Alloc>
+RosEndpoint<Alloc>::~RosEndpoint() {
+  seat_.spinning.reset();  // the last of its endpoints: first, for it calls all the others
+  waiting_.reset();
+  graph_.reset();
+  // An executor that goes on holds the subscription while it calls it, and never else.
+  const std::weak_ptr<Subscription> called = subscription_;
+  subscription_.reset();
+  while (!called.expired()) std::this_thread::sleep_for(std::chrono::milliseconds(1));
+}
+
+template <typename Alloc>
+Matched RosEndpoint<Alloc>::matched() {
+  if (graph_) return graph_->matched();
+  return {.readers = static_cast<int>(publisher_->get_subscription_count()),
+          .writers = static_cast<int>(subscription_->get_publisher_count())};
 }
 
 template <typename Alloc>
@@ -158,22 +243,23 @@ void RosEndpoint<Alloc>::open_node() {
   const auto before = dds::tasks();
   {
     const auto leading = lead(options_.rmw, config_);
-    settings_source_ = leading->source;
-    settings_carrier_ = leading->carrier;
+    seat_.settings_source = leading->source;
+    seat_.settings_carrier = leading->carrier;
     const Variable localhost_only("ROS_LOCALHOST_ONLY", "0");  // see without_localhost_only()
-    context_ = context_of(config_.domain);
     try {
-      node_ = std::make_shared<rclcpp::Node>(options_.node, namespace_of(config_.ping_topic),
-                                             node_options(context_, options_.intra_process));
+      seat_.node = std::make_shared<rclcpp::Node>(options_.node, namespace_of(config_.ping_topic),
+                                                  node_options(seat_.context, options_.intra_process));
     } catch (const rclcpp::exceptions::NameValidationError& error) {
       throw WrongInput("ros2: option node: " + std::string(error.what()));
     } catch (const std::exception& error) {
       const std::string said = leading->said();
       throw Error("ros2: no node starts in domain " + std::to_string(config_.domain) + " on " + options_.rmw +
-                  " as configured by " + settings_source_ + ": " + (said.empty() ? error.what() : said));
+                  " as configured by " + seat_.settings_source + ": " + (said.empty() ? error.what() : said));
     }
   }
-  for (const auto& task : dds::started_since(before)) created_.push_back(task.tid);
+  // An executor beside may start its threads meanwhile.
+  for (const auto& task : dds::started_since(before))
+    if (task.name != Spinning::thread_name) seat_.created.push_back(task.tid);
 }
 
 template <typename Alloc>
@@ -181,7 +267,8 @@ void RosEndpoint<Alloc>::open_publisher() {
   rclcpp::PublisherOptionsWithAllocator<Alloc> publisher_options;
   publisher_options.allocator = allocator_;
   publisher_options.use_default_callbacks = false;  // which print
-  publisher_ = node_->create_publisher<RoundTrip>(
+  publisher_options.use_intra_process_comm = intra_process();
+  publisher_ = seat_.node->create_publisher<RoundTrip>(
       config_.role == Role::client ? config_.ping_topic : config_.pong_topic, vendor_qos(config_.qos),
       publisher_options);
   if (options_.loaned && !publisher_->can_loan_messages())
@@ -195,8 +282,10 @@ void RosEndpoint<Alloc>::open_subscription() {
   rclcpp::SubscriptionOptionsWithAllocator<Alloc> subscription_options;
   subscription_options.allocator = allocator_;
   subscription_options.use_default_callbacks = false;
+  subscription_options.use_intra_process_comm = intra_process();
+  subscription_options.callback_group = seat_.group;
   using Strategy = rclcpp::message_memory_strategy::MessageMemoryStrategy<RoundTrip, Alloc>;
-  subscription_ = node_->create_subscription<RoundTrip>(
+  subscription_ = seat_.node->create_subscription<RoundTrip>(
       config_.role == Role::client ? config_.pong_topic : config_.ping_topic, vendor_qos(config_.qos),
       [this](std::shared_ptr<const RoundTrip> message) { on_message(*message); }, subscription_options,
       std::make_shared<Strategy>(allocator_));
@@ -205,7 +294,7 @@ void RosEndpoint<Alloc>::open_subscription() {
 template <typename Alloc>
 std::shared_ptr<rclcpp::Executor> RosEndpoint<Alloc>::executor() const {
   rclcpp::ExecutorOptions executor_options;
-  executor_options.context = context_;
+  executor_options.context = seat_.context;
   executor_options.memory_strategy =
       std::make_shared<rclcpp::memory_strategies::allocator_memory_strategy::AllocatorMemoryStrategy<Alloc>>(
           allocator_);
@@ -213,11 +302,13 @@ std::shared_ptr<rclcpp::Executor> RosEndpoint<Alloc>::executor() const {
 }
 
 template <typename Alloc>
-void RosEndpoint<Alloc>::start_receiving() {
-  if (config_.receive == Receive::waitset)
-    waiting_ = new_waiting(options_.executor, context_, subscription_);
-  else
-    spinning_ = std::make_unique<Spinning>(executor(), node_);
+void RosEndpoint<Alloc>::start_spinning(const char* name) {
+  seat_.spinning = std::make_shared<Spinning>(executor(), name);
+}
+
+template <typename Alloc>
+void RosEndpoint<Alloc>::start_waiting() {
+  waiting_ = new_waiting(options_.executor, seat_.context, subscription_);
 }
 
 template <typename Alloc>
@@ -301,8 +392,9 @@ void RosEndpoint<Alloc>::interrupt() noexcept {
 
 template <typename Alloc>
 std::vector<Thread> RosEndpoint<Alloc>::threads() {
-  auto found = threads_of(options_.rmw, created_, config_.domain);
-  for (auto& thread : named(Spinning::thread_name, "receive")) found.push_back(std::move(thread));
+  auto found = threads_of(options_.rmw, seat_.created, config_.domain);
+  if (seat_.spinning)
+    for (auto& thread : named(seat_.spinning->name(), "receive")) found.push_back(std::move(thread));
   for (auto& thread : named(Graph::thread_name, "discovery")) found.push_back(std::move(thread));
   return found;
 }
@@ -310,7 +402,8 @@ std::vector<Thread> RosEndpoint<Alloc>::threads() {
 template <typename Alloc>
 std::string RosEndpoint<Alloc>::carrier() const {
   const std::size_t within = publisher_->get_intra_process_subscription_count();
-  return within > 0 && within == publisher_->get_subscription_count() ? "intra-process" : settings_carrier_;
+  return within > 0 && within == publisher_->get_subscription_count() ? "intra-process"
+                                                                      : seat_.settings_carrier;
 }
 
 template <typename Alloc>
@@ -321,10 +414,10 @@ std::map<std::string, std::string> RosEndpoint<Alloc>::facts() {
                                            {"executor", word_of(options_.executor)},
                                            {"allocator", word_of(options_.allocator)},
                                            {"statistics", statistics_ ? "on" : "off"},
-                                           {"node", node_->get_fully_qualified_name()},
+                                           {"node", seat_.node->get_fully_qualified_name()},
                                            {"domain", std::to_string(config_.domain)},
                                            {"carrier", carrier()},
-                                           {"configuration", settings_source_}};
+                                           {"configuration", seat_.settings_source}};
   if (const std::string middleware = loaded_middleware(); !middleware.empty())
     facts.insert({"middleware", middleware});
   if (!config_.interface.empty())
@@ -332,17 +425,31 @@ std::map<std::string, std::string> RosEndpoint<Alloc>::facts() {
   return facts;
 }
 
-std::unique_ptr<Endpoint> open(const Config& config, const Options& options, Sink& sink) {
+template <typename Open>
+std::unique_ptr<Endpoint> opened(const Open& open) {
   try {
-    if (options.allocator == Allocator::standard)
-      return std::make_unique<RosEndpoint<std::allocator<void>>>(config, options, sink);
-    choose_resource(options.allocator);
-    return std::make_unique<RosEndpoint<ResourceAllocator<void>>>(config, options, sink);
+    return open();
   } catch (const Error&) {
     throw;
   } catch (const std::exception& error) {
     throw Error(std::string("ros2: ") + error.what());
   }
+}
+
+template <typename Alloc>
+std::unique_ptr<Endpoint> RosEndpoint<Alloc>::beside(const Config& config, Sink& sink, Where where) {
+  return opened([&] {
+    return std::make_unique<RosEndpoint<std::allocator<void>>>(config, options_, sink, seat_, where);
+  });
+}
+
+std::unique_ptr<Endpoint> open(const Config& config, const Options& options, Sink& sink) {
+  return opened([&]() -> std::unique_ptr<Endpoint> {
+    if (options.allocator == Allocator::standard)
+      return std::make_unique<RosEndpoint<std::allocator<void>>>(config, options, sink);
+    choose_resource(options.allocator);
+    return std::make_unique<RosEndpoint<ResourceAllocator<void>>>(config, options, sink);
+  });
 }
 
 }  // namespace ontime::transport::ros2

@@ -9,6 +9,7 @@
 #include <string>
 #include <thread>
 #include <utility>
+#include <vector>
 
 #include <pthread.h>
 #include <rclcpp/rclcpp.hpp>
@@ -37,13 +38,14 @@ inline std::shared_ptr<rclcpp::Executor> new_executor(Executor kind, const rclcp
 
 class Spinning {
  public:
-  static constexpr const char* thread_name = "ontime-executor";  // those that it starts inherit the name
+  static constexpr const char* thread_name = "ontime-executor";
+  static constexpr const char* name_beside = "beside-executor";  // where it runs neighbours alone
 
-  Spinning(std::shared_ptr<rclcpp::Executor> executor, const rclcpp::Node::SharedPtr& node)
-      : executor_(std::move(executor)) {
-    executor_->add_node(node);
+  // The threads that it starts inherit the name.
+  Spinning(std::shared_ptr<rclcpp::Executor> executor, const char* name)
+      : executor_(std::move(executor)), name_(name) {
     thread_ = std::thread([this] {
-      pthread_setname_np(pthread_self(), thread_name);
+      pthread_setname_np(pthread_self(), name_);
       named_ = true;
       named_.notify_one();
       spin();
@@ -62,6 +64,17 @@ class Spinning {
   Spinning(const Spinning&) = delete;
   Spinning& operator=(const Spinning&) = delete;
 
+  const char* name() const { return name_; }
+  // While it spins, too. What it was given it keeps, for it may be waiting on that.
+  void add(const rclcpp::Node::SharedPtr& node) {
+    kept_.push_back(node);
+    executor_->add_node(node);
+  }
+  void add(const rclcpp::CallbackGroup::SharedPtr& group, const rclcpp::Node::SharedPtr& node) {
+    kept_.push_back(group);
+    executor_->add_callback_group(group, node->get_node_base_interface());
+  }
+
  private:
   void spin() noexcept {
     try {
@@ -71,7 +84,9 @@ class Spinning {
     }
   }
 
+  std::vector<std::shared_ptr<void>> kept_;
   std::shared_ptr<rclcpp::Executor> executor_;
+  const char* const name_;
   std::atomic<bool> named_{false};
   std::atomic<bool> ended_{false};
   std::thread thread_;
