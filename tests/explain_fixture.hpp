@@ -125,8 +125,10 @@ class Explained : public testing::TestWithParam<bool> {
 
   Account account(const Sample& sample, const json& traced = {{"controller", json::object()}}) {
     record::Writer writer("");
-    const auto run = writer.begin_run(
-        {{"id", "x"}, {"payload_bytes", 500}, {"deadline_us", deadline_us_}, {"timeout_us", timeout_us_}});
+    json asked{
+        {"id", "x"}, {"payload_bytes", 500}, {"deadline_us", deadline_us_}, {"timeout_us", timeout_us_}};
+    asked.update(asked_);
+    const auto run = writer.begin_run(asked);
     samples_.insert(samples_.begin() + 50, sample);
     writer.append(run, samples_);
     writer.trace(run, {"controller", window_});
@@ -160,6 +162,7 @@ class Explained : public testing::TestWithParam<bool> {
   std::vector<Sample> samples_;
   std::map<std::string, json> down_;  // of whose link
   int deadline_us_ = 0, timeout_us_ = 0;
+  json asked_ = json::object();  // besides
 };
 
 }  // namespace

@@ -60,6 +60,33 @@ TEST_P(Explained, ACpuThatShowsNoSignOfLife) {
       << "it may as well have run";
 }
 
+TEST_P(Explained, AThreadThatIsBusyWithNeighboursIsToldApartFromOneThatIsNot) {
+  has_the_message();
+  switched(sent + 16 * ms, 1, answers, "S", 0);
+  const auto remedy = [&](const char* transport, const char* where, const char* executor) {
+    asked_ = {{"transport", transport},
+              {"receive", "listener"},
+              {"options", {{"executor", executor}}},
+              {"neighbours", {{"where", where}, {"callback_us", 4500}}}};
+    const auto groups = account(late(0, 15 * ms, 0)).groups;
+    samples_.erase(samples_.begin() + 50);
+    EXPECT_THAT(groups, SizeIs(1));
+    EXPECT_EQ(groups.at(0).culprit.cause, Cause::busy);
+    return groups.at(0).remedy;
+  };
+  const auto is_told = HasSubstr("the neighbours' callbacks, 4.5 ms each");
+  EXPECT_THAT(remedy("ros2", "same-callback-group", "multi"), is_told);
+  EXPECT_THAT(remedy("ros2", "same-node", "single"), is_told);
+  EXPECT_THAT(remedy("cyclonedds", "same-process", ""), is_told);
+  EXPECT_THAT(remedy("fastdds", "same-participant", ""), is_told);
+  for (const auto& [transport, where] : {std::pair("ros2", "own-executor"),
+                                         {"ros2", "same-participant"},
+                                         {"fastdds", "same-process"},
+                                         {"cyclonedds", "other-process"}})
+    EXPECT_EQ(remedy(transport, where, "single"), "") << transport << " " << where;
+  EXPECT_EQ(remedy("ros2", "same-node", "multi"), "");
+}
+
 TEST_P(Explained, AThreadThatRunsOnAnIdleCpuIsBusyFromWhenItIsSeen) {
   switched(sent - ms / 2, 1, hog, "S", 0);
   sender_wakes_and_sends();

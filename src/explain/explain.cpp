@@ -70,8 +70,8 @@ End end_of(const record::Run& run, const char* host) {
 }
 
 // 0: nothing was asked for, or nothing that can be.
-std::int64_t asked_ns(const record::Run& run, const char* key) {
-  const auto& us = at(run.asked, key);
+std::int64_t asked_ns(const json& asked, const char* key) {
+  const auto& us = at(asked, key);
   constexpr double longest_us = 1e12;
   return us.is_number() && us.get<double>() > 0 && us.get<double>() < longest_us
              ? static_cast<std::int64_t>(us.get<double>() * 1e3)
@@ -87,8 +87,8 @@ class Explainer {
         pong_(pong),
         one_machine_(record::on_one_machine(run.outcome)),
         payload_bytes_(integer_of(at(run.asked, "payload_bytes"))),
-        deadline_ns_(asked_ns(run, "deadline_us")),
-        timeout_ns_(asked_ns(run, "timeout_us")),
+        deadline_ns_(asked_ns(run.asked, "deadline_us")),
+        timeout_ns_(asked_ns(run.asked, "timeout_us")),
         usual_(reader, run.number, one_machine_) {}
 
   bool is_late_by_response(const Sample& sample) const {
@@ -200,7 +200,29 @@ bool same(const Part& one, const Part& other) {
          one.culprit == other.culprit && (one.cause != Cause::dropped || one.stage == other.stage);
 }
 
-std::vector<Group> groups_of(const std::vector<Message>& messages) {
+// Whether the callbacks of its neighbours run on the thread that receives its messages.
+bool shares_callbacks(const record::Run& run) {
+  const auto where = text_of(at(at(run.asked, "neighbours"), "where"));
+  const auto transport = text_of(at(run.asked, "transport"));
+  if (where == "same-callback-group") return true;
+  if (where == "same-node" || where == "same-executor")
+    return text_of(at(at(run.asked, "options"), "executor")) != "multi";
+  if (text_of(at(run.asked, "receive")) == "waitset") return false;
+  return (where == "same-participant" && transport != "ros2") ||
+         (where == "same-process" && transport == "cyclonedds");
+}
+
+std::string remedy_in(const record::Run& run, const Part& part) {
+  const auto callback_ns = asked_ns(at(run.asked, "neighbours"), "callback_us");
+  if (part.cause != Cause::busy || part.thread != "receive" || callback_ns == 0 || !shares_callbacks(run))
+    return remedy_of(part);
+  return fmt::format(
+      "the neighbours' callbacks, {:g} ms each, run on it too: give them a thread of their own "
+      "(neighbours.where)",
+      static_cast<double>(callback_ns) / 1e6);
+}
+
+std::vector<Group> groups_of(const record::Run& run, const std::vector<Message>& messages) {
   std::vector<Group> groups;
   std::vector<std::set<std::int32_t>> threads;
   for (const auto& message : messages) {
@@ -211,7 +233,7 @@ std::vector<Group> groups_of(const std::vector<Message>& messages) {
     const auto place = static_cast<std::size_t>(found - groups.begin());
     if (found == groups.end()) {
       groups.push_back(
-          {.culprit = first, .least_ns = first.ns, .most_ns = first.ns, .remedy = remedy_of(first)});
+          {.culprit = first, .least_ns = first.ns, .most_ns = first.ns, .remedy = remedy_in(run, first)});
       groups.back().culprit.when.clear();
       threads.emplace_back();
     }
@@ -359,7 +381,7 @@ const record::Trace* Pong::trace_of(const Sample& sample, std::int64_t sent_ther
   return best;
 }
 
-std::int64_t deadline_ns_of(const record::Run& run) { return asked_ns(run, "deadline_us"); }
+std::int64_t deadline_ns_of(const record::Run& run) { return asked_ns(run.asked, "deadline_us"); }
 
 Account account_of(const record::Reader& reader, const record::Run& run, const Pong* pong) {
   Account account;
@@ -394,7 +416,7 @@ Account account_of(const record::Reader& reader, const record::Run& run, const P
                      };
                      return badness(one) > badness(other);
                    });
-  account.groups = groups_of(account.messages);
+  account.groups = groups_of(run, account.messages);
   add_limits(account, run);
   if (!explainer.one_machine()) {
     add_one_sided(account, run, traces);
