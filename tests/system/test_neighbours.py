@@ -25,6 +25,12 @@ defaults: {transport: [%s], period: 200 ms, deadline: 500 ms, duration: %s}
 runs:
   - {id: up, search: neighbours.rate, neighbours: {topics: 1, rate: [10 Hz, 20 Hz, 100 kHz], payload: 20 kB, direction: to-component}}
 """
+OVERRUN = """
+hosts: namespaces
+defaults: {transport: [%s], period: 5 ms, duration: %s}
+runs:
+  - {id: beside, neighbours: {topics: 1, rate: 50 Hz, callback: 40 ms, direction: to-component, where: other-process}}
+"""
 DDS = [name for name in TRANSPORTS if name != "udp"]
 
 
@@ -82,6 +88,16 @@ class Neighbours(Program):
         again = self.run_ontime("run", scenario, "--results", self.results, "--resume")
         self.assertEqual(again.returncode, 0, again.stderr)
         self.assertEqual(len(self.report()), len(first), "all was done already")
+
+    def test_whose_callbacks_overrun_their_period_are_not_those_that_were_asked_for(self):
+        answer = self.run_ontime("run", self.scenario("1 s", text=OVERRUN, transports=DDS[:1]), "--results", self.results)
+        self.assertEqual(answer.returncode, 0, answer.stderr)
+        self.assertIn("had a callback that overran its period", answer.stderr)
+        (run,) = self.report()
+        counted = run["conditions"]["neighbours"]["achieved"]["to_component"]
+        self.assertTrue(counted["short"])
+        self.assertGreater(counted["overruns"], 0)
+        self.assertIn("NOT THE NEIGHBOURS THAT WERE ASKED FOR", run["remarks"])
 
     def test_of_a_transport_without_topics_are_refused(self):
         answer = self.run_ontime("run", self.scenario("1 s", text=SCENARIO, transports=["udp"]), "--results", self.results)
