@@ -187,6 +187,8 @@ void Pair::open_neighbours(agent::Task of_component, agent::Task of_controller) 
   for (auto* task : {&of_component, &of_controller}) {
     task->realtime = {};
     task->count_instructions = false;
+    if (task->transport == "ros2")
+      task->config.options["statistics"] = "off";  // the critical topic tells its own
   }
   neighbours_.push_back(open(run_.component, of_component));
   neighbours_.push_back(open("controller", of_controller));
