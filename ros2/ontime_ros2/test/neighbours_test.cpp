@@ -101,8 +101,11 @@ TEST_P(NeighboursIn, HoldTheCriticalOneWhereTheyShareItsThread) {
               for (int i = 0; i < 20 && !held.await(100ms); ++i) neighbour->send(++sequence, {});
               require(held.await(0ms), "no answer beside");
               require(held.thread() == place.thread, "called by " + held.thread());
-              critical->send(1, {});
-              const bool answered = answers.await(1).has_value();
+              bool answered = false;
+              for (int i = 0; i < (place.holds_critical ? 1 : 5) && !answered; ++i) {
+                critical->send(++sequence, {});
+                answered = answers.await(sequence).has_value();
+              }
               require(answered != place.holds_critical, answered ? "it was not held" : "it was held");
               held.let_go();
               exchange(*critical, answers);
