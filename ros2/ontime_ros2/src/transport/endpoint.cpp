@@ -182,9 +182,12 @@ RosEndpoint<Alloc>::RosEndpoint(const Config& config, const Options& options, Si
     statistics_ = std::make_unique<Statistics>(*seat_.node, config.deadline_ns);
   dds::keep_to_link(sockets_before, config, "ros2");
   graph_ = std::make_unique<Graph>(seat_.context, *seat_.node, *publisher_, *subscription_);
-  if (config.receive == Receive::waitset) return start_waiting();
-  start_spinning(Spinning::thread_name);
-  seat_.spinning->add(seat_.node);
+  if (config.receive == Receive::waitset) {
+    start_waiting();
+  } else {
+    start_spinning(Spinning::thread_name);
+    seat_.spinning->add(seat_.node);
+  }
 }
 
 template <typename Alloc>
