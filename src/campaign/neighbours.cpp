@@ -19,10 +19,11 @@ json way(const json& sender, const json& receiver, double wanted) {
   auto skipped = sender.at("skipped_cycles").get<std::uint64_t>();
   const auto asked = std::max(static_cast<double>(sent + refused + skipped), wanted);
   const auto overruns = receiver.at("overruns").get<std::uint64_t>();
-  const bool is_short = static_cast<double>(sent) < enough * asked ||
-                        static_cast<double>(overruns) > (1 - enough) * static_cast<double>(received);
+  const bool too_few = static_cast<double>(sent) < enough * asked;
+  const bool is_short =
+      too_few || static_cast<double>(overruns) > (1 - enough) * static_cast<double>(received);
   // One that has not run until its end has not seen what it skipped.
-  if (is_short)
+  if (too_few)
     skipped = std::max(skipped, static_cast<std::uint64_t>(asked) -
                                     std::min(static_cast<std::uint64_t>(asked), sent + refused));
   return {{"sent", sent},         {"received", received},      {"lost", sent - std::min(sent, received)},
@@ -50,9 +51,8 @@ std::vector<std::string> shortfalls_of_neighbours(const json& achieved) {
     if (counted.at("short"))
       texts.push_back(fmt::format(
           "the neighbours that were asked for were NOT there: {} messages went to the {}, {} did not, "
-          "for their sender overran its period, and {} were refused by the transport; {} arrived, of which "
-          "{} "
-          "had a callback that overran its period",
+          "for their sender overran its period, and {} were refused by the transport; {} arrived, and of "
+          "these {} had a callback that overran its period",
           counted.at("sent").get<std::uint64_t>(), name == "to_component" ? "component" : "controller",
           counted.at("skipped_cycles").get<std::uint64_t>(), counted.at("refused").get<std::uint64_t>(),
           counted.at("received").get<std::uint64_t>(), counted.at("overruns").get<std::uint64_t>()));
