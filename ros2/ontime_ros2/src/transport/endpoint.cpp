@@ -4,6 +4,7 @@
 #include <atomic>
 #include <exception>
 #include <filesystem>
+#include <functional>
 #include <memory>
 #include <thread>
 #include <utility>
@@ -136,7 +137,8 @@ class RosEndpoint final : public Endpoint {
   using Subscription = rclcpp::Subscription<RoundTrip, Alloc>;
 
   void take_seat(Where where);
-  void open_node();
+  void open_participant(rclcpp::Context::SharedPtr (*context)(int domain));
+  void open_node(const std::function<std::string()>& said);
   void open_publisher();
   void open_subscription();
   void start_spinning(const char* name);
@@ -173,8 +175,7 @@ RosEndpoint<Alloc>::RosEndpoint(const Config& config, const Options& options, Si
   outgoing_.data.reserve(config.max_payload_bytes);
   incoming_.data.reserve(config.max_payload_bytes);
   const auto sockets_before = dds::sockets();
-  seat_.context = context_of(config.domain);
-  open_node();
+  open_participant(context_of);
   refuse_namesake(*seat_.node);
   open_publisher();  // before the subscription, whose callback may call send() at once
   open_subscription();
@@ -211,11 +212,10 @@ void RosEndpoint<Alloc>::take_seat(Where where) {
   seat_.group.reset();
   const bool shares_executor = where == Where::same_node || where == Where::same_executor;
   const bool shares_node = where == Where::same_node || where == Where::own_executor;
-  if (where == Where::same_process) {
-    seat_.context = new_context(config_.domain);
-    seat_.created.clear();
-  }
-  if (!shares_node) open_node();
+  if (where == Where::same_process)
+    open_participant(new_context);
+  else if (!shares_node)
+    open_node([] { return std::string(); });
   if (!seat_.spinning) return;
   if (!shares_executor) start_spinning(Spinning::name_beside);
   if (!shares_node) return seat_.spinning->add(seat_.node);
@@ -241,28 +241,36 @@ Matched RosEndpoint<Alloc>::matched() {
           .writers = static_cast<int>(subscription_->get_publisher_count())};
 }
 
+// It comes with the first node of its context.
 template <typename Alloc>
-void RosEndpoint<Alloc>::open_node() {
+void RosEndpoint<Alloc>::open_participant(rclcpp::Context::SharedPtr (*context)(int)) {
   const auto before = dds::tasks();
   {
     const auto leading = lead(options_.rmw, config_);
     seat_.settings_source = leading->source;
     seat_.settings_carrier = leading->carrier;
     const Variable localhost_only("ROS_LOCALHOST_ONLY", "0");  // see without_localhost_only()
-    try {
-      seat_.node = std::make_shared<rclcpp::Node>(options_.node, namespace_of(config_.ping_topic),
-                                                  node_options(seat_.context, options_.intra_process));
-    } catch (const rclcpp::exceptions::NameValidationError& error) {
-      throw WrongInput("ros2: option node: " + std::string(error.what()));
-    } catch (const std::exception& error) {
-      const std::string said = leading->said();
-      throw Error("ros2: no node starts in domain " + std::to_string(config_.domain) + " on " + options_.rmw +
-                  " as configured by " + seat_.settings_source + ": " + (said.empty() ? error.what() : said));
-    }
+    seat_.context = context(config_.domain);
+    open_node([&] { return leading->said(); });
   }
+  seat_.created.clear();
   // An executor beside may start its threads meanwhile.
   for (const auto& task : dds::started_since(before))
     if (task.name != Spinning::thread_name) seat_.created.push_back(task.tid);
+}
+
+template <typename Alloc>
+void RosEndpoint<Alloc>::open_node(const std::function<std::string()>& said) {
+  try {
+    seat_.node = std::make_shared<rclcpp::Node>(options_.node, namespace_of(config_.ping_topic),
+                                                node_options(seat_.context, options_.intra_process));
+  } catch (const rclcpp::exceptions::NameValidationError& error) {
+    throw WrongInput("ros2: option node: " + std::string(error.what()));
+  } catch (const std::exception& error) {
+    const std::string why = said();
+    throw Error("ros2: no node starts in domain " + std::to_string(config_.domain) + " on " + options_.rmw +
+                " as configured by " + seat_.settings_source + ": " + (why.empty() ? error.what() : why));
+  }
 }
 
 template <typename Alloc>
