@@ -266,7 +266,7 @@ class OpenEndpoint final : public Endpoint {
   OpenEndpoint(const Config& config, Sink& sink, const OpenEndpoint& first);  // in its participant
   ~OpenEndpoint() override;
 
-  std::unique_ptr<Endpoint> beside(const Config& config, Sink& sink, Participant participant) override;
+  std::unique_ptr<Endpoint> beside(const Config& config, Sink& sink, Where where) override;
   Matched matched() override { return matches_.now(); }
   Losses losses() override;
   std::string seen() override;
@@ -399,9 +399,9 @@ OpenEndpoint::~OpenEndpoint() {
   }
 }
 
-std::unique_ptr<Endpoint> OpenEndpoint::beside(const Config& config, Sink& sink, Participant participant) {
+std::unique_ptr<Endpoint> OpenEndpoint::beside(const Config& config, Sink& sink, Where where) {
   dds::check(config, "opendds", {});
-  if (participant == Participant::another) return std::make_unique<OpenEndpoint>(config, sink);
+  if (where == Where::same_process) return std::make_unique<OpenEndpoint>(config, sink);
   return std::make_unique<OpenEndpoint>(config, sink, *this);
 }
 
