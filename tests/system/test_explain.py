@@ -94,7 +94,7 @@ class Explain(unittest.TestCase):
             self.assertIn("| `none` | 0 of 1 | 0 % | no run 1 |", said.getvalue())
             self.assertIn(type(error).__name__, said.getvalue())
         culprits.KINDS = [kind for kind in culprits.KINDS if kind.name == "quota"]
-        culprits.KINDS[0].needs = "/nowhere"
+        culprits.KINDS[0].lacks = lambda: "there is no /nowhere"
         with unittest.mock.patch("sys.argv", ["culprits"]), contextlib.redirect_stdout(io.StringIO()) as said:
             self.assertEqual(culprits.main(), 0)
         self.assertIn("Not tried: quota: there is no /nowhere", said.getvalue())
