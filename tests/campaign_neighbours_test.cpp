@@ -133,8 +133,9 @@ TEST(NeighboursAccount, SaysThatTheyOverranTheirPeriod) {
 TEST(NeighboursAccount, SaysThatTheirCallbacksOverranTheirPeriod) {
   const auto overrun = achieved({.back = false}, outcome_of(end_of(100, 0), end_of(0, 60, 0, 4)));
   EXPECT_TRUE(overrun.at("to_component").at("short")) << "more than 5 % of 60";
-  EXPECT_THAT(shortfalls_of_neighbours(overrun),
-              ElementsAre(HasSubstr("60 arrived, and of these 4 had a callback that overran its period")));
+  EXPECT_THAT(
+      shortfalls_of_neighbours(overrun),
+      ElementsAre(HasSubstr("60 arrived, and of these 4 had a callback that took longer than its turn")));
   EXPECT_FALSE(achieved({.back = false}, outcome_of(end_of(100, 0), end_of(0, 60, 0, 3)))
                    .at("to_component")
                    .at("short"));

@@ -110,6 +110,19 @@ TEST_F(ScenarioFile, ALaunchTimeNeedsAnEtfAndAnEtfALaunchTime) {
   EXPECT_THAT(error(of(also(etf))), HasSubstr("drops ARP"));
   EXPECT_EQ(error(of(also(etf), "ethernet")), "no error") << "which has none";
   EXPECT_THAT(error(of(also(below + " deadline_mode"))), HasSubstr("deadline_mode"));
+  EXPECT_THAT(error(of(also(below + " dead"))), HasSubstr("deadline_mode")) << "as tc takes it";
+  EXPECT_THAT(error(of(also(below, "timeout: 2 ms"))), HasSubstr("no less than timeout"));
+  EXPECT_THAT(error(of("launch-time: 1 ms, link: {duplicate: 1 %, qdisc: " + below + "}")),
+              HasSubstr("link.duplicate"));
+  const auto beside = [&](const std::string& priorities) {
+    return of("launch-time: 1 ms, traffic: {rate: 1 Mbit/s}, link: {qdisc: " + below + ", " + priorities +
+              "}");
+  };
+  EXPECT_THAT(error(beside("message-priority: 6")), HasSubstr("link.traffic-priority"));
+  EXPECT_THAT(error(beside("message-priority: 6, traffic-priority: 6")), HasSubstr("a class of its own"));
+  EXPECT_EQ(error(beside("message-priority: 6, traffic-priority: 2")), "no error");
+  EXPECT_THAT(error(of(also(etf, "traffic: {rate: 1 Mbit/s, priority: 1}"), "ethernet")),
+              HasSubstr("a class of its own"));
   EXPECT_THAT(error(of(also(below, "schedule: back-to-back"))), HasSubstr("back-to-back"));
   EXPECT_THAT(error(of(also(below, "explain: on"))), HasSubstr("explain"));
 }

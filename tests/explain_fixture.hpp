@@ -105,9 +105,9 @@ class Explained : public testing::TestWithParam<bool> {
   void sender_wakes_and_sends(std::int64_t by = 0) {
     event(due + 5 * us + by, 0, Kind::waking, asks, 0, "0");
     switched(due + 8 * us + by, 0, 0, "R", asks);
-    event(sent + 5 * us + by, 0, Kind::queued, asks, 0, "veth", 1);
-    event(sent + 6 * us + by, 0, Kind::sent, asks, 0, "veth", 1);
-    event(sent + 9 * us + by, 0, Kind::received, asks, 0, "veth", 1);
+    event(sent + 5 * us + by, 0, Kind::queued, asks, 0, "to-component", 1);
+    event(sent + 6 * us + by, 0, Kind::sent, asks, 0, "to-component", 1);
+    event(sent + 9 * us + by, 0, Kind::received, asks, 0, "to-controller", 1);
   }
   void has_the_message() {
     switched(due - ms / 2, 1, hog, "S", 0);

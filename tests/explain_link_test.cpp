@@ -87,6 +87,39 @@ TEST_P(Links, AMessageThatIsSentAgainWhenOneIsUpIsLateForIt) {
   EXPECT_EQ(part.ns, 15 * ms - 12 * us) << "as long as it was down since then, and no longer";
 }
 
+TEST_P(Links, APacketThatAQueueHadNoRoomForIsNotTheLinks) {
+  down("controller", due + 700 * ms, due + 900 * ms, false);
+  dropped("QDISC_OVERLIMIT");
+  EXPECT_EQ(first(message(lost())).cause, Cause::dropped);
+}
+
+TEST_P(Links, ALegThatEndsBeforeItBeginsByTwoClocksIsNotTheirs) {
+  down("component", due - ms, due + 400 * ms, true);
+  auto sample = late(0, 0, 16 * ms);
+  sample.server_received_ns = sample.server_sent_ns = sample.sent_ns - ms;
+  EXPECT_NO_THROW(message(sample));
+}
+
+TEST_P(Links, APacketOfTheLoopbackDoesNotHideAWire) {
+  switched(due - ms / 2, 1, hog, "S", 0);
+  event(due + 5 * us, 0, Kind::waking, asks, 0, "0");
+  switched(due + 8 * us, 0, 0, "R", asks);
+  event(sent + 5 * us, 0, Kind::queued, asks, 0, "to-component", 1);
+  event(sent + 6 * us, 0, Kind::sent, asks, 0, "to-component", 1);
+  for (const auto kind : {Kind::queued, Kind::sent, Kind::received})
+    event(sent + 7 * us, 0, kind, hog, 0, "lo", 3);
+  constexpr std::int32_t napi = 7;
+  event(sent + 9 * us, 1, Kind::waking, napi, 0, "1");
+  window_.events.back().thread.name = "napi/eth1-1";
+  switched(sent + 15 * ms, 1, hog, "R", napi);
+  event(sent + 15 * ms + us, 1, Kind::received, napi, 0, "to-controller", 2);
+  window_.events.back().thread.name = "napi/eth1-1";
+  event(sent + 15 * ms + 2 * us, 1, Kind::waking, answers, napi, "1");
+  const auto part = first(message(late(0, 15 * ms, 0)));
+  EXPECT_EQ(part.stage, Stage::travelled);
+  EXPECT_EQ(part.thread, "napi/eth1-1");
+}
+
 TEST_P(Links, WhatAFileSaysOfThemThatCannotBeIsNothing) {
   down_["component"] = {{{"from_ns", "x"}, {"to_ns", nullptr}, {"taken", true}},
                         {{"from_ns", -1.5}, {"to_ns", due + ms}, {"taken", true}},

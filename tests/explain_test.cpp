@@ -63,11 +63,14 @@ TEST_P(Explained, ACpuThatShowsNoSignOfLife) {
 TEST_P(Explained, AThreadThatIsBusyWithNeighboursIsToldApartFromOneThatIsNot) {
   has_the_message();
   switched(sent + 16 * ms, 1, answers, "S", 0);
-  const auto remedy = [&](const char* transport, const char* where, const char* executor) {
-    asked_ = {{"transport", transport},
-              {"receive", "listener"},
-              {"options", {{"executor", executor}}},
-              {"neighbours", {{"where", where}, {"callback_us", 4500}}}};
+  const auto remedy = [&](const char* transport, const char* where, const char* executor,
+                          bool is_there = true) {
+    asked_ = {
+        {"transport", "udp"},
+        {"component_transport", transport},
+        {"receive", "listener"},
+        {"component_options", {{"executor", executor}}},
+        {"neighbours", {{"where", where}, {"callback_us", 4500}, {"there", is_there}, {"back", !is_there}}}};
     const auto groups = account(late(0, 15 * ms, 0)).groups;
     samples_.erase(samples_.begin() + 50);
     EXPECT_THAT(groups, SizeIs(1));
@@ -85,6 +88,7 @@ TEST_P(Explained, AThreadThatIsBusyWithNeighboursIsToldApartFromOneThatIsNot) {
                                          {"cyclonedds", "other-process"}})
     EXPECT_EQ(remedy(transport, where, "single"), "") << transport << " " << where;
   EXPECT_EQ(remedy("ros2", "same-node", "multi"), "");
+  EXPECT_EQ(remedy("ros2", "same-node", "single", false), "") << "none come to that end";
 }
 
 TEST_P(Explained, AThreadThatRunsOnAnIdleCpuIsBusyFromWhenItIsSeen) {

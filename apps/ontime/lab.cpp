@@ -62,7 +62,8 @@ lab::Machine machine_of(const Arguments& arguments) {
     throw Error(2, fmt::format("--memory: '{}' is too little: 512 MiB are the least", arguments.memory));
   for (const auto& path : arguments.with) {
     if (!fs::exists(path)) throw Error(2, fmt::format("--with: {}: there is no such file or folder", path));
-    machine.with.push_back(fs::absolute(path).lexically_normal());
+    machine.with.push_back(fs::canonical(path));
+    if (machine.with.back() == "/") throw Error(2, "--with: / is all of this machine: name what is wanted");
     for (const auto* own : {"/dev", "/proc", "/run", "/sys", "/tmp"})
       if (const auto folder = machine.with.back().string() + '/'; folder.starts_with(std::string(own) + '/'))
         throw Error(2,

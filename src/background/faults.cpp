@@ -104,7 +104,8 @@ void try_it(const char* keys, const char* needs, const std::function<void()>& at
   }
 }
 
-// Some want more queues than the loopback has: whether they are there is seen by how they are refused.
+// Some want more queues than the loopback has, or a card that does it: whether they are there is seen by how
+// they are refused.
 void try_discipline(const std::vector<std::string>& words) {
   const auto& name = words.front();
   try {
@@ -114,7 +115,8 @@ void try_discipline(const std::vector<std::string>& words) {
     const std::string said = error.what();
     if (said.find("qdisc kind is unknown") != said.npos || said.find("Unknown qdisc") != said.npos)
       throw Error(fmt::format("link.qdisc: this kernel has not {0}, module sch_{0}: {1}", name, said));
-    if (name == "mqprio" || name == "taprio") return;
+    const bool is_cards = std::find(words.begin(), words.end(), "offload") != words.end();
+    if (name == "mqprio" || name == "taprio" || is_cards) return;
     throw Error(fmt::format("link.qdisc: '{}' is not taken: {}", fmt::join(words, " "), said));
   }
 }

@@ -99,13 +99,13 @@ std::optional<std::string> went_past_etf(const json& outcome) {
     const auto& link = host.at("link");
     if (link.is_null() || link.contains("gone")) continue;  // unproved() says so
     const auto etf = link.value("etf", json::object());
-    const auto seen =
-        etf.value("launched_frames", std::uint64_t{0}) + etf.value("dropped_frames", std::uint64_t{0});
-    if (seen + uncounted >= messages) continue;
+    // What it dropped is among what was lost, and may be of somebody else.
+    const auto launched = etf.value("launched_frames", std::uint64_t{0});
+    if (launched + count("lost") + uncounted >= messages) continue;
     return fmt::format(
         "the messages had a launch-time that nobody heeded: the {} sent {} of them, and the etf of its "
-        "interface had {} frames. link.message-priority has to be of the class that the etf is below",
-        name, messages, seen);
+        "interface handed {} frames on. link.message-priority has to be of the class that the etf is below",
+        name, messages, launched);
   }
   return {};
 }

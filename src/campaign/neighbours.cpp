@@ -52,7 +52,7 @@ std::vector<std::string> shortfalls_of_neighbours(const json& achieved) {
       texts.push_back(fmt::format(
           "the neighbours that were asked for were NOT there: {} messages went to the {}, {} did not, "
           "for their sender overran its period, and {} were refused by the transport; {} arrived, and of "
-          "these {} had a callback that overran its period",
+          "these {} had a callback that took longer than its turn",
           counted.at("sent").get<std::uint64_t>(), name == "to_component" ? "component" : "controller",
           counted.at("skipped_cycles").get<std::uint64_t>(), counted.at("refused").get<std::uint64_t>(),
           counted.at("received").get<std::uint64_t>(), counted.at("overruns").get<std::uint64_t>()));

@@ -87,6 +87,14 @@ void add_link_keys(std::vector<Key>& keys) {
         }}});
 }
 
+// As tc takes it, which is content with its beginning.
+bool has_deadline_mode(const std::string& qdisc) {
+  std::istringstream words(qdisc);
+  for (std::string word; words >> word;)
+    if (word.size() >= 2 && std::string_view("deadline_mode").starts_with(word)) return true;
+  return false;
+}
+
 // Without an etf a launch time is a word that nobody heeds; without a launch time, an etf drops all.
 void complete_launch(const Run& run) {
   const auto& qdisc = run.faults.qdisc;
@@ -103,13 +111,27 @@ void complete_launch(const Run& run) {
     throw std::invalid_argument(
         "etf by itself drops ARP as well, without which there is no IP: link.qdisc: prio bands 2 priomap "
         "1 1 1 1 1 1 0 1 1 1 1 1 1 1 1 1 below 1 etf …, with link.message-priority: 6");
-  if (qdisc.find("deadline_mode") != qdisc.npos)
+  if (has_deadline_mode(qdisc))
     throw std::invalid_argument(
         "with deadline_mode an etf lets a message go before its launch-time: leave out one");
   if (run.task.client.schedule == roundtrip::Schedule::back_to_back)
     throw std::invalid_argument(
         "launch-time counts from when a message is due, and back-to-back knows no such moment: take another "
         "schedule");
+  if (2 * run.task.config.launch_ns >= run.task.client.timeout.count())
+    throw std::invalid_argument(
+        "a message and its answer wait for a launch-time each, and that is no less than timeout: each would "
+        "count as lost");
+  if (run.faults.duplicates > 0)
+    throw std::invalid_argument(
+        "of a frame that link.duplicate sends again an etf knows no launch-time, and drops it: leave out "
+        "one");
+  const bool is_beside =
+      run.faults.traffic_priority && run.faults.traffic_priority != run.faults.message_priority;
+  if (run.traffic.bits_per_s > 0 && (qdisc.starts_with("etf") || !is_beside))
+    throw std::invalid_argument(
+        "an etf drops what has no launch-time: traffic needs a class of its own beside it, by "
+        "link.traffic-priority");
   if (run.explain)
     throw std::invalid_argument(
         "explain would take the wait for a launch for a wait behind others: leave out explain, or "

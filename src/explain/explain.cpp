@@ -201,12 +201,15 @@ bool same(const Part& one, const Part& other) {
 }
 
 // Whether the callbacks of its neighbours run on the thread that receives its messages.
-bool shares_callbacks(const record::Run& run) {
-  const auto where = text_of(at(at(run.asked, "neighbours"), "where"));
-  const auto transport = text_of(at(run.asked, "transport"));
+bool shares_callbacks(const record::Run& run, const std::string& end) {
+  const auto& neighbours = at(run.asked, "neighbours");
+  if (at(neighbours, end == "component" ? "there" : "back") != true) return false;
+  const bool is_component = end == "component";
+  const auto where = text_of(at(neighbours, "where"));
+  const auto transport = text_of(at(run.asked, is_component ? "component_transport" : "transport"));
   if (where == "same-callback-group") return true;
   if (where == "same-node" || where == "same-executor")
-    return text_of(at(at(run.asked, "options"), "executor")) != "multi";
+    return text_of(at(at(run.asked, is_component ? "component_options" : "options"), "executor")) != "multi";
   if (text_of(at(run.asked, "receive")) == "waitset") return false;
   return (where == "same-participant" && transport != "ros2") ||
          (where == "same-process" && transport == "cyclonedds");
@@ -214,7 +217,8 @@ bool shares_callbacks(const record::Run& run) {
 
 std::string remedy_in(const record::Run& run, const Part& part) {
   const auto callback_ns = asked_ns(at(run.asked, "neighbours"), "callback_us");
-  if (part.cause != Cause::busy || part.thread != "receive" || callback_ns == 0 || !shares_callbacks(run))
+  if (part.cause != Cause::busy || part.thread != "receive" || callback_ns == 0 ||
+      !shares_callbacks(run, part.end))
     return remedy_of(part);
   return fmt::format(
       "the neighbours' callbacks, {:g} ms each, run on it too: give them a thread of their own "

@@ -93,15 +93,23 @@ std::string who_stopped(const Timeline& timeline, std::int64_t before_ns) {
 
 }  // namespace
 
-// Whether any packet that was sent was received as the same, as between two network namespaces; over a wire
-// it is another.
-bool hands_packets_over(const Timeline* timeline) {
-  if (timeline == nullptr || timeline->events().empty()) return false;
+// Whether any packet that went from one end's interface came to the other's as the same, as between two
+// network namespaces; over a wire it is another.
+bool hands_packets_over(const End& one, const End& other) {
+  if (one.timeline == nullptr || one.timeline->events().empty()) return false;
   const auto anybody = [](std::int32_t) { return true; };
-  const auto& events = timeline->events();
-  const auto packets = packets_of(*timeline, anybody, true, events.front().at_ns, events.back().at_ns);
-  return std::any_of(packets.begin(), packets.end(),
-                     [](const Packet& packet) { return packet.received != nullptr; });
+  const auto is_of = [](const std::string& interface, const Event& event) {
+    return interface.empty() ? event.what != "lo" : event.what == interface;
+  };
+  const auto& events = one.timeline->events();
+  const auto packets = packets_of(*one.timeline, anybody, true, events.front().at_ns, events.back().at_ns);
+  return std::any_of(packets.begin(), packets.end(), [&](const Packet& packet) {
+    const auto goes = [&](const End& from, const End& to) {
+      return is_of(from.interface, *packet.queues.back().in) && is_of(to.interface, *packet.received) &&
+             packet.queues.back().in->what != packet.received->what;
+    };
+    return packet.received != nullptr && !packet.queues.empty() && (goes(one, other) || goes(other, one));
+  });
 }
 
 Way::Way(End client, End server, const Usual& usual, std::int64_t payload_bytes, bool one_machine)
@@ -110,7 +118,7 @@ Way::Way(End client, End server, const Usual& usual, std::int64_t payload_bytes,
       usual_(usual),
       packet_bytes_(std::min(payload_bytes, fragment_bytes)),
       one_machine_(one_machine),
-      is_handed_over_(one_machine && hands_packets_over(client_.timeline)) {}
+      is_handed_over_(one_machine && hands_packets_over(client_, server_)) {}
 
 void Way::add(Found& found, const Part& part, const Stretch& when) const {
   add(found, part, when.length_ns(), {when});
@@ -332,7 +340,7 @@ Packet Way::packet(const End& from, const End& to, std::int64_t from_ns, std::in
   if (from.timeline == nullptr) return {};
   const auto ours = [&](std::int32_t thread) { return has(from, thread); };
   Packet packet;
-  for (const auto& one : packets_of(*from.timeline, ours, one_machine_, from_ns, to_ns)) {
+  for (const auto& one : packets_of(*from.timeline, ours, is_handed_over_, from_ns, to_ns)) {
     const bool fits = one.queued != nullptr ? one.queued->bytes >= packet_bytes_
                                             : one.dropped->at_ns < from_ns + before_queue_ns;
     if (!fits) continue;
@@ -403,8 +411,11 @@ void Way::leg(Found& found, const End& from, const End& to, std::int64_t from_ns
 // Which interface could carry nothing in that time, or so shortly before it that this is felt still. Where
 // one is taken down the other end has no carrier either.
 std::optional<Part> Way::link_down(Stage stage, std::int64_t from_ns, std::int64_t to_ns,
-                                   std::int64_t felt_ns) const {
-  for (const bool taken : {true, false})
+                                   std::int64_t most_felt_ns) const {
+  if (to_ns < from_ns) return {};  // by two clocks
+  // First those that were down then.
+  for (const auto& [felt_ns, taken] :
+       {std::pair(std::int64_t{0}, true), {0, false}, {most_felt_ns, true}, {most_felt_ns, false}})
     for (const auto* end : {&client_, &server_})
       for (const auto& down : end->downs) {
         const auto felt_until_ns = down.to_ns + felt_ns;
@@ -449,11 +460,13 @@ void Way::rest(Found& found, std::size_t leg, const Leg& times) const {
   if (leg == waking) take(Cause::timer, slept_ns, found.slept);
   take(Cause::busy, found.ran_ns, found.ran);
   if (leg == sending || leg == answering) take(Cause::waited, slept_ns, found.slept);
-  constexpr std::size_t back = 4;
-  const bool is_sought =
-      leg == back ? is_sought_by(server_, times) : leg == 2 && is_sought_by(client_, times);
-  const auto down = link_down(Stage::travelled, times.from_ns, times.to_ns, is_sought ? forgotten_ns : 0);
-  if (down && (leg == 2 || leg == back)) {
+  constexpr std::size_t there = 2, back = 4;
+  const bool travels = leg == there || leg == back;
+  const bool is_sought = travels && is_sought_by(leg == there ? client_ : server_, times);
+  const auto down =
+      travels ? link_down(Stage::travelled, times.from_ns, times.to_ns, is_sought ? forgotten_ns : 0)
+              : std::nullopt;
+  if (down) {
     const auto ns = std::min(left_ns, down->ns);
     add(found, *down, ns, down->when);
     left_ns -= std::max<std::int64_t>(ns, 0);
@@ -548,8 +561,8 @@ bool Way::lost_between(Found& found, const End& from, const End& to, const Packe
 // Whether what became of a packet may be for want of a link.
 bool may_be_of_a_link(const Part& part) {
   return part.cause == Cause::unreachable ||
-         (part.cause == Cause::dropped && part.stage != Stage::delivered &&
-          !part.culprit.starts_with("NETFILTER") && !part.culprit.starts_with("TC_"));
+         (part.cause == Cause::dropped &&
+          (part.culprit.starts_with("DEV_READY") || part.culprit.starts_with("__dev_forward_skb")));
 }
 
 std::vector<Part> Way::loss_of(const roundtrip::Sample& sample, std::int64_t until_ns) {

@@ -61,7 +61,8 @@ class Way {
   void held_in_queue(Found&, const End& from, const Packet&, std::int64_t until_ns) const;
   void brought(Found&, const End& to, std::int32_t id, std::int64_t from_ns, std::int64_t to_ns) const;
   void leg(Found&, const End& from, const End& to, std::int64_t from_ns, std::int64_t to_ns) const;
-  std::optional<Part> link_down(Stage, std::int64_t from_ns, std::int64_t to_ns, std::int64_t felt_ns) const;
+  std::optional<Part> link_down(Stage, std::int64_t from_ns, std::int64_t to_ns,
+                                std::int64_t most_felt_ns) const;
   void rest(Found&, std::size_t leg, const Leg&) const;
   Packet packet(const End& from, const End& to, std::int64_t from_ns, std::int64_t to_ns) const;
   bool not_sent(Found&, const End& from, std::int64_t from_ns) const;

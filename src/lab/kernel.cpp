@@ -185,15 +185,17 @@ Kernel fetch_kernel(const std::string& package, const Told& told) {
     return present_kernel(package, folder, told);
   } catch (const NotToBeHad& error) {
     std::string others;
+    fs::path last;
     for (const auto& entry : fs::directory_iterator(folder)) {
       const auto kept = entry.path().filename().string(), its = kept.substr(0, kept.find('_'));
-      if (its == package) {
-        told(fmt::format("{}. Taken is the one that was kept, {}", error.what(), kept));
-        return kernel_in(entry.path());
-      }
-      if (its != kept) others += fmt::format(". One was kept, which --kernel {} takes", its);
+      if (its == package && (last.empty() || entry.last_write_time() > fs::last_write_time(last)))
+        last = entry.path();
+      if (its != package && its != kept)
+        others += fmt::format(". One was kept, which --kernel {} takes", its);
     }
-    throw Error(error.what() + others);
+    if (last.empty()) throw Error(error.what() + others);
+    told(fmt::format("{}. Taken is the last that was kept, {}", error.what(), last.filename().string()));
+    return kernel_in(last);
   }
 }
 

@@ -13,6 +13,7 @@
 #include <net/if.h>
 #include <poll.h>
 #include <pthread.h>
+#include <sched.h>
 #include <sys/eventfd.h>
 #include <unistd.h>
 
@@ -21,6 +22,7 @@
 namespace ontime::machine {
 namespace {
 
+constexpr std::int64_t at_once_ns = 100'000'000;
 constexpr unsigned lower_up = 1U << 16;  // IFF_LOWER_UP of linux/if.h, which does not go beside net/if.h
 
 struct State {
@@ -61,6 +63,7 @@ class LinkWatch::Listener {
       close(over_);
       throw Error(fmt::format("the kernel's news of interface {} cannot be had", interface));
     }
+    ask(*socket_, interface_);  // it may be down already
     thread_ = std::thread([this] { listen(); });
   }
   ~Listener() {
@@ -79,6 +82,8 @@ class LinkWatch::Listener {
  private:
   void listen() {
     pthread_setname_np(pthread_self(), "ontime-link");
+    const sched_param none{};
+    sched_setscheduler(0, SCHED_BATCH, &none);  // it pre-empts nothing that is measured
     std::array<pollfd, 2> waits{{{mnl_socket_get_fd(socket_.get()), POLLIN, 0}, {over_, POLLIN, 0}}};
     while (poll(waits.data(), waits.size(), -1) >= 0 || errno == EINTR) {
       read();  // first: what there is still was before the end
@@ -100,11 +105,16 @@ class LinkWatch::Listener {
   void enter(const State& state) {
     const bool carries = state.is_up && state.has_carrier;
     const std::lock_guard lock(mutex_);
-    if (!carries && !is_down_ && downs_.size() < most) downs_.push_back({now_ns(), 0, !state.is_up});
+    const auto at_ns = now_ns();
     const bool goes_on = is_down_ && !downs_.empty() && downs_.back().to_ns == 0;
-    // A carrier may go before the flag does.
-    if (!carries && goes_on) downs_.back().taken = downs_.back().taken || !state.is_up;
-    if (carries && goes_on) downs_.back().to_ns = now_ns();
+    const bool is_taken_since = !carries && goes_on && !state.is_up && !downs_.back().taken;
+    if (is_taken_since && at_ns - downs_.back().from_ns <= at_once_ns) {
+      downs_.back().taken = true;  // its carrier went with it
+    } else if (is_taken_since || (carries && goes_on)) {
+      downs_.back().to_ns = at_ns;
+    }
+    const bool begins = !carries && (!is_down_ || (is_taken_since && !downs_.back().taken));
+    if (begins && downs_.size() < most) downs_.push_back({at_ns, 0, !state.is_up});
     is_down_ = !carries;
   }
 

@@ -72,7 +72,7 @@ std::string neighbours(const json& outcome) {
     } others[] = {{"lost", "{} lost"},
                   {"skipped_cycles", "{} not sent, for their sender overran its period"},
                   {"refused", "{} refused by the transport"},
-                  {"overruns", "{} with a callback that overran its period"},
+                  {"overruns", "{} with a callback that took longer than its turn"},
                   {"strays", "and {} of somebody else's"}};
     std::vector<std::string> details;
     for (const auto& [key, what] : others)
@@ -124,7 +124,7 @@ std::string faults(const json& outcome) {
   return join(parts, ", ");
 }
 
-// "dropped by etf 3 frames of the controller, whose launch time had passed".
+// "dropped by etf 3 frames of the controller, whose launch time had passed or that had none".
 std::string launches_missed(const json& outcome) {
   std::vector<std::string> parts;
   for (const auto* host : {"controller", "component"})
@@ -133,7 +133,8 @@ std::string launches_missed(const json& outcome) {
         frames > 0)
       parts.push_back(fmt::format("{} of the {}", many(frames, "frame", "frames"), host));
   return parts.empty() ? ""
-                       : fmt::format("dropped by etf {}, whose launch time had passed", join(parts, ", "));
+                       : fmt::format("dropped by etf {}, whose launch time had passed or that had none",
+                                     join(parts, ", "));
 }
 
 // The interface's own counters, where they do not fit what was measured. (Too little makes a run fail.)

@@ -68,7 +68,7 @@ inline std::int64_t tai_of(std::int64_t monotonic_ns) noexcept {
   head->cmsg_len = CMSG_LEN(sizeof(std::uint64_t));
   const auto tai_ns = static_cast<std::uint64_t>(tai_of(at_ns));
   std::memcpy(CMSG_DATA(head), &tai_ns, sizeof tai_ns);
-  return sendmsg(fd, &message, MSG_NOSIGNAL);
+  return sendmsg(fd, &message, MSG_NOSIGNAL | MSG_DONTWAIT);  // what waits for its launch may fill the socket
 }
 
 }  // namespace ontime::transport
