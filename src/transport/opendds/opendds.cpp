@@ -189,26 +189,30 @@ class SharedParticipant {
 
   DDS::DomainParticipant* operator->() const { return entity_.in(); }
   const std::vector<Thread>& threads() const { return threads_; }
-  // The first writer or reader has it start those of the transport: what receives, then what cleans up.
+  // The first writer or reader has it open the socket for data. Somebody else may have its port by then (Fast
+  // DDS takes its own two as it finds them); where this has not yet been tried, it is left to the kernel.
+  bool leave_data_port_to_kernel();
+  // And it starts the threads of the transport: what receives, then what cleans up.
   void note_transport_threads(const std::vector<dds::Task>& before);
 
  private:
   std::shared_ptr<Service> service_;
   DDS::DomainParticipant_var entity_;
-  dcps::TransportInst_rch transport_;
+  std::string address_;
+  dcps::RcHandle<dcps::RtpsUdpInst> transport_;
   dcps::TransportConfig_rch transport_config_;
   std::vector<Thread> threads_;
 };
 
-SharedParticipant::SharedParticipant(const Config& config, Log& log) : service_(Service::instance(config)) {
+SharedParticipant::SharedParticipant(const Config& config, Log& log)
+    : service_(Service::instance(config)), address_(config.address) {
   static std::atomic<int> number{0};
   const std::string name = ours + std::to_string(++number);
   for (const auto& task : service_->threads) threads_.push_back({task.tid, "timer", "timers"});
   auto* const registry = dcps::TransportRegistry::instance();
-  transport_ = registry->create_inst(name, "rtps_udp");
-  const auto udp = dcps::static_rchandle_cast<dcps::RtpsUdpInst>(transport_);
-  udp->use_multicast_ = false;
-  udp->rcv_buffer_size_ = receive_buffer_bytes;
+  transport_ = dcps::static_rchandle_cast<dcps::RtpsUdpInst>(registry->create_inst(name, "rtps_udp"));
+  transport_->use_multicast_ = false;
+  transport_->rcv_buffer_size_ = receive_buffer_bytes;
   transport_config_ = registry->create_config(name);
   transport_config_->instances_.push_back(transport_);
 
@@ -222,8 +226,7 @@ SharedParticipant::SharedParticipant(const Config& config, Log& log) : service_(
                    where, log);
   for (const auto& task : dds::started_since(before))
     threads_.push_back({task.tid, "discovery", "discovery"});
-  // It opens its own socket for the first writer or reader.
-  udp->local_address(static_cast<std::uint16_t>(data_port(sockets_before, config)), config.address.c_str());
+  transport_->local_address(static_cast<std::uint16_t>(data_port(sockets_before, config)), address_.c_str());
   registry->bind_config(transport_config_, entity_);
 }
 
@@ -235,6 +238,12 @@ SharedParticipant::~SharedParticipant() {
   auto* const registry = dcps::TransportRegistry::instance();
   registry->remove_config(transport_config_);
   registry->remove_inst(transport_);
+}
+
+bool SharedParticipant::leave_data_port_to_kernel() {
+  if (transport_->local_address().get_port_number() == 0) return false;
+  transport_->local_address(0, address_.c_str());
+  return true;
 }
 
 void SharedParticipant::note_transport_threads(const std::vector<dds::Task>& before) {
@@ -372,7 +381,12 @@ OpenEndpoint::OpenEndpoint(const Config& config, Sink& sink) : OpenEndpoint(conf
   Log log;
   participant_ = std::make_shared<SharedParticipant>(config, log);
   const auto before = dds::tasks();
-  open_ends(log);
+  try {
+    open_ends(log);
+  } catch (const Error&) {
+    if (!participant_->leave_data_port_to_kernel()) throw;
+    open_ends(log);
+  }
   participant_->note_transport_threads(before);
   dds::keep_to_link(sockets_before, config, "opendds");
 }
