@@ -287,9 +287,9 @@ void Machines::isolate(const Machine& machine, const std::string& host, const Ru
   const auto stay = isolated.at("stay").get<std::vector<std::string>>();
   if (stay.empty() || !warned_.insert(host + run.isolation.cpus).second) return;
   observer_.note(
-      fmt::format("isolation: on the {}, {} threads may run on CPUs {} all the same: they were given "
-                  "CPUs of their own: {}",
-                  host, stay.size(), run.isolation.cpus, fmt::join(stay, ", ")));
+      fmt::format("isolation: on the {}, others may run on CPUs {} all the same, as they were given CPUs of "
+                  "their own: {}",
+                  host, run.isolation.cpus, fmt::join(stay, ", ")));
 }
 
 void Machines::keep(const std::string& host, pid_t process) const {

@@ -134,7 +134,7 @@ Pair::End Pair::open(const std::string& host, agent::Task task) {
   const auto whom = std::string(asks && is_named(run_) ? " for " + run_.component : "") +
                     (beside ? " for its neighbours" : "");
   End end{host, asks ? "controller" : "component", machines_.start_agent(host, whom), {}, {}, measuring_};
-  if (authority_ != nullptr)
+  if (authority_ != nullptr && run_.security != security::Level::off)  // it may be another component's
     task.config.security = authority_->identity(end.role, run_.security, task.config.domain);
   if (asks && !beside) listen_to(*end.agent);
   if (!run_.isolation.cpus.empty() && !beside) {  // before it has threads, which it may give CPUs of these
