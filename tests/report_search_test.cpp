@@ -41,6 +41,8 @@ TEST(TableFormat, TellsTheNeighboursAndLoudlyWhereTheyWereNotThere) {
       text,
       HasSubstr("4 neighbours of 32 KiB to the component, reliable, at 100 Hz, in another participant"));
   EXPECT_THAT(text, HasSubstr("neighbours: 7,990 of 8,000 arrived at the component (10 lost)"));
+  EXPECT_THAT(render({summary(with_neighbours(20'000), came)}, Format::markdown),
+              HasSubstr(", at 20 kHz, in"));
   came["neighbours"]["to_component"] = way(5000, 5000, 3000);
   text = render({summary(with_neighbours(), came)}, Format::markdown);
   EXPECT_THAT(text,
@@ -119,9 +121,32 @@ TEST(Searches, EndWhereARunFailedOrMoreWasNotToBeHad) {
 
 TEST(Plots, DrawTheRoundTripAgainstTheNeighboursRate) {
   const auto text = gnuplot_of({step(0, "100 Hz", 0), step(1, "200 Hz", 5)}, {Plot::Figure::neighbours});
-  EXPECT_THAT(text, AllOf(HasSubstr("Messages of neighbours"), HasSubstr("\n100 1 1.98\n200 1 1.98\n"),
+  EXPECT_THAT(text, AllOf(HasSubstr("Neighbours (Hz"), HasSubstr("\n100 1 1.98\n200 1 1.98\n"),
                           HasSubstr("$missed0 << END\n200 1.98\nEND")));
   EXPECT_THAT(gnuplot_of({step(0, "100 Hz", 0)}, {Plot::Figure::neighbours}), Not(HasSubstr("$missed")));
+}
+
+TEST(Plots, DrawEachSearchAsALineOfItsOwn) {
+  auto single = step(0, "100 Hz", 0), multi = step(0, "100 Hz", 0);
+  single.run.asked["search"]["among"] = "options.executor single";
+  multi.run.asked["search"]["among"] = "options.executor multi";
+  auto arms = multi;
+  arms.run.asked["component"] = "arm";
+  multi.run.outcome["error"] = "no answer";
+  const auto text = gnuplot_of({single, multi, arms}, {Plot::Figure::neighbours});
+  EXPECT_THAT(text, AllOf(HasSubstr("cyclonedds single'"), HasSubstr("cyclonedds multi'"),
+                          HasSubstr("cyclonedds arm multi'")));
+  EXPECT_THAT(text, AllOf(HasSubstr("$missed1 << END\n100 1.98\nEND"), Not(HasSubstr("$missed0"))))
+      << "a run that failed is no good one";
+}
+
+TEST(Plots, OfAPayloadDrawEachVariantAsALineOfItsOwn) {
+  auto one = step(0, "", 0), other = step(0, "", 0);
+  for (auto* run : {&one, &other}) run->run.asked.erase("search");
+  one.run.asked["variant"] = "payload 1 KiB, receive waitset";
+  other.run.asked["variant"] = "payload 1 KiB, receive listener";
+  EXPECT_THAT(gnuplot_of({one, other}, {Plot::Figure::payload}),
+              AllOf(HasSubstr("cyclonedds receive waitset'"), HasSubstr("cyclonedds receive listener'")));
 }
 
 }  // namespace

@@ -125,13 +125,9 @@ class Agent final : public orders::Worker {
     }
     if (auto* neighbours = end_->neighbours(); neighbours != nullptr && !neighbours->matched()) {
       if (Clock::now() < until_) return 5ms;
-      throw Error(3,
-                  fmt::format("the neighbours' topics ({} …) found no other end over {} within {:g} s",
-                              roundtrip::neighbour_topic(end_->task().config.ping_topic, 1),
-                              end_->task().transport, seconds(wait_),
-                              end_->task().neighbours.callback.count() > 0
-                                  ? ", or do the neighbours' callbacks (neighbours.callback) keep its thread"
-                                  : ""));
+      throw Error(3, fmt::format("the neighbours' topics ({} …) found no other end over {} within {:g} s",
+                                 roundtrip::neighbour_topic(end_->task().config.ping_topic, 1),
+                                 end_->task().transport, seconds(wait_)));
     }
     end_->set_threads();
     if (end_->neighbours() != nullptr) end_->neighbours()->start();
@@ -160,7 +156,8 @@ class Agent final : public orders::Worker {
                       "{:g} s. Is the payload larger than it serves (pong --payload SIZE) or than the link "
                       "carries, or does a firewall drop it{}?",
                       end_->task().transport, client.warm_up_answers(), end_->task().client.warm_up,
-                      seconds(wait_),
+                      seconds(wait_ + end_->task().client.period *
+                                          static_cast<std::int64_t>(end_->task().client.warm_up)),
                       end_->task().neighbours.callback.count() > 0
                           ? ", or do the neighbours' callbacks (neighbours.callback) keep its thread"
                           : ""));

@@ -78,8 +78,9 @@ void add_neighbours(std::vector<Phrase>& phrases, const json& asked) {
   if (const auto priority = count(at(asked, "priority")); priority > 0)
     text += fmt::format(" with SCHED_FIFO {}", priority);
   phrases.push_back({"neighbours", text});
+  const double hz = rate.is_number() ? rate.get<double>() : 0;
   phrases.push_back(
-      {"neighbours.rate", fmt::format("at {:.4g} Hz", rate.is_number() ? rate.get<double>() : 0)});
+      {"neighbours.rate", fmt::format("at {:.4g} {}", hz < 1000 ? hz : hz / 1000, hz < 1000 ? "Hz" : "kHz")});
   if (const auto& callback = at(asked, "callback_us"); callback.is_number() && callback > 0)
     phrases.push_back({"neighbours.callback", fmt::format("with callbacks of {}", duration(callback))});
   phrases.push_back({"neighbours.where", place_of_neighbours(where)});

@@ -3,9 +3,11 @@
 #include <algorithm>
 #include <cmath>
 #include <map>
+#include <sstream>
 
 #include <fmt/format.h>
 
+#include "gate/gate.hpp"
 #include "report/conditions.hpp"
 #include "report/report.hpp"
 #include "report/runs.hpp"
@@ -236,12 +238,13 @@ std::string how_often_worse(const Group& group, const Plot& plot) {
 
 // Of what a round trip is drawn against.
 struct Abscissa {
+  const char* key;  // of a scenario
   const char* label;
   double (*of)(const Summary&);  // above 0; else the run is not drawn
   bool marks_misses;
 };
 constexpr Abscissa payload{
-    "Payload (bytes)",
+    "payload", "Payload (bytes)",
     [](const Summary& summary) {
       return static_cast<double>(std::max<std::uint64_t>(count(at(summary.run.asked, "payload_bytes")), 1));
     },
@@ -262,16 +265,33 @@ double rate_of_neighbours_hz(const Summary& summary) {
   // Of none that was sent the abscissa has no place: there it is what was asked for, and marked.
   return rate.get<double>() * (is_short && sent > 0 ? sent / (sent + others) : 1);
 }
-constexpr Abscissa rate_of_neighbours{"Messages of neighbours (Hz, each topic and way); × missed",
-                                      rate_of_neighbours_hz, true};
+constexpr Abscissa rate_of_neighbours{
+    "neighbours.rate", "Neighbours (Hz, each topic and way); × missed or short", rate_of_neighbours_hz, true};
+
+// What a run is drawn with as one line: all that tells it from others, but for what it is drawn against.
+std::string line_of(const Summary& summary, const Abscissa& abscissa) {
+  const auto& asked = summary.run.asked;
+  auto name = shortened(word(at(asked, "id")), gate::longest_id) + "  " + word(at(asked, "transport"));
+  if (const auto& component = at(asked, "component"); component.is_string()) name += " " + word(component);
+  const auto& search = at(asked, "search");
+  std::istringstream parts(
+      word(at(search.is_object() ? search : asked, search.is_object() ? "among" : "variant")));
+  for (std::string part; std::getline(parts, part, ',');) {
+    part.erase(0, part.find_first_not_of(' '));
+    if (part.starts_with(std::string(abscissa.key) + " ")) continue;
+    name += part.starts_with("options.") ? part.substr(std::min(part.find(' '), part.size())) : " " + part;
+  }
+  return name;
+}
+
+// Where colours begin anew: circles, squares, triangles, lozenges; one more is the same, filled.
+constexpr int hollow_points[] = {6, 4, 8, 12};
 
 std::string against(const Abscissa& abscissa, const Group& group, const Plot& plot) {
-  std::map<std::pair<std::string, std::string>, std::map<double, std::vector<const Summary*>>>
-      series;  // by id and transport
+  std::map<std::string, std::map<double, std::vector<const Summary*>>> series;
   for (const auto* summary : group)
     if (const auto x = abscissa.of(*summary); summary->round_trip.count > 0 && x > 0)
-      series[{word(at(summary->run.asked, "id")), word(at(summary->run.asked, "transport"))}][x].push_back(
-          summary);
+      series[line_of(*summary, abscissa)][x].push_back(summary);
   auto text = terminal(plot, single_cm + 0.35 * static_cast<double>(series.size())) + looks;
   text += fmt::format(
       "set logscale xy\nset xlabel '{}' offset 0,0.5\nset ylabel 'Round trip (ms): p50, p99 "
@@ -291,7 +311,8 @@ std::string against(const Abscissa& abscissa, const Group& group, const Plot& pl
       for (const auto* summary : summaries) {
         p50.push_back(ms(summary->round_trip.p50));
         p99.push_back(ms(summary->round_trip.p99));
-        any = any || summary->late + summary->lost + summary->skipped_cycles > 0;
+        any = any || summary->late + summary->lost + summary->skipped_cycles > 0 ||
+              !gate::unfit(*summary).empty();
       }
       const auto y = statistics::estimate(p99)->median;
       text += fmt::format("{:.6g} {:.6g} {:.6g}\n", x, statistics::estimate(p50)->median, y);
@@ -299,12 +320,12 @@ std::string against(const Abscissa& abscissa, const Group& group, const Plot& pl
     }
     text += "END\n";
     const auto* colour = colours[i % std::size(colours)];
+    const int hollow = hollow_points[i / std::size(colours) % std::size(hollow_points)];
     lines += fmt::format(
-        "{0}$run{1} using 1:2 with linespoints pointtype 7 pointsize 0.35 linecolor rgb '{2}' title {3}, "
-        "\\\n  $run{1} using 1:3 with linespoints pointtype 6 pointsize 0.35 dashtype 2 linecolor rgb "
+        "{0}$run{1} using 1:2 with linespoints pointtype {4} pointsize 0.35 linecolor rgb '{2}' title {3}, "
+        "\\\n  $run{1} using 1:3 with linespoints pointtype {5} pointsize 0.35 dashtype 2 linecolor rgb "
         "'{2}' notitle",
-        i == 0 ? "plot " : ", \\\n  ", i, colour,
-        in_quotes(shortened(name.first, gate::longest_id) + "  " + name.second));
+        i == 0 ? "plot " : ", \\\n  ", i, colour, in_quotes(name), hollow + 1, hollow);
     if (!missed.empty()) {
       text += fmt::format("$missed{} << END\n{}END\n", i, missed);
       lines += fmt::format(

@@ -71,7 +71,10 @@ int port_of(const std::string& text) {
   return port;
 }
 
+// That pong listens on, unless a peer is told with another.
 int port_of(const Config& config) {
+  if (const auto option = config.options.find("port"); option != config.options.end())
+    return port_of(option->second);
   if (config.domain < 0 || default_port + config.domain > 65535)
     throw WrongInput(
         fmt::format("udp has no domain {}; it has 0 to {}", config.domain, 65535 - default_port));
@@ -221,8 +224,7 @@ class Udp final : public Endpoint {
   void be_server() {
     if (sodium_init() < 0) throw Error("libsodium does not start: no random numbers on this machine");
     crypto_shorthash_keygen(key_.data());
-    const auto option = config_.options.find("port");
-    const int port = option == config_.options.end() ? port_of(config_) : port_of(option->second);
+    const int port = port_of(config_);
     sockaddr_in local{};
     local.sin_family = AF_INET;
     local.sin_addr.s_addr = htonl(INADDR_ANY);
@@ -334,7 +336,8 @@ std::string version() {
   return std::string("Linux ") + name.release;
 }
 
-constexpr std::array<Option, 1> options{{{"port", "UDP port that pong listens on (7900 + domain)"}}};
+constexpr std::array<Option, 1> options{
+    {{"port", "UDP port that pong listens on (7900 + domain), at both ends"}}};
 
 std::unique_ptr<Endpoint> open(const Config& config, Sink& sink) {
   if (config.max_payload_bytes > max_payload)
