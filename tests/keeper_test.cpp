@@ -89,6 +89,18 @@ TEST_F(Keeper, LoadsForEachHostByItself) {
   EXPECT_EQ(folders_of_stress(), 0) << "however many runs a suite has, its journal holds what there is";
 }
 
+TEST_F(Keeper, GoesOnWhereALoadCannotBeHad) {
+  ask("open", "opened");
+  const auto load = [&](int workers) {
+    return ask("load", "loaded",
+               {{"host", "controller"}, {"load", to_json(background::Workers{.cpu = workers})}});
+  };
+  EXPECT_THAT(load(-1).value("error", ""), HasSubstr("make no load"));
+  EXPECT_TRUE(ask("unload", "unloaded").at("notes").empty());
+  EXPECT_EQ(folders_of_stress(), 0);
+  EXPECT_TRUE(load(1).empty());
+}
+
 TEST_F(Keeper, RefusesASettingByItsNameAndGoesOn) {
   ask("open", "opened");
   const json link = {{"interface", ""}, {"network_namespace", ""}, {"peer", ""}, {"address", "127.0.0.1"}};

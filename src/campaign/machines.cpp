@@ -388,9 +388,12 @@ void Machines::cut(WasCut told) {
 
 void Machines::load(const Together& runs) {
   loaded_ = true;
-  const auto load_on = [this](const std::string& host, const background::Workers& workers) {
-    if (workers.any())
-      ask(machine_of(host), "load", "loaded", {{"host", host}, {"load", keeper::to_json(workers)}});
+  const auto have = [this](const std::string& host, const char* order, const char* event, const json& what) {
+    if (const auto answer = ask(machine_of(host), order, event, what); answer.contains("error"))
+      throw Error(3, fmt::format("on the {}, {}", host, answer.at("error").get<std::string>()));
+  };
+  const auto load_on = [&](const std::string& host, const background::Workers& workers) {
+    if (workers.any()) have(host, "load", "loaded", {{"host", host}, {"load", keeper::to_json(workers)}});
   };
   load_on(controller, runs.front().controller_load);
   if (hosts_.kind == Hosts::Kind::alone) return;
@@ -398,10 +401,10 @@ void Machines::load(const Together& runs) {
   for (const auto& run : runs)
     for (const std::string& host : {run.component, std::string(controller)})
       for (const auto& way : ways_of(run.traffic))
-        ask(machine_of(host), "traffic", "flowing",
-            {{"host", host == controller ? name_at_controller(run.component) : name_of(host)},
-             {"way", way},
-             {"stream", keeper::to_json(stream_of(run, way, host, hosts_))}});
+        have(host, "traffic", "flowing",
+             {{"host", host == controller ? name_at_controller(run.component) : name_of(host)},
+              {"way", way},
+              {"stream", keeper::to_json(stream_of(run, way, host, hosts_))}});
   // Only then: iperf3 begins with a datagram that it does not send again.
   links_ = ends_of_links(runs);
   for (const auto& end : links_) link(end);

@@ -18,13 +18,14 @@
 //                         restore, before any tune; or {error}, and nothing is changed
 //   keep   {pid}          kept {}, or {error}: that process has the kept CPUs
 //   restore {}            restored {notes}: what could not be given back
-//   load   {host, load}   loaded {}: stress-ng for a host of that name, until unload
+//   load   {host, load}   loaded {}, or {error}: stress-ng for a host of that name, until unload
 //   check  {faults}       checked {}, or {error}: which of them this kernel has not
 //   link   {host, network_namespace, interface, faults, traffic_ports, by_ip}
 //                         linked {}, or {error}: the end's interface has these faults, and is counted, until
 //                         unload: what goes by other UDP ports than these, where messages go `by_ip`
 //   cut    {host, after_ms, for_ms}   cutting {}, and when it is time: cut {host, at_ns}
-//   traffic {host, way, stream}   flowing {}: one end of one way of it, by iperf3, until unload
+//   traffic {host, way, stream}   flowing {}, or {error}: one end of one way of it, by iperf3, until
+//                         unload
 //   trace  {}             tracing {missing}: the kernel's events are kept for some seconds, until unload;
 //                         what of them this kernel has not, for people; or {error}
 //   cut-out {spans [[message, from_ns, to_ns] …]}   window {window} for each of them, as soon as may be

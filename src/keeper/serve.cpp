@@ -62,12 +62,11 @@ class Keeper final : public orders::Worker {
       for (auto& note : isolated_.take_back()) notes.push_back(std::move(note));
       events_.tell("restored", {{"notes", notes}});
     } else if (order == "load") {
-      load(body.at("host"), workers_of(body.at("load")));
-      events_.tell("loaded");
+      events_.tell("loaded", or_lack([&] { load(body.at("host"), workers_of(body.at("load"))); }));
     } else if (order == "check") {
-      events_.tell("checked", check(faults_of(body.at("faults"))));
+      events_.tell("checked", or_lack([&] { background::check(faults_of(body.at("faults"))); }));
     } else if (order == "link") {
-      events_.tell("linked", link(body));
+      events_.tell("linked", or_lack([&] { links_.add(body); }));
     } else if (order == "cut") {
       links_.cut(body.at("host"), std::chrono::milliseconds(body.at("after_ms")),
                  std::chrono::milliseconds(body.at("for_ms")));
@@ -75,8 +74,7 @@ class Keeper final : public orders::Worker {
     } else if (order == "traffic") {
       auto stream = stream_of(body.at("stream"));
       stream.groups = isolated_.beside();
-      flows_.add(body.at("host"), body.at("way"), stream);
-      events_.tell("flowing");
+      events_.tell("flowing", or_lack([&] { flows_.add(body.at("host"), body.at("way"), stream); }));
     } else if (order == "trace") {
       events_.tell("tracing", trace());
     } else if (order == "cut-out") {
@@ -157,26 +155,20 @@ class Keeper final : public orders::Worker {
   }
 
   void load(const std::string& host, const background::Workers& workers) {
-    const auto directory = journal::add_directory(journal_, "stress");
-    loads_[host] = {directory, background::stress(workers, directory, isolated_.beside())};
+    auto& load = loads_[host];
+    load.directory = journal::add_directory(journal_, "stress");
+    load.running = background::stress(workers, load.directory, isolated_.beside());
   }
 
-  json link(const json& order) {
+  // What this machine has not, or does not permit, is an answer: the run fails, and not the keeper.
+  template <typename Do>
+  static json or_lack(const Do& what) {
     try {
-      links_.add(order);
+      what();
       return json::object();
     } catch (const background::Error& error) {
       return {{"error", error.what()}};
     } catch (const journal::Error& error) {
-      return {{"error", error.what()}};
-    }
-  }
-
-  static json check(const background::Faults& faults) {
-    try {
-      background::check(faults);
-      return json::object();
-    } catch (const background::Error& error) {
       return {{"error", error.what()}};
     }
   }
@@ -197,7 +189,7 @@ class Keeper final : public orders::Worker {
 
   json load_running() {
     auto running = json::object();
-    for (const auto& [host, load] : loads_) running[host] = load.running->running();
+    for (const auto& [host, load] : loads_) running[host] = load.running && load.running->running();
     return running;
   }
 
