@@ -55,7 +55,8 @@ std::string time(double ns) {
   if (ns >= 2 * 86400e9) return fmt::format("{:.1f} days", ns / 86400e9);
   if (ns >= 2 * 3600e9) return fmt::format("{:.1f} h", ns / 3600e9);
   if (ns >= 2 * 60e9) return fmt::format("{:.0f} min", ns / 60e9);
-  return fmt::format("{:.3g} s", ns / 1e9);
+  if (ns >= 1e9) return fmt::format("{:.3g} s", ns / 1e9);
+  return fmt::format("{:.3g} ms", ns / 1e6);
 }
 
 std::string note_of(const Summary& summary) {
@@ -66,7 +67,7 @@ std::string note_of(const Summary& summary) {
     if (bursts.count == 0) return "never two late or lost in a row";
     return fmt::format("{} of late or lost messages in a row, the longest of {} messages, {}",
                        many(bursts.count, "burst", "bursts"), bursts.longest,
-                       duration(static_cast<double>(bursts.longest_ns) / 1e3));
+                       time(static_cast<double>(bursts.longest_ns)));
   }
   const auto messages = statistics::messages_to_claim(one_in_a_million, missed.effect);
   const auto told = static_cast<double>(missed.messages) / missed.effect;
