@@ -70,6 +70,8 @@ TEST(Cdr, RandomBytesNeverReadBeyondTheirEnd) {
 TEST(Sequence, KeepsSessionAndIndexApart) {
   const auto sequence = sequence_of(0xabcdef, max_index);
   EXPECT_EQ(session_of(sequence), 0xabcdefU);
+  EXPECT_EQ(warm_up_session_of(0xabcdef), 0xabcdf0U);
+  EXPECT_EQ(warm_up_session_of(0xffffff), 0U);
   EXPECT_EQ(index_of(sequence), max_index);
   EXPECT_EQ(index_of(sequence_of(1, max_index + 1)), 0U);
 }

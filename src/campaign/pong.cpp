@@ -116,8 +116,8 @@ class Traced {
     const auto found = std::find_if(pings_.begin(), pings_.end(),
                                     [&](const Ping& ping) { return ping.session() == session; });
     if (found != pings_.end()) return *found;
-    // A ping's warm-up has the session that follows upon its own.
-    std::erase_if(pings_, [&](const Ping& ping) { return ping.session() == ((session + 1) & 0xffffff); });
+    std::erase_if(pings_,
+                  [&](const Ping& ping) { return ping.session() == message::warm_up_session_of(session); });
     if (pings_.size() == most_pings) pings_.pop_front();
     return pings_.emplace_back(session);
   }

@@ -5,6 +5,8 @@
 
 #include <fmt/format.h>
 
+#include "message/message.hpp"
+
 namespace ontime::campaign {
 namespace {
 
@@ -29,16 +31,13 @@ std::int64_t badness_of(const Sample& sample) {
   return sample.fate == Fate::lost ? 0 : sample.received_ns - awaited_since_ns(sample);
 }
 
-// A message's number has no more bits (message/message.hpp).
-constexpr unsigned index_bits = 40;
-
 }  // namespace
 
 Windows::Windows(Machines& machines, const Run& run, std::size_t number)
     : machines_(machines),
       component_(run.component),
       deadline_(run.task.client.deadline),
-      first_message_(std::uint64_t{number} << index_bits) {}
+      first_message_(std::uint64_t{number} << message::index_bits) {}
 
 void Windows::add(std::span<const Sample> samples) {
   for (const auto& sample : samples) clocks_.add(sample);
@@ -83,7 +82,9 @@ void Windows::order() {
   wanted_.clear();
 }
 
-std::size_t Windows::number_of(const trace::Window& window) { return window.span.message >> index_bits; }
+std::size_t Windows::number_of(const trace::Window& window) {
+  return window.span.message >> message::index_bits;
+}
 
 void Windows::take(const std::string& host, trace::Window window) {
   if (awaited_ > 0) --awaited_;

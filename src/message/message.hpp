@@ -27,6 +27,10 @@ constexpr std::uint32_t session_of(std::uint64_t sequence) noexcept {
   return static_cast<std::uint32_t>(sequence >> index_bits);
 }
 constexpr std::uint64_t index_of(std::uint64_t sequence) noexcept { return sequence & max_index; }
+// What comes before the counted messages has a session of its own: the one that follows upon the client's.
+constexpr std::uint32_t warm_up_session_of(std::uint32_t session) noexcept {
+  return session_of(sequence_of(session + 1, 0));
+}
 
 // Plain CDR (XCDR1) of {uint64 seq; sequence<uint8> data}: 4 bytes of encapsulation, 8 of seq, 4 of length,
 // data.

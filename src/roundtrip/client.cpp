@@ -64,7 +64,7 @@ class Client::Measurement final : public transport::Sink {
                 options.schedule == Schedule::fixed ? Ledger::From::due : Ledger::From::sent),
         payload_(options.payload_bytes),
         session_(std::random_device{}() >> 8),
-        warm_up_session_((session_ + 1) & 0xffffff),
+        warm_up_session_(message::warm_up_session_of(session_)),
         endpoint_(plugin.open(config, *this)),
         receiver_(*endpoint_, config.receive),
         sender_([this] { send(); }) {
