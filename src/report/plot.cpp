@@ -29,6 +29,8 @@ constexpr const char* colours[] = {"#0072b2", "#d55e00", "#009e73", "#cc79a7",
 // A text of gnuplot's in which nothing is a command of its own: it reads only quotes in these.
 std::string in_quotes(const std::string& text) { return "'" + replace_all(printable(text), "'", "''") + "'"; }
 
+constexpr double pixels_a_pt = 96.0 / 72;  // of an SVG
+
 std::string terminal(const Plot& plot, double height_cm) {
   const double width_cm = plot.wide ? page_cm : column_cm;
   switch (plot.form) {
@@ -36,7 +38,7 @@ std::string terminal(const Plot& plot, double height_cm) {
       return fmt::format(
           "set terminal svg size {:.0f},{:.0f} font 'Helvetica,{:.1f}' linewidth 1 rounded noenhanced "
           "background '#ffffff'\n",
-          width_cm / 2.54 * 96, height_cm / 2.54 * 96, font_pt * 96.0 / 72);
+          width_cm / 2.54 * 96, height_cm / 2.54 * 96, font_pt * pixels_a_pt);
     case Plot::Form::pdf:
       return fmt::format(
           "set terminal pdfcairo size {}cm,{}cm font 'Helvetica,{}' linewidth 1 rounded noenhanced\n",
@@ -50,6 +52,13 @@ std::string terminal(const Plot& plot, double height_cm) {
     }
   }
   return "";
+}
+
+// A line each, of what may be long: an id, and all that tells it from others.
+std::string key_below(const Plot& plot) {
+  constexpr double key_pt = 5.5;
+  return fmt::format("set key below left Left reverse vertical maxcols 1 samplen 2 font ',{:.1f}'\n",
+                     plot.form == Plot::Form::svg ? key_pt * pixels_a_pt : key_pt);
 }
 
 constexpr const char* looks =
@@ -219,7 +228,8 @@ std::string how_often_worse(const Group& group, const Plot& plot) {
   text +=
       "set xlabel 'Round trip (ms)' offset 0,0.5\nset ylabel 'Share of messages slower' offset 1\nset format "
       "x '%g'\n"
-      "set format y '%g'\nset key below left Left reverse vertical maxcols 1 samplen 2\n";
+      "set format y '%g'\n" +
+      key_below(plot);
   std::string lines;
   if (const auto deadline = deadline_ms(*group.front()))
     text += fmt::format(
@@ -296,10 +306,9 @@ std::string against(const Abscissa& abscissa, const Group& group, const Plot& pl
   text += fmt::format(
       "set logscale xy\nset xlabel '{}' offset 0,0.5\nset ylabel 'Round trip (ms): p50, p99 "
       "dashed' "
-      "offset 1\nset format y '%g'\nset key below left Left reverse vertical maxcols 1 samplen 2\nset "
-      "offsets "
-      "graph 0.05, graph 0.05\n",
+      "offset 1\nset format y '%g'\nset offsets graph 0.05, graph 0.05\n",
       abscissa.label);
+  text += key_below(plot);
   std::string lines;
   std::size_t i = 0;
   for (const auto& [name, places] : series) {
@@ -312,7 +321,8 @@ std::string against(const Abscissa& abscissa, const Group& group, const Plot& pl
         p50.push_back(ms(summary->round_trip.p50));
         p99.push_back(ms(summary->round_trip.p99));
         any = any || summary->late + summary->lost + summary->skipped_cycles > 0 ||
-              !gate::unfit(*summary).empty();
+              !at(summary->run.outcome, "error").is_null() ||
+              !gate::absent(summary->run.asked, summary->run.outcome).empty();
       }
       const auto y = statistics::estimate(p99)->median;
       text += fmt::format("{:.6g} {:.6g} {:.6g}\n", x, statistics::estimate(p50)->median, y);
