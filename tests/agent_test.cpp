@@ -46,7 +46,9 @@ TEST(Task, SurvivesItsJourney) {
                      .reliability = transport::Reliability::reliable,
                      .there = false,
                      .back = true,
-                     .priority = 3};
+                     .priority = 3,
+                     .callback = 4us,
+                     .session = 5};
   task.realtime.on = task.realtime.lock_memory = true;
   task.realtime.cpu_latency = 8us;
   task.realtime.threads["send"] = {realtime::Policy::deadline, 0, {0, 1}, 1us, 2us, 3us};

@@ -73,7 +73,8 @@ json to_json(const roundtrip::NeighbourOptions& options) {
           {"there", options.there},
           {"back", options.back},
           {"priority", options.priority},
-          {"callback_ns", options.callback.count()}};
+          {"callback_ns", options.callback.count()},
+          {"session", options.session}};
 }
 
 roundtrip::NeighbourOptions neighbours_of(const json& from) {
@@ -85,7 +86,8 @@ roundtrip::NeighbourOptions neighbours_of(const json& from) {
           .there = from.at("there"),
           .back = from.at("back"),
           .priority = from.at("priority"),
-          .callback = std::chrono::nanoseconds(from.at("callback_ns").get<std::int64_t>())};
+          .callback = std::chrono::nanoseconds(from.at("callback_ns").get<std::int64_t>()),
+          .session = from.at("session")};
 }
 
 RealtimeSettings realtime_of(const json& from) {

@@ -12,33 +12,59 @@ using nlohmann::json;
 
 constexpr double enough = 0.95;  // of what was asked, as of traffic
 
-json way(const json& sender, const json& receiver, double wanted) {
+bool falls_short(std::uint64_t count, std::uint64_t asked) {
+  return static_cast<double>(count) < enough * static_cast<double>(asked);
+}
+
+json way(const json& sender, const json& receiver, std::uint64_t wanted) {
   const auto sent = sender.at("sent").get<std::uint64_t>();
   const auto received = receiver.at("received").get<std::uint64_t>();
   const auto refused = sender.at("refused").get<std::uint64_t>();
-  auto skipped = sender.at("skipped_cycles").get<std::uint64_t>();
-  const auto asked = std::max(static_cast<double>(sent + refused + skipped), wanted);
   const auto overruns = receiver.at("overruns").get<std::uint64_t>();
-  const bool too_few = static_cast<double>(sent) < enough * asked;
-  const bool is_short =
-      too_few || static_cast<double>(overruns) > (1 - enough) * static_cast<double>(received);
-  // One that has not run until its end has not seen what it skipped.
-  if (too_few)
-    skipped = std::max(skipped, static_cast<std::uint64_t>(asked) -
-                                    std::min(static_cast<std::uint64_t>(asked), sent + refused));
+  const auto asked = std::max(sent + refused + sender.at("skipped_cycles").get<std::uint64_t>(), wanted);
+  const auto skipped = asked - sent - refused;  // one that has not come to its end has not seen all of it
+  const bool is_short = falls_short(sent, asked) || falls_short(received, asked) ||
+                        falls_short(received - std::min(received, overruns), received);
   return {{"sent", sent},         {"received", received},      {"lost", sent - std::min(sent, received)},
           {"refused", refused},   {"skipped_cycles", skipped}, {"strays", receiver.at("strays")},
           {"overruns", overruns}, {"short", is_short}};
 }
 
+// Where the others are.
+std::string missing(const json& counted) {
+  const struct {
+    const char *key, *what;
+  } places[] = {{"skipped_cycles", "; {} were not sent, for their sender overran its period"},
+                {"refused", "; {} were refused by the transport"},
+                {"lost", "; {} were sent and did not arrive"}};
+  std::string text;
+  for (const auto& [key, what] : places)
+    if (const auto count = counted.at(key).get<std::uint64_t>(); count > 0)
+      text += fmt::format(fmt::runtime(what), count);
+  return text;
+}
+
 }  // namespace
+
+agent::Task of_their_own(agent::Task task) {
+  task.realtime = {};
+  task.count_instructions = false;
+  if (task.transport != "ros2") return task;
+  // As those have it that are within the process (options_beside() of the transport).
+  const bool waits = task.config.receive == transport::Receive::waitset;
+  std::erase_if(task.config.options, [&](const auto& option) {
+    const auto& name = option.first;
+    return name != "rmw" && name != "node" && !(waits && name == "executor");
+  });
+  task.config.options["statistics"] = "off";
+  return task;
+}
 
 json achieved(const roundtrip::NeighbourOptions& options, const json& outcome,
               std::optional<std::chrono::nanoseconds> duration) {
   const auto& controller = outcome.at("hosts").at("controller").at("neighbours");
   const auto& component = outcome.at("hosts").at("component").at("neighbours");
-  const double wanted =
-      duration ? options.topics * (std::chrono::duration<double>(*duration) / options.period) : 0;
+  const auto wanted = duration ? roundtrip::messages_asked(options, *duration) : 0;
   auto all = json::object();
   if (options.there) all["to_component"] = way(controller, component, wanted);
   if (options.back) all["to_controller"] = way(component, controller, wanted);
@@ -47,15 +73,18 @@ json achieved(const roundtrip::NeighbourOptions& options, const json& outcome,
 
 std::vector<std::string> shortfalls_of_neighbours(const json& achieved) {
   std::vector<std::string> texts;
-  for (const auto& [name, counted] : achieved.items())
-    if (counted.at("short"))
-      texts.push_back(fmt::format(
-          "the neighbours that were asked for were NOT there: {} messages went to the {}, {} did not, "
-          "for their sender overran its period, and {} were refused by the transport; {} arrived, and of "
-          "these {} had a callback that took longer than its turn",
-          counted.at("sent").get<std::uint64_t>(), name == "to_component" ? "component" : "controller",
-          counted.at("skipped_cycles").get<std::uint64_t>(), counted.at("refused").get<std::uint64_t>(),
-          counted.at("received").get<std::uint64_t>(), counted.at("overruns").get<std::uint64_t>()));
+  for (const auto& [way, counted] : achieved.items()) {
+    if (!counted.at("short")) continue;
+    const auto of = [&counted = counted](const char* key) { return counted.at(key).get<std::uint64_t>(); };
+    texts.push_back(fmt::format(
+        "the neighbours that were asked for were NOT there: of {} messages to the {} {} arrived{}{}",
+        of("sent") + of("refused") + of("skipped_cycles"), way == "to_component" ? "component" : "controller",
+        of("received"),
+        of("overruns") == 0
+            ? ""
+            : fmt::format(", of which {} had a callback that took longer than its turn", of("overruns")),
+        missing(counted)));
+  }
   return texts;
 }
 

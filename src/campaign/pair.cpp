@@ -1,9 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "campaign/pair.hpp"
 
+#include <random>
+
 #include <fmt/format.h>
 
 #include "campaign/link.hpp"
+#include "campaign/neighbours.hpp"
 
 namespace ontime::campaign {
 namespace {
@@ -170,28 +173,21 @@ std::vector<Pair::End*> Pair::ends() {
 
 void Pair::open() {
   const auto& hosts = machines_.hosts();
+  const std::uint32_t session = std::random_device{}() >> 8;
   std::optional<Host> served;
   agent::Task of_component;
   if (hosts.kind != Hosts::Kind::alone) {
     served = hosts.at(run_.component);
     of_component = server_task(run_, *served);
+    of_component.neighbours.session = session;
     component_ = open(run_.component, without_others(of_component));
   }
-  const auto of_controller = client_task(run_, hosts.controller, served);
+  auto of_controller = client_task(run_, hosts.controller, served);
+  of_controller.neighbours.session = session;
   controller_ = open("controller", without_others(of_controller));
-  if (in_another_process(run_.task.neighbours)) open_neighbours(of_component, of_controller);
-}
-
-// Ordinary processes, whatever the critical one is.
-void Pair::open_neighbours(agent::Task of_component, agent::Task of_controller) {
-  for (auto* task : {&of_component, &of_controller}) {
-    task->realtime = {};
-    task->count_instructions = false;
-    if (task->transport == "ros2")
-      task->config.options["statistics"] = "off";  // the critical topic tells its own
-  }
-  neighbours_.push_back(open(run_.component, of_component));
-  neighbours_.push_back(open("controller", of_controller));
+  if (!in_another_process(run_.task.neighbours)) return;
+  neighbours_.push_back(open(run_.component, of_their_own(of_component)));
+  neighbours_.push_back(open("controller", of_their_own(of_controller)));
 }
 
 void Pair::make_ready(std::chrono::nanoseconds wait) {

@@ -54,7 +54,6 @@ class Pair {
     bool again = false;  // it was started again, while the client measured
   };
   End open(const std::string& host, agent::Task);
-  void open_neighbours(agent::Task of_component, agent::Task of_controller);
   void make_ready(End&, std::chrono::milliseconds patience);
   void begin(End&);
   std::vector<End*> ends();

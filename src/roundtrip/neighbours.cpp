@@ -2,7 +2,6 @@
 #include <array>
 #include <ctime>
 #include <limits>
-#include <random>
 #include <thread>
 
 #include <pthread.h>
@@ -46,6 +45,13 @@ Config config_of(Config config, const NeighbourOptions& options, int number) {
   return config;
 }
 
+// The others are beside the first, which outlives them: also where one of them could not be opened.
+struct Endpoints : std::vector<std::unique_ptr<Endpoint>> {
+  ~Endpoints() {
+    while (!empty()) pop_back();
+  }
+};
+
 }  // namespace
 
 const char* word_of(Where where) {
@@ -64,6 +70,12 @@ std::string neighbour_topic(std::string critical, int number) {
   return critical.insert(critical.rfind('/'), "/neighbour_" + std::to_string(number));
 }
 
+std::uint64_t messages_asked(const NeighbourOptions& options, std::chrono::nanoseconds duration) {
+  // A period is in whole ns: a hundredth of a cycle is what it may have been rounded up by in all.
+  const auto due = (duration * options.topics + options.period / 100) / options.period;
+  return static_cast<std::uint64_t>(std::max<std::int64_t>(due, 1));
+}
+
 class Neighbours::Group final : public transport::Sink {
  public:
   Group(const transport::Plugin& plugin, Endpoint* critical, const Config& config,
@@ -72,10 +84,11 @@ class Neighbours::Group final : public transport::Sink {
         topics_(options.topics),
         period_ns_(options.period.count()),
         duration_ns_(duration.count()),
+        cycles_(static_cast<std::int64_t>(messages_asked(options, duration))),
         callback_ns_(options.callback.count()),
         turn_ns_(config.receive == transport::Receive::listener ? period_ns_ / topics_ : period_ns_),
         payload_(options.payload_bytes),
-        session_(static_cast<std::uint32_t>(std::random_device{}() >> 8) & ~counted) {
+        session_(options.session & ~counted) {
     for (int number = 1; number <= topics_; ++number) {
       const auto own = config_of(config, options, number);
       if (number > 1)  // with the first, wherever that is
@@ -100,16 +113,12 @@ class Neighbours::Group final : public transport::Sink {
     leaving_ = true;
     leave_.ring();
     if (sender_.joinable()) sender_.join();
-    receivers_.clear();
-    while (!endpoints_.empty()) endpoints_.pop_back();  // the one that the others are beside is the first
   }
 
   // Real-time: on the transport's thread, or on a receiver's.
   void arrived(std::uint64_t sequence, std::span<std::byte>, std::int64_t arrival_ns) noexcept override {
     const auto session = message::session_of(sequence);
-    std::uint32_t unknown = 0;
-    const auto whose = (session & ~counted) + 1;  // 0 is nobody's
-    if (!heard_.compare_exchange_strong(unknown, whose, std::memory_order_relaxed) && unknown != whose) {
+    if ((session & ~counted) != session_) {
       strays_.fetch_add(1, std::memory_order_relaxed);
       return;
     }
@@ -192,16 +201,15 @@ class Neighbours::Group final : public transport::Sink {
     sender_tid_.notify_one();
     start_.wait();
     const auto step_ns = std::max<std::int64_t>(period_ns_ / topics_, 1);
-    // As many cycles as messages were asked for, however a period divides.
-    const auto cycles = std::max<std::int64_t>((duration_ns_ * topics_ + period_ns_ / 2) / period_ns_, 1);
     const auto walk_until = [&](Alarm& end, std::uint32_t session, std::int64_t for_ns) {
-      const auto first_ns = now_ns() + step_ns;
+      // Also the only one of a duration that is shorter than its cycle is due within it.
+      const auto first_ns = now_ns() + std::min(step_ns, duration_ns_ / 2);
       Sender sender{*this, end, session, first_ns, step_ns};
       return walk(sender, first_ns, step_ns, for_ns == never_ns ? never_ns : first_ns + for_ns);
     };
     walk_until(go_, session_, never_ns);
     if (!stop_.rung()) {
-      const auto rest = walk_until(stop_, session_ | counted, cycles * step_ns);
+      const auto rest = walk_until(stop_, session_ | counted, cycles_ * step_ns);
       skipped_.fetch_add(rest.cycles, std::memory_order_relaxed);
     }
     leave_.wait();  // until then it is still there to be read
@@ -209,16 +217,15 @@ class Neighbours::Group final : public transport::Sink {
 
   const bool sends_;
   const int topics_;
-  const std::int64_t period_ns_, duration_ns_, callback_ns_, turn_ns_;
+  const std::int64_t period_ns_, duration_ns_, cycles_, callback_ns_, turn_ns_;
   const std::vector<std::byte> payload_;
   const std::uint32_t session_;
   std::uint64_t index_ = 0;
-  std::atomic<std::uint32_t> heard_{0};
   std::atomic<std::uint64_t> sent_{0}, refused_{0}, skipped_{0}, received_{0}, strays_{0}, overruns_{0};
   std::atomic<bool> leaving_{false};
   Alarm start_, go_, stop_, leave_;
   std::atomic<pid_t> sender_tid_{0};
-  std::vector<std::unique_ptr<Endpoint>> endpoints_;
+  Endpoints endpoints_;
   std::vector<std::unique_ptr<Receiver>> receivers_;
   std::thread sender_;
 };

@@ -133,7 +133,11 @@ struct NeighbourOptions {
   int priority = 0;                // SCHED_FIFO, of the threads that are theirs alone; 0: none
   // What the callback of each message takes of its thread's CPU, and so of whoever shares that thread.
   std::chrono::nanoseconds callback{0};
+  // 24 bits that both ends are given: by these they tell one another's messages from somebody else's.
+  std::uint32_t session = 0;
 };
+// How many messages of all topics together go each way in that time, at least one.
+std::uint64_t messages_asked(const NeighbourOptions&, std::chrono::nanoseconds duration);
 std::string neighbour_topic(std::string critical, int number);  // "/neighbour_1/ping" of "/ping"
 
 // Of one end. What it sent is lost if it is not among what the other end received.
