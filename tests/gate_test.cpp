@@ -211,6 +211,31 @@ TEST(Judge, WhatWasNotMeasuredHoldsNoLine) {
   EXPECT_EQ(judged("late > 0", imported).result, Result::cannot_judge);
 }
 
+TEST(EndsSearch, AtMissesAndWhereMoreIsNotToBeHad) {
+  const json asked{{"link", "1 % lost"}, {"search", {{"step", 1}}}};
+  for (const auto* what :
+       {R"({"late": 1})", R"({"lost": 1})", R"({"skipped_cycles": 1})", R"({"late": "x"})", R"({"sent": 0})",
+        R"({"dropped_records": 1})", R"({"neighbours": {"to_component": {"short": true}}})",
+        R"({"traffic": {"to_controller": {"short": true}}})",
+        R"({"hosts": {"component": {"load_running": false}}})",
+        R"({"hosts": {"controller": {"link": {"gone": "the table"}}}})",
+        R"({"error": "no answer", "unanswered": true})"})
+    EXPECT_TRUE(ends_search(asked, json::parse(what))) << what;
+  for (const auto* what :
+       {R"({"sent": 9, "late": 0, "lost": 0, "skipped_cycles": 0, "dropped_records": 0})",
+        R"({"late": 0, "traffic": {"to_component": {}}, "hosts": 1})",
+        R"({"neighbours": {"to_component": {"short": false}}})", R"({"late": 1, "interrupted": true})",
+        R"({"error": "the connection is gone", "late": 1})",
+        R"({"error": "no answer", "unanswered": true, "interrupted": true})", "null"})
+    EXPECT_FALSE(ends_search(asked, json::parse(what))) << what;
+}
+
+TEST(EndsSearch, OfWhomNobodyAnswersOnlyWhereSomebodyDidBefore) {
+  const json unanswered{{"error", "no answer"}, {"unanswered", true}};
+  EXPECT_FALSE(ends_search({{"search", {{"step", 0}}}}, unanswered)) << "nor would anybody at another value";
+  EXPECT_FALSE(ends_search({{"search", nullptr}}, unanswered)) << "a run that is no step of one";
+}
+
 TEST(Judge, WhatWasNotMeasuredAsAskedHoldsNoLine) {
   auto idle = run(measured(1, 0.5, 1.5));
   idle.run.outcome["hosts"]["component"] = {{"load_running", false}};

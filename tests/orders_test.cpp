@@ -218,6 +218,11 @@ TEST_F(CoordinatorTest, SaysWhyAWorkerFailedOrIsGone) {
   }
   {
     Coordinator::Hand hand(coordinator_, "the worker", worker("obedient"), "s");
+    hand.order("ask in vain");
+    EXPECT_THROW(coordinator_.await(hand, "answered", 10s), Unanswered);
+  }
+  {
+    Coordinator::Hand hand(coordinator_, "the worker", worker("obedient"), "s");
     kill(pid_of(hand), SIGKILL);
     EXPECT_THAT(failure([&] { coordinator_.await(hand, "answered", 10s); }),
                 AllOf(HasSubstr("3 the worker"), HasSubstr("signal 9")));
@@ -344,6 +349,7 @@ class Obedient final : public Worker {
     if (order == "chatter")
       for (int count = 0; count < chatter; ++count) events_.tell("said", json::object(), much);
     if (order == "take long") std::this_thread::sleep_for(longest_silence + 1s);
+    if (order == "ask in vain") throw Unanswered("nobody was there");
     if (order == "fail") throw Error(body.value("exit", 2), "it was wrong");
   }
   std::chrono::milliseconds go_on() override { return 500ms; }

@@ -57,7 +57,7 @@ Summary step(int number, const char* value, std::uint64_t late, int repetition =
   of["search"] = {
       {"key", "neighbours.rate"}, {"value", value}, {"step", number}, {"steps", 4}, {"among", ""}};
   auto one = summary(of, outcome());
-  one.late = late;
+  one.run.outcome["late"] = one.late = late;
   one.on_time -= late;
   return one;
 }
@@ -111,12 +111,25 @@ TEST(Searches, EndWhereARunFailedOrMoreWasNotToBeHad) {
   auto failed = step(1, "200 Hz", 0);
   failed.run.outcome["error"] = "no answer";
   auto found = json::parse(render({step(0, "100 Hz", 0), failed}, Format::json)).at("searches").at(0);
+  EXPECT_TRUE(found.at("ended").is_null()) << "the connection was lost, say";
+  EXPECT_FALSE(found.at("finished"));
+  failed.run.outcome["unanswered"] = true;
+  found = json::parse(render({step(0, "100 Hz", 0), failed}, Format::json)).at("searches").at(0);
   EXPECT_TRUE(found.at("ended").at("failed"));
+  EXPECT_TRUE(found.at("finished"));
   auto overran = step(1, "200 Hz", 0);
   overran.run.outcome["neighbours"]["to_component"] = way(100, 100, 100);
   found = json::parse(render({step(0, "100 Hz", 0), overran}, Format::json)).at("searches").at(0);
   EXPECT_TRUE(found.at("ended").at("short"));
   EXPECT_EQ(found.at("passed").at("value"), "100 Hz");
+}
+
+TEST(Searches, NameEachOfTheirKeys) {
+  auto one = step(0, "1 ms", 0), other = step(0, "1 ms", 0);
+  one.run.asked["search"]["key"] = "arm.period";
+  other.run.asked["search"]["key"] = "period";
+  EXPECT_THAT(render({one, other}, Format::markdown),
+              HasSubstr("how far arm.period, period can be turned up"));
 }
 
 TEST(Plots, DrawTheRoundTripAgainstTheNeighboursRate) {

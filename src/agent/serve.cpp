@@ -22,6 +22,7 @@ namespace {
 using namespace std::chrono_literals;
 using nlohmann::json;
 using orders::Error;
+using orders::Unanswered;
 using std::chrono::milliseconds;
 using Clock = std::chrono::steady_clock;
 
@@ -116,8 +117,7 @@ class Agent final : public orders::Worker {
     if (end_->client() != nullptr && !end_->endpoint().matched().both()) {
       if (Clock::now() < until_) return 5ms;
       const auto seen = end_->endpoint().seen();
-      throw Error(
-          3,
+      throw Unanswered(
           fmt::format("no pong was found over {} within {:g} s{}. Is `ontime pong --transport {}` running on "
                       "the other machine, in the same domain ({}), on the same link?",
                       end_->task().transport, seconds(wait_), seen.empty() ? "" : "; seen: " + seen,
@@ -125,9 +125,9 @@ class Agent final : public orders::Worker {
     }
     if (auto* neighbours = end_->neighbours(); neighbours != nullptr && !neighbours->matched()) {
       if (Clock::now() < until_) return 5ms;
-      throw Error(3, fmt::format("the neighbours' topics ({} …) found no other end over {} within {:g} s",
-                                 roundtrip::neighbour_topic(end_->task().config.ping_topic, 1),
-                                 end_->task().transport, seconds(wait_)));
+      throw Unanswered(fmt::format("the neighbours' topics ({} …) found no other end over {} within {:g} s",
+                                   roundtrip::neighbour_topic(end_->task().config.ping_topic, 1),
+                                   end_->task().transport, seconds(wait_)));
     }
     end_->set_threads();
     if (end_->neighbours() != nullptr) end_->neighbours()->start();
@@ -150,8 +150,7 @@ class Agent final : public orders::Worker {
       stage_ = Stage::idle;
       events_.tell("ready");
     } else if (Clock::now() > until_) {
-      throw Error(
-          3,
+      throw Unanswered(
           fmt::format("pong was found over {}, but it answered {} of the {} messages of the warm-up within "
                       "{:g} s. Is the payload larger than it serves (pong --payload SIZE) or than the link "
                       "carries, or does a firewall drop it{}?",

@@ -9,6 +9,7 @@
 #include "campaign/keys.hpp"
 #include "campaign/search.hpp"
 #include "campaign/session.hpp"
+#include "gate/gate.hpp"
 #include "keeper/keeper.hpp"
 
 namespace ontime::campaign {
@@ -21,15 +22,18 @@ constexpr auto wait_for_own_server = 10s;
 
 double microseconds(std::chrono::nanoseconds time) { return static_cast<double>(time.count()) / 1e3; }
 
+std::string text_of(const Run& run, const std::string& what) {
+  const auto where = run.where.empty() ? "" : run.where + ": ";
+  return fmt::format("{}{} over {}: {}", where, run.id, run.task.transport, what);
+}
+
 // Told once, however many runs it costs.
 class Failures {
  public:
   explicit Failures(Observer& observer) : observer_(observer) {}
   void note(const Run& run, const std::string& what) {
     auto& others = runs_[what];
-    const auto where = run.where.empty() ? "" : run.where + ": ";
-    if (others.empty())
-      observer_.note(fmt::format("{}{} over {}: {}", where, run.id, run.task.transport, what));
+    if (others.empty()) observer_.note(text_of(run, what));
     others.push_back(run.id);
   }
   void sum_up() const {
@@ -75,41 +79,42 @@ class Suite {
 
   // What came of runs at the same time.
   struct Result {
-    int code = 0;             // to exit with
-    bool ends_search = true;  // also if they failed
-    Numbers never_begun;      // those that ended before the first message was sent
+    int code = 0;  // to exit with: not 0 if they failed, but for those that end a search
+    bool ends_search = false;
+    Numbers never_begun{};  // those that ended before the first message was sent
   };
   Result carry_out(const Together& runs, std::chrono::nanoseconds wait, const std::vector<json>& asked) {
     Numbers numbers;
     for (const auto& record : asked) numbers.push_back(writer_.begin_run(record));
     int code = 0;
-    bool ends = true, has_begun = false;
+    bool ends = false, has_begun = false;
     {
       Session session(runs, numbers, coordinator_, machines_, writer_, observer_, interrupts_);
       try {
         const auto outcomes = session.measure(wait);
-        bool missed = false;
         for (std::size_t i = 0; i < runs.size(); ++i) {
           if (outcomes[i].contains("error")) {
             failures_.note(runs[i], outcomes[i].at("error"));
             code = 3;
           }
-          missed = missed || ends_search(asked[i], outcomes[i]);
+          ends = ends || gate::ends_search(asked[i], outcomes[i]);
           writer_.end_run(numbers[i], outcomes[i]);
         }
-        ends = missed;
         observer_.ends(session.counters());
       } catch (const orders::Interrupted&) {
         coordinator_.drain();  // samples that are here, and not yet read
         for (const auto number : numbers) writer_.end_run(number, {{"interrupted", true}});
+      } catch (const orders::Unanswered& error) {
+        const json why{{"error", error.what()}, {"unanswered", true}};
+        ends = gate::ends_search(asked.front(), why);
+        code = failed(session, runs.front(), numbers, why, ends ? 0 : error.exit);
       } catch (const Error& error) {
-        code = failed(session, runs.front(), numbers, error.what(), error.exit);
+        code = failed(session, runs.front(), numbers, {{"error", error.what()}}, error.exit);
       } catch (const json::exception& error) {  // answered, and not as it should be
-        code = failed(session, runs.front(), numbers,
-                      fmt::format("an answer that this ontime does not understand ({}): install the same on "
-                                  "both machines",
-                                  error.what()),
-                      3);
+        const auto why = fmt::format(
+            "an answer that this ontime does not understand ({}): install the same on both machines",
+            error.what());
+        code = failed(session, runs.front(), numbers, {{"error", why}}, 3);
       }
       has_begun = session.has_begun();
     }
@@ -127,15 +132,21 @@ class Suite {
 
  private:
   // What ends one of those that run at the same time ends all: it was not measured what was asked for.
-  int failed(Session& session, const Run& run, const Numbers& numbers, const std::string& why, int exit) {
+  // Returns what to exit with: 0, where that is how far a search comes.
+  int failed(Session& session, const Run& run, const Numbers& numbers, const json& why, int exit) {
     const auto outcomes = session.salvage();
     for (std::size_t i = 0; i < numbers.size(); ++i) {
       auto outcome = outcomes[i];
-      outcome["error"] = why;
+      outcome.update(why);
       outcome["interrupted"] = interrupts_ > 0;
       writer_.end_run(numbers[i], outcome);
     }
-    failures_.note(run, why);
+    const std::string text = why.at("error");
+    if (exit == 0)
+      observer_.note(
+          text_of(run, fmt::format("the search of {} ends at {}: {}", run.step.key, run.step.value, text)));
+    else
+      failures_.note(run, text);
     return exit;
   }
 
@@ -312,8 +323,10 @@ class Execution {
   }
 
  private:
-  // Whether it ends a search.
-  bool measure(const Run& run) {
+  struct Came {
+    bool failed, ends_search;
+  };
+  Came measure(const Run& run) {
     const auto runs = together(run, scenario_.hosts);
     auto records = asked(runs, scenario_.hosts);
     for (auto& record : records) {
@@ -327,11 +340,11 @@ class Execution {
     for (std::size_t at = 0; done_ && at < runs.size(); ++at)
       if (const auto* outcome = done_(records[at], suite_.machines(runs[at]))) {
         ++known;
-        ends = ends || ends_search(records[at], *outcome);
+        ends = ends || gate::ends_search(records[at], *outcome);
       }
     if (known == runs.size()) {
       observer_.passes_over(run);
-      return ends;
+      return {false, ends};
     }
     if (known > 0)
       observer_.note(fmt::format(
@@ -340,22 +353,26 @@ class Execution {
     observer_.begins(run);
     const auto result = suite_.carry_out(runs, wait_for_own_server, records);
     code_ = std::max(code_, result.code);
-    return result.ends_search;
+    return {result.code != 0, result.ends_search};
   }
 
-  // Of the steps that begin with this run; each as often as all runs, until it misses.
+  // Of the steps that begin with this run; each as often as all runs, until it misses. A failure that says
+  // nothing of a value breaks it off.
   void search(std::size_t first) {
     const auto number_of_steps = scenario_.runs[first].step.of;
     std::vector<int> times(static_cast<std::size_t>(number_of_steps), 0);
     const auto step = [&](int number) { return scenario_.runs[first + static_cast<std::size_t>(number)]; };
     Search search(number_of_steps);
-    for (auto number = search.next(); number; number = search.next()) {
+    bool failed = false;
+    for (auto number = search.next(); number && !failed; number = search.next()) {
       bool missed = false;
       auto& measured = times[static_cast<std::size_t>(*number)];
-      while (!missed && measured < scenario_.repeat) {
+      while (!missed && !failed && measured < scenario_.repeat) {
         auto run = step(*number);
         run.repetition = ++measured;
-        missed = measure(run);
+        const auto came = measure(run);
+        failed = came.failed;
+        missed = came.ends_search;
         if (code_ == 130) return;
       }
       search.tell(missed);

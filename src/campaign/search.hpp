@@ -8,8 +8,6 @@
 #include <algorithm>
 #include <optional>
 
-#include <nlohmann/json.hpp>
-
 namespace ontime::campaign {
 
 class Search {
@@ -25,18 +23,9 @@ class Search {
   // What came of next().
   void tell(bool missed) { (missed ? missed_ : passed_) = *next(); }
 
-  // Nothing: none of them did.
-  std::optional<int> passed() const { return passed_ < 0 ? std::nullopt : std::optional(passed_); }
-  std::optional<int> missed() const { return missed_ == values_ ? std::nullopt : std::optional(missed_); }
-
  private:
   int passed_ = -1, missed_;
   int values_;
 };
-
-// Of a run's outcome: whether it ends a search. A message was late or lost, or a cycle passed without one; it
-// failed; or what was asked for beside it (neighbours, traffic, load, the link's faults) was not there, and
-// will not be with more.
-bool ends_search(const nlohmann::json& asked, const nlohmann::json& outcome);
 
 }  // namespace ontime::campaign

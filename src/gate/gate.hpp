@@ -44,6 +44,12 @@ Gate parse(const std::string& text, Use);
 // faults, traffic, neighbours. Empty: nothing speaks against it.
 std::string absent(const nlohmann::json& asked, const nlohmann::json& outcome);
 
+// Of a run that is a step of a search: whether the search ends at its value. A message was late or lost, a
+// cycle passed without one, or nothing was sent; not all of it was recorded; what was asked for beside it was
+// absent, and will not be there with more; or nobody answered, as somebody did at the first value. Of one
+// that failed in another way, or was interrupted, nothing is known.
+bool ends_search(const nlohmann::json& asked, const nlohmann::json& outcome);
+
 // Why a run can hold no line, for people. Empty: nothing speaks against it.
 std::string unfit(const statistics::Summary&);
 

@@ -133,6 +133,18 @@ std::string absent(const json& asked, const json& outcome) {
   return "";
 }
 
+// It may come from a file that somebody else wrote: what is not there, or is something else, is null.
+bool ends_search(const json& asked, const json& outcome) {
+  if (at(outcome, "interrupted") == true) return false;
+  if (!at(outcome, "error").is_null()) {
+    const auto& step = at(at(asked, "search"), "step");
+    return at(outcome, "unanswered") == true && step.is_number() && step > 0;
+  }
+  for (const auto* counter : {"late", "lost", "skipped_cycles", "dropped_records"})
+    if (const auto& count = at(outcome, counter); !count.is_null() && count != 0) return true;
+  return at(outcome, "sent") == 0 || !absent(asked, outcome).empty();
+}
+
 std::string unfit(const Summary& run) {
   if (run.imported) return "it was imported, and has no messages";
   if (!statistics::is_complete(run.run)) {

@@ -107,8 +107,10 @@ void Coordinator::dispatch(Hand& hand, const Frame& frame) {
   if (event == "beat") return;
   if (event == "failed") {
     lose(hand);
+    const std::string why = frame.message.value("message", "it failed");
+    if (frame.message.value("unanswered", false)) throw Unanswered(why);
     // Ours is no exit code of its choice: whatever fails has failed.
-    throw Error(frame.message.value("exit", 3) == 2 ? 2 : 3, frame.message.value("message", "it failed"));
+    throw Error(frame.message.value("exit", 3) == 2 ? 2 : 3, why);
   }
   if (event == "terminated") {
     int none = 0;

@@ -3,7 +3,7 @@
 // the other end of a pipe, here or (through ssh) elsewhere. Ordinary threads only.
 //
 // An order is a frame whose message has "order", an event one that has "event". A worker's first event is
-// hello {version, samples}; when it cannot go on its last is failed {exit, message}.
+// hello {version, samples}; when it cannot go on its last is failed {exit, message, unanswered}.
 // While neither has anything to say both say "beat" now and then (beat_period): who is silent for
 // longest_silence is given up, by its name, and a worker that is alone gives back what it changed and leaves.
 #pragma once
@@ -33,6 +33,10 @@ namespace ontime::orders {
 struct Error : std::runtime_error {
   Error(int code, const std::string& message) : std::runtime_error(message), exit(code) {}
   int exit;
+};
+// A worker is well, and so is the way to it; whom it measures with did not answer in time.
+struct Unanswered : Error {
+  explicit Unanswered(const std::string& message) : Error(3, message) {}
 };
 
 inline constexpr std::chrono::seconds longest_silence{10};

@@ -108,10 +108,10 @@ int serve(const std::string& samples, const std::function<std::unique_ptr<Worker
   sigaction(SIGALRM, &leave, nullptr);
   {
     Pipe pipe(STDIN_FILENO, out);
-    const auto fail = [&](int exit, const std::string& message) {
+    const auto fail = [&](int exit, const std::string& message, bool unanswered = false) {
       code = exit;
       try {
-        pipe.tell("failed", {{"exit", exit}, {"message", message}}, {});
+        pipe.tell("failed", {{"exit", exit}, {"message", message}, {"unanswered", unanswered}}, {});
       } catch (const Broken&) {  // nobody is left to be told
       }
     };
@@ -122,6 +122,8 @@ int serve(const std::string& samples, const std::function<std::unique_ptr<Worker
       obey_all(pipe, *worker);
     } catch (const Broken&) {
       // The coordinator is gone. What we changed is taken back as for any end.
+    } catch (const Unanswered& error) {
+      fail(error.exit, error.what(), true);
     } catch (const Error& error) {
       fail(error.exit, error.what());
     } catch (const std::exception& error) {

@@ -23,12 +23,12 @@ using statistics::Summary;
 struct Step {
   std::string value;
   std::uint64_t messages = 0, late = 0, lost = 0, skipped_cycles = 0;
-  double effect = 1;         // the greatest design effect of its runs
-  bool failed = false;       // one of them was not measured to its end
-  bool is_short = false;     // the neighbours or the traffic that were asked for were not there
-  std::string unfit;         // why else it says nothing of what was asked for
-  bool interrupted = false;  // says nothing
-  bool missed() const { return failed || is_short || !unfit.empty() || late + lost + skipped_cycles > 0; }
+  double effect = 1;          // the greatest design effect of its runs
+  bool ended = false;         // one of them ended the search: by what is counted above, or what is said below
+  bool failed = false;        // nobody answered
+  bool is_short = false;      // the neighbours or the traffic that were asked for were not there
+  std::string unfit;          // why else it says nothing of what was asked for
+  bool says_nothing = false;  // interrupted, or it failed for another reason than its value
 };
 
 struct Found {
@@ -38,11 +38,6 @@ struct Found {
   const Step *passed = nullptr, *ended = nullptr;
   bool finished = false;  // they are next to one another, or nothing is beyond
 };
-
-bool is_whole(const Summary& summary) {
-  const auto& outcome = summary.run.outcome;
-  return outcome.is_object() && !is_true(at(outcome, "interrupted")) && at(outcome, "error").is_null();
-}
 
 bool any_short(const json& outcome) {
   for (const auto* beside : {"neighbours", "traffic"})
@@ -55,10 +50,12 @@ bool any_short(const json& outcome) {
 void add(Step& step, const Summary& summary) {
   const auto& outcome = summary.run.outcome;
   step.value = word(at(at(summary.run.asked, "search"), "value"));
-  if (outcome.is_null() || is_true(at(outcome, "interrupted"))) {
-    step.interrupted = true;
+  const bool ends = gate::ends_search(summary.run.asked, outcome);
+  if (!ends && !statistics::is_complete(summary.run)) {
+    step.says_nothing = true;
     return;
   }
+  step.ended = step.ended || ends;
   step.messages += summary.sent;
   step.late += summary.late;
   step.lost += summary.lost;
@@ -86,7 +83,8 @@ std::vector<Found> found(const Group& group) {
     const auto repetition = count(at(asked, "repetition"));
     // Whoever has its first run and measures it again, has begun another search.
     const auto before = last.find({place->second, 0, 1});
-    const bool again = step == 0 && repetition == 1 && before != last.end() && is_whole(*before->second);
+    const bool again =
+        step == 0 && repetition == 1 && before != last.end() && statistics::is_complete(before->second->run);
     if (again) place->second = all.size();
     if (is_new || again) {
       auto& one = all.emplace_back();
@@ -104,12 +102,12 @@ std::vector<Found> found(const Group& group) {
   for (auto& one : all) {
     std::int64_t passed = -1, ended = one.steps_asked;
     for (const auto& [number, step] : one.steps) {
-      if (step.missed()) {
+      if (step.ended) {
         one.ended = &step;
         ended = number;
         break;
       }
-      if (step.interrupted) continue;
+      if (step.says_nothing) continue;
       one.passed = &step;
       passed = number;
     }
@@ -130,7 +128,7 @@ std::string why(const Step& step) {
   if (step.lost > 0) parts.push_back(fmt::format("{} lost", grouped(step.lost)));
   if (step.skipped_cycles > 0) parts.push_back(many(step.skipped_cycles, "skipped cycle", "skipped cycles"));
   if (!parts.empty()) parts = {join(parts, ", ") + " of " + many(step.messages, "message", "messages")};
-  if (step.failed) parts.emplace_back("it failed");
+  if (step.failed) parts.emplace_back("the other end did not answer in time");
   if (!step.unfit.empty()) parts.push_back(step.unfit);
   if (step.is_short) parts.emplace_back("more was asked for beside it than could be had");
   return join(parts, "; ");
@@ -159,9 +157,9 @@ ordered_json json_of(const Step* step) {
 Table searches_table(const Group& group) {
   using enum Column::Align;
   Table table{"", "", {}, {}, {}};
-  std::string keys;
+  std::vector<std::string> keys;
   for (const auto& one : found(group)) {
-    if (keys.find(one.key) == std::string::npos) keys += (keys.empty() ? "" : ", ") + one.key;
+    if (std::find(keys.begin(), keys.end(), one.key) == keys.end()) keys.push_back(one.key);
     const auto bound = bound_of(one.passed);
     table.rows.push_back({one.transport + (one.among.empty() ? "" : " " + one.among),
                           one.passed == nullptr ? "none" : one.passed->value,
@@ -173,7 +171,7 @@ Table searches_table(const Group& group) {
                           because(one)});
   }
   if (table.rows.empty()) return table;
-  table.title = fmt::format("how far {} can be turned up", keys);
+  table.title = fmt::format("how far {} can be turned up", join(keys, ", "));
   table.columns = {
       {"", left},           {"No miss\nat", right}, {"Messages\nthere", right}, {"Missed\nthere", right},
       {"Ended\nat", right}, {"Because", left}};
