@@ -17,6 +17,7 @@
 #include "background/background.hpp"
 #include "background/kinds.hpp"
 #include "background/network.hpp"
+#include "journal/interface_name.hpp"
 
 namespace ontime::background {
 namespace {
@@ -168,7 +169,7 @@ Link::Link(journal::Journal& journal, const Place& place, const Faults& faults,
       place_(place),
       has_etf_(has_etf(faults.qdisc)),
       counters_(2U + (faults.any() ? 2U : 0U) + (faults.duplicates > 0 ? 1U : 0U)) {
-  if (!is_interface_name(place_.interface))
+  if (!journal::is_interface_name(place_.interface))
     throw Error(fmt::format("'{}' is no interface that the link's faults can be had on", place_.interface));
   // The kernel, from Linux 6.16 on, takes rules for one that may come.
   journal::within_namespace(place_.netns, [&] {

@@ -16,6 +16,7 @@
 
 #include "background/background.hpp"
 #include "background/network.hpp"
+#include "journal/interface_name.hpp"
 
 namespace ontime::background {
 namespace {
@@ -127,7 +128,7 @@ bool is_qdisc(const std::string& words) {
 bool accepts_qdisc(const std::string& what) {
   const auto parts = parts_of(what);
   return (parts.size() == 2 || (parts.size() == 3 && is_qdisc(parts[2]))) && is_namespace_name(parts[0]) &&
-         is_interface_name(parts[1]);
+         journal::is_interface_name(parts[1]);
 }
 
 Value read_qdisc(const std::string& what) {

@@ -15,7 +15,4 @@ std::string nft_json(const std::string& commands);
 // Runs iproute2's `tc` in the caller's network namespace, and returns what it wrote. Throws Error likewise.
 std::string tc(const std::vector<std::string>& arguments);
 
-// A name that means the same to nft, to tc and in a path.
-bool is_interface_name(const std::string& name);
-
 }  // namespace ontime::background

@@ -5,9 +5,9 @@
 #include <stdexcept>
 
 #include <fmt/format.h>
-#include <net/if.h>
 
 #include "campaign/document.hpp"
+#include "journal/interface_name.hpp"
 
 namespace ontime::campaign {
 namespace {
@@ -163,8 +163,9 @@ class HostsOfFile {
 
   std::string read_interface(const YAML::Node& node) const {
     auto name = scalar_of(file_, node, "interface");
-    if (name.size() >= IFNAMSIZ || name.find_first_of("/: \t\n") != name.npos || name == "." || name == "..")
-      fail(node, fmt::format("interface: '{}' is no name that a network interface can have; see \"ip link\"",
+    if (!journal::is_interface_name(name))
+      fail(node, fmt::format("interface: '{}' is not the name of an interface: at most 15 letters, digits, "
+                             "and _-.@ (Linux permits more, tc and nft do not); see \"ip link\"",
                              name));
     return name;
   }

@@ -3,6 +3,10 @@
 
 #include <algorithm>
 
+#include <net/if.h>
+
+#include "journal/interface_name.hpp"
+
 namespace ontime::journal {
 
 const Kind* find_kind(std::string_view name, std::span<const Kind> more) {
@@ -22,6 +26,12 @@ bool is_plain_name(std::string_view name) {
 bool is_own_name(std::string_view name) {
   const std::string_view prefix = own_prefix;
   return is_plain_name(name) && name.starts_with(prefix) && name.size() > prefix.size();
+}
+
+bool is_interface_name(std::string_view name) {
+  constexpr std::string_view plain = "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789_-.@";
+  return !name.empty() && name.size() < IFNAMSIZ && name != "." && name != ".." &&
+         name.find_first_not_of(plain) == name.npos;
 }
 
 }  // namespace ontime::journal

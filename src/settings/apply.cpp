@@ -8,6 +8,7 @@
 #include <net/if.h>
 #include <unistd.h>
 
+#include "journal/interface_name.hpp"
 #include "settings/kinds.hpp"
 
 namespace ontime::settings {
@@ -42,7 +43,7 @@ std::vector<Wish> in_order(const Wishes& wishes) {
 void where_it_is(const Setting& setting, const Link& link, const std::function<void()>& action) {
   if (setting.of_interface && link.interface.empty())
     throw journal::Error("it is of an interface, and none is named");
-  if (setting.of_interface && !is_interface_name(link.interface))
+  if (setting.of_interface && !journal::is_interface_name(link.interface))
     throw journal::Error(
         fmt::format("'{}' is no name of an interface of letters, digits and '_-.@': ip link set ... name "
                     "NAME gives it one",

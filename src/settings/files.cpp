@@ -6,6 +6,7 @@
 #include <fmt/format.h>
 #include <net/if.h>
 
+#include "journal/interface_name.hpp"
 #include "realtime/realtime.hpp"
 #include "settings/file.hpp"
 #include "settings/kinds.hpp"
@@ -135,18 +136,13 @@ void write_workqueues(const std::string&, const Value& value, const Value&) {
 
 }  // namespace
 
-bool is_interface_name(const std::string& name) {
-  constexpr const char* plain = "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789_-.@";
-  return !name.empty() && name.size() < IFNAMSIZ && name != "." && name != ".." &&
-         name.find_first_not_of(plain) == name.npos;
-}
-
 std::string interface_here(const std::string& name) {
   return fmt::format("{}:{}", if_nametoindex(name.c_str()), name);
 }
 bool is_interface(const std::string& what) {
   const auto colon = what.find_first_not_of("0123456789");
-  return colon != what.npos && colon > 0 && what[colon] == ':' && is_interface_name(what.substr(colon + 1));
+  return colon != what.npos && colon > 0 && what[colon] == ':' &&
+         journal::is_interface_name(what.substr(colon + 1));
 }
 bool is_here(const std::string& interface_or_queue) {
   const auto interface = interface_or_queue.substr(0, interface_or_queue.find('/'));

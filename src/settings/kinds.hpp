@@ -83,7 +83,5 @@ std::string interrupt_here(int number);
 std::vector<Thing> cpus_with_governor();
 std::vector<Thing> receive_queues_of(const std::string& interface);
 std::string with_coalescing(const std::string& value, const std::string& asked);
-// Linux permits more: quotes and blanks, that a shell takes for its own.
-bool is_interface_name(const std::string& name);
 
 }  // namespace ontime::settings
