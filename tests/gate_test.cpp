@@ -289,6 +289,30 @@ TEST(Judge, TheEndOfARunIsAGateToo) {
   EXPECT_THAT(judge_end(failed).says, HasSubstr("no pong"));
 }
 
+TEST(Judge, WhatWasMeasuredAgainIsJudgedByThat) {
+  const auto at = [](std::int64_t number, const char* key, int repetition, const json& outcome) {
+    auto of = run({});
+    of.run.number = number;
+    of.run.key = key;
+    of.run.asked["repetition"] = repetition;
+    of.run.outcome = outcome;
+    return of;
+  };
+  const json complete = {{"interrupted", false}}, interrupted = {{"interrupted", true}};
+  const std::vector<Summary> all = {at(1, "a", 1, interrupted), at(2, "a", 2, json()),
+                                    at(3, "b", 1, interrupted), at(4, "a", 1, {{"error", "no pong"}}),
+                                    at(5, "a", 1, complete),    at(6, "a", 1, interrupted),
+                                    at(7, "", 1, interrupted),  at(8, "", 1, complete)};
+  const auto is_superseded = [&](std::size_t number) { return gate::is_superseded(all[number - 1], all); };
+  EXPECT_TRUE(is_superseded(1));
+  EXPECT_FALSE(is_superseded(2)) << "of that repetition there is no other";
+  EXPECT_FALSE(is_superseded(3)) << "under those conditions there is no other";
+  EXPECT_TRUE(is_superseded(4));
+  EXPECT_FALSE(is_superseded(5)) << "it was measured to its end";
+  EXPECT_FALSE(is_superseded(6)) << "it is the last";
+  EXPECT_FALSE(is_superseded(7)) << "its conditions are not known";
+}
+
 // --- against another run ---
 
 Judgement compared(const char* text, const Measured& from, const Measured& to) {

@@ -77,7 +77,8 @@ int compare(const Arguments& arguments, const GateFlags& flags) {
       if (gate.is_relative()) judgements.push_back(gate::judge(gate, pair.from, pair.to));
   if (flags.wanted())
     for (const auto& run : b)
-      for (auto& judgement : flags.judge(gates, run)) judgements.push_back(std::move(judgement));
+      if (!gate::is_superseded(run, b))
+        for (auto& judgement : flags.judge(gates, run)) judgements.push_back(std::move(judgement));
   // What cannot be compared any more holds no line.
   if (flags.wanted())
     for (const auto& runs : comparison.only_from)

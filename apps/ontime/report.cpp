@@ -47,7 +47,8 @@ void add_report(CLI::App& app, Action& action) {
       std::vector<gate::Judgement> judgements;
       if (flags->wanted())
         for (const auto& summary : summaries)
-          for (auto& judgement : flags->judge(gates, summary)) judgements.push_back(std::move(judgement));
+          if (!gate::is_superseded(summary, summaries))
+            for (auto& judgement : flags->judge(gates, summary)) judgements.push_back(std::move(judgement));
       return flags->finish(std::move(judgements), arguments->results);
     };
   });

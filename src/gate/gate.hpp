@@ -11,6 +11,7 @@
 // Figures are of the round trip, or of the response. What is to fail says ">", what is required "<=".
 #pragma once
 
+#include <span>
 #include <stdexcept>
 #include <string>
 #include <vector>
@@ -52,6 +53,10 @@ bool ends_search(const nlohmann::json& asked, const nlohmann::json& outcome);
 
 // Why a run can hold no line, for people. Empty: nothing speaks against it.
 std::string unfit(const statistics::Summary&);
+
+// Whether it was not measured to its end, and one of these is of the same repetition under the same
+// conditions, and later: whoever goes on with a suite (`--resume`) holds his lines with that one.
+bool is_superseded(const statistics::Summary&, std::span<const statistics::Summary> all);
 
 struct Judgement {
   // cannot_judge: the run does not tell, whatever it is asked: it was cut off, or is too short for the

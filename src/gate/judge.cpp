@@ -157,6 +157,14 @@ std::string unfit(const Summary& run) {
   return absent(run.run.asked, run.run.outcome);
 }
 
+bool is_superseded(const Summary& run, std::span<const Summary> all) {
+  if (statistics::is_complete(run.run) || run.run.key.empty()) return false;
+  return std::any_of(all.begin(), all.end(), [&](const Summary& other) {
+    return other.run.number > run.run.number && other.run.key == run.run.key &&
+           at(other.run.asked, "repetition") == at(run.run.asked, "repetition");
+  });
+}
+
 std::string name_of(const Summary& run) {
   auto name = name_of(Runs{&run});
   if (const auto& repetition = at(run.run.asked, "repetition");
