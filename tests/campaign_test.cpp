@@ -74,7 +74,44 @@ TEST_F(ScenarioFile, SelectionNarrowsIt) {
   EXPECT_THAT(words(scenario), ElementsAre("a cyclonedds 500 1"));
   EXPECT_EQ(scenario.runs[0].task.client.duration, 2s);
   selection.only = {"c"};
-  EXPECT_THAT(error(text, selection), HasSubstr("no run 'c'; it has: a, b"));
+  EXPECT_THAT(error(text, selection), HasSubstr(" has no run 'c'; there are: a, b"));
+}
+
+TEST_F(ScenarioFile, OfSeveralThoseAreLeftOutThatHaveNothingSelected) {
+  const auto other = path_.string() + ".other";
+  std::ofstream(path_) << "runs: [{id: a, transport: udp}, {id: b, transport: udp}]\n";
+  std::ofstream(other) << "repeat: 2\nruns: [{id: c, transport: udp}]\n";
+  const std::vector<std::string> files = {path_, other};
+  EXPECT_EQ(read_scenarios(files, {}).size(), 2U);
+  Selection selection;
+  selection.only = {"b"};
+  const auto scenarios = read_scenarios(files, selection);
+  ASSERT_EQ(scenarios.size(), 1U);
+  EXPECT_THAT(words(scenarios[0]), ElementsAre("b udp 500 1"));
+  selection.only = {"c", "a"};
+  EXPECT_EQ(read_scenarios(files, selection).size(), 2U);
+  selection.only = {"a", "d"};
+  try {
+    read_scenarios(files, selection);
+    ADD_FAILURE() << "none of them has it";
+  } catch (const Error& error) {
+    EXPECT_EQ(error.exit, 2);
+    EXPECT_STREQ(error.what(), "these 2 scenarios have no run 'd'; there are: a, b, c");
+  }
+  std::filesystem::remove(other);
+}
+
+TEST_F(ScenarioFile, ThePriorityOfTheApplicationIsTheLeastOfItsThreads) {
+  const auto priority = [this](const std::string& realtime) {
+    return application_priority(
+        read("runs: [{id: a, transport: udp, realtime: " + realtime + "}]\n").runs[0]);
+  };
+  EXPECT_EQ(priority("on"), 80);
+  EXPECT_EQ(priority("off"), 0);
+  EXPECT_EQ(priority("{receive: {priority: 20}}"), 20);
+  EXPECT_EQ(priority("{send: {policy: other}}"), 0);
+  EXPECT_EQ(priority("{receive: {policy: other}}"), 0) << "not those of the thread that comes after";
+  EXPECT_EQ(priority("{send: {policy: deadline}}"), 80) << "it comes before every priority";
 }
 
 TEST_F(ScenarioFile, RealtimeSettingsAreAPresetThatIsRefined) {
@@ -259,6 +296,7 @@ TEST_F(ScenarioFile, HostsAreRefusedInWords) {
   EXPECT_THAT(with("interface: a-name-too-long-for-linux"),
               HasSubstr("interface: 'a-name-too-long-for-linux'"));
   EXPECT_THAT(with("interface: ../x"), HasSubstr("interface: '../x'"));
+  EXPECT_THAT(with("interface: wan=1"), HasSubstr("interface: 'wan=1'")) << "as tc and nft have it";
   EXPECT_THAT(with("wat: x"), HasSubstr("a host has ssh, reach, place, program, interface, address"));
   EXPECT_THAT(with("reach: [a], reach: [b]"), HasSubstr("'reach' is there twice"));
 }

@@ -101,22 +101,20 @@ std::string words_of_speed(int mbit_per_s) {
 std::vector<lab::File> files_of(const std::vector<std::string>& scenarios,
                                 const campaign::Selection& selection, lab::Machine& machine) {
   std::vector<lab::File> files;
-  for (const auto& name : scenarios)
-    for (const auto& file : scenario_files(name)) {
-      const auto scenario = campaign::read_scenario(file, selection);
-      if (scenario.hosts.kind != campaign::Hosts::Kind::namespaces)
-        throw Error(2, fmt::format("{}: the lab has two machines in one, and needs hosts: namespaces", file));
-      const auto speed = speed_of(scenario);
-      if (files.empty()) machine.nic_mbit_per_s = speed;
-      if (speed != machine.nic_mbit_per_s)
-        throw Error(2,
-                    fmt::format("{}: its wire asks for NICs of a speed ({}), and {}'s for another ({}): the "
-                                "lab's have one for all, so run them one after the other",
-                                file, words_of_speed(speed), files.front().here.string(),
-                                words_of_speed(machine.nic_mbit_per_s)));
-      files.push_back(
-          {file, fmt::format("/scenarios/{}/{}", files.size() + 1, fs::path(file).filename().string())});
-    }
+  for (const auto& scenario : campaign::read_scenarios(scenario_files(scenarios), selection)) {
+    const auto& file = scenario.file;
+    if (scenario.hosts.kind != campaign::Hosts::Kind::namespaces)
+      throw Error(2, fmt::format("{}: the lab has two machines in one, and needs hosts: namespaces", file));
+    const auto speed = speed_of(scenario);
+    if (files.empty()) machine.nic_mbit_per_s = speed;
+    if (speed != machine.nic_mbit_per_s)
+      throw Error(2, fmt::format("{}: its wire asks for NICs of a speed ({}), and {}'s for another ({}): the "
+                                 "lab's have one for all, so run them one after the other",
+                                 file, words_of_speed(speed), files.front().here.string(),
+                                 words_of_speed(machine.nic_mbit_per_s)));
+    files.push_back(
+        {file, fmt::format("/scenarios/{}/{}", files.size() + 1, fs::path(file).filename().string())});
+  }
   return files;
 }
 
@@ -200,6 +198,7 @@ void add_machine(CLI::App& command, Arguments& arguments) {
       ->check(given);
   command.add_option("--memory", arguments.memory, "that it has: 2 GiB")->type_name("SIZE")->check(given);
   command.add_option("--with", arguments.with, "files and folders that it has at the same place; repeatable")
+      ->allow_extra_args(false)
       ->type_name("PATH")
       ->check(given);
 }

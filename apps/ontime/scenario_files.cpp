@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <system_error>
+#include <utility>
 
 #include <fmt/format.h>
 
@@ -35,18 +36,7 @@ fs::path found(const std::string& name) {
   return {};
 }
 
-}  // namespace
-
-fs::path own_scenarios() {
-  const auto program = fs::path(orders::this_program()).parent_path();
-  // As installed: bin/ontime and share/ontime/scenarios; as built: build/PRESET/bin/ontime and scenarios.
-  for (const auto& path :
-       {program / ".." / "share" / "ontime" / folder, program / ".." / ".." / ".." / folder})
-    if (is_folder(path)) return fs::canonical(path);
-  return {};
-}
-
-std::vector<std::string> scenario_files(const std::string& name) {
+std::vector<std::string> files_of(const std::string& name) {
   const auto path = found(name);
   if (path.empty())
     throw campaign::Error(2, fmt::format("{}: there is no such scenario, file or folder; `ontime scenarios` "
@@ -59,6 +49,24 @@ std::vector<std::string> scenario_files(const std::string& name) {
   std::sort(files.begin(), files.end());
   if (files.empty())
     throw campaign::Error(2, fmt::format("{}: there is no scenario (*{}) in this folder", name, suffix));
+  return files;
+}
+
+}  // namespace
+
+fs::path own_scenarios() {
+  const auto program = fs::path(orders::this_program()).parent_path();
+  // As installed: bin/ontime and share/ontime/scenarios; as built: build/PRESET/bin/ontime and scenarios.
+  for (const auto& path :
+       {program / ".." / "share" / "ontime" / folder, program / ".." / ".." / ".." / folder})
+    if (is_folder(path)) return fs::canonical(path);
+  return {};
+}
+
+std::vector<std::string> scenario_files(const std::vector<std::string>& names) {
+  std::vector<std::string> files;
+  for (const auto& name : names)
+    for (auto& file : files_of(name)) files.push_back(std::move(file));
   return files;
 }
 

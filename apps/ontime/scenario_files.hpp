@@ -11,9 +11,9 @@ namespace ontime::app {
 // The folder that came with this program, installed or in its source tree; empty if it is nowhere.
 std::filesystem::path own_scenarios();
 
-// The files that a name stands for: a file, or of a folder all *.yaml by name. What is no path here is looked
+// The files that names stand for: a file, or of a folder all *.yaml by name. What is no path here is looked
 // for among those that came with ontime ("paper", "paper/test1", "scenarios/paper"). Throws
 // campaign::Error{2}.
-std::vector<std::string> scenario_files(const std::string& name);
+std::vector<std::string> scenario_files(const std::vector<std::string>& names);
 
 }  // namespace ontime::app

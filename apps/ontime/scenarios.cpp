@@ -84,10 +84,7 @@ void add_scenarios(CLI::App& app, Action& action) {
   command->callback([&action, arguments] {
     action = [arguments] {
       const bool as_json = is_json_flag(arguments->format);
-      std::vector<std::string> files;
-      for (const auto& name : arguments->names)
-        for (auto& file : scenario_files(name)) files.push_back(std::move(file));
-      if (arguments->names.empty()) files = own_files();
+      const auto files = arguments->names.empty() ? own_files() : scenario_files(arguments->names);
       std::vector<ordered_json> lines;
       lines.reserve(files.size());
       for (const auto& file : files) lines.push_back(line_of(file));

@@ -57,11 +57,18 @@ void set(campaign::Run& run, const std::string& said) {
 campaign::Run run_of(const Arguments& arguments) {
   if (arguments.scenario.empty()) return {};
   const auto scenario = campaign::read_scenario(arguments.scenario, {{arguments.run}, {}, {}});
-  for (const auto& run : scenario.runs)
+  for (const auto& run : scenario.runs) {
+    if (run.isolation.any())
+      throw Error(
+          2, fmt::format("--run: '{}' has isolation.*, and CPUs are kept for the time of a run only, by "
+                         "`ontime run`; for good the kernel's command line does it (`ontime check`). Say its "
+                         "kernel settings with --set",
+                         arguments.run));
     if (run.kernel != scenario.runs.front().kernel)
       throw Error(
           2, fmt::format("--run: the runs called '{}' differ in their kernel settings; say them with --set",
                          arguments.run));
+  }
   return scenario.runs.front();
 }
 
@@ -79,11 +86,10 @@ void print_lines(const std::vector<std::string>& lines) {
   for (const auto& line : lines) print(printable(line) + "\n");
 }
 
-void warn(const campaign::Run& run) {
+void warn(const campaign::Run& run, bool is_of_scenario) {
   constexpr int usual = 80;  // the paper's, and what `--realtime` gives
-  const auto own = run.task.realtime.threads.find("receive");
   const auto text =
-      settings::warning(run.kernel, own == run.task.realtime.threads.end() ? usual : own->second.priority);
+      settings::warning(run.kernel, is_of_scenario ? campaign::application_priority(run) : usual);
   if (!text.empty()) print_error(text);
 }
 
@@ -108,7 +114,7 @@ int apply(const Arguments& arguments) {
                                   orders::this_program()));
     return 0;
   }
-  warn(run);
+  warn(run, !arguments.scenario.empty());
   std::vector<std::string> lines;
   if (arguments.dry_run) {
     for (const auto& change : settings::plan(run.kernel, link)) lines.push_back(in_words(change));
@@ -234,7 +240,8 @@ void add_tune(CLI::App& app, Action& action) {
   applied->add_option("--set", arguments->sets, "a setting, such as ksoftirqd=60; repeatable")
       ->type_name("NAME=VALUE")
       ->check(given);
-  auto* scenario = add_file(*applied, "--scenario", arguments->scenario, "as the run of a scenario has it");
+  auto* scenario =
+      add_file(*applied, "--scenario", arguments->scenario, "kernel.* as a run of this scenario has it");
   auto* run =
       applied->add_option("--run", arguments->run, "the id of that run")->type_name("ID")->check(given);
   scenario->needs(run);

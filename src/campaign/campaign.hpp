@@ -157,6 +157,8 @@ std::vector<nlohmann::json> asked(const Together&, const Hosts&);
 nlohmann::json asked(const machine::Wire&);  // and of that; null: there is none
 // Whether its component is one that was given a name.
 bool is_named(const Run&);
+// The least priority of the threads that a message passes through; 0: of SCHED_OTHER.
+int application_priority(const Run&);
 
 struct Scenario {
   std::string file, text, title;
@@ -184,6 +186,8 @@ struct Selection {
 };
 // Throws Error{2} with file, line and column. What is too much to be read or carried out is refused as well.
 Scenario read_scenario(const std::string& file, const Selection&);
+// Those of which a run is selected: an id that is asked for has to be in one of them.
+std::vector<Scenario> read_scenarios(const std::vector<std::string>& files, const Selection&);
 // The same of a text, which is said to be from that file.
 Scenario parse_scenario(const std::string& file, const std::string& text, const Selection&);
 

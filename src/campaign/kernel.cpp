@@ -2,6 +2,7 @@
 #include "campaign/kernel.hpp"
 
 #include <algorithm>
+#include <optional>
 #include <stdexcept>
 
 #include <fmt/format.h>
@@ -53,11 +54,16 @@ std::string of_an_interface(const Run& run) {
 }
 
 int application_priority(const Run& run) {
-  int least = 0;
-  for (const auto* role : {"send", "receive", "delivery"})
-    if (const auto thread = run.task.realtime.threads.find(role); thread != run.task.realtime.threads.end())
-      least = least == 0 ? thread->second.priority : std::min(least, thread->second.priority);
-  return least;
+  constexpr int above_all = 100;
+  std::optional<int> least;
+  for (const auto* role : {"send", "receive", "delivery"}) {
+    const auto thread = run.task.realtime.threads.find(role);
+    if (thread == run.task.realtime.threads.end()) continue;
+    const bool is_deadline = thread->second.policy == realtime::Policy::deadline;
+    const int its = is_deadline ? above_all : thread->second.priority;
+    least = std::min(least.value_or(its), its);
+  }
+  return least.value_or(0);
 }
 
 }  // namespace ontime::campaign

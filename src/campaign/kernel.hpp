@@ -11,7 +11,4 @@ std::vector<Key> kernel_keys();
 // The first key of it by which something of the interface itself is set; "": none is.
 std::string of_an_interface(const Run&);
 
-// The priority of the threads that a message passes through; 0: they have none.
-int application_priority(const Run&);
-
 }  // namespace ontime::campaign

@@ -93,13 +93,14 @@ class File {
     if (wire) lay_wire(scenario_.file, *wire, scenario_.hosts);
     const auto for_all = defaults ? read_defaults(*defaults) : Entries{};
     for (const auto& run : *runs) read_run(run, for_all);
-    check_only();
+    if (scenario_.runs.empty()) return std::move(scenario_);  // none of them is selected
     check_wire();
     if (repeat) read_repeat(*repeat);
     if (selection_.deploy) deploy();
     if (!selection_.cable.empty()) lay_cable(scenario_.file, selection_.cable, scenario_.hosts);
     return std::move(scenario_);
   }
+  const std::set<std::string>& ids() const { return ids_; }  // selected or not
 
  private:
   [[noreturn]] void fail(const YAML::Mark& mark, const std::string& message) const {
@@ -515,25 +516,26 @@ class File {
     }
   }
 
-  void check_only() const {
-    for (const auto& id : selection_.only)
-      if (!ids_.contains(id))
-        throw Error(2, fmt::format("{} has no run '{}'; it has: {}", scenario_.file, id, some_ids()));
-  }
-
-  std::string some_ids() const {
-    constexpr std::size_t enough = 20;
-    const auto shown = std::min(ids_.size(), enough);
-    const auto end = std::next(ids_.begin(), static_cast<std::ptrdiff_t>(shown));
-    return fmt::format("{}{}", fmt::join(ids_.begin(), end, ", "), shown < ids_.size() ? " …" : "");
-  }
-
   const Selection& selection_;
   Scenario scenario_;
   std::optional<YAML::Node> components_;
   std::set<std::string> ids_;
   std::size_t different_ = 0, held_ = 0;
 };
+
+std::string some_of(const std::set<std::string>& ids) {
+  constexpr std::size_t enough = 20;
+  const auto shown = std::min(ids.size(), enough);
+  const auto end = std::next(ids.begin(), static_cast<std::ptrdiff_t>(shown));
+  return fmt::format("{}{}", fmt::join(ids.begin(), end, ", "), shown < ids.size() ? " …" : "");
+}
+
+// `which_have`: "demo.yaml has".
+void check_only(const Selection& selection, const std::set<std::string>& ids, const std::string& which_have) {
+  for (const auto& id : selection.only)
+    if (!ids.contains(id))
+      throw Error(2, fmt::format("{} no run '{}'; there are: {}", which_have, id, some_of(ids)));
+}
 
 }  // namespace
 
@@ -566,7 +568,24 @@ Scenario read_scenario(const std::string& file, const Selection& selection) {
 }
 
 Scenario parse_scenario(const std::string& file, const std::string& text, const Selection& selection) {
-  return File(file, text, selection).read();
+  File reader(file, text, selection);
+  auto scenario = reader.read();
+  check_only(selection, reader.ids(), file + " has");
+  return scenario;
+}
+
+std::vector<Scenario> read_scenarios(const std::vector<std::string>& files, const Selection& selection) {
+  std::vector<Scenario> scenarios;
+  std::set<std::string> ids;
+  for (const auto& name : files) {
+    File file(name, text_of(name), selection);
+    if (auto scenario = file.read(); !scenario.runs.empty()) scenarios.push_back(std::move(scenario));
+    ids.insert(file.ids().begin(), file.ids().end());
+  }
+  check_only(
+      selection, ids,
+      files.size() == 1 ? files.front() + " has" : fmt::format("these {} scenarios have", files.size()));
+  return scenarios;
 }
 
 }  // namespace ontime::campaign

@@ -24,6 +24,9 @@ runs:
     kernel: {ksoftirqd: 60, busy-poll: 50, gro: on, threaded-napi: on, napi-threads: 55, rps: 0}
   - id: lacking
     kernel: {ksoftirqd: 60, irq-threads: 90}
+  - id: kept
+    kernel: {ksoftirqd: 60}
+    isolation: {load-quota: 50 %}
 """
 # Between namespaces no kernel has any, each for its own reason.
 NO_IRQ_THREADS = ("on the controller, kernel.irq-threads: (this kernel has no IRQ threads: boot with threadirqs or a PREEMPT_RT kernel"
@@ -231,6 +234,7 @@ class Tune(unittest.TestCase):
                 (["apply", "--set", "rps=0"], 2, "--interface"),
                 (["apply", "--set", "rps=0", "--interface", "nonet0"], 3, "nonet0"),
                 (["apply", "--set", "busy-poll=9", "--set", "rps=0", "--interface", "lo", "--namespace", "no-such"], 3, "no-such"),
+                (["apply", "--scenario", self.scenario("1 s"), "--run", "kept"], 2, "isolation.*"),
                 (["apply", "--set", "busy-poll=9", "--print", "runes"], 2, "runes"),
                 (["apply", "--set", "ksoftirqd=60", "--print", "tmpfiles"], 3, "ksoftirqd"),
                 (["show", "--format", "xml"], 2, "xml"),
