@@ -5,6 +5,7 @@
 #include <ctime>
 #include <filesystem>
 #include <span>
+#include <utility>
 
 #include <fmt/chrono.h>
 #include <fmt/format.h>
@@ -26,8 +27,10 @@ void check_transports(const std::vector<std::string>& names) {
                                            name, fmt::join(here, ", ")));
 }
 
+using Notes = std::vector<std::pair<std::int64_t, record::Note>>;  // by the number of their run
+
 // Once, however often the runs are resumed.
-void note(record::Writer& writer, statistics::Summary& summary, const gate::Judgement& judgement) {
+void note(statistics::Summary& summary, const gate::Judgement& judgement, Notes& notes) {
   const bool missed = judgement.result == gate::Judgement::Result::missed;
   const auto text =
       fmt::format("{}: {}: {}", gate::word_of(judgement.result), judgement.gate, judgement.says);
@@ -35,21 +38,33 @@ void note(record::Writer& writer, statistics::Summary& summary, const gate::Judg
                                  [&](const auto& before) { return before.text == text; });
   if (known) return;
   summary.notes.push_back({missed ? "gate-missed" : "gate-not-judged", text, {}, {}});
-  writer.note(summary.run.number, summary.notes.back());
+  notes.emplace_back(summary.run.number, summary.notes.back());
 }
 
-// Of these runs, by what their scenario and the flags say: what does not hold goes into the file too.
-std::vector<gate::Judgement> judge(record::Writer& writer, std::span<statistics::Summary> summaries,
-                                   const GateFlags& flags, const std::vector<gate::Gate>& gates) {
+// From the first that is not known on, by what their scenario and the flags say; `notes`: what does not hold.
+std::vector<gate::Judgement> judge(std::vector<statistics::Summary>& summaries, std::size_t known,
+                                   const GateFlags& flags, const std::vector<gate::Gate>& gates,
+                                   Notes& notes) {
   std::vector<gate::Judgement> judgements;
-  for (auto& summary : summaries) {
+  for (auto& summary : std::span(summaries).subspan(known)) {
+    if (gate::is_superseded(summary, summaries)) continue;
     for (auto& judgement : flags.judge(gates, summary)) {
       if (judgement.result != gate::Judgement::Result::held && judgement.gate != gate::end)
-        note(writer, summary, judgement);
+        note(summary, judgement, notes);
       judgements.push_back(std::move(judgement));
     }
   }
   return judgements;
+}
+
+// A disk that is full takes them no more: that costs them, and not the table.
+void keep(record::Writer& writer, const Notes& notes, Terminal& terminal) {
+  try {
+    for (const auto& [run, note] : notes) writer.note(run, note);
+    writer.flush();
+  } catch (const record::Error& error) {
+    terminal.note(fmt::format("what did not hold is not in the results: {}", error.what()));
+  }
 }
 
 // For people; what is asked for as JSON or CSV is nothing else.
@@ -76,10 +91,12 @@ campaign::Selection Choice::checked() const {
 void add_choice(CLI::App& command, Choice& choice) {
   command.add_option("--only", choice.selection.only, "only these runs")
       ->delimiter(',')
+      ->allow_extra_args(false)
       ->type_name("ID,...")
       ->check(given);
   command.add_option("--transports", choice.selection.transports, "these, instead of those of the scenario")
       ->delimiter(',')
+      ->allow_extra_args(false)
       ->type_name("NAME,...")
       ->check(given);
   command.add_option("--duration", choice.duration, "of each run, instead of the scenario's")
@@ -91,8 +108,8 @@ void add_choice(CLI::App& command, Choice& choice) {
 }
 
 std::string new_results_file(const std::string& scenario) {
-  auto path = std::filesystem::path(scenario).lexically_normal();
-  if (!path.has_filename()) path = path.parent_path();  // "paper/"
+  auto path = std::filesystem::absolute(scenario).lexically_normal();
+  if (!path.has_filename()) path = path.parent_path();  // "paper/", "."
   const auto stem =
       fmt::format("{}-{:%Y%m%d-%H%M%S}", path.stem().string(), fmt::localtime(std::time(nullptr)));
   auto name = stem + ".ontime";
@@ -105,8 +122,13 @@ int show_measured(const Measured& measured, report::Format format, const GateFla
                   const std::vector<gate::Gate>& gates, Terminal& terminal) {
   terminal.clear_line();
   auto summaries = statistics::summarise(measured.writer.reader());
-  if (summaries.empty()) return measured.code;  // interrupted before the first
-  const auto judgements = judge(measured.writer, std::span(summaries).subspan(measured.known), flags, gates);
+  if (summaries.size() == measured.known) return measured.code;  // ended before the first
+  Notes notes;
+  auto judgements = judge(summaries, measured.known, flags, gates, notes);
+  if (flags.wanted() && !measured.unfinished.empty())
+    judgements.push_back(
+        {gate::Judgement::Result::cannot_judge, measured.results, gate::end, measured.unfinished});
+  keep(measured.writer, notes, terminal);
   const std::vector<statistics::Summary> fresh(
       summaries.begin() + static_cast<std::ptrdiff_t>(measured.known), summaries.end());
   print(report::render(fresh, format));
@@ -119,8 +141,10 @@ int show_measured(const Measured& measured, report::Format format, const GateFla
   } catch (const std::exception& error) {  // what was measured is safe, and said
     terminal.note(fmt::format("there is no page of it: {}", error.what()));
   }
-  const int judged = flags.finish(judgements, measured.results);
-  terminal.note(report::verdict(fresh));  // the last line is what is read first
+  const int judged = flags.finish(std::move(judgements), measured.results);
+  auto counted = fresh;
+  std::erase_if(counted, [&](const auto& run) { return gate::is_superseded(run, summaries); });
+  terminal.note(report::verdict(counted));  // the last line is what is read first
   return measured.code == 130 ? measured.code : std::max(measured.code, judged);
 }
 

@@ -26,12 +26,14 @@ void add_choice(CLI::App&, Choice&);
 // Beside the user, named after what was run and when; an earlier one is never added to.
 std::string new_results_file(const std::string& scenario);
 
-// Those that are in the results from `known` on, and the exit code of measuring them.
+// Those that are in the results from `known` on, the exit code of measuring them, and why not all were that
+// were to be; "": they were.
 struct Measured {
   record::Writer& writer;
   const std::string& results;
   std::size_t known;
   int code;
+  std::string unfinished{};
 };
 // Shows them, judges them, and makes the page; what does not hold goes into the results too. Returns the exit
 // code.

@@ -56,7 +56,7 @@ void Output::write(std::string_view text) {
 }
 
 void Output::finish() {
-  if (std::fflush(file_.get()) != 0) fail(errno);
+  if (std::fclose(file_.release()) != 0) fail(errno);  // a disk far away may say only then that it is full
   if (part_.empty()) return;
   if (std::rename(part_.c_str(), path_.c_str()) != 0) fail(errno);
   part_.clear();

@@ -151,11 +151,12 @@ void add_plot(CLI::App& app, Action& action) {
   command
       ->add_option(
           "--figure", arguments->figure,
-          "time (round trips over it), worse (how often is it worse than x) , or payload or neighbours "
+          "time (round trips over it), worse (how often is it worse than x), or payload or neighbours "
           "(round trip against it, or against their rate): time")
       ->type_name("FIGURE");
   command->add_option("--runs", arguments->runs, "only these, by their numbers in the file")
       ->delimiter(',')
+      ->allow_extra_args(false)
       ->type_name("N,...");
   command->add_flag("--wide", arguments->wide, "as wide as a page of two columns, instead of one column");
   command->callback([&action, arguments] { action = [arguments] { return plot(*arguments); }; });

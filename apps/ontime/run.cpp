@@ -41,11 +41,8 @@ int run(const Arguments& arguments, const GateFlags& flags, const nlohmann::json
   const auto selection = arguments.choice.checked();
   const auto format = format_flag(arguments.format);
   const auto gates = flags.gates();
-  std::vector<campaign::Scenario> scenarios;  // all read before the first is run
-  for (const auto& name : arguments.scenarios)
-    for (const auto& file : scenario_files(name))
-      scenarios.push_back(campaign::read_scenario(file, selection));
-
+  // All are read before the first is run.
+  const auto scenarios = campaign::read_scenarios(scenario_files(arguments.scenarios), selection);
   const auto results =
       arguments.results.empty() ? new_results_file(arguments.scenarios.front()) : arguments.results;
   auto& interrupts = catch_interrupts();
@@ -57,11 +54,23 @@ int run(const Arguments& arguments, const GateFlags& flags, const nlohmann::json
   Terminal terminal;
   expect(terminal, scenarios);
   int code = 0;
-  for (const auto& scenario : scenarios)
-    if (code != 130)
+  std::string unfinished;
+  for (const auto& scenario : scenarios) {
+    if (code == 130) break;
+    // Neither costs what was measured until then.
+    try {
       code = std::max(code, campaign::execute(scenario, writer, terminal, interrupts, command_line, done));
+    } catch (const campaign::Error& error) {  // such as a host that is gone: the next may do without it
+      terminal.note(unfinished = error.what());
+      code = std::max(code, interrupts > 0 ? 130 : error.exit);
+    } catch (const record::Error& error) {  // such as a full disk: nothing more can be recorded
+      terminal.note(unfinished = error.what());
+      code = std::max(code, 3);
+      break;
+    }
+  }
   if (arguments.only_measure) return code;
-  return show_measured({writer, results, known, code}, format, flags, gates, terminal);
+  return show_measured({writer, results, known, code, unfinished}, format, flags, gates, terminal);
 }
 
 }  // namespace
@@ -88,6 +97,7 @@ void add_run(CLI::App& app, Action& action) {
           "with hosts: namespaces: two interfaces of this machine with a cable between them, instead of a "
           "virtual one; they are down, and unused")
       ->delimiter(',')
+      ->allow_extra_args(false)
       ->type_name("NAME,NAME")
       ->check(given);
   add_file(*command, "--results", arguments->results, "add to this results file (default: a new one here)");

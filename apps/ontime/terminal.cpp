@@ -109,7 +109,10 @@ void Terminal::begins(const campaign::Run& run) {
   rewrite_line(head_ + " …");
 }
 
-void Terminal::passes_over(const campaign::Run& run) { say("{}  is done already\n", next(run)); }
+void Terminal::passes_over(const campaign::Run& run) {
+  clear_line();
+  say("{}  is done already\n", next(run));
+}
 
 void Terminal::leaves_out(const campaign::Run& run) { next(run); }
 

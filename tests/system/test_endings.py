@@ -162,6 +162,27 @@ class Endings(Program):
         kinds = {note["kind"] for note in self.report()[0]["notes"]}
         self.assertTrue(kinds & {"peer-left", "peer-flickered"}, kinds)
 
+    def test_a_host_that_does_not_come_back_costs_not_what_was_measured(self):
+        way = pathlib.Path(self.folder, "way")
+        way.write_text('#!/bin/sh\n[ -e "$0.gone" ] && exit 1\nexec "$@"\n')
+        way.chmod(0o755)
+        path = pathlib.Path(self.folder, "scenario.yaml")
+        path.write_text("hosts: {component: {reach: [%s], address: 127.0.0.1}}\ndefaults: {transport: udp, period: 5 ms}\n"
+                        "runs: [{id: one, duration: 300 ms}, {id: two, duration: 1 h}, {id: three, duration: 300 ms}]\n" % way)
+        junit = os.path.join(self.folder, "junit.xml")
+        process = self.start_ontime("run", str(path), "--results", self.results, "--junit", junit)
+        self.started(process, lambda: self.samples_recorded() > 150)
+        pathlib.Path(f"{way}.gone").touch()
+        for pid in self.keepers():
+            os.kill(pid, signal.SIGKILL)
+        out, error = process.communicate(timeout=60)
+        self.assertEqual(process.returncode, 3, error)
+        self.assertIn("the keeper of the component's machine", error)
+        self.assertIn("Round trip", out)
+        self.assertEqual([(run["id"], run["complete"]) for run in self.report()], [("one", True), ("two", False)])
+        self.assertTrue(os.path.exists(os.path.join(self.folder, "results.html")))
+        self.assertIn("the keeper of the component's machine", pathlib.Path(junit).read_text())
+
     def test_load_of_a_run_that_failed_is_not_the_next_ones(self):
         process = self.start_ontime("run", self.scenario("3 s", LOADED_FIRST, ["udp"]), "--results", self.results)
         self.started(process, lambda: self.samples_recorded() > 50 and len(self.load()) > 0)

@@ -107,6 +107,21 @@ class Results(unittest.TestCase):
         self.ontime("report", self.results, "--junit", "again.xml", code=1)
         self.assertEqual(xml.etree.ElementTree.parse(self.folder / "again.xml").getroot().get("failures"), "1")
 
+    def test_what_was_interrupted_and_measured_again_is_judged_by_that(self):
+        process = self.started("3 s")
+        process.send_signal(signal.SIGINT)
+        _, error = process.communicate(timeout=30)
+        self.assertEqual(process.returncode, 130, error)
+        gates = ("--fail-if", "max > 100 s", "--junit", "gates.xml")
+        self.ontime("report", self.results, *gates, code=1)
+        answer = self.ontime("run", self.scenario(duration="3 s"), "--results", self.results, "--resume", *gates)
+        self.assertNotIn("did not end", answer.stderr.splitlines()[-1], "the verdict is of what was measured again")
+        runs = json.loads(self.ontime("report", self.results, *gates, "--format", "json").stdout)["runs"]
+        self.assertEqual([run["complete"] for run in runs], [False, True], "both are there")
+        self.assertEqual(runs[0]["key"], runs[1]["key"])
+        self.assertEqual(xml.etree.ElementTree.parse(self.folder / "gates.xml").getroot().get("tests"), "3")
+        self.ontime("compare", self.results, self.results, *gates)
+
     def test_a_requirement_that_is_none_is_refused_where_it_stands(self):
         answer = self.ontime("run", self.scenario("late <= 0, p98 <= 2 ms"), "--results", self.results, code=2)
         self.assertIn("scenario.yaml:6:26: require: 'p98 <= 2 ms', column 1: 'p98' is no figure", answer.stderr)
@@ -132,6 +147,70 @@ class Results(unittest.TestCase):
         self.ontime("report", self.results, "--fail-if", "late > 0", "--junit", self.folder / "no" / "x.xml", code=3)
         self.assertEqual(self.results.read_bytes(), before)
         self.ontime("run", self.scenario(), "--results", self.results, "--fail-if", "p50 > 1 ns", code=1)
+
+    # --- what is chosen ---
+
+    def test_a_list_does_not_take_the_name_that_follows(self):
+        scenario = self.folder / "two.yaml"
+        scenario.write_text("hosts: loopback\ndefaults: {transport: [udp, nosuch], period: 5 ms, duration: 100 ms}\n"
+                            "runs: [{id: one}, {id: two}, {id: three}]\n")
+        self.ontime("run", "--only", "one", scenario, "--transports", "udp", "--results", self.results)
+        self.ontime("run", "--transports", "udp", scenario, "--only", "one,two", "--results", self.results)
+        self.ontime("run", scenario, "--only", "one", "--only", "three", "--transports", "udp", "--results", self.results)
+        runs = json.loads(self.ontime("report", self.results, "--format", "json").stdout)["runs"]
+        self.assertEqual([run["id"] for run in runs], ["one", "one", "two", "one", "three"])
+        self.ontime("plot", "--runs", "1,3", self.results, "--output", "runs.svg")
+        self.ontime("plot", "--runs", "1", "--runs", "3", self.results, "--output", "again.svg")
+        self.assertEqual((self.folder / "runs.svg").read_text(), (self.folder / "again.svg").read_text())
+        answer = self.ontime("run", "--cable", "no0,no1", scenario, "--results", "cable.ontime", code=2)
+        self.assertIn("two.yaml has other hosts", answer.stderr)
+        answer = self.ontime("lab", "run", "--with", self.folder / "two.yaml", scenario, "--results", "lab.ontime", code=2)
+        self.assertIn("two.yaml: the lab has two machines in one", answer.stderr)
+
+    def test_runs_are_chosen_out_of_several_scenarios(self):
+        suite = self.folder / "suite"
+        suite.mkdir()
+        for name in ("a", "b"):
+            (suite / f"{name}.yaml").write_text(f"hosts: loopback\nruns: [{{id: {name}, transport: udp, duration: 100 ms}}]\n")
+        self.ontime("run", suite, "--only", "b", "--results", self.results)
+        runs = json.loads(self.ontime("report", self.results, "--format", "json").stdout)["runs"]
+        self.assertEqual([run["id"] for run in runs], ["b"])
+        answer = self.ontime("run", suite, "--only", "b,c", "--results", self.results, code=2)
+        self.assertIn("these 2 scenarios have no run 'c'; there are: a, b", answer.stderr)
+
+    # --- what it is called ---
+
+    def test_results_of_this_folder_are_called_after_it(self):
+        self.scenario(duration="100 ms")
+        self.ontime("run", ".")
+        self.assertEqual(len(list(self.folder.glob(f"{self.folder.name}-*.ontime"))), 1, list(self.folder.iterdir()))
+
+    def test_results_with_one_beginning_have_a_page_each(self):
+        for name in ("day.1", "day.2"):
+            self.ontime("run", self.scenario(duration="100 ms"), "--results", name)
+        self.assertEqual(sorted(path.name for path in self.folder.glob("*.html")), ["day.1.html", "day.2.html"])
+
+    # --- what a terminal shows ---
+
+    def test_what_is_done_already_has_a_line_of_its_own(self):
+        path = self.folder / "three.yaml"
+        path.write_text("hosts: loopback\ndefaults: {duration: 100 ms}\n"
+                        "runs: [{id: a, transport: nosuch}, {id: b, transport: nosuch}, {id: c, transport: udp}]\n")
+        arguments = ("run", str(path), "--results", str(self.results), "--resume")
+        self.ontime(*arguments, code=3)
+        terminal, other_end = os.openpty()
+        with open(terminal, "rb", buffering=0) as screen:
+            process = subprocess.Popen([ONTIME, *arguments], stdout=subprocess.DEVNULL, stderr=other_end, cwd=self.folder,
+                                       env=dict(os.environ, TERM="xterm"))
+            self.addCleanup(lambda: (process.kill(), process.wait()))
+            os.close(other_end)
+            shown = b""
+            with contextlib.suppress(OSError):  # it has closed
+                while more := screen.read(4096):
+                    shown += more
+        self.assertEqual(process.wait(30), 3)
+        line = next(line for line in shown.decode().split("\r\n") if "is done already" in line)
+        self.assertRegex(line, r"^(.*\r\x1b\[K)?\[3/3[^…]* c udp  is done already$")
 
     # --- what comes to nothing ---
 
