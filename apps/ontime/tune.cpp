@@ -60,10 +60,11 @@ campaign::Run run_of(const Arguments& arguments) {
   for (const auto& run : scenario.runs) {
     if (run.isolation.any())
       throw Error(
-          2, fmt::format("--run: '{}' has isolation.*, and CPUs are kept for the time of a run only, by "
-                         "`ontime run`; for good the kernel's command line does it (`ontime check`). Say its "
-                         "kernel settings with --set",
-                         arguments.run));
+          2,
+          fmt::format("--run: '{}' has isolation.*, which is for the time of a run only: `ontime run` keeps "
+                      "CPUs, and for good the kernel's command line does (`ontime check`). Say its kernel "
+                      "settings with --set",
+                      arguments.run));
     if (run.kernel != scenario.runs.front().kernel)
       throw Error(
           2, fmt::format("--run: the runs called '{}' differ in their kernel settings; say them with --set",

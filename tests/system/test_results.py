@@ -164,7 +164,7 @@ class Results(unittest.TestCase):
         self.assertEqual((self.folder / "runs.svg").read_text(), (self.folder / "again.svg").read_text())
         answer = self.ontime("run", "--cable", "no0,no1", scenario, "--results", "cable.ontime", code=2)
         self.assertIn("two.yaml has other hosts", answer.stderr)
-        answer = self.ontime("lab", "run", "--with", self.folder / "two.yaml", scenario, "--results", "lab.ontime", code=2)
+        answer = self.ontime("lab", "run", "--with", "/etc/passwd", scenario, "--results", "lab.ontime", code=2)
         self.assertIn("two.yaml: the lab has two machines in one", answer.stderr)
 
     def test_runs_are_chosen_out_of_several_scenarios(self):

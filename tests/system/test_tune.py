@@ -26,7 +26,7 @@ runs:
     kernel: {ksoftirqd: 60, irq-threads: 90}
   - id: kept
     kernel: {ksoftirqd: 60}
-    isolation: {load-quota: 50 %}
+    isolation: {load-weight: 50}
 """
 # Between namespaces no kernel has any, each for its own reason.
 NO_IRQ_THREADS = ("on the controller, kernel.irq-threads: (this kernel has no IRQ threads: boot with threadirqs or a PREEMPT_RT kernel"
