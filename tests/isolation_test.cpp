@@ -3,6 +3,7 @@
 
 #include <filesystem>
 #include <fstream>
+#include <thread>
 
 #include "isolation/groups.hpp"
 
@@ -92,6 +93,24 @@ TEST(Group, OfAnotherNameIsNeverTouched) {
   EXPECT_FALSE(balance_kind.accepts("ontime-robot"));
 }
 
+TEST(Threads, WhoseCpusAPartitionWouldForgetAreTold) {
+  const std::vector<int> all = {0, 1, 2, 3}, kept = {2, 3};
+  const auto forgotten = [&](const std::vector<int>& cpus, bool remembers, bool of_kernel = false) {
+    return would_be_forgotten({7, "x", cpus, of_kernel, false}, all, kept, remembers);
+  };
+  EXPECT_FALSE(forgotten(all, true));
+  EXPECT_FALSE(forgotten({0, 2}, true)) << "Linux 6.2 gives it 2 again";
+  EXPECT_TRUE(forgotten({2}, true)) << "it would have none left";
+  EXPECT_FALSE(forgotten(all, false));
+  EXPECT_TRUE(forgotten({0}, false)) << "before, it would have all after that";
+  EXPECT_FALSE(forgotten(all, true, true));
+  EXPECT_TRUE(forgotten({0}, true, true)) << "the kernel asked for nothing that could be remembered";
+  EXPECT_FALSE(would_be_forgotten({7, "irq/9-eth0", {0}, true, false}, all, kept, false));
+  EXPECT_FALSE(would_be_forgotten({7, "migration/3", {3}, true, true}, all, kept, false));
+  EXPECT_TRUE(would_be_forgotten({7, "irq/9-eth0", {0}, false, false}, all, kept, false))
+      << "whoever calls himself so";
+}
+
 TEST(Threads, AreReadAsTheKernelHasThem) {
   const auto all = threads();
   const auto own = std::find_if(all.begin(), all.end(), [](const Thread& one) { return one.id == gettid(); });
@@ -99,6 +118,14 @@ TEST(Threads, AreReadAsTheKernelHasThem) {
   EXPECT_FALSE(own->of_kernel);
   EXPECT_FALSE(own->bound);
   EXPECT_EQ(own->cpus, cpus_of_thread(0));
+}
+
+TEST(Threads, AreGivenCpus) {
+  std::thread([] {
+    const auto before = cpus_of_thread(0);
+    set_cpus(0, {before.back()});
+    EXPECT_THAT(cpus_of_thread(0), ElementsAre(before.back()));
+  }).join();
 }
 
 }  // namespace

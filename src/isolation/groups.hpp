@@ -42,7 +42,13 @@ struct Thread {
 };
 std::vector<Thread> threads();
 std::vector<pid_t> ids_in(const std::string& file);
-bool move(pid_t, const std::string& file);  // false: it has ended, or the kernel does not let it go
-std::vector<int> cpus_of_thread(pid_t);     // none: it has ended
+bool move(pid_t, const std::string& file);           // false: it has ended, or the kernel does not let it go
+std::vector<int> cpus_of_thread(pid_t);              // none: it has ended
+void set_cpus(pid_t, const std::vector<int>& cpus);  // if it has not ended, and the kernel lets it
+
+// Whether a thread of a machine whose threads have `everybodys` CPUs would not have its own again once a
+// partition was made of some of them, and removed; Linux from 6.2 on `remembers` what threads asked for.
+bool would_be_forgotten(const Thread&, const std::vector<int>& everybodys, const std::vector<int>& kept,
+                        bool remembers);
 
 }  // namespace ontime::isolation

@@ -65,23 +65,30 @@ void check_spare(const std::string& asked, const Cpus& kept, const std::string& 
     throw Error(fmt::format("CPUs {} are all that there are: leave one to everybody else", asked));
 }
 
-// What the kernel does to all threads of the root when a partition is made, and removed: they get the CPUs of
-// the root. Before Linux 6.2 it forgets those that they have asked for, and those of its own threads always
-// (but for its interrupts', which are said to it again: see remove_group). Who asked for kept CPUs alone has
-// to go elsewhere.
+// Everybody has the CPUs that the first process has. Where these are not all, as with isolcpus, nobody would
+// be moved by version 1.
+void check_inherited(const std::string& asked, const Cpus& kept, const std::string& everybodys) {
+  const auto inherited = cpus_of_thread(1);
+  const auto nobodys = without(list(everybodys), inherited);
+  if (nobodys.empty() || !any_of(inherited, kept)) return;
+  throw Error(
+      fmt::format("CPUs {} cannot be kept: everybody has {} of {} from the start (isolcpus= on the kernel's "
+                  "command line, or systemd's CPUAffinity=), and with control groups of version 1 who was "
+                  "given CPUs is left on them. Keep others ({}), or use control groups of version 2",
+                  asked, realtime::list_of(inherited), everybodys, realtime::list_of(nobodys)));
+}
+
 void check_nothing_is_forgotten(const std::string& everybodys, const Cpus& kept) {
   utsname name{};
   uname(&name);
   int major = 0, minor = 0;
   const bool remembers =
       std::sscanf(name.release, "%d.%d", &major, &minor) == 2 && std::pair(major, minor) >= std::pair(6, 2);
+  const auto all = list(everybodys);
   std::vector<std::string> own;
-  for (const auto& thread : threads()) {
-    if (thread.of_kernel && (thread.bound || thread.name.starts_with("irq/"))) continue;
-    const bool suffers =
-        remembers && !thread.of_kernel ? without(thread.cpus, kept).empty() : thread.cpus != list(everybodys);
-    if (suffers) own.push_back(fmt::format("{} ({})", thread.name, thread.id));
-  }
+  for (const auto& thread : threads())
+    if (would_be_forgotten(thread, all, kept, remembers))
+      own.push_back(fmt::format("{} ({})", thread.name, thread.id));
   if (!own.empty())
     throw Error(fmt::format(
         "threads have CPUs of their own, {}: {}. Give them all for that time (taskset --all-tasks --cpu-list "
@@ -165,6 +172,7 @@ void Isolation::keep_cpus() {
           fmt::format("the kernel makes no partition of the CPUs {}: {}", wish_.cpus, said(partition)));
     return;
   }
+  check_inherited(wish_.cpus, kept, everybodys_);
   for (const auto& [group, cpus] : {std::pair(robot, wish_.cpus), std::pair(others, rest_)}) {
     make(group_kind, group, journal::to_be_made);
     write_file(folder_of(group) + "/cpuset.mems", said(root.folder + "/cpuset.mems"));

@@ -5,7 +5,8 @@
 //
 // Version 2: a partition of the root, which the kernel itself keeps all others off, wherever they are; nobody
 // is moved. Version 1: who is in the root and may run anywhere is moved into a group that has the other CPUs,
-// and back; who was given CPUs of his own, or a group of somebody else's, is left there.
+// and back; who was given CPUs of his own, or a group of somebody else's, is left there. Where that is
+// everybody (isolcpus, systemd's CPUAffinity=), the CPUs that everybody has cannot be kept.
 #pragma once
 
 #include <span>

@@ -12,6 +12,7 @@
 
 #include "isolation/groups.hpp"
 #include "isolation/isolation.hpp"
+#include "realtime/realtime.hpp"
 #include "settings/file.hpp"
 
 namespace ontime::isolation {
@@ -54,24 +55,39 @@ void say_interrupts_again() {
   }
 }
 
-// Who is in it may have children meanwhile: again, until it lets itself be removed.
+std::vector<int> cpus_given_to(const std::string& folder) {
+  return realtime::cpus_of(read_file(folder + "/cpuset.cpus").value_or("")).value_or(std::vector<int>{});
+}
+
+// Of a cpuset of version 1. Linux before 6.2 forgets which of the group's CPUs a thread had asked for.
+void move_with_its_cpus(pid_t id, const std::string& group, const std::string& root) {
+  const auto had = cpus_of_thread(id);
+  if (move(id, root + "/tasks") && had != cpus_given_to(group) && cpus_of_thread(id) == cpus_given_to(root))
+    set_cpus(id, had);
+}
+
+// Who is in it may have children meanwhile, and who has just ended is not gone at once: again, until it lets
+// itself be removed.
 void remove_group(const std::string& what) {
   constexpr int tries = 400;
   const auto folder = folder_of(what);
   const auto root = hierarchy_of(what.substr(0, what.find('/')));
+  const bool is_cpuset = what.starts_with("cpuset/");
   const auto* const list = root.unified ? "/cgroup.procs" : "/tasks";
   for (int i = 0; i < tries; ++i) {
-    const auto inside = ids_in(folder + list);
-    for (const auto id : inside) move(id, root.folder + list);
-    if (!inside.empty()) continue;
+    for (const auto id : ids_in(folder + list))
+      if (is_cpuset && !root.unified)
+        move_with_its_cpus(id, folder, root.folder);
+      else
+        move(id, root.folder + list);
     if (rmdir(folder.c_str()) == 0 || errno == ENOENT) {
-      if (root.unified && what.starts_with("cpuset/")) say_interrupts_again();
+      if (is_cpuset && root.unified) say_interrupts_again();
       return;
     }
-    if (errno != EBUSY) break;
-    std::this_thread::sleep_for(std::chrono::milliseconds(5));  // who has just ended is not gone at once
+    if (errno != EBUSY) throw trouble(folder + " cannot be removed", errno);
+    std::this_thread::sleep_for(std::chrono::milliseconds(5));
   }
-  throw trouble(folder + " cannot be removed", errno);
+  throw trouble(folder + " cannot be removed, something is in it still", EBUSY);
 }
 
 void write_group(const std::string& what, const Value& value, const Value& present) {

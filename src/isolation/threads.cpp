@@ -50,6 +50,13 @@ std::vector<int> cpus_of_thread(pid_t id) {
   return cpus;
 }
 
+void set_cpus(pid_t id, const std::vector<int>& cpus) {
+  cpu_set_t set;
+  CPU_ZERO(&set);
+  for (const int cpu : cpus) CPU_SET(static_cast<unsigned>(cpu), &set);
+  sched_setaffinity(id, sizeof set, &set);
+}
+
 std::vector<Thread> threads() {
   std::vector<Thread> all;
   for (const auto& process : settings::names_in("/proc")) {
@@ -63,6 +70,18 @@ std::vector<Thread> threads() {
       }
   }
   return all;
+}
+
+// What the kernel does to all threads of the root when a partition is made, and removed: they get the CPUs of
+// the root. Before Linux 6.2 it forgets those that they have asked for, and those of its own threads always
+// (but for its interrupts', which are said to it again: see remove_group). Who asked for kept CPUs alone has
+// to go elsewhere.
+bool would_be_forgotten(const Thread& thread, const std::vector<int>& everybodys,
+                        const std::vector<int>& kept, bool remembers) {
+  if (thread.of_kernel && (thread.bound || thread.name.starts_with("irq/"))) return false;
+  if (thread.of_kernel || !remembers) return thread.cpus != everybodys;
+  return std::all_of(thread.cpus.begin(), thread.cpus.end(),
+                     [&](int cpu) { return std::find(kept.begin(), kept.end(), cpu) != kept.end(); });
 }
 
 std::vector<pid_t> ids_in(const std::string& path) {

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-# For a shell of `ontime lab --live`, whose control groups are of version 2: a run that keeps CPU 1 to its end, and one all
-# of whose processes are killed; what /proc and taskset then see. See test_lab.py.
+# For a shell of `ontime lab --live`, whose control groups are of version 2: a run that keeps CPU 1 to its end, one all
+# of whose processes are killed, one beside which somebody comes to use the controller, and what is refused; what /proc and
+# taskset then see. See test_lab.py.
 cat >/tmp/isolated.yaml <<'YAML'
 hosts: namespaces
 defaults: {transport: udp, duration: 20 s, realtime: {policy: fifo, cpus: 1}, load: {controller: {cpu: 1}}}
@@ -26,7 +27,12 @@ see() {
   echo "$1 limit=$(echo $(cat $groups/ontime-load/cpu.max $groups/ontime-load/cpu.weight 2>/dev/null))"
   echo "$1 load=$(grep -h ontime-load /proc/$(ps -C stress-ng -o pid= | head -n 1 | sed 's/ //g')/cgroup 2>/dev/null)"
 }
-measure() { TERM=dumb ontime run --only-measure --cable eth0,eth1 --results "/tmp/$1" /tmp/isolated.yaml 2>&1; echo "$1 ended $?"; }
+measure() {
+  name=$1
+  shift
+  TERM=dumb ontime run --only-measure --cable eth0,eth1 --results "/tmp/$name" "$@" /tmp/isolated.yaml 2>&1
+  echo "$name ended $?"
+}
 measures() {
   until [ -n "$(agents)" ] && [ -n "$(ps -C stress-ng -o pid=)" ]; do sleep 0.1; done
   sleep 1.5
@@ -46,4 +52,22 @@ see killed
 ontime tune revert
 echo "revert ended $?"
 see reverted
+
+measure used --duration '5 s' &
+measures
+mkdir $groups/other
+echo 0 >$groups/other/cpuset.cpus
+wait $!
+see used
+echo 1 >$groups/other/cpuset.cpus
+measure taken
+see taken
+busybox rmdir $groups/other
+echo -cpuset >$groups/cgroup.subtree_control
+taskset -c 0 sleep 1000 &
+pinned=$!
+measure pinned
+echo "pinned thread=$(cpus $pinned)"
+kill $pinned
+see refused
 kill $bystander

@@ -318,7 +318,7 @@ class Machines(Lab):
         seen = {}
         said = self.shell(pathlib.Path(__file__).with_name("lab_isolation.sh"), "--live")
         for line in said:
-            if found := re.fullmatch(r"(before|during|after|killed|reverted) (\w+)=(.*)", line):
+            if found := re.fullmatch(r"(before|during|after|killed|reverted|used|taken|pinned|refused) (\w+)=(.*)", line):
                 seen.setdefault(found[1], {})[found[2]] = found[3]
         text = "\n".join(said)
         self.assertIn("whole ended 0", said, text)
@@ -332,9 +332,31 @@ class Machines(Lab):
         self.assertNotEqual(seen["killed"]["groups"], seen["before"]["groups"], text)
         for moment in ("after", "reverted"):
             self.assertIn(seen[moment].pop("interrupts"), ("", "0-1"), "of a NIC that is down there are none")
+        seen["refused"].pop("interrupts")
         del seen["before"]["interrupts"]
-        for moment in ("after", "reverted"):
+        for moment in ("after", "reverted", "refused"):
             self.assertEqual(seen[moment], seen["before"], text)
+        words = " ".join(text.split())
+        for run, code in (("used", 0), ("taken", 3), ("pinned", 3)):
+            self.assertIn(f"{run} ended {code}", said, text)
+        self.assertIn("on, for other", words, "who uses the controller by now keeps it")
+        self.assertIn("control groups of somebody else's: /sys/fs/cgroup/other", words)
+        for moment in ("used", "taken"):
+            self.assertEqual((seen[moment]["groups"], seen[moment]["controllers"], seen[moment]["everybody"]),
+                             (seen["before"]["groups"], "cpuset", "0,1"), text)
+        self.assertRegex(words, r"Linux before 6\.2 would forget: sleep \([0-9]+\)")
+        self.assertEqual(seen["pinned"]["thread"], "0", text)
+
+    @of_all
+    def test_by_version_1_who_gives_himself_cpus_keeps_them_and_cpus_that_everybody_has_are_refused_where_there_are_more(self):
+        said = self.shell(pathlib.Path(__file__).with_name("lab_isolation_v1.sh"), "--live", "--cpus", "3")
+        text = "\n".join(said)
+        for moment, bystander, groups in (("before", "0-2", "ontime-*"), ("during", "0,1", "ontime-rest ontime-robot"),
+                                          ("after", "1", "ontime-*"), ("end", "1", "ontime-*")):
+            self.assertIn(f"{moment} bystander={bystander} groups={groups}", said, text)
+        for run, code in (("whole", 0), ("inherited", 3), ("free", 0)):
+            self.assertIn(f"{run} ended {code}", said, text)
+        self.assertIn("CPUs 1 cannot be kept: everybody has 0-1 of 0-2 from the start", " ".join(text.split()))
 
     @of_all
     def test_a_shell_that_is_killed_takes_its_machine_with_it(self):
