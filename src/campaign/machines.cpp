@@ -257,17 +257,20 @@ void Machines::tune(const Together& runs) {
   if (run.kernel.empty() && !run.isolation.any()) return;
   warn(runs);
   tuned_ = true;
+  // A command of any kind may have traffic run where our groups do not reach, as in a container.
+  const bool needs_namespace =
+      !run.kernel.empty() || run.isolation.interrupts || (run.isolation.limits() && has_traffic(runs));
   for (auto& [reach, machine] : machines_)
     for (const auto& host : machine.hosts) {
       const bool asks = host == controller;
       const auto& where = hosts_.at(host);
       const auto netns = network_namespace(where);
-      if (!netns)
+      if (needs_namespace && !netns)
         throw Error(2,
-                    "kernel.*, isolation.*: a place other than [ip, netns, exec, NAME] is not where a keeper "
-                    "can look");
+                    "kernel.*, isolation.interrupts, and isolation.load-* with traffic: a place other than "
+                    "[ip, netns, exec, NAME] is not where a keeper can look");
       const json link = {{"interface", where.interface},
-                         {"network_namespace", *netns},
+                         {"network_namespace", netns.value_or("")},
                          {"peer", asks ? without_port(hosts_.components.front().host.address) : ""},
                          {"address", without_port(where.address)}};
       if (run.isolation.any()) isolate(machine, host, run, link);

@@ -24,6 +24,14 @@ runs:
     traffic: {rate: 1 Mbit/s, direction: to-component}
     isolation: {cpus: %s, interrupts: on, load-quota: 30 %%, load-weight: 10}
 """
+PLACES = """
+hosts:
+  controller: {place: %s, interface: lo}
+  component: {place: %s, interface: lo, address: 127.0.0.1}
+defaults: {transport: udp, period: 5 ms, duration: 300 ms}
+runs:
+  - {id: placed, load: {controller: {cpu: 1}}, isolation: %s}
+"""
 CPUS = sorted(os.sched_getaffinity(0))
 KEPT, REST = str(CPUS[-1]), CPUS[:-1]
 WORK = pathlib.Path("/sys/devices/virtual/workqueue/cpumask")
@@ -109,6 +117,13 @@ class Isolation(unittest.TestCase):
     def isolated_run(self):
         process = subprocess.Popen([ONTIME, "run", self.scenario("1 h"), "--results", self.results],
                                    stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    def placed(self, place, isolation):
+        """A run of ends that are wherever that command has them."""
+        return self.ontime("run", self.written(PLACES % (place, place, isolation)), "--results", self.results)
+
+    def report(self):
+        return json.loads(self.ontime("report", self.results, "--format", "json").stdout)["runs"]
+
         self.addCleanup(lambda: (process.kill(), process.communicate()))
         self.assertTrue(eventually(lambda: len(named("iperf3")) >= 2 and named("stress-ng") and len(agents()) == 2, 60))
         return process
@@ -204,3 +219,31 @@ class Isolation(unittest.TestCase):
 
 if __name__ == "__main__":
     unittest.main()
+    @unittest.skipIf(hierarchy("cpuset")[1], "version 2 keeps everybody off, or refuses")
+    def test_cpus_that_everybody_was_started_with_are_refused_where_these_are_not_all(self):
+        first = str(CPUS[0])
+        answer = subprocess.run(["taskset", "--cpu-list", first, "unshare", "--pid", "--fork", "--kill-child", "--mount-proc",
+                                 ONTIME, "run", self.scenario("1 s", first), "--results", self.results],
+                                capture_output=True, text=True, timeout=120)
+        self.assertEqual(answer.returncode, 3, answer.stderr)
+        self.assertIn(f"CPUs {first} cannot be kept: everybody has {first} of ", answer.stderr)
+        self.assert_given_back()
+
+    def test_load_is_limited_wherever_the_ends_live(self):
+        answer = self.placed("[env]", "{load-quota: 30 %}")
+        self.assertEqual(answer.returncode, 0, answer.stderr)
+        self.assertEqual({one["setting"] for one in self.report()[0]["hosts"]["controller"]["isolation"]}, {"load-quota"})
+        self.results = os.path.join(self.folder, "refused.ontime")
+        for isolation in ("{load-quota: 30 %}, traffic: {rate: 1 Mbit/s}", f"{{cpus: {KEPT}, interrupts: on}}"):
+            with self.subTest(isolation=isolation):
+                answer = self.placed("[env]", isolation)
+                self.assertEqual(answer.returncode, 2, answer.stderr)
+                self.assertIn("is not where a keeper can look", answer.stderr)
+        self.assert_given_back()
+
+    def test_an_end_in_a_pid_namespace_of_its_own_is_refused(self):
+        answer = self.placed("[unshare, --pid, --fork, --kill-child, --mount-proc]", f"{{cpus: {KEPT}}}")
+        self.assertEqual(answer.returncode, 3, answer.stderr)
+        self.assertIn("live in a PID namespace of its own", answer.stderr)
+        self.assert_given_back()
+
