@@ -114,6 +114,26 @@ TEST_F(Keeper, RefusesASettingByItsNameAndGoesOn) {
   EXPECT_TRUE(ask("restore", "restored").at("notes").empty());
 }
 
+TEST_F(Keeper, HasNothingLeftOfAnotherWishThatWasNotTakenBack) {
+  if (geteuid() != 0) GTEST_SKIP() << "groups are made by root alone";
+  const auto isolate = [&](const std::string& host, int weight) {
+    const auto wish = to_json(isolation::Wish{.cpus = "", .load_weight = weight});
+    return ask("isolate", "isolated", {{"host", host}, {"link", nullptr}, {"wish", wish}}).value("error", "");
+  };
+  if (const auto why = isolate("controller", 10); !why.empty()) GTEST_SKIP() << why;
+  EXPECT_EQ(isolate("component", 10), "") << "the same of each host of a machine";
+  ask("begin", "begun");
+  const auto before = ask("end", "ended").at("isolation");
+  EXPECT_EQ(before.at("controller"), before.at("component"));
+  EXPECT_EQ(isolate("component", 20), "");
+  ask("begin", "begun");
+  const auto now = ask("end", "ended").at("isolation");
+  EXPECT_FALSE(now.contains("controller"));
+  EXPECT_NE(now.at("component")[0].at("now"), before.at("component")[0].at("now"));
+  EXPECT_EQ(now.at("component")[0].at("now"), now.at("component")[0].at("after"));
+  EXPECT_TRUE(ask("restore", "restored").at("notes").empty());
+}
+
 TEST_F(Keeper, GoesOnWithoutALinkThatItCannotCount) {
   const auto answer = ask("link", "linked",
                           {{"host", "controller"},

@@ -9,7 +9,6 @@
 #include <utility>
 
 #include <fmt/format.h>
-#include <fmt/ranges.h>
 
 #include "campaign/deploy.hpp"
 #include "campaign/kernel.hpp"
@@ -252,9 +251,10 @@ void Machines::warn(const Together& runs) {
   }
 }
 
-void Machines::tune(const Together& runs) {
+std::vector<std::string> Machines::tune(const Together& runs) {
   const auto& run = runs.front();  // it is of machines, and the same for all
-  if (run.kernel.empty() && !run.isolation.any()) return;
+  std::vector<std::string> shared;
+  if (run.kernel.empty() && !run.isolation.any()) return shared;
   warn(runs);
   tuned_ = true;
   // A command of any kind may have traffic run where our groups do not reach, as in a container.
@@ -273,26 +273,31 @@ void Machines::tune(const Together& runs) {
                          {"network_namespace", netns.value_or("")},
                          {"peer", asks ? without_port(hosts_.components.front().host.address) : ""},
                          {"address", without_port(where.address)}};
-      if (run.isolation.any()) isolate(machine, host, run, link);
+      if (run.isolation.any())
+        if (auto text = isolate(machine, host, run, link); !text.empty()) shared.push_back(std::move(text));
       if (run.kernel.empty()) continue;
       const auto tuned =
           ask(machine, "tune", "tuned", {{"host", host}, {"link", link}, {"wishes", run.kernel}});
       if (tuned.contains("error"))
         throw Error(3, fmt::format("on the {}, {}", host, tuned.at("error").get<std::string>()));
     }
+  return shared;
 }
 
-void Machines::isolate(const Machine& machine, const std::string& host, const Run& run, const json& link) {
+std::string Machines::isolate(const Machine& machine, const std::string& host, const Run& run,
+                              const json& link) {
   const auto isolated = ask(machine, "isolate", "isolated",
                             {{"host", host}, {"link", link}, {"wish", keeper::to_json(run.isolation)}});
   if (isolated.contains("error"))
     throw Error(3, fmt::format("on the {}, {}", host, isolated.at("error").get<std::string>()));
-  const auto stay = isolated.at("stay").get<std::vector<std::string>>();
-  if (stay.empty() || !warned_.insert(host + run.isolation.cpus).second) return;
-  observer_.note(
-      fmt::format("isolation: on the {}, others may run on CPUs {} all the same, as they were given CPUs of "
-                  "their own: {}",
-                  host, run.isolation.cpus, fmt::join(stay, ", ")));
+  const std::string stay = isolated.at("stay");
+  if (stay.empty()) return "";
+  auto text = fmt::format(
+      "isolation: on the {}, others may run on CPUs {} all the same, as they were given CPUs of their own: "
+      "{}",
+      host, run.isolation.cpus, stay);
+  if (warned_.insert(host + run.isolation.cpus).second) observer_.note(text);
+  return text;
 }
 
 void Machines::keep(const std::string& host, pid_t process) const {

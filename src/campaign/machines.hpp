@@ -37,7 +37,9 @@ class Machines {
 
   // For what is measured at one time: the settings of the kernels and the CPUs that are kept, its load, its
   // links and its traffic, and the account of what each machine did between begin() and end().
-  void tune(const Together&);  // throws Error, with nothing changed, where a machine lacks what is asked for
+  // Returns what their records are to say of who has kept CPUs all the same. Throws Error, with nothing
+  // changed, where a machine lacks what is asked for.
+  std::vector<std::string> tune(const Together&);
   // That process on the host's machine has the CPUs that tune() kept. Throws Error.
   void keep(const std::string& host, pid_t) const;
   void restore();  // tells what could not be given back
@@ -90,7 +92,7 @@ class Machines {
   bool has_ports() const;
   void account_of(const nlohmann::json& links, const nlohmann::json& traffic, Account&) const;
   void warn(const Together&);
-  void isolate(const Machine&, const std::string& host, const Run&, const nlohmann::json& link);
+  std::string isolate(const Machine&, const std::string& host, const Run&, const nlohmann::json& link);
   const Machine& machine_of(const std::string& host) const;
   std::vector<std::string> from_who_serves() const;
   void add(const std::string& host, const Host&);

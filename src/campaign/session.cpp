@@ -60,7 +60,8 @@ roundtrip::Counters Session::counters() const {
 }
 
 std::vector<json> Session::measure(std::chrono::nanoseconds wait) {
-  machines_.tune(runs_);
+  for (const auto& text : machines_.tune(runs_))
+    for (const auto& pair : pairs_) writer_.note(pair->number(), {"cpus-shared", text, {}, {}});
   for (auto& pair : pairs_) pair->open();
   machines_.load(runs_);
   if (run_.explain) {

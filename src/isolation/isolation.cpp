@@ -257,19 +257,21 @@ std::vector<Isolation::State> Isolation::state() const {
   return all;
 }
 
-std::vector<std::string> Isolation::stay() const {
+std::string Isolation::stay() const {
+  if (wish_.cpus.empty()) return "";
   std::vector<std::string> names;
-  if (wish_.cpus.empty()) return names;
   const auto kept = list(wish_.cpus);
   const auto ours =
       ids_in(folder_of(robot) + (hierarchy_of("cpuset").unified ? "/cgroup.threads" : "/tasks"));
-  for (const auto& thread : threads())
+  auto all = threads();
+  std::stable_partition(all.begin(), all.end(), [](const Thread& one) { return !one.of_kernel; });
+  for (const auto& thread : all)
     // kthreadd does nothing but have the kernel's other threads.
     if (!(thread.of_kernel && (thread.bound || thread.name == "kthreadd")) && any_of(thread.cpus, kept) &&
         std::find(ours.begin(), ours.end(), thread.id) == ours.end())
       names.push_back(
           fmt::format("{} ({}, CPUs {})", thread.name, thread.id, realtime::list_of(thread.cpus)));
-  return names;
+  return some_of(names);
 }
 
 }  // namespace ontime::isolation

@@ -35,6 +35,7 @@ class Isolation {
  public:
   // Throws journal::Error, for people, and then nothing is changed.
   Isolation(journal::Journal&, const Wish&);
+  const Wish& wish() const { return wish_; }
   ~Isolation();
   Isolation(const Isolation&) = delete;
   Isolation& operator=(const Isolation&) = delete;
@@ -51,8 +52,9 @@ class Isolation {
     std::string setting, thing, before, after, now;  // "cpus", "everybody else": "0-1", "0", "0"
   };
   std::vector<State> state() const;
-  // The threads of others that may run on the kept CPUs all the same, but for the kernel's own of each CPU.
-  std::vector<std::string> stay() const;
+  // The threads of others that may run on the kept CPUs all the same, but for the kernel's own of each CPU:
+  // the first of them, for people; "": there are none.
+  std::string stay() const;
 
   // Before the end, which does the same. Returns what could not be given back, for people.
   std::vector<std::string> take_back();

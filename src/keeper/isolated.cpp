@@ -16,7 +16,8 @@ using nlohmann::json;
 json Isolated::apply(const json& order) {
   try {
     const auto wish = wish_of(order.at("wish"));
-    std::vector<std::string> stay;  // told once of a machine
+    if (isolation_ && isolation_->wish() != wish) take_back();  // of a run whose end was not told
+    std::string stay;                                           // told once of a machine
     if (!isolation_) stay = isolation_.emplace(journal_, wish).stay();
     Host host;
     if (wish.interrupts) {

@@ -14,8 +14,8 @@
 //   tune   {host, link, wishes}  tuned {settings} of a host, all of them applied, until restore; or {error},
 //                         and nothing is changed
 //   isolate {host, link, wish}
-//                         isolated {stay: what may run on the kept CPUs all the same, for people}, until
-//                         restore, before any tune; or {error}, and nothing is changed
+//                         isolated {stay: what may run on the kept CPUs all the same, for people, or ""},
+//                         until restore, or another wish, before any tune; or {error}, and nothing is changed
 //   keep   {pid}          kept {}, or {error}: that process has the kept CPUs
 //   restore {}            restored {notes}: what could not be given back
 //   load   {host, load}   loaded {}, or {error}: stress-ng for a host of that name, until unload

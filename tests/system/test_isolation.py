@@ -110,13 +110,13 @@ class Isolation(unittest.TestCase):
         return subprocess.run([ONTIME, *arguments], capture_output=True, text=True, timeout=120)
 
     def scenario(self, duration, kept=KEPT):
+        return self.written(SCENARIO % (duration, kept))
+
+    def written(self, text):
         path = os.path.join(self.folder, "scenario.yaml")
-        pathlib.Path(path).write_text(SCENARIO % (duration, kept))
+        pathlib.Path(path).write_text(text)
         return path
 
-    def isolated_run(self):
-        process = subprocess.Popen([ONTIME, "run", self.scenario("1 h"), "--results", self.results],
-                                   stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     def placed(self, place, isolation):
         """A run of ends that are wherever that command has them."""
         return self.ontime("run", self.written(PLACES % (place, place, isolation)), "--results", self.results)
@@ -124,6 +124,9 @@ class Isolation(unittest.TestCase):
     def report(self):
         return json.loads(self.ontime("report", self.results, "--format", "json").stdout)["runs"]
 
+    def isolated_run(self):
+        process = subprocess.Popen([ONTIME, "run", self.scenario("1 h"), "--results", self.results],
+                                   stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
         self.addCleanup(lambda: (process.kill(), process.communicate()))
         self.assertTrue(eventually(lambda: len(named("iperf3")) >= 2 and named("stress-ng") and len(agents()) == 2, 60))
         return process
@@ -159,6 +162,15 @@ class Isolation(unittest.TestCase):
             self.assertEqual((group / "cpu.cfs_quota_us").read_text(), "30000\n")
             self.assertEqual((group / "cpu.shares").read_text(), "102\n")
         self.assertEqual(int(WORK.read_text().replace(",", ""), 16), sum(1 << cpu for cpu in REST))
+        cpusets, unified = hierarchy("cpuset")
+        if not unified:
+            other = cpusets / "test-of-ontime"
+            other.mkdir()
+            try:
+                with self.assertRaises(OSError, msg="nobody gives them to a group of his"):
+                    (other / "cpuset.cpus").write_text(KEPT)
+            finally:
+                other.rmdir()
         process.send_signal(signal.SIGINT)
         process.communicate(timeout=60)
         self.assertEqual(process.returncode, 130)
@@ -170,13 +182,28 @@ class Isolation(unittest.TestCase):
         self.assert_given_back()
         self.assertIn(f"CPUs {KEPT} kept, interrupts elsewhere, load and traffic with 30 % of a CPU",
                       " ".join(answer.stdout.split()))
-        run = json.loads(self.ontime("report", self.results, "--format", "json").stdout)["runs"][0]
+        run = self.report()[0]
         self.assertEqual(run["conditions"]["isolation"]["cpus"], KEPT)
         for host in ("controller", "component"):
             said = run["hosts"][host]["isolation"]
             self.assertEqual({one["setting"] for one in said}, {"cpus", "workqueue-cpus", "load-quota", "load-weight"})
             for one in said:
                 self.assertEqual(one["now"], one["after"], one)
+
+    @unittest.skipIf(hierarchy("cpuset")[1], "version 2 keeps everybody off, or refuses")
+    def test_who_may_run_on_kept_cpus_all_the_same_is_in_the_record(self):
+        stays = subprocess.Popen(["taskset", "--cpu-list", KEPT, "sleep", "1000"])
+        self.addCleanup(lambda: stays.kill() or stays.wait())
+        self.assertTrue(eventually(lambda: cpus(stays.pid) == {KEPT}, 30))
+        answer = self.ontime("run", self.scenario("300 ms"), "--results", self.results)
+        self.assertEqual(answer.returncode, 0, answer.stderr)
+        notes = [note["text"] for note in self.report()[0]["notes"] if note["kind"] == "cpus-shared"]
+        self.assertEqual(len(notes), 1, "both ends are on one machine")
+        self.assertIn(f"others may run on CPUs {KEPT} all the same", notes[0])
+        self.assertIn(f"sleep ({stays.pid}, CPUs {KEPT})", notes[0])
+        self.assertNotIn(f"({self.pinned.pid}, ", notes[0])
+        self.assertEqual(cpus(stays.pid), {KEPT})
+        self.assert_given_back()
 
     def test_killed_it_is_given_back_by_the_next(self):
         for by in ("keeper", "next start"):
@@ -216,9 +243,6 @@ class Isolation(unittest.TestCase):
             other.rmdir()
         self.assert_given_back()
 
-
-if __name__ == "__main__":
-    unittest.main()
     @unittest.skipIf(hierarchy("cpuset")[1], "version 2 keeps everybody off, or refuses")
     def test_cpus_that_everybody_was_started_with_are_refused_where_these_are_not_all(self):
         first = str(CPUS[0])
@@ -247,3 +271,6 @@ if __name__ == "__main__":
         self.assertIn("live in a PID namespace of its own", answer.stderr)
         self.assert_given_back()
 
+
+if __name__ == "__main__":
+    unittest.main()
