@@ -74,6 +74,9 @@ void remove_group(const std::string& what) {
   const auto root = hierarchy_of(what.substr(0, what.find('/')));
   const bool is_cpuset = what.starts_with("cpuset/");
   const auto* const list = root.unified ? "/cgroup.procs" : "/tasks";
+  // A group's end is completed by the kernel some time later, and only then would all have its CPUs again.
+  if (const auto partition = folder + "/cpuset.cpus.partition"; is_cpuset && read_file(partition))
+    write_file(partition, "member");
   for (int i = 0; i < tries; ++i) {
     for (const auto id : ids_in(folder + list))
       if (is_cpuset && !root.unified)
