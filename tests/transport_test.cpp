@@ -127,6 +127,16 @@ TEST(Load, FollowsNoEnvironmentWithPrivileges) {
   EXPECT_EQ(status, 0) << said;
 }
 
+TEST(Dds, SaysWhyNobodyMayHaveBeenSeen) {
+  Config config;
+  EXPECT_EQ(dds::others_without_our_topics(config, 0, {}), "");
+  config.security.emplace();
+  EXPECT_THAT(dds::others_without_our_topics(config, 0, {}),
+              testing::ContainsRegex("firewall.*; or: DDS Security lets in only"));
+  EXPECT_THAT(dds::others_without_our_topics(config, 1, {}),
+              testing::ContainsRegex("1 other DDS participant.*; DDS Security lets in only"));
+}
+
 // And looks at the moment: that of the datagram which this thread was handed, and not an earlier one.
 class KeepTimed final : public Keep {
  public:

@@ -184,9 +184,15 @@ std::string other_type(const std::string& topic, const std::string& type) {
 
 std::string others_without_our_topics(const Config& config, std::size_t participants, Matched matched) {
   if (matched.both()) return {};
-  // Of whom it does not let in a middleware says nothing else.
   const char* const let_in = "DDS Security lets in only who has it too, with a certificate of our authority";
-  if (participants == 0) return config.security ? let_in : others_elsewhere(config);
+  if (participants == 0) {
+    std::string text = others_elsewhere(config);
+    if (!config.security) return text;
+    // Of whom it does not let in a middleware says no more than of whom it never heard.
+    if (text.empty())
+      text = "no other DDS participant, for which another link or a firewall may be the reason";
+    return text.append("; or: ").append(let_in);
+  }
   std::string text = std::to_string(participants) + " other DDS participant" +
                      (participants == 1 ? "" : "s") + " in domain " + std::to_string(config.domain);
   if (matched.readers == 0) text += ", nobody who reads " + topic_written(config);
