@@ -3,10 +3,14 @@
 // to each payload what was asked, as the wire shows.
 #include <algorithm>
 #include <array>
+#include <ctime>
+#include <memory>
 
 #include <gmock/gmock.h>
 #include <linux/if_ether.h>
 #include <netinet/in.h>
+#include <openssl/pem.h>
+#include <openssl/x509.h>
 #include <sys/socket.h>
 #include <unistd.h>
 
@@ -148,6 +152,20 @@ TEST(Security, IdentitiesAreOfOneAuthorityAndHaveAKeyEach) {
   EXPECT_THAT(other.governance, testing::HasSubstr("<data_protection_kind>SIGN<"));
   EXPECT_THAT(other.permissions, testing::HasSubstr("CN=component"));
   EXPECT_NE(Authority().identity("controller", Level::sign, 7).identity_ca, one.identity_ca);
+}
+
+TEST(Security, IdentitiesHoldByAClockThatWasNeverSet) {
+  const auto identity = Authority().identity("controller", Level::sign, 0);
+  EXPECT_THAT(identity.permissions, testing::HasSubstr("<not_before>1970-01-01T00:00:00<"));
+  for (const auto& text : {identity.identity_ca, identity.identity_certificate}) {
+    const std::unique_ptr<BIO, decltype(&BIO_free)> bytes(
+        BIO_new_mem_buf(text.data(), static_cast<int>(text.size())), BIO_free);
+    const std::unique_ptr<X509, decltype(&X509_free)> certificate(
+        PEM_read_bio_X509(bytes.get(), nullptr, nullptr, nullptr), X509_free);
+    std::time_t just_booted = 1;
+    EXPECT_LT(X509_cmp_time(X509_get0_notBefore(certificate.get()), &just_booted), 0);
+    EXPECT_GT(X509_cmp_time(X509_get0_notAfter(certificate.get()), &just_booted), 0);
+  }
 }
 
 TEST(Security, LevelsHaveTheFieldsWords) {

@@ -24,9 +24,10 @@ constexpr std::array<Word, 4> words{{{Level::off, "off", "NONE"},
                                      {Level::sign, "sign", "SIGN"},
                                      {Level::encrypt, "encrypt", "ENCRYPT"}}};
 
-// As long as any clock of a robot may say that it is: the keys are gone with the run.
-constexpr const char *begin = "20000101000000Z", *end = "20491231235959Z";
-constexpr const char *begin_of_permissions = "2000-01-01T00:00:00",
+// As long as any clock of a robot may say that it is, also one that was never set: the keys are gone with the
+// run.
+constexpr const char *begin = "19700101000000Z", *end = "20491231235959Z";
+constexpr const char *begin_of_permissions = "1970-01-01T00:00:00",
                      *end_of_permissions = "2037-12-31T23:59:59";
 
 template <auto free>
