@@ -330,6 +330,21 @@ TEST_F(Components, OverUdpHaveAddressesOfTheirOwn) {
   EXPECT_EQ(of("cyclonedds"), "no error") << "it has topics";
 }
 
+TEST_F(Components, OverXdpWouldShareAQueueAtTheController) {
+  const auto of = [this](const std::string& components, const std::string& keys) {
+    return error("components: " + components + "\nruns: [{id: a, " + keys + "}]\n");
+  };
+  EXPECT_THAT(of("[arm, base]", "transport: xdp"),
+              AllOf(HasSubstr(":2:8: run 'a'"), HasSubstr("over xdp arm and base would share a queue"),
+                    HasSubstr("ethernet")));
+  EXPECT_THAT(of("[arm, base, leg]", "transport: xdp, base: {transport: udp}"),
+              HasSubstr("over xdp arm and leg"));
+  EXPECT_EQ(of("[arm]", "transport: xdp"), "no error");
+  EXPECT_EQ(of("[arm, base]", "transport: xdp, base: {transport: ethernet}"), "no error");
+  EXPECT_EQ(of("[arm, base]", "transport: ethernet, component: {transport: xdp}"), "no error")
+      << "on a link each";
+}
+
 TEST_F(Components, WithoutThatNameAreNowhere) {
   const auto hosts = read("components: [arm, base]" + runs).hosts;
   EXPECT_THROW(hosts.at("component"), std::out_of_range);

@@ -426,6 +426,7 @@ class File {
     try {
       const auto all = together(run, scenario_.hosts);
       check_addresses(all);
+      check_queues(all);
     } catch (const std::invalid_argument& error) {
       fail(node, fmt::format("run '{}': {}", id, error.what()));
     }
@@ -513,6 +514,22 @@ class File {
       const auto& address = scenario_.hosts.at(run.component).address;
       if (run.task.transport == "udp") check(of_udp, "over udp", address, run);
       if (run.traffic.bits_per_s > 0) check(of_traffic, "with traffic", without_port(address), run);
+    }
+  }
+
+  // The controller's ends of all are on one interface, of which each would take the queue and the place of an
+  // XDP program.
+  static void check_queues(const Together& all) {
+    const Run* first = nullptr;
+    for (const auto& run : all) {
+      if (!is_past_the_kernel(run.task.transport)) continue;
+      if (first != nullptr)
+        throw std::invalid_argument(
+            fmt::format("over xdp {} and {} would share a queue at the controller, and each end takes one "
+                        "for itself: take "
+                        "ethernet for all but one",
+                        first->component, run.component));
+      first = &run;
     }
   }
 
