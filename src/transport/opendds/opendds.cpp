@@ -293,6 +293,7 @@ class OpenEndpoint final : public Endpoint {
   // Before anything is opened, so that what is gets closed wherever a constructor fails.
   OpenEndpoint(const Config& config, Sink& sink, std::shared_ptr<SharedParticipant> participant);
   void open_ends(Log& log);
+  void close_ends();
   void open_writer(Log& log);
   void open_reader(Log& log);
   void take_all(type::RoundTrip_DataReader& reader) noexcept;
@@ -385,6 +386,7 @@ OpenEndpoint::OpenEndpoint(const Config& config, Sink& sink) : OpenEndpoint(conf
     open_ends(log);
   } catch (const Error&) {
     if (!participant_->leave_data_port_to_kernel()) throw;
+    close_ends();
     open_ends(log);
   }
   participant_->note_transport_threads(before);
@@ -399,18 +401,7 @@ OpenEndpoint::OpenEndpoint(const Config& config, Sink& sink, const OpenEndpoint&
 
 OpenEndpoint::~OpenEndpoint() {
   calls_->end();
-  if (reader_ != nullptr) {
-    reader_->set_listener(nullptr, 0);
-    if (data_ != nullptr) {
-      waitset_->detach_condition(data_);
-      reader_->delete_readcondition(data_);
-    }
-    subscriber_->delete_datareader(reader_);
-  }
-  if (writer_ != nullptr) {
-    writer_->set_listener(nullptr, 0);
-    publisher_->delete_datawriter(writer_);
-  }
+  close_ends();
 }
 
 std::unique_ptr<Endpoint> OpenEndpoint::beside(const Config& config, Sink& sink, Where where) {
@@ -425,6 +416,23 @@ void OpenEndpoint::open_ends(Log& log) {
     throw Error("opendds: cannot register the type " + std::string(message::type_name));
   open_writer(log);  // before the reader, whose listener may call send() at once
   open_reader(log);
+}
+
+void OpenEndpoint::close_ends() {
+  if (reader_ != nullptr) {
+    reader_->set_listener(nullptr, 0);
+    if (data_ != nullptr) {
+      waitset_->detach_condition(data_);
+      reader_->delete_readcondition(data_);
+    }
+    subscriber_->delete_datareader(reader_);
+    reader_ = nullptr;
+  }
+  if (writer_ != nullptr) {
+    writer_->set_listener(nullptr, 0);
+    publisher_->delete_datawriter(writer_);
+    writer_ = nullptr;
+  }
 }
 
 void OpenEndpoint::open_writer(Log& log) {
