@@ -3,14 +3,13 @@
 
 #include <algorithm>
 #include <cerrno>
-#include <chrono>
 #include <filesystem>
 #include <fstream>
 #include <memory>
+#include <optional>
 #include <set>
 #include <sstream>
 #include <system_error>
-#include <thread>
 
 #include <arpa/inet.h>
 #include <ifaddrs.h>
@@ -19,23 +18,21 @@
 #include <sys/socket.h>
 #include <sys/stat.h>
 
-#include "transport/clock.hpp"
+#include "transport/await_running.hpp"
 #include "transport/dds.hpp"
 
 namespace ontime::transport::dds {
 namespace {
 
-enum class Link { absent, down, running };
-
-Link link_of(const std::string& interface, const std::string& address) {
+std::optional<unsigned> flags_of(const std::string& interface, const std::string& address) {
   ifaddrs* list = nullptr;
-  if (getifaddrs(&list) != 0) return Link::absent;
+  if (getifaddrs(&list) != 0) return {};
   const std::unique_ptr<ifaddrs, decltype(&freeifaddrs)> owner(list, freeifaddrs);
   for (const ifaddrs* entry = list; entry != nullptr; entry = entry->ifa_next)
     if (entry->ifa_name == interface && entry->ifa_addr != nullptr && entry->ifa_addr->sa_family == AF_INET &&
         text_of(*reinterpret_cast<const sockaddr_in*>(entry->ifa_addr)) == address)
-      return (entry->ifa_flags & IFF_RUNNING) != 0 ? Link::running : Link::down;
-  return Link::absent;
+      return entry->ifa_flags;
+  return {};
 }
 
 // The interfaces on which somebody of this host has joined RTPS's multicast group, which all domains share.
@@ -82,19 +79,18 @@ bool others_listen(int domain) {
 
 }  // namespace
 
-// The kernel tells up to a second late that a new link runs, and Fast DDS stays mute on one that does not.
+// Fast DDS stays mute on a link that does not run.
 void check_link(const Config& config, const std::string& transport) {
   const std::string& interface = config.interface;
-  const std::int64_t end_ns = now_ns() + 3'000'000'000;
-  Link link = link_of(interface, config.address);
-  for (; link == Link::down && now_ns() < end_ns; link = link_of(interface, config.address))
-    std::this_thread::sleep_for(std::chrono::milliseconds(10));
-  if (link == Link::running) return;
-  throw Error(transport + ": " +
-              (link == Link::down
-                   ? "the interface " + interface + " is down or has no carrier; see \"ip link\""
-                   : "this host has no interface " + interface + " with address " + config.address +
-                         "; see \"ip address\""));
+  switch (await_running([&] { return flags_of(interface, config.address); })) {
+    case LinkState::absent:
+      throw Error(transport + ": this host has no interface " + interface + " with address " +
+                  config.address + "; see \"ip address\"");
+    case LinkState::down:
+      throw Error(transport + ": the interface " + interface + " is down or has no carrier; see \"ip link\"");
+    case LinkState::running:
+      break;
+  }
 }
 
 Sockets sockets() {

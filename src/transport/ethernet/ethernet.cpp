@@ -11,7 +11,7 @@
 #include <sys/mman.h>
 #include <sys/socket.h>
 
-#include "transport/ethernet/frames.hpp"
+#include "transport/frames.hpp"
 #include "transport/launch.hpp"
 
 namespace ontime::transport {

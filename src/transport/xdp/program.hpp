@@ -4,7 +4,7 @@
 
 #include <cstdint>
 
-#include "transport/ethernet/frames.hpp"
+#include "transport/frames.hpp"
 
 namespace ontime::transport::xdp {
 

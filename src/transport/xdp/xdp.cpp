@@ -17,7 +17,7 @@
 #include <xdp/libxdp.h>
 #include <xdp/xsk.h>
 
-#include "transport/ethernet/frames.hpp"
+#include "transport/frames.hpp"
 #include "transport/xdp/program.hpp"
 
 namespace ontime::transport::xdp {

@@ -1,9 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "transport/ethernet/frames.hpp"
+#include "transport/frames.hpp"
 
 #include <algorithm>
 #include <cerrno>
 #include <memory>
+#include <optional>
 #include <system_error>
 
 #include <arpa/inet.h>
@@ -19,6 +20,8 @@
 #include <sys/ioctl.h>
 #include <sys/socket.h>
 #include <sys/utsname.h>
+
+#include "transport/await_running.hpp"
 
 namespace ontime::transport::frames {
 namespace {
@@ -42,20 +45,10 @@ class Asked {
   ifreq request_{};
 };
 
-enum class State { absent, down, running };
-
-// The kernel tells up to a second late that a new link runs.
-State state_of(const std::string& name) {
-  const std::int64_t end_ns = now_ns() + 3'000'000'000;
-  while (true) {
-    Asked asked(name);
-    const auto* const flags = asked(SIOCGIFFLAGS);
-    if (flags == nullptr) return State::absent;
-    const int both = IFF_UP | IFF_RUNNING;
-    if ((flags->ifr_flags & both) == both) return State::running;
-    if ((flags->ifr_flags & IFF_UP) == 0 || now_ns() > end_ns) return State::down;
-    std::this_thread::sleep_for(std::chrono::milliseconds(10));
-  }
+std::optional<unsigned> flags_of(const std::string& name) {
+  Asked asked(name);
+  if (const auto* const found = asked(SIOCGIFFLAGS)) return static_cast<unsigned short>(found->ifr_flags);
+  return {};
 }
 
 std::vector<in_addr_t> addresses_of(const std::string& name) {
@@ -101,13 +94,13 @@ Link link_of(const Config& config, const std::string& who, std::size_t most_byte
                                  who, config.ping_topic));
   if (config.interface.size() >= IFNAMSIZ)
     throw WrongInput(fmt::format("{}: '{}' is too long for an interface", who, config.interface));
-  switch (state_of(config.interface)) {
-    case State::absent:
+  switch (await_running([&] { return flags_of(config.interface); })) {
+    case LinkState::absent:
       throw Error(fmt::format("{}: this host has no interface {}; see \"ip link\"", who, config.interface));
-    case State::down:
+    case LinkState::down:
       throw Error(fmt::format("{}: the interface {} is down or has no carrier; see \"ip link\"", who,
                               config.interface));
-    case State::running:
+    case LinkState::running:
       break;
   }
   Link link{.name = config.interface, .addresses = addresses_of(config.interface)};
