@@ -1,13 +1,18 @@
 // SPDX-License-Identifier: Apache-2.0
 // Transports below IP, over a veth pair of the test's own.
+#include <algorithm>
 #include <array>
 #include <atomic>
+#include <functional>
+#include <initializer_list>
 #include <mutex>
 #include <thread>
 
+#include <fcntl.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <linux/bpf.h>
+#include <linux/capability.h>
 #include <linux/if_link.h>
 #include <net/if.h>
 #include <sys/syscall.h>
@@ -50,6 +55,31 @@ class BelowIp : public testing::TestWithParam<const char*> {
       return failure.what();
     }
     return "none";
+  }
+  // Of a process that gave up rights of its own.
+  std::string error_without(const std::function<bool()>& give_up) {
+    const auto& plugin = load(GetParam());  // nobody may look into our folders
+    config.interface = "far";
+    config.role = Role::server;
+    std::array<int, 2> pipe{};
+    EXPECT_EQ(pipe2(pipe.data(), O_CLOEXEC), 0);
+    const pid_t child = fork();
+    if (child == 0) {
+      std::string said = "none";
+      try {
+        if (!give_up()) said = "it could not";
+        plugin.open(config, keep);
+      } catch (const Error& failure) {
+        said = failure.what();
+      }
+      _exit(write(pipe[1], said.data(), said.size()) < 0 ? 1 : 0);
+    }
+    close(pipe[1]);
+    std::array<char, 1000> said{};
+    const auto bytes = read(pipe[0], said.data(), said.size());
+    close(pipe[0]);
+    waitpid(child, nullptr, 0);
+    return {said.data(), static_cast<std::size_t>(std::max<ssize_t>(bytes, 0))};
   }
   Config config;
   Keep keep;
@@ -232,22 +262,8 @@ TEST_P(BelowIp, SaysWhatIsWrongAtOpening) {
 }
 
 TEST_P(BelowIp, SaysWhatPermissionItWants) {
-  const auto& plugin = load(GetParam());  // nobody may look into our folders
-  config.interface = "far";
-  config.role = Role::server;
-  const pid_t child = fork();
-  if (child == 0) {
-    std::string text;
-    try {
-      if (setuid(65534) == 0) plugin.open(config, keep);
-    } catch (const Error& failure) {
-      text = failure.what();
-    }
-    _exit(text.find("CAP_NET_RAW") != text.npos && text.find("root") != text.npos ? 0 : 1);
-  }
-  int status = -1;
-  waitpid(child, &status, 0);
-  EXPECT_EQ(status, 0);
+  EXPECT_THAT(error_without([] { return setuid(65534) == 0; }),
+              AllOf(HasSubstr("no"), HasSubstr("socket"), HasSubstr("root"), HasSubstr("CAP_NET_RAW")));
 }
 
 TEST_P(BelowIp, FindsTheOtherOfTheTwo) {
@@ -351,6 +367,51 @@ TEST_P(Xdp, LeavesSomebodyElsesProgramAlone) {
   close(static_cast<int>(program));
   EXPECT_TRUE(within(a_while, [] { return !has_program("far"); }));
   EXPECT_EQ(error(Role::server), "none");
+}
+
+bool keep_only(std::initializer_list<unsigned> capabilities) {
+  __user_cap_header_struct head{.version = _LINUX_CAPABILITY_VERSION_3, .pid = 0};
+  std::array<__user_cap_data_struct, 2> kept{};
+  for (const unsigned one : capabilities) {
+    kept.at(one / 32).effective |= 1U << one % 32;
+    kept.at(one / 32).permitted |= 1U << one % 32;
+  }
+  return syscall(SYS_capset, &head, kept.data()) == 0;
+}
+
+// The socket is to be had then, and what comes after it is not.
+TEST_P(Xdp, SaysWhatPermissionItWantsBesideThatOfTheSocket) {
+  const auto wants =
+      AllOf(HasSubstr("this process may have no"), HasSubstr("root"), HasSubstr("CAP_NET_ADMIN and CAP_BPF"));
+  EXPECT_THAT(error_without([] {
+                return keep_only({CAP_IPC_LOCK, CAP_NET_RAW});
+              }),
+              AllOf(wants, HasSubstr("map of sockets")));
+  EXPECT_THAT(error_without([] {
+                return keep_only({CAP_IPC_LOCK, CAP_NET_RAW, CAP_BPF});
+              }),
+              AllOf(wants, HasSubstr("map of sockets")));
+  EXPECT_THAT(error_without([] { return keep_only({CAP_IPC_LOCK, CAP_NET_RAW, CAP_NET_ADMIN}); }), wants);
+  EXPECT_EQ(error_without([] {
+              return keep_only({CAP_IPC_LOCK, CAP_NET_RAW, CAP_NET_ADMIN, CAP_BPF});
+            }),
+            "none");
+}
+
+// What the kernel has taken and could not send goes when it can: it was not refused.
+TEST_P(Xdp, SendsWhatALinkThatWasDownKept) {
+  Echo echo;
+  const auto server = open(Role::server, echo);
+  echo.endpoint = server.get();
+  const auto client = open(Role::client, keep);
+  ASSERT_TRUE(within(a_while, [&] { return client->matched().both(); }));
+  OwnLink::ip("link set near down");
+  const std::vector<std::byte> payload(500);
+  for (std::uint64_t i = 1; i <= 10; ++i) EXPECT_TRUE(client->send(i, payload)) << i;
+  EXPECT_EQ(echo.arrivals, 0);
+  OwnLink::ip("link set near up");
+  EXPECT_TRUE(client->send(11, payload));
+  EXPECT_TRUE(within(a_while, [&] { return keep.arrivals == 11; })) << keep.arrivals;
 }
 
 TEST_P(Xdp, IsNotForLoopback) {

@@ -77,7 +77,7 @@ int load_program(int map, std::uint64_t topic) {
 
 [[noreturn]] void fail(const std::string& what, int error) {
   if (error == EPERM || error == EACCES)
-    throw Error(fmt::format("xdp: this process may not have {}: {}", what, wants_permission));
+    throw Error(fmt::format("xdp: this process may have no {}: {}", what, wants_permission));
   throw Error(fmt::format("xdp: no {}: {}", what, std::generic_category().message(error)));
 }
 

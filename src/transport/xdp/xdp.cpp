@@ -106,11 +106,10 @@ class Queue {
     if (xsk_ring_prod__reserve(&sending_, 1, &at) == 0) return ENOBUFS;
     *xsk_ring_prod__tx_desc(&sending_, at) = {free_[--free_count_], static_cast<std::uint32_t>(bytes), 0};
     xsk_ring_prod__submit(&sending_, 1);
-    for (int attempt = 0; xsk_ring_prod__needs_wakeup(&sending_); ++attempt) {
-      if (sendto(fd(), nullptr, 0, MSG_DONTWAIT, nullptr, 0) >= 0) return 0;
-      const bool again = errno == EAGAIN || errno == EBUSY || errno == ENOBUFS;
-      if (!again) return errno;
-      if (attempt == attempts) return 0;  // it is queued, and goes with the next at the latest
+    // It is the kernel's now, whatever that says, and goes at the latest with the next that the link takes.
+    for (int attempt = 0; attempt <= attempts && xsk_ring_prod__needs_wakeup(&sending_); ++attempt) {
+      if (sendto(fd(), nullptr, 0, MSG_DONTWAIT, nullptr, 0) >= 0) break;
+      if (errno != EAGAIN && errno != EBUSY && errno != ENOBUFS) break;
     }
     return 0;
   }
