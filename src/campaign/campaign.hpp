@@ -148,6 +148,7 @@ struct Hosts {
   // Brought to hosts that are reached by ssh: this program, with these transports. Nothing: it is there.
   std::optional<std::set<std::string>> deploy;
 };
+const char* word_of(Hosts::Kind);  // alone: ""
 // Those that are measured at one time: a run, or one for each of several components.
 using Together = std::vector<Run>;
 Together together(const Run&, const Hosts&);

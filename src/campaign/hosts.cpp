@@ -222,6 +222,20 @@ void lay_wire(const std::string& file, const YAML::Node& node, Hosts& hosts) {
   }
 }
 
+const char* word_of(Hosts::Kind kind) {
+  switch (kind) {
+    case Hosts::Kind::namespaces:
+      return "namespaces";
+    case Hosts::Kind::loopback:
+      return "loopback";
+    case Hosts::Kind::stated:
+      return "stated";
+    case Hosts::Kind::alone:
+      break;
+  }
+  return "";
+}
+
 void lay_cable(const std::string& file, const std::vector<std::string>& interfaces, Hosts& hosts) {
   if (hosts.kind != Hosts::Kind::namespaces || hosts.components.size() > 1)
     throw Error(2, fmt::format("--cable joins the two namespaces of hosts: namespaces with one component, "
