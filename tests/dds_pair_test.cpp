@@ -135,19 +135,17 @@ TEST_P(Dds, ServersOfOtherDomainsDoNotAnswer) {
 }
 
 TEST_P(Dds, APortThatSomebodyElseHasIsNoHindrance) {
-  Process serving([&](const auto& await_end) {
-    const int taken = socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC, 0);
-    sockaddr_in address{};
-    address.sin_family = AF_INET;
-    address.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
-    const int of_domain = dds::base_port + dds::ports_per_domain * free_domain();
-    address.sin_port =
-        htons(static_cast<std::uint16_t>(of_domain + 11));  // the first participant's, for data
-    require(bind(taken, reinterpret_cast<sockaddr*>(&address), sizeof address) == 0, "the port is not free");
-    serve(GetParam(), server(), await_end);
-  });
+  const int taken = socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC, 0);
+  sockaddr_in address{};
+  address.sin_family = AF_INET;
+  address.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
+  const int of_domain = dds::base_port + dds::ports_per_domain * free_domain();
+  address.sin_port = htons(static_cast<std::uint16_t>(of_domain + 11));  // the first participant's, for data
+  ASSERT_EQ(bind(taken, reinterpret_cast<sockaddr*>(&address), sizeof address), 0) << "the port is not free";
+  Process serving([&](const auto& await_end) { serve(GetParam(), server(), await_end); });
   EXPECT_EQ(in_own_process([&] { ask(GetParam(), client()); }), "");
   EXPECT_EQ(serving.finish(), "");
+  close(taken);
 }
 
 TEST_P(Dds, AnIncompatibleQosIsSeen) {

@@ -30,7 +30,7 @@ bool is_a_page(const std::string& path) {
 std::string write_page_beside(const std::string& results, const record::Reader& reader,
                               const std::vector<statistics::Summary>& summaries) {
   const bool is_usual = fs::path(results).extension() == ".ontime";  // "day.1" and "day.2" have a page each
-  const auto path = is_usual ? fs::path(results).replace_extension("html").string() : results + ".html";
+  auto path = is_usual ? fs::path(results).replace_extension("html").string() : results + ".html";
   std::error_code none;
   if (fs::exists(path, none) && !is_a_page(path))
     throw campaign::Error(
