@@ -25,6 +25,10 @@ class Neighbours : public ScenarioFile {
 TEST_F(Neighbours, AreNoneUnlessTopicsSaysHowMany) {
   EXPECT_EQ(read("runs: [{id: a, transport: udp}]\n").runs[0].task.neighbours.topics, 0);
   EXPECT_THAT(error(with("rate: 200 Hz")), HasSubstr("neighbours.topics says how many"));
+  EXPECT_THAT(error(with("rate: 100 Hz")), HasSubstr("neighbours.topics says how many"))
+      << "though it is usual";
+  EXPECT_THAT(error("runs: [{id: a, transport: cyclonedds, neighbours: 4}]\n"),
+              HasSubstr("neighbours: keys and values are needed here, such as neighbours: {topics: …}"));
 }
 
 TEST_F(Neighbours, AreAllThatWasSaid) {
@@ -55,6 +59,7 @@ TEST_F(Neighbours, ThatCannotBeAreRefusedWhereTheyStand) {
                                    {"topics: 1, rate: 200 kHz", "no rate of messages"},
                                    {"topics: 1, rate: -1 Hz", "no rate of messages"},
                                    {"topics: 1, payload: 2 GiB", "too large"},
+                                   {"topics: 100, payload: 16 MiB", "more than 1 GiB of memory"},
                                    {"topics: 1, where: beside", "is not one of same-participant"},
                                    {"topics: 1, direction: up", "is not one of both"},
                                    {"topics: 1, priority: 100", "from 1 to 99"},

@@ -311,7 +311,7 @@ TEST(Verdict, says_whether_messages_were_on_time) {
   EXPECT_EQ(bad.word, Verdict::Word::no);
   EXPECT_EQ(bad.sentence, "2 of 200 messages missed the deadline of 10 ms, and 1 was lost.");
   EXPECT_EQ(bad.further, "1 of 2 runs were without fault. The slowest answer took 12 ms (Test1.B, udp).");
-  EXPECT_EQ(verdict_of({judged(99, 0, 1)}).sentence, "1 of 100 messages were lost.");
+  EXPECT_EQ(verdict_of({judged(99, 0, 1)}).sentence, "1 of 100 messages was lost.");
 }
 
 TEST(Verdict, does_not_praise_what_hides_a_stall_or_was_cut_off) {
@@ -358,7 +358,7 @@ TEST(Verdict, is_no_yes_to_what_was_not_asked) {
 
 TEST(Verdict, in_a_line_says_what_its_yes_must_not_be_read_without) {
   EXPECT_EQ(verdict({judged(24'000, 0, 0)}), "All 24,000 messages came back within the deadline of 10 ms.");
-  EXPECT_EQ(verdict({judged(99, 0, 1)}), "1 of 100 messages were lost.");
+  EXPECT_EQ(verdict({judged(99, 0, 1)}), "1 of 100 messages was lost.");
   auto run = judged(5000, 0, 0);
   run.run.outcome["hosts"]["controller"]["load_running"] = false;
   EXPECT_THAT(verdict({run}), HasSubstr("Of 1 run: the load on the controller had died by the end."));

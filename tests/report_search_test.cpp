@@ -146,6 +146,10 @@ TEST(Plots, DrawEachSearchAsALineOfItsOwn) {
   auto arms = multi;
   arms.run.asked["component"] = "arm";
   multi.run.outcome["error"] = "no answer";
+  auto sizes = step(0, "1 kB", 0);
+  sizes.run.asked["search"]["key"] = "neighbours.payload";
+  EXPECT_THAT(gnuplot_of({sizes}, {Plot::Figure::neighbours}),
+              HasSubstr("cyclonedds neighbours.payload 1 kB'"));
   const auto text = gnuplot_of({single, multi, arms}, {Plot::Figure::neighbours});
   EXPECT_THAT(text, AllOf(HasSubstr("cyclonedds single'"), HasSubstr("cyclonedds multi'"),
                           HasSubstr("cyclonedds arm multi'")));

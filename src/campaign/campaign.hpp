@@ -79,12 +79,13 @@ struct Run {
   agent::Task task;  // the client's; the server's follows from it
   background::Workers controller_load, component_load;
   Traffic traffic;
-  bool explain = false;             // keep what the kernels did around late and lost messages
-  background::Faults faults;        // of either end
-  std::optional<Cut> cut;           // for which `faults` has to provide
-  settings::Wishes kernel;          // of both machines
-  isolation::Wish isolation;        // of both machines, for both ends
-  std::string component_transport;  // empty: as the controller's, with its options
+  bool describes_neighbours = false;  // said more of them than how many
+  bool explain = false;               // keep what the kernels did around late and lost messages
+  background::Faults faults;          // of either end
+  std::optional<Cut> cut;             // for which `faults` has to provide
+  settings::Wishes kernel;            // of both machines
+  isolation::Wish isolation;          // of both machines, for both ends
+  std::string component_transport;    // empty: as the controller's, with its options
   std::map<std::string, std::string> component_options;
   security::Level security = security::Level::off;  // of DDS, at both ends
   bool component_restart = false;                   // if it dies while the controller measures

@@ -388,6 +388,11 @@ void complete(Run& run) {
         "explain knows a component's threads by their numbers, of which one that is started again has "
         "others: leave "
         "out explain, or component.restart");
+  if (run.security != security::Level::off &&
+      (run.task.transport == "udp" || is_below_ip(run.task.transport)))
+    throw std::invalid_argument(
+        fmt::format("transport {} has no DDS Security; cyclonedds and fastdds have: leave out security",
+                    run.task.transport));
   if (run.security != security::Level::off && !run.component_transport.empty() &&
       run.component_transport != run.task.transport)
     throw std::invalid_argument(fmt::format(

@@ -1,5 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // What can be said of ordinary topics beside the critical one.
+#include <cstdint>
+
 #include <fmt/ranges.h>
 
 #include "campaign/keys.hpp"
@@ -18,13 +20,12 @@ constexpr const char* places =
 
 bool is_of_ros2(roundtrip::Where where) { return where < roundtrip::Where::same_participant; }
 
-// Whether any of it was said.
-bool is_described(const NeighbourOptions& options) {
-  const NeighbourOptions none;
-  return options.where != none.where || options.payload_bytes != none.payload_bytes ||
-         options.period != none.period || options.reliability != none.reliability ||
-         options.there != none.there || options.back != none.back || options.priority != none.priority ||
-         options.callback != none.callback;
+constexpr std::uint64_t most_kept_bytes = std::uint64_t{1} << 30;  // of all their topics, at each end
+constexpr std::uint64_t depth = 10;                                // of each topic, as docs/scenario.md says
+
+NeighbourOptions& described(Run& run) {
+  run.describes_neighbours = true;
+  return run.task.neighbours;
 }
 
 // What only a transport with nodes and executors has.
@@ -56,37 +57,35 @@ std::vector<Key> neighbour_keys() {
        "same-callback-group|same-node|same-executor|own-executor|same-participant|same-process|other-process",
        "the most that they share with the critical topic, the first four with ros2 alone: same-participant",
        client,
-       [](Run& run, Text text) {
-         run.task.neighbours.where = one_of(roundtrip::where_of(text), text, places);
-       }},
+       [](Run& run, Text text) { described(run).where = one_of(roundtrip::where_of(text), text, places); }},
       {"neighbours.rate", "", "RATE", "of messages, of each topic and direction: 100 Hz", client,
-       [](Run& run, Text text) { run.task.neighbours.period = period_of_rate(text); }},
+       [](Run& run, Text text) { described(run).period = period_of_rate(text); }},
       {"neighbours.payload", "", "SIZE", "of each message: 1 kB", client,
-       [](Run& run, Text text) { run.task.neighbours.payload_bytes = payload_of(text); }},
+       [](Run& run, Text text) { described(run).payload_bytes = payload_of(text); }},
       {"neighbours.reliability", "", "best-effort|reliable",
        "of their topics, which keep the last 10: best-effort", client,
        [](Run& run, Text text) {
-         run.task.neighbours.reliability = one_of(agent::reliability_of(text), text, "best-effort, reliable");
+         described(run).reliability = one_of(agent::reliability_of(text), text, "best-effort, reliable");
        }},
       {"neighbours.direction", "", "both|to-component|to-controller", "of their messages: both", client,
        [](Run& run, Text text) {
          const auto direction = one_of(direction_of(text), text, "both, to-component, to-controller");
-         run.task.neighbours.there = direction != Traffic::Direction::to_controller;
-         run.task.neighbours.back = direction != Traffic::Direction::to_component;
+         described(run).there = direction != Traffic::Direction::to_controller;
+         described(run).back = direction != Traffic::Direction::to_component;
        }},
       {"neighbours.priority", "", "1-99", "SCHED_FIFO priority of the threads that are theirs alone: none",
        client,
-       [](Run& run, Text text) { run.task.neighbours.priority = static_cast<int>(number_of(text, 1, 99)); }},
+       [](Run& run, Text text) { described(run).priority = static_cast<int>(number_of(text, 1, 99)); }},
       {"neighbours.callback", "", "TIME", "of a CPU, that each message's callback takes: none", client,
        [](Run& run, Text text) {
-         run.task.neighbours.callback = positive_duration(text, std::chrono::hours(1));
+         described(run).callback = positive_duration(text, std::chrono::hours(1));
        }}};
 }
 
 void complete_neighbours(const Run& run) {
   const auto& neighbours = run.task.neighbours;
   if (neighbours.topics == 0) {
-    if (is_described(neighbours))
+    if (run.describes_neighbours)
       throw std::invalid_argument(
           "neighbours are described, but there are none: neighbours.topics says how many");
     return;
@@ -101,9 +100,15 @@ void complete_neighbours(const Run& run) {
   }
   if (is_of_ros2(neighbours.where)) check_place(run);
   if (neighbours.period / neighbours.topics < least_step)
-    throw std::invalid_argument(
-        fmt::format("{} neighbours with a message every {} are more than 100000 messages a second, each way",
-                    neighbours.topics, text_of(neighbours.period)));
+    throw std::invalid_argument(fmt::format(
+        "neighbours.rate: {} of them with a message every {} are more than 100000 messages a second, "
+        "each way",
+        neighbours.topics, text_of(neighbours.period)));
+  if (neighbours.topics * depth * neighbours.payload_bytes > most_kept_bytes)
+    throw std::invalid_argument(fmt::format(
+        "neighbours.payload: {} of them keep the last {} messages of {} bytes, which is more than 1 GiB "
+        "of memory at each end",
+        neighbours.topics, depth, neighbours.payload_bytes));
   if (run.component_restart)
     throw std::invalid_argument(
         "neighbours of an end that is started again have nobody to count what they lost: leave out "

@@ -154,8 +154,12 @@ class File {
         fail(entry.first, fmt::format("{0}: what holds for this component alone is needed here, such as {0}: "
                                       "{{period: 2 ms}}",
                                       component));
-      if (!is_key(key) && !is_option(key) && key != "id" && key != "require")
+      if (!is_key(key) && !is_option(key) && key != "id" && key != "require") {
+        if (const auto below = key_below(key); !below.empty())
+          fail(entry.second,
+               fmt::format("{0}: keys and values are needed here, such as {0}: {{{1}: …}}", path, below));
         fail(entry.first, fmt::format("unknown key '{}'{}", path, nearest(key)));
+      }
       if (const auto reason = component.empty() ? "" : why_not_its_own(key); !reason.empty())
         fail(entry.first, fmt::format("{}: this cannot be said of one component: {}", path, reason));
       entries[path] = entry.second;
@@ -183,6 +187,14 @@ class File {
   }
 
   // The keys that stand beside it, which is where a slip of the pen is found.
+  // "cpus" of "isolation"; "": it is no map.
+  static std::string key_below(const std::string& path) {
+    for (const auto& key : keys())
+      if (key.path.starts_with(path + "."))
+        return key.path.substr(path.size() + 1, key.path.find('.', path.size() + 1) - path.size() - 1);
+    return "";
+  }
+
   static std::string nearest(const std::string& path) {
     const auto dot = path.rfind('.');
     const auto parent = dot == std::string::npos ? std::string() : path.substr(0, dot + 1);

@@ -226,7 +226,7 @@ std::string how_often_worse(const Group& group, const Plot& plot) {
   text += fmt::format("set logscale xy\nset xrange [{}:{}]\nset yrange [{}:1]\n", least, greatest,
                       0.7 / static_cast<double>(most));
   text +=
-      "set xlabel 'Round trip (ms)' offset 0,0.5\nset ylabel 'Share of messages slower' offset 1\nset format "
+      "set xlabel 'Round trip (ms)' offset 0,0.8\nset ylabel 'Share of messages slower' offset 1\nset format "
       "x '%g'\n"
       "set format y '%g'\n" +
       key_below(plot);
@@ -284,6 +284,8 @@ std::string line_of(const Summary& summary, const Abscissa& abscissa) {
   auto name = shortened(word(at(asked, "id")), gate::longest_id) + "  " + word(at(asked, "transport"));
   if (const auto& component = at(asked, "component"); component.is_string()) name += " " + word(component);
   const auto& search = at(asked, "search");
+  if (const auto key = word(at(search, "key")); search.is_object() && key != abscissa.key)
+    name += " " + key + " " + word(at(search, "value"));
   std::istringstream parts(
       word(at(search.is_object() ? search : asked, search.is_object() ? "among" : "variant")));
   for (std::string part; std::getline(parts, part, ',');) {
@@ -304,7 +306,7 @@ std::string against(const Abscissa& abscissa, const Group& group, const Plot& pl
       series[line_of(*summary, abscissa)][x].push_back(summary);
   auto text = terminal(plot, single_cm + 0.35 * static_cast<double>(series.size())) + looks;
   text += fmt::format(
-      "set logscale xy\nset xlabel '{}' offset 0,0.5\nset ylabel 'Round trip (ms): p50, p99 "
+      "set logscale xy\nset xlabel '{}' offset 0,0.8\nset ylabel 'Round trip (ms): p50, p99 "
       "dashed' "
       "offset 1\nset format y '%g'\nset offsets graph 0.05, graph 0.05\n",
       abscissa.label);

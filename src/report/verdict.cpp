@@ -90,8 +90,9 @@ Verdict verdict_of(const Summaries& summaries) {
     if (late > 0)
       parts.push_back(fmt::format("{} messages missed the {}", of_sent(late), deadline(summaries)));
     if (lost > 0)
-      parts.push_back(late > 0 ? fmt::format("{} {} lost", grouped(lost), lost == 1 ? "was" : "were")
-                               : fmt::format("{} messages were lost", of_sent(lost)));
+      parts.push_back(late > 0
+                          ? fmt::format("{} {} lost", grouped(lost), lost == 1 ? "was" : "were")
+                          : fmt::format("{} messages {} lost", of_sent(lost), lost == 1 ? "was" : "were"));
     if (parts.empty())
       parts.push_back(fmt::format("every message sent came back in time, but {} had no answer within the {}",
                                   cycles(late_cycles), deadline(summaries)));
@@ -120,7 +121,7 @@ Verdict verdict_of(const Summaries& summaries) {
                     missed.bound > 0.01 ? fmt::format("{:.2g} % of the", missed.bound * 100)
                                         : fmt::format("{:.0f} of a million", missed.bound * 1e6)));
   if (unfinished > 0)
-    further.push_back(fmt::format("{} did not end as asked: see below.", many(unfinished, "run", "runs")));
+    further.push_back(fmt::format("{} did not end as asked.", many(unfinished, "run", "runs")));
   for (const auto& [why, runs] : flaws)
     further.push_back(fmt::format("Of {}: {}.", many(runs, "run", "runs"), why));
   verdict.further = join(further, " ");

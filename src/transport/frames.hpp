@@ -150,7 +150,7 @@ class End final : public Endpoint {
     if (config_.role == Role::server) return "";
     return "nobody on the link of " + link_.name + " answered" +
            (wanted_ == 0 ? "" : " that has the address " + config_.peers.front()) +
-           ": is the other end's interface in the same segment, with no router between?";
+           " (the other end's interface has to be in the same segment, with no router between)";
   }
 
   bool send(std::uint64_t sequence, std::span<const std::byte> payload) noexcept override {
