@@ -57,8 +57,9 @@ std::string terminal(const Plot& plot, double height_cm) {
 // A line each, of what may be long: an id, and all that tells it from others.
 std::string key_below(const Plot& plot) {
   constexpr double key_pt = 5.5;
-  return fmt::format("set key below left Left reverse vertical maxcols 1 samplen 2 font ',{:.1f}'\n",
-                     plot.form == Plot::Form::svg ? key_pt * pixels_a_pt : key_pt);
+  return fmt::format(
+      "set key below left Left reverse vertical maxcols 1 samplen 2 font ',{:.1f}' title ' '\n",
+      plot.form == Plot::Form::svg ? key_pt * pixels_a_pt : key_pt);
 }
 
 constexpr const char* looks =
@@ -226,7 +227,7 @@ std::string how_often_worse(const Group& group, const Plot& plot) {
   text += fmt::format("set logscale xy\nset xrange [{}:{}]\nset yrange [{}:1]\n", least, greatest,
                       0.7 / static_cast<double>(most));
   text +=
-      "set xlabel 'Round trip (ms)' offset 0,0.8\nset ylabel 'Share of messages slower' offset 1\nset format "
+      "set xlabel 'Round trip (ms)' offset 0,0.5\nset ylabel 'Share of messages slower' offset 1\nset format "
       "x '%g'\n"
       "set format y '%g'\n" +
       key_below(plot);
@@ -306,7 +307,7 @@ std::string against(const Abscissa& abscissa, const Group& group, const Plot& pl
       series[line_of(*summary, abscissa)][x].push_back(summary);
   auto text = terminal(plot, single_cm + 0.35 * static_cast<double>(series.size())) + looks;
   text += fmt::format(
-      "set logscale xy\nset xlabel '{}' offset 0,0.8\nset ylabel 'Round trip (ms): p50, p99 "
+      "set logscale xy\nset xlabel '{}' offset 0,0.5\nset ylabel 'Round trip (ms): p50, p99 "
       "dashed' "
       "offset 1\nset format y '%g'\nset offsets graph 0.05, graph 0.05\n",
       abscissa.label);
