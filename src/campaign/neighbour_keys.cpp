@@ -21,7 +21,7 @@ constexpr const char* places =
 bool is_of_ros2(roundtrip::Where where) { return where < roundtrip::Where::same_participant; }
 
 constexpr std::uint64_t most_kept_bytes = std::uint64_t{1} << 30;  // of all their topics, at each end
-constexpr std::uint64_t depth = 10;                                // of each topic, as docs/scenario.md says
+constexpr std::uint64_t depth = 10;  // of each topic, as roundtrip/neighbours.cpp has it
 
 NeighbourOptions& described(Run& run) {
   run.describes_neighbours = true;
@@ -104,7 +104,7 @@ void complete_neighbours(const Run& run) {
         "neighbours.rate: {} of them with a message every {} are more than 100000 messages a second, "
         "each way",
         neighbours.topics, text_of(neighbours.period)));
-  if (neighbours.topics * depth * neighbours.payload_bytes > most_kept_bytes)
+  if (static_cast<std::uint64_t>(neighbours.topics) * depth * neighbours.payload_bytes > most_kept_bytes)
     throw std::invalid_argument(fmt::format(
         "neighbours.payload: {} of them keep the last {} messages of {} bytes, which is more than 1 GiB "
         "of memory at each end",
