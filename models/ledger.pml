@@ -10,13 +10,11 @@
 #ifndef FAULT
 #define FAULT 0
 #endif
-#ifndef MESSAGES
-#define MESSAGES 3
-#endif
-#ifndef ANSWERS
-#define ANSWERS 2  // copies of each answer at most
-#endif
+#ifndef SLOTS
 #define SLOTS 2
+#define MESSAGES 3
+#define ANSWERS 1  // copies of each answer at most
+#endif
 #define NONE 255
 #define slot_of(i) ((i) % SLOTS)
 
@@ -151,7 +149,7 @@ active [2] proctype receiver() {
   :: atomic {  // any answer that is under way, in any order
       if
       :: copies[0] > 0 -> i = 0; copies[0]--; whose = 0
-      :: copies[1] > 0 -> i = 1; copies[1]--; whose = 1
+      :: MESSAGES > 1 && copies[1] > 0 -> i = 1; copies[1]--; whose = 1
       :: MESSAGES > 2 && copies[2] > 0 -> i = 2; copies[2]--; whose = 2
       :: foreign -> foreign = false; i = 0; whose = NONE - 1;
 #if FAULT != 4
