@@ -136,6 +136,9 @@ class Agent final : public orders::Worker {
       events_.tell("ready");
       return 500ms;
     }
+    recorder_ =
+        std::make_unique<Recorder>(*end_->client(), events_, end_->task().client.schedule,
+                                   shares_link_ ? Recorder::Waiting::for_the_end : Recorder::Waiting::no);
     end_->client()->start();
     // What the warm-up may take: its own messages' time, and what is left of the wait.
     const auto& options = end_->task().client;
@@ -176,9 +179,6 @@ class Agent final : public orders::Worker {
     if (end_->neighbours() != nullptr) end_->neighbours()->go();
     if (end_->client() == nullptr) return;
     auto& client = *end_->client();
-    recorder_ =
-        std::make_unique<Recorder>(client, events_, end_->task().client.schedule,
-                                   shares_link_ ? Recorder::Waiting::for_the_end : Recorder::Waiting::no);
     peers_ = {.readers = 1, .writers = 1, .changed_ns = end_->endpoint().matched().changed_ns};
     next_progress_ = Clock::now() + progress_period;
     finish_ = Clock::now() + end_->task().client.duration;
