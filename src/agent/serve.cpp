@@ -156,10 +156,13 @@ class Agent final : public orders::Worker {
       throw Unanswered(
           fmt::format("pong was found over {}, but it answered {} of the {} messages of the warm-up within "
                       "{:g} s. Is the payload larger than it serves (pong --payload SIZE) or than the link "
-                      "carries, or does a firewall drop it{}?",
+                      "carries, or does a firewall drop it{}{}?",
                       end_->task().transport, client.warm_up_answers(), end_->task().client.warm_up,
                       seconds(wait_ + end_->task().client.period *
                                           static_cast<std::int64_t>(end_->task().client.warm_up)),
+                      client.counters().wrong_size > 0 ? ", or does another program answer (payloads of "
+                                                         "another size came back)"
+                                                       : "",
                       end_->task().neighbours.callback.count() > 0
                           ? ", or do the neighbours' callbacks (neighbours.callback) keep its thread"
                           : ""));
