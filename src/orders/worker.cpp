@@ -42,6 +42,10 @@ class Pipe final : public Events {
     body["event"] = event;
     frames_.send(body, bytes);
   }
+  void doing(const std::string& what) override {
+    const std::lock_guard lock(mutex_);
+    doing_ = what;
+  }
   Frames& frames() { return frames_; }
 
  private:
@@ -52,7 +56,7 @@ class Pipe final : public Events {
     std::unique_lock lock(mutex_);
     while (!wake_.wait_for(lock, beat_period, [this] { return over_; })) {
       try {
-        tell("beat", json::object(), {});
+        tell("beat", {{"doing", doing_}}, {});
       } catch (const Broken&) {
         return;  // the thread that reads will find so
       }
@@ -63,6 +67,7 @@ class Pipe final : public Events {
   std::mutex mutex_;
   std::condition_variable wake_;
   bool over_ = false;
+  std::string doing_;
   std::thread beating_;
 };
 
@@ -129,7 +134,10 @@ int serve(const std::string& samples, const std::function<std::unique_ptr<Worker
     } catch (const std::exception& error) {
       fail(3, error.what());
     }
-    if (worker) worker->give_back();
+    try {
+      pipe.tell("left", {{"notes", worker ? worker->give_back() : std::vector<std::string>()}}, {});
+    } catch (const Broken&) {  // no process reads it any more
+    }
     alarm(patience_to_leave_s);
   }
   return code;
