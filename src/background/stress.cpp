@@ -22,7 +22,7 @@ namespace {
 
 using namespace std::chrono_literals;
 
-constexpr auto time_to_start = 20s;  // 32 workers on one busy core need a second or two
+constexpr auto longest_start = 20s;  // 32 workers on one busy core need a second or two
 
 void add(std::vector<std::string>& command, const char* kind, int workers, std::uint64_t bytes = 0) {
   if (workers < 0)
@@ -148,7 +148,7 @@ std::unique_ptr<StressLoad> stress(const Workers& workers, const std::string& di
                                   return bytes >= workers.vm_bytes;
                                 }) >= workers.vm;
   };
-  wait_until([&] { return child->ended() || all_run(); }, time_to_start);
+  wait_until([&] { return child->ended() || all_run(); }, longest_start);
   if (!child->ended() && all_run()) {
     const auto smallest = mapped.empty() ? 0 : *std::min_element(mapped.begin(), mapped.end());
     return std::make_unique<Stress>(std::move(folder), std::move(child), wanted, smallest);
