@@ -1,7 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "agent/agent.hpp"
 
+#include <array>
 #include <csignal>
+#include <filesystem>
+#include <fstream>
+#include <functional>
+#include <set>
+#include <string>
 #include <string_view>
 
 #include <gmock/gmock.h>
@@ -112,9 +118,10 @@ class TwoAgents : public Agent {
     return opened;
   }
   // Until the client has finished; returns what it said then.
-  json measure() {
+  json measure(const std::function<void()>& once_begun = [] {}) {
     ask(server_, "begin", "begun");
     ask(client_, "begin", "begun");
+    once_begun();
     client_.on("samples", [this](const orders::Frame& frame) {
       for (const auto& sample : samples_of(frame.bytes)) samples_.push_back(sample);
     });
@@ -176,11 +183,74 @@ TEST_F(TwoAgents, LetSamplesWaitForTheEndWhereSshMayTakeTheLinkUnderTest) {
   for (std::size_t i = 0; i < samples_.size(); ++i) EXPECT_EQ(samples_[i].index, i);
 }
 
+// Where a process of ours has reserved addresses: its threads' arenas of the heap, and their stacks' guards.
+std::set<std::string> reservations(const json& pid) {
+  std::ifstream maps("/proc/" + pid.dump() + "/maps");
+  std::set<std::string> found;
+  for (std::string line; std::getline(maps, line);)
+    if (line.find(" ---p ") != line.npos) found.insert(line.substr(0, line.find(' ')).substr(line.find('-')));
+  return found;
+}
+
+TEST_F(TwoAgents, NoHeapOfAThreadIsMadeInTheCountedRun) {
+  auto task = task_of(transport::Role::client, some_domain());
+  task.client.duration = orders::beat_period + 1500ms;  // so that heartbeats and samples fall into it
+  ready(task);
+  const std::array pids{ask(client_, "identify", "identified").at("pid"),
+                        ask(server_, "identify", "identified").at("pid")};
+  std::array<std::set<std::string>, 2> before;
+  int progress = 0;
+  client_.on("progress", [&](auto&) {
+    ++progress;
+    for (std::size_t i = 0; i < pids.size(); ++i) EXPECT_EQ(reservations(pids[i]), before[i]);
+  });
+  measure([&] {
+    for (std::size_t i = 0; i < pids.size(); ++i) before[i] = reservations(pids[i]);
+  });
+  EXPECT_GT(progress, 0);
+}
+
 TEST_F(TwoAgents, SendNothingBetweenReadyAndGo) {
   ready(task_of(transport::Role::client, some_domain()));
   const auto answered = ask(server_, "end", "ended").at("answered").get<std::uint64_t>();
   usleep(50'000);
   EXPECT_EQ(ask(server_, "end", "ended").at("answered"), answered);
+}
+
+// What its middleware's threads read, anybody on the network may have sent.
+TEST_F(Agent, OfRootKeepsTwoCapabilitiesOnceItIsOpen) {
+  if (geteuid() != 0) GTEST_SKIP() << "needs root";
+  constexpr std::uint64_t nice_and_lock = (1ULL << 23) | (1ULL << 14);
+  for (const auto* transport : {"udp", "ethernet", "cyclonedds", "fastdds"}) {
+    Hand agent(coordinator_, "the agent", command(), sample_layout());
+    auto task = task_of(transport::Role::server, transport == std::string("udp") ? some_domain() : 77);
+    task.transport = transport;
+    if (task.transport == "ethernet") task.config.peers.clear();
+    try {
+      ask(agent, "open", "opened", {{"task", task}});
+    } catch (const Error& error) {  // it is not here
+      EXPECT_STRNE(transport, "udp") << error.what();
+      continue;
+    }
+    const int pid = ask(agent, "identify", "identified").at("pid");
+    int threads = 0;
+    for (const auto& entry : std::filesystem::directory_iterator("/proc/" + std::to_string(pid) + "/task")) {
+      std::ifstream status(entry.path() / "status");
+      ++threads;
+      for (std::string line; std::getline(status, line);) {
+        if (line.starts_with("CapPrm:") || line.starts_with("CapEff:")) {
+          EXPECT_EQ(std::stoull(line.substr(7), nullptr, 16), nice_and_lock) << transport << ' ' << line;
+        }
+        if (line.starts_with("CapInh:") || line.starts_with("CapAmb:")) {
+          EXPECT_EQ(std::stoull(line.substr(7), nullptr, 16), 0U) << transport << ' ' << line;
+        }
+        if (line.starts_with("NoNewPrivs:")) {
+          EXPECT_EQ(line, "NoNewPrivs:\t1") << transport;
+        }
+      }
+    }
+    EXPECT_GE(threads, 2) << transport;
+  }
 }
 
 TEST_F(Agent, SaysWhyItCannot) {

@@ -25,6 +25,7 @@ class End {
     return client_ ? client_->endpoint() : server_ ? server_->endpoint() : neighbours_->endpoint();
   }
   const Task& task() const { return task_; }
+  void drop_privileges();  // what an open end needs no more
   nlohmann::json opened();
 
   // A middleware starts threads when it likes, so this is done again once peers have matched.
@@ -41,6 +42,7 @@ class End {
   nlohmann::json during(const transport::Thread&, const realtime::ThreadState& now) const;
   nlohmann::json account_of_neighbours() const;
   nlohmann::json losses();
+  std::uint64_t answered() const;
   nlohmann::json link() const;
 
   Task task_;
