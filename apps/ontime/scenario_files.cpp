@@ -28,8 +28,13 @@ bool is_there(const fs::path& path) {
   return fs::exists(path, ignored);
 }
 
+// A scenario is code: what lies in this folder by chance must not take the place of what is installed.
+bool is_path(const std::string& name) {
+  return name.find('/') != std::string::npos || name.ends_with(suffix);
+}
+
 fs::path found(const std::string& name) {
-  if (is_there(name)) return name;
+  if (is_path(name) && is_there(name)) return name;
   const auto own = own_scenarios();
   if (own.empty() || fs::path(name).is_absolute()) return {};
   for (const auto& path : {own / name, own / (name + suffix), own.parent_path() / name})
@@ -45,9 +50,11 @@ std::string meant(const std::string& name) {
 std::vector<std::string> files_of(const std::string& name) {
   const auto path = found(name);
   if (path.empty())
-    throw campaign::Error(2, fmt::format("{}: there is no such scenario, file or folder{} `ontime scenarios` "
-                                         "shows those that came with ontime",
-                                         name, meant(name)));
+    throw campaign::Error(
+        2,
+        fmt::format("{}: there is no such scenario, file or folder{} `ontime scenarios` shows those that "
+                    "came with ontime",
+                    name, is_there(name) ? "; to run the one in this folder: ./" + name + "." : meant(name)));
   if (!is_folder(path)) return {path.string()};
   std::vector<std::string> files;
   for (const auto& entry : fs::directory_iterator(path))
