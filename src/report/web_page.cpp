@@ -79,8 +79,7 @@ std::string row_of(const Shown& run, std::size_t figure, bool by_response) {
                                       : count_cell(*summary.late_by_response, "late_by_response", true)) +
          count_cell(summary.lost, "lost", true) + time(static_cast<double>(of.min), "min") +
          time(of.mean, "mean") + quantile(of.p50, "p50", 2) + quantile(of.p99, "p99", 100) +
-         quantile(of.p99_9, "p99.9", 1000) +
-         time(static_cast<double>(of.max), "max") +
+         quantile(of.p99_9, "p99.9", 1000) + time(static_cast<double>(of.max), "max") +
          fmt::format("<td class=\"number\">{}</td><td class=\"range\" data-figure-of=\"{}\"></td></tr>\n",
                      against_deadline(summary), figure);
 }
@@ -150,8 +149,8 @@ Table worst_of(const std::vector<Shown>& group) {
           {label, fmt::format("{}", message.index),
            fmt::format("{:.3f}",
                        (static_cast<double>(message.due_ns) - static_cast<double>(summary->start_ns)) / 1e9),
-           us(worst[i].took_ns), us(message.woke_ns - message.due_ns), us(message.sent_ns - message.woke_ns),
-           us(message.received_ns - message.sent_ns)});
+           us(worst[i].took_ns), us(roundtrip::wake_up_latency_ns(message)),
+           us(message.sent_ns - message.woke_ns), us(message.received_ns - message.sent_ns)});
     }
   }
   return table;
