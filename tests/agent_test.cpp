@@ -4,6 +4,7 @@
 #include <array>
 #include <csignal>
 #include <cstdlib>
+#include <filesystem>
 #include <fstream>
 #include <functional>
 #include <set>
@@ -215,6 +216,42 @@ TEST_F(TwoAgents, SendNothingBetweenReadyAndGo) {
   const auto answered = ask(server_, "end", "ended").at("answered").get<std::uint64_t>();
   usleep(50'000);
   EXPECT_EQ(ask(server_, "end", "ended").at("answered"), answered);
+}
+
+// What its middleware's threads read, anybody on the network may have sent.
+TEST_F(Agent, OfRootKeepsTwoCapabilitiesOnceItIsOpen) {
+  if (geteuid() != 0) GTEST_SKIP() << "needs root";
+  constexpr std::uint64_t nice_and_lock = (1ULL << 23) | (1ULL << 14);
+  for (const auto* transport : {"udp", "ethernet", "cyclonedds", "fastdds"}) {
+    Hand agent(coordinator_, "the agent", command(), sample_layout());
+    auto task = task_of(transport::Role::server, transport == std::string("udp") ? some_domain() : 77);
+    task.transport = transport;
+    if (task.transport == "ethernet") task.config.peers.clear();
+    try {
+      ask(agent, "open", "opened", {{"task", task}});
+    } catch (const Error& error) {  // it is not here
+      EXPECT_STRNE(transport, "udp") << error.what();
+      continue;
+    }
+    const int pid = ask(agent, "identify", "identified").at("pid");
+    int threads = 0;
+    for (const auto& entry : std::filesystem::directory_iterator("/proc/" + std::to_string(pid) + "/task")) {
+      std::ifstream status(entry.path() / "status");
+      ++threads;
+      for (std::string line; std::getline(status, line);) {
+        if (line.starts_with("CapPrm:") || line.starts_with("CapEff:")) {
+          EXPECT_EQ(std::stoull(line.substr(7), nullptr, 16), nice_and_lock) << transport << ' ' << line;
+        }
+        if (line.starts_with("CapInh:") || line.starts_with("CapAmb:")) {
+          EXPECT_EQ(std::stoull(line.substr(7), nullptr, 16), 0U) << transport << ' ' << line;
+        }
+        if (line.starts_with("NoNewPrivs:")) {
+          EXPECT_EQ(line, "NoNewPrivs:\t1") << transport;
+        }
+      }
+    }
+    EXPECT_GE(threads, 2) << transport;
+  }
 }
 
 TEST_F(Agent, SaysWhyItCannot) {

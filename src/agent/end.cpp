@@ -7,6 +7,7 @@
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
+#include "agent/privileges.hpp"
 #include "message/message.hpp"
 #include "orders/orders.hpp"
 
@@ -133,6 +134,12 @@ std::vector<transport::Thread> End::threads() {
     if (!known) all.push_back({thread.tid, std::string(of_neighbours) + thread.role, thread.name});
   }
   return all;
+}
+
+void End::drop_privileges() {
+  for (const auto& thread : agent::drop_privileges())
+    refuse({{"fewer privileges for thread " + thread, "it blocks the signal by which it would drop them",
+             "nothing is to be done: what it receives from the network is read with all privileges"}});
 }
 
 json End::opened() {

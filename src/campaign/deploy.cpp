@@ -22,18 +22,27 @@ namespace {
 namespace fs = std::filesystem;
 using orders::Error;
 
-constexpr int no_room = 121, other_machine = 122, libraries_missing = 123;
+constexpr int not_executable = 120, no_room = 121, other_machine = 122, libraries_missing = 123;
 
 // $1: the architecture; then, of each file, where it is to lie in the folder and its size. head takes from
-// the pipe what it is told and no byte more. A signal that reaches the whole session ends the keeper, for
-// which this then cleans up.
+// the pipe what it is told and no byte more. A temporary folder may be mounted with noexec: then another one
+// has the program. A signal that reaches the whole session ends the keeper, for which this then cleans up. Of
+// a keeper that was killed (128 and more) a second one, without orders, gives back what its journal has: no
+// other program here could.
 constexpr const char* script = R"sh(
 umask 077
 [ "$(uname -m)" = "$1" ] || { uname -m; exit 122; }
 shift
-folder=$(mktemp -d "${TMPDIR:-/tmp}/ontime-program-XXXXXXXX") || exit 121
 trap : HUP INT TERM
 trap 'rm -rf "$folder"' EXIT
+code=121
+for there in "${TMPDIR:-/tmp}" /var/tmp "${XDG_RUNTIME_DIR:-/run}" "$HOME"; do
+  folder=$(mktemp -d "$there/ontime-program-XXXXXXXX" 2>/dev/null) || continue
+  code=120
+  printf '#!/bin/sh\n' >"$folder/try" && chmod 700 "$folder/try" && "$folder/try" 2>/dev/null && code=0 && break
+  rm -rf "$folder"
+done
+[ $code = 0 ] || exit $code
 program=$folder/$1
 missing=
 while [ $# -gt 0 ]; do
@@ -45,14 +54,17 @@ done
 set -- $missing
 [ $# = 0 ] || { printf '%s\n' "$@" | sort -u; exit 123; }
 "$program" keeper
+code=$?
+[ $code -lt 128 ] || "$program" keeper </dev/null >/dev/null
+exit $code
 )sh";
 
-struct File {
+struct Part {
   fs::path there;  // in the folder
   std::string content;
 };
 
-File read(const fs::path& here, const fs::path& there) {
+Part read(const fs::path& here, const fs::path& there) {
   std::ifstream file(here, std::ios::binary);
   std::string content{std::istreambuf_iterator<char>(file), {}};
   if (!file || content.empty())
@@ -62,7 +74,7 @@ File read(const fs::path& here, const fs::path& there) {
 
 // A program as it was built is ten times as long by what debuggers want to know of it. Where nobody here can
 // take that out, it goes along.
-File without_symbols(const fs::path& here, const fs::path& there, const std::string& folder) {
+Part without_symbols(const fs::path& here, const fs::path& there, const std::string& folder) {
   constexpr std::chrono::seconds limit{10};
   const auto copy = folder + "/stripped";
   if (!machine::answer_of({"strip", "-o", copy, here.string()}, limit)) return read(here, there);
@@ -72,10 +84,10 @@ File without_symbols(const fs::path& here, const fs::path& there, const std::str
 }
 
 // The program first.
-std::vector<File> files(const std::set<std::string>& transports, const std::string& folder) {
+std::vector<Part> files(const std::set<std::string>& transports, const std::string& folder) {
   const fs::path program = orders::this_program();
   const auto libraries = fs::path(ONTIME_LIBDIR) / "ontime";
-  std::vector<File> all{without_symbols(program, "bin/ontime", folder)};
+  std::vector<Part> all{without_symbols(program, "bin/ontime", folder)};
   for (const auto& transport : transports) {
     const auto there = libraries / fmt::format("ontime_transport_{}.so", transport);
     const auto here = program.parent_path().parent_path() / there;
@@ -91,6 +103,10 @@ std::vector<std::string> words_of(const std::string& text) {
 }
 
 std::string reason_of_bringing(int code, const std::string& said) {
+  if (code == not_executable)
+    return "no folder there may hold programs: the temporary folder, /var/tmp, the runtime folder and the "
+           "home "
+           "are mounted with noexec. Set TMPDIR there to a folder of another mount";
   if (code == no_room)
     return "there is no room for ontime, or no right to write, in the temporary folder there";
   if (code == other_machine)
