@@ -40,6 +40,18 @@ TEST(TableFormat, NotesWhatWentWrong) {
               HasSubstr("udp: failed: no peer found"));
 }
 
+TEST(Remarks, LoadThatAnOlderOntimeDividedAmongItsWorkersIsMarked) {
+  auto of_two = asked("a", "udp");
+  of_two["load"] = {{"controller", {{"vm", 2}, {"vm_bytes", 64 << 20}}}};
+  auto of_run = outcome();
+  of_run["hosts"]["controller"]["load_running"] = true;
+  of_run["hosts"]["controller"].erase("load");
+  EXPECT_THAT(render({summary(of_two, of_run)}, Format::markdown),
+              HasSubstr("divided 64 MiB among 2 vm workers"));
+  of_run["hosts"]["controller"]["load"] = {{"vm_bytes", 64 << 20}};
+  EXPECT_THAT(render({summary(of_two, of_run)}, Format::markdown), Not(HasSubstr("divided")));
+}
+
 TEST(TableFormat, TellsTheTrafficAndLoudlyWhereItWasNotThere) {
   auto with = asked("a", "udp");
   with["traffic"] = {{"bit_s", 80'000'000}, {"datagram_bytes", 1470}, {"direction", "both"}, {"priority", 0}};

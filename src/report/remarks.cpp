@@ -336,6 +336,23 @@ std::vector<std::string> notes_of(const std::vector<Refused>& all) {
   return notes;
 }
 
+// Until ontime noted what each worker was given, stress-ng divided the stated sizes among the workers.
+std::vector<std::string> divided_load(const json& asked, const json& outcome) {
+  std::vector<std::string> texts;
+  for (const auto& [host, load] : at(asked, "load").items()) {
+    const auto& facts = at(at(outcome, "hosts"), host);
+    if (!at(facts, "load_running").is_boolean() || !at(facts, "load").is_null()) continue;
+    for (const auto* kind : {"vm", "hdd"}) {
+      const auto bytes = count(at(load, fmt::format("{}_bytes", kind))), workers = count(at(load, kind));
+      if (bytes > 0 && workers > 1)
+        texts.push_back(fmt::format(
+            "the load on the {} was smaller than stated: an older ontime divided {} among {} {} workers",
+            word(host), size(bytes), workers, kind));
+    }
+  }
+  return texts;
+}
+
 }  // namespace
 
 std::string remarks(const statistics::Summary& summary) {
@@ -346,6 +363,7 @@ std::string remarks(const statistics::Summary& summary) {
   for (const auto& [host, facts] : at(outcome, "hosts").items())
     if (at(facts, "load_running") == false)
       parts.push_back("the load on the " + word(host) + " had died by the end");
+  for (auto& text : divided_load(summary.run.asked, outcome)) parts.push_back(std::move(text));
   if (const auto text = traffic(outcome); !text.empty()) parts.push_back(text);
   if (const auto text = neighbours(outcome); !text.empty()) parts.push_back(text);
   if (!at(summary.run.asked, "link").is_null())
