@@ -20,8 +20,14 @@ TEST(TableFormat, GroupsByIdAndBringsRepetitionsTogether) {
     if (line.starts_with("Test") || line.starts_with("udp") || line.starts_with("fastdds"))
       beginnings.push_back(line.substr(0, 10));
   std::vector<std::string> expected;
-  for (const auto* head : {"Test1.A  S", "Test1.A  s", "Test1.B  S", "Test1.B  s"})  // times, then stages
-    expected.insert(expected.end(), {head, "udp #1    ", "udp #2    ", "fastdds #1", "fastdds #2"});
+  for (const std::string id : {"Test1.A  ", "Test1.B  "}) {  // times, over repetitions, stages
+    const std::vector<std::string> each = {"udp #1    ", "udp #2    ", "fastdds #1", "fastdds #2"};
+    expected.push_back(id + "S");
+    expected.insert(expected.end(), each.begin(), each.end());
+    expected.insert(expected.end(), {id + "o", "udp       ", "fastdds   "});
+    expected.push_back(id + "s");
+    expected.insert(expected.end(), each.begin(), each.end());
+  }
   EXPECT_EQ(beginnings, expected);
 }
 

@@ -265,9 +265,9 @@ TEST_F(Page, says_of_a_quantile_and_of_the_worst_case_what_the_table_says) {
   const auto reader = writer_.reader();
   const auto table = render({statistics::summarise(reader, reader.runs().front())}, Format::table);
   const auto html = page();
-  const auto shown = found_in(html, "data-figure=\"p99.9\"[^>]*>(~[^<]*)<");
-  ASSERT_EQ(shown.size(), 1u) << "of 3,000 answers three are slower";
-  EXPECT_THAT(table, HasSubstr(" " + shown[0] + " "));
+  const auto shown = found_in(html, "data-figure=\"p99.9\"[^>]*>([^<]*)<");
+  ASSERT_EQ(shown.size(), 1u);
+  EXPECT_EQ(row_of(table, "udp").at(6), shown[0]);
   const auto seen = found_in(table, "Slowest \\(µs\\).*\nudp +([0-9]+) ");
   ASSERT_EQ(seen.size(), 1u);
   EXPECT_THAT(html, HasSubstr("Extrapolated worst case"));
@@ -357,14 +357,6 @@ TEST(Verdict, is_no_yes_to_what_was_not_asked) {
   EXPECT_THAT(verdict.further, Not(HasSubstr("So long as it goes on like this")));
 }
 
-TEST(Verdict, in_a_line_says_what_its_yes_must_not_be_read_without) {
-  EXPECT_EQ(verdict({judged(24'000, 0, 0)}), "All 24,000 messages came back within the deadline of 10 ms.");
-  EXPECT_EQ(verdict({judged(99, 0, 1)}), "1 of 100 messages was lost.");
-  auto run = judged(5000, 0, 0);
-  run.run.outcome["hosts"]["controller"]["load_running"] = false;
-  EXPECT_THAT(verdict({run}), HasSubstr("Of 1 run: the load on the controller had died by the end."));
-}
-
 TEST(Settings, show_what_differs_and_name_the_rest_once) {
   auto other = asked("b", "udp");
   other["payload_bytes"] = 32768;
@@ -390,7 +382,7 @@ TEST_F(Page, HeadlineDoesNotPoolOppositeConditions) {
   add_run(idle, outcome(), {sample(0, ms), sample(1, ms)});
   add_run(loaded, outcome(), {sample(0, 20 * ms, Fate::late), sample(1, ms)});
   const auto html = page();
-  EXPECT_THAT(html, HasSubstr("In 1 of 2 conditions"));
+  EXPECT_THAT(html, HasSubstr("0 to 50 % of the cycles had no answer within 10 ms; worst: Test1.B udp."));
   EXPECT_THAT(html, Not(HasSubstr("of 4 messages")));
   EXPECT_EQ(found_in(html, "<li class=\"(yes|no)\">").size(), 2u);
   EXPECT_THAT(html, HasSubstr("<b>Test1.B · System under load</b> 1 of 2 messages"));

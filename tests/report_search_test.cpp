@@ -40,14 +40,13 @@ TEST(TableFormat, TellsTheNeighboursAndLoudlyWhereTheyWereNotThere) {
   EXPECT_THAT(
       text,
       HasSubstr("4 neighbours of 32 KiB to the component, reliable, at 100 Hz, in another participant"));
-  EXPECT_THAT(text, HasSubstr("neighbours: 7,990 of 8,000 arrived at the component (10 lost)"));
+  EXPECT_THAT(text, HasSubstr("background topics: 7,990 of 8,000 arrived at the component (10 lost)"));
   EXPECT_THAT(render({summary(with_neighbours(20'000), came)}, Format::markdown),
               HasSubstr(", at 20 kHz, in"));
   came["neighbours"]["to_component"] = way(5000, 5000, 3000);
   text = render({summary(with_neighbours(), came)}, Format::markdown);
-  EXPECT_THAT(text,
-              HasSubstr("NOT THE NEIGHBOURS THAT WERE ASKED FOR: 5,000 of 5,000 arrived at the component "
-                        "(3,000 not sent, for their sender overran its period)"));
+  EXPECT_THAT(text, HasSubstr("BACKGROUND TOPICS SHORTFALL: 5,000 of 5,000 arrived at the component "
+                              "(3,000 not sent because their sender overran its period)"));
   EXPECT_THAT(render({summary(asked("a", "udp"), outcome())}, Format::markdown), Not(HasSubstr("eighbours")));
 }
 

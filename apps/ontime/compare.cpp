@@ -102,7 +102,7 @@ int compare(const Arguments& arguments, const GateFlags& flags) {
 
   if (!arguments.plot.empty()) draw(comparison, arguments.plot);
   Output output(arguments.output);
-  output.write(report::render(comparison, judgements, format));
+  output.write(report::render(comparison, judgements, format, output_columns()));
   output.finish();
   return flags.finish(std::move(judgements), second);
 }

@@ -26,6 +26,10 @@ void add_report_format(Command& command, std::string& word) {
       ->type_name("FORMAT");
 }
 
+void add_full(Command& command, bool& full) {
+  command.add_flag("--full", full, "every table, instead of the answer in 24 lines");
+}
+
 void add_format(Command& command, std::string& word) {
   command.add_option("--format", word, "table or json: table")->type_name("FORMAT");
 }

@@ -17,6 +17,7 @@ std::string given(const std::string& value);
 Option* add_file(Command&, const char* flag, std::string& file, const char* help);
 void add_output(Command&, std::string& file);         // --output FILE, of what goes to standard output else
 void add_report_format(Command&, std::string& word);  // --format, for format_flag()
+void add_full(Command&, bool& full);                  // --full: every table instead of the first screen
 void add_format(Command&, std::string& word);         // --format, for is_json_flag()
 // --interface NAME, or --peer HOST in its place.
 void add_link(Command&, std::string& interface, std::string& peer, const char* interface_help);

@@ -163,7 +163,7 @@ int run(const Arguments& arguments, const GateFlags& flags) {
     if (!fs::exists(folder / results_name)) return outcome.code;
     fs::copy_file(folder / results_name, results);
     record::Writer writer(results);
-    return show_measured({writer, results, 0, outcome.code}, format, flags, gates, terminal);
+    return show_measured({writer, results, 0, outcome.code}, format, false, flags, gates, terminal);
   } catch (const lab::Interrupted&) {
     terminal.note("interrupted: the machine is gone, and what it had measured with it");
     return 130;

@@ -12,6 +12,7 @@
 #include <fmt/ranges.h>
 
 #include "flags.hpp"
+#include "output.hpp"
 #include "results_page.hpp"
 #include "spelling/spelling.hpp"
 
@@ -119,7 +120,7 @@ std::string new_results_file(const std::string& scenario) {
   return name;
 }
 
-int show_measured(const Measured& measured, report::Format format, const GateFlags& flags,
+int show_measured(const Measured& measured, report::Format format, bool full, const GateFlags& flags,
                   const std::vector<gate::Gate>& gates, Terminal& terminal) {
   terminal.clear_line();
   auto summaries = statistics::summarise(measured.writer.reader());
@@ -132,20 +133,15 @@ int show_measured(const Measured& measured, report::Format format, const GateFla
   keep(measured.writer, notes, terminal);
   const std::vector<statistics::Summary> fresh(
       summaries.begin() + static_cast<std::ptrdiff_t>(measured.known), summaries.end());
-  print(report::render(fresh, format));
-  explain_new(measured.writer, measured.known, format);
-  terminal.note(fmt::format("every sample is in {}; see also: ontime report {} --threads", measured.results,
-                            measured.results));
   try {
-    terminal.note(fmt::format("to look at: {}",
+    terminal.note(fmt::format("results: {}; page: {}", measured.results,
                               write_page_beside(measured.results, measured.writer.reader(), summaries)));
-  } catch (const std::exception& error) {  // what was measured is safe, and said
-    terminal.note(fmt::format("there is no page of it: {}", error.what()));
+  } catch (const std::exception& error) {  // the samples are safe all the same
+    terminal.note(fmt::format("results: {}; no page: {}", measured.results, error.what()));
   }
   const int judged = flags.finish(std::move(judgements), measured.results);
-  auto counted = fresh;
-  std::erase_if(counted, [&](const auto& run) { return gate::is_superseded(run, summaries); });
-  terminal.note(report::verdict(counted));  // the last line is what is read first
+  print(shown(fresh, format, full, measured.results));  // last, for a terminal shows the end
+  if (full) explain_new(measured.writer, measured.known, format);
   return measured.code == 130 ? measured.code : std::max(measured.code, judged);
 }
 

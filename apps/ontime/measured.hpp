@@ -36,7 +36,7 @@ struct Measured {
 };
 // Shows them, judges them, and makes the page; what does not hold goes into the results too. Returns the exit
 // code.
-int show_measured(const Measured&, report::Format, const GateFlags&, const std::vector<gate::Gate>&,
-                  Terminal&);
+int show_measured(const Measured&, report::Format, bool full, const GateFlags&,
+                  const std::vector<gate::Gate>&, Terminal&);
 
 }  // namespace ontime::app

@@ -2,12 +2,15 @@
 #include "output.hpp"
 
 #include <cerrno>
+#include <cstdlib>
 #include <filesystem>
 #include <fstream>
 #include <system_error>
 #include <utility>
 
+#include <boost/algorithm/string/replace.hpp>
 #include <fmt/format.h>
+#include <sys/ioctl.h>
 #include <unistd.h>
 
 #include "campaign/campaign.hpp"
@@ -27,7 +30,42 @@ bool may_be_results(const std::string& path) {
   return beginning == mark;
 }
 
+// By the variable that decides, as setlocale(3) has it.
+bool locale_is_utf8() {
+  for (const auto* name : {"LC_ALL", "LC_CTYPE", "LANG"})
+    if (const char* const value = std::getenv(name);  // NOLINT(concurrency-mt-unsafe): nothing sets it
+        value != nullptr && *value != '\0') {
+      const std::string_view locale(value);
+      return locale.find("UTF-8") != locale.npos || locale.find("utf8") != locale.npos;
+    }
+  return false;
+}
+
 }  // namespace
+
+std::size_t output_columns() {
+  constexpr unsigned short fewest = 20;  // fewer are no terminal that is read
+  winsize size{};
+  return ioctl(STDOUT_FILENO, TIOCGWINSZ, &size) == 0 && size.ws_col >= fewest ? size.ws_col : 80;
+}
+
+std::string for_output(std::string text) {
+  if (isatty(STDOUT_FILENO) == 0 || locale_is_utf8()) return text;
+  const std::pair<const char*, const char*> plain[] = {
+      {"µ", "u"},  {"≥", ">="}, {"≤", "<="}, {"–", "-"}, {"…", "..."}, {"×", "x"},   {"±", "+-"},
+      {"→", "->"}, {"−", "-"},  {"█", "#"},  {"·", "."}, {"’", "'"},   {"⁻⁶", "^-6"}};
+  for (const auto& [sign, with] : plain) boost::algorithm::replace_all(text, sign, with);
+  for (auto& c : text)
+    if (static_cast<unsigned char>(c) >= 0x80) c = '?';
+  return text;
+}
+
+std::string shown(const std::vector<statistics::Summary>& runs, report::Format format, bool full,
+                  const std::string& results) {
+  const report::Origin origin{results, geteuid() == 0};
+  return full ? report::render(runs, format, origin, output_columns())
+              : report::render_answer(runs, format, origin, output_columns());
+}
 
 Output::Output(std::string path) : path_(std::move(path)) {
   std::error_code ignored;
@@ -51,7 +89,8 @@ Output::~Output() {
   if (!part_.empty()) fs::remove(part_, ignored);
 }
 
-void Output::write(std::string_view text) {
+void Output::write(std::string_view whole) {
+  const auto text = path_.empty() ? for_output(std::string(whole)) : std::string(whole);
   if (std::fwrite(text.data(), 1, text.size(), file_.get()) != text.size()) fail(errno);
 }
 

@@ -1,13 +1,26 @@
 // SPDX-License-Identifier: Apache-2.0
-// A file that a command makes: whole, or not at all. Ordinary thread.
+// What a command makes: a file, whole or not at all, or text on a terminal. Ordinary thread.
 #pragma once
 
 #include <cstdio>
 #include <memory>
 #include <string>
 #include <string_view>
+#include <vector>
+
+#include "report/report.hpp"
 
 namespace ontime::app {
+
+// Columns of the terminal at standard output; 80 where there is none.
+std::size_t output_columns();
+// As the terminal at standard output can show it: where its locale is no UTF-8, µ becomes u and ≥ becomes >=.
+// For a file or a pipe the text stays as it is.
+std::string for_output(std::string text);
+
+// The first screen of these runs, or with `full`, or in another form than a table, all of them.
+std::string shown(const std::vector<statistics::Summary>&, report::Format, bool full,
+                  const std::string& results);
 
 class Output {
  public:

@@ -2,6 +2,7 @@
 #include "campaign/campaign.hpp"
 #include "commands.hpp"
 #include "flags.hpp"
+#include "output.hpp"
 #include "run_flags.hpp"
 #include "statistics/statistics.hpp"
 #include "terminal.hpp"
@@ -20,10 +21,10 @@ campaign::Scenario on_loopback(const campaign::Run& run) {
 
 void add_ping(Command& app, Action& action) {
   auto* command =
-      app.add_subcommand("ping", "The client's end: sends on a schedule, measures, and prints the table");
+      app.add_subcommand("ping", "The client's end: sends on a schedule, measures, and prints the answer");
   struct Arguments {
     std::string wait = "10 s", results, format = "table";
-    bool loopback = false;
+    bool loopback = false, full = false;
   };
   auto flags = std::make_shared<RunFlags>(*command, campaign::Key::For::client);
   auto arguments = std::make_shared<Arguments>();
@@ -36,6 +37,7 @@ void add_ping(Command& app, Action& action) {
       ->excludes("--wait");
   add_file(*command, "--results", arguments->results, "keep every sample in this file");
   add_report_format(*command, arguments->format);
+  add_full(*command, arguments->full);
   command->callback([&action, flags, arguments] {
     action = [flags, arguments] {
       const auto run = flags->run();
@@ -52,7 +54,7 @@ void add_ping(Command& app, Action& action) {
       // Also of a run that failed: what was measured until then. There is none where there was nobody to
       // measure with.
       const auto measured = statistics::summarise(writer.reader(), known);
-      if (!measured.empty()) print(report::render(measured, format));
+      if (!measured.empty()) print(shown(measured, format, arguments->full, arguments->results));
       return code;
     };
   });

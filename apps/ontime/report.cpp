@@ -3,6 +3,7 @@
 
 #include <filesystem>
 
+#include "chosen_runs.hpp"
 #include "commands.hpp"
 #include "flags.hpp"
 #include "gates.hpp"
@@ -13,15 +14,18 @@
 namespace ontime::app {
 
 void add_report(Command& app, Action& action) {
-  auto* command =
-      app.add_subcommand("report", "Tables from a results file, and a page with figures of every message");
+  auto* command = app.add_subcommand(
+      "report", "The answer from a results file, its tables, and a page with figures of every message");
   struct Arguments {
     std::string results, format = "table", output;
-    bool threads = false, layers = false;
+    std::vector<std::string> only;
+    bool threads = false, layers = false, full = false;
   };
   auto arguments = std::make_shared<Arguments>();
   command->add_option("RESULTS", arguments->results, "a results file")->required();
+  add_only(*command, arguments->only);
   add_report_format(*command, arguments->format);
+  add_full(*command, arguments->full);
   add_output(*command, arguments->output);
   command->add_flag("--threads", arguments->threads,
                     "each thread as the kernel said it was, instead of the times");
@@ -34,14 +38,16 @@ void add_report(Command& app, Action& action) {
       const auto gates = flags->gates();
       const record::Reader reader(arguments->results);
       Output output(arguments->output);
-      const auto summaries = statistics::summarise(reader);
+      std::vector<statistics::Summary> summaries;
+      for (const auto& run : chosen_runs(reader, arguments->results, arguments->only))
+        summaries.push_back(statistics::summarise(reader, run));
       const auto text =
-          arguments->threads  ? report::render_threads(summaries, format)
-          : arguments->layers ? report::render_layers(summaries, format)
+          arguments->threads  ? report::render_threads(summaries, format, output_columns())
+          : arguments->layers ? report::render_layers(summaries, format, output_columns())
           : format == report::Format::html
               ? report::render_html(reader, summaries,
                                     std::filesystem::path(arguments->results).filename().string())
-              : report::render(summaries, format);
+              : shown(summaries, format, arguments->full, arguments->results);
       output.write(text);
       output.finish();
       std::vector<gate::Judgement> judgements;

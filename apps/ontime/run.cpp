@@ -19,7 +19,7 @@ struct Arguments {
   std::vector<std::string> scenarios;
   Choice choice;
   std::string results, format = "table";
-  bool resume = false, only_measure = false;
+  bool resume = false, only_measure = false, full = false;
 };
 
 void expect(Terminal& terminal, const std::vector<campaign::Scenario>& scenarios) {
@@ -70,7 +70,8 @@ int run(const Arguments& arguments, const GateFlags& flags, const nlohmann::json
     }
   }
   if (arguments.only_measure) return code;
-  return show_measured({writer, results, known, code, unfinished}, format, flags, gates, terminal);
+  return show_measured({writer, results, known, code, unfinished}, format, arguments.full, flags, gates,
+                       terminal);
 }
 
 }  // namespace
@@ -78,7 +79,7 @@ int run(const Arguments& arguments, const GateFlags& flags, const nlohmann::json
 void add_run(Command& app, Action& action) {
   auto* command = app.add_subcommand(
       "run",
-      "Carries out scenarios: hosts, settings, load, round trips, the table, and a page beside the results");
+      "Carries out scenarios: hosts, settings, load, round trips, the answer, and a page beside the results");
   command->footer(
       "A scenario is code: under hosts it names programs, which run here, and its options may name files. "
       "Read "
@@ -107,6 +108,7 @@ void add_run(Command& app, Action& action) {
                  "repetition and text of the scenario")
       ->needs("--results");
   add_report_format(*command, arguments->format);
+  add_full(*command, arguments->full);
   // The lab's machine measures; whoever started it shows, judges and keeps.
   command->add_flag("--only-measure", arguments->only_measure, "measure, and show nothing")->group("");
   auto flags = std::make_shared<GateFlags>(*command, gate::Use::fail_if);

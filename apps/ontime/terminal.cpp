@@ -16,6 +16,8 @@
 #include <sys/ioctl.h>
 #include <unistd.h>
 
+#include "output.hpp"
+
 namespace ontime::app {
 namespace {
 
@@ -36,8 +38,11 @@ std::size_t columns() {
 }
 
 std::string words(const roundtrip::Counters& counters) {
-  return fmt::format("sent {}  on time {}  late {}  lost {}", counters.sent, counters.on_time, counters.late,
-                     counters.lost);
+  // A cycle without a message had no answer either.
+  const auto cycles = counters.sent + counters.skipped_cycles;
+  const auto missed = counters.late + counters.lost + counters.skipped_cycles;
+  return fmt::format("{} of {} cycles not in time ({} late, {} lost, {} skipped)", missed, cycles,
+                     counters.late, counters.lost, counters.skipped_cycles);
 }
 
 // A full disk under a log must not end a measurement: what cannot be said is not said.
@@ -155,7 +160,7 @@ nlohmann::json command_line() {
 }
 
 void print(const std::string& text) {
-  std::fputs(text.c_str(), stdout);
+  std::fputs(for_output(text).c_str(), stdout);
   // A terminal that has closed is an interruption, and known to be one.
   if ((std::fflush(stdout) != 0 || std::ferror(stdout) != 0) && interrupts == 0)
     throw campaign::Error(3, "standard output cannot be written: " + std::generic_category().message(errno));

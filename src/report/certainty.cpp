@@ -145,6 +145,32 @@ std::string refusal_of(const Extremes& of) {
   return join(reasons, "; ");
 }
 
+std::vector<std::string> unbounded_notes(const std::vector<std::string>& names, const Group& runs) {
+  struct Reason {
+    std::string text, common;  // as of the first run; without its figures
+    std::vector<std::size_t> runs;
+    bool same = true;
+  };
+  std::vector<Reason> reasons;
+  for (std::size_t i = 0; i < runs.size(); ++i) {
+    const auto& of = runs[i]->extremes;
+    if (runs[i]->round_trip.count == 0) continue;
+    const auto why = refusal_of(of);
+    if (why.empty()) continue;
+    const auto common = why.substr(0, std::min(why.find(" ("), why.find(", and there")));
+    auto known = std::find_if(reasons.begin(), reasons.end(),
+                              [&](const Reason& reason) { return reason.common == common; });
+    if (known == reasons.end()) known = reasons.insert(reasons.end(), {why, common, {}});
+    known->same = known->same && known->text == why;
+    known->runs.push_back(i);
+  }
+  std::vector<std::string> notes;
+  for (const auto& [text, common, places, same] : reasons)
+    notes.push_back(name_of_some(names, places) + ": no extrapolated worst case, because " +
+                    (same ? text : common));
+  return notes;
+}
+
 Table certainty_table(const std::vector<std::string>& labels, const Group& runs) {
   Table table{"", "", {{"Round trip (µs)", Column::Align::left}}, {}, {}};
   for (const auto* name : {"p50", "p99", "p99.9", "p99.99", "Missed (%)"}) table.columns.push_back({name});
@@ -161,21 +187,17 @@ Table certainty_table(const std::vector<std::string>& labels, const Group& runs)
 Table worst_case_table(const std::vector<std::string>& labels, const Group& runs) {
   Table table{
       "",
-      "What 1 in a million answers takes longer than, by extreme-value theory, for as long as it goes on "
-      "as it did. Fit, trend: p-values, which speak against a bound where they are small.",
+      "10⁻⁶ exceedance level by extreme-value theory, valid while conditions stay as they were. Fit, trend: "
+      "p-values; small ones speak against the level.",
       {{"Slowest (µs)", Column::Align::left}},
       {},
       {}};
-  std::map<std::string, std::vector<std::string>> without;  // labels, by why there is no bound
   for (const auto* name : {"Seen", "By block\nmaxima", "Fit", "By peaks over\na threshold", "Fit", "Trend"})
     table.columns.push_back({name});
   for (std::size_t i = 0; i < runs.size(); ++i) {
     const auto& of = runs[i]->extremes;
     if (runs[i]->round_trip.count == 0 || (!of.maxima && !of.peaks && of.refused.empty())) continue;
-    if (const auto why = refusal_of(of); !why.empty()) {
-      without[why].push_back(labels[i]);
-      continue;
-    }
+    if (!refusal_of(of).empty()) continue;
     const auto level = [](const std::optional<Bound>& bound) {
       return bound ? microseconds(bound->level) + " " + interval(bound->level_lies) : nothing;
     };
@@ -186,9 +208,6 @@ Table worst_case_table(const std::vector<std::string>& labels, const Group& runs
                           level(of.maxima), fit(of.maxima), level(of.peaks), fit(of.peaks),
                           of.maxima ? p_value(of.trend_p) : nothing});
   }
-  for (const auto& [why, of] : without)
-    table.notes.push_back(join(of, ", ") + ": this data does not allow a bound on the slowest, because " +
-                          why);
   return table;
 }
 

@@ -13,6 +13,7 @@ struct Column {
   std::string name;  // '\n' where a narrow form may break it
   Align align = Align::right;
   bool drawn = false;  // of blocks, each in its place: for a terminal alone
+  int dropped = 0;     // where a terminal is too narrow: 1 first; 0 never
 };
 
 struct Table {
@@ -37,7 +38,12 @@ struct Page {
   std::string legend;
 };
 
-std::string as_text(const Page&);
+inline constexpr std::size_t usual_width = 100;
+// Lines of at most `width` columns where cells and words allow it: a table that is wider drops columns, or
+// has the names of its rows on lines of their own.
+std::string as_text(const Page&, std::size_t width = usual_width);
+std::string wrapped(const std::string& paragraph, std::size_t width, const std::string& indent = "");
+std::size_t width_of(const std::string&);  // of UTF-8, in columns of a terminal
 std::string as_markdown(const Page&);
 std::string as_latex(const Page&);
 // RFC 4180, lines ended by '\n'.

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <algorithm>
 #include <cmath>
+#include <cstdio>
 #include <sstream>
 
 #include <fmt/format.h>
@@ -21,12 +22,11 @@ std::string ending(const json& outcome) {
   return is_true(at(outcome, "interrupted")) ? "interrupted before its end" : "";
 }
 
-// Whoever finds the table must not take it for a robot's.
+// A simulated machine's table must not pass for a robot's.
 std::string simulated(const json& outcome) {
   for (const auto& [host, facts] : at(outcome, "hosts").items())
     if (const auto& by = at(at(facts, "machine"), "simulated"); by.is_string())
-      return fmt::format("SIMULATED by {}: it compares settings, and predicts no real machine's times",
-                         word(by));
+      return fmt::format("SIMULATED by {}: compares settings, predicts no real machine's times", word(by));
   return "";
 }
 
@@ -53,10 +53,10 @@ std::string traffic(const json& outcome) {
         is_true(at(rates, "short")) ? fmt::format(" ({} sent)", megabits(at(rates, "sent_bit_s"))) : ""));
   }
   if (ways.empty()) return "";
-  return (is_short ? "NOT THE TRAFFIC THAT WAS ASKED FOR: " : "traffic: ") + join(ways, ", ");
+  return (is_short ? "TRAFFIC SHORTFALL: " : "traffic: ") + join(ways, ", ");
 }
 
-// What became of the neighbours' messages, loudly where they were not those that were asked for.
+// What became of the background topics' messages, loudly where fewer were sent than requested.
 std::string neighbours(const json& outcome) {
   std::vector<std::string> ways;
   bool is_short = false;
@@ -70,10 +70,10 @@ std::string neighbours(const json& outcome) {
     const struct {
       const char *key, *what;
     } others[] = {{"lost", "{} lost"},
-                  {"skipped_cycles", "{} not sent, for their sender overran its period"},
+                  {"skipped_cycles", "{} not sent because their sender overran its period"},
                   {"refused", "{} refused by the transport"},
                   {"overruns", "{} with a callback that took longer than its turn"},
-                  {"strays", "and {} of somebody else's"}};
+                  {"strays", "{} of another sender"}};
     std::vector<std::string> details;
     for (const auto& [key, what] : others)
       if (const auto number = count(at(counted, key)); number > 0)
@@ -81,7 +81,7 @@ std::string neighbours(const json& outcome) {
     ways.push_back(details.empty() ? text : text + " (" + join(details, ", ") + ")");
   }
   if (ways.empty()) return "";
-  return (is_short ? "NOT THE NEIGHBOURS THAT WERE ASKED FOR: " : "neighbours: ") + join(ways, ", ");
+  return (is_short ? "BACKGROUND TOPICS SHORTFALL: " : "background topics: ") + join(ways, ", ");
 }
 
 // Where the kernel dropped something: loss has a place.
@@ -89,10 +89,10 @@ std::string drops(const json& outcome) {
   std::vector<std::string> parts;
   const struct {
     const char *key, *what;
-  } places[] = {{"own_sockets", "{} for want of room in the sockets of the {}'s middleware"},
-                {"udp_receive", "{} for want of room in UDP sockets of the {}, of anybody"},
+  } places[] = {{"own_sockets", "{} because a socket buffer of the {}'s middleware was full"},
+                {"udp_receive", "{} because a UDP socket buffer of any process of the {} was full"},
                 {"udp_send", "{} that the {}'s sockets could not send"},
-                {"fragments", "{} on the {} of which not all fragments came"},
+                {"fragments", "{} on the {} because fragments were missing"},
                 {"interface_received", "{} that came to the {}'s interface"},
                 {"interface_sent", "{} that were to leave by the {}'s interface"},
                 {"backlog", "{} in the queues of the {}'s CPUs, on the whole machine"}};
@@ -181,27 +181,31 @@ std::vector<std::string> other_traffic(const statistics::Summary& summary) {
   return parts;
 }
 
-// What neither the network nor the other end is to blame for: the CPU given to others, our own thread asleep.
+using Weight = Remark::Weight;
+
+std::string percent(double share) { return fmt::format("{:.2g} %", share * 100); }
+
+// Causes outside the network and the other end: the CPU was given to others, or our own thread slept.
 constexpr double much_stolen = 0.001;
-std::vector<std::string> taken_away(const statistics::Summary& summary) {
-  std::vector<std::string> parts;
+void add_taken_away(std::vector<Remark>& remarks, const statistics::Summary& summary) {
   const auto& outcome = summary.run.outcome;
   const bool one_machine = record::on_one_machine(outcome);
   for (const auto* host : {"controller", "component"}) {
     const auto& stolen = at(at(at(outcome, "conditions"), host), "cpu_stolen");
     if (!stolen.is_number() || stolen.get<double>() < much_stolen) continue;
-    parts.push_back(fmt::format("the hypervisor took {:.1f} % of the time of the {}'s CPUs",
-                                stolen.get<double>() * 100, one_machine ? "machine" : host));
+    remarks.push_back(
+        {Weight::caution,
+         fmt::format("the hypervisor took {{}} of the time of the {}'s CPUs", one_machine ? "machine" : host),
+         stolen.get<double>(), percent});
     if (one_machine) break;
   }
-  if (!summary.shape.worst.empty()) {
-    const auto& [took_ns, before, message, after] = summary.shape.worst.front();
-    const auto woke_late = static_cast<double>(roundtrip::wake_up_latency_ns(message));
-    if (summary.wake_up.count > 0 && woke_late * 2 >= static_cast<double>(took_ns))
-      parts.push_back(fmt::format("of the longest answered wait, {} µs, the sender's wake-up took {}",
-                                  microseconds(static_cast<double>(took_ns)), microseconds(woke_late)));
-  }
-  return parts;
+  if (summary.shape.worst.empty() || summary.wake_up.count == 0) return;
+  const auto& [took_ns, before, message, after] = summary.shape.worst.front();
+  const auto woke_late = static_cast<double>(roundtrip::wake_up_latency_ns(message));
+  if (woke_late * 2 >= static_cast<double>(took_ns))
+    remarks.push_back(
+        {Weight::detail, fmt::format("of the longest answered wait, {} µs, the sender's wake-up took {}",
+                                     microseconds(static_cast<double>(took_ns)), microseconds(woke_late))});
 }
 
 // None of these is in any number above.
@@ -216,12 +220,11 @@ std::vector<std::string> clocks(const nlohmann::json& outcome) {
     const auto& conditions = at(at(outcome, "conditions"), host);
     const auto &slept = at(conditions, "suspended_s"), &moved = at(conditions, "clock_moved_s");
     if (slept.is_number() && slept.get<double>() >= long_s)
-      parts.push_back(fmt::format("{} was suspended for {:.1f} s, which no time counts that was measured",
-                                  machine, slept.get<double>()));
+      parts.push_back(fmt::format("{} was suspended for {:.1f} s; no measured time includes that", machine,
+                                  slept.get<double>()));
     if (moved.is_number() && std::abs(moved.get<double>()) >= long_s)
-      parts.push_back(
-          fmt::format("the system clock of {} was moved by {:+.1f} s, by which nothing is measured", machine,
-                      moved.get<double>()));
+      parts.push_back(fmt::format("the system clock of {} was moved by {:+.1f} s; no measured time uses it",
+                                  machine, moved.get<double>()));
     const auto& slewed = at(conditions, "clock_slew_ppm");
     if (slewed.is_number() && std::abs(slewed.get<double>()) >= much_slew_ppm)
       parts.push_back(fmt::format(
@@ -232,30 +235,56 @@ std::vector<std::string> clocks(const nlohmann::json& outcome) {
   return parts;
 }
 
-// A throttled CPU leaves its real-time threads waiting for the rest of the period; newer kernels' fair server
-// does, for as long.
-void add_throttling(std::vector<std::string>& parts, const statistics::Summary& summary) {
-  if (!is_true(at(summary.run.asked, "realtime"))) return;
-  const auto suspect = [&](const char* host, const char* what, std::int64_t ns) {
-    const auto& machine = at(at(at(summary.run.outcome, "hosts"), host), "machine");
-    const auto &runtime = at(machine, "rt_runtime_us"), &period = at(machine, "rt_period_us");
-    if (!runtime.is_number() || !period.is_number() || runtime < 0) return;
-    const double rest_us = period.get<double>() - runtime.get<double>();
-    if (rest_us <= 0 || static_cast<double>(ns) < rest_us * 1e3) return;
-    parts.push_back(fmt::format(
-        "{} up to {} µs late, as RT throttling of the {} would make it (its "
-        "kernel.sched_rt_runtime_us is {}; `dmesg` has its first time since boot), or, from Linux "
-        "6.12 on, the fair server",
-        what, microseconds(static_cast<double>(ns)), host, word(runtime)));
+// Whether the kernel had a thread of this role, or where none has it any thread, under real-time scheduling.
+bool ran_in_real_time(const json& host, const char* role) {
+  bool of_role = false, any = false, has_role = false;
+  for (const auto& thread : at(host, "threads")) {
+    const auto& policy = at(thread, "policy");
+    const bool real_time = policy == "fifo" || policy == "rr" || policy == "deadline";
+    any = any || real_time;
+    if (at(thread, "role") != role) continue;
+    has_role = true;
+    of_role = of_role || real_time;
+  }
+  return has_role ? of_role : any;
+}
+
+// What keeps a CPU from its real-time threads for a while each second, and how long.
+struct Throttle {
+  std::string name;
+  double least_ns = 0;
+};
+std::optional<Throttle> throttle_of(const json& machine) {
+  const auto release = word(at(machine, "kernel_release"));
+  int major = 0, minor = 0;
+  const bool known = std::sscanf(release.c_str(), "%d.%d", &major, &minor) == 2;
+  // RT throttling became the fair server: 50 ms of each second for ordinary threads.
+  if (known && (major > 6 || (major == 6 && minor >= 12))) return Throttle{"the fair server", 50e6};
+  const auto &runtime = at(machine, "rt_runtime_us"), &period = at(machine, "rt_period_us");
+  if (!runtime.is_number() || !period.is_number() || runtime < 0) return std::nullopt;
+  const double rest_us = period.get<double>() - runtime.get<double>();
+  if (rest_us <= 0) return std::nullopt;
+  return Throttle{fmt::format("RT throttling (kernel.sched_rt_runtime_us is {})", word(runtime)),
+                  rest_us * 1e3};
+}
+
+void add_throttling(std::vector<Remark>& remarks, const statistics::Summary& summary) {
+  const auto suspect = [&](const char* host, const char* role, const char* what, std::int64_t ns) {
+    const auto& facts = at(at(summary.run.outcome, "hosts"), host);
+    const auto throttle = throttle_of(at(facts, "machine"));
+    if (!throttle || static_cast<double>(ns) < throttle->least_ns || !ran_in_real_time(facts, role)) return;
+    remarks.push_back(
+        {Weight::caution, fmt::format("{} up to {} µs late, as {} of the {} would make it", what,
+                                      microseconds(static_cast<double>(ns)), throttle->name, host)});
   };
-  suspect("controller", "woke", summary.wake_up.max);
-  suspect("component", "answered", summary.server.max);
-  // A faulty or a full link delays as long by itself, and so does what is sent again.
+  suspect("controller", "send", "woke", summary.wake_up.max);
+  suspect("component", "receive", "answered", summary.server.max);
+  // A faulty or a full link delays as long by itself, and so does a repeated transmission.
   const auto& asked = summary.run.asked;
   const bool by_the_link = !at(asked, "link").is_null() || !at(asked, "traffic").is_null() ||
                            !losses(summary.run.outcome, "on_the_way", "to").empty();
   if (summary.parts && !by_the_link)
-    suspect("component", "received", summary.parts->there.max - summary.parts->there.p50);
+    suspect("component", "receive", "received", summary.parts->there.max - summary.parts->there.p50);
 }
 
 // "at 3.2 s: the pong left".
@@ -269,41 +298,47 @@ std::string text_of(const record::Note& note, const statistics::Summary& summary
                      (static_cast<double>(*note.at_ns) - static_cast<double>(summary.start_ns)) / 1e9, text);
 }
 
-void add_notes(std::vector<std::string>& parts, const statistics::Summary& summary) {
+void add_notes(std::vector<Remark>& remarks, const statistics::Summary& summary) {
   for (std::size_t i = 0; i < std::min(most_notes, summary.notes.size()); ++i)
-    parts.push_back(text_of(summary.notes[i], summary));
+    remarks.push_back({Weight::caution, text_of(summary.notes[i], summary)});
   if (summary.notes.size() > most_notes)
-    parts.push_back(many(summary.notes.size() - most_notes, "further note", "further notes"));
+    remarks.push_back(
+        {Weight::detail, many(summary.notes.size() - most_notes, "further note", "further notes")});
 }
 
 // A pong that died, a cable that was pulled: not every transport notices.
 constexpr std::uint64_t surely_gone = 10;  // messages
-void add_silence(std::vector<std::string>& parts, const statistics::Summary& summary) {
+void add_silence(std::vector<Remark>& remarks, const statistics::Summary& summary) {
   if (summary.unanswered_at_end < surely_gone || summary.unanswered_at_end == summary.sent) return;
   const auto from_ns =
       static_cast<double>(summary.unanswered_from_ns) - static_cast<double>(summary.start_ns);
-  parts.push_back(fmt::format("nothing was answered any more from {:.1f} s on: the last {} messages",
-                              from_ns / 1e9, grouped(summary.unanswered_at_end)));
+  remarks.push_back({Weight::caution, fmt::format("no answer from {:.1f} s on: the last {} messages",
+                                                  from_ns / 1e9, grouped(summary.unanswered_at_end))});
 }
 
-// Of the machines' settings, those that somebody changed while it was measured.
+// Settings of a machine that another process changed during the run.
 std::vector<std::string> changed_settings(const json& outcome) {
   std::vector<std::string> parts;
   for (const auto& [host, facts] : at(outcome, "hosts").items())
     for (const auto* group : {"kernel", "isolation"})
       for (const auto& [index, one] : at(facts, group).items())
         if (at(one, "now") != at(one, "after"))
-          parts.push_back(fmt::format("{}.{} was no longer so at the end: {} of the {} was {}, not {}", group,
+          parts.push_back(fmt::format("{}.{} did not last: at the end {} of the {} was {}, not {}", group,
                                       word(at(one, "setting")), word(at(one, "thing")), word(host),
                                       at(one, "now").is_null() ? "gone" : word(at(one, "now")),
                                       word(at(one, "after"))));
   return parts;
 }
 
+// What one remedy permits.
 struct Refused {
-  std::string found, remedy;
-  std::vector<std::string> asked;
+  std::string remedy;
+  std::vector<std::string> found, asked;
 };
+
+void add_once(std::vector<std::string>& all, const std::string& text) {
+  if (std::find(all.begin(), all.end(), text) == all.end()) all.push_back(text);
+}
 
 // As word(), but lines stay lines, for they are to be copied.
 std::string lines(const nlohmann::json& value) {
@@ -318,12 +353,11 @@ void add_refusals(std::vector<Refused>& all, const nlohmann::json& end) {
   for (const auto& [index, refusal] : at(end, "refusals").items()) {
     const auto asked = word(at(refusal, "asked")), found = word(at(refusal, "found")),
                remedy = lines(at(refusal, "remedy"));
-    auto same = std::find_if(all.begin(), all.end(), [&](const auto& other) {
-      return other.found == found && other.remedy == remedy;
-    });
-    if (same == all.end()) same = all.insert(all.end(), {found, remedy, {}});
-    if (std::find(same->asked.begin(), same->asked.end(), asked) == same->asked.end())
-      same->asked.push_back(asked);
+    auto same =
+        std::find_if(all.begin(), all.end(), [&](const auto& other) { return other.remedy == remedy; });
+    if (same == all.end()) same = all.insert(all.end(), {remedy, {}, {}});
+    add_once(same->found, found);
+    add_once(same->asked, asked);
   }
 }
 
@@ -331,8 +365,8 @@ std::vector<std::string> notes_of(const std::vector<Refused>& all) {
   std::vector<std::string> notes;
   notes.reserve(all.size());
   for (const auto& refused : all)
-    notes.push_back(fmt::format("Asked but not given: {};\nfound: {};\nto permit it: {}",
-                                join(refused.asked, ", "), refused.found, refused.remedy));
+    notes.push_back(fmt::format("Requested, denied: {};\nfound: {};\nfix: {}", join(refused.asked, ", "),
+                                join(refused.found, "; "), refused.remedy));
   return notes;
 }
 
@@ -355,57 +389,116 @@ std::vector<std::string> divided_load(const json& asked, const json& outcome) {
 
 }  // namespace
 
-std::string remarks(const statistics::Summary& summary) {
+std::vector<Remark> remarks_of(const statistics::Summary& summary) {
   const auto& outcome = summary.run.outcome;
-  std::vector<std::string> parts;
-  if (const auto text = ending(outcome); !text.empty()) parts.push_back(text);
-  if (const auto text = simulated(outcome); !text.empty()) parts.push_back(text);
+  std::vector<Remark> remarks;
+  const auto add = [&](Weight weight, std::string text) {
+    if (!text.empty()) remarks.push_back({weight, std::move(text)});
+  };
+  const auto is_short = [&](const char* beside) {
+    return is_true(at(at(at(outcome, beside), "to_component"), "short")) ||
+           is_true(at(at(at(outcome, beside), "to_controller"), "short"));
+  };
+  add(Weight::not_applied, ending(outcome));
+  add(Weight::caution, simulated(outcome));
   for (const auto& [host, facts] : at(outcome, "hosts").items())
     if (at(facts, "load_running") == false)
-      parts.push_back("the load on the " + word(host) + " had died by the end");
-  for (auto& text : divided_load(summary.run.asked, outcome)) parts.push_back(std::move(text));
-  if (const auto text = traffic(outcome); !text.empty()) parts.push_back(text);
-  if (const auto text = neighbours(outcome); !text.empty()) parts.push_back(text);
+      add(Weight::not_applied, "the load on the " + word(host) + " had died by the end");
+  for (auto& text : divided_load(summary.run.asked, outcome)) add(Weight::not_applied, std::move(text));
+  add(is_short("traffic") ? Weight::not_applied : Weight::detail, traffic(outcome));
+  add(is_short("neighbours") ? Weight::not_applied : Weight::detail, neighbours(outcome));
   if (!at(summary.run.asked, "link").is_null())
     for (const auto& [host, facts] : at(outcome, "hosts").items())
       if (const auto& gone = at(at(facts, "link"), "gone"); gone.is_string())
-        parts.push_back("THE LINK'S FAULTS NEED NOT HAVE BEEN THERE on the " + word(host) + ": " +
-                        word(gone));
-  if (const auto& why = at(outcome, "link_unproved"); why.is_string()) parts.push_back(word(why));
-  for (const auto& text : changed_settings(outcome)) parts.push_back(text);
-  add_notes(parts, summary);
-  add_silence(parts, summary);
-  if (const auto text = drops(outcome); !text.empty()) parts.push_back(text);
-  if (const auto text = faults(outcome); !text.empty()) parts.push_back(text);
-  if (const auto text = launches_missed(outcome); !text.empty()) parts.push_back(text);
-  for (const auto& text : taken_away(summary)) parts.push_back(text);
-  for (const auto& text : clocks(outcome)) parts.push_back(text);
-  add_throttling(parts, summary);
+        add(Weight::not_applied, "LINK FAULTS NOT VERIFIED on the " + word(host) + ": " + word(gone));
+  if (const auto& why = at(outcome, "link_unproved"); why.is_string()) add(Weight::caution, word(why));
+  for (const auto& text : changed_settings(outcome)) add(Weight::not_applied, text);
+  add_notes(remarks, summary);
+  add_silence(remarks, summary);
+  add(Weight::detail, drops(outcome));
+  add(Weight::detail, faults(outcome));
+  add(Weight::detail, launches_missed(outcome));
+  add_taken_away(remarks, summary);
+  for (const auto& text : clocks(outcome)) add(Weight::caution, text);
+  add_throttling(remarks, summary);
   if (summary.skipped_cycles > 0)
-    parts.push_back(
-        many(summary.skipped_cycles, "skipped cycle", "skipped cycles") +
-        fmt::format(" (response time up to {} µs)", microseconds(static_cast<double>(summary.response.max))));
+    add(Weight::detail, many(summary.skipped_cycles, "skipped cycle", "skipped cycles") +
+                            fmt::format(" (response time up to {} µs)",
+                                        microseconds(static_cast<double>(summary.response.max))));
   if (const auto text = losses(outcome, "overwritten", "at"); !text.empty())
-    parts.push_back("overwritten before they were read: " + text);
+    add(Weight::detail, "overwritten before they were read: " + text);
   if (const auto text = losses(outcome, "on_the_way", "to"); !text.empty())
-    parts.push_back("lost on the way: " + text);
-  for (const auto& text : other_traffic(summary)) parts.push_back(text);
-  if (!summary.no_parts.empty()) parts.push_back(summary.no_parts);
+    add(Weight::detail, "lost on the way: " + text);
+  for (const auto& text : other_traffic(summary)) add(Weight::caution, text);
+  add(Weight::detail, summary.no_parts);
   const struct {
+    Weight weight;
     const char *key, *one, *several;
-  } counters[] = {{"duplicates", "duplicate", "duplicates"},
-                  {"strays", "stray answer", "stray answers"},
-                  {"reordered", "answer out of order", "answers out of order"},
-                  {"wrong_size", "answer of another payload size, which settles no message",
-                   "answers of another payload size, which settle no message"},
-                  {"wrong_server_times", "answer with server times that do not fit into its round trip",
-                   "answers with server times that do not fit into their round trips"},
-                  {"refused_sends", "message refused by the transport", "messages refused by the transport"},
-                  {"dropped_records", "sample not recorded, and missing above",
-                   "samples not recorded, and missing above"}};
-  for (const auto& [key, one, several] : counters)
-    if (const auto number = count(at(outcome, key)); number > 0) parts.push_back(many(number, one, several));
-  return join(parts, "; ");
+  } counters[] = {
+      {Weight::detail, "duplicates", "duplicate", "duplicates"},
+      {Weight::detail, "strays", "stray answer", "stray answers"},
+      {Weight::detail, "reordered", "answer out of order", "answers out of order"},
+      {Weight::caution, "wrong_size", "answer of another payload size, which settles no message",
+       "answers of another payload size, which settle no message"},
+      {Weight::caution, "wrong_server_times", "answer with server times that do not fit into its round trip",
+       "answers with server times that do not fit into their round trips"},
+      {Weight::detail, "refused_sends", "message refused by the transport",
+       "messages refused by the transport"},
+      {Weight::caution, "dropped_records", "sample not recorded, and missing above",
+       "samples not recorded, and missing above"}};
+  for (const auto& [weight, key, one, several] : counters)
+    if (const auto number = count(at(outcome, key)); number > 0) add(weight, many(number, one, several));
+  return remarks;
+}
+
+std::string remarks(const statistics::Summary& summary) {
+  std::vector<std::string> texts;
+  for (const auto& remark : remarks_of(summary))
+    texts.push_back(remark.amount ? replace_all(remark.text, "{}", remark.shown(*remark.amount))
+                                  : remark.text);
+  return join(texts, "; ");
+}
+
+std::string name_of_some(const std::vector<std::string>& names, const std::vector<std::size_t>& places) {
+  constexpr std::size_t most = 3;
+  if (places.size() == names.size() && names.size() > 1) return "all runs";
+  std::vector<std::string> some;
+  for (std::size_t i = 0; i < std::min(most, places.size()); ++i) some.push_back(names.at(places[i]));
+  if (places.size() <= most) return join(some, ", ");
+  return fmt::format("{} of {} runs ({}, …)", places.size(), names.size(), join(some, ", "));
+}
+
+std::vector<SharedRemark> shared_remarks(const std::vector<const statistics::Summary*>& runs) {
+  struct Gathered {
+    Remark remark;
+    double most = 0;
+    std::vector<std::size_t> runs;
+  };
+  std::vector<Gathered> all;
+  for (std::size_t run = 0; run < runs.size(); ++run)
+    for (const auto& remark : remarks_of(*runs[run])) {
+      auto same = std::find_if(all.begin(), all.end(), [&](const Gathered& other) {
+        return other.remark.text == remark.text &&
+               other.remark.amount.has_value() == remark.amount.has_value();
+      });
+      if (same == all.end())
+        same = all.insert(all.end(), {remark, remark.amount.value_or(0), {}});
+      else if (remark.amount) {
+        same->most = std::max(same->most, *remark.amount);
+        same->remark.amount = std::min(*same->remark.amount, *remark.amount);
+      }
+      if (same->runs.empty() || same->runs.back() != run) same->runs.push_back(run);
+    }
+  std::vector<SharedRemark> shared;
+  for (auto& [remark, most, of] : all) {
+    auto text = remark.text;
+    if (remark.amount) {
+      const auto low = remark.shown(*remark.amount), high = remark.shown(most);
+      text = replace_all(text, "{}", low == high ? low : fmt::format("{} to {}", low, high));
+    }
+    shared.push_back({remark.weight, std::move(text), std::move(of)});
+  }
+  return shared;
 }
 
 std::vector<std::string> refusals(const Summaries& summaries) {

@@ -46,7 +46,7 @@ void leave_out_drawings(Table& table) {
   }
 }
 
-std::string page_text(const Page& unchecked, Format format) {
+std::string page_text(const Page& unchecked, Format format, std::size_t width) {
   auto page = checked(unchecked);
   if (format != Format::table)
     for (auto& table : page.tables) leave_out_drawings(table);
@@ -58,7 +58,7 @@ std::string page_text(const Page& unchecked, Format format) {
     case Format::html:
       return as_html(page);
     default:
-      return as_text(page);
+      return as_text(page, width);
   }
 }
 
@@ -74,31 +74,40 @@ std::optional<Format> format_of(const std::string& word) {
   return std::nullopt;
 }
 
-std::string render(const Summaries& summaries, Format format) {
+std::string render(const Summaries& summaries, Format format, const Origin& origin, std::size_t width) {
   if (format == Format::csv) return csv_of(summaries);
-  if (format != Format::json) return page_text(page_of(summaries), format);
+  if (format != Format::json) return page_text(page_of(summaries), format, width);
   auto runs = nlohmann::ordered_json::array();
   for (const auto& summary : summaries) runs.push_back(json_of(summary));
-  return text_of({{"ontime", ONTIME_VERSION}, {"runs", runs}, {"searches", searches_json_of(summaries)}});
+  return text_of({{"ontime", ONTIME_VERSION},
+                  {"answer", json_of(answer_of(summaries, origin))},
+                  {"runs", runs},
+                  {"searches", searches_json_of(summaries)}});
+}
+
+std::string render_answer(const Summaries& summaries, Format format, const Origin& origin,
+                          std::size_t width) {
+  return format == Format::table ? text_of(answer_of(summaries, origin), width)
+                                 : render(summaries, format, origin, width);
 }
 
 std::string render(const Comparison& comparison, const std::vector<gate::Judgement>& judgements,
-                   Format format) {
+                   Format format, std::size_t width) {
   if (format == Format::json) return text_of(json_of(comparison, judgements));
   if (format == Format::csv) return csv_of(comparison);
-  return page_text(page_of(comparison, judgements), format);
+  return page_text(page_of(comparison, judgements), format, width);
 }
 
-std::string render_threads(const Summaries& summaries, Format format) {
+std::string render_threads(const Summaries& summaries, Format format, std::size_t width) {
   if (format == Format::csv) return threads_csv_of(summaries);
   if (format == Format::json) return text_of(threads_json_of(summaries));
-  return page_text(threads_page_of(summaries), format);
+  return page_text(threads_page_of(summaries), format, width);
 }
 
-std::string render_layers(const Summaries& summaries, Format format) {
+std::string render_layers(const Summaries& summaries, Format format, std::size_t width) {
   if (format == Format::json) return text_of(layers_json_of(summaries));
   if (format == Format::csv) return layers_csv_of(summaries);
-  return page_text(layers_page_of(summaries), format);
+  return page_text(layers_page_of(summaries), format, width);
 }
 
 }  // namespace ontime::report

@@ -12,6 +12,7 @@
 
 #include "explain/explain.hpp"
 #include "gate/gate.hpp"
+#include "report/answer.hpp"
 #include "statistics/statistics.hpp"
 
 namespace ontime::report {
@@ -27,12 +28,14 @@ std::string printable(const std::string& text);
 // Its first so many characters, with "…" where there are more.
 std::string shortened(const std::string& text, std::size_t most);
 
-// One row a run; as HTML the tables alone. docs/json.md describes the JSON; it is stable.
-std::string render(const std::vector<statistics::Summary>&, Format);
-// Whether messages arrived on time, in a line: the page's first. Where it is no plain yes or no, with why.
-std::string verdict(const std::vector<statistics::Summary>&);
+// Every table of all runs, one row a run; as HTML the tables alone. docs/json.md describes the JSON; it is
+// stable. `width`: of a terminal, for Format::table.
+std::string render(const std::vector<statistics::Summary>&, Format, const Origin& = {},
+                   std::size_t width = 100);
+// The first screen instead, where the form is Format::table.
+std::string render_answer(const std::vector<statistics::Summary>&, Format, const Origin&, std::size_t width);
 // The threads of each run as the kernel said they were: policy, priority, affinity, faults, switches.
-std::string render_threads(const std::vector<statistics::Summary>&, Format);
+std::string render_threads(const std::vector<statistics::Summary>&, Format, std::size_t width = 100);
 
 // What an end asked of its machine and did not get, for people; alike ones together.
 std::vector<std::string> refusals_of(const nlohmann::json& end);
@@ -53,7 +56,7 @@ struct Plot {
 std::string gnuplot_of(const std::vector<statistics::Summary>&, const Plot&);
 
 // What each layer costs a message, of runs that say what they add to: a waterfall.
-std::string render_layers(const std::vector<statistics::Summary>&, Format);
+std::string render_layers(const std::vector<statistics::Summary>&, Format, std::size_t width = 100);
 
 // Runs set side by side: those of A and of B that have the same key, repetitions together, in A's order. It
 // points into what was given.
@@ -74,7 +77,7 @@ Comparison compare_chosen(const std::vector<statistics::Summary>& a,
 std::string gnuplot_of(const Comparison&, const Plot&);
 // Each figure, how much it changed and between what that surely lies; what else differs between the two
 // sides; and what has no partner.
-std::string render(const Comparison&, const std::vector<gate::Judgement>&, Format);
+std::string render(const Comparison&, const std::vector<gate::Judgement>&, Format, std::size_t width = 100);
 
 // Why messages of a run were late or lost; as table, Markdown or JSON.
 struct Explained {

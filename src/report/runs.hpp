@@ -2,6 +2,7 @@
 // Runs, as programs read them and as people do.
 #pragma once
 
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -28,10 +29,12 @@ std::string percentile(const statistics::Distribution&, std::int64_t ns, std::ui
 // 95 % confidence intervals of runs' percentiles, by their labels; without a title. No rows where none is
 // known. "≥ x": no upper limit; the value itself may be x, for limits are values that were seen.
 Table certainty_table(const std::vector<std::string>& labels, const std::vector<const statistics::Summary*>&);
-// How slow an answer may be that was not seen yet; likewise. A note says of which runs that cannot be said,
-// and why: they have no row.
+// The extrapolated worst case. Runs without one have no row.
 Table worst_case_table(const std::vector<std::string>& labels,
                        const std::vector<const statistics::Summary*>&);
+// Why, each reason once with the names of the runs that it holds for.
+std::vector<std::string> unbounded_notes(const std::vector<std::string>& names,
+                                         const std::vector<const statistics::Summary*>&);
 std::string refusal_of(const statistics::Extremes&);  // why there is no bound; empty, if there is one
 // What a response is made of, each by itself: a stall of our own thread is none of the network's.
 Table stages_table(const std::vector<std::string>& labels, const std::vector<const statistics::Summary*>&);
@@ -41,10 +44,25 @@ void add_certainty(nlohmann::ordered_json& run, const statistics::Summary&);
 Table searches_table(const std::vector<const statistics::Summary*>&);
 nlohmann::ordered_json searches_json_of(const Summaries&);
 
-// What a run must not be read without: whatever went wrong or was counted beside the table. Empty if nothing
-// was.
-std::string remarks(const statistics::Summary&);
-// What these runs asked of their machines and did not get, each once.
+// What a run must not be read without: what went wrong, or was counted beside the table.
+struct Remark {
+  enum class Weight { detail, caution, not_applied } weight;  // not_applied: not the run that was requested
+  std::string text;  // "{}" stands for the amount, where there is one
+  std::optional<double> amount = {};
+  std::string (*shown)(double) = nullptr;
+};
+std::vector<Remark> remarks_of(const statistics::Summary&);
+std::string remarks(const statistics::Summary&);  // in one text; empty if there is none
+// Each remark once, with the range of its amounts and the places of the runs that have it.
+struct SharedRemark {
+  Remark::Weight weight;
+  std::string text;
+  std::vector<std::size_t> runs;
+};
+// "udp, fastdds", "all runs", "9 of 12 runs (udp, fastdds, …)".
+std::string name_of_some(const std::vector<std::string>& names, const std::vector<std::size_t>& places);
+std::vector<SharedRemark> shared_remarks(const std::vector<const statistics::Summary*>&);
+// Settings that these runs requested and the machines denied, one text for each remedy.
 std::vector<std::string> refusals(const Summaries&);
 
 // Runs of an id that were imported: what is known of them, and what is not.

@@ -60,9 +60,17 @@ std::vector<std::string> row(const PaperRow& paper, bool by_response) {
 }
 
 std::vector<Column> columns(bool by_response) {
-  std::vector<Column> columns = {{"Round trip (µs)", Column::Align::left}};
-  for (const auto* name : {"Min", "Avg", "p50", "p90", "p99", "p99.9", "p99.99", "Max", "Missed\ndeadlines"})
-    columns.push_back({name});
+  using enum Column::Align;
+  std::vector<Column> columns = {{"Round trip (µs)", left},
+                                 {"Min", right, false, 3},
+                                 {"Avg", right, false, 2},
+                                 {"p50"},
+                                 {"p90", right, false, 4},
+                                 {"p99"},
+                                 {"p99.9", right, false, 5},
+                                 {"p99.99", right, false, 1},
+                                 {"Max"},
+                                 {"Missed\ndeadlines"}};
   if (by_response) columns.push_back({"by\nresponse"});
   columns.push_back({"Message\nloss"});
   return columns;
@@ -106,6 +114,47 @@ std::vector<std::string> parts_of(const Group& group) {
   return lines;
 }
 
+// Of runs that were repeated: between what their figures lie from run to run.
+Table spread_table(const Group& group) {
+  Table table{"", "", {{"Round trip (µs)", Column::Align::left}}, {}, {}};
+  for (const auto* name : {"Runs", "p50", "p99", "p99.9", "Max", "Missed (%)"})
+    table.columns.push_back({name});
+  const auto labels = labels_without_repetition(group);
+  for (std::size_t first = 0; first < group.size(); ++first) {
+    if (std::find(labels.begin(), labels.begin() + static_cast<std::ptrdiff_t>(first), labels[first]) !=
+        labels.begin() + static_cast<std::ptrdiff_t>(first))
+      continue;
+    Group runs;
+    for (std::size_t i = first; i < group.size(); ++i)
+      if (labels[i] == labels[first] && group[i]->round_trip.count > 0) runs.push_back(group[i]);
+    if (runs.size() < 2) continue;
+    const auto spread = [&](auto value, auto form) {
+      std::vector<double> values;
+      for (const auto* run : runs) values.push_back(value(*run));
+      const auto [low, high] = std::minmax_element(values.begin(), values.end());
+      return fmt::format("{} [{}, {}]", form(statistics::estimate(values)->median), form(*low), form(*high));
+    };
+    const auto time = [&](std::int64_t Distribution::*figure, std::uint64_t one_in) {
+      const bool known = std::all_of(runs.begin(), runs.end(),
+                                     [&](const auto* run) { return run->round_trip.count >= one_in; });
+      return known ? spread([&](const Summary& run) { return static_cast<double>(run.round_trip.*figure); },
+                            microseconds)
+                   : nothing;
+    };
+    table.rows.push_back({labels[first], fmt::format("{}", runs.size()), time(&Distribution::p50, 2),
+                          time(&Distribution::p99, 100), time(&Distribution::p99_9, 1000),
+                          time(&Distribution::max, 1),
+                          spread(
+                              [](const Summary& run) {
+                                return static_cast<double>(run.late + run.lost) * 100 /
+                                       static_cast<double>(std::max<std::uint64_t>(run.sent, 1));
+                              },
+                              [](double percent) { return fmt::format("{:.2g}", percent); })});
+  }
+  if (!table.rows.empty()) table.conditions = "Median of the runs [lowest, highest].";
+  return table;
+}
+
 std::vector<Table> tables_of(Group group) {
   // Interleaved repetitions come together again, in the order in which their first one ran.
   const auto alike = labels_without_repetition(group);
@@ -124,25 +173,51 @@ std::vector<Table> tables_of(Group group) {
     table.title += "  " + title;
   auto labels = labels_of(group);
   tell_apart(labels, group);
-  for (std::size_t i = 0; i < group.size(); ++i) {
-    table.rows.push_back(row(labels[i], *group[i], by_response));
-    if (const auto text = remarks(*group[i]); !text.empty()) table.notes.push_back(labels[i] + ": " + text);
-  }
+  for (std::size_t i = 0; i < group.size(); ++i) table.rows.push_back(row(labels[i], *group[i], by_response));
   for (const auto& paper : paper_rows(asked)) table.rows.push_back(row(paper, by_response));
   std::vector<Table> tables = {table};
-  const std::pair<Table, const char*> others[] = {{certainty_table(labels, group), "95 % confidence intervals"},
-                                                  {worst_case_table(labels, group), "worst case"},
-                                                  {stages_table(labels, group), "stage by stage"},
-                                                  {searches_table(group), "search"}};
+  const std::pair<Table, const char*> others[] = {
+      {spread_table(group), "over repetitions"},
+      {certainty_table(labels, group), "95 % confidence intervals"},
+      {worst_case_table(labels, group), "worst case"},
+      {stages_table(labels, group), "stage by stage"},
+      {searches_table(group), "search"}};
   for (const auto& [other, what] : others) {
-    if (other.rows.empty()) {
-      tables.front().notes.insert(tables.front().notes.end(), other.notes.begin(), other.notes.end());
-      continue;
-    }
+    if (other.rows.empty()) continue;
     tables.push_back(other);
     tables.back().title = id_of(asked) + "  " + (other.title.empty() ? what : other.title);
   }
   return tables;
+}
+
+// "Test1.B udp"; of runs with one id "udp".
+std::vector<std::string> names_of(const std::vector<Group>& groups) {
+  std::vector<std::string> names;
+  for (const auto& group : groups) {
+    auto labels = labels_of(group);
+    tell_apart(labels, group);
+    for (const auto& label : labels)
+      names.push_back(groups.size() == 1 ? label : id_of(group.front()->run.asked) + " " + label);
+  }
+  return names;
+}
+
+// Each remark once, after the runs that have it; those of the same runs in one note.
+std::vector<std::string> remarks_of(const std::vector<Group>& groups) {
+  Group all;
+  for (const auto& group : groups) all.insert(all.end(), group.begin(), group.end());
+  const auto names = names_of(groups);
+  std::vector<std::pair<std::vector<std::size_t>, std::vector<std::string>>> notes;
+  for (const auto& [weight, text, runs] : shared_remarks(all)) {
+    auto same =
+        std::find_if(notes.begin(), notes.end(), [&](const auto& note) { return note.first == runs; });
+    if (same == notes.end()) same = notes.insert(notes.end(), {runs, {}});
+    same->second.push_back(text);
+  }
+  auto lines = unbounded_notes(names, all);
+  for (const auto& [runs, texts] : notes)
+    lines.push_back(name_of_some(names, runs) + ": " + join(texts, "; "));
+  return lines;
 }
 
 // "10 ms" if all runs have it, else `otherwise`.
@@ -163,8 +238,8 @@ std::string legend_of(const Page& page, const Summaries& summaries) {
                             common_duration(summaries, "deadline_us", "the run's deadline"));
   if (std::any_of(summaries.begin(), summaries.end(), differs_by_response))
     legend +=
-        "; by response: so late after a cycle was due, or not at all, of all cycles, those that passed "
-        "without a message among them";
+        "; by response: cycles without an answer so long after they were due, of all cycles, also those "
+        "without a message";
   legend += fmt::format(". Message loss: not answered within {}.",
                         common_duration(summaries, "timeout_us", "the run's time-out"));
   const auto any_cell = [&](auto predicate) {
@@ -180,8 +255,7 @@ std::string legend_of(const Page& page, const Summaries& summaries) {
     legend += " [low, high]: 95 % confidence interval.";
   if (any_cell([](const std::string& cell) { return cell.starts_with("≥"); }))
     legend += " ≥: lower limit alone; too few answers, or too dependent ones, for an upper limit.";
-  if (any_cell([](const std::string& cell) { return cell == nothing; }))
-    legend += " -: too few answers to tell.";
+  if (any_cell([](const std::string& cell) { return cell == nothing; })) legend += " -: too few answers.";
   if (any_of_paper(summaries))
     legend +=
         " paper's: measured by Gutiérrez, San Vicente et al. (2018) on their two machines, with DDS 1 to 3, "
@@ -206,14 +280,18 @@ std::string percentile(const Distribution& of, std::int64_t ns, std::uint64_t on
 Page page_of(const Summaries& summaries) {
   if (summaries.empty()) return {{}, {"There are no runs."}, ""};
   Page page;
+  std::vector<Group> groups;
   for (auto& group : by_id(summaries)) {
     const auto measured =
         std::stable_partition(group.begin(), group.end(), [](const auto* run) { return !run->imported; });
-    if (measured != group.begin())
-      for (auto& table : tables_of({group.begin(), measured})) page.tables.push_back(std::move(table));
+    if (measured != group.begin()) {
+      groups.emplace_back(group.begin(), measured);
+      for (auto& table : tables_of(groups.back())) page.tables.push_back(std::move(table));
+    }
     if (measured != group.end()) page.tables.push_back(imported_table_of({measured, group.end()}));
   }
-  page.notes = refusals(summaries);
+  page.notes = remarks_of(groups);
+  for (auto& refusal : refusals(summaries)) page.notes.push_back(std::move(refusal));
   const bool any_measured =
       std::any_of(summaries.begin(), summaries.end(), [](const auto& run) { return !run.imported; });
   if (any_measured) page.legend = legend_of(page, summaries);

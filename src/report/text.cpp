@@ -11,40 +11,17 @@
 namespace ontime::report {
 namespace {
 
-constexpr std::size_t page_width = 100;
 constexpr std::size_t column_gap = 2;
 
-// Of UTF-8, taking each code point as one column wide.
-std::size_t width(const std::string& text) {
-  return static_cast<std::size_t>(std::count_if(
-      text.begin(), text.end(), [](char c) { return (static_cast<unsigned char>(c) & 0xc0) != 0x80; }));
-}
-
-// Breaks a paragraph between words. Its lines after the first are indented further.
-std::string wrap(const std::string& paragraph, const std::string& indent) {
-  std::string text, line = indent;
-  for (const auto& word : split(paragraph, ' ')) {
-    const bool fresh = line.ends_with(' ') || line.empty();
-    if (!fresh && width(line) + 1 + width(word) > page_width) {
-      text += line + "\n";
-      line = indent + "  ";
-    } else if (!fresh) {
-      line += ' ';
-    }
-    line += word;
-  }
-  return text + line + "\n";
-}
-
-std::string text_of_note(const std::string& note, const std::string& indent) {
+std::string text_of_note(const std::string& note, std::size_t width, const std::string& indent) {
   const auto lines = split(note, '\n');
-  std::string text = wrap(lines.front(), indent);
+  std::string text = wrapped(lines.front(), width, indent);
   for (std::size_t i = 1; i < lines.size(); ++i) text += indent + "  " + lines[i] + "\n";
   return text;
 }
 
 std::string pad(const std::string& cell, std::size_t to, Column::Align align) {
-  const std::string space(to - width(cell), ' ');
+  const std::string space(to - width_of(cell), ' ');
   return align == Column::Align::left ? cell + space : space + cell;
 }
 
@@ -71,45 +48,95 @@ std::vector<std::vector<std::string>> header_of(const std::vector<Column>& colum
   return lines;
 }
 
-// Where the page is too narrow for them, names of rows may be wider than their column: such a one stands on a
-// line of its own, above its numbers.
-void narrow_names(std::vector<std::size_t>& widths, const Table& table, std::size_t header_width) {
-  const auto others = std::accumulate(widths.begin() + 1, widths.end(), column_gap * (widths.size() - 1));
-  if (widths.front() + others <= page_width || header_width + others > page_width) return;
-  widths.front() = header_width;
-  for (const auto& row : table.rows)
-    if (const auto name = width(row.front()); name + others <= page_width)
-      widths.front() = std::max(widths.front(), name);
-}
+struct Layout {
+  std::vector<std::size_t> widths;  // of the columns
+  std::size_t header = 0;           // of the first column's name
+  std::size_t others() const {
+    return std::accumulate(widths.begin() + 1, widths.end(), column_gap * (widths.size() - 1));
+  }
+};
 
-std::string text_of(const Table& table) {
+Layout layout_of(const Table& table) {
   const auto header = header_of(table.columns);
-  std::vector<std::size_t> widths(table.columns.size());
-  std::size_t header_width = 0;
-  for (const auto& line : header) header_width = std::max(header_width, width(line.front()));
+  Layout layout{std::vector<std::size_t>(table.columns.size())};
+  for (const auto& line : header) layout.header = std::max(layout.header, width_of(line.front()));
   for (const auto* lines : {&header, &table.rows})
     for (const auto& line : *lines)
-      for (std::size_t i = 0; i < widths.size(); ++i) widths[i] = std::max(widths[i], width(line[i]));
-  narrow_names(widths, table, header_width);
+      for (std::size_t i = 0; i < line.size(); ++i)
+        layout.widths[i] = std::max(layout.widths[i], width_of(line[i]));
+  return layout;
+}
 
-  std::string text = table.title + "\n";
-  if (!table.conditions.empty()) text += wrap(table.conditions, "");
-  for (const auto& line : header) text += line_of(line, table.columns, widths);
-  for (auto row : table.rows) {
-    if (width(row.front()) > widths.front()) text += wrap(std::exchange(row.front(), ""), "");
-    text += line_of(row, table.columns, widths);
+// Drops columns for as long as even short names of rows leave no room for the numbers.
+Table fitted(Table table, std::size_t width) {
+  for (;;) {
+    const auto layout = layout_of(table);
+    if (layout.header + layout.others() <= width) return table;
+    auto next = table.columns.end();
+    for (auto column = table.columns.begin(); column != table.columns.end(); ++column)
+      if (column->dropped > 0 && (next == table.columns.end() || column->dropped < next->dropped))
+        next = column;
+    if (next == table.columns.end()) return table;
+    const auto place = next - table.columns.begin();
+    table.columns.erase(next);
+    for (auto& row : table.rows) row.erase(row.begin() + place);
   }
-  for (const auto& note : table.notes) text += text_of_note(note, "  ");
+}
+
+// Where the page is too narrow for them, names of rows may be wider than their column: such a one stands on a
+// line of its own, above its numbers.
+void narrow_names(Layout& layout, const Table& table, std::size_t width) {
+  const auto others = layout.others();
+  if (layout.widths.front() + others <= width) return;
+  layout.widths.front() = layout.header;
+  for (const auto& row : table.rows)
+    if (const auto name = width_of(row.front()); name + others <= width)
+      layout.widths.front() = std::max(layout.widths.front(), name);
+}
+
+std::string text_of(const Table& whole, std::size_t width) {
+  const auto table = fitted(whole, width);
+  auto layout = layout_of(table);
+  narrow_names(layout, table, width);
+  std::string text = table.title.empty() ? "" : table.title + "\n";
+  if (!table.conditions.empty()) text += wrapped(table.conditions, width);
+  for (const auto& line : header_of(table.columns)) text += line_of(line, table.columns, layout.widths);
+  for (auto row : table.rows) {
+    if (width_of(row.front()) > layout.widths.front()) text += wrapped(std::exchange(row.front(), ""), width);
+    text += line_of(row, table.columns, layout.widths);
+  }
+  for (const auto& note : table.notes) text += text_of_note(note, width, "  ");
   return text + "\n";
 }
 
 }  // namespace
 
-std::string as_text(const Page& page) {
+std::size_t width_of(const std::string& text) {
+  return static_cast<std::size_t>(std::count_if(
+      text.begin(), text.end(), [](char c) { return (static_cast<unsigned char>(c) & 0xc0) != 0x80; }));
+}
+
+// Between words. The lines after the first are indented further.
+std::string wrapped(const std::string& paragraph, std::size_t width, const std::string& indent) {
+  std::string text, line = indent;
+  for (const auto& word : split(paragraph, ' ')) {
+    const bool fresh = line.ends_with(' ') || line.empty();
+    if (!fresh && width_of(line) + 1 + width_of(word) > width) {
+      text += line + "\n";
+      line = indent + "  ";
+    } else if (!fresh) {
+      line += ' ';
+    }
+    line += word;
+  }
+  return text + line + "\n";
+}
+
+std::string as_text(const Page& page, std::size_t width) {
   std::string text;
-  for (const auto& table : page.tables) text += text_of(table);
-  for (const auto& note : page.notes) text += text_of_note(note, "") + "\n";
-  if (!page.legend.empty()) text += wrap(page.legend, "");
+  for (const auto& table : page.tables) text += text_of(table, width);
+  for (const auto& note : page.notes) text += text_of_note(note, width, "") + "\n";
+  if (!page.legend.empty()) text += wrapped(page.legend, width);
   return text;
 }
 

@@ -128,9 +128,4 @@ Verdict verdict_of(const Summaries& summaries) {
   return verdict;
 }
 
-std::string verdict(const Summaries& summaries) {
-  const auto [word, sentence, further] = verdict_of(summaries);
-  return printable(word == Verdict::Word::partly ? sentence + " " + further : sentence);
-}
-
 }  // namespace ontime::report

@@ -287,10 +287,8 @@ std::string section_of(const record::Reader& reader, const std::vector<Shown>& r
   for (const auto& run : runs) labels.push_back(run.label);
   auto worst = worst_case_table(labels, group);
   worst.title = "The slowest: seen and extrapolated";
-  if (!worst.rows.empty())
-    html += details("Extrapolated worst case", as_html(worst), true);
-  else
-    for (const auto& note : worst.notes) html += note_as_html(note);
+  if (!worst.rows.empty()) html += details("Extrapolated worst case", as_html(worst), true);
+  for (const auto& note : unbounded_notes(labels, group)) html += note_as_html(note);
   if (auto sure = certainty_table(labels, group); !sure.rows.empty()) {
     sure.title = "95 % confidence intervals";
     html += details("Confidence intervals", as_html(sure));
@@ -361,30 +359,32 @@ const char* class_of(Verdict::Word word) {
   }
 }
 
-// The answer, condition by condition: a sentence over opposite ones says nothing of either.
-std::string headline_of(const Summaries& measured, bool any_imported) {
+// The first screen's sentence and commands, and each condition by itself.
+std::string headline_of(const Summaries& measured, bool any_imported, const std::string& name) {
   const auto verdict = verdict_of(measured);
-  const auto sentence = measured.empty() && any_imported
-                            ? "No messages were measured: what is here was imported."
-                            : verdict.sentence;
+  if (measured.empty())
+    return fmt::format(
+        "<h1 class=\"{}\">{}</h1>\n", class_of(verdict.word),
+        any_imported ? "No messages were measured: what is here was imported." : escaped(verdict.sentence));
+  const auto answer = answer_of(measured, {name});
+  auto html = fmt::format("<h1 class=\"{}\">{}</h1>\n", class_of(verdict.word), escaped(answer.sentence));
   const auto groups = by_id(measured);
-  if (groups.size() < 2)
-    return fmt::format("<h1 class=\"{}\">{}</h1>\n<p>{}</p>\n", class_of(verdict.word), escaped(sentence),
-                       escaped(verdict.further));
-  std::string conditions;
-  std::size_t fine = 0;
-  for (const auto& group : groups) {
-    Summaries runs;
-    for (const auto* run : group) runs.push_back(*run);
-    const auto own = verdict_of(runs);
-    fine += own.word == Verdict::Word::yes ? 1 : 0;
-    conditions += fmt::format("<li class=\"{}\"><b>{}</b> {} {}</li>\n", class_of(own.word),
-                              escaped(heading_of(runs.front())), escaped(own.sentence), escaped(own.further));
+  if (groups.size() < 2) html += fmt::format("<p>{}</p>\n", escaped(verdict.further));
+  if (groups.size() >= 2) {
+    html += "<ul class=\"answers\">\n";
+    for (const auto& group : groups) {
+      Summaries runs;
+      for (const auto* run : group) runs.push_back(*run);
+      const auto own = verdict_of(runs);
+      html += fmt::format("<li class=\"{}\"><b>{}</b> {} {}</li>\n", class_of(own.word),
+                          escaped(heading_of(runs.front())), escaped(own.sentence), escaped(own.further));
+    }
+    html += "</ul>\n";
   }
-  return fmt::format(
-      "<h1 class=\"{}\">In {} of {} conditions, every message came back within its deadline.</h1>\n<ul "
-      "class=\"answers\">\n{}</ul>\n",
-      class_of(verdict.word), fine, groups.size(), conditions);
+  html += "<dl class=\"next\">\n";
+  for (const auto& [why, command] : answer.next)
+    html += fmt::format("<dt>{}</dt><dd><code>{}</code></dd>\n", escaped(why), escaped(command));
+  return html + "</dl>\n";
 }
 
 }  // namespace
@@ -393,7 +393,7 @@ std::string render_html(const record::Reader& reader, const Summaries& summaries
   Summaries measured, imported;
   for (const auto& summary : summaries) (summary.imported ? imported : measured).push_back(summary);
   auto body = fmt::format("<header>\n<p class=\"brand\">ontime <span>{}</span></p>\n{}</header>\n<main>\n",
-                          escaped(name), headline_of(measured, !imported.empty()));
+                          escaped(name), headline_of(measured, !imported.empty(), name));
   Drawings drawings;
   if (!measured.empty()) {
     const auto groups = shown(measured);

@@ -31,7 +31,7 @@ def transports():
 
 class BelowIp(Program):
     def test_between_two_namespaces_nothing_is_lost(self):
-        answer = self.run_ontime("run", self.scenario("1 s", text=SCENARIO, transports=transports()), "--only",
+        answer = self.run_ontime("run", self.scenario("1 s", text=SCENARIO, transports=transports()), "--full", "--only",
                                  "listener,waitset", "--results", self.results)
         self.assertEqual(answer.returncode, 0, answer.stderr)
         runs = self.report()
@@ -55,7 +55,7 @@ class BelowIp(Program):
 
     def test_other_traffic_of_the_link_goes_on(self):
         """iperf3's UDP arrives, past the XDP program. That the messages took the link cannot be told beside it."""
-        answer = self.run_ontime("run", self.scenario("3 s", text=SCENARIO, transports=transports()), "--only", "traffic",
+        answer = self.run_ontime("run", self.scenario("3 s", text=SCENARIO, transports=transports()), "--full", "--only", "traffic",
                                  "--results", self.results)
         self.assertEqual(answer.returncode, 0, answer.stderr)
         for run in self.report():

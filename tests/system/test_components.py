@@ -38,7 +38,7 @@ class Components(Program):
             with self.subTest(transport=transport):
                 self.results = os.path.join(self.folder, transport + ".ontime")
                 scenario = self.scenario("2 s", text=SCENARIO, transports=[transport])
-                answer = self.run_ontime("run", scenario, "--results", self.results)
+                answer = self.run_ontime("run", scenario, "--results", self.results, "--full")
                 self.assertEqual(answer.returncode, 0, answer.stderr)
                 for name in ("left_arm", "base"):
                     self.assertRegex(answer.stdout, rf"(?m)^{transport} component {name}\s+\d")  # a narrow table has the name on a line of its own
@@ -91,7 +91,7 @@ class Components(Program):
 
     def test_each_may_have_conditions_of_its_own_and_its_row_says_so(self):
         text = SCENARIO.replace("period: 5 ms,", "left_arm: {period: 2 ms, deadline: 2 ms, payload: 64 B, require: [p50 <= 1 us]}, period: 5 ms,")
-        answer = self.run_ontime("run", self.scenario("1 s", text=text, transports=["udp"]), "--results", self.results)
+        answer = self.run_ontime("run", self.scenario("1 s", text=text, transports=["udp"]), "--results", self.results, "--full")
         self.assertEqual(answer.returncode, 1, "what only the arm requires is missed: " + answer.stderr)
         arm, base = self.report()
         self.assertEqual([run["period_us"] for run in (arm, base)], [2000, 5000])

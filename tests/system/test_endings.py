@@ -190,7 +190,7 @@ class Endings(Program):
         pong.send_signal(signal.SIGINT)
         pong.communicate(timeout=30)
         self.assertEqual(ping.returncode, 3, error)
-        self.assertIn("Round trip", out)
+        self.assertIn("round trips in ms", out)
         self.assertIn("failed", out)
 
     def test_a_ping_that_fails_before_its_samples_came_keeps_its_run(self):
@@ -247,7 +247,7 @@ class Endings(Program):
         out, error = process.communicate(timeout=60)
         self.assertEqual(process.returncode, 3, error)
         self.assertIn("the keeper of the component's machine", error)
-        self.assertIn("Round trip", out)
+        self.assertIn("round trips in ms", out)
         self.assertEqual([(run["id"], run["complete"]) for run in self.report()], [("one", True), ("two", False)])
         self.assertTrue(os.path.exists(os.path.join(self.folder, "results.html")))
         self.assertEqual(xml.etree.ElementTree.parse(junit).getroot().get("errors"), "2", "the second, and what did not begin")

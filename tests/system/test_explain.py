@@ -102,7 +102,7 @@ class Explain(unittest.TestCase):
 
     def test_a_run_is_explained_at_its_end_and_later(self):
         self.write("2 s", ", explain: on, link.loss: 20 %")
-        run = ontime("run", self.scenario, "--results", self.results)
+        run = ontime("run", self.scenario, "--results", self.results, "--full")
         self.assertEqual(run.returncode, 0, run.stderr)
         later = ontime("explain", self.results)
         self.assertIn("lost. Why:", later.stdout)

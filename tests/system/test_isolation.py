@@ -177,7 +177,7 @@ class Isolation(unittest.TestCase):
         self.assert_given_back()
 
     def test_it_is_in_the_record(self):
-        answer = self.ontime("run", self.scenario("300 ms"), "--results", self.results)
+        answer = self.ontime("run", self.scenario("300 ms"), "--results", self.results, "--full")
         self.assertEqual(answer.returncode, 0, answer.stderr)
         self.assert_given_back()
         self.assertIn(f"CPUs {KEPT} kept, interrupts elsewhere, load and traffic with 30 % of a CPU",

@@ -387,7 +387,7 @@ class Machines(Lab):
 
     @of_all
     def test_a_message_leaves_at_its_launch_time_or_it_is_said_that_it_did_not(self):
-        answer = self.lab("run", self.scenario(LAUNCHED), "--results", self.results())
+        answer = self.lab("run", self.scenario(LAUNCHED), "--results", self.results(), "--full")
         self.assertEqual(answer.returncode, 3, answer.stderr)
         runs = self.report(self.results())
         self.assertEqual([(run["id"], run["transport"]) for run in runs],

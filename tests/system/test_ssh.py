@@ -195,7 +195,7 @@ class Ssh(unittest.TestCase):
 
     def test_ssh_on_the_link_under_test_is_said(self):
         self.configure(HostName="198.18.1.2")
-        answer = self.run_ontime(self.scenario())
+        answer = self.run_ontime(self.scenario(), "--full")
         self.assertEqual(answer.returncode, 0, answer.stderr)
         self.assertIn("ssh to the component goes over test-far", " ".join(answer.stdout.split()))
         self.assertNotIn("waited", answer.stdout)  # the samples are on this side

@@ -177,7 +177,7 @@ class System(Program):
         self.assertIn("demo", [line["name"] for line in shown])
         self.assertTrue(all(line["error"] is None for line in shown), shown)
         answer = self.run_ontime("run", "paper/test1", "--only", "Test1.A", "--transports", "udp", "--duration", "100 ms",
-                                 "--results", self.results)
+                                 "--results", self.results, "--full")
         self.assertEqual(answer.returncode, 0, answer.stderr)
         self.assertIn("paper's DDS 1", answer.stdout)
         broken = pathlib.Path(self.folder, "broken.yaml")

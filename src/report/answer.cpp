@@ -1,0 +1,400 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "report/answer.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <map>
+
+#include <fmt/format.h>
+
+#include "report/conditions.hpp"
+#include "report/runs.hpp"
+#include "report/words.hpp"
+
+namespace ontime::report {
+namespace {
+
+using nlohmann::json;
+using statistics::Summary;
+using Row = Answer::Row;
+using State = Answer::State;
+
+bool were_denied(const Summary& run) {
+  const auto& hosts = at(run.run.outcome, "hosts");
+  return std::any_of(hosts.begin(), hosts.end(),
+                     [](const json& host) { return !at(host, "refusals").empty(); });
+}
+
+// What weighs on the machines and the link, and what was set against it, in a word each.
+struct Conditions {
+  std::string stress, tuned;
+  bool operator==(const Conditions&) const = default;
+};
+
+Conditions conditions_of(const Summary& run) {
+  const auto& asked = run.run.asked;
+  std::vector<std::string> stress, tuned;
+  const auto& load = at(asked, "load");  // of an idle machine so many workers as 0
+  if (std::any_of(load.begin(), load.end(), [](const json& host) { return !workers(host).empty(); }))
+    stress.emplace_back("load");
+  for (const auto& [key, name] :
+       {std::pair("traffic", "traffic"), {"neighbours", "background topics"}, {"link", "link faults"}})
+    if (!at(asked, key).empty()) stress.emplace_back(name);
+  if (is_true(at(asked, "realtime"))) tuned.emplace_back("RT");
+  for (const auto& [key, name] : {std::pair("kernel", "kernel settings"), {"isolation", "reserved CPUs"}})
+    if (!at(asked, key).empty()) tuned.emplace_back(name);
+  return {join(stress, ", "), join(tuned, ", ")};
+}
+
+// "load, RT". That a machine was idle is known of a scenario alone: `ontime ping` does not know what else
+// runs.
+std::string in_words(const Summary& run) {
+  const auto [stress, tuned] = conditions_of(run);
+  const auto first = stress.empty() && is_said(at(run.run.asked, "scenario_file")) ? "idle" : stress;
+  return first.empty() ? tuned : tuned.empty() ? first : first + ", " + tuned;
+}
+
+std::uint64_t sent_of(const Summary& run) {
+  return statistics::unrecorded(run.run) == 0 ? run.sent : count(at(run.run.outcome, "sent"));
+}
+
+// Cycles without an answer in time. Where samples are missing, at least what the client counted.
+std::uint64_t missed_of(const Summary& run) {
+  const auto seen = run.late_by_response.value_or(run.late + run.lost);
+  const auto& counted = run.run.outcome;
+  return std::max({seen, run.late + run.lost, count(at(counted, "late")) + count(at(counted, "lost"))});
+}
+
+State state_of(const Summary& run) {
+  if (run.imported) return State::imported;
+  if (!at(run.run.outcome, "error").is_null()) return State::failed;
+  if (!statistics::is_complete(run.run)) return State::cut_off;
+  if (were_denied(run) || !gate::unfit(run).empty()) return State::not_applied;
+  return missed_of(run) > 0 ? State::late : State::ok;
+}
+
+// By how much a state outweighs another, of repetitions.
+int weight_of(State state) { return static_cast<int>(state); }
+
+std::optional<Answer::Spread> spread_of(const Group& runs, std::int64_t statistics::Distribution::*figure,
+                                        std::uint64_t one_in) {
+  std::vector<double> values;
+  for (const auto* run : runs) {
+    const auto& of = run->imported ? run->wake_up : run->round_trip;
+    if (of.count >= one_in) values.push_back(static_cast<double>(of.*figure));
+  }
+  if (values.empty()) return std::nullopt;
+  const auto [low, high] = std::minmax_element(values.begin(), values.end());
+  return Answer::Spread{*low, statistics::estimate(values)->median, *high};
+}
+
+Row row_of(const Group& runs, const std::string& name) {
+  const auto& first = *runs.front();
+  Row row;
+  row.id = id_of(first.run.asked);
+  row.conditions = in_words(first);
+  row.name = runs.size() == 1 ? name : fmt::format("{} ×{}", name, runs.size());
+  for (const auto* run : runs) {
+    row.runs.push_back(run->run.number);
+    if (weight_of(state_of(*run)) > weight_of(row.state)) row.state = state_of(*run);
+    if (run->imported) continue;
+    row.cycles += sent_of(*run) + run->skipped_cycles;
+    row.missed += missed_of(*run);
+    auto wait_ns = static_cast<double>(std::max(run->response.max, run->round_trip.max));
+    if (const auto& timeout = at(run->run.asked, "timeout_us"); run->lost > 0 && timeout.is_number()) {
+      row.is_open = row.is_open || timeout.get<double>() * 1e3 >= wait_ns;
+      wait_ns = std::max(wait_ns, timeout.get<double>() * 1e3);
+    }
+    if (wait_ns > 0) row.worst_wait_ns = std::max(row.worst_wait_ns.value_or(0), wait_ns);
+  }
+  using statistics::Distribution;
+  row.p50 = spread_of(runs, &Distribution::p50, 2);
+  row.p99 = spread_of(runs, &Distribution::p99, 100);
+  if (const auto max = spread_of(runs, &Distribution::max, 1)) row.max_ns = max->high_ns;
+  return row;
+}
+
+// Repetitions together, in the order of the first.
+struct Entry {
+  Group runs;
+  Row row;
+};
+std::vector<Entry> entries_of(const Summaries& summaries) {
+  std::vector<Entry> entries;
+  for (const auto& all : by_id(summaries)) {
+    Group group;
+    std::copy_if(all.begin(), all.end(), std::back_inserter(group),
+                 [&](const auto* run) { return !gate::is_superseded(*run, summaries); });
+    const auto labels = labels_without_repetition(group);
+    std::vector<std::pair<std::string, Group>> alike;
+    for (std::size_t i = 0; i < group.size(); ++i) {
+      const auto same = std::find_if(alike.begin(), alike.end(), [&](const auto& other) {
+        return other.first == labels[i] && other.second.front()->run.key == group[i]->run.key;
+      });
+      if (same == alike.end())
+        alike.push_back({labels[i], {group[i]}});
+      else
+        same->second.push_back(group[i]);
+    }
+    for (const auto& [label, runs] : alike) entries.push_back({runs, row_of(runs, label)});
+  }
+  return entries;
+}
+
+// --- the sentence ---
+
+std::string percent(double share) {
+  const double of_hundred = share * 100;
+  if (of_hundred >= 10) return fmt::format("{:.0f}", of_hundred);
+  return fmt::format("{:.2g}", of_hundred);
+}
+
+double share_of(const Row& row) {
+  return row.cycles == 0 ? 0 : static_cast<double>(row.missed) / static_cast<double>(row.cycles);
+}
+
+struct Class {
+  Conditions conditions;
+  std::vector<const Entry*> entries;
+  double low = 1, high = 0;  // shares of cycles without an answer in time
+
+  std::string range() const {
+    const auto least = percent(low), most = percent(high);
+    return least == most ? most + " %" : fmt::format("{} to {} %", least, most);
+  }
+};
+
+std::vector<Class> classes_of(const std::vector<Entry>& entries, bool (*is_meant)(State)) {
+  std::vector<Class> classes;
+  for (const auto& entry : entries) {
+    if (!is_meant(entry.row.state) || entry.row.cycles == 0) continue;
+    const auto conditions = conditions_of(*entry.runs.front());
+    auto same = std::find_if(classes.begin(), classes.end(),
+                             [&](const Class& other) { return other.conditions == conditions; });
+    if (same == classes.end()) same = classes.insert(classes.end(), {conditions, {}});
+    same->entries.push_back(&entry);
+    same->low = std::min(same->low, share_of(entry.row));
+    same->high = std::max(same->high, share_of(entry.row));
+  }
+  return classes;
+}
+
+std::string stress_words(const std::string& stress) {
+  return stress.empty() ? "without load" : stress.starts_with("link") ? "with " + stress : "under " + stress;
+}
+std::string tuned_words(const std::string& tuned) {
+  if (tuned.empty()) return "without real-time settings";
+  return "with " + replace_all(tuned, "RT", "real-time settings");
+}
+std::string all_words(const Conditions& conditions) {
+  if (conditions.tuned.empty()) return stress_words(conditions.stress);
+  return stress_words(conditions.stress) + " " + tuned_words(conditions.tuned);
+}
+
+std::string capital(std::string text) {
+  if (!text.empty()) text.front() = static_cast<char>(std::toupper(text.front()));
+  return text;
+}
+
+// "within 10 ms", or where runs have several deadlines "in time".
+std::string in_time(const std::vector<Class>& classes) {
+  const auto& deadline = at(classes.front().entries.front()->runs.front()->run.asked, "deadline_us");
+  for (const auto& one : classes)
+    for (const auto* entry : one.entries)
+      if (at(entry->runs.front()->run.asked, "deadline_us") != deadline) return "in time";
+  return deadline.is_number() ? "within " + duration(deadline) : "in time";
+}
+
+const Class* contrast_of(const std::vector<Class>& classes, const Class& worst) {
+  const Class* best = nullptr;
+  const auto rank = [&](const Class& one) {  // what was set against it tells more than what weighed
+    return one.conditions.stress == worst.conditions.stress ? 2
+           : one.conditions.tuned == worst.conditions.tuned ? 1
+                                                            : 0;
+  };
+  for (const auto& one : classes)
+    if (&one != &worst && (best == nullptr || rank(one) > rank(*best))) best = &one;
+  return best;
+}
+
+const Entry* worst_of(const Class& one) {
+  return *std::max_element(one.entries.begin(), one.entries.end(), [](const Entry* a, const Entry* b) {
+    return share_of(a->row) < share_of(b->row);
+  });
+}
+
+std::string name_of(const Row& row, bool with_id) { return with_id ? row.id + " " + row.name : row.name; }
+
+// Of one class all together; of two their contrast; never pooled over opposite conditions.
+std::string sentence_of(const std::vector<Class>& classes, const Class* worst, const Class* contrast) {
+  const auto within = in_time(classes);
+  if (worst->high == 0) {
+    std::uint64_t cycles = 0;
+    for (const auto* entry : worst->entries) cycles += entry->row.cycles;
+    if (classes.size() == 1) return fmt::format("All {} cycles had an answer {}.", grouped(cycles), within);
+    return fmt::format("All cycles had an answer {}, under each of {} conditions.", within, classes.size());
+  }
+  if (contrast == nullptr) {
+    auto text = fmt::format("{} of the cycles had no answer {}", worst->range(), within);
+    if (worst->entries.size() > 1 && worst->low != worst->high)
+      text += fmt::format("; worst: {}", name_of(worst_of(*worst)->row, worst->entries.front()->row.id !=
+                                                                            worst->entries.back()->row.id));
+    return text + ".";
+  }
+  const bool same_stress = worst->conditions.stress == contrast->conditions.stress;
+  const bool same_tuned = worst->conditions.tuned == contrast->conditions.tuned;
+  const auto other = same_stress  ? tuned_words(contrast->conditions.tuned)
+                     : same_tuned ? stress_words(contrast->conditions.stress)
+                                  : all_words(contrast->conditions);
+  const auto first = same_stress && worst->conditions.stress.empty() ? tuned_words(worst->conditions.tuned)
+                                                                     : all_words(worst->conditions);
+  return fmt::format("{} {} of the cycles had no answer {}; {} {}.", capital(first), worst->range(), within,
+                     other, contrast->range());
+}
+
+// --- cautions ---
+
+std::vector<std::string> cautions_of(const std::vector<Entry>& entries) {
+  Group runs;
+  std::vector<std::size_t> row_of_run;
+  std::vector<std::string> names;
+  const bool several_ids = entries.front().row.id != entries.back().row.id;
+  for (std::size_t i = 0; i < entries.size(); ++i) {
+    names.push_back(name_of(entries[i].row, several_ids));
+    for (const auto* run : entries[i].runs)
+      if (!run->imported) {
+        runs.push_back(run);
+        row_of_run.push_back(i);
+      }
+  }
+  const auto remarks = shared_remarks(runs);
+  std::vector<std::string> cautions;
+  const auto add = [&](Remark::Weight weight) {
+    for (const auto& remark : remarks) {
+      if (remark.weight != weight) continue;
+      std::vector<std::size_t> places;
+      for (const auto run : remark.runs)
+        if (places.empty() || places.back() != row_of_run[run]) places.push_back(row_of_run[run]);
+      const bool all = places.size() == names.size();
+      cautions.push_back(all ? remark.text : name_of_some(names, places) + ": " + remark.text);
+    }
+  };
+  add(Remark::Weight::not_applied);
+  std::vector<std::string> denied;
+  std::size_t denied_in = 0;
+  for (const auto* run : runs) {
+    denied_in += were_denied(*run) ? 1 : 0;
+    for (const auto& [host, facts] : at(run->run.outcome, "hosts").items())
+      for (const auto& [index, refusal] : at(facts, "refusals").items())
+        if (const auto what = word(at(refusal, "asked"));
+            std::find(denied.begin(), denied.end(), what) == denied.end())
+          denied.push_back(what);
+  }
+  if (denied_in > 0)
+    cautions.push_back(fmt::format(
+        "denied{}: {}", runs.size() > 1 ? fmt::format(" in {} of {} runs", denied_in, runs.size()) : "",
+        join(denied, ", ")));
+  add(Remark::Weight::caution);
+  std::uint64_t fewest = UINT64_MAX;
+  for (const auto* run : runs)
+    if (run->sent > 0) fewest = std::min(fewest, run->round_trip.count);
+  if (fewest < 1000)
+    cautions.push_back(fmt::format("few answers ({}{}): p99 is a rough estimate",
+                                   runs.size() > 1 ? "from " : "", grouped(fewest)));
+  else if (fewest < 10'000 && fewest != UINT64_MAX)
+    cautions.push_back(fmt::format("{}{} answers are too few to bound p99.9", runs.size() > 1 ? "from " : "",
+                                   grouped(fewest)));
+  return cautions;
+}
+
+// --- what to do next ---
+
+// So long a run without a late message would bound their share by the next power of ten.
+void add_longer(Findings& found, const std::vector<Entry>& entries) {
+  double bound = 0, every_ns = 0, effect = 1;
+  for (const auto& entry : entries)
+    for (const auto* run : entry.runs) {
+      const auto& missed = run->missed_probability;
+      if (missed.messages == 0 || missed.bound <= bound) continue;
+      bound = missed.bound;
+      effect = missed.effect;
+      every_ns = run->message_every_ns;
+    }
+  if (bound <= 1e-6 || every_ns <= 0) return;
+  double claim = std::min(0.01, std::pow(10, std::floor(std::log10(bound))));
+  if (claim * 2 > bound) claim /= 10;
+  found.longer_ns = statistics::messages_to_claim(claim, effect) * every_ns;
+  found.longer_tells =
+      fmt::format("Prove < 1 in {}", grouped(static_cast<std::uint64_t>(std::llround(1 / claim))));
+}
+
+std::string common_conditions(const std::vector<Entry>& entries) {
+  Group runs;
+  for (const auto& entry : entries) runs.insert(runs.end(), entry.runs.begin(), entry.runs.end());
+  const auto common = [&](const char* key, auto form) -> std::string {
+    const auto& first = at(runs.front()->run.asked, key);
+    const bool same = std::all_of(runs.begin(), runs.end(),
+                                  [&](const auto* run) { return at(run->run.asked, key) == first; });
+    return same && first.is_number() ? form(first) : "";
+  };
+  std::vector<std::string> parts;
+  auto message = common("payload_bytes", [](const json& bytes) { return size(bytes); });
+  if (at(runs.front()->run.asked, "schedule") != "back-to-back")
+    if (const auto period = common("period_us", duration); !period.empty())
+      message += (message.empty() ? "every " : " every ") + period;
+  if (!message.empty()) parts.push_back(message);
+  if (const auto time = common("duration_s", [](const json& s) { return duration(s.get<double>() * 1e6); });
+      !time.empty())
+    parts.push_back(time + " a run");
+  return join(parts, ", ");
+}
+
+}  // namespace
+
+Answer answer_of(const Summaries& summaries, const Origin& origin) {
+  Answer answer;
+  const auto entries = entries_of(summaries);
+  if (entries.empty()) {
+    answer.sentence = "There are no runs.";
+    return answer;
+  }
+  Findings found;
+  found.any = entries.front().runs.front();
+  const Entry* late = nullptr;
+  bool all_ok = true;
+  for (const auto& entry : entries) {
+    answer.rows.push_back(entry.row);
+    const auto state = entry.row.state;
+    all_ok = all_ok && state == State::ok;
+    found.unfinished = found.unfinished || state == State::failed || state == State::cut_off;
+    for (const auto* run : entry.runs) found.denied = found.denied || were_denied(*run);
+    if (entry.row.missed > 0 && (late == nullptr || share_of(entry.row) > share_of(late->row))) late = &entry;
+  }
+  if (late != nullptr) found.late = late->runs.front();
+  if (all_ok) add_longer(found, entries);
+  answer.conditions = common_conditions(entries);
+  answer.cautions = cautions_of(entries);
+
+  auto classes = classes_of(entries, [](State state) { return state == State::ok || state == State::late; });
+  const bool held = !classes.empty();
+  if (!held) classes = classes_of(entries, [](State state) { return state != State::imported; });
+  if (classes.empty()) {
+    const bool imported = entries.front().row.state == State::imported;
+    answer.sentence = imported ? "Imported: wake-up latencies of another tool, no messages."
+                               : "Nothing was measured. No message was sent.";
+  } else {
+    const auto worst = std::max_element(classes.begin(), classes.end(),
+                                        [](const Class& a, const Class& b) { return a.high < b.high; });
+    const auto* contrast = contrast_of(classes, *worst);
+    answer.sentence = sentence_of(classes, &*worst, contrast);
+    if (!held) answer.sentence += " But no run was measured as requested.";
+    if (contrast != nullptr && worst->high > 0) {
+      found.from = worst_of(*worst)->runs.front();
+      found.to = contrast->entries.front()->runs.front();
+    }
+  }
+  answer.next = next_steps(found, origin);
+  return answer;
+}
+
+}  // namespace ontime::report

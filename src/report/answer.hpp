@@ -1,0 +1,66 @@
+// SPDX-License-Identifier: Apache-2.0
+// The first screen: what the runs showed, and what to do next, as data; terminal, page and JSON show the
+// same. Ordinary thread.
+#pragma once
+
+#include <cstdint>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include <nlohmann/json.hpp>
+
+#include "statistics/statistics.hpp"
+
+namespace ontime::report {
+
+// Whence the runs are, for commands that can be pasted.
+struct Origin {
+  std::string file;      // the results file; empty: none was kept
+  bool is_root = false;  // commands need no sudo
+};
+
+struct Answer {
+  enum class State { ok, late, not_applied, cut_off, failed, imported };
+  struct Spread {  // of repetitions; of one run all three are the same
+    double low_ns = 0, median_ns = 0, high_ns = 0;
+  };
+  // A run, or its repetitions together.
+  struct Row {
+    std::string id, conditions, name;  // "Test1.B", "load, RT", "cyclonedds 32 KiB"
+    std::vector<std::int64_t> runs;    // their numbers in the file
+    State state = State::ok;
+    std::uint64_t cycles = 0, missed = 0;  // all; those without an answer in time
+    // The longest that a cycle waited for its answer. `is_open`: a message was lost after that time.
+    std::optional<double> worst_wait_ns;
+    bool is_open = false;
+    std::optional<Spread> p50, p99;  // of round trips; of imported runs wake-ups
+    std::optional<double> max_ns;
+  };
+  struct Step {
+    std::string why, command;
+  };
+  std::string sentence;    // what the conditions did
+  std::string conditions;  // what all runs have in common: "500 B every 10 ms, 20 s a run"
+  std::vector<Row> rows;
+  std::vector<std::string> cautions;  // the gravest first
+  std::vector<Step> next;
+};
+Answer answer_of(const std::vector<statistics::Summary>&, const Origin&);
+
+inline constexpr std::size_t screen_lines = 24;
+// At most `screen_lines` lines of `width` columns, of which a command may need more than one.
+std::string text_of(const Answer&, std::size_t width);
+nlohmann::ordered_json json_of(const Answer&);  // docs/json.md
+const char* word_of(Answer::State);             // "ok", "LATE", "NOT APPLIED" …
+
+// For answer_of(): the commands that follow. `late`, `from`, `to`: runs to explain and to compare, if any.
+struct Findings {
+  const statistics::Summary *any = nullptr, *late = nullptr, *from = nullptr, *to = nullptr;
+  bool denied = false, unfinished = false;
+  std::optional<double> longer_ns;  // nothing was late; so long a run would bound that closer
+  std::string longer_tells;         // "Prove < 1 in 10,000"
+};
+std::vector<Answer::Step> next_steps(const Findings&, const Origin&);
+
+}  // namespace ontime::report

@@ -1,0 +1,142 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <filesystem>
+#include <initializer_list>
+#include <optional>
+
+#include <fmt/format.h>
+
+#include "report/answer.hpp"
+#include "report/words.hpp"
+
+namespace ontime::report {
+namespace {
+
+using nlohmann::json;
+using statistics::Summary;
+
+// As a shell takes it for one word. Nothing of what a terminal might show as another: a results file may come
+// from anyone, and its commands are to be pasted.
+std::optional<std::string> shell_word(const std::string& text) {
+  if (printable(text) != text) return std::nullopt;
+  const bool plain = !text.empty() && text.front() != '-' && text.front() != '=' &&
+                     text.find_first_not_of(
+                         "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789"
+                         "_./:,@%+=-") == std::string::npos;
+  const bool flag =
+      text.starts_with("--") && text.find_first_not_of("-abcdefghijklmnopqrstuvwxyz") == text.npos;
+  if (plain || flag) return text;
+  return "'" + replace_all(text, "'", "'\\''") + "'";
+}
+
+std::optional<std::string> shell_line(const std::vector<std::string>& words) {
+  std::string line;
+  for (const auto& word : words) {
+    const auto quoted = shell_word(word);
+    if (!quoted) return std::nullopt;
+    line += (line.empty() ? "" : " ") + *quoted;
+  }
+  return line;
+}
+
+std::vector<std::string> command_line_of(const Summary& run) {
+  std::vector<std::string> words;
+  for (const auto& [place, text] : at(run.run.asked, "command_line").items())
+    if (text.is_string()) words.push_back(text.get<std::string>());
+  return words;
+}
+
+bool is_simulated(const Summary& run) {
+  for (const auto& [host, facts] : at(run.run.outcome, "hosts").items())
+    if (at(at(facts, "machine"), "simulated").is_string()) return true;
+  return false;
+}
+
+// The scenario as it was named then: a name, or a path.
+std::string scenario_of(const Summary& run) {
+  const auto& recorded = at(run.run.asked, "scenario_file");
+  if (!recorded.is_string()) return "";
+  const std::filesystem::path file(recorded.get<std::string>());
+  for (const auto& word : command_line_of(run))
+    if (!word.starts_with('-') &&
+        (word == file.stem() || std::filesystem::path(word).filename() == file.filename()))
+      return word;
+  return file.string();
+}
+
+// The words that measure this run again; none, if they are not known.
+std::vector<std::string> again(const Summary& run) {
+  const auto words = command_line_of(run);
+  if (const auto scenario = scenario_of(run); !scenario.empty()) {
+    if (is_simulated(run)) return {"ontime", "lab", "run", scenario};
+    return {"ontime", "run", scenario};
+  }
+  if (words.size() < 2 || words[1] != "ping") return {};
+  std::vector<std::string> kept = {"ontime"};
+  constexpr std::array<std::string_view, 3> replaced = {"--results", "--format", "--duration"};
+  for (std::size_t i = 1; i < words.size(); ++i) {
+    if (std::find(replaced.begin(), replaced.end(), words[i]) != replaced.end())
+      ++i;
+    else if (words[i] != "--explain" && words[i] != "--full")
+      kept.push_back(words[i]);
+  }
+  return kept;
+}
+
+std::string plain_time(double ns) {
+  if (ns < 120e9) return fmt::format("{:.0f}s", std::max(1.0, std::ceil(ns / 1e9)));
+  if (ns < 120 * 60e9) return fmt::format("{:.0f}min", std::ceil(ns / 60e9));
+  return fmt::format("{:.0f}h", std::ceil(ns / 3600e9));
+}
+
+// --only takes ids, which a comma would part.
+bool can_be_named(const std::string& id) {
+  return !id.empty() && id != nothing && id.find(',') == std::string::npos;
+}
+
+}  // namespace
+
+std::vector<Answer::Step> next_steps(const Findings& found, const Origin& origin) {
+  std::vector<Answer::Step> steps;
+  const auto add = [&](const char* why, const std::vector<std::string>& words, bool as_root = false) {
+    if (const auto line = shell_line(words); line && !words.empty())
+      steps.push_back({why, (as_root && !origin.is_root ? "sudo " : "") + *line});
+  };
+  const auto with = [](std::vector<std::string> words, std::initializer_list<std::string> further) {
+    if (!words.empty()) words.insert(words.end(), further);
+    return words;
+  };
+  const auto words = found.any != nullptr ? again(*found.any) : std::vector<std::string>();
+  const bool by_scenario = words.size() > 1 && words[1] != "ping";
+  if (found.denied && !origin.is_root) add("Permit all", words, true);
+  if (found.unfinished && by_scenario && !origin.file.empty())
+    add("Finish", with(words, {"--resume", "--results", origin.file}));
+  if (found.late != nullptr) {
+    const auto id = word(at(found.late->run.asked, "id"));
+    if (is_true(at(found.late->run.asked, "explain")) && !origin.file.empty())
+      add("Why late", {"ontime", "explain", origin.file});
+    else if (by_scenario && can_be_named(id))
+      add("Why late", with(words, {"--only", id, "--explain"}), true);
+    else
+      add("Why late", with(words, {"--explain", "--results", "why.ontime"}), true);
+  }
+  if (found.from != nullptr && found.to != nullptr && !origin.file.empty()) {
+    auto from = word(at(found.from->run.asked, "id")), to = word(at(found.to->run.asked, "id"));
+    if (from == to) {
+      from = std::to_string(found.from->run.number);
+      to = std::to_string(found.to->run.number);
+    }
+    add("Compare", {"ontime", "compare", origin.file, "--from", from, "--to", to});
+  }
+  if (found.longer_ns)
+    add(found.longer_tells.c_str(), with(words, {"--duration", plain_time(*found.longer_ns)}));
+  if (!origin.file.empty())
+    add("All figures", {"ontime", "report", origin.file, "--full"});
+  else
+    add("All figures", with(words, {"--full"}));
+  return steps;
+}
+
+}  // namespace ontime::report

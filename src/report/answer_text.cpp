@@ -1,0 +1,186 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <algorithm>
+#include <numeric>
+
+#include <fmt/format.h>
+
+#include "report/answer.hpp"
+#include "report/page.hpp"
+#include "report/runs.hpp"
+#include "report/words.hpp"
+
+namespace ontime::report {
+namespace {
+
+using nlohmann::ordered_json;
+using Row = Answer::Row;
+using State = Answer::State;
+
+constexpr std::size_t most_cautions = 3, lines_of_a_caution = 2;
+
+std::string milliseconds(double ns) {
+  const double ms = ns / 1e6;
+  return fmt::format("{:.{}f}", ms, ms < 0.0995 ? 3 : ms < 0.995 ? 2 : ms < 99.5 ? 1 : 0);
+}
+
+std::string cell_of(const std::optional<Answer::Spread>& spread, bool whole) {
+  if (!spread) return nothing;
+  const auto low = milliseconds(spread->low_ns), high = milliseconds(spread->high_ns);
+  return whole && low != high ? low + "–" + high : milliseconds(spread->median_ns);
+}
+
+std::string missed_of(const Row& row, bool with_cycles) {
+  if (row.state == State::imported) return nothing;
+  auto text = with_cycles ? fmt::format("{}/{}", row.missed, row.cycles) : grouped(row.missed);
+  if (row.missed == 0) return text;
+  const double share =
+      static_cast<double>(row.missed) * 100 / static_cast<double>(std::max<std::uint64_t>(row.cycles, 1));
+  return fmt::format("{} ({:.{}f} %)", text, share, share < 0.095 ? 2 : share < 9.5 ? 1 : 0);
+}
+
+std::string wait_of(const Row& row) {
+  return row.worst_wait_ns ? (row.is_open ? "≥ " : "") + milliseconds(*row.worst_wait_ns) : nothing;
+}
+
+// The places of so many rows that are worst, in the order of the rows.
+std::vector<std::size_t> worst_of(const std::vector<Row>& rows, std::size_t most) {
+  std::vector<std::size_t> places(rows.size());
+  std::iota(places.begin(), places.end(), 0);
+  const auto badness = [&](std::size_t place) {
+    const auto& row = rows[place];
+    const auto cycles = static_cast<double>(std::max<std::uint64_t>(row.cycles, 1));
+    return std::tuple(static_cast<int>(row.state), static_cast<double>(row.missed) / cycles,
+                      row.worst_wait_ns.value_or(0));
+  };
+  std::stable_sort(places.begin(), places.end(),
+                   [&](std::size_t a, std::size_t b) { return badness(a) > badness(b); });
+  if (places.size() > most) places.resize(most);
+  std::sort(places.begin(), places.end());
+  return places;
+}
+
+Table table_of(const std::vector<Row>& rows, const std::vector<std::size_t>& places, std::size_t width) {
+  using enum Column::Align;
+  const bool same_cycles = std::all_of(rows.begin(), rows.end(),
+                                       [&](const Row& row) { return row.cycles == rows.front().cycles; });
+  Table table{
+      "",
+      "",
+      {{"", left},
+       {"", left},
+       {same_cycles ? fmt::format("not in time\nof {}", grouped(rows.front().cycles)) : "not in\ntime"},
+       {"worst\nwait", right, false, 3},
+       {"p50", right, false, 1},
+       {"p99", right, false, 4},
+       {"max", right, false, 2},
+       {"", left}},
+      {},
+      {}};
+  std::string before;
+  const auto name_width = width / 4;
+  for (const auto place : places) {
+    const auto& row = rows[place];
+    auto id = row.conditions.empty() ? row.id : row.id + " " + row.conditions;
+    const bool same = id == before;
+    before = id;
+    table.rows.push_back({same ? "" : shortened(id, name_width), shortened(row.name, name_width),
+                          missed_of(row, !same_cycles), wait_of(row), cell_of(row.p50, false),
+                          cell_of(row.p99, true), row.max_ns ? milliseconds(*row.max_ns) : nothing,
+                          word_of(row.state)});
+  }
+  return table;
+}
+
+std::size_t lines_in(const std::string& text, std::size_t width) {
+  std::size_t lines = 0;
+  for (const auto& line : split(text, '\n')) lines += line.empty() ? 0 : (width_of(line) + width - 1) / width;
+  return lines;
+}
+
+std::string caution_of(const std::string& caution, std::size_t width) {
+  constexpr std::size_t heading = sizeof("Caution: ");
+  const auto room = lines_of_a_caution * (width - 2) - std::min(heading + 8, width);
+  return wrapped("Caution: " + shortened(printable(caution), room), width);
+}
+
+std::string steps_of(const std::vector<Answer::Step>& steps) {
+  std::size_t widest = 0;
+  for (const auto& step : steps) widest = std::max(widest, width_of(step.why) + 1);
+  std::string text;
+  for (const auto& [why, command] : steps) text += fmt::format("{:<{}}  {}\n", why + ":", widest, command);
+  return text;
+}
+
+ordered_json ms(const std::optional<double>& ns) { return ns ? ordered_json(*ns / 1e6) : ordered_json(); }
+ordered_json json_of(const std::optional<Answer::Spread>& of) {
+  if (!of) return nullptr;
+  return {{"low", of->low_ns / 1e6}, {"median", of->median_ns / 1e6}, {"high", of->high_ns / 1e6}};
+}
+
+}  // namespace
+
+const char* word_of(State state) {
+  switch (state) {
+    case State::ok:
+      return "ok";
+    case State::late:
+      return "LATE";
+    case State::not_applied:
+      return "NOT APPLIED";
+    case State::cut_off:
+      return "CUT OFF";
+    case State::failed:
+      return "FAILED";
+    case State::imported:
+      return "imported";
+  }
+  return "";
+}
+
+std::string text_of(const Answer& answer, std::size_t width) {
+  auto text = wrapped(printable(answer.sentence), width);
+  if (answer.rows.empty()) return text;
+  text += wrapped(
+      printable((answer.conditions.empty() ? "" : answer.conditions + "; ") + "waits and round trips in ms"),
+      width);
+  std::string rest;
+  for (std::size_t i = 0; i < std::min(most_cautions, answer.cautions.size()); ++i)
+    rest += caution_of(answer.cautions[i], width);
+  rest += steps_of(answer.next);
+
+  constexpr std::size_t header = 2, note = 1;
+  const auto taken = lines_in(text, width) + lines_in(rest, width) + header;
+  const std::size_t free = taken + 3 < screen_lines ? screen_lines - taken : 3;
+  const auto most = answer.rows.size() <= free ? answer.rows.size() : free - note;
+  auto table = as_text({{table_of(answer.rows, worst_of(answer.rows, most), width)}, {}, ""}, width);
+  table.pop_back();  // the empty line after it
+  text += table;
+  if (const auto more = answer.rows.size() - most; more > 0)
+    text += fmt::format("… and {}, none worse\n", many(more, "more row", "more rows"));
+  return text + rest;
+}
+
+ordered_json json_of(const Answer& answer) {
+  auto rows = ordered_json::array(), next = ordered_json::array();
+  for (const auto& row : answer.rows)
+    rows.push_back({{"id", row.id},
+                    {"conditions", row.conditions},
+                    {"name", row.name},
+                    {"runs", row.runs},
+                    {"state", word_of(row.state)},
+                    {"cycles", row.cycles},
+                    {"not_in_time", row.missed},
+                    {"worst_wait_ms", ms(row.worst_wait_ns)},
+                    {"worst_wait_is_open", row.is_open},
+                    {"p50_ms", json_of(row.p50)},
+                    {"p99_ms", json_of(row.p99)},
+                    {"max_ms", ms(row.max_ns)}});
+  for (const auto& [why, command] : answer.next) next.push_back({{"why", why}, {"command", command}});
+  return {{"sentence", answer.sentence},
+          {"conditions", answer.conditions},
+          {"rows", rows},
+          {"cautions", answer.cautions},
+          {"next", next}};
+}
+
+}  // namespace ontime::report

@@ -1,0 +1,239 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "report/answer.hpp"
+#include "report_fixture.hpp"
+
+namespace ontime::report {
+namespace {
+
+using ::testing::AllOf;
+using ::testing::Contains;
+using ::testing::ElementsAre;
+using ::testing::Field;
+using ::testing::HasSubstr;
+using ::testing::IsEmpty;
+using ::testing::Not;
+using ::testing::StartsWith;
+using State = Answer::State;
+
+constexpr std::uint64_t ms = 1'000'000;
+const Origin kept{"demo.ontime", true};
+
+struct Conditions {
+  bool load = false, realtime = false;
+};
+Summary run(std::int64_t number, const std::string& id, const std::string& transport, Conditions conditions,
+            std::uint64_t missed = 0, int repetition = 1) {
+  auto one = summary(asked(id, transport, repetition), outcome());
+  if (!conditions.load) one.run.asked["load"] = {{"controller", {{"cpu", 0}, {"hdd_bytes", 0}}}};
+  one.run.asked["realtime"] = conditions.realtime;
+  one.run.asked["scenario_file"] = "/home/me/scenarios/demo.yaml";
+  one.run.number = number;
+  one.run.key = id + transport;
+  one.late = one.late_by_response.emplace(missed);
+  one.on_time = one.sent - missed;
+  return one;
+}
+
+// The demo's: idle, load, both with real-time settings; the load is what makes messages late.
+std::vector<Summary> demo() {
+  std::vector<Summary> runs;
+  std::int64_t number = 0;
+  for (const auto& [id, conditions] : {std::pair<const char*, Conditions>{"Test1.A", {}},
+                                       {"Test1.B", {true, false}},
+                                       {"Test1.C", {false, true}},
+                                       {"Test1.D", {true, true}}})
+    for (const auto* transport : {"udp", "cyclonedds", "fastdds"}) {
+      ++number;
+      const auto missed = conditions.load && !conditions.realtime ? 320 + number * 40 : 0;
+      runs.push_back(run(number, id, transport, conditions, static_cast<std::uint64_t>(missed)));
+    }
+  return runs;
+}
+
+std::vector<std::string> commands_of(const Answer& answer) {
+  std::vector<std::string> commands;
+  for (const auto& step : answer.next) commands.push_back(step.command);
+  return commands;
+}
+
+TEST(Answer, OppositeConditionsAreNeverPooled) {
+  const auto answer = answer_of(demo(), kept);
+  EXPECT_EQ(answer.sentence,
+            "Under load 24 to 28 % of the cycles had no answer within 10 ms; with real-time settings 0 %.");
+  EXPECT_EQ(answer.conditions, "500 B every 10 ms, 20 s a run");
+  ASSERT_EQ(answer.rows.size(), 12u);
+  EXPECT_EQ(answer.rows[3].conditions, "load");
+  EXPECT_EQ(answer.rows[3].state, State::late);
+  EXPECT_EQ(answer.rows[11].conditions, "load, RT");
+  EXPECT_EQ(answer.rows[11].state, State::ok);
+  EXPECT_THAT(commands_of(answer), ElementsAre("ontime run scenarios/demo.yaml --only Test1.B --explain",
+                                               "ontime compare demo.ontime --from Test1.B --to Test1.D",
+                                               "ontime report demo.ontime --full"));
+}
+
+TEST(Answer, TwelveRunsFitTheScreen) {
+  const auto lines = lines_of(text_of(answer_of(demo(), kept), 80));
+  EXPECT_LE(lines.size(), screen_lines);
+  for (const auto& line : lines) EXPECT_LE(width_of(line), 80u) << line;
+  EXPECT_THAT(lines, Contains(AllOf(StartsWith("Test1.B load"), HasSubstr("480 (24 %)"), HasSubstr("LATE"))));
+  EXPECT_THAT(lines, Contains(HasSubstr("of 2,000")));
+}
+
+TEST(Answer, MoreRunsThanFitLeaveTheWorstAndTheirNumber) {
+  std::vector<Summary> runs;
+  for (int i = 1; i <= 60; ++i) runs.push_back(run(i, "run" + std::to_string(i), "udp", {}, i == 47 ? 9 : 0));
+  const auto text = text_of(answer_of(runs, kept), 80);
+  EXPECT_LE(lines_of(text).size(), screen_lines);
+  EXPECT_THAT(text, AllOf(HasSubstr("run47"), HasSubstr("more rows, none worse")));
+}
+
+TEST(Answer, ANarrowTerminalDropsColumnsAndKeepsTheVerdict) {
+  for (const std::size_t width : {40u, 60u, 200u}) {
+    const auto text = text_of(answer_of(demo(), kept), width);
+    EXPECT_THAT(text, HasSubstr("LATE")) << width;
+    for (const auto& line : lines_of(text))
+      EXPECT_TRUE(width_of(line) <= width || line.find("ontime ") != line.npos) << line;
+  }
+}
+
+TEST(Answer, RepetitionsAreOneRowWithTheirSpread) {
+  std::vector<Summary> runs;
+  for (int i = 1; i <= 5; ++i) {
+    runs.push_back(run(i, "a", "udp", {}, i == 5 ? 3 : 0, i));
+    runs.back().round_trip.p99 = i * 1000 * 1000;
+  }
+  const auto answer = answer_of(runs, kept);
+  ASSERT_EQ(answer.rows.size(), 1u);
+  const auto& row = answer.rows.front();
+  EXPECT_EQ(row.name, "udp ×5");
+  EXPECT_EQ(row.cycles, 10'000u);
+  EXPECT_EQ(row.missed, 3u);
+  EXPECT_EQ(row.state, State::late);
+  EXPECT_EQ(row.p99->low_ns, 1.0 * ms);
+  EXPECT_EQ(row.p99->median_ns, 3.0 * ms);
+  EXPECT_EQ(row.p99->high_ns, 5.0 * ms);
+  EXPECT_THAT(text_of(answer, 80), HasSubstr("1.0–5.0"));
+}
+
+TEST(Answer, DeniedSettingsAreNoVerdictOnThem) {
+  auto one = run(1, "a", "udp", {false, true});
+  one.run.outcome["hosts"]["controller"]["refusals"] = {{{"asked", "SCHED_FIFO 80 for thread send"},
+                                                         {"found", "Operation not permitted"},
+                                                         {"remedy", "run as root"}}};
+  const auto answer = answer_of({one}, {"r.ontime", false});
+  EXPECT_EQ(answer.rows.front().state, State::not_applied);
+  EXPECT_THAT(answer.sentence, HasSubstr("no run was measured as requested"));
+  EXPECT_THAT(answer.cautions, Contains(HasSubstr("denied: SCHED_FIFO 80 for thread send")));
+  EXPECT_THAT(commands_of(answer), Contains("sudo ontime run scenarios/demo.yaml"));
+}
+
+TEST(Answer, AFailedRunIsNamedWithItsError) {
+  auto failed = run(2, "b", "udp", {});
+  failed = summary(failed.run.asked, {{"error", "no peer found"}}, 0);
+  failed.run.asked["scenario_file"] = "demo.yaml";
+  const auto answer = answer_of({failed}, kept);
+  EXPECT_EQ(answer.rows.front().state, State::failed);
+  EXPECT_THAT(answer.sentence, HasSubstr("Nothing was measured."));
+  EXPECT_THAT(answer.cautions, Contains(HasSubstr("failed: no peer found")));
+  EXPECT_THAT(commands_of(answer), Contains(HasSubstr("--resume --results demo.ontime")));
+}
+
+TEST(Answer, NothingLateSaysHowLongToMeasure) {
+  auto one = run(1, "a", "udp", {});
+  one.missed_probability.messages = 2000;
+  one.missed_probability.bound = 1.5e-3;
+  one.message_every_ns = 10 * ms;
+  const auto answer = answer_of({one}, kept);
+  EXPECT_EQ(answer.sentence, "All 2,000 cycles had an answer within 10 ms.");
+  // 3 / 1e-4 messages of 10 ms.
+  EXPECT_THAT(
+      answer.next,
+      Contains(AllOf(Field(&Answer::Step::why, "Prove < 1 in 10,000"),
+                     Field(&Answer::Step::command, "ontime run scenarios/demo.yaml --duration 5min"))));
+}
+
+TEST(Answer, CyclesWithoutAMessageCountAsNotInTime) {
+  auto one = run(1, "a", "udp", {});
+  one.skipped_cycles = 500;
+  one.late_by_response = 600;
+  const auto& row = answer_of({one}, kept).rows.front();
+  EXPECT_EQ(row.cycles, 2500u);
+  EXPECT_EQ(row.missed, 600u);
+  EXPECT_EQ(row.state, State::late);
+}
+
+TEST(Answer, ALostMessageWaitedAtLeastTheTimeOut) {
+  auto one = run(1, "a", "udp", {}, 1);
+  one.lost = 1;
+  one.late = 0;
+  const auto answer = answer_of({one}, kept);
+  EXPECT_EQ(answer.rows.front().worst_wait_ns, 500.0 * ms);
+  EXPECT_TRUE(answer.rows.front().is_open);
+  EXPECT_THAT(text_of(answer, 80), HasSubstr("≥ 500"));
+}
+
+TEST(Answer, CautionsAreSaidOnceAndTheGravestFirst) {
+  auto runs = demo();
+  double stolen = 0.01;
+  for (auto& one : runs) {
+    for (const auto* host : {"controller", "component"}) {
+      one.run.outcome["conditions"][host]["cpu_stolen"] = stolen;
+      one.run.outcome["hosts"][host]["machine"]["boot_id"] = "b";
+    }
+    stolen += 0.005;
+  }
+  runs[4].run.outcome["hosts"]["controller"]["load_running"] = false;
+  const auto answer = answer_of(runs, kept);
+  EXPECT_THAT(answer.cautions.front(), HasSubstr("Test1.B cyclonedds: the load on the controller had died"));
+  EXPECT_THAT(answer.cautions,
+              Contains("the hypervisor took 1 % to 6.5 % of the time of the machine's CPUs"));
+  EXPECT_EQ(answer.rows[4].state, State::not_applied);
+}
+
+TEST(Answer, WhatAFileSaysIsNoCommandOfItsOwn) {
+  auto one = run(1, "a'; rm -rf $HOME; '", "udp", {true, false}, 9);
+  one.run.asked["scenario_file"] = "/tmp/$(reboot).yaml";
+  one.run.asked["command_line"] = json::array();
+  auto commands = commands_of(answer_of({one}, {"my results.ontime", true}));
+  EXPECT_THAT(commands,
+              Contains("ontime run '/tmp/$(reboot).yaml' --only 'a'\\''; rm -rf $HOME; '\\''' --explain"));
+  EXPECT_THAT(commands, Contains("ontime report 'my results.ontime' --full"));
+  one.run.asked["scenario_file"] = "/tmp/\x1b]0;x\x07.yaml";
+  commands = commands_of(answer_of({one}, {"r", true}));
+  EXPECT_THAT(commands, ElementsAre("ontime report r --full"));
+}
+
+TEST(Answer, OfNoRunsItSaysSo) {
+  const auto answer = answer_of({}, kept);
+  EXPECT_THAT(answer.rows, IsEmpty());
+  EXPECT_EQ(text_of(answer, 80), "There are no runs.\n");
+}
+
+TEST(Answer, JsonHasWhatIsPrinted) {
+  const auto document = json::parse(render(demo(), Format::json, kept)).at("answer");
+  const auto answer = answer_of(demo(), kept);
+  EXPECT_EQ(document.at("sentence"), answer.sentence);
+  ASSERT_EQ(document.at("rows").size(), 12u);
+  const auto& row = document.at("rows").at(3);
+  EXPECT_EQ(row.at("state"), "LATE");
+  EXPECT_EQ(row.at("cycles"), 2000);
+  EXPECT_EQ(row.at("not_in_time"), 480);
+  EXPECT_EQ(row.at("p99_ms").at("median"), 1.98);
+  EXPECT_EQ(row.at("runs"), json({4}));
+  EXPECT_EQ(document.at("next").size(), answer.next.size());
+}
+
+TEST(Answer, SurvivesRecordsOfAnyKind) {
+  for (const json& odd : {json(), json(5), json("text"), json::array({1}), json{{"controller", 5}}})
+    for (const auto* key :
+         {"load", "deadline_us", "command_line", "scenario_file", "id", "explain", "duration_s"}) {
+      auto one = run(1, "a", "udp", {true, true}, 5);
+      one.run.asked[key] = odd;
+      auto other = one;
+      other.run.outcome = odd;
+      EXPECT_NO_THROW(text_of(answer_of({one, other}, {"", false}), 80)) << key;
+    }
+}
+
+}  // namespace
+}  // namespace ontime::report
