@@ -21,6 +21,12 @@ const Units& times() {
   return units;
 }
 
+// "'5 s' or '5 ms'": of a time both are usual; of all else the example's unit.
+std::string with_units(const std::string& number, const Units& units, const std::string& example) {
+  if (&units == &times()) return fmt::format("'{0} s' or '{0} ms'", number);
+  return fmt::format("'{} {}'", number, example.substr(example.find(' ') + 1));
+}
+
 long double quantity(const std::string& text, const Units& units, const std::string& example) {
   std::string names;
   for (const auto& [name, factor] : units) names += (names.empty() ? "" : ", ") + name;
@@ -31,8 +37,8 @@ long double quantity(const std::string& text, const Units& units, const std::str
   std::string unit(static_cast<const char*>(end), text.data() + text.size());
   unit.erase(0, std::min(unit.find_first_not_of(' '), unit.size()));
   if (unit.empty())
-    throw std::invalid_argument(
-        fmt::format("'{}' has no unit; write it as '{}' (units: {})", text, example, names));
+    throw std::invalid_argument(fmt::format("'{}' has no unit; did you mean {}? Units: {}", text,
+                                            with_units(text, units, example), names));
   for (const auto& [name, factor] : units) {
     if (unit != name) continue;
     const auto value = number * factor;
