@@ -444,7 +444,7 @@ class Page(unittest.TestCase):
         before = results.read_bytes()
         self.assertEqual(explain("--perfetto", results).returncode, 2)
         self.assertEqual(results.read_bytes(), before)
-        self.assertIn("--run N", subprocess.run([ONTIME, "explain", self.several(), "--perfetto", file], capture_output=True,
+        self.assertIn("--only RUN", subprocess.run([ONTIME, "explain", self.several(), "--perfetto", file], capture_output=True,
                                                 text=True).stderr)
 
     def test_hostile_names_in_what_was_seen_run_nothing(self):
@@ -597,7 +597,7 @@ class File(unittest.TestCase):
         def plot(*arguments, **options):
             return subprocess.run([ONTIME, "plot", self.results, *arguments], capture_output=True, text=True, **options)
         for arguments, word in ((("--output", "x.gif"), ".svg, .pdf, .png"), (("--output", "x.svg", "--figure", "pie"), "payload"),
-                                (("--output", "x.svg", "--runs", "1,7"), "no run 7")):
+                                (("--output", "x.svg", "--runs", "1,7"), "no run '7'")):
             done = plot(*arguments)
             self.assertEqual(done.returncode, 2)
             self.assertIn(word, done.stderr)

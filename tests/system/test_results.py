@@ -342,7 +342,7 @@ class Results(unittest.TestCase):
         self.ontime("export", self.results, "--output", "out.csv")
         self.assertEqual((self.folder / "out.csv").read_text().count("\n"), sent + 1)
         before = self.results.read_bytes()
-        for arguments, word in ((["--run", "7"], "there is no run 7"), (["--format", "parquet"], "Debian 12"),
+        for arguments, word in ((["--run", "7"], "no run '7'"), (["--format", "parquet"], "Debian 12"),
                                 (["--format", "x"], "'x'"), (["--output", self.results], "is a results file")):
             self.assertIn(word, self.ontime("export", self.results, *arguments, code=2).stderr)
         self.ontime("export", self.results, "--output", self.folder / "no" / "out.csv", code=3)
