@@ -265,9 +265,9 @@ TEST_F(Page, says_of_a_quantile_and_of_the_worst_case_what_the_table_says) {
   const auto reader = writer_.reader();
   const auto table = render({statistics::summarise(reader, reader.runs().front())}, Format::table);
   const auto html = page();
-  const auto shown = found_in(html, "data-figure=\"p99.9\"[^>]*>&gt; ([^<]*)<");
-  ASSERT_EQ(shown.size(), 1u) << "3,000 answers do not bound p99.9";
-  EXPECT_THAT(table, HasSubstr("≥ " + shown[0]));
+  const auto shown = found_in(html, "data-figure=\"p99.9\"[^>]*>(~[^<]*)<");
+  ASSERT_EQ(shown.size(), 1u) << "of 3,000 answers three are slower";
+  EXPECT_THAT(table, HasSubstr(" " + shown[0] + " "));
   const auto seen = found_in(table, "Slowest \\(µs\\).*\nudp +([0-9]+) ");
   ASSERT_EQ(seen.size(), 1u);
   EXPECT_THAT(html, HasSubstr("Extrapolated worst case"));
@@ -525,6 +525,31 @@ TEST(Gnuplot, ConditionsHasOneRowForEachWithTheSpreadOfItsRepetitions) {
   EXPECT_THAT(commands, HasSubstr("\n0.3 "));
   for (const auto* name : {"p50", "p99", "p99.9", "max"})
     EXPECT_THAT(commands, HasSubstr(std::string("set label '") + name + "'"));
+}
+
+TEST(Gnuplot, ChangeHasARowForEachMetricAndSaysWhatItIsOf) {
+  std::mt19937_64 random(4);
+  const auto measured = [&](const char* id, std::int64_t base_ns) {
+    record::Writer writer("");
+    std::vector<Sample> samples;
+    for (std::uint64_t i = 0; i < 2000; ++i)
+      samples.push_back(sample(i, base_ns + static_cast<std::int64_t>(random() % 100'000)));
+    const auto run = writer.begin_run(asked(id, "udp"));
+    writer.append(run, samples);
+    writer.end_run(run, outcome());
+    const auto reader = writer.reader();
+    return statistics::summarise(reader, reader.runs().front());
+  };
+  const Summaries from{measured("before", 400'000)}, to{measured("after", 800'000)};
+  const auto commands = gnuplot_of(compare_chosen(from, to), {});
+  for (const auto* text :
+       {"A: before udp (1 run)", "B: after udp (1 run)", "p50", "p99", "Round trip, B / A"})
+    EXPECT_THAT(commands, HasSubstr(std::string("set label '") + text + "'"));
+  const auto p50 = found_in(commands, "\\$change0_1 << END\n([0-9.]+) ");
+  ASSERT_EQ(p50.size(), 1u);
+  EXPECT_NEAR(std::stod(p50[0]), 850.0 / 450, 0.1);
+  EXPECT_THAT(commands, HasSubstr("B is slower"));
+  EXPECT_EQ(gnuplot_of(Comparison{}, {}), "") << "nothing to draw";
 }
 
 }  // namespace

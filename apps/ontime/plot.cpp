@@ -1,4 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
+#include "plot.hpp"
+
 #include <algorithm>
 #include <cerrno>
 #include <filesystem>
@@ -64,52 +66,17 @@ class Memory {
   int file_;
 };
 
-// What gnuplot makes of these commands. What it has to say itself goes to standard error.
-std::string drawn(const std::string& commands) {
-  Memory script("commands"), figure("figure");
-  script.hold(commands);
-  struct Actions : posix_spawn_file_actions_t {
-    Actions() { posix_spawn_file_actions_init(this); }
-    ~Actions() { posix_spawn_file_actions_destroy(this); }
-    Actions(const Actions&) = delete;
-    Actions& operator=(const Actions&) = delete;
-  } actions;
-  posix_spawn_file_actions_adddup2(&actions, script.file(), STDIN_FILENO);
-  posix_spawn_file_actions_adddup2(&actions, figure.file(), STDOUT_FILENO);
-  std::string name = "gnuplot", fresh = "--default-settings";  // whatever its owner prefers elsewhere
-  char* arguments[] = {name.data(), fresh.data(), nullptr};
-  pid_t process = 0;
-  errno = ::posix_spawnp(&process, arguments[0], &actions, nullptr, arguments, environ);
-  if (errno == ENOENT)
-    throw Error(3, "gnuplot is missing, which draws the figures: apt-get install gnuplot-nox");
-  if (errno != 0) cannot("gnuplot cannot be started");
-  int status = 0;
-  while (::waitpid(process, &status, 0) < 0 && errno == EINTR) {
-  }
-  auto text = figure.text();
-  if (!WIFEXITED(status) || WEXITSTATUS(status) != 0 || text.empty())
-    throw Error(
-        3,
-        "gnuplot could not draw the figure; what it said is above. ontime wants its version 5.4 or later.");
-  return text;
-}
-
 Plot plot_of(const Arguments& arguments) {
   const std::map<std::string, Plot::Figure> figures = {{"time", Plot::Figure::time},
                                                        {"ccdf", Plot::Figure::ccdf},
                                                        {"conditions", Plot::Figure::conditions},
                                                        {"payload", Plot::Figure::payload},
                                                        {"neighbours", Plot::Figure::neighbours}};
-  const std::map<std::string, Plot::Form> forms = {
-      {".svg", Plot::Form::svg}, {".pdf", Plot::Form::pdf}, {".png", Plot::Form::png}};
   const auto figure = figures.find(arguments.figure);
   if (figure == figures.end())
     throw Error(2, fmt::format("--figure: '{}' is not one of time, ccdf, conditions, payload, neighbours",
                                arguments.figure));
-  const auto form = forms.find(std::filesystem::path(arguments.output).extension().string());
-  if (form == forms.end())
-    throw Error(2, fmt::format("--output: '{}' ends in none of .svg, .pdf, .png", arguments.output));
-  return {figure->second, form->second, arguments.wide};
+  return {figure->second, form_of("--output", arguments.output), arguments.wide};
 }
 
 constexpr std::size_t most_panels = 12;  // on one sheet of paper
@@ -138,6 +105,44 @@ int plot(const Arguments& arguments) {
 }
 
 }  // namespace
+
+Plot::Form form_of(const char* flag, const std::string& output) {
+  const std::map<std::string, Plot::Form> forms = {
+      {".svg", Plot::Form::svg}, {".pdf", Plot::Form::pdf}, {".png", Plot::Form::png}};
+  const auto form = forms.find(std::filesystem::path(output).extension().string());
+  if (form == forms.end())
+    throw Error(2, fmt::format("{}: '{}' ends in none of .svg, .pdf, .png", flag, output));
+  return form->second;
+}
+
+std::string drawn(const std::string& commands) {
+  Memory script("commands"), figure("figure");
+  script.hold(commands);
+  struct Actions : posix_spawn_file_actions_t {
+    Actions() { posix_spawn_file_actions_init(this); }
+    ~Actions() { posix_spawn_file_actions_destroy(this); }
+    Actions(const Actions&) = delete;
+    Actions& operator=(const Actions&) = delete;
+  } actions;
+  posix_spawn_file_actions_adddup2(&actions, script.file(), STDIN_FILENO);
+  posix_spawn_file_actions_adddup2(&actions, figure.file(), STDOUT_FILENO);
+  std::string name = "gnuplot", fresh = "--default-settings";  // whatever its owner prefers elsewhere
+  char* arguments[] = {name.data(), fresh.data(), nullptr};
+  pid_t process = 0;
+  errno = ::posix_spawnp(&process, arguments[0], &actions, nullptr, arguments, environ);
+  if (errno == ENOENT)
+    throw Error(3, "gnuplot is missing, which draws the figures: apt-get install gnuplot-nox");
+  if (errno != 0) cannot("gnuplot cannot be started");
+  int status = 0;
+  while (::waitpid(process, &status, 0) < 0 && errno == EINTR) {
+  }
+  auto text = figure.text();
+  if (!WIFEXITED(status) || WEXITSTATUS(status) != 0 || text.empty())
+    throw Error(
+        3,
+        "gnuplot could not draw the figure; what it said is above. ontime wants its version 5.4 or later.");
+  return text;
+}
 
 void add_plot(Command& app, Action& action) {
   auto* command = app.add_subcommand("plot", "Figures for a paper: SVG, PDF, PNG");

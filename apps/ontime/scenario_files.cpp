@@ -8,6 +8,7 @@
 #include <fmt/format.h>
 
 #include "campaign/campaign.hpp"
+#include "spelling/spelling.hpp"
 
 namespace ontime::app {
 namespace {
@@ -41,14 +42,19 @@ fs::path found(const std::string& name) {
   return {};
 }
 
+std::string meant(const std::string& name) {
+  const auto suggestion = spelling::suggestion(name, own_scenario_names());
+  return suggestion.empty() ? ";" : suggestion;
+}
+
 std::vector<std::string> files_of(const std::string& name) {
   const auto path = found(name);
   if (path.empty())
     throw campaign::Error(
         2,
-        fmt::format("{0}: there is no such scenario, file or folder; `ontime scenarios` shows those that "
-                    "came with ontime{1}",
-                    name, is_there(name) ? fmt::format(". To run the one in this folder: ./{}", name) : ""));
+        fmt::format("{}: there is no such scenario, file or folder{} `ontime scenarios` shows those that "
+                    "came with ontime",
+                    name, is_there(name) ? "; to run the one in this folder: ./" + name + "." : meant(name)));
   if (!is_folder(path)) return {path.string()};
   std::vector<std::string> files;
   for (const auto& entry : fs::directory_iterator(path))
@@ -68,6 +74,17 @@ fs::path own_scenarios() {
        {program / ".." / "share" / "ontime" / folder, program / ".." / ".." / ".." / folder})
     if (is_folder(path)) return fs::canonical(path);
   return {};
+}
+
+std::vector<std::string> own_scenario_names() {
+  std::vector<std::string> names;
+  const auto own = own_scenarios();
+  if (own.empty()) return names;
+  for (const auto& entry : fs::recursive_directory_iterator(own))
+    if (entry.path().extension() == suffix)
+      names.push_back(entry.path().lexically_relative(own).replace_extension().string());
+  std::sort(names.begin(), names.end());
+  return names;
 }
 
 std::vector<std::string> scenario_files(const std::vector<std::string>& names) {

@@ -36,7 +36,7 @@ shift
 trap : HUP INT TERM
 trap 'rm -rf "$folder"' EXIT
 code=121
-for there in "${TMPDIR:-/tmp}" /var/tmp "${XDG_RUNTIME_DIR:-/run}" "$HOME"; do
+for there in "${TMPDIR:-/tmp}" /var/tmp "${XDG_RUNTIME_DIR:-/run}" "${HOME:-/run}"; do
   folder=$(mktemp -d "$there/ontime-program-XXXXXXXX" 2>/dev/null) || continue
   code=120
   printf '#!/bin/sh\n' >"$folder/try" && chmod 700 "$folder/try" && "$folder/try" 2>/dev/null && code=0 && break

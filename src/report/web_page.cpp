@@ -79,8 +79,7 @@ std::string row_of(const Shown& run, std::size_t figure, bool by_response) {
                                       : count_cell(*summary.late_by_response, "late_by_response", true)) +
          count_cell(summary.lost, "lost", true) + time(static_cast<double>(of.min), "min") +
          time(of.mean, "mean") + quantile(of.p50, "p50", 2) + quantile(of.p99, "p99", 100) +
-         quantile(of.p99_9, "p99.9", 1000) +
-         time(static_cast<double>(of.max), "max") +
+         quantile(of.p99_9, "p99.9", 1000) + time(static_cast<double>(of.max), "max") +
          fmt::format("<td class=\"number\">{}</td><td class=\"range\" data-figure-of=\"{}\"></td></tr>\n",
                      against_deadline(summary), figure);
 }
@@ -150,8 +149,8 @@ Table worst_of(const std::vector<Shown>& group) {
           {label, fmt::format("{}", message.index),
            fmt::format("{:.3f}",
                        (static_cast<double>(message.due_ns) - static_cast<double>(summary->start_ns)) / 1e9),
-           us(worst[i].took_ns), us(message.woke_ns - message.due_ns), us(message.sent_ns - message.woke_ns),
-           us(message.received_ns - message.sent_ns)});
+           us(worst[i].took_ns), us(roundtrip::wake_up_latency_ns(message)),
+           us(message.sent_ns - message.woke_ns), us(message.received_ns - message.sent_ns)});
     }
   }
   return table;
@@ -231,10 +230,7 @@ std::string table_legend(const Summaries& summaries) {
                   limit(summaries, "deadline", "deadline_us"), limit(summaries, "time-out", "timeout_us"));
   if (std::any_of(summaries.begin(), summaries.end(), differs_by_response))
     legend += " By response: cycles without an answer within the deadline from when they were due.";
-  legend +=
-      " p99: 99 % of the answers took no longer. ~: fewer than 10 answers were slower. >: only this lower "
-      "limit "
-      "is known. –: not known.";
+  legend += " p99: 99 % of the answers took no longer. ~: fewer than 10 answers were slower. –: not known.";
   if (std::any_of(summaries.begin(), summaries.end(),
                   [](const Summary& summary) { return !paper_rows(summary.run.asked).empty(); }))
     legend +=

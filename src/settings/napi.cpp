@@ -6,6 +6,7 @@
 #include <cerrno>
 #include <functional>
 #include <memory>
+#include <set>
 
 #include <fcntl.h>
 #include <fmt/format.h>

@@ -243,6 +243,15 @@ class Ssh(unittest.TestCase):
         self.ended(process, 3, "the connection to robot was lost")
         self.kept_run("the connection to robot was lost")
 
+    def test_deployed_keeper_that_is_killed_with_its_coordinator_is_given_back_by_the_shell_there(self):
+        load = "load: {component: {cpu: 1, hdd: 1, hdd-bytes: 16 MiB}}"
+        process = self.start_ontime(self.scenario(program="", duration="1 h", keys=load), "--deploy")
+        self.assertTrue(eventually(lambda: sample_count(self.results) > 50 and self.far("stress-ng"), 120), process.poll())
+        for pid in (process.pid, *self.far("bin/ontime keeper")):
+            os.kill(pid, signal.SIGKILL)
+        process.communicate(timeout=30)
+        self.assertTrue(eventually(self.nothing_left, 20), self.what_is_left())
+
     def scenario_with_another(self, name, script):
         """Where a command of the far machine is this one."""
         folder = self.own / "far-bin"

@@ -38,7 +38,7 @@ class Repetition:
             program.chmod(0o755)
         self.results = self.disk / "results.ontime"
         self.environment = dict(os.environ, TMPDIR=str(self.temporary), ONTIME_TEST=str(self.temporary))
-        self.transport = self.random.choice(["udp", "cyclonedds", "fastdds"])
+        self.transport = self.random.choice(os.environ.get("ONTIME_TEST_TRANSPORTS", "udp,cyclonedds,fastdds").split(","))
         self.duration = "1 s" if harm is None else "1 h"
         self.everybody_is_gone = False
         self.harmed_ns = None
