@@ -3,6 +3,7 @@
 
 #include <array>
 #include <csignal>
+#include <cstdlib>
 #include <filesystem>
 #include <fstream>
 #include <functional>
@@ -285,6 +286,32 @@ TEST_F(Agent, RefusesALaunchTimeWhereTheSocketIsNotOntimes) {
   if (refused == 0) GTEST_SKIP() << "there are udp and ethernet alone";
 }
 
+// By what a transport declares, whatever its name.
+TEST_F(Agent, RefusesWhatATransportDoesNotDeclare) {
+  Task task;
+  task.transport = "modest";
+  task.config.role = transport::Role::server;
+  task.config.max_payload_bytes = 500;
+  EXPECT_EQ(failure(task), "none");
+  const auto refusal_with = [&](const auto& ask_for_more) {
+    auto more = task;
+    ask_for_more(more);
+    return failure(more);
+  };
+  const auto refused = [](const char* why) { return HasSubstr(std::string("2 transport modest ") + why); };
+  EXPECT_THAT(refusal_with([](Task& more) { more.config.receive = transport::Receive::waitset; }),
+              refused("cannot receive by waitset"));
+  EXPECT_THAT(refusal_with([](Task& more) { more.config.max_payload_bytes = 501; }),
+              refused("carries at most 500"));
+  EXPECT_THAT(refusal_with([](Task& more) { more.config.security.emplace().level = "sign"; }),
+              refused("has no DDS Security"));
+  EXPECT_THAT(refusal_with([](Task& more) { more.config.launch_ns = 1; }), refused("writes to no socket"));
+  EXPECT_THAT(refusal_with([](Task& more) { more.config.pong_topic = "/arm/pong"; }),
+              refused("has no topics to name"));
+  EXPECT_THAT(refusal_with([](Task& more) { more.neighbours = {.topics = 1, .payload_bytes = 10}; }),
+              refused("has no neighbours"));
+}
+
 TEST_F(Agent, SaysThatAPortIsBusy) {
   const auto task = task_of(transport::Role::server, some_domain());
   Hand first(coordinator_, "the first", command(), sample_layout());
@@ -303,6 +330,10 @@ TEST_F(Agent, RefusesOrdersOutOfTurn) {
 
 // The agents of these tests are this program.
 int main(int argc, char** argv) {
+  const char* const path = "ONTIME_TRANSPORT_PATH";
+  const char* const found = std::getenv(path);  // NOLINT(concurrency-mt-unsafe): there is one thread yet
+  const std::string with_modest = std::string(found != nullptr ? found : "") + ":" ONTIME_TEST_TRANSPORTS;
+  setenv(path, with_modest.c_str(), 1);  // NOLINT(concurrency-mt-unsafe)
   if (argc > 1 && std::string_view(argv[1]) == "agent") return ontime::agent::serve();
   ontime::orders::on_termination([](int) { _exit(130); });
   testing::InitGoogleTest(&argc, argv);

@@ -56,13 +56,22 @@ void check(const transport::Plugin& plugin, const Task& task) {
     throw Error(2,
                 fmt::format("transport {} cannot receive by {}", plugin.name, word_of(task.config.receive)));
   if (task.config.security && !can.security)
-    throw Error(2, fmt::format("transport {} has no DDS Security (security: {}); cyclonedds and fastdds have",
-                               plugin.name, task.config.security->level));
-  if (task.config.launch_ns > 0 && !can.launch_time)
     throw Error(2,
-                fmt::format("transport {} writes to no socket of ontime's, so that its messages cannot say "
-                            "when they are to leave (launch-time); those of udp and ethernet can",
-                            plugin.name));
+                fmt::format("transport {} has no DDS Security (security: {}); leave it out, or take another "
+                            "transport",
+                            plugin.name, task.config.security->level));
+  if (task.config.launch_ns > 0 && !can.launch_time)
+    throw Error(
+        2, fmt::format("transport {} writes to no socket of ontime's, so its messages cannot say when they "
+                       "leave (launch-time); leave it out, or take another transport",
+                       plugin.name));
+  const transport::Config unnamed;
+  if (!can.topics &&
+      (task.config.ping_topic != unnamed.ping_topic || task.config.pong_topic != unnamed.pong_topic))
+    throw Error(
+        2, fmt::format("transport {} has no topics to name ({}, {}); tell its pongs apart by --domain, or "
+                       "by its port",
+                       plugin.name, task.config.ping_topic, task.config.pong_topic));
   for (const auto& [name, value] : task.config.options) {
     const bool known = std::any_of(plugin.options.begin(), plugin.options.end(),
                                    [&asked = name](const auto& option) { return asked == option.name; });

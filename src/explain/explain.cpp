@@ -141,8 +141,7 @@ class Explainer {
     const bool can_be = std::all_of(way_of.begin(), way_of.end(), [](const Leg& leg) {
       return -longest_ns <= leg.length_ns() && leg.length_ns() <= longest_ns;
     });
-    const bool all_times =
-        can_be && sample.fate != Fate::lost && sample.server_received_ns != 0 && sample.server_sent_ns != 0;
+    const bool all_times = can_be && sample.fate != Fate::lost && has_server_times(sample);
     if (all_times) message.parts = way.delays_of(sample);
     if (timeout_ns_ > 0) until_ns = std::min(until_ns, sample.sent_ns + timeout_ns_);
     if (sample.fate == Fate::lost) message.parts = way.loss_of(sample, until_ns);

@@ -44,6 +44,7 @@ std::vector<std::string> within_ids(const Group& group, Labels labels_of_group) 
     for (std::size_t i = 0; i < runs.size(); ++i) found[runs[i]] = labels[i];
   }
   std::vector<std::string> labels;
+  labels.reserve(group.size());
   for (const auto* run : group) labels.push_back(found.at(run));
   return labels;
 }
@@ -88,6 +89,7 @@ std::vector<double> deadlines_ms(const Group& group) {
 
 std::string deadline_text(const std::vector<double>& deadlines) {
   std::vector<std::string> texts;
+  texts.reserve(deadlines.size());
   for (const auto ms : deadlines) texts.push_back(duration(ms * 1e3));
   return (texts.size() > 1 ? "deadlines " : "deadline ") + join(texts, ", ");
 }

@@ -105,7 +105,7 @@ std::string interval_of(const Summary& run) {
     if (!of->sure.low || !of->sure.high) break;
     const auto y = lost + (1 - lost) * share;
     there += point(ms(*of->sure.low), y);
-    back = point(ms(*of->sure.high), y) + back;
+    back.insert(0, point(ms(*of->sure.high), y));
   }
   return there + back;
 }

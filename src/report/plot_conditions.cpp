@@ -54,67 +54,38 @@ std::optional<Found> found_in(const Group& runs, const Metric& metric, double ed
   return found;
 }
 
-}  // namespace
-
-std::string plot_conditions(const Group& group, const Plot& plot) {
-  constexpr double left_cm = 0.3, right_cm = 0.45, strip_cm = 0.5, gap_cm = 0.12, bottom_cm = 0.95;
-  const auto width = Sheet::width_cm(plot), inner_cm = width - left_cm - right_cm;
-  const auto conditions = conditions_of(group);
-  const auto range = range_of(group);
-
-  std::vector<std::vector<std::string>> titles;
-  double rows_cm = 0;
-  for (const auto& [name, label, runs] : conditions) {
-    const auto counts =
-        text_of(counts_of(runs)) + (runs.size() > 1 ? fmt::format(" in {} runs", runs.size()) : "");
-    auto& title = titles.emplace_back(wrapped(name, inner_cm));
-    title.push_back(counts);
-    rows_cm += static_cast<double>(title.size()) * line_cm + strip_cm + gap_cm;
-  }
+std::vector<Entry> entries_of(const std::vector<Condition>& conditions, const Group& group) {
+  const auto repeated = static_cast<std::size_t>(std::count_if(
+      conditions.begin(), conditions.end(), [](const auto& condition) { return condition.runs.size() > 1; }));
   std::vector<Entry> entries;
-  for (std::size_t i = 0; i < metrics.size(); ++i)
-    entries.push_back(
-        {metrics[i].name,
-         metrics[i].sure == nullptr ? "" : fmt::format("linewidth 5 linecolor rgb '{}'", bar_colours[i]),
-         metrics[i].point});
-  const auto deadlines = deadlines_ms(group);
-  if (!deadlines.empty()) entries.push_back({deadline_text(deadlines), deadline_style, ""});
-  const bool any_repeated =
-      std::any_of(conditions.begin(), conditions.end(), [](const auto& one) { return one.runs.size() > 1; });
-  const bool any_single =
-      std::any_of(conditions.begin(), conditions.end(), [](const auto& one) { return one.runs.size() == 1; });
-  if (any_repeated) entries.push_back({"bar: lowest to highest repetition; sign: their median", "", ""});
-  if (any_single)
-    entries.push_back(
-        {any_repeated ? "of a single run: 95 % confidence interval" : "bar: 95 % confidence interval", "",
-         ""});
-  const Legend legend(entries, inner_cm);
+  for (std::size_t i = 0; i < metrics.size(); ++i) {
+    const bool has_bar = repeated > 0 || metrics[i].sure != nullptr;
+    entries.push_back({metrics[i].name,
+                       has_bar ? fmt::format("linewidth 5 linecolor rgb '{}'", bar_colours[i]) : "",
+                       metrics[i].point});
+  }
+  if (const auto deadlines = deadlines_ms(group); !deadlines.empty())
+    entries.push_back({deadline_text(deadlines), deadline_style, ""});
+  if (repeated > 0) entries.push_back({"bar: lowest to highest repetition; sign: their median", "", ""});
+  if (repeated < conditions.size())
+    entries.push_back({repeated > 0 ? "of a single run: 95 % confidence interval"
+                                    : "bar: 95 % confidence interval; to the edge: no upper limit",
+                       "", ""});
+  return entries;
+}
 
-  const double top_cm = 0.1, axes_bottom = top_cm + rows_cm;
-  Sheet sheet(plot, axes_bottom + bottom_cm + legend.height_cm() + 0.15);
-  const Box axes{left_cm, top_cm, width - right_cm, axes_bottom};
-  sheet.add(fmt::format(
-      "set border 1\nunset ytics\nset grid noytics xtics linetype 1 linewidth 0.4 linecolor rgb '#dddddd'\n"
-      "set logscale x\nset xrange [{}:{}]\nset yrange [{}:0]",
-      range.least_ms, range.greatest_ms, rows_cm));
-  sheet.add(time_tics("x", range.least_ms, range.greatest_ms));
-  sheet.text((axes.left + axes.right) / 2, axes_bottom + 0.7, "Round trip", "center");
-  legend.draw(sheet, left_cm, axes_bottom + bottom_cm);
+std::string horizontal(double from_ms, double to_ms, double y) {
+  return fmt::format("{0:.6g} {2:.4f}\n{1:.6g} {2:.4f}\n\n", from_ms, std::max(to_ms, from_ms * 1.003), y);
+}
 
-  std::array<std::string, metrics.size()> points, bars;
-  std::string deadline_lines, extents;
-  double row_cm = 0;
-  for (std::size_t i = 0; i < conditions.size(); ++i) {
-    const auto& runs = conditions[i].runs;
-    for (std::size_t line = 0; line < titles[i].size(); ++line, row_cm += line_cm)
-      sheet.text(left_cm, top_cm + row_cm + line_cm / 2, titles[i][line],
-                 line + 1 == titles[i].size() ? "left textcolor rgb '#555555'" : "left");
-    const auto middle = row_cm + strip_cm / 2;
+// What there is to draw of all rows, each at its height.
+struct Lines {
+  void add(const Group& runs, double top, double bottom, double edge_ms) {
+    const auto middle = (top + bottom) / 2;
     for (std::size_t m = 0; m < metrics.size(); ++m)
-      if (const auto found = found_in(runs, metrics[m], range.greatest_ms)) {
+      if (const auto found = found_in(runs, metrics[m], edge_ms)) {
         points[m] += fmt::format("{:.6g} {:.4f}\n", found->median_ms, middle);
-        bars[m] += fmt::format("{0:.6g} {1:.4f}\n{2:.6g} {1:.4f}\n\n", found->low_ms, middle,
-                               std::max(found->high_ms, found->low_ms * 1.003));
+        bars[m] += horizontal(found->low_ms, found->high_ms, middle);
       }
     double least = 1e12, greatest = 0;
     for (const auto* run : runs)
@@ -122,27 +93,70 @@ std::string plot_conditions(const Group& group, const Plot& plot) {
         least = std::min(least, ms(run->round_trip.min));
         greatest = std::max(greatest, ms(run->round_trip.max));
       }
-    if (greatest > 0) extents += fmt::format("{0:.6g} {1:.4f}\n{2:.6g} {1:.4f}\n\n", least, middle, greatest);
+    if (greatest > 0) extents += horizontal(least, greatest, middle);
     for (const auto deadline : deadlines_ms(runs))
-      deadline_lines +=
-          fmt::format("{0:.6g} {1:.4f}\n{0:.6g} {2:.4f}\n\n", deadline, row_cm, row_cm + strip_cm);
-    row_cm += strip_cm + gap_cm;
+      deadlines += fmt::format("{0:.6g} {1:.4f}\n{0:.6g} {2:.4f}\n\n", deadline, top, bottom);
   }
-  std::vector<std::string> parts;
-  const auto add = [&](const std::string& name, const std::string& lines, const std::string& with) {
-    if (lines.empty()) return;
-    sheet.data(name, lines);
-    parts.push_back(fmt::format("${} {}", name, with));
-  };
-  add("extents", extents, "with lines linewidth 0.7 linecolor rgb '#888888'");
-  add("deadlines", deadline_lines, fmt::format("with lines {}", deadline_style));
-  for (std::size_t m = 0; m < metrics.size(); ++m)
-    add(fmt::format("bars{}", m), bars[m],
-        fmt::format("with lines linewidth 5 linecolor rgb '{}'", bar_colours[m]));
-  for (std::size_t m = 0; m < metrics.size(); ++m)
-    add(fmt::format("points{}", m), points[m], fmt::format("with points {}", metrics[m].point));
-  if (parts.empty()) parts.emplace_back("NaN");
-  sheet.plot(axes, parts);
+  std::vector<std::string> parts(Sheet& sheet) const {
+    std::vector<std::string> parts;
+    const auto add = [&](const std::string& name, const std::string& lines, const std::string& with) {
+      if (lines.empty()) return;
+      sheet.data(name, lines);
+      parts.push_back(fmt::format("${} {}", name, with));
+    };
+    add("extents", extents, "with lines linewidth 0.7 linecolor rgb '#888888'");
+    add("deadlines", deadlines, fmt::format("with lines {}", deadline_style));
+    for (std::size_t m = 0; m < metrics.size(); ++m)
+      add(fmt::format("bars{}", m), bars[m],
+          fmt::format("with lines linewidth 5 linecolor rgb '{}'", bar_colours[m]));
+    for (std::size_t m = 0; m < metrics.size(); ++m)
+      add(fmt::format("points{}", m), points[m], fmt::format("with points {}", metrics[m].point));
+    if (parts.empty()) parts.emplace_back("NaN");
+    return parts;
+  }
+
+ private:
+  std::array<std::string, metrics.size()> points, bars;
+  std::string extents, deadlines;
+};
+
+}  // namespace
+
+std::string plot_conditions(const Group& group, const Plot& plot) {
+  constexpr double left_cm = 0.3, right_cm = 0.45, top_cm = 0.1, strip_cm = 0.5, gap_cm = 0.12,
+                   bottom_cm = 0.95;
+  const auto width = Sheet::width_cm(plot), inner_cm = width - left_cm - right_cm;
+  const auto conditions = conditions_of(group);
+  const auto range = range_of(group);
+  const Legend legend(entries_of(conditions, group), inner_cm);
+
+  std::vector<std::vector<std::string>> titles;
+  double rows_cm = 0;
+  for (const auto& [name, label, runs] : conditions) {
+    auto& title = titles.emplace_back(wrapped(name, inner_cm));
+    title.push_back(text_of(counts_of(runs)) +
+                    (runs.size() > 1 ? fmt::format(" in {} runs", runs.size()) : ""));
+    rows_cm += static_cast<double>(title.size()) * line_cm + strip_cm + gap_cm;
+  }
+  const Box axes{left_cm, top_cm, width - right_cm, top_cm + rows_cm};
+  Sheet sheet(plot, axes.bottom + bottom_cm + legend.height_cm() + 0.15);
+  sheet.add(fmt::format(
+      "set border 1\nunset ytics\nset grid noytics xtics linetype 1 linewidth 0.4 linecolor rgb '#dddddd'\n"
+      "set logscale x\nset xrange [{}:{}]\nset yrange [{}:0]",
+      range.least_ms, range.greatest_ms, rows_cm));
+  sheet.add(time_tics("x", range.least_ms, range.greatest_ms));
+  sheet.text((axes.left + axes.right) / 2, axes.bottom + 0.7, "Round trip", "center");
+  legend.draw(sheet, left_cm, axes.bottom + bottom_cm);
+  Lines lines;
+  double y = 0;
+  for (std::size_t i = 0; i < conditions.size(); ++i) {
+    for (std::size_t line = 0; line < titles[i].size(); ++line, y += line_cm)
+      sheet.text(left_cm, top_cm + y + line_cm / 2, titles[i][line],
+                 line + 1 == titles[i].size() ? "left textcolor rgb '#555555'" : "left");
+    lines.add(conditions[i].runs, y, y + strip_cm, range.greatest_ms);
+    y += strip_cm + gap_cm;
+  }
+  sheet.plot(axes, lines.parts(sheet));
   return sheet.commands();
 }
 

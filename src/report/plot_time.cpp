@@ -119,72 +119,93 @@ std::vector<Entry> entries_of(const Group& group) {
   return entries;
 }
 
-}  // namespace
+constexpr double left_cm = 1.45, right_cm = 0.3, between_cm = 0.25, bottom_cm = 0.95, most_cm = 23;
 
-std::string plot_over_time(const Group& group, const Plot& plot) {
-  constexpr double left_cm = 1.45, right_cm = 0.3, between_cm = 0.25, bottom_cm = 0.95, sheet_cm = 23;
-  const auto width = Sheet::width_cm(plot);
-  const std::size_t columns = plot.wide && group.size() > 1 ? 2 : 1;
-  const auto rows = (group.size() + columns - 1) / columns;
-  const auto column_cm = width / static_cast<double>(columns), inner_cm = column_cm - left_cm - right_cm;
-
-  const auto names = names_of(group);
-  std::vector<std::vector<std::string>> titles;
-  std::vector<std::size_t> lines_of_row(rows, 0);
-  for (std::size_t i = 0; i < group.size(); ++i) {
-    titles.push_back(wrapped(names[i], inner_cm));
-    titles.back().push_back(text_of(counts_of({group[i]})));
-    lines_of_row[i % rows] = std::max(lines_of_row[i % rows], titles.back().size());
+// Where the panels are: column by column, as high as a page allows.
+struct Layout {
+  Layout(const Group& group, const Plot& plot, double legend_cm)
+      : columns(plot.wide && group.size() > 1 ? 2 : 1),
+        rows((group.size() + columns - 1) / columns),
+        column_cm(Sheet::width_cm(plot) / static_cast<double>(columns)),
+        tops(rows, 0),
+        lines(rows, 0) {
+    const auto names = names_of(group);
+    for (std::size_t i = 0; i < group.size(); ++i) {
+      auto& title = titles.emplace_back(wrapped(names[i], inner_cm()));
+      title.push_back(text_of(counts_of({group[i]})));
+      lines[i % rows] = std::max(lines[i % rows], title.size());
+    }
+    auto others_cm = bottom_cm + legend_cm + 0.2;
+    for (const auto of_row : lines) others_cm += static_cast<double>(of_row) * line_cm + between_cm;
+    axes_cm = rows == 1 ? 3.6 : std::clamp((most_cm - others_cm) / static_cast<double>(rows), 0.9, 2.2);
+    height_cm = others_cm + axes_cm * static_cast<double>(rows);
+    double top = 0.1;
+    for (std::size_t row = 0; row < rows; ++row) {
+      tops[row] = top;
+      top += static_cast<double>(lines[row]) * line_cm + axes_cm + between_cm;
+    }
   }
-  double titles_cm = 0;
-  for (const auto lines : lines_of_row) titles_cm += static_cast<double>(lines) * line_cm + between_cm;
-  const Legend legend(entries_of(group), width - left_cm - right_cm);
-  const auto others_cm = titles_cm + bottom_cm + legend.height_cm() + 0.2;
-  const auto axes_cm =
-      rows == 1 ? 3.6 : std::clamp((sheet_cm - others_cm) / static_cast<double>(rows), 0.9, 2.2);
+  double inner_cm() const { return column_cm - left_cm - right_cm; }
+  double left_of(std::size_t panel) const {
+    const auto column = panel / rows;
+    return static_cast<double>(column) * column_cm;
+  }
+  Box axes_of(std::size_t panel) const {
+    const auto top = tops[panel % rows] + static_cast<double>(lines[panel % rows]) * line_cm;
+    return {left_of(panel) + left_cm, top, left_of(panel) + column_cm - right_cm, top + axes_cm};
+  }
+  bool is_lowest(std::size_t panel) const { return (panel + 1) % rows == 0 || panel + 1 == titles.size(); }
 
+  std::size_t columns, rows;
+  double column_cm, axes_cm = 0, height_cm = 0;
+  std::vector<std::vector<std::string>> titles;
+  std::vector<double> tops;        // of each row
+  std::vector<std::size_t> lines;  // of the longest title of each row
+};
+
+double end_of(const Group& group) {
   double end_s = 0;
   for (const auto* run : group)
     end_s = std::max(end_s, static_cast<double>(run->shape.slices.size()) *
                                 static_cast<double>(run->shape.slice_ns) / 1e9);
-  end_s *= 1.005;  // so that a whole number at the end has its tick
+  return std::max(end_s, 1e-6) * 1.005;  // so that a whole number at the end has its tick
+}
+
+// Titles stand right above the axes, whatever the longest one of the row takes.
+void add_texts(Sheet& sheet, const Layout& layout, std::size_t panel, const char* unit) {
+  const auto axes = layout.axes_of(panel);
+  const auto& title = layout.titles[panel];
+  auto y = axes.top - (static_cast<double>(title.size()) - 0.5) * line_cm;
+  for (std::size_t i = 0; i < title.size(); ++i, y += line_cm)
+    sheet.text(axes.left, y, title[i], i + 1 == title.size() ? "left textcolor rgb '#555555'" : "left");
+  sheet.text(layout.left_of(panel) + 0.2, (axes.top + axes.bottom) / 2, "Round trip", "center rotate");
+  if (layout.is_lowest(panel))
+    sheet.text((axes.left + axes.right) / 2, axes.bottom + 0.7, fmt::format("Time ({})", unit), "center");
+}
+
+}  // namespace
+
+std::string plot_over_time(const Group& group, const Plot& plot) {
+  const Legend legend(entries_of(group), Sheet::width_cm(plot) - left_cm - right_cm);
+  const Layout layout(group, plot, legend.height_cm());
+  const auto end_s = end_of(group);
   const auto unit = unit_for(end_s);
   auto range = range_of(group);
   if (counts_of(group).lost > 0)  // room for them above all that was answered
     range.greatest_ms *= std::pow(range.greatest_ms / range.least_ms, 0.12);
 
-  const auto height = others_cm + axes_cm * static_cast<double>(rows);
-  Sheet sheet(plot, height);
+  Sheet sheet(plot, layout.height_cm);
   sheet.add(fmt::format("set logscale y\nset yrange [{}:{}]\nset y2range [0:1]\nset xrange [0:{}]",
-                        range.least_ms, range.greatest_ms, std::max(end_s, 1e-6) / unit.seconds));
+                        range.least_ms, range.greatest_ms, end_s / unit.seconds));
   sheet.add(time_tics("y", range.least_ms, range.greatest_ms));
-  double top = 0.1;
-  std::vector<double> tops;
-  for (const auto lines : lines_of_row) {
-    tops.push_back(top);
-    top += static_cast<double>(lines) * line_cm + axes_cm + between_cm;
-  }
-  legend.draw(sheet, left_cm, height - legend.height_cm() - 0.1);
+  legend.draw(sheet, left_cm, layout.height_cm - legend.height_cm() - 0.1);
+  const auto most_stretches = static_cast<std::size_t>(layout.inner_cm() * stretches_a_cm);
   for (std::size_t i = 0; i < group.size(); ++i) {
-    const auto row = i % rows;
-    const auto left = static_cast<double>(i / rows) * column_cm;
-    const auto title_cm = static_cast<double>(lines_of_row[row]) * line_cm;
-    const Box axes{left + left_cm, tops[row] + title_cm, left + column_cm - right_cm,
-                   tops[row] + title_cm + axes_cm};
-    const auto first = lines_of_row[row] - titles[i].size();
-    for (std::size_t line = 0; line < titles[i].size(); ++line)
-      sheet.text(axes.left, tops[row] + static_cast<double>(first + line) * line_cm + line_cm / 2,
-                 titles[i][line], line + 1 == titles[i].size() ? "left textcolor rgb '#555555'" : "left");
-    sheet.text(left + 0.2, (axes.top + axes.bottom) / 2, "Round trip", "center rotate");
-    const bool lowest = (i + 1) % rows == 0 || i + 1 == group.size();
-    sheet.add(lowest ? "set format x '%g'" : "set format x ''");
-    if (lowest)
-      sheet.text((axes.left + axes.right) / 2, axes.bottom + 0.7, fmt::format("Time ({})", unit.name),
-                 "center");
-    auto parts =
-        parts_of(sheet, *group[i], i, static_cast<std::size_t>(inner_cm * stretches_a_cm), unit.seconds);
+    add_texts(sheet, layout, i, unit.name);
+    sheet.add(layout.is_lowest(i) ? "set format x '%g'" : "set format x ''");
+    auto parts = parts_of(sheet, *group[i], i, most_stretches, unit.seconds);
     if (parts.empty()) parts.emplace_back("NaN");
-    sheet.plot(axes, parts);
+    sheet.plot(layout.axes_of(i), parts);
   }
   return sheet.commands();
 }

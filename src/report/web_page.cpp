@@ -149,8 +149,8 @@ Table worst_of(const std::vector<Shown>& group) {
           {label, fmt::format("{}", message.index),
            fmt::format("{:.3f}",
                        (static_cast<double>(message.due_ns) - static_cast<double>(summary->start_ns)) / 1e9),
-           us(worst[i].took_ns), us(message.woke_ns - message.due_ns), us(message.sent_ns - message.woke_ns),
-           us(message.received_ns - message.sent_ns)});
+           us(worst[i].took_ns), us(roundtrip::wake_up_latency_ns(message)),
+           us(message.sent_ns - message.woke_ns), us(message.received_ns - message.sent_ns)});
     }
   }
   return table;
