@@ -428,7 +428,7 @@ Counters counters_with(decltype(Peer::answer) answer) {
                                    return std::unique_ptr<transport::Endpoint>(new Peer(sink));
                                  }};
   ClientOptions options;
-  options.period = 1ms;
+  options.schedule = Schedule::back_to_back;  // it sends at least once, however busy the machine is
   options.duration = options.timeout = 20ms;
   options.warm_up = warm_up_of_peer;
   Client client(plugin, {}, options);
@@ -444,7 +444,7 @@ TEST(Client, AnswersToAnothersMessagesAreStrays) {
     sink.arrived(message::sequence_of(session ^ 0x800000, message::index_of(sequence)), payload, now_ns());
     sink.arrived(sequence, payload, now_ns());
   });
-  EXPECT_GT(counters.on_time, 0U);
+  EXPECT_GT(counters.sent, 0U);
   EXPECT_EQ(counters.strays, counters.sent);
   EXPECT_EQ(counters.on_time + counters.late, counters.sent);
 }
@@ -454,7 +454,7 @@ TEST(Client, AnswersToTheNextMessageAreStrays) {
     sink.arrived(sequence + 1, payload, now_ns());
     sink.arrived(sequence, payload, now_ns());
   });
-  EXPECT_GT(counters.on_time, 0U);
+  EXPECT_GT(counters.sent, 0U);
   EXPECT_EQ(counters.on_time + counters.late, counters.sent);
   EXPECT_EQ(counters.strays, counters.sent);
 }
