@@ -102,17 +102,20 @@ TEST(TableFormat, GivesABoundOrSaysWhyThereIsNone) {
   bound.level_lies = {4e6, 7e6};
   bound.fit_p = 0.3;
   one.extremes.maxima = one.extremes.peaks = bound;
+  one.extremes.exceedance = 1.0 / 400;
+  one.extremes.answers_for_a_million = 4.4e6;
   EXPECT_THAT(render({one}, Format::table),
-              HasSubstr("5000 [4000, 7000]  0.3  5000 [4000, 7000]  0.3      1"));
+              HasSubstr("400  5000 [4000, 7000]  0.3  5000 [4000, 7000]  0.3      1"));
+  EXPECT_THAT(render({one}, Format::table), HasSubstr("takes 4.4 million answers"));
   one.extremes.peaks->refused = "it drifts";
   const auto text = render({one}, Format::table);
-  EXPECT_THAT(text, HasSubstr("this data does not allow a bound on the slowest, because it drifts"));
+  EXPECT_THAT(text, HasSubstr("this data does not allow an extrapolated worst case, because it drifts"));
   EXPECT_THAT(text, Not(HasSubstr("5000 [4000")));
   EXPECT_THAT(text, Not(HasSubstr("Slowest (µs)"))) << "a table of nothing";
   auto other = one;
   other.run.asked["transport"] = "fastdds";
   const auto both = render({one, other}, Format::table);
-  EXPECT_THAT(both, HasSubstr("udp, fastdds: this data does not allow a bound"));
+  EXPECT_THAT(both, HasSubstr("udp, fastdds: this data does not allow an extrapolated"));
   EXPECT_EQ(both.find("it drifts"), both.rfind("it drifts")) << "once";
   one.extremes.maxima->refused = "it lies ill (Anderson-Darling, p = 0.01)";
   one.extremes.peaks->refused = "it lies ill (Anderson-Darling, p = 0.0025)";

@@ -319,7 +319,7 @@ class Page(unittest.TestCase):
         self.assertIsNone(drawn[1])
         marks = "return document.querySelectorAll('figure.ccdf path.expected').length"
         self.assertEqual(opened.run(marks), 3, "of one of the two runs")
-        self.assertEqual(opened.text("figure.ccdf svg g g text.label"), "10⁻⁶ exceedance level, extrapolated")
+        self.assertEqual(opened.text("figure.ccdf svg g g text.label"), "extrapolated worst case")
         opened.click("figure.ccdf [title^='of every cycle']")
         self.assertEqual(opened.run(marks), 0, "of round trips alone")
         self.assert_quiet(opened)
