@@ -11,8 +11,6 @@
 #include <fmt/format.h>
 
 #include "campaign/deploy.hpp"
-#include "campaign/kernel.hpp"
-#include "campaign/keys.hpp"
 #include "campaign/traffic.hpp"
 #include "keeper/keeper.hpp"
 #include "machine/machine.hpp"

@@ -44,6 +44,7 @@
 #include <nlohmann/json.hpp>
 
 #include "background/background.hpp"
+#include "conditions/conditions.hpp"
 #include "isolation/isolation.hpp"
 #include "journal/journal.hpp"
 
