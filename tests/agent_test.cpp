@@ -1,7 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "agent/agent.hpp"
 
+#include <array>
 #include <csignal>
+#include <fstream>
+#include <functional>
+#include <set>
+#include <string>
 #include <string_view>
 
 #include <gmock/gmock.h>
@@ -113,9 +118,10 @@ class TwoAgents : public Agent {
     return opened;
   }
   // Until the client has finished; returns what it said then.
-  json measure() {
+  json measure(const std::function<void()>& once_begun = [] {}) {
     ask(server_, "begin", "begun");
     ask(client_, "begin", "begun");
+    once_begun();
     client_.on("samples", [this](const orders::Frame& frame) {
       for (const auto& sample : samples_of(frame.bytes)) samples_.push_back(sample);
     });
@@ -175,6 +181,33 @@ TEST_F(TwoAgents, LetSamplesWaitForTheEndWhereSshMayTakeTheLinkUnderTest) {
   EXPECT_EQ(counters_of(finished.at("counters")).sent, samples_.size());
   EXPECT_EQ(finished.at("waited_bytes"), samples_.size() * sizeof(roundtrip::Sample));
   for (std::size_t i = 0; i < samples_.size(); ++i) EXPECT_EQ(samples_[i].index, i);
+}
+
+// Where a process of ours has reserved addresses: its threads' arenas of the heap, and their stacks' guards.
+std::set<std::string> reservations(const json& pid) {
+  std::ifstream maps("/proc/" + pid.dump() + "/maps");
+  std::set<std::string> found;
+  for (std::string line; std::getline(maps, line);)
+    if (line.find(" ---p ") != line.npos) found.insert(line.substr(0, line.find(' ')).substr(line.find('-')));
+  return found;
+}
+
+TEST_F(TwoAgents, NoHeapOfAThreadIsMadeInTheCountedRun) {
+  auto task = task_of(transport::Role::client, some_domain());
+  task.client.duration = orders::beat_period + 1500ms;  // so that heartbeats and samples fall into it
+  ready(task);
+  const std::array pids{ask(client_, "identify", "identified").at("pid"),
+                        ask(server_, "identify", "identified").at("pid")};
+  std::array<std::set<std::string>, 2> before;
+  int progress = 0;
+  client_.on("progress", [&](auto&) {
+    ++progress;
+    for (std::size_t i = 0; i < pids.size(); ++i) EXPECT_EQ(reservations(pids[i]), before[i]);
+  });
+  measure([&] {
+    for (std::size_t i = 0; i < pids.size(); ++i) before[i] = reservations(pids[i]);
+  });
+  EXPECT_GT(progress, 0);
 }
 
 TEST_F(TwoAgents, SendNothingBetweenReadyAndGo) {

@@ -150,12 +150,24 @@ TEST(ActivityBetween, TellsASleepFromAClockThatWasSet) {
   EXPECT_EQ(between(first, last)["clock_moved_s"], -3600);
 }
 
+TEST(ActivityBetween, SlewedClockRunsFastOrSlowBesideTheHardwares) {
+  constexpr std::int64_t s = 1'000'000'000;
+  Activity first, last;
+  last.raw_ns = 10 * s;
+  last.at_ns = last.boot_ns = last.realtime_ns = 10 * s + s / 100;
+  EXPECT_EQ(between(first, last)["clock_slew_ppm"], 1000);
+  EXPECT_EQ(between(first, last)["clock_moved_s"], 0) << "all three are slewed alike";
+  last.at_ns = 10 * s - s / 100;
+  EXPECT_EQ(between(first, last)["clock_slew_ppm"], -1000);
+}
+
 TEST(ActivityBetween, NothingWhereNoTimePassed) {
   const auto now = activity();
   for (const auto& share : between(now, now)) EXPECT_TRUE(share.is_null());
   EXPECT_GT(now.total_ticks, 0u);
   EXPECT_GE(now.total_ticks, now.busy_ticks);
   EXPECT_GT(now.at_ns, 0);
+  EXPECT_GT(now.raw_ns, 0);
 }
 
 TEST(ActivityBetween, IsAlwaysAShareOrNothing) {
@@ -331,6 +343,22 @@ TEST(TrafficOf, AnInterfaceThatWasMadeAnewIsNotTold) {
   EXPECT_THAT(between(before, now).at("gone").get<std::string>(), ::testing::HasSubstr("set back"));
   EXPECT_FALSE(between(before, now).contains("sent_bytes"));
   EXPECT_TRUE(between(before, {}).contains("gone"));
+}
+
+TEST(TrafficSince, CountersThatFallShortAreReadOnceMore) {
+  auto before = traffic("lo").value();
+  int waits = 0;
+  const auto since_with = [&](std::uint64_t least_bytes) {
+    waits = 0;
+    return since(before, "lo", least_bytes, [&] { ++waits; });
+  };
+  EXPECT_TRUE(since_with(0).contains("sent_bytes"));
+  EXPECT_EQ(waits, 0);
+  EXPECT_TRUE(since_with(std::uint64_t{1} << 60).contains("sent_bytes"));
+  EXPECT_EQ(waits, 1);
+  before.sent_bytes = ~std::uint64_t{0};
+  EXPECT_TRUE(since_with(1).contains("gone")) << "it was set back";
+  EXPECT_TRUE(since(before, "there is none", 1).contains("gone"));
 }
 
 TEST(DropsOf, SocketWithoutRoomIsSeen) {

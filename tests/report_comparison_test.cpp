@@ -77,9 +77,7 @@ TEST(Compare, GivesDifferenceAndRatioWithTheirIntervals) {
 TEST(Compare, WhatFewMessagesCannotBoundIsNotShownAsKnown) {
   const std::vector a{run("x", "k", 1)}, b{run("x", "k", 2)};  // which have an interval of p99 alone
   const auto text = render(compare(a, b), {}, Format::table);
-  EXPECT_THAT(row_of(text, "p99.99 ").at(1), ::testing::StartsWith("~"));
   EXPECT_THAT(text, ::testing::ContainsRegex("p99.99 .* too few messages\n"));
-  EXPECT_THAT(row_of(text, "max ").at(1), Not(::testing::StartsWith("~"))) << "that is what it was";
 }
 
 TEST(Compare, OfTwoShortRunsNothingIsTold) {
@@ -92,7 +90,7 @@ TEST(Compare, OfTwoShortRunsNothingIsTold) {
   // Of five messages up to 60 % may be lost, though none was: that is no comparison.
   lost(a[0], 0.6);
   lost(b[0], 0.6);
-  EXPECT_THAT(shown(), ::testing::ContainsRegex("lost % +~0 +~0 +- +- +too few messages\n"));
+  EXPECT_THAT(shown(), ::testing::ContainsRegex("lost % +0 +0 +- +- +too few messages\n"));
   // Fewer than a tenth more or less is something.
   lost(b[0], 0.05);
   EXPECT_THAT(shown(), ::testing::ContainsRegex("lost % +0 +0 +- +-60 … \\+5 +cannot tell\n"));
@@ -102,9 +100,9 @@ TEST(Compare, OfTwoShortRunsNothingIsTold) {
   };
   p99(a[0], 0.3, 3);
   p99(b[0], 0.6, 6);
-  EXPECT_THAT(shown(), ::testing::ContainsRegex("p99 +~1000 +~2000 +- +- +too few messages\n"));
+  EXPECT_THAT(shown(), ::testing::ContainsRegex("p99 +1000 +2000 +- +- +too few messages\n"));
   b.push_back(b[0]);
-  EXPECT_THAT(shown(), ::testing::ContainsRegex("p99 +~1000 +~2000 +- +- +too few runs or messages\n"));
+  EXPECT_THAT(shown(), ::testing::ContainsRegex("p99 +1000 +2000 +- +- +too few runs or messages\n"));
 }
 
 TEST(Compare, ShowsWhatElseDiffers) {
@@ -173,7 +171,7 @@ TEST(Compare, ASenderThatStoodStillIsSeen) {
   b[0].late_by_response = 30;
   b[0].late_by_response_probability.events = 30;
   b[0].late_by_response_probability.value = 30.0 / 60'030;
-  EXPECT_EQ(row_of(render(compare(a, b), {}, Format::table), "response late % ").at(4), "~0.04998");
+  EXPECT_EQ(row_of(render(compare(a, b), {}, Format::table), "response late % ").at(4), "0.04998");
 }
 
 TEST(Compare, ARunThatWasCutOffIsLeftOutAndNamed) {

@@ -266,7 +266,7 @@ TEST_F(Page, says_of_a_quantile_and_of_the_worst_case_what_the_table_says) {
   const auto html = page();
   const auto shown = found_in(html, "data-figure=\"p99.9\"[^>]*>&gt; ([^<]*)<");
   ASSERT_EQ(shown.size(), 1u) << "3,000 answers do not bound p99.9";
-  EXPECT_THAT(table, HasSubstr("> " + shown[0]));
+  EXPECT_THAT(table, HasSubstr("≥ " + shown[0]));
   const auto seen = found_in(table, "Slowest \\(µs\\).*\nudp +([0-9]+) ");
   ASSERT_EQ(seen.size(), 1u);
   EXPECT_THAT(html, HasSubstr("How slow an answer may be that was not seen yet"));

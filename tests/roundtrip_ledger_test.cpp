@@ -13,6 +13,7 @@
 #include <gtest/gtest.h>
 
 #include "roundtrip/alarm.hpp"
+#include "roundtrip/clocks.hpp"
 #include "roundtrip/ledger.hpp"
 
 namespace ontime::roundtrip {
@@ -87,6 +88,82 @@ TEST(Ledger, CountsWhatIsNoFirstAnswerBeside) {
   EXPECT_EQ(counters.sent, 3U);
   EXPECT_EQ(counters.on_time, 2U);
   EXPECT_EQ(counters.lost, 1U);
+}
+
+TEST(Ledger, AnswerFromBeforeItsMessageIsAStrayAndSettlesNothing) {
+  Ledger ledger(10 * ms, 100 * ms, {4, 4});
+  const auto message = send(ledger, 20 * ms);
+  EXPECT_FALSE(ledger.arrived(message, 20 * ms - 1, {}));
+  ledger.settle(21 * ms);
+  EXPECT_FALSE(ledger.idle()) << "it is in flight still";
+  EXPECT_TRUE(ledger.arrived(message, 22 * ms, {}));
+  ledger.settle(22 * ms);
+  EXPECT_THAT(fates(drained(ledger)), testing::ElementsAre(Fate::on_time));
+  EXPECT_EQ(ledger.counters().strays, 1U);
+}
+
+TEST(Ledger, ServerTimesThatDoNotFitIntoTheRoundTripAreCountedAndLeftOut) {
+  constexpr auto most = std::numeric_limits<std::int64_t>::max();
+  const auto sample_with = [](message::ServerTimes times, std::uint64_t wrong) {
+    Ledger ledger(10 * ms, 100 * ms, {4, 4});
+    ledger.arrived(send(ledger, 5), 8, times);
+    ledger.settle(8);
+    EXPECT_EQ(ledger.counters().wrong_server_times, wrong) << times.received_ns << ' ' << times.sent_ns;
+    return drained(ledger).at(0);
+  };
+  EXPECT_EQ(sample_with({700, 703}, 0).server_sent_ns, 703) << "as long as the round trip, by another clock";
+  EXPECT_EQ(sample_with({0, 0}, 0).server_sent_ns, 0) << "the server gave none";
+  for (const auto& times : {message::ServerTimes{700, 704}, {700, 699}, {1, most}}) {
+    const auto sample = sample_with(times, 1);
+    EXPECT_EQ(sample.fate, Fate::on_time);
+    EXPECT_EQ(sample.server_received_ns, 0);
+    EXPECT_EQ(sample.server_sent_ns, 0);
+  }
+}
+
+TEST(Clocks, ServerTimesThatDoNotFitIntoTheRoundTripAreNotUsed) {
+  const auto sample_with = [](std::int64_t server_received_ns, std::int64_t server_sent_ns) {
+    Sample sample{};
+    sample.sent_ns = 1000;
+    sample.received_ns = 1100;
+    sample.server_received_ns = server_received_ns;
+    sample.server_sent_ns = server_sent_ns;
+    return sample;
+  };
+  Clocks clocks;
+  clocks.add(sample_with(5000, 9000));
+  EXPECT_FALSE(clocks.difference_ns());
+  clocks.add(sample_with(5040, 5060));
+  EXPECT_EQ(clocks.difference_ns(), 4000);
+  EXPECT_EQ(clocks.uncertainty_ns(), 40);
+}
+
+TEST(WakeUpLatency, CountsFromTheFirstCycleThatWasSleptThrough) {
+  constexpr auto due_ms = 40;
+  Sample sample{};
+  sample.intended_ns = 20 * ms;
+  sample.due_ns = due_ms * ms;
+  sample.woke_ns = 49 * ms;
+  sample.skipped_cycles = 2;
+  EXPECT_EQ(wake_up_latency_ns(sample), 9 * ms) << "it was awake, and found the last message unanswered";
+  sample.passed_wake_ns = 29 * ms;
+  EXPECT_EQ(wake_up_latency_ns(sample), 29 * ms);
+}
+
+TEST(Alarm, RealTimeThreadThatSleepsByItHasNoTimerSlack) {
+  int ordinary = 0, of_real_time = 0;
+  bool permitted = false;
+  std::thread([&] {
+    wake_as_precisely_as_the_policy_allows();
+    ordinary = prctl(PR_GET_TIMERSLACK);
+    const sched_param priority{1};
+    permitted = sched_setscheduler(0, SCHED_FIFO, &priority) == 0;
+    wake_as_precisely_as_the_policy_allows();
+    of_real_time = prctl(PR_GET_TIMERSLACK);
+  }).join();
+  EXPECT_EQ(ordinary, prctl(PR_GET_TIMERSLACK)) << "an ordinary thread sleeps as every program's";
+  if (!permitted) GTEST_SKIP() << "this process may not have SCHED_FIFO";
+  EXPECT_LE(of_real_time, 1) << "kernels from 6.12 on say 0";
 }
 
 TEST(Ledger, KeepsWhatTheServerSaid) {

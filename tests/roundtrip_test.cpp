@@ -398,44 +398,87 @@ TEST(BackToBack, HasOneCallerOfSendAtATime) {
   EXPECT_GT(run.counters.on_time + run.counters.late, 0U);
 }
 
-TEST(Client, TellsItsAnswersFromSomebodyElses) {
-  FakeNetwork::rule = [](auto) { return 1; };
-  class Stray final : public transport::Endpoint {
-   public:
-    explicit Stray(transport::Sink& sink) : sink_(sink) {}
-    transport::Matched matched() override { return {1, 1}; }
-    bool send(std::uint64_t sequence, std::span<const std::byte> payload) noexcept override {
-      std::vector<std::byte> copy(payload.begin(), payload.end());
-      const auto session = message::session_of(sequence);
-      sink_.arrived(message::sequence_of(session ^ 0x800000, message::index_of(sequence)), copy, now_ns());
-      sink_.arrived(sequence, copy, now_ns());
-      return true;
-    }
-    std::vector<transport::Thread> threads() override { return {}; }
-    std::map<std::string, std::string> facts() override { return {}; }
+// A peer that answers each message at once, in the sending thread, with what it likes.
+class Peer final : public transport::Endpoint {
+ public:
+  static std::function<void(transport::Sink&, std::uint64_t sequence, std::vector<std::byte> payload)> answer;
+  explicit Peer(transport::Sink& sink) : sink_(sink) {}
+  transport::Matched matched() override { return {1, 1}; }
+  bool send(std::uint64_t sequence, std::span<const std::byte> payload) noexcept override {
+    answer(sink_, sequence, {payload.begin(), payload.end()});
+    return true;
+  }
+  std::vector<transport::Thread> threads() override { return {}; }
+  std::map<std::string, std::string> facts() override { return {}; }
 
-   private:
-    transport::Sink& sink_;
-  };
+ private:
+  transport::Sink& sink_;
+};
+decltype(Peer::answer) Peer::answer;
+
+constexpr std::uint64_t warm_up_of_peer = 3;
+Counters counters_with(decltype(Peer::answer) answer) {
+  Peer::answer = std::move(answer);
   const transport::Plugin plugin{transport::abi,
-                                 "stray",
+                                 "peer",
                                  [] { return std::string(); },
                                  {},
                                  {},
                                  [](const transport::Config&, transport::Sink& sink) {
-                                   return std::unique_ptr<transport::Endpoint>(new Stray(sink));
+                                   return std::unique_ptr<transport::Endpoint>(new Peer(sink));
                                  }};
   ClientOptions options;
   options.period = 1ms;
-  options.duration = 20ms;
+  options.duration = options.timeout = 20ms;
+  options.warm_up = warm_up_of_peer;
   Client client(plugin, {}, options);
   client.start();
   client.go();
   while (client.state() != Client::State::finished) std::this_thread::sleep_for(1ms);
-  const auto counters = client.counters();
+  return client.counters();
+}
+
+TEST(Client, AnswersToAnothersMessagesAreStrays) {
+  const auto counters = counters_with([](auto& sink, auto sequence, auto payload) {
+    const auto session = message::session_of(sequence);
+    sink.arrived(message::sequence_of(session ^ 0x800000, message::index_of(sequence)), payload, now_ns());
+    sink.arrived(sequence, payload, now_ns());
+  });
   EXPECT_GT(counters.on_time, 0U);
   EXPECT_EQ(counters.strays, counters.sent);
   EXPECT_EQ(counters.on_time + counters.late, counters.sent);
+}
+
+TEST(Client, AnswersToTheNextMessageAreStrays) {
+  const auto counters = counters_with([](auto& sink, auto sequence, auto payload) {
+    sink.arrived(sequence + 1, payload, now_ns());
+    sink.arrived(sequence, payload, now_ns());
+  });
+  EXPECT_GT(counters.on_time, 0U);
+  EXPECT_EQ(counters.on_time + counters.late, counters.sent);
+  EXPECT_EQ(counters.strays, counters.sent);
+}
+
+TEST(Client, AnswersOfAnotherSizeSettleNoMessage) {
+  std::uint64_t answers = 0;
+  const auto counters = counters_with([&](auto& sink, auto sequence, auto payload) {
+    if (answers++ >= warm_up_of_peer) payload.resize(payload.size() - 1);
+    sink.arrived(sequence, payload, now_ns());
+  });
+  EXPECT_GT(counters.sent, 0U);
+  EXPECT_EQ(counters.lost, counters.sent);
+  EXPECT_EQ(counters.wrong_size, counters.sent);
+}
+
+TEST(Client, AnswersOfAnotherSizeEndNoWarmUp) {
+  std::uint64_t answers = 0;
+  const auto counters = counters_with([&](auto& sink, auto sequence, auto payload) {
+    if (answers++ < 2) payload.push_back({});
+    sink.arrived(sequence, payload, now_ns());
+  });
+  EXPECT_EQ(counters.wrong_size, 2U);
+  EXPECT_EQ(counters.on_time + counters.late, counters.sent);
+  EXPECT_EQ(answers, 2 + warm_up_of_peer + counters.sent);
 }
 
 TEST(CounterNames, AreAllOfThem) {

@@ -51,10 +51,9 @@ int print_findings(const std::vector<Finding>& findings, bool as_json) {
 
 }  // namespace
 
-void add_check(CLI::App& app, Action& action) {
+void add_check(Command& app, Action& action) {
   auto* command =
       app.add_subcommand("check", "Whether this machine is fit: what is, what should be, why, what mends it");
-  command->group("Make fit");
   command->footer("Exit codes: 0 fit, or only hints · 1 something is to be mended for real-time");
   struct Arguments {
     std::string interface, peer, format = "table";

@@ -4,27 +4,31 @@
 
 #include <functional>
 
-#include <CLI/CLI.hpp>
+#include "command.hpp"
 
 namespace ontime::app {
 
 using Action = std::function<int()>;  // returns the exit code
 
-void add_ping(CLI::App&, Action&);
-void add_pong(CLI::App&, Action&);
-void add_run(CLI::App&, Action&);
-void add_scenarios(CLI::App&, Action&);
-void add_watch(CLI::App&, Action&);
-void add_report(CLI::App&, Action&);
-void add_compare(CLI::App&, Action&);
-void add_explain(CLI::App&, Action&);
-void add_export(CLI::App&, Action&);
-void add_import(CLI::App&, Action&);
-void add_plot(CLI::App&, Action&);
-void add_check(CLI::App&, Action&);
-void add_tune(CLI::App&, Action&);
-void add_lab(CLI::App&, Action&);
-void add_completion(CLI::App&, Action&);  // for bash and zsh
-void add_workers(CLI::App&, Action&);     // what the others start, by orders over standard input and output
+void add_ping(Command&, Action&);
+void add_pong(Command&, Action&);
+void add_run(Command&, Action&);
+void add_scenarios(Command&, Action&);
+void add_init(Command&, Action&);
+void add_watch(Command&, Action&);
+void add_report(Command&, Action&);
+void add_compare(Command&, Action&);
+void add_explain(Command&, Action&);
+void add_export(Command&, Action&);
+void add_import(Command&, Action&);
+void add_plot(Command&, Action&);
+void add_check(Command&, Action&);
+void add_tune(Command&, Action&);
+void add_lab(Command&, Action&);
+void add_completion(Command&, Action&);  // for bash and zsh
+void add_workers(Command&, Action&);     // what the others start, by orders over standard input and output
+
+// What to do next on this machine, for a user who named no command. Returns the exit code.
+int show_next();
 
 }  // namespace ontime::app

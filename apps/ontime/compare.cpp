@@ -96,7 +96,7 @@ int compare(const Arguments& arguments, const GateFlags& flags) {
 
 }  // namespace
 
-void add_compare(CLI::App& app, Action& action) {
+void add_compare(Command& app, Action& action) {
   auto* command =
       app.add_subcommand("compare", "What changed from one results file to another, and how surely");
   auto arguments = std::make_shared<Arguments>();

@@ -12,24 +12,11 @@
 namespace ontime::app {
 namespace {
 
-bool is_shown(const CLI::App* command) { return !command->get_group().empty(); }
-
-std::vector<const CLI::App*> subcommands(const CLI::App& of) {
-  auto all = of.get_subcommands([](const CLI::App* command) { return is_shown(command); });
-  return {all.begin(), all.end()};
-}
-
-std::vector<std::string> flags_of(const CLI::Option& option) {
-  std::vector<std::string> flags;
-  for (const auto& name : option.get_lnames()) flags.push_back("--" + name);
-  return flags;
-}
-
 // "on|off": what may stand there, if it is one of a few words.
-std::vector<std::string> words_of(const CLI::Option& option) {
+std::vector<std::string> words_of(const Option& option) {
   std::vector<std::string> words;
   std::string word;
-  for (const char c : option.get_type_name() + '|') {
+  for (const char c : option.type_name() + '|') {
     if (c != '|') {
       word += c;
     } else if (!word.empty()) {
@@ -47,27 +34,28 @@ std::vector<std::string> words_of(const CLI::Option& option) {
 struct Cases {
   std::string commands, words, values;
 
-  void add(const CLI::App& command, const std::string& path) {
+  void add(const Command& command, const std::string& path) {
     std::vector<std::string> next;
-    for (const auto* one : subcommands(command)) {
-      next.push_back(one->get_name());
-      commands +=
-          fmt::format("      '{}/{}') command='{}/{}' ;;\n", path, one->get_name(), path, one->get_name());
+    for (const auto& one : command.subcommands()) {
+      if (!one->is_shown()) continue;
+      next.push_back(one->name());
+      commands += fmt::format("      '{}/{}') command='{}/{}' ;;\n", path, one->name(), path, one->name());
     }
-    for (const auto* option : command.get_options()) {
-      if (option->get_group().empty()) continue;  // which no help names either
-      const auto flags = flags_of(*option);
+    for (const auto& option : command.options()) {
+      if (!option->is_shown()) continue;  // which no help names either
+      const auto flags = option->flags();
       next.insert(next.end(), flags.begin(), flags.end());
       if (const auto few = words_of(*option); !few.empty())
         for (const auto& flag : flags)
           values += fmt::format("    '{} {}') words='{}' ;;\n", path, flag, fmt::join(few, " "));
     }
     words += fmt::format("    '{}') words='{}' ;;\n", path, fmt::join(next, " "));
-    for (const auto* one : subcommands(command)) add(*one, path + '/' + one->get_name());
+    for (const auto& one : command.subcommands())
+      if (one->is_shown()) add(*one, path + '/' + one->name());
   }
 };
 
-std::string function(const CLI::App& app) {
+std::string function(const Command& app) {
   Cases cases;
   cases.add(app, "");
   return fmt::format(R"sh(_ontime_words() {{
@@ -88,7 +76,7 @@ std::string function(const CLI::App& app) {
 
 }  // namespace
 
-void add_completion(CLI::App& app, Action& action) {
+void add_completion(Command& app, Action& action) {
   auto* command =
       app.add_subcommand("completion", "What bash or zsh needs to complete this command line")->group("");
   auto shell = std::make_shared<std::string>();

@@ -7,6 +7,7 @@
 #include <fmt/format.h>
 
 #include "campaign/campaign.hpp"
+#include "chosen_runs.hpp"
 #include "commands.hpp"
 #include "flags.hpp"
 #include "output.hpp"
@@ -16,7 +17,7 @@ namespace {
 
 struct Arguments {
   std::string results, format = "table", perfetto, pong;
-  std::optional<std::int64_t> run;
+  std::vector<std::string> only;
   std::optional<std::uint64_t> message;
 };
 
@@ -25,14 +26,6 @@ report::Format format_of(const std::string& word) {
   if (format != report::Format::table && format != report::Format::json && format != report::Format::markdown)
     throw campaign::Error(2, fmt::format("--format: '{}' is not one of table, json, markdown", word));
   return *format;
-}
-
-std::vector<record::Run> chosen(const record::Reader& reader, const std::optional<std::int64_t>& number) {
-  auto runs = reader.runs();
-  if (!number) return runs;
-  std::erase_if(runs, [&](const auto& run) { return run.number != *number; });
-  if (runs.empty()) throw campaign::Error(2, fmt::format("--run: there is no run {}", *number));
-  return runs;
 }
 
 const explain::Message& message_of(const report::Explained& one, std::uint64_t index) {
@@ -66,13 +59,14 @@ void write_perfetto(const Arguments& arguments, const record::Reader& reader, co
 int explain(const Arguments& arguments) {
   const auto format = format_of(arguments.format);
   const record::Reader reader(arguments.results);
-  const auto runs = chosen(reader, arguments.run);
+  const auto runs = chosen_runs(reader, arguments.results, arguments.only);
   if (const char* const flag = arguments.message             ? "--message"
                                : !arguments.perfetto.empty() ? "--perfetto"
                                : !arguments.pong.empty()     ? "--pong"
                                                              : nullptr;
       flag != nullptr && runs.size() != 1)
-    throw campaign::Error(2, fmt::format("{}: of which of the {} runs? Say --run N too", flag, runs.size()));
+    throw campaign::Error(2,
+                          fmt::format("{}: of which of the {} runs? Say --only RUN too", flag, runs.size()));
   std::vector<report::Explained> all;
   all.reserve(runs.size());
   std::optional<explain::Pong> pong;
@@ -90,12 +84,12 @@ int explain(const Arguments& arguments) {
 
 }  // namespace
 
-void add_explain(CLI::App& app, Action& action) {
+void add_explain(Command& app, Action& action) {
   auto* command = app.add_subcommand(
       "explain", "Why messages were late or lost, and what mends it, of runs with `explain: on`");
   auto arguments = std::make_shared<Arguments>();
   command->add_option("RESULTS", arguments->results, "a results file")->required();
-  command->add_option("--run", arguments->run, "this run alone")->type_name("N");
+  add_only(*command, arguments->only, ",--run");
   command->add_option("--message", arguments->message, "all of this message's delay, part by part")
       ->type_name("N");
   add_file(*command, "--pong", arguments->pong,

@@ -11,27 +11,26 @@ namespace ontime::app {
 
 using campaign::Error;
 
-const CLI::Validator given([](const std::string& value) { return value.empty() ? "a value is needed" : ""; },
-                           "");
+std::string given(const std::string& value) { return value.empty() ? "a value is needed" : ""; }
 
-CLI::Option* add_file(CLI::App& command, const char* flag, std::string& file, const char* help) {
+Option* add_file(Command& command, const char* flag, std::string& file, const char* help) {
   return command.add_option(flag, file, help)->type_name("FILE")->check(given);
 }
 
-void add_output(CLI::App& command, std::string& file) {
+void add_output(Command& command, std::string& file) {
   add_file(command, "--output", file, "into this file instead of standard output");
 }
 
-void add_report_format(CLI::App& command, std::string& word) {
+void add_report_format(Command& command, std::string& word) {
   command.add_option("--format", word, "table, json, csv, markdown, latex or html: table")
       ->type_name("FORMAT");
 }
 
-void add_format(CLI::App& command, std::string& word) {
+void add_format(Command& command, std::string& word) {
   command.add_option("--format", word, "table or json: table")->type_name("FORMAT");
 }
 
-void add_link(CLI::App& command, std::string& interface, std::string& peer, const char* interface_help) {
+void add_link(Command& command, std::string& interface, std::string& peer, const char* interface_help) {
   auto* named = command.add_option("--interface", interface, interface_help)->type_name("NAME")->check(given);
   command.add_option("--peer", peer, "instead: the interface by which the traffic to it goes")
       ->type_name("HOST")

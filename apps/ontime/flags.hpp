@@ -5,21 +5,21 @@
 #include <chrono>
 #include <string>
 
-#include <CLI/CLI.hpp>
+#include "command.hpp"
 
 #include "report/report.hpp"
 
 namespace ontime::app {
 
 // Refuses an empty value, which a script's unset variable is.
-extern const CLI::Validator given;
+std::string given(const std::string& value);
 
-CLI::Option* add_file(CLI::App&, const char* flag, std::string& file, const char* help);
-void add_output(CLI::App&, std::string& file);         // --output FILE, of what goes to standard output else
-void add_report_format(CLI::App&, std::string& word);  // --format, for format_flag()
-void add_format(CLI::App&, std::string& word);         // --format, for is_json_flag()
+Option* add_file(Command&, const char* flag, std::string& file, const char* help);
+void add_output(Command&, std::string& file);         // --output FILE, of what goes to standard output else
+void add_report_format(Command&, std::string& word);  // --format, for format_flag()
+void add_format(Command&, std::string& word);         // --format, for is_json_flag()
 // --interface NAME, or --peer HOST in its place.
-void add_link(CLI::App&, std::string& interface, std::string& peer, const char* interface_help);
+void add_link(Command&, std::string& interface, std::string& peer, const char* interface_help);
 
 // What stands there, checked. Each throws Error{2} that names the flag.
 report::Format format_flag(const std::string& word);

@@ -15,7 +15,7 @@ namespace ontime::app {
 
 using gate::Judgement;
 
-GateFlags::GateFlags(CLI::App& command, gate::Use use) : use_(use) {
+GateFlags::GateFlags(Command& command, gate::Use use) : use_(use) {
   const auto* const example = use == gate::Use::fail_if
                                   ? "exit 1 if this is so of a run: 'response late > 0', 'p99.9 > 2 ms'"
                                   : "exit 1 if this is so: 'p99.9 > +10%', 'response late > 0'";

@@ -5,7 +5,7 @@
 #include <string>
 #include <vector>
 
-#include <CLI/CLI.hpp>
+#include "command.hpp"
 
 #include "gate/gate.hpp"
 
@@ -13,7 +13,7 @@ namespace ontime::app {
 
 class GateFlags {
  public:
-  GateFlags(CLI::App&, gate::Use);
+  GateFlags(Command&, gate::Use);
   // Each throws Error{2} that names the flag.
   std::vector<gate::Gate> gates() const;
 

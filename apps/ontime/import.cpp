@@ -47,7 +47,7 @@ int import_results(const Arguments& arguments, const nlohmann::json& command_lin
 
 }  // namespace
 
-void add_import(CLI::App& app, Action& action) {
+void add_import(Command& app, Action& action) {
   auto* command = app.add_subcommand("import", "What cyclictest measured, as runs of a results file");
   auto arguments = std::make_shared<Arguments>();
   command->add_option("FILE", arguments->file, "what cyclictest wrote, run with -h")->required();

@@ -181,7 +181,7 @@ int shell(const Arguments& arguments) {
   return 0;
 }
 
-void add_machine(CLI::App& command, Arguments& arguments) {
+void add_machine(Command& command, Arguments& arguments) {
   command.add_option("--nic", arguments.machine.nic, "of which it has two: e1000e, virtio or igb: e1000e")
       ->type_name("e1000e|virtio|igb")
       ->check(given);
@@ -192,7 +192,7 @@ void add_machine(CLI::App& command, Arguments& arguments) {
       ->excludes(deterministic);
   command.add_option("--cpus", arguments.cpus, "that it has: 1; with --live 2")
       ->type_name("N")
-      ->check(CLI::Range(1, lab::most_cpus));
+      ->range(1, lab::most_cpus);
   command.add_option("--kernel", arguments.machine.kernel, "Debian's package: linux-image-rt-amd64")
       ->type_name("PACKAGE")
       ->check(given);
@@ -205,11 +205,11 @@ void add_machine(CLI::App& command, Arguments& arguments) {
 
 }  // namespace
 
-void add_lab(CLI::App& app, Action& action) {
+void add_lab(Command& app, Action& action) {
   auto* command = app.add_subcommand(
       "lab",
       "A simulated machine with PREEMPT_RT and two NICs: scenarios are tried in it, and repeat exactly");
-  command->require_subcommand(1);
+  command->require_subcommand();
   command->footer(
       "It is QEMU, with a kernel of Debian's that apt fetches into the user's cache folder (500 MB). It "
       "compares "

@@ -3,8 +3,6 @@
 #include <utility>
 #include <vector>
 
-#include <fmt/format.h>
-
 #include "commands.hpp"
 #include "orders/orders.hpp"
 #include "record/record.hpp"
@@ -12,43 +10,34 @@
 #include "terminal.hpp"
 
 int main(int argc, char** argv) {
-  CLI::App app{"Do a robot's messages arrive on time, under the load that it really has?"};
-  app.name("ontime");
-  app.set_version_flag("--version", "ontime " ONTIME_VERSION);
-  app.require_subcommand(1);
-  app.get_formatter()->column_width(34);
-  app.footer(
+  ontime::app::Program program("ontime",
+                               "Do a robot's messages arrive on time, under the load that it really has?",
+                               "ontime " ONTIME_VERSION);
+  auto& app = program.command();
+  app.require_subcommand()->footer(
       "Exit codes: 0 fine · 1 a stated requirement was missed · 2 wrong usage or input · 3 this machine or a "
       "peer cannot do what was asked · 130 interrupted");
 
-  app.failure_message([](const CLI::App* from, const CLI::Error& error) {
-    const auto unknown = from->remaining();
-    const bool no_command = dynamic_cast<const CLI::RequiredError*>(&error) != nullptr && !unknown.empty();
-    return fmt::format("ontime: {}\nontime --help says what there is.\n",
-                       no_command ? fmt::format("there is no command '{}'", unknown.front()) : error.what());
-  });
-
   ontime::app::Action action;
-  const std::pair<const char*, std::vector<void (*)(CLI::App&, ontime::app::Action&)>> groups[] = {
-      {"Measure",
-       {ontime::app::add_run, ontime::app::add_ping, ontime::app::add_pong, ontime::app::add_watch,
-        ontime::app::add_scenarios}},
-      {"Understand",
-       {ontime::app::add_report, ontime::app::add_compare, ontime::app::add_explain, ontime::app::add_plot,
-        ontime::app::add_export, ontime::app::add_import}},
-      {"Make fit", {ontime::app::add_check, ontime::app::add_tune}},
-      {"Try", {ontime::app::add_lab}}};
+  const std::pair<const char*, std::vector<void (*)(ontime::app::Command&, ontime::app::Action&)>> groups[] =
+      {{"Measure",
+        {ontime::app::add_run, ontime::app::add_ping, ontime::app::add_pong, ontime::app::add_watch,
+         ontime::app::add_scenarios, ontime::app::add_init}},
+       {"Understand",
+        {ontime::app::add_report, ontime::app::add_compare, ontime::app::add_explain, ontime::app::add_plot,
+         ontime::app::add_export, ontime::app::add_import}},
+       {"Tune", {ontime::app::add_check, ontime::app::add_tune}},
+       {"Try", {ontime::app::add_lab}}};
   for (const auto& [group, commands] : groups)
     for (const auto add : commands) {
       add(app, action);
-      app.get_subcommands({}).back()->group(group);
+      app.subcommands().back()->group(group);
     }
   for (const auto add : {ontime::app::add_completion, ontime::app::add_workers}) add(app, action);
-  try {
-    app.parse(argc, argv);
-  } catch (const CLI::ParseError& error) {
-    return app.exit(error) == 0 ? 0 : 2;
-  }
+  if (argc == 1)
+    action = ontime::app::show_next;
+  else if (const auto code = program.parse(argc, argv))
+    return *code;
 
   const auto failed = [](int code, const char* message) {
     ontime::app::print_error(message);

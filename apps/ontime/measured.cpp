@@ -88,7 +88,7 @@ campaign::Selection Choice::checked() const {
   return checked;
 }
 
-void add_choice(CLI::App& command, Choice& choice) {
+void add_choice(Command& command, Choice& choice) {
   command.add_option("--only", choice.selection.only, "only these runs")
       ->delimiter(',')
       ->allow_extra_args(false)

@@ -6,7 +6,7 @@
 #include <string>
 #include <vector>
 
-#include <CLI/CLI.hpp>
+#include "command.hpp"
 
 #include "campaign/campaign.hpp"
 #include "gates.hpp"
@@ -21,7 +21,7 @@ struct Choice {
   std::string duration;
   campaign::Selection checked() const;  // throws Error that names the flag
 };
-void add_choice(CLI::App&, Choice&);
+void add_choice(Command&, Choice&);
 
 // Beside the user, named after what was run and when; an earlier one is never added to.
 std::string new_results_file(const std::string& scenario);

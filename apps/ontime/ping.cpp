@@ -7,16 +7,33 @@
 #include "terminal.hpp"
 
 namespace ontime::app {
+namespace {
 
-void add_ping(CLI::App& app, Action& action) {
+campaign::Scenario on_loopback(const campaign::Run& run) {
+  campaign::Scenario scenario;
+  scenario.hosts.kind = campaign::Hosts::Kind::loopback;
+  scenario.runs = {run};
+  return scenario;
+}
+
+}  // namespace
+
+void add_ping(Command& app, Action& action) {
   auto* command =
       app.add_subcommand("ping", "The client's end: sends on a schedule, measures, and prints the table");
   struct Arguments {
     std::string wait = "10 s", results, format = "table";
+    bool loopback = false;
   };
   auto flags = std::make_shared<RunFlags>(*command, campaign::Key::For::client);
   auto arguments = std::make_shared<Arguments>();
   command->add_option("--wait", arguments->wait, "how long to look for pong: 10 s")->type_name("TIME");
+  command
+      ->add_flag("--loopback", arguments->loopback,
+                 "start pong too, on this machine: both ends, without another terminal")
+      ->excludes("--peer")
+      ->excludes("--interface")
+      ->excludes("--wait");
   add_file(*command, "--results", arguments->results, "keep every sample in this file");
   add_report_format(*command, arguments->format);
   command->callback([&action, flags, arguments] {
@@ -28,7 +45,9 @@ void add_ping(CLI::App& app, Action& action) {
       record::Writer writer(arguments->results);
       const auto known = writer.reader().runs().size();
       Terminal terminal;
-      const int code = campaign::ping(run, wait, writer, terminal, interrupts, command_line());
+      const int code = arguments->loopback
+                           ? campaign::execute(on_loopback(run), writer, terminal, interrupts, command_line())
+                           : campaign::ping(run, wait, writer, terminal, interrupts, command_line());
       terminal.clear_line();
       // Also of a run that failed: what was measured until then. There is none where there was nobody to
       // measure with.

@@ -14,6 +14,7 @@
 #include <unistd.h>
 
 #include "campaign/campaign.hpp"
+#include "chosen_runs.hpp"
 #include "commands.hpp"
 #include "flags.hpp"
 #include "output.hpp"
@@ -28,7 +29,7 @@ using report::Plot;
 
 struct Arguments {
   std::string results, output, figure = "time";
-  std::vector<std::int64_t> runs;
+  std::vector<std::string> only;
   bool wide = false;
 };
 
@@ -116,20 +117,15 @@ int plot(const Arguments& arguments) {
   const auto plot = plot_of(arguments);
   const record::Reader reader(arguments.results);
   Output output(arguments.output);
-  auto wanted = arguments.runs;
   std::vector<statistics::Summary> summaries;
-  for (const auto& run : reader.runs()) {
-    if (!arguments.runs.empty() && std::erase(wanted, run.number) == 0) continue;
+  for (const auto& run : chosen_runs(reader, arguments.results, arguments.only)) {
     auto summary = statistics::summarise(reader, run);
     if (summary.sent > 0) summaries.push_back(std::move(summary));
   }
-  if (!wanted.empty())
-    throw Error(2, fmt::format("--runs: {} has no run {}; ontime report {} --format csv lists them",
-                               arguments.results, fmt::join(wanted, ", "), arguments.results));
   if (summaries.empty())
     throw Error(2, arguments.results + ": nothing was measured in it that could be drawn.");
   if (plot.figure == Plot::Figure::time && summaries.size() > most_panels)
-    throw Error(2, fmt::format("{} runs are more than the {} that a figure can hold: choose with --runs",
+    throw Error(2, fmt::format("{} runs are more than the {} that a figure can hold: choose with --only",
                                summaries.size(), most_panels));
   if (plot.figure == Plot::Figure::neighbours &&
       std::none_of(summaries.begin(), summaries.end(), [](const auto& summary) {
@@ -143,7 +139,7 @@ int plot(const Arguments& arguments) {
 
 }  // namespace
 
-void add_plot(CLI::App& app, Action& action) {
+void add_plot(Command& app, Action& action) {
   auto* command = app.add_subcommand("plot", "Figures for a paper: SVG, PDF, PNG");
   auto arguments = std::make_shared<Arguments>();
   command->add_option("RESULTS", arguments->results, "a results file")->required();
@@ -154,10 +150,7 @@ void add_plot(CLI::App& app, Action& action) {
           "time (round trips over it), worse (how often is it worse than x), or payload or neighbours "
           "(round trip against it, or against their rate): time")
       ->type_name("FIGURE");
-  command->add_option("--runs", arguments->runs, "only these, by their numbers in the file")
-      ->delimiter(',')
-      ->allow_extra_args(false)
-      ->type_name("N,...");
+  add_only(*command, arguments->only, ",--runs");
   command->add_flag("--wide", arguments->wide, "as wide as a page of two columns, instead of one column");
   command->callback([&action, arguments] { action = [arguments] { return plot(*arguments); }; });
 }

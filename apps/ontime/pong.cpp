@@ -44,7 +44,7 @@ void write(record::Writer& writer, const campaign::Run& run, const json& closed)
 
 }  // namespace
 
-void add_pong(CLI::App& app, Action& action) {
+void add_pong(Command& app, Action& action) {
   auto* command =
       app.add_subcommand("pong", "The server's end: answers pings that come and go, until interrupted");
   auto flags = std::make_shared<RunFlags>(*command, campaign::Key::For::both);

@@ -12,7 +12,7 @@
 
 namespace ontime::app {
 
-void add_report(CLI::App& app, Action& action) {
+void add_report(Command& app, Action& action) {
   auto* command =
       app.add_subcommand("report", "Tables from a results file, and a page with figures of every message");
   struct Arguments {

@@ -75,7 +75,7 @@ int run(const Arguments& arguments, const GateFlags& flags, const nlohmann::json
 
 }  // namespace
 
-void add_run(CLI::App& app, Action& action) {
+void add_run(Command& app, Action& action) {
   auto* command = app.add_subcommand(
       "run",
       "Carries out scenarios: hosts, settings, load, round trips, the table, and a page beside the results");

@@ -4,19 +4,32 @@
 #include <algorithm>
 
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 
 #include "flags.hpp"
+#include "transport/transport.hpp"
 
 namespace ontime::app {
 
 using campaign::Error;
 using campaign::Key;
 
-RunFlags::RunFlags(CLI::App& app, Key::For end) {
+namespace {
+
+std::string transports_here() {
+  const auto names = transport::available();
+  return names.empty() ? "none is installed" : fmt::format("here: {}", fmt::join(names, ", "));
+}
+
+}  // namespace
+
+RunFlags::RunFlags(Command& app, Key::For end) {
   for (const auto& key : campaign::keys()) {
     if (key.flag.empty() || (end == Key::For::both && key.end == Key::For::client)) continue;
     auto& flag = flags_[key.path];
-    auto* option = flag.option = app.add_option(key.flag, flag.value, key.help);
+    const bool is_transport = key.path == "transport";
+    auto* option = flag.option =
+        app.add_option(key.flag, flag.value, is_transport ? key.help + "; " + transports_here() : key.help);
     if (key.values == "on|off") option->expected(0, 1);  // alone, it says on
     option->type_name(key.values);
     if (key.path.starts_with("realtime.")) option->group("Real-time settings (each turns --realtime on)");
@@ -54,6 +67,8 @@ campaign::Run RunFlags::run() const {
   }
   run.task.config.peers = peers_;
   run.task.config.interface = interface_;
+  if (run.task.transport.empty())
+    throw Error(2, fmt::format("no transport is named: say --transport NAME; {}", transports_here()));
   try {
     campaign::complete(run);
   } catch (const std::invalid_argument& error) {

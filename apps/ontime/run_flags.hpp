@@ -4,20 +4,19 @@
 
 #include <memory>
 
-#include <CLI/CLI.hpp>
-
 #include "campaign/campaign.hpp"
+#include "command.hpp"
 
 namespace ontime::app {
 
 class RunFlags {
  public:
-  RunFlags(CLI::App&, campaign::Key::For end);
+  RunFlags(Command&, campaign::Key::For end);
   campaign::Run run() const;  // throws Error{2} that names the flag
 
  private:
   struct Flag {
-    CLI::Option* option = nullptr;
+    Option* option = nullptr;
     std::string value;
   };
   std::map<std::string, Flag> flags_;  // by path

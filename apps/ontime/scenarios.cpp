@@ -71,7 +71,7 @@ std::string text_of(const std::vector<ordered_json>& lines) {
 
 }  // namespace
 
-void add_scenarios(CLI::App& app, Action& action) {
+void add_scenarios(Command& app, Action& action) {
   auto* command = app.add_subcommand("scenarios", "What there is to run, with a line each");
   struct Arguments {
     std::vector<std::string> names;

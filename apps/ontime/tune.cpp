@@ -61,13 +61,13 @@ campaign::Run run_of(const Arguments& arguments) {
     if (run.isolation.any())
       throw Error(
           2,
-          fmt::format("--run: '{}' has isolation.*, which is for the time of a run only: `ontime run` keeps "
+          fmt::format("--only: '{}' has isolation.*, which is for the time of a run only: `ontime run` keeps "
                       "CPUs, and for good the kernel's command line does (`ontime check`). Say its kernel "
                       "settings with --set",
                       arguments.run));
     if (run.kernel != scenario.runs.front().kernel)
       throw Error(
-          2, fmt::format("--run: the runs called '{}' differ in their kernel settings; say them with --set",
+          2, fmt::format("--only: the runs called '{}' differ in their kernel settings; say them with --set",
                          arguments.run));
   }
   return scenario.runs.front();
@@ -213,10 +213,10 @@ int revert() {
 
 }  // namespace
 
-void add_tune(CLI::App& app, Action& action) {
+void add_tune(Command& app, Action& action) {
   auto* command =
       app.add_subcommand("tune", "Settings of this machine: the kernel's threads and its network path");
-  command->require_subcommand(1)->group("Make fit");
+  command->require_subcommand();
   std::string settings = "Settings:\n";
   for (const auto& setting : settings::table())
     settings += fmt::format("  {:<32}{}\n", fmt::format("{}={}", setting.name, setting.values), setting.help);
@@ -227,7 +227,7 @@ void add_tune(CLI::App& app, Action& action) {
     added->callback([&action, arguments, act] { action = [arguments, act] { return act(*arguments); }; });
     return added;
   };
-  const auto add_place = [&](CLI::App* to) {
+  const auto add_place = [&](Command* to) {
     add_link(*to, arguments->interface, arguments->peer, "whose settings, of those that an interface has");
     to->add_option("--namespace", arguments->network_namespace,
                    "the network namespace of the interface, as in ip netns")
@@ -243,8 +243,9 @@ void add_tune(CLI::App& app, Action& action) {
       ->check(given);
   auto* scenario =
       add_file(*applied, "--scenario", arguments->scenario, "kernel.* as a run of this scenario has it");
-  auto* run =
-      applied->add_option("--run", arguments->run, "the id of that run")->type_name("ID")->check(given);
+  auto* run = applied->add_option("--only,--run", arguments->run, "the id of that run")
+                  ->type_name("ID")
+                  ->check(given);
   scenario->needs(run);
   run->needs(scenario);
   add_place(applied);

@@ -77,7 +77,7 @@ int follow(const Arguments& arguments) {
 
 }  // namespace
 
-void add_watch(CLI::App& app, Action& action) {
+void add_watch(Command& app, Action& action) {
   auto* command = app.add_subcommand(
       "watch", "Follows a measurement that is under way, from another terminal, until it ends");
   auto arguments = std::make_shared<Arguments>();

@@ -5,7 +5,7 @@
 
 namespace ontime::app {
 
-void add_workers(CLI::App& app, Action& action) {
+void add_workers(Command& app, Action& action) {
   const auto add = [&](const char* name, const char* what, int (*serve)()) {
     app.add_subcommand(name, what)->group("")->callback([&action, serve] { action = serve; });
   };

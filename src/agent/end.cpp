@@ -7,6 +7,7 @@
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
+#include "message/message.hpp"
 #include "orders/orders.hpp"
 
 namespace ontime::agent {
@@ -192,7 +193,7 @@ json End::ended() {
           {"drops", machine::between(drops_before_, machine::drops(task_.config.interface))},
           {"link", link()},
           {"shared_memory", machine::shared_memory()},
-          {"answered", server_ ? server_->answered() - answered_before_ : 0},
+          {"answered", server_ ? answered() : 0},
           {"neighbours", account_of_neighbours()}};
 }
 
@@ -243,9 +244,18 @@ json End::losses() {
           {"overwritten", since(losses_before_.overwritten, now.overwritten)}};
 }
 
+// Messages that surely passed this end both ways.
+std::uint64_t End::answered() const {
+  if (server_) return server_->answered() - answered_before_;
+  if (!client_) return 0;
+  const auto counters = client_->counters();
+  return counters.on_time + counters.late;
+}
+
 json End::link() const {
   if (!traffic_before_) return nullptr;
-  auto link = machine::between(*traffic_before_, machine::traffic(task_.config.interface));
+  auto link = machine::since(*traffic_before_, task_.config.interface,
+                             answered() * message::least_frame_bytes(task_.client.payload_bytes));
   link["interface"] = task_.config.interface;
   link["down"] = json::array();
   for (const auto& [from_ns, to_ns, taken] : link_watch_->downs())

@@ -42,6 +42,7 @@ class End {
   nlohmann::json during(const transport::Thread&, const realtime::ThreadState& now) const;
   nlohmann::json account_of_neighbours() const;
   nlohmann::json losses();
+  std::uint64_t answered() const;
   nlohmann::json link() const;
 
   Task task_;

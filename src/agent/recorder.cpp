@@ -27,9 +27,10 @@ Recorder::Recorder(roundtrip::Client& client, orders::Events& events, roundtrip:
     : client_(client),
       events_(events),
       patience_(schedule == roundtrip::Schedule::back_to_back ? client.capacity() / 2 : 0),
-      batch_(at_once),
       waiting_(waiting == Waiting::for_the_end ? std::tmpfile() : nullptr, std::fclose),
-      thread_([this] { record(); }) {}
+      thread_([this] { record(); }) {
+  equipped_.wait();
+}
 
 Recorder::~Recorder() { finish(); }
 
@@ -56,6 +57,9 @@ void Recorder::record() {
   sched_setscheduler(0, SCHED_BATCH, &none);
   const auto self = static_cast<id_t>(gettid());
   setpriority(PRIO_PROCESS, self, getpriority(PRIO_PROCESS, self) + light);
+  // Here, not in the constructor: a thread's first allocation makes it an arena of the heap.
+  batch_.resize(at_once);
+  equipped_.count_down();
   std::unique_lock lock(mutex_);
   try {
     while (!wake_.wait_for(lock, look, [this] { return over_.load(); })) {

@@ -10,6 +10,7 @@
 #include <atomic>
 #include <condition_variable>
 #include <cstdio>
+#include <latch>
 #include <memory>
 #include <mutex>
 #include <span>
@@ -24,6 +25,7 @@ namespace ontime::agent {
 class Recorder {
  public:
   enum class Waiting { no, for_the_end };
+  // Before the first counted message; returns once its thread has all the memory that it will need.
   Recorder(roundtrip::Client&, orders::Events&, roundtrip::Schedule, Waiting);
   ~Recorder();
   Recorder(const Recorder&) = delete;
@@ -48,6 +50,7 @@ class Recorder {
   std::mutex mutex_;
   std::condition_variable wake_;
   std::atomic<bool> over_{false};
+  std::latch equipped_{1};
   std::thread thread_;
 };
 

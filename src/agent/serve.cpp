@@ -136,6 +136,9 @@ class Agent final : public orders::Worker {
       events_.tell("ready");
       return 500ms;
     }
+    recorder_ =
+        std::make_unique<Recorder>(*end_->client(), events_, end_->task().client.schedule,
+                                   shares_link_ ? Recorder::Waiting::for_the_end : Recorder::Waiting::no);
     end_->client()->start();
     // What the warm-up may take: its own messages' time, and what is left of the wait.
     const auto& options = end_->task().client;
@@ -153,10 +156,13 @@ class Agent final : public orders::Worker {
       throw Unanswered(
           fmt::format("pong was found over {}, but it answered {} of the {} messages of the warm-up within "
                       "{:g} s. Is the payload larger than it serves (pong --payload SIZE) or than the link "
-                      "carries, or does a firewall drop it{}?",
+                      "carries, or does a firewall drop it{}{}?",
                       end_->task().transport, client.warm_up_answers(), end_->task().client.warm_up,
                       seconds(wait_ + end_->task().client.period *
                                           static_cast<std::int64_t>(end_->task().client.warm_up)),
+                      client.counters().wrong_size > 0 ? ", or does another program answer (payloads of "
+                                                         "another size came back)"
+                                                       : "",
                       end_->task().neighbours.callback.count() > 0
                           ? ", or do the neighbours' callbacks (neighbours.callback) keep its thread"
                           : ""));
@@ -176,9 +182,6 @@ class Agent final : public orders::Worker {
     if (end_->neighbours() != nullptr) end_->neighbours()->go();
     if (end_->client() == nullptr) return;
     auto& client = *end_->client();
-    recorder_ =
-        std::make_unique<Recorder>(client, events_, end_->task().client.schedule,
-                                   shares_link_ ? Recorder::Waiting::for_the_end : Recorder::Waiting::no);
     peers_ = {.readers = 1, .writers = 1, .changed_ns = end_->endpoint().matched().changed_ns};
     next_progress_ = Clock::now() + progress_period;
     finish_ = Clock::now() + end_->task().client.duration;

@@ -16,7 +16,7 @@ namespace {
 
 using namespace std::chrono_literals;
 
-constexpr auto time_to_start = 20s;  // 32 workers on one busy core need a second or two
+constexpr auto longest_start = 20s;  // 32 workers on one busy core need a second or two
 
 void add(std::vector<std::string>& command, const char* kind, int workers, std::uint64_t bytes = 0) {
   if (workers < 0)
@@ -71,7 +71,7 @@ std::unique_ptr<Background> stress(const Workers& workers, const std::string& di
   auto child = std::make_unique<Child>(started.pid);
   long running = 0;
   wait_until([&] { return child->ended() || (running = children_of(child->pid())) >= wanted; },
-             time_to_start);
+             longest_start);
   const bool has_ended = child->ended();
   if (!has_ended && running >= wanted) return std::make_unique<Stress>(std::move(child));
   child.reset();

@@ -47,12 +47,12 @@ set -- $missing
 "$program" keeper
 )sh";
 
-struct File {
+struct Part {
   fs::path there;  // in the folder
   std::string content;
 };
 
-File read(const fs::path& here, const fs::path& there) {
+Part read(const fs::path& here, const fs::path& there) {
   std::ifstream file(here, std::ios::binary);
   std::string content{std::istreambuf_iterator<char>(file), {}};
   if (!file || content.empty())
@@ -62,7 +62,7 @@ File read(const fs::path& here, const fs::path& there) {
 
 // A program as it was built is ten times as long by what debuggers want to know of it. Where nobody here can
 // take that out, it goes along.
-File without_symbols(const fs::path& here, const fs::path& there, const std::string& folder) {
+Part without_symbols(const fs::path& here, const fs::path& there, const std::string& folder) {
   constexpr std::chrono::seconds limit{10};
   const auto copy = folder + "/stripped";
   if (!machine::answer_of({"strip", "-o", copy, here.string()}, limit)) return read(here, there);
@@ -72,10 +72,10 @@ File without_symbols(const fs::path& here, const fs::path& there, const std::str
 }
 
 // The program first.
-std::vector<File> files(const std::set<std::string>& transports, const std::string& folder) {
+std::vector<Part> files(const std::set<std::string>& transports, const std::string& folder) {
   const fs::path program = orders::this_program();
   const auto libraries = fs::path(ONTIME_LIBDIR) / "ontime";
-  std::vector<File> all{without_symbols(program, "bin/ontime", folder)};
+  std::vector<Part> all{without_symbols(program, "bin/ontime", folder)};
   for (const auto& transport : transports) {
     const auto there = libraries / fmt::format("ontime_transport_{}.so", transport);
     const auto here = program.parent_path().parent_path() / there;

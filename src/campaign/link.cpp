@@ -6,6 +6,8 @@
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
+#include "message/message.hpp"
+
 namespace ontime::campaign {
 namespace {
 
@@ -29,7 +31,8 @@ std::string segments(const json& host) {
 std::uint64_t neighbours_bytes(const json& outcome, const char* receiver) {
   const auto neighbours = outcome.at("hosts").value(receiver, json::object()).value("neighbours", json());
   if (neighbours.is_null()) return 0;
-  return neighbours.at("received").get<std::uint64_t>() * neighbours.at("payload_bytes").get<std::uint64_t>();
+  return neighbours.at("received").get<std::uint64_t>() *
+         message::least_frame_bytes(neighbours.at("payload_bytes").get<std::uint64_t>());
 }
 
 bool one_machine_with_shared_memory(const json& hosts) {
@@ -70,7 +73,7 @@ std::optional<std::string> went_elsewhere(const json& outcome, std::uint64_t pay
       if (!counted.contains(key)) continue;  // unproved() says so
       const auto carried = counted.at(key).get<std::uint64_t>();
       const auto beside = neighbours_bytes(outcome, receiver);
-      if (carried >= own * payload_bytes + beside) continue;
+      if (carried >= own * message::least_frame_bytes(payload_bytes) + beside) continue;
       return fmt::format(
           "the data did not go over {}: {} messages of {} bytes were answered{}, and of what the {} {} the "
           "kernel "

@@ -10,10 +10,10 @@ namespace {
 
 using nlohmann::json;
 
-constexpr double enough = 0.95;  // of what was asked, as of traffic
+constexpr double enough_messages = 0.95;  // of what was asked, as of traffic
 
 bool falls_short(std::uint64_t count, std::uint64_t asked) {
-  return static_cast<double>(count) < enough * static_cast<double>(asked);
+  return static_cast<double>(count) < enough_messages * static_cast<double>(asked);
 }
 
 json way(const json& sender, const json& receiver, std::uint64_t wanted) {

@@ -16,13 +16,13 @@ using roundtrip::Sample;
 constexpr std::array<std::size_t, 3> most{8, 32, 16};  // on time, late, lost
 constexpr std::int64_t before_ns = 1'000'000;          // in which a thread was woken, or stopped
 constexpr std::int64_t after_ns = 100'000;
-constexpr std::int64_t longest_ns = 1'000'000'000;
+constexpr std::int64_t longest_answer_ns = 1'000'000'000;
 constexpr std::int64_t of_a_lost_one_ns = 200'000'000;  // after it was sent
 
 trace::Span span_of(const Sample& sample) {
   const auto since_ns = awaited_since_ns(sample);
   const auto end_ns = sample.fate == Fate::lost ? sample.sent_ns + of_a_lost_one_ns
-                                                : std::min(sample.received_ns, since_ns + longest_ns);
+                                                : std::min(sample.received_ns, since_ns + longest_answer_ns);
   return {sample.index, since_ns - before_ns, end_ns + after_ns};
 }
 

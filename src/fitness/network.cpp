@@ -12,18 +12,19 @@
 namespace ontime::fitness {
 namespace {
 
-constexpr const char* folder = "/sys/class/net/";
+constexpr const char* interface_folder = "/sys/class/net/";
 
 std::vector<std::string> interfaces(const Look& look) {
   if (!look.subject().interfaces.empty()) return look.subject().interfaces;
-  auto names = look.names(folder);
-  std::erase_if(names, [&](const std::string& name) { return !look.exists(folder + name + "/device"); });
+  auto names = look.names(interface_folder);
+  std::erase_if(names,
+                [&](const std::string& name) { return !look.exists(interface_folder + name + "/device"); });
   return names;
 }
 
 // Of the device, or of the one that it hangs on (virtio, USB).
 std::vector<std::string> interrupts_of(const Look& look, const std::string& interface) {
-  for (std::filesystem::path device = look.canonical(folder + interface + "/device");
+  for (std::filesystem::path device = look.canonical(interface_folder + interface + "/device");
        device.has_relative_path(); device = device.parent_path())
     if (auto numbers = look.names(device.string() + "/msi_irqs"); !numbers.empty()) return numbers;
   return {};
@@ -36,7 +37,7 @@ std::string state_of(const Look::Thread& thread) {
 }
 
 Finding napi_of(const Look& look, const std::string& interface) {
-  if (look.number(folder + interface + "/threaded").value_or(0) == 0)
+  if (look.number(interface_folder + interface + "/threaded").value_or(0) == 0)
     return fine(fmt::format("{}: not threaded", interface));
   std::vector<std::string> ordinary;
   const auto threads = look.threads(fmt::format("napi/{}-", interface));
@@ -106,7 +107,7 @@ Findings interrupt_balance(const Look& look) {
 Findings napi(const Look& look) {
   Findings findings;
   for (const auto& interface : interfaces(look))
-    if (look.exists(folder + interface + "/threaded")) findings.push_back(napi_of(look, interface));
+    if (look.exists(interface_folder + interface + "/threaded")) findings.push_back(napi_of(look, interface));
   return findings;
 }
 

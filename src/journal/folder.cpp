@@ -22,7 +22,7 @@ namespace {
 
 using namespace std::chrono_literals;
 
-constexpr auto patience = 10s;
+constexpr auto longest_hold = 10s;
 constexpr const char* suffix = ".journal";
 constexpr const char* kept_suffix = ".kept";
 constexpr const char* told = "told";  // what people were told already, a line each
@@ -101,7 +101,7 @@ std::optional<Folder> Folder::enter(bool make) {
     if (fd.get() < 0) throw not_ours(path, std::generic_category().message(errno));
     const auto found = stat_of(fd.get());
     if (const auto fault = fault_of(found); !fault.empty()) throw not_ours(path, fault);
-    if (!lock(fd.get(), patience))
+    if (!lock(fd.get(), longest_hold))
       throw Error(fmt::format("another ontime has been at work in {} for {}: see what it does, or end it",
                               path, "10 s"));
     struct stat now {};
@@ -210,7 +210,7 @@ std::string text_of(int fd) {
 
 void append(int fd, const std::string& text) {
   const auto length = lseek(fd, 0, SEEK_END);
-  if (length >= 0 && write(fd, text.data(), text.size()) == static_cast<ssize_t>(text.size()) &&
+  if (length >= 0 && ::write(fd, text.data(), text.size()) == static_cast<ssize_t>(text.size()) &&
       fsync(fd) == 0)
     return;
   const int error = errno;

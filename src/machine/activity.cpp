@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <algorithm>
+#include <limits>
 
 #include "machine/clock.hpp"
 #include "machine/machine.hpp"
@@ -24,11 +25,31 @@ nlohmann::json seconds(std::int64_t time_ns, std::int64_t elapsed_ns) {
   return static_cast<double>(time_ns) / 1e9;
 }
 
+nlohmann::json slew_ppm(std::int64_t elapsed_ns, std::int64_t raw_elapsed_ns) {
+  if (elapsed_ns <= 0 || raw_elapsed_ns <= 0) return nullptr;
+  return static_cast<double>(elapsed_ns - raw_elapsed_ns) / static_cast<double>(raw_elapsed_ns) * 1e6;
+}
+
+// Both at one moment: of several readings the one that took least, so that being preempted is no slew.
+void read_monotonic_clocks(Activity& now) {
+  constexpr int readings = 100;
+  auto least_ns = std::numeric_limits<std::int64_t>::max();
+  for (int reading = 0; reading < readings; ++reading) {
+    const auto before_ns = read_ns(CLOCK_MONOTONIC);
+    const auto raw_ns = read_ns(CLOCK_MONOTONIC_RAW);
+    const auto took_ns = read_ns(CLOCK_MONOTONIC) - before_ns;
+    if (took_ns >= least_ns) continue;
+    least_ns = took_ns;
+    now.at_ns = before_ns + took_ns / 2;
+    now.raw_ns = raw_ns;
+  }
+}
+
 }  // namespace
 
 Activity activity() {
   Activity now;
-  now.at_ns = read_ns(CLOCK_MONOTONIC);
+  read_monotonic_clocks(now);
   now.boot_ns = read_ns(CLOCK_BOOTTIME);
   now.realtime_ns = read_ns(CLOCK_REALTIME);
   parse_ticks(text_of("/proc/stat").value_or(""), now);
@@ -48,7 +69,8 @@ nlohmann::json between(const Activity& first, const Activity& last) {
           {"io_pressure", pressure(first.io_stall_us, last.io_stall_us, elapsed_ns)},
           {"suspended_s", seconds(last.boot_ns - first.boot_ns - elapsed_ns, elapsed_ns)},
           {"clock_moved_s",
-           seconds(last.realtime_ns - first.realtime_ns - (last.boot_ns - first.boot_ns), elapsed_ns)}};
+           seconds(last.realtime_ns - first.realtime_ns - (last.boot_ns - first.boot_ns), elapsed_ns)},
+          {"clock_slew_ppm", slew_ppm(elapsed_ns, last.raw_ns - first.raw_ns)}};
 }
 
 }  // namespace ontime::machine

@@ -5,6 +5,7 @@
 
 #include <chrono>
 #include <cstdint>
+#include <functional>
 #include <memory>
 #include <optional>
 #include <stdexcept>
@@ -57,14 +58,17 @@ struct Activity {
   std::uint64_t stolen_ticks = 0;  // of the busy ones: a hypervisor gave them to others
   // Microseconds in which some task waited, since boot; -1 where the kernel has no pressure information.
   std::int64_t cpu_stall_us = -1, memory_stall_us = -1, io_stall_us = -1;
-  std::int64_t at_ns = 0;                     // CLOCK_MONOTONIC
-  std::int64_t boot_ns = 0, realtime_ns = 0;  // CLOCK_BOOTTIME, CLOCK_REALTIME, at the same moment
+  std::int64_t at_ns = 0;  // CLOCK_MONOTONIC
+  // CLOCK_BOOTTIME, CLOCK_REALTIME, and the hardware's counter (CLOCK_MONOTONIC_RAW), at the same moment.
+  std::int64_t boot_ns = 0, realtime_ns = 0, raw_ns = 0;
 };
 Activity activity();
 void parse_ticks(const std::string& text, Activity&);  // of the text of /proc/stat: its first line
 // {"cpu_busy": 0…1, "cpu_stolen": 0…1 (by a hypervisor, as far as it tells), "cpu_pressure": 0…1 or null,
 // "memory_pressure": …, "io_pressure": …, "suspended_s": for how long it slept, "clock_moved_s": by how much
-// CLOCK_REALTIME went on more, or less, than time did; both as exact as two clocks can be read at one moment}
+// CLOCK_REALTIME went on more, or less, than time did; "clock_slew_ppm": by how much CLOCK_MONOTONIC, which
+// all times are read from, ran fast (+) or slow beside the hardware's counter, by order of a time service;
+// all three as exact as two clocks can be read at one moment}
 nlohmann::json between(const Activity& first, const Activity& last);
 
 // An interface of this machine (of this network namespace), and its first IPv4 address ("" if it has none).
@@ -93,6 +97,11 @@ std::optional<Traffic> traffic(const std::string& interface);
 // What went over it between two such moments, by the names above; or {"gone": why nobody can tell}, if it is
 // not there any more, or is another of that name.
 nlohmann::json between(const Traffic& first, const std::optional<Traffic>& last);
+// The same up to now, where at least so many bytes went each way: some drivers refresh their counters once a
+// second only, so what falls short is read again after `wait`.
+void wait_for_counters();
+nlohmann::json since(const Traffic& first, const std::string& interface, std::uint64_t least_bytes,
+                     const std::function<void()>& wait = wait_for_counters);
 
 // When an interface could carry nothing, as the kernel tells whoever listens: by a thread of its own,
 // ordinary, so some time after it was so if that gets no CPU.

@@ -1,4 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
+#include <thread>
+
 #include "machine/machine.hpp"
 #include "machine/proc.hpp"
 
@@ -22,6 +24,19 @@ nlohmann::json between(const Traffic& first, const std::optional<Traffic>& last)
     result[name] = (*last).*counter - first.*counter;
   }
   return result;
+}
+
+void wait_for_counters() { std::this_thread::sleep_for(std::chrono::milliseconds(1100)); }
+
+nlohmann::json since(const Traffic& first, const std::string& interface, std::uint64_t least_bytes,
+                     const std::function<void()>& wait) {
+  const auto now = traffic(interface);
+  const auto enough = [&](std::uint64_t Traffic::*bytes) {
+    return !now || (*now).*bytes < first.*bytes || (*now).*bytes - first.*bytes >= least_bytes;
+  };
+  if (enough(&Traffic::sent_bytes) && enough(&Traffic::received_bytes)) return between(first, now);
+  wait();
+  return between(first, traffic(interface));
 }
 
 std::vector<std::string> shared_memory() { return parse_segments(text_of("/proc/self/maps").value_or("")); }

@@ -35,6 +35,11 @@ constexpr std::uint32_t warm_up_session_of(std::uint32_t session) noexcept {
 // Plain CDR (XCDR1) of {uint64 seq; sequence<uint8> data}: 4 bytes of encapsulation, 8 of seq, 4 of length,
 // data.
 inline constexpr std::size_t cdr_overhead = 16;
+// The least that a message takes on a link, whatever the transport: its CDR bytes behind an Ethernet header.
+constexpr std::size_t least_frame_bytes(std::size_t payload_bytes) noexcept {
+  constexpr std::size_t ethernet_header = 14;
+  return ethernet_header + cdr_overhead + payload_bytes;
+}
 // Little-endian, into `cdr`, which must hold cdr_overhead + payload.size(). Returns the bytes written.
 std::size_t encode(std::uint64_t sequence, std::span<const std::byte> payload,
                    std::span<std::byte> cdr) noexcept;

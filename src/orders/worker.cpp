@@ -2,6 +2,7 @@
 #include <algorithm>
 #include <condition_variable>
 #include <csignal>
+#include <latch>
 #include <utility>
 
 #include <fcntl.h>
@@ -26,14 +27,14 @@ volatile std::sig_atomic_t terminations = 0;
 
 class Pipe final : public Events {
  public:
-  Pipe(int in, int out) : frames_(in, out), beating_([this] { beat(); }) {}
+  Pipe(int in, int out) : frames_(in, out) {}
   ~Pipe() {
     {
       const std::lock_guard lock(mutex_);
       over_ = true;
     }
     wake_.notify_all();
-    beating_.join();
+    if (beating_.joinable()) beating_.join();
   }
   Pipe(const Pipe&) = delete;
   Pipe& operator=(const Pipe&) = delete;
@@ -44,18 +45,31 @@ class Pipe final : public Events {
   }
   Frames& frames() { return frames_; }
 
+  // Returns after the first beat: with it the thread gets its arena of the heap (128 MiB of addresses), which
+  // is no work for a measurement.
+  void start_beating() {
+    std::latch begun{1};
+    beating_ = std::thread([&] { beat(begun); });
+    begun.wait();
+  }
+
  private:
-  void beat() {
+  void beat(std::latch& begun) {
     const sched_param none{};
     sched_setscheduler(0, SCHED_BATCH,
                        &none);  // what is no part of the measurement pre-empts nothing that is
+    bool goes_on = tell_beat();
+    begun.count_down();
     std::unique_lock lock(mutex_);
-    while (!wake_.wait_for(lock, beat_period, [this] { return over_; })) {
-      try {
-        tell("beat", json::object(), {});
-      } catch (const Broken&) {
-        return;  // the thread that reads will find so
-      }
+    while (goes_on && !wake_.wait_for(lock, beat_period, [this] { return over_; })) goes_on = tell_beat();
+  }
+
+  bool tell_beat() {
+    try {
+      tell("beat", json::object(), {});
+      return true;
+    } catch (const Broken&) {
+      return false;  // the thread that reads finds the same
     }
   }
 
@@ -118,6 +132,7 @@ int serve(const std::string& samples, const std::function<std::unique_ptr<Worker
     std::unique_ptr<Worker> worker;
     try {
       pipe.tell("hello", {{"version", ONTIME_VERSION}, {"samples", samples}}, {});
+      pipe.start_beating();
       worker = make(pipe);
       obey_all(pipe, *worker);
     } catch (const Broken&) {

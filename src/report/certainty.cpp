@@ -36,8 +36,8 @@ constexpr double worth_a_word = 3;  // a design effect by which a bound is wider
 
 std::string interval(const Interval& ns) {
   if (!ns.low && !ns.high) return nothing;
-  if (!ns.high) return "> " + microseconds(*ns.low);
-  if (!ns.low) return "< " + microseconds(*ns.high);
+  if (!ns.high) return "≥ " + microseconds(*ns.low);
+  if (!ns.low) return "≤ " + microseconds(*ns.high);
   return fmt::format("[{}, {}]", microseconds(*ns.low), microseconds(*ns.high));
 }
 
@@ -47,7 +47,7 @@ std::string percent(double share) {
 
 std::string interval(const Probability& of) {
   if (of.messages == 0) return nothing;
-  if (of.events == 0) return "< " + percent(of.bound);
+  if (of.events == 0) return "≤ " + percent(of.bound);
   return fmt::format("[{}, {}]", percent(of.sure.low.value_or(0)), percent(of.sure.high.value_or(1)));
 }
 
@@ -70,14 +70,16 @@ std::string note_of(const Summary& summary) {
                        time(static_cast<double>(bursts.longest_ns)));
   }
   const auto messages = statistics::messages_to_claim(one_in_a_million, missed.effect);
-  const auto told = static_cast<double>(missed.messages) / missed.effect;
-  return fmt::format("none late or lost{}; to claim less than 1 in a million: {:.1f} million so, {}",
+  const auto effective = static_cast<double>(missed.messages) / missed.effect;
+  // How often a message is sent is not known from one.
+  const auto takes =
+      summary.message_every_ns > 0 ? ", " + time(messages * summary.message_every_ns) : std::string();
+  return fmt::format("none late or lost{}; messages needed to claim < 10⁻⁶: {:.1f} million{}",
                      missed.effect < worth_a_word
                          ? ""
-                         : fmt::format(", though its slow answers came together, so that {} messages tell no "
-                                       "more of it than {:.0f} single ones would",
-                                       grouped(missed.messages), std::max(told, 1.0)),
-                     messages / 1e6, time(messages * summary.message_every_ns));
+                         : fmt::format("; slow answers came in bursts, so {} messages count as {:.0f}",
+                                       grouped(missed.messages), std::max(effective, 1.0)),
+                     messages / 1e6, takes);
 }
 
 ordered_json in_us(const std::optional<double>& ns) {
@@ -195,16 +197,13 @@ Table stages_table(const std::vector<std::string>& labels, const Group& runs) {
   for (const auto* name : {"Wake-up", "There", "Other end", "Back", "Round trip", "Response"})
     table.columns.push_back({name});
   constexpr std::uint64_t one_in = 1000;
-  const auto cell = [](const statistics::Distribution& of, const Certainty& sure = {}) {
-    return percentile(of, of.p99_9, one_in, sure.p99_9);
-  };
+  const auto cell = [](const statistics::Distribution& of) { return percentile(of, of.p99_9, one_in); };
   for (std::size_t i = 0; i < runs.size(); ++i) {
     const auto& run = *runs[i];
     const auto parts = run.parts.value_or(statistics::Parts{});
     if (run.response.count < one_in) continue;
     table.rows.push_back({labels[i], cell(run.wake_up), cell(parts.there), cell(run.server), cell(parts.back),
-                          cell(run.round_trip, run.round_trip_certainty),
-                          cell(run.response, run.response_certainty)});
+                          cell(run.round_trip), cell(run.response)});
   }
   return table;
 }

@@ -119,8 +119,7 @@ Table table_of(const Pair& pair) {
     if (!change) continue;
     // Not known: the figure is far out, or the messages, or the runs, were few.
     const bool too_few = row.figure != Figure::max && tells_nothing(row, *change);
-    const auto* const mark = too_few ? "~" : "";
-    table.rows.push_back({row.name, mark + value_of(row, change->from), mark + value_of(row, change->to),
+    table.rows.push_back({row.name, value_of(row, change->from), value_of(row, change->to),
                           change->ratio && !too_few ? percent(*change->ratio) : nothing,
                           too_few ? nothing : lies(row, *change),
                           !too_few                                ? word_of(change->verdict)
@@ -296,7 +295,7 @@ Page page_of(const Comparison& comparison, const std::vector<gate::Judgement>& j
     page.legend =
         "The true change lies surely within, with 98 % confidence, whatever bursts there were. Cannot tell: "
         "what "
-        "was measured may be chance. ~: of too few messages to be known.";
+        "was measured may be chance.";
   return page;
 }
 

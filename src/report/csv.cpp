@@ -24,7 +24,7 @@ std::string harmless(const std::string& text) {
   return formula && !is_number(text) ? "'" + text : text;
 }
 
-std::string line_of(const std::vector<std::string>& fields) {
+std::string csv_line_of(const std::vector<std::string>& fields) {
   std::vector<std::string> quoted;
   for (const auto& raw : fields) {
     const auto field = harmless(printable(raw));
@@ -38,8 +38,8 @@ std::string line_of(const std::vector<std::string>& fields) {
 
 std::string as_csv(const std::vector<std::string>& header,
                    const std::vector<std::vector<std::string>>& rows) {
-  std::string text = line_of(header);
-  for (const auto& row : rows) text += line_of(row);
+  std::string text = csv_line_of(header);
+  for (const auto& row : rows) text += csv_line_of(row);
   return text;
 }
 

@@ -11,7 +11,7 @@ namespace {
 
 using nlohmann::json;
 
-constexpr std::size_t longest_value = 60;
+constexpr std::size_t longest_difference = 60;
 // What is another each time.
 const std::set<std::string> of_the_moment = {"boot_id", "clock"};
 
@@ -22,7 +22,7 @@ void add(Values& values, const std::string& name, const json& value) {
   if (value.is_object() && !value.empty()) {
     for (const auto& [key, member] : value.items()) add(values, name + " " + printable(key), member);
   } else if (!value.is_null()) {
-    values[name].insert(shortened(word(value), longest_value));
+    values[name].insert(shortened(word(value), longest_difference));
   }
 }
 

@@ -10,7 +10,7 @@
 namespace ontime::report {
 namespace {
 
-std::string escape(const std::string& text) {
+std::string escape_latex(const std::string& text) {
   std::string result;
   for (const char c : text) {
     switch (c) {
@@ -46,8 +46,8 @@ std::string escape(const std::string& text) {
   return result;
 }
 
-std::string line_of(std::vector<std::string> cells) {
-  for (auto& cell : cells) cell = escape(cell);
+std::string latex_line_of(std::vector<std::string> cells) {
+  for (auto& cell : cells) cell = escape_latex(cell);
   return join(cells, " & ") + " \\\\ \\hline\n";
 }
 
@@ -57,10 +57,10 @@ std::string comment(const std::string& note) { return "% " + replace_all(note, "
 std::string latex_of(const Table& table) {
   std::string alignment = "|";
   for (const auto& column : table.columns) alignment += column.align == Column::Align::left ? "l|" : "r|";
-  std::string text = "\\begin{table*}[ht]\n\\centering\n\\caption{" + escape(table.title) + "}\n";
+  std::string text = "\\begin{table*}[ht]\n\\centering\n\\caption{" + escape_latex(table.title) + "}\n";
   if (!table.conditions.empty()) text += comment(table.conditions);
-  text += "\\begin{tabular}{" + alignment + "}\n\\hline\n" + line_of(names_of(table));
-  for (const auto& row : table.rows) text += line_of(row);
+  text += "\\begin{tabular}{" + alignment + "}\n\\hline\n" + latex_line_of(names_of(table));
+  for (const auto& row : table.rows) text += latex_line_of(row);
   text += "\\end{tabular}\n\\end{table*}\n";
   for (const auto& note : table.notes) text += comment(note);
   return text + "\n";

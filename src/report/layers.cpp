@@ -38,7 +38,7 @@ std::set<Confidence> confidences_of(const Layers& layers) {
   return all;
 }
 
-std::string percent(double share) { return fmt::format("{:.3g} %", share * 100); }
+std::string percent_of(double share) { return fmt::format("{:.3g} %", share * 100); }
 
 std::string median(const std::optional<Estimate>& estimate, Form form) {
   return estimate ? form(estimate->median) : nothing;
@@ -49,7 +49,7 @@ std::string with_interval(const std::optional<Estimate>& estimate, Form form, bo
   auto text = (estimate->median < 0 ? "" : "+") + form(estimate->median);
   if (estimate->count < 2) return text;
   text += fmt::format(" [{}, {}]", form(estimate->low), form(estimate->high));
-  return with_confidence ? text + " " + percent(estimate->confidence) : text;
+  return with_confidence ? text + " " + percent_of(estimate->confidence) : text;
 }
 
 // Where the layer's share of the round trip lies: blank below what it adds to, filled for what it adds.
@@ -118,7 +118,7 @@ std::string legend_of(const std::set<Confidence>& confidences) {
   return legend + fmt::format(
                       "In brackets the interval that holds the median difference with {} confidence, "
                       "of {} repetitions.",
-                      percent(confidence), count);
+                      percent_of(confidence), count);
 }
 
 ordered_json json_of(const std::optional<Estimate>& estimate) {

@@ -22,14 +22,11 @@ Page page_of(const Summaries&);
 // were late or lost: shown beside where it is so.
 bool differs_by_response(const statistics::Summary&);
 
-// A percentile needs one value above it to say anything, and ten to be more than a glimpse: below that it is
-// "-", or marked "~". `one_in`: how many values have one above it.
+// The estimate, always; its limits stand in certainty_table(). "-" where no value lies above the percentile,
+// "~" before it where fewer than ten do. `one_in`: how many values have one above it.
 std::string percentile(const statistics::Distribution&, std::int64_t ns, std::uint64_t one_in);
-// Likewise, where it is known how sure it is: of what nothing bounds from above "> " and what it is surely
-// above.
-std::string percentile(const statistics::Distribution&, std::int64_t ns, std::uint64_t one_in,
-                       const statistics::Measured& certainty);
-// How sure the figures of runs are, by their labels; without a title. No rows where nothing is known of it.
+// 95 % confidence intervals of runs' percentiles, by their labels; without a title. No rows where none is
+// known. "≥ x": no upper limit; the value itself may be x, for limits are values that were seen.
 Table certainty_table(const std::vector<std::string>& labels, const std::vector<const statistics::Summary*>&);
 // How slow an answer may be that was not seen yet; likewise. A note says of which runs that cannot be said,
 // and why: they have no row.

@@ -17,25 +17,25 @@ using roundtrip::Sample;
 
 constexpr std::size_t enough = 1 << 16;  // bytes, to be written at once
 
-constexpr const char* columns[] = {"run",
-                                   "id",
-                                   "transport",
-                                   "repetition",
-                                   "message",
-                                   "fate",
-                                   "intended_ns",
-                                   "due_ns",
-                                   "woke_ns",
-                                   "sent_ns",
-                                   "received_ns",
-                                   "server_received_ns",
-                                   "server_sent_ns",
-                                   "skipped_cycles",
-                                   "passed_wake_ns",
-                                   "wake_up_us",
-                                   "round_trip_us",
-                                   "response_us",
-                                   "server_us"};
+constexpr const char* sample_columns[] = {"run",
+                                          "id",
+                                          "transport",
+                                          "repetition",
+                                          "message",
+                                          "fate",
+                                          "intended_ns",
+                                          "due_ns",
+                                          "woke_ns",
+                                          "sent_ns",
+                                          "received_ns",
+                                          "server_received_ns",
+                                          "server_sent_ns",
+                                          "skipped_cycles",
+                                          "passed_wake_ns",
+                                          "wake_up_us",
+                                          "round_trip_us",
+                                          "response_us",
+                                          "server_us"};
 
 const char* word_of(Fate fate) {
   return fate == Fate::on_time ? "on time" : fate == Fate::late ? "late" : "lost";
@@ -97,7 +97,7 @@ class Line {
 
   void begin(fmt::memory_buffer& out) {
     if (json_)
-      fmt::format_to(std::back_inserter(out), R"(,"{}":)", columns[column_++]);
+      fmt::format_to(std::back_inserter(out), R"(,"{}":)", sample_columns[column_++]);
     else
       out.push_back(',');
   }
@@ -140,7 +140,8 @@ void export_samples(const record::Reader& reader, const std::vector<record::Run>
     write({out.data(), out.size()});
     out.clear();
   };
-  if (format == SampleFormat::csv) out.append(as_csv({std::begin(columns), std::end(columns)}, {}));
+  if (format == SampleFormat::csv)
+    out.append(as_csv({std::begin(sample_columns), std::end(sample_columns)}, {}));
   for (const auto& run : runs) {
     Line line(format, run);
     std::optional<std::int64_t> start_ns;

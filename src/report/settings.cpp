@@ -24,7 +24,7 @@ std::string name_of(const Summary& summary) {
   return fmt::format("{} {}", id_of(summary.run.asked), word(at(summary.run.asked, "transport")));
 }
 
-std::string percent(const json& share) {
+std::string percent_of(const json& share) {
   return share.is_number() ? fmt::format("{:.0f} %", share.get<double>() * 100) : nothing;
 }
 
@@ -123,9 +123,10 @@ Table loads_of(const Summaries& summaries) {
       if (achieved.is_null() && facts.is_null()) continue;
       const auto load = workers(asked);
       table.rows.push_back({fmt::format("{}: {}", summary.run.number, name_of(summary)), host,
-                            load.empty() ? "none" : load, percent(at(achieved, "cpu_busy")),
-                            percent(at(achieved, "cpu_pressure")), percent(at(achieved, "memory_pressure")),
-                            percent(at(achieved, "io_pressure")), megabytes(at(facts, "link"))});
+                            load.empty() ? "none" : load, percent_of(at(achieved, "cpu_busy")),
+                            percent_of(at(achieved, "cpu_pressure")),
+                            percent_of(at(achieved, "memory_pressure")),
+                            percent_of(at(achieved, "io_pressure")), megabytes(at(facts, "link"))});
     }
   }
   return table;

@@ -22,16 +22,15 @@ std::string share(std::uint64_t part, std::uint64_t whole) { return fmt::format(
 
 std::vector<std::string> row(const std::string& label, const Summary& summary, bool by_response) {
   const auto& of = summary.round_trip;
-  const auto& sure = summary.round_trip_certainty;
   const auto value = [&](double ns) { return of.count == 0 ? nothing : microseconds(ns); };
   std::vector<std::string> cells = {label,
                                     value(static_cast<double>(of.min)),
                                     value(of.mean),
-                                    percentile(of, of.p50, 2, sure.p50),
-                                    percentile(of, of.p90, 10, sure.p90),
-                                    percentile(of, of.p99, 100, sure.p99),
-                                    percentile(of, of.p99_9, 1000, sure.p99_9),
-                                    percentile(of, of.p99_99, 10000, sure.p99_99),
+                                    percentile(of, of.p50, 2),
+                                    percentile(of, of.p90, 10),
+                                    percentile(of, of.p99, 100),
+                                    percentile(of, of.p99_9, 1000),
+                                    percentile(of, of.p99_99, 10000),
                                     value(static_cast<double>(of.max)),
                                     share(summary.late, summary.sent),
                                     share(summary.lost, summary.sent)};
@@ -131,7 +130,7 @@ std::vector<Table> tables_of(Group group) {
   }
   for (const auto& paper : paper_rows(asked)) table.rows.push_back(row(paper, by_response));
   std::vector<Table> tables = {table};
-  const std::pair<Table, const char*> others[] = {{certainty_table(labels, group), "95 % sure"},
+  const std::pair<Table, const char*> others[] = {{certainty_table(labels, group), "95 % confidence intervals"},
                                                   {worst_case_table(labels, group), "worst case"},
                                                   {stages_table(labels, group), "stage by stage"},
                                                   {searches_table(group), "search"}};
@@ -177,10 +176,10 @@ std::string legend_of(const Page& page, const Summaries& summaries) {
   };
   if (any_cell([](const std::string& cell) { return cell.starts_with('~'); }))
     legend += " ~: fewer than 10 answers were slower.";
-  if (any_cell([](const std::string& cell) { return cell.starts_with('>'); }))
-    legend += " >: too few answers, or too dependent ones, to bound it from above.";
   if (any_cell([](const std::string& cell) { return cell.starts_with('['); }))
-    legend += " In brackets between what it lies; missed: late or lost.";
+    legend += " [low, high]: 95 % confidence interval.";
+  if (any_cell([](const std::string& cell) { return cell.starts_with("≥"); }))
+    legend += " ≥: lower limit alone; too few answers, or too dependent ones, for an upper limit.";
   if (any_cell([](const std::string& cell) { return cell == nothing; }))
     legend += " -: too few answers to tell.";
   if (any_of_paper(summaries))
@@ -202,13 +201,6 @@ std::string percentile(const Distribution& of, std::int64_t ns, std::uint64_t on
   if (of.count < one_in) return nothing;
   const std::uint64_t above = of.count / one_in;
   return (above < 10 ? "~" : "") + microseconds(static_cast<double>(ns));
-}
-
-std::string percentile(const Distribution& of, std::int64_t ns, std::uint64_t one_in,
-                       const statistics::Measured& certainty) {
-  if (of.count >= one_in && certainty.sure.low && !certainty.sure.high)
-    return "> " + microseconds(*certainty.sure.low);
-  return percentile(of, ns, one_in);
 }
 
 Page page_of(const Summaries& summaries) {

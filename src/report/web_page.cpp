@@ -65,13 +65,11 @@ constexpr const char* unknown = "<td class=\"number\">–</td>";
 std::string row_of(const Shown& run, std::size_t figure, bool by_response) {
   const auto& summary = *run.summary;
   const auto& of = summary.round_trip;
-  const auto& sure = summary.round_trip_certainty;
   const auto time = [&](double ns, const char* name) {
     return time_cell(of.count == 0 ? nothing : microseconds(ns), ns, name);
   };
-  const auto quantile = [&](std::int64_t ns, const char* name, std::uint64_t one_in,
-                            const statistics::Measured& certainty) {
-    return time_cell(percentile(of, ns, one_in, certainty), static_cast<double>(ns), name);
+  const auto quantile = [&](std::int64_t ns, const char* name, std::uint64_t one_in) {
+    return time_cell(percentile(of, ns, one_in), static_cast<double>(ns), name);
   };
   return fmt::format("<tr data-run=\"{}\"><th scope=\"row\"><a href=\"#run-{}\">{}</a></th>",
                      summary.run.number, figure, escaped(run.label)) +
@@ -80,8 +78,8 @@ std::string row_of(const Shown& run, std::size_t figure, bool by_response) {
           : !summary.late_by_response ? unknown
                                       : count_cell(*summary.late_by_response, "late_by_response", true)) +
          count_cell(summary.lost, "lost", true) + time(static_cast<double>(of.min), "min") +
-         time(of.mean, "mean") + quantile(of.p50, "p50", 2, sure.p50) +
-         quantile(of.p99, "p99", 100, sure.p99) + quantile(of.p99_9, "p99.9", 1000, sure.p99_9) +
+         time(of.mean, "mean") + quantile(of.p50, "p50", 2) + quantile(of.p99, "p99", 100) +
+         quantile(of.p99_9, "p99.9", 1000) +
          time(static_cast<double>(of.max), "max") +
          fmt::format("<td class=\"number\">{}</td><td class=\"range\" data-figure-of=\"{}\"></td></tr>\n",
                      against_deadline(summary), figure);

@@ -7,12 +7,21 @@
 #include <ctime>
 
 #include <linux/futex.h>
+#include <sched.h>
+#include <sys/prctl.h>
 #include <sys/syscall.h>
 #include <unistd.h>
 
 #include "transport/clock.hpp"
 
 namespace ontime::roundtrip {
+
+// Once by a thread that has its policy and is about to sleep. Kernels before 6.1.132, 6.6.84 and 6.12 add the
+// timer slack (50 µs by default) to a futex wait of a real-time thread, too, where clock_nanosleep has none.
+// An ordinary thread keeps its slack, as every program has it.
+inline void wake_as_precisely_as_the_policy_allows() noexcept {
+  if ((sched_getscheduler(0) & ~SCHED_RESET_ON_FORK) != SCHED_OTHER) prctl(PR_SET_TIMERSLACK, 1UL);
+}
 
 // An absolute sleep that another thread can end, for good unless it is reset. It sleeps on a futex rather
 // than in clock_nanosleep, which only a signal could end; both wait on the same kind of kernel timer.

@@ -80,10 +80,13 @@ class Client::Measurement final : public transport::Sink {
   // Real-time: on the transport's thread, or on the receiver's.
   void arrived(std::uint64_t sequence, std::span<std::byte> payload, std::int64_t at_ns) noexcept override {
     const auto session = message::session_of(sequence);
-    if (session == session_) {
+    const bool ours = session == session_ || session == warm_up_session_;
+    if (ours && payload.size() != payload_.size()) {
+      ledger_.wrong_size();
+    } else if (session == session_) {
       const bool first = ledger_.arrived(message::index_of(sequence), at_ns, message::server_times(payload));
       if (first && options_.schedule == Schedule::back_to_back) follow(at_ns);
-    } else if (session == warm_up_session_) {
+    } else if (ours) {
       warm_up_answers_.fetch_add(1, std::memory_order_relaxed);
     } else if (state_.load(std::memory_order_relaxed) == State::measuring) {
       ledger_.stray();
@@ -122,6 +125,7 @@ class Client::Measurement final : public transport::Sink {
     sender_tid_ = gettid();
     sender_tid_.notify_one();
     start_.wait();
+    wake_as_precisely_as_the_policy_allows();
     state_ = State::warming_up;
     warm_up();
     state_ = State::ready;
@@ -161,9 +165,8 @@ class Client::Measurement final : public transport::Sink {
     Measurement& self;
     void sleep_until(std::int64_t due_ns) noexcept { self.stop_.sleep_until(due_ns); }
     std::int64_t now_ns() const noexcept { return transport::now_ns(); }
-    std::int64_t stopped_ns() const noexcept {
-      return self.stop_.rung() ? self.stopped_ns_.load() : never_ns;
-    }
+    // Not by the alarm: stop() sets the time first, and a cycle may come between the two.
+    std::int64_t stopped_ns() const noexcept { return self.stopped_ns_.load(); }
     bool may_send(std::int64_t at_ns) noexcept {
       self.ledger_.settle(at_ns);
       return (self.options_.schedule == Schedule::fixed || self.ledger_.idle()) && self.ledger_.claim();

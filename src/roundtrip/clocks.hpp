@@ -13,7 +13,7 @@ namespace ontime::roundtrip {
 class Clocks {
  public:
   void add(const Sample& sample) {
-    if (sample.received_ns == 0 || sample.server_received_ns == 0 || sample.server_sent_ns == 0) return;
+    if (!has_server_times(sample)) return;
     const auto most_ns = sample.server_received_ns - sample.sent_ns;
     const auto least_ns = sample.server_sent_ns - sample.received_ns;
     const auto uncertainty_ns = (most_ns - least_ns) / 2;

@@ -59,7 +59,12 @@ bool Ledger::arrived(std::uint64_t index, std::int64_t at_ns,
   const auto becomes = [&](State state) {
     return entry.word.compare_exchange_strong(found, word_of(index, state), std::memory_order_acq_rel);
   };
-  const bool counts = in_time(at_ns, entry.sent_ns.load(std::memory_order_relaxed));
+  const auto sent_ns = entry.sent_ns.load(std::memory_order_relaxed);
+  if (at_ns < sent_ns) {
+    stray();
+    return false;
+  }
+  const bool counts = in_time(at_ns, sent_ns);
   const bool first = is(State::in_flight) && becomes(counts ? State::arriving : State::lost);
   const bool belated = !first && counts && is(State::lost) && becomes(State::arriving);
   if (!counts || (!first && !belated)) {
@@ -125,6 +130,10 @@ void Ledger::judge(Slot& entry, bool answered) noexcept {
     sample.received_ns = entry.answer.at_ns;
     sample.server_received_ns = entry.answer.server.received_ns;
     sample.server_sent_ns = entry.answer.server.sent_ns;
+    if (sample.server_sent_ns != 0 && !has_server_times(sample)) {
+      count(wrong_server_times_);
+      sample.server_received_ns = sample.server_sent_ns = 0;
+    }
     entry.word.store(word_of(sample.index, State::settled), std::memory_order_release);
   }
   const auto judged_from_ns = from_ == From::due ? sample.due_ns : sample.sent_ns;
@@ -157,6 +166,8 @@ Counters Ledger::counters() const noexcept {
   counters.duplicates = value(duplicates_);
   counters.strays = value(strays_);
   counters.reordered = value(reordered_);
+  counters.wrong_size = value(wrong_sizes_);
+  counters.wrong_server_times = value(wrong_server_times_);
   counters.skipped_cycles = value(skipped_cycles_);
   counters.refused_sends = value(refused_sends_);
   counters.dropped_records = value(dropped_records_);

@@ -43,9 +43,11 @@ class Ledger {
   bool idle() const noexcept { return next_ == oldest_; }
 
   // Receiver. True if this ended the wait for a message in flight: its first answer, be it beyond the
-  // time-out.
+  // time-out. An answer from before the message was sent is a stray: a peer may guess the next sequence
+  // number.
   bool arrived(std::uint64_t index, std::int64_t at_ns, std::optional<message::ServerTimes> server) noexcept;
   void stray() noexcept { count(strays_); }
+  void wrong_size() noexcept { count(wrong_sizes_); }
 
   // Any thread. From when on a message that is in flight is beyond its time-out.
   std::int64_t lost_from_ns(std::uint64_t index) noexcept {
@@ -105,8 +107,8 @@ class Ledger {
   std::atomic<Slot*> belated_{nullptr};  // answers in time to messages given up, for the owner
   std::atomic<std::uint64_t> highest_answered_{0};
   boost::lockfree::spsc_queue<Sample> samples_;
-  Count sent_{0}, on_time_{0}, late_{0}, lost_{0}, duplicates_{0}, strays_{0}, reordered_{0},
-      skipped_cycles_{0}, refused_sends_{0}, dropped_records_{0}, trailing_cycles_{0};
+  Count sent_{0}, on_time_{0}, late_{0}, lost_{0}, duplicates_{0}, strays_{0}, reordered_{0}, wrong_sizes_{0},
+      wrong_server_times_{0}, skipped_cycles_{0}, refused_sends_{0}, dropped_records_{0}, trailing_cycles_{0};
   std::atomic<std::int64_t> trailing_due_ns_{0}, trailing_until_ns_{0};
 };
 

@@ -200,6 +200,7 @@ class Neighbours::Group final : public transport::Sink {
     sender_tid_ = gettid();
     sender_tid_.notify_one();
     start_.wait();
+    wake_as_precisely_as_the_policy_allows();
     const auto step_ns = std::max<std::int64_t>(period_ns_ / topics_, 1);
     const auto walk_until = [&](Alarm& end, std::uint32_t session, std::int64_t for_ns) {
       // Also the only one of a duration that is shorter than its cycle is due within it.

@@ -46,8 +46,13 @@ struct ClientOptions {
 struct Counters {
   std::uint64_t sent = 0, on_time = 0, late = 0, lost = 0;
   std::uint64_t duplicates = 0;  // further answers to a message already answered
-  std::uint64_t strays = 0;      // answers to somebody else's messages, or after the time-out
-  std::uint64_t reordered = 0;   // answers that came after the answer to a later message
+  // Answers to another client's messages, to messages not sent yet, or after the time-out.
+  std::uint64_t strays = 0;
+  std::uint64_t reordered = 0;  // answers that came after the answer to a later message
+  // Answers whose payload has another size than the message's, also in the warm-up: they settle no message.
+  std::uint64_t wrong_size = 0;
+  // Answers with server times that do not fit into the round trip; their samples have none.
+  std::uint64_t wrong_server_times = 0;
   // Cycles without a message. With `sent` the cycles of the duration, or those due before stop(); what the
   // sending thread has found out so far, while it runs.
   std::uint64_t skipped_cycles = 0;
@@ -66,17 +71,20 @@ struct CounterName {
   const char* name;
   std::uint64_t Counters::*member;
 };
-inline constexpr std::array<CounterName, 11> counter_names{{{"sent", &Counters::sent},
-                                                            {"on_time", &Counters::on_time},
-                                                            {"late", &Counters::late},
-                                                            {"lost", &Counters::lost},
-                                                            {"duplicates", &Counters::duplicates},
-                                                            {"strays", &Counters::strays},
-                                                            {"reordered", &Counters::reordered},
-                                                            {"skipped_cycles", &Counters::skipped_cycles},
-                                                            {"refused_sends", &Counters::refused_sends},
-                                                            {"dropped_records", &Counters::dropped_records},
-                                                            {"trailing_cycles", &Counters::trailing_cycles}}};
+inline constexpr std::array<CounterName, 13> counter_names{
+    {{"sent", &Counters::sent},
+     {"on_time", &Counters::on_time},
+     {"late", &Counters::late},
+     {"lost", &Counters::lost},
+     {"duplicates", &Counters::duplicates},
+     {"strays", &Counters::strays},
+     {"reordered", &Counters::reordered},
+     {"wrong_size", &Counters::wrong_size},
+     {"wrong_server_times", &Counters::wrong_server_times},
+     {"skipped_cycles", &Counters::skipped_cycles},
+     {"refused_sends", &Counters::refused_sends},
+     {"dropped_records", &Counters::dropped_records},
+     {"trailing_cycles", &Counters::trailing_cycles}}};
 
 // A thread of ours or of the middleware; role "send" is the client's sending thread, "receive" the one that
 // delivers.

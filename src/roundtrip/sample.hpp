@@ -35,4 +35,17 @@ inline std::int64_t awaited_since_ns(const Sample& sample) {
   return slept ? sample.intended_ns : sample.due_ns;
 }
 
+// How late the sending thread ran for this message, with the cycles that it slept through before.
+inline std::int64_t wake_up_latency_ns(const Sample& sample) {
+  return sample.woke_ns - awaited_since_ns(sample);
+}
+
+// Whether the server gave both of its times, and its turnaround fits into the round trip. Any program may
+// answer, so these bytes may hold anything.
+inline bool has_server_times(const Sample& sample) {
+  return sample.received_ns != 0 && sample.server_received_ns != 0 && sample.server_sent_ns != 0 &&
+         sample.server_sent_ns >= sample.server_received_ns &&
+         sample.server_sent_ns - sample.server_received_ns <= sample.received_ns - sample.sent_ns;
+}
+
 }  // namespace ontime::roundtrip

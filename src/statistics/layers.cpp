@@ -74,15 +74,15 @@ struct Candidate {
   std::map<Repetition, const Summary*> runs;
 };
 
-struct Measured {
+struct MeasuredLayers {
   std::vector<Candidate> candidates;       // in order of their first run
   std::set<std::string> ids;               // of these
   std::vector<const Summary*> incomplete;  // in order
   std::set<std::string> below;             // ids that others add to
 };
 
-Measured measured_of(const std::vector<Summary>& summaries) {
-  Measured all;
+MeasuredLayers measured_of(const std::vector<Summary>& summaries) {
+  MeasuredLayers all;
   std::map<std::string, std::size_t> by_key;
   Sessions sessions;
   for (const auto& summary : summaries) {

@@ -33,8 +33,8 @@ constexpr std::array<std::pair<Kind, const char*>, 17> words{{{Kind::switched, "
 
 // No clock that counts from a machine's start shows more: 36 years.
 constexpr std::int64_t latest_ns = std::int64_t{1} << 60;
-constexpr std::int32_t most_cpus = 8192;     // that Linux can be built for
-constexpr std::size_t most_events = 50'000;  // several times those that a Recorder keeps of a window
+constexpr std::int32_t most_cpus = 8192;      // that Linux can be built for
+constexpr std::size_t most_of_file = 50'000;  // several times those that a Recorder keeps of a window
 
 // What an event does not say is left out.
 template <class Value>
@@ -135,8 +135,8 @@ Window window_of(const json& object) {
                 object.at("whole"),
                 {}};
   const auto& events = object.at("events");
-  if (events.size() > most_events)
-    throw Error(fmt::format("{} events, and a window has at most {}", events.size(), most_events));
+  if (events.size() > most_of_file)
+    throw Error(fmt::format("{} events, and a window has at most {}", events.size(), most_of_file));
   for (const auto& event : events) window.events.push_back(event_of(event, window.span.from_ns));
   if (!std::is_sorted(window.events.begin(), window.events.end(),
                       [](const Event& one, const Event& other) { return one.at_ns < other.at_ns; }))

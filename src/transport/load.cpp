@@ -11,6 +11,7 @@
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
+#include "spelling/spelling.hpp"
 #include "transport/transport.hpp"
 
 namespace ontime::transport {
@@ -111,8 +112,9 @@ const Plugin& load(const std::string& name) {
   looked.reserve(folders.size());
   for (const auto& folder : folders) looked.push_back(folder.string());
   const auto others = available();
-  throw Error(fmt::format("there is no transport '{}' here{}; there are: {}; looked in {}{}", name,
-                          remedy(name), others.empty() ? "none" : fmt::format("{}", fmt::join(others, ", ")),
+  throw Error(fmt::format("there is no transport '{}' here{}{}; there are: {}; looked in {}{}", name,
+                          spelling::suggestion(name, others), remedy(name),
+                          others.empty() ? "none" : fmt::format("{}", fmt::join(others, ", ")),
                           fmt::join(looked, ", "), not_followed()));
 }
 

@@ -233,7 +233,7 @@ class Udp final : public Endpoint {
     if (bind(socket_.fd(), reinterpret_cast<const sockaddr*>(&local), sizeof local) != 0)
       throw Error(
           errno == EADDRINUSE
-              ? fmt::format("UDP port {} is busy: another pong? Choose another by --domain or port=N", port)
+              ? fmt::format("UDP port {} is busy: does another pong run? Choose another port: --domain N or --option port=N", port)
               : fmt::format("cannot listen on UDP port {}: {}", port, errno_text()));
   }
 

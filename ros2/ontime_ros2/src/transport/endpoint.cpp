@@ -144,6 +144,7 @@ class RosEndpoint final : public Endpoint {
   void open_subscription();
   void start_spinning(const char* name);
   void start_waiting();
+  void wake_executor() noexcept;
   std::shared_ptr<rclcpp::Executor> executor() const;
   void publish(std::uint64_t sequence, std::span<const std::byte> payload);
   void on_message(const RoundTrip& message);
@@ -229,10 +230,25 @@ RosEndpoint<Alloc>::~RosEndpoint() {
   seat_.spinning.reset();  // the last of its endpoints: first, for it calls all the others
   waiting_.reset();
   graph_.reset();
-  // An executor that goes on holds the subscription while it calls it, and never else.
-  const std::weak_ptr<Subscription> called = subscription_;
+  // An executor that goes on holds the subscription while it calls it. From Jazzy on it holds it while it
+  // waits, too, and lets go only when it is woken.
+  const std::weak_ptr<Subscription> held = subscription_;
   subscription_.reset();
-  while (!called.expired()) std::this_thread::sleep_for(std::chrono::milliseconds(1));
+  while (!held.expired()) {
+    wake_executor();
+    std::this_thread::sleep_for(std::chrono::milliseconds(1));
+  }
+}
+
+// As rclcpp wakes it for a new subscription: by the node, or by a callback group that was added alone.
+template <typename Alloc>
+void RosEndpoint<Alloc>::wake_executor() noexcept {
+  try {
+    seat_.node->get_node_base_interface()->get_notify_guard_condition().trigger();
+    if (seat_.group) seat_.group->trigger_notify_guard_condition();
+  } catch (const std::exception&) {
+    // It is not there to be woken; the caller tries again.
+  }
 }
 
 template <typename Alloc>

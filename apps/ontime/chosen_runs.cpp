@@ -1,0 +1,67 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "chosen_runs.hpp"
+
+#include <algorithm>
+
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+
+#include "campaign/campaign.hpp"
+#include "flags.hpp"
+#include "spelling/spelling.hpp"
+
+namespace ontime::app {
+namespace {
+
+std::string id_of(const record::Run& run) {
+  const auto& id = record::at(run.asked, "id");
+  return id.is_string() ? id.get<std::string>() : "";
+}
+
+bool is_called(const record::Run& run, const std::string& word) {
+  return std::to_string(run.number) == word || id_of(run) == word;
+}
+
+// "1 to 12 (ids: idle, loaded)".
+std::string all_of(const std::vector<record::Run>& runs, std::vector<std::string>& ids) {
+  for (const auto& run : runs)
+    if (const auto id = id_of(run); !id.empty() && std::find(ids.begin(), ids.end(), id) == ids.end())
+      ids.push_back(id);
+  constexpr std::size_t most_ids = 20;
+  const auto shown = std::min(ids.size(), most_ids);
+  return fmt::format("{} to {} (ids: {}{})", runs.front().number, runs.back().number,
+                     fmt::join(ids.begin(), ids.begin() + static_cast<std::ptrdiff_t>(shown), ", "),
+                     shown < ids.size() ? ", …" : "");
+}
+
+}  // namespace
+
+void add_only(Command& command, std::vector<std::string>& words, const std::string& older) {
+  command.add_option("--only" + older, words, "only the runs with these ids or numbers")
+      ->delimiter(',')
+      ->allow_extra_args(false)
+      ->type_name("RUN,...")
+      ->check(given);
+}
+
+std::vector<record::Run> chosen_runs(const record::Reader& reader, const std::string& file,
+                                     const std::vector<std::string>& words) {
+  auto runs = reader.runs();
+  for (const auto& word : words) {
+    if (std::any_of(runs.begin(), runs.end(), [&](const auto& run) { return is_called(run, word); }))
+      continue;
+    if (runs.empty()) throw campaign::Error(2, fmt::format("--only: {} has no runs", file));
+    std::vector<std::string> ids;
+    const auto all = all_of(runs, ids);
+    throw campaign::Error(2, fmt::format("--only: {} has no run '{}'{}{} There are runs {}", file, word,
+                                         spelling::suggestion(word, ids),
+                                         spelling::nearest(word, ids).empty() ? "." : "", all));
+  }
+  if (!words.empty())
+    std::erase_if(runs, [&](const auto& run) {
+      return std::none_of(words.begin(), words.end(), [&](const auto& word) { return is_called(run, word); });
+    });
+  return runs;
+}
+
+}  // namespace ontime::app

@@ -1,0 +1,193 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "command.hpp"
+
+#include <algorithm>
+#include <cctype>
+#include <utility>
+
+#include <CLI/CLI.hpp>
+
+#include "spelling/spelling.hpp"
+
+namespace ontime::app {
+namespace {
+
+// What the user may have meant by the first word that the command does not know.
+std::string meant(const CLI::App& command, const std::vector<std::string>& unknown) {
+  if (unknown.empty()) return "";
+  const auto word = unknown.front().substr(0, unknown.front().find('='));
+  std::vector<std::string> words;
+  if (word.starts_with('-')) {
+    for (const auto* option : command.get_options())
+      if (!option->get_group().empty())
+        for (const auto& name : option->get_lnames()) words.push_back("--" + name);
+  } else {
+    for (const auto* one : command.get_subcommands({}))
+      if (!one->get_group().empty()) words.push_back(one->get_name());
+  }
+  return spelling::suggestion(word, words);
+}
+
+// "ontime tune apply".
+std::string path_of(const CLI::App& command) {
+  return (command.get_parent() == nullptr ? "" : path_of(*command.get_parent()) + " ") + command.get_name();
+}
+
+// The command that the user named: CLI11 tells the program's own errors that are of a command.
+const CLI::App& named(const CLI::App& from) {
+  const auto chosen = from.get_subcommands();
+  return chosen.empty() ? from : named(*chosen.back());
+}
+
+std::string message_of(const CLI::App* from, const CLI::Error& error) {
+  const auto& command = named(*from);
+  const auto unknown = command.remaining(true);
+  std::string text = error.what();
+  if (!unknown.empty() && dynamic_cast<const CLI::RequiredError*>(&error) != nullptr &&
+      !command.get_subcommands({}).empty())
+    text = "there is no command '" + unknown.front() + "'";
+  else if (!unknown.empty() && dynamic_cast<const CLI::ExtrasError*>(&error) != nullptr)
+    text = (unknown.front().starts_with('-') ? "there is no option '" : "one word too many: '") +
+           unknown.front() + "'";
+  return "ontime: " + text + meant(command, unknown) + "\n" + path_of(command) +
+         " --help shows what there is.\n";
+}
+
+}  // namespace
+
+Option* Option::type_name(const std::string& name) {
+  option_->type_name(name);
+  return this;
+}
+Option* Option::group(const std::string& title) {
+  option_->group(title);
+  return this;
+}
+Option* Option::required() {
+  option_->required();
+  return this;
+}
+Option* Option::check(Check check) {
+  option_->check(CLI::Validator(check, ""));
+  return this;
+}
+Option* Option::range(int least, int most) {
+  option_->check(CLI::Range(least, most));
+  return this;
+}
+Option* Option::delimiter(char between) {
+  option_->delimiter(between);
+  return this;
+}
+Option* Option::allow_extra_args(bool allowed) {
+  option_->allow_extra_args(allowed);
+  return this;
+}
+Option* Option::expected(int least, int most) {
+  option_->expected(least, most);
+  return this;
+}
+Option* Option::excludes(const std::string& flag) {
+  option_->excludes(flag);
+  return this;
+}
+Option* Option::excludes(Option* other) {
+  option_->excludes(other->option_);
+  return this;
+}
+Option* Option::needs(const std::string& flag) {
+  option_->needs(flag);
+  return this;
+}
+Option* Option::needs(Option* other) {
+  option_->needs(other->option_);
+  return this;
+}
+
+std::size_t Option::count() const { return option_->count(); }
+bool Option::is_shown() const { return !option_->get_group().empty(); }
+bool Option::is_positional() const { return option_->get_positional(); }
+std::vector<std::string> Option::flags() const {
+  auto names = option_->get_lnames();
+  for (auto& name : names) name.insert(0, "--");
+  return names;
+}
+std::string Option::name() const { return option_->get_name(); }
+std::string Option::type_name() const { return option_->get_type_name(); }
+
+Command::Command(CLI::App* app) : app_(app) { keep(app_->get_help_ptr()); }
+Command::~Command() = default;
+
+Option* Command::keep(CLI::Option* option) {
+  return options_.emplace_back(std::make_unique<Option>(option)).get();
+}
+
+Command* Command::add_subcommand(const std::string& name, const std::string& help) {
+  return commands_.emplace_back(std::make_unique<Command>(app_->add_subcommand(name, help))).get();
+}
+
+Option* Command::add_option(const std::string& flags, std::string& value, const std::string& help) {
+  return keep(app_->add_option(flags, value, help));
+}
+Option* Command::add_option(const std::string& flags, std::vector<std::string>& values,
+                            const std::string& help) {
+  return keep(app_->add_option(flags, values, help));
+}
+Option* Command::add_option(const std::string& flags, std::vector<std::int64_t>& values,
+                            const std::string& help) {
+  return keep(app_->add_option(flags, values, help));
+}
+Option* Command::add_option(const std::string& flags, std::optional<int>& value, const std::string& help) {
+  return keep(app_->add_option(flags, value, help));
+}
+Option* Command::add_option(const std::string& flags, std::optional<std::int64_t>& value,
+                            const std::string& help) {
+  return keep(app_->add_option(flags, value, help));
+}
+Option* Command::add_option(const std::string& flags, std::optional<std::uint64_t>& value,
+                            const std::string& help) {
+  return keep(app_->add_option(flags, value, help));
+}
+Option* Command::add_flag(const std::string& flags, bool& value, const std::string& help) {
+  return keep(app_->add_flag(flags, value, help));
+}
+
+Command* Command::group(const std::string& title) {
+  app_->group(title);
+  return this;
+}
+Command* Command::footer(const std::string& text) {
+  app_->footer(text);
+  return this;
+}
+Command* Command::require_subcommand() {
+  app_->require_subcommand(1);
+  return this;
+}
+Command* Command::callback(std::function<void()> action) {
+  app_->callback(std::move(action));
+  return this;
+}
+
+std::string Command::name() const { return app_->get_name(); }
+bool Command::is_shown() const { return !app_->get_group().empty(); }
+
+Program::Program(const std::string& name, const std::string& help, const std::string& version)
+    : app_(std::make_unique<CLI::App>(help, name)) {
+  app_->set_version_flag("--version", version);
+  app_->get_formatter()->column_width(34);
+  app_->failure_message(message_of);
+  command_ = std::make_unique<Command>(app_.get());
+}
+Program::~Program() = default;
+
+std::optional<int> Program::parse(int argc, char** argv) {
+  try {
+    app_->parse(argc, argv);
+    return std::nullopt;
+  } catch (const CLI::ParseError& error) {
+    return app_->exit(error) == 0 ? 0 : 2;
+  }
+}
+
+}  // namespace ontime::app

@@ -1,0 +1,102 @@
+// SPDX-License-Identifier: Apache-2.0
+// A command line: commands, their options, and what --help says. It hides CLI11, which costs every file that
+// includes it five seconds of compiling.
+#pragma once
+
+#include <cstdint>
+#include <functional>
+#include <memory>
+#include <optional>
+#include <string>
+#include <vector>
+
+namespace CLI {
+class App;
+class Option;
+}  // namespace CLI
+
+namespace ontime::app {
+
+// Says what is wrong with a value; "": nothing.
+using Check = std::string (*)(const std::string& value);
+
+class Option {
+ public:
+  explicit Option(CLI::Option* option) : option_(option) {}
+  Option(const Option&) = delete;
+  Option& operator=(const Option&) = delete;
+
+  Option* type_name(const std::string&);    // "on|off": these words, which shells complete
+  Option* group(const std::string& title);  // in --help; "": --help hides it
+  Option* required();
+  Option* check(Check);
+  Option* range(int least, int most);
+  Option* delimiter(char);         // of a list
+  Option* allow_extra_args(bool);  // false: each value of a list has its own flag
+  Option* expected(int least, int most);
+  Option* excludes(const std::string& flag);
+  Option* excludes(Option*);
+  Option* needs(const std::string& flag);
+  Option* needs(Option*);
+
+  std::size_t count() const;  // how often the user gave it
+  bool is_shown() const;      // in --help
+  bool is_positional() const;
+  std::vector<std::string> flags() const;  // "--only"; without those of one letter
+  std::string name() const;                // "--only", or "RESULTS"
+  std::string type_name() const;
+
+ private:
+  CLI::Option* option_;
+};
+
+class Command {
+ public:
+  explicit Command(CLI::App* app);
+  ~Command();
+  Command(const Command&) = delete;
+  Command& operator=(const Command&) = delete;
+
+  // Options and commands live as long as this one. A value must live until the command has run.
+  Command* add_subcommand(const std::string& name, const std::string& help);
+  Option* add_option(const std::string& flags, std::string& value, const std::string& help);
+  Option* add_option(const std::string& flags, std::vector<std::string>& values, const std::string& help);
+  Option* add_option(const std::string& flags, std::vector<std::int64_t>& values, const std::string& help);
+  Option* add_option(const std::string& flags, std::optional<int>& value, const std::string& help);
+  Option* add_option(const std::string& flags, std::optional<std::int64_t>& value, const std::string& help);
+  Option* add_option(const std::string& flags, std::optional<std::uint64_t>& value, const std::string& help);
+  Option* add_flag(const std::string& flags, bool& value, const std::string& help);
+
+  Command* group(const std::string& title);  // in --help; "": --help hides it
+  Command* footer(const std::string& text);
+  Command* require_subcommand();
+  Command* callback(std::function<void()>);  // once the whole command line was read
+
+  std::string name() const;
+  bool is_shown() const;
+  const std::vector<std::unique_ptr<Command>>& subcommands() const { return commands_; }
+  const std::vector<std::unique_ptr<Option>>& options() const { return options_; }
+
+ private:
+  Option* keep(CLI::Option*);
+  CLI::App* app_;
+  std::vector<std::unique_ptr<Command>> commands_;
+  std::vector<std::unique_ptr<Option>> options_;  // --help first
+};
+
+// The program's own, which all others are of.
+class Program {
+ public:
+  Program(const std::string& name, const std::string& help, const std::string& version);
+  ~Program();
+  Command& command() { return *command_; }
+  // Reads the command line and calls the callbacks; the exit code, if that was all: of --help, or of an error
+  // that it printed.
+  std::optional<int> parse(int argc, char** argv);
+
+ private:
+  std::unique_ptr<CLI::App> app_;
+  std::unique_ptr<Command> command_;
+};
+
+}  // namespace ontime::app

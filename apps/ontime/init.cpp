@@ -1,0 +1,178 @@
+// SPDX-License-Identifier: Apache-2.0
+// A scenario to start from, for hosts that are reached by ssh.
+#include <array>
+#include <cstdio>
+#include <filesystem>
+#include <sstream>
+
+#include <fmt/format.h>
+#include <sys/wait.h>
+
+#include "campaign/campaign.hpp"
+#include "campaign/ssh.hpp"
+#include "command.hpp"
+#include "commands.hpp"
+#include "flags.hpp"
+#include "machine/machine.hpp"
+#include "output.hpp"
+#include "terminal.hpp"
+
+namespace ontime::app {
+namespace {
+
+using campaign::Error;
+
+struct Arguments {
+  std::vector<std::string> hosts;
+  std::string output;
+};
+
+// A machine and its interface that ssh takes.
+struct Place {
+  std::string ssh;  // "": this machine
+  std::string interface, address;
+  std::string peer;  // the address at the other end of the ssh connection
+  bool has_ontime = true;
+};
+
+// What a command prints, with its errors, and its exit code.
+std::pair<std::string, int> said_by(const std::vector<std::string>& words) {
+  const auto command = campaign::quoted(words) + " 2>&1 </dev/null";
+  auto* const pipe = ::popen(command.c_str(), "re");
+  if (pipe == nullptr) throw Error(3, "this machine cannot start another process");
+  std::string said;
+  std::array<char, 4096> part{};
+  while (const auto bytes = std::fread(part.data(), 1, part.size(), pipe)) said.append(part.data(), bytes);
+  const int status = ::pclose(pipe);
+  return {said, WIFEXITED(status) ? WEXITSTATUS(status) : 1};
+}
+
+// The addresses of the connection, the interface there that has the second, and whether ontime is there.
+constexpr const char* question =
+    "set -- $SSH_CONNECTION; echo ontime-init \"$1\" \"$3\" "
+    "\"$(ip -o addr show 2>/dev/null | awk -v a=\"$3\" '{split($4, b, \"/\"); if (b[1] == a) {print $2; "
+    "exit}}')\" "
+    "\"$(command -v ontime >/dev/null && echo yes || echo no)\"";
+
+Place place_of(const std::string& host) {
+  const auto [said, code] = said_by({"ssh", "-T", "-o", "BatchMode=yes", "-o", "ConnectTimeout=5", host,
+                                     campaign::quoted({"sh", "-c", question})});
+  const auto answer = said.find("ontime-init ");
+  if (code != 0 || answer == said.npos)
+    throw Error(3, fmt::format("{}: {}", host, campaign::reason_of(host, "sh", code, said)));
+  Place place;
+  place.ssh = host;
+  std::istringstream words(said.substr(answer));
+  std::string mark, has_ontime;
+  words >> mark >> place.peer >> place.address >> place.interface >> has_ontime;
+  if (has_ontime.empty()) {  // `ip` is not there, or the address is another's, as behind a router
+    has_ontime = place.interface;
+    place.interface.clear();
+  }
+  place.has_ontime = has_ontime == "yes";
+  return place;
+}
+
+// This machine, as the other end of the connection to `other` sees it.
+Place this_machine(const Place& other) {
+  Place place;
+  place.address = other.peer;
+  place.interface = machine::interface_to(other.address, "");
+  return place;
+}
+
+std::string line_of(const char* role, const Place& place) {
+  auto line = fmt::format("  {}: {{", role);
+  if (!place.ssh.empty()) line += fmt::format("ssh: {}, ", campaign::quoted({place.ssh}));
+  return line + fmt::format("interface: {}, address: {}}}\n",
+                            place.interface.empty() ? "NAME" : place.interface, place.address);
+}
+
+std::string scenario_of(const Place& controller, const Place& component) {
+  return fmt::format(R"(# Carry it out: ontime run FILE. All keys: docs/scenario.md.
+title: From {0} to {1}
+
+# The controller sends, the component answers. "ssh" is what you type after `ssh`; without it, it is this machine.
+# "interface" is the link under test, which messages take; "address" is where the other end finds it.
+hosts:
+{2}{3}
+# What holds for all runs. `ontime scenarios FILE` shows how long they take.
+defaults:
+  transport: udp     # or a list: [udp, cyclonedds, fastdds]
+  payload: 500 B
+  period: 10 ms
+  deadline: 10 ms    # a later answer is late
+  duration: 10 s
+
+runs:
+  - id: idle
+    title: Nothing else runs
+  - id: loaded
+    title: The component's CPUs are busy
+    load: {{component: {{cpu: 2}}}}
+  - id: loaded-realtime
+    title: The component's CPUs are busy, with real-time settings
+    load: {{component: {{cpu: 2}}}}
+    realtime: on
+)",
+                     controller.ssh.empty() ? "this machine" : controller.ssh, component.ssh,
+                     line_of("controller", controller), line_of("component", component));
+}
+
+// "me@robot.local" → "robot".
+std::string stem_of(const std::string& host) {
+  auto name = host.substr(host.find('@') == host.npos ? 0 : host.find('@') + 1);
+  name = name.substr(0, name.find('.'));
+  std::erase_if(name, [](unsigned char c) { return std::isalnum(c) == 0 && c != '-' && c != '_'; });
+  return name.empty() ? "scenario" : name;
+}
+
+int init(const Arguments& arguments) {
+  if (arguments.hosts.size() > 2)
+    throw Error(2, "HOST: a scenario has two hosts, and one of them may be this machine: name one or two");
+  for (const auto& host : arguments.hosts)
+    if (host.empty() || host.starts_with('-'))
+      throw Error(2, fmt::format("HOST: '{}' is not what ssh can connect to, such as me@robot", host));
+  const auto file = arguments.output.empty() ? stem_of(arguments.hosts.back()) + ".yaml" : arguments.output;
+  if (std::filesystem::exists(std::filesystem::symlink_status(file)))
+    throw Error(2, fmt::format("{} exists: name another file (--output FILE)", file));
+  const auto component = place_of(arguments.hosts.back());
+  const auto controller =
+      arguments.hosts.size() == 2 ? place_of(arguments.hosts.front()) : this_machine(component);
+  Output output(file);
+  output.write(scenario_of(controller, component));
+  output.finish();
+  bool lacks_ontime = false;
+  for (const auto* place : {&controller, &component}) {
+    if (place->ssh.empty()) continue;
+    lacks_ontime = lacks_ontime || !place->has_ontime;
+    print_error(
+        fmt::format("{}: reached{}", place->ssh,
+                    place->has_ontime ? "" : "; ontime is not installed there, so --deploy brings it"));
+    if (place->interface.empty())
+      print_error(fmt::format("{}: no interface there has the address {}: replace NAME in {}", place->ssh,
+                              place->address, file));
+  }
+  print(fmt::format("{}: look at it, then: ontime run {}{}\n", file, campaign::quoted({file}),
+                    lacks_ontime ? " --deploy" : ""));
+  return 0;
+}
+
+}  // namespace
+
+void add_init(Command& app, Action& action) {
+  auto* command =
+      app.add_subcommand("init", "Checks that hosts can be reached, and writes a scenario for them");
+  command->footer(
+      "It takes the addresses and interfaces that ssh takes. Where the robot has a link of its own for "
+      "messages, change them in the file.");
+  auto arguments = std::make_shared<Arguments>();
+  command
+      ->add_option("HOST", arguments->hosts,
+                   "what you type after ssh: the component; or the controller and the component")
+      ->required();
+  add_file(*command, "--output", arguments->output, "the scenario's file: COMPONENT.yaml");
+  command->callback([&action, arguments] { action = [arguments] { return init(*arguments); }; });
+}
+
+}  // namespace ontime::app

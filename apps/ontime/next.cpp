@@ -1,0 +1,70 @@
+// SPDX-License-Identifier: Apache-2.0
+// What `ontime` alone says: what to do next on this machine.
+#include <algorithm>
+#include <filesystem>
+#include <system_error>
+
+#include <fmt/format.h>
+#include <unistd.h>
+
+#include "campaign/ssh.hpp"
+#include "commands.hpp"
+#include "fitness/fitness.hpp"
+#include "terminal.hpp"
+#include "transport/transport.hpp"
+
+namespace ontime::app {
+namespace {
+
+namespace fs = std::filesystem;
+
+// The newest results file in this folder; "": none.
+std::string newest_results() {
+  std::string newest;
+  fs::file_time_type newest_time{};
+  std::error_code none;
+  for (const auto& entry : fs::directory_iterator(".", none)) {
+    if (entry.path().extension() != ".ontime") continue;
+    const auto time = entry.last_write_time(none);
+    if (none || (!newest.empty() && time <= newest_time)) continue;
+    newest = entry.path().filename().string();
+    newest_time = time;
+  }
+  return newest;
+}
+
+std::string state_of_machine() {
+  const auto findings = fitness::check({});
+  const auto count = [&](fitness::Severity severity) {
+    return std::count_if(findings.begin(), findings.end(),
+                         [&](const auto& finding) { return finding.severity == severity; });
+  };
+  return fmt::format("{} to fix, {} hints", count(fitness::Severity::wrong), count(fitness::Severity::hint));
+}
+
+}  // namespace
+
+int show_next() {
+  const auto transports = transport::available();
+  const bool has_udp = std::find(transports.begin(), transports.end(), "udp") != transports.end();
+  std::string text = "Do a robot's messages arrive on time? Next on this machine:\n";
+  const auto add = [&](const std::string& command, const std::string& what) {
+    text += fmt::format("  {:<42}  {}\n", command, what);
+  };
+  if (const auto results = newest_results(); !results.empty())
+    add("ontime report " + campaign::quoted({results}), "the newest results in this folder");
+  if (transports.empty())
+    add("ls ../lib/ontime", "no transport is installed: install ontime anew");
+  else
+    add(fmt::format("ontime ping --transport {} --loopback", has_udp ? "udp" : transports.front()),
+        "a first round trip, 10 s");
+  add("ontime check", "is this machine fit? " + state_of_machine());
+  add(geteuid() == 0 ? "ontime run demo" : "sudo ontime run demo", "under load, with and without real-time");
+  add("ontime init ROBOT", "a scenario for this machine and ROBOT");
+  add("ontime completion bash --help", "let the shell complete all this");
+  add("ontime --help", "all commands");
+  print(text);
+  return 0;
+}
+
+}  // namespace ontime::app
