@@ -66,6 +66,8 @@ struct Run {
   std::string where;  // "FILE:LINE", of a scenario
   // What tells it from others of the same id, beside transport and repetition: "payload 32 KiB".
   std::string variant;
+  // The same, key by key.
+  std::vector<std::pair<std::string, std::string>> varied;
   std::string adds_to;               // the id of the layer below, where the runs of a session are layers
   std::vector<std::string> require;  // what must hold at the end: gates, checked as such
   // The key that a search raises, and which of its values this is; no key: the run is no step of a search.
@@ -105,6 +107,9 @@ struct Field {
   std::string values;  // for people: "1 …"
   std::string help;
   enum class For { client, both } end = For::client;
+  // In tables and labels, around its value: "every {}"; "": its group has words for it, or it needs none.
+  std::string phrase{};
+  enum class Unit { none, us, s, bytes, share } unit = Unit::none;  // of its JSON
   // Throws std::invalid_argument, for people.
   std::function<void(Run&, const std::string&)> set{};
   std::string json{};  // where a record and an order have it: "qos.depth"; "": nowhere
@@ -120,8 +125,10 @@ const std::vector<Key>& keys();  // those that can be said
 nlohmann::json to_json(const Run&);
 // The way back. What is not there stays as it is by default. Throws std::exception for what no run can have.
 Run run_of(const nlohmann::json&);
-// Of a record, whoever wrote it: what no run can have is left out as well.
+// Of a record of any program: what no run can have is left out as well.
 Run run_of_record(const nlohmann::json&);
+// What a record has by the name of a field; null: nothing.
+const nlohmann::json& member_of(const nlohmann::json& record, const std::string& name);
 
 // The least priority of the threads that a message passes through; 0: of SCHED_OTHER.
 int application_priority(const Run&);

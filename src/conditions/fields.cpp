@@ -67,6 +67,13 @@ Codec<std::vector<std::string>> list_or_null() {
           [](Json from) { return from.get<List>(); }};
 }
 
+Codec<std::vector<std::pair<std::string, std::string>>> pairs_or_null() {
+  using Pairs = std::vector<std::pair<std::string, std::string>>;
+  return {{},
+          [](const Pairs& pairs) { return pairs.empty() ? json() : json(pairs); },
+          [](Json from) { return from.get<Pairs>(); }};
+}
+
 Codec<Security> security() {
   auto codec =
       words<Security>({Security::off, Security::authenticate, Security::sign, Security::encrypt}, word_of);
@@ -159,26 +166,29 @@ Fields fields_of_sending() {
   return {
       said(field(
                {"payload", "--payload", "",
-                "bytes beside the sequence number: 500 B; for pong at most: 60 kB", both},
+                "bytes beside the sequence number: 500 B; for pong at most: 60 kB", both, "{}"},
                "payload_bytes", size(), [](Run & run) -> auto& { return run.task.client.payload_bytes; }),
            [](Run& run, Text text) {
              run.task.client.payload_bytes = run.task.config.max_payload_bytes = payload_of(text);
            }),
       field(
-          {"schedule", "--schedule", "", "when the next message is sent: next-free"}, "schedule",
+          {"schedule", "--schedule", "", "when the next message is sent: next-free", client, "{}"},
+          "schedule",
           words({Schedule::next_free, Schedule::fixed, Schedule::back_to_back}, roundtrip::word_of),
           [](Run & run) -> auto& { return run.task.client.schedule; }),
       field(
-          {"period", "--period", "", "of sending: 10 ms"}, "period_us", time(us, period_of),
-          [](Run & run) -> auto& { return run.task.client.period; }),
+          {"period", "--period", "", "of sending: 10 ms", client, "every {}"}, "period_us",
+          time(us, period_of), [](Run & run) -> auto& { return run.task.client.period; }),
       field(
-          {"deadline", "--deadline", "", "a longer round trip is late: 10 ms"}, "deadline_us",
-          time(us, up_to_an_hour), [](Run & run) -> auto& { return run.task.client.deadline; }),
+          {"deadline", "--deadline", "", "a longer round trip is late: 10 ms", client, "deadline {}"},
+          "deadline_us", time(us, up_to_an_hour),
+          [](Run & run) -> auto& { return run.task.client.deadline; }),
       field(
-          {"timeout", "--timeout", "", "a message without an answer for longer is lost: 500 ms"},
+          {"timeout", "--timeout", "", "a message without an answer for longer is lost: 500 ms", client,
+           "time-out {}"},
           "timeout_us", time(us, up_to_an_hour), [](Run & run) -> auto& { return run.task.client.timeout; }),
       field(
-          {"duration", "--duration", "", "of sending, warm-up not counted: 10 s"}, "duration_s",
+          {"duration", "--duration", "", "of sending, warm-up not counted: 10 s", client, "{}"}, "duration_s",
           time(s, [](Text text) { return positive_duration(text); }),
           [](Run & run) -> auto& { return run.task.client.duration; }),
       field(
@@ -186,7 +196,7 @@ Fields fields_of_sending() {
           number<std::uint64_t>(1, 1'000'000), [](Run & run) -> auto& { return run.task.client.warm_up; }),
       field(
           {"receive", "--receive", "", "on the middleware's thread, or on one of ours that waits: listener",
-           both},
+           both, "{}"},
           "receive",
           words<transport::Receive>({transport::Receive::listener, transport::Receive::waitset}, word_of),
           [](Run & run) -> auto& { return run.task.config.receive; })};
@@ -200,7 +210,7 @@ Fields fields_of_topics() {
       ros_name(), [](Run & run) -> auto& { return run.ros_namespace; });
   return {said(field(
                    {"domain", "--domain", "",
-                    "DDS domain, and for udp port 7900 + domain: $ROS_DOMAIN_ID, or 0", both},
+                    "DDS domain, and for udp port 7900 + domain: $ROS_DOMAIN_ID, or 0", both, "domain {}"},
                    "domain", number<int>(0, max_domain),
                    [](Run & run) -> auto& { return run.task.config.domain; }),
                [](Run& run, Text text) { run.domain = static_cast<int>(number_of(text, 0, max_domain)); }),
@@ -236,7 +246,8 @@ Fields fields_of_topics() {
               [](Run & run) -> auto& { return run.task.config.qos.durability; }),
           field(
               {"security", "", "",
-               "DDS Security: whether both ends show who they are, and what becomes of each payload: off"},
+               "DDS Security: whether both ends show who they are, and what becomes of each payload: off",
+               client, "security {}"},
               "security", security(), [](Run & run) -> auto& { return run.security; })};
 }
 
@@ -251,19 +262,6 @@ constexpr std::pair<const char*, bool (*)(const Run&)> groups[] = {
 json::json_pointer pointer(std::string path) {
   std::replace(path.begin(), path.end(), '.', '/');
   return json::json_pointer("/" + path);
-}
-
-const json& at(const json& all, const std::string& path) {
-  static const json none;
-  const auto* here = &all;
-  for (std::size_t begin = 0; begin <= path.size();) {
-    const auto end = std::min(path.find('.', begin), path.size());
-    const auto found = here->is_object() ? here->find(path.substr(begin, end - begin)) : here->end();
-    if (!here->is_object() || found == here->end()) return none;
-    here = &*found;
-    begin = end + 1;
-  }
-  return *here;
 }
 
 }  // namespace
@@ -318,6 +316,19 @@ const std::vector<Key>& keys() {
   return list;
 }
 
+const json& member_of(const json& record, const std::string& path) {
+  static const json none;
+  const auto* here = &record;
+  for (std::size_t begin = 0; begin <= path.size();) {
+    const auto end = std::min(path.find('.', begin), path.size());
+    const auto found = here->is_object() ? here->find(path.substr(begin, end - begin)) : here->end();
+    if (!here->is_object() || found == here->end()) return none;
+    here = &*found;
+    begin = end + 1;
+  }
+  return *here;
+}
+
 json to_json(const Run& run) {
   auto all = json::object();
   for (const auto& field : fields())
@@ -330,7 +341,7 @@ json to_json(const Run& run) {
 Run run_of(const json& from) {
   Run run;
   for (const auto& field : fields())
-    if (const auto& value = field.from_json ? at(from, field.json) : json(); !value.is_null())
+    if (const auto& value = field.from_json ? member_of(from, field.json) : json(); !value.is_null())
       field.from_json(run, value);
   return run;
 }
@@ -339,7 +350,7 @@ Run run_of_record(const json& from) {
   Run run;
   for (const auto& field : fields()) {
     if (!field.from_json) continue;
-    const auto& value = at(from, field.json);
+    const auto& value = member_of(from, field.json);
     if (!value.is_null()) try {
         field.from_json(run, value);
       } catch (const std::exception&) {  // a record may be of another program

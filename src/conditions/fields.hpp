@@ -25,22 +25,25 @@ struct Codec {
   std::function<nlohmann::json(const Value&)> to_json;
   std::function<Value(Json)> of_json;
   std::string values{};  // for people, where they follow from it: "on|off"
+  Field::Unit unit = Field::Unit::none;
 };
 
 // Where a run holds a value.
 template <typename Value>
 using Place = std::function<std::type_identity_t<Value>&(Run&)>;
 
-// How a field is said: path, flag, values and help as Field has them.
+// How a field is said: as Field has it.
 struct Said {
   std::string path, flag, values, help;
   Field::For end = Field::For::client;
+  std::string phrase{};
 };
 inline constexpr auto client = Field::For::client, both = Field::For::both;
 
 template <typename Value>
 Field field(Said said, std::string json, Codec<Value> codec, Place<Value> place) {
-  Field made{said.path, said.flag, said.values.empty() ? codec.values : said.values, said.help, said.end};
+  Field made{said.path,   said.flag, said.values.empty() ? codec.values : said.values, said.help, said.end,
+             said.phrase, codec.unit};
   if (!said.path.empty() && codec.of_text)
     made.set = [place, of_text = codec.of_text](Run& run, Text text) { place(run) = of_text(text); };
   if (json.empty()) return made;
@@ -118,10 +121,11 @@ inline Codec<std::optional<int>> number_or_null(std::int64_t least, std::int64_t
 inline Codec<std::uint64_t> size(std::function<std::uint64_t(Text)> of_text = bytes_of) {
   auto codec = number<std::uint64_t>(std::move(of_text));
   codec.values = "SIZE";
+  codec.unit = Field::Unit::bytes;
   return codec;
 }
 inline Codec<double> share(std::function<double(Text)> of_text = share_of) {
-  return {std::move(of_text), as_is<double>, finite, "PERCENT"};
+  return {std::move(of_text), as_is<double>, finite, "PERCENT", Field::Unit::share};
 }
 
 // A time that JSON has in units of so many ns: µs, s.
@@ -137,7 +141,8 @@ inline Codec<std::chrono::nanoseconds> time(double unit_ns,
   return {
       std::move(of_text),
       [=](const std::chrono::nanoseconds& value) { return nlohmann::json(in_us(value) / (unit_ns / us)); },
-      [=](Json from) { return time_from(from, unit_ns); }, "TIME"};
+      [=](Json from) { return time_from(from, unit_ns); }, "TIME",
+      unit_ns == us ? Field::Unit::us : Field::Unit::s};
 }
 
 // One of these words, each of which word_of() gives for its value.

@@ -85,7 +85,7 @@ Codec<microseconds> delay() {
     return whole;
   };
   return {of_text, [](microseconds value) { return json(value.count()); },
-          [](Json from) { return microseconds(whole<std::int64_t>(from)); }, "TIME"};
+          [](Json from) { return microseconds(whole<std::int64_t>(from)); }, "TIME", Field::Unit::us};
 }
 
 Codec<std::string> qdisc() {
@@ -150,38 +150,46 @@ Fields link_fields() {
   const Codec<std::int64_t> launch_ns{
       [=](Text text) { return launch.of_text(text).count(); },
       [=](std::int64_t ns) { return ns > 0 ? launch.to_json(std::chrono::nanoseconds(ns)) : json(); },
-      [=](Json from) { return launch.of_json(from).count(); }, "TIME"};
+      [=](Json from) { return launch.of_json(from).count(); }, "TIME", Field::Unit::us};
   return {
       field(
-          {"link.loss", "", "", "share of the frames that come to either end and are lost: none"},
+          {"link.loss", "", "", "share of the frames that come to either end and are lost: none", client,
+           "loses {}"},
           "link.loss", share(), [](Run & run) -> auto& { return run.faults.loss; }),
       field(
-          {"link.duplicate", "", "", "share of the frames that either end sends twice: none"},
+          {"link.duplicate", "", "", "share of the frames that either end sends twice: none", client,
+           "doubles {}"},
           "link.duplicates", share(), [](Run & run) -> auto& { return run.faults.duplicates; }),
       field(
-          {"link.delay", "", "", "of all that either end sends, on its way: none"}, "link.delay_us", delay(),
-          [](Run & run) -> auto& { return run.faults.delay; }),
+          {"link.delay", "", "", "of all that either end sends, on its way: none", client, "delays {}"},
+          "link.delay_us", delay(), [](Run & run) -> auto& { return run.faults.delay; }),
       field(
-          {"link.jitter", "", "", "by how much that delay varies, either way: not at all"}, "link.jitter_us",
-          delay(), [](Run & run) -> auto& { return run.faults.jitter; }),
+          {"link.jitter", "", "", "by how much that delay varies, either way: not at all", client,
+           "varies the delay by {}"},
+          "link.jitter_us", delay(), [](Run & run) -> auto& { return run.faults.jitter; }),
       field(
-          {"link.reorder", "", "", "share of the frames that go without that delay, before others: none"},
+          {"link.reorder", "", "", "share of the frames that go without that delay, before others: none",
+           client, "reorders {}"},
           "link.reordered", share(), [](Run & run) -> auto& { return run.faults.reordered; }),
       field(
           {"link.qdisc", "", "TEXT",
-           "what waits to go waits in, in tc's words, such as 'prio bands 3': the kernel's choice"},
+           "what waits to go waits in, in tc's words, such as 'prio bands 3': the kernel's choice", client,
+           "queues by {}"},
           "link.qdisc", qdisc(), [](Run & run) -> auto& { return run.faults.qdisc; }),
       field(
-          {"link.message-priority", "", "", "of the messages' packets, as SO_PRIORITY has it: as they are"},
+          {"link.message-priority", "", "", "of the messages' packets, as SO_PRIORITY has it: as they are",
+           client, "sends messages with priority {}"},
           "link.message_priority", number_or_null(0, 15),
           [](Run & run) -> auto& { return run.faults.message_priority; }),
       field(
-          {"link.traffic-priority", "", "", "of the concurrent traffic's packets, likewise"},
+          {"link.traffic-priority", "", "", "of the concurrent traffic's packets, likewise", client,
+           "sends traffic with priority {}"},
           "link.traffic_priority", number_or_null(0, 15),
           [](Run & run) -> auto& { return run.faults.traffic_priority; }),
       field(
           {"launch-time", "", "",
-           "how long after it was due a message leaves, by the etf of link.qdisc: as it is sent"},
+           "how long after it was due a message leaves, by the etf of link.qdisc: as it is sent", client,
+           "launched {} after it was due"},
           "launch_us", launch_ns, [](Run & run) -> auto& { return run.task.config.launch_ns; }),
       cut()};
 }
@@ -309,20 +317,23 @@ Fields isolation_fields() {
   return {
       field(
           {"isolation.cpus", "", "LIST|none",
-           "the CPUs that are kept for the two ends, and for nobody else: none"},
+           "the CPUs that are kept for the two ends, and for nobody else: none", client, "CPUs {} kept"},
           "isolation.cpus", cpus, [](Run & run) -> auto& { return run.isolation.cpus; }),
       field(
           {"isolation.interrupts", "", "",
-           "keep the interface's interrupts and the kernel's unbound work off them, too: off"},
+           "keep the interface's interrupts and the kernel's unbound work off them, too: off", client,
+           "interrupts elsewhere"},
           "isolation.interrupts", on_or_off(), [](Run & run) -> auto& { return run.isolation.interrupts; }),
       field(
           {"isolation.load-quota", "", "PERCENT|none",
-           "how much of one CPU's time load and traffic may have together: any"},
+           "how much of one CPU's time load and traffic may have together: any", client,
+           "load and traffic with {} of a CPU"},
           "isolation.load_quota", share(quota_of),
           [](Run & run) -> auto& { return run.isolation.load_quota; }),
       field(
           {"isolation.load-weight", "", "1-10000|none",
-           "of load and traffic together, where all others have 100: none"},
+           "of load and traffic together, where all others have 100: none", client,
+           "load and traffic of weight {}"},
           "isolation.load_weight", number<int>([](Text text) {
             return text == "none" ? 0 : static_cast<int>(number_of(text, 1, 10'000));
           }),

@@ -37,7 +37,7 @@ void set_realtime(Run& run, Text text) {
 
 using SetSettings = std::function<void(RealtimeSettings&, Text)>;
 Field setting(Said how, SetSettings set) {
-  return said(Field{how.path, how.flag, how.values, how.help, both},
+  return said(Field{.path = how.path, .flag = how.flag, .values = how.values, .help = how.help, .end = both},
               [set = std::move(set)](Run& run, Text text) {
                 auto checked = run.task.realtime;  // a wrong word is wrong also where it has no effect
                 set(checked, text);

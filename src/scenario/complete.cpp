@@ -124,6 +124,7 @@ Run with_component(Run run, const std::string& name) {
   run.component = name;
   if (!is_named(run)) return run;
   run.variant += fmt::format("{}component {}", run.variant.empty() ? "" : ", ", name);
+  run.varied.emplace_back("component", name);
   auto& config = run.task.config;
   if (run.task.transport == "udp") return run;  // it has no topics: its pongs are told apart by address
   for (auto* topic : {&config.ping_topic, &config.pong_topic}) topic->insert(topic->rfind('/'), "/" + name);

@@ -476,7 +476,9 @@ class File {
       if (&dimensions[i] == &dimensions.back()) run.step.among = run.variant;
       if (choices.size() == 1 || (holds && said.key == "transport")) continue;
       const auto& name = holds ? said.key : path;
-      auto& text = holds || component.empty() ? run.variant : run.beside;
+      const bool of_others = !holds && !component.empty();
+      auto& text = of_others ? run.beside : run.variant;
+      if (!of_others) run.varied.emplace_back(name, choice.value);
       text += fmt::format("{}{} {}", text.empty() ? "" : ", ", name, choice.value);
     }
     try {
