@@ -90,17 +90,6 @@ std::vector<std::string> interface_of(const Host& host) {
   return words;
 }
 
-background::Faults with_priorities_alone(const background::Faults& faults) {
-  background::Faults alone;
-  alone.message_priority = faults.message_priority;
-  alone.traffic_priority = faults.traffic_priority;
-  return alone;
-}
-background::Faults without_priorities(background::Faults faults) {
-  faults.message_priority = faults.traffic_priority = {};
-  return faults;
-}
-
 bool has_traffic(const Together& runs) {
   return std::any_of(runs.begin(), runs.end(), [](const Run& run) { return run.traffic.bits_per_s > 0; });
 }
@@ -352,14 +341,14 @@ std::vector<Machines::LinkEnd> Machines::ends_of_links(const Together& runs) con
                       run.component, traffic_ports_of(all), all_by_ip(all), has_traffic(all)});
     if (!host.port.empty())
       ends.push_back({controller, name_at_controller(run.component), host.port,
-                      without_priorities(run.faults), run.cut, run.component});
+                      run.faults.without_marks(), run.cut, run.component});
   }
   const auto& common = runs.front();
   LinkEnd whole{controller,       controller, hosts_.controller.interface, common.faults,
                 common.cut,       "",         traffic_ports_of(runs),      all_by_ip(runs),
                 has_traffic(runs)};
   if (has_ports()) {
-    whole.faults = with_priorities_alone(common.faults);
+    whole.faults = common.faults.marks();
     whole.cut = {};
   }
   ends.push_back(std::move(whole));
