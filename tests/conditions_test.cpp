@@ -2,9 +2,11 @@
 #include "conditions/conditions.hpp"
 
 #include <algorithm>
+#include <cctype>
 #include <cstdlib>
 #include <fstream>
 #include <set>
+#include <sstream>
 
 #include <fmt/format.h>
 #include <gmock/gmock.h>
@@ -100,6 +102,36 @@ TEST(Fields, HaveOneNameEach) {
     EXPECT_EQ(field.path.empty(), !field.set) << field.json;
   }
   for (const auto& key : keys()) EXPECT_NE(key.values, "") << key.path;
+}
+
+// Whether a name, or its last part, stands in a text as a word.
+bool tells(const std::string& text, const std::string& name) {
+  const auto last = name.substr(name.rfind('.') + 1);
+  const auto is_part = [&](std::size_t at) {
+    return at < text.size() &&
+           (std::isalnum(static_cast<unsigned char>(text[at])) != 0 || text[at] == '-' || text[at] == '_');
+  };
+  for (auto at = text.find(last); at != text.npos; at = text.find(last, at + 1))
+    if (!is_part(at - 1) && !is_part(at + last.size())) return true;
+  return false;
+}
+
+std::string text_of_file(const std::string& name) {
+  std::ifstream file(ONTIME_TEST_SOURCE "/" + name);
+  return {std::istreambuf_iterator<char>(file), {}};
+}
+
+TEST(Fields, AreInTheReferenceAndInTheDictionary) {
+  const auto docs = text_of_file("docs/scenario.md") + text_of_file("docs/realtime.md") +
+                    text_of_file("docs/tune.md"),
+             dictionary = text_of_file("tests/fuzz/scenario.dict");
+  for (const auto& key : keys()) {
+    EXPECT_TRUE(tells(docs, key.path)) << key.path << " is missing in docs/scenario.md";
+    std::stringstream parts(key.path);
+    for (std::string part; std::getline(parts, part, '.');)
+      EXPECT_THAT(dictionary, testing::HasSubstr("\"" + part + "\""))
+          << "it is missing in tests/fuzz/scenario.dict";
+  }
 }
 
 }  // namespace
