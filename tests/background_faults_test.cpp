@@ -122,6 +122,18 @@ TEST_F(LinkFaults, GiveMessagesAndTrafficAPriority) {
   EXPECT_THAT(tables(), IsEmpty());
 }
 
+TEST_F(LinkFaults, MarkMessagesWithTheirDscp) {
+  const Link link(journal_, here_, {.dscp = 46}, {5201});
+  journal::within_namespace(netns, [] {
+    nft("table inet seen { counter marked { }\n"
+        "chain coming { type filter hook input priority 0; udp dport 7900 ip dscp 46 counter name marked; } "
+        "}");
+  });
+  EXPECT_EQ(exchange(3), 3);
+  EXPECT_THAT(tables(), HasSubstr("counter marked {\n\t\tpackets 3 "));
+  journal::within_namespace(netns, [] { nft("delete table inet seen"); });
+}
+
 TEST_F(LinkFaults, LoseWhatTheyAreToLose) {
   const Link link(journal_, here_, {.loss = 0.25}, {});
   const int came = exchange(4000);

@@ -69,6 +69,10 @@ std::string counting_table(const std::string& table, const std::string& interfac
   if (faults.message_priority)
     priorities += fmt::format("oifname \"{}\" meta l4proto udp {}meta priority set {};\n", interface, except,
                               *faults.message_priority);
+  for (const auto* ip : {"ip", "ip6"})
+    if (faults.dscp)
+      priorities += fmt::format("oifname \"{}\" meta l4proto udp {}{} dscp set {};\n", interface, except, ip,
+                                *faults.dscp);
   for (const auto* port : {"dport", "sport"})
     if (faults.traffic_priority && !others.empty())
       priorities += fmt::format("oifname \"{}\" udp {} {{ {} }} meta priority set {};\n", interface, port,

@@ -53,15 +53,16 @@ struct Faults {
   // SO_PRIORITY of the messages and of the traffic, by which a discipline tells them apart; nothing:
   // unchanged.
   std::optional<int> message_priority{}, traffic_priority{};
+  std::optional<int> dscp{};  // of the messages' IP packets; nothing: unchanged
   // What a host gives to all that it sends, whichever of its links it takes; and the rest.
   Faults marks() const {
-    Faults marks;
-    marks.message_priority = message_priority, marks.traffic_priority = traffic_priority;
-    return marks;
+    Faults alone;
+    alone.message_priority = message_priority, alone.traffic_priority = traffic_priority, alone.dscp = dscp;
+    return alone;
   }
   Faults without_marks() const {
     auto rest = *this;
-    rest.message_priority = rest.traffic_priority = {};
+    rest.message_priority = rest.traffic_priority = rest.dscp = {};
     return rest;
   }
   bool any() const { return *this != Faults{}; }

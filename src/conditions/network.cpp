@@ -187,6 +187,10 @@ Fields link_fields() {
           "link.traffic_priority", number_or_null(0, 15),
           [](Run & run) -> auto& { return run.faults.traffic_priority; }),
       field(
+          {"link.dscp", "", "", "DSCP of the messages' IP packets, such as 46 (EF): unchanged", client,
+           "marks messages with DSCP {}"},
+          "link.dscp", number_or_null(0, 63), [](Run & run) -> auto& { return run.faults.dscp; }),
+      field(
           {"launch-time", "", "",
            "how long after it was due a message leaves, by the etf of link.qdisc: as it is sent", client,
            "launched {} after it was due"},

@@ -70,6 +70,10 @@ void complete_link(const Run& run) {
   if (!faults.qdisc.empty() && faults.delay.count() > 0)
     throw std::invalid_argument(
         "link.qdisc and link.delay both are the queueing discipline of the interface: leave out one");
+  if (faults.dscp && is_below_ip(run.task.transport))
+    throw std::invalid_argument(fmt::format(
+        "link.dscp is in the header of IP, which messages by {} do not have: leave it out, or take udp",
+        run.task.transport));
   if (faults.traffic_priority && run.traffic.bits_per_s == 0)
     throw std::invalid_argument("link.traffic-priority needs a traffic.rate, of whose packets it is");
   if (faults.jitter > faults.delay)
@@ -104,7 +108,7 @@ void check_place(const Run& run) {
 }  // namespace
 
 bool is_mark(const std::string& path) {
-  return path == "link.message-priority" || path == "link.traffic-priority";
+  return path == "link.message-priority" || path == "link.traffic-priority" || path == "link.dscp";
 }
 
 std::string without_port(const std::string& address) {
