@@ -3,6 +3,8 @@
 
 #include <array>
 #include <csignal>
+#include <cstdlib>
+#include <filesystem>
 #include <fstream>
 #include <functional>
 #include <set>
@@ -217,6 +219,42 @@ TEST_F(TwoAgents, SendNothingBetweenReadyAndGo) {
   EXPECT_EQ(ask(server_, "end", "ended").at("answered"), answered);
 }
 
+// What its middleware's threads read, anybody on the network may have sent.
+TEST_F(Agent, OfRootKeepsTwoCapabilitiesOnceItIsOpen) {
+  if (geteuid() != 0) GTEST_SKIP() << "needs root";
+  constexpr std::uint64_t nice_and_lock = (1ULL << 23) | (1ULL << 14);
+  for (const auto* transport : {"udp", "ethernet", "cyclonedds", "fastdds"}) {
+    Hand agent(coordinator_, "the agent", command(), sample_layout());
+    auto task = task_of(transport::Role::server, transport == std::string("udp") ? some_domain() : 77);
+    task.transport = transport;
+    if (task.transport == "ethernet") task.config.peers.clear();
+    try {
+      ask(agent, "open", "opened", {{"task", task}});
+    } catch (const Error& error) {  // it is not here
+      EXPECT_STRNE(transport, "udp") << error.what();
+      continue;
+    }
+    const int pid = ask(agent, "identify", "identified").at("pid");
+    int threads = 0;
+    for (const auto& entry : std::filesystem::directory_iterator("/proc/" + std::to_string(pid) + "/task")) {
+      std::ifstream status(entry.path() / "status");
+      ++threads;
+      for (std::string line; std::getline(status, line);) {
+        if (line.starts_with("CapPrm:") || line.starts_with("CapEff:")) {
+          EXPECT_EQ(std::stoull(line.substr(7), nullptr, 16), nice_and_lock) << transport << ' ' << line;
+        }
+        if (line.starts_with("CapInh:") || line.starts_with("CapAmb:")) {
+          EXPECT_EQ(std::stoull(line.substr(7), nullptr, 16), 0U) << transport << ' ' << line;
+        }
+        if (line.starts_with("NoNewPrivs:")) {
+          EXPECT_EQ(line, "NoNewPrivs:\t1") << transport;
+        }
+      }
+    }
+    EXPECT_GE(threads, 2) << transport;
+  }
+}
+
 TEST_F(Agent, SaysWhyItCannot) {
   auto task = task_of(transport::Role::client, some_domain());
   EXPECT_THAT(failure(task), testing::AllOf(HasSubstr("3 no pong was found over udp"), HasSubstr("refuses")));
@@ -249,6 +287,32 @@ TEST_F(Agent, RefusesALaunchTimeWhereTheSocketIsNotOntimes) {
   if (refused == 0) GTEST_SKIP() << "there are udp and ethernet alone";
 }
 
+// By what a transport declares, whatever its name.
+TEST_F(Agent, RefusesWhatATransportDoesNotDeclare) {
+  Task task;
+  task.transport = "modest";
+  task.config.role = transport::Role::server;
+  task.config.max_payload_bytes = 500;
+  EXPECT_EQ(failure(task), "none");
+  const auto refusal_with = [&](const auto& ask_for_more) {
+    auto more = task;
+    ask_for_more(more);
+    return failure(more);
+  };
+  const auto refused = [](const char* why) { return HasSubstr(std::string("2 transport modest ") + why); };
+  EXPECT_THAT(refusal_with([](Task& more) { more.config.receive = transport::Receive::waitset; }),
+              refused("cannot receive by waitset"));
+  EXPECT_THAT(refusal_with([](Task& more) { more.config.max_payload_bytes = 501; }),
+              refused("carries at most 500"));
+  EXPECT_THAT(refusal_with([](Task& more) { more.config.security.emplace().level = "sign"; }),
+              refused("has no DDS Security"));
+  EXPECT_THAT(refusal_with([](Task& more) { more.config.launch_ns = 1; }), refused("writes to no socket"));
+  EXPECT_THAT(refusal_with([](Task& more) { more.config.pong_topic = "/arm/pong"; }),
+              refused("has no topics to name"));
+  EXPECT_THAT(refusal_with([](Task& more) { more.neighbours = {.topics = 1, .payload_bytes = 10}; }),
+              refused("has no neighbours"));
+}
+
 TEST_F(Agent, SaysThatAPortIsBusy) {
   const auto task = task_of(transport::Role::server, some_domain());
   Hand first(coordinator_, "the first", command(), sample_layout());
@@ -267,6 +331,10 @@ TEST_F(Agent, RefusesOrdersOutOfTurn) {
 
 // The agents of these tests are this program.
 int main(int argc, char** argv) {
+  const char* const path = "ONTIME_TRANSPORT_PATH";
+  const char* const found = std::getenv(path);  // NOLINT(concurrency-mt-unsafe): there is one thread yet
+  const std::string with_modest = std::string(found != nullptr ? found : "") + ":" ONTIME_TEST_TRANSPORTS;
+  setenv(path, with_modest.c_str(), 1);  // NOLINT(concurrency-mt-unsafe)
   if (argc > 1 && std::string_view(argv[1]) == "agent") return ontime::agent::serve();
   ontime::orders::on_termination([](int) { _exit(130); });
   testing::InitGoogleTest(&argc, argv);

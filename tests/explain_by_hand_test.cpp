@@ -14,7 +14,7 @@ class ByHand : public Explained {
   ByHand() : ping_(""), kept_("") {
     for (auto& sample : samples_) by_its_own_clock(sample);
     window_.span = {50, due - ms + ahead, due + 21 * ms + ahead};
-    event(sent + ahead + 10 * us, 1, Kind::waking, answers, 0, "1");
+    event(sent + ahead + 10 * us, 0, Kind::waking, answers, 0, "1");
     switched(sent + ahead + 20 * ms, 1, hog, "R", answers);
     run_ = ping_.begin_run({{"id", "ping"}, {"payload_bytes", 500}});
   }
@@ -133,6 +133,56 @@ TEST_P(ByHand, OfALateMessageThatPongDidNotKeepNobodyIsToldToDoWhatWasDone) {
                                     "known of what the component's"),
                           testing::Not(HasSubstr("ontime pong")))));
 }
+
+// Both ends on one machine, and nothing was kept by pong.
+class OverLoopback : public Explained {
+ protected:
+  void packet(std::int64_t at, int cpu, std::int32_t thread, std::int32_t number) {
+    for (const auto& [after, kind] :
+         {std::pair{std::int64_t{0}, Kind::queued}, {us, Kind::sent}, {2 * us, Kind::received}})
+      event(at + after, cpu, kind, thread, 0, "lo", number);
+  }
+  Account account_of_ping(const std::vector<trace::Window>& windows) {
+    record::Writer ping("");
+    const auto run = ping.begin_run({{"id", "ping"}, {"payload_bytes", 500}, {"timeout_us", 50'000}});
+    samples_.insert(samples_.begin() + 50, lost());
+    ping.append(run, samples_);
+    for (const auto& window : windows) ping.trace(run, {"controller", window});
+    ping.end_run(run,
+                 {{"trace", {{"controller", json::object()}}},
+                  {"hosts", {{"controller", {{"threads", threads({{asks, "send"}, {hears, "receive"}})}}}}}});
+    const auto reader = ping.reader();
+    return account_of(reader, reader.runs().at(0));
+  }
+};
+
+TEST_P(OverLoopback, AStoppedPongIsSeenByPingAlone) {
+  event(due - 800 * us, 1, Kind::signal, answers, hog, "19");
+  switched(due - 700 * us, 1, answers, "T", hog);
+  event(due + 5 * us, 0, Kind::waking, asks, 0, "0");
+  switched(due + 8 * us, 0, 0, "R", asks);
+  packet(sent + 5 * us, 0, asks, 1);
+  auto quick = window_;
+  const auto at = due - 100 * ms;  // of message 40
+  quick.span = {40, at - ms, at + 20 * ms};
+  quick.events.clear();
+  std::swap(quick, window_);
+  packet(at + 17 * us, 0, asks, 1);
+  packet(at + 66 * us, 1, answers, 2);
+  std::swap(quick, window_);
+  const auto account = account_of_ping({quick, window_});
+  ASSERT_THAT(account.messages, SizeIs(2));
+  const auto part = first(account.messages[0]);
+  EXPECT_EQ(part.cause, Cause::stopped);
+  EXPECT_EQ(part.end, "component");
+  EXPECT_EQ(part.culprit, "hog");
+  EXPECT_THAT(account.limits,
+              testing::Each(testing::Not(HasSubstr("nothing is known of what the component's"))));
+}
+
+INSTANTIATE_TEST_SUITE_P(Kernel, OverLoopback, testing::Values(true, false), [](const auto& told) {
+  return told.param ? "TellsLeavingIdle" : "DoesNotTellLeavingIdle";
+});
 
 // The second half of the run is an hour later, and the server's clock went 20 ppm faster.
 class Drifting : public ByHand {

@@ -117,6 +117,11 @@ class Explained : public testing::TestWithParam<bool> {
     event(sent + 20 * us, 1, Kind::timer, answers);
     event(sent + 21 * us, 1, Kind::timer_end, answers);
   }
+  static std::string advice(const Part& part, const json& asked = {}) {
+    record::Run run;
+    run.asked = asked;
+    return text_of(remedy_for(part, run));
+  }
   static json threads(std::initializer_list<std::pair<std::int32_t, const char*>> all) {
     auto list = json::array();
     for (const auto& [tid, role] : all) list.push_back({{"tid", tid}, {"role", role}});

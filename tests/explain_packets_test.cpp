@@ -98,6 +98,115 @@ TEST_P(Packets, ANumberThatAnotherThreadHasOnAnotherInterfaceIsAnotherPacket) {
   EXPECT_EQ(packets[0].sent->at_ns, sent + 6 * us);
 }
 
+// Of messages that take several packets, on a link of a small MTU.
+class Fragments : public Packets {
+ protected:
+  Fragments() { asked_ = {{"payload_bytes", 1000}}; }
+  void fragment(std::int64_t at, std::int32_t packet, std::int32_t bytes, bool arrives = true) {
+    for (const auto kind : {Kind::queued, Kind::sent, Kind::received}) {
+      if (kind == Kind::received && !arrives) continue;
+      event(at + (kind == Kind::queued ? 0
+                  : kind == Kind::sent ? us
+                                       : 3 * us),
+            0, kind, asks, 0, kind == Kind::received ? "to-controller" : "to-component", packet);
+      window_.events.back().bytes = bytes;
+    }
+  }
+  void sender_wakes() {
+    event(due + 5 * us, 0, Kind::waking, asks, 0, "0");
+    switched(due + 8 * us, 0, 0, "R", asks);
+  }
+};
+
+TEST_P(Fragments, ALaterFragmentThatIsDroppedLostTheMessage) {
+  sender_wakes();
+  fragment(sent + 5 * us, 1, 586);
+  fragment(sent + 10 * us, 2, 490, false);
+  event(sent + 12 * us, 0, Kind::dropped, asks, 0, "QDISC_DROP", 2);
+  const auto part = first(message(lost()));
+  EXPECT_EQ(part.cause, Cause::dropped);
+  EXPECT_EQ(part.culprit, "QDISC_DROP");
+}
+
+TEST_P(Fragments, TheLastFragmentCompletesTheMessage) {
+  sender_wakes();
+  fragment(sent + 5 * us, 1, 586);
+  event(sent + 10 * us, 0, Kind::queued, asks, 0, "to-component", 2);
+  window_.events.back().bytes = 490;
+  event(sent + 15 * ms, 0, Kind::sent, 0, 0, "to-component", 2);
+  event(sent + 15 * ms + us, 0, Kind::received, 0, 0, "to-controller", 2);
+  const auto part = first(message(late(0, 15 * ms, 0)));
+  EXPECT_EQ(part.cause, Cause::queue);
+  EXPECT_EQ(part.culprit, "to-component");
+}
+
+TEST_P(Fragments, TheNextMessageIsNotAFragmentOfThisOne) {
+  asked_ = {{"payload_bytes", 500}};
+  sender_wakes();
+  fragment(sent + 5 * us, 1, 542);
+  event(sent + 10 * ms, 0, Kind::queued, asks, 0, "to-component", 2);
+  event(sent + 10 * ms + us, 0, Kind::dropped, asks, 0, "QDISC_DROP", 2);
+  EXPECT_EQ(first(message(lost())).cause, Cause::unknown);
+}
+
+INSTANTIATE_TEST_SUITE_P(Kernel, Fragments, testing::Values(true, false), [](const auto& told) {
+  return told.param ? "TellsLeavingIdle" : "DoesNotTellLeavingIdle";
+});
+
+// Of threaded NAPI.
+class Napi : public Packets {
+ protected:
+  static constexpr std::int32_t napi = 7;
+  void leaves_and_wakes_napi() {
+    event(due + 5 * us, 0, Kind::waking, asks, 0, "0");
+    switched(due + 8 * us, 0, 0, "R", asks);
+    event(sent + 5 * us, 0, Kind::queued, asks, 0, "to-component", 1);
+    event(sent + 6 * us, 0, Kind::sent, asks, 0, "to-component", 1);
+    by_napi({.at_ns = sent + 7 * us, .cpu = 0, .kind = Kind::waking, .thread = {}, .other = named(asks)});
+    window_.events.back().what = "1";
+  }
+  void by_napi(Event event) {
+    event.thread = {napi, "napi/to-control", ordinary};
+    window_.events.push_back(std::move(event));
+  }
+};
+
+TEST_P(Napi, AStarvedThreadThatTakesPacketsInLostTheMessage) {
+  timeout_us_ = 50'000;
+  leaves_and_wakes_napi();
+  event(sent + 60 * ms, 1, Kind::switched, hog, napi, "R");
+  window_.events.back().other.name = "napi/to-control";
+  const auto part = first(message(lost()));
+  EXPECT_EQ(part.cause, Cause::cpu);
+  EXPECT_EQ(part.culprit, "hog");
+  EXPECT_EQ(part.stage, Stage::travelled);
+  EXPECT_EQ(part.end, "component");
+}
+
+TEST_P(Napi, APacketThatTheKernelJoinedToAnotherIsReceivedWithIt) {
+  for (const auto kind : {Kind::queued, Kind::sent, Kind::received})  // the same packet at both ends
+    event(due - 100 * us, 0, kind, asks, 0, kind == Kind::received ? "to-controller" : "to-component", 3);
+  leaves_and_wakes_napi();
+  event(sent + 15 * ms - us, 1, Kind::switched, hog, napi, "R");
+  by_napi({.at_ns = sent + 15 * ms,
+           .cpu = 1,
+           .kind = Kind::received,
+           .thread = {},
+           .other = {},
+           .what = "to-controller",
+           .packet = 9,
+           .bytes = 1600});
+  event(sent + 15 * ms + 2 * us, 1, Kind::waking, answers, napi, "1");
+  const auto part = first(message(late(0, 15 * ms, 0)));
+  EXPECT_EQ(part.cause, Cause::cpu);
+  EXPECT_EQ(part.culprit, "hog");
+  EXPECT_EQ(part.stage, Stage::travelled);
+}
+
+INSTANTIATE_TEST_SUITE_P(Kernel, Napi, testing::Values(true, false), [](const auto& told) {
+  return told.param ? "TellsLeavingIdle" : "DoesNotTellLeavingIdle";
+});
+
 INSTANTIATE_TEST_SUITE_P(Kernel, Packets, testing::Values(true, false), [](const auto& told) {
   return told.param ? "TellsLeavingIdle" : "DoesNotTellLeavingIdle";
 });

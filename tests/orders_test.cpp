@@ -306,6 +306,42 @@ TEST_F(CoordinatorTest, OneThatIsInterruptedAfterThatLeavesAtOnce) {
   EXPECT_TRUE(hand.lost());
 }
 
+TEST_F(CoordinatorTest, WorkerThatIsSlowToGiveBackIsAwaitedAndSaysWhatStays) {
+  Coordinator::Hand hand(coordinator_, "the worker", worker("obedient"), "s");
+  hand.order("be slow at the end");
+  pid_of(hand);
+  std::string doing;
+  const auto left = hand.leave([&] {
+    if (!hand.doing().empty()) doing = hand.doing();
+    return true;
+  });
+  EXPECT_TRUE(left.gave_back);
+  EXPECT_FALSE(left.waits);
+  EXPECT_THAT(left.notes, testing::ElementsAre("a setting stays"));
+  EXPECT_EQ(doing, "giving back");
+}
+
+TEST_F(CoordinatorTest, WorkerThatIsKilledHasNotGivenBack) {
+  Coordinator::Hand hand(coordinator_, "the worker", worker("obedient"), "s");
+  kill(pid_of(hand), SIGKILL);
+  const auto left = hand.leave([] { return true; });
+  EXPECT_FALSE(left.gave_back);
+  EXPECT_FALSE(left.waits);
+}
+
+TEST_F(CoordinatorTest, WorkerThatIsNotWaitedForGoesOn) {
+  pid_t pid = -1;
+  {
+    Coordinator::Hand hand(coordinator_, "the worker", worker("obedient"), "s");
+    hand.order("be slow at the end");
+    pid = pid_of(hand);
+    EXPECT_TRUE(hand.leave([] { return false; }).waits);
+  }
+  EXPECT_EQ(waitpid(pid, nullptr, WNOHANG), 0) << "it was ended";
+  kill(pid, SIGKILL);
+  waitpid(pid, nullptr, 0);
+}
+
 // What a worker says that is alone: here the coordinator is this test, which says nothing.
 TEST(Worker, LeavesACoordinatorThatIsSilent) {
   Process process("the worker", worker("obedient"));
@@ -315,7 +351,7 @@ TEST(Worker, LeavesACoordinatorThatIsSilent) {
     while (true) {
       while (!frames.fill()) usleep(10'000);
       while (const auto frame = frames.take())
-        if (frame->message.at("event") != "beat") last = frame->message;
+        if (frame->message.at("event") == "failed") last = frame->message;
     }
   } catch (const Broken&) {  // it has left
   }
@@ -349,14 +385,21 @@ class Obedient final : public Worker {
     if (order == "chatter")
       for (int count = 0; count < chatter; ++count) events_.tell("said", json::object(), much);
     if (order == "take long") std::this_thread::sleep_for(longest_silence + 1s);
+    if (order == "be slow at the end") slow_ = true;
     if (order == "ask in vain") throw Unanswered("nobody was there");
     if (order == "fail") throw Error(body.value("exit", 2), "it was wrong");
   }
   std::chrono::milliseconds go_on() override { return 500ms; }
-  void give_back() noexcept override {}
+  std::vector<std::string> give_back() noexcept override {
+    if (!slow_) return {};
+    events_.doing("giving back");
+    std::this_thread::sleep_for(longest_silence + 1s);
+    return {"a setting stays"};
+  }
 
  private:
   Events& events_;
+  bool slow_ = false;
 };
 
 }  // namespace

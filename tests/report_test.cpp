@@ -158,7 +158,8 @@ TEST(Csv, HasAStableHeader) {
       "probability_missed_high,probability_missed_bound,bursts_count,bursts_longest,bursts_longest_ms,"
       "block_maxima_allowed,block_maxima_level_us,block_maxima_level_low_us,block_maxima_level_high_us,"
       "block_maxima_fit_p,peaks_over_threshold_allowed,peaks_over_threshold_level_us,"
-      "peaks_over_threshold_level_low_us,peaks_over_threshold_level_high_us,peaks_over_threshold_fit_p"));
+      "peaks_over_threshold_level_low_us,peaks_over_threshold_level_high_us,peaks_over_threshold_fit_p,"
+      "wrong_size,wrong_server_times"));
 }
 
 TEST(Csv, SaysWhatTheJsonSays) {

@@ -259,17 +259,64 @@ class Perfetto : public Traced {
       if (event.at("name") == name && event.at("ph") == phase) found.push_back(event);
     return found;
   }
+  struct Slice {
+    json begin;
+    double us;
+  };
+  // In the order of their ends. One of a track ends before the next begins.
+  static std::vector<Slice> slices(const json& file) {
+    std::vector<Slice> all;
+    std::map<json, json> open;  // by track
+    for (const auto& event : file.at("traceEvents")) {
+      const json track = {event.at("pid"), event.at("tid")};
+      if (event.at("ph") == "B") {
+        EXPECT_TRUE(open.emplace(track, event).second) << "within another: " << event;
+      } else if (event.at("ph") == "E") {
+        EXPECT_TRUE(open.contains(track)) << event;
+        all.push_back({open[track], event.at("ts").get<double>() - open[track].at("ts").get<double>()});
+        open.erase(track);
+      }
+    }
+    EXPECT_THAT(open, IsEmpty());
+    return all;
+  }
+  static std::vector<Slice> slices_named(const json& file, const std::string& name) {
+    auto all = slices(file);
+    std::erase_if(all, [&](const Slice& one) { return one.begin.at("name") != name; });
+    return all;
+  }
 };
+
+// From where a packet was queued to where it was received, and to the thread that it woke.
+TEST_F(Perfetto, AnArrowFollowsAPacketToTheThreadThatItWoke) {
+  const auto file = written(1);
+  const auto from = named(file, "packet", "s"), over = named(file, "packet", "t"),
+             to = named(file, "packet", "f");
+  ASSERT_THAT(from, SizeIs(1));
+  ASSERT_THAT(over, SizeIs(1));
+  ASSERT_THAT(to, SizeIs(1));
+  EXPECT_EQ(from[0].at("id"), to[0].at("id"));
+  EXPECT_LT(from[0].at("ts"), over[0].at("ts"));
+  EXPECT_LT(over[0].at("ts"), to[0].at("ts"));
+  EXPECT_EQ(to[0].at("bp"), "e");
+  const auto threads = slices_named(file, "ready, waits for a CPU");
+  EXPECT_THAT(threads, Contains(testing::ResultOf(
+                           [&](const Slice& slice) {
+                             return slice.begin.at("ts") == to[0].at("ts") &&
+                                    slice.begin.at("tid") == to[0].at("tid");
+                           },
+                           true)));
+}
 
 TEST_F(Perfetto, HasWhatIsInTheWindow) {
   const auto file = written(1);
-  const auto hogs = named(file, "hog", "X");
+  const auto hogs = slices_named(file, "hog");
   ASSERT_THAT(hogs, SizeIs(2));
-  EXPECT_EQ(hogs[0].at("tid"), 1);
-  EXPECT_DOUBLE_EQ(hogs[0].at("dur"), 20'500);
-  EXPECT_EQ(hogs[0].at("args").at("thread"), culprit);
-  ASSERT_THAT(named(file, "NET_RX", "X"), SizeIs(1));
-  EXPECT_DOUBLE_EQ(named(file, "NET_RX", "X")[0].at("dur"), 3);
+  EXPECT_EQ(hogs[0].begin.at("tid"), 1);
+  EXPECT_DOUBLE_EQ(hogs[0].us, 20'500);
+  EXPECT_EQ(hogs[0].begin.at("args").at("thread"), culprit);
+  ASSERT_THAT(slices_named(file, "NET_RX"), SizeIs(1));
+  EXPECT_DOUBLE_EQ(slices_named(file, "NET_RX")[0].us, 3);
   for (const auto* packet : {"queued", "sent", "received"})
     EXPECT_THAT(named(file, std::string("packet of 550 bytes ") + packet + ": veth", "i"), SizeIs(1));
   ASSERT_THAT(named(file, "message 40", "b"), SizeIs(1));
@@ -286,16 +333,12 @@ TEST_F(Perfetto, HasWhatIsInTheWindow) {
 TEST_F(Perfetto, IsInOrderAndNothingOverlapsOnATrack) {
   const auto file = written(5);
   double last = 0;
-  std::map<std::pair<int, int>, double> until;
   for (const auto& event : file.at("traceEvents")) {
     if (event.at("ph") == "M") continue;
     ASSERT_GE(event.at("ts").get<double>(), last);
     last = event.at("ts");
-    if (event.at("ph") != "X") continue;
-    auto& end = until[{event.at("pid"), event.at("tid")}];
-    ASSERT_GE(last, end - 0.001) << event;
-    end = last + event.at("dur").get<double>();
   }
+  EXPECT_THAT(slices(file), Not(IsEmpty()));
   EXPECT_THAT(named(file, "message 44", "b"), SizeIs(1));
 }
 
@@ -326,8 +369,10 @@ TEST_F(Perfetto, IsInTheTraceEventFormat) {
     ASSERT_TRUE(event.at("ts").is_number());  // in µs
     ASSERT_GE(event.at("ts").get<double>(), 0);
     tracks.insert(process);
-    if (phase == "X") {
-      ASSERT_GE(event.at("dur").get<double>(), 0);
+    if (phase == "B" || phase == "E") {
+      tracks.insert(track);
+    } else if (phase == "s" || phase == "t" || phase == "f") {
+      ASSERT_TRUE(event.contains("id") && event.contains("cat"));
       tracks.insert(track);
     } else if (phase == "i") {
       ASSERT_THAT((std::vector<std::string>{"g", "p", "t"}), Contains(event.at("s")));
@@ -345,13 +390,13 @@ TEST_F(Perfetto, IsInTheTraceEventFormat) {
     }
   }
   for (const auto& [id, names] : open) EXPECT_THAT(names, IsEmpty()) << id.second;
-  EXPECT_EQ(phases, (std::set<std::string>{"M", "X", "b", "e", "i"}));
+  EXPECT_EQ(phases, (std::set<std::string>{"M", "B", "E", "b", "e", "i", "s", "t", "f"}));
   for (const auto& track : tracks) EXPECT_TRUE(named_tracks.contains(track)) << track;
 }
 
 TEST_F(Perfetto, NamesAreText) {
   name_ = "\"},{\x1b[2J";
-  EXPECT_THAT(named(written(1), "\"},{?[2J", "X"), Not(IsEmpty()));
+  EXPECT_THAT(slices_named(written(1), "\"},{?[2J"), Not(IsEmpty()));
 }
 
 }  // namespace

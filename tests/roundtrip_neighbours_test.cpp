@@ -94,14 +94,15 @@ std::map<std::string, Topic> Topics::all;
 std::vector<std::string> Topics::closed;
 std::string Topics::refused;
 
-const transport::Plugin plugin{transport::abi,
-                               "topics",
-                               [] { return std::string(); },
-                               {},
-                               {},
-                               [](const Config& config, transport::Sink& sink) {
-                                 return std::unique_ptr<Endpoint>(new Topics(config, sink));
-                               }};
+const transport::Plugin plugin{
+    transport::abi,
+    "topics",
+    [] { return std::string(); },
+    {.listener = true, .waitset = true, .max_payload_bytes = 500, .neighbours = true, .nodes = true},
+    {},
+    [](const Config& config, transport::Sink& sink) {
+      return std::unique_ptr<Endpoint>(new Topics(config, sink));
+    }};
 
 struct Nothing final : transport::Sink {
   void arrived(std::uint64_t, std::span<std::byte>, std::int64_t) noexcept override {}
@@ -142,6 +143,17 @@ class NeighboursInside : public testing::Test {
 
   NeighbourOptions options_{.topics = 3, .payload_bytes = 10, .period = 20ms, .session = session};
 };
+
+TEST_F(NeighboursInside, PlacesOfNodesAreRefusedWhereATransportDeclaresNone) {
+  auto without_nodes = plugin;
+  without_nodes.capabilities.nodes = false;
+  const auto open_in = [&](Where where) {
+    options_.where = where;
+    const Neighbours neighbours(without_nodes, nullptr, config_of(Role::client), options_, duration);
+  };
+  EXPECT_THROW(open_in(Where::own_executor), transport::WrongInput);
+  EXPECT_NO_THROW(open_in(Where::other_process));
+}
 
 TEST_F(NeighboursInside, AreCountedAtBothEnds) {
   Nothing sink;

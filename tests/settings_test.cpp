@@ -297,6 +297,33 @@ TEST_F(OnVeth, AnotherInterfaceOfThatNameIsNotGivenBackTo) {
   });
 }
 
+TEST_F(OnVeth, InterfaceThatWasRenamedIsGivenBack) {
+  inside([] {
+    journal::Journal journal(kinds());
+    const auto before = *gro.read(interface_here("left"));
+    const auto changes = apply(journal, {{"rps", "0"}, {"gro", before == "on" ? "off" : "on"}}, left);
+    ASSERT_EQ(std::system("ip link set left down && ip link set left name other && ip link set other up"), 0);
+    EXPECT_THAT(take_back(journal, changes), IsEmpty());
+    EXPECT_EQ(steering.read(interface_here("other") + "/rx-0"), "none");
+    EXPECT_EQ(gro.read(interface_here("other")), before);
+  });
+}
+
+TEST_F(OnVeth, InterfaceThatWasMovedIsToldAndItsWayBackKept) {
+  inside([] {
+    journal::Journal journal(kinds());
+    journal::add_namespace(journal, "ontime-other");
+    const auto changes = apply(journal, {{"rps", "0"}}, left);
+    ASSERT_EQ(std::system("ip link set left netns ontime-other"), 0);
+    EXPECT_THAT(take_back(journal, changes),
+                testing::ElementsAre(AllOf(HasSubstr("left"), HasSubstr("another network namespace"))));
+    // It comes back, and what was set is given back.
+    ASSERT_EQ(std::system("ip -n ontime-other link set left netns $PPID"), 0);
+    EXPECT_THAT(take_back(journal, changes), IsEmpty());
+    EXPECT_EQ(steering.read(interface_here("left") + "/rx-0"), "none");
+  });
+}
+
 TEST(Interrupts, AreThoseThatTheyWere) {
   for (const auto& entry : std::filesystem::directory_iterator("/proc/irq")) {
     const auto name = entry.path().filename().string();

@@ -184,6 +184,20 @@ TEST(Histogram, HoldsEachValueOnce) {
   }
 }
 
+TEST(Histogram, BinsAreEquallyWideOnALogarithmicAxis) {
+  // As many values between any two powers: on a logarithmic axis they are flat, and so must the counts be.
+  Values values;
+  constexpr int values_a_bin = 100;
+  for (int i = 0; i < 10 * 16 * values_a_bin; ++i)
+    values.add(std::llround(std::exp2(14 + (i + 0.5) / (16 * values_a_bin))));
+  const auto bins = Ranks(std::move(values)).histogram();
+  ASSERT_EQ(bins.size(), 160u);
+  for (const auto& [from, to, count] : bins) {
+    EXPECT_NEAR(std::log2(static_cast<double>(to) / static_cast<double>(from)), 1.0 / 16, 2e-4) << from;
+    EXPECT_NEAR(static_cast<double>(count), values_a_bin, 2) << from;
+  }
+}
+
 TEST(Estimate, OfFewValuesIsWhatTheySpan) {
   EXPECT_FALSE(estimate({}));
   const auto one = estimate({7}).value();

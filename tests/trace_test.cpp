@@ -62,7 +62,7 @@ TEST(Words, OfAWindowAreReadBack) {
 }
 
 TEST(Words, OfEachKindAreReadBack) {
-  for (int i = 0; i <= static_cast<int>(Kind::waits); ++i) {
+  for (int i = 0; i <= static_cast<int>(Kind::no_neighbour); ++i) {
     const auto kind = static_cast<Kind>(i);
     EXPECT_EQ(kind_of(word_of(kind)), kind);
   }

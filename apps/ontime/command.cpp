@@ -67,8 +67,8 @@ Option* Option::required() {
   option_->required();
   return this;
 }
-Option* Option::check(Check check) {
-  option_->check(CLI::Validator(check, ""));
+Option* Option::check(Check right) {
+  option_->check(CLI::Validator(right, ""));
   return this;
 }
 Option* Option::range(int least, int most) {
@@ -107,6 +107,8 @@ Option* Option::needs(Option* other) {
 std::size_t Option::count() const { return option_->count(); }
 bool Option::is_shown() const { return !option_->get_group().empty(); }
 bool Option::is_positional() const { return option_->get_positional(); }
+bool Option::takes_value() const { return option_->get_items_expected_max() > 0; }
+bool Option::may_stand_alone() const { return option_->get_items_expected_min() == 0; }
 std::vector<std::string> Option::flags() const {
   auto names = option_->get_lnames();
   for (auto& name : names) name.insert(0, "--");

@@ -42,6 +42,8 @@ class Option {
   std::size_t count() const;  // how often the user gave it
   bool is_shown() const;      // in --help
   bool is_positional() const;
+  bool takes_value() const;
+  bool may_stand_alone() const;            // without its value
   std::vector<std::string> flags() const;  // "--only"; without those of one letter
   std::string name() const;                // "--only", or "RESULTS"
   std::string type_name() const;

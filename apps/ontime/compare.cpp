@@ -8,6 +8,7 @@
 #include "flags.hpp"
 #include "gates.hpp"
 #include "output.hpp"
+#include "plot.hpp"
 
 namespace ontime::app {
 namespace {
@@ -16,7 +17,7 @@ using campaign::Error;
 using Summaries = std::vector<statistics::Summary>;
 
 struct Arguments {
-  std::string a, b, from, to, format = "table", output;
+  std::string a, b, from, to, format = "table", output, plot;
   std::vector<std::string> only;
 };
 
@@ -49,6 +50,17 @@ void refuse_unlike(const std::string& flag, const std::string& word, const repor
           2, fmt::format("{} {}: runs {} and {} were not measured under the same conditions: say the number "
                          "of one",
                          flag, word, runs.front()->run.number, run->run.number));
+}
+
+void draw(const report::Comparison& comparison, const std::string& file) {
+  report::Plot plot;
+  plot.form = form_of("--plot", file);
+  const auto commands = report::gnuplot_of(comparison, plot);
+  if (commands.empty())
+    throw Error(2, "--plot: no metric has a change to draw. Were the runs measured to their end?");
+  Output output(file);
+  output.write(drawn(commands));
+  output.finish();
 }
 
 int compare(const Arguments& arguments, const GateFlags& flags) {
@@ -88,6 +100,7 @@ int compare(const Arguments& arguments, const GateFlags& flags) {
     judgements.push_back({gate::Judgement::Result::cannot_judge, arguments.a, "there is something to compare",
                           "A has no run to compare with"});
 
+  if (!arguments.plot.empty()) draw(comparison, arguments.plot);
   Output output(arguments.output);
   output.write(report::render(comparison, judgements, format));
   output.finish();
@@ -115,6 +128,7 @@ void add_compare(Command& app, Action& action) {
       ->excludes("--only");
   add_report_format(*command, arguments->format);
   add_output(*command, arguments->output);
+  add_file(*command, "--plot", arguments->plot, "also a figure for a paper: .svg, .pdf or .png");
   auto flags = std::make_shared<GateFlags>(*command, gate::Use::fail_if_compared);
   command->callback(
       [&action, arguments, flags] { action = [arguments, flags] { return compare(*arguments, *flags); }; });

@@ -7,7 +7,9 @@
 
 #include "campaign/campaign.hpp"
 #include "commands.hpp"
+#include "scenario_files.hpp"
 #include "terminal.hpp"
+#include "transport/transport.hpp"
 
 namespace ontime::app {
 namespace {
@@ -30,12 +32,20 @@ std::vector<std::string> words_of(const Option& option) {
                                                                               : std::vector<std::string>{};
 }
 
-// A case for each command, and for each of its options that takes one of a few words.
+// What a shell can ask for: kinds of values that this machine decides.
+std::string kind_of(const std::string& name) {
+  if (name.starts_with("SCENARIO")) return "scenarios";
+  if (name.starts_with("TRANSPORT")) return "transports";
+  return name.starts_with("RESULTS") || name == "A" || name == "B" ? "results" : "";
+}
+
+// A case for each command, and for each of its options that takes a value.
 struct Cases {
   std::string commands, words, values;
 
   void add(const Command& command, const std::string& path) {
     std::vector<std::string> next;
+    std::string kind;
     for (const auto& one : command.subcommands()) {
       if (!one->is_shown()) continue;
       next.push_back(one->name());
@@ -43,13 +53,16 @@ struct Cases {
     }
     for (const auto& option : command.options()) {
       if (!option->is_shown()) continue;  // which no help names either
+      if (option->is_positional() && kind.empty()) kind = kind_of(option->name());
       const auto flags = option->flags();
       next.insert(next.end(), flags.begin(), flags.end());
-      if (const auto few = words_of(*option); !few.empty())
-        for (const auto& flag : flags)
-          values += fmt::format("    '{} {}') words='{}' ;;\n", path, flag, fmt::join(few, " "));
+      const auto few = words_of(*option);
+      if (!option->takes_value() || (few.empty() && option->may_stand_alone())) continue;
+      for (const auto& flag : flags)
+        values += fmt::format("    '{} {}') words='{}' kind='{}' ;;\n", path, flag, fmt::join(few, " "),
+                              flag == "--results" ? "results" : kind_of(option->type_name()));
     }
-    words += fmt::format("    '{}') words='{}' ;;\n", path, fmt::join(next, " "));
+    words += fmt::format("    '{}') words='{}' kind='{}' ;;\n", path, fmt::join(next, " "), kind);
     for (const auto& one : command.subcommands())
       if (one->is_shown()) add(*one, path + '/' + one->name());
   }
@@ -59,7 +72,7 @@ std::string function(const Command& app) {
   Cases cases;
   cases.add(app, "");
   return fmt::format(R"sh(_ontime_words() {{
-  local command='' words='' word
+  local command='' words='' kind='' list='' word current="${{COMP_WORDS[COMP_CWORD]}}"
   for word in "${{COMP_WORDS[@]:1:COMP_CWORD-1}}"; do
     case "$command/$word" in
 {}    esac
@@ -68,28 +81,45 @@ std::string function(const Command& app) {
 {}  esac
   case "$command ${{COMP_WORDS[COMP_CWORD-1]}}" in
 {}  esac
-  COMPREPLY=($(compgen -W "$words" -- "${{COMP_WORDS[COMP_CWORD]}}"))
+  case "$kind" in
+    scenarios | transports) [[ $current == -* ]] || words=$("${{COMP_WORDS[0]}}" completion "$kind" 2>/dev/null) ;;
+    results) [[ $current == -* ]] || words='' ;;
+  esac
+  [[ $current != *,* ]] || list="${{current%,*}},"
+  COMPREPLY=($(compgen -P "$list" -W "$words" -- "${{current##*,}}"))
+  [[ $current != -* ]] || return
+  local IFS=$'\n'
+  case "$kind" in
+    scenarios) COMPREPLY+=($(compgen -f -X '!*.yaml' -- "$current")) ;;
+    results) COMPREPLY+=($(compgen -f -X '!*.ontime' -- "$current")) ;;
+  esac
 }}
 )sh",
                      cases.commands, cases.words, cases.values);
 }
 
+std::string text_for(const Command& app, const std::string& what) {
+  if (what == "bash") return function(app) + "complete -o default -F _ontime_words ontime\n";
+  if (what == "zsh")
+    return "#compdef ontime\nautoload -Uz bashcompinit && bashcompinit\n" + function(app) +
+           "_bash_complete -o default -F _ontime_words\n";
+  if (what == "scenarios") return fmt::format("{}\n", fmt::join(own_scenario_names(), "\n"));
+  if (what == "transports") return fmt::format("{}\n", fmt::join(transport::available(), "\n"));
+  throw campaign::Error(2, fmt::format("'{}' is neither bash nor zsh", what));
+}
+
 }  // namespace
 
 void add_completion(Command& app, Action& action) {
-  auto* command =
-      app.add_subcommand("completion", "What bash or zsh needs to complete this command line")->group("");
+  auto* command = app.add_subcommand("completion", "What bash or zsh needs to complete this command line");
+  command->group("Set up")->footer(
+      "For this shell: source <(ontime completion bash)\n"
+      "For good: ontime completion bash | sudo tee /usr/share/bash-completion/completions/ontime >/dev/null");
   auto shell = std::make_shared<std::string>();
   command->add_option("SHELL", *shell, "bash or zsh")->required();
   command->callback([&app, &action, shell] {
     action = [&app, shell] {
-      if (*shell == "bash")
-        print(function(app) + "complete -o default -F _ontime_words ontime\n");
-      else if (*shell == "zsh")
-        print("#compdef ontime\nautoload -Uz bashcompinit && bashcompinit\n" + function(app) +
-              "_bash_complete -o default -F _ontime_words\n");
-      else
-        throw campaign::Error(2, fmt::format("'{}' is neither bash nor zsh", *shell));
+      print(text_for(app, *shell));
       return 0;
     };
   });

@@ -27,13 +27,14 @@ int main(int argc, char** argv) {
         {ontime::app::add_report, ontime::app::add_compare, ontime::app::add_explain, ontime::app::add_plot,
          ontime::app::add_export, ontime::app::add_import}},
        {"Tune", {ontime::app::add_check, ontime::app::add_tune}},
-       {"Try", {ontime::app::add_lab}}};
+       {"Try", {ontime::app::add_lab}},
+       {"Set up", {ontime::app::add_completion}}};
   for (const auto& [group, commands] : groups)
     for (const auto add : commands) {
       add(app, action);
       app.subcommands().back()->group(group);
     }
-  for (const auto add : {ontime::app::add_completion, ontime::app::add_workers}) add(app, action);
+  ontime::app::add_workers(app, action);
   if (argc == 1)
     action = ontime::app::show_next;
   else if (const auto code = program.parse(argc, argv))

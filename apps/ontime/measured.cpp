@@ -13,6 +13,7 @@
 
 #include "flags.hpp"
 #include "results_page.hpp"
+#include "spelling/spelling.hpp"
 
 namespace ontime::app {
 namespace {
@@ -23,8 +24,8 @@ void check_transports(const std::vector<std::string>& names) {
   const auto here = transport::available();
   for (const auto& name : names)
     if (std::find(here.begin(), here.end(), name) == here.end())
-      throw campaign::Error(3, fmt::format("--transports: there is no transport '{}' here; there are: {}",
-                                           name, fmt::join(here, ", ")));
+      throw campaign::Error(3, fmt::format("--transports: there is no transport '{}' here{}; there are: {}",
+                                           name, spelling::suggestion(name, here), fmt::join(here, ", ")));
 }
 
 using Notes = std::vector<std::pair<std::int64_t, record::Note>>;  // by the number of their run
@@ -97,7 +98,7 @@ void add_choice(Command& command, Choice& choice) {
   command.add_option("--transports", choice.selection.transports, "these, instead of those of the scenario")
       ->delimiter(',')
       ->allow_extra_args(false)
-      ->type_name("NAME,...")
+      ->type_name("TRANSPORT,...")
       ->check(given);
   command.add_option("--duration", choice.duration, "of each run, instead of the scenario's")
       ->type_name("TIME")

@@ -6,9 +6,8 @@
 #include <string>
 #include <vector>
 
-#include "command.hpp"
-
 #include "campaign/campaign.hpp"
+#include "command.hpp"
 #include "gates.hpp"
 #include "report/report.hpp"
 #include "terminal.hpp"

@@ -61,7 +61,7 @@ int show_next() {
   add("ontime check", "is this machine fit? " + state_of_machine());
   add(geteuid() == 0 ? "ontime run demo" : "sudo ontime run demo", "under load, with and without real-time");
   add("ontime init ROBOT", "a scenario for this machine and ROBOT");
-  add("ontime completion bash --help", "let the shell complete all this");
+  add("source <(ontime completion bash)", "the shell completes commands, options and values");
   add("ontime --help", "all commands");
   print(text);
   return 0;

@@ -1,4 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
+#include "plot.hpp"
+
 #include <algorithm>
 #include <cerrno>
 #include <filesystem>
@@ -64,7 +66,55 @@ class Memory {
   int file_;
 };
 
-// What gnuplot makes of these commands. What it has to say itself goes to standard error.
+Plot plot_of(const Arguments& arguments) {
+  const std::map<std::string, Plot::Figure> figures = {{"time", Plot::Figure::time},
+                                                       {"ccdf", Plot::Figure::ccdf},
+                                                       {"conditions", Plot::Figure::conditions},
+                                                       {"payload", Plot::Figure::payload},
+                                                       {"neighbours", Plot::Figure::neighbours}};
+  const auto figure = figures.find(arguments.figure);
+  if (figure == figures.end())
+    throw Error(2, fmt::format("--figure: '{}' is not one of time, ccdf, conditions, payload, neighbours",
+                               arguments.figure));
+  return {figure->second, form_of("--output", arguments.output), arguments.wide};
+}
+
+constexpr std::size_t most_panels = 12;  // on one sheet of paper
+
+int plot(const Arguments& arguments) {
+  const auto plot = plot_of(arguments);
+  const record::Reader reader(arguments.results);
+  Output output(arguments.output);
+  std::vector<statistics::Summary> summaries;
+  for (const auto& run : chosen_runs(reader, arguments.results, arguments.only)) {
+    auto summary = statistics::summarise(reader, run);
+    if (summary.sent > 0) summaries.push_back(std::move(summary));
+  }
+  if (summaries.empty()) throw Error(2, arguments.results + ": it has no measured messages to draw");
+  if (plot.figure == Plot::Figure::time && summaries.size() > most_panels)
+    throw Error(2, fmt::format("{} runs do not fit: --figure time holds {}. Choose them with --only.",
+                               summaries.size(), most_panels));
+  if (plot.figure == Plot::Figure::neighbours &&
+      std::none_of(summaries.begin(), summaries.end(), [](const auto& summary) {
+        return record::at(summary.run.asked, "neighbours").is_object();
+      }))
+    throw Error(2, arguments.results + ": none of its runs had background topics (key `neighbours`)");
+  output.write(drawn(report::gnuplot_of(summaries, plot)));
+  output.finish();
+  return 0;
+}
+
+}  // namespace
+
+Plot::Form form_of(const char* flag, const std::string& output) {
+  const std::map<std::string, Plot::Form> forms = {
+      {".svg", Plot::Form::svg}, {".pdf", Plot::Form::pdf}, {".png", Plot::Form::png}};
+  const auto form = forms.find(std::filesystem::path(output).extension().string());
+  if (form == forms.end())
+    throw Error(2, fmt::format("{}: '{}' ends in none of .svg, .pdf, .png", flag, output));
+  return form->second;
+}
+
 std::string drawn(const std::string& commands) {
   Memory script("commands"), figure("figure");
   script.hold(commands);
@@ -94,61 +144,16 @@ std::string drawn(const std::string& commands) {
   return text;
 }
 
-Plot plot_of(const Arguments& arguments) {
-  const std::map<std::string, Plot::Figure> figures = {{"time", Plot::Figure::time},
-                                                       {"worse", Plot::Figure::worse},
-                                                       {"payload", Plot::Figure::payload},
-                                                       {"neighbours", Plot::Figure::neighbours}};
-  const std::map<std::string, Plot::Form> forms = {
-      {".svg", Plot::Form::svg}, {".pdf", Plot::Form::pdf}, {".png", Plot::Form::png}};
-  const auto figure = figures.find(arguments.figure);
-  if (figure == figures.end())
-    throw Error(
-        2, fmt::format("--figure: '{}' is not one of time, worse, payload, neighbours", arguments.figure));
-  const auto form = forms.find(std::filesystem::path(arguments.output).extension().string());
-  if (form == forms.end())
-    throw Error(2, fmt::format("--output: '{}' ends in none of .svg, .pdf, .png", arguments.output));
-  return {figure->second, form->second, arguments.wide};
-}
-
-constexpr std::size_t most_panels = 12;  // on one sheet of paper
-
-int plot(const Arguments& arguments) {
-  const auto plot = plot_of(arguments);
-  const record::Reader reader(arguments.results);
-  Output output(arguments.output);
-  std::vector<statistics::Summary> summaries;
-  for (const auto& run : chosen_runs(reader, arguments.results, arguments.only)) {
-    auto summary = statistics::summarise(reader, run);
-    if (summary.sent > 0) summaries.push_back(std::move(summary));
-  }
-  if (summaries.empty())
-    throw Error(2, arguments.results + ": nothing was measured in it that could be drawn.");
-  if (plot.figure == Plot::Figure::time && summaries.size() > most_panels)
-    throw Error(2, fmt::format("{} runs are more than the {} that a figure can hold: choose with --only",
-                               summaries.size(), most_panels));
-  if (plot.figure == Plot::Figure::neighbours &&
-      std::none_of(summaries.begin(), summaries.end(), [](const auto& summary) {
-        return record::at(summary.run.asked, "neighbours").is_object();
-      }))
-    throw Error(2, arguments.results + ": no run of it had neighbours");
-  output.write(drawn(report::gnuplot_of(summaries, plot)));
-  output.finish();
-  return 0;
-}
-
-}  // namespace
-
 void add_plot(Command& app, Action& action) {
   auto* command = app.add_subcommand("plot", "Figures for a paper: SVG, PDF, PNG");
   auto arguments = std::make_shared<Arguments>();
   command->add_option("RESULTS", arguments->results, "a results file")->required();
   add_file(*command, "--output", arguments->output, "the figure: .svg, .pdf or .png")->required();
   command
-      ->add_option(
-          "--figure", arguments->figure,
-          "time (round trips over it), worse (how often is it worse than x), or payload or neighbours "
-          "(round trip against it, or against their rate): time")
+      ->add_option("--figure", arguments->figure,
+                   "time (round trips over time; the default), ccdf (share of messages slower than x), "
+                   "conditions (one row "
+                   "for each), payload or neighbours (round trip against it, or against their rate)")
       ->type_name("FIGURE");
   add_only(*command, arguments->only, ",--runs");
   command->add_flag("--wide", arguments->wide, "as wide as a page of two columns, instead of one column");

@@ -108,7 +108,7 @@ void add_run(Command& app, Action& action) {
       ->needs("--results");
   add_report_format(*command, arguments->format);
   // The lab's machine measures; whoever started it shows, judges and keeps.
-  command->add_flag("--only-measure", arguments->only_measure)->group("");
+  command->add_flag("--only-measure", arguments->only_measure, "measure, and show nothing")->group("");
   auto flags = std::make_shared<GateFlags>(*command, gate::Use::fail_if);
   command->callback([&action, arguments, flags] {
     action = [arguments, flags] { return run(*arguments, *flags, command_line()); };

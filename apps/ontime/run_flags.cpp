@@ -31,7 +31,7 @@ RunFlags::RunFlags(Command& app, Key::For end) {
     auto* option = flag.option =
         app.add_option(key.flag, flag.value, is_transport ? key.help + "; " + transports_here() : key.help);
     if (key.values == "on|off") option->expected(0, 1);  // alone, it says on
-    option->type_name(key.values);
+    option->type_name(is_transport ? "TRANSPORT" : key.values);
     if (key.path.starts_with("realtime.")) option->group("Real-time settings (each turns --realtime on)");
   }
   app.add_option("--interface", interface_, "the link under test; messages take no other")

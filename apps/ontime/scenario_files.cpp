@@ -8,6 +8,7 @@
 #include <fmt/format.h>
 
 #include "campaign/campaign.hpp"
+#include "spelling/spelling.hpp"
 
 namespace ontime::app {
 namespace {
@@ -27,8 +28,13 @@ bool is_there(const fs::path& path) {
   return fs::exists(path, ignored);
 }
 
+// A scenario is code: what lies in this folder by chance must not take the place of what is installed.
+bool is_path(const std::string& name) {
+  return name.find('/') != std::string::npos || name.ends_with(suffix);
+}
+
 fs::path found(const std::string& name) {
-  if (is_there(name)) return name;
+  if (is_path(name) && is_there(name)) return name;
   const auto own = own_scenarios();
   if (own.empty() || fs::path(name).is_absolute()) return {};
   for (const auto& path : {own / name, own / (name + suffix), own.parent_path() / name})
@@ -36,12 +42,19 @@ fs::path found(const std::string& name) {
   return {};
 }
 
+std::string meant(const std::string& name) {
+  const auto suggestion = spelling::suggestion(name, own_scenario_names());
+  return suggestion.empty() ? ";" : suggestion;
+}
+
 std::vector<std::string> files_of(const std::string& name) {
   const auto path = found(name);
   if (path.empty())
-    throw campaign::Error(2, fmt::format("{}: there is no such scenario, file or folder; `ontime scenarios` "
-                                         "shows those that came with ontime",
-                                         name));
+    throw campaign::Error(
+        2,
+        fmt::format("{}: there is no such scenario, file or folder{} `ontime scenarios` shows those that "
+                    "came with ontime",
+                    name, is_there(name) ? "; to run the one in this folder: ./" + name + "." : meant(name)));
   if (!is_folder(path)) return {path.string()};
   std::vector<std::string> files;
   for (const auto& entry : fs::directory_iterator(path))
@@ -61,6 +74,17 @@ fs::path own_scenarios() {
        {program / ".." / "share" / "ontime" / folder, program / ".." / ".." / ".." / folder})
     if (is_folder(path)) return fs::canonical(path);
   return {};
+}
+
+std::vector<std::string> own_scenario_names() {
+  std::vector<std::string> names;
+  const auto own = own_scenarios();
+  if (own.empty()) return names;
+  for (const auto& entry : fs::recursive_directory_iterator(own))
+    if (entry.path().extension() == suffix)
+      names.push_back(entry.path().lexically_relative(own).replace_extension().string());
+  std::sort(names.begin(), names.end());
+  return names;
 }
 
 std::vector<std::string> scenario_files(const std::vector<std::string>& names) {

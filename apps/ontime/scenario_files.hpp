@@ -10,6 +10,8 @@ namespace ontime::app {
 
 // The folder that came with this program, installed or in its source tree; empty if it is nowhere.
 std::filesystem::path own_scenarios();
+// What is in it, by the names that scenario_files() takes: "demo", "paper/test1".
+std::vector<std::string> own_scenario_names();
 
 // The files that names stand for: a file, or of a folder all *.yaml by name. What is no path here is looked
 // for among those that came with ontime ("paper", "paper/test1", "scenarios/paper"). Throws

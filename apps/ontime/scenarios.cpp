@@ -21,9 +21,7 @@ std::vector<std::string> own_files() {
   if (own.empty())
     throw campaign::Error(3, "there are no scenarios beside this program: name a file or a folder");
   std::vector<std::string> files;
-  for (const auto& entry : fs::recursive_directory_iterator(own))
-    if (entry.path().extension() == ".yaml") files.push_back(entry.path().string());
-  std::sort(files.begin(), files.end());
+  for (const auto& name : own_scenario_names()) files.push_back((own / (name + ".yaml")).string());
   return files;
 }
 

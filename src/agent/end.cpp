@@ -7,6 +7,7 @@
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
+#include "agent/privileges.hpp"
 #include "message/message.hpp"
 #include "orders/orders.hpp"
 
@@ -55,13 +56,22 @@ void check(const transport::Plugin& plugin, const Task& task) {
     throw Error(2,
                 fmt::format("transport {} cannot receive by {}", plugin.name, conditions::word_of(task.config.receive)));
   if (task.config.security && !can.security)
-    throw Error(2, fmt::format("transport {} has no DDS Security (security: {}); cyclonedds and fastdds have",
-                               plugin.name, task.config.security->level));
-  if (task.config.launch_ns > 0 && !can.launch_time)
     throw Error(2,
-                fmt::format("transport {} writes to no socket of ontime's, so that its messages cannot say "
-                            "when they are to leave (launch-time); those of udp and ethernet can",
-                            plugin.name));
+                fmt::format("transport {} has no DDS Security (security: {}); leave it out, or take another "
+                            "transport",
+                            plugin.name, task.config.security->level));
+  if (task.config.launch_ns > 0 && !can.launch_time)
+    throw Error(
+        2, fmt::format("transport {} writes to no socket of ontime's, so its messages cannot say when they "
+                       "leave (launch-time); leave it out, or take another transport",
+                       plugin.name));
+  const transport::Config unnamed;
+  if (!can.topics &&
+      (task.config.ping_topic != unnamed.ping_topic || task.config.pong_topic != unnamed.pong_topic))
+    throw Error(
+        2, fmt::format("transport {} has no topics to name ({}, {}); tell its pongs apart by --domain, or "
+                       "by its port",
+                       plugin.name, task.config.ping_topic, task.config.pong_topic));
   for (const auto& [name, value] : task.config.options) {
     const bool known = std::any_of(plugin.options.begin(), plugin.options.end(),
                                    [&asked = name](const auto& option) { return asked == option.name; });
@@ -124,6 +134,12 @@ std::vector<transport::Thread> End::threads() {
     if (!known) all.push_back({thread.tid, std::string(of_neighbours) + thread.role, thread.name});
   }
   return all;
+}
+
+void End::drop_privileges() {
+  for (const auto& thread : agent::drop_privileges())
+    refuse({{"fewer privileges for thread " + thread, "it blocks the signal by which it would drop them",
+             "nothing is to be done: what it receives from the network is read with all privileges"}});
 }
 
 json End::opened() {

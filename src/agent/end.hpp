@@ -26,6 +26,7 @@ class End {
     return client_ ? client_->endpoint() : server_ ? server_->endpoint() : neighbours_->endpoint();
   }
   const Task& task() const { return task_; }
+  void drop_privileges();  // what an open end needs no more
   nlohmann::json opened();
 
   // A middleware starts threads when it likes, so this is done again once peers have matched.

@@ -48,6 +48,7 @@ class Agent final : public orders::Worker {
     if (order == "identify") return events_.tell("identified", {{"pid", getpid()}});
     if (order == "open") {
       end_ = std::make_unique<End>(task_of(body.at("task")));
+      end_->drop_privileges();
       auto opened = end_->opened();
       opened["ssh_link"] = body.value("ssh", false) ? ssh_link(end_->task().config.interface) : json();
       shares_link_ = !opened.at("ssh_link").is_null() && opened.at("ssh_link").at("shared");
@@ -87,7 +88,8 @@ class Agent final : public orders::Worker {
     return 0ms;
   }
 
-  void give_back() noexcept override {}  // an end changes nothing that does not end with its process
+  // An end changes nothing that does not end with its process.
+  std::vector<std::string> give_back() noexcept override { return {}; }
 
  private:
   // What a client is at.

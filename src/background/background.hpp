@@ -22,21 +22,43 @@ struct Error : std::runtime_error {
   using std::runtime_error::runtime_error;
 };
 
-// Runs from its making to its destruction, which ends it and waits until nothing of it is left. However the
-// thread that made it ends, it does not outlive it.
+// Runs from its making to its destruction, which ends it and waits until nothing of it is left, or some
+// seconds where the kernel does not let it go. However the thread that made it ends, it is killed then.
 class Background {
  public:
   virtual ~Background() = default;
   virtual bool running() = 0;  // false once it has ended by itself (no memory, say)
+  // Has it end; to be called until it returns true: nothing of it is left. Returns at once.
+  virtual bool end() = 0;
+  virtual std::string name() const = 0;  // for people: "stress-ng (process 4711)"
 };
 
 // Files of control groups (cgroup.procs) that a process enters before it is anything else.
 using Groups = std::vector<std::string>;
 
-// stress-ng as an ordinary process (SCHED_OTHER, any CPU, whatever the caller has), with its temporary files
-// in `directory`, in these groups. Returns once its workers run. Throws Error if it is missing (says the
-// package) or ends at once (says what it said).
-std::unique_ptr<Background> stress(const Workers&, const std::string& directory, const Groups& = {});
+// What this machine has for load, but for a reserve of its own.
+struct Room {
+  std::uint64_t memory_bytes, disk_bytes;
+  bool disk_is_memory;  // as on a tmpfs
+};
+Room room_for(const std::string& directory);
+struct Fitted {
+  Workers workers;     // with all sizes stated
+  std::string scaled;  // which default was too large here, for people; "": none
+};
+// Sizes that are not stated are those of the paper's `stress`, 256 MiB of each vm and 1 GiB of each hdd
+// worker, or what this room has for each. Takes it from the room. Throws Error where what is stated is more.
+Fitted fit(const Workers&, Room&);
+
+class StressLoad : public Background {
+ public:
+  virtual std::uint64_t vm_bytes() const = 0;  // of the smallest vm worker, read back; 0: there is none
+};
+// stress-ng as an ordinary process (SCHED_OTHER, any CPU, whatever the caller has; of the user nobody, if the
+// caller is root), with its temporary files in `directory`, in these groups. Returns once its workers run,
+// and each vm worker has the memory that is stated. Throws Error if it is missing (says the package) or ends
+// at once (says what it said).
+std::unique_ptr<StressLoad> stress(const Workers&, const std::string& directory, const Groups& = {});
 
 // One way of concurrent traffic, as one of its two ends has it: UDP, by iperf3.
 struct Stream {

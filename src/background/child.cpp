@@ -7,6 +7,7 @@
 #include <cstring>
 #include <system_error>
 #include <thread>
+#include <utility>
 
 #include <fcntl.h>
 #include <fmt/format.h>
@@ -29,6 +30,7 @@ namespace {
 using namespace std::chrono_literals;
 
 constexpr auto time_to_end = 3s;
+constexpr auto time_to_die = 10s;  // of a killed process; in an uninterruptible call it may need hours
 
 struct Plan {
   char* const* arguments;
@@ -138,17 +140,29 @@ Started start(const std::vector<std::string>& command, int output, const std::ve
 }
 
 Child::~Child() {
-  kill(-pid_, SIGTERM);
-  wait_until([this] { return ended(); }, time_to_end);
+  if (end()) return;
+  const auto limit = *asked_ + time_to_end + time_to_die - std::chrono::steady_clock::now();
+  wait_until([this] { return end(); }, limit);
+}
+
+bool Child::end() {
+  if (pid_ < 0) return true;
+  const auto now = std::chrono::steady_clock::now();
+  if (!asked_) {
+    asked_ = now;
+    kill(-pid_, SIGTERM);
+  }
+  if (!ended() && now - *asked_ < time_to_end) return false;
   kill(-pid_, SIGKILL);
-  while (!ended() || !group_gone(pid_)) std::this_thread::sleep_for(5ms);
-  waitpid(pid_, nullptr, 0);
+  if (!ended() || !group_gone(pid_)) return false;
+  waitpid(std::exchange(pid_, -1), nullptr, 0);
+  return true;
 }
 
 // Leaves it to be waited for: its id, and its group's, must not become another's meanwhile.
 bool Child::ended() const {
   siginfo_t info{};
-  return waitid(P_PID, static_cast<id_t>(pid_), &info, WEXITED | WNOHANG | WNOWAIT) != 0 ||
+  return pid_ < 0 || waitid(P_PID, static_cast<id_t>(pid_), &info, WEXITED | WNOHANG | WNOWAIT) != 0 ||
          info.si_pid == pid_;
 }
 

@@ -4,6 +4,7 @@
 
 #include <chrono>
 #include <functional>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -25,18 +26,23 @@ struct Started {
 Started start(const std::vector<std::string>& command, int output,
               const std::vector<std::string>& groups = {});
 
-// Such a process, until this ends: it and all of its group are ended then, and waited for.
+// Such a process, until this ends: it and all of its group are ended then, and waited for; but for some
+// seconds only where the kernel does not let one go: that one is killed, and ends when the kernel does.
 class Child {
  public:
   explicit Child(pid_t pid) : pid_(pid) {}
   ~Child();
+  // Asks it and its group to end, and kills them some seconds after the first call. Returns whether nothing
+  // of them is left; returns at once.
+  bool end();
   Child(const Child&) = delete;
   Child& operator=(const Child&) = delete;
   pid_t pid() const { return pid_; }
   bool ended() const;  // by itself
 
  private:
-  pid_t pid_;
+  pid_t pid_;  // -1: nothing of it is left
+  std::optional<std::chrono::steady_clock::time_point> asked_;
 };
 
 // Runs a program to its end, of which there is a limit, and returns what it wrote. Throws Error with that if

@@ -186,15 +186,21 @@ Link::Link(journal::Journal& journal, const Place& place, const Faults& faults,
     journal_.change(table_kind, table_what(place_.netns, family, place_.host), journal::to_be_made);
     journal::within_namespace(place_.netns, [&] { nft(text); });
   };
+  const auto what_of = [&](const std::string& words) {
+    std::string what;
+    journal::within_namespace(place_.netns,
+                              [&] { what = qdisc_what(place_.netns, place_.interface, words); });
+    return what;
+  };
   try {
     make("inet", counting_table(table, place_.interface, traffic_ports, faults));
     if (faults.any()) make("netdev", faults_table(table, place_.interface, faults));
     if (!faults.qdisc.empty()) {
-      qdisc_ = qdisc_what(place_.netns, place_.interface, faults.qdisc);
+      qdisc_ = what_of(faults.qdisc);
       journal_.change(qdisc_kind, qdisc_, our_qdisc_of(faults.qdisc));
     }
     if (!needs_netem(faults)) return;
-    qdisc_ = qdisc_what(place_.netns, place_.interface);
+    qdisc_ = what_of("");
     journal_.change(qdisc_kind, qdisc_, our_qdisc);
     journal::within_namespace(place_.netns, [&] { tc(netem("change", place_.interface, faults)); });
   } catch (const std::exception&) {

@@ -16,6 +16,7 @@
 
 #include "background/background.hpp"
 #include "background/child.hpp"
+#include "background/nobody.hpp"
 
 namespace ontime::background {
 namespace {
@@ -53,9 +54,16 @@ class Pipe {
   std::array<int, 2> ends_{-1, -1};
 };
 
+// Not within a container, say, which may have neither the command for it nor the user.
+bool can_be_nobody(const std::vector<std::string>& place) { return place.empty() || place.front() == "ip"; }
+
 std::vector<std::string> command_for(const Stream& stream) {
   auto command = stream.place;
   if (stream.priority > 0) command.insert(command.end(), {"chrt", "--fifo", std::to_string(stream.priority)});
+  if (can_be_nobody(stream.place)) {
+    for (auto& word : as_nobody()) command.push_back(std::move(word));
+    command.insert(command.end(), {"env", "TMPDIR=/tmp"});  // the caller's own may be for root alone
+  }
   command.insert(command.end(), {"iperf3", "--port", std::to_string(stream.port), "--interval", interval_s,
                                  "--format", "k", "--forceflush"});
   if (!stream.interface.empty()) command.insert(command.end(), {"--bind-dev", stream.interface});
@@ -90,6 +98,8 @@ class Iperf final : public Traffic {
   }
 
   bool running() override { return !child_->ended(); }
+  bool end() override { return child_->end(); }
+  std::string name() const override { return fmt::format("iperf3 (process {})", child_->pid()); }
   Moved moved() override {
     read();
     return moved_;

@@ -11,6 +11,7 @@
 
 #include <fmt/format.h>
 #include <fmt/ranges.h>
+#include <net/if.h>
 #include <nlohmann/json.hpp>
 #include <sys/stat.h>
 
@@ -96,10 +97,27 @@ void write_table(const std::string& what, const Value& value, const Value& prese
 }
 
 constexpr unsigned our_qdisc_number = 0x6f74;  // and so on, for those below it
+
+// "3:eth0"
+bool is_numbered_interface(const std::string& text) {
+  const auto colon = text.find_first_not_of("0123456789");
+  return colon != text.npos && colon > 0 && colon < 10 && text[colon] == ':' &&
+         journal::is_interface_name(text.substr(colon + 1));
+}
+
 bool accepts_qdisc(const std::string& what) {
   const auto parts = parts_of(what);
-  return (parts.size() == 2 || (parts.size() == 3 && conditions::is_qdisc(parts[2]))) &&
-         is_namespace_name(parts[0]) && journal::is_interface_name(parts[1]);
+  return (parts.size() == 2 || (parts.size() == 3 && conditions::is_qdisc(parts[2]))) && is_namespace_name(parts[0]) &&
+         (journal::is_interface_name(parts[1]) || is_numbered_interface(parts[1]));
+}
+
+// By the name that it has now, in the network namespace of the caller; nothing: it is gone, and its
+// discipline with it, as where it was moved.
+std::optional<std::string> name_now(const std::string& interface) {
+  if (!is_numbered_interface(interface)) return interface;
+  std::array<char, IF_NAMESIZE> name{};
+  if (if_indextoname(static_cast<unsigned>(std::stoul(interface)), name.data()) == nullptr) return {};
+  return name.data();
 }
 
 Value read_qdisc(const std::string& what) {
@@ -107,7 +125,9 @@ Value read_qdisc(const std::string& what) {
   if (!is_there(parts[0])) return {};
   Value found;
   inside(parts[0], [&] {
-    const auto answer = json::parse(tc({"-json", "qdisc", "show", "dev", parts[1]}), nullptr, false);
+    const auto name = name_now(parts[1]);
+    if (!name) return;
+    const auto answer = json::parse(tc({"-json", "qdisc", "show", "dev", *name}), nullptr, false);
     if (!answer.is_array()) throw Error("tc -json qdisc show: that is no JSON");
     for (const auto& qdisc : answer) {
       // The kernel's own choice has no handle.
@@ -144,10 +164,12 @@ void write_qdisc(const std::string& what, const Value& value, const Value& prese
                     "remove it (tc qdisc del dev {} root)",
                     parts[1], *present, parts[1]));
   inside(parts[0], [&] {
+    const auto name = name_now(parts[1]);
+    if (!name) throw Error(fmt::format("interface {} is not there any more", parts[1]));
     if (!value)
-      tc({"qdisc", "del", "dev", parts[1], "root"});
+      tc({"qdisc", "del", "dev", *name, "root"});
     else
-      make_qdisc(parts[1], parts.size() == 3 ? parts[2] : "netem");
+      make_qdisc(*name, parts.size() == 3 ? parts[2] : "netem");
   });
 }
 
@@ -192,7 +214,8 @@ std::string table_what(const std::string& netns, const std::string& family, cons
 }
 
 std::string qdisc_what(const std::string& netns, const std::string& interface, const std::string& words) {
-  return fmt::format("{}/{}{}{}", netns, interface, words.empty() ? "" : "/", words);
+  return fmt::format("{}/{}:{}{}{}", netns, if_nametoindex(interface.c_str()), interface,
+                     words.empty() ? "" : "/", words);
 }
 
 }  // namespace ontime::background

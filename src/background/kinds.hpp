@@ -15,12 +15,14 @@ extern const journal::Kind table_kind;
 // The root queueing discipline of an interface, "NETNS/INTERFACE": nothing, as long as it is the kernel's own
 // choice; else what and whose it is. Made is a netem of ours, that does nothing yet; or, of
 // "NETNS/INTERFACE/WORDS", what tc calls by these words, with what is below its classes, which goes with it.
+// The interface is "3:eth0", its index and the name that it had: it may be renamed meanwhile.
 extern const journal::Kind qdisc_kind;
 extern const std::string our_qdisc;  // the value of that
 extern const char* const our_qdisc_handle;
 std::string our_qdisc_of(const std::string& words);  // the same of "prio bands 3"
 
 std::string table_what(const std::string& netns, const std::string& family, const std::string& name);
+// Of an interface of the caller's network namespace, which `ip netns` calls so.
 std::string qdisc_what(const std::string& netns, const std::string& interface, const std::string& words = "");
 // What has tc make it at the root of an interface.
 std::vector<std::string> make_root(const std::string& interface, const std::vector<std::string>& words);

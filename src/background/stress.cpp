@@ -2,13 +2,19 @@
 #include <algorithm>
 #include <cerrno>
 #include <chrono>
+#include <cstdlib>
+#include <filesystem>
+#include <fstream>
 #include <system_error>
 #include <utility>
 
 #include <fmt/format.h>
+#include <fmt/ranges.h>
+#include <unistd.h>
 
 #include "background/background.hpp"
 #include "background/child.hpp"
+#include "background/nobody.hpp"
 #include "background/process.hpp"
 
 namespace ontime::background {
@@ -23,12 +29,21 @@ void add(std::vector<std::string>& command, const char* kind, int workers, std::
     throw Error(fmt::format("{} workers of stress-ng --{} make no load: 0 or more", workers, kind));
   if (workers == 0) return;
   command.insert(command.end(), {fmt::format("--{}", kind), std::to_string(workers)});
-  if (bytes > 0) command.insert(command.end(), {fmt::format("--{}-bytes", kind), std::to_string(bytes)});
+  if (bytes == 0) return;
+  // stress-ng divides what it is told among the workers of a kind; `stress` gave it to each.
+  std::uint64_t of_all = 0;
+  if (__builtin_mul_overflow(bytes, static_cast<std::uint64_t>(workers), &of_all))
+    throw Error(fmt::format("{} {} workers of {} bytes each are too much", workers, kind, bytes));
+  command.insert(command.end(), {fmt::format("--{}-bytes", kind), std::to_string(of_all)});
 }
 
+// Its files lie where it is started, so that the user nobody needs no way there.
 std::vector<std::string> command_for(const Workers& workers, const std::string& directory) {
   constexpr const char* for_ever = "0";  // without it, stress-ng ends after a day
-  std::vector<std::string> command = {"stress-ng", "--temp-path", directory, "--timeout", for_ever};
+  std::vector<std::string> command = {"env", "--chdir=" + directory};
+  for (auto& word : as_nobody()) command.push_back(std::move(word));
+  // A worker that is killed for want of memory is missed at the end; stress-ng would start another.
+  command.insert(command.end(), {"stress-ng", "--temp-path", ".", "--timeout", for_ever, "--oomable"});
   add(command, "cpu", workers.cpu);
   add(command, "vm", workers.vm, workers.vm_bytes);
   add(command, "io", workers.io);
@@ -42,41 +57,112 @@ long children_of(pid_t pid) {
                        [pid](const Process& process) { return process.parent == pid && !process.ended(); });
 }
 
-Error not_started(int error) {
-  if (error == ENOENT)
-    return Error("load was asked for, but there is no stress-ng: install it (sudo apt install stress-ng)");
-  return Error(fmt::format("stress-ng cannot be started: {}", std::generic_category().message(error)));
+Error missing() {
+  return Error("load was requested, but there is no stress-ng: install it (sudo apt install stress-ng)");
 }
 
-class Stress final : public Background {
+// The most that a process has had mapped; 0: it has ended.
+std::uint64_t peak_of(pid_t pid) {
+  std::ifstream status(fmt::format("/proc/{}/status", pid));
+  std::string word;
+  std::uint64_t kilobytes = 0;
+  while (status >> word)
+    if (word == "VmPeak:" && status >> kilobytes) return kilobytes * 1024;
+  return 0;
+}
+
+// What each vm worker has had mapped beside what stress-ng itself has: it works in a child of its own, which
+// maps and unmaps.
+std::vector<std::uint64_t> mapped_by_vm_workers(pid_t leader) {
+  const auto all = processes();
+  std::vector<std::uint64_t> mapped;
+  for (const auto& parent : all) {
+    if (parent.parent != leader || !parent.name.starts_with("stress-ng-vm")) continue;
+    for (const auto& worker : all) {
+      const auto itself = peak_of(parent.pid), with_memory = peak_of(worker.pid);
+      if (worker.parent == parent.pid && with_memory > itself) mapped.push_back(with_memory - itself);
+    }
+  }
+  return mapped;
+}
+
+// Where the command is written to, and the folder is this one's to remove.
+class Folder {
  public:
-  explicit Stress(std::unique_ptr<Child> child) : child_(std::move(child)) {}
-  bool running() override { return !child_->ended(); }
+  explicit Folder(const std::string& parent) : path_(parent + "/stress-ng-XXXXXX") {
+    const bool made = mkdtemp(path_.data()) != nullptr;
+    if (!made || (geteuid() == 0 && chown(path_.c_str(), nobody, nobody) != 0))
+      throw Error(fmt::format("load: folder {} cannot be made for stress-ng: {}", path_,
+                              std::generic_category().message(errno)));
+  }
+  ~Folder() {
+    std::error_code none;  // whose parent has an owner who says so
+    std::filesystem::remove_all(path_, none);
+  }
+  Folder(const Folder&) = delete;
+  Folder& operator=(const Folder&) = delete;
+  const std::string& path() const { return path_; }
 
  private:
+  std::string path_;
+};
+
+class Stress final : public StressLoad {
+ public:
+  Stress(std::unique_ptr<Folder> folder, std::unique_ptr<Child> child, long workers, std::uint64_t vm_bytes)
+      : folder_(std::move(folder)), child_(std::move(child)), workers_(workers), vm_bytes_(vm_bytes) {}
+  bool running() override { return !child_->ended() && children_of(child_->pid()) >= workers_; }
+  std::uint64_t vm_bytes() const override { return vm_bytes_; }
+  bool end() override { return child_->end(); }
+  std::string name() const override { return fmt::format("stress-ng (process {})", child_->pid()); }
+
+ private:
+  std::unique_ptr<Folder> folder_;  // longer than what is in it
   std::unique_ptr<Child> child_;
+  const long workers_;
+  const std::uint64_t vm_bytes_;
 };
 
 }  // namespace
 
-std::unique_ptr<Background> stress(const Workers& workers, const std::string& directory,
+std::unique_ptr<StressLoad> stress(const Workers& workers, const std::string& directory,
                                    const Groups& groups) {
-  const auto command = command_for(workers, directory);
   const long wanted = long{workers.cpu} + workers.vm + workers.io + workers.hdd;
   if (wanted == 0)
     throw Error("load without a worker was asked for: name a number of cpu, vm, io or hdd workers");
+  auto folder = std::make_unique<Folder>(directory);
+  const auto command = command_for(workers, folder->path());
   const Output output;
   const auto started = start(command, output.fd(), groups);
-  if (started.pid < 0) throw not_started(started.error);
+  if (started.error == ENOENT) throw missing();
+  if (started.pid < 0)
+    throw Error(
+        fmt::format("stress-ng cannot be started: {}", std::generic_category().message(started.error)));
   auto child = std::make_unique<Child>(started.pid);
   long running = 0;
-  wait_until([&] { return child->ended() || (running = children_of(child->pid())) >= wanted; },
-             longest_start);
-  const bool has_ended = child->ended();
-  if (!has_ended && running >= wanted) return std::make_unique<Stress>(std::move(child));
+  std::vector<std::uint64_t> mapped;
+  const auto all_run = [&] {
+    running = children_of(child->pid());
+    mapped = mapped_by_vm_workers(child->pid());
+    return running >= wanted && std::count_if(mapped.begin(), mapped.end(), [&](auto bytes) {
+                                  return bytes >= workers.vm_bytes;
+                                }) >= workers.vm;
+  };
+  wait_until([&] { return child->ended() || all_run(); }, longest_start);
+  if (!child->ended() && all_run()) {
+    const auto smallest = mapped.empty() ? 0 : *std::min_element(mapped.begin(), mapped.end());
+    return std::make_unique<Stress>(std::move(folder), std::move(child), wanted, smallest);
+  }
+  auto what = child->ended()     ? "ended at once"
+              : running < wanted ? fmt::format("runs only {} of {} workers", running, wanted)
+                                 : fmt::format("has workers of other sizes than {} bytes: {}",
+                                               workers.vm_bytes, fmt::join(mapped, ", "));
   child.reset();
-  const auto what = has_ended ? "ended at once" : fmt::format("runs only {} of {} workers", running, wanted);
-  throw Error(fmt::format("{} {}; it said:\n{}", fmt::join(command, " "), what, output.text()));
+  const auto said = output.text();
+  // Who was to start it says so, and not itself.
+  const bool is_others = said.starts_with("env:") || said.starts_with("setpriv:");
+  if (is_others && said.find("No such file or directory") != said.npos) throw missing();
+  throw Error(fmt::format("{} {}; it said:\n{}", fmt::join(command, " "), what, said));
 }
 
 }  // namespace ontime::background

@@ -22,18 +22,27 @@ namespace {
 namespace fs = std::filesystem;
 using orders::Error;
 
-constexpr int no_room = 121, other_machine = 122, libraries_missing = 123;
+constexpr int not_executable = 120, no_room = 121, other_machine = 122, libraries_missing = 123;
 
 // $1: the architecture; then, of each file, where it is to lie in the folder and its size. head takes from
-// the pipe what it is told and no byte more. A signal that reaches the whole session ends the keeper, for
-// which this then cleans up.
+// the pipe what it is told and no byte more. A temporary folder may be mounted with noexec: then another one
+// has the program. A signal that reaches the whole session ends the keeper, for which this then cleans up. Of
+// a keeper that was killed (128 and more) a second one, without orders, gives back what its journal has: no
+// other program here could.
 constexpr const char* script = R"sh(
 umask 077
 [ "$(uname -m)" = "$1" ] || { uname -m; exit 122; }
 shift
-folder=$(mktemp -d "${TMPDIR:-/tmp}/ontime-program-XXXXXXXX") || exit 121
 trap : HUP INT TERM
 trap 'rm -rf "$folder"' EXIT
+code=121
+for there in "${TMPDIR:-/tmp}" /var/tmp "${XDG_RUNTIME_DIR:-/run}" "${HOME:-/run}"; do
+  folder=$(mktemp -d "$there/ontime-program-XXXXXXXX" 2>/dev/null) || continue
+  code=120
+  printf '#!/bin/sh\n' >"$folder/try" && chmod 700 "$folder/try" && "$folder/try" 2>/dev/null && code=0 && break
+  rm -rf "$folder"
+done
+[ $code = 0 ] || exit $code
 program=$folder/$1
 missing=
 while [ $# -gt 0 ]; do
@@ -45,6 +54,9 @@ done
 set -- $missing
 [ $# = 0 ] || { printf '%s\n' "$@" | sort -u; exit 123; }
 "$program" keeper
+code=$?
+[ $code -lt 128 ] || "$program" keeper </dev/null >/dev/null
+exit $code
 )sh";
 
 struct Part {
@@ -91,6 +103,10 @@ std::vector<std::string> words_of(const std::string& text) {
 }
 
 std::string reason_of_bringing(int code, const std::string& said) {
+  if (code == not_executable)
+    return "no folder there may hold programs: the temporary folder, /var/tmp, the runtime folder and the "
+           "home "
+           "are mounted with noexec. Set TMPDIR there to a folder of another mount";
   if (code == no_room)
     return "there is no room for ontime, or no right to write, in the temporary folder there";
   if (code == other_machine)

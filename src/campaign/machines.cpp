@@ -20,7 +20,10 @@ namespace {
 
 using nlohmann::json;
 
+using Clock = std::chrono::steady_clock;
+
 constexpr const char* controller = "controller";
+constexpr std::chrono::seconds silent_wait{5};
 
 // Where an end lives, by the name that `ip netns` has for it; nothing: somewhere else.
 std::optional<std::string> network_namespace(const Host& host) {
@@ -110,7 +113,18 @@ bool all_by_ip(const Together& runs) {
 Machines::Machines(orders::Coordinator& coordinator, Observer& observer)
     : coordinator_(coordinator), observer_(observer) {}
 
+Machines::~Machines() {
+  coordinator_.tolerate_one_more();
+  leave_all();
+}
+
+void Machines::leave_all() noexcept {
+  for (auto& [way, machine] : machines_)
+    if (machine.keeper && !leave(machine)) give_back_anew(machine);
+}
+
 void Machines::prepare(const Hosts& stated) {
+  leave_all();
   machines_.clear();
   hosts_ = stated;
   if (hosts_.kind == Hosts::Kind::namespaces && cable_of(hosts_).is_null() &&
@@ -154,16 +168,8 @@ void Machines::add(const std::string& host, const Host& where) {
   auto& machine = machines_[way_to(where)];
   machine.hosts.push_back(host);
   if (machine.keeper) return;
-  const auto name = "the keeper of the " + host + "'s machine";
-  auto command = keeper_command(where);
-  orders::Between between;
-  if (!where.ssh.empty()) {
-    machine.ssh = std::make_unique<Ssh>(where.ssh);
-    command = machine.ssh->first(command);
-    between = machine.ssh->between(program_of(where));
-    if (hosts_.deploy) std::tie(command, between) = deployment(*machine.ssh, where.reach, *hosts_.deploy);
-  }
-  machine.keeper = std::make_unique<Hand>(coordinator_, name, command, "", std::move(between));
+  machine.where = where;
+  start_keeper(machine);
   machine.keeper->on("window", [this, host](const orders::Frame& frame) {
     if (!window_came_) return;
     try {
@@ -180,6 +186,20 @@ void Machines::add(const std::string& host, const Host& where) {
     });
     if (end != links_.end() && was_cut_) was_cut_(end->component, frame.message.at("at_ns"));
   });
+}
+
+void Machines::start_keeper(Machine& machine) {
+  const auto& where = machine.where;
+  const auto name = "the keeper of the " + machine.hosts.front() + "'s machine";
+  auto command = keeper_command(where);
+  orders::Between between;
+  if (!where.ssh.empty()) {
+    machine.ssh = std::make_unique<Ssh>(where.ssh);
+    command = machine.ssh->first(command);
+    between = machine.ssh->between(program_of(where));
+    if (hosts_.deploy) std::tie(command, between) = deployment(*machine.ssh, where.reach, *hosts_.deploy);
+  }
+  machine.keeper = std::make_unique<Hand>(coordinator_, name, command, "", std::move(between));
 }
 
 // By its ways alone a machine cannot be told from another: what it says of itself can.
@@ -381,17 +401,27 @@ void Machines::cut(WasCut told) {
   }
 }
 
-void Machines::load(const Together& runs) {
+std::vector<std::string> Machines::load(const Together& runs) {
   loaded_ = true;
+  load_given_ = json::object();
+  std::vector<std::string> scaled;
   const auto have = [this](const std::string& host, const char* order, const char* event, const json& what) {
-    if (const auto answer = ask(machine_of(host), order, event, what); answer.contains("error"))
+    auto answer = ask(machine_of(host), order, event, what);
+    if (answer.contains("error"))
       throw Error(3, fmt::format("on the {}, {}", host, answer.at("error").get<std::string>()));
+    return answer;
   };
   const auto load_on = [&](const std::string& host, const background::Workers& workers) {
-    if (workers.any()) have(host, "load", "loaded", {{"host", host}, {"load", keeper::to_json(workers)}});
+    if (!workers.any()) return;
+    const auto loaded = have(host, "load", "loaded", {{"host", host}, {"load", keeper::to_json(workers)}});
+    load_given_[host] = loaded.at("given");
+    const std::string text = loaded.at("scaled");
+    if (text.empty()) return;
+    scaled.push_back(fmt::format("on the {}, {}", host, text));
+    if (warned_.insert(scaled.back()).second) observer_.note(scaled.back());
   };
   load_on(controller, runs.front().controller_load);
-  if (hosts_.kind == Hosts::Kind::alone) return;
+  if (hosts_.kind == Hosts::Kind::alone) return scaled;
   for (const auto& run : runs) load_on(run.component, run.component_load);
   for (const auto& run : runs)
     for (const std::string& host : {run.component, std::string(controller)})
@@ -403,6 +433,7 @@ void Machines::load(const Together& runs) {
   // Only then: iperf3 begins with a datagram that it does not send again.
   links_ = ends_of_links(runs);
   for (const auto& end : links_) link(end);
+  return scaled;
 }
 
 void Machines::trace(WindowCame came) {
@@ -465,6 +496,7 @@ Machines::Account Machines::end() {
     const auto ended = ask(machine, "end", "ended");
     for (const auto& host : machine.hosts) {
       account.conditions[host] = ended.at("conditions");
+      account.load[host] = load_given_.value(host, json());
       account.load_running[host] = ended.at("load_running").value(host, json());
       account.kernel[host] = ended.at("kernel").value(host, json());
       account.isolation[host] = ended.at("isolation").value(host, json());
@@ -502,11 +534,66 @@ void Machines::close() { give_back("close", "closed"); }
 void Machines::give_back(const char* order, const char* answer) {
   std::exception_ptr first;
   for (auto& [reach, machine] : machines_) try {
-      if (!machine.keeper->lost()) tell(ask(machine, order, answer).at("notes"));
+      if (machine.keeper->lost()) continue;
+      machine.keeper->order(order);
+      tell(coordinator_.await_long(*machine.keeper, answer, telling(machine), 1).at("notes"));
     } catch (...) {
       if (!first) first = std::current_exception();
     }
   if (first) std::rethrow_exception(first);
+}
+
+std::function<void()> Machines::telling(const Machine& machine) {
+  return [this, &machine, begun = Clock::now(), next = Clock::now() + silent_wait]() mutable {
+    const auto now = Clock::now();
+    if (now < next) return;
+    next = now + silent_wait;
+    const auto& doing = machine.keeper->doing();
+    observer_.note(fmt::format("waiting for {} ({} s so far){}", machine.keeper->name(),
+                               std::chrono::duration_cast<std::chrono::seconds>(now - begun).count(),
+                               doing.empty() ? "" : ": " + doing));
+  };
+}
+
+bool Machines::leave(Machine& machine) noexcept {
+  try {
+    // Who has interrupted so often does not want to wait: the keeper goes on without us.
+    constexpr int tolerated = 1;
+    const auto left = machine.keeper->leave([this, tell = telling(machine)]() mutable {
+      tell();
+      return !coordinator_.interrupted(tolerated);
+    });
+    tell(left.notes);
+    if (left.waits)
+      observer_.note(fmt::format(
+          "{} still gives back what it changed, and goes on after this. Later, `ontime tune revert` on that "
+          "machine gives back what stays",
+          machine.keeper->name()));
+    const bool done = left.gave_back || left.waits;
+    machine.keeper.reset();
+    return done;
+  } catch (const std::exception& error) {
+    observer_.note(error.what());
+    return false;
+  }
+}
+
+void Machines::give_back_anew(Machine& machine) noexcept {
+  try {
+    machine.ssh.reset();
+    start_keeper(machine);
+    tell(ask(machine, "open", "opened").at("notes"));
+    leave(machine);
+  } catch (const std::exception& error) {
+    observer_.note(fmt::format(
+        "the keeper of the {}'s machine is lost, and another one could not be started ({}). What it changed "
+        "there may remain: run `ontime tune revert` there",
+        machine.hosts.front(), error.what()));
+  } catch (const orders::Interrupted&) {
+    observer_.note(fmt::format(
+        "interrupted: what the keeper of the {}'s machine changed may remain. Run `ontime tune revert` there",
+        machine.hosts.front()));
+  }
 }
 
 void Machines::tell(const json& notes) {

@@ -18,6 +18,10 @@ class Machines {
   using Hand = orders::Coordinator::Hand;
 
   Machines(orders::Coordinator&, Observer&);
+  // Each keeper gives back what it changed; for a keeper that was lost, a new one does. What stays is told.
+  ~Machines();
+  Machines(const Machines&) = delete;
+  Machines& operator=(const Machines&) = delete;
 
   // Starts a keeper on each machine that the hosts are on, has what earlier ontimes left there given back,
   // and makes the hosts where they are ours to make. Again, where a keeper was lost, it starts all anew.
@@ -43,7 +47,8 @@ class Machines {
   // That process on the host's machine has the CPUs that tune() kept. Throws Error.
   void keep(const std::string& host, pid_t) const;
   void restore();  // tells what could not be given back
-  void load(const Together&);
+  // Returns what their records are to say of load that is not as large as usual.
+  std::vector<std::string> load(const Together&);
   // Counted from now on; when one has come to pass is told, with the component whose link it is, or "" for
   // the links of all, until unload().
   using WasCut = std::function<void(const std::string& component, std::int64_t at_ns)>;
@@ -60,7 +65,7 @@ class Machines {
   void unload();  // load, link, traffic and trace
   void begin();
   struct Account {
-    nlohmann::json conditions, load_running, kernel, isolation, machine;  // by host
+    nlohmann::json conditions, load, load_running, kernel, isolation, machine;  // by host
     // By component, and then by "controller" and "component".
     nlohmann::json traffic = nlohmann::json::object(), links = nlohmann::json::object();
     // By component: those of the two on whose interface there was traffic, be it another component's.
@@ -73,6 +78,7 @@ class Machines {
 
  private:
   struct Machine {
+    Host where;                // as stated
     std::unique_ptr<Ssh> ssh;  // longer than all that is started by it
     std::unique_ptr<Hand> keeper;
     nlohmann::json description;
@@ -98,7 +104,13 @@ class Machines {
   void add(const std::string& host, const Host&);
   void tell_of_two_ways();
   void link(const LinkEnd&);
+  void start_keeper(Machine&);
   void give_back(const char* order, const char* answer);
+  void leave_all() noexcept;
+  bool leave(Machine&) noexcept;  // whether the keeper gives back by itself
+  void give_back_anew(Machine&) noexcept;
+  // Told now and then while a keeper takes long; that keeper is to beat.
+  std::function<void()> telling(const Machine&);
   void tell(const nlohmann::json& notes);
   nlohmann::json ask(const Machine&, const char* order, const char* answer,
                      nlohmann::json body = nlohmann::json::object()) const;
@@ -108,6 +120,7 @@ class Machines {
   Hosts hosts_;
   std::set<std::string> warned_;
   bool tuned_ = false, loaded_ = false;
+  nlohmann::json load_given_;  // by host
   std::vector<LinkEnd> links_;
   WasCut was_cut_;
   nlohmann::json traced_;  // by the first host of each machine

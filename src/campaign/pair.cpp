@@ -267,6 +267,7 @@ json Pair::outcome(const Machines::Account& account) const {
     host.erase("facts");
     host["ssh_link"] = (*end)->opened.at("ssh_link");
     if ((*end)->again) host["started_again"] = true;
+    if (const auto& load = account.load.at(of_host); !load.is_null()) host["load"] = load;
     host["load_running"] = account.load_running.at(of_host);
     if (!host.at("link").is_null())
       host.at("link").update(

@@ -63,7 +63,8 @@ std::vector<json> Session::measure(std::chrono::nanoseconds wait) {
   for (const auto& text : machines_.tune(runs_))
     for (const auto& pair : pairs_) writer_.note(pair->number(), {"cpus-shared", text, {}, {}});
   for (auto& pair : pairs_) pair->open();
-  machines_.load(runs_);
+  for (const auto& text : machines_.load(runs_))
+    for (const auto& pair : pairs_) writer_.note(pair->number(), {"load-scaled", text, {}, {}});
   if (run_.explain) {
     machines_.trace([this](const auto& host, trace::Window window) {
       if (const auto number = Windows::number_of(window); number < windows_.size())

@@ -17,8 +17,8 @@ struct Workers {
   int vm = 0;                   // --vm
   int io = 0;                   // --io, which calls sync(2) over and over as stress's -i; not --iomix
   int hdd = 0;                  // --hdd
-  std::uint64_t vm_bytes = 0;   // of each vm worker; 0: stress-ng's default
-  std::uint64_t hdd_bytes = 0;  // of each hdd worker; 0: stress-ng's default
+  std::uint64_t vm_bytes = 0;   // of each vm worker; 0: not stated, see background::fit()
+  std::uint64_t hdd_bytes = 0;  // of each hdd worker; 0: not stated
   bool any() const { return cpu + vm + io + hdd > 0; }
 };
 

@@ -1,60 +1,145 @@
 // SPDX-License-Identifier: Apache-2.0
-// The causes in words, and what mends them: a row each.
+#include "explain/causes.hpp"
+
 #include <algorithm>
-#include <array>
 #include <string_view>
 
 #include <fmt/format.h>
 
-#include "explain/explain.hpp"
+#include "explain/callbacks.hpp"
 
 namespace ontime::explain {
 namespace {
 
-// {0}: whose thread, such as "pong's receive thread"; {1}: the culprit.
+using record::at;
+
+// In texts {0} is whose thread ("pong's receive thread"), {1} the culprit, {2} the thread's role.
 struct Row {
   Cause cause;
-  const char *word, *sentence, *without_culprit, *remedy;
+  const char *word, *sentence, *without_culprit;
+  std::vector<Setting> settings;  // each by itself
+  const char* advice;
 };
 constexpr const char* none = "";
-constexpr Row rows[] = {
-    {Cause::cpu, "cpu", "{0} waited for a CPU while {1} ran", "{0} waited for a CPU", none},
-    {Cause::interrupts, "interrupts", "{1} took the CPU of {0}", "interrupts took the CPU of {0}",
-     "kernel.irq-cpus: interrupts to other CPUs than {0} has"},
-    {Cause::throttled, "throttled", none,
-     "{0} was ready, but was kept from its CPU: throttled, by its cgroup's quota or as a real-time thread",
-     "give its cgroup more (cpu.max, cpu.cfs_quota_us), and real-time threads too "
-     "(kernel.rt-throttling: off)"},
-    {Cause::idle_cpu, "idle-cpu", none,
-     "{0} was ready, but its CPU showed no sign of life: it woke slowly, or a hypervisor did not run it",
-     "realtime.cpu-latency: 0 us; a virtual CPU is pinned at its host, no setting here helps"},
-    {Cause::stopped, "stopped", "{0} was stopped by a signal from {1}", "{0} was stopped by a signal",
-     "nobody should stop it (SIGSTOP, SIGTSTP)"},
-    {Cause::page_fault, "page-fault", none,
-     "{0} waited for pages of its memory that were not there: to be read from a disk, or to be freed",
-     "realtime.lock-memory: on"},
-    {Cause::lock, "lock", "{0} waited for a lock of the kernel's, which {1} had",
+const Row rows[] = {
+    {Cause::cpu,
+     "cpu",
+     "{0} waited for a CPU while {1} ran",
+     "{0} waited for a CPU",
+     {{"realtime", "on"},
+      {"realtime.{2}.priority", "above the priority of {1}"},
+      {"realtime.{2}.cpus", "other CPUs than those of {1}"}},
+     none},
+    {Cause::not_preempted,
+     "not-preempted",
+     "{0} waited for a CPU while {1} ran, whose priority is lower: the kernel did not preempt it",
+     "{0} waited for a CPU that a thread of lower priority had: the kernel did not preempt it, or a "
+     "hypervisor paused the CPU",
+     {},
+     "no setting of ontime helps: a PREEMPT_RT kernel preempts sooner; pin a virtual CPU at its host"},
+    {Cause::interrupts,
+     "interrupts",
+     "{1} took the CPU of {0}",
+     "interrupts took the CPU of {0}",
+     {{"kernel.irq-cpus", "other CPUs than that of {0}"}},
+     none},
+    {Cause::throttled,
+     "throttled",
+     none,
+     "{0} was ready, and the scheduler did not let it run: the quota of its cgroup, or real-time throttling",
+     {{"kernel.rt-throttling", "off"}},
+     "a larger quota for its cgroup (cpu.max, cpu.cfs_quota_us)"},
+    {Cause::idle_cpu,
+     "idle-cpu",
+     none,
+     "{0} was ready, but no event shows that its CPU ran: it woke slowly, or a hypervisor paused it",
+     {{"realtime.cpu-latency", "0 us"}},
+     "pin a virtual CPU at its host: no setting in the guest helps"},
+    {Cause::stopped,
+     "stopped",
+     "{0} was stopped by a signal from {1}",
+     "{0} was stopped by a signal",
+     {},
+     "find what sends SIGSTOP or SIGTSTP"},
+    {Cause::traced,
+     "traced",
+     "{0} was stopped for its tracer {1} (ptrace)",
+     "{0} was stopped for a tracer (ptrace)",
+     {},
+     "measure without a debugger, strace or another tracer"},
+    {Cause::frozen,
+     "frozen",
+     "{0} was frozen, and {1} thawed it",
+     "{0} was frozen",
+     {},
+     "find what freezes its cgroup (docker pause, cgroup.freeze), or suspends the machine"},
+    {Cause::page_fault,
+     "page-fault",
+     none,
+     "{0} waited for pages of its memory: they were read from a disk, or memory had to be freed",
+     {{"realtime.lock-memory", "on"}},
+     none},
+    {Cause::lock,
+     "lock",
+     "{0} waited for a lock of the kernel's, which {1} had",
      "{0} waited for a lock of the kernel's",
-     "fewer mappings and threads made and ended while messages go; realtime.lock-memory: on"},
-    {Cause::disk, "disk", none, "{0} waited for a disk", "no files are written or read on a message's way"},
-    {Cause::blocked, "blocked", none, "{0} waited in the kernel (state D), it is not known for what",
-     "realtime.lock-memory: on"},
-    {Cause::waited, "waited", "{0} slept until {1} woke it, which had a lock, or work to do first",
-     "{0} slept on its way, of its own accord", none},
-    {Cause::busy, "busy", none, "{0} had its CPU, and took so long (or a hypervisor did not run it)", none},
-    {Cause::timer, "timer", none,
-     "the timer that wakes {0} came late: its CPU had interrupts off, or a hypervisor did not run it",
-     "a virtual CPU is pinned at its host; no setting here helps"},
-    {Cause::queue, "queue", "the packet was held at {0}, by the queue of {1}",
+     {{"realtime.lock-memory", "on"}},
+     "map no memory and start no threads while messages go"},
+    {Cause::disk,
+     "disk",
+     none,
+     "{0} waited for a disk",
+     {},
+     "neither read nor write files on a message's way"},
+    {Cause::blocked,
+     "blocked",
+     none,
+     "{0} waited in the kernel (state D), no event shows for what",
+     {},
+     none},
+    {Cause::waited,
+     "waited",
+     "{0} slept until {1} woke it: that thread had a lock, or work to do first, or thawed it",
+     "{0} slept on its way, of its own accord",
+     {},
+     none},
+    {Cause::busy,
+     "busy",
+     none,
+     "{0} had its CPU, and took so long (or a hypervisor paused the CPU)",
+     {},
+     none},
+    {Cause::timer,
+     "timer",
+     none,
+     "the timer that wakes {0} came late: its CPU had interrupts off, or a hypervisor paused it",
+     {},
+     "pin a virtual CPU at its host: no setting in the guest helps"},
+    {Cause::queue,
+     "queue",
+     "the packet was held at {0}, by the queue of {1}",
      "the packet was held at {0}, by a queue",
+     {},
      "tc -s qdisc show dev {1}: a rate, a delay, or other traffic ahead of it"},
-    {Cause::dropped, "dropped", "the packet was dropped at {0} ({1})",
-     "the packet was dropped at {0}, the kernel does not say why", none},
-    {Cause::unreachable, "unreachable", "the packet could not be sent at {0}: {1}", none,
+    {Cause::dropped,
+     "dropped",
+     "the packet was dropped at {0} ({1})",
+     "the packet was dropped at {0}, the kernel does not say why",
+     {},
+     none},
+    {Cause::unreachable,
+     "unreachable",
+     "the packet could not be sent at {0}: {1}",
+     none,
+     {},
      "ip route get ADDRESS, ip neigh: the interface, or the other end's, was down or lost its address"},
-    {Cause::link_down, "link-down", "the link was down at {0}: {1}", none,
-     "who takes the interface down, its cable, its driver: ip monitor link, journalctl -k"},
-    {Cause::unknown, "unknown", none, "unknown", none}};
+    {Cause::link_down,
+     "link-down",
+     "the link was down at {0}: {1}",
+     none,
+     {},
+     "find what takes the interface down, its cable, its driver: ip monitor link, journalctl -k"},
+    {Cause::unknown, "unknown", none, "unknown: no event of the kernel shows why", {}, none}};
 
 const Row& row_of(Cause cause) {
   return *std::find_if(std::begin(rows), std::end(rows), [&](const Row& row) { return row.cause == cause; });
@@ -65,28 +150,48 @@ struct Wait {
   std::string_view function;
   Cause cause;
 };
-constexpr Wait waits[] = {{"rtlock_slowlock", Cause::lock},   {"rt_mutex_", Cause::lock},
-                          {"rwsem_down_", Cause::lock},       {"mutex_lock", Cause::lock},
-                          {"percpu_rwsem_wait", Cause::lock}, {"handle_mm_fault", Cause::page_fault},
-                          {"page_fault", Cause::page_fault},  {"io_schedule", Cause::disk}};
+constexpr Wait waits[] = {{"__refrigerator", Cause::frozen},
+                          {"rtlock_slowlock", Cause::lock},
+                          {"rt_mutex_", Cause::lock},
+                          {"rwsem_down_", Cause::lock},
+                          {"mutex_lock", Cause::lock},
+                          {"percpu_rwsem_wait", Cause::lock},
+                          {"handle_mm_fault", Cause::page_fault},
+                          {"page_fault", Cause::page_fault},
+                          {"io_schedule", Cause::disk}};
 
 // By how the kernel's word for a reason begins.
 struct Drop {
   std::string_view reason;
-  const char* remedy;
+  Setting setting;
+  const char* advice;
 };
-constexpr Drop drops[] = {
-    {"NETFILTER", "a rule of a packet filter dropped it: nft list ruleset"},
+const Drop drops[] = {
+    {"NETFILTER", {}, "a rule of a packet filter dropped it: nft list ruleset"},
     {"SOCKET_RCVBUFF",
-     "a larger receive buffer (kernel.rmem-max, and the transport's option), or a reader that is "
-     "not kept from its CPU"},
-    {"PROTO_MEM", "net.ipv4.udp_mem: sockets of the whole machine are out of memory"},
-    {"QDISC", "tc -s qdisc: the interface's queue was full, or its rate was reached"},
-    {"TC_", "tc filter show: a filter dropped it"},
-    {"NO_SOCKET", "nobody listened there: was the other end gone?"},
-    {"CPU_BACKLOG", "net.core.netdev_max_backlog, and a ksoftirqd that is not starved (kernel.ksoftirqd)"},
-    {"DEV_READY", "the interface at the other side was down"},
-    {"__dev_forward_skb", "the interface at the other side was down, or its MTU is smaller than the packet"}};
+     {"kernel.rmem-max", "more bytes"},
+     "a larger receive buffer (the transport's option), and a reader that is not kept from its CPU"},
+    {"PROTO_MEM", {}, "net.ipv4.udp_mem: sockets of the whole machine are out of memory"},
+    {"QDISC", {}, "tc -s qdisc: the interface's queue was full, or its rate was reached"},
+    {"TC_", {}, "tc filter show: a filter dropped it"},
+    {"NO_SOCKET", {}, "no socket listened there: was the other end gone?"},
+    {"CPU_BACKLOG",
+     {"kernel.ksoftirqd", "a priority above what keeps it from its CPU"},
+     "a larger net.core.netdev_max_backlog"},
+    {"DEV_READY", {}, "the interface at the other side was down"},
+    {"__dev_forward_skb",
+     {},
+     "the interface at the other side was down, or its MTU is smaller than the packet"}};
+
+constexpr std::string_view softirqs_of_network[] = {"NET_RX", "NET_TX"},
+                           softirqs_of_others[] = {"HI",      "TIMER", "BLOCK",   "IRQ_POLL",
+                                                   "TASKLET", "SCHED", "HRTIMER", "RCU"};
+constexpr std::string_view timer_interrupt = "timer interrupt";
+
+template <class Names>
+bool is_of(const Names& names, const std::string& name) {
+  return std::find(std::begin(names), std::end(names), name) != std::end(names);
+}
 
 std::string possessive(const std::string& end) { return end == "component" ? "pong's" : "ping's"; }
 
@@ -94,20 +199,68 @@ std::string whose(const Part& part) {
   if (part.thread.empty()) return possessive(part.end) + " side";
   if (part.stage == Stage::travelled)
     return fmt::format("{}, by which packets come to {} end,", part.thread, possessive(part.end));
-  return fmt::format("{} {} thread", possessive(part.end), part.thread);
+  const auto own = fmt::format("{} {} thread", possessive(part.end), part.thread);
+  return part.via.empty() ? own : fmt::format("{}, for which {} waited,", part.via, own);
 }
 
-std::string for_a_cpu(const Part& part) {
+std::string filled(const std::string& text, const Part& part) {
+  return fmt::format(fmt::runtime(text), whose(part), part.culprit, part.thread);
+}
+
+bool is_real_time(const Part& part) { return part.priority < trace::least_ordinary; }
+
+// Whether a setting of a row changes anything for this thread.
+bool can_help(const std::string& key, const Part& part) {
+  if (!part.via.empty()) return false;  // its thread is not one that a scenario sets
+  if (key == "realtime") return !is_real_time(part);
+  if (key == "realtime.{2}.priority" || key == "realtime.{2}.cpus" || key == "kernel.rt-throttling")
+    return is_real_time(part);
+  if (key == "kernel.irq-cpus")
+    return part.culprit != timer_interrupt && !is_of(softirqs_of_others, part.culprit);
+  return true;
+}
+
+bool has_already(const record::Run& run, const Setting& setting) {
+  const auto& realtime = at(run.asked, "realtime_settings");
+  if (setting.key == "realtime") return at(run.asked, "realtime") == true;
+  if (setting.key == "realtime.lock-memory") return at(realtime, "lock_memory") == true;
+  if (setting.key == "realtime.cpu-latency") return at(realtime, "cpu_latency_us") == 0;
+  constexpr std::string_view kernel = "kernel.";
+  return setting.key.starts_with(kernel) &&
+         at(at(run.asked, "kernel"), setting.key.substr(kernel.size())) == setting.value;
+}
+
+// The kernel's threads have keys of their own.
+Remedy of_kernel_thread(const Part& part) {
+  const auto* const threads = part.thread.starts_with("irq/")    ? "irq-threads"
+                              : part.thread.starts_with("napi/") ? "napi-threads"
+                                                                 : "ksoftirqd";
+  return {{{fmt::format("kernel.{}", threads), filled("above the priority of {1}", part)}}, ""};
+}
+
+// Of a message that was lost without a reason: how far it is known to have come.
+std::string sentence_of_lost(const Part& part) {
+  const auto* const sender = part.end == "component" ? "ping's" : "pong's";
   if (part.stage == Stage::travelled)
-    return fmt::format("kernel.{}: a priority above {}'s",
-                       part.thread.starts_with("irq/")    ? "irq-threads"
-                       : part.thread.starts_with("napi/") ? "napi-threads"
-                                                          : "ksoftirqd",
-                       part.culprit);
-  if (part.priority >= trace::least_ordinary)
-    return fmt::format("realtime: on (of this thread alone: realtime.{}.priority: 80)", part.thread);
-  return fmt::format("realtime.{}.priority above {}'s, or realtime.{}.cpus apart from it", part.thread,
-                     part.culprit, part.thread);
+    return fmt::format("unknown: its packet left {} side, and no event shows what became of it", sender);
+  if (part.stage == Stage::delivered)
+    return fmt::format("unknown: its packet came to {} side, and no event shows what became of it",
+                       possessive(part.end));
+  return fmt::format("unknown: no event shows that its packet left {} side", possessive(part.end));
+}
+
+std::string advice_for(const Part& part) {
+  if (!part.via.empty() && part.cause == Cause::cpu)
+    return "a mutex with priority inheritance (PTHREAD_PRIO_INHERIT), or a higher priority for " + part.via;
+  if (part.cause == Cause::interrupts && part.culprit == timer_interrupt)
+    return "no setting moves a CPU's own timer interrupt; where it takes milliseconds, a hypervisor paused "
+           "the "
+           "CPU";
+  if (part.cause == Cause::interrupts && is_of(softirqs_of_network, part.culprit))
+    return "rules of a packet filter cost time as well: nft list ruleset";
+  if (part.cause == Cause::busy && (part.stage == Stage::left || part.stage == Stage::travelled))
+    return "nft list ruleset: rules that each packet passes";
+  return filled(row_of(part.cause).advice, part);
 }
 
 }  // namespace
@@ -126,17 +279,36 @@ const char* word_of(Stage stage) {
 }
 
 std::string sentence_of(const Part& part) {
+  if (part.cause == Cause::unknown && part.ns == 0) return sentence_of_lost(part);
   const auto& row = row_of(part.cause);
   const bool without = part.culprit.empty() || *row.sentence == '\0';
-  return fmt::format(fmt::runtime(without ? row.without_culprit : row.sentence), whose(part), part.culprit);
+  return filled(without ? row.without_culprit : row.sentence, part);
 }
 
-std::string remedy_of(const Part& part) {
-  if (part.cause == Cause::cpu) return for_a_cpu(part);
+Remedy remedy_for(const Part& part, const record::Run& run) {
+  if (part.cause == Cause::cpu && part.stage == Stage::travelled) return of_kernel_thread(part);
   if (part.cause == Cause::dropped)
-    for (const auto& [reason, remedy] : drops)
-      if (part.culprit.starts_with(reason)) return remedy;
-  return fmt::format(fmt::runtime(row_of(part.cause).remedy), whose(part), part.culprit);
+    for (const auto& [reason, setting, advice] : drops)
+      if (part.culprit.starts_with(reason))
+        return {setting.key.empty() ? std::vector<Setting>{} : std::vector{setting}, advice};
+  if (const auto remedy = remedy_of_callbacks(part, run)) return *remedy;
+  Remedy remedy{{}, advice_for(part)};
+  for (const auto& setting : row_of(part.cause).settings) {
+    if (!can_help(setting.key, part)) continue;
+    if (!has_already(run, setting))
+      remedy.settings.push_back({filled(setting.key, part), filled(setting.value, part)});
+    else if (setting.key == "realtime")
+      remedy.advice = filled(
+          "realtime is on, but not for this thread: see what was denied, or set realtime.{2}.priority", part);
+  }
+  return remedy;
+}
+
+std::string text_of(const Remedy& remedy) {
+  std::string text;
+  for (const auto& [key, value] : remedy.settings)
+    text += fmt::format("{}{}: {}", text.empty() ? "" : ", or ", key, value);
+  return text + (text.empty() || remedy.advice.empty() ? "" : "; ") + remedy.advice;
 }
 
 }  // namespace ontime::explain

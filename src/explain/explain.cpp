@@ -10,6 +10,8 @@
 
 #include <fmt/format.h>
 
+#include "explain/limits.hpp"
+#include "explain/loopback.hpp"
 #include "explain/way.hpp"
 
 namespace ontime::explain {
@@ -26,7 +28,6 @@ constexpr std::size_t most_threads = 1000;  // of a process that measures
 constexpr std::size_t most_downs = 100;     // of a link
 constexpr std::int64_t forever_ns = 1'000'000'000'000'000'000;
 constexpr std::size_t most_lost = 16;  // that are looked at
-using Traces = std::vector<const record::Trace*>;
 
 // What is of another kind is nothing: the file may be anybody's.
 std::string text_of(const json& value) { return value.is_string() ? value.get<std::string>() : ""; }
@@ -78,15 +79,18 @@ std::int64_t asked_ns(const json& asked, const char* key) {
              : 0;
 }
 
-// Of whoever knows the threads, and nobody else, what the kernel did says why.
+// Why a run's messages were late or lost, of threads that it knows.
 class Explainer {
  public:
   Explainer(const record::Reader& reader, const record::Run& run, const Pong* pong)
-      : client_(end_of(run, "controller")),
-        server_(end_of(pong != nullptr ? pong->run() : run, "component")),
+      : payload_bytes_(integer_of(at(run.asked, "payload_bytes"))),
+        client_(end_of(run, "controller")),
+        beside_(is_by_hand(run) && pong == nullptr
+                    ? end_over_loopback(reader, run, client_, least_packet_bytes(payload_bytes_))
+                    : std::nullopt),
+        server_(beside_ ? *beside_ : end_of(pong != nullptr ? pong->run() : run, "component")),
         pong_(pong),
-        one_machine_(record::on_one_machine(run.outcome)),
-        payload_bytes_(integer_of(at(run.asked, "payload_bytes"))),
+        one_machine_(beside_ || record::on_one_machine(run.outcome)),
         deadline_ns_(asked_ns(run.asked, "deadline_us")),
         timeout_ns_(asked_ns(run.asked, "timeout_us")),
         usual_(reader, run.number, one_machine_) {}
@@ -137,8 +141,7 @@ class Explainer {
     const bool can_be = std::all_of(way_of.begin(), way_of.end(), [](const Leg& leg) {
       return -longest_ns <= leg.length_ns() && leg.length_ns() <= longest_ns;
     });
-    const bool all_times =
-        can_be && sample.fate != Fate::lost && sample.server_received_ns != 0 && sample.server_sent_ns != 0;
+    const bool all_times = can_be && sample.fate != Fate::lost && has_server_times(sample);
     if (all_times) message.parts = way.delays_of(sample);
     if (timeout_ns_ > 0) until_ns = std::min(until_ns, sample.sent_ns + timeout_ns_);
     if (sample.fate == Fate::lost) message.parts = way.loss_of(sample, until_ns);
@@ -187,43 +190,26 @@ class Explainer {
   }
 
  private:
-  const End client_, server_;
+  const std::int64_t payload_bytes_;
+  const End client_;
+  const std::optional<End> beside_;
+  const End server_;
   const Pong* const pong_;
   const bool one_machine_;
-  const std::int64_t payload_bytes_, deadline_ns_, timeout_ns_;
+  const std::int64_t deadline_ns_, timeout_ns_;
   const Usual usual_;
 };
+
+// A place where messages end.
+bool is_of_lost(const Part& part) {
+  return part.cause == Cause::dropped || (part.cause == Cause::unknown && part.ns == 0);
+}
 
 // Of one message for another: the same culprit.
 bool same(const Part& one, const Part& other) {
   return one.cause == other.cause && one.end == other.end && one.thread == other.thread &&
-         one.culprit == other.culprit && (one.cause != Cause::dropped || one.stage == other.stage);
-}
-
-// Whether the callbacks of its neighbours run on the thread that receives its messages.
-bool shares_callbacks(const record::Run& run, const std::string& end) {
-  const auto& neighbours = at(run.asked, "neighbours");
-  if (at(neighbours, end == "component" ? "there" : "back") != true) return false;
-  const bool is_component = end == "component";
-  const auto where = text_of(at(neighbours, "where"));
-  const auto transport = text_of(at(run.asked, is_component ? "component_transport" : "transport"));
-  if (where == "same-callback-group") return true;
-  if (where == "same-node" || where == "same-executor")
-    return text_of(at(at(run.asked, is_component ? "component_options" : "options"), "executor")) != "multi";
-  if (text_of(at(run.asked, "receive")) == "waitset") return false;
-  return (where == "same-participant" && transport != "ros2") ||
-         (where == "same-process" && transport == "cyclonedds");
-}
-
-std::string remedy_in(const record::Run& run, const Part& part) {
-  const auto callback_ns = asked_ns(at(run.asked, "neighbours"), "callback_us");
-  if (part.cause != Cause::busy || part.thread != "receive" || callback_ns == 0 ||
-      !shares_callbacks(run, part.end))
-    return remedy_of(part);
-  return fmt::format(
-      "the neighbours' callbacks, {:g} ms each, run on it too: give them a thread of their own "
-      "(neighbours.where)",
-      static_cast<double>(callback_ns) / 1e6);
+         one.via == other.via && one.culprit == other.culprit && is_of_lost(one) == is_of_lost(other) &&
+         (!is_of_lost(one) || one.stage == other.stage);
 }
 
 std::vector<Group> groups_of(const record::Run& run, const std::vector<Message>& messages) {
@@ -237,7 +223,7 @@ std::vector<Group> groups_of(const record::Run& run, const std::vector<Message>&
     const auto place = static_cast<std::size_t>(found - groups.begin());
     if (found == groups.end()) {
       groups.push_back(
-          {.culprit = first, .least_ns = first.ns, .most_ns = first.ns, .remedy = remedy_in(run, first)});
+          {.culprit = first, .least_ns = first.ns, .most_ns = first.ns, .remedy = remedy_for(first, run)});
       groups.back().culprit.when.clear();
       threads.emplace_back();
     }
@@ -253,137 +239,7 @@ std::vector<Group> groups_of(const record::Run& run, const std::vector<Message>&
   return groups;
 }
 
-using TracesByMessage = std::map<std::uint64_t, Traces>;
-
-// A kernel that says how a CPU leaves its idle thread leaves nothing to be inferred; but for events that are
-// lost.
-void add_untold_switches(Account& account, const TracesByMessage& traces) {
-  constexpr std::size_t surely_some = 10;
-  std::map<std::pair<std::string, int>, std::size_t> inferred;
-  for (const auto& [message, windows] : traces)
-    for (const auto* trace : windows) {
-      const auto& window = trace->window;
-      for (const auto& [event, latest_ns] : scheduling_of(window.events, window.span.from_ns))
-        if (latest_ns > event.at_ns && latest_ns >= window.span.from_ns) ++inferred[{trace->host, event.cpu}];
-    }
-  for (const auto& [place, switches] : inferred)
-    if (switches >= surely_some)
-      account.limits.push_back(fmt::format(
-          "the kernel of the {}'s machine does not tell when CPU {} leaves idle: it is inferred from "
-          "what is done on it next, and of what passed until then nobody is accused",
-          place.first, place.second));
-}
-
-void add_limits(Account& account, const record::Run& run) {
-  const auto& traced = at(run.outcome, "trace");
-  if (traced.is_object())
-    for (const auto& [host, answer] : traced.items()) {
-      if (const auto error = text_of(at(answer, "error")); !error.empty())
-        account.limits.push_back(
-            fmt::format("nothing is known of what the {}'s machine did: {}", host, error));
-      const auto& missing = at(answer, "missing");
-      if (missing.is_array())
-        for (const auto& what : missing)
-          account.limits.push_back(
-              fmt::format("the kernel of the {}'s machine does not tell {}", host, text_of(what)));
-    }
-  std::uint64_t late = 0, lost = 0, in_part = 0;
-  for (const auto& message : account.messages) {
-    lost += message.sample.fate == Fate::lost ? 1 : 0;
-    late += message.is_fault() && message.sample.fate != Fate::lost ? 1 : 0;
-    in_part += message.whole ? 0 : 1;
-  }
-  const auto all_late = account.late + account.late_by_response;
-  if (late < all_late || lost < account.lost)
-    account.limits.push_back(
-        fmt::format("looked at: the worst {} of {} late and the first {} of {} lost messages", late, all_late,
-                    lost, account.lost));
-  if (in_part > 0)
-    account.limits.push_back(
-        fmt::format("of {} message{} a part of what the kernel did is not known: more happened than was kept",
-                    in_part, in_part == 1 ? "" : "s"));
-}
-
-// Of two machines what was seen of one says nothing of the other.
-void add_one_sided(Account& account, const record::Run& run, const TracesByMessage& traces) {
-  const bool by_hand = at(at(run.outcome, "hosts"), "component").is_null();
-  for (const auto* host : {"controller", "component"}) {
-    const auto is_seen = [&](const auto& message) {
-      return std::any_of(message.second.begin(), message.second.end(),
-                         [&](const auto* trace) { return trace->host == host; });
-    };
-    if (!traces.empty() && std::none_of(traces.begin(), traces.end(), is_seen)) {
-      const auto* const remedy =
-          !by_hand ? ""
-          : host == std::string_view("component")
-              ? " (ontime pong --explain --results FILE there, and ontime explain … --pong FILE)"
-              : " (ontime ping --explain)";
-      if (text_of(at(at(at(run.outcome, "trace"), host), "error")).empty())  // or else it is told
-        account.limits.push_back(
-            fmt::format("nothing is known of what the {}'s machine did{}", host, remedy));
-      continue;
-    }
-    std::size_t faults = 0, of_others = 0;
-    for (const auto& message : account.messages) {
-      if (!message.is_fault()) continue;
-      ++faults;
-      of_others += is_seen(*traces.find(message.sample.index)) ? 0 : 1;
-    }
-    if (of_others > 0)
-      account.limits.push_back(
-          fmt::format("of {} of the {} late and lost messages that were looked at nothing is known of what "
-                      "the {}'s machine did",
-                      of_others, faults, host));
-  }
-}
-
 }  // namespace
-
-Pong::Pong(const record::Reader& kept, const record::Reader& reader, const record::Run& run) {
-  std::map<std::uint64_t, std::int64_t> received_ns;  // by message
-  reader.each_sample(run.number, [&](const Sample& sample) {
-    if (sample.server_received_ns != 0) received_ns[sample.index] = sample.server_received_ns;
-  });
-  std::size_t most = 0;
-  for (auto& one : kept.runs()) {
-    std::size_t fit = 0;
-    bool is_anothers = false;
-    kept.each_trace(one.number, [&](const record::Trace& trace) {
-      const auto& [span, whole, events] = trace.window;
-      const auto at = received_ns.find(span.message);
-      if (trace.host != "component" || at == received_ns.end()) return;
-      const bool may_be_cut_off = !whole && span.to_ns < at->second;
-      const bool fits = span.from_ns <= at->second && at->second <= span.to_ns;
-      fit += fits ? 1 : 0;
-      is_anothers = is_anothers || (!fits && !may_be_cut_off);
-    });
-    if (is_anothers || fit <= most) continue;
-    most = fit;
-    run_ = std::move(one);
-  }
-  if (most == 0)
-    throw record::WrongFile(fmt::format(
-        "no pong --explain kept there what it did when it answered run {}: its file is another's, or "
-        "of another time",
-        run.number));
-  kept.each_trace(run_.number, [&](const record::Trace& trace) {
-    if (trace.host == "component") traces_.push_back(trace);
-  });
-}
-
-// Of the message itself; of one that never came, that of the time at which it should have.
-const record::Trace* Pong::trace_of(const Sample& sample, std::int64_t sent_there_ns) const {
-  const auto there_ns = sample.server_received_ns != 0 ? sample.server_received_ns : sent_there_ns;
-  const record::Trace* best = nullptr;
-  for (const auto& trace : traces_) {
-    const auto& span = trace.window.span;
-    if (there_ns < span.from_ns || span.to_ns < there_ns) continue;
-    const bool is_its = span.message == sample.index;
-    if (is_its || (best == nullptr && sample.server_received_ns == 0)) best = &trace;
-    if (is_its) break;
-  }
-  return best;
-}
 
 std::int64_t deadline_ns_of(const record::Run& run) { return asked_ns(run.asked, "deadline_us"); }
 
@@ -421,19 +277,11 @@ Account account_of(const record::Reader& reader, const record::Run& run, const P
                      return badness(one) > badness(other);
                    });
   account.groups = groups_of(run, account.messages);
-  add_limits(account, run);
-  if (!explainer.one_machine()) {
-    add_one_sided(account, run, traces);
-    std::int64_t worst_ns = 0;
+  std::optional<std::int64_t> worst_ns;
+  if (!explainer.one_machine())
     for (const auto& message : account.messages)
-      worst_ns = std::max(worst_ns, explainer.uncertainty_ns(message.sample));
-    if (!account.messages.empty())
-      account.limits.push_back(
-          fmt::format("the component's clock is known to within {:.1f} us of the controller's: so much may "
-                      "be wrong of where one machine's part of a message's way ends and the other's begins",
-                      static_cast<double>(worst_ns) / 1e3));
-  }
-  add_untold_switches(account, traces);
+      worst_ns = std::max(worst_ns.value_or(0), explainer.uncertainty_ns(message.sample));
+  account.limits = limits_of(account, run, traces, explainer.one_machine(), worst_ns);
   return account;
 }
 

@@ -10,6 +10,7 @@
 #include <string>
 #include <vector>
 
+#include "explain/causes.hpp"
 #include "explain/packets.hpp"
 #include "explain/timeline.hpp"
 #include "record/record.hpp"
@@ -21,34 +22,13 @@ namespace ontime::explain {
 enum class Stage { woke, sent, left, queued, travelled, delivered, answered };
 const char* word_of(Stage);
 
-// What was the matter with the thread, or the packet, that should have gone on.
-enum class Cause {
-  cpu,          // it waited for a CPU while another thread ran there
-  interrupts,   // interrupts or soft interrupts took its CPU
-  throttled,    // it was ready and its CPU was not given to it, though nobody of its rank or above had it
-  idle_cpu,     // it was ready, and its CPU, idle or not, showed no sign of life
-  stopped,      // by a signal
-  page_fault,   // it waited in the kernel for a page of its memory
-  lock,         // it waited for a lock of the kernel's
-  disk,         // it waited in the kernel for a disk
-  blocked,      // it waited in the kernel, it is not known for what
-  waited,       // it had the message, and slept: of its own accord, or until another thread woke it
-  busy,         // it ran, and took its time
-  timer,        // the timer that should have woken it came late
-  queue,        // a queueing discipline held the packet
-  dropped,      // the kernel threw the packet away
-  unreachable,  // the kernel had no way to send the packet
-  link_down,    // an interface could carry nothing
-  unknown
-};
-const char* word_of(Cause);
-
 struct Part {
   Cause cause = Cause::unknown;
   Stage stage = Stage::woke;
   std::string end{};     // "controller", "component": where
   std::string thread{};  // whose role: "send", "receive" …; "": none
   std::int32_t thread_id = 0;
+  std::string via{};      // the thread that `thread` waited for, if the cause held up that one; else ""
   std::string culprit{};  // a thread's name, an interrupt, an interface, the kernel's reason; may be ""
   std::vector<std::int32_t> culprit_threads{};  // those of that name
   // The kernel's priorities (trace::Thread), of `thread` and of a culprit that is one.
@@ -75,7 +55,7 @@ struct Group {
   std::size_t messages = 0;
   std::size_t threads = 0;                 // of that name
   std::int64_t least_ns = 0, most_ns = 0;  // of the delay, by this culprit
-  std::string remedy{};                    // "": there is none that could be named
+  Remedy remedy{};
 };
 
 struct Account {
@@ -132,11 +112,10 @@ struct Scene {
 void each_scene(const record::Reader&, const record::Run&, const std::vector<Message>&,
                 const std::function<void(const Message&, const Scene&)>&, const Pong* = nullptr);
 
-// What a thread waited for that was in these functions of the kernel (see trace::Kind::waits).
-Cause cause_of_wait(const std::string& functions);
-
 // For people, in one line: "pong's receive thread waited for a CPU while stress-ng-cpu ran".
 std::string sentence_of(const Part&);
-std::string remedy_of(const Part&);
+// Without settings that cannot help this thread, or that the run had already.
+Remedy remedy_for(const Part&, const record::Run&);
+std::string text_of(const Remedy&);  // in one line
 
 }  // namespace ontime::explain

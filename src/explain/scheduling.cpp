@@ -16,7 +16,7 @@ constexpr std::int32_t idle = 0;
 
 class Scheduling {
  public:
-  explicit Scheduling(const std::vector<Event>& events) {
+  Scheduling(const std::vector<Event>& events, std::int64_t begin_ns) : begin_ns_(begin_ns) {
     for (const auto& event : events) enter(event);
     std::stable_sort(all.begin(), all.end(), [](const Scheduled& one, const Scheduled& other) {
       return one.event.at_ns < other.event.at_ns;
@@ -26,20 +26,13 @@ class Scheduling {
 
  private:
   struct Cpu {
-    Thread last;               // who came to it
-    std::int64_t idle_ns = 0;  // when its idle thread last came, or did something there
+    Thread last;               // who has it
+    std::int64_t seen_ns = 0;  // when that thread came, or last did something there
   };
 
   void enter(const Event& event) {
     if (event.kind == Kind::waits) return;  // by who leaves, and just after it is said to have left
-    const auto cpu = cpus_.find(event.cpu);
-    if (cpu != cpus_.end() && cpu->second.last.id == idle) {
-      const auto running = trace::running_at(event);
-      if (running == idle)
-        cpu->second.idle_ns = event.at_ns;
-      else
-        left_idle(cpu->second, event, running);
-    }
+    see_who_runs(event);
     if (event.kind == Kind::switched) {
       cpus_[event.cpu] = {event.other, event.at_ns};
       threads_[event.thread.id] = {event.thread, event.at_ns};
@@ -50,29 +43,46 @@ class Scheduling {
       all.push_back({event, event.at_ns});
   }
 
-  void left_idle(Cpu& cpu, const Event& event, std::int32_t running) {
-    auto came_ns = cpu.idle_ns;
-    Thread thread{running, "", ordinary_priority};
-    if (const auto known = threads_.find(running); known != threads_.end()) {
-      thread = known->second.thread;
-      came_ns = std::max(came_ns, known->second.at_ns);
-    } else if (event.kind == Kind::switched) {
-      thread = event.thread;
+  // Whoever makes an event on a CPU has it: if that is another than who came, a switch was not traced.
+  void see_who_runs(const Event& event) {
+    const auto running = trace::running_at(event);
+    const auto cpu = cpus_.find(event.cpu);
+    if (cpu == cpus_.end()) {
+      if (event.at_ns >= begin_ns_) cpus_[event.cpu] = {known(running, event), event.at_ns};
+      return;
     }
+    if (cpu->second.last.id == running) {
+      cpu->second.seen_ns = event.at_ns;
+    } else if (cpu->second.last.id == idle || event.at_ns >= begin_ns_) {
+      infer_switch(cpu->second, event, running);
+    }
+  }
+
+  Thread known(std::int32_t running, const Event& event) const {
+    if (const auto one = threads_.find(running); one != threads_.end()) return one->second.thread;
+    return event.kind == Kind::switched ? event.thread : Thread{running, "", ordinary_priority};
+  }
+
+  // Of what it left nothing is known since, but of the idle thread, which is always ready.
+  void infer_switch(Cpu& cpu, const Event& event, std::int32_t running) {
+    const auto thread = known(running, event);
+    const auto said = threads_.find(running);
+    const auto came_ns = std::max(cpu.seen_ns, said == threads_.end() ? cpu.seen_ns : said->second.at_ns);
     all.push_back({{.at_ns = came_ns,
                     .cpu = event.cpu,
                     .kind = Kind::switched,
                     .thread = cpu.last,
                     .other = thread,
-                    .what = "R"},
+                    .what = cpu.last.id == idle ? "R" : ""},
                    event.at_ns});
-    cpu.last = thread;
+    cpu = {thread, event.at_ns};
   }
 
   struct Known {
     Thread thread;
     std::int64_t at_ns;  // of the last that was said of it
   };
+  const std::int64_t begin_ns_;
   std::map<std::int32_t, Cpu> cpus_;
   std::map<std::int32_t, Known> threads_;
 };
@@ -80,7 +90,7 @@ class Scheduling {
 }  // namespace
 
 std::vector<Scheduled> scheduling_of(const std::vector<Event>& events, std::int64_t begin_ns) {
-  auto all = Scheduling(events).all;
+  auto all = Scheduling(events, begin_ns).all;
   std::set<std::int32_t> later;  // CPUs
   for (auto one = all.rbegin(); one != all.rend(); ++one)
     if (one->event.kind == Kind::switched && one->event.at_ns < begin_ns &&

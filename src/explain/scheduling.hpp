@@ -19,11 +19,12 @@ struct Scheduled {
   std::int64_t latest_ns;
 };
 
-// Of events in order of time. There are kernels that trace no switch by which a CPU leaves its idle thread
-// (seen: 6.18 as it runs under Firecracker, on all CPUs but the first). So where an event on a CPU that is
-// said to be idle was made by another thread, that thread came after whatever the idle thread did there last,
-// and after it was woken. Before `begin_ns`, of which only what the CPUs and threads are at then was kept, a
-// switch that is not the last of its CPU was kept for who left: who came then is gone, and is nobody here.
+// Of events in order of time. There are kernels that do not trace every switch (seen: 6.18 under
+// Firecracker). So where an event on a CPU was made by another thread than the one that came there last, a
+// switch is inferred: after what the one before did there last, and after the new one was woken. What the one
+// before is at since is not known (""). Of the time before `begin_ns` only what the CPUs and threads are at
+// then was kept. Only switches from idle are inferred there; a switch that is not the last of its CPU was
+// kept for who left: who came is gone, and is `nobody` here.
 std::vector<Scheduled> scheduling_of(const std::vector<trace::Event>&, std::int64_t begin_ns);
 inline constexpr std::int32_t nobody = -1;
 

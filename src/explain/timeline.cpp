@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <charconv>
+#include <cstdlib>
 
 namespace ontime::explain {
 namespace {
@@ -11,9 +12,11 @@ using trace::Event;
 using trace::Kind;
 
 State state_of(const std::string& letter) {
+  if (letter.empty()) return State::unknown;
   if (letter == "R") return State::ready;
   if (letter == "D") return State::blocked;
-  if (letter == "T" || letter == "t") return State::stopped;
+  if (letter == "T") return State::stopped;
+  if (letter == "t") return State::traced;
   if (letter == "X" || letter == "Z") return State::gone;
   return State::sleeps;
 }
@@ -58,10 +61,38 @@ bool ends(Kind kind) {
   return kind == Kind::interrupt_end || kind == Kind::soft_interrupt_end || kind == Kind::timer_end;
 }
 
+bool is_timers(const Event& event) {
+  return event.kind == Kind::timer ||
+         (event.kind == Kind::interrupt && event.what.find("timer") != std::string::npos);
+}
+
+// The period of the kernel's tick (CONFIG_HZ): the commonest of Linux' between two interrupts of a CPU's
+// timer. Where they do not say, the longest.
+std::int64_t tick_of(const std::vector<Event>& events) {
+  constexpr std::int64_t periods_ns[] = {1'000'000, 3'333'333, 4'000'000, 10'000'000};
+  constexpr int surely_some = 3;
+  std::map<std::int64_t, int> seen;
+  std::map<int, std::int64_t> last;  // by CPU
+  for (const auto& event : events) {
+    if (!is_timers(event)) continue;
+    const auto [before, is_first] = last.try_emplace(event.cpu, event.at_ns);
+    const auto gap_ns = event.at_ns - before->second;
+    before->second = event.at_ns;
+    for (const auto period_ns : periods_ns)
+      if (!is_first && std::abs(gap_ns - period_ns) <= period_ns / 50) ++seen[period_ns];
+  }
+  const auto most = std::max_element(
+      seen.begin(), seen.end(), [](const auto& one, const auto& other) { return one.second < other.second; });
+  return most == seen.end() || most->second < surely_some ? std::end(periods_ns)[-1] : most->first;
+}
+
 }  // namespace
 
 Timeline::Timeline(const trace::Window& window, std::int64_t later_ns)
-    : begin_ns_(window.span.from_ns + later_ns), events_(window.events) {
+    : begin_ns_(window.span.from_ns + later_ns),
+      events_(window.events),
+      tick_ns_(tick_of(events_)),
+      sees_timers_(std::any_of(events_.begin(), events_.end(), is_timers)) {
   for (auto& event : events_) event.at_ns += later_ns;
   scheduling_ = scheduling_of(events_, begin_ns_);
   find_interrupts();
@@ -159,6 +190,36 @@ std::vector<Interrupted> Timeline::interrupts(int cpu, std::int64_t from_ns, std
     if (clipped.to_ns > clipped.from_ns) all.push_back(clipped);
   }
   return all;
+}
+
+std::vector<Interrupted> Timeline::reclaims(std::int32_t thread, std::int64_t from_ns,
+                                            std::int64_t to_ns) const {
+  std::vector<Interrupted> all;
+  auto since_ns = from_ns;
+  for (const auto& event : events_) {
+    if (event.thread.id != thread) continue;
+    if (event.kind == Kind::reclaim) since_ns = event.at_ns;
+    if (event.kind != Kind::reclaim_end) continue;
+    const Interrupted one{std::max(since_ns, from_ns), std::min(event.at_ns, to_ns), "reclaim", false};
+    if (one.to_ns > one.from_ns) all.push_back(one);
+  }
+  return all;
+}
+
+bool Timeline::idles_for_a_ready_thread(int cpu, std::int64_t at_ns) const {
+  const Event* last = nullptr;
+  for (const auto& [event, latest_ns] : scheduling_) {
+    if (event.at_ns > at_ns) break;
+    if (event.kind == Kind::switched && event.cpu == cpu) last = &event;
+  }
+  return last != nullptr && last->other.id == 0 && last->thread.id != 0 && last->what == "R";
+}
+
+bool Timeline::thawed(std::int32_t by, std::int64_t from_ns, std::int64_t to_ns) const {
+  return std::any_of(events_.begin(), events_.end(), [&](const Event& event) {
+    return event.kind == Kind::thaw && event.thread.id == by && event.at_ns >= from_ns &&
+           event.at_ns <= to_ns;
+  });
 }
 
 bool Timeline::lives(int cpu, std::int64_t from_ns, std::int64_t to_ns) const {

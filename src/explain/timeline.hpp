@@ -19,7 +19,8 @@ enum class State {
   ready,
   comes,  // its CPU is idle: it runs, or is about to, and only later is it seen that it does
   runs,
-  stopped,
+  stopped,  // by a signal
+  traced,   // stopped for a tracer: a debugger, strace
   blocked,
   gone
 };
@@ -57,9 +58,18 @@ class Timeline {
   std::optional<State> state_at(std::int32_t thread, std::int64_t at_ns) const;
   std::vector<Held> holders(int cpu, std::int64_t from_ns, std::int64_t to_ns) const;
   std::vector<Interrupted> interrupts(int cpu, std::int64_t from_ns, std::int64_t to_ns) const;
+  // When the thread freed memory for itself.
+  std::vector<Interrupted> reclaims(std::int32_t thread, std::int64_t from_ns, std::int64_t to_ns) const;
+  // Whether that thread thawed a control group then.
+  bool thawed(std::int32_t by, std::int64_t from_ns, std::int64_t to_ns) const;
+  // Whether the scheduler let that CPU idle then although a thread that was ready had it: that one is
+  // throttled.
+  bool idles_for_a_ready_thread(int cpu, std::int64_t at_ns) const;
   bool lives(int cpu, std::int64_t from_ns, std::int64_t to_ns) const;  // whether anything happened on it
   // The longest time within which nothing happened on it.
   std::int64_t silence_ns(int cpu, std::int64_t from_ns, std::int64_t to_ns) const;
+  std::int64_t tick_ns() const { return tick_ns_; }  // the clock of a CPU that is busy interrupts it so often
+  bool sees_timers() const { return sees_timers_; }  // its timers' interrupts are among the events
   // Who ended the sleep or wait that it was in until `until_ns`; nullopt: nothing says it.
   std::optional<Waker> waker_of(std::int32_t thread, std::int64_t until_ns) const;
   // The kernel's functions that it waited in then; "": nothing says it.
@@ -74,6 +84,8 @@ class Timeline {
 
   std::int64_t begin_ns_;
   std::vector<trace::Event> events_;
+  std::int64_t tick_ns_;
+  bool sees_timers_;
   std::vector<Scheduled> scheduling_;
   std::map<int, std::vector<Interrupted>> interrupts_;  // by CPU, in order
 };

@@ -11,7 +11,7 @@ Usual::Usual(const record::Reader& reader, std::int64_t run, bool one_clock)
     : clocks_(one_clock ? Drift() : Drift(reader, run)) {
   std::array<std::vector<std::int64_t>, legs> all;
   reader.each_sample(run, [&](const Sample& sample) {
-    if (sample.received_ns == 0 || sample.server_sent_ns == 0) return;
+    if (!has_server_times(sample)) return;
     const auto way = of(sample);
     for (std::size_t leg = 0; leg < legs; ++leg) all[leg].push_back(way[leg].length_ns());
   });

@@ -7,7 +7,7 @@
 #include <string>
 #include <vector>
 
-#include "explain/explain.hpp"
+#include "explain/delay.hpp"
 #include "explain/packets.hpp"
 #include "explain/timeline.hpp"
 #include "explain/usual.hpp"
@@ -30,7 +30,16 @@ struct End {
   const Timeline* timeline = nullptr;
   std::string interface {};
   std::vector<Down> downs{};  // in order
+  bool has(std::int32_t thread) const;
 };
+
+// Within which a packet that is sent is queued or dropped.
+inline constexpr std::int64_t before_queue_ns = 1'000'000;
+// For so long after a link was down its neighbours may have to be found again, which is tried once a second.
+inline constexpr std::int64_t forgotten_ns = 3'000'000'000;
+
+// The first packet of a message has as many at least.
+std::int64_t least_packet_bytes(std::int64_t payload_bytes);
 
 class Way {
  public:
@@ -43,37 +52,31 @@ class Way {
   std::vector<Part> loss_of(const roundtrip::Sample&, std::int64_t until_ns);
 
  private:
-  // Of a leg: what held it up, and what the threads did beside.
-  struct Found {
-    std::vector<Part> parts;
-    std::int64_t held_ns = 0, ran_ns = 0;
-    std::vector<Stretch> ran, slept;
-    Part last{};  // whose thread was looked at last
-  };
-
-  void add(Found&, Part, std::int64_t ns, const std::vector<Stretch>& when) const;
-  void add(Found&, const Part&, const Stretch& when) const;
-  void thread(Found&, const End&, std::int32_t id, const std::string& role, Stage, std::int64_t from_ns,
-              std::int64_t to_ns) const;
-  // `outranked_ns`: how long, of its wait, a real-time thread was kept from CPUs by ordinary ones.
-  void waited(Found&, const Timeline&, const Part&, const Stretch&, std::int64_t outranked_ns) const;
-  void receiver(Found&, const End&, std::int64_t from_ns, std::int64_t to_ns) const;
-  void held_in_queue(Found&, const End& from, const Packet&, std::int64_t until_ns) const;
-  void brought(Found&, const End& to, std::int32_t id, std::int64_t from_ns, std::int64_t to_ns) const;
-  void leg(Found&, const End& from, const End& to, std::int64_t from_ns, std::int64_t to_ns) const;
+  static void thread(Delay&, const End&, std::int32_t id, const std::string& role, Stage,
+                     std::int64_t from_ns, std::int64_t to_ns);
+  void receiver(Delay&, const End&, std::int64_t from_ns, std::int64_t to_ns) const;
+  void held_in_queue(Delay&, const End& from, const Packet&, std::int64_t until_ns) const;
+  void brought(Delay&, const End& to, std::int32_t id, std::int64_t from_ns, std::int64_t to_ns) const;
+  void taken_in(Delay&, const End& to, const trace::Event& received, std::int64_t to_ns) const;
+  void leg(Delay&, const End& from, const End& to, std::int64_t from_ns, std::int64_t to_ns) const;
   std::optional<Part> link_down(Stage, std::int64_t from_ns, std::int64_t to_ns,
                                 std::int64_t most_felt_ns) const;
-  void rest(Found&, std::size_t leg, const Leg&) const;
+  void rest(Delay&, std::size_t leg, const Leg&) const;
+  Packet last_packet(const End& from, std::int64_t from_ns, std::int64_t to_ns) const;
   Packet packet(const End& from, const End& to, std::int64_t from_ns, std::int64_t to_ns) const;
-  bool not_sent(Found&, const End& from, std::int64_t from_ns) const;
-  bool lost_between(Found&, const End& from, const End& to, const Packet&, std::int64_t from_ns,
+  bool not_sent(Delay&, const End& from, std::int64_t from_ns) const;
+  bool lost_between(Delay&, const End& from, const End& to, const Packet&, std::int64_t from_ns,
                     std::int64_t until_ns) const;
+  void not_taken_in(Delay&, const End& to, const Packet&, std::int64_t until_ns) const;
+  Packet answer_lost(Delay&, std::int64_t there_ns, std::int64_t until_ns) const;
+  Part last_seen(const Packet& there, const Packet& back) const;
   const KnownThread* receives(const End&, std::int64_t at_ns) const;
   static const KnownThread* with(const End&, const std::string& role);
 
   const End client_, server_;
   const Usual& usual_;
-  const std::int64_t packet_bytes_;  // a packet of a message has as many at least
+  const std::int64_t payload_bytes_;
+  const std::int64_t packet_bytes_;
   const bool one_machine_;
   const bool is_handed_over_;  // a packet is the same at both ends
 };

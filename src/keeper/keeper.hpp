@@ -18,7 +18,9 @@
 //                         until restore, or another wish, before any tune; or {error}, and nothing is changed
 //   keep   {pid}          kept {}, or {error}: that process has the kept CPUs
 //   restore {}            restored {notes}: what could not be given back
-//   load   {host, load}   loaded {}, or {error}: stress-ng for a host of that name, until unload
+//   load   {host, load}   loaded {given {vm_bytes, vm_mapped_bytes, hdd_bytes}, scaled}, or {error}:
+//   stress-ng
+//                         for a host of that name, until unload; `scaled`: for people, "" as a rule
 //   check  {faults}       checked {}, or {error}: which of them this kernel has not
 //   link   {host, network_namespace, interface, faults, traffic_ports, by_ip}
 //                         linked {}, or {error}: the end's interface has these faults, and is counted, until

@@ -2,6 +2,7 @@
 #include <algorithm>
 #include <map>
 #include <memory>
+#include <thread>
 #include <utility>
 
 #include <fmt/format.h>
@@ -21,6 +22,9 @@ namespace {
 
 using namespace std::chrono_literals;
 using nlohmann::json;
+using Clock = std::chrono::steady_clock;
+
+constexpr auto patience_with_load = 10s;  // once all else is to be given back
 
 json end_of(const machine::NamespaceEnd& end) {
   return {{"place", end.prefix}, {"interface", end.interface}, {"address", end.address}, {"port", end.port}};
@@ -58,11 +62,15 @@ class Keeper final : public orders::Worker {
     } else if (order == "keep") {
       events_.tell("kept", isolated_.keep(body.at("pid")));
     } else if (order == "restore") {
+      events_.doing("it gives the settings back");
       auto notes = tuned_.take_back();
       for (auto& note : isolated_.take_back()) notes.push_back(std::move(note));
+      events_.doing("");
       events_.tell("restored", {{"notes", notes}});
     } else if (order == "load") {
-      events_.tell("loaded", or_lack([&] { load(body.at("host"), workers_of(body.at("load"))); }));
+      auto loaded = json::object();
+      auto lack = or_lack([&] { loaded = load(body.at("host"), workers_of(body.at("load"))); });
+      events_.tell("loaded", lack.empty() ? std::move(loaded) : std::move(lack));
     } else if (order == "check") {
       events_.tell("checked", or_lack([&] { background::check(faults_of(body.at("faults"))); }));
     } else if (order == "link") {
@@ -80,7 +88,7 @@ class Keeper final : public orders::Worker {
     } else if (order == "cut-out") {
       cut_out(body.at("spans"));
     } else if (order == "unload") {
-      events_.tell("unloaded", {{"notes", unload()}});
+      unload();
     } else if (order == "begin") {
       machine_ = machine::describe();
       activity_ = machine::activity();
@@ -96,8 +104,9 @@ class Keeper final : public orders::Worker {
                              {"isolation", isolated_.now()},
                              {"machine", machine_as_it_was()}});
     } else if (order == "close") {
-      end_all();
-      events_.tell("closed", {{"notes", journal_.revert()}});
+      auto notes = end_all();
+      for (auto& note : journal_.revert()) notes.push_back(std::move(note));
+      events_.tell("closed", {{"notes", notes}});
     } else {
       throw orders::Error(3, "there is no order '" + order + "'");
     }
@@ -105,32 +114,52 @@ class Keeper final : public orders::Worker {
 
   std::chrono::milliseconds go_on() override {
     flows_.listen();
+    if (unloading_) return go_on_unloading();
     return std::min<std::chrono::milliseconds>(500ms, links_.go_on([this](const auto& host, auto at) {
       events_.tell("cut", {{"host", host}, {"at_ns", at.count()}});
     }));
   }
 
-  void give_back() noexcept override {
-    end_all();
-    journal_.revert();
+  std::vector<std::string> give_back() noexcept override {
     try {
-      journal::revert_abandoned(kinds());
-    } catch (const std::exception&) {
-      return;  // the next start will say so
+      auto notes = end_all();
+      const auto add = [&](std::vector<std::string> more) {
+        notes.insert(notes.end(), more.begin(), more.end());
+      };
+      add(journal_.revert());
+      add(journal::revert_abandoned(kinds()));
+      return notes;
+    } catch (const std::exception& error) {
+      return {error.what()};
     }
   }
 
  private:
   struct Load {
     std::string directory;
-    std::unique_ptr<background::Background> running;
+    std::unique_ptr<background::StressLoad> running;
   };
 
-  void end_all() {
+  // Returns what does not end, for people.
+  std::vector<std::string> end_all() {
+    events_.doing("it ends the load and gives the settings back");
     recorder_.reset();
     flows_.clear();
     links_.clear();
-    loads_.clear();
+    std::vector<std::string> notes;
+    for (auto& [host, load] : std::exchange(loads_, {})) {
+      if (!load.running) continue;
+      const auto name = load.running->name();
+      const auto end = Clock::now() + patience_with_load;
+      bool ended = load.running->end();
+      for (; !ended && Clock::now() < end; ended = load.running->end()) std::this_thread::sleep_for(20ms);
+      if (!ended)
+        notes.push_back(fmt::format(
+            "{} does not end: it waits for the kernel, as in a sync of a slow disk. It was killed, and ends "
+            "when the kernel lets it go",
+            name));
+    }
+    return notes;
   }
 
   json trace() {
@@ -154,10 +183,19 @@ class Keeper final : public orders::Worker {
       events_.tell("window", {{"window", trace::to_json(window)}});
   }
 
-  void load(const std::string& host, const background::Workers& workers) {
+  // What was given: it may be less than requested, where a default is too large for this machine.
+  json load(const std::string& host, const background::Workers& workers) {
+    const bool is_first = loads_.empty();
     auto& load = loads_[host];
     load.directory = journal::add_directory(journal_, "stress");
-    load.running = background::stress(workers, load.directory, isolated_.beside());
+    if (is_first) room_ = background::room_for(load.directory);
+    const auto fitted = background::fit(workers, room_);
+    load.running = background::stress(fitted.workers, load.directory, isolated_.beside());
+    auto given = json::object();
+    if (workers.vm > 0)
+      given = {{"vm_bytes", fitted.workers.vm_bytes}, {"vm_mapped_bytes", load.running->vm_bytes()}};
+    if (workers.hdd > 0) given["hdd_bytes"] = fitted.workers.hdd_bytes;
+    return {{"given", given}, {"scaled", fitted.scaled}};
   }
 
   // What this machine has not, or does not permit, is an answer: the run fails, and not the keeper.
@@ -173,18 +211,32 @@ class Keeper final : public orders::Worker {
     }
   }
 
-  // A suite has many runs, and the journal holds only what there is.
-  std::vector<std::string> unload() {
+  // A suite has many runs, and the journal holds only what there is. What takes the kernel long (a sync of a
+  // slow disk) is not waited for here: meanwhile the coordinator may be gone, and all else is given back.
+  void unload() {
+    events_.doing("it ends the load, the traffic and the link's faults");
     recorder_.reset();
     flows_.clear();
     links_.clear();
+    unloading_ = true;
+    go_on_unloading();
+  }
+
+  std::chrono::milliseconds go_on_unloading() {
+    for (auto& [host, load] : loads_)
+      if (load.running && !load.running->end()) {
+        events_.doing(fmt::format("it waits until {} has ended", load.running->name()));
+        return 20ms;
+      }
+    unloading_ = false;
     std::vector<std::string> notes;
-    for (auto& [host, load] : std::exchange(loads_, {})) {
-      load.running.reset();
+    for (const auto& [host, load] : std::exchange(loads_, {})) {
       const auto left = journal::remove_directory(journal_, load.directory);
       notes.insert(notes.end(), left.begin(), left.end());
     }
-    return notes;
+    events_.doing("");
+    events_.tell("unloaded", {{"notes", notes}});
+    return 500ms;
   }
 
   json load_running() {
@@ -210,6 +262,8 @@ class Keeper final : public orders::Worker {
   Tuned tuned_{journal_};
   Isolated isolated_{journal_};
   std::map<std::string, Load> loads_;  // by host; they end before the journal
+  bool unloading_ = false;
+  background::Room room_{};  // that no load has taken
   Links links_{journal_};
   Flows flows_;
   std::unique_ptr<trace::Recorder> recorder_;

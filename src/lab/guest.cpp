@@ -17,11 +17,11 @@ namespace fs = std::filesystem;
 
 // What it cannot do without; what ontime starts for a scenario, and a person looks around with.
 constexpr std::array needed = {"ip", "kmod"};
-constexpr std::array wanted = {"tc",      "nft",  "stress-ng", "iperf3", "ethtool", "sysctl", "chrt",
-                               "taskset", "ps",   "bash",      "ls",     "cat",     "grep",   "sed",
-                               "head",    "tail", "less",      "top",    "kill",    "sleep",  "cut",
-                               "sort",    "find", "awk",       "env",    "uname",   "dmesg",  "nice",
-                               "cp",      "mv",   "rm",        "mkdir",  "date",    "perf",   "trace-cmd"};
+constexpr std::array wanted = {"tc",   "nft",   "stress-ng", "iperf3", "ethtool", "sysctl", "chrt", "taskset",
+                               "ps",   "bash",  "ls",        "cat",    "grep",    "sed",    "head", "tail",
+                               "less", "top",   "kill",      "sleep",  "cut",     "sort",   "find", "awk",
+                               "env",  "uname", "dmesg",     "nice",   "cp",      "mv",     "rm",   "mkdir",
+                               "date", "perf",  "trace-cmd", "setpriv"};
 
 // Of the kernel's modules, with those that they need: those below these places.
 constexpr std::array modules = {

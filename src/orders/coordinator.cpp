@@ -60,6 +60,45 @@ Coordinator::Hand::~Hand() {
   std::erase(coordinator_.hands_, this);
 }
 
+Coordinator::Hand::Left Coordinator::Hand::leave(const std::function<bool()>& wait_on) {
+  coordinator_.lose(*this);  // no beat goes into a broken pipe
+  process_->break_pipe();
+  auto& frames = process_->frames();
+  auto heard = Clock::now();
+  while (true) {
+    bool more = true;
+    try {
+      while (frames.fill()) heard = Clock::now();
+    } catch (const Broken&) {  // it has left
+      more = false;
+    }
+    try {
+      while (const auto frame = frames.take()) hear(frame->message);
+    } catch (const std::exception&) {  // what it says is not understood
+      more = false;
+    }
+    if (Clock::now() - heard > longest_silence) {
+      process_->give_up();
+      more = false;
+    }
+    if (!more) return left_;
+    if (!wait_on()) {
+      process_->let_go();
+      left_.waits = true;
+      return left_;
+    }
+    pollfd waiting{frames.in(), POLLIN, 0};
+    poll(&waiting, 1, static_cast<int>(look.count()));
+  }
+}
+
+bool Coordinator::Hand::hear(const json& message) {
+  const std::string event = message.value("event", "");
+  if (event == "beat") doing_ = message.value("doing", "");
+  if (event == "left") left_ = {true, false, message.value("notes", std::vector<std::string>{})};
+  return event == "beat" || event == "left";
+}
+
 void Coordinator::Hand::order(const std::string& order, json body) {
   body["order"] = order;
   try {
@@ -103,8 +142,8 @@ void Coordinator::listen(Hand& hand) {
 }
 
 void Coordinator::dispatch(Hand& hand, const Frame& frame) {
+  if (hand.hear(frame.message)) return;
   const std::string event = frame.message.value("event", "");
-  if (event == "beat") return;
   if (event == "failed") {
     lose(hand);
     const std::string why = frame.message.value("message", "it failed");
@@ -166,6 +205,21 @@ void Coordinator::lose(Hand& hand) {
 
 json Coordinator::await(Hand& hand, const std::string& event, std::chrono::milliseconds patience,
                         int tolerated) {
+  const auto end = Clock::now() + patience;
+  return await(hand, event, tolerated, [&] {
+    if (Clock::now() > end)
+      throw Error(3, fmt::format("{}: timed out waiting for '{}' ({} s)", hand.name_, event,
+                                 std::chrono::duration_cast<std::chrono::seconds>(patience).count()));
+  });
+}
+
+json Coordinator::await_long(Hand& hand, const std::string& event, const std::function<void()>& meanwhile,
+                             int tolerated) {
+  return await(hand, event, tolerated, meanwhile);
+}
+
+json Coordinator::await(Hand& hand, const std::string& event, int tolerated,
+                        const std::function<void()>& meanwhile) {
   awaited_ = &hand;
   awaited_event_ = event;
   answer_.reset();
@@ -176,12 +230,9 @@ json Coordinator::await(Hand& hand, const std::string& event, std::chrono::milli
       self.awaited_ = nullptr;
     }
   } const no_longer{*this};
-  const auto end = Clock::now() + patience;
   while (!answer_) {
-    if (interrupts_ > tolerated) throw Interrupted{};
-    if (Clock::now() > end)
-      throw Error(3, fmt::format("{} did not come to '{}' within {} s", hand.name_, event,
-                                 std::chrono::duration_cast<std::chrono::seconds>(patience).count()));
+    if (interrupted(tolerated)) throw Interrupted{};
+    meanwhile();
     turn(look);
   }
   return *answer_;
@@ -189,7 +240,7 @@ json Coordinator::await(Hand& hand, const std::string& event, std::chrono::milli
 
 void Coordinator::until(const std::function<bool()>& done, int tolerated) {
   while (!done()) {
-    if (interrupts_ > tolerated) throw Interrupted{};
+    if (interrupted(tolerated)) throw Interrupted{};
     turn(look);
   }
 }

@@ -3,9 +3,10 @@
 // the other end of a pipe, here or (through ssh) elsewhere. Ordinary threads only.
 //
 // An order is a frame whose message has "order", an event one that has "event". A worker's first event is
-// hello {version, samples}; when it cannot go on its last is failed {exit, message, unanswered}.
-// While neither has anything to say both say "beat" now and then (beat_period): who is silent for
-// longest_silence is given up, by its name, and a worker that is alone gives back what it changed and leaves.
+// hello {version, samples}; when it cannot go on it says failed {exit, message, unanswered}; its last is
+// left {notes}, once it has given back what it changed. Both say "beat" now and then (beat_period), a worker
+// with what it is doing: who is silent for longest_silence is given up, by its name, and a worker that is
+// alone gives back what it changed and leaves.
 #pragma once
 
 #include <atomic>
@@ -54,6 +55,8 @@ class Events {
  public:
   virtual void tell(const char* event, nlohmann::json body = nlohmann::json::object(),
                     std::span<const std::uint8_t> bytes = {}) = 0;
+  // What may take long, for people: "ending the load"; "": nothing. Every beat tells it.
+  virtual void doing(const std::string& what) = 0;
 
  protected:
   ~Events() = default;
@@ -66,8 +69,8 @@ class Worker {
   virtual void obey(const std::string& order, const nlohmann::json& body) = 0;
   // Called between orders: does what is due, and says for how long it may be left alone.
   virtual std::chrono::milliseconds go_on() = 0;
-  // Before it leaves, however that comes: takes back what it changed.
-  virtual void give_back() noexcept = 0;
+  // Before it leaves, however that comes: takes back what it changed. Returns what stays, for people.
+  virtual std::vector<std::string> give_back() noexcept = 0;
 };
 
 // Carries out orders from standard input until its end, a failure, or the coordinator's silence. A SIGTERM is
@@ -118,9 +121,20 @@ class Coordinator {
     void on(const std::string& event, Handle handle) { handles_[event] = std::move(handle); }
     // It failed, is gone, or was given up: no order reaches it any more, and the loop goes on without it.
     bool lost() const { return lost_; }
+    const std::string& doing() const { return doing_; }  // as Events::doing() last said
+
+    // Breaks the pipe and waits until the worker has left, as long as it beats and `wait_on` (called about
+    // twice a second) returns true. Nothing kills a worker that still beats.
+    struct Left {
+      bool gave_back = false;  // by itself, and said so
+      bool waits = false;      // it is still at it: `wait_on` returned false
+      std::vector<std::string> notes{};
+    };
+    Left leave(const std::function<bool()>& wait_on);
 
    private:
     friend class Coordinator;
+    bool hear(const nlohmann::json& message);  // whether it is of how the worker is
     Coordinator& coordinator_;
     std::string name_;
     std::unique_ptr<Process> process_;
@@ -128,6 +142,8 @@ class Coordinator {
     std::map<std::string, Handle> handles_;
     std::vector<std::string> owed_;  // answers for which nobody waits any more
     std::chrono::steady_clock::time_point heard_;
+    std::string doing_;
+    Left left_;
     bool lost_ = false;
   };
 
@@ -136,6 +152,12 @@ class Coordinator {
   // interruptions than are tolerated.
   nlohmann::json await(Hand&, const std::string& event, std::chrono::milliseconds patience,
                        int tolerated = 0);
+  // The same, as long as the worker beats; `meanwhile` is called about twice a second.
+  nlohmann::json await_long(Hand&, const std::string& event, const std::function<void()>& meanwhile,
+                            int tolerated);
+  // From now on one more interruption than before is tolerated: what is left to do must not be cut short.
+  void tolerate_one_more() { ++more_tolerated_; }
+  bool interrupted(int tolerated) const { return interrupts_ > tolerated + more_tolerated_; }
   // Handles events until `done`; throws as await().
   void until(const std::function<bool()>& done, int tolerated = 0);
   // Handles what has come already, whatever state its senders are in. Throws nothing.
@@ -144,6 +166,8 @@ class Coordinator {
  private:
   friend class Hand;
   using Clock = std::chrono::steady_clock;
+  nlohmann::json await(Hand&, const std::string& event, int tolerated,
+                       const std::function<void()>& meanwhile);
   bool turn(std::chrono::milliseconds within);  // whether anything came
   void listen(Hand&);
   void dispatch(Hand&, const Frame&);
@@ -152,6 +176,7 @@ class Coordinator {
   void beat();
 
   Interrupts& interrupts_;
+  int more_tolerated_ = 0;
   std::mutex mutex_;  // of hands_, which the beating thread reads
   std::vector<Hand*> hands_;
   Hand* awaited_ = nullptr;

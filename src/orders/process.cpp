@@ -90,14 +90,19 @@ Process::Spawned Process::spawn(const std::string& name, const std::vector<std::
 }
 
 Process::~Process() {
-  close(spawned_.in);
+  break_pipe();
   close(spawned_.out);
+  if (let_go_) return;
   if (given_up_) kill(-spawned_.pid, SIGKILL);
   const auto patience = std::chrono::steady_clock::now() + longest_silence;
   while (waitpid(spawned_.pid, nullptr, WNOHANG) == 0) {
     if (std::chrono::steady_clock::now() > patience) kill(-spawned_.pid, SIGKILL);
     std::this_thread::sleep_for(5ms);
   }
+}
+
+void Process::break_pipe() {
+  if (const int orders = std::exchange(spawned_.in, -1); orders >= 0) close(orders);
 }
 
 siginfo_t Process::wait_a_little() const {

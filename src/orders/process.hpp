@@ -22,6 +22,8 @@ class Process {
 
   Frames& frames() { return frames_; }
   void give_up() { given_up_ = true; }
+  void break_pipe();                 // of orders; what it says is still heard
+  void let_go() { let_go_ = true; }  // it may outlive this
   // How it ended, for people; waits a little for it to do so. Throws Error, always.
   [[noreturn]] void gone() const;
   // Its first bytes are no frame. Throws Error, always.
@@ -40,7 +42,7 @@ class Process {
   Between between_;
   Spawned spawned_;
   Frames frames_;
-  bool given_up_ = false;
+  bool given_up_ = false, let_go_ = false;
 };
 
 }  // namespace ontime::orders

@@ -43,6 +43,10 @@ class Pipe final : public Events {
     body["event"] = event;
     frames_.send(body, bytes);
   }
+  void doing(const std::string& what) override {
+    const std::lock_guard lock(mutex_);
+    doing_ = what;
+  }
   Frames& frames() { return frames_; }
 
   // Returns after the first beat: with it the thread gets its arena of the heap (128 MiB of addresses), which
@@ -58,15 +62,15 @@ class Pipe final : public Events {
     const sched_param none{};
     sched_setscheduler(0, SCHED_BATCH,
                        &none);  // what is no part of the measurement pre-empts nothing that is
+    std::unique_lock lock(mutex_);
     bool goes_on = tell_beat();
     begun.count_down();
-    std::unique_lock lock(mutex_);
     while (goes_on && !wake_.wait_for(lock, beat_period, [this] { return over_; })) goes_on = tell_beat();
   }
 
-  bool tell_beat() {
+  bool tell_beat() {  // with the lock
     try {
-      tell("beat", json::object(), {});
+      tell("beat", {{"doing", doing_}}, {});
       return true;
     } catch (const Broken&) {
       return false;  // the thread that reads finds the same
@@ -77,6 +81,7 @@ class Pipe final : public Events {
   std::mutex mutex_;
   std::condition_variable wake_;
   bool over_ = false;
+  std::string doing_;
   std::thread beating_;
 };
 
@@ -144,7 +149,10 @@ int serve(const std::string& samples, const std::function<std::unique_ptr<Worker
     } catch (const std::exception& error) {
       fail(3, error.what());
     }
-    if (worker) worker->give_back();
+    try {
+      pipe.tell("left", {{"notes", worker ? worker->give_back() : std::vector<std::string>()}}, {});
+    } catch (const Broken&) {  // no process reads it any more
+    }
     alarm(patience_to_leave_s);
   }
   return code;

@@ -55,7 +55,8 @@ std::string text_of(const Explained& one, const Marks& marks) {
   if (*marks.heading != '\0') text += "\n";
   for (const auto& group : account.groups) {
     text += fmt::format("{}{:>4}  {}\n", marks.item, group.messages, sentence_of(group));
-    if (!group.remedy.empty()) text += fmt::format("{}{}\n", marks.below, printable(group.remedy));
+    if (const auto remedy = explain::text_of(group.remedy); !remedy.empty())
+      text += fmt::format("{}{}\n", marks.below, printable(remedy));
   }
   const auto slowest =
       std::find_if(account.messages.begin(), account.messages.end(),
@@ -80,7 +81,8 @@ std::string text_of(const Explained& one, const Message& message, const Marks& m
                         explain::word_of(part.stage), printable(explain::sentence_of(part)));
   }
   if (!message.parts.empty())
-    if (const auto remedy = explain::remedy_of(message.parts.front()); !remedy.empty())
+    if (const auto remedy = explain::text_of(explain::remedy_for(message.parts.front(), one.run));
+        !remedy.empty())
       text += fmt::format("{}{}\n", marks.below, printable(remedy));
   if (!message.whole)
     text += fmt::format("{}a part of what the kernel did around it is not known\n", marks.item);
@@ -92,6 +94,7 @@ ordered_json json_of(const Part& part) {
           {"stage", explain::word_of(part.stage)},
           {"end", part.end},
           {"thread", part.thread},
+          {"via", printable(part.via)},
           {"culprit", printable(part.culprit)},
           {"us", static_cast<double>(part.ns) / 1e3}};
 }
@@ -108,13 +111,17 @@ ordered_json json_of(const Message& message) {
 
 ordered_json json_of(const Group& group) {
   auto result = json_of(group.culprit);
+  auto settings = ordered_json::array();
+  for (const auto& [key, value] : group.remedy.settings)
+    settings.push_back({{"key", key}, {"value", printable(value)}});
   result.erase("us");
   result.update({{"threads", group.threads},
                  {"messages", group.messages},
                  {"least_us", static_cast<double>(group.least_ns) / 1e3},
                  {"most_us", static_cast<double>(group.most_ns) / 1e3},
                  {"says", printable(explain::sentence_of(group.culprit))},
-                 {"remedy", printable(group.remedy)}});
+                 {"settings", settings},
+                 {"remedy", printable(explain::text_of(group.remedy))}});
   return result;
 }
 
@@ -154,6 +161,8 @@ const char* word_of(explain::State state) {
       return "runs";
     case explain::State::stopped:
       return "stopped by a signal";
+    case explain::State::traced:
+      return "stopped for a tracer";
     case explain::State::blocked:
       return "waits in the kernel";
     case explain::State::gone:
@@ -179,9 +188,7 @@ std::string faults_of(const Account& account) {
 std::string sentence_of(const Group& group) {
   auto part = group.culprit;
   if (group.threads > 1) part.culprit += fmt::format(" [{} threads]", group.threads);
-  const auto sentence =
-      part.cause == Cause::unknown ? "unknown: no event of the kernel shows why" : explain::sentence_of(part);
-  return printable(sentence + of_the_delay(group));
+  return printable(explain::sentence_of(part) + of_the_delay(group));
 }
 
 std::string render_explained(const std::vector<Explained>& all, Format format) {

@@ -113,6 +113,7 @@ json figures_of(const record::Reader& reader, const Summaries& summaries) {
       const auto& summary = *group[i];
       const auto& asked = summary.run.asked;
       runs.push_back({{"run", summary.run.number},
+                      {"ontime", is_said(at(asked, "ontime")) ? word(at(asked, "ontime")) : ""},
                       {"id", word(at(asked, "id"))},
                       {"label", labels[i]},
                       {"transport", word(at(asked, "transport"))},

@@ -134,6 +134,7 @@ std::vector<Field> fields() {
   for (const auto* method : {"block_maxima", "peaks_over_threshold"})
     for (const auto* key : {"allowed", "level_us", "level_low_us", "level_high_us", "fit_p"})
       fields.push_back({fmt::format("{}_{}", method, key), {"extremes", method, key}});
+  for (const auto* key : {"wrong_size", "wrong_server_times"}) fields.push_back({key, {key}});
   return fields;
 }
 
@@ -156,7 +157,8 @@ ordered_json json_of(const statistics::Summary& summary) {
       summary.late_by_response ? ordered_json(*summary.late_by_response) : ordered_json();
   run["skipped_cycles"] = summary.skipped_cycles;
   run.update(some_of(outcome, {"trailing_cycles"}));
-  run.update(some_of(outcome, {"duplicates", "strays", "reordered", "refused_sends", "dropped_records"}));
+  run.update(some_of(outcome, {"duplicates", "strays", "reordered", "wrong_size", "wrong_server_times",
+                               "refused_sends", "dropped_records"}));
   run["round_trip_us"] = json_of(summary.round_trip);
   run["response_us"] = json_of(summary.response);
   run["wake_up_us"] = wake_up_of(summary);

@@ -83,15 +83,22 @@ class Trace {
         ->first;
   }
 
+  // Of one track one ends before the next begins.
   void slice(int group, std::int64_t track, std::int64_t from_ns, std::int64_t to_ns, const std::string& name,
              ordered_json about = nullptr) {
-    ordered_json event = {{"ph", "X"},
-                          {"pid", group},
-                          {"tid", track},
-                          {"dur", static_cast<double>(to_ns - from_ns) / 1e3},
-                          {"name", printable(name)}};
-    if (!about.is_null()) event["args"] = std::move(about);
-    events_.emplace_back(from_ns, std::move(event));
+    ordered_json begin = {{"ph", "B"}, {"pid", group}, {"tid", track}, {"name", printable(name)}};
+    auto end = begin;
+    end["ph"] = "E";
+    if (!about.is_null()) begin["args"] = std::move(about);
+    events_.emplace_back(from_ns, std::move(begin));
+    events_.emplace_back(to_ns, std::move(end));
+  }
+  // A point of an arrow: "s" its start, "t" on its way, "f" its end.
+  void arrow(const char* phase, std::size_t id, int group, std::int64_t track, std::int64_t at_ns) {
+    ordered_json event = {{"ph", phase},  {"cat", "packet"}, {"id", id},
+                          {"pid", group}, {"tid", track},    {"name", "packet"}};
+    if (*phase == 'f') event["bp"] = "e";  // of the slice around it, not of the next
+    events_.emplace_back(at_ns, std::move(event));
   }
   void mark(int group, std::int64_t track, std::int64_t at_ns, const std::string& name,
             const char* scope = "t") {
@@ -131,15 +138,45 @@ class Trace {
            event.kind == Kind::dropped))
         mark(cpus, event.cpu, event.at_ns,
              fmt::format("packet of {} bytes {}: {}", event.bytes, trace::word_of(event.kind), event.what));
+    add_arrows(machine, scene, from_ns, to_ns);
     for (const auto& thread : scene.threads) {
       if (thread.end != machine.end && !one_machine_) continue;
-      const int group = thread.end == "component" ? component_threads : controller_threads;
+      const int group = group_of(thread);
       tracks_[{group, -1}] = thread.end == "component" ? "pong's threads" : "ping's threads";
       tracks_[{group, thread.id}] = thread.role;
       for (const auto& stretch : machine.timeline.of(thread.id, from_ns, to_ns))
         if (stretch.state != State::sleeps && stretch.state != State::unknown)
           slice(group, thread.id, stretch.from_ns, stretch.to_ns, word_of(stretch.state),
                 {{"cpu", stretch.cpu}});
+    }
+  }
+
+  static int group_of(const Scene::Thread& thread) {
+    return thread.end == "component" ? component_threads : controller_threads;
+  }
+
+  // Where both ends are on one machine a packet is the same at both: it is followed to the thread that it
+  // woke.
+  void add_arrows(const Scene::Machine& machine, const Scene& scene, std::int64_t from_ns,
+                  std::int64_t to_ns) {
+    const auto thread_of = [&](std::int32_t id) {
+      return std::find_if(scene.threads.begin(), scene.threads.end(),
+                          [&](const auto& thread) { return thread.id == id; });
+    };
+    const auto is_ours = [&](std::int32_t id) { return thread_of(id) != scene.threads.end(); };
+    for (const auto& packet :
+         explain::packets_of(machine.timeline, is_ours, scene.one_machine, from_ns, to_ns)) {
+      if (packet.queued == nullptr || packet.received == nullptr) continue;
+      const auto& events = machine.timeline.events();
+      const auto woken = std::find_if(events.begin(), events.end(), [&](const trace::Event& event) {
+        return event.kind == Kind::waking && event.at_ns >= packet.received->at_ns &&
+               event.cpu == packet.received->cpu && is_ours(event.thread.id);
+      });
+      if (woken == events.end() || woken->at_ns >= to_ns) continue;
+      const auto id = ++arrows_;
+      arrow("s", id, controller_cpus, packet.queued->cpu, packet.queued->at_ns);
+      arrow("t", id, controller_cpus, packet.received->cpu, packet.received->at_ns);
+      arrow("f", id, group_of(*thread_of(woken->thread.id)), woken->thread.id, woken->at_ns);
     }
   }
 
@@ -179,6 +216,7 @@ class Trace {
   std::map<std::pair<int, std::int64_t>, std::string> tracks_;  // -1: of the group itself
   std::map<std::string, std::int64_t> covered_;                 // by end, until when
   std::vector<std::pair<std::int64_t, ordered_json>> events_;
+  std::size_t arrows_ = 0;
 };
 
 }  // namespace

@@ -196,17 +196,17 @@ std::vector<std::string> taken_away(const statistics::Summary& summary) {
   }
   if (!summary.shape.worst.empty()) {
     const auto& [took_ns, before, message, after] = summary.shape.worst.front();
-    const auto woke_late = static_cast<double>(message.woke_ns) - static_cast<double>(message.due_ns);
+    const auto woke_late = static_cast<double>(roundtrip::wake_up_latency_ns(message));
     if (summary.wake_up.count > 0 && woke_late * 2 >= static_cast<double>(took_ns))
-      parts.push_back(
-          fmt::format("of the longest wait that was answered, {} µs, our own sending thread overslept {}",
-                      microseconds(static_cast<double>(took_ns)), microseconds(woke_late)));
+      parts.push_back(fmt::format("of the longest answered wait, {} µs, the sender's wake-up took {}",
+                                  microseconds(static_cast<double>(took_ns)), microseconds(woke_late)));
   }
   return parts;
 }
 
-// Neither is in any number above, but whoever was there looks for it.
-constexpr double long_s = 0.1;  // more than two clocks are read apart on a busy machine
+// None of these is in any number above.
+constexpr double long_s = 0.1;         // more than two clocks are read apart on a busy machine
+constexpr double much_slew_ppm = 500;  // beyond any crystal and the usual correction of a time service
 std::vector<std::string> clocks(const nlohmann::json& outcome) {
   std::vector<std::string> parts;
   const bool one_machine = record::on_one_machine(outcome);
@@ -222,6 +222,12 @@ std::vector<std::string> clocks(const nlohmann::json& outcome) {
       parts.push_back(
           fmt::format("the system clock of {} was moved by {:+.1f} s, by which nothing is measured", machine,
                       moved.get<double>()));
+    const auto& slewed = at(conditions, "clock_slew_ppm");
+    if (slewed.is_number() && std::abs(slewed.get<double>()) >= much_slew_ppm)
+      parts.push_back(fmt::format(
+          "the clock of {} was slewed by {:+.0f} ppm, and so is every time that it measured. Fix: "
+          "measure once its time service has settled",
+          machine, slewed.get<double>()));
   }
   return parts;
 }
@@ -330,6 +336,23 @@ std::vector<std::string> notes_of(const std::vector<Refused>& all) {
   return notes;
 }
 
+// Until ontime noted what each worker was given, stress-ng divided the stated sizes among the workers.
+std::vector<std::string> divided_load(const json& asked, const json& outcome) {
+  std::vector<std::string> texts;
+  for (const auto& [host, load] : at(asked, "load").items()) {
+    const auto& facts = at(at(outcome, "hosts"), host);
+    if (!at(facts, "load_running").is_boolean() || !at(facts, "load").is_null()) continue;
+    for (const auto* kind : {"vm", "hdd"}) {
+      const auto bytes = count(at(load, fmt::format("{}_bytes", kind))), workers = count(at(load, kind));
+      if (bytes > 0 && workers > 1)
+        texts.push_back(fmt::format(
+            "the load on the {} was smaller than stated: an older ontime divided {} among {} {} workers",
+            word(host), size(bytes), workers, kind));
+    }
+  }
+  return texts;
+}
+
 }  // namespace
 
 std::string remarks(const statistics::Summary& summary) {
@@ -340,6 +363,7 @@ std::string remarks(const statistics::Summary& summary) {
   for (const auto& [host, facts] : at(outcome, "hosts").items())
     if (at(facts, "load_running") == false)
       parts.push_back("the load on the " + word(host) + " had died by the end");
+  for (auto& text : divided_load(summary.run.asked, outcome)) parts.push_back(std::move(text));
   if (const auto text = traffic(outcome); !text.empty()) parts.push_back(text);
   if (const auto text = neighbours(outcome); !text.empty()) parts.push_back(text);
   if (!at(summary.run.asked, "link").is_null())
@@ -372,6 +396,10 @@ std::string remarks(const statistics::Summary& summary) {
   } counters[] = {{"duplicates", "duplicate", "duplicates"},
                   {"strays", "stray answer", "stray answers"},
                   {"reordered", "answer out of order", "answers out of order"},
+                  {"wrong_size", "answer of another payload size, which settles no message",
+                   "answers of another payload size, which settle no message"},
+                  {"wrong_server_times", "answer with server times that do not fit into its round trip",
+                   "answers with server times that do not fit into their round trips"},
                   {"refused_sends", "message refused by the transport", "messages refused by the transport"},
                   {"dropped_records", "sample not recorded, and missing above",
                    "samples not recorded, and missing above"}};

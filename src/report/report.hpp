@@ -44,7 +44,7 @@ std::string render_html(const record::Reader&, const std::vector<statistics::Sum
 
 // A figure for a paper: of one column's width, or `wide`, of both. Letters are of 7 pt at that size.
 struct Plot {
-  enum class Figure { time, worse, payload, neighbours } figure = Figure::time;
+  enum class Figure { time, ccdf, conditions, payload, neighbours } figure = Figure::time;
   enum class Form { svg, pdf, png } form = Form::svg;
   bool wide = false;
 };
@@ -70,6 +70,8 @@ Comparison compare(const std::vector<statistics::Summary>& a, const std::vector<
 // what receives and what tells variants apart; or, if either side has only one kind, that.
 Comparison compare_chosen(const std::vector<statistics::Summary>& a,
                           const std::vector<statistics::Summary>& b);
+// B / A of each metric with its interval, as a figure for a paper. Empty: there is nothing to compare.
+std::string gnuplot_of(const Comparison&, const Plot&);
 // Each figure, how much it changed and between what that surely lies; what else differs between the two
 // sides; and what has no partner.
 std::string render(const Comparison&, const std::vector<gate::Judgement>&, Format);

@@ -79,8 +79,7 @@ std::string row_of(const Shown& run, std::size_t figure, bool by_response) {
                                       : count_cell(*summary.late_by_response, "late_by_response", true)) +
          count_cell(summary.lost, "lost", true) + time(static_cast<double>(of.min), "min") +
          time(of.mean, "mean") + quantile(of.p50, "p50", 2) + quantile(of.p99, "p99", 100) +
-         quantile(of.p99_9, "p99.9", 1000) +
-         time(static_cast<double>(of.max), "max") +
+         quantile(of.p99_9, "p99.9", 1000) + time(static_cast<double>(of.max), "max") +
          fmt::format("<td class=\"number\">{}</td><td class=\"range\" data-figure-of=\"{}\"></td></tr>\n",
                      against_deadline(summary), figure);
 }
@@ -150,8 +149,8 @@ Table worst_of(const std::vector<Shown>& group) {
           {label, fmt::format("{}", message.index),
            fmt::format("{:.3f}",
                        (static_cast<double>(message.due_ns) - static_cast<double>(summary->start_ns)) / 1e9),
-           us(worst[i].took_ns), us(message.woke_ns - message.due_ns), us(message.sent_ns - message.woke_ns),
-           us(message.received_ns - message.sent_ns)});
+           us(worst[i].took_ns), us(roundtrip::wake_up_latency_ns(message)),
+           us(message.sent_ns - message.woke_ns), us(message.received_ns - message.sent_ns)});
     }
   }
   return table;
@@ -211,9 +210,35 @@ std::string time_figure(const Shown& run, std::size_t figure) {
 
 constexpr const char* time_plot_key =
     R"(<p class="note key">In the plots over time: <span class="column">┃</span>from the fastest to the slowest message
-<span class="late">●</span>late <span class="lost">×</span>lost <span class="limit">╌</span>deadline <span
-class="middle">─</span>median <span class="stall">━</span>longest wait of cycles that passed without a message</p>
+<span class="late">●</span>late <span class="lost">×</span>lost (at the top) <span class="limit">╌</span>deadline <span
+class="middle">─</span>median <span class="stall">━</span>longest wait of cycles without a message
+<span>⚑</span>note</p>
 )";
+
+// "deadline of 10 ms", if all have the same.
+std::string limit(const Summaries& summaries, const char* name, const char* key) {
+  const auto& first = at(summaries.front().run.asked, key);
+  const bool same = std::all_of(summaries.begin(), summaries.end(),
+                                [&](const Summary& summary) { return at(summary.run.asked, key) == first; });
+  return same && first.is_number() ? fmt::format("{} of {}", name, duration(first)) : name;
+}
+
+// What the table's columns mean.
+std::string table_legend(const Summaries& summaries) {
+  auto legend =
+      fmt::format("Late: answered after the {}. Lost: not answered within the {}.",
+                  limit(summaries, "deadline", "deadline_us"), limit(summaries, "time-out", "timeout_us"));
+  if (std::any_of(summaries.begin(), summaries.end(), differs_by_response))
+    legend += " By response: cycles without an answer within the deadline from when they were due.";
+  legend += " p99: 99 % of the answers took no longer. ~: fewer than 10 answers were slower. –: not known.";
+  if (std::any_of(summaries.begin(), summaries.end(),
+                  [](const Summary& summary) { return !paper_rows(summary.run.asked).empty(); }))
+    legend +=
+        " paper’s: measured by Gutiérrez, San Vicente et al. (2018) on their two machines, with DDS 1 to 3, "
+        "for "
+        "10 minutes (Test5: 12 hours), with 8 workers of each kind on the controller and 2 on the component.";
+  return legend;
+}
 
 // Of messages' ways: as many as a page can bear.
 constexpr std::size_t most_drawings = 60, most_drawings_of_a_run = 6;
@@ -250,26 +275,25 @@ std::string section_of(const record::Reader& reader, const std::vector<Shown>& r
   for (std::size_t i = 0; i < runs.size(); ++i) html += time_figure(runs[i], first + i);
   html += whys_of(reader, runs, drawings);
   html += fmt::format(
-      "<div class=\"pair\">\n<figure class=\"worse\" data-figures-of=\"{0}\">\n<figcaption><b>How often is "
-      "it worse "
-      "than …</b> <span>share of messages slower than x; lost ones are slower than "
+      "<div class=\"pair\">\n<figure class=\"ccdf\" data-figures-of=\"{0}\">\n<figcaption><b>Exceedance "
+      "(CCDF)</b> <span>share of messages slower than x; a lost message is slower than "
       "any</span></figcaption>\n</figure>\n"
-      "<figure class=\"histogram\" data-figures-of=\"{0}\">\n<figcaption><b>Distribution</b> <span>messages "
-      "in "
-      "each sixteenth of a doubling of the round trip</span></figcaption>\n</figure>\n</div>\n",
+      "<figure class=\"histogram\" data-figures-of=\"{0}\">\n<figcaption><b>Distribution</b> <span>answered "
+      "messages per bin; 16 equal bins to each doubling of the round "
+      "trip</span></figcaption>\n</figure>\n</div>\n",
       list_of(first, runs.size()));
   std::vector<std::string> labels;
   labels.reserve(runs.size());
   for (const auto& run : runs) labels.push_back(run.label);
   auto worst = worst_case_table(labels, group);
-  worst.title = "The slowest, seen and expected";
+  worst.title = "The slowest: seen and extrapolated";
   if (!worst.rows.empty())
-    html += details("How slow an answer may be that was not seen yet", as_html(worst), true);
+    html += details("Extrapolated worst case", as_html(worst), true);
   else
     for (const auto& note : worst.notes) html += note_as_html(note);
   if (auto sure = certainty_table(labels, group); !sure.rows.empty()) {
-    sure.title = "Between what each figure lies, with 95 % confidence";
-    html += details("How sure these figures are", as_html(sure));
+    sure.title = "95 % confidence intervals";
+    html += details("Confidence intervals", as_html(sure));
   }
   html += details("Where the time goes", as_html(parts_of(runs)));
   html += details("The longest waits", as_html(worst_of(runs)));
@@ -287,14 +311,13 @@ std::string comparing_figures(const Summaries& summaries, std::size_t groups) {
   const auto all = list_of(0, summaries.size());
   if (groups > 1)
     html += fmt::format(
-        "<figure class=\"worse\" data-figures-of=\"{}\" data-names=\"whole\">\n<figcaption><b>How often is "
-        "it worse than "
-        "…</b> <span>all runs; choose by the names below</span></figcaption>\n</figure>\n",
+        "<figure class=\"ccdf\" data-figures-of=\"{}\" data-names=\"whole\">\n<figcaption><b>Exceedance "
+        "(CCDF)</b> <span>share of messages slower than x, of all runs</span></figcaption>\n</figure>\n",
         all);
   if (have_several_payloads(summaries))
     html += fmt::format(
-        "<figure class=\"payload\" data-figures-of=\"{}\">\n<figcaption><b>Payload against round trip</b> "
-        "<span>p50 and p99, of all answered messages of a size</span></figcaption>\n</figure>\n",
+        "<figure class=\"payload\" data-figures-of=\"{}\">\n<figcaption><b>Round trip against payload</b> "
+        "<span>p50 and p99 of the answered messages</span></figcaption>\n</figure>\n",
         all);
   const auto layers = layers_page_of(summaries);
   if (!layers.tables.empty()) {
@@ -314,7 +337,7 @@ std::string imported_section_of(const Summaries& imported) {
 }
 
 std::string settings_of(const Summaries& summaries) {
-  std::string html = "<section>\n<h2>What was set, and what was so</h2>\n";
+  std::string html = "<section>\n<h2>Conditions: asked and found</h2>\n";
   const auto differences = differences_of(summaries);
   html += differences.columns.size() > 1 ? as_html(differences)
                                          : "<p>" + escaped(differences.conditions) + "</p>\n";
@@ -322,7 +345,7 @@ std::string settings_of(const Summaries& summaries) {
   html += details("Load, asked and achieved", as_html(loads_of(summaries)));
   std::string threads;
   for (const auto& table : threads_page_of(summaries).tables) threads += as_html(table);
-  if (!threads.empty()) html += details("Threads, as the kernel had them", threads);
+  if (!threads.empty()) html += details("Threads, as the kernel reports them", threads);
   html += details("The machines", as_html(machines_of(summaries)));
   return html + "</section>\n";
 }
@@ -338,25 +361,46 @@ const char* class_of(Verdict::Word word) {
   }
 }
 
+// The answer, condition by condition: a sentence over opposite ones says nothing of either.
+std::string headline_of(const Summaries& measured, bool any_imported) {
+  const auto verdict = verdict_of(measured);
+  const auto sentence = measured.empty() && any_imported
+                            ? "No messages were measured: what is here was imported."
+                            : verdict.sentence;
+  const auto groups = by_id(measured);
+  if (groups.size() < 2)
+    return fmt::format("<h1 class=\"{}\">{}</h1>\n<p>{}</p>\n", class_of(verdict.word), escaped(sentence),
+                       escaped(verdict.further));
+  std::string conditions;
+  std::size_t fine = 0;
+  for (const auto& group : groups) {
+    Summaries runs;
+    for (const auto* run : group) runs.push_back(*run);
+    const auto own = verdict_of(runs);
+    fine += own.word == Verdict::Word::yes ? 1 : 0;
+    conditions += fmt::format("<li class=\"{}\"><b>{}</b> {} {}</li>\n", class_of(own.word),
+                              escaped(heading_of(runs.front())), escaped(own.sentence), escaped(own.further));
+  }
+  return fmt::format(
+      "<h1 class=\"{}\">In {} of {} conditions, every message came back within its deadline.</h1>\n<ul "
+      "class=\"answers\">\n{}</ul>\n",
+      class_of(verdict.word), fine, groups.size(), conditions);
+}
+
 }  // namespace
 
 std::string render_html(const record::Reader& reader, const Summaries& summaries, const std::string& name) {
   Summaries measured, imported;
   for (const auto& summary : summaries) (summary.imported ? imported : measured).push_back(summary);
-  auto verdict = verdict_of(measured);
-  if (measured.empty() && !imported.empty())
-    verdict.sentence = "No messages were measured: what is here was imported.";
-  auto body = fmt::format(
-      "<header>\n<p class=\"brand\">ontime <span>{}</span></p>\n<h1 "
-      "class=\"{}\">{}</h1>\n<p>{}</p>\n</header>\n<main>\n",
-      escaped(name), class_of(verdict.word), escaped(verdict.sentence), escaped(verdict.further));
+  auto body = fmt::format("<header>\n<p class=\"brand\">ontime <span>{}</span></p>\n{}</header>\n<main>\n",
+                          escaped(name), headline_of(measured, !imported.empty()));
   Drawings drawings;
   if (!measured.empty()) {
     const auto groups = shown(measured);
     body += table_of(groups);
-    body += note_as_html(page_of(measured).legend);
+    body += note_as_html(table_legend(measured));
     body +=
-        "<noscript><p class=\"note\">The figures want JavaScript, which is off here. The tables do "
+        "<noscript><p class=\"note\">The figures need JavaScript, which is off. The tables do "
         "not.</p></noscript>\n";
     body += time_plot_key;
     std::size_t first = 0;
@@ -373,6 +417,7 @@ std::string render_html(const record::Reader& reader, const Summaries& summaries
           "file's source.</p></footer>\n";
   auto data = figures_of(reader, measured);
   data["drawings"] = drawings.drawn;
+  data["source"] = {{"file", printable(name)}, {"ontime", ONTIME_VERSION}};
   return standing_alone(name + " · ontime", body, data);
 }
 

@@ -35,7 +35,8 @@ std::string share_of(const Group& group, std::size_t messages) {
       "<p><b>{} of {}</b> {}",
       group.culprit.cause == Cause::unknown ? "unknown" : "culprit", share * 100, group.messages, messages,
       escaped(sentence_of(group)));
-  if (!group.remedy.empty()) html += "<span class=\"remedy\">" + escaped(group.remedy) + "</span>";
+  if (const auto remedy = explain::text_of(group.remedy); !remedy.empty())
+    html += "<span class=\"remedy\">" + escaped(remedy) + "</span>";
   return html + "</p></li>\n";
 }
 
@@ -84,8 +85,7 @@ std::string parts_of(const Message& message) {
 // The figure, or, of what cannot be drawn, that it cannot; and all of it in words.
 std::string figure_of(const Message& message, std::optional<std::size_t> drawing) {
   const auto& culprit = message.parts.front();
-  auto says = culprit.cause == Cause::unknown ? std::string("no event of the kernel shows why")
-                                              : explain::sentence_of(culprit);
+  auto says = explain::sentence_of(culprit);
   if (culprit.ns > 0) says += fmt::format(": {} of it", span_of(culprit.ns));
   const auto caption = fmt::format("<b>{}</b> <span>{}</span>", escaped(heading_of(message)), escaped(says));
   auto html = drawing ? fmt::format(

@@ -45,6 +45,17 @@ Config config_of(Config config, const NeighbourOptions& options, int number) {
   return config;
 }
 
+void check(const transport::Plugin& plugin, Where where) {
+  const auto& can = plugin.capabilities;
+  const auto refuse = [&](const std::string& why) {
+    throw transport::WrongInput(std::string("transport ") + plugin.name + " has no " + why);
+  };
+  if (!can.neighbours) refuse("neighbours: it opens no topics beside the critical one");
+  if (!can.nodes && transport::is_of_nodes(where))
+    refuse(std::string("nodes, callback groups or executors (neighbours.where: ") + word_of(where) +
+           "); it has same-participant, same-process and other-process");
+}
+
 // The others are beside the first, which outlives them: also where one of them could not be opened.
 struct Endpoints : std::vector<std::unique_ptr<Endpoint>> {
   ~Endpoints() {
@@ -89,6 +100,7 @@ class Neighbours::Group final : public transport::Sink {
         turn_ns_(config.receive == transport::Receive::listener ? period_ns_ / topics_ : period_ns_),
         payload_(options.payload_bytes),
         session_(options.session & ~counted) {
+    check(plugin, options.where);
     for (int number = 1; number <= topics_; ++number) {
       const auto own = config_of(config, options, number);
       if (number > 1)  // with the first, wherever that is
@@ -96,10 +108,6 @@ class Neighbours::Group final : public transport::Sink {
       else
         endpoints_.push_back(critical == nullptr ? plugin.open(own, *this)
                                                  : critical->beside(own, *this, options.where));
-      if (!endpoints_.back())
-        throw transport::WrongInput(
-            std::string("transport ") + plugin.name +
-            " has no neighbours: it opens one end in a process, and no other beside it");
     }
     for (auto& endpoint : endpoints_)
       receivers_.push_back(std::make_unique<Receiver>(*endpoint, config.receive));

@@ -5,6 +5,7 @@
 
 #include <fmt/format.h>
 #include <net/if.h>
+#include <unistd.h>
 
 #include "journal/interface_name.hpp"
 #include "realtime/realtime.hpp"
@@ -144,10 +145,19 @@ bool is_interface(const std::string& what) {
   return colon != what.npos && colon > 0 && what[colon] == ':' &&
          journal::is_interface_name(what.substr(colon + 1));
 }
-bool is_here(const std::string& interface_or_queue) {
-  const auto interface = interface_or_queue.substr(0, interface_or_queue.find('/'));
-  const auto name = name_of_interface(interface);
-  return if_nametoindex(name.c_str()) != 0 && interface == interface_here(name);
+std::optional<std::string> name_now(const std::string& interface_or_queue) {
+  const auto slash = std::min(interface_or_queue.find('/'), interface_or_queue.size());
+  const auto index = static_cast<unsigned>(std::stoul(interface_or_queue));
+  std::array<char, IF_NAMESIZE> name{};
+  if (if_indextoname(index, name.data()) != nullptr) return name.data() + interface_or_queue.substr(slash);
+  // It keeps its name there, or was given another, but then mostly its index.
+  const auto before = name_of_interface(interface_or_queue.substr(0, slash));
+  if (geteuid() == 0 && in_another_namespace([&] { return if_nametoindex(before.c_str()) != 0; }))
+    throw journal::Error(fmt::format(
+        "interface {} (index {}) was moved to another network namespace, or removed: what was set "
+        "may still be so there",
+        before, index));
+  return {};
 }
 std::string name_of_interface(const std::string& interface_or_queue) {
   return interface_or_queue.substr(interface_or_queue.find(':') + 1);

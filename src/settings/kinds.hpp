@@ -2,6 +2,8 @@
 // How each kind of thing is found, read and written. All throw journal::Error.
 #pragma once
 
+#include <functional>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -41,23 +43,30 @@ constexpr journal::Kind kind(const char* name, journal::Scope scope, decltype(jo
           .write = write};
 }
 
-// An interface is "3:eth0", its index and its name: another one of that name has another index.
+// An interface is "3:eth0", its index and the name that it had: another one of that name has another index,
+// and one that is renamed keeps it.
 std::string interface_here(const std::string& name);
 bool is_interface(const std::string& what);
-bool is_here(const std::string& interface_or_queue);
 std::string name_of_interface(const std::string& interface_or_queue);  // "eth0", "eth0/rx-0"
+// By the name that it has now; nothing: there is none of that index. Throws where it seems to have been moved
+// to another network namespace: what was set goes with it.
+std::optional<std::string> name_now(const std::string& interface_or_queue);
+// Whether it is so in a network namespace, other than this thread's, that a process or `ip netns` has.
+bool in_another_namespace(const std::function<bool()>& is_so);
 
-// Read and written by its name, as long as it is the one that it was.
+// Read and written by the name that it has now.
 template <auto read, auto write>
 constexpr journal::Kind kind_of_interface(const char* name, bool (*accepts)(const std::string&)) {
   return kind(
       name, journal::Scope::network_namespace, accepts,
       [](const std::string& what) {
-        return is_here(what) ? read(name_of_interface(what)) : journal::Value();
+        const auto its_name = name_now(what);
+        return its_name ? read(*its_name) : journal::Value();
       },
       [](const std::string& what, const journal::Value& value, const journal::Value&) {
-        if (!is_here(what)) throw journal::Error(what + " is not there any more");
-        write(name_of_interface(what), value);
+        const auto its_name = name_now(what);
+        if (!its_name) throw journal::Error(what + " is not there any more");
+        write(*its_name, value);
       });
 }
 

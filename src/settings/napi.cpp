@@ -5,7 +5,6 @@
 #include <array>
 #include <cerrno>
 #include <functional>
-#include <future>
 #include <memory>
 #include <set>
 
@@ -14,7 +13,6 @@
 #include <libmnl/libmnl.h>
 #include <linux/genetlink.h>
 #include <net/if.h>
-#include <sched.h>
 #include <sys/mount.h>
 #include <sys/stat.h>
 #include <unistd.h>
@@ -120,29 +118,9 @@ bool may_have_threads(const std::string& name) {
   return is_threaded != "0";
 }
 
-// Whether there is such a one in another network namespace that can be found, by its processes or by `ip
-// netns`.
+// Whether there is such a one in another network namespace that can be found.
 bool namesake_has_threads(const std::string& name) {
-  struct stat own {};
-  if (stat("/proc/thread-self/ns/net", &own) != 0) throw trouble("its own network namespace", errno);
-  std::set<std::pair<dev_t, ino_t>> seen{{own.st_dev, own.st_ino}};
-  bool found = false;
-  const auto look = [&](const std::string& file) {
-    const int fd = open(file.c_str(), O_RDONLY | O_NONBLOCK | O_CLOEXEC);
-    struct stat status {};
-    const bool is_new =
-        fd >= 0 && fstat(fd, &status) == 0 && seen.emplace(status.st_dev, status.st_ino).second;
-    if (is_new && setns(fd, CLONE_NEWNET) == 0) found = found || may_have_threads(name);
-    if (fd >= 0) close(fd);
-  };
-  const auto look_at_all = [&] {  // which goes from one to the next
-    if (unshare(CLONE_NEWNS) != 0 || mount("", "/", "none", MS_SLAVE | MS_REC, nullptr) != 0)
-      throw trouble("a look at other network namespaces", errno);
-    for (const auto& process : names_in("/proc")) look("/proc/" + process + "/ns/net");
-    for (const auto& named : names_in("/run/netns")) look("/run/netns/" + named);
-  };
-  std::async(std::launch::async, look_at_all).get();
-  return found;
+  return in_another_namespace([&] { return may_have_threads(name); });
 }
 
 }  // namespace

@@ -75,7 +75,7 @@ class Pass {
     const auto round_trip_ns = between(sample.sent_ns, sample.received_ns);
     round_trip_.add(round_trip_ns);
     round_trip_course_.add(round_trip_ns);
-    if (sample.server_received_ns == 0 || sample.server_sent_ns == 0) return;
+    if (!has_server_times(sample)) return;
     server_.add(between(sample.server_received_ns, sample.server_sent_ns));
     parts_.message(sample);
   }

@@ -2,7 +2,7 @@
 #include "statistics/values.hpp"
 
 #include <algorithm>
-#include <bit>
+#include <cmath>
 #include <limits>
 #include <numeric>
 #include <utility>
@@ -19,16 +19,20 @@ bool is_narrow(std::int64_t value) {
   return value >= 0 && value <= std::numeric_limits<std::uint32_t>::max();
 }
 
-// Bins of a histogram: each a whole number below 32, and from there 16 to every doubling.
-constexpr int bins_a_doubling = 16;
-std::size_t bin_of(std::uint64_t value) {
-  if (value < bins_a_doubling) return value;
-  const auto shift = static_cast<int>(std::bit_width(value)) - 5;
-  return static_cast<std::size_t>(shift) * bins_a_doubling + (value >> shift);
-}
+// Bins of a histogram: 16 to every doubling, all of the same ratio, so that on a logarithmic axis none is wider
+// than another and counts do not jump where the width would. Where they are narrower than 1 ns some are empty.
+constexpr std::size_t bins_a_doubling = 16;
 std::uint64_t first_of_bin(std::size_t bin) {
-  if (bin < bins_a_doubling) return bin;
-  return (bins_a_doubling + bin % bins_a_doubling) << (bin / bins_a_doubling - 1);
+  if (bin == 0) return 0;
+  const auto doublings = static_cast<long double>(bin) / bins_a_doubling;
+  return static_cast<std::uint64_t>(std::ceil(std::exp2(doublings)));
+}
+std::size_t bin_of(std::uint64_t value) {
+  if (value < 2) return 0;
+  auto bin = static_cast<std::size_t>(std::log2(static_cast<long double>(value)) * bins_a_doubling);
+  while (first_of_bin(bin) > value) --bin;
+  while (first_of_bin(bin + 1) <= value) ++bin;
+  return bin;
 }
 
 }  // namespace

@@ -39,6 +39,10 @@ enum class Kind : std::uint8_t {
   waits,  // `thread` has left its CPU to wait in the kernel (state "D"); `what`: the kernel's functions that
           // it is in, the innermost first, "" where they are hidden
   moved,  // `thread` is to run on another CPU from now on; `what`: its number
+  reclaim,  // `thread` needs memory, and begins to free some itself
+  reclaim_end,
+  freeze,  // `thread` freezes the control group `what` (version 2)
+  thaw,
   no_route,     // what `thread` would send has no way to where it should go
   no_neighbour  // what `thread` sent waits until somebody on the link says that the address is his
 };

@@ -13,7 +13,7 @@ namespace {
 
 using nlohmann::json;
 
-constexpr std::array<std::pair<Kind, const char*>, 17> words{{{Kind::switched, "switch"},
+constexpr std::array<std::pair<Kind, const char*>, 21> words{{{Kind::switched, "switch"},
                                                               {Kind::waking, "waking"},
                                                               {Kind::interrupt, "interrupt"},
                                                               {Kind::interrupt_end, "interrupt-end"},
@@ -28,6 +28,10 @@ constexpr std::array<std::pair<Kind, const char*>, 17> words{{{Kind::switched, "
                                                               {Kind::signal, "signal"},
                                                               {Kind::waits, "waits"},
                                                               {Kind::moved, "moved"},
+                                                              {Kind::reclaim, "reclaim"},
+                                                              {Kind::reclaim_end, "reclaim-end"},
+                                                              {Kind::freeze, "freeze"},
+                                                              {Kind::thaw, "thaw"},
                                                               {Kind::no_route, "no-route"},
                                                               {Kind::no_neighbour, "no-neighbour"}}};
 

@@ -130,14 +130,15 @@ enum class Where {
   same_process,  // in another participant
   other_process
 };
+constexpr bool is_of_nodes(Where where) { return where < Where::same_participant; }
 
 class Endpoint {
  public:
   virtual ~Endpoint() = default;  // after it, the sink is not called any more
 
-  // Ordinary thread, before the first message. Opens another endpoint in this process, on topics of its own,
-  // for as long as this one lives at most. A transport without nodes takes ROS 2's words for
-  // `same_participant`. Throws Error; nothing if this transport has none beside another.
+  // Ordinary thread, before the first message; only with Capabilities::neighbours. Opens another endpoint in
+  // this process, on topics of its own, for as long as this one lives at most. A transport without nodes
+  // takes ROS 2's words for `same_participant`. Throws Error.
   virtual std::unique_ptr<Endpoint> beside(const Config&, Sink&, Where) { return nullptr; }
 
   // Ordinary thread. Called every few milliseconds while somebody waits for a peer; a transport without
@@ -169,15 +170,16 @@ class Endpoint {
   virtual std::map<std::string, std::string> facts() = 0;
 };
 
+// What a transport can do. Code above the port goes by this alone, and knows no transport's name.
 struct Capabilities {
   bool listener;
   bool waitset;
-  bool loans;
-  bool discovery;        // finds its peers by itself
-  bool thread_settings;  // honours Config::fifo_priority
   std::size_t max_payload_bytes;
   bool security = false;     // honours Config::security
   bool launch_time = false;  // honours Config::launch_ns
+  bool topics = true;        // honours Config::ping_topic and pong_topic
+  bool neighbours = false;   // Endpoint::beside() opens another endpoint
+  bool nodes = false;        // has ROS 2's nodes, callback groups and executors: the first four of Where
 };
 
 struct Option {
@@ -186,7 +188,7 @@ struct Option {
 };
 
 // The version of the port, and the size of what crosses it, which a forgotten rebuild shows by.
-inline constexpr int abi = 4 * 1'000'000 + static_cast<int>(sizeof(Config) * 10 + sizeof(Capabilities));
+inline constexpr int abi = 5 * 1'000'000 + static_cast<int>(sizeof(Config) * 10 + sizeof(Capabilities));
 
 struct Plugin {
   int abi;

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Preloaded into both ends of a run by scripts/culprits: what the receiving thread of one of them does wrong
-// with every so many-th message. ONTIME_CULPRIT is "FAULT INTERFACE EVERY MILLISECONDS FILE": FAULT is a word
-// below, INTERFACE one that only this end has, FILE on a disk.
+// Preloaded into both ends of a run by tests/culprits/culprits: what the receiving thread of one of them does
+// wrong with every so many-th message. ONTIME_CULPRIT is "FAULT INTERFACE EVERY MILLISECONDS FILE": FAULT is
+// a word below, INTERFACE one that only this end has, FILE on a disk.
 #include <atomic>
 #include <cstdlib>
 #include <ctime>
@@ -22,7 +22,7 @@
 namespace {
 
 constexpr ssize_t message_bytes = 500;
-constexpr ssize_t others_bytes = 100;  // what scripts/culprits sends beside
+constexpr ssize_t others_bytes = 100;  // what tests/culprits/culprits sends beside
 constexpr long page_bytes = 4096;
 std::mutex held;
 
@@ -44,14 +44,27 @@ struct Fault {
     if (const char* said = std::getenv("ONTIME_CULPRIT"))
       std::istringstream(said) >> what >> interface >> every >> ms >> file;
     if (every == 0 || if_nametoindex(interface.c_str()) == 0) what.clear();
-    if (what == "lock") std::thread([this] { hold(); }).detach();
+    if (what == "lock" || what == "inversion") std::thread([this] { hold(); }).detach();
   }
   [[noreturn]] void hold() const {
     pthread_setname_np(pthread_self(), "culprit-lock");
     while (true) {
-      sleep_ms(10L * every);
+      sleep_ms(what == "lock" ? 10L * every : every);
       const std::lock_guard lock(held);
-      sleep_ms(ms);
+      if (what == "lock")
+        sleep_ms(ms);
+      else
+        compute(4);  // shorter than any deadline: late is only who waits while it is kept from its CPU
+    }
+  }
+  // For so long of its own, not counting what it waits for its CPU.
+  static void compute(long ms) {
+    const auto now_ns = [] {
+      timespec now{};
+      clock_gettime(CLOCK_THREAD_CPUTIME_ID, &now);
+      return std::int64_t{now.tv_sec} * 1'000'000'000 + now.tv_nsec;
+    };
+    for (const auto until_ns = now_ns() + ms * 1'000'000; now_ns() < until_ns;) {
     }
   }
   // Pages of a file that is in no cache, each once, until the time has passed.
@@ -83,7 +96,7 @@ struct Fault {
     if (what == "buffer") sleep_ms(2);
   }
   void make(int socket) const {
-    if (what == "lock") {
+    if (what == "lock" || what == "inversion") {
       const std::lock_guard lock(held);
       return;
     }

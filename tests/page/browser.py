@@ -64,6 +64,11 @@ class Browser:
     def type(self, selector, keys):
         self.do("POST", f"/element/{self.find(selector)}/value", {"text": keys})
 
+    def press(self, key):
+        """Wherever the focus is."""
+        self.do("POST", "/actions", {"actions": [{"type": "key", "id": "keyboard", "actions": [
+            {"type": "keyDown", "value": key}, {"type": "keyUp", "value": key}]}]})
+
     def text(self, selector):
         return self.do("GET", f"/element/{self.find(selector)}/text")
 

@@ -84,13 +84,13 @@ class Program(unittest.TestCase):
         # What load and agents of this test are known by.
         self.temporary = os.path.join(self.folder, "tmp")
         os.mkdir(self.temporary)
-        self.environment = dict(os.environ, TMPDIR=self.temporary)
+        self.environment = dict(os.environ, TMPDIR=self.temporary, ONTIME_TEST=self.temporary)
 
     def tearDown(self):
         self.assertTrue(eventually(self.nothing_left), self.what_is_left())
 
     def own(self, word):
-        return [pid for pid, command in processes_with("TMPDIR=" + self.temporary).items() if word in command]
+        return [pid for pid, command in processes_with("ONTIME_TEST=" + self.temporary).items() if word in command]
 
     def agents(self):
         return [*self.own("/ontime agent"), *self.own("/ontime keeper")]

@@ -32,7 +32,7 @@ def serving(folder, namespace, temporary, more_users=""):
         KbdInteractiveAuthentication no
         UsePAM no
         StrictModes no
-        SetEnv TMPDIR={temporary}
+        SetEnv TMPDIR={temporary} ONTIME_TEST={temporary}
         """)
     made = not os.path.exists("/run/sshd")
     os.makedirs("/run/sshd", exist_ok=True)

@@ -7,6 +7,7 @@ import contextlib
 import fcntl
 import os
 import pathlib
+import shutil
 import signal
 import sqlite3
 import subprocess
@@ -15,7 +16,7 @@ import time
 import unittest
 import xml.etree.ElementTree
 
-from program import ONTIME, OUR_NAMESPACES, Program, eventually, namespaces, processes_with
+from program import ONTIME, OUR_NAMESPACES, SCENARIO, Program, eventually, namespaces, processes_with
 
 LOADED_FIRST = """
 hosts: namespaces
@@ -97,6 +98,73 @@ class Endings(Program):
         answer = self.run_ontime("run", self.scenario("50 ms", transports=["udp"]), "--only", "idle", "--results", self.results)
         self.assertEqual(answer.returncode, 0, answer.stderr)
         self.assertIn("ontime-controller", answer.stderr)  # it says what it found and cleared
+
+    # --- a keeper that takes its time, or is lost at the end ---
+
+    def slow_programs(self):
+        """ip, tc and nft that take seconds once there is a file `slow`."""
+        folder = pathlib.Path(self.folder, "slow-programs")
+        folder.mkdir()
+        for name in ("ip", "tc", "nft"):
+            program = folder / name
+            program.write_text(f'#!/bin/sh\n[ ! -e {folder}/slow ] || sleep 4\nexec {shutil.which(name)} "$@"\n')
+            program.chmod(0o755)
+        self.environment["PATH"] = f"{folder}:{os.environ['PATH']}"
+        return folder
+
+    def test_keeper_that_is_slow_to_restore_is_awaited_and_told_of(self):
+        slow = self.slow_programs()
+        text = SCENARIO.replace("  - id: idle\n", "  - id: idle\n    link: {loss: 1 %%}\n")
+        process = self.start_ontime("run", self.scenario("1 h", text, ["udp"]), "--only", "idle", "--results", self.results)
+        self.started(process, lambda: self.samples_recorded() > 50)
+        (slow / "slow").touch()
+        for _ in range(2):
+            process.send_signal(signal.SIGINT)
+            time.sleep(0.2)
+        _, error = process.communicate(timeout=120)
+        self.assertEqual(process.returncode, 130, error)
+        self.assertTrue(self.nothing_left(), error + self.what_is_left())
+        self.assertIn("waiting for the keeper", error)
+
+    def test_keeper_that_is_killed_as_its_run_is_interrupted_leaves_nothing(self):
+        for interruptions in (1, 2):
+            process = self.loaded_run()
+            process.send_signal(signal.SIGSTOP)  # so that it learns of both at once
+            for pid in self.keepers():
+                os.kill(pid, signal.SIGKILL)
+            process.send_signal(signal.SIGINT)
+            process.send_signal(signal.SIGCONT)
+            if interruptions == 2:
+                time.sleep(0.1)
+                process.send_signal(signal.SIGINT)
+            _, error = process.communicate(timeout=60)
+            self.assertEqual(process.returncode, 130, error)
+            self.assertTrue(eventually(self.nothing_left, 5), error + self.what_is_left())
+            os.remove(self.results)
+
+    @unittest.skipUnless(os.path.exists("/sys/fs/cgroup/freezer"), "no control groups of version 1 that freeze")
+    def test_load_that_cannot_be_killed_is_waited_for_and_told_of(self):
+        """A frozen process does not even die of SIGKILL, as one in an uninterruptible call."""
+        group = pathlib.Path(f"/sys/fs/cgroup/freezer/ontime-test-{os.getpid()}")
+        group.mkdir()
+        self.addCleanup(group.rmdir)
+        process = self.loaded_run()
+        for pid in self.load():
+            (group / "cgroup.procs").write_text(str(pid))
+        (group / "freezer.state").write_text("FROZEN")
+        self.addCleanup((group / "freezer.state").write_text, "THAWED")
+        process.send_signal(signal.SIGINT)
+        time.sleep(7)
+        self.assertIsNone(process.poll(), "it left, and the load was still there")
+        process.send_signal(signal.SIGINT)
+        _, error = process.communicate(timeout=60)
+        self.assertEqual(process.returncode, 130, error)
+        self.assertRegex(error, "waiting for the keeper .*stress-ng")
+        self.assertRegex(error, "stress-ng .* does not end")
+        self.assertFalse(OUR_NAMESPACES & set(namespaces()), "all else is given back meanwhile")
+        (group / "freezer.state").write_text("THAWED")
+        self.assertTrue(eventually(lambda: not self.load(), 10), self.what_is_left())
+        self.run_ontime("run", self.scenario("50 ms", transports=["udp"]), "--only", "idle", "--results", self.results + ".next")
 
     def test_killed_load_is_noticed(self):
         process = self.start_ontime("run", self.scenario("3 s", transports=["udp"]), "--only", "loaded", "--results", self.results)
@@ -267,7 +335,7 @@ class Endings(Program):
     def test_service_that_is_stopped_keeps_its_run(self):
         """As systemctl stop does: a SIGTERM to every process of the service at once."""
         process = self.loaded_run()
-        for pid in processes_with("TMPDIR=" + self.temporary):
+        for pid in processes_with("ONTIME_TEST=" + self.temporary):
             with contextlib.suppress(ProcessLookupError):
                 os.kill(pid, signal.SIGTERM)
         process.communicate(timeout=60)
@@ -282,7 +350,7 @@ class Endings(Program):
         ping = self.start_ontime("ping", *arguments, "--peer", "127.0.0.1", "--duration", "1 h", "--timeout", "15 s",
                                  "--results", self.results)
         self.started(ping, lambda: self.samples_recorded() > 50)
-        of_ping = [pid for pid in processes_with("TMPDIR=" + self.temporary) if pid not in of_pong]
+        of_ping = [pid for pid in processes_with("ONTIME_TEST=" + self.temporary) if pid not in of_pong]
         for pid in of_pong:
             os.kill(pid, signal.SIGKILL)
         time.sleep(0.5)

@@ -19,7 +19,7 @@ import unittest
 import unittest.mock
 
 ONTIME = os.environ["ONTIME"]
-CULPRITS = pathlib.Path(__file__).resolve().parent.parent.parent / "scripts" / "culprits"
+CULPRITS = pathlib.Path(__file__).resolve().parent.parent / "culprits" / "culprits"
 SCENARIO = "hosts: namespaces\ndefaults: {transport: udp, duration: %s%s}\nruns: [{id: explained}]\n"
 
 
@@ -83,9 +83,10 @@ class Explain(unittest.TestCase):
         culprits = loaded_culprits()
         with subprocess.Popen(["sh", "-c", "sleep 60 & echo $!; wait"], stdout=subprocess.PIPE, text=True) as shell:
             sleeper = int(shell.stdout.readline())
-            self.assertTrue(culprits.is_ours(sleeper))
+            is_ours = sys.modules["ends"].is_ours
+            self.assertTrue(is_ours(sleeper))
             os.kill(sleeper, signal.SIGKILL)
-        self.assertFalse(culprits.is_ours(1) or culprits.is_ours(os.getppid()) or culprits.is_ours(sleeper))
+        self.assertFalse(is_ours(1) or is_ours(os.getppid()) or is_ours(sleeper))
         for error in (subprocess.CalledProcessError(1, ["ip"], stderr="no such\nCannot open network namespace\n"),
                       subprocess.TimeoutExpired(["ontime"], 120), OSError("gone"), IndexError("none")):
             with (unittest.mock.patch.object(culprits, "run", side_effect=error), unittest.mock.patch("sys.argv", ["culprits", "--only", "none"]),

@@ -89,13 +89,13 @@ class Lab(unittest.TestCase):
         self.addCleanup(shutil.rmtree, self.folder)
         self.temporary = os.path.join(self.folder, "tmp")
         os.mkdir(self.temporary)
-        self.environment = dict(os.environ, TMPDIR=self.temporary)
+        self.environment = dict(os.environ, TMPDIR=self.temporary, ONTIME_TEST=self.temporary)
 
     def tearDown(self):
         self.assertTrue(eventually(lambda: not self.left()), self.left())
 
     def left(self):
-        return [*os.listdir(self.temporary), *processes_with("TMPDIR=" + self.temporary).values()]
+        return [*os.listdir(self.temporary), *processes_with("ONTIME_TEST=" + self.temporary).values()]
 
     def scenario(self, text):
         path = os.path.join(self.folder, "scenario.yaml")
@@ -364,9 +364,9 @@ class Machines(Lab):
                                    stderr=subprocess.STDOUT, cwd=self.folder, env=self.environment)
         self.addCleanup(process.communicate)
         self.assertTrue(eventually(lambda: any("qemu" in one for one in
-                                               processes_with("TMPDIR=" + self.temporary).values()), 300))
+                                               processes_with("ONTIME_TEST=" + self.temporary).values()), 300))
         process.kill()
-        self.assertTrue(eventually(lambda: not processes_with("TMPDIR=" + self.temporary)))
+        self.assertTrue(eventually(lambda: not processes_with("ONTIME_TEST=" + self.temporary)))
         subprocess.run([ONTIME, "tune", "revert"], env=self.environment, timeout=120)  # as whatever starts next does
 
     @of_all
@@ -425,7 +425,7 @@ class Machines(Lab):
                                    stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=self.environment)
         self.addCleanup(lambda: (process.kill(), process.communicate()))
         self.assertTrue(eventually(lambda: any("qemu" in one for one in
-                                               processes_with("TMPDIR=" + self.temporary).values()), 300))
+                                               processes_with("ONTIME_TEST=" + self.temporary).values()), 300))
         time.sleep(1)
         process.send_signal(signal.SIGTERM)
         self.assertEqual(process.wait(30), 130)

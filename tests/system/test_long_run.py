@@ -21,7 +21,7 @@ class LongRun(Program):
     def resident_bytes(self):
         """Of all processes of this test's ontime."""
         total = 0
-        for pid in processes_with("TMPDIR=" + self.temporary):
+        for pid in processes_with("ONTIME_TEST=" + self.temporary):
             with contextlib.suppress(OSError):
                 total += int(pathlib.Path(f"/proc/{pid}/statm").read_text().split()[1]) * os.sysconf("SC_PAGESIZE")
         return total

@@ -73,7 +73,8 @@ class Ssh(unittest.TestCase):
         self.near_temporary.mkdir()
         path = sshd.make_client(self.folder, self.own, ("198.18.2.2", "198.18.1.2"))
         self.configure()
-        self.environment = dict(os.environ, TMPDIR=str(self.near_temporary), PATH=f"{path}:{os.environ['PATH']}")
+        self.environment = dict(os.environ, TMPDIR=str(self.near_temporary),
+                                ONTIME_TEST=str(self.near_temporary), PATH=f"{path}:{os.environ['PATH']}")
 
     def tearDown(self):
         self.assertTrue(eventually(self.nothing_left, 20), self.what_is_left())
@@ -82,10 +83,10 @@ class Ssh(unittest.TestCase):
         sshd.configure_client(self.folder, self.own, **{"HostName": "198.18.2.2", **changes})
 
     def near(self):
-        return processes_with(f"TMPDIR={self.near_temporary}")
+        return processes_with(f"ONTIME_TEST={self.near_temporary}")
 
     def far(self, word=""):
-        found = processes_with(f"TMPDIR={self.far_temporary}")
+        found = processes_with(f"ONTIME_TEST={self.far_temporary}")
         return [pid for pid, command in found.items() if word in command]
 
     def nothing_left(self):
@@ -93,7 +94,7 @@ class Ssh(unittest.TestCase):
 
     def what_is_left(self):
         return (f"near {self.near()} {os.listdir(self.near_temporary)}, "
-                f"far {processes_with(f'TMPDIR={self.far_temporary}')} {os.listdir(self.far_temporary)}")
+                f"far {processes_with(f'ONTIME_TEST={self.far_temporary}')} {os.listdir(self.far_temporary)}")
 
     def scenario(self, destination="robot", interface="test-far", duration="300 ms", program=ONTIME, keys=""):
         text = SCENARIO % (destination, interface, duration, keys)
@@ -241,6 +242,15 @@ class Ssh(unittest.TestCase):
             os.kill(pid, signal.SIGKILL)
         self.ended(process, 3, "the connection to robot was lost")
         self.kept_run("the connection to robot was lost")
+
+    def test_deployed_keeper_that_is_killed_with_its_coordinator_is_given_back_by_the_shell_there(self):
+        load = "load: {component: {cpu: 1, hdd: 1, hdd-bytes: 16 MiB}}"
+        process = self.start_ontime(self.scenario(program="", duration="1 h", keys=load), "--deploy")
+        self.assertTrue(eventually(lambda: sample_count(self.results) > 50 and self.far("stress-ng"), 120), process.poll())
+        for pid in (process.pid, *self.far("bin/ontime keeper")):
+            os.kill(pid, signal.SIGKILL)
+        process.communicate(timeout=30)
+        self.assertTrue(eventually(self.nothing_left, 20), self.what_is_left())
 
     def scenario_with_another(self, name, script):
         """Where a command of the far machine is this one."""

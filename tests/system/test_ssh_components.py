@@ -73,17 +73,18 @@ class SshComponents(unittest.TestCase):
         self.near_temporary.mkdir()
         path = sshd.make_client(self.keys, self.own, ("198.18.2.2", "198.18.2.3"))
         sshd.configure_client(self.keys, self.own, "198.18.2.*")
-        self.environment = dict(os.environ, TMPDIR=str(self.near_temporary), PATH=f"{path}:{os.environ['PATH']}")
+        self.environment = dict(os.environ, TMPDIR=str(self.near_temporary),
+                                ONTIME_TEST=str(self.near_temporary), PATH=f"{path}:{os.environ['PATH']}")
 
     def tearDown(self):
         self.assertTrue(eventually(self.nothing_left, 20), self.what_is_left())
 
     def of(self, far, word=""):
-        return [pid for pid, command in processes_with(f"TMPDIR={self.temporary[far]}").items() if word in command]
+        return [pid for pid, command in processes_with(f"ONTIME_TEST={self.temporary[far]}").items() if word in command]
 
     def what_is_left(self):
         folders = [self.near_temporary, *self.temporary.values()]
-        return [processes_with(f"TMPDIR={folder}") for folder in folders] + [os.listdir(folder) for folder in folders]
+        return [processes_with(f"ONTIME_TEST={folder}") for folder in folders] + [os.listdir(folder) for folder in folders]
 
     def nothing_left(self):
         return not any(self.what_is_left())

@@ -4,6 +4,7 @@
 import contextlib
 import json
 import os
+import pathlib
 import signal
 import subprocess
 import time
@@ -90,6 +91,72 @@ def fill_disk(repetition):
 def interrupt(repetition):
     repetition.moment()
     repetition.interrupt()
+
+
+def interrupt_twice_at_any_moment(repetition):
+    """Also while it gives back already."""
+    repetition.moment()
+    repetition.interrupt()
+    time.sleep(repetition.random.uniform(0, 4))
+    repetition.interrupt()
+
+
+def keeper_slow_to_restore(repetition):
+    """What the keeper calls to give back takes seconds each time: longer in all than any worker may be silent."""
+    (repetition.slow / "slow").touch()
+    repetition.moment()
+    for _ in range(repetition.random.choice([1, 2])):
+        repetition.interrupt()
+        time.sleep(repetition.random.uniform(0, 0.5))
+
+
+def load_that_cannot_be_killed(repetition):
+    """As in an uninterruptible sync: in a frozen group of version 1 a process does not even die of SIGKILL."""
+    group = pathlib.Path(f"/sys/fs/cgroup/freezer/ontime-torture-{os.getpid()}")
+    group.mkdir()
+    try:
+        for pid in repetition.pids("stress-ng"):
+            with contextlib.suppress(OSError):
+                (group / "cgroup.procs").write_text(str(pid))
+        (group / "freezer.state").write_text("FROZEN")
+        repetition.moment()
+        repetition.interrupt()
+        repetition.wait(repetition.random.uniform(6, 9))
+        check(repetition.process.poll() is None, "it left, and its load was still there")
+        if repetition.random.random() < 0.5:  # who does not want to wait
+            repetition.interrupt()
+            repetition.wait(45)
+            check("stress-ng" in repetition.words(), "it left a load and did not say so: " + repetition.words())
+    finally:
+        (group / "freezer.state").write_text("THAWED")
+        for _ in range(100):
+            with contextlib.suppress(OSError):
+                group.rmdir()
+                break
+            time.sleep(0.1)
+
+
+def rename_interface(repetition):
+    """The messages go on: what is renamed is up, which Linux permits from 6.2 on, and the addresses stay."""
+    name = next(entry["ifname"] for entry in json.loads(output("ip", "-n", "near", "-j", "link")) if entry["ifname"] != "lo")
+    subprocess.run(["ip", "-n", "near", "link", "set", name, "down"], check=True)
+    subprocess.run(["ip", "-n", "near", "link", "set", name, "name", "renamed"], check=True)
+    subprocess.run(["ip", "-n", "near", "link", "set", "renamed", "up"], check=True)
+    time.sleep(repetition.random.uniform(0, 0.5))
+    repetition.interrupt()
+
+
+def move_interface(repetition):
+    subprocess.run(["ip", "netns", "add", "elsewhere"], check=True)
+    subprocess.run(["ip", "-n", "near", "link", "set", "to-far", "netns", "elsewhere"], check=True)
+    time.sleep(repetition.random.uniform(0, 0.5))
+    repetition.interrupt()
+    repetition.wait(60)
+    check("to-far" in repetition.words(), "it says nothing of the interface that was moved: " + repetition.words())
+    # Where it comes back, the next ontime gives back what was kept.
+    subprocess.run(["ip", "-n", "elsewhere", "link", "set", "to-far", "netns", "near"], check=True)
+    subprocess.run(["ip", "netns", "del", "elsewhere"], check=True)
+    repetition.everybody_is_gone = True
 
 
 def interrupt_twice(repetition):

@@ -18,12 +18,12 @@ def output(*command):
 
 
 def processes_of(folder):
-    """Living processes that have this folder for their temporary files: those of one repetition, as {pid: command}."""
+    """Living processes that were started with this word in their environment: those of one repetition, as {pid: command}."""
     found = {}
     for entry in pathlib.Path("/proc").iterdir():
         with contextlib.suppress(OSError, IndexError, ValueError):
             pid = int(entry.name)
-            if f"TMPDIR={folder}\0".encode() not in (entry / "environ").read_bytes():
+            if f"ONTIME_TEST={folder}\0".encode() not in (entry / "environ").read_bytes():
                 continue
             if (entry / "stat").read_text().rsplit(")", 1)[1].split()[0] != "Z":
                 found[pid] = (entry / "cmdline").read_bytes().replace(b"\0", b" ").decode(errors="replace").strip()

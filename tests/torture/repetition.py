@@ -13,7 +13,7 @@ import sys
 import tempfile
 import time
 
-from outside import Broken, HERE, ONTIME, check, difference, processes_of, rows, state_of_machine
+from outside import Broken, HERE, ONTIME, check, difference, output, processes_of, rows, state_of_machine
 
 sys.path.insert(0, str(HERE / "tests/system"))
 import sshd  # noqa: E402
@@ -29,11 +29,16 @@ class Repetition:
         self.harm = harm
         self.folder = pathlib.Path(tempfile.mkdtemp(prefix="ontime-torture-"))
         self.temporary, self.disk = self.folder / "tmp", self.folder / "disk"
-        self.temporary.mkdir()
-        self.disk.mkdir()
+        self.slow = self.folder / "slow"  # programs that take their time, once there is a file `slow`
+        for folder in (self.temporary, self.disk, self.slow):
+            folder.mkdir()
+        for name in ("nft", "tc", "ip"):
+            program = self.slow / name
+            program.write_text(f'#!/bin/sh\n[ ! -e {self.slow}/slow ] || sleep 2.5\nexec {shutil.which(name)} "$@"\n')
+            program.chmod(0o755)
         self.results = self.disk / "results.ontime"
-        self.environment = dict(os.environ, TMPDIR=str(self.temporary))
-        self.transport = self.random.choice(["udp", "cyclonedds", "fastdds"])
+        self.environment = dict(os.environ, TMPDIR=str(self.temporary), ONTIME_TEST=str(self.temporary))
+        self.transport = self.random.choice(os.environ.get("ONTIME_TEST_TRANSPORTS", "udp,cyclonedds,fastdds").split(","))
         self.duration = "1 s" if harm is None else "1 h"
         self.everybody_is_gone = False
         self.harmed_ns = None
@@ -174,6 +179,53 @@ runs:
 """)
 
 
+class WithSlowPrograms(BetweenNamespaces):
+    def __init__(self, seed, harm):
+        super().__init__(seed, harm)
+        self.environment["PATH"] = f"{self.slow}:{os.environ['PATH']}"
+
+
+class OverInterfacesOfItsOwn(Repetition):
+    """Between two namespaces that were there before, and whose interfaces may be called otherwise meanwhile."""
+
+    def kept(self):
+        """What a run sets of an interface, whatever it is called by then."""
+        names = [entry["ifname"] for entry in json.loads(output("ip", "-n", "near", "-j", "link") or "[]")]
+        return {option: output("ip", "netns", "exec", "near", "sh", "-c",
+                               f"cat /sys/class/net/{name}/queues/rx-0/rps_cpus; ethtool -k {name} | grep ^generic-receive")
+                for name in names if name != "lo" for option in ["rps and gro"]}
+
+    @contextlib.contextmanager
+    def surroundings(self):
+        with contextlib.ExitStack() as stack:
+            ends = {"near": "198.18.1.1", "far": "198.18.1.2"}
+            for name in ends:
+                subprocess.run(["ip", "netns", "add", name], check=True)
+                stack.callback(subprocess.run, ["ip", "netns", "del", name], check=False)
+            subprocess.run(["ip", "-n", "near", "link", "add", "to-far", "type", "veth", "peer", "to-near", "netns", "far"],
+                           check=True)
+            for (name, address), other in zip(ends.items(), reversed(ends)):
+                subprocess.run(["ip", "-n", name, "address", "add", f"{address}/30", "dev", f"to-{other}"], check=True)
+                subprocess.run(["ip", "-n", name, "link", "set", f"to-{other}", "up"], check=True)
+            self.before = self.kept()
+            yield
+
+    def left(self, before):
+        now = self.kept()
+        return super().left(before) + ([] if now == self.before else [f"interface: {self.before} became {now}"])
+
+    def command(self):
+        return self.scenario(f"""
+hosts:
+  controller: {{place: [ip, netns, exec, near], interface: to-far, address: 198.18.1.1}}
+  component: {{place: [ip, netns, exec, far], interface: to-near, address: 198.18.1.2}}
+defaults: {{transport: {self.transport}, period: 5 ms, timeout: 100 ms, duration: {self.duration}}}
+runs:
+  - id: tortured
+    kernel: {{gro: on, rps: 0}}
+""")
+
+
 class ByHand(Repetition):
     """`ontime ping` and `ontime pong`, two programs that nobody started together."""
 
@@ -225,3 +277,14 @@ runs:
   - id: tortured
     load: {{component: {{cpu: 1, hdd: 1, hdd-bytes: 4 MiB}}}}
 """))
+
+
+class Deployed(BySsh):
+    """As by ssh, with a program that is brought there for the time of the run."""
+
+    def command(self):
+        command = [word for word in super().command()]
+        scenario = self.folder / "scenario.yaml"
+        scenario.write_text(scenario.read_text().replace(f"program: {ONTIME}, ", "")
+                            .replace("    load:", "    kernel: {timer-migration: off}\n    load:"))
+        return (*command, "--deploy")

@@ -35,7 +35,7 @@ function timeAxis(scale, logarithmic, most, axis = d3.axisLeft) {
   return axis(scale).tickValues(values.length > 1 ? values : ticks).tickFormat(time);
 }
 
-// An SVG with axes and tools, as wide as its figure.
+// An SVG with axes and tools, as wide as its figure. `key` tells what its marks mean, in a file that is saved.
 class Frame {
   constructor(figure, { height, margin }) {
     this.figure = figure;
@@ -51,12 +51,27 @@ class Frame {
     this.clip = this.svg.append("clipPath").attr("id", `clip-${id}`).append("rect");
     this.plot = inner.append("g").attr("clip-path", `url(#clip-${id})`);
     this.area = inner.append("rect").attr("class", "area").attr("height", this.height);
-    const caption = figure.querySelector("figcaption");
-    this.name = caption ? caption.querySelector("b").textContent : "figure";
+    this.key = () => [];
+    const caption = figure.querySelector("figcaption"), section = figure.closest("section");
+    this.name = caption ? caption.querySelector("b")?.textContent || "figure" : "figure";
+    this.said = caption ? caption.querySelector("span")?.textContent || "" : "";
+    this.of = section ? section.querySelector("h2").textContent : "";
+    this.conditions = section && section.querySelector("h2 + p") ? section.querySelector("h2 + p").textContent : "";
     if (caption) this.svg.attr("aria-label", caption.textContent);
     for (const [text, save] of [["SVG", saveSvg], ["PNG", savePng]])
       this.tools.append("button").attr("type", "button").attr("class", "save").attr("title", `save as ${text}`).text(text)
-        .on("click", () => save(this.svg.node(), this.name));
+        .on("click", () => save(this));
+  }
+
+  // The figure takes the focus, and its keys do what `actions` says; `keys` tells which.
+  onKeys(keys, actions) {
+    this.svg.attr("tabindex", 0).attr("role", "application").attr("aria-label", `${this.svg.attr("aria-label")}. ${keys}`)
+      .on("keydown", () => {
+        const event = d3.event, action = actions[event.key];
+        if (!action || event.altKey || event.metaKey || event.ctrlKey) return;
+        event.preventDefault();
+        action(event);
+      });
   }
 
   onResize(draw) {
@@ -92,43 +107,105 @@ class Frame {
   place() { this.svg.select("[data-place=bottom]").attr("x", this.margin.left + this.width); }
 }
 
-// With the looks that the page's style gives it, so that it stands alone.
-function standalone(svg) {
-  const copy = svg.cloneNode(true), looks = ["fill", "stroke", "stroke-width", "stroke-linecap", "stroke-dasharray",
-    "opacity", "fill-opacity", "font-size", "font-family", "font-weight", "text-anchor", "visibility", "paint-order"];
-  const from = [svg, ...svg.querySelectorAll("*")], to = [copy, ...copy.querySelectorAll("*")];
-  from.forEach((element, i) => {
+const LOOKS = ["fill", "stroke", "stroke-width", "stroke-linecap", "stroke-dasharray", "opacity", "fill-opacity", "font-size",
+  "font-weight", "text-anchor", "visibility", "paint-order"];
+
+// Lines of text that are no wider than that.
+function wrapped(text, font, width) {
+  const measure = wrapped.canvas = wrapped.canvas || document.createElement("canvas").getContext("2d"), lines = [];
+  measure.font = font;
+  for (const word of text.split(/\s+/).filter(Boolean)) {
+    const longer = lines.length > 0 ? `${lines[lines.length - 1]} ${word}` : word;
+    if (lines.length > 0 && measure.measureText(longer).width <= width) lines[lines.length - 1] = longer; else lines.push(word);
+  }
+  return lines;
+}
+
+// What a reader of the file needs who has not the page: of what it is, what it shows, what its marks mean, where it is from.
+// It is light, for it is printed.
+function standalone(frame) {
+  const { width, height } = frame.svg.node().getBoundingClientRect(), left = 8, room = width - 2 * left;
+  const root = document.documentElement;
+  root.classList.add("print");
+  const all = d3.select(document.body).append("svg").attr("xmlns", "http://www.w3.org/2000/svg").attr("class", "saved");
+  all.append("title").text(`${frame.of} ${frame.name}`);
+  all.append("desc").text(`${frame.said}. ${frame.conditions}. ${source(frame.runs)}`);
+  let y = 6;
+  const say = (text, size, className, weight = 400) => {
+    for (const line of wrapped(text, `${weight} ${size}px Arial`, room)) {
+      y += size * 1.35;
+      all.append("text").attr("class", className).attr("font-weight", weight).attr("x", left).attr("y", y - size * 0.3).text(line);
+    }
+  };
+  say(frame.of, 15, "saved-title", 600);
+  say(frame.name, 13, "saved-name", 600);
+  say(frame.said, 12, "saved-text");
+  say(frame.conditions, 12, "saved-text");
+  y += 6;
+  const copy = frame.svg.node().cloneNode(true);
+  for (const [name, value] of Object.entries({ x: 0, y, width, height })) copy.setAttribute(name, value);
+  copy.querySelectorAll(".cursor, .area").forEach(one => one.remove());
+  for (const name of ["tabindex", "role", "aria-label"]) copy.removeAttribute(name);
+  all.node().append(copy);
+  y += height + 4;
+  let x = left;
+  for (const { className, dash, d, text } of frame.key()) {
+    const lines = wrapped(text, "400 12px Arial", room - 28), wide = 28 + 7.2 * d3.max(lines, line => line.length) + 14;
+    if (x > left && x + wide > width) { x = left; y += 18; }
+    const one = all.append("g").attr("transform", `translate(${x},${y + 8})`);
+    one.append("path").attr("class", className).attr("stroke-dasharray", dash || null).attr("d", d || "M0,0H22");
+    lines.forEach((line, i) => one.append("text").attr("class", "saved-key").attr("x", 28).attr("y", 4 + i * 16).text(line));
+    x += wide;
+    if (lines.length > 1) { x = left; y += 16 * lines.length + 2; }
+  }
+  y += x > left ? 18 : 0;
+  say(source(frame.runs), 10, "saved-source");
+  y += 8;
+  all.attr("width", width).attr("height", y).attr("viewBox", `0 0 ${width} ${y}`);
+  all.insert("rect", ":first-child").attr("width", width).attr("height", y).attr("fill", "#fff");
+  for (const element of all.node().querySelectorAll("*")) {
     const style = getComputedStyle(element);
-    for (const look of looks) to[i].setAttribute(look, style.getPropertyValue(look));
-  });
-  copy.setAttribute("xmlns", "http://www.w3.org/2000/svg");
-  const paper = document.createElementNS("http://www.w3.org/2000/svg", "rect");
-  paper.setAttribute("width", "100%");
-  paper.setAttribute("height", "100%");
-  paper.setAttribute("fill", getComputedStyle(document.body).backgroundColor);
-  copy.prepend(paper);
-  return new Blob([new XMLSerializer().serializeToString(copy)], { type: "image/svg+xml" });
+    if (["path", "line", "rect", "text"].includes(element.localName)) for (const look of LOOKS) element.setAttribute(look, style.getPropertyValue(look));
+    if (element.localName === "text") element.setAttribute("font-family", "Arial, Helvetica, DejaVu Sans, sans-serif");
+    element.removeAttribute("class");
+  }
+  all.attr("class", null);
+  const text = new XMLSerializer().serializeToString(all.node());
+  all.remove();
+  root.classList.remove("print");
+  return { width, height: y, blob: new Blob([text], { type: "image/svg+xml" }) };
+}
+
+// "demo.ontime, runs 4, 10; measured by ontime 1.2"
+function source(runs) {
+  const numbers = runs.map(run => run.run), versions = [...new Set(runs.map(run => run.ontime))].filter(Boolean);
+  const of = numbers.length === 0 ? "" : numbers.length > 12 ? `, ${numbers.length} runs`
+    : `, ${numbers.length > 1 ? "runs" : "run"} ${numbers.join(", ")}`;
+  return data.source.file + of + (versions.length > 0 ? `; measured by ontime ${versions.join(", ")}` : "") +
+    `; drawn by ontime ${data.source.ontime}`;
 }
 
 function download(blob, name) {
   const link = document.createElement("a");
   link.href = URL.createObjectURL(blob);
-  link.download = name.replace(/[^\w.-]+/g, "-");
+  link.download = name.replace(/[^\w.-]+/g, "-").replace(/-+(?=\.\w+$)|^-+/g, "");
   link.click();
   setTimeout(() => URL.revokeObjectURL(link.href), 1000);
 }
 
-function saveSvg(svg, name) { download(standalone(svg), `${name}.svg`); }
+const fileName = (frame, form) => `${data.source.file.replace(/\.ontime$/, "")}-${frame.of.split(" · ")[0]}-${frame.name}.${form}`;
 
-function savePng(svg, name) {
-  const url = URL.createObjectURL(standalone(svg)), image = new Image(), { width, height } = svg.getBoundingClientRect();
+function saveSvg(frame) { download(standalone(frame).blob, fileName(frame, "svg")); }
+
+function savePng(frame) {
+  const { blob, width, height } = standalone(frame), url = URL.createObjectURL(blob), image = new Image();
   image.onload = () => {
     const canvas = document.createElement("canvas"), finer = 3;
     canvas.width = width * finer;
     canvas.height = height * finer;
     canvas.getContext("2d").drawImage(image, 0, 0, canvas.width, canvas.height);
     URL.revokeObjectURL(url);
-    canvas.toBlob(blob => download(blob, `${name}.png`));
+    canvas.toBlob(png => download(png, fileName(frame, "png")));
   };
   image.src = url;
 }
@@ -140,6 +217,8 @@ class Lines {
     series.forEach((one, i) => { one.look = one.look || looks(i); });
     this.frame = new Frame(figure, { height: 300, margin: { top: 24, right: 14, bottom: 36, left: 56 } });
     this.frame.labels(bottom, left);
+    this.frame.runs = runsIn(series);
+    this.frame.key = () => this.key();
     this.deadline = this.frame.plot.append("path").attr("class", "deadline");
     this.cursor = this.frame.plot.append("line").attr("class", "cursor").attr("visibility", "hidden");
     this.paths = this.frame.plot.append("g");
@@ -156,7 +235,14 @@ class Lines {
           .attr("class", `line ${one.look.colour}`).attr("stroke-dasharray", one.look.dash).attr("d", "M0,4H22");
         button.append("span").text(one.name);
       });
-    this.readout = d3.select(figure).append("output").attr("class", "readout");
+    this.readout = d3.select(figure).append("output").attr("class", "readout").attr("aria-live", "polite");
+    if (tell) {
+      const step = by => this.point(Math.min(Math.max((this.at === undefined ? this.frame.width / 2 : this.at) + by, 0), this.frame.width));
+      this.frame.onKeys("Left and right arrow keys read its values.", {
+        ArrowLeft: () => step(-this.frame.width / 50), ArrowRight: () => step(this.frame.width / 50),
+        Home: () => step(-this.frame.width), End: () => step(this.frame.width),
+      });
+    }
     this.frame.area.on("mousemove", () => this.point(d3.mouse(this.frame.area.node())[0]))
       .on("mouseleave", () => this.cursor.attr("visibility", "hidden"));
     this.frame.onResize(() => this.draw());
@@ -185,13 +271,21 @@ class Lines {
     this.deadline.attr("d", deadlines.size === 1 && deadline && this.x.isTime ? `M${x(deadline)},0V${frame.height}` : null);
   }
 
+  key() {
+    const shown = this.series.filter(one => !this.hidden.has(one)), { deadline } = this;
+    return [...shown.map(one => ({ className: `line ${one.look.colour}`, dash: one.look.dash, text: one.name })),
+      ...(deadline.attr("d") ? [{ className: "deadline", text: `deadline ${time(shown.length > 0 ? shown[0].deadline_ns : 0)}` }] : [])];
+  }
+
   point(px) {
     if (!this.tell) return;
+    this.at = px;
     this.cursor.attr("visibility", null).attr("x1", px).attr("x2", px).attr("y1", 0).attr("y2", this.frame.height);
     this.readout.text(this.tell(this.xScale.invert(px), this.series.filter(one => !this.hidden.has(one))));
   }
 }
 
+const runsIn = series => series.reduce((all, one) => all.concat(one.values || [one]), []);
 const allOf = figure => figure.dataset.figuresOf.split(" ").map(i => data.runs[i]);
 
 // Those that have round trips. What is not drawn is named.
@@ -229,18 +323,20 @@ function worse(histogram, greatest, lost) {
   return points;
 }
 
-// What has not been seen: from the slowest that was to the one in a million that is expected, and between what that lies.
+// The extrapolated level that one answer in a million exceeds, with its confidence interval. The curve is of all messages:
+// a share of lost ones lifts it, and the mark with it.
 const ONE_IN_A_MILLION = 1e-6;
-function expected({ bound, roundTrips }, x, y, edge) {
+const liftedShare = run => run.lost / run.sent + (1 - run.lost / run.sent) * ONE_IN_A_MILLION;
+function expected({ bound, roundTrips, ...run }, x, y, edge) {
   if (!bound) return [];
-  const at = y(ONE_IN_A_MILLION), slowest = roundTrips[roundTrips.length - 2];
-  const way = slowest[1] > ONE_IN_A_MILLION && slowest[0] < bound.level ? `M${x(slowest[0])},${y(slowest[1])}L${x(bound.level)},${at}` : "";
+  const share = liftedShare(run), at = y(share), slowest = roundTrips[roundTrips.length - (run.lost > 0 ? 3 : 2)];
+  const way = slowest[1] > share && slowest[0] < bound.level ? `M${x(slowest[0])},${y(slowest[1])}L${x(bound.level)},${at}` : "";
   return [{ d: way, class: "expected", dash: "1 4" },
     { d: `M${x(bound.low)},${at}H${bound.high === null ? edge : x(bound.high)}m0,-4v8M${x(bound.low)},${at - 4}v8`, class: "expected", dash: " " },
     { d: `M${x(bound.level)},${at}h0`, class: "dots expected", dash: " " }];
 }
 
-function drawWorse(figure) {
+function drawCcdf(figure) {
   const runs = allOf(figure).filter(run => run.sent > 0), answered = runs.filter(run => run.round_trip);
   if (runs.length === 0) return;
   const whole = figure.dataset.names === "whole", domain = timesDomain(runs), bounds = answered.filter(run => run.bound);
@@ -255,7 +351,7 @@ function drawWorse(figure) {
   const share = value => value >= 1e-4 ? `${+(value * 100).toPrecision(2)} %` : `${+(value * 1e6).toPrecision(2)} ppm`;
   let kind = "roundTrips";
   const lines = new Lines(figure, {
-    series, left: "share", bottom: "time", x: timesAxis(domain),
+    series, left: "share of messages slower", bottom: "round trip", x: timesAxis(domain),
     y: { scale: () => d3.scaleLog().domain([least * 0.7, 1]).clamp(true),
       axis: scale => d3.axisLeft(scale).tickValues(d3.range(0, Math.ceil(-Math.log10(least)) + 1).map(i => 10 ** -i)
         .filter(value => value >= least * 0.7)).tickFormat(share) },
@@ -264,17 +360,21 @@ function drawWorse(figure) {
       ...(kind === "roundTrips" ? expected(one, x, y, x.range()[1]) : []),
     ],
     labels: (shown, x, y) => kind === "roundTrips" && shown.some(one => one.bound)
-      ? [{ x: x.range()[1], y: y(ONE_IN_A_MILLION) - 8, text: "expected of 1 in a million" }] : [],
+      ? [{ x: x.range()[1], y: y(liftedShare(shown.find(one => one.bound))) - 8, text: "10⁻⁶ exceedance level, extrapolated" }] : [],
     tell: (ns, shown) => `slower than ${time(ns)}: ` + shown.map(one => {
       const i = d3.bisector(p => p[0]).right(one[kind], ns) - 1, slower = i < 0 ? 1 : one[kind][i][1];
       return `${one.name} ${slower > 0 ? share(slower) : "none"}`;
     }).join(" · "),
   });
+  const key = lines.frame.key;
+  lines.frame.key = () => [...key(), ...(kind === "roundTrips" && series.some(one => one.bound && !lines.hidden.has(one))
+    ? [{ className: "line expected key", dash: "1 4", text: "extrapolated to the 10⁻⁶ exceedance level, with its interval" }] : [])];
   lines.frame.tools.insert("button", ".save").attr("type", "button").attr("aria-pressed", "false").text("response")
     .attr("title", "of every cycle from when it was due, instead of every message from when it was sent")
     .on("click", (_, i, [button]) => {
       kind = kind === "roundTrips" ? "responses" : "roundTrips";
       d3.select(button).attr("aria-pressed", kind === "responses");
+      lines.frame.svg.select("[data-place=bottom]").text(kind === "responses" ? "response time" : "round trip");
       lines.draw();
     });
 }
@@ -295,7 +395,7 @@ function drawHistogram(figure) {
   if (runs.length === 0) return;
   const domain = timesDomain(runs), most = d3.max(runs, run => d3.max(run.histogram, bin => bin[2]));
   new Lines(figure, {
-    series: runs.map(run => ({ ...run, name: run.label })), left: "messages", bottom: "round trip", x: timesAxis(domain),
+    series: runs.map(run => ({ ...run, name: run.label })), left: "messages per bin", bottom: "round trip", x: timesAxis(domain),
     y: { scale: () => d3.scaleLog().domain([0.7, most * 1.3]).clamp(true),
       axis: scale => d3.axisLeft(scale).tickValues(d3.range(0, 12).map(i => 10 ** i).filter(value => value <= most * 1.3)).tickFormat(number) },
     lines: (one, x, y) => [{
@@ -323,18 +423,29 @@ function drawPayload(figure) {
   };
   const bytes = value => value >= 1048576 ? `${value / 1048576} MiB` : value >= 1024 ? `${+(value / 1024).toPrecision(3)} KiB` : `${value} B`;
   new Lines(figure, {
-    series: groups.map(group => ({ name: group.key, values: group.values })), left: "round trip", bottom: "payload; p50 ● ──, p99 ─ - -",
+    series: groups.map(group => ({ name: group.key, values: group.values })), left: "round trip", bottom: "payload; p50: ● and line, p99: – and dashes",
     x: { scale: () => d3.scaleLog().domain([sizes[0] / 1.3, sizes[sizes.length - 1] * 1.3]),
       axis: scale => d3.axisBottom(scale).tickValues(sizes).tickFormat(bytes) },
     y: { scale: () => d3.scaleLog().domain(times), axis: scale => timeAxis(scale, true, 6) },
     lines: (one, x, y) => [...line(one.values, x, y, "p50", " ", 0), ...line(one.values, x, y, "p99", "5 4", 10)],
+    tell: (size, shown) => {
+      const nearest = d3.scan(sizes, (a, b) => Math.abs(Math.log(a / size)) - Math.abs(Math.log(b / size)));
+      const of = one => one.values.filter(run => Math.max(run.payload_bytes, 1) === sizes[nearest]);
+      const median = (runs, figureOf) => time(d3.median(runs, run => run.round_trip[figureOf]));
+      return `${bytes(sizes[nearest])}: ` + shown.filter(one => of(one).length > 0)
+        .map(one => `${one.name} p50 ${median(of(one), "p50")}, p99 ${median(of(one), "p99")}`).join(" · ");
+    },
   });
 }
 
 function drawLayers(figure) {
-  const bars = data.layers, row = 26, margin = { top: 8, right: 125, bottom: 30, left: 105 };
+  const bars = data.layers, row = 26, margin = { top: 8, right: 125, bottom: 38, left: 105 };
   const frame = new Frame(figure, { height: bars.length * row + margin.top + margin.bottom, margin });
+  frame.runs = data.runs;
+  frame.svg.append("text").attr("class", "label").attr("text-anchor", "end").attr("y", bars.length * row + margin.top + margin.bottom)
+    .attr("data-place", "bottom").text("round trip of the median message");
   frame.onResize(() => {
+    frame.place();
     const x = d3.scaleLinear([0, d3.max(bars, bar => bar.total) || 1], [0, frame.width]).nice();
     const y = d3.scaleBand(d3.range(bars.length), [0, frame.height]).paddingInner(0.35);
     frame.axes(d3.axisBottom(x).ticks(frame.width / 80).tickFormat(time), d3.axisLeft(y).tickFormat(i => bars[i].name).tickValues(d3.range(bars.length)));
@@ -378,7 +489,7 @@ function drawRanges() {
 
 try {
   drawRanges();
-  for (const [name, draw] of [["worse", drawWorse], ["histogram", drawHistogram], ["payload", drawPayload], ["layers", drawLayers]])
+  for (const [name, draw] of [["ccdf", drawCcdf], ["histogram", drawHistogram], ["payload", drawPayload], ["layers", drawLayers]])
     document.querySelectorAll(`figure.${name}`).forEach(draw);
 } catch (error) {
   fail(error);

@@ -2,28 +2,39 @@
 // Round trip over time: every message, or, where there are more than pixels, of each column its extremes.
 "use strict";
 
+const DOT = 3;  // px: as wide as one is in page.css
+
 class TimePlot {
   constructor(figure, run, course, yDomain) {
     Object.assign(this, { run, course, yDomain, logarithmic: true });
-    this.frame = new Frame(figure, { height: 230, margin: { top: 22, right: 12, bottom: 30, left: 52 } });
+    this.frame = new Frame(figure, { height: 230, margin: { top: 24, right: 12, bottom: 36, left: 56 } });
+    this.frame.labels("time since the start", "round trip");
+    this.frame.name = `${run.label}: round trip over time`;
+    this.frame.runs = [run];
+    this.frame.key = () => this.key();
     this.end = Math.max(course.end, 1e-6);
     this.domain = [0, this.end];
     const { plot } = this.frame;
     this.layers = {};
-    for (const name of ["deadline", "columns", "late", "lost", "median", "stall"])
+    for (const name of ["deadline", "columns", "alone", "late", "lost", "median", "stall"])
       this.layers[name] = plot.append("path").attr("class", name);
     this.notes = plot.append("g").attr("class", "notes");
     this.cursor = plot.append("line").attr("class", "cursor").attr("visibility", "hidden");
-    this.readout = d3.select(figure).append("output").attr("class", "readout").attr("aria-live", "off");
-    this.frame.svg.attr("tabindex", 0).attr("role", "application").attr("aria-label",
-      `Round trip over time of ${run.id} ${run.label}. Arrow keys pan, plus and minus zoom, Home shows all.`);
+    this.readout = d3.select(figure).append("output").attr("class", "readout").attr("aria-live", "polite");
+    this.frame.svg.attr("aria-label", `Round trip over time of ${run.id} ${run.label}`);
+    const pan = by => this.frame.area.call(this.zoom.translateBy, by * this.frame.width / d3.zoomTransform(this.frame.area.node()).k, 0);
+    this.frame.onKeys("Left and right arrow keys read its values, with Shift or Page up and down they move along, plus and minus zoom, " +
+      "Home shows all.", {
+      ArrowLeft: event => event.shiftKey ? pan(1 / 8) : this.step(-1), ArrowRight: event => event.shiftKey ? pan(-1 / 8) : this.step(1),
+      PageUp: () => pan(1 / 2), PageDown: () => pan(-1 / 2), Home: () => this.show(0, this.end),
+      "+": () => this.scaleAtCursor(2), "=": () => this.scaleAtCursor(2), "-": () => this.scaleAtCursor(0.5),
+    });
     this.zoom = d3.zoom()
       .filter(() => !d3.event.button && (d3.event.type !== "wheel" || d3.event.ctrlKey || this.frame.svg.node() === document.activeElement))
       .on("zoom", () => this.zoomed(d3.event.transform));
     this.frame.area.call(this.zoom)
       .on("mousemove", () => this.point(d3.mouse(this.frame.area.node())[0]))
       .on("mouseleave", () => this.cursor.attr("visibility", "hidden"));
-    this.frame.svg.on("keydown", () => this.key(d3.event));
     if (course.of > 1)
       d3.select(figure).append("p").attr("class", "note")
         .text(`All messages are too many for a page: of each ${number(2 * course.of)} the fastest and the slowest are here.`);
@@ -85,16 +96,37 @@ class TimePlot {
     this.tell(i);
   }
 
-  key(event) {
-    const [from, to] = this.domain, step = (to - from) / 8;
-    const actions = {
-      ArrowLeft: () => this.frame.area.call(this.zoom.translateBy, this.frame.width / 8 / d3.zoomTransform(this.frame.area.node()).k, 0),
-      ArrowRight: () => this.frame.area.call(this.zoom.translateBy, -this.frame.width / 8 / d3.zoomTransform(this.frame.area.node()).k, 0),
-      "+": () => this.scale(2), "=": () => this.scale(2), "-": () => this.scale(0.5), Home: () => this.show(0, this.end),
-    };
-    if (!actions[event.key] || event.altKey || event.metaKey || event.ctrlKey) return;
-    event.preventDefault();
-    actions[event.key]();
+  // What is read: of the messages that are shown one by one the next, else the next column of pixels.
+  step(by) {
+    const { course, frame } = this, [from, to] = this.domain;
+    if (course.count === 0) return;
+    const inside = this.readAt !== undefined && this.readAt >= from && this.readAt <= to;
+    const at = inside ? this.readAt : (from + to) / 2;
+    if (!this.dots) return this.point(Math.min(Math.max(Math.floor(this.x(at)) + by, 0), frame.width - 1) + 0.5);
+    const next = inside ? this.nearest(at) + by : this.nearest(at), i = Math.min(Math.max(next, 0), course.count - 1);
+    const beyond = course.at[i] < from ? course.at[i] - from : course.at[i] > to ? course.at[i] - to : 0;
+    if (beyond !== 0) {
+      this.show(from + beyond * 2, to + beyond * 2);
+      this.draw();
+    }
+    this.tell(i);
+  }
+
+  scaleAtCursor(by) {
+    const [from, to] = this.domain, inside = this.readAt !== undefined && this.readAt >= from && this.readAt <= to;
+    this.frame.area.call(this.zoom.scaleBy, by, [inside ? this.x(this.readAt) : this.frame.width / 2, 0]);
+  }
+
+  key() {
+    const { run, layers } = this, is = name => layers[name].attr("d");
+    return [{ className: this.dots ? "columns dots" : "columns key", d: this.dots ? "M11,0h0" : null,
+      text: this.dots ? "a message" : "from the fastest to the slowest message" },
+    ...(is("median") ? [{ className: "median", text: "median" }] : []),
+    ...(run.late > 0 ? [{ className: "late", d: "M11,0h0", text: "late" }] : []),
+    ...(run.lost > 0 ? [{ className: "lost", d: "M8,-3l6,6m0,-6l-6,6", text: "lost" }] : []),
+    ...(is("stall") ? [{ className: "stall", text: "longest wait of cycles without a message" }] : []),
+    ...(run.deadline_ns ? [{ className: "deadline", text: `deadline ${time(run.deadline_ns)}` }] : []),
+    ...(run.notes.length > 0 ? [{ className: "flag", d: "M6,-6h10l-5,7z", text: "note" }] : [])];
   }
 
   draw() {
@@ -107,12 +139,13 @@ class TimePlot {
     const units = d3.scaleLinear(this.domain.map(s => s / seconds), [0, frame.width]);
     frame.axes(d3.axisBottom(units).ticks(Math.max(2, frame.width / 90)).tickFormat(value => `${+value.toPrecision(12)} ${unit}`),
       timeAxis(y, this.logarithmic, 5));
+    frame.place();
     this.layers.deadline.attr("d", run.deadline_ns ? `M0,${y(run.deadline_ns)}H${frame.width}` : null);
     const from = Math.max(course.indexAt(this.domain[0]) - 1, 0);
     const to = Math.min(course.indexAt(this.domain[1]) + 1, course.count);
     this.dots = to - from <= frame.width;
     const paths = this.dots ? this.single(from, to) : this.columns(from);
-    for (const name of ["columns", "late", "lost"]) this.layers[name].attr("d", paths[name].join(""));
+    for (const name of ["columns", "alone", "late", "lost"]) this.layers[name].attr("d", paths[name].join(""));
     this.layers.columns.classed("dots", this.dots);
     frame.svg.attr("data-shown", to - from).attr("data-mode", this.dots ? "messages" : "columns");
     this.drawSlices();
@@ -126,23 +159,27 @@ class TimePlot {
       if (course.code[i] === LOST) lost.push(cross(at));
       else (course.fate[i] === LATE ? late : columns).push(`M${at},${y(timeOf(course.code[i])).toFixed(1)}h0`);
     }
-    return { columns, late, lost };
+    return { columns, alone: [], late, lost };
   }
 
+  // What is no higher than a dot is one: a line of a pixel cannot be seen.
   columns(from) {
-    const { x, y, course, frame } = this, columns = [], late = [], lost = [];
+    const { x, y, course, frame } = this, columns = [], alone = [], late = [], lost = [];
     for (let column = 0, i = from; column < frame.width; ++column) {
       const next = course.indexAt(x.invert(column + 1));
       const found = course.extremes(i, next), middle = column + 0.5;
       i = next;
       if (found.count === 0) continue;
-      if (found.onTime >= 0)
-        columns.push(`M${middle},${(y(timeOf(found.fastest)) + 0.5).toFixed(1)}V${(y(timeOf(found.onTime)) - 0.5).toFixed(1)}`);
+      if (found.onTime >= 0) {
+        const low = y(timeOf(found.fastest)), high = y(timeOf(found.onTime));
+        if (low - high < DOT) alone.push(`M${middle},${((low + high) / 2).toFixed(1)}h0`);
+        else columns.push(`M${middle},${(low + 0.5).toFixed(1)}V${(high - 0.5).toFixed(1)}`);
+      }
       if (found.late > 0) late.push(`M${middle},${y(timeOf(found.slowestLate)).toFixed(1)}h0`);
       if (found.late > 0 && found.onTime < 0) late.push(`M${middle},${y(timeOf(found.fastest)).toFixed(1)}h0`);
       if (found.lost > 0) lost.push(cross(middle));
     }
-    return { columns, late, lost };
+    return { columns, alone, late, lost };
   }
 
   drawSlices() {
@@ -173,12 +210,9 @@ class TimePlot {
     const { x, course } = this;
     if (course.count === 0) return;
     const s = x.invert(px);
-    if (this.dots) {
-      let i = Math.min(course.indexAt(s), course.count - 1);
-      if (i > 0 && s - course.at[i - 1] < course.at[i] - s) --i;
-      return this.tell(i);
-    }
+    if (this.dots) return this.tell(this.nearest(s));
     this.setCursor(px);
+    this.readAt = s;
     const left = x.invert(Math.floor(px)), right = x.invert(Math.floor(px) + 1);
     const found = course.extremes(course.indexAt(left), course.indexAt(right));
     // Of a long run two of so many messages are here, the fastest and the slowest.
@@ -190,8 +224,14 @@ class TimePlot {
     this.readout.text(parts.join(" · "));
   }
 
+  nearest(s) {
+    const { course } = this, i = Math.min(course.indexAt(s), course.count - 1);
+    return i > 0 && s - course.at[i - 1] < course.at[i] - s ? i - 1 : i;
+  }
+
   tell(i) {
     const { course, x } = this, code = course.code[i];
+    this.readAt = course.at[i];
     this.setCursor(x(course.at[i]));
     this.readout.text([`${course.at[i].toFixed(3)} s`, `message ${course.message[i]}`,
       code === LOST ? "lost" : time(timeOf(code)), ...(course.fate[i] === LATE ? ["late"] : [])].join(" · "));

@@ -29,11 +29,15 @@ class WayPlot {
     if (drawing.uncertainty_ns > 0)
       d3.select(figure).append("p").attr("class", "note").text("The two machines’ clocks are related by the run’s answers: " +
         `times of pong’s machine may be off by ±${time(drawing.uncertainty_ns)}.`);
-    this.frame.svg.attr("tabindex", 0).attr("role", "application")
-      .attr("aria-label", `${this.frame.svg.attr("aria-label")}. Arrow keys go through its time; part by part it stands below.`);
+    this.frame.runs = [];
+    const step = by => {
+      const at = (this.place === undefined ? this.x(this.due) : this.place) + by * this.frame.width / 50;
+      this.tell(this.place = Math.min(Math.max(at, 0), this.frame.width));
+    };
+    this.frame.onKeys("Left and right arrow keys go through its time; a table below has each part.",
+      { ArrowLeft: () => step(-1), ArrowRight: () => step(1) });
     this.frame.area.on("mousemove", () => this.tell(...d3.mouse(this.frame.area.node())))
       .on("mouseleave", () => this.cursor.attr("visibility", "hidden"));
-    this.frame.svg.on("keydown", () => this.key(d3.event));
     this.frame.onResize(() => this.draw());
   }
 
@@ -159,15 +163,6 @@ class WayPlot {
       else if (py !== undefined) parts.push(`${label}: ${lane.of === "cpu" ? "idle, or nobody knows" : lane.of === "thread" ? "sleeps" : "none"}`);
     }
     this.readout.text(parts.join(" · "));
-  }
-
-  key(event) {
-    const steps = { ArrowLeft: -1, ArrowRight: 1 };
-    if (!(event.key in steps) || event.altKey || event.metaKey || event.ctrlKey) return;
-    event.preventDefault();
-    this.place = Math.min(Math.max((this.place === undefined ? this.x(this.due) : this.place) + steps[event.key] * this.frame.width / 50, 0),
-      this.frame.width);
-    this.tell(this.place);
   }
 }
 

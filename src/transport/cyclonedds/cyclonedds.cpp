@@ -429,10 +429,8 @@ extern "C" __attribute__((visibility("default"))) const ontime::transport::Plugi
     .version = ontime::transport::cyclonedds::version,
     .capabilities = {.listener = true,
                      .waitset = true,
-                     .loans = false,
-                     .discovery = true,
-                     .thread_settings = true,
                      .max_payload_bytes = ontime::transport::dds::max_payload_bytes,
-                     .security = true},
+                     .security = true,
+                     .neighbours = true},
     .options = ontime::transport::cyclonedds::options,
     .open = ontime::transport::cyclonedds::open};

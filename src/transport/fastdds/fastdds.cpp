@@ -424,10 +424,8 @@ extern "C" __attribute__((visibility("default"))) const ontime::transport::Plugi
     .version = ontime::transport::fastdds::version,
     .capabilities = {.listener = true,
                      .waitset = true,
-                     .loans = false,
-                     .discovery = true,
-                     .thread_settings = false,
                      .max_payload_bytes = ontime::transport::dds::max_payload_bytes,
-                     .security = HAVE_SECURITY},
+                     .security = HAVE_SECURITY,
+                     .neighbours = true},
     .options = ontime::transport::fastdds::options,
     .open = ontime::transport::fastdds::open};

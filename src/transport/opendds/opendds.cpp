@@ -603,9 +603,7 @@ extern "C" __attribute__((visibility("default"))) const ontime::transport::Plugi
     .version = ontime::transport::opendds::version,
     .capabilities = {.listener = true,
                      .waitset = true,
-                     .loans = false,
-                     .discovery = true,
-                     .thread_settings = false,
-                     .max_payload_bytes = ontime::transport::dds::max_payload_bytes},
+                     .max_payload_bytes = ontime::transport::dds::max_payload_bytes,
+                     .neighbours = true},
     .options = {},
     .open = ontime::transport::opendds::open};

@@ -343,11 +343,6 @@ std::unique_ptr<Endpoint> open(const Config& config, Sink& sink) {
   if (config.max_payload_bytes > max_payload)
     throw WrongInput(fmt::format("udp carries at most {} bytes of payload, {} were asked for", max_payload,
                                  config.max_payload_bytes));
-  const Config unnamed;
-  if (config.ping_topic != unnamed.ping_topic || config.pong_topic != unnamed.pong_topic)
-    throw WrongInput(
-        fmt::format("udp has no topics to name ({}, {}); tell its pongs apart by --domain or port",
-                    config.ping_topic, config.pong_topic));
   for (const auto& [name, value] : config.options)
     if (name != options.front().name)
       throw WrongInput(fmt::format("udp has no option \"{}\"; it has: {} = {}", name, options.front().name,
@@ -364,10 +359,8 @@ const ontime::transport::Plugin ontime_transport{ontime::transport::abi,
                                                  ontime::transport::version,
                                                  {.listener = true,
                                                   .waitset = true,
-                                                  .loans = false,
-                                                  .discovery = false,
-                                                  .thread_settings = false,
                                                   .max_payload_bytes = ontime::transport::max_payload,
-                                                  .launch_time = true},
+                                                  .launch_time = true,
+                                                  .topics = false},
                                                  ontime::transport::options,
                                                  ontime::transport::open};

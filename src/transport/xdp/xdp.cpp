@@ -262,9 +262,6 @@ extern "C" __attribute__((visibility("default"))) const ontime::transport::Plugi
     ontime::transport::frames::kernel_version,
     {.listener = true,
      .waitset = true,
-     .loans = false,
-     .discovery = true,
-     .thread_settings = false,
      .max_payload_bytes = ontime::transport::xdp::largest_frame - ontime::transport::frames::overhead},
     ontime::transport::xdp::options,
     ontime::transport::xdp::open};

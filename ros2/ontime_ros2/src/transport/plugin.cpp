@@ -46,9 +46,8 @@ extern "C" __attribute__((visibility("default"))) const ontime::transport::Plugi
     .version = ontime::transport::ros2::version,
     .capabilities = {.listener = true,
                      .waitset = true,
-                     .loans = false,  // of a message that has no upper bound
-                     .discovery = true,
-                     .thread_settings = true,
-                     .max_payload_bytes = std::size_t{1} << 20},  // tested, with its allocators
+                     .max_payload_bytes = std::size_t{1} << 20,  // tested, with its allocators
+                     .neighbours = true,
+                     .nodes = true},
     .options = ontime::transport::ros2::known_options,
     .open = ontime::transport::ros2::open};

@@ -1,0 +1,120 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "explain/limits.hpp"
+
+#include <algorithm>
+#include <string_view>
+
+#include <fmt/format.h>
+
+namespace ontime::explain {
+namespace {
+
+using nlohmann::json;
+using record::at;
+using roundtrip::Fate;
+using Lines = std::vector<std::string>;
+
+std::string text_of(const json& value) { return value.is_string() ? value.get<std::string>() : ""; }
+
+// A kernel that traces every switch leaves nothing to be inferred, but for events that are lost.
+void add_untold_switches(Lines& limits, const TracesByMessage& traces) {
+  constexpr std::size_t surely_some = 10;
+  std::map<std::pair<std::string, int>, std::size_t> inferred;
+  for (const auto& [message, windows] : traces)
+    for (const auto* trace : windows) {
+      const auto& window = trace->window;
+      for (const auto& [event, latest_ns] : scheduling_of(window.events, window.span.from_ns))
+        if (latest_ns > event.at_ns && latest_ns >= window.span.from_ns) ++inferred[{trace->host, event.cpu}];
+    }
+  for (const auto& [place, switches] : inferred)
+    if (switches >= surely_some)
+      limits.push_back(fmt::format(
+          "the kernel of the {}'s machine does not tell all switches of CPU {}: they are inferred "
+          "from what a thread does there next, and the time until then is unknown",
+          place.first, place.second));
+}
+
+void add_untraced(Lines& limits, const record::Run& run) {
+  const auto& traced = at(run.outcome, "trace");
+  if (traced.is_object())
+    for (const auto& [host, answer] : traced.items()) {
+      if (const auto error = text_of(at(answer, "error")); !error.empty())
+        limits.push_back(fmt::format("nothing is known of what the {}'s machine did: {}", host, error));
+      const auto& missing = at(answer, "missing");
+      if (missing.is_array())
+        for (const auto& what : missing)
+          limits.push_back(
+              fmt::format("the kernel of the {}'s machine does not tell {}", host, text_of(what)));
+    }
+}
+
+void add_not_looked_at(Lines& limits, const Account& account) {
+  std::uint64_t late = 0, lost = 0, in_part = 0;
+  for (const auto& message : account.messages) {
+    lost += message.sample.fate == Fate::lost ? 1 : 0;
+    late += message.is_fault() && message.sample.fate != Fate::lost ? 1 : 0;
+    in_part += message.whole ? 0 : 1;
+  }
+  const auto all_late = account.late + account.late_by_response;
+  if (late < all_late || lost < account.lost)
+    limits.push_back(fmt::format("looked at: the worst {} of {} late and the first {} of {} lost messages",
+                                 late, all_late, lost, account.lost));
+  if (in_part > 0)
+    limits.push_back(
+        fmt::format("of {} message{} a part of what the kernel did is not known: more happened than was kept",
+                    in_part, in_part == 1 ? "" : "s"));
+}
+
+// Of two machines what was seen of one says nothing of the other.
+void add_one_sided(Lines& limits, const Account& account, const record::Run& run,
+                   const TracesByMessage& traces) {
+  for (const auto* host : {"controller", "component"}) {
+    const auto is_seen = [&](const auto& message) {
+      return std::any_of(message.second.begin(), message.second.end(),
+                         [&](const auto* trace) { return trace->host == host; });
+    };
+    if (!traces.empty() && std::none_of(traces.begin(), traces.end(), is_seen)) {
+      const auto* const remedy =
+          !is_by_hand(run) ? ""
+          : host == std::string_view("component")
+              ? " (ontime pong --explain --results FILE there, and ontime explain … --pong FILE)"
+              : " (ontime ping --explain)";
+      if (text_of(at(at(at(run.outcome, "trace"), host), "error")).empty())  // or else it is told
+        limits.push_back(fmt::format("nothing is known of what the {}'s machine did{}", host, remedy));
+      continue;
+    }
+    std::size_t faults = 0, of_others = 0;
+    for (const auto& message : account.messages) {
+      if (!message.is_fault()) continue;
+      ++faults;
+      of_others += is_seen(*traces.find(message.sample.index)) ? 0 : 1;
+    }
+    if (of_others > 0)
+      limits.push_back(
+          fmt::format("of {} of the {} late and lost messages that were looked at nothing is known of what "
+                      "the {}'s machine did",
+                      of_others, faults, host));
+  }
+}
+
+}  // namespace
+
+bool is_by_hand(const record::Run& run) { return at(at(run.outcome, "hosts"), "component").is_null(); }
+
+std::vector<std::string> limits_of(const Account& account, const record::Run& run,
+                                   const TracesByMessage& traces, bool one_machine,
+                                   std::optional<std::int64_t> clocks_ns) {
+  Lines limits;
+  add_untraced(limits, run);
+  add_not_looked_at(limits, account);
+  if (!one_machine) add_one_sided(limits, account, run, traces);
+  if (clocks_ns)
+    limits.push_back(fmt::format(
+        "the component's clock is known to within {:.1f} us of the controller's: so much may be wrong "
+        "of where one machine's part of a message's way ends and the other's begins",
+        static_cast<double>(*clocks_ns) / 1e3));
+  add_untold_switches(limits, traces);
+  return limits;
+}
+
+}  // namespace ontime::explain

@@ -1,0 +1,193 @@
+// SPDX-License-Identifier: Apache-2.0
+// Where messages ended that never came, and links that carried nothing.
+#include <algorithm>
+#include <map>
+#include <string>
+
+#include "explain/way.hpp"
+
+namespace ontime::explain {
+namespace {
+
+using trace::Event;
+using trace::Kind;
+
+// The news that a link was taken down, or lost its carrier, comes so late at most: of a carrier the kernel
+// tells once a second.
+constexpr std::int64_t told_late_ns = 20'000'000, of_carrier_told_late_ns = 1'000'000'000;
+const std::string no_neighbour = "no neighbour";
+
+// Until it does, what it has to do waits.
+std::int64_t ran_from_ns(const Timeline& timeline, std::int32_t thread, std::int64_t from_ns,
+                         std::int64_t to_ns) {
+  for (const auto& stretch : timeline.of(thread, from_ns, to_ns))
+    if (stretch.state == State::runs || stretch.state == State::comes) return stretch.from_ns;
+  return from_ns;
+}
+
+}  // namespace
+
+// Which interface could carry nothing in that time, or so shortly before it that this is felt still. Where
+// one is taken down the other end has no carrier either.
+std::optional<Part> Way::link_down(Stage stage, std::int64_t from_ns, std::int64_t to_ns,
+                                   std::int64_t most_felt_ns) const {
+  if (to_ns < from_ns) return {};  // by two clocks
+  // First those that were down then.
+  for (const auto& [felt_ns, taken] :
+       {std::pair(std::int64_t{0}, true), {0, false}, {most_felt_ns, true}, {most_felt_ns, false}})
+    for (const auto* end : {&client_, &server_})
+      for (const auto& down : end->downs) {
+        const auto felt_until_ns = down.to_ns + felt_ns;
+        const auto since_ns = down.from_ns - (taken ? told_late_ns : of_carrier_told_late_ns);
+        if (down.taken != taken || since_ns > to_ns || felt_until_ns < from_ns) continue;
+        const auto until_ns = std::min(to_ns, felt_until_ns);
+        const Stretch when{std::clamp(down.from_ns, from_ns, until_ns), until_ns, State::unknown, -1};
+        return Part{.cause = Cause::link_down,
+                    .stage = stage,
+                    .end = end->name,
+                    .culprit = end->interface + (taken ? " was taken down" : " had no carrier"),
+                    .ns = when.length_ns(),
+                    .when = {when}};
+      }
+  return {};
+}
+
+// Whether the kernel is known to have had no way for what the end sent first. A socket may be bound to an
+// interface and need no route, and a neighbour may answer: then a packet goes after all, by whoever took in
+// the neighbour's answer.
+bool Way::not_sent(Delay& found, const End& from, std::int64_t from_ns) const {
+  if (from.timeline == nullptr) return false;
+  const auto& events = from.timeline->events();
+  const auto* const sends = with(from, "send");
+  const auto goes_after_all = [&](const Event& refused) {
+    return std::any_of(events.begin(), events.end(), [&](const Event& event) {
+      return event.kind == Kind::queued && event.bytes >= packet_bytes_ && event.at_ns >= refused.at_ns &&
+             event.at_ns <= refused.at_ns + before_queue_ns;
+    });
+  };
+  for (const auto& event : events) {
+    const bool tells = event.kind == Kind::no_route || event.kind == Kind::no_neighbour;
+    const bool is_its =
+        &from == &client_ ? sends != nullptr && event.thread.id == sends->id : from.has(event.thread.id);
+    if (!tells || !is_its || event.at_ns < from_ns ||
+        event.at_ns > ran_from_ns(*from.timeline, event.thread.id, from_ns, event.at_ns) + before_queue_ns ||
+        goes_after_all(event))
+      continue;
+    found.parts.push_back({.cause = Cause::unreachable,
+                           .stage = Stage::left,
+                           .end = from.name,
+                           .culprit = event.kind == Kind::no_route ? "no route" : no_neighbour,
+                           .when = {{event.at_ns, event.at_ns, State::unknown, -1}}});
+    return true;
+  }
+  return false;
+}
+
+// Whether it is known where the message ended.
+bool Way::lost_between(Delay& found, const End& from, const End& to, const Packet& way, std::int64_t from_ns,
+                       std::int64_t until_ns) const {
+  if (way.dropped != nullptr) {
+    const bool here = way.sent == nullptr || !one_machine_;
+    found.parts.push_back({.cause = Cause::dropped,
+                           .stage = way.received != nullptr ? Stage::delivered
+                                    : way.sent == nullptr   ? Stage::queued
+                                                            : Stage::travelled,
+                           .end = here ? from.name : to.name,
+                           .culprit = way.dropped->what,
+                           .when = {{way.dropped->at_ns, way.dropped->at_ns, State::unknown, -1}}});
+    return true;
+  }
+  if (way.queued == nullptr) {
+    if (not_sent(found, from, from_ns)) return true;
+    if (const auto* sends = with(from, "send"))
+      thread(found, from, sends->id, "send", Stage::left, from_ns, until_ns);
+    return found.held_ns > 0;
+  }
+  if (way.sent == nullptr) {
+    held_in_queue(found, from, way, until_ns);
+    return true;
+  }
+  return false;
+}
+
+// Whether what became of a packet may be for want of a link.
+bool may_be_of_a_link(const Part& part) {
+  return part.cause == Cause::unreachable ||
+         (part.cause == Cause::dropped &&
+          (part.culprit.starts_with("DEV_READY") || part.culprit.starts_with("__dev_forward_skb")));
+}
+
+// Kernel threads that should have taken in a packet that was sent: NAPI's of the interface, or softirqs' of
+// the CPU.
+void Way::not_taken_in(Delay& found, const End& to, const Packet& packet, std::int64_t until_ns) const {
+  if (to.timeline == nullptr || packet.sent == nullptr) return;
+  constexpr std::size_t most_of_a_name = 15;  // that the kernel keeps
+  const auto of_interface = ("napi/" + to.interface + "-").substr(0, most_of_a_name);
+  const auto of_cpu = "ksoftirqd/" + std::to_string(packet.sent->cpu);
+  std::map<std::int32_t, std::string> threads;
+  for (const auto& event : to.timeline->events())
+    for (const auto* thread : {&event.thread, &event.other})
+      if ((!to.interface.empty() && thread->name.starts_with(of_interface)) || thread->name == of_cpu)
+        threads[thread->id] = thread->name;
+  for (const auto& [id, name] : threads)
+    thread(found, to, id, name, Stage::travelled, packet.sent->at_ns, until_ns);
+}
+
+// How far a message is known to have come.
+Part Way::last_seen(const Packet& there, const Packet& back) const {
+  if (there.queued == nullptr) return {.stage = Stage::left, .end = client_.name};
+  if (there.received == nullptr) return {.stage = Stage::travelled, .end = server_.name};
+  if (back.queued == nullptr) return {.stage = Stage::delivered, .end = server_.name};
+  return {.stage = back.received == nullptr ? Stage::travelled : Stage::delivered, .end = client_.name};
+}
+
+// What became of the answer to a message that came to the server's machine at `there_ns`.
+Packet Way::answer_lost(Delay& found, std::int64_t there_ns, std::int64_t until_ns) const {
+  const auto back = packet(server_, client_, there_ns, until_ns);
+  if (back.queued == nullptr && back.dropped == nullptr) {
+    if (!not_sent(found, server_, there_ns)) receiver(found, server_, there_ns, until_ns);
+  } else if (!lost_between(found, server_, client_, back, there_ns, until_ns)) {
+    if (back.received != nullptr)
+      receiver(found, client_, back.received->at_ns, until_ns);
+    else
+      not_taken_in(found, client_, back, until_ns);
+  }
+  return back;
+}
+
+std::vector<Part> Way::loss_of(const roundtrip::Sample& sample, std::int64_t until_ns) {
+  Delay found;
+  const auto there = packet(client_, server_, sample.sent_ns, until_ns);
+  Packet back;
+  if (!lost_between(found, client_, server_, there, sample.sent_ns, until_ns)) {
+    if (there.received != nullptr)
+      back = answer_lost(found, there.received->at_ns, until_ns);
+    else
+      not_taken_in(found, server_, there, until_ns);
+  }
+  // What let it go on soon is not what lost it; and one that sleeps may wait for the next.
+  std::erase_if(found.parts, [&](const Part& part) {
+    return part.cause == Cause::waited || (part.cause != Cause::dropped && part.cause != Cause::unreachable &&
+                                           part.ns < (until_ns - sample.sent_ns) / 2);
+  });
+  if (found.parts.empty()) {
+    const auto sent_ns = there.received != nullptr ? there.received->at_ns : sample.sent_ns;
+    const auto down = link_down(Stage::travelled, sent_ns, sent_ns, 0);
+    found.parts.push_back(down.value_or(last_seen(there, back)));
+    found.parts.back().ns = 0;
+  }
+  for (auto& part : found.parts) {
+    if (!may_be_of_a_link(part)) continue;
+    const auto at_ns = part.when.front().from_ns;
+    const auto down = link_down(part.stage, at_ns, at_ns, part.culprit == no_neighbour ? forgotten_ns : 0);
+    if (!down) continue;
+    part.cause = down->cause;
+    part.end = down->end;
+    part.culprit = down->culprit;
+  }
+  std::stable_sort(found.parts.begin(), found.parts.end(),
+                   [](const Part& one, const Part& other) { return one.ns > other.ns; });
+  return found.parts;
+}
+
+}  // namespace ontime::explain

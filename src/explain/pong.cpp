@@ -1,0 +1,58 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <map>
+
+#include <fmt/format.h>
+
+#include "explain/explain.hpp"
+
+namespace ontime::explain {
+
+using roundtrip::Sample;
+
+Pong::Pong(const record::Reader& kept, const record::Reader& reader, const record::Run& run) {
+  std::map<std::uint64_t, std::int64_t> received_ns;  // by message
+  reader.each_sample(run.number, [&](const Sample& sample) {
+    if (sample.server_received_ns != 0) received_ns[sample.index] = sample.server_received_ns;
+  });
+  std::size_t most = 0;
+  for (auto& one : kept.runs()) {
+    std::size_t fit = 0;
+    bool is_anothers = false;
+    kept.each_trace(one.number, [&](const record::Trace& trace) {
+      const auto& [span, whole, events] = trace.window;
+      const auto at = received_ns.find(span.message);
+      if (trace.host != "component" || at == received_ns.end()) return;
+      const bool may_be_cut_off = !whole && span.to_ns < at->second;
+      const bool fits = span.from_ns <= at->second && at->second <= span.to_ns;
+      fit += fits ? 1 : 0;
+      is_anothers = is_anothers || (!fits && !may_be_cut_off);
+    });
+    if (is_anothers || fit <= most) continue;
+    most = fit;
+    run_ = std::move(one);
+  }
+  if (most == 0)
+    throw record::WrongFile(fmt::format(
+        "no pong --explain kept there what it did when it answered run {}: its file is another's, or "
+        "of another time",
+        run.number));
+  kept.each_trace(run_.number, [&](const record::Trace& trace) {
+    if (trace.host == "component") traces_.push_back(trace);
+  });
+}
+
+// Of the message itself; of one that never came, that of the time at which it should have.
+const record::Trace* Pong::trace_of(const Sample& sample, std::int64_t sent_there_ns) const {
+  const auto there_ns = sample.server_received_ns != 0 ? sample.server_received_ns : sent_there_ns;
+  const record::Trace* best = nullptr;
+  for (const auto& trace : traces_) {
+    const auto& span = trace.window.span;
+    if (there_ns < span.from_ns || span.to_ns < there_ns) continue;
+    const bool is_its = span.message == sample.index;
+    if (is_its || (best == nullptr && sample.server_received_ns == 0)) best = &trace;
+    if (is_its) break;
+  }
+  return best;
+}
+
+}  // namespace ontime::explain

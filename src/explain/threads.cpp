@@ -1,0 +1,303 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "explain/threads.hpp"
+
+#include <algorithm>
+#include <optional>
+
+namespace ontime::explain {
+namespace {
+
+using trace::Kind;
+
+constexpr std::int64_t surely_throttled_ns =
+    10'000'000;                                      // longer than the kernel holds off a real-time thread
+constexpr std::int64_t after_a_tick_ns = 1'000'000;  // it comes no later than that
+// Longer than any idle state takes to leave, and than a CPU that a hypervisor runs again takes for the
+// interrupts that came meanwhile.
+constexpr std::int64_t slow_to_wake_ns = 1'000'000;
+constexpr std::int64_t of_a_page_ns = 200'000;  // longer than the kernel computes to fetch one
+const std::string sigstop = "19", sigtstp = "20";
+
+bool brings_packets(const Timeline& timeline, const Waker& waker) {
+  return waker.interrupt == "NET_RX" || is_kernels(timeline.name_of(waker.thread));
+}
+
+// A PREEMPT_RT kernel's thread that lets timers expire.
+bool is_timers(const std::string& name) { return name.starts_with("ktimers/") || is_kernels(name); }
+
+bool has_cpu(const Stretch& stretch) { return stretch.state == State::runs || stretch.state == State::comes; }
+
+bool is_ordinary(const Held& held) { return held.thread.priority >= trace::least_ordinary; }
+
+// Whether a real-time thread of this priority should have the CPU instead: less is more urgent.
+bool is_outranked(const Held& held, std::int32_t priority) {
+  return held.surely && held.thread.id != 0 && priority < trace::least_ordinary &&
+         priority < held.thread.priority;
+}
+
+// The kernel names one of the threads of the process that sent the signal.
+std::string who_stopped(const Timeline& timeline, std::int64_t before_ns) {
+  std::string who;
+  for (const auto& event : timeline.events())
+    if (event.kind == Kind::signal && event.at_ns <= before_ns &&
+        (event.what == sigstop || event.what == sigtstp))
+      who = timeline.name_of(event.other.id);
+  return who;
+}
+
+class Follower {
+ public:
+  Follower(Delay& delay, const Timeline& timeline, Part whose, std::int64_t from_ns, std::int64_t to_ns)
+      : delay_(delay),
+        timeline_(timeline),
+        whose_(std::move(whose)),
+        stretches_(timeline.of(whose_.thread_id, from_ns, to_ns)) {}
+
+  void follow() {
+    bool has_begun = false;
+    for (std::size_t place = 0; place < stretches_.size(); ++place) {
+      const auto& stretch = stretches_[place];
+      if (fetches_pages(place)) {
+        add(Cause::page_fault, stretch);
+        continue;
+      }
+      switch (stretch.state) {
+        case State::ready:
+          waited_for_cpu(stretch, outranked_ns(place));
+          break;
+        case State::runs:
+          ran(stretch);
+          break;
+        case State::stopped:
+          add(Cause::stopped, stretch, who_stopped(timeline_, stretch.to_ns));
+          break;
+        case State::traced:
+          add_woken(Cause::traced, stretch, timeline_.waker_of(whose_.thread_id, stretch.to_ns));
+          break;
+        case State::blocked:
+          was_blocked(stretch);
+          break;
+        case State::sleeps:
+          slept(stretch, has_begun);
+          break;
+        case State::comes:
+        case State::gone:
+        case State::unknown:
+          break;
+      }
+      has_begun = has_begun || has_cpu(stretch);
+    }
+  }
+
+ private:
+  void add(Cause cause, const Stretch& when, const std::string& culprit = "",
+           const std::vector<std::int32_t>& culprit_threads = {}) {
+    auto part = whose_;
+    part.cause = cause;
+    part.culprit = culprit;
+    part.culprit_threads = culprit_threads;
+    delay_.add(part, when);
+  }
+
+  static bool is_by_thread(const std::optional<Waker>& waker) {
+    return waker && waker->interrupt.empty() && waker->thread != 0;
+  }
+
+  void add_woken(Cause cause, const Stretch& when, const std::optional<Waker>& waker) {
+    if (is_by_thread(waker) && waker->thread != whose_.thread_id)
+      add(cause, when, timeline_.name_of(waker->thread), {waker->thread});
+    else
+      add(cause, when);
+  }
+
+  // What held up the thread that it waited for held up this one, where it took most of the wait.
+  void add_waited_for(Cause cause, const Stretch& when, const std::optional<Waker>& waker) {
+    if (!whose_.via.empty() || !is_by_thread(waker) || waker->thread == whose_.thread_id)
+      return add_woken(cause, when, waker);
+    auto whose = whose_;
+    whose.via = timeline_.name_of(waker->thread);
+    whose.thread_id = waker->thread;
+    Delay of_holder;
+    explain::follow(of_holder, timeline_, whose, when.from_ns, when.to_ns);
+    auto left_ns = when.length_ns();
+    for (auto& part : of_holder.parts) {
+      const bool is_one =
+          part.cause != Cause::waited && part.cause != Cause::unknown && 2 * part.ns >= when.length_ns();
+      if (!is_one) continue;
+      part.thread_id = whose_.thread_id;
+      left_ns -= part.ns;
+      delay_.add(part, part.ns, part.when);
+    }
+    auto part = whose_;
+    part.cause = cause;
+    part.culprit = whose.via;
+    part.culprit_threads = {waker->thread};
+    delay_.add(part, left_ns, {when});
+  }
+
+  // Between two waits for pages a thread comes to its CPU and runs for the next of them, if that is short; it
+  // is one cause.
+  bool fetches_pages(std::size_t place) const {
+    const auto waits_for_a_page = [&](const Stretch& stretch) {
+      return stretch.state == State::blocked &&
+             cause_of_wait(timeline_.waited_in(whose_.thread_id, stretch.to_ns)) == Cause::page_fault;
+    };
+    const auto is_beside = [](const Stretch& stretch) {
+      return stretch.state != State::ready && !has_cpu(stretch);
+    };
+    const auto here = stretches_.begin() + static_cast<std::ptrdiff_t>(place);
+    if (is_beside(*here)) return false;
+    const auto after = std::find_if(here, stretches_.end(), is_beside);
+    const auto before = std::find_if(std::make_reverse_iterator(here), stretches_.rend(), is_beside);
+    if (before == stretches_.rend() || after == stretches_.end() || !waits_for_a_page(*before) ||
+        !waits_for_a_page(*after))
+      return false;
+    std::int64_t between_ns = 0;
+    for (auto one = before.base(); one != after; ++one) between_ns += one->length_ns();
+    return between_ns <= of_a_page_ns;
+  }
+
+  // In the whole of a wait, of which a thread that is moved from CPU to CPU has several stretches.
+  std::int64_t outranked_ns(std::size_t place) const {
+    const auto is_other = [](const Stretch& stretch) { return stretch.state != State::ready; };
+    const auto here = stretches_.begin() + static_cast<std::ptrdiff_t>(place);
+    auto one = std::find_if(std::make_reverse_iterator(here), stretches_.rend(), is_other).base();
+    std::int64_t sum_ns = 0;
+    for (; one != stretches_.end() && !is_other(*one); ++one)
+      for (const auto& held : timeline_.holders(one->cpu, one->from_ns, one->to_ns))
+        if (is_outranked(held, whose_.priority) && is_ordinary(held)) sum_ns += held.to_ns - held.from_ns;
+    return sum_ns;
+  }
+
+  // Until when a thread was ready and passed over: then at the latest the scheduler let its CPU idle.
+  static std::int64_t passed_over_until_ns(const std::vector<Held>& holders, const Stretch& stretch) {
+    auto until_ns = stretch.from_ns;
+    for (const auto& held : holders)
+      if (held.thread.id == 0 && held.surely && held.from_ns > stretch.from_ns + at_once_ns &&
+          held.to_ns - held.from_ns >= slow_to_wake_ns)
+        until_ns = held.to_ns;
+    return until_ns;
+  }
+
+  // It was ready: by who had the CPU that it was to run on.
+  void waited_for_cpu(const Stretch& stretch, std::int64_t outranked_ns) {
+    auto left_ns = stretch.length_ns();
+    const auto holders = timeline_.holders(stretch.cpu, stretch.from_ns, stretch.to_ns);
+    const auto passed_over_ns = passed_over_until_ns(holders, stretch);
+    for (const auto& held : holders) {
+      if (!held.surely) continue;
+      left_ns -= held.to_ns - held.from_ns;
+      if (held.thread.id == 0)
+        waited_for_idle(stretch, held);
+      else
+        waited_for_thread(stretch.cpu, held, passed_over_ns, outranked_ns);
+    }
+    auto part = whose_;
+    part.cause = Cause::unknown;
+    delay_.add(part, left_ns, {});
+  }
+
+  // Whether the CPU ran, other than for what it does as it wakes.
+  bool lived(int cpu, std::int64_t from_ns, std::int64_t to_ns) const {
+    return timeline_.lives(cpu, from_ns + at_once_ns, to_ns - slow_to_wake_ns);
+  }
+
+  void waited_for_idle(const Stretch& stretch, const Held& held) {
+    const bool is_kept = lived(stretch.cpu, stretch.from_ns, stretch.to_ns) ||
+                         timeline_.idles_for_a_ready_thread(stretch.cpu, held.from_ns);
+    add(is_kept ? Cause::throttled : Cause::idle_cpu, {held.from_ns, held.to_ns, State::ready, stretch.cpu});
+  }
+
+  void waited_for_thread(int cpu, const Held& held, std::int64_t passed_over_ns, std::int64_t outranked_ns) {
+    const Stretch when{held.from_ns, held.to_ns, State::ready, cpu};
+    auto ns = when.length_ns();
+    for (const auto& interrupt : timeline_.interrupts(cpu, held.from_ns, held.to_ns)) {
+      add(Cause::interrupts, {interrupt.from_ns, interrupt.to_ns, State::ready, cpu}, interrupt.what);
+      ns -= interrupt.to_ns - interrupt.from_ns;
+    }
+    auto part = whose_;
+    part.cause = why_behind(cpu, held, passed_over_ns, outranked_ns);
+    const bool ran = part.cause == Cause::not_preempted && lived(cpu, held.from_ns, held.to_ns);
+    if (part.cause == Cause::cpu || ran) {
+      part.culprit = held.thread.name.empty() ? timeline_.name_of(held.thread.id) : held.thread.name;
+      part.culprit_threads = {held.thread.id};
+      part.culprit_priority = held.thread.priority;
+    }
+    delay_.add(part, ns, {when});
+  }
+
+  // A busy CPU is interrupted by its tick; one that a hypervisor paused is not.
+  Cause why_behind(int cpu, const Held& held, std::int64_t passed_over_ns, std::int64_t outranked_ns) const {
+    const bool outranked = is_outranked(held, whose_.priority);
+    const auto silence_ns = timeline_.silence_ns(cpu, held.from_ns, held.to_ns);
+    if (outranked && silence_ns >= timeline_.tick_ns() + after_a_tick_ns) return Cause::idle_cpu;
+    if (is_ordinary(held) && held.to_ns <= passed_over_ns) return Cause::throttled;
+    if (!outranked) return Cause::cpu;
+    const bool is_throttled =
+        is_ordinary(held) && outranked_ns >= surely_throttled_ns && silence_ns <= timeline_.tick_ns();
+    return is_throttled ? Cause::throttled : Cause::not_preempted;
+  }
+
+  void ran(const Stretch& stretch) {
+    auto& spent = explain::add(delay_.ran, whose_, stretch);
+    for (const auto& interrupt : timeline_.interrupts(stretch.cpu, stretch.from_ns, stretch.to_ns)) {
+      add(Cause::interrupts, {interrupt.from_ns, interrupt.to_ns, State::runs, stretch.cpu}, interrupt.what);
+      spent.ns -= interrupt.to_ns - interrupt.from_ns;
+    }
+    for (const auto& one : timeline_.reclaims(whose_.thread_id, stretch.from_ns, stretch.to_ns)) {
+      add(Cause::page_fault, {one.from_ns, one.to_ns, State::runs, stretch.cpu});
+      spent.ns -= one.to_ns - one.from_ns;
+    }
+  }
+
+  void was_blocked(const Stretch& stretch) {
+    const auto cause = cause_of_wait(timeline_.waited_in(whose_.thread_id, stretch.to_ns));
+    const auto waker = timeline_.waker_of(whose_.thread_id, stretch.to_ns);
+    if (cause == Cause::lock)
+      add_waited_for(cause, stretch, waker);
+    else if (cause == Cause::frozen)
+      add_woken(cause, stretch, waker);
+    else
+      add(cause, stretch);
+  }
+
+  // Before it began with the message its sleep is no delay, but where another thread ended what its timer
+  // should have. Of the kernel's threads, and of what a packet woke, sleep says that there was nothing to do
+  // yet.
+  void slept(const Stretch& stretch, bool has_begun) {
+    const auto waker = timeline_.waker_of(whose_.thread_id, stretch.to_ns);
+    const bool is_no_timer = whose_.stage == Stage::woke && timeline_.sees_timers() && is_by_thread(waker) &&
+                             !is_timers(timeline_.name_of(waker->thread));
+    if (!has_begun && !is_no_timer) {
+      explain::add(delay_.slept, whose_, stretch);
+      return;
+    }
+    if (is_kernels(whose_.thread) || (waker && brings_packets(timeline_, *waker))) return;
+    if (is_by_thread(waker) && timeline_.thawed(waker->thread, stretch.from_ns, stretch.to_ns))
+      add_woken(Cause::frozen, stretch, waker);
+    else
+      add_waited_for(Cause::waited, stretch, waker);
+  }
+
+  Delay& delay_;
+  const Timeline& timeline_;
+  const Part whose_;
+  const std::vector<Stretch> stretches_;
+};
+
+}  // namespace
+
+bool is_interrupts(const std::string& name) { return name.starts_with("irq/"); }
+
+bool is_kernels(const std::string& name) {
+  return name.starts_with("ksoftirqd/") || name.starts_with("napi/") || is_interrupts(name);
+}
+
+void follow(Delay& delay, const Timeline& timeline, Part whose, std::int64_t from_ns, std::int64_t to_ns) {
+  if (to_ns <= from_ns) return;
+  whose.priority = timeline.priority_of(whose.thread_id);
+  delay.last = whose;
+  Follower(delay, timeline, std::move(whose), from_ns, to_ns).follow();
+}
+
+}  // namespace ontime::explain

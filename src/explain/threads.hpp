@@ -1,0 +1,22 @@
+// SPDX-License-Identifier: Apache-2.0
+// What a thread was at while a message waited for it, from the events of its machine.
+#pragma once
+
+#include <cstdint>
+
+#include "explain/delay.hpp"
+#include "explain/timeline.hpp"
+
+namespace ontime::explain {
+
+// What packets and wake-ups take when nothing is in the way.
+inline constexpr std::int64_t at_once_ns = 20'000;
+
+// A kernel's thread that takes packets in.
+bool is_kernels(const std::string& name);
+bool is_interrupts(const std::string& name);  // of those, one that stands for an interrupt
+
+// Adds what held the thread up. `whose` says the stage, the end, the thread and its role.
+void follow(Delay&, const Timeline&, Part whose, std::int64_t from_ns, std::int64_t to_ns);
+
+}  // namespace ontime::explain

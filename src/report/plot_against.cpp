@@ -1,0 +1,169 @@
+// SPDX-License-Identifier: Apache-2.0
+// Round trips against what was varied: the payload, or the rate of the background topics.
+#include <algorithm>
+#include <map>
+#include <sstream>
+
+#include <fmt/format.h>
+
+#include "gate/gate.hpp"
+#include "report/plots.hpp"
+#include "report/runs.hpp"
+#include "report/words.hpp"
+
+namespace ontime::report {
+namespace {
+
+using statistics::Summary;
+
+struct Abscissa {
+  const char* key;  // of a scenario
+  const char* label;
+  double (*of)(const Summary&);  // above 0; else the run is not drawn
+  bool marks_misses;
+};
+constexpr Abscissa payload{
+    "payload", "Payload (bytes)",
+    [](const Summary& summary) {
+      return static_cast<double>(std::max<std::uint64_t>(count(at(summary.run.asked, "payload_bytes")), 1));
+    },
+    false};
+// As asked for, or, where that was more than could be had, as it was.
+double rate_of_neighbours_hz(const Summary& summary) {
+  const auto& rate = at(at(summary.run.asked, "neighbours"), "rate_hz");
+  if (!rate.is_number()) return 0;
+  double sent = 0, others = 0;
+  bool is_short = false;
+  for (const auto* way : {"to_component", "to_controller"}) {
+    const auto& counted = at(at(summary.run.outcome, "neighbours"), way);
+    is_short = is_short || is_true(at(counted, "short"));
+    sent += static_cast<double>(count(at(counted, "sent")));
+    for (const auto* other : {"skipped_cycles", "refused"})
+      others += static_cast<double>(count(at(counted, other)));
+  }
+  // If none was sent, there is no place for it: it is drawn at what was asked for, and marked.
+  return rate.get<double>() * (is_short && sent > 0 ? sent / (sent + others) : 1);
+}
+constexpr Abscissa rate_of_neighbours{"neighbours.rate",
+                                      "Background topics: messages/s, each topic and direction",
+                                      rate_of_neighbours_hz, true};
+
+// What a run is drawn with as one line: all that tells it from others, but for what it is drawn against.
+std::string line_of(const Summary& summary, const Abscissa& abscissa) {
+  const auto& asked = summary.run.asked;
+  auto name = shortened(word(at(asked, "id")), gate::longest_id) + " " + word(at(asked, "transport"));
+  if (const auto& component = at(asked, "component"); component.is_string()) name += " " + word(component);
+  const auto& search = at(asked, "search");
+  if (const auto key = word(at(search, "key")); search.is_object() && key != abscissa.key)
+    name += " " + key + " " + word(at(search, "value"));
+  std::istringstream parts(
+      word(at(search.is_object() ? search : asked, search.is_object() ? "among" : "variant")));
+  for (std::string part; std::getline(parts, part, ',');) {
+    part.erase(0, part.find_first_not_of(' '));
+    if (part.starts_with(std::string(abscissa.key) + " ")) continue;
+    name += part.starts_with("options.") ? part.substr(std::min(part.find(' '), part.size())) : " " + part;
+  }
+  return name;
+}
+
+bool missed_any(const Summary& summary) {
+  return summary.late + summary.lost + summary.skipped_cycles > 0 ||
+         !at(summary.run.outcome, "error").is_null() ||
+         !gate::absent(summary.run.asked, summary.run.outcome).empty();
+}
+
+// x, the median of the repetitions, their lowest and their highest.
+std::string place(double x, const Group& runs, std::int64_t statistics::Distribution::*figure) {
+  std::vector<double> values;
+  for (const auto* run : runs) values.push_back(ms(run->round_trip.*figure));
+  const auto [low, high] = std::minmax_element(values.begin(), values.end());
+  return fmt::format("{:.6g} {:.6g} {:.6g} {:.6g}\n", x, statistics::estimate(values)->median, *low, *high);
+}
+
+// Where colours begin anew: circles, squares, triangles, lozenges; one more is the same, filled.
+constexpr int hollow_points[] = {6, 4, 8, 12};
+
+std::string against(const Abscissa& abscissa, const Group& group, const Plot& plot) {
+  constexpr double left_cm = 1.5, right_cm = 0.35, axes_cm = 4.6, bottom_cm = 0.95;
+  const auto width = Sheet::width_cm(plot);
+  std::map<std::string, std::map<double, Group>> series;
+  double least_x = 1e300, greatest_x = 0;
+  for (const auto* summary : group)
+    if (const auto x = abscissa.of(*summary); summary->round_trip.count > 0 && x > 0) {
+      series[line_of(*summary, abscissa)][x].push_back(summary);
+      least_x = std::min(least_x, x);
+      greatest_x = std::max(greatest_x, x);
+    }
+  std::vector<Entry> entries;
+  std::vector<std::string> parts;
+  std::vector<std::pair<std::string, std::string>> data;
+  bool any_repeated = false, any_missed = false;
+  double least = 1e12, greatest = 0;
+  for (const auto& [name, places] : series) {
+    const auto i = entries.size();
+    std::string p50, p99, missed;
+    for (const auto& [x, runs] : places) {
+      p50 += place(x, runs, &statistics::Distribution::p50);
+      p99 += place(x, runs, &statistics::Distribution::p99);
+      any_repeated = any_repeated || runs.size() > 1;
+      for (const auto* run : runs) {
+        least = std::min(least, ms(run->round_trip.p50));
+        greatest = std::max(greatest, ms(run->round_trip.p99));
+      }
+      if (abscissa.marks_misses &&
+          std::any_of(runs.begin(), runs.end(), [](const auto* run) { return missed_any(*run); }))
+        missed += place(x, runs, &statistics::Distribution::p99);
+    }
+    const auto points = hollow_points[i / 7 % std::size(hollow_points)];
+    const auto solid = fmt::format("linewidth 1 linecolor rgb '{}'", colour(i));
+    const auto filled = fmt::format("pointtype {} pointsize 0.4", points + 1);
+    entries.push_back({name, solid, fmt::format("{} linecolor rgb '{}'", filled, colour(i))});
+    data.emplace_back(fmt::format("run{}", i), p50);
+    data.emplace_back(fmt::format("tail{}", i), p99);
+    parts.push_back(fmt::format("$run{} using 1:2 with linespoints {} {}", i, filled, solid));
+    parts.push_back(fmt::format("$tail{} using 1:2 with linespoints pointtype {} pointsize 0.4 dashtype 2 {}",
+                                i, points, solid));
+    for (const auto* name_of_data : {"run", "tail"})
+      if (any_repeated)
+        parts.push_back(
+            fmt::format("${}{} using 1:3:(0):($4-$3) with vectors nohead {}", name_of_data, i, solid));
+    if (missed.empty()) continue;
+    any_missed = true;
+    data.emplace_back(fmt::format("missed{}", i), missed);
+    parts.push_back(
+        fmt::format("$missed{} using 1:2 with points pointtype 2 pointsize 0.7 linecolor rgb '#000000'", i));
+  }
+  entries.push_back({"p50", "linewidth 1 linecolor rgb '#000000'", "pointtype 7 pointsize 0.4"});
+  entries.push_back({"p99", "linewidth 1 dashtype 2 linecolor rgb '#000000'", "pointtype 6 pointsize 0.4"});
+  if (any_repeated) entries.push_back({"bars: lowest to highest repetition", "", ""});
+  if (any_missed)
+    entries.push_back({"late, lost, or less load than asked for", "", "pointtype 2 pointsize 0.5"});
+
+  const Legend legend(entries, width - left_cm - right_cm);
+  Sheet sheet(plot, 0.2 + axes_cm + bottom_cm + legend.height_cm() + 0.15);
+  const Box axes{left_cm, 0.2, width - right_cm, 0.2 + axes_cm};
+  const Range range = greatest > 0 ? Range{least / 1.4, greatest * 1.4} : Range{0.1, 10};
+  sheet.add(fmt::format("set logscale xy\nset yrange [{}:{}]\nset xrange [{}:{}]", range.least_ms,
+                        range.greatest_ms, series.empty() ? 0.1 : least_x / 1.3,
+                        series.empty() ? 10 : greatest_x * 1.3));
+  sheet.add(time_tics("y", range.least_ms, range.greatest_ms));
+  for (const auto& [name, lines] : data) sheet.data(name, lines);
+  sheet.text(0.2, (axes.top + axes.bottom) / 2, "Round trip", "center rotate");
+  sheet.text((axes.left + axes.right) / 2, axes.bottom + 0.7, abscissa.label, "center");
+  legend.draw(sheet, left_cm, axes.bottom + bottom_cm);
+  if (parts.empty()) parts.emplace_back("NaN notitle");
+  sheet.plot(axes, parts);
+  return sheet.commands();
+}
+
+}  // namespace
+
+std::string plot_against_payload(const Group& group, const Plot& plot) {
+  return against(payload, group, plot);
+}
+
+std::string plot_against_neighbours(const Group& group, const Plot& plot) {
+  return against(rate_of_neighbours, group, plot);
+}
+
+}  // namespace ontime::report

@@ -1,0 +1,187 @@
+// SPDX-License-Identifier: Apache-2.0
+// What changed from A to B, as a forest plot: of each metric B / A and its interval.
+#include <algorithm>
+#include <cmath>
+
+#include <fmt/format.h>
+
+#include "gate/gate.hpp"
+#include "report/plots.hpp"
+#include "report/words.hpp"
+
+namespace ontime::report {
+namespace {
+
+using statistics::Change;
+using statistics::Figure;
+using statistics::Times;
+
+struct Row {
+  const char* name;
+  Times times;
+  Figure figure;
+};
+constexpr Row ratios[] = {
+    {"mean", Times::round_trip, Figure::mean},         {"p50", Times::round_trip, Figure::p50},
+    {"p90", Times::round_trip, Figure::p90},           {"p99", Times::round_trip, Figure::p99},
+    {"p99.9", Times::round_trip, Figure::p99_9},       {"response p99", Times::response, Figure::p99},
+    {"response p99.9", Times::response, Figure::p99_9}};
+constexpr Row shares[] = {{"late", Times::round_trip, Figure::late},
+                          {"lost", Times::round_trip, Figure::lost}};
+
+struct Found {
+  const char* name;
+  Change change;
+};
+struct Panel {
+  std::vector<std::string> title;
+  std::vector<Found> rows;
+  std::vector<std::string> notes;
+};
+
+Comparison::Runs complete(const Comparison::Runs& runs) {
+  Comparison::Runs all;
+  std::copy_if(runs.begin(), runs.end(), std::back_inserter(all), [](const auto* run) {
+    return statistics::is_complete(run->run) && statistics::unrecorded(run->run) == 0;
+  });
+  return all;
+}
+
+// "15.8 → 0.197 ms", of the unit that the greater one has.
+std::string times_text(double from_ns, double to_ns) {
+  const auto greatest = std::max(from_ns, to_ns);
+  const auto [unit, size] = greatest >= 1e9   ? std::pair{"s", 1e9}
+                            : greatest >= 1e6 ? std::pair{"ms", 1e6}
+                            : greatest >= 1e3 ? std::pair{"µs", 1e3}
+                                              : std::pair{"ns", 1.0};
+  return fmt::format("{:.3g} → {:.3g} {}", from_ns / size, to_ns / size, unit);
+}
+
+std::string side_text(const char* side, const Comparison::Runs& runs) {
+  return fmt::format("{}: {} ({})", side, gate::name_of(runs), many(runs.size(), "run", "runs"));
+}
+
+Panel panel_of(const Comparison::Pair& pair, double width_cm) {
+  Panel panel;
+  for (const auto& text : {side_text("A", pair.from), side_text("B", pair.to)})
+    for (const auto& line : wrapped(text, width_cm)) panel.title.push_back(line);
+  const auto from = complete(pair.from), to = complete(pair.to);
+  for (const auto& [name, times, figure] : ratios)
+    if (const auto change = statistics::change(from, to, times, figure); change && change->ratio)
+      panel.rows.push_back({name, *change});
+  for (const auto& [name, times, figure] : shares)
+    if (const auto change = statistics::change(from, to, times, figure);
+        change && (change->from > 0 || change->to > 0)) {
+      const auto& [low, high] = change->difference_lies;
+      panel.notes.push_back(fmt::format(
+          "{}: {:.3g} % → {:.3g} %{}", name, change->from * 100, change->to * 100,
+          low && high ? fmt::format(", difference [{:+.2g}, {:+.2g}] points", *low * 100, *high * 100) : ""));
+    }
+  return panel;
+}
+
+const char* colour_of(const Change& change) {
+  const auto& [low, high] = change.ratio_lies;
+  return low && *low > 1 ? orange : high && *high < 1 ? blue : grey;
+}
+
+struct Ratios {
+  double least = 0.8, greatest = 1.25;
+};
+Ratios ratios_of(const std::vector<Panel>& panels) {
+  Ratios all;
+  for (const auto& panel : panels)
+    for (const auto& [name, change] : panel.rows)
+      for (const auto& ratio : {change.ratio, change.ratio_lies.low, change.ratio_lies.high})
+        if (ratio && *ratio > 0.005 && *ratio < 200) {
+          all.least = std::min(all.least, *ratio / 1.1);
+          all.greatest = std::max(all.greatest, *ratio * 1.1);
+        }
+  return all;
+}
+
+std::string ratio_tics(const Ratios& range) {
+  const std::vector<double> close = {0.6, 0.7, 0.8, 0.9, 1, 1.1, 1.2, 1.4, 1.6, 1.8},
+                            wide = {0.1, 0.2, 0.5, 1, 2, 5, 10}, widest = {0.01, 0.1, 1, 10, 100};
+  const auto span = range.greatest / range.least;
+  std::vector<std::string> tics;
+  for (const auto ratio : span < 3 ? close : span < 30 ? wide : widest)
+    if (ratio >= range.least && ratio <= range.greatest)
+      tics.push_back(fmt::format("'× {0:g}' {0:g}", ratio));
+  return fmt::format("set xtics ({})", join(tics, ", "));
+}
+
+void draw(Sheet& sheet, const Panel& panel, const Box& axes, const Ratios& range, double row_cm,
+          std::size_t number) {
+  const auto rows = static_cast<double>(panel.rows.size());
+  sheet.add(fmt::format("set yrange [{}:0]", rows));
+  std::vector<std::string> parts;
+  sheet.data(fmt::format("same{}", number), fmt::format("1 0\n1 {}\n", rows));
+  parts.push_back(fmt::format("$same{} with lines linewidth 0.8 linecolor rgb '#000000'", number));
+  for (std::size_t i = 0; i < panel.rows.size(); ++i) {
+    const auto& [name, change] = panel.rows[i];
+    const auto y = static_cast<double>(i) + 0.5, middle = axes.top + y * row_cm;
+    const auto low = std::clamp(change.ratio_lies.low.value_or(range.least), range.least, range.greatest),
+               high =
+                   std::clamp(change.ratio_lies.high.value_or(range.greatest), range.least, range.greatest);
+    sheet.text(axes.left - 0.15, middle, name, "right");
+    sheet.text(axes.right + 0.15, middle, times_text(change.from, change.to), "left");
+    const auto data = fmt::format("change{}_{}", number, i);
+    sheet.data(data, fmt::format("{:.6g} {} {:.6g} {:.6g}\n",
+                                 std::clamp(*change.ratio, range.least, range.greatest), y, low, high));
+    parts.push_back(fmt::format(
+        "${} using 1:2:3:4 with xerrorbars pointtype 7 pointsize 0.45 linewidth 1.2 linecolor rgb '{}'", data,
+        colour_of(change)));
+  }
+  sheet.plot(axes, parts);
+}
+
+}  // namespace
+
+std::string gnuplot_of(const Comparison& comparison, const Plot& plot) {
+  constexpr double left_cm = 2.35, right_cm = 2.6, row_cm = 0.42, bottom_cm = 0.55, last_cm = 0.95,
+                   gap_cm = 0.25;
+  const auto width = Sheet::width_cm(plot);
+  std::vector<Panel> panels;
+  for (const auto& pair : comparison.pairs)
+    if (auto panel = panel_of(pair, width - 0.5); !panel.rows.empty()) panels.push_back(std::move(panel));
+  if (panels.empty()) return "";
+  const auto range = ratios_of(panels);
+  const Legend legend({{"B is slower", "linewidth 1.2 linecolor rgb '#d55e00'",
+                        "pointtype 7 pointsize 0.45 linecolor rgb '#d55e00'"},
+                       {"B is faster", "linewidth 1.2 linecolor rgb '#0072b2'",
+                        "pointtype 7 pointsize 0.45 linecolor rgb '#0072b2'"},
+                       {"cannot tell", "linewidth 1.2 linecolor rgb '#666666'",
+                        "pointtype 7 pointsize 0.45 linecolor rgb '#666666'"},
+                       {"bar: 98 % confidence interval; to the edge: not bounded", "", ""}},
+                      width - 0.6);
+  double height = 0.1 + legend.height_cm() + 0.15 + last_cm - bottom_cm;
+  for (const auto& panel : panels)
+    height += static_cast<double>(panel.title.size() + panel.notes.size()) * line_cm +
+              static_cast<double>(panel.rows.size()) * row_cm + bottom_cm + gap_cm;
+  Sheet sheet(plot, height);
+  sheet.add(fmt::format(
+      "set border 1\nunset ytics\nset grid noytics xtics linetype 1 linewidth 0.4 linecolor rgb '#dddddd'\n"
+      "set bars 0\nset logscale x\nset xrange [{}:{}]",
+      range.least, range.greatest));
+  sheet.add(ratio_tics(range));
+  legend.draw(sheet, 0.3, height - legend.height_cm() - 0.1);
+  double top = 0.1;
+  for (std::size_t i = 0; i < panels.size(); ++i) {
+    const auto& panel = panels[i];
+    for (const auto& line : panel.title) sheet.text(0.25, (top += line_cm) - line_cm / 2, line);
+    const Box axes{left_cm, top + 0.05, width - right_cm,
+                   top + 0.05 + static_cast<double>(panel.rows.size()) * row_cm};
+    top = axes.bottom + bottom_cm;
+    if (i + 1 == panels.size()) {
+      sheet.text((axes.left + axes.right) / 2, axes.bottom + 0.65, "Round trip, B / A", "center");
+      top = axes.bottom + last_cm;
+    }
+    for (const auto& note : panel.notes) sheet.text(0.25, (top += line_cm) - line_cm / 2, note);
+    top += gap_cm - 0.05;
+    draw(sheet, panel, axes, range, row_cm, i);
+  }
+  return sheet.commands();
+}
+
+}  // namespace ontime::report

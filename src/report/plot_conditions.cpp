@@ -1,0 +1,163 @@
+// SPDX-License-Identifier: Apache-2.0
+// One row for each condition: p50, p99, p99.9 and max, and between what they lie: repetitions from the lowest
+// to the highest, a single run's 95 % confidence interval.
+#include <algorithm>
+#include <array>
+
+#include <fmt/format.h>
+
+#include "report/plots.hpp"
+
+namespace ontime::report {
+namespace {
+
+using statistics::Certainty;
+using statistics::Distribution;
+using statistics::Measured;
+using statistics::Summary;
+
+struct Metric {
+  const char* name;
+  std::int64_t Distribution::*of;
+  Measured Certainty::*sure;  // the greatest has none
+  const char* point;
+};
+constexpr std::array metrics = {
+    Metric{"p50", &Distribution::p50, &Certainty::p50, "pointtype 7 pointsize 0.5 linecolor rgb '#0072b2'"},
+    Metric{"p99", &Distribution::p99, &Certainty::p99, "pointtype 9 pointsize 0.55 linecolor rgb '#009e73'"},
+    Metric{"p99.9", &Distribution::p99_9, &Certainty::p99_9,
+           "pointtype 5 pointsize 0.45 linecolor rgb '#882255'"},
+    Metric{"max", &Distribution::max, nullptr,
+           "pointtype 2 pointsize 0.45 linewidth 1 linecolor rgb '#000000'"}};
+constexpr const char* bar_colours[] = {"#b00072b2", "#b0009e73", "#b0882255", "#b0000000"};
+
+struct Found {
+  double median_ms, low_ms, high_ms;
+};
+// Of those runs in which something was answered.
+std::optional<Found> found_in(const Group& runs, const Metric& metric, double edge_ms) {
+  std::vector<double> values;
+  const Summary* last = nullptr;
+  for (const auto* run : runs)
+    if (run->round_trip.count > 0) {
+      values.push_back(ms(run->round_trip.*metric.of));
+      last = run;
+    }
+  if (values.empty()) return {};
+  const auto [low, high] = std::minmax_element(values.begin(), values.end());
+  Found found{statistics::estimate(values)->median, *low, *high};
+  if (values.size() == 1 && metric.sure != nullptr) {
+    const auto& sure = (last->round_trip_certainty.*metric.sure).sure;
+    if (sure.low) found.low_ms = ms(*sure.low);
+    found.high_ms = sure.high ? ms(*sure.high) : edge_ms;
+  }
+  return found;
+}
+
+std::vector<Entry> entries_of(const std::vector<Condition>& conditions, const Group& group) {
+  const auto repeated = static_cast<std::size_t>(std::count_if(
+      conditions.begin(), conditions.end(), [](const auto& condition) { return condition.runs.size() > 1; }));
+  std::vector<Entry> entries;
+  for (std::size_t i = 0; i < metrics.size(); ++i) {
+    const bool has_bar = repeated > 0 || metrics[i].sure != nullptr;
+    entries.push_back({metrics[i].name,
+                       has_bar ? fmt::format("linewidth 5 linecolor rgb '{}'", bar_colours[i]) : "",
+                       metrics[i].point});
+  }
+  if (const auto deadlines = deadlines_ms(group); !deadlines.empty())
+    entries.push_back({deadline_text(deadlines), deadline_style, ""});
+  if (repeated > 0) entries.push_back({"bar: lowest to highest repetition; sign: their median", "", ""});
+  if (repeated < conditions.size())
+    entries.push_back({repeated > 0 ? "of a single run: 95 % confidence interval"
+                                    : "bar: 95 % confidence interval; to the edge: no upper limit",
+                       "", ""});
+  return entries;
+}
+
+std::string horizontal(double from_ms, double to_ms, double y) {
+  return fmt::format("{0:.6g} {2:.4f}\n{1:.6g} {2:.4f}\n\n", from_ms, std::max(to_ms, from_ms * 1.003), y);
+}
+
+// What there is to draw of all rows, each at its height.
+struct Lines {
+  void add(const Group& runs, double top, double bottom, double edge_ms) {
+    const auto middle = (top + bottom) / 2;
+    for (std::size_t m = 0; m < metrics.size(); ++m)
+      if (const auto found = found_in(runs, metrics[m], edge_ms)) {
+        points[m] += fmt::format("{:.6g} {:.4f}\n", found->median_ms, middle);
+        bars[m] += horizontal(found->low_ms, found->high_ms, middle);
+      }
+    double least = 1e12, greatest = 0;
+    for (const auto* run : runs)
+      if (run->round_trip.count > 0) {
+        least = std::min(least, ms(run->round_trip.min));
+        greatest = std::max(greatest, ms(run->round_trip.max));
+      }
+    if (greatest > 0) extents += horizontal(least, greatest, middle);
+    for (const auto deadline : deadlines_ms(runs))
+      deadlines += fmt::format("{0:.6g} {1:.4f}\n{0:.6g} {2:.4f}\n\n", deadline, top, bottom);
+  }
+  std::vector<std::string> parts(Sheet& sheet) const {
+    std::vector<std::string> parts;
+    const auto add = [&](const std::string& name, const std::string& lines, const std::string& with) {
+      if (lines.empty()) return;
+      sheet.data(name, lines);
+      parts.push_back(fmt::format("${} {}", name, with));
+    };
+    add("extents", extents, "with lines linewidth 0.7 linecolor rgb '#888888'");
+    add("deadlines", deadlines, fmt::format("with lines {}", deadline_style));
+    for (std::size_t m = 0; m < metrics.size(); ++m)
+      add(fmt::format("bars{}", m), bars[m],
+          fmt::format("with lines linewidth 5 linecolor rgb '{}'", bar_colours[m]));
+    for (std::size_t m = 0; m < metrics.size(); ++m)
+      add(fmt::format("points{}", m), points[m], fmt::format("with points {}", metrics[m].point));
+    if (parts.empty()) parts.emplace_back("NaN");
+    return parts;
+  }
+
+ private:
+  std::array<std::string, metrics.size()> points, bars;
+  std::string extents, deadlines;
+};
+
+}  // namespace
+
+std::string plot_conditions(const Group& group, const Plot& plot) {
+  constexpr double left_cm = 0.3, right_cm = 0.45, top_cm = 0.1, strip_cm = 0.5, gap_cm = 0.12,
+                   bottom_cm = 0.95;
+  const auto width = Sheet::width_cm(plot), inner_cm = width - left_cm - right_cm;
+  const auto conditions = conditions_of(group);
+  const auto range = range_of(group);
+  const Legend legend(entries_of(conditions, group), inner_cm);
+
+  std::vector<std::vector<std::string>> titles;
+  double rows_cm = 0;
+  for (const auto& [name, label, runs] : conditions) {
+    auto& title = titles.emplace_back(wrapped(name, inner_cm));
+    title.push_back(text_of(counts_of(runs)) +
+                    (runs.size() > 1 ? fmt::format(" in {} runs", runs.size()) : ""));
+    rows_cm += static_cast<double>(title.size()) * line_cm + strip_cm + gap_cm;
+  }
+  const Box axes{left_cm, top_cm, width - right_cm, top_cm + rows_cm};
+  Sheet sheet(plot, axes.bottom + bottom_cm + legend.height_cm() + 0.15);
+  sheet.add(fmt::format(
+      "set border 1\nunset ytics\nset grid noytics xtics linetype 1 linewidth 0.4 linecolor rgb '#dddddd'\n"
+      "set logscale x\nset xrange [{}:{}]\nset yrange [{}:0]",
+      range.least_ms, range.greatest_ms, rows_cm));
+  sheet.add(time_tics("x", range.least_ms, range.greatest_ms));
+  sheet.text((axes.left + axes.right) / 2, axes.bottom + 0.7, "Round trip", "center");
+  legend.draw(sheet, left_cm, axes.bottom + bottom_cm);
+  Lines lines;
+  double y = 0;
+  for (std::size_t i = 0; i < conditions.size(); ++i) {
+    for (std::size_t line = 0; line < titles[i].size(); ++line, y += line_cm)
+      sheet.text(left_cm, top_cm + y + line_cm / 2, titles[i][line],
+                 line + 1 == titles[i].size() ? "left textcolor rgb '#555555'" : "left");
+    lines.add(conditions[i].runs, y, y + strip_cm, range.greatest_ms);
+    y += strip_cm + gap_cm;
+  }
+  sheet.plot(axes, lines.parts(sheet));
+  return sheet.commands();
+}
+
+}  // namespace ontime::report

@@ -1,0 +1,213 @@
+// SPDX-License-Identifier: Apache-2.0
+// Round trips over time, a panel for each run, all on the same axes.
+#include <algorithm>
+#include <cmath>
+
+#include <fmt/format.h>
+
+#include "report/plots.hpp"
+#include "report/runs.hpp"
+#include "report/words.hpp"
+
+namespace ontime::report {
+namespace {
+
+using statistics::Summary;
+
+constexpr std::uint64_t few = 10;  // messages of a stretch: of these a median says no more than they do
+constexpr const char* extent_style = "linewidth 0.9 linecolor rgb '#0072b2'";
+constexpr const char* alone_style = "linewidth 1.7 linecolor rgb '#0072b2'";
+constexpr const char* median_style = "linewidth 0.7 linecolor rgb '#000000'";
+constexpr const char* late_style = "linewidth 2.4 linecolor rgb '#d55e00'";
+constexpr const char* wait_style = "linewidth 2.4 linecolor rgb '#882255'";
+constexpr const char* lost_style = "pointtype 2 pointsize 0.4 linewidth 0.8 linecolor rgb '#000000'";
+
+// As long as a line is wide: finer ones cannot be told apart, and make a figure of megabytes.
+constexpr double stretches_a_cm = 50;
+struct Stretch {
+  double at_s;
+  statistics::Slice of;  // its median is that of its slices' medians
+};
+// As many slices together as it takes to be no more than so many. No extreme is left out.
+std::vector<Stretch> stretches_of(const statistics::Shape& shape, std::size_t most) {
+  const auto each = std::max<std::size_t>((shape.slices.size() + most - 1) / most, 1);
+  std::vector<Stretch> stretches;
+  for (std::size_t first = 0; first < shape.slices.size(); first += each) {
+    const auto after = std::min(first + each, shape.slices.size());
+    statistics::Slice all;
+    std::vector<double> medians;
+    for (auto i = first; i < after; ++i) {
+      const auto& slice = shape.slices[i];
+      all.sent += slice.sent;
+      all.late += slice.late;
+      all.lost += slice.lost;
+      all.skipped_cycles += slice.skipped_cycles;
+      all.response_max_ns = std::max(all.response_max_ns, slice.response_max_ns);
+      if (slice.sent == slice.lost) continue;
+      all.min_ns = medians.empty() ? slice.min_ns : std::min(all.min_ns, slice.min_ns);
+      all.max_ns = std::max(all.max_ns, slice.max_ns);
+      medians.push_back(static_cast<double>(slice.p50_ns));
+    }
+    if (!medians.empty()) all.p50_ns = std::llround(statistics::estimate(medians)->median);
+    if (all.sent > 0 || all.skipped_cycles > 0)
+      stretches.push_back(
+          {static_cast<double>(first + after) / 2 * static_cast<double>(shape.slice_ns) / 1e9, all});
+  }
+  return stretches;
+}
+
+// A line, or, where it has no length, a dot: gnuplot leaves out what has none.
+std::string segment(double at, std::int64_t from_ns, std::int64_t to_ns) {
+  const auto to_ms = std::max(ms(to_ns), ms(from_ns) * 1.003);
+  return fmt::format("{0:.6g} {1:.6g}\n{0:.6g} {2:.6g}\n\n", at, ms(from_ns), to_ms);
+}
+
+struct TimeUnit {
+  const char* name;
+  double seconds;
+};
+TimeUnit unit_for(double end_s) {
+  return end_s > 3 * 3600 ? TimeUnit{"h", 3600} : end_s > 600 ? TimeUnit{"min", 60} : TimeUnit{"s", 1};
+}
+
+// Of a run what there is to draw, as gnuplot's parts of a plot.
+std::vector<std::string> parts_of(Sheet& sheet, const Summary& summary, std::size_t run,
+                                  std::size_t most_stretches, double unit_s) {
+  constexpr double as_a_dot = 1.15;  // so much longer than short: its line would be hard to see
+  std::string extents, alone, medians, late, lost, passed;
+  for (const auto& [at_s, of] : stretches_of(summary.shape, most_stretches)) {
+    const bool answered = of.sent > of.lost;
+    const auto at = at_s / unit_s;
+    if (answered)
+      (ms(of.max_ns) < ms(of.min_ns) * as_a_dot ? alone : extents) += segment(at, of.min_ns, of.max_ns);
+    medians += answered ? fmt::format("{:.6g} {:.6g}\n", at, ms(of.p50_ns)) : "\n";
+    if (of.late > 0) late += segment(at, of.max_ns, of.max_ns);
+    if (of.lost > 0) lost += fmt::format("{:.6g} 0.95\n", at);
+    if (of.skipped_cycles > 0) passed += segment(at, of.response_max_ns, of.response_max_ns);
+  }
+  std::vector<std::string> parts;
+  const auto add = [&](const char* name, const std::string& lines, const std::string& with) {
+    if (lines.empty()) return;
+    sheet.data(fmt::format("{}{}", name, run), lines);
+    parts.push_back(fmt::format("${}{} {}", name, run, with));
+  };
+  if (const auto deadline = deadline_ms(summary))
+    parts.push_back(fmt::format("{} with lines {}", *deadline, deadline_style));
+  add("extents", extents, fmt::format("with lines {}", extent_style));
+  add("alone", alone, fmt::format("with lines {}", alone_style));
+  if (summary.sent > few * summary.shape.slices.size())
+    add("medians", medians, fmt::format("with lines {}", median_style));
+  add("late", late, fmt::format("with lines {}", late_style));
+  add("passed", passed, fmt::format("with lines {}", wait_style));
+  add("lost", lost, fmt::format("axes x1y2 with points {}", lost_style));
+  return parts;
+}
+
+std::vector<Entry> entries_of(const Group& group) {
+  const auto counts = counts_of(group);
+  std::vector<Entry> entries{{"from the fastest to the slowest", extent_style, ""}};
+  if (std::any_of(group.begin(), group.end(),
+                  [](const auto* run) { return run->sent > few * run->shape.slices.size(); }))
+    entries.push_back({"median", median_style, ""});
+  if (counts.late > 0) entries.push_back({"late", "", "pointtype 7 pointsize 0.3 linecolor rgb '#d55e00'"});
+  if (counts.lost > 0) entries.push_back({"lost (at the top)", "", lost_style});
+  if (counts.skipped_cycles > 0)
+    entries.push_back({"longest wait of cycles without a message", "",
+                       "pointtype 7 pointsize 0.3 linecolor rgb '#882255'"});
+  if (const auto deadlines = deadlines_ms(group); !deadlines.empty())
+    entries.push_back({deadline_text(deadlines), deadline_style, ""});
+  return entries;
+}
+
+constexpr double left_cm = 1.45, right_cm = 0.3, between_cm = 0.25, bottom_cm = 0.95, most_cm = 23;
+
+// Where the panels are: column by column, as high as a page allows.
+struct Layout {
+  Layout(const Group& group, const Plot& plot, double legend_cm)
+      : columns(plot.wide && group.size() > 1 ? 2 : 1),
+        rows((group.size() + columns - 1) / columns),
+        column_cm(Sheet::width_cm(plot) / static_cast<double>(columns)),
+        tops(rows, 0),
+        lines(rows, 0) {
+    const auto names = names_of(group);
+    for (std::size_t i = 0; i < group.size(); ++i) {
+      auto& title = titles.emplace_back(wrapped(names[i], inner_cm()));
+      title.push_back(text_of(counts_of({group[i]})));
+      lines[i % rows] = std::max(lines[i % rows], title.size());
+    }
+    auto others_cm = bottom_cm + legend_cm + 0.2;
+    for (const auto of_row : lines) others_cm += static_cast<double>(of_row) * line_cm + between_cm;
+    axes_cm = rows == 1 ? 3.6 : std::clamp((most_cm - others_cm) / static_cast<double>(rows), 0.9, 2.2);
+    height_cm = others_cm + axes_cm * static_cast<double>(rows);
+    double top = 0.1;
+    for (std::size_t row = 0; row < rows; ++row) {
+      tops[row] = top;
+      top += static_cast<double>(lines[row]) * line_cm + axes_cm + between_cm;
+    }
+  }
+  double inner_cm() const { return column_cm - left_cm - right_cm; }
+  double left_of(std::size_t panel) const {
+    const auto column = panel / rows;
+    return static_cast<double>(column) * column_cm;
+  }
+  Box axes_of(std::size_t panel) const {
+    const auto top = tops[panel % rows] + static_cast<double>(lines[panel % rows]) * line_cm;
+    return {left_of(panel) + left_cm, top, left_of(panel) + column_cm - right_cm, top + axes_cm};
+  }
+  bool is_lowest(std::size_t panel) const { return (panel + 1) % rows == 0 || panel + 1 == titles.size(); }
+
+  std::size_t columns, rows;
+  double column_cm, axes_cm = 0, height_cm = 0;
+  std::vector<std::vector<std::string>> titles;
+  std::vector<double> tops;        // of each row
+  std::vector<std::size_t> lines;  // of the longest title of each row
+};
+
+double end_of(const Group& group) {
+  double end_s = 0;
+  for (const auto* run : group)
+    end_s = std::max(end_s, static_cast<double>(run->shape.slices.size()) *
+                                static_cast<double>(run->shape.slice_ns) / 1e9);
+  return std::max(end_s, 1e-6) * 1.005;  // so that a whole number at the end has its tick
+}
+
+// Titles stand right above the axes, whatever the longest one of the row takes.
+void add_texts(Sheet& sheet, const Layout& layout, std::size_t panel, const char* unit) {
+  const auto axes = layout.axes_of(panel);
+  const auto& title = layout.titles[panel];
+  auto y = axes.top - (static_cast<double>(title.size()) - 0.5) * line_cm;
+  for (std::size_t i = 0; i < title.size(); ++i, y += line_cm)
+    sheet.text(axes.left, y, title[i], i + 1 == title.size() ? "left textcolor rgb '#555555'" : "left");
+  sheet.text(layout.left_of(panel) + 0.2, (axes.top + axes.bottom) / 2, "Round trip", "center rotate");
+  if (layout.is_lowest(panel))
+    sheet.text((axes.left + axes.right) / 2, axes.bottom + 0.7, fmt::format("Time ({})", unit), "center");
+}
+
+}  // namespace
+
+std::string plot_over_time(const Group& group, const Plot& plot) {
+  const Legend legend(entries_of(group), Sheet::width_cm(plot) - left_cm - right_cm);
+  const Layout layout(group, plot, legend.height_cm());
+  const auto end_s = end_of(group);
+  const auto unit = unit_for(end_s);
+  auto range = range_of(group);
+  if (counts_of(group).lost > 0)  // room for them above all that was answered
+    range.greatest_ms *= std::pow(range.greatest_ms / range.least_ms, 0.12);
+
+  Sheet sheet(plot, layout.height_cm);
+  sheet.add(fmt::format("set logscale y\nset yrange [{}:{}]\nset y2range [0:1]\nset xrange [0:{}]",
+                        range.least_ms, range.greatest_ms, end_s / unit.seconds));
+  sheet.add(time_tics("y", range.least_ms, range.greatest_ms));
+  legend.draw(sheet, left_cm, layout.height_cm - legend.height_cm() - 0.1);
+  const auto most_stretches = static_cast<std::size_t>(layout.inner_cm() * stretches_a_cm);
+  for (std::size_t i = 0; i < group.size(); ++i) {
+    add_texts(sheet, layout, i, unit.name);
+    sheet.add(layout.is_lowest(i) ? "set format x '%g'" : "set format x ''");
+    auto parts = parts_of(sheet, *group[i], i, most_stretches, unit.seconds);
+    if (parts.empty()) parts.emplace_back("NaN");
+    sheet.plot(layout.axes_of(i), parts);
+  }
+  return sheet.commands();
+}
+
+}  // namespace ontime::report

@@ -1,0 +1,48 @@
+// SPDX-License-Identifier: Apache-2.0
+// The figures for papers, one file each, and what they share.
+#pragma once
+
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "report/conditions.hpp"
+#include "report/sheet.hpp"
+
+namespace ontime::report {
+
+std::string plot_over_time(const Group&, const Plot&);
+std::string plot_ccdf(const Group&, const Plot&);
+std::string plot_conditions(const Group&, const Plot&);
+std::string plot_against_payload(const Group&, const Plot&);
+std::string plot_against_neighbours(const Group&, const Plot&);
+
+// The runs of one condition: its repetitions.
+struct Condition {
+  std::string name;   // among all
+  std::string label;  // within its id: the transport, and what else tells it from others
+  Group runs;
+};
+std::vector<Condition> conditions_of(const Group&);  // in the order of their first runs
+std::vector<std::string> names_of(const Group&);     // of each run: what tells it from the others
+
+inline double ms(double ns) { return ns / 1e6; }
+inline double ms(std::int64_t ns) { return ms(static_cast<double>(ns)); }
+std::optional<double> deadline_ms(const statistics::Summary&);
+std::vector<double> deadlines_ms(const Group&);                   // each once
+std::string deadline_text(const std::vector<double>& deadlines);  // "deadline 10 ms"
+extern const char* const deadline_style;
+
+// From the least to the greatest round trip of all, deadlines included, with room on both sides.
+struct Range {
+  double least_ms, greatest_ms;
+};
+Range range_of(const Group&);
+
+struct Counts {
+  std::uint64_t sent = 0, late = 0, lost = 0, skipped_cycles = 0;
+};
+Counts counts_of(const Group&);
+std::string text_of(const Counts&);  // "6 late, 0 lost of 1,945"
+
+}  // namespace ontime::report

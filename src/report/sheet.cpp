@@ -1,0 +1,181 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "report/sheet.hpp"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+
+#include <fmt/format.h>
+
+#include "report/words.hpp"
+
+namespace ontime::report {
+namespace {
+
+constexpr double column_cm = 8.8, page_cm = 18.2;  // of a paper of two columns, as IEEE and ACM set them
+constexpr int font_pt = 7;
+constexpr double pixels_a_cm = 300 / 2.54;                         // of a PNG
+constexpr double pixels_a_pt = 96.0 / 72;                          // of an SVG
+constexpr double sample_cm = 0.85, mark_cm = 0.65, gap_cm = 0.35;  // of a legend
+
+// Whole sizes: a part of a pixel is nothing to gnuplot.
+std::string terminal(const Plot& plot, double width_cm, double height_cm) {
+  switch (plot.form) {
+    case Plot::Form::svg:  // of 96 pixels an inch
+      return fmt::format(
+          "set terminal svg size {:.0f},{:.0f} font 'Helvetica,{:.1f}' linewidth 1 rounded noenhanced "
+          "background '#ffffff'\n",
+          width_cm / 2.54 * 96, height_cm / 2.54 * 96, font_pt * pixels_a_pt);
+    case Plot::Form::pdf:
+      return fmt::format(
+          "set terminal pdfcairo size {:.2f}cm,{:.2f}cm font 'Helvetica,{}' linewidth 1 rounded noenhanced\n",
+          width_cm, height_cm, font_pt);
+    case Plot::Form::png: {
+      const double finer = pixels_a_cm * 2.54 / 96;
+      return fmt::format(
+          "set terminal pngcairo size {:.0f},{:.0f} font 'Helvetica,{}' fontscale {:.3f} linewidth {:.3f} "
+          "pointscale {:.3f} rounded noenhanced\n",
+          width_cm * pixels_a_cm, height_cm * pixels_a_cm, font_pt, finer, finer, finer);
+    }
+  }
+  return "";
+}
+
+constexpr const char* looks =
+    "set encoding utf8\nset border 3 linewidth 0.7\nset tics out nomirror scale 0.5\nset grid ytics linetype "
+    "1 linewidth 0.4 linecolor rgb '#dddddd'\nset key off\nset multiplot\n";
+
+std::size_t letters(const std::string& text) {  // of UTF-8
+  return static_cast<std::size_t>(
+      std::count_if(text.begin(), text.end(), [](char c) { return (c & 0xc0) != 0x80; }));
+}
+
+double width_of(const std::string& text) { return static_cast<double>(letters(text)) * letter_cm; }
+
+}  // namespace
+
+std::string colour(std::size_t i) {
+  constexpr std::array<const char*, colours> all = {"#0072b2", "#d55e00", "#009e73", "#cc79a7",
+                                                    "#e69f00", "#56b4e9", "#000000"};
+  return all[i % all.size()];
+}
+
+std::string dash(std::size_t i) {
+  constexpr std::array<const char*, dashes> all = {"1", "(12,6)", "(4,5)", "(14,5,4,5)"};
+  return all[i % all.size()];
+}
+
+std::string in_quotes(const std::string& text) { return "'" + replace_all(printable(text), "'", "''") + "'"; }
+
+std::vector<std::string> wrapped(const std::string& text, double width_cm) {
+  constexpr std::size_t most_lines = 3;
+  const auto most = std::max<std::size_t>(static_cast<std::size_t>(width_cm / letter_cm), 8);
+  std::vector<std::string> lines{""};
+  for (const auto& word : split(printable(text), ' ')) {
+    const auto shown = shortened(word, most);
+    if (!lines.back().empty() && letters(lines.back()) + 1 + letters(shown) > most) lines.emplace_back();
+    lines.back() += (lines.back().empty() ? "" : " ") + shown;
+  }
+  if (lines.size() > most_lines) {
+    lines.resize(most_lines);
+    lines.back() = shortened(lines.back(), most - 2) + (lines.back().size() + 2 > most ? "" : " …");
+  }
+  return lines;
+}
+
+double Sheet::width_cm(const Plot& plot) { return plot.wide ? page_cm : column_cm; }
+
+Sheet::Sheet(const Plot& plot, double height_cm)
+    : width_(width_cm(plot)), height_(height_cm), commands_(terminal(plot, width_, height_) + looks) {}
+
+std::string Sheet::at(double x, double y) const {
+  return fmt::format("screen {:.5f}, screen {:.5f}", x / width_, 1 - y / height_);
+}
+
+void Sheet::text(double x, double y, const std::string& text, const std::string& style) {
+  commands_ += fmt::format("set label {} at {} {}\n", in_quotes(text), at(x, y), style);
+}
+
+void Sheet::line(double x, double y, double to_x, double to_y, const std::string& style) {
+  commands_ += fmt::format("set arrow from {} to {} nohead {}\n", at(x, y), at(to_x, to_y), style);
+}
+
+void Sheet::point(double x, double y, const std::string& style) {
+  commands_ += fmt::format("set label '' at {} point {}\n", at(x, y), style);
+}
+
+void Sheet::add(const std::string& command) { commands_ += command + "\n"; }
+
+void Sheet::data(const std::string& name, const std::string& lines) {
+  commands_ += fmt::format("${} << END\n{}END\n", name, lines.empty() ? "NaN NaN\n" : lines);
+}
+
+void Sheet::plot(const Box& axes, const std::vector<std::string>& parts) {
+  commands_ += fmt::format(
+      "set lmargin at screen {:.5f}\nset rmargin at screen {:.5f}\nset tmargin at screen {:.5f}\nset bmargin "
+      "at screen {:.5f}\n",
+      axes.left / width_, axes.right / width_, 1 - axes.top / height_, 1 - axes.bottom / height_);
+  commands_ += "plot " + join(parts, ", \\\n  ") + "\nunset label\nunset arrow\n";
+}
+
+Legend::Legend(std::vector<Entry> entries, double width_cm) {
+  double x = 0, y = 0;
+  std::size_t lines_of_row = 1;
+  for (auto& entry : entries) {
+    auto lines = wrapped(entry.text, width_cm - sample_cm);
+    double width = 0;
+    const auto sample = entry.line.empty() && entry.point.empty() ? 0 : sample_cm;
+    for (const auto& line : lines) width = std::max(width, sample + width_of(line) + gap_cm);
+    if (x > 0 && x + width - gap_cm > width_cm) {
+      x = 0;
+      y += line_cm * static_cast<double>(std::exchange(lines_of_row, 1));
+    }
+    lines_of_row = std::max(lines_of_row, lines.size());
+    placed_.push_back({std::move(entry), std::move(lines), x, y});
+    x += width;
+  }
+  height_ = placed_.empty() ? 0 : y + line_cm * static_cast<double>(lines_of_row);
+}
+
+void Legend::draw(Sheet& sheet, double left, double top) const {
+  for (const auto& [entry, lines, x, y] : placed_) {
+    const double middle = top + y + line_cm / 2, from = left + x;
+    if (!entry.line.empty()) sheet.line(from, middle, from + mark_cm, middle, entry.line);
+    if (!entry.point.empty()) sheet.point(from + mark_cm / 2, middle, entry.point);
+    const auto words = entry.line.empty() && entry.point.empty() ? from : from + sample_cm;
+    for (std::size_t i = 0; i < lines.size(); ++i)
+      sheet.text(words, middle + line_cm * static_cast<double>(i), lines[i]);
+  }
+}
+
+std::string time_tics(const char* axis, double least_ms, double greatest_ms) {
+  const bool several = greatest_ms / least_ms < 30;  // few powers of ten: 2 and 5 have a name too
+  std::vector<std::string> tics;
+  for (int power = -6; power < 8; ++power)
+    for (const int digit : {1, 2, 5}) {
+      const auto ms = digit * std::pow(10, power);
+      if (ms < least_ms || ms > greatest_ms) continue;
+      const bool named = digit == 1 || several;
+      const auto [unit, size] = ms >= 999        ? std::pair{"s", 1e3}
+                                : ms >= 0.999    ? std::pair{"ms", 1.0}
+                                : ms >= 0.000999 ? std::pair{"µs", 1e-3}
+                                                 : std::pair{"ns", 1e-6};
+      tics.push_back(named ? fmt::format("'{:g} {}' {:g}", ms / size, unit, ms)
+                           : fmt::format("'' {:g} 1", ms));
+    }
+  return fmt::format("set {}tics ({})", axis, join(tics, ", "));
+}
+
+std::string share_tics(const char* axis, double least) {
+  std::vector<std::string> tics;
+  for (int power = 0; power > -12; --power) {
+    const auto share = std::pow(10, power);
+    if (share < least) break;
+    tics.push_back(fmt::format(
+        "'{}' {:g}",
+        share >= 0.9e-4 ? fmt::format("{:g} %%", share * 100) : fmt::format("{:g} ppm", share * 1e6), share));
+  }
+  return fmt::format("set {}tics ({})", axis, join(tics, ", "));
+}
+
+}  // namespace ontime::report

@@ -1,0 +1,79 @@
+// SPDX-License-Identifier: Apache-2.0
+// A sheet of paper for gnuplot: axes, texts and a legend, each where it is put, in centimetres from the left
+// and the top. gnuplot's own titles and keys are cut off or printed over each other where a name is long;
+// these are not.
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include "report/report.hpp"
+
+namespace ontime::report {
+
+inline constexpr double line_cm = 0.34;     // of text
+inline constexpr double letter_cm = 0.126;  // on average, of a 7 pt sans-serif font as wide as DejaVu
+inline constexpr const char* blue = "#0072b2";
+inline constexpr const char* orange = "#d55e00";
+inline constexpr const char* grey = "#666666";
+std::string colour(std::size_t i);  // seven that colour-blind readers can tell apart, then from the start
+std::string dash(std::size_t i);    // four, the first one solid
+inline constexpr std::size_t colours = 7, dashes = 4;
+
+// Text as gnuplot's commands have it: nothing in it is a command.
+std::string in_quotes(const std::string&);
+// Lines no longer than that, broken at spaces.
+std::vector<std::string> wrapped(const std::string&, double width_cm);
+
+struct Box {
+  double left, top, right, bottom;
+};
+
+class Sheet {
+ public:
+  Sheet(const Plot&, double height_cm);
+  static double width_cm(const Plot&);
+
+  // Styles are gnuplot's: "linewidth 1 linecolor rgb '#000000'".
+  void text(double x, double y, const std::string&,
+            const std::string& style = "left");  // y: the line's middle
+  void line(double x, double from_y, double to_x, double to_y, const std::string& style);
+  void point(double x, double y, const std::string& style);
+  void add(const std::string& command);  // a line of its own
+  void data(const std::string& name, const std::string& lines);
+  // Draws all since the last one, with its axes there.
+  void plot(const Box& axes, const std::vector<std::string>& parts);
+  std::string commands() const { return commands_ + "unset multiplot\n"; }
+
+ private:
+  std::string at(double x, double y) const;
+  double width_, height_;
+  std::string commands_;
+};
+
+// What colours, lines and signs mean; as many in a row as fit.
+struct Entry {
+  std::string text;
+  std::string line, point;  // styles; either may be empty
+};
+class Legend {
+ public:
+  Legend(std::vector<Entry>, double width_cm);
+  double height_cm() const { return height_; }
+  void draw(Sheet&, double left, double top) const;
+
+ private:
+  struct Placed {
+    Entry entry;
+    std::vector<std::string> lines;
+    double x, y;
+  };
+  std::vector<Placed> placed_;
+  double height_ = 0;
+};
+
+// A logarithmic axis of times or shares, whose ticks are written out: "10 µs", "1 %".
+std::string time_tics(const char* axis, double least_ms, double greatest_ms);
+std::string share_tics(const char* axis, double least);
+
+}  // namespace ontime::report

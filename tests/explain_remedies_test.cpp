@@ -1,0 +1,70 @@
+// SPDX-License-Identifier: Apache-2.0
+// A remedy can help this thread, and is not set already.
+#include "explain_fixture.hpp"
+
+namespace ontime::explain {
+namespace {
+
+class Remedies : public Explained {
+ protected:
+  static Part receiver(Cause cause, std::int32_t priority, const std::string& culprit = "") {
+    return {.cause = cause,
+            .stage = Stage::delivered,
+            .end = "component",
+            .thread = "receive",
+            .culprit = culprit,
+            .priority = priority};
+  }
+  static std::vector<Setting> settings(const Part& part, const json& asked = {}) {
+    record::Run run;
+    run.asked = asked;
+    return remedy_for(part, run).settings;
+  }
+};
+
+TEST_F(Remedies, AnOrdinaryThreadBehindAnotherBecomesRealTime) {
+  EXPECT_THAT(settings(receiver(Cause::cpu, ordinary, "hog")),
+              testing::ElementsAre(Setting{"realtime", "on"}));
+}
+
+TEST_F(Remedies, ARealTimeThreadBehindAMoreUrgentOneGetsAPriorityOrACpu) {
+  EXPECT_THAT(settings(receiver(Cause::cpu, fifo_80, "hog")),
+              testing::ElementsAre(Setting{"realtime.receive.priority", "above the priority of hog"},
+                                   Setting{"realtime.receive.cpus", "other CPUs than those of hog"}));
+}
+
+TEST_F(Remedies, OfRealTimeThatIsOnAlreadyItSaysThatThisThreadDoesNotHaveIt) {
+  const json asked{{"realtime", true}};
+  EXPECT_THAT(settings(receiver(Cause::cpu, ordinary, "hog"), asked), IsEmpty());
+  EXPECT_THAT(advice(receiver(Cause::cpu, ordinary, "hog"), asked), HasSubstr("denied"));
+}
+
+TEST_F(Remedies, MemoryThatIsLockedAlreadyIsNotLockedAgain) {
+  EXPECT_EQ(advice(receiver(Cause::page_fault, fifo_80)), "realtime.lock-memory: on");
+  EXPECT_EQ(advice(receiver(Cause::page_fault, fifo_80), {{"realtime_settings", {{"lock_memory", true}}}}),
+            "");
+}
+
+TEST_F(Remedies, ThrottlingOfAnOrdinaryThreadIsAQuotas) {
+  EXPECT_THAT(settings(receiver(Cause::throttled, ordinary)), IsEmpty());
+  EXPECT_THAT(settings(receiver(Cause::throttled, fifo_80)),
+              testing::ElementsAre(Setting{"kernel.rt-throttling", "off"}));
+  EXPECT_THAT(settings(receiver(Cause::throttled, fifo_80), {{"kernel", {{"rt-throttling", "off"}}}}),
+              IsEmpty());
+}
+
+TEST_F(Remedies, SoftirqsOfACpusOwnWorkAreNotMovedWithInterrupts) {
+  EXPECT_THAT(settings(receiver(Cause::interrupts, fifo_80, "RCU")), IsEmpty());
+  EXPECT_THAT(settings(receiver(Cause::interrupts, fifo_80, "NET_RX")), SizeIs(1));
+}
+
+TEST_F(Remedies, AThreadThatTakesPacketsInHasItsOwnKey) {
+  auto part = receiver(Cause::cpu, ordinary, "hog");
+  part.stage = Stage::travelled;
+  part.thread = "napi/eth1-1";
+  EXPECT_THAT(settings(part),
+              testing::ElementsAre(Setting{"kernel.napi-threads", "above the priority of hog"}));
+}
+
+}  // namespace
+}  // namespace ontime::explain
