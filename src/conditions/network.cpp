@@ -281,11 +281,11 @@ Fields neighbour_fields() {
                     number<int>(1, 100), &Options::topics),
       of_neighbours(
           {"where", "", "",
-           "the most that they share with the critical topic, the first four with ros2 alone: "
+           "the most that they share with the critical topic, the last four with ros2 alone: "
            "same-participant"},
           "where",
-          words({Where::same_callback_group, Where::same_node, Where::same_executor, Where::own_executor,
-                 Where::same_participant, Where::same_process, Where::other_process},
+          words({Where::same_participant, Where::same_process, Where::other_process,
+                 Where::same_callback_group, Where::same_node, Where::same_executor, Where::own_executor},
                 static_cast<const char* (*)(Where)>(roundtrip::word_of)),
           &Options::where),
       of_neighbours({"rate", "", "", "of messages, of each topic and direction: 100 Hz"}, "rate_hz", rate(),
