@@ -7,9 +7,9 @@
 
 #include <fmt/format.h>
 
-#include "campaign/campaign.hpp"
+#include "conditions/conditions.hpp"
 
-namespace ontime::campaign {
+namespace ontime::conditions {
 namespace {
 
 // A long double holds every number of nanoseconds or bytes that the result does.
@@ -115,4 +115,4 @@ std::int64_t number_of(const std::string& text, std::int64_t least, std::int64_t
   return value;
 }
 
-}  // namespace ontime::campaign
+}  // namespace ontime::conditions
