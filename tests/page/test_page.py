@@ -597,7 +597,7 @@ class File(unittest.TestCase):
         def plot(*arguments, **options):
             return subprocess.run([ONTIME, "plot", self.results, *arguments], capture_output=True, text=True, **options)
         for arguments, word in ((("--output", "x.gif"), ".svg, .pdf, .png"), (("--output", "x.svg", "--figure", "pie"), "payload"),
-                                (("--output", "x.svg", "--runs", "1,7"), "no run '7'")):
+                                (("--output", "x.svg", "--only", "1,7"), "no run '7'")):
             done = plot(*arguments)
             self.assertEqual(done.returncode, 2)
             self.assertIn(word, done.stderr)
