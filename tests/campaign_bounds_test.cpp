@@ -77,11 +77,10 @@ TEST_F(ScenarioFile, ALargeFileIsRefusedUnread) {
   try {
     read_scenario(path_, {});
     FAIL();
-  } catch (const Error& error) {
-    EXPECT_EQ(error.exit, 2);
+  } catch (const scenario::Error& error) {
     EXPECT_THAT(error.what(), testing::AllOf(HasSubstr("67108864 bytes"), HasSubstr("at most 1048576")));
   }
-  EXPECT_THROW(read_scenario("/dev/zero", {}), Error) << "no end to be waited for";
+  EXPECT_THROW(read_scenario("/dev/zero", {}), scenario::Error) << "no end to be waited for";
 }
 
 TEST_F(ScenarioFile, RepetitionsTakeNoRoom) {
@@ -163,7 +162,7 @@ TEST_F(ScenarioFile, DamagedFilesAreRefusedOrRead) {
       text[random() % text.size()] = alphabet[random() % alphabet.size()];
     try {
       read(text);
-    } catch (const Error&) {  // refused: fine
+    } catch (const scenario::Error&) {  // refused: fine
     }
   }
 }

@@ -32,8 +32,7 @@ class ScenarioFile : public testing::Test {
   std::string error(const std::string& text, const Selection& selection = {}) {
     try {
       read(text, selection);
-    } catch (const Error& error) {
-      EXPECT_EQ(error.exit, 2);
+    } catch (const scenario::Error& error) {
       const std::string message = error.what();
       EXPECT_THAT(message, testing::HasSubstr(path_.string()));
       return message.substr(message.find(path_.string()) + path_.string().size());

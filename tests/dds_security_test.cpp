@@ -168,11 +168,5 @@ TEST(Security, IdentitiesHoldByAClockThatWasNeverSet) {
   }
 }
 
-TEST(Security, LevelsHaveTheFieldsWords) {
-  for (const auto* word : {"off", "authenticate", "sign", "encrypt"})
-    EXPECT_STREQ(security::word_of(security::level_of(word).value()), word);
-  EXPECT_EQ(security::level_of("on"), std::nullopt);
-}
-
 }  // namespace
 }  // namespace ontime::transport::test

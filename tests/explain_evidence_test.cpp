@@ -134,6 +134,27 @@ TEST_P(Evidence, ALowerThreadThatTheKernelRanOnIsNamed) {
   EXPECT_EQ(part.culprit, "hog");
 }
 
+TEST_P(Evidence, AKernelThatIsNotPreemptibleThrottlesNoThread) {
+  waits_with_priority_behind_the_hog(12 * ms);
+  for (auto at = ms; at < 12 * ms; at += 4 * ms) {
+    event(sent + at, 1, Kind::timer, hog);
+    event(sent + at + us, 1, Kind::timer_end, hog);
+  }
+  in_order();
+  EXPECT_EQ(word(first(message(late(0, 12 * ms, 0)))), "not-preempted");
+}
+
+TEST_P(Evidence, AnOrdinaryThreadThatCameInsteadOfARealTimeOneWasThrottlings) {
+  switched(due - ms / 2, 1, another, "R", hog);  // which is as ready as it was
+  window_.events.back().thread.priority = fifo_80 + 70;
+  sender_wakes_and_sends();
+  event(sent + 10 * us, 0, Kind::waking, answers, asks, "1");
+  window_.events.back().thread.priority = fifo_80;
+  switched(sent + 8 * ms, 1, hog, "R", answers);
+  window_.events.back().other.priority = fifo_80;
+  EXPECT_EQ(word(first(message(late(0, 8 * ms, 0)))), "throttled");
+}
+
 TEST_P(Evidence, ATimersInterruptHasNoSettingThatMovesIt) {
   const Part part{
       .cause = Cause::interrupts, .end = "component", .thread = "receive", .culprit = "timer interrupt"};

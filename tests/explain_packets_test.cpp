@@ -196,6 +196,13 @@ TEST_P(Napi, APacketThatTheKernelJoinedToAnotherIsReceivedWithIt) {
            .what = "to-controller",
            .packet = 9,
            .bytes = 1600});
+  by_napi({.at_ns = sent + 15 * ms + us,
+           .cpu = 1,
+           .kind = Kind::dropped,
+           .thread = {},
+           .other = {},
+           .what = "skb_release_data",
+           .packet = 1});
   event(sent + 15 * ms + 2 * us, 1, Kind::waking, answers, napi, "1");
   const auto part = first(message(late(0, 15 * ms, 0)));
   EXPECT_EQ(part.cause, Cause::cpu);

@@ -417,11 +417,12 @@ TEST_P(Explained, ARealTimeThreadThatWaitsForOrdinaryOnesOnTwoCpusIsThrottled) {
   event(sent + 10 * us, 0, Kind::waking, answers, asks, "1");
   window_.events.back().thread.priority = fifo_80;
   switched(sent + ms, 0, asks, "S", 6);
+  switched(sent + 3 * ms, 1, hog, "R", 7);
   event(sent + 6 * ms, 0, Kind::moved, answers, 6, "0");
   window_.events.back().thread.priority = fifo_80;
   switched(sent + 12 * ms, 0, 6, "R", answers);
   window_.events.back().other.priority = fifo_80;
-  switched(sent + 13 * ms, 1, hog, "S", 0);
+  switched(sent + 13 * ms, 1, 7, "S", 0);
   const auto message = this->message(late(0, 12 * ms, 0));
   EXPECT_EQ(first(message).cause, Cause::throttled);
   EXPECT_GT(first(message).ns, 11 * ms);

@@ -44,7 +44,7 @@ inline json asked(const std::string& id, const std::string& transport, int repet
        {{"controller", {{"cpu", 8}, {"vm", 8}, {"io", 8}, {"hdd", 8}}},
         {"component", {{"cpu", 2}, {"vm", 2}, {"io", 2}, {"hdd", 2}}}}},
       {"command_line", {"ontime", "run", "scenarios/demo.yaml"}},
-      {"ontime", "0.1.0"},
+      {"ontime", "0.2.0"},
       {"scenario", "runs:\n- id: x\n"}};
 }
 

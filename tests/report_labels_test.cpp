@@ -190,6 +190,23 @@ TEST(TableFormat, NamesTheSizeOfALoadsWorkers) {
               HasSubstr("load: 8 cpu, 2 vm of 1024 MiB on the controller"));
 }
 
+TEST(TableFormat, AValueWithACommaIsOneValue) {
+  auto one = asked("a", "udp"), other = one;
+  one["variant"] = "title one, two, warm-up 3";
+  other["variant"] = "title three, warm-up 3";
+  const auto labels =
+      AllOf(HasSubstr("\n| udp title one, two warm-up 3 |"), HasSubstr("\n| udp title three warm-up 3 |"));
+  EXPECT_THAT(render({summary(one, outcome()), summary(other, outcome())}, Format::markdown), labels)
+      << "of words alone";
+  one["varied"] = {{"title", "one, two"}, {"warm-up", "3"}};
+  other["varied"] = {{"title", "three"}, {"warm-up", "3"}};
+  one["variant"] = other["variant"] = "anything, at all";
+  EXPECT_THAT(render({summary(one, outcome()), summary(other, outcome())}, Format::markdown), labels);
+  one["varied"] = {{"title", "warm-up 7, period 3"}};
+  EXPECT_THAT(render({summary(one, outcome()), summary(other, outcome())}, Format::markdown),
+              HasSubstr("\n| udp title warm-up 7, period 3 |"));
+}
+
 TEST(TableFormat, PutsALongNameAboveItsNumbers) {
   std::vector<Summary> runs = {ros2("single", 1), ros2("multi", 2)};
   runs[1].run.asked["options"]["rmw"] = "rmw_fastrtps_cpp";

@@ -102,8 +102,11 @@ TEST(TableFormat, GivesABoundOrSaysWhyThereIsNone) {
   bound.level_lies = {4e6, 7e6};
   bound.fit_p = 0.3;
   one.extremes.maxima = one.extremes.peaks = bound;
+  one.extremes.exceedance = 1.0 / 400;
+  one.extremes.answers_for_a_million = 4.4e6;
   EXPECT_THAT(render({one}, Format::table),
-              HasSubstr("5000 [4000, 7000]  0.3  5000 [4000, 7000]  0.3      1"));
+              HasSubstr("400  5000 [4000, 7000]  0.3  5000 [4000, 7000]  0.3      1"));
+  EXPECT_THAT(render({one}, Format::table), HasSubstr("takes 4.4 million answers"));
   one.extremes.peaks->refused = "it drifts";
   const auto text = render({one}, Format::table);
   EXPECT_THAT(text, HasSubstr("udp: no extrapolated worst case, because it drifts"));

@@ -26,12 +26,12 @@ constexpr std::array quantiles = {
     Quantile{"p99.99", 0.9999, &Certainty::p99_99}};
 
 TEST(Certainty, HoldsTheTrueQuantilesAsOftenAsItSays) {
-  constexpr int trials = 200;
+  const int runs = trials(30, 200);
   constexpr std::size_t samples = 20'000;
   for (const auto& kind : kinds()) {
     Random random(21);
     std::array<int, quantiles.size()> held{}, held_surer{}, bounded{};
-    for (int i = 0; i < trials; ++i) {
+    for (int i = 0; i < runs; ++i) {
       const auto found = run_of(kind.series(samples, random)).round_trip_certainty;
       for (std::size_t k = 0; k < quantiles.size(); ++k) {
         const auto& measured = found.*quantiles[k].of;
@@ -42,19 +42,21 @@ TEST(Certainty, HoldsTheTrueQuantilesAsOftenAsItSays) {
       }
     }
     for (std::size_t k = 0; k < quantiles.size(); ++k) {
-      EXPECT_GE(held[k], trials * 93 / 100) << kind.name << " " << quantiles[k].name;
-      EXPECT_GE(held_surer[k], trials * 96 / 100) << kind.name << " " << quantiles[k].name;
+      EXPECT_GE(held[k], runs * 90 / 100) << kind.name << " " << quantiles[k].name;
+      EXPECT_GE(held_surer[k], runs * 93 / 100) << kind.name << " " << quantiles[k].name;
     }
-    // And not by saying nothing, but of the p99 of no more than forty bursts.
-    for (std::size_t k = 0; k < 3; ++k)
-      EXPECT_GE(bounded[k], trials * (k == 2 && kind.name == "bursty" ? 85 : 99) / 100) << kind.name;
+    // And not by saying nothing, but of the p99 of few bursts or effective messages.
+    for (std::size_t k = 0; k < 2; ++k) EXPECT_GE(bounded[k], runs * 80 / 100) << kind.name;
+    EXPECT_TRUE(bounded[2] >= runs * 80 / 100 || kind.name != "independent");
   }
 }
 
 TEST(Certainty, SaysWhichQuantilesTheRunDoesNotSupport) {
   Random random(22);
   const auto few = run_of(kinds().front().series(1000, random)).round_trip_certainty;
-  EXPECT_TRUE(few.p99.sure.high);
+  EXPECT_TRUE(few.p90.sure.high);
+  EXPECT_FALSE(few.p99.sure.high);
+  EXPECT_STREQ(few.p99.open, "fewer than 30 messages are slower");
   EXPECT_FALSE(few.p99_9.sure.high);
   EXPECT_TRUE(few.p99_9.sure.low);
   EXPECT_FALSE(few.p99_99.sure.high);
@@ -124,8 +126,11 @@ TEST(Course, CountsALongSeriesAsTheValuesThatItIs) {
     }
     return std::pair{sum.values, sum.events};
   };
-  for (const std::int64_t threshold : {0, 7, 50, 100, 2000, 6000})
-    EXPECT_EQ(total(whole.above({&threshold, 1})[0]), total(single.above({&threshold, 1})[0])) << threshold;
+  for (const auto count : {Course::Count::above, Course::Count::at_or_above})
+    for (const std::int64_t threshold : {0, 7, 50, 100, 2000, 6000})
+      EXPECT_EQ(total(whole.events({&threshold, 1}, count)[0]),
+                total(single.events({&threshold, 1}, count)[0]))
+          << threshold;
   EXPECT_EQ(total(whole.sums()), total(single.sums()));
 }
 
@@ -181,11 +186,11 @@ TEST(Probability, IsThatOfClopperAndPearson) {
 }
 
 TEST(Probability, HoldsTheTrueOneThoughMissesComeInBursts) {
-  constexpr int trials = 300;
+  const int runs = trials(40, 300);
   constexpr double calm = 2000, burst = 20;
   Random random(24);
   int held = 0, below_bound = 0;
-  for (int i = 0; i < trials; ++i) {
+  for (int i = 0; i < runs; ++i) {
     Batches batches;
     bool in_burst = uniform(random) < burst / (calm + burst);
     for (int k = 0; k < 60'000; ++k) {
@@ -196,8 +201,8 @@ TEST(Probability, HoldsTheTrueOneThoughMissesComeInBursts) {
     held += holds(found.sure, burst / (calm + burst)) ? 1 : 0;
     below_bound += found.bound > burst / (calm + burst) ? 1 : 0;
   }
-  EXPECT_GE(held, trials * 93 / 100);
-  EXPECT_GE(below_bound, trials * 93 / 100);
+  EXPECT_GE(held, runs * 90 / 100);
+  EXPECT_GE(below_bound, runs * 90 / 100);
 }
 
 // As summarise() does: the misses of a run of which none or hardly any was missed.
@@ -208,19 +213,19 @@ Probability missed(const Times_ns& values, double deadline_ns) {
 }
 
 TEST(Probability, HoldsTheTrueOneThoughHardlyAnyIsMissed) {
-  constexpr int trials = 200;
+  const int runs = trials(30, 200);
   for (const auto& kind : kinds())
     for (const double truth : {1e-4, 3e-4, 1e-3}) {  // of 20,000 messages two, six, or twenty
       Random random(25);
       int held = 0, without = 0;
-      for (int i = 0; i < trials; ++i) {
+      for (int i = 0; i < runs; ++i) {
         const auto found = missed(kind.series(20'000, random), kind.quantile(1 - truth));
         held += found.bound > truth ? 1 : 0;
         if (found.events > 0) continue;
         ++without;
         EXPECT_LT(found.bound, 0.01) << kind.name;
       }
-      EXPECT_GE(held, trials * 93 / 100) << kind.name << " " << truth;
+      EXPECT_GE(held, runs * 9 / 10 - 1) << kind.name << " " << truth;
       EXPECT_TRUE(without > 0 || truth > 1e-4) << kind.name;
     }
 }
@@ -245,14 +250,14 @@ TEST(SlowestEffect, IsNotLessForASlowestThatCameAllInOneStall) {
 }
 
 TEST(Probability, HoldsTheTrueOneThoughARunHasFewStallsOrNone) {
-  constexpr int trials = 300;
+  const int runs = trials(60, 300);
   constexpr std::size_t messages = 10'000;
   constexpr double stalls = 4, truth = stalls * stalled / 2 / messages;
   // Of 20 to 40 ms. Half of them pass the deadline with all of their messages, or all of them with half.
   for (const bool wholly : {true, false}) {
     Random random(28);
     int held = 0, without = 0, held_without = 0;
-    for (int i = 0; i < trials; ++i) {
+    for (int i = 0; i < runs; ++i) {
       auto values = kinds().front().series(messages, random);
       std::vector<bool> misses(messages);
       for (std::size_t at = 0; at < messages; ++at) {
@@ -270,27 +275,27 @@ TEST(Probability, HoldsTheTrueOneThoughARunHasFewStallsOrNone) {
       ++without;
       held_without += holds_it;
     }
-    EXPECT_GE(held, trials * 93 / 100) << wholly;
+    EXPECT_GE(held, runs * 90 / 100) << wholly;
     if (wholly) {  // one run in seven sees none, and one of seven of these not even a stall
-      EXPECT_GT(without, trials / 20);
+      EXPECT_GT(without, runs / 20);
       EXPECT_GE(held_without, without / 2);
     }
   }
 }
 
 TEST(Probability, OfACalmRunWithoutAMissIsNearTheRuleOfThree) {
-  constexpr int trials = 200;
+  const int runs = trials(30, 200);
   for (const double rho : {0.0, 0.5})
     for (const double messages : {1000.0, 10'000.0}) {
       Random random(29);
       double sum = 0;
-      for (int i = 0; i < trials; ++i) {
+      for (int i = 0; i < runs; ++i) {
         const auto values = autoregressive("", rho).series(static_cast<std::size_t>(messages), random);
         const auto times = missed(values, 1e12).bound / (3 / messages);
         EXPECT_LT(times, 12) << rho << " " << messages;
         sum += times;
       }
-      EXPECT_LT(sum / trials, 3) << rho << " " << messages;
+      EXPECT_LT(sum / runs, 3) << rho << " " << messages;
     }
 }
 

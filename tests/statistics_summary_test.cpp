@@ -31,7 +31,8 @@ Sample random_sample(std::uint64_t index, std::mt19937_64& random) {
   sample.received_ns = sample.sent_ns + 1 + some_ns(30'000'000);
   if (random() % 2 != 0) return sample;
   sample.server_received_ns = 5'000'000'000 + some_ns(1'000'000'000);
-  sample.server_sent_ns = sample.server_received_ns + some_ns(100'000);
+  const auto longest_ns = std::min<std::int64_t>(sample.received_ns - sample.sent_ns, 100'000);
+  sample.server_sent_ns = sample.server_received_ns + some_ns(static_cast<std::uint64_t>(longest_ns));
   return sample;
 }
 

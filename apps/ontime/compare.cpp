@@ -1,9 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <algorithm>
+#include <filesystem>
+#include <set>
 
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 
 #include "campaign/campaign.hpp"
+#include "chosen_runs.hpp"
 #include "commands.hpp"
 #include "flags.hpp"
 #include "gates.hpp"
@@ -17,39 +21,105 @@ using campaign::Error;
 using Summaries = std::vector<statistics::Summary>;
 
 struct Arguments {
-  std::string a, b, from, to, format = "table", output, plot;
+  std::string a, b, from, to, by, format = "table", output, plot;
   std::vector<std::string> only;
+  bool single_runs = false;
 };
 
-bool is_called(const record::Run& run, const std::string& word) {
-  return std::to_string(run.number) == word ||
-         (run.asked.is_object() && run.asked.value("id", nlohmann::json()) == word);
-}
+struct File {
+  explicit File(std::string name) : path(std::move(name)), reader(path) {}
 
-// The runs of a file that have one of these ids or numbers; all, if there are none.
-Summaries summaries_of(const std::string& file, const std::string& flag,
-                       const std::vector<std::string>& words) {
-  const record::Reader reader(file);
-  const auto runs = reader.runs();
-  for (const auto& word : words)
-    if (std::none_of(runs.begin(), runs.end(), [&](const auto& run) { return is_called(run, word); }))
-      throw Error(2, fmt::format("{}: {} has no run with the id or the number '{}'", flag, file, word));
-  Summaries summaries;
-  for (const auto& run : runs)
-    if (words.empty() ||
-        std::any_of(words.begin(), words.end(), [&](const auto& word) { return is_called(run, word); }))
+  // All if there are no words.
+  Summaries only(const std::vector<std::string>& words) const {
+    Summaries summaries;
+    for (const auto& run : chosen_runs(reader, path, words))
       summaries.push_back(statistics::summarise(reader, run));
-  return summaries;
-}
+    return summaries;
+  }
+
+  // An id or a number; a number stands for the run and its repetitions.
+  Summaries alike(const std::string& word) const {
+    std::set<std::string> keys;
+    std::set<std::int64_t> numbers;
+    for (const auto& run : chosen_runs(reader, path, {word})) {
+      keys.insert(run.key);
+      numbers.insert(run.number);
+    }
+    Summaries summaries;
+    for (const auto& run : reader.runs())
+      if (numbers.contains(run.number) || (keys.size() == 1 && !run.key.empty() && keys.contains(run.key)))
+        summaries.push_back(statistics::summarise(reader, run));
+    return summaries;
+  }
+
+  std::string path;
+  record::Reader reader;
+};
 
 // Runs of one id need not be repetitions of one another.
 void refuse_unlike(const std::string& flag, const std::string& word, const report::Comparison::Runs& runs) {
   for (const auto* run : runs)
     if (run->run.key != runs.front()->run.key)
       throw Error(
-          2, fmt::format("{} {}: runs {} and {} were not measured under the same conditions: say the number "
-                         "of one",
+          2, fmt::format("{} {}: runs {} and {} have different conditions. Give the number of one of them",
                          flag, word, runs.front()->run.number, run->run.number));
+}
+
+void refuse_the_same(const Arguments& arguments) {
+  throw Error(2,
+              fmt::format("A and B are the same runs of {}. Give another file, or --from and --to, or --by",
+                          arguments.a));
+}
+
+bool is_same_file(const Arguments& arguments) {
+  std::error_code ignored;
+  return arguments.b.empty() || std::filesystem::equivalent(arguments.a, arguments.b, ignored);
+}
+
+// `a` and `b` keep what the comparison points to.
+report::Comparison compare_by(const Arguments& arguments, Summaries& a, Summaries& b) {
+  if (!arguments.b.empty()) throw Error(2, "--by compares runs of one file; leave B out");
+  a = File(arguments.a).only(arguments.only);
+  auto values = report::values_of(a, arguments.by);
+  if (values.size() > 2) std::erase(values, report::unset);
+  const auto listed = fmt::format("{}: {}", arguments.by, fmt::join(values, ", "));
+  if (!arguments.from.empty()) {
+    for (const auto& value : {arguments.from, arguments.to})
+      if (std::find(values.begin(), values.end(), value) == values.end())
+        throw Error(2, fmt::format("--by: no run has '{}'. There is {}", value, listed));
+    values = {arguments.from, arguments.to};
+  }
+  if (values.size() != 2)
+    throw Error(
+        2, fmt::format("--by needs two values to compare, and there are {} ({}). {}", values.size(), listed,
+                       values.size() > 2 ? "Choose two by --from and --to" : "See: ontime report"));
+  if (values[0] == values[1]) refuse_the_same(arguments);
+  auto comparison = report::compare_by(a, arguments.by, values[0], values[1]);
+  for (const auto& pair : comparison.pairs)
+    for (const auto* run : pair.to) b.push_back(*run);
+  return comparison;
+}
+
+report::Comparison compare_chosen(const Arguments& arguments, Summaries& a, Summaries& b) {
+  a = File(arguments.a).alike(arguments.from);
+  b = File(arguments.b.empty() ? arguments.a : arguments.b).alike(arguments.to);
+  const auto same = [](const auto& one, const auto& other) { return one.run.number == other.run.number; };
+  if (is_same_file(arguments) && std::equal(a.begin(), a.end(), b.begin(), b.end(), same))
+    refuse_the_same(arguments);
+  auto comparison = report::compare_chosen(a, b);
+  for (const auto& pair : comparison.pairs) {
+    refuse_unlike("--from", arguments.from, pair.from);
+    refuse_unlike("--to", arguments.to, pair.to);
+  }
+  return comparison;
+}
+
+report::Comparison compare_files(const Arguments& arguments, Summaries& a, Summaries& b) {
+  if (arguments.b.empty()) throw Error(2, "compare needs a second results file, or --from and --to, or --by");
+  if (is_same_file(arguments)) refuse_the_same(arguments);
+  a = File(arguments.a).only(arguments.only);
+  b = File(arguments.b).only(arguments.only);
+  return report::compare(a, b);
 }
 
 void draw(const report::Comparison& comparison, const std::string& file) {
@@ -66,66 +136,65 @@ void draw(const report::Comparison& comparison, const std::string& file) {
 int compare(const Arguments& arguments, const GateFlags& flags) {
   const auto format = format_flag(arguments.format);
   const auto gates = flags.gates();
-  const bool chosen = !arguments.from.empty();
-  if (chosen == arguments.to.empty())
-    throw Error(2, "--from and --to belong together: the runs to compare, and those to compare them with");
-  if (!chosen && arguments.b.empty())
-    throw Error(2,
-                "a second results file is needed, or --from and --to, which say what to compare in the one");
-
-  const auto& second = arguments.b.empty() ? arguments.a : arguments.b;
-  const auto words = [&](const std::string& word) { return chosen ? std::vector{word} : arguments.only; };
-  const auto a = summaries_of(arguments.a, chosen ? "--from" : "--only", words(arguments.from));
-  const auto b = summaries_of(second, chosen ? "--to" : "--only", words(arguments.to));
-  const auto comparison = chosen ? report::compare_chosen(a, b) : report::compare(a, b);
-  for (const auto& pair : comparison.pairs) {
-    refuse_unlike("--from", arguments.from, pair.from);
-    refuse_unlike("--to", arguments.to, pair.to);
-  }
+  if (arguments.from.empty() != arguments.to.empty()) throw Error(2, "--from and --to belong together");
+  Summaries a, b;
+  const auto comparison = !arguments.by.empty()     ? compare_by(arguments, a, b)
+                          : !arguments.from.empty() ? compare_chosen(arguments, a, b)
+                                                    : compare_files(arguments, a, b);
+  const auto single_runs = arguments.single_runs ? gate::SingleRuns::judged : gate::SingleRuns::open;
 
   std::vector<gate::Judgement> judgements;
   for (const auto& pair : comparison.pairs)
     for (const auto& gate : gates)
-      if (gate.is_relative()) judgements.push_back(gate::judge(gate, pair.from, pair.to));
+      if (gate.is_relative()) judgements.push_back(gate::judge(gate, pair.from, pair.to, single_runs));
   if (flags.wanted())
     for (const auto& run : b)
       if (!gate::is_superseded(run, b))
         for (auto& judgement : flags.judge(gates, run)) judgements.push_back(std::move(judgement));
-  // What cannot be compared any more holds no line.
+  // A condition that B lacks is no pass.
   if (flags.wanted())
     for (const auto& runs : comparison.only_from)
       judgements.push_back({gate::Judgement::Result::cannot_judge, gate::name_of(runs),
-                            "there is a run of B to compare with", "there is none with the same conditions"});
+                            "B has a run to compare with", "no run of B has the same conditions"});
   if (flags.wanted() && comparison.pairs.empty() && comparison.only_from.empty())
-    judgements.push_back({gate::Judgement::Result::cannot_judge, arguments.a, "there is something to compare",
+    judgements.push_back({gate::Judgement::Result::cannot_judge, arguments.a, "A and B have runs to compare",
                           "A has no run to compare with"});
 
   if (!arguments.plot.empty()) draw(comparison, arguments.plot);
   Output output(arguments.output);
   output.write(report::render(comparison, judgements, format, output_columns()));
   output.finish();
-  return flags.finish(std::move(judgements), second);
+  return flags.finish(std::move(judgements), arguments.b.empty() ? arguments.a : arguments.b);
 }
 
 }  // namespace
 
 void add_compare(Command& app, Action& action) {
   auto* command =
-      app.add_subcommand("compare", "What changed from one results file to another, and how surely");
+      app.add_subcommand("compare", "What changed from one results file to another, with its interval");
   auto arguments = std::make_shared<Arguments>();
-  command->add_option("A", arguments->a, "a results file: what it was")->required();
-  command->add_option("B", arguments->b, "another: what it is now");
-  command->add_option("--only", arguments->only, "only runs with these ids or numbers")
-      ->delimiter(',')
-      ->allow_extra_args(false)
-      ->type_name("ID,...");
-  command->add_option("--from", arguments->from, "compare the runs with this id or number …")
-      ->type_name("ID");
+  command->add_option("A", arguments->a, "a results file: before")->required();
+  command->add_option("B", arguments->b, "another: after");
+  add_only(*command, arguments->only);
+  command
+      ->add_option("--from", arguments->from,
+                   "compare the runs with this id or number (and its repetitions) …")
+      ->type_name("RUN")
+      ->excludes("--only");
   command
       ->add_option("--to", arguments->to,
-                   "… with those, of the same file or of B; their conditions may differ")
-      ->type_name("ID")
+                   "… with these, of the same file or of B; their conditions may differ")
+      ->type_name("RUN")
       ->excludes("--only");
+  command
+      ->add_option(
+          "--by", arguments->by,
+          "compare the runs of A with one value of this key with those with another, all else alike: "
+          "kernel.threaded-napi; --from and --to then name the values")
+      ->type_name("KEY");
+  command->add_flag(
+      "--single-runs", arguments->single_runs,
+      "judge changes although a side has one run; differences between starts are then in no interval");
   add_report_format(*command, arguments->format);
   add_output(*command, arguments->output);
   add_file(*command, "--plot", arguments->plot, "also a figure for a paper: .svg, .pdf or .png");

@@ -37,17 +37,15 @@ std::vector<gate::Gate> GateFlags::gates() const {
 
 std::vector<Judgement> GateFlags::judge(const std::vector<gate::Gate>& gates,
                                         const statistics::Summary& run) const {
-  std::vector<Judgement> judgements;
-  if (!junit_.empty()) judgements.push_back(gate::judge_end(run));
-  for (const auto& gate : gates)
-    if (!gate.is_relative()) judgements.push_back(gate::judge(gate, run));
-  for (auto& judgement : gate::judge_required(run)) judgements.push_back(std::move(judgement));
+  auto judgements = gate::judge_all(gates, run);
+  const bool only_why = judgements.size() == 1 && judgements.front().gate == gate::as_asked;
+  if (!junit_.empty() && !only_why) judgements.insert(judgements.begin(), gate::judge_as_asked(run));
   return judgements;
 }
 
 int GateFlags::finish(std::vector<Judgement> judgements, const std::string& file) const {
   if (wanted() && judgements.empty())
-    judgements.push_back({Judgement::Result::cannot_judge, file, "there is a run", "there is none"});
+    judgements.push_back({Judgement::Result::cannot_judge, file, "the file has a run", "it has none"});
   int code = 0;
   for (const auto& judgement : judgements) {
     const bool held = judgement.result == Judgement::Result::held;

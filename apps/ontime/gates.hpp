@@ -18,13 +18,11 @@ class GateFlags {
   std::vector<gate::Gate> gates() const;
 
   bool wanted() const { return !fail_if_.empty() || !junit_.empty(); }
-  // A run by itself: by the gates that are absolute, and by what its scenario required of it; for JUnit,
-  // whether it was measured to its end.
+  // Of a run by itself: gate::judge_all(); for JUnit also whether it was measured as asked.
   std::vector<gate::Judgement> judge(const std::vector<gate::Gate>&, const statistics::Summary&) const;
 
-  // `file`: what was judged, for who asked for judgements and there was nothing to judge: that is no pass.
-  // Says on standard error what did not hold, and what held only because it cannot be told; writes the JUnit
-  // file, and returns the exit code: 0 or 1.
+  // Prints on standard error what is not plainly ok, writes the JUnit file, and returns the exit code: 0
+  // or 1. `file`: what was judged; if it had nothing to judge, that is no pass.
   int finish(std::vector<gate::Judgement>, const std::string& file) const;
 
  private:

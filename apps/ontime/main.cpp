@@ -6,6 +6,7 @@
 #include "commands.hpp"
 #include "orders/orders.hpp"
 #include "record/record.hpp"
+#include "scenario/scenario.hpp"
 #include "terminal.hpp"
 
 int main(int argc, char** argv) {
@@ -47,6 +48,8 @@ int main(int argc, char** argv) {
     return action();
   } catch (const ontime::orders::Error& error) {
     return failed(error.exit, error.what());
+  } catch (const ontime::scenario::Error& error) {
+    return failed(2, error.what());
   } catch (const ontime::record::WrongFile& error) {
     return failed(2, error.what());
   } catch (const std::exception& error) {

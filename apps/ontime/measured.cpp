@@ -35,7 +35,7 @@ using Notes = std::vector<std::pair<std::int64_t, record::Note>>;  // by the num
 void note(statistics::Summary& summary, const gate::Judgement& judgement, Notes& notes) {
   const bool missed = judgement.result == gate::Judgement::Result::missed;
   const auto text =
-      fmt::format("{}: {}: {}", gate::word_of(judgement.result), judgement.gate, judgement.says);
+      fmt::format("{}: {}: {}", gate::word_of(judgement), judgement.gate, judgement.says);
   const bool known = std::any_of(summary.notes.begin(), summary.notes.end(),
                                  [&](const auto& before) { return before.text == text; });
   if (known) return;
@@ -51,7 +51,7 @@ std::vector<gate::Judgement> judge(std::vector<statistics::Summary>& summaries, 
   for (auto& summary : std::span(summaries).subspan(known)) {
     if (gate::is_superseded(summary, summaries)) continue;
     for (auto& judgement : flags.judge(gates, summary)) {
-      if (judgement.result != gate::Judgement::Result::held && judgement.gate != gate::end)
+      if (judgement.result != gate::Judgement::Result::held && judgement.gate != gate::as_asked)
         note(summary, judgement, notes);
       judgements.push_back(std::move(judgement));
     }
@@ -129,7 +129,7 @@ int show_measured(const Measured& measured, report::Format format, bool full, co
   auto judgements = judge(summaries, measured.known, flags, gates, notes);
   if (flags.wanted() && !measured.unfinished.empty())
     judgements.push_back(
-        {gate::Judgement::Result::cannot_judge, measured.results, gate::end, measured.unfinished});
+        {gate::Judgement::Result::cannot_judge, measured.results, gate::as_asked, measured.unfinished});
   keep(measured.writer, notes, terminal);
   const std::vector<statistics::Summary> fresh(
       summaries.begin() + static_cast<std::ptrdiff_t>(measured.known), summaries.end());

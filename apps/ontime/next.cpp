@@ -58,10 +58,10 @@ int show_next() {
   else
     add(fmt::format("ontime ping --transport {} --loopback", has_udp ? "udp" : transports.front()),
         "a first round trip, 10 s");
-  add("ontime check", "is this machine fit? " + state_of_machine());
-  add(geteuid() == 0 ? "ontime run demo" : "sudo ontime run demo", "under load, with and without real-time");
-  add("ontime init ROBOT", "a scenario for this machine and ROBOT");
-  add("source <(ontime completion bash)", "the shell completes commands, options and values");
+  add("ontime check", "is it fit? " + state_of_machine());
+  add(geteuid() == 0 ? "ontime run demo" : "sudo ontime run demo", "under load, and with real-time");
+  add("ontime init ROBOT", "a scenario with a second machine");
+  add("source <(ontime completion bash)", "complete commands with Tab");
   add("ontime --help", "all commands");
   print(text);
   return 0;

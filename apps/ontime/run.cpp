@@ -4,6 +4,7 @@
 #include <fmt/format.h>
 
 #include "campaign/campaign.hpp"
+#include "campaign/ssh.hpp"
 #include "commands.hpp"
 #include "flags.hpp"
 #include "gates.hpp"
@@ -35,6 +36,15 @@ void expect(Terminal& terminal, const std::vector<campaign::Scenario>& scenarios
   terminal.expect(runs, time);
   if (runs > 1)
     terminal.note(fmt::format("{}{} runs, about {}", searches ? "at most " : "", runs, about(time)));
+}
+
+// The same command, for the runs that these results lack.
+std::string to_go_on(const Arguments& arguments, const std::string& results,
+                     const nlohmann::json& command_line) {
+  auto words = command_line.get<std::vector<std::string>>();
+  if (arguments.results.empty()) words.insert(words.end(), {"--results", results});
+  if (!arguments.resume) words.emplace_back("--resume");
+  return campaign::quoted(words);
 }
 
 int run(const Arguments& arguments, const GateFlags& flags, const nlohmann::json& command_line) {
@@ -70,8 +80,10 @@ int run(const Arguments& arguments, const GateFlags& flags, const nlohmann::json
     }
   }
   if (arguments.only_measure) return code;
-  return show_measured({writer, results, known, code, unfinished}, format, arguments.full, flags, gates,
+  code = show_measured({writer, results, known, code, unfinished}, format, arguments.full, flags, gates,
                        terminal);
+  if (code == 130) terminal.note("to go on: " + to_go_on(arguments, results, command_line));
+  return code;
 }
 
 }  // namespace

@@ -43,7 +43,7 @@ ordered_json line_of(const std::string& file) {
     line["seconds"] = campaign::time_of(scenario).count();
     line["searches"] = std::any_of(scenario.runs.begin(), scenario.runs.end(),
                                    [](const campaign::Run& run) { return run.step.of > 0; });
-  } catch (const campaign::Error& error) {
+  } catch (const scenario::Error& error) {
     line["error"] = error.what();
   }
   return line;

@@ -31,33 +31,16 @@
 
 #include <nlohmann/json.hpp>
 
-#include "realtime/realtime.hpp"
+#include "conditions/conditions.hpp"
 #include "roundtrip/roundtrip.hpp"
 #include "transport/transport.hpp"
 
 namespace ontime::agent {
 
-// The settings of one process. Without them everything stays as it is born: SCHED_OTHER, pageable.
-struct RealtimeSettings {
-  bool on = false;
-  bool lock_memory = false;
-  std::optional<std::chrono::microseconds> cpu_latency;
-  std::map<std::string, realtime::ThreadSettings> threads;  // by role
-};
-
-// One end of one run. With neighbours in another process it is that process: they alone are opened.
-struct Task {
-  std::string transport;
-  transport::Config config;  // `address` is found by the agent; `fifo_priority` follows from `realtime`
-  roundtrip::ClientOptions client;
-  roundtrip::NeighbourOptions neighbours;
-  RealtimeSettings realtime;
-  bool count_instructions = false;  // of each thread; it makes switching between threads a little dearer
-};
-void to_json(nlohmann::json&, const Task&);
-void from_json(const nlohmann::json&, Task&);
-void to_json(nlohmann::json&, const RealtimeSettings&);
-nlohmann::json to_json(const transport::Qos&);
+using conditions::Task;
+// The form of a run in records (conditions::to_json), and what only the end itself is told.
+nlohmann::json to_json(const Task&);
+Task task_of(const nlohmann::json&);
 nlohmann::json to_json(const roundtrip::Counters&);
 nlohmann::json to_json(const roundtrip::NeighbourCounters&);
 roundtrip::Counters counters_of(const nlohmann::json&);
@@ -67,13 +50,6 @@ roundtrip::Counters counters_of(const nlohmann::json&);
 std::string sample_layout();
 std::vector<roundtrip::Sample> samples_of(std::span<const std::uint8_t> bytes);
 std::vector<roundtrip::Server::Answer> answers_of(std::span<const std::uint8_t> bytes);
-
-// The words of scenario files, flags, records and orders. Nothing for another word.
-std::optional<transport::Receive> receive_of(const std::string&);
-std::optional<transport::Reliability> reliability_of(const std::string&);
-std::optional<transport::History> history_of(const std::string&);
-std::optional<transport::Durability> durability_of(const std::string&);
-const char* word_of(transport::Receive);
 
 // Carries out orders from standard input until its end. Returns the exit code.
 int serve();

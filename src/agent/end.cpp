@@ -54,7 +54,7 @@ void check(const transport::Plugin& plugin, const Task& task) {
   const bool listener = task.config.receive == transport::Receive::listener;
   if (listener ? !can.listener : !can.waitset)
     throw Error(2,
-                fmt::format("transport {} cannot receive by {}", plugin.name, word_of(task.config.receive)));
+                fmt::format("transport {} cannot receive by {}", plugin.name, conditions::word_of(task.config.receive)));
   if (task.config.security && !can.security)
     throw Error(2,
                 fmt::format("transport {} has no DDS Security (security: {}); leave it out, or take another "

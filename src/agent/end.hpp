@@ -10,6 +10,7 @@
 
 #include "agent/agent.hpp"
 #include "machine/machine.hpp"
+#include "realtime/realtime.hpp"
 
 namespace ontime::agent {
 

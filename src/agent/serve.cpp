@@ -47,7 +47,7 @@ class Agent final : public orders::Worker {
   void obey(const std::string& order, const json& body) override {
     if (order == "identify") return events_.tell("identified", {{"pid", getpid()}});
     if (order == "open") {
-      end_ = std::make_unique<End>(body.at("task").get<Task>());
+      end_ = std::make_unique<End>(task_of(body.at("task")));
       end_->drop_privileges();
       auto opened = end_->opened();
       opened["ssh_link"] = body.value("ssh", false) ? ssh_link(end_->task().config.interface) : json();

@@ -11,23 +11,15 @@
 #include <string>
 #include <vector>
 
+#include "conditions/around.hpp"
 #include "journal/journal.hpp"
 
 namespace ontime::background {
 
+using conditions::Faults, conditions::Workers;
+
 struct Error : std::runtime_error {
   using std::runtime_error::runtime_error;
-};
-
-// stress-ng's workers, as the paper's `stress`; 0: none of that kind.
-struct Workers {
-  int cpu = 0;                  // --cpu
-  int vm = 0;                   // --vm
-  int io = 0;                   // --iomix is not meant: --io, sync(2) over and over, as stress's -i
-  int hdd = 0;                  // --hdd
-  std::uint64_t vm_bytes = 0;   // of each vm worker; 0: not stated, see fit()
-  std::uint64_t hdd_bytes = 0;  // of each hdd worker; 0: not stated
-  bool any() const { return cpu + vm + io + hdd > 0; }
 };
 
 // Runs from its making to its destruction, which ends it and waits until nothing of it is left, or some
@@ -97,26 +89,6 @@ class Traffic : public Background {
 // ends at once (says what it said).
 std::unique_ptr<Traffic> traffic(const Stream&);
 
-// What is done to the frames that come to an end over its interface, and to those that go.
-struct Faults {
-  double loss = 0;                      // share of those that come
-  double duplicates = 0;                // share of those that go, which go twice
-  std::chrono::microseconds delay{0};   // of those that go
-  std::chrono::microseconds jitter{0};  // by how much the delay varies, either way
-  double reordered = 0;                 // share of those that go without the delay, before those that wait
-  bool cut = false;                     // that it can be cut
-  // What those that go wait in, in the words of tc: "prio bands 3"; and in what below one of its classes:
-  // "prio bands 3 below 1 etf clockid CLOCK_TAI delta 300000"; "": whatever there is.
-  std::string qdisc{};
-  // By which it tells them apart, as SO_PRIORITY has it: of the messages and of the traffic; nothing: as they
-  // are.
-  std::optional<int> message_priority{}, traffic_priority{};
-  bool any() const { return *this != Faults{}; }
-  bool operator==(const Faults&) const = default;
-};
-// Throws Error, for people, for words that name no queueing discipline which can be had as Faults::qdisc.
-void check_qdisc(const std::string& words);
-bool has_etf(const std::string& words);  // which keeps what goes until it is to leave
 // Throws Error that names the first that this kernel has not, by its key; changes nothing. Needs root.
 void check(const Faults&);
 

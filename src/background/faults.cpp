@@ -69,6 +69,10 @@ std::string counting_table(const std::string& table, const std::string& interfac
   if (faults.message_priority)
     priorities += fmt::format("oifname \"{}\" meta l4proto udp {}meta priority set {};\n", interface, except,
                               *faults.message_priority);
+  for (const auto* ip : {"ip", "ip6"})
+    if (faults.dscp)
+      priorities += fmt::format("oifname \"{}\" meta l4proto udp {}{} dscp set {};\n", interface, except, ip,
+                                *faults.dscp);
   for (const auto* port : {"dport", "sport"})
     if (faults.traffic_priority && !others.empty())
       priorities += fmt::format("oifname \"{}\" udp {} {{ {} }} meta priority set {};\n", interface, port,
@@ -152,7 +156,7 @@ void check(const Faults& faults) {
       try_it("link.delay, link.jitter, link.reorder", "the queueing discipline netem, module sch_netem",
              [&] { tc(netem("add", interface, faults)); });
     if (!faults.qdisc.empty())
-      for (const auto& one : disciplines_of(faults.qdisc)) try_discipline(one.words);
+      for (const auto& one : conditions::disciplines_of(faults.qdisc)) try_discipline(one.words);
     if (faults.loss > 0 || faults.cut)
       try_it("link.loss, link.cut", "nftables' hook ingress of the family netdev, from Linux 4.10 on",
              [&] { nft(faults_table(table, interface, {.loss = faults.loss, .cut = faults.cut})); });
@@ -167,7 +171,7 @@ Link::Link(journal::Journal& journal, const Place& place, const Faults& faults,
            const std::vector<int>& traffic_ports)
     : journal_(journal),
       place_(place),
-      has_etf_(has_etf(faults.qdisc)),
+      has_etf_(conditions::has_etf(faults.qdisc)),
       counters_(2U + (faults.any() ? 2U : 0U) + (faults.duplicates > 0 ? 1U : 0U)) {
   if (!journal::is_interface_name(place_.interface))
     throw Error(fmt::format("'{}' is no interface that the link's faults can be had on", place_.interface));

@@ -22,6 +22,7 @@
 namespace ontime::background {
 namespace {
 
+using conditions::disciplines_of;
 using journal::Value;
 using nlohmann::json;
 
@@ -96,35 +97,6 @@ void write_table(const std::string& what, const Value& value, const Value& prese
 }
 
 constexpr unsigned our_qdisc_number = 0x6f74;  // and so on, for those below it
-constexpr std::array known_disciplines = {"prio", "mqprio", "taprio", "etf", "cbs"};
-
-// Of tc's words, of which none is a path or an option of tc itself.
-bool is_word(const std::string& word) {
-  const bool is_negative = word.size() > 1 && word[0] == '-' && word[1] >= '0' && word[1] <= '9';
-  return (word[0] != '-' || is_negative) && std::all_of(word.begin(), word.end(), [](char c) {
-           return (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || (c >= '0' && c <= '9') || c == '_' ||
-                  c == '@' || c == ':' || c == '.' || c == '-';
-         });
-}
-
-bool is_class(const std::string& text) {
-  constexpr std::size_t most_digits = 4;
-  return !text.empty() && text.size() <= most_digits &&
-         text.find_first_not_of("0123456789abcdef") == text.npos && text.find_first_not_of('0') != text.npos;
-}
-
-bool is_qdisc(const std::string& words) {
-  constexpr std::size_t longest = 2000;
-  const auto all = disciplines_of(words);
-  return words.size() <= longest && std::all_of(all.begin(), all.end(), [&](const Discipline& one) {
-           const bool is_root = &one == &all.front();
-           return !one.words.empty() &&
-                  std::find(known_disciplines.begin(), known_disciplines.end(), one.words.front()) !=
-                      known_disciplines.end() &&
-                  (is_root || is_class(one.below)) &&
-                  std::all_of(one.words.begin(), one.words.end(), is_word);
-         });
-}
 
 // "3:eth0"
 bool is_numbered_interface(const std::string& text) {
@@ -135,7 +107,7 @@ bool is_numbered_interface(const std::string& text) {
 
 bool accepts_qdisc(const std::string& what) {
   const auto parts = parts_of(what);
-  return (parts.size() == 2 || (parts.size() == 3 && is_qdisc(parts[2]))) && is_namespace_name(parts[0]) &&
+  return (parts.size() == 2 || (parts.size() == 3 && conditions::is_qdisc(parts[2]))) && is_namespace_name(parts[0]) &&
          (journal::is_interface_name(parts[1]) || is_numbered_interface(parts[1]));
 }
 
@@ -210,38 +182,10 @@ std::string our_qdisc_of(const std::string& words) {
   return fmt::format("{} {}", disciplines_of(words).front().words.front(), our_qdisc_handle);
 }
 
-std::vector<Discipline> disciplines_of(const std::string& words) {
-  std::vector<Discipline> all(1);
-  std::istringstream text(words);
-  for (std::string word; text >> word;)
-    if (word != "below") {
-      all.back().words.push_back(word);
-    } else {
-      all.emplace_back();
-      text >> all.back().below;
-    }
-  return all;
-}
-
 std::vector<std::string> make_root(const std::string& interface, const std::vector<std::string>& words) {
   std::vector<std::string> command = {"qdisc", "add", "dev", interface, "root", "handle", our_qdisc_handle};
   command.insert(command.end(), words.begin(), words.end());
   return command;
-}
-
-bool has_etf(const std::string& words) {
-  const auto all = disciplines_of(words);
-  return std::any_of(all.begin(), all.end(),
-                     [](const Discipline& one) { return !one.words.empty() && one.words.front() == "etf"; });
-}
-
-void check_qdisc(const std::string& words) {
-  if (!is_qdisc(words))
-    throw Error(fmt::format(
-        "'{}' is no queueing discipline in tc's words that can be had: one of {}, with its options "
-        "(tc-prio(8), tc-taprio(8) …), and no path; and after it, where one is to be below a class of it, "
-        "'below' and the class, such as 'below 1 etf clockid CLOCK_TAI delta 300000'",
-        words, fmt::join(known_disciplines, ", ")));
 }
 
 const journal::Kind table_kind = {.name = "nft-table",

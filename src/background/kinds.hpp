@@ -24,12 +24,6 @@ std::string our_qdisc_of(const std::string& words);  // the same of "prio bands 
 std::string table_what(const std::string& netns, const std::string& family, const std::string& name);
 // Of an interface of the caller's network namespace, which `ip netns` calls so.
 std::string qdisc_what(const std::string& netns, const std::string& interface, const std::string& words = "");
-// "prio bands 3 below 1 etf delta 9": {prio bands 3}, below no class, and {etf delta 9}, below the class 1.
-struct Discipline {
-  std::string below;
-  std::vector<std::string> words;
-};
-std::vector<Discipline> disciplines_of(const std::string& words);
 // What has tc make it at the root of an interface.
 std::vector<std::string> make_root(const std::string& interface, const std::vector<std::string>& words);
 

@@ -6,7 +6,6 @@
 
 #include <fmt/format.h>
 
-#include "campaign/keys.hpp"
 #include "campaign/search.hpp"
 #include "campaign/session.hpp"
 #include "gate/gate.hpp"

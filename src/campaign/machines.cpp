@@ -11,8 +11,6 @@
 #include <fmt/format.h>
 
 #include "campaign/deploy.hpp"
-#include "campaign/kernel.hpp"
-#include "campaign/keys.hpp"
 #include "campaign/traffic.hpp"
 #include "keeper/keeper.hpp"
 #include "machine/machine.hpp"
@@ -93,17 +91,6 @@ std::vector<std::string> interface_of(const Host& host) {
   words.insert(words.end(), host.place.begin(), host.place.end());
   words.push_back(host.interface);
   return words;
-}
-
-background::Faults with_priorities_alone(const background::Faults& faults) {
-  background::Faults alone;
-  alone.message_priority = faults.message_priority;
-  alone.traffic_priority = faults.traffic_priority;
-  return alone;
-}
-background::Faults without_priorities(background::Faults faults) {
-  faults.message_priority = faults.traffic_priority = {};
-  return faults;
 }
 
 bool has_traffic(const Together& runs) {
@@ -374,14 +361,14 @@ std::vector<Machines::LinkEnd> Machines::ends_of_links(const Together& runs) con
                       run.component, traffic_ports_of(all), all_by_ip(all), has_traffic(all)});
     if (!host.port.empty())
       ends.push_back({controller, name_at_controller(run.component), host.port,
-                      without_priorities(run.faults), run.cut, run.component});
+                      run.faults.without_marks(), run.cut, run.component});
   }
   const auto& common = runs.front();
   LinkEnd whole{controller,       controller, hosts_.controller.interface, common.faults,
                 common.cut,       "",         traffic_ports_of(runs),      all_by_ip(runs),
                 has_traffic(runs)};
   if (has_ports()) {
-    whole.faults = with_priorities_alone(common.faults);
+    whole.faults = common.faults.marks();
     whole.cut = {};
   }
   ends.push_back(std::move(whole));

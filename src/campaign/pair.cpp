@@ -146,7 +146,7 @@ Pair::End Pair::open(const std::string& host, agent::Task task) {
                    coordinator_.await(*end.agent, "identified", patience, measuring_ ? 1 : 0).at("pid"));
   }
   const bool by_ssh = machines_.by_ssh(host);
-  end.agent->order("open", {{"task", task}, {"ssh", by_ssh}});
+  end.agent->order("open", {{"task", agent::to_json(task)}, {"ssh", by_ssh}});
   end.opened = coordinator_.await(*end.agent, "opened", patience, measuring_ ? 1 : 0);
   if (const auto text = note_of_ssh_link(host, end.opened.at("ssh_link")); !beside && !text.empty())
     writer_.note(number_, {"ssh-link", text, {}, {}});

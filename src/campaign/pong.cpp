@@ -9,7 +9,6 @@
 #include <utility>
 
 #include "campaign/campaign.hpp"
-#include "campaign/keys.hpp"
 #include "campaign/machines.hpp"
 #include "campaign/pair.hpp"
 #include "message/message.hpp"
@@ -166,7 +165,7 @@ int pong(const Run& run, Observer& observer, Interrupts& interrupts,
     if (run.task.config.max_payload_bytes == 0 &&
         !is_below_ip(run.task.transport))  // whose link's MTU says it
       task.config.max_payload_bytes = pong_max_payload_bytes;
-    agent.order("open", {{"task", task}});
+    agent.order("open", {{"task", agent::to_json(task)}});
     const auto opened = coordinator.await(agent, "opened", patience);
     agent.on("answered", [&](const orders::Frame& frame) { traced->add(agent::answers_of(frame.bytes)); });
     agent.order("start", {{"wait_ns", 0}, {"note_answers", run.explain}});

@@ -29,23 +29,6 @@ std::string megabits(const json& bit_s) {
 
 }  // namespace
 
-std::string without_port(const std::string& address) {
-  const auto colon = address.find(':');
-  return colon == address.rfind(':') ? address.substr(0, colon) : address;
-}
-
-const char* word_of(Traffic::Direction direction) {
-  switch (direction) {
-    case Traffic::Direction::both:
-      return "both";
-    case Traffic::Direction::to_component:
-      return "to-component";
-    case Traffic::Direction::to_controller:
-      return "to-controller";
-  }
-  return "";
-}
-
 std::vector<int> ports_of(const Traffic& traffic) {
   if (traffic.bits_per_s == 0) return {};
   return {first_port, first_port + 1};

@@ -11,9 +11,6 @@
 
 namespace ontime::campaign {
 
-// A transport may be told a port with an IPv4 address or a name, which nobody else knows what to do with.
-std::string without_port(const std::string& address);
-
 // The ways that were asked for: "to_component", "to_controller".
 std::vector<std::string> ways_of(const Traffic&);
 std::vector<int> ports_of(const Traffic&);  // at the component

@@ -9,8 +9,8 @@ namespace {
 
 using trace::Kind;
 
-constexpr std::int64_t surely_throttled_ns =
-    10'000'000;                                      // longer than the kernel holds off a real-time thread
+// Longer than a kernel that is not preemptible keeps a real-time thread from its CPU (seen: 10.7 ms).
+constexpr std::int64_t surely_throttled_ns = 20'000'000;
 constexpr std::int64_t after_a_tick_ns = 1'000'000;  // it comes no later than that
 // Longer than any idle state takes to leave, and than a CPU that a hypervisor runs again takes for the
 // interrupts that came meanwhile.
@@ -63,7 +63,7 @@ class Follower {
       }
       switch (stretch.state) {
         case State::ready:
-          waited_for_cpu(stretch, outranked_ns(place));
+          waited_for_cpu(stretch, outranked(place));
           break;
         case State::runs:
           ran(stretch);
@@ -157,16 +157,30 @@ class Follower {
     return between_ns <= of_a_page_ns;
   }
 
-  // In the whole of a wait, of which a thread that is moved from CPU to CPU has several stretches.
-  std::int64_t outranked_ns(std::size_t place) const {
+  // How long, in the whole of a wait, ordinary threads had the CPU of a real-time one; a thread that is moved
+  // from CPU to CPU has several stretches of it. Where the scheduler gave them the CPU meanwhile, or instead
+  // of another real-time thread, it passed over those that are real-time.
+  struct Outranked {
+    std::int64_t ns = 0;
+    bool passed_over = false;
+  };
+  Outranked outranked(std::size_t place) const {
     const auto is_other = [](const Stretch& stretch) { return stretch.state != State::ready; };
     const auto here = stretches_.begin() + static_cast<std::ptrdiff_t>(place);
     auto one = std::find_if(std::make_reverse_iterator(here), stretches_.rend(), is_other).base();
-    std::int64_t sum_ns = 0;
+    Outranked all;
     for (; one != stretches_.end() && !is_other(*one); ++one)
-      for (const auto& held : timeline_.holders(one->cpu, one->from_ns, one->to_ns))
-        if (is_outranked(held, whose_.priority) && is_ordinary(held)) sum_ns += held.to_ns - held.from_ns;
-    return sum_ns;
+      for (const auto& held : timeline_.holders(one->cpu, one->from_ns, one->to_ns)) {
+        if (!is_outranked(held, whose_.priority) || !is_ordinary(held)) continue;
+        all.ns += held.to_ns - held.from_ns;
+        const auto* const came = timeline_.last_switch(one->cpu, held.from_ns);
+        all.passed_over =
+            all.passed_over ||
+            (came != nullptr &&
+             (came->at_ns > one->from_ns + at_once_ns ||
+              (came->what == "R" && came->thread.id != 0 && came->thread.priority < trace::least_ordinary)));
+      }
+    return all;
   }
 
   // Until when a thread was ready and passed over: then at the latest the scheduler let its CPU idle.
@@ -180,7 +194,7 @@ class Follower {
   }
 
   // It was ready: by who had the CPU that it was to run on.
-  void waited_for_cpu(const Stretch& stretch, std::int64_t outranked_ns) {
+  void waited_for_cpu(const Stretch& stretch, const Outranked& outranked) {
     auto left_ns = stretch.length_ns();
     const auto holders = timeline_.holders(stretch.cpu, stretch.from_ns, stretch.to_ns);
     const auto passed_over_ns = passed_over_until_ns(holders, stretch);
@@ -190,7 +204,7 @@ class Follower {
       if (held.thread.id == 0)
         waited_for_idle(stretch, held);
       else
-        waited_for_thread(stretch.cpu, held, passed_over_ns, outranked_ns);
+        waited_for_thread(stretch.cpu, held, passed_over_ns, outranked);
     }
     auto part = whose_;
     part.cause = Cause::unknown;
@@ -203,12 +217,14 @@ class Follower {
   }
 
   void waited_for_idle(const Stretch& stretch, const Held& held) {
-    const bool is_kept = lived(stretch.cpu, stretch.from_ns, stretch.to_ns) ||
-                         timeline_.idles_for_a_ready_thread(stretch.cpu, held.from_ns);
+    const auto* const idled = timeline_.last_switch(stretch.cpu, held.from_ns);
+    const bool is_put_off = idled != nullptr && idled->other.id == 0 && idled->thread.id != 0 &&
+                            idled->what == "R";  // a thread that was ready itself
+    const bool is_kept = is_put_off || lived(stretch.cpu, stretch.from_ns, stretch.to_ns);
     add(is_kept ? Cause::throttled : Cause::idle_cpu, {held.from_ns, held.to_ns, State::ready, stretch.cpu});
   }
 
-  void waited_for_thread(int cpu, const Held& held, std::int64_t passed_over_ns, std::int64_t outranked_ns) {
+  void waited_for_thread(int cpu, const Held& held, std::int64_t passed_over_ns, const Outranked& outranked) {
     const Stretch when{held.from_ns, held.to_ns, State::ready, cpu};
     auto ns = when.length_ns();
     for (const auto& interrupt : timeline_.interrupts(cpu, held.from_ns, held.to_ns)) {
@@ -216,7 +232,7 @@ class Follower {
       ns -= interrupt.to_ns - interrupt.from_ns;
     }
     auto part = whose_;
-    part.cause = why_behind(cpu, held, passed_over_ns, outranked_ns);
+    part.cause = why_behind(cpu, held, passed_over_ns, outranked);
     const bool ran = part.cause == Cause::not_preempted && lived(cpu, held.from_ns, held.to_ns);
     if (part.cause == Cause::cpu || ran) {
       part.culprit = held.thread.name.empty() ? timeline_.name_of(held.thread.id) : held.thread.name;
@@ -227,14 +243,14 @@ class Follower {
   }
 
   // A busy CPU is interrupted by its tick; one that a hypervisor paused is not.
-  Cause why_behind(int cpu, const Held& held, std::int64_t passed_over_ns, std::int64_t outranked_ns) const {
+  Cause why_behind(int cpu, const Held& held, std::int64_t passed_over_ns, const Outranked& all) const {
     const bool outranked = is_outranked(held, whose_.priority);
-    const auto silence_ns = timeline_.silence_ns(cpu, held.from_ns, held.to_ns);
-    if (outranked && silence_ns >= timeline_.tick_ns() + after_a_tick_ns) return Cause::idle_cpu;
+    if (outranked &&
+        timeline_.silence_ns(cpu, held.from_ns, held.to_ns) >= timeline_.tick_ns() + after_a_tick_ns)
+      return Cause::idle_cpu;
     if (is_ordinary(held) && held.to_ns <= passed_over_ns) return Cause::throttled;
     if (!outranked) return Cause::cpu;
-    const bool is_throttled =
-        is_ordinary(held) && outranked_ns >= surely_throttled_ns && silence_ns <= timeline_.tick_ns();
+    const bool is_throttled = is_ordinary(held) && (all.passed_over || all.ns >= surely_throttled_ns);
     return is_throttled ? Cause::throttled : Cause::not_preempted;
   }
 

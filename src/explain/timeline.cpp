@@ -206,13 +206,13 @@ std::vector<Interrupted> Timeline::reclaims(std::int32_t thread, std::int64_t fr
   return all;
 }
 
-bool Timeline::idles_for_a_ready_thread(int cpu, std::int64_t at_ns) const {
-  const Event* last = nullptr;
-  for (const auto& [event, latest_ns] : scheduling_) {
-    if (event.at_ns > at_ns) break;
-    if (event.kind == Kind::switched && event.cpu == cpu) last = &event;
-  }
-  return last != nullptr && last->other.id == 0 && last->thread.id != 0 && last->what == "R";
+const Event* Timeline::last_switch(int cpu, std::int64_t at_ns) const {
+  const auto end = std::partition_point(scheduling_.begin(), scheduling_.end(),
+                                        [&](const Scheduled& one) { return one.event.at_ns <= at_ns; });
+  const auto last = std::find_if(
+      std::make_reverse_iterator(end), scheduling_.rend(),
+      [&](const Scheduled& one) { return one.event.kind == Kind::switched && one.event.cpu == cpu; });
+  return last == scheduling_.rend() || last->latest_ns > last->event.at_ns ? nullptr : &last->event;
 }
 
 bool Timeline::thawed(std::int32_t by, std::int64_t from_ns, std::int64_t to_ns) const {

@@ -62,9 +62,8 @@ class Timeline {
   std::vector<Interrupted> reclaims(std::int32_t thread, std::int64_t from_ns, std::int64_t to_ns) const;
   // Whether that thread thawed a control group then.
   bool thawed(std::int32_t by, std::int64_t from_ns, std::int64_t to_ns) const;
-  // Whether the scheduler let that CPU idle then although a thread that was ready had it: that one is
-  // throttled.
-  bool idles_for_a_ready_thread(int cpu, std::int64_t at_ns) const;
+  // By which that CPU has come to what it is at then; nullptr: none, or none that the kernel traced.
+  const trace::Event* last_switch(int cpu, std::int64_t at_ns) const;
   bool lives(int cpu, std::int64_t from_ns, std::int64_t to_ns) const;  // whether anything happened on it
   // The longest time within which nothing happened on it.
   std::int64_t silence_ns(int cpu, std::int64_t from_ns, std::int64_t to_ns) const;

@@ -134,14 +134,20 @@ Packet Way::last_packet(const End& from, std::int64_t from_ns, std::int64_t to_n
   return last;
 }
 
-// As the kernel joined several packets into one (GRO): the first of them is received, with the bytes of all.
-const Event* joined(const End& to, const Packet& packet, std::int64_t to_ns) {
+// The kernel may join several packets into one (GRO): then the first of them is received, with the bytes of
+// all, and the others are freed with it, which is no drop.
+void find_joined(Packet& packet, const End& to, std::int64_t to_ns) {
+  const bool is_freed = packet.dropped != nullptr && packet.dropped->what.starts_with("skb_release");
+  if (packet.received != nullptr || (packet.dropped != nullptr && !is_freed)) return;
+  const auto until_ns = is_freed ? packet.dropped->at_ns : to_ns;
   const auto& events = to.timeline->events();
   const auto found = std::find_if(events.begin(), events.end(), [&](const Event& event) {
     return event.kind == Kind::received && event.what == to.interface && event.at_ns > packet.sent->at_ns &&
-           event.at_ns <= to_ns && event.bytes > packet.queued->bytes;
+           event.at_ns <= until_ns && event.bytes > packet.queued->bytes;
   });
-  return found == events.end() ? nullptr : &*found;
+  if (found == events.end()) return;
+  packet.received = &*found;
+  packet.dropped = nullptr;
 }
 
 Packet Way::packet(const End& from, const End& to, std::int64_t from_ns, std::int64_t to_ns) const {
@@ -149,7 +155,7 @@ Packet Way::packet(const End& from, const End& to, std::int64_t from_ns, std::in
   auto packet = last_packet(from, from_ns, to_ns);
   if (packet.sent == nullptr || to.timeline == nullptr) return packet;
   if (is_handed_over_) {
-    if (packet.received == nullptr && packet.dropped == nullptr) packet.received = joined(to, packet, to_ns);
+    find_joined(packet, to, to_ns);
     return packet;
   }
   // Over a wire: the last of its size that had come.

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Gates: a line that a figure must not pass, and whether it did. Ordinary thread.
+// Gates: a limit on a metric, and whether a run keeps to it. Ordinary thread.
 //
 //   gate       = [ "response" ] figure ( ">" | "<=" ) limit
 //   figure     = "mean" | "p50" | "p90" | "p99" | "p99.9" | "p99.99" | "max" | "late" | "lost"
@@ -8,7 +8,7 @@
 //              | ( "+" | "-" ) number ( "%" | "ns" … "s" | "points" )  against another run: of what it was,
 //              or so much more
 //
-// Figures are of the round trip, or of the response. What is to fail says ">", what is required "<=".
+// Metrics are of the round trip, or of the response. `--fail-if` says ">", `require` says "<=".
 #pragma once
 
 #include <span>
@@ -38,6 +38,7 @@ struct Gate {
   enum class Limit { count, absolute, ratio, difference } kind = Limit::absolute;
   double limit = 0;  // messages; ns or a share; 1.1 for +10%; ns or a share
   bool is_relative() const { return kind == Limit::ratio || kind == Limit::difference; }
+  std::string requirement() const;  // what must be so: "p99 <= 2 ms", also of "p99 > 2 ms"
 };
 Gate parse(const std::string& text, Use);
 
@@ -59,29 +60,34 @@ std::string unfit(const statistics::Summary&);
 bool is_superseded(const statistics::Summary&, std::span<const statistics::Summary> all);
 
 struct Judgement {
-  // cannot_judge: the run does not tell, whatever it is asked: it was cut off, or is too short for the
-  // figure. Who holds a line must know, so that is no pass.
+  // cannot_judge: the run cannot answer, whatever the limit is: it was cut off, or has too few messages. The
+  // caller must not take that for a pass.
   enum class Result { held, missed, cannot_judge } result = Result::held;
-  std::string run, gate;
-  std::string says;     // the figure, between what it surely lies, and what follows, for people
-  bool is_sure = true;  // else it held only because it cannot be told
+  std::string run, gate;  // gate: the requirement
+  std::string says;       // the metric, its interval, and what follows, for people
+  bool is_sure = true;    // else it held because chance may explain what was measured
 };
 
-// A number of messages and a maximum are what they are. Of all other figures a limit is passed only if they
-// surely do: statistics::exceeds(), ratio_exceeds(), difference_exceeds().
-Judgement judge(const Gate&, const statistics::Summary&);  // none that is relative
-// Of repetitions of the same.
+// A number of messages and a maximum are what they are. All other metrics pass a limit only if chance does
+// not explain it: statistics::exceeds(), ratio_exceeds(), difference_exceeds(). A percentile also keeps to
+// its limit if the share of slower messages does.
+Judgement judge(const Gate&, const statistics::Summary&);  // one that is not relative
+// Of repetitions. A side of one run is judged only if asked for: the interval is then about these runs, and
+// not about what changes from one start to the next.
 using Runs = std::vector<const statistics::Summary*>;
-Judgement judge(const Gate&, const Runs& from, const Runs& to);  // one that is relative
-// "held", "missed", "cannot judge".
-const char* word_of(Judgement::Result);
-// "missed: p99 <= 2 ms (Test1.B udp (run 5)): p99 is 3.1 ms, surely between 2.9 ms and 3.4 ms".
+enum class SingleRuns { open, judged };
+Judgement judge(const Gate&, const Runs& from, const Runs& to,
+                SingleRuns = SingleRuns::open);  // one that is relative
+// "ok", "ok, not certain", "FAIL" or "open".
+const char* word_of(const Judgement&);
+// "FAIL: p99 <= 2 ms (Test1.B udp (run 5)): p99 is 3.1 ms, 98 % interval [2.9 ms, 3.4 ms]".
 std::string text_of(const Judgement&);
-// By what its scenario required of it, out of its record; what is no gate there cannot be judged.
-std::vector<Judgement> judge_required(const statistics::Summary&);
-// Whether it was measured to its end, which is a gate of this name.
-inline constexpr const char* end = "measured to its end";
-Judgement judge_end(const statistics::Summary&);
+// All gates of one run that are not relative, and what its scenario required (from its record). Of a run that
+// cannot be judged a single judgement, as_asked, says why.
+std::vector<Judgement> judge_all(std::span<const Gate>, const statistics::Summary&);
+// Whether it was measured to its end and as asked, which is a gate of this name.
+inline constexpr const char* as_asked = "measured as asked";
+Judgement judge_as_asked(const statistics::Summary&);
 
 // "Test1.B cyclonedds ×2 (run 5)"; of several: "Test1.B cyclonedds". An id of more characters is shortened.
 inline constexpr int longest_id = 60;

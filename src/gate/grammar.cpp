@@ -177,6 +177,12 @@ class Parser {
 
 }  // namespace
 
+std::string Gate::requirement() const {
+  auto positive = text;
+  if (const auto at = positive.find('>'); at != std::string::npos) positive.replace(at, 1, "<=");
+  return positive;
+}
+
 Gate parse(const std::string& text, Use use) { return Parser(text, use).parse(); }
 
 }  // namespace ontime::gate

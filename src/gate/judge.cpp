@@ -31,20 +31,25 @@ std::string figure_of(const Gate& gate) {
   return figure.erase(0, figure.find_first_not_of(" \t"));
 }
 
+// "98 % interval [2.5 ms, 3.5 ms]".
 template <class Text>
-std::string lies(const Interval& interval, Text text) {
+std::string interval(const Interval& interval, Text text) {
   if (interval.low && interval.high)
-    return fmt::format("between {} and {}", text(*interval.low), text(*interval.high));
-  if (interval.low) return fmt::format("above {}", text(*interval.low));
-  if (interval.high) return fmt::format("below {}", text(*interval.high));
-  return "anywhere";
+    return fmt::format("98 % interval [{}, {}]", text(*interval.low), text(*interval.high));
+  if (interval.low) return fmt::format("98 % interval from {}", text(*interval.low));
+  if (interval.high) return fmt::format("98 % interval up to {}", text(*interval.high));
+  return "no interval";
 }
 
-constexpr const char* nothing_answered = "nothing was answered";
-constexpr const char* too_few = "too few messages to tell: measure longer";
+constexpr const char* nothing_answered = "no message was answered";
+constexpr const char* too_few = "too few messages: measure longer";
+constexpr const char* one_run =
+    "one run on a side does not show what changes from one start to the next: repeat the runs (repeat: 5), "
+    "or "
+    "add --single-runs";
 
 Judgement judgement(const Gate& gate, std::string run, Result result, std::string says) {
-  return {result, std::move(run), gate.text, std::move(says)};
+  return {result, std::move(run), gate.requirement(), std::move(says)};
 }
 
 const statistics::Probability& probability_of(const Gate& gate, const Summary& run) {
@@ -52,13 +57,42 @@ const statistics::Probability& probability_of(const Gate& gate, const Summary& r
   return gate.times == statistics::Times::response ? run.late_by_response_probability : run.late_probability;
 }
 
-// So short that it could not have shown that it keeps to the limit. Where nothing is known to come in bursts
-// that hangs on the number of messages alone: what a run can hold is not left to chance.
-bool is_too_short(const Gate& gate, const Summary& run, const statistics::Measured& found) {
-  if (!is_share(gate)) return !found.surer.high;
-  const auto& probability = probability_of(gate, run);
-  return static_cast<double>(probability.messages) <
-         statistics::messages_to_claim(gate.limit, probability.events == 0 ? 1 : probability.effect);
+// The share of messages that a percentile leaves above itself; nothing of what is no percentile.
+std::optional<double> share_above(Figure figure) {
+  switch (figure) {
+    case Figure::p50:
+      return 0.5;
+    case Figure::p90:
+      return 0.1;
+    case Figure::p99:
+      return 0.01;
+    case Figure::p99_9:
+      return 0.001;
+    case Figure::p99_99:
+      return 0.0001;
+    default:
+      return {};
+  }
+}
+
+// What a gate on a time or a share asks of a run: that a probability is no greater than `most`. A percentile
+// keeps to its limit if no more messages than it leaves above itself are slower.
+struct Question {
+  statistics::Probability of;
+  double most = 0;
+};
+std::optional<Question> question_of(const Gate& gate, const Summary& run) {
+  if (is_share(gate)) return Question{probability_of(gate, run), gate.limit};
+  const auto share = share_above(gate.figure);
+  if (!share) return {};
+  return Question{statistics::slower_than(run, gate.times, gate.limit), *share};
+}
+
+// So short that it could not have shown that it keeps to the limit. Where no event says that they come in
+// bursts, the number of messages alone decides: whether a run can pass is not left to chance.
+bool is_too_short(const Question& question) {
+  return static_cast<double>(question.of.messages) <
+         statistics::messages_to_claim(question.most, question.of.events == 0 ? 1 : question.of.effect);
 }
 
 // A sender that stood still has sent nothing that could be late.
@@ -78,8 +112,7 @@ Judgement judge_count(const Gate& gate, const Summary& run) {
   const bool by_response = gate.times == statistics::Times::response;
   const auto late = by_response ? run.late_by_response : std::optional(run.late);
   const auto count = gate.figure == Figure::lost ? std::optional(run.lost) : late;
-  if (!count)
-    return judgement(gate, name_of(run), Result::cannot_judge, "its record does not say its deadline");
+  if (!count) return judgement(gate, name_of(run), Result::cannot_judge, "the record has no deadline");
   return unless_it_stood_still(
       judgement(gate, name_of(run), static_cast<double>(*count) > gate.limit ? Result::missed : Result::held,
                 by_response ? fmt::format("{} of {} cycles", *count, run.sent + run.skipped_cycles)
@@ -92,7 +125,7 @@ Judgement judge_answer(const Gate& gate, std::string run, Answer answer, const s
   if (answer == Answer::yes) return judgement(gate, std::move(run), Result::missed, says);
   auto held = judgement(gate, std::move(run), Result::held, says);
   held.is_sure = answer == Answer::no;
-  if (!held.is_sure) held.says += "; whether that passes the limit cannot be told";
+  if (!held.is_sure) held.says += "; too few messages to be certain";
   return held;
 }
 
@@ -184,19 +217,29 @@ std::string name_of(const Runs& runs) {
   return name;
 }
 
-const char* word_of(Result result) {
-  return result == Result::held ? "held" : result == Result::missed ? "missed" : "cannot judge";
+const char* word_of(const Judgement& judgement) {
+  if (judgement.result == Result::missed) return "FAIL";
+  if (judgement.result == Result::cannot_judge) return "open";
+  return judgement.is_sure ? "ok" : "ok, not certain";
 }
 
 std::string text_of(const Judgement& judgement) {
-  return fmt::format("{}: {} ({}): {}", word_of(judgement.result), judgement.gate, judgement.run,
-                     judgement.says);
+  return fmt::format("{}: {} ({}): {}", word_of(judgement), judgement.gate, judgement.run, judgement.says);
 }
 
-Judgement judge_end(const Summary& run) {
-  const bool complete = statistics::is_complete(run.run);
-  return {complete ? Result::held : Result::cannot_judge, name_of(run), end, complete ? "" : unfit(run)};
+Judgement judge_as_asked(const Summary& run) {
+  const auto why = unfit(run);
+  return {why.empty() ? Result::held : Result::cannot_judge, name_of(run), as_asked, why};
 }
+
+namespace {
+
+std::string why_open(const statistics::Measured& found, const Summary& run) {
+  if (auto shift = statistics::shift_text(run); !shift.empty()) return shift;
+  return *found.open != '\0' ? fmt::format("{}: measure longer", found.open) : too_few;
+}
+
+}  // namespace
 
 Judgement judge(const Gate& gate, const Summary& run) {
   if (const auto why = unfit(run); !why.empty())
@@ -209,21 +252,33 @@ Judgement judge(const Gate& gate, const Summary& run) {
     return unless_it_stood_still(
         judgement(gate, name_of(run), found->value > gate.limit ? Result::missed : Result::held, says), gate,
         run);
-  says += fmt::format(", surely {}", lies(found->surer, [&](double value) { return value_of(gate, value); }));
-  const auto answer = statistics::exceeds(*found, gate.limit);
-  if (answer == Answer::cannot_tell && is_too_short(gate, run, *found))
-    return judgement(gate, name_of(run), Result::cannot_judge, says + ": " + too_few);
-  return unless_it_stood_still(judge_answer(gate, name_of(run), answer, says), gate, run);
+  says += ", " + interval(found->surer, [&](double value) { return value_of(gate, value); });
+  auto answer = statistics::exceeds(*found, gate.limit);
+  const auto question = question_of(gate, run);
+  if (question && !is_share(gate) && answer == Answer::cannot_tell && found->value <= gate.limit) {
+    if (statistics::exceeds(question->of, question->most) == Answer::no) answer = Answer::no;
+    says += fmt::format("; at most {} of {} slower", question->of.events, question->of.messages);
+  }
+  if (answer == Answer::cannot_tell && (question ? is_too_short(*question) : !found->surer.high))
+    return judgement(gate, name_of(run), Result::cannot_judge, says + ": " + why_open(*found, run));
+  auto judged = unless_it_stood_still(judge_answer(gate, name_of(run), answer, says), gate, run);
+  if (const auto shift = statistics::shift_text(run); !judged.is_sure && !shift.empty())
+    judged.says += "; " + shift;
+  return judged;
 }
 
-std::vector<Judgement> judge_required(const Summary& run) {
-  std::vector<Judgement> judgements;
+std::vector<Judgement> judge_all(std::span<const Gate> gates, const Summary& run) {
   const auto& required = at(run.run.asked, "require");
-  if (required.is_null()) return judgements;
-  for (const auto& text : required.is_array() ? required : json::array({required})) {
+  const auto is_of_a_run = [](const Gate& gate) { return !gate.is_relative(); };
+  if (required.is_null() && std::none_of(gates.begin(), gates.end(), is_of_a_run)) return {};
+  if (auto whole = judge_as_asked(run); whole.result != Result::held) return {std::move(whole)};
+  std::vector<Judgement> judgements;
+  for (const auto& gate : gates)
+    if (is_of_a_run(gate)) judgements.push_back(judge(gate, run));
+  for (const auto& text : required.is_null() || required.is_array() ? required : json::array({required})) {
     try {
       judgements.push_back(judge(parse(text_of(text), Use::require), run));
-    } catch (const Error& error) {  // of a version to come, or somebody else's file
+    } catch (const Error& error) {  // the file is of a later version, or damaged
       judgements.push_back({Result::cannot_judge, name_of(run),
                             text.dump(-1, ' ', true, json::error_handler_t::replace), error.what()});
     }
@@ -231,7 +286,7 @@ std::vector<Judgement> judge_required(const Summary& run) {
   return judgements;
 }
 
-Judgement judge(const Gate& gate, const Runs& from, const Runs& to) {
+Judgement judge(const Gate& gate, const Runs& from, const Runs& to, SingleRuns single_runs) {
   const auto name = name_of(to);
   for (const auto* runs : {&from, &to})
     for (const auto* run : *runs) {
@@ -245,17 +300,17 @@ Judgement judge(const Gate& gate, const Runs& from, const Runs& to) {
   const auto figure = figure_of(gate);
   auto says =
       fmt::format("{} went from {} to {}", figure, value_of(gate, change.from), value_of(gate, change.to));
-  if (!change.difference_lies.low)  // that it is worse could never be told
+  if (!change.repeated && single_runs == SingleRuns::open)
+    return judgement(gate, name, Result::cannot_judge, says + ": " + one_run);
+  if (!change.difference_lies.low)  // whatever is measured, it could not be shown to be worse
     return judgement(gate, name, Result::cannot_judge, says + ": " + too_few);
   if (gate.kind == Gate::Limit::difference) {
-    says += fmt::format(", surely by {}", lies(change.difference_lies, [&](double value) {
-                          return (value < 0 ? "" : "+") + value_of(gate, value);
-                        }));
+    says += ", " + interval(change.difference_lies,
+                            [&](double value) { return (value < 0 ? "" : "+") + value_of(gate, value); });
     return judge_answer(gate, name, statistics::difference_exceeds(change, gate.limit), says);
   }
-  if (!change.ratio) {  // of nothing, of which any more is infinitely more; or in some of the repetitions of
-                        // nothing
-    const bool worse = change.verdict == statistics::Verdict::worse;
+  if (!change.ratio) {  // a side had none: any more is infinitely more
+    const bool worse = change.tendency == statistics::Tendency::more;
     const bool passes = change.to > change.from * gate.limit;
     return judge_answer(gate, name,
                         passes && worse ? Answer::yes
@@ -264,8 +319,8 @@ Judgement judge(const Gate& gate, const Runs& from, const Runs& to) {
                         says);
   }
   says += fmt::format(
-      " ({:+.3g} %), surely {}", (*change.ratio - 1) * 100,
-      lies(change.ratio_lies, [](double ratio) { return fmt::format("{:+.3g} %", (ratio - 1) * 100); }));
+      " ({:+.3g} %), {}", (*change.ratio - 1) * 100,
+      interval(change.ratio_lies, [](double ratio) { return fmt::format("{:+.3g} %", (ratio - 1) * 100); }));
   return judge_answer(gate, name, statistics::ratio_exceeds(change, gate.limit), says);
 }
 

@@ -15,21 +15,12 @@
 
 #include <sys/types.h>
 
+#include "conditions/around.hpp"
 #include "journal/journal.hpp"
 
 namespace ontime::isolation {
 
-// What is asked for of a machine.
-struct Wish {
-  std::string cpus;         // to be kept: "1", "2-3"; "": none
-  bool interrupts = false;  // not to come there: settings::away_to(rest())
-  // Of what runs beside, all of it together.
-  double load_quota = 0;  // time on CPUs in that time: 0.5 is half of one CPU; 0: no limit
-  int load_weight = 0;    // 1 to 10000, where everybody has 100; 0: as everybody
-  bool limits() const { return load_quota > 0 || load_weight > 0; }
-  bool any() const { return !cpus.empty() || interrupts || limits(); }
-  bool operator==(const Wish&) const = default;
-};
+using Wish = conditions::Isolation;
 
 class Isolation {
  public:

@@ -46,6 +46,7 @@
 #include <nlohmann/json.hpp>
 
 #include "background/background.hpp"
+#include "conditions/conditions.hpp"
 #include "isolation/isolation.hpp"
 #include "journal/journal.hpp"
 

@@ -1,70 +1,34 @@
 // SPDX-License-Identifier: Apache-2.0
+// What orders ask of a machine has the form that it has in the record of a run: each is a part of one.
 #include "keeper/keeper.hpp"
 
 namespace ontime::keeper {
 
+using conditions::Run, conditions::run_of;
 using nlohmann::json;
 
-namespace {
-
-json or_null(const std::optional<int>& number) { return number ? json(*number) : json(); }
-std::optional<int> number_of(const json& from) {
-  return from.is_null() ? std::nullopt : std::optional(from.get<int>());
-}
-
-}  // namespace
-
 json to_json(const background::Workers& workers) {
-  return {{"cpu", workers.cpu},
-          {"vm", workers.vm},
-          {"io", workers.io},
-          {"hdd", workers.hdd},
-          {"vm_bytes", workers.vm_bytes},
-          {"hdd_bytes", workers.hdd_bytes}};
+  Run run;
+  run.controller_load = workers;
+  return conditions::to_json(run)["load"]["controller"];
 }
-
 background::Workers workers_of(const json& from) {
-  return {from.at("cpu"), from.at("vm"),       from.at("io"),
-          from.at("hdd"), from.at("vm_bytes"), from.at("hdd_bytes")};
+  return run_of({{"load", {{"controller", from}}}}).controller_load;
 }
 
 json to_json(const isolation::Wish& wish) {
-  return {{"cpus", wish.cpus},
-          {"interrupts", wish.interrupts},
-          {"load_quota", wish.load_quota},
-          {"load_weight", wish.load_weight}};
+  Run run;
+  run.isolation = wish;
+  return conditions::to_json(run)["isolation"];
 }
-
-isolation::Wish wish_of(const json& from) {
-  return {.cpus = from.at("cpus"),
-          .interrupts = from.at("interrupts"),
-          .load_quota = from.at("load_quota"),
-          .load_weight = from.at("load_weight")};
-}
+isolation::Wish wish_of(const json& from) { return run_of({{"isolation", from}}).isolation; }
 
 json to_json(const background::Faults& faults) {
-  return {{"loss", faults.loss},
-          {"duplicates", faults.duplicates},
-          {"delay_us", faults.delay.count()},
-          {"jitter_us", faults.jitter.count()},
-          {"reordered", faults.reordered},
-          {"cut", faults.cut},
-          {"qdisc", faults.qdisc},
-          {"message_priority", or_null(faults.message_priority)},
-          {"traffic_priority", or_null(faults.traffic_priority)}};
+  Run run;
+  run.faults = faults;
+  return conditions::to_json(run)["link"];
 }
-
-background::Faults faults_of(const json& from) {
-  return {.loss = from.at("loss"),
-          .duplicates = from.at("duplicates"),
-          .delay = std::chrono::microseconds(from.at("delay_us")),
-          .jitter = std::chrono::microseconds(from.at("jitter_us")),
-          .reordered = from.at("reordered"),
-          .cut = from.at("cut"),
-          .qdisc = from.at("qdisc"),
-          .message_priority = number_of(from.at("message_priority")),
-          .traffic_priority = number_of(from.at("traffic_priority"))};
-}
+background::Faults faults_of(const json& from) { return run_of({{"link", from}}).faults; }
 
 json to_json(const background::Stream& stream) {
   return {{"place", stream.place},         {"serves", stream.serves},

@@ -14,6 +14,8 @@
 
 #include <nlohmann/json.hpp>
 
+#include "conditions/around.hpp"
+
 namespace ontime::journal {
 class Journal;
 }
@@ -156,15 +158,7 @@ std::optional<std::string> answer_of(const std::vector<std::string>& command, st
 struct Cable {
   std::string controller, component;
 };
-// What the way between two namespaces is beside that.
-struct Wire {
-  // At which the frames of each end leave it, one after the other, 64 of them waiting at most; 0: at once.
-  std::uint64_t bits_per_s = 0;
-  // Of the interfaces that the ends have then, which have eight queues, and give frames of priority 0 to 7
-  // that class (PCP) in their tag; 0: none.
-  int vlan = 0;
-  bool any() const { return bits_per_s > 0 || vlan > 0; }
-};
+using conditions::Wire;
 struct NamespaceEnd {
   std::string host;  // "controller", or the component's name
   std::string name, interface, address;

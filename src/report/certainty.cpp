@@ -2,6 +2,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <cstdio>
 #include <map>
 #include <utility>
 
@@ -120,6 +121,8 @@ ordered_json json_of(const std::optional<Bound>& of) {
 ordered_json json_of(const Extremes& of) {
   const auto tested = [&](double p) { return of.maxima || of.peaks ? ordered_json(p) : ordered_json(); };
   return {{"refused", of.refused.empty() ? ordered_json() : ordered_json(of.refused)},
+          {"exceedance", tested(of.exceedance)},
+          {"answers_for_1e-6", tested(of.answers_for_a_million)},
           {"extremal_index", of.index},
           {"trend_p", tested(of.trend_p)},
           {"runs_p", tested(of.runs_p)},
@@ -129,6 +132,20 @@ ordered_json json_of(const Extremes& of) {
 }
 
 }  // namespace
+
+std::string older_note(const std::vector<const Summary*>& runs) {
+  for (const auto* run : runs) {
+    const auto version = word(at(run->run.asked, "ontime"));
+    int major = 0, minor = 0;
+    if (std::sscanf(version.c_str(), "%d.%d", &major, &minor) == 2 && major == 0 && minor < 2)
+      return fmt::format(
+          "measured by ontime {}: intervals, worst cases and gates are computed anew and may differ from "
+          "what it "
+          "printed",
+          version);
+  }
+  return "";
+}
 
 // Where one of the two ways is refused, the other stands on the same ground. What both say, each with its own
 // figure in brackets, is said once.
@@ -180,19 +197,25 @@ Table certainty_table(const std::vector<std::string>& labels, const Group& runs)
     table.rows.push_back({labels[i], interval(of.p50.sure), interval(of.p99.sure), interval(of.p99_9.sure),
                           interval(of.p99_99.sure), interval(runs[i]->missed_probability)});
     if (const auto note = note_of(*runs[i]); !note.empty()) table.notes.push_back(labels[i] + ": " + note);
+    if (const auto text = statistics::shift_text(*runs[i]); !text.empty())
+      table.notes.push_back(labels[i] + ": " + text);
+    else if (!of.p50.sure.low && *of.p50.open != '\0')
+      table.notes.push_back(fmt::format("{}: no interval: {}", labels[i], of.p50.open));
   }
+  if (const auto note = older_note(runs); !note.empty() && !table.rows.empty()) table.notes.push_back(note);
   return table;
 }
 
 Table worst_case_table(const std::vector<std::string>& labels, const Group& runs) {
-  Table table{
-      "",
-      "10⁻⁶ exceedance level by extreme-value theory, valid while conditions stay as they were. Fit, trend: "
-      "p-values; small ones speak against the level.",
-      {{"Slowest (µs)", Column::Align::left}},
-      {},
-      {}};
-  for (const auto* name : {"Seen", "By block\nmaxima", "Fit", "By peaks over\na threshold", "Fit", "Trend"})
+  Table table{"",
+              "Extrapolated worst case: the level that 1 in so many answers exceeds, by extreme-value "
+              "theory, with its "
+              "95 % confidence interval. Fit, trend: p-values; small ones speak against the level.",
+              {{"Slowest (µs)", Column::Align::left}},
+              {},
+              {}};
+  for (const auto* name :
+       {"Seen", "1 in", "By block\nmaxima", "Fit", "By peaks over\na threshold", "Fit", "Trend"})
     table.columns.push_back({name});
   for (std::size_t i = 0; i < runs.size(); ++i) {
     const auto& of = runs[i]->extremes;
@@ -205,8 +228,12 @@ Table worst_case_table(const std::vector<std::string>& labels, const Group& runs
       return bound ? p_value(bound->fit_p) : nothing;
     };
     table.rows.push_back({labels[i], microseconds(static_cast<double>(runs[i]->round_trip.max)),
-                          level(of.maxima), fit(of.maxima), level(of.peaks), fit(of.peaks),
-                          of.maxima ? p_value(of.trend_p) : nothing});
+                          fmt::format("{:.0f}", 1 / of.exceedance), level(of.maxima), fit(of.maxima),
+                          level(of.peaks), fit(of.peaks), of.maxima ? p_value(of.trend_p) : nothing});
+    if (of.exceedance > one_in_a_million)
+      table.notes.push_back(
+          fmt::format("{}: the level that 1 in a million exceeds takes {:.1f} million answers", labels[i],
+                      of.answers_for_a_million / 1e6));
   }
   return table;
 }
@@ -233,9 +260,14 @@ ordered_json json_of(const Certainty& of) {
     const auto& measured = of.*figure;
     result[name] = {{"low", in_us(measured.sure.low)},
                     {"high", in_us(measured.sure.high)},
-                    {"supported", measured.sure.low && measured.sure.high}};
+                    {"supported", measured.sure.low && measured.sure.high},
+                    {"open", *measured.open != '\0' ? ordered_json(measured.open) : ordered_json()}};
     if (figure != &Certainty::mean) result[name]["effect"] = measured.effect;
   }
+  if (of.shift)
+    result["shift"] = {{"share", of.shift->share},
+                       {"before_us", of.shift->before_ns / 1e3},
+                       {"after_us", of.shift->after_ns / 1e3}};
   return result;
 }
 

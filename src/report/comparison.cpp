@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <functional>
 #include <iterator>
 #include <map>
 
@@ -17,6 +18,7 @@ namespace {
 
 using nlohmann::ordered_json;
 using statistics::Figure;
+using statistics::Tendency;
 using statistics::Times;
 using statistics::Verdict;
 using Pair = Comparison::Pair;
@@ -46,6 +48,12 @@ const char* word_of(Verdict verdict) {
   return verdict == Verdict::better ? "better" : verdict == Verdict::worse ? "worse" : "cannot tell";
 }
 
+// Of single runs only what was measured: the next start may turn it round.
+const char* word_of(const statistics::Change& change) {
+  if (change.repeated || change.tendency == Tendency::unclear) return word_of(change.verdict());
+  return change.tendency == Tendency::less ? "lower" : "higher";
+}
+
 // Why the figures of a run are not those of all its messages; empty, if they are.
 std::string why_left_out(const statistics::Summary& run) {
   if (!statistics::is_complete(run.run)) return "not measured to its end";
@@ -63,6 +71,8 @@ Runs whole(const Runs& runs) {
 std::optional<statistics::Change> change_of(const Pair& pair, const Row& row) {
   return statistics::change(whole(pair.from), whole(pair.to), row.times, row.figure);
 }
+
+bool is_repeated(const Pair& pair) { return whole(pair.from).size() > 1 && whole(pair.to).size() > 1; }
 
 // --- for people ---
 
@@ -88,7 +98,7 @@ std::string lies(const Row& row, const statistics::Change& change) {
 // Whether so much lies within that it tells nothing: both a tenth of all messages more and as many less, both
 // half as much and twice.
 bool tells_nothing(const Row& row, const statistics::Change& change) {
-  if (change.verdict != statistics::Verdict::cannot_tell) return false;
+  if (change.tendency != Tendency::unclear) return false;
   const auto beyond = [](const statistics::Interval& lies, double low, double high) {
     return (!lies.low || *lies.low < low) && (!lies.high || *lies.high > high);
   };
@@ -112,7 +122,7 @@ Table table_of(const Pair& pair) {
               {{"Round trip (µs)", Column::Align::left}},
               {},
               {}};
-  for (const auto* name : {"A", "B", "Change", "surely within"}) table.columns.push_back({name});
+  for (const auto* name : {"A", "B", "Change", "98 % interval"}) table.columns.push_back({name});
   table.columns.push_back({"B is", Column::Align::left});
   for (const auto& row : rows) {
     const auto change = change_of(pair, row);
@@ -122,14 +132,18 @@ Table table_of(const Pair& pair) {
     table.rows.push_back({row.name, value_of(row, change->from), value_of(row, change->to),
                           change->ratio && !too_few ? percent(*change->ratio) : nothing,
                           too_few ? nothing : lies(row, *change),
-                          !too_few                                ? word_of(change->verdict)
+                          !too_few                                ? word_of(*change)
                           : pair.from.size() + pair.to.size() > 2 ? "too few runs or messages"
                                                                   : "too few messages"});
   }
   if (table.rows.empty())
-    table.notes.push_back("neither nor: nothing was answered, or it was not measured to its end");
+    table.notes.push_back("nothing to compare: no message was answered, or no run was measured to its end");
   table.notes.insert(table.notes.begin(), fmt::format("A: {}; B: {}", many(pair.from.size(), "run", "runs"),
                                                       many(pair.to.size(), "run", "runs")));
+  if (!table.rows.empty() && !is_repeated(pair))
+    table.notes.push_back(
+        "one run on a side does not show what changes from one start to the next: repeat the runs "
+        "(repeat: 5) to tell better from worse");
   for (const auto* runs : {&pair.from, &pair.to})
     for (const auto* run : *runs) {
       const auto name = fmt::format("{} of {}", gate::name_of(*run), runs == &pair.from ? "A" : "B");
@@ -138,11 +152,16 @@ Table table_of(const Pair& pair) {
       else if (run->round_trip.count == 0)
         table.notes.push_back(
             fmt::format("left out of all but late and lost: {}, nothing was answered", name));
+      if (const auto text = statistics::shift_text(*run); !text.empty())
+        table.notes.push_back(fmt::format("{}: {}", name, text));
       if (const auto text = remarks(*run); !text.empty())
         table.notes.push_back(fmt::format("{}: {}", name, text));
     }
   if (const auto text = list_of(differences(pair.from, pair.to)); !text.empty())
     table.notes.push_back("not the same (A → B): " + text);
+  for (const auto* runs : {&pair.from, &pair.to})
+    if (const auto text = older_note(*runs); !text.empty())
+      table.notes.push_back(fmt::format("{} was {}", runs == &pair.from ? "A" : "B", text));
   return table;
 }
 
@@ -201,7 +220,12 @@ ordered_json json_of(const Row& row, const statistics::Change& change) {
           {"ratio", optional(change.ratio, 1)},
           {"ratio_low", optional(change.ratio_lies.low, 1)},
           {"ratio_high", optional(change.ratio_lies.high, 1)},
-          {"verdict", word_of(change.verdict)}};
+          {"verdict", word_of(change.verdict())}};
+}
+
+const char* json_word_of(gate::Judgement::Result result) {
+  using Result = gate::Judgement::Result;
+  return result == Result::held ? "held" : result == Result::missed ? "missed" : "cannot judge";
 }
 
 ordered_json runs_json_of(const Runs& runs) {
@@ -229,13 +253,15 @@ ordered_json json_of(const Pair& pair) {
     not_the_same.push_back({{"what", what}, {"from", from}, {"to", to}});
   return {{"from", runs_json_of(pair.from)},
           {"to", runs_json_of(pair.to)},
+          {"repeated", is_repeated(pair)},
           {"figures", figures},
           {"not_the_same", not_the_same}};
 }
 
+using KeyOf = std::function<std::string(const statistics::Summary&)>;
+
 // In the order of their first ones.
-template <class Key>
-Comparison compare_by(const Runs& a, const Runs& b, Key key_of) {
+Comparison pairs_of(const Runs& a, const Runs& b, const KeyOf& key_of) {
   std::vector<std::string> order;
   std::map<std::string, Pair> found;
   const auto add = [&](const Runs& runs, Runs Pair::*side) {
@@ -260,10 +286,44 @@ Comparison compare_by(const Runs& a, const Runs& b, Key key_of) {
   return comparison;
 }
 
+// The member that a scenario calls so: "kernel.threaded-napi"; "period" is recorded as period_us.
+nlohmann::json* member(nlohmann::json& conditions, const std::string& key) {
+  auto* found = &conditions;
+  for (auto name : split(key, '.')) {
+    if (!found->is_object()) return nullptr;
+    if (!found->contains(name)) {
+      std::replace(name.begin(), name.end(), '-', '_');
+      for (const auto* unit : {"", "_us", "_s", "_bytes", "_bit_s"})
+        if (found->contains(name + unit)) {
+          name += unit;
+          break;
+        }
+    }
+    if (!found->contains(name)) return nullptr;
+    found = &(*found)[name];
+  }
+  return found;
+}
+
+std::string text_of(const nlohmann::json& json) {
+  return json.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace);
+}
+
+// Its value of `key`, and all else that was asked for.
+std::pair<std::string, std::string> split_by(const std::string& key, const statistics::Summary& summary) {
+  auto conditions = record::conditions_of(summary.run.asked);
+  if (!conditions.is_object()) return {unset, ""};
+  auto* const found = member(conditions, key);
+  const auto value = found == nullptr || found->is_null() ? unset : word(*found);
+  if (found != nullptr) *found = nullptr;
+  conditions.erase("id");
+  return {value, text_of(conditions)};
+}
+
 }  // namespace
 
 Comparison compare(const Summaries& a, const Summaries& b) {
-  return compare_by(all_of(a), all_of(b), [](const auto& summary) { return summary.run.key; });
+  return pairs_of(all_of(a), all_of(b), [](const auto& summary) { return summary.run.key; });
 }
 
 Comparison compare_chosen(const Summaries& a, const Summaries& b) {
@@ -272,15 +332,34 @@ Comparison compare_chosen(const Summaries& a, const Summaries& b) {
     for (const auto* name : {"transport", "component_transport", "options", "component_options", "receive",
                              "variant", "beside", "thread"})
       key.push_back(at(summary.run.asked, name));
-    return key.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace);
+    return text_of(key);
   };
-  auto comparison = compare_by(all_of(a), all_of(b), key_of);
+  auto comparison = pairs_of(all_of(a), all_of(b), key_of);
   if (comparison.pairs.empty() && comparison.only_from.size() == 1 && comparison.only_to.size() == 1) {
     comparison.pairs.push_back({comparison.only_from.front(), comparison.only_to.front()});
     comparison.only_from.clear();
     comparison.only_to.clear();
   }
   return comparison;
+}
+
+std::vector<std::string> values_of(const Summaries& runs, const std::string& key) {
+  std::vector<std::string> values;
+  for (const auto& run : runs)
+    if (auto value = split_by(key, run).first; std::find(values.begin(), values.end(), value) == values.end())
+      values.push_back(std::move(value));
+  return values;
+}
+
+Comparison compare_by(const Summaries& runs, const std::string& key, const std::string& from,
+                      const std::string& to) {
+  Runs a, b;
+  for (const auto& run : runs) {
+    const auto value = split_by(key, run).first;
+    if (value == from) a.push_back(&run);
+    if (value == to) b.push_back(&run);
+  }
+  return pairs_of(a, b, [&](const auto& summary) { return split_by(key, summary).second; });
 }
 
 Page page_of(const Comparison& comparison, const std::vector<gate::Judgement>& judgements) {
@@ -293,9 +372,8 @@ Page page_of(const Comparison& comparison, const std::vector<gate::Judgement>& j
   for (const auto& judgement : judgements) page.notes.push_back(gate::text_of(judgement));
   if (!page.tables.empty())
     page.legend =
-        "The true change lies surely within, with 98 % confidence, whatever bursts there were. Cannot tell: "
-        "what "
-        "was measured may be chance.";
+        "98 % interval: it holds the true change with 98 % confidence. Cannot tell: chance may explain the "
+        "difference.";
   return page;
 }
 
@@ -312,7 +390,7 @@ ordered_json json_of(const Comparison& comparison, const std::vector<gate::Judge
   result["gates"] = list(judgements, [](const gate::Judgement& judgement) {
     return ordered_json{{"gate", judgement.gate},
                         {"run", judgement.run},
-                        {"result", gate::word_of(judgement.result)},
+                        {"result", json_word_of(judgement.result)},
                         {"says", judgement.says}};
   });
   return result;

@@ -9,6 +9,7 @@
 
 #include <fmt/format.h>
 
+#include "conditions/conditions.hpp"
 #include "report/report.hpp"
 #include "report/words.hpp"
 
@@ -32,81 +33,112 @@ struct Phrase {
   enum class Where { everywhere, in_labels } where = Where::everywhere;
 };
 
-std::string load(const json& run) {
-  const auto& asked = at(run, "load");
-  if (!asked.is_object()) return "";
+// What was asked, as far as it could be asked of ontime; the record itself tells what was stated.
+struct Asked {
+  const json& record;
+  conditions::Run run;
+  const json& stated(const std::string& name) const { return conditions::member_of(record, name); }
+};
+
+std::string percent(const json& share) {
+  return share.is_number() ? fmt::format("{:.4g} %", share.get<double>() * 100) : nothing;
+}
+
+std::string seconds(const json& s) { return s.is_number() ? duration(s.get<double>() * 1e6) : nothing; }
+
+// "every 10 ms"; "": the record does not say it.
+std::string phrase_of(const conditions::Field& field, const json& value) {
+  using Unit = conditions::Field::Unit;
+  if (value.is_null()) return "";
+  const auto words = field.unit == Unit::us      ? duration(value)
+                     : field.unit == Unit::s     ? seconds(value)
+                     : field.unit == Unit::bytes ? size(value)
+                     : field.unit == Unit::share ? percent(value)
+                                                 : word(value);
+  return fmt::format(fmt::runtime(field.phrase), shortened(words, longest_value));
+}
+
+// Of a group of fields those that are not as by default: "loses 1 %, delays 3 ms".
+std::vector<std::string> phrases_below(const std::string& path, const Asked& asked) {
+  static const conditions::Run by_default;
+  std::vector<std::string> phrases;
+  for (const auto& field : conditions::keys())
+    if (field.path.starts_with(path) && !field.phrase.empty())
+      if (const auto& value = asked.stated(field.json);
+          !value.is_null() && value != field.to_json(by_default))
+        phrases.push_back(phrase_of(field, value));
+  return phrases;
+}
+
+std::string words_of(const conditions::Workers& load) {
+  std::vector<std::string> parts;
+  const auto add = [&](int number, const char* kind, std::uint64_t bytes) {
+    if (number > 0)
+      parts.push_back(fmt::format("{} {}{}", number, kind, bytes > 0 ? " of " + size(bytes) : ""));
+  };
+  add(load.cpu, "cpu", 0);
+  add(load.vm, "vm", load.vm_bytes);
+  add(load.io, "io", 0);
+  add(load.hdd, "hdd", load.hdd_bytes);
+  return join(parts, ", ");
+}
+
+std::string load(const Asked& asked) {
+  if (!asked.stated("load").is_object()) return "";
   std::vector<std::string> hosts;
-  for (const auto* host : {"controller", "component"})
-    if (const auto text = workers(at(asked, host)); !text.empty()) hosts.push_back(text + " on the " + host);
+  if (const auto text = words_of(asked.run.controller_load); !text.empty())
+    hosts.push_back(text + " on the controller");
+  if (const auto text = words_of(asked.run.component_load); !text.empty())
+    hosts.push_back(text + " on the component");
   if (!hosts.empty()) return "load: " + join(hosts, " and ");
-  return at(run, "hosts").is_null() ? "" : "no load";  // by hand nobody knows what else runs
+  return asked.stated("hosts").is_null() ? "" : "no load";  // a run by hand does not know what else runs
 }
 
-std::string traffic(const json& asked) {
-  const auto& direction = at(asked, "direction");
-  auto text = fmt::format("traffic: {} Mbit/s {}", megabits(at(asked, "bit_s")),
-                          direction == "to-component"    ? "to the component"
-                          : direction == "to-controller" ? "to the controller"
-                                                         : "each way");
-  text += fmt::format(" in datagrams of {}", size(at(asked, "datagram_bytes")));
-  if (const auto priority = count(at(asked, "priority")); priority > 0)
-    text += fmt::format(" at SCHED_FIFO {}", priority);
+const char* direction(bool there, bool back) {
+  return !back ? "to the component" : !there ? "to the controller" : "each way";
+}
+
+std::string traffic(const conditions::Traffic& traffic) {
+  using Direction = conditions::Traffic::Direction;
+  auto text = fmt::format(
+      "traffic: {} Mbit/s {} in datagrams of {}", megabits(traffic.bits_per_s),
+      direction(traffic.direction != Direction::to_controller, traffic.direction != Direction::to_component),
+      size(traffic.datagram_bytes));
+  if (traffic.priority > 0) text += fmt::format(" at SCHED_FIFO {}", traffic.priority);
   return text;
-}
-
-const char* place_of_neighbours(const json& where) {
-  if (where == "same-callback-group") return "in the same callback group";
-  if (where == "same-node") return "in another callback group of the node";
-  if (where == "same-executor") return "in another node of the executor";
-  if (where == "own-executor") return "in the same node, with an executor of their own";
-  if (where == "same-participant") return "in the same participant";
-  if (where == "same-process") return "in another participant of the process";
-  return "in another process";
 }
 
 // "4 neighbours of 1 KiB each way, reliable", "at 100 Hz", "in another process": each may be what runs differ
 // in.
-void add_neighbours(std::vector<Phrase>& phrases, const json& asked) {
-  if (!asked.is_object()) return;
-  const auto &where = at(asked, "where"), &rate = at(asked, "rate_hz");
-  auto text = fmt::format("{} of {} {}, {}", many(count(at(asked, "topics")), "neighbour", "neighbours"),
-                          size(at(asked, "payload_bytes")),
-                          !is_true(at(asked, "back"))    ? "to the component"
-                          : !is_true(at(asked, "there")) ? "to the controller"
-                                                         : "each way",
-                          word(at(asked, "reliability")));
-  if (const auto priority = count(at(asked, "priority")); priority > 0)
-    text += fmt::format(" with SCHED_FIFO {}", priority);
+void add_neighbours(std::vector<Phrase>& phrases, const Asked& asked) {
+  static constexpr const char* places[] = {"in the same callback group",
+                                           "in another callback group of the node",
+                                           "in another node of the executor",
+                                           "in the same node, with an executor of their own",
+                                           "in the same participant",
+                                           "in another participant of the process",
+                                           "in another process"};
+  const auto& neighbours = asked.run.task.neighbours;
+  if (neighbours.topics == 0) return;
+  auto text = fmt::format("{} of {} {}, {}",
+                          many(static_cast<std::uint64_t>(neighbours.topics), "neighbour", "neighbours"),
+                          size(neighbours.payload_bytes), direction(neighbours.there, neighbours.back),
+                          conditions::word_of(neighbours.reliability));
+  if (neighbours.priority > 0) text += fmt::format(" with SCHED_FIFO {}", neighbours.priority);
   phrases.push_back({"neighbours", text});
-  const double hz = rate.is_number() ? rate.get<double>() : 0;
+  const double hz = 1e9 / static_cast<double>(neighbours.period.count());
   phrases.push_back(
       {"neighbours.rate", fmt::format("at {:.4g} {}", hz < 1000 ? hz : hz / 1000, hz < 1000 ? "Hz" : "kHz")});
-  if (const auto& callback = at(asked, "callback_us"); callback.is_number() && callback > 0)
+  if (const auto callback = static_cast<double>(neighbours.callback.count()) / 1e3; callback > 0)
     phrases.push_back({"neighbours.callback", fmt::format("with callbacks of {}", duration(callback))});
-  phrases.push_back({"neighbours.where", place_of_neighbours(where)});
+  phrases.push_back({"neighbours.where", places[static_cast<std::size_t>(neighbours.where)]});
 }
 
-std::string percent(const json& share) { return fmt::format("{:.4g} %", share.get<double>() * 100); }
-
-std::string link(const json& asked) {
-  std::vector<std::string> faults;
-  const auto is_some = [&](const char* key) { return at(asked, key).is_number() && at(asked, key) > 0; };
-  if (is_some("loss")) faults.push_back("loses " + percent(at(asked, "loss")));
-  if (is_some("duplicates")) faults.push_back("doubles " + percent(at(asked, "duplicates")));
-  if (is_some("delay_us")) {
-    auto text = "delays " + duration(at(asked, "delay_us"));
-    if (is_some("jitter_us")) text += " ± " + duration(at(asked, "jitter_us"));
-    if (is_some("reordered")) text += fmt::format(" but for {}", percent(at(asked, "reordered")));
-    faults.push_back(text);
-  }
-  if (const auto& qdisc = at(asked, "qdisc"); is_said(qdisc))
-    faults.push_back("queues by " + shortened(word(qdisc), longest_value));
-  if (at(asked, "message_priority").is_number())
-    faults.push_back("sends messages with priority " + word(at(asked, "message_priority")));
-  if (at(asked, "traffic_priority").is_number())
-    faults.push_back("sends traffic with priority " + word(at(asked, "traffic_priority")));
-  if (const auto& cut = at(asked, "cut"); cut.is_object())
-    faults.push_back(fmt::format("is cut at {} s for {} ms", word(at(cut, "at_s")), word(at(cut, "for_ms"))));
+std::string link(const Asked& asked) {
+  auto faults = phrases_below("link.", asked);
+  if (const auto& cut = asked.run.cut)
+    faults.push_back(
+        fmt::format("is cut at {} for {}", conditions::text_of(cut->at), conditions::text_of(cut->length)));
   return faults.empty() ? "" : "a link that " + join(faults, ", ");
 }
 
@@ -129,28 +161,13 @@ std::string kernel(const json& asked) {
   return parts.empty() ? "" : "kernel: " + join(parts, ", ");
 }
 
-// "CPUs 2-3 kept, interrupts elsewhere, load and traffic with 50 % of a CPU".
-std::string isolation(const json& asked) {
-  std::vector<std::string> parts;
-  if (const auto& cpus = at(asked, "cpus"); is_said(cpus))
-    parts.push_back(fmt::format("CPUs {} kept", word(cpus)));
-  if (is_true(at(asked, "interrupts"))) parts.emplace_back("interrupts elsewhere");
-  if (const auto& quota = at(asked, "load_quota"); quota.is_number() && quota > 0)
-    parts.push_back("load and traffic with " + percent(quota) + " of a CPU");
-  if (const auto& weight = at(asked, "load_weight"); weight.is_number() && weight > 0)
-    parts.push_back("load and traffic of weight " + word(weight));
-  return join(parts, ", ");
-}
-
-std::string quality_of_service(const json& qos) {
-  if (!qos.is_object()) return "";
-  auto text = word(at(qos, "reliability")) + " " + word(at(qos, "history"));
-  if (at(qos, "history") == "keep-last") text += " " + word(at(qos, "depth"));
-  if (at(qos, "durability") != "volatile") text += " " + word(at(qos, "durability"));
+std::string quality_of_service(const transport::Qos& qos) {
+  auto text = fmt::format("{} {}", conditions::word_of(qos.reliability), conditions::word_of(qos.history));
+  if (qos.history == transport::History::keep_last) text += fmt::format(" {}", qos.depth);
+  if (qos.durability != transport::Durability::volatile_)
+    text += fmt::format(" {}", conditions::word_of(qos.durability));
   return text;
 }
-
-std::string seconds(const json& s) { return s.is_number() ? duration(s.get<double>() * 1e6) : nothing; }
 
 bool any_refused(const Summary& summary) {
   const auto& hosts = at(summary.run.outcome, "hosts");
@@ -218,63 +235,70 @@ std::string interfaces(const json& asked) {
 }
 
 // Where there are several components, the name of each is in its topics; it is told by itself.
-void add_topics(std::vector<Phrase>& phrases, const json& asked) {
-  if (at(asked, "ping_topic").is_null() || at(asked, "pong_topic").is_null()) return;
-  const auto& component = at(asked, "component");
-  const auto topic = [&](const char* key) {
-    auto name = word(at(asked, key));
-    const auto own = fmt::format("/{}/", word(component));
-    if (const auto place = component.is_null() ? name.npos : name.rfind(own); place != name.npos)
+void add_topics(std::vector<Phrase>& phrases, const Asked& asked) {
+  const auto topic = [&](std::string name) {
+    name = printable(name);
+    const auto own = fmt::format("/{}/", asked.run.component);
+    if (const auto place = asked.stated("component").is_null() ? name.npos : name.rfind(own);
+        place != name.npos)
       name.erase(place, own.size() - 1);
     return name;
   };
-  const auto ping = topic("ping_topic"), pong = topic("pong_topic");
+  const auto ping = topic(asked.run.task.config.ping_topic), pong = topic(asked.run.task.config.pong_topic);
   if (ping != "/ping" || pong != "/pong")
     phrases.push_back({"topics", fmt::format("topics {} and {}", ping, pong)});
 }
 
 // The conditions of a run in words, each for itself; nothing of what its record does not say.
 std::vector<Phrase> phrases_of(const Summary& summary) {
-  const auto& asked = summary.run.asked;
+  const auto& record = summary.run.asked;
+  const Asked asked{record, conditions::run_of_record(record)};
+  const auto& client = asked.run.task.client;
   std::vector<Phrase> phrases;
-  const auto add = [&](const char* key, const json& said, const std::string& text,
+  std::set<std::string_view> done{"domain"};
+  const auto add = [&](const char* key, const char* name, const std::string& text,
                        Phrase::Where where = Phrase::Where::everywhere) {
-    if (!said.is_null() && !text.empty()) phrases.push_back({key, text, where});
+    if (!asked.stated(name).is_null() && !text.empty()) phrases.push_back({key, text, where});
   };
-  const auto& realtime = at(asked, "realtime");
-  const auto& period = at(asked, "period_us");
-  const auto& schedule = at(asked, "schedule");
-  add("realtime", realtime,
-      !is_true(realtime)     ? "SCHED_OTHER"
-      : any_refused(summary) ? "real-time settings, not all given (see below)"
-                             : "real-time settings");
-  add("payload", at(asked, "payload_bytes"), size(at(asked, "payload_bytes")));
-  if (schedule != "back-to-back") add("period", period, "every " + duration(period));
-  add("schedule", schedule, word(schedule));
-  add("launch-time", at(asked, "launch_us"),
-      "launched " + duration(at(asked, "launch_us")) + " after it was due");
-  if (at(asked, "deadline_us") != period)
-    add("deadline", at(asked, "deadline_us"), "deadline " + duration(at(asked, "deadline_us")));
-  add("timeout", at(asked, "timeout_us"), "time-out " + duration(at(asked, "timeout_us")),
-      Phrase::Where::in_labels);
-  add("qos", at(asked, "qos"), quality_of_service(at(asked, "qos")));
-  add("receive", at(asked, "receive"), word(at(asked, "receive")));
+  const auto add_field = [&](const conditions::Field& field,
+                             Phrase::Where where = Phrase::Where::everywhere) {
+    if (field.phrase.empty() || !done.insert(field.path).second) return;
+    if (const auto text = phrase_of(field, asked.stated(field.json)); !text.empty())
+      phrases.push_back({field.path, text, where});
+  };
+  const auto say = [&](std::initializer_list<std::string_view> paths) {
+    for (const auto path : paths)
+      for (const auto& field : conditions::keys())
+        if (field.path == path)
+          add_field(field, path == "timeout" ? Phrase::Where::in_labels : Phrase::Where::everywhere);
+  };
+  if (client.schedule == roundtrip::Schedule::back_to_back) done.insert("period");
+  if (asked.stated("deadline_us") == asked.stated("period_us")) done.insert("deadline");
+  if (asked.run.task.config.domain != 0) done.erase("domain");
+  add("realtime", "realtime",
+      !asked.run.task.realtime.on ? "SCHED_OTHER"
+      : any_refused(summary)      ? "real-time settings, not all given (see below)"
+                                  : "real-time settings");
+  say({"payload", "period", "schedule", "launch-time", "deadline", "timeout"});
+  add("qos", "qos", quality_of_service(asked.run.task.config.qos));
+  say({"receive"});
   add_options(phrases, summary);
-  if (const auto& domain = at(asked, "domain"); domain != 0) add("domain", domain, "domain " + word(domain));
-  add("security", at(asked, "security"), "security " + word(at(asked, "security")));
+  say({"domain", "security"});
   add_topics(phrases, asked);
-  add("component", at(asked, "component"), "component " + word(at(asked, "component")));
-  add("beside", at(asked, "beside"), "beside " + word(at(asked, "beside")));
-  add("interface", at(asked, "interface"), interfaces(asked));
-  add("duration", at(asked, "duration_s"), seconds(at(asked, "duration_s")));
-  add("load", at(asked, "load"), load(asked));
-  add("traffic", at(asked, "traffic"), traffic(at(asked, "traffic")));
-  add_neighbours(phrases, at(asked, "neighbours"));
-  add("link", at(asked, "link"), link(at(asked, "link")));
-  add("wire", at(asked, "wire"), wire(at(asked, "wire")));
-  add("isolation", at(asked, "isolation"), isolation(at(asked, "isolation")));
-  add("kernel", at(asked, "kernel"), kernel(at(asked, "kernel")));
-  add("hosts", at(asked, "hosts"), "hosts " + word(at(asked, "hosts")), Phrase::Where::in_labels);
+  add("component", "component", "component " + word(asked.stated("component")));
+  add("beside", "beside", "beside " + word(asked.stated("beside")));
+  add("interface", "interface", interfaces(record));
+  say({"duration"});
+  for (const auto& field : conditions::keys())
+    if (!field.path.starts_with("link.") && !field.path.starts_with("isolation.")) add_field(field);
+  add("load", "load", load(asked));
+  add("traffic", "traffic", traffic(asked.run.traffic));
+  add_neighbours(phrases, asked);
+  add("link", "link", link(asked));
+  add("wire", "wire", wire(asked.stated("wire")));
+  add("isolation", "isolation", join(phrases_below("isolation.", asked), ", "));
+  add("kernel", "kernel", kernel(asked.stated("kernel")));
+  add("hosts", "hosts", "hosts " + word(asked.stated("hosts")), Phrase::Where::in_labels);
   return phrases;
 }
 
@@ -318,40 +342,47 @@ Compared compare(const Group& group) {
   return result;
 }
 
-// A variant is what a scenario's lists made: "payload 32 KiB, realtime.priority 50". What it says of
-// conditions that have words of their own is in those.
-void add_variant(std::string& label, const json& variant, const std::vector<Phrase>& phrases) {
-  if (!variant.is_string()) return;
-  const auto text = word(variant);
-  for (std::size_t begin = 0; begin < text.size();) {
-    const auto end = std::min(text.find(", ", begin), text.size());
-    const auto part = text.substr(begin, end - begin);
-    const auto key = part.substr(0, part.find(' '));
-    // "qos.depth 5" is told by "qos", "load.controller.cpu 4" by "load".
-    // The component's transport is told where it is another, and the label begins with the one.
+// What a scenario's lists made: {{"payload", "32 KiB"}, {"realtime.priority", "50"}}. Of earlier records,
+// which have it as words alone, it is told where a key begins: a value may have commas of its own.
+std::vector<std::pair<std::string, std::string>> varied(const Summary& summary) {
+  const auto run = conditions::run_of_record(summary.run.asked);
+  if (!run.varied.empty() || run.variant.empty()) return run.varied;
+  const auto is_key = [](const std::string& word) {
+    return word.starts_with("options.") || word.starts_with("component.options.") || word == "component" ||
+           std::any_of(conditions::keys().begin(), conditions::keys().end(),
+                       [&](const auto& key) { return key.path == word || word.ends_with("." + key.path); });
+  };
+  std::vector<std::pair<std::string, std::string>> varied;
+  for (const auto& part : split(replace_all(run.variant, ", ", "\n"), '\n')) {
+    const auto end = std::min(part.find(' '), part.size());
+    if (varied.empty() || is_key(part.substr(0, end)))
+      varied.emplace_back(part.substr(0, end), end < part.size() ? part.substr(end + 1) : "");
+    else
+      varied.back().second += ", " + part;
+  }
+  return varied;
+}
+
+// What of it is of conditions that have words of their own is in those: "qos.depth" in "qos". The transport
+// begins the label.
+void add_variant(std::string& label, const Summary& summary, const std::vector<Phrase>& phrases) {
+  constexpr std::string_view groups[] = {"qos",        "load",   "traffic",  "link",
+                                         "neighbours", "kernel", "isolation"};
+  for (const auto& [key, value] : varied(summary)) {
     const bool told = key == "component.transport" ||
-                      std::any_of(phrases.begin(), phrases.end(), [&](const Phrase& phrase) {
-                        const bool holds_others = phrase.key == "qos" || phrase.key == "load" ||
-                                                  phrase.key == "traffic" || phrase.key == "link" ||
-                                                  phrase.key == "neighbours" || phrase.key == "kernel" ||
-                                                  phrase.key == "isolation";
-                        return key == phrase.key || (holds_others && key.starts_with(phrase.key + "."));
+                      std::any_of(phrases.begin(), phrases.end(), [&, &key = key](const Phrase& phrase) {
+                        const bool is_group =
+                            std::find(std::begin(groups), std::end(groups), phrase.key) != std::end(groups);
+                        return key == phrase.key || (is_group && key.starts_with(phrase.key + "."));
                       });
-    if (!told) label += " " + shortened(part, longest_value);
-    begin = end + 2;
+    if (!told) label += " " + shortened(printable(key + " " + value), longest_value);
   }
 }
 
 }  // namespace
 
 std::string workers(const json& load) {
-  std::vector<std::string> parts;
-  for (const auto* kind : {"cpu", "vm", "io", "hdd"})
-    if (const auto number = count(at(load, kind)); number > 0) {
-      const auto& bytes = at(load, fmt::format("{}_bytes", kind));
-      parts.push_back(fmt::format("{} {}{}", number, kind, count(bytes) > 0 ? " of " + size(bytes) : ""));
-    }
-  return join(parts, ", ");
+  return words_of(conditions::run_of_record({{"load", {{"controller", load}}}}).controller_load);
 }
 
 Group all_of(const Summaries& summaries) {
@@ -380,7 +411,7 @@ std::vector<std::string> labels_without_repetition(const Group& group) {
     const auto transport = labels.back() + " ";
     for (const auto& phrase : compared.own[i])  // "xdp native copy" of xdp is told once
       labels.back() += " " + phrase.text.substr(phrase.text.starts_with(transport) ? transport.size() : 0);
-    add_variant(labels.back(), at(asked, "variant"), phrases_of(*group[i]));
+    add_variant(labels.back(), *group[i], phrases_of(*group[i]));
   }
   return labels;
 }

@@ -59,7 +59,8 @@ json bound_of(const statistics::Extremes& extremes) {
   const auto drawn_or_null = [](const std::optional<double>& ns) {
     return ns && std::isfinite(*ns) ? json(std::max(*ns, 1.0)) : json();
   };
-  return {{"level", worst->level},
+  return {{"exceedance", extremes.exceedance},
+          {"level", worst->level},
           {"low", std::max(worst->level_lies.low.value_or(1), 1.0)},
           {"high", drawn_or_null(worst->level_lies.high)}};
 }

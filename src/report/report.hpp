@@ -73,10 +73,17 @@ Comparison compare(const std::vector<statistics::Summary>& a, const std::vector<
 // what receives and what tells variants apart; or, if either side has only one kind, that.
 Comparison compare_chosen(const std::vector<statistics::Summary>& a,
                           const std::vector<statistics::Summary>& b);
+// Of runs of one suite: those with the value `from` of a scenario's key (such as "kernel.threaded-napi")
+// against those with the value `to`, all else alike.
+Comparison compare_by(const std::vector<statistics::Summary>&, const std::string& key,
+                      const std::string& from, const std::string& to);
+// The values that runs have of it, in the order of the runs; `unset` of those that have none.
+inline constexpr const char* unset = "unset";
+std::vector<std::string> values_of(const std::vector<statistics::Summary>&, const std::string& key);
 // B / A of each metric with its interval, as a figure for a paper. Empty: there is nothing to compare.
 std::string gnuplot_of(const Comparison&, const Plot&);
-// Each figure, how much it changed and between what that surely lies; what else differs between the two
-// sides; and what has no partner.
+// Each metric, how much it changed and the interval of the change; what else differs between the two sides;
+// and what has no partner.
 std::string render(const Comparison&, const std::vector<gate::Judgement>&, Format, std::size_t width = 100);
 
 // Why messages of a run were late or lost; as table, Markdown or JSON.

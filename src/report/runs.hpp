@@ -35,6 +35,8 @@ Table worst_case_table(const std::vector<std::string>& labels,
 // Why, each reason once with the names of the runs that it holds for.
 std::vector<std::string> unbounded_notes(const std::vector<std::string>& names,
                                          const std::vector<const statistics::Summary*>&);
+// That an older ontime measured these, which computed intervals and gates otherwise; empty if none did.
+std::string older_note(const std::vector<const statistics::Summary*>&);
 std::string refusal_of(const statistics::Extremes&);  // why there is no bound; empty, if there is one
 // What a response is made of, each by itself: a stall of our own thread is none of the network's.
 Table stages_table(const std::vector<std::string>& labels, const std::vector<const statistics::Summary*>&);

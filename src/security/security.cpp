@@ -14,15 +14,7 @@
 namespace ontime::security {
 namespace {
 
-struct Word {
-  Level level;
-  const char* word;
-  const char* protection;  // DDS Security's
-};
-constexpr std::array<Word, 4> words{{{Level::off, "off", "NONE"},
-                                     {Level::authenticate, "authenticate", "NONE"},
-                                     {Level::sign, "sign", "SIGN"},
-                                     {Level::encrypt, "encrypt", "ENCRYPT"}}};
+constexpr std::array protections{"NONE", "NONE", "SIGN", "ENCRYPT"};  // DDS Security's, of each level
 
 // As long as any clock of a robot may say that it is, also one that was never set: the keys are gone with the
 // run.
@@ -110,7 +102,7 @@ constexpr const char* head =
 
 // The payload is protected as the level says, and nothing else is: so what a level costs is that alone.
 std::string governance_of(Level level, int domain) {
-  const auto* const protection = words.at(static_cast<std::size_t>(level)).protection;
+  const auto* const protection = protections.at(static_cast<std::size_t>(level));
   return fmt::format(fmt::runtime(head), "governance") +
          fmt::format(
              "<domain_access_rules><domain_rule>\n"
@@ -152,14 +144,6 @@ std::string permissions_of(const std::string& name, int domain) {
 }
 
 }  // namespace
-
-std::optional<Level> level_of(const std::string& word) {
-  for (const auto& entry : words)
-    if (word == entry.word) return entry.level;
-  return {};
-}
-
-const char* word_of(Level level) { return words.at(static_cast<std::size_t>(level)).word; }
 
 struct Authority::Signer {
   Key key = new_key();

@@ -7,15 +7,13 @@
 #include <optional>
 #include <string>
 
+#include "conditions/around.hpp"
 #include "transport/transport.hpp"
 
 namespace ontime::security {
 
-// What becomes of each message, in the specification's words for its payload (data_protection_kind). From
-// `authenticate` on participants show each other who they are, and nobody else is let in.
-enum class Level { off, authenticate, sign, encrypt };
-std::optional<Level> level_of(const std::string&);  // nothing for another word
-const char* word_of(Level);
+using Level = conditions::Security;
+using conditions::word_of;
 
 // Who signs for all ends of a run.
 class Authority {

@@ -14,6 +14,7 @@ namespace {
 constexpr double fewest_events = 10;    // to tell how they depend on one another
 constexpr double fewest_effective = 3;  // not all of one burst
 constexpr std::size_t fewest_batches = 8;
+constexpr std::size_t most_of_memory = 32;
 constexpr double most_effective = 1e9;  // more make no interval narrower that anybody could see
 constexpr double normal_97_5 = 1.959963984540054;
 
@@ -88,6 +89,22 @@ double design_effect(std::span<const Batch> given) {
   return greatest;
 }
 
+double memory(std::span<const Batch> given) {
+  std::vector<Batch> batches(given.begin(), given.end());
+  while (batches.size() > most_of_memory) batches = pairs_of(batches);
+  if (batches.size() < fewest_batches) return 0;
+  const auto all = sum_of(batches);
+  const double share = all.events / all.values;
+  double squares = 0, products = 0, last = 0;
+  for (const auto& [values, events] : batches) {
+    const double deviation = events - share * values;
+    squares += deviation * deviation;
+    products += deviation * last;
+    last = deviation;
+  }
+  return squares > 0 ? products / squares * std::sqrt(static_cast<double>(batches.size())) : 0;
+}
+
 double tail_effect(std::span<const Batch> batches, double effect_before) {
   const auto effect = design_effect(batches);
   return sum_of(batches).events / effect < fewest_events ? std::max(effect, effect_before) : effect;
@@ -148,28 +165,59 @@ Shares quantile_shares(double share, double effective, double confidence) {
   return shares;
 }
 
-Probability probability(std::span<const Batch> batches, double effect_of_few) {
-  const auto all = sum_of(batches);
-  Probability result;
-  result.events = static_cast<std::uint64_t>(all.events);
-  result.messages = static_cast<std::uint64_t>(all.values);
-  if (all.values == 0) return result;
-  result.value = all.events / all.values;
-  const double own_effect = design_effect(batches), greater_effect = std::max(own_effect, effect_of_few);
-  const double rarer = std::min(all.events, all.values - all.events);
-  result.effect = rarer / own_effect < fewest_events ? greater_effect : own_effect;
-  const auto effective = [&](double effect) { return std::clamp(all.values / effect, 1.0, most_effective); };
-  const double messages = effective(own_effect), fewer = effective(greater_effect);
+namespace {
+
+void set_limits(Probability& of, double messages, double fewer) {
   const auto limits = [&](double confidence) {
-    auto lies = clopper_pearson(result.value * messages, messages, confidence);
+    auto lies = clopper_pearson(of.value * messages, messages, confidence);
     // An event is no better news than none, nor is a message without it than that all had it.
     lies.high = std::max(lies.high, clopper_pearson(0, fewer, confidence).high);
     lies.low = std::min(lies.low, clopper_pearson(fewer, fewer, confidence).low);
     return lies;
   };
-  result.sure = limits(0.95);
-  result.surer = limits(0.98);
-  result.bound = limits(0.90).high.value_or(1);
+  of.sure = limits(0.95);
+  of.surer = limits(0.98);
+  of.bound = limits(0.90).high.value_or(1);
+}
+
+}  // namespace
+
+Probability probability(std::uint64_t events, std::uint64_t messages, double own_effect,
+                        double effect_of_few) {
+  Probability result;
+  result.events = events;
+  result.messages = messages;
+  if (messages == 0) return result;
+  const auto all = static_cast<double>(messages);
+  result.value = static_cast<double>(events) / all;
+  const double greater_effect = std::max(own_effect, effect_of_few);
+  const auto rarer = static_cast<double>(std::min(events, messages - events));
+  result.effect = rarer / own_effect < fewest_events ? greater_effect : own_effect;
+  const auto effective = [&](double effect) { return std::clamp(all / effect, 1.0, most_effective); };
+  set_limits(result, effective(own_effect), effective(greater_effect));
+  return result;
+}
+
+Probability probability(std::span<const Batch> batches, double effect_of_few) {
+  const auto all = sum_of(batches);
+  return probability(static_cast<std::uint64_t>(all.events), static_cast<std::uint64_t>(all.values),
+                     design_effect(batches), effect_of_few);
+}
+
+Probability pooled(std::span<const Probability> runs) {
+  Probability result;
+  double effective = 0;
+  for (const auto& run : runs) {
+    result.events += run.events;
+    result.messages += run.messages;
+    effective += static_cast<double>(run.messages) / run.effect;
+  }
+  if (result.messages == 0) return result;
+  const auto messages = static_cast<double>(result.messages);
+  result.value = static_cast<double>(result.events) / messages;
+  effective = std::clamp(effective, 1.0, most_effective);
+  result.effect = messages / effective;
+  set_limits(result, effective, effective);
   return result;
 }
 

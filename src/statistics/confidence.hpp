@@ -9,12 +9,16 @@
 // with clusters: Korn & Graubard 1998, whose degrees of freedom are used as well). Batches of several lengths
 // are tried, and the greatest effect counts: one that is too short misses part of it. With these effective
 // messages follow the exact limits of Clopper & Pearson 1934.
-// A quantile: the order statistics between which it lies (Woodruff 1952; exact binomial test turned round),
-// of as many messages as are effective at its threshold. Where not even the greatest is surely above it,
-// there is no upper end.
-// A mean: the means of the batches, with Student's t.
+// A percentile: the order statistics between which it lies (Woodruff 1952; exact binomial test turned round),
+// of as many messages as are effective at its threshold.
+// A mean: the means of the batches, with Student's t; and above, what causes that the run did not see may
+// add.
 //
-// When it lies: where a run is no longer than a few of its own bursts, and where tomorrow is not as today.
+// An end that the run does not support is missing, and Measured::open says why: few slower messages, few
+// bursts, or a run that is short for its own memory. A median that changes for good is found (cumulative
+// sums), and the intervals then hold for the level before and after.
+//
+// Not valid when tomorrow is not as today: a mode or a cause that the run never saw is in no interval.
 #pragma once
 
 #include <cstddef>
@@ -32,21 +36,30 @@ struct Interval {
 
 struct Measured {
   double value = 0;
-  Interval sure;  // holds the true one with 95 % confidence
-  Interval
-      surer;  // with 98 %, so that either end alone is passed once in a hundred: what comparisons rest on
-  double effect = 1;  // the design effect: so many messages tell as much as an independent one
+  Interval sure;          // holds the true one with 95 % confidence
+  Interval surer;         // with 98 %, so that either end alone is passed once in a hundred: for comparisons
+  double effect = 1;      // the design effect: so many messages tell as much as an independent one
+  const char* open = "";  // why an end is missing, for people
 };
 
 // A share of messages: late ones, lost ones.
 struct Probability : Measured {
   std::uint64_t events = 0, messages = 0;
-  double bound = 1;  // one-sided: the probability is below it with 95 % confidence, also after no event
+  // One-sided, with 95 % confidence. After no event it bounds incidents: one may be several messages in a
+  // row, and a run that saw none does not tell how many.
+  double bound = 1;
+};
+
+// The median changed for good after this share of the run: it is a mixture of two levels. The intervals then
+// hold for either.
+struct Shift {
+  double share = 0, before_ns = 0, after_ns = 0;
 };
 
 // Of a distribution, in ns. Nothing: no value.
 struct Certainty {
   Measured mean, p50, p90, p99, p99_9, p99_99;
+  std::optional<Shift> shift;
   double slowest_effect = 1;  // of the slowest: what is handed to misses, of which there are few or none
 };
 
@@ -81,6 +94,10 @@ class Batches {
 // the normal distribution at 97.5 % for as few batches; 1 at least.
 double design_effect(std::span<const Batch>);
 
+// How much neighbouring thirty-seconds of the run resemble each other: their lag-1 autocorrelation in
+// standard errors. Where they do, the run is too short to tell how its messages depend on one another.
+double memory(std::span<const Batch>);
+
 // Likewise, of a share far out: where it is fewer than ten effective messages, they do not tell their
 // dependence either, and that of the threshold before it, which ten times as many pass, counts as well.
 double tail_effect(std::span<const Batch>, double effect_before);
@@ -103,6 +120,11 @@ Measured mean(std::span<const Batch>, double value);
 // `effect_of_few`: taken where there were too few events, or messages without, to tell how they depend on one
 // another. One event does not make the limits tighter than none would: those are never passed.
 Probability probability(std::span<const Batch>, double effect_of_few);
+Probability probability(std::uint64_t events, std::uint64_t messages, double own_effect,
+                        double effect_of_few);
+
+// Of repetitions: all of their messages together, each by its own run's design effect.
+Probability pooled(std::span<const Probability>);
 
 // Messages without any event that allow the claim that its probability is below `probability`, with 95 %
 // confidence.

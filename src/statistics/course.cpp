@@ -5,6 +5,7 @@
 #include <array>
 #include <cmath>
 #include <numeric>
+#include <span>
 
 namespace ontime::statistics {
 
@@ -33,14 +34,16 @@ void Course::each(Use use, UseSeries use_series) const {
   }
 }
 
-std::vector<std::vector<Batch>> Course::above(std::span<const std::int64_t> thresholds) const {
+std::vector<std::vector<Batch>> Course::events(std::span<const std::int64_t> thresholds, Count count) const {
   std::vector<std::vector<Batch>> all(thresholds.size(), std::vector<Batch>(batches()));
+  const bool above = count == Count::above;
   each(
       [&](std::size_t batch, std::span<const float> values) {
         for (std::size_t i = 0; i < thresholds.size(); ++i) {
           const auto threshold = static_cast<float>(thresholds[i]);
-          const auto events =
-              std::count_if(values.begin(), values.end(), [&](float value) { return value > threshold; });
+          const auto events = std::count_if(values.begin(), values.end(), [&](float value) {
+            return above ? value > threshold : value >= threshold;
+          });
           all[i][batch].values += static_cast<double>(values.size());
           all[i][batch].events += static_cast<double>(events);
         }
@@ -48,7 +51,8 @@ std::vector<std::vector<Batch>> Course::above(std::span<const std::int64_t> thre
       [&](std::size_t batch, const Values::Series& series) {
         for (std::size_t i = 0; i < thresholds.size(); ++i) {
           all[i][batch].values += static_cast<double>(series.count);
-          all[i][batch].events += static_cast<double>(series.count - series.at_most(thresholds[i]));
+          all[i][batch].events +=
+              static_cast<double>(series.count - series.at_most(thresholds[i] - (above ? 0 : 1)));
         }
       });
   return all;
@@ -68,40 +72,179 @@ std::vector<Batch> Course::sums() const {
   return all;
 }
 
-Certainty certainty(const Course& course, Ranks& ranks, const Distribution& of) {
-  struct Quantile {
-    double share;
-    std::int64_t value;
-    Measured Certainty::*place;
-  };
-  const std::array quantiles = {
-      Quantile{0.5, of.p50, &Certainty::p50}, Quantile{0.9, of.p90, &Certainty::p90},
-      Quantile{0.99, of.p99, &Certainty::p99}, Quantile{0.999, of.p99_9, &Certainty::p99_9},
-      Quantile{0.9999, of.p99_99, &Certainty::p99_99}};
-  std::array<std::int64_t, quantiles.size()> thresholds{};
-  for (std::size_t i = 0; i < quantiles.size(); ++i) thresholds[i] = quantiles[i].value;
-  const auto above = course.above(thresholds);
+namespace {
+
+constexpr std::size_t percentiles = 5;
+struct Percentile {
+  double share;
+  std::int64_t value;
+  Measured Certainty::*place;
+};
+std::array<Percentile, percentiles> percentiles_of(const Distribution& of) {
+  return {Percentile{0.5, of.p50, &Certainty::p50}, Percentile{0.9, of.p90, &Certainty::p90},
+          Percentile{0.99, of.p99, &Certainty::p99}, Percentile{0.999, of.p99_9, &Certainty::p99_9},
+          Percentile{0.9999, of.p99_99, &Certainty::p99_99}};
+}
+
+// What an interval needs: tests/statistics_truth_test.cpp shows how often it holds the truth with these.
+constexpr double fewest_beyond = 30;  // slower messages: a stall that strikes rarely may not be seen
+constexpr double fewest_effective_beyond = 10;  // and so many effective ones: not of a few bursts
+constexpr double fewest_effective = 30;
+constexpr std::size_t fewest_of_levels = 1000, fewest_batches_of_levels = 32;
+constexpr std::size_t shortest_part = 16;  // of the run
+constexpr double least_difference = 0.5;   // of the shares of messages above the run's median
+constexpr double surely = 5;               // standard errors, of the best of many places
+constexpr double least_ratio = 1.2;        // of the medians: less is no new level
+constexpr double fewest_to_tell_memory =
+    50;                               // of fewer slower messages that of the percentile before counts too
+constexpr double most_memory = 1.65;  // one run in twenty without any memory has more
+
+constexpr const char* drifts = "the level changes in stretches that are long for so short a run";
+constexpr const char* few_effective =
+    "the messages depend so much on each other that they count as fewer than 30";
+constexpr const char* few_beyond = "fewer than 30 messages are slower";
+constexpr const char* few_bursts = "the slower messages come in few bursts";
+
+// Takes away the ends that the run does not support, and says why.
+void keep_what_is_supported(Measured& of, double messages, double share, double memory) {
+  const double effective = messages / of.effect;
+  if (memory > most_memory || effective < fewest_effective) {
+    of.sure = of.surer = {};
+    of.open = memory > most_memory ? drifts : few_effective;
+  } else if (messages * (1 - share) < fewest_beyond || effective * (1 - share) < fewest_effective_beyond) {
+    of.sure.high = of.surer.high = std::nullopt;
+    of.open = messages * (1 - share) < fewest_beyond ? few_beyond : few_bursts;
+  }
+}
+
+// With 95 % confidence a cause that the run has not seen strikes at most 3 messages in n, as often as many
+// are of one burst; each may take as long as a message is waited for.
+void add_the_unseen(Measured& mean, double messages, double effect, std::optional<double> longest_ns) {
+  for (auto* interval : {&mean.sure, &mean.surer}) {
+    if (longest_ns && interval->high)
+      *interval->high += 3 * effect / messages * *longest_ns;
+    else
+      interval->high.reset();
+  }
+}
+
+Certainty certainty_of_whole(const Course& course, Ranks& ranks, const Distribution& of,
+                             std::optional<double> longest_ns) {
+  const auto all = percentiles_of(of);
+  std::array<std::int64_t, percentiles> thresholds{};
+  for (std::size_t i = 0; i < percentiles; ++i) thresholds[i] = all[i].value;
+  // Where many values are alike, none may be above a percentile, and half of all at it: both counts tell.
+  const auto above = course.events(thresholds, Course::Count::above);
+  const auto at_or_above = course.events(thresholds, Course::Count::at_or_above);
 
   Certainty result;
-  result.mean = mean(course.sums(), of.mean);
   const auto n = static_cast<double>(of.count);
   const auto value_at = [&](std::optional<double> share, bool upper) -> std::optional<double> {
     if (!share) return {};
     const auto rank = upper ? std::ceil(*share * n) : std::floor(*share * n);
     return static_cast<double>(ranks.at_rank(static_cast<std::uint64_t>(std::clamp(rank, 1.0, n))));
   };
-  double before = 1;
-  for (std::size_t i = 0; i < quantiles.size(); ++i) {
-    const auto& [share, value, place] = quantiles[i];
+  double before = 1, remembered = 0;
+  for (std::size_t i = 0; i < percentiles; ++i) {
+    const auto& [share, value, place] = all[i];
     auto& measured = result.*place;
     measured.value = static_cast<double>(value);
-    measured.effect = before = tail_effect(above[i], before);
+    measured.effect = before = std::max(tail_effect(above[i], before), tail_effect(at_or_above[i], before));
     for (const auto& [confidence, interval] : {std::pair{0.95, &measured.sure}, {0.98, &measured.surer}}) {
       const auto shares = quantile_shares(share, n / measured.effect, confidence);
       *interval = {value_at(shares.low, false), value_at(shares.high, true)};
     }
+    const double own = std::max(memory(above[i]), memory(at_or_above[i]));
+    const bool tells_its_own = n * (1 - share) / measured.effect >= fewest_to_tell_memory;
+    remembered = tells_its_own ? own : std::max(own, remembered);
+    keep_what_is_supported(measured, n, share, remembered);
   }
   result.slowest_effect = slowest_effect(std::array{above[3], above[2], above[1]});  // p99.9, p99, p90
+  const auto sums = course.sums();
+  result.mean = mean(sums, of.mean);
+  add_the_unseen(result.mean, n, result.slowest_effect, longest_ns);
+  if (memory(sums) > most_memory) {
+    result.mean.sure = result.mean.surer = {};
+    result.mean.open = drifts;
+  }
+  return result;
+}
+
+Certainty certainty_of_part(std::span<const float> values, std::optional<double> longest_ns) {
+  Values all;
+  Course course;
+  for (const auto value : values) {
+    all.add(std::llround(value));
+    course.add(std::llround(value));
+  }
+  Ranks ranks(std::move(all));
+  return certainty_of_whole(course, ranks, ranks.distribution(), longest_ns);
+}
+
+// Where the median may have changed for good: the place between two batches from which on the share of slower
+// values differs most from that before (cumulative sums), if no chance makes such a difference.
+std::optional<double> change_of_level(std::span<const Batch> batches) {
+  const auto n = batches.size();
+  if (n < fewest_batches_of_levels) return {};
+  Batch all;
+  for (const auto& [values, events] : batches) {
+    all.values += values;
+    all.events += events;
+  }
+  double sum = 0, greatest = 0;
+  std::size_t place = 0;
+  for (std::size_t i = 0; i < n; ++i) {
+    sum += batches[i].events - all.events / all.values * batches[i].values;
+    if (std::abs(sum) <= greatest || i + 1 < n / shortest_part || i + 1 > n - n / shortest_part) continue;
+    greatest = std::abs(sum);
+    place = i + 1;
+  }
+  if (place == 0) return {};
+  const auto before = probability(batches.first(place), 1), after = probability(batches.subspan(place), 1);
+  const auto variance = [](const Probability& of) {
+    const double effective = static_cast<double>(of.messages) / of.effect;
+    const double share = (of.value * effective + 1) / (effective + 2);  // never surely 0
+    return share * (1 - share) / effective;
+  };
+  const double difference = std::abs(after.value - before.value);
+  if (difference < least_difference || difference < surely * std::sqrt(variance(before) + variance(after)))
+    return {};
+  return static_cast<double>(place) / static_cast<double>(n);
+}
+
+// Of either part; what holds for both holds for a mixture of them.
+Measured hull(Measured whole, const Measured& one, const Measured& other) {
+  const auto widest = [](const Interval& a, const Interval& b) {
+    Interval both;
+    if (a.low && b.low) both.low = std::min(*a.low, *b.low);
+    if (a.high && b.high) both.high = std::max(*a.high, *b.high);
+    return both;
+  };
+  whole.sure = widest(one.sure, other.sure);
+  whole.surer = widest(one.surer, other.surer);
+  whole.open = *one.open != '\0' ? one.open : other.open;
+  return whole;
+}
+
+}  // namespace
+
+Certainty certainty(const Course& course, Ranks& ranks, const Distribution& of,
+                    std::optional<double> longest_ns) {
+  auto result = certainty_of_whole(course, ranks, of, longest_ns);
+  const std::array median = {of.p50};
+  const auto values = course.values();
+  if (course.has_series() || values.size() < fewest_of_levels) return result;
+  const auto changed = change_of_level(course.events(median, Course::Count::above).front());
+  if (!changed) return result;
+  const auto place = static_cast<std::size_t>(*changed * static_cast<double>(values.size()));
+  const auto before = certainty_of_part(values.first(place), longest_ns);
+  const auto after = certainty_of_part(values.subspan(place), longest_ns);
+  const double ratio = after.p50.value / before.p50.value;
+  if (!(before.p50.value > 0) || (ratio < least_ratio && ratio > 1 / least_ratio)) return result;
+  result.shift = Shift{*changed, before.p50.value, after.p50.value};
+  for (const auto figure : {&Certainty::mean, &Certainty::p50, &Certainty::p90, &Certainty::p99,
+                            &Certainty::p99_9, &Certainty::p99_99})
+    result.*figure = hull(result.*figure, before.*figure, after.*figure);
   return result;
 }
 

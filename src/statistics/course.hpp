@@ -18,8 +18,10 @@ class Course {
   void add_series(std::int64_t least, std::int64_t step, std::uint64_t count);
 
   // At most as many batches as there are of Batches, equally long but for series. For each threshold: with
-  // the values above it as events.
-  std::vector<std::vector<Batch>> above(std::span<const std::int64_t> thresholds) const;
+  // the values above it as events, or those at or above it.
+  enum class Count { above, at_or_above };
+  std::vector<std::vector<Batch>> events(std::span<const std::int64_t> thresholds, Count) const;
+  bool has_series() const { return !series_.empty(); }
   std::span<const float> values() const { return values_; }  // without the long series
   std::vector<Batch> sums() const;                           // instead of events the sum of the values
 
@@ -36,7 +38,7 @@ class Course {
   std::vector<Series> series_;
 };
 
-// Of the distribution of the same values.
-Certainty certainty(const Course&, Ranks&, const Distribution&);
+// Of the distribution of the same values. `longest_ns`: no value can be longer; nothing: not known.
+Certainty certainty(const Course&, Ranks&, const Distribution&, std::optional<double> longest_ns = {});
 
 }  // namespace ontime::statistics

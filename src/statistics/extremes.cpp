@@ -16,12 +16,13 @@ namespace ontime::statistics {
 namespace {
 
 constexpr std::size_t blocks = 100;
-constexpr std::size_t fewest_values = 2000;
+constexpr std::size_t fewest_values = 1000;
 constexpr std::size_t fewest_peaks = 30;
 constexpr int resamples = 400;
 // Of a percentile bootstrap so many hold what is asked of them at 95 %: tests/statistics_extremes_test.cpp.
-constexpr double middle = 0.98;
+constexpr double middle = 0.98, confidence = 0.95;
 constexpr double one_in_a_million = 1e-6;
+constexpr double surely_seen = 4;  // times as often as once in the run: then 98 of 100 runs have seen it
 constexpr double refuses = 0.01, refuses_fit = 0.05;
 constexpr double heaviest = 0.5;  // beyond, L-moments tell little of the shape: their variance is infinite
 
@@ -47,6 +48,27 @@ Interval middle_of(std::vector<double> values) {
     return values[static_cast<std::size_t>(share * static_cast<double>(values.size() - 1))];
   };
   return {at((1 - middle) / 2), at((1 + middle) / 2)};
+}
+
+// A share that is 1 of a round number: 1 in 400.
+double rounded_up(double share) {
+  const double one_in = 1 / share, digit = std::pow(10, std::floor(std::log10(one_in)));
+  return 1 / (std::floor(one_in / digit * (1 + 1e-9)) * digit);
+}
+
+// What the order of `values` tells of the level that `exceedance` of them exceed.
+Interval by_order(std::span<const float> values, double exceedance, double effective) {
+  std::vector<float> sorted(values.begin(), values.end());
+  std::sort(sorted.begin(), sorted.end());
+  const auto n = static_cast<double>(sorted.size());
+  const auto at = [&](double rank) {
+    return static_cast<double>(sorted[static_cast<std::size_t>(std::clamp(rank, 1.0, n)) - 1]);
+  };
+  const auto shares = quantile_shares(1 - exceedance, effective, confidence);
+  Interval lies;
+  if (shares.low) lies.low = at(std::floor(*shares.low * n));
+  if (shares.high) lies.high = at(std::ceil(*shares.high * n));
+  return lies;
 }
 
 std::optional<Bound> bound(const std::vector<double>& values, const Fit& fit, const Level& level) {
@@ -199,16 +221,26 @@ Extremes extremes(std::span<const float> values, float threshold) {
   greatest.reserve(peaks.size());
   for (const auto place : peaks) greatest.push_back(static_cast<double>(values[place]));
 
+  const double clusters = n * result.index;
+  result.exceedance = std::max(one_in_a_million, rounded_up(std::min(0.1, surely_seen / clusters)));
+  result.answers_for_a_million = surely_seen / one_in_a_million / result.index;
   const double a_block = n / static_cast<double>(blocks) * result.index;
-  result.maxima = bound(maxima, fit_maxima, [=](const Tail& tail) {
-    return tail.quantile(std::exp(-one_in_a_million * a_block));
+  result.maxima = bound(maxima, fit_maxima, [&](const Tail& tail) {
+    return tail.quantile(std::exp(-result.exceedance * a_block));
   });
   const double passing = static_cast<double>(places.size()) / n;
   if (peaks.size() >= fewest_peaks)
     result.peaks = bound(
         greatest,
         [=](std::vector<double> some) { return fit_peaks(std::move(some), static_cast<double>(threshold)); },
-        [=](const Tail& tail) { return tail.quantile(std::max(0.0, 1 - one_in_a_million / passing)); });
+        [&](const Tail& tail) { return tail.quantile(std::max(0.0, 1 - result.exceedance / passing)); });
+  const auto ordered = by_order(values, result.exceedance, clusters);
+  for (auto* bound : {&result.maxima, &result.peaks}) {
+    if (!*bound) continue;
+    auto& lies = (*bound)->level_lies;
+    lies.low = std::min(*lies.low, ordered.low.value_or(*lies.low));
+    lies.high = std::max(*lies.high, ordered.high.value_or(*lies.high));
+  }
   if (!result.maxima && !result.peaks)
     result.refused = "its slowest answers are all alike, or all of one burst";
   result.trend_p = trend_p(maxima);

@@ -1,6 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-// How slow an answer may be that has not been seen yet: by extreme-value theory, in two ways, each with what
-// it presupposes tested. Ordinary thread.
+// Extrapolated worst case: the level that one of so many answers exceeds, by extreme-value theory, in two
+// ways, each with its assumptions tested. Ordinary thread.
+//
+// How far: a run of n answers whose slowest come singly reaches the level that 4 in n exceed, and never
+// beyond 1 in a million. A cause that strikes more seldom may not have struck in the run, and no theory sees
+// it. The interval also holds what the order of the answers alone tells (Clopper & Pearson), whatever their
+// tail is.
 //
 // Block maxima: the run in 100 stretches, and the greatest of each; a generalised extreme-value distribution.
 // Peaks over a threshold: what is above the threshold that 500 values pass, or a tenth of fewer, declustered;
@@ -14,8 +19,7 @@
 // follow upon one another (runs about the median: Wald & Wolfowitz 1940), that as many peaks lie in the first
 // half as in the second (binomial), each at 1 %, and the fit at 5 %.
 //
-// When it lies: the theory speaks of the causes that were at work in the run. What was not, a nightly backup,
-// say, it knows nothing of.
+// Not valid for causes that were not at work in the run, such as a nightly backup.
 #pragma once
 
 #include <cstddef>
@@ -39,7 +43,7 @@ struct Tail {
 std::optional<Tail> fit_maxima(std::vector<double> maxima);
 std::optional<Tail> fit_peaks(std::vector<double> peaks, double threshold);
 
-// The level that one of a million answers passes.
+// The level that Extremes::exceedance of the answers exceed.
 struct Bound {
   Tail tail;
   Interval shape_lies;  // with 95 %, as level_lies
@@ -53,6 +57,8 @@ struct Bound {
 
 struct Extremes {
   std::optional<Bound> maxima, peaks;  // nothing: too few values, see `refused`
+  double exceedance = 1;               // of the level
+  double answers_for_a_million = 0;    // so many it takes for the level that 1 in a million exceeds
   double index = 1;                    // extremal: 1 / how many follow upon one another
   double trend_p = 1, runs_p = 1;      // of the stretches' maxima: the tests below
   double halves_p = 1;                 // of how many peaks lie in either half

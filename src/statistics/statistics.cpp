@@ -96,7 +96,9 @@ class Pass {
     Ranks round_trips(std::move(round_trip_)), responses(std::move(response_));
     summary_.round_trip = round_trips.distribution();
     summary_.response = responses.distribution();
-    summary_.round_trip_certainty = certainty(round_trip_course_, round_trips, summary_.round_trip);
+    summary_.round_trip_certainty =
+        certainty(round_trip_course_, round_trips, summary_.round_trip,
+                  timeout_ns_ ? std::optional<double>(*timeout_ns_) : std::nullopt);
     const auto answers = round_trips.count();
     const auto peaks = std::min<std::uint64_t>(answers / 10, most_peaks);
     summary_.extremes =
@@ -184,6 +186,15 @@ bool is_complete(const record::Run& run) {
 std::uint64_t unrecorded(const record::Run& run) {
   return static_cast<std::uint64_t>(
       std::max<std::int64_t>(integer_of(at(run.outcome, "dropped_records")).value_or(0), 0));
+}
+
+std::string shift_text(const Summary& summary) {
+  const auto& shift = summary.round_trip_certainty.shift;
+  if (!shift) return "";
+  const double from_s = shift->share * summary.message_every_ns * static_cast<double>(summary.sent) / 1e9;
+  return fmt::format("from about {:.{}f} s on the median is {:.2g} times as long ({:.4g} µs, then {:.4g} µs)",
+                     from_s, from_s < 10 ? 1 : 0, shift->after_ns / shift->before_ns, shift->before_ns / 1e3,
+                     shift->after_ns / 1e3);
 }
 
 Summary summarise(const record::Reader& reader, const record::Run& run) {

@@ -119,6 +119,9 @@ struct Summary {
   double message_every_ns = 0;  // on average; 0 of fewer than two
 };
 Summary summarise(const record::Reader&, const record::Run&);
+// "from about 100 s on the median is 2.0 times as long (150 µs, then 300 µs)". Empty: it did not change for
+// good.
+std::string shift_text(const Summary&);
 // Of all runs but the first `known`.
 std::vector<Summary> summarise(const record::Reader&, std::size_t known = 0);
 
@@ -134,27 +137,41 @@ enum class Times { round_trip, response };
 enum class Figure { mean, p50, p90, p99, p99_9, p99_99, max, late, lost };
 std::optional<Measured> measured(const Summary&, Times, Figure);  // nothing: nothing was answered, or sent
 
+// How many of the answers take longer than that, to the width of a bin of the histogram, rounded up. Their
+// design effect is the greater one of the percentiles around; of hardly any, that of the slowest.
+Probability slower_than(const Summary&, Times, double limit_ns);
+
 // From one or several runs to one or several others: their means.
-// Both ends of the intervals are passed by the truth at most once in a hundred. They come from the intervals
-// of the single figures (MOVER: Zou & Donner 2008; of ratios on the logarithms, widened so that they hold the
-// means' ratio), and, where at least one side has repetitions, are no narrower than Student's t of the
-// variance between runs, taken to be the same on both sides. Without repetitions they are of these two runs:
-// what else changes from one run to the next (placement in memory, the order of start) is not in them.
+//
+// Each end of an interval is passed by the truth at most once in a hundred. Two intervals are computed, and
+// the wider one counts:
+// - by what the samples of each run tell (MOVER: Zou & Donner 2008; of ratios on the logarithms, widened so
+// that
+//   they hold the ratio of the means; of late and lost messages those of all repetitions counted together);
+// - by how much repetitions differ: Student's t with one variance for both sides.
+// Where both sides have two runs or more, the second stands alone if the first has no end: short runs leave
+// their p99 open, but many short runs show how it varies.
+// Without repetitions on both sides nothing is known of what changes from one start to the next (placement in
+// memory, the order of start). The interval is then about these runs only, and there is no verdict.
+enum class Tendency { less, unclear, more };        // what the interval excludes
 enum class Verdict { better, cannot_tell, worse };  // less is better
 struct Change {
   double from = 0, to = 0;
+  bool repeated = false;        // both sides have two runs or more
   Interval difference_lies;     // that of to − from
   std::optional<double> ratio;  // to / from; nothing where one is not positive
   Interval ratio_lies;
-  Verdict verdict = Verdict::cannot_tell;
+  Tendency tendency = Tendency::unclear;
+  Verdict verdict() const;
 };
 // Nothing: one of the sides does not have it.
 std::optional<Change> change(const std::vector<const Summary*>& from, const std::vector<const Summary*>& to,
                              Times, Figure);
 
-// Whether a limit is passed, for gates. A change passes it if what was measured does, and it is no chance:
-// surely worse, or, where a limit asks for an improvement, surely not improved so much. Where nothing has
-// changed the answer is yes at most once in a hundred. Of a single figure: if it surely does.
+// Whether a limit is passed, for gates. A change passes it if the measured one does and chance does not
+// explain it: the interval excludes no change (or, where a limit asks for an improvement, it excludes that
+// improvement). Where nothing has changed the answer is yes at most once in a hundred. A single metric passes
+// a limit if its interval lies beyond.
 enum class Answer { no, cannot_tell, yes };
 Answer ratio_exceeds(const Change&, double limit);  // 1.1 for `p99 > +10 %`
 Answer difference_exceeds(const Change&, double limit);

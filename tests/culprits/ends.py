@@ -46,7 +46,11 @@ def napi_threads(interface):
 
 
 def threads(end):
-    return [int(task.name) for pid in pids(end) for task in pathlib.Path(f"/proc/{pid}/task").iterdir()]
+    found = []
+    for pid in pids(end):
+        with contextlib.suppress(FileNotFoundError):  # it has ended
+            found += [int(task.name) for task in pathlib.Path(f"/proc/{pid}/task").iterdir()]
+    return found
 
 
 def pin(end):

@@ -321,10 +321,17 @@ def little_room(end, chance):
 
 @contextlib.contextmanager
 def inversion(end, chance):
-    """An ordinary thread of the end has a lock that the receiving one needs, and is kept from its CPU."""
+    """A thread of low priority has a lock that the receiving one needs, and is kept from its CPU by one between them."""
+    def holder():
+        return [thread for thread in threads(end) if pathlib.Path(f"/proc/{thread}/comm").read_text().strip() == "culprit-lock"]
+
+    until = time.monotonic() + 3
+    while not holder() and time.monotonic() < until:  # it begins with the first message
+        time.sleep(0.05)
     for thread in threads(end):
-        holds = pathlib.Path(f"/proc/{thread}/comm").read_text().strip() == "culprit-lock"
-        os.sched_setaffinity(thread, {HOGGED if holds else 0})
+        os.sched_setaffinity(thread, {HOGGED if [thread] == holder() else 0})
+    for thread in holder():
+        os.sched_setscheduler(thread, os.SCHED_FIFO, os.sched_param(5))
     with hogs(1, "chrt", "-f", "10", burst_ms=chance.uniform(20, 30), pause_ms=20):
         yield
 

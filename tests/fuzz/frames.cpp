@@ -46,7 +46,7 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   const auto whole = taken(data, size, size + 1), pieces = taken(data, size, 7);
   if (whole.refused != pieces.refused || !std::ranges::equal(whole.frames, pieces.frames, same)) std::abort();
   for (const auto& [message, bytes] : whole.frames) try {
-      if (message.contains("task")) nlohmann::json(message.at("task").get<ontime::agent::Task>());
+      if (message.contains("task")) ontime::agent::to_json(ontime::agent::task_of(message.at("task")));
     } catch (const std::exception&) {  // said to the coordinator
     }
   return 0;

@@ -319,7 +319,7 @@ class Page(unittest.TestCase):
         self.assertIsNone(drawn[1])
         marks = "return document.querySelectorAll('figure.ccdf path.expected').length"
         self.assertEqual(opened.run(marks), 3, "of one of the two runs")
-        self.assertEqual(opened.text("figure.ccdf svg g g text.label"), "10⁻⁶ exceedance level, extrapolated")
+        self.assertEqual(opened.text("figure.ccdf svg g g text.label"), "extrapolated worst case")
         opened.click("figure.ccdf [title^='of every cycle']")
         self.assertEqual(opened.run(marks), 0, "of round trips alone")
         self.assert_quiet(opened)
@@ -444,7 +444,7 @@ class Page(unittest.TestCase):
         before = results.read_bytes()
         self.assertEqual(explain("--perfetto", results).returncode, 2)
         self.assertEqual(results.read_bytes(), before)
-        self.assertIn("--run N", subprocess.run([ONTIME, "explain", self.several(), "--perfetto", file], capture_output=True,
+        self.assertIn("--only RUN", subprocess.run([ONTIME, "explain", self.several(), "--perfetto", file], capture_output=True,
                                                 text=True).stderr)
 
     def test_hostile_names_in_what_was_seen_run_nothing(self):
@@ -597,7 +597,7 @@ class File(unittest.TestCase):
         def plot(*arguments, **options):
             return subprocess.run([ONTIME, "plot", self.results, *arguments], capture_output=True, text=True, **options)
         for arguments, word in ((("--output", "x.gif"), ".svg, .pdf, .png"), (("--output", "x.svg", "--figure", "pie"), "payload"),
-                                (("--output", "x.svg", "--runs", "1,7"), "no run 7")):
+                                (("--output", "x.svg", "--only", "1,7"), "no run '7'")):
             done = plot(*arguments)
             self.assertEqual(done.returncode, 2)
             self.assertIn(word, done.stderr)

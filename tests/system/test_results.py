@@ -60,9 +60,9 @@ class Results(unittest.TestCase):
         self.assertNotIn("terminate called", answer.stderr)
         return answer
 
-    def scenario(self, require="lost <= 100%", duration="800 ms"):
+    def scenario(self, require="lost <= 100%", duration="800 ms", period="5 ms"):
         path = self.folder / "scenario.yaml"
-        path.write_text(SCENARIO % (duration, require))
+        path.write_text((SCENARIO % (duration, require)).replace("period: 5 ms", f"period: {period}"))
         return path
 
     def measured(self, **scenario):
@@ -92,11 +92,11 @@ class Results(unittest.TestCase):
     def test_what_a_scenario_requires_is_judged_and_recorded(self):
         self.ontime("run", self.scenario("lost <= 100%, max <= 100 s"), "--results", self.results, "--junit", "held.xml")
         answer = self.ontime("run", self.scenario("p50 <= 1 ns"), "--results", self.results, "--junit", "missed.xml", code=1)
-        self.assertIn("missed: p50 <= 1 ns (one udp (run 2)): p50 is ", answer.stderr)
-        self.assertIn("missed: p50 <= 1 ns", answer.stdout)
+        self.assertIn("FAIL: p50 <= 1 ns (one udp (run 2)): p50 is ", answer.stderr)
+        self.assertIn("FAIL: p50 <= 1 ns", answer.stdout)
         self.assertRegex(answer.stdout.splitlines()[0], r"(All .* cycles had an answer|had no answer)")
         self.assertLessEqual(len(answer.stdout.splitlines()), 24)
-        self.assertIn("missed: p50 <= 1 ns", self.ontime("report", self.results).stdout)
+        self.assertIn("FAIL: p50 <= 1 ns", self.ontime("report", self.results).stdout)
         run = json.loads(self.ontime("report", self.results, "--format", "json").stdout)["runs"][1]
         self.assertEqual(run["require"], ["p50 <= 1 ns"])
         self.assertEqual([note["kind"] for note in run["notes"]], ["gate-missed"])
@@ -120,7 +120,8 @@ class Results(unittest.TestCase):
         self.assertEqual([run["complete"] for run in runs], [False, True], "both are there")
         self.assertEqual(runs[0]["key"], runs[1]["key"])
         self.assertEqual(xml.etree.ElementTree.parse(self.folder / "gates.xml").getroot().get("tests"), "3")
-        self.ontime("compare", self.results, self.results, *gates)
+        shutil.copy(self.results, self.folder / "copy.ontime")
+        self.ontime("compare", self.results, self.folder / "copy.ontime", *gates)
 
     def test_a_requirement_that_is_none_is_refused_where_it_stands(self):
         answer = self.ontime("run", self.scenario("late <= 0, p98 <= 2 ms"), "--results", self.results, code=2)
@@ -138,10 +139,10 @@ class Results(unittest.TestCase):
         before = self.results.read_bytes()
         self.ontime("report", self.results, "--fail-if", "late > 1000000", "--fail-if", "max > 100 s")
         answer = self.ontime("report", "--fail-if", "p50 > 1 ns", self.results, code=1)
-        self.assertRegex(answer.stderr, r"missed: p50 > 1 ns \(one udp \(run 1\)\): p50 is .* surely (between|above)")
+        self.assertRegex(answer.stderr, r"FAIL: p50 <= 1 ns \(one udp \(run 1\)\): p50 is .* 98 % interval")
         self.assertIn("All figures:", answer.stdout, "the report is there all the same")
         answer = self.ontime("report", self.results, "--fail-if", "p99.99 > 1 s", code=1)
-        self.assertIn("too few messages", answer.stderr)
+        self.assertIn("measure longer", answer.stderr)
         answer = self.ontime("report", self.results, "--fail-if", "p99 > +10%", code=2)
         self.assertIn("--fail-if: 'p99 > +10%', column 7:", answer.stderr)
         self.ontime("report", self.results, "--fail-if", "late > 0", "--junit", self.folder / "no" / "x.xml", code=3)
@@ -271,7 +272,7 @@ class Results(unittest.TestCase):
         self.ontime("report", self.results)
         for flags in (["--fail-if", "late > 0"], ["--junit", "none.xml"]):
             answer = self.ontime("report", self.results, *flags, code=1)
-            self.assertIn("cannot judge: there is a run", answer.stderr)
+            self.assertIn("open: the file has a run", answer.stderr)
         self.assertEqual(xml.etree.ElementTree.parse(self.folder / "none.xml").getroot().get("errors"), "1")
 
     # --- comparing ---
@@ -286,16 +287,19 @@ class Results(unittest.TestCase):
             round_trips.append(int(100_000 * 2 ** (level + chance.gauss(0, 0.3))))
         first, second = round_trips[:60_000], round_trips[60_000:]
         a, b = self.copy_with("a.ontime", first), self.copy_with("b.ontime", second)
-        gate = ("--fail-if", "p99 > +10%")
+        gate = ("--fail-if", "p99 > +10%", "--single-runs")
+        answer = self.ontime("compare", a, b, *gate[:2], code=1)
+        self.assertIn("open: p99 <= +10% (one udp)", answer.stderr, "one run a side tells nothing of the next start")
         self.ontime("compare", a, b, *gate)
         slower = self.copy_with("slower.ontime", (int(ns * 1.2) for ns in second))
         answer = self.ontime("compare", a, slower, *gate, "--junit", "compare.xml", code=1)
-        self.assertRegex(answer.stderr, r"missed: p99 > \+10% \(one udp\): p99 went from .* to .* surely between")
-        self.assertRegex(answer.stdout, r"\np99 .* worse\n")
+        self.assertRegex(answer.stderr, r"FAIL: p99 <= \+10% \(one udp\): p99 went from .* to .* 98 % interval")
+        self.assertRegex(answer.stdout, r"\np99 .* higher\n")
         self.assertEqual(xml.etree.ElementTree.parse(self.folder / "compare.xml").getroot().get("failures"), "1")
         self.ontime("compare", slower, a, *gate)
         for form in ("json", "csv", "markdown", "latex", "html"):
-            self.assertIn("better", self.ontime("compare", slower, a, "--format", form).stdout)
+            wanted = "cannot tell" if form in ("json", "csv") else "lower"
+            self.assertIn(wanted, self.ontime("compare", slower, a, "--format", form).stdout)
 
     def test_what_has_no_partner_holds_no_line(self):
         self.measured()
@@ -303,8 +307,9 @@ class Results(unittest.TestCase):
         self.ontime("run", self.scenario(duration="200 ms"), "--results", other)
         self.assertIn("No run of A", self.ontime("compare", self.results, other).stdout)
         answer = self.ontime("compare", self.results, other, "--fail-if", "p50 > +900%", code=1)
-        self.assertIn("there is none with the same conditions", answer.stderr)
-        self.ontime("compare", self.results, other, "--from", "1", "--to", "one", "--fail-if", "lost > +900%")
+        self.assertIn("no run of B has the same conditions", answer.stderr)
+        self.ontime("compare", self.results, other, "--from", "1", "--to", "one", "--fail-if", "lost > +900%",
+                    "--single-runs")
         self.ontime("compare", self.results, code=2)
         self.ontime("compare", self.results, "--from", "1", code=2)
         self.assertIn("'two'", self.ontime("compare", self.results, other, "--only", "two", code=2).stderr)
@@ -327,8 +332,22 @@ class Results(unittest.TestCase):
         self.measured()
         self.measured(duration="200 ms")
         answer = self.ontime("compare", self.results, "--from", "one", "--to", "2", code=2)
-        self.assertIn("--from one: runs 1 and 2 were not measured under the same conditions", answer.stderr)
+        self.assertIn("--from one: runs 1 and 2 have different conditions", answer.stderr)
         self.ontime("compare", self.results, "--from", "1", "--to", "2")
+
+    def test_a_number_stands_for_its_repetitions_and_a_key_for_its_values(self):
+        for _ in range(2):
+            for period in ("5 ms", "10 ms"):
+                self.measured(duration="200 ms", period=period)
+        def runs(*flags, code=0):
+            answer = self.ontime("compare", self.results, *flags, "--format", "json", code=code)
+            return [(pair["from"]["runs"], pair["to"]["runs"]) for pair in json.loads(answer.stdout)["pairs"]] if code == 0 else answer.stderr
+        self.assertEqual(runs("--from", "1", "--to", "2"), [([1, 3], [2, 4])])
+        self.assertEqual(runs("--by", "period"), [([1, 3], [2, 4])])
+        self.assertEqual(runs("--by", "period", "--from", "10000", "--to", "5000"), [([2, 4], [1, 3])])
+        self.assertIn("same runs", runs("--from", "1", "--to", "3", code=2))
+        self.assertIn("there are 1", runs("--by", "transport", code=2))
+        self.assertIn("same runs", runs(self.results, code=2))
 
     # --- out ---
 
@@ -342,7 +361,7 @@ class Results(unittest.TestCase):
         self.ontime("export", self.results, "--output", "out.csv")
         self.assertEqual((self.folder / "out.csv").read_text().count("\n"), sent + 1)
         before = self.results.read_bytes()
-        for arguments, word in ((["--run", "7"], "there is no run 7"), (["--format", "parquet"], "Debian 12"),
+        for arguments, word in ((["--run", "7"], "no run '7'"), (["--format", "parquet"], "Debian 12"),
                                 (["--format", "x"], "'x'"), (["--output", self.results], "is a results file")):
             self.assertIn(word, self.ontime("export", self.results, *arguments, code=2).stderr)
         self.ontime("export", self.results, "--output", self.folder / "no" / "out.csv", code=3)

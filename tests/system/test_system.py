@@ -217,7 +217,7 @@ class System(Program):
             (["run", scenario, "--transports", "udp,foo"], 3, "foo"),
             (["ping"], 2, "transport"),
             (["ping", "--transport", "udp", "--peer", "127.0.0.1", "--wait", "2000000 h"], 2, "--wait"),
-            ([], 2, ""),
+            ([], 0, "ontime --help"),
             (["dance"], 2, "there is no command 'dance'"),
         ]
         for arguments, code, word in cases:

@@ -159,6 +159,14 @@ def move_interface(repetition):
     repetition.everybody_is_gone = True
 
 
+def kill_deployed_keeper(repetition):
+    """The shell that brought it has its name in its own command, too."""
+    pids = set(repetition.pids("bin/ontime keeper")) & set(repetition.pids("ontime-program-"))
+    check(len(pids) == 1, f"there is no one deployed keeper: {pids}")
+    repetition.moment()
+    os.kill(pids.pop(), signal.SIGKILL)
+
+
 def interrupt_twice(repetition):
     repetition.moment()
     repetition.interrupt()

@@ -283,8 +283,7 @@ class Deployed(BySsh):
     """As by ssh, with a program that is brought there for the time of the run."""
 
     def command(self):
-        command = [word for word in super().command()]
+        command = super().command()
         scenario = self.folder / "scenario.yaml"
-        scenario.write_text(scenario.read_text().replace(f"program: {ONTIME}, ", "")
-                            .replace("    load:", "    kernel: {timer-migration: off}\n    load:"))
+        scenario.write_text(scenario.read_text().replace(f"program: {ONTIME}, ", ""))
         return (*command, "--deploy")

@@ -323,11 +323,11 @@ function worse(histogram, greatest, lost) {
   return points;
 }
 
-// The extrapolated level that one answer in a million exceeds, with its confidence interval. The curve is of all messages:
+// The extrapolated level that one answer in so many exceeds, with its confidence interval. The curve is of all messages:
 // a share of lost ones lifts it, and the mark with it.
-const ONE_IN_A_MILLION = 1e-6;
-const liftedShare = run => run.lost / run.sent + (1 - run.lost / run.sent) * ONE_IN_A_MILLION;
-function expected({ bound, roundTrips, ...run }, x, y, edge) {
+const liftedShare = run => run.lost / run.sent + (1 - run.lost / run.sent) * run.bound.exceedance;
+function expected({ roundTrips, ...run }, x, y, edge) {
+  const bound = run.bound;
   if (!bound) return [];
   const share = liftedShare(run), at = y(share), slowest = roundTrips[roundTrips.length - (run.lost > 0 ? 3 : 2)];
   const way = slowest[1] > share && slowest[0] < bound.level ? `M${x(slowest[0])},${y(slowest[1])}L${x(bound.level)},${at}` : "";
@@ -343,7 +343,7 @@ function drawCcdf(figure) {
   domain[1] = Math.max(domain[1], (d3.max(answered, run => run.response.max) || 0) * 1.2);
   domain[1] = Math.max(domain[1], Math.min(domain[1] * 10, (d3.max(bounds, run => run.bound.high || run.bound.level) || 0) * 1.2));
   const least = Math.min(d3.min(runs, run => 1 / run.sent), d3.min(answered, run => 1 / run.response.count) || 1,
-    bounds.length > 0 ? ONE_IN_A_MILLION : 1);
+    d3.min(bounds, run => run.bound.exceedance) || 1);
   const look = whole ? looksOf(runs) : [];
   const series = runs.map((run, i) => ({ ...run, look: look[i], name: whole ? `${run.id} ${run.label}` : run.label,
     roundTrips: worse(run.histogram, run.round_trip ? run.round_trip.max : domain[0], run.lost),
@@ -360,7 +360,7 @@ function drawCcdf(figure) {
       ...(kind === "roundTrips" ? expected(one, x, y, x.range()[1]) : []),
     ],
     labels: (shown, x, y) => kind === "roundTrips" && shown.some(one => one.bound)
-      ? [{ x: x.range()[1], y: y(liftedShare(shown.find(one => one.bound))) - 8, text: "10⁻⁶ exceedance level, extrapolated" }] : [],
+      ? [{ x: x.range()[1], y: y(liftedShare(shown.find(one => one.bound))) - 8, text: "extrapolated worst case" }] : [],
     tell: (ns, shown) => `slower than ${time(ns)}: ` + shown.map(one => {
       const i = d3.bisector(p => p[0]).right(one[kind], ns) - 1, slower = i < 0 ? 1 : one[kind][i][1];
       return `${one.name} ${slower > 0 ? share(slower) : "none"}`;
@@ -368,7 +368,7 @@ function drawCcdf(figure) {
   });
   const key = lines.frame.key;
   lines.frame.key = () => [...key(), ...(kind === "roundTrips" && series.some(one => one.bound && !lines.hidden.has(one))
-    ? [{ className: "line expected key", dash: "1 4", text: "extrapolated to the 10⁻⁶ exceedance level, with its interval" }] : [])];
+    ? [{ className: "line expected key", dash: "1 4", text: "extrapolated worst case, with its interval" }] : [])];
   lines.frame.tools.insert("button", ".save").attr("type", "button").attr("aria-pressed", "false").text("response")
     .attr("title", "of every cycle from when it was due, instead of every message from when it was sent")
     .on("click", (_, i, [button]) => {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "campaign/document.hpp"
+#include "scenario/document.hpp"
 
 #include <algorithm>
 #include <cerrno>
@@ -15,9 +15,9 @@
 #include <fmt/format.h>
 #include <yaml-cpp/eventhandler.h>
 
-#include "campaign/campaign.hpp"
+#include "scenario/scenario.hpp"
 
-namespace ontime::campaign {
+namespace ontime::scenario {
 namespace {
 
 namespace fs = std::filesystem;
@@ -142,7 +142,7 @@ class Bounds final : public YAML::EventHandler {
 }  // namespace
 
 void fail_at(const std::string& file, const YAML::Mark& mark, const std::string& message) {
-  throw Error(2, fmt::format("{}:{}:{}: {}", file, mark.line + 1, mark.column + 1, message));
+  throw Error(fmt::format("{}:{}:{}: {}", file, mark.line + 1, mark.column + 1, message));
 }
 
 std::string scalar_of(const std::string& file, const YAML::Node& node, const std::string& key) {
@@ -164,15 +164,15 @@ std::string text_of(const std::string& file) {
   const bool folder = fs::is_directory(file, none);
   std::ifstream in(file);
   if (folder || !in)
-    throw Error(2, fmt::format("scenario {} cannot be read: {}", file,
-                               std::generic_category().message(folder ? EISDIR : errno)));
+    throw Error(fmt::format("scenario {} cannot be read: {}", file,
+                            std::generic_category().message(folder ? EISDIR : errno)));
   std::string text(most_bytes + 1, '\0');
   in.read(text.data(), static_cast<std::streamsize>(text.size()));
   text.resize(static_cast<std::size_t>(in.gcount()));
   if (text.size() > most_bytes) {
     const auto size = fs::is_regular_file(file, none) ? fs::file_size(file, none) : text.size();
-    throw Error(2, fmt::format("scenario {} has {} bytes{}; a scenario has at most {}: make several of it",
-                               file, size, fs::is_regular_file(file, none) ? "" : " or more", most_bytes));
+    throw Error(fmt::format("scenario {} has {} bytes{}; a scenario has at most {}: make several of it", file,
+                            size, fs::is_regular_file(file, none) ? "" : " or more", most_bytes));
   }
   return text;
 }
@@ -191,4 +191,4 @@ YAML::Node document_of(const std::string& file, const std::string& text) {
   }
 }
 
-}  // namespace ontime::campaign
+}  // namespace ontime::scenario

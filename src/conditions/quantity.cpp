@@ -7,9 +7,9 @@
 
 #include <fmt/format.h>
 
-#include "campaign/campaign.hpp"
+#include "conditions/conditions.hpp"
 
-namespace ontime::campaign {
+namespace ontime::conditions {
 namespace {
 
 // A long double holds every number of nanoseconds or bytes that the result does.
@@ -19,6 +19,12 @@ const Units& times() {
   static const Units units{{"ns", 1},  {"us", 1e3},   {"µs", 1e3},  {"ms", 1e6},
                            {"s", 1e9}, {"min", 60e9}, {"h", 3600e9}};
   return units;
+}
+
+// "'5 s' or '5 ms'": of a time both are usual; of all else the example's unit.
+std::string with_units(const std::string& number, const Units& units, const std::string& example) {
+  if (&units == &times()) return fmt::format("'{0} s' or '{0} ms'", number);
+  return fmt::format("'{} {}'", number, example.substr(example.find(' ') + 1));
 }
 
 long double quantity(const std::string& text, const Units& units, const std::string& example) {
@@ -31,8 +37,8 @@ long double quantity(const std::string& text, const Units& units, const std::str
   std::string unit(static_cast<const char*>(end), text.data() + text.size());
   unit.erase(0, std::min(unit.find_first_not_of(' '), unit.size()));
   if (unit.empty())
-    throw std::invalid_argument(
-        fmt::format("'{}' has no unit; write it as '{}' (units: {})", text, example, names));
+    throw std::invalid_argument(fmt::format("'{}' has no unit; did you mean {}? Units: {}", text,
+                                            with_units(text, units, example), names));
   for (const auto& [name, factor] : units) {
     if (unit != name) continue;
     const auto value = number * factor;
@@ -109,4 +115,4 @@ std::int64_t number_of(const std::string& text, std::int64_t least, std::int64_t
   return value;
 }
 
-}  // namespace ontime::campaign
+}  // namespace ontime::conditions

@@ -1,5 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// A scenario file: keys and their words are the table in keys.cpp; here are the file's shape and its errors.
+// A scenario file: its keys are the fields of conditions; here are the file's shape and its errors.
+#include "scenario/scenario.hpp"
+
 #include <algorithm>
 #include <iterator>
 #include <set>
@@ -9,16 +11,15 @@
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
-#include "campaign/campaign.hpp"
-#include "campaign/document.hpp"
-#include "campaign/hosts.hpp"
-#include "campaign/kernel.hpp"
-#include "campaign/keys.hpp"
-#include "campaign/traffic.hpp"
 #include "gate/gate.hpp"
+#include "scenario/complete.hpp"
+#include "scenario/document.hpp"
+#include "scenario/hosts.hpp"
 
-namespace ontime::campaign {
+namespace ontime::scenario {
 namespace {
+
+using conditions::Key, conditions::keys, conditions::number_of;
 
 constexpr std::size_t most_runs = 100'000;  // with repetitions
 constexpr std::size_t most_different_runs = 10'000;
@@ -26,8 +27,16 @@ constexpr std::size_t most_held = std::size_t{32} << 20U;  // bytes of keys and 
 constexpr std::size_t held_beside = 16;                    // of each, beside its words
 constexpr std::size_t most_required = 100;
 
+// The first key of it by which something of the interface itself is set; "": none is.
+std::string of_an_interface(const Run& run) {
+  for (const auto& setting : settings::table())
+    if (setting.of_interface && run.kernel.contains(setting.name))
+      return fmt::format("kernel.{}", setting.name);
+  return run.isolation.interrupts ? "isolation.interrupts" : "";
+}
+
 // "": it can be measured over that wire.
-std::string why_not_over(const machine::Wire& wire, const Run& run) {
+std::string why_not_over(const conditions::Wire& wire, const Run& run) {
   if (wire.vlan > 0) {
     const auto name = of_an_interface(run);
     if (name.empty()) return "";
@@ -60,7 +69,7 @@ class File {
   Scenario read() {
     const auto root = document_of(scenario_.file, scenario_.text);
     if (!root.IsMap())
-      throw Error(2, scenario_.file + ": not a scenario: it has no keys (title, hosts, defaults, runs …)");
+      throw Error(scenario_.file + ": not a scenario: it has no keys (title, hosts, defaults, runs …)");
     std::optional<YAML::Node> hosts, wire, defaults, runs, repeat;
     once_each(scenario_.file, root);
     for (const auto& entry : root) {
@@ -172,7 +181,7 @@ class File {
     if (!key.starts_with("link.") || hosts.components.size() == 1) return common_to_all(key);
     if (hosts.kind == Hosts::Kind::stated)
       return "the controller's interface, which is one end of the link, is one for all";
-    if (key == "link.message-priority" || key == "link.traffic-priority")
+    if (is_mark(key))
       return "the controller gives it to all that it sends";
     return "";
   }
@@ -212,10 +221,10 @@ class File {
     const auto is_here = [](const auto& component) { return component.host.ssh.empty(); };
     if (hosts.controller.ssh.empty() &&
         std::all_of(hosts.components.begin(), hosts.components.end(), is_here))
-      throw Error(2,
-                  fmt::format("--deploy brings ontime to hosts that are reached by ssh, and in {} there is "
-                              "none (hosts: component: {{ssh: user@host …}})",
-                              scenario_.file));
+      throw Error(
+          fmt::format("--deploy brings ontime to hosts that are reached by ssh, and in {} there is "
+                      "none (hosts: component: {{ssh: user@host …}})",
+                      scenario_.file));
     hosts.deploy.emplace();
     const auto bring = [&](const Run& run) {
       hosts.deploy->insert({run.task.transport,
@@ -278,7 +287,7 @@ class File {
     for (const auto& of_all : scenario_.runs)
       for (const auto& run : together(of_all, scenario_.hosts))
         if (const auto why = why_not_over(scenario_.hosts.wire, run); !why.empty())
-          throw Error(2, fmt::format("{}: {}: {}", scenario_.file, run.id, why));
+          throw Error(fmt::format("{}: {}: {}", scenario_.file, run.id, why));
   }
 
   // A list that does not multiply: all of it must be so.
@@ -467,7 +476,9 @@ class File {
       if (&dimensions[i] == &dimensions.back()) run.step.among = run.variant;
       if (choices.size() == 1 || (holds && said.key == "transport")) continue;
       const auto& name = holds ? said.key : path;
-      auto& text = holds || component.empty() ? run.variant : run.beside;
+      const bool of_others = !holds && !component.empty();
+      auto& text = of_others ? run.beside : run.variant;
+      if (!of_others) run.varied.emplace_back(name, choice.value);
       text += fmt::format("{}{} {}", text.empty() ? "" : ", ", name, choice.value);
     }
     try {
@@ -563,7 +574,7 @@ std::string some_of(const std::set<std::string>& ids) {
 void check_only(const Selection& selection, const std::set<std::string>& ids, const std::string& which_have) {
   for (const auto& id : selection.only)
     if (!ids.contains(id))
-      throw Error(2, fmt::format("{} no run '{}'; there are: {}", which_have, id, some_of(ids)));
+      throw Error(fmt::format("{} no run '{}'; there are: {}", which_have, id, some_of(ids)));
 }
 
 }  // namespace
@@ -617,4 +628,4 @@ std::vector<Scenario> read_scenarios(const std::vector<std::string>& files, cons
   return scenarios;
 }
 
-}  // namespace ontime::campaign
+}  // namespace ontime::scenario

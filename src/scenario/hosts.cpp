@@ -1,16 +1,18 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "campaign/hosts.hpp"
+#include "scenario/hosts.hpp"
 
 #include <algorithm>
 #include <stdexcept>
 
 #include <fmt/format.h>
 
-#include "campaign/document.hpp"
 #include "journal/interface_name.hpp"
+#include "scenario/document.hpp"
 
-namespace ontime::campaign {
+namespace ontime::scenario {
 namespace {
+
+using conditions::bit_rate_of, conditions::Host, conditions::Key, conditions::keys, conditions::number_of;
 
 constexpr std::size_t most_components = 32;
 constexpr int most_vlan = 4094;
@@ -174,19 +176,7 @@ class HostsOfFile {
   Hosts hosts_;
 };
 
-template <typename Any>
-auto& find(Any& hosts, const std::string& name) {
-  if (name == "controller") return hosts.controller;
-  const auto is_it = [&](const auto& component) { return component.name == name; };
-  const auto found = std::find_if(hosts.components.begin(), hosts.components.end(), is_it);
-  if (found == hosts.components.end()) throw std::out_of_range("no host is called " + name);
-  return found->host;
-}
-
 }  // namespace
-
-const Host& Hosts::at(const std::string& name) const { return find(*this, name); }
-Host& Hosts::at(const std::string& name) { return find(*this, name); }
 
 Hosts hosts_of(const std::string& file, const std::optional<YAML::Node>& hosts,
                const std::optional<YAML::Node>& components) {
@@ -222,29 +212,16 @@ void lay_wire(const std::string& file, const YAML::Node& node, Hosts& hosts) {
   }
 }
 
-const char* word_of(Hosts::Kind kind) {
-  switch (kind) {
-    case Hosts::Kind::namespaces:
-      return "namespaces";
-    case Hosts::Kind::loopback:
-      return "loopback";
-    case Hosts::Kind::stated:
-      return "stated";
-    case Hosts::Kind::alone:
-      break;
-  }
-  return "";
-}
-
 void lay_cable(const std::string& file, const std::vector<std::string>& interfaces, Hosts& hosts) {
   if (hosts.kind != Hosts::Kind::namespaces || hosts.components.size() > 1)
-    throw Error(2, fmt::format("--cable joins the two namespaces of hosts: namespaces with one component, "
-                               "and {} has other hosts",
-                               file));
+    throw Error(
+        fmt::format("--cable joins the two namespaces of hosts: namespaces with one component, "
+                    "and {} has other hosts",
+                    file));
   if (interfaces.size() != 2 || interfaces[0] == interfaces[1])
-    throw Error(2, "--cable: it has two ends: name two interfaces, such as eth1,eth2");
+    throw Error("--cable: it has two ends: name two interfaces, such as eth1,eth2");
   hosts.controller.interface = interfaces[0];
   hosts.components.front().host.interface = interfaces[1];
 }
 
-}  // namespace ontime::campaign
+}  // namespace ontime::scenario

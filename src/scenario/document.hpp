@@ -6,9 +6,9 @@
 
 #include <yaml-cpp/yaml.h>
 
-namespace ontime::campaign {
+namespace ontime::scenario {
 
-// Throws Error{2}: file, line, column, message.
+// Throws Error: file, line, column, message.
 [[noreturn]] void fail_at(const std::string& file, const YAML::Mark&, const std::string& message);
 
 // The word that stands there as the value of a key. Throws likewise, as once_each() does for a key that is
@@ -23,4 +23,4 @@ std::string text_of(const std::string& file);
 // of its own, it has no more nodes and levels than a walk through it has time and stack for.
 YAML::Node document_of(const std::string& file, const std::string& text);
 
-}  // namespace ontime::campaign
+}  // namespace ontime::scenario

@@ -1,0 +1,175 @@
+// SPDX-License-Identifier: Apache-2.0
+// Everything that can be asked of a run and its hosts: plain data, and one list of its fields. From the list
+// come the keys of scenario files, the flags of ping and pong, the orders to workers and the record's form of
+// a run. Adding a condition is a member here, a row in fields.cpp (or network.cpp), and what it does.
+#pragma once
+
+#include <chrono>
+#include <cstdint>
+#include <functional>
+#include <map>
+#include <optional>
+#include <set>
+#include <string>
+#include <vector>
+
+#include <nlohmann/json.hpp>
+
+#include "conditions/around.hpp"
+#include "realtime/realtime.hpp"
+#include "roundtrip/roundtrip.hpp"
+#include "settings/settings.hpp"
+#include "transport/transport.hpp"
+
+namespace ontime::conditions {
+
+// "10 ms" → 10'000'000. Units: ns us µs ms s min h. Throws std::invalid_argument, for people.
+std::chrono::nanoseconds duration_of(const std::string& text);
+// The same, more than 0 and at most `most`.
+constexpr std::chrono::hours longest_duration{1000};  // whose messages can be numbered at the least period
+std::chrono::nanoseconds positive_duration(const std::string& text,
+                                           std::chrono::hours most = longest_duration);
+std::string text_of(std::chrono::nanoseconds);  // the way back, in the largest unit that makes it whole
+// "32 KiB" → 32'768. Units: B kB KiB MB MiB GB GiB.
+std::uint64_t bytes_of(const std::string& text);
+// "80 Mbit/s" → 80'000'000. Units: bit/s kbit/s Mbit/s Gbit/s.
+std::uint64_t bit_rate_of(const std::string& text);
+// "100 Hz" → 10 ms. Units: Hz kHz. From 0.1 Hz to 100 kHz.
+std::chrono::nanoseconds period_of_rate(const std::string& text);
+// "1 %" → 0.01. From 0.0001 % to 100 %.
+double share_of(const std::string& text);
+// A whole number within these bounds. Throws std::invalid_argument, for people.
+std::int64_t number_of(const std::string& text, std::int64_t least, std::int64_t most);
+
+// The settings of one process. Without them everything stays as it is born: SCHED_OTHER, pageable.
+struct RealtimeSettings {
+  bool on = false;
+  bool lock_memory = false;
+  std::optional<std::chrono::microseconds> cpu_latency;
+  std::map<std::string, realtime::ThreadSettings> threads;  // by role
+};
+
+// One end of one run. With neighbours in another process it is that process: only they are opened.
+struct Task {
+  std::string transport;
+  transport::Config config;  // the agent finds `address`; `fifo_priority` follows from `realtime`
+  roundtrip::ClientOptions client;
+  roundtrip::NeighbourOptions neighbours;
+  RealtimeSettings realtime;
+  bool count_instructions = false;  // of each thread; switching between threads takes a little longer with it
+};
+
+// One measurement, with all its conditions.
+struct Run {
+  std::string id;
+  std::string title;
+  std::string where;  // "FILE:LINE", of a scenario
+  // What tells it from others of the same id, beside transport and repetition: "payload 32 KiB".
+  std::string variant;
+  // The same, key by key.
+  std::vector<std::pair<std::string, std::string>> varied;
+  std::string adds_to;               // the id of the layer below, where the runs of a session are layers
+  std::vector<std::string> require;  // what must hold at the end: gates, checked as such
+  // The key that a search raises, and which of its values this is; no key: the run is no step of a search.
+  struct Step {
+    std::string key, value;
+    int number = 0, of = 0;  // from 0
+    std::string among;       // `variant` without the key: what tells this search from others of the same id
+  } step;
+  int repetition = 1;
+  Task task;  // the client's; the server's follows from it
+  Workers controller_load, component_load;
+  Traffic traffic;
+  bool describes_neighbours = false;  // said more of them than how many
+  bool explain = false;               // keep what the kernels did around late and lost messages
+  Faults faults;                      // of either end
+  std::optional<Cut> cut;             // for which `faults` has to provide
+  settings::Wishes kernel;            // of both machines
+  Isolation isolation;                // of both machines, for both ends
+  std::string component_transport;    // empty: as the controller's, with its options
+  std::map<std::string, std::string> component_options;
+  Security security = Security::off;    // of DDS, at both ends
+  bool component_restart = false;       // if it dies while the controller measures
+  std::string component = "component";  // the name of the one that answers
+  std::vector<Run> own;  // the conditions of each component that has some of its own, each whole
+  std::string beside;    // what varies only for other components, which are measured at the same time
+
+  // What was said, of which scenario::complete() makes what `task` holds.
+  std::optional<int> domain;  // nothing: what ROS_DOMAIN_ID says, or 0
+  std::string ros_namespace = "/", ping_topic = "ping", pong_topic = "pong";
+  bool realtime_refused = false;  // "realtime: off" was said: realtime.* settings then only describe
+};
+
+// A field of a run. Those with a path can be said in a scenario, those with `json` are in records and orders.
+struct Field {
+  std::string path;    // in a scenario: "qos.depth"; "": only in records
+  std::string flag;    // of `ontime ping` and `ontime pong`: "--depth"; empty: none
+  std::string values;  // for people: "1 …"
+  std::string help;
+  enum class For { client, both } end = For::client;
+  // In tables and labels, around its value: "every {}"; "": its group has words for it, or it needs none.
+  std::string phrase{};
+  enum class Unit { none, us, s, bytes, share } unit = Unit::none;  // of its JSON
+  // Throws std::invalid_argument, for people.
+  std::function<void(Run&, const std::string&)> set{};
+  std::string json{};  // where a record and an order have it: "qos.depth"; "": nowhere
+  std::function<nlohmann::json(const Run&)> to_json{};           // null: it says nothing
+  std::function<void(Run&, const nlohmann::json&)> from_json{};  // throws std::exception; never gets null
+};
+using Key = Field;  // one with a path
+const std::vector<Field>&
+fields();  // all, in the order in which they are applied: a preset before what refines it
+const std::vector<Key>& keys();  // those that can be said
+
+// The one form of a run, in orders and in records: docs/json.md lists its names.
+nlohmann::json to_json(const Run&);
+// The way back. What is not there stays as it is by default. Throws std::exception for what no run can have.
+Run run_of(const nlohmann::json&);
+// Of a record of any program: what no run can have is left out as well.
+Run run_of_record(const nlohmann::json&);
+// What a record has by the name of a field; null: nothing.
+const nlohmann::json& member_of(const nlohmann::json& record, const std::string& name);
+
+// The least priority of the threads that a message passes through; 0: of SCHED_OTHER.
+int application_priority(const Run&);
+
+const char* word_of(transport::Receive);
+const char* word_of(transport::Reliability);
+const char* word_of(transport::History);
+const char* word_of(transport::Durability);
+
+// Where the two ends are. `reach` and `place` are words put before a command, which run as a program, on this
+// machine or, where there is `ssh`, on that one.
+struct Host {
+  std::string ssh;                 // what OpenSSH's client is told to connect to: "robot", "user@host"
+  std::vector<std::string> reach;  // how to reach the machine: {"sudo", "-n"}; nothing: as it is
+  std::vector<std::string> place;  // where on it the end lives: {"ip", "netns", "exec", "left"}
+  std::string program;             // ontime on that machine; empty: as it is called here, or there by ssh
+  std::string interface;
+  std::string address;
+  std::string port{};  // of a controller's bridge, the one that leads here; "": it has no bridge
+};
+struct Hosts {
+  // alone: the controller only, on this machine; another program serves
+  enum class Kind { namespaces, loopback, stated, alone } kind = Kind::namespaces;
+  Host controller;  // filled in for `stated`, as are these; for `namespaces` with a cable, the interfaces
+  struct Component {
+    std::string name;
+    Host host;
+  };
+  std::vector<Component> components{{"component", {}}};  // that one, or those that were given names
+  const Host& at(const std::string& name) const;         // of the controller, or of a component
+  Host& at(const std::string& name);
+  Wire wire;  // between two `namespaces`
+  // Brought to hosts that are reached by ssh: this program, with these transports. Nothing: it is there.
+  std::optional<std::set<std::string>> deploy;
+};
+const char* word_of(Hosts::Kind);  // alone: ""
+
+// The record's form of a run on these hosts.
+nlohmann::json asked(const Run&, const Hosts&);
+nlohmann::json asked(const Wire&);  // null: there is none
+// Whether its component is one that was given a name.
+bool is_named(const Run&);
+
+}  // namespace ontime::conditions

@@ -1,0 +1,382 @@
+// SPDX-License-Identifier: Apache-2.0
+// The list of all fields of a run, but for those of what is around it, and the form that the list gives a
+// run.
+#include "conditions/fields.hpp"
+
+#include <algorithm>
+#include <iterator>
+#include <string_view>
+
+namespace ontime::conditions {
+namespace {
+
+using namespace std::chrono_literals;
+using nlohmann::json;
+using std::chrono::nanoseconds;
+
+constexpr std::uint64_t max_payload_bytes = std::uint64_t{1} << 30U;
+constexpr std::int64_t max_domain = 232;  // the last one whose ports exist
+
+nanoseconds period_of(Text text) {
+  const auto period = positive_duration(text, 1h);
+  if (period < 10us)
+    throw std::invalid_argument(fmt::format(
+        "'{}' is too short: the least period is 10 us; for as fast as possible use schedule back-to-back",
+        text));
+  return period;
+}
+
+// As rmw validates a topic's whole name, and a namespace: parts between slashes, each like a variable's name.
+bool is_ros_name(std::string_view name) {
+  const auto is_letter = [](char c) { return (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || c == '_'; };
+  const auto is_digit = [](char c) { return c >= '0' && c <= '9'; };
+  if (name.starts_with('/')) name.remove_prefix(1);
+  char before = '/';
+  for (const char c : name) {
+    const bool begins_part = before == '/';
+    if (!is_letter(c) && (begins_part || !(is_digit(c) || c == '/'))) return false;
+    before = c;
+  }
+  return before != '/';
+}
+
+Codec<std::string> ros_name() {
+  auto codec = text();
+  codec.values = "NAME";
+  codec.of_text = [](Text text) {
+    if (!is_ros_name(text))
+      throw std::invalid_argument(fmt::format(
+          "'{}' is no name of ROS 2: parts of letters, digits and _ that begin with no digit, with / between",
+          text));
+    return text;
+  };
+  return codec;
+}
+
+Codec<std::map<std::string, std::string>> options() {
+  using Options = std::map<std::string, std::string>;
+  return {{},
+          [](const Options& options) { return json(options); },
+          [](Json from) { return from.get<Options>(); }};
+}
+
+Codec<std::vector<std::string>> list_or_null() {
+  using List = std::vector<std::string>;
+  return {{},
+          [](const List& list) { return list.empty() ? json() : json(list); },
+          [](Json from) { return from.get<List>(); }};
+}
+
+Codec<std::vector<std::pair<std::string, std::string>>> pairs_or_null() {
+  using Pairs = std::vector<std::pair<std::string, std::string>>;
+  return {{},
+          [](const Pairs& pairs) { return pairs.empty() ? json() : json(pairs); },
+          [](Json from) { return from.get<Pairs>(); }};
+}
+
+Codec<Security> security() {
+  auto codec =
+      words<Security>({Security::off, Security::authenticate, Security::sign, Security::encrypt}, word_of);
+  codec.to_json = [](Security level) { return level == Security::off ? json() : json(word_of(level)); };
+  return codec;
+}
+
+Fields fields_of_record() {
+  Fields all{recorded(
+                 "id", text(), [](Run & run) -> auto& { return run.id; }),
+             recorded(
+                 "variant", text(), [](Run & run) -> auto& { return run.variant; }),
+      recorded("varied", pairs_or_null(), [](Run & run) -> auto& { return run.varied; }),
+             recorded(
+                 "beside", text_or_null(), [](Run & run) -> auto& { return run.beside; }),
+             recorded(
+                 "repetition", number<int>(1, 0), [](Run & run) -> auto& { return run.repetition; }),
+             recorded(
+                 "require", list_or_null(), [](Run & run) -> auto& { return run.require; }),
+             recorded(
+                 "component", text_or_null(), [](Run & run) -> auto& { return run.component; }),
+             recorded(
+                 "search.value", text(), [](Run & run) -> auto& { return run.step.value; }),
+             recorded(
+                 "search.step", number<int>(0, 0), [](Run & run) -> auto& { return run.step.number; }),
+             recorded(
+                 "search.steps", number<int>(0, 0), [](Run & run) -> auto& { return run.step.of; }),
+             recorded(
+                 "search.among", text(), [](Run & run) -> auto& { return run.step.among; }),
+             recorded(
+                 "interface", text_or_null(), [](Run & run) -> auto& { return run.task.config.interface; }),
+             recorded(
+                 "options", options(), [](Run & run) -> auto& { return run.task.config.options; }),
+             recorded(
+                 "component_options", options(), [](Run & run) -> auto& { return run.component_options; })};
+  for (auto& field : all)
+    if (field.json == "component")
+      field.to_json = [](const Run& run) { return is_named(run) ? json(run.component) : json(); };
+    else if (field.json == "component_options")
+      field.to_json = [](const Run& run) {
+        return json(run.component_transport.empty() ? run.task.config.options : run.component_options);
+      };
+  return all;
+}
+
+Field component_transport() {
+  auto transport = field(
+      {"component.transport", "", "NAME", "of the answering end, where it is another"}, "component_transport",
+      text(), [](Run & run) -> auto& { return run.component_transport; });
+  transport.to_json = [](const Run& run) {
+    return run.component_transport.empty() ? run.task.transport : run.component_transport;
+  };
+  return transport;
+}
+
+// Of what the run is.
+Fields fields_of_run() {
+  return {
+      field(
+          {"title", "", "TEXT", "what the run is, in words"}, "title", text(),
+          [](Run & run) -> auto& { return run.title; }),
+      field(
+          {"adds-to", "", "ID", "the run that is the layer below this one, for `ontime report --layers`"},
+          "adds_to", text(), [](Run & run) -> auto& { return run.adds_to; }),
+      field(
+          {"search", "", "KEY",
+           "the key whose list of values, from the gentlest on, is tried for the first misses"},
+          "search.key", text(), [](Run & run) -> auto& { return run.step.key; }),
+      field(
+          {"count-instructions", "", "", "of each thread, where the CPU has a counter for it"},
+          "count_instructions", on_or_null(), [](Run & run) -> auto& { return run.task.count_instructions; }),
+      field(
+          {"explain", "--explain", "",
+           "keep what the kernel did around late, lost and the worst messages, for `ontime explain`; needs "
+           "root",
+           both},
+          "explain", on_or_null(), [](Run & run) -> auto& { return run.explain; }),
+      field(
+          {"transport", "--transport", "NAME",
+           "ethernet, xdp, udp, cyclonedds, fastdds, or another that is installed", both},
+          "transport", text(), [](Run & run) -> auto& { return run.task.transport; }),
+      component_transport(),
+      field(
+          {"component.restart", "", "", "start the answering end again if it dies during the run"},
+          "component_restart", on_or_null(), [](Run & run) -> auto& { return run.component_restart; })};
+}
+
+// Of how it sends.
+Fields fields_of_sending() {
+  using roundtrip::Schedule;
+  return {
+      said(field(
+               {"payload", "--payload", "",
+                "bytes beside the sequence number: 500 B; for pong at most: 60 kB", both, "{}"},
+               "payload_bytes", size(), [](Run & run) -> auto& { return run.task.client.payload_bytes; }),
+           [](Run& run, Text text) {
+             run.task.client.payload_bytes = run.task.config.max_payload_bytes = payload_of(text);
+           }),
+      field(
+          {"schedule", "--schedule", "", "when the next message is sent: next-free", client, "{}"},
+          "schedule",
+          words({Schedule::next_free, Schedule::fixed, Schedule::back_to_back}, roundtrip::word_of),
+          [](Run & run) -> auto& { return run.task.client.schedule; }),
+      field(
+          {"period", "--period", "", "of sending: 10 ms", client, "every {}"}, "period_us",
+          time(us, period_of), [](Run & run) -> auto& { return run.task.client.period; }),
+      field(
+          {"deadline", "--deadline", "", "a longer round trip is late: 10 ms", client, "deadline {}"},
+          "deadline_us", time(us, up_to_an_hour),
+          [](Run & run) -> auto& { return run.task.client.deadline; }),
+      field(
+          {"timeout", "--timeout", "", "a message without an answer for longer is lost: 500 ms", client,
+           "time-out {}"},
+          "timeout_us", time(us, up_to_an_hour), [](Run & run) -> auto& { return run.task.client.timeout; }),
+      field(
+          {"duration", "--duration", "", "of sending, warm-up not counted: 10 s", client, "{}"}, "duration_s",
+          time(s, [](Text text) { return positive_duration(text); }),
+          [](Run & run) -> auto& { return run.task.client.duration; }),
+      field(
+          {"warm-up", "--warm-up", "N", "answers before the first counted message: 10"}, "warm_up",
+          number<std::uint64_t>(1, 1'000'000), [](Run & run) -> auto& { return run.task.client.warm_up; }),
+      field(
+          {"receive", "--receive", "", "on the middleware's thread, or on one of ours that waits: listener",
+           both, "{}"},
+          "receive",
+          words<transport::Receive>({transport::Receive::listener, transport::Receive::waitset}, word_of),
+          [](Run & run) -> auto& { return run.task.config.receive; })};
+}
+
+// Of the topics, and how they are served. The names that are said become whole ones at the end.
+Fields fields_of_topics() {
+  using transport::Durability, transport::History;
+  auto name_space = field(
+      {"namespace", "--namespace", "NAME", "of the topics, as ROS 2 names it, such as /robot: /", both}, "",
+      ros_name(), [](Run & run) -> auto& { return run.ros_namespace; });
+  return {said(field(
+                   {"domain", "--domain", "",
+                    "DDS domain, and for udp port 7900 + domain: $ROS_DOMAIN_ID, or 0", both, "domain {}"},
+                   "domain", number<int>(0, max_domain),
+                   [](Run & run) -> auto& { return run.task.config.domain; }),
+               [](Run& run, Text text) { run.domain = static_cast<int>(number_of(text, 0, max_domain)); }),
+          said(name_space,
+               [set = name_space.set](Run& run, Text text) {
+                 if (text == "/")
+                   run.ros_namespace = text;
+                 else
+                   set(run, text);
+               }),
+          said(field(
+                   {"topics.ping", "--ping-topic", "", "what the client writes: ping", both}, "ping_topic",
+                   ros_name(), [](Run & run) -> auto& { return run.task.config.ping_topic; }),
+               [](Run& run, Text text) { run.ping_topic = ros_name().of_text(text); }),
+          said(field(
+                   {"topics.pong", "--pong-topic", "", "what the server answers on: pong", both},
+                   "pong_topic", ros_name(), [](Run & run) -> auto& { return run.task.config.pong_topic; }),
+               [](Run& run, Text text) { run.pong_topic = ros_name().of_text(text); }),
+          field(
+              {"qos.reliability", "--reliability", "", "quality of service: best-effort", both},
+              "qos.reliability", reliability(),
+              [](Run & run) -> auto& { return run.task.config.qos.reliability; }),
+          field(
+              {"qos.history", "--history", "", "quality of service: keep-last", both}, "qos.history",
+              words<History>({History::keep_last, History::keep_all}, word_of),
+              [](Run & run) -> auto& { return run.task.config.qos.history; }),
+          field(
+              {"qos.depth", "--depth", "N", "of keep-last: 1", both}, "qos.depth", number<int>(1, 1'000'000),
+              [](Run & run) -> auto& { return run.task.config.qos.depth; }),
+          field(
+              {"qos.durability", "--durability", "", "quality of service: volatile", both}, "qos.durability",
+              words<Durability>({Durability::volatile_, Durability::transient_local}, word_of),
+              [](Run & run) -> auto& { return run.task.config.qos.durability; }),
+          field(
+              {"security", "", "",
+               "DDS Security: whether both ends show who they are, and what becomes of each payload: off",
+               client, "security {}"},
+              "security", security(), [](Run & run) -> auto& { return run.security; })};
+}
+
+// What says nothing as long as it is not asked for, whatever its parts are.
+constexpr std::pair<const char*, bool (*)(const Run&)> groups[] = {
+    {"search", [](const Run& run) { return run.step.of > 0; }},
+    {"traffic", [](const Run& run) { return run.traffic.any(); }},
+    {"neighbours", [](const Run& run) { return run.task.neighbours.topics > 0; }},
+    {"link", [](const Run& run) { return run.faults.any(); }},
+    {"isolation", [](const Run& run) { return run.isolation.any(); }}};
+
+json::json_pointer pointer(std::string path) {
+  std::replace(path.begin(), path.end(), '.', '/');
+  return json::json_pointer("/" + path);
+}
+
+}  // namespace
+
+std::uint64_t payload_of(Text text) {
+  const auto bytes = bytes_of(text);
+  if (bytes > max_payload_bytes)
+    throw std::invalid_argument(fmt::format("'{}' is too large: at most 1 GiB", text));
+  return bytes;
+}
+
+Codec<transport::Reliability> reliability() {
+  using transport::Reliability;
+  return words<Reliability>({Reliability::best_effort, Reliability::reliable}, word_of);
+}
+
+bool yes_or_no(Text text) {
+  if (text == "true" || text == "on" || text == "yes") return true;
+  if (text == "false" || text == "off" || text == "no") return false;
+  throw std::invalid_argument(fmt::format("'{}' is neither on nor off", text));
+}
+
+double finite(Json from) {
+  const auto value = from.get<double>();
+  if (!from.is_number() || !std::isfinite(value)) throw std::invalid_argument(from.dump() + " is no number");
+  return value;
+}
+
+void add(Fields& all, Fields more) {
+  all.insert(all.end(), std::move_iterator(more.begin()), std::move_iterator(more.end()));
+}
+
+const Fields& fields() {
+  static const auto list = [] {
+    Fields all;
+    for (const auto part :
+         {fields_of_run, fields_of_sending, fields_of_topics, realtime_fields, network_fields,
+          neighbour_fields, isolation_fields, kernel_fields, fields_of_record})
+      add(all, part());
+    return all;
+  }();
+  return list;
+}
+
+const std::vector<Key>& keys() {
+  static const auto list = [] {
+    Fields all;
+    std::copy_if(fields().begin(), fields().end(), std::back_inserter(all),
+                 [](const Field& field) { return !field.path.empty(); });
+    return all;
+  }();
+  return list;
+}
+
+const json& member_of(const json& record, const std::string& path) {
+  static const json none;
+  const auto* here = &record;
+  for (std::size_t begin = 0; begin <= path.size();) {
+    const auto end = std::min(path.find('.', begin), path.size());
+    const auto found = here->is_object() ? here->find(path.substr(begin, end - begin)) : here->end();
+    if (!here->is_object() || found == here->end()) return none;
+    here = &*found;
+    begin = end + 1;
+  }
+  return *here;
+}
+
+json to_json(const Run& run) {
+  auto all = json::object();
+  for (const auto& field : fields())
+    if (field.to_json) all[pointer(field.json)] = field.to_json(run);
+  for (const auto& [name, is_asked] : groups)
+    if (!is_asked(run)) all[name] = nullptr;
+  return all;
+}
+
+Run run_of(const json& from) {
+  Run run;
+  for (const auto& field : fields())
+    if (const auto& value = field.from_json ? member_of(from, field.json) : json(); !value.is_null())
+      field.from_json(run, value);
+  return run;
+}
+
+Run run_of_record(const json& from) {
+  Run run;
+  for (const auto& field : fields()) {
+    if (!field.from_json) continue;
+    const auto& value = member_of(from, field.json);
+    if (!value.is_null()) try {
+        field.from_json(run, value);
+      } catch (const std::exception&) {  // a record may be of another program
+      }
+  }
+  return run;
+}
+
+const char* word_of(transport::Reliability reliability) {
+  return reliability == transport::Reliability::reliable ? "reliable" : "best-effort";
+}
+const char* word_of(transport::History history) {
+  return history == transport::History::keep_all ? "keep-all" : "keep-last";
+}
+const char* word_of(transport::Durability durability) {
+  return durability == transport::Durability::transient_local ? "transient-local" : "volatile";
+}
+
+const char* word_of(transport::Receive receive) {
+  return receive == transport::Receive::waitset ? "waitset" : "listener";
+}
+
+const char* word_of(Security level) {
+  static constexpr const char* words[] = {"off", "authenticate", "sign", "encrypt"};
+  return words[static_cast<std::size_t>(level)];
+}
+
+}  // namespace ontime::conditions

@@ -1,0 +1,369 @@
+// SPDX-License-Identifier: Apache-2.0
+// What is beside the messages: load, traffic, the link's faults, ordinary topics, reserved CPUs, kernel
+// settings.
+#include <sstream>
+#include <string_view>
+
+#include "conditions/fields.hpp"
+
+namespace ontime::conditions {
+namespace {
+
+using namespace std::chrono_literals;
+using nlohmann::json;
+using std::chrono::microseconds;
+using std::chrono::nanoseconds;
+
+// Of a stress-ng worker, for which 0 would mean stress-ng's own choice.
+std::uint64_t size_of(Text text) {
+  const auto bytes = bytes_of(text);
+  if (bytes == 0) throw std::invalid_argument(fmt::format("'{}' is no size", text));
+  return bytes;
+}
+
+Fields load_fields(const std::string& host, Workers Run::*load) {
+  const auto number_of_workers = [=](const std::string& kind, const std::string& help,
+                                     int Workers::*workers) {
+    return field(
+        {fmt::format("load.{}.{}", host, kind), "", "N", help}, fmt::format("load.{}.{}", host, kind),
+        number<int>(0, 1024), [=](Run & run) -> auto& { return (run.*load).*workers; });
+  };
+  const auto bytes = [=](const std::string& kind, const std::string& help, std::uint64_t Workers::*each) {
+    return field(
+        {fmt::format("load.{}.{}-bytes", host, kind), "", "", help},
+        fmt::format("load.{}.{}_bytes", host, kind),
+        size(size_of), [=](Run & run) -> auto& { return (run.*load).*each; });
+  };
+  return {number_of_workers("cpu", "stress-ng workers that compute", &Workers::cpu),
+          number_of_workers("vm", "stress-ng workers that write to memory", &Workers::vm),
+          number_of_workers("io", "stress-ng workers that call sync(2)", &Workers::io),
+          number_of_workers("hdd", "stress-ng workers that write files", &Workers::hdd),
+          bytes("vm", "memory of each vm worker", &Workers::vm_bytes),
+          bytes("hdd", "file size of each hdd worker", &Workers::hdd_bytes)};
+}
+
+std::uint64_t datagram_of(Text text) {
+  constexpr std::uint64_t least = 16, most = 65'507;  // iperf3's, and UDP's
+  const auto bytes = bytes_of(text);
+  if (bytes < least || bytes > most)
+    throw std::invalid_argument(fmt::format(
+        "'{}' is no size of a datagram: {} B to {} B are (from 1473 B on, of an Ethernet as usual, "
+        "it goes in several frames)",
+        text, least, most));
+  return bytes;
+}
+
+using Direction = Traffic::Direction;
+Codec<Direction> direction() {
+  return words<Direction>({Direction::both, Direction::to_component, Direction::to_controller}, word_of);
+}
+
+Fields traffic_fields() {
+  return {field(
+              {"traffic.rate", "", "RATE", "of concurrent UDP traffic, by iperf3, each way: none"},
+              "traffic.bit_s", number<std::uint64_t>(bit_rate_of),
+              [](Run & run) -> auto& { return run.traffic.bits_per_s; }),
+          field(
+              {"traffic.direction", "", "", "of concurrent traffic: both"}, "traffic.direction", direction(),
+              [](Run & run) -> auto& { return run.traffic.direction; }),
+          field(
+              {"traffic.datagram", "", "", "payload of each datagram of concurrent traffic: 1470 B"},
+              "traffic.datagram_bytes", size(datagram_of),
+              [](Run & run) -> auto& { return run.traffic.datagram_bytes; }),
+          field(
+              {"traffic.priority", "", "", "SCHED_FIFO priority of iperf3: none"}, "traffic.priority",
+              number<int>(1, 99), [](Run & run) -> auto& { return run.traffic.priority; })};
+}
+
+// Of netem, which takes whole microseconds.
+Codec<microseconds> delay() {
+  const auto of_text = [](Text text) {
+    const auto delay = positive_duration(text, 1h);
+    const auto whole = std::chrono::duration_cast<microseconds>(delay);
+    if (whole != delay)
+      throw std::invalid_argument(fmt::format("'{}' is not a whole number of microseconds", text));
+    return whole;
+  };
+  return {of_text, [](microseconds value) { return json(value.count()); },
+          [](Json from) { return microseconds(whole<std::int64_t>(from)); }, "TIME", Field::Unit::us};
+}
+
+Codec<std::string> qdisc() {
+  auto codec = text();
+  codec.of_text = [](Text text) {
+    if (!is_qdisc(text))
+      throw std::invalid_argument(fmt::format(
+          "'{}' is no queueing discipline in tc's words that can be had: one of {}, with its options "
+          "(tc-prio(8), tc-taprio(8) …), and no path; and after it, where one is to be below a class of it, "
+          "'below' and the class, such as 'below 1 etf clockid CLOCK_TAI delta 300000'",
+          text, fmt::join(known_disciplines(), ", ")));
+    return text;
+  };
+  return codec;
+}
+
+// "10 s for 500 ms"
+Cut cut_of(Text text) {
+  constexpr std::string_view between = " for ";
+  const auto found = text.find(between);
+  if (found == text.npos)
+    throw std::invalid_argument(
+        fmt::format("'{}' does not say when and for how long; write it as '10 s for 500 ms'", text));
+  const auto at = duration_of(text.substr(0, found));
+  const auto length = positive_duration(text.substr(found + between.size()), 1h);
+  const auto whole = std::chrono::duration_cast<std::chrono::milliseconds>(length);
+  if (at.count() < 0) throw std::invalid_argument(fmt::format("'{}' is before the begin", text));
+  if (whole != length)
+    throw std::invalid_argument(fmt::format("'{}' is not for a whole number of milliseconds", text));
+  return {at, whole};
+}
+
+// An order about the link says by a bare `true` that it has to provide for a cut.
+Field cut() {
+  return {.path = "link.cut",
+          .flag = "",
+          .values = "TIME for TIME",
+          .help = "when nothing comes any more, and for how long: '10 s for 500 ms'",
+          .set =
+              [](Run& run, Text text) {
+                run.cut = cut_of(text);
+                run.faults.cut = true;
+              },
+          .json = "link.cut",
+          .to_json =
+              [](const Run& run) {
+                if (!run.cut) return run.faults.cut ? json(true) : json();
+                return json{{"at_s", in_us(run.cut->at) / 1e6}, {"for_ms", run.cut->length.count()}};
+              },
+          .from_json =
+              [](Run& run, Json from) {
+                if (from.is_object())
+                  run.cut = Cut{time_from(from.at("at_s"), s),
+                                std::chrono::milliseconds(whole<std::int64_t>(from.at("for_ms")))};
+                run.faults.cut = from.is_object() || from.get<bool>();
+              }};
+}
+
+Fields link_fields() {
+  // How long after it was due a message leaves, in ns: the port's word for it.
+  const auto launch = time(us, up_to_an_hour);
+  const Codec<std::int64_t> launch_ns{
+      [=](Text text) { return launch.of_text(text).count(); },
+      [=](std::int64_t ns) { return ns > 0 ? launch.to_json(std::chrono::nanoseconds(ns)) : json(); },
+      [=](Json from) { return launch.of_json(from).count(); }, "TIME", Field::Unit::us};
+  return {
+      field(
+          {"link.loss", "", "", "share of the frames that come to either end and are lost: none", client,
+           "loses {}"},
+          "link.loss", share(), [](Run & run) -> auto& { return run.faults.loss; }),
+      field(
+          {"link.duplicate", "", "", "share of the frames that either end sends twice: none", client,
+           "doubles {}"},
+          "link.duplicates", share(), [](Run & run) -> auto& { return run.faults.duplicates; }),
+      field(
+          {"link.delay", "", "", "of all that either end sends, on its way: none", client, "delays {}"},
+          "link.delay_us", delay(), [](Run & run) -> auto& { return run.faults.delay; }),
+      field(
+          {"link.jitter", "", "", "by how much that delay varies, either way: not at all", client,
+           "varies the delay by {}"},
+          "link.jitter_us", delay(), [](Run & run) -> auto& { return run.faults.jitter; }),
+      field(
+          {"link.reorder", "", "", "share of the frames that go without that delay, before others: none",
+           client, "reorders {}"},
+          "link.reordered", share(), [](Run & run) -> auto& { return run.faults.reordered; }),
+      field(
+          {"link.qdisc", "", "TEXT",
+           "what waits to go waits in, in tc's words, such as 'prio bands 3': the kernel's choice", client,
+           "queues by {}"},
+          "link.qdisc", qdisc(), [](Run & run) -> auto& { return run.faults.qdisc; }),
+      field(
+          {"link.message-priority", "", "", "of the messages' packets, as SO_PRIORITY has it: as they are",
+           client, "sends messages with priority {}"},
+          "link.message_priority", number_or_null(0, 15),
+          [](Run & run) -> auto& { return run.faults.message_priority; }),
+      field(
+          {"link.traffic-priority", "", "", "of the concurrent traffic's packets, likewise", client,
+           "sends traffic with priority {}"},
+          "link.traffic_priority", number_or_null(0, 15),
+          [](Run & run) -> auto& { return run.faults.traffic_priority; }),
+      field(
+          {"link.dscp", "", "", "DSCP of the messages' IP packets, such as 46 (EF): unchanged", client,
+           "marks messages with DSCP {}"},
+          "link.dscp", number_or_null(0, 63), [](Run & run) -> auto& { return run.faults.dscp; }),
+      field(
+          {"launch-time", "", "",
+           "how long after it was due a message leaves, by the etf of link.qdisc: as it is sent", client,
+           "launched {} after it was due"},
+          "launch_us", launch_ns, [](Run & run) -> auto& { return run.task.config.launch_ns; }),
+      cut()};
+}
+
+// The record has a rate, and both directions for themselves.
+Codec<nanoseconds> rate() {
+  return {period_of_rate,
+          [](const nanoseconds& period) { return json(1e9 / static_cast<double>(period.count())); },
+          [](Json from) {
+            const auto ns = 1e9 / finite(from);
+            if (!(ns >= 1) || ns > 9e18) throw std::invalid_argument(from.dump() + " is no rate");
+            return nanoseconds(std::llround(ns));
+          },
+          "RATE"};
+}
+
+template <typename Value>
+Field of_neighbours(Said how, const std::string& name, Codec<Value> codec,
+                    Value roundtrip::NeighbourOptions::*what) {
+  auto made = field(
+      {"neighbours." + how.path, "", how.values, how.help}, "neighbours." + name,
+      codec, [what](Run & run) -> auto& { return run.task.neighbours.*what; });
+  return how.path == "topics" ? made : said(made, [set = made.set](Run& run, Text text) {
+    run.describes_neighbours = true;
+    set(run, text);
+  });
+}
+
+std::string cpus_of(Text text) {
+  if (text == "none") return "";
+  const auto cpus = realtime::cpus_of(text);
+  if (!cpus || cpus->empty())
+    throw std::invalid_argument(
+        fmt::format("'{}' is not one of none, lists of CPUs such as 1 or 0-1,3", text));
+  return realtime::list_of(*cpus);
+}
+
+// As systemd's CPUQuota: of one CPU, and so more than 100 % where there are several.
+double quota_of(Text text) {
+  constexpr std::int64_t most = 102'400;  // of 1024 CPUs
+  if (text == "none") return 0;
+  constexpr std::string_view unit = " %";
+  if (!text.ends_with(unit))
+    throw std::invalid_argument(fmt::format("'{}' is no share of a CPU's time; write it as '50 %'", text));
+  return static_cast<double>(number_of(text.substr(0, text.size() - unit.size()), 1, most)) / 100;
+}
+
+void set_preset(Run& run, Text text) {
+  if (text != "paper" && text != "none")
+    throw std::invalid_argument(fmt::format("'{}' is not one of paper, none", text));
+  run.kernel = text == "paper" ? settings::paper() : settings::Wishes{};
+}
+
+constexpr const char* unchanged = "as-is";
+
+void set_wish(Run& run, const settings::Setting& setting, Text text) {
+  run.kernel.erase(setting.name);
+  if (text == unchanged) return;
+  // A size in words is a number of bytes to the kernel.
+  const auto value = setting.values == std::string_view("SIZE") ? std::to_string(bytes_of(text)) : text;
+  setting.check(value);
+  run.kernel[setting.name] = value;
+}
+
+}  // namespace
+
+const char* word_of(Traffic::Direction direction) {
+  static constexpr const char* words[] = {"both", "to-component", "to-controller"};
+  return words[static_cast<std::size_t>(direction)];
+}
+
+Fields network_fields() {
+  auto all = load_fields("controller", &Run::controller_load);
+  add(all, load_fields("component", &Run::component_load));
+  add(all, traffic_fields());
+  add(all, link_fields());
+  return all;
+}
+
+Fields neighbour_fields() {
+  using Options = roundtrip::NeighbourOptions;
+  using roundtrip::Where, transport::Reliability;
+  Fields all{
+      of_neighbours({"topics", "", "", "ordinary topics beside the critical one: none"}, "topics",
+                    number<int>(1, 100), &Options::topics),
+      of_neighbours(
+          {"where", "", "",
+           "the most that they share with the critical topic, the last four with ros2 alone: "
+           "same-participant"},
+          "where",
+          words({Where::same_participant, Where::same_process, Where::other_process,
+                 Where::same_callback_group, Where::same_node, Where::same_executor, Where::own_executor},
+                static_cast<const char* (*)(Where)>(roundtrip::word_of)),
+          &Options::where),
+      of_neighbours({"rate", "", "", "of messages, of each topic and direction: 100 Hz"}, "rate_hz", rate(),
+                    &Options::period),
+      of_neighbours({"payload", "", "", "of each message: 1 kB"}, "payload_bytes", size(payload_of),
+                    &Options::payload_bytes),
+      of_neighbours({"reliability", "", "", "of their topics, which keep the last 10: best-effort"},
+                    "reliability", reliability(), &Options::reliability),
+      {.path = "neighbours.direction",
+       .flag = "",
+       .values = direction().values,
+       .help = "of their messages: both",
+       .set =
+           [](Run& run, Text text) {
+             run.describes_neighbours = true;
+             run.task.neighbours.there = direction().of_text(text) != Direction::to_controller;
+             run.task.neighbours.back = direction().of_text(text) != Direction::to_component;
+           }},
+      recorded(
+          "neighbours.there", on_or_off(), [](Run & run) -> auto& { return run.task.neighbours.there; }),
+      recorded(
+          "neighbours.back", on_or_off(), [](Run & run) -> auto& { return run.task.neighbours.back; }),
+      of_neighbours({"priority", "", "", "SCHED_FIFO priority of the threads that are theirs alone: none"},
+                    "priority", number<int>(1, 99), &Options::priority),
+      of_neighbours({"callback", "", "", "of a CPU, that each message's callback takes: none"}, "callback_us",
+                    time(us, up_to_an_hour), &Options::callback)};
+  return all;
+}
+
+Fields isolation_fields() {
+  auto cpus = text();
+  cpus.of_text = cpus_of;
+  return {
+      field(
+          {"isolation.cpus", "", "LIST|none",
+           "the CPUs that are kept for the two ends, and for nobody else: none", client, "CPUs {} kept"},
+          "isolation.cpus", cpus, [](Run & run) -> auto& { return run.isolation.cpus; }),
+      field(
+          {"isolation.interrupts", "", "",
+           "keep the interface's interrupts and the kernel's unbound work off them, too: off", client,
+           "interrupts elsewhere"},
+          "isolation.interrupts", on_or_off(), [](Run & run) -> auto& { return run.isolation.interrupts; }),
+      field(
+          {"isolation.load-quota", "", "PERCENT|none",
+           "how much of one CPU's time load and traffic may have together: any", client,
+           "load and traffic with {} of a CPU"},
+          "isolation.load_quota", share(quota_of),
+          [](Run & run) -> auto& { return run.isolation.load_quota; }),
+      field(
+          {"isolation.load-weight", "", "1-10000|none",
+           "of load and traffic together, where all others have 100: none", client,
+           "load and traffic of weight {}"},
+          "isolation.load_weight", number<int>([](Text text) {
+            return text == "none" ? 0 : static_cast<int>(number_of(text, 1, 10'000));
+          }),
+          [](Run & run) -> auto& { return run.isolation.load_weight; })};
+}
+
+Fields kernel_fields() {
+  Fields all{{.path = "kernel.preset",
+              .flag = "",
+              .values = "paper|none",
+              .help = "priorities of the kernel's threads as in the paper: irq-threads 90, ksoftirqd 60",
+              .set = set_preset}};
+  for (const auto& setting : settings::table())
+    all.push_back({.path = fmt::format("kernel.{}", setting.name),
+                   .flag = "",
+                   .values = fmt::format("{}|{}", setting.values, unchanged),
+                   .help = setting.help,
+                   .set = [&setting](Run& run, Text text) { set_wish(run, setting, text); }});
+  all.push_back(recorded(
+      "kernel",
+      Codec<settings::Wishes>{
+          {},
+          [](const settings::Wishes& wishes) { return wishes.empty() ? json() : json(wishes); },
+          [](Json from) { return from.get<settings::Wishes>(); }},
+      [](Run & run) -> auto& { return run.kernel; }));
+  return all;
+}
+
+}  // namespace ontime::conditions

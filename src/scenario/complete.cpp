@@ -1,0 +1,199 @@
+// SPDX-License-Identifier: Apache-2.0
+// What follows of the keys of a run, and what they rule out.
+#include "scenario/complete.hpp"
+
+#include <algorithm>
+#include <cstdlib>
+#include <stdexcept>
+#include <string_view>
+
+#include <fmt/format.h>
+
+namespace ontime::scenario {
+namespace {
+
+using conditions::number_of, conditions::Security, conditions::text_of;
+using realtime::Policy;
+using Text = const std::string&;
+
+constexpr std::size_t max_topic_length = 247;  // RMW_TOPIC_MAX_NAME_LENGTH
+constexpr std::int64_t max_domain = 232;       // the last one whose ports exist
+
+std::string whole_topic(const Run& run, Text name) {
+  if (name.starts_with('/')) return name;
+  return fmt::format("{}{}/{}", run.ros_namespace.starts_with('/') ? "" : "/",
+                     run.ros_namespace == "/" ? "" : run.ros_namespace, name);
+}
+
+void complete_topics(Run& run) {
+  auto& config = run.task.config;
+  config.ping_topic = whole_topic(run, run.ping_topic);
+  config.pong_topic = whole_topic(run, run.pong_topic);
+  check_topics(config);
+}
+
+// Every user of ROS 2 says the domain so, of its nodes and of what is to talk to them.
+int domain_of_environment() {
+  const char* const id = std::getenv("ROS_DOMAIN_ID");  // NOLINT(concurrency-mt-unsafe): nobody sets it
+  if (id == nullptr || *id == '\0') return 0;
+  try {
+    return static_cast<int>(number_of(id, 0, max_domain));
+  } catch (const std::invalid_argument& error) {
+    throw std::invalid_argument(
+        fmt::format("ROS_DOMAIN_ID: {}; set it right, unset it, or state the domain", error.what()));
+  }
+}
+
+void complete_isolation(const Run& run) {
+  const auto& wish = run.isolation;
+  if (wish.interrupts && wish.cpus.empty())
+    throw std::invalid_argument("isolation.interrupts needs isolation.cpus, which they are to be kept off");
+  for (const auto* name : {"irq-cpus", "workqueue-cpus"})
+    if (wish.interrupts && run.kernel.contains(name))
+      throw std::invalid_argument(
+          fmt::format("isolation.interrupts sets kernel.{}, which is stated as well: leave out one", name));
+  if (wish.limits() && run.traffic.priority > 0)
+    throw std::invalid_argument(
+        "a real-time priority knows no quota and no weight: leave out traffic.priority, or "
+        "isolation.load-quota and isolation.load-weight");
+  if (wish.cpus.empty()) return;
+  const auto kept = realtime::cpus_of(wish.cpus).value_or(std::vector<int>{});
+  for (const auto& [role, thread] : run.task.realtime.threads)
+    for (const int cpu : thread.cpus)
+      if (std::find(kept.begin(), kept.end(), cpu) == kept.end())
+        throw std::invalid_argument(
+            fmt::format("threads of role {} cannot run on CPU {}: isolation.cpus, which both ends are kept "
+                        "to, are {}",
+                        role, cpu, wish.cpus));
+}
+
+}  // namespace
+
+void check_topics(const transport::Config& config) {
+  for (const auto& topic : {config.ping_topic, config.pong_topic})
+    if (topic.size() > max_topic_length)
+      throw std::invalid_argument(
+          fmt::format("the topic {} is longer than {} characters, which ROS 2 takes no more of", topic,
+                      max_topic_length));
+  if (config.ping_topic == config.pong_topic)
+    throw std::invalid_argument(
+        fmt::format("topics.ping and topics.pong are both {}: name two", config.ping_topic));
+}
+
+bool is_below_ip(const std::string& transport) {
+  return transport == "ethernet" || is_past_the_kernel(transport);
+}
+
+bool is_past_the_kernel(const std::string& transport) { return transport == "xdp"; }
+
+bool any_past_the_kernel(const Run& run) {
+  return is_past_the_kernel(run.task.transport) || is_past_the_kernel(run.component_transport);
+}
+
+constexpr std::string_view options_path = "options.", component_options_path = "component.options.";
+
+bool is_option(Text path) {
+  for (const auto prefix : {options_path, component_options_path})
+    if (path.starts_with(prefix) && path.size() > prefix.size()) return true;
+  return false;
+}
+
+void set_option(Run& run, Text path, Text value) {
+  if (path.starts_with(component_options_path))
+    run.component_options[path.substr(component_options_path.size())] = value;
+  else
+    run.task.config.options[path.substr(options_path.size())] = value;
+}
+
+Together together(const Run& run, const Hosts& hosts) {
+  Together runs;
+  for (const auto& component : hosts.components) runs.push_back(with_component(run, component.name));
+  return runs;
+}
+
+Run with_component(Run run, const std::string& name) {
+  const auto own =
+      std::find_if(run.own.begin(), run.own.end(), [&](const Run& one) { return one.component == name; });
+  if (own != run.own.end()) {
+    auto found = std::move(*own);
+    found.repetition = run.repetition;
+    found.step = run.step;
+    run = std::move(found);
+  }
+  run.own.clear();
+  run.component = name;
+  if (!is_named(run)) return run;
+  run.variant += fmt::format("{}component {}", run.variant.empty() ? "" : ", ", name);
+  run.varied.emplace_back("component", name);
+  auto& config = run.task.config;
+  if (run.task.transport == "udp") return run;  // it has no topics: its pongs are told apart by address
+  for (auto* topic : {&config.ping_topic, &config.pong_topic}) topic->insert(topic->rfind('/'), "/" + name);
+  check_topics(config);
+  return run;
+}
+
+std::string common_to_all(Text path) {
+  constexpr std::pair<std::string_view, const char*> reasons[] = {
+      {"id", "it is of the run, which is one for all components"},
+      {"title", "it is of the run, which is one for all components"},
+      {"adds-to", "it is of the run, which is one for all components"},
+      {"search", "it is of the run: say search: NAME.KEY there"},
+      {"duration", "all are measured at the same time, for as long"},
+      {"explain", "the kernels' events are kept for all, or for none"},
+      {"kernel.", "it is of machines, and the controller's is one for all"},
+      {"isolation.", "it is of machines, and the controller's is one for all"},
+      {"load.controller.", "the controller is one for all"}};
+  for (const auto& [key, reason] : reasons)
+    if (path == key || (key.ends_with('.') && path.starts_with(key))) return reason;
+  return "";
+}
+
+void complete(Run& run) {
+  auto& client = run.task.client;
+  if (run.task.transport.empty()) throw std::invalid_argument("no transport is stated");
+  if (run.component_transport.empty() && !run.component_options.empty())
+    throw std::invalid_argument("component.options need a component.transport that they are for");
+  if (run.explain && run.component_restart)
+    throw std::invalid_argument(
+        "explain knows a component's threads by their numbers, of which one that is started again has "
+        "others: leave "
+        "out explain, or component.restart");
+  if (run.security != Security::off && (run.task.transport == "udp" || is_below_ip(run.task.transport)))
+    throw std::invalid_argument(
+        fmt::format("transport {} has no DDS Security; cyclonedds and fastdds have: leave out security",
+                    run.task.transport));
+  if (run.security != Security::off && !run.component_transport.empty() &&
+      run.component_transport != run.task.transport)
+    throw std::invalid_argument(fmt::format(
+        "security needs one transport at both ends, for the DDS of two vendors do not always let each "
+        "other in: leave out security, or component.transport ({})",
+        run.component_transport));
+  if (run.explain && any_past_the_kernel(run))
+    throw std::invalid_argument(
+        "explain cannot follow what xdp sends, for the kernel's tracepoints do not see it: leave out "
+        "explain, or take "
+        "ethernet");
+  run.task.config.domain = run.domain ? *run.domain : domain_of_environment();
+  complete_topics(run);
+  complete_network(run);
+  complete_neighbours(run);
+  complete_isolation(run);
+  if (client.deadline > client.timeout)
+    throw std::invalid_argument(
+        fmt::format("the deadline ({}) is longer than the time-out ({}): nothing could ever be late",
+                    text_of(client.deadline), text_of(client.timeout)));
+  if (client.schedule == roundtrip::Schedule::fixed && client.timeout / client.period > 500'000)
+    throw std::invalid_argument(
+        "more than 500000 messages may be in flight: lengthen the period or shorten the time-out");
+  for (auto& [role, thread] : run.task.realtime.threads) {
+    const bool has_priority = thread.policy == Policy::fifo || thread.policy == Policy::round_robin;
+    if (thread.priority != 0 && !has_priority)
+      throw std::invalid_argument(
+          fmt::format("threads of role {}: a priority needs policy fifo or rr", role));
+    if (thread.policy != Policy::deadline) continue;
+    thread.period = thread.deadline = client.period;
+    thread.runtime = client.period / 10;
+  }
+}
+
+}  // namespace ontime::scenario

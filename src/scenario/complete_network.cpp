@@ -1,0 +1,168 @@
+// SPDX-License-Identifier: Apache-2.0
+// What the keys of what is beside the messages rule out.
+#include <sstream>
+#include <string_view>
+
+#include <fmt/format.h>
+
+#include "scenario/complete.hpp"
+
+namespace ontime::scenario {
+namespace {
+
+using conditions::has_etf, conditions::text_of, conditions::Traffic;
+
+// As tc takes it, which is content with its beginning.
+bool has_deadline_mode(const std::string& qdisc) {
+  std::istringstream words(qdisc);
+  for (std::string word; words >> word;)
+    if (word.size() >= 2 && std::string_view("deadline_mode").starts_with(word)) return true;
+  return false;
+}
+
+// Without an etf a launch time is a word that nobody heeds; without a launch time, an etf drops all.
+void complete_launch(const Run& run) {
+  const auto& qdisc = run.faults.qdisc;
+  const bool asked = run.task.config.launch_ns > 0;
+  if (asked != has_etf(qdisc))
+    throw std::invalid_argument(
+        asked
+            ? "launch-time needs an etf that keeps the messages until then: link.qdisc: prio bands 2 priomap "
+              "1 1 1 1 1 1 0 1 1 1 1 1 1 1 1 1 below 1 etf clockid CLOCK_TAI delta 300000, with "
+              "link.message-priority: 6"
+            : "the etf of link.qdisc drops what does not say when it is to leave: add a launch-time");
+  if (!asked) return;
+  if (qdisc.starts_with("etf") && !is_below_ip(run.task.transport))
+    throw std::invalid_argument(
+        "etf by itself drops ARP as well, without which there is no IP: link.qdisc: prio bands 2 priomap "
+        "1 1 1 1 1 1 0 1 1 1 1 1 1 1 1 1 below 1 etf …, with link.message-priority: 6");
+  if (has_deadline_mode(qdisc))
+    throw std::invalid_argument(
+        "with deadline_mode an etf lets a message go before its launch-time: leave out one");
+  if (run.task.client.schedule == roundtrip::Schedule::back_to_back)
+    throw std::invalid_argument(
+        "launch-time counts from when a message is due, and back-to-back knows no such moment: take another "
+        "schedule");
+  if (2 * run.task.config.launch_ns >= run.task.client.timeout.count())
+    throw std::invalid_argument(
+        "a message and its answer wait for a launch-time each, and that is no less than timeout: each would "
+        "count as lost");
+  if (run.faults.duplicates > 0)
+    throw std::invalid_argument(
+        "of a frame that link.duplicate sends again an etf knows no launch-time, and drops it: leave out "
+        "one");
+  const bool is_beside =
+      run.faults.traffic_priority && run.faults.traffic_priority != run.faults.message_priority;
+  if (run.traffic.bits_per_s > 0 && (qdisc.starts_with("etf") || !is_beside))
+    throw std::invalid_argument(
+        "an etf drops what has no launch-time: traffic needs a class of its own beside it, by "
+        "link.traffic-priority");
+  if (run.explain)
+    throw std::invalid_argument(
+        "explain would take the wait for a launch for a wait behind others: leave out explain, or "
+        "launch-time");
+}
+
+void complete_link(const Run& run) {
+  const auto& faults = run.faults;
+  if (faults.delay.count() == 0 && (faults.jitter.count() > 0 || faults.reordered > 0))
+    throw std::invalid_argument("link.jitter and link.reorder need a link.delay, which they are about");
+  if (!faults.qdisc.empty() && faults.delay.count() > 0)
+    throw std::invalid_argument(
+        "link.qdisc and link.delay both are the queueing discipline of the interface: leave out one");
+  if (faults.dscp && is_below_ip(run.task.transport))
+    throw std::invalid_argument(fmt::format(
+        "link.dscp is in the header of IP, which messages by {} do not have: leave it out, or take udp",
+        run.task.transport));
+  if (faults.traffic_priority && run.traffic.bits_per_s == 0)
+    throw std::invalid_argument("link.traffic-priority needs a traffic.rate, of whose packets it is");
+  if (faults.jitter > faults.delay)
+    throw std::invalid_argument("link.jitter is more than link.delay: nothing comes before it was sent");
+  complete_launch(run);
+  if (run.cut && run.cut->at >= run.task.client.duration)
+    throw std::invalid_argument("link.cut begins when the run's duration is over");
+}
+
+constexpr std::chrono::microseconds least_step{10};  // between two messages of one sending thread
+bool is_of_ros2(roundtrip::Where where) { return where < roundtrip::Where::same_participant; }
+
+constexpr std::uint64_t most_kept_bytes = std::uint64_t{1} << 30;  // of all their topics, at each end
+constexpr std::uint64_t depth = 10;  // of each topic, as roundtrip/neighbours.cpp has it
+
+// What only a transport with nodes and executors has.
+void check_place(const Run& run) {
+  const auto* const where = roundtrip::word_of(run.task.neighbours.where);
+  for (const auto& transport : {run.task.transport, run.component_transport})
+    if (!transport.empty() && transport != "ros2")
+      throw std::invalid_argument(fmt::format(
+          "neighbours.where: {} is ROS 2's, and {} has no nodes, callback groups or executors; it "
+          "has same-participant, same-process and other-process",
+          where, transport));
+  if (run.task.config.receive == transport::Receive::waitset)
+    throw std::invalid_argument(
+        fmt::format("neighbours.where: {} is in or beside an executor, and with receive waitset there is "
+                    "none; it needs receive listener",
+                    where));
+}
+
+}  // namespace
+
+bool is_mark(const std::string& path) {
+  return path == "link.message-priority" || path == "link.traffic-priority" || path == "link.dscp";
+}
+
+std::string without_port(const std::string& address) {
+  const auto colon = address.find(':');
+  return colon == address.rfind(':') ? address.substr(0, colon) : address;
+}
+
+void complete_network(Run& run) {
+  if (run.traffic.bits_per_s == 0 && run.traffic != Traffic{})
+    throw std::invalid_argument("traffic is described, but there is none: traffic.rate says how much");
+  if (run.faults.any() && any_past_the_kernel(run))
+    throw std::invalid_argument(
+        "the link's faults are made by the kernel's packet filter and queueing disciplines, which xdp passes "
+        "by: leave "
+        "out link, or take ethernet");
+  complete_link(run);
+  if (is_below_ip(run.task.transport)) run.task.config.priority = run.faults.message_priority;
+}
+
+void complete_neighbours(const Run& run) {
+  const auto& neighbours = run.task.neighbours;
+  if (neighbours.topics == 0) {
+    if (run.describes_neighbours)
+      throw std::invalid_argument(
+          "neighbours are described, but there are none: neighbours.topics says how many");
+    return;
+  }
+  for (const auto& transport : {run.task.transport, run.component_transport}) {
+    if (transport == "udp")
+      throw std::invalid_argument(
+          "transport udp has no topics, and so no neighbours: what goes over the link beside its messages is "
+          "`traffic`");
+    if (is_below_ip(transport))
+      throw std::invalid_argument(fmt::format("transport {} has no neighbours; DDS has", transport));
+  }
+  if (is_of_ros2(neighbours.where)) check_place(run);
+  if (neighbours.period / neighbours.topics < least_step)
+    throw std::invalid_argument(fmt::format(
+        "neighbours.rate: {} of them with a message every {} are more than 100000 messages a second, "
+        "each way",
+        neighbours.topics, text_of(neighbours.period)));
+  if (static_cast<std::uint64_t>(neighbours.topics) * depth * neighbours.payload_bytes > most_kept_bytes)
+    throw std::invalid_argument(fmt::format(
+        "neighbours.payload: {} of them keep the last {} messages of {} bytes, which is more than 1 GiB "
+        "of memory at each end",
+        neighbours.topics, depth, neighbours.payload_bytes));
+  if (run.component_restart)
+    throw std::invalid_argument(
+        "neighbours of an end that is started again have nobody to count what they lost: leave out "
+        "neighbours, or component.restart");
+  auto config = run.task.config;
+  for (auto* topic : {&config.ping_topic, &config.pong_topic})
+    *topic = roundtrip::neighbour_topic(*topic, neighbours.topics);
+  check_topics(config);
+}
+
+}  // namespace ontime::scenario

@@ -1,0 +1,89 @@
+#!/usr/bin/env python3
+# SPDX-License-Identifier: Apache-2.0
+"""What a newcomer types first, and types wrongly: each answer says what to do. ONTIME names the program."""
+
+import os
+import pathlib
+import subprocess
+import tempfile
+import unittest
+
+ONTIME = os.environ["ONTIME"]
+
+
+class Newcomer(unittest.TestCase):
+    def setUp(self):
+        folder = tempfile.TemporaryDirectory(prefix="ontime-test-")
+        self.addCleanup(folder.cleanup)
+        self.folder = pathlib.Path(folder.name)
+
+    def ontime(self, *arguments, code=0, **environment):
+        done = subprocess.run([ONTIME, *arguments], cwd=self.folder, capture_output=True, text=True, timeout=120,
+                              env={**os.environ, **environment})
+        self.assertEqual(done.returncode, code, f"{arguments}\n{done.stdout}{done.stderr}")
+        return done
+
+    def test_alone_it_says_what_to_do_next_in_ten_lines(self):
+        lines = self.ontime(LANG="C", NO_COLOR="1").stdout.splitlines()
+        self.assertLessEqual(len(lines), 10)
+        self.assertLessEqual(max(map(len, lines)), 80)
+        text = "\n".join(lines)
+        for command in ("--loopback", "ontime check", "ontime run", "ontime init", "ontime --help"):
+            self.assertIn(command, text)
+
+    def test_loopback_needs_no_second_terminal(self):
+        done = self.ontime("ping", "--transport", "udp", "--loopback", "--duration", "200 ms", "--results", "r.ontime")
+        self.assertIn("udp", done.stdout)
+        self.assertIn("ontime report r.ontime", self.ontime().stdout)
+        for flag, value in (("--peer", "127.0.0.1"), ("--interface", "lo"), ("--wait", "1 s")):
+            self.ontime("ping", "--transport", "udp", "--loopback", flag, value, code=2)
+
+    def test_a_mistyped_word_is_answered_with_the_nearest(self):
+        (self.folder / "own.yaml").write_text(
+            "hosts: loopback\nruns: [{id: idle, transport: udp, duration: 100 ms}]\n")
+        self.ontime("run", "own.yaml", "--results", "r.ontime")
+        for arguments, code, meant in ((["reprot"], 2, "'report'"), (["tune", "aply"], 2, "'apply'"),
+                                       (["run", "x.yaml", "--onyl", "a"], 2, "'--only'"),
+                                       (["ping", "--transprot", "udp"], 2, "'--transport'"),
+                                       (["run", "dmeo"], 2, "'demo'"),
+                                       (["run", "own.yaml", "--transports", "upd"], 3, "'udp'"),
+                                       (["ping", "--transport", "upd", "--loopback"], 3, "'udp'"),
+                                       (["export", "r.ontime", "--only", "idel"], 2, "'idle'"),
+                                       (["run", "own.yaml", "--duration", "5"], 2, "'5 s'")):
+            with self.subTest(arguments):
+                self.assertIn(f"did you mean {meant}", self.ontime(*arguments, code=code).stderr)
+
+    def test_transports_are_listed_where_one_is_needed(self):
+        for command in ("ping", "pong"):
+            self.assertIn("udp", self.ontime(command, code=2).stderr)
+            self.assertIn("here: ", self.ontime(command, "--help").stdout)
+
+    def test_runs_are_named_in_one_way(self):
+        (self.folder / "own.yaml").write_text(
+            "hosts: loopback\ndefaults: {transport: udp, duration: 100 ms}\nruns: [{id: one}, {id: two}]\n")
+        self.ontime("run", "own.yaml", "--results", "r.ontime")
+        of_one = self.ontime("export", "r.ontime", "--only", "one").stdout
+        self.assertEqual(of_one, self.ontime("export", "r.ontime", "--only", "1").stdout)
+        self.assertEqual(of_one, self.ontime("export", "r.ontime", "--run", "1").stdout)
+        self.assertNotEqual(of_one, self.ontime("export", "r.ontime", "--only", "one,2").stdout)
+        self.ontime("explain", "r.ontime", "--only", "two")
+
+    def test_hosts_that_cannot_be_reached_get_no_scenario(self):
+        done = self.ontime("init", "nobody@no-such-host.invalid", code=3)
+        self.assertIn("no-such-host.invalid", done.stderr)
+        self.ontime("init", "-oProxyCommand=x", code=2)
+        self.ontime("init", "a", "b", "c", code=2)
+        self.assertEqual(list(self.folder.iterdir()), [])
+        (self.folder / "robot.yaml").write_text("mine")
+        self.assertIn("exists", self.ontime("init", "robot", code=2).stderr)
+        self.assertEqual((self.folder / "robot.yaml").read_text(), "mine")
+
+    def test_help_fits_and_groups_commands_by_purpose(self):
+        text = self.ontime("--help", LANG="C").stdout
+        groups = [line.rstrip(":") for line in text.splitlines() if line.endswith(":") and not line.startswith(" ")]
+        self.assertEqual([group for group in groups if group not in ("Options", "Usage")],
+                         ["Measure", "Understand", "Tune", "Try", "Set up"])
+
+
+if __name__ == "__main__":
+    unittest.main(verbosity=2)
