@@ -229,7 +229,7 @@ TEST_F(Agent, OfRootKeepsTwoCapabilitiesOnceItIsOpen) {
     task.transport = transport;
     if (task.transport == "ethernet") task.config.peers.clear();
     try {
-      ask(agent, "open", "opened", {{"task", task}});
+      ask(agent, "open", "opened", {{"task", to_json(task)}});
     } catch (const Error& error) {  // it is not here
       EXPECT_STRNE(transport, "udp") << error.what();
       continue;

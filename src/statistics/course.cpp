@@ -89,7 +89,7 @@ std::array<Percentile, percentiles> percentiles_of(const Distribution& of) {
 // What an interval needs: tests/statistics_truth_test.cpp shows how often it holds the truth with these.
 constexpr double fewest_beyond = 30;  // slower messages: a stall that strikes rarely may not be seen
 constexpr double fewest_effective_beyond = 10;  // and so many effective ones: not of a few bursts
-constexpr double fewest_effective = 30;
+constexpr double fewest_effective_in_all = 30;
 constexpr std::size_t fewest_of_levels = 1000, fewest_batches_of_levels = 32;
 constexpr std::size_t shortest_part = 16;  // of the run
 constexpr double least_difference = 0.5;   // of the shares of messages above the run's median
@@ -108,7 +108,7 @@ constexpr const char* few_bursts = "the slower messages come in few bursts";
 // Takes away the ends that the run does not support, and says why.
 void keep_what_is_supported(Measured& of, double messages, double share, double memory) {
   const double effective = messages / of.effect;
-  if (memory > most_memory || effective < fewest_effective) {
+  if (memory > most_memory || effective < fewest_effective_in_all) {
     of.sure = of.surer = {};
     of.open = memory > most_memory ? drifts : few_effective;
   } else if (messages * (1 - share) < fewest_beyond || effective * (1 - share) < fewest_effective_beyond) {
