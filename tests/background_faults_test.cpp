@@ -125,9 +125,9 @@ TEST_F(LinkFaults, GiveMessagesAndTrafficAPriority) {
 TEST_F(LinkFaults, MarkMessagesWithTheirDscp) {
   const Link link(journal_, here_, {.dscp = 46}, {5201});
   journal::within_namespace(netns, [] {
-    nft("table inet seen { counter marked { }\n"
-        "chain coming { type filter hook input priority 0; udp dport 7900 ip dscp 46 counter name marked; } "
-        "}");
+    nft("table inet seen {\n counter marked { }\n"
+        " chain coming {\n  type filter hook input priority 0\n  udp dport 7900 ip dscp 46 counter name "
+        "marked\n }\n}\n");
   });
   EXPECT_EQ(exchange(3), 3);
   EXPECT_THAT(tables(), HasSubstr("counter marked {\n\t\tpackets 3 "));

@@ -198,11 +198,12 @@ TEST(TableFormat, AValueWithACommaIsOneValue) {
       AllOf(HasSubstr("\n| udp title one, two warm-up 3 |"), HasSubstr("\n| udp title three warm-up 3 |"));
   EXPECT_THAT(render({summary(one, outcome()), summary(other, outcome())}, Format::markdown), labels)
       << "of words alone";
-  one["varied"] = {{"title", "one, two"}, {"warm-up", "3"}};
-  other["varied"] = {{"title", "three"}, {"warm-up", "3"}};
+  const auto pair = [](const char* key, const char* value) { return nlohmann::json::array({key, value}); };
+  one["varied"] = nlohmann::json::array({pair("title", "one, two"), pair("warm-up", "3")});
+  other["varied"] = nlohmann::json::array({pair("title", "three"), pair("warm-up", "3")});
   one["variant"] = other["variant"] = "anything, at all";
   EXPECT_THAT(render({summary(one, outcome()), summary(other, outcome())}, Format::markdown), labels);
-  one["varied"] = {{"title", "warm-up 7, period 3"}};
+  one["varied"] = nlohmann::json::array({pair("title", "warm-up 7, period 3")});
   EXPECT_THAT(render({summary(one, outcome()), summary(other, outcome())}, Format::markdown),
               HasSubstr("\n| udp title warm-up 7, period 3 |"));
 }

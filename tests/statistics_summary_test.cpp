@@ -181,7 +181,7 @@ TEST(Summary, CountsWhatIsLateOrLostInARow) {
   EXPECT_EQ(summary.bursts.longest, 3u);
   EXPECT_EQ(summary.bursts.longest_ns, 2 * 20 * ms + 51 * us + 500 * ms);  // until the lost one was given up
   EXPECT_EQ(summary.message_every_ns, 20 * ms);
-  EXPECT_THAT(summary.extremes.refused, HasSubstr("it takes 2000 answers, and there are 8"));
+  EXPECT_THAT(summary.extremes.refused, HasSubstr("it takes 1000 answers, and there are 8"));
 }
 
 TEST(Summary, IsTheSameOfSamplesReadInSeveralBlocks) {

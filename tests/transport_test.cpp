@@ -297,12 +297,6 @@ TEST_F(Udp, SaysWhatIsWrongAtOpening) {
   EXPECT_THAT(error(Role::server), HasSubstr("65500"));
 }
 
-TEST_F(Udp, HasNoTopicsToName) {
-  KeepTimed keep;
-  config.ping_topic = "/robot/ping";
-  EXPECT_THROW(open(Role::server, keep), WrongInput);
-}
-
 TEST_F(Udp, RefusesWhatItHasNot) {
   KeepTimed keep;
   config.options["no-such"] = "1";
