@@ -30,7 +30,7 @@ bool is_there(const fs::path& path) {
 
 // A scenario is code: what lies in this folder by chance must not take the place of what is installed.
 bool is_path(const std::string& name) {
-  return name.find('/') != std::string::npos || name.ends_with(suffix);
+  return name == "." || name == ".." || name.find('/') != std::string::npos || name.ends_with(suffix);
 }
 
 fs::path found(const std::string& name) {

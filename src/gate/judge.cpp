@@ -255,9 +255,10 @@ Judgement judge(const Gate& gate, const Summary& run) {
   says += ", " + interval(found->surer, [&](double value) { return value_of(gate, value); });
   auto answer = statistics::exceeds(*found, gate.limit);
   const auto question = question_of(gate, run);
-  if (question && !is_share(gate) && answer == Answer::cannot_tell && found->value <= gate.limit) {
-    if (statistics::exceeds(question->of, question->most) == Answer::no) answer = Answer::no;
-    says += fmt::format("; at most {} of {} slower", question->of.events, question->of.messages);
+  if (question && !is_share(gate) && answer == Answer::cannot_tell) {
+    const auto by_share = found->value > gate.limit ? Answer::yes : Answer::no;
+    if (statistics::exceeds(question->of, question->most) == by_share) answer = by_share;
+    says += fmt::format("; {} of {} slower", question->of.events, question->of.messages);
   }
   if (answer == Answer::cannot_tell && (question ? is_too_short(*question) : !found->surer.high))
     return judgement(gate, name_of(run), Result::cannot_judge, says + ": " + why_open(*found, run));

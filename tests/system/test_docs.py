@@ -98,7 +98,7 @@ class Docs(unittest.TestCase):
                 runs = [(results_file.asked(3000, payload_bytes=500 * (i + 1)), outcome(), rows)
                         for i, (_, _, rows) in enumerate(runs)]
             if name == "demo.ontime":
-                runs = [(results_file.asked(300, id=f"Test{i}"), outcome(), list(results_file.samples(1 + i, 300)))
+                runs = [(results_file.asked(300, id=f"Test1.{chr(65 + i)}"), outcome(), list(results_file.samples(1 + i, 300)))
                         for i in range(10)]
             results_file.write(self.folder / name, runs)
 
