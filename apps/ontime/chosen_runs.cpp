@@ -50,10 +50,10 @@ std::vector<record::Run> chosen_runs(const record::Reader& reader, const std::st
   for (const auto& word : words) {
     if (std::any_of(runs.begin(), runs.end(), [&](const auto& run) { return is_called(run, word); }))
       continue;
-    if (runs.empty()) throw campaign::Error(2, fmt::format("--only: {} has no runs", file));
+    if (runs.empty()) throw campaign::Error(2, fmt::format("{} has no runs", file));
     std::vector<std::string> ids;
     const auto all = all_of(runs, ids);
-    throw campaign::Error(2, fmt::format("--only: {} has no run '{}'{}{} There are runs {}", file, word,
+    throw campaign::Error(2, fmt::format("{} has no run '{}'{}{} There are runs {}", file, word,
                                          spelling::suggestion(word, ids),
                                          spelling::nearest(word, ids).empty() ? "." : "", all));
   }

@@ -6,7 +6,6 @@
 #include <string>
 
 #include "command.hpp"
-
 #include "report/report.hpp"
 
 namespace ontime::app {

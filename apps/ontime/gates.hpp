@@ -6,7 +6,6 @@
 #include <vector>
 
 #include "command.hpp"
-
 #include "gate/gate.hpp"
 
 namespace ontime::app {

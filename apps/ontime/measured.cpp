@@ -34,8 +34,7 @@ using Notes = std::vector<std::pair<std::int64_t, record::Note>>;  // by the num
 // Once, however often the runs are resumed.
 void note(statistics::Summary& summary, const gate::Judgement& judgement, Notes& notes) {
   const bool missed = judgement.result == gate::Judgement::Result::missed;
-  const auto text =
-      fmt::format("{}: {}: {}", gate::word_of(judgement), judgement.gate, judgement.says);
+  const auto text = fmt::format("{}: {}: {}", gate::word_of(judgement), judgement.gate, judgement.says);
   const bool known = std::any_of(summary.notes.begin(), summary.notes.end(),
                                  [&](const auto& before) { return before.text == text; });
   if (known) return;

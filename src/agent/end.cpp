@@ -53,8 +53,8 @@ void check(const transport::Plugin& plugin, const Task& task) {
                                plugin.name, can.max_payload_bytes, largest));
   const bool listener = task.config.receive == transport::Receive::listener;
   if (listener ? !can.listener : !can.waitset)
-    throw Error(2,
-                fmt::format("transport {} cannot receive by {}", plugin.name, conditions::word_of(task.config.receive)));
+    throw Error(2, fmt::format("transport {} cannot receive by {}", plugin.name,
+                               conditions::word_of(task.config.receive)));
   if (task.config.security && !can.security)
     throw Error(2,
                 fmt::format("transport {} has no DDS Security (security: {}); leave it out, or take another "

@@ -107,7 +107,8 @@ bool is_numbered_interface(const std::string& text) {
 
 bool accepts_qdisc(const std::string& what) {
   const auto parts = parts_of(what);
-  return (parts.size() == 2 || (parts.size() == 3 && conditions::is_qdisc(parts[2]))) && is_namespace_name(parts[0]) &&
+  return (parts.size() == 2 || (parts.size() == 3 && conditions::is_qdisc(parts[2]))) &&
+         is_namespace_name(parts[0]) &&
          (journal::is_interface_name(parts[1]) || is_numbered_interface(parts[1]));
 }
 

@@ -360,8 +360,8 @@ std::vector<Machines::LinkEnd> Machines::ends_of_links(const Together& runs) con
       ends.push_back({run.component, name_of(run.component), host.interface, run.faults, run.cut,
                       run.component, traffic_ports_of(all), all_by_ip(all), has_traffic(all)});
     if (!host.port.empty())
-      ends.push_back({controller, name_at_controller(run.component), host.port,
-                      run.faults.without_marks(), run.cut, run.component});
+      ends.push_back({controller, name_at_controller(run.component), host.port, run.faults.without_marks(),
+                      run.cut, run.component});
   }
   const auto& common = runs.front();
   LinkEnd whole{controller,       controller, hosts_.controller.interface, common.faults,

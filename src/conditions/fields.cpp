@@ -86,7 +86,8 @@ Fields fields_of_record() {
                  "id", text(), [](Run & run) -> auto& { return run.id; }),
              recorded(
                  "variant", text(), [](Run & run) -> auto& { return run.variant; }),
-      recorded("varied", pairs_or_null(), [](Run & run) -> auto& { return run.varied; }),
+             recorded(
+                 "varied", pairs_or_null(), [](Run & run) -> auto& { return run.varied; }),
              recorded(
                  "beside", text_or_null(), [](Run & run) -> auto& { return run.beside; }),
              recorded(

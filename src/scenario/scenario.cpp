@@ -181,8 +181,7 @@ class File {
     if (!key.starts_with("link.") || hosts.components.size() == 1) return common_to_all(key);
     if (hosts.kind == Hosts::Kind::stated)
       return "the controller's interface, which is one end of the link, is one for all";
-    if (is_mark(key))
-      return "the controller gives it to all that it sends";
+    if (is_mark(key)) return "the controller gives it to all that it sends";
     return "";
   }
 

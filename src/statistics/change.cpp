@@ -11,8 +11,8 @@ namespace ontime::statistics {
 namespace {
 
 constexpr double infinite = std::numeric_limits<double>::infinity();
-// Measured::surer has 0.99 a side. What differs between runs is seldom normal: of equal runs on a busy machine
-// Student's t with 0.99 failed up to two in a hundred gates.
+// Measured::surer has 0.99 a side. What differs between runs is seldom normal: of equal runs on a busy
+// machine Student's t with 0.99 failed up to two in a hundred gates.
 constexpr double one_sided = 0.995;
 
 // A metric of one or several runs: their mean, how far below and above it the true one may lie by what the

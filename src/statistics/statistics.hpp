@@ -25,8 +25,8 @@ struct Distribution {
 };
 Distribution distribution(const std::vector<std::int64_t>& values);  // all zero for no values
 
-// How values are distributed: bins from_ns <= value < to_ns, 16 to every doubling, all of the same ratio (rounded to
-// whole nanoseconds), in order, without empty ones.
+// How values are distributed: bins from_ns <= value < to_ns, 16 to every doubling, all of the same ratio
+// (rounded to whole nanoseconds), in order, without empty ones.
 struct Bin {
   std::int64_t from_ns, to_ns;
   std::uint64_t count;

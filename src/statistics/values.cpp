@@ -19,8 +19,9 @@ bool is_narrow(std::int64_t value) {
   return value >= 0 && value <= std::numeric_limits<std::uint32_t>::max();
 }
 
-// Bins of a histogram: 16 to every doubling, all of the same ratio, so that on a logarithmic axis none is wider
-// than another and counts do not jump where the width would. Where they are narrower than 1 ns some are empty.
+// Bins of a histogram: 16 to every doubling, all of the same ratio, so that on a logarithmic axis none is
+// wider than another and counts do not jump where the width would. Where they are narrower than 1 ns some are
+// empty.
 constexpr std::size_t bins_a_doubling = 16;
 std::uint64_t first_of_bin(std::size_t bin) {
   if (bin == 0) return 0;

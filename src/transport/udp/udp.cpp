@@ -231,10 +231,10 @@ class Udp final : public Endpoint {
     if (!config_.address.empty()) local = ipv4(config_.address, port);
     local.sin_port = htons(static_cast<std::uint16_t>(port));
     if (bind(socket_.fd(), reinterpret_cast<const sockaddr*>(&local), sizeof local) != 0)
-      throw Error(
-          errno == EADDRINUSE
-              ? fmt::format("UDP port {} is busy: does another pong run? Choose another port: --domain N or --option port=N", port)
-              : fmt::format("cannot listen on UDP port {}: {}", port, errno_text()));
+      throw Error(errno == EADDRINUSE ? fmt::format("UDP port {} is busy: does another pong run? Choose "
+                                                    "another port: --domain N or --option port=N",
+                                                    port)
+                                      : fmt::format("cannot listen on UDP port {}: {}", port, errno_text()));
   }
 
   void be_client() {
