@@ -35,7 +35,7 @@ struct Arguments {
   lab::Machine machine;
   std::string memory, results, format = "table";
   std::optional<int> cpus;
-  bool live = false;
+  bool live = false, full = false;
 };
 
 bool is_of_kernel(std::string_view package) {
@@ -163,7 +163,7 @@ int run(const Arguments& arguments, const GateFlags& flags) {
     if (!fs::exists(folder / results_name)) return outcome.code;
     fs::copy_file(folder / results_name, results);
     record::Writer writer(results);
-    return show_measured({writer, results, 0, outcome.code}, format, false, flags, gates, terminal);
+    return show_measured({writer, results, 0, outcome.code}, format, arguments.full, flags, gates, terminal);
   } catch (const lab::Interrupted&) {
     terminal.note("interrupted: the machine is gone, and what it had measured with it");
     return 130;
@@ -224,6 +224,7 @@ void add_lab(Command& app, Action& action) {
   add_choice(*runs, measured->choice);
   add_file(*runs, "--results", measured->results, "this new results file (default: one here)");
   add_report_format(*runs, measured->format);
+  add_full(*runs, measured->full);
   auto flags = std::make_shared<GateFlags>(*runs, gate::Use::fail_if);
   runs->callback(
       [&action, measured, flags] { action = [measured, flags] { return run(*measured, *flags); }; });
