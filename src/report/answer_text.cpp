@@ -76,14 +76,22 @@ Table table_of(const std::vector<Row>& rows, const std::vector<std::size_t>& pla
        {"", left}},
       {},
       {}};
+  const auto id_of_row = [](const Row& row) {
+    return row.conditions.empty() ? row.id : row.id + " " + row.conditions;
+  };
+  const auto id_width = width / 4;
+  std::size_t widest_id = 0;
+  for (const auto place : places)
+    widest_id = std::max(widest_id, std::min(id_width, width_of(id_of_row(rows[place]))));
+  const auto name_width =
+      width * 2 / 5 + 2 - widest_id;  // what ids leave: names tell runs apart at their end
   std::string before;
-  const auto name_width = width / 4;
   for (const auto place : places) {
     const auto& row = rows[place];
-    auto id = row.conditions.empty() ? row.id : row.id + " " + row.conditions;
+    auto id = id_of_row(row);
     const bool same = id == before;
     before = id;
-    table.rows.push_back({same ? "" : shortened(id, name_width), shortened(row.name, name_width),
+    table.rows.push_back({same ? "" : shortened(id, id_width), shortened(row.name, name_width),
                           missed_of(row, !same_cycles), wait_of(row), cell_of(row.p50, false),
                           cell_of(row.p99, true), row.max_ns ? milliseconds(*row.max_ns) : nothing,
                           word_of(row.state)});
