@@ -200,7 +200,15 @@ class Endings(Program):
                                  "--results", self.results)
         measuring = []
 
-        def begun():  # it has the thread then that hands samples over, and half a second for the first
+        def carried():
+            with open("/proc/net/dev") as devices:
+                return next(int(line.split()[2]) for line in devices if line.split()[0] == "lo:")
+
+        before = carried()
+
+        def begun():  # back-to-back: far more than a warm-up sends, long before the first samples are handed over
+            if carried() < before + 500:
+                return []
             for pid in self.own("/ontime agent"):
                 with contextlib.suppress(OSError):
                     if any((task / "comm").read_text() == "ontime-record\n" for task in pathlib.Path(f"/proc/{pid}/task").iterdir()):
