@@ -143,7 +143,7 @@ Part Way::last_seen(const Packet& there, const Packet& back) const {
 
 // What became of the answer to a message that came to the server's machine at `there_ns`.
 Packet Way::answer_lost(Delay& found, std::int64_t there_ns, std::int64_t until_ns) const {
-  const auto back = packet(server_, client_, there_ns, until_ns);
+  auto back = packet(server_, client_, there_ns, until_ns);
   if (back.queued == nullptr && back.dropped == nullptr) {
     if (!not_sent(found, server_, there_ns)) receiver(found, server_, there_ns, until_ns);
   } else if (!lost_between(found, server_, client_, back, there_ns, until_ns)) {
