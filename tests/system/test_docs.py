@@ -126,7 +126,7 @@ class Docs(unittest.TestCase):
         for line in lines:
             with self.subTest(line):
                 self.shell(line, (0,))
-                self.assertTrue((self.folder / re.search(r"--output (\S+)", line)[1]).stat().st_size > 1000)
+                self.assertTrue((self.folder / re.search(r"--(?:output|plot) (\S+)", line)[1]).stat().st_size > 1000)
 
 
 if __name__ == "__main__":
