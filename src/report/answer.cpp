@@ -298,12 +298,11 @@ std::vector<std::string> cautions_of(const std::vector<Entry>& entries) {
   std::uint64_t fewest = UINT64_MAX;
   for (const auto* run : runs)
     if (run->sent > 0) fewest = std::min(fewest, run->round_trip.count);
+  const auto* const where = runs.size() > 1 ? " in a run" : "";
   if (fewest < 1000)
-    cautions.push_back(fmt::format("few answers ({}{}): p99 is a rough estimate",
-                                   runs.size() > 1 ? "from " : "", grouped(fewest)));
+    cautions.push_back(fmt::format("few answers ({}{}): p99 is a rough estimate", grouped(fewest), where));
   else if (fewest < 10'000 && fewest != UINT64_MAX)
-    cautions.push_back(fmt::format("{}{} answers are too few to bound p99.9", runs.size() > 1 ? "from " : "",
-                                   grouped(fewest)));
+    cautions.push_back(fmt::format("{} answers{} are too few to bound p99.9", grouped(fewest), where));
   return cautions;
 }
 
