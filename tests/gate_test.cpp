@@ -170,6 +170,13 @@ TEST(Judge, ARunTooShortForThePercentileIsOpen) {
   EXPECT_EQ(judged("p99 > 2 ms", run(measured(3, 2.5, {}))).result, Result::missed) << "sure enough";
 }
 
+TEST(Judge, ARunOfWhichEveryMessageIsSlowerFailsHoweverTheyDependOnOneAnother) {
+  auto all = slower(150, 150, 40);
+  all.round_trip_certainty.p99.value = 3'100'000;
+  all.round_trip_certainty.p99.sure = all.round_trip_certainty.p99.surer = {};
+  EXPECT_EQ(judged("p99 > 2 ms", all).result, Result::missed);
+}
+
 TEST(Judge, APercentileKeepsToALimitThatHardlyAnyAnswerPasses) {
   const auto none = judged("p99 > 2 ms", slower(0, 1500));
   EXPECT_EQ(none.result, Result::held);

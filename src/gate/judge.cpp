@@ -95,6 +95,12 @@ bool is_too_short(const Question& question) {
          statistics::messages_to_claim(question.most, question.of.events == 0 ? 1 : question.of.effect);
 }
 
+// All were slower than the limit: however they depend on one another, the run did not keep to it.
+bool is_every_message(const statistics::Probability& slower) {
+  constexpr std::uint64_t enough = 30;
+  return slower.messages >= enough && slower.events == slower.messages;
+}
+
 // A sender that stood still has sent nothing that could be late.
 Judgement unless_it_stood_still(Judgement judged, const Gate& gate, const Summary& run) {
   if (judged.result != Result::held || gate.figure == Figure::lost ||
@@ -257,7 +263,9 @@ Judgement judge(const Gate& gate, const Summary& run) {
   const auto question = question_of(gate, run);
   if (question && !is_share(gate) && answer == Answer::cannot_tell) {
     const auto by_share = found->value > gate.limit ? Answer::yes : Answer::no;
-    if (statistics::exceeds(question->of, question->most) == by_share) answer = by_share;
+    if (statistics::exceeds(question->of, question->most) == by_share ||
+        (by_share == Answer::yes && is_every_message(question->of)))
+      answer = by_share;
     says += fmt::format("; {} of {} slower", question->of.events, question->of.messages);
   }
   if (answer == Answer::cannot_tell && (question ? is_too_short(*question) : !found->surer.high))

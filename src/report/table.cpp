@@ -209,8 +209,8 @@ std::vector<std::string> remarks_of(const std::vector<Group>& groups) {
   const auto names = names_of(groups);
   std::vector<std::pair<std::vector<std::size_t>, std::vector<std::string>>> notes;
   for (const auto& [weight, text, runs] : shared_remarks(all)) {
-    auto same =
-        std::find_if(notes.begin(), notes.end(), [&](const auto& note) { return note.first == runs; });
+    auto same = std::find_if(notes.begin(), notes.end(),
+                             [&, &runs = runs](const auto& note) { return note.first == runs; });
     if (same == notes.end()) same = notes.insert(notes.end(), {runs, {}});
     same->second.push_back(text);
   }
