@@ -182,6 +182,7 @@ std::vector<std::string> unbounded_notes(const std::vector<std::string>& names, 
     known->runs.push_back(i);
   }
   std::vector<std::string> notes;
+  notes.reserve(reasons.size());
   for (const auto& [text, common, places, same] : reasons)
     notes.push_back(name_of_some(names, places) + ": no extrapolated worst case, because " +
                     (same ? text : common));
