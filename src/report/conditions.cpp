@@ -375,7 +375,8 @@ void add_variant(std::string& label, const Summary& summary, const std::vector<P
                             std::find(std::begin(groups), std::end(groups), phrase.key) != std::end(groups);
                         return key == phrase.key || (is_group && key.starts_with(phrase.key + "."));
                       });
-    if (!told) label.append(" ").append(shortened(printable(key + " " + value), longest_value));
+    if (!told)
+      label.append(" ").append(shortened(printable(fmt::format("{} {}", key, value)), longest_value));
   }
 }
 
