@@ -21,6 +21,20 @@ import sshd  # noqa: E402
 TIMER_MIGRATION = pathlib.Path("/proc/sys/kernel/timer_migration")
 
 
+def join_namespaces(stack):
+    """Two namespaces with a link between them, until the stack ends: {name: address}."""
+    ends = {"near": "198.18.1.1", "far": "198.18.1.2"}
+    for name in ends:
+        subprocess.run(["ip", "netns", "add", name], check=True)
+        stack.callback(subprocess.run, ["ip", "netns", "del", name], check=False)
+    subprocess.run(["ip", "-n", "near", "link", "add", "to-far", "type", "veth", "peer", "to-near", "netns", "far"],
+                   check=True)
+    for (name, address), other in zip(ends.items(), reversed(ends)):
+        subprocess.run(["ip", "-n", name, "address", "add", f"{address}/30", "dev", f"to-{other}"], check=True)
+        subprocess.run(["ip", "-n", name, "link", "set", f"to-{other}", "up"], check=True)
+    return ends
+
+
 class Repetition:
     """Subclasses say what is started; all else is the same for all."""
 
@@ -198,15 +212,7 @@ class OverInterfacesOfItsOwn(Repetition):
     @contextlib.contextmanager
     def surroundings(self):
         with contextlib.ExitStack() as stack:
-            ends = {"near": "198.18.1.1", "far": "198.18.1.2"}
-            for name in ends:
-                subprocess.run(["ip", "netns", "add", name], check=True)
-                stack.callback(subprocess.run, ["ip", "netns", "del", name], check=False)
-            subprocess.run(["ip", "-n", "near", "link", "add", "to-far", "type", "veth", "peer", "to-near", "netns", "far"],
-                           check=True)
-            for (name, address), other in zip(ends.items(), reversed(ends)):
-                subprocess.run(["ip", "-n", name, "address", "add", f"{address}/30", "dev", f"to-{other}"], check=True)
-                subprocess.run(["ip", "-n", name, "link", "set", f"to-{other}", "up"], check=True)
+            join_namespaces(stack)
             self.before = self.kept()
             yield
 
@@ -251,15 +257,7 @@ class BySsh(Repetition):
     @contextlib.contextmanager
     def surroundings(self):
         with contextlib.ExitStack() as stack:
-            ends = {"near": "198.18.1.1", "far": "198.18.1.2"}
-            for name in ends:
-                subprocess.run(["ip", "netns", "add", name], check=True)
-                stack.callback(subprocess.run, ["ip", "netns", "del", name], check=False)
-            subprocess.run(["ip", "-n", "near", "link", "add", "to-far", "type", "veth", "peer", "to-near", "netns", "far"],
-                           check=True)
-            for (name, address), other in zip(ends.items(), reversed(ends)):
-                subprocess.run(["ip", "-n", name, "address", "add", f"{address}/30", "dev", f"to-{other}"], check=True)
-                subprocess.run(["ip", "-n", name, "link", "set", f"to-{other}", "up"], check=True)
+            ends = join_namespaces(stack)
             sshd.make_keys(self.folder)
             self.sshd = stack.enter_context(sshd.serving(self.folder, "far", self.temporary))
             path = sshd.make_client(self.folder, self.folder, [ends["far"]])
