@@ -8,13 +8,16 @@
 #include <fstream>
 #include <functional>
 #include <set>
+#include <sstream>
 #include <string>
 #include <string_view>
 
+#include <fmt/format.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <unistd.h>
 
+#include "agent/memory.hpp"
 #include "orders/orders.hpp"
 
 namespace ontime::agent {
@@ -256,6 +259,21 @@ TEST_F(Agent, OfRootKeepsTwoCapabilitiesOnceItIsOpen) {
     }
     EXPECT_GE(threads, 2) << transport;
   }
+}
+
+TEST(Memory, EndIsRefusedWhereItsLockedPagesWouldTakeTheReserve) {
+  const auto refusal = [](int available_mib) {
+    std::istringstream meminfo(
+        fmt::format("MemTotal: {} kB\nMemFree: 1 kB\nMemAvailable: {} kB\nBuffers: 1 kB\n", 2000 * 1024,
+                    available_mib * 1024));
+    return lacks_memory(meminfo);
+  };
+  EXPECT_EQ(refusal(292), "");
+  EXPECT_THAT(refusal(291),
+              ::testing::AllOf(::testing::HasSubstr("takes 192 MiB"), ::testing::HasSubstr("291 MiB free"),
+                               ::testing::HasSubstr("100 MiB stay free")));
+  std::istringstream unknown("nothing");
+  EXPECT_EQ(lacks_memory(unknown), "") << "what the kernel does not tell refuses nobody";
 }
 
 TEST_F(Agent, SaysWhyItCannot) {

@@ -269,6 +269,8 @@ TEST_F(Load, EachVmWorkerHasTheMemoryThatIsStated) {
 
 TEST_F(Load, EachHddWorkerWritesTheSizeThatIsStated) {
   const auto running = stress({.hdd = 2, .hdd_bytes = 8 * mebibyte}, directory_);
+  EXPECT_TRUE(wait_until([&] { return running->hdd_bytes() == 8 * mebibyte; }, 30s));
+  EXPECT_EQ(stress({.cpu = 1}, directory_)->hdd_bytes(), 0u);
   const auto leader = stress_of(getpid());
   const auto largest_file = [&] {
     std::uintmax_t largest = 0;

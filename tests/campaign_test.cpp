@@ -8,6 +8,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include "campaign/pollers.hpp"
 #include "campaign_scenario.hpp"
 
 namespace ontime::campaign {
@@ -26,6 +27,19 @@ std::vector<std::string> words(const Scenario& scenario) {
                      " " + std::to_string(run.repetition));
   }
   return result;
+}
+
+TEST(Pollers, AreRefusedWhereTheyTakeEveryCpuAndNothingThrottlesThem) {
+  const json machine{{"cpu_count", 2}};
+  EXPECT_THAT(why_refused(machine, false, {{}, {}}),
+              HasSubstr("2 threads at a real-time priority never sleep, on 2 CPUs"));
+  EXPECT_THAT(why_refused(machine, false, {{0}, {1}}), HasSubstr("Leave a CPU free"));
+  EXPECT_THAT(why_refused(machine, false, {{0}, {}}), HasSubstr("kernel.rt-throttling: on"));
+  EXPECT_THAT(why_refused({{"cpu_count", 1}}, false, {{}}), HasSubstr("on 1 CPUs"));
+  EXPECT_EQ(why_refused(machine, true, {{}, {}}), "");
+  EXPECT_EQ(why_refused(machine, false, {{}}), "");
+  EXPECT_EQ(why_refused(machine, false, {{1}, {1}}), "") << "both on one CPU leave the other free";
+  EXPECT_EQ(why_refused(json::object(), false, {{}, {}}), "") << "it does not say how many CPUs it has";
 }
 
 TEST_F(ScenarioFile, DefaultsHoldWhereARunSaysNothing) {

@@ -146,7 +146,7 @@ class Explained : public testing::TestWithParam<bool> {
                              {"link", {{"interface", "to-component"}, {"down", down_["controller"]}}}}},
                            {"component",
                             {{"machine", machine},
-                             {"threads", threads({{answers, "receive"}})},
+                             {"threads", component_threads_},
                              {"link", {{"interface", "to-controller"}, {"down", down_["component"]}}}}}}}});
     const auto reader = writer.reader();
     return account_of(reader, reader.runs().at(0));
@@ -168,6 +168,7 @@ class Explained : public testing::TestWithParam<bool> {
   std::map<std::string, json> down_;  // of whose link
   int deadline_us_ = 0, timeout_us_ = 0;
   json asked_ = json::object();  // besides
+  json component_threads_ = threads({{answers, "receive"}});
 };
 
 }  // namespace

@@ -22,6 +22,22 @@ TEST_P(Explained, AThreadThatWaitsForACpuBehindAnother) {
   EXPECT_THAT(advice(part), HasSubstr("realtime: on"));
 }
 
+TEST_P(Explained, OfTwoThreadsThatReceiveTheOneThatAnswersIsFollowed) {
+  constexpr std::int32_t other = 21;
+  component_threads_ = threads({{other, "receive"}, {answers, "receive"}});
+  switched(due - ms / 2, 2, hog, "S", other);
+  sender_wakes_and_sends();
+  event(sent + 10 * us, 0, Kind::waking, answers, asks, "1");
+  switched(sent + 20 * ms, 1, hog, "R", answers);
+  event(sent + 20 * ms + 52 * us, 1, Kind::queued, answers, 0, "to-controller", 2);
+  switched(sent + 30 * ms, 1, answers, "S", hog);
+  switched(sent + 31 * ms, 2, other, "S", 0);
+  const auto part = first(message(late(0, 20 * ms, 0)));
+  EXPECT_EQ(part.cause, Cause::cpu);
+  EXPECT_EQ(part.culprit, "hog");
+  EXPECT_EQ(part.stage, Stage::delivered);
+}
+
 TEST_P(Explained, AThreadThatIsStopped) {
   event(due - 800 * us, 1, Kind::signal, answers, hog, "19");
   switched(due - 700 * us, 1, answers, "T", 0);

@@ -9,6 +9,7 @@
 #include <sys/resource.h>
 #include <sys/stat.h>
 
+#include "journal/forgotten.hpp"
 #include "journal_fixture.hpp"
 
 namespace ontime::journal {
@@ -163,6 +164,30 @@ TEST_F(Journals, LinksAreNotFollowed) {
   directory_kind.write(inside, {}, directory_kind.read(inside));
   EXPECT_FALSE(fs::exists(inside));
   EXPECT_TRUE(fs::exists(kept + "/in/side/file"));
+}
+
+TEST_F(Journals, FoldersFromBeforeABootAreForgottenAndNothingElseIs) {
+  in_child([] {
+    const fs::path outer = fs::temp_directory_path() / "ontime-forgotten";
+    fs::create_directories(outer);
+    set("TMPDIR", outer.c_str());
+    const auto own = outer / "ontime-stress-0123456789abcdef", link = outer / "ontime-lab-0123456789abcdef";
+    fs::create_directory(own);
+    fs::create_directory(outer / "ontime-stress");
+    fs::create_directory(outer / "stress-0123456789abcdef");
+    fs::create_symlink(own, link);
+    write_file(outer / "ontime-file-0123456789abcdef", "");
+    const auto now = std::time(nullptr);
+    EXPECT_THAT(forgotten_directories(now + 10), ElementsAre(own.string()));
+    EXPECT_THAT(forgotten_directories(now - 1000), IsEmpty()) << "it was made since";
+    EXPECT_THAT(forgotten_directories(time_of_boot()), IsEmpty());
+    if (geteuid() == 0) {
+      EXPECT_EQ(chown(own.c_str(), 65534, 65534), 0);
+      EXPECT_THAT(forgotten_directories(now + 10), IsEmpty()) << "it is another user's";
+    }
+    fs::remove_all(outer);
+  });
+  EXPECT_GT(time_of_boot(), 0);
 }
 
 TEST_F(Journals, BadNamesAreRefusedAndLeaveNothing) {

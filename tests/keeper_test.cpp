@@ -89,6 +89,16 @@ TEST_F(Keeper, LoadsForEachHostByItself) {
   EXPECT_EQ(folders_of_stress(), 0) << "however many runs a suite has, its journal holds what there is";
 }
 
+TEST_F(Keeper, LargestFileOfHddWorkersIsToldAtTheEnd) {
+  constexpr std::uint64_t bytes = 4 << 20;
+  ask("open", "opened");
+  ask("load", "loaded",
+      {{"host", "controller"}, {"load", to_json(background::Workers{.hdd = 1, .hdd_bytes = bytes})}});
+  ask("begin", "begun");
+  EXPECT_EQ(ask("end", "ended").at("hdd_file_bytes"), json({{"controller", bytes}}));
+  EXPECT_TRUE(ask("unload", "unloaded").at("notes").empty());
+}
+
 TEST_F(Keeper, GoesOnWhereALoadCannotBeHad) {
   ask("open", "opened");
   const auto load = [&](int workers) {

@@ -267,23 +267,42 @@ TEST_F(Lab, ConsoleKnowsALineThatIsWrittenAnew) {
   EXPECT_EQ(console.present(), "");
 }
 
-TEST_F(Lab, WhatTheMachineLeftComesOutByNameAlone) {
-  fs::create_directories(folder() / "there");
-  fs::create_directories(folder() / "out");
-  write("there/code", "0\n");
-  background::output_of(
-      {"tar", "-c", "-P", "-f", (folder() / "left").string(), (folder() / "there/code").string()}, "tar");
-  bring_out(folder() / "left", folder() / "out");
-  EXPECT_EQ(read(folder() / "out/code"), "0\n");
+TEST_F(Lab, SentFilesArriveInTheirOrder) {
+  const auto out = folder() / "out", into = folder() / "into";
+  Arrivals arrivals(out);
+  EXPECT_FALSE(arrivals.next(into)) << "nothing was sent yet";
+  const auto large = std::string(200'000, 'x');
+  send(write("one", large), out);
+  send(write("two", ""), out);
+  send(write("three", "3"), out);
+  for (const auto& text : {large, std::string(), std::string("3")}) {
+    EXPECT_TRUE(arrivals.next(into));
+    EXPECT_EQ(read(into), text);
+  }
+  EXPECT_FALSE(arrivals.next(into));
 }
 
-TEST_F(Lab, WhatIsNoWholeArchiveIsRefused) {
-  EXPECT_THROW(bring_out(write("none", std::string(4096, 'x')), folder()), Error);
-  const auto many = write("many", std::string(100'000, 'x'));
-  const auto part = folder() / "part";
-  background::output_of({"tar", "-c", "-P", "-f", part.string(), many.string()}, "tar");
-  fs::resize_file(part, 50'000);
-  EXPECT_THROW(bring_out(part, folder()), Error);
+TEST_F(Lab, PartOfASentFileIsNotYetAnArrival) {
+  const auto whole = folder() / "whole", out = folder() / "out", into = folder() / "into";
+  send(write("one", "all of it"), whole);
+  const auto bytes = read(whole);
+  Arrivals arrivals(out);
+  for (std::size_t length = 0; length < bytes.size(); ++length) {
+    write("out", bytes.substr(0, length));
+    EXPECT_FALSE(arrivals.next(into)) << length;
+  }
+  write("out", bytes);
+  EXPECT_TRUE(arrivals.next(into));
+  EXPECT_EQ(read(into), "all of it");
+}
+
+TEST_F(Lab, SentLengthThatCannotBeIsNoArrival) {
+  Arrivals arrivals(write("out", std::string(16, '\xff')));
+  EXPECT_FALSE(arrivals.next(folder() / "into"));
+}
+
+TEST_F(Lab, FileThatCannotBeSentIsAnError) {
+  EXPECT_THROW(send(write("one", "1"), folder() / "none/out"), Error);
 }
 
 }  // namespace

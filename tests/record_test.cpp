@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <random>
 
+#include "record/copy.hpp"
+#include "record/document.hpp"
 #include "record_fixture.hpp"
 
 namespace ontime::record {
@@ -79,6 +81,47 @@ TEST_F(RecordTest, EverySampleComesBackAsItWas) {
   const Reader reader(path_);
   for (std::size_t i = 0; i < 3; ++i)
     expect_same(samples_of(reader, static_cast<std::int64_t>(i) + 1), expected[i]);
+}
+
+TEST_F(RecordTest, CopiedRunIsTheSameUnderTheNextNumber) {
+  const Trace trace{"controller", {{7, 1, 2}, {}, {}}};
+  const auto other = (folder_ / "other.db").string();
+  {
+    Writer from(path_);
+    from.begin_run({{"id", "one"}});
+    const auto two = from.begin_run({{"id", "two"}, {"transport", "udp"}});
+    from.append(two, usual(0, 5000));
+    from.note(two, {"peer-left", "it left", 5, 3});
+    from.note(two, {"gate-missed", "late", {}, {}});
+    from.trace(two, trace);
+    from.end_run(two, {{"sent", 5000}});
+    Writer to(other);
+    to.begin_run({{"id", "first"}});
+    const auto reader = from.reader();
+    const auto runs = reader.runs();
+    EXPECT_EQ(copy_run(reader, runs[1], to), 2);
+    EXPECT_EQ(copy_run(reader, runs[0], to), 3);
+  }
+  const Reader from(path_), to(other);
+  const auto original = from.runs(2).front();
+  const auto copies = to.runs();
+  ASSERT_EQ(copies.size(), 3U);
+  EXPECT_EQ(copies[1].asked, original.asked);
+  EXPECT_EQ(copies[1].outcome, original.outcome);
+  EXPECT_EQ(copies[1].key, original.key);
+  expect_same(samples_of(to, 2), samples_of(from, 2));
+  ASSERT_EQ(to.notes(2).size(), 2U);
+  EXPECT_EQ(to.notes(2)[0].message, 3U);
+  EXPECT_EQ(to.notes(2)[1].kind, "gate-missed");
+  int traces = 0;
+  to.each_trace(2, [&](const Trace& copy) {
+    ++traces;
+    EXPECT_EQ(trace::to_json(copy.window), trace::to_json(trace.window));
+  });
+  EXPECT_EQ(traces, 1);
+  EXPECT_EQ(query(other, "SELECT start_ns FROM run WHERE number = 2"),
+            query(path_, "SELECT start_ns FROM run WHERE number = 2"));
+  EXPECT_TRUE(copies[2].outcome.is_null()) << "it was cut off";
 }
 
 TEST_F(RecordTest, SampleThatIsThereAlreadyIsReplaced) {
@@ -277,6 +320,16 @@ TEST_F(RecordTest, WhatNoReaderWouldTakeBackIsNotWritten) {
   }
   writer.end_run(run, {{"sent", 0}});
   EXPECT_EQ(writer.reader().runs().size(), 1u);
+}
+
+TEST(DocumentTest, BracketsAreCountedOutsideOfStringsOnly) {
+  const auto nested = [](int depth) { return std::string(depth, '[') + "1" + std::string(depth, ']'); };
+  EXPECT_TRUE(json_of(nested(64)));
+  EXPECT_FALSE(json_of(nested(65)));
+  EXPECT_TRUE(json_of("[\"" + std::string(100, '[') + "\\\"" + std::string(100, '{') + "\"]"));
+  EXPECT_TRUE(json_of(R"({"a": "\\", "b": [1]})"));
+  EXPECT_FALSE(json_of("\"" + std::string(100, '[')));
+  EXPECT_FALSE(json_of("]"));
 }
 
 TEST_F(RecordTest, LeavesOneFileAndNothingBesideIt) {

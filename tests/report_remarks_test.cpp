@@ -52,6 +52,20 @@ TEST(Remarks, LoadThatAnOlderOntimeDividedAmongItsWorkersIsMarked) {
   EXPECT_THAT(render({summary(of_two, of_run)}, Format::markdown), Not(HasSubstr("divided")));
 }
 
+TEST(Remarks, HddFilesThatNeverHadHalfTheirSizeAreMarked) {
+  auto of_run = outcome();
+  auto& load = of_run["hosts"]["controller"]["load"];
+  const auto text = [&](std::uint64_t seen) {
+    load = {{"hdd_bytes", 1 << 30}, {"hdd_file_bytes", seen}};
+    return render({summary(asked("a", "udp"), of_run)}, Format::markdown);
+  };
+  EXPECT_THAT(text(300 << 20), AllOf(HasSubstr("HDD LOAD NOT AS LARGE"), HasSubstr("300 MiB")));
+  EXPECT_THAT(text(0), HasSubstr("HDD LOAD NOT AS LARGE"));
+  EXPECT_THAT(text(600 << 20), Not(HasSubstr("HDD LOAD")));
+  load = {{"hdd_bytes", 1 << 30}};  // of an older ontime, which did not look
+  EXPECT_THAT(render({summary(asked("a", "udp"), of_run)}, Format::markdown), Not(HasSubstr("HDD LOAD")));
+}
+
 TEST(TableFormat, TellsTheTrafficAndLoudlyWhereItWasNotThere) {
   auto with = asked("a", "udp");
   with["traffic"] = {{"bit_s", 80'000'000}, {"datagram_bytes", 1470}, {"direction", "both"}, {"priority", 0}};

@@ -33,6 +33,7 @@ struct Conditions {
   Schedule schedule = Schedule::next_free;
   std::int64_t period_ns = 1000 * us, deadline_ns = 1000 * us, timeout_ns = 20'000 * us;
   std::int64_t first_ns = 10'000 * us, end_ns = 210'000 * us, stop_ns = never;
+  bool stop_wakes = true;  // else who stops has said so already, and the sleeper is not woken yet
   Stall sender{0, 0}, peer{0, 0};
   std::int64_t delay_ns = 300 * us, wake_ns = 50 * us, send_ns = 20 * us;  // up to
   double outliers = 0, losses = 0, duplicates = 0, belated = 0;            // shares of the answers
@@ -73,8 +74,8 @@ class World {
   }
 
   void sleep_until(std::int64_t due_ns) {
-    if (now_ns_ >= due_ns || stopped()) return;
-    advance(std::min(due_ns, c_.stop_ns) + up_to(c_.wake_ns));
+    if (now_ns_ >= due_ns || (c_.stop_wakes && stopped())) return;
+    advance((c_.stop_wakes ? std::min(due_ns, c_.stop_ns) : due_ns) + up_to(c_.wake_ns));
   }
   std::int64_t now_ns() const { return now_ns_; }
   std::int64_t stopped_ns() const { return stopped() ? c_.stop_ns : never; }
@@ -318,6 +319,21 @@ TEST(Trailing, AreCountedUntilTheSendersReturn) {
     EXPECT_EQ(run.counters.trailing_cycles, 60U);
     EXPECT_EQ(run.counters.trailing_until_ns, c.sender.end_ns);
   }
+}
+
+TEST(Stop, SendsNothingMoreWhereItComesBetweenTheWordAndTheAlarm) {
+  for (const auto schedule : {Schedule::next_free, Schedule::fixed})
+    for (unsigned seed = 0; seed < 50; ++seed) {
+      Conditions c;
+      c.schedule = schedule;
+      c.seed = seed;
+      c.stop_ns = 150'500 * us + seed * us;  // while it sleeps until the next cycle
+      c.stop_wakes = false;
+      const auto run = World(c).run();
+      expect_law(run, c);
+      EXPECT_EQ(run.counters.sent, 141U);
+      EXPECT_LT(run.samples.back().woke_ns, c.stop_ns);
+    }
 }
 
 TEST(Trailing, AreThoseDueBeforeAStop) {

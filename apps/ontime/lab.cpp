@@ -17,6 +17,7 @@
 #include "journal/journal.hpp"
 #include "keeper/keeper.hpp"
 #include "measured.hpp"
+#include "record/copy.hpp"
 #include "scenario_files.hpp"
 #include "terminal.hpp"
 
@@ -35,7 +36,7 @@ struct LabArguments {
   lab::Machine machine;
   std::string memory, results, format = "table";
   std::optional<int> cpus;
-  bool live = false, full = false;
+  bool live = false, full = false, resume = false;
 };
 
 bool is_of_kernel(std::string_view package) {
@@ -119,8 +120,9 @@ std::vector<lab::File> files_of(const std::vector<std::string>& scenarios,
 }
 
 // What measures there, of the same scenarios by the same choice.
-std::vector<std::string> command_of(const std::vector<lab::File>& scenarios, const Choice& choice) {
-  std::vector<std::string> words = {"ontime", "run", "--only-measure"};
+std::vector<std::string> command_of(const std::vector<lab::File>& scenarios, const LabArguments& arguments) {
+  std::vector<std::string> words = {"ontime", "run", "--only-measure", "--send-to", lab::outlet};
+  const auto& choice = arguments.choice;
   const auto add = [&](const char* flag, const std::string& value) {
     if (!value.empty()) words.insert(words.end(), {flag, value});
   };
@@ -131,7 +133,17 @@ std::vector<std::string> command_of(const std::vector<lab::File>& scenarios, con
   add("--transports", fmt::format("{}", fmt::join(choice.selection.transports, ",")));
   add("--duration", choice.duration);
   if (choice.selection.explain) words.emplace_back("--explain");
+  if (arguments.resume) words.emplace_back("--resume");
   return words;
+}
+
+// What is measured already, as the machine is to have it.
+lab::File brought(record::Writer& writer, const fs::path& folder) {
+  const auto file = folder / results_name;
+  record::Writer copy(file.string());
+  const auto reader = writer.reader();
+  for (const auto& run : reader.runs()) record::copy_run(reader, run, copy);
+  return {file, fs::path(lab::results_folder) / results_name};
 }
 
 int run(const LabArguments& arguments, const GateFlags& flags) {
@@ -141,33 +153,48 @@ int run(const LabArguments& arguments, const GateFlags& flags) {
   const auto scenarios = files_of(arguments.scenarios, arguments.choice.checked(), machine);
   const auto results =
       arguments.results.empty() ? new_results_file(arguments.scenarios.front()) : arguments.results;
-  if (fs::exists(fs::symlink_status(results)))
-    throw Error(
-        2, fmt::format("--results: {} is there already, and what comes out of the lab is a file of its own: "
-                       "name another",
-                       results));
+  if (!arguments.resume && fs::exists(fs::symlink_status(results)))
+    throw Error(2,
+                fmt::format("--results: {} is there already. Name another file, or measure what is missing "
+                            "in it with --resume",
+                            results));
   if (const auto there = fs::absolute(results).parent_path(); access(there.c_str(), W_OK | X_OK) != 0)
     throw Error(3, fmt::format("--results: {} cannot be written there: {}: name another file", results,
                                std::generic_category().message(errno)));
   auto& interrupts = catch_interrupts();
   Terminal terminal;
-  const auto observer = observer_of(terminal, interrupts);
+  record::Writer writer(results);
+  const auto known = writer.reader().runs().size();
+  auto observer = observer_of(terminal, interrupts);
+  observer.sent = [&](const fs::path& sent) {
+    const record::Reader reader(sent.string());
+    for (const auto& run : reader.runs()) record::copy_run(reader, run, writer);
+  };
   journal::revert_abandoned(keeper::kinds());
   journal::Journal journal(keeper::kinds());
-  const fs::path folder = journal::add_directory(journal, "lab-results");
+  auto files = scenarios;
+  if (known > 0) files.push_back(brought(writer, journal::add_directory(journal, "lab-results")));
+  int code = 0;
+  std::string unfinished;
   try {
-    const auto outcome =
-        lab::run(machine, journal, command_of(scenarios, arguments.choice), scenarios, folder, observer);
+    const auto outcome = lab::run(machine, journal, command_of(scenarios, arguments), files, observer);
     terminal.note(fmt::format("the lab's machine ran for {} of its time, which took {}", about(outcome.time),
                               about(outcome.real)));
-    if (!fs::exists(folder / results_name)) return outcome.code;
-    fs::copy_file(folder / results_name, results);
-    record::Writer writer(results);
-    return show_measured({writer, results, 0, outcome.code}, format, arguments.full, flags, gates, terminal);
+    code = outcome.code;
   } catch (const lab::Interrupted&) {
-    terminal.note("interrupted: the machine is gone, and what it had measured with it");
-    return 130;
+    unfinished = "interrupted: the lab's machine is gone, and with it the run that it measured";
+    code = 130;
+  } catch (const lab::Error& error) {
+    if (writer.reader().runs().size() == known) throw;
+    unfinished = error.what();
+    code = 3;
   }
+  if (!unfinished.empty()) terminal.note(unfinished);
+  code = show_measured({writer, results, known, code, unfinished}, format, arguments.full, flags, gates,
+                       terminal);
+  if (!unfinished.empty() && !writer.reader().runs().empty())
+    terminal.note(to_go_on(results, !arguments.results.empty(), arguments.resume));
+  return code;
 }
 
 int shell(const LabArguments& arguments) {
@@ -223,6 +250,10 @@ void add_lab(Command& app, Action& action) {
   add_machine(*runs, *measured);
   add_choice(*runs, measured->choice);
   add_file(*runs, "--results", measured->results, "this new results file (default: one here)");
+  runs->add_flag("--resume", measured->resume,
+                 "leave out what these results have already, measured to its end: the same conditions, "
+                 "repetition and text of the scenario")
+      ->needs("--results");
   add_report_format(*runs, measured->format);
   add_full(*runs, measured->full);
   auto flags = std::make_shared<GateFlags>(*runs, gate::Use::fail_if);

@@ -11,6 +11,7 @@
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
+#include "campaign/ssh.hpp"
 #include "flags.hpp"
 #include "output.hpp"
 #include "results_page.hpp"
@@ -117,6 +118,13 @@ std::string new_results_file(const std::string& scenario) {
   for (int next = 2; exists(std::filesystem::symlink_status(name)); ++next)
     name = fmt::format("{}-{}.ontime", stem, next);
   return name;
+}
+
+std::string to_go_on(const std::string& results, bool named, bool resumes) {
+  auto words = command_line().get<std::vector<std::string>>();
+  if (!named) words.insert(words.end(), {"--results", results});
+  if (!resumes) words.emplace_back("--resume");
+  return "to go on: " + campaign::quoted(words);
 }
 
 int show_measured(const Measured& measured, report::Format format, bool full, const GateFlags& flags,

@@ -39,4 +39,7 @@ struct Measured {
 int show_measured(const Measured&, report::Format, bool full, const GateFlags&,
                   const std::vector<gate::Gate>&, Terminal&);
 
+// How the same command measures the runs that are missing in the results. `named`: whether it names them.
+std::string to_go_on(const std::string& results, bool named, bool resumes);
+
 }  // namespace ontime::app

@@ -1,14 +1,16 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <algorithm>
+#include <filesystem>
 
 #include <fmt/format.h>
 
 #include "campaign/campaign.hpp"
-#include "campaign/ssh.hpp"
 #include "commands.hpp"
 #include "flags.hpp"
 #include "gates.hpp"
+#include "lab/results.hpp"
 #include "measured.hpp"
+#include "record/copy.hpp"
 #include "resumed.hpp"
 #include "scenario_files.hpp"
 #include "terminal.hpp"
@@ -19,7 +21,7 @@ namespace {
 struct RunArguments {
   std::vector<std::string> scenarios;
   Choice choice;
-  std::string results, format = "table";
+  std::string results, send_to, format = "table";
   bool resume = false, only_measure = false, full = false;
 };
 
@@ -38,14 +40,26 @@ void expect(Terminal& terminal, const std::vector<campaign::Scenario>& scenarios
     terminal.note(fmt::format("{}{} runs, about {}", searches ? "at most " : "", runs, about(time)));
 }
 
-// The same command, for the runs that these results lack.
-std::string to_go_on(const RunArguments& arguments, const std::string& results,
-                     const nlohmann::json& command_line) {
-  auto words = command_line.get<std::vector<std::string>>();
-  if (arguments.results.empty()) words.insert(words.end(), {"--results", results});
-  if (!arguments.resume) words.emplace_back("--resume");
-  return campaign::quoted(words);
-}
+// Each run leaves the lab's machine as soon as it is recorded, in a results file of its own.
+class Sending final : public Terminal {
+ public:
+  Sending(record::Writer& writer, std::string to) : writer_(writer), to_(std::move(to)) {}
+  void recorded(std::int64_t run) override {
+    if (to_.empty()) return;
+    const auto reader = writer_.reader();
+    const auto alone = fmt::format("run-{}.ontime", run);
+    {
+      record::Writer writer(alone);
+      record::copy_run(reader, reader.runs(run).front(), writer);
+    }
+    lab::send(alone, to_);
+    std::filesystem::remove(alone);
+  }
+
+ private:
+  record::Writer& writer_;
+  const std::string to_;
+};
 
 int run(const RunArguments& arguments, const GateFlags& flags, const nlohmann::json& command_line) {
   const auto selection = arguments.choice.checked();
@@ -61,7 +75,7 @@ int run(const RunArguments& arguments, const GateFlags& flags, const nlohmann::j
   const auto resumed = arguments.resume ? std::make_optional<Resumed>(writer.reader()) : std::nullopt;
   campaign::Done done;
   if (resumed) done = [&](const auto& asked, const auto& machines) { return resumed->find(asked, machines); };
-  Terminal terminal;
+  Sending terminal(writer, arguments.send_to);
   expect(terminal, scenarios);
   int code = 0;
   std::string unfinished;
@@ -82,7 +96,7 @@ int run(const RunArguments& arguments, const GateFlags& flags, const nlohmann::j
   if (arguments.only_measure) return code;
   code = show_measured({writer, results, known, code, unfinished}, format, arguments.full, flags, gates,
                        terminal);
-  if (code == 130) terminal.note("to go on: " + to_go_on(arguments, results, command_line));
+  if (code == 130) terminal.note(to_go_on(results, !arguments.results.empty(), arguments.resume));
   return code;
 }
 
@@ -123,6 +137,7 @@ void add_run(Command& app, Action& action) {
   add_full(*command, arguments->full);
   // The lab's machine measures; whoever started it shows, judges and keeps.
   command->add_flag("--only-measure", arguments->only_measure, "measure, and show nothing")->group("");
+  command->add_option("--send-to", arguments->send_to, "each run, once it is recorded")->group("");
   auto flags = std::make_shared<GateFlags>(*command, gate::Use::fail_if);
   command->callback([&action, arguments, flags] {
     action = [arguments, flags] { return run(*arguments, *flags, command_line()); };

@@ -7,7 +7,7 @@
 
 namespace ontime::app {
 
-class Terminal final : public campaign::Observer {
+class Terminal : public campaign::Observer {
  public:
   Terminal();
   // How many runs there will be, and how long they take together: so that it can be said how far it is.

@@ -9,6 +9,7 @@
 #include "campaign/campaign.hpp"
 #include "commands.hpp"
 #include "flags.hpp"
+#include "journal/forgotten.hpp"
 #include "keeper/keeper.hpp"
 #include "machine/machine.hpp"
 #include "settings/settings.hpp"
@@ -207,6 +208,9 @@ int revert() {
   lines.insert(lines.end(), given_back.done.begin(), given_back.done.end());
   print_lines(lines);
   for (const auto& line : given_back.left) print_error(line);
+  for (const auto& folder : journal::forgotten_directories(journal::time_of_boot()))
+    print_error(
+        fmt::format("{0} is a folder of an ontime that a power cut ended. Remove it: rm -r {0}", folder));
   if (lines.empty() && given_back.left.empty()) print_error("nothing was applied");
   return given_back.finished ? 0 : 3;
 }

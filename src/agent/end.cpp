@@ -2,11 +2,13 @@
 #include "agent/end.hpp"
 
 #include <algorithm>
+#include <fstream>
 #include <string_view>
 
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
+#include "agent/memory.hpp"
 #include "agent/privileges.hpp"
 #include "message/message.hpp"
 #include "orders/orders.hpp"
@@ -95,7 +97,11 @@ End::End(Task task) : task_(std::move(task)) {
   resolve(task_.config);
   task_.config.deadline_ns = task_.client.deadline.count();
   // Memory first: what is created afterwards is born locked, and touched.
-  if (task_.realtime.lock_memory) refuse(realtime::lock_memory(heap_bytes));
+  if (task_.realtime.lock_memory) {
+    std::ifstream meminfo("/proc/meminfo");
+    if (const auto why = lacks_memory(meminfo); !why.empty()) throw Error(3, why);
+    refuse(realtime::lock_memory(heap_bytes));
+  }
   if (task_.realtime.cpu_latency) {
     latency_ = std::make_unique<realtime::CpuLatencyRequest>(*task_.realtime.cpu_latency);
     if (latency_->refusal()) refuse({*latency_->refusal()});

@@ -53,11 +53,14 @@ Fitted fit(const Workers&, Room&);
 class StressLoad : public Background {
  public:
   virtual std::uint64_t vm_bytes() const = 0;  // of the smallest vm worker, read back; 0: there is none
+  // Looks how large the file of each hdd worker is. Returns the largest that was seen until now, of the
+  // worker with the smallest; 0: none yet. To be asked now and then, as a file grows and is begun anew.
+  virtual std::uint64_t hdd_bytes() = 0;
 };
 // stress-ng as an ordinary process (SCHED_OTHER, any CPU, whatever the caller has; of the user nobody, if the
 // caller is root), with its temporary files in `directory`, in these groups. Returns once its workers run,
-// and each vm worker has the memory that is stated. Throws Error if it is missing (says the package) or ends
-// at once (says what it said).
+// each vm worker has the memory that is stated, and small files of hdd workers were seen. Throws Error if it
+// is missing (says the package) or ends at once (says what it said).
 std::unique_ptr<StressLoad> stress(const Workers&, const std::string& directory, const Groups& = {});
 
 // One way of concurrent traffic, as one of its two ends has it: UDP, by iperf3.

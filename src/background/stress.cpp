@@ -5,6 +5,7 @@
 #include <cstdlib>
 #include <filesystem>
 #include <fstream>
+#include <map>
 #include <system_error>
 #include <utility>
 
@@ -23,6 +24,9 @@ namespace {
 using namespace std::chrono_literals;
 
 constexpr auto longest_start = 20s;  // 32 workers on one busy core need a second or two
+// Files of up to that size are written in less time than it takes to look at them twice during a run.
+constexpr std::uint64_t small_file_bytes = std::uint64_t{64} << 20U;
+constexpr auto longest_look = 3s;
 
 void add(std::vector<std::string>& command, const char* kind, int workers, std::uint64_t bytes = 0) {
   if (workers < 0)
@@ -86,6 +90,30 @@ std::vector<std::uint64_t> mapped_by_vm_workers(pid_t leader) {
   return mapped;
 }
 
+// The sizes of the files of hdd workers: stress-ng removes their names at once, so only /proc shows them.
+class HddFiles {
+ public:
+  explicit HddFiles(pid_t leader = -1) {
+    for (const auto& process : processes())
+      if (process.parent == leader && process.name.starts_with("stress-ng-hdd")) largest_[process.pid] = 0;
+  }
+  std::uint64_t look() {
+    namespace fs = std::filesystem;
+    std::error_code none;
+    for (auto& [pid, largest] : largest_)
+      for (const auto& entry : fs::directory_iterator(fmt::format("/proc/{}/fd", pid), none))
+        if (fs::read_symlink(entry.path(), none).string().find("/stress-ng-hdd") != std::string::npos)
+          if (const auto size = fs::file_size(entry.path(), none); !none) largest = std::max(largest, size);
+    const auto smallest =
+        std::min_element(largest_.begin(), largest_.end(),
+                         [](const auto& one, const auto& other) { return one.second < other.second; });
+    return smallest == largest_.end() ? 0 : smallest->second;
+  }
+
+ private:
+  std::map<pid_t, std::uintmax_t> largest_;  // that was seen, by worker
+};
+
 // Where the command is written to, and the folder is this one's to remove.
 class Folder {
  public:
@@ -109,10 +137,16 @@ class Folder {
 
 class Stress final : public StressLoad {
  public:
-  Stress(std::unique_ptr<Folder> folder, std::unique_ptr<Child> child, long workers, std::uint64_t vm_bytes)
-      : folder_(std::move(folder)), child_(std::move(child)), workers_(workers), vm_bytes_(vm_bytes) {}
+  Stress(std::unique_ptr<Folder> folder, std::unique_ptr<Child> child, long workers, std::uint64_t vm_bytes,
+         HddFiles files)
+      : folder_(std::move(folder)),
+        child_(std::move(child)),
+        workers_(workers),
+        vm_bytes_(vm_bytes),
+        files_(std::move(files)) {}
   bool running() override { return !child_->ended() && children_of(child_->pid()) >= workers_; }
   std::uint64_t vm_bytes() const override { return vm_bytes_; }
+  std::uint64_t hdd_bytes() override { return files_.look(); }
   bool end() override { return child_->end(); }
   std::string name() const override { return fmt::format("stress-ng (process {})", child_->pid()); }
 
@@ -121,6 +155,7 @@ class Stress final : public StressLoad {
   std::unique_ptr<Child> child_;
   const long workers_;
   const std::uint64_t vm_bytes_;
+  HddFiles files_;
 };
 
 }  // namespace
@@ -151,7 +186,10 @@ std::unique_ptr<StressLoad> stress(const Workers& workers, const std::string& di
   wait_until([&] { return child->ended() || all_run(); }, longest_start);
   if (!child->ended() && all_run()) {
     const auto smallest = mapped.empty() ? 0 : *std::min_element(mapped.begin(), mapped.end());
-    return std::make_unique<Stress>(std::move(folder), std::move(child), wanted, smallest);
+    HddFiles files(child->pid());
+    if (workers.hdd > 0 && workers.hdd_bytes <= small_file_bytes)
+      wait_until([&] { return child->ended() || files.look() >= workers.hdd_bytes; }, longest_look);
+    return std::make_unique<Stress>(std::move(folder), std::move(child), wanted, smallest, std::move(files));
   }
   auto what = child->ended()     ? "ended at once"
               : running < wanted ? fmt::format("runs only {} of {} workers", running, wanted)

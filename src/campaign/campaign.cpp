@@ -114,6 +114,7 @@ class Suite {
       }
       has_begun = session.has_begun();
     }
+    for (const auto number : numbers) observer_.recorded(number);
     const auto never_begun = has_begun ? Numbers() : numbers;
     if (interrupts_ > 0) return {130, true, never_begun};
     // Whoever kept a machine and is gone: what it held is given back before the next run.

@@ -44,6 +44,7 @@ class Observer {
   virtual void leaves_out(const Run&) = 0;   // the search that it is a step of needs it no more
   virtual void progress(const roundtrip::Counters&, std::chrono::nanoseconds elapsed) = 0;
   virtual void ends(const roundtrip::Counters&) = 0;  // measured to its end, or to an interruption
+  virtual void recorded(std::int64_t /*run*/) {}      // its record is complete, however it ended
 };
 
 using orders::Interrupts;

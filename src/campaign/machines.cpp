@@ -497,6 +497,8 @@ Machines::Account Machines::end() {
     for (const auto& host : machine.hosts) {
       account.conditions[host] = ended.at("conditions");
       account.load[host] = load_given_.value(host, json());
+      if (const auto& sizes = ended.at("hdd_file_bytes"); sizes.contains(host))
+        account.load[host]["hdd_file_bytes"] = sizes.at(host);
       account.load_running[host] = ended.at("load_running").value(host, json());
       account.kernel[host] = ended.at("kernel").value(host, json());
       account.isolation[host] = ended.at("isolation").value(host, json());

@@ -5,6 +5,7 @@
 
 #include "campaign/link.hpp"
 #include "campaign/neighbours.hpp"
+#include "campaign/pollers.hpp"
 #include "campaign/traffic.hpp"
 
 namespace ontime::campaign {
@@ -60,6 +61,7 @@ roundtrip::Counters Session::counters() const {
 }
 
 std::vector<json> Session::measure(std::chrono::nanoseconds wait) {
+  check_pollers(runs_, machines_);
   for (const auto& text : machines_.tune(runs_))
     for (const auto& pair : pairs_) writer_.note(pair->number(), {"cpus-shared", text, {}, {}});
   for (auto& pair : pairs_) pair->open();

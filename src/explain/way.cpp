@@ -2,6 +2,7 @@
 #include "explain/way.hpp"
 
 #include <algorithm>
+#include <limits>
 
 #include "explain/threads.hpp"
 
@@ -20,6 +21,13 @@ bool has_run(const Timeline& timeline, std::int32_t thread, std::int64_t from_ns
   return std::any_of(stretches.begin(), stretches.end(), [](const Stretch& stretch) {
     return stretch.state == State::runs || stretch.state == State::comes;
   });
+}
+
+// When that thread queues its next packet.
+std::int64_t next_sent_ns(const Timeline& timeline, std::int32_t thread, std::int64_t from_ns) {
+  for (const auto& event : timeline.events())
+    if (event.kind == Kind::queued && event.thread.id == thread && event.at_ns >= from_ns) return event.at_ns;
+  return std::numeric_limits<std::int64_t>::max();
 }
 
 }  // namespace
@@ -78,13 +86,18 @@ const KnownThread* Way::with(const End& end, const std::string& role) {
 const KnownThread* Way::receives(const End& end, std::int64_t at_ns) const {
   if (end.timeline == nullptr) return nullptr;
   const KnownThread* best = nullptr;
+  std::vector<const KnownThread*> running;
   for (const auto& thread : end.threads) {
     if (thread.role != "receive" && thread.role != "delivery") continue;
     const auto state = end.timeline->state_at(thread.id, at_ns);
-    if (state == State::runs || state == State::comes) return &thread;
+    if (state == State::runs || state == State::comes) running.push_back(&thread);
     if (best == nullptr || (state && *state != State::sleeps)) best = &thread;
   }
-  return best;
+  if (running.empty()) return best;
+  // Of several, as a multi-threaded executor has them, the one that answers is the one that sends first.
+  return *std::min_element(running.begin(), running.end(), [&](const auto* one, const auto* other) {
+    return next_sent_ns(*end.timeline, one->id, at_ns) < next_sent_ns(*end.timeline, other->id, at_ns);
+  });
 }
 
 // From the packet's arrival on, by the threads of the end that hand it on, the last first.

@@ -5,6 +5,7 @@
 #include <chrono>
 #include <cstdio>
 #include <filesystem>
+#include <fstream>
 #include <random>
 #include <system_error>
 #include <thread>
@@ -15,6 +16,7 @@
 #include <sys/stat.h>
 
 #include "journal/folder.hpp"
+#include "journal/forgotten.hpp"
 #include "journal/kinds.hpp"
 
 namespace ontime::journal {
@@ -125,6 +127,27 @@ std::string add_directory(Journal& journal, const std::string& stem) {
   auto path = fmt::format("{}/{}{}-{:08x}{:08x}", temporary_folder(), own_prefix, stem, random(), random());
   journal.change(directory_kind, path, to_be_made);
   return path;
+}
+
+std::time_t time_of_boot() {
+  std::ifstream file("/proc/stat");
+  std::time_t seconds = 0;
+  for (std::string word; file >> word;)
+    if (word == "btime" && file >> seconds) return seconds;
+  return 0;
+}
+
+std::vector<std::string> forgotten_directories(std::time_t before) {
+  std::vector<std::string> found;
+  std::error_code none;
+  for (const auto& entry : fs::directory_iterator(temporary_folder(), none)) {
+    struct stat itself {};
+    const auto path = entry.path().string();
+    if (accepts(path) && lstat(path.c_str(), &itself) == 0 && S_ISDIR(itself.st_mode) &&
+        itself.st_uid == geteuid() && itself.st_mtime < before)
+      found.push_back(path);
+  }
+  return found;
 }
 
 std::vector<std::string> remove_directory(Journal& journal, const std::string& path) {

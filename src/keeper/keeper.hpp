@@ -33,7 +33,8 @@
 //   cut-out {spans [[message, from_ns, to_ns] …]}   window {window} for each of them, as soon as may be
 //   unload {}             unloaded {notes}: what of the load could not be given back
 //   begin  {}             begun {}: "during the run" is from here on
-//   end    {}             ended {conditions, load_running {host: bool}, traffic {host: {way: …}},
+//   end    {}             ended {conditions, load_running {host: bool}, hdd_file_bytes {host: …}, traffic
+//   {host: {way: …}},
 //                         links {host: …}, kernel {host: [{setting, thing, before, after, now}]},
 //                         isolation {host: [{setting, thing, before, after, now}]},
 //                         machine}: what was set, and what it is at this moment; the machine as it was at

@@ -98,6 +98,7 @@ class Keeper final : public orders::Worker {
     } else if (order == "end") {
       events_.tell("ended", {{"conditions", machine::between(activity_, machine::activity())},
                              {"load_running", load_running()},
+                             {"hdd_file_bytes", hdd_file_bytes()},
                              {"traffic", flows_.end()},
                              {"links", links_.end()},
                              {"kernel", tuned_.now()},
@@ -114,6 +115,7 @@ class Keeper final : public orders::Worker {
 
   std::chrono::milliseconds go_on() override {
     flows_.listen();
+    hdd_file_bytes();
     if (unloading_) return go_on_unloading();
     return std::min<std::chrono::milliseconds>(500ms, links_.go_on([this](const auto& host, auto at) {
       events_.tell("cut", {{"host", host}, {"at_ns", at.count()}});
@@ -137,7 +139,8 @@ class Keeper final : public orders::Worker {
  private:
   struct Load {
     std::string directory;
-    std::unique_ptr<background::StressLoad> running;
+    std::unique_ptr<background::StressLoad> running{};
+    bool writes = false;  // it has hdd workers
   };
 
   // Returns what does not end, for people.
@@ -190,6 +193,7 @@ class Keeper final : public orders::Worker {
     load.directory = journal::add_directory(journal_, "stress");
     if (is_first) room_ = background::room_for(load.directory);
     const auto fitted = background::fit(workers, room_);
+    load.writes = workers.hdd > 0;
     load.running = background::stress(fitted.workers, load.directory, isolated_.beside());
     auto given = json::object();
     if (workers.vm > 0)
@@ -243,6 +247,14 @@ class Keeper final : public orders::Worker {
     auto running = json::object();
     for (const auto& [host, load] : loads_) running[host] = load.running && load.running->running();
     return running;
+  }
+
+  // By host, of those that have hdd workers.
+  json hdd_file_bytes() {
+    auto sizes = json::object();
+    for (const auto& [host, load] : loads_)
+      if (load.running && load.writes) sizes[host] = load.running->hdd_bytes();
+    return sizes;
   }
 
   // As it was when the run began, but for the clock, which may have been set since then.

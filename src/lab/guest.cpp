@@ -73,17 +73,16 @@ done
 /bin/busybox poweroff -f
 )sh";
 
-// What takes the results is looked for only now: when it answers is a matter of this machine's time. Its file
-// is there a little before it can be opened.
-constexpr std::string_view then_run = R"sh(exec 3>/dev/ttyS1
+// The file of what takes the results is there a little before it can be opened. A line is closed when all
+// of it was sent.
+constexpr std::string_view then_run = R"sh(modprobe -a virtio_pci virtio_console
+until [ -c {outlet} ] && (: >{outlet}) 2>/dev/null; do /bin/busybox usleep 10000; done
+exec 3>/dev/ttyS1
 echo '{up}' >&3
 cd {results}
 {command} </dev/null >/dev/null 2>&3 3>&-
-echo $? >{results}/code
-/bin/busybox cut -d ' ' -f 1 /proc/uptime >{results}/uptime
-modprobe -a virtio_pci virtio_console
-until [ -c /dev/vport0p1 ] && (: >/dev/vport0p1) 2>/dev/null; do /bin/busybox usleep 10000; done
-/bin/busybox tar -c -C {results} . >/dev/vport0p1)sh";
+echo "{ended}$? $(/bin/busybox cut -d ' ' -f 1 /proc/uptime)" >&3
+exec 3>&-)sh";
 
 constexpr std::string_view then_shell = R"sh(cd /root
 /bin/busybox setsid /bin/busybox cttyhack {shell})sh";
@@ -180,12 +179,12 @@ Image image_of(const Machine& machine, const Kernel& kernel, const std::vector<s
   std::vector<std::string> words;
   words.reserve(command.size());
   for (const auto& word : command) words.push_back(in_quotes(word));
-  const auto then =
-      command.empty()
-          ? fmt::format(fmt::runtime(then_shell),
-                        fmt::arg("shell", program("bash").empty() ? "/bin/busybox sh" : "bash"))
-          : fmt::format(fmt::runtime(then_run), fmt::arg("up", up), fmt::arg("results", results_folder),
-                        fmt::arg("command", fmt::join(words, " ")));
+  const auto then = command.empty()
+                        ? fmt::format(fmt::runtime(then_shell),
+                                      fmt::arg("shell", program("bash").empty() ? "/bin/busybox sh" : "bash"))
+                        : fmt::format(fmt::runtime(then_run), fmt::arg("up", up), fmt::arg("ended", ended),
+                                      fmt::arg("outlet", outlet), fmt::arg("results", results_folder),
+                                      fmt::arg("command", fmt::join(words, " ")));
   image.add_text("/init",
                  fmt::format(fmt::runtime(start), fmt::arg("results", results_folder),
                              fmt::arg("card", machine.nic), fmt::arg("driver", driver_of(machine.nic)),

@@ -4,9 +4,11 @@
 #include <array>
 #include <cerrno>
 #include <csignal>
-#include <fstream>
 #include <functional>
 #include <memory>
+#include <optional>
+#include <sstream>
+#include <string_view>
 #include <system_error>
 #include <thread>
 
@@ -77,6 +79,8 @@ class Running {
       : observer_(observer),
         console_(emptied(machine.files.console)),
         words_(emptied(machine.files.words)),
+        arrivals_(emptied(machine.files.results)),
+        arrived_(machine.files.arrived),
         qemu_(started(machine.command(accelerator))) {}
 
   // Whether it is up, after so long at most.
@@ -84,12 +88,14 @@ class Running {
     while (!up_ && !ended_ && since(start_) < within) look();
     return up_;
   }
-  void watch() {
+  Outcome watch() {
     if (!comes_up(time_to_boot)) fail(ended_ ? "it ended before it was up" : "it does not come up");
     while (!ended_) look();
+    if (!outcome_) fail("it ended before its command did");
+    return *outcome_;
   }
 
-  [[noreturn]] void fail(const std::string& how) {
+  [[noreturn]] void fail(const std::string& how) const {
     const auto said = output_.text();
     throw Error(fmt::format("the lab's machine failed: {}. The last lines of its console:\n{}{}{}", how,
                             console_.tail(), said.empty() ? "" : "\nand of QEMU:\n", said));
@@ -113,6 +119,7 @@ class Running {
   void look() {
     ended_ = qemu_.ended();
     for (const auto& line : words_.lines(ended_)) take(line);
+    while (arrivals_.next(arrived_)) observer_.sent(arrived_);
     if (observer_.interrupted()) throw Interrupted();
     observer_.waits(std::chrono::duration_cast<std::chrono::seconds>(since(start_)),
                     up_ ? std::make_optional(words_.present()) : std::nullopt);
@@ -120,18 +127,33 @@ class Running {
   }
 
   void take(const std::string& line) {
-    if (up_)
-      observer_.says(line);
-    else
+    if (!up_)
       up_ = line == up;
+    else if (line.starts_with(ended))
+      outcome_ = outcome_of(line.substr(std::string_view(ended).size()));
+    else
+      observer_.says(line);
+  }
+
+  Outcome outcome_of(const std::string& code_and_uptime) const {
+    std::istringstream text(code_and_uptime);
+    int code = 0;
+    double uptime_s = 0;
+    if (!(text >> code >> uptime_s)) fail("it ended before its command did");
+    return {code,
+            std::chrono::duration_cast<std::chrono::milliseconds>(std::chrono::duration<double>(uptime_s)),
+            since(start_)};
   }
 
   const Observer& observer_;
   const Clock::time_point start_ = Clock::now();
   Console console_, words_;
+  Arrivals arrivals_;
+  const fs::path arrived_;
   background::Output output_;
   background::Child qemu_;
   bool up_ = false, ended_ = false;
+  std::optional<Outcome> outcome_;
 };
 
 // Under KVM, where it is to run in this machine's time and does come up so; else emulated.
@@ -146,30 +168,12 @@ std::unique_ptr<Running> started(const Machine& machine, const Prepared& prepare
   return std::make_unique<Running>(prepared, Accelerator::emulation, observer);
 }
 
-double number_in(const fs::path& file) {
-  double number = -1;
-  std::ifstream(file) >> number;
-  return number;
-}
-
 }  // namespace
 
 Outcome run(const Machine& machine, journal::Journal& journal, const std::vector<std::string>& command,
-            const std::vector<File>& files, const fs::path& into, const Observer& observer) {
+            const std::vector<File>& files, const Observer& observer) {
   const auto prepared = prepare(machine, journal, command, files, observer);
-  const auto start = Clock::now();
-  const auto running = started(machine, prepared, observer);
-  running->watch();
-  try {
-    bring_out(prepared.files.results, into);
-  } catch (const Error& error) {
-    running->fail(error.what());
-  }
-  const auto code = number_in(into / "code"), uptime_s = number_in(into / "uptime");
-  if (code < 0 || uptime_s < 0) running->fail("it ended before its command did");
-  return {static_cast<int>(code),
-          std::chrono::duration_cast<std::chrono::milliseconds>(std::chrono::duration<double>(uptime_s)),
-          since(start)};
+  return started(machine, prepared, observer)->watch();
 }
 
 void shell(const Machine& machine, journal::Journal& journal, const Observer& observer) {

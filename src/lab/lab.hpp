@@ -51,6 +51,8 @@ struct File {
 struct Observer {
   std::function<void(const std::string& text)> note;  // something a person should know
   std::function<void(const std::string& line)> says;  // what the command writes there
+  // A results file that the command sent, which is gone after that.
+  std::function<void(const std::filesystem::path& results)> sent;
   // Now and then: for how long already, and the line that the command is writing; nothing: it boots.
   std::function<void(std::chrono::seconds since, const std::optional<std::string>& line)> waits;
   std::function<bool()> interrupted;
@@ -62,14 +64,16 @@ struct Outcome {
   std::chrono::milliseconds real;
 };
 
-// What the command leaves in this folder there is brought out.
+// The folder in which the command is carried out there.
 inline constexpr const char* results_folder = "/results";
+// Where the command sends results files (results.hpp), each as soon as it has it.
+inline constexpr const char* outlet = "/dev/vport0p1";
 
-// Starts the machine, has the command carried out, and brings what it left into `into`, an existing folder.
-// Throws Error, with the last lines of its console if it fails; Interrupted.
+// Starts the machine and has the command carried out. Throws Error, with the last lines of its console if it
+// fails; Interrupted. All that had been sent by then is told before.
 struct Interrupted {};
 Outcome run(const Machine&, journal::Journal&, const std::vector<std::string>& command,
-            const std::vector<File>&, const std::filesystem::path& into, const Observer&);
+            const std::vector<File>&, const Observer&);
 
 // The machine at this terminal, until it is switched off from within. Throws Error.
 void shell(const Machine&, journal::Journal&, const Observer&);

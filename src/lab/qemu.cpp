@@ -136,8 +136,9 @@ std::vector<std::string> qemu_command(const Machine& machine, Accelerator accele
   } else {
     for (const auto& line : {files.console, files.words}) add({"-serial", "file:" + escaped(line)});
     // No disk: the firmware would read it, and when that ends is a matter of this machine's time.
-    add({"-chardev", "file,id=results,path=" + escaped(files.results), "-device", "virtio-serial-pci,addr=c",
-         "-device", "virtserialport,chardev=results"});
+    // Without ioeventfd what is written there is taken at once, and not when this machine comes to it.
+    add({"-chardev", "file,id=results,path=" + escaped(files.results), "-device",
+         "virtio-serial-pci,addr=c,ioeventfd=off", "-device", "virtserialport,chardev=results"});
   }
   return words;
 }

@@ -15,9 +15,12 @@ struct Files {
   explicit Files(const std::filesystem::path& folder)
       : image(folder / "image"),
         results(folder / "results"),
+        arrived(folder / "arrived.ontime"),
         console(folder / "console"),
         words(folder / "words") {}
-  std::filesystem::path image, results, console, words;
+  std::filesystem::path image;
+  std::filesystem::path results, arrived;  // all that was sent, and the one of them that is looked at
+  std::filesystem::path console, words;
 };
 
 // The version of the QEMU that is here. Throws Error if there is none, if it has no such NIC, or if this

@@ -4,11 +4,9 @@
 #include <array>
 #include <cerrno>
 #include <fstream>
-#include <memory>
+#include <string>
 #include <system_error>
 
-#include <archive.h>
-#include <archive_entry.h>
 #include <fmt/format.h>
 
 #include "lab/lab.hpp"
@@ -18,34 +16,53 @@ namespace {
 
 namespace fs = std::filesystem;
 
-void bring_one_out(archive* from, const fs::path& file) {
-  std::ofstream output(file, std::ios::binary | std::ios::trunc);
+using Length = std::array<unsigned char, 8>;
+
+Error cannot_be_written(const fs::path& file) {
+  return Error(
+      fmt::format("{} cannot be written: {}", file.string(), std::generic_category().message(errno)));
+}
+
+void copy(std::istream& from, std::uint64_t bytes, std::ostream& to) {
   std::array<char, 65536> part;
-  for (la_ssize_t bytes = 0; (bytes = archive_read_data(from, part.data(), part.size())) != 0;) {
-    if (bytes < 0)
-      throw Error(fmt::format("what the machine left cannot be read: {}", archive_error_string(from)));
-    output.write(part.data(), bytes);
+  while (bytes > 0 && to) {
+    const auto next = std::min<std::uint64_t>(bytes, part.size());
+    from.read(part.data(), static_cast<std::streamsize>(next));
+    to.write(part.data(), from.gcount());
+    bytes -= next;
   }
-  if (!output.flush())
-    throw Error(
-        fmt::format("{} cannot be written: {}", file.string(), std::generic_category().message(errno)));
+  to.flush();
 }
 
 }  // namespace
 
-void bring_out(const fs::path& left, const fs::path& folder) {
-  const std::unique_ptr<archive, decltype(&archive_read_free)> from(archive_read_new(), archive_read_free);
-  archive_read_support_format_tar(from.get());
-  constexpr std::size_t block = 65536;
-  archive_entry* entry = nullptr;
-  if (archive_read_open_filename(from.get(), left.c_str(), block) != ARCHIVE_OK)
-    throw Error(fmt::format("what the machine left cannot be read: {}", archive_error_string(from.get())));
-  int result = ARCHIVE_OK;
-  while ((result = archive_read_next_header(from.get(), &entry)) == ARCHIVE_OK)
-    if (archive_entry_filetype(entry) == AE_IFREG)
-      bring_one_out(from.get(), folder / fs::path(archive_entry_pathname(entry)).filename());
-  if (result != ARCHIVE_EOF)
-    throw Error(fmt::format("what the machine left cannot be read: {}", archive_error_string(from.get())));
+void send(const fs::path& results, const fs::path& out) {
+  const auto bytes = fs::file_size(results);
+  Length length{};
+  for (std::size_t i = 0; i < length.size(); ++i) length.at(i) = static_cast<unsigned char>(bytes >> (8 * i));
+  std::ifstream from(results, std::ios::binary);
+  std::ofstream to(out, std::ios::binary | std::ios::app);
+  to.write(reinterpret_cast<const char*>(length.data()), length.size());
+  copy(from, bytes, to);
+  if (!to) throw cannot_be_written(out);
+}
+
+bool Arrivals::next(const fs::path& into) {
+  std::error_code none;
+  const auto size = fs::file_size(file_, none);
+  Length length{};
+  if (none || size < taken_ + length.size()) return false;
+  std::ifstream from(file_, std::ios::binary);
+  from.seekg(static_cast<std::streamoff>(taken_));
+  from.read(reinterpret_cast<char*>(length.data()), length.size());
+  std::uint64_t bytes = 0;
+  for (std::size_t i = 0; i < length.size(); ++i) bytes |= std::uint64_t{length.at(i)} << (8 * i);
+  if (size - taken_ - length.size() < bytes) return false;
+  std::ofstream to(into, std::ios::binary | std::ios::trunc);
+  copy(from, bytes, to);
+  if (!to) throw cannot_be_written(into);
+  taken_ += length.size() + bytes;
+  return true;
 }
 
 }  // namespace ontime::lab

@@ -387,6 +387,21 @@ std::vector<std::string> divided_load(const json& asked, const json& outcome) {
   return texts;
 }
 
+// A file grows, and is begun anew: half of it is sure to be seen where it is ever written to its end.
+std::vector<std::string> small_files(const json& outcome) {
+  std::vector<std::string> texts;
+  for (const auto& [host, facts] : at(outcome, "hosts").items()) {
+    const auto &load = at(facts, "load"), &seen = at(load, "hdd_file_bytes");
+    const auto requested = count(at(load, "hdd_bytes"));
+    if (seen.is_number() && count(seen) < requested / 2)
+      texts.push_back(fmt::format(
+          "HDD LOAD NOT AS LARGE AS REQUESTED on the {}: an hdd worker had {} in its file at most, "
+          "requested: {}. Measure for longer, or give hdd-bytes a smaller value",
+          word(host), size(count(seen)), size(requested)));
+  }
+  return texts;
+}
+
 }  // namespace
 
 std::vector<Remark> remarks_of(const statistics::Summary& summary) {
@@ -405,6 +420,7 @@ std::vector<Remark> remarks_of(const statistics::Summary& summary) {
     if (at(facts, "load_running") == false)
       add(Weight::not_applied, "the load on the " + word(host) + " had died by the end");
   for (auto& text : divided_load(summary.run.asked, outcome)) add(Weight::not_applied, std::move(text));
+  for (auto& text : small_files(outcome)) add(Weight::not_applied, std::move(text));
   add(is_short("traffic") ? Weight::not_applied : Weight::detail, traffic(outcome));
   add(is_short("neighbours") ? Weight::not_applied : Weight::detail, neighbours(outcome));
   if (!at(summary.run.asked, "link").is_null())

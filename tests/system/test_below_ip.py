@@ -113,7 +113,7 @@ class BelowIp(Program):
                     self.assertEqual(has_program(), transport == "xdp")
                     for pid in [pong.pid, *self.agents()]:
                         os.kill(pid, signal.SIGKILL)
-                    pong.communicate(timeout=30)
+                    pong.communicate(timeout=180)
                     self.assertTrue(eventually(lambda: not has_program()))
 
 

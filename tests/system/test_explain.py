@@ -130,10 +130,10 @@ class Explain(unittest.TestCase):
                 for number in signal.SIGSTOP, signal.SIGCONT:
                     os.kill(stopped, number)
                     time.sleep(0.06)
-                self.assertEqual(asks.wait(timeout=30), 0)
+                self.assertEqual(asks.wait(timeout=180), 0)
             self.assertEqual(subprocess.run([*ping, "--duration", "100 ms", "--results", other], stdout=subprocess.DEVNULL).returncode, 0)
             answers.terminate()
-            self.assertEqual(answers.wait(timeout=30), 0)
+            self.assertEqual(answers.wait(timeout=180), 0)
             self.assertIn("answered", answers.stdout.read())
         said = ontime("explain", self.results, "--pong", kept)
         self.assertEqual(said.returncode, 0, said.stderr)
@@ -159,7 +159,7 @@ class Explain(unittest.TestCase):
             time.sleep(2)  # what came has been cut out
             agent = subprocess.run(["pgrep", "-P", str(answers.pid), "-f", "ontime agent"], capture_output=True, text=True)
             os.kill(int(agent.stdout), signal.SIGKILL)
-            self.assertEqual(answers.wait(timeout=60), 3)
+            self.assertEqual(answers.wait(timeout=180), 3)
             self.assertIn("the agent", answers.stderr.read())
         said = ontime("explain", self.results, "--pong", kept, "--format", "json")
         self.assertEqual(said.returncode, 0, said.stderr)

@@ -29,6 +29,11 @@ defaults: {transport: [%s], duration: 2 s, realtime: on}
 runs:
   - id: quiet
 """
+THREE = """
+hosts: namespaces
+defaults: {transport: udp, duration: 500 ms, realtime: on}
+runs: [{id: a}, {id: b}, {id: c}]
+"""
 LACKING = """
 hosts: namespaces
 defaults: {transport: udp, duration: 1 s, kernel: {governor: performance}}
@@ -81,6 +86,13 @@ def arrivals(results, run):
         return [ns / 1000 for ns, in database.execute(
             "SELECT server_received_ns - start_ns - intended_ns - due_after_ns FROM sample JOIN run ON run.number = run"
             " WHERE run = ?", [run])]
+
+
+def recorded(results):
+    """How many runs; also while it is being written."""
+    with contextlib.suppress(sqlite3.Error), contextlib.closing(sqlite3.connect(f"file:{results}?mode=ro", uri=True)) as database:
+        return database.execute("SELECT count(*) FROM run WHERE outcome IS NOT NULL").fetchone()[0]
+    return 0
 
 
 class Lab(unittest.TestCase):
@@ -195,7 +207,8 @@ class Machines(Lab):
         return answer
 
     def test_two_machines_give_the_same_samples_whatever_else_this_one_does(self):
-        scenario = self.scenario(SCENARIO % (",".join(TRANSPORTS) if ALL else "udp"))
+        # Twice, as the first run leaves the machine before the second begins.
+        scenario = self.scenario("repeat: 2\n" + (SCENARIO % (",".join(TRANSPORTS) if ALL else "udp")).replace("2 s", "1 s"))
         answer = self.measured("first.ontime", scenario)
         self.assertIn("SIMULATED by QEMU", answer.stdout)
         with subprocess.Popen(["sh", "-c", "while :; do :; done"]) as busy:
@@ -207,7 +220,7 @@ class Machines(Lab):
         self.assertGreater(first[0], 100)
         self.assertEqual(first, second)
         runs = self.report(self.results("first.ontime"))
-        self.assertEqual(len(runs), len(TRANSPORTS) if ALL else 1)
+        self.assertEqual(len(runs), 2 * (len(TRANSPORTS) if ALL else 1))
         for run in runs:
             machine = run["hosts"]["controller"]["machine"]
             self.assertEqual((machine["preemption"], machine["cpu_count"], machine["clocksource"]), ("rt", 1, "tsc"))
@@ -419,17 +432,40 @@ class Machines(Lab):
             for rates in run["conditions"]["traffic"]["achieved"].values():
                 self.assertGreater(rates["received_bit_s"], 4e6)
 
-    @of_all
-    def test_an_interruption_ends_the_machine(self):
-        process = subprocess.Popen([ONTIME, "lab", "run", self.scenario(SCENARIO % "udp"), "--results", self.results()],
+    def started(self, *arguments):
+        process = subprocess.Popen([ONTIME, "lab", "run", *arguments, "--results", self.results()], cwd=self.folder,
                                    stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=self.environment)
         self.addCleanup(lambda: (process.kill(), process.communicate()))
+        return process
+
+    @of_all
+    def test_interruption_before_the_first_run_leaves_no_results(self):
+        process = self.started(self.scenario(SCENARIO % "udp"))
         self.assertTrue(eventually(lambda: any("qemu" in one for one in
                                                processes_with("ONTIME_TEST=" + self.temporary).values()), 300))
-        time.sleep(1)
         process.send_signal(signal.SIGTERM)
-        self.assertEqual(process.wait(30), 130)
+        self.assertEqual(process.wait(180), 130)
         self.assertFalse(os.path.exists(self.results()))
+
+    @of_all
+    def test_runs_that_finished_outlast_an_interruption_and_a_kill(self):
+        scenario = self.scenario(THREE)
+        for number, (signalled, code) in enumerate(((signal.SIGINT, 130), (signal.SIGKILL, -signal.SIGKILL)), 1):
+            process = self.started(scenario, *(["--resume"] if number > 1 else []))
+            self.assertTrue(eventually(lambda: recorded(self.results()) == number or process.poll() is not None, 600))
+            if "is not to be had here" in (text := process.communicate()[1] if process.poll() is not None else ""):
+                self.skipTest(text)
+            process.send_signal(signalled)
+            self.assertEqual(process.wait(180), code, text)
+            runs = self.report(self.results())
+            self.assertEqual([run["id"] for run in runs], ["a", "b"][:number])
+            self.assertEqual([(run["sent"], run["interrupted"]) for run in runs], [(50, False)] * number)
+            if code == 130:
+                said = process.stderr.read()
+                self.assertIn("--resume", said)
+        subprocess.run([ONTIME, "tune", "revert"], env=self.environment, timeout=120)  # what was killed left its folder
+        self.measured("results.ontime", scenario, "--resume")
+        self.assertEqual([(run["id"], run["sent"]) for run in self.report(self.results())], [("a", 50), ("b", 50), ("c", 50)])
 
     @of_all
     def test_a_machine_that_does_not_come_up_shows_its_console(self):

@@ -37,7 +37,7 @@ class LongRun(Program):
         self.assertTrue(eventually(lambda: self.samples_recorded() > before + 600_000, 120), process.poll())
         grown = self.resident_bytes() - bytes_before
         process.send_signal(signal.SIGTERM)
-        process.communicate(timeout=60)
+        process.communicate(timeout=180)
         self.assertLess(grown, 600_000 * 88 / 2, "of samples that are kept somewhere")
 
     def test_cut_link_loses_messages_and_goes_on(self):
@@ -48,7 +48,7 @@ class LongRun(Program):
         subprocess.run(["ip", "-n", "ontime-controller", "link", "set", name, "down"], check=True)
         time.sleep(1)
         subprocess.run(["ip", "-n", "ontime-controller", "link", "set", name, "up"], check=True)
-        _, error = process.communicate(timeout=60)
+        _, error = process.communicate(timeout=180)
         self.assertEqual(process.returncode, 0, error)
         run = self.report()[0]
         self.assertGreater(run["lost"], 0)
@@ -64,13 +64,13 @@ class LongRun(Program):
         self.started(process, lambda: self.samples_recorded() > 50)
         link = ("ip", "-n", "ontime-controller", "link", "set", "to-component")
         subprocess.run([*link, "down"], check=True)
-        self.assertTrue(eventually(lambda: self.noted("peer-left"), 30), process.poll())
+        self.assertTrue(eventually(lambda: self.noted("peer-left")), process.poll())
         subprocess.run([*link, "up"], check=True)
         self.assertTrue(eventually(lambda: self.noted("peer-came"), 60), process.poll())
         before = self.samples_recorded()
-        self.assertTrue(eventually(lambda: self.samples_recorded() > before + 50, 30), process.poll())
+        self.assertTrue(eventually(lambda: self.samples_recorded() > before + 50), process.poll())
         process.send_signal(signal.SIGINT)
-        process.communicate(timeout=60)
+        process.communicate(timeout=180)
         run = self.report()[0]
         self.assertGreater(run["lost"], 0)
         self.assertEqual(run["sent"], run["on_time"] + run["late"] + run["lost"])
@@ -108,7 +108,7 @@ class LongRun(Program):
                                             "--results", self.results)
                 self.started(process, lambda: self.samples_recorded() > 600)
                 self.component_is_killed()
-                out, error = process.communicate(timeout=60)
+                out, error = process.communicate(timeout=180)
                 self.assertEqual(process.returncode, 0, error)
                 run = self.report()[0]
                 self.assertTrue(run["complete"])
@@ -126,7 +126,7 @@ class LongRun(Program):
         process = self.start_ontime("run", self.scenario("1 h", transports=["udp"]), "--only", "idle", "--results", self.results)
         self.started(process, lambda: self.samples_recorded() > 50)
         self.component_is_killed()
-        _, error = process.communicate(timeout=60)
+        _, error = process.communicate(timeout=180)
         self.assertEqual(process.returncode, 3, error)
         self.assertIn("the agent of the component", error)
 
@@ -148,7 +148,7 @@ class LongRun(Program):
                                             "--results", self.results)
                 self.started(process, lambda: self.samples_recorded() > 50)
                 clock.write_text(f"{moved:+}")
-                out, error = process.communicate(timeout=60)
+                out, error = process.communicate(timeout=180)
                 self.assertEqual(process.returncode, 0, error)
                 run = self.report()[0]
                 self.assertTrue(run["complete"])

@@ -121,7 +121,7 @@ class Neighbours(Program):
         process = self.start_ontime("run", self.scenario("2 s", text=KILLED, transports=DDS[:1]), "--results", self.results)
         self.started(process, lambda: self.samples_recorded() > 20)
         os.kill(self.own("/ontime agent")[0], signal.SIGKILL)
-        self.assertEqual(process.wait(60), 3, process.stderr.read())
+        self.assertEqual(process.wait(180), 3, process.stderr.read())
         (search,) = self.searches()
         self.assertEqual(search["passed"]["value"], "10 Hz")
         self.assertIsNone(search["ended"])

@@ -90,7 +90,7 @@ class System(Program):
         time.sleep(0.3)
         pong = self.start_ontime("pong", *arguments)
         try:
-            out, error = ping.communicate(timeout=60)
+            out, error = ping.communicate(timeout=180)
             self.assertEqual(ping.returncode, 0, error)
             self.assertEqual(json.loads(out)["runs"][0]["lost"], 0)
             again = self.run_ontime("ping", *arguments, "--peer", "127.0.0.1", "--duration", "300 ms", "--realtime",
@@ -105,7 +105,7 @@ class System(Program):
                     self.assertEqual(answer.returncode, code, stream)
         finally:
             pong.send_signal(signal.SIGINT)
-            out, _ = pong.communicate(timeout=30)
+            out, _ = pong.communicate(timeout=180)
         self.assertEqual(pong.returncode, 130)
         self.assertRegex(out, r"answered \d\d+ messages")
 
@@ -125,7 +125,7 @@ class System(Program):
         process = self.start_ontime("run", str(folder), "--results", self.results, "--resume")
         self.started(process, lambda: len(self.recorded()) == 2)
         process.send_signal(signal.SIGTERM)
-        _, error = process.communicate(timeout=60)
+        _, error = process.communicate(timeout=180)
         self.assertEqual(process.returncode, 130, error)
         self.assertIn("4 runs, about 16 s", error)
         self.assertEqual([run["complete"] for run in self.report()], [True, False])

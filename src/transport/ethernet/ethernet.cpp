@@ -27,8 +27,9 @@ class PacketSocket {
     if (fd_ >= 0) return;
     if (errno == EPERM || errno == EACCES)
       throw Error(
-          "ethernet: this process may have no raw socket: run it as root, or grant it CAP_NET_RAW (sudo "
-          "setcap cap_net_raw+ep PROGRAM)");
+          "ethernet: this process may not open a raw socket. Run it as root, or start it with CAP_NET_RAW: "
+          "sudo setpriv --reuid=$USER --regid=$(id -g) --init-groups --inh-caps=+net_raw "
+          "--ambient-caps=+net_raw ontime ...");
     throw Error("ethernet: no raw socket (AF_PACKET): " + errno_text());
   }
   ~PacketSocket() { close(fd_); }

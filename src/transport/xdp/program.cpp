@@ -13,8 +13,9 @@
 namespace ontime::transport::xdp {
 
 const char* const wants_permission =
-    "run it as root, or grant it CAP_NET_RAW, CAP_NET_ADMIN and CAP_BPF (sudo setcap "
-    "cap_net_raw,cap_net_admin,cap_bpf+ep PROGRAM)";
+    "run it as root, or start it with CAP_NET_RAW, CAP_NET_ADMIN and CAP_BPF: sudo setpriv --reuid=$USER "
+    "--regid=$(id -g) --init-groups --inh-caps=+net_raw,+net_admin,+bpf "
+    "--ambient-caps=+net_raw,+net_admin,+bpf ontime ...";
 
 namespace {
 

@@ -1,0 +1,79 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "campaign/pollers.hpp"
+
+#include <map>
+#include <set>
+
+#include <fmt/format.h>
+
+#include "campaign/pair.hpp"
+
+namespace ontime::campaign {
+namespace {
+
+using nlohmann::json;
+
+// The thread that polls, if it does so at a priority above every ordinary thread.
+const realtime::ThreadSettings* poller_of(const agent::Task& task) {
+  const auto option = task.config.options.find("busy-poll");
+  if (option == task.config.options.end() || option->second != "on") return nullptr;
+  const auto thread = task.realtime.threads.find("receive");
+  if (thread == task.realtime.threads.end()) return nullptr;
+  const auto policy = thread->second.policy;
+  const bool is_above_all = policy == realtime::Policy::fifo || policy == realtime::Policy::round_robin;
+  return is_above_all ? &thread->second : nullptr;
+}
+
+bool is_throttled(const json& machine, const settings::Wishes& kernel) {
+  if (const auto wish = kernel.find("rt-throttling"); wish != kernel.end()) return wish->second != "off";
+  const auto runtime = machine.value("rt_runtime_us", json());
+  return !runtime.is_number() || runtime >= 0;
+}
+
+}  // namespace
+
+std::string why_refused(const json& machine, bool throttled,
+                        const std::vector<std::vector<int>>& cpus_of_threads) {
+  const auto cpus = machine.value("cpu_count", json());
+  if (throttled || !cpus.is_number_integer()) return "";
+  std::set<int> taken;
+  std::size_t on_any = 0;
+  for (const auto& own : cpus_of_threads)
+    if (own.empty())
+      ++on_any;
+    else
+      taken.insert(own.begin(), own.end());
+  if (taken.size() + on_any < cpus.get<std::size_t>()) return "";
+  return fmt::format(
+      "busy-poll: {} threads at a real-time priority never sleep, on {} CPUs, and real-time threads are not "
+      "throttled: nothing else would run there again. Leave a CPU free (realtime.receive.cpus), poll at one "
+      "end only, or set kernel.rt-throttling: on",
+      cpus_of_threads.size(), cpus.get<std::size_t>());
+}
+
+void check_pollers(const Together& runs, const Machines& machines) {
+  struct Polled {
+    const json& machine;
+    std::string host;
+    std::vector<std::vector<int>> cpus{};
+  };
+  std::map<std::string, Polled> by_boot;
+  const auto look = [&](const agent::Task& task, const std::string& host) {
+    const auto* const thread = poller_of(task);
+    if (thread == nullptr) return;
+    const auto& machine = machines.machine(host);
+    by_boot.try_emplace(machine.value("boot_id", host), Polled{machine, host})
+        .first->second.cpus.push_back(thread->cpus);
+  };
+  const auto& run = runs.front();
+  if (!run.isolation.cpus.empty()) return;  // the ends have CPUs of their own, and all else has the others
+  look(run.task, "controller");
+  if (machines.hosts().kind != Hosts::Kind::alone)
+    for (const auto& one : runs) look(server_task(one, {}), one.component);
+  for (const auto& [boot, polled] : by_boot)
+    if (const auto why = why_refused(polled.machine, is_throttled(polled.machine, run.kernel), polled.cpus);
+        !why.empty())
+      throw Error(2, fmt::format("on the {}, {}", polled.host, why));
+}
+
+}  // namespace ontime::campaign
