@@ -125,8 +125,8 @@ const std::vector<Key>& keys();  // those that can be said
 nlohmann::json to_json(const Run&);
 // The way back. What is not there stays as it is by default. Throws std::exception for what no run can have.
 Run run_of(const nlohmann::json&);
-// Of a record of any program: what no run can have stays as it is, too.
-Run run_of_record(const nlohmann::json&, Run by_default = {});
+// Of a record of any program: what no run can have is left out as well.
+Run run_of_record(const nlohmann::json&);
 // What a record has by the name of a field; null: nothing.
 const nlohmann::json& member_of(const nlohmann::json& record, const std::string& name);
 

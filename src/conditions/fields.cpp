@@ -348,7 +348,8 @@ Run run_of(const json& from) {
   return run;
 }
 
-Run run_of_record(const json& from, Run run) {
+Run run_of_record(const json& from) {
+  Run run;
   for (const auto& field : fields()) {
     if (!field.from_json) continue;
     const auto& value = member_of(from, field.json);

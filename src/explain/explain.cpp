@@ -17,8 +17,6 @@
 namespace ontime::explain {
 namespace {
 
-using nlohmann::json;
-using record::at;
 using roundtrip::Fate;
 using roundtrip::Sample;
 

@@ -99,20 +99,20 @@ void read(const json& from, Struct& into) {
   Struct::fields(into, [&](const char* name, auto& member) { read(at(from, name), member); });
 }
 
-// Times that no run can have tell that none was stated.
-conditions::Run unstated() {
-  conditions::Run run;
-  auto& client = run.task.client;
-  client.period = client.deadline = client.timeout = client.duration = {};
-  client.payload_bytes = 0;
-  return run;
-}
-
 }  // namespace
 
 Outcome::Outcome(json from) { read(from, *this); }
 
-Asked::Asked(json from) : conditions::Run(conditions::run_of_record(from, unstated())) { read(from, *this); }
+Asked::Asked(json from) : conditions::Run(conditions::run_of_record(from)) {
+  read(from, *this);
+  auto& client = task.client;
+  for (const auto& [name, time] : {std::pair("period_us", &client.period),
+                                   {"deadline_us", &client.deadline},
+                                   {"timeout_us", &client.timeout},
+                                   {"duration_s", &client.duration}})
+    if (!at(from, name).is_number()) *time = {};
+  if (!at(from, "payload_bytes").is_number()) client.payload_bytes = 0;
+}
 
 Host host_of(const json& from) { return read_as<Host>(from); }
 

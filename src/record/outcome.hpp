@@ -31,18 +31,21 @@ const Value& find(const ByName<Value>& all, std::string_view name) {
 inline constexpr const char* both_hosts[] = {"controller", "component"};
 inline constexpr const char* both_ways[] = {"to_component", "to_controller"};
 
+// Calls field(name, member) for each pair of these.
+template <typename Field, typename... Rest>
+void each(Field& field, const char* name, auto& member, Rest&... rest) {
+  field(name, member);
+  if constexpr (sizeof...(rest) > 0) each(field, rest...);
+}
+
 struct Clock {
   std::string source, reference;
   bool synchronised = false;
   std::optional<std::int64_t> error_ns, realtime_offset_ns, moved_ns;
 
   static void fields(auto& of, auto&& field) {
-    field("source", of.source);
-    field("reference", of.reference);
-    field("synchronised", of.synchronised);
-    field("error_ns", of.error_ns);
-    field("realtime_offset_ns", of.realtime_offset_ns);
-    field("moved_ns", of.moved_ns);
+    each(field, "source", of.source, "reference", of.reference, "synchronised", of.synchronised, "error_ns",
+         of.error_ns, "realtime_offset_ns", of.realtime_offset_ns, "moved_ns", of.moved_ns);
   }
 };
 
@@ -54,12 +57,8 @@ struct Machine {
   Clock clock;
 
   static void fields(auto& of, auto&& field) {
-    field("boot_id", of.boot_id);
-    field("kernel_release", of.kernel_release);
-    field("simulated", of.simulated);
-    field("rt_runtime_us", of.rt_runtime_us);
-    field("rt_period_us", of.rt_period_us);
-    field("clock", of.clock);
+    each(field, "boot_id", of.boot_id, "kernel_release", of.kernel_release, "simulated", of.simulated,
+         "rt_runtime_us", of.rt_runtime_us, "rt_period_us", of.rt_period_us, "clock", of.clock);
   }
 };
 
@@ -74,18 +73,10 @@ struct Thread {
   bool is_of_background_topics() const { return role.starts_with("neighbours "); }
 
   static void fields(auto& of, auto&& field) {
-    field("role", of.role);
-    field("name", of.name);
-    field("tid", of.tid);
-    field("policy", of.policy);
-    field("priority", of.priority);
-    field("cpus", of.cpus);
-    field("minor_faults", of.minor_faults);
-    field("major_faults", of.major_faults);
-    field("voluntary_switches", of.voluntary_switches);
-    field("involuntary_switches", of.involuntary_switches);
-    field("cpu_time_us", of.cpu_time_us);
-    field("instructions", of.instructions);
+    each(field, "role", of.role, "name", of.name, "tid", of.tid, "policy", of.policy, "priority", of.priority,
+         "cpus", of.cpus, "minor_faults", of.minor_faults, "major_faults", of.major_faults,
+         "voluntary_switches", of.voluntary_switches, "involuntary_switches", of.involuntary_switches,
+         "cpu_time_us", of.cpu_time_us, "instructions", of.instructions);
   }
 };
 
@@ -94,9 +85,7 @@ struct Refusal {
   std::string asked, found, remedy;
 
   static void fields(auto& of, auto&& field) {
-    field("asked", of.asked);
-    field("found", of.found);
-    field("remedy", of.remedy);
+    each(field, "asked", of.asked, "found", of.found, "remedy", of.remedy);
   }
 };
 
@@ -107,10 +96,7 @@ struct Applied {
   bool lasted() const { return now == after; }
 
   static void fields(auto& of, auto&& field) {
-    field("setting", of.setting);
-    field("thing", of.thing);
-    field("after", of.after);
-    field("now", of.now);
+    each(field, "setting", of.setting, "thing", of.thing, "after", of.after, "now", of.now);
   }
 };
 
@@ -119,8 +105,7 @@ struct Losses {
   std::uint64_t on_the_way = 0, overwritten = 0;
 
   static void fields(auto& of, auto&& field) {
-    field("on_the_way", of.on_the_way);
-    field("overwritten", of.overwritten);
+    each(field, "on_the_way", of.on_the_way, "overwritten", of.overwritten);
   }
 };
 
@@ -130,13 +115,9 @@ struct Drops {
                 interface_sent = 0, backlog = 0;
 
   static void fields(auto& of, auto&& field) {
-    field("own_sockets", of.own_sockets);
-    field("udp_receive", of.udp_receive);
-    field("udp_send", of.udp_send);
-    field("fragments", of.fragments);
-    field("interface_received", of.interface_received);
-    field("interface_sent", of.interface_sent);
-    field("backlog", of.backlog);
+    each(field, "own_sockets", of.own_sockets, "udp_receive", of.udp_receive, "udp_send", of.udp_send,
+         "fragments", of.fragments, "interface_received", of.interface_received, "interface_sent",
+         of.interface_sent, "backlog", of.backlog);
   }
 };
 
@@ -144,9 +125,8 @@ struct LinkFaults {
   std::uint64_t lost_frames = 0, cut_off_frames = 0, duplicated_frames = 0;
 
   static void fields(auto& of, auto&& field) {
-    field("lost_frames", of.lost_frames);
-    field("cut_off_frames", of.cut_off_frames);
-    field("duplicated_frames", of.duplicated_frames);
+    each(field, "lost_frames", of.lost_frames, "cut_off_frames", of.cut_off_frames, "duplicated_frames",
+         of.duplicated_frames);
   }
 };
 
@@ -163,9 +143,7 @@ struct LinkDown {
   bool taken = false;
 
   static void fields(auto& of, auto&& field) {
-    field("from_ns", of.from_ns);
-    field("to_ns", of.to_ns);
-    field("taken", of.taken);
+    each(field, "from_ns", of.from_ns, "to_ns", of.to_ns, "taken", of.taken);
   }
 };
 
@@ -179,13 +157,8 @@ struct Link {
   std::vector<LinkDown> down;
 
   static void fields(auto& of, auto&& field) {
-    field("interface", of.interface);
-    field("sent_bytes", of.sent_bytes);
-    field("received_bytes", of.received_bytes);
-    field("gone", of.gone);
-    field("faults", of.faults);
-    field("etf", of.etf);
-    field("down", of.down);
+    each(field, "interface", of.interface, "sent_bytes", of.sent_bytes, "received_bytes", of.received_bytes,
+         "gone", of.gone, "faults", of.faults, "etf", of.etf, "down", of.down);
   }
 };
 
@@ -194,9 +167,7 @@ struct Transport {
   ByName<std::string> facts;  // those that are texts
 
   static void fields(auto& of, auto&& field) {
-    field("name", of.name);
-    field("version", of.version);
-    field("facts", of.facts);
+    each(field, "name", of.name, "version", of.version, "facts", of.facts);
   }
 };
 
@@ -205,8 +176,7 @@ struct BackgroundSent {
   std::uint64_t payload_bytes = 0, sent = 0;
 
   static void fields(auto& of, auto&& field) {
-    field("payload_bytes", of.payload_bytes);
-    field("sent", of.sent);
+    each(field, "payload_bytes", of.payload_bytes, "sent", of.sent);
   }
 };
 
@@ -225,18 +195,9 @@ struct Host {
   BackgroundSent neighbours;
 
   static void fields(auto& of, auto&& field) {
-    field("machine", of.machine);
-    field("transport", of.transport);
-    field("threads", of.threads);
-    field("refusals", of.refusals);
-    field("kernel", of.kernel);
-    field("isolation", of.isolation);
-    field("load_running", of.load_running);
-    field("load", of.load);
-    field("losses", of.losses);
-    field("drops", of.drops);
-    field("link", of.link);
-    field("neighbours", of.neighbours);
+    each(field, "machine", of.machine, "transport", of.transport, "threads", of.threads, "refusals",
+         of.refusals, "kernel", of.kernel, "isolation", of.isolation, "load_running", of.load_running, "load",
+         of.load, "losses", of.losses, "drops", of.drops, "link", of.link, "neighbours", of.neighbours);
   }
 };
 
@@ -246,14 +207,9 @@ struct Activity {
   std::optional<double> suspended_s, clock_moved_s, clock_slew_ppm;
 
   static void fields(auto& of, auto&& field) {
-    field("cpu_busy", of.cpu_busy);
-    field("cpu_pressure", of.cpu_pressure);
-    field("memory_pressure", of.memory_pressure);
-    field("io_pressure", of.io_pressure);
-    field("cpu_stolen", of.cpu_stolen);
-    field("suspended_s", of.suspended_s);
-    field("clock_moved_s", of.clock_moved_s);
-    field("clock_slew_ppm", of.clock_slew_ppm);
+    each(field, "cpu_busy", of.cpu_busy, "cpu_pressure", of.cpu_pressure, "memory_pressure",
+         of.memory_pressure, "io_pressure", of.io_pressure, "cpu_stolen", of.cpu_stolen, "suspended_s",
+         of.suspended_s, "clock_moved_s", of.clock_moved_s, "clock_slew_ppm", of.clock_slew_ppm);
   }
 };
 
@@ -263,10 +219,8 @@ struct TrafficSeen {
   std::optional<bool> is_short;
 
   static void fields(auto& of, auto&& field) {
-    field("asked_bit_s", of.asked_bit_s);
-    field("sent_bit_s", of.sent_bit_s);
-    field("received_bit_s", of.received_bit_s);
-    field("short", of.is_short);
+    each(field, "asked_bit_s", of.asked_bit_s, "sent_bit_s", of.sent_bit_s, "received_bit_s",
+         of.received_bit_s, "short", of.is_short);
   }
 };
 
@@ -276,14 +230,9 @@ struct BackgroundSeen {
   bool is_short = false;
 
   static void fields(auto& of, auto&& field) {
-    field("sent", of.sent);
-    field("received", of.received);
-    field("lost", of.lost);
-    field("skipped_cycles", of.skipped_cycles);
-    field("refused", of.refused);
-    field("overruns", of.overruns);
-    field("strays", of.strays);
-    field("short", of.is_short);
+    each(field, "sent", of.sent, "received", of.received, "lost", of.lost, "skipped_cycles",
+         of.skipped_cycles, "refused", of.refused, "overruns", of.overruns, "strays", of.strays, "short",
+         of.is_short);
   }
 };
 
@@ -292,10 +241,7 @@ struct Traced {
   std::string error;                 // empty: it was
   std::vector<std::string> missing;  // what it does not tell
 
-  static void fields(auto& of, auto&& field) {
-    field("error", of.error);
-    field("missing", of.missing);
-  }
+  static void fields(auto& of, auto&& field) { each(field, "error", of.error, "missing", of.missing); }
 };
 
 // Of an imported run: how often each value was seen.
@@ -305,12 +251,8 @@ struct Counts {
   std::optional<double> mean_ns, unit_ns;
 
   static void fields(auto& of, auto&& field) {
-    field("values", of.values);
-    field("beyond", of.beyond);
-    field("beyond_from_ns", of.beyond_from_ns);
-    field("max_ns", of.max_ns);
-    field("mean_ns", of.mean_ns);
-    field("unit_ns", of.unit_ns);
+    each(field, "values", of.values, "beyond", of.beyond, "beyond_from_ns", of.beyond_from_ns, "max_ns",
+         of.max_ns, "mean_ns", of.mean_ns, "unit_ns", of.unit_ns);
   }
 };
 
@@ -333,19 +275,11 @@ struct Outcome {
   Counts histogram;
 
   static void fields(auto& of, auto&& field) {
-    field("error", of.error);
-    field("interrupted", of.interrupted);
-    field("unanswered", of.unanswered);
     for (const auto& [name, member] : roundtrip::counter_names) field(name, of.counters.*member);
-    field("trailing_due_ns", of.counters.trailing_due_ns);
-    field("trailing_until_ns", of.counters.trailing_until_ns);
-    field("hosts", of.hosts);
-    field("conditions", of.conditions);
-    field("traffic", of.traffic);
-    field("neighbours", of.neighbours);
-    field("link_unproved", of.link_unproved);
-    field("trace", of.trace);
-    field("histogram", of.histogram);
+    each(field, "trailing_due_ns", of.counters.trailing_due_ns, "trailing_until_ns",
+         of.counters.trailing_until_ns, "error", of.error, "interrupted", of.interrupted, "unanswered",
+         of.unanswered, "hosts", of.hosts, "conditions", of.conditions, "traffic", of.traffic, "neighbours",
+         of.neighbours, "link_unproved", of.link_unproved, "trace", of.trace, "histogram", of.histogram);
   }
 };
 
@@ -358,14 +292,11 @@ struct Source {
   std::optional<std::string> cmdline, start_time;
 
   static void fields(auto& of, auto&& field) {
-    field("from", of.from);
-    field("file", of.file);
-    field("cmdline", of.cmdline);
-    field("start_time", of.start_time);
+    each(field, "from", of.from, "file", of.file, "cmdline", of.cmdline, "start_time", of.start_time);
   }
 };
 
-// What was asked of a run. Of times that a record does not state, 0; of all else what a run has by default.
+// What was asked of a run. What a record does not state is 0 of times and the payload, else as by default.
 struct Asked : conditions::Run {
   Asked() : Asked(nlohmann::json()) {}
   Asked(nlohmann::json);  // what a record has; implicit as above
@@ -383,12 +314,8 @@ struct Asked : conditions::Run {
   std::optional<Source> imported;
 
   static void fields(auto& of, auto&& field) {
-    field("ontime", of.ontime);
-    field("command_line", of.command_line);
-    field("scenario_file", of.scenario_file);
-    field("component_interface", of.component_interface);
-    field("wire", of.wire);
-    field("imported", of.imported);
+    each(field, "ontime", of.ontime, "command_line", of.command_line, "scenario_file", of.scenario_file,
+         "component_interface", of.component_interface, "wire", of.wire, "imported", of.imported);
   }
 };
 

@@ -34,7 +34,7 @@ std::string simulated(const Outcome& outcome) {
 
 using Weight = Remark::Weight;
 
-std::string percent(double share) { return fmt::format("{:.2g} %", share * 100); }
+std::string percent_text(double share) { return fmt::format("{:.2g} %", share * 100); }
 
 // Causes outside the network and the other end: the CPU was given to others, or our own thread slept.
 constexpr double much_stolen = 0.001;
@@ -47,7 +47,7 @@ void add_taken_away(std::vector<Remark>& remarks, const statistics::Summary& sum
     remarks.push_back(
         {Weight::caution,
          fmt::format("the hypervisor took {{}} of the time of the {}'s CPUs", one_machine ? "machine" : host),
-         stolen, percent});
+         stolen, percent_text});
     if (one_machine) break;
   }
   if (summary.shape.worst.empty() || summary.wake_up.count == 0) return;
