@@ -130,7 +130,7 @@ TEST(Answer, DeniedSettingsAreNoVerdictOnThem) {
 
 TEST(Answer, AFailedRunIsNamedWithItsError) {
   auto failed = run(2, "b", "udp", {});
-  failed = summary(failed.run.asked, {{"error", "no peer found"}}, 0);
+  failed = summary(failed.run.asked.document, {{"error", "no peer found"}}, 0);
   amend(failed.run.asked, "/scenario_file", "demo.yaml");
   const auto answer = answer_of({failed}, kept);
   EXPECT_EQ(answer.rows.front().state, State::failed);

@@ -13,7 +13,7 @@ bool shares_callbacks(const record::Run& run, const std::string& end) {
   const auto& task = run.asked.task;
   const auto& neighbours = task.neighbours;
   const bool is_component = end == "component";
-  if (neighbours.topics == 0 || !(is_component ? neighbours.there : neighbours.back)) return false;
+  if (!(is_component ? neighbours.there : neighbours.back)) return false;
   const auto& transport = is_component ? run.asked.component_transport : task.transport;
   const auto& options = is_component ? run.asked.component_options : task.config.options;
   const auto executor = options.find("executor");

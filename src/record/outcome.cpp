@@ -112,6 +112,10 @@ Asked::Asked(json from) : conditions::Run(conditions::run_of_record(from)) {
                                    {"duration_s", &client.duration}})
     if (!at(from, name).is_number()) *time = {};
   if (!at(from, "payload_bytes").is_number()) client.payload_bytes = 0;
+  // An older ontime has numbers here.
+  if (const auto& settings = at(from, "kernel"); settings.is_object())
+    for (const auto& [name, value] : settings.items())
+      if (value.is_number()) kernel.emplace(name, text_of(value));
 }
 
 Host host_of(const json& from) { return read_as<Host>(from); }

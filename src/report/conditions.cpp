@@ -50,7 +50,7 @@ std::string phrase_of(const conditions::Field& field, const json& value) {
                      : field.unit == Unit::us                       ? time(1e3)
                      : field.unit == Unit::s                        ? time(1e9)
                      : field.unit == Unit::share                    ? fmt::format("{:.4g} %", number * 100)
-                     : value.is_number_unsigned()                   ? size(value.get<std::uint64_t>())
+                     : value.is_number_integer() && number >= 0     ? size(value.get<std::uint64_t>())
                                                                     : nothing;
   return fmt::format(fmt::runtime(field.phrase), shortened(words, longest_value));
 }

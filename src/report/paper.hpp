@@ -7,7 +7,7 @@
 #include <string>
 #include <vector>
 
-#include <nlohmann/json.hpp>
+#include "record/record.hpp"
 
 namespace ontime::report {
 
