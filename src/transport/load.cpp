@@ -25,7 +25,7 @@ constexpr const char* suffix = ".so";
 constexpr const char* path_variable = "ONTIME_TRANSPORT_PATH";
 constexpr const char* ament_variable = "AMENT_PREFIX_PATH";
 
-// Nothing of a program with file capabilities, into which anybody could bring code of his own that way.
+// Nothing of a program with file capabilities, into which any user could bring code that way.
 std::vector<fs::path> folders_in(const char* variable) {
   std::vector<fs::path> folders;
   const char* value = secure_getenv(variable);
@@ -63,9 +63,9 @@ std::string remedy(const std::string& name) {
     return "; it needs Debian's package libddsc0debian when run, cyclonedds-dev when built";
   if (name == "fastdds")
     return "; it needs Debian's package libfastrtps2.9 when run, libfastrtps-dev when built";
-  if (name == "opendds") return "; it is built where OpenDDS is, which Debian has not (docs/transports.md)";
+  if (name == "opendds") return "; it is built where OpenDDS is, which Debian has not (docs/how-to/opendds.md)";
   if (name == "ros2")
-    return "; build ros2/ with colcon in a sourced ROS 2 and source its setup.bash (docs/ros2.md)";
+    return "; build ros2/ with colcon in a sourced ROS 2 and source its setup.bash (docs/how-to/ros2.md)";
   return "";
 }
 
@@ -78,7 +78,7 @@ std::string not_followed() {
   if (ignored.empty()) return "";
   return fmt::format(
       ". It does not follow {}, for a program with file capabilities, or with its owner's rights, would load "
-      "anybody's code that way: take them off (sudo setcap -r PROGRAM) and permit real-time priorities and "
+      "any user's code that way: take them off (sudo setcap -r PROGRAM) and permit real-time priorities and "
       "locked memory by the limits rtprio and memlock",
       fmt::join(ignored, " and "));
 }
