@@ -1,0 +1,486 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <algorithm>
+#include <cmath>
+#include <memory>
+#include <random>
+#include <set>
+
+#include "search/search.hpp"
+
+namespace ontime::search {
+namespace {
+
+constexpr int most_runs_alone = 24, most_pairs = 10, most_pairs_to_confirm = 40;
+constexpr std::size_t references_to_confirm = 3;  // more of them would show nothing new
+constexpr int most_confirmations = 3;
+constexpr int least_pairs = 2;        // before a trial is given up as without effect
+constexpr double no_less_than = 0.7;  // of the reference's share: such a set is given up
+// By so much, squared and relative, runs are taken to differ before many are there.
+constexpr double prior_variation = 0.05, prior_freedoms = 2;
+
+struct NoTime {};
+struct CannotMeasure {
+  std::string why;
+};
+
+using Runs = std::vector<const Answer*>;
+
+Set with(Set set, const std::vector<Setting>& settings) {
+  for (const auto& setting : settings) set[setting.key] = setting.value;
+  return set;
+}
+
+std::vector<Setting> settings_of(const Set& set) {
+  std::vector<Setting> settings;
+  for (const auto& [key, value] : set) settings.push_back({key, value});
+  return settings;
+}
+
+double spent(double alpha, std::size_t statement) {
+  return alpha / static_cast<double>(statement * (statement + 1));
+}
+
+// All runs of all sets, and what they prove.
+class Evidence {
+ public:
+  explicit Evidence(const Problem& problem) : problem_(problem) {}
+
+  const Answer* add(const Set& set, Answer run) {
+    if (per_run_ == 0 && !run.tallies.empty()) per_run_ = run.tallies.front().messages;
+    return runs_[set].emplace_back(std::make_unique<Answer>(std::move(run))).get();
+  }
+  Runs of(const Set& set) const {
+    Runs runs;
+    if (const auto found = runs_.find(set); found != runs_.end())
+      for (const auto& run : found->second) runs.push_back(run.get());
+    return runs;
+  }
+
+  std::vector<Share> shares(const Runs& runs, double alpha) const {
+    std::vector<Share> shares;
+    for (std::size_t limit = 0; limit < size(); ++limit) {
+      const auto seen = sum(runs, limit);
+      const auto range = range_of(effective(seen, limit, seen.events / per_run(runs)), alpha);
+      shares.push_back({range, seen.events, seen.messages});
+    }
+    return shares;
+  }
+
+  // Of limits that permit nothing: fewer than one burst in a run.
+  bool holds(const Runs& runs, double alpha) const {
+    return !runs.empty() && all_limits([&](std::size_t limit) {
+      return against_at_least(at_permitted(runs, limit), permitted(limit)) >= 1 / alpha;
+    });
+  }
+  bool fails(const Runs& runs, double alpha) const {
+    return mean([&](std::size_t limit) {
+             return against_at_most(at_permitted(runs, limit), permitted(limit));
+           }) >= 1 / alpha;
+  }
+  bool fewer(const Runs& one, const Runs& other, double alpha) const {
+    return mean([&](std::size_t limit) {
+             const auto mine = sum(one, limit), theirs = sum(other, limit);
+             const auto of_a_run = (mine.events + theirs.events) / per_run(one, other);
+             return less_than(effective(mine, limit, of_a_run), effective(theirs, limit, of_a_run));
+           }) >= 1 / alpha;
+  }
+  // Whether nothing was seen that breaks the goal in so many words.
+  bool kept_to(const Runs& runs) const {
+    return all_limits([&](std::size_t limit) {
+      const auto [events, messages] = sum(runs, limit);
+      return events <= problem_.goal[limit].share * messages;
+    });
+  }
+  // By what was seen, not by what is proven.
+  bool looks_no_less(const Runs& one, const Runs& other) const {
+    return all_limits([&](std::size_t limit) {
+      const auto mine = sum(one, limit), theirs = sum(other, limit);
+      return mine.events >= no_less_than * theirs.events * mine.messages / theirs.messages;
+    });
+  }
+  std::size_t size() const { return problem_.goal.size(); }
+
+ private:
+  template <class Holds>
+  bool all_limits(Holds holds) const {
+    for (std::size_t limit = 0; limit < size(); ++limit)
+      if (!holds(limit)) return false;
+    return true;
+  }
+  // The mean of e-values is an e-value, however they depend on one another.
+  template <class Of>
+  double mean(Of of) const {
+    double sum = 0;
+    for (std::size_t limit = 0; limit < size(); ++limit) sum += of(limit);
+    return sum / static_cast<double>(size());
+  }
+  static Count sum(const Runs& runs, std::size_t limit) {
+    Count sum;
+    for (const auto* run : runs) {
+      sum.events += run->tallies[limit].events;
+      sum.messages += run->tallies[limit].messages;
+    }
+    return sum;
+  }
+  static double per_run(const Runs& runs, const Runs& others = {}) {
+    return std::max(1.0, static_cast<double>(runs.size() + others.size()));
+  }
+
+  double permitted(std::size_t limit) const {
+    const auto share = problem_.goal[limit].share;
+    const auto burst = spread(limit).within;
+    return share > 0 ? share : burst / std::max(per_run_, 2 * burst);
+  }
+  Count at_permitted(const Runs& runs, std::size_t limit) const {
+    return effective(sum(runs, limit), limit, permitted(limit) * per_run_);
+  }
+  // By their design effect where so many messages of a run break the limit.
+  Count effective(const Count& count, std::size_t limit, double of_a_run) const {
+    const auto [within, between] = spread(limit);
+    const auto effect = within + between * of_a_run;
+    return {count.events / effect, count.messages / effect};
+  }
+
+  // How the messages that break a limit vary: within runs, so many times as much as independent ones; and,
+  // from run to run of one set, the share itself, squared and relative: by what was seen of all sets.
+  struct Spread {
+    double within = 1, between = 0;
+  };
+  Spread spread(std::size_t limit) const {
+    double weighted = 0, messages = 0, variation = prior_variation * prior_freedoms,
+           freedoms = prior_freedoms;
+    for (const auto& [set, runs] : runs_)
+      for (const auto& run : runs) {
+        weighted += run->tallies[limit].effect * run->tallies[limit].messages;
+        messages += run->tallies[limit].messages;
+      }
+    const auto within = messages > 0 ? std::max(1.0, weighted / messages) : 1;
+    for (const auto& [set, runs] : runs_) {
+      const auto count = static_cast<double>(runs.size());
+      double events = 0, squares = 0;
+      for (const auto& run : runs) events += run->tallies[limit].events / count;
+      if (runs.size() < 2 || events < 2 * within) continue;
+      for (const auto& run : runs) squares += std::pow(run->tallies[limit].events / events - 1, 2);
+      variation += squares - (count - 1) * within / events;
+      freedoms += count - 1;
+    }
+    return {within, std::max(0.0, variation / freedoms)};
+  }
+
+  const Problem& problem_;
+  std::map<Set, std::vector<std::unique_ptr<Answer>>> runs_;
+  double per_run_ = 0;  // messages
+};
+
+class Search {
+ public:
+  Search(const Problem& problem, const Measure& measure)
+      : problem_(problem), measure_(measure), evidence_(problem), chance_(problem.seed) {}
+
+  Outcome find() {
+    try {
+      outcome_.end = search();
+    } catch (const NoTime&) {
+      outcome_.end = End::no_time;
+    } catch (const CannotMeasure& error) {
+      outcome_.end = End::cannot_measure;
+      outcome_.why = error.why;
+    }
+    outcome_.set = set_;
+    if (outcome_.end != End::goal_holds) outcome_.remaining = findings_of(set_);
+    for (const auto& member : settings_of(set_)) outcome_.contributions.push_back(contribution_of(member));
+    return std::move(outcome_);
+  }
+
+ private:
+  using Purpose = Trial::Purpose;
+
+  End search() {
+    if (measure_alone(set_) == Decision::holds) return End::goal_holds;
+    for (int attempt = 0; attempt < most_confirmations; ++attempt) {
+      if (!grow()) return End::nothing_left;
+      shrink();
+      const auto decision = confirm();
+      if (decision == Decision::holds) return End::goal_holds;
+      if (decision == Decision::no_effect) return End::not_proven;
+      disproved_.insert(set_);
+    }
+    return End::nothing_left;
+  }
+
+  // ── Trials
+
+  // One run; nothing where the set cannot be had here.
+  const Answer* measure(const Set& set, Trial& trial) {
+    auto run = measure_({static_cast<int>(outcome_.trials.size()) + 1, outcome_.runs + 1, set});
+    if (!run) throw NoTime{};
+    ++outcome_.runs;
+    ++trial.runs;
+    trial.why = run->refused.empty() ? trial.why : run->refused;
+    return run->refused.empty() ? evidence_.add(set, std::move(*run)) : nullptr;
+  }
+
+  Decision ended(Trial trial, const Runs& mine, const Runs& theirs, Decision decision) {
+    trial.decision = decision;
+    trial.shares = evidence_.shares(mine, problem_.alpha);
+    if (!theirs.empty()) trial.reference_shares = evidence_.shares(theirs, problem_.alpha);
+    outcome_.trials.push_back(std::move(trial));
+    return decision;
+  }
+
+  // Until it is known whether the goal holds by that set.
+  Decision measure_alone(const Set& set) {
+    Trial trial{Purpose::measure, set};
+    Runs runs;
+    while (trial.runs < most_runs_alone) {
+      const auto* run = measure(set, trial);
+      if (run == nullptr) throw CannotMeasure{trial.why};
+      runs.push_back(run);
+      const auto all = evidence_.of(set);
+      if (evidence_.kept_to(all) && evidence_.holds(all, problem_.alpha))
+        return ended(trial, runs, {}, Decision::holds);
+      if (evidence_.fails(all, level_of(set))) return ended(trial, runs, {}, Decision::fails);
+    }
+    return ended(trial, runs, {}, Decision::no_effect);
+  }
+
+  // A set and what it is compared with take turns; which is first is chance. `decide`: once it is known.
+  template <class Decide>
+  Decision compare(Purpose purpose, const Set& set, const Set& reference, const std::string& why, int pairs,
+                   Decide decide) {
+    Trial trial{purpose, set, reference};
+    trial.why = why;
+    Runs mine, theirs;
+    std::optional<Decision> decision;
+    for (int pair = 1; pair <= pairs && !decision; ++pair) {
+      const bool mine_first = chance_() % 2 == 0;
+      for (const bool is_mine : {mine_first, !mine_first}) {
+        if (purpose == Purpose::confirm && !is_mine && theirs.size() == references_to_confirm) continue;
+        const auto* run = measure(is_mine ? set : reference, trial);
+        if (run == nullptr && !is_mine) throw CannotMeasure{trial.why};
+        if (run == nullptr) return ended(trial, mine, theirs, Decision::refused);
+        (is_mine ? mine : theirs).push_back(run);
+      }
+      decision = decide(mine, theirs);
+    }
+    return ended(trial, mine, theirs, decision.value_or(Decision::no_effect));
+  }
+
+  Decision try_to_add(const Set& set, const std::string& why) {
+    tried_.insert(set);
+    bool improves = false;
+    const auto decision =
+        compare(Purpose::add, set, set_, why, most_pairs,
+                [&](const Runs& mine, const Runs& theirs) -> std::optional<Decision> {
+                  if (holds(set)) return Decision::holds;
+                  improves = improves || evidence_.fewer(mine, theirs, problem_.alpha);
+                  if (improves && evidence_.fails(evidence_.of(set), problem_.alpha))
+                    return Decision::improves;
+                  if (evidence_.fewer(theirs, mine, problem_.alpha)) return Decision::harms;
+                  if (!improves && mine.size() >= least_pairs && evidence_.looks_no_less(mine, theirs))
+                    return Decision::no_effect;
+                  return {};
+                });
+    if (decision != Decision::no_effect || !improves) return decision;
+    return outcome_.trials.back().decision = Decision::improves;
+  }
+
+  // Whether the goal is proven to hold without these.
+  bool can_go(const Set& without, bool single) {
+    const auto decision = compare(
+        Purpose::remove, without, set_, "", most_pairs,
+        [&](const Runs& mine, const Runs& theirs) -> std::optional<Decision> {
+          if (holds(without)) return Decision::holds;
+          const auto alpha = single ? level_of(without) : problem_.alpha;
+          if (evidence_.fails(evidence_.of(without), alpha) && evidence_.fewer(theirs, mine, problem_.alpha))
+            return Decision::fails;
+          return {};
+        });
+    if (decision != Decision::no_effect || !evidence_.kept_to(evidence_.of(without)))
+      return decision == Decision::holds;
+    return measure_alone(without) == Decision::holds;
+  }
+
+  // By fresh runs alone: `fails`, too, where one message breaks a limit that permits none.
+  Decision confirm() {
+    const auto alpha = spent(problem_.alpha, ++confirmations_);
+    return compare(Purpose::confirm, set_, {}, "", most_pairs_to_confirm,
+                   [&](const Runs& mine, const Runs&) -> std::optional<Decision> {
+                     if (evidence_.fails(mine, problem_.alpha)) return Decision::fails;
+                     if (!evidence_.holds(mine, alpha)) return {};
+                     return evidence_.kept_to(mine) ? Decision::holds : Decision::fails;
+                   });
+  }
+
+  bool holds(const Set& set) const {
+    return !disproved_.contains(set) && evidence_.holds(evidence_.of(set), problem_.alpha);
+  }
+
+  // Of the statement that the goal fails by this set.
+  double level_of(const Set& set) {
+    return spent(problem_.alpha, statements_.try_emplace(set, statements_.size() + 1).first->second);
+  }
+
+  // ── What to add
+
+  bool grow() {
+    while (!holds(set_)) {
+      if (!set_.empty() && evidence_.kept_to(evidence_.of(set_)) && tried_alone_.insert(set_).second)
+        measure_alone(set_);
+      else if (!add_a_remedy() && !add_all_remedies() && !add_what_is_left())
+        return false;
+    }
+    return true;
+  }
+
+  bool may_be_set(const Setting& setting) const {
+    const bool known = std::any_of(problem_.knobs.begin(), problem_.knobs.end(),
+                                   [&](const Knob& knob) { return knob.key == setting.key; });
+    const auto present = set_.find(setting.key);
+    return known && (present == set_.end() || present->second != setting.value) &&
+           !unwanted_.contains({setting.key, setting.value});
+  }
+
+  // Whether any of them was kept. Of several that do not meet the goal, a half may do more: without those
+  // that harm.
+  bool add(const std::vector<Setting>& settings, const std::string& why) {
+    const auto set = with(set_, settings);
+    if (settings.empty() || tried_.contains(set)) return false;
+    const auto decision = try_to_add(set, why);
+    const bool is_bad = decision == Decision::harms || decision == Decision::refused;
+    if (settings.size() == 1) {
+      if (is_bad) unwanted_.insert({settings.front().key, settings.front().value});
+    } else if (is_bad || decision == Decision::improves) {
+      const auto half = settings.begin() + static_cast<std::ptrdiff_t>(settings.size() / 2);
+      if (add({settings.begin(), half}, why) || add({half, settings.end()}, why)) return true;
+    }
+    if (decision != Decision::holds && decision != Decision::improves) return false;
+    set_ = set;
+    return true;
+  }
+
+  bool add_a_remedy() {
+    for (const auto& finding : findings_of(set_))
+      for (const auto& remedy : finding.remedies)
+        if (may_be_set(remedy) && add({remedy}, finding.cause)) return true;
+    return false;
+  }
+
+  // Where two causes hide one another, no remedy shows alone.
+  bool add_all_remedies() {
+    std::vector<Setting> all;
+    for (const auto& finding : findings_of(set_))
+      for (const auto& remedy : finding.remedies)
+        if (may_be_set(remedy) && std::none_of(all.begin(), all.end(),
+                                               [&](const Setting& other) { return other.key == remedy.key; }))
+          all.push_back(remedy);
+    return all.size() > 1 && add(all, "all causes at once");
+  }
+
+  // What no cause names, together, for most of it is without effect: the first values of all, then the next.
+  bool add_what_is_left() {
+    std::size_t most = 0;
+    for (const auto& knob : problem_.knobs) most = std::max(most, knob.values.size());
+    for (std::size_t value = 0; value < most; ++value) {
+      std::vector<Setting> all;
+      for (const auto& knob : problem_.knobs)
+        if (value < knob.values.size() && !set_.contains(knob.key) &&
+            may_be_set({knob.key, knob.values[value]}))
+          all.push_back({knob.key, knob.values[value]});
+      if (add(all, "no named cause")) return true;
+    }
+    return false;
+  }
+
+  std::vector<Finding> findings_of(const Set& set) const {
+    std::vector<Finding> findings;
+    for (const auto* run : evidence_.of(set))
+      for (const auto& finding : run->findings) {
+        const auto known = std::find_if(findings.begin(), findings.end(),
+                                        [&](const Finding& other) { return other.cause == finding.cause; });
+        if (known == findings.end())
+          findings.push_back(finding);
+        else
+          known->messages += finding.messages;
+      }
+    std::stable_sort(findings.begin(), findings.end(),
+                     [](const Finding& one, const Finding& other) { return one.messages > other.messages; });
+    return findings;
+  }
+
+  // ── What to leave out
+
+  // Parts of half the size each time, down to single members (delta debugging: Zeller & Hildebrandt 2002).
+  void shrink() {
+    for (auto size = std::max<std::size_t>(set_.size() / 2, 1);; size = std::max<std::size_t>(size / 2, 1)) {
+      const bool removed = leave_out_parts(size);
+      if (size == 1 && !removed) return;
+    }
+  }
+
+  bool leave_out_parts(std::size_t size) {
+    bool removed = false;
+    const auto members = settings_of(set_);
+    for (std::size_t first = 0; first < members.size(); first += size) {
+      auto without = set_;
+      for (auto at = first; at < std::min(first + size, members.size()); ++at) without.erase(members[at].key);
+      if (without.empty() || without == set_ || is_known(without)) continue;
+      if (can_go(without, size == 1)) {
+        set_ = without;
+        removed = true;
+      }
+    }
+    return removed;
+  }
+
+  // It was compared with the present set before.
+  bool is_known(const Set& without) {
+    const auto alpha = level_of(without);
+    return std::any_of(outcome_.trials.begin(), outcome_.trials.end(), [&](const Trial& trial) {
+      if (trial.set == without && trial.reference == set_) return true;
+      return trial.set == set_ && trial.reference == without && evidence_.fails(evidence_.of(without), alpha);
+    });
+  }
+
+  Contribution contribution_of(const Setting& member) {
+    auto without = set_;
+    without.erase(member.key);
+    Contribution contribution{member, {}, evidence_.fails(evidence_.of(without), level_of(without))};
+    const auto ours = evidence_.shares(evidence_.of(set_), problem_.alpha / 2);
+    const auto others = evidence_.shares(evidence_.of(without), problem_.alpha / 2);
+    for (std::size_t limit = 0; limit < evidence_.size(); ++limit)
+      contribution.less.push_back({others[limit].range.low - ours[limit].range.high,
+                                   others[limit].range.high - ours[limit].range.low});
+    return contribution;
+  }
+
+  const Problem& problem_;
+  const Measure& measure_;
+  Evidence evidence_;
+  std::mt19937_64 chance_;
+  Outcome outcome_;
+  Set set_;  // the present one
+  std::set<Set> tried_, tried_alone_, disproved_;
+  std::set<std::pair<std::string, std::string>> unwanted_;  // harmful, or not to be had
+  std::map<Set, std::size_t> statements_;
+  std::size_t confirmations_ = 0;
+};
+
+template <class Word, std::size_t size>
+const char* word(const char* const (&words)[size], Word value) {
+  return words[static_cast<std::size_t>(value)];
+}
+
+}  // namespace
+
+const char* word_of(Decision decision) {
+  return word({"holds", "fails", "improves", "harms", "no effect", "refused"}, decision);
+}
+const char* word_of(Trial::Purpose purpose) { return word({"measure", "add", "remove", "confirm"}, purpose); }
+const char* word_of(End end) {
+  return word({"goal-holds", "not-proven", "nothing-left", "no-time", "cannot-measure"}, end);
+}
+
+Outcome find(const Problem& problem, const Measure& measure) { return Search(problem, measure).find(); }
+
+}  // namespace ontime::search

@@ -1,0 +1,303 @@
+// SPDX-License-Identifier: Apache-2.0
+// What the search does over many simulated machines, beside other ways to search. In full by
+// scripts/search-proof, which shows the tables; else with a few seeds.
+#include <cstdlib>
+#include <numeric>
+
+#include <fmt/format.h>
+#include <gtest/gtest.h>
+
+#include "search_machine.hpp"
+
+namespace ontime::search {
+namespace {
+
+constexpr int trials_at_most = 500;  // of the other ways
+
+bool is_long() { return std::getenv("ONTIME_LONG_TESTS") != nullptr; }  // NOLINT(concurrency-mt-unsafe)
+std::uint64_t seeds() { return is_long() ? 20 : 4; }
+
+Outcome search(Machine& machine, const Problem& problem) {
+  return find(problem, [&](const Order& order) { return std::optional(machine.run(order.set)); });
+}
+
+double median(std::vector<double> values) {
+  std::sort(values.begin(), values.end());
+  return values.empty() ? 0 : (values[(values.size() - 1) / 2] + values[values.size() / 2]) / 2;
+}
+
+// As many runs as each other way takes to judge a set: they show what chance would not.
+struct Seen {
+  double slow = 0, late = 0;
+};
+constexpr int runs_of_others = 6;
+Seen measure(Machine& machine, const Set& set) {
+  Seen seen;
+  for (int i = 0; i < runs_of_others; ++i) {
+    const auto run = machine.run(set);
+    seen.slow += run.tallies[0].events / runs_of_others;
+    seen.late += run.tallies[1].events / runs_of_others;
+  }
+  return seen;
+}
+bool meets(const Seen& seen) { return seen.slow <= 0.001 * Machine::messages && seen.late == 0; }
+
+Set any_set(std::mt19937_64& chance) {
+  Set set;
+  for (const auto& knob : twelve_knobs())
+    if (const auto value = chance() % (knob.values.size() + 1); value > 0)
+      set[knob.key] = knob.values[value - 1];
+  return set;
+}
+
+// Trials until a set that truly meets the goal was measured and taken for one that does; and then, until each
+// of its members was left out once, as any way that ends with the smallest set has to.
+struct Trials {
+  int to_goal = trials_at_most, all = trials_at_most;
+};
+Trials trials(int to_goal, const Set& set) { return {to_goal, to_goal + static_cast<int>(set.size())}; }
+
+Trials by_random_search(Machine& machine, std::mt19937_64& chance) {
+  for (int trial = 1; trial <= trials_at_most; ++trial) {
+    const auto set = any_set(chance);
+    if (meets(measure(machine, set)) && machine.shares(set).meets_goal()) return trials(trial, set);
+  }
+  return {};
+}
+
+// Sixteen sets, of which the better half goes on; again, until one meets the goal.
+Trials by_successive_halving(Machine& machine, std::mt19937_64& chance) {
+  int tried = 0;
+  while (tried < trials_at_most) {
+    std::vector<std::pair<double, Set>> sets(16);
+    for (auto& [slow, set] : sets) set = any_set(chance);
+    for (; !sets.empty(); sets.resize(sets.size() / 2)) {
+      for (auto& [slow, set] : sets) {
+        const auto seen = measure(machine, set);
+        slow = seen.slow + seen.late;
+        ++tried;
+        if (sets.size() == 1 && meets(seen) && machine.shares(set).meets_goal()) return trials(tried, set);
+      }
+      std::sort(sets.begin(), sets.end());
+    }
+  }
+  return {};
+}
+
+// Value by value in an order by chance; what makes fewer messages slow stays.
+Trials by_one_at_a_time(Machine& machine, std::mt19937_64& chance) {
+  Set set;
+  auto best = measure(machine, set);
+  int tried = 1;
+  while (tried < trials_at_most) {
+    std::vector<Setting> values;
+    for (const auto& knob : twelve_knobs())
+      for (const auto& value : knob.values) values.push_back({knob.key, value});
+    std::shuffle(values.begin(), values.end(), chance);
+    for (const auto& [key, value] : values) {
+      auto candidate = set;
+      candidate[key] = value;
+      const auto seen = measure(machine, candidate);
+      ++tried;
+      if (meets(seen) && machine.shares(candidate).meets_goal()) return trials(tried, candidate);
+      if (seen.slow < 0.8 * best.slow) {
+        set = candidate;
+        best = seen;
+      }
+    }
+  }
+  return {};
+}
+
+// Whether any set at all meets the goal, and the fewest settings of one that does.
+std::optional<std::size_t> by_exhaustive_search(const Machine& machine) {
+  std::optional<std::size_t> fewest;
+  const auto& knobs = twelve_knobs();
+  std::vector<std::size_t> at(knobs.size(), 0);
+  while (true) {
+    Set set;
+    for (std::size_t i = 0; i < knobs.size(); ++i)
+      if (at[i] > 0) set[knobs[i].key] = knobs[i].values[at[i] - 1];
+    if (machine.shares(set).meets_goal()) fewest = std::min(fewest.value_or(set.size()), set.size());
+    std::size_t digit = 0;
+    while (digit < at.size() && ++at[digit] > knobs[digit].values.size()) at[digit++] = 0;
+    if (digit == at.size()) return fewest;
+  }
+}
+
+bool is_minimal(const Machine& machine, const Set& set) {
+  for (const auto& [key, value] : set) {
+    auto without = set;
+    without.erase(key);
+    if (machine.shares(without).meets_goal()) return false;
+  }
+  return true;
+}
+
+struct Row {
+  int searches = 0, met = 0, minimal = 0, as_small = 0, fresh = 0, fresh_held = 0;
+  std::vector<double> runs;
+  struct Way {
+    std::vector<double> to_goal, all;
+    void add(const Trials& trials) {
+      to_goal.push_back(trials.to_goal);
+      all.push_back(trials.all);
+    }
+  } own, random, halving, one;
+  void add(const Row& other) {
+    searches += other.searches, met += other.met, minimal += other.minimal, as_small += other.as_small;
+    fresh += other.fresh, fresh_held += other.fresh_held;
+    const auto append = [](auto& to, const auto& from) { to.insert(to.end(), from.begin(), from.end()); };
+    append(runs, other.runs);
+    for (auto way : {&Row::own, &Row::random, &Row::halving, &Row::one}) {
+      append((this->*way).to_goal, (other.*way).to_goal);
+      append((this->*way).all, (other.*way).all);
+    }
+  }
+  void print(const std::string& name) const {
+    fmt::print("| {} | {} of {} | {} | {} | {:.0f} % | {:.0f} |", name, met, searches, minimal, as_small,
+               100.0 * fresh_held / std::max(fresh, 1), median(runs));
+    for (const auto* way : {&own, &random, &halving, &one})
+      fmt::print(" {:.1f} / {:.1f} |", median(way->to_goal), median(way->all));
+    fmt::print("\n");
+  }
+};
+
+// After how many trials a set that meets the goal had been measured.
+int trials_to_goal(const Machine& machine, const Outcome& outcome) {
+  int trials = 0;
+  for (const auto& trial : outcome.trials) {
+    ++trials;
+    if (machine.shares(trial.set).meets_goal()) break;
+  }
+  return trials;
+}
+
+Row row_of(const std::vector<Fault>& faults, std::uint64_t first_seed) {
+  Row row;
+  for (auto seed = first_seed; seed < first_seed + seeds(); ++seed) {
+    Machine machine(faults, seed);
+    const auto fewest = by_exhaustive_search(machine);
+    const auto outcome = search(machine, Machine::problem(seed));
+    ++row.searches;
+    row.own.add({trials_to_goal(machine, outcome), static_cast<int>(outcome.trials.size())});
+    row.runs.push_back(outcome.runs);
+    const bool met = outcome.end == End::goal_holds && machine.shares(outcome.set).meets_goal();
+    row.met += met ? 1 : 0;
+    row.minimal += met && is_minimal(machine, outcome.set) ? 1 : 0;
+    row.as_small += met && outcome.set.size() == fewest ? 1 : 0;
+    for (int i = 0; met && i < 100; ++i) {
+      const auto run = machine.run(outcome.set);
+      ++row.fresh;
+      row.fresh_held +=
+          run.tallies[0].events <= 0.001 * Machine::messages && run.tallies[1].events == 0 ? 1 : 0;
+    }
+    std::mt19937_64 chance(seed);
+    row.random.add(by_random_search(machine, chance));
+    row.halving.add(by_successive_halving(machine, chance));
+    row.one.add(by_one_at_a_time(machine, chance));
+  }
+  return row;
+}
+
+constexpr const char* heading =
+    "\nMedians; trials to the goal / until the smallest set is known.\n\n| fault | goal met | minimal | as "
+    "small as "
+    "exhaustive | fresh runs that hold | runs | search | random search | successive halving | one at a time "
+    "|\n|---|---|---|---|---|---|---|---|---|---|\n";
+
+TEST(Proof, OneFaultOfTenIsCuredByFewTrialsAndNoMoreThanItsSetting) {
+  fmt::print("{}", heading);
+  Row all;
+  for (const auto& fault : ten_faults()) {
+    const auto row = row_of({fault}, 1 + static_cast<std::uint64_t>(all.searches));
+    row.print(fault.name);
+    all.add(row);
+  }
+  all.print("all");
+  EXPECT_GE(all.met, 0.95 * all.searches);
+  EXPECT_GE(all.minimal, 0.95 * all.met);
+  EXPECT_GE(all.as_small, 0.95 * all.met);
+  EXPECT_GE(all.fresh_held, 0.95 * all.fresh);
+  EXPECT_LE(median(all.own.all), 12);
+}
+
+TEST(Proof, ThreeFaultsAtOnceAreCured) {
+  fmt::print("{}", heading);
+  Row all;
+  std::mt19937_64 chance(1);
+  for (int i = 0; i < (is_long() ? 10 : 3); ++i) {
+    auto faults = ten_faults();
+    std::shuffle(faults.begin(), faults.end(), chance);
+    faults.resize(3);
+    const auto row = row_of(faults, 1 + static_cast<std::uint64_t>(all.searches));
+    row.print(faults[0].name + ", " + faults[1].name + ", " + faults[2].name);
+    all.add(row);
+  }
+  all.print("all");
+  EXPECT_GE(all.met, 0.9 * all.searches);
+  EXPECT_GE(all.minimal, 0.95 * all.met);
+  EXPECT_LE(median(all.own.all), 12);
+}
+
+TEST(Proof, PlacebosAreRarelyKept) {
+  int kept = 0, searches = 0;
+  for (std::size_t which = 0; which < ten_faults().size(); ++which)
+    for (std::uint64_t seed = 1; seed <= seeds(); ++seed) {
+      auto fault = ten_faults()[which];
+      auto problem = Machine::problem(seed);
+      for (int i = 1; i <= 6; ++i) {  // and each is accused as much as what cures
+        problem.knobs.push_back({fmt::format("placebo.{}", i), {"on"}});
+        fault.remedies.insert(fault.remedies.begin(), {fmt::format("placebo.{}", i), "on"});
+      }
+      Machine machine({fault}, 100 * which + seed);
+      const auto outcome = search(machine, problem);
+      ++searches;
+      kept += std::any_of(outcome.set.begin(), outcome.set.end(),
+                          [](const auto& one) { return one.first.starts_with("placebo"); })
+                  ? 1
+                  : 0;
+    }
+  fmt::print("placebos: kept by {} of {} searches\n", kept, searches);
+  EXPECT_LE(kept, 0.05 * searches);
+}
+
+TEST(Proof, AHealthyMachineIsLeftAsItIs) {
+  int changed = 0, most = 0;
+  for (std::uint64_t seed = 1; seed <= 5 * seeds(); ++seed) {
+    Machine machine({}, seed);
+    const auto outcome = search(machine, Machine::problem(seed));
+    changed += outcome.set.empty() && outcome.end == End::goal_holds ? 0 : 1;
+    most = std::max(most, static_cast<int>(outcome.trials.size()));
+  }
+  fmt::print("healthy: {} of {} searches changed something; at most {} trials\n", changed, 5 * seeds(), most);
+  EXPECT_LE(changed, 0.05 * 5.0 * static_cast<double>(seeds()));
+}
+
+// Whoever is killed knows what was answered until then, and goes on with it.
+TEST(Proof, ASearchThatIsKilledGoesOnAndEndsAsIfItHadNotBeen) {
+  std::mt19937_64 chance(1);
+  for (int kill = 0; kill < (is_long() ? 100 : 10); ++kill) {
+    const auto seed = chance() % 1000;
+    const std::vector<Fault> faults = {ten_faults()[chance() % 10], ten_faults()[chance() % 10]};
+    Machine machine(faults, seed);
+    std::vector<Answer> answers;
+    const auto answer = [&](int most) {
+      return [&, most](const Order& order) -> std::optional<Answer> {
+        const auto number = static_cast<std::size_t>(order.number);
+        if (order.number > most) return {};
+        if (number > answers.size()) answers.push_back(machine.run(order.set));
+        return answers[number - 1];
+      };
+    };
+    const auto cut = find(Machine::problem(seed), answer(1 + static_cast<int>(chance() % 30)));
+    const auto resumed = find(Machine::problem(seed), answer(1'000'000));
+    const auto again = find(Machine::problem(seed), answer(1'000'000));
+    EXPECT_LE(cut.runs, resumed.runs);
+    EXPECT_EQ(resumed.set, again.set);
+    EXPECT_EQ(resumed.runs, static_cast<int>(answers.size()));
+  }
+}
+
+}  // namespace
+}  // namespace ontime::search

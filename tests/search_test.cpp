@@ -1,0 +1,175 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "search/search.hpp"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include "search_machine.hpp"
+
+namespace ontime::search {
+namespace {
+
+using testing::ElementsAre;
+using testing::IsEmpty;
+using testing::Pair;
+using testing::SizeIs;
+
+Outcome found_by(Machine& machine, std::uint64_t seed = 1, int most_runs = 1'000'000) {
+  return find(Machine::problem(seed), [&](const Order& order) -> std::optional<Answer> {
+    if (order.number > most_runs) return {};
+    return machine.run(order.set);
+  });
+}
+
+const Fault& fault(const std::string& name) {
+  return *std::find_if(ten_faults().begin(), ten_faults().end(),
+                       [&](const Fault& one) { return one.name == name; });
+}
+
+TEST(Evidence, EValuesOfTheirNullHypothesisAreOneOnAverage) {
+  std::mt19937_64 chance(1);
+  double at_least = 0, at_most = 0;
+  constexpr int times = 20'000;
+  for (int i = 0; i < times; ++i) {
+    const Count count{static_cast<double>(std::binomial_distribution<int>(20, 0.05)(chance)), 20};
+    at_least += against_at_least(count, 0.05) / times;
+    at_most += against_at_most(count, 0.05) / times;
+  }
+  EXPECT_NEAR(at_least, 1, 0.15);
+  EXPECT_LT(at_most, 1.2);
+}
+
+TEST(Evidence, LookingAfterEachRunRarelyProvesWhatIsNotSo) {
+  std::mt19937_64 chance(2);
+  int wrong = 0;
+  constexpr int times = 2'000;
+  for (int i = 0; i < times; ++i) {
+    Count one, other;
+    bool proven = false;
+    for (int look = 0; look < 20; ++look) {
+      for (auto* count : {&one, &other}) {
+        count->events += std::binomial_distribution<int>(500, 0.02)(chance);
+        count->messages += 500;
+      }
+      proven = proven || less_than(one, other) >= 20;
+    }
+    wrong += proven ? 1 : 0;
+  }
+  EXPECT_LE(wrong, times / 20);
+}
+
+TEST(Evidence, NoEventInEnoughMessagesProvesARareShare) {
+  EXPECT_LT(against_at_least({0, 1'000}, 0.001), 20);
+  EXPECT_GE(against_at_least({0, 5'000}, 0.001), 20);
+}
+
+TEST(Evidence, ARangeHoldsWhatWasSeenAndNarrowsWithMessages) {
+  const auto few = range_of({5, 100}, 0.05), many = range_of({500, 10'000}, 0.05);
+  for (const auto& range : {few, many}) {
+    EXPECT_LT(range.low, 0.05);
+    EXPECT_GT(range.high, 0.05);
+  }
+  EXPECT_LT(many.high - many.low, few.high - few.low);
+  EXPECT_EQ(range_of({0, 100}, 0.05).low, 0);
+  EXPECT_EQ(range_of({}, 0.05).high, 1);
+}
+
+TEST(Search, OnAHealthyMachineNothingIsChanged) {
+  Machine machine({}, 1);
+  const auto outcome = found_by(machine);
+  EXPECT_EQ(outcome.end, End::goal_holds);
+  EXPECT_THAT(outcome.set, IsEmpty());
+  EXPECT_THAT(outcome.trials, SizeIs(1));
+}
+
+TEST(Search, OneFaultIsCuredByItsSettingAlone) {
+  Machine machine({fault("NAPI thread behind a load")}, 1);
+  const auto outcome = found_by(machine);
+  EXPECT_EQ(outcome.end, End::goal_holds);
+  EXPECT_THAT(outcome.set, ElementsAre(Pair("kernel.napi-threads", "60")));
+  ASSERT_THAT(outcome.contributions, SizeIs(1));
+  EXPECT_TRUE(outcome.contributions.front().is_needed);
+  EXPECT_GT(outcome.contributions.front().less.front().low, 0);
+}
+
+TEST(Search, ThreeFaultsAtOnceAreAllCured) {
+  Machine machine({fault("NAPI thread behind a load"), fault("CPU shared with a real-time load"),
+                   fault("small receive buffer")},
+                  3);
+  const auto outcome = found_by(machine);
+  EXPECT_EQ(outcome.end, End::goal_holds);
+  EXPECT_THAT(outcome.set, ElementsAre(Pair("kernel.napi-threads", "60"), Pair("kernel.rmem-max", "4194304"),
+                                       Pair("realtime.receive.cpus", "0")));
+}
+
+TEST(Search, ACauseWithoutANameIsFoundAmongAllSettings) {
+  Machine machine({fault("interrupts that are coalesced")}, 1);
+  const auto outcome = found_by(machine);
+  EXPECT_EQ(outcome.end, End::goal_holds);
+  EXPECT_THAT(outcome.set, ElementsAre(Pair("kernel.coalescing", "rx-usecs=0")));
+}
+
+TEST(Search, WhatNoSettingCuresRemainsWithItsCause) {
+  Machine machine({{"hypervisor", "the CPU was paused", {}, {}}}, 1);
+  const auto outcome = found_by(machine);
+  EXPECT_EQ(outcome.end, End::nothing_left);
+  ASSERT_FALSE(outcome.remaining.empty());
+  EXPECT_EQ(outcome.remaining.front().cause, "the CPU was paused");
+}
+
+TEST(Search, ASettingThatIsNotAmongTheKnobsIsNeverTried) {
+  Machine machine({fault("NAPI thread behind a load")}, 1);
+  auto problem = Machine::problem(1);
+  std::erase_if(problem.knobs, [](const Knob& knob) { return knob.key == "kernel.napi-threads"; });
+  const auto outcome = find(problem, [&](const Order& order) -> std::optional<Answer> {
+    EXPECT_FALSE(order.set.contains("kernel.napi-threads"));
+    return machine.run(order.set);
+  });
+  EXPECT_EQ(outcome.end, End::nothing_left);
+}
+
+TEST(Search, ASetThatIsRefusedIsLeftAndNotTriedAgain) {
+  Machine machine({fault("CPU shared with a real-time load")}, 1);
+  int refused = 0;
+  const auto outcome = find(Machine::problem(1), [&](const Order& order) -> std::optional<Answer> {
+    if (order.set.contains("realtime.receive.priority")) {
+      ++refused;
+      return Answer{{}, {}, "no such priority here"};
+    }
+    return machine.run(order.set);
+  });
+  EXPECT_EQ(outcome.end, End::goal_holds);
+  EXPECT_LE(refused, 2);
+  EXPECT_THAT(outcome.set, ElementsAre(Pair("realtime.receive.cpus", "0")));
+}
+
+TEST(Search, AStartThatCannotBeMeasuredEndsItWithTheReason) {
+  const auto outcome = find(Machine::problem(1), [](const Order&) { return Answer{{}, {}, "no route"}; });
+  EXPECT_EQ(outcome.end, End::cannot_measure);
+  EXPECT_EQ(outcome.why, "no route");
+}
+
+TEST(Search, WithoutTimeItEndsWithTheBestSetSoFar) {
+  Machine machine({fault("NAPI thread behind a load"), fault("small receive buffer")}, 1);
+  const auto outcome = found_by(machine, 1, 8);
+  EXPECT_EQ(outcome.end, End::no_time);
+  EXPECT_FALSE(outcome.remaining.empty());
+}
+
+TEST(Search, TheSameAnswersLeadToTheSameSearch) {
+  std::vector<Answer> answers;
+  Machine machine({fault("ksoftirqd behind a load"), fault("small receive buffer")}, 4);
+  const auto whole = find(Machine::problem(4), [&](const Order& order) -> std::optional<Answer> {
+    answers.push_back(machine.run(order.set));
+    return answers.back();
+  });
+  const auto again = find(Machine::problem(4), [&](const Order& order) -> std::optional<Answer> {
+    return answers.at(static_cast<std::size_t>(order.number) - 1);
+  });
+  EXPECT_EQ(again.set, whole.set);
+  EXPECT_EQ(again.runs, whole.runs);
+  EXPECT_EQ(again.trials.size(), whole.trials.size());
+}
+
+}  // namespace
+}  // namespace ontime::search
