@@ -196,9 +196,10 @@ class Execution {
       return {false, ends};
     }
     if (known > 0)
-      observer_.note(fmt::format(
-          "{} is already in the results for {} of {} components; all are measured again, because they run at once",
-          run.id, known, runs.size()));
+      observer_.note(
+          fmt::format("{} is already in the results for {} of {} components; all are measured again, because "
+                      "they run at once",
+                      run.id, known, runs.size()));
     observer_.begins(run);
     const auto result = suite_.carry_out(runs, wait_for_own_server, records);
     code_ = std::max(code_, result.code);
