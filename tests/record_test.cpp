@@ -25,7 +25,7 @@ TEST_F(RecordTest, AForgottenRunWasNeverThere) {
   }
   const Reader reader(path_);
   ASSERT_EQ(reader.runs().size(), 1u);
-  EXPECT_EQ(reader.runs()[0].asked.at("id"), "kept");
+  EXPECT_EQ(reader.runs()[0].asked.id, "kept");
   EXPECT_EQ(Writer(path_).begin_run({{"id", "the next"}}), 2);
   EXPECT_TRUE(Reader(path_).notes(2).empty());
 }
@@ -106,8 +106,8 @@ TEST_F(RecordTest, CopiedRunIsTheSameUnderTheNextNumber) {
   const auto original = from.runs(2).front();
   const auto copies = to.runs();
   ASSERT_EQ(copies.size(), 3U);
-  EXPECT_EQ(copies[1].asked, original.asked);
-  EXPECT_EQ(copies[1].outcome, original.outcome);
+  EXPECT_EQ(copies[1].asked.document, original.asked.document);
+  EXPECT_EQ(copies[1].outcome.document, original.outcome.document);
   EXPECT_EQ(copies[1].key, original.key);
   expect_same(samples_of(to, 2), samples_of(from, 2));
   ASSERT_EQ(to.notes(2).size(), 2U);
@@ -121,7 +121,7 @@ TEST_F(RecordTest, CopiedRunIsTheSameUnderTheNextNumber) {
   EXPECT_EQ(traces, 1);
   EXPECT_EQ(query(other, "SELECT start_ns FROM run WHERE number = 2"),
             query(path_, "SELECT start_ns FROM run WHERE number = 2"));
-  EXPECT_TRUE(copies[2].outcome.is_null()) << "it was cut off";
+  EXPECT_TRUE(copies[2].outcome.document.is_null()) << "it was cut off";
 }
 
 TEST_F(RecordTest, SampleThatIsThereAlreadyIsReplaced) {
@@ -177,11 +177,11 @@ TEST_F(RecordTest, RunsKeepWhatWasAskedAndWhatCameOfIt) {
   const auto runs = Reader(path_).runs();
   ASSERT_EQ(runs.size(), 3u);
   EXPECT_EQ(runs[0].number, 1);
-  EXPECT_EQ(runs[0].asked, asked);
-  EXPECT_EQ(runs[0].outcome, nlohmann::json({{"duplicates", 2}}));
-  EXPECT_EQ(runs[1].outcome, nullptr);
+  EXPECT_EQ(runs[0].asked.document, asked);
+  EXPECT_EQ(runs[0].outcome.document, nlohmann::json({{"duplicates", 2}}));
+  EXPECT_FALSE(runs[1].outcome.has_ended());
   EXPECT_EQ(runs[2].number, 3);
-  EXPECT_EQ(runs[2].asked.at("id"), "later");
+  EXPECT_EQ(runs[2].asked.id, "later");
 }
 
 // What `ontime run` asks for, in short.
@@ -304,7 +304,7 @@ TEST_F(RecordTest, TextThatIsNoUtf8IsRecordedAllTheSame) {
     writer.note(1, {"k\xff", "caf\xe9", {}, {}});
   }
   const Reader reader(path_);
-  EXPECT_EQ(reader.runs().at(0).asked.at("command_line"), "caf\xef\xbf\xbd");
+  EXPECT_EQ(reader.runs().at(0).asked.document.at("command_line"), "caf\xef\xbf\xbd");
   expect_same_notes(reader.notes(1), {{"k\xef\xbf\xbd", "caf\xef\xbf\xbd", {}, {}}});
 }
 
@@ -411,7 +411,7 @@ TEST_F(RecordTest, TemporaryFileGoesWithItsWriter) {
     writer.append(run, samples);
     writer.flush();
     const Reader reader = writer.reader();
-    EXPECT_EQ(reader.runs().at(0).asked.at("id"), "by hand");
+    EXPECT_EQ(reader.runs().at(0).asked.id, "by hand");
     expect_same(samples_of(reader, run), samples);
     EXPECT_THAT(unlinked_files_of(folder_), Not(IsEmpty())) << "so that memory does not grow";
     EXPECT_THAT(files(), IsEmpty()) << "a kill -9 now would leave it behind";

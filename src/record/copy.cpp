@@ -5,7 +5,7 @@ namespace ontime::record {
 
 std::int64_t copy_run(const Reader& from, const Run& run, Writer& to) {
   constexpr std::size_t at_once = 4096;
-  const auto number = to.begin_run(run.asked);
+  const auto number = to.begin_run(run.asked.document);
   std::vector<roundtrip::Sample> samples;
   samples.reserve(at_once);
   const auto hand_over = [&] {
@@ -19,7 +19,7 @@ std::int64_t copy_run(const Reader& from, const Run& run, Writer& to) {
   hand_over();
   for (const auto& note : from.notes(run.number)) to.note(number, note);
   from.each_trace(run.number, [&](const Trace& trace) { to.trace(number, trace); });
-  if (!run.outcome.is_null()) to.end_run(number, run.outcome);
+  if (run.outcome.has_ended()) to.end_run(number, run.outcome.document);
   return number;
 }
 

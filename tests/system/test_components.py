@@ -83,8 +83,8 @@ class Components(Program):
             wrong = self.scenario("1 s", text=text.replace("address: 198.18.0.2}", "address: '198.18.1.2:7900'}"), transports=["udp"])
             answer = self.run_ontime("run", wrong, "--results", self.results)
             self.assertEqual(answer.returncode, 3, answer.stderr)
-            self.assertRegex(answer.stderr, r"arm: the component answered 0 messages, and \d+ were answered: somebody else")
-            self.assertIn("somebody else", self.report()[2]["error"])
+            self.assertRegex(answer.stderr, r"arm: the component answered 0 messages, and \d+ were answered: another program")
+            self.assertIn("another program", self.report()[2]["error"])
         finally:
             for name in names:
                 subprocess.run(["ip", "netns", "del", name], check=False)
@@ -204,12 +204,12 @@ runs:
         again = ["run", self.scenario("500 ms", text=SCENARIO, transports=["udp"]), "--results", self.results, "--resume"]
         self.assertEqual(self.run_ontime(*again).returncode, 0)
         answer = self.run_ontime(*again)
-        self.assertIn("is done already", answer.stderr)
+        self.assertIn("skipped (already in results)", answer.stderr)
         self.assertEqual([run["complete"] for run in self.report()], [False, False, True, True])
         with contextlib.closing(sqlite3.connect(self.results)) as database, database:
             database.execute("UPDATE run SET outcome = NULL WHERE number = 4")
         answer = self.run_ontime(*again)
-        self.assertIn("is done already for 1 of 2 components; all are measured once more", answer.stderr)
+        self.assertIn("is already in the results for 1 of 2 components; all are measured again", answer.stderr)
         self.assertEqual([run["complete"] for run in self.report()], [False, False, True, False, True, True])
 
     def test_one_that_dies_ends_all_and_is_named(self):
