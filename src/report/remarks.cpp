@@ -201,7 +201,8 @@ std::vector<std::string> divided_load(const record::Asked& asked, const Outcome&
 std::vector<std::string> small_files(const Outcome& outcome) {
   std::vector<std::string> texts;
   for (const auto& [name, host] : outcome.hosts) {
-    const auto &seen = record::at(host.load, "hdd_file_bytes"), &requested = record::at(host.load, "hdd_bytes");
+    const auto &seen = record::at(host.load, "hdd_file_bytes"),
+               &requested = record::at(host.load, "hdd_bytes");
     if (!seen.is_number_integer() || !requested.is_number_integer()) continue;
     const auto largest = seen.get<std::uint64_t>(), wanted = requested.get<std::uint64_t>();
     if (largest < wanted / 2)
