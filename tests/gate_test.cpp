@@ -275,7 +275,7 @@ TEST(EndsSearch, AtMissesAndWhereMoreIsNotToBeHad) {
     EXPECT_FALSE(ends_search(asked, json::parse(what))) << what;
 }
 
-TEST(EndsSearch, OfWhomNobodyAnswersOnlyWhereSomebodyDidBefore) {
+TEST(EndsSearch, UnansweredEndsOnlyAfterAnAnswer) {
   const json unanswered{{"error", "no answer"}, {"unanswered", true}};
   EXPECT_FALSE(ends_search({{"search", {{"step", 0}}}}, unanswered)) << "nor would anybody at another value";
   EXPECT_FALSE(ends_search({{"search", nullptr}}, unanswered)) << "a run that is no step of one";

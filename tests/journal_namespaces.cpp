@@ -54,7 +54,7 @@ TEST_F(Namespaces, AreThoseOfIpAndGo) {
   EXPECT_FALSE(exists());
 }
 
-TEST_F(Namespaces, SomebodyElsesIsLeftAlone) {
+TEST_F(Namespaces, ForeignOneIsLeftAlone) {
   ip(std::string("netns add ") + name);
   {
     Journal journal;
@@ -66,7 +66,7 @@ TEST_F(Namespaces, SomebodyElsesIsLeftAlone) {
 }
 
 // The kernel gives a new one the inode of the one before.
-TEST_F(Namespaces, OneThatNowIsSomebodyElsesIsLeftToHim) {
+TEST_F(Namespaces, ReplacedByAnotherIsLeftAlone) {
   Victim victim([](Journal& journal) {
     add_namespace(journal, name);
     return *namespace_kind.read(name);

@@ -76,7 +76,7 @@ TEST(Link, OfAnEndThatWasStartedAgainCarriedWhatThatOneAnswered) {
               HasSubstr("99 messages of 500 bytes were answered"));
 }
 
-TEST(Link, KeptTheMessagesUntilTheirLaunchOrNobodyHeededIt) {
+TEST(Link, LaunchTimesThatWereNotAppliedFailTheRun) {
   auto controller = host(60'000, 60'000), component = host(60'000, 60'000);
   component["answered"] = 90;
   controller["link"]["etf"] = {{"launched_frames", 95}, {"dropped_frames", 5000}};
@@ -151,7 +151,7 @@ TEST(Link, WhoseCountersAreGoneProvesNothing) {
   EXPECT_EQ(found(outcome(gone, host(60'000, 60'000))), "nothing");
 }
 
-TEST(Link, NobodyAskedForProvesNothing) {
+TEST(Link, WithoutInterfaceVerifiesNothing) {
   auto any = host(0, 0, {"fastrtps_port7411"});
   any["link"] = nullptr;
   EXPECT_EQ(found(outcome(any, any)), "nothing");

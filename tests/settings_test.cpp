@@ -269,7 +269,7 @@ TEST_F(OnVeth, LookingWritesNothing) {
   });
 }
 
-TEST_F(OnVeth, WhatSomebodyChangedMeanwhileIsLeftAndTold) {
+TEST_F(OnVeth, ChangedByAnotherIsLeftAndReported) {
   inside([] {
     journal::Journal journal(kinds());
     const auto changes = apply(journal, {{"rps", "0"}}, left);

@@ -37,11 +37,9 @@ const json* Resumed::find(const json& asked, const json& machines) const {
       if (!same(at(at(hosts, host), "machine"), machine,
                 {"hostname", "kernel_release", "kernel_version", "cpu_model"}))
         throw campaign::Error(
-            2,
-            fmt::format(
-                "--resume: run {} of these results is of another machine, or of another kernel than the {} "
-                "now is: one suite is of one. Begin a new file of results",
-                run.number, host));
+            2, fmt::format("--resume: run {} of these results was measured on another machine or kernel than "
+                           "the {} now has: one suite belongs to one machine. Use a new results file",
+                           run.number, host));
     return &run.outcome;
   }
   return nullptr;

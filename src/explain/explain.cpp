@@ -29,7 +29,7 @@ constexpr std::size_t most_downs = 100;     // of a link
 constexpr std::int64_t forever_ns = 1'000'000'000'000'000'000;
 constexpr std::size_t most_lost = 16;  // that are looked at
 
-// What is of another kind is nothing: the file may be anybody's.
+// What is of another kind is nothing: the file may be foreign.
 std::string text_of(const json& value) { return value.is_string() ? value.get<std::string>() : ""; }
 std::int64_t integer_of(const json& value) {
   return value.is_number_integer() ? value.get<std::int64_t>() : 0;

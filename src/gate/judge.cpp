@@ -162,7 +162,7 @@ std::string absent(const json& asked, const json& outcome) {
   if (!at(asked, "link").is_null())
     for (const auto* host : {"controller", "component"})
       if (at(at(at(hosts, host), "link"), "gone").is_string())
-        return fmt::format("the link's faults need not have been there to the end, at the {}", host);
+        return fmt::format("the link's faults are not verified to the end, at the {}", host);
   for (const auto* way : {"to_component", "to_controller"})
     for (const auto* beside : {"traffic", "neighbours"})
       if (at(at(at(outcome, beside), way), "short") == true)
@@ -172,7 +172,7 @@ std::string absent(const json& asked, const json& outcome) {
   return "";
 }
 
-// It may come from a file that somebody else wrote: what is not there, or is something else, is null.
+// It may come from a foreign file: what is not there, or is something else, is null.
 bool ends_search(const json& asked, const json& outcome) {
   if (at(outcome, "interrupted") == true) return false;
   if (!at(outcome, "error").is_null()) {

@@ -17,7 +17,7 @@ inline constexpr const char* nothing = "-";
 
 using record::at;
 std::string word(const nlohmann::json&);             // on one line; `nothing` for null
-std::string id_of(const nlohmann::json& asked);      // of a run, likewise, and shortened
+std::string id_of(const nlohmann::json& asked);      // of a run, too, and shortened
 std::string cell_of(const nlohmann::ordered_json&);  // as a spreadsheet has it
 bool is_true(const nlohmann::json&);
 bool is_said(const nlohmann::json&);         // a text that is not empty

@@ -118,7 +118,7 @@ class Metrics::Server {
   }
 
  private:
-  // Whoever comes beyond the most waits in the kernel's queue, which is short.
+  // A connection beyond the most waits in the kernel's queue, which is short.
   void accept() {
     if (closing_ || accepting_ || sessions_ >= most_at_once) return;
     accepting_ = true;

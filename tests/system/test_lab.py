@@ -339,7 +339,7 @@ class Machines(Lab):
         words = " ".join(text.split())
         for run, code in (("used", 0), ("taken", 3), ("pinned", 3)):
             self.assertIn(f"{run} ended {code}", said, text)
-        self.assertIn("left control group controller cpuset as it is: somebody has changed it", words)
+        self.assertIn("left control group controller cpuset as it is: another program has changed it", words)
         self.assertIn("control groups of somebody else's: /sys/fs/cgroup/other", words)
         for moment in ("used", "taken"):
             self.assertEqual((seen[moment]["groups"], seen[moment]["controllers"], seen[moment]["everybody"]),
