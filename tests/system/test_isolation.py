@@ -250,7 +250,7 @@ class Isolation(unittest.TestCase):
                                  ONTIME, "run", self.scenario("1 s", first), "--results", self.results],
                                 capture_output=True, text=True, timeout=120)
         self.assertEqual(answer.returncode, 3, answer.stderr)
-        self.assertIn(f"CPUs {first} cannot be kept: everybody has {first} of ", answer.stderr)
+        self.assertIn(f"CPUs {first} cannot be reserved: all processes have {first} of ", answer.stderr)
         self.assert_given_back()
 
     def test_load_is_limited_wherever_the_ends_live(self):
