@@ -76,7 +76,7 @@ TEST_F(Namespaces, ReplacedByAnotherIsLeftAlone) {
   ip(std::string("netns add ") + name);
   const auto somebodys = namespace_kind.read(name);
   ASSERT_NE(somebodys, victim.said());
-  EXPECT_THAT(revert_abandoned(), ElementsAre(AllOf(StartsWith("left"), HasSubstr("somebody"))));
+  EXPECT_THAT(revert_abandoned(), ElementsAre(AllOf(StartsWith("left"), HasSubstr("another program"))));
   EXPECT_EQ(namespace_kind.read(name), somebodys);
   EXPECT_THAT(revert_abandoned(), IsEmpty());
   ip(std::string("netns delete ") + name);
