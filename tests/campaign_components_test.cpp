@@ -74,7 +74,7 @@ TEST_F(Components, AreRefusedInWords) {
         << odd;
   for (const auto* taken : {"controller", "component", "components", "link", "traffic", "qos", "period",
                             "options", "require", "id", "kernel", "controller_2"})
-    EXPECT_THAT(of(std::string("[") + taken + "]"), HasSubstr("has a meaning already"));
+    EXPECT_THAT(of(std::string("[") + taken + "]"), HasSubstr("is already the name of a key"));
   EXPECT_THAT(of("[arm, arm]"), HasSubstr("'arm' occurs twice"));
   EXPECT_THAT(of("{arm: {address: 1.2.3.4}}"), HasSubstr("a list of names is needed"));
   EXPECT_THAT(error("hosts: loopback\ncomponents: [arm]" + runs),
@@ -396,7 +396,7 @@ TEST_F(Components, OverXdpPassByAWireOfARate) {
   };
   for (const auto* keys : {"transport: xdp", "transport: udp, arm: {transport: xdp}",
                            "transport: ethernet, component: {transport: xdp}"}) {
-    EXPECT_THAT(of("rate: 10 Mbit/s", keys), HasSubstr("a: xdp passes by")) << keys;
+    EXPECT_THAT(of("rate: 10 Mbit/s", keys), HasSubstr("a: xdp bypasses")) << keys;
     EXPECT_EQ(of("vlan: 5", keys), "no error");
     EXPECT_EQ(of("rate: 10 Mbit/s, vlan: 5", keys), "no error");
   }
