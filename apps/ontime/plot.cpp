@@ -43,7 +43,7 @@ struct PlotArguments {
 class Memory {
  public:
   explicit Memory(const char* what) : file_(::memfd_create(what, MFD_CLOEXEC)) {
-    if (file_ < 0) cannot("not enough memory for a figure");
+    if (file_ < 0) cannot("there is no memory for a figure");
   }
   ~Memory() { ::close(file_); }
   Memory(const Memory&) = delete;
@@ -53,7 +53,7 @@ class Memory {
   void hold(const std::string& text) {
     if (::write(file_, text.data(), text.size()) != static_cast<ssize_t>(text.size()) ||
         ::lseek(file_, 0, SEEK_SET) != 0)
-      cannot("not enough memory for a figure");
+      cannot("there is no memory for a figure");
   }
   std::string text() const {
     std::string text(static_cast<std::size_t>(std::max<off_t>(::lseek(file_, 0, SEEK_END), 0)), '\0');
@@ -95,9 +95,8 @@ int plot(const PlotArguments& arguments) {
     throw Error(2, fmt::format("{} runs do not fit: --figure time holds {}. Choose them with --only.",
                                summaries.size(), most_panels));
   if (plot.figure == Plot::Figure::neighbours &&
-      std::none_of(summaries.begin(), summaries.end(), [](const auto& summary) {
-        return record::at(summary.run.asked, "neighbours").is_object();
-      }))
+      std::none_of(summaries.begin(), summaries.end(),
+                   [](const auto& summary) { return summary.run.asked.task.neighbours.topics > 0; }))
     throw Error(2, arguments.results + ": none of its runs had background topics (key `neighbours`)");
   output.write(drawn(report::gnuplot_of(summaries, plot)));
   output.finish();

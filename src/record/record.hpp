@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// The results file: one SQLite database that holds every sample of every run and where it came from. Any
-// program can read it with sqlite3; docs/reference/results-file.md describes its tables. Ordinary thread
-// only. Every failure throws Error, which names the file, what was found and what to do.
+// The results file: one SQLite database that holds every sample of every run and where it came from. Anybody
+// can read it with sqlite3; docs/reference/results-file.md describes its tables. Ordinary thread only. Every failure
+// throws Error, which names the file, what was found and what to do.
 #pragma once
 
 #include <cstdint>
@@ -16,6 +16,7 @@
 
 #include <nlohmann/json.hpp>
 
+#include "record/outcome.hpp"
 #include "roundtrip/sample.hpp"
 #include "trace/trace.hpp"
 
@@ -29,28 +30,23 @@ struct WrongFile : Error {
   using Error::Error;
 };
 
-// A run: what was asked (id, transport, payload_bytes, period_us …: the keys that `--format json` shows),
-// and, once it has ended, what came of it beside the samples (counters, threads, hosts, conditions).
-// `outcome` is null for a run that was cut off; its samples are there all the same.
+// A run: what was asked, and, once it has ended, what came of it beside the samples (counters, threads,
+// hosts, conditions). A run that was cut off has no outcome; its samples are there all the same.
 struct Run {
   std::int64_t number = 0;  // from 1, in order of start
-  nlohmann::json asked;
-  nlohmann::json outcome;
+  Asked asked;
+  Outcome outcome;
   // Of what was asked, without what varies from one time to the next (repetition, title, versions, command
   // line …): the same conditions have the same key, in every file and on every machine.
   std::string key;
 };
 
-// What the key is of; the same form from every version.
+// What the key is of; the same in one form, whoever wrote it.
 nlohmann::json conditions_of(const nlohmann::json& asked);
 std::string key_of(const nlohmann::json& asked);
 
-// What these, and whatever else is from elsewhere, may have or not: null where nothing is there, and where
-// nothing can be.
+// A member of a document that may be of another program: null where it is not there.
 const nlohmann::json& at(const nlohmann::json& object, std::string_view key);
-
-// Of an outcome: whether both ends are known to have shared one kernel.
-bool on_one_machine(const nlohmann::json& outcome);
 
 // Something that happened in a run: at a moment, or to one message, or both.
 struct Note {
@@ -86,7 +82,7 @@ class Writer {
   // lost, answered before it was sent, or of no fate.
   void append(std::int64_t run, std::span<const roundtrip::Sample> samples);
   void note(std::int64_t run, const Note&);    // also of a run that has ended
-  void trace(std::int64_t run, const Trace&);  // the same; one that is there already is replaced
+  void trace(std::int64_t run, const Trace&);  // likewise; one that is there already is replaced
   void end_run(std::int64_t run, const nlohmann::json& outcome);
   void forget_run(std::int64_t run);  // as if it had never begun; so goes a file made for it alone
   void flush();
@@ -104,7 +100,7 @@ class Writer {
 // whose locks would be given up by it.
 bool is_being_written(const std::string& path);
 
-// Of files of all formats until now. One that is not what it says (foreign, damaged, or made to
+// Of files of all formats until now. One that is not what it says (somebody else's, damaged, or made to
 // mislead) ends in WrongFile; texts are valid UTF-8, but may hold any character.
 class Reader {
  public:

@@ -18,13 +18,13 @@ std::vector<Group> by_id(const Summaries&);  // in the order of their first runs
 // Of each of a group: its transport, and in words whatever is not the same in all of them. Repetitions have
 // their number.
 std::vector<std::string> labels_of(const Group&);
-// The same, but the repetitions of a run have the same.
+// Likewise, but the repetitions of a run have the same.
 std::vector<std::string> labels_without_repetition(const Group&);
 // Those that still are alike get the number of their run.
 void tell_apart(std::vector<std::string>& labels, const Group&);
 
 // Of a load that was asked for, on one host: "8 cpu, 2 vm of 64 MiB"; of none nothing.
-std::string workers(const nlohmann::json& load);
+std::string workers(const conditions::Workers&);
 
 // What is the same in all of them.
 std::vector<std::string> shared_conditions(const Group&);

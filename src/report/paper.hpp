@@ -7,7 +7,7 @@
 #include <string>
 #include <vector>
 
-#include <nlohmann/json.hpp>
+#include "record/record.hpp"
 
 namespace ontime::report {
 
@@ -24,8 +24,8 @@ const std::vector<PaperRow>& paper();
 
 // Those that a run, by what was asked of it, can be set beside: of its id, and at the paper's period,
 // deadline, payload and schedule, with its real-time settings and traffic, and with a load where that has
-// one. Any other run of that id is another test. How great the load was, and how long it was measured,
+// one. Whatever else somebody calls so is another test. How great the load was, and how long it was measured,
 // may differ.
-std::vector<PaperRow> paper_rows(const nlohmann::json& asked);
+std::vector<PaperRow> paper_rows(const record::Asked&);
 
 }  // namespace ontime::report
