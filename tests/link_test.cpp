@@ -105,7 +105,8 @@ TEST(Link, OfWhichAnotherAnswersIsNotTheComponents) {
   };
   EXPECT_EQ(with(120), "nothing") << "others may ask it as well";
   EXPECT_EQ(with(98), "nothing") << "the last may not be counted yet";
-  EXPECT_THAT(with(97), HasSubstr("the component answered 97 messages, and 99 were answered: another program"));
+  EXPECT_THAT(with(97),
+              HasSubstr("the component answered 97 messages, and 99 were answered: another program"));
   EXPECT_THAT(with(0), HasSubstr("another program"));
 }
 

@@ -199,8 +199,7 @@ TEST_F(OnePair, RemoteStampsBetweenLocalPublishesAreNotTakenForThem) {
     take(at(i) + 5'000'000,
          at(i) + (i * 7'919 % 10'000) * 1'000);  // of another writer: anywhere in the period
   }
-  for (const auto& one : messages.flows())
-    EXPECT_TRUE(one.reader.process != 2 || one.writer == Party{});
+  for (const auto& one : messages.flows()) EXPECT_TRUE(one.reader.process != 2 || one.writer == Party{});
 }
 
 TEST_F(OnePair, EachOfTwoPublishersFindsItsOwnReader) {
@@ -235,8 +234,7 @@ TEST_F(OnePair, AddressOfAnotherTopicBeginsAnew) {
   get_acquainted();
   messages.name_topic(2, 0xb, "/scan");
   take(at(10), at(10) - 1'000);
-  for (const auto& one : messages.flows())
-    EXPECT_TRUE(one.reader.process != 2 || one.topic == "/scan");
+  for (const auto& one : messages.flows()) EXPECT_TRUE(one.reader.process != 2 || one.topic == "/scan");
 }
 
 struct JudgedPair : OnePair {
