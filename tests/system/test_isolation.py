@@ -223,7 +223,7 @@ class Isolation(unittest.TestCase):
 
     def test_what_cannot_be_is_refused_and_nothing_is_changed(self):
         root, _ = hierarchy("cpuset")
-        for kept, why in ((f"{CPUS[0]}-{CPUS[-1]}", "leave one to everybody else"), ("1023", "there is no CPU 1023")):
+        for kept, why in ((f"{CPUS[0]}-{CPUS[-1]}", "leave one to the other processes"), ("1023", "there is no CPU 1023")):
             with self.subTest(kept=kept):
                 answer = self.ontime("run", self.scenario("1 s", kept), "--results", self.results)
                 self.assertEqual(answer.returncode, 3)
