@@ -237,7 +237,7 @@ class Isolation(unittest.TestCase):
             (other / "cpuset.cpus").write_text(KEPT)
             answer = self.ontime("run", self.scenario("1 s"), "--results", self.results)
             self.assertEqual(answer.returncode, 3)
-            self.assertIn(f"somebody else's: {other}", answer.stderr)
+            self.assertIn(f"belong to other control groups: {other}", answer.stderr)
             self.assertEqual((other / "cpuset.cpus").read_text(), KEPT + "\n")
         finally:
             other.rmdir()
@@ -250,7 +250,7 @@ class Isolation(unittest.TestCase):
                                  ONTIME, "run", self.scenario("1 s", first), "--results", self.results],
                                 capture_output=True, text=True, timeout=120)
         self.assertEqual(answer.returncode, 3, answer.stderr)
-        self.assertIn(f"CPUs {first} cannot be kept: everybody has {first} of ", answer.stderr)
+        self.assertIn(f"CPUs {first} cannot be reserved: all processes have {first} of ", answer.stderr)
         self.assert_given_back()
 
     def test_load_is_limited_wherever_the_ends_live(self):
