@@ -41,7 +41,7 @@ class Messages {
   void add(const Observation&);
 
   std::vector<Flow> flows() const;
-  const std::deque<Miss>& misses() const { return misses_; }
+  std::vector<Miss> take_misses();  // their times are those of the observations
 
  private:
   static constexpr std::size_t remembered =
