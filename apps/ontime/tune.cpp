@@ -260,6 +260,7 @@ void add_tune(Command& app, Action& action) {
              arguments->format);
   add("revert", "Gives back what apply changed, and what an ontime that was killed left",
       [](const Arguments&) { return revert(); });
+  add_tune_search(*command, action);
 }
 
 }  // namespace ontime::app
