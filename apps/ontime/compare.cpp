@@ -20,7 +20,7 @@ namespace {
 using campaign::Error;
 using Summaries = std::vector<statistics::Summary>;
 
-struct Arguments {
+struct CompareArguments {
   std::string a, b, from, to, by, format = "table", output, plot;
   std::vector<std::string> only;
   bool single_runs = false;
@@ -65,19 +65,19 @@ void refuse_unlike(const std::string& flag, const std::string& word, const repor
                          flag, word, runs.front()->run.number, run->run.number));
 }
 
-void refuse_the_same(const Arguments& arguments) {
+void refuse_the_same(const CompareArguments& arguments) {
   throw Error(2,
               fmt::format("A and B are the same runs of {}. Give another file, or --from and --to, or --by",
                           arguments.a));
 }
 
-bool is_same_file(const Arguments& arguments) {
+bool is_same_file(const CompareArguments& arguments) {
   std::error_code ignored;
   return arguments.b.empty() || std::filesystem::equivalent(arguments.a, arguments.b, ignored);
 }
 
 // `a` and `b` keep what the comparison points to.
-report::Comparison compare_by(const Arguments& arguments, Summaries& a, Summaries& b) {
+report::Comparison compare_by(const CompareArguments& arguments, Summaries& a, Summaries& b) {
   if (!arguments.b.empty()) throw Error(2, "--by compares runs of one file; leave B out");
   a = File(arguments.a).only(arguments.only);
   auto values = report::values_of(a, arguments.by);
@@ -100,7 +100,7 @@ report::Comparison compare_by(const Arguments& arguments, Summaries& a, Summarie
   return comparison;
 }
 
-report::Comparison compare_chosen(const Arguments& arguments, Summaries& a, Summaries& b) {
+report::Comparison compare_chosen(const CompareArguments& arguments, Summaries& a, Summaries& b) {
   a = File(arguments.a).alike(arguments.from);
   b = File(arguments.b.empty() ? arguments.a : arguments.b).alike(arguments.to);
   const auto same = [](const auto& one, const auto& other) { return one.run.number == other.run.number; };
@@ -114,7 +114,7 @@ report::Comparison compare_chosen(const Arguments& arguments, Summaries& a, Summ
   return comparison;
 }
 
-report::Comparison compare_files(const Arguments& arguments, Summaries& a, Summaries& b) {
+report::Comparison compare_files(const CompareArguments& arguments, Summaries& a, Summaries& b) {
   if (arguments.b.empty()) throw Error(2, "compare needs a second results file, or --from and --to, or --by");
   if (is_same_file(arguments)) refuse_the_same(arguments);
   a = File(arguments.a).only(arguments.only);
@@ -133,7 +133,7 @@ void draw(const report::Comparison& comparison, const std::string& file) {
   output.finish();
 }
 
-int compare(const Arguments& arguments, const GateFlags& flags) {
+int compare(const CompareArguments& arguments, const GateFlags& flags) {
   const auto format = format_flag(arguments.format);
   const auto gates = flags.gates();
   if (arguments.from.empty() != arguments.to.empty()) throw Error(2, "--from and --to belong together");
@@ -172,7 +172,7 @@ int compare(const Arguments& arguments, const GateFlags& flags) {
 void add_compare(Command& app, Action& action) {
   auto* command =
       app.add_subcommand("compare", "What changed from one results file to another, with its interval");
-  auto arguments = std::make_shared<Arguments>();
+  auto arguments = std::make_shared<CompareArguments>();
   command->add_option("A", arguments->a, "a results file: before")->required();
   command->add_option("B", arguments->b, "another: after");
   add_only(*command, arguments->only);

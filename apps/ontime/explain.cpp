@@ -15,7 +15,7 @@
 namespace ontime::app {
 namespace {
 
-struct Arguments {
+struct ExplainArguments {
   std::string results, format = "table", perfetto, pong;
   std::vector<std::string> only;
   std::optional<std::uint64_t> message;
@@ -42,8 +42,8 @@ const explain::Message& message_of(const report::Explained& one, std::uint64_t i
 }
 
 // What was seen around this message, or around all of which something was, to a file.
-void write_perfetto(const Arguments& arguments, const record::Reader& reader, const report::Explained& one,
-                    const explain::Pong* pong) {
+void write_perfetto(const ExplainArguments& arguments, const record::Reader& reader,
+                    const report::Explained& one, const explain::Pong* pong) {
   const auto messages =
       arguments.message ? std::vector{message_of(one, *arguments.message)} : one.account.messages;
   if (messages.empty())
@@ -56,7 +56,7 @@ void write_perfetto(const Arguments& arguments, const record::Reader& reader, co
   file.finish();
 }
 
-int explain(const Arguments& arguments) {
+int explain(const ExplainArguments& arguments) {
   const auto format = format_of(arguments.format);
   const record::Reader reader(arguments.results);
   const auto runs = chosen_runs(reader, arguments.results, arguments.only);
@@ -87,7 +87,7 @@ int explain(const Arguments& arguments) {
 void add_explain(Command& app, Action& action) {
   auto* command = app.add_subcommand(
       "explain", "Why messages were late or lost, and what mends it, of runs with `explain: on`");
-  auto arguments = std::make_shared<Arguments>();
+  auto arguments = std::make_shared<ExplainArguments>();
   command->add_option("RESULTS", arguments->results, "a results file")->required();
   add_only(*command, arguments->only, ",--run");
   command->add_option("--message", arguments->message, "all of this message's delay, part by part")

@@ -10,7 +10,7 @@
 namespace ontime::app {
 namespace {
 
-struct Arguments {
+struct ExportArguments {
   std::string results, format = "csv", output;
   std::vector<std::string> only;
 };
@@ -25,7 +25,7 @@ report::SampleFormat sample_format_flag(const std::string& word) {
   throw campaign::Error(2, fmt::format("--format: '{}' is not one of csv, jsonl", word));
 }
 
-int export_results(const Arguments& arguments) {
+int export_results(const ExportArguments& arguments) {
   const auto format = sample_format_flag(arguments.format);
   const record::Reader reader(arguments.results);
   const auto runs = chosen_runs(reader, arguments.results, arguments.only);
@@ -39,7 +39,7 @@ int export_results(const Arguments& arguments) {
 
 void add_export(Command& app, Action& action) {
   auto* command = app.add_subcommand("export", "Every sample of a results file, as CSV or JSON Lines");
-  auto arguments = std::make_shared<Arguments>();
+  auto arguments = std::make_shared<ExportArguments>();
   command->add_option("RESULTS", arguments->results, "a results file")->required();
   command->add_option("--format", arguments->format, "csv or jsonl: csv")->type_name("FORMAT");
   add_only(*command, arguments->only, ",--run");

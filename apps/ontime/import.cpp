@@ -10,11 +10,11 @@
 namespace ontime::app {
 namespace {
 
-struct Arguments {
+struct ImportArguments {
   std::string file, from, results, id = "cyclictest", unit = "us";
 };
 
-foreign::What what_of(const Arguments& arguments) {
+foreign::What what_of(const ImportArguments& arguments) {
   const auto form = foreign::form_of(arguments.from);
   if (!form && arguments.from == "performance-test")
     throw campaign::Error(
@@ -30,7 +30,7 @@ foreign::What what_of(const Arguments& arguments) {
   return {*form, arguments.id, arguments.unit == "us" ? 1000 : 1};
 }
 
-int import_results(const Arguments& arguments, const nlohmann::json& command_line) {
+int import_results(const ImportArguments& arguments, const nlohmann::json& command_line) {
   const auto runs =
       foreign::read(arguments.file, what_of(arguments));  // all of it, before anything is written
   record::Writer writer(arguments.results);
@@ -49,7 +49,7 @@ int import_results(const Arguments& arguments, const nlohmann::json& command_lin
 
 void add_import(Command& app, Action& action) {
   auto* command = app.add_subcommand("import", "What cyclictest measured, as runs of a results file");
-  auto arguments = std::make_shared<Arguments>();
+  auto arguments = std::make_shared<ImportArguments>();
   command->add_option("FILE", arguments->file, "what cyclictest wrote, run with -h")->required();
   command->add_option("--from", arguments->from, "cyclictest-histogram (text) or cyclictest-json")
       ->type_name("FORM")

@@ -22,7 +22,7 @@ namespace {
 
 using campaign::Error;
 
-struct Arguments {
+struct InitArguments {
   std::vector<std::string> hosts;
   std::string output;
 };
@@ -127,7 +127,7 @@ std::string stem_of(const std::string& host) {
   return name.empty() ? "scenario" : name;
 }
 
-int init(const Arguments& arguments) {
+int init(const InitArguments& arguments) {
   if (arguments.hosts.size() > 2)
     throw Error(2, "HOST: a scenario has two hosts, and one of them may be this machine: name one or two");
   for (const auto& host : arguments.hosts)
@@ -166,7 +166,7 @@ void add_init(Command& app, Action& action) {
   command->footer(
       "It takes the addresses and interfaces that ssh takes. Where the robot has a link of its own for "
       "messages, change them in the file.");
-  auto arguments = std::make_shared<Arguments>();
+  auto arguments = std::make_shared<InitArguments>();
   command
       ->add_option("HOST", arguments->hosts,
                    "what you type after ssh: the component; or the controller and the component")

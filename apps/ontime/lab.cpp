@@ -29,7 +29,7 @@ using campaign::Error;
 constexpr std::uint64_t least_memory_bytes = std::uint64_t{512} << 20U;  // that the kernel needs for itself
 constexpr const char* results_name = "results.ontime";
 
-struct Arguments {
+struct LabArguments {
   std::vector<std::string> scenarios, with;
   Choice choice;
   lab::Machine machine;
@@ -43,7 +43,7 @@ bool is_of_kernel(std::string_view package) {
          package.find_first_not_of("abcdefghijklmnopqrstuvwxyz0123456789+.-") == package.npos;
 }
 
-lab::Machine machine_of(const Arguments& arguments) {
+lab::Machine machine_of(const LabArguments& arguments) {
   auto machine = arguments.machine;
   const auto nics = lab::nics();
   if (std::find(nics.begin(), nics.end(), machine.nic) == nics.end())
@@ -134,7 +134,7 @@ std::vector<std::string> command_of(const std::vector<lab::File>& scenarios, con
   return words;
 }
 
-int run(const Arguments& arguments, const GateFlags& flags) {
+int run(const LabArguments& arguments, const GateFlags& flags) {
   const auto format = format_flag(arguments.format);
   const auto gates = flags.gates();
   auto machine = machine_of(arguments);
@@ -170,7 +170,7 @@ int run(const Arguments& arguments, const GateFlags& flags) {
   }
 }
 
-int shell(const Arguments& arguments) {
+int shell(const LabArguments& arguments) {
   const auto machine = machine_of(arguments);
   auto& interrupts = catch_interrupts();
   Terminal terminal;
@@ -181,7 +181,7 @@ int shell(const Arguments& arguments) {
   return 0;
 }
 
-void add_machine(Command& command, Arguments& arguments) {
+void add_machine(Command& command, LabArguments& arguments) {
   command.add_option("--nic", arguments.machine.nic, "of which it has two: e1000e, virtio or igb: e1000e")
       ->type_name("e1000e|virtio|igb")
       ->check(given);
@@ -216,7 +216,7 @@ void add_lab(Command& app, Action& action) {
       "settings; the times of a real machine it does not predict.");
   auto* runs = command->add_subcommand(
       "run", "Carries out scenarios there, with hosts: namespaces; brings out the results");
-  auto measured = std::make_shared<Arguments>();
+  auto measured = std::make_shared<LabArguments>();
   runs->add_option("SCENARIO", measured->scenarios,
                    "scenario files, folders of them, or names that `ontime scenarios` shows")
       ->required();
@@ -230,7 +230,7 @@ void add_lab(Command& app, Action& action) {
       [&action, measured, flags] { action = [measured, flags] { return run(*measured, *flags); }; });
 
   auto* shells = command->add_subcommand("shell", "A shell in such a machine, to look around");
-  auto looked = std::make_shared<Arguments>();
+  auto looked = std::make_shared<LabArguments>();
   add_machine(*shells, *looked);
   shells->callback([&action, looked] { action = [looked] { return shell(*looked); }; });
 }

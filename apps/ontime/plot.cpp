@@ -29,7 +29,7 @@ namespace {
 using campaign::Error;
 using report::Plot;
 
-struct Arguments {
+struct PlotArguments {
   std::string results, output, figure = "time";
   std::vector<std::string> only;
   bool wide = false;
@@ -66,7 +66,7 @@ class Memory {
   int file_;
 };
 
-Plot plot_of(const Arguments& arguments) {
+Plot plot_of(const PlotArguments& arguments) {
   const std::map<std::string, Plot::Figure> figures = {{"time", Plot::Figure::time},
                                                        {"ccdf", Plot::Figure::ccdf},
                                                        {"conditions", Plot::Figure::conditions},
@@ -81,7 +81,7 @@ Plot plot_of(const Arguments& arguments) {
 
 constexpr std::size_t most_panels = 12;  // on one sheet of paper
 
-int plot(const Arguments& arguments) {
+int plot(const PlotArguments& arguments) {
   const auto plot = plot_of(arguments);
   const record::Reader reader(arguments.results);
   Output output(arguments.output);
@@ -146,7 +146,7 @@ std::string drawn(const std::string& commands) {
 
 void add_plot(Command& app, Action& action) {
   auto* command = app.add_subcommand("plot", "Figures for a paper: SVG, PDF, PNG");
-  auto arguments = std::make_shared<Arguments>();
+  auto arguments = std::make_shared<PlotArguments>();
   command->add_option("RESULTS", arguments->results, "a results file")->required();
   add_file(*command, "--output", arguments->output, "the figure: .svg, .pdf or .png")->required();
   command

@@ -16,7 +16,7 @@
 namespace ontime::app {
 namespace {
 
-struct Arguments {
+struct RunArguments {
   std::vector<std::string> scenarios;
   Choice choice;
   std::string results, format = "table";
@@ -39,7 +39,7 @@ void expect(Terminal& terminal, const std::vector<campaign::Scenario>& scenarios
 }
 
 // The same command, for the runs that these results lack.
-std::string to_go_on(const Arguments& arguments, const std::string& results,
+std::string to_go_on(const RunArguments& arguments, const std::string& results,
                      const nlohmann::json& command_line) {
   auto words = command_line.get<std::vector<std::string>>();
   if (arguments.results.empty()) words.insert(words.end(), {"--results", results});
@@ -47,7 +47,7 @@ std::string to_go_on(const Arguments& arguments, const std::string& results,
   return campaign::quoted(words);
 }
 
-int run(const Arguments& arguments, const GateFlags& flags, const nlohmann::json& command_line) {
+int run(const RunArguments& arguments, const GateFlags& flags, const nlohmann::json& command_line) {
   const auto selection = arguments.choice.checked();
   const auto format = format_flag(arguments.format);
   const auto gates = flags.gates();
@@ -96,7 +96,7 @@ void add_run(Command& app, Action& action) {
       "A scenario is code: under hosts it names programs, which run here, and its options may name files. "
       "Read "
       "one of somebody else's before you run it.");
-  auto arguments = std::make_shared<Arguments>();
+  auto arguments = std::make_shared<RunArguments>();
   command
       ->add_option("SCENARIO", arguments->scenarios,
                    "scenario files, folders of them, or names that `ontime scenarios` shows")

@@ -21,13 +21,13 @@ using campaign::Error;
 using nlohmann::json;
 using report::printable;
 
-struct Arguments {
+struct TuneArguments {
   std::string interface, peer, network_namespace, format = "table", scenario, run, boot;
   std::vector<std::string> sets;
   bool dry_run = false;
 };
 
-settings::Link link_of(const Arguments& arguments) {
+settings::Link link_of(const TuneArguments& arguments) {
   settings::Link link{arguments.interface, arguments.network_namespace};
   if (!arguments.peer.empty())
     link.interface = machine::interface_to(arguments.peer, arguments.network_namespace);
@@ -54,7 +54,7 @@ void set(campaign::Run& run, const std::string& said) {
   throw Error(2, fmt::format("--set: there is no setting '{}'; there are: {}", name, fmt::join(names, ", ")));
 }
 
-campaign::Run run_of(const Arguments& arguments) {
+campaign::Run run_of(const TuneArguments& arguments) {
   if (arguments.scenario.empty()) return {};
   const auto scenario = campaign::read_scenario(arguments.scenario, {{arguments.run}, {}, {}});
   for (const auto& run : scenario.runs) {
@@ -94,7 +94,7 @@ void warn(const campaign::Run& run, bool is_of_scenario) {
   if (!text.empty()) print_error(text);
 }
 
-int apply(const Arguments& arguments) {
+int apply(const TuneArguments& arguments) {
   auto run = run_of(arguments);
   for (const auto& said : arguments.sets) set(run, said);
   if (run.kernel.empty())
@@ -136,7 +136,7 @@ int apply(const Arguments& arguments) {
   return 0;
 }
 
-int show(const Arguments& arguments) {
+int show(const TuneArguments& arguments) {
   const bool json_asked = is_json_flag(arguments.format);
   auto all = json::array();
   std::string text;
@@ -169,7 +169,7 @@ void need_root(const char* what) {
     throw Error(3, fmt::format("tune {}: what was applied is root's to know: run as root", what));
 }
 
-int verify(const Arguments& arguments) {
+int verify(const TuneArguments& arguments) {
   const bool json_asked = is_json_flag(arguments.format);
   need_root("verify");
   const auto kept = journal::kept(keeper::kinds());
@@ -221,8 +221,8 @@ void add_tune(Command& app, Action& action) {
   for (const auto& setting : settings::table())
     settings += fmt::format("  {:<32}{}\n", fmt::format("{}={}", setting.name, setting.values), setting.help);
   command->footer(settings + "  preset=paper                    irq-threads=90 and ksoftirqd=60");
-  auto arguments = std::make_shared<Arguments>();
-  const auto add = [&](const char* name, const char* what, int (*act)(const Arguments&)) {
+  auto arguments = std::make_shared<TuneArguments>();
+  const auto add = [&](const char* name, const char* what, int (*act)(const TuneArguments&)) {
     auto* added = command->add_subcommand(name, what);
     added->callback([&action, arguments, act] { action = [arguments, act] { return act(*arguments); }; });
     return added;
@@ -259,7 +259,7 @@ void add_tune(Command& app, Action& action) {
   add_format(*add("verify", "Whether what was applied is still so; exit code 1 if not", verify),
              arguments->format);
   add("revert", "Gives back what apply changed, and what an ontime that was killed left",
-      [](const Arguments&) { return revert(); });
+      [](const TuneArguments&) { return revert(); });
   add_tune_search(*command, action);
 }
 

@@ -19,7 +19,7 @@ namespace {
 
 using namespace std::chrono_literals;
 
-struct Arguments {
+struct WatchArguments {
   std::string results, format = "table", metrics;
 };
 
@@ -50,7 +50,7 @@ class Screen {
   std::ptrdiff_t lines_ = 0;
 };
 
-int follow(const Arguments& arguments) {
+int follow(const WatchArguments& arguments) {
   const bool as_json = is_json_flag(arguments.format);
   const auto metrics = metrics_at(arguments.metrics);
   const auto& interrupts = catch_interrupts();
@@ -80,7 +80,7 @@ int follow(const Arguments& arguments) {
 void add_watch(Command& app, Action& action) {
   auto* command = app.add_subcommand(
       "watch", "Follows a measurement that is under way, from another terminal, until it ends");
-  auto arguments = std::make_shared<Arguments>();
+  auto arguments = std::make_shared<WatchArguments>();
   command->add_option("RESULTS", arguments->results, "the results file that it goes into")->required();
   command->add_option("--format", arguments->format, "table, or json: an object a second: table")
       ->type_name("FORMAT");

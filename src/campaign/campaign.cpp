@@ -54,9 +54,9 @@ class Suite {
         machines_(coordinator_, observer),
         failures_(observer) {}
 
-  void prepare(const Hosts& hosts) {
+  void prepare(const Hosts& hosts, const Machines::Transports& transports = {}) {
     stated_ = hosts;
-    machines_.prepare(hosts);
+    machines_.prepare(hosts, transports);
   }
   // What a machine lacks is said before the first run, and not when its turn comes after hours.
   void check(const Scenario& scenario) {
@@ -239,13 +239,24 @@ class Execution {
   int code_ = 0;
 };
 
+Machines::Transports transports_of(const Scenario& scenario) {
+  Machines::Transports transports;
+  for (const auto& asked : scenario.runs)
+    for (const auto& run : together(asked, scenario.hosts)) {
+      transports["controller"].insert(run.task.transport);
+      transports[run.component].insert(run.component_transport.empty() ? run.task.transport
+                                                                       : run.component_transport);
+    }
+  return transports;
+}
+
 }  // namespace
 
 int execute(const Scenario& scenario, record::Writer& writer, Observer& observer, Interrupts& interrupts,
             const json& command_line, const Done& done) {
   Suite suite(writer, observer, interrupts);
   try {
-    suite.prepare(scenario.hosts);
+    suite.prepare(scenario.hosts, transports_of(scenario));
     suite.check(scenario);
     const int code = Execution(scenario, suite, observer, command_line, done).carry_out();
     suite.close();

@@ -3,12 +3,14 @@
 
 #include <algorithm>
 #include <exception>
+#include <functional>
 #include <map>
 #include <string>
 #include <tuple>
 #include <utility>
 
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 
 #include "campaign/deploy.hpp"
 #include "campaign/traffic.hpp"
@@ -108,6 +110,29 @@ bool all_by_ip(const Together& runs) {
                       [](const Run& run) { return is_below_ip(run.task.transport); });
 }
 
+// What keeps machines from being ready, to be told at once.
+class Problems {
+ public:
+  void of(const std::function<void()>& step) {
+    try {
+      step();
+    } catch (const Error& error) {
+      texts_.emplace_back(error.what());
+      exit_ = std::max(exit_, error.exit);
+    }
+  }
+  void tell() const {
+    if (texts_.size() == 1) throw Error(exit_, texts_.front());
+    if (!texts_.empty())
+      throw Error(exit_, fmt::format("{} problems, found before anything was changed:\n  {}", texts_.size(),
+                                     fmt::join(texts_, "\n  ")));
+  }
+
+ private:
+  std::vector<std::string> texts_;
+  int exit_ = 0;
+};
+
 }  // namespace
 
 Machines::Machines(orders::Coordinator& coordinator, Observer& observer)
@@ -123,7 +148,7 @@ void Machines::leave_all() noexcept {
     if (machine.keeper && !leave(machine)) give_back_anew(machine);
 }
 
-void Machines::prepare(const Hosts& stated) {
+void Machines::prepare(const Hosts& stated, const Transports& transports) {
   leave_all();
   machines_.clear();
   hosts_ = stated;
@@ -145,16 +170,13 @@ void Machines::prepare(const Hosts& stated) {
   }
   if (hosts_.kind == Hosts::Kind::loopback)
     hosts_.controller = hosts_.components.front().host = {{}, {}, {}, {}, "lo", "127.0.0.1"};
-  add(controller, hosts_.controller);
+  Problems problems;
+  problems.of([&] { add(controller, hosts_.controller); });
   if (hosts_.kind != Hosts::Kind::alone)
-    for (const auto& [name, host] : hosts_.components) add(name, host);
-  for (auto& [reach, machine] : machines_) {
-    const auto opened = ask(machine, "open", "opened");
-    machine.description = opened.at("machine");
-    if (machine.ssh && hosts_.deploy)
-      for (const auto& host : machine.hosts) hosts_.at(host).program = opened.at("program");
-    tell(opened.at("notes"));
-  }
+    for (const auto& [name, host] : hosts_.components) problems.of([&] { add(name, host); });
+  for (auto& [reach, machine] : machines_)
+    if (machine.keeper) problems.of([&] { open(machine, transports); });
+  problems.tell();
   tell_of_two_ways();
   if (hosts_.kind != Hosts::Kind::namespaces) return;
   const auto joined = ask(machines_.begin()->second, "join", "joined",
@@ -167,7 +189,7 @@ void Machines::prepare(const Hosts& stated) {
 void Machines::add(const std::string& host, const Host& where) {
   auto& machine = machines_[way_to(where)];
   machine.hosts.push_back(host);
-  if (machine.keeper) return;
+  if (machine.hosts.size() > 1) return;  // its keeper is there, or could not be started
   machine.where = where;
   start_keeper(machine);
   machine.keeper->on("window", [this, host](const orders::Frame& frame) {
@@ -200,6 +222,21 @@ void Machines::start_keeper(Machine& machine) {
     if (hosts_.deploy) std::tie(command, between) = deployment(*machine.ssh, where.reach, *hosts_.deploy);
   }
   machine.keeper = std::make_unique<Hand>(coordinator_, name, command, "", std::move(between));
+}
+
+void Machines::open(Machine& machine, const Transports& transports) {
+  std::set<std::string> here;
+  for (const auto& host : machine.hosts)
+    if (network_namespace(hosts_.at(host)) && transports.contains(host))  // another place has its own files
+      here.insert(transports.at(host).begin(), transports.at(host).end());
+  const auto opened = ask(machine, "open", "opened", {{"transports", here}});
+  machine.description = opened.at("machine");
+  if (machine.ssh && hosts_.deploy)
+    for (const auto& host : machine.hosts) hosts_.at(host).program = opened.at("program");
+  tell(opened.at("notes"));
+  if (const std::vector<std::string> lacks = opened.at("lacks"); !lacks.empty())
+    throw Error(3, fmt::format("{}: {}. Or choose others: --transports NAME", machine.keeper->name(),
+                               fmt::join(lacks, "; ")));
 }
 
 // By its ways alone a machine cannot be told from another: what it says of itself can.

@@ -23,10 +23,14 @@ class Machines {
   Machines(const Machines&) = delete;
   Machines& operator=(const Machines&) = delete;
 
+  // By host: what its end is to load.
+  using Transports = std::map<std::string, std::set<std::string>>;
+
   // Starts a keeper on each machine that the hosts are on, has what earlier ontimes left there given back,
   // and makes the hosts where they are ours to make. Again, where a keeper was lost, it starts all anew.
-  // Throws Error.
-  void prepare(const Hosts&);
+  // Throws Error, before it makes anything: one for all hosts that are not reached, have another ontime, or
+  // lack a transport.
+  void prepare(const Hosts&, const Transports& = {});
   const Hosts& hosts() const { return hosts_; }
   const nlohmann::json& machine(const std::string& host) const { return machine_of(host).description; }
   bool lost() const;  // whether a keeper is
@@ -105,6 +109,7 @@ class Machines {
   void tell_of_two_ways();
   void link(const LinkEnd&);
   void start_keeper(Machine&);
+  void open(Machine&, const Transports&);
   void give_back(const char* order, const char* answer);
   void leave_all() noexcept;
   bool leave(Machine&) noexcept;  // whether the keeper gives back by itself

@@ -4,8 +4,8 @@
 // back what it changed however it ends.
 //
 //   order                 answer
-//   open   {}             opened {machine, notes, program}: what it is, what was given back of earlier
-//                         ontimes, where this program lies
+//   open   {transports}   opened {machine, notes, program, lacks}: what it is, what was given back of earlier
+//                         ontimes, where this program lies, why it has not found some of these transports
 //   join   {components, cable, wire}
 //                         joined {hosts}: namespaces, of the controller and of each component by its name,
 //                         {place, interface, address, port: of the controller's bridge, "" where it has

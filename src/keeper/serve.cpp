@@ -16,6 +16,8 @@
 #include "machine/machine.hpp"
 #include "orders/orders.hpp"
 #include "trace/trace.hpp"
+#include "transport/find.hpp"
+#include "transport/transport.hpp"
 
 namespace ontime::keeper {
 namespace {
@@ -40,6 +42,16 @@ machine::Wire wire_of(const json& wire) {
   return {.bits_per_s = wire.at("bits_per_s"), .vlan = wire.at("vlan")};
 }
 
+json lacks(const json& transports) {
+  auto reasons = json::array();
+  for (const std::string name : transports) try {
+      transport::find(name);
+    } catch (const transport::Error& error) {
+      reasons.push_back(error.what());
+    }
+  return reasons;
+}
+
 class Keeper final : public orders::Worker {
  public:
   explicit Keeper(orders::Events& events) : events_(events) {}
@@ -47,8 +59,10 @@ class Keeper final : public orders::Worker {
   void obey(const std::string& order, const json& body) override {
     if (order == "open") {
       const auto notes = journal::revert_abandoned(kinds());
-      events_.tell("opened",
-                   {{"machine", machine::describe()}, {"notes", notes}, {"program", orders::this_program()}});
+      events_.tell("opened", {{"machine", machine::describe()},
+                              {"notes", notes},
+                              {"program", orders::this_program()},
+                              {"lacks", lacks(body.value("transports", json::array()))}});
     } else if (order == "join") {
       auto hosts = json::object();
       for (const auto& end : machine::join_namespaces(journal_, body.at("components"),

@@ -25,10 +25,10 @@ constexpr unsigned patience_to_leave_s = 3;
 
 volatile std::sig_atomic_t terminations = 0;
 
-class Pipe final : public Events {
+class EventPipe final : public Events {
  public:
-  Pipe(int in, int out) : frames_(in, out) {}
-  ~Pipe() {
+  EventPipe(int in, int out) : frames_(in, out) {}
+  ~EventPipe() {
     {
       const std::lock_guard lock(mutex_);
       over_ = true;
@@ -36,8 +36,8 @@ class Pipe final : public Events {
     wake_.notify_all();
     if (beating_.joinable()) beating_.join();
   }
-  Pipe(const Pipe&) = delete;
-  Pipe& operator=(const Pipe&) = delete;
+  EventPipe(const EventPipe&) = delete;
+  EventPipe& operator=(const EventPipe&) = delete;
 
   void tell(const char* event, json body, std::span<const std::uint8_t> bytes) override {
     body["event"] = event;
@@ -86,7 +86,7 @@ class Pipe final : public Events {
 };
 
 // Reads orders and has them obeyed, until there is a reason to leave.
-void obey_all(Pipe& pipe, Worker& worker) {
+void obey_all(EventPipe& pipe, Worker& worker) {
   auto& frames = pipe.frames();
   auto heard = Clock::now();
   bool told = false;
@@ -126,7 +126,7 @@ int serve(const std::string& samples, const std::function<std::unique_ptr<Worker
   leave.sa_handler = [](int) { _exit(code); };
   sigaction(SIGALRM, &leave, nullptr);
   {
-    Pipe pipe(STDIN_FILENO, out);
+    EventPipe pipe(STDIN_FILENO, out);
     const auto fail = [&](int exit, const std::string& message, bool unanswered = false) {
       code = exit;
       try {

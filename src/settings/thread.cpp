@@ -28,7 +28,7 @@ constexpr Policy policies[] = {{"other", SCHED_OTHER, false},
                                {"batch", SCHED_BATCH, false},
                                {"idle", SCHED_IDLE, false}};
 
-struct Value {
+struct Scheduling {
   const Policy* policy;
   int number;  // priority or niceness
   std::string cpus;
@@ -41,7 +41,7 @@ std::optional<int> number_of(const std::string& text) {
   return error == std::errc{} && last == end ? std::optional(number) : std::nullopt;
 }
 
-Value parse(const std::string& text) {
+Scheduling parse(const std::string& text) {
   std::istringstream parts(text);
   std::string policy, number, cpus;
   std::getline(parts, policy, ':') && std::getline(parts, number, ':') && std::getline(parts, cpus);
@@ -53,7 +53,7 @@ Value parse(const std::string& text) {
   return {known, *value, cpus};
 }
 
-std::string text_of(const Value& value) {
+std::string text_of(const Scheduling& value) {
   return fmt::format("{}:{}:{}", value.policy->name, value.number, value.cpus);
 }
 

@@ -12,6 +12,7 @@
 #include <fmt/ranges.h>
 
 #include "spelling/spelling.hpp"
+#include "transport/find.hpp"
 #include "transport/transport.hpp"
 
 namespace ontime::transport {
@@ -58,12 +59,13 @@ std::optional<fs::path> in_ament_index(const std::string& name) {
 
 std::string remedy(const std::string& name) {
   if (name == "xdp")
-    return "; it needs Debian's package libxdp1 when run, libxdp-dev and libbpf-dev when built";
+    return "; install the package ontime-transport-xdp, or build ontime where libxdp-dev and libbpf-dev are";
   if (name == "cyclonedds")
-    return "; it needs Debian's package libddsc0debian when run, cyclonedds-dev when built";
+    return "; install the package ontime-transport-cyclonedds, or build ontime where cyclonedds-dev is";
   if (name == "fastdds")
-    return "; it needs Debian's package libfastrtps2.9 when run, libfastrtps-dev when built";
-  if (name == "opendds") return "; it is built where OpenDDS is, which Debian has not (docs/transports.md)";
+    return "; install the package ontime-transport-fastdds, or build ontime where libfastrtps-dev is";
+  if (name == "opendds")
+    return "; build ontime where OpenDDS is; Debian has no package of it (docs/transports.md)";
   if (name == "ros2")
     return "; build ros2/ with colcon in a sourced ROS 2 and source its setup.bash (docs/ros2.md)";
   return "";
@@ -83,31 +85,35 @@ std::string not_followed() {
       fmt::join(ignored, " and "));
 }
 
-const Plugin& open(const fs::path& file) {
+const Plugin& open(const fs::path& file, const std::string& name) {
   void* object = dlopen(file.c_str(), RTLD_NOW | RTLD_LOCAL | RTLD_NODELETE);
   if (object == nullptr)
-    throw Error(fmt::format("transport {} does not load: {}", file.string(),
-                            dlerror()));  // NOLINT(concurrency-mt-unsafe): glibc's is a thread's own
+    throw Error(fmt::format("transport {} does not load: {}{}", file.string(),
+                            dlerror(),  // NOLINT(concurrency-mt-unsafe): glibc's is a thread's own
+                            remedy(name)));
   const auto* plugin = static_cast<const Plugin*>(dlsym(object, "ontime_transport"));
   if (plugin == nullptr)
     throw Error(fmt::format("{} is not an ontime transport: it exports no ontime_transport", file.string()));
   if (plugin->abi != abi)
     throw Error(
-        fmt::format("transport {} was built for another ontime (its port is {}, ours {}); build it anew",
+        fmt::format("transport {} belongs to another ontime (its port is {}, ours {}); install or build both "
+                    "in one version",
                     file.string(), plugin->abi, abi));
   return *plugin;
 }
 
 }  // namespace
 
-const Plugin& load(const std::string& name) {
+const Plugin& load(const std::string& name) { return open(find(name), name); }
+
+fs::path find(const std::string& name) {
   const auto folders = search_path();
   for (const auto& folder : folders) {
     const auto file = folder / (prefix + name + suffix);
     std::error_code none;
-    if (fs::exists(file, none)) return open(file);
+    if (fs::exists(file, none)) return file;
   }
-  if (const auto file = in_ament_index(name)) return open(*file);
+  if (const auto file = in_ament_index(name)) return *file;
   std::vector<std::string> looked;
   looked.reserve(folders.size());
   for (const auto& folder : folders) looked.push_back(folder.string());

@@ -18,6 +18,7 @@ import subprocess
 import tempfile
 import time
 import unittest
+import unittest.mock
 import urllib.error
 import urllib.request
 import xml.etree.ElementTree
@@ -196,7 +197,10 @@ class Results(unittest.TestCase):
     def test_what_is_done_already_has_a_line_of_its_own(self):
         path = self.folder / "three.yaml"
         path.write_text("hosts: loopback\ndefaults: {duration: 100 ms}\n"
-                        "runs: [{id: a, transport: nosuch}, {id: b, transport: nosuch}, {id: c, transport: udp}]\n")
+                        "runs: [{id: a, transport: broken}, {id: b, transport: broken}, {id: c, transport: udp}]\n")
+        (self.folder / "ontime_transport_broken.so").write_text("it is there, and does not load")
+        environment = unittest.mock.patch.dict(os.environ, ONTIME_TRANSPORT_PATH=str(self.folder))
+        self.enterContext(environment)
         arguments = ("run", str(path), "--results", str(self.results), "--resume")
         self.ontime(*arguments, code=3)
         terminal, other_end = os.openpty()
@@ -222,6 +226,17 @@ class Results(unittest.TestCase):
         self.ontime("run", path, code=3)
         self.ontime("run", path, "--results", "mine.ontime", code=3)
         self.assertEqual([entry.name for entry in self.folder.iterdir()], ["unreachable.yaml"])
+
+    def test_all_hosts_are_checked_before_the_first_run(self):
+        path = self.folder / "unready.yaml"
+        path.write_text("hosts:\n  controller: {reach: ['false'], address: 127.0.0.1}\n"
+                        "  component: {reach: [env, ONTIME_TEST=1], address: 127.0.0.1}\n"
+                        "runs: [{id: one, transport: [udp, unheard-of], duration: 100 ms}]\n")
+        said = self.ontime("run", path, code=3).stderr
+        self.assertIn("2 problems", said)
+        self.assertIn("controller", said)
+        self.assertIn("unheard-of", said)
+        self.assertEqual([entry.name for entry in self.folder.iterdir()], ["unready.yaml"])
 
     def test_a_ping_without_a_pong_leaves_no_run(self):
         lonely = ("ping", "--transport", "udp", "--peer", "127.0.0.1", "--wait", "100 ms", "--duration", "100 ms")

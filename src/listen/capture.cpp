@@ -1,0 +1,108 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <array>
+#include <cerrno>
+#include <thread>
+
+#include <fmt/format.h>
+#include <pcap/pcap.h>
+
+#include "listen/listen.hpp"
+#include "listen/packets.hpp"
+#include "listen/wire.hpp"
+
+namespace ontime::listen {
+namespace {
+
+constexpr int most_frame_bytes = 1 << 16, ring_bytes = 16 << 20;
+// RTPS over IPv4, later fragments of anything, and UDP over IPv6.
+constexpr const char* wanted = "(udp and udp[8:4] = 0x52545053) or (ip[6:2] & 0x3fff != 0) or (ip6 and udp)";
+
+using Handle = std::unique_ptr<pcap_t, void (*)(pcap_t*)>;
+
+class Capture final : public Sensor {
+ public:
+  Capture(Handle handle, bool is_live, const Limits& limits)
+      : handle_(std::move(handle)),
+        is_live_(is_live),
+        packets_(pcap_datalink(handle_.get())),
+        wire_(limits) {}
+
+  bool listen_for(std::chrono::milliseconds most) override {
+    const auto until = std::chrono::steady_clock::now() + most;
+    do {
+      const int count = pcap_dispatch(handle_.get(), 1000, take, reinterpret_cast<u_char*>(this));
+      if (count < 0) throw Error(fmt::format("listen: the capture: {}", pcap_geterr(handle_.get())));
+      if (count > 0) continue;
+      if (!is_live_) return false;
+      note_drops();
+      std::this_thread::sleep_for(std::chrono::milliseconds(5));
+    } while (std::chrono::steady_clock::now() < until);
+    return true;
+  }
+
+  Findings findings() const override {
+    auto findings = wire_.findings();
+    findings.sensor_lost = dropped_;
+    return findings;
+  }
+
+ private:
+  static void take(u_char* self, const pcap_pkthdr* header, const u_char* bytes) {
+    auto& capture = *reinterpret_cast<Capture*>(self);
+    // The handle was asked for nanoseconds, which stand where microseconds would.
+    const auto at_ns = std::int64_t{header->ts.tv_sec} * 1'000'000'000 + header->ts.tv_usec;
+    const auto datagram =
+        capture.packets_.datagram({reinterpret_cast<const std::byte*>(bytes), header->caplen});
+    if (datagram) capture.wire_.add(at_ns, *datagram);
+  }
+
+  void note_drops() {
+    pcap_stat counts{};
+    if (pcap_stats(handle_.get(), &counts) != 0 || counts.ps_drop == dropped_) return;
+    dropped_ = counts.ps_drop;
+    wire_.interrupt();
+  }
+
+  Handle handle_;
+  const bool is_live_;
+  Packets packets_;
+  Wire wire_;
+  std::uint32_t dropped_ = 0;
+};
+
+}  // namespace
+
+std::unique_ptr<Sensor> in_packets(const std::string& interface, const Limits& limits) {
+  std::array<char, PCAP_ERRBUF_SIZE> text{};
+  Handle handle(pcap_create(interface.c_str(), text.data()), pcap_close);
+  if (!handle) throw Error(fmt::format("listen: {}: {}", interface, text.data()));
+  pcap_set_snaplen(handle.get(), most_frame_bytes);
+  pcap_set_buffer_size(handle.get(), ring_bytes);
+  pcap_set_timeout(handle.get(), 10);
+  pcap_set_tstamp_precision(handle.get(), PCAP_TSTAMP_PRECISION_NANO);
+  if (const int error = pcap_activate(handle.get()); error == PCAP_ERROR_PERM_DENIED)
+    throw Error(
+        fmt::format("listen: this user may not capture packets on {}. Run it by sudo, or grant the program "
+                    "once: setcap cap_net_raw+ep ontime",
+                    interface));
+  else if (error < 0)
+    throw Error(
+        fmt::format("listen: {}: {}; `ip link` lists the interfaces", interface, pcap_geterr(handle.get())));
+  bpf_program filter{};
+  if (pcap_compile(handle.get(), &filter, wanted, 1, PCAP_NETMASK_UNKNOWN) == 0)
+    pcap_setfilter(handle.get(), &filter);
+  pcap_freecode(&filter);
+  pcap_setnonblock(handle.get(), 1, text.data());
+  return std::make_unique<Capture>(std::move(handle), true, limits);
+}
+
+std::unique_ptr<Sensor> in_pcap_file(const std::string& path, const Limits& limits) {
+  std::array<char, PCAP_ERRBUF_SIZE> text{};
+  Handle handle(
+      pcap_open_offline_with_tstamp_precision(path.c_str(), PCAP_TSTAMP_PRECISION_NANO, text.data()),
+      pcap_close);
+  if (!handle) throw BadFile(fmt::format("{}: {}", path, text.data()));
+  return std::make_unique<Capture>(std::move(handle), false, limits);
+}
+
+}  // namespace ontime::listen

@@ -1,0 +1,62 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <algorithm>
+#include <bit>
+#include <cmath>
+
+#include "listen/listen.hpp"
+
+namespace ontime::listen {
+namespace {
+
+// 64 buckets for each power of two, one for each value below 128.
+constexpr unsigned fine_bits = 6;
+
+std::size_t bucket_of(std::uint64_t value) {
+  const auto magnitude = static_cast<unsigned>(std::bit_width(value >> (fine_bits + 1U)));
+  return (std::size_t{magnitude} << fine_bits) + static_cast<std::size_t>(value >> magnitude);
+}
+
+// The middle of what is in a bucket.
+std::int64_t value_of(std::size_t bucket) {
+  const auto magnitude = bucket < (2U << fine_bits) ? 0U : static_cast<unsigned>(bucket >> fine_bits) - 1U;
+  const auto least = (bucket - (std::size_t{magnitude} << fine_bits)) << magnitude;
+  return static_cast<std::int64_t>(least + ((std::size_t{1} << magnitude) >> 1U));
+}
+
+}  // namespace
+
+void Distribution::add(std::int64_t ns) {
+  const auto value = std::max<std::int64_t>(ns, 0);
+  const auto bucket = bucket_of(static_cast<std::uint64_t>(value));
+  if (bucket >= buckets_.size()) buckets_.resize(bucket + 1);
+  ++buckets_[bucket];
+  ++count_;
+  max_ = std::max(max_, value);
+}
+
+std::int64_t Distribution::quantile_ns(double portion) const {
+  const auto rank = static_cast<std::uint64_t>(std::ceil(portion * static_cast<double>(count_)));
+  std::uint64_t below = 0;
+  for (std::size_t bucket = 0; bucket < buckets_.size(); ++bucket) {
+    below += buckets_[bucket];
+    if (below >= std::max<std::uint64_t>(rank, 1)) return std::min(value_of(bucket), max_);
+  }
+  return max_;
+}
+
+bool Limits::is_gap(std::int64_t ns) const {
+  return (deadline && ns > deadline->count()) || (period && ns > period->count() + period->count() / 2);
+}
+
+bool Limits::is_too_old(std::int64_t ns) const { return age && ns > age->count(); }
+
+double Flow::rate_hz() const {
+  const auto span = last_ns - first_ns;
+  return messages < 2 || span <= 0 ? 0 : static_cast<double>(messages - 1) * 1e9 / static_cast<double>(span);
+}
+
+std::string ros_name(const std::string& dds_topic) {
+  return dds_topic.starts_with("rt/") ? dds_topic.substr(2) : dds_topic;
+}
+
+}  // namespace ontime::listen

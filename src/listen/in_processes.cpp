@@ -1,0 +1,312 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <algorithm>
+#include <cerrno>
+#include <cstring>
+#include <set>
+#include <system_error>
+
+#include <bpf/libbpf.h>
+#include <fmt/format.h>
+#include <sys/uio.h>
+#include <time.h>
+
+#include "listen/event.h"
+#include "listen/library.hpp"
+#include "listen/listen.hpp"
+#include "listen/messages.hpp"
+#include "listen/probes.skel.h"
+#include "listen/processes.hpp"
+
+namespace ontime::listen {
+namespace {
+
+using namespace std::chrono_literals;
+
+constexpr auto look_every = 1s;
+constexpr std::size_t most_remarks = 32;
+
+std::string reason(int error) { return std::generic_category().message(error); }
+
+// What CLOCK_REALTIME is ahead of CLOCK_MONOTONIC: of three readings the one that took least.
+std::int64_t realtime_ahead_ns() {
+  const auto read = [](clockid_t clock) {
+    timespec time{};
+    clock_gettime(clock, &time);
+    return std::int64_t{time.tv_sec} * 1'000'000'000 + time.tv_nsec;
+  };
+  std::int64_t ahead = 0, least = INT64_MAX;
+  for (int i = 0; i < 3; ++i) {
+    const auto before = read(CLOCK_MONOTONIC), real = read(CLOCK_REALTIME), after = read(CLOCK_MONOTONIC);
+    if (after - before >= least) continue;
+    least = after - before;
+    ahead = real - before - least / 2;
+  }
+  return ahead;
+}
+
+using Link = std::unique_ptr<bpf_link, int (*)(bpf_link*)>;
+
+// A probe to be set: which program, at which function, when it returns or not.
+struct Wish {
+  const char* function;
+  bpf_program* program;
+  bool on_return = false;
+};
+
+class InProcesses final : public Sensor {
+ public:
+  explicit InProcesses(const Limits& limits) : messages_(limits), probes_(nullptr, probes_bpf__destroy) {
+    libbpf_set_print(nullptr);
+    probes_.reset(probes_bpf__open_and_load());
+    if (!probes_) {
+      const int error = errno;
+      throw Error(
+          error == EPERM || error == EACCES
+              ? "listen: the kernel refuses probes to this user. Run it by sudo, or grant the program once: "
+                "setcap cap_bpf,cap_perfmon,cap_sys_admin,cap_sys_ptrace,cap_dac_read_search+ep ontime (a "
+                "kernel in "
+                "lockdown refuses anyway: /sys/kernel/security/lockdown)"
+              : fmt::format("listen: the kernel cannot load the probes: {}. It needs Linux 5.8 or newer with "
+                            "CONFIG_BPF_EVENTS and CONFIG_UPROBES. Packets can be judged without: --pcap",
+                            reason(error)));
+    }
+    ring_.reset(ring_buffer__new(
+        bpf_map__fd(probes_->maps.events),
+        [](void* self, void* data, std::size_t size) {
+          static_cast<InProcesses*>(self)->take(data, size);
+          return 0;
+        },
+        this, nullptr));
+    if (!ring_) throw Error(fmt::format("listen: the kernel's ring buffer: {}", reason(errno)));
+  }
+
+  bool listen_for(std::chrono::milliseconds most) override {
+    const auto until = std::chrono::steady_clock::now() + most;
+    do {
+      const auto now = std::chrono::steady_clock::now();
+      if (now >= look_at_) {
+        look_at_ = now + look_every;
+        look();
+      }
+      realtime_ahead_ns_ = realtime_ahead_ns();
+      ring_buffer__consume(ring_.get());
+      // The probes wake no reader: that would cost the thread that publishes.
+      std::this_thread::sleep_until(std::min(until, std::chrono::steady_clock::now() + 20ms));
+    } while (std::chrono::steady_clock::now() < until);
+    return true;
+  }
+
+  Findings findings() const override {
+    return {messages_.flows(),
+            {messages_.misses().begin(), messages_.misses().end()},
+            probes_->bss->lost,
+            {remarks_.begin(), remarks_.end()}};
+  }
+
+ private:
+  void look() {
+    const auto change = processes_.look();
+    for (const auto id : change.gone) {
+      of_process_.erase(id);
+      finders_.erase(id);
+      std::erase_if(unnamed_, [&](const auto& one) { return one.first == id; });
+    }
+    for (const auto& process : change.came) {
+      messages_.name_process(process.id, process.name);
+      const bool is_ros = std::any_of(process.libraries.begin(), process.libraries.end(),
+                                      [](const auto& one) { return one.middleware == Middleware::rmw; });
+      for (const auto& library : process.libraries) {
+        if (library.middleware == Middleware::rmw)
+          probe_all(library);
+        else if (!is_ros)  // of a ROS 2 node each message passes both; its rmw tells more
+          probe_one(process, library);
+      }
+    }
+    for (auto finder = finders_.begin(); finder != finders_.end();)
+      finder = is_unnamed(finder->first) ? std::next(finder) : finders_.erase(finder);
+  }
+
+  void probe_all(const Mapping& library) {
+    if (!everywhere_.insert(library.file).second) return;
+    const auto& programs = probes_->progs;
+    set(library, -1, shared_,
+        {{"rmw_publish", programs.rmw_publish},
+         {"rmw_publish_serialized_message", programs.rmw_publish},
+         {"rmw_publish_loaned_message", programs.rmw_publish},
+         {"rmw_take", programs.rmw_take},
+         {"rmw_take", programs.rmw_taken, true},
+         {"rmw_take_serialized_message", programs.rmw_take},
+         {"rmw_take_serialized_message", programs.rmw_taken, true},
+         {"rmw_take_with_info", programs.rmw_take_with_info},
+         {"rmw_take_with_info", programs.rmw_taken, true},
+         {"rmw_take_serialized_message_with_info", programs.rmw_take_with_info},
+         {"rmw_take_serialized_message_with_info", programs.rmw_taken, true},
+         {"rmw_take_loaned_message_with_info", programs.rmw_take_with_info},
+         {"rmw_take_loaned_message_with_info", programs.rmw_taken, true}});
+  }
+
+  void probe_one(const Process& process, const Mapping& library) {
+    const auto& programs = probes_->progs;
+    auto& own = of_process_[process.id];
+    own.library = library;
+    set(library, static_cast<pid_t>(process.id), own.links,
+        {{"dds_write", programs.dds_write},
+         {"dds_write_ts", programs.dds_write},
+         {"dds_writecdr", programs.dds_write},
+         {"dds_take", programs.dds_take},
+         {"dds_take", programs.dds_taken, true},
+         {"dds_take_mask", programs.dds_take},
+         {"dds_take_mask", programs.dds_taken, true},
+         {"dds_take_wl", programs.dds_take},
+         {"dds_take_wl", programs.dds_taken, true},
+         {"dds_take_next", programs.dds_take},
+         {"dds_take_next", programs.dds_taken, true},
+         {"dds_takecdr", programs.dds_takecdr},
+         {"dds_takecdr", programs.dds_taken, true}});
+    try {
+      own.offset_of_name = Library(library.path).offset_of_topic_name();
+    } catch (const Error&) {
+    }
+    if (!own.offset_of_name)
+      remark(fmt::format("{} of process {} has an unknown form: its topics stay without names", library.name,
+                         process.id));
+  }
+
+  // Sets those probes whose function the library has.
+  void set(const Mapping& mapping, pid_t process, std::vector<Link>& links, const std::vector<Wish>& wishes) {
+    try {
+      const Library library(mapping.path);
+      for (const auto& wish : wishes) {
+        const auto place = library.place(wish.function);
+        if (!place) continue;
+        bpf_uprobe_opts options{};
+        options.sz = sizeof options;
+        options.retprobe = wish.on_return;
+        auto* const link = bpf_program__attach_uprobe_opts(wish.program, process, mapping.path.c_str(),
+                                                           place->offset, &options);
+        if (link == nullptr) throw Error(fmt::format("a probe at {}: {}", wish.function, reason(errno)));
+        links.emplace_back(link, bpf_link__destroy);
+        if (!place->is_cheap)
+          remark(fmt::format("{} in {}: a probe there costs about 10 µs a message, not 1", wish.function,
+                             mapping.name));
+      }
+    } catch (const Error& error) {
+      remark(fmt::format("{}: {}", mapping.name, error.what()));
+    }
+  }
+
+  void take(const void* data, std::size_t size) {
+    ontime_event event;
+    if (size < sizeof event) return;
+    std::memcpy(&event, data, sizeof event);
+    if (event.kind == ontime_named) {
+      const auto* const topic = static_cast<const char*>(data) + sizeof event;
+      messages_.name_topic(event.process, event.endpoint,
+                           std::string(topic, strnlen(topic, size - sizeof event)));
+      return;
+    }
+    if (event.kind == ontime_found) return found(event);
+    const bool is_handle = event.endpoint >> 32U == 0;
+    if (is_handle) find_name(event);
+    Observation seen{
+        .kind = event.kind == ontime_published ? Observation::Kind::published : Observation::Kind::taken,
+        .after_loss = event.lost > lost_,
+        .at_ns = static_cast<std::int64_t>(event.at_ns),
+        .stamp_ns = event.stamp_ns == 0 ? 0 : static_cast<std::int64_t>(event.stamp_ns) - realtime_ahead_ns_,
+        .endpoint = event.endpoint,
+        .process = event.process,
+        .writer = {}};
+    lost_ = std::max(lost_, event.lost);
+    std::copy(std::begin(event.writer), std::end(event.writer), seen.writer.begin());
+    messages_.add(seen);
+  }
+
+  // A DDS handle of Cyclone DDS says nothing: its entity's memory has the topic's name. Where the entity is,
+  // the process's next call tells; then these probes go again.
+  void find_name(const ontime_event& event) {
+    const std::pair key{event.process, event.endpoint};
+    const auto own = of_process_.find(event.process);
+    if (own == of_process_.end() || !own->second.offset_of_name || !seen_.insert(key).second) return;
+    unnamed_.insert(key);
+    if (finders_.contains(event.process)) return;
+    const auto& programs = probes_->progs;
+    set(own->second.library, static_cast<pid_t>(event.process), finders_[event.process],
+        {{"dds_entity_pin", programs.dds_entity_pin},
+         {"dds_entity_pin", programs.dds_entity_found, true},
+         {"dds_entity_lock", programs.dds_entity_lock},
+         {"dds_entity_lock", programs.dds_entity_found, true}});
+  }
+
+  void found(const ontime_event& event) {
+    const auto own = of_process_.find(event.process);
+    if (unnamed_.erase({event.process, event.endpoint}) == 0 || own == of_process_.end()) return;
+    // Of a writer and a reader the first member behind what all entities have is the topic.
+    const auto topic = pointer_at(event.process, event.stamp_ns + *own->second.offset_of_name);
+    const auto name = pointer_at(event.process, topic + *own->second.offset_of_name);
+    char text[ontime_longest_topic] = {};
+    if (read(event.process, name, text, sizeof text - 1) == 0) return;
+    const std::string found_name(text);
+    if (!found_name.empty() &&
+        std::all_of(found_name.begin(), found_name.end(), [](char c) { return c > ' ' && c < 127; }))
+      messages_.name_topic(event.process, event.endpoint, ros_name(found_name));
+  }
+
+  static std::size_t read(std::uint32_t process, std::uint64_t address, void* to, std::size_t size) {
+    const iovec here{to, size};
+    // A string may end just before memory that is not there: page by page.
+    std::size_t done = 0;
+    while (done < size) {
+      const auto part = std::min<std::size_t>(size - done, 4096 - (address + done) % 4096);
+      const iovec to_part{static_cast<char*>(here.iov_base) + done, part};
+      const iovec from{reinterpret_cast<void*>(address + done), part};  // NOLINT(performance-no-int-to-ptr)
+      if (process_vm_readv(static_cast<pid_t>(process), &to_part, 1, &from, 1, 0) !=
+          static_cast<ssize_t>(part))
+        break;
+      done += part;
+    }
+    return done;
+  }
+
+  static std::uint64_t pointer_at(std::uint32_t process, std::uint64_t address) {
+    std::uint64_t pointer = 0;
+    return read(process, address, &pointer, sizeof pointer) == sizeof pointer ? pointer : 0;
+  }
+
+  bool is_unnamed(std::uint32_t process) const {
+    const auto first = unnamed_.lower_bound({process, 0});
+    return first != unnamed_.end() && first->first == process;
+  }
+
+  void remark(const std::string& text) {
+    if (remarks_.size() < most_remarks) remarks_.insert(text);
+  }
+
+  struct OfProcess {
+    std::vector<Link> links;
+    Mapping library;
+    std::optional<std::uint64_t> offset_of_name;
+  };
+
+  Messages messages_;
+  Processes processes_;
+  std::unique_ptr<probes_bpf, void (*)(probes_bpf*)> probes_;
+  struct FreeRing {
+    void operator()(ring_buffer* ring) const { ring_buffer__free(ring); }
+  };
+  std::unique_ptr<ring_buffer, FreeRing> ring_;
+  std::vector<Link> shared_;
+  std::set<std::pair<std::uint64_t, std::uint64_t>> everywhere_;  // files with probes for all processes
+  std::map<std::uint32_t, OfProcess> of_process_;
+  std::map<std::uint32_t, std::vector<Link>> finders_;
+  std::set<std::pair<std::uint32_t, std::uint64_t>> seen_, unnamed_;  // handles
+  std::set<std::string> remarks_;
+  std::chrono::steady_clock::time_point look_at_;
+  std::int64_t realtime_ahead_ns_ = 0;
+  std::uint32_t lost_ = 0;
+};
+
+}  // namespace
+
+std::unique_ptr<Sensor> in_processes(const Limits& limits) { return std::make_unique<InProcesses>(limits); }
+
+}  // namespace ontime::listen

@@ -1,0 +1,117 @@
+// SPDX-License-Identifier: Apache-2.0
+// The robot's own messages: who publishes and takes them, how often, how old they are when they are taken,
+// and which of them are missing. Two sensors see them: probes in the processes (in_process.hpp's contract is
+// below) and packets on the wire. Ordinary thread only.
+#pragma once
+
+#include <array>
+#include <chrono>
+#include <cstdint>
+#include <functional>
+#include <memory>
+#include <optional>
+#include <stdexcept>
+#include <string>
+#include <vector>
+
+namespace ontime::listen {
+
+// It says what was asked, what was found, and what to do.
+struct Error : std::runtime_error {
+  using std::runtime_error::runtime_error;
+};
+
+// A file that is no capture of packets.
+struct BadFile : Error {
+  using Error::Error;
+};
+
+// What a message must keep; empty: not asked.
+struct Limits {
+  std::optional<std::chrono::nanoseconds> deadline;  // the longest time between two messages
+  std::optional<std::chrono::nanoseconds> period;    // the expected one; late after half as much again
+  std::optional<std::chrono::nanoseconds> age;       // from the writer's stamp to the take
+  bool is_gap(std::int64_t ns) const;
+  bool is_too_old(std::int64_t ns) const;
+};
+
+// How values are spread, in bounded memory: quantiles are within 1.6 %, count and maximum are exact.
+class Distribution {
+ public:
+  void add(std::int64_t ns);  // below zero counts as zero
+  std::uint64_t count() const { return count_; }
+  std::int64_t max_ns() const { return max_; }
+  std::int64_t quantile_ns(double portion) const;  // 0 … 1; of no values 0
+
+ private:
+  std::vector<std::uint32_t> buckets_;  // grows to what the largest value needs
+  std::uint64_t count_ = 0;
+  std::int64_t max_ = 0;
+};
+
+// One end of a topic.
+struct Party {
+  std::uint32_t process = 0;  // 0: it is not on this machine, or no sensor saw it
+  std::string name;           // of the process; on the wire an address or a GUID
+  bool operator==(const Party&) const = default;
+};
+
+// Messages of one writer to one reader.
+struct Flow {
+  std::string topic;  // as ROS 2 names it; "" where no sensor learned it
+  Party writer, reader;
+  std::uint64_t messages = 0;  // taken; on the wire, seen; of a flow without a reader, published
+  std::int64_t first_ns = 0, last_ns = 0;
+  Distribution period;
+  std::optional<Distribution> age;    // empty: no writer's stamp by this machine's clock
+  std::optional<std::uint64_t> lost;  // empty: the sensor cannot tell
+  std::uint64_t duplicated = 0, reordered = 0;
+  std::uint64_t late = 0;  // by any of the limits
+  double rate_hz() const;
+};
+
+// A message that missed a limit.
+struct Miss {
+  enum class Kind : std::uint8_t { age, gap };
+  Kind kind = Kind::age;
+  std::int64_t at_ns = 0;     // when it was taken
+  std::int64_t value_ns = 0;  // how old it was, or how long after the one before
+  std::string topic;
+  Party writer, reader;
+};
+
+inline constexpr std::size_t most_misses = 1000;  // that are kept, the latest of all
+
+// What the sensors saw of all topics, until now.
+struct Findings {
+  std::vector<Flow> flows;  // by topic, writer and reader
+  std::vector<Miss> misses;
+  std::uint64_t sensor_lost = 0;     // events or packets that the sensor itself had no room for
+  std::vector<std::string> remarks;  // what the sensors could not see, and why
+};
+
+// "/cmd_vel" of the DDS topic "rt/cmd_vel"; any other name as it is.
+std::string ros_name(const std::string& dds_topic);
+
+class Sensor {
+ public:
+  Sensor() = default;
+  virtual ~Sensor() = default;
+  Sensor(const Sensor&) = delete;
+  Sensor& operator=(const Sensor&) = delete;
+  // Waits until something was seen, this time at most, and judges it. False: there will be no more.
+  virtual bool listen_for(std::chrono::milliseconds) = 0;
+  virtual Findings findings() const = 0;
+};
+
+// Probes in the processes of this machine that map a ROS 2 middleware (rmw) or Cyclone DDS: those that run,
+// and those that start later. Nothing of theirs changes; the kernel removes the probes when this process
+// ends. Throws Error.
+std::unique_ptr<Sensor> in_processes(const Limits&);
+
+// RTPS packets on an interface of this machine ("any": all of them), by a ring of the kernel. Throws Error.
+std::unique_ptr<Sensor> in_packets(const std::string& interface, const Limits&);
+// RTPS packets in a file of libpcap or in pcapng. Throws Error; of another file, BadFile.
+std::unique_ptr<Sensor> in_pcap_file(const std::string& path, const Limits&);
+
+}  // namespace ontime::listen

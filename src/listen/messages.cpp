@@ -1,0 +1,193 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "listen/messages.hpp"
+
+#include <algorithm>
+#include <set>
+#include <tuple>
+
+namespace ontime::listen {
+namespace {
+
+constexpr std::int64_t soon_ns = 200'000;  // within this time of its publish a message gets its stamp, mostly
+constexpr int enough_fits = 8;             // that one publisher alone fitted is no accident then
+
+}  // namespace
+
+void Messages::name_topic(std::uint32_t process, std::uint64_t endpoint, const std::string& topic) {
+  const Endpoint key{process, endpoint};
+  const auto [known, is_new] = topics_.try_emplace(key, topic);
+  if (!is_new && known->second == topic) return;
+  // Another endpoint has the address now: what is counted from here on is of that one.
+  if (!is_new) {
+    known->second = topic;
+    if (const auto old = publishers_.extract(key); !old.empty())
+      std::erase_if(links_, [&](const auto& one) { return one.second.publisher == key; });
+    std::erase_if(links_, [&](const auto& one) {
+      return std::get<0>(one.first) == process && std::get<1>(one.first) == endpoint;
+    });
+    return;
+  }
+  // Observed before it had a name.
+  if (const auto found = publishers_.find(key); found != publishers_.end()) found->second.topic = topic;
+  for (auto& [writer, link] : links_)
+    if (std::get<0>(writer) == process && std::get<1>(writer) == endpoint) link.topic = topic;
+}
+
+void Messages::add(const Observation& seen) {
+  if (seen.after_loss) {
+    for (auto& [key, publisher] : publishers_) publisher.is_broken = true;
+    for (auto& [key, link] : links_) link.is_broken = true;
+  }
+  if (seen.kind == Observation::Kind::published)
+    published(seen);
+  else
+    taken(seen);
+}
+
+void Messages::published(const Observation& seen) {
+  auto& publisher = publishers_[{seen.process, seen.endpoint}];
+  if (publisher.count == 0) {
+    publisher.first_ns = seen.at_ns;
+    if (const auto name = topics_.find({seen.process, seen.endpoint}); name != topics_.end())
+      publisher.topic = name->second;
+  }
+  if (!publisher.is_broken) {
+    const auto gap = seen.at_ns - publisher.begun(publisher.count - 1);
+    publisher.period.add(gap);
+    if (limits_.is_gap(gap)) ++publisher.late;
+  }
+  publisher.is_broken = false;
+  publisher.begun_ns[publisher.count++ % remembered] = seen.at_ns;
+}
+
+std::optional<std::uint64_t> Messages::Publisher::last_before(std::int64_t stamp_ns) const {
+  const auto oldest = count > remembered ? count - remembered : 0;
+  for (auto number = count; number > oldest; --number)
+    if (begun(number - 1) <= stamp_ns) return number - 1;
+  return {};
+}
+
+void Messages::taken(const Observation& seen) {
+  auto& link = links_[{seen.process, seen.endpoint, seen.writer}];
+  if (link.messages == 0) {
+    link.first_ns = seen.at_ns;
+    link.is_broken = true;
+    if (const auto name = topics_.find({seen.process, seen.endpoint}); name != topics_.end())
+      link.topic = name->second;
+  }
+  bool is_late = false;
+  if (!link.is_broken) {
+    const auto gap = seen.at_ns - link.last_ns;
+    link.period.add(gap);
+    if (limits_.is_gap(gap)) {
+      is_late = true;
+      miss(Miss::Kind::gap, gap, link, seen);
+    }
+  }
+  if (seen.stamp_ns != 0 && !link.publisher) identify(link, seen);
+  if (link.publisher && seen.stamp_ns != 0) {
+    // The clocks are one: the age is exact.
+    const auto age = seen.at_ns - seen.stamp_ns;
+    link.age.add(age);
+    if (limits_.is_too_old(age)) {
+      is_late = true;
+      miss(Miss::Kind::age, age, link, seen);
+    }
+    place(link, publishers_.at(*link.publisher), seen);
+  }
+  link.is_broken = false;
+  link.late += is_late ? 1 : 0;
+  ++link.messages;
+  link.last_ns = seen.at_ns;
+}
+
+void Messages::identify(Link& link, const Observation& seen) {
+  std::optional<Endpoint> only;
+  for (const auto& [key, publisher] : publishers_) {
+    if (publisher.topic != link.topic || link.topic.empty()) continue;
+    const auto number = publisher.last_before(seen.stamp_ns);
+    if (!number || seen.stamp_ns - publisher.begun(*number) > soon_ns) continue;
+    if (only) return;  // two could have written it: this message tells nothing
+    only = key;
+  }
+  if (!only || only != link.candidate) link.fits = 0;
+  link.candidate = only;
+  if (only && ++link.fits >= enough_fits) link.publisher = only;
+}
+
+void Messages::place(Link& link, const Publisher& publisher, const Observation& seen) {
+  const auto number = publisher.last_before(seen.stamp_ns);
+  if (!number) return;  // published before the sensor was there, or too long ago
+  if (link.is_broken) link.sequence.restart();
+  auto& stamp = link.stamps[*number % remembered];
+  switch (link.sequence.see(*number)) {
+    case Sequence::Fate::overtaken:
+      ++link.reordered;
+      break;
+    case Sequence::Fate::again:
+      // Another stamp is another message: two threads publish at once, or the sensor missed the publish.
+      // Nothing is concluded from it.
+      if (stamp == seen.stamp_ns) ++link.duplicated;
+      break;
+    case Sequence::Fate::in_order:
+    case Sequence::Fate::too_old:
+      break;
+  }
+  stamp = seen.stamp_ns;
+}
+
+void Messages::miss(Miss::Kind kind, std::int64_t value_ns, const Link& link, const Observation& seen) {
+  if (misses_.size() == most_misses) misses_.pop_front();
+  misses_.push_back({kind, seen.at_ns, value_ns, link.topic,
+                     link.publisher ? party(link.publisher->first) : Party{}, party(seen.process)});
+}
+
+Party Messages::party(std::uint32_t process) const {
+  const auto found = processes_.find(process);
+  return {process, found == processes_.end() ? "" : found->second};
+}
+
+std::vector<Flow> Messages::flows() const {
+  std::vector<Flow> flows;
+  std::set<Endpoint> with_readers;
+  for (const auto& [writer, link] : links_) {
+    Flow flow{.topic = link.topic,
+              .writer = {},
+              .reader = party(std::get<0>(writer)),
+              .messages = link.messages,
+              .first_ns = link.first_ns,
+              .last_ns = link.last_ns,
+              .period = link.period,
+              .age = {},
+              .lost = {},
+              .duplicated = link.duplicated,
+              .reordered = link.reordered,
+              .late = link.late};
+    if (link.publisher) {
+      with_readers.insert(*link.publisher);
+      flow.writer = party(link.publisher->first);
+      flow.age = link.age;
+      flow.lost = link.sequence.lost();
+    }
+    flows.push_back(std::move(flow));
+  }
+  for (const auto& [key, publisher] : publishers_)
+    if (!with_readers.contains(key))
+      flows.push_back({.topic = publisher.topic,
+                       .writer = party(key.first),
+                       .reader = {},
+                       .messages = publisher.count,
+                       .first_ns = publisher.first_ns,
+                       .last_ns = publisher.begun(publisher.count - 1),
+                       .period = publisher.period,
+                       .age = {},
+                       .lost = {},
+                       .late = publisher.late});
+  std::sort(flows.begin(), flows.end(), [](const Flow& a, const Flow& b) {
+    return std::tie(a.topic, a.writer.process, a.reader.process) <
+           std::tie(b.topic, b.writer.process, b.reader.process);
+  });
+  return flows;
+}
+
+}  // namespace ontime::listen

@@ -1,0 +1,139 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "listen/packets.hpp"
+
+#include <algorithm>
+
+#include <arpa/inet.h>
+#include <fmt/format.h>
+#include <net/if_arp.h>
+#include <netinet/in.h>
+#include <pcap/dlt.h>
+#include <pcap/sll.h>
+
+#include "listen/listen.hpp"
+
+namespace ontime::listen {
+namespace {
+
+using Bytes = std::span<const std::byte>;
+
+constexpr std::size_t most_partial = 64, most_datagram_bytes = 65535;
+constexpr std::uint16_t ethertype_ipv4 = 0x0800, ethertype_ipv6 = 0x86dd, ethertype_vlan = 0x8100;
+
+std::uint32_t number(Bytes bytes, std::size_t at, std::size_t size) {
+  std::uint32_t value = 0;
+  for (std::size_t i = at; i < at + size; ++i) value = value << 8U | std::to_integer<std::uint32_t>(bytes[i]);
+  return value;
+}
+
+std::string address_of(int family, Bytes address, std::uint32_t port) {
+  char text[INET6_ADDRSTRLEN] = {};
+  inet_ntop(family, address.data(), text, sizeof text);
+  return family == AF_INET ? fmt::format("{}:{}", text, port) : fmt::format("[{}]:{}", text, port);
+}
+
+std::optional<Datagram> udp(int family, Bytes source, Bytes destination, Bytes bytes) {
+  if (bytes.size() < 8) return {};
+  const std::size_t size = number(bytes, 4, 2);
+  if (size < 8) return {};
+  const bool is_loopback = family == AF_INET && source[0] == std::byte{127};
+  return Datagram{.source = address_of(family, source, number(bytes, 0, 2)),
+                  .destination = address_of(family, destination, number(bytes, 2, 2)),
+                  .is_one_host = is_loopback || std::equal(source.begin(), source.end(), destination.begin()),
+                  .payload = bytes.subspan(8, std::min(size, bytes.size()) - 8)};
+}
+
+}  // namespace
+
+Packets::Packets(int link_type) : link_type_(link_type) {
+  switch (link_type) {
+    case DLT_EN10MB:
+    case DLT_LINUX_SLL:
+    case DLT_LINUX_SLL2:
+    case DLT_RAW:
+      return;
+    default:
+      throw Error(
+          fmt::format("listen: these packets have link type {}; Ethernet (1), raw IP (12) and Linux cooked "
+                      "(113, 276) are read",
+                      link_type));
+  }
+}
+
+std::optional<Datagram> Packets::datagram(std::span<const std::byte> frame) {
+  std::uint32_t type = 0;
+  std::size_t header = 0;
+  if (link_type_ == DLT_EN10MB) {
+    header = 14;
+    if (frame.size() < header) return {};
+    type = number(frame, 12, 2);
+  } else if (link_type_ == DLT_LINUX_SLL || link_type_ == DLT_LINUX_SLL2) {
+    const bool is_second = link_type_ == DLT_LINUX_SLL2;
+    header = is_second ? 20 : 16;
+    if (frame.size() < header) return {};
+    type = number(frame, is_second ? 0 : 14, 2);
+    const auto direction = is_second ? number(frame, 10, 1) : number(frame, 0, 2);
+    const auto device = is_second ? number(frame, 8, 2) : number(frame, 2, 2);
+    if (device == ARPHRD_LOOPBACK && direction == LINUX_SLL_OUTGOING) return {};
+  } else {
+    if (frame.empty()) return {};
+    type = std::to_integer<unsigned>(frame[0]) >> 4U == 6 ? ethertype_ipv6 : ethertype_ipv4;
+  }
+  if (type == ethertype_vlan) {
+    if (frame.size() < header + 4) return {};
+    type = number(frame, header + 2, 2);
+    header += 4;
+  }
+  if (type == ethertype_ipv4) return ipv4(frame.subspan(header));
+  if (type == ethertype_ipv6) return ipv6(frame.subspan(header));
+  return {};
+}
+
+std::optional<Datagram> Packets::ipv4(Bytes packet) {
+  if (packet.size() < 20) return {};
+  const std::size_t header = (number(packet, 0, 1) & 0xfU) * 4, size = number(packet, 2, 2);
+  if (header < 20 || size < header || packet.size() < header || number(packet, 9, 1) != IPPROTO_UDP)
+    return {};
+  auto bytes = packet.subspan(header, std::min(size, packet.size()) - header);
+  const auto flags = number(packet, 6, 2);
+  const std::size_t at = (flags & 0x1fffU) * 8;
+  const bool is_last = (flags & 0x2000U) == 0;
+  if (at > 0 || !is_last) {
+    const auto all = whole(
+        {number(packet, 12, 4), number(packet, 16, 4), static_cast<std::uint16_t>(number(packet, 4, 2))}, at,
+        is_last, bytes);
+    if (!all) return {};
+    bytes = *all;
+  }
+  return udp(AF_INET, packet.subspan(12, 4), packet.subspan(16, 4), bytes);
+}
+
+std::optional<Datagram> Packets::ipv6(Bytes packet) {
+  if (packet.size() < 40 || number(packet, 6, 1) != IPPROTO_UDP) return {};
+  return udp(AF_INET6, packet.subspan(8, 16), packet.subspan(24, 16), packet.subspan(40));
+}
+
+// The datagram, once each of its pieces was here. Pieces that overlap only make one that is not RTPS.
+std::optional<Packets::Bytes> Packets::whole(const Key& key, std::size_t at, bool is_last, Bytes piece) {
+  if (at + piece.size() > most_datagram_bytes) return {};
+  const auto [found, is_new] = partial_.try_emplace(key);
+  if (is_new) {
+    oldest_.push_back(key);
+    if (oldest_.size() > most_partial) {
+      partial_.erase(oldest_.front());
+      oldest_.pop_front();
+    }
+  }
+  auto& partial = found->second;
+  if (partial.bytes.size() < at + piece.size()) partial.bytes.resize(at + piece.size());
+  std::copy(piece.begin(), piece.end(), partial.bytes.begin() + static_cast<std::ptrdiff_t>(at));
+  partial.have += piece.size();
+  if (is_last) partial.total = at + piece.size();
+  if (!partial.total || partial.have < *partial.total) return {};
+  put_together_ = std::move(partial.bytes);
+  partial_.erase(found);
+  std::erase(oldest_, key);
+  return put_together_;
+}
+
+}  // namespace ontime::listen

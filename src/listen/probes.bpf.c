@@ -1,0 +1,202 @@
+// SPDX-License-Identifier: Apache-2.0 OR GPL-2.0-only
+// The probes: they run in the kernel when a thread of a robot's node publishes or takes. They read arguments and
+// results, write one event each, and change nothing. The kernel removes them when this program's process ends,
+// however it ends.
+#include "event.h"
+
+#include <linux/bpf.h>
+#include <linux/ptrace.h>
+
+#include <bpf/bpf_helpers.h>
+#include <bpf/bpf_tracing.h>
+
+// The kernel lends reading of user memory and clocks only to programs under its own licence.
+char LICENSE[] SEC("license") = "GPL";
+
+struct {
+  __uint(type, BPF_MAP_TYPE_RINGBUF);
+  __uint(max_entries, 8 << 20);
+} events SEC(".maps");
+
+__u32 lost = 0;
+
+struct endpoint {
+  __u64 address;
+  __u64 process;
+};
+
+// The address of the topic's name, of those endpoints that user space knows.
+struct {
+  __uint(type, BPF_MAP_TYPE_LRU_HASH);
+  __uint(max_entries, 16384);
+  __type(key, struct endpoint);
+  __type(value, __u64);
+} named SEC(".maps");
+
+// What a call was given, until it returns.
+struct call {
+  __u64 endpoint;
+  __u64 taken;  // rmw: bool*
+  __u64 info;   // rmw_message_info_t*, dds_sample_info_t*, or where the entity's address will be
+};
+struct {
+  __uint(type, BPF_MAP_TYPE_LRU_HASH);
+  __uint(max_entries, 16384);
+  __type(key, __u64);
+  __type(value, struct call);
+} calls SEC(".maps"), finds SEC(".maps");
+
+static __always_inline void fill(struct ontime_event* event, __u32 kind, __u64 endpoint) {
+  const __u64 who = bpf_get_current_pid_tgid();
+  __builtin_memset(event, 0, sizeof *event);
+  event->kind = kind;
+  event->lost = lost;
+  event->at_ns = bpf_ktime_get_ns();
+  event->endpoint = endpoint;
+  event->process = who >> 32;
+  event->thread = (__u32)who;
+  event->cpu = bpf_get_smp_processor_id();
+}
+
+static __always_inline struct ontime_event* begin(__u32 kind, __u64 endpoint) {
+  struct ontime_event* const event = bpf_ringbuf_reserve(&events, sizeof *event, 0);
+  if (!event) {
+    __sync_fetch_and_add(&lost, 1);
+    return 0;
+  }
+  fill(event, kind, endpoint);
+  return event;
+}
+
+// rmw_publisher_t and rmw_subscription_t alike: implementation_identifier, data, topic_name.
+static __always_inline void name(__u64 endpoint) {
+  const struct endpoint key = {.address = endpoint, .process = bpf_get_current_pid_tgid() >> 32};
+  __u64 topic = 0;
+  if (bpf_probe_read_user(&topic, sizeof topic, (void*)(endpoint + 16)) != 0) return;
+  const __u64* const known = bpf_map_lookup_elem(&named, &key);
+  if (known && *known == topic) return;
+  struct ontime_name_event* const event = bpf_ringbuf_reserve(&events, sizeof *event, 0);
+  if (!event) return;  // the next message tries again
+  fill(&event->event, ontime_named, endpoint);
+  if (bpf_probe_read_user_str(event->topic, sizeof event->topic, (void*)topic) <= 0) event->topic[0] = 0;
+  bpf_map_update_elem(&named, &key, &topic, BPF_ANY);
+  bpf_ringbuf_submit(event, BPF_RB_NO_WAKEUP);
+}
+
+static __always_inline int published(__u64 endpoint) {
+  struct ontime_event* const event = begin(ontime_published, endpoint);
+  if (event) bpf_ringbuf_submit(event, BPF_RB_NO_WAKEUP);
+  return 0;
+}
+
+static __always_inline int enter(void* under_way, __u64 endpoint, __u64 taken, __u64 info) {
+  const __u64 thread = bpf_get_current_pid_tgid();
+  const struct call call = {.endpoint = endpoint, .taken = taken, .info = info};
+  bpf_map_update_elem(under_way, &thread, &call, BPF_ANY);
+  return 0;
+}
+
+static __always_inline int leave(void* under_way, struct call* call) {
+  const __u64 thread = bpf_get_current_pid_tgid();
+  const struct call* const found = bpf_map_lookup_elem(under_way, &thread);
+  if (!found) return 0;  // entered before there was a probe
+  *call = *found;
+  bpf_map_delete_elem(under_way, &thread);
+  return 1;
+}
+
+SEC("uprobe")
+int rmw_publish(struct pt_regs* regs) {
+  name(PT_REGS_PARM1(regs));
+  return published(PT_REGS_PARM1(regs));
+}
+
+SEC("uprobe")
+int rmw_take(struct pt_regs* regs) { return enter(&calls, PT_REGS_PARM1(regs), PT_REGS_PARM3(regs), 0); }
+
+SEC("uprobe")
+int rmw_take_with_info(struct pt_regs* regs) {
+  return enter(&calls, PT_REGS_PARM1(regs), PT_REGS_PARM3(regs), PT_REGS_PARM4(regs));
+}
+
+SEC("uretprobe")
+int rmw_taken(struct pt_regs* regs) {
+  struct call call;
+  __u8 taken = 0;
+  if (!leave(&calls, &call) || PT_REGS_RC(regs) != 0) return 0;
+  if (bpf_probe_read_user(&taken, sizeof taken, (void*)call.taken) != 0 || taken != 1) return 0;
+  name(call.endpoint);
+  struct ontime_event* const event = begin(ontime_taken, call.endpoint);
+  if (!event) return 0;
+  if (call.info) {  // source_timestamp, received_timestamp, two sequence numbers, the gid's identifier and bytes
+    bpf_probe_read_user(&event->stamp_ns, sizeof event->stamp_ns, (void*)call.info);
+    bpf_probe_read_user(event->writer, sizeof event->writer, (void*)(call.info + 40));
+  }
+  bpf_ringbuf_submit(event, BPF_RB_NO_WAKEUP);
+  return 0;
+}
+
+SEC("uprobe")
+int dds_write(struct pt_regs* regs) { return published((__u32)PT_REGS_PARM1(regs)); }
+
+// dds_take(reader, samples, info, …)
+SEC("uprobe")
+int dds_take(struct pt_regs* regs) { return enter(&calls, (__u32)PT_REGS_PARM1(regs), 0, PT_REGS_PARM3(regs)); }
+
+// dds_takecdr(reader, samples, most, info, …)
+SEC("uprobe")
+int dds_takecdr(struct pt_regs* regs) { return enter(&calls, (__u32)PT_REGS_PARM1(regs), 0, PT_REGS_PARM4(regs)); }
+
+// dds_sample_info_t, the same since 0.1: it has 64 bytes.
+struct sample_info {
+  __u32 states[3];
+  __u8 valid;
+  __u64 stamp_ns;
+  __u64 instance;
+  __u64 writer;
+  __u32 counts[5];
+};
+
+SEC("uretprobe")
+int dds_taken(struct pt_regs* regs) {
+  struct call call;
+  const int count = (int)PT_REGS_RC(regs);
+  if (!leave(&calls, &call)) return 0;
+  for (int i = 0; i < ontime_most_samples; ++i) {
+    struct sample_info info;
+    if (i >= count) break;
+    if (bpf_probe_read_user(&info, sizeof info, (void*)(call.info + sizeof info * i)) != 0) break;
+    if (info.valid != 1) continue;
+    struct ontime_event* const event = begin(ontime_taken, call.endpoint);
+    if (!event) continue;
+    event->stamp_ns = info.stamp_ns;
+    __builtin_memcpy(event->writer, &info.writer, sizeof info.writer);
+    bpf_ringbuf_submit(event, BPF_RB_NO_WAKEUP);
+  }
+  return 0;
+}
+
+// dds_entity_pin(handle, entity**) and dds_entity_lock(handle, kind, entity**): where an endpoint's entity is.
+// Both run within the calls above.
+SEC("uprobe")
+int dds_entity_pin(struct pt_regs* regs) {
+  return enter(&finds, (__u32)PT_REGS_PARM1(regs), 0, PT_REGS_PARM2(regs));
+}
+
+SEC("uprobe")
+int dds_entity_lock(struct pt_regs* regs) {
+  return enter(&finds, (__u32)PT_REGS_PARM1(regs), 0, PT_REGS_PARM3(regs));
+}
+
+SEC("uretprobe")
+int dds_entity_found(struct pt_regs* regs) {
+  struct call call;
+  __u64 entity = 0;
+  if (!leave(&finds, &call) || PT_REGS_RC(regs) != 0) return 0;
+  if (bpf_probe_read_user(&entity, sizeof entity, (void*)call.info) != 0) return 0;
+  struct ontime_event* const event = begin(ontime_found, call.endpoint);
+  if (!event) return 0;
+  event->stamp_ns = entity;
+  bpf_ringbuf_submit(event, BPF_RB_NO_WAKEUP);
+  return 0;
+}

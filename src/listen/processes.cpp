@@ -1,0 +1,115 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "listen/processes.hpp"
+
+#include <algorithm>
+#include <charconv>
+#include <cstdio>
+#include <filesystem>
+#include <fstream>
+#include <set>
+#include <sstream>
+
+#include <fmt/format.h>
+
+namespace ontime::listen {
+namespace {
+
+using namespace std::chrono_literals;
+
+constexpr auto look_again_after = 10s;
+
+std::optional<Middleware> middleware_of(std::string_view library) {
+  if (library.starts_with("librmw_") && library.find("_cpp.so") != library.npos) return Middleware::rmw;
+  if (library.starts_with("libddsc.so") || library.starts_with("libddscdebian.so"))
+    return Middleware::cyclonedds;
+  return {};
+}
+
+std::string name_of(std::uint32_t process) {
+  std::ifstream in(fmt::format("/proc/{}/comm", process));
+  std::string name;
+  std::getline(in, name);
+  return name;
+}
+
+// 0: the process is gone.
+std::uint64_t start_of(std::uint32_t process) {
+  std::ifstream in(fmt::format("/proc/{}/stat", process));
+  std::string text;
+  std::getline(in, text);
+  const auto name_end = text.rfind(')');
+  if (name_end == text.npos) return 0;
+  std::istringstream rest(text.substr(name_end + 1));
+  std::string skipped;
+  std::uint64_t started = 0;
+  for (int field = 3; field < 22; ++field) rest >> skipped;
+  rest >> started;
+  return started;
+}
+
+}  // namespace
+
+std::optional<Mapping> mapping_of(const std::string& line, std::uint32_t process) {
+  unsigned long long begin = 0, end = 0, inode = 0;
+  unsigned major = 0, minor = 0;
+  char access[5] = {};
+  int path_at = 0;
+  // NOLINTNEXTLINE(cert-err34-c): what does not parse is no mapping
+  if (std::sscanf(line.c_str(), "%llx-%llx %4s %*x %x:%x %llu %n", &begin, &end, access, &major, &minor,
+                  &inode, &path_at) != 6 ||
+      path_at == 0 || static_cast<std::size_t>(path_at) >= line.size())
+    return {};
+  const auto path = line.substr(static_cast<std::size_t>(path_at));
+  auto name = path.substr(path.rfind('/') + 1);
+  if (const auto deleted = name.find(" (deleted)"); deleted != name.npos) name.resize(deleted);
+  const auto middleware = middleware_of(name);
+  if (!middleware || access[2] != 'x') return {};
+  return Mapping{.middleware = *middleware,
+                 .name = name,
+                 .path = fmt::format("/proc/{}/map_files/{:x}-{:x}", process, begin, end),
+                 .file = {std::uint64_t{major} << 32U | minor, inode}};
+}
+
+Processes::Change Processes::look() {
+  Change change;
+  refused_ = 0;
+  const auto now = std::chrono::steady_clock::now();
+  std::set<std::uint32_t> present;
+  std::error_code error;
+  for (const auto& entry : std::filesystem::directory_iterator("/proc", error)) {
+    const auto text = entry.path().filename().string();
+    std::uint32_t id = 0;
+    if (const auto [end, wrong] = std::from_chars(text.data(), text.data() + text.size(), id);
+        wrong != std::errc{} || *end != '\0')
+      continue;
+    const auto started = start_of(id);
+    if (started == 0) continue;
+    auto& known = known_[id];
+    if (known.started != started) {
+      if (known.started != 0) change.gone.push_back(id);
+      known = {.started = started, .again = {}, .files = {}};
+    }
+    present.insert(id);
+    if (now < known.again) continue;
+    known.again = now + look_again_after;
+    std::ifstream maps(fmt::format("/proc/{}/maps", id));
+    if (!maps) ++refused_;
+    Process process{.id = id, .name = name_of(id), .libraries = {}};
+    for (std::string line; std::getline(maps, line);) {
+      const auto mapping = mapping_of(line, id);
+      if (!mapping || std::find(known.files.begin(), known.files.end(), mapping->file) != known.files.end())
+        continue;
+      known.files.push_back(mapping->file);
+      process.libraries.push_back(*mapping);
+    }
+    if (!process.libraries.empty()) change.came.push_back(std::move(process));
+  }
+  std::erase_if(known_, [&](const auto& one) {
+    if (present.contains(one.first)) return false;
+    change.gone.push_back(one.first);
+    return true;
+  });
+  return change;
+}
+
+}  // namespace ontime::listen

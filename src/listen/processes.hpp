@@ -1,0 +1,54 @@
+// SPDX-License-Identifier: Apache-2.0
+// The processes of this machine that map a middleware's library.
+#pragma once
+
+#include <chrono>
+#include <cstdint>
+#include <map>
+#include <string>
+#include <vector>
+
+#include "listen/listen.hpp"
+
+namespace ontime::listen {
+
+enum class Middleware : std::uint8_t { rmw, cyclonedds };
+
+struct Mapping {
+  Middleware middleware = Middleware::rmw;
+  std::string name;  // of the library, "librmw_cyclonedds_cpp.so"
+  std::string path;  // opens this very file, also in another mount namespace, and after an upgrade removed it
+  std::pair<std::uint64_t, std::uint64_t> file;  // device and inode
+};
+
+struct Process {
+  std::uint32_t id = 0;
+  std::string name;
+  std::vector<Mapping> libraries;
+};
+
+// Reads /proc/PID/maps of processes that are new, and of the others from time to time: they may load a
+// library late.
+class Processes {
+ public:
+  struct Change {
+    std::vector<Process> came;  // each library of a process once
+    std::vector<std::uint32_t> gone;
+  };
+  Change look();
+  std::uint64_t refused() const { return refused_; }  // processes whose maps this user may not read
+
+ private:
+  struct Known {
+    std::uint64_t started = 0;  // in ticks after boot: another process may get the same number
+    std::chrono::steady_clock::time_point again;
+    std::vector<std::pair<std::uint64_t, std::uint64_t>> files;
+  };
+  std::map<std::uint32_t, Known> known_;
+  std::uint64_t refused_ = 0;
+};
+
+// What a line of /proc/PID/maps says of a middleware's library; empty: it is of something else.
+std::optional<Mapping> mapping_of(const std::string& line, std::uint32_t process);
+
+}  // namespace ontime::listen

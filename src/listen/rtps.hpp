@@ -1,0 +1,67 @@
+// SPDX-License-Identifier: Apache-2.0
+// RTPS, the protocol of DDS on the wire: what a datagram says of a writer's messages (OMG DDSI-RTPS 2.3,
+// section 9.4). Pure; any bytes are valid input, and nothing of them is kept.
+#pragma once
+
+#include <array>
+#include <cstddef>
+#include <cstdint>
+#include <functional>
+#include <optional>
+#include <span>
+#include <string>
+
+namespace ontime::listen::rtps {
+
+struct Guid {
+  std::array<std::uint8_t, 16> bytes{};
+  auto operator<=>(const Guid&) const = default;
+  bool is_user_endpoint() const { return (bytes[15] & 0xc0U) == 0; }
+};
+std::string text_of(const Guid&);  // "01100a2b.8f5c1d20.00000001:00001203"
+
+struct Fragments {
+  std::uint32_t first = 1, count = 0, total = 0;  // numbered from 1
+};
+
+struct Data {
+  Guid writer;
+  std::uint64_t sequence = 0;            // from 1
+  std::optional<std::int64_t> stamp_ns;  // the writer's source time stamp: CLOCK_REALTIME of its machine
+  std::optional<Fragments> fragments;    // empty: the message is in this datagram as a whole
+  std::span<const std::byte> payload;    // as far as the datagram has it
+};
+
+// Numbers that the writer will not send to this reader.
+struct Gap {
+  Guid writer;
+  std::uint64_t first = 0, last = 0;
+};
+
+struct Heartbeat {
+  Guid writer;
+  std::uint64_t first = 0, last = 0;  // what the writer still has; last < first: nothing
+};
+
+struct Visitor {
+  std::function<void(const Data&)> data;
+  std::function<void(const Gap&)> gap;
+  std::function<void(const Heartbeat&)> heartbeat;
+};
+
+enum class Outcome : std::uint8_t {
+  whole,
+  cut,     // it ends within a submessage; what came before was visited
+  foreign  // it is not RTPS
+};
+Outcome visit(std::span<const std::byte> datagram, const Visitor&);
+
+// What a discovery message says of a writer.
+struct Writer {
+  Guid guid;
+  std::string topic, type;
+};
+// Of a message of the built-in writer of publications; empty: it is none, or it says nothing of a topic.
+std::optional<Writer> announced(const Data&);
+
+}  // namespace ontime::listen::rtps

@@ -1,0 +1,41 @@
+// SPDX-License-Identifier: Apache-2.0
+// Which numbers of a writer's messages were seen, and which are missing. Memory is constant.
+#pragma once
+
+#include <bitset>
+#include <cstdint>
+#include <optional>
+
+namespace ontime::listen {
+
+class Sequence {
+ public:
+  static constexpr std::uint64_t window = 4096;  // how far behind the latest number one may still come
+
+  enum class Fate : std::uint8_t {
+    in_order,   // later than all before; those between are missing from now on
+    overtaken,  // it was missing, and came after all
+    again,      // it was there, or was passed over
+    too_old     // behind the window, or before the first
+  };
+  Fate see(std::uint64_t number);
+  // These numbers, the last included, exist: those not seen are missing.
+  void announce(std::uint64_t last);
+  // These numbers will not come, and are not lost.
+  void pass_over(std::uint64_t first, std::uint64_t last);
+  // Begins anew with the next number seen; what is lost until now stays lost.
+  void restart();
+  bool has_begun() const { return next_.has_value(); }
+  std::uint64_t next() const { return next_.value_or(0); }
+  std::uint64_t lost() const { return gone_ + missing_.count(); }
+
+ private:
+  // To this next number; those on the way are missing, or will not come.
+  void advance(std::uint64_t next, bool are_missing);
+  std::optional<std::uint64_t> next_;
+  std::uint64_t first_ = 0;
+  std::bitset<window> missing_;  // by number modulo window
+  std::uint64_t gone_ = 0;       // missing for good
+};
+
+}  // namespace ontime::listen

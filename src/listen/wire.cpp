@@ -1,0 +1,183 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "listen/wire.hpp"
+
+#include <algorithm>
+#include <tuple>
+
+#include <fmt/format.h>
+
+namespace ontime::listen {
+namespace {
+
+constexpr std::uint32_t most_fragments = 1 << 16;
+// A writer that leaves out more numbers than this began anew, or is not one.
+constexpr std::uint64_t longest_leap = 1 << 20;
+
+}  // namespace
+
+void Wire::add(std::int64_t at_ns, const Datagram& datagram) {
+  const rtps::Visitor visitor{
+      .data =
+          [&](const rtps::Data& data) {
+            if (const auto writer = rtps::announced(data)) {
+              if (topics_.size() < most_names || topics_.contains(writer->guid))
+                topics_[writer->guid] = ros_name(writer->topic);
+            } else if (data.writer.is_user_endpoint()) {
+              take(at_ns, datagram, data);
+            }
+          },
+      .gap =
+          [&](const rtps::Gap& gap) {
+            const auto found = streams_.find(gap.writer);
+            if (found != streams_.end() && gap.last < found->second.sequence.next() + longest_leap)
+              found->second.sequence.pass_over(gap.first, gap.last);
+          },
+      .heartbeat =
+          [&](const rtps::Heartbeat& heartbeat) {
+            const auto found = streams_.find(heartbeat.writer);
+            if (found == streams_.end() || found->second.is_broken ||
+                heartbeat.last >= found->second.sequence.next() + longest_leap)
+              return;
+            found->second.sequence.announce(heartbeat.last);
+          }};
+  if (rtps::visit(datagram.payload, visitor) == rtps::Outcome::cut) {
+    ++cut_;
+    interrupt();
+  }
+}
+
+void Wire::interrupt() {
+  for (auto& [guid, stream] : streams_) stream.is_broken = true;
+}
+
+Wire::Stream* Wire::stream_of(const rtps::Guid& writer) {
+  if (const auto found = streams_.find(writer); found != streams_.end()) return &found->second;
+  if (streams_.size() == most_writers) {
+    ++left_out_;
+    return nullptr;
+  }
+  return &streams_[writer];
+}
+
+// Whether this is the fragment that was still missing of its message.
+bool Wire::completes(Stream& stream, const rtps::Data& data) {
+  const auto& fragments = *data.fragments;
+  if (fragments.total > most_fragments) return false;
+  auto partial = std::find_if(stream.partial.begin(), stream.partial.end(),
+                              [&](const auto& one) { return one.sequence == data.sequence; });
+  if (partial == stream.partial.end()) {
+    partial =
+        stream.partial.begin() + static_cast<std::ptrdiff_t>(stream.oldest_partial++ % stream.partial.size());
+    *partial = {.sequence = data.sequence, .seen = std::vector<bool>(fragments.total), .count = 0};
+  }
+  if (partial->seen.size() != fragments.total || partial->count == fragments.total) return false;
+  for (auto i = fragments.first - 1; i < fragments.first - 1 + fragments.count; ++i) {
+    partial->count += partial->seen[i] ? 0 : 1;
+    partial->seen[i] = true;
+  }
+  return partial->count == fragments.total;
+}
+
+void Wire::take(std::int64_t at_ns, const Datagram& datagram, const rtps::Data& data) {
+  auto* const stream = stream_of(data.writer);
+  if (stream == nullptr || (data.fragments && !completes(*stream, data))) return;
+  if (stream->is_broken ||
+      (stream->sequence.has_begun() && data.sequence > stream->sequence.next() + longest_leap)) {
+    stream->sequence.restart();
+    for (auto& [destination, sequence] : stream->destinations) sequence.restart();
+    stream->is_broken = true;
+  }
+  const auto fate = stream->sequence.see(data.sequence);
+  if (stream->destinations.size() < most_destinations ||
+      stream->destinations.contains(datagram.destination)) {
+    // A copy to another destination is for another reader.
+    if (stream->destinations[datagram.destination].see(data.sequence) == Sequence::Fate::again &&
+        fate == Sequence::Fate::again)
+      ++stream->duplicated;
+  }
+  if (fate != Sequence::Fate::in_order && fate != Sequence::Fate::overtaken) return;
+  // A heartbeat that came first does not make its message late.
+  if (data.sequence < stream->last_seen && !stream->is_broken) ++stream->reordered;
+  if (stream->is_broken) stream->last_seen = 0;
+  stream->last_seen = std::max(stream->last_seen, data.sequence);
+  if (stream->messages == 0) {
+    stream->first_ns = at_ns;
+    stream->source = datagram.source;
+    stream->is_one_host = datagram.is_one_host;
+    stream->is_broken = true;
+  }
+  judge(*stream, at_ns, data);
+  ++stream->messages;
+  stream->last_ns = at_ns;
+  stream->is_broken = false;
+}
+
+void Wire::judge(Stream& stream, std::int64_t at_ns, const rtps::Data& data) {
+  bool is_late = false;
+  if (!stream.is_broken) {
+    const auto gap = at_ns - stream.last_ns;
+    stream.period.add(gap);
+    if (limits_.is_gap(gap)) {
+      is_late = true;
+      miss(Miss::Kind::gap, at_ns, gap, data.writer);
+    }
+  }
+  if (stream.is_one_host && data.stamp_ns) {
+    const auto age = at_ns - *data.stamp_ns;
+    stream.age.add(age);
+    if (limits_.is_too_old(age)) {
+      is_late = true;
+      miss(Miss::Kind::age, at_ns, age, data.writer);
+    }
+  }
+  stream.late += is_late ? 1 : 0;
+}
+
+std::string Wire::topic_of(const rtps::Guid& writer) const {
+  const auto found = topics_.find(writer);
+  return found == topics_.end() ? "" : found->second;
+}
+
+void Wire::miss(Miss::Kind kind, std::int64_t at_ns, std::int64_t value_ns, const rtps::Guid& writer) {
+  if (misses_.size() == most_misses) misses_.erase(misses_.begin());
+  misses_.push_back({kind, at_ns, value_ns, topic_of(writer), {0, rtps::text_of(writer)}, {}});
+}
+
+Findings Wire::findings() const {
+  Findings findings{.flows = {}, .misses = misses_, .sensor_lost = 0, .remarks = {}};
+  for (const auto& [guid, stream] : streams_) {
+    if (stream.messages == 0) continue;
+    const auto count = stream.destinations.size();
+    findings.flows.push_back({.topic = topic_of(guid),
+                              .writer = {0, fmt::format("{} at {}", rtps::text_of(guid), stream.source)},
+                              .reader = {0, stream.destinations.begin()->first +
+                                                (count > 1 ? fmt::format(" and {} more", count - 1) : "")},
+                              .messages = stream.messages,
+                              .first_ns = stream.first_ns,
+                              .last_ns = stream.last_ns,
+                              .period = stream.period,
+                              .age = stream.is_one_host ? std::optional(stream.age) : std::nullopt,
+                              .lost = stream.sequence.lost(),
+                              .duplicated = stream.duplicated,
+                              .reordered = stream.reordered,
+                              .late = stream.late});
+  }
+  std::sort(findings.flows.begin(), findings.flows.end(), [](const Flow& a, const Flow& b) {
+    return std::tie(a.topic, a.writer.name) < std::tie(b.topic, b.writer.name);
+  });
+  if (cut_ > 0)
+    findings.remarks.push_back(
+        fmt::format("{} datagrams were captured in part: no loss is counted across them", cut_));
+  if (left_out_ > 0)
+    findings.remarks.push_back(fmt::format("{} messages came from more than {} writers and are not counted",
+                                           left_out_, most_writers));
+  if (std::any_of(findings.flows.begin(), findings.flows.end(),
+                  [](const auto& flow) { return flow.topic.empty(); }))
+    findings.remarks.emplace_back(
+        "a writer's topic is known only when its discovery is captured: start the capture before the nodes, "
+        "or judge "
+        "in the processes");
+  return findings;
+}
+
+}  // namespace ontime::listen

@@ -1,0 +1,62 @@
+// SPDX-License-Identifier: Apache-2.0
+// RTPS datagrams of one capture become flows: a writer's messages as they pass the point of capture. Pure;
+// memory is bounded by most_writers.
+#pragma once
+
+#include <map>
+#include <set>
+#include <string>
+
+#include "listen/listen.hpp"
+#include "listen/packets.hpp"
+#include "listen/rtps.hpp"
+#include "listen/sequence.hpp"
+
+namespace ontime::listen {
+
+class Wire {
+ public:
+  static constexpr std::size_t most_writers = 4096, most_names = 16384, most_destinations = 16;
+
+  explicit Wire(const Limits& limits) : limits_(limits) {}
+  // at_ns: CLOCK_REALTIME of the capture. In order of capture.
+  void add(std::int64_t at_ns, const Datagram&);
+  // Packets were lost before the next one: no loss and no period is concluded across it.
+  void interrupt();
+  Findings findings() const;
+
+ private:
+  struct Partial {  // a message of which not all fragments were seen
+    std::uint64_t sequence = 0;
+    std::vector<bool> seen;
+    std::uint32_t count = 0;
+  };
+  struct Stream {  // a writer
+    std::uint64_t messages = 0;
+    std::int64_t first_ns = 0, last_ns = 0;
+    bool is_broken = false;
+    Sequence sequence;
+    std::uint64_t last_seen = 0;  // the greatest number of a message that was there itself
+    std::map<std::string, Sequence> destinations;
+    std::string source;
+    Distribution period, age;
+    bool is_one_host = false;
+    std::uint64_t duplicated = 0, reordered = 0, late = 0;
+    std::array<Partial, 4> partial;
+    std::size_t oldest_partial = 0;
+  };
+  Stream* stream_of(const rtps::Guid&);
+  void take(std::int64_t at_ns, const Datagram&, const rtps::Data&);
+  static bool completes(Stream&, const rtps::Data&);
+  void judge(Stream&, std::int64_t at_ns, const rtps::Data&);
+  void miss(Miss::Kind, std::int64_t at_ns, std::int64_t value_ns, const rtps::Guid&);
+  std::string topic_of(const rtps::Guid&) const;
+
+  const Limits limits_;
+  std::map<rtps::Guid, std::string> topics_;
+  std::map<rtps::Guid, Stream> streams_;
+  std::vector<Miss> misses_;
+  std::uint64_t cut_ = 0, left_out_ = 0;
+};
+
+}  // namespace ontime::listen

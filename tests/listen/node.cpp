@@ -1,0 +1,121 @@
+// SPDX-License-Identifier: Apache-2.0
+// A plain Cyclone DDS program that keeps its own account of each message, against which `ontime listen` is
+// held.
+//   listen_node publish TOPIC COUNT PERIOD_US LOG   every 997th message waits 30 ms more
+//   listen_node take TOPIC DEPTH PERIOD_US LOG      takes every PERIOD_US (0: as they come) until it is ended
+// LOG has a line for each message: its number, CLOCK_MONOTONIC just before the write or just after the take,
+// and for a take the source time stamp.
+#include <array>
+#include <atomic>
+#include <chrono>
+#include <csignal>
+#include <cstdint>
+#include <cstdio>
+#include <cstdlib>
+#include <memory>
+#include <string>
+#include <thread>
+#include <vector>
+
+#include <dds/dds.h>
+#include <time.h>
+
+#include "message.h"
+
+namespace {
+
+volatile std::sig_atomic_t ended = 0;
+
+std::int64_t now_ns() {
+  timespec time{};
+  clock_gettime(CLOCK_MONOTONIC, &time);
+  return std::int64_t{time.tv_sec} * 1'000'000'000 + time.tv_nsec;
+}
+
+struct Line {
+  std::uint64_t number;
+  std::int64_t at_ns, stamp_ns;
+};
+
+void write_log(const char* path, const std::vector<Line>& lines) {
+  const std::unique_ptr<std::FILE, int (*)(std::FILE*)> file(std::fopen(path, "w"), std::fclose);
+  for (const auto& line : lines)
+    std::fprintf(file.get(), "%llu %lld %lld\n", static_cast<unsigned long long>(line.number),
+                 static_cast<long long>(line.at_ns), static_cast<long long>(line.stamp_ns));
+}
+
+dds_entity_t checked(dds_entity_t entity) {
+  if (entity < 0) {
+    std::fprintf(stderr, "listen_node: %s\n", dds_strretcode(entity));
+    std::exit(3);
+  }
+  return entity;
+}
+
+void publish(dds_entity_t writer, std::uint64_t count, std::chrono::microseconds period,
+             std::vector<Line>& lines) {
+  for (dds_publication_matched_status_t matched{}; ended == 0 && matched.current_count == 0;) {
+    dds_get_publication_matched_status(writer, &matched);
+    std::this_thread::sleep_for(std::chrono::milliseconds(10));
+  }
+  lines.reserve(count);
+  auto due = std::chrono::steady_clock::now();
+  listen_test_Message message{};
+  for (std::uint64_t number = 0; ended == 0 && number < count; ++number) {
+    due += period;
+    if (number % 997 == 996) due += std::chrono::milliseconds(30);
+    std::this_thread::sleep_until(due);
+    message.number = number;
+    lines.push_back({number, now_ns(), 0});
+    dds_write(writer, &message);
+  }
+}
+
+void take(dds_entity_t reader, std::chrono::microseconds period, std::vector<Line>& lines) {
+  constexpr std::size_t most = 32;
+  const auto condition = checked(dds_create_readcondition(reader, DDS_ANY_STATE));
+  const auto waitset = checked(dds_create_waitset(dds_get_participant(reader)));
+  dds_waitset_attach(waitset, condition, 0);
+  std::array<void*, most> samples{};
+  std::array<dds_sample_info_t, most> infos{};
+  while (ended == 0) {
+    if (period.count() == 0)
+      dds_waitset_wait(waitset, nullptr, 0, DDS_MSECS(100));
+    else
+      std::this_thread::sleep_for(period);
+    const auto count = dds_take(reader, samples.data(), infos.data(), most, most);
+    const auto at_ns = now_ns();
+    for (int i = 0; i < count; ++i)
+      if (infos[static_cast<std::size_t>(i)].valid_data)
+        lines.push_back({static_cast<listen_test_Message*>(samples[static_cast<std::size_t>(i)])->number,
+                         at_ns, infos[static_cast<std::size_t>(i)].source_timestamp});
+    if (count > 0) dds_return_loan(reader, samples.data(), count);
+  }
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  if (argc != 6) return 2;
+  struct sigaction action {};
+  action.sa_handler = [](int) { ended = 1; };
+  sigaction(SIGTERM, &action, nullptr);
+  sigaction(SIGINT, &action, nullptr);
+  const bool publishes = std::string(argv[1]) == "publish";
+  const auto participant = checked(dds_create_participant(DDS_DOMAIN_DEFAULT, nullptr, nullptr));
+  const auto topic =
+      checked(dds_create_topic(participant, &listen_test_Message_desc, argv[2], nullptr, nullptr));
+  const std::unique_ptr<dds_qos_t, void (*)(dds_qos_t*)> qos(dds_create_qos(), dds_delete_qos);
+  dds_qset_reliability(qos.get(), DDS_RELIABILITY_RELIABLE, DDS_SECS(10));
+  const auto number = std::strtoull(argv[3], nullptr, 10);
+  const std::chrono::microseconds period(std::strtoll(argv[4], nullptr, 10));
+  dds_qset_history(qos.get(), DDS_HISTORY_KEEP_LAST, publishes ? 1000 : static_cast<std::int32_t>(number));
+  std::vector<Line> lines;
+  if (publishes)
+    publish(checked(dds_create_writer(participant, topic, qos.get(), nullptr)), number, period, lines);
+  else
+    take(checked(dds_create_reader(participant, topic, qos.get(), nullptr)), period, lines);
+  write_log(argv[5], lines);
+  dds_delete(participant);
+  return 0;
+}

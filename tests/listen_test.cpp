@@ -1,0 +1,321 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "listen/listen.hpp"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include "listen/library.hpp"
+#include "listen/messages.hpp"
+#include "listen/processes.hpp"
+#include "listen/sequence.hpp"
+
+namespace ontime::listen {
+namespace {
+
+using namespace std::chrono_literals;
+
+TEST(Distribution, QuantilesAreWithinTheirBounds) {
+  Distribution values;
+  for (std::int64_t i = 1; i <= 100'000; ++i) values.add(i * 1000);
+  EXPECT_EQ(values.count(), 100'000U);
+  EXPECT_EQ(values.max_ns(), 100'000'000);
+  EXPECT_NEAR(static_cast<double>(values.quantile_ns(0.5)), 50e6, 50e6 * 0.016);
+  EXPECT_NEAR(static_cast<double>(values.quantile_ns(0.99)), 99e6, 99e6 * 0.016);
+  EXPECT_EQ(values.quantile_ns(1), 100'000'000);
+}
+
+TEST(Distribution, ExtremeValuesAreKept) {
+  Distribution values;
+  EXPECT_EQ(values.quantile_ns(0.5), 0);
+  values.add(-5);
+  EXPECT_EQ(values.max_ns(), 0);
+  values.add(INT64_MAX);
+  EXPECT_EQ(values.max_ns(), INT64_MAX);
+  EXPECT_EQ(values.quantile_ns(0.5), 0);
+}
+
+TEST(Sequence, GapIsLostUntilItIsFilled) {
+  Sequence sequence;
+  EXPECT_EQ(sequence.see(10), Sequence::Fate::in_order);
+  EXPECT_EQ(sequence.see(13), Sequence::Fate::in_order);
+  EXPECT_EQ(sequence.lost(), 2U);
+  EXPECT_EQ(sequence.see(11), Sequence::Fate::overtaken);
+  EXPECT_EQ(sequence.see(11), Sequence::Fate::again);
+  EXPECT_EQ(sequence.see(9), Sequence::Fate::too_old);
+  EXPECT_EQ(sequence.lost(), 1U);
+}
+
+TEST(Sequence, LossLongerThanTheWindowIsCountedWhole) {
+  Sequence sequence;
+  sequence.see(1);
+  sequence.see(3);
+  sequence.see(20'003);
+  EXPECT_EQ(sequence.lost(), 1U + 19'999U);
+  EXPECT_EQ(sequence.see(20'002), Sequence::Fate::overtaken);
+  EXPECT_EQ(sequence.lost(), 19'999U);
+  EXPECT_EQ(sequence.see(3), Sequence::Fate::too_old);
+}
+
+TEST(Sequence, AnnouncedNumbersAreMissingUntilSeen) {
+  Sequence sequence;
+  sequence.announce(5);  // before the first: of what was there before nothing is known
+  sequence.see(6);
+  sequence.announce(8);
+  EXPECT_EQ(sequence.lost(), 2U);
+  EXPECT_EQ(sequence.see(7), Sequence::Fate::overtaken);
+  sequence.announce(8);
+  EXPECT_EQ(sequence.lost(), 1U);
+}
+
+TEST(Sequence, NumbersPassedOverAreNotLost) {
+  Sequence sequence;
+  sequence.see(1);
+  sequence.see(4);
+  sequence.pass_over(2, 2);
+  EXPECT_EQ(sequence.lost(), 1U);
+  sequence.pass_over(5, 9'999);
+  EXPECT_EQ(sequence.see(10'000), Sequence::Fate::in_order);
+  EXPECT_EQ(sequence.lost(), 1U);
+  sequence.pass_over(10'003, 10'003);
+  EXPECT_EQ(sequence.lost(), 3U);
+}
+
+TEST(Sequence, RestartKeepsWhatIsLost) {
+  Sequence sequence;
+  sequence.see(1);
+  sequence.see(3);
+  sequence.restart();
+  EXPECT_EQ(sequence.see(100), Sequence::Fate::in_order);
+  EXPECT_EQ(sequence.lost(), 1U);
+}
+
+// A publisher in process 1 and a subscription in process 2, on one topic.
+class OnePair : public testing::Test {
+ protected:
+  OnePair() : OnePair(Limits{}) {}
+  explicit OnePair(const Limits& limits) : messages(limits) {
+    messages.name_process(1, "controller");
+    messages.name_process(2, "base");
+    messages.name_topic(1, 0xa, "/cmd_vel");
+    messages.name_topic(2, 0xb, "/cmd_vel");
+  }
+
+  void publish(std::int64_t at_ns, std::uint32_t process = 1, std::uint64_t endpoint = 0xa) {
+    messages.add(
+        {.kind = Observation::Kind::published, .at_ns = at_ns, .endpoint = endpoint, .process = process});
+  }
+  void take(std::int64_t at_ns, std::int64_t stamp_ns, bool after_loss = false) {
+    messages.add({.kind = Observation::Kind::taken,
+                  .after_loss = after_loss,
+                  .at_ns = at_ns,
+                  .stamp_ns = stamp_ns,
+                  .endpoint = 0xb,
+                  .process = 2,
+                  .writer = {7}});
+  }
+  // Published and taken 50 µs later, stamped in between.
+  void arrive(std::int64_t at_ns) {
+    publish(at_ns);
+    take(at_ns + 50'000, at_ns + 2'000);
+  }
+  void get_acquainted() {
+    for (int i = 0; i < 10; ++i) arrive(at(i));
+  }
+  static std::int64_t at(int i) { return 1'000'000'000 + std::int64_t{i} * 10'000'000; }
+  Flow flow() const { return messages.flows().at(0); }
+
+  Messages messages;
+};
+
+TEST_F(OnePair, MessagesInOrderMakeOneFlow) {
+  get_acquainted();
+  ASSERT_EQ(messages.flows().size(), 1U);
+  EXPECT_EQ(flow().topic, "/cmd_vel");
+  EXPECT_EQ(flow().writer, (Party{1, "controller"}));
+  EXPECT_EQ(flow().reader, (Party{2, "base"}));
+  EXPECT_EQ(flow().messages, 10U);
+  EXPECT_EQ(flow().lost, 0U);
+  EXPECT_NEAR(flow().rate_hz(), 100, 1e-6);
+  ASSERT_TRUE(flow().age);
+  EXPECT_EQ(flow().age->max_ns(), 48'000);
+}
+
+TEST_F(OnePair, MessageNeverTakenIsLost) {
+  get_acquainted();
+  publish(at(10));
+  publish(at(11));
+  arrive(at(12));
+  EXPECT_EQ(flow().lost, 2U);
+  EXPECT_EQ(flow().messages, 11U);
+}
+
+TEST_F(OnePair, MessageTakenLateIsOutOfOrderAndNotLost) {
+  get_acquainted();
+  publish(at(10));
+  arrive(at(11));
+  take(at(11) + 100'000, at(10) + 2'000);
+  EXPECT_EQ(flow().lost, 0U);
+  EXPECT_EQ(flow().reordered, 1U);
+}
+
+TEST_F(OnePair, SameStampTwiceIsADuplicate) {
+  get_acquainted();
+  take(at(9) + 60'000, at(9) + 2'000);
+  EXPECT_EQ(flow().duplicated, 1U);
+  EXPECT_EQ(flow().lost, 0U);
+}
+
+TEST_F(OnePair, TwoStampsOfOnePublishAreNoDuplicate) {
+  get_acquainted();
+  take(at(9) + 60'000, at(9) + 3'000);
+  EXPECT_EQ(flow().duplicated, 0U);
+}
+
+TEST_F(OnePair, NothingIsLostAcrossALossOfTheSensor) {
+  get_acquainted();
+  publish(at(10));
+  publish(at(11));
+  messages.add({.kind = Observation::Kind::published,
+                .after_loss = true,
+                .at_ns = at(12),
+                .endpoint = 0xa,
+                .process = 1});
+  take(at(12) + 50'000, at(12) + 2'000);
+  EXPECT_EQ(flow().lost, 0U);
+  EXPECT_EQ(flow().period.count(), 9U);
+}
+
+TEST_F(OnePair, WriterOfAnotherMachineHasNoAgeAndNoLoss) {
+  for (int i = 0; i < 20; ++i) take(at(i), at(i) - 3'000'000);
+  ASSERT_EQ(messages.flows().size(), 1U);
+  EXPECT_EQ(flow().writer, Party{});
+  EXPECT_FALSE(flow().age);
+  EXPECT_FALSE(flow().lost);
+}
+
+TEST_F(OnePair, RemoteStampsBetweenLocalPublishesAreNotTakenForThem) {
+  for (int i = 0; i < 1000; ++i) {
+    publish(at(i));
+    take(at(i) + 5'000'000,
+         at(i) + (i * 7'919 % 10'000) * 1'000);  // of another writer: anywhere in the period
+  }
+  for (const auto& one : messages.flows())
+    EXPECT_TRUE(one.reader.process != 2 || one.writer == Party{});
+}
+
+TEST_F(OnePair, EachOfTwoPublishersFindsItsOwnReader) {
+  messages.name_topic(3, 0xc, "/cmd_vel");
+  for (int i = 0; i < 20; ++i) {
+    arrive(at(i));
+    publish(at(i) + 5'000'000, 3, 0xc);
+    messages.add({.kind = Observation::Kind::taken,
+                  .at_ns = at(i) + 5'050'000,
+                  .stamp_ns = at(i) + 5'001'000,
+                  .endpoint = 0xb,
+                  .process = 2,
+                  .writer = {8}});
+  }
+  const auto flows = messages.flows();
+  ASSERT_EQ(flows.size(), 2U);
+  EXPECT_EQ(flows[0].writer.process, 1U);
+  EXPECT_EQ(flows[1].writer.process, 3U);
+  EXPECT_EQ(flows[0].lost, 0U);
+  EXPECT_EQ(flows[1].lost, 0U);
+}
+
+TEST_F(OnePair, PublisherWithoutReaderIsListed) {
+  publish(at(0));
+  publish(at(1));
+  ASSERT_EQ(messages.flows().size(), 1U);
+  EXPECT_EQ(flow().reader, Party{});
+  EXPECT_EQ(flow().messages, 2U);
+}
+
+TEST_F(OnePair, AddressOfAnotherTopicBeginsAnew) {
+  get_acquainted();
+  messages.name_topic(2, 0xb, "/scan");
+  take(at(10), at(10) - 1'000);
+  for (const auto& one : messages.flows())
+    EXPECT_TRUE(one.reader.process != 2 || one.topic == "/scan");
+}
+
+struct JudgedPair : OnePair {
+  JudgedPair() : OnePair(Limits{.deadline = 15ms, .period = {}, .age = 1ms}) {}
+};
+
+TEST_F(JudgedPair, GapBeyondTheDeadlineIsLate) {
+  get_acquainted();
+  arrive(at(12));
+  EXPECT_EQ(flow().late, 1U);
+  ASSERT_EQ(messages.misses().size(), 1U);
+  EXPECT_EQ(messages.misses()[0].kind, Miss::Kind::gap);
+  EXPECT_EQ(messages.misses()[0].value_ns, 30'000'000);
+}
+
+TEST_F(JudgedPair, AgeBeyondItsLimitIsLate) {
+  get_acquainted();
+  publish(at(10));
+  take(at(10) + 3'000'000, at(10) + 2'000);
+  EXPECT_EQ(flow().late, 1U);
+  ASSERT_EQ(messages.misses().size(), 1U);
+  EXPECT_EQ(messages.misses()[0].kind, Miss::Kind::age);
+  EXPECT_EQ(messages.misses()[0].value_ns, 2'998'000);
+}
+
+TEST_F(JudgedPair, MemoryOfMissesIsBounded) {
+  get_acquainted();
+  for (int i = 0; i < 3000; ++i) arrive(at(20 + i * 5));
+  EXPECT_EQ(messages.misses().size(), most_misses);
+  EXPECT_EQ(flow().late, 3000U);
+}
+
+TEST(Period, HalfAsMuchAgainIsNoGap) {
+  const Limits limits{.deadline = {}, .period = 10ms, .age = {}};
+  EXPECT_FALSE(limits.is_gap(15'000'000));
+  EXPECT_TRUE(limits.is_gap(15'000'001));
+}
+
+TEST(Mapping, CodeOfAMiddlewareIsFound) {
+  const auto found = mapping_of(
+      "7f0010002000-7f0010082000 r-xp 00002000 fd:01 1234                       "
+      "/opt/ros/humble/lib/librmw_cyclonedds_cpp.so",
+      42);
+  ASSERT_TRUE(found);
+  EXPECT_EQ(found->middleware, Middleware::rmw);
+  EXPECT_EQ(found->name, "librmw_cyclonedds_cpp.so");
+  EXPECT_EQ(found->path, "/proc/42/map_files/7f0010002000-7f0010082000");
+  EXPECT_EQ(found->file.second, 1234U);
+}
+
+TEST(Mapping, RemovedFileIsFoundToo) {
+  const auto found = mapping_of("7f00-7f10 r-xp 00002000 08:01 9 /usr/lib/libddsc.so.0.10.2 (deleted)", 1);
+  ASSERT_TRUE(found);
+  EXPECT_EQ(found->middleware, Middleware::cyclonedds);
+  EXPECT_EQ(found->name, "libddsc.so.0.10.2");
+}
+
+TEST(Mapping, AnythingElseIsNone) {
+  EXPECT_FALSE(mapping_of("7f00-7f10 r--p 00002000 08:01 9 /usr/lib/libddsc.so.0.10.2", 1));  // no code
+  EXPECT_FALSE(mapping_of("7f00-7f10 r-xp 00002000 08:01 9 /usr/lib/librmw_implementation.so", 1));
+  EXPECT_FALSE(mapping_of("7f00-7f10 r-xp 00000000 00:00 0", 1));
+  EXPECT_FALSE(mapping_of("7f00-7f10 r-xp 00000000 00:00 0 [vdso]", 1));
+  EXPECT_FALSE(mapping_of("", 1));
+}
+
+TEST(RosName, OnlyTheTopicsPrefixGoes) {
+  EXPECT_EQ(ros_name("rt/cmd_vel"), "/cmd_vel");
+  EXPECT_EQ(ros_name("cmd_vel"), "cmd_vel");
+  EXPECT_EQ(ros_name("rq/service"), "rq/service");
+}
+
+TEST(LibraryFile, OfAnotherKindIsRefused) {
+  EXPECT_THROW(Library("/proc/self/maps"), Error);
+  EXPECT_THROW(Library("/nonexistent"), Error);
+}
+
+TEST(LibraryFile, FunctionThatIsNotThereHasNoPlace) {
+  EXPECT_FALSE(Library("/proc/self/exe").place("rmw_publish"));
+}
+
+}  // namespace
+}  // namespace ontime::listen

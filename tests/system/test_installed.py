@@ -1,0 +1,86 @@
+#!/usr/bin/env python3
+# SPDX-License-Identifier: Apache-2.0
+"""What an installation has, and what is said of half of one. ONTIME_BUILD names the build tree, CMAKE the program."""
+
+import json
+import os
+import pathlib
+import re
+import shutil
+import subprocess
+import tempfile
+import unittest
+
+
+class Installed(unittest.TestCase):
+    @classmethod
+    def setUpClass(cls):
+        folder = tempfile.TemporaryDirectory(prefix="ontime-installed-")
+        cls.addClassCleanup(folder.cleanup)
+        cls.whole = pathlib.Path(folder.name) / "whole"
+        subprocess.run([os.environ["CMAKE"], "--install", os.environ["ONTIME_BUILD"], "--prefix", cls.whole], check=True,
+                       stdout=subprocess.DEVNULL)
+
+    def setUp(self):
+        folder = tempfile.TemporaryDirectory(prefix="ontime-installed-")
+        self.addCleanup(folder.cleanup)
+        self.prefix = pathlib.Path(folder.name) / "prefix"
+        shutil.copytree(self.whole, self.prefix)
+
+    def ontime(self, *words, code=0, **environment):
+        done = subprocess.run([self.prefix / "bin/ontime", *words], capture_output=True, text=True, cwd=self.prefix,
+                              env={"PATH": os.environ["PATH"], "HOME": "/nonexistent", **environment})
+        self.assertEqual(done.returncode, code, done.stdout + done.stderr)
+        return done
+
+    def ping(self, transport, code=0, **environment):
+        return self.ontime("ping", "--loopback", "--transport", transport, "--duration", "100 ms", "--format", "json",
+                           code=code, **environment)
+
+    def transport(self, name):
+        return next(self.prefix.glob("lib/**/ontime")) / f"ontime_transport_{name}.so"
+
+    def plug_in(self, file, abi):
+        subprocess.run(["cc", "-shared", "-fPIC", "-x", "c", "-", "-o", file], check=True, text=True,
+                       input=f"int ontime_transport[64] = {{{abi}}};")
+
+    def test_an_installation_measures_wherever_it_lies(self):
+        self.assertGreater(json.loads(self.ping("udp").stdout)["runs"][0]["on_time"], 0)
+        self.assertIn("demo", self.ontime("scenarios").stdout)
+
+    @unittest.skipUnless(shutil.which("help2man"), "no help2man: no manual pages")
+    def test_each_manual_page_has_its_own_name_and_summary(self):
+        summaries = set()
+        pages = list((self.prefix / "share/man/man1").glob("*.1"))
+        for page in pages:
+            names = re.findall(r"^\.SH NAME\n(.*) \\- (.*)$", page.read_text(), re.MULTILINE)
+            self.assertEqual([name.replace("\\-", "-") for name, _ in names], [page.stem])
+            summaries.add(names[0][1])
+        commands = re.findall(r"^  ([a-z]+)  ", self.ontime("--help").stdout, re.MULTILINE)
+        self.assertIn("run", commands)
+        self.assertLessEqual({f"ontime-{command}" for command in commands}, {page.stem for page in pages})
+        self.assertEqual(len(summaries), len(pages))
+
+    def test_a_transport_that_is_not_installed_has_its_package_named(self):
+        self.transport("cyclonedds").unlink(missing_ok=True)
+        self.assertIn("ontime-transport-cyclonedds", self.ping("cyclonedds", code=3).stderr)
+
+    def test_a_transport_of_another_version_is_refused(self):
+        self.plug_in(self.transport("udp"), abi=1)
+        self.assertIn("another ontime", self.ping("udp", code=3).stderr)
+
+    def test_the_transport_beside_the_program_comes_before_another_installation(self):
+        for name, file in ("udp", "other.so"), ("gone", "gone.so"):
+            index = self.prefix / "older/share/ament_index/resource_index/ontime_transport"
+            index.mkdir(parents=True, exist_ok=True)
+            (index / name).write_text(file)
+        self.plug_in(self.prefix / "older/other.so", abi=1)
+        older = str(self.prefix / "older")
+        self.ping("udp", AMENT_PREFIX_PATH=older)
+        self.transport("udp").unlink()
+        self.assertIn(f"{older}/other.so", self.ping("udp", code=3, AMENT_PREFIX_PATH=older).stderr)
+        self.assertIn(f"{older}/gone.so", self.ping("gone", code=3, AMENT_PREFIX_PATH=older).stderr)
+
+
+if __name__ == "__main__":
+    unittest.main()
