@@ -59,6 +59,12 @@ code=$?
 exit $code
 )sh";
 
+utsname here() {
+  utsname names{};
+  uname(&names);
+  return names;
+}
+
 struct Part {
   fs::path there;  // in the folder
   std::string content;
@@ -110,7 +116,10 @@ std::string reason_of_bringing(int code, const std::string& said) {
   if (code == no_room)
     return "there is no room for ontime, or no right to write, in the temporary folder there";
   if (code == other_machine)
-    return fmt::format("that machine is {}, and this ontime is for another: build ontime there", said);
+    return fmt::format(
+        "that machine is {}, and this ontime is for {}. Install ontime for {} there, or run --deploy from a "
+        "machine of that kind",
+        said, here().machine, said);
   if (code != libraries_missing) return "";
   const auto libraries = words_of(said);
   const auto packages = packages_of(libraries);
@@ -141,10 +150,8 @@ std::vector<std::string> packages_of(const std::vector<std::string>& libraries) 
 std::pair<std::vector<std::string>, orders::Between> deployment(const Ssh& ssh,
                                                                 const std::vector<std::string>& reach,
                                                                 const std::set<std::string>& transports) {
-  utsname here{};
-  uname(&here);
   auto words = reach;
-  words.insert(words.end(), {"sh", "-c", script, "ontime", here.machine});
+  words.insert(words.end(), {"sh", "-c", script, "ontime", here().machine});
   auto between = ssh.between("the program that was brought");
   for (const auto& file : files(transports, ssh.folder())) {
     words.insert(words.end(), {file.there.string(), std::to_string(file.content.size())});
