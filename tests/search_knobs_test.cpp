@@ -63,6 +63,25 @@ TEST(Knobs, WhatIsForbiddenLackingOrSetAlreadyIsLeftOutWithItsReason) {
               Contains(AllOf(of_key("kernel.irq-cpus"), Field(&Knob::values, ElementsAre("0", "1")))));
 }
 
+TEST(Knobs, ALargerBufferIsNotMadeSmaller) {
+  conditions::Run run;
+  run.kernel = {{"rmem-max", "8388608"}, {"rmem-default", "8192"}};
+  const auto knobs = knobs_of(run, {});
+  EXPECT_THAT(knobs.knobs, Not(Contains(of_key("kernel.rmem-max"))));
+  EXPECT_THAT(knobs.knobs, Contains(of_key("kernel.rmem-default")));
+}
+
+TEST(Knobs, EveryValueIsOneThatAScenarioTakes) {
+  conditions::Run run;
+  run.kernel = {{"threaded-napi", "on"}};
+  for (const auto& knob : knobs_of(run, {{}, 80, {0}, {}}).knobs)
+    for (const auto& key : conditions::keys())
+      for (const auto& value : knob.values)
+        if (key.path == knob.key) {
+          EXPECT_NO_THROW(key.set(run, value)) << knob.key;
+        }
+}
+
 TEST(Knobs, PrioritiesOfTheKernelStayBelowTheBound) {
   for (const auto& knob : knobs_of({}, {{}, 40, {0}, {}}).knobs)
     if (knob.key == "kernel.ksoftirqd") {

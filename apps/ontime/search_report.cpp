@@ -7,6 +7,7 @@
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
+#include "campaign/ssh.hpp"
 #include "report/html.hpp"
 #include "report/report.hpp"
 
@@ -206,7 +207,7 @@ std::string text_of(const SearchReport& report) {
     if (const auto all = dropped(outcome, decision); !all.empty())
       text += fmt::format("\n{}: {}\n", words, fmt::join(all, "; "));
   if (const auto words = kernel_words(outcome.set); !words.empty())
-    text += fmt::format("\nAt every boot: ontime tune apply {} --print systemd\n", fmt::join(words, " "));
+    text += fmt::format("\nAt every boot: ontime tune apply {} --print systemd\n", campaign::quoted(words));
   text += fmt::format("\n{} trials, {} runs. Results: {}. Picture: {}.\n", outcome.trials.size(),
                       outcome.runs, report.results, report.page);
   // printable() keeps one line.

@@ -13,8 +13,8 @@
 namespace ontime::search {
 namespace {
 
-constexpr const char* large_buffer = "4194304";
-constexpr int usual_priority = 60;  // the paper's, of the kernel's threads
+constexpr const char* large_buffer = "4 MiB";  // as scenarios say it
+constexpr int usual_priority = 60;             // the paper's, of the kernel's threads
 constexpr int highest_priority = 98;
 
 std::string last_word(const std::string& key) { return key.substr(key.rfind('.') + 1); }
@@ -108,7 +108,11 @@ Knobs knobs_of(const conditions::Run& run, const Bounds& bounds) {
       continue;
     }
     const auto present = stated(run, knob.key);
-    if (std::erase(knob.values, present) > 0 && knob.values.empty()) {
+    const auto is_no_change = [&](const std::string& value) {
+      if (value != large_buffer) return value == present;
+      return !present.empty() && std::stoull(present) >= conditions::bytes_of(value);
+    };
+    if (std::erase_if(knob.values, is_no_change) > 0 && knob.values.empty()) {
       knobs.left_out.push_back({knob.key, fmt::format("it is {} already", present)});
       continue;
     }
