@@ -233,7 +233,8 @@ class Trials {
   std::string changed_by_another(const record::Run& run) {
     for (const auto& [name, host] : record::at(run.outcome, "hosts").items())
       for (const auto& change : record::at(host, "kernel")) {
-        const auto what = fmt::format("{} of the {}", record::at(change, "thing").get<std::string>(), name);
+        const auto what = fmt::format("{} ({}) on the {}", record::at(change, "setting").get<std::string>(),
+                                      record::at(change, "thing").get<std::string>(), name);
         const auto &was = record::at(change, "before"), &is = record::at(change, "now");
         const auto [first, is_new] = found_.try_emplace(what, was);
         const auto other = !is_new && first->second != was     ? std::pair(first->second, was)
