@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A results file of a run that nobody has twelve hours for: docs/results-file.md's tables, filled with samples that look
+"""A results file of a run that nobody has twelve hours for: docs/reference/results-file.md's tables, filled with samples that look
 measured. The same seed makes the same file."""
 import contextlib
 import json

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What bench/run sets side by side: ontime, the field's own tools, loops written by hand. docs/benchmarks.md says how
+"""What bench/run sets side by side: ontime, the field's own tools, loops written by hand. docs/evidence/benchmarks.md says how
 that is made fair.
 
 Each of the others is a context in which its answering end runs. It gives a function of seconds, and of ontime's run just
@@ -275,7 +275,7 @@ def fastdds_latency_test():
     program = os.environ.get("FASTDDS_LATENCY_TEST", "")
     if not os.access(program, os.X_OK):
         raise Cannot(f"FASTDDS_LATENCY_TEST is {repr(program) if program else 'not set'}; it must be the path of "
-                     "LatencyTest, from test/performance/latency of Fast DDS's source (docs/benchmarks.md)")
+                     "LatencyTest, from test/performance/latency of Fast DDS's source (docs/evidence/benchmarks.md)")
     with temporary("profiles.xml", fastdds_profiles()) as xml, temporary("sizes", f"{FASTDDS_BYTES};") as sizes, \
             temporary("times.csv") as times:
         def measure(seconds, ontimes):
@@ -322,7 +322,7 @@ def bare_ros2(rmw):
     program = next((program for program in programs if program.exists()), None)
     if program is None:
         raise Cannot("there is no bare_ros2 in AMENT_PREFIX_PATH; build the packages in ros2/ and source them "
-                     "(docs/ros2.md)")
+                     "(docs/how-to/ros2.md)")
     profiles = FASTDDS_XML.format(profiles=FASTDDS_PARTICIPANT.format(name="default", default="true"))
     with temporary("profiles.xml", profiles) as xml, \
             by_hand(program, ping=[PAYLOAD], cpu=CPUS[0], environment={

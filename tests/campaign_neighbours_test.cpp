@@ -63,7 +63,7 @@ TEST_F(Neighbours, ThatCannotBeAreRefusedWhereTheyStand) {
                                    {"topics: 1, where: beside", "is not one of same-participant"},
                                    {"topics: 1, direction: up", "is not one of both"},
                                    {"topics: 1, priority: 100", "from 1 to 99"},
-                                   {"topics: 1, callback: 0 ms", "not longer than nothing"},
+                                   {"topics: 1, callback: 0 ms", "must be positive"},
                                    {"topics: 1, callback: 2", "has no unit"},
                                    {"topics: 1, callback: 2 h", "at most 1 h"},
                                    {"topics: 1, number: 2", "unknown key 'neighbours.number'"}})

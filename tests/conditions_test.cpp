@@ -2,13 +2,14 @@
 #include "conditions/conditions.hpp"
 
 #include <algorithm>
-#include <cctype>
 #include <cstdlib>
 #include <fstream>
 #include <set>
 #include <sstream>
+#include <utility>
 
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -104,33 +105,72 @@ TEST(Fields, HaveOneNameEach) {
   for (const auto& key : keys()) EXPECT_NE(key.values, "") << key.path;
 }
 
-// Whether a name, or its last part, stands in a text as a word.
-bool tells(const std::string& text, const std::string& name) {
-  const auto last = name.substr(name.rfind('.') + 1);
-  const auto is_part = [&](std::size_t at) {
-    return at < text.size() &&
-           (std::isalnum(static_cast<unsigned char>(text[at])) != 0 || text[at] == '-' || text[at] == '_');
-  };
-  for (auto at = text.find(last); at != text.npos; at = text.find(last, at + 1))
-    if (!is_part(at - 1) && !is_part(at + last.size())) return true;
-  return false;
-}
-
 std::string text_of_file(const std::string& name) {
   std::ifstream file(ONTIME_TEST_SOURCE "/" + name);
   return {std::istreambuf_iterator<char>(file), {}};
 }
 
-TEST(Fields, AreInTheReferenceAndInTheDictionary) {
-  const auto docs = text_of_file("docs/scenario.md") + text_of_file("docs/realtime.md") +
-                    text_of_file("docs/tune.md"),
-             dictionary = text_of_file("tests/fuzz/scenario.dict");
+// "qos" of "qos.depth"; "realtime" of "realtime", which has parts.
+std::string group_of(const std::string& path) {
+  const auto group = path.substr(0, path.find('.'));
+  return std::any_of(keys().begin(), keys().end(),
+                     [&](const Key& key) { return key.path.starts_with(group + "."); })
+             ? group
+             : "Run";
+}
+
+std::string code(std::string text) {
+  for (auto at = text.find('|'); at != text.npos; at = text.find('|', at + 2)) text.insert(at, "\\");
+  return text.empty() ? "" : "`" + text + "`";
+}
+
+std::string key_tables() {
+  std::vector<std::pair<std::string, std::string>> groups{{"Run", ""}};
   for (const auto& key : keys()) {
-    EXPECT_TRUE(tells(docs, key.path)) << key.path << " is missing in docs/scenario.md";
-    std::stringstream parts(key.path);
-    for (std::string part; std::getline(parts, part, '.');)
-      EXPECT_THAT(dictionary, testing::HasSubstr("\"" + part + "\""))
-          << "it is missing in tests/fuzz/scenario.dict";
+    const auto row = fmt::format("| {} | {} | {} | {} | {} |\n", code(key.path), code(key.values),
+                                 code(key.flag), code(key.json), key.help);
+    const auto known = std::find_if(groups.begin(), groups.end(),
+                                    [&](const auto& group) { return group.first == group_of(key.path); });
+    if (known != groups.end())
+      known->second += row;
+    else
+      groups.emplace_back(group_of(key.path), row);
+  }
+  std::string all;
+  for (const auto& [group, rows] : groups)
+    all += fmt::format(
+        "\n## {}\n\n| key | values | flag | name in `asked` | what: default |\n|---|---|---|---|---|\n{}",
+        group, rows);
+  return all;
+}
+
+std::string key_words() {
+  std::set<std::string> words;
+  for (const auto& key : keys())
+    for (auto text : {key.path, key.values}) {
+      std::replace_if(
+          text.begin(), text.end(), [](char c) { return c == '.' || c == '|'; }, ' ');
+      std::stringstream parts(text);
+      for (std::string part; parts >> part;)
+        if (part.find_first_not_of("abcdefghijklmnopqrstuvwxyz-") == part.npos)
+          words.insert("\"" + part + "\"\n");
+    }
+  return fmt::format("{}", fmt::join(words, ""));
+}
+
+// The end of a file, below a line that says so, is made of the fields: with ONTIME_WRITE_REFERENCE anew.
+TEST(Reference, IsWrittenFromTheFields) {
+  const std::string mark = "made from src/conditions by `scripts/docs --keys`";
+  for (const auto& [name, tail] : {std::pair{"docs/reference/keys.md", key_tables()},
+                                   std::pair{"tests/fuzz/scenario.dict", key_words()}}) {
+    const auto text = text_of_file(name);
+    const auto at = text.find(mark);
+    ASSERT_NE(at, text.npos) << name;
+    const auto wanted = text.substr(0, text.find('\n', at) + 1) + tail;
+    if (std::getenv("ONTIME_WRITE_REFERENCE"))  // NOLINT(concurrency-mt-unsafe): one thread
+      std::ofstream(ONTIME_TEST_SOURCE "/" + std::string(name)) << wanted;
+    else
+      EXPECT_TRUE(text == wanted) << name << " is not up to date: scripts/docs --keys";
   }
 }
 

@@ -223,7 +223,7 @@ TEST_P(Dds, TopicsAreNamedAsInRos) {
   EXPECT_EQ(in_own_process([&] {
               Answers answers;
               End end(GetParam(), client(), answers);
-              const std::string expected = "nobody who reads rt/ping, nobody who writes rt/pong";
+              const std::string expected = "no reader of rt/ping, no writer of rt/pong";
               require(eventually([&] { return end->seen().find(expected) != std::string::npos; }),
                       "seen: " + end->seen());
             }),

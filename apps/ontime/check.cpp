@@ -16,19 +16,26 @@ using fitness::Severity;
 using report::printable;
 
 std::string text_of(const Finding& finding) {
-  auto text = fmt::format("{:<6} {}: {}\n",
+  auto text = fmt::format("{:<7} {}: {}\n",
                           finding.severity == Severity::fine ? "" : fitness::word_of(finding.severity),
                           finding.check, printable(finding.is));
   for (const auto& [label, words] :
-       {std::pair{"should be", finding.should}, {"because", finding.why}, {"to mend it", finding.remedy}})
-    if (!words.empty()) text += fmt::format("         {}: {}\n", label, printable(words));
+       {std::pair{"should be", finding.should}, {"because", finding.why}, {"fix", finding.remedy}})
+    if (!words.empty()) text += fmt::format("          {}: {}\n", label, printable(words));
   return text;
 }
 
 nlohmann::json json_of(const Finding& finding) {
-  return {{"check", finding.check}, {"severity", fitness::word_of(finding.severity)},
-          {"is", finding.is},       {"should_be", finding.should},
-          {"because", finding.why}, {"to_mend_it", finding.remedy}};
+  // The old names of `level` and `fix`, for one version.
+  static constexpr const char* severities[] = {"fine", "hint", "wrong"};
+  return {{"check", finding.check},
+          {"level", fitness::word_of(finding.severity)},
+          {"severity", severities[static_cast<std::size_t>(finding.severity)]},
+          {"is", finding.is},
+          {"should_be", finding.should},
+          {"because", finding.why},
+          {"fix", finding.remedy},
+          {"to_mend_it", finding.remedy}};
 }
 
 int print_findings(const std::vector<Finding>& findings, bool as_json) {
@@ -45,7 +52,7 @@ int print_findings(const std::vector<Finding>& findings, bool as_json) {
     wrong += finding.severity == Severity::wrong ? 1 : 0;
     print(text_of(finding));
   }
-  print(fmt::format("{}: {} to be mended, {} hints\n", fit ? "fit" : "not fit", wrong, hints));
+  print(fmt::format("{}: {} errors, {} warnings\n", fit ? "fit" : "not fit", wrong, hints));
   return fit ? 0 : 1;
 }
 
@@ -53,8 +60,8 @@ int print_findings(const std::vector<Finding>& findings, bool as_json) {
 
 void add_check(Command& app, Action& action) {
   auto* command =
-      app.add_subcommand("check", "Whether this machine is fit: what is, what should be, why, what mends it");
-  command->footer("Exit codes: 0 fit, or only hints · 1 something is to be mended for real-time");
+      app.add_subcommand("check", "Whether this machine is fit: what is, what should be, why, and the fix");
+  command->footer("Exit codes: 0 no errors · 1 errors prevent real-time");
   struct Arguments {
     std::string interface, peer, format = "table";
   };

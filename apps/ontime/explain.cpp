@@ -86,7 +86,7 @@ int explain(const ExplainArguments& arguments) {
 
 void add_explain(Command& app, Action& action) {
   auto* command = app.add_subcommand(
-      "explain", "Why messages were late or lost, and what mends it, of runs with `explain: on`");
+      "explain", "Why messages were late or lost, and the fix, for runs with `explain: on`");
   auto arguments = std::make_shared<ExplainArguments>();
   command->add_option("RESULTS", arguments->results, "a results file")->required();
   add_only(*command, arguments->only, ",--run");

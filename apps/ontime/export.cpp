@@ -20,7 +20,7 @@ report::SampleFormat sample_format_flag(const std::string& word) {
   if (word == "parquet" || word == "arrow")
     throw campaign::Error(
         2, fmt::format("--format: Debian 12 has no package that writes {}, so ontime does not; pandas "
-                       "makes it of csv (docs/results-file.md)",
+                       "makes it of csv (docs/how-to/work-on-samples.md)",
                        word));
   throw campaign::Error(2, fmt::format("--format: '{}' is not one of csv, jsonl", word));
 }

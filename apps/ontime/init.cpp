@@ -89,7 +89,7 @@ std::string line_of(const char* role, const Place& place) {
 }
 
 std::string scenario_of(const Place& controller, const Place& component) {
-  return fmt::format(R"(# Carry it out: ontime run FILE. All keys: docs/scenario.md.
+  return fmt::format(R"(# Carry it out: ontime run FILE. All keys: docs/reference/keys.md.
 title: From {0} to {1}
 
 # The controller sends, the component answers. "ssh" is what you type after `ssh`; without it, it is this machine.

@@ -39,7 +39,8 @@ std::string state_of_machine() {
     return std::count_if(findings.begin(), findings.end(),
                          [&](const auto& finding) { return finding.severity == severity; });
   };
-  return fmt::format("{} to fix, {} hints", count(fitness::Severity::wrong), count(fitness::Severity::hint));
+  return fmt::format("{} errors, {} warnings", count(fitness::Severity::wrong),
+                     count(fitness::Severity::hint));
 }
 
 }  // namespace

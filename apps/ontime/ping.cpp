@@ -51,7 +51,7 @@ void add_ping(Command& app, Action& action) {
                            ? campaign::execute(on_loopback(run), writer, terminal, interrupts, command_line())
                            : campaign::ping(run, wait, writer, terminal, interrupts, command_line());
       terminal.clear_line();
-      // Also of a run that failed: what was measured until then. There is none where there was nobody to
+      // Also for a run that failed: what was measured until then. There is no run if no pong was there to
       // measure with.
       const auto measured = statistics::summarise(writer.reader(), known);
       if (!measured.empty()) print(shown(measured, format, arguments->full, arguments->results));

@@ -95,7 +95,7 @@ void add_run(Command& app, Action& action) {
   command->footer(
       "A scenario is code: under hosts it names programs, which run here, and its options may name files. "
       "Read "
-      "one of somebody else's before you run it.");
+      "a foreign one before you run it.");
   auto arguments = std::make_shared<RunArguments>();
   command
       ->add_option("SCENARIO", arguments->scenarios,
@@ -121,7 +121,7 @@ void add_run(Command& app, Action& action) {
       ->needs("--results");
   add_report_format(*command, arguments->format);
   add_full(*command, arguments->full);
-  // The lab's machine measures; whoever started it shows, judges and keeps.
+  // The lab's machine measures; the caller shows, judges and keeps.
   command->add_flag("--only-measure", arguments->only_measure, "measure, and show nothing")->group("");
   auto flags = std::make_shared<GateFlags>(*command, gate::Use::fail_if);
   command->callback([&action, arguments, flags] {

@@ -28,7 +28,7 @@ static_assert(campaign::Interrupts::is_always_lock_free, "it is counted in a sig
 double seconds(std::chrono::nanoseconds time) { return std::chrono::duration<double>(time).count(); }
 
 bool can_rewrite_a_line() {
-  const char* const terminal = std::getenv("TERM");  // NOLINT(concurrency-mt-unsafe): nobody sets it
+  const char* const terminal = std::getenv("TERM");  // NOLINT(concurrency-mt-unsafe): no thread sets it
   return isatty(STDERR_FILENO) != 0 && terminal != nullptr && std::string_view(terminal) != "dumb";
 }
 
@@ -116,7 +116,7 @@ void Terminal::begins(const campaign::Run& run) {
 
 void Terminal::passes_over(const campaign::Run& run) {
   clear_line();
-  say("{}  is done already\n", next(run));
+  say("{}  skipped (already in results)\n", next(run));
 }
 
 void Terminal::leaves_out(const campaign::Run& run) { next(run); }

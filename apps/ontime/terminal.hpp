@@ -38,7 +38,7 @@ std::string about(std::chrono::duration<double>);
 
 // Counts SIGINT, SIGTERM and SIGHUP from now on.
 campaign::Interrupts& catch_interrupts();
-bool was_stopped();  // the last of them was SIGTERM: whoever started this as a service stopped it
+bool was_stopped();  // the last of them was SIGTERM: the service manager stopped it
 
 // How this program was called, for the record.
 nlohmann::json command_line();

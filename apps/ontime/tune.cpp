@@ -132,7 +132,7 @@ int apply(const TuneArguments& arguments) {
   journal.keep();
   for (const auto& change : changes) lines.push_back(in_words(change));
   print_lines(lines);
-  print_error("this lasts until `ontime tune revert`, or the next start of this machine");
+  print_error("this lasts until `ontime tune revert` or a reboot");
   return 0;
 }
 
@@ -237,7 +237,7 @@ void add_tune(Command& app, Action& action) {
   auto* shown = add("show", "Every setting: what is, and why it cannot be set where it cannot", show);
   add_place(shown);
   add_format(*shown, arguments->format);
-  auto* applied = add("apply", "Sets; it lasts until revert, or the next start of the machine", apply);
+  auto* applied = add("apply", "Sets; it lasts until revert or a reboot", apply);
   applied->add_option("--set", arguments->sets, "a setting, such as ksoftirqd=60; repeatable")
       ->type_name("NAME=VALUE")
       ->check(given);

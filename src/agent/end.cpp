@@ -157,7 +157,7 @@ void End::set_threads() {
     if (!task_.realtime.on || !set_.insert(thread.tid).second) continue;
     if (thread.role == "unknown") {
       refuse({{"settings for thread " + thread.name, "what it is for cannot be told from outside",
-               "let the kernel tell: permit by limits, not by file capabilities (docs/realtime.md)"}});
+               "let the kernel tell: permit by limits, not by file capabilities (docs/how-to/realtime.md)"}});
       continue;
     }
     auto settings = task_.realtime.threads.find(thread.role);

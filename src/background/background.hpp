@@ -63,7 +63,7 @@ std::unique_ptr<StressLoad> stress(const Workers&, const std::string& directory,
 // One way of concurrent traffic, as one of its two ends has it: UDP, by iperf3.
 struct Stream {
   std::vector<std::string> place{};  // words before the command: {"ip", "netns", "exec", "left"}
-  bool serves = false;               // waits to be asked, by one alone; else asks whoever serves
+  bool serves = false;               // serves one client; else it is the client
   bool receives = false;             // of who asks: the traffic comes here
   std::string address{};             // where it is served
   std::string interface {};          // that it takes at this end, and no other; "": whichever leads there
@@ -72,7 +72,7 @@ struct Stream {
   // nothing.
   std::uint64_t bits_per_s = 0;
   std::uint64_t datagram_bytes = 0;  // of who asks
-  int priority = 0;                  // SCHED_FIFO, of iperf3 itself; 0: as anybody's
+  int priority = 0;                  // SCHED_FIFO, of iperf3 itself; 0: ordinary
   Groups groups{};
 };
 // What one end says it has sent, or received, since it began.
@@ -83,7 +83,7 @@ struct Moved {
 };
 class Traffic : public Background {
  public:
-  virtual Moved moved() = 0;  // to be asked once a minute at least: it is held up while nobody listens
+  virtual Moved moved() = 0;  // to be asked once a minute at least: it blocks while its output is not read
 };
 // Returns once it waits to be asked, or traffic flows. Throws Error if it is missing (says the package), or
 // ends at once (says what it said).

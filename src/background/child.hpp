@@ -50,7 +50,7 @@ class Child {
 std::string output_of(const std::vector<std::string>& command, const std::string& package,
                       std::chrono::nanoseconds limit = std::chrono::seconds(10));
 
-// What a child writes, kept in memory: nobody need read while it writes.
+// What a child writes, kept in memory, so that it never blocks.
 class Output {
  public:
   Output();

@@ -64,7 +64,7 @@ std::string counting_table(const std::string& table, const std::string& interfac
   const auto except =
       others.empty() ? ""
                      : fmt::format("udp dport != {{ {0} }} udp sport != {{ {0} }} ", fmt::join(others, ", "));
-  // What a socket would say by SO_PRIORITY: the same word of each packet, whoever sends it.
+  // What a socket would say by SO_PRIORITY: the same for each packet, of any sender.
   std::string priorities;
   if (faults.message_priority)
     priorities += fmt::format("oifname \"{}\" meta l4proto udp {}meta priority set {};\n", interface, except,
@@ -100,7 +100,7 @@ std::vector<std::string> netem(const std::string& command, const std::string& in
 
 bool needs_netem(const Faults& faults) { return faults.delay.count() > 0; }
 
-// The keys that a fault is asked for by, and whether the kernel takes it on an interface of nobody's.
+// The keys that a fault is asked for by, and whether the kernel accepts it on an unused interface.
 void try_it(const char* keys, const char* needs, const std::function<void()>& attempt) {
   try {
     attempt();
@@ -139,7 +139,7 @@ Link::Counts::Etf count_etf(const std::string& interface) {
     sum.launched += qdisc.value("packets", std::uint64_t{0});
     sum.dropped += qdisc.value("drops", std::uint64_t{0});
   }
-  if (!found) throw Error(fmt::format("the etf of {} is gone: somebody took it away", interface));
+  if (!found) throw Error(fmt::format("the etf of {} is gone: another process removed it", interface));
   return sum;
 }
 
@@ -250,7 +250,7 @@ Link::Counts Link::counts() const {
     if (has_etf_) counts.etf = count_etf(place_.interface);
   });
   if (found < counters_)
-    throw Error(fmt::format("of the {} counters on {} {} are gone: somebody took nftables' rules away",
+    throw Error(fmt::format("of the {} counters on {} {} are gone: another process removed nftables' rules",
                             counters_, place_.interface, counters_ - found));
   return counts;
 }

@@ -69,7 +69,7 @@ std::vector<std::string> command_for(const Stream& stream) {
   if (!stream.interface.empty()) command.insert(command.end(), {"--bind-dev", stream.interface});
   if (stream.serves) {
     command.insert(command.end(), {"--server", "--one-off", "--bind", stream.address});
-    // Whoever asks first is served. Twice, and of a whole minute: ours makes up for what starvation took.
+    // The first client is served. Twice the rate, over a whole minute, lets ours catch up after starvation.
     if (stream.bits_per_s > 0)
       command.insert(command.end(), {"--server-bitrate-limit", fmt::format("{}/60", 2 * stream.bits_per_s)});
     return command;

@@ -160,7 +160,7 @@ void write_qdisc(const std::string& what, const Value& value, const Value& prese
   const auto parts = parts_of(what);
   if (value && present)
     throw journal::Error(
-        fmt::format("{} has a queueing discipline of somebody's ({}), which link.delay or link.qdisc would "
+        fmt::format("{} has a queueing discipline already ({}), which link.delay or link.qdisc would "
                     "take the place of: "
                     "remove it (tc qdisc del dev {} root)",
                     parts[1], *present, parts[1]));

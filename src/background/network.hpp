@@ -12,7 +12,7 @@ namespace ontime::background {
 std::string nft(const std::string& commands);
 std::string nft_json(const std::string& commands);
 
-// Runs iproute2's `tc` in the caller's network namespace, and returns what it wrote. Throws Error likewise.
+// Runs iproute2's `tc` in the caller's network namespace, and returns its output. Throws Error if it fails.
 std::string tc(const std::vector<std::string>& arguments);
 
 }  // namespace ontime::background

@@ -42,7 +42,7 @@ std::vector<std::string> command_for(const Workers& workers, const std::string& 
   constexpr const char* for_ever = "0";  // without it, stress-ng ends after a day
   std::vector<std::string> command = {"env", "--chdir=" + directory};
   for (auto& word : as_nobody()) command.push_back(std::move(word));
-  // A worker that is killed for want of memory is missed at the end; stress-ng would start another.
+  // A worker that is killed because memory ran out is missed at the end; stress-ng would start another.
   command.insert(command.end(), {"stress-ng", "--temp-path", ".", "--timeout", for_ever, "--oomable"});
   add(command, "cpu", workers.cpu);
   add(command, "vm", workers.vm, workers.vm_bytes);

@@ -116,7 +116,7 @@ class Suite {
     }
     const auto never_begun = has_begun ? Numbers() : numbers;
     if (interrupts_ > 0) return {130, true, never_begun};
-    // Whoever kept a machine and is gone: what it held is given back before the next run.
+    // A keeper that is gone: what it held is restored before the next run.
     if (machines_.lost()) machines_.prepare(stated_);
     return {code, ends, never_begun};
   }
@@ -196,9 +196,10 @@ class Execution {
       return {false, ends};
     }
     if (known > 0)
-      observer_.note(fmt::format(
-          "{} is done already for {} of {} components; all are measured once more, for it is at one time",
-          run.id, known, runs.size()));
+      observer_.note(
+          fmt::format("{} is already in the results for {} of {} components; all are measured again, because "
+                      "they run at once",
+                      run.id, known, runs.size()));
     observer_.begins(run);
     const auto result = suite_.carry_out(runs, wait_for_own_server, records);
     code_ = std::max(code_, result.code);

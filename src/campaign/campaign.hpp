@@ -40,7 +40,7 @@ class Observer {
   virtual ~Observer() = default;
   virtual void note(const std::string& text) = 0;  // something a person should know
   virtual void begins(const Run&) = 0;
-  virtual void passes_over(const Run&) = 0;  // it is done already
+  virtual void passes_over(const Run&) = 0;  // it is already in the results
   virtual void leaves_out(const Run&) = 0;   // the search that it is a step of needs it no more
   virtual void progress(const roundtrip::Counters&, std::chrono::nanoseconds elapsed) = 0;
   virtual void ends(const roundtrip::Counters&) = 0;  // measured to its end, or to an interruption
@@ -48,7 +48,7 @@ class Observer {
 
 using orders::Interrupts;
 
-// The outcome of a run that is done already; nothing if it is not. Of its record as asked, and of what each
+// The outcome of a run that is already in the results; nothing if it is not. Of its record as asked, and of what each
 // host's machine is.
 using Done =
     std::function<const nlohmann::json*(const nlohmann::json& asked, const nlohmann::json& machines)>;

@@ -78,7 +78,7 @@ Part read(const fs::path& here, const fs::path& there) {
   return {there, std::move(content)};
 }
 
-// A program as it was built is ten times as long by what debuggers want to know of it. Where nobody here can
+// Debug information makes a program ten times as long. Where no `strip` here can
 // take that out, it goes along.
 Part without_symbols(const fs::path& here, const fs::path& there, const std::string& folder) {
   constexpr std::chrono::seconds limit{10};

@@ -59,7 +59,7 @@ std::optional<std::string> went_elsewhere(const json& outcome, std::uint64_t pay
   const bool again = component.value("started_again", false);  // it has counted since then
   if (!again && by_component + uncounted < answered)
     return fmt::format(
-        "the component answered {} messages, and {} were answered: somebody else was at its address, or on "
+        "the component answered {} messages, and {} were answered: another program was at its address, or on "
         "its topics. Whatever was measured is not this component",
         by_component, answered);
   for (const auto& [name, host] : outcome.at("hosts").items()) {
@@ -102,11 +102,11 @@ std::optional<std::string> went_past_etf(const json& outcome) {
     const auto& link = host.at("link");
     if (link.is_null() || link.contains("gone")) continue;  // unproved() says so
     const auto etf = link.value("etf", json::object());
-    // What it dropped is among what was lost, and may be of somebody else.
+    // What it dropped is among what was lost, and may belong to another program.
     const auto launched = etf.value("launched_frames", std::uint64_t{0});
     if (launched + count("lost") + uncounted >= messages) continue;
     return fmt::format(
-        "the messages had a launch-time that nobody heeded: the {} sent {} of them, and the etf of its "
+        "no discipline applied the messages' launch-time: the {} sent {} of them, and the etf of its "
         "interface handed {} frames on. link.message-priority has to be of the class that the etf is below",
         name, messages, launched);
   }

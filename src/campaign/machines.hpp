@@ -45,7 +45,7 @@ class Machines {
 
   // For what is measured at one time: the settings of the kernels and the CPUs that are kept, its load, its
   // links and its traffic, and the account of what each machine did between begin() and end().
-  // Returns what their records are to say of who has kept CPUs all the same. Throws Error, with nothing
+  // Returns what their records are to say of which processes may use reserved CPUs all the same. Throws Error, with nothing
   // changed, where a machine lacks what is asked for.
   std::vector<std::string> tune(const Together&);
   // That process on the host's machine has the CPUs that tune() kept. Throws Error.

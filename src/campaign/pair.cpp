@@ -44,7 +44,7 @@ record::Note note_of_peers(const json& event, int before) {
   if (now == before)
     return {
         "peer-flickered",
-        "somebody came and went, or went and came back, within a second: a pong that was started again, or "
+        "a peer came and went, or went and came back, within a second: a pong that was started again, or "
         "a second one, or one who only listened",
         event.at("at_ns"),
         {}};
@@ -55,7 +55,7 @@ record::Note note_of_peers(const json& event, int before) {
                     event.at("at_ns"),
                     {}};
   if (now == 0)
-    note.text = "pong left: nobody answers";
+    note.text = "pong left: no answers";
   else if (now > 1)
     note.text = fmt::format("{} pongs answer: each ping has as many answers, and the first counts", now);
   else
@@ -117,7 +117,7 @@ void Pair::listen_to(Hand& client) {
 
 void Pair::note_peers(const json& event) {
   const int now = event.at("writers");
-  if (now == pongs_ && !event.at("as_before")) return;  // somebody who only listens came or went
+  if (now == pongs_ && !event.at("as_before")) return;  // a mere listener came or went
   const auto note = note_of_peers(event, pongs_);
   pongs_ = now;
   writer_.note(number_, note);
@@ -314,7 +314,7 @@ void Pair::restart_component() {
 
 void Pair::abandon() {
   if (over()) return;
-  component_.reset();  // there may be nobody left to answer: what is in flight is lost
+  component_.reset();  // it may not be able to answer any more: what is in flight is lost
   neighbours_.clear();
   stop();
 }

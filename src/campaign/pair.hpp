@@ -15,7 +15,7 @@ class Pair {
     std::function<void(std::span<const roundtrip::Sample>)> samples;
     std::function<void()> progress;
   };
-  // With hosts that are alone somebody else serves. Samples and notes go into the writer, as run `number`.
+  // With a host alone another program serves. Samples and notes go into the writer, as run `number`.
   Pair(const Run&, std::int64_t number, orders::Coordinator&, const Machines&, record::Writer&, Observer&,
        Told, const security::Authority*);
 
@@ -40,7 +40,7 @@ class Pair {
   bool component_is_gone(const std::string& why);
   bool lacks_component() const { return gone_.has_value(); }  // from then on
   void restart_component();                                   // until now; throws as the others do
-  // After an error: whoever is still there to say what it counted is told to stop, and nobody answers.
+  // After an error: each end that is still there is told to stop, and says what it counted.
   void abandon();
   void note_cut(std::int64_t at_ns);
 

@@ -100,7 +100,7 @@ class Traced {
   }
   bool all_came() const { return asked_.empty(); }
 
-  // What there is of it by now; asks nobody, for who knew more may be gone.
+  // What there is of it by now; asks no process: the one that knew more may be gone.
   json account() const {
     auto pings = json::array();
     for (const auto& ping : pings_) pings.push_back(ping.windows());
@@ -125,7 +125,7 @@ class Traced {
   void take(trace::Window window) {
     const auto number = window.span.message;
     if (number < given_ || number - given_ >= asked_.size())
-      throw Error(3, "the keeper of this machine said what nobody asked for");
+      throw Error(3, "the keeper of this machine sent an unexpected event (a bug: please report)");
     const auto [session, message] = asked_[number - given_];
     window.span.message = message;
     for (auto& ping : pings_)

@@ -47,7 +47,7 @@ Session::~Session() {
   pairs_.clear();  // how its agents end is not to keep the machines from being given back
   for (const auto give_back : {&Machines::unload, &Machines::restore}) try {
       (machines_.*give_back)();
-    } catch (const std::exception&) {  // whoever keeps the machine gives it back when he leaves
+    } catch (const std::exception&) {  // the keeper restores the machine when it leaves
     } catch (const orders::Interrupted&) {
     }
 }
@@ -73,7 +73,7 @@ std::vector<json> Session::measure(std::chrono::nanoseconds wait) {
     for (std::size_t i = 0; i < runs_.size(); ++i) windows_.emplace_back(machines_, runs_[i], i);
   }
   for (auto& pair : pairs_) pair->make_ready(wait);
-  // All accounts are opened while nothing is sent: what opening them costs is nobody's round trip.
+  // All accounts are opened while nothing is sent: so opening them is part of no round trip.
   machines_.begin();
   for (auto& pair : pairs_) pair->begin();
   started_ = Clock::now();

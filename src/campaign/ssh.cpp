@@ -67,7 +67,7 @@ std::string reason_of_failed_ssh(const std::string& destination, const std::stri
         destination, destination);
   if (has("Permission denied"))
     return fmt::format(
-        "{} lets nobody in without a password ({}). Give it your key: ssh-copy-id {} (if the key has a "
+        "{} wants a password ({}). Give it your key: ssh-copy-id {} (if the key has a "
         "passphrase, also: ssh-add). This must then work: ssh -o BatchMode=yes {} true",
         destination, line, destination, destination);
   for (const auto* words : {"Could not resolve", "Connection refused", "No route to host", "timed out",
@@ -106,7 +106,7 @@ std::string reason_of(const std::string& destination, const std::string& program
   if (code == ssh_failed) return reason_of_failed_ssh(destination, said);
   if (code == not_found)
     return fmt::format(
-        "there is no {} on {}: install ontime there, say where it lies (program: PATH, in the scenario), or "
+        "there is no {} on {}: install ontime there, state its path (program: PATH, in the scenario), or "
         "have "
         "it brought there for the time of the run (ontime run --deploy)",
         program, destination);

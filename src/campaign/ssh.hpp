@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Another machine by the system's own OpenSSH client, with its configuration, its keys and the hosts it
-// knows. Nobody is ever asked for a password, and no check of ssh's is switched off.
+// knows. It never asks for a password, and no check of ssh's is switched off.
 #pragma once
 
 #include <string>
@@ -22,7 +22,7 @@ class Ssh {
   Ssh(const Ssh&) = delete;
   Ssh& operator=(const Ssh&) = delete;
 
-  // A command here that has the words run there, as one command and none of them divided, by whatever shell
+  // A command here that has the words run there, as one command and none of them split, by any shell
   // the user has there. The first session is to be there before another.
   std::vector<std::string> first(const std::vector<std::string>& there) const;
   std::vector<std::string> another(const std::vector<std::string>& there) const;

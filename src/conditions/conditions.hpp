@@ -121,7 +121,7 @@ const std::vector<Field>&
 fields();  // all, in the order in which they are applied: a preset before what refines it
 const std::vector<Key>& keys();  // those that can be said
 
-// The one form of a run, in orders and in records: docs/json.md lists its names.
+// The one form of a run, in orders and in records: docs/reference/json.md lists its names.
 nlohmann::json to_json(const Run&);
 // The way back. What is not there stays as it is by default. Throws std::exception for what no run can have.
 Run run_of(const nlohmann::json&);

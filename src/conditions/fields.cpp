@@ -122,8 +122,8 @@ Fields fields_of_record() {
 
 Field component_transport() {
   auto transport = field(
-      {"component.transport", "", "NAME", "of the answering end, where it is another"}, "component_transport",
-      text(), [](Run & run) -> auto& { return run.component_transport; });
+      {"component.transport", "", "NAME", "transport of the answering end, if it is another one: the same"},
+      "component_transport", text(), [](Run & run) -> auto& { return run.component_transport; });
   transport.to_json = [](const Run& run) {
     return run.component_transport.empty() ? run.task.transport : run.component_transport;
   };
@@ -134,31 +134,31 @@ Field component_transport() {
 Fields fields_of_run() {
   return {
       field(
-          {"title", "", "TEXT", "what the run is, in words"}, "title", text(),
+          {"title", "", "TEXT", "title of the run, for people"}, "title", text(),
           [](Run & run) -> auto& { return run.title; }),
       field(
-          {"adds-to", "", "ID", "the run that is the layer below this one, for `ontime report --layers`"},
-          "adds_to", text(), [](Run & run) -> auto& { return run.adds_to; }),
+          {"adds-to", "", "ID", "id of the baseline, for `ontime report --layers`"}, "adds_to", text(),
+          [](Run & run) -> auto& { return run.adds_to; }),
       field(
           {"search", "", "KEY",
-           "the key whose list of values, from the gentlest on, is tried for the first misses"},
+           "key with a list of values, gentlest first; ontime finds the first value that misses"},
           "search.key", text(), [](Run & run) -> auto& { return run.step.key; }),
       field(
-          {"count-instructions", "", "", "of each thread, where the CPU has a counter for it"},
+          {"count-instructions", "", "", "count instructions of each thread, if the CPU has a counter: off"},
           "count_instructions", on_or_null(), [](Run & run) -> auto& { return run.task.count_instructions; }),
       field(
           {"explain", "--explain", "",
-           "keep what the kernel did around late, lost and the worst messages, for `ontime explain`; needs "
-           "root",
+           "record what the kernel does around late and lost messages, for `ontime explain`; needs root: off",
            both},
           "explain", on_or_null(), [](Run & run) -> auto& { return run.explain; }),
       field(
           {"transport", "--transport", "NAME",
-           "ethernet, xdp, udp, cyclonedds, fastdds, or another that is installed", both},
+           "what carries the messages: ethernet, xdp, udp, cyclonedds, fastdds, or another installed one",
+           both},
           "transport", text(), [](Run & run) -> auto& { return run.task.transport; }),
       component_transport(),
       field(
-          {"component.restart", "", "", "start the answering end again if it dies during the run"},
+          {"component.restart", "", "", "start the answering end again if it dies during the run: off"},
           "component_restart", on_or_null(), [](Run & run) -> auto& { return run.component_restart; })};
 }
 
@@ -166,38 +166,42 @@ Fields fields_of_run() {
 Fields fields_of_sending() {
   using roundtrip::Schedule;
   return {
-      said(field(
-               {"payload", "--payload", "",
-                "bytes beside the sequence number: 500 B; for pong at most: 60 kB", both, "{}"},
-               "payload_bytes", size(), [](Run & run) -> auto& { return run.task.client.payload_bytes; }),
-           [](Run& run, Text text) {
-             run.task.client.payload_bytes = run.task.config.max_payload_bytes = payload_of(text);
-           }),
+      said(
+          field(
+              {"payload", "--payload", "",
+               "payload, without the 8-byte sequence number: 500 B; for pong the largest: 60 kB", both, "{}"},
+              "payload_bytes", size(), [](Run & run) -> auto& { return run.task.client.payload_bytes; }),
+          [](Run& run, Text text) {
+            run.task.client.payload_bytes = run.task.config.max_payload_bytes = payload_of(text);
+          }),
       field(
-          {"schedule", "--schedule", "", "when the next message is sent: next-free", client, "{}"},
+          {"schedule", "--schedule", "",
+           "when the next message is sent: next-free (closed loop); fixed is an open loop", client, "{}"},
           "schedule",
           words({Schedule::next_free, Schedule::fixed, Schedule::back_to_back}, roundtrip::word_of),
           [](Run & run) -> auto& { return run.task.client.schedule; }),
       field(
-          {"period", "--period", "", "of sending: 10 ms", client, "every {}"}, "period_us",
-          time(us, period_of), [](Run & run) -> auto& { return run.task.client.period; }),
+          {"period", "--period", "", "time from one cycle to the next: 10 ms", client, "every {}"},
+          "period_us", time(us, period_of), [](Run & run) -> auto& { return run.task.client.period; }),
       field(
-          {"deadline", "--deadline", "", "a longer round trip is late: 10 ms", client, "deadline {}"},
+          {"deadline", "--deadline", "", "a message that takes longer is late: 10 ms", client, "deadline {}"},
           "deadline_us", time(us, up_to_an_hour),
           [](Run & run) -> auto& { return run.task.client.deadline; }),
       field(
-          {"timeout", "--timeout", "", "a message without an answer for longer is lost: 500 ms", client,
+          {"timeout", "--timeout", "", "a message without an answer for this time is lost: 500 ms", client,
            "time-out {}"},
           "timeout_us", time(us, up_to_an_hour), [](Run & run) -> auto& { return run.task.client.timeout; }),
       field(
-          {"duration", "--duration", "", "of sending, warm-up not counted: 10 s", client, "{}"}, "duration_s",
-          time(s, [](Text text) { return positive_duration(text); }),
+          {"duration", "--duration", "", "how long to measure, without the warm-up: 10 s", client, "{}"},
+          "duration_s", time(s, [](Text text) { return positive_duration(text); }),
           [](Run & run) -> auto& { return run.task.client.duration; }),
       field(
-          {"warm-up", "--warm-up", "N", "answers before the first counted message: 10"}, "warm_up",
-          number<std::uint64_t>(1, 1'000'000), [](Run & run) -> auto& { return run.task.client.warm_up; }),
+          {"warm-up", "--warm-up", "N", "answers to wait for before the first counted message: 10"},
+          "warm_up", number<std::uint64_t>(1, 1'000'000),
+          [](Run & run) -> auto& { return run.task.client.warm_up; }),
       field(
-          {"receive", "--receive", "", "on the middleware's thread, or on one of ours that waits: listener",
+          {"receive", "--receive", "",
+           "receive on the middleware's thread (listener) or on an own waiting thread (waitset): listener",
            both, "{}"},
           "receive",
           words<transport::Receive>({transport::Receive::listener, transport::Receive::waitset}, word_of),
@@ -208,49 +212,49 @@ Fields fields_of_sending() {
 Fields fields_of_topics() {
   using transport::Durability, transport::History;
   auto name_space = field(
-      {"namespace", "--namespace", "NAME", "of the topics, as ROS 2 names it, such as /robot: /", both}, "",
+      {"namespace", "--namespace", "NAME", "namespace of the topics, such as /robot: /", both}, "",
       ros_name(), [](Run & run) -> auto& { return run.ros_namespace; });
-  return {said(field(
-                   {"domain", "--domain", "",
-                    "DDS domain, and for udp port 7900 + domain: $ROS_DOMAIN_ID, or 0", both, "domain {}"},
-                   "domain", number<int>(0, max_domain),
-                   [](Run & run) -> auto& { return run.task.config.domain; }),
-               [](Run& run, Text text) { run.domain = static_cast<int>(number_of(text, 0, max_domain)); }),
-          said(name_space,
-               [set = name_space.set](Run& run, Text text) {
-                 if (text == "/")
-                   run.ros_namespace = text;
-                 else
-                   set(run, text);
-               }),
-          said(field(
-                   {"topics.ping", "--ping-topic", "", "what the client writes: ping", both}, "ping_topic",
-                   ros_name(), [](Run & run) -> auto& { return run.task.config.ping_topic; }),
-               [](Run& run, Text text) { run.ping_topic = ros_name().of_text(text); }),
-          said(field(
-                   {"topics.pong", "--pong-topic", "", "what the server answers on: pong", both},
-                   "pong_topic", ros_name(), [](Run & run) -> auto& { return run.task.config.pong_topic; }),
-               [](Run& run, Text text) { run.pong_topic = ros_name().of_text(text); }),
-          field(
-              {"qos.reliability", "--reliability", "", "quality of service: best-effort", both},
-              "qos.reliability", reliability(),
-              [](Run & run) -> auto& { return run.task.config.qos.reliability; }),
-          field(
-              {"qos.history", "--history", "", "quality of service: keep-last", both}, "qos.history",
-              words<History>({History::keep_last, History::keep_all}, word_of),
-              [](Run & run) -> auto& { return run.task.config.qos.history; }),
-          field(
-              {"qos.depth", "--depth", "N", "of keep-last: 1", both}, "qos.depth", number<int>(1, 1'000'000),
-              [](Run & run) -> auto& { return run.task.config.qos.depth; }),
-          field(
-              {"qos.durability", "--durability", "", "quality of service: volatile", both}, "qos.durability",
-              words<Durability>({Durability::volatile_, Durability::transient_local}, word_of),
-              [](Run & run) -> auto& { return run.task.config.qos.durability; }),
-          field(
-              {"security", "", "",
-               "DDS Security: whether both ends show who they are, and what becomes of each payload: off",
-               client, "security {}"},
-              "security", security(), [](Run & run) -> auto& { return run.security; })};
+  return {
+      said(field(
+               {"domain", "--domain", "", "DDS domain; udp uses port 7900 + domain: $ROS_DOMAIN_ID, or 0",
+                both, "domain {}"},
+               "domain", number<int>(0, max_domain),
+               [](Run & run) -> auto& { return run.task.config.domain; }),
+           [](Run& run, Text text) { run.domain = static_cast<int>(number_of(text, 0, max_domain)); }),
+      said(name_space,
+           [set = name_space.set](Run& run, Text text) {
+             if (text == "/")
+               run.ros_namespace = text;
+             else
+               set(run, text);
+           }),
+      said(field(
+               {"topics.ping", "--ping-topic", "", "topic that the client writes: ping", both}, "ping_topic",
+               ros_name(), [](Run & run) -> auto& { return run.task.config.ping_topic; }),
+           [](Run& run, Text text) { run.ping_topic = ros_name().of_text(text); }),
+      said(field(
+               {"topics.pong", "--pong-topic", "", "topic that the server answers on: pong", both},
+               "pong_topic", ros_name(), [](Run & run) -> auto& { return run.task.config.pong_topic; }),
+           [](Run& run, Text text) { run.pong_topic = ros_name().of_text(text); }),
+      field(
+          {"qos.reliability", "--reliability", "", "reliability of both topics: best-effort", both},
+          "qos.reliability", reliability(),
+          [](Run & run) -> auto& { return run.task.config.qos.reliability; }),
+      field(
+          {"qos.history", "--history", "", "history of both topics: keep-last", both}, "qos.history",
+          words<History>({History::keep_last, History::keep_all}, word_of),
+          [](Run & run) -> auto& { return run.task.config.qos.history; }),
+      field(
+          {"qos.depth", "--depth", "N", "messages that keep-last keeps: 1", both}, "qos.depth",
+          number<int>(1, 1'000'000), [](Run & run) -> auto& { return run.task.config.qos.depth; }),
+      field(
+          {"qos.durability", "--durability", "", "durability of both topics: volatile", both},
+          "qos.durability", words<Durability>({Durability::volatile_, Durability::transient_local}, word_of),
+          [](Run & run) -> auto& { return run.task.config.qos.durability; }),
+      field(
+          {"security", "", "", "DDS Security: authenticate both ends; also sign or encrypt each payload: off",
+           client, "security {}"},
+          "security", security(), [](Run & run) -> auto& { return run.security; })};
 }
 
 // What says nothing as long as it is not asked for, whatever its parts are.

@@ -34,12 +34,12 @@ Fields load_fields(const std::string& host, Workers Run::*load) {
         fmt::format("load.{}.{}_bytes", host, kind),
         size(size_of), [=](Run & run) -> auto& { return (run.*load).*each; });
   };
-  return {number_of_workers("cpu", "stress-ng workers that compute", &Workers::cpu),
-          number_of_workers("vm", "stress-ng workers that write to memory", &Workers::vm),
-          number_of_workers("io", "stress-ng workers that call sync(2)", &Workers::io),
-          number_of_workers("hdd", "stress-ng workers that write files", &Workers::hdd),
-          bytes("vm", "memory of each vm worker", &Workers::vm_bytes),
-          bytes("hdd", "file size of each hdd worker", &Workers::hdd_bytes)};
+  return {number_of_workers("cpu", "stress-ng workers that compute: 0", &Workers::cpu),
+          number_of_workers("vm", "stress-ng workers that write to memory: 0", &Workers::vm),
+          number_of_workers("io", "stress-ng workers that call sync(2): 0", &Workers::io),
+          number_of_workers("hdd", "stress-ng workers that write files: 0", &Workers::hdd),
+          bytes("vm", "memory of each vm worker: 256 MiB", &Workers::vm_bytes),
+          bytes("hdd", "file size of each hdd worker: 1 GiB", &Workers::hdd_bytes)};
 }
 
 std::uint64_t datagram_of(Text text) {
@@ -60,14 +60,14 @@ Codec<Direction> direction() {
 
 Fields traffic_fields() {
   return {field(
-              {"traffic.rate", "", "RATE", "of concurrent UDP traffic, by iperf3, each way: none"},
+              {"traffic.rate", "", "RATE", "rate of concurrent UDP traffic by iperf3, each way: none"},
               "traffic.bit_s", number<std::uint64_t>(bit_rate_of),
               [](Run & run) -> auto& { return run.traffic.bits_per_s; }),
           field(
-              {"traffic.direction", "", "", "of concurrent traffic: both"}, "traffic.direction", direction(),
-              [](Run & run) -> auto& { return run.traffic.direction; }),
+              {"traffic.direction", "", "", "direction of the traffic: both"}, "traffic.direction",
+              direction(), [](Run & run) -> auto& { return run.traffic.direction; }),
           field(
-              {"traffic.datagram", "", "", "payload of each datagram of concurrent traffic: 1470 B"},
+              {"traffic.datagram", "", "", "payload of each datagram of the traffic: 1470 B"},
               "traffic.datagram_bytes", size(datagram_of),
               [](Run & run) -> auto& { return run.traffic.datagram_bytes; }),
           field(
@@ -123,7 +123,7 @@ Field cut() {
   return {.path = "link.cut",
           .flag = "",
           .values = "TIME for TIME",
-          .help = "when nothing comes any more, and for how long: '10 s for 500 ms'",
+          .help = "when the link is cut, and for how long, such as '10 s for 500 ms': none",
           .set =
               [](Run& run, Text text) {
                 run.cut = cut_of(text);
@@ -153,37 +153,37 @@ Fields link_fields() {
       [=](Json from) { return launch.of_json(from).count(); }, "TIME", Field::Unit::us};
   return {
       field(
-          {"link.loss", "", "", "share of the frames that come to either end and are lost: none", client,
+          {"link.loss", "", "", "share of arriving frames that each end loses, such as '1 %': none", client,
            "loses {}"},
           "link.loss", share(), [](Run & run) -> auto& { return run.faults.loss; }),
       field(
-          {"link.duplicate", "", "", "share of the frames that either end sends twice: none", client,
-           "doubles {}"},
+          {"link.duplicate", "", "", "share of frames that each end sends twice: none", client, "doubles {}"},
           "link.duplicates", share(), [](Run & run) -> auto& { return run.faults.duplicates; }),
       field(
-          {"link.delay", "", "", "of all that either end sends, on its way: none", client, "delays {}"},
+          {"link.delay", "", "", "delay of everything that each end sends: none", client, "delays {}"},
           "link.delay_us", delay(), [](Run & run) -> auto& { return run.faults.delay; }),
       field(
-          {"link.jitter", "", "", "by how much that delay varies, either way: not at all", client,
+          {"link.jitter", "", "", "variation of that delay, either way: none", client,
            "varies the delay by {}"},
           "link.jitter_us", delay(), [](Run & run) -> auto& { return run.faults.jitter; }),
       field(
-          {"link.reorder", "", "", "share of the frames that go without that delay, before others: none",
-           client, "reorders {}"},
+          {"link.reorder", "", "",
+           "share of frames that leave without that delay, and so before others: none", client,
+           "reorders {}"},
           "link.reordered", share(), [](Run & run) -> auto& { return run.faults.reordered; }),
       field(
           {"link.qdisc", "", "TEXT",
-           "what waits to go waits in, in tc's words, such as 'prio bands 3': the kernel's choice", client,
-           "queues by {}"},
+           "queueing discipline of both ends, in tc's words, such as 'prio bands 3': the kernel's choice",
+           client, "queues by {}"},
           "link.qdisc", qdisc(), [](Run & run) -> auto& { return run.faults.qdisc; }),
       field(
-          {"link.message-priority", "", "", "of the messages' packets, as SO_PRIORITY has it: as they are",
+          {"link.message-priority", "", "", "priority of the messages' packets (SO_PRIORITY): unchanged",
            client, "sends messages with priority {}"},
           "link.message_priority", number_or_null(0, 15),
           [](Run & run) -> auto& { return run.faults.message_priority; }),
       field(
-          {"link.traffic-priority", "", "", "of the concurrent traffic's packets, likewise", client,
-           "sends traffic with priority {}"},
+          {"link.traffic-priority", "", "", "priority of the traffic's packets (SO_PRIORITY): unchanged",
+           client, "sends traffic with priority {}"},
           "link.traffic_priority", number_or_null(0, 15),
           [](Run & run) -> auto& { return run.faults.traffic_priority; }),
       field(
@@ -191,9 +191,8 @@ Fields link_fields() {
            "marks messages with DSCP {}"},
           "link.dscp", number_or_null(0, 63), [](Run & run) -> auto& { return run.faults.dscp; }),
       field(
-          {"launch-time", "", "",
-           "how long after it was due a message leaves, by the etf of link.qdisc: as it is sent", client,
-           "launched {} after it was due"},
+          {"launch-time", "", "", "time after due at which the etf of link.qdisc releases a message: none",
+           client, "launched {} after it was due"},
           "launch_us", launch_ns, [](Run & run) -> auto& { return run.task.config.launch_ns; }),
       cut()};
 }
@@ -277,27 +276,28 @@ Fields neighbour_fields() {
   using Options = roundtrip::NeighbourOptions;
   using roundtrip::Where, transport::Reliability;
   Fields all{
-      of_neighbours({"topics", "", "", "ordinary topics beside the critical one: none"}, "topics",
+      of_neighbours({"topics", "", "", "number of background topics beside the critical one: none"}, "topics",
                     number<int>(1, 100), &Options::topics),
       of_neighbours(
           {"where", "", "",
-           "the most that they share with the critical topic, the last four with ros2 alone: "
+           "what background topics share with the critical one, the last four with ros2 only: "
            "same-participant"},
           "where",
           words({Where::same_participant, Where::same_process, Where::other_process,
                  Where::same_callback_group, Where::same_node, Where::same_executor, Where::own_executor},
                 static_cast<const char* (*)(Where)>(roundtrip::word_of)),
           &Options::where),
-      of_neighbours({"rate", "", "", "of messages, of each topic and direction: 100 Hz"}, "rate_hz", rate(),
-                    &Options::period),
-      of_neighbours({"payload", "", "", "of each message: 1 kB"}, "payload_bytes", size(payload_of),
-                    &Options::payload_bytes),
-      of_neighbours({"reliability", "", "", "of their topics, which keep the last 10: best-effort"},
-                    "reliability", reliability(), &Options::reliability),
+      of_neighbours({"rate", "", "", "message rate of each background topic and direction: 100 Hz"},
+                    "rate_hz", rate(), &Options::period),
+      of_neighbours({"payload", "", "", "payload of each background message: 1 kB"}, "payload_bytes",
+                    size(payload_of), &Options::payload_bytes),
+      of_neighbours(
+          {"reliability", "", "", "reliability of background topics, which keep the last 10: best-effort"},
+          "reliability", reliability(), &Options::reliability),
       {.path = "neighbours.direction",
        .flag = "",
        .values = direction().values,
-       .help = "of their messages: both",
+       .help = "direction of background messages: both",
        .set =
            [](Run& run, Text text) {
              run.describes_neighbours = true;
@@ -308,10 +308,11 @@ Fields neighbour_fields() {
           "neighbours.there", on_or_off(), [](Run & run) -> auto& { return run.task.neighbours.there; }),
       recorded(
           "neighbours.back", on_or_off(), [](Run & run) -> auto& { return run.task.neighbours.back; }),
-      of_neighbours({"priority", "", "", "SCHED_FIFO priority of the threads that are theirs alone: none"},
-                    "priority", number<int>(1, 99), &Options::priority),
-      of_neighbours({"callback", "", "", "of a CPU, that each message's callback takes: none"}, "callback_us",
-                    time(us, up_to_an_hour), &Options::callback)};
+      of_neighbours(
+          {"priority", "", "", "SCHED_FIFO priority of threads that only background topics use: none"},
+          "priority", number<int>(1, 99), &Options::priority),
+      of_neighbours({"callback", "", "", "CPU time that the callback of each background message takes: none"},
+                    "callback_us", time(us, up_to_an_hour), &Options::callback)};
   return all;
 }
 
@@ -320,23 +321,22 @@ Fields isolation_fields() {
   cpus.of_text = cpus_of;
   return {
       field(
-          {"isolation.cpus", "", "LIST|none",
-           "the CPUs that are kept for the two ends, and for nobody else: none", client, "CPUs {} kept"},
+          {"isolation.cpus", "", "LIST|none", "CPUs reserved for the two ends: none", client, "CPUs {} kept"},
           "isolation.cpus", cpus, [](Run & run) -> auto& { return run.isolation.cpus; }),
       field(
           {"isolation.interrupts", "", "",
-           "keep the interface's interrupts and the kernel's unbound work off them, too: off", client,
+           "move the interface's interrupts and the kernel's unbound work to other CPUs: off", client,
            "interrupts elsewhere"},
           "isolation.interrupts", on_or_off(), [](Run & run) -> auto& { return run.isolation.interrupts; }),
       field(
           {"isolation.load-quota", "", "PERCENT|none",
-           "how much of one CPU's time load and traffic may have together: any", client,
+           "CPU time for load and traffic together; 100 % is one CPU: no limit", client,
            "load and traffic with {} of a CPU"},
           "isolation.load_quota", share(quota_of),
           [](Run & run) -> auto& { return run.isolation.load_quota; }),
       field(
           {"isolation.load-weight", "", "1-10000|none",
-           "of load and traffic together, where all others have 100: none", client,
+           "weight of load and traffic together; all others have 100: none", client,
            "load and traffic of weight {}"},
           "isolation.load_weight", number<int>([](Text text) {
             return text == "none" ? 0 : static_cast<int>(number_of(text, 1, 10'000));
@@ -348,7 +348,7 @@ Fields kernel_fields() {
   Fields all{{.path = "kernel.preset",
               .flag = "",
               .values = "paper|none",
-              .help = "priorities of the kernel's threads as in the paper: irq-threads 90, ksoftirqd 60",
+              .help = "paper: irq-threads 90 and ksoftirqd 60, as in the paper: none",
               .set = set_preset}};
   for (const auto& setting : settings::table())
     all.push_back({.path = fmt::format("kernel.{}", setting.name),

@@ -135,18 +135,19 @@ RealtimeSettings settings_of(Json from) {
 }  // namespace
 
 Fields realtime_fields() {
-  Fields all{
-      said(field(
-               {"realtime", "--realtime", "",
-                "locked memory, no deep idle states, SCHED_FIFO 80 for the message's way and 70 for a "
-                "middleware's other threads",
-                both},
-               "realtime", on_or_off(), [](Run & run) -> auto& { return run.task.realtime.on; }),
-           set_realtime),
-      setting({"realtime.lock-memory", "--lock-memory", "on|off", "lock and touch all memory"},
-              [](auto& settings, Text text) { settings.lock_memory = yes_or_no(text); }),
-      setting({"realtime.cpu-latency", "--cpu-latency", "TIME|any", "longest exit latency of an idle state"},
-              [](auto& settings, Text text) { settings.cpu_latency = cpu_latency_of(text); })};
+  Fields all{said(field(
+                      {"realtime", "--realtime", "",
+                       "lock memory, avoid deep idle states, SCHED_FIFO 80 for threads on the message's way, "
+                       "70 for the middleware's others: off",
+                       both},
+                      "realtime", on_or_off(), [](Run & run) -> auto& { return run.task.realtime.on; }),
+                  set_realtime),
+             setting({"realtime.lock-memory", "--lock-memory", "on|off",
+                      "lock and touch all memory before the first message"},
+                     [](auto& settings, Text text) { settings.lock_memory = yes_or_no(text); }),
+             setting({"realtime.cpu-latency", "--cpu-latency", "TIME|any",
+                      "longest exit latency of a CPU idle state"},
+                     [](auto& settings, Text text) { settings.cpu_latency = cpu_latency_of(text); })};
   add_threads(all, "realtime", "--", message_roles, "the threads a message passes through");
   for (const auto& roles : {message_roles, background_roles})
     for (const auto& role : roles)

@@ -44,13 +44,13 @@ constexpr Check checks[] = {{"preemption", preemption},
 const char* word_of(Severity severity) {
   switch (severity) {
     case Severity::hint:
-      return "hint";
+      return "warning";
     case Severity::wrong:
-      return "wrong";
+      return "error";
     case Severity::fine:
       break;
   }
-  return "fine";
+  return "ok";
 }
 
 std::vector<Finding> check(const Subject& subject) {

@@ -37,7 +37,7 @@ Findings governor(const Look& look) {
   words.reserve(governors.size());
   for (const auto& [name, count] : governors) words.push_back(fmt::format("{} on {} CPUs", name, count));
   return {{"", Severity::wrong, fmt::format("{}", fmt::join(words, ", ")), "performance",
-           "a CPU that sleeps between messages is slow when one arrives, and takes milliseconds to be fast",
+           "a CPU that sleeps between messages is slow when one arrives; it needs milliseconds to speed up",
            "sudo ontime tune apply --set governor=performance"}};
 }
 
@@ -57,21 +57,21 @@ Findings idle_states(const Look& look) {
   const auto is = fmt::format("the deepest is {}, left within {} µs", name, deepest_us);
   if (deepest_us <= enough_us) return {fine(is)};
   return {{"", Severity::hint, is,
-           fmt::format("none that takes longer than {} µs to leave, while messages are awaited", enough_us),
-           "the first message after a pause waits until the CPU is awake",
-           "let the robot's program hold /dev/cpu_dma_latency open with a 0 in it, as ontime does with "
-           "realtime on; or "
-           "for all: intel_idle.max_cstate=1 processor.max_cstate=1 on the kernel's command line"}};
+           fmt::format("none that takes longer than {} µs to leave, while waiting for messages", enough_us),
+           "the first message after a pause waits until the CPU wakes up",
+           "the robot's program holds /dev/cpu_dma_latency open with a 0 in it (ontime: realtime on); or for "
+           "all programs: intel_idle.max_cstate=1 processor.max_cstate=1 on the kernel's command line"}};
 }
 
 Findings smt(const Look& look) {
   const auto active = look.number(std::string(folder) + "smt/active");
   if (!active) return {};
   if (*active == 0) return {fine("off")};
-  return {{"", Severity::hint, "on", "off",
-           "two CPUs share one core: what runs on the other makes this one slower, whatever the priorities",
-           "echo off | sudo tee /sys/devices/system/cpu/smt/control; for good: nosmt on the kernel's command "
-           "line"}};
+  return {
+      {"", Severity::hint, "on", "off",
+       "two CPUs share one core: work on one slows the other, whatever the priorities",
+       "echo off | sudo tee /sys/devices/system/cpu/smt/control; permanently: nosmt on the kernel's command "
+       "line"}};
 }
 
 Findings isolation(const Look& look) {
@@ -81,11 +81,9 @@ Findings isolation(const Look& look) {
   if (cpus(look).size() < 2) return {};
   return {
       {"", Severity::hint, "none", "one or more, if priorities are not enough",
-       "whatever runs beside takes turns in the caches, and interrupts of everybody come in between",
+       "other programs compete for the caches, and their interrupts come in between",
        "isolcpus=managed_irq,domain,N nohz_full=N rcu_nocbs=N on the kernel's command line; then give the "
-       "robot's threads CPU N (realtime.cpus in a scenario); what of it can be had without, for the time of "
-       "a "
-       "run, is isolation.cpus"}};
+       "robot's threads CPU N (realtime.cpus in a scenario); for a run without reboot: isolation.cpus"}};
 }
 
 // What only the command line can: a CPU that others' threads are kept off has its tick all the same.
@@ -108,7 +106,7 @@ Findings full_isolation(const Look& look) {
   const auto tickless = look.text(std::string(folder) + "nohz_full");
   const bool without_tick = has_all(tickless.value_or(""));
   std::vector<std::string> lacking;
-  if (!tickless) lacking.emplace_back("nohz_full (which this kernel is built without: CONFIG_NO_HZ_FULL)");
+  if (!tickless) lacking.emplace_back("nohz_full (this kernel is built without CONFIG_NO_HZ_FULL)");
   if (tickless && !without_tick) lacking.emplace_back("nohz_full");
   if (!without_tick && !has_all(callbacks)) lacking.emplace_back("rcu_nocbs");  // the one brings the other
   if (isolcpus.find("managed_irq") == isolcpus.npos) lacking.emplace_back("managed_irq");
@@ -117,8 +115,8 @@ Findings full_isolation(const Look& look) {
   return {
       {"", Severity::hint, fmt::format("CPUs {} are isolated without {}", cpus, fmt::join(lacking, ", ")),
        "all of it",
-       "the kernel's tick, the callbacks of RCU, and interrupts whose CPUs a driver manages (NVMe, network "
-       "cards) come there all the same",
+       "the tick, RCU callbacks, and interrupts whose CPUs a driver manages (NVMe, network cards) still come "
+       "there",
        fmt::format("isolcpus=managed_irq,domain,{0} nohz_full={0} rcu_nocbs={0} on the kernel's command line",
                    cpus)}};
 }
@@ -127,9 +125,9 @@ Findings virtualisation(const Look& look) {
   std::istringstream flags(look.field("/proc/cpuinfo", "flags").value_or(""));
   for (std::string flag; flags >> flag;)
     if (flag == "hypervisor")
-      return {{"", Severity::hint, "a virtual machine", "a machine of its own",
-               "the host lets it wait whenever it likes, and no setting in here changes that",
-               "compare settings here if you must, but measure the robot on the robot"}};
+      return {{"", Severity::hint, "a virtual machine", "real hardware",
+               "the host may pause it at any time, and no setting inside changes that",
+               "use it to compare settings; measure the robot on the robot"}};
   return {};
 }
 
@@ -143,8 +141,8 @@ Findings stolen_time(const Look& look) {
   const auto is = fmt::format("{:.2g} % of the time since the start", share * 100);
   if (share < much) return {fine(is)};
   return {{"", Severity::wrong, is, "none",
-           "for that long the host gave this machine's CPUs to somebody else while they had work",
-           "give the virtual machine CPUs of its own (libvirt: vcpupin), or take a real one"}};
+           "for that time the host gave this machine's CPUs to other machines while they had work",
+           "pin the virtual CPUs to CPUs of the host (libvirt: vcpupin), or use real hardware"}};
 }
 
 }  // namespace ontime::fitness

@@ -12,18 +12,17 @@ Findings preemption(const Look& look) {
                           look.text("/proc/cmdline").value_or(""), look.text("/proc/version").value_or(""));
   if (model == "rt") return {fine("PREEMPT_RT")};
   if (model == "dynamic") model.reset();
-  Finding finding{
-      "",
-      Severity::hint,
-      fmt::format("not PREEMPT_RT; preemption: {}", model.value_or("as the kernel was built")),
-      "PREEMPT_RT",
-      "an interrupt, a softirq or a lock of the kernel keeps any thread waiting for as long as it lasts",
-      "sudo apt install linux-image-rt-amd64 (arm64: linux-image-rt-arm64), and reboot"};
+  Finding finding{"",
+                  Severity::hint,
+                  fmt::format("not PREEMPT_RT; preemption: {}", model.value_or("as the kernel was built")),
+                  "PREEMPT_RT",
+                  "an interrupt, a softirq or a kernel lock makes every thread wait until it ends",
+                  "sudo apt install linux-image-rt-amd64 (arm64: linux-image-rt-arm64), and reboot"};
   // Lazily it lets only ordinary threads go on for a while.
   if (model && *model != "full" && *model != "lazy") {
     finding.severity = Severity::wrong;
-    finding.why = "a system call of any program keeps a real-time thread waiting until it ends or sleeps";
-    finding.remedy += "; meanwhile: preempt=full on the kernel's command line, where it is PREEMPT_DYNAMIC";
+    finding.why = "a system call of any program makes a real-time thread wait until it ends or sleeps";
+    finding.remedy += "; until then: preempt=full on the kernel's command line, if it is PREEMPT_DYNAMIC";
   }
   return {finding};
 }
@@ -34,8 +33,8 @@ Findings throttling(const Look& look) {
   if (!runtime || !period) return {};
   if (*runtime < 0 || *runtime >= *period) return {fine("off")};
   return {{"", Severity::hint, fmt::format("real-time tasks have {} of every {} µs", *runtime, *period),
-           "off, once it is certain that no real-time thread runs for ever",
-           "real-time threads that together compute for longer are stopped until the period is over",
+           "off, if no real-time thread runs forever",
+           "real-time threads that together run longer are stopped until the period ends",
            "sudo ontime tune apply --set rt-throttling=off"}};
 }
 
@@ -44,9 +43,9 @@ Findings fair_server(const Look& look) {
   for (const auto& cpu : look.names(folder))
     if (const auto runtime = look.number(fmt::format("{}/{}/runtime", folder, cpu)); runtime && *runtime > 0)
       return {{"", Severity::hint,
-               fmt::format("ordinary tasks on {} have {} ns of each period for themselves", cpu, *runtime),
-               "0 on CPUs that are for real-time threads alone",
-               "when ordinary tasks starve, they run before real-time threads for that long",
+               fmt::format("ordinary tasks on {} have {} ns of each period reserved", cpu, *runtime),
+               "0 on CPUs for real-time threads only",
+               "ordinary tasks that starve run before real-time threads for that long",
                fmt::format("for f in {}/cpu*/runtime; do echo 0 | sudo tee $f; done", folder)}};
   return {};
 }
@@ -56,9 +55,8 @@ Findings autogroup(const Look& look) {
   if (!on) return {};
   if (*on == 0) return {fine("off")};
   return {{"", Severity::hint, "on", "off",
-           "the niceness of a thread counts within its session only, so that nice and renice do little; "
-           "real-time "
-           "threads do not notice",
+           "niceness counts only within a session, so nice and renice do little; real-time threads are not "
+           "affected",
            "sudo sysctl kernel.sched_autogroup_enabled=0"}};
 }
 
@@ -68,7 +66,7 @@ Findings timer_migration(const Look& look) {
   const auto isolated = look.text("/sys/devices/system/cpu/isolated").value_or("");
   if (*on == 0 || isolated.empty()) return {fine(*on == 0 ? "off" : "on, and no CPU is isolated")};
   return {{"", Severity::hint, "on", "off where CPUs are isolated",
-           "timers of idle CPUs are run by busy ones, perhaps those that are to be left alone",
+           "timers of idle CPUs run on busy ones, which may be the isolated ones",
            "sudo ontime tune apply --set timer-migration=off"}};
 }
 
@@ -78,13 +76,11 @@ Findings clock_source(const Look& look) {
   if (!current) return {};
   for (const auto* slow : {"hpet", "acpi_pm", "jiffies", "refined-jiffies"})
     if (*current == slow)
-      return {
-          {"", Severity::wrong, *current, "tsc, or the CPU's own counter on other machines than PCs",
-           "each look at the clock takes microseconds, and everybody looks at it",
-           fmt::format(
-               "it has: {}; see why the kernel does not take tsc (sudo dmesg | grep -i tsc), and if it is "
-               "wrong in that: tsc=reliable on the kernel's command line",
-               look.text(folder + "available_clocksource").value_or("?"))}};
+      return {{"", Severity::wrong, *current, "tsc; on other machines than PCs the CPU's own counter",
+               "reading the clock takes microseconds, and every program reads it",
+               fmt::format("available: {}; see why the kernel rejects tsc (sudo dmesg | grep -i tsc); if tsc "
+                           "is sound: tsc=reliable on the kernel's command line",
+                           look.text(folder + "available_clocksource").value_or("?"))}};
   return {fine(*current)};
 }
 
@@ -93,8 +89,8 @@ Findings clock_synchronised(const Look& look) {
   if (!synchronised) return {};
   if (*synchronised) return {fine("synchronised")};
   return {{"", Severity::hint, "not synchronised", "synchronised, best by PTP",
-           "of two machines only the round trip can be measured, not which way of it was slow",
-           "sudo apt install chrony; or linuxptp, where both network cards have clocks (ethtool -T)"}};
+           "between two machines only the round trip can be measured, not its two legs",
+           "sudo apt install chrony; or linuxptp, if both network cards have clocks (ethtool -T)"}};
 }
 
 }  // namespace ontime::fitness

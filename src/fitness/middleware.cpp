@@ -23,15 +23,11 @@ struct Fault {
 // What this project has found, and works around.
 constexpr Fault faults[] = {
     {"Cyclone DDS", "0.10.",
-     "it does not count what a full socket buffer lost, and takes no priority for the threads that receive "
-     "data by "
-     "themselves",
-     "set priorities in CYCLONEDDS_URI (Threads) for those it has; ontime counts what is lost by its own "
-     "numbers"},
-    {"Fast DDS", "2.9.",
-     "it takes no priorities for its threads (from 2.13 on it does), and gives them no names",
-     "ontime finds and sets its own (realtime on); a robot's program needs to start as SCHED_FIFO, which its "
-     "threads "
+     "it does not count packets lost to a full socket buffer, and has no priority for the threads that "
+     "receive data",
+     "set the others' priorities in CYCLONEDDS_URI (Threads); ontime counts losses by its own numbers"},
+    {"Fast DDS", "2.9.", "it has no priorities for its threads (since 2.13 it has), and gives them no names",
+     "ontime finds and sets its own (realtime on); start a robot's program as SCHED_FIFO, which its threads "
      "inherit: chrt --fifo 70 PROGRAM"}};
 
 Finding finding_of(const Library& library, const std::string& version, const std::string& folder) {

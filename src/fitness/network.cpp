@@ -49,9 +49,8 @@ Finding napi_of(const Look& look, const std::string& interface) {
           Severity::wrong,
           fmt::format("{}: threaded, and its threads are SCHED_OTHER", interface),
           "a real-time priority, or not threaded",
-          "packets wait until every real-time thread is done, and in line with all ordinary ones: seen under "
-          "load on "
-          "Linux 6.1-rt, 405 messages of 1,454 late, and none with SCHED_FIFO 60",
+          "packets wait for all real-time threads and share the CPU with ordinary ones; under load on Linux "
+          "6.1-rt 405 of 1,454 messages were late, none with SCHED_FIFO 60",
           fmt::format("sudo ontime tune apply --set napi-threads=60 --interface {}", interface)};
 }
 
@@ -61,10 +60,10 @@ Findings buffers(const Look& look) {
   constexpr std::int64_t enough = std::int64_t{4} << 20;
   const auto most = look.number("/proc/sys/net/core/rmem_max");
   if (!most) return {};
-  const auto is = fmt::format("a socket may have {} bytes for what it has not read yet", *most);
+  const auto is = fmt::format("a socket's receive buffer holds at most {} bytes", *most);
   if (*most >= enough) return {fine(is)};
   return {{"", Severity::hint, is, fmt::format("{} or more, if messages are larger than a few kB", enough),
-           "a burst, or the fragments of one large message, overflow it, and are lost without a word",
+           "a burst, or the fragments of one large message, overflow it and are dropped silently",
            fmt::format("sudo ontime tune apply --set rmem-max={} --set wmem-max={}", enough, enough)}};
 }
 
@@ -72,12 +71,11 @@ Findings fragments(const Look& look) {
   constexpr std::int64_t enough = std::int64_t{4} << 20;
   const auto most = look.number("/proc/sys/net/ipv4/ipfrag_high_thresh");
   if (!most) return {};
-  const auto is = fmt::format("{} bytes for packets that are not complete", *most);
+  const auto is = fmt::format("{} bytes for incomplete packets", *most);
   if (*most >= enough) return {fine(is)};
-  return {
-      {"", Severity::hint, is, fmt::format("{} or more, if messages are larger than a packet", enough),
-       "one lost fragment keeps the others for 30 s; once they are that many, all large messages are lost",
-       fmt::format("sudo sysctl net.ipv4.ipfrag_high_thresh={} net.ipv4.ipfrag_time=3", enough)}};
+  return {{"", Severity::hint, is, fmt::format("{} or more, if messages are larger than a packet", enough),
+           "a lost fragment keeps the others for 30 s; when the buffer is full, all large messages are lost",
+           fmt::format("sudo sysctl net.ipv4.ipfrag_high_thresh={} net.ipv4.ipfrag_time=3", enough)}};
 }
 
 Findings interrupts(const Look& look) {
@@ -99,8 +97,8 @@ Findings interrupts(const Look& look) {
 Findings interrupt_balance(const Look& look) {
   if (look.threads("irqbalance").empty()) return {};
   return {
-      {"", Severity::hint, "it runs", "not running, or told to leave the link's interrupts alone",
-       "it moves interrupts from CPU to CPU every ten seconds, and undoes irq-cpus",
+      {"", Severity::hint, "it is running", "not running, or configured to leave the link's interrupts alone",
+       "it moves interrupts between CPUs every ten seconds and undoes irq-cpus",
        "sudo systemctl disable --now irqbalance; or IRQBALANCE_BANNED_CPULIST in /etc/default/irqbalance"}};
 }
 

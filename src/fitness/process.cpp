@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What whoever asks may have for his programs: priorities, and memory that stays.
+// What the caller's programs may have: priorities, and locked memory.
 #include <charconv>
 
 #include <fmt/format.h>
@@ -38,7 +38,7 @@ Findings priority_limit(const Look& look) {
   if (most == "unlimited" || priority >= needed) return {fine("up to " + most)};
   return {{"", Severity::wrong, fmt::format("you may give your threads real-time priorities up to {}", most),
            fmt::format("{} or more", needed),
-           "without one, every program that computes comes before your messages", how_to_permit}};
+           "without one, every program that computes runs before your messages", how_to_permit}};
 }
 
 Findings memory_limit(const Look& look) {
@@ -46,8 +46,7 @@ Findings memory_limit(const Look& look) {
   if (most.empty()) return {};
   if (most == "unlimited" || capable(look, CAP_IPC_LOCK)) return {fine("unlimited")};
   return {{"", Severity::wrong, fmt::format("you may lock {} bytes of memory", most), "unlimited",
-           "a page that is not locked may have to be fetched from the disk when it is touched, which takes "
-           "milliseconds",
+           "a page that is not locked may be read from the disk when it is used, which takes milliseconds",
            how_to_permit}};
 }
 
@@ -56,8 +55,8 @@ Findings priority_budget(const Look& look) {
     const auto budget = look.number(file);
     if (!budget) continue;
     if (*budget != 0) return {fine(fmt::format("{} µs of each period", *budget))};
-    return {{"", Severity::wrong, "this control group has no real-time time at all", "some",
-             "nothing in it may have a real-time priority, not even root's",
+    return {{"", Severity::wrong, "this control group has no real-time budget", "some",
+             "nothing in it can have a real-time priority, not even root's programs",
              fmt::format("echo 900000 | sudo tee {} (its parents first)", file)}};
   }
   return {};
@@ -68,10 +67,10 @@ Findings swap(const Look& look) {
   if (!swaps) return {};
   if (swaps->find('\n') == swaps->npos) return {fine("none")};
   return {{"", Severity::hint, "there is some", "none, or all memory of the robot's programs locked",
-           "what was swapped out is fetched from the disk when it is touched, which takes milliseconds",
+           "swapped memory is read from the disk when it is used, which takes milliseconds",
            "mlockall(MCL_CURRENT | MCL_FUTURE) in the program (as ontime does with realtime on); or sudo "
            "swapoff --all, "
-           "and take it out of /etc/fstab"}};
+           "and remove it from /etc/fstab"}};
 }
 
 Findings huge_pages(const Look& look) {
@@ -79,7 +78,7 @@ Findings huge_pages(const Look& look) {
   if (!mode) return {};
   if (mode->find("[always]") == mode->npos) return {fine(*mode)};
   return {{"", Severity::hint, *mode, "madvise or never",
-           "the kernel makes large pages of small ones behind a program's back, and lets it wait meanwhile",
+           "the kernel merges small pages into large ones, and the program waits meanwhile",
            "echo madvise | sudo tee /sys/kernel/mm/transparent_hugepage/enabled"}};
 }
 
@@ -87,7 +86,7 @@ Findings memory_balancing(const Look& look) {
   const auto on = look.number("/proc/sys/kernel/numa_balancing");
   if (!on || *on == 0) return {};
   return {{"", Severity::hint, "on", "off",
-           "the kernel takes pages away to see who touches them, locked ones too: each costs a fault",
+           "the kernel unmaps pages, also locked ones, to see which thread uses them: each costs a fault",
            "sudo sysctl kernel.numa_balancing=0"}};
 }
 
@@ -96,9 +95,10 @@ Findings compaction(const Look& look) {
   const auto moves = look.number("/proc/sys/vm/compact_unevictable_allowed");
   if (!moves) return {};
   if (*moves == 0) return {fine("not of locked memory")};
-  return {{"", Severity::hint, "of locked memory too", "not of locked memory",
-           "the kernel moves pages to make large ones; a locked one that was moved faults when it is touched",
-           "sudo sysctl vm.compact_unevictable_allowed=0"}};
+  return {
+      {"", Severity::hint, "of locked memory too", "not of locked memory",
+       "the kernel moves pages to make large ones; a moved page faults when it is used, also a locked one",
+       "sudo sysctl vm.compact_unevictable_allowed=0"}};
 }
 
 }  // namespace ontime::fitness

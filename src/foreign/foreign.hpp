@@ -21,7 +21,7 @@ enum class Form {
 std::optional<Form> form_of(const std::string& word);
 
 // What is to become of a run, for record::Writer::begin_run() and end_run(). It has no samples: the tool kept
-// how often a value was seen, and not when. docs/json.md describes `imported` and `histogram`.
+// how often a value was seen, and not when. docs/reference/json.md describes `imported` and `histogram`.
 struct Import {
   nlohmann::json asked, outcome;
 };

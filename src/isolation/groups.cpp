@@ -57,7 +57,7 @@ Hierarchy hierarchy_of(const std::string& controller, const std::string& mounts)
     if (!has_it) continue;
     if (is_root(found)) return found;
     throw journal::Error(
-        fmt::format("the control groups in {} are a part of somebody else's, as in a container: run on the "
+        fmt::format("the control groups in {} belong to a larger hierarchy, as in a container: run on the "
                     "machine itself",
                     found.folder));
   }

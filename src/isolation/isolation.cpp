@@ -59,20 +59,20 @@ void check_spare(const std::string& asked, const Cpus& kept, const std::string& 
     if (!has(list(online), cpu)) throw Error(fmt::format("there is no CPU {}; there are {}", cpu, online));
     if (!has(list(everybodys), cpu))
       throw Error(
-          fmt::format("CPU {} is somebody else's already: of {} everybody has {}", cpu, online, everybodys));
+          fmt::format("CPU {} is reserved already: of {} all processes have {}", cpu, online, everybodys));
   }
   if (without(list(everybodys), kept).empty())
-    throw Error(fmt::format("CPUs {} are all that there are: leave one to everybody else", asked));
+    throw Error(fmt::format("CPUs {} are all CPUs: leave one to the other processes", asked));
 }
 
-// Everybody has the CPUs that the first process has. Where these are not all, as with isolcpus, nobody would
+// All processes have the CPUs of the first one. Where these are not all, as with isolcpus, none would
 // be moved by version 1.
 void check_inherited(const std::string& asked, const Cpus& kept, const std::string& everybodys) {
   const auto inherited = cpus_of_thread(1);
   const auto nobodys = without(list(everybodys), inherited);
   if (nobodys.empty() || !any_of(inherited, kept)) return;
   throw Error(
-      fmt::format("CPUs {} cannot be kept: everybody has {} of {} from the start (isolcpus= on the kernel's "
+      fmt::format("CPUs {} cannot be reserved: all processes have {} of {} from the start (isolcpus= on the kernel's "
                   "command line, or systemd's CPUAffinity=), and with control groups of version 1 who was "
                   "given CPUs is left on them. Keep others ({}), or use control groups of version 2",
                   asked, realtime::list_of(inherited), everybodys, realtime::list_of(nobodys)));
@@ -155,7 +155,7 @@ void Isolation::keep_cpus() {
   rest_ = realtime::list_of(without(list(everybodys_), kept));
   if (const auto owners = owners_of(root, kept); !owners.empty())
     throw Error(
-        fmt::format("CPUs {} were given to control groups of somebody else's: {}. Take others, or take them "
+        fmt::format("CPUs {} belong to other control groups: {}. Take others, or take them "
                     "from there (of a service of systemd's: AllowedCPUs=)",
                     wish_.cpus, some_of(owners)));
   if (root.unified) {
@@ -183,7 +183,7 @@ void Isolation::keep_cpus() {
   make(balance_kind, "root", "0");
 }
 
-// Again, until nobody has had a child meanwhile.
+// Again, until no process has made a child meanwhile.
 void Isolation::move_others() const {
   constexpr int tries = 100;
   const auto root = hierarchy_of("cpuset").folder, folder = folder_of(others);
@@ -209,7 +209,7 @@ void Isolation::limit() {
     limits_.push_back({setting, file, *before, said(path), ""});
   };
   const auto quota_us = std::lround(wish_.load_quota * period_us);
-  const auto shares = std::max(2L, std::lround(wish_.load_weight * 10.24));  // everybody has 1024
+  const auto shares = std::max(2L, std::lround(wish_.load_weight * 10.24));  // the default is 1024
   if (wish_.load_quota > 0 && root.unified)
     set("load-quota", "cpu.max", fmt::format("{} {}", quota_us, period_us));
   else if (wish_.load_quota > 0)
@@ -248,7 +248,7 @@ std::vector<Isolation::State> Isolation::state() const {
       kept += ", partition: " + partition;
     const auto rests = root.unified ? cpus_in(root.folder, true) : cpus_in(folder_of(others), false);
     all.push_back({"cpus", "the robot", "none", realtime::list_of(list(wish_.cpus)), kept});
-    all.push_back({"cpus", "everybody else", everybodys_, rest_, rests});
+    all.push_back({"cpus", "all other processes", everybodys_, rest_, rests});
   }
   for (auto limit : limits_) {
     limit.now = said(fmt::format("{}/{}", folder_of(load), limit.thing));

@@ -3,10 +3,10 @@
 // groups, of version 2 or 1, whichever the machine has the controller in. Ordinary thread only; root alone
 // may.
 //
-// Version 2: a partition of the root, which the kernel itself keeps all others off, wherever they are; nobody
+// Version 2: a partition of the root, which the kernel itself keeps all others off, wherever they are; no process
 // is moved. Version 1: who is in the root and may run anywhere is moved into a group that has the other CPUs,
-// and back; who was given CPUs of his own, or a group of somebody else's, is left there. Where that is
-// everybody (isolcpus, systemd's CPUAffinity=), the CPUs that everybody has cannot be kept.
+// and back; a process with its own CPUs, or in another group, stays. Where that is
+// true of all (isolcpus, systemd's CPUAffinity=), the CPUs that all have cannot be reserved.
 #pragma once
 
 #include <span>
@@ -31,7 +31,7 @@ class Isolation {
   Isolation(const Isolation&) = delete;
   Isolation& operator=(const Isolation&) = delete;
 
-  // That process has the kept CPUs from now on, with all its threads, and no others. Throws journal::Error.
+  // That process has the reserved CPUs from now on, with all its threads, and no others. Throws journal::Error.
   void keep(pid_t) const;
   // The CPUs of all others; "" where none are kept.
   const std::string& rest() const { return rest_; }
@@ -40,10 +40,10 @@ class Isolation {
 
   // What was made of the machine, and what it is at this moment ("gone" where it is no more).
   struct State {
-    std::string setting, thing, before, after, now;  // "cpus", "everybody else": "0-1", "0", "0"
+    std::string setting, thing, before, after, now;  // "cpus", "all other processes": "0-1", "0", "0"
   };
   std::vector<State> state() const;
-  // The threads of others that may run on the kept CPUs all the same, but for the kernel's own of each CPU:
+  // The threads of others that may run on the reserved CPUs all the same, but for the kernel's own of each CPU:
   // the first of them, for people; "": there are none.
   std::string stay() const;
 

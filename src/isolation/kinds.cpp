@@ -49,7 +49,7 @@ void say_interrupts_again() {
     const auto file = fmt::format("/proc/irq/{}/smp_affinity_list", number);
     try {
       if (const auto cpus = read_file(file); cpus) write_file(file, *cpus);
-    } catch (const journal::Error&) {  // the kernel's own, or a CPU's: nobody places it
+    } catch (const journal::Error&) {  // the kernel's own, or a CPU's: it cannot be moved
       continue;
     }
   }
@@ -100,7 +100,7 @@ void write_group(const std::string& what, const Value& value, const Value& prese
     if (errno == EEXIST)
       throw journal::Error(
           fmt::format("there is a control group {0} already, and it is not this ontime's: if "
-                      "nobody uses it, remove it (sudo rmdir {0})",
+                      "no process uses it, remove it (sudo rmdir {0})",
                       folder));
     throw trouble(folder, errno);
   }

@@ -50,7 +50,7 @@ std::optional<std::string> behind(const std::string& text, const std::string& na
   return {};
 }
 
-// The kernel is told by whoever sets the clock.
+// The program that sets the clock tells the kernel.
 Synchronisation of_kernel() {
   timex now{};
   const bool known = ntp_adjtime(&now) >= 0;
@@ -129,7 +129,7 @@ std::optional<Synchronisation> parse_ptp(const std::string& text) {
 
 json clock_state() {
   const auto kernel = of_kernel();
-  // ptp4l may set the network card's clock alone; whoever takes this one from there tells the kernel.
+  // ptp4l may set the network card's clock alone; the program that copies it from there tells the kernel.
   const auto ptp = kernel.synchronised ? of_ptp() : std::nullopt;
   if (ptp && ptp->synchronised) return told("ptp", *ptp);
   const auto chrony = of_chrony();

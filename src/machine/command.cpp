@@ -21,7 +21,7 @@
 namespace ontime::machine {
 namespace {
 
-// What a child writes, kept in memory: nobody need read while it writes.
+// What a child writes, kept in memory, so that it never blocks.
 class Output {
  public:
   Output() : fd_(memfd_create("command output", MFD_CLOEXEC)) {}

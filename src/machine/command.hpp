@@ -9,7 +9,7 @@ namespace ontime::machine {
 // Runs iproute2's `ip`, without a shell, and returns what it wrote. Throws Error with what it said if it
 // fails, or with what to install if it is missing.
 std::string ip(const std::vector<std::string>& arguments);
-// Likewise its `tc`.
+// As ip(), for `tc`.
 std::string tc(const std::vector<std::string>& arguments);
 
 }  // namespace ontime::machine

@@ -88,13 +88,13 @@ std::string interface_to(const std::string& peer, const std::string& network_nam
 std::string interface_of(const std::string& own, const std::string& network_namespace);
 
 // What has gone over an interface of this process's network namespace since it came up, as the kernel counts
-// it: frames with all their headers, of everybody. Nothing if there is no such interface.
+// it: frames with all their headers, of all programs. Nothing if there is no such interface.
 struct Traffic {
   std::uint64_t sent_bytes = 0, sent_packets = 0;
   std::uint64_t received_bytes = 0, received_packets = 0;
 };
 std::optional<Traffic> traffic(const std::string& interface);
-// What went over it between two such moments, by the names above; or {"gone": why nobody can tell}, if it is
+// What went over it between two such moments, by the names above; or {"gone": why it is unknown}, if it is
 // not there any more, or is another of that name.
 nlohmann::json between(const Traffic& first, const std::optional<Traffic>& last);
 // The same up to now, where at least so many bytes went each way: some drivers refresh their counters once a
@@ -103,7 +103,7 @@ void wait_for_counters();
 nlohmann::json since(const Traffic& first, const std::string& interface, std::uint64_t least_bytes,
                      const std::function<void()>& wait = wait_for_counters);
 
-// When an interface could carry nothing, as the kernel tells whoever listens: by a thread of its own,
+// When an interface could carry nothing, as the kernel reports it: by a thread of its own,
 // ordinary, so some time after it was so if that gets no CPU.
 class LinkWatch {
  public:
@@ -112,7 +112,7 @@ class LinkWatch {
 
   struct Down {
     std::int64_t from_ns, to_ns;  // CLOCK_MONOTONIC; to_ns 0: still
-    bool taken;                   // by somebody, or it is gone; false: it had no carrier
+    bool taken;                   // taken down, or it is gone; false: it had no carrier
   };
   static constexpr std::size_t most = 100;  // that are kept, the first
   std::vector<Down> downs() const;
@@ -127,14 +127,14 @@ class LinkWatch {
 struct Drops {
   using Count = std::optional<std::uint64_t>;
   Count own_sockets;  // datagrams that came for this process's UDP sockets and found no room
-  Count udp_receive;  // likewise for anybody's in this network namespace
-  Count udp_send;     // that anybody's there could not send
+  Count udp_receive;  // the same for all programs in this network namespace
+  Count udp_send;     // that programs there could not send
   Count fragments;    // datagrams of which not all fragments came, or found room
   Count interface_received, interface_sent;  // frames, on that interface
   Count backlog;                             // frames, of the whole machine: no room in a CPU's queue
 };
 Drops drops(const std::string& interface);
-// What was dropped between two such moments, by the names above; null where nobody can tell: it could not be
+// What was dropped between two such moments, by the names above; null where it is unknown: it could not be
 // read, or was set back (a socket that was closed meanwhile took its count with it).
 nlohmann::json between(const Drops& first, const Drops& last);
 
@@ -149,7 +149,7 @@ std::optional<std::string> answer_of(const std::vector<std::string>& command, st
 // "Machines" made of one: network namespaces `ontime-controller` and, of each component, `ontime-NAME`, each
 // with an address of 198.18.0.0/24 (RFC 2544's range for benchmarks). One component is joined to the
 // controller by a veth pair; several to a bridge, which is the controller's interface, as machines to a
-// switch. Needs root; needs iproute2's `ip`. Throws Error, or journal::Error if somebody else has a namespace
+// switch. Needs root; needs iproute2's `ip`. Throws Error, or journal::Error if another program has a namespace
 // of that name.
 // With a cable, two interfaces of this machine between which there is one join the controller and its one
 // component instead: they are moved there, and come back, as they were, when the namespaces go. Only hardware

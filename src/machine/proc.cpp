@@ -116,7 +116,7 @@ std::optional<Traffic> parse_traffic(const std::string& text, const std::string&
   const auto counts = field(text, interface);
   if (!counts) return {};
   std::istringstream fields(*counts);
-  // Eight counts of what was received, bytes and packets first; then what was sent, likewise.
+  // Eight counts of what was received, bytes and packets first; then the same of what was sent.
   std::vector<std::uint64_t> all(10);
   for (auto& count : all) fields >> count;
   if (!fields) return {};

@@ -16,7 +16,7 @@ inline constexpr const char* pong_topic = "rt/pong";
 inline constexpr const char* type_name = "ontime_msgs::msg::dds_::RoundTrip_";
 
 // A sequence number on the wire is the client's session (24 bits, random, so that clients sharing a topic
-// tell their answers apart, whoever echoes them) and the message's index within it (40 bits: 34 years at 1
+// tell their answers apart, from any server) and the message's index within it (40 bits: 34 years at 1
 // kHz).
 inline constexpr unsigned index_bits = 40;
 inline constexpr std::uint64_t max_index = (std::uint64_t{1} << index_bits) - 1;
@@ -53,7 +53,7 @@ std::optional<View> decode(std::span<std::byte> cdr) noexcept;
 
 // An ontime server writes its own times into the first 16 bytes of the payload that it returns (a client
 // sends zeros there). Nothing is written into, or read from, a shorter payload; an end that only echoes
-// leaves zeros. What else stands there, for anybody may answer, is no times if no clock can show them.
+// leaves zeros. Any program may answer: values that no clock can show are not times.
 struct ServerTimes {
   std::int64_t received_ns;  // the server's CLOCK_MONOTONIC
   std::int64_t sent_ns;

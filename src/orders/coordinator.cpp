@@ -113,7 +113,7 @@ void Coordinator::Hand::order(const std::string& order, json body) {
 void Coordinator::listen(Hand& hand) {
   auto& frames = hand.process_->frames();
   bool more = true, ended = false;
-  // Who never stops talking has no more than his turn: others are to be heard too, and whoever interrupts.
+  // A worker that never stops talking has only its turn: others must be heard too, and interruptions.
   for (int reads = 0; more && reads < reads_a_turn; ++reads) {
     try {
       more = frames.fill();

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // What goes through a pipe between two processes of ontime: frames of a message and, where it carries them,
 // raw bytes beside it. On the wire: the length of the message (32 bits, little-endian), the number of bytes
-// (likewise), the message in CBOR, the bytes.
+// (32 bits too), the message in CBOR, the bytes.
 #pragma once
 
 #include <array>

@@ -43,7 +43,7 @@ struct Unanswered : Error {
 inline constexpr std::chrono::seconds longest_silence{10};
 inline constexpr std::chrono::seconds beat_period{3};  // seldom, for each beat is felt by what is measured
 
-// Calls `handler` on SIGINT, SIGTERM and SIGHUP; but those that whoever started us had ignored (nohup, a
+// Calls `handler` on SIGINT, SIGTERM and SIGHUP; except those that the caller had ignored (nohup, a
 // shell's &) stay ignored. SIGPIPE is ignored: a pipe's end shows where it is written.
 void on_termination(void (*handler)(int));
 
@@ -140,7 +140,7 @@ class Coordinator {
     std::unique_ptr<Process> process_;
     bool there_ = false;  // it has said hello
     std::map<std::string, Handle> handles_;
-    std::vector<std::string> owed_;  // answers for which nobody waits any more
+    std::vector<std::string> owed_;  // answers that are no longer awaited
     std::chrono::steady_clock::time_point heard_;
     std::string doing_;
     Left left_;

@@ -131,7 +131,7 @@ int serve(const std::string& samples, const std::function<std::unique_ptr<Worker
       code = exit;
       try {
         pipe.tell("failed", {{"exit", exit}, {"message", message}, {"unanswered", unanswered}}, {});
-      } catch (const Broken&) {  // nobody is left to be told
+      } catch (const Broken&) {  // the coordinator is gone
       }
     };
     std::unique_ptr<Worker> worker;

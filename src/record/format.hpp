@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The tables of a results file, as docs/results-file.md describes them, and how those of an older format
+// The tables of a results file, as docs/reference/results-file.md describes them, and how those of an older format
 // become them.
 #pragma once
 

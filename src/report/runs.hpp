@@ -15,7 +15,7 @@ namespace ontime::report {
 
 using Summaries = std::vector<statistics::Summary>;
 
-nlohmann::ordered_json json_of(const statistics::Summary&);  // docs/json.md
+nlohmann::ordered_json json_of(const statistics::Summary&);  // docs/reference/json.md
 std::string csv_of(const Summaries&);
 Page page_of(const Summaries&);
 

@@ -39,7 +39,7 @@ class Alarm {
     rung_.store(1);
     syscall(SYS_futex, &rung_, FUTEX_WAKE_PRIVATE, 0x7fffffff, nullptr, nullptr, 0);
   }
-  void reset() noexcept { rung_.exchange(0); }  // by whoever sleeps, before it looks what it was rung for
+  void reset() noexcept { rung_.exchange(0); }  // by the sleeping thread, before it looks why it was rung
   bool rung() const noexcept { return rung_.load(std::memory_order_acquire) != 0; }
 
  private:

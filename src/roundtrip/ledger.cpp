@@ -70,7 +70,7 @@ bool Ledger::arrived(std::uint64_t index, std::int64_t at_ns,
   if (!counts || (!first && !belated)) {
     const bool answered_before = is(State::arriving) || is(State::answered) || is(State::settled);
     count(answered_before ? duplicates_ : strays_);
-    return first;  // if so, it came too late, but before anybody gave the message up: now it is
+    return first;  // if so, it came too late, but before the message was given up: now it is
   }
   entry.answer = {at_ns, server.value_or(message::ServerTimes{})};
   auto highest = highest_answered_.load(std::memory_order_relaxed);

@@ -81,7 +81,7 @@ class Ledger {
     std::atomic<std::int64_t> sent_ns{0};  // as in the sample; read by receivers and by expire()
     Sample sample{};                       // the owner's
     Answer answer;                         // of the receiver that claimed it, and then the owner's
-    Slot* next_belated = nullptr;          // likewise
+    Slot* next_belated = nullptr;          // the owner's
   };
   static constexpr std::uint64_t word_of(std::uint64_t index, State state) noexcept {
     return index << 3 | static_cast<std::uint64_t>(state);

@@ -57,7 +57,7 @@ struct Counters {
   // sending thread has found out so far, while it runs.
   std::uint64_t skipped_cycles = 0;
   std::uint64_t refused_sends = 0;    // messages that the transport did not take; each is lost, too
-  std::uint64_t dropped_records = 0;  // samples that nobody drained in time
+  std::uint64_t dropped_records = 0;  // samples that were not drained in time
   // Of the skipped cycles those after the last message, which no sample tells of, and when the first was due.
   std::uint64_t trailing_cycles = 0;
   std::int64_t trailing_due_ns = 0;
@@ -139,9 +139,9 @@ struct NeighbourOptions {
   transport::Reliability reliability = transport::Reliability::best_effort;
   bool there = true, back = true;  // whether the client's end sends, and the server's
   int priority = 0;                // SCHED_FIFO, of the threads that are theirs alone; 0: none
-  // What the callback of each message takes of its thread's CPU, and so of whoever shares that thread.
+  // What the callback of each message takes of its thread's CPU, and so of everything on that thread.
   std::chrono::nanoseconds callback{0};
-  // 24 bits that both ends are given: by these they tell one another's messages from somebody else's.
+  // 24 bits that both ends are given: by these they tell one another's messages from other programs'.
   std::uint32_t session = 0;
 };
 // How many messages of all topics together go each way in that time, at least one.
@@ -153,7 +153,7 @@ struct NeighbourCounters {
   std::uint64_t sent = 0, refused = 0;
   std::uint64_t skipped_cycles = 0;  // in which nothing was sent: it overran its period
   std::uint64_t received = 0;
-  std::uint64_t strays = 0;    // received of somebody else's
+  std::uint64_t strays = 0;    // received from other programs
   std::uint64_t overruns = 0;  // of those received: callbacks that took longer than their turn, a period's
                                // share where one thread receives all topics
 };

@@ -7,7 +7,7 @@
 namespace ontime::roundtrip {
 namespace {
 
-// Whoever answers writes, whatever thread it is; what nobody has read in time is written over.
+// The answering thread writes, whichever it is; what is not read in time is overwritten.
 class Answers {
  public:
   void add(const Server::Answer& answer) noexcept {

@@ -34,7 +34,7 @@ void complete_topics(Run& run) {
 
 // Every user of ROS 2 says the domain so, of its nodes and of what is to talk to them.
 int domain_of_environment() {
-  const char* const id = std::getenv("ROS_DOMAIN_ID");  // NOLINT(concurrency-mt-unsafe): nobody sets it
+  const char* const id = std::getenv("ROS_DOMAIN_ID");  // NOLINT(concurrency-mt-unsafe): no thread sets it
   if (id == nullptr || *id == '\0') return 0;
   try {
     return static_cast<int>(number_of(id, 0, max_domain));

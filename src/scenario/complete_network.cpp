@@ -20,7 +20,7 @@ bool has_deadline_mode(const std::string& qdisc) {
   return false;
 }
 
-// Without an etf a launch time is a word that nobody heeds; without a launch time, an etf drops all.
+// Without an etf a launch time has no effect; without a launch time, an etf drops all.
 void complete_launch(const Run& run) {
   const auto& qdisc = run.faults.qdisc;
   const bool asked = run.task.config.launch_ns > 0;
@@ -157,7 +157,7 @@ void complete_neighbours(const Run& run) {
         neighbours.topics, depth, neighbours.payload_bytes));
   if (run.component_restart)
     throw std::invalid_argument(
-        "neighbours of an end that is started again have nobody to count what they lost: leave out "
+        "losses of neighbours cannot be counted at an end that is started again: leave out "
         "neighbours, or component.restart");
   auto config = run.task.config;
   for (auto* topic : {&config.ping_topic, &config.pong_topic})

@@ -11,7 +11,7 @@ namespace ontime::scenario {
 // Throws Error: file, line, column, message.
 [[noreturn]] void fail_at(const std::string& file, const YAML::Mark&, const std::string& message);
 
-// The word that stands there as the value of a key. Throws likewise, as once_each() does for a key that is
+// The word that stands there as the value of a key. Throws the same, as once_each() does for a key that is
 // there twice: YAML forbids it, yaml-cpp lets the last one win.
 std::string scalar_of(const std::string& file, const YAML::Node&, const std::string& key);
 void once_each(const std::string& file, const YAML::Node& map);

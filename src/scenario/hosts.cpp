@@ -153,7 +153,7 @@ class HostsOfFile {
     return destination;
   }
 
-  // What becomes a command is a list, so that nobody has to guess where a blank divides it.
+  // What becomes a command is a list, so that no shell splits it at blanks.
   std::vector<std::string> read_words(const YAML::Node& node, const std::string& key) const {
     if (!node.IsSequence())
       fail(node, fmt::format("{}: a list of words is needed, such as {}; they run as a program", key,

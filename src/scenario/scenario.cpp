@@ -102,7 +102,7 @@ class File {
     if (wire) lay_wire(scenario_.file, *wire, scenario_.hosts);
     const auto for_all = defaults ? read_defaults(*defaults) : Entries{};
     for (const auto& run : *runs) read_run(run, for_all);
-    if (scenario_.runs.empty()) return std::move(scenario_);  // none of them is selected
+    if (scenario_.runs.empty()) return std::move(scenario_);  // none is selected
     check_wire();
     if (repeat) read_repeat(*repeat);
     if (selection_.deploy) deploy();
@@ -212,7 +212,7 @@ class File {
         siblings.insert(key.path.substr(parent.size(), key.path.find('.', parent.size()) - parent.size()));
     if (parent.empty()) siblings.insert({"id", "options", "require"});
     if (siblings.empty()) return nearest(parent.substr(0, parent.size() - 1));
-    return fmt::format("; here may stand: {}", fmt::join(siblings, ", "));
+    return fmt::format("; allowed keys: {}", fmt::join(siblings, ", "));
   }
 
   void deploy() {

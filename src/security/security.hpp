@@ -18,7 +18,7 @@ using conditions::word_of;
 // Who signs for all ends of a run.
 class Authority {
  public:
-  Authority();  // of a new key that nobody else has; throws transport::Error
+  Authority();  // with a new key; throws transport::Error
   ~Authority();
   Authority(const Authority&) = delete;
   Authority& operator=(const Authority&) = delete;

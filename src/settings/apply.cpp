@@ -201,7 +201,7 @@ std::string warning(const Wishes& wishes, int application_priority) {
       above += fmt::format("{}{} {}", above.empty() ? "" : ", ", name, wish->second);
   if (above.empty()) return "";
   return fmt::format(
-      "{}: above the application's {}, so that whatever packets arrive, everybody's, are taken in before it "
+      "{}: above the application's {}, so all arriving packets, of any program, are processed before it "
       "runs. On "
       "Linux 6.1-rt, with 7,100 small packets/s beside, the paper's priorities made 118 and 283 messages of "
       "2,000 "

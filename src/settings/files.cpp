@@ -72,7 +72,7 @@ std::string threaded_path(const std::string& interface) {
   return fmt::format("{}/{}/threaded", interfaces_folder, interface);
 }
 
-// That there is no NAPI which could have threads the kernel says to whoever sets it, and not before.
+// That there is no NAPI which could have threads the kernel says only when it is set.
 void write_threaded(const std::string& interface, const Value& value) {
   try {
     write_file(threaded_path(interface), value.value_or(""));

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // What can be set on a machine, beside what belongs to a process: the kernel's threads and its network path.
 // One table; each setting stands for the things of this machine that it is about (threads, files of /proc and
-// /sys), which the journal changes and gives back. Ordinary thread only; root changes, everybody may look.
+// /sys), which the journal changes and gives back. Ordinary thread only; root changes, any user may look.
 #pragma once
 
 #include <map>

@@ -70,7 +70,7 @@ struct Parts {
 // Of a run that another tool measured and of which it kept how often each value was seen, not when: there are
 // no samples and no messages, `wake_up` is all that is known, and nothing that needs an order in time.
 struct Imported {
-  std::string from, file;          // docs/json.md, `imported`
+  std::string from, file;          // docs/reference/json.md, `imported`
   std::int64_t resolution_ns = 0;  // values were rounded down to multiples of it
   // So many of the values are only known to be of `beyond_from_ns` or more; the greatest is known.
   // Percentiles among them are given as `beyond_from_ns`, which is where they begin.

@@ -179,7 +179,7 @@ std::string refused_reader(const Config& config, Policy policy) {
 }
 
 std::string other_type(const std::string& topic, const std::string& type) {
-  return "somebody has " + topic + " with type " + type + ", we have " + message::type_name;
+  return "another program has " + topic + " with type " + type + ", we have " + message::type_name;
 }
 
 std::string others_without_our_topics(const Config& config, std::size_t participants, Matched matched) {
@@ -195,8 +195,8 @@ std::string others_without_our_topics(const Config& config, std::size_t particip
   }
   std::string text = std::to_string(participants) + " other DDS participant" +
                      (participants == 1 ? "" : "s") + " in domain " + std::to_string(config.domain);
-  if (matched.readers == 0) text += ", nobody who reads " + topic_written(config);
-  if (matched.writers == 0) text += ", nobody who writes " + topic_read(config);
+  if (matched.readers == 0) text += ", no reader of " + topic_written(config);
+  if (matched.writers == 0) text += ", no writer of " + topic_read(config);
   if (config.security) text.append("; ").append(let_in);
   return text;
 }

@@ -30,7 +30,7 @@ inline constexpr const char* multicast_group = "239.255.0.1";
 bool is_loopback(const std::string& address);
 std::string text_of(const sockaddr_in& address);
 
-// Not where this program has file capabilities: whoever starts it would choose what it reads and loads.
+// Not where this program has file capabilities: its caller would choose what it reads and loads.
 bool follows_environment();
 
 // A variable of the user's, empty if it is not set. If it is set and not followed, `ignored` says so.

@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
-// What transports below IP do alike, whoever puts their frames on the link: how two ends find each other, and
+// What transports below IP share, however their frames reach the link: how two ends find each other, and
 // how a message lies in a frame.
 //
 // A frame is Ethernet's header with the EtherType for local experiments, a kind, a topic and, when it carries
 // a message, the message's CDR bytes. The topic is a hash of the domain and of the topic's name, so that
 // domains and several components keep apart on one link as they do over DDS. The client calls by broadcast,
 // for whom it likes; who answers first is its peer, and from then on both send to one address alone.
-// Nobody gets more bytes back than he sent.
+// No sender gets more bytes back than it sent.
 #pragma once
 
 #include <array>
@@ -62,7 +62,7 @@ Link link_of(const Config& config, const std::string& who, std::size_t most_byte
 
 std::uint64_t topic_written(const Config& config);
 std::uint64_t topic_read(const Config& config);
-// The IPv4 address of whom the client looks for; 0: anybody. Throws Error if there is no such host.
+// The IPv4 address of the pong that the client looks for; 0: any. Throws Error if there is no such host.
 in_addr_t wanted(const Config& config, const std::string& who);
 // Of the option busy-poll. Throws WrongInput for another word than on and off.
 bool busy_polls(const Config& config, const std::string& who);
@@ -148,7 +148,7 @@ class End final : public Endpoint {
     if (const int error = last_error_; error != 0)
       return link_.name + ": " + std::generic_category().message(error);
     if (config_.role == Role::server) return "";
-    return "nobody on the link of " + link_.name + " answered" +
+    return "no pong on the link of " + link_.name + " answered" +
            (wanted_ == 0 ? "" : " that has the address " + config_.peers.front()) +
            " (the other end's interface has to be in the same segment, with no router between)";
   }
@@ -251,7 +251,7 @@ class End final : public Endpoint {
   Alarm alarm_;
   Wire wire_;
   std::int64_t next_call_ns_ = 0;
-  std::atomic<std::int64_t> known_ns_{0};  // since when: client: has its peer; server: has served somebody
+  std::atomic<std::int64_t> known_ns_{0};  // since when: client: has its peer; server: has served a client
   Mac peer_{};                             // the client's, written once, before known_ns_
   Mac answered_{};                         // whom the server answers; of the thread that receives
   std::atomic<int> last_error_{0};

@@ -35,7 +35,7 @@ std::optional<unsigned> flags_of(const std::string& interface, const std::string
   return {};
 }
 
-// The interfaces on which somebody of this host has joined RTPS's multicast group, which all domains share.
+// The interfaces on which a program of this host has joined RTPS's multicast group, which all domains share.
 std::set<std::string> interfaces_of_group() {
   in_addr group{};
   inet_pton(AF_INET, multicast_group, &group);

@@ -26,7 +26,7 @@ constexpr const char* suffix = ".so";
 constexpr const char* path_variable = "ONTIME_TRANSPORT_PATH";
 constexpr const char* ament_variable = "AMENT_PREFIX_PATH";
 
-// Nothing of a program with file capabilities, into which anybody could bring code of his own that way.
+// Nothing of a program with file capabilities, into which any user could bring code that way.
 std::vector<fs::path> folders_in(const char* variable) {
   std::vector<fs::path> folders;
   const char* value = secure_getenv(variable);
@@ -65,9 +65,9 @@ std::string remedy(const std::string& name) {
   if (name == "fastdds")
     return "; install the package ontime-transport-fastdds, or build ontime where libfastrtps-dev is";
   if (name == "opendds")
-    return "; build ontime where OpenDDS is; Debian has no package of it (docs/transports.md)";
+    return "; build ontime where OpenDDS is; Debian has no package of it (docs/how-to/opendds.md)";
   if (name == "ros2")
-    return "; build ros2/ with colcon in a sourced ROS 2 and source its setup.bash (docs/ros2.md)";
+    return "; build ros2/ with colcon in a sourced ROS 2 and source its setup.bash (docs/how-to/ros2.md)";
   return "";
 }
 
@@ -80,7 +80,7 @@ std::string not_followed() {
   if (ignored.empty()) return "";
   return fmt::format(
       ". It does not follow {}, for a program with file capabilities, or with its owner's rights, would load "
-      "anybody's code that way: take them off (sudo setcap -r PROGRAM) and permit real-time priorities and "
+      "any user's code that way: take them off (sudo setcap -r PROGRAM) and permit real-time priorities and "
       "locked memory by the limits rtprio and memlock",
       fmt::join(ignored, " and "));
 }

@@ -48,7 +48,7 @@ struct Qos {
 // What threads are for, as words: "send", "receive", "delivery", "discovery", "timer", "other"; "resend"
 // for one that sends again, and spins for locks that the others hold: above or beside them at a real-time
 // priority it may never let them go on, so it has none, whatever is asked (seen: two of Fast DDS's, on two
-// CPUs, for minutes); and "unknown" for one of which that cannot be told here, so that whoever gives
+// CPUs, for minutes); and "unknown" for one of which that cannot be told here, so that the code that gives
 // priorities can say that it got none of its own.
 struct Thread {
   pid_t tid;
@@ -141,9 +141,9 @@ class Endpoint {
   // takes ROS 2's words for `same_participant`. Throws Error.
   virtual std::unique_ptr<Endpoint> beside(const Config&, Sink&, Where) { return nullptr; }
 
-  // Ordinary thread. Called every few milliseconds while somebody waits for a peer; a transport without
-  // discovery does its handshake here, and one whose own begins with a burst matches nobody before that is
-  // over: it is no part of anybody's round trip. Called during the measurement too, so it takes no lock that
+  // Ordinary thread. Called every few milliseconds while a peer is awaited; a transport without
+  // discovery does its handshake here, and one whose own begins with a burst matches no peer before that is
+  // over: it is part of no round trip. Called during the measurement too, so it takes no lock that
   // send() or an arrival takes.
   virtual Matched matched() = 0;
   // Ordinary thread, before the first counted message and after the last.
@@ -202,7 +202,7 @@ struct Plugin {
 
 // The transport of that name, from $ONTIME_TRANSPORT_PATH (folders, separated by ':'), beside the program
 // (../lib/…/ontime), or the ament index. Throws Error that says where it looked and what to install. A
-// program with file capabilities looks beside itself alone, for with the two variables anybody could bring it
+// program with file capabilities looks beside itself alone, for with the two variables any user could bring it
 // code. The shared object stays loaded for the life of the process.
 const Plugin& load(const std::string& name);
 // The names that load() would find, sorted.

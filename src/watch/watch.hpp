@@ -82,7 +82,7 @@ class Follower {
 
 // Several lines for a terminal, each ended.
 std::string text_of(const Progress&);
-// One line of JSON: docs/json.md.
+// One line of JSON: docs/reference/json.md.
 std::string json_of(const Progress&);
 // Prometheus's text format, version 0.0.4.
 std::string metrics_of(const Progress&);

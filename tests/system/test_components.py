@@ -204,12 +204,12 @@ runs:
         again = ["run", self.scenario("500 ms", text=SCENARIO, transports=["udp"]), "--results", self.results, "--resume"]
         self.assertEqual(self.run_ontime(*again).returncode, 0)
         answer = self.run_ontime(*again)
-        self.assertIn("is done already", answer.stderr)
+        self.assertIn("skipped (already in results)", answer.stderr)
         self.assertEqual([run["complete"] for run in self.report()], [False, False, True, True])
         with contextlib.closing(sqlite3.connect(self.results)) as database, database:
             database.execute("UPDATE run SET outcome = NULL WHERE number = 4")
         answer = self.run_ontime(*again)
-        self.assertIn("is done already for 1 of 2 components; all are measured once more", answer.stderr)
+        self.assertIn("is already in the results for 1 of 2 components; all are measured again", answer.stderr)
         self.assertEqual([run["complete"] for run in self.report()], [False, False, True, False, True, True])
 
     def test_one_that_dies_ends_all_and_is_named(self):

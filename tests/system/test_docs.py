@@ -55,9 +55,9 @@ class Docs(unittest.TestCase):
         return done
 
     def test_a_pipeline_from_nothing(self):
-        (self.folder / "ci.yaml").write_text(blocks("docs/ci.md", "yaml", "A scenario that says what must be so")[0])
-        github = yaml.safe_load(blocks("docs/ci.md", "yaml", "GitHub")[0])
-        gitlab = yaml.safe_load(blocks("docs/ci.md", "yaml", "GitLab")[0])
+        (self.folder / "ci.yaml").write_text(blocks("docs/how-to/ci.md", "yaml", "A scenario that says what must be so")[0])
+        github = yaml.safe_load(blocks("docs/how-to/ci.md", "yaml", "GitHub")[0])
+        gitlab = yaml.safe_load(blocks("docs/how-to/ci.md", "yaml", "GitLab")[0])
         self.assertIn(True, github, "'on', as YAML 1.1 reads it")
         steps = {step["name"]: step for step in github["jobs"]["ontime"]["steps"] if "name" in step}
         self.assertEqual(list(steps), ["Build ontime", "Measure", "Compare"])
@@ -68,7 +68,7 @@ class Docs(unittest.TestCase):
         self.assertTrue((ROOT / "scripts" / "setup").exists())
         measure, compare = job["script"]
         self.assertEqual(steps["Measure"]["run"], measure)
-        self.assertEqual(blocks("docs/ci.md", "sh")[0].strip(), measure)
+        self.assertEqual(blocks("docs/how-to/ci.md", "sh")[0].strip(), measure)
 
         # Whether it holds is a matter of the machine; that it measures, judges and writes is not.
         self.shell(measure, (0, 1))
@@ -83,7 +83,7 @@ class Docs(unittest.TestCase):
         self.assertIn("Round trip (µs)", (self.folder / "summary.md").read_text(), held.stderr)
         self.assertEqual(self.shell(compare, (0, 1)).returncode, held.returncode, "a pipe hides no gate")
         xml.etree.ElementTree.parse(self.folder / "compare.xml")
-        self.shell(blocks("docs/ci.md", "sh")[1].strip(), (0, 1))
+        self.shell(blocks("docs/how-to/ci.md", "sh")[1].strip(), (0, 1))
         for pattern in [job["artifacts"]["paths"][0], *job["artifacts"]["reports"]["junit"]]:
             self.assertTrue(list(self.folder.glob(pattern)), pattern)
 
@@ -106,7 +106,7 @@ class Docs(unittest.TestCase):
         self.files_of("before.ontime", "after.ontime", "results.ontime")
         (self.folder / "scenario.yaml").write_text(
             "hosts: loopback\nruns: [{id: one, transport: udp, period: 5 ms, duration: 500 ms}]\n")
-        lines = commands("docs/compare.md")
+        lines = commands("docs/how-to/compare.md")
         self.assertGreaterEqual(len(lines), 5)
         for line in lines:
             with self.subTest(line):
@@ -114,14 +114,16 @@ class Docs(unittest.TestCase):
         self.assertTrue((self.folder / "report.xml").exists())
 
     def test_what_a_scenario_requires_is_read(self):
-        wanted = yaml.safe_load(blocks("docs/compare.md", "yaml")[0])
+        wanted = yaml.safe_load(blocks("docs/how-to/compare.md", "yaml")[0])
         wanted["defaults"].update(transport="udp", duration="100 ms")
         (self.folder / "scenario.yaml").write_text("hosts: loopback\n" + yaml.safe_dump(wanted))
         self.assertIn("1 run", self.shell("ontime scenarios scenario.yaml", (0,)).stdout)
 
     def test_results_to_look_at(self):
         self.files_of("demo.ontime", "layers.ontime")
-        lines = [line for line in commands("docs/report.md") if "mixed.ontime" not in line]  # neighbours: test_neighbours.py
+        # Those of mixed.ontime are in test_neighbours.py.
+        lines = [line for line in commands("docs/how-to/draw-figures.md") + commands("docs/reference/report.md")
+                 if "mixed.ontime" not in line]
         self.assertGreaterEqual(len(lines), 4)
         for line in lines:
             with self.subTest(line):

@@ -340,7 +340,7 @@ class Machines(Lab):
         for run, code in (("used", 0), ("taken", 3), ("pinned", 3)):
             self.assertIn(f"{run} ended {code}", said, text)
         self.assertIn("left control group controller cpuset as it is: somebody has changed it", words)
-        self.assertIn("control groups of somebody else's: /sys/fs/cgroup/other", words)
+        self.assertIn("belong to other control groups: /sys/fs/cgroup/other", words)
         for moment in ("used", "taken"):
             self.assertEqual((seen[moment]["groups"], seen[moment]["controllers"], seen[moment]["everybody"]),
                              (seen["before"]["groups"], "cpuset", "0,1"), text)
@@ -356,7 +356,7 @@ class Machines(Lab):
             self.assertIn(f"{moment} bystander={bystander} groups={groups}", said, text)
         for run, code in (("whole", 0), ("inherited", 3), ("free", 0)):
             self.assertIn(f"{run} ended {code}", said, text)
-        self.assertIn("CPUs 1 cannot be kept: everybody has 0-1 of 0-2 from the start", " ".join(text.split()))
+        self.assertIn("CPUs 1 cannot be reserved: all processes have 0-1 of 0-2 from the start", " ".join(text.split()))
 
     @of_all
     def test_a_shell_that_is_killed_takes_its_machine_with_it(self):
@@ -401,7 +401,7 @@ class Machines(Lab):
             for arrived_us in arrivals(self.results(), number):
                 self.assertTrue(1700 <= arrived_us < 2000, f"delta before it at most: {arrived_us} µs")
         for run in runs[2:4]:
-            self.assertIn("a launch-time that nobody heeded", run["error"])
+            self.assertIn("no discipline applied the messages' launch-time", run["error"])
         for run in runs[4:]:  # an ordinary sender among others wakes later than that
             dropped = run["hosts"]["controller"]["link"]["etf"]["dropped_frames"]
             self.assertGreater(dropped, 0)

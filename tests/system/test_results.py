@@ -214,8 +214,8 @@ class Results(unittest.TestCase):
                 while more := screen.read(4096):
                     shown += more
         self.assertEqual(process.wait(30), 3)
-        line = next(line for line in shown.decode().split("\r\n") if "is done already" in line)
-        self.assertRegex(line, r"^(.*\r\x1b\[K)?\[3/3[^…]* c udp  is done already$")
+        line = next(line for line in shown.decode().split("\r\n") if "skipped (already" in line)
+        self.assertRegex(line, r"^(.*\r\x1b\[K)?\[3/3[^…]* c udp  skipped \(already in results\)$")
 
     # --- what comes to nothing ---
 

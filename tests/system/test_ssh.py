@@ -300,7 +300,7 @@ class Ssh(unittest.TestCase):
 
     def test_key_that_is_not_let_in(self):
         self.configure(IdentityFile=self.folder / "other_key")
-        self.refused("robot lets nobody in without a password.*ssh-copy-id robot")
+        self.refused("robot wants a password.*ssh-copy-id robot")
 
     def test_nobody_listens(self):
         self.configure(Port=PORT + 1)

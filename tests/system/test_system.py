@@ -131,15 +131,15 @@ class System(Program):
         self.assertEqual([run["complete"] for run in self.report()], [True, False])
         answer = self.run_ontime("run", str(folder), "--results", self.results, "--resume")
         self.assertEqual(answer.returncode, 0, answer.stderr)
-        self.assertRegex(answer.stderr, r"\[1/4, 16 s left\] one udp +is done already")
+        self.assertRegex(answer.stderr, r"\[1/4, 16 s left\] one udp +skipped")
         self.assertEqual([(run["id"], run["repetition"]) for run in self.report() if run["complete"]],
                          [("one", 1), ("one", 2), ("two", 1), ("two", 2)])
         # What is asked otherwise is not done: neither a text that was changed, nor another duration.
         (folder / "two.yaml").write_text((folder / "two.yaml").read_text() + "# changed\n")
         answer = self.run_ontime("run", str(folder), "--results", self.results, "--resume")
-        self.assertEqual(answer.stderr.count("is done already"), 2, answer.stderr)
+        self.assertEqual(answer.stderr.count("skipped (already in results)"), 2, answer.stderr)
         answer = self.run_ontime("run", str(folder), "--results", self.results, "--resume", "--duration", "1 s")
-        self.assertEqual(answer.stderr.count("is done already"), 0, answer.stderr)
+        self.assertEqual(answer.stderr.count("skipped (already in results)"), 0, answer.stderr)
         # And what another machine did is nothing of this suite.
         with contextlib.closing(sqlite3.connect(self.results)) as database:
             database.execute("UPDATE run SET outcome = json_set(outcome, '$.hosts.component.machine.hostname', 'other')")

@@ -83,7 +83,7 @@ ddsi_serdata* from_ser(const ddsi_sertype* type, ddsi_serdata_kind kind, const n
   }
   std::uint32_t done = 0;
   for (; fragment != nullptr; fragment = fragment->nextfrag) {
-    // Cyclone leaves it to us to cut off what reaches beyond the size: whoever sent it can say anything.
+    // Cyclone leaves it to us to cut off what reaches beyond the size: the sender can claim anything.
     const auto end = std::min(fragment->maxp1, message->cdr_bytes);
     if (end <= done) continue;
     const auto* const bytes = NN_RMSG_PAYLOADOFF(fragment->rmsg, NN_RDATA_PAYLOAD_OFF(fragment));

@@ -28,7 +28,7 @@ class Blocks {
   void* take() noexcept;  // null if there is no memory
   void give(void* block) noexcept;
   std::size_t capacity() const noexcept { return capacity_; }
-  // Received ones that were freed and nobody had taken.
+  // Received ones that were freed before they were taken.
   std::uint64_t overwritten() const noexcept { return overwritten_.load(std::memory_order_relaxed); }
   void count_overwritten() noexcept { overwritten_.fetch_add(1, std::memory_order_relaxed); }
 

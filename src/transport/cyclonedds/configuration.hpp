@@ -20,7 +20,7 @@ struct Configuration {
 //   is refused;
 // - shared memory is off, for it would bypass any link;
 // - threads whose role has a priority in Config::fifo_priority are born with that, not with the user's.
-// Throws WrongInput for what an option may not have (it may come from somebody else's scenario: it would
+// Throws WrongInput for what an option may not have (it may come from a foreign scenario: it would
 // write files, load libraries or open a port), and Error for XML that cannot be read and for real-time
 // threads that this process may not have, at which Cyclone DDS would abort.
 Configuration configuration(const Config& config);

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // What Fast DDS is configured with: one document of its XML profiles, made of the user's own and of the
-// run's. It uses no Fast DDS, so that whoever loads that (ROS 2's RMW does) can have it.
+// run's. It uses no Fast DDS, so that a program that loads Fast DDS (ROS 2's RMW) can use it.
 #pragma once
 
 #include <optional>
@@ -25,7 +25,7 @@ struct Profiles {
 //   link alone; else their transports stay, and where they name none it is UDPv4 alone;
 // - peers are added to theirs;
 // - shortcuts within a process are off.
-// Throws WrongInput for what an option may not have (it may come from somebody else's scenario: it would
+// Throws WrongInput for what an option may not have (it may come from a foreign scenario: it would
 // write files), and Error for a file that is not there or no XML. `who` begins each message.
 Profiles profiles(const Config& config, const std::string& who);
 

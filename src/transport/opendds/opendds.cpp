@@ -45,7 +45,7 @@ namespace dcps = OpenDDS::DCPS;
 constexpr const char* ours = "ontime";         // what of the process's registries is ours
 constexpr int receive_buffer_bytes = 1 << 20;  // as Cyclone DDS asks for; its own 64 KiB hold one message
 
-// It prints by itself, and its threads have the callback of the one that started them. Now none of them
+// It prints by itself, and its threads have the callback of the one that started them. Now none
 // prints, and what they say is kept as long as one of this lives: one at a time in a process.
 class Log {
  public:
@@ -126,7 +126,7 @@ dcps::RcHandle<OpenDDS::RTPS::RtpsDiscovery> discovery_of(const Config& config) 
 }
 
 // It counts a host's participants, by which RTPS has their ports, from what a GUID happens to end with. The
-// next one begins with 0, as everybody's does who is to be found without multicast.
+// next one begins with 0, as any participant's that is found without multicast.
 void count_participants_from_zero(OpenDDS::RTPS::RtpsDiscovery& discovery) {
   const auto last = discovery.generate_participant_guid();
   const int next = (last.guidPrefix[10] << 8 | last.guidPrefix[11]) + 1;
@@ -149,7 +149,7 @@ class Service {
     TheServiceParticipant->add_discovery(discovery);
     TheServiceParticipant->set_repo_domain(config.domain, ours);
     dcps::RtpsUdpLoader::load();
-    // Left to itself it counts alignment from the encapsulation's header on, which nobody else does.
+    // Left to itself it counts alignment from the encapsulation's header on, unlike all others.
     dcps::Serializer::set_use_rti_serialization(true);
   }
   ~Service() {
@@ -189,7 +189,7 @@ class SharedParticipant {
 
   DDS::DomainParticipant* operator->() const { return entity_.in(); }
   const std::vector<Thread>& threads() const { return threads_; }
-  // The first writer or reader has it open the socket for data. Somebody else may have its port by then (Fast
+  // The first writer or reader has it open the socket for data. Another program may have its port by then (Fast
   // DDS takes its own two as it finds them); where this has not yet been tried, it is left to the kernel.
   bool leave_data_port_to_kernel();
   // And it starts the threads of the transport: what receives, then what cleans up.

@@ -2,10 +2,10 @@
 // Plain UDP: the floor under every middleware.
 //
 // A datagram is a header (magic, kind, cookie) and, when it carries a message, the message's CDR bytes.
-// The server answers nobody whose address it has not proved: a cookie is a keyed hash (SipHash-2-4) of the
-// sender's address, which only somebody who receives at that address can know. The server keeps no state for
+// The server answers only addresses that it has verified: a cookie is a keyed hash (SipHash-2-4) of the
+// sender's address, which only a receiver at that address can know. The server keeps no state for
 // it, so clients come and go for days; a datagram without the right cookie is answered by the cookie, never
-// by more bytes than it had, so that nobody can be flooded by way of us.
+// by more bytes than it had, so that no host can be flooded through us.
 #include <array>
 #include <atomic>
 #include <cerrno>
@@ -320,7 +320,7 @@ class Udp final : public Endpoint {
   std::string peer_;
   std::vector<std::byte> received_, sending_;
   std::atomic<bool> stopping_{false};
-  std::atomic<std::int64_t> known_ns_{0};  // since when: client: has its cookie; server: has served somebody
+  std::atomic<std::int64_t> known_ns_{0};  // since when: client: has its cookie; server: has served a client
   std::atomic<std::uint64_t> cookie_{0};   // the client's
   std::atomic<int> last_error_{0};
   std::array<unsigned char, crypto_shorthash_KEYBYTES> key_{};  // the server's

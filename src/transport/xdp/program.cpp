@@ -48,14 +48,14 @@ constexpr bpf_insn high_half(std::uint64_t value) {
 // if (frame is of the topic) return bpf_redirect_map(map, queue, XDP_PASS); return XDP_PASS;
 int load_program(int map, std::uint64_t topic) {
   constexpr int unless_equal = BPF_JMP | BPF_JNE | BPF_K;
-  const std::int32_t type = htons(frames::ether_type);  // as it lies there
+  const std::int32_t type = htons(frames::ether_type);  // as it is in the frame
   const bpf_insn code[] = {
       load(BPF_W, r6, r1, offsetof(xdp_md, data)),
       load(BPF_W, r3, r1, offsetof(xdp_md, data_end)),
       load(BPF_W, r2, r1, offsetof(xdp_md, rx_queue_index)),
       insn(BPF_ALU64 | BPF_MOV | BPF_X, r4, r6, 0, 0),
       insn(BPF_ALU64 | BPF_ADD | BPF_K, r4, 0, 0, sizeof(Header)),
-      insn(BPF_JMP | BPF_JGT | BPF_X, r4, r3, 13, 0),  // of whoever passes on: so many are between
+      insn(BPF_JMP | BPF_JGT | BPF_X, r4, r3, 13, 0),  // to the end: so many are between
       load(BPF_H, r4, r6, offsetof(Header, type)),
       insn(unless_equal, r4, 0, 11, type),
       load(BPF_W, r4, r6, offsetof(Header, magic)),
@@ -83,7 +83,7 @@ int load_program(int map, std::uint64_t topic) {
 
 [[noreturn]] void is_taken(const std::string& interface, std::uint32_t program) {
   throw Error(
-      fmt::format("xdp: {0} has an XDP program already{1}, of somebody else or of another run: it is left "
+      fmt::format("xdp: {0} has an XDP program already{1}, of another program or run: it is left "
                   "alone. \"ip link "
                   "show {0}\" and \"bpftool net\" show it; end that run, or take it off (ip link set {0} xdp "
                   "off), or name "
