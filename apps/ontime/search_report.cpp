@@ -63,9 +63,9 @@ const Trial* last_of(const search::Outcome& outcome) {
 std::string contribution_text(const search::Problem& problem, const search::Contribution& one) {
   std::vector<std::string> parts;
   for (std::size_t limit = 0; limit < problem.goal.size() && limit < one.less.size(); ++limit)
-    parts.push_back(fmt::format("{}: [{}, {}]", problem.goal[limit].text, percent(one.less[limit].low),
+    parts.push_back(fmt::format("{}: [{}, {}] %", problem.goal[limit].text, percent(one.less[limit].low),
                                 percent(one.less[limit].high)));
-  return fmt::format("without it, more messages break {} points of %{}", fmt::join(parts, ", "),
+  return fmt::format("without it so many more messages break {}{}", fmt::join(parts, ", "),
                      one.is_needed ? "" : "; not proven to be needed");
 }
 
