@@ -237,7 +237,7 @@ class Isolation(unittest.TestCase):
             (other / "cpuset.cpus").write_text(KEPT)
             answer = self.ontime("run", self.scenario("1 s"), "--results", self.results)
             self.assertEqual(answer.returncode, 3)
-            self.assertIn(f"somebody else's: {other}", answer.stderr)
+            self.assertIn(f"belong to other control groups: {other}", answer.stderr)
             self.assertEqual((other / "cpuset.cpus").read_text(), KEPT + "\n")
         finally:
             other.rmdir()
