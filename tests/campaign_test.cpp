@@ -66,7 +66,7 @@ TEST_F(ScenarioFile, RepetitionsAreInterleavedUnlessSaidOtherwise) {
 TEST_F(ScenarioFile, ASelectedValueTakesThePlaceOfWhatTheFileStates) {
   const std::string text = "defaults: {transport: udp, payload: [1 kB, 2 kB]}\nruns: [{id: a}]\n";
   Selection selection;
-  selection.set = {{"payload", "300"}, {"kernel.ksoftirqd", "60"}};
+  selection.set = {{"payload", "300 B"}, {"kernel.ksoftirqd", "60"}};
   const auto scenario = read(text, selection);
   ASSERT_EQ(scenario.runs.size(), 1);
   EXPECT_EQ(scenario.runs[0].task.client.payload_bytes, 300);
