@@ -41,8 +41,8 @@ TEST_F(Remedies, OfRealTimeThatIsOnAlreadyItSaysThatThisThreadDoesNotHaveIt) {
 
 TEST_F(Remedies, MemoryThatIsLockedAlreadyIsNotLockedAgain) {
   EXPECT_EQ(advice(receiver(Cause::page_fault, fifo_80)), "realtime.lock-memory: on");
-  EXPECT_EQ(advice(receiver(Cause::page_fault, fifo_80), {{"realtime_settings", {{"lock_memory", true}}}}),
-            "");
+  const json locked{{"on", false}, {"lock_memory", true}, {"cpu_latency_us", nullptr}, {"threads", {}}};
+  EXPECT_EQ(advice(receiver(Cause::page_fault, fifo_80), {{"realtime_settings", locked}}), "");
 }
 
 TEST_F(Remedies, ThrottlingOfAnOrdinaryThreadIsAQuotas) {

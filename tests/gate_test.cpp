@@ -6,6 +6,8 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include "amend.hpp"
+
 namespace ontime::gate {
 namespace {
 
@@ -118,8 +120,8 @@ Measured measured(double ms, std::optional<double> low_ms, std::optional<double>
 Summary run(const Measured& p99, std::uint64_t late = 0) {
   Summary run;
   run.run.number = 5;
-  run.run.asked = {{"id", "Test1.B"}, {"transport", "udp"}, {"repetition", 2}};
-  run.run.outcome = {{"interrupted", false}};
+  run.run.asked = json{{"id", "Test1.B"}, {"transport", "udp"}, {"repetition", 2}};
+  run.run.outcome = json{{"interrupted", false}};
   run.sent = 1000;
   run.late = late;
   run.on_time = 1000 - late;
@@ -257,7 +259,7 @@ TEST(Judge, WhatWasNotMeasuredHoldsNoLine) {
 }
 
 TEST(EndsSearch, AtMissesAndWhereMoreIsNotToBeHad) {
-  const json asked{{"link", "1 % lost"}, {"search", {{"step", 1}}}};
+  const json asked{{"link", {{"loss", 0.01}}}, {"search", {{"step", 1}}}};
   for (const auto* what :
        {R"({"late": 1})", R"({"lost": 1})", R"({"skipped_cycles": 1})", R"({"late": "x"})", R"({"sent": 0})",
         R"({"dropped_records": 1})", R"({"neighbours": {"to_component": {"short": true}}})",
@@ -268,49 +270,51 @@ TEST(EndsSearch, AtMissesAndWhereMoreIsNotToBeHad) {
     EXPECT_TRUE(ends_search(asked, json::parse(what))) << what;
   for (const auto* what :
        {R"({"sent": 9, "late": 0, "lost": 0, "skipped_cycles": 0, "dropped_records": 0})",
-        R"({"late": 0, "traffic": {"to_component": {}}, "hosts": 1})",
-        R"({"neighbours": {"to_component": {"short": false}}})", R"({"late": 1, "interrupted": true})",
-        R"({"error": "the connection is gone", "late": 1})",
+        R"({"sent": 9, "late": 0, "traffic": {"to_component": {}}, "hosts": 1})",
+        R"({"sent": 9, "neighbours": {"to_component": {"short": false}}})",
+        R"({"late": 1, "interrupted": true})", R"({"error": "the connection is gone", "late": 1})",
         R"({"error": "no answer", "unanswered": true, "interrupted": true})", "null"})
     EXPECT_FALSE(ends_search(asked, json::parse(what))) << what;
 }
 
 TEST(EndsSearch, OfWhomNobodyAnswersOnlyWhereSomebodyDidBefore) {
   const json unanswered{{"error", "no answer"}, {"unanswered", true}};
-  EXPECT_FALSE(ends_search({{"search", {{"step", 0}}}}, unanswered)) << "nor would anybody at another value";
-  EXPECT_FALSE(ends_search({{"search", nullptr}}, unanswered)) << "a run that is no step of one";
+  EXPECT_FALSE(ends_search(json{{"search", {{"step", 0}}}}, unanswered))
+      << "nor would anybody at another value";
+  EXPECT_FALSE(ends_search(json{{"search", nullptr}}, unanswered)) << "a run that is no step of one";
 }
 
 TEST(Judge, WhatWasNotMeasuredAsAskedHoldsNoLine) {
   auto idle = run(measured(1, 0.5, 1.5));
-  idle.run.outcome["hosts"]["component"] = {{"load_running", false}};
+  amend(idle.run.outcome, "/hosts/component", {{"load_running", false}});
   EXPECT_EQ(judged("p99 > 2 ms", idle).says, "the load on the component had died by the end");
   EXPECT_EQ(judged("late > 0", idle).result, Result::cannot_judge);
-  idle.run.outcome["hosts"]["component"]["load_running"] = nullptr;  // none was asked for
+  amend(idle.run.outcome, "/hosts/component/load_running", nullptr);  // none was asked for
   EXPECT_EQ(judged("p99 > 2 ms", idle).result, Result::held);
-  idle.run.outcome["traffic"] = {{"to_component", {{"short", false}}}, {"to_controller", {{"short", true}}}};
+  amend(idle.run.outcome, "/traffic",
+        {{"to_component", {{"short", false}}}, {"to_controller", {{"short", true}}}});
   EXPECT_EQ(judged("p99 > 2 ms", idle).says, "the traffic that was asked for was not there");
   EXPECT_EQ(judged("late > 0", idle).result, Result::cannot_judge);
   auto tuned = run(measured(1, 0.5, 1.5));
-  auto& set = tuned.run.outcome["hosts"]["controller"]["kernel"];
-  set = {{{"setting", "irq-threads"}, {"thing", "irq/1"}, {"after", "fifo 90"}, {"now", "fifo 90"}}};
+  auto& set = tuned.run.outcome.hosts["controller"].kernel;
+  set = {{"irq-threads", "irq/1", "fifo 90", "fifo 90"}};
   EXPECT_EQ(judged("p99 > 2 ms", tuned).result, Result::held);
   for (const auto& now : {json("other"), json()}) {
-    set[0]["now"] = now;
+    set[0].now = now;
     EXPECT_EQ(judged("p99 > 2 ms", tuned).result, Result::cannot_judge);
     EXPECT_EQ(judged("late > 0", tuned).says,
               "kernel.irq-threads was not as it was asked for to the end, on the controller");
   }
   auto whole = run(measured(1, 0.5, 1.5));
-  whole.run.outcome["hosts"]["component"]["link"]["gone"] = "somebody took the rules away";
+  amend(whole.run.outcome, "/hosts/component/link/gone", "somebody took the rules away");
   EXPECT_EQ(judged("p99 > 2 ms", whole).result, Result::held) << "there were to be no faults";
-  whole.run.asked["link"] = {{"loss", 0.1}};
+  amend(whole.run.asked, "/link", {{"loss", 0.1}});
   EXPECT_EQ(judged("p99 > 2 ms", whole).result, Result::cannot_judge);
 }
 
 TEST(Judge, WhatIsRequiredMustBeSo) {
   auto of = run(measured(3, 2.5, 3.5), 1);
-  of.run.asked["require"] = {"p99 <= 2 ms", "late <= 1", "what is this", 7};
+  amend(of.run.asked, "/require", {"p99 <= 2 ms", "late <= 1", "what is this", 7});
   const auto judgements = judge_all({}, of);
   ASSERT_EQ(judgements.size(), 4U);
   EXPECT_EQ(judgements[0].result, Result::missed);
@@ -318,18 +322,18 @@ TEST(Judge, WhatIsRequiredMustBeSo) {
   EXPECT_EQ(judgements[2].result, Result::cannot_judge) << "it is no gate";
   EXPECT_EQ(judgements[2].gate, "\"what is this\"");
   EXPECT_EQ(judgements[3].gate, "7");
-  of.run.asked["require"] = nullptr;
+  amend(of.run.asked, "/require", nullptr);
   EXPECT_TRUE(judge_all({}, of).empty());
-  of.run.asked["require"] = "p99 <= 2 ms";
+  amend(of.run.asked, "/require", "p99 <= 2 ms");
   EXPECT_EQ(judge_all({}, of).at(0).result, Result::missed);
-  of.run.asked = "text";
+  of.run.asked = json("text");
   EXPECT_TRUE(judge_all({}, of).empty());
 }
 
 TEST(Judge, ARunThatFailedIsJudgedOnce) {
   auto failed = run(measured(3, 2.5, 3.5));
-  failed.run.asked["require"] = {"p99 <= 2 ms", "late <= 1"};
-  failed.run.outcome = {{"error", "no pong"}};
+  amend(failed.run.asked, "/require", {"p99 <= 2 ms", "late <= 1"});
+  failed.run.outcome = json{{"error", "no pong"}};
   const std::vector gates = {parse("max > 5 ms", Use::fail_if)};
   const auto judgements = judge_all(gates, failed);
   ASSERT_EQ(judgements.size(), 1U);
@@ -337,7 +341,7 @@ TEST(Judge, ARunThatFailedIsJudgedOnce) {
   EXPECT_EQ(judgements[0].gate, as_asked);
   EXPECT_THAT(judgements[0].says, HasSubstr("no pong"));
   EXPECT_EQ(judge_all(gates, run(measured(3, 2.5, 3.5))).size(), 1U);
-  failed.run.asked["require"] = nullptr;
+  amend(failed.run.asked, "/require", nullptr);
   EXPECT_TRUE(judge_all({}, failed).empty()) << "no gate was asked for";
   EXPECT_EQ(judge_as_asked(run({})).result, Result::held);
 }
@@ -347,7 +351,7 @@ TEST(Judge, WhatWasMeasuredAgainIsJudgedByThat) {
     auto of = run({});
     of.run.number = number;
     of.run.key = key;
-    of.run.asked["repetition"] = repetition;
+    amend(of.run.asked, "/repetition", repetition);
     of.run.outcome = outcome;
     return of;
   };
@@ -440,7 +444,7 @@ TEST(JudgeAChange, ARepetitionThatAnsweredNothingIsNotPassedOver) {
 TEST(JudgeAChange, ARunThatFailedIsNotComparedWith) {
   const auto a = run(measured(1, 0.98, 1.02));
   auto b = run(measured(1, 0.98, 1.02));
-  b.run.outcome = nullptr;
+  b.run.outcome = {};
   const auto judgement = judge(parse("p99 > +10%", Use::fail_if_compared), {&a}, {&b});
   EXPECT_EQ(judgement.result, Result::cannot_judge);
   EXPECT_THAT(judgement.says, HasSubstr("of B"));

@@ -177,7 +177,7 @@ TEST_F(RecordTest, MigrationThatIsCutOffAnywhereCostsNothing) {
     const auto as_it_was_or_will_be = [&](const Reader& reader) {
       const auto runs = reader.runs();
       ASSERT_EQ(runs.size(), 4u);
-      EXPECT_EQ(runs[3].outcome.at("on_time"), 30);
+      EXPECT_EQ(runs[3].outcome.counters.on_time, 30u);
       expect_same(samples_of(reader, 4), expected);
     };
     const auto error = error_of([&] { as_it_was_or_will_be(Reader(path_)); });
@@ -255,7 +255,7 @@ TEST_F(RecordTest, KilledWriterLosesNothingThatWasFlushed) {
   const auto before = bytes_of(path_);
   {
     const Reader reader(path_);
-    EXPECT_EQ(reader.runs().at(0).outcome, nullptr);
+    EXPECT_FALSE(reader.runs().at(0).outcome.has_ended());
     const auto samples = samples_of(reader, 1);
     EXPECT_GE(samples.size(), 50'000u);
     expect_same(samples, usual(0, samples.size()));

@@ -109,9 +109,9 @@ class Format1 : public RecordTest {
   static void expect_as_measured(const Reader& reader) {
     const auto runs = reader.runs();
     ASSERT_GE(runs.size(), 4u);
-    EXPECT_EQ(runs[0].asked.at("id"), "udp");
-    EXPECT_EQ(runs[2].asked.at("repetition"), 2);
-    EXPECT_EQ(runs[3].outcome.at("on_time"), 30);
+    EXPECT_EQ(runs[0].asked.id, "udp");
+    EXPECT_EQ(runs[2].asked.repetition, 2);
+    EXPECT_EQ(runs[3].outcome.counters.on_time, 30u);
     EXPECT_EQ(runs[0].key, "cef90dcf372a29afca060c3075a906b0");
     EXPECT_EQ(runs[2].key, runs[0].key) << "the second time of the same";
     EXPECT_NE(runs[1].key, runs[0].key);
@@ -140,7 +140,7 @@ TEST_F(Format1, IsReadAndLeftAsItIs) {
   expect_as_measured(Reader(path_));
   {
     const Reader reader(killed_);
-    EXPECT_EQ(reader.runs().at(0).outcome, nullptr);
+    EXPECT_FALSE(reader.runs().at(0).outcome.has_ended());
     EXPECT_EQ(samples_of(reader, 1).size(), 110u);
   }
   EXPECT_TRUE(bytes_of(path_) == before);

@@ -23,7 +23,7 @@ TEST_F(RecordTest, AForgottenRunWasNeverThere) {
   }
   const Reader reader(path_);
   ASSERT_EQ(reader.runs().size(), 1u);
-  EXPECT_EQ(reader.runs()[0].asked.at("id"), "kept");
+  EXPECT_EQ(reader.runs()[0].asked.id, "kept");
   EXPECT_EQ(Writer(path_).begin_run({{"id", "the next"}}), 2);
   EXPECT_TRUE(Reader(path_).notes(2).empty());
 }
@@ -134,11 +134,11 @@ TEST_F(RecordTest, RunsKeepWhatWasAskedAndWhatCameOfIt) {
   const auto runs = Reader(path_).runs();
   ASSERT_EQ(runs.size(), 3u);
   EXPECT_EQ(runs[0].number, 1);
-  EXPECT_EQ(runs[0].asked, asked);
-  EXPECT_EQ(runs[0].outcome, nlohmann::json({{"duplicates", 2}}));
-  EXPECT_EQ(runs[1].outcome, nullptr);
+  EXPECT_EQ(runs[0].asked.document, asked);
+  EXPECT_EQ(runs[0].outcome.document, nlohmann::json({{"duplicates", 2}}));
+  EXPECT_FALSE(runs[1].outcome.has_ended());
   EXPECT_EQ(runs[2].number, 3);
-  EXPECT_EQ(runs[2].asked.at("id"), "later");
+  EXPECT_EQ(runs[2].asked.id, "later");
 }
 
 // What `ontime run` asks for, in short.
@@ -261,7 +261,7 @@ TEST_F(RecordTest, TextThatIsNoUtf8IsRecordedAllTheSame) {
     writer.note(1, {"k\xff", "caf\xe9", {}, {}});
   }
   const Reader reader(path_);
-  EXPECT_EQ(reader.runs().at(0).asked.at("command_line"), "caf\xef\xbf\xbd");
+  EXPECT_EQ(reader.runs().at(0).asked.document.at("command_line"), "caf\xef\xbf\xbd");
   expect_same_notes(reader.notes(1), {{"k\xef\xbf\xbd", "caf\xef\xbf\xbd", {}, {}}});
 }
 
@@ -358,7 +358,7 @@ TEST_F(RecordTest, TemporaryFileGoesWithItsWriter) {
     writer.append(run, samples);
     writer.flush();
     const Reader reader = writer.reader();
-    EXPECT_EQ(reader.runs().at(0).asked.at("id"), "by hand");
+    EXPECT_EQ(reader.runs().at(0).asked.id, "by hand");
     expect_same(samples_of(reader, run), samples);
     EXPECT_THAT(unlinked_files_of(folder_), Not(IsEmpty())) << "so that memory does not grow";
     EXPECT_THAT(files(), IsEmpty()) << "a kill -9 now would leave it behind";

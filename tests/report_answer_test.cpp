@@ -24,9 +24,9 @@ struct Conditions {
 Summary run(std::int64_t number, const std::string& id, const std::string& transport, Conditions conditions,
             std::uint64_t missed = 0, int repetition = 1) {
   auto one = summary(asked(id, transport, repetition), outcome());
-  if (!conditions.load) one.run.asked["load"] = {{"controller", {{"cpu", 0}, {"hdd_bytes", 0}}}};
-  one.run.asked["realtime"] = conditions.realtime;
-  one.run.asked["scenario_file"] = "/home/me/scenarios/demo.yaml";
+  if (!conditions.load) amend(one.run.asked, "/load", {{"controller", {{"cpu", 0}, {"hdd_bytes", 0}}}});
+  amend(one.run.asked, "/realtime", conditions.realtime);
+  amend(one.run.asked, "/scenario_file", "/home/me/scenarios/demo.yaml");
   one.run.number = number;
   one.run.key = id + transport;
   one.late = one.late_by_response.emplace(missed);
@@ -117,9 +117,10 @@ TEST(Answer, RepetitionsAreOneRowWithTheirSpread) {
 
 TEST(Answer, DeniedSettingsAreNoVerdictOnThem) {
   auto one = run(1, "a", "udp", {false, true});
-  one.run.outcome["hosts"]["controller"]["refusals"] = {{{"asked", "SCHED_FIFO 80 for thread send"},
-                                                         {"found", "Operation not permitted"},
-                                                         {"remedy", "run as root"}}};
+  amend(one.run.outcome, "/hosts/controller/refusals",
+        {{{"asked", "SCHED_FIFO 80 for thread send"},
+          {"found", "Operation not permitted"},
+          {"remedy", "run as root"}}});
   const auto answer = answer_of({one}, {"r.ontime", false});
   EXPECT_EQ(answer.rows.front().state, State::not_applied);
   EXPECT_THAT(answer.sentence, HasSubstr("no run was measured as requested"));
@@ -129,8 +130,8 @@ TEST(Answer, DeniedSettingsAreNoVerdictOnThem) {
 
 TEST(Answer, AFailedRunIsNamedWithItsError) {
   auto failed = run(2, "b", "udp", {});
-  failed = summary(failed.run.asked, {{"error", "no peer found"}}, 0);
-  failed.run.asked["scenario_file"] = "demo.yaml";
+  failed = summary(failed.run.asked.document, {{"error", "no peer found"}}, 0);
+  amend(failed.run.asked, "/scenario_file", "demo.yaml");
   const auto answer = answer_of({failed}, kept);
   EXPECT_EQ(answer.rows.front().state, State::failed);
   EXPECT_THAT(answer.sentence, HasSubstr("Nothing was measured."));
@@ -177,12 +178,12 @@ TEST(Answer, CautionsAreSaidOnceAndTheGravestFirst) {
   double stolen = 0.01;
   for (auto& one : runs) {
     for (const auto* host : {"controller", "component"}) {
-      one.run.outcome["conditions"][host]["cpu_stolen"] = stolen;
-      one.run.outcome["hosts"][host]["machine"]["boot_id"] = "b";
+      amend(one.run.outcome, std::string("/conditions/") + host + "/cpu_stolen", stolen);
+      amend(one.run.outcome, std::string("/hosts/") + host + "/machine/boot_id", "b");
     }
     stolen += 0.005;
   }
-  runs[4].run.outcome["hosts"]["controller"]["load_running"] = false;
+  amend(runs[4].run.outcome, "/hosts/controller/load_running", false);
   const auto answer = answer_of(runs, kept);
   EXPECT_THAT(answer.cautions.front(), HasSubstr("Test1.B cyclonedds: the load on the controller had died"));
   EXPECT_THAT(answer.cautions,
@@ -192,13 +193,13 @@ TEST(Answer, CautionsAreSaidOnceAndTheGravestFirst) {
 
 TEST(Answer, WhatAFileSaysIsNoCommandOfItsOwn) {
   auto one = run(1, "a'; rm -rf $HOME; '", "udp", {true, false}, 9);
-  one.run.asked["scenario_file"] = "/tmp/$(reboot).yaml";
-  one.run.asked["command_line"] = json::array();
+  amend(one.run.asked, "/scenario_file", "/tmp/$(reboot).yaml");
+  amend(one.run.asked, "/command_line", json::array());
   auto commands = commands_of(answer_of({one}, {"my results.ontime", true}));
   EXPECT_THAT(commands,
               Contains("ontime run '/tmp/$(reboot).yaml' --only 'a'\\''; rm -rf $HOME; '\\''' --explain"));
   EXPECT_THAT(commands, Contains("ontime report 'my results.ontime' --full"));
-  one.run.asked["scenario_file"] = "/tmp/\x1b]0;x\x07.yaml";
+  amend(one.run.asked, "/scenario_file", "/tmp/\x1b]0;x\x07.yaml");
   commands = commands_of(answer_of({one}, {"r", true}));
   EXPECT_THAT(commands, ElementsAre("ontime report r --full"));
 }
@@ -228,7 +229,7 @@ TEST(Answer, SurvivesRecordsOfAnyKind) {
     for (const auto* key :
          {"load", "deadline_us", "command_line", "scenario_file", "id", "explain", "duration_s"}) {
       auto one = run(1, "a", "udp", {true, true}, 5);
-      one.run.asked[key] = odd;
+      amend(one.run.asked, std::string("/") + key, odd);
       auto other = one;
       other.run.outcome = odd;
       EXPECT_NO_THROW(text_of(answer_of({one, other}, {"", false}), 80)) << key;

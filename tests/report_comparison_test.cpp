@@ -71,7 +71,7 @@ TEST(Compare, SaysThatAnOlderOntimeMeasured) {
   std::vector a{run("x", "k", 1)};
   const std::vector b{run("x", "k", 1)};
   EXPECT_THAT(render(compare(a, b), {}, Format::table), Not(HasSubstr("computed anew")));
-  a[0].run.asked["ontime"] = "0.1.0";
+  amend(a[0].run.asked, "/ontime", "0.1.0");
   EXPECT_THAT(render(compare(a, b), {}, Format::table), HasSubstr("A was measured by ontime 0.1.0"));
 }
 
@@ -81,8 +81,8 @@ TEST(Compare, ByAKeyPairsWhatIsElseAlike) {
     for (const auto* value : {"on", "off"})
       for (const int repetition : {1, 2}) {
         auto one = run(value, std::string(transport) + value, repetition);
-        one.run.asked["transport"] = transport;
-        one.run.asked["kernel"] = {{"threaded-napi", value}};
+        amend(one.run.asked, "/transport", transport);
+        amend(one.run.asked, "/kernel", {{"threaded-napi", value}});
         runs.push_back(one);
       }
   EXPECT_EQ(values_of(runs, "kernel.threaded-napi"), (std::vector<std::string>{"on", "off"}));
@@ -93,8 +93,8 @@ TEST(Compare, ByAKeyPairsWhatIsElseAlike) {
   const auto comparison = compare_by(runs, "kernel.threaded-napi", "off", "on");
   ASSERT_EQ(comparison.pairs.size(), 2U);
   EXPECT_EQ(comparison.pairs[0].from.size(), 2U);
-  EXPECT_EQ(comparison.pairs[0].from[0]->run.asked.at("kernel").at("threaded-napi"), "off");
-  EXPECT_EQ(comparison.pairs[1].to[1]->run.asked.at("transport"), "fastdds");
+  EXPECT_EQ(comparison.pairs[0].from[0]->run.asked.kernel.at("threaded-napi"), "off");
+  EXPECT_EQ(comparison.pairs[1].to[1]->run.asked.task.transport, "fastdds");
   EXPECT_TRUE(comparison.only_from.empty() && comparison.only_to.empty());
 }
 
@@ -150,9 +150,9 @@ TEST(Compare, OfTwoShortRunsNothingIsTold) {
 TEST(Compare, ShowsWhatElseDiffers) {
   const std::vector a{run("x", "k", 1)};
   std::vector b{run("x", "k", 1)};
-  b[0].run.outcome["hosts"]["controller"]["machine"]["kernel"] = "6.6\x1b[31m";
-  b[0].run.outcome["hosts"]["controller"]["machine"]["boot_id"] = "another each time";
-  b[0].run.outcome["hosts"]["component"]["transport"]["version"] = "0.2.0";
+  amend(b[0].run.outcome, "/hosts/controller/machine/kernel", "6.6\x1b[31m");
+  amend(b[0].run.outcome, "/hosts/controller/machine/boot_id", "another each time");
+  amend(b[0].run.outcome, "/hosts/component/transport/version", "0.2.0");
   const auto found =
       json::parse(render(compare(a, b), {}, Format::json)).at("pairs").at(0).at("not_the_same");
   const auto difference = [](const char* what, const char* from, const char* to) {
@@ -167,16 +167,16 @@ TEST(Compare, ShowsWhatElseDiffers) {
 TEST(Compare, WhatWasAskedAndWhatCameOfItDiffer) {
   const std::vector a{run("x", "k", 1)};
   std::vector b{run("x", "k", 1, 7)};
-  b[0].run.asked.update({{"traffic", {{"bit_s", 80'000'000}}},
+  amend(b[0].run.asked, {{"traffic", {{"bit_s", 80'000'000}}},
                          {"link", {{"loss", 0.1}}},
                          {"kernel", {{"irq-threads", 90}}},
                          {"repetition", 3},
                          {"payload_bytes", 500.0}});
   auto& outcome = b[0].run.outcome;
-  outcome["traffic"]["to_component"]["short"] = true;
-  outcome["link_unproved"] = "it is not proved";
-  outcome["hosts"]["controller"]["load_running"] = false;
-  outcome["hosts"]["component"]["refusals"] = {{{"asked", "fifo 80"}, {"found", "EPERM"}, {"remedy", "y"}}};
+  amend(outcome, "/traffic/to_component/short", true);
+  amend(outcome, "/link_unproved", "it is not proved");
+  amend(outcome, "/hosts/controller/load_running", false);
+  amend(outcome, "/hosts/component/refusals", {{{"asked", "fifo 80"}, {"found", "EPERM"}, {"remedy", "y"}}});
   std::vector<std::string> found;
   const auto document = json::parse(render(compare(a, b), {}, Format::json));
   for (const auto& one : document.at("pairs").at(0).at("not_the_same"))
@@ -194,7 +194,7 @@ TEST(Compare, WhatWasAskedAndWhatCameOfItDiffer) {
 TEST(Compare, ARunWhoseSamplesAreMissingIsLeftOut) {
   const std::vector a{run("x", "k", 1)};
   std::vector b{run("x", "k", 1), run("x", "k", 9, 7)};
-  b[1].run.outcome["dropped_records"] = 4000;
+  amend(b[1].run.outcome, "/dropped_records", 4000);
   const auto text = render(compare(a, b), {}, Format::table);
   EXPECT_THAT(text, HasSubstr("left out: x udp (run 7) of B, 4000 of its samples were not recorded"));
   EXPECT_EQ(row_of(text, "p99 ").at(2), "1000");
@@ -219,7 +219,7 @@ TEST(Compare, ASenderThatStoodStillIsSeen) {
 TEST(Compare, ARunThatWasCutOffIsLeftOutAndNamed) {
   const std::vector a{run("x", "k", 1)};
   std::vector b{run("x", "k", 1), run("x", "k", 9, 7)};
-  b[1].run.outcome = nullptr;
+  b[1].run.outcome = {};
   const auto text = render(compare(a, b), {}, Format::table);
   EXPECT_THAT(text, HasSubstr("left out: x udp (run 7) of B"));
   EXPECT_EQ(row_of(text, "p99 ").at(2), "1000");
@@ -239,7 +239,7 @@ TEST(Compare, ARunThatAnsweredNothingIsNamed) {
 TEST(CompareChosen, RunsOfOtherIdsByTheirTransportsOrTheOneThatThereIs) {
   std::vector a{run("idle", "k1", 1), run("idle", "k2", 1)},
       b{run("loaded", "k3", 1), run("loaded", "k4", 1)};
-  a[1].run.asked["transport"] = b[0].run.asked["transport"] = "fastdds";
+  for (auto* asked : {&a[1].run.asked, &b[0].run.asked}) amend(*asked, "/transport", "fastdds");
   const auto comparison = compare_chosen(a, b);
   ASSERT_EQ(comparison.pairs.size(), 2U);
   EXPECT_EQ(comparison.pairs[0].to[0]->run.key, "k4");
@@ -252,8 +252,8 @@ TEST(CompareChosen, RunsOfOtherIdsByTheirTransportsOrTheOneThatThereIs) {
 TEST(CompareChosen, RunsBesideTheSameOfOthers) {
   std::vector a{run("idle", "k1", 1), run("idle", "k2", 1)},
       b{run("loaded", "k3", 1), run("loaded", "k4", 1)};
-  a[0].run.asked["beside"] = b[1].run.asked["beside"] = "arm.period 1 ms";
-  a[1].run.asked["beside"] = b[0].run.asked["beside"] = "arm.period 2 ms";
+  for (auto* asked : {&a[0].run.asked, &b[1].run.asked}) amend(*asked, "/beside", "arm.period 1 ms");
+  for (auto* asked : {&a[1].run.asked, &b[0].run.asked}) amend(*asked, "/beside", "arm.period 2 ms");
   const auto comparison = compare_chosen(a, b);
   ASSERT_EQ(comparison.pairs.size(), 2U);
   EXPECT_EQ(comparison.pairs[0].to[0]->run.key, "k4");
@@ -270,7 +270,7 @@ TEST(Compare, EveryFormatSurvivesWhatOthersWrote) {
   std::vector a{run("x", "k", 1)}, b{run("x", "k", 1)};
   for (const json& replacement : {json(), json(7), json("text"), json::array({1}), json::object()}) {
     b[0].run.asked = replacement;
-    a[0].run.outcome["hosts"] = replacement;
+    amend(a[0].run.outcome, "/hosts", replacement);
     for (const auto format : all_formats) {
       EXPECT_NO_THROW(render(compare(a, b), {}, format));
       EXPECT_NO_THROW(render(compare_chosen(a, b), {}, format));

@@ -12,6 +12,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include "amend.hpp"
 #include "report/report.hpp"
 
 namespace ontime::report {
@@ -69,7 +70,8 @@ inline json outcome() {
       {"threads", {thread("send"), thread("receive")}},
       {"refusals", json::array()},
       {"load_running", true}};
-  return {{"duplicates", 0},
+  return {{"sent", 2000},
+          {"duplicates", 0},
           {"strays", 0},
           {"reordered", 0},
           {"dropped_records", 0},

@@ -108,7 +108,7 @@ TEST(TableFormat, NamesTheOtherEndWhereItIsAnother) {
   for (const auto* component : {"cyclonedds", "fastdds"})
     for (const auto* rmw : {"rmw_a", "rmw_b"})
       runs.push_back(summary(asked("pair", "cyclonedds"), outcome())),
-          runs.back().run.asked.update({{"component_transport", component},
+          amend(runs.back().run.asked, {{"component_transport", component},
                                         {"options", json::object()},
                                         {"component_options", {{"rmw", rmw}}}});
   const auto text = render(runs, Format::markdown);
@@ -121,8 +121,8 @@ TEST(TableFormat, SaysTheOtherEndsTransportOnce) {
   std::vector<Summary> runs;
   for (const auto* component : {"cyclonedds", "fastdds"}) {
     runs.push_back(summary(asked("pair", "cyclonedds"), outcome()));
-    runs.back().run.asked["component_transport"] = component;
-    runs.back().run.asked["variant"] = std::string("component.transport ") + component;
+    amend(runs.back().run.asked, "/component_transport", component);
+    amend(runs.back().run.asked, "/variant", std::string("component.transport ") + component);
   }
   EXPECT_THAT(render(runs, Format::markdown),
               AllOf(HasSubstr("\n| cyclonedds |"), HasSubstr("\n| cyclonedds component fastdds |")));
@@ -159,8 +159,8 @@ TEST(TableFormat, NamesDomainAndTopicsWhereTheyAreNotTheUsualOnes) {
 TEST(TableFormat, NamesTheWayOfXdpOnce) {
   auto native = summary(asked("a", "xdp"), outcome()), generic = native;
   for (const auto* host : {"controller", "component"}) {
-    native.run.outcome["hosts"][host]["transport"]["facts"]["xdp"] = "native copy";
-    generic.run.outcome["hosts"][host]["transport"]["facts"]["xdp"] = "generic copy";
+    amend(native.run.outcome, std::string("/hosts/") + host + "/transport/facts/xdp", "native copy");
+    amend(generic.run.outcome, std::string("/hosts/") + host + "/transport/facts/xdp", "generic copy");
   }
   EXPECT_THAT(render({native, generic}, Format::table),
               AllOf(HasSubstr("\nxdp native copy "), HasSubstr("\nxdp generic copy ")));
@@ -210,8 +210,8 @@ TEST(TableFormat, AValueWithACommaIsOneValue) {
 
 TEST(TableFormat, PutsALongNameAboveItsNumbers) {
   std::vector<Summary> runs = {ros2("single", 1), ros2("multi", 2)};
-  runs[1].run.asked["options"]["rmw"] = "rmw_fastrtps_cpp";
-  runs[1].run.asked["options"]["config"] = std::string(500, 'x');
+  amend(runs[1].run.asked, "/options/rmw", "rmw_fastrtps_cpp");
+  amend(runs[1].run.asked, "/options/config", std::string(500, 'x'));
   for (auto& run : runs) run.lost = 12345, run.sent = 123456;
   const auto text = render(runs, Format::table);
   for (const auto& line : lines_of(text)) EXPECT_LE(width_of(line), 100u) << line;

@@ -64,7 +64,7 @@ TEST(LayersPage, SaysOnceWhatIsMissing) {
   for (int repetition = 1; repetition <= 3; ++repetition)
     for (const auto* id : {"ros2-a", "ros2-b"}) {
       runs.push_back(layer(id, "dds", repetition, 0));
-      runs.back().run.outcome = {{"error", "there is no transport 'ros2' here"}};
+      runs.back().run.outcome = json{{"error", "there is no transport 'ros2' here"}};
     }
   const auto text = render_layers(runs, Format::table);
   EXPECT_THAT(text, HasSubstr("Not measured: ros2-a, ros2-b: there is no transport 'ros2' here"));
@@ -77,7 +77,7 @@ TEST(LayersPage, SaysOnceWhatIsMissing) {
 TEST(LayersPage, SaysWhyNoInstructionsWereCounted) {
   const auto page = [](const json& asked) {
     auto runs = two_layers(1);
-    for (auto& run : runs) run.run.asked["count_instructions"] = asked;
+    for (auto& run : runs) amend(run.run.asked, "/count_instructions", asked);
     return render_layers(runs, Format::markdown);
   };
   EXPECT_THAT(page(true), AllOf(HasSubstr("must have the counter"), Not(HasSubstr("must say"))));

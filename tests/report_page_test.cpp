@@ -330,7 +330,7 @@ TEST(Verdict, does_not_praise_what_hides_a_stall_or_was_cut_off) {
             "answer in time.");
   EXPECT_THAT(verdict_of({stalled}).further, Not(HasSubstr("So long as")));
   auto cut = judged(100, 0, 0);
-  cut.run.outcome = nullptr;
+  cut.run.outcome = {};
   EXPECT_EQ(verdict_of({cut}).word, Verdict::Word::partly);
   EXPECT_THAT(verdict_of({cut}).further, HasSubstr("1 run did not end as asked"));
   EXPECT_EQ(verdict_of({}).word, Verdict::Word::nothing);
@@ -338,10 +338,10 @@ TEST(Verdict, does_not_praise_what_hides_a_stall_or_was_cut_off) {
 
 TEST(Verdict, never_says_yes_where_samples_are_missing) {
   auto run = judged(5000, 0, 0);
-  run.run.outcome.update({{"dropped_records", 1500}, {"sent", 6500}, {"late", 0}, {"lost", 0}});
+  amend(run.run.outcome, {{"dropped_records", 1500}, {"sent", 6500}, {"late", 0}, {"lost", 0}});
   EXPECT_EQ(verdict_of({run}).word, Verdict::Word::partly);
   EXPECT_THAT(verdict_of({run}).further, HasSubstr("Of 1 run: 1500 of its samples were not recorded."));
-  run.run.outcome.update({{"late", 700}, {"lost", 200}});
+  amend(run.run.outcome, {{"late", 700}, {"lost", 200}});
   EXPECT_EQ(verdict_of({run}).word, Verdict::Word::no);
   EXPECT_THAT(verdict_of({run}).sentence, HasSubstr("700 of 6,500 messages missed the deadline"));
 }
@@ -350,7 +350,7 @@ TEST(Verdict, is_no_yes_to_what_was_not_asked) {
   auto run = judged(5000, 0, 0);
   run.missed_probability = statistics::Probability{};
   run.missed_probability.messages = 5000;
-  run.run.outcome["hosts"]["controller"]["load_running"] = false;
+  amend(run.run.outcome, "/hosts/controller/load_running", false);
   const auto verdict = verdict_of({run});
   EXPECT_EQ(verdict.word, Verdict::Word::partly);
   EXPECT_THAT(verdict.further, HasSubstr("Of 1 run: the load on the controller had died by the end."));
@@ -473,13 +473,14 @@ TEST(Gnuplot, EveryPanelHasItsWholeNameInLinesThatFit) {
   for (const auto* id : {"A", "B", "C"})
     for (const auto* transport : {"udp", "cyclonedds", "fastdds", "opendds"}) {
       auto run = plotted(id, transport);
-      run.run.asked["title"] = "A system under a load that takes a good many words to describe in full";
+      amend(run.run.asked, "/title",
+            "A system under a load that takes a good many words to describe in full");
       runs.push_back(run);
     }
   const auto commands = gnuplot_of(runs, {Plot::Figure::time, Plot::Form::pdf, true});
   for (const auto& run : runs)
-    EXPECT_THAT(commands, HasSubstr("'" + run.run.asked["id"].get<std::string>() + " " +
-                                    run.run.asked["transport"].get<std::string>() + ": A system under"));
+    EXPECT_THAT(commands,
+                HasSubstr("'" + run.run.asked.id + " " + run.run.asked.task.transport + ": A system under"));
   EXPECT_EQ(found_in(commands, "('[^']*…')").size(), runs.size()) << "all of the 60 letters that a title has";
   for (const auto& label : found_in(commands, "set label '([^']*)'"))
     EXPECT_LE(static_cast<double>(label.size()) * letter_cm, 18.2 / 2) << label;
@@ -489,7 +490,7 @@ TEST(Gnuplot, EveryPanelHasItsWholeNameInLinesThatFit) {
 
 TEST(Gnuplot, CcdfDrawsTheDeadlineOfEachRun) {
   auto one = plotted("a", "udp"), other = plotted("b", "udp");
-  other.run.asked["deadline_us"] = 20'000;
+  amend(other.run.asked, "/deadline_us", 20'000);
   const auto commands = gnuplot_of({one, other}, {Plot::Figure::ccdf, Plot::Form::svg, false});
   EXPECT_THAT(commands, HasSubstr("set arrow from 10, graph 0 to 10, graph 1"));
   EXPECT_THAT(commands, HasSubstr("set arrow from 20, graph 0 to 20, graph 1"));

@@ -56,7 +56,7 @@ Summary step(int number, const char* value, std::uint64_t late, int repetition =
   of["search"] = {
       {"key", "neighbours.rate"}, {"value", value}, {"step", number}, {"steps", 4}, {"among", ""}};
   auto one = summary(of, outcome());
-  one.run.outcome["late"] = one.late = late;
+  amend(one.run.outcome, "/late", one.late = late);
   one.on_time -= late;
   return one;
 }
@@ -108,16 +108,16 @@ TEST(Searches, AreNotMixedWithLaterOnesOfTheSameFile) {
 
 TEST(Searches, EndWhereARunFailedOrMoreWasNotToBeHad) {
   auto failed = step(1, "200 Hz", 0);
-  failed.run.outcome["error"] = "no answer";
+  amend(failed.run.outcome, "/error", "no answer");
   auto found = json::parse(render({step(0, "100 Hz", 0), failed}, Format::json)).at("searches").at(0);
   EXPECT_TRUE(found.at("ended").is_null()) << "the connection was lost, say";
   EXPECT_FALSE(found.at("finished"));
-  failed.run.outcome["unanswered"] = true;
+  amend(failed.run.outcome, "/unanswered", true);
   found = json::parse(render({step(0, "100 Hz", 0), failed}, Format::json)).at("searches").at(0);
   EXPECT_TRUE(found.at("ended").at("failed"));
   EXPECT_TRUE(found.at("finished"));
   auto overran = step(1, "200 Hz", 0);
-  overran.run.outcome["neighbours"]["to_component"] = way(100, 100, 100);
+  amend(overran.run.outcome, "/neighbours/to_component", way(100, 100, 100));
   found = json::parse(render({step(0, "100 Hz", 0), overran}, Format::json)).at("searches").at(0);
   EXPECT_TRUE(found.at("ended").at("short"));
   EXPECT_EQ(found.at("passed").at("value"), "100 Hz");
@@ -125,8 +125,8 @@ TEST(Searches, EndWhereARunFailedOrMoreWasNotToBeHad) {
 
 TEST(Searches, NameEachOfTheirKeys) {
   auto one = step(0, "1 ms", 0), other = step(0, "1 ms", 0);
-  one.run.asked["search"]["key"] = "arm.period";
-  other.run.asked["search"]["key"] = "period";
+  amend(one.run.asked, "/search/key", "arm.period");
+  amend(other.run.asked, "/search/key", "period");
   EXPECT_THAT(render({one, other}, Format::markdown),
               HasSubstr("how far arm.period, period can be turned up"));
 }
@@ -140,13 +140,13 @@ TEST(Plots, DrawTheRoundTripAgainstTheNeighboursRate) {
 
 TEST(Plots, DrawEachSearchAsALineOfItsOwn) {
   auto single = step(0, "100 Hz", 0), multi = step(0, "100 Hz", 0);
-  single.run.asked["search"]["among"] = "options.executor single";
-  multi.run.asked["search"]["among"] = "options.executor multi";
+  amend(single.run.asked, "/search/among", "options.executor single");
+  amend(multi.run.asked, "/search/among", "options.executor multi");
   auto arms = multi;
-  arms.run.asked["component"] = "arm";
-  multi.run.outcome["error"] = "no answer";
+  amend(arms.run.asked, "/component", "arm");
+  amend(multi.run.outcome, "/error", "no answer");
   auto sizes = step(0, "1 kB", 0);
-  sizes.run.asked["search"]["key"] = "neighbours.payload";
+  amend(sizes.run.asked, "/search/key", "neighbours.payload");
   EXPECT_THAT(gnuplot_of({sizes}, {Plot::Figure::neighbours}),
               HasSubstr("cyclonedds neighbours.payload 1 kB'"));
   const auto text = gnuplot_of({single, multi, arms}, {Plot::Figure::neighbours});
@@ -158,9 +158,9 @@ TEST(Plots, DrawEachSearchAsALineOfItsOwn) {
 
 TEST(Plots, OfAPayloadDrawEachVariantAsALineOfItsOwn) {
   auto one = step(0, "", 0), other = step(0, "", 0);
-  for (auto* run : {&one, &other}) run->run.asked.erase("search");
-  one.run.asked["variant"] = "payload 1 KiB, receive waitset";
-  other.run.asked["variant"] = "payload 1 KiB, receive listener";
+  for (auto* run : {&one, &other}) amend(run->run.asked, "/search", nullptr);
+  amend(one.run.asked, "/variant", "payload 1 KiB, receive waitset");
+  amend(other.run.asked, "/variant", "payload 1 KiB, receive listener");
   EXPECT_THAT(gnuplot_of({one, other}, {Plot::Figure::payload}),
               AllOf(HasSubstr("cyclonedds receive waitset'"), HasSubstr("cyclonedds receive listener'")));
 }

@@ -113,7 +113,7 @@ TEST(TableFormat, GivesABoundOrSaysWhyThereIsNone) {
   EXPECT_THAT(text, Not(HasSubstr("5000 [4000")));
   EXPECT_THAT(text, Not(HasSubstr("Slowest (µs)"))) << "a table of nothing";
   auto other = one;
-  other.run.asked["transport"] = "fastdds";
+  amend(other.run.asked, "/transport", "fastdds");
   const auto both = render({one, other}, Format::table);
   EXPECT_THAT(both, HasSubstr("all runs: no extrapolated worst case"));
   EXPECT_EQ(both.find("it drifts"), both.rfind("it drifts")) << "once";
@@ -238,7 +238,7 @@ TEST(TableFormat, ShowsWhereJudgingByResponseDiffers) {
   auto text = render({one}, Format::table);
   EXPECT_THAT(text, AllOf(HasSubstr("3/2000"), Not(HasSubstr("response:"))));
   auto other = one;
-  other.run.asked["transport"] = "fastdds";
+  amend(other.run.asked, "/transport", "fastdds");
   other.late_by_response = 41;
   text = render({one, other}, Format::table);
   EXPECT_EQ(row_of(text, "udp").at(9), "3/2000");

@@ -406,7 +406,7 @@ TEST(AllFormats, LetNothingSteerTheTerminal) {
     one.notes = {{"kind" + text, "left" + text, 5, {}}, {"kind" + text, "", {}, 3}};
     one.no_parts = text;
     one.run.key = text;
-    other.run.asked["id"] = text;
+    amend(other.run.asked, "/id", text);
     for (const auto format : all_formats)
       for (const auto& rendered : {render({one, other}, format), render_threads({one, other}, format),
                                    render_layers({one, other}, format)}) {

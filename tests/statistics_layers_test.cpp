@@ -4,6 +4,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include "amend.hpp"
 #include "campaign/campaign.hpp"
 #include "statistics/statistics.hpp"
 
@@ -20,15 +21,15 @@ Summary layer_run(const std::string& id, const std::string& adds_to, int repetit
   conditions.update(further);
   summary.run.key = conditions.dump();
   summary.run.asked = conditions;
-  summary.run.asked.update({{"adds_to", adds_to}, {"repetition", repetition}});
-  summary.run.outcome = {{"hosts", {{"controller", {{"threads", {thread, thread}}}}}}};
+  amend(summary.run.asked, {{"adds_to", adds_to}, {"repetition", repetition}});
+  summary.run.outcome = nlohmann::json{{"hosts", {{"controller", {{"threads", {thread, thread}}}}}}};
   summary.sent = 10;
   summary.round_trip.count = 10;
   summary.round_trip.p50 = p50_ns;
   return summary;
 }
 
-std::string id_of(const Summary* summary) { return summary == nullptr ? "" : summary->run.asked.at("id"); }
+std::string id_of(const Summary* summary) { return summary == nullptr ? "" : summary->run.asked.id; }
 
 TEST(Layers, AreComparedRepetitionByRepetition) {
   std::vector<Summary> runs;
@@ -67,8 +68,9 @@ TEST(Layers, OfOneIdAreAsManyAsItHasConditions) {
   for (const auto& layer : found) {
     ASSERT_EQ(layer.round_trip_ns.total->count, 3u);
     if (layer.adds_to.empty()) continue;
-    EXPECT_EQ(layer.base->run.asked.at("payload_bytes"), layer.run->run.asked.at("payload_bytes"));
-    EXPECT_EQ(layer.round_trip_ns.added->median, layer.run->run.asked.at("transport") == "a" ? 10 : 20);
+    EXPECT_EQ(layer.base->run.asked.task.client.payload_bytes,
+              layer.run->run.asked.task.client.payload_bytes);
+    EXPECT_EQ(layer.round_trip_ns.added->median, layer.run->run.asked.task.transport == "a" ? 10 : 20);
   }
 }
 
@@ -81,7 +83,7 @@ TEST(Layers, AddToTheRunThatIsMostLikeThem) {
   }
   for (const auto& layer : layers(runs).measured)
     if (layer.base != nullptr) {
-      EXPECT_EQ(layer.base->run.asked.at("options").at("rmw"), layer.run->run.asked.at("options").at("rmw"));
+      EXPECT_EQ(layer.base->run.asked.stated("options.rmw"), layer.run->run.asked.stated("options.rmw"));
     }
 
   // As like one as the other: nothing is guessed.
@@ -124,7 +126,7 @@ TEST(Layers, CountTheRepetitionsOfEverySession) {
 
   // A session that measured one of the two alone, called otherwise, is compared with nothing.
   runs.insert(runs.begin(), layer_run("below", "", 1, 5000));
-  runs.front().run.asked["command_line"] = {"ontime", "run", "--only", "below"};
+  amend(runs.front().run.asked, "/command_line", {"ontime", "run", "--only", "below"});
   found = layers(runs).measured;
   EXPECT_EQ(found.at(0).round_trip_ns.total->count, 7u);
   EXPECT_EQ(found.at(1).round_trip_ns.added->count, 6u);
@@ -154,9 +156,9 @@ TEST(Layers, ThatAreMissingAreNamedOnce) {
   for (int repetition = 1; repetition <= 3; ++repetition) {
     runs.push_back(layer_run("above", "below", repetition, 110));
     runs.push_back(layer_run("further", "above", repetition, 0));
-    runs.back().run.outcome = {{"error", "there is no transport 'ros2'"}};
+    runs.back().run.outcome = nlohmann::json{{"error", "there is no transport 'ros2'"}};
     runs.push_back(layer_run("apart", "", repetition, 0));
-    runs.back().run.outcome = {{"error", "no peer"}};
+    runs.back().run.outcome = nlohmann::json{{"error", "no peer"}};
   }
   const auto found = layers(runs);
   ASSERT_EQ(found.measured.size(), 1u);
@@ -173,9 +175,10 @@ TEST(Layers, TakeAnyRecord) {
        {nlohmann::json(), nlohmann::json(7), nlohmann::json::array({1}),
         nlohmann::json({{"id", 7}, {"adds_to", 7}, {"repetition", "x"}, {"hosts", 7}, {"options", {1}}})}) {
     Summary summary;
-    summary.run.asked = summary.run.outcome = odd;
+    summary.run.asked = odd;
+    summary.run.outcome = odd;
     auto below = summary;
-    below.run.asked = {{"id", "b"}, {"options", odd}, {"transport", odd}};
+    below.run.asked = nlohmann::json{{"id", "b"}, {"options", odd}, {"transport", odd}};
     EXPECT_NO_THROW(layers({summary, summary, below, layer_run("a", "b", 1, 1, odd)})) << odd;
   }
 }
@@ -211,7 +214,7 @@ TEST_P(LayersScenario, HasForEachLayerABaseThatDiffersInThatLayerAlone) {
     Summary summary;
     summary.run.asked = campaign::asked(run, {});
     summary.run.outcome = nlohmann::json::object();
-    auto conditions = summary.run.asked;
+    auto conditions = summary.run.asked.document;
     conditions.erase("repetition");
     summary.run.key = conditions.dump();
     runs.push_back(summary);
@@ -220,15 +223,15 @@ TEST_P(LayersScenario, HasForEachLayerABaseThatDiffersInThatLayerAlone) {
   EXPECT_TRUE(found.missing.empty());
   ASSERT_GT(found.measured.size(), 7u);
   for (const auto& layer : found.measured) {
-    const auto& asked = layer.run->run.asked;
+    const auto& asked = layer.run->run.asked.document;
     if (asked.at("transport") == "ros2") {
       EXPECT_EQ(asked.at("options").at("statistics"), "off");
     }
     if (layer.adds_to.empty()) continue;
     ASSERT_NE(layer.base, nullptr) << asked.at("id") << layer.no_base;
-    EXPECT_EQ(differences(asked, layer.base->run.asked).size(), 1u)
+    EXPECT_EQ(differences(asked, layer.base->run.asked.document).size(), 1u)
         << asked.at("id") << " against " << layer.adds_to << ": "
-        << ::testing::PrintToString(differences(asked, layer.base->run.asked));
+        << ::testing::PrintToString(differences(asked, layer.base->run.asked.document));
   }
 }
 

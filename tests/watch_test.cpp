@@ -211,7 +211,7 @@ class Forms : public Following {
   Progress progress() {
     Progress progress;
     progress.state = State::measuring;
-    progress.run = {5, asked(), nullptr, ""};
+    progress.run = {5, asked(), {}, ""};
     progress.duration_s = 60;
     progress.elapsed_s = 12;
     progress.sent = 7;

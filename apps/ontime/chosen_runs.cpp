@@ -13,19 +13,14 @@
 namespace ontime::app {
 namespace {
 
-std::string id_of(const record::Run& run) {
-  const auto& id = record::at(run.asked, "id");
-  return id.is_string() ? id.get<std::string>() : "";
-}
-
 bool is_called(const record::Run& run, const std::string& word) {
-  return std::to_string(run.number) == word || id_of(run) == word;
+  return std::to_string(run.number) == word || run.asked.id == word;
 }
 
 // "1 to 12 (ids: idle, loaded)".
 std::string all_of(const std::vector<record::Run>& runs, std::vector<std::string>& ids) {
   for (const auto& run : runs)
-    if (const auto id = id_of(run); !id.empty() && std::find(ids.begin(), ids.end(), id) == ids.end())
+    if (const auto& id = run.asked.id; !id.empty() && std::find(ids.begin(), ids.end(), id) == ids.end())
       ids.push_back(id);
   constexpr std::size_t most_ids = 20;
   const auto shown = std::min(ids.size(), most_ids);

@@ -95,9 +95,8 @@ int plot(const PlotArguments& arguments) {
     throw Error(2, fmt::format("{} runs do not fit: --figure time holds {}. Choose them with --only.",
                                summaries.size(), most_panels));
   if (plot.figure == Plot::Figure::neighbours &&
-      std::none_of(summaries.begin(), summaries.end(), [](const auto& summary) {
-        return record::at(summary.run.asked, "neighbours").is_object();
-      }))
+      std::none_of(summaries.begin(), summaries.end(),
+                   [](const auto& summary) { return summary.run.asked.task.neighbours.topics > 0; }))
     throw Error(2, arguments.results + ": none of its runs had background topics (key `neighbours`)");
   output.write(drawn(report::gnuplot_of(summaries, plot)));
   output.finish();

@@ -14,7 +14,7 @@ namespace {
 using nlohmann::json;
 
 void print_refusals(const json& opened) {
-  for (const auto& text : report::refusals_of(opened)) print_error(text);
+  for (const auto& text : report::refusals_of(record::host_of(opened))) print_error(text);
 }
 
 void print_opened(const json& opened) {

@@ -31,10 +31,9 @@ const json* Resumed::find(const json& asked, const json& machines) const {
   const auto [first, last] = complete_.equal_range(record::key_of(asked));
   for (auto known = first; known != last; ++known) {
     const auto& run = known->second;
-    if (!same(run.asked, asked, {"repetition", "scenario", "ontime"})) continue;
-    const auto& hosts = at(run.outcome, "hosts");
+    if (!same(run.asked.document, asked, {"repetition", "scenario", "ontime"})) continue;
     for (const auto& [host, machine] : machines.items())
-      if (!same(at(at(hosts, host), "machine"), machine,
+      if (!same(record::find(run.outcome.hosts, host).machine.document, machine,
                 {"hostname", "kernel_release", "kernel_version", "cpu_model"}))
         throw campaign::Error(
             2,
@@ -42,7 +41,7 @@ const json* Resumed::find(const json& asked, const json& machines) const {
                 "--resume: run {} of these results is of another machine, or of another kernel than the {} "
                 "now is: one suite is of one. Begin a new file of results",
                 run.number, host));
-    return &run.outcome;
+    return &run.outcome.document;
   }
   return nullptr;
 }

@@ -6,36 +6,42 @@
 namespace ontime::explain {
 namespace {
 
-using nlohmann::json;
-using record::at;
-
-std::string text_of(const json& value) { return value.is_string() ? value.get<std::string>() : ""; }
+using roundtrip::Where;
 
 // Whether the callbacks of its background topics run on the thread that receives its messages.
 bool shares_callbacks(const record::Run& run, const std::string& end) {
-  const auto& neighbours = at(run.asked, "neighbours");
-  if (at(neighbours, end == "component" ? "there" : "back") != true) return false;
+  const auto& task = run.asked.task;
+  const auto& neighbours = task.neighbours;
   const bool is_component = end == "component";
-  const auto where = text_of(at(neighbours, "where"));
-  const auto transport = text_of(at(run.asked, is_component ? "component_transport" : "transport"));
-  if (where == "same-callback-group") return true;
-  if (where == "same-node" || where == "same-executor")
-    return text_of(at(at(run.asked, is_component ? "component_options" : "options"), "executor")) != "multi";
-  if (text_of(at(run.asked, "receive")) == "waitset") return false;
-  return (where == "same-participant" && transport != "ros2") ||
-         (where == "same-process" && transport == "cyclonedds");
+  if (!(is_component ? neighbours.there : neighbours.back)) return false;
+  const auto& transport = is_component ? run.asked.component_transport : task.transport;
+  const auto& options = is_component ? run.asked.component_options : task.config.options;
+  const auto executor = options.find("executor");
+  switch (neighbours.where) {
+    case Where::same_callback_group:
+      return true;
+    case Where::same_node:
+    case Where::same_executor:
+      return executor == options.end() || executor->second != "multi";
+    case Where::same_participant:
+      return task.config.receive != transport::Receive::waitset && transport != "ros2";
+    case Where::same_process:
+      return task.config.receive != transport::Receive::waitset && transport == "cyclonedds";
+    default:
+      return false;
+  }
 }
 
 }  // namespace
 
 std::optional<Remedy> remedy_of_callbacks(const Part& part, const record::Run& run) {
-  const auto& callback_us = at(at(run.asked, "neighbours"), "callback_us");
-  if (part.cause != Cause::busy || part.thread != "receive" || !callback_us.is_number() ||
-      callback_us.get<double>() <= 0 || !shares_callbacks(run, part.end))
+  const auto callback = run.asked.task.neighbours.callback;
+  if (part.cause != Cause::busy || part.thread != "receive" || callback.count() <= 0 ||
+      !shares_callbacks(run, part.end))
     return {};
   return Remedy{{{"neighbours.where", "a place with a thread of its own"}},
                 fmt::format("callbacks of the background topics, {:g} ms each, run on this thread too",
-                            callback_us.get<double>() / 1e3)};
+                            static_cast<double>(callback.count()) / 1e6)};
 }
 
 }  // namespace ontime::explain

@@ -221,13 +221,14 @@ bool can_help(const std::string& key, const Part& part) {
 }
 
 bool has_already(const record::Run& run, const Setting& setting) {
-  const auto& realtime = at(run.asked, "realtime_settings");
-  if (setting.key == "realtime") return at(run.asked, "realtime") == true;
-  if (setting.key == "realtime.lock-memory") return at(realtime, "lock_memory") == true;
-  if (setting.key == "realtime.cpu-latency") return at(realtime, "cpu_latency_us") == 0;
+  const auto& realtime = run.asked.task.realtime;
+  if (setting.key == "realtime") return realtime.on;
+  if (setting.key == "realtime.lock-memory") return realtime.lock_memory;
+  if (setting.key == "realtime.cpu-latency") return realtime.cpu_latency == std::chrono::microseconds(0);
   constexpr std::string_view kernel = "kernel.";
-  return setting.key.starts_with(kernel) &&
-         at(at(run.asked, "kernel"), setting.key.substr(kernel.size())) == setting.value;
+  if (!setting.key.starts_with(kernel)) return false;
+  const auto asked = run.asked.kernel.find(setting.key.substr(kernel.size()));
+  return asked != run.asked.kernel.end() && asked->second == setting.value;
 }
 
 // The kernel's threads have keys of their own.

@@ -17,8 +17,6 @@
 namespace ontime::explain {
 namespace {
 
-using nlohmann::json;
-using record::at;
 using roundtrip::Fate;
 using roundtrip::Sample;
 
@@ -29,61 +27,46 @@ constexpr std::size_t most_downs = 100;     // of a link
 constexpr std::int64_t forever_ns = 1'000'000'000'000'000'000;
 constexpr std::size_t most_lost = 16;  // that are looked at
 
-// What is of another kind is nothing: the file may be anybody's.
-std::string text_of(const json& value) { return value.is_string() ? value.get<std::string>() : ""; }
-std::int64_t integer_of(const json& value) {
-  return value.is_number_integer() ? value.get<std::int64_t>() : 0;
-}
-
-std::vector<Down> downs_of(const json& list) {
+std::vector<Down> downs_of(const std::vector<record::LinkDown>& list) {
   std::vector<Down> downs;
-  if (!list.is_array()) return downs;
-  const auto can_be = [](const json& ns) {
-    return ns.is_number_integer() && -forever_ns <= ns && ns <= forever_ns;
-  };
+  const auto can_be = [](std::int64_t ns) { return -forever_ns <= ns && ns <= forever_ns; };
   for (const auto& one : list) {
-    const auto &from = at(one, "from_ns"), &to = at(one, "to_ns");
-    if (!can_be(from) || !(to.is_null() || can_be(to)) || downs.size() == most_downs) continue;
-    downs.push_back({integer_of(from), to.is_null() ? forever_ns : integer_of(to), at(one, "taken") == true});
+    const auto to_ns = one.to_ns.value_or(forever_ns);
+    if (!one.from_ns || !can_be(*one.from_ns) || !can_be(to_ns) || downs.size() == most_downs) continue;
+    downs.push_back({*one.from_ns, to_ns, one.taken});
   }
   return downs;
 }
 
 End end_of(const record::Run& run, const char* host) {
   End end{host, {}, nullptr};
-  const auto& of_host = at(at(run.outcome, "hosts"), host);
-  const auto& link = at(of_host, "link");
-  end.interface = text_of(at(link, "interface"));
-  end.downs = downs_of(at(link, "down"));
-  const auto& threads = at(of_host, "threads");
-  if (!threads.is_array()) return end;
+  const auto& of = record::find(run.outcome.hosts, host);
+  const auto& threads = of.threads;
+  end.interface = of.link.interface;
+  end.downs = downs_of(of.link.down);
   if (threads.size() > most_threads)
     throw record::WrongFile(
         fmt::format("run {} has {} threads at its {}, where there are at most {}: the file is "
                     "damaged, or was made to mislead",
                     run.number, threads.size(), host, most_threads));
   for (const auto& thread : threads) {
-    const auto role = text_of(at(thread, "role"));
-    if (role.starts_with("neighbours ")) continue;  // what they send is none of ours
-    end.threads.push_back({static_cast<std::int32_t>(integer_of(at(thread, "tid"))), role});
+    if (thread.is_of_background_topics()) continue;  // what they send is none of ours
+    end.threads.push_back({static_cast<std::int32_t>(thread.tid.value_or(0)), thread.role});
   }
   return end;
 }
 
 // 0: nothing was asked for, or nothing that can be.
-std::int64_t asked_ns(const json& asked, const char* key) {
-  const auto& us = at(asked, key);
-  constexpr double longest_us = 1e12;
-  return us.is_number() && us.get<double>() > 0 && us.get<double>() < longest_us
-             ? static_cast<std::int64_t>(us.get<double>() * 1e3)
-             : 0;
+std::int64_t possible(std::chrono::nanoseconds time) {
+  constexpr std::int64_t longest_ns = 1'000'000'000'000'000;
+  return time.count() > 0 && time.count() < longest_ns ? time.count() : 0;
 }
 
 // Why a run's messages were late or lost, of threads that it knows.
 class Explainer {
  public:
   Explainer(const record::Reader& reader, const record::Run& run, const Pong* pong)
-      : payload_bytes_(integer_of(at(run.asked, "payload_bytes"))),
+      : payload_bytes_(static_cast<std::int64_t>(run.asked.task.client.payload_bytes)),
         client_(end_of(run, "controller")),
         beside_(is_by_hand(run) && pong == nullptr
                     ? end_over_loopback(reader, run, client_, least_packet_bytes(payload_bytes_))
@@ -91,8 +74,8 @@ class Explainer {
         server_(beside_ ? *beside_ : end_of(pong != nullptr ? pong->run() : run, "component")),
         pong_(pong),
         one_machine_(beside_ || record::on_one_machine(run.outcome)),
-        deadline_ns_(asked_ns(run.asked, "deadline_us")),
-        timeout_ns_(asked_ns(run.asked, "timeout_us")),
+        deadline_ns_(deadline_ns_of(run)),
+        timeout_ns_(possible(run.asked.task.client.timeout)),
         usual_(reader, run.number, one_machine_) {}
 
   bool is_late_by_response(const Sample& sample) const {
@@ -241,11 +224,11 @@ std::vector<Group> groups_of(const record::Run& run, const std::vector<Message>&
 
 }  // namespace
 
-std::int64_t deadline_ns_of(const record::Run& run) { return asked_ns(run.asked, "deadline_us"); }
+std::int64_t deadline_ns_of(const record::Run& run) { return possible(run.asked.task.client.deadline); }
 
 Account account_of(const record::Reader& reader, const record::Run& run, const Pong* pong) {
   Account account;
-  account.traced = !at(run.outcome, "trace").is_null();
+  account.traced = run.outcome.trace.has_value();
   std::deque<record::Trace> own;
   TracesByMessage traces;
   reader.each_trace(run.number, [&](const record::Trace& trace) {

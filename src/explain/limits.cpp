@@ -9,12 +9,8 @@
 namespace ontime::explain {
 namespace {
 
-using nlohmann::json;
-using record::at;
 using roundtrip::Fate;
 using Lines = std::vector<std::string>;
-
-std::string text_of(const json& value) { return value.is_string() ? value.get<std::string>() : ""; }
 
 // A kernel that traces every switch leaves nothing to be inferred, but for events that are lost.
 void add_untold_switches(Lines& limits, const TracesByMessage& traces) {
@@ -35,17 +31,13 @@ void add_untold_switches(Lines& limits, const TracesByMessage& traces) {
 }
 
 void add_untraced(Lines& limits, const record::Run& run) {
-  const auto& traced = at(run.outcome, "trace");
-  if (traced.is_object())
-    for (const auto& [host, answer] : traced.items()) {
-      if (const auto error = text_of(at(answer, "error")); !error.empty())
-        limits.push_back(fmt::format("nothing is known of what the {}'s machine did: {}", host, error));
-      const auto& missing = at(answer, "missing");
-      if (missing.is_array())
-        for (const auto& what : missing)
-          limits.push_back(
-              fmt::format("the kernel of the {}'s machine does not tell {}", host, text_of(what)));
-    }
+  if (!run.outcome.trace) return;
+  for (const auto& [host, traced] : *run.outcome.trace) {
+    if (!traced.error.empty())
+      limits.push_back(fmt::format("nothing is known of what the {}'s machine did: {}", host, traced.error));
+    for (const auto& what : traced.missing)
+      limits.push_back(fmt::format("the kernel of the {}'s machine does not tell {}", host, what));
+  }
 }
 
 void add_not_looked_at(Lines& limits, const Account& account) {
@@ -68,7 +60,8 @@ void add_not_looked_at(Lines& limits, const Account& account) {
 // Of two machines what was seen of one says nothing of the other.
 void add_one_sided(Lines& limits, const Account& account, const record::Run& run,
                    const TracesByMessage& traces) {
-  for (const auto* host : {"controller", "component"}) {
+  const auto traced = run.outcome.trace.value_or(record::ByName<record::Traced>());
+  for (const auto* host : record::both_hosts) {
     const auto is_seen = [&](const auto& message) {
       return std::any_of(message.second.begin(), message.second.end(),
                          [&](const auto* trace) { return trace->host == host; });
@@ -79,7 +72,7 @@ void add_one_sided(Lines& limits, const Account& account, const record::Run& run
           : host == std::string_view("component")
               ? " (ontime pong --explain --results FILE there, and ontime explain … --pong FILE)"
               : " (ontime ping --explain)";
-      if (text_of(at(at(at(run.outcome, "trace"), host), "error")).empty())  // or else it is told
+      if (record::find(traced, host).error.empty())  // or else it is told
         limits.push_back(fmt::format("nothing is known of what the {}'s machine did{}", host, remedy));
       continue;
     }
@@ -99,7 +92,7 @@ void add_one_sided(Lines& limits, const Account& account, const record::Run& run
 
 }  // namespace
 
-bool is_by_hand(const record::Run& run) { return at(at(run.outcome, "hosts"), "component").is_null(); }
+bool is_by_hand(const record::Run& run) { return !run.outcome.hosts.contains("component"); }
 
 std::vector<std::string> limits_of(const Account& account, const record::Run& run,
                                    const TracesByMessage& traces, bool one_machine,

@@ -44,13 +44,13 @@ Gate parse(const std::string& text, Use);
 
 // What of the conditions that were asked for was not there, for people: load, settings, kept CPUs, the link's
 // faults, traffic, neighbours. Empty: nothing speaks against it.
-std::string absent(const nlohmann::json& asked, const nlohmann::json& outcome);
+std::string absent(const record::Asked&, const record::Outcome&);
 
 // Of a run that is a step of a search: whether the search ends at its value. A message was late or lost, a
 // cycle passed without one, or nothing was sent; not all of it was recorded; what was asked for beside it was
 // absent, and will not be there with more; or nobody answered, as somebody did at the first value. Of one
 // that failed in another way, or was interrupted, nothing is known.
-bool ends_search(const nlohmann::json& asked, const nlohmann::json& outcome);
+bool ends_search(const record::Asked&, const record::Outcome&);
 
 // Why a run can hold no line, for people. Empty: nothing speaks against it.
 std::string unfit(const statistics::Summary&);

@@ -10,14 +10,11 @@ namespace ontime::gate {
 namespace {
 
 using nlohmann::json;
-using record::at;
 using statistics::Answer;
 using statistics::Figure;
 using statistics::Interval;
 using statistics::Summary;
 using Result = Judgement::Result;
-
-std::string text_of(const json& value) { return value.is_string() ? value.get<std::string>() : ""; }
 
 bool is_share(const Gate& gate) { return gate.figure == Figure::late || gate.figure == Figure::lost; }
 
@@ -144,51 +141,49 @@ std::string time_of(double ns) {
   return fmt::format("{:.4g} µs", ns / 1e3);
 }
 
-std::string absent(const json& asked, const json& outcome) {
-  const auto& hosts = at(outcome, "hosts");
-  for (const auto* host : {"controller", "component"})
-    if (at(at(hosts, host), "load_running") == false)
-      return fmt::format("the load on the {} had died by the end", host);
-  for (const auto* host : {"controller", "component"})
-    for (const auto& set : at(at(hosts, host), "kernel"))
-      if (set.is_object() && at(set, "now") != at(set, "after"))
-        return fmt::format("kernel.{} was not as it was asked for to the end, on the {}",
-                           text_of(at(set, "setting")), host);
-  for (const auto* host : {"controller", "component"})
-    for (const auto& made : at(at(hosts, host), "isolation"))
-      if (made.is_object() && at(made, "now") != at(made, "after"))
-        return fmt::format("the CPUs and limits that were asked for were not there to the end, on the {}",
-                           host);
-  if (!at(asked, "link").is_null())
-    for (const auto* host : {"controller", "component"})
-      if (at(at(at(hosts, host), "link"), "gone").is_string())
-        return fmt::format("the link's faults need not have been there to the end, at the {}", host);
-  for (const auto* way : {"to_component", "to_controller"})
-    for (const auto* beside : {"traffic", "neighbours"})
-      if (at(at(at(outcome, beside), way), "short") == true)
-        return fmt::format("the {} that {} asked for {} not there", beside,
-                           beside == std::string_view("traffic") ? "was" : "were",
-                           beside == std::string_view("traffic") ? "was" : "were");
+std::string absent(const record::Asked& asked, const record::Outcome& outcome) {
+  const auto host_that = [&](auto&& is_meant) -> const char* {
+    for (const auto* host : record::both_hosts)
+      if (is_meant(record::find(outcome.hosts, host))) return host;
+    return nullptr;
+  };
+  const auto did_not_last = [](const record::Applied& one) { return !one.lasted(); };
+  if (const auto* host = host_that([](const record::Host& of) { return of.load_running == false; }))
+    return fmt::format("the load on the {} had died by the end", host);
+  for (const auto* host : record::both_hosts) {
+    const auto& set = record::find(outcome.hosts, host).kernel;
+    if (const auto found = std::find_if(set.begin(), set.end(), did_not_last); found != set.end())
+      return fmt::format("kernel.{} was not as it was asked for to the end, on the {}", found->setting, host);
+  }
+  if (const auto* host = host_that([&](const record::Host& of) {
+        return std::any_of(of.isolation.begin(), of.isolation.end(), did_not_last);
+      }))
+    return fmt::format("the CPUs and limits that were asked for were not there to the end, on the {}", host);
+  if (const auto* host = host_that([](const record::Host& of) { return of.link.gone.has_value(); });
+      host != nullptr && asked.faults.any())
+    return fmt::format("the link's faults need not have been there to the end, at the {}", host);
+  for (const auto* way : record::both_ways) {
+    if (record::find(outcome.traffic, way).is_short == true)
+      return "the traffic that was asked for was not there";
+    if (record::find(outcome.neighbours, way).is_short)
+      return "the neighbours that were asked for were not there";
+  }
   return "";
 }
 
-// It may come from a file that somebody else wrote: what is not there, or is something else, is null.
-bool ends_search(const json& asked, const json& outcome) {
-  if (at(outcome, "interrupted") == true) return false;
-  if (!at(outcome, "error").is_null()) {
-    const auto& step = at(at(asked, "search"), "step");
-    return at(outcome, "unanswered") == true && step.is_number() && step > 0;
-  }
-  for (const auto* counter : {"late", "lost", "skipped_cycles", "dropped_records"})
-    if (const auto& count = at(outcome, counter); !count.is_null() && count != 0) return true;
-  return at(outcome, "sent") == 0 || !absent(asked, outcome).empty();
+bool ends_search(const record::Asked& asked, const record::Outcome& outcome) {
+  if (!outcome.has_ended() || outcome.interrupted) return false;
+  if (outcome.error) return outcome.unanswered && asked.step.number > 0;
+  const auto& counted = outcome.counters;
+  return counted.late + counted.lost + counted.skipped_cycles + counted.dropped_records > 0 ||
+         counted.sent == 0 || !absent(asked, outcome).empty();
 }
 
 std::string unfit(const Summary& run) {
   if (run.imported) return "it was imported, and has no messages";
   if (!statistics::is_complete(run.run)) {
-    const auto error = text_of(at(run.run.outcome, "error"));
-    return error.empty() ? "it was not measured to its end" : "it failed: " + error;
+    const auto& error = run.run.outcome.error;
+    return error ? "it failed: " + *error : "it was not measured to its end";
   }
   if (const auto missing = statistics::unrecorded(run.run); missing > 0)
     return fmt::format("{} of its samples were not recorded", missing);
@@ -200,26 +195,24 @@ bool is_superseded(const Summary& run, std::span<const Summary> all) {
   if (statistics::is_complete(run.run) || run.run.key.empty()) return false;
   return std::any_of(all.begin(), all.end(), [&](const Summary& other) {
     return other.run.number > run.run.number && other.run.key == run.run.key &&
-           at(other.run.asked, "repetition") == at(run.run.asked, "repetition");
+           other.run.asked.repetition == run.run.asked.repetition;
   });
 }
 
 std::string name_of(const Summary& run) {
   auto name = name_of(Runs{&run});
-  if (const auto& repetition = at(run.run.asked, "repetition");
-      repetition.is_number_integer() && repetition > 1)
-    name += fmt::format(" ×{}", repetition.dump());
+  if (const auto repetition = run.run.asked.repetition; repetition > 1)
+    name += fmt::format(" ×{}", repetition);
   return fmt::format("{} (run {})", name, run.run.number);
 }
 
 std::string name_of(const Runs& runs) {
   const auto& asked = runs.front()->run.asked;
-  const auto id = text_of(at(asked, "id"));
-  auto name = fmt::format("{:.{}}", id, longest_id);
-  if (name.size() < id.size()) name += "…";
-  for (const auto* key : {"variant", "transport"})
-    if (const auto word = text_of(at(asked, key)); !word.empty()) name += " " + word;
-  if (const auto others = text_of(at(asked, "beside")); !others.empty()) name += " beside " + others;
+  auto name = fmt::format("{:.{}}", asked.id, longest_id);
+  if (name.size() < asked.id.size()) name += "…";
+  for (const auto& word : {asked.variant, asked.task.transport})
+    if (!word.empty()) name += " " + word;
+  if (!asked.beside.empty()) name += " beside " + asked.beside;
   return name;
 }
 
@@ -277,7 +270,7 @@ Judgement judge(const Gate& gate, const Summary& run) {
 }
 
 std::vector<Judgement> judge_all(std::span<const Gate> gates, const Summary& run) {
-  const auto& required = at(run.run.asked, "require");
+  const auto& required = run.run.asked.stated("require");
   const auto is_of_a_run = [](const Gate& gate) { return !gate.is_relative(); };
   if (required.is_null() && std::none_of(gates.begin(), gates.end(), is_of_a_run)) return {};
   if (auto whole = judge_as_asked(run); whole.result != Result::held) return {std::move(whole)};
@@ -286,7 +279,7 @@ std::vector<Judgement> judge_all(std::span<const Gate> gates, const Summary& run
     if (is_of_a_run(gate)) judgements.push_back(judge(gate, run));
   for (const auto& text : required.is_null() || required.is_array() ? required : json::array({required})) {
     try {
-      judgements.push_back(judge(parse(text_of(text), Use::require), run));
+      judgements.push_back(judge(parse(text.is_string() ? text.get<std::string>() : "", Use::require), run));
     } catch (const Error& error) {  // the file is of a later version, or damaged
       judgements.push_back({Result::cannot_judge, name_of(run),
                             text.dump(-1, ' ', true, json::error_handler_t::replace), error.what()});

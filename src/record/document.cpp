@@ -70,14 +70,6 @@ std::optional<json> json_of(const std::string& text) {
   return std::nullopt;
 }
 
-bool on_one_machine(const json& outcome) {
-  const auto boot = [&](const char* host) -> const json& {
-    return at(at(at(at(outcome, "hosts"), host), "machine"), "boot_id");
-  };
-  const auto &one = boot("controller"), &other = boot("component");
-  return one.is_string() && !one.get_ref<const std::string&>().empty() && one == other;
-}
-
 const json& at(const json& object, std::string_view key) {
   static const json none;
   if (!object.is_object()) return none;

@@ -16,6 +16,7 @@
 
 #include <nlohmann/json.hpp>
 
+#include "record/outcome.hpp"
 #include "roundtrip/sample.hpp"
 #include "trace/trace.hpp"
 
@@ -29,13 +30,12 @@ struct WrongFile : Error {
   using Error::Error;
 };
 
-// A run: what was asked (id, transport, payload_bytes, period_us …: the keys that `--format json` shows),
-// and, once it has ended, what came of it beside the samples (counters, threads, hosts, conditions).
-// `outcome` is null for a run that was cut off; its samples are there all the same.
+// A run: what was asked, and, once it has ended, what came of it beside the samples (counters, threads,
+// hosts, conditions). A run that was cut off has no outcome; its samples are there all the same.
 struct Run {
   std::int64_t number = 0;  // from 1, in order of start
-  nlohmann::json asked;
-  nlohmann::json outcome;
+  Asked asked;
+  Outcome outcome;
   // Of what was asked, without what varies from one time to the next (repetition, title, versions, command
   // line …): the same conditions have the same key, in every file and on every machine.
   std::string key;
@@ -45,12 +45,8 @@ struct Run {
 nlohmann::json conditions_of(const nlohmann::json& asked);
 std::string key_of(const nlohmann::json& asked);
 
-// What these, and whatever else is from elsewhere, may have or not: null where nothing is there, and where
-// nothing can be.
+// A member of a document that may be of another program: null where it is not there.
 const nlohmann::json& at(const nlohmann::json& object, std::string_view key);
-
-// Of an outcome: whether both ends are known to have shared one kernel.
-bool on_one_machine(const nlohmann::json& outcome);
 
 // Something that happened in a run: at a moment, or to one message, or both.
 struct Note {

@@ -14,15 +14,14 @@
 namespace ontime::report {
 namespace {
 
-using nlohmann::json;
 using statistics::Summary;
 using Row = Answer::Row;
 using State = Answer::State;
 
 bool were_denied(const Summary& run) {
-  const auto& hosts = at(run.run.outcome, "hosts");
+  const auto& hosts = run.run.outcome.hosts;
   return std::any_of(hosts.begin(), hosts.end(),
-                     [](const json& host) { return !at(host, "refusals").empty(); });
+                     [](const auto& host) { return !host.second.refusals.empty(); });
 }
 
 // What weighs on the machines and the link, and what was set against it, in a word each.
@@ -34,15 +33,13 @@ struct Conditions {
 Conditions conditions_of(const Summary& run) {
   const auto& asked = run.run.asked;
   std::vector<std::string> stress, tuned;
-  const auto& load = at(asked, "load");  // of an idle machine so many workers as 0
-  if (std::any_of(load.begin(), load.end(), [](const json& host) { return !workers(host).empty(); }))
-    stress.emplace_back("load");
-  for (const auto& [key, name] :
-       {std::pair("traffic", "traffic"), {"neighbours", "background topics"}, {"link", "link faults"}})
-    if (!at(asked, key).empty()) stress.emplace_back(name);
-  if (is_true(at(asked, "realtime"))) tuned.emplace_back("RT");
-  for (const auto& [key, name] : {std::pair("kernel", "kernel settings"), {"isolation", "reserved CPUs"}})
-    if (!at(asked, key).empty()) tuned.emplace_back(name);
+  if (asked.controller_load.any() || asked.component_load.any()) stress.emplace_back("load");
+  if (asked.traffic.any()) stress.emplace_back("traffic");
+  if (asked.task.neighbours.topics > 0) stress.emplace_back("background topics");
+  if (asked.faults.any()) stress.emplace_back("link faults");
+  if (asked.task.realtime.on) tuned.emplace_back("RT");
+  if (!asked.kernel.empty()) tuned.emplace_back("kernel settings");
+  if (asked.isolation.any()) tuned.emplace_back("reserved CPUs");
   return {join(stress, ", "), join(tuned, ", ")};
 }
 
@@ -50,24 +47,24 @@ Conditions conditions_of(const Summary& run) {
 // runs.
 std::string in_words(const Summary& run) {
   const auto [stress, tuned] = conditions_of(run);
-  const auto first = stress.empty() && is_said(at(run.run.asked, "scenario_file")) ? "idle" : stress;
+  const auto first = stress.empty() && !run.run.asked.scenario_file.empty() ? "idle" : stress;
   return first.empty() ? tuned : tuned.empty() ? first : first + ", " + tuned;
 }
 
 std::uint64_t sent_of(const Summary& run) {
-  return statistics::unrecorded(run.run) == 0 ? run.sent : count(at(run.run.outcome, "sent"));
+  return statistics::unrecorded(run.run) == 0 ? run.sent : run.run.outcome.counters.sent;
 }
 
 // Cycles without an answer in time. Where samples are missing, at least what the client counted.
 std::uint64_t missed_of(const Summary& run) {
   const auto seen = run.late_by_response.value_or(run.late + run.lost);
-  const auto& counted = run.run.outcome;
-  return std::max({seen, run.late + run.lost, count(at(counted, "late")) + count(at(counted, "lost"))});
+  const auto& counted = run.run.outcome.counters;
+  return std::max({seen, run.late + run.lost, counted.late + counted.lost});
 }
 
 State state_of(const Summary& run) {
   if (run.imported) return State::imported;
-  if (!at(run.run.outcome, "error").is_null()) return State::failed;
+  if (run.run.outcome.error) return State::failed;
   if (!statistics::is_complete(run.run)) return State::cut_off;
   if (were_denied(run) || !gate::unfit(run).empty()) return State::not_applied;
   return missed_of(run) > 0 ? State::late : State::ok;
@@ -101,9 +98,10 @@ Row row_of(const Group& runs, const std::string& name) {
     row.cycles += sent_of(*run) + run->skipped_cycles;
     row.missed += missed_of(*run);
     auto wait_ns = static_cast<double>(std::max(run->response.max, run->round_trip.max));
-    if (const auto& timeout = at(run->run.asked, "timeout_us"); run->lost > 0 && timeout.is_number()) {
-      row.is_open = row.is_open || timeout.get<double>() * 1e3 >= wait_ns;
-      wait_ns = std::max(wait_ns, timeout.get<double>() * 1e3);
+    const auto timeout_ns = static_cast<double>(run->run.asked.task.client.timeout.count());
+    if (run->lost > 0 && timeout_ns > 0) {
+      row.is_open = row.is_open || timeout_ns >= wait_ns;
+      wait_ns = std::max(wait_ns, timeout_ns);
     }
     if (wait_ns > 0) row.worst_wait_ns = std::max(row.worst_wait_ns.value_or(0), wait_ns);
   }
@@ -198,11 +196,14 @@ std::string capital(std::string text) {
 
 // "within 10 ms", or where runs have several deadlines "in time".
 std::string in_time(const std::vector<Class>& classes) {
-  const auto& deadline = at(classes.front().entries.front()->runs.front()->run.asked, "deadline_us");
+  const auto deadline_of = [](const Entry* entry) {
+    return entry->runs.front()->run.asked.task.client.deadline;
+  };
+  const auto deadline = deadline_of(classes.front().entries.front());
   for (const auto& one : classes)
     for (const auto* entry : one.entries)
-      if (at(entry->runs.front()->run.asked, "deadline_us") != deadline) return "in time";
-  return deadline.is_number() ? "within " + duration(deadline) : "in time";
+      if (deadline_of(entry) != deadline) return "in time";
+  return deadline.count() > 0 ? "within " + duration(deadline) : "in time";
 }
 
 const Class* contrast_of(const std::vector<Class>& classes, const Class& worst) {
@@ -284,9 +285,9 @@ std::vector<std::string> cautions_of(const std::vector<Entry>& entries) {
   std::size_t denied_in = 0;
   for (const auto* run : runs) {
     denied_in += were_denied(*run) ? 1 : 0;
-    for (const auto& [host, facts] : at(run->run.outcome, "hosts").items())
-      for (const auto& [index, refusal] : at(facts, "refusals").items())
-        if (const auto what = word(at(refusal, "asked"));
+    for (const auto& [name, host] : run->run.outcome.hosts)
+      for (const auto& refusal : host.refusals)
+        if (const auto what = word(refusal.asked);
             std::find(denied.begin(), denied.end(), what) == denied.end())
           denied.push_back(what);
   }
@@ -330,21 +331,21 @@ void add_longer(Findings& found, const std::vector<Entry>& entries) {
 std::string common_conditions(const std::vector<Entry>& entries) {
   Group runs;
   for (const auto& entry : entries) runs.insert(runs.end(), entry.runs.begin(), entry.runs.end());
-  const auto common = [&](const char* key, auto form) -> std::string {
-    const auto& first = at(runs.front()->run.asked, key);
-    const bool same = std::all_of(runs.begin(), runs.end(),
-                                  [&](const auto* run) { return at(run->run.asked, key) == first; });
-    return same && first.is_number() ? form(first) : "";
+  using Client = roundtrip::ClientOptions;
+  const auto common = [&](auto Client::*member, auto form) -> std::string {
+    const auto first = runs.front()->run.asked.task.client.*member;
+    const bool same = std::all_of(runs.begin(), runs.end(), [&](const auto* run) {
+      return run->run.asked.task.client.*member == first;
+    });
+    return same && first != decltype(first){} ? form(first) : "";
   };
   std::vector<std::string> parts;
-  auto message = common("payload_bytes", [](const json& bytes) { return size(bytes); });
-  if (at(runs.front()->run.asked, "schedule") != "back-to-back")
-    if (const auto period = common("period_us", duration); !period.empty())
+  auto message = common(&Client::payload_bytes, size);
+  if (runs.front()->run.asked.task.client.schedule != roundtrip::Schedule::back_to_back)
+    if (const auto period = common(&Client::period, duration); !period.empty())
       message += (message.empty() ? "every " : " every ") + period;
   if (!message.empty()) parts.push_back(message);
-  if (const auto time = common("duration_s", [](const json& s) { return duration(s.get<double>() * 1e6); });
-      !time.empty())
-    parts.push_back(time + " a run");
+  if (const auto time = common(&Client::duration, duration); !time.empty()) parts.push_back(time + " a run");
   return join(parts, ", ");
 }
 

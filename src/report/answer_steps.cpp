@@ -41,25 +41,17 @@ std::optional<std::string> shell_line(const std::vector<std::string>& words) {
   return line;
 }
 
-std::vector<std::string> command_line_of(const Summary& run) {
-  std::vector<std::string> words;
-  for (const auto& [place, text] : at(run.run.asked, "command_line").items())
-    if (text.is_string()) words.push_back(text.get<std::string>());
-  return words;
-}
-
 bool is_simulated(const Summary& run) {
-  for (const auto& [host, facts] : at(run.run.outcome, "hosts").items())
-    if (at(at(facts, "machine"), "simulated").is_string()) return true;
-  return false;
+  const auto& hosts = run.run.outcome.hosts;
+  return std::any_of(hosts.begin(), hosts.end(),
+                     [](const auto& host) { return host.second.machine.simulated.has_value(); });
 }
 
 // The scenario as it was named then: a name, or a path.
 std::string scenario_of(const Summary& run) {
-  const auto& recorded = at(run.run.asked, "scenario_file");
-  if (!recorded.is_string()) return "";
-  const std::filesystem::path file(recorded.get<std::string>());
-  for (const auto& word : command_line_of(run))
+  const std::filesystem::path file(run.run.asked.scenario_file);
+  if (file.empty()) return "";
+  for (const auto& word : run.run.asked.command_line)
     if (!word.starts_with('-') &&
         (word == file.stem() || std::filesystem::path(word).filename() == file.filename()))
       return word;
@@ -68,7 +60,7 @@ std::string scenario_of(const Summary& run) {
 
 // The words that measure this run again; none, if they are not known.
 std::vector<std::string> again(const Summary& run) {
-  const auto words = command_line_of(run);
+  const auto& words = run.run.asked.command_line;
   if (const auto scenario = scenario_of(run); !scenario.empty()) {
     if (is_simulated(run)) return {"ontime", "lab", "run", scenario};
     return {"ontime", "run", scenario};
@@ -114,8 +106,8 @@ std::vector<Answer::Step> next_steps(const Findings& found, const Origin& origin
   if (found.unfinished && by_scenario && !origin.file.empty())
     add("Finish", with(words, {"--resume", "--results", origin.file}));
   if (found.late != nullptr) {
-    const auto id = word(at(found.late->run.asked, "id"));
-    if (is_true(at(found.late->run.asked, "explain")) && !origin.file.empty())
+    const auto id = word(found.late->run.asked.id);
+    if (found.late->run.asked.explain && !origin.file.empty())
       add("Why late", {"ontime", "explain", origin.file});
     else if (by_scenario && can_be_named(id))
       add("Why late", with(words, {"--only", id, "--explain"}), true);
@@ -123,7 +115,7 @@ std::vector<Answer::Step> next_steps(const Findings& found, const Origin& origin
       add("Why late", with(words, {"--explain", "--results", "why.ontime"}), true);
   }
   if (found.from != nullptr && found.to != nullptr && !origin.file.empty()) {
-    auto from = word(at(found.from->run.asked, "id")), to = word(at(found.to->run.asked, "id"));
+    auto from = word(found.from->run.asked.id), to = word(found.to->run.asked.id);
     if (from == to) {
       from = std::to_string(found.from->run.number);
       to = std::to_string(found.to->run.number);

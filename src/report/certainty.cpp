@@ -135,14 +135,14 @@ ordered_json json_of(const Extremes& of) {
 
 std::string older_note(const std::vector<const Summary*>& runs) {
   for (const auto* run : runs) {
-    const auto version = word(at(run->run.asked, "ontime"));
+    const auto& version = run->run.asked.ontime;
     int major = 0, minor = 0;
     if (std::sscanf(version.c_str(), "%d.%d", &major, &minor) == 2 && major == 0 && minor < 2)
       return fmt::format(
           "measured by ontime {}: intervals, worst cases and gates are computed anew and may differ from "
           "what it "
           "printed",
-          version);
+          printable(version));
   }
   return "";
 }

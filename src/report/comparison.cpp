@@ -237,9 +237,9 @@ ordered_json runs_json_of(const Runs& runs) {
       left_out.push_back({{"run", run->run.number}, {"why", why}});
   const auto& first = runs.front()->run;
   return {{"key", first.key},
-          {"id", at(first.asked, "id")},
-          {"variant", at(first.asked, "variant")},
-          {"transport", at(first.asked, "transport")},
+          {"id", first.asked.stated("id")},
+          {"variant", first.asked.stated("variant")},
+          {"transport", first.asked.stated("transport")},
           {"runs", numbers},
           {"left_out", left_out}};
 }
@@ -311,7 +311,7 @@ std::string text_of(const nlohmann::json& json) {
 
 // Its value of `key`, and all else that was asked for.
 std::pair<std::string, std::string> split_by(const std::string& key, const statistics::Summary& summary) {
-  auto conditions = record::conditions_of(summary.run.asked);
+  auto conditions = record::conditions_of(summary.run.asked.document);
   if (!conditions.is_object()) return {unset, ""};
   auto* const found = member(conditions, key);
   const auto value = found == nullptr || found->is_null() ? unset : word(*found);
@@ -331,7 +331,7 @@ Comparison compare_chosen(const Summaries& a, const Summaries& b) {
     auto key = nlohmann::json::array();
     for (const auto* name : {"transport", "component_transport", "options", "component_options", "receive",
                              "variant", "beside", "thread"})
-      key.push_back(at(summary.run.asked, name));
+      key.push_back(summary.run.asked.stated(name));
     return text_of(key);
   };
   auto comparison = pairs_of(all_of(a), all_of(b), key_of);

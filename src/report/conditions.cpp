@@ -2,6 +2,8 @@
 #include "report/conditions.hpp"
 
 #include <algorithm>
+#include <chrono>
+#include <cmath>
 #include <initializer_list>
 #include <map>
 #include <set>
@@ -17,6 +19,7 @@ namespace ontime::report {
 namespace {
 
 using nlohmann::json;
+using record::Asked;
 using statistics::Summary;
 using Texts = std::map<std::string, std::string>;
 
@@ -33,28 +36,22 @@ struct Phrase {
   enum class Where { everywhere, in_labels } where = Where::everywhere;
 };
 
-// What was asked, as far as it could be asked of ontime; the record itself tells what was stated.
-struct Asked {
-  const json& record;
-  conditions::Run run;
-  const json& stated(const std::string& name) const { return conditions::member_of(record, name); }
-};
-
-std::string percent(const json& share) {
-  return share.is_number() ? fmt::format("{:.4g} %", share.get<double>() * 100) : nothing;
-}
-
-std::string seconds(const json& s) { return s.is_number() ? duration(s.get<double>() * 1e6) : nothing; }
-
 // "every 10 ms"; "": the record does not say it.
 std::string phrase_of(const conditions::Field& field, const json& value) {
   using Unit = conditions::Field::Unit;
   if (value.is_null()) return "";
-  const auto words = field.unit == Unit::us      ? duration(value)
-                     : field.unit == Unit::s     ? seconds(value)
-                     : field.unit == Unit::bytes ? size(value)
-                     : field.unit == Unit::share ? percent(value)
-                                                 : word(value);
+  const auto number = value.is_number() ? value.get<double>() : 0;
+  const auto time = [&](double ns_each) {
+    return std::abs(number * ns_each) < 9e18
+               ? duration(std::chrono::nanoseconds(std::llround(number * ns_each)))
+               : nothing;
+  };
+  const auto words = field.unit == Unit::none || !value.is_number() ? word(value)
+                     : field.unit == Unit::us                       ? time(1e3)
+                     : field.unit == Unit::s                        ? time(1e9)
+                     : field.unit == Unit::share                    ? fmt::format("{:.4g} %", number * 100)
+                     : value.is_number_integer() && number >= 0     ? size(value.get<std::uint64_t>())
+                                                                    : nothing;
   return fmt::format(fmt::runtime(field.phrase), shortened(words, longest_value));
 }
 
@@ -70,7 +67,9 @@ std::vector<std::string> phrases_below(const std::string& path, const Asked& ask
   return phrases;
 }
 
-std::string words_of(const conditions::Workers& load) {
+}  // namespace
+
+std::string workers(const conditions::Workers& load) {
   std::vector<std::string> parts;
   const auto add = [&](int number, const char* kind, std::uint64_t bytes) {
     if (number > 0)
@@ -83,12 +82,14 @@ std::string words_of(const conditions::Workers& load) {
   return join(parts, ", ");
 }
 
+namespace {
+
 std::string load(const Asked& asked) {
   if (!asked.stated("load").is_object()) return "";
   std::vector<std::string> hosts;
-  if (const auto text = words_of(asked.run.controller_load); !text.empty())
+  if (const auto text = workers(asked.controller_load); !text.empty())
     hosts.push_back(text + " on the controller");
-  if (const auto text = words_of(asked.run.component_load); !text.empty())
+  if (const auto text = workers(asked.component_load); !text.empty())
     hosts.push_back(text + " on the component");
   if (!hosts.empty()) return "load: " + join(hosts, " and ");
   return asked.stated("hosts").is_null() ? "" : "no load";  // a run by hand does not know what else runs
@@ -101,7 +102,7 @@ const char* direction(bool there, bool back) {
 std::string traffic(const conditions::Traffic& traffic) {
   using Direction = conditions::Traffic::Direction;
   auto text = fmt::format(
-      "traffic: {} Mbit/s {} in datagrams of {}", megabits(traffic.bits_per_s),
+      "traffic: {} Mbit/s {} in datagrams of {}", megabits(static_cast<double>(traffic.bits_per_s)),
       direction(traffic.direction != Direction::to_controller, traffic.direction != Direction::to_component),
       size(traffic.datagram_bytes));
   if (traffic.priority > 0) text += fmt::format(" at SCHED_FIFO {}", traffic.priority);
@@ -118,7 +119,7 @@ void add_neighbours(std::vector<Phrase>& phrases, const Asked& asked) {
                                            "in the same participant",
                                            "in another participant of the process",
                                            "in another process"};
-  const auto& neighbours = asked.run.task.neighbours;
+  const auto& neighbours = asked.task.neighbours;
   if (neighbours.topics == 0) return;
   auto text = fmt::format("{} of {} {}, {}",
                           many(static_cast<std::uint64_t>(neighbours.topics), "neighbour", "neighbours"),
@@ -129,35 +130,33 @@ void add_neighbours(std::vector<Phrase>& phrases, const Asked& asked) {
   const double hz = 1e9 / static_cast<double>(neighbours.period.count());
   phrases.push_back(
       {"neighbours.rate", fmt::format("at {:.4g} {}", hz < 1000 ? hz : hz / 1000, hz < 1000 ? "Hz" : "kHz")});
-  if (const auto callback = static_cast<double>(neighbours.callback.count()) / 1e3; callback > 0)
-    phrases.push_back({"neighbours.callback", fmt::format("with callbacks of {}", duration(callback))});
+  if (neighbours.callback.count() > 0)
+    phrases.push_back(
+        {"neighbours.callback", fmt::format("with callbacks of {}", duration(neighbours.callback))});
   phrases.push_back({"neighbours.where", places[static_cast<std::size_t>(neighbours.where)]});
 }
 
 std::string link(const Asked& asked) {
   auto faults = phrases_below("link.", asked);
-  if (const auto& cut = asked.run.cut)
+  if (const auto& cut = asked.cut)
     faults.push_back(
         fmt::format("is cut at {} for {}", conditions::text_of(cut->at), conditions::text_of(cut->length)));
   return faults.empty() ? "" : "a link that " + join(faults, ", ");
 }
 
-std::string wire(const json& asked) {
-  if (!asked.is_object()) return "";
+std::string wire(const conditions::Wire& wire) {
   std::vector<std::string> parts;
-  if (const auto& rate = at(asked, "bits_per_s"); rate.is_number() && rate > 0)
-    parts.push_back("of " + megabits(rate) + " Mbit/s");
-  if (const auto& vlan = at(asked, "vlan"); vlan.is_number() && vlan > 0)
-    parts.push_back("with VLAN " + word(vlan));
+  if (wire.bits_per_s > 0)
+    parts.push_back("of " + megabits(static_cast<double>(wire.bits_per_s)) + " Mbit/s");
+  if (wire.vlan > 0) parts.push_back(fmt::format("with VLAN {}", wire.vlan));
   return "a wire " + join(parts, " ");
 }
 
 // "kernel: irq-threads 90, ksoftirqd 60".
-std::string kernel(const json& asked) {
+std::string kernel(const settings::Wishes& asked) {
   std::vector<std::string> parts;
-  if (asked.is_object())
-    for (const auto& [name, value] : asked.items())
-      parts.push_back(shortened(printable(name) + " " + word(value), longest_value));
+  for (const auto& [name, value] : asked)
+    parts.push_back(shortened(printable(name) + " " + word(value), longest_value));
   return parts.empty() ? "" : "kernel: " + join(parts, ", ");
 }
 
@@ -170,9 +169,9 @@ std::string quality_of_service(const transport::Qos& qos) {
 }
 
 bool any_refused(const Summary& summary) {
-  const auto& hosts = at(summary.run.outcome, "hosts");
+  const auto& hosts = summary.run.outcome.hosts;
   return std::any_of(hosts.begin(), hosts.end(),
-                     [](const json& host) { return !at(host, "refusals").empty(); });
+                     [](const auto& host) { return !host.second.refusals.empty(); });
 }
 
 // The transport's options of a run's two ends, as asked for, or else as the end said that it took them.
@@ -180,19 +179,21 @@ struct Options {
   Texts controller, component;
 };
 
-Texts options_of(const Summary& summary, const char* asked, const char* host) {
+Texts options_of(const Texts& asked, const record::Outcome& outcome, const char* host) {
   Texts options;
-  if (const auto& said = at(summary.run.asked, asked); said.is_object())
-    for (const auto& [name, value] : said.items()) options[printable(name)] = word(value);
-  const auto& facts = at(at(at(at(summary.run.outcome, "hosts"), host), "transport"), "facts");
+  for (const auto& [name, value] : asked) options[printable(name)] = printable(value);
+  const auto& facts = record::find(outcome.hosts, host).transport.facts;
   for (const auto* name : told_by_facts)
-    if (const auto& fact = at(facts, name); fact.is_string()) options.try_emplace(name, word(fact));
+    if (const auto fact = facts.find(name); fact != facts.end())
+      options.try_emplace(name, printable(fact->second));
   return options;
 }
 
 Options options_of(const Summary& summary) {
-  return {options_of(summary, "options", "controller"),
-          options_of(summary, "component_options", "component")};
+  const auto& asked = summary.run.asked;
+  const auto& outcome = summary.run.outcome;
+  return {options_of(asked.task.config.options, outcome, "controller"),
+          options_of(asked.component_options, outcome, "component")};
 }
 
 // "executor multi"; a name of an RMW needs no explanation.
@@ -212,9 +213,8 @@ std::vector<std::string> names_in_order(const Texts& options) {
 
 void add_options(std::vector<Phrase>& phrases, const Summary& summary) {
   const auto [controller, component] = options_of(summary);
-  const auto& transport = at(summary.run.asked, "transport");
-  const auto& other = at(summary.run.asked, "component_transport");
-  const bool another = !other.is_null() && other != transport;
+  const auto& other = summary.run.asked.component_transport;
+  const bool another = !other.empty() && other != summary.run.asked.task.transport;
   for (const auto& name : names_in_order(controller))
     phrases.push_back({"options." + name, option_phrase(name, controller.at(name))});
   if (another) phrases.push_back({"component.transport", "component " + word(other)});
@@ -227,10 +227,10 @@ void add_options(std::vector<Phrase>& phrases, const Summary& summary) {
 }
 
 // Of the link under test, where it was named.
-std::string interfaces(const json& asked) {
+std::string interfaces(const Asked& asked) {
   std::vector<std::string> names;
-  for (const auto* key : {"interface", "component_interface"})
-    if (const auto& name = at(asked, key); name.is_string()) names.push_back(word(name));
+  for (const auto& name : {asked.task.config.interface, asked.component_interface})
+    if (!name.empty()) names.push_back(printable(name));
   return names.empty() ? "" : "over " + join(names, " and ");
 }
 
@@ -238,22 +238,21 @@ std::string interfaces(const json& asked) {
 void add_topics(std::vector<Phrase>& phrases, const Asked& asked) {
   const auto topic = [&](std::string name) {
     name = printable(name);
-    const auto own = fmt::format("/{}/", asked.run.component);
+    const auto own = fmt::format("/{}/", asked.component);
     if (const auto place = asked.stated("component").is_null() ? name.npos : name.rfind(own);
         place != name.npos)
       name.erase(place, own.size() - 1);
     return name;
   };
-  const auto ping = topic(asked.run.task.config.ping_topic), pong = topic(asked.run.task.config.pong_topic);
+  const auto ping = topic(asked.task.config.ping_topic), pong = topic(asked.task.config.pong_topic);
   if (ping != "/ping" || pong != "/pong")
     phrases.push_back({"topics", fmt::format("topics {} and {}", ping, pong)});
 }
 
 // The conditions of a run in words, each for itself; nothing of what its record does not say.
 std::vector<Phrase> phrases_of(const Summary& summary) {
-  const auto& record = summary.run.asked;
-  const Asked asked{record, conditions::run_of_record(record)};
-  const auto& client = asked.run.task.client;
+  const auto& asked = summary.run.asked;
+  const auto& client = asked.task.client;
   std::vector<Phrase> phrases;
   std::set<std::string_view> done{"domain"};
   const auto add = [&](const char* key, const char* name, const std::string& text,
@@ -274,30 +273,30 @@ std::vector<Phrase> phrases_of(const Summary& summary) {
   };
   if (client.schedule == roundtrip::Schedule::back_to_back) done.insert("period");
   if (asked.stated("deadline_us") == asked.stated("period_us")) done.insert("deadline");
-  if (asked.run.task.config.domain != 0) done.erase("domain");
+  if (asked.task.config.domain != 0) done.erase("domain");
   add("realtime", "realtime",
-      !asked.run.task.realtime.on ? "SCHED_OTHER"
-      : any_refused(summary)      ? "real-time settings, not all given (see below)"
-                                  : "real-time settings");
+      !asked.task.realtime.on ? "SCHED_OTHER"
+      : any_refused(summary)  ? "real-time settings, not all given (see below)"
+                              : "real-time settings");
   say({"payload", "period", "schedule", "launch-time", "deadline", "timeout"});
-  add("qos", "qos", quality_of_service(asked.run.task.config.qos));
+  add("qos", "qos", quality_of_service(asked.task.config.qos));
   say({"receive"});
   add_options(phrases, summary);
   say({"domain", "security"});
   add_topics(phrases, asked);
-  add("component", "component", "component " + word(asked.stated("component")));
-  add("beside", "beside", "beside " + word(asked.stated("beside")));
-  add("interface", "interface", interfaces(record));
+  add("component", "component", "component " + word(asked.component));
+  add("beside", "beside", "beside " + word(asked.beside));
+  add("interface", "interface", interfaces(asked));
   say({"duration"});
   for (const auto& field : conditions::keys())
     if (!field.path.starts_with("link.") && !field.path.starts_with("isolation.")) add_field(field);
   add("load", "load", load(asked));
-  add("traffic", "traffic", traffic(asked.run.traffic));
+  add("traffic", "traffic", traffic(asked.traffic));
   add_neighbours(phrases, asked);
   add("link", "link", link(asked));
-  add("wire", "wire", wire(asked.stated("wire")));
+  add("wire", "wire", wire(asked.wire));
   add("isolation", "isolation", join(phrases_below("isolation.", asked), ", "));
-  add("kernel", "kernel", kernel(asked.stated("kernel")));
+  add("kernel", "kernel", kernel(asked.kernel));
   add("hosts", "hosts", "hosts " + word(asked.stated("hosts")), Phrase::Where::in_labels);
   return phrases;
 }
@@ -313,7 +312,7 @@ bool may_have(const Summary& summary, const std::string& key) {
   const bool by_facts = std::any_of(told_by_facts.begin(), told_by_facts.end(), [&](const char* name) {
     return key == fmt::format("options.{}", name) || key == fmt::format("component.options.{}", name);
   });
-  return by_facts && !at(summary.run.outcome, "hosts").is_object();
+  return by_facts && summary.run.outcome.hosts.empty();
 }
 
 // What all of a group have in common, in words, and of each what not all have.
@@ -345,7 +344,7 @@ Compared compare(const Group& group) {
 // What a scenario's lists made: {{"payload", "32 KiB"}, {"realtime.priority", "50"}}. Of earlier records,
 // which have it as words alone, it is told where a key begins: a value may have commas of its own.
 std::vector<std::pair<std::string, std::string>> varied(const Summary& summary) {
-  const auto run = conditions::run_of_record(summary.run.asked);
+  const auto& run = summary.run.asked;
   if (!run.varied.empty() || run.variant.empty()) return run.varied;
   const auto is_key = [](const std::string& word) {
     return word.starts_with("options.") || word.starts_with("component.options.") || word == "component" ||
@@ -382,10 +381,6 @@ void add_variant(std::string& label, const Summary& summary, const std::vector<P
 
 }  // namespace
 
-std::string workers(const json& load) {
-  return words_of(conditions::run_of_record({{"load", {{"controller", load}}}}).controller_load);
-}
-
 Group all_of(const Summaries& summaries) {
   Group all;
   for (const auto& summary : summaries) all.push_back(&summary);
@@ -396,7 +391,7 @@ std::vector<Group> by_id(const Summaries& summaries) {
   std::vector<Group> groups;
   std::map<std::string, std::size_t> places;
   for (const auto& summary : summaries) {
-    const auto [place, is_new] = places.try_emplace(word(at(summary.run.asked, "id")), groups.size());
+    const auto [place, is_new] = places.try_emplace(word(summary.run.asked.id), groups.size());
     if (is_new) groups.emplace_back();
     groups[place->second].push_back(&summary);
   }
@@ -408,7 +403,7 @@ std::vector<std::string> labels_without_repetition(const Group& group) {
   std::vector<std::string> labels;
   for (std::size_t i = 0; i < group.size(); ++i) {
     const auto& asked = group[i]->run.asked;
-    labels.push_back(word(at(asked, "transport")));
+    labels.push_back(word(asked.task.transport));
     const auto transport = labels.back() + " ";
     for (const auto& phrase : compared.own[i])  // "xdp native copy" of xdp is told once
       labels.back() += " " + phrase.text.substr(phrase.text.starts_with(transport) ? transport.size() : 0);
@@ -419,11 +414,11 @@ std::vector<std::string> labels_without_repetition(const Group& group) {
 
 std::vector<std::string> labels_of(const Group& group) {
   auto labels = labels_without_repetition(group);
-  const auto repetition = [](const Summary* summary) { return count(at(summary->run.asked, "repetition")); };
-  if (std::none_of(group.begin(), group.end(), [&](const auto* summary) { return repetition(summary) > 1; }))
+  if (std::none_of(group.begin(), group.end(),
+                   [](const auto* summary) { return summary->run.asked.repetition > 1; }))
     return labels;
   for (std::size_t i = 0; i < group.size(); ++i)
-    labels[i] += " #" + word(at(group[i]->run.asked, "repetition"));
+    labels[i] += fmt::format(" #{}", group[i]->run.asked.repetition);
   return labels;
 }
 

@@ -24,7 +24,7 @@ std::vector<std::string> labels_without_repetition(const Group&);
 void tell_apart(std::vector<std::string>& labels, const Group&);
 
 // Of a load that was asked for, on one host: "8 cpu, 2 vm of 64 MiB"; of none nothing.
-std::string workers(const nlohmann::json& load);
+std::string workers(const conditions::Workers&);
 
 // What is the same in all of them.
 std::vector<std::string> shared_conditions(const Group&);

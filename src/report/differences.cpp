@@ -29,25 +29,29 @@ void add(Values& values, const std::string& name, const json& value) {
 Values values_of(const Comparison::Runs& runs) {
   Values values;
   for (const auto* run : runs) {
-    const auto &asked = run->run.asked, &outcome = run->run.outcome;
-    const auto conditions = record::conditions_of(asked);
+    const auto& asked = run->run.asked;
+    const auto& outcome = run->run.outcome;
+    const auto conditions = record::conditions_of(asked.document);
     if (conditions.is_object())
       for (const auto& [name, value] : conditions.items()) add(values, printable(name), value);
-    add(values, "ontime", at(asked, "ontime"));
-    add(values, "link_unproved", at(outcome, "link_unproved"));
-    for (const auto* way : {"to_component", "to_controller"})
-      add(values, std::string("traffic ") + way + " short", at(at(at(outcome, "traffic"), way), "short"));
-    for (const auto* host : {"controller", "component"}) {
-      const auto& facts = at(at(outcome, "hosts"), host);
-      const auto& machine = at(facts, "machine");
-      if (machine.is_object())
-        for (const auto& [key, value] : machine.items())
-          if (!of_the_moment.contains(key)) add(values, std::string(host) + " " + printable(key), value);
-      for (const auto* key : {"name", "version"})
-        add(values, std::string(host) + " transport " + key, at(at(facts, "transport"), key));
-      add(values, std::string(host) + " load_running", at(facts, "load_running"));
-      for (const auto& [index, refusal] : at(facts, "refusals").items())
-        add(values, std::string(host) + " refused " + word(at(refusal, "asked")), at(refusal, "found"));
+    const auto add_text = [&](const std::string& name, const std::string& text) {
+      if (!text.empty()) add(values, name, text);
+    };
+    add_text("ontime", asked.ontime);
+    add_text("link_unproved", outcome.link_unproved.value_or(""));
+    for (const auto& [way, rates] : outcome.traffic)
+      if (rates.is_short) add(values, "traffic " + way + " short", *rates.is_short);
+    for (const auto* name : record::both_hosts) {
+      const auto& host = record::find(outcome.hosts, name);
+      const std::string of = name;
+      if (host.machine.document.is_object())
+        for (const auto& [key, value] : host.machine.document.items())
+          if (!of_the_moment.contains(key)) add(values, of + " " + printable(key), value);
+      add_text(of + " transport name", host.transport.name);
+      add_text(of + " transport version", host.transport.version);
+      if (host.load_running) add(values, of + " load_running", *host.load_running);
+      for (const auto& refusal : host.refusals)
+        add_text(of + " refused " + word(refusal.asked), refusal.found);
     }
   }
   return values;

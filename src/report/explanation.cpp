@@ -37,10 +37,9 @@ Marks marks_of(Format format) {
 }
 
 std::string name_of(const Explained& one) {
-  const auto& component = at(one.run.asked, "component");
-  return fmt::format("run {}, {} ({}{})", one.run.number, word(at(one.run.asked, "id")),
-                     word(at(one.run.asked, "transport")),
-                     component.is_null() ? "" : ", component " + word(component));
+  const auto& asked = one.run.asked;
+  return fmt::format("run {}, {} ({}{})", one.run.number, word(asked.id), word(asked.task.transport),
+                     conditions::is_named(asked) ? ", component " + word(asked.component) : "");
 }
 
 std::string text_of(const Explained& one, const Marks& marks) {
@@ -131,9 +130,9 @@ ordered_json json_of(const Explained& one) {
   for (const auto& message : one.account.messages) messages.push_back(json_of(message));
   for (const auto& limit : one.account.limits) limits.push_back(printable(limit));
   return {{"run", one.run.number},
-          {"id", word(at(one.run.asked, "id"))},
-          {"transport", word(at(one.run.asked, "transport"))},
-          {"component", at(one.run.asked, "component")},
+          {"id", word(one.run.asked.id)},
+          {"transport", word(one.run.asked.task.transport)},
+          {"component", one.run.asked.stated("component")},
           {"traced", one.account.traced},
           {"late", one.account.late},
           {"lost", one.account.lost},

@@ -17,8 +17,8 @@ using statistics::Summary;
 // More make a page that no browser wants: of 16 bits each they are 13 MB.
 constexpr std::uint64_t most_messages = 5'000'000;
 
-json ns_of(const json& us) {
-  return us.is_number() && std::isfinite(us.get<double>()) ? json(us.get<double>() * 1e3) : json();
+json ns_of(std::chrono::nanoseconds time) {
+  return time.count() > 0 ? json(static_cast<double>(time.count())) : json();
 }
 
 // On a logarithmic axis nothing takes less than a nanosecond, whatever a damaged file says.
@@ -76,10 +76,11 @@ json notes_of(const Summary& summary) {
 }
 
 json course_of(const record::Reader& reader, const Summary& summary, std::uint64_t of) {
-  const auto& period = ns_of(at(summary.run.asked, "period_us"));
-  const bool back_to_back = at(summary.run.asked, "schedule") == "back-to-back";
-  const double period_ns = period.is_number() && !back_to_back ? period.get<double>() : 0;
-  Course course(summary.start_ns, period_ns > 0 && period_ns < 1e15 ? std::llround(period_ns) : 0, of);
+  constexpr std::int64_t longest_ns = 1'000'000'000'000'000;
+  const auto& client = summary.run.asked.task.client;
+  const bool has_cycles =
+      client.schedule != roundtrip::Schedule::back_to_back && client.period.count() < longest_ns;
+  Course course(summary.start_ns, has_cycles ? client.period.count() : 0, of);
   reader.each_sample(summary.run.number, [&](const auto& sample) { course.message(sample); });
   return course.packed();
 }
@@ -90,8 +91,8 @@ json layers_json(const Summaries& summaries) {
   for (const auto& layer : layers.measured) {
     const auto& [total, added] = layer.round_trip_ns;
     if (!total) continue;
-    bars.push_back({{"name", word(at(layer.run->run.asked, "id"))},
-                    {"of", word(at(layer.run->run.asked, "transport"))},
+    bars.push_back({{"name", word(layer.run->run.asked.id)},
+                    {"of", word(layer.run->run.asked.task.transport)},
                     {"total", total->median},
                     {"added", added ? json{added->median, added->low, added->high} : json()}});
   }
@@ -114,12 +115,12 @@ json figures_of(const record::Reader& reader, const Summaries& summaries) {
       const auto& summary = *group[i];
       const auto& asked = summary.run.asked;
       runs.push_back({{"run", summary.run.number},
-                      {"ontime", is_said(at(asked, "ontime")) ? word(at(asked, "ontime")) : ""},
-                      {"id", word(at(asked, "id"))},
+                      {"ontime", printable(asked.ontime)},
+                      {"id", word(asked.id)},
                       {"label", labels[i]},
-                      {"transport", word(at(asked, "transport"))},
-                      {"payload_bytes", count(at(asked, "payload_bytes"))},
-                      {"deadline_ns", ns_of(at(asked, "deadline_us"))},
+                      {"transport", word(asked.task.transport)},
+                      {"payload_bytes", asked.task.client.payload_bytes},
+                      {"deadline_ns", ns_of(asked.task.client.deadline)},
                       {"sent", summary.sent},
                       {"late", summary.late},
                       {"lost", summary.lost},

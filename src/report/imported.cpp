@@ -10,7 +10,7 @@ namespace {
 using statistics::Summary;
 
 std::string label_of(const Summary& summary) {
-  const auto variant = word(at(summary.run.asked, "variant"));
+  const auto variant = word(summary.run.asked.variant);
   return fmt::format("{} ({})", variant, shortened(word(summary.imported->file), 40));
 }
 
@@ -22,10 +22,9 @@ std::string known(const Summary& summary, std::int64_t ns, std::uint64_t one_in)
 std::string source_of(const Summary& summary) {
   const auto& imported = *summary.imported;
   auto text = fmt::format("{}: imported from {} ({})", label_of(summary), imported.file, imported.from);
-  if (const auto& started = at(at(summary.run.asked, "imported"), "start_time"); started.is_string())
-    text += ", of " + word(started);
-  if (const auto& command = at(at(summary.run.asked, "imported"), "cmdline"); command.is_string())
-    text += fmt::format(", `{}`", word(command));
+  const auto& source = *summary.run.asked.imported;
+  if (source.start_time) text += ", of " + word(*source.start_time);
+  if (source.cmdline) text += fmt::format(", `{}`", word(*source.cmdline));
   if (imported.beyond > 0)
     text += fmt::format("; {} of its values are only known to be {} µs or more", imported.beyond,
                         microseconds(static_cast<double>(imported.beyond_from_ns)));
@@ -60,7 +59,8 @@ nlohmann::ordered_json imported_json_of(const Summary& summary) {
   if (!summary.imported) return nullptr;
   const auto& imported = *summary.imported;
   nlohmann::ordered_json result = {{"from", imported.from}, {"file", imported.file}};
-  for (const auto* key : {"cmdline", "start_time"}) result[key] = at(at(summary.run.asked, "imported"), key);
+  for (const auto* key : {"cmdline", "start_time"})
+    result[key] = summary.run.asked.stated(fmt::format("imported.{}", key));
   result["values"] = summary.wake_up.count;
   result["beyond"] = imported.beyond;
   result["beyond_from_us"] = imported.beyond == 0

@@ -67,7 +67,7 @@ ordered_json notes_of(const statistics::Summary& summary) {
 }
 
 // The paper's own figures of this test; null where it has none.
-ordered_json paper_of(const nlohmann::json& asked) {
+ordered_json paper_of(const record::Asked& asked) {
   auto rows = ordered_json::array();
   for (const auto& row : paper_rows(asked))
     rows.push_back({{"dds", row.dds},
@@ -141,8 +141,8 @@ std::vector<Field> fields() {
 }  // namespace
 
 ordered_json json_of(const statistics::Summary& summary) {
-  const auto& asked = summary.run.asked;
-  const auto& outcome = summary.run.outcome;
+  const auto& asked = summary.run.asked.document;
+  const auto& outcome = summary.run.outcome.document;
   ordered_json run = {{"run", summary.run.number}};
   run["key"] = summary.run.key.empty() ? ordered_json() : ordered_json(summary.run.key);
   run.update(some_of(asked, {"id", "title", "variant", "repetition", "transport", "payload_bytes",
@@ -185,7 +185,7 @@ ordered_json json_of(const statistics::Summary& summary) {
   run["conditions"]["link"] = at(asked, "link");
   run["conditions"]["wire"] = at(asked, "wire");
   run["link_unproved"] = at(outcome, "link_unproved");
-  run["paper"] = paper_of(asked);
+  run["paper"] = paper_of(summary.run.asked);
   run["hosts"] = at(outcome, "hosts");
   run["provenance"] = some_of(asked, {"ontime", "command_line", "hosts", "scenario_file", "scenario"});
   return run;

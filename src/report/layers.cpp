@@ -69,7 +69,7 @@ std::string bar(const Layer& layer, double longest_ns) {
 // A layer is called by its id; where there are several of it, also by what tells them apart.
 std::map<const Summary*, std::string> names_of(const Layers& layers) {
   std::map<std::string, Group> groups;
-  for (const auto& layer : layers.measured) groups[word(at(layer.run->run.asked, "id"))].push_back(layer.run);
+  for (const auto& layer : layers.measured) groups[word(layer.run->run.asked.id)].push_back(layer.run);
   std::map<const Summary*, std::string> names;
   for (const auto& [id, group] : groups) {
     auto labels = labels_without_repetition(group);
@@ -96,7 +96,7 @@ std::vector<std::string> missing(const Layers& layers) {
 
 std::string instructions_note(const Layers& layers) {
   const bool asked = std::any_of(layers.measured.begin(), layers.measured.end(), [](const Layer& layer) {
-    return is_true(at(layer.run->run.asked, "count_instructions"));
+    return layer.run->run.asked.task.count_instructions;
   });
   return std::string("Instructions were not counted. ") +
          (asked ? "The" : "The scenario must say count-instructions: on, the") +
@@ -195,13 +195,13 @@ ordered_json layers_json_of(const Summaries& summaries) {
   auto result = ordered_json::array();
   for (const auto& layer : layers.measured) {
     const auto& asked = layer.run->run.asked;
-    ordered_json entry = {{"id", at(asked, "id")}, {"transport", at(asked, "transport")}};
+    ordered_json entry = {{"id", asked.stated("id")}, {"transport", asked.stated("transport")}};
     entry["adds_to"] = layer.adds_to;
     entry["key"] = layer.run->run.key;
     entry["base_key"] = layer.base == nullptr ? ordered_json() : ordered_json(layer.base->run.key);
     for (const auto* key :
          {"payload_bytes", "receive", "options", "component_transport", "component_options"})
-      entry[key] = at(asked, key);
+      entry[key] = asked.stated(key);
     entry["round_trip_ns"] = json_of(layer.round_trip_ns);
     entry["cpu_ns"] = json_of(layer.cpu_ns);
     entry["instructions"] = json_of(layer.instructions);

@@ -7,7 +7,7 @@
 #include <string>
 #include <vector>
 
-#include <nlohmann/json.hpp>
+#include "record/record.hpp"
 
 namespace ontime::report {
 
@@ -26,6 +26,6 @@ const std::vector<PaperRow>& paper();
 // deadline, payload and schedule, with its real-time settings and traffic, and with a load where that has
 // one. Whatever else somebody calls so is another test. How great the load was, and how long it was measured,
 // may differ.
-std::vector<PaperRow> paper_rows(const nlohmann::json& asked);
+std::vector<PaperRow> paper_rows(const record::Asked&);
 
 }  // namespace ontime::report

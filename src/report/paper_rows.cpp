@@ -38,20 +38,13 @@ double traffic_bit_s_of(const std::string& caption) {
   return std::stod(caption.substr(caption.rfind(' ', unit - 1) + 1)) * 1e6;
 }
 
-bool has_load(const nlohmann::json& asked) {
-  for (const auto* host : {"controller", "component"})
-    for (const auto* kind : {"cpu", "vm", "io", "hdd"})
-      if (count(at(at(at(asked, "load"), host), kind)) > 0) return true;
-  return false;
-}
-
 // In what a scenario sets beside the times; how much of a load there is need not be the same.
-bool is_as(const std::string& caption, const nlohmann::json& asked) {
+bool is_as(const std::string& caption, const record::Asked& asked) {
   const auto says = [&](const char* words) { return caption.find(words) != caption.npos; };
-  const auto& bit_s = at(at(asked, "traffic"), "bit_s");
-  return is_true(at(asked, "realtime")) == says("RT settings") && has_load(asked) == says("under load") &&
-         (bit_s.is_number() ? bit_s.get<double>() : 0) == traffic_bit_s_of(caption) &&
-         !at(asked, "kernel").is_null() == says("ksoftirqd") && at(asked, "link").is_null();
+  return asked.task.realtime.on == says("RT settings") &&
+         (asked.controller_load.any() || asked.component_load.any()) == says("under load") &&
+         static_cast<double>(asked.traffic.bits_per_s) == traffic_bit_s_of(caption) &&
+         !asked.kernel.empty() == says("ksoftirqd") && !asked.faults.any();
 }
 
 }  // namespace
@@ -69,15 +62,15 @@ const std::vector<PaperRow>& paper() {
   return rows;
 }
 
-std::vector<PaperRow> paper_rows(const nlohmann::json& asked) {
-  constexpr double period_us = 10000;
-  const auto id = word(at(asked, "id"));
+std::vector<PaperRow> paper_rows(const record::Asked& asked) {
+  constexpr std::chrono::milliseconds period{10};
+  const auto& client = asked.task.client;
   std::vector<PaperRow> rows;
-  if (at(asked, "period_us") != period_us || at(asked, "deadline_us") != period_us ||
-      at(asked, "schedule") != "next-free" || count(at(asked, "payload_bytes")) != payload_of(id))
+  if (client.period != period || client.deadline != period ||
+      client.schedule != roundtrip::Schedule::next_free || client.payload_bytes != payload_of(asked.id))
     return rows;
   std::copy_if(paper().begin(), paper().end(), std::back_inserter(rows),
-               [&](const PaperRow& row) { return row.test == id && is_as(row.caption, asked); });
+               [&](const PaperRow& row) { return row.test == asked.id && is_as(row.caption, asked); });
   return rows;
 }
 

@@ -230,8 +230,8 @@ std::string perfetto_of(const record::Reader& reader, const record::Run& run,
   ordered_json about = trace.about();
   about.update({{"by", "ontime " ONTIME_VERSION},
                 {"run", run.number},
-                {"id", word(at(run.asked, "id"))},
-                {"transport", word(at(run.asked, "transport"))}});
+                {"id", word(run.asked.id)},
+                {"transport", word(run.asked.task.transport)}});
   return fmt::format("{{\"displayTimeUnit\":\"ns\",\"otherData\":{},\"traceEvents\":[\n{}\n]}}\n",
                      about.dump(-1, ' ', true, ordered_json::error_handler_t::replace), trace.text());
 }

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <algorithm>
+#include <cmath>
 #include <map>
 #include <set>
 
@@ -15,10 +16,7 @@ namespace {
 
 using statistics::Summary;
 
-std::string title_of(const Summary& summary) {
-  const auto& title = at(summary.run.asked, "title");
-  return is_said(title) ? shortened(word(title), 60) : "";
-}
+std::string title_of(const Summary& summary) { return shortened(printable(summary.run.asked.title), 60); }
 
 // "Test1.B udp: System under load". Where an id has no title, its conditions are spelled out in its place.
 std::vector<std::string> names_with(const Group& group, const std::vector<std::string>& within_id,
@@ -75,9 +73,8 @@ std::vector<Condition> conditions_of(const Group& group) {
 }
 
 std::optional<double> deadline_ms(const Summary& summary) {
-  const auto& deadline_us = at(summary.run.asked, "deadline_us");
-  if (!deadline_us.is_number() || !(deadline_us.get<double>() > 0)) return {};
-  return deadline_us.get<double>() / 1e3;
+  const auto deadline = summary.run.asked.task.client.deadline;
+  return deadline.count() > 0 ? std::optional(static_cast<double>(deadline.count()) / 1e6) : std::nullopt;
 }
 
 std::vector<double> deadlines_ms(const Group& group) {
@@ -90,7 +87,7 @@ std::vector<double> deadlines_ms(const Group& group) {
 std::string deadline_text(const std::vector<double>& deadlines) {
   std::vector<std::string> texts;
   texts.reserve(deadlines.size());
-  for (const auto ms : deadlines) texts.push_back(duration(ms * 1e3));
+  for (const auto ms : deadlines) texts.push_back(duration(std::chrono::nanoseconds(std::llround(ms * 1e6))));
   return (texts.size() > 1 ? "deadlines " : "deadline ") + join(texts, ", ");
 }
 

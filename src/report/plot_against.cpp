@@ -25,24 +25,23 @@ struct Abscissa {
 constexpr Abscissa payload{
     "payload", "Payload (bytes)",
     [](const Summary& summary) {
-      return static_cast<double>(std::max<std::uint64_t>(count(at(summary.run.asked, "payload_bytes")), 1));
+      return static_cast<double>(std::max<std::size_t>(summary.run.asked.task.client.payload_bytes, 1));
     },
     false};
 // As asked for, or, where that was more than could be had, as it was.
 double rate_of_neighbours_hz(const Summary& summary) {
-  const auto& rate = at(at(summary.run.asked, "neighbours"), "rate_hz");
-  if (!rate.is_number()) return 0;
+  const auto& asked = summary.run.asked.task.neighbours;
+  if (asked.topics == 0) return 0;
+  const auto rate_hz = 1e9 / static_cast<double>(asked.period.count());
   double sent = 0, others = 0;
   bool is_short = false;
-  for (const auto* way : {"to_component", "to_controller"}) {
-    const auto& counted = at(at(summary.run.outcome, "neighbours"), way);
-    is_short = is_short || is_true(at(counted, "short"));
-    sent += static_cast<double>(count(at(counted, "sent")));
-    for (const auto* other : {"skipped_cycles", "refused"})
-      others += static_cast<double>(count(at(counted, other)));
+  for (const auto& [way, seen] : summary.run.outcome.neighbours) {
+    is_short = is_short || seen.is_short;
+    sent += static_cast<double>(seen.sent);
+    others += static_cast<double>(seen.skipped_cycles) + static_cast<double>(seen.refused);
   }
   // If none was sent, there is no place for it: it is drawn at what was asked for, and marked.
-  return rate.get<double>() * (is_short && sent > 0 ? sent / (sent + others) : 1);
+  return rate_hz * (is_short && sent > 0 ? sent / (sent + others) : 1);
 }
 constexpr Abscissa rate_of_neighbours{"neighbours.rate",
                                       "Background topics: messages/s, each topic and direction",
@@ -51,13 +50,12 @@ constexpr Abscissa rate_of_neighbours{"neighbours.rate",
 // What a run is drawn with as one line: all that tells it from others, but for what it is drawn against.
 std::string line_of(const Summary& summary, const Abscissa& abscissa) {
   const auto& asked = summary.run.asked;
-  auto name = shortened(word(at(asked, "id")), gate::longest_id) + " " + word(at(asked, "transport"));
-  if (const auto& component = at(asked, "component"); component.is_string()) name += " " + word(component);
-  const auto& search = at(asked, "search");
-  if (const auto key = word(at(search, "key")); search.is_object() && key != abscissa.key)
-    name += " " + key + " " + word(at(search, "value"));
-  std::istringstream parts(
-      word(at(search.is_object() ? search : asked, search.is_object() ? "among" : "variant")));
+  const auto& search = asked.step;
+  auto name = id_of(asked) + " " + word(asked.task.transport);
+  if (conditions::is_named(asked)) name += " " + word(asked.component);
+  if (!search.key.empty() && search.key != abscissa.key)
+    name += " " + word(search.key) + " " + word(search.value);
+  std::istringstream parts(printable(search.key.empty() ? asked.variant : search.among));
   for (std::string part; std::getline(parts, part, ',');) {
     part.erase(0, part.find_first_not_of(' '));
     if (part.starts_with(std::string(abscissa.key) + " ")) continue;
@@ -67,8 +65,7 @@ std::string line_of(const Summary& summary, const Abscissa& abscissa) {
 }
 
 bool missed_any(const Summary& summary) {
-  return summary.late + summary.lost + summary.skipped_cycles > 0 ||
-         !at(summary.run.outcome, "error").is_null() ||
+  return summary.late + summary.lost + summary.skipped_cycles > 0 || summary.run.outcome.error ||
          !gate::absent(summary.run.asked, summary.run.outcome).empty();
 }
 

@@ -37,8 +37,8 @@ std::string render_answer(const std::vector<statistics::Summary>&, Format, const
 // The threads of each run as the kernel said they were: policy, priority, affinity, faults, switches.
 std::string render_threads(const std::vector<statistics::Summary>&, Format, std::size_t width = 100);
 
-// What an end asked of its machine and did not get, for people; alike ones together.
-std::vector<std::string> refusals_of(const nlohmann::json& end);
+// What an end requested of its machine and was denied, for people; alike ones together.
+std::vector<std::string> refusals_of(const record::Host& end);
 
 // The page: verdict, table, figures of every message, settings. One file that opens anywhere; it reads the
 // samples once more. `name` is what the page is of, such as the results file's name.

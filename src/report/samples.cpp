@@ -45,9 +45,10 @@ const char* word_of(Fate fate) {
 class Line {
  public:
   Line(SampleFormat format, const record::Run& run)
-      : json_(format == SampleFormat::jsonl), has_cycles_(at(run.asked, "schedule") != "back-to-back") {
+      : json_(format == SampleFormat::jsonl),
+        has_cycles_(run.asked.task.client.schedule != roundtrip::Schedule::back_to_back) {
     std::vector<std::string> texts;
-    for (const auto* key : {"id", "transport", "repetition"}) texts.push_back(text_of(at(run.asked, key)));
+    for (const auto* key : {"id", "transport", "repetition"}) texts.push_back(text_of(run.asked.stated(key)));
     const auto number = std::to_string(run.number);
     if (json_)
       run_ = fmt::format(R"({{"run":{},"id":{},"transport":{},"repetition":{},"message":)", number, texts[0],

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // What searches found: how far a key can be turned up before something is missed.
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <map>
 #include <tuple>
@@ -33,23 +34,21 @@ struct Step {
 
 struct Found {
   std::string id, transport, among, key;
-  std::int64_t steps_asked = 0;
-  std::map<std::int64_t, Step> steps;
+  int steps_asked = 0;
+  std::map<int, Step> steps;
   const Step *passed = nullptr, *ended = nullptr;
   bool finished = false;  // they are next to one another, or nothing is beyond
 };
 
-bool any_short(const json& outcome) {
-  for (const auto* beside : {"neighbours", "traffic"})
-    if (const auto& ways = at(outcome, beside); ways.is_object())
-      for (const auto& way : ways)
-        if (is_true(at(way, "short"))) return true;
-  return false;
+bool any_short(const record::Outcome& outcome) {
+  const auto is_short = [](const auto& way) { return way.second.is_short == true; };
+  return std::any_of(outcome.neighbours.begin(), outcome.neighbours.end(), is_short) ||
+         std::any_of(outcome.traffic.begin(), outcome.traffic.end(), is_short);
 }
 
 void add(Step& step, const Summary& summary) {
   const auto& outcome = summary.run.outcome;
-  step.value = word(at(at(summary.run.asked, "search"), "value"));
+  step.value = word(summary.run.asked.step.value);
   const bool ends = gate::ends_search(summary.run.asked, outcome);
   if (!ends && !statistics::is_complete(summary.run)) {
     step.says_nothing = true;
@@ -61,46 +60,41 @@ void add(Step& step, const Summary& summary) {
   step.lost += summary.lost;
   step.skipped_cycles += summary.skipped_cycles;
   step.effect = std::max(step.effect, summary.missed_probability.effect);
-  step.failed = step.failed || !at(outcome, "error").is_null();
+  step.failed = step.failed || outcome.error;
   step.is_short = step.is_short || any_short(outcome);
   if (!step.failed && !step.is_short && step.unfit.empty()) step.unfit = gate::unfit(summary);
 }
 
 std::vector<Found> found(const Group& group) {
   std::vector<Found> all;
-  std::map<std::tuple<json, json, json, json, json>, std::size_t> places;
+  std::map<std::array<std::string, 5>, std::size_t> places;
   // What was measured again (--resume) counts as it was then.
-  std::map<std::tuple<std::size_t, std::int64_t, std::uint64_t>, const Summary*> last;
+  std::map<std::tuple<std::size_t, int, int>, const Summary*> last;
   for (const auto* summary : group) {
     const auto& asked = summary->run.asked;
-    const auto& search = at(asked, "search");
-    if (!search.is_object()) continue;
-    auto [place, is_new] =
-        places.try_emplace({at(asked, "id"), at(asked, "transport"), at(asked, "component"),
-                            at(search, "among"), at(search, "key")},
-                           all.size());
-    const auto step = static_cast<std::int64_t>(count(at(search, "step")));
-    const auto repetition = count(at(asked, "repetition"));
+    const auto& step = asked.step;
+    if (step.key.empty()) continue;
+    auto [place, is_new] = places.try_emplace(
+        {asked.id, asked.task.transport, asked.component, step.among, step.key}, all.size());
     // Whoever has its first run and measures it again, has begun another search.
     const auto before = last.find({place->second, 0, 1});
-    const bool again =
-        step == 0 && repetition == 1 && before != last.end() && statistics::is_complete(before->second->run);
+    const bool again = step.number == 0 && asked.repetition == 1 && before != last.end() &&
+                       statistics::is_complete(before->second->run);
     if (again) place->second = all.size();
     if (is_new || again) {
       auto& one = all.emplace_back();
-      one.steps_asked = static_cast<std::int64_t>(count(at(search, "steps")));
+      one.steps_asked = step.of;
       one.id = id_of(asked);
-      one.transport = word(at(asked, "transport"));
-      one.key = word(at(search, "key"));
-      for (const auto& text : {at(asked, "component"), at(search, "among")})
-        if (text.is_string() && !text.get<std::string>().empty())
-          one.among += (one.among.empty() ? "" : ", ") + word(text);
+      one.transport = word(asked.task.transport);
+      one.key = word(step.key);
+      for (const auto& text : {conditions::is_named(asked) ? asked.component : "", step.among})
+        if (!text.empty()) one.among += (one.among.empty() ? "" : ", ") + word(text);
     }
-    last[{place->second, step, repetition}] = summary;
+    last[{place->second, step.number, asked.repetition}] = summary;
   }
   for (const auto& [which, summary] : last) add(all[std::get<0>(which)].steps[std::get<1>(which)], *summary);
   for (auto& one : all) {
-    std::int64_t passed = -1, ended = one.steps_asked;
+    int passed = -1, ended = one.steps_asked;
     for (const auto& [number, step] : one.steps) {
       if (step.ended) {
         one.ended = &step;

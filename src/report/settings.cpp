@@ -16,23 +16,20 @@ using nlohmann::json;
 using statistics::Summary;
 using enum Column::Align;
 
-constexpr std::initializer_list<const char*> both_hosts = {"controller", "component"};
 // Of a run and not of its machine.
 constexpr std::initializer_list<const char*> changing = {"realtime_offset_ns"};
 
 std::string name_of(const Summary& summary) {
-  return fmt::format("{} {}", id_of(summary.run.asked), word(at(summary.run.asked, "transport")));
+  return fmt::format("{} {}", id_of(summary.run.asked), word(summary.run.asked.task.transport));
 }
 
-std::string percent_of(const json& share) {
-  return share.is_number() ? fmt::format("{:.0f} %", share.get<double>() * 100) : nothing;
+std::string percent_of(std::optional<double> share) {
+  return share ? fmt::format("{:.0f} %", *share * 100) : nothing;
 }
 
-std::string megabytes(const json& link) {
-  if (!link.is_object()) return nothing;
-  const auto bytes = static_cast<double>(count(at(link, "sent_bytes"))) +
-                     static_cast<double>(count(at(link, "received_bytes")));
-  return fmt::format("{:.1f}", bytes / 1e6);
+std::string megabytes(const record::Link& link) {
+  if (!link.sent_bytes && !link.received_bytes) return nothing;
+  return fmt::format("{:.1f}", static_cast<double>(link.bytes()) / 1e6);
 }
 
 // "limits.rtprio" and what it is, for everything within.
@@ -84,12 +81,12 @@ Table differences_of(const Summaries& summaries) {
   std::vector<Row> rows;
   for (std::size_t i = 0; i < all.size(); ++i) {
     const auto& asked = all[i]->run.asked;
-    Row fresh{word(at(asked, "id")), differences.values[i], {}, {}};
+    Row fresh{word(asked.id), differences.values[i], {}, {}};
     auto row = std::find_if(rows.begin(), rows.end(), [&](const Row& other) {
       return other.id == fresh.id && other.values == fresh.values;
     });
     if (row == rows.end()) row = rows.insert(rows.end(), std::move(fresh));
-    const auto transport = word(at(asked, "transport"));
+    const auto transport = word(asked.task.transport);
     if (row->runs[transport]++ == 0) row->transports.push_back(transport);
   }
   for (auto& [id, values, transports, runs] : rows) {
@@ -116,17 +113,16 @@ Table loads_of(const Summaries& summaries) {
               {},
               {}};
   for (const auto& summary : summaries) {
-    for (const auto* host : both_hosts) {
-      const auto& achieved = at(at(summary.run.outcome, "conditions"), host);
-      const auto& facts = at(at(summary.run.outcome, "hosts"), host);
-      const auto& asked = at(at(summary.run.asked, "load"), host);
-      if (achieved.is_null() && facts.is_null()) continue;
-      const auto load = workers(asked);
+    const auto& asked = summary.run.asked;
+    const auto& outcome = summary.run.outcome;
+    for (const auto& [host, load] :
+         {std::pair("controller", asked.controller_load), {"component", asked.component_load}}) {
+      if (!outcome.conditions.contains(host) && !outcome.hosts.contains(host)) continue;
+      const auto& seen = record::find(outcome.conditions, host);
       table.rows.push_back({fmt::format("{}: {}", summary.run.number, name_of(summary)), host,
-                            load.empty() ? "none" : load, percent_of(at(achieved, "cpu_busy")),
-                            percent_of(at(achieved, "cpu_pressure")),
-                            percent_of(at(achieved, "memory_pressure")),
-                            percent_of(at(achieved, "io_pressure")), megabytes(at(facts, "link"))});
+                            load.any() ? workers(load) : "none", percent_of(seen.cpu_busy),
+                            percent_of(seen.cpu_pressure), percent_of(seen.memory_pressure),
+                            percent_of(seen.io_pressure), megabytes(record::find(outcome.hosts, host).link)});
     }
   }
   return table;
@@ -137,16 +133,17 @@ Table machines_of(const Summaries& summaries) {
       "The machines, as they said", "", {{"What", left}, {"Controller", left}, {"Component", left}}, {}, {}};
   std::map<std::string, std::map<std::string, std::vector<std::pair<std::string, std::string>>>> all;
   for (const auto& summary : summaries) {
-    for (const auto* host : both_hosts) {
+    for (const auto* host : record::both_hosts) {
       std::map<std::string, std::string> facts;
-      flatten(at(at(at(summary.run.outcome, "hosts"), host), "machine"), "", facts);
+      flatten(record::find(summary.run.outcome.hosts, host).machine.document, "", facts);
       for (const auto& [name, value] : facts)
         all[name][host].emplace_back(fmt::format("{}", summary.run.number), value);
     }
   }
   for (auto& [name, of] : all) {
     std::vector<std::string> row = {word(name)};
-    for (const auto* host : both_hosts) row.push_back(of.contains(host) ? values_of(of[host]) : nothing);
+    for (const auto* host : record::both_hosts)
+      row.push_back(of.contains(host) ? values_of(of[host]) : nothing);
     table.rows.push_back(row);
   }
   return table;

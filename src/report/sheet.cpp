@@ -50,7 +50,7 @@ std::size_t letters(const std::string& text) {  // of UTF-8
       std::count_if(text.begin(), text.end(), [](char c) { return (c & 0xc0) != 0x80; }));
 }
 
-double width_of(const std::string& text) { return static_cast<double>(letters(text)) * letter_cm; }
+double text_width_cm(const std::string& text) { return static_cast<double>(letters(text)) * letter_cm; }
 
 }  // namespace
 
@@ -125,7 +125,7 @@ Legend::Legend(std::vector<Entry> entries, double width_cm) {
     auto lines = wrapped(entry.text, width_cm - sample_cm);
     double width = 0;
     const auto sample = entry.line.empty() && entry.point.empty() ? 0 : sample_cm;
-    for (const auto& line : lines) width = std::max(width, sample + width_of(line) + gap_cm);
+    for (const auto& line : lines) width = std::max(width, sample + text_width_cm(line) + gap_cm);
     if (x > 0 && x + width - gap_cm > width_cm) {
       x = 0;
       y += line_cm * static_cast<double>(std::exchange(lines_of_row, 1));

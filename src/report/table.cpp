@@ -169,8 +169,7 @@ std::vector<Table> tables_of(Group group) {
                                        [](const auto* summary) { return differs_by_response(*summary); });
   const auto& asked = group.front()->run.asked;
   Table table{id_of(asked), join(shared_conditions(group), ", "), columns(by_response), {}, parts_of(group)};
-  if (const auto title = word(at(asked, "title")); title != nothing && !title.empty())
-    table.title += "  " + title;
+  if (!asked.title.empty()) table.title += "  " + printable(asked.title);
   auto labels = labels_of(group);
   tell_apart(labels, group);
   for (std::size_t i = 0; i < group.size(); ++i) table.rows.push_back(row(labels[i], *group[i], by_response));
@@ -221,11 +220,13 @@ std::vector<std::string> remarks_of(const std::vector<Group>& groups) {
 }
 
 // "10 ms" if all runs have it, else `otherwise`.
-std::string common_duration(const Summaries& summaries, const char* key, const std::string& otherwise) {
-  const auto& first = at(summaries.front().run.asked, key);
-  const bool common = std::all_of(summaries.begin(), summaries.end(),
-                                  [&](const auto& summary) { return at(summary.run.asked, key) == first; });
-  return common && first.is_number() ? duration(first) : otherwise;
+using Time = std::chrono::nanoseconds roundtrip::ClientOptions::*;
+std::string common_duration(const Summaries& summaries, Time time, const std::string& otherwise) {
+  const auto first = summaries.front().run.asked.task.client.*time;
+  const bool common = std::all_of(summaries.begin(), summaries.end(), [&](const auto& summary) {
+    return summary.run.asked.task.client.*time == first;
+  });
+  return common && first.count() > 0 ? duration(first) : otherwise;
 }
 
 bool any_of_paper(const Summaries& summaries) {
@@ -234,14 +235,15 @@ bool any_of_paper(const Summaries& summaries) {
 }
 
 std::string legend_of(const Page& page, const Summaries& summaries) {
-  auto legend = fmt::format("Missed deadlines: answered later than {}",
-                            common_duration(summaries, "deadline_us", "the run's deadline"));
+  auto legend =
+      fmt::format("Missed deadlines: answered later than {}",
+                  common_duration(summaries, &roundtrip::ClientOptions::deadline, "the run's deadline"));
   if (std::any_of(summaries.begin(), summaries.end(), differs_by_response))
     legend +=
         "; by response: cycles without an answer so long after they were due, of all cycles, also those "
         "without a message";
   legend += fmt::format(". Message loss: not answered within {}.",
-                        common_duration(summaries, "timeout_us", "the run's time-out"));
+                        common_duration(summaries, &roundtrip::ClientOptions::timeout, "the run's time-out"));
   const auto any_cell = [&](auto predicate) {
     return std::any_of(page.tables.begin(), page.tables.end(), [&](const Table& table) {
       return std::any_of(table.rows.begin(), table.rows.end(), [&](const auto& cells) {

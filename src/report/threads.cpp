@@ -27,32 +27,29 @@ constexpr std::initializer_list<const char*> thread_keys = {"role",
                                                             "involuntary_switches",
                                                             "cpu_time_us"};
 
-// Calls use(summary, host, its threads) for each host whose threads were recorded.
+// Calls use(summary, the host's name, its threads) for each host whose threads were recorded.
 template <class Use>
 void each_host(const Summaries& summaries, Use use) {
   for (const auto& summary : summaries)
-    for (const auto& [host, facts] : at(summary.run.outcome, "hosts").items())
-      if (const auto& threads = at(facts, "threads"); threads.is_array()) use(summary, host, threads);
+    for (const auto& [name, host] : summary.run.outcome.hosts)
+      if (!host.threads.empty()) use(summary, name, host.threads);
 }
 
-std::string policy(const json& thread) {
-  const auto policy = word(at(thread, "policy"));
-  return count(at(thread, "priority")) > 0 ? policy + " " + word(at(thread, "priority")) : policy;
+// The same as they were recorded.
+const json& recorded(const statistics::Summary& summary, const std::string& host) {
+  return conditions::member_of(summary.run.outcome.document, "hosts." + host + ".threads");
 }
 
-std::vector<std::string> row(const json& thread) {
-  const auto pair = [&](const char* one, const char* other) {
-    return word(at(thread, one)) + "/" + word(at(thread, other));
-  };
-  const auto& cpu_time_us = at(thread, "cpu_time_us");
-  return {word(at(thread, "role")),
-          word(at(thread, "name")),
-          word(at(thread, "tid")),
-          policy(thread),
-          word(at(thread, "cpus")),
-          pair("minor_faults", "major_faults"),
-          pair("voluntary_switches", "involuntary_switches"),
-          cpu_time_us.is_number() ? fmt::format("{:.1f}", cpu_time_us.get<double>() / 1e3) : nothing};
+std::vector<std::string> row(const record::Thread& thread) {
+  const auto priority = thread.priority.value_or(0);
+  return {word(thread.role),
+          word(thread.name),
+          word(thread.tid),
+          priority > 0 ? fmt::format("{} {}", word(thread.policy), priority) : word(thread.policy),
+          word(thread.cpus),
+          word(thread.minor_faults) + "/" + word(thread.major_faults),
+          word(thread.voluntary_switches) + "/" + word(thread.involuntary_switches),
+          thread.cpu_time_us ? fmt::format("{:.1f}", *thread.cpu_time_us / 1e3) : nothing};
 }
 
 // What each run is called, in the order of the summaries.
@@ -71,13 +68,13 @@ std::map<const statistics::Summary*, std::string> names_of(const Summaries& summ
 
 ordered_json threads_json_of(const Summaries& summaries) {
   auto result = ordered_json::array();
-  each_host(summaries, [&](const auto& summary, const auto& host, const json& threads) {
+  each_host(summaries, [&](const auto& summary, const auto& host, const auto&) {
     ordered_json entry = {{"run", summary.run.number}};
-    for (const auto* key : run_keys) entry[key] = at(summary.run.asked, key);
-    for (const auto* key : further_run_keys) entry[key] = at(summary.run.asked, key);
-    for (const auto* key : {"options", "component_options"}) entry[key] = at(summary.run.asked, key);
+    for (const auto* key : run_keys) entry[key] = summary.run.asked.stated(key);
+    for (const auto* key : further_run_keys) entry[key] = summary.run.asked.stated(key);
+    for (const auto* key : {"options", "component_options"}) entry[key] = summary.run.asked.stated(key);
     entry["host"] = host;
-    entry["threads"] = threads;
+    entry["threads"] = recorded(summary, host);
     result.push_back(entry);
   });
   return result;
@@ -93,13 +90,13 @@ std::string threads_csv_of(const Summaries& summaries) {
   options.add_names(header);
   const auto field = [](const json& value) { return value.is_null() ? "" : word(value); };
   std::vector<std::vector<std::string>> rows;
-  each_host(summaries, [&](const auto& summary, const auto& host, const json& threads) {
-    for (const auto& thread : threads) {
+  each_host(summaries, [&](const auto& summary, const auto& host, const auto&) {
+    for (const auto& thread : recorded(summary, host)) {
       rows.push_back({std::to_string(summary.run.number)});
-      for (const auto* key : run_keys) rows.back().push_back(field(at(summary.run.asked, key)));
+      for (const auto* key : run_keys) rows.back().push_back(field(summary.run.asked.stated(key)));
       rows.back().push_back(word(host));
       for (const auto* key : thread_keys) rows.back().push_back(field(at(thread, key)));
-      for (const auto* key : further_run_keys) rows.back().push_back(field(at(summary.run.asked, key)));
+      for (const auto* key : further_run_keys) rows.back().push_back(field(summary.run.asked.stated(key)));
       options.add_values(rows.back(), summary);
     }
   });
@@ -110,7 +107,7 @@ Page threads_page_of(const Summaries& summaries) {
   using enum Column::Align;
   Page page;
   const auto names = names_of(summaries);
-  each_host(summaries, [&](const auto& summary, const auto& host, const json& threads) {
+  each_host(summaries, [&](const auto& summary, const auto& host, const auto& threads) {
     Table table{fmt::format("{}, threads on the {}", names.at(&summary), word(host)),
                 "",
                 {{"Role", left},

@@ -19,9 +19,9 @@ struct Fates {
   std::uint64_t sent, late, lost;
 };
 Fates fates_of(const Summary& summary) {
-  const auto& counted = summary.run.outcome;
+  const auto& counted = summary.run.outcome.counters;
   if (statistics::unrecorded(summary.run) == 0) return {summary.sent, summary.late, summary.lost};
-  return {count(at(counted, "sent")), count(at(counted, "late")), count(at(counted, "lost"))};
+  return {counted.sent, counted.late, counted.lost};
 }
 
 // A cycle that passed without a message was not on time either.
@@ -32,11 +32,11 @@ bool all_on_time(const Summary& summary) {
 
 // "10 ms" if they have one deadline.
 std::string deadline(const Summaries& summaries) {
-  const auto& first = at(summaries.front().run.asked, "deadline_us");
+  const auto first = summaries.front().run.asked.task.client.deadline;
   const bool same = std::all_of(summaries.begin(), summaries.end(), [&](const Summary& summary) {
-    return at(summary.run.asked, "deadline_us") == first;
+    return summary.run.asked.task.client.deadline == first;
   });
-  return same && first.is_number() ? "deadline of " + duration(first) : "deadline";
+  return same && first.count() > 0 ? "deadline of " + duration(first) : "deadline";
 }
 
 std::string cycles(std::uint64_t count) { return grouped(count) + (count == 1 ? " cycle" : " cycles"); }
@@ -109,7 +109,7 @@ Verdict verdict_of(const Summaries& summaries) {
     further.push_back(fmt::format(
         "The slowest answer took {}{}.", gate::time_of(static_cast<double>(slowest->round_trip.max)),
         measured > 1
-            ? fmt::format(" ({}, {})", id_of(slowest->run.asked), word(at(slowest->run.asked, "transport")))
+            ? fmt::format(" ({}, {})", id_of(slowest->run.asked), word(slowest->run.asked.task.transport))
             : ""));
   // Of several runs, of different conditions, there is no such thing.
   if (const auto& missed = summaries.front().missed_probability; summaries.size() == 1 &&

@@ -36,7 +36,7 @@ std::vector<std::vector<Shown>> shown(const Summaries& summaries) {
 }
 
 std::string heading_of(const Summary& summary) {
-  const auto title = word(at(summary.run.asked, "title"));
+  const auto title = word(summary.run.asked.title);
   const auto id = id_of(summary.run.asked);
   return title == nothing || title.empty() ? id : id + " · " + title;
 }
@@ -54,9 +54,9 @@ std::string count_cell(std::uint64_t count, const char* name, bool is_fault) {
 }
 
 std::string against_deadline(const Summary& summary) {
-  const auto& deadline_us = at(summary.run.asked, "deadline_us");
-  if (!deadline_us.is_number() || deadline_us.get<double>() <= 0 || summary.round_trip.count == 0) return "–";
-  const auto share = static_cast<double>(summary.round_trip.max) / 1e3 / deadline_us.get<double>();
+  const auto deadline_ns = summary.run.asked.task.client.deadline.count();
+  if (deadline_ns <= 0 || summary.round_trip.count == 0) return "–";
+  const auto share = static_cast<double>(summary.round_trip.max) / static_cast<double>(deadline_ns);
   return share < 1 ? fmt::format("{:.2g} %", share * 100) : fmt::format("{:.1f} ×", share);
 }
 
@@ -216,18 +216,20 @@ class="middle">─</span>median <span class="stall">━</span>longest wait of cy
 )";
 
 // "deadline of 10 ms", if all have the same.
-std::string limit(const Summaries& summaries, const char* name, const char* key) {
-  const auto& first = at(summaries.front().run.asked, key);
-  const bool same = std::all_of(summaries.begin(), summaries.end(),
-                                [&](const Summary& summary) { return at(summary.run.asked, key) == first; });
-  return same && first.is_number() ? fmt::format("{} of {}", name, duration(first)) : name;
+std::string limit(const Summaries& summaries, const char* name,
+                  std::chrono::nanoseconds roundtrip::ClientOptions::*time) {
+  const auto first = summaries.front().run.asked.task.client.*time;
+  const bool same = std::all_of(summaries.begin(), summaries.end(), [&](const Summary& summary) {
+    return summary.run.asked.task.client.*time == first;
+  });
+  return same && first.count() > 0 ? fmt::format("{} of {}", name, duration(first)) : name;
 }
 
 // What the table's columns mean.
 std::string table_legend(const Summaries& summaries) {
-  auto legend =
-      fmt::format("Late: answered after the {}. Lost: not answered within the {}.",
-                  limit(summaries, "deadline", "deadline_us"), limit(summaries, "time-out", "timeout_us"));
+  auto legend = fmt::format("Late: answered after the {}. Lost: not answered within the {}.",
+                            limit(summaries, "deadline", &roundtrip::ClientOptions::deadline),
+                            limit(summaries, "time-out", &roundtrip::ClientOptions::timeout));
   if (std::any_of(summaries.begin(), summaries.end(), differs_by_response))
     legend += " By response: cycles without an answer within the deadline from when they were due.";
   legend += " p99: 99 % of the answers took no longer. ~: fewer than 10 answers were slower. –: not known.";
@@ -300,7 +302,8 @@ std::string section_of(const record::Reader& reader, const std::vector<Shown>& r
 
 bool have_several_payloads(const Summaries& summaries) {
   return std::any_of(summaries.begin(), summaries.end(), [&](const Summary& summary) {
-    return at(summary.run.asked, "payload_bytes") != at(summaries.front().run.asked, "payload_bytes");
+    return summary.run.asked.task.client.payload_bytes !=
+           summaries.front().run.asked.task.client.payload_bytes;
   });
 }
 

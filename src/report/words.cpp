@@ -16,7 +16,10 @@ std::string word(const nlohmann::json& value) {
   return printable(text);
 }
 
-std::string id_of(const nlohmann::json& asked) { return shortened(word(at(asked, "id")), gate::longest_id); }
+std::string word(const std::string& text) { return text.empty() ? nothing : printable(text); }
+std::string word(std::optional<std::int64_t> number) { return number ? fmt::format("{}", *number) : nothing; }
+
+std::string id_of(const record::Asked& asked) { return shortened(word(asked.id), gate::longest_id); }
 
 std::string cell_of(const nlohmann::ordered_json& value) {
   if (value.is_null()) return "";
@@ -24,42 +27,30 @@ std::string cell_of(const nlohmann::ordered_json& value) {
                            : value.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace);
 }
 
-bool is_true(const nlohmann::json& value) { return value.is_boolean() && value.get<bool>(); }
-bool is_said(const nlohmann::json& value) {
-  return value.is_string() && !value.get_ref<const std::string&>().empty();
-}
-
-std::uint64_t count(const nlohmann::json& value) {
-  return value.is_number_integer() && value >= 0 ? value.get<std::uint64_t>() : 0;
-}
-
 std::string microseconds(double ns) {
   const double us = ns / 1e3;
   return fmt::format("{:.{}f}", us, std::abs(us) < 99.95 ? 1 : 0);
 }
 
-std::string duration(const nlohmann::json& us) {
-  if (!us.is_number()) return nothing;
-  const auto value = us.get<double>();
+std::string duration(std::chrono::nanoseconds time) {
+  const auto value = static_cast<double>(time.count()) / 1e3;
   if (value >= 1e6) return fmt::format("{:.6g} s", value / 1e6);
   if (value >= 1e3) return fmt::format("{:.6g} ms", value / 1e3);
   return fmt::format("{:.6g} µs", value);
 }
 
-std::string megabits(const nlohmann::json& bit_s) {
-  return bit_s.is_number() ? fmt::format("{:.4g}", bit_s.get<double>() / 1e6) : nothing;
+std::string megabits(std::optional<double> bit_s) {
+  return bit_s ? fmt::format("{:.4g}", *bit_s / 1e6) : nothing;
 }
 
 std::string many(std::uint64_t number, const char* one, const char* several) {
   return fmt::format("{} {}", number, number == 1 ? one : several);
 }
 
-std::string size(const nlohmann::json& bytes) {
-  if (!bytes.is_number_integer()) return nothing;
-  const auto value = count(bytes);
-  if (value >= 1 << 20 && value % (1 << 20) == 0) return fmt::format("{} MiB", value >> 20);
-  if (value >= 1 << 10 && value % (1 << 10) == 0) return fmt::format("{} KiB", value >> 10);
-  return fmt::format("{} B", value);
+std::string size(std::uint64_t bytes) {
+  if (bytes >= 1 << 20 && bytes % (1 << 20) == 0) return fmt::format("{} MiB", bytes >> 20);
+  if (bytes >= 1 << 10 && bytes % (1 << 10) == 0) return fmt::format("{} KiB", bytes >> 10);
+  return fmt::format("{} B", bytes);
 }
 
 std::string shortened(const std::string& text, std::size_t most) {

@@ -3,7 +3,7 @@
 
 #include <algorithm>
 
-#include "statistics/member.hpp"
+#include "statistics/times.hpp"
 
 namespace ontime::statistics {
 

@@ -6,45 +6,39 @@
 
 #include <fmt/format.h>
 
-#include "statistics/member.hpp"
+#include "statistics/times.hpp"
 
 namespace ontime::statistics {
 namespace {
 
 // By PTP a clock knows how far it is off its grandmaster, whose own time may be any; else, how far off UTC.
-bool have_one_reference(const nlohmann::json& client, const nlohmann::json& server) {
-  const auto &one = at(client, "clock"), &other = at(server, "clock");
-  if (at(one, "source") != "ptp" && at(other, "source") != "ptp") return true;
-  const auto grandmaster = text_of(at(one, "reference"));
-  return at(one, "source") == at(other, "source") && !grandmaster.empty() &&
-         grandmaster == text_of(at(other, "reference"));
+bool have_one_reference(const record::Clock& client, const record::Clock& server) {
+  if (client.source != "ptp" && server.source != "ptp") return true;
+  return client.source == server.source && !client.reference.empty() && client.reference == server.reference;
 }
 
 }  // namespace
 
-std::optional<RoundTripParts::Clocks> RoundTripParts::clocks_of(const nlohmann::json& outcome) {
-  const auto& hosts = at(outcome, "hosts");
-  const auto& client = at(at(hosts, "controller"), "machine");
-  const auto& server = at(at(hosts, "component"), "machine");
-  const auto boot = text_of(at(client, "boot_id"));
-  if (!boot.empty() && boot == text_of(at(server, "boot_id"))) return Clocks{.one = true};
+std::optional<RoundTripParts::Clocks> RoundTripParts::clocks_of(const record::Outcome& outcome) {
+  if (record::on_one_machine(outcome)) return Clocks{.one = true};
+  const auto& client = record::find(outcome.hosts, "controller").machine.clock;
+  const auto& server = record::find(outcome.hosts, "component").machine.clock;
   if (!have_one_reference(client, server)) return {};
   Clocks clocks{};
-  for (const auto* machine : {&client, &server}) {
-    const auto& clock = at(*machine, "clock");
-    const auto error_ns = integer_of(at(clock, "error_ns"));
-    const auto offset_ns = integer_of(at(clock, "realtime_offset_ns"));
-    if (at(clock, "synchronised") != true || !error_ns || *error_ns < 0 || !offset_ns) return {};
-    if (__builtin_add_overflow(clocks.error_ns, *error_ns, &clocks.error_ns)) return {};
-    const auto moved_ns = integer_of(at(clock, "moved_ns")).value_or(0);
-    if (moved_ns > *error_ns || moved_ns < -*error_ns) clocks.moved_ns = moved_ns;
+  for (const auto* clock : {&client, &server}) {
+    const auto error_ns = clock->error_ns.value_or(-1);
+    const auto offset_ns = clock->realtime_offset_ns;
+    if (!clock->synchronised || error_ns < 0 || !offset_ns) return {};
+    if (__builtin_add_overflow(clocks.error_ns, error_ns, &clocks.error_ns)) return {};
+    const auto moved_ns = clock->moved_ns.value_or(0);
+    if (moved_ns > error_ns || moved_ns < -error_ns) clocks.moved_ns = moved_ns;
     // By way of the time of day, which both know: client = server + server's offset - client's offset.
-    clocks.ahead_ns = machine == &client ? between(*offset_ns, 0) : nth_after(clocks.ahead_ns, *offset_ns, 1);
+    clocks.ahead_ns = clock == &client ? between(*offset_ns, 0) : nth_after(clocks.ahead_ns, *offset_ns, 1);
   }
   return clocks;
 }
 
-RoundTripParts::RoundTripParts(const nlohmann::json& outcome) : clocks_(clocks_of(outcome)) {}
+RoundTripParts::RoundTripParts(const record::Outcome& outcome) : clocks_(clocks_of(outcome)) {}
 
 void RoundTripParts::message(const roundtrip::Sample& sample) {
   if (!clocks_) return;

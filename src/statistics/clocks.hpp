@@ -11,7 +11,7 @@ namespace ontime::statistics {
 
 class RoundTripParts {
  public:
-  explicit RoundTripParts(const nlohmann::json& outcome);
+  explicit RoundTripParts(const record::Outcome&);
   void message(const roundtrip::Sample&);  // an answered one, of which the server said its times
   void into(Summary&) &&;
 
@@ -22,7 +22,7 @@ class RoundTripParts {
     std::int64_t moved_ns = 0;  // by which one was set meanwhile, if that is more than it may be off
     bool one = false;
   };
-  static std::optional<Clocks> clocks_of(const nlohmann::json& outcome);
+  static std::optional<Clocks> clocks_of(const record::Outcome&);
   std::optional<Clocks> clocks_;
   std::int64_t least_ns_ = 0;
   Values there_, back_;

@@ -1,11 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "statistics/imported.hpp"
 
+#include <cmath>
 #include <utility>
 
 #include <fmt/format.h>
-
-#include "statistics/member.hpp"
 
 namespace ontime::statistics {
 namespace {
@@ -17,17 +16,16 @@ constexpr std::uint64_t most_seen = std::uint64_t{1} << 53U;
 
 class Counted {
  public:
-  explicit Counted(const record::Run& run) : run_(run.number), of_(at(run.outcome, "histogram")) {
-    beyond_ = static_cast<std::uint64_t>(whole(at(of_, "beyond")));
-    beyond_from_ns_ = whole(at(of_, "beyond_from_ns"));
-    max_ns_ = whole(at(of_, "max_ns"));
+  explicit Counted(const record::Run& run) : run_(run.number), of_(run.outcome.histogram) {
+    beyond_ = static_cast<std::uint64_t>(whole(of_.beyond));
+    beyond_from_ns_ = whole(of_.beyond_from_ns);
+    max_ns_ = whole(of_.max_ns);
     if (beyond_ > most_seen || (beyond_ > 0 && beyond_from_ns_ > max_ns_)) wrong();
     seen_ = beyond_;
-    const auto& values = at(of_, "values");
-    if (!values.is_array() || values.empty()) wrong();
-    for (const auto& value : values) add(value);
+    if (!of_.values.is_array() || of_.values.empty()) wrong();
+    for (const auto& value : of_.values) add(value);
     if (beyond_ > 0 ? values_.back().first >= beyond_from_ns_ : values_.back().first != max_ns_) wrong();
-    if (!at(of_, "mean_ns").is_number()) wrong();
+    if (!of_.mean_ns) wrong();
   }
 
   Distribution distribution() const {
@@ -40,7 +38,7 @@ class Counted {
     of.p99_9 = percentile(999, 1000);
     of.p99_99 = percentile(9999, 10000);
     of.max = max_ns_;
-    of.mean = at(of_, "mean_ns").get<double>();
+    of.mean = *of_.mean_ns;
     return of;
   }
   std::uint64_t beyond() const { return beyond_; }
@@ -52,15 +50,15 @@ class Counted {
         "run {} was imported, and its histogram is not as `ontime import` writes it: the file is damaged.",
         run_));
   }
-  std::int64_t whole(const json& value) const {
-    const auto number = integer_of(value);
+  std::int64_t whole(std::optional<std::int64_t> number) const {
     if (!number || *number < 0 || *number > most_ns) wrong();
     return *number;
   }
   void add(const json& value) {
     if (!value.is_array() || value.size() != 2) wrong();
-    const auto ns = whole(value[0]);
-    const auto count = static_cast<std::uint64_t>(whole(value[1]));
+    if (!value[0].is_number_integer() || !value[1].is_number_integer()) wrong();
+    const auto ns = whole(value[0].get<std::int64_t>());
+    const auto count = static_cast<std::uint64_t>(whole(value[1].get<std::int64_t>()));
     if (count == 0 || count > most_seen || (seen_ += count) > most_seen) wrong();
     if (!values_.empty() && ns <= values_.back().first) wrong();
     values_.emplace_back(ns, count);
@@ -75,7 +73,7 @@ class Counted {
   }
 
   const std::int64_t run_;
-  const json& of_;
+  const record::Counts& of_;
   std::vector<std::pair<std::int64_t, std::uint64_t>> values_;
   std::uint64_t seen_ = 0, beyond_ = 0;
   std::int64_t beyond_from_ns_ = 0, max_ns_ = 0;
@@ -83,15 +81,14 @@ class Counted {
 
 }  // namespace
 
-bool is_imported(const record::Run& run) { return at(run.asked, "imported").is_object(); }
-
 void summarise_imported(Summary& summary) {
   const Counted histogram(summary.run);
-  const auto& imported = at(summary.run.asked, "imported");
+  const auto& imported = *summary.run.asked.imported;
+  const auto unit_ns = summary.run.outcome.histogram.unit_ns.value_or(0);
   summary.wake_up = histogram.distribution();
-  summary.imported = Imported{text_of(at(imported, "from")), text_of(at(imported, "file")),
-                              positive_ns(at(at(summary.run.outcome, "histogram"), "unit_ns"), 1).value_or(0),
-                              histogram.beyond(), histogram.beyond_from_ns()};
+  summary.imported =
+      Imported{imported.from, imported.file, unit_ns >= 1 && unit_ns < 9e18 ? std::llround(unit_ns) : 0,
+               histogram.beyond(), histogram.beyond_from_ns()};
 }
 
 }  // namespace ontime::statistics

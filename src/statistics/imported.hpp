@@ -6,8 +6,7 @@
 
 namespace ontime::statistics {
 
-bool is_imported(const record::Run&);
-// From `outcome.histogram`. Throws record::WrongFile if that is not as `ontime import` writes it.
+// From its outcome's `histogram`. Throws record::WrongFile if that is not as `ontime import` writes it.
 void summarise_imported(Summary&);
 
 }  // namespace ontime::statistics

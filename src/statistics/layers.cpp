@@ -9,33 +9,29 @@
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
-#include "statistics/member.hpp"
 #include "statistics/statistics.hpp"
 
 namespace ontime::statistics {
 namespace {
 
 using nlohmann::json;
+using record::at;
 using Value = std::function<std::optional<double>(const Summary&)>;
-
-std::string asked(const Summary& summary, const char* key) { return text_of(at(summary.run.asked, key)); }
 
 std::optional<double> round_trip(const Summary& summary) {
   if (summary.round_trip.count == 0) return {};
   return static_cast<double>(summary.round_trip.p50);
 }
 
-// The sum over all threads on all hosts of what the record has under `key`, a message.
-std::optional<double> a_message(const Summary& summary, const char* key) {
+// The sum over all threads that serve messages, on all hosts, by message.
+std::optional<double> a_message(const Summary& summary, std::optional<double> record::Thread::*value) {
   double sum = 0;
   std::size_t threads = 0;
-  for (const auto& host : at(summary.run.outcome, "hosts"))
-    for (const auto& thread : at(host, "threads")) {
-      const auto& role = at(thread, "role");  // what neighbours' own threads do is no part of a message
-      if (role.is_string() && role.get_ref<const std::string&>().starts_with("neighbours ")) continue;
-      const auto& value = at(thread, key);
-      if (!value.is_number()) return {};
-      sum += value.get<double>();
+  for (const auto& [name, host] : summary.run.outcome.hosts)
+    for (const auto& thread : host.threads) {
+      if (thread.is_of_background_topics()) continue;
+      if (!(thread.*value)) return {};
+      sum += *(thread.*value);
       ++threads;
     }
   if (threads == 0 || summary.sent == 0) return {};
@@ -50,9 +46,8 @@ class Sessions {
   // In the order of the file. A session is over where the next was called otherwise, or measured again what
   // was in it already.
   Repetition next(const Summary& summary) {
-    const auto number = integer_of(at(summary.run.asked, "repetition")).value_or(1);
-    const auto call =
-        std::make_pair(at(summary.run.asked, "command_line"), at(summary.run.asked, "scenario_file"));
+    const auto number = summary.run.asked.repetition;
+    const auto call = std::make_pair(summary.run.asked.command_line, summary.run.asked.scenario_file);
     if (call != call_ || seen_.contains({summary.run.key, number})) {
       ++session_;
       seen_.clear();
@@ -64,7 +59,7 @@ class Sessions {
 
  private:
   std::size_t session_ = 0;
-  std::pair<json, json> call_;
+  std::pair<std::vector<std::string>, std::string> call_;
   std::set<std::pair<std::string, std::int64_t>> seen_;
 };
 
@@ -87,14 +82,14 @@ MeasuredLayers measured_of(const std::vector<Summary>& summaries) {
   Sessions sessions;
   for (const auto& summary : summaries) {
     const auto repetition = sessions.next(summary);
-    if (const auto below = asked(summary, "adds_to"); !below.empty()) all.below.insert(below);
+    if (const auto& below = summary.run.asked.adds_to; !below.empty()) all.below.insert(below);
     if (!is_complete(summary.run)) {
       all.incomplete.push_back(&summary);
       continue;
     }
     const auto [found, is_new] = by_key.try_emplace(summary.run.key, all.candidates.size());
     if (is_new) all.candidates.push_back({&summary, {}});
-    all.ids.insert(asked(summary, "id"));
+    all.ids.insert(summary.run.asked.id);
     all.candidates[found->second].runs[repetition] = &summary;
   }
   return all;
@@ -104,7 +99,7 @@ constexpr std::array a_layers_own = {"transport",         "options", "component_
                                      "component_options", "receive", "security"};
 
 json conditions_of(const Summary& summary) {
-  auto conditions = record::conditions_of(summary.run.asked);
+  auto conditions = record::conditions_of(summary.run.asked.document);
   if (!conditions.is_object()) return json::object();
   conditions.erase("id");
   for (const auto* key : a_layers_own) conditions.erase(key);
@@ -124,7 +119,7 @@ std::vector<std::string> differing_keys(const json& one, const json& other) {
 std::size_t likeness(const Summary& one, const Summary& other) {
   std::size_t same = 0;
   for (const auto* key : a_layers_own) {
-    const auto &here = at(one.run.asked, key), &there = at(other.run.asked, key);
+    const auto &here = one.run.asked.stated(key), &there = other.run.asked.stated(key);
     if (!here.is_object()) {
       same += here == there ? 1 : 0;
       continue;
@@ -141,7 +136,7 @@ const Candidate* find_base(Layer& layer, const std::vector<Candidate>& candidate
   std::vector<const Candidate*> best;
   std::vector<std::string> differing;
   for (const auto& candidate : candidates) {
-    if (asked(*candidate.first, "id") != layer.adds_to || candidate.first == layer.run) continue;
+    if (candidate.first->run.asked.id != layer.adds_to || candidate.first == layer.run) continue;
     if (const auto keys = differing_keys(conditions, conditions_of(*candidate.first)); !keys.empty()) {
       if (differing.empty() || keys.size() < differing.size()) differing = keys;
       continue;
@@ -180,9 +175,7 @@ Cost cost(const Candidate& layer, const Candidate* base, const Value& value) {
 
 std::string reason_of(const Summary& incomplete) {
   const auto& outcome = incomplete.run.outcome;
-  if (outcome.is_null()) return "not ended";
-  const auto error = text_of(at(outcome, "error"));
-  return error.empty() ? "interrupted" : error;
+  return outcome.has_ended() ? outcome.error.value_or("interrupted") : "not ended";
 }
 
 }  // namespace
@@ -193,22 +186,23 @@ Layers layers(const std::vector<Summary>& summaries) {
   for (const auto& candidate : all.candidates) {
     Layer layer;
     layer.run = candidate.first;
-    layer.adds_to = asked(*candidate.first, "adds_to");
-    if (layer.adds_to.empty() && !all.below.contains(asked(*candidate.first, "id"))) continue;
+    layer.adds_to = candidate.first->run.asked.adds_to;
+    if (layer.adds_to.empty() && !all.below.contains(candidate.first->run.asked.id)) continue;
     const auto* base = layer.adds_to.empty() ? nullptr : find_base(layer, all.candidates);
     layer.round_trip_ns = cost(candidate, base, round_trip);
     layer.cpu_ns = cost(candidate, base, [](const Summary& summary) -> std::optional<double> {
-      const auto us = a_message(summary, "cpu_time_us");
+      const auto us = a_message(summary, &record::Thread::cpu_time_us);
       return us ? std::optional(*us * 1e3) : std::nullopt;
     });
-    layer.instructions =
-        cost(candidate, base, [](const Summary& summary) { return a_message(summary, "instructions"); });
+    layer.instructions = cost(candidate, base, [](const Summary& summary) {
+      return a_message(summary, &record::Thread::instructions);
+    });
     result.measured.push_back(layer);
   }
   auto told = all.ids;
   for (const auto* summary : all.incomplete) {
-    const auto id = asked(*summary, "id");
-    if ((all.below.contains(id) || !asked(*summary, "adds_to").empty()) && told.insert(id).second)
+    const auto& id = summary->run.asked.id;
+    if ((all.below.contains(id) || !summary->run.asked.adds_to.empty()) && told.insert(id).second)
       result.missing.push_back({id, reason_of(*summary)});
   }
   for (const auto& id : all.below)

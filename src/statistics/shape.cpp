@@ -4,7 +4,7 @@
 #include <algorithm>
 #include <utility>
 
-#include "statistics/member.hpp"
+#include "statistics/times.hpp"
 
 namespace ontime::statistics {
 namespace {

@@ -12,14 +12,13 @@
 #include "statistics/clocks.hpp"
 #include "statistics/course.hpp"
 #include "statistics/imported.hpp"
-#include "statistics/member.hpp"
 #include "statistics/shape.hpp"
+#include "statistics/times.hpp"
 #include "statistics/values.hpp"
 
 namespace ontime::statistics {
 namespace {
 
-using nlohmann::json;
 using roundtrip::Fate;
 using roundtrip::Sample;
 
@@ -37,12 +36,12 @@ class Pass {
  public:
   Pass(Summary& summary, std::int64_t start_ns)
       : summary_(summary),
-        asked_(summary.run.asked),
-        timeout_ns_(positive_ns(at(asked_, "timeout_us"), 1e3)),
-        deadline_ns_(positive_ns(at(asked_, "deadline_us"), 1e3)),
-        has_cycles_(at(asked_, "schedule") != "back-to-back"),
+        asked_(summary.run.asked.task.client),
+        timeout_ns_(positive_ns(asked_.timeout)),
+        deadline_ns_(positive_ns(asked_.deadline)),
+        has_cycles_(asked_.schedule != roundtrip::Schedule::back_to_back),
         parts_(summary.run.outcome),
-        timeline_(start_ns, positive_ns(at(asked_, "duration_s"), 1e9)),
+        timeline_(start_ns, positive_ns(asked_.duration)),
         worst_(timeout_ns_),
         misses_(timeout_ns_) {}
 
@@ -81,12 +80,10 @@ class Pass {
   }
 
   void finish() && {
-    const auto& outcome = summary_.run.outcome;
-    const auto cycles = integer_of(at(outcome, "trailing_cycles")).value_or(0);
-    if (cycles > 0 && static_cast<std::uint64_t>(cycles) < most_trailing) {
-      skip({integer_of(at(outcome, "trailing_due_ns")).value_or(0),
-            positive_ns(at(asked_, "period_us"), 1e3).value_or(0), static_cast<std::uint64_t>(cycles)});
-      waited_until_ns_ = std::max(waited_until_ns_, integer_of(at(outcome, "trailing_until_ns")).value_or(0));
+    const auto& counted = summary_.run.outcome.counters;
+    if (counted.trailing_cycles > 0 && counted.trailing_cycles < most_trailing) {
+      skip({counted.trailing_due_ns, positive_ns(asked_.period).value_or(0), counted.trailing_cycles});
+      waited_until_ns_ = std::max(waited_until_ns_, counted.trailing_until_ns);
     }
     // Whom no answer came to waited at least so long.
     if (!waiting_.empty()) answer_waiting(std::max(waited_until_ns_, waiting_.back().last_due_ns()));
@@ -161,7 +158,7 @@ class Pass {
   }
 
   Summary& summary_;
-  const json& asked_;
+  const roundtrip::ClientOptions& asked_;
   const std::optional<std::int64_t> timeout_ns_, deadline_ns_;
   const bool has_cycles_;
   Values round_trip_, response_, wake_up_, server_;
@@ -179,14 +176,10 @@ class Pass {
 }  // namespace
 
 bool is_complete(const record::Run& run) {
-  return run.outcome.is_object() && at(run.outcome, "error").is_null() &&
-         at(run.outcome, "interrupted") != true;
+  return run.outcome.document.is_object() && !run.outcome.error && !run.outcome.interrupted;
 }
 
-std::uint64_t unrecorded(const record::Run& run) {
-  return static_cast<std::uint64_t>(
-      std::max<std::int64_t>(integer_of(at(run.outcome, "dropped_records")).value_or(0), 0));
-}
+std::uint64_t unrecorded(const record::Run& run) { return run.outcome.counters.dropped_records; }
 
 std::string shift_text(const Summary& summary) {
   const auto& shift = summary.round_trip_certainty.shift;
@@ -201,7 +194,7 @@ Summary summarise(const record::Reader& reader, const record::Run& run) {
   Summary summary;
   summary.run = run;
   summary.notes = reader.notes(run.number);
-  if (is_imported(run)) {
+  if (run.asked.imported) {
     summarise_imported(summary);
     return summary;
   }
@@ -229,7 +222,7 @@ Summary summarise(const record::Reader& reader, const record::Run& run) {
   if (at_work.valid()) at_work.get();
   account(block);
   if (!pass) {
-    summary.start_ns = integer_of(at(run.outcome, "trailing_due_ns")).value_or(0);
+    summary.start_ns = run.outcome.counters.trailing_due_ns;
     pass.emplace(summary, summary.start_ns);
   }
   std::move(*pass).finish();

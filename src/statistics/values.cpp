@@ -7,7 +7,7 @@
 #include <numeric>
 #include <utility>
 
-#include "statistics/member.hpp"
+#include "statistics/times.hpp"
 
 namespace ontime::statistics {
 namespace {

@@ -17,12 +17,6 @@ constexpr std::int64_t may_change_ns =
     2'000'000'000;  // for so long a lost message may prove to have been answered
 constexpr std::size_t most_worst = 3;
 
-std::optional<double> duration_of(const record::Run& run) {
-  const auto found = run.asked.is_object() ? run.asked.find("duration_s") : run.asked.end();
-  if (!run.asked.is_object() || found == run.asked.end() || !found->is_number()) return {};
-  return found->get<double>();
-}
-
 // As the coordinator says when it begins: what would disturb the link is sent afterwards.
 bool samples_wait(const record::Reader& reader, std::int64_t run) {
   const auto notes = reader.notes(run);
@@ -70,7 +64,8 @@ void Follower::begin(const record::Run& run) {
   *course_ = Course();
   progress_ = {};
   progress_.run = run;
-  progress_.duration_s = duration_of(run);
+  if (const auto duration = run.asked.task.client.duration; duration.count() > 0)
+    progress_.duration_s = static_cast<double>(duration.count()) / 1e9;
 }
 
 const Progress& Follower::look() {
@@ -103,7 +98,8 @@ void Follower::look_once() {
   if (!runs.empty()) {
     const auto& newest = runs.back();
     // One that was forgotten has left its number to the next, and no samples.
-    if (newest.number != progress_.run.number || newest.asked != progress_.run.asked) begin(newest);
+    if (newest.number != progress_.run.number || newest.asked.document != progress_.run.asked.document)
+      begin(newest);
     progress_.run = newest;
   }
 
@@ -131,7 +127,7 @@ void Follower::look_once() {
   progress_.round_trip = newest.round_trip;
   progress_.response_max_ns = newest.response_max_ns;
   progress_.worst = newest.worst;
-  const bool has_ended = !is_written || !progress_.run.outcome.is_null();
+  const bool has_ended = !is_written || progress_.run.outcome.has_ended();
   progress_.lost_for_good = has_ended ? newest.lost : settled.lost;
   progress_.samples_wait = !has_ended && newest.sent == 0 && samples_wait(reader, progress_.run.number);
   const bool under_way = !has_ended && (newest.sent > 0 || progress_.samples_wait);

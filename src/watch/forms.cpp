@@ -12,7 +12,6 @@ namespace ontime::watch {
 namespace {
 
 using nlohmann::json;
-using record::at;
 
 std::string word(const json& value) {
   if (value.is_null()) return "";
@@ -40,11 +39,10 @@ std::string head_of(const Progress& progress) {
   if (progress.run.number == 0) return "no run yet\n";
   const auto& asked = progress.run.asked;
   auto text = fmt::format("run {}  {}", progress.run.number,
-                          report::shortened(word(at(asked, "id")), gate::longest_id));
-  for (const auto* key : {"variant", "transport"})
-    if (const auto part = word(at(asked, key)); !part.empty()) text += " " + part;
-  if (const auto repetition = word(at(asked, "repetition")); !repetition.empty() && repetition != "1")
-    text += " ×" + repetition;
+                          report::shortened(report::printable(asked.id), gate::longest_id));
+  for (const auto& part : {asked.variant, asked.task.transport})
+    if (!part.empty()) text += " " + report::printable(part);
+  if (asked.repetition > 1) text += fmt::format(" ×{}", asked.repetition);
   if (!progress.samples_wait) {
     text += fmt::format("  {}", clock(progress.elapsed_s));
     if (progress.duration_s) text += " of " + clock(*progress.duration_s);
@@ -52,9 +50,9 @@ std::string head_of(const Progress& progress) {
     text += "  (measuring; its samples wait for the end, for ssh may take the link under test)";
   }
   if (const auto left = left_s(progress)) text += fmt::format(", {} left", clock(*left));
-  const bool cut_off = progress.state == Progress::State::ended && progress.run.outcome.is_null();
+  const bool cut_off = progress.state == Progress::State::ended && !progress.run.outcome.has_ended();
   if (progress.state == Progress::State::waiting)
-    text += progress.run.outcome.is_null() ? "  (not measuring yet)" : "  (ended; the next has not begun)";
+    text += progress.run.outcome.has_ended() ? "  (ended; the next has not begun)" : "  (not measuring yet)";
   else if (progress.state == Progress::State::ended)
     text += cut_off ? "  (cut off: nobody writes into the file)" : "  (ended)";
   return text + "\n";
@@ -144,7 +142,7 @@ std::string json_of(const Progress& progress) {
   const auto& times = progress.round_trip;
   nlohmann::ordered_json object = {{"state", word_of(progress.state)}};
   object["run"] = or_null(progress.run.number > 0, progress.run.number);
-  for (const auto* key : {"id", "variant", "transport", "repetition"}) object[key] = at(asked, key);
+  for (const auto* key : {"id", "variant", "transport", "repetition"}) object[key] = asked.stated(key);
   object["samples_wait"] = progress.samples_wait;
   object["elapsed_s"] = or_null(!progress.samples_wait, progress.elapsed_s);
   object["duration_s"] = or_null(progress.duration_s.has_value(), progress.duration_s.value_or(0));
@@ -188,7 +186,7 @@ std::string metrics_of(const Progress& progress) {
   const auto& asked = progress.run.asked;
   auto run = fmt::format("run=\"{}\"", progress.run.number);
   for (const auto* key : {"id", "variant", "transport", "repetition"})
-    run += "," + label(key, at(asked, key));
+    run += "," + label(key, asked.stated(key));
   add("messages_total", "counter", "Counted messages of the newest run, by what became of them.");
   // A counter never falls.
   const std::pair<const char*, std::uint64_t> fates[] = {

@@ -1,152 +1,117 @@
 // SPDX-License-Identifier: Apache-2.0
+#include <cerrno>
 #include <charconv>
-#include <functional>
+#include <cstring>
 #include <stdexcept>
+#include <string_view>
+#include <system_error>
 #include <utility>
 
-#include <boost/asio/io_context.hpp>
-#include <boost/asio/ip/tcp.hpp>
-#include <boost/beast/core.hpp>
-#include <boost/beast/http.hpp>
+#include <arpa/inet.h>
 #include <fmt/format.h>
+#include <microhttpd.h>
 
 #include "watch/watch.hpp"
 
 namespace ontime::watch {
 namespace {
 
-namespace asio = boost::asio;
-namespace beast = boost::beast;
-namespace http = beast::http;
-using asio::ip::tcp;
-using Text = std::shared_ptr<const std::string>;
+constexpr unsigned most_at_once = 64;
+constexpr unsigned patience_s = 2;
+constexpr std::size_t longest_request = 8192;  // without a body, which none has
 
-constexpr std::size_t most_at_once = 4;
-constexpr std::chrono::seconds patience{2};  // for all of a request, and for all of an answer
-constexpr std::uint32_t longest_header = 8192;
-
-// One request and its answer. It lives as long as something of it is under way.
-class Session : public std::enable_shared_from_this<Session> {
- public:
-  Session(tcp::socket socket, Text text, std::function<void()> over)
-      : stream_(std::move(socket)), text_(std::move(text)), over_(std::move(over)) {}
-  ~Session() { over_(); }
-  Session(const Session&) = delete;
-  Session& operator=(const Session&) = delete;
-
-  void start() {
-    parser_.header_limit(longest_header);
-    parser_.body_limit(0);
-    stream_.expires_after(patience);
-    http::async_read(stream_, buffer_, parser_,
-                     [self = shared_from_this()](beast::error_code error, std::size_t) {
-                       if (error == http::error::end_of_stream || error == beast::error::timeout) return;
-                       self->answer(error);
-                     });
-  }
-
- private:
-  void answer(beast::error_code error) {
-    const auto& request = parser_.get();
-    const bool may = request.method() == http::verb::get || request.method() == http::verb::head;
-    if (error)
-      fill(http::status::bad_request, "this is no request that can be answered\n");
-    else if (!may)
-      fill(http::status::method_not_allowed, "GET /metrics\n");
-    else if (request.target() != "/metrics")
-      fill(http::status::not_found, "what there is, is at /metrics\n");
-    else
-      fill(http::status::ok, *text_);
-    if (may && request.method() == http::verb::head) response_.body().clear();
-    stream_.expires_after(patience);
-    http::async_write(stream_, response_, [self = shared_from_this()](beast::error_code, std::size_t) {
-      beast::error_code ignored;
-      self->stream_.socket().shutdown(tcp::socket::shutdown_send, ignored);
-    });
-  }
-
-  void fill(http::status status, std::string body) {
-    response_.result(status);
-    response_.set(http::field::content_type,
-                  status == http::status::ok ? "text/plain; version=0.0.4; charset=utf-8" : "text/plain");
-    if (status == http::status::method_not_allowed) response_.set(http::field::allow, "GET, HEAD");
-    response_.keep_alive(false);
-    response_.body() = std::move(body);
-    response_.content_length(response_.body().size());
-  }
-
-  beast::tcp_stream stream_;
-  beast::flat_buffer buffer_{std::size_t{2} * longest_header};
-  http::request_parser<http::empty_body> parser_;
-  http::response<http::string_body> response_;
-  const Text text_;
-  const std::function<void()> over_;
+struct Endpoint {
+  std::string host;  // as a URL has it
+  std::uint16_t port = 0;
+  sockaddr_storage address{};
 };
 
-tcp::endpoint endpoint_of(const std::string& text) {
+Endpoint endpoint_of(const std::string& text) {
   const auto colon = text.rfind(':');
-  auto host = colon == text.npos ? std::string("127.0.0.1") : text.substr(0, colon);
+  Endpoint to{colon == text.npos ? "127.0.0.1" : text.substr(0, colon)};
   const auto digits = colon == text.npos ? text : text.substr(colon + 1);
-  std::uint16_t port = 0;
-  const auto [end, error] = std::from_chars(digits.data(), digits.data() + digits.size(), port);
-  if (host.starts_with('[') && host.ends_with(']')) host = host.substr(1, host.size() - 2);
-  beast::error_code no_address;
-  const auto address = asio::ip::make_address(host, no_address);
-  if (error != std::errc{} || end != digits.data() + digits.size() || no_address)
+  const auto [end, error] = std::from_chars(digits.data(), digits.data() + digits.size(), to.port);
+  const bool is_v6 = to.host.starts_with('[') && to.host.ends_with(']');
+  const auto host = is_v6 ? to.host.substr(1, to.host.size() - 2) : to.host;
+  sockaddr_in6 v6{};
+  sockaddr_in v4{};
+  v6.sin6_family = AF_INET6;
+  v4.sin_family = AF_INET;
+  v6.sin6_port = v4.sin_port = htons(to.port);
+  if (error != std::errc{} || end != digits.data() + digits.size() ||
+      ::inet_pton(is_v6 ? AF_INET6 : AF_INET, host.c_str(),
+                  is_v6 ? static_cast<void*>(&v6.sin6_addr) : &v4.sin_addr) != 1)
     throw std::invalid_argument(fmt::format(
         "'{}' is no address and port; write it as 127.0.0.1:9464, [::1]:9464, or 9464 alone, which is on "
         "loopback",
         text));
-  return {address, port};
+  std::memcpy(&to.address, is_v6 ? static_cast<const void*>(&v6) : &v4, is_v6 ? sizeof v6 : sizeof v4);
+  return to;
+}
+
+MHD_Result answer(void* metrics, MHD_Connection* connection, const char* target, const char* method,
+                  const char*, const char*, std::size_t*, void**) {
+  const std::string_view asked = method;
+  const bool may = asked == MHD_HTTP_METHOD_GET || asked == MHD_HTTP_METHOD_HEAD;
+  const bool is_there = target == std::string_view("/metrics");
+  auto& text = *static_cast<std::string*>(metrics);
+  std::string other = may ? "what there is, is at /metrics\n" : "GET /metrics\n";
+  auto& body = may && is_there ? text : other;
+  auto* response = MHD_create_response_from_buffer(body.size(), body.data(), MHD_RESPMEM_MUST_COPY);
+  if (response == nullptr) return MHD_NO;
+  MHD_add_response_header(response, MHD_HTTP_HEADER_CONTENT_TYPE,
+                          may && is_there ? "text/plain; version=0.0.4; charset=utf-8" : "text/plain");
+  MHD_add_response_header(response, MHD_HTTP_HEADER_CONNECTION, "close");
+  if (!may) MHD_add_response_header(response, MHD_HTTP_HEADER_ALLOW, "GET, HEAD");
+  const auto queued = MHD_queue_response(connection,
+                                         !may       ? MHD_HTTP_METHOD_NOT_ALLOWED
+                                         : is_there ? MHD_HTTP_OK
+                                                    : MHD_HTTP_NOT_FOUND,
+                                         response);
+  MHD_destroy_response(response);
+  return queued;
 }
 
 }  // namespace
 
 class Metrics::Server {
  public:
-  explicit Server(const tcp::endpoint& endpoint) : acceptor_(context_, endpoint) { accept(); }
-
-  ~Server() { closing_ = true; }
+  explicit Server(const Endpoint& to) : host_(to.host) {
+    errno = 0;
+    daemon_ =
+        MHD_start_daemon(to.address.ss_family == AF_INET6 ? MHD_USE_IPv6 : MHD_NO_FLAG, to.port, nullptr,
+                         nullptr, answer, &text_, MHD_OPTION_SOCK_ADDR, &to.address,
+                         MHD_OPTION_CONNECTION_LIMIT, most_at_once, MHD_OPTION_CONNECTION_TIMEOUT, patience_s,
+                         MHD_OPTION_CONNECTION_MEMORY_LIMIT, longest_request, MHD_OPTION_END);
+    if (daemon_ == nullptr) throw std::system_error(errno, std::generic_category());
+  }
+  ~Server() { MHD_stop_daemon(daemon_); }
   Server(const Server&) = delete;
   Server& operator=(const Server&) = delete;
 
-  tcp::endpoint endpoint() const { return acceptor_.local_endpoint(); }
-  void set(std::string text) { text_ = std::make_shared<const std::string>(std::move(text)); }
+  std::string address() const {
+    return fmt::format("{}:{}", host_, MHD_get_daemon_info(daemon_, MHD_DAEMON_INFO_BIND_PORT)->port);
+  }
+  void set(std::string text) { text_ = std::move(text); }
   void serve_for(std::chrono::milliseconds time) {
-    context_.restart();
-    context_.run_for(time);
+    using Clock = std::chrono::steady_clock;
+    for (const auto end = Clock::now() + time; Clock::now() < end;) {
+      const auto left = std::chrono::ceil<std::chrono::milliseconds>(end - Clock::now());
+      if (MHD_run_wait(daemon_, static_cast<std::int32_t>(left.count())) != MHD_YES) return;
+    }
   }
 
  private:
-  // Whoever comes beyond the most waits in the kernel's queue, which is short.
-  void accept() {
-    if (closing_ || accepting_ || sessions_ >= most_at_once) return;
-    accepting_ = true;
-    acceptor_.async_accept([this](beast::error_code error, tcp::socket socket) {
-      accepting_ = false;
-      if (!error) {
-        ++sessions_;
-        std::make_shared<Session>(std::move(socket), text_, [this] {
-          --sessions_;
-          accept();
-        })->start();
-      }
-      accept();
-    });
-  }
-
-  std::size_t sessions_ = 0;
-  bool accepting_ = false, closing_ = false;
-  Text text_ = std::make_shared<const std::string>();
-  asio::io_context context_{1};
-  tcp::acceptor acceptor_;
+  const std::string host_;
+  std::string text_;
+  MHD_Daemon* daemon_;
 };
 
 Metrics::Metrics(const std::string& address) {
   const auto endpoint = endpoint_of(address);
   try {
     server_ = std::make_unique<Server>(endpoint);
-  } catch (const boost::system::system_error& error) {
+  } catch (const std::system_error& error) {
     throw std::runtime_error(fmt::format("{} cannot be listened at: {}. Choose another address or port.",
                                          address, error.code().message()));
   }
@@ -154,12 +119,7 @@ Metrics::Metrics(const std::string& address) {
 
 Metrics::~Metrics() = default;
 
-std::string Metrics::address() const {
-  const auto endpoint = server_->endpoint();
-  const auto host = endpoint.address().to_string();
-  return fmt::format("{}:{}", endpoint.address().is_v6() ? "[" + host + "]" : host, endpoint.port());
-}
-
+std::string Metrics::address() const { return server_->address(); }
 void Metrics::set(std::string text) { server_->set(std::move(text)); }
 void Metrics::serve_for(std::chrono::milliseconds time) { server_->serve_for(time); }
 

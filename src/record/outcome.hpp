@@ -1,0 +1,325 @@
+// SPDX-License-Identifier: Apache-2.0
+// What a record says of a run: what was asked, and what came of it beside the samples. Parsed once, when a
+// run is read. A record may be of another program or damaged: what is missing or of another kind is nothing,
+// 0 or empty. Plain data. Each struct lists its fields once, by the names that records have for them.
+#pragma once
+
+#include <cstdint>
+#include <map>
+#include <optional>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include <nlohmann/json.hpp>
+
+#include "conditions/conditions.hpp"
+
+namespace ontime::record {
+
+template <typename Value>
+using ByName = std::map<std::string, Value, std::less<>>;
+// The value of that name; without one, a value of which nothing is known.
+template <typename Value>
+const Value& find(const ByName<Value>& all, std::string_view name) {
+  static const Value unknown{};
+  const auto found = all.find(name);
+  return found == all.end() ? unknown : found->second;
+}
+
+// The names of the two ends' hosts and of the two directions, in the order in which they are shown.
+inline constexpr const char* both_hosts[] = {"controller", "component"};
+inline constexpr const char* both_ways[] = {"to_component", "to_controller"};
+
+// Calls field(name, member) for each pair of these.
+template <typename Field, typename... Rest>
+void each(Field& field, const char* name, auto& member, Rest&... rest) {
+  field(name, member);
+  if constexpr (sizeof...(rest) > 0) each(field, rest...);
+}
+
+struct Clock {
+  std::string source, reference;
+  bool synchronised = false;
+  std::optional<std::int64_t> error_ns, realtime_offset_ns, moved_ns;
+
+  static void fields(auto& of, auto&& field) {
+    each(field, "source", of.source, "reference", of.reference, "synchronised", of.synchronised, "error_ns",
+         of.error_ns, "realtime_offset_ns", of.realtime_offset_ns, "moved_ns", of.moved_ns);
+  }
+};
+
+struct Machine {
+  nlohmann::json document;  // all that it said of itself
+  std::string boot_id, kernel_release;
+  std::optional<std::string> simulated;  // by what
+  std::optional<std::int64_t> rt_runtime_us, rt_period_us;
+  Clock clock;
+
+  static void fields(auto& of, auto&& field) {
+    each(field, "boot_id", of.boot_id, "kernel_release", of.kernel_release, "simulated", of.simulated,
+         "rt_runtime_us", of.rt_runtime_us, "rt_period_us", of.rt_period_us, "clock", of.clock);
+  }
+};
+
+struct Thread {
+  std::string role, name;
+  std::optional<std::int64_t> tid;
+  std::string policy;
+  std::optional<std::int64_t> priority;
+  std::string cpus;
+  std::optional<std::int64_t> minor_faults, major_faults, voluntary_switches, involuntary_switches;
+  std::optional<double> cpu_time_us, instructions;
+  bool is_of_background_topics() const { return role.starts_with("neighbours "); }
+
+  static void fields(auto& of, auto&& field) {
+    each(field, "role", of.role, "name", of.name, "tid", of.tid, "policy", of.policy, "priority", of.priority,
+         "cpus", of.cpus, "minor_faults", of.minor_faults, "major_faults", of.major_faults,
+         "voluntary_switches", of.voluntary_switches, "involuntary_switches", of.involuntary_switches,
+         "cpu_time_us", of.cpu_time_us, "instructions", of.instructions);
+  }
+};
+
+// A setting that was requested, and denied.
+struct Refusal {
+  std::string asked, found, remedy;
+
+  static void fields(auto& of, auto&& field) {
+    each(field, "asked", of.asked, "found", of.found, "remedy", of.remedy);
+  }
+};
+
+// A setting of a machine: as it was applied, and as it was at the end.
+struct Applied {
+  std::string setting, thing;
+  nlohmann::json after, now;
+  bool lasted() const { return now == after; }
+
+  static void fields(auto& of, auto&& field) {
+    each(field, "setting", of.setting, "thing", of.thing, "after", of.after, "now", of.now);
+  }
+};
+
+// What an end's own reader lost.
+struct Losses {
+  std::uint64_t on_the_way = 0, overwritten = 0;
+
+  static void fields(auto& of, auto&& field) {
+    each(field, "on_the_way", of.on_the_way, "overwritten", of.overwritten);
+  }
+};
+
+// Where the kernel dropped packets.
+struct Drops {
+  std::uint64_t own_sockets = 0, udp_receive = 0, udp_send = 0, fragments = 0, interface_received = 0,
+                interface_sent = 0, backlog = 0;
+
+  static void fields(auto& of, auto&& field) {
+    each(field, "own_sockets", of.own_sockets, "udp_receive", of.udp_receive, "udp_send", of.udp_send,
+         "fragments", of.fragments, "interface_received", of.interface_received, "interface_sent",
+         of.interface_sent, "backlog", of.backlog);
+  }
+};
+
+struct LinkFaults {
+  std::uint64_t lost_frames = 0, cut_off_frames = 0, duplicated_frames = 0;
+
+  static void fields(auto& of, auto&& field) {
+    each(field, "lost_frames", of.lost_frames, "cut_off_frames", of.cut_off_frames, "duplicated_frames",
+         of.duplicated_frames);
+  }
+};
+
+// The queueing discipline that keeps a frame until its launch time.
+struct Etf {
+  std::uint64_t dropped_frames = 0;
+
+  static void fields(auto& of, auto&& field) { field("dropped_frames", of.dropped_frames); }
+};
+
+// The interface was down, or taken away, from then on, until then.
+struct LinkDown {
+  std::optional<std::int64_t> from_ns, to_ns;
+  bool taken = false;
+
+  static void fields(auto& of, auto&& field) {
+    each(field, "from_ns", of.from_ns, "to_ns", of.to_ns, "taken", of.taken);
+  }
+};
+
+struct Link {
+  std::string interface;
+  std::optional<std::uint64_t> sent_bytes, received_bytes;
+  std::uint64_t bytes() const { return sent_bytes.value_or(0) + received_bytes.value_or(0); }
+  std::optional<std::string> gone;  // why its faults are not verified
+  LinkFaults faults;
+  Etf etf;
+  std::vector<LinkDown> down;
+
+  static void fields(auto& of, auto&& field) {
+    each(field, "interface", of.interface, "sent_bytes", of.sent_bytes, "received_bytes", of.received_bytes,
+         "gone", of.gone, "faults", of.faults, "etf", of.etf, "down", of.down);
+  }
+};
+
+struct Transport {
+  std::string name, version;
+  ByName<std::string> facts;  // those that are texts
+
+  static void fields(auto& of, auto&& field) {
+    each(field, "name", of.name, "version", of.version, "facts", of.facts);
+  }
+};
+
+// What an end sent on the background topics.
+struct BackgroundSent {
+  std::uint64_t payload_bytes = 0, sent = 0;
+
+  static void fields(auto& of, auto&& field) {
+    each(field, "payload_bytes", of.payload_bytes, "sent", of.sent);
+  }
+};
+
+// One of the two ends, with its machine.
+struct Host {
+  Machine machine;
+  Transport transport;
+  std::vector<Thread> threads;
+  std::vector<Refusal> refusals;
+  std::vector<Applied> kernel, isolation;
+  std::optional<bool> load_running;  // nothing: no load was requested
+  nlohmann::json load;  // what each worker was given; null: an older ontime, which did not note it
+  Losses losses;
+  Drops drops;
+  Link link;
+  BackgroundSent neighbours;
+
+  static void fields(auto& of, auto&& field) {
+    each(field, "machine", of.machine, "transport", of.transport, "threads", of.threads, "refusals",
+         of.refusals, "kernel", of.kernel, "isolation", of.isolation, "load_running", of.load_running, "load",
+         of.load, "losses", of.losses, "drops", of.drops, "link", of.link, "neighbours", of.neighbours);
+  }
+};
+
+// How busy a host was, and what became of its clock meanwhile.
+struct Activity {
+  std::optional<double> cpu_busy, cpu_pressure, memory_pressure, io_pressure, cpu_stolen;  // shares
+  std::optional<double> suspended_s, clock_moved_s, clock_slew_ppm;
+
+  static void fields(auto& of, auto&& field) {
+    each(field, "cpu_busy", of.cpu_busy, "cpu_pressure", of.cpu_pressure, "memory_pressure",
+         of.memory_pressure, "io_pressure", of.io_pressure, "cpu_stolen", of.cpu_stolen, "suspended_s",
+         of.suspended_s, "clock_moved_s", of.clock_moved_s, "clock_slew_ppm", of.clock_slew_ppm);
+  }
+};
+
+// Concurrent traffic of one direction.
+struct TrafficSeen {
+  std::optional<double> asked_bit_s, sent_bit_s, received_bit_s;
+  std::optional<bool> is_short;
+
+  static void fields(auto& of, auto&& field) {
+    each(field, "asked_bit_s", of.asked_bit_s, "sent_bit_s", of.sent_bit_s, "received_bit_s",
+         of.received_bit_s, "short", of.is_short);
+  }
+};
+
+// Messages of the background topics of one direction.
+struct BackgroundSeen {
+  std::uint64_t sent = 0, received = 0, lost = 0, skipped_cycles = 0, refused = 0, overruns = 0, strays = 0;
+  bool is_short = false;
+
+  static void fields(auto& of, auto&& field) {
+    each(field, "sent", of.sent, "received", of.received, "lost", of.lost, "skipped_cycles",
+         of.skipped_cycles, "refused", of.refused, "overruns", of.overruns, "strays", of.strays, "short",
+         of.is_short);
+  }
+};
+
+// Whether the kernel of a host was traced.
+struct Traced {
+  std::string error;                 // empty: it was
+  std::vector<std::string> missing;  // what it does not tell
+
+  static void fields(auto& of, auto&& field) { each(field, "error", of.error, "missing", of.missing); }
+};
+
+// Of an imported run: how often each value was seen.
+struct Counts {
+  nlohmann::json values;  // [[ns, count] …]
+  std::optional<std::int64_t> beyond, beyond_from_ns, max_ns;
+  std::optional<double> mean_ns, unit_ns;
+
+  static void fields(auto& of, auto&& field) {
+    each(field, "values", of.values, "beyond", of.beyond, "beyond_from_ns", of.beyond_from_ns, "max_ns",
+         of.max_ns, "mean_ns", of.mean_ns, "unit_ns", of.unit_ns);
+  }
+};
+
+struct Outcome {
+  Outcome() = default;
+  Outcome(nlohmann::json);  // what a record has; implicit, for that is what an outcome is before it is read
+
+  nlohmann::json document;  // as it was recorded; null: the run was cut off
+  bool has_ended() const { return !document.is_null(); }
+  std::optional<std::string> error;
+  bool interrupted = false;
+  bool unanswered = false;                   // the other end never answered
+  roundtrip::Counters counters;              // as the client counted
+  ByName<Host> hosts;                        // "controller", "component"
+  ByName<Activity> conditions;               // of the same
+  ByName<TrafficSeen> traffic;               // "to_component", "to_controller"
+  ByName<BackgroundSeen> neighbours;         // of the same
+  std::optional<std::string> link_unproved;  // why it is not proved that messages took the link under test
+  std::optional<ByName<Traced>> trace;       // by host
+  Counts histogram;
+
+  static void fields(auto& of, auto&& field) {
+    for (const auto& [name, member] : roundtrip::counter_names) field(name, of.counters.*member);
+    each(field, "trailing_due_ns", of.counters.trailing_due_ns, "trailing_until_ns",
+         of.counters.trailing_until_ns, "error", of.error, "interrupted", of.interrupted, "unanswered",
+         of.unanswered, "hosts", of.hosts, "conditions", of.conditions, "traffic", of.traffic, "neighbours",
+         of.neighbours, "link_unproved", of.link_unproved, "trace", of.trace, "histogram", of.histogram);
+  }
+};
+
+// Whether both ends are known to have shared one kernel.
+bool on_one_machine(const Outcome&);
+
+// What another tool said of a run that was imported.
+struct Source {
+  std::string from, file;
+  std::optional<std::string> cmdline, start_time;
+
+  static void fields(auto& of, auto&& field) {
+    each(field, "from", of.from, "file", of.file, "cmdline", of.cmdline, "start_time", of.start_time);
+  }
+};
+
+// What was asked of a run. What a record does not state is 0 of times and the payload, else as by default.
+struct Asked : conditions::Run {
+  Asked() : Asked(nlohmann::json()) {}
+  Asked(nlohmann::json);  // what a record has; implicit as above
+
+  nlohmann::json document;  // as it was recorded
+  // What it states by that name, such as "qos.depth"; null: nothing.
+  const nlohmann::json& stated(const std::string& name) const {
+    return conditions::member_of(document, name);
+  }
+  std::string ontime;  // the version that measured it
+  std::vector<std::string> command_line;
+  std::string scenario_file;
+  std::string component_interface;
+  conditions::Wire wire;
+  std::optional<Source> imported;
+
+  static void fields(auto& of, auto&& field) {
+    each(field, "ontime", of.ontime, "command_line", of.command_line, "scenario_file", of.scenario_file,
+         "component_interface", of.component_interface, "wire", of.wire, "imported", of.imported);
+  }
+};
+
+// What an end says before a run, in the same form.
+Host host_of(const nlohmann::json&);
+
+}  // namespace ontime::record

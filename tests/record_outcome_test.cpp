@@ -1,0 +1,78 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <gtest/gtest.h>
+
+#include "record/outcome.hpp"
+
+namespace ontime::record {
+namespace {
+
+using namespace std::chrono_literals;
+using nlohmann::json;
+
+TEST(Outcome, RunThatWasCutOffHasNone) {
+  EXPECT_FALSE(Outcome().has_ended());
+  EXPECT_TRUE(Outcome(json::object()).has_ended());
+}
+
+TEST(Outcome, MembersAreReadByTheirNames) {
+  const Outcome of(json{{"late", 3},
+                        {"trailing_due_ns", -5},
+                        {"hosts",
+                         {{"component",
+                           {{"load_running", false},
+                            {"threads", {{{"role", "send"}, {"tid", 7}, {"cpu_time_us", 1.5}}}},
+                            {"kernel", {{{"setting", "x"}, {"after", 1}, {"now", nullptr}}}},
+                            {"machine", {{"boot_id", "b"}, {"cpu_model", "m"}}}}}}},
+                        {"traffic", {{"to_component", {{"short", true}}}}},
+                        {"trace", json::object()}});
+  const auto& host = find(of.hosts, "component");
+  EXPECT_EQ(of.counters.late, 3u);
+  EXPECT_EQ(of.counters.trailing_due_ns, -5);
+  EXPECT_EQ(host.load_running, false);
+  EXPECT_EQ(host.threads.at(0).tid, 7);
+  EXPECT_EQ(host.threads.at(0).cpu_time_us, 1.5);
+  EXPECT_FALSE(host.kernel.at(0).lasted());
+  EXPECT_EQ(host.machine.document.at("cpu_model"), "m");
+  EXPECT_EQ(find(of.traffic, "to_component").is_short, true);
+  EXPECT_FALSE(find(of.traffic, "to_controller").is_short);
+  EXPECT_TRUE(of.trace.has_value());
+  EXPECT_FALSE(on_one_machine(of));
+}
+
+TEST(Outcome, MembersOfAnotherKindAreAsIfMissing) {
+  for (const auto& odd :
+       {json(-1), json(1.5), json("text"), json::array({1, "x"}), json{{"a", {{"b", 1}}}}}) {
+    json document;
+    for (const auto* name : {"late", "interrupted", "hosts", "traffic", "trace", "histogram", "conditions"})
+      document[name] = odd;
+    const Outcome of(document);
+    EXPECT_EQ(of.counters.late, 0u) << odd;
+    EXPECT_FALSE(of.interrupted) << odd;
+    EXPECT_TRUE(find(of.hosts, "controller").threads.empty()) << odd;
+    EXPECT_FALSE(find(of.hosts, "a").load_running) << odd;
+    EXPECT_NO_THROW(Outcome{odd}) << odd;
+    EXPECT_NO_THROW(Asked{odd}) << odd;
+  }
+}
+
+TEST(Outcome, ErrorThatIsNoTextIsAnError) {
+  EXPECT_EQ(Outcome(json{{"error", 5}}).error, "5");
+  EXPECT_FALSE(Outcome(json{{"error", nullptr}}).error);
+}
+
+TEST(Asked, TimesThatAreNotStatedAreZero) {
+  const Asked asked(json{{"id", "a"}, {"period_us", 1000}, {"deadline_us", "soon"}});
+  EXPECT_EQ(asked.id, "a");
+  EXPECT_EQ(asked.task.client.period, 1ms);
+  EXPECT_EQ(asked.task.client.deadline, 0ns);
+  EXPECT_EQ(asked.task.client.timeout, 0ns);
+  EXPECT_EQ(asked.task.client.payload_bytes, 0u);
+}
+
+TEST(Asked, NumbersAmongKernelSettingsOfAnOlderRecordAreRead) {
+  const Asked asked(json{{"kernel", {{"ksoftirqd", 60}, {"rt-throttling", "off"}}}});
+  EXPECT_EQ(asked.kernel.at("ksoftirqd"), "60");
+}
+
+}  // namespace
+}  // namespace ontime::record
