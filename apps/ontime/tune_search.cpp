@@ -228,24 +228,16 @@ class Trials {
     return answer;
   }
 
-  // Each run gives back what it set. So a setting is always found as it was before the first, and stays,
-  // while a run lasts, as that set it; unless another process changes it.
-  std::string changed_by_another(const record::Run& run) {
-    for (const auto& [name, host] : record::at(run.outcome, "hosts").items())
-      for (const auto& change : record::at(host, "kernel")) {
-        const auto what = fmt::format("{} ({}) on the {}", record::at(change, "setting").get<std::string>(),
-                                      record::at(change, "thing").get<std::string>(), name);
-        const auto &was = record::at(change, "before"), &is = record::at(change, "now");
-        const auto [first, is_new] = found_.try_emplace(what, was);
-        const auto other = !is_new && first->second != was     ? std::pair(first->second, was)
-                           : is != record::at(change, "after") ? std::pair(record::at(change, "after"), is)
-                                                               : std::pair<nlohmann::json, nlohmann::json>();
-        if (other.first != other.second)
+  // What a run set stays so until it gives it back, unless another process changes it.
+  static std::string changed_by_another(const record::Run& run) {
+    for (const auto& [name, host] : run.outcome.hosts)
+      for (const auto& change : host.kernel)
+        if (!change.lasted())
           return fmt::format(
-              "another process changed {} from {} to {}: it stays so, and the search steps back. Stop "
-              "that process, and search again",
-              what, other.first.dump(), other.second.dump());
-      }
+              "another process changed {} ({}) on the {} from {} to {}: it stays so, and the search steps "
+              "back. "
+              "Stop that process, and search again",
+              change.setting, change.thing, name, change.after.dump(), change.now.dump());
     return "";
   }
 
@@ -263,7 +255,6 @@ class Trials {
     record::Run run;
   };
   std::deque<Known> known_;
-  std::map<std::string, nlohmann::json> found_;  // things of machines, as they were
   std::string stopped_;
   int code_ = 0;
 };
