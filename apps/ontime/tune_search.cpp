@@ -183,7 +183,7 @@ class Trials {
     if (known_.empty()) return {};
     auto [text, run] = std::move(known_.front());
     known_.pop_front();
-    if (text != text_of(order) || record::at(run.asked, "scenario") != scenario.text)
+    if (text != text_of(order) || record::at(run.asked.document, "scenario") != scenario.text)
       throw Error(
           2, fmt::format("--resume: run {} of {} is '{}', and this search comes to '{}' there: its goal, its "
                          "bounds or the scenario changed. Begin a new file of results",
