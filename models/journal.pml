@@ -15,7 +15,7 @@
 
 // The machine.
 byte value[THINGS] = 0;
-bool users[THINGS] = false;       // the user has changed it: from then on it is his
+bool users[THINGS] = false;       // the user has changed it: from then on it is the user's
 // The journal file: entries that are on the disk. It outlives its writer.
 bool exists = false;
 byte used = 0;
@@ -90,7 +90,7 @@ inline change(thing, wanted) {
     may_crash;
     atomic {
       if
-      :: users[thing] || value[thing] != was  // somebody else was quicker: what is read back is not what was wanted
+      :: users[thing] || value[thing] != was  // another program was quicker: what is read back is not what was wanted
       :: else -> value[thing] = wanted
       fi
     }
@@ -136,7 +136,7 @@ ended:
   alive--
 }
 
-// Somebody else sets a thing himself, once, at any moment; and the disk may fill up at any moment.
+// The user sets a thing, once, at any moment; and the disk may fill up at any moment.
 active proctype user() {
   if :: atomic { value[0] = 3; users[0] = true } :: true fi;
   if :: disk_full = true :: true fi

@@ -83,7 +83,7 @@ TEST_F(LinkFaults, QueueByADisciplineOrAreRefusedByItsName) {
     const auto words = std::string(name) + (name == std::string("prio") ? " bands 3" : "");
     const auto said = error_of({.qdisc = words});
     EXPECT_THAT(said,
-                testing::AnyOf(IsEmpty(), HasSubstr(std::string("link.qdisc: this kernel has not ") + name)));
+                testing::AnyOf(IsEmpty(), HasSubstr(std::string("link.qdisc: this kernel lacks ") + name)));
     if (said.empty()) continue;
     EXPECT_ANY_THROW(Link(journal_, here_, {.qdisc = words}, {}));
     EXPECT_THAT(tables(), IsEmpty()) << "nothing is left of what was made before";
@@ -175,7 +175,7 @@ TEST_F(LinkFaults, CountWhatIsNotTheTraffics) {
   EXPECT_THAT(tables(), Not(HasSubstr("netdev"))) << "who only counts has no part in what comes and goes";
 }
 
-TEST_F(LinkFaults, ThatSomebodyTookAwayAreNotCountedAsNone) {
+TEST_F(LinkFaults, RemovedByAnotherAreNotCountedAsNone) {
   const Link link(journal_, here_, {.loss = 0.01}, {}), other(journal_, {"component", netns, "lo"}, {}, {});
   EXPECT_NO_THROW(link.counts());
   journal::within_namespace(netns, [] { nft("delete table netdev ontime-controller"); });
@@ -185,7 +185,7 @@ TEST_F(LinkFaults, ThatSomebodyTookAwayAreNotCountedAsNone) {
   EXPECT_THROW(other.counts(), Error);
 }
 
-TEST_F(LinkFaults, ThatSomebodyMadeAnewAreLeft) {
+TEST_F(LinkFaults, MadeAnewByAnotherAreLeft) {
   const auto what = table_what(netns, "netdev", "controller");
   // What a journal says is made, by its name and its handle; one that was made anew since is somebody else's.
   journal_.change(table_kind, what, journal::to_be_made);
@@ -195,7 +195,7 @@ TEST_F(LinkFaults, ThatSomebodyMadeAnewAreLeft) {
       netns, [] { nft("delete table netdev ontime-controller; add table netdev ontime-controller"); });
   EXPECT_NE(table_kind.read(what), first);
   EXPECT_THAT(journal_.take_back(table_kind, what),
-              testing::ElementsAre(HasSubstr("somebody has changed it")));
+              testing::ElementsAre(HasSubstr("another program has changed it")));
   EXPECT_TRUE(table_kind.read(what)) << "it is left";
 }
 

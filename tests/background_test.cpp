@@ -490,7 +490,7 @@ TEST_F(Iperf3, WhoServesIsGoneWithWhoAsked) {
   EXPECT_FALSE(server->running());
 }
 
-TEST_F(Iperf3, NobodyIsServedMuchMoreThanWasAsked) {
+TEST_F(Iperf3, ForeignClientGetsAtMostTwiceTheRate) {
   auto serves = serving(7805), greedy = asking(7805, true);
   serves.bits_per_s = 4'000'000;
   greedy.bits_per_s = 9'000'000;

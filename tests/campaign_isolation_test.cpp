@@ -38,7 +38,7 @@ TEST_F(IsolationKeys, ThatMakeNoSenseAreRefused) {
   EXPECT_THAT(refused("isolation: {cpus: 1, interrupts: on}, kernel: {irq-cpus: 0}"),
               HasSubstr("leave out one"));
   EXPECT_THAT(refused("isolation: {load-weight: 5}, traffic: {rate: 1 Mbit/s, priority: 5}"),
-              HasSubstr("knows no quota"));
+              HasSubstr("do not affect a real-time priority"));
   EXPECT_THAT(refused("isolation: {cpus: 1}, realtime: {cpus: 0-1}"), HasSubstr("cannot run on CPU 0"));
 }
 

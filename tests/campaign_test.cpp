@@ -194,7 +194,7 @@ TEST_F(ScenarioFile, ErrorsSayWhere) {
   EXPECT_THAT(error("runs:\n  - {id: a, transport: udp}\n  - {id: a, transport: udp}\n"),
               HasSubstr("another run with id 'a'"));
   EXPECT_THAT(error("runs:\n  - {id: a, transport: udp, transport: fastdds}\n"),
-              HasSubstr("'transport' is there twice"));
+              HasSubstr("'transport' occurs twice"));
   EXPECT_THAT(error("runs: [\n"), HasSubstr(":2:1:"));
   EXPECT_THAT(error("runs: []\n"), HasSubstr("a list of runs is needed"));
   EXPECT_THAT(error("title: x\n"), HasSubstr("a list of runs is needed"));
@@ -311,7 +311,7 @@ TEST_F(ScenarioFile, HostsAreRefusedInWords) {
   EXPECT_THAT(with("interface: ../x"), HasSubstr("interface: '../x'"));
   EXPECT_THAT(with("interface: wan=1"), HasSubstr("interface: 'wan=1'")) << "as tc and nft have it";
   EXPECT_THAT(with("wat: x"), HasSubstr("a host has ssh, reach, place, program, interface, address"));
-  EXPECT_THAT(with("reach: [a], reach: [b]"), HasSubstr("'reach' is there twice"));
+  EXPECT_THAT(with("reach: [a], reach: [b]"), HasSubstr("'reach' occurs twice"));
 }
 
 // The domain of ROS 2, for the time of a test. NOLINTBEGIN(concurrency-mt-unsafe): one thread
@@ -394,10 +394,10 @@ TEST_F(ScenarioFile, ALayerMayBeChosenWithoutTheOneBelow) {
 
 TEST_F(ScenarioFile, TheSameIsNotMeasuredTwiceUnderOneName) {
   EXPECT_THAT(error("runs: [{id: a, transport: udp, payload: [1 B, 2 B, 1 B]}]\n"),
-              HasSubstr(":1:52: payload: '1 B' is there twice"));
+              HasSubstr(":1:52: payload: '1 B' occurs twice"));
   Selection selection;
   selection.transports = {"udp", "udp"};
-  EXPECT_THAT(error("runs: [{id: a}]\n", selection), HasSubstr("transport: 'udp' is there twice"));
+  EXPECT_THAT(error("runs: [{id: a}]\n", selection), HasSubstr("transport: 'udp' occurs twice"));
   EXPECT_THAT(error("defaults: {id: a}\nruns: [{transport: udp}]\n"),
               HasSubstr(":1:16: id: each run has one of its own"));
 }

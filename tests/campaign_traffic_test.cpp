@@ -102,7 +102,7 @@ TEST_F(ScenarioFile, ALaunchTimeNeedsAnEtfAndAnEtfALaunchTime) {
   EXPECT_EQ(asked(run, {}).at("launch_us"), 300);
   EXPECT_EQ(asked(campaign::Run{}, {}).at("launch_us"), nullptr) << "keys of earlier runs stay as they were";
   EXPECT_THAT(error(of("launch-time: 300 us")), HasSubstr("launch-time needs an etf"));
-  EXPECT_THAT(error(of("link: {qdisc: " + below + "}")), HasSubstr("add a launch-time"));
+  EXPECT_THAT(error(of("link: {qdisc: " + below + "}")), HasSubstr("add launch-time"));
   EXPECT_THAT(error(of("launch-time: 0 us, link: {qdisc: " + below + "}")), HasSubstr("'0 us'"));
   const auto also = [&](const std::string& qdisc, const std::string& keys = "schedule: fixed") {
     return "launch-time: 1 ms, link: {qdisc: " + qdisc + "}, " + keys;
@@ -111,7 +111,7 @@ TEST_F(ScenarioFile, ALaunchTimeNeedsAnEtfAndAnEtfALaunchTime) {
   EXPECT_EQ(error(of(also(etf), "ethernet")), "no error") << "which has none";
   EXPECT_THAT(error(of(also(below + " deadline_mode"))), HasSubstr("deadline_mode"));
   EXPECT_THAT(error(of(also(below + " dead"))), HasSubstr("deadline_mode")) << "as tc takes it";
-  EXPECT_THAT(error(of(also(below, "timeout: 2 ms"))), HasSubstr("no less than timeout"));
+  EXPECT_THAT(error(of(also(below, "timeout: 2 ms"))), HasSubstr("not less than timeout"));
   EXPECT_THAT(error(of("launch-time: 1 ms, link: {duplicate: 1 %, qdisc: " + below + "}")),
               HasSubstr("link.duplicate"));
   const auto beside = [&](const std::string& priorities) {

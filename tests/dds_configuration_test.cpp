@@ -373,7 +373,7 @@ TEST_P(Link, TheKernelKeepsEverySocketToIt) {
             "");
 }
 
-TEST_P(Link, SomebodyOnAnotherOneIsSeen) {
+TEST_P(Link, PeerOnAnotherLinkIsSeen) {
   // NOLINTBEGIN(concurrency-mt-unsafe): no other threads here
   if (free_domain() != 0 ||
       std::system("ip link add ontime0 type veth peer ontime1 2>/dev/null && "

@@ -134,7 +134,7 @@ TEST_P(Dds, ServersOfOtherDomainsDoNotAnswer) {
             "");
 }
 
-TEST_P(Dds, APortThatSomebodyElseHasIsNoHindrance) {
+TEST_P(Dds, TakenPortIsReplacedByAnother) {
   const int taken = socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC, 0);
   sockaddr_in address{};
   address.sin_family = AF_INET;

@@ -121,7 +121,7 @@ TEST_P(ByHand, OfMessagesThatWereOnTimeNothingNeedBeKnown) {
   EXPECT_THAT(account_with(sample).limits, testing::Each(testing::Not(HasSubstr("nothing is known"))));
 }
 
-TEST_P(ByHand, OfALateMessageThatPongDidNotKeepNobodyIsToldToDoWhatWasDone) {
+TEST_P(ByHand, MessageThatPongDidNotKeepSuggestsNoRepetition) {
   window_.span.message = 51;
   keep();
   ping_.trace(run_, {"controller", {{50, due - ms, due + 21 * ms}, true, {}}});

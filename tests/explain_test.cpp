@@ -199,7 +199,7 @@ TEST_P(Explained, WhatKeptAMessageUntilItsTimeOutLostIt) {
   EXPECT_EQ(part.end, "component");
 }
 
-TEST_P(Explained, SomebodyElsesPacketThatIsDroppedAccusesNobody) {
+TEST_P(Explained, ForeignPacketDroppedAccusesNoThread) {
   sender_wakes_and_sends();
   event(sent + 10 * us, 0, Kind::dropped, hog, 0, "SOCKET_RCVBUFF", 2);
   EXPECT_EQ(first(message(lost())).cause, Cause::unknown);
@@ -240,7 +240,7 @@ TEST_P(Explained, ACpuThatAnOrdinaryThreadHasAndThatShowsNoSignOfLifeIsNotRun) {
   EXPECT_EQ(first(message(late(0, 50 * ms, 0))).cause, Cause::idle_cpu);
 }
 
-TEST_P(Explained, WhoBecameUrgentWhileItHadTheCpuThrottlesNobody) {
+TEST_P(Explained, PriorityRaisedWhileRunningThrottlesNoThread) {
   switched(due - ms, 1, 0, "R", hog);
   sender_wakes_and_sends();
   event(sent + 10 * us, 0, Kind::waking, answers, asks, "1");
@@ -254,7 +254,7 @@ TEST_P(Explained, WhoBecameUrgentWhileItHadTheCpuThrottlesNobody) {
   EXPECT_EQ(part.culprit_priority, fifo_80 - 1);
 }
 
-TEST_P(Explained, AMessageThatTookAsLongAsUsualAccusesNobody) {
+TEST_P(Explained, MessageAsLongAsUsualAccusesNoThread) {
   sender_wakes_and_sends();
   const auto message = this->message(usual(50));
   EXPECT_LT(message.delay_ns, 20 * us);
@@ -447,7 +447,7 @@ TEST_P(Explained, AnAnswerForWhichTheOtherEndWasNotFound) {
   EXPECT_EQ(part.culprit, "no neighbour");
 }
 
-TEST_P(Explained, AMessageThatWentIsNotAccusedOfSomebodyElsesRoute) {
+TEST_P(Explained, SentMessageIgnoresForeignMissingRoute) {
   sender_wakes_and_sends();
   event(sent + 10 * us, 0, Kind::no_route, asks);
   EXPECT_NE(first(message(lost())).cause, Cause::unreachable);

@@ -277,7 +277,7 @@ TEST(EndsSearch, AtMissesAndWhereMoreIsNotToBeHad) {
     EXPECT_FALSE(ends_search(asked, json::parse(what))) << what;
 }
 
-TEST(EndsSearch, OfWhomNobodyAnswersOnlyWhereSomebodyDidBefore) {
+TEST(EndsSearch, UnansweredEndsOnlyAfterAnAnswer) {
   const json unanswered{{"error", "no answer"}, {"unanswered", true}};
   EXPECT_FALSE(ends_search(json{{"search", {{"step", 0}}}}, unanswered))
       << "nor would anybody at another value";

@@ -54,7 +54,7 @@ TEST_F(Namespaces, AreThoseOfIpAndGo) {
   EXPECT_FALSE(exists());
 }
 
-TEST_F(Namespaces, SomebodyElsesIsLeftAlone) {
+TEST_F(Namespaces, ForeignOneIsLeftAlone) {
   ip(std::string("netns add ") + name);
   {
     Journal journal;
@@ -66,7 +66,7 @@ TEST_F(Namespaces, SomebodyElsesIsLeftAlone) {
 }
 
 // The kernel gives a new one the inode of the one before.
-TEST_F(Namespaces, OneThatNowIsSomebodyElsesIsLeftToHim) {
+TEST_F(Namespaces, ReplacedByAnotherIsLeftAlone) {
   Victim victim([](Journal& journal) {
     add_namespace(journal, name);
     return *namespace_kind.read(name);
@@ -76,7 +76,7 @@ TEST_F(Namespaces, OneThatNowIsSomebodyElsesIsLeftToHim) {
   ip(std::string("netns add ") + name);
   const auto somebodys = namespace_kind.read(name);
   ASSERT_NE(somebodys, victim.said());
-  EXPECT_THAT(revert_abandoned(), ElementsAre(AllOf(StartsWith("left"), HasSubstr("somebody"))));
+  EXPECT_THAT(revert_abandoned(), ElementsAre(AllOf(StartsWith("left"), HasSubstr("another program"))));
   EXPECT_EQ(namespace_kind.read(name), somebodys);
   EXPECT_THAT(revert_abandoned(), IsEmpty());
   ip(std::string("netns delete ") + name);

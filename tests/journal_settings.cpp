@@ -158,7 +158,7 @@ TEST_F(Settings, OfAKilledProcessArePutBack) {
   EXPECT_EQ(read_file(one_), "powersave");
 }
 
-TEST_F(Settings, ThatSomebodyChangedSinceAreLeftToHim) {
+TEST_F(Settings, ChangedByAnotherAreLeft) {
   Victim victim(
       [&](Journal& journal) {
         journal.change(governor, one_, "performance");
@@ -243,7 +243,7 @@ TEST_F(InNamespace, AnActionIsThereAndItsErrorIsHere) {
     EXPECT_THAT(error_of([&] { within_namespace(name, [] {}); }), HasSubstr("entered")) << name;
 }
 
-TEST_F(Settings, ThatWereKeptByWhoeverIsNotBelieved) {
+TEST_F(Settings, KeptInUntrustedJournalAreIgnored) {
   const auto path =
       plant(text_of_all({boot_id(), 7, "ontime"}, {{"governor", "", one_, "performance", "powersave"}}),
             "0000000000000001-00000001.kept");
@@ -259,7 +259,7 @@ TEST_F(Settings, ThatWereKeptByWhoeverIsNotBelieved) {
   unplant(path);
 }
 
-TEST_F(Settings, ThatAreGoneAreNobodysFault) {
+TEST_F(Settings, ThatAreGoneRaiseNoError) {
   Journal journal(settings);
   journal.change(governor, one_, "performance");
   fs::remove(one_);
@@ -345,7 +345,7 @@ TEST_F(Settings, OneChangesTheMachineAtATime) {
   EXPECT_THAT(error_of([] { Journal().hold(); }), HasSubstr(std::to_string(getpid())));
 }
 
-TEST_F(Journals, OfThoseThatChangeNothingNobodyTakesNotice) {
+TEST_F(Journals, WithoutChangesBlockNoOther) {
   Journal one, two;
   EXPECT_TRUE(there_is_no_folder());
   make_folder(one);

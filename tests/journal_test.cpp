@@ -311,7 +311,7 @@ TEST_F(Journals, AFolderOfTheSameNameIsNotTheSame) {
   fs::rename(victim.said(), aside);
   fs::create_directory(victim.said());
   write_file(victim.said() + "/somebody's", "text");
-  EXPECT_THAT(revert_abandoned(), ElementsAre(HasSubstr("somebody has changed it")));
+  EXPECT_THAT(revert_abandoned(), ElementsAre(HasSubstr("another program has changed it")));
   EXPECT_TRUE(fs::exists(victim.said() + "/somebody's"));
   fs::remove_all(victim.said());
   fs::remove_all(aside);

@@ -76,7 +76,7 @@ TEST(Link, OfAnEndThatWasStartedAgainCarriedWhatThatOneAnswered) {
               HasSubstr("99 messages of 500 bytes were answered"));
 }
 
-TEST(Link, KeptTheMessagesUntilTheirLaunchOrNobodyHeededIt) {
+TEST(Link, LaunchTimesThatWereNotAppliedFailTheRun) {
   auto controller = host(60'000, 60'000), component = host(60'000, 60'000);
   component["answered"] = 90;
   controller["link"]["etf"] = {{"launched_frames", 95}, {"dropped_frames", 5000}};
@@ -105,7 +105,8 @@ TEST(Link, OfWhichAnotherAnswersIsNotTheComponents) {
   };
   EXPECT_EQ(with(120), "nothing") << "others may ask it as well";
   EXPECT_EQ(with(98), "nothing") << "the last may not be counted yet";
-  EXPECT_THAT(with(97), HasSubstr("the component answered 97 messages, and 99 were answered: another program"));
+  EXPECT_THAT(with(97),
+              HasSubstr("the component answered 97 messages, and 99 were answered: another program"));
   EXPECT_THAT(with(0), HasSubstr("another program"));
 }
 
@@ -151,7 +152,7 @@ TEST(Link, WhoseCountersAreGoneProvesNothing) {
   EXPECT_EQ(found(outcome(gone, host(60'000, 60'000))), "nothing");
 }
 
-TEST(Link, NobodyAskedForProvesNothing) {
+TEST(Link, WithoutInterfaceVerifiesNothing) {
   auto any = host(0, 0, {"fastrtps_port7411"});
   any["link"] = nullptr;
   EXPECT_EQ(found(outcome(any, any)), "nothing");

@@ -212,7 +212,7 @@ TEST_F(Namespaces, CanBeMadeAgainAtOnce) {
   }
 }
 
-TEST_F(Namespaces, SomebodyElsesIsLeftAlone) {
+TEST_F(Namespaces, ForeignOneIsLeftAlone) {
   ip({"netns", "add", "ontime-component"});
   {
     journal::Journal journal;

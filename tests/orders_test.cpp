@@ -194,7 +194,7 @@ TEST_F(CoordinatorTest, WhatOneMaySayAnotherMayNot) {
   EXPECT_EQ(said, 0);
 }
 
-TEST_F(CoordinatorTest, WhatIsNotUnderstoodIsSaidByWhomItWas) {
+TEST_F(CoordinatorTest, MalformedEventNamesItsWorker) {
   Coordinator::Hand hand(coordinator_, "the worker", worker("obedient"), "s");
   hand.on("said", [](const Frame& frame) { static_cast<void>(frame.message.at("what").get<std::string>()); });
   hand.order("say", {{"what", 7}});

@@ -94,7 +94,7 @@ class Gate {
   int waiting_ = 0;
 };
 
-TEST_F(RecordTest, DiskThatStallsHoldsNobodyUp) {
+TEST_F(RecordTest, StalledDiskDelaysNoCaller) {
   Disk disk;
   Gate gate;
   disk.on_sync = [&] { gate.pass(); };

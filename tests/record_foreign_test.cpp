@@ -194,7 +194,7 @@ TEST_F(Format1, BecomesLikeAFileMadeNow) {
   }
 }
 
-TEST_F(Format1, ThatNobodyCanMigrateIsLeftAsItIs) {
+TEST_F(Format1, ThatCannotBeMigratedStaysUnchanged) {
   query(path_, "UPDATE run SET outcome = '{' WHERE number = 4");
   const auto before = bytes_of(path_);
   EXPECT_THAT(error_of([&] { Writer writer(path_); }),
@@ -277,7 +277,7 @@ class Foreign : public RecordTest {
   }
 };
 
-TEST_F(Foreign, FormatsThatNobodyWrites) {
+TEST_F(Foreign, UnknownFormatsAreRefused) {
   EXPECT_THAT(error_after("PRAGMA user_version = 0"), HasSubstr("format 0, which no ontime writes"));
   EXPECT_THAT(error_after("PRAGMA user_version = -1"), HasSubstr("format -1, which no ontime writes"));
   EXPECT_THAT(error_after("PRAGMA user_version = 2000000000"), HasSubstr("from a newer ontime"));

@@ -203,7 +203,7 @@ TEST_F(KeyTest, MeaningTheSameIsTheSame) {
   EXPECT_NE(key_of({{"list", {"", "a"}}}), key_of({{"list", {"a", ""}}})) << "the places of a list count";
 }
 
-TEST_F(KeyTest, IsThereForEverybody) {
+TEST_F(KeyTest, IsInEveryRun) {
   Writer(path_).begin_run(conditions);
   EXPECT_EQ(query(path_, "SELECT key FROM run"), key_of(conditions));
   EXPECT_EQ(Reader(path_).runs().at(0).key, key_of(conditions));
@@ -300,7 +300,7 @@ TEST_F(RecordTest, AFileMadeForRunsIsNotLeftWithoutOne) {
   EXPECT_EQ(query(path_, "SELECT count(*) FROM run"), before) << "it was there before";
 }
 
-TEST_F(RecordTest, AnybodyCanReadItWithSqlite) {
+TEST_F(RecordTest, IsReadableWithSqlite) {
   {
     Writer writer(path_);
     auto samples = usual(0, 2);
@@ -382,7 +382,7 @@ TEST_F(RecordTest, ReadsWhileAWriterIsActive) {
   EXPECT_EQ(samples_of(writer.reader(), run).size(), 20u);
 }
 
-TEST_F(RecordTest, WriterThatEndsWhileSomebodyReadsLosesNothing) {
+TEST_F(RecordTest, WriterThatEndsDuringAReadLosesNothing) {
   auto writer = std::make_unique<Writer>(path_);
   const auto run = writer->begin_run({});
   writer->append(run, usual(0, 10));

@@ -148,7 +148,7 @@ TEST(Remarks, TellOfOneMachineOnce) {
   EXPECT_EQ(text.find("suspended"), text.rfind("suspended"));
 }
 
-TEST(Remarks, TellWhatNobodyElseIsToBlameFor) {
+TEST(Remarks, NameStolenTimeAndSuspectedThrottling) {
   auto facts = outcome();
   facts["conditions"]["component"]["cpu_stolen"] = 0.0213;
   facts["conditions"]["controller"]["cpu_stolen"] = 0.0001;

@@ -181,7 +181,7 @@ TEST(Ledger, KeepsWhatTheServerSaid) {
   EXPECT_EQ(ledger.counters().skipped_cycles, 5U);
 }
 
-TEST(Ledger, SaysHowManySamplesWaitAndHowManyNobodyDrained) {
+TEST(Ledger, CountsWaitingAndDroppedSamples) {
   Ledger ledger(10 * ms, 100 * ms, {4, 3});
   EXPECT_EQ(ledger.capacity(), 3U);
   for (std::size_t i = 0; i < 10; ++i) {
@@ -330,7 +330,7 @@ TEST(Ledger, AddsUpWhateverArrives) {
 // --- with threads ---
 
 // An owner in a hurry, receivers that are slow to report, and somebody who reads the counters all the while.
-TEST(Ledger, NeverHasMoreFatesThanMessagesWhoeverIsHeldUp) {
+TEST(Ledger, NeverHasMoreFatesThanMessagesWhenAnyThreadStalls) {
   constexpr std::uint64_t messages = 20'000;
   Ledger ledger(2, 8, {16, messages * 2});
   std::atomic<std::int64_t> now{100};

@@ -170,7 +170,7 @@ TEST_F(NeighboursInside, AreCountedAtBothEnds) {
   EXPECT_EQ(client->counters().strays + client->counters().overruns, 0U);
 }
 
-TEST_F(NeighboursInside, AreNotThoseOfSomebodyWhoWasThereFirst) {
+TEST_F(NeighboursInside, IgnoreForeignSenderThatCameFirst) {
   const auto client = open(Role::client), server = open(Role::server);
   auto& pong = Topics::all.at("/neighbour_1/pong");
   for (const auto other : {session + 2, session + 3}) pong.send(message::sequence_of(other, 0));

@@ -234,7 +234,7 @@ TEST_P(EverySchedule, RefusedMessagesAreLost) {
 
 // The law, with threads: whoever is held up, nothing is left out and nothing is counted twice. (In a world
 // whose time is the test's own, and with thousands of seeds: roundtrip_cycles_test.)
-TEST_P(EverySchedule, AddsUpWhoeverIsHeldUp) {
+TEST_P(EverySchedule, AddsUpWhenAnyThreadStalls) {
   for (unsigned seed = 0; seed < 10; ++seed) {
     SCOPED_TRACE(seed);
     const auto held_up = [](std::mt19937& random) {

@@ -269,7 +269,7 @@ TEST_F(OnVeth, LookingWritesNothing) {
   });
 }
 
-TEST_F(OnVeth, WhatSomebodyChangedMeanwhileIsLeftAndTold) {
+TEST_F(OnVeth, ChangedByAnotherIsLeftAndReported) {
   inside([] {
     journal::Journal journal(kinds());
     const auto changes = apply(journal, {{"rps", "0"}}, left);
@@ -277,7 +277,7 @@ TEST_F(OnVeth, WhatSomebodyChangedMeanwhileIsLeftAndTold) {
     std::ofstream("/sys/class/net/left/queues/rx-0/rps_cpus") << "2";
     EXPECT_EQ(now(changes[0], left), "1");
     EXPECT_THAT(take_back(journal, changes),
-                testing::ElementsAre(AllOf(HasSubstr("left/rx-0"), HasSubstr("somebody"))));
+                testing::ElementsAre(AllOf(HasSubstr("left/rx-0"), HasSubstr("another program"))));
     EXPECT_EQ(steering.read(interface_here("left") + "/rx-0"), "1");
   });
 }

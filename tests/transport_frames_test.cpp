@@ -341,7 +341,7 @@ TEST_P(Xdp, LeavesNothingBehind) {
   EXPECT_FALSE(has_program("far"));
 }
 
-TEST_P(Xdp, LeavesSomebodyElsesProgramAlone) {
+TEST_P(Xdp, LeavesForeignProgramAlone) {
   std::array<bpf_insn, 2> pass{};
   pass[0].code = BPF_ALU64 | BPF_MOV | BPF_K;
   pass[0].imm = XDP_PASS;

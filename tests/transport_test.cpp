@@ -62,7 +62,7 @@ using namespace std::chrono_literals;
 using testing::HasSubstr;
 
 // Whoever sets the system's time in twelve hours, a daemon or a person, changes no measured time.
-TEST(Clock, IsTheOneThatNobodySets) {
+TEST(Clock, IsMonotonic) {
   const auto monotonic_ns = [] {
     timespec now{};
     clock_gettime(CLOCK_MONOTONIC, &now);
@@ -127,7 +127,7 @@ TEST(Load, FollowsNoEnvironmentWithPrivileges) {
   EXPECT_EQ(status, 0) << said;
 }
 
-TEST(Dds, SaysWhyNobodyMayHaveBeenSeen) {
+TEST(Dds, NamesReasonsForUnseenPeer) {
   Config config;
   EXPECT_EQ(dds::others_without_our_topics(config, 0, {}), "");
   config.security.emplace();

@@ -16,6 +16,7 @@ void add_run(Command&, Action&);
 void add_scenarios(Command&, Action&);
 void add_init(Command&, Action&);
 void add_watch(Command&, Action&);
+void add_listen(Command&, Action&);
 void add_report(Command&, Action&);
 void add_compare(Command&, Action&);
 void add_explain(Command&, Action&);

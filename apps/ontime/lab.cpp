@@ -142,10 +142,7 @@ int run(const LabArguments& arguments, const GateFlags& flags) {
   const auto results =
       arguments.results.empty() ? new_results_file(arguments.scenarios.front()) : arguments.results;
   if (fs::exists(fs::symlink_status(results)))
-    throw Error(
-        2, fmt::format("--results: {} is there already, and what comes out of the lab is a file of its own: "
-                       "name another",
-                       results));
+    throw Error(2, fmt::format("--results: {} exists, and the lab writes a new file: name another", results));
   if (const auto there = fs::absolute(results).parent_path(); access(there.c_str(), W_OK | X_OK) != 0)
     throw Error(3, fmt::format("--results: {} cannot be written there: {}: name another file", results,
                                std::generic_category().message(errno)));
@@ -165,7 +162,7 @@ int run(const LabArguments& arguments, const GateFlags& flags) {
     record::Writer writer(results);
     return show_measured({writer, results, 0, outcome.code}, format, arguments.full, flags, gates, terminal);
   } catch (const lab::Interrupted&) {
-    terminal.note("interrupted: the machine is gone, and what it had measured with it");
+    terminal.note("interrupted: the machine and its measurements are lost");
     return 130;
   }
 }
@@ -176,28 +173,32 @@ int shell(const LabArguments& arguments) {
   Terminal terminal;
   journal::revert_abandoned(keeper::kinds());
   journal::Journal journal(keeper::kinds());
-  terminal.note("a machine of its own comes up here in about 10 to 30 s; leave it with exit, or Ctrl-A X");
+  terminal.note("the machine starts in about 10 to 30 s; leave it with exit, or Ctrl-A X");
   lab::shell(machine, journal, observer_of(terminal, interrupts));
   return 0;
 }
 
 void add_machine(Command& command, LabArguments& arguments) {
-  command.add_option("--nic", arguments.machine.nic, "of which it has two: e1000e, virtio or igb: e1000e")
+  command.add_option("--nic", arguments.machine.nic, "emulated network card: e1000e, virtio or igb: e1000e")
       ->type_name("e1000e|virtio|igb")
       ->check(given);
-  auto* deterministic = command.add_flag(
-      "--deterministic", arguments.machine.deterministic,
-      "its time is the number of its instructions, so that it goes the same way again: so it is");
-  command.add_flag("--live", arguments.live, "its time is this machine's, with all that disturbs that")
+  auto* deterministic =
+      command.add_flag("--deterministic", arguments.machine.deterministic,
+                       "time is made of instructions, so that every run repeats exactly: the default");
+  command.add_flag("--live", arguments.live, "this machine's time, with all its disturbances")
       ->excludes(deterministic);
-  command.add_option("--cpus", arguments.cpus, "that it has: 1; with --live 2")
+  command.add_option("--cpus", arguments.cpus, "number of CPUs: 1; with --live 2")
       ->type_name("N")
       ->range(1, lab::most_cpus);
   command.add_option("--kernel", arguments.machine.kernel, "Debian's package: linux-image-rt-amd64")
       ->type_name("PACKAGE")
       ->check(given);
-  command.add_option("--memory", arguments.memory, "that it has: 2 GiB")->type_name("SIZE")->check(given);
-  command.add_option("--with", arguments.with, "files and folders that it has at the same place; repeatable")
+  command.add_option("--memory", arguments.memory, "memory of the machine: 2 GiB")
+      ->type_name("SIZE")
+      ->check(given);
+  command
+      .add_option("--with", arguments.with,
+                  "copy this file or folder to the same place in the machine; repeatable")
       ->allow_extra_args(false)
       ->type_name("PATH")
       ->check(given);
@@ -207,13 +208,11 @@ void add_machine(Command& command, LabArguments& arguments) {
 
 void add_lab(Command& app, Action& action) {
   auto* command = app.add_subcommand(
-      "lab",
-      "A simulated machine with PREEMPT_RT and two NICs: scenarios are tried in it, and repeat exactly");
+      "lab", "A simulated machine with PREEMPT_RT and two NICs, in which scenarios repeat exactly");
   command->require_subcommand();
   command->footer(
-      "It is QEMU, with a kernel of Debian's that apt fetches into the user's cache folder (500 MB). It "
-      "compares "
-      "settings; the times of a real machine it does not predict.");
+      "It is QEMU with a Debian kernel, which apt fetches into the user's cache folder (500 MB). It compares "
+      "settings; it does not predict the times of a real machine.");
   auto* runs = command->add_subcommand(
       "run", "Carries out scenarios there, with hosts: namespaces; brings out the results");
   auto measured = std::make_shared<LabArguments>();

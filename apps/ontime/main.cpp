@@ -21,8 +21,8 @@ int main(int argc, char** argv) {
   ontime::app::Action action;
   const std::pair<const char*, std::vector<void (*)(ontime::app::Command&, ontime::app::Action&)>> groups[] =
       {{"Measure",
-        {ontime::app::add_run, ontime::app::add_ping, ontime::app::add_pong, ontime::app::add_watch,
-         ontime::app::add_scenarios, ontime::app::add_init}},
+        {ontime::app::add_run, ontime::app::add_ping, ontime::app::add_pong, ontime::app::add_listen,
+         ontime::app::add_watch, ontime::app::add_scenarios, ontime::app::add_init}},
        {"Understand",
         {ontime::app::add_report, ontime::app::add_compare, ontime::app::add_explain, ontime::app::add_plot,
          ontime::app::add_export, ontime::app::add_import}},

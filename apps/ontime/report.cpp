@@ -28,8 +28,8 @@ void add_report(Command& app, Action& action) {
   add_full(*command, arguments->full);
   add_output(*command, arguments->output);
   command->add_flag("--threads", arguments->threads,
-                    "each thread as the kernel said it was, instead of the times");
-  command->add_flag("--layers", arguments->layers, "what each layer costs, of runs that add to one another")
+                    "each thread as the kernel reports it, instead of the times");
+  command->add_flag("--layers", arguments->layers, "what each layer costs, for runs with a baseline")
       ->excludes("--threads");
   auto flags = std::make_shared<GateFlags>(*command, gate::Use::fail_if);
   command->callback([&action, arguments, flags] {

@@ -103,21 +103,20 @@ void add_run(Command& app, Action& action) {
       ->required();
   add_choice(*command, arguments->choice);
   command->add_flag("--deploy", arguments->choice.selection.deploy,
-                    "bring this program to hosts that are reached by ssh, for the time of the run");
+                    "copy this program to hosts reached by ssh, for the time of the run");
   command
-      ->add_option(
-          "--cable", arguments->choice.selection.cable,
-          "with hosts: namespaces: two interfaces of this machine with a cable between them, instead of a "
-          "virtual one; they are down, and unused")
+      ->add_option("--cable", arguments->choice.selection.cable,
+                   "with hosts: namespaces: two unused interfaces of this machine, which are down and joined "
+                   "by a cable, instead of a virtual one")
       ->delimiter(',')
       ->allow_extra_args(false)
       ->type_name("NAME,NAME")
       ->check(given);
   add_file(*command, "--results", arguments->results, "add to this results file (default: a new one here)");
   command
-      ->add_flag("--resume", arguments->resume,
-                 "leave out what these results have already, measured to its end: the same conditions, "
-                 "repetition and text of the scenario")
+      ->add_flag(
+          "--resume", arguments->resume,
+          "skip runs that these results already have in full: same conditions, repetition and scenario text")
       ->needs("--results");
   add_report_format(*command, arguments->format);
   add_full(*command, arguments->full);

@@ -97,16 +97,13 @@ void warn(const campaign::Run& run, bool is_of_scenario) {
 int apply(const TuneArguments& arguments) {
   auto run = run_of(arguments);
   for (const auto& said : arguments.sets) set(run, said);
-  if (run.kernel.empty())
-    throw Error(2, "nothing is to be set: say what with --set NAME=VALUE, or a scenario's run");
+  if (run.kernel.empty()) throw Error(2, "nothing to set: state --set NAME=VALUE, or a scenario's run");
   const auto link = link_of(arguments);
   for (const auto& setting : settings::table())
     if (setting.of_interface && link.interface.empty() && run.kernel.contains(setting.name))
-      throw Error(
-          2,
-          fmt::format("{} is of an interface: name it (--interface), or the peer to which the traffic goes "
-                      "(--peer)",
-                      setting.name));
+      throw Error(2, fmt::format("{} belongs to an interface: name it (--interface), or the peer that the "
+                                 "traffic goes to (--peer)",
+                                 setting.name));
   if (!arguments.boot.empty()) {
     const auto form = settings::form_of(arguments.boot);
     if (!form)
@@ -174,7 +171,7 @@ int verify(const TuneArguments& arguments) {
   need_root("verify");
   const auto kept = journal::kept(keeper::kinds());
   if (kept.empty()) {
-    print_error("nothing was applied since this machine was started: ontime tune apply");
+    print_error("nothing was applied since the last boot: ontime tune apply");
     return 1;
   }
   auto all = json::array();
@@ -228,13 +225,13 @@ void add_tune(Command& app, Action& action) {
     return added;
   };
   const auto add_place = [&](Command* to) {
-    add_link(*to, arguments->interface, arguments->peer, "whose settings, of those that an interface has");
+    add_link(*to, arguments->interface, arguments->peer, "the interface, for settings of an interface");
     to->add_option("--namespace", arguments->network_namespace,
                    "the network namespace of the interface, as in ip netns")
         ->type_name("NAME")
         ->check(given);
   };
-  auto* shown = add("show", "Every setting: what is, and why it cannot be set where it cannot", show);
+  auto* shown = add("show", "Every setting with its value, or why it cannot be set", show);
   add_place(shown);
   add_format(*shown, arguments->format);
   auto* applied = add("apply", "Sets; it lasts until revert or a reboot", apply);
@@ -249,16 +246,16 @@ void add_tune(Command& app, Action& action) {
   scenario->needs(run);
   run->needs(scenario);
   add_place(applied);
-  auto* dry = applied->add_flag("--dry-run", arguments->dry_run, "only say what would be changed");
+  auto* dry = applied->add_flag("--dry-run", arguments->dry_run, "only print what would change");
   applied
       ->add_option("--print", arguments->boot,
-                   "only write what sets it at every boot: systemd, tmpfiles or shell")
+                   "only print what sets it at every boot: systemd, tmpfiles or shell")
       ->type_name("FORM")
       ->check(given)
       ->excludes(dry);
-  add_format(*add("verify", "Whether what was applied is still so; exit code 1 if not", verify),
+  add_format(*add("verify", "Whether the applied values still hold; exit code 1 if not", verify),
              arguments->format);
-  add("revert", "Gives back what apply changed, and what an ontime that was killed left",
+  add("revert", "Restores what apply changed, and what a killed ontime left",
       [](const TuneArguments&) { return revert(); });
   add_tune_search(*command, action);
 }

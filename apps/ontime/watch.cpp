@@ -78,8 +78,8 @@ int follow(const WatchArguments& arguments) {
 }  // namespace
 
 void add_watch(Command& app, Action& action) {
-  auto* command = app.add_subcommand(
-      "watch", "Follows a measurement that is under way, from another terminal, until it ends");
+  auto* command =
+      app.add_subcommand("watch", "Follows a running measurement, from another terminal, until it ends");
   auto arguments = std::make_shared<WatchArguments>();
   command->add_option("RESULTS", arguments->results, "the results file that it goes into")->required();
   command->add_option("--format", arguments->format, "table, or json: an object a second: table")

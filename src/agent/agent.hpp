@@ -19,7 +19,7 @@
 //
 // `ssh` (else false) says whether events go out by ssh. Then ssh_link is {interface, shared}: over which
 // interface here (null: cannot be told), and whether the messages take it as well, or may. Where they do,
-// samples wait for the end (waited_bytes of them), lest they disturb what they tell of.
+// samples wait for the end (waited_bytes of them), so that they do not disturb it.
 #pragma once
 
 #include <chrono>

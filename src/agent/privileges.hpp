@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What an agent may no longer do once its end is open: it reads what anybody on the network sends.
+// What an agent may no longer do once its end is open: it reads what any host on the network sends.
 #pragma once
 
 #include <string>

@@ -45,7 +45,7 @@ std::size_t Recorder::finish() {
   try {
     while (hand_over()) continue;
     hand_over_what_waited();
-  } catch (const orders::Broken&) {  // whoever reads orders will find so
+  } catch (const orders::Broken&) {  // the thread that reads orders notices too
   }
   return waited_bytes_;
 }
@@ -68,7 +68,7 @@ void Recorder::record() {
       while (!over_ && hand_over()) continue;
       lock.lock();
     }
-  } catch (const orders::Broken&) {  // whoever reads orders will find so
+  } catch (const orders::Broken&) {  // the thread that reads orders notices too
   }
 }
 

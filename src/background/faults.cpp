@@ -105,7 +105,7 @@ void try_it(const char* keys, const char* needs, const std::function<void()>& at
   try {
     attempt();
   } catch (const Error& error) {
-    throw Error(fmt::format("{}: this kernel has not what that needs ({}): {}", keys, needs, error.what()));
+    throw Error(fmt::format("{}: this kernel lacks {}: {}", keys, needs, error.what()));
   }
 }
 
@@ -119,7 +119,7 @@ void try_discipline(const std::vector<std::string>& words) {
   } catch (const Error& error) {
     const std::string said = error.what();
     if (said.find("qdisc kind is unknown") != said.npos || said.find("Unknown qdisc") != said.npos)
-      throw Error(fmt::format("link.qdisc: this kernel has not {0}, module sch_{0}: {1}", name, said));
+      throw Error(fmt::format("link.qdisc: this kernel lacks {0}, module sch_{0}: {1}", name, said));
     const bool is_cards = std::find(words.begin(), words.end(), "offload") != words.end();
     if (name == "mqprio" || name == "taprio" || is_cards) return;
     throw Error(fmt::format("link.qdisc: '{}' is not taken: {}", fmt::join(words, " "), said));
@@ -174,12 +174,11 @@ Link::Link(journal::Journal& journal, const Place& place, const Faults& faults,
       has_etf_(conditions::has_etf(faults.qdisc)),
       counters_(2U + (faults.any() ? 2U : 0U) + (faults.duplicates > 0 ? 1U : 0U)) {
   if (!journal::is_interface_name(place_.interface))
-    throw Error(fmt::format("'{}' is no interface that the link's faults can be had on", place_.interface));
+    throw Error(fmt::format("'{}' cannot have link faults", place_.interface));
   // The kernel, from Linux 6.16 on, takes rules for one that may come.
   journal::within_namespace(place_.netns, [&] {
     if (if_nametoindex(place_.interface.c_str()) == 0)
-      throw Error(
-          fmt::format("there is no interface '{}' there, whose faults could be had", place_.interface));
+      throw Error(fmt::format("there is no interface '{}' for link faults", place_.interface));
   });
   const auto table = journal::own_prefix + place_.host;
   const auto make = [&](const char* family, const std::string& text) {

@@ -48,8 +48,8 @@ class Observer {
 
 using orders::Interrupts;
 
-// The outcome of a run that is already in the results; nothing if it is not. Of its record as asked, and of what each
-// host's machine is.
+// The outcome of a run that is already in the results; nothing if it is not. Of its record as asked, and of
+// what each host's machine is.
 using Done =
     std::function<const nlohmann::json*(const nlohmann::json& asked, const nlohmann::json& machines)>;
 

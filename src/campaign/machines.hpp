@@ -45,8 +45,8 @@ class Machines {
 
   // For what is measured at one time: the settings of the kernels and the CPUs that are kept, its load, its
   // links and its traffic, and the account of what each machine did between begin() and end().
-  // Returns what their records are to say of which processes may use reserved CPUs all the same. Throws Error, with nothing
-  // changed, where a machine lacks what is asked for.
+  // Returns what their records are to say of which processes may use reserved CPUs all the same. Throws
+  // Error, with nothing changed, where a machine lacks what is asked for.
   std::vector<std::string> tune(const Together&);
   // That process on the host's machine has the CPUs that tune() kept. Throws Error.
   void keep(const std::string& host, pid_t) const;

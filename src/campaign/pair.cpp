@@ -42,12 +42,11 @@ void add_neighbours(json& host, const json& ended) {
 record::Note note_of_peers(const json& event, int before) {
   const int now = event.at("writers");
   if (now == before)
-    return {
-        "peer-flickered",
-        "a peer came and went, or went and came back, within a second: a pong that was started again, or "
-        "a second one, or one who only listened",
-        event.at("at_ns"),
-        {}};
+    return {"peer-flickered",
+            "a peer came and went, or went and came back, within a second: a pong that was started again, or "
+            "a second one, or one who only listened",
+            event.at("at_ns"),
+            {}};
   record::Note note{now < before ? "peer-left"
                     : now > 1    ? "second-pong"
                                  : "peer-came",

@@ -92,11 +92,11 @@ Codec<std::string> qdisc() {
   auto codec = text();
   codec.of_text = [](Text text) {
     if (!is_qdisc(text))
-      throw std::invalid_argument(fmt::format(
-          "'{}' is no queueing discipline in tc's words that can be had: one of {}, with its options "
-          "(tc-prio(8), tc-taprio(8) …), and no path; and after it, where one is to be below a class of it, "
-          "'below' and the class, such as 'below 1 etf clockid CLOCK_TAI delta 300000'",
-          text, fmt::join(known_disciplines(), ", ")));
+      throw std::invalid_argument(
+          fmt::format("'{}' is not a queueing discipline in tc's words: one of {}, with its options "
+                      "(tc-prio(8), tc-taprio(8) …) and no path; another one below its class 1: 'below 1 etf "
+                      "clockid CLOCK_TAI delta 300000'",
+                      text, fmt::join(known_disciplines(), ", ")));
     return text;
   };
   return codec;
@@ -112,7 +112,7 @@ Cut cut_of(Text text) {
   const auto at = duration_of(text.substr(0, found));
   const auto length = positive_duration(text.substr(found + between.size()), 1h);
   const auto whole = std::chrono::duration_cast<std::chrono::milliseconds>(length);
-  if (at.count() < 0) throw std::invalid_argument(fmt::format("'{}' is before the begin", text));
+  if (at.count() < 0) throw std::invalid_argument(fmt::format("'{}' is before the start", text));
   if (whole != length)
     throw std::invalid_argument(fmt::format("'{}' is not for a whole number of milliseconds", text));
   return {at, whole};

@@ -57,8 +57,7 @@ std::chrono::nanoseconds duration_of(const std::string& text) {
 
 std::chrono::nanoseconds positive_duration(const std::string& text, std::chrono::hours most) {
   const auto duration = duration_of(text);
-  if (duration.count() <= 0)
-    throw std::invalid_argument(fmt::format("'{}' must be positive", text));
+  if (duration.count() <= 0) throw std::invalid_argument(fmt::format("'{}' must be positive", text));
   if (duration > most)
     throw std::invalid_argument(fmt::format("'{}' is too long: at most {} h", text, most.count()));
   return duration;

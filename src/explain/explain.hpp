@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Why messages were late or lost, from what is recorded of them and what the kernels did around them. Nobody
-// is accused without an event that shows it; what is left is unknown, and all of a delay adds up. Ordinary
-// thread only; throws record::Error.
+// Why messages were late or lost, from what is recorded of them and what the kernels did around them. No
+// thread is accused without an event that shows it; what is left is unknown, and all of a delay adds up.
+// Ordinary thread only; throws record::Error.
 #pragma once
 
 #include <cstdint>
@@ -85,7 +85,7 @@ class Pong {
 
 Account account_of(const record::Reader&, const record::Run&, const Pong* = nullptr);
 
-// What was seen around a message, for whoever draws it; times are of the client's clock.
+// What was seen around a message, for drawing; times are of the client's clock.
 struct Scene {
   struct Machine {
     std::string end;  // whose; where both ends are on one machine, it is the controller's

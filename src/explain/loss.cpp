@@ -53,8 +53,8 @@ std::optional<Part> Way::link_down(Stage stage, std::int64_t from_ns, std::int64
 }
 
 // Whether the kernel is known to have had no way for what the end sent first. A socket may be bound to an
-// interface and need no route, and a neighbour may answer: then a packet goes after all, by whoever took in
-// the neighbour's answer.
+// interface and need no route, and a neighbour may answer: then a packet goes after all, by the thread that
+// took in the neighbour's answer.
 bool Way::not_sent(Delay& found, const End& from, std::int64_t from_ns) const {
   if (from.timeline == nullptr) return false;
   const auto& events = from.timeline->events();
@@ -110,7 +110,7 @@ bool Way::lost_between(Delay& found, const End& from, const End& to, const Packe
   return false;
 }
 
-// Whether what became of a packet may be for want of a link.
+// Whether what became of a packet may be the lack of a link.
 bool may_be_of_a_link(const Part& part) {
   return part.cause == Cause::unreachable ||
          (part.cause == Cause::dropped &&

@@ -43,7 +43,7 @@ class Scheduling {
       all.push_back({event, event.at_ns});
   }
 
-  // Whoever makes an event on a CPU has it: if that is another than who came, a switch was not traced.
+  // A thread that makes an event on a CPU has it: if that is another than who came, a switch was not traced.
   void see_who_runs(const Event& event) {
     const auto running = trace::running_at(event);
     const auto cpu = cpus_.find(event.cpu);

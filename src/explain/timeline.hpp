@@ -31,7 +31,7 @@ struct Stretch {
   int cpu;  // on which it runs, or is to run; -1: not known
   std::int64_t length_ns() const { return to_ns - from_ns; }
 };
-// Who had a CPU: id 0 is nobody.
+// Who had a CPU: id 0 is none.
 struct Held {
   std::int64_t from_ns, to_ns;
   trace::Thread thread;

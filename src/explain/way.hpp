@@ -21,7 +21,7 @@ struct KnownThread {
 // A time in which the end's interface could carry nothing.
 struct Down {
   std::int64_t from_ns, to_ns;
-  bool taken;  // down, by somebody; false: it had no carrier
+  bool taken;  // taken down; false: it had no carrier
 };
 // One end of a run. `timeline` may be nullptr: its machine was not traced.
 struct End {

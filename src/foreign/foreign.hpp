@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What other tools measured, read as runs. The files may be anybody's: whatever is wrong with one throws
+// What other tools measured, read as runs. The files may be foreign: whatever is wrong with one throws
 // record::WrongFile, which names the line or the key. Ordinary thread.
 #pragma once
 

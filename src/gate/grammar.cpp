@@ -160,7 +160,7 @@ class Parser {
       fail(begin, use_ == Use::fail_if_compared ? "against another run a limit has a sign, such as +10%"
                                                 : "a time is limited by a time, such as 2 ms");
     if (number > 100) fail(begin, "no more than 100 % can be late or lost");
-    // None is none: of a share nobody could ever be sure.
+    // None is none: no run could ever prove a share.
     set(number == 0 ? Gate::Limit::count : Gate::Limit::absolute, number / 100);
   }
 

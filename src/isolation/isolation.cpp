@@ -71,11 +71,11 @@ void check_inherited(const std::string& asked, const Cpus& kept, const std::stri
   const auto inherited = cpus_of_thread(1);
   const auto nobodys = without(list(everybodys), inherited);
   if (nobodys.empty() || !any_of(inherited, kept)) return;
-  throw Error(
-      fmt::format("CPUs {} cannot be reserved: all processes have {} of {} from the start (isolcpus= on the kernel's "
-                  "command line, or systemd's CPUAffinity=), and with control groups of version 1 who was "
-                  "given CPUs is left on them. Keep others ({}), or use control groups of version 2",
-                  asked, realtime::list_of(inherited), everybodys, realtime::list_of(nobodys)));
+  throw Error(fmt::format(
+      "CPUs {} cannot be reserved: all processes have {} of {} from the start (isolcpus= on the kernel's "
+      "command line, or systemd's CPUAffinity=), and with control groups of version 1 processes with their "
+      "own CPUs stay on them. Reserve others ({}), or use control groups of version 2",
+      asked, realtime::list_of(inherited), everybodys, realtime::list_of(nobodys)));
 }
 
 void check_nothing_is_forgotten(const std::string& everybodys, const Cpus& kept) {
@@ -90,11 +90,11 @@ void check_nothing_is_forgotten(const std::string& everybodys, const Cpus& kept)
     if (would_be_forgotten(thread, all, kept, remembers))
       own.push_back(fmt::format("{} ({})", thread.name, thread.id));
   if (!own.empty())
-    throw Error(fmt::format(
-        "threads have CPUs of their own, {}: {}. Give them all for that time (taskset --all-tasks --cpu-list "
-        "--pid {} PID), or keep other CPUs",
-        remembers ? "which they would be moved away from" : "which Linux before 6.2 would forget",
-        some_of(own), everybodys));
+    throw Error(
+        fmt::format("threads have CPUs of their own, {}: {}. Give them all CPUs meanwhile (taskset "
+                    "--all-tasks --cpu-list --pid {} PID), or reserve other CPUs",
+                    remembers ? "which they would be moved away from" : "which Linux before 6.2 would forget",
+                    some_of(own), everybodys));
 }
 
 // It says its number itself, which means another process here if it lives in a PID namespace of its own.
@@ -106,8 +106,8 @@ void check_is_ours(pid_t process) {
     const auto there = fs::read_symlink(fmt::format("/proc/{}/{}", process, link), ended);
     if (process <= 1 || ended || here != there)
       throw Error(
-          fmt::format("process {} is not the agent's that was to have CPUs of its own: it seems to "
-                      "live in a PID namespace of its own, or to be another program",
+          fmt::format("process {} is not the agent that needs reserved CPUs: it is another program, or has "
+                      "its own PID namespace",
                       process));
   }
 }
@@ -165,7 +165,7 @@ void Isolation::keep_cpus() {
     const auto folder = folder_of(robot);
     write_file(folder + "/cpuset.cpus", wish_.cpus);
     const auto partition = folder + "/cpuset.cpus.partition";
-    if (!read_file(partition)) throw Error("this kernel has no partitions of CPUs (Linux 5.0 has)");
+    if (!read_file(partition)) throw Error("this kernel has no CPU partitions (Linux 5.0 has)");
     write_file(partition, "root");
     if (said(partition) != "root")
       throw Error(

@@ -3,10 +3,10 @@
 // groups, of version 2 or 1, whichever the machine has the controller in. Ordinary thread only; root alone
 // may.
 //
-// Version 2: a partition of the root, which the kernel itself keeps all others off, wherever they are; no process
-// is moved. Version 1: who is in the root and may run anywhere is moved into a group that has the other CPUs,
-// and back; a process with its own CPUs, or in another group, stays. Where that is
-// true of all (isolcpus, systemd's CPUAffinity=), the CPUs that all have cannot be reserved.
+// Version 2: a partition of the root, which the kernel itself keeps all others off, wherever they are; no
+// process is moved. Version 1: who is in the root and may run anywhere is moved into a group that has the
+// other CPUs, and back; a process with its own CPUs, or in another group, stays. Where that is true of all
+// (isolcpus, systemd's CPUAffinity=), the CPUs that all have cannot be reserved.
 #pragma once
 
 #include <span>
@@ -31,7 +31,8 @@ class Isolation {
   Isolation(const Isolation&) = delete;
   Isolation& operator=(const Isolation&) = delete;
 
-  // That process has the reserved CPUs from now on, with all its threads, and no others. Throws journal::Error.
+  // That process has the reserved CPUs from now on, with all its threads, and no others. Throws
+  // journal::Error.
   void keep(pid_t) const;
   // The CPUs of all others; "" where none are kept.
   const std::string& rest() const { return rest_; }
@@ -43,8 +44,8 @@ class Isolation {
     std::string setting, thing, before, after, now;  // "cpus", "all other processes": "0-1", "0", "0"
   };
   std::vector<State> state() const;
-  // The threads of others that may run on the reserved CPUs all the same, but for the kernel's own of each CPU:
-  // the first of them, for people; "": there are none.
+  // The threads of others that may run on the reserved CPUs all the same, but for the kernel's own of each
+  // CPU: the first of them, for people; "": there are none.
   std::string stay() const;
 
   // Before the end, which does the same. Returns what could not be given back, for people.

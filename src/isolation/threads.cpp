@@ -74,8 +74,8 @@ std::vector<Thread> threads() {
 
 // What the kernel does to all threads of the root when a partition is made, and removed: they get the CPUs of
 // the root. Before Linux 6.2 it forgets those that they have asked for, and those of its own threads always
-// (but for its interrupts', which are said to it again: see remove_group). One that asked for reserved CPUs alone has
-// to go elsewhere.
+// (but for its interrupts', which are said to it again: see remove_group). One that asked for reserved CPUs
+// alone has to go elsewhere.
 bool would_be_forgotten(const Thread& thread, const std::vector<int>& everybodys,
                         const std::vector<int>& kept, bool remembers) {
   if (thread.of_kernel && (thread.bound || thread.name.starts_with("irq/"))) return false;

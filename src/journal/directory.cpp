@@ -61,8 +61,8 @@ int remove_one(const char* path, const struct stat*, int, FTW* place) {
   return place->level == 0 || std::remove(path) == 0 || errno == ENOENT ? 0 : -1;
 }
 
-// The folder itself is held open, so that nobody can put another in its place meanwhile. Neither links nor
-// mounts are followed out of it.
+// The folder itself is held open, so that no process can put another in its place meanwhile. Neither links
+// nor mounts are followed out of it.
 void empty(const std::string& path, int fd) {
   constexpr int open_folders = 16;
   const auto itself = fmt::format("/proc/self/fd/{}/.", fd);

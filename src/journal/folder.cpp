@@ -48,7 +48,7 @@ std::string fault_of(const struct stat& found) {
   return "";
 }
 
-// False if somebody else has had it for all that time.
+// False if another process has had it for all that time.
 bool lock(int fd, std::chrono::nanoseconds limit) {
   for (const auto end = std::chrono::steady_clock::now() + limit; flock(fd, LOCK_EX | LOCK_NB) != 0;
        std::this_thread::sleep_for(2ms))
@@ -72,7 +72,7 @@ Error cannot(const std::string& what, int error) {
 
 std::string folder_path() {
   if (geteuid() == 0) return "/run/ontime";
-  const char* const own = std::getenv("XDG_RUNTIME_DIR");  // NOLINT(concurrency-mt-unsafe): nobody sets it
+  const char* const own = std::getenv("XDG_RUNTIME_DIR");  // NOLINT(concurrency-mt-unsafe): no thread sets it
   struct stat found {};                                    // after `su` it may be that of another user
   if (own != nullptr && own[0] == '/' && stat(own, &found) == 0 && fault_of(found).empty())
     return std::string(own) + "/ontime";

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The folder of journals and its files, once they are seen to be this user's alone: whoever could write there
-// could have us change this machine for him.
+// The folder of journals and its files, once they are seen to be this user's alone: who could write there
+// could make us change this machine.
 #pragma once
 
 #include <optional>
@@ -51,7 +51,7 @@ class Folder {
 
   const std::string& path() const { return path_; }
   std::vector<std::string> journals() const;  // names, the newest first
-  std::vector<std::string> kept() const;      // likewise, of what is not to be taken back
+  std::vector<std::string> kept() const;      // the same of what is not to be taken back
 
   // Made and locked, for as long as it is open.
   std::pair<std::string, Fd> add_journal();
@@ -65,7 +65,7 @@ class Folder {
   void remove(const std::string& name) const;
   void keep(const std::string& name) const;  // a journal, from now on among those
 
-  // Of these lines, those that nobody was told before; they count as told from now on.
+  // Of these lines, those that were not told before; they count as told from now on.
   std::vector<std::string> not_yet_told(const std::vector<std::string>& lines) const;
 
  private:

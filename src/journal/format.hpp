@@ -28,7 +28,7 @@ struct Entry {
   std::string where;  // place() of the kind's scope, when the change was made
   std::string what;
   Value before, after;
-  bool done = false;  // undone, or left to somebody else: nothing is to be done any more
+  bool done = false;  // undone, or left to its new owner: nothing is to be done any more
   bool operator==(const Entry&) const = default;
 };
 

@@ -36,7 +36,7 @@ struct Kind {
   Scope scope;
   bool on_disk;  // it is as before after a reboot; else it is gone with the kernel
   // Only root acts on entries of this kind: a program whose file has capabilities could else be made to use
-  // them by whoever writes a journal of his own.
+  // them by any program that writes its own journal.
   bool needs_root;
   bool (*accepts)(const std::string& what);  // what this kind may ever touch, whatever a journal says
   Value (*read)(const std::string& what);    // as the kernel says it; what is set can be compared with it
@@ -57,7 +57,7 @@ class Journal {
   Journal(const Journal&) = delete;
   Journal& operator=(const Journal&) = delete;
 
-  // Before the first change, for whoever wants to be refused early: what others left is taken back first.
+  // Before the first change, to be refused early: what others left is taken back first.
   // Throws Error that names the holder.
   void hold();
 
@@ -75,12 +75,12 @@ class Journal {
 
   // What a thing is is written down as if it had been changed to that, for kept() to be compared with.
   void remember(const Kind&, const std::string& what);
-  // Leaves the hold, and everything as it has been changed: nobody takes that for abandoned, and only
+  // Leaves the hold, and everything as it has been changed: no ontime takes that for abandoned, and only
   // revert_kept() gives it back.
   void keep();
   struct GivenBack {
     std::vector<std::string> done, left;  // for people, a line each
-    bool finished = true;                 // what is left is somebody else's by now
+    bool finished = true;                 // what is left has another owner by now
   };
   // Gives back what was kept, by whatever process, the latest first. Takes the hold before.
   GivenBack revert_kept();
@@ -101,7 +101,7 @@ struct Kept {
 std::vector<Kept> kept(std::span<const Kind>);
 
 // Takes back what processes that are gone left behind: only what can be seen from here, and only if it still
-// is what they made of it. What somebody else has changed since is left to him; what cannot be seen from
+// is what they made of it. What another program has changed since is left; what cannot be seen from
 // here, or is not understood, is kept. Returns what it did and, once, what it did not, a line each for
 // people. Does nothing while a living ontime holds the machine: that one did it before its first change.
 // Cheap when nothing is there; called at every start and end of a keeper.

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // A network namespace as `ip netns` keeps them: a file in /run/netns over which it is mounted. Not made by
-// `ip`: so its identity is in the journal before anybody can see it.
+// `ip`: so its identity is in the journal before any process can see it.
 #include <cerrno>
 #include <filesystem>
 #include <future>
@@ -132,7 +132,7 @@ void add_namespace(Journal& journal, const std::string& name) {
   journal.hold();
   if (read(name))
     throw Error(fmt::format(
-        "network namespace {} was asked for, but there is one that ontime did not make: if nobody "
+        "network namespace {} was asked for, but there is one that ontime did not make: if no process "
         "needs it, remove it (sudo ip netns delete {})",
         name, name));
   journal.change(namespace_kind, name, "");

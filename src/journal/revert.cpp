@@ -18,9 +18,9 @@ namespace {
 
 enum class Fate {
   undone,
-  nothing_there,   // it was never made, somebody was quicker, or a reboot took it
-  somebody_elses,  // somebody has made something else of it since
-  out_of_sight,    // which is not the same as not being there
+  nothing_there,  // it was never made, another program was quicker, or a reboot took it
+  not_ours,       // another program has changed it since
+  out_of_sight,   // which is not the same as not being there
 };
 
 bool is_ours(const Entry& entry, const Value& now) {
@@ -36,7 +36,7 @@ Fate undo_from(bool same_place, const Entry& entry, const Kind& kind) {
     throw Error(fmt::format("{} {} cannot be brought back to what it was", kind.name, entry.what));
   }
   if (!same_place) return Fate::out_of_sight;
-  return now == entry.before || !now ? Fate::nothing_there : Fate::somebody_elses;
+  return now == entry.before || !now ? Fate::nothing_there : Fate::not_ours;
 }
 
 // Whether it was of this journal's owner's making: what was in it went with it.
@@ -122,9 +122,9 @@ Reverted undo(Contents& contents, const std::string& path, std::span<const Kind>
           break;
         case Fate::nothing_there:
           break;
-        case Fate::somebody_elses:
-          left.say(entry, fmt::format("left {} {} as it is: somebody has changed it since {} did", entry.kind,
-                                      entry.what, whose));
+        case Fate::not_ours:
+          left.say(entry, fmt::format("left {} {} as it is: another program has changed it since {} did",
+                                      entry.kind, entry.what, whose));
           break;
         case Fate::out_of_sight:
           throw Error(fmt::format("{} {}, of another {} namespace, is not to be seen from here", entry.kind,
@@ -155,7 +155,7 @@ std::size_t rewrite(int fd, const std::string& text, const Contents& contents) {
   }
   try {
     append(fd, lines);
-  } catch (const Error&) {  // whoever comes next finds that there is nothing to do
+  } catch (const Error&) {  // the next one finds that there is nothing to do
   }
   return remaining;
 }

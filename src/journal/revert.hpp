@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The way back of one journal, and of all that nobody owns.
+// The way back of one journal, and of all that have no owner.
 #pragma once
 
 #include <functional>

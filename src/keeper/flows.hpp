@@ -17,7 +17,7 @@ class Flows {
  public:
   void add(const std::string& host, const std::string& way, const background::Stream&);
   void clear() { flows_.clear(); }
-  void listen();  // now and then: whoever writes is held up else
+  void listen();  // now and then: else the writers block
   void begin();   // the account is opened
   // Of each host and way {bit_s, running}; bit_s is null where nothing was reported in the time.
   nlohmann::json end();

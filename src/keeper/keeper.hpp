@@ -14,9 +14,9 @@
 //   tune   {host, link, wishes}  tuned {settings} of a host, all of them applied, until restore; or {error},
 //                         and nothing is changed
 //   isolate {host, link, wish}
-//                         isolated {stay: what may run on the kept CPUs all the same, for people, or ""},
+//                         isolated {stay: what may run on the reserved CPUs all the same, for people, or ""},
 //                         until restore, or another wish, before any tune; or {error}, and nothing is changed
-//   keep   {pid}          kept {}, or {error}: that process has the kept CPUs
+//   keep   {pid}          kept {}, or {error}: that process has the reserved CPUs
 //   restore {}            restored {notes}: what could not be given back
 //   load   {host, load}   loaded {given {vm_bytes, vm_mapped_bytes, hdd_bytes}, scaled}, or {error}:
 //   stress-ng

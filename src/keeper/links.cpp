@@ -61,7 +61,7 @@ json Links::end() const {
 
 json account_of(const background::Link::Counts& before, const background::Link::Counts& now) {
   const auto since = [](std::uint64_t then, std::uint64_t count) {
-    if (count < then) throw background::Error("somebody set the link's counters back");
+    if (count < then) throw background::Error("the link's counters were set back");
     return count - then;
   };
   json account{{"faults",

@@ -29,7 +29,7 @@ class Links {
   void begin();  // the account is opened
   // By host {faults {lost_frames, cut_off_frames, duplicated_frames}, beside_traffic {sent_bytes,
   // received_bytes} where messages go by IP}, or {gone: why it cannot be counted any more, and the faults
-  // need not have been there}.
+  // are not verified}.
   nlohmann::json end() const;
 
  private:

@@ -23,7 +23,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-// Where it lies when all links to folders are followed, and still by its own name, by which it is asked for.
+// Where it is when all links to folders are followed, and still by its own name, by which it is asked for.
 fs::path place_of(const fs::path& here) {
   return fs::canonical(fs::absolute(here).parent_path()) / here.filename();
 }
@@ -143,7 +143,7 @@ void Image::write(const Path& file) const {
 }
 
 fs::path program(const std::string& name) {
-  const char* path = std::getenv("PATH");  // NOLINT(concurrency-mt-unsafe): nobody sets it
+  const char* path = std::getenv("PATH");  // NOLINT(concurrency-mt-unsafe): no thread sets it
   std::istringstream folders(std::string(path == nullptr ? "" : path) + ":/usr/sbin:/usr/bin:/sbin:/bin");
   std::error_code unseen;  // others' folders are no reason to fail
   for (std::string folder; std::getline(folders, folder, ':');)

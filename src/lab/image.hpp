@@ -23,7 +23,7 @@ class Image {
   // All below it, at its own place: what can be run or loaded, with its libraries.
   void add_tree(const Path& here);
 
-  // The same files are the same archive, byte for byte, whenever and by whomever it is made. Throws Error.
+  // The same files are the same archive, byte for byte, always and for every user. Throws Error.
   void write(const Path& archive) const;
 
  private:

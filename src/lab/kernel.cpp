@@ -27,7 +27,7 @@ constexpr auto time_to_ask = 300s, time_to_fetch = 600s, time_to_unpack = 300s;
 
 fs::path cache() {
   const auto variable = [](const char* name) {
-    const char* value = std::getenv(name);  // NOLINT(concurrency-mt-unsafe): nobody sets it
+    const char* value = std::getenv(name);  // NOLINT(concurrency-mt-unsafe): no thread sets it
     return fs::path(value == nullptr ? "" : value);
   };
   auto folder = variable("XDG_CACHE_HOME");
@@ -38,7 +38,7 @@ fs::path cache() {
   return folder / "ontime" / "kernels";
 }
 
-// Whoever may write there has his code run in the machine, as root of it.
+// A user who can write there runs code in the machine, as its root.
 void check_own(const fs::path& folder) {
   struct stat found {};
   if (lstat(folder.c_str(), &found) != 0 || !S_ISDIR(found.st_mode))
@@ -65,7 +65,7 @@ struct NotToBeHad : Error {
 };
 NotToBeHad not_to_be_had(const std::string& package, const std::string& why) {
   return NotToBeHad(
-      fmt::format("the kernel package {} is not to be had here: {}. It is one of Debian 12's, and comes over "
+      fmt::format("the kernel package {} is not available here: {}. It is one of Debian 12's, and comes over "
                   "the network: "
                   "sudo apt update, and try again",
                   package, reason_of(why)));

@@ -46,6 +46,8 @@ class Capture final : public Sensor {
     return findings;
   }
 
+  std::vector<Miss> take_misses() override { return wire_.take_misses(); }
+
  private:
   static void take(u_char* self, const pcap_pkthdr* header, const u_char* bytes) {
     auto& capture = *reinterpret_cast<Capture*>(self);

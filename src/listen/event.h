@@ -10,7 +10,7 @@ enum { ontime_longest_topic = 256, ontime_most_samples = 64 };
 enum ontime_event_kind {
   ontime_published,
   ontime_taken,
-  ontime_named,  /* `topic` is the topic of `endpoint` */
+  ontime_named,  /* `topic` is the topic of `endpoint`, its text is at address `stamp_ns` */
   ontime_found   /* `endpoint` is a DDS handle, its entity is at address `stamp_ns` of the process */
 };
 

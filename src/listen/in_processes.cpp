@@ -63,7 +63,8 @@ class InProcesses final : public Sensor {
       throw Error(
           error == EPERM || error == EACCES
               ? "listen: the kernel refuses probes to this user. Run it by sudo, or grant the program once: "
-                "setcap cap_bpf,cap_perfmon,cap_sys_admin,cap_sys_ptrace,cap_dac_read_search+ep ontime (a "
+                "setcap cap_bpf,cap_perfmon,cap_checkpoint_restore,cap_sys_ptrace,cap_dac_read_search+ep "
+                "ontime (a "
                 "kernel in "
                 "lockdown refuses anyway: /sys/kernel/security/lockdown)"
               : fmt::format("listen: the kernel cannot load the probes: {}. It needs Linux 5.8 or newer with "
@@ -97,10 +98,13 @@ class InProcesses final : public Sensor {
   }
 
   Findings findings() const override {
-    return {messages_.flows(),
-            {messages_.misses().begin(), messages_.misses().end()},
-            probes_->bss->lost,
-            {remarks_.begin(), remarks_.end()}};
+    return {messages_.flows(), probes_->bss->lost, {remarks_.begin(), remarks_.end()}};
+  }
+
+  std::vector<Miss> take_misses() override {
+    auto misses = messages_.take_misses();
+    for (auto& miss : misses) miss.at_ns += realtime_ahead_ns_;
+    return misses;
   }
 
  private:
@@ -109,7 +113,9 @@ class InProcesses final : public Sensor {
     for (const auto id : change.gone) {
       of_process_.erase(id);
       finders_.erase(id);
-      std::erase_if(unnamed_, [&](const auto& one) { return one.first == id; });
+      const auto is_of_it = [id = id](const auto& handle) { return handle.first == id; };
+      std::erase_if(unnamed_, is_of_it);
+      std::erase_if(seen_, is_of_it);
     }
     for (const auto& process : change.came) {
       messages_.name_process(process.id, process.name);
@@ -176,6 +182,7 @@ class InProcesses final : public Sensor {
   void set(const Mapping& mapping, pid_t process, std::vector<Link>& links, const std::vector<Wish>& wishes) {
     try {
       const Library library(mapping.path);
+      std::set<std::string> costly;
       for (const auto& wish : wishes) {
         const auto place = library.place(wish.function);
         if (!place) continue;
@@ -186,10 +193,11 @@ class InProcesses final : public Sensor {
                                                            place->offset, &options);
         if (link == nullptr) throw Error(fmt::format("a probe at {}: {}", wish.function, reason(errno)));
         links.emplace_back(link, bpf_link__destroy);
-        if (!place->is_cheap)
-          remark(fmt::format("{} in {}: a probe there costs about 10 µs a message, not 1", wish.function,
-                             mapping.name));
+        if (!place->is_cheap) costly.insert(wish.function);
       }
+      if (!costly.empty())
+        remark(fmt::format("{}: a call of {} costs about 10 µs more while it is judged, any other 1 µs",
+                           mapping.name, fmt::join(costly, ", ")));
     } catch (const Error& error) {
       remark(fmt::format("{}: {}", mapping.name, error.what()));
     }
@@ -201,9 +209,8 @@ class InProcesses final : public Sensor {
     std::memcpy(&event, data, sizeof event);
     if (event.kind == ontime_named) {
       const auto* const topic = static_cast<const char*>(data) + sizeof event;
-      messages_.name_topic(event.process, event.endpoint,
-                           std::string(topic, strnlen(topic, size - sizeof event)));
-      return;
+      const std::string text(topic, strnlen(topic, size - sizeof event));
+      return name(event, text.empty() ? text_at(event.process, event.stamp_ns) : text);
     }
     if (event.kind == ontime_found) return found(event);
     const bool is_handle = event.endpoint >> 32U == 0;
@@ -242,13 +249,18 @@ class InProcesses final : public Sensor {
     if (unnamed_.erase({event.process, event.endpoint}) == 0 || own == of_process_.end()) return;
     // Of a writer and a reader the first member behind what all entities have is the topic.
     const auto topic = pointer_at(event.process, event.stamp_ns + *own->second.offset_of_name);
-    const auto name = pointer_at(event.process, topic + *own->second.offset_of_name);
+    name(event, text_at(event.process, pointer_at(event.process, topic + *own->second.offset_of_name)));
+  }
+
+  void name(const ontime_event& event, const std::string& topic) {
+    if (!topic.empty() && std::all_of(topic.begin(), topic.end(), [](char c) { return c > ' ' && c < 127; }))
+      messages_.name_topic(event.process, event.endpoint, ros_name(topic));
+  }
+
+  static std::string text_at(std::uint32_t process, std::uint64_t address) {
     char text[ontime_longest_topic] = {};
-    if (read(event.process, name, text, sizeof text - 1) == 0) return;
-    const std::string found_name(text);
-    if (!found_name.empty() &&
-        std::all_of(found_name.begin(), found_name.end(), [](char c) { return c > ' ' && c < 127; }))
-      messages_.name_topic(event.process, event.endpoint, ros_name(found_name));
+    read(process, address, text, sizeof text - 1);
+    return text;
   }
 
   static std::size_t read(std::uint32_t process, std::uint64_t address, void* to, std::size_t size) {

@@ -74,18 +74,17 @@ struct Flow {
 struct Miss {
   enum class Kind : std::uint8_t { age, gap };
   Kind kind = Kind::age;
-  std::int64_t at_ns = 0;     // when it was taken
+  std::int64_t at_ns = 0;     // CLOCK_REALTIME, when it was taken or seen on the wire
   std::int64_t value_ns = 0;  // how old it was, or how long after the one before
   std::string topic;
   Party writer, reader;
 };
 
-inline constexpr std::size_t most_misses = 1000;  // that are kept, the latest of all
+inline constexpr std::size_t most_misses = 1000;  // that wait for take_misses(), the latest of all
 
 // What the sensors saw of all topics, until now.
 struct Findings {
-  std::vector<Flow> flows;  // by topic, writer and reader
-  std::vector<Miss> misses;
+  std::vector<Flow> flows;           // by topic, writer and reader
   std::uint64_t sensor_lost = 0;     // events or packets that the sensor itself had no room for
   std::vector<std::string> remarks;  // what the sensors could not see, and why
 };
@@ -102,6 +101,7 @@ class Sensor {
   // Waits until something was seen, this time at most, and judges it. False: there will be no more.
   virtual bool listen_for(std::chrono::milliseconds) = 0;
   virtual Findings findings() const = 0;
+  virtual std::vector<Miss> take_misses() = 0;  // those since the last call
 };
 
 // Probes in the processes of this machine that map a ROS 2 middleware (rmw) or Cyclone DDS: those that run,

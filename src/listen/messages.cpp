@@ -142,6 +142,12 @@ void Messages::miss(Miss::Kind kind, std::int64_t value_ns, const Link& link, co
                      link.publisher ? party(link.publisher->first) : Party{}, party(seen.process)});
 }
 
+std::vector<Miss> Messages::take_misses() {
+  std::vector<Miss> taken(misses_.begin(), misses_.end());
+  misses_.clear();
+  return taken;
+}
+
 Party Messages::party(std::uint32_t process) const {
   const auto found = processes_.find(process);
   return {process, found == processes_.end() ? "" : found->second};

@@ -28,7 +28,7 @@ struct Observation {
       writer{};  // of a take: the writer as the reader's middleware names it; 0: unknown
 };
 
-// A stamp tells which publish a take belongs to: it lies between that publish and the next of the same
+// A stamp tells which publish a take belongs to: it is between that publish and the next of the same
 // publisher. A writer is taken for one of this machine's publishers after several stamps fit that publisher
 // alone.
 class Messages {
@@ -41,7 +41,7 @@ class Messages {
   void add(const Observation&);
 
   std::vector<Flow> flows() const;
-  const std::deque<Miss>& misses() const { return misses_; }
+  std::vector<Miss> take_misses();  // their times are those of the observations
 
  private:
   static constexpr std::size_t remembered =

@@ -78,6 +78,8 @@ static __always_inline void name(__u64 endpoint) {
   struct ontime_name_event* const event = bpf_ringbuf_reserve(&events, sizeof *event, 0);
   if (!event) return;  // the next message tries again
   fill(&event->event, ontime_named, endpoint);
+  // What was never touched is not in memory, and a probe may not wait for it: user space reads it then.
+  event->event.stamp_ns = topic;
   if (bpf_probe_read_user_str(event->topic, sizeof event->topic, (void*)topic) <= 0) event->topic[0] = 0;
   bpf_map_update_elem(&named, &key, &topic, BPF_ANY);
   bpf_ringbuf_submit(event, BPF_RB_NO_WAKEUP);

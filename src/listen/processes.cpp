@@ -16,7 +16,7 @@ namespace {
 
 using namespace std::chrono_literals;
 
-constexpr auto look_again_after = 10s;
+constexpr auto longest_pause = 10s;
 
 std::optional<Middleware> middleware_of(std::string_view library) {
   if (library.starts_with("librmw_") && library.find("_cpp.so") != library.npos) return Middleware::rmw;
@@ -72,7 +72,6 @@ std::optional<Mapping> mapping_of(const std::string& line, std::uint32_t process
 
 Processes::Change Processes::look() {
   Change change;
-  refused_ = 0;
   const auto now = std::chrono::steady_clock::now();
   std::set<std::uint32_t> present;
   std::error_code error;
@@ -87,13 +86,14 @@ Processes::Change Processes::look() {
     auto& known = known_[id];
     if (known.started != started) {
       if (known.started != 0) change.gone.push_back(id);
-      known = {.started = started, .again = {}, .files = {}};
+      known = {.started = started, .first = {}, .again = {}, .files = {}};
     }
     present.insert(id);
     if (now < known.again) continue;
-    known.again = now + look_again_after;
+    if (known.first == std::chrono::steady_clock::time_point()) known.first = now;
+    // A process loads most of its libraries soon after it starts.
+    known.again = now + std::min<std::chrono::steady_clock::duration>((now - known.first) / 4, longest_pause);
     std::ifstream maps(fmt::format("/proc/{}/maps", id));
-    if (!maps) ++refused_;
     Process process{.id = id, .name = name_of(id), .libraries = {}};
     for (std::string line; std::getline(maps, line);) {
       const auto mapping = mapping_of(line, id);

@@ -36,16 +36,14 @@ class Processes {
     std::vector<std::uint32_t> gone;
   };
   Change look();
-  std::uint64_t refused() const { return refused_; }  // processes whose maps this user may not read
 
  private:
   struct Known {
     std::uint64_t started = 0;  // in ticks after boot: another process may get the same number
-    std::chrono::steady_clock::time_point again;
+    std::chrono::steady_clock::time_point first, again;  // when its libraries were looked at
     std::vector<std::pair<std::uint64_t, std::uint64_t>> files;
   };
   std::map<std::uint32_t, Known> known_;
-  std::uint64_t refused_ = 0;
 };
 
 // What a line of /proc/PID/maps says of a middleware's library; empty: it is of something else.

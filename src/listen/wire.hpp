@@ -24,6 +24,7 @@ class Wire {
   // Packets were lost before the next one: no loss and no period is concluded across it.
   void interrupt();
   Findings findings() const;
+  std::vector<Miss> take_misses();
 
  private:
   struct Partial {  // a message of which not all fragments were seen
@@ -55,7 +56,7 @@ class Wire {
   const Limits limits_;
   std::map<rtps::Guid, std::string> topics_;
   std::map<rtps::Guid, Stream> streams_;
-  std::vector<Miss> misses_;
+  std::deque<Miss> misses_;
   std::uint64_t cut_ = 0, left_out_ = 0;
 };
 

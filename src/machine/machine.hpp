@@ -149,12 +149,11 @@ std::optional<std::string> answer_of(const std::vector<std::string>& command, st
 // "Machines" made of one: network namespaces `ontime-controller` and, of each component, `ontime-NAME`, each
 // with an address of 198.18.0.0/24 (RFC 2544's range for benchmarks). One component is joined to the
 // controller by a veth pair; several to a bridge, which is the controller's interface, as machines to a
-// switch. Needs root; needs iproute2's `ip`. Throws Error, or journal::Error if another program has a namespace
-// of that name.
-// With a cable, two interfaces of this machine between which there is one join the controller and its one
-// component instead: they are moved there, and come back, as they were, when the namespaces go. Only hardware
-// does that, and only what is down and has no address is as it was then: throws Error where one is anything
-// else.
+// switch. Needs root; needs iproute2's `ip`. Throws Error, or journal::Error if another program has a
+// namespace of that name. With a cable, two interfaces of this machine between which there is one join the
+// controller and its one component instead: they are moved there, and come back, as they were, when the
+// namespaces go. Only hardware does that, and only what is down and has no address is as it was then: throws
+// Error where one is anything else.
 struct Cable {
   std::string controller, component;
 };

@@ -16,7 +16,7 @@
 namespace ontime::record {
 namespace {
 
-// It may name what is in the file, in somebody else's letters.
+// It may name what is in the file, in foreign letters.
 std::string message_of(sqlite3* handle) {
   std::string text = sqlite3_errmsg(handle);
   std::replace_if(

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // SQLite, as Writer and Reader use it: a connection and its statements, whose failures are said for people.
-// The file may be somebody else's and mean us ill: no trigger or view that is in it is used, no value is
+// The file may be foreign and hostile: no trigger or view that is in it is used, no value is
 // taken for another type than it has, and no step takes for ever.
 #pragma once
 
@@ -16,7 +16,8 @@ namespace ontime::record {
 
 class Connection {
  public:
-  // An empty path: a temporary database. `flags` are of sqlite3_open_v2; `immutable` says that nobody writes.
+  // An empty path: a temporary database. `flags` are of sqlite3_open_v2; `immutable` says that no process
+  // writes.
   Connection(const std::string& path, int flags, bool immutable = false);
   Connection(const Connection&) = delete;
   Connection& operator=(const Connection&) = delete;

@@ -41,9 +41,9 @@ Database::Database(const std::string& path, const std::optional<struct stat>& ma
       made_(made),
       connection_(std::make_shared<Connection>(
           path, SQLITE_OPEN_READWRITE | SQLITE_OPEN_CREATE | SQLITE_OPEN_FULLMUTEX)) {
-  format_of(*connection_);  // looked at before anything is changed: it may be somebody else's
+  format_of(*connection_);  // looked at before anything is changed: it may be another program's
   if (sqlite3_db_readonly(connection_->handle(), "main") == 1) connection_->fail(SQLITE_READONLY);
-  // Fails if another Writer has the file, or a killed one left it and somebody reads it.
+  // Fails if another Writer has the file, or a killed one left it and another process reads it.
   connection_->run("PRAGMA journal_mode = DELETE");
   connection_->run("BEGIN IMMEDIATE");
   if (format_of(*connection_) == 0) create_tables(*connection_);
@@ -69,17 +69,17 @@ Database::~Database() {
   sqlite3_wal_hook(connection_->handle(), nullptr, nullptr);
   insert_.reset();
   connection_->try_run("COMMIT");
-  // Fails while somebody reads: then the next Writer clears away what lies beside the file.
+  // Fails while another process reads: then the next Writer clears away what lies beside the file.
   connection_->try_run("PRAGMA journal_mode = DELETE");
   if (made_) try {
       remove_unused();
-    } catch (const Error&) {  // somebody else has it
+    } catch (const Error&) {  // another process has it
     }
   connection_->try_run("COMMIT");
 }
 
-// While nobody else has it: another Writer that waits for it finds that it is gone. Not beside a log, whose
-// names are a new file's as well.
+// While no other process has it: another Writer that waits for it finds that it is gone. Not beside a log,
+// whose names are a new file's as well.
 void Database::remove_unused() {
   Statement mode(*connection_, "PRAGMA journal_mode");
   if (!mode.next() || mode.text(0) != "delete") return;

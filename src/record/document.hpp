@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The JSON texts of a run. Those in a file may be somebody else's.
+// The JSON texts of a run. Those in a file may be foreign.
 #pragma once
 
 #include <cstddef>

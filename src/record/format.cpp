@@ -106,7 +106,7 @@ std::vector<Table> tables_of(std::int64_t version) {
 }
 
 // Whether it keeps its rows by the key by which we read them (which no view does), and has these columns as
-// stored ones, not as expressions of somebody's.
+// stored ones, not as foreign expressions.
 bool has(Connection& connection, const Table& table) {
   std::vector<std::string> key(table.key.size()), others;
   Statement column(connection, "SELECT name, pk FROM pragma_table_xinfo(?) WHERE hidden = 0");

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The tables of a results file, as docs/reference/results-file.md describes them, and how those of an older format
-// become them.
+// The tables of a results file, as docs/reference/results-file.md describes them, and how those of an older
+// format become them.
 #pragma once
 
 #include <cstdint>
@@ -31,8 +31,8 @@ constexpr std::int64_t sum(std::int64_t earlier, std::int64_t difference) {
                                    static_cast<std::uint64_t>(difference));
 }
 
-// No clock that counts from a machine's start shows more: 36 years. Within it, whoever calculates with times
-// need not fear to overflow.
+// No clock that counts from a machine's start shows more: 36 years. Within it, code that calculates with
+// times need not fear to overflow.
 constexpr bool can_be(std::int64_t time_ns) {
   constexpr std::int64_t most = std::int64_t{1} << 60;
   return -most <= time_ns && time_ns <= most;

@@ -25,7 +25,7 @@ void require_file(const std::string& path) {
 }
 
 // What a killed Writer committed may lie in the log beside the file. SQLite needs to lock that log while
-// reading it, in a file of its own; where that cannot be made, nobody can be writing either, but the log
+// reading it, in a file of its own; where that cannot be made, no process can be writing either, but the log
 // cannot be read. And what a Writer was killed in the middle of, before there was a log, only another can
 // undo.
 std::shared_ptr<Connection> connect(const std::string& path) {

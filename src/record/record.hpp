@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // The results file: one SQLite database that holds every sample of every run and where it came from. Anybody
-// can read it with sqlite3; docs/reference/results-file.md describes its tables. Ordinary thread only. Every failure
-// throws Error, which names the file, what was found and what to do.
+// can read it with sqlite3; docs/reference/results-file.md describes its tables. Ordinary thread only. Every
+// failure throws Error, which names the file, what was found and what to do.
 #pragma once
 
 #include <cstdint>

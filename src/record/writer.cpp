@@ -142,7 +142,7 @@ class Writer::Thread {
   }
 
   Database database_;                                                                    // of the thread
-  std::chrono::steady_clock::time_point written_at_ = std::chrono::steady_clock::now();  // likewise
+  std::chrono::steady_clock::time_point written_at_ = std::chrono::steady_clock::now();  // the same
   std::mutex mutex_;
   std::condition_variable changed_;
   std::optional<Batch> batch_;

@@ -22,7 +22,7 @@ void make_printable(std::string& text) {
   text = join(lines, "\n");
 }
 
-// Nothing gets past here to a terminal, whoever forgot about it.
+// Nothing gets past here to a terminal, even if a caller forgot it.
 Page checked(Page page) {
   for (auto& table : page.tables) {
     table.title = printable(table.title);

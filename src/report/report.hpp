@@ -28,8 +28,8 @@ std::string printable(const std::string& text);
 // Its first so many characters, with "…" where there are more.
 std::string shortened(const std::string& text, std::size_t most);
 
-// Every table of all runs, one row a run; as HTML the tables alone. docs/reference/json.md describes the JSON; it is
-// stable. `width`: of a terminal, for Format::table.
+// Every table of all runs, one row a run; as HTML the tables alone. docs/reference/json.md describes the
+// JSON; it is stable. `width`: of a terminal, for Format::table.
 std::string render(const std::vector<statistics::Summary>&, Format, const Origin& = {},
                    std::size_t width = 100);
 // The first screen instead, where the form is Format::table.
@@ -103,8 +103,8 @@ std::string perfetto_of(const record::Reader&, const record::Run&, const std::ve
 // is a failure, what could not be judged an error.
 std::string junit(const std::vector<gate::Judgement>&);
 
-// Every sample of these runs, a line each, in order of run and message; docs/reference/results-file.md names the
-// columns. `write` is given pieces of the text: memory does not grow with the number of samples.
+// Every sample of these runs, a line each, in order of run and message; docs/reference/results-file.md names
+// the columns. `write` is given pieces of the text: memory does not grow with the number of samples.
 enum class SampleFormat { csv, jsonl };
 std::optional<SampleFormat> sample_format_of(const std::string& word);
 void export_samples(const record::Reader&, const std::vector<record::Run>&, SampleFormat,

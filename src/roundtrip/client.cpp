@@ -209,10 +209,10 @@ class Client::Measurement final : public transport::Sink {
     look_.sleep_until(std::min(std::max(lost_ns, at_ns + soon_ns), back_to_back_end_ns_));
   }
 
-  // By the thread that settled the last message, and so owns the ledger. That may come to pass while another thread
-  // is still sending that message, and a transport has one caller of send() at a time: then that thread goes
-  // on. `turns_` is 1 while a thread sends, 2 when it is to go on; more it cannot be, for one message is in
-  // flight.
+  // By the thread that settled the last message, and so owns the ledger. That may come to pass while another
+  // thread is still sending that message, and a transport has one caller of send() at a time: then that
+  // thread goes on. `turns_` is 1 while a thread sends, 2 when it is to go on; more it cannot be, for one
+  // message is in flight.
   void follow(std::int64_t at_ns) noexcept {
     follows_ns_ = at_ns;
     if (turns_.fetch_add(1, std::memory_order_acq_rel) != 0) return;

@@ -40,21 +40,21 @@ int domain_of_environment() {
     return static_cast<int>(number_of(id, 0, max_domain));
   } catch (const std::invalid_argument& error) {
     throw std::invalid_argument(
-        fmt::format("ROS_DOMAIN_ID: {}; set it right, unset it, or state the domain", error.what()));
+        fmt::format("ROS_DOMAIN_ID: {}; correct it, unset it, or state the domain", error.what()));
   }
 }
 
 void complete_isolation(const Run& run) {
   const auto& wish = run.isolation;
   if (wish.interrupts && wish.cpus.empty())
-    throw std::invalid_argument("isolation.interrupts needs isolation.cpus, which they are to be kept off");
+    throw std::invalid_argument("isolation.interrupts needs isolation.cpus: the CPUs to keep interrupts off");
   for (const auto* name : {"irq-cpus", "workqueue-cpus"})
     if (wish.interrupts && run.kernel.contains(name))
       throw std::invalid_argument(
-          fmt::format("isolation.interrupts sets kernel.{}, which is stated as well: leave out one", name));
+          fmt::format("isolation.interrupts sets kernel.{}, which is also stated: leave out one", name));
   if (wish.limits() && run.traffic.priority > 0)
     throw std::invalid_argument(
-        "a real-time priority knows no quota and no weight: leave out traffic.priority, or "
+        "quota and weight do not affect a real-time priority: leave out traffic.priority, or "
         "isolation.load-quota and isolation.load-weight");
   if (wish.cpus.empty()) return;
   const auto kept = realtime::cpus_of(wish.cpus).value_or(std::vector<int>{});
@@ -62,8 +62,7 @@ void complete_isolation(const Run& run) {
     for (const int cpu : thread.cpus)
       if (std::find(kept.begin(), kept.end(), cpu) == kept.end())
         throw std::invalid_argument(
-            fmt::format("threads of role {} cannot run on CPU {}: isolation.cpus, which both ends are kept "
-                        "to, are {}",
+            fmt::format("threads of role {} cannot run on CPU {}: isolation.cpus restricts both ends to {}",
                         role, cpu, wish.cpus));
 }
 
@@ -72,9 +71,8 @@ void complete_isolation(const Run& run) {
 void check_topics(const transport::Config& config) {
   for (const auto& topic : {config.ping_topic, config.pong_topic})
     if (topic.size() > max_topic_length)
-      throw std::invalid_argument(
-          fmt::format("the topic {} is longer than {} characters, which ROS 2 takes no more of", topic,
-                      max_topic_length));
+      throw std::invalid_argument(fmt::format(
+          "the topic {} is longer than {} characters, the most that ROS 2 takes", topic, max_topic_length));
   if (config.ping_topic == config.pong_topic)
     throw std::invalid_argument(
         fmt::format("topics.ping and topics.pong are both {}: name two", config.ping_topic));
@@ -152,27 +150,25 @@ void complete(Run& run) {
   auto& client = run.task.client;
   if (run.task.transport.empty()) throw std::invalid_argument("no transport is stated");
   if (run.component_transport.empty() && !run.component_options.empty())
-    throw std::invalid_argument("component.options need a component.transport that they are for");
+    throw std::invalid_argument("component.options need a component.transport");
   if (run.explain && run.component_restart)
     throw std::invalid_argument(
-        "explain knows a component's threads by their numbers, of which one that is started again has "
-        "others: leave "
-        "out explain, or component.restart");
+        "explain knows a component's threads by their ids, which change when it is started again: leave out "
+        "explain or component.restart");
   if (run.security != Security::off && (run.task.transport == "udp" || is_below_ip(run.task.transport)))
     throw std::invalid_argument(
         fmt::format("transport {} has no DDS Security; cyclonedds and fastdds have: leave out security",
                     run.task.transport));
   if (run.security != Security::off && !run.component_transport.empty() &&
       run.component_transport != run.task.transport)
-    throw std::invalid_argument(fmt::format(
-        "security needs one transport at both ends, for the DDS of two vendors do not always let each "
-        "other in: leave out security, or component.transport ({})",
-        run.component_transport));
+    throw std::invalid_argument(
+        fmt::format("security needs the same transport at both ends, because two vendors' DDS do not always "
+                    "authenticate each other: leave out security or component.transport ({})",
+                    run.component_transport));
   if (run.explain && any_past_the_kernel(run))
     throw std::invalid_argument(
-        "explain cannot follow what xdp sends, for the kernel's tracepoints do not see it: leave out "
-        "explain, or take "
-        "ethernet");
+        "explain cannot follow xdp: the kernel's tracepoints do not see its packets. Leave out explain, or "
+        "use ethernet");
   run.task.config.domain = run.domain ? *run.domain : domain_of_environment();
   complete_topics(run);
   complete_network(run);

@@ -30,27 +30,26 @@ void complete_launch(const Run& run) {
             ? "launch-time needs an etf that keeps the messages until then: link.qdisc: prio bands 2 priomap "
               "1 1 1 1 1 1 0 1 1 1 1 1 1 1 1 1 below 1 etf clockid CLOCK_TAI delta 300000, with "
               "link.message-priority: 6"
-            : "the etf of link.qdisc drops what does not say when it is to leave: add a launch-time");
+            : "the etf of link.qdisc drops packets without a launch time: add launch-time");
   if (!asked) return;
   if (qdisc.starts_with("etf") && !is_below_ip(run.task.transport))
     throw std::invalid_argument(
-        "etf by itself drops ARP as well, without which there is no IP: link.qdisc: prio bands 2 priomap "
+        "an etf at the root drops ARP too, and IP needs ARP: link.qdisc: prio bands 2 priomap "
         "1 1 1 1 1 1 0 1 1 1 1 1 1 1 1 1 below 1 etf …, with link.message-priority: 6");
   if (has_deadline_mode(qdisc))
     throw std::invalid_argument(
-        "with deadline_mode an etf lets a message go before its launch-time: leave out one");
+        "with deadline_mode an etf sends a message before its launch-time: leave out one");
   if (run.task.client.schedule == roundtrip::Schedule::back_to_back)
     throw std::invalid_argument(
-        "launch-time counts from when a message is due, and back-to-back knows no such moment: take another "
+        "launch-time counts from when a message is due, and with back-to-back none is due: use another "
         "schedule");
   if (2 * run.task.config.launch_ns >= run.task.client.timeout.count())
     throw std::invalid_argument(
-        "a message and its answer wait for a launch-time each, and that is no less than timeout: each would "
-        "count as lost");
+        "message and answer each wait for launch-time, together not less than timeout: every message would "
+        "be lost");
   if (run.faults.duplicates > 0)
     throw std::invalid_argument(
-        "of a frame that link.duplicate sends again an etf knows no launch-time, and drops it: leave out "
-        "one");
+        "a frame that link.duplicate sends again has no launch-time, and the etf drops it: leave out one");
   const bool is_beside =
       run.faults.traffic_priority && run.faults.traffic_priority != run.faults.message_priority;
   if (run.traffic.bits_per_s > 0 && (qdisc.starts_with("etf") || !is_beside))
@@ -66,16 +65,16 @@ void complete_launch(const Run& run) {
 void complete_link(const Run& run) {
   const auto& faults = run.faults;
   if (faults.delay.count() == 0 && (faults.jitter.count() > 0 || faults.reordered > 0))
-    throw std::invalid_argument("link.jitter and link.reorder need a link.delay, which they are about");
+    throw std::invalid_argument("link.jitter and link.reorder need a link.delay");
   if (!faults.qdisc.empty() && faults.delay.count() > 0)
     throw std::invalid_argument(
-        "link.qdisc and link.delay both are the queueing discipline of the interface: leave out one");
+        "link.qdisc and link.delay both set the queueing discipline of the interface: leave out one");
   if (faults.dscp && is_below_ip(run.task.transport))
     throw std::invalid_argument(fmt::format(
         "link.dscp is in the header of IP, which messages by {} do not have: leave it out, or take udp",
         run.task.transport));
   if (faults.traffic_priority && run.traffic.bits_per_s == 0)
-    throw std::invalid_argument("link.traffic-priority needs a traffic.rate, of whose packets it is");
+    throw std::invalid_argument("link.traffic-priority needs a traffic.rate");
   if (faults.jitter > faults.delay)
     throw std::invalid_argument("link.jitter is more than link.delay: nothing comes before it was sent");
   complete_launch(run);
@@ -100,8 +99,8 @@ void check_place(const Run& run) {
           where, transport));
   if (run.task.config.receive == transport::Receive::waitset)
     throw std::invalid_argument(
-        fmt::format("neighbours.where: {} is in or beside an executor, and with receive waitset there is "
-                    "none; it needs receive listener",
+        fmt::format("neighbours.where: {} needs an executor, and with receive waitset there is none: use "
+                    "receive listener",
                     where));
 }
 
@@ -121,9 +120,8 @@ void complete_network(Run& run) {
     throw std::invalid_argument("traffic is described, but there is none: traffic.rate says how much");
   if (run.faults.any() && any_past_the_kernel(run))
     throw std::invalid_argument(
-        "the link's faults are made by the kernel's packet filter and queueing disciplines, which xdp passes "
-        "by: leave "
-        "out link, or take ethernet");
+        "xdp bypasses the packet filter and queueing disciplines that make link faults: leave out link, or "
+        "use ethernet");
   complete_link(run);
   if (is_below_ip(run.task.transport)) run.task.config.priority = run.faults.message_priority;
 }
@@ -139,8 +137,7 @@ void complete_neighbours(const Run& run) {
   for (const auto& transport : {run.task.transport, run.component_transport}) {
     if (transport == "udp")
       throw std::invalid_argument(
-          "transport udp has no topics, and so no neighbours: what goes over the link beside its messages is "
-          "`traffic`");
+          "transport udp has no topics, and so no neighbours: use traffic for other packets on the link");
     if (is_below_ip(transport))
       throw std::invalid_argument(fmt::format("transport {} has no neighbours; DDS has", transport));
   }

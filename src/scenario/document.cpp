@@ -155,7 +155,7 @@ void once_each(const std::string& file, const YAML::Node& map) {
   for (const auto& entry : map) {
     if (!entry.first.IsScalar()) fail_at(file, entry.first.Mark(), "a key must be a word");
     if (!seen.insert(entry.first.Scalar()).second)
-      fail_at(file, entry.first.Mark(), fmt::format("'{}' is there twice", entry.first.Scalar()));
+      fail_at(file, entry.first.Mark(), fmt::format("'{}' occurs twice", entry.first.Scalar()));
   }
 }
 

@@ -104,10 +104,10 @@ class HostsOfFile {
                        "begins with a letter",
                        name, longest_name));
     if (has_a_meaning(name))
-      fail(node, fmt::format("components: '{}' has a meaning already; take another name", name));
+      fail(node, fmt::format("components: '{}' is already the name of a key; choose another", name));
     const auto same = [&](const auto& component) { return component.name == name; };
     if (std::any_of(hosts_.components.begin(), hosts_.components.end(), same))
-      fail(node, fmt::format("components: '{}' is there twice", name));
+      fail(node, fmt::format("components: '{}' occurs twice", name));
     return name;
   }
 
@@ -133,9 +133,8 @@ class HostsOfFile {
         host.address = scalar_of(file_, value, key);
       else if (key == "prefix")
         fail(entry.first,
-             "prefix is no more; say how to reach the machine, such as ssh: robot, and where on it "
-             "the "
-             "end lives, such as place: [ip, netns, exec, robot]");
+             "prefix no longer exists; state the machine, such as ssh: robot, and a command prefix, such as "
+             "place: [ip, netns, exec, robot]");
       else
         fail(entry.first, fmt::format("unknown key '{}'; {}", key, keys));
     }

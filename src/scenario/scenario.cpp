@@ -46,8 +46,8 @@ std::string why_not_over(const conditions::Wire& wire, const Run& run) {
         name, name);
   }
   if (wire.bits_per_s > 0 && any_past_the_kernel(run))
-    return "xdp passes by the queueing disciplines of the interface it sends by, of which wire.rate is one: "
-           "take ethernet, or leave out wire.rate";
+    return "xdp bypasses the interface's queueing disciplines, and wire.rate is one: use ethernet, or leave "
+           "out wire.rate";
   if (wire.bits_per_s > 0 && (!run.faults.qdisc.empty() || run.faults.delay.count() > 0))
     return fmt::format(
         "wire.rate and {} both are the queueing discipline of the interface: say wire.vlan as well, whose "
@@ -348,7 +348,7 @@ class File {
     std::set<std::string_view> seen;
     for (const auto& choice : choices)
       if (!seen.insert(choice.value).second)
-        fail(choice.node, fmt::format("{}: '{}' is there twice", path, choice.value));
+        fail(choice.node, fmt::format("{}: '{}' occurs twice", path, choice.value));
     return choices;
   }
 
@@ -433,7 +433,7 @@ class File {
       fail(node, fmt::format("search: '{}' is no key of this run with a list of values, from the gentlest to "
                              "the harshest",
                              path));
-    if (key->said.key == "transport") fail(node, "search: transports are no more or less of anything");
+    if (key->said.key == "transport") fail(node, "search: transports have no order from gentle to harsh");
     std::rotate(key, key + 1, dimensions.end());
     return true;
   }

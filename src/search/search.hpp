@@ -9,7 +9,7 @@
 // together are wrong with probability `alpha` at most; so are all its statements that the goal holds.
 // Evidence is e-values (evidence.hpp); the k-th statement of a kind has alpha / (k (k + 1)).
 //
-// The same answers lead to the same search: a program that keeps the answers can go on with it.
+// The same answers lead to the same search: with the kept answers it can go on.
 #pragma once
 
 #include <cstdint>

@@ -74,7 +74,8 @@ std::string tmpfiles(const std::vector<Change>& changes) {
 }
 
 // Of the names of threads, as pgrep takes it. Numbers in them are not the same at every boot, but those of
-// CPUs. What is no plain letter becomes '.': an interface's name can hold anything, and root's shell reads it.
+// CPUs. What is no plain letter becomes '.': an interface's name can hold anything, and root's shell reads
+// it.
 std::string pattern_of(const std::string& name) {
   std::string pattern;
   for (const char c : name)

@@ -15,7 +15,7 @@ constexpr double fewest_events = 10;    // to tell how they depend on one anothe
 constexpr double fewest_effective = 3;  // not all of one burst
 constexpr std::size_t fewest_batches = 8;
 constexpr std::size_t most_of_memory = 32;
-constexpr double most_effective = 1e9;  // more make no interval narrower that anybody could see
+constexpr double most_effective = 1e9;  // more make no interval visibly narrower
 constexpr double normal_97_5 = 1.959963984540054;
 
 Batch sum_of(std::span<const Batch> batches) {

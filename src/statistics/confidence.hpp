@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// How sure a figure of a run is, though its messages depend on one another: latency comes in bursts, and a
+// Confidence of a run's metrics, though its messages depend on one another: latency comes in bursts, and a
 // thousand messages of one burst tell less than a thousand on their own. All of it is about the process that
 // the run is a piece of, as long as that goes on as it did. Ordinary thread.
 //
@@ -98,7 +98,7 @@ double design_effect(std::span<const Batch>);
 // standard errors. Where they do, the run is too short to tell how its messages depend on one another.
 double memory(std::span<const Batch>);
 
-// Likewise, of a share far out: where it is fewer than ten effective messages, they do not tell their
+// The same of a share far out: where it is fewer than ten effective messages, they do not tell their
 // dependence either, and that of the threshold before it, which ten times as many pass, counts as well.
 double tail_effect(std::span<const Batch>, double effect_before);
 

@@ -108,8 +108,8 @@ struct Summary {
   std::optional<Imported> imported;
   Shape shape;
 
-  // How sure they are: confidence.hpp. Where samples are missing these have no intervals, no messages and no
-  // bound, for nobody knows what those were.
+  // Their intervals: confidence.hpp. Where samples are missing these have no intervals, no messages and no
+  // bound, because those are unknown.
   Certainty round_trip_certainty, response_certainty;
   // Of a message, to be answered late, not at all, and either of the two.
   Probability late_probability, lost_probability, missed_probability;
@@ -127,7 +127,7 @@ std::vector<Summary> summarise(const record::Reader&, std::size_t known = 0);
 
 // Measured to the end that was asked for: not cut off, interrupted or failed.
 bool is_complete(const record::Run&);
-// So many messages' samples were not recorded: no figure speaks for all messages, and nothing says how sure
+// So many messages' samples were not recorded: no figure speaks for all messages, and nothing bounds
 // it is.
 std::uint64_t unrecorded(const record::Run&);
 
@@ -177,10 +177,10 @@ Answer ratio_exceeds(const Change&, double limit);  // 1.1 for `p99 > +10 %`
 Answer difference_exceeds(const Change&, double limit);
 Answer exceeds(const Measured&, double limit);
 
-// A quantity that was found several times, and how sure its median is. The interval runs between two order
-// statistics and covers the median with the stated probability whatever the distribution (sign test; Conover
-// 1999, ch. 3.2): the narrowest symmetric one of at least 95 %, or, of fewer than six values, all that they
-// span.
+// A quantity that was found several times, and the interval of its median. The interval runs between two
+// order statistics and covers the median with the stated probability whatever the distribution (sign test;
+// Conover 1999, ch. 3.2): the narrowest symmetric one of at least 95 %, or, of fewer than six values, all
+// that they span.
 struct Estimate {
   std::size_t count = 0;
   double median = 0, low = 0, high = 0;
@@ -196,12 +196,12 @@ struct Cost {
 // Of the complete runs with the same key, of all sessions in a file.
 struct Layer {
   const Summary* run = nullptr;   // the first of them; points into what was given
-  const Summary* base = nullptr;  // likewise, of the layer below
+  const Summary* base = nullptr;  // of the layer below
   std::string adds_to;            // its id, as asked; empty for the lowest layer
   std::string no_base;            // why there is no base though one was asked for, for people
   Cost round_trip_ns;             // the median message's
   Cost cpu_ns;                    // a message, of all recorded threads on both hosts
-  Cost instructions;              // likewise; nothing where they were not counted
+  Cost instructions;              // the same; nothing where they were not counted
 };
 struct Layers {
   // In the order in which they were first run; what neither adds to another nor is added to is left out.

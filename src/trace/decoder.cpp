@@ -41,7 +41,7 @@ constexpr Wanted wanted[] = {
     {Kind::interrupt_end, "irq", "irq_handler_exit", none, running, none, none, none, none, none, none, none,
      none, none},
     {Kind::soft_interrupt, "irq", "softirq_entry", none, running, none, none, none, none, none, "vec", none,
-     none, "which soft interrupts took the CPU"},
+     none, "which softirqs took the CPU"},
     {Kind::soft_interrupt_end, "irq", "softirq_exit", none, running, none, none, none, none, none, "vec",
      none, none, none},
     {Kind::timer, "irq_vectors", "local_timer_entry", none, running, none, none, none, none, none, none, none,
@@ -73,7 +73,7 @@ constexpr Wanted wanted[] = {
     {Kind::no_route, "fib", "fib_table_lookup", by_no_table, running, none, none, none, none, none, none,
      none, none, "that there was no route"},
     {Kind::no_neighbour, "neigh", "neigh_event_send_done", it_waits, running, none, none, none, none, none,
-     none, none, none, "that nobody on the link had the address"}};
+     none, none, none, "that no host on the link had the address"}};
 
 // The kernel's TASK_*, of which those above 0x80 are not said to user space. It may add that a thread was
 // pre-empted; ready it is then as well.

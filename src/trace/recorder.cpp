@@ -78,7 +78,8 @@ class Now {
   }
 
  private:
-  // There are kernels that do not say how a CPU leaves its idle thread: whoever does something on it shows.
+  // There are kernels that do not say how a CPU leaves its idle thread: a thread that does something on it
+  // shows.
   struct Cpu {
     RawEvent last;  // switch
     bool to_idle;   // it was
@@ -104,8 +105,8 @@ class Recorder::Drain {
         ring_(static_cast<std::size_t>(sysconf(_SC_NPROCESSORS_CONF))) {
     if (tracefs_.has(instance_path))
       throw Error(
-          fmt::format("tracefs has an instance {} that another ontime uses, or that nobody gave back: if "
-                      "nobody traces, remove it "
+          fmt::format("tracefs has an instance {} that another ontime uses, or that was not removed: if "
+                      "no process traces, remove it "
                       "(rmdir /sys/kernel/tracing/{})",
                       instance_name, instance_path));
     journal_.change(instance_kind, instance_name, journal::to_be_made);
@@ -203,7 +204,7 @@ class Recorder::Drain {
     return window;
   }
 
-  // A kernel does not remove a ring that somebody reads.
+  // A kernel does not remove a ring that is read.
   void give_back() {
     pipes_.clear();
     journal_.take_back(instance_kind, instance_name);

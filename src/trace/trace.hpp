@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // What the kernel did around a message: its own tracepoints, in an instance of tracefs that is ours, kept for
-// a few seconds and cut out where somebody asks. Ordinary threads only.
+// a few seconds and cut out on request. Ordinary threads only.
 #pragma once
 
 #include <cstdint>
@@ -44,7 +44,7 @@ enum class Kind : std::uint8_t {
   freeze,  // `thread` freezes the control group `what` (version 2)
   thaw,
   no_route,     // what `thread` would send has no way to where it should go
-  no_neighbour  // what `thread` sent waits until somebody on the link says that the address is his
+  no_neighbour  // what `thread` sent waits until a host on the link claims the address
 };
 const char* word_of(Kind);
 std::optional<Kind> kind_of(const std::string& word);
@@ -104,7 +104,7 @@ class Recorder {
   Recorder(const Recorder&) = delete;
   Recorder& operator=(const Recorder&) = delete;
 
-  // What this kernel has no tracepoint for, and what cannot be told for want of it; for people.
+  // What this kernel has no tracepoint for, and what cannot be told without it; for people.
   const std::vector<std::string>& missing() const;
   std::vector<Window> cut(std::vector<Span> spans);  // in order of time
 

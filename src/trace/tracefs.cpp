@@ -17,8 +17,9 @@ namespace {
 
 Error trouble(const std::string& what, int error) {
   const auto* const remedy =
-      error == EPERM || error == EACCES ? " (it takes root; a kernel in lockdown grants it to nobody, see "
-                                          "/sys/kernel/security/lockdown)"
+      error == EPERM || error == EACCES
+          ? " (it takes root; a kernel in lockdown grants it to no process, see "
+            "/sys/kernel/security/lockdown)"
       : error == ENOSYS ? " (it was built without CONFIG_TRACING, or is older than 5.2: nothing can be "
                           "explained on it)"
                         : "";

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The kernel's tracefs, by a mount of our own that nobody else sees: it need not be mounted anywhere, and
-// nothing is left mounted. There is one tracefs a kernel, whoever mounts it.
+// The kernel's tracefs, by a mount of our own that no other process sees: it need not be mounted anywhere,
+// and nothing is left mounted. There is one tracefs a kernel, for every mount.
 #pragma once
 
 #include <string>

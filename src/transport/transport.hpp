@@ -202,8 +202,8 @@ struct Plugin {
 
 // The transport of that name, from $ONTIME_TRANSPORT_PATH (folders, separated by ':'), beside the program
 // (../lib/…/ontime), or the ament index. Throws Error that says where it looked and what to install. A
-// program with file capabilities looks beside itself alone, for with the two variables any user could bring it
-// code. The shared object stays loaded for the life of the process.
+// program with file capabilities looks beside itself alone, for with the two variables any user could bring
+// it code. The shared object stays loaded for the life of the process.
 const Plugin& load(const std::string& name);
 // The names that load() would find, sorted.
 std::vector<std::string> available();

@@ -47,7 +47,7 @@ struct Progress {
   enum class State {
     waiting,  // ontime has the file, and between two runs, or before the first message of one
     measuring,
-    ended,  // nobody writes into the file any more
+    ended,  // no process writes into the file any more
   } state = State::ended;
   record::Run run;            // the newest; number 0: there is none yet
   bool samples_wait = false;  // it is measuring, and nothing is seen of it before its end
@@ -60,7 +60,7 @@ struct Progress {
   std::optional<double> duration_s;  // as asked
 };
 
-// Reads what is new each time. The file is open only while it is read, so that whoever writes it can close it
+// Reads what is new each time. The file is open only while it is read, so that the writer can close it
 // as one file. What was given up as lost, and proves to have been answered in time, is counted right if that
 // is known within two seconds; the report counts all of it right.
 class Follower {
@@ -96,8 +96,7 @@ class Metrics {
   ~Metrics();
   std::string address() const;  // as it is bound
   void set(std::string text);
-  void serve_for(
-      std::chrono::milliseconds);  // answers whoever asks meanwhile; returns when that time is over
+  void serve_for(std::chrono::milliseconds);  // answers requests meanwhile; returns when that time is over
 
  private:
   class Server;

@@ -22,7 +22,7 @@ def is_made(kind, end, part):
 @dataclasses.dataclass
 class Verdict:
     right: bool
-    first: str      # the cause that was named first, or "nobody"
+    first: str      # the cause that was named first, or "none"
     instead: str    # what was named, where that is not right
 
 
@@ -30,9 +30,9 @@ def judged(kind, end, said):
     causes = said["causes"]
     if not kind.cause:
         accused = [cause["cause"] for cause in causes if cause["cause"] not in NOBODY]
-        return Verdict(not accused, accused[0] if accused else "nobody", accused[0] if accused else "")
+        return Verdict(not accused, accused[0] if accused else "none", accused[0] if accused else "")
     if not causes:
-        return Verdict(False, "nobody", "nothing was late")
+        return Verdict(False, "none", "nothing was late")
     first = causes[0]
     named = " ".join(filter(None, [first["cause"], first["stage"], first["culprit"], f"({first['end']})"]))
     wrong = Verdict(False, first["cause"], named)

@@ -1,8 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 // A plain Cyclone DDS program that keeps its own account of each message, against which `ontime listen` is
 // held.
-//   listen_node publish TOPIC COUNT PERIOD_US LOG   every 997th message waits 30 ms more
-//   listen_node take TOPIC DEPTH PERIOD_US LOG      takes every PERIOD_US (0: as they come) until it is ended
+//   listen_node publish TOPIC COUNT PERIOD_US LOG   begins at SIGUSR1; every 997th message waits 30 ms more
+//   listen_node take TOPIC DEPTH PERIOD_US LOG      takes until it is ended: the first 200 as they come, then
+//   every
+//                                                   PERIOD_US (0: as they come)
+// It uses the DDS domain that the environment names (LISTEN_NODE_DOMAIN).
 // LOG has a line for each message: its number, CLOCK_MONOTONIC just before the write or just after the take,
 // and for a take the source time stamp.
 #include <array>
@@ -24,7 +27,7 @@
 
 namespace {
 
-volatile std::sig_atomic_t ended = 0;
+volatile std::sig_atomic_t ended = 0, begun = 0;
 
 std::int64_t now_ns() {
   timespec time{};
@@ -54,7 +57,8 @@ dds_entity_t checked(dds_entity_t entity) {
 
 void publish(dds_entity_t writer, std::uint64_t count, std::chrono::microseconds period,
              std::vector<Line>& lines) {
-  for (dds_publication_matched_status_t matched{}; ended == 0 && matched.current_count == 0;) {
+  for (dds_publication_matched_status_t matched{};
+       ended == 0 && (begun == 0 || matched.current_count == 0);) {
     dds_get_publication_matched_status(writer, &matched);
     std::this_thread::sleep_for(std::chrono::milliseconds(10));
   }
@@ -79,7 +83,7 @@ void take(dds_entity_t reader, std::chrono::microseconds period, std::vector<Lin
   std::array<void*, most> samples{};
   std::array<dds_sample_info_t, most> infos{};
   while (ended == 0) {
-    if (period.count() == 0)
+    if (period.count() == 0 || lines.size() < 200)
       dds_waitset_wait(waitset, nullptr, 0, DDS_MSECS(100));
     else
       std::this_thread::sleep_for(period);
@@ -101,8 +105,14 @@ int main(int argc, char** argv) {
   action.sa_handler = [](int) { ended = 1; };
   sigaction(SIGTERM, &action, nullptr);
   sigaction(SIGINT, &action, nullptr);
+  action.sa_handler = [](int) { begun = 1; };
+  sigaction(SIGUSR1, &action, nullptr);
   const bool publishes = std::string(argv[1]) == "publish";
-  const auto participant = checked(dds_create_participant(DDS_DOMAIN_DEFAULT, nullptr, nullptr));
+  const char* const domain =
+      std::getenv("LISTEN_NODE_DOMAIN");  // NOLINT(concurrency-mt-unsafe): before any thread
+  const auto participant = checked(dds_create_participant(
+      domain == nullptr ? DDS_DOMAIN_DEFAULT : static_cast<dds_domainid_t>(std::strtoul(domain, nullptr, 10)),
+      nullptr, nullptr));
   const auto topic =
       checked(dds_create_topic(participant, &listen_test_Message_desc, argv[2], nullptr, nullptr));
   const std::unique_ptr<dds_qos_t, void (*)(dds_qos_t*)> qos(dds_create_qos(), dds_delete_qos);

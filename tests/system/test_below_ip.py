@@ -67,7 +67,7 @@ class BelowIp(Program):
         self.assertIn("is not proved", answer.stdout)
 
     def test_what_xdp_passes_by_is_refused(self):
-        for keys, words in (("link: {loss: 1 %}", "which xdp passes by"), ("explain: on", "explain cannot follow")):
+        for keys, words in (("link: {loss: 1 %}", "xdp bypasses"), ("explain: on", "explain cannot follow")):
             with self.subTest(keys):
                 path = pathlib.Path(self.folder, "refused.yaml")
                 path.write_text(f"hosts: namespaces\nruns: [{{id: a, transport: xdp, {keys}}}]\n")

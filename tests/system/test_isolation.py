@@ -268,7 +268,7 @@ class Isolation(unittest.TestCase):
     def test_an_end_in_a_pid_namespace_of_its_own_is_refused(self):
         answer = self.placed("[unshare, --pid, --fork, --kill-child, --mount-proc]", f"{{cpus: {KEPT}}}")
         self.assertEqual(answer.returncode, 3, answer.stderr)
-        self.assertIn("live in a PID namespace of its own", answer.stderr)
+        self.assertIn("has its own PID namespace", answer.stderr)
         self.assert_given_back()
 
 

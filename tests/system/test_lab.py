@@ -181,7 +181,7 @@ class Refused(Lab):
         self.refused(3, "QEMU 7.2.22 lets the first of 2 CPUs whose instructions are counted run for ever", "run", scenario,
                      "--cpus", "2", PATH=path)
         self.refused(3, "is to have 9536743 MiB of memory, and ", "run", scenario, "--memory", "10000000 MB", PATH=path)
-        self.refused(3, "the kernel package linux-image-of-nobody is not to be had here: ", "run", scenario,
+        self.refused(3, "the kernel package linux-image-of-nobody is not available here: ", "run", scenario,
                      "--kernel", "linux-image-of-nobody", PATH=path)
 
 
@@ -189,7 +189,7 @@ class Refused(Lab):
 class Machines(Lab):
     def measured(self, name, *arguments):
         answer = self.lab("run", *arguments, "--results", self.results(name))
-        if "is not to be had here" in answer.stderr:
+        if "is not available here" in answer.stderr:
             self.skipTest(answer.stderr)
         self.assertEqual(answer.returncode, 0, answer.stderr)
         return answer
@@ -229,7 +229,7 @@ class Machines(Lab):
 
     def test_too_little_memory_for_its_files(self):
         answer = self.lab("run", self.scenario(SCENARIO % "udp"), "--results", self.results(), "--memory", "512 MiB")
-        if "is not to be had here" in answer.stderr:
+        if "is not available here" in answer.stderr:
             self.skipTest(answer.stderr)
         self.assertEqual(answer.returncode, 3, answer.stderr)
         self.assertRegex(answer.stderr, "is to have 512 MiB of memory, and with its files, which take [0-9]+, it needs [0-9]+")
@@ -339,7 +339,7 @@ class Machines(Lab):
         words = " ".join(text.split())
         for run, code in (("used", 0), ("taken", 3), ("pinned", 3)):
             self.assertIn(f"{run} ended {code}", said, text)
-        self.assertIn("left control group controller cpuset as it is: somebody has changed it", words)
+        self.assertIn("left control group controller cpuset as it is: another program has changed it", words)
         self.assertIn("belong to other control groups: /sys/fs/cgroup/other", words)
         for moment in ("used", "taken"):
             self.assertEqual((seen[moment]["groups"], seen[moment]["controllers"], seen[moment]["everybody"]),

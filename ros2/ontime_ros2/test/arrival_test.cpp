@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// A message has arrived when the application can read it: after rcl's take, whoever waits for it.
+// A message has arrived when the application can read it: after rcl's take, in any way of waiting.
 #include <atomic>
 #include <chrono>
 #include <filesystem>
@@ -85,7 +85,7 @@ TEST_P(Arrival, IsWhenTheMessageCanBeRead) {
                   if (i % 10 == 0) std::this_thread::sleep_for(20ms);
                 }
                 require(stamps.count >= 40, "nothing arrives");
-                require(taken_ns != 0, "nobody called rcl_take");
+                require(taken_ns != 0, "rcl_take was not called");
                 require(stamps.wrong == nullptr, stamps.wrong.load() ? stamps.wrong.load() : "");
               }),
               "")

@@ -241,7 +241,7 @@ TEST(Losses, OnTheWayAreToldByFastDdsAlone) {
                 require(eventually(answered), "no answer");
                 const Losses before = endpoint->losses();
                 require(before.on_the_way.has_value() == rmw.starts_with("rmw_fastrtps"), "tells otherwise");
-                require(!before.overwritten, "tells what nobody told it");
+                require(!before.overwritten, "tells what it cannot know");
                 if (!before.on_the_way) return;
                 drop_datagrams_above(600, config.domain);
                 for (int i = 0; i < 5; ++i) {

@@ -160,7 +160,7 @@ class WayPlot {
       const bar = this.at(lane, ns), whose = drawing.one_machine && lane.of === "cpu" ? "" : `${WHOSE[lane.end]} `;
       const label = (lane.of === "packet" ? "" : whose) + drawing.names[lane.name];
       if (bar) parts.push(`${label}: ${drawing.names[bar[3]]}, ${time(bar[1] - bar[0])}${bar[4] ? ", the culprit’s" : ""}`);
-      else if (py !== undefined) parts.push(`${label}: ${lane.of === "cpu" ? "idle, or nobody knows" : lane.of === "thread" ? "sleeps" : "none"}`);
+      else if (py !== undefined) parts.push(`${label}: ${lane.of === "cpu" ? "idle or unknown" : lane.of === "thread" ? "sleeps" : "none"}`);
     }
     this.readout.text(parts.join(" · "));
   }

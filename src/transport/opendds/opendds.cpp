@@ -189,8 +189,9 @@ class SharedParticipant {
 
   DDS::DomainParticipant* operator->() const { return entity_.in(); }
   const std::vector<Thread>& threads() const { return threads_; }
-  // The first writer or reader has it open the socket for data. Another program may have its port by then (Fast
-  // DDS takes its own two as it finds them); where this has not yet been tried, it is left to the kernel.
+  // The first writer or reader has it open the socket for data. Another program may have its port by then
+  // (Fast DDS takes its own two as it finds them); where this has not yet been tried, it is left to the
+  // kernel.
   bool leave_data_port_to_kernel();
   // And it starts the threads of the transport: what receives, then what cleans up.
   void note_transport_threads(const std::vector<dds::Task>& before);

@@ -32,7 +32,7 @@ int priority_of(rclcpp::Node& node, const char* name) {
 }
 
 // Of a thread whose role is not known, what it does is not known to be in the background either; and one that
-// sends again has no priority whoever asks (transport.hpp).
+// sends again never has a priority (transport.hpp).
 bool may_have_priority(const Thread& thread) { return thread.role != "unknown" && thread.role != "resend"; }
 
 bool is_passed_through(const Thread& thread) {

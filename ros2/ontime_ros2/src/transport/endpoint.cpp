@@ -383,7 +383,7 @@ template <typename Alloc>
     incoming_.data.assign(message.data.begin(), message.data.end());
     arrived(incoming_, arrival_ns);
   } else {
-    // Nobody else has it: the memory strategy made it for this call.
+    // Nothing else has it: the memory strategy made it for this call.
     arrived(const_cast<RoundTrip&>(message), arrival_ns);
   }
 }

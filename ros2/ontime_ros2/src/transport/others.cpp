@@ -64,7 +64,7 @@ std::string other_types(const rclcpp::Node& node, const std::string& topic) {
   const auto other = std::find_if(found->second.begin(), found->second.end(),
                                   [](const std::string& name) { return name != type; });
   if (other == found->second.end()) return {};
-  return "somebody has " + topic + " with type " + *other + ", we have " + type +
+  return "another program has " + topic + " with type " + *other + ", we have " + type +
          "; build both ends with the same ontime_msgs";
 }
 
@@ -105,8 +105,8 @@ std::string seen(const Config& config, rclcpp::Node& node, const rclcpp::Publish
   if (matched.both()) return {};
   if (others.empty()) return dds::others_elsewhere(config);
   std::string text = "other nodes in domain " + std::to_string(config.domain) + ": " + others;
-  if (matched.readers == 0) text += std::string("; nobody reads ") + publisher.get_topic_name();
-  if (matched.writers == 0) text += std::string("; nobody writes ") + subscription.get_topic_name();
+  if (matched.readers == 0) text += std::string("; no reader of ") + publisher.get_topic_name();
+  if (matched.writers == 0) text += std::string("; no writer of ") + subscription.get_topic_name();
   return text;
 }
 

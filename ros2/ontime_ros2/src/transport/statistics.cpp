@@ -71,7 +71,7 @@ void Statistics::sent(std::uint64_t sequence, std::int64_t sent_ns) noexcept {
 
 void Statistics::arrived(std::uint64_t sequence, std::int64_t arrival_ns) noexcept {
   InFlight& message = in_flight_[message::index_of(sequence) % in_flight_.size()];
-  // Of a duplicate only the first counts, of somebody else's answer none.
+  // Of a duplicate only the first counts, of another program's answer none.
   if (!message.sequence.compare_exchange_strong(sequence, none, std::memory_order_acquire)) return;
   round_trips_ns_.push(arrival_ns - message.sent_ns.load(std::memory_order_relaxed));
 }

@@ -17,7 +17,7 @@ namespace ontime::two_ends {
 // The transport that lies beside this program, in the build tree as when installed.
 const transport::Plugin& plugin();
 
-// A network of this process's own where the kernel permits it; then nobody else answers.
+// A network of this process's own where the kernel permits it; then no other program answers.
 bool isolate();
 
 struct Echo final : transport::Sink {

@@ -1,0 +1,252 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "listen/listen.hpp"
+
+#include <algorithm>
+#include <deque>
+#include <set>
+
+#include <fmt/chrono.h>
+#include <fmt/format.h>
+
+#include "campaign/campaign.hpp"
+#include "commands.hpp"
+#include "flags.hpp"
+#include "output.hpp"
+#include "report/report.hpp"
+#include "spelling/spelling.hpp"
+#include "terminal.hpp"
+
+namespace ontime::app {
+namespace {
+
+using namespace std::chrono_literals;
+using nlohmann::ordered_json;
+
+constexpr auto look_for_list = 3s;
+
+struct ListenArguments {
+  std::vector<std::string> topics;
+  std::string deadline, period, age, time, pcap, packets, output, format = "table";
+  bool list = false;
+};
+
+std::optional<std::chrono::nanoseconds> time_of(const char* flag, const std::string& text) {
+  return text.empty() ? std::nullopt : std::optional(duration_flag(flag, text));
+}
+
+std::string in_ms(std::int64_t ns) {
+  const auto ms = static_cast<double>(ns) / 1e6;
+  return fmt::format("{:.{}f}", ms, ms < 10 ? 3 : ms < 100 ? 2 : 1);
+}
+
+std::string words_of(const listen::Party& party, const char* unknown) {
+  if (party.process != 0) return fmt::format("{} [{}]", report::printable(party.name), party.process);
+  return party.name.empty() ? unknown : report::printable(party.name);
+}
+
+std::string topic_of(const std::string& topic) {
+  return topic.empty() ? "(unknown topic)" : report::printable(topic);
+}
+
+std::string spread_of(const listen::Distribution& values) {
+  return values.count() == 0 ? "unknown"
+                             : fmt::format("p50 {} p99 {} max {} ms", in_ms(values.quantile_ns(0.5)),
+                                           in_ms(values.quantile_ns(0.99)), in_ms(values.max_ns()));
+}
+
+std::string way_of(const listen::Flow& flow) {
+  return fmt::format("{}  {} → {}  {:.1f} Hz", topic_of(flow.topic),
+                     words_of(flow.writer, "(writer not seen)"), words_of(flow.reader, "(no reader seen)"),
+                     flow.rate_hz());
+}
+
+std::string text_of(const listen::Flow& flow, bool is_judged) {
+  auto text = fmt::format("{}  {} messages\n    period {}\n    age {}\n   ", way_of(flow), flow.messages,
+                          spread_of(flow.period), flow.age ? spread_of(*flow.age) : "unknown");
+  if (is_judged) text += fmt::format(" late {} of {} ", flow.late, flow.messages);
+  text += flow.lost ? fmt::format(" lost {} ", *flow.lost) : " lost unknown ";
+  return text + fmt::format(" duplicated {}  out of order {}\n", flow.duplicated, flow.reordered);
+}
+
+std::string text_of(const listen::Miss& miss) {
+  const auto at = std::chrono::time_point_cast<std::chrono::milliseconds>(
+      std::chrono::system_clock::time_point(std::chrono::nanoseconds(miss.at_ns)));
+  return fmt::format("{:%T}.{:03}  {}  {}: {} ms {}\n",
+                     fmt::localtime(std::chrono::system_clock::to_time_t(at)),
+                     at.time_since_epoch().count() % 1000, topic_of(miss.topic),
+                     words_of(miss.reader, words_of(miss.writer, "").c_str()), in_ms(miss.value_ns),
+                     miss.kind == listen::Miss::Kind::age ? "old" : "after the message before");
+}
+
+ordered_json json_of(const listen::Party& party) {
+  if (party == listen::Party{}) return nullptr;
+  ordered_json json{{"name", party.name}, {"pid", nullptr}};
+  if (party.process != 0) json["pid"] = party.process;
+  return json;
+}
+
+ordered_json json_of(const listen::Distribution& values) {
+  return {{"count", values.count()},
+          {"p50_ns", values.quantile_ns(0.5)},
+          {"p99_ns", values.quantile_ns(0.99)},
+          {"max_ns", values.max_ns()}};
+}
+
+template <class Value>
+ordered_json json_of(const std::optional<Value>& value) {
+  if constexpr (std::is_arithmetic_v<Value>)
+    return value ? ordered_json(*value) : ordered_json();
+  else
+    return value ? json_of(*value) : ordered_json();
+}
+
+ordered_json json_of(const listen::Flow& flow) {
+  return {{"topic", flow.topic},
+          {"writer", json_of(flow.writer)},
+          {"reader", json_of(flow.reader)},
+          {"messages", flow.messages},
+          {"rate_hz", flow.rate_hz()},
+          {"period", json_of(flow.period)},
+          {"age", json_of(flow.age)},
+          {"late", flow.late},
+          {"lost", json_of(flow.lost)},
+          {"duplicated", flow.duplicated},
+          {"out_of_order", flow.reordered}};
+}
+
+ordered_json json_of(const listen::Miss& miss) {
+  return {{"kind", miss.kind == listen::Miss::Kind::age ? "age" : "gap"},
+          {"at_ns", miss.at_ns},
+          {"value_ns", miss.value_ns},
+          {"topic", miss.topic},
+          {"writer", json_of(miss.writer)},
+          {"reader", json_of(miss.reader)}};
+}
+
+std::unique_ptr<listen::Sensor> sensor_of(const ListenArguments& arguments, const listen::Limits& limits) {
+  if (!arguments.packets.empty()) return listen::in_packets(arguments.packets, limits);
+  if (arguments.pcap.empty()) return listen::in_processes(limits);
+  try {
+    return listen::in_pcap_file(arguments.pcap, limits);
+  } catch (const listen::BadFile& error) {
+    throw campaign::Error(2, fmt::format("--pcap: {}", error.what()));
+  }
+}
+
+class Listening {
+ public:
+  explicit Listening(const ListenArguments& arguments)
+      : arguments_(arguments),
+        limits_{time_of("--deadline", arguments.deadline), time_of("--period", arguments.period),
+                time_of("--age", arguments.age)},
+        time_(time_of("--for", arguments.time)),
+        as_json_(is_json_flag(arguments.format)),
+        output_(arguments.output) {
+    if (arguments.list && !time_) time_ = look_for_list;
+  }
+
+  int run() {
+    const auto& interrupts = catch_interrupts();
+    const auto sensor = sensor_of(arguments_, limits_);
+    const auto begin = std::chrono::steady_clock::now();
+    while (interrupts == 0 && (!time_ || std::chrono::steady_clock::now() - begin < *time_)) {
+      const bool goes_on = sensor->listen_for(200ms);
+      take(sensor->take_misses());
+      if (!goes_on) break;
+    }
+    auto findings = sensor->findings();
+    require_topics(findings);
+    std::erase_if(findings.flows, [&](const auto& flow) { return !is_wanted(flow.topic); });
+    write(findings);
+    output_.finish();
+    // Without --for an interruption is how listening ends.
+    if (interrupts > 0 && time_) return 130;
+    return std::any_of(findings.flows.begin(), findings.flows.end(),
+                       [](const auto& flow) { return flow.late > 0; })
+               ? 1
+               : 0;
+  }
+
+ private:
+  bool is_wanted(const std::string& topic) const {
+    const auto& topics = arguments_.topics;
+    return topics.empty() || std::find(topics.begin(), topics.end(), topic) != topics.end();
+  }
+
+  // As they come; as JSON, those that were the last.
+  void take(const std::vector<listen::Miss>& misses) {
+    for (const auto& miss : misses) {
+      if (!is_wanted(miss.topic)) continue;
+      if (!as_json_ && !arguments_.list) output_.write(text_of(miss));
+      if (as_json_) misses_.push_back(miss);
+      if (misses_.size() > listen::most_misses) misses_.pop_front();
+    }
+  }
+
+  void require_topics(const listen::Findings& findings) const {
+    std::set<std::string> seen;
+    for (const auto& flow : findings.flows) seen.insert(flow.topic);
+    for (const auto& topic : arguments_.topics)
+      if (!seen.contains(topic))
+        throw campaign::Error(
+            2, fmt::format("TOPIC: no message of '{}' was seen{}; `ontime listen --list` shows the topics",
+                           topic, spelling::suggestion(topic, {seen.begin(), seen.end()})));
+  }
+
+  void write(const listen::Findings& findings) {
+    if (as_json_) {
+      ordered_json json{{"flows", ordered_json::array()},
+                        {"misses", ordered_json::array()},
+                        {"sensor_lost", findings.sensor_lost},
+                        {"remarks", findings.remarks}};
+      for (const auto& flow : findings.flows) json["flows"].push_back(json_of(flow));
+      for (const auto& miss : misses_) json["misses"].push_back(json_of(miss));
+      return output_.write(json.dump(2, ' ', true, ordered_json::error_handler_t::replace) + "\n");
+    }
+    if (findings.flows.empty()) output_.write("No message was seen.\n");
+    for (const auto& flow : findings.flows)
+      output_.write(arguments_.list ? way_of(flow) + "\n"
+                                    : text_of(flow, limits_.deadline || limits_.period || limits_.age));
+    if (findings.sensor_lost > 0)
+      print_error(fmt::format("the sensor lost {} events: no loss and no period is counted across them",
+                              findings.sensor_lost));
+    for (const auto& remark : findings.remarks) print_error(remark);
+  }
+
+  const ListenArguments& arguments_;
+  const listen::Limits limits_;
+  std::optional<std::chrono::nanoseconds> time_;
+  const bool as_json_;
+  Output output_;
+  std::deque<listen::Miss> misses_;
+};
+
+}  // namespace
+
+void add_listen(Command& app, Action& action) {
+  auto* command = app.add_subcommand(
+      "listen",
+      "Judges the messages of a robot that runs, in its processes or on the wire, and changes nothing of it");
+  auto arguments = std::make_shared<ListenArguments>();
+  command->add_option("TOPIC", arguments->topics, "judge these topics: all");
+  const auto add_time = [&](const char* flag, std::string& value, const char* help) {
+    command->add_option(flag, value, help)->type_name("TIME")->check(given);
+  };
+  add_time("--deadline", arguments->deadline,
+           "a message is late that comes later than this after the one before");
+  add_time("--period", arguments->period, "the expected period; a message is late after 1.5 times as long");
+  add_time("--age", arguments->age, "a message is late that is older than this when it is taken");
+  add_time("--for", arguments->time, "end after this time: at Ctrl-C");
+  command->add_flag("--list", arguments->list, "list who publishes and takes what, after 3 s");
+  auto* packets =
+      command->add_option("--packets", arguments->packets,
+                          "judge RTPS packets on this interface (any: all of them), not the processes");
+  packets->type_name("NAME")->check(given);
+  add_file(*command, "--pcap", arguments->pcap, "judge RTPS packets in this capture (pcap, pcapng)")
+      ->excludes(packets);
+  add_format(*command, arguments->format);
+  add_output(*command, arguments->output);
+  command->callback([&action, arguments] { action = [arguments] { return Listening(*arguments).run(); }; });
+}
+
+}  // namespace ontime::app

@@ -1,0 +1,195 @@
+#!/usr/bin/env python3
+# SPDX-License-Identifier: Apache-2.0
+"""`ontime listen` beside programs that keep their own account of each message. ONTIME, LISTEN_NODE and LISTEN_RMW_NODE name the
+programs.
+
+LISTEN_MESSAGES: how many messages are compared (5,000). It needs root: who may not set probes leaves with 3."""
+
+import json
+import os
+import pathlib
+import signal
+import struct
+import subprocess
+import sys
+import tempfile
+import time
+import unittest
+
+from program import eventually
+
+ONTIME, NODE, RMW_NODE = (os.environ[name] for name in ("ONTIME", "LISTEN_NODE", "LISTEN_RMW_NODE"))
+MESSAGES = int(os.environ.get("LISTEN_MESSAGES", "5000"))
+DOMAIN = 77
+CONFIGURATION = f"""<CycloneDDS><Domain id="{DOMAIN}"><General><Interfaces><NetworkInterface name="lo"/></Interfaces>
+<AllowMulticast>false</AllowMulticast></General><Discovery><Peers><Peer address="127.0.0.1"/></Peers>
+<ParticipantIndex>auto</ParticipantIndex></Discovery></Domain></CycloneDDS>"""
+ENVIRONMENT = {**os.environ, "CYCLONEDDS_URI": CONFIGURATION, "LISTEN_NODE_DOMAIN": str(DOMAIN), "LC_ALL": "C.UTF-8"}
+
+
+def changed_code(pid):
+    """How many bytes of the process's code of Cyclone DDS are not those of the file: those are probes."""
+    changed = 0
+    for line in pathlib.Path(f"/proc/{pid}/maps").read_text().splitlines():
+        fields = line.split()
+        if len(fields) < 6 or "libddsc.so" not in fields[5] or "x" not in fields[1]:
+            continue
+        begin, end = (int(text, 16) for text in fields[0].split("-"))
+        with open(f"/proc/{pid}/mem", "rb", 0) as memory, open(fields[5], "rb") as file:
+            memory.seek(begin)
+            file.seek(int(fields[2], 16))
+            here, there = memory.read(end - begin), file.read(end - begin)
+            changed += sum(a != b for a, b in zip(here, there))
+    return changed
+
+
+def begin(publisher):
+    """Once it can be told."""
+    caught = lambda: int(pathlib.Path(f"/proc/{publisher.pid}/status").read_text().split("SigCgt:")[1].split()[0], 16)
+    assert eventually(lambda: caught() >> (signal.SIGUSR1 - 1) & 1, 30)
+    publisher.send_signal(signal.SIGUSR1)
+
+
+def log_of(path):
+    return [tuple(int(word) for word in line.split()) for line in path.read_text().splitlines()]
+
+
+class Listen(unittest.TestCase):
+    def setUp(self):
+        folder = tempfile.TemporaryDirectory(prefix="ontime-test-")
+        self.addCleanup(folder.cleanup)
+        self.folder = pathlib.Path(folder.name)
+
+    def start(self, *command, **more):
+        process = subprocess.Popen([str(word) for word in command], env=ENVIRONMENT, cwd=self.folder,
+                                   stderr=subprocess.DEVNULL, **more)
+        self.addCleanup(lambda: (process.kill(), process.wait()))
+        return process
+
+    def pair(self, count, period_us=1000, depth=1000, take_us=0):
+        """A publisher that waits for SIGUSR1, and a taker."""
+        return (self.start(NODE, "publish", "rt/cmd_vel", count, period_us, self.folder / "published"),
+                self.start(NODE, "take", "rt/cmd_vel", depth, take_us, self.folder / "taken"))
+
+    def listen(self, nodes, *arguments):
+        listener = self.start(ONTIME, "listen", "--format", "json", "--output", "seen.json", *arguments)
+        self.assertTrue(eventually(lambda: all(changed_code(node.pid) > 0 for node in nodes), 30))
+        # The last probes are set, and the topics' names are found within the first messages.
+        time.sleep(0.5)
+        return listener
+
+    def end(self, listener, publisher, taker):
+        begin(publisher)
+        self.assertEqual(publisher.wait(600), 0)
+        time.sleep(0.5)
+        listener.send_signal(signal.SIGINT)
+        code = listener.wait(30)
+        taker.send_signal(signal.SIGTERM)
+        self.assertEqual(taker.wait(30), 0)
+        return code, json.loads((self.folder / "seen.json").read_text())
+
+    def test_every_late_and_no_other_message_is_found(self):
+        publisher, taker = self.pair(MESSAGES)
+        listener = self.listen((publisher, taker), "/cmd_vel", "--deadline", "15ms")
+        code, seen = self.end(listener, publisher, taker)
+        taken = log_of(self.folder / "taken")
+        self.assertEqual(len(seen["flows"]), 1, seen)
+        flow = seen["flows"][0]
+        self.assertEqual((flow["topic"], flow["writer"]["pid"], flow["reader"]["pid"]),
+                         ("/cmd_vel", publisher.pid, taker.pid))
+        self.assertEqual(seen["sensor_lost"], 0)
+        self.assertEqual(flow["messages"], len(taken))
+        self.assertEqual((flow["lost"], flow["duplicated"], flow["out_of_order"]), (MESSAGES - len(taken), 0, 0))
+        gaps = [after[1] - before[1] for before, after in zip(taken, taken[1:])]
+        # The taker's own clock is read a little later: what is that near to the deadline may be either.
+        sure, possible = (sum(gap > limit for gap in gaps) for limit in (17_000_000, 13_000_000))
+        self.assertGreaterEqual(sure, MESSAGES // 997)
+        self.assertTrue(sure <= flow["late"] <= possible, (sure, flow["late"], possible))
+        self.assertEqual(code, 1)
+        self.assertIsNotNone(flow["age"])
+        print(f"age ns: {flow['age']}; late {flow['late']}, by its own log {sure} to {possible}", file=sys.stderr)
+
+    def test_messages_overwritten_in_the_queue_are_counted_exactly(self):
+        publisher, taker = self.pair(MESSAGES, depth=1, take_us=5000)
+        listener = self.listen((publisher, taker))
+        code, seen = self.end(listener, publisher, taker)
+        taken = [number for number, _, _ in log_of(self.folder / "taken")]
+        flow = seen["flows"][0]
+        self.assertEqual(flow["messages"], len(taken))
+        self.assertGreater(MESSAGES - len(taken), MESSAGES // 2)
+        # Losses count from the message by which the writer is recognized, as ages do.
+        judged = taken[len(taken) - flow["age"]["count"]:]
+        self.assertGreater(len(judged), 0)
+        self.assertEqual(flow["lost"], max(judged) + 1 - min(judged) - len(judged))
+        self.assertEqual(code, 0)  # no limit was stated
+
+    def test_nothing_remains_after_kill_9(self):
+        publisher, taker = nodes = self.pair(100)
+        listener = self.listen(nodes)
+        listener.kill()
+        listener.wait()
+        self.assertTrue(eventually(lambda: all(changed_code(node.pid) == 0 for node in nodes), 10))
+        begin(publisher)
+        self.assertEqual(publisher.wait(60), 0)
+        time.sleep(0.5)
+        taker.send_signal(signal.SIGTERM)
+        self.assertEqual(taker.wait(30), 0)
+        self.assertEqual(len(log_of(self.folder / "taken")), 100)
+
+    def test_packets_show_the_same_messages(self):
+        listener = self.start(ONTIME, "listen", "/cmd_vel", "--packets", "lo", "--format", "json", "--output", "seen.json")
+        time.sleep(1)  # before the nodes, so that their discovery is seen
+        publisher, taker = self.pair(1000)
+        time.sleep(1)
+        code, seen = self.end(listener, publisher, taker)
+        self.assertEqual(code, 0)
+        flow, = seen["flows"]
+        self.assertEqual((flow["messages"], flow["lost"], flow["duplicated"]), (1000, 0, 0), seen)
+        self.assertIsNotNone(flow["age"])
+
+    def test_messages_of_a_ros_2_node_are_judged(self):
+        node = self.start(RMW_NODE)
+        done = subprocess.run([ONTIME, "listen", "/scan", "--for", "3 s", "--format", "json"], capture_output=True,
+                              text=True, timeout=60)
+        self.assertEqual(done.returncode, 0, done.stderr)
+        flow, = json.loads(done.stdout)["flows"]
+        self.assertEqual((flow["writer"]["pid"], flow["reader"]["pid"]), (node.pid, node.pid))
+        # One of 110 is never taken, one of 11 is a copy; the window begins and ends anywhere.
+        self.assertAlmostEqual(flow["lost"], flow["messages"] / 109, delta=2)
+        self.assertAlmostEqual(flow["duplicated"], flow["messages"] * 10 / 109, delta=11)
+        self.assertEqual(flow["out_of_order"], 0)
+        self.assertLess(flow["age"]["p50_ns"], 10_000_000)
+
+    def test_unknown_topic_is_answered_with_the_nearest(self):
+        publisher, taker = self.pair(10000)
+        begin(publisher)
+        done = subprocess.run([ONTIME, "listen", "/cmd_vle", "--for", "5 s"], capture_output=True, text=True, timeout=60)
+        self.assertEqual(done.returncode, 2, done.stderr)
+        self.assertIn("did you mean '/cmd_vel'?", done.stderr)
+
+    def test_without_privileges_it_says_what_to_grant(self):
+        done = subprocess.run(["setpriv", "--reuid", "65534", "--clear-groups", "--bounding-set", "-all", ONTIME, "listen",
+                               "--for", "1 s"], capture_output=True, text=True, timeout=60)
+        self.assertEqual(done.returncode, 3, done.stderr)
+        self.assertIn("setcap", done.stderr)
+
+    def test_file_that_is_no_capture_is_refused(self):
+        (self.folder / "bad.pcap").write_bytes(b"no capture")
+        for name in ("bad.pcap", "missing.pcap"):
+            done = subprocess.run([ONTIME, "listen", "--pcap", self.folder / name], capture_output=True, text=True,
+                                  timeout=60)
+            self.assertEqual(done.returncode, 2, done.stderr)
+            self.assertIn(name, done.stderr)
+
+    def test_empty_capture_has_no_messages(self):
+        (self.folder / "empty.pcap").write_bytes(struct.pack("<IHHiIII", 0xa1b2c3d4, 2, 4, 0, 0, 65535, 1))
+        done = subprocess.run([ONTIME, "listen", "--pcap", self.folder / "empty.pcap"], capture_output=True, text=True,
+                              timeout=60)
+        self.assertEqual(done.returncode, 0, done.stderr)
+        self.assertIn("No message", done.stdout)
+
+
+if __name__ == "__main__":
+    if os.geteuid() != 0:
+        sys.exit(3)
+    unittest.main()
