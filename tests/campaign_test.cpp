@@ -77,6 +77,20 @@ TEST_F(ScenarioFile, RepetitionsAreInterleavedUnlessSaidOtherwise) {
               ElementsAre("a udp 1 1", "a udp 1 2", "b udp 2 1", "b udp 2 2"));
 }
 
+TEST_F(ScenarioFile, ASelectedValueTakesThePlaceOfWhatTheFileStates) {
+  const std::string text = "defaults: {transport: udp, payload: [1 kB, 2 kB]}\nruns: [{id: a}]\n";
+  Selection selection;
+  selection.set = {{"payload", "300 B"}, {"kernel.ksoftirqd", "60"}};
+  const auto scenario = read(text, selection);
+  ASSERT_EQ(scenario.runs.size(), 1);
+  EXPECT_EQ(scenario.runs[0].task.client.payload_bytes, 300);
+  EXPECT_EQ(scenario.runs[0].kernel.at("ksoftirqd"), "60");
+  selection.set = {{"kernel.no-such-key", "60"}};
+  EXPECT_THROW(read(text, selection), scenario::Error);
+  selection.set = {{"payload", "much"}};
+  EXPECT_THROW(read(text, selection), scenario::Error);
+}
+
 TEST_F(ScenarioFile, SelectionNarrowsIt) {
   const std::string text =
       "runs: [{id: a, transport: [udp, fastdds], duration: 1 h}, {id: b, transport: udp}]\n";

@@ -63,7 +63,8 @@ TEST_F(Remedies, AThreadThatTakesPacketsInHasItsOwnKey) {
   part.stage = Stage::travelled;
   part.thread = "napi/eth1-1";
   EXPECT_THAT(settings(part),
-              testing::ElementsAre(Setting{"kernel.napi-threads", "above the priority of hog"}));
+              testing::ElementsAre(Setting{"kernel.napi-threads", "above the priority of hog"},
+                                   Setting{"kernel.napi-cpus", "other CPUs than those of hog"}));
 }
 
 }  // namespace

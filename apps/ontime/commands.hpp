@@ -25,6 +25,7 @@ void add_import(Command&, Action&);
 void add_plot(Command&, Action&);
 void add_check(Command&, Action&);
 void add_tune(Command&, Action&);
+void add_tune_search(Command& tune, Action&);
 void add_lab(Command&, Action&);
 void add_completion(Command&, Action&);  // for bash and zsh
 void add_workers(Command&, Action&);     // what the others start, by orders over standard input and output

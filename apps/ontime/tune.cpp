@@ -261,6 +261,7 @@ void add_tune(Command& app, Action& action) {
              arguments->format);
   add("revert", "Restores what apply changed, and what a killed ontime left",
       [](const TuneArguments&) { return revert(); });
+  add_tune_search(*command, action);
 }
 
 }  // namespace ontime::app

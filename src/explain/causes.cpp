@@ -233,10 +233,12 @@ bool has_already(const record::Run& run, const Setting& setting) {
 
 // The kernel's threads have keys of their own.
 Remedy of_kernel_thread(const Part& part) {
-  const auto* const threads = part.thread.starts_with("irq/")    ? "irq-threads"
-                              : part.thread.starts_with("napi/") ? "napi-threads"
-                                                                 : "ksoftirqd";
-  return {{{fmt::format("kernel.{}", threads), filled("above the priority of {1}", part)}}, ""};
+  const auto above = filled("above the priority of {1}", part);
+  if (part.thread.starts_with("napi/"))
+    return {
+        {{"kernel.napi-threads", above}, {"kernel.napi-cpus", filled("other CPUs than those of {1}", part)}},
+        ""};
+  return {{{part.thread.starts_with("irq/") ? "kernel.irq-threads" : "kernel.ksoftirqd", above}}, ""};
 }
 
 // Of a message that was lost without a reason: how far it is known to have come.

@@ -337,6 +337,8 @@ class File {
       choices.push_back({fmt::format("{} ns", selection_.duration->count()), node});
     } else if (path == "explain" && selection_.explain) {
       choices.push_back({"on", node});
+    } else if (const auto chosen = selection_.set.find(path); chosen != selection_.set.end()) {
+      choices.push_back({chosen->second, node});
     } else if (node.IsSequence()) {
       for (const auto& element : node) choices.push_back({scalar(element, path), element});
       if (choices.empty()) fail(node, path + ": the list is empty");
@@ -361,6 +363,11 @@ class File {
     }
     if (selection_.duration) entries.try_emplace("duration", node);
     if (selection_.explain) entries.try_emplace("explain", node);
+    for (const auto& [path, value] : selection_.set) {
+      if (!is_key(path) && !is_option(path))
+        throw Error(fmt::format("there is no key '{}'{}", path, nearest(path)));
+      entries.try_emplace(path, node);
+    }
     std::vector<Dimension> dimensions;  // in the order of the table: a preset before what refines it
     for (const auto& key : keys())
       for (const auto& [path, value] : entries)

@@ -4,6 +4,7 @@
 #pragma once
 
 #include <chrono>
+#include <map>
 #include <optional>
 #include <stdexcept>
 #include <string>
@@ -65,6 +66,7 @@ struct Selection {
   std::optional<std::chrono::nanoseconds> duration;
   bool deploy = false, explain = false;  // as `explain: on` of each run
   std::vector<std::string> cable{};      // two interfaces of this machine, by which its namespaces are joined
+  std::map<std::string, std::string> set{};  // of each run, instead of what the file states: key → value
 };
 // Throws Error with file, line and column. What is too much to be read or carried out is refused as well.
 Scenario read_scenario(const std::string& file, const Selection&);

@@ -1,0 +1,292 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "search_report.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+
+#include "campaign/ssh.hpp"
+#include "report/html.hpp"
+#include "report/report.hpp"
+
+namespace ontime::app {
+namespace {
+
+using nlohmann::ordered_json;
+using report::escaped;
+using report::printable;
+using search::Decision, search::End, search::Trial;
+using Purpose = Trial::Purpose;
+
+constexpr std::size_t most_causes = 3;
+
+std::string goal_of(const search::Problem& problem) {
+  std::vector<std::string> limits;
+  for (const auto& limit : problem.goal) limits.push_back(limit.text);
+  return fmt::format("{}", fmt::join(limits, " and "));
+}
+
+std::string answer_of(const SearchReport& report) {
+  switch (report.outcome.end) {
+    case End::goal_holds:
+      return report.outcome.set.empty() ? "the goal holds already; nothing to change" : "the goal holds";
+    case End::not_proven:
+      return "the goal held in these runs, but they are too few to prove it: make the runs longer";
+    case End::nothing_left:
+      return "the goal does not hold, and no setting is left to try";
+    case End::no_time:
+      return "stopped: " + report.stopped;
+    case End::cannot_measure:
+      return "cannot measure: " + report.outcome.why;
+  }
+  return "";
+}
+
+std::string percent(double share) { return fmt::format("{:.3g}", 100 * share); }
+
+// "p99.9 < 1 ms: 3 of 24000, 95 % interval [0.001, 0.06] %".
+std::string share_text(const search::Limit& limit, const search::Share& share) {
+  return fmt::format("{}: {:.0f} of {:.0f} break it, [{}, {}] %", limit.text, share.events, share.messages,
+                     percent(share.range.low), percent(share.range.high));
+}
+
+// The last runs of the set that was found.
+const Trial* last_of(const search::Outcome& outcome) {
+  const auto found = std::find_if(outcome.trials.rbegin(), outcome.trials.rend(), [&](const Trial& trial) {
+    return trial.set == outcome.set && !trial.shares.empty();
+  });
+  return found == outcome.trials.rend() ? nullptr : &*found;
+}
+
+std::string contribution_text(const search::Problem& problem, const search::Contribution& one) {
+  std::vector<std::string> parts;
+  for (std::size_t limit = 0; limit < problem.goal.size() && limit < one.less.size(); ++limit)
+    parts.push_back(fmt::format("{}: [{}, {}] %", problem.goal[limit].text, percent(one.less[limit].low),
+                                percent(one.less[limit].high)));
+  return fmt::format("without it so many more messages break {}{}", fmt::join(parts, ", "),
+                     one.is_needed ? "" : "; not proven to be needed");
+}
+
+// Single settings that were tried and not kept: those that did nothing, or harm.
+std::vector<std::string> dropped(const search::Outcome& outcome, Decision decision) {
+  std::vector<std::string> all;
+  for (const auto& trial : outcome.trials) {
+    if (trial.purpose != Purpose::add || trial.decision != decision) continue;
+    search::Set added;
+    for (const auto& setting : trial.set)
+      if (const auto before = trial.reference.find(setting.first);
+          before == trial.reference.end() || before->second != setting.second)
+        added.insert(setting);
+    const auto text = added.size() == 1 ? words_of(added) : fmt::format("{} settings together", added.size());
+    if (std::find(all.begin(), all.end(), text) == all.end()) all.push_back(text);
+  }
+  return all;
+}
+
+std::vector<std::string> kernel_words(const search::Set& set) {
+  std::vector<std::string> words;
+  constexpr std::string_view kernel = "kernel.";
+  for (const auto& [key, value] : set)
+    if (key.starts_with(kernel))
+      words.push_back(fmt::format("--set {}={}", key.substr(kernel.size()), value));
+  return words;
+}
+
+const char* purpose_words(Purpose purpose) {
+  switch (purpose) {
+    case Purpose::measure:
+      return "measured alone";
+    case Purpose::add:
+      return "tried";
+    case Purpose::remove:
+      return "members left out";
+    case Purpose::confirm:
+      return "measured afresh";
+  }
+  return "";
+}
+
+// ── The picture: one row a trial, one column a limit; the share that broke it, on a logarithmic scale.
+
+constexpr double row_px = 26, label_px = 420, column_px = 300, top_px = 34, least_share = 1e-6;
+
+double x_of(double share, std::size_t column) {
+  const auto decades = std::log10(std::clamp(share, least_share, 1.0) / least_share);
+  return label_px + static_cast<double>(column) * (column_px + 20) +
+         decades / -std::log10(least_share) * column_px;
+}
+
+std::string bar(const search::Share& share, std::size_t column, double y, const char* color) {
+  const auto seen = share.messages > 0 ? share.events / share.messages : 0;
+  return fmt::format(
+      R"(<line x1="{:.1f}" x2="{:.1f}" y1="{:.1f}" y2="{:.1f}" stroke="{}" stroke-width="2"/><circle cx="{:.1f}" cy="{:.1f}" r="4" fill="{}"/>)",
+      x_of(share.range.low, column), x_of(share.range.high, column), y, y, color, x_of(seen, column), y,
+      color);
+}
+
+std::string picture_of(const SearchReport& report) {
+  const auto& goal = report.problem.goal;
+  const auto& trials = report.outcome.trials;
+  const auto height = top_px + row_px * static_cast<double>(trials.size()) + 24;
+  const auto width = x_of(1, goal.size() - 1) + 20;
+  std::string svg = fmt::format(
+      R"(<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {:.0f} {:.0f}" width="{:.0f}" font-family="sans-serif" font-size="12" role="img" aria-label="Shares of messages that break each limit, trial by trial">)",
+      width, height, width);
+  for (std::size_t column = 0; column < goal.size(); ++column) {
+    svg += fmt::format(R"(<text x="{:.1f}" y="14" font-weight="bold" fill="currentColor">{}</text>)",
+                       x_of(0, column), escaped(goal[column].text));
+    for (const auto& [share, label] : {std::pair{1e-6, "0"}, {1e-4, "0.01 %"}, {1e-2, "1 %"}, {1.0, "100 %"}})
+      svg += fmt::format(
+          R"(<line x1="{0:.1f}" x2="{0:.1f}" y1="{1:.0f}" y2="{2:.0f}" stroke="#8884"/><text x="{0:.1f}" y="{3:.0f}" text-anchor="middle" fill="currentColor">{4}</text>)",
+          x_of(share, column), top_px - 12, height - 20, height - 4, label);
+    if (goal[column].share > 0)
+      svg += fmt::format(
+          R"(<line x1="{0:.1f}" x2="{0:.1f}" y1="{1:.0f}" y2="{2:.0f}" stroke="#c00" stroke-dasharray="4 3"/>)",
+          x_of(goal[column].share, column), top_px - 12, height - 20);
+  }
+  for (std::size_t i = 0; i < trials.size(); ++i) {
+    const auto& trial = trials[i];
+    const auto y = top_px + row_px * static_cast<double>(i);
+    auto name = words_of(trial.set);
+    if (name.size() > 52) name = fmt::format("{} settings", trial.set.size());
+    svg += fmt::format(R"(<text x="0" y="{:.1f}" fill="currentColor">{} {}: {}</text>)", y + 4, i + 1,
+                       escaped(name), search::word_of(trial.decision));
+    for (std::size_t column = 0; column < goal.size(); ++column) {
+      if (column < trial.reference_shares.size())
+        svg += bar(trial.reference_shares[column], column, y + 5, "#999");
+      if (column < trial.shares.size()) svg += bar(trial.shares[column], column, y - 3, "#06c");
+    }
+  }
+  return svg + "</svg>";
+}
+
+ordered_json json_of(const search::Set& set) {
+  auto object = ordered_json::object();
+  for (const auto& [key, value] : set) object[key] = value;
+  return object;
+}
+
+ordered_json json_of(const std::vector<search::Share>& shares) {
+  auto all = ordered_json::array();
+  for (const auto& share : shares)
+    all.push_back({{"events", share.events},
+                   {"messages", share.messages},
+                   {"low", share.range.low},
+                   {"high", share.range.high}});
+  return all;
+}
+
+}  // namespace
+
+std::string words_of(const search::Set& set) {
+  if (set.empty()) return "nothing";
+  std::vector<std::string> words;
+  for (const auto& [key, value] : set) words.push_back(fmt::format("{}: {}", key, value));
+  return fmt::format("{}", fmt::join(words, ", "));
+}
+
+std::string text_of(const SearchReport& report) {
+  const auto& outcome = report.outcome;
+  std::string text = fmt::format("Goal: {}: {}.\n", goal_of(report.problem), answer_of(report));
+  if (const auto* last = last_of(outcome))
+    for (std::size_t limit = 0; limit < last->shares.size(); ++limit)
+      text += fmt::format("  {}\n", share_text(report.problem.goal[limit], last->shares[limit]));
+  const bool holds = outcome.end == End::goal_holds;
+  if (!outcome.set.empty()) text += holds ? "\nSmallest set of settings:\n" : "\nBest settings so far:\n";
+  for (const auto& one : outcome.contributions)
+    text += fmt::format("  {}: {}\n    {}\n", one.member.key, one.member.value,
+                        contribution_text(report.problem, one));
+  if (!outcome.remaining.empty()) text += "\nStill late because of:\n";
+  for (std::size_t i = 0; i < std::min(most_causes, outcome.remaining.size()); ++i)
+    text += fmt::format("  {:.0f} messages: {}\n", outcome.remaining[i].messages, outcome.remaining[i].cause);
+  for (const auto& [words, decision] : {std::pair{"No effect", Decision::no_effect},
+                                        {"Harmful", Decision::harms},
+                                        {"Not possible here", Decision::refused}})
+    if (const auto all = dropped(outcome, decision); !all.empty())
+      text += fmt::format("\n{}: {}\n", words, fmt::join(all, "; "));
+  if (const auto words = kernel_words(outcome.set); !words.empty())
+    text += fmt::format("\nAt every boot: ontime tune apply {} --print systemd\n", campaign::quoted(words));
+  text += fmt::format("\n{} trials, {} runs. Results: {}. Picture: {}.\n", outcome.trials.size(),
+                      outcome.runs, report.results, report.page);
+  // printable() keeps one line.
+  std::string shown;
+  for (std::size_t from = 0; from < text.size();) {
+    const auto to = text.find('\n', from);
+    shown += printable(text.substr(from, to - from)) + "\n";
+    from = to + 1;
+  }
+  return shown;
+}
+
+ordered_json json_of(const SearchReport& report) {
+  const auto& outcome = report.outcome;
+  ordered_json all{{"goal", goal_of(report.problem)},
+                   {"end", search::word_of(outcome.end)},
+                   {"why", outcome.end == End::cannot_measure ? outcome.why : report.stopped},
+                   {"set", json_of(outcome.set)},
+                   {"runs", outcome.runs},
+                   {"results", report.results},
+                   {"page", report.page}};
+  auto& contributions = all["contributions"] = ordered_json::array();
+  for (const auto& one : outcome.contributions) {
+    auto less = ordered_json::array();
+    for (const auto& range : one.less) less.push_back({{"low", range.low}, {"high", range.high}});
+    contributions.push_back(
+        {{"key", one.member.key}, {"value", one.member.value}, {"needed", one.is_needed}, {"less", less}});
+  }
+  auto& trials = all["trials"] = ordered_json::array();
+  for (const auto& trial : outcome.trials)
+    trials.push_back({{"purpose", search::word_of(trial.purpose)},
+                      {"set", json_of(trial.set)},
+                      {"reference", json_of(trial.reference)},
+                      {"decision", search::word_of(trial.decision)},
+                      {"why", trial.why},
+                      {"runs", trial.runs},
+                      {"shares", json_of(trial.shares)},
+                      {"reference_shares", json_of(trial.reference_shares)}});
+  auto& remaining = all["remaining"] = ordered_json::array();
+  for (const auto& finding : outcome.remaining)
+    remaining.push_back({{"cause", finding.cause}, {"messages", finding.messages}});
+  auto& left_out = all["left_out"] = ordered_json::array();
+  for (const auto& [key, why] : report.left_out) left_out.push_back({{"key", key}, {"why", why}});
+  return all;
+}
+
+std::string page_of(const SearchReport& report) {
+  const auto& outcome = report.outcome;
+  std::string body =
+      fmt::format("<h1>Search of settings: {}</h1><p>Goal: {}: <strong>{}</strong>.</p>",
+                  escaped(report.scenario), escaped(goal_of(report.problem)), escaped(answer_of(report)));
+  if (!outcome.set.empty()) {
+    body += "<h2>Settings</h2><ul>";
+    for (const auto& one : outcome.contributions)
+      body += fmt::format("<li><code>{}: {}</code>: {}</li>", escaped(one.member.key),
+                          escaped(one.member.value), escaped(contribution_text(report.problem, one)));
+    body += "</ul>";
+  }
+  body +=
+      "<h2>Trials</h2><p>Shares of messages that break each limit: blue what was tried, gray what it was "
+      "compared with; lines are 95 % intervals, dashes the limit.</p>";
+  body += picture_of(report);
+  body +=
+      "<table><tr><th></th><th>tried</th><th>how</th><th>compared with</th><th>because "
+      "of</th><th>runs</th><th>result</th></tr>";
+  for (std::size_t i = 0; i < outcome.trials.size(); ++i) {
+    const auto& trial = outcome.trials[i];
+    body +=
+        fmt::format("<tr><td>{}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td></tr>",
+                    i + 1, escaped(words_of(trial.set)), purpose_words(trial.purpose),
+                    trial.purpose == Purpose::measure ? "" : escaped(words_of(trial.reference)),
+                    escaped(trial.why), trial.runs, search::word_of(trial.decision));
+  }
+  body += "</table>";
+  if (!outcome.remaining.empty()) body += "<h2>Remaining causes</h2><ul>";
+  for (const auto& finding : outcome.remaining)
+    body += fmt::format("<li>{:.0f} messages: {}</li>", finding.messages, escaped(finding.cause));
+  if (!outcome.remaining.empty()) body += "</ul>";
+  return report::standing_alone("Search: " + report.scenario, body);
+}
+
+}  // namespace ontime::app

@@ -1,0 +1,28 @@
+// SPDX-License-Identifier: Apache-2.0
+// What `ontime tune search` found: for a terminal, for programs, and as a page with a picture.
+#pragma once
+
+#include <string>
+
+#include <nlohmann/json.hpp>
+
+#include "search/knobs.hpp"
+#include "search/search.hpp"
+
+namespace ontime::app {
+
+struct SearchReport {
+  const search::Problem& problem;
+  const search::Outcome& outcome;
+  const std::vector<search::Knobs::LeftOut>& left_out;
+  std::string stopped;  // why there was no more time, for people; "": there was
+  std::string scenario, results, page;
+};
+
+std::string text_of(const SearchReport&);
+nlohmann::ordered_json json_of(const SearchReport&);
+std::string page_of(const SearchReport&);
+
+std::string words_of(const search::Set&);  // "kernel.ksoftirqd: 60, realtime: on"; "nothing" of none
+
+}  // namespace ontime::app

@@ -1,0 +1,87 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "search/goal.hpp"
+
+#include <fmt/format.h>
+
+namespace ontime::search {
+namespace {
+
+using statistics::Figure;
+
+double share_above(const gate::Gate& gate) {
+  switch (gate.figure) {
+    case Figure::p50:
+      return 0.5;
+    case Figure::p90:
+      return 0.1;
+    case Figure::p99:
+      return 0.01;
+    case Figure::p99_9:
+      return 0.001;
+    case Figure::p99_99:
+      return 0.0001;
+    case Figure::max:
+      return 0;
+    case Figure::late:
+    case Figure::lost:
+      break;
+    case Figure::mean:
+      throw gate::Error(
+          fmt::format("'{}': a mean cannot be a goal, because it says nothing of single messages: "
+                      "take p50, p99 or max",
+                      gate.text));
+  }
+  if (gate.kind == gate::Gate::Limit::count && gate.limit > 0)
+    throw gate::Error(
+        fmt::format("'{}': a number of messages depends on how long a run is: say 0, or a share "
+                    "such as 0.1 %",
+                    gate.text));
+  return gate.limit;
+}
+
+std::string trimmed(const std::string& text) {
+  const auto first = text.find_first_not_of(" \t");
+  return first == text.npos ? "" : text.substr(first, text.find_last_not_of(" \t") - first + 1);
+}
+
+Part part_of(const std::string& text) {
+  auto gate = text;
+  const auto at = gate.find_first_of("<=");
+  if (at != gate.npos) {
+    const auto end = gate.find_first_not_of("<=", at);
+    const auto comparison = gate.substr(at, end - at);
+    if (comparison == "<" || comparison == "=") gate.replace(at, 1, "<=");
+    const bool is_none = trimmed(text.substr(std::min(end, text.size()))) == "0";
+    if (comparison == "=" && !is_none)
+      throw gate::Error(fmt::format("'{}': only a number of 0 is asked for with =, others with <", text));
+  }
+  Part part{{text, 0}, gate::parse(gate, gate::Use::require)};
+  part.limit.share = share_above(part.gate);
+  return part;
+}
+
+}  // namespace
+
+std::vector<Part> goal_of(const std::string& text) {
+  constexpr std::string_view conjunction = " and ";
+  std::vector<Part> parts;
+  for (std::size_t from = 0; from <= text.size();) {
+    const auto to = std::min(text.find(conjunction, from), text.size());
+    parts.push_back(part_of(trimmed(text.substr(from, to - from))));
+    from = to == text.size() ? to + 1 : to + conjunction.size();
+  }
+  return parts;
+}
+
+Tally tally_of(const Part& part, const statistics::Summary& run) {
+  const auto& gate = part.gate;
+  const auto of = [&]() -> statistics::Probability {
+    if (gate.figure == Figure::lost) return run.lost_probability;
+    if (gate.figure != Figure::late) return statistics::slower_than(run, gate.times, gate.limit);
+    return gate.times == statistics::Times::response ? run.late_by_response_probability
+                                                     : run.late_probability;
+  }();
+  return {static_cast<double>(of.events), static_cast<double>(of.messages), std::max(of.effect, 1.0)};
+}
+
+}  // namespace ontime::search

@@ -1,0 +1,163 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "search/knobs.hpp"
+
+#include <algorithm>
+
+#include <fmt/format.h>
+
+#include "scenario/scenario.hpp"
+#include "settings/settings.hpp"
+#include "trace/trace.hpp"
+#include "transport/transport.hpp"
+
+namespace ontime::search {
+namespace {
+
+constexpr const char* large_buffer = "4 MiB";  // as scenarios say it
+constexpr int usual_priority = 60;             // the paper's, of the kernel's threads
+constexpr int highest_priority = 98;
+
+std::string last_word(const std::string& key) { return key.substr(key.rfind('.') + 1); }
+bool is_of_kernel(const std::string& key) { return key.starts_with("kernel."); }
+bool is_of_cpus(const std::string& key) { return key.ends_with("cpus"); }
+bool is_priority(const std::string& key) {
+  return key.ends_with(".priority") || key == "kernel.irq-threads" || key == "kernel.napi-threads" ||
+         key == "kernel.ksoftirqd";
+}
+
+std::vector<std::string> each_of(const std::vector<int>& cpus) {
+  std::vector<std::string> each;
+  for (const int cpu : cpus) each.push_back(std::to_string(cpu));
+  return each;
+}
+
+std::vector<Knob> all_knobs(const Bounds& bounds) {
+  const auto priority = std::to_string(std::min(usual_priority, bounds.below_priority - 1));
+  const auto cpus = each_of(bounds.cpus);
+  std::vector<Knob> knobs = {{"realtime", {"on"}},
+                             {"realtime.lock-memory", {"on"}},
+                             {"realtime.cpu-latency", {"0 us"}},
+                             {"kernel.ksoftirqd", {priority}},
+                             {"kernel.napi-threads", {priority}},
+                             {"kernel.irq-threads", {priority}},
+                             {"kernel.napi-cpus", cpus},
+                             {"kernel.irq-cpus", cpus},
+                             {"kernel.rmem-max", {large_buffer}},
+                             {"kernel.rmem-default", {large_buffer}},
+                             {"kernel.rt-throttling", {"off"}},
+                             {"kernel.coalescing", {"rx-usecs=0"}},
+                             {"kernel.gro", {"off"}},
+                             {"kernel.busy-poll", {"50"}},
+                             {"kernel.timer-migration", {"off"}},
+                             {"kernel.governor", {"performance"}}};
+  for (const auto& key : conditions::keys())
+    if (key.path.starts_with("realtime.") && (key.path.ends_with(".priority") || is_of_cpus(key.path)))
+      knobs.push_back({key.path, {}});
+  return knobs;
+}
+
+// As the run has it by itself; "": it does not say.
+std::string stated(const conditions::Run& run, const std::string& key) {
+  const auto& realtime = run.task.realtime;
+  if (key == "realtime") return realtime.on ? "on" : "";
+  if (key == "realtime.lock-memory") return realtime.lock_memory ? "on" : "";
+  if (key == "realtime.cpu-latency")
+    return realtime.cpu_latency && realtime.cpu_latency->count() == 0 ? "0 us" : "";
+  if (!is_of_kernel(key)) return "";
+  const auto found = run.kernel.find(last_word(key));
+  return found == run.kernel.end() ? "" : found->second;
+}
+
+std::string why_not(const std::string& key, const conditions::Run& run, const Bounds& bounds) {
+  if (bounds.never.contains(key) || bounds.never.contains(last_word(key))) return "never: as asked";
+  if (is_of_kernel(key) && scenario::any_past_the_kernel(run))
+    return "messages of this transport do not pass the kernel's network";
+  if (key.starts_with("kernel.napi-") && stated(run, "kernel.threaded-napi") != "on")
+    return "NAPI has no threads here: threaded-napi is off";
+  const auto lacks = bounds.cannot.find(key);
+  return lacks == bounds.cannot.end() ? "" : lacks->second;
+}
+
+// The values by which a rule of a remedy is kept to.
+std::vector<Setting> resolved(const Setting& setting, const explain::Part& part, const Bounds& bounds) {
+  std::vector<Setting> all;
+  if (is_of_cpus(setting.key)) {
+    for (const auto& cpu : each_of(bounds.cpus)) all.push_back({setting.key, cpu});
+  } else if (is_priority(setting.key)) {
+    const bool is_ordinary = part.culprit_priority >= trace::least_ordinary;
+    const int above = is_ordinary ? 1 : trace::least_ordinary - part.culprit_priority;
+    const int least = is_of_kernel(setting.key) ? std::min(usual_priority, bounds.below_priority - 1) : 80;
+    const int most = is_of_kernel(setting.key) ? bounds.below_priority - 1 : highest_priority;
+    if (above <= most) all.push_back({setting.key, std::to_string(std::max(above, least))});
+  } else if (setting.key == "kernel.rmem-max") {
+    // What a socket may ask for, and what one that does not ask has.
+    all = {{"kernel.rmem-max", large_buffer}, {"kernel.rmem-default", large_buffer}};
+  } else {
+    all.push_back(setting);
+  }
+  return all;
+}
+
+}  // namespace
+
+Knobs knobs_of(const conditions::Run& run, const Bounds& bounds) {
+  Knobs knobs;
+  for (auto& knob : all_knobs(bounds)) {
+    if (const auto why = why_not(knob.key, run, bounds); !why.empty()) {
+      knobs.left_out.push_back({knob.key, why});
+      continue;
+    }
+    const auto present = stated(run, knob.key);
+    const auto is_no_change = [&](const std::string& value) {
+      if (value != large_buffer) return value == present;
+      return !present.empty() && std::stoull(present) >= conditions::bytes_of(value);
+    };
+    if (std::erase_if(knob.values, is_no_change) > 0 && knob.values.empty()) {
+      knobs.left_out.push_back({knob.key, fmt::format("it is {} already", present)});
+      continue;
+    }
+    knobs.knobs.push_back(std::move(knob));
+  }
+  return knobs;
+}
+
+std::vector<std::string> contradictions(const conditions::Run& run) {
+  std::vector<std::string> all;
+  if (auto text = settings::warning(run.kernel, conditions::application_priority(run)); !text.empty())
+    all.push_back(std::move(text));
+  for (const auto* name : {"rmem-max", "rmem-default"})
+    if (const auto found = run.kernel.find(name); found != run.kernel.end())
+      if (const auto payload = run.task.client.payload_bytes; std::stoull(found->second) < payload)
+        all.push_back(
+            fmt::format("kernel.{} of {} bytes holds no message of {}: make it larger than a message", name,
+                        found->second, payload));
+  const auto& qos = run.task.config.qos;
+  if (run.faults.loss > 0 && qos.reliability == transport::Reliability::reliable &&
+      qos.history == transport::History::keep_last && qos.depth == 1)
+    all.emplace_back(
+        "qos.reliability: reliable with qos.depth: 1 on a link that loses packets: the next message "
+        "replaces a lost one before it is sent again; raise qos.depth");
+  return all;
+}
+
+std::vector<Finding> findings_of(const explain::Account& account, const record::Run& run,
+                                 std::int64_t slow_ns, const Bounds& bounds) {
+  std::vector<Finding> findings;
+  for (const auto& message : account.messages) {
+    const auto took = message.sample.received_ns - message.sample.sent_ns;
+    if (message.parts.empty() || !(message.is_fault() || (slow_ns > 0 && took > slow_ns))) continue;
+    const auto& part = message.parts.front();
+    const auto cause = explain::sentence_of(part);
+    auto found = std::find_if(findings.begin(), findings.end(),
+                              [&](const Finding& one) { return one.cause == cause; });
+    if (found == findings.end()) {
+      found = findings.insert(findings.end(), {cause, 0, {}});
+      for (const auto& setting : explain::remedy_for(part, run).settings)
+        for (auto& one : resolved(setting, part, bounds)) found->remedies.push_back(std::move(one));
+    }
+    ++found->messages;
+  }
+  return findings;
+}
+
+}  // namespace ontime::search

@@ -1,0 +1,153 @@
+// SPDX-License-Identifier: Apache-2.0
+// What a goal asks, and what may be set.
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include "search/goal.hpp"
+#include "search/knobs.hpp"
+
+namespace ontime::search {
+namespace {
+
+using testing::Contains;
+using testing::ElementsAre;
+using testing::Field;
+using testing::HasSubstr;
+using testing::IsEmpty;
+using testing::SizeIs;
+
+TEST(Goal, EachLimitIsAShareOfMessages) {
+  const auto parts = goal_of("p99.9 < 1 ms and late = 0 and lost <= 0.1 % and response max < 5 ms");
+  ASSERT_THAT(parts, SizeIs(4));
+  EXPECT_EQ(parts[0].limit.text, "p99.9 < 1 ms");
+  EXPECT_DOUBLE_EQ(parts[0].limit.share, 0.001);
+  EXPECT_DOUBLE_EQ(parts[0].gate.limit, 1e6);
+  EXPECT_DOUBLE_EQ(parts[1].limit.share, 0);
+  EXPECT_DOUBLE_EQ(parts[2].limit.share, 0.001);
+  EXPECT_DOUBLE_EQ(parts[3].limit.share, 0);
+  EXPECT_EQ(parts[3].gate.times, statistics::Times::response);
+}
+
+TEST(Goal, WhatIsNoShareOfMessagesIsRefused) {
+  for (const auto* text : {"", "mean < 1 ms", "late = 3", "late <= 3", "p99 = 1 ms", "p99 < 1 ms and",
+                           "and late = 0", "p99 > 1 ms", "p99 << 1 ms", "late =", "p99 < +10%", "p99"})
+    EXPECT_THROW(goal_of(text), gate::Error) << text;
+}
+
+TEST(Goal, CountsMessagesThatAreLateOrSlow) {
+  statistics::Summary run;
+  run.late_probability.events = 3;
+  run.late_probability.messages = 100;
+  run.late_probability.effect = 2;
+  const auto tally = tally_of(goal_of("late = 0").front(), run);
+  EXPECT_EQ(tally.events, 3);
+  EXPECT_EQ(tally.messages, 100);
+  EXPECT_EQ(tally.effect, 2);
+}
+
+auto of_key(const std::string& key) { return Field(&Knob::key, key); }
+auto left_out(const std::string& key) { return Field(&Knobs::LeftOut::key, key); }
+
+TEST(Knobs, WhatIsForbiddenLackingOrSetAlreadyIsLeftOutWithItsReason) {
+  conditions::Run run;
+  run.kernel = {{"rt-throttling", "off"}};
+  const Bounds bounds{{"irq-threads", "realtime"}, 80, {0, 1}, {{"kernel.governor", "a virtual machine"}}};
+  const auto knobs = knobs_of(run, bounds);
+  for (const auto* key :
+       {"kernel.irq-threads", "realtime", "kernel.governor", "kernel.rt-throttling", "kernel.napi-threads"}) {
+    EXPECT_THAT(knobs.knobs, Not(Contains(of_key(key))));
+    EXPECT_THAT(knobs.left_out, Contains(left_out(key)));
+  }
+  EXPECT_THAT(knobs.knobs, Contains(of_key("kernel.ksoftirqd")));
+  EXPECT_THAT(knobs.knobs,
+              Contains(AllOf(of_key("kernel.irq-cpus"), Field(&Knob::values, ElementsAre("0", "1")))));
+}
+
+TEST(Knobs, ALargerBufferIsNotMadeSmaller) {
+  conditions::Run run;
+  run.kernel = {{"rmem-max", "8388608"}, {"rmem-default", "8192"}};
+  const auto knobs = knobs_of(run, {});
+  EXPECT_THAT(knobs.knobs, Not(Contains(of_key("kernel.rmem-max"))));
+  EXPECT_THAT(knobs.knobs, Contains(of_key("kernel.rmem-default")));
+}
+
+TEST(Knobs, EveryValueIsOneThatAScenarioTakes) {
+  conditions::Run run;
+  run.kernel = {{"threaded-napi", "on"}};
+  for (const auto& knob : knobs_of(run, {{}, 80, {0}, {}}).knobs)
+    for (const auto& key : conditions::keys())
+      for (const auto& value : knob.values)
+        if (key.path == knob.key) {
+          EXPECT_NO_THROW(key.set(run, value)) << knob.key;
+        }
+}
+
+TEST(Knobs, PrioritiesOfTheKernelStayBelowTheBound) {
+  for (const auto& knob : knobs_of({}, {{}, 40, {0}, {}}).knobs)
+    if (knob.key == "kernel.ksoftirqd") {
+      EXPECT_THAT(knob.values, ElementsAre("39"));
+    }
+}
+
+TEST(Knobs, AReceiveBufferSmallerThanAMessageIsAContradiction) {
+  conditions::Run run;
+  run.task.client.payload_bytes = 5000;
+  run.kernel = {{"rmem-max", "4096"}};
+  EXPECT_THAT(contradictions(run), ElementsAre(HasSubstr("rmem-max")));
+  run.kernel = {{"rmem-max", "8192"}};
+  EXPECT_THAT(contradictions(run), IsEmpty());
+}
+
+TEST(Knobs, ReliableWithOneMessageOnALossyLinkIsAContradiction) {
+  conditions::Run run;
+  run.faults.loss = 0.01;
+  run.task.config.qos = {.reliability = transport::Reliability::reliable};
+  EXPECT_THAT(contradictions(run), ElementsAre(HasSubstr("qos.depth")));
+  run.task.config.qos.depth = 10;
+  EXPECT_THAT(contradictions(run), IsEmpty());
+}
+
+class Causes : public testing::Test {
+ protected:
+  static std::vector<Finding> of(std::int32_t culprit_priority, const Bounds& bounds,
+                                 std::int64_t slow_ns = 1'000'000) {
+    explain::Account account;
+    explain::Message message{};
+    message.sample.sent_ns = 1;
+    message.sample.received_ns = 2'000'001;
+    message.parts = {{.cause = explain::Cause::cpu,
+                      .stage = explain::Stage::travelled,
+                      .end = "component",
+                      .thread = "napi/eth1-1",
+                      .culprit = "hog",
+                      .culprit_priority = culprit_priority,
+                      .ns = 1}};
+    account.messages = {message, message};
+    return findings_of(account, {}, slow_ns, bounds);
+  }
+};
+
+TEST_F(Causes, ARuleBecomesValuesWithinTheBounds) {
+  const auto found = of(120, {{}, 80, {0, 1}, {}});
+  ASSERT_THAT(found, SizeIs(1));
+  EXPECT_EQ(found.front().messages, 2);
+  EXPECT_THAT(found.front().remedies,
+              ElementsAre(Setting{"kernel.napi-threads", "60"}, Setting{"kernel.napi-cpus", "0"},
+                          Setting{"kernel.napi-cpus", "1"}));
+}
+
+TEST_F(Causes, AboveARealTimeCulpritIsOneMoreThanItsPriority) {
+  EXPECT_THAT(of(99 - 70, {{}, 80, {}, {}}).front().remedies,
+              ElementsAre(Setting{"kernel.napi-threads", "71"}));
+}
+
+TEST_F(Causes, APriorityBeyondTheBoundIsNotProposed) {
+  EXPECT_THAT(of(99 - 90, {{}, 80, {}, {}}).front().remedies, IsEmpty());
+}
+
+TEST_F(Causes, MessagesThatBreakNoLimitAreNoCause) {
+  EXPECT_THAT(of(120, {{}, 80, {}, {}}, 5'000'000), IsEmpty());
+}
+
+}  // namespace
+}  // namespace ontime::search
