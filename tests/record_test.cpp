@@ -341,6 +341,22 @@ TEST_F(RecordTest, LeavesOneFileAndNothingBesideIt) {
   EXPECT_EQ(query(path_, "PRAGMA journal_mode"), "delete");
 }
 
+TEST_F(RecordTest, LeavesOneFileBesideAReaderThatEndsSoon) {
+  auto writer = std::make_unique<Writer>(path_);
+  const auto run = writer->begin_run({});
+  writer->append(run, usual(0, 10));
+  writer->flush();
+  auto reader = std::make_unique<Reader>(path_);
+  ASSERT_EQ(samples_of(*reader, run).size(), 10u);
+  std::thread leaves([&] {
+    std::this_thread::sleep_for(std::chrono::milliseconds(20));
+    reader.reset();
+  });
+  writer.reset();
+  leaves.join();
+  EXPECT_THAT(files(), ElementsAre("results.db"));
+}
+
 TEST_F(RecordTest, AFileMadeForRunsIsNotLeftWithoutOne) {
   {
     Writer writer(path_);

@@ -173,9 +173,9 @@ void Machines::prepare(const Hosts& stated, const Transports& transports) {
   Problems problems;
   problems.of([&] { add(controller, hosts_.controller); });
   if (hosts_.kind != Hosts::Kind::alone)
-    for (const auto& [name, host] : hosts_.components) problems.of([&] { add(name, host); });
-  for (auto& [reach, machine] : machines_)
-    if (machine.keeper) problems.of([&] { open(machine, transports); });
+    for (const auto& component : hosts_.components) problems.of([&] { add(component.name, component.host); });
+  for (auto& machine : machines_)
+    if (machine.second.keeper) problems.of([&] { open(machine.second, transports); });
   problems.tell();
   tell_of_two_ways();
   if (hosts_.kind != Hosts::Kind::namespaces) return;

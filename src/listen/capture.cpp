@@ -82,12 +82,13 @@ std::unique_ptr<Sensor> in_packets(const std::string& interface, const Limits& l
   pcap_set_buffer_size(handle.get(), ring_bytes);
   pcap_set_timeout(handle.get(), 10);
   pcap_set_tstamp_precision(handle.get(), PCAP_TSTAMP_PRECISION_NANO);
-  if (const int error = pcap_activate(handle.get()); error == PCAP_ERROR_PERM_DENIED)
+  const int error = pcap_activate(handle.get());
+  if (error == PCAP_ERROR_PERM_DENIED)
     throw Error(
         fmt::format("listen: this user may not capture packets on {}. Run it by sudo, or grant the program "
                     "once: setcap cap_net_raw+ep ontime",
                     interface));
-  else if (error < 0)
+  if (error < 0)
     throw Error(
         fmt::format("listen: {}: {}; `ip link` lists the interfaces", interface, pcap_geterr(handle.get())));
   bpf_program filter{};

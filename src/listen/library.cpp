@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <memory>
+#include <span>
 
 #include <capstone/capstone.h>
 #include <fcntl.h>

@@ -91,12 +91,12 @@ std::optional<Datagram> Packets::datagram(std::span<const std::byte> frame) {
 
 std::optional<Datagram> Packets::ipv4(Bytes packet) {
   if (packet.size() < 20) return {};
-  const std::size_t header = (number(packet, 0, 1) & 0xfU) * 4, size = number(packet, 2, 2);
+  const std::size_t header = std::size_t{number(packet, 0, 1) & 0xfU} * 4, size = number(packet, 2, 2);
   if (header < 20 || size < header || packet.size() < header || number(packet, 9, 1) != IPPROTO_UDP)
     return {};
   auto bytes = packet.subspan(header, std::min(size, packet.size()) - header);
   const auto flags = number(packet, 6, 2);
-  const std::size_t at = (flags & 0x1fffU) * 8;
+  const std::size_t at = std::size_t{flags & 0x1fffU} * 8;
   const bool is_last = (flags & 0x2000U) == 0;
   if (at > 0 || !is_last) {
     const auto all = whole(

@@ -15,7 +15,7 @@ namespace ontime::listen::rtps {
 
 struct Guid {
   std::array<std::uint8_t, 16> bytes{};
-  auto operator<=>(const Guid&) const = default;
+  auto operator<=>(const Guid&) const = default;  // NOLINT(modernize-use-nullptr): it means <=> 0
   bool is_user_endpoint() const { return (bytes[15] & 0xc0U) == 0; }
 };
 std::string text_of(const Guid&);  // "01100a2b.8f5c1d20.00000001:00001203"

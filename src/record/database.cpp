@@ -2,6 +2,7 @@
 #include "record/database.hpp"
 
 #include <chrono>
+#include <thread>
 
 #include <fmt/chrono.h>
 #include <fmt/format.h>
@@ -69,20 +70,33 @@ Database::~Database() {
   sqlite3_wal_hook(connection_->handle(), nullptr, nullptr);
   insert_.reset();
   connection_->try_run("COMMIT");
-  // Fails while another process reads: then the next Writer clears away what lies beside the file.
-  connection_->try_run("PRAGMA journal_mode = DELETE");
-  if (made_) try {
+  // Where a reader stays, the next Writer clears away what lies beside the file.
+  bool is_one_file = leave_one_file();
+  for (int tries = 20; !is_one_file && tries > 0; --tries) {
+    std::this_thread::sleep_for(std::chrono::milliseconds(50));
+    is_one_file = leave_one_file();
+  }
+  if (made_ && is_one_file) try {
       remove_unused();
     } catch (const Error&) {  // another process has it
     }
   connection_->try_run("COMMIT");
 }
 
+// False while another process reads, as `ontime watch` does for a moment of each second.
+bool Database::leave_one_file() {
+  connection_->try_run("PRAGMA journal_mode = DELETE");
+  try {
+    Statement mode(*connection_, "PRAGMA journal_mode");
+    return mode.next() && mode.text(0) == "delete";
+  } catch (const Error&) {
+    return false;
+  }
+}
+
 // While no other process has it: another Writer that waits for it finds that it is gone. Not beside a log,
 // whose names are a new file's as well.
 void Database::remove_unused() {
-  Statement mode(*connection_, "PRAGMA journal_mode");
-  if (!mode.next() || mode.text(0) != "delete") return;
   connection_->run("BEGIN EXCLUSIVE");
   if (Statement(*connection_, "SELECT 1 FROM run").next()) return;
   if (is_at(path_, *made_)) ::unlink(path_.c_str());

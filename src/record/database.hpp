@@ -55,6 +55,7 @@ class Database {
   void add(std::int64_t run, const Note&);
   void add(std::int64_t run, const Trace&);
 
+  bool leave_one_file();
   void remove_unused();
 
   const std::string path_;

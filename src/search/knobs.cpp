@@ -27,6 +27,7 @@ bool is_priority(const std::string& key) {
 
 std::vector<std::string> each_of(const std::vector<int>& cpus) {
   std::vector<std::string> each;
+  each.reserve(cpus.size());
   for (const int cpu : cpus) each.push_back(std::to_string(cpu));
   return each;
 }

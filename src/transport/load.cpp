@@ -109,7 +109,7 @@ const Plugin& load(const std::string& name) { return open(find(name), name); }
 fs::path find(const std::string& name) {
   const auto folders = search_path();
   for (const auto& folder : folders) {
-    const auto file = folder / (prefix + name + suffix);
+    auto file = folder / (prefix + name + suffix);
     std::error_code none;
     if (fs::exists(file, none)) return file;
   }
