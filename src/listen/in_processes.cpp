@@ -4,6 +4,7 @@
 #include <cstring>
 #include <set>
 #include <system_error>
+#include <thread>
 
 #include <bpf/libbpf.h>
 #include <fmt/format.h>

@@ -27,7 +27,7 @@ class Completion(unittest.TestCase):
             self.assertIn("--help", completed(command, "--h"))
         for hidden in ("agent", "keeper"):
             self.assertNotIn(hidden, words)
-        self.assertEqual(completed("tune", ""), ["show", "apply", "verify", "revert", "--help"])
+        self.assertEqual(completed("tune", ""), ["show", "apply", "verify", "revert", "search", "--help"])
 
     def test_flags_and_their_few_words(self):
         self.assertEqual(completed("tune", "apply", "--dry"), ["--dry-run"])
