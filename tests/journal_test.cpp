@@ -168,8 +168,9 @@ TEST_F(Journals, LinksAreNotFollowed) {
 
 TEST_F(Journals, FoldersFromBeforeABootAreForgottenAndNothingElseIs) {
   in_child([] {
-    const fs::path outer = fs::temp_directory_path() / "ontime-forgotten";
-    fs::create_directories(outer);
+    std::string outer_name = fs::temp_directory_path() / "ontime-forgotten-XXXXXX";
+    ASSERT_NE(mkdtemp(outer_name.data()), nullptr);
+    const fs::path outer = outer_name;
     set("TMPDIR", outer.c_str());
     const auto own = outer / "ontime-stress-0123456789abcdef", link = outer / "ontime-lab-0123456789abcdef";
     fs::create_directory(own);
@@ -185,6 +186,11 @@ TEST_F(Journals, FoldersFromBeforeABootAreForgottenAndNothingElseIs) {
       EXPECT_EQ(chown(own.c_str(), 65534, 65534), 0);
       EXPECT_THAT(forgotten_directories(now + 10), IsEmpty()) << "it is another user's";
     }
+    fs::remove(own);
+    Journal living;
+    make_folder(living);
+    EXPECT_THAT(forgotten_directories(now + 1000), IsEmpty()) << "a journal names it";
+    EXPECT_THAT(living.revert(), IsEmpty());
     fs::remove_all(outer);
   });
   EXPECT_GT(time_of_boot(), 0);

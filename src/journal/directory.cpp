@@ -7,6 +7,7 @@
 #include <filesystem>
 #include <fstream>
 #include <random>
+#include <set>
 #include <system_error>
 #include <thread>
 
@@ -17,6 +18,7 @@
 
 #include "journal/folder.hpp"
 #include "journal/forgotten.hpp"
+#include "journal/format.hpp"
 #include "journal/kinds.hpp"
 
 namespace ontime::journal {
@@ -109,6 +111,20 @@ std::string temporary_folder() {
   return folder;
 }
 
+// Also by those of living processes.
+std::set<std::string> named_by_journals() {
+  std::set<std::string> named;
+  const auto folder = Folder::find();
+  if (!folder) return named;
+  for (const auto& name : folder->journals()) {
+    const auto journal = folder->open(name);
+    if (!journal.not_believed.empty()) continue;
+    for (const auto& entry : parse(text_of(journal.fd.get())).entries)
+      if (entry.kind == directory_kind.name) named.insert(entry.what);
+  }
+  return named;
+}
+
 }  // namespace
 
 const Kind directory_kind = {.name = "directory",
@@ -138,13 +154,14 @@ std::time_t time_of_boot() {
 }
 
 std::vector<std::string> forgotten_directories(std::time_t before) {
+  const auto named = named_by_journals();
   std::vector<std::string> found;
   std::error_code none;
   for (const auto& entry : fs::directory_iterator(temporary_folder(), none)) {
     struct stat itself {};
     const auto path = entry.path().string();
     if (accepts(path) && lstat(path.c_str(), &itself) == 0 && S_ISDIR(itself.st_mode) &&
-        itself.st_uid == geteuid() && itself.st_mtime < before)
+        itself.st_uid == geteuid() && itself.st_mtime < before && !named.contains(path))
       found.push_back(path);
   }
   return found;
