@@ -200,7 +200,7 @@ TEST_F(Lab, KernelThatAptDoesNotHaveIsOneThatWasKept) {
   EXPECT_EQ(kernel.release, "1-rt");
   EXPECT_THAT(told, HasSubstr("Taken is the last that was kept, linux-image-1-rt_1_amd64"));
   EXPECT_THAT(said,
-              testing::AllOf(HasSubstr("linux-image-rt-amd64 is not to be had here: No packages found. It"),
+              testing::AllOf(HasSubstr("linux-image-rt-amd64 is not available here: No packages found. It"),
                              HasSubstr("which --kernel linux-image-1-rt takes")));
 }
 

@@ -183,6 +183,25 @@ TEST_F(OnTheWire, MessageOfWhichAFragmentIsMissingIsLost) {
   EXPECT_EQ(flow().lost, 1U);
 }
 
+TEST_F(OnTheWire, FragmentsOfManyMessagesMayBeMixed) {
+  for (unsigned fragment = 1; fragment <= 2; ++fragment)
+    for (unsigned number = 1; number <= 60; ++number) arrive(Rtps().fragment(number, fragment, 1, 2));
+  EXPECT_EQ(flow().messages, 60U);
+  EXPECT_EQ(flow().lost, 0U);
+}
+
+TEST_F(OnTheWire, CompleteMessagesMakeRoomForPartialOnes) {
+  arrive(Rtps().fragment(1, 1, 1, 2));
+  for (unsigned number = 2; number <= 200; ++number) arrive(Rtps().fragment(number, 1, 2, 2));
+  arrive(Rtps().fragment(1, 2, 1, 2));
+  EXPECT_EQ(flow().messages, 199U);  // number 1 came before the first that was whole
+  arrive(Rtps().fragment(300, 1, 1, 2));
+  for (unsigned number = 301; number <= 500; ++number) arrive(Rtps().fragment(number, 1, 2, 2));
+  arrive(Rtps().fragment(300, 2, 1, 2));
+  EXPECT_EQ(flow().messages, 400U);
+  EXPECT_EQ(flow().lost, 99U);  // 201 … 299
+}
+
 TEST_F(OnTheWire, AgeIsKnownOnOneHost) {
   // A quarter of a second before it is captured.
   const auto seconds = static_cast<std::uint32_t>((at_ns + 10'000'000) / 1'000'000'000);
@@ -313,6 +332,49 @@ TEST(Frames, FragmentsInAnyOrderMakeOneDatagram) {
   const auto found = packets.datagram(frame_of(payload, 0, 1480, true));
   ASSERT_TRUE(found);
   EXPECT_TRUE(std::equal(payload.begin(), payload.end(), found->payload.begin(), found->payload.end()));
+}
+
+TEST(Frames, FragmentSeenTwiceIsNoOtherFragment) {
+  Packets packets(DLT_EN10MB);
+  const Bytes payload(3000, std::byte{5});
+  EXPECT_FALSE(packets.datagram(frame_of(payload, 0, 1480, true)));
+  EXPECT_FALSE(packets.datagram(frame_of(payload, 0, 1480, true)));
+  EXPECT_FALSE(packets.datagram(frame_of(payload, 2960, 1480, false)));
+  EXPECT_FALSE(packets.datagram(frame_of(payload, 2960, 1480, false)));
+  const auto found = packets.datagram(frame_of(payload, 1480, 1480, true));
+  ASSERT_TRUE(found);
+  EXPECT_TRUE(std::equal(payload.begin(), payload.end(), found->payload.begin(), found->payload.end()));
+}
+
+// Of IPv6: a fragment of a UDP datagram with this payload.
+Bytes frame6_of(const Bytes& udp_payload, std::size_t from, std::size_t bytes, bool more) {
+  const auto ipv4 = frame_of(udp_payload, from, bytes, more);
+  const Bytes piece(ipv4.begin() + 34, ipv4.end());
+  const auto size = static_cast<unsigned>(piece.size() + 8),
+             at = static_cast<unsigned>(from) | (more ? 1U : 0U);
+  Bytes frame(12);
+  add(frame, {0x86, 0xdd, 0x60, 0, 0, 0, size >> 8U, size & 0xff, 44, 64});
+  frame.resize(frame.size() + 32);
+  add(frame, {17, 0, at >> 8U, at & 0xff, 0, 0, 0, 9});
+  frame.insert(frame.end(), piece.begin(), piece.end());
+  add(frame, {1, 2, 3, 4});  // padding of Ethernet
+  return frame;
+}
+
+TEST(Frames, FragmentsOfIpv6MakeOneDatagram) {
+  Packets packets(DLT_EN10MB);
+  Bytes payload(3000);
+  for (std::size_t i = 0; i < payload.size(); ++i) payload[i] = static_cast<std::byte>(i * 31);
+  EXPECT_FALSE(packets.datagram(frame6_of(payload, 0, 1448, true)));
+  EXPECT_FALSE(packets.datagram(frame6_of(payload, 2896, 1448, false)));
+  const auto found = packets.datagram(frame6_of(payload, 1448, 1448, true));
+  ASSERT_TRUE(found);
+  EXPECT_EQ(found->destination, "[::]:7411");
+  EXPECT_TRUE(std::equal(payload.begin(), payload.end(), found->payload.begin(), found->payload.end()));
+  for (std::size_t size = 0; size < 70; ++size) {
+    const auto whole = frame6_of(payload, 0, 1448, true);
+    packets.datagram(std::span(whole).first(size));
+  }
 }
 
 TEST(Frames, FragmentsThatNeverEndAreForgotten) {

@@ -29,8 +29,10 @@ TEST(Goal, EachLimitIsAShareOfMessages) {
 }
 
 TEST(Goal, WhatIsNoShareOfMessagesIsRefused) {
-  for (const auto* text : {"", "mean < 1 ms", "late = 3", "late <= 3", "p99 = 1 ms", "p99 < 1 ms and",
-                           "and late = 0", "p99 > 1 ms", "p99 << 1 ms", "late =", "p99 < +10%", "p99"})
+  for (const auto* text :
+       {"", "mean < 1 ms", "late = 3", "late <= 3", "p99 = 1 ms", "p99 < 1 ms and", "and late = 0",
+        "p99 > 1 ms", "p99 << 1 ms", "late =", "p99 < +10%", "p99", "late < 0", "p99 < 0 ms",
+        "p99.9 < 1 ms or late = 0", "p99.9 < 1 ms and response lost = 0"})
     EXPECT_THROW(goal_of(text), gate::Error) << text;
 }
 

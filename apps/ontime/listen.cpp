@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <deque>
+#include <filesystem>
 #include <set>
 
 #include <fmt/chrono.h>
@@ -143,6 +144,10 @@ class Listening {
         as_json_(is_json_flag(arguments.format)),
         output_(arguments.output) {
     if (arguments.list && !time_) time_ = look_for_list;
+    std::error_code ignored;
+    if (!arguments.pcap.empty() && std::filesystem::equivalent(arguments.pcap, arguments.output, ignored))
+      throw campaign::Error(
+          2, fmt::format("--output: {} is the capture that is read. Choose another file.", arguments.output));
   }
 
   int run() {
@@ -155,12 +160,16 @@ class Listening {
       if (!goes_on) break;
     }
     auto findings = sensor->findings();
-    require_topics(findings);
+    add_unseen(findings);
+    const bool is_all_seen = unseen_.empty();
     std::erase_if(findings.flows, [&](const auto& flow) { return !is_wanted(flow.topic); });
     write(findings);
     output_.finish();
     // Without --for an interruption is how listening ends.
     if (interrupts > 0 && time_) return 130;
+    // A silent topic misses every limit.
+    if (!is_all_seen) return is_judged_ ? 1 : 2;
+    if (is_judged_ && findings.flows.empty()) return 1;
     return std::any_of(findings.flows.begin(), findings.flows.end(),
                        [](const auto& flow) { return flow.late > 0; })
                ? 1
@@ -183,14 +192,28 @@ class Listening {
     }
   }
 
-  void require_topics(const listen::Findings& findings) const {
+  // Remarks on what was asked for and not seen.
+  void add_unseen(listen::Findings& findings) {
     std::set<std::string> seen;
     for (const auto& flow : findings.flows) seen.insert(flow.topic);
-    for (const auto& topic : arguments_.topics)
-      if (!seen.contains(topic))
-        throw campaign::Error(
-            2, fmt::format("TOPIC: no message of '{}' was seen{}; `ontime listen --list` shows the topics",
-                           topic, spelling::suggestion(topic, {seen.begin(), seen.end()})));
+    const auto unnamed = std::count_if(findings.flows.begin(), findings.flows.end(),
+                                       [](const auto& flow) { return flow.topic.empty(); });
+    for (const auto& topic : arguments_.topics) {
+      if (seen.contains(topic)) continue;
+      unseen_.insert(topic);
+      findings.remarks.push_back(
+          fmt::format("TOPIC: no message of '{}' was seen{}; {}", topic,
+                      spelling::suggestion(topic, {seen.begin(), seen.end()}),
+                      unnamed > 0 ? fmt::format("{} writers have no topic name, because their discovery was "
+                                                "not captured: start the capture before the nodes, or leave "
+                                                "out TOPIC",
+                                                unnamed)
+                                  : "without TOPIC, or with --list, it shows the topics"));
+    }
+    if (findings.flows.empty() && arguments_.packets.empty() && arguments_.pcap.empty())
+      findings.remarks.emplace_back(
+          "the processes of this PID namespace that use ROS 2 or Cyclone DDS are watched; of other programs "
+          "see the packets: --packets any");
   }
 
   void write(const listen::Findings& findings) {
@@ -205,8 +228,7 @@ class Listening {
     }
     if (findings.flows.empty()) output_.write("No message was seen.\n");
     for (const auto& flow : findings.flows)
-      output_.write(arguments_.list ? way_of(flow) + "\n"
-                                    : text_of(flow, limits_.deadline || limits_.period || limits_.age));
+      output_.write(arguments_.list ? way_of(flow) + "\n" : text_of(flow, is_judged_));
     if (findings.sensor_lost > 0)
       print_error(fmt::format("the sensor lost {} events: no loss and no period is counted across them",
                               findings.sensor_lost));
@@ -215,6 +237,8 @@ class Listening {
 
   const ListenArguments& arguments_;
   const listen::Limits limits_;
+  const bool is_judged_ = limits_.deadline || limits_.period || limits_.age;
+  std::set<std::string> unseen_;  // topics that were asked for
   std::optional<std::chrono::nanoseconds> time_;
   const bool as_json_;
   Output output_;

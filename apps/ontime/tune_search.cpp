@@ -339,7 +339,7 @@ void add_tune_search(Command& tune, Action& action) {
   auto arguments = std::make_shared<Arguments>();
   command->add_option("SCENARIO", arguments->scenario, "a scenario with one run between two hosts")
       ->required();
-  command->add_option("--goal", arguments->goal, "such as 'p99.9 < 1 ms and late = 0'")
+  command->add_option("--goal", arguments->goal, "such as 'p99.9 < 1 ms and response late = 0'")
       ->type_name("GOAL")
       ->required()
       ->check(given);

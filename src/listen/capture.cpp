@@ -1,4 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
+#include <algorithm>
 #include <array>
 #include <cerrno>
 #include <thread>
@@ -14,6 +15,9 @@ namespace ontime::listen {
 namespace {
 
 constexpr int most_frame_bytes = 1 << 16, ring_bytes = 16 << 20;
+// At once: fewer than the ring holds, so that drops are noted before the packets behind them are read.
+constexpr int most_packets = 64;
+constexpr std::int64_t latest_s = 4'000'000'000;  // a later time is no time; the year 2096
 // RTPS over IPv4, later fragments of anything, and UDP over IPv6.
 constexpr const char* wanted = "(udp and udp[8:4] = 0x52545053) or (ip[6:2] & 0x3fff != 0) or (ip6 and udp)";
 
@@ -30,11 +34,15 @@ class Capture final : public Sensor {
   bool listen_for(std::chrono::milliseconds most) override {
     const auto until = std::chrono::steady_clock::now() + most;
     do {
-      const int count = pcap_dispatch(handle_.get(), 1000, take, reinterpret_cast<u_char*>(this));
-      if (count < 0) throw Error(fmt::format("listen: the capture: {}", pcap_geterr(handle_.get())));
+      if (is_live_) note_drops();
+      const int count = pcap_dispatch(handle_.get(), most_packets, take, reinterpret_cast<u_char*>(this));
       if (count > 0) continue;
-      if (!is_live_) return false;
-      note_drops();
+      if (!is_live_) {
+        if (count < 0) damage_ = pcap_geterr(handle_.get());
+        return false;
+      }
+      if (count < 0) throw Error(fmt::format("listen: the capture: {}", pcap_geterr(handle_.get())));
+      end_doubt();
       std::this_thread::sleep_for(std::chrono::milliseconds(5));
     } while (std::chrono::steady_clock::now() < until);
     return true;
@@ -43,6 +51,9 @@ class Capture final : public Sensor {
   Findings findings() const override {
     auto findings = wire_.findings();
     findings.sensor_lost = dropped_;
+    if (!damage_.empty())
+      findings.remarks.push_back(
+          fmt::format("the capture cannot be read to its end: {}. What comes before counts", damage_));
     return findings;
   }
 
@@ -52,17 +63,26 @@ class Capture final : public Sensor {
   static void take(u_char* self, const pcap_pkthdr* header, const u_char* bytes) {
     auto& capture = *reinterpret_cast<Capture*>(self);
     // The handle was asked for nanoseconds, which stand where microseconds would.
-    const auto at_ns = std::int64_t{header->ts.tv_sec} * 1'000'000'000 + header->ts.tv_usec;
+    const auto at_ns = std::clamp<std::int64_t>(header->ts.tv_sec, 0, latest_s) * 1'000'000'000 +
+                       header->ts.tv_usec % 1'000'000'000;
     const auto datagram =
         capture.packets_.datagram({reinterpret_cast<const std::byte*>(bytes), header->caplen});
-    if (datagram) capture.wire_.add(at_ns, *datagram);
+    if (!datagram) return;
+    if (capture.is_in_doubt_) capture.wire_.interrupt();
+    capture.wire_.add(at_ns, *datagram);
   }
 
   void note_drops() {
     pcap_stat counts{};
     if (pcap_stats(handle_.get(), &counts) != 0 || counts.ps_drop == dropped_) return;
     dropped_ = counts.ps_drop;
-    wire_.interrupt();
+    is_in_doubt_ = true;
+  }
+
+  // The ring is empty: the dropped packets were before the next one, if not earlier.
+  void end_doubt() {
+    if (is_in_doubt_) wire_.interrupt();
+    is_in_doubt_ = false;
   }
 
   Handle handle_;
@@ -70,6 +90,8 @@ class Capture final : public Sensor {
   Packets packets_;
   Wire wire_;
   std::uint32_t dropped_ = 0;
+  bool is_in_doubt_ = false;  // packets were dropped somewhere among those in the ring
+  std::string damage_;        // of a file
 };
 
 }  // namespace

@@ -2,6 +2,7 @@
 #include <algorithm>
 #include <cerrno>
 #include <cstring>
+#include <iterator>
 #include <set>
 #include <system_error>
 #include <thread>
@@ -25,6 +26,7 @@ using namespace std::chrono_literals;
 
 constexpr auto look_every = 1s;
 constexpr std::size_t most_remarks = 32;
+constexpr std::uint64_t latest_stamp_ns = std::uint64_t{1} << 62U;  // a later one is no time; the year 2116
 
 std::string reason(int error) { return std::generic_category().message(error); }
 
@@ -113,6 +115,7 @@ class InProcesses final : public Sensor {
     const auto change = processes_.look();
     for (const auto id : change.gone) {
       of_process_.erase(id);
+      ros_.erase(id);
       finders_.erase(id);
       const auto is_of_it = [id = id](const auto& handle) { return handle.first == id; };
       std::erase_if(unnamed_, is_of_it);
@@ -120,12 +123,17 @@ class InProcesses final : public Sensor {
     }
     for (const auto& process : change.came) {
       messages_.name_process(process.id, process.name);
-      const bool is_ros = std::any_of(process.libraries.begin(), process.libraries.end(),
-                                      [](const auto& one) { return one.middleware == Middleware::rmw; });
+      // Of a ROS 2 node each message passes both libraries; its rmw, which it may load later, tells more.
+      if (std::any_of(process.libraries.begin(), process.libraries.end(),
+                      [](const auto& one) { return one.middleware == Middleware::rmw; }) &&
+          ros_.insert(process.id).second) {
+        of_process_.erase(process.id);
+        finders_.erase(process.id);
+      }
       for (const auto& library : process.libraries) {
         if (library.middleware == Middleware::rmw)
-          probe_all(library);
-        else if (!is_ros)  // of a ROS 2 node each message passes both; its rmw tells more
+          probe_rmw(process, library);
+        else if (!ros_.contains(process.id))
           probe_one(process, library);
       }
     }
@@ -133,23 +141,30 @@ class InProcesses final : public Sensor {
       finder = is_unnamed(finder->first) ? std::next(finder) : finders_.erase(finder);
   }
 
-  void probe_all(const Mapping& library) {
-    if (!everywhere_.insert(library.file).second) return;
+  void probe_rmw(const Process& process, const Mapping& library) {
+    // A probe sits in the file below an overlay, which other containers have too.
+    if (library.is_on_overlay)
+      set_rmw(library, static_cast<pid_t>(process.id), of_process_[process.id].links);
+    else if (!everywhere_.contains(library.file) && set_rmw(library, -1, shared_))
+      everywhere_.insert(library.file);
+  }
+
+  bool set_rmw(const Mapping& library, pid_t process, std::vector<Link>& links) {
     const auto& programs = probes_->progs;
-    set(library, -1, shared_,
-        {{"rmw_publish", programs.rmw_publish},
-         {"rmw_publish_serialized_message", programs.rmw_publish},
-         {"rmw_publish_loaned_message", programs.rmw_publish},
-         {"rmw_take", programs.rmw_take},
-         {"rmw_take", programs.rmw_taken, true},
-         {"rmw_take_serialized_message", programs.rmw_take},
-         {"rmw_take_serialized_message", programs.rmw_taken, true},
-         {"rmw_take_with_info", programs.rmw_take_with_info},
-         {"rmw_take_with_info", programs.rmw_taken, true},
-         {"rmw_take_serialized_message_with_info", programs.rmw_take_with_info},
-         {"rmw_take_serialized_message_with_info", programs.rmw_taken, true},
-         {"rmw_take_loaned_message_with_info", programs.rmw_take_with_info},
-         {"rmw_take_loaned_message_with_info", programs.rmw_taken, true}});
+    return set(library, process, links,
+               {{"rmw_publish", programs.rmw_publish},
+                {"rmw_publish_serialized_message", programs.rmw_publish},
+                {"rmw_publish_loaned_message", programs.rmw_publish},
+                {"rmw_take", programs.rmw_take},
+                {"rmw_take", programs.rmw_taken, true},
+                {"rmw_take_serialized_message", programs.rmw_take},
+                {"rmw_take_serialized_message", programs.rmw_taken, true},
+                {"rmw_take_with_info", programs.rmw_take_with_info},
+                {"rmw_take_with_info", programs.rmw_taken, true},
+                {"rmw_take_serialized_message_with_info", programs.rmw_take_with_info},
+                {"rmw_take_serialized_message_with_info", programs.rmw_taken, true},
+                {"rmw_take_loaned_message_with_info", programs.rmw_take_with_info},
+                {"rmw_take_loaned_message_with_info", programs.rmw_taken, true}});
   }
 
   void probe_one(const Process& process, const Mapping& library) {
@@ -179,9 +194,10 @@ class InProcesses final : public Sensor {
                          process.id));
   }
 
-  // Sets those probes whose function the library has.
-  void set(const Mapping& mapping, pid_t process, std::vector<Link>& links, const std::vector<Wish>& wishes) {
+  // Sets those probes whose function the library has: all of them, or none. False: none.
+  bool set(const Mapping& mapping, pid_t process, std::vector<Link>& links, const std::vector<Wish>& wishes) {
     try {
+      std::vector<Link> own;
       const Library library(mapping.path);
       std::set<std::string> costly;
       for (const auto& wish : wishes) {
@@ -193,14 +209,17 @@ class InProcesses final : public Sensor {
         auto* const link = bpf_program__attach_uprobe_opts(wish.program, process, mapping.path.c_str(),
                                                            place->offset, &options);
         if (link == nullptr) throw Error(fmt::format("a probe at {}: {}", wish.function, reason(errno)));
-        links.emplace_back(link, bpf_link__destroy);
+        own.emplace_back(link, bpf_link__destroy);
         if (!place->is_cheap) costly.insert(wish.function);
       }
       if (!costly.empty())
         remark(fmt::format("{}: a call of {} costs about 10 µs more while it is judged, any other 1 µs",
                            mapping.name, fmt::join(costly, ", ")));
+      std::move(own.begin(), own.end(), std::back_inserter(links));
+      return true;
     } catch (const Error& error) {
       remark(fmt::format("{}: {}", mapping.name, error.what()));
+      return false;
     }
   }
 
@@ -220,7 +239,9 @@ class InProcesses final : public Sensor {
         .kind = event.kind == ontime_published ? Observation::Kind::published : Observation::Kind::taken,
         .after_loss = event.lost > lost_,
         .at_ns = static_cast<std::int64_t>(event.at_ns),
-        .stamp_ns = event.stamp_ns == 0 ? 0 : static_cast<std::int64_t>(event.stamp_ns) - realtime_ahead_ns_,
+        .stamp_ns = event.stamp_ns == 0 || event.stamp_ns > latest_stamp_ns
+                        ? 0
+                        : static_cast<std::int64_t>(event.stamp_ns) - realtime_ahead_ns_,
         .endpoint = event.endpoint,
         .process = event.process,
         .writer = {}};
@@ -310,6 +331,7 @@ class InProcesses final : public Sensor {
   std::vector<Link> shared_;
   std::set<std::pair<std::uint64_t, std::uint64_t>> everywhere_;  // files with probes for all processes
   std::map<std::uint32_t, OfProcess> of_process_;
+  std::set<std::uint32_t> ros_;  // processes that have mapped an rmw
   std::map<std::uint32_t, std::vector<Link>> finders_;
   std::set<std::pair<std::uint32_t, std::uint64_t>> seen_, unnamed_;  // handles
   std::set<std::string> remarks_;

@@ -16,8 +16,9 @@
 namespace ontime::listen {
 namespace {
 
-constexpr std::size_t most_code_bytes = 512;
-constexpr std::size_t most_symbols = 1 << 20;
+constexpr std::size_t most_code_bytes = 64 << 10;
+constexpr std::size_t most_symbols = 1 << 20, most_functions = 1024;
+constexpr std::uint64_t most_section_bytes = 64 << 20;
 constexpr std::size_t most_instructions = 16;  // that a place may be away from the first byte
 
 struct Descriptor {
@@ -75,6 +76,18 @@ class Disassembler {
       return instruction.detail->x86.operands[0].type == X86_OP_IMM;
     return is_in(instruction, CS_GRP_JUMP);
   }
+  // All of these bytes are instructions, and each jump says where to.
+  bool is_plain(std::size_t bytes) const {
+    if (count_ == 0) return false;
+    const auto& last = instructions_[count_ - 1];
+    if (last.address + last.size - instructions_->address != bytes) return false;
+    return std::all_of(instructions_, instructions_ + count_, [&](const auto& jump) {
+      const auto& operand = jump.detail->x86.operands[0];
+      // Through the table of imported functions it leaves this one.
+      return !is_in(jump, CS_GRP_JUMP) || operand.type == X86_OP_IMM ||
+             (operand.type == X86_OP_MEM && operand.mem.base == X86_REG_RIP);
+    });
+  }
   // The code jumps back to somewhere between its second instruction and this one: a call may pass it twice.
   bool is_passed_again(const cs_insn& place) const {
     return std::any_of(instructions_, instructions_ + count_, [&](const auto& jump) {
@@ -124,11 +137,12 @@ Library::Library(const std::string& path) {
     throw Error(fmt::format("{} is not a library of this machine's architecture", path));
   for (Elf_Scn* section = nullptr; (section = elf_nextscn(elf.get(), section)) != nullptr;) {
     GElf_Shdr shape;
-    if (gelf_getshdr(section, &shape) == nullptr || shape.sh_type != SHT_DYNSYM || shape.sh_entsize == 0)
+    if (gelf_getshdr(section, &shape) == nullptr || shape.sh_type != SHT_DYNSYM || shape.sh_entsize == 0 ||
+        shape.sh_size > most_section_bytes)
       continue;
     Elf_Data* const data = elf_getdata(section, nullptr);
     const auto count = std::min<std::uint64_t>(shape.sh_size / shape.sh_entsize, most_symbols);
-    for (std::size_t i = 0; data != nullptr && i < count; ++i) {
+    for (std::size_t i = 0; data != nullptr && i < count && functions_.size() < most_functions; ++i) {
       GElf_Sym symbol;
       if (gelf_getsym(data, static_cast<int>(i), &symbol) == nullptr) break;
       if (GELF_ST_TYPE(symbol.st_info) != STT_FUNC || symbol.st_shndx == SHN_UNDEF) continue;
@@ -138,7 +152,8 @@ Library::Library(const std::string& path) {
       std::vector<std::uint8_t> code(std::min<std::size_t>(symbol.st_size, most_code_bytes));
       const auto bytes = pread(file.fd, code.data(), code.size(), static_cast<off_t>(*offset));
       code.resize(bytes < 0 ? 0 : static_cast<std::size_t>(bytes));
-      functions_.push_back({name, symbol.st_value, *offset, std::move(code)});
+      const bool is_whole = code.size() == symbol.st_size;
+      functions_.push_back({name, symbol.st_value, *offset, std::move(code), is_whole});
     }
   }
 }
@@ -154,8 +169,11 @@ std::optional<Place> Library::place(const std::string& function) const {
   if (found == nullptr) return {};
 #ifdef __x86_64__
   const Disassembler code(found->code, found->address);
+  const bool is_known = found->is_whole && code.is_plain(found->code.size());
   for (const auto& instruction :
        code.instructions().first(std::min(code.instructions().size(), most_instructions))) {
+    // Where not all jumps are known, only the first byte is sure to be passed once.
+    if (!is_known && instruction.address > found->address) break;
     if (code.is_emulated(instruction) && !code.is_passed_again(instruction))
       return Place{.offset = found->offset + instruction.address - found->address, .is_cheap = true};
     if (code.ends_entry(instruction)) break;

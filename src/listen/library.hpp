@@ -22,8 +22,9 @@ class Library {
   explicit Library(const std::string& path);
 
   // The first cheap place that every call passes once, with its first four arguments still in their registers
-  // and its return address on top of the stack; without one, the function's first byte, as on other
-  // architectures than x86-64. Empty: the library does not export the function.
+  // and its return address on top of the stack; without one, or where not all
+  // jumps of the function are known, its first byte, as on other architectures than x86-64. Empty: the
+  // library does not export the function.
   std::optional<Place> place(const std::string& function) const;
   // Cyclone DDS: where a topic's structure holds the pointer to its name, which is the size of an entity too;
   // found in the code of dds_get_name(). Empty: this library's code has another form.
@@ -34,6 +35,7 @@ class Library {
     std::string name;
     std::uint64_t address = 0, offset = 0;
     std::vector<std::uint8_t> code;
+    bool is_whole = false;  // code is all of it
   };
   const Function* find(const std::string& function) const;
   std::vector<Function> functions_;  // only those that a sensor may ask for

@@ -8,8 +8,12 @@
 namespace ontime::listen {
 namespace {
 
-constexpr std::int64_t soon_ns = 200'000;  // within this time of its publish a message gets its stamp, mostly
-constexpr int enough_fits = 8;             // that one publisher alone fitted is no accident then
+// Within this time of its publish a message gets its stamp, mostly.
+constexpr std::int64_t soonest_ns = 20'000, soon_ns = 200'000;
+// When stamps fit one publisher alone this often and for so long, it is no accident; as many that do not fit
+// in a row are none either.
+constexpr int enough_fits = 8;
+constexpr std::int64_t long_enough_ns = 1'000'000'000;
 
 }  // namespace
 
@@ -60,6 +64,12 @@ void Messages::published(const Observation& seen) {
   publisher.begun_ns[publisher.count++ % remembered] = seen.at_ns;
 }
 
+// At high rates less: another writer's stamps are near to some publish by chance.
+bool Messages::Publisher::fits(std::int64_t stamp_ns) const {
+  const auto number = last_before(stamp_ns);
+  return number && stamp_ns - begun(*number) <= std::clamp(period.quantile_ns(0.5) / 20, soonest_ns, soon_ns);
+}
+
 std::optional<std::uint64_t> Messages::Publisher::last_before(std::int64_t stamp_ns) const {
   const auto oldest = count > remembered ? count - remembered : 0;
   for (auto number = count; number > oldest; --number)
@@ -84,6 +94,7 @@ void Messages::taken(const Observation& seen) {
       miss(Miss::Kind::gap, gap, link, seen);
     }
   }
+  if (seen.stamp_ns != 0 && link.publisher) doubt(link, seen);
   if (seen.stamp_ns != 0 && !link.publisher) identify(link, seen);
   if (link.publisher && seen.stamp_ns != 0) {
     // The clocks are one: the age is exact.
@@ -105,35 +116,63 @@ void Messages::identify(Link& link, const Observation& seen) {
   std::optional<Endpoint> only;
   for (const auto& [key, publisher] : publishers_) {
     if (publisher.topic != link.topic || link.topic.empty()) continue;
-    const auto number = publisher.last_before(seen.stamp_ns);
-    if (!number || seen.stamp_ns - publisher.begun(*number) > soon_ns) continue;
+    if (!publisher.fits(seen.stamp_ns)) continue;
     if (only) return;  // two could have written it: this message tells nothing
     only = key;
   }
-  if (!only || only != link.candidate) link.fits = 0;
-  link.candidate = only;
-  if (only && ++link.fits >= enough_fits) link.publisher = only;
+  if (only && only == link.candidate) {
+    ++link.fits;
+  } else if (++link.misfits * 4 > link.fits) {  // a busy machine delays a stamp now and then
+    link.candidate = only;
+    link.candidate_since_ns = seen.at_ns;
+    link.fits = only ? 1 : 0;
+    link.misfits = 0;
+  }
+  if (link.fits < enough_fits || seen.at_ns - link.candidate_since_ns < long_enough_ns) return;
+  link.publisher = link.candidate;
+  link.misfits = 0;
+}
+
+// The writer was of another machine after all, or is no longer the one that it was.
+void Messages::doubt(Link& link, const Observation& seen) {
+  const auto publisher = publishers_.find(*link.publisher);
+  const bool fits =
+      publisher != publishers_.end() && (link.is_broken || publisher->second.fits(seen.stamp_ns));
+  link.misfits = fits ? 0 : link.misfits + 1;
+  if (publisher != publishers_.end() && link.misfits < enough_fits) return;
+  link.publisher.reset();
+  link.candidate.reset();
+  link.fits = link.misfits = 0;
+  link.age = {};
+  link.sequence = {};
 }
 
 void Messages::place(Link& link, const Publisher& publisher, const Observation& seen) {
   const auto number = publisher.last_before(seen.stamp_ns);
   if (!number) return;  // published before the sensor was there, or too long ago
   if (link.is_broken) link.sequence.restart();
-  auto& stamp = link.stamps[*number % remembered];
+  const auto is_repeated = [&](std::uint64_t of) { return link.stamps[of % remembered] == seen.stamp_ns; };
   switch (link.sequence.see(*number)) {
     case Sequence::Fate::overtaken:
       ++link.reordered;
       break;
     case Sequence::Fate::again:
-      // Another stamp is another message: two threads publish at once, or the sensor missed the publish.
-      // Nothing is concluded from it.
-      if (stamp == seen.stamp_ns) ++link.duplicated;
-      break;
+      if (is_repeated(*number)) {
+        ++link.duplicated;
+      } else if (*number > 0) {
+        // Another stamp is another message: two threads published at once, and both stamps came after both
+        // publishes began.
+        if (link.sequence.see(*number - 1) == Sequence::Fate::overtaken)
+          link.stamps[(*number - 1) % remembered] = seen.stamp_ns;
+        else if (is_repeated(*number - 1))
+          ++link.duplicated;
+      }
+      return;
     case Sequence::Fate::in_order:
     case Sequence::Fate::too_old:
       break;
   }
-  stamp = seen.stamp_ns;
+  link.stamps[*number % remembered] = seen.stamp_ns;
 }
 
 void Messages::miss(Miss::Kind kind, std::int64_t value_ns, const Link& link, const Observation& seen) {

@@ -29,8 +29,8 @@ struct Observation {
 };
 
 // A stamp tells which publish a take belongs to: it is between that publish and the next of the same
-// publisher. A writer is taken for one of this machine's publishers after several stamps fit that publisher
-// alone.
+// publisher. A writer is taken for one of this machine's publishers after its stamps fit that publisher alone
+// for a second, and as long as they fit.
 class Messages {
  public:
   explicit Messages(const Limits& limits) : limits_(limits) {}
@@ -56,6 +56,7 @@ class Messages {
     bool is_broken = true;  // no period begins with the last publish
     Distribution period;
     std::uint64_t late = 0;
+    bool fits(std::int64_t stamp_ns) const;
     std::optional<std::uint64_t> last_before(std::int64_t stamp_ns) const;
     std::int64_t begun(std::uint64_t number) const { return begun_ns[number % remembered]; }
   };
@@ -67,8 +68,9 @@ class Messages {
     Distribution period, age;
     std::uint64_t duplicated = 0, reordered = 0, late = 0;
     std::optional<Endpoint> publisher, candidate;
-    int fits = 0;       // stamps in a row that fitted the candidate
-    Sequence sequence;  // of the publisher's numbers
+    std::int64_t candidate_since_ns = 0;
+    int fits = 0, misfits = 0;  // of the candidate's stamps; of the publisher's, misfits in a row
+    Sequence sequence;          // of the publisher's numbers
     std::vector<std::int64_t> stamps = std::vector<std::int64_t>(remembered);  // of those taken, by number
   };
   using Writer = std::tuple<std::uint32_t, std::uint64_t, std::array<std::uint8_t, 16>>;
@@ -76,6 +78,7 @@ class Messages {
   void published(const Observation&);
   void taken(const Observation&);
   void identify(Link&, const Observation&);
+  void doubt(Link&, const Observation&);
   void place(Link&, const Publisher&, const Observation&);
   void miss(Miss::Kind, std::int64_t value_ns, const Link&, const Observation&);
   Party party(std::uint32_t process) const;

@@ -17,7 +17,7 @@ namespace {
 
 using Bytes = std::span<const std::byte>;
 
-constexpr std::size_t most_partial = 64, most_datagram_bytes = 65535;
+constexpr std::size_t most_partial = 64, most_datagram_bytes = 65535, block_bytes = 8;
 constexpr std::uint16_t ethertype_ipv4 = 0x0800, ethertype_ipv6 = 0x86dd, ethertype_vlan = 0x8100;
 
 std::uint32_t number(Bytes bytes, std::size_t at, std::size_t size) {
@@ -99,9 +99,8 @@ std::optional<Datagram> Packets::ipv4(Bytes packet) {
   const std::size_t at = std::size_t{flags & 0x1fffU} * 8;
   const bool is_last = (flags & 0x2000U) == 0;
   if (at > 0 || !is_last) {
-    const auto all = whole(
-        {number(packet, 12, 4), number(packet, 16, 4), static_cast<std::uint16_t>(number(packet, 4, 2))}, at,
-        is_last, bytes);
+    const auto all =
+        whole(packet.subspan(12, 4), packet.subspan(16, 4), number(packet, 4, 2), at, is_last, bytes);
     if (!all) return {};
     bytes = *all;
   }
@@ -109,13 +108,30 @@ std::optional<Datagram> Packets::ipv4(Bytes packet) {
 }
 
 std::optional<Datagram> Packets::ipv6(Bytes packet) {
-  if (packet.size() < 40 || number(packet, 6, 1) != IPPROTO_UDP) return {};
-  return udp(AF_INET6, packet.subspan(8, 16), packet.subspan(24, 16), packet.subspan(40));
+  if (packet.size() < 40) return {};
+  const auto source = packet.subspan(8, 16), destination = packet.subspan(24, 16);
+  const auto next = number(packet, 6, 1);
+  const auto bytes = packet.subspan(40);
+  if (next == IPPROTO_UDP) return udp(AF_INET6, source, destination, bytes);
+  if (next != IPPROTO_FRAGMENT || bytes.size() < 8 || number(bytes, 0, 1) != IPPROTO_UDP) return {};
+  // Ethernet may pad the frame: the packet says how long it is.
+  const std::size_t size = number(packet, 4, 2);
+  if (size < 8) return {};
+  const auto flags = number(bytes, 2, 2);
+  const auto all = whole(source, destination, number(bytes, 4, 4), flags & 0xfff8U, (flags & 1U) == 0,
+                         bytes.subspan(8, std::min(size, bytes.size()) - 8));
+  if (!all) return {};
+  return udp(AF_INET6, source, destination, *all);
 }
 
 // The datagram, once each of its pieces was here. Pieces that overlap only make one that is not RTPS.
-std::optional<Packets::Bytes> Packets::whole(const Key& key, std::size_t at, bool is_last, Bytes piece) {
-  if (at + piece.size() > most_datagram_bytes) return {};
+std::optional<Packets::Bytes> Packets::whole(Bytes source, Bytes destination, std::uint32_t identification,
+                                             std::size_t at, bool is_last, Bytes piece) {
+  const auto end = at + piece.size();
+  if (end > most_datagram_bytes || (!is_last && end % block_bytes != 0)) return {};
+  Key key{{}, {}, identification};
+  std::copy(source.begin(), source.end(), std::get<0>(key).begin());
+  std::copy(destination.begin(), destination.end(), std::get<1>(key).begin());
   const auto [found, is_new] = partial_.try_emplace(key);
   if (is_new) {
     oldest_.push_back(key);
@@ -125,12 +141,15 @@ std::optional<Packets::Bytes> Packets::whole(const Key& key, std::size_t at, boo
     }
   }
   auto& partial = found->second;
-  if (partial.bytes.size() < at + piece.size()) partial.bytes.resize(at + piece.size());
+  if (partial.bytes.size() < end) partial.bytes.resize(end);
   std::copy(piece.begin(), piece.end(), partial.bytes.begin() + static_cast<std::ptrdiff_t>(at));
-  partial.have += piece.size();
-  if (is_last) partial.total = at + piece.size();
-  if (!partial.total || partial.have < *partial.total) return {};
+  for (auto block = at / block_bytes; block * block_bytes < end; ++block) partial.blocks.set(block);
+  if (is_last) partial.total = end;
+  if (!partial.total) return {};
+  for (std::size_t block = 0; block * block_bytes < *partial.total; ++block)
+    if (!partial.blocks.test(block)) return {};
   put_together_ = std::move(partial.bytes);
+  put_together_.resize(*partial.total);
   partial_.erase(found);
   std::erase(oldest_, key);
   return put_together_;

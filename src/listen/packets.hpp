@@ -1,8 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
-// Captured frames become UDP datagrams; IPv4 fragments are put together. Any bytes are valid input; memory is
+// Captured frames become UDP datagrams; IP fragments are put together. Any bytes are valid input; memory is
 // bounded.
 #pragma once
 
+#include <array>
+#include <bitset>
 #include <cstddef>
 #include <cstdint>
 #include <deque>
@@ -31,15 +33,17 @@ class Packets {
 
  private:
   using Bytes = std::span<const std::byte>;
-  using Key = std::tuple<std::uint32_t, std::uint32_t, std::uint16_t>;  // source, destination, identification
+  using Address = std::array<std::byte, 16>;
+  using Key = std::tuple<Address, Address, std::uint32_t>;  // source, destination, identification
   struct Partial {
     std::vector<std::byte> bytes;
-    std::size_t have = 0;
+    std::bitset<8192> blocks;  // of eight bytes, that were here
     std::optional<std::size_t> total;
   };
   std::optional<Datagram> ipv4(Bytes packet);
-  static std::optional<Datagram> ipv6(Bytes packet);
-  std::optional<Bytes> whole(const Key&, std::size_t at, bool is_last, Bytes piece);
+  std::optional<Datagram> ipv6(Bytes packet);
+  std::optional<Bytes> whole(Bytes source, Bytes destination, std::uint32_t identification, std::size_t at,
+                             bool is_last, Bytes piece);
 
   const int link_type_;
   std::map<Key, Partial> partial_;

@@ -10,6 +10,9 @@
 #include <sstream>
 
 #include <fmt/format.h>
+#include <linux/magic.h>
+#include <sys/stat.h>
+#include <sys/vfs.h>
 
 namespace ontime::listen {
 namespace {
@@ -30,6 +33,15 @@ std::string name_of(std::uint32_t process) {
   std::string name;
   std::getline(in, name);
   return name;
+}
+
+// What the process's maps do not tell, or tell otherwise than stat() does (Btrfs).
+void identify(Mapping& mapping) {
+  struct stat file {};
+  struct statfs system {};
+  if (stat(mapping.path.c_str(), &file) == 0) mapping.file = {file.st_dev, file.st_ino};
+  if (statfs(mapping.path.c_str(), &system) == 0)
+    mapping.is_on_overlay = system.f_type == OVERLAYFS_SUPER_MAGIC;
 }
 
 // 0: the process is gone.
@@ -96,9 +108,10 @@ Processes::Change Processes::look() {
     std::ifstream maps(fmt::format("/proc/{}/maps", id));
     Process process{.id = id, .name = name_of(id), .libraries = {}};
     for (std::string line; std::getline(maps, line);) {
-      const auto mapping = mapping_of(line, id);
-      if (!mapping || std::find(known.files.begin(), known.files.end(), mapping->file) != known.files.end())
-        continue;
+      auto mapping = mapping_of(line, id);
+      if (!mapping) continue;
+      identify(*mapping);
+      if (std::find(known.files.begin(), known.files.end(), mapping->file) != known.files.end()) continue;
       known.files.push_back(mapping->file);
       process.libraries.push_back(*mapping);
     }

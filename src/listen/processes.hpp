@@ -19,6 +19,7 @@ struct Mapping {
   std::string name;  // of the library, "librmw_cyclonedds_cpp.so"
   std::string path;  // opens this very file, also in another mount namespace, and after an upgrade removed it
   std::pair<std::uint64_t, std::uint64_t> file;  // device and inode
+  bool is_on_overlay = false;  // containers of one image have one such file, by different numbers
 };
 
 struct Process {

@@ -2,6 +2,7 @@
 #include "listen/wire.hpp"
 
 #include <algorithm>
+#include <numeric>
 #include <tuple>
 
 #include <fmt/format.h>
@@ -10,6 +11,8 @@ namespace ontime::listen {
 namespace {
 
 constexpr std::uint32_t most_fragments = 1 << 16;
+// Messages of a writer that wait for fragments, and fragments of them all.
+constexpr std::size_t most_partial = 64, most_partial_fragments = 4 * most_fragments;
 // A writer that leaves out more numbers than this began anew, or is not one.
 constexpr std::uint64_t longest_leap = 1 << 20;
 
@@ -63,19 +66,32 @@ Wire::Stream* Wire::stream_of(const rtps::Guid& writer) {
 bool Wire::completes(Stream& stream, const rtps::Data& data) {
   const auto& fragments = *data.fragments;
   if (fragments.total > most_fragments) return false;
-  auto partial = std::find_if(stream.partial.begin(), stream.partial.end(),
-                              [&](const auto& one) { return one.sequence == data.sequence; });
-  if (partial == stream.partial.end()) {
-    partial =
-        stream.partial.begin() + static_cast<std::ptrdiff_t>(stream.oldest_partial++ % stream.partial.size());
-    *partial = {.sequence = data.sequence, .seen = std::vector<bool>(fragments.total), .count = 0};
-  }
-  if (partial->seen.size() != fragments.total || partial->count == fragments.total) return false;
+  auto& partial = partial_of(stream, data.sequence, fragments.total);
+  if (partial.seen.size() != fragments.total || partial.count == fragments.total) return false;
   for (auto i = fragments.first - 1; i < fragments.first - 1 + fragments.count; ++i) {
-    partial->count += partial->seen[i] ? 0 : 1;
-    partial->seen[i] = true;
+    partial.count += partial.seen[i] ? 0 : 1;
+    partial.seen[i] = true;
   }
-  return partial->count == fragments.total;
+  return partial.count == fragments.total;
+}
+
+// Without room for another, the oldest complete message goes first: it only tells repeated fragments.
+Wire::Partial& Wire::partial_of(Stream& stream, std::uint64_t sequence, std::uint32_t fragments) {
+  auto& partial = stream.partial;
+  const auto known =
+      std::find_if(partial.begin(), partial.end(), [&](const auto& one) { return one.sequence == sequence; });
+  if (known != partial.end()) return *known;
+  auto kept = std::accumulate(partial.begin(), partial.end(), std::size_t{fragments},
+                              [](auto sum, const auto& one) { return sum + one.seen.size(); });
+  while (partial.size() >= most_partial || (kept > most_partial_fragments && !partial.empty())) {
+    auto oldest = std::find_if(partial.begin(), partial.end(),
+                               [](const auto& one) { return one.count == one.seen.size(); });
+    if (oldest == partial.end()) oldest = partial.begin();
+    kept -= oldest->seen.size();
+    partial.erase(oldest);
+  }
+  return partial.emplace_back(
+      Partial{.sequence = sequence, .seen = std::vector<bool>(fragments), .count = 0});
 }
 
 void Wire::take(std::int64_t at_ns, const Datagram& datagram, const rtps::Data& data) {

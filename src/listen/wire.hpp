@@ -3,9 +3,11 @@
 // memory is bounded by most_writers.
 #pragma once
 
+#include <deque>
 #include <map>
 #include <set>
 #include <string>
+#include <vector>
 
 #include "listen/listen.hpp"
 #include "listen/packets.hpp"
@@ -16,7 +18,7 @@ namespace ontime::listen {
 
 class Wire {
  public:
-  static constexpr std::size_t most_writers = 4096, most_names = 16384, most_destinations = 16;
+  static constexpr std::size_t most_writers = 1024, most_names = 16384, most_destinations = 16;
 
   explicit Wire(const Limits& limits) : limits_(limits) {}
   // at_ns: CLOCK_REALTIME of the capture. In order of capture.
@@ -43,12 +45,12 @@ class Wire {
     Distribution period, age;
     bool is_one_host = false;
     std::uint64_t duplicated = 0, reordered = 0, late = 0;
-    std::array<Partial, 4> partial;
-    std::size_t oldest_partial = 0;
+    std::deque<Partial> partial;  // in order of arrival
   };
   Stream* stream_of(const rtps::Guid&);
   void take(std::int64_t at_ns, const Datagram&, const rtps::Data&);
   static bool completes(Stream&, const rtps::Data&);
+  static Partial& partial_of(Stream&, std::uint64_t sequence, std::uint32_t fragments);
   void judge(Stream&, std::int64_t at_ns, const rtps::Data&);
   void miss(Miss::Kind, std::int64_t at_ns, std::int64_t value_ns, const rtps::Guid&);
   std::string topic_of(const rtps::Guid&) const;

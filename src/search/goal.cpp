@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "search/goal.hpp"
 
+#include <utility>
+
 #include <fmt/format.h>
 
 namespace ontime::search {
@@ -9,6 +11,9 @@ namespace {
 using statistics::Figure;
 
 double share_above(const gate::Gate& gate) {
+  if (gate.kind == gate::Gate::Limit::absolute && gate.figure != Figure::late &&
+      gate.figure != Figure::lost && gate.limit <= 0)
+    throw gate::Error(fmt::format("'{}': every message takes longer than 0", gate.text));
   switch (gate.figure) {
     case Figure::p50:
       return 0.5;
@@ -54,10 +59,13 @@ Part part_of(const std::string& text) {
     const bool is_none = trimmed(text.substr(std::min(end, text.size()))) == "0";
     if (comparison == "=" && !is_none)
       throw gate::Error(fmt::format("'{}': only a number of 0 is asked for with =, others with <", text));
+    if (comparison == "<" && is_none)
+      throw gate::Error(fmt::format("'{}': nothing is less than 0: write = 0", text));
   }
-  Part part{{text, 0}, gate::parse(gate, gate::Use::require)};
-  part.limit.share = share_above(part.gate);
-  return part;
+  // On its own line: where it throws within braces, GCC 12 destroys what was initialized before it twice.
+  auto parsed = gate::parse(gate, gate::Use::require);
+  const auto share = share_above(parsed);
+  return {{text, share}, std::move(parsed)};
 }
 
 }  // namespace
