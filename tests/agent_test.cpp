@@ -272,6 +272,8 @@ TEST(Memory, EndIsRefusedWhereItsLockedPagesWouldTakeTheReserve) {
   EXPECT_THAT(refusal(291),
               ::testing::AllOf(::testing::HasSubstr("takes 192 MiB"), ::testing::HasSubstr("291 MiB free"),
                                ::testing::HasSubstr("100 MiB stay free")));
+  std::istringstream large(fmt::format("MemTotal: {} kB\nMemAvailable: {} kB\n", 32U << 20U, 448 << 10));
+  EXPECT_EQ(lacks_memory(large), "") << "the reserve is 256 MiB at most";
   std::istringstream unknown("nothing");
   EXPECT_EQ(lacks_memory(unknown), "") << "what the kernel does not tell refuses nobody";
 }

@@ -38,6 +38,8 @@ TEST(Pollers, AreRefusedWhereTheyTakeEveryCpuAndNothingThrottlesThem) {
   EXPECT_THAT(why_refused({{"cpu_count", 1}}, false, {{}}), HasSubstr("on 1 CPUs"));
   EXPECT_EQ(why_refused(machine, true, {{}, {}}), "");
   EXPECT_EQ(why_refused(machine, false, {{}}), "");
+  EXPECT_EQ(why_refused(machine, false, {{0, 1}}), "") << "one thread takes one CPU at a time";
+  EXPECT_NE(why_refused(machine, false, {{0, 1}, {0, 1}}), "");
   EXPECT_EQ(why_refused(machine, false, {{1}, {1}}), "") << "both on one CPU leave the other free";
   EXPECT_EQ(why_refused(json::object(), false, {{}, {}}), "") << "it does not say how many CPUs it has";
 }

@@ -91,6 +91,13 @@ TEST(Knobs, PrioritiesOfTheKernelStayBelowTheBound) {
     }
 }
 
+TEST(Knobs, NoPriorityIsTriedWhereNoneIsBelowTheBound) {
+  const auto knobs = knobs_of({}, {{}, 1, {0}, {}});
+  for (const auto& knob : knobs.knobs) EXPECT_NE(knob.key, "kernel.ksoftirqd");
+  EXPECT_TRUE(std::any_of(knobs.left_out.begin(), knobs.left_out.end(),
+                          [](const auto& one) { return one.key == "kernel.ksoftirqd"; }));
+}
+
 TEST(Knobs, AReceiveBufferSmallerThanAMessageIsAContradiction) {
   conditions::Run run;
   run.task.client.payload_bytes = 5000;

@@ -149,6 +149,56 @@ TEST(Search, AStartThatCannotBeMeasuredEndsItWithTheReason) {
   EXPECT_EQ(outcome.why, "no route");
 }
 
+// As a file of results holds them.
+Outcome resumed(std::vector<Answer>& answers, const std::function<Answer(const Order&)>& fresh) {
+  for (auto& answer : answers) answer.is_recalled = true;
+  return find(Machine::problem(1), [&](const Order& order) -> std::optional<Answer> {
+    const auto index = static_cast<std::size_t>(order.number) - 1;
+    if (index == answers.size()) answers.push_back(fresh(order));
+    return answers[index];
+  });
+}
+
+TEST(Search, AFailedRunOfAMeasuredSetIsMadeAgain) {
+  Machine machine({fault("NAPI thread behind a load")}, 1);
+  int failed = 0;
+  const auto outcome = find(Machine::problem(1), [&](const Order& order) -> std::optional<Answer> {
+    if (order.number % 5 == 0) return ++failed, Answer{{}, {}, "connection closed"};
+    return machine.run(order.set);
+  });
+  EXPECT_GT(failed, 2);
+  EXPECT_EQ(outcome.end, End::goal_holds);
+  EXPECT_THAT(outcome.set, ElementsAre(Pair("kernel.napi-threads", "60")));
+}
+
+TEST(Search, ThreeFailedRunsOfTheReferenceEndItUntilItIsResumed) {
+  Machine machine({fault("NAPI thread behind a load")}, 1);
+  std::vector<Answer> answers;
+  const auto broken = [](const Order&) { return Answer{{}, {}, "connection closed"}; };
+  const auto ended = resumed(answers, [&](const Order& order) {
+    return order.number > 1 && order.set.empty() ? broken(order) : machine.run(order.set);
+  });
+  EXPECT_EQ(ended.end, End::cannot_measure);
+  EXPECT_EQ(ended.why, "connection closed");
+  const auto runs = answers.size();
+  EXPECT_EQ(resumed(answers, broken).end, End::cannot_measure);
+  EXPECT_EQ(answers.size(), runs + 3);
+  const auto outcome = resumed(answers, [&](const Order& order) { return machine.run(order.set); });
+  EXPECT_EQ(outcome.end, End::goal_holds);
+  EXPECT_THAT(outcome.set, ElementsAre(Pair("kernel.napi-threads", "60")));
+  EXPECT_EQ(resumed(answers, broken).runs, outcome.runs) << "the same again, without another run";
+}
+
+TEST(Search, TheStartHoldsByAQuarterOfAlphaAlone) {
+  const auto alpha = Machine::problem(1).alpha;
+  int runs = 0;
+  Problem problem{{{"p99 < 1 ms", 0.01}}, {}};
+  const auto outcome = find(problem, [&](const Order&) { return ++runs, Answer{{{0, 100, 1}}, {}, ""}; });
+  ASSERT_EQ(outcome.end, End::goal_holds);
+  EXPECT_GE(against_at_least({0, 100.0 * runs}, 0.01), 4 / alpha);
+  EXPECT_LT(against_at_least({0, 100.0 * (runs - 1)}, 0.01), 4 / alpha);
+}
+
 TEST(Search, WithoutTimeItEndsWithTheBestSetSoFar) {
   Machine machine({fault("NAPI thread behind a load"), fault("small receive buffer")}, 1);
   const auto outcome = found_by(machine, 1, 8);

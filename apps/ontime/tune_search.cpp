@@ -15,6 +15,7 @@
 #include "explain/explain.hpp"
 #include "flags.hpp"
 #include "gate/gate.hpp"
+#include "isolation/groups.hpp"
 #include "keeper/keeper.hpp"
 #include "measured.hpp"
 #include "output.hpp"
@@ -101,7 +102,7 @@ search::Bounds bounds_of(const Arguments& arguments, const campaign::Scenario& s
                                  arguments.keep_cpus_off));
     off = *cpus;
   }
-  for (int cpu = 0; cpu < static_cast<int>(std::thread::hardware_concurrency()); ++cpu)
+  for (const int cpu : isolation::cpus_of_thread(getpid()))  // a container may permit fewer than there are
     if (std::find(off.begin(), off.end(), cpu) == off.end()) bounds.cpus.push_back(cpu);
   bounds.cannot = lacks_of(scenario);
   return bounds;
@@ -117,7 +118,7 @@ void check(const search::Problem& problem, const campaign::Scenario& scenario, c
   const auto messages = static_cast<double>(run.task.client.duration.count()) /
                         static_cast<double>(run.task.client.period.count());
   for (const auto& limit : problem.goal)
-    if (const auto needed = 4 / std::max(limit.share, 1 / messages) / messages; needed > too_many_runs)
+    if (const auto needed = 6 / std::max(limit.share, 1 / messages) / messages; needed > too_many_runs)
       terminal.note(fmt::format("{}: proof takes about {:.0f} runs of {:.0f} messages: make the runs longer",
                                 limit.text, needed, messages));
 }
@@ -143,7 +144,7 @@ class Trials {
     if (!stopped_.empty()) return {};
     try {
       const auto scenario = scenario_of(arguments_, file_, selection_, order.set);
-      if (auto known = recalled(order, scenario)) return answer_of(*known);
+      if (auto known = recalled(order, scenario)) return recalled_answer(*known);
       if (Clock::now() + std::chrono::duration_cast<Clock::duration>(campaign::time_of(scenario)) > until_)
         return stop(fmt::format("{} are over (--within)", arguments_.within), 1);
       return measured(order, scenario);
@@ -208,6 +209,12 @@ class Trials {
   std::int64_t last_number() {
     const auto runs = writer_.reader().runs();
     return runs.empty() ? 0 : runs.back().number;
+  }
+
+  search::Answer recalled_answer(const record::Run& run) {
+    auto answer = answer_of(run);
+    answer.is_recalled = true;
+    return answer;
   }
 
   search::Answer answer_of(const record::Run& run) {

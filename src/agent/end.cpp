@@ -99,7 +99,7 @@ End::End(Task task) : task_(std::move(task)) {
   // Memory first: what is created afterwards is born locked, and touched.
   if (task_.realtime.lock_memory) {
     std::ifstream meminfo("/proc/meminfo");
-    if (const auto why = lacks_memory(meminfo); !why.empty()) throw Error(3, why);
+    if (const auto why = lacks_memory(meminfo); realtime::may_lock_all() && !why.empty()) throw Error(3, why);
     refuse(realtime::lock_memory(heap_bytes));
   }
   if (task_.realtime.cpu_latency) {

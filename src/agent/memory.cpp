@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "agent/memory.hpp"
 
+#include <algorithm>
 #include <cstdint>
 
 #include <fmt/format.h>
@@ -10,6 +11,7 @@ namespace {
 
 constexpr std::uint64_t mebibyte = std::uint64_t{1} << 20U;
 constexpr std::uint64_t locked_bytes = 192 * mebibyte;  // 165 to 185 MB were seen
+constexpr std::uint64_t most_reserve = 256 * mebibyte;
 
 }  // namespace
 
@@ -19,7 +21,7 @@ std::string lacks_memory(std::istream& meminfo) {
     if (word == "MemTotal:" && meminfo >> kilobytes) total = kilobytes * 1024;
     if (word == "MemAvailable:" && meminfo >> kilobytes) available = kilobytes * 1024;
   }
-  const auto reserve = total / 20;
+  const auto reserve = std::min(total / 20, most_reserve);
   if (total == 0 || available >= locked_bytes + reserve) return "";
   return fmt::format(
       "an end with locked memory takes {} MiB. This machine has {} MiB free, of which {} MiB stay free. Have "

@@ -100,10 +100,13 @@ class HddFiles {
   std::uint64_t look() {
     namespace fs = std::filesystem;
     std::error_code none;
-    for (auto& [pid, largest] : largest_)
-      for (const auto& entry : fs::directory_iterator(fmt::format("/proc/{}/fd", pid), none))
-        if (fs::read_symlink(entry.path(), none).string().find("/stress-ng-hdd") != std::string::npos)
-          if (const auto size = fs::file_size(entry.path(), none); !none) largest = std::max(largest, size);
+    for (auto& [pid, largest] : largest_) {
+      fs::directory_iterator entry(fmt::format("/proc/{}/fd", pid), none);
+      // A worker may end meanwhile: `++` would throw then.
+      for (; entry != fs::directory_iterator(); entry.increment(none))
+        if (fs::read_symlink(entry->path(), none).string().find("/stress-ng-hdd") != std::string::npos)
+          if (const auto size = fs::file_size(entry->path(), none); !none) largest = std::max(largest, size);
+    }
     const auto smallest =
         std::min_element(largest_.begin(), largest_.end(),
                          [](const auto& one, const auto& other) { return one.second < other.second; });

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "campaign/pollers.hpp"
 
+#include <algorithm>
 #include <map>
 #include <set>
 
@@ -37,13 +38,16 @@ std::string why_refused(const json& machine, bool throttled,
   const auto cpus = machine.value("cpu_count", json());
   if (throttled || !cpus.is_number_integer()) return "";
   std::set<int> taken;
-  std::size_t on_any = 0;
+  std::size_t pinned = 0, on_any = 0;
   for (const auto& own : cpus_of_threads)
-    if (own.empty())
+    if (own.empty()) {
       ++on_any;
-    else
+    } else {
+      ++pinned;
       taken.insert(own.begin(), own.end());
-  if (taken.size() + on_any < cpus.get<std::size_t>()) return "";
+    }
+  // A thread takes one CPU at a time, however many it may use.
+  if (std::min(taken.size(), pinned) + on_any < cpus.get<std::size_t>()) return "";
   return fmt::format(
       "busy-poll: {} threads at a real-time priority never sleep, on {} CPUs, and real-time threads are not "
       "throttled: nothing else would run there again. Leave a CPU free (realtime.receive.cpus), poll at one "

@@ -6,6 +6,7 @@
 #include <charconv>
 #include <filesystem>
 #include <fstream>
+#include <iterator>
 #include <map>
 #include <sstream>
 #include <string_view>
@@ -15,6 +16,7 @@
 
 #include "foreign/foreign.hpp"
 #include "foreign/histogram.hpp"
+#include "record/document.hpp"
 
 namespace ontime::foreign {
 namespace {
@@ -156,18 +158,13 @@ class Text {
 
 // --- JSON ---
 
-struct TooDeep {};
-
 json document_of(const std::string& file) {
   auto in = open(file, most_json_bytes);
-  const auto look = [](int depth, json::parse_event_t, json&) {
-    if (depth > deepest) throw TooDeep{};
-    return true;
-  };
-  try {
-    return json::parse(in, look);
-  } catch (const TooDeep&) {
+  const std::string text{std::istreambuf_iterator<char>(in), {}};
+  if (record::is_nested_deeper(text, deepest))
     fail(file, "", "it is nested deeper than what cyclictest writes");
+  try {
+    return json::parse(text);
   } catch (const json::exception& error) {
     fail(file, "", fmt::format("it is no JSON, or cut off ({})", error.what()));
   }

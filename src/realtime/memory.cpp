@@ -19,16 +19,6 @@ Refusal refused(std::string found, std::string remedy) {
   return {"locked memory (mlockall)", std::move(found), std::move(remedy)};
 }
 
-// Under a finite limit, locking what is to come would let some later allocation fail, in whatever library
-// makes it.
-bool may_lock_all() {
-  rlimit limit{};
-  if (capable(CAP_IPC_LOCK)) return true;
-  if (getrlimit(RLIMIT_MEMLOCK, &limit) != 0) return false;
-  limit.rlim_cur = limit.rlim_max;
-  return limit.rlim_max == RLIM_INFINITY && setrlimit(RLIMIT_MEMLOCK, &limit) == 0;
-}
-
 std::optional<Refusal> lock_all() {
   if (!may_lock_all())
     return refused(fmt::format("RLIMIT_MEMLOCK is {} bytes, no CAP_IPC_LOCK", limit_of(RLIMIT_MEMLOCK)),
@@ -56,6 +46,16 @@ bool touch_heap(std::size_t bytes) {
 }
 
 }  // namespace
+
+// Under a finite limit, locking what is to come would let some later allocation fail, in whatever library
+// makes it.
+bool may_lock_all() {
+  rlimit limit{};
+  if (capable(CAP_IPC_LOCK)) return true;
+  if (getrlimit(RLIMIT_MEMLOCK, &limit) != 0) return false;
+  limit.rlim_cur = limit.rlim_max;
+  return limit.rlim_max == RLIM_INFINITY && setrlimit(RLIMIT_MEMLOCK, &limit) == 0;
+}
 
 std::vector<Refusal> lock_memory(std::size_t heap_bytes) {
   std::vector<Refusal> refusals;

@@ -37,6 +37,8 @@ std::vector<Refusal> apply(pid_t tid, const std::string& who, const ThreadSettin
 // Whether this process may have SCHED_FIFO at that priority (tried on a thread of its own).
 bool may_use_fifo(int priority);
 
+// Whether this process may lock all its memory.
+bool may_lock_all();
 // Locks present and future pages, keeps the heap from giving memory back, and touches `heap_bytes` of heap so
 // that no fault is left for later. Threads started afterwards get touched, locked stacks.
 std::vector<Refusal> lock_memory(std::size_t heap_bytes);

@@ -17,27 +17,6 @@ using nlohmann::json;
 
 constexpr int deepest = 64;
 
-// Counted before anything is parsed: nlohmann's parser, asked to look at each depth, takes a time that grows
-// with the square of an object's members.
-bool is_too_deep(const std::string& text) {
-  int depth = 0;
-  bool in_string = false;
-  for (std::size_t i = 0; i < text.size(); ++i) {
-    const char c = text[i];
-    if (in_string) {
-      if (c == '\\') ++i;
-      if (c == '"') in_string = false;
-    } else if (c == '"') {
-      in_string = true;
-    } else if (c == '[' || c == '{') {
-      if (++depth > deepest) return true;
-    } else if (c == ']' || c == '}') {
-      --depth;
-    }
-  }
-  return false;
-}
-
 // What differs between two times that the same is asked for, and what is said of it in words.
 constexpr const char* not_of_the_key[] = {"adds_to",    "command_line", "imported", "ontime",
                                           "repetition", "require",      "scenario", "scenario_file",
@@ -75,8 +54,29 @@ std::string text_of(const json& value) { return value.dump(-1, ' ', false, json:
 
 std::string utf8_of(const std::string& text) { return json::parse(text_of(text)).get<std::string>(); }
 
+// Counted before anything is parsed: nlohmann's parser, asked to look at each depth, takes a time that grows
+// with the square of an object's members.
+bool is_nested_deeper(const std::string& text, int levels) {
+  int depth = 0;
+  bool in_string = false;
+  for (std::size_t i = 0; i < text.size(); ++i) {
+    const char c = text[i];
+    if (in_string) {
+      if (c == '\\') ++i;
+      if (c == '"') in_string = false;
+    } else if (c == '"') {
+      in_string = true;
+    } else if (c == '[' || c == '{') {
+      if (++depth > levels) return true;
+    } else if (c == ']' || c == '}') {
+      --depth;
+    }
+  }
+  return false;
+}
+
 std::optional<json> json_of(const std::string& text) {
-  if (text.size() > longest_text || is_too_deep(text)) return std::nullopt;
+  if (text.size() > longest_text || is_nested_deeper(text, deepest)) return std::nullopt;
   auto value = json::parse(text, nullptr, false);
   if (value.is_discarded()) return std::nullopt;
   return value;

@@ -19,5 +19,7 @@ std::string utf8_of(const std::string&);
 // Nothing, if it is no JSON, is too long, or is nested deeper than anything of ours: most of what walks
 // through a document does so by recursion.
 std::optional<nlohmann::json> json_of(const std::string&);
+// Of any text, before it is parsed: whether its arrays and objects are nested in more than so many levels.
+bool is_nested_deeper(const std::string& text, int levels);
 
 }  // namespace ontime::record

@@ -13,6 +13,7 @@ namespace {
 constexpr int most_runs_alone = 24, most_pairs = 10, most_pairs_to_confirm = 40;
 constexpr std::size_t references_to_confirm = 3;  // more of them would show nothing new
 constexpr int most_confirmations = 3;
+constexpr int most_attempts = 3;      // to measure a set that was measured before
 constexpr int least_pairs = 2;        // before a trial is given up as without effect
 constexpr double no_less_than = 0.7;  // of the reference's share: such a set is given up
 // By so much, squared and relative, runs are taken to differ before many are there.
@@ -210,14 +211,23 @@ class Search {
 
   // ── Trials
 
-  // One run; nothing where the set cannot be had here.
-  const Answer* measure(const Set& set, Trial& trial) {
-    auto run = measure_({static_cast<int>(outcome_.trials.size()) + 1, outcome_.runs + 1, set});
-    if (!run) throw NoTime{};
-    ++outcome_.runs;
-    ++trial.runs;
-    trial.why = run->refused.empty() ? trial.why : run->refused;
-    return run->refused.empty() ? evidence_.add(set, std::move(*run)) : nullptr;
+  // One run; null where the set is refused. A set that was measured before is possible here: its run failed
+  // for another reason, such as a broken connection, and is made again. Where the search cannot go on without
+  // the set, a recalled refusal does not end it: the set is tried again.
+  const Answer* measure(const Set& set, Trial& trial, bool is_vital) {
+    const int attempts = evidence_.of(set).empty() ? 1 : most_attempts;
+    std::string refused;
+    for (int left = attempts; left > 0;) {
+      auto run = measure_({static_cast<int>(outcome_.trials.size()) + 1, outcome_.runs + 1, set});
+      if (!run) throw NoTime{};
+      ++outcome_.runs;
+      ++trial.runs;
+      if (run->refused.empty()) return evidence_.add(set, std::move(*run));
+      refused = run->refused;
+      if (--left == 0 && is_vital && run->is_recalled) left = attempts;
+    }
+    trial.why = refused;
+    return nullptr;
   }
 
   Decision ended(Trial trial, const Runs& mine, const Runs& theirs, Decision decision) {
@@ -233,11 +243,11 @@ class Search {
     Trial trial{Purpose::measure, set};
     Runs runs;
     while (trial.runs < most_runs_alone) {
-      const auto* run = measure(set, trial);
+      const auto* run = measure(set, trial, true);
       if (run == nullptr) throw CannotMeasure{trial.why};
       runs.push_back(run);
       const auto all = evidence_.of(set);
-      if (evidence_.kept_to(all) && evidence_.holds(all, problem_.alpha))
+      if (evidence_.kept_to(all) && evidence_.holds(all, set.empty() ? level_of_start() : problem_.alpha))
         return ended(trial, runs, {}, Decision::holds);
       if (evidence_.fails(all, level_of(set))) return ended(trial, runs, {}, Decision::fails);
     }
@@ -256,7 +266,7 @@ class Search {
       const bool mine_first = chance_() % 2 == 0;
       for (const bool is_mine : {mine_first, !mine_first}) {
         if (purpose == Purpose::confirm && !is_mine && theirs.size() == references_to_confirm) continue;
-        const auto* run = measure(is_mine ? set : reference, trial);
+        const auto* run = measure(is_mine ? set : reference, trial, !is_mine);
         if (run == nullptr && !is_mine) throw CannotMeasure{trial.why};
         if (run == nullptr) return ended(trial, mine, theirs, Decision::refused);
         (is_mine ? mine : theirs).push_back(run);
@@ -303,7 +313,7 @@ class Search {
 
   // By fresh runs alone: `fails`, too, where one message breaks a limit that permits none.
   Decision confirm() {
-    const auto alpha = spent(problem_.alpha, ++confirmations_);
+    const auto alpha = spent(problem_.alpha - level_of_start(), ++confirmations_);
     return compare(Purpose::confirm, set_, {}, "", most_pairs_to_confirm,
                    [&](const Runs& mine, const Runs&) -> std::optional<Decision> {
                      if (evidence_.fails(mine, problem_.alpha)) return Decision::fails;
@@ -315,6 +325,9 @@ class Search {
   bool holds(const Set& set) const {
     return !disproved_.contains(set) && evidence_.holds(evidence_.of(set), problem_.alpha);
   }
+
+  // Of the statement that the goal holds without any setting. The confirmations share the rest of alpha.
+  double level_of_start() const { return problem_.alpha / 4; }
 
   // Of the statement that the goal fails by this set.
   double level_of(const Set& set) {

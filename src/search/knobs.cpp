@@ -15,7 +15,7 @@ namespace {
 
 constexpr const char* large_buffer = "4 MiB";  // as scenarios say it
 constexpr int usual_priority = 60;             // the paper's, of the kernel's threads
-constexpr int highest_priority = 98;
+constexpr int least_priority = 1, highest_priority = 98;
 
 std::string last_word(const std::string& key) { return key.substr(key.rfind('.') + 1); }
 bool is_of_kernel(const std::string& key) { return key.starts_with("kernel."); }
@@ -73,6 +73,8 @@ std::string why_not(const std::string& key, const conditions::Run& run, const Bo
   if (bounds.never.contains(key) || bounds.never.contains(last_word(key))) return "never: as asked";
   if (is_of_kernel(key) && scenario::any_past_the_kernel(run))
     return "messages of this transport do not pass the kernel's network";
+  if (is_of_kernel(key) && is_priority(key) && bounds.below_priority <= least_priority)
+    return fmt::format("no priority is below {}", bounds.below_priority);
   if (key.starts_with("kernel.napi-") && stated(run, "kernel.threaded-napi") != "on")
     return "NAPI has no threads here: threaded-napi is off";
   const auto lacks = bounds.cannot.find(key);

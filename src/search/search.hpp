@@ -6,8 +6,14 @@
 //   → once the goal holds, leave out members until each is needed → measure the set and the start afresh.
 //
 // Errors. A member stays only if the goal is proven to fail without it, and all such proofs of one search
-// together are wrong with probability `alpha` at most; so are all its statements that the goal holds.
-// Evidence is e-values (evidence.hpp); the k-th statement of a kind has alpha / (k (k + 1)).
+// together are wrong with probability `alpha` at most. So are the two final statements that the goal holds:
+// the start without any setting has alpha / 4, and all confirmations together have the rest. Evidence is
+// e-values (evidence.hpp); the k-th statement of a kind has 1 / (k (k + 1)) of its alpha. Decisions in
+// between
+// (`improves`, `harms`, and `holds` before the confirmation) have the full alpha each: they only steer.
+//
+// A refused set is not tried again, unless it was measured before: then it counts as refused after three
+// runs.
 //
 // The same answers lead to the same search: with the kept answers it can go on.
 #pragma once
@@ -63,7 +69,8 @@ struct Finding {
 struct Answer {
   std::vector<Tally> tallies;  // one for each limit of the goal
   std::vector<Finding> findings;
-  std::string refused;  // why this set cannot be had here, for people; "": it was measured
+  std::string refused;       // why this set cannot be measured here, for people; "": it was measured
+  bool is_recalled = false;  // from the runs of an earlier process
 };
 
 // What is to be measured next. Runs of one trial alternate between its set and what that is compared with.
