@@ -315,6 +315,18 @@ TEST_F(JudgedPair, MemoryOfMissesIsBounded) {
   EXPECT_EQ(flow().late, 3000U);
 }
 
+TEST(Silence, OfAWriterThatDiedIsBeyondItsLimit) {
+  std::vector<Flow> flows(2);
+  flows[0].last_ns = 1'000'000'000;
+  flows[1].last_ns = 5'990'000'000;
+  judge_silence(flows, Limits{.deadline = 15ms, .period = {}, .age = {}}, 6'000'000'000);
+  EXPECT_EQ(flows[0].silent_ns, 5'000'000'000);
+  EXPECT_EQ(flows[1].silent_ns, 0);
+  flows[0].silent_ns = 0;
+  judge_silence(flows, Limits{}, 6'000'000'000);
+  EXPECT_EQ(flows[0].silent_ns, 0) << "no limit was stated";
+}
+
 TEST(Period, HalfAsMuchAgainIsNoGap) {
   const Limits limits{.deadline = {}, .period = 10ms, .age = {}};
   EXPECT_FALSE(limits.is_gap(15'000'000));

@@ -65,6 +65,8 @@ std::string text_of(const listen::Flow& flow, bool is_judged) {
   auto text = fmt::format("{}  {} messages\n    period {}\n    age {}\n   ", way_of(flow), flow.messages,
                           spread_of(flow.period), flow.age ? spread_of(*flow.age) : "unknown");
   if (is_judged) text += fmt::format(" late {} of {} ", flow.late, flow.messages);
+  if (flow.silent_ns > 0)
+    text += fmt::format(" SILENT for the last {:.1f} s ", static_cast<double>(flow.silent_ns) / 1e9);
   text += flow.lost ? fmt::format(" lost {} ", *flow.lost) : " lost unknown ";
   return text + fmt::format(" duplicated {}  out of order {}\n", flow.duplicated, flow.reordered);
 }
@@ -110,6 +112,7 @@ ordered_json json_of(const listen::Flow& flow) {
           {"period", json_of(flow.period)},
           {"age", json_of(flow.age)},
           {"late", flow.late},
+          {"silent_ns", flow.silent_ns},
           {"lost", json_of(flow.lost)},
           {"duplicated", flow.duplicated},
           {"out_of_order", flow.reordered}};
@@ -171,7 +174,7 @@ class Listening {
     if (!is_all_seen) return is_judged_ ? 1 : 2;
     if (is_judged_ && findings.flows.empty()) return 1;
     return std::any_of(findings.flows.begin(), findings.flows.end(),
-                       [](const auto& flow) { return flow.late > 0; })
+                       [](const auto& flow) { return flow.late > 0 || flow.silent_ns > 0; })
                ? 1
                : 0;
   }

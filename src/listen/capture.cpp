@@ -28,6 +28,7 @@ class Capture final : public Sensor {
   Capture(Handle handle, bool is_live, const Limits& limits)
       : handle_(std::move(handle)),
         is_live_(is_live),
+        limits_(limits),
         packets_(pcap_datalink(handle_.get())),
         wire_(limits) {}
 
@@ -51,6 +52,10 @@ class Capture final : public Sensor {
   Findings findings() const override {
     auto findings = wire_.findings();
     findings.sensor_lost = dropped_;
+    timespec now{};
+    clock_gettime(CLOCK_REALTIME, &now);
+    judge_silence(findings.flows, limits_,
+                  is_live_ ? now.tv_sec * 1'000'000'000 + now.tv_nsec - unread_ns : latest_ns_);
     if (!damage_.empty())
       findings.remarks.push_back(
           fmt::format("the capture cannot be read to its end: {}. What comes before counts", damage_));
@@ -65,6 +70,7 @@ class Capture final : public Sensor {
     // The handle was asked for nanoseconds, which stand where microseconds would.
     const auto at_ns = std::clamp<std::int64_t>(header->ts.tv_sec, 0, latest_s) * 1'000'000'000 +
                        header->ts.tv_usec % 1'000'000'000;
+    capture.latest_ns_ = std::max(capture.latest_ns_, at_ns);
     const auto datagram =
         capture.packets_.datagram({reinterpret_cast<const std::byte*>(bytes), header->caplen});
     if (!datagram) return;
@@ -87,6 +93,8 @@ class Capture final : public Sensor {
 
   Handle handle_;
   const bool is_live_;
+  const Limits limits_;
+  std::int64_t latest_ns_ = 0;  // of all packets
   Packets packets_;
   Wire wire_;
   std::uint32_t dropped_ = 0;

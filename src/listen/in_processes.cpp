@@ -58,7 +58,8 @@ struct Wish {
 
 class InProcesses final : public Sensor {
  public:
-  explicit InProcesses(const Limits& limits) : messages_(limits), probes_(nullptr, probes_bpf__destroy) {
+  explicit InProcesses(const Limits& limits)
+      : limits_(limits), messages_(limits), probes_(nullptr, probes_bpf__destroy) {
     libbpf_set_print(nullptr);
     probes_.reset(probes_bpf__open_and_load());
     if (!probes_) {
@@ -101,7 +102,11 @@ class InProcesses final : public Sensor {
   }
 
   Findings findings() const override {
-    return {messages_.flows(), probes_->bss->lost, {remarks_.begin(), remarks_.end()}};
+    auto flows = messages_.flows();
+    timespec now{};
+    clock_gettime(CLOCK_MONOTONIC, &now);
+    judge_silence(flows, limits_, now.tv_sec * 1'000'000'000 + now.tv_nsec - unread_ns);
+    return {std::move(flows), probes_->bss->lost, {remarks_.begin(), remarks_.end()}};
   }
 
   std::vector<Miss> take_misses() override {
@@ -321,6 +326,7 @@ class InProcesses final : public Sensor {
     std::optional<std::uint64_t> offset_of_name;
   };
 
+  const Limits limits_;
   Messages messages_;
   Processes processes_;
   std::unique_ptr<probes_bpf, void (*)(probes_bpf*)> probes_;

@@ -66,7 +66,8 @@ struct Flow {
   std::optional<Distribution> age;    // empty: no writer's stamp by this machine's clock
   std::optional<std::uint64_t> lost;  // empty: the sensor cannot tell
   std::uint64_t duplicated = 0, reordered = 0;
-  std::uint64_t late = 0;  // by any of the limits
+  std::uint64_t late = 0;      // by any of the limits
+  std::int64_t silent_ns = 0;  // from its last message to the end of listening, where that is beyond a limit
   double rate_hz() const;
 };
 
@@ -88,6 +89,11 @@ struct Findings {
   std::uint64_t sensor_lost = 0;     // events or packets that the sensor itself had no room for
   std::vector<std::string> remarks;  // what the sensors could not see, and why
 };
+
+// A writer that has died sends no late message: says how long each flow was silent at `until_ns`.
+void judge_silence(std::vector<Flow>&, const Limits&, std::int64_t until_ns);
+// What came in the last moment of a live source may not have been read yet.
+inline constexpr std::int64_t unread_ns = 300'000'000;
 
 // "/cmd_vel" of the DDS topic "rt/cmd_vel"; any other name as it is.
 std::string ros_name(const std::string& dds_topic);
