@@ -10,6 +10,7 @@
 #include "campaign/ssh.hpp"
 #include "report/html.hpp"
 #include "report/report.hpp"
+#include "settings/settings.hpp"
 
 namespace ontime::app {
 namespace {
@@ -85,13 +86,28 @@ std::vector<std::string> dropped(const search::Outcome& outcome, Decision decisi
   return all;
 }
 
-std::vector<std::string> kernel_words(const search::Set& set) {
-  std::vector<std::string> words;
+// The command that keeps what the set has of the kernel; "": it has nothing of it.
+std::string boot_command(const search::Set& set) {
   constexpr std::string_view kernel = "kernel.";
+  std::vector<std::string> words{"ontime", "tune", "apply"};
+  bool of_interface = false;
+  for (const auto& [key, value] : set) {
+    if (!key.starts_with(kernel)) continue;
+    const auto name = key.substr(kernel.size());
+    words.insert(words.end(), {"--set", fmt::format("{}={}", name, value)});
+    for (const auto& setting : settings::table())
+      of_interface |= setting.of_interface && name == setting.name;
+  }
+  if (words.size() == 3) return "";
+  return campaign::quoted(words) + (of_interface ? " --interface NAME" : "") + " --print systemd";
+}
+
+// Keys of a scenario, as it has them.
+std::string scenario_keys(const search::Set& set) {
+  std::string text;
   for (const auto& [key, value] : set)
-    if (key.starts_with(kernel))
-      words.push_back(fmt::format("--set {}={}", key.substr(kernel.size()), value));
-  return words;
+    if (!key.starts_with("kernel.")) text += fmt::format("{}{}: {}", text.empty() ? "" : ", ", key, value);
+  return text;
 }
 
 const char* purpose_words(Purpose purpose) {
@@ -206,8 +222,10 @@ std::string text_of(const SearchReport& report) {
                                         {"Not possible here", Decision::refused}})
     if (const auto all = dropped(outcome, decision); !all.empty())
       text += fmt::format("\n{}: {}\n", words, fmt::join(all, "; "));
-  if (const auto words = kernel_words(outcome.set); !words.empty())
-    text += fmt::format("\nAt every boot: ontime tune apply {} --print systemd\n", campaign::quoted(words));
+  if (const auto command = boot_command(outcome.set); !command.empty())
+    text += fmt::format("\nAt every boot: {}\n", command);
+  if (const auto keys = scenario_keys(outcome.set); !keys.empty())
+    text += fmt::format("\nIn the scenario, or your program: {}\n", keys);
   text += fmt::format("\n{} trials, {} runs. Results: {}. Picture: {}.\n", outcome.trials.size(),
                       outcome.runs, report.results, report.page);
   // printable() keeps one line.
