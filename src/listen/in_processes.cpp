@@ -66,11 +66,9 @@ class InProcesses final : public Sensor {
       const int error = errno;
       throw Error(
           error == EPERM || error == EACCES
-              ? "listen: the kernel refuses probes to this user. Run it by sudo, or grant the program once: "
-                "setcap cap_bpf,cap_perfmon,cap_checkpoint_restore,cap_sys_ptrace,cap_dac_read_search+ep "
-                "ontime (a "
-                "kernel in "
-                "lockdown refuses anyway: /sys/kernel/security/lockdown)"
+              ? "listen: the kernel refuses probes to this user. Run it by sudo (a kernel in lockdown "
+                "refuses "
+                "anyway: /sys/kernel/security/lockdown)"
               : fmt::format("listen: the kernel cannot load the probes: {}. It needs Linux 5.8 or newer with "
                             "CONFIG_BPF_EVENTS and CONFIG_UPROBES. Packets can be judged without: --pcap",
                             reason(error)));
