@@ -315,7 +315,8 @@ Bytes frame_of(const Bytes& udp_payload, std::size_t from, std::size_t bytes, bo
 TEST(Frames, DatagramHasItsAddresses) {
   Packets packets(DLT_EN10MB);
   const auto payload = Rtps().data(1).bytes;
-  const auto found = packets.datagram(frame_of(payload, 0, 1500, false));
+  const auto frame = frame_of(payload, 0, 1500, false);
+  const auto found = packets.datagram(frame);  // its payload is the frame's
   ASSERT_TRUE(found);
   EXPECT_EQ(found->source, "10.0.0.1:7400");
   EXPECT_EQ(found->destination, "10.0.0.2:7411");
