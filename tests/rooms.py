@@ -10,7 +10,8 @@ ROOT = pathlib.Path(__file__).resolve().parent.parent
 SRC = ROOT / "src"
 # Beside the header that has the room's name, what others may include of a room.
 SHOWN = {"transport/clock.hpp", "transport/dds.hpp", "transport/find.hpp", "roundtrip/sample.hpp", "roundtrip/clocks.hpp",
-         "orders/frames.hpp", "background/child.hpp", "journal/interface_name.hpp", "settings/file.hpp", "conditions/around.hpp"}
+         "orders/frames.hpp", "background/child.hpp", "journal/interface_name.hpp", "settings/file.hpp", "conditions/around.hpp",
+         "record/document.hpp"}
 
 
 def rooms():

@@ -12,7 +12,7 @@ namespace {
 
 constexpr std::uint32_t most_fragments = 1 << 16;
 // Messages of a writer that wait for fragments, and fragments of them all.
-constexpr std::size_t most_partial = 64, most_partial_fragments = 4 * most_fragments;
+constexpr std::size_t most_partial = 64, most_partial_fragments = std::size_t{4} * most_fragments;
 // A writer that leaves out more numbers than this began anew, or is not one.
 constexpr std::uint64_t longest_leap = 1 << 20;
 
