@@ -45,7 +45,8 @@ std::string answer_of(const SearchReport& report) {
   return "";
 }
 
-std::string percent(double share) { return fmt::format("{:.3g}", 100 * share); }
+// What is left of a search for a border within a double is 0.
+std::string percent(double share) { return share < 1e-9 ? "0" : fmt::format("{:.3g}", 100 * share); }
 
 // "p99.9 < 1 ms: 3 of 24000, 95 % interval [0.001, 0.06] %".
 std::string share_text(const search::Limit& limit, const search::Share& share) {
