@@ -42,6 +42,11 @@ struct Gate {
 };
 Gate parse(const std::string& text, Use);
 
+// The share of messages that a percentile leaves above itself; nothing of what is no percentile.
+std::optional<double> share_above(statistics::Figure);
+// Of messages that are late or lost, as the gate asks, or slower than its limit.
+statistics::Probability probability_beyond(const Gate&, const statistics::Summary&);
+
 // What of the conditions that were asked for was not there, for people: load, settings, kept CPUs, the link's
 // faults, traffic, neighbours. Empty: nothing speaks against it.
 std::string absent(const record::Asked&, const record::Outcome&);

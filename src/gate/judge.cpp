@@ -49,29 +49,6 @@ Judgement judgement(const Gate& gate, std::string run, Result result, std::strin
   return {result, std::move(run), gate.requirement(), std::move(says)};
 }
 
-const statistics::Probability& probability_of(const Gate& gate, const Summary& run) {
-  if (gate.figure == Figure::lost) return run.lost_probability;
-  return gate.times == statistics::Times::response ? run.late_by_response_probability : run.late_probability;
-}
-
-// The share of messages that a percentile leaves above itself; nothing of what is no percentile.
-std::optional<double> share_above(Figure figure) {
-  switch (figure) {
-    case Figure::p50:
-      return 0.5;
-    case Figure::p90:
-      return 0.1;
-    case Figure::p99:
-      return 0.01;
-    case Figure::p99_9:
-      return 0.001;
-    case Figure::p99_99:
-      return 0.0001;
-    default:
-      return {};
-  }
-}
-
 // What a gate on a time or a share asks of a run: that a probability is no greater than `most`. A percentile
 // keeps to its limit if no more messages than it leaves above itself are slower.
 struct Question {
@@ -79,10 +56,10 @@ struct Question {
   double most = 0;
 };
 std::optional<Question> question_of(const Gate& gate, const Summary& run) {
-  if (is_share(gate)) return Question{probability_of(gate, run), gate.limit};
+  if (is_share(gate)) return Question{probability_beyond(gate, run), gate.limit};
   const auto share = share_above(gate.figure);
   if (!share) return {};
-  return Question{statistics::slower_than(run, gate.times, gate.limit), *share};
+  return Question{probability_beyond(gate, run), *share};
 }
 
 // So short that it could not have shown that it keeps to the limit. Where no event says that they come in
@@ -133,6 +110,29 @@ Judgement judge_answer(const Gate& gate, std::string run, Answer answer, const s
 }
 
 }  // namespace
+
+statistics::Probability probability_beyond(const Gate& gate, const Summary& run) {
+  if (gate.figure == Figure::lost) return run.lost_probability;
+  if (gate.figure != Figure::late) return statistics::slower_than(run, gate.times, gate.limit);
+  return gate.times == statistics::Times::response ? run.late_by_response_probability : run.late_probability;
+}
+
+std::optional<double> share_above(Figure figure) {
+  switch (figure) {
+    case Figure::p50:
+      return 0.5;
+    case Figure::p90:
+      return 0.1;
+    case Figure::p99:
+      return 0.01;
+    case Figure::p99_9:
+      return 0.001;
+    case Figure::p99_99:
+      return 0.0001;
+    default:
+      return {};
+  }
+}
 
 std::string time_of(double ns) {
   const double size = std::abs(ns);

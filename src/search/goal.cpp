@@ -10,32 +10,18 @@ namespace {
 
 using statistics::Figure;
 
-double share_above(const gate::Gate& gate) {
+// Of messages, how many may break the limit.
+double permitted_share(const gate::Gate& gate) {
   if (gate.kind == gate::Gate::Limit::absolute && gate.figure != Figure::late &&
       gate.figure != Figure::lost && gate.limit <= 0)
     throw gate::Error(fmt::format("'{}': every message takes longer than 0", gate.text));
-  switch (gate.figure) {
-    case Figure::p50:
-      return 0.5;
-    case Figure::p90:
-      return 0.1;
-    case Figure::p99:
-      return 0.01;
-    case Figure::p99_9:
-      return 0.001;
-    case Figure::p99_99:
-      return 0.0001;
-    case Figure::max:
-      return 0;
-    case Figure::late:
-    case Figure::lost:
-      break;
-    case Figure::mean:
-      throw gate::Error(
-          fmt::format("'{}': a mean cannot be a goal, because it says nothing of single messages: "
-                      "take p50, p99 or max",
-                      gate.text));
-  }
+  if (gate.figure == Figure::mean)
+    throw gate::Error(
+        fmt::format("'{}': a mean cannot be a goal, because it says nothing of single messages: "
+                    "take p50, p99 or max",
+                    gate.text));
+  if (gate.figure == Figure::max) return 0;
+  if (const auto share = gate::share_above(gate.figure)) return *share;
   if (gate.kind == gate::Gate::Limit::count && gate.limit > 0)
     throw gate::Error(
         fmt::format("'{}': a number of messages depends on how long a run is: say 0, or a share "
@@ -64,7 +50,7 @@ Part part_of(const std::string& text) {
   }
   // On its own line: where it throws within braces, GCC 12 destroys what was initialized before it twice.
   auto parsed = gate::parse(gate, gate::Use::require);
-  const auto share = share_above(parsed);
+  const auto share = permitted_share(parsed);
   return {{text, share}, std::move(parsed)};
 }
 
@@ -82,13 +68,7 @@ std::vector<Part> goal_of(const std::string& text) {
 }
 
 Tally tally_of(const Part& part, const statistics::Summary& run) {
-  const auto& gate = part.gate;
-  const auto of = [&]() -> statistics::Probability {
-    if (gate.figure == Figure::lost) return run.lost_probability;
-    if (gate.figure != Figure::late) return statistics::slower_than(run, gate.times, gate.limit);
-    return gate.times == statistics::Times::response ? run.late_by_response_probability
-                                                     : run.late_probability;
-  }();
+  const auto of = gate::probability_beyond(part.gate, run);
   return {static_cast<double>(of.events), static_cast<double>(of.messages), std::max(of.effect, 1.0)};
 }
 
