@@ -52,10 +52,8 @@ class Capture final : public Sensor {
   Findings findings() const override {
     auto findings = wire_.findings();
     findings.sensor_lost = dropped_;
-    timespec now{};
-    clock_gettime(CLOCK_REALTIME, &now);
-    judge_silence(findings.flows, limits_,
-                  is_live_ ? now.tv_sec * 1'000'000'000 + now.tv_nsec - unread_ns : latest_ns_);
+    const std::chrono::nanoseconds now = std::chrono::system_clock::now().time_since_epoch();
+    judge_silence(findings.flows, limits_, is_live_ ? now.count() - unread_ns : latest_ns_);
     if (!damage_.empty())
       findings.remarks.push_back(
           fmt::format("the capture cannot be read to its end: {}. What comes before counts", damage_));

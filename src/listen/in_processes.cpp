@@ -10,7 +10,6 @@
 #include <bpf/libbpf.h>
 #include <fmt/format.h>
 #include <sys/uio.h>
-#include <time.h>
 
 #include "listen/event.h"
 #include "listen/library.hpp"
@@ -18,6 +17,7 @@
 #include "listen/messages.hpp"
 #include "listen/probes.skel.h"
 #include "listen/processes.hpp"
+#include "machine/machine.hpp"
 
 namespace ontime::listen {
 namespace {
@@ -29,23 +29,6 @@ constexpr std::size_t most_remarks = 32;
 constexpr std::uint64_t latest_stamp_ns = std::uint64_t{1} << 62U;  // a later one is no time; the year 2116
 
 std::string reason(int error) { return std::generic_category().message(error); }
-
-// What CLOCK_REALTIME is ahead of CLOCK_MONOTONIC: of three readings the one that took least.
-std::int64_t realtime_ahead_ns() {
-  const auto read = [](clockid_t clock) {
-    timespec time{};
-    clock_gettime(clock, &time);
-    return std::int64_t{time.tv_sec} * 1'000'000'000 + time.tv_nsec;
-  };
-  std::int64_t ahead = 0, least = INT64_MAX;
-  for (int i = 0; i < 3; ++i) {
-    const auto before = read(CLOCK_MONOTONIC), real = read(CLOCK_REALTIME), after = read(CLOCK_MONOTONIC);
-    if (after - before >= least) continue;
-    least = after - before;
-    ahead = real - before - least / 2;
-  }
-  return ahead;
-}
 
 using Link = std::unique_ptr<bpf_link, int (*)(bpf_link*)>;
 
@@ -91,7 +74,7 @@ class InProcesses final : public Sensor {
         look_at_ = now + look_every;
         look();
       }
-      realtime_ahead_ns_ = realtime_ahead_ns();
+      realtime_ahead_ns_ = machine::realtime_offset_ns();
       ring_buffer__consume(ring_.get());
       // The probes wake no reader: that would cost the thread that publishes.
       std::this_thread::sleep_until(std::min(until, std::chrono::steady_clock::now() + 20ms));
@@ -101,9 +84,8 @@ class InProcesses final : public Sensor {
 
   Findings findings() const override {
     auto flows = messages_.flows();
-    timespec now{};
-    clock_gettime(CLOCK_MONOTONIC, &now);
-    judge_silence(flows, limits_, now.tv_sec * 1'000'000'000 + now.tv_nsec - unread_ns);
+    const std::chrono::nanoseconds now = std::chrono::steady_clock::now().time_since_epoch();
+    judge_silence(flows, limits_, now.count() - unread_ns);
     return {std::move(flows), probes_->bss->lost, {remarks_.begin(), remarks_.end()}};
   }
 

@@ -71,7 +71,16 @@ std::optional<Synchronisation> of_ptp() {
   return said ? parse_ptp(*said) : std::nullopt;
 }
 
-// CLOCK_REALTIME - CLOCK_MONOTONIC, by the reading that took the least time.
+json told(const char* source, const Synchronisation& clock) {
+  return {{"synchronised", clock.synchronised},
+          {"source", clock.synchronised ? json(source) : json(nullptr)},
+          {"error_ns", clock.error_ns ? json(*clock.error_ns) : json(nullptr)},
+          {"reference", clock.reference ? json(*clock.reference) : json(nullptr)},
+          {"realtime_offset_ns", realtime_offset_ns()}};
+}
+
+}  // namespace
+
 std::int64_t realtime_offset_ns() {
   constexpr int readings = 100;
   std::int64_t offset = 0, least = std::numeric_limits<std::int64_t>::max();
@@ -85,16 +94,6 @@ std::int64_t realtime_offset_ns() {
   }
   return offset;
 }
-
-json told(const char* source, const Synchronisation& clock) {
-  return {{"synchronised", clock.synchronised},
-          {"source", clock.synchronised ? json(source) : json(nullptr)},
-          {"error_ns", clock.error_ns ? json(*clock.error_ns) : json(nullptr)},
-          {"reference", clock.reference ? json(*clock.reference) : json(nullptr)},
-          {"realtime_offset_ns", realtime_offset_ns()}};
-}
-
-}  // namespace
 
 std::int64_t read_ns(clockid_t clock) {
   timespec time{};

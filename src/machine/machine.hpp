@@ -45,6 +45,8 @@ std::optional<std::string> preemption(const std::optional<std::string>& realtime
 // CLOCK_MONOTONIC, which drifts}. Asks chronyc and pmc where there are such: a second at the worst, so not
 // during a measurement.
 nlohmann::json clock_state();
+// CLOCK_REALTIME - CLOCK_MONOTONIC, by the reading that took the least time.
+std::int64_t realtime_offset_ns();
 
 // What `ontime lab` tells a machine of itself, out of its kernel's command line: "QEMU 7.2.22, …"; nothing:
 // it is no such machine. Pure.
