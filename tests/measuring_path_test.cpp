@@ -282,7 +282,7 @@ class Child {
     explicit Orders(int pipe) : pipe_(pipe) {}
     void await() const {
       char order = 0;
-      static_cast<void>(read(pipe_, &order, 1));
+      [[maybe_unused]] const auto size = read(pipe_, &order, 1);
     }
     void obeyed() const { EXPECT_EQ(write(pipe_, "x", 1), 1); }
 
