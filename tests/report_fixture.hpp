@@ -14,8 +14,11 @@
 
 #include "amend.hpp"
 #include "report/report.hpp"
+#include "table/table.hpp"
 
 namespace ontime::report {
+
+using table::width_of;
 
 using nlohmann::json;
 using statistics::Summary;
@@ -129,11 +132,6 @@ inline std::vector<std::vector<std::string>> parse_csv(const std::string& text) 
   }
   records.pop_back();  // what follows the last line's end
   return records;
-}
-
-inline std::size_t width_of(const std::string& line) {
-  return static_cast<std::size_t>(std::count_if(
-      line.begin(), line.end(), [](char c) { return (static_cast<unsigned char>(c) & 0xc0) != 0x80; }));
 }
 
 // Each column by its name, of a row.

@@ -13,6 +13,7 @@
 #include "report/runs.hpp"
 #include "report/sheet.hpp"
 #include "report_fixture.hpp"
+#include "table/table.hpp"
 
 namespace ontime::report {
 namespace {
@@ -175,7 +176,8 @@ TEST(Course, of_times_that_cannot_be_is_packed_all_the_same) {
 }
 
 TEST(Html, text_stays_text) {
-  EXPECT_EQ(escaped("<b a='1' c=\"2\">&\n\u2028\x1b"), "&lt;b a=&#39;1&#39; c=&quot;2&quot;&gt;&amp;  ?");
+  EXPECT_EQ(table::escaped("<b a='1' c=\"2\">&\n\u2028\x1b"),
+            "&lt;b a=&#39;1&#39; c=&quot;2&quot;&gt;&amp;  ?");
 }
 
 class Page : public ::testing::Test {

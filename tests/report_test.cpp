@@ -371,11 +371,12 @@ bool steers(const std::string& text, bool with_lines) {
 }
 
 TEST(Printable, LetsNothingSteer) {
-  for (const auto& text : hostile) EXPECT_FALSE(steers(printable(text), false)) << printable(text);
-  EXPECT_EQ(printable("a\x1b[2Jb"), "a?[2Jb");
-  EXPECT_EQ(printable("a\r\nb\tc"), "a  b c");
+  for (const auto& text : hostile)
+    EXPECT_FALSE(steers(table::printable(text), false)) << table::printable(text);
+  EXPECT_EQ(table::printable("a\x1b[2Jb"), "a?[2Jb");
+  EXPECT_EQ(table::printable("a\r\nb\tc"), "a  b c");
   for (const auto* plain : {"", "a b", "Größe 5 µs ± 1 … → 日本 🤖", "\xc2\xa0"})
-    EXPECT_EQ(printable(plain), plain);
+    EXPECT_EQ(table::printable(plain), plain);
 }
 
 TEST(AllFormats, LetNothingSteerTheTerminal) {

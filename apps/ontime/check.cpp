@@ -6,6 +6,7 @@
 #include "fitness/fitness.hpp"
 #include "flags.hpp"
 #include "machine/machine.hpp"
+#include "table/table.hpp"
 #include "terminal.hpp"
 
 namespace ontime::app {
@@ -13,7 +14,7 @@ namespace {
 
 using fitness::Finding;
 using fitness::Severity;
-using report::printable;
+using table::printable;
 
 std::string text_of(const Finding& finding) {
   auto text = fmt::format("{:<7} {}: {}\n",

@@ -16,6 +16,7 @@
 #include "output.hpp"
 #include "report/report.hpp"
 #include "spelling/spelling.hpp"
+#include "table/table.hpp"
 #include "terminal.hpp"
 
 namespace ontime::app {
@@ -43,12 +44,12 @@ std::string in_ms(std::int64_t ns) {
 }
 
 std::string words_of(const listen::Party& party, const char* unknown) {
-  if (party.process != 0) return fmt::format("{} [{}]", report::printable(party.name), party.process);
-  return party.name.empty() ? unknown : report::printable(party.name);
+  if (party.process != 0) return fmt::format("{} [{}]", table::printable(party.name), party.process);
+  return party.name.empty() ? unknown : table::printable(party.name);
 }
 
 std::string topic_of(const std::string& topic) {
-  return topic.empty() ? "(unknown topic)" : report::printable(topic);
+  return topic.empty() ? "(unknown topic)" : table::printable(topic);
 }
 
 std::string spread_of(const listen::Distribution& values) {

@@ -8,6 +8,7 @@
 #include "flags.hpp"
 #include "report/report.hpp"
 #include "scenario_files.hpp"
+#include "table/table.hpp"
 #include "terminal.hpp"
 
 namespace ontime::app {
@@ -54,13 +55,13 @@ std::string text_of(const std::vector<ordered_json>& lines) {
   for (const auto& line : lines) width = std::max(width, line.at("name").get<std::string>().size());
   std::string text;
   for (const auto& line : lines) {
-    const auto name = report::printable(line.at("name"));
+    const auto name = table::printable(line.at("name"));
     if (!line.at("error").is_null()) {
-      text += fmt::format("{:{}}  cannot be run: {}\n", name, width, report::printable(line.at("error")));
+      text += fmt::format("{:{}}  cannot be run: {}\n", name, width, table::printable(line.at("error")));
       continue;
     }
     const auto runs = line.at("runs").get<std::size_t>();
-    text += fmt::format("{:{}}  {}: {}{} run{}, {}\n", name, width, report::printable(line.at("title")),
+    text += fmt::format("{:{}}  {}: {}{} run{}, {}\n", name, width, table::printable(line.at("title")),
                         line.at("searches").get<bool>() ? "at most " : "", runs, runs == 1 ? "" : "s",
                         about(std::chrono::duration<double>(line.at("seconds").get<double>())));
   }

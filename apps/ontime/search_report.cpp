@@ -11,14 +11,15 @@
 #include "report/html.hpp"
 #include "report/report.hpp"
 #include "settings/settings.hpp"
+#include "table/table.hpp"
 
 namespace ontime::app {
 namespace {
 
 using nlohmann::ordered_json;
-using report::escaped;
-using report::printable;
 using search::Decision, search::End, search::Trial;
+using table::escaped;
+using table::printable;
 using Purpose = Trial::Purpose;
 
 constexpr std::size_t most_causes = 3;

@@ -17,6 +17,7 @@
 #include <unistd.h>
 
 #include "output.hpp"
+#include "table/table.hpp"
 
 namespace ontime::app {
 namespace {
@@ -58,7 +59,7 @@ std::string lines_of(const std::string& text) {
   std::istringstream lines(text);
   std::string result;
   for (std::string line; std::getline(lines, line);)
-    result += (result.empty() ? "" : "\n  ") + report::printable(line);
+    result += (result.empty() ? "" : "\n  ") + table::printable(line);
   return result;
 }
 
@@ -85,11 +86,11 @@ void Terminal::note(const std::string& text) {
 
 void Terminal::line(const std::string& text) {
   clear_line();
-  say("{}\n", report::printable(text));
+  say("{}\n", table::printable(text));
 }
 
 void Terminal::waits(const std::string& text) {
-  if (interactive_) rewrite_line(report::printable(text));
+  if (interactive_) rewrite_line(table::printable(text));
 }
 
 void Terminal::expect(std::size_t runs, std::chrono::duration<double> time) {
@@ -103,8 +104,8 @@ std::string Terminal::next(const campaign::Run& run) {
   left_ -= campaign::time_of(run);
   const auto repetition = run.repetition > 1 ? fmt::format(" ×{}", run.repetition) : "";
   const auto variant = run.variant.empty() ? "" : " " + run.variant;
-  return report::printable(fmt::format("{}{}{} {}{}", count, report::shortened(run.id, gate::longest_id),
-                                       variant, run.task.transport, repetition));
+  return table::printable(fmt::format("{}{}{} {}{}", count, table::shortened(run.id, gate::longest_id),
+                                      variant, run.task.transport, repetition));
 }
 
 void Terminal::begins(const campaign::Run& run) {

@@ -13,6 +13,7 @@
 #include "keeper/keeper.hpp"
 #include "machine/machine.hpp"
 #include "settings/settings.hpp"
+#include "table/table.hpp"
 #include "terminal.hpp"
 
 namespace ontime::app {
@@ -20,7 +21,7 @@ namespace {
 
 using campaign::Error;
 using nlohmann::json;
-using report::printable;
+using table::printable;
 
 struct TuneArguments {
   std::string interface, peer, network_namespace, format = "table", scenario, run, boot;

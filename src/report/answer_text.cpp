@@ -5,7 +5,6 @@
 #include <fmt/format.h>
 
 #include "report/answer.hpp"
-#include "report/page.hpp"
 #include "report/runs.hpp"
 #include "report/words.hpp"
 
@@ -160,7 +159,7 @@ std::string text_of(const Answer& answer, std::size_t width) {
   const auto taken = lines_in(text, width) + lines_in(rest, width) + header;
   const std::size_t free = taken + 3 < screen_lines ? screen_lines - taken : 3;
   const auto most = answer.rows.size() <= free ? answer.rows.size() : free - note;
-  auto table = as_text({{table_of(answer.rows, worst_of(answer.rows, most), width)}, {}, ""}, width);
+  auto table = table::as_text({{table_of(answer.rows, worst_of(answer.rows, most), width)}, {}, ""}, width);
   table.pop_back();  // the empty line after it
   text += table;
   if (const auto more = answer.rows.size() - most; more > 0)

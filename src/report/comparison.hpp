@@ -5,8 +5,8 @@
 #include <string>
 #include <vector>
 
-#include "report/page.hpp"
 #include "report/report.hpp"
+#include "table/table.hpp"
 
 namespace ontime::report {
 
@@ -17,7 +17,7 @@ struct Difference {
 };
 std::vector<Difference> differences(const Comparison::Runs& from, const Comparison::Runs& to);
 
-Page page_of(const Comparison&, const std::vector<gate::Judgement>&);
+table::Page page_of(const Comparison&, const std::vector<gate::Judgement>&);
 nlohmann::ordered_json json_of(const Comparison&, const std::vector<gate::Judgement>&);
 std::string csv_of(const Comparison&);
 

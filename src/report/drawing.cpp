@@ -7,6 +7,7 @@
 
 #include "report/report.hpp"
 #include "report/why.hpp"
+#include "report/words.hpp"
 
 namespace ontime::report {
 namespace {

@@ -6,6 +6,7 @@
 #include <boost/property_tree/xml_parser.hpp>
 
 #include "report/report.hpp"
+#include "report/words.hpp"
 
 namespace ontime::report {
 

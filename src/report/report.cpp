@@ -3,7 +3,6 @@
 
 #include "report/comparison.hpp"
 #include "report/html.hpp"
-#include "report/page.hpp"
 #include "report/runs.hpp"
 #include "report/words.hpp"
 
@@ -15,41 +14,8 @@ std::string text_of(const nlohmann::ordered_json& value) {
   return value.dump(2, ' ', true, nlohmann::ordered_json::error_handler_t::replace) + "\n";
 }
 
-// Line by line, for in a note and in a column's name a line has its meaning.
-void make_printable(std::string& text) {
-  auto lines = split(text, '\n');
-  for (auto& line : lines) line = printable(line);
-  text = join(lines, "\n");
-}
-
-// Nothing gets past here to a terminal, even if a caller forgot it.
-Page checked(Page page) {
-  for (auto& table : page.tables) {
-    table.title = printable(table.title);
-    table.conditions = printable(table.conditions);
-    for (auto& row : table.rows)
-      for (auto& cell : row) cell = printable(cell);
-    for (auto& column : table.columns) make_printable(column.name);
-    for (auto& note : table.notes) make_printable(note);
-  }
-  for (auto& note : page.notes) make_printable(note);
-  page.legend = printable(page.legend);
-  return page;
-}
-
-void leave_out_drawings(Table& table) {
-  for (std::size_t i = table.columns.size(); i-- > 0;) {
-    if (!table.columns[i].drawn) continue;
-    const auto place = static_cast<std::ptrdiff_t>(i);
-    table.columns.erase(table.columns.begin() + place);
-    for (auto& row : table.rows) row.erase(row.begin() + place);
-  }
-}
-
 std::string page_text(const Page& unchecked, Format format, std::size_t width) {
-  auto page = checked(unchecked);
-  if (format != Format::table)
-    for (auto& table : page.tables) leave_out_drawings(table);
+  const auto page = format == Format::table ? printable(unchecked) : without_drawings(printable(unchecked));
   switch (format) {
     case Format::markdown:
       return as_markdown(page);

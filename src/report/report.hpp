@@ -20,14 +20,6 @@ namespace ontime::report {
 enum class Format { table, json, csv, markdown, latex, html };
 std::optional<Format> format_of(const std::string& word);
 
-// On one line, and as UTF-8, whatever it was: what would steer a terminal, or show a text otherwise than it
-// is (control characters, marks and overrides of direction, what cannot be seen), becomes '?'. For all that
-// comes from elsewhere: a results file, the network. The forms for people below pass all their text through
-// it.
-std::string printable(const std::string& text);
-// Its first so many characters, with "…" where there are more.
-std::string shortened(const std::string& text, std::size_t most);
-
 // Every table of all runs, one row a run; as HTML the tables alone. docs/reference/json.md describes the
 // JSON; it is stable. `width`: of a terminal, for Format::table.
 std::string render(const std::vector<statistics::Summary>&, Format, const Origin& = {},

@@ -8,8 +8,8 @@
 
 #include <nlohmann/json.hpp>
 
-#include "report/page.hpp"
 #include "statistics/statistics.hpp"
+#include "table/table.hpp"
 
 namespace ontime::report {
 
@@ -17,7 +17,7 @@ using Summaries = std::vector<statistics::Summary>;
 
 nlohmann::ordered_json json_of(const statistics::Summary&);  // docs/reference/json.md
 std::string csv_of(const Summaries&);
-Page page_of(const Summaries&);
+table::Page page_of(const Summaries&);
 
 // Judged by when a cycle's answer should have been asked for, and not by when it was, more may be late than
 // were late or lost: shown beside where it is so.
@@ -28,10 +28,11 @@ bool differs_by_response(const statistics::Summary&);
 std::string percentile(const statistics::Distribution&, statistics::Figure);
 // 95 % confidence intervals of runs' percentiles, by their labels; without a title. No rows where none is
 // known. "≥ x": no upper limit; the value itself may be x, for limits are values that were seen.
-Table certainty_table(const std::vector<std::string>& labels, const std::vector<const statistics::Summary*>&);
+table::Table certainty_table(const std::vector<std::string>& labels,
+                             const std::vector<const statistics::Summary*>&);
 // The extrapolated worst case. Runs without one have no row.
-Table worst_case_table(const std::vector<std::string>& labels,
-                       const std::vector<const statistics::Summary*>&);
+table::Table worst_case_table(const std::vector<std::string>& labels,
+                              const std::vector<const statistics::Summary*>&);
 // Why, each reason once with the names of the runs that it holds for.
 std::vector<std::string> unbounded_notes(const std::vector<std::string>& names,
                                          const std::vector<const statistics::Summary*>&);
@@ -39,11 +40,12 @@ std::vector<std::string> unbounded_notes(const std::vector<std::string>& names,
 std::string older_note(const std::vector<const statistics::Summary*>&);
 std::string refusal_of(const statistics::Extremes&);  // why there is no bound; empty, if there is one
 // What a response is made of, each by itself: a stall of our own thread is none of the network's.
-Table stages_table(const std::vector<std::string>& labels, const std::vector<const statistics::Summary*>&);
+table::Table stages_table(const std::vector<std::string>& labels,
+                          const std::vector<const statistics::Summary*>&);
 void add_certainty(nlohmann::ordered_json& run, const statistics::Summary&);
 
 // How far a search could turn up a key; without rows where there was none.
-Table searches_table(const std::vector<const statistics::Summary*>&);
+table::Table searches_table(const std::vector<const statistics::Summary*>&);
 nlohmann::ordered_json searches_json_of(const Summaries&);
 
 // What a run must not be read without: what went wrong, or was counted beside the table.
@@ -68,7 +70,7 @@ std::vector<SharedRemark> shared_remarks(const std::vector<const statistics::Sum
 std::vector<std::string> refusals(const Summaries&);
 
 // Runs of an id that were imported: what is known of them, and what is not.
-Table imported_table_of(const std::vector<const statistics::Summary*>&);
+table::Table imported_table_of(const std::vector<const statistics::Summary*>&);
 nlohmann::ordered_json imported_json_of(const statistics::Summary&);  // null, if it was measured
 // Whether messages arrived on time, in a sentence.
 struct Verdict {
@@ -87,17 +89,17 @@ std::string grouped(std::uint64_t count);  // "4,320,000"
 nlohmann::json figures_of(const record::Reader&, const Summaries&);
 
 // What was set, and what was so.
-Table differences_of(const Summaries&);  // what is not the same in all runs
-Table loads_of(const Summaries&);        // asked and achieved, and what the link carried
-Table machines_of(const Summaries&);
+table::Table differences_of(const Summaries&);  // what is not the same in all runs
+table::Table loads_of(const Summaries&);        // asked and achieved, and what the link carried
+table::Table machines_of(const Summaries&);
 
 nlohmann::ordered_json threads_json_of(const Summaries&);
 std::string threads_csv_of(const Summaries&);
-Page threads_page_of(const Summaries&);
+table::Page threads_page_of(const Summaries&);
 
 // What each layer costs, of runs that say what they add to.
 nlohmann::ordered_json layers_json_of(const Summaries&);
 std::string layers_csv_of(const Summaries&);
-Page layers_page_of(const Summaries&);
+table::Page layers_page_of(const Summaries&);
 
 }  // namespace ontime::report

@@ -5,7 +5,6 @@
 
 #include <fmt/format.h>
 
-#include "report/page.hpp"
 #include "report/report.hpp"
 #include "report/words.hpp"
 

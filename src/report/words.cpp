@@ -3,9 +3,9 @@
 
 #include <cmath>
 
-#include <boost/algorithm/string/split.hpp>
 #include <fmt/format.h>
-#include <fmt/ranges.h>
+
+#include "gate/gate.hpp"
 
 namespace ontime::report {
 
@@ -51,27 +51,6 @@ std::string size(std::uint64_t bytes) {
   if (bytes >= 1 << 20 && bytes % (1 << 20) == 0) return fmt::format("{} MiB", bytes >> 20);
   if (bytes >= 1 << 10 && bytes % (1 << 10) == 0) return fmt::format("{} KiB", bytes >> 10);
   return fmt::format("{} B", bytes);
-}
-
-std::string shortened(const std::string& text, std::size_t most) {
-  const auto beginning = fmt::format("{:.{}}", text, most);  // fmt counts code points
-  return beginning.size() < text.size() ? beginning + "…" : text;
-}
-
-std::string join(const std::vector<std::string>& parts, std::string_view separator) {
-  return fmt::format("{}", fmt::join(parts, separator));
-}
-
-std::vector<std::string> split(const std::string& text, char separator) {
-  std::vector<std::string> parts;
-  boost::algorithm::split(parts, text, [&](char c) { return c == separator; });
-  return parts;
-}
-
-std::string replace_all(std::string text, std::string_view what, std::string_view with) {
-  for (auto found = text.find(what); found != std::string::npos; found = text.find(what, found + with.size()))
-    text.replace(found, what.size(), with);
-  return text;
 }
 
 }  // namespace ontime::report

@@ -11,13 +11,29 @@
 
 #include <nlohmann/json.hpp>
 
-#include "report/report.hpp"
+#include "record/record.hpp"
+#include "table/table.hpp"
 
 namespace ontime::report {
 
 inline constexpr const char* nothing = "-";
 
 using record::at;
+using table::as_csv;
+using table::as_html;
+using table::Column;
+using table::escaped;
+using table::join;
+using table::note_as_html;
+using table::Page;
+using table::printable;
+using table::replace_all;
+using table::shortened;
+using table::split;
+using table::Table;
+using table::width_of;
+using table::wrapped;
+
 std::string word(const nlohmann::json&);  // on one line; `nothing` for null
 std::string word(const std::string&);     // on one line; `nothing` for an empty text
 std::string word(std::optional<std::int64_t>);
@@ -29,8 +45,5 @@ std::string duration(std::chrono::nanoseconds);                                /
 std::string megabits(std::optional<double> bit_s);                             // "80", "38.2"
 std::string many(std::uint64_t number, const char* one, const char* several);  // "1 run", "2 runs"
 std::string size(std::uint64_t bytes);                                         // "500 B", "32 KiB"
-std::string join(const std::vector<std::string>&, std::string_view separator);
-std::vector<std::string> split(const std::string& text, char separator);  // at least one
-std::string replace_all(std::string text, std::string_view what, std::string_view with);
 
 }  // namespace ontime::report

@@ -6,6 +6,7 @@
 
 #include "gate/gate.hpp"
 #include "report/report.hpp"
+#include "table/table.hpp"
 #include "watch/watch.hpp"
 
 namespace ontime::watch {
@@ -15,8 +16,8 @@ using nlohmann::json;
 
 std::string word(const json& value) {
   if (value.is_null()) return "";
-  return report::printable(value.is_string() ? value.get<std::string>()
-                                             : value.dump(-1, ' ', true, json::error_handler_t::replace));
+  return table::printable(value.is_string() ? value.get<std::string>()
+                                            : value.dump(-1, ' ', true, json::error_handler_t::replace));
 }
 
 std::string time_of(std::int64_t ns) { return gate::time_of(static_cast<double>(ns)); }
@@ -39,9 +40,9 @@ std::string head_of(const Progress& progress) {
   if (progress.run.number == 0) return "no run yet\n";
   const auto& asked = progress.run.asked;
   auto text = fmt::format("run {}  {}", progress.run.number,
-                          report::shortened(report::printable(asked.id), gate::longest_id));
+                          table::shortened(table::printable(asked.id), gate::longest_id));
   for (const auto& part : {asked.variant, asked.task.transport})
-    if (!part.empty()) text += " " + report::printable(part);
+    if (!part.empty()) text += " " + table::printable(part);
   if (asked.repetition > 1) text += fmt::format(" ×{}", asked.repetition);
   if (!progress.samples_wait) {
     text += fmt::format("  {}", clock(progress.elapsed_s));

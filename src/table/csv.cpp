@@ -3,11 +3,9 @@
 #include <string_view>
 #include <system_error>
 
-#include "report/page.hpp"
-#include "report/report.hpp"
-#include "report/words.hpp"
+#include "table/table.hpp"
 
-namespace ontime::report {
+namespace ontime::table {
 namespace {
 
 bool is_number(const std::string& text) {
@@ -43,4 +41,4 @@ std::string as_csv(const std::vector<std::string>& header,
   return text;
 }
 
-}  // namespace ontime::report
+}  // namespace ontime::table

@@ -4,10 +4,9 @@
 
 #include <fmt/format.h>
 
-#include "report/page.hpp"
-#include "report/words.hpp"
+#include "table/table.hpp"
 
-namespace ontime::report {
+namespace ontime::table {
 namespace {
 
 std::string escape_latex(const std::string& text) {
@@ -76,4 +75,4 @@ std::string as_latex(const Page& page) {
   return text;
 }
 
-}  // namespace ontime::report
+}  // namespace ontime::table

@@ -5,10 +5,9 @@
 
 #include <fmt/format.h>
 
-#include "report/page.hpp"
-#include "report/words.hpp"
+#include "table/table.hpp"
 
-namespace ontime::report {
+namespace ontime::table {
 namespace {
 
 constexpr std::size_t column_gap = 2;
@@ -111,27 +110,6 @@ std::string text_of(const Table& whole, std::size_t width) {
 
 }  // namespace
 
-std::size_t width_of(const std::string& text) {
-  return static_cast<std::size_t>(std::count_if(
-      text.begin(), text.end(), [](char c) { return (static_cast<unsigned char>(c) & 0xc0) != 0x80; }));
-}
-
-// Between words. The lines after the first are indented further.
-std::string wrapped(const std::string& paragraph, std::size_t width, const std::string& indent) {
-  std::string text, line = indent;
-  for (const auto& word : split(paragraph, ' ')) {
-    const bool fresh = line.ends_with(' ') || line.empty();
-    if (!fresh && width_of(line) + 1 + width_of(word) > width) {
-      text += line + "\n";
-      line = indent + "  ";
-    } else if (!fresh) {
-      line += ' ';
-    }
-    line += word;
-  }
-  return text + line + "\n";
-}
-
 std::string as_text(const Page& page, std::size_t width) {
   std::string text;
   for (const auto& table : page.tables) text += text_of(table, width);
@@ -140,4 +118,4 @@ std::string as_text(const Page& page, std::size_t width) {
   return text;
 }
 
-}  // namespace ontime::report
+}  // namespace ontime::table

@@ -3,10 +3,9 @@
 
 #include <fmt/format.h>
 
-#include "report/page.hpp"
-#include "report/words.hpp"
+#include "table/table.hpp"
 
-namespace ontime::report {
+namespace ontime::table {
 namespace {
 
 std::string escape(const std::string& text) {
@@ -50,4 +49,4 @@ std::string as_markdown(const Page& page) {
   return text;
 }
 
-}  // namespace ontime::report
+}  // namespace ontime::table

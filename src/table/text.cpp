@@ -1,11 +1,16 @@
 // SPDX-License-Identifier: Apache-2.0
+#include <algorithm>
 #include <cstddef>
 #include <cstdint>
 #include <string_view>
 
-#include "report/report.hpp"
+#include <boost/algorithm/string/split.hpp>
+#include <fmt/format.h>
+#include <fmt/ranges.h>
 
-namespace ontime::report {
+#include "table/table.hpp"
+
+namespace ontime::table {
 namespace {
 
 struct CodePoint {
@@ -61,4 +66,45 @@ std::string printable(const std::string& text) {
   return result;
 }
 
-}  // namespace ontime::report
+std::size_t width_of(const std::string& text) {
+  return static_cast<std::size_t>(std::count_if(
+      text.begin(), text.end(), [](char c) { return (static_cast<unsigned char>(c) & 0xc0) != 0x80; }));
+}
+
+std::string wrapped(const std::string& paragraph, std::size_t width, const std::string& indent) {
+  std::string text, line = indent;
+  for (const auto& word : split(paragraph, ' ')) {
+    const bool fresh = line.ends_with(' ') || line.empty();
+    if (!fresh && width_of(line) + 1 + width_of(word) > width) {
+      text += line + "\n";
+      line = indent + "  ";
+    } else if (!fresh) {
+      line += ' ';
+    }
+    line += word;
+  }
+  return text + line + "\n";
+}
+
+std::string shortened(const std::string& text, std::size_t most) {
+  const auto beginning = fmt::format("{:.{}}", text, most);  // fmt counts code points
+  return beginning.size() < text.size() ? beginning + "…" : text;
+}
+
+std::string join(const std::vector<std::string>& parts, std::string_view separator) {
+  return fmt::format("{}", fmt::join(parts, separator));
+}
+
+std::vector<std::string> split(const std::string& text, char separator) {
+  std::vector<std::string> parts;
+  boost::algorithm::split(parts, text, [&](char c) { return c == separator; });
+  return parts;
+}
+
+std::string replace_all(std::string text, std::string_view what, std::string_view with) {
+  for (auto found = text.find(what); found != std::string::npos; found = text.find(what, found + with.size()))
+    text.replace(found, what.size(), with);
+  return text;
+}
+
+}  // namespace ontime::table

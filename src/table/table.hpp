@@ -1,0 +1,79 @@
+// SPDX-License-Identifier: Apache-2.0
+// Text for people: what may reach a terminal, and how wide it is there. Tables before they have a form, and
+// their forms: terminal, Markdown, LaTeX, CSV, HTML.
+// Ordinary thread; returns text, prints nothing.
+#pragma once
+
+#include <algorithm>
+#include <cstddef>
+#include <string>
+#include <string_view>
+#include <vector>
+
+namespace ontime::table {
+
+// On one line, and as UTF-8, whatever it was: what would steer a terminal, or show a text otherwise than it
+// is (control characters, marks and overrides of direction, what cannot be seen), becomes '?'. For all that
+// comes from elsewhere: a results file, the network. The forms of tables pass all their text through it.
+std::string printable(const std::string& text);
+// Its first so many characters, with "…" where there are more.
+std::string shortened(const std::string& text, std::size_t most);
+
+std::size_t width_of(const std::string&);  // of UTF-8, in columns of a terminal
+// Between words. The lines after the first are indented further.
+std::string wrapped(const std::string& paragraph, std::size_t width, const std::string& indent = "");
+
+std::string join(const std::vector<std::string>& parts, std::string_view separator);
+std::vector<std::string> split(const std::string& text, char separator);  // at least one
+std::string replace_all(std::string text, std::string_view what, std::string_view with);
+
+struct Column {
+  enum class Align { left, right };
+  std::string name;  // '\n' where a narrow form may break it
+  Align align = Align::right;
+  bool drawn = false;  // of blocks, each in its place: for a terminal alone
+  int dropped = 0;     // where a terminal is too narrow: 1 first; 0 never
+};
+
+struct Table {
+  std::string title;
+  std::string conditions;
+  std::vector<Column> columns;
+  std::vector<std::vector<std::string>> rows;
+  std::vector<std::string>
+      notes;  // what follows a '\n' in one stays on its line, so that a command can be copied
+};
+
+inline std::vector<std::string> names_of(const Table& table) {
+  std::vector<std::string> names(table.columns.size());
+  std::transform(table.columns.begin(), table.columns.end(), names.begin(),
+                 [](const Column& c) { return c.name; });
+  return names;
+}
+
+struct Page {
+  std::vector<Table> tables;
+  std::vector<std::string> notes;  // on all of them
+  std::string legend;
+};
+
+// Each text as printable() has it; a line of a note or of a column's name stays one. A form that is for a
+// terminal needs it.
+Page printable(Page);
+Page without_drawings(Page);
+
+inline constexpr std::size_t usual_width = 100;
+// Lines of at most `width` columns where cells and words allow it: a table that is wider drops columns, or
+// has the names of its rows on lines of their own.
+std::string as_text(const Page&, std::size_t width = usual_width);
+std::string as_markdown(const Page&);
+std::string as_latex(const Page&);
+// RFC 4180, lines ended by '\n'.
+std::string as_csv(const std::vector<std::string>& header, const std::vector<std::vector<std::string>>& rows);
+
+// HTML, between tags and within quoted attributes. What is not printable() is not let through either.
+std::string escaped(const std::string& text);
+std::string note_as_html(const std::string& note);  // its lines stay lines
+std::string as_html(const Table&);                  // with its caption, conditions and notes
+
+}  // namespace ontime::table
