@@ -53,7 +53,9 @@ auto left_out(const std::string& key) { return Field(&Knobs::LeftOut::key, key);
 TEST(Knobs, WhatIsForbiddenLackingOrSetAlreadyIsLeftOutWithItsReason) {
   conditions::Run run;
   run.kernel = {{"rt-throttling", "off"}};
-  const Bounds bounds{{"irq-threads", "realtime"}, 80, {0, 1}, {{"kernel.governor", "a virtual machine"}}};
+  const Bounds bounds{{"irq-threads", "realtime"}, 80, {0, 1}, [](const Setting& setting) {
+                        return std::string(setting.key == "kernel.governor" ? "a virtual machine" : "");
+                      }};
   const auto knobs = knobs_of(run, bounds);
   for (const auto* key :
        {"kernel.irq-threads", "realtime", "kernel.governor", "kernel.rt-throttling", "kernel.napi-threads"}) {
@@ -63,6 +65,21 @@ TEST(Knobs, WhatIsForbiddenLackingOrSetAlreadyIsLeftOutWithItsReason) {
   EXPECT_THAT(knobs.knobs, Contains(of_key("kernel.ksoftirqd")));
   EXPECT_THAT(knobs.knobs,
               Contains(AllOf(of_key("kernel.irq-cpus"), Field(&Knob::values, ElementsAre("0", "1")))));
+}
+
+TEST(Knobs, AValueThatAMachineLacksIsLeftOutAlone) {
+  const Bounds bounds{{}, 80, {0, 1}, [](const Setting& setting) {
+                        return std::string(setting == Setting{"kernel.irq-cpus", "1"} ? "no CPU 1" : "");
+                      }};
+  const auto knobs = knobs_of({}, bounds);
+  EXPECT_THAT(knobs.knobs,
+              Contains(AllOf(of_key("kernel.irq-cpus"), Field(&Knob::values, ElementsAre("0")))));
+  EXPECT_THAT(knobs.left_out, Not(Contains(left_out("kernel.irq-cpus"))));
+}
+
+TEST(Knobs, EveryKeyOfTheListIsTriedOrLeftOut) {
+  const auto knobs = knobs_of({}, {});
+  EXPECT_EQ(knob_keys().size(), knobs.knobs.size() + knobs.left_out.size());
 }
 
 TEST(Knobs, ALargerBufferIsNotMadeSmaller) {
@@ -76,7 +93,7 @@ TEST(Knobs, ALargerBufferIsNotMadeSmaller) {
 TEST(Knobs, EveryValueIsOneThatAScenarioTakes) {
   conditions::Run run;
   run.kernel = {{"threaded-napi", "on"}};
-  for (const auto& knob : knobs_of(run, {{}, 80, {0}, {}}).knobs)
+  for (const auto& knob : knobs_of(run, {{}, 80, {0}}).knobs)
     for (const auto& key : conditions::keys())
       for (const auto& value : knob.values)
         if (key.path == knob.key) {
@@ -85,14 +102,14 @@ TEST(Knobs, EveryValueIsOneThatAScenarioTakes) {
 }
 
 TEST(Knobs, PrioritiesOfTheKernelStayBelowTheBound) {
-  for (const auto& knob : knobs_of({}, {{}, 40, {0}, {}}).knobs)
+  for (const auto& knob : knobs_of({}, {{}, 40, {0}}).knobs)
     if (knob.key == "kernel.ksoftirqd") {
       EXPECT_THAT(knob.values, ElementsAre("39"));
     }
 }
 
 TEST(Knobs, NoPriorityIsTriedWhereNoneIsBelowTheBound) {
-  const auto knobs = knobs_of({}, {{}, 1, {0}, {}});
+  const auto knobs = knobs_of({}, {{}, 1, {0}});
   for (const auto& knob : knobs.knobs) EXPECT_NE(knob.key, "kernel.ksoftirqd");
   EXPECT_TRUE(std::any_of(knobs.left_out.begin(), knobs.left_out.end(),
                           [](const auto& one) { return one.key == "kernel.ksoftirqd"; }));
@@ -137,7 +154,7 @@ class Causes : public testing::Test {
 };
 
 TEST_F(Causes, ARuleBecomesValuesWithinTheBounds) {
-  const auto found = of(120, {{}, 80, {0, 1}, {}});
+  const auto found = of(120, {{}, 80, {0, 1}});
   ASSERT_THAT(found, SizeIs(1));
   EXPECT_EQ(found.front().messages, 2);
   EXPECT_THAT(found.front().remedies,
@@ -146,16 +163,15 @@ TEST_F(Causes, ARuleBecomesValuesWithinTheBounds) {
 }
 
 TEST_F(Causes, AboveARealTimeCulpritIsOneMoreThanItsPriority) {
-  EXPECT_THAT(of(99 - 70, {{}, 80, {}, {}}).front().remedies,
-              ElementsAre(Setting{"kernel.napi-threads", "71"}));
+  EXPECT_THAT(of(99 - 70, {{}, 80, {}}).front().remedies, ElementsAre(Setting{"kernel.napi-threads", "71"}));
 }
 
 TEST_F(Causes, APriorityBeyondTheBoundIsNotProposed) {
-  EXPECT_THAT(of(99 - 90, {{}, 80, {}, {}}).front().remedies, IsEmpty());
+  EXPECT_THAT(of(99 - 90, {{}, 80, {}}).front().remedies, IsEmpty());
 }
 
 TEST_F(Causes, MessagesThatBreakNoLimitAreNoCause) {
-  EXPECT_THAT(of(120, {{}, 80, {}, {}}, 5'000'000), IsEmpty());
+  EXPECT_THAT(of(120, {{}, 80, {}}, 5'000'000), IsEmpty());
 }
 
 }  // namespace
