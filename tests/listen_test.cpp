@@ -94,8 +94,8 @@ class OnePair : public testing::Test {
  protected:
   OnePair() : OnePair(Limits{}) {}
   explicit OnePair(const Limits& limits) : messages(limits) {
-    messages.name_process(1, "controller");
-    messages.name_process(2, "base");
+    messages.begin_process(1, "controller");
+    messages.begin_process(2, "base");
     messages.name_topic(1, 0xa, "/cmd_vel");
     messages.name_topic(2, 0xb, "/cmd_vel");
   }
@@ -122,14 +122,14 @@ class OnePair : public testing::Test {
     for (int i = -100; i < 10; ++i) arrive(at(i));  // longer than a second
   }
   static std::int64_t at(int i) { return 2'000'000'000 + std::int64_t{i} * 10'000'000; }
-  Flow flow() const { return messages.flows().at(0); }
+  Flow flow() const { return messages.findings().flows.at(0); }
 
   Messages messages;
 };
 
 TEST_F(OnePair, MessagesInOrderMakeOneFlow) {
   get_acquainted();
-  ASSERT_EQ(messages.flows().size(), 1U);
+  ASSERT_EQ(messages.findings().flows.size(), 1U);
   EXPECT_EQ(flow().topic, "/cmd_vel");
   EXPECT_EQ(flow().writer, (Party{1, "controller"}));
   EXPECT_EQ(flow().reader, (Party{2, "base"}));
@@ -192,7 +192,7 @@ TEST_F(OnePair, WriterIsUnknownAgainWhenItsStampsNoLongerFit) {
     publish(at(i));
     take(at(i) + 6'000'000, at(i) + 5'000'000);
   }
-  for (const auto& one : messages.flows())
+  for (const auto& one : messages.findings().flows)
     if (one.reader.process == 2) {
       EXPECT_EQ(one.writer, Party{});
       EXPECT_FALSE(one.lost);
@@ -214,7 +214,8 @@ TEST_F(OnePair, FastRemoteWriterIsNotTakenForALocalOne) {
     publish(now);
     take(now + 450'000, now + (std::int64_t{i} * 7'919 % 400) * 1'000);
   }
-  for (const auto& one : messages.flows()) EXPECT_TRUE(one.reader.process != 2 || one.writer == Party{});
+  for (const auto& one : messages.findings().flows)
+    EXPECT_TRUE(one.reader.process != 2 || one.writer == Party{});
 }
 
 TEST_F(OnePair, NothingIsLostAcrossALossOfTheSensor) {
@@ -233,7 +234,7 @@ TEST_F(OnePair, NothingIsLostAcrossALossOfTheSensor) {
 
 TEST_F(OnePair, WriterOfAnotherMachineHasNoAgeAndNoLoss) {
   for (int i = 0; i < 20; ++i) take(at(i), at(i) - 3'000'000);
-  ASSERT_EQ(messages.flows().size(), 1U);
+  ASSERT_EQ(messages.findings().flows.size(), 1U);
   EXPECT_EQ(flow().writer, Party{});
   EXPECT_FALSE(flow().age);
   EXPECT_FALSE(flow().lost);
@@ -245,7 +246,8 @@ TEST_F(OnePair, RemoteStampsBetweenLocalPublishesAreNotTakenForThem) {
     take(at(i) + 5'000'000,
          at(i) + (i * 7'919 % 10'000) * 1'000);  // of another writer: anywhere in the period
   }
-  for (const auto& one : messages.flows()) EXPECT_TRUE(one.reader.process != 2 || one.writer == Party{});
+  for (const auto& one : messages.findings().flows)
+    EXPECT_TRUE(one.reader.process != 2 || one.writer == Party{});
 }
 
 TEST_F(OnePair, EachOfTwoPublishersFindsItsOwnReader) {
@@ -260,7 +262,7 @@ TEST_F(OnePair, EachOfTwoPublishersFindsItsOwnReader) {
                   .process = 2,
                   .writer = {8}});
   }
-  const auto flows = messages.flows();
+  const auto flows = messages.findings().flows;
   ASSERT_EQ(flows.size(), 2U);
   EXPECT_EQ(flows[0].writer.process, 1U);
   EXPECT_EQ(flows[1].writer.process, 3U);
@@ -271,7 +273,7 @@ TEST_F(OnePair, EachOfTwoPublishersFindsItsOwnReader) {
 TEST_F(OnePair, PublisherWithoutReaderIsListed) {
   publish(at(0));
   publish(at(1));
-  ASSERT_EQ(messages.flows().size(), 1U);
+  ASSERT_EQ(messages.findings().flows.size(), 1U);
   EXPECT_EQ(flow().reader, Party{});
   EXPECT_EQ(flow().messages, 2U);
 }
@@ -280,7 +282,8 @@ TEST_F(OnePair, AddressOfAnotherTopicBeginsAnew) {
   get_acquainted();
   messages.name_topic(2, 0xb, "/scan");
   take(at(10), at(10) - 1'000);
-  for (const auto& one : messages.flows()) EXPECT_TRUE(one.reader.process != 2 || one.topic == "/scan");
+  for (const auto& one : messages.findings().flows)
+    EXPECT_TRUE(one.reader.process != 2 || one.topic == "/scan");
 }
 
 struct JudgedPair : OnePair {
@@ -312,7 +315,59 @@ TEST_F(JudgedPair, MemoryOfMissesIsBounded) {
   get_acquainted();
   for (int i = 0; i < 3000; ++i) arrive(at(20 + i * 5));
   EXPECT_EQ(messages.take_misses().size(), most_misses);
+  EXPECT_EQ(messages.findings().misses_left_out, 2000U);
   EXPECT_EQ(flow().late, 3000U);
+}
+
+TEST_F(JudgedPair, FlowOfEndedProcessesStaysUntilThereAreTooMany) {
+  constexpr auto most = static_cast<std::uint32_t>(Messages::most_ended);
+  for (std::uint32_t process = 10; process < 10 + most + 5; ++process) {
+    messages.begin_process(process, "node");
+    messages.name_topic(process, 0xa, "/scan");
+    publish(at(0), process);
+    publish(at(1), process);
+    messages.end_process(process, at(2));
+  }
+  messages.retire_ended(at(2) + Messages::still_taken_ns - 1);
+  EXPECT_EQ(messages.findings().flows.size(), most + 5U) << "its last messages may still be taken";
+  messages.retire_ended(at(2) + Messages::still_taken_ns);
+  const auto findings = messages.findings();
+  ASSERT_EQ(findings.flows.size(), most);
+  EXPECT_EQ(findings.flows.back().writer, (Party{10 + most + 4, "node"}));
+  EXPECT_EQ(findings.flows.back().topic, "/scan");
+  EXPECT_EQ(findings.forgotten.flows, 5U);
+  EXPECT_EQ(findings.forgotten.messages, 10U);
+  EXPECT_EQ(findings.forgotten.with_misses, 5U) << "they fell silent, and a deadline is stated";
+}
+
+TEST_F(OnePair, EndedReaderIsOneFlowAndItsWriterNoOther) {
+  get_acquainted();
+  messages.end_process(2, at(10));
+  messages.retire_ended(at(10) + Messages::still_taken_ns);
+  ASSERT_EQ(messages.findings().flows.size(), 1U);
+  EXPECT_EQ(flow().writer, (Party{1, "controller"}));
+  EXPECT_EQ(flow().reader, (Party{2, "base"}));
+  EXPECT_EQ(flow().messages, 110U);
+}
+
+TEST_F(OnePair, SameProcessNumberIsAnotherProcess) {
+  get_acquainted();
+  messages.end_process(2, at(10));
+  messages.begin_process(2, "another");
+  for (int i = 11; i < 20; ++i) arrive(at(i));
+  const auto flows = messages.findings().flows;
+  ASSERT_EQ(flows.size(), 2U);
+  EXPECT_NE(flows[0].reader.name, flows[1].reader.name);
+}
+
+TEST_F(OnePair, PublishersBeyondTheBoundAreLeftOutUntilOthersAreIdle) {
+  for (std::uint64_t endpoint = 1; endpoint <= Messages::most_live + 3; ++endpoint)
+    publish(at(0), 1, 0x1000 + endpoint);
+  auto findings = messages.findings();
+  EXPECT_EQ(findings.flows.size(), Messages::most_live);
+  EXPECT_EQ(findings.remarks.size(), 1U);
+  publish(at(0) + Messages::idle_ns, 1, 0x9000);
+  EXPECT_EQ(messages.findings().flows.size(), Messages::most_live + 1) << "the idle one's flow is kept";
 }
 
 TEST(Silence, OfAWriterThatDiedIsBeyondItsLimit) {

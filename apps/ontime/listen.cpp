@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <deque>
 #include <filesystem>
+#include <iterator>
 #include <set>
 
 #include <fmt/chrono.h>
@@ -24,6 +25,7 @@ using namespace std::chrono_literals;
 using nlohmann::ordered_json;
 
 constexpr auto look_for_list = 3s;
+constexpr std::size_t most_lines = 10;  // of misses in one look, 200 ms
 
 struct ListenArguments {
   std::vector<std::string> topics;
@@ -128,12 +130,13 @@ ordered_json json_of(const listen::Miss& miss) {
 }
 
 std::unique_ptr<listen::Sensor> sensor_of(const ListenArguments& arguments, const listen::Limits& limits) {
-  if (!arguments.packets.empty()) return listen::in_packets(arguments.packets, limits);
-  if (arguments.pcap.empty()) return listen::in_processes(limits);
+  const bool is_live = !arguments.packets.empty();
   try {
-    return listen::in_pcap_file(arguments.pcap, limits);
-  } catch (const listen::BadFile& error) {
-    throw campaign::Error(2, fmt::format("--pcap: {}", error.what()));
+    if (is_live) return listen::in_packets(arguments.packets, limits);
+    if (!arguments.pcap.empty()) return listen::in_pcap_file(arguments.pcap, limits);
+    return listen::in_processes(limits);
+  } catch (const listen::WrongInput& error) {
+    throw campaign::Error(2, fmt::format("{}: {}", is_live ? "--packets" : "--pcap", error.what()));
   }
 }
 
@@ -166,6 +169,7 @@ class Listening {
     add_unseen(findings);
     const bool is_all_seen = unseen_.empty();
     std::erase_if(findings.flows, [&](const auto& flow) { return !is_wanted(flow.topic); });
+    findings.misses_left_out += misses_left_out_;
     write(findings);
     output_.finish();
     // Without --for an interruption is how listening ends.
@@ -173,6 +177,7 @@ class Listening {
     // A silent topic misses every limit.
     if (!is_all_seen) return is_judged_ ? 1 : 2;
     if (is_judged_ && findings.flows.empty()) return 1;
+    if (findings.forgotten.with_misses > 0) return 1;
     return std::any_of(findings.flows.begin(), findings.flows.end(),
                        [](const auto& flow) { return flow.late > 0 || flow.silent_ns > 0; })
                ? 1
@@ -186,13 +191,21 @@ class Listening {
   }
 
   // As they come; as JSON, those that were the last.
-  void take(const std::vector<listen::Miss>& misses) {
-    for (const auto& miss : misses) {
-      if (!is_wanted(miss.topic)) continue;
-      if (!as_json_ && !arguments_.list) output_.write(text_of(miss));
-      if (as_json_) misses_.push_back(miss);
-      if (misses_.size() > listen::most_misses) misses_.pop_front();
-    }
+  void take(std::vector<listen::Miss> misses) {
+    std::erase_if(misses, [&](const auto& miss) { return !is_wanted(miss.topic); });
+    if (misses.empty() || arguments_.list) return;
+    if (!as_json_) return print(misses);
+    std::move(misses.begin(), misses.end(), std::back_inserter(misses_));
+    for (; misses_.size() > listen::most_misses; ++misses_left_out_) misses_.pop_front();
+  }
+
+  // The first of them: a reader who is flooded reads none.
+  void print(const std::vector<listen::Miss>& misses) {
+    const auto shown = std::min(misses.size(), most_lines);
+    for (std::size_t i = 0; i < shown; ++i) output_.write(text_of(misses[i]));
+    if (misses.size() > shown)
+      output_.write(fmt::format("… and {} more late messages at that time\n", misses.size() - shown));
+    output_.flush();
   }
 
   // Remarks on what was asked for and not seen.
@@ -223,6 +236,11 @@ class Listening {
     if (as_json_) {
       ordered_json json{{"flows", ordered_json::array()},
                         {"misses", ordered_json::array()},
+                        {"misses_left_out", findings.misses_left_out},
+                        {"forgotten",
+                         {{"flows", findings.forgotten.flows},
+                          {"messages", findings.forgotten.messages},
+                          {"with_misses", findings.forgotten.with_misses}}},
                         {"sensor_lost", findings.sensor_lost},
                         {"remarks", findings.remarks}};
       for (const auto& flow : findings.flows) json["flows"].push_back(json_of(flow));
@@ -235,6 +253,14 @@ class Listening {
     if (findings.sensor_lost > 0)
       print_error(fmt::format("the sensor lost {} events: no loss and no period is counted across them",
                               findings.sensor_lost));
+    if (findings.misses_left_out > 0)
+      print_error(fmt::format("{} late messages are only counted: there was no room for a line each",
+                              findings.misses_left_out));
+    if (const auto& [flows, messages, with_misses] = findings.forgotten; flows > 0)
+      print_error(
+          fmt::format("{} flows of ended processes are not listed, {} messages in all; {} of these "
+                      "flows missed a limit",
+                      flows, messages, with_misses));
     for (const auto& remark : findings.remarks) print_error(remark);
   }
 
@@ -246,6 +272,7 @@ class Listening {
   const bool as_json_;
   Output output_;
   std::deque<listen::Miss> misses_;
+  std::uint64_t misses_left_out_ = 0;  // of `misses_`
 };
 
 }  // namespace

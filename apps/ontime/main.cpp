@@ -1,10 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
+#include <csignal>
 #include <exception>
 #include <utility>
 #include <vector>
 
 #include "commands.hpp"
 #include "orders/orders.hpp"
+#include "output.hpp"
 #include "record/record.hpp"
 #include "scenario/scenario.hpp"
 #include "terminal.hpp"
@@ -50,6 +52,10 @@ int main(int argc, char** argv) {
     return failed(error.exit, error.what());
   } catch (const ontime::scenario::Error& error) {
     return failed(2, error.what());
+  } catch (const ontime::app::ReaderGone&) {
+    std::signal(SIGPIPE, SIG_DFL);
+    std::raise(SIGPIPE);
+    return 128 + SIGPIPE;  // where it is blocked
   } catch (const ontime::record::WrongFile& error) {
     return failed(2, error.what());
   } catch (const std::exception& error) {

@@ -94,6 +94,10 @@ void Output::write(std::string_view whole) {
   if (std::fwrite(text.data(), 1, text.size(), file_.get()) != text.size()) fail(errno);
 }
 
+void Output::flush() {
+  if (std::fflush(file_.get()) != 0) fail(errno);
+}
+
 void Output::finish() {
   if (std::fclose(file_.release()) != 0) fail(errno);  // a disk far away may say only then that it is full
   if (part_.empty()) return;
@@ -102,6 +106,7 @@ void Output::finish() {
 }
 
 void Output::fail(int error) const {
+  if (error == EPIPE && path_.empty()) throw ReaderGone();
   throw campaign::Error(
       3, fmt::format("{} cannot be written: {}. Choose another file, or make room.",
                      path_.empty() ? "standard output" : path_, std::generic_category().message(error)));

@@ -22,17 +22,21 @@ std::string for_output(std::string text);
 std::string shown(const std::vector<statistics::Summary>&, report::Format, bool full,
                   const std::string& results);
 
+// Standard output is a pipe, and its reader has left (`| head`): main() ends as SIGPIPE would have ended it.
+struct ReaderGone {};
+
 class Output {
  public:
   // An empty path: standard output. A file of that name is replaced once finish() has returned, and not
   // before, and never if it is one of results; what is no file (a pipe, a device) is written to as it is. All
-  // throw campaign::Error, which names the file.
+  // throw campaign::Error, which names the file, or ReaderGone.
   explicit Output(std::string path);
   ~Output();
   Output(const Output&) = delete;
   Output& operator=(const Output&) = delete;
 
   void write(std::string_view);
+  void flush();  // what was written can be read now: of a file only after finish()
   void finish();
 
  private:

@@ -116,6 +116,8 @@ std::unique_ptr<Sensor> in_packets(const std::string& interface, const Limits& l
         fmt::format("listen: this user may not capture packets on {}. Run it by sudo, or grant the program "
                     "once: setcap cap_net_raw+ep ontime",
                     interface));
+  if (error == PCAP_ERROR_NO_SUCH_DEVICE)
+    throw WrongInput(fmt::format("{}: this machine has no such interface; `ip link` lists them", interface));
   if (error < 0)
     throw Error(
         fmt::format("listen: {}: {}; `ip link` lists the interfaces", interface, pcap_geterr(handle.get())));
@@ -132,8 +134,12 @@ std::unique_ptr<Sensor> in_pcap_file(const std::string& path, const Limits& limi
   Handle handle(
       pcap_open_offline_with_tstamp_precision(path.c_str(), PCAP_TSTAMP_PRECISION_NANO, text.data()),
       pcap_close);
-  if (!handle) throw BadFile(fmt::format("{}: {}", path, text.data()));
-  return std::make_unique<Capture>(std::move(handle), false, limits);
+  if (!handle) throw WrongInput(fmt::format("{}: {}", path, text.data()));
+  try {
+    return std::make_unique<Capture>(std::move(handle), false, limits);
+  } catch (const Error& error) {  // of another kind of link
+    throw WrongInput(fmt::format("{}: {}", path, error.what()));
+  }
 }
 
 }  // namespace ontime::listen

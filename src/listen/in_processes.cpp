@@ -70,12 +70,15 @@ class InProcesses final : public Sensor {
     const auto until = std::chrono::steady_clock::now() + most;
     do {
       const auto now = std::chrono::steady_clock::now();
+      // What a process did before it ended is read before its end is noted.
+      std::optional<Processes::Change> change;
       if (now >= look_at_) {
         look_at_ = now + look_every;
-        look();
+        change = processes_.look();
       }
       realtime_ahead_ns_ = machine::realtime_offset_ns();
       ring_buffer__consume(ring_.get());
+      if (change) follow(*change, std::chrono::nanoseconds(now.time_since_epoch()).count());
       // The probes wake no reader: that would cost the thread that publishes.
       std::this_thread::sleep_until(std::min(until, std::chrono::steady_clock::now() + 20ms));
     } while (std::chrono::steady_clock::now() < until);
@@ -83,10 +86,12 @@ class InProcesses final : public Sensor {
   }
 
   Findings findings() const override {
-    auto flows = messages_.flows();
+    auto findings = messages_.findings();
     const std::chrono::nanoseconds now = std::chrono::steady_clock::now().time_since_epoch();
-    judge_silence(flows, limits_, now.count() - unread_ns);
-    return {std::move(flows), probes_->bss->lost, {remarks_.begin(), remarks_.end()}};
+    judge_silence(findings.flows, limits_, now.count() - unread_ns);
+    findings.sensor_lost = probes_->bss->lost;
+    findings.remarks.insert(findings.remarks.end(), remarks_.begin(), remarks_.end());
+    return findings;
   }
 
   std::vector<Miss> take_misses() override {
@@ -96,9 +101,10 @@ class InProcesses final : public Sensor {
   }
 
  private:
-  void look() {
-    const auto change = processes_.look();
+  void follow(const Processes::Change& change, std::int64_t now_ns) {
+    messages_.retire_ended(now_ns);
     for (const auto id : change.gone) {
+      messages_.end_process(id, now_ns);
       of_process_.erase(id);
       ros_.erase(id);
       finders_.erase(id);
@@ -107,7 +113,7 @@ class InProcesses final : public Sensor {
       std::erase_if(seen_, is_of_it);
     }
     for (const auto& process : change.came) {
-      messages_.name_process(process.id, process.name);
+      messages_.begin_process(process.id, process.name);
       // Of a ROS 2 node each message passes both libraries; its rmw, which it may load later, tells more.
       if (std::any_of(process.libraries.begin(), process.libraries.end(),
                       [](const auto& one) { return one.middleware == Middleware::rmw; }) &&
@@ -229,6 +235,7 @@ class InProcesses final : public Sensor {
                         : static_cast<std::int64_t>(event.stamp_ns) - realtime_ahead_ns_,
         .endpoint = event.endpoint,
         .process = event.process,
+        .thread = event.thread,
         .writer = {}};
     lost_ = std::max(lost_, event.lost);
     std::copy(std::begin(event.writer), std::end(event.writer), seen.writer.begin());

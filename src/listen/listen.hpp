@@ -21,8 +21,8 @@ struct Error : std::runtime_error {
   using std::runtime_error::runtime_error;
 };
 
-// A file that is no capture of packets.
-struct BadFile : Error {
+// What the user named is no capture of packets, or no interface of this machine.
+struct WrongInput : Error {
   using Error::Error;
 };
 
@@ -85,8 +85,13 @@ inline constexpr std::size_t most_misses = 1000;  // that wait for take_misses()
 
 // What the sensors saw of all topics, until now.
 struct Findings {
-  std::vector<Flow> flows;           // by topic, writer and reader
-  std::uint64_t sensor_lost = 0;     // events or packets that the sensor itself had no room for
+  std::vector<Flow> flows;            // by topic, writer and reader
+  std::uint64_t sensor_lost = 0;      // events or packets that the sensor itself had no room for
+  std::uint64_t misses_left_out = 0;  // that take_misses() had no room for
+  // Flows of processes that ended, and that `flows` has no room for.
+  struct {
+    std::uint64_t flows = 0, messages = 0, with_misses = 0;
+  } forgotten;
   std::vector<std::string> remarks;  // what the sensors could not see, and why
 };
 
@@ -115,9 +120,10 @@ class Sensor {
 // ends. Throws Error.
 std::unique_ptr<Sensor> in_processes(const Limits&);
 
-// RTPS packets on an interface of this machine ("any": all of them), by a ring of the kernel. Throws Error.
+// RTPS packets on an interface of this machine ("any": all of them), by a ring of the kernel. Throws Error;
+// of an unknown interface WrongInput.
 std::unique_ptr<Sensor> in_packets(const std::string& interface, const Limits&);
-// RTPS packets in a file of libpcap or in pcapng. Throws Error; of another file, BadFile.
+// RTPS packets in a file of libpcap or in pcapng. Throws Error; of another file, WrongInput.
 std::unique_ptr<Sensor> in_pcap_file(const std::string& path, const Limits&);
 
 }  // namespace ontime::listen

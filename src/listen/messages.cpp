@@ -4,6 +4,9 @@
 #include <algorithm>
 #include <set>
 #include <tuple>
+#include <type_traits>
+
+#include <fmt/format.h>
 
 namespace ontime::listen {
 namespace {
@@ -17,8 +20,88 @@ constexpr std::int64_t long_enough_ns = 1'000'000'000;
 
 }  // namespace
 
+void Messages::begin_process(std::uint32_t process, const std::string& name) {
+  if (ended_at_.erase(process) > 0) retire(process);  // another had the same number
+  processes_[process] = name;
+}
+
+void Messages::retire_ended(std::int64_t now_ns) {
+  std::erase_if(ended_at_, [&](const auto& one) {
+    const bool is_long_ago = now_ns - one.second >= still_taken_ns;
+    if (is_long_ago) retire(one.first);
+    return is_long_ago;
+  });
+}
+
+void Messages::retire(std::uint32_t process) {
+  for (auto link = links_.begin(); link != links_.end();) {
+    const auto one = link++;
+    const auto& publisher = one->second.publisher;
+    if (std::get<0>(one->first) == process || (publisher && publisher->first == process)) retire(one);
+  }
+  for (auto publisher = publishers_.lower_bound({process, 0});
+       publisher != publishers_.end() && publisher->first.first == process;)
+    retire(publisher++);
+  std::erase_if(topics_, [&](const auto& one) { return one.first.first == process; });
+  processes_.erase(process);
+}
+
+void Messages::retire(std::map<Writer, Link>::iterator link) {
+  keep(flow_of(link->first, link->second));
+  if (link->second.publisher) {
+    const auto publisher = publishers_.find(*link->second.publisher);
+    if (publisher != publishers_.end()) publisher->second.has_reader = true;
+  }
+  links_.erase(link);
+}
+
+void Messages::retire(std::map<Endpoint, Publisher>::iterator publisher) {
+  const bool has_reader =
+      publisher->second.has_reader || std::any_of(links_.begin(), links_.end(), [&](const auto& link) {
+        return link.second.publisher == publisher->first;
+      });
+  if (!has_reader) keep(flow_of(publisher->first, publisher->second));
+  publishers_.erase(publisher);
+}
+
+void Messages::keep(Flow&& flow) {
+  ended_.push_back(std::move(flow));
+  if (ended_.size() <= most_ended) return;
+  const auto& oldest = ended_.front();
+  auto& [flows, messages, with_misses] = dropped_.forgotten;
+  ++flows;
+  messages += oldest.messages;
+  // Where a gap is limited, it has fallen silent.
+  with_misses += oldest.late > 0 || limits_.is_gap(INT64_MAX) ? 1 : 0;
+  ended_.pop_front();
+}
+
+// Without room for a new one, the one that is silent for longest goes, or the new one is left out.
+template <class Key, class One>
+One* Messages::one_of(std::map<Key, One>& all, const Key& key, std::int64_t now_ns) {
+  if (const auto known = all.find(key); known != all.end()) return &known->second;
+  if (all.size() >= most_live) {
+    const auto last_of = [](const One& one) {
+      if constexpr (std::is_same_v<One, Link>)
+        return one.last_ns;
+      else
+        return one.last_ns();
+    };
+    const auto oldest = std::min_element(all.begin(), all.end(), [&](const auto& a, const auto& b) {
+      return last_of(a.second) < last_of(b.second);
+    });
+    if (now_ns - last_of(oldest->second) < idle_ns) {
+      ++left_out_;
+      return nullptr;
+    }
+    retire(oldest);
+  }
+  return &all[key];
+}
+
 void Messages::name_topic(std::uint32_t process, std::uint64_t endpoint, const std::string& topic) {
   const Endpoint key{process, endpoint};
+  if (topics_.size() >= most_names && !topics_.contains(key)) return;
   const auto [known, is_new] = topics_.try_emplace(key, topic);
   if (!is_new && known->second == topic) return;
   // Another endpoint has the address now: what is counted from here on is of that one.
@@ -49,7 +132,9 @@ void Messages::add(const Observation& seen) {
 }
 
 void Messages::published(const Observation& seen) {
-  auto& publisher = publishers_[{seen.process, seen.endpoint}];
+  auto* const one = one_of(publishers_, Endpoint{seen.process, seen.endpoint}, seen.at_ns);
+  if (one == nullptr) return;
+  auto& publisher = *one;
   if (publisher.count == 0) {
     publisher.first_ns = seen.at_ns;
     if (const auto name = topics_.find({seen.process, seen.endpoint}); name != topics_.end())
@@ -78,7 +163,9 @@ std::optional<std::uint64_t> Messages::Publisher::last_before(std::int64_t stamp
 }
 
 void Messages::taken(const Observation& seen) {
-  auto& link = links_[{seen.process, seen.endpoint, seen.writer}];
+  auto* const one = one_of(links_, Writer{seen.process, seen.endpoint, seen.writer}, seen.at_ns);
+  if (one == nullptr) return;
+  auto& link = *one;
   if (link.messages == 0) {
     link.first_ns = seen.at_ns;
     link.is_broken = true;
@@ -130,6 +217,7 @@ void Messages::identify(Link& link, const Observation& seen) {
   }
   if (link.fits < enough_fits || seen.at_ns - link.candidate_since_ns < long_enough_ns) return;
   link.publisher = link.candidate;
+  link.stamps.assign(remembered, 0);
   link.misfits = 0;
 }
 
@@ -176,15 +264,8 @@ void Messages::place(Link& link, const Publisher& publisher, const Observation& 
 }
 
 void Messages::miss(Miss::Kind kind, std::int64_t value_ns, const Link& link, const Observation& seen) {
-  if (misses_.size() == most_misses) misses_.pop_front();
-  misses_.push_back({kind, seen.at_ns, value_ns, link.topic,
-                     link.publisher ? party(link.publisher->first) : Party{}, party(seen.process)});
-}
-
-std::vector<Miss> Messages::take_misses() {
-  std::vector<Miss> taken(misses_.begin(), misses_.end());
-  misses_.clear();
-  return taken;
+  misses_.add({kind, seen.at_ns, value_ns, link.topic,
+               link.publisher ? party(link.publisher->first) : Party{}, party(seen.process)});
 }
 
 Party Messages::party(std::uint32_t process) const {
@@ -192,47 +273,60 @@ Party Messages::party(std::uint32_t process) const {
   return {process, found == processes_.end() ? "" : found->second};
 }
 
-std::vector<Flow> Messages::flows() const {
-  std::vector<Flow> flows;
+Flow Messages::flow_of(const Writer& writer, const Link& link) const {
+  Flow flow{.topic = link.topic,
+            .writer = {},
+            .reader = party(std::get<0>(writer)),
+            .messages = link.messages,
+            .first_ns = link.first_ns,
+            .last_ns = link.last_ns,
+            .period = link.period,
+            .age = {},
+            .lost = {},
+            .duplicated = link.duplicated,
+            .reordered = link.reordered,
+            .late = link.late};
+  if (link.publisher) {
+    flow.writer = party(link.publisher->first);
+    flow.age = link.age;
+    flow.lost = link.sequence.lost();
+  }
+  return flow;
+}
+
+Flow Messages::flow_of(const Endpoint& endpoint, const Publisher& publisher) const {
+  return {.topic = publisher.topic,
+          .writer = party(endpoint.first),
+          .reader = {},
+          .messages = publisher.count,
+          .first_ns = publisher.first_ns,
+          .last_ns = publisher.last_ns(),
+          .period = publisher.period,
+          .age = {},
+          .lost = {},
+          .late = publisher.late};
+}
+
+Findings Messages::findings() const {
+  Findings findings{dropped_};
+  findings.misses_left_out = misses_.left_out();
+  auto& flows = findings.flows;
+  flows.assign(ended_.begin(), ended_.end());
   std::set<Endpoint> with_readers;
   for (const auto& [writer, link] : links_) {
-    Flow flow{.topic = link.topic,
-              .writer = {},
-              .reader = party(std::get<0>(writer)),
-              .messages = link.messages,
-              .first_ns = link.first_ns,
-              .last_ns = link.last_ns,
-              .period = link.period,
-              .age = {},
-              .lost = {},
-              .duplicated = link.duplicated,
-              .reordered = link.reordered,
-              .late = link.late};
-    if (link.publisher) {
-      with_readers.insert(*link.publisher);
-      flow.writer = party(link.publisher->first);
-      flow.age = link.age;
-      flow.lost = link.sequence.lost();
-    }
-    flows.push_back(std::move(flow));
+    flows.push_back(flow_of(writer, link));
+    if (link.publisher) with_readers.insert(*link.publisher);
   }
   for (const auto& [key, publisher] : publishers_)
-    if (!with_readers.contains(key))
-      flows.push_back({.topic = publisher.topic,
-                       .writer = party(key.first),
-                       .reader = {},
-                       .messages = publisher.count,
-                       .first_ns = publisher.first_ns,
-                       .last_ns = publisher.begun(publisher.count - 1),
-                       .period = publisher.period,
-                       .age = {},
-                       .lost = {},
-                       .late = publisher.late});
+    if (!publisher.has_reader && !with_readers.contains(key)) flows.push_back(flow_of(key, publisher));
   std::sort(flows.begin(), flows.end(), [](const Flow& a, const Flow& b) {
     return std::tie(a.topic, a.writer.process, a.reader.process) <
            std::tie(b.topic, b.writer.process, b.reader.process);
   });
-  return flows;
+  if (left_out_ > 0)
+    findings.remarks.push_back(fmt::format(
+        "{} messages are not counted: more than {} flows or publishers were active", left_out_, most_live));
+  return findings;
 }
 
 }  // namespace ontime::listen

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // What was published and taken in the processes of one machine becomes flows: which take belongs to which
-// publish, which messages are missing, late, doubled or out of order. Pure; memory grows with publishers,
-// readers and flows, not with messages.
+// publish, which messages are missing, late, doubled or out of order. Pure; memory is bounded by most_live
+// and most_ended.
 #pragma once
 
 #include <array>
@@ -12,6 +12,7 @@
 #include <tuple>
 
 #include "listen/listen.hpp"
+#include "listen/misses.hpp"
 #include "listen/sequence.hpp"
 
 namespace ontime::listen {
@@ -24,6 +25,7 @@ struct Observation {
   std::int64_t stamp_ns = 0;   // when the writer says it published, by the same clock; 0: unknown
   std::uint64_t endpoint = 0;  // of the process
   std::uint32_t process = 0;
+  std::uint32_t thread = 0;
   std::array<std::uint8_t, 16>
       writer{};  // of a take: the writer as the reader's middleware names it; 0: unknown
 };
@@ -33,15 +35,25 @@ struct Observation {
 // for a second, and as long as they fit.
 class Messages {
  public:
+  // Publishers and flows that are followed at once; and flows of ended processes that are kept.
+  static constexpr std::size_t most_live = 1024, most_ended = 256, most_names = 16384;
+  // A process's last messages may be taken for so long after its end.
+  static constexpr std::int64_t still_taken_ns = 10'000'000'000;
+  // After such a silence an endpoint makes room for another where there is none left.
+  static constexpr std::int64_t idle_ns = 60'000'000'000;
+
   explicit Messages(const Limits& limits) : limits_(limits) {}
 
-  void name_process(std::uint32_t process, const std::string& name) { processes_[process] = name; }
+  void begin_process(std::uint32_t process, const std::string& name);
+  void end_process(std::uint32_t process, std::int64_t at_ns) { ended_at_.try_emplace(process, at_ns); }
+  // Of processes that ended long before that, only the flows stay.
+  void retire_ended(std::int64_t now_ns);
   void name_topic(std::uint32_t process, std::uint64_t endpoint, const std::string& topic);
   // In order of time, but for a few microseconds.
   void add(const Observation&);
 
-  std::vector<Flow> flows() const;
-  std::vector<Miss> take_misses();  // their times are those of the observations
+  Findings findings() const;
+  std::vector<Miss> take_misses() { return misses_.take(); }  // their times are those of the observations
 
  private:
   static constexpr std::size_t remembered =
@@ -53,9 +65,11 @@ class Messages {
     std::uint64_t count = 0;  // publishes so far; the last of them is number count - 1
     std::vector<std::int64_t> begun_ns = std::vector<std::int64_t>(remembered);  // by number modulo its size
     std::int64_t first_ns = 0;
-    bool is_broken = true;  // no period begins with the last publish
+    bool is_broken = true;    // no period begins with the last publish
+    bool has_reader = false;  // a flow is kept of one
     Distribution period;
     std::uint64_t late = 0;
+    std::int64_t last_ns() const { return begun(count - 1); }
     bool fits(std::int64_t stamp_ns) const;
     std::optional<std::uint64_t> last_before(std::int64_t stamp_ns) const;
     std::int64_t begun(std::uint64_t number) const { return begun_ns[number % remembered]; }
@@ -69,9 +83,9 @@ class Messages {
     std::uint64_t duplicated = 0, reordered = 0, late = 0;
     std::optional<Endpoint> publisher, candidate;
     std::int64_t candidate_since_ns = 0;
-    int fits = 0, misfits = 0;  // of the candidate's stamps; of the publisher's, misfits in a row
-    Sequence sequence;          // of the publisher's numbers
-    std::vector<std::int64_t> stamps = std::vector<std::int64_t>(remembered);  // of those taken, by number
+    int fits = 0, misfits = 0;         // of the candidate's stamps; of the publisher's, misfits in a row
+    Sequence sequence;                 // of the publisher's numbers
+    std::vector<std::int64_t> stamps;  // of those taken, by number; empty without a publisher
   };
   using Writer = std::tuple<std::uint32_t, std::uint64_t, std::array<std::uint8_t, 16>>;
 
@@ -81,6 +95,14 @@ class Messages {
   void doubt(Link&, const Observation&);
   void place(Link&, const Publisher&, const Observation&);
   void miss(Miss::Kind, std::int64_t value_ns, const Link&, const Observation&);
+  void retire(std::uint32_t process);
+  void retire(std::map<Writer, Link>::iterator);
+  void retire(std::map<Endpoint, Publisher>::iterator);
+  void keep(Flow&&);
+  template <class Key, class One>
+  One* one_of(std::map<Key, One>&, const Key&, std::int64_t now_ns);
+  Flow flow_of(const Writer&, const Link&) const;
+  Flow flow_of(const Endpoint&, const Publisher&) const;
   Party party(std::uint32_t process) const;
 
   const Limits limits_;
@@ -88,7 +110,11 @@ class Messages {
   std::map<Endpoint, std::string> topics_;
   std::map<Endpoint, Publisher> publishers_;
   std::map<Writer, Link> links_;
-  std::deque<Miss> misses_;
+  std::map<std::uint32_t, std::int64_t> ended_at_;  // by process
+  std::deque<Flow> ended_;
+  Findings dropped_;  // counts only
+  std::uint64_t left_out_ = 0;
+  Misses misses_;
 };
 
 }  // namespace ontime::listen

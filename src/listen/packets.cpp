@@ -54,7 +54,7 @@ Packets::Packets(int link_type) : link_type_(link_type) {
       return;
     default:
       throw Error(
-          fmt::format("listen: these packets have link type {}; Ethernet (1), raw IP (12) and Linux cooked "
+          fmt::format("these packets have link type {}; Ethernet (1), raw IP (12) and Linux cooked "
                       "(113, 276) are read",
                       link_type));
   }

@@ -155,18 +155,12 @@ std::string Wire::topic_of(const rtps::Guid& writer) const {
 }
 
 void Wire::miss(Miss::Kind kind, std::int64_t at_ns, std::int64_t value_ns, const rtps::Guid& writer) {
-  if (misses_.size() == most_misses) misses_.pop_front();
-  misses_.push_back({kind, at_ns, value_ns, topic_of(writer), {0, rtps::text_of(writer)}, {}});
-}
-
-std::vector<Miss> Wire::take_misses() {
-  std::vector<Miss> taken(misses_.begin(), misses_.end());
-  misses_.clear();
-  return taken;
+  misses_.add({kind, at_ns, value_ns, topic_of(writer), {0, rtps::text_of(writer)}, {}});
 }
 
 Findings Wire::findings() const {
-  Findings findings{.flows = {}, .sensor_lost = 0, .remarks = {}};
+  Findings findings;
+  findings.misses_left_out = misses_.left_out();
   for (const auto& [guid, stream] : streams_) {
     if (stream.messages == 0) continue;
     const auto count = stream.destinations.size();

@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "listen/listen.hpp"
+#include "listen/misses.hpp"
 #include "listen/packets.hpp"
 #include "listen/rtps.hpp"
 #include "listen/sequence.hpp"
@@ -26,7 +27,7 @@ class Wire {
   // Packets were lost before the next one: no loss and no period is concluded across it.
   void interrupt();
   Findings findings() const;
-  std::vector<Miss> take_misses();
+  std::vector<Miss> take_misses() { return misses_.take(); }
 
  private:
   struct Partial {  // a message of which not all fragments were seen
@@ -58,7 +59,7 @@ class Wire {
   const Limits limits_;
   std::map<rtps::Guid, std::string> topics_;
   std::map<rtps::Guid, Stream> streams_;
-  std::deque<Miss> misses_;
+  Misses misses_;
   std::uint64_t cut_ = 0, left_out_ = 0;
 };
 

@@ -197,6 +197,24 @@ class Listen(unittest.TestCase):
             self.assertEqual(done.returncode, 2, done.stderr)
             self.assertIn(name, done.stderr)
 
+    def test_capture_of_another_link_is_wrong_input(self):
+        (self.folder / "wlan.pcap").write_bytes(struct.pack("<IHHiIII", 0xa1b2c3d4, 2, 4, 0, 0, 65535, 105))
+        for arguments in (("--pcap", self.folder / "wlan.pcap"), ("--pcap", self.folder), ("--packets", "no-such-link")):
+            done = subprocess.run([ONTIME, "listen", *arguments], capture_output=True, text=True, timeout=60)
+            self.assertEqual(done.returncode, 2, (arguments, done.stderr))
+            self.assertIn(str(arguments[0]), done.stderr)
+
+    def test_reader_that_leaves_ends_it_quietly(self):
+        node = self.start(RMW_NODE)
+        listener = subprocess.Popen([ONTIME, "listen", "/scan", "--deadline", "1 us", "--for", "60 s"],
+                                    stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=self.folder)
+        self.assertIn("/scan", listener.stdout.readline())
+        listener.stdout.close()
+        self.assertEqual(listener.stderr.read(), "")
+        self.assertEqual(listener.wait(30), -signal.SIGPIPE)
+        listener.stderr.close()
+        self.assertIsNone(node.poll())
+
     def test_capture_cut_at_its_end_is_judged_until_there(self):
         (self.folder / "cut.pcap").write_bytes(struct.pack("<IHHiIII", 0xa1b2c3d4, 2, 4, 0, 0, 65535, 1) + bytes(5))
         done = subprocess.run([ONTIME, "listen", "--pcap", self.folder / "cut.pcap", "--format", "json"],

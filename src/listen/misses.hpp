@@ -1,0 +1,35 @@
+// SPDX-License-Identifier: Apache-2.0
+// Misses that wait to be taken: the latest most_misses, and how many had no room.
+#pragma once
+
+#include <cstdint>
+#include <deque>
+#include <utility>
+#include <vector>
+
+#include "listen/listen.hpp"
+
+namespace ontime::listen {
+
+class Misses {
+ public:
+  void add(Miss miss) {
+    if (waiting_.size() == most_misses) {
+      waiting_.pop_front();
+      ++left_out_;
+    }
+    waiting_.push_back(std::move(miss));
+  }
+  std::vector<Miss> take() {
+    std::vector<Miss> taken(waiting_.begin(), waiting_.end());
+    waiting_.clear();
+    return taken;
+  }
+  std::uint64_t left_out() const { return left_out_; }
+
+ private:
+  std::deque<Miss> waiting_;
+  std::uint64_t left_out_ = 0;
+};
+
+}  // namespace ontime::listen
