@@ -2,7 +2,7 @@
 // Gates: a limit on a metric, and whether a run keeps to it. Ordinary thread.
 //
 //   gate       = [ "response" ] figure ( ">" | "<=" ) limit
-//   figure     = "mean" | "p50" | "p90" | "p99" | "p99.9" | "p99.99" | "max" | "late" | "lost"
+//   figure     = a name in statistics::metrics: "mean", "p99.9", "max", "late" …
 //   limit      = number                                         messages: late and lost alone; 0 % is 0
 //              | number ( "ns" | "us" | "µs" | "ms" | "s" | "%" )   a time, of late and lost a share
 //              | ( "+" | "-" ) number ( "%" | "ns" … "s" | "points" )  against another run: of what it was,
@@ -42,8 +42,6 @@ struct Gate {
 };
 Gate parse(const std::string& text, Use);
 
-// The share of messages that a percentile leaves above itself; nothing of what is no percentile.
-std::optional<double> share_above(statistics::Figure);
 // Of messages that are late or lost, as the gate asks, or slower than its limit.
 statistics::Probability probability_beyond(const Gate&, const statistics::Summary&);
 
