@@ -4,6 +4,7 @@
 #include <gtest/gtest.h>
 
 #include "search/goal.hpp"
+#include "search/keep.hpp"
 #include "search/knobs.hpp"
 
 namespace ontime::search {
@@ -131,6 +132,45 @@ TEST(Knobs, ReliableWithOneMessageOnALossyLinkIsAContradiction) {
   EXPECT_THAT(contradictions(run), ElementsAre(HasSubstr("qos.depth")));
   run.task.config.qos.depth = 10;
   EXPECT_THAT(contradictions(run), IsEmpty());
+}
+
+constexpr const char* lean = "hosts: loopback\nruns: [{id: a, transport: udp, duration: 1 s}]\n";
+
+TEST(Keep, TheKeysOfAScenarioCanBePastedAndMeanTheSame) {
+  const Set set = {{"realtime", "on"},
+                   {"realtime.cpu-latency", "0 us"},
+                   {"realtime.receive.cpus", "0"},
+                   {"kernel.coalescing", "rx-usecs=0"},
+                   {"kernel.rmem-max", "4 MiB"}};
+  const auto kept = keep(scenario::parse_scenario("a.yaml", lean, {}), set, "/usr/bin/env");
+  const auto pasted = scenario::parse_scenario("a.yaml", lean + kept.scenario, {});
+  scenario::Selection selection;
+  selection.set = set;
+  const auto searched = scenario::parse_scenario("a.yaml", lean, selection);
+  EXPECT_EQ(conditions::asked(pasted.runs.front(), pasted.hosts),
+            conditions::asked(searched.runs.front(), searched.hosts));
+}
+
+TEST(Keep, TheUnitSetsWhatIsTheKernels) {
+  const auto scenario = scenario::parse_scenario("a.yaml", lean, {});
+  const auto kept = keep(scenario, {{"kernel.gro", "off"}, {"kernel.rmem-max", "4 MiB"}, {"realtime", "on"}},
+                         "/usr/bin/env");
+  EXPECT_EQ(kept.command,
+            "ontime tune apply --set gro=off --set rmem-max=4194304 --interface INTERFACE --print systemd");
+  EXPECT_THAT(
+      kept.unit,
+      HasSubstr(
+          "ExecStart=/usr/bin/env tune apply --set gro=off --set rmem-max=4194304 --interface INTERFACE"));
+  EXPECT_EQ(kept.no_unit, "");
+  EXPECT_THAT(keep(scenario, {{"kernel.ksoftirqd", "60"}}, "/usr/bin/env").unit, Not(HasSubstr("INTERFACE")));
+}
+
+TEST(Keep, SettingsOfAProcessNeedNoUnitAndNoSettingsNothing) {
+  const auto scenario = scenario::parse_scenario("a.yaml", lean, {});
+  const auto of_process = keep(scenario, {{"realtime", "on"}}, "/usr/bin/env");
+  EXPECT_EQ(of_process.scenario, "defaults:\n  realtime: on\n");
+  EXPECT_EQ(of_process.command + of_process.unit + of_process.no_unit, "");
+  EXPECT_EQ(keep(scenario, {}, "/usr/bin/env").scenario, "");
 }
 
 class Causes : public testing::Test {

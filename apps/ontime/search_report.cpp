@@ -105,7 +105,7 @@ std::string list(const char* title, const std::vector<std::string>& words) {
 }
 
 // Titles, and text to paste.
-std::vector<std::pair<std::string, std::string>> how_to_keep(const KeptSettings& kept) {
+std::vector<std::pair<std::string, std::string>> how_to_keep(const search::Kept& kept) {
   std::vector<std::pair<std::string, std::string>> parts;
   if (!kept.scenario.empty()) parts.emplace_back("In the scenario, for its runs", kept.scenario);
   if (!kept.unit.empty())

@@ -218,7 +218,7 @@ int run(const Arguments& arguments) {
                             arguments.scenario,
                             results,
                             picture_beside(results),
-                            kept_settings(scenario, outcome.set)};
+                            search::keep(scenario, outcome.set, orders::this_program())};
   Output page(report.page);
   page.write(page_of(report));
   page.finish();

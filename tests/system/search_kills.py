@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Kills a search with SIGKILL at random moments, and looks whether the next start restores the machine and goes on."""
 import contextlib
-import json
 import os
 import pathlib
 import random
@@ -59,6 +58,7 @@ class Search:
         self.marker = f"ONTIME_SEARCH_KILLS={os.getpid()}.{seed}"
         (folder / "s.yaml").write_text(SCENARIO)
         self.before = machine()
+        self.ends = self.restored = 0  # searches that ended by themselves; kills after which the next start had to restore
 
     def start(self):
         name, value = self.marker.split("=")
@@ -67,14 +67,16 @@ class Search:
                                 stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
 
     def kill_once(self):
-        """Returns what is wrong after it; an empty list: nothing. A search that ended by itself begins a new file."""
+        """Returns what is wrong after it; an empty list: nothing. After a search that ended by itself a new file begins."""
         search = self.start()
         time.sleep(self.random.uniform(0.05, LONGEST_LIFE_S))
-        ended = search.poll()
-        if ended is not None:
+        if search.poll() is not None:
             told = search.communicate()[1]
+            if search.returncode != 1:
+                return [f"it ended with exit code {search.returncode}: {told[-500:]}"]
+            self.ends += 1
             self.results.unlink()
-            return [f"it ended with exit code {ended}: {told[-500:]}"] if ended != 1 else []
+            return self.kill_once()
         search.kill()
         if self.random.random() < 0.5:  # its keeper and agents too: no process is left that could restore
             for pid in processes_with(self.marker):
@@ -87,6 +89,7 @@ class Search:
         if not eventually(lambda: not processes_with(self.marker)):
             return [f"left running: {processes_with(self.marker)}"]
         reverted = subprocess.run([ONTIME, "tune", "revert"], capture_output=True, text=True, check=False)  # the next start
+        self.restored += bool(reverted.stdout)
         wrong = [] if reverted.returncode == 0 else ["revert: " + reverted.stderr]
         after = machine()
         wrong += [f"{name}: {self.before.get(name)} became {after.get(name)}" for name in {*self.before, *after}
@@ -95,18 +98,6 @@ class Search:
         if numbers != list(range(1, len(numbers) + 1)):
             wrong.append(f"the runs in the results are {numbers}")
         return wrong
-
-    def finish(self):
-        """Until it ends by itself: its report, and what is wrong."""
-        before = len(runs_of(self.results))
-        search = self.start()
-        said = json.loads(search.communicate(timeout=900)[0])
-        wrong = self.what_is_wrong()
-        if search.returncode != 1 or said["end"] != "nothing-left":
-            wrong.append(f"exit code {search.returncode}, {said['end']}")
-        if said["runs"] < before:
-            wrong.append(f"{before} runs were there, and it counts {said['runs']}")
-        return said, wrong
 
 
 def main():
@@ -119,8 +110,9 @@ def main():
             broken += bool(wrong)
             for line in wrong:
                 print(f"kill {number}: {line}", flush=True)
-        print(f"{kills} kills (seed {seed}): after {kills - broken} the machine was as before; "
-              f"{len(runs_of(search.results))} runs of the search are kept", flush=True)
+        print(f"{kills} kills (seed {seed}): after {kills - broken} the machine was as before and the results in order. "
+              f"After {search.restored} the next start restored settings. {search.ends} searches came to their end; "
+              f"the last has {len(runs_of(search.results))} runs.", flush=True)
     return 1 if broken else 0
 
 
