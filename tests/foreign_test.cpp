@@ -241,7 +241,7 @@ TEST_F(Imports, WhatIsNoFileIsNamed) {
   EXPECT_THROW(foreign::read(folder_.string(), {}), record::WrongFile);
 }
 
-// A results file may be anybody's.
+// A results file may come from any source.
 TEST_F(Imports, AHistogramThatCannotBeIsRefusedWhenItIsRead) {
   const auto good = read(text)[0];
   EXPECT_NO_THROW(summaries({good}));

@@ -282,7 +282,7 @@ TEST(EndsSearch, AtMissesAndWhereMoreIsNotToBeHad) {
 TEST(EndsSearch, UnansweredEndsOnlyAfterAnAnswer) {
   const json unanswered{{"error", "no answer"}, {"unanswered", true}};
   EXPECT_FALSE(ends_search(json{{"search", {{"step", 0}}}}, unanswered))
-      << "nor would anybody at another value";
+      << "nor would there be an answer at another value";
   EXPECT_FALSE(ends_search(json{{"search", nullptr}}, unanswered)) << "a run that is no step of one";
 }
 
@@ -308,7 +308,7 @@ TEST(Judge, WhatWasNotMeasuredAsAskedHoldsNoLine) {
               "kernel.irq-threads was not as it was asked for to the end, on the controller");
   }
   auto whole = run(measured(1, 0.5, 1.5));
-  amend(whole.run.outcome, "/hosts/component/link/gone", "somebody took the rules away");
+  amend(whole.run.outcome, "/hosts/component/link/gone", "another process removed the rules");
   EXPECT_EQ(judged("p99 > 2 ms", whole).result, Result::held) << "there were to be no faults";
   amend(whole.run.asked, "/link", {{"loss", 0.1}});
   EXPECT_EQ(judged("p99 > 2 ms", whole).result, Result::cannot_judge);

@@ -434,7 +434,7 @@ TEST(Shape, BlamesAWaitOnWhoCausedIt) {
       summary_of({answered(0, 0, 0, 35 * ms), answered(1, 10 * ms, 3, 100 * us)}, asked_next_free);
   EXPECT_EQ(late.shape.worst.at(0).message.index, 0u);
   EXPECT_LT(late.shape.worst.at(1).took_ns, 10 * ms);
-  // A sender that slept through as many cycles has nobody else to blame.
+  // A sender that slept through as many cycles has only itself to blame.
   const auto slept =
       summary_of({answered(0, 0, 0, 100 * us), answered(1, 10 * ms, 3, 100 * us)}, asked_next_free);
   EXPECT_EQ(slept.shape.worst.at(0).message.index, 1u);

@@ -143,7 +143,7 @@ std::string absent(const record::Asked& asked, const record::Outcome& outcome) {
     return fmt::format("the CPUs and limits that were asked for were not there to the end, on the {}", host);
   if (const auto* host = host_that([](const record::Host& of) { return of.link.gone.has_value(); });
       host != nullptr && asked.faults.any())
-    return fmt::format("the link's faults need not have been there to the end, at the {}", host);
+    return fmt::format("the link's faults were not verified to the end, at the {}", host);
   for (const auto* way : record::both_ways) {
     if (record::find(outcome.traffic, way).is_short == true)
       return "the traffic that was asked for was not there";

@@ -164,7 +164,7 @@ Table table_of(const Pair& pair) {
   return table;
 }
 
-// Of what was imported, whose order in time nobody knows.
+// Of imported values, whose order in time is unknown.
 Table imported_table_of(const Pair& pair) {
   Table table{gate::name_of(pair.to),
               "imported: waking up; no interval can be given, and so nothing told",
