@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "search/goal.hpp"
 
+#include <algorithm>
 #include <utility>
 
 #include <fmt/format.h>
@@ -21,7 +22,7 @@ double permitted_share(const gate::Gate& gate) {
                     "take p50, p99 or max",
                     gate.text));
   if (gate.figure == Figure::max) return 0;
-  if (const auto share = gate::share_above(gate.figure)) return *share;
+  if (const auto& metric = statistics::metric_of(gate.figure); metric.one_in > 0) return metric.share_above();
   if (gate.kind == gate::Gate::Limit::count && gate.limit > 0)
     throw gate::Error(
         fmt::format("'{}': a number of messages depends on how long a run is: say 0, or a share "
@@ -65,6 +66,12 @@ std::vector<Part> goal_of(const std::string& text) {
     from = to == text.size() ? to + 1 : to + conjunction.size();
   }
   return parts;
+}
+
+// By against_at_least() at the level that the start has.
+double messages_to_prove(const Limit& limit, double of_run) {
+  constexpr double enough = 6;
+  return enough / std::max(limit.share, 1 / of_run);
 }
 
 Tally tally_of(const Part& part, const statistics::Summary& run) {
