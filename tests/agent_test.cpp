@@ -222,7 +222,7 @@ TEST_F(TwoAgents, SendNothingBetweenReadyAndGo) {
   EXPECT_EQ(ask(server_, "end", "ended").at("answered"), answered);
 }
 
-// What its middleware's threads read, anybody on the network may have sent.
+// What its middleware's threads read, any host on the network may have sent.
 TEST_F(Agent, OfRootKeepsTwoCapabilitiesOnceItIsOpen) {
   if (geteuid() != 0) GTEST_SKIP() << "needs root";
 #ifdef __SANITIZE_THREAD__
@@ -275,7 +275,7 @@ TEST(Memory, EndIsRefusedWhereItsLockedPagesWouldTakeTheReserve) {
   std::istringstream large(fmt::format("MemTotal: {} kB\nMemAvailable: {} kB\n", 32U << 20U, 448 << 10));
   EXPECT_EQ(lacks_memory(large), "") << "the reserve is 256 MiB at most";
   std::istringstream unknown("nothing");
-  EXPECT_EQ(lacks_memory(unknown), "") << "what the kernel does not tell refuses nobody";
+  EXPECT_EQ(lacks_memory(unknown), "") << "what the kernel does not tell refuses nothing";
 }
 
 TEST_F(Agent, SaysWhyItCannot) {

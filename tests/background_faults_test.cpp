@@ -187,7 +187,8 @@ TEST_F(LinkFaults, RemovedByAnotherAreNotCountedAsNone) {
 
 TEST_F(LinkFaults, MadeAnewByAnotherAreLeft) {
   const auto what = table_what(netns, "netdev", "controller");
-  // What a journal says is made, by its name and its handle; one that was made anew since is somebody else's.
+  // What a journal says is made, by its name and its handle; one that was made anew since is another
+  // process's.
   journal_.change(table_kind, what, journal::to_be_made);
   const auto first = table_kind.read(what);
   ASSERT_TRUE(first);

@@ -55,7 +55,7 @@ TEST(Achieved, IsWhatArrived) {
   EXPECT_THAT(shortfalls(achieved(traffic, both(80e6, 75.9e6))),
               ElementsAre(HasSubstr("of 80 Mbit/s 80 were sent, and 75.9 arrived at the component")));
   EXPECT_THAT(shortfalls(achieved(traffic, both(80e6, nullptr))), ElementsAre(HasSubstr("unknown")))
-      << "what nobody knows is not taken for achieved";
+      << "what is unknown is not taken for achieved";
   EXPECT_THAT(shortfalls(achieved(traffic, both(80e6, 1e6, false))), ElementsAre(HasSubstr("died")));
   EXPECT_THAT(shortfalls(achieved(traffic, both(80e6, 80e6, false))), ElementsAre(HasSubstr("died")))
       << "it was not there to the end";

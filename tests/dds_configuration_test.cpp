@@ -144,7 +144,7 @@ TEST_F(CycloneXml, AnElementThatThereIsNotIsNamed) {
   expect_contains(said("<General colour='red'/>"), "<General> has no attribute <colour>");
   const auto value = said("<General><AllowMulticast>sure</AllowMulticast></General>");
   expect_contains(value, "CycloneDDS/Domain/General/AllowMulticast: 'sure'");
-  EXPECT_FALSE(contains(value, "line ")) << "a line of what nobody has: " << value;
+  EXPECT_FALSE(contains(value, "line ")) << "a line of a file that is not there: " << value;
 }
 
 TEST_F(CycloneXml, ANodeThatAsksForNoLinkIsFoundOnTheLoopbackInterface) {
@@ -183,7 +183,7 @@ TEST_F(CycloneXml, AnOptionMayNotWriteFilesLoadLibrariesOrOpenPorts) {
   EXPECT_FALSE(exists(log));
   set_environment("CYCLONEDDS_URI", domain(tracing));
   EXPECT_EQ(refusal(transport_, config_of(Role::client)), "");
-  EXPECT_TRUE(exists(log)) << "his own, who runs it";
+  EXPECT_TRUE(exists(log)) << "the user's own";
 }
 
 int priority_of_timer(End& end) {

@@ -40,7 +40,7 @@ void bring_loopback_up() {
 
 class Isolation : public testing::Environment {
   void SetUp() override {
-    // Without it everything would be skipped, and nobody would notice.
+    // Without it everything would be skipped, unnoticed.
     ASSERT_NE(std::getenv("ONTIME_TRANSPORT_PATH"), nullptr)  // NOLINT(concurrency-mt-unsafe): no threads yet
         << "name the folder of the transports";
     if (unshare(CLONE_NEWNET) == 0 || unshare(CLONE_NEWUSER | CLONE_NEWNET) == 0)

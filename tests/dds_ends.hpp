@@ -26,7 +26,7 @@ namespace ontime::transport::test {
 inline constexpr std::size_t max_payload_bytes = 131072;
 inline constexpr message::ServerTimes marks{.received_ns = 0x1111, .sent_ns = 0x2222};
 
-int free_domain();  // nobody else's, and the next one neither
+int free_domain();  // no other process uses it, nor the next one
 
 void require(bool condition, const std::string& what);
 bool eventually(const std::function<bool()>& condition);  // within a time so long that it means never

@@ -194,7 +194,8 @@ TEST_P(Dds, ItsThreadsAreTold) {
 TEST_P(Dds, ItsThreadsAreToldWhereTheKernelDoesNotTell) {
   EXPECT_EQ(in_own_process([&] {
               const Plugin& plugin = load(GetParam());  // while we may read the folder
-              require(getuid() != 0 || (setgid(65534) == 0 && setuid(65534) == 0), "cannot be nobody");
+              require(getuid() != 0 || (setgid(65534) == 0 && setuid(65534) == 0),
+                      "cannot become user 65534");
               prctl(PR_SET_DUMPABLE, 1);
               Answers answers;
               const auto end = plugin.open(client(), answers);

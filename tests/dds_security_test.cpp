@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// DDS Security: each vendor lets in whoever has an identity of the same authority, nobody else, and do
+// DDS Security: each vendor lets in peers with an identity of the same authority, no others, and do
 // to each payload what was asked, as the wire shows.
 #include <algorithm>
 #include <array>
@@ -106,7 +106,8 @@ class DdsStrangers : public testing::TestWithParam<std::string> {};
 INSTANTIATE_TEST_SUITE_P(, DdsStrangers, testing::Values("cyclonedds", "fastdds"),
                          [](const auto& one) { return one.param; });
 
-// Somebody with a certificate of somebody else's, while one of ours who came later was let in; it is said so.
+// A peer with another authority's certificate stays out; one of ours that comes later is let in; a message
+// says so.
 TEST_P(DdsStrangers, AreNotLetIn) {
   if (!have(GetParam())) GTEST_SKIP() << GetParam() << " is not built";
   const Authority ours, other;

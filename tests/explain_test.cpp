@@ -396,7 +396,7 @@ TEST_P(Explained, AReadyThreadThatTheSchedulerPassesOverForIdlingIsThrottled) {
   switched(sent + 20 * ms, 1, 0, "R", answers);
   switched(sent + 20 * ms + 60 * us, 1, answers, "S", 0);
   const auto part = first(message(late(0, 20 * ms, 0)));
-  EXPECT_EQ(part.cause, Cause::throttled) << "whoever had the CPU meanwhile took it from nobody";
+  EXPECT_EQ(part.cause, Cause::throttled) << "the thread that had the CPU meanwhile took it from no other";
   EXPECT_GT(part.ns, 17 * ms);
 }
 
@@ -471,7 +471,7 @@ TEST_P(Explained, SentMessageIgnoresForeignMissingRoute) {
 
 TEST_P(Explained, AMessageWhoseNeighbourAnsweredIsNotUnreachable) {
   event(sent + 5 * us, 0, Kind::no_neighbour, asks);
-  event(sent + 300 * us, 0, Kind::queued, hog, 0, "veth", 1);  // whoever ran when the neighbour's answer came
+  event(sent + 300 * us, 0, Kind::queued, hog, 0, "veth", 1);  // it ran when the neighbour's answer came
   EXPECT_NE(first(message(lost())).cause, Cause::unreachable);
 }
 

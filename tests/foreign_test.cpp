@@ -104,8 +104,8 @@ TEST_F(Imports, AHistogramIsARunOfEachThread) {
   const auto& all = runs[0].wake_up;
   EXPECT_EQ(all.count, 8U);
   EXPECT_EQ(all.min, 2000);
-  EXPECT_EQ(all.p50, 2000);
-  EXPECT_EQ(all.p90, 4000);
+  EXPECT_EQ(all[statistics::Figure::p50], 2000);
+  EXPECT_EQ(all[statistics::Figure::p90], 4000);
   EXPECT_EQ(all.max, 4000);
   EXPECT_EQ(all.mean, 2000);
   EXPECT_NE(runs[0].run.key, runs[1].run.key);
@@ -118,9 +118,10 @@ TEST_F(Imports, WhatIsNotKnownIsNotMadeUp) {
   EXPECT_EQ(run.imported->beyond, 2U);
   EXPECT_EQ(run.wake_up.count, 5U);
   EXPECT_EQ(run.wake_up.max, 19000);
-  EXPECT_FALSE(run.imported->is_lower_bound(run.wake_up.p50));
-  EXPECT_EQ(run.wake_up.p50, 3000);
-  EXPECT_EQ(run.wake_up.p90, 19000) << "of five values the fifth: the greatest, which it says";
+  EXPECT_FALSE(run.imported->is_lower_bound(run.wake_up[statistics::Figure::p50]));
+  EXPECT_EQ(run.wake_up[statistics::Figure::p50], 3000);
+  EXPECT_EQ(run.wake_up[statistics::Figure::p90], 19000)
+      << "of five values the fifth: the greatest, which it says";
   EXPECT_EQ(run.sent, 0U) << "there were no messages";
   EXPECT_EQ(run.round_trip.count, 0U);
   EXPECT_TRUE(run.shape.slices.empty()) << "nor any order in time";
@@ -129,8 +130,8 @@ TEST_F(Imports, WhatIsNotKnownIsNotMadeUp) {
 TEST_F(Imports, PercentilesBeyondTheHistogramAreLowerBounds) {
   const auto runs = summaries(read(changed(text, "00000 00002", "00000 00097")));
   const auto& run = runs.at(1);
-  EXPECT_TRUE(run.imported->is_lower_bound(run.wake_up.p50));
-  EXPECT_EQ(run.wake_up.p50, 6000);
+  EXPECT_TRUE(run.imported->is_lower_bound(run.wake_up[statistics::Figure::p50]));
+  EXPECT_EQ(run.wake_up[statistics::Figure::p50], 6000);
 }
 
 TEST_F(Imports, TheSumOfDashHIsNoThread) {
@@ -148,12 +149,12 @@ TEST_F(Imports, JsonSaysItsUnitAndWhereItIsFrom) {
   EXPECT_EQ(imports[0].asked.at("imported").at("cmdline"), "cyclictest -t1 -h 100 -q --json=c.json");
   EXPECT_EQ(imports[0].outcome.at("hosts").at("controller").at("machine").at("kernel_release"), "6.1.0-rt");
   const auto runs = summaries(imports);
-  EXPECT_EQ(runs[0].wake_up.p90, 10'000);
+  EXPECT_EQ(runs[0].wake_up[statistics::Figure::p90], 10'000);
   EXPECT_EQ(runs[0].wake_up.max, 3'908'000);
   EXPECT_EQ(runs[0].imported->beyond, 1U);
   const auto in_ns =
       summaries(read(changed(document, "\"resolution_in_ns\": 0", "\"resolution_in_ns\": 1"), as_json));
-  EXPECT_EQ(in_ns[1].wake_up.p90, 10);
+  EXPECT_EQ(in_ns[1].wake_up[statistics::Figure::p90], 10);
 }
 
 TEST_F(Imports, TheSameThreadOfTwoFilesHasTheSameKeyAndAnotherIdAnother) {
@@ -163,7 +164,7 @@ TEST_F(Imports, TheSameThreadOfTwoFilesHasTheSameKeyAndAnotherIdAnother) {
 }
 
 TEST_F(Imports, ATextIsOfTheUnitThatIsSaid) {
-  EXPECT_EQ(summaries(read(text, {.unit_ns = 1}))[0].wake_up.p50, 2);
+  EXPECT_EQ(summaries(read(text, {.unit_ns = 1}))[0].wake_up[statistics::Figure::p50], 2);
 }
 
 TEST_F(Imports, EveryWrongTextIsNamed) {
@@ -240,7 +241,7 @@ TEST_F(Imports, WhatIsNoFileIsNamed) {
   EXPECT_THROW(foreign::read(folder_.string(), {}), record::WrongFile);
 }
 
-// A results file may be anybody's.
+// A results file may come from any source.
 TEST_F(Imports, AHistogramThatCannotBeIsRefusedWhenItIsRead) {
   const auto good = read(text)[0];
   EXPECT_NO_THROW(summaries({good}));

@@ -69,10 +69,10 @@ TEST(Parse, Changes) {
 
 TEST(Parse, SaysInWhichColumnWhatIsWrong) {
   const std::pair<const char*, const char*> cases[] = {
-      {"", "column 1: nothing is no figure"},
-      {"p98 > 2 ms", "column 1: 'p98' is no figure"},
-      {"min > 2 ms", "column 1: 'min' is no figure"},
-      {"  response p1", "column 12: 'p1' is no figure"},
+      {"", "column 1: nothing is not a metric"},
+      {"p98 > 2 ms", "column 1: 'p98' is not a metric"},
+      {"min > 2 ms", "column 1: 'min' is not a metric"},
+      {"  response p1", "column 12: 'p1' is not a metric"},
       {"response lost > 1", "column 10: a lost message has no response"},
       {"p99", "column 4: here stands no comparison"},
       {"p99 < 2 ms", "column 5: here stands '<'"},
@@ -127,7 +127,7 @@ Summary run(const Measured& p99, std::uint64_t late = 0) {
   run.on_time = 1000 - late;
   run.round_trip.count = 1000;
   run.round_trip.max = 7'000'000;
-  run.round_trip_certainty.p99 = p99;
+  run.round_trip_certainty[statistics::Figure::p99] = p99;
   return run;
 }
 
@@ -158,7 +158,8 @@ TEST(Judge, NamesGateRunFigureAndInterval) {
 Summary slower(std::uint64_t events, std::uint64_t answers, double effect = 1) {
   auto one = run(measured(1, 0.5, {}));
   one.round_trip.count = answers;
-  one.round_trip_certainty.p99.effect = one.round_trip_certainty.p99_9.effect = effect;
+  one.round_trip_certainty[statistics::Figure::p99].effect =
+      one.round_trip_certainty[statistics::Figure::p99_9].effect = effect;
   one.round_trip_certainty.slowest_effect = effect;
   one.shape.round_trip = {{500'000, 1'500'000, answers - events}};
   if (events > 0) one.shape.round_trip.push_back({3'000'000, 3'200'000, events});
@@ -174,8 +175,9 @@ TEST(Judge, ARunTooShortForThePercentileIsOpen) {
 
 TEST(Judge, ARunOfWhichEveryMessageIsSlowerFailsHoweverTheyDependOnOneAnother) {
   auto all = slower(150, 150, 40);
-  all.round_trip_certainty.p99.value = 3'100'000;
-  all.round_trip_certainty.p99.sure = all.round_trip_certainty.p99.surer = {};
+  all.round_trip_certainty[statistics::Figure::p99].value = 3'100'000;
+  all.round_trip_certainty[statistics::Figure::p99].sure =
+      all.round_trip_certainty[statistics::Figure::p99].surer = {};
   EXPECT_EQ(judged("p99 > 2 ms", all).result, Result::missed);
 }
 
@@ -280,7 +282,7 @@ TEST(EndsSearch, AtMissesAndWhereMoreIsNotToBeHad) {
 TEST(EndsSearch, UnansweredEndsOnlyAfterAnAnswer) {
   const json unanswered{{"error", "no answer"}, {"unanswered", true}};
   EXPECT_FALSE(ends_search(json{{"search", {{"step", 0}}}}, unanswered))
-      << "nor would anybody at another value";
+      << "nor would there be an answer at another value";
   EXPECT_FALSE(ends_search(json{{"search", nullptr}}, unanswered)) << "a run that is no step of one";
 }
 
@@ -306,7 +308,7 @@ TEST(Judge, WhatWasNotMeasuredAsAskedHoldsNoLine) {
               "kernel.irq-threads was not as it was asked for to the end, on the controller");
   }
   auto whole = run(measured(1, 0.5, 1.5));
-  amend(whole.run.outcome, "/hosts/component/link/gone", "somebody took the rules away");
+  amend(whole.run.outcome, "/hosts/component/link/gone", "another process removed the rules");
   EXPECT_EQ(judged("p99 > 2 ms", whole).result, Result::held) << "there were to be no faults";
   amend(whole.run.asked, "/link", {{"loss", 0.1}});
   EXPECT_EQ(judged("p99 > 2 ms", whole).result, Result::cannot_judge);

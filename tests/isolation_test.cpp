@@ -108,7 +108,7 @@ TEST(Threads, WhoseCpusAPartitionWouldForgetAreTold) {
   EXPECT_FALSE(would_be_forgotten({7, "irq/9-eth0", {0}, true, false}, all, kept, false));
   EXPECT_FALSE(would_be_forgotten({7, "migration/3", {3}, true, true}, all, kept, false));
   EXPECT_TRUE(would_be_forgotten({7, "irq/9-eth0", {0}, false, false}, all, kept, false))
-      << "whoever calls himself so";
+      << "any process can take that name";
 }
 
 TEST(Threads, AreReadAsTheKernelHasThem) {

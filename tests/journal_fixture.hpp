@@ -42,7 +42,7 @@ inline std::vector<fs::path> journals() {
   return found;
 }
 
-// A journal as a process that is gone would have left it, and what it may be: nobody's but ours.
+// A journal as a process that is gone would have left it, and what it may be: ours alone.
 inline fs::path plant(const std::string& text,
                       const std::string& name = "0000000000000001-00000001.journal") {
   fs::create_directory(folder_path());

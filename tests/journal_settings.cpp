@@ -107,7 +107,7 @@ TEST_F(Settings, CanBeTakenBackOneByOne) {
     EXPECT_THAT(parse(read_file(journals().at(0))).entries, SizeIs(1));
   }
   journal.change(governor, two_, "made");
-  write_file(two_, "by somebody");
+  write_file(two_, "by another");
   EXPECT_THAT(journal.take_back(governor, two_), ElementsAre(StartsWith("left")));
   EXPECT_THAT(journal.take_back(governor, two_), IsEmpty());
   EXPECT_THAT(journal.take_back(governor, "never changed"), IsEmpty());
@@ -115,7 +115,7 @@ TEST_F(Settings, CanBeTakenBackOneByOne) {
   EXPECT_THAT(journal.revert(), IsEmpty());
   EXPECT_FALSE(fs::exists(folder));
   EXPECT_EQ(read_file(one_), "powersave");
-  EXPECT_EQ(read_file(two_), "by somebody");
+  EXPECT_EQ(read_file(two_), "by another");
 }
 
 TEST_F(Settings, TakenBackAreNotTakenBackAgain) {
@@ -128,7 +128,7 @@ TEST_F(Settings, TakenBackAreNotTakenBackAgain) {
       },
       settings);
   victim.kill_9();
-  write_file(one_, "performance");  // by somebody else, and meant so
+  write_file(one_, "performance");  // another process did, and meant it
   EXPECT_THAT(revert_abandoned(settings), ElementsAre(StartsWith("removed directory")));
   EXPECT_EQ(read_file(one_), "performance");
 }
@@ -189,7 +189,7 @@ TEST_F(Settings, OfAnotherNetworkNamespaceAreKept) {
     EXPECT_THAT(revert_abandoned(settings), IsEmpty()) << "one is done, the other was told";
     EXPECT_FALSE(fs::exists(two_));
     EXPECT_EQ(read_file(one_), "fq");
-    write_file(two_, "made");  // by somebody else
+    write_file(two_, "made");  // by another process
   });
   EXPECT_THAT(revert_abandoned(settings), ::testing::Contains(HasSubstr(one_ + " back to powersave")));
   EXPECT_EQ(read_file(one_), "powersave");

@@ -152,7 +152,7 @@ TEST_F(Journals, CanBeRevertedAgainAndUsedAfterwards) {
   EXPECT_TRUE(there_is_no_folder());
   EXPECT_THAT(journal.revert(), IsEmpty());
   const auto two = make_folder(journal);
-  fs::remove_all(two);  // somebody else was quicker
+  fs::remove_all(two);  // another process was quicker
   EXPECT_THAT(journal.revert(), IsEmpty());
 }
 
@@ -362,7 +362,7 @@ TEST_F(Journals, TwoThatRevertAtOnceDoItOnce) {
         (void)!read(start[0], &end, 1);  // both wait for the pipe to close
         const auto lines = revert_abandoned();
         const auto comma = victim.said().find(',');
-        // Whoever returns, all is gone; what was done is told by one of them.
+        // Whichever returns, all is gone; one of them says what was done.
         EXPECT_FALSE(fs::exists(victim.said().substr(0, comma)) ||
                      fs::exists(victim.said().substr(comma + 1)));
         _exit(::testing::Test::HasFailure() ? 100 : static_cast<int>(lines.size()));

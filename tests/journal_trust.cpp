@@ -88,7 +88,7 @@ TEST_F(Planted, LinksAreNotBelieved) {
 TEST_F(Planted, NothingElseIsOpened) {
   for (const auto& path : journals()) fs::remove(path);
   const fs::path folder = folder_path();
-  ASSERT_EQ(mkfifo((folder / "0.journal").c_str(), 0600), 0);  // whoever opens it waits for a writer
+  ASSERT_EQ(mkfifo((folder / "0.journal").c_str(), 0600), 0);  // a reader waits for a writer
   ASSERT_EQ(mkfifo((folder / "1073741824-1-0.journal").c_str(), 0600), 0);
   fs::create_directory(folder / "1.journal");
   const int fd = socket(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC, 0);
@@ -130,7 +130,7 @@ TEST_F(Planted, AFolderIsNotLookedForBehindALink) {
   EXPECT_THAT(error_of([&] { journal.hold(); }), HasSubstr("it is no folder"));
 }
 
-// As it was shown: without root the folder may be one under /tmp, where anybody can be first.
+// As it was shown: without root the folder may be one under /tmp, where any user can be first.
 TEST_F(Planted, UnderTmpByAnotherUserNothingIsBelieved) {
   if (!test::has_own_run) GTEST_SKIP() << "needs root";
   in_child([&] {

@@ -23,7 +23,7 @@ using nlohmann::json;
 using orders::Coordinator;
 using testing::HasSubstr;
 
-// Nobody else's folders are in it.
+// No other test's folders are in it.
 class OwnTemporary {
  public:
   OwnTemporary() {

@@ -92,7 +92,7 @@ TEST(Link, LaunchTimesThatWereNotAppliedFailTheRun) {
   controller["link"]["etf"]["launched_frames"] = 93;
   EXPECT_THAT(found(), AllOf(HasSubstr("the controller sent 96 of them"), HasSubstr("handed 93 frames on"),
                              HasSubstr("link.message-priority")));
-  controller["link"]["gone"] = "somebody took it away";
+  controller["link"]["gone"] = "another process removed it";
   component["link"]["etf"]["launched_frames"] = 0;
   EXPECT_THAT(found(), HasSubstr("the component sent 90 of them"));
 }
@@ -144,9 +144,9 @@ TEST(Link, ThatCarriesAnothersTrafficProvesNothingWhereThatIsNotLeftOut) {
 
 TEST(Link, WhoseCountersAreGoneProvesNothing) {
   auto gone = host(60'000, 60'000);
-  gone["link"]["gone"] = "somebody took the rules away";
+  gone["link"]["gone"] = "another process removed the rules";
   EXPECT_THAT(unproved(outcome(gone, gone), {}).value_or(""),
-              AllOf(HasSubstr("eth1 is not proved"), HasSubstr("somebody took the rules away")));
+              AllOf(HasSubstr("eth1 is not proved"), HasSubstr("another process removed the rules")));
   gone["link"] = {{"interface", "eth1"}, {"gone", "the interface is not there any more"}};
   EXPECT_TRUE(unproved(outcome(gone, host(60'000, 60'000)), {}));
   EXPECT_EQ(found(outcome(gone, host(60'000, 60'000))), "nothing");

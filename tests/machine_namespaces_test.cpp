@@ -46,7 +46,7 @@ bool exist() {
   return fs::exists("/run/netns/ontime-controller") || fs::exists("/run/netns/ontime-component");
 }
 
-// A UDP socket that lives in that namespace, whoever uses it.
+// A UDP socket that lives in that namespace, which any process may use.
 int socket_in(const std::string& name, const std::string& address) {
   int fd = -1;
   std::thread([&] {

@@ -239,7 +239,11 @@ std::uint64_t allocations_allowed(const Case& value, std::uint64_t messages) {
 // whatever is sent in a second, in up to five copies of the payload, and its arenas grow and shrink by that
 // (seen: 1.2 pages a message of 500 bytes, 82 of one of 64 KiB). What allocates for each message has its
 // arena grow at times otherwise, too (seen: 9 pages, and 73 with neighbours).
-std::uint64_t faults_allowed(const Case& value, std::uint64_t messages) {
+//
+// The thread of Fast DDS that sends again sleeps until a message is lost. Only then does it allocate for the
+// first time, and the C library gives it an arena of its own (seen: 33 pages in 1 of 40 runs beside two busy
+// loops).
+std::uint64_t faults_allowed(const Case& value, std::uint64_t messages, const Thread& thread) {
   constexpr std::uint64_t blocks = 2, pages_of_a_block = 260, pages_of_an_arena = 33, page_bytes = 4096;
   if (value.transport == std::string("cyclonedds") && value.payload_bytes > 60'000)
     return blocks * pages_of_a_block;
@@ -248,7 +252,8 @@ std::uint64_t faults_allowed(const Case& value, std::uint64_t messages) {
       return (messages + 100) * (6 * value.payload_bytes / page_bytes + 2);
     return 3 * pages_of_an_arena;
   }
-  return value.neighbours ? blocks * pages_of_an_arena : 0;
+  const std::uint64_t arenas = (value.neighbours ? 2 : 0) + (thread.role == "resend" ? 1 : 0);
+  return arenas * pages_of_an_arena;
 }
 
 std::uint64_t waits_allowed(const Case& value, std::uint64_t cycles) {
@@ -277,7 +282,7 @@ class Child {
     explicit Orders(int pipe) : pipe_(pipe) {}
     void await() const {
       char order = 0;
-      static_cast<void>(read(pipe_, &order, 1));
+      [[maybe_unused]] const auto size = read(pipe_, &order, 1);
     }
     void obeyed() const { EXPECT_EQ(write(pipe_, "x", 1), 1); }
 
@@ -358,7 +363,8 @@ class Watch {
     for (std::size_t i = 0; i < threads_.size(); ++i) {
       SCOPED_TRACE(threads_[i].role + " " + threads_[i].name);
       EXPECT_LE(allocations_of(threads_[i].tid), allocations_allowed(value_, messages));
-      EXPECT_LE(after[i].minor_faults - before_[i].minor_faults, moved + faults_allowed(value_, messages));
+      EXPECT_LE(after[i].minor_faults - before_[i].minor_faults,
+                moved + faults_allowed(value_, messages, threads_[i]));
       EXPECT_EQ(after[i].major_faults - before_[i].major_faults, 0U);
       EXPECT_LE(after[i].voluntary_switches - before_[i].voluntary_switches, waits_allowed(value_, cycles));
     }

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// A transport of somebody else's that can do little, and says so: what is above the port has to go by that.
+// A third party's transport that can do little, and says so: what is above the port has to go by that.
 #include "transport/transport.hpp"
 
 namespace ontime::transport {

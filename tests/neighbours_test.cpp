@@ -61,7 +61,7 @@ void check(const Neighbours& neighbours) {
   const auto counted = neighbours.counters();
   require(counted.sent + counted.refused + counted.skipped_cycles == 30,
           "every cycle of the three is counted");
-  require(counted.strays == 0, "nobody else's came");
+  require(counted.strays == 0, "no others came");
 }
 
 void run_neighbours(Neighbours& neighbours) {

@@ -211,7 +211,7 @@ TEST_F(CoordinatorTest, SaysWhyAWorkerFailedOrIsGone) {
     EXPECT_EQ(failure([&] { coordinator_.await(hand, "answered", 10s); }), "2 it was wrong");
     EXPECT_TRUE(hand.lost());
   }
-  for (const int exit : {0, 1, 130, 256}) {  // whoever fails does not choose that all is well
+  for (const int exit : {0, 1, 130, 256}) {  // a failed process cannot report success
     Coordinator::Hand hand(coordinator_, "the worker", worker("obedient"), "s");
     hand.order("fail", {{"exit", exit}});
     EXPECT_EQ(failure([&] { coordinator_.await(hand, "answered", 10s); }), "3 it was wrong");
@@ -288,14 +288,14 @@ TEST_F(CoordinatorTest, OneThatIsTerminatedIsAnInterruption) {
   for (const int signal : {SIGTERM, SIGHUP}) kill(pid, signal);  // as a session's end does
   EXPECT_EQ(failure([&] { coordinator_.until([] { return false; }); }), "interrupted");
   EXPECT_EQ(interrupts_, 1);
-  // What is under way may take longer than anybody may be silent, and is its coordinator's to end.
+  // What is under way may take longer than a peer may be silent, and is its coordinator's to end.
   const auto later = std::chrono::steady_clock::now() + longest_silence + 2s;
   coordinator_.until([&] { return std::chrono::steady_clock::now() > later; }, 1);
   hand.order("answer");
   coordinator_.await(hand, "answered", 10s, 1);
 }
 
-// A person is: he need not wait for what a coordinator still has to do.
+// A person is, and need not wait for what a coordinator still has to do.
 TEST_F(CoordinatorTest, OneThatIsInterruptedAfterThatLeavesAtOnce) {
   Coordinator::Hand hand(coordinator_, "the worker", worker("obedient"), "s");
   const auto pid = pid_of(hand);
@@ -386,7 +386,7 @@ class Obedient final : public Worker {
       for (int count = 0; count < chatter; ++count) events_.tell("said", json::object(), much);
     if (order == "take long") std::this_thread::sleep_for(longest_silence + 1s);
     if (order == "be slow at the end") slow_ = true;
-    if (order == "ask in vain") throw Unanswered("nobody was there");
+    if (order == "ask in vain") throw Unanswered("no peer was there");
     if (order == "fail") throw Error(body.value("exit", 2), "it was wrong");
   }
   std::chrono::milliseconds go_on() override { return 500ms; }

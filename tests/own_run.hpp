@@ -62,7 +62,7 @@ inline int status_of(pid_t child) {
 
 inline pid_t start_child(const std::function<void()>& body) {
   const pid_t child = fork();
-  if (child < 0) std::abort();  // its id would be killed: -1 is everybody's
+  if (child < 0) std::abort();  // its id would be killed: -1 means all processes
   if (child > 0) return child;
   prctl(PR_SET_PDEATHSIG, SIGKILL);
   try {

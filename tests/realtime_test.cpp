@@ -407,7 +407,7 @@ TEST(CpuLatency, HoldsAsLongAsItLives) {
   };
   close(device);
   const auto before = now_us();
-  if (before <= 3) GTEST_SKIP() << "somebody else asks for " << before << " µs";
+  if (before <= 3) GTEST_SKIP() << "another process asks for " << before << " µs";
   {
     const CpuLatencyRequest request(3us);
     EXPECT_FALSE(request.refusal());
@@ -425,7 +425,7 @@ TEST(CpuLatency, AnOrdinaryUserIsToldWhatToDo) {
   in_child([] {
     become_ordinary_user();
     const CpuLatencyRequest request(0us);
-    if (!request.refusal()) return;  // this machine lets everybody
+    if (!request.refusal()) return;  // this machine permits it to all users
     EXPECT_THAT(request.refusal()->found, HasSubstr("/dev/cpu_dma_latency"));
     EXPECT_FALSE(request.refusal()->remedy.empty());
   });

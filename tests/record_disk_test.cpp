@@ -215,12 +215,12 @@ TEST_F(RecordTest, OneWriterAtATime) {
 
 TEST_F(RecordTest, WhatTookThePlaceOfItsFileIsLeftAlone) {
   const auto other = (folder_ / "other").string();
-  write_bytes(other, "somebody's");
+  write_bytes(other, "another's");
   {
     Writer writer(path_);
     fs::rename(other, path_);
   }
-  EXPECT_EQ(bytes_of(path_), "somebody's");
+  EXPECT_EQ(bytes_of(path_), "another's");
 }
 
 TEST_F(RecordTest, AFileThatIsRemovedWhileAWriterWaitsForItTakesNoRun) {
@@ -319,7 +319,7 @@ TEST_F(RecordTest, ReadsInAReadOnlyPlace) {
 TEST_F(RecordTest, FileThatMayNotBeWritten) {
   { Writer(path_).begin_run({}); }
   fs::permissions(path_, fs::perms::owner_read | fs::perms::group_read | fs::perms::others_read);
-  // Root may write everywhere, so it becomes nobody for this.
+  // Root may write everywhere, so it becomes another user for this.
   const bool root = ::geteuid() == 0;
   constexpr uid_t nobody = 65534;
   if (root) {

@@ -43,7 +43,7 @@ TEST_F(RecordTest, MissingFilesAndFolders) {
   EXPECT_THAT(files(), IsEmpty());
 }
 
-// Whoever may write in the folder may put them there.
+// Any user who may write in the folder may put them there.
 TEST_F(RecordTest, WhatLiesBesideAFileAndIsNoneIsRefused) {
   { Writer(path_).begin_run({}); }
   write_bytes((folder_ / "other").string(), "x");

@@ -11,15 +11,15 @@ namespace {
 TEST_F(RecordTest, AForgottenRunWasNeverThere) {
   {
     Writer writer(path_);
-    writer.forget_run(writer.begin_run({{"id", "nobody answered"}}));
+    writer.forget_run(writer.begin_run({{"id", "no answer"}}));
   }
   EXPECT_FALSE(fs::exists(path_)) << "a file made for it alone";
   {
     Writer writer(path_);
     const auto kept = writer.begin_run({{"id", "kept"}});
     writer.end_run(kept, nlohmann::json::object());
-    const auto gone = writer.begin_run({{"id", "nobody answered"}});
-    writer.note(gone, {"note", "nobody", {}, {}});
+    const auto gone = writer.begin_run({{"id", "no answer"}});
+    writer.note(gone, {"note", "nothing", {}, {}});
     writer.end_run(gone, nlohmann::json::object());
     writer.forget_run(gone);
   }
@@ -58,7 +58,7 @@ TEST_F(RecordTest, EverySampleComesBackAsItWas) {
                   .server_sent_ns = any_time(),
                   .skipped_cycles = static_cast<std::uint32_t>(random()),
                   .fate = static_cast<Fate>(random() % 2)};
-    if (sample.received_ns < sample.sent_ns) sample.received_ns = 0;  // nobody answers before
+    if (sample.received_ns < sample.sent_ns) sample.received_ns = 0;  // no answer comes before
     if (sample.received_ns == 0) sample.fate = Fate::lost;
     return sample;
   };

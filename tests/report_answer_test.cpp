@@ -100,7 +100,7 @@ TEST(Answer, RepetitionsAreOneRowWithTheirSpread) {
   std::vector<Summary> runs;
   for (int i = 1; i <= 5; ++i) {
     runs.push_back(run(i, "a", "udp", {}, i == 5 ? 3 : 0, i));
-    runs.back().round_trip.p99 = i * 1000 * 1000;
+    runs.back().round_trip[statistics::Figure::p99] = i * 1000 * 1000;
   }
   const auto answer = answer_of(runs, kept);
   ASSERT_EQ(answer.rows.size(), 1u);

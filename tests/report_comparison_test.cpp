@@ -20,7 +20,7 @@ Summary run(const std::string& id, const std::string& key, double p99_ms, std::i
   Measured p99;
   p99.value = p99_ms * 1e6;
   p99.sure = p99.surer = {p99.value * 0.9, p99.value * 1.1};
-  one.round_trip_certainty.p99 = p99;
+  one.round_trip_certainty[statistics::Figure::p99] = p99;
   return one;
 }
 
@@ -136,9 +136,9 @@ TEST(Compare, OfTwoShortRunsNothingIsTold) {
   // Fewer than a tenth more or less is something.
   lost(b[0], 0.05);
   EXPECT_THAT(shown(), ::testing::ContainsRegex("lost % +0 +0 +- +-60 … \\+5 +cannot tell\n"));
-  // Likewise between half and twice.
+  // Between half and twice, too.
   const auto p99 = [](Summary& one, double low, double high) {
-    one.round_trip_certainty.p99.surer = {low * 1e6, high * 1e6};
+    one.round_trip_certainty[statistics::Figure::p99].surer = {low * 1e6, high * 1e6};
   };
   p99(a[0], 0.3, 3);
   p99(b[0], 0.6, 6);

@@ -15,7 +15,7 @@ Summary layer(const std::string& id, const std::string& adds_to, int repetition,
   conditions.update(further);
   auto one = summary(conditions, outcome());
   one.run.key = id + further.dump();
-  one.round_trip.p50 = p50_ns;
+  one.round_trip[statistics::Figure::p50] = p50_ns;
   return one;
 }
 

@@ -508,7 +508,7 @@ TEST(Gnuplot, CcdfDrawsRepetitionsAsOneLineWithTheirSpread) {
 
 TEST(Gnuplot, ConditionsHasOneRowForEachWithTheSpreadOfItsRepetitions) {
   auto first = plotted("a", "udp", 1), second = plotted("a", "udp", 2);
-  second.round_trip.p50 = 300'000;
+  second.round_trip[statistics::Figure::p50] = 300'000;
   second.late = 7;
   const auto commands = gnuplot_of({first, second, plotted("a", "fastdds")},
                                    {Plot::Figure::conditions, Plot::Form::svg, false});

@@ -207,7 +207,7 @@ TEST(Remarks, SuspectThrottlingAtTheComponentToo) {
     auto one = summary(as_asked, facts);
     one.server.max = answered_ns;
     one.parts.emplace();
-    one.parts->there.p50 = 40'000;
+    one.parts->there[statistics::Figure::p50] = 40'000;
     one.parts->there.max = there_ns;
     return remarks(one);
   };

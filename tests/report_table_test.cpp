@@ -47,9 +47,9 @@ TEST(TableFormat, ShowsAPercentileOnlyIfThereAreAnswersToTellIt) {
 
 Summary with_certainty() {
   auto one = summary(asked("a", "udp"), outcome(), 100'000);
-  one.round_trip_certainty.p50 = {50e6, {49e6, 51e6}, {}};
-  one.round_trip_certainty.p99 = {99e6, {98.5e6, 99.5e6}, {}};
-  one.round_trip_certainty.p99_9 = {99.9e6, {99.8e6, {}}, {}};
+  one.round_trip_certainty[statistics::Figure::p50] = {50e6, {49e6, 51e6}, {}};
+  one.round_trip_certainty[statistics::Figure::p99] = {99e6, {98.5e6, 99.5e6}, {}};
+  one.round_trip_certainty[statistics::Figure::p99_9] = {99.9e6, {99.8e6, {}}, {}};
   one.missed_probability.messages = 100'000;
   one.missed_probability.bound = 3e-5;
   one.message_every_ns = 1e7;
@@ -127,7 +127,7 @@ TEST(TableFormat, GivesABoundOrSaysWhyThereIsNone) {
 TEST(TableFormat, ShowsEachStageOfAResponse) {
   auto one = summary(asked("a", "udp"), outcome(), 10'000);
   one.server = one.round_trip;
-  one.wake_up.p99_9 = 77'000;
+  one.wake_up[statistics::Figure::p99_9] = 77'000;
   const auto lines = lines_of(render({one}, Format::table));
   const auto header = std::find_if(lines.begin(), lines.end(),
                                    [](const std::string& line) { return line.starts_with("p99.9 (µs)"); });
@@ -138,7 +138,7 @@ TEST(TableFormat, ShowsEachStageOfAResponse) {
 
 TEST(TableFormat, MarksAStageThatTheSampleDoesNotSupport) {
   auto one = summary(asked("a", "udp"), outcome(), 5000);
-  one.response_certainty.p99_9 = {4.99e6, {4.9e6, {}}, {}};
+  one.response_certainty[statistics::Figure::p99_9] = {4.99e6, {4.9e6, {}}, {}};
   const auto lines = lines_of(render({one}, Format::table));
   const auto header = std::find_if(lines.begin(), lines.end(),
                                    [](const std::string& line) { return line.starts_with("p99.9 (µs)"); });

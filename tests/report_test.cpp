@@ -166,7 +166,7 @@ TEST(Csv, SaysWhatTheJsonSays) {
   auto whole = summary(asked("a", "udp"), outcome());
   whole.late_by_response = 7;
   whole.parts = statistics::Parts{whole.round_trip, whole.round_trip, 5000, false};
-  whole.round_trip_certainty.p99 = {1e6, {0.9e6, 1.2e6}, {}};
+  whole.round_trip_certainty[statistics::Figure::p99] = {1e6, {0.9e6, 1.2e6}, {}};
   whole.late_probability.messages = 2000;
   whole.late_probability.sure = {0.01, 0.02};
   whole.bursts = {3, 4, 5'000'000};

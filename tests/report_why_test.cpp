@@ -169,7 +169,7 @@ TEST_F(Traced, ADrawingIsBoundedAndHasTheCulpritAllTheSame) {
                                          true)));
 }
 
-// As somebody else's file may have it: the culprit comes and goes, each time another thread between.
+// As a foreign file may have it: the culprit comes and goes, each time another thread between.
 TEST_F(Traced, ADrawingIsBoundedHoweverManyEventsThereAre) {
   std::vector<trace::Event> more;
   const auto at = [&](std::int64_t step) { return due(40) + 100 * us + step; };
@@ -187,7 +187,7 @@ TEST_F(Traced, ADrawingIsBoundedHoweverManyEventsThereAre) {
   EXPECT_THAT(why.html, HasSubstr("more, none of them longer"));
 }
 
-// As somebody else's file may have it, too: on each CPU one of a long name after another.
+// As a foreign file may have it, too: on each CPU one of a long name after another.
 TEST_F(Traced, WhatIsTooMuchToBeDrawnIsToldInWords) {
   std::string long_name;
   for (int i = 0; i < 55; ++i) long_name += "𝄞";

@@ -23,7 +23,7 @@ constexpr std::int64_t us = 1000;
 
 struct Stall {
   std::int64_t begin_ns, end_ns;
-  // Whoever would run at that time runs at its end.
+  // A thread that would run at that time runs at its end.
   std::int64_t after(std::int64_t at_ns) const {
     return at_ns >= begin_ns && at_ns < end_ns ? end_ns : at_ns;
   }
@@ -156,7 +156,7 @@ void expect_law(const Run& run, const Conditions& c) {
   for (std::size_t i = 0; i < run.samples.size(); ++i) {
     const auto& s = run.samples[i];
     ASSERT_EQ(s.index, i);
-    ASSERT_EQ(s.intended_ns, next_ns) << "each cycle is somebody's";
+    ASSERT_EQ(s.intended_ns, next_ns) << "each cycle has an owner";
     ASSERT_EQ(s.due_ns, s.intended_ns + std::int64_t{s.skipped_cycles} * c.period_ns);
     ASSERT_LE(s.due_ns, s.woke_ns);
     ASSERT_LT(s.woke_ns, s.due_ns + c.period_ns) << "never for a cycle that is past";

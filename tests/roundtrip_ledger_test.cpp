@@ -329,7 +329,7 @@ TEST(Ledger, AddsUpWhateverArrives) {
 
 // --- with threads ---
 
-// An owner in a hurry, receivers that are slow to report, and somebody who reads the counters all the while.
+// An owner in a hurry, receivers that are slow to report, and a reader of the counters all the while.
 TEST(Ledger, NeverHasMoreFatesThanMessagesWhenAnyThreadStalls) {
   constexpr std::uint64_t messages = 20'000;
   Ledger ledger(2, 8, {16, messages * 2});

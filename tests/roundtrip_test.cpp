@@ -232,7 +232,7 @@ TEST_P(EverySchedule, RefusedMessagesAreLost) {
   EXPECT_GE(run.counters.lost, run.counters.refused_sends);
 }
 
-// The law, with threads: whoever is held up, nothing is left out and nothing is counted twice. (In a world
+// The law, with threads: whichever is held up, nothing is left out and nothing is counted twice. (In a world
 // whose time is the test's own, and with thousands of seeds: roundtrip_cycles_test.)
 TEST_P(EverySchedule, AddsUpWhenAnyThreadStalls) {
   for (unsigned seed = 0; seed < 10; ++seed) {

@@ -274,7 +274,7 @@ TEST(Proof, AHealthyMachineIsLeftAsItIs) {
   EXPECT_LE(changed, 0.05 * 5.0 * static_cast<double>(seeds()));
 }
 
-// Whoever is killed knows what was answered until then, and goes on with it.
+// A killed search knows its trials until then, and goes on with them.
 TEST(Proof, ASearchThatIsKilledGoesOnAndEndsAsIfItHadNotBeen) {
   std::mt19937_64 chance(1);
   for (int kill = 0; kill < (is_long() ? 100 : 10); ++kill) {

@@ -293,7 +293,7 @@ TEST_F(OnVeth, AnotherInterfaceOfThatNameIsNotGivenBackTo) {
     EXPECT_EQ(now(changes[0], left), std::nullopt);
     EXPECT_THROW(gro.write(first, "on", "off"), journal::Error);
     EXPECT_THAT(take_back(journal, changes), IsEmpty());
-    EXPECT_EQ(steering.read(interface_here("left") + "/rx-0"), "0") << "as whoever made it has set it";
+    EXPECT_EQ(steering.read(interface_here("left") + "/rx-0"), "0") << "as its maker set it";
   });
 }
 
@@ -428,7 +428,7 @@ TEST(Boot, IsSaidForSystemdTmpfilesAndAShell) {
                       "--pid 0-1 \"$pid\"; done\n")));
 }
 
-// Any user has a network namespace in which he names interfaces, and so threads, as he likes.
+// Any user has a network namespace with interfaces, and so threads, of any name.
 TEST(Boot, NoWordOfAStrangerIsInTheScript) {
   const auto script_for = [](const std::string& name) {
     return at_every_boot(Form::shell, {},

@@ -121,7 +121,7 @@ TEST(Change, OfManyShortRunsTellsWhatOneLongRunTells) {
   Random random(15);
   const auto a = repetitions(kinds().front(), 20, 1000, 0, 1, random);
   auto b = repetitions(kinds().front(), 20, 1000, 0, 2, random);
-  EXPECT_FALSE(a.front().round_trip_certainty.p99.sure.high) << "one run alone leaves it open";
+  EXPECT_FALSE(a.front().round_trip_certainty[Figure::p99].sure.high) << "one run alone leaves it open";
   const auto p99 = *change_of(a, b, Figure::p99);
   EXPECT_EQ(p99.verdict(), Verdict::worse);
   EXPECT_GT(*p99.ratio_lies.low, 1.85);
@@ -150,7 +150,7 @@ Measured between(double low, double value, double high) { return {value, {}, {lo
 Summary with_p99(const Measured& p99) {
   Summary summary;
   summary.round_trip.count = 1;
-  summary.round_trip_certainty.p99 = p99;
+  summary.round_trip_certainty[Figure::p99] = p99;
   return summary;
 }
 

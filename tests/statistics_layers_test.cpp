@@ -25,7 +25,7 @@ Summary layer_run(const std::string& id, const std::string& adds_to, int repetit
   summary.run.outcome = nlohmann::json{{"hosts", {{"controller", {{"threads", {thread, thread}}}}}}};
   summary.sent = 10;
   summary.round_trip.count = 10;
-  summary.round_trip.p50 = p50_ns;
+  summary.round_trip[Figure::p50] = p50_ns;
   return summary;
 }
 

@@ -17,14 +17,8 @@ bool contradicts(const Interval& interval, double truth) {
          interval.high.value_or(std::numeric_limits<double>::infinity()) < truth * (1 - rounding);
 }
 
-struct Metric {
-  const char* name;
-  double share;  // 0: the mean
-  Measured Certainty::*of;
-};
-constexpr Metric metrics[] = {{"mean", 0, &Certainty::mean},       {"p50", 0.5, &Certainty::p50},
-                              {"p90", 0.9, &Certainty::p90},       {"p99", 0.99, &Certainty::p99},
-                              {"p99.9", 0.999, &Certainty::p99_9}, {"p99.99", 0.9999, &Certainty::p99_99}};
+// The mean and the percentiles.
+constexpr std::span judged = std::span(metrics).first<6>();
 
 TEST(Statement, OfARunHoldsInNineOfTenOrIsRefused) {
   const int runs = trials(20, 300);
@@ -34,9 +28,10 @@ TEST(Statement, OfARunHoldsInNineOfTenOrIsRefused) {
       std::map<std::string, int> wrong, made;
       for (int i = 0; i < runs; ++i) {
         const auto found = run_of(kind.series(messages, random)).round_trip_certainty;
-        for (const auto& [name, share, of] : metrics) {
-          const auto& measured = found.*of;
-          const double truth = share == 0 ? kind.mean() : kind.quantile(share);
+        for (const auto& row : judged) {
+          const std::string name = row.name;
+          const auto& measured = found[row.figure];
+          const double truth = row.one_in == 0 ? kind.mean() : kind.quantile(1 - row.share_above());
           wrong[name] += contradicts(measured.sure, truth) ? 1 : 0;
           made[name] += measured.sure.low && measured.sure.high ? 1 : 0;
           EXPECT_EQ(*measured.open == '\0', measured.sure.low && measured.sure.high) << name;
@@ -110,8 +105,8 @@ TEST(Shift, OfTheMedianIsNamedWithItsPlaceAndSize) {
   EXPECT_NEAR(found.shift->share, 0.4, 0.02);
   EXPECT_NEAR(found.shift->before_ns, 1e6, 0.03e6);
   EXPECT_NEAR(found.shift->after_ns, 2e6, 0.06e6);
-  EXPECT_LE(*found.p50.sure.low, found.shift->before_ns) << "it holds for either level";
-  EXPECT_GE(*found.p50.sure.high, found.shift->after_ns);
+  EXPECT_LE(*found[Figure::p50].sure.low, found.shift->before_ns) << "it holds for either level";
+  EXPECT_GE(*found[Figure::p50].sure.high, found.shift->after_ns);
 }
 
 TEST(Shift, IsNotInventedWhereTheLevelReturns) {
@@ -128,7 +123,7 @@ TEST(Ties, OfTwoSlowLevelsHideNoDependence) {
   const auto kind = two_levels("ties", 0.45, 200, 2, 0);
   int wrong = 0;
   for (int i = 0; i < runs; ++i) {
-    const auto p50 = run_of(kind.series(2000, random)).round_trip_certainty.p50;
+    const auto p50 = run_of(kind.series(2000, random)).round_trip_certainty[Figure::p50];
     wrong += p50.sure.low && *p50.sure.low > 1.5e6 ? 1 : 0;
   }
   EXPECT_LE(wrong, runs / 20);

@@ -129,8 +129,7 @@ TEST_F(Traced, AnInstanceOfOurOwnIsMadeAndRemoved) {
     EXPECT_TRUE(is_there());
     EXPECT_EQ(tracefs_->read("instances/ontime-trace/trace_clock").find("[mono]") == std::string::npos,
               false);
-    EXPECT_EQ(tracefs_->read("events/sched/sched_switch/enable"), "0\n")
-        << "nobody else's tracing is touched";
+    EXPECT_EQ(tracefs_->read("events/sched/sched_switch/enable"), "0\n") << "no other tracing is touched";
   }
   EXPECT_FALSE(is_there());
 }

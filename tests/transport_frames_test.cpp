@@ -58,7 +58,7 @@ class BelowIp : public testing::TestWithParam<const char*> {
   }
   // Of a process that gave up rights of its own.
   std::string error_without(const std::function<bool()>& give_up) {
-    const auto& plugin = load(GetParam());  // nobody may look into our folders
+    const auto& plugin = load(GetParam());  // its user may not look into our folders
     config.interface = "far";
     config.role = Role::server;
     std::array<int, 2> pipe{};
@@ -216,7 +216,7 @@ TEST_P(BelowIp, TellsWhatFoundNoRoom) {
   server->receive();
   ASSERT_TRUE(within(a_while, [&] { return client->matched().both(); }));
   EXPECT_EQ(server->losses().overwritten, 0U);
-  // Nobody receives any more.
+  // No receiver is left.
   EXPECT_TRUE(within(a_while, [&] {
     client->send(1, std::vector<std::byte>(500));
     return server->losses().overwritten.value_or(0) > 0;

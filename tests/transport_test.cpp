@@ -61,7 +61,7 @@ namespace {
 using namespace std::chrono_literals;
 using testing::HasSubstr;
 
-// Whoever sets the system's time in twelve hours, a daemon or a person, changes no measured time.
+// Setting the system's time, by a daemon or a person, changes no measured time.
 TEST(Clock, IsMonotonic) {
   const auto monotonic_ns = [] {
     timespec now{};
@@ -101,8 +101,8 @@ void expect_no_environment() {
   EXPECT_THAT(variable.ignored, HasSubstr("ONTIME_TRANSPORT_PATH"));
 }
 
-// By a copy of this program that belongs to somebody else and runs as him; file capabilities look the same to
-// it (getauxval(AT_SECURE)).
+// By a copy of this program that belongs to another user and runs as that user; file capabilities look the
+// same to it (getauxval(AT_SECURE)).
 TEST(Load, FollowsNoEnvironmentWithPrivileges) {
   if (getauxval(AT_SECURE) != 0) {
     expect_no_environment();
@@ -240,7 +240,7 @@ TEST_F(Udp, ClientOutlivesARestartOfTheServer) {
   }));
 }
 
-// Somebody who writes what address he likes into his datagrams does not know what we send there.
+// A sender that forges the address of its datagrams does not know what we send there.
 TEST_F(Udp, ServerAnswersNoMessageWithoutItsCookieAndNeverWithMoreBytes) {
   Echo echo;
   const auto server = open(Role::server, echo);
@@ -319,7 +319,7 @@ TEST_F(Udp, SaysSinceWhenItHasAPeer) {
   EXPECT_LE(client->matched().changed_ns, now_ns());
 }
 
-// Nobody receives, so the socket's buffer fills.
+// Nothing receives, so the socket's buffer fills.
 TEST_F(Udp, TellsWhatFoundNoRoom) {
   config.receive = Receive::waitset;
   KeepTimed keep;

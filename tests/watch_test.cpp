@@ -118,7 +118,7 @@ TEST_F(Following, SamplesThatWaitAreSaidTo) {
   EXPECT_EQ(follower.look().state, State::measuring);
   const auto text = text_of(follower.look());
   EXPECT_THAT(text, HasSubstr("measuring; its samples wait"));
-  EXPECT_THAT(text, Not(HasSubstr("left"))) << "nobody knows since when";
+  EXPECT_THAT(text, Not(HasSubstr("left"))) << "it is unknown since when";
   EXPECT_TRUE(json::parse(json_of(follower.look())).at("elapsed_s").is_null());
   EXPECT_THAT(metrics_of(follower.look()), HasSubstr("ontime_measuring 1\n"));
   kill(child);
@@ -359,7 +359,7 @@ TEST(MetricsAddress, MustBeOne) {
     EXPECT_THROW(Metrics{wrong}, std::invalid_argument) << wrong;
   EXPECT_THAT(Metrics("0").address(), StartsWith("127.0.0.1:")) << "a port alone is on loopback";
   const Metrics first("127.0.0.1:0");
-  EXPECT_THROW(Metrics(first.address()), std::runtime_error) << "somebody has it";
+  EXPECT_THROW(Metrics(first.address()), std::runtime_error) << "another process has it";
   EXPECT_THROW(Metrics("192.0.2.1:9464"), std::runtime_error) << "no address of this machine";
 }
 

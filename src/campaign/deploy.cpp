@@ -7,8 +7,10 @@
 #include <filesystem>
 #include <fstream>
 #include <iterator>
+#include <optional>
 #include <sstream>
 #include <string_view>
+#include <system_error>
 
 #include <fmt/format.h>
 #include <fmt/ranges.h>
@@ -89,17 +91,52 @@ Part without_symbols(const fs::path& here, const fs::path& there, const std::str
   return file;
 }
 
-// The program first.
-std::vector<Part> files(const std::set<std::string>& transports, const std::string& folder) {
+// Installations for other architectures lie within this one, each in a folder named as `uname -m` there.
+fs::path others() {
+  return fs::path(orders::this_program()).parent_path().parent_path() / "share/ontime/deploy";
+}
+
+struct Installation {
+  std::string machine;
+  fs::path program, prefix;
+};
+
+// This one, unless there are others: then that machine is asked. Where it does not answer, or none is for it,
+// the session that follows says why.
+Installation installation_for(const Ssh& ssh, const std::vector<std::string>& reach) {
+  constexpr std::chrono::seconds limit{30};
   const fs::path program = orders::this_program();
-  const auto libraries = fs::path(ONTIME_LIBDIR) / "ontime";
-  std::vector<Part> all{without_symbols(program, "bin/ontime", folder)};
-  for (const auto& transport : transports) {
-    const auto there = libraries / fmt::format("ontime_transport_{}.so", transport);
-    const auto here = program.parent_path().parent_path() / there;
-    if (fs::exists(here))
-      all.push_back(without_symbols(here, there, folder));  // else the agent says that it has none
-  }
+  Installation own{here().machine, program, program.parent_path().parent_path()};
+  std::error_code none;
+  if (!fs::is_directory(others(), none)) return own;
+  auto words = reach;
+  words.insert(words.end(), {"uname", "-m"});
+  auto machine = machine::answer_of(ssh.another(words), limit).value_or("");
+  machine = machine.substr(0, machine.find('\n'));
+  const auto prefix = others() / machine;
+  if (machine.empty() || machine == own.machine || fs::path(machine).filename() != machine ||
+      !fs::exists(prefix / "bin/ontime", none))
+    return own;
+  return {machine, prefix / "bin/ontime", prefix};
+}
+
+// Where a distribution installs libraries depends on the architecture.
+std::optional<fs::path> transport_in(const fs::path& prefix, const std::string& name) {
+  const auto file = fmt::format("ontime_transport_{}.so", name);
+  std::error_code none;
+  if (auto own = prefix / ONTIME_LIBDIR / "ontime" / file; fs::exists(own, none)) return own;
+  for (const auto& entry : fs::recursive_directory_iterator(prefix / "lib", none))
+    if (entry.path().filename() == file) return entry.path();
+  return {};
+}
+
+// The program first.
+std::vector<Part> files(const Installation& from, const std::set<std::string>& transports,
+                        const std::string& folder) {
+  std::vector<Part> all{without_symbols(from.program, "bin/ontime", folder)};
+  for (const auto& name : transports)
+    if (const auto file = transport_in(from.prefix, name))  // else the agent says that it has none
+      all.push_back(without_symbols(*file, file->lexically_relative(from.prefix), folder));
   return all;
 }
 
@@ -117,9 +154,10 @@ std::string reason_of_bringing(int code, const std::string& said) {
     return "there is no room for ontime, or no right to write, in the temporary folder there";
   if (code == other_machine)
     return fmt::format(
-        "that machine is {}, and this ontime is for {}. Install ontime for {} there, or run --deploy from a "
-        "machine of that kind",
-        said, here().machine, said);
+        "that machine is {}, and this ontime is for {}. Install an ontime for {} there, or for --deploy into "
+        "{} "
+        "here (scripts/setup arm64 builds one for aarch64)",
+        said, here().machine, said, (others() / said).string());
   if (code != libraries_missing) return "";
   const auto libraries = words_of(said);
   const auto packages = packages_of(libraries);
@@ -151,9 +189,10 @@ std::pair<std::vector<std::string>, orders::Between> deployment(const Ssh& ssh,
                                                                 const std::vector<std::string>& reach,
                                                                 const std::set<std::string>& transports) {
   auto words = reach;
-  words.insert(words.end(), {"sh", "-c", script, "ontime", here().machine});
+  const auto from = installation_for(ssh, reach);
+  words.insert(words.end(), {"sh", "-c", script, "ontime", from.machine});
   auto between = ssh.between("the program that was brought");
-  for (const auto& file : files(transports, ssh.folder())) {
+  for (const auto& file : files(from, transports, ssh.folder())) {
     words.insert(words.end(), {file.there.string(), std::to_string(file.content.size())});
     between.ahead.insert(between.ahead.end(), file.content.begin(), file.content.end());
   }

@@ -2,7 +2,7 @@
 // Gates: a limit on a metric, and whether a run keeps to it. Ordinary thread.
 //
 //   gate       = [ "response" ] figure ( ">" | "<=" ) limit
-//   figure     = "mean" | "p50" | "p90" | "p99" | "p99.9" | "p99.99" | "max" | "late" | "lost"
+//   figure     = a name in statistics::metrics: "mean", "p99.9", "max", "late" …
 //   limit      = number                                         messages: late and lost alone; 0 % is 0
 //              | number ( "ns" | "us" | "µs" | "ms" | "s" | "%" )   a time, of late and lost a share
 //              | ( "+" | "-" ) number ( "%" | "ns" … "s" | "points" )  against another run: of what it was,
@@ -42,26 +42,24 @@ struct Gate {
 };
 Gate parse(const std::string& text, Use);
 
-// The share of messages that a percentile leaves above itself; nothing of what is no percentile.
-std::optional<double> share_above(statistics::Figure);
 // Of messages that are late or lost, as the gate asks, or slower than its limit.
 statistics::Probability probability_beyond(const Gate&, const statistics::Summary&);
 
-// What of the conditions that were asked for was not there, for people: load, settings, kept CPUs, the link's
-// faults, traffic, neighbours. Empty: nothing speaks against it.
+// What of the conditions that were asked for was not there, for people: load, settings, reserved CPUs, the
+// link's faults, traffic, neighbours. Empty: nothing speaks against it.
 std::string absent(const record::Asked&, const record::Outcome&);
 
 // Of a run that is a step of a search: whether the search ends at its value. A message was late or lost, a
 // cycle passed without one, or nothing was sent; not all of it was recorded; what was asked for beside it was
-// absent, and will not be there with more; or nobody answered, as somebody did at the first value. Of one
-// that failed in another way, or was interrupted, nothing is known.
+// absent, and will not be there with more; or there was no answer although there was one at the first value.
+// Of one that failed in another way, or was interrupted, nothing is known.
 bool ends_search(const record::Asked&, const record::Outcome&);
 
 // Why a run can hold no line, for people. Empty: nothing speaks against it.
 std::string unfit(const statistics::Summary&);
 
 // Whether it was not measured to its end, and one of these is of the same repetition under the same
-// conditions, and later: whoever goes on with a suite (`--resume`) holds his lines with that one.
+// conditions, and later: a suite that `--resume` continues is judged by the later one.
 bool is_superseded(const statistics::Summary&, std::span<const statistics::Summary> all);
 
 struct Judgement {

@@ -14,11 +14,6 @@ namespace {
 
 using statistics::Figure;
 
-constexpr std::pair<std::string_view, Figure> figures[] = {
-    {"mean", Figure::mean}, {"p50", Figure::p50},     {"p90", Figure::p90},
-    {"p99", Figure::p99},   {"p99.9", Figure::p99_9}, {"p99.99", Figure::p99_99},
-    {"max", Figure::max},   {"late", Figure::late},   {"lost", Figure::lost}};
-
 constexpr std::pair<std::string_view, double> times_ns[] = {
     {"ns", 1}, {"us", 1e3}, {"µs", 1e3}, {"ms", 1e6}, {"s", 1e9}};
 
@@ -71,17 +66,18 @@ class Parser {
       begin = at_;
       name = word(" \t<>=+-");
     }
-    for (const auto& [known, figure] : figures)
-      if (name == known) {
-        gate_.figure = figure;
-        if (figure == Figure::lost && gate_.times == statistics::Times::response)
-          fail(begin, "a lost message has no response: say 'lost' alone");
-        return;
-      }
+    std::string known;
+    for (const auto& row : statistics::metrics) {
+      known += (known.empty() ? "" : ", ") + std::string(row.name);
+      if (name != row.name) continue;
+      gate_.figure = row.figure;
+      if (row.figure == Figure::lost && gate_.times == statistics::Times::response)
+        fail(begin, "a lost message has no response: say 'lost' alone");
+      return;
+    }
     fail(begin,
-         fmt::format("{} is no figure; there are mean, p50, p90, p99, p99.9, p99.99, max, late, lost, of the "
-                     "response with 'response' before them",
-                     name.empty() ? "nothing" : "'" + name + "'"));
+         fmt::format("{} is not a metric; take one of {}, with 'response' before it for response times",
+                     name.empty() ? "nothing" : "'" + name + "'", known));
   }
 
   void read_comparison() {

@@ -16,7 +16,7 @@ using statistics::Interval;
 using statistics::Summary;
 using Result = Judgement::Result;
 
-bool is_share(const Gate& gate) { return gate.figure == Figure::late || gate.figure == Figure::lost; }
+bool is_share(const Gate& gate) { return statistics::metric_of(gate.figure).is_share; }
 
 std::string value_of(const Gate& gate, double value) {
   return is_share(gate) ? fmt::format("{:.4g} %", value * 100) : time_of(value);
@@ -57,9 +57,9 @@ struct Question {
 };
 std::optional<Question> question_of(const Gate& gate, const Summary& run) {
   if (is_share(gate)) return Question{probability_beyond(gate, run), gate.limit};
-  const auto share = share_above(gate.figure);
-  if (!share) return {};
-  return Question{probability_beyond(gate, run), *share};
+  const auto& metric = statistics::metric_of(gate.figure);
+  if (metric.one_in == 0) return {};
+  return Question{probability_beyond(gate, run), metric.share_above()};
 }
 
 // So short that it could not have shown that it keeps to the limit. Where no event says that they come in
@@ -112,26 +112,8 @@ Judgement judge_answer(const Gate& gate, std::string run, Answer answer, const s
 }  // namespace
 
 statistics::Probability probability_beyond(const Gate& gate, const Summary& run) {
-  if (gate.figure == Figure::lost) return run.lost_probability;
-  if (gate.figure != Figure::late) return statistics::slower_than(run, gate.times, gate.limit);
-  return gate.times == statistics::Times::response ? run.late_by_response_probability : run.late_probability;
-}
-
-std::optional<double> share_above(Figure figure) {
-  switch (figure) {
-    case Figure::p50:
-      return 0.5;
-    case Figure::p90:
-      return 0.1;
-    case Figure::p99:
-      return 0.01;
-    case Figure::p99_9:
-      return 0.001;
-    case Figure::p99_99:
-      return 0.0001;
-    default:
-      return {};
-  }
+  const auto* share = statistics::probability_of(run, gate.times, gate.figure);
+  return share != nullptr ? *share : statistics::slower_than(run, gate.times, gate.limit);
 }
 
 std::string time_of(double ns) {
@@ -161,7 +143,7 @@ std::string absent(const record::Asked& asked, const record::Outcome& outcome) {
     return fmt::format("the CPUs and limits that were asked for were not there to the end, on the {}", host);
   if (const auto* host = host_that([](const record::Host& of) { return of.link.gone.has_value(); });
       host != nullptr && asked.faults.any())
-    return fmt::format("the link's faults need not have been there to the end, at the {}", host);
+    return fmt::format("the link's faults were not verified to the end, at the {}", host);
   for (const auto* way : record::both_ways) {
     if (record::find(outcome.traffic, way).is_short == true)
       return "the traffic that was asked for was not there";

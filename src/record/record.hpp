@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The results file: one SQLite database that holds every sample of every run and where it came from. Anybody
-// can read it with sqlite3; docs/reference/results-file.md describes its tables. Ordinary thread only. Every
+// The results file: one SQLite database that holds every sample of every run and where it came from.
+// sqlite3 reads it, too; docs/reference/results-file.md describes its tables. Ordinary thread only. Every
 // failure throws Error, which names the file, what was found and what to do.
 #pragma once
 
@@ -41,7 +41,7 @@ struct Run {
   std::string key;
 };
 
-// What the key is of; the same in one form, whoever wrote it.
+// What the key is of; the same in one form, whichever version wrote it.
 nlohmann::json conditions_of(const nlohmann::json& asked);
 std::string key_of(const nlohmann::json& asked);
 
@@ -82,7 +82,7 @@ class Writer {
   // lost, answered before it was sent, or of no fate.
   void append(std::int64_t run, std::span<const roundtrip::Sample> samples);
   void note(std::int64_t run, const Note&);    // also of a run that has ended
-  void trace(std::int64_t run, const Trace&);  // likewise; one that is there already is replaced
+  void trace(std::int64_t run, const Trace&);  // of ended runs, too; replaces the one that is there
   void end_run(std::int64_t run, const nlohmann::json& outcome);
   void forget_run(std::int64_t run);  // as if it had never begun; so goes a file made for it alone
   void flush();
@@ -100,8 +100,8 @@ class Writer {
 // whose locks would be given up by it.
 bool is_being_written(const std::string& path);
 
-// Of files of all formats until now. One that is not what it says (somebody else's, damaged, or made to
-// mislead) ends in WrongFile; texts are valid UTF-8, but may hold any character.
+// Of files of all formats until now. One that is not what it says (of another program, damaged, or made
+// to mislead) ends in WrongFile; texts are valid UTF-8, but may hold any character.
 class Reader {
  public:
   explicit Reader(const std::string& path);                            // never changes the file

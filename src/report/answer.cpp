@@ -14,6 +14,7 @@
 namespace ontime::report {
 namespace {
 
+using statistics::Figure;
 using statistics::Summary;
 using Row = Answer::Row;
 using State = Answer::State;
@@ -73,12 +74,12 @@ State state_of(const Summary& run) {
 // By how much a state outweighs another, of repetitions.
 int weight_of(State state) { return static_cast<int>(state); }
 
-std::optional<Answer::Spread> spread_of(const Group& runs, std::int64_t statistics::Distribution::*figure,
-                                        std::uint64_t one_in) {
+std::optional<Answer::Spread> spread_of(const Group& runs, Figure figure) {
+  const auto one_in = std::max<std::uint64_t>(statistics::metric_of(figure).one_in, 1);
   std::vector<double> values;
   for (const auto* run : runs) {
     const auto& of = run->imported ? run->wake_up : run->round_trip;
-    if (of.count >= one_in) values.push_back(static_cast<double>(of.*figure));
+    if (of.count >= one_in) values.push_back(static_cast<double>(of[figure]));
   }
   if (values.empty()) return std::nullopt;
   const auto [low, high] = std::minmax_element(values.begin(), values.end());
@@ -105,10 +106,9 @@ Row row_of(const Group& runs, const std::string& name) {
     }
     if (wait_ns > 0) row.worst_wait_ns = std::max(row.worst_wait_ns.value_or(0), wait_ns);
   }
-  using statistics::Distribution;
-  row.p50 = spread_of(runs, &Distribution::p50, 2);
-  row.p99 = spread_of(runs, &Distribution::p99, 100);
-  if (const auto max = spread_of(runs, &Distribution::max, 1)) row.max_ns = max->high_ns;
+  row.p50 = spread_of(runs, Figure::p50);
+  row.p99 = spread_of(runs, Figure::p99);
+  if (const auto max = spread_of(runs, Figure::max)) row.max_ns = max->high_ns;
   return row;
 }
 

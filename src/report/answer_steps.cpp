@@ -18,7 +18,7 @@ using nlohmann::json;
 using statistics::Summary;
 
 // As a shell takes it for one word. Nothing of what a terminal might show as another: a results file may come
-// from anyone, and its commands are to be pasted.
+// from any source, and its commands are to be pasted.
 std::optional<std::string> shell_word(const std::string& text) {
   if (printable(text) != text) return std::nullopt;
   const bool plain = !text.empty() && text.front() != '-' && text.front() != '=' &&

@@ -19,18 +19,10 @@ using nlohmann::ordered_json;
 using statistics::Bound;
 using statistics::Certainty;
 using statistics::Extremes;
+using statistics::Figure;
 using statistics::Interval;
-using statistics::Measured;
 using statistics::Probability;
 using statistics::Summary;
-
-struct Named {
-  const char* name;
-  Measured Certainty::*figure;
-};
-constexpr std::array figures = {Named{"mean", &Certainty::mean},   Named{"p50", &Certainty::p50},
-                                Named{"p90", &Certainty::p90},     Named{"p99", &Certainty::p99},
-                                Named{"p99.9", &Certainty::p99_9}, Named{"p99.99", &Certainty::p99_99}};
 
 constexpr double one_in_a_million = 1e-6;
 constexpr double worth_a_word = 3;  // a design effect by which a bound is wider than people expect
@@ -194,14 +186,15 @@ Table certainty_table(const std::vector<std::string>& labels, const Group& runs)
   for (const auto* name : {"p50", "p99", "p99.9", "p99.99", "Missed (%)"}) table.columns.push_back({name});
   for (std::size_t i = 0; i < runs.size(); ++i) {
     const auto& of = runs[i]->round_trip_certainty;
-    if (!of.p50.sure.low && runs[i]->missed_probability.messages == 0) continue;
-    table.rows.push_back({labels[i], interval(of.p50.sure), interval(of.p99.sure), interval(of.p99_9.sure),
-                          interval(of.p99_99.sure), interval(runs[i]->missed_probability)});
+    if (!of[Figure::p50].sure.low && runs[i]->missed_probability.messages == 0) continue;
+    table.rows.push_back({labels[i], interval(of[Figure::p50].sure), interval(of[Figure::p99].sure),
+                          interval(of[Figure::p99_9].sure), interval(of[Figure::p99_99].sure),
+                          interval(runs[i]->missed_probability)});
     if (const auto note = note_of(*runs[i]); !note.empty()) table.notes.push_back(labels[i] + ": " + note);
     if (const auto text = statistics::shift_text(*runs[i]); !text.empty())
       table.notes.push_back(labels[i] + ": " + text);
-    else if (!of.p50.sure.low && *of.p50.open != '\0')
-      table.notes.push_back(fmt::format("{}: no interval: {}", labels[i], of.p50.open));
+    else if (!of[Figure::p50].sure.low && *of[Figure::p50].open != '\0')
+      table.notes.push_back(fmt::format("{}: no interval: {}", labels[i], of[Figure::p50].open));
   }
   if (const auto note = older_note(runs); !note.empty() && !table.rows.empty()) table.notes.push_back(note);
   return table;
@@ -243,12 +236,11 @@ Table stages_table(const std::vector<std::string>& labels, const Group& runs) {
   Table table{"", "", {{"p99.9 (µs)", Column::Align::left}}, {}, {}};
   for (const auto* name : {"Wake-up", "There", "Other end", "Back", "Round trip", "Response"})
     table.columns.push_back({name});
-  constexpr std::uint64_t one_in = 1000;
-  const auto cell = [](const statistics::Distribution& of) { return percentile(of, of.p99_9, one_in); };
+  const auto cell = [](const statistics::Distribution& of) { return percentile(of, Figure::p99_9); };
   for (std::size_t i = 0; i < runs.size(); ++i) {
     const auto& run = *runs[i];
     const auto parts = run.parts.value_or(statistics::Parts{});
-    if (run.response.count < one_in) continue;
+    if (run.response.count < statistics::metric_of(Figure::p99_9).one_in) continue;
     table.rows.push_back({labels[i], cell(run.wake_up), cell(parts.there), cell(run.server), cell(parts.back),
                           cell(run.round_trip), cell(run.response)});
   }
@@ -257,14 +249,17 @@ Table stages_table(const std::vector<std::string>& labels, const Group& runs) {
 
 ordered_json json_of(const Certainty& of) {
   auto result = ordered_json::object();
-  for (const auto& [name, figure] : figures) {
-    const auto& measured = of.*figure;
-    result[name] = {{"low", in_us(measured.sure.low)},
-                    {"high", in_us(measured.sure.high)},
-                    {"supported", measured.sure.low && measured.sure.high},
-                    {"open", *measured.open != '\0' ? ordered_json(measured.open) : ordered_json()}};
-    if (figure != &Certainty::mean) result[name]["effect"] = measured.effect;
-  }
+  const auto add = [&](Figure figure) {
+    const auto& measured = of[figure];
+    auto& entry = result[statistics::metric_of(figure).name];
+    entry = {{"low", in_us(measured.sure.low)},
+             {"high", in_us(measured.sure.high)},
+             {"supported", measured.sure.low && measured.sure.high},
+             {"open", *measured.open != '\0' ? ordered_json(measured.open) : ordered_json()}};
+    if (figure != Figure::mean) entry["effect"] = measured.effect;
+  };
+  add(Figure::mean);
+  for (const auto& row : statistics::percentiles) add(row.figure);
   if (of.shift)
     result["shift"] = {{"share", of.shift->share},
                        {"before_us", of.shift->before_ns / 1e3},

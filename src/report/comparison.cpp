@@ -25,24 +25,23 @@ using Pair = Comparison::Pair;
 using Runs = Comparison::Runs;
 
 struct Row {
-  const char *name, *key;  // for people, in JSON
   Times times;
   Figure figure;
-  bool is_share;
+  bool is_share() const { return statistics::metric_of(figure).is_share; }
+  std::string name() const { return statistics::name_of(times, figure) + (is_share() ? " %" : ""); }
+  std::string key() const {
+    const std::string name = statistics::metric_of(figure).name;
+    if (is_share()) return name + (times == Times::response ? "_by_response" : "");
+    return (times == Times::response ? "response_us." : "round_trip_us.") + name;
+  }
 };
-constexpr Row rows[] = {{"mean", "round_trip_us.mean", Times::round_trip, Figure::mean, false},
-                        {"p50", "round_trip_us.p50", Times::round_trip, Figure::p50, false},
-                        {"p90", "round_trip_us.p90", Times::round_trip, Figure::p90, false},
-                        {"p99", "round_trip_us.p99", Times::round_trip, Figure::p99, false},
-                        {"p99.9", "round_trip_us.p99.9", Times::round_trip, Figure::p99_9, false},
-                        {"p99.99", "round_trip_us.p99.99", Times::round_trip, Figure::p99_99, false},
-                        {"max", "round_trip_us.max", Times::round_trip, Figure::max, false},
-                        {"response p99", "response_us.p99", Times::response, Figure::p99, false},
-                        {"response p99.9", "response_us.p99.9", Times::response, Figure::p99_9, false},
-                        {"response max", "response_us.max", Times::response, Figure::max, false},
-                        {"late %", "late", Times::round_trip, Figure::late, true},
-                        {"response late %", "late_by_response", Times::response, Figure::late, true},
-                        {"lost %", "lost", Times::round_trip, Figure::lost, true}};
+constexpr Row rows[] = {{Times::round_trip, Figure::mean},  {Times::round_trip, Figure::p50},
+                        {Times::round_trip, Figure::p90},   {Times::round_trip, Figure::p99},
+                        {Times::round_trip, Figure::p99_9}, {Times::round_trip, Figure::p99_99},
+                        {Times::round_trip, Figure::max},   {Times::response, Figure::p99},
+                        {Times::response, Figure::p99_9},   {Times::response, Figure::max},
+                        {Times::round_trip, Figure::late},  {Times::response, Figure::late},
+                        {Times::round_trip, Figure::lost}};
 
 const char* word_of(Verdict verdict) {
   return verdict == Verdict::better ? "better" : verdict == Verdict::worse ? "worse" : "cannot tell";
@@ -77,7 +76,7 @@ bool is_repeated(const Pair& pair) { return whole(pair.from).size() > 1 && whole
 // --- for people ---
 
 std::string value_of(const Row& row, double value) {
-  return row.is_share ? fmt::format("{:.4g}", value * 100) : microseconds(value);
+  return row.is_share() ? fmt::format("{:.4g}", value * 100) : microseconds(value);
 }
 
 std::string percent(double ratio) {
@@ -102,7 +101,7 @@ bool tells_nothing(const Row& row, const statistics::Change& change) {
   const auto beyond = [](const statistics::Interval& lies, double low, double high) {
     return (!lies.low || *lies.low < low) && (!lies.high || *lies.high > high);
   };
-  if (row.is_share) return beyond(change.difference_lies, -0.1, 0.1);
+  if (row.is_share()) return beyond(change.difference_lies, -0.1, 0.1);
   if (!change.ratio) return !change.difference_lies.low && !change.difference_lies.high;
   return beyond(change.ratio_lies, 0.5, 2);
 }
@@ -129,7 +128,7 @@ Table table_of(const Pair& pair) {
     if (!change) continue;
     // Not known: the figure is far out, or the messages, or the runs, were few.
     const bool too_few = row.figure != Figure::max && tells_nothing(row, *change);
-    table.rows.push_back({row.name, value_of(row, change->from), value_of(row, change->to),
+    table.rows.push_back({row.name(), value_of(row, change->from), value_of(row, change->to),
                           change->ratio && !too_few ? percent(*change->ratio) : nothing,
                           too_few ? nothing : lies(row, *change),
                           !too_few                                ? word_of(*change)
@@ -165,7 +164,7 @@ Table table_of(const Pair& pair) {
   return table;
 }
 
-// Of what was imported, whose order in time nobody knows.
+// Of imported values, whose order in time is unknown.
 Table imported_table_of(const Pair& pair) {
   Table table{gate::name_of(pair.to),
               "imported: waking up; no interval can be given, and so nothing told",
@@ -177,14 +176,9 @@ Table imported_table_of(const Pair& pair) {
   };
   const auto& from = *pair.from.front();
   const auto& to = *pair.to.front();
-  const std::pair<const char*, std::int64_t statistics::Distribution::*> figures[] = {
-      {"p50", &statistics::Distribution::p50},
-      {"p90", &statistics::Distribution::p90},
-      {"p99", &statistics::Distribution::p99},
-      {"p99.9", &statistics::Distribution::p99_9},
-      {"p99.99", &statistics::Distribution::p99_99}};
-  for (const auto& [name, figure] : figures)
-    table.rows.push_back({name, value(from, from.wake_up.*figure), value(to, to.wake_up.*figure)});
+  for (const auto& row : statistics::percentiles)
+    table.rows.push_back(
+        {row.name, value(from, from.wake_up[row.figure]), value(to, to.wake_up[row.figure])});
   table.rows.push_back({"max", microseconds(static_cast<double>(from.wake_up.max)),
                         microseconds(static_cast<double>(to.wake_up.max))});
   if (pair.from.size() + pair.to.size() > 2) table.notes.push_back("shown is the first of each side");
@@ -210,8 +204,8 @@ ordered_json optional(const std::optional<double>& value, double unit) {
 }
 
 ordered_json json_of(const Row& row, const statistics::Change& change) {
-  const double unit = row.is_share ? 1 : 1e3;
-  return {{"figure", row.key},
+  const double unit = row.is_share() ? 1 : 1e3;
+  return {{"figure", row.key()},
           {"from", change.from / unit},
           {"to", change.to / unit},
           {"difference", (change.to - change.from) / unit},

@@ -18,7 +18,7 @@ std::vector<Group> by_id(const Summaries&);  // in the order of their first runs
 // Of each of a group: its transport, and in words whatever is not the same in all of them. Repetitions have
 // their number.
 std::vector<std::string> labels_of(const Group&);
-// Likewise, but the repetitions of a run have the same.
+// Repetitions of a run have the same label.
 std::vector<std::string> labels_without_repetition(const Group&);
 // Those that still are alike get the number of their run.
 void tell_apart(std::vector<std::string>& labels, const Group&);

@@ -47,7 +47,7 @@ std::string text_of(const Explained& one, const Marks& marks) {
   const auto heading = [&](const std::string& rest) {
     return fmt::format("{0}{1}: {2}{0}\n", marks.heading, name_of(one), rest);
   };
-  if (!account.traced) return heading("it was measured without `explain: on`, and nobody knows why");
+  if (!account.traced) return heading("it was measured without `explain: on`, so the cause is unknown");
   const auto faults = faults_of(account);
   auto text = heading(faults.empty() ? "nothing was late or lost" : faults + ". Why:");
   if (faults.empty() && account.limits.empty() && account.messages.empty()) return text;

@@ -12,6 +12,7 @@ namespace {
 
 using nlohmann::json;
 using statistics::Distribution;
+using statistics::Figure;
 using statistics::Summary;
 
 // More make a page that no browser wants: of 16 bits each they are 13 MB.
@@ -26,8 +27,9 @@ std::int64_t drawn(std::int64_t ns) { return std::max<std::int64_t>(ns, 1); }
 
 json json_of(const Distribution& of) {
   if (of.count == 0) return nullptr;
-  return {{"min", drawn(of.min)},     {"p50", drawn(of.p50)}, {"p99", drawn(of.p99)},
-          {"p99.9", drawn(of.p99_9)}, {"max", drawn(of.max)}, {"count", of.count}};
+  return {{"min", drawn(of.min)},          {"p50", drawn(of[Figure::p50])},
+          {"p99", drawn(of[Figure::p99])}, {"p99.9", drawn(of[Figure::p99_9])},
+          {"max", drawn(of.max)},          {"count", of.count}};
 }
 
 // [from, to, count] of each bin, in order.

@@ -14,9 +14,10 @@ std::string label_of(const Summary& summary) {
   return fmt::format("{} ({})", variant, shortened(word(summary.imported->file), 40));
 }
 
-std::string known(const Summary& summary, std::int64_t ns, std::uint64_t one_in) {
+std::string known(const Summary& summary, statistics::Figure figure) {
+  const auto ns = summary.wake_up[figure];
   if (summary.imported->is_lower_bound(ns)) return "≥" + microseconds(static_cast<double>(ns));
-  return percentile(summary.wake_up, ns, one_in);
+  return percentile(summary.wake_up, figure);
 }
 
 std::string source_of(const Summary& summary) {
@@ -41,15 +42,16 @@ Table imported_table_of(const std::vector<const Summary*>& group) {
       {{"Wake-up (µs)", Column::Align::left}},
       {},
       {}};
-  for (const auto* name : {"Min", "Avg", "p50", "p90", "p99", "p99.9", "p99.99", "Max", "Values"})
-    table.columns.push_back({name});
+  for (const auto* name : {"Min", "Avg"}) table.columns.push_back({name});
+  for (const auto& percentile : statistics::percentiles) table.columns.push_back({percentile.name});
+  for (const auto* name : {"Max", "Values"}) table.columns.push_back({name});
   for (const auto* summary : group) {
     const auto& of = summary->wake_up;
-    table.rows.push_back({label_of(*summary), microseconds(static_cast<double>(of.min)),
-                          microseconds(of.mean), known(*summary, of.p50, 2), known(*summary, of.p90, 10),
-                          known(*summary, of.p99, 100), known(*summary, of.p99_9, 1000),
-                          known(*summary, of.p99_99, 10000), microseconds(static_cast<double>(of.max)),
-                          std::to_string(of.count)});
+    auto& row = table.rows.emplace_back(std::vector<std::string>{
+        label_of(*summary), microseconds(static_cast<double>(of.min)), microseconds(of.mean)});
+    for (const auto& percentile : statistics::percentiles) row.push_back(known(*summary, percentile.figure));
+    row.push_back(microseconds(static_cast<double>(of.max)));
+    row.push_back(std::to_string(of.count));
     table.notes.push_back(source_of(*summary));
   }
   return table;

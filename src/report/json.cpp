@@ -18,20 +18,17 @@ double in_us(std::int64_t ns) { return static_cast<double>(ns) / 1e3; }
 
 ordered_json json_of(const statistics::Distribution& of) {
   if (of.count == 0) return nullptr;
-  return {{"min", in_us(of.min)},       {"mean", in_us(of.mean)}, {"p50", in_us(of.p50)},
-          {"p90", in_us(of.p90)},       {"p99", in_us(of.p99)},   {"p99.9", in_us(of.p99_9)},
-          {"p99.99", in_us(of.p99_99)}, {"max", in_us(of.max)}};
+  ordered_json json{{"min", in_us(of.min)}, {"mean", in_us(of.mean)}};
+  for (const auto& row : statistics::percentiles) json[row.name] = in_us(of[row.figure]);
+  json["max"] = in_us(of.max);
+  return json;
 }
 
 ordered_json wake_up_of(const statistics::Summary& summary) {
   auto wake_up = json_of(summary.wake_up);
   if (summary.imported)
-    for (const auto& [name, ns] : {std::pair("p50", summary.wake_up.p50),
-                                   {"p90", summary.wake_up.p90},
-                                   {"p99", summary.wake_up.p99},
-                                   {"p99.9", summary.wake_up.p99_9},
-                                   {"p99.99", summary.wake_up.p99_99}})
-      if (summary.imported->is_lower_bound(ns)) wake_up[name] = nullptr;
+    for (const auto& row : statistics::percentiles)
+      if (summary.imported->is_lower_bound(summary.wake_up[row.figure])) wake_up[row.name] = nullptr;
   return wake_up;
 }
 
@@ -107,8 +104,10 @@ std::vector<Field> fields() {
                           "strays",      "reordered",   "refused_sends",  "dropped_records"})
     fields.push_back({key, {key}});
   const auto add_distribution = [&](const std::string& name) {
-    for (const auto* value : {"min", "mean", "p50", "p90", "p99", "p99.9", "p99.99", "max"})
-      fields.push_back({name + "_" + value, {name, value}});
+    std::vector<std::string> values{"min", "mean"};
+    for (const auto& row : statistics::percentiles) values.emplace_back(row.name);
+    values.emplace_back("max");
+    for (const auto& value : values) fields.push_back({name + "_" + value, {name, value}});
   };
   for (const auto* name : {"round_trip_us", "response_us", "wake_up_us", "server_us"}) add_distribution(name);
   for (const auto* key : {"key", "late_by_response", "trailing_cycles"}) fields.push_back({key, {key}});
@@ -123,9 +122,10 @@ std::vector<Field> fields() {
     fields.push_back({fmt::format("qos_{}", key), {"conditions", "qos", key}});
   for (const auto* key : {"interface", "component_interface"}) fields.push_back({key, {"conditions", key}});
   for (const auto* name : {"round_trip_95_us", "response_95_us"})
-    for (const auto* figure : {"mean", "p50", "p90", "p99", "p99.9", "p99.99"})
-      for (const auto* end : {"low", "high"})
-        fields.push_back({fmt::format("{}_{}_{}", name, figure, end), {name, figure, end}});
+    for (const auto& row : statistics::metrics)
+      if (row.figure == statistics::Figure::mean || row.one_in > 0)
+        for (const auto* end : {"low", "high"})
+          fields.push_back({fmt::format("{}_{}_{}", name, row.name, end), {name, row.name, end}});
   for (const auto* what : {"late", "lost", "missed"})
     for (const auto* value : {"value", "low", "high", "bound"})
       fields.push_back({fmt::format("probability_{}_{}", what, value), {"probability", what, value}});

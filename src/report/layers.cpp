@@ -27,7 +27,7 @@ std::string whole(double count) { return fmt::format("{:.0f}", count); }
 
 using Form = std::string (*)(double);
 
-// How sure the intervals of a page are: in words behind each, where it is not the same for all.
+// The confidence of a page's intervals: in words behind each, where it is not the same for all.
 using Confidence = std::pair<double, std::size_t>;  // and of how many repetitions
 std::set<Confidence> confidences_of(const Layers& layers) {
   std::set<Confidence> all;

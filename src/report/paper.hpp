@@ -24,7 +24,7 @@ const std::vector<PaperRow>& paper();
 
 // Those that a run, by what was asked of it, can be set beside: of its id, and at the paper's period,
 // deadline, payload and schedule, with its real-time settings and traffic, and with a load where that has
-// one. Whatever else somebody calls so is another test. How great the load was, and how long it was measured,
+// one. Another test may have the same name. How great the load was, and how long it was measured,
 // may differ.
 std::vector<PaperRow> paper_rows(const record::Asked&);
 

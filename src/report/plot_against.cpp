@@ -14,6 +14,7 @@
 namespace ontime::report {
 namespace {
 
+using statistics::Figure;
 using statistics::Summary;
 
 struct Abscissa {
@@ -70,9 +71,9 @@ bool missed_any(const Summary& summary) {
 }
 
 // x, the median of the repetitions, their lowest and their highest.
-std::string place(double x, const Group& runs, std::int64_t statistics::Distribution::*figure) {
+std::string place(double x, const Group& runs, Figure figure) {
   std::vector<double> values;
-  for (const auto* run : runs) values.push_back(ms(run->round_trip.*figure));
+  for (const auto* run : runs) values.push_back(ms(run->round_trip[figure]));
   const auto [low, high] = std::minmax_element(values.begin(), values.end());
   return fmt::format("{:.6g} {:.6g} {:.6g} {:.6g}\n", x, statistics::estimate(values)->median, *low, *high);
 }
@@ -100,16 +101,16 @@ std::string against(const Abscissa& abscissa, const Group& group, const Plot& pl
     const auto i = entries.size();
     std::string p50, p99, missed;
     for (const auto& [x, runs] : places) {
-      p50 += place(x, runs, &statistics::Distribution::p50);
-      p99 += place(x, runs, &statistics::Distribution::p99);
+      p50 += place(x, runs, Figure::p50);
+      p99 += place(x, runs, Figure::p99);
       any_repeated = any_repeated || runs.size() > 1;
       for (const auto* run : runs) {
-        least = std::min(least, ms(run->round_trip.p50));
-        greatest = std::max(greatest, ms(run->round_trip.p99));
+        least = std::min(least, ms(run->round_trip[Figure::p50]));
+        greatest = std::max(greatest, ms(run->round_trip[Figure::p99]));
       }
       if (abscissa.marks_misses &&
           std::any_of(runs.begin(), runs.end(), [](const auto* run) { return missed_any(*run); }))
-        missed += place(x, runs, &statistics::Distribution::p99);
+        missed += place(x, runs, Figure::p99);
     }
     const auto points = hollow_points[i / 7 % std::size(hollow_points)];
     const auto solid = fmt::format("linewidth 1 linecolor rgb '{}'", colour(i));

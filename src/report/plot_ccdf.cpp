@@ -99,11 +99,10 @@ std::string interval_of(const Summary& run) {
   const auto& sure = run.round_trip_certainty;
   const auto lost = run.sent > 0 ? static_cast<double>(run.lost) / static_cast<double>(run.sent) : 0;
   std::string there, back;
-  for (const auto& [share, of] :
-       {std::pair{0.5, &sure.p50}, std::pair{0.1, &sure.p90}, std::pair{0.01, &sure.p99},
-        std::pair{0.001, &sure.p99_9}, std::pair{0.0001, &sure.p99_99}}) {
+  for (const auto& row : statistics::percentiles) {
+    const auto* of = &sure[row.figure];
     if (!of->sure.low || !of->sure.high) break;
-    const auto y = lost + (1 - lost) * share;
+    const auto y = lost + (1 - lost) * row.share_above();
     there += point(ms(*of->sure.low), y);
     back.insert(0, point(ms(*of->sure.high), y));
   }

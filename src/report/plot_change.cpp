@@ -17,20 +17,17 @@ using statistics::Figure;
 using statistics::Times;
 
 struct Row {
-  const char* name;
   Times times;
   Figure figure;
 };
-constexpr Row ratios[] = {
-    {"mean", Times::round_trip, Figure::mean},         {"p50", Times::round_trip, Figure::p50},
-    {"p90", Times::round_trip, Figure::p90},           {"p99", Times::round_trip, Figure::p99},
-    {"p99.9", Times::round_trip, Figure::p99_9},       {"response p99", Times::response, Figure::p99},
-    {"response p99.9", Times::response, Figure::p99_9}};
-constexpr Row shares[] = {{"late", Times::round_trip, Figure::late},
-                          {"lost", Times::round_trip, Figure::lost}};
+constexpr Row ratios[] = {{Times::round_trip, Figure::mean},  {Times::round_trip, Figure::p50},
+                          {Times::round_trip, Figure::p90},   {Times::round_trip, Figure::p99},
+                          {Times::round_trip, Figure::p99_9}, {Times::response, Figure::p99},
+                          {Times::response, Figure::p99_9}};
+constexpr Row shares[] = {{Times::round_trip, Figure::late}, {Times::round_trip, Figure::lost}};
 
 struct Found {
-  const char* name;
+  std::string name;
   Change change;
 };
 struct Panel {
@@ -66,15 +63,16 @@ Panel panel_of(const Comparison::Pair& pair, double width_cm) {
   for (const auto& text : {side_text("A", pair.from), side_text("B", pair.to)})
     for (const auto& line : wrapped(text, width_cm)) panel.title.push_back(line);
   const auto from = complete(pair.from), to = complete(pair.to);
-  for (const auto& [name, times, figure] : ratios)
+  for (const auto& [times, figure] : ratios)
     if (const auto change = statistics::change(from, to, times, figure); change && change->ratio)
-      panel.rows.push_back({name, *change});
-  for (const auto& [name, times, figure] : shares)
+      panel.rows.push_back({statistics::name_of(times, figure), *change});
+  for (const auto& [times, figure] : shares)
     if (const auto change = statistics::change(from, to, times, figure);
         change && (change->from > 0 || change->to > 0)) {
       const auto& [low, high] = change->difference_lies;
       panel.notes.push_back(fmt::format(
-          "{}: {:.3g} % → {:.3g} %{}", name, change->from * 100, change->to * 100,
+          "{}: {:.3g} % → {:.3g} %{}", statistics::name_of(times, figure), change->from * 100,
+          change->to * 100,
           low && high ? fmt::format(", difference [{:+.2g}, {:+.2g}] points", *low * 100, *high * 100) : ""));
     }
   return panel;

@@ -11,43 +11,38 @@
 namespace ontime::report {
 namespace {
 
-using statistics::Certainty;
-using statistics::Distribution;
-using statistics::Measured;
+using statistics::Figure;
 using statistics::Summary;
 
-struct Metric {
-  const char* name;
-  std::int64_t Distribution::*of;
-  Measured Certainty::*sure;  // the greatest has none
+struct Drawn {
+  Figure figure;
   const char* point;
+  bool has_interval() const { return figure != Figure::max; }
 };
 constexpr std::array metrics = {
-    Metric{"p50", &Distribution::p50, &Certainty::p50, "pointtype 7 pointsize 0.5 linecolor rgb '#0072b2'"},
-    Metric{"p99", &Distribution::p99, &Certainty::p99, "pointtype 9 pointsize 0.55 linecolor rgb '#009e73'"},
-    Metric{"p99.9", &Distribution::p99_9, &Certainty::p99_9,
-           "pointtype 5 pointsize 0.45 linecolor rgb '#882255'"},
-    Metric{"max", &Distribution::max, nullptr,
-           "pointtype 2 pointsize 0.45 linewidth 1 linecolor rgb '#000000'"}};
+    Drawn{Figure::p50, "pointtype 7 pointsize 0.5 linecolor rgb '#0072b2'"},
+    Drawn{Figure::p99, "pointtype 9 pointsize 0.55 linecolor rgb '#009e73'"},
+    Drawn{Figure::p99_9, "pointtype 5 pointsize 0.45 linecolor rgb '#882255'"},
+    Drawn{Figure::max, "pointtype 2 pointsize 0.45 linewidth 1 linecolor rgb '#000000'"}};
 constexpr const char* bar_colours[] = {"#b00072b2", "#b0009e73", "#b0882255", "#b0000000"};
 
 struct Found {
   double median_ms, low_ms, high_ms;
 };
 // Of those runs in which something was answered.
-std::optional<Found> found_in(const Group& runs, const Metric& metric, double edge_ms) {
+std::optional<Found> found_in(const Group& runs, const Drawn& metric, double edge_ms) {
   std::vector<double> values;
   const Summary* last = nullptr;
   for (const auto* run : runs)
     if (run->round_trip.count > 0) {
-      values.push_back(ms(run->round_trip.*metric.of));
+      values.push_back(ms(run->round_trip[metric.figure]));
       last = run;
     }
   if (values.empty()) return {};
   const auto [low, high] = std::minmax_element(values.begin(), values.end());
   Found found{statistics::estimate(values)->median, *low, *high};
-  if (values.size() == 1 && metric.sure != nullptr) {
-    const auto& sure = (last->round_trip_certainty.*metric.sure).sure;
+  if (values.size() == 1 && metric.has_interval()) {
+    const auto& sure = last->round_trip_certainty[metric.figure].sure;
     if (sure.low) found.low_ms = ms(*sure.low);
     found.high_ms = sure.high ? ms(*sure.high) : edge_ms;
   }
@@ -59,8 +54,8 @@ std::vector<Entry> entries_of(const std::vector<Condition>& conditions, const Gr
       conditions.begin(), conditions.end(), [](const auto& condition) { return condition.runs.size() > 1; }));
   std::vector<Entry> entries;
   for (std::size_t i = 0; i < metrics.size(); ++i) {
-    const bool has_bar = repeated > 0 || metrics[i].sure != nullptr;
-    entries.push_back({metrics[i].name,
+    const bool has_bar = repeated > 0 || metrics[i].has_interval();
+    entries.push_back({statistics::metric_of(metrics[i].figure).name,
                        has_bar ? fmt::format("linewidth 5 linecolor rgb '{}'", bar_colours[i]) : "",
                        metrics[i].point});
   }

@@ -133,7 +133,8 @@ void add_throttling(std::vector<Remark>& remarks, const statistics::Summary& sum
                            std::any_of(summary.run.outcome.hosts.begin(), summary.run.outcome.hosts.end(),
                                        [](const auto& host) { return host.second.losses.on_the_way > 0; });
   if (summary.parts && !by_the_link)
-    suspect("component", "receive", "received", summary.parts->there.max - summary.parts->there.p50);
+    suspect("component", "receive", "received",
+            summary.parts->there.max - summary.parts->there[statistics::Figure::p50]);
 }
 
 // "at 3.2 s: the pong left".

@@ -24,8 +24,8 @@ Page page_of(const Summaries&);
 bool differs_by_response(const statistics::Summary&);
 
 // The estimate, always; its limits stand in certainty_table(). "-" where no value lies above the percentile,
-// "~" before it where fewer than ten do. `one_in`: how many values have one above it.
-std::string percentile(const statistics::Distribution&, std::int64_t ns, std::uint64_t one_in);
+// "~" before it where fewer than ten do.
+std::string percentile(const statistics::Distribution&, statistics::Figure);
 // 95 % confidence intervals of runs' percentiles, by their labels; without a title. No rows where none is
 // known. "≥ x": no upper limit; the value itself may be x, for limits are values that were seen.
 Table certainty_table(const std::vector<std::string>& labels, const std::vector<const statistics::Summary*>&);

@@ -26,7 +26,7 @@ struct Step {
   std::uint64_t messages = 0, late = 0, lost = 0, skipped_cycles = 0;
   double effect = 1;          // the greatest design effect of its runs
   bool ended = false;         // one of them ended the search: by what is counted above, or what is said below
-  bool failed = false;        // nobody answered
+  bool failed = false;        // no answer came
   bool is_short = false;      // the neighbours or the traffic that were asked for were not there
   std::string unfit;          // why else it says nothing of what was asked for
   bool says_nothing = false;  // interrupted, or it failed for another reason than its value
@@ -76,7 +76,7 @@ std::vector<Found> found(const Group& group) {
     if (step.key.empty()) continue;
     auto [place, is_new] = places.try_emplace(
         {asked.id, asked.task.transport, asked.component, step.among, step.key}, all.size());
-    // Whoever has its first run and measures it again, has begun another search.
+    // The first run measured again begins another search.
     const auto before = last.find({place->second, 0, 1});
     const bool again = step.number == 0 && asked.repetition == 1 && before != last.end() &&
                        statistics::is_complete(before->second->run);

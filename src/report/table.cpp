@@ -16,6 +16,7 @@ namespace {
 
 using nlohmann::json;
 using statistics::Distribution;
+using statistics::Figure;
 using statistics::Summary;
 
 std::string share(std::uint64_t part, std::uint64_t whole) { return fmt::format("{}/{}", part, whole); }
@@ -26,11 +27,11 @@ std::vector<std::string> row(const std::string& label, const Summary& summary, b
   std::vector<std::string> cells = {label,
                                     value(static_cast<double>(of.min)),
                                     value(of.mean),
-                                    percentile(of, of.p50, 2),
-                                    percentile(of, of.p90, 10),
-                                    percentile(of, of.p99, 100),
-                                    percentile(of, of.p99_9, 1000),
-                                    percentile(of, of.p99_99, 10000),
+                                    percentile(of, Figure::p50),
+                                    percentile(of, Figure::p90),
+                                    percentile(of, Figure::p99),
+                                    percentile(of, Figure::p99_9),
+                                    percentile(of, Figure::p99_99),
                                     value(static_cast<double>(of.max)),
                                     share(summary.late, summary.sent),
                                     share(summary.lost, summary.sent)};
@@ -92,9 +93,9 @@ std::vector<std::string> parts_of(const Group& group) {
     const auto& parts = *group[i]->parts;
     if (!all.contains(labels[i])) order.push_back(labels[i]);
     auto& medians = all[labels[i]];
-    medians.there.push_back(static_cast<double>(parts.there.p50));
-    medians.server.push_back(static_cast<double>(group[i]->server.p50));
-    medians.back.push_back(static_cast<double>(parts.back.p50));
+    medians.there.push_back(static_cast<double>(parts.there[Figure::p50]));
+    medians.server.push_back(static_cast<double>(group[i]->server[Figure::p50]));
+    medians.back.push_back(static_cast<double>(parts.back[Figure::p50]));
     medians.error_ns = std::max(medians.error_ns, parts.error_ns);
     medians.one_clock = medians.one_clock && parts.one_clock;
   }
@@ -134,16 +135,16 @@ Table spread_table(const Group& group) {
       const auto [low, high] = std::minmax_element(values.begin(), values.end());
       return fmt::format("{} [{}, {}]", form(statistics::estimate(values)->median), form(*low), form(*high));
     };
-    const auto time = [&](std::int64_t Distribution::*figure, std::uint64_t one_in) {
+    const auto time = [&](Figure figure) {
+      const auto one_in = statistics::metric_of(figure).one_in;
       const bool known = std::all_of(runs.begin(), runs.end(),
                                      [&](const auto* run) { return run->round_trip.count >= one_in; });
-      return known ? spread([&](const Summary& run) { return static_cast<double>(run.round_trip.*figure); },
+      return known ? spread([&](const Summary& run) { return static_cast<double>(run.round_trip[figure]); },
                             microseconds)
                    : nothing;
     };
-    table.rows.push_back({labels[first], fmt::format("{}", runs.size()), time(&Distribution::p50, 2),
-                          time(&Distribution::p99, 100), time(&Distribution::p99_9, 1000),
-                          time(&Distribution::max, 1),
+    table.rows.push_back({labels[first], fmt::format("{}", runs.size()), time(Figure::p50), time(Figure::p99),
+                          time(Figure::p99_9), time(Figure::max),
                           spread(
                               [](const Summary& run) {
                                 return static_cast<double>(run.late + run.lost) * 100 /
@@ -273,10 +274,11 @@ bool differs_by_response(const Summary& summary) {
   return summary.late_by_response && *summary.late_by_response != summary.late + summary.lost;
 }
 
-std::string percentile(const Distribution& of, std::int64_t ns, std::uint64_t one_in) {
+std::string percentile(const Distribution& of, Figure figure) {
+  const auto one_in = statistics::metric_of(figure).one_in;
   if (of.count < one_in) return nothing;
   const std::uint64_t above = of.count / one_in;
-  return (above < 10 ? "~" : "") + microseconds(static_cast<double>(ns));
+  return (above < 10 ? "~" : "") + microseconds(static_cast<double>(of[figure]));
 }
 
 Page page_of(const Summaries& summaries) {

@@ -16,6 +16,7 @@ namespace ontime::report {
 namespace {
 
 using nlohmann::json;
+using statistics::Figure;
 using statistics::Summary;
 
 // Runs as the page names them, in its order: figures_of() has the same.
@@ -68,8 +69,9 @@ std::string row_of(const Shown& run, std::size_t figure, bool by_response) {
   const auto time = [&](double ns, const char* name) {
     return time_cell(of.count == 0 ? nothing : microseconds(ns), ns, name);
   };
-  const auto quantile = [&](std::int64_t ns, const char* name, std::uint64_t one_in) {
-    return time_cell(percentile(of, ns, one_in), static_cast<double>(ns), name);
+  const auto quantile = [&](Figure figure) {
+    return time_cell(percentile(of, figure), static_cast<double>(of[figure]),
+                     statistics::metric_of(figure).name);
   };
   return fmt::format("<tr data-run=\"{}\"><th scope=\"row\"><a href=\"#run-{}\">{}</a></th>",
                      summary.run.number, figure, escaped(run.label)) +
@@ -78,8 +80,8 @@ std::string row_of(const Shown& run, std::size_t figure, bool by_response) {
           : !summary.late_by_response ? unknown
                                       : count_cell(*summary.late_by_response, "late_by_response", true)) +
          count_cell(summary.lost, "lost", true) + time(static_cast<double>(of.min), "min") +
-         time(of.mean, "mean") + quantile(of.p50, "p50", 2) + quantile(of.p99, "p99", 100) +
-         quantile(of.p99_9, "p99.9", 1000) + time(static_cast<double>(of.max), "max") +
+         time(of.mean, "mean") + quantile(Figure::p50) + quantile(Figure::p99) + quantile(Figure::p99_9) +
+         time(static_cast<double>(of.max), "max") +
          fmt::format("<td class=\"number\">{}</td><td class=\"range\" data-figure-of=\"{}\"></td></tr>\n",
                      against_deadline(summary), figure);
 }
@@ -169,7 +171,7 @@ Table parts_of(const std::vector<Shown>& group) {
   const auto cell = [](const statistics::Distribution& of) {
     if (of.count == 0) return std::string(nothing);
     const auto us = [](std::int64_t ns) { return microseconds(static_cast<double>(ns)); };
-    return percentile(of, of.p50, 2) + " / " + percentile(of, of.p99, 100) + " / " + us(of.max);
+    return percentile(of, Figure::p50) + " / " + percentile(of, Figure::p99) + " / " + us(of.max);
   };
   for (const auto& [summary, label] : group) {
     std::vector<std::string> row = {label, cell(summary->wake_up)};
@@ -198,7 +200,8 @@ std::string time_figure(const Shown& run, std::size_t figure) {
   auto text = fmt::format("{} messages, {} late, {} lost", grouped(run.summary->sent),
                           grouped(run.summary->late), grouped(run.summary->lost));
   if (of.count > 0)
-    text += fmt::format("; round trips of {} to {} µs, median {}", us(of.min), us(of.max), us(of.p50));
+    text +=
+        fmt::format("; round trips of {} to {} µs, median {}", us(of.min), us(of.max), us(of[Figure::p50]));
   auto html = fmt::format(
       "<figure class=\"time\" id=\"run-{0}\" data-figure-of=\"{0}\">\n<figcaption "
       "id=\"caption-{0}\"><b>{1}</b> <span>{2}</span></figcaption>\n</figure>\n",

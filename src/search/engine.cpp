@@ -474,7 +474,7 @@ class Search {
   Outcome outcome_;
   Set set_;  // the present one
   std::set<Set> tried_, tried_alone_, disproved_;
-  std::set<std::pair<std::string, std::string>> unwanted_;  // harmful, or not to be had
+  std::set<std::pair<std::string, std::string>> unwanted_;  // harmful, or not available
   std::map<Set, std::size_t> statements_;
   std::size_t confirmations_ = 0;
 };

@@ -21,7 +21,7 @@ double permitted_share(const gate::Gate& gate) {
                     "take p50, p99 or max",
                     gate.text));
   if (gate.figure == Figure::max) return 0;
-  if (const auto share = gate::share_above(gate.figure)) return *share;
+  if (const auto& metric = statistics::metric_of(gate.figure); metric.one_in > 0) return metric.share_above();
   if (gate.kind == gate::Gate::Limit::count && gate.limit > 0)
     throw gate::Error(
         fmt::format("'{}': a number of messages depends on how long a run is: say 0, or a share "

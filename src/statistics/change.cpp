@@ -81,12 +81,6 @@ struct Known {
   }
 };
 
-const Probability* probability_of(const Summary& summary, Times times, Figure figure) {
-  if (figure == Figure::lost) return &summary.lost_probability;
-  if (figure != Figure::late) return nullptr;
-  return times == Times::response ? &summary.late_by_response_probability : &summary.late_probability;
-}
-
 Known known_of(const std::vector<const Summary*>& runs, Times times, Figure figure) {
   Known known;
   std::vector<Probability> shares;
@@ -115,6 +109,12 @@ bool is_above(const Interval& lies, double limit) { return lies.low && *lies.low
 
 }  // namespace
 
+const Probability* probability_of(const Summary& summary, Times times, Figure figure) {
+  if (figure == Figure::lost) return &summary.lost_probability;
+  if (figure != Figure::late) return nullptr;
+  return times == Times::response ? &summary.late_by_response_probability : &summary.late_probability;
+}
+
 std::optional<Measured> measured(const Summary& summary, Times times, Figure figure) {
   if (const auto* share = probability_of(summary, times, figure))
     return share->messages > 0 ? std::optional<Measured>(*share) : std::nullopt;
@@ -122,22 +122,8 @@ std::optional<Measured> measured(const Summary& summary, Times times, Figure fig
   const auto& distribution = by_response ? summary.response : summary.round_trip;
   if (distribution.count == 0) return {};
   const auto& certainty = by_response ? summary.response_certainty : summary.round_trip_certainty;
-  switch (figure) {
-    case Figure::mean:
-      return certainty.mean;
-    case Figure::p50:
-      return certainty.p50;
-    case Figure::p90:
-      return certainty.p90;
-    case Figure::p99:
-      return certainty.p99;
-    case Figure::p99_9:
-      return certainty.p99_9;
-    case Figure::p99_99:
-      return certainty.p99_99;
-    default:
-      return Measured{static_cast<double>(distribution.max), {}, {}};
-  }
+  if (figure == Figure::max) return Measured{static_cast<double>(distribution.max), {}, {}};
+  return certainty[figure];
 }
 
 Probability slower_than(const Summary& summary, Times times, double limit_ns) {
@@ -147,11 +133,10 @@ Probability slower_than(const Summary& summary, Times times, double limit_ns) {
   for (const auto& bin : by_response ? summary.shape.response : summary.shape.round_trip)
     if (static_cast<double>(bin.to_ns - 1) > limit_ns) events += bin.count;
   double effect = 1;
-  for (const auto* percentile :
-       {&certainty.p50, &certainty.p90, &certainty.p99, &certainty.p99_9, &certainty.p99_99}) {
-    if (percentile->value <= limit_ns) effect = 1;  // only those around it count
-    effect = std::max(effect, percentile->effect);
-    if (percentile->value > limit_ns) break;
+  for (const auto& percentile : certainty.quantiles) {
+    if (percentile.value <= limit_ns) effect = 1;  // only those around it count
+    effect = std::max(effect, percentile.effect);
+    if (percentile.value > limit_ns) break;
   }
   return probability(events, (by_response ? summary.response : summary.round_trip).count,
                      events == 0 ? 1 : effect, certainty.slowest_effect);

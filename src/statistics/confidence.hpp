@@ -21,11 +21,14 @@
 // Not valid when tomorrow is not as today: a mode or a cause that the run never saw is in no interval.
 #pragma once
 
+#include <array>
 #include <cstddef>
 #include <cstdint>
 #include <optional>
 #include <span>
 #include <vector>
+
+#include "statistics/metric.hpp"
 
 namespace ontime::statistics {
 
@@ -58,7 +61,15 @@ struct Shift {
 
 // Of a distribution, in ns. Nothing: no value.
 struct Certainty {
-  Measured mean, p50, p90, p99, p99_9, p99_99;
+  Measured mean;
+  std::array<Measured, percentiles.size()> quantiles;
+  // Of a percentile, or the mean.
+  Measured& operator[](Figure figure) {
+    return figure == Figure::mean ? mean : quantiles.at(place_of(figure));
+  }
+  const Measured& operator[](Figure figure) const {
+    return figure == Figure::mean ? mean : quantiles.at(place_of(figure));
+  }
   std::optional<Shift> shift;
   double slowest_effect = 1;  // of the slowest: what is handed to misses, of which there are few or none
 };

@@ -74,18 +74,6 @@ std::vector<Batch> Course::sums() const {
 
 namespace {
 
-constexpr std::size_t percentiles = 5;
-struct Percentile {
-  double share;
-  std::int64_t value;
-  Measured Certainty::*place;
-};
-std::array<Percentile, percentiles> percentiles_of(const Distribution& of) {
-  return {Percentile{0.5, of.p50, &Certainty::p50}, Percentile{0.9, of.p90, &Certainty::p90},
-          Percentile{0.99, of.p99, &Certainty::p99}, Percentile{0.999, of.p99_9, &Certainty::p99_9},
-          Percentile{0.9999, of.p99_99, &Certainty::p99_99}};
-}
-
 // What an interval needs: tests/statistics_truth_test.cpp shows how often it holds the truth with these.
 constexpr double fewest_beyond = 30;  // slower messages: a stall that strikes rarely may not be seen
 constexpr double fewest_effective_beyond = 10;  // and so many effective ones: not of a few bursts
@@ -130,9 +118,7 @@ void add_the_unseen(Measured& mean, double messages, double effect, std::optiona
 
 Certainty certainty_of_whole(const Course& course, Ranks& ranks, const Distribution& of,
                              std::optional<double> longest_ns) {
-  const auto all = percentiles_of(of);
-  std::array<std::int64_t, percentiles> thresholds{};
-  for (std::size_t i = 0; i < percentiles; ++i) thresholds[i] = all[i].value;
+  const auto& thresholds = of.quantiles;
   // Where many values are alike, none may be above a percentile, and half of all at it: both counts tell.
   const auto above = course.events(thresholds, Course::Count::above);
   const auto at_or_above = course.events(thresholds, Course::Count::at_or_above);
@@ -145,10 +131,10 @@ Certainty certainty_of_whole(const Course& course, Ranks& ranks, const Distribut
     return static_cast<double>(ranks.at_rank(static_cast<std::uint64_t>(std::clamp(rank, 1.0, n))));
   };
   double before = 1, remembered = 0;
-  for (std::size_t i = 0; i < percentiles; ++i) {
-    const auto& [share, value, place] = all[i];
-    auto& measured = result.*place;
-    measured.value = static_cast<double>(value);
+  for (std::size_t i = 0; i < percentiles.size(); ++i) {
+    const double share = 1 - percentiles[i].share_above();
+    auto& measured = result.quantiles[i];
+    measured.value = static_cast<double>(thresholds[i]);
     measured.effect = before = std::max(tail_effect(above[i], before), tail_effect(at_or_above[i], before));
     for (const auto& [confidence, interval] : {std::pair{0.95, &measured.sure}, {0.98, &measured.surer}}) {
       const auto shares = quantile_shares(share, n / measured.effect, confidence);
@@ -231,7 +217,7 @@ Measured hull(Measured whole, const Measured& one, const Measured& other) {
 Certainty certainty(const Course& course, Ranks& ranks, const Distribution& of,
                     std::optional<double> longest_ns) {
   auto result = certainty_of_whole(course, ranks, of, longest_ns);
-  const std::array median = {of.p50};
+  const std::array median = {of[Figure::p50]};
   const auto values = course.values();
   if (course.has_series() || values.size() < fewest_of_levels) return result;
   const auto changed = change_of_level(course.events(median, Course::Count::above).front());
@@ -239,12 +225,12 @@ Certainty certainty(const Course& course, Ranks& ranks, const Distribution& of,
   const auto place = static_cast<std::size_t>(*changed * static_cast<double>(values.size()));
   const auto before = certainty_of_part(values.first(place), longest_ns);
   const auto after = certainty_of_part(values.subspan(place), longest_ns);
-  const double ratio = after.p50.value / before.p50.value;
-  if (!(before.p50.value > 0) || (ratio < least_ratio && ratio > 1 / least_ratio)) return result;
-  result.shift = Shift{*changed, before.p50.value, after.p50.value};
-  for (const auto figure : {&Certainty::mean, &Certainty::p50, &Certainty::p90, &Certainty::p99,
-                            &Certainty::p99_9, &Certainty::p99_99})
-    result.*figure = hull(result.*figure, before.*figure, after.*figure);
+  const double was_ns = before[Figure::p50].value, is_ns = after[Figure::p50].value, ratio = is_ns / was_ns;
+  if (!(was_ns > 0) || (ratio < least_ratio && ratio > 1 / least_ratio)) return result;
+  result.shift = Shift{*changed, was_ns, is_ns};
+  result.mean = hull(result.mean, before.mean, after.mean);
+  for (const auto& row : percentiles)
+    result[row.figure] = hull(result[row.figure], before[row.figure], after[row.figure]);
   return result;
 }
 

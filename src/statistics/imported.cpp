@@ -32,11 +32,7 @@ class Counted {
     Distribution of;
     of.count = seen_;
     of.min = values_.front().first;
-    of.p50 = percentile(50, 100);
-    of.p90 = percentile(90, 100);
-    of.p99 = percentile(99, 100);
-    of.p99_9 = percentile(999, 1000);
-    of.p99_99 = percentile(9999, 10000);
+    for (const auto& row : percentiles) of[row.figure] = percentile(row.one_in - 1, row.one_in);
     of.max = max_ns_;
     of.mean = *of_.mean_ns;
     return of;

@@ -20,7 +20,7 @@ using Value = std::function<std::optional<double>(const Summary&)>;
 
 std::optional<double> round_trip(const Summary& summary) {
   if (summary.round_trip.count == 0) return {};
-  return static_cast<double>(summary.round_trip.p50);
+  return static_cast<double>(summary.round_trip[Figure::p50]);
 }
 
 // The sum over all threads that serve messages, on all hosts, by message.

@@ -129,10 +129,10 @@ class Pass {
 
   // Samples go missing where a machine is busiest, and not by chance.
   void forget_how_sure(std::uint64_t missing) {
-    for (auto* certainty : {&summary_.round_trip_certainty, &summary_.response_certainty})
-      for (auto* figure : {&certainty->mean, &certainty->p50, &certainty->p90, &certainty->p99,
-                           &certainty->p99_9, &certainty->p99_99})
-        *figure = Measured{figure->value, {}, {}};
+    for (auto* certainty : {&summary_.round_trip_certainty, &summary_.response_certainty}) {
+      certainty->mean = Measured{certainty->mean.value, {}, {}};
+      for (auto& percentile : certainty->quantiles) percentile = Measured{percentile.value, {}, {}};
+    }
     for (auto* probability : {&summary_.late_probability, &summary_.lost_probability,
                               &summary_.missed_probability, &summary_.late_by_response_probability})
       *probability = {};

@@ -13,6 +13,7 @@
 #include "record/record.hpp"
 #include "statistics/confidence.hpp"
 #include "statistics/extremes.hpp"
+#include "statistics/metric.hpp"
 
 namespace ontime::statistics {
 
@@ -20,8 +21,16 @@ namespace ontime::statistics {
 // (Hyndman & Fan 1996, definition 1). Nanoseconds.
 struct Distribution {
   std::uint64_t count = 0;
-  std::int64_t min = 0, p50 = 0, p90 = 0, p99 = 0, p99_9 = 0, p99_99 = 0, max = 0;
+  std::int64_t min = 0, max = 0;
   double mean = 0;
+  std::array<std::int64_t, percentiles.size()> quantiles{};
+  // Of a percentile, or the maximum.
+  std::int64_t& operator[](Figure figure) {
+    return figure == Figure::max ? max : quantiles.at(place_of(figure));
+  }
+  std::int64_t operator[](Figure figure) const {
+    return figure == Figure::max ? max : quantiles.at(place_of(figure));
+  }
 };
 Distribution distribution(const std::vector<std::int64_t>& values);  // all zero for no values
 
@@ -131,11 +140,11 @@ bool is_complete(const record::Run&);
 // it is.
 std::uint64_t unrecorded(const record::Run&);
 
-enum class Times { round_trip, response };
-// What is known of a run in one number: in ns, or, of late and lost, the share of all messages (of late by
-// response: of all cycles). `max` is the greatest that was seen and has no interval.
-enum class Figure { mean, p50, p90, p99, p99_9, p99_99, max, late, lost };
+// In ns, or, of late and lost, the share of all messages (of late by response: of all cycles). `max` is the
+// greatest that was seen and has no interval.
 std::optional<Measured> measured(const Summary&, Times, Figure);  // nothing: nothing was answered, or sent
+// Of late and lost messages; nothing of times.
+const Probability* probability_of(const Summary&, Times, Figure);
 
 // How many of the answers take longer than that, to the width of a bin of the histogram, rounded up. Their
 // design effect is the greater one of the percentiles around; of hardly any, that of the slowest.

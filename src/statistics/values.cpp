@@ -176,11 +176,7 @@ Distribution Ranks::distribution() {
   };
   result.count = n;
   result.min = values_.min_;
-  result.p50 = percentile(50, 100);
-  result.p90 = percentile(90, 100);
-  result.p99 = percentile(99, 100);
-  result.p99_9 = percentile(999, 1000);
-  result.p99_99 = percentile(9999, 10000);
+  for (const auto& row : percentiles) result[row.figure] = percentile(row.one_in - 1, row.one_in);
   result.max = values_.max_;
   const auto sum = static_cast<long double>(values_.sum_) + values_.large_sum_;
   result.mean = static_cast<double>(sum / static_cast<long double>(n));

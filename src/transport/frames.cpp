@@ -175,8 +175,7 @@ Alarm::Alarm() : fd_(eventfd(0, EFD_CLOEXEC | EFD_NONBLOCK)) {
 
 void Alarm::ring() noexcept {
   rung_ = true;
-  const std::uint64_t once = 1;
-  static_cast<void>(write(fd_, &once, sizeof once));
+  eventfd_write(fd_, 1);
 }
 
 int Alarm::wait(int fd) const noexcept {

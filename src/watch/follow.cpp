@@ -73,7 +73,7 @@ const Progress& Follower::look() {
     look_once();
   } catch (const record::Error&) {
     if (!seen_) throw;
-    look_once();  // while it was looked at, whoever writes may have taken away a run, or the file
+    look_once();  // the writer may have removed a run, or the file, meanwhile
   }
   return progress_;
 }

@@ -54,7 +54,7 @@ std::string head_of(const Progress& progress) {
   if (progress.state == Progress::State::waiting)
     text += progress.run.outcome.has_ended() ? "  (ended; the next has not begun)" : "  (not measuring yet)";
   else if (progress.state == Progress::State::ended)
-    text += cut_off ? "  (cut off: nobody writes into the file)" : "  (ended)";
+    text += cut_off ? "  (cut off: no process writes into the file)" : "  (ended)";
   return text + "\n";
 }
 

@@ -9,7 +9,7 @@ import makers
 class Kind:
     name: str
     make: object            # a context manager, which is given (end, chance): what is done in the midst of the run
-    cause: str              # the word of `ontime explain --format json`; "": nobody is to be accused
+    cause: str              # the word of `ontime explain --format json`; "": nothing is to be accused
     culprit: str = ""       # what its name has in it
     stages: tuple = ()      # (): any
     keys: str = ""          # of the scenario

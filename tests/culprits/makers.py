@@ -248,7 +248,7 @@ def small_buffer(end, _chance):
 def crowded(end, chance):
     """Others send what fills the link's token bucket."""
     inside(end, "tc", "qdisc", "add", "dev", INTERFACE[end], "root", "tbf", "rate", f"{chance.randrange(18, 30)}mbit", "burst",
-           "20000", "latency", "200ms")  # longer than what a socket holds: whoever fills it waits, and nothing is dropped
+           "20000", "latency", "200ms")  # longer than what a socket holds: a sender that fills it waits, and nothing is dropped
     with ended([flood(OTHER[end], [9], 1.0, 1400)]):
         yield
     inside(end, "tc", "qdisc", "del", "dev", INTERFACE[end], "root")

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 # For a shell of `ontime lab --live`, whose control groups are of version 2: a run that keeps CPU 1 to its end, one all
-# of whose processes are killed, one beside which somebody comes to use the controller, and what is refused; what /proc and
+# of whose processes are killed, one beside which another process comes to use the controller, and what is refused; what /proc and
 # taskset then see. See test_lab.py.
 cat >/tmp/isolated.yaml <<'YAML'
 hosts: namespaces
@@ -15,7 +15,7 @@ bystander=$!
 agents() { ps -eo pid=,args= | grep '[o]ntime agent' | sed 's/^ *//; s/ .*//'; }
 cpus() { taskset -cp "$1" | sed 's/.*: //'; }
 see() {
-  echo "$1 everybody=$(cpus $bystander)"
+  echo "$1 others=$(cpus $bystander)"
   echo "$1 work=$(cat /sys/devices/virtual/workqueue/cpumask)"
   echo "$1 interrupts=$(for irq in $(grep -E 'eth[01]' /proc/interrupts | cut -d: -f1); do cat "/proc/irq/$irq/smp_affinity_list"; done | sort -u)"
   # The console's, whose interrupt comes all the time; another's takes its CPUs again when it next comes.

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-# For a shell of `ontime lab --live --cpus 3`, where the controller cpuset is taken for control groups of version 1: somebody
-# who gives himself a CPU while CPU 2 is kept; and a machine on which everybody was started without CPU 2, as with
+# For a shell of `ontime lab --live --cpus 3`, where the controller cpuset is taken for control groups of version 1: a process
+# that gives itself a CPU while CPU 2 is kept; and a machine on which all processes were started without CPU 2, as with
 # isolcpus=2. See test_lab.py.
 groups=/tmp/cpuset
 mkdir $groups

@@ -9,7 +9,7 @@ import subprocess
 import time
 
 PORT = 2222
-KEYS = ("host_key", "user_key", "other_key")  # "other": of somebody who is not let in
+KEYS = ("host_key", "user_key", "other_key")  # "other": of a user who is not let in
 
 
 def make_keys(folder):

@@ -76,7 +76,7 @@ class Explain(unittest.TestCase):
         self.assertFalse(verdict("drop-in", dropped, dropped, lost), "of the messages")
         self.assertTrue(verdict("link-down", part("link-down", 0, "eth0 was taken down", "left")))
         self.assertFalse(verdict("link-down", part("link-down", 0, "eth0 was taken down", "left", "controller")), "the other end")
-        self.assertFalse(verdict("link-down", part("link-down", 0, "eth0 had no carrier", "left")), "not by somebody")
+        self.assertFalse(verdict("link-down", part("link-down", 0, "eth0 had no carrier", "left")), "no thread did it")
         self.assertFalse(verdict("link-down", dropped), "by another")
 
     def test_culprits_are_made_where_they_can_be_and_of_what_is_its_own(self):

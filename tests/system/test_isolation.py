@@ -95,7 +95,7 @@ class Isolation(unittest.TestCase):
         self.results = os.path.join(self.folder, "results.ontime")
         self.before = state()
         self.bystander = subprocess.Popen(["sleep", "1000"])  # who asked for nothing
-        # who asked for a CPU of his own, and is to have it again
+        # which asked for a CPU of its own, and is to have it again
         self.pinned = subprocess.Popen(["taskset", "--cpu-list", str(CPUS[0]), "sleep", "1000"])
         self.addCleanup(lambda: [one.kill() or one.wait() for one in (self.bystander, self.pinned)])
         self.assertTrue(eventually(lambda: cpus(self.pinned.pid) == {str(CPUS[0])}))
@@ -167,7 +167,7 @@ class Isolation(unittest.TestCase):
             other = cpusets / "test-of-ontime"
             other.mkdir()
             try:
-                with self.assertRaises(OSError, msg="nobody gives them to a group of his"):
+                with self.assertRaises(OSError, msg="no process can give them to its own group"):
                     (other / "cpuset.cpus").write_text(KEPT)
             finally:
                 other.rmdir()
@@ -190,7 +190,7 @@ class Isolation(unittest.TestCase):
             for one in said:
                 self.assertEqual(one["now"], one["after"], one)
 
-    @unittest.skipIf(hierarchy("cpuset")[1], "version 2 keeps everybody off, or refuses")
+    @unittest.skipIf(hierarchy("cpuset")[1], "version 2 keeps all processes off, or refuses")
     def test_who_may_run_on_kept_cpus_all_the_same_is_in_the_record(self):
         stays = subprocess.Popen(["taskset", "--cpu-list", KEPT, "sleep", "1000"])
         self.addCleanup(lambda: stays.kill() or stays.wait())
@@ -210,7 +210,7 @@ class Isolation(unittest.TestCase):
             with self.subTest(by=by):
                 process = self.isolated_run()
                 children = pathlib.Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split()
-                if by == "next start":  # nobody is left who could
+                if by == "next start":  # no process is left that could
                     for pid in children:
                         os.kill(int(pid), signal.SIGKILL)
                 process.kill()
@@ -243,7 +243,7 @@ class Isolation(unittest.TestCase):
             other.rmdir()
         self.assert_given_back()
 
-    @unittest.skipIf(hierarchy("cpuset")[1], "version 2 keeps everybody off, or refuses")
+    @unittest.skipIf(hierarchy("cpuset")[1], "version 2 keeps all processes off, or refuses")
     def test_cpus_that_everybody_was_started_with_are_refused_where_these_are_not_all(self):
         first = str(CPUS[0])
         answer = subprocess.run(["taskset", "--cpu-list", first, "unshare", "--pid", "--fork", "--kill-child", "--mount-proc",

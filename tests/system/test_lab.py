@@ -336,9 +336,9 @@ class Machines(Lab):
         text = "\n".join(said)
         self.assertIn("whole ended 0", said, text)
         self.assertIn("revert ended 0", said, text)
-        self.assertEqual(seen["before"]["everybody"], "0,1", text)
+        self.assertEqual(seen["before"]["others"], "0,1", text)
         during = seen["during"]
-        self.assertEqual((during["partition"], during["everybody"], during["agents"]), ("root", "0", "1"), text)
+        self.assertEqual((during["partition"], during["others"], during["agents"]), ("root", "0", "1"), text)
         self.assertEqual((during["work"].lstrip("0"), during["interrupts"], during["limit"]), ("1", "0", "30000 100000 10"), text)
         self.assertTrue(during["load"].endswith("/ontime-load"), text)
         self.assertEqual(during["thread"], "0", text)
@@ -355,7 +355,7 @@ class Machines(Lab):
         self.assertIn("left control group controller cpuset as it is: another program has changed it", words)
         self.assertIn("belong to other control groups: /sys/fs/cgroup/other", words)
         for moment in ("used", "taken"):
-            self.assertEqual((seen[moment]["groups"], seen[moment]["controllers"], seen[moment]["everybody"]),
+            self.assertEqual((seen[moment]["groups"], seen[moment]["controllers"], seen[moment]["others"]),
                              (seen["before"]["groups"], "cpuset", "0,1"), text)
         self.assertRegex(words, r"Linux before 6\.2 would forget: sleep \([0-9]+\)")
         self.assertEqual(seen["pinned"]["thread"], "0", text)
@@ -453,7 +453,7 @@ class Machines(Lab):
         for number, (signalled, code) in enumerate(((signal.SIGINT, 130), (signal.SIGKILL, -signal.SIGKILL)), 1):
             process = self.started(scenario, *(["--resume"] if number > 1 else []))
             self.assertTrue(eventually(lambda: recorded(self.results()) == number or process.poll() is not None, 600))
-            if "is not to be had here" in (text := process.communicate()[1] if process.poll() is not None else ""):
+            if "is not available here" in (text := process.communicate()[1] if process.poll() is not None else ""):
                 self.skipTest(text)
             process.send_signal(signalled)
             self.assertEqual(process.wait(180), code, text)

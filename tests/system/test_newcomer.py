@@ -69,7 +69,7 @@ class Newcomer(unittest.TestCase):
         self.ontime("explain", "r.ontime", "--only", "two")
 
     def test_hosts_that_cannot_be_reached_get_no_scenario(self):
-        done = self.ontime("init", "nobody@no-such-host.invalid", code=3)
+        done = self.ontime("init", "robot@no-such-host.invalid", code=3)
         self.assertIn("no-such-host.invalid", done.stderr)
         self.ontime("init", "-oProxyCommand=x", code=2)
         self.ontime("init", "a", "b", "c", code=2)

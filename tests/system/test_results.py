@@ -126,7 +126,7 @@ class Results(unittest.TestCase):
 
     def test_a_requirement_that_is_none_is_refused_where_it_stands(self):
         answer = self.ontime("run", self.scenario("late <= 0, p98 <= 2 ms"), "--results", self.results, code=2)
-        self.assertIn("scenario.yaml:6:26: require: 'p98 <= 2 ms', column 1: 'p98' is no figure", answer.stderr)
+        self.assertIn("scenario.yaml:6:26: require: 'p98 <= 2 ms', column 1: 'p98' is not a metric", answer.stderr)
         self.assertFalse(self.results.exists())
 
     def test_a_requirement_changes_no_key(self):

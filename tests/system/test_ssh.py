@@ -266,6 +266,25 @@ class Ssh(unittest.TestCase):
         answer = self.run_ontime(self.scenario_with_another("uname", "#!/bin/sh\necho riscv64\n"), "--deploy")
         self.assertEqual(answer.returncode, 3, answer.stderr)
         self.assertIn(f"that machine is riscv64, and this ontime is for {os.uname().machine}", answer.stderr)
+        self.assertIn("share/ontime/deploy/riscv64", answer.stderr)
+
+    def test_deploy_brings_what_is_installed_for_the_architecture_there(self):
+        own = self.own / "installed"
+        other = own / "share/ontime/deploy/riscv64"
+        build = pathlib.Path(ONTIME).resolve().parent.parent
+        transport = next(build.glob("lib/**/ontime_transport_udp.so"))
+        for prefix, folder in (own, transport.parent.relative_to(build)), (other, "lib/riscv64-linux-gnu/ontime"):
+            (prefix / "bin").mkdir(parents=True)
+            (prefix / folder).mkdir(parents=True)
+            shutil.copy(ONTIME, prefix / "bin/ontime")
+            shutil.copy(transport, prefix / folder)
+        far_program = other / "bin/ontime"
+        far_program.write_text("#!/bin/sh\necho brought from the folder of riscv64\n")
+        scenario = self.scenario_with_another("uname", "#!/bin/sh\necho riscv64\n")
+        answer = subprocess.run([own / "bin/ontime" if word == ONTIME else word for word in self.command(scenario, "--deploy")],
+                                capture_output=True, text=True, env=self.environment, timeout=180)
+        self.assertIn("brought from the folder of riscv64", answer.stderr)
+        self.assertEqual(answer.returncode, 3, answer.stderr)
 
     def test_deploy_where_libraries_are_missing_names_their_packages(self):
         there = self.scenario_with_another("ldd", "#!/bin/sh\necho '\tlibfmt.so.9 => not found'\n")

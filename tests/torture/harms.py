@@ -162,7 +162,7 @@ def move_interface(repetition):
 def kill_deployed_keeper(repetition):
     """The shell that brought it has its name in its own command, too."""
     pids = set(repetition.pids("bin/ontime keeper")) & set(repetition.pids("ontime-program-"))
-    check(len(pids) == 1, f"there is no one deployed keeper: {pids}")
+    check(len(pids) == 1, f"there is not exactly one deployed keeper: {pids}")
     repetition.moment()
     os.kill(pids.pop(), signal.SIGKILL)
 

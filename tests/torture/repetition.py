@@ -253,7 +253,7 @@ runs:
 
 
 class ByHand(Repetition):
-    """`ontime ping` and `ontime pong`, two programs that nobody started together."""
+    """`ontime ping` and `ontime pong`, two programs that were started apart."""
 
     def command(self):
         both = ("--transport", self.transport, "--interface", "lo", "--domain", "77")
