@@ -4,6 +4,7 @@
 #include <gtest/gtest.h>
 
 #include "search/goal.hpp"
+#include "search/keep.hpp"
 #include "search/knobs.hpp"
 
 namespace ontime::search {
@@ -53,7 +54,9 @@ auto left_out(const std::string& key) { return Field(&Knobs::LeftOut::key, key);
 TEST(Knobs, WhatIsForbiddenLackingOrSetAlreadyIsLeftOutWithItsReason) {
   conditions::Run run;
   run.kernel = {{"rt-throttling", "off"}};
-  const Bounds bounds{{"irq-threads", "realtime"}, 80, {0, 1}, {{"kernel.governor", "a virtual machine"}}};
+  const Bounds bounds{{"irq-threads", "realtime"}, 80, {0, 1}, [](const Setting& setting) {
+                        return std::string(setting.key == "kernel.governor" ? "a virtual machine" : "");
+                      }};
   const auto knobs = knobs_of(run, bounds);
   for (const auto* key :
        {"kernel.irq-threads", "realtime", "kernel.governor", "kernel.rt-throttling", "kernel.napi-threads"}) {
@@ -63,6 +66,21 @@ TEST(Knobs, WhatIsForbiddenLackingOrSetAlreadyIsLeftOutWithItsReason) {
   EXPECT_THAT(knobs.knobs, Contains(of_key("kernel.ksoftirqd")));
   EXPECT_THAT(knobs.knobs,
               Contains(AllOf(of_key("kernel.irq-cpus"), Field(&Knob::values, ElementsAre("0", "1")))));
+}
+
+TEST(Knobs, AValueThatAMachineLacksIsLeftOutAlone) {
+  const Bounds bounds{{}, 80, {0, 1}, [](const Setting& setting) {
+                        return std::string(setting == Setting{"kernel.irq-cpus", "1"} ? "no CPU 1" : "");
+                      }};
+  const auto knobs = knobs_of({}, bounds);
+  EXPECT_THAT(knobs.knobs,
+              Contains(AllOf(of_key("kernel.irq-cpus"), Field(&Knob::values, ElementsAre("0")))));
+  EXPECT_THAT(knobs.left_out, Not(Contains(left_out("kernel.irq-cpus"))));
+}
+
+TEST(Knobs, EveryKeyOfTheListIsTriedOrLeftOut) {
+  const auto knobs = knobs_of({}, {});
+  EXPECT_EQ(knob_keys().size(), knobs.knobs.size() + knobs.left_out.size());
 }
 
 TEST(Knobs, ALargerBufferIsNotMadeSmaller) {
@@ -76,7 +94,7 @@ TEST(Knobs, ALargerBufferIsNotMadeSmaller) {
 TEST(Knobs, EveryValueIsOneThatAScenarioTakes) {
   conditions::Run run;
   run.kernel = {{"threaded-napi", "on"}};
-  for (const auto& knob : knobs_of(run, {{}, 80, {0}, {}}).knobs)
+  for (const auto& knob : knobs_of(run, {{}, 80, {0}}).knobs)
     for (const auto& key : conditions::keys())
       for (const auto& value : knob.values)
         if (key.path == knob.key) {
@@ -85,14 +103,14 @@ TEST(Knobs, EveryValueIsOneThatAScenarioTakes) {
 }
 
 TEST(Knobs, PrioritiesOfTheKernelStayBelowTheBound) {
-  for (const auto& knob : knobs_of({}, {{}, 40, {0}, {}}).knobs)
+  for (const auto& knob : knobs_of({}, {{}, 40, {0}}).knobs)
     if (knob.key == "kernel.ksoftirqd") {
       EXPECT_THAT(knob.values, ElementsAre("39"));
     }
 }
 
 TEST(Knobs, NoPriorityIsTriedWhereNoneIsBelowTheBound) {
-  const auto knobs = knobs_of({}, {{}, 1, {0}, {}});
+  const auto knobs = knobs_of({}, {{}, 1, {0}});
   for (const auto& knob : knobs.knobs) EXPECT_NE(knob.key, "kernel.ksoftirqd");
   EXPECT_TRUE(std::any_of(knobs.left_out.begin(), knobs.left_out.end(),
                           [](const auto& one) { return one.key == "kernel.ksoftirqd"; }));
@@ -116,6 +134,45 @@ TEST(Knobs, ReliableWithOneMessageOnALossyLinkIsAContradiction) {
   EXPECT_THAT(contradictions(run), IsEmpty());
 }
 
+constexpr const char* lean = "hosts: loopback\nruns: [{id: a, transport: udp, duration: 1 s}]\n";
+
+TEST(Keep, TheKeysOfAScenarioCanBePastedAndMeanTheSame) {
+  const Set set = {{"realtime", "on"},
+                   {"realtime.cpu-latency", "0 us"},
+                   {"realtime.receive.cpus", "0"},
+                   {"kernel.coalescing", "rx-usecs=0"},
+                   {"kernel.rmem-max", "4 MiB"}};
+  const auto kept = keep(scenario::parse_scenario("a.yaml", lean, {}), set, "/usr/bin/env");
+  const auto pasted = scenario::parse_scenario("a.yaml", lean + kept.scenario, {});
+  scenario::Selection selection;
+  selection.set = set;
+  const auto searched = scenario::parse_scenario("a.yaml", lean, selection);
+  EXPECT_EQ(conditions::asked(pasted.runs.front(), pasted.hosts),
+            conditions::asked(searched.runs.front(), searched.hosts));
+}
+
+TEST(Keep, TheUnitSetsWhatIsTheKernels) {
+  const auto scenario = scenario::parse_scenario("a.yaml", lean, {});
+  const auto kept = keep(scenario, {{"kernel.gro", "off"}, {"kernel.rmem-max", "4 MiB"}, {"realtime", "on"}},
+                         "/usr/bin/env");
+  EXPECT_EQ(kept.command,
+            "ontime tune apply --set gro=off --set rmem-max=4194304 --interface INTERFACE --print systemd");
+  EXPECT_THAT(
+      kept.unit,
+      HasSubstr(
+          "ExecStart=/usr/bin/env tune apply --set gro=off --set rmem-max=4194304 --interface INTERFACE"));
+  EXPECT_EQ(kept.no_unit, "");
+  EXPECT_THAT(keep(scenario, {{"kernel.ksoftirqd", "60"}}, "/usr/bin/env").unit, Not(HasSubstr("INTERFACE")));
+}
+
+TEST(Keep, SettingsOfAProcessNeedNoUnitAndNoSettingsNothing) {
+  const auto scenario = scenario::parse_scenario("a.yaml", lean, {});
+  const auto of_process = keep(scenario, {{"realtime", "on"}}, "/usr/bin/env");
+  EXPECT_EQ(of_process.scenario, "defaults:\n  realtime: on\n");
+  EXPECT_EQ(of_process.command + of_process.unit + of_process.no_unit, "");
+  EXPECT_EQ(keep(scenario, {}, "/usr/bin/env").scenario, "");
+}
+
 class Causes : public testing::Test {
  protected:
   static std::vector<Finding> of(std::int32_t culprit_priority, const Bounds& bounds,
@@ -137,7 +194,7 @@ class Causes : public testing::Test {
 };
 
 TEST_F(Causes, ARuleBecomesValuesWithinTheBounds) {
-  const auto found = of(120, {{}, 80, {0, 1}, {}});
+  const auto found = of(120, {{}, 80, {0, 1}});
   ASSERT_THAT(found, SizeIs(1));
   EXPECT_EQ(found.front().messages, 2);
   EXPECT_THAT(found.front().remedies,
@@ -146,16 +203,15 @@ TEST_F(Causes, ARuleBecomesValuesWithinTheBounds) {
 }
 
 TEST_F(Causes, AboveARealTimeCulpritIsOneMoreThanItsPriority) {
-  EXPECT_THAT(of(99 - 70, {{}, 80, {}, {}}).front().remedies,
-              ElementsAre(Setting{"kernel.napi-threads", "71"}));
+  EXPECT_THAT(of(99 - 70, {{}, 80, {}}).front().remedies, ElementsAre(Setting{"kernel.napi-threads", "71"}));
 }
 
 TEST_F(Causes, APriorityBeyondTheBoundIsNotProposed) {
-  EXPECT_THAT(of(99 - 90, {{}, 80, {}, {}}).front().remedies, IsEmpty());
+  EXPECT_THAT(of(99 - 90, {{}, 80, {}}).front().remedies, IsEmpty());
 }
 
 TEST_F(Causes, MessagesThatBreakNoLimitAreNoCause) {
-  EXPECT_THAT(of(120, {{}, 80, {}, {}}, 5'000'000), IsEmpty());
+  EXPECT_THAT(of(120, {{}, 80, {}}, 5'000'000), IsEmpty());
 }
 
 }  // namespace

@@ -74,6 +74,27 @@ TEST(Evidence, ARangeHoldsWhatWasSeenAndNarrowsWithMessages) {
   EXPECT_EQ(range_of({}, 0.05).high, 1);
 }
 
+TEST(Evidence, TheUpperLimitIsWhereItIsProven) {
+  const auto limit = upper_limit({3, 10'000}, 0.05);
+  EXPECT_GT(limit, 0.0003);
+  EXPECT_NEAR(against_at_least({3, 10'000}, limit), 20, 0.01);
+  EXPECT_LT(limit, range_of({3, 10'000}, 0.05).high) << "two-sided";
+  EXPECT_EQ(upper_limit({}, 0.05), 1);
+}
+
+TEST(Search, TheProofIsBelowWhatTheGoalPermits) {
+  for (const int seed : {1, 2, 3}) {
+    Machine machine({fault("NAPI thread behind a load")}, static_cast<std::uint64_t>(seed));
+    const auto outcome = found_by(machine, static_cast<std::uint64_t>(seed));
+    ASSERT_EQ(outcome.end, End::goal_holds);
+    ASSERT_THAT(outcome.proofs, SizeIs(2));
+    for (const auto& proof : outcome.proofs) {
+      EXPECT_LE(proof.below, proof.permitted * 1.000001);
+      EXPECT_GT(proof.permitted, 0);
+    }
+  }
+}
+
 TEST(Search, OnAHealthyMachineNothingIsChanged) {
   Machine machine({}, 1);
   const auto outcome = found_by(machine);
@@ -143,6 +164,33 @@ TEST(Search, ASetThatIsRefusedIsLeftAndNotTriedAgain) {
   EXPECT_THAT(outcome.set, ElementsAre(Pair("realtime.receive.cpus", "0")));
 }
 
+TEST(Search, OthersAreTriedWithoutTheOneSettingThatIsRefused) {
+  Machine machine({fault("interrupts that are coalesced")}, 1);  // no cause names it: all are tried at once
+  int refused = 0;
+  const auto outcome = find(Machine::problem(1), [&](const Order& order) -> std::optional<Answer> {
+    if (order.set.contains("kernel.irq-threads")) {
+      ++refused;
+      return Answer{{}, {}, "no such threads", false, "kernel.irq-threads"};
+    }
+    return machine.run(order.set);
+  });
+  EXPECT_EQ(refused, 1);
+  EXPECT_EQ(outcome.end, End::goal_holds);
+  EXPECT_THAT(outcome.set, ElementsAre(Pair("kernel.coalescing", "rx-usecs=0")));
+}
+
+TEST(Search, ASetWhoseRunsFailedForAReasonThatPassesIsStillKept) {
+  Machine machine({fault("NAPI thread behind a load")}, 1);
+  int failed = 0;
+  const auto outcome = find(Machine::problem(1), [&](const Order& order) -> std::optional<Answer> {
+    if (order.set.contains("kernel.napi-threads") && failed < 2)
+      return ++failed, Answer{{}, {}, "no answer", true};
+    return machine.run(order.set);
+  });
+  EXPECT_EQ(outcome.end, End::goal_holds);
+  EXPECT_THAT(outcome.set, ElementsAre(Pair("kernel.napi-threads", "60")));
+}
+
 TEST(Search, AStartThatCannotBeMeasuredEndsItWithTheReason) {
   const auto outcome = find(Machine::problem(1), [](const Order&) { return Answer{{}, {}, "no route"}; });
   EXPECT_EQ(outcome.end, End::cannot_measure);
@@ -163,7 +211,7 @@ TEST(Search, AFailedRunOfAMeasuredSetIsMadeAgain) {
   Machine machine({fault("NAPI thread behind a load")}, 1);
   int failed = 0;
   const auto outcome = find(Machine::problem(1), [&](const Order& order) -> std::optional<Answer> {
-    if (order.number % 5 == 0) return ++failed, Answer{{}, {}, "connection closed"};
+    if (order.number % 5 == 0) return ++failed, Answer{{}, {}, "no answer", true};
     return machine.run(order.set);
   });
   EXPECT_GT(failed, 2);
@@ -174,12 +222,12 @@ TEST(Search, AFailedRunOfAMeasuredSetIsMadeAgain) {
 TEST(Search, ThreeFailedRunsOfTheReferenceEndItUntilItIsResumed) {
   Machine machine({fault("NAPI thread behind a load")}, 1);
   std::vector<Answer> answers;
-  const auto broken = [](const Order&) { return Answer{{}, {}, "connection closed"}; };
+  const auto broken = [](const Order&) { return Answer{{}, {}, "no answer", true}; };
   const auto ended = resumed(answers, [&](const Order& order) {
     return order.number > 1 && order.set.empty() ? broken(order) : machine.run(order.set);
   });
   EXPECT_EQ(ended.end, End::cannot_measure);
-  EXPECT_EQ(ended.why, "connection closed");
+  EXPECT_EQ(ended.why, "no answer");
   const auto runs = answers.size();
   EXPECT_EQ(resumed(answers, broken).end, End::cannot_measure);
   EXPECT_EQ(answers.size(), runs + 3);
@@ -197,6 +245,10 @@ TEST(Search, TheStartHoldsByAQuarterOfAlphaAlone) {
   ASSERT_EQ(outcome.end, End::goal_holds);
   EXPECT_GE(against_at_least({0, 100.0 * runs}, 0.01), 4 / alpha);
   EXPECT_LT(against_at_least({0, 100.0 * (runs - 1)}, 0.01), 4 / alpha);
+  ASSERT_THAT(outcome.proofs, SizeIs(1));
+  EXPECT_EQ(outcome.proofs.front().permitted, 0.01);
+  EXPECT_LE(outcome.proofs.front().below, 0.01);
+  EXPECT_GE(outcome.proofs.front().below, upper_limit({0, 100.0 * runs}, alpha / 4));
 }
 
 TEST(Search, WithoutTimeItEndsWithTheBestSetSoFar) {

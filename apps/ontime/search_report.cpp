@@ -3,14 +3,13 @@
 
 #include <algorithm>
 #include <cmath>
+#include <sstream>
 
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
-#include "campaign/ssh.hpp"
 #include "report/html.hpp"
 #include "report/report.hpp"
-#include "settings/settings.hpp"
 
 namespace ontime::app {
 namespace {
@@ -48,10 +47,15 @@ std::string answer_of(const SearchReport& report) {
 // What is left of a search for a border within a double is 0.
 std::string percent(double share) { return share < 1e-9 ? "0" : fmt::format("{:.3g}", 100 * share); }
 
-// "p99.9 < 1 ms: 3 of 24000, 95 % interval [0.001, 0.06] %".
-std::string share_text(const search::Limit& limit, const search::Share& share) {
-  return fmt::format("{}: {:.0f} of {:.0f} break it, [{}, {}] %", limit.text, share.events, share.messages,
-                     percent(share.range.low), percent(share.range.high));
+// "p99.9 < 1 ms: 3 of 24000 messages break it, [0.001, 0.06] %"; where the goal holds, by the one-sided limit
+// that its proof used: "…; proven: less than 0.09 %, and the goal permits 0.1 %".
+std::string share_text(const search::Limit& limit, const search::Share& share, const search::Proof* proof) {
+  auto text = fmt::format("{}: {:.0f} of {:.0f} messages break it", limit.text, share.events, share.messages);
+  if (proof == nullptr)
+    return text + fmt::format(", [{}, {}] %", percent(share.range.low), percent(share.range.high));
+  return text + fmt::format("; proven: less than {} %, {} {} %", percent(proof->below),
+                            limit.share > 0 ? "and the goal permits" : "where one burst in a run is",
+                            percent(proof->permitted));
 }
 
 // The last runs of the set that was found.
@@ -87,28 +91,28 @@ std::vector<std::string> dropped(const search::Outcome& outcome, Decision decisi
   return all;
 }
 
-// The command that keeps what the set has of the kernel; "": it has nothing of it.
-std::string boot_command(const search::Set& set) {
-  constexpr std::string_view kernel = "kernel.";
-  std::vector<std::string> words{"ontime", "tune", "apply"};
-  bool of_interface = false;
-  for (const auto& [key, value] : set) {
-    if (!key.starts_with(kernel)) continue;
-    const auto name = key.substr(kernel.size());
-    words.insert(words.end(), {"--set", fmt::format("{}={}", name, value)});
-    for (const auto& setting : settings::table())
-      of_interface |= setting.of_interface && name == setting.name;
-  }
-  if (words.size() == 3) return "";
-  return campaign::quoted(words) + (of_interface ? " --interface NAME" : "") + " --print systemd";
+// Why settings could not be set here, each once.
+std::vector<std::string> refusals(const search::Outcome& outcome) {
+  std::vector<std::string> all;
+  for (const auto& trial : outcome.trials)
+    if (trial.decision == Decision::refused && std::find(all.begin(), all.end(), trial.why) == all.end())
+      all.push_back(trial.why);
+  return all;
 }
 
-// Keys of a scenario, as it has them.
-std::string scenario_keys(const search::Set& set) {
-  std::string text;
-  for (const auto& [key, value] : set)
-    if (!key.starts_with("kernel.")) text += fmt::format("{}{}: {}", text.empty() ? "" : ", ", key, value);
-  return text;
+std::string list(const char* title, const std::vector<std::string>& words) {
+  return words.empty() ? "" : fmt::format("\n{}: {}\n", title, fmt::join(words, "; "));
+}
+
+// Titles, and text to paste.
+std::vector<std::pair<std::string, std::string>> how_to_keep(const search::Kept& kept) {
+  std::vector<std::pair<std::string, std::string>> parts;
+  if (!kept.scenario.empty()) parts.emplace_back("In the scenario, for its runs", kept.scenario);
+  if (!kept.unit.empty())
+    parts.emplace_back(fmt::format("At every boot, on each machine ({})", kept.command), kept.unit);
+  if (!kept.no_unit.empty())
+    parts.emplace_back("At every boot, on each machine", fmt::format("{}\n{}\n", kept.command, kept.no_unit));
+  return parts;
 }
 
 const char* purpose_words(Purpose purpose) {
@@ -127,53 +131,63 @@ const char* purpose_words(Purpose purpose) {
 
 // ── The picture: one row a trial, one column a limit; the share that broke it, on a logarithmic scale.
 
-constexpr double row_px = 26, label_px = 420, column_px = 300, top_px = 34, least_share = 1e-6;
+// As wide as a page in a window of 1000 px, with up to five limits.
+constexpr double row_px = 26, label_px = 330, gap_px = 30, columns_px = 600, top_px = 34, least_share = 1e-6;
 
-double x_of(double share, std::size_t column) {
-  const auto decades = std::log10(std::clamp(share, least_share, 1.0) / least_share);
-  return label_px + static_cast<double>(column) * (column_px + 20) +
-         decades / -std::log10(least_share) * column_px;
+struct Columns {
+  double px;  // of each
+  double x_of(double share, std::size_t column) const {
+    const auto decades = std::log10(std::clamp(share, least_share, 1.0) / least_share);
+    return label_px + static_cast<double>(column) * (px + gap_px) + decades / -std::log10(least_share) * px;
+  }
+};
+
+Columns columns_of(std::size_t limits) {
+  constexpr double least_px = 90, most_px = 300;
+  return {std::clamp(columns_px / static_cast<double>(limits) - gap_px, least_px, most_px)};
 }
 
-std::string bar(const search::Share& share, std::size_t column, double y, const char* color) {
+std::string bar(const Columns& at, const search::Share& share, std::size_t column, double y,
+                const char* color) {
   const auto seen = share.messages > 0 ? share.events / share.messages : 0;
   return fmt::format(
       R"(<line x1="{:.1f}" x2="{:.1f}" y1="{:.1f}" y2="{:.1f}" stroke="{}" stroke-width="2"/><circle cx="{:.1f}" cy="{:.1f}" r="4" fill="{}"/>)",
-      x_of(share.range.low, column), x_of(share.range.high, column), y, y, color, x_of(seen, column), y,
-      color);
+      at.x_of(share.range.low, column), at.x_of(share.range.high, column), y, y, color, at.x_of(seen, column),
+      y, color);
 }
 
 std::string picture_of(const SearchReport& report) {
   const auto& goal = report.problem.goal;
   const auto& trials = report.outcome.trials;
+  const auto at = columns_of(goal.size());
   const auto height = top_px + row_px * static_cast<double>(trials.size()) + 24;
-  const auto width = x_of(1, goal.size() - 1) + 20;
+  const auto width = at.x_of(1, goal.size() - 1) + gap_px;
   std::string svg = fmt::format(
       R"(<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {:.0f} {:.0f}" width="{:.0f}" font-family="sans-serif" font-size="12" role="img" aria-label="Shares of messages that break each limit, trial by trial">)",
       width, height, width);
   for (std::size_t column = 0; column < goal.size(); ++column) {
     svg += fmt::format(R"(<text x="{:.1f}" y="14" font-weight="bold" fill="currentColor">{}</text>)",
-                       x_of(0, column), escaped(goal[column].text));
+                       at.x_of(0, column), escaped(goal[column].text));
     for (const auto& [share, label] : {std::pair{1e-6, "0"}, {1e-4, "0.01 %"}, {1e-2, "1 %"}, {1.0, "100 %"}})
       svg += fmt::format(
           R"(<line x1="{0:.1f}" x2="{0:.1f}" y1="{1:.0f}" y2="{2:.0f}" stroke="#8884"/><text x="{0:.1f}" y="{3:.0f}" text-anchor="middle" fill="currentColor">{4}</text>)",
-          x_of(share, column), top_px - 12, height - 20, height - 4, label);
+          at.x_of(share, column), top_px - 12, height - 20, height - 4, label);
     if (goal[column].share > 0)
       svg += fmt::format(
           R"(<line x1="{0:.1f}" x2="{0:.1f}" y1="{1:.0f}" y2="{2:.0f}" stroke="#c00" stroke-dasharray="4 3"/>)",
-          x_of(goal[column].share, column), top_px - 12, height - 20);
+          at.x_of(goal[column].share, column), top_px - 12, height - 20);
   }
   for (std::size_t i = 0; i < trials.size(); ++i) {
     const auto& trial = trials[i];
     const auto y = top_px + row_px * static_cast<double>(i);
     auto name = words_of(trial.set);
-    if (name.size() > 52) name = fmt::format("{} settings", trial.set.size());
+    if (name.size() > 40) name = fmt::format("{} settings", trial.set.size());
     svg += fmt::format(R"(<text x="0" y="{:.1f}" fill="currentColor">{} {}: {}</text>)", y + 4, i + 1,
                        escaped(name), search::word_of(trial.decision));
     for (std::size_t column = 0; column < goal.size(); ++column) {
       if (column < trial.reference_shares.size())
-        svg += bar(trial.reference_shares[column], column, y + 5, "#999");
-      if (column < trial.shares.size()) svg += bar(trial.shares[column], column, y - 3, "#06c");
+        svg += bar(at, trial.reference_shares[column], column, y + 5, "#999");
+      if (column < trial.shares.size()) svg += bar(at, trial.shares[column], column, y - 3, "#06c");
     }
   }
   return svg + "</svg>";
@@ -195,6 +209,14 @@ ordered_json json_of(const std::vector<search::Share>& shares) {
   return all;
 }
 
+// Lines stay lines.
+std::string preformatted(const std::string& text) {
+  std::string lines;
+  std::istringstream stream(text);
+  for (std::string line; std::getline(stream, line);) lines += escaped(line) + "\n";
+  return lines;
+}
+
 }  // namespace
 
 std::string words_of(const search::Set& set) {
@@ -209,7 +231,9 @@ std::string text_of(const SearchReport& report) {
   std::string text = fmt::format("Goal: {}: {}.\n", goal_of(report.problem), answer_of(report));
   if (const auto* last = last_of(outcome))
     for (std::size_t limit = 0; limit < last->shares.size(); ++limit)
-      text += fmt::format("  {}\n", share_text(report.problem.goal[limit], last->shares[limit]));
+      text +=
+          fmt::format("  {}\n", share_text(report.problem.goal[limit], last->shares[limit],
+                                           limit < outcome.proofs.size() ? &outcome.proofs[limit] : nullptr));
   const bool holds = outcome.end == End::goal_holds;
   if (!outcome.set.empty()) text += holds ? "\nSmallest set of settings:\n" : "\nBest settings so far:\n";
   for (const auto& one : outcome.contributions)
@@ -218,15 +242,11 @@ std::string text_of(const SearchReport& report) {
   if (!outcome.remaining.empty()) text += "\nStill late because of:\n";
   for (std::size_t i = 0; i < std::min(most_causes, outcome.remaining.size()); ++i)
     text += fmt::format("  {:.0f} messages: {}\n", outcome.remaining[i].messages, outcome.remaining[i].cause);
-  for (const auto& [words, decision] : {std::pair{"No effect", Decision::no_effect},
-                                        {"Harmful", Decision::harms},
-                                        {"Not possible here", Decision::refused}})
-    if (const auto all = dropped(outcome, decision); !all.empty())
-      text += fmt::format("\n{}: {}\n", words, fmt::join(all, "; "));
-  if (const auto command = boot_command(outcome.set); !command.empty())
-    text += fmt::format("\nAt every boot: {}\n", command);
-  if (const auto keys = scenario_keys(outcome.set); !keys.empty())
-    text += fmt::format("\nIn the scenario, or your program: {}\n", keys);
+  text += list("No effect", dropped(outcome, Decision::no_effect));
+  text += list("Harmful", dropped(outcome, Decision::harms));
+  text += list("Not possible here", refusals(outcome));
+  for (const auto& [title, words] : how_to_keep(report.kept))
+    text += fmt::format("\n{}:\n{}\n", title, words);
   text += fmt::format("\n{} trials, {} runs. Results: {}. Picture: {}.\n", outcome.trials.size(),
                       outcome.runs, report.results, report.page);
   // printable() keeps one line.
@@ -248,6 +268,16 @@ ordered_json json_of(const SearchReport& report) {
                    {"runs", outcome.runs},
                    {"results", report.results},
                    {"page", report.page}};
+  auto& proofs = all["proofs"] = ordered_json::array();
+  for (std::size_t limit = 0; limit < outcome.proofs.size(); ++limit)
+    proofs.push_back({{"limit", report.problem.goal[limit].text},
+                      {"below", outcome.proofs[limit].below},
+                      {"permitted", outcome.proofs[limit].permitted}});
+  const auto& kept = report.kept;
+  all["keep"] = {{"scenario", kept.scenario},
+                 {"command", kept.command},
+                 {"systemd", kept.unit},
+                 {"why_not", kept.no_unit}};
   auto& contributions = all["contributions"] = ordered_json::array();
   for (const auto& one : outcome.contributions) {
     auto less = ordered_json::array();
@@ -285,10 +315,12 @@ std::string page_of(const SearchReport& report) {
                           escaped(one.member.value), escaped(contribution_text(report.problem, one)));
     body += "</ul>";
   }
+  for (const auto& [title, words] : how_to_keep(report.kept))
+    body += fmt::format("<h2>{}</h2><pre>{}</pre>", escaped(title), preformatted(words));
   body +=
       "<h2>Trials</h2><p>Shares of messages that break each limit: blue what was tried, gray what it was "
       "compared with; lines are 95 % intervals, dashes the limit.</p>";
-  body += picture_of(report);
+  body += "<div class=\"wide\">" + picture_of(report) + "</div><div class=\"wide\">";
   body +=
       "<table><tr><th></th><th>tried</th><th>how</th><th>compared with</th><th>because "
       "of</th><th>runs</th><th>result</th></tr>";
@@ -300,7 +332,7 @@ std::string page_of(const SearchReport& report) {
                     trial.purpose == Purpose::measure ? "" : escaped(words_of(trial.reference)),
                     escaped(trial.why), trial.runs, search::word_of(trial.decision));
   }
-  body += "</table>";
+  body += "</table></div>";
   if (!outcome.remaining.empty()) body += "<h2>Remaining causes</h2><ul>";
   for (const auto& finding : outcome.remaining)
     body += fmt::format("<li>{:.0f} messages: {}</li>", finding.messages, escaped(finding.cause));

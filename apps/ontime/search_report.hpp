@@ -6,6 +6,7 @@
 
 #include <nlohmann/json.hpp>
 
+#include "search/keep.hpp"
 #include "search/knobs.hpp"
 #include "search/search.hpp"
 
@@ -17,6 +18,7 @@ struct SearchReport {
   const std::vector<search::Knobs::LeftOut>& left_out;
   std::string stopped;  // why there was no more time, for people; "": there was
   std::string scenario, results, page;
+  search::Kept kept;
 };
 
 std::string text_of(const SearchReport&);

@@ -1,38 +1,35 @@
 // SPDX-License-Identifier: Apache-2.0
-// The search for the smallest set of settings by which a scenario meets a goal: its runs are carried out
-// here, as those of `ontime run` are. The results file is its only memory: of the runs in it, in their order,
-// the search makes the same way again, and goes on from there.
+// The search for the smallest set of settings by which a scenario meets a goal.
 #include <algorithm>
 #include <chrono>
-#include <deque>
+#include <cmath>
 #include <filesystem>
+#include <map>
 
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
 #include "campaign/campaign.hpp"
 #include "commands.hpp"
-#include "explain/explain.hpp"
 #include "flags.hpp"
-#include "gate/gate.hpp"
 #include "isolation/groups.hpp"
-#include "keeper/keeper.hpp"
 #include "measured.hpp"
 #include "output.hpp"
 #include "results_page.hpp"
 #include "scenario_files.hpp"
 #include "search/goal.hpp"
+#include "search_lacks.hpp"
 #include "search_report.hpp"
-#include "settings/settings.hpp"
+#include "search_trials.hpp"
+#include "spelling/spelling.hpp"
 #include "terminal.hpp"
 
 namespace ontime::app {
 namespace {
 
 using campaign::Error;
-using Clock = std::chrono::steady_clock;
+using Seconds = std::chrono::duration<double>;
 
-constexpr const char* note_kind = "search";
 constexpr const char* usual_time = "2 h";
 constexpr int usual_priority = 80;
 constexpr double too_many_runs = 24;  // to prove that a goal holds
@@ -60,211 +57,102 @@ campaign::Scenario scenario_of(const Arguments& arguments, const std::string& fi
   return scenario;
 }
 
-bool is_here(const campaign::Host& host) { return host.ssh.empty() && host.reach.empty(); }
+// A whole key, or the last word of one or more.
+void check_never(const std::string& name) {
+  const auto keys = search::knob_keys();
+  auto words = keys;
+  for (const auto& key : keys) words.push_back(key.substr(key.rfind('.') + 1));
+  if (std::find(words.begin(), words.end(), name) != words.end()) return;
+  throw Error(2, fmt::format("--never: a search does not set '{}'{}. It may set: {}", name,
+                             spelling::suggestion(name, words), fmt::join(keys, ", ")));
+}
 
-// Settings that this machine is known to lack: all hosts are on it.
-std::map<std::string, std::string> lacks_of(const campaign::Scenario& scenario) {
-  std::map<std::string, std::string> cannot;
-  const auto& hosts = scenario.hosts;
-  if (!is_here(hosts.controller) || !is_here(hosts.components.front().host)) return cannot;
-  const bool is_virtual =
-      hosts.kind == campaign::Hosts::Kind::namespaces && hosts.controller.interface.empty();
-  for (const auto& state : settings::show({})) {
-    const auto key = fmt::format("kernel.{}", state.setting->name);
-    if (!state.setting->of_interface && !state.cannot.empty()) cannot[key] = state.cannot;
-  }
-  if (is_virtual)
-    for (const auto* name : {"irq-cpus", "irq-threads", "coalescing"})
-      cannot[fmt::format("kernel.{}", name)] =
-          "the namespaces' interfaces are virtual, and have no interrupts";
-  return cannot;
+// Where anything may be put: the CPUs of this process, which a container may limit, without those that the
+// user keeps.
+std::vector<int> cpus_of(const Arguments& arguments) {
+  auto cpus = isolation::cpus_of_thread(getpid());
+  if (arguments.keep_cpus_off.empty()) return cpus;
+  const auto there = realtime::list_of(cpus);
+  const auto off = realtime::cpus_of(arguments.keep_cpus_off);
+  if (!off)
+    throw Error(2, fmt::format("--keep-cpus-off: '{}' is no list of CPUs such as 0 or 0-1,3; there are: {}",
+                               arguments.keep_cpus_off, there));
+  for (const int cpu : *off)
+    if (std::erase(cpus, cpu) == 0)
+      throw Error(2, fmt::format("--keep-cpus-off: there is no CPU {} here; there are: {}", cpu, there));
+  if (cpus.empty())
+    throw Error(
+        2, fmt::format("--keep-cpus-off: {} leaves no CPU; there are: {}", arguments.keep_cpus_off, there));
+  return cpus;
 }
 
 search::Bounds bounds_of(const Arguments& arguments, const campaign::Scenario& scenario) {
   search::Bounds bounds;
   for (const auto& name : arguments.never) {
-    const auto& keys = campaign::keys();
-    if (std::none_of(keys.begin(), keys.end(),
-                     [&](const auto& key) { return key.path == name || key.path.ends_with("." + name); }))
-      throw Error(
-          2, fmt::format("--never: there is no setting '{}'; take a key of scenarios, such as irq-threads or "
-                         "realtime.lock-memory",
-                         name));
+    check_never(name);
     bounds.never.insert(name);
   }
   const int own = campaign::application_priority(scenario.runs.front());
   bounds.below_priority = arguments.below_priority.value_or(own > 0 ? own : usual_priority);
-  std::vector<int> off;
-  if (!arguments.keep_cpus_off.empty()) {
-    const auto cpus = realtime::cpus_of(arguments.keep_cpus_off);
-    if (!cpus)
-      throw Error(2, fmt::format("--keep-cpus-off: '{}' is no list of CPUs such as 0 or 0-1,3",
-                                 arguments.keep_cpus_off));
-    off = *cpus;
-  }
-  for (const int cpu : isolation::cpus_of_thread(getpid()))  // a container may permit fewer than there are
-    if (std::find(off.begin(), off.end(), cpu) == off.end()) bounds.cpus.push_back(cpu);
+  bounds.cpus = cpus_of(arguments);
   bounds.cannot = lacks_of(scenario);
   return bounds;
 }
 
-// What is said before the first trial: contradictions, settings that cannot help, and runs that are too
-// short.
-void check(const search::Problem& problem, const campaign::Scenario& scenario, const search::Knobs& knobs,
-           Terminal& terminal) {
-  const auto& run = scenario.runs.front();
-  for (const auto& text : search::contradictions(run)) terminal.note("contradiction: " + text);
-  for (const auto& [key, why] : knobs.left_out) terminal.note(fmt::format("not tried: {}: {}", key, why));
-  const auto messages = static_cast<double>(run.task.client.duration.count()) /
-                        static_cast<double>(run.task.client.period.count());
+// How long the search may take at least, by its first trial.
+struct Plan {
+  Seconds of_run{0};
+  double runs = 1;  // of the first trial: to prove that the goal holds, where it does
+
+  Seconds of_trial() const { return of_run * runs; }
+  std::string text() const {
+    return fmt::format("a run takes about {}, and the first trial {:.0f} runs, about {}", about(of_run), runs,
+                       about(of_trial()));
+  }
+};
+
+Plan plan_of(const search::Problem& problem, const campaign::Scenario& scenario) {
+  Plan plan{campaign::time_of(scenario)};
+  const auto& client = scenario.runs.front().task.client;
+  const auto messages =
+      static_cast<double>(client.duration.count()) / static_cast<double>(client.period.count());
   for (const auto& limit : problem.goal)
-    if (const auto needed = 6 / std::max(limit.share, 1 / messages) / messages; needed > too_many_runs)
-      terminal.note(fmt::format("{}: proof takes about {:.0f} runs of {:.0f} messages: make the runs longer",
-                                limit.text, needed, messages));
+    plan.runs = std::max(plan.runs, std::ceil(search::messages_to_prove(limit, messages) / messages));
+  return plan;
 }
 
-class Trials {
- public:
-  Trials(const Arguments& arguments, std::string file, const std::vector<search::Part>& goal,
-         const search::Bounds& bounds, record::Writer& writer, Terminal& terminal,
-         campaign::Interrupts& interrupts)
-      : arguments_(arguments),
-        selection_(arguments.choice.checked()),
-        file_(std::move(file)),
-        goal_(goal),
-        bounds_(bounds),
-        writer_(writer),
-        terminal_(terminal),
-        interrupts_(interrupts),
-        until_(Clock::now() + duration_flag("--within", arguments.within)) {
-    if (arguments.resume) recall();
-  }
+void check_time(const Arguments& arguments, const Plan& plan, Terminal& terminal) {
+  const Seconds within = duration_flag("--within", arguments.within);
+  if (within < plan.of_run)
+    throw Error(2, fmt::format("--within {}: too short for one run: {}", arguments.within, plan.text()));
+  if (within < plan.of_trial())
+    terminal.note(fmt::format("--within {} is too short for a proof: {}", arguments.within, plan.text()));
+  if (plan.runs > too_many_runs)
+    terminal.note(fmt::format("proof takes about {:.0f} runs: make them longer (--duration)", plan.runs));
+}
 
-  std::optional<search::Answer> measure(const search::Order& order) {
-    if (!stopped_.empty()) return {};
-    try {
-      const auto scenario = scenario_of(arguments_, file_, selection_, order.set);
-      if (auto known = recalled(order, scenario)) return recalled_answer(*known);
-      if (Clock::now() + std::chrono::duration_cast<Clock::duration>(campaign::time_of(scenario)) > until_)
-        return stop(fmt::format("{} are over (--within)", arguments_.within), 1);
-      return measured(order, scenario);
-    } catch (const scenario::Error& error) {  // its keys contradict one another
-      return search::Answer{{}, {}, error.what()};
-    } catch (const campaign::Error& error) {
-      return stop(error.what(), error.exit);
-    }
-  }
+// What is said before the first trial: contradictions, and settings that cannot help.
+void tell(const campaign::Scenario& scenario, const search::Knobs& knobs, Terminal& terminal) {
+  for (const auto& text : search::contradictions(scenario.runs.front()))
+    terminal.note("contradiction: " + text);
+  std::map<std::string, std::vector<std::string>> by_reason;
+  for (const auto& [key, why] : knobs.left_out) by_reason[why].push_back(key);
+  for (const auto& [why, keys] : by_reason)
+    terminal.note(fmt::format("not tried: {}: {}", fmt::join(keys, ", "), why));
+}
 
-  const std::string& stopped() const { return stopped_; }
-  int code() const { return code_; }
-
- private:
-  static std::string text_of(const search::Order& order) {
-    return fmt::format("search, trial {}, run {}: {}", order.trial, order.number, words_of(order.set));
-  }
-
-  std::nullopt_t stop(const std::string& why, int code) {
-    stopped_ = why;
-    code_ = code;
-    return std::nullopt;
-  }
-
-  // The runs of this search that the results have.
-  void recall() {
-    const auto reader = writer_.reader();
-    for (auto& run : reader.runs())
-      for (const auto& note : reader.notes(run.number))
-        if (note.kind == note_kind) {
-          known_.push_back({note.text, std::move(run)});
-          break;
-        }
-  }
-
-  std::optional<record::Run> recalled(const search::Order& order, const campaign::Scenario& scenario) {
-    if (known_.empty()) return {};
-    auto [text, run] = std::move(known_.front());
-    known_.pop_front();
-    if (text != text_of(order) || record::at(run.asked.document, "scenario") != scenario.text)
-      throw Error(
-          2, fmt::format("--resume: run {} of {} is '{}', and this search comes to '{}' there: its goal, its "
-                         "bounds or the scenario changed. Begin a new file of results",
-                         run.number, arguments_.results, text, text_of(order)));
-    return run;
-  }
-
-  std::optional<search::Answer> measured(const search::Order& order, const campaign::Scenario& scenario) {
-    terminal_.note(text_of(order));
-    const auto before = last_number();
-    const int code = campaign::execute(scenario, writer_, terminal_, interrupts_, command_line());
-    if (code == 130 || interrupts_ > 0) return stop("interrupted", 130);
-    const auto number = last_number();
-    if (number == before) return stop("no run was measured", 3);
-    const auto run = writer_.reader().runs(number).front();
-    if (const auto text = changed_by_another(run); !text.empty()) return stop(text, 3);
-    writer_.note(number, {note_kind, text_of(order), {}, {}});
-    writer_.flush();
-    return answer_of(run);
-  }
-
-  std::int64_t last_number() {
-    const auto runs = writer_.reader().runs();
-    return runs.empty() ? 0 : runs.back().number;
-  }
-
-  search::Answer recalled_answer(const record::Run& run) {
-    auto answer = answer_of(run);
-    answer.is_recalled = true;
-    return answer;
-  }
-
-  search::Answer answer_of(const record::Run& run) {
-    const auto reader = writer_.reader();
-    const auto summary = statistics::summarise(reader, run);
-    search::Answer answer;
-    answer.refused = gate::unfit(summary);
-    if (!answer.refused.empty()) return answer;
-    std::int64_t slow_ns = 0;
-    for (const auto& part : goal_) {
-      answer.tallies.push_back(search::tally_of(part, summary));
-      const bool is_time =
-          part.gate.figure != statistics::Figure::late && part.gate.figure != statistics::Figure::lost;
-      const auto limit_ns = static_cast<std::int64_t>(part.gate.limit);
-      if (is_time) slow_ns = slow_ns == 0 ? limit_ns : std::min(slow_ns, limit_ns);
-    }
-    answer.findings = search::findings_of(explain::account_of(reader, run), run, slow_ns, bounds_);
-    return answer;
-  }
-
-  // What a run set stays so until it gives it back, unless another process changes it.
-  static std::string changed_by_another(const record::Run& run) {
-    for (const auto& [name, host] : run.outcome.hosts)
-      for (const auto& change : host.kernel)
-        if (!change.lasted())
-          return fmt::format(
-              "another process changed {} ({}) on the {} from {} to {}: it stays so, and the search steps "
-              "back. "
-              "Stop that process, and search again",
-              change.setting, change.thing, name, change.after.dump(), change.now.dump());
-    return "";
-  }
-
-  const Arguments& arguments_;
-  const campaign::Selection selection_;
-  const std::string file_;
-  const std::vector<search::Part>& goal_;
-  const search::Bounds& bounds_;
-  record::Writer& writer_;
-  Terminal& terminal_;
-  campaign::Interrupts& interrupts_;
-  const Clock::time_point until_;
-  struct Known {
-    std::string text;
-    record::Run run;
-  };
-  std::deque<Known> known_;
-  std::string stopped_;
-  int code_ = 0;
-};
+Subject subject_of(const campaign::Scenario& scenario, const search::Problem& problem) {
+  std::vector<std::string> limits, settings;
+  for (const auto& limit : problem.goal) limits.push_back(limit.text);
+  for (const auto& knob : problem.knobs)
+    settings.push_back(knob.values.empty() ? knob.key
+                                           : fmt::format("{}: {}", knob.key, fmt::join(knob.values, " or ")));
+  const auto& run = scenario.runs.front();
+  return {
+      scenario.text, fmt::format("{}", fmt::join(limits, " and ")),
+      fmt::format("{} over {}, {} s", run.id, run.task.transport, Seconds(run.task.client.duration).count()),
+      fmt::format("{}", fmt::join(settings, "; "))};
+}
 
 std::string picture_beside(const std::string& results) {
   return std::filesystem::path(results).replace_extension("search.html").string();
@@ -283,18 +171,22 @@ int exit_code(const search::Outcome& outcome, const Trials& trials) {
   }
 }
 
-int run(const Arguments& arguments) {
-  const bool as_json = is_json_flag(arguments.format);
-  std::vector<search::Part> goal;
+std::vector<search::Part> goal_of(const Arguments& arguments) {
   try {
-    goal = search::goal_of(arguments.goal);
+    return search::goal_of(arguments.goal);
   } catch (const gate::Error& error) {
     throw Error(2, fmt::format("--goal: {}", error.what()));
   }
+}
+
+int run(const Arguments& arguments) {
+  const bool as_json = is_json_flag(arguments.format);
+  const auto goal = goal_of(arguments);
   const auto files = scenario_files({arguments.scenario});
   if (files.size() != 1)
     throw Error(2, fmt::format("{} are {} scenarios: name one", arguments.scenario, files.size()));
-  const auto scenario = scenario_of(arguments, files.front(), arguments.choice.checked(), {});
+  const auto selection = arguments.choice.checked();
+  const auto scenario = scenario_of(arguments, files.front(), selection, {});
   const auto bounds = bounds_of(arguments, scenario);
   const auto knobs = search::knobs_of(scenario.runs.front(), bounds);
   search::Problem problem{{}, knobs.knobs};
@@ -302,32 +194,38 @@ int run(const Arguments& arguments) {
   const auto results = arguments.results.empty() ? new_results_file(arguments.scenario) : arguments.results;
   if (!arguments.resume && std::filesystem::exists(results))
     throw Error(
-        2,
-        fmt::format("--results: {} is there already: name another, or add --resume to go on with its search",
-                    results));
+        2, fmt::format("--results: {} exists: name another file, or add --resume to go on with its search",
+                       results));
   auto& interrupts = catch_interrupts();
   Terminal terminal;
-  check(problem, scenario, knobs, terminal);
+  const auto plan = plan_of(problem, scenario);
+  if (!arguments.resume) check_time(arguments, plan, terminal);
+  tell(scenario, knobs, terminal);
   record::Writer writer(results);
-  Trials trials(arguments, files.front(), goal, bounds, writer, terminal, interrupts);
+  Trials trials(subject_of(scenario, problem),
+                [&](const search::Set& set) { return scenario_of(arguments, files.front(), selection, set); },
+                goal, bounds, Trials::Clock::now() + duration_flag("--within", arguments.within),
+                {writer, terminal, interrupts});
+  if (arguments.resume) trials.recall(results);
   const auto outcome =
       search::find(problem, [&](const search::Order& order) { return trials.measure(order); });
   terminal.clear_line();
   if (outcome.runs == 0) throw Error(trials.code(), trials.stopped());
-  SearchReport report{problem,
-                      outcome,
-                      knobs.left_out,
-                      trials.stopped(),
-                      arguments.scenario,
-                      results,
-                      picture_beside(results)};
+  const SearchReport report{problem,
+                            outcome,
+                            knobs.left_out,
+                            trials.stopped(),
+                            arguments.scenario,
+                            results,
+                            picture_beside(results),
+                            search::keep(scenario, outcome.set, orders::this_program())};
   Output page(report.page);
   page.write(page_of(report));
   page.finish();
   const auto reader = writer.reader();
   terminal.note("page of all runs: " + write_page_beside(results, reader, statistics::summarise(reader)));
   as_json ? print_json(json_of(report)) : print(for_output(text_of(report)));
-  if (outcome.end == search::End::no_time)
+  if (outcome.end == search::End::no_time || outcome.end == search::End::cannot_measure)
     terminal.note(fmt::format("to go on: the same command with --results {} --resume", results));
   return exit_code(outcome, trials);
 }
@@ -338,11 +236,12 @@ void add_tune_search(Command& tune, Action& action) {
   auto* command = tune.add_subcommand(
       "search", "Finds the smallest set of settings by which a scenario meets a goal, and proves it");
   command->footer(
-      "Each run sets what it tries, measures, and gives it back. The settings found stay in no place: the "
-      "output "
-      "says how to keep them.\nExit codes: 0 the goal holds · 1 it does not, or is not proven · 3 this "
-      "machine or a "
-      "peer cannot do it");
+      fmt::format("Each run sets what it tries, measures, and restores it. The settings found are not "
+                  "applied: the output "
+                  "says how to keep them.\nA search may set: {}.\nExit codes: 0 the goal holds · 1 it does "
+                  "not, or is not "
+                  "proven · 2 wrong usage or input · 3 this machine or a peer cannot do it · 130 interrupted",
+                  fmt::join(search::knob_keys(), ", ")));
   auto arguments = std::make_shared<Arguments>();
   command->add_option("SCENARIO", arguments->scenario, "a scenario with one run between two hosts")
       ->required();
@@ -353,7 +252,7 @@ void add_tune_search(Command& tune, Action& action) {
   command->add_option("--within", arguments->within, "stop after this time: 2 h")
       ->type_name("TIME")
       ->check(given);
-  command->add_option("--never", arguments->never, "never set these, such as irq-threads")
+  command->add_option("--never", arguments->never, "never set these (list below), such as irq-threads")
       ->delimiter(',')
       ->allow_extra_args(false)
       ->type_name("KEY,...")

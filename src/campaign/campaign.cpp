@@ -104,6 +104,9 @@ class Suite {
         const json why{{"error", error.what()}, {"unanswered", true}};
         ends = gate::ends_search(asked.front(), why);
         code = failed(session, runs.front(), numbers, why, ends ? 0 : error.exit);
+      } catch (const Refused& error) {
+        code = failed(session, runs.front(), numbers,
+                      {{"error", error.what()}, {"refused_setting", error.setting}}, error.exit);
       } catch (const Error& error) {
         code = failed(session, runs.front(), numbers, {{"error", error.what()}}, error.exit);
       } catch (const json::exception& error) {  // answered, and not as it should be

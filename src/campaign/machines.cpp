@@ -322,8 +322,11 @@ std::vector<std::string> Machines::tune(const Together& runs) {
       if (run.kernel.empty()) continue;
       const auto tuned =
           ask(machine, "tune", "tuned", {{"host", host}, {"link", link}, {"wishes", run.kernel}});
-      if (tuned.contains("error"))
-        throw Error(3, fmt::format("on the {}, {}", host, tuned.at("error").get<std::string>()));
+      if (tuned.contains("error")) {
+        const auto text = fmt::format("on the {}, {}", host, tuned.at("error").get<std::string>());
+        if (tuned.contains("refused")) throw Refused(text, tuned.at("refused"));
+        throw Error(3, text);
+      }
     }
   return shared;
 }

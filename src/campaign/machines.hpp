@@ -13,6 +13,12 @@
 
 namespace ontime::campaign {
 
+// A host cannot have this setting: "kernel.governor".
+struct Refused : Error {
+  Refused(const std::string& message, std::string of) : Error(3, message), setting(std::move(of)) {}
+  std::string setting;
+};
+
 class Machines {
  public:
   using Hand = orders::Coordinator::Hand;
@@ -46,7 +52,7 @@ class Machines {
   // For what is measured at one time: the settings of the kernels and the CPUs that are kept, its load, its
   // links and its traffic, and the account of what each machine did between begin() and end().
   // Returns what their records are to say of which processes may use reserved CPUs all the same. Throws
-  // Error, with nothing changed, where a machine lacks what is asked for.
+  // Error, with nothing changed, where a machine lacks what is asked for: Refused for a kernel setting.
   std::vector<std::string> tune(const Together&);
   // That process on the host's machine has the CPUs that tune() kept. Throws Error.
   void keep(const std::string& host, pid_t) const;

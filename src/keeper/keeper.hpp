@@ -11,8 +11,9 @@
 //                         {place, interface, address, port: of the controller's bridge, "" where it has
 //                         none}; cable: null, or the names of two interfaces that are to join the
 //                         controller and its one component; wire: null, or {bits_per_s, vlan}
-//   tune   {host, link, wishes}  tuned {settings} of a host, all of them applied, until restore; or {error},
-//                         and nothing is changed
+//   tune   {host, link, wishes}  tuned {settings} of a host, all of them applied, until restore; or {error,
+//                         refused: the setting that this machine cannot have}, and nothing is changed;
+//                         without `refused` the error says nothing of a setting
 //   isolate {host, link, wish}
 //                         isolated {stay: what may run on the reserved CPUs all the same, for people, or ""},
 //                         until restore, or another wish, before any tune; or {error}, and nothing is changed

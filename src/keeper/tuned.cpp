@@ -41,15 +41,19 @@ json to_json(const std::vector<settings::Change>& changes, const settings::Link&
 
 json Tuned::apply(const json& order) {
   try {
+    journal_.hold();  // first: a machine that another ontime holds says nothing of the settings
     const auto link = link_of(order.at("link"));
     auto changes = settings::apply(journal_, order.at("wishes").get<settings::Wishes>(), link);
     const auto told = to_json(changes, link);
     hosts_[order.at("host")] = {link, std::move(changes)};
     return {{"settings", told}};
+  } catch (const journal::Error& error) {
+    return {{"error", fmt::format("kernel: {}", error.what())}};
   } catch (const machine::Error& error) {
     return {{"error", fmt::format("kernel: {}", error.what())}};
   } catch (const settings::Error& error) {  // which begins with the name of a setting
-    return {{"error", fmt::format("kernel.{}", error.what())}};
+    const auto text = fmt::format("kernel.{}", error.what());
+    return {{"error", text}, {"refused", text.substr(0, text.find(':'))}};
   }
 }
 

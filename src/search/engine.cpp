@@ -13,7 +13,7 @@ namespace {
 constexpr int most_runs_alone = 24, most_pairs = 10, most_pairs_to_confirm = 40;
 constexpr std::size_t references_to_confirm = 3;  // more of them would show nothing new
 constexpr int most_confirmations = 3;
-constexpr int most_attempts = 3;      // to measure a set that was measured before
+constexpr int most_attempts = 3;      // to measure a set
 constexpr int least_pairs = 2;        // before a trial is given up as without effect
 constexpr double no_less_than = 0.7;  // of the reference's share: such a set is given up
 // By so much, squared and relative, runs are taken to differ before many are there.
@@ -91,6 +91,13 @@ class Evidence {
       const auto [events, messages] = sum(runs, limit);
       return events <= problem_.goal[limit].share * messages;
     });
+  }
+  // Of runs by which the goal holds.
+  std::vector<Proof> proofs(const Runs& runs, double alpha) const {
+    std::vector<Proof> proofs;
+    for (std::size_t limit = 0; limit < size(); ++limit)
+      proofs.push_back({upper_limit(at_permitted(runs, limit), alpha), permitted(limit)});
+    return proofs;
   }
   // By what was seen, not by what is proven.
   bool looks_no_less(const Runs& one, const Runs& other) const {
@@ -188,7 +195,10 @@ class Search {
       outcome_.why = error.why;
     }
     outcome_.set = set_;
-    if (outcome_.end != End::goal_holds) outcome_.remaining = findings_of(set_);
+    if (outcome_.end != End::goal_holds) {
+      outcome_.remaining = findings_of(set_);
+      outcome_.proofs.clear();
+    }
     for (const auto& member : settings_of(set_)) outcome_.contributions.push_back(contribution_of(member));
     return std::move(outcome_);
   }
@@ -211,23 +221,21 @@ class Search {
 
   // ── Trials
 
-  // One run; null where the set is refused. A set that was measured before is possible here: its run failed
-  // for another reason, such as a broken connection, and is made again. Where the search cannot go on without
-  // the set, a recalled refusal does not end it: the set is tried again.
+  // One run; null where the set is refused. What may pass is tried again. Where the search cannot go on
+  // without the set, a recalled refusal does not end it: the set is tried again.
   const Answer* measure(const Set& set, Trial& trial, bool is_vital) {
-    const int attempts = evidence_.of(set).empty() ? 1 : most_attempts;
-    std::string refused;
-    for (int left = attempts; left > 0;) {
+    for (int attempt = 1;; ++attempt) {
       auto run = measure_({static_cast<int>(outcome_.trials.size()) + 1, outcome_.runs + 1, set});
       if (!run) throw NoTime{};
       ++outcome_.runs;
       ++trial.runs;
       if (run->refused.empty()) return evidence_.add(set, std::move(*run));
-      refused = run->refused;
-      if (--left == 0 && is_vital && run->is_recalled) left = attempts;
+      trial.why = run->refused;
+      refused_setting_ = run->refused_setting;
+      if (run->may_pass && attempt < most_attempts) continue;
+      if (!is_vital || !run->is_recalled) return nullptr;
+      attempt = 0;
     }
-    trial.why = refused;
-    return nullptr;
   }
 
   Decision ended(Trial trial, const Runs& mine, const Runs& theirs, Decision decision) {
@@ -247,8 +255,11 @@ class Search {
       if (run == nullptr) throw CannotMeasure{trial.why};
       runs.push_back(run);
       const auto all = evidence_.of(set);
-      if (evidence_.kept_to(all) && evidence_.holds(all, set.empty() ? level_of_start() : problem_.alpha))
+      const auto alpha = set.empty() ? level_of_start() : problem_.alpha;
+      if (evidence_.kept_to(all) && evidence_.holds(all, alpha)) {
+        outcome_.proofs = evidence_.proofs(all, alpha);
         return ended(trial, runs, {}, Decision::holds);
+      }
       if (evidence_.fails(all, level_of(set))) return ended(trial, runs, {}, Decision::fails);
     }
     return ended(trial, runs, {}, Decision::no_effect);
@@ -318,6 +329,7 @@ class Search {
                    [&](const Runs& mine, const Runs&) -> std::optional<Decision> {
                      if (evidence_.fails(mine, problem_.alpha)) return Decision::fails;
                      if (!evidence_.holds(mine, alpha)) return {};
+                     outcome_.proofs = evidence_.proofs(mine, alpha);
                      return evidence_.kept_to(mine) ? Decision::holds : Decision::fails;
                    });
   }
@@ -359,7 +371,14 @@ class Search {
   bool add(const std::vector<Setting>& settings, const std::string& why) {
     const auto set = with(set_, settings);
     if (settings.empty() || tried_.contains(set)) return false;
+    refused_setting_.clear();
     const auto decision = try_to_add(set, why);
+    if (decision == Decision::refused && set.contains(refused_setting_) && !set_.contains(refused_setting_)) {
+      auto others = settings;
+      std::erase_if(others, [&](const Setting& one) { return one.key == refused_setting_; });
+      unwanted_.insert({refused_setting_, set.at(refused_setting_)});
+      return add(others, why);
+    }
     const bool is_bad = decision == Decision::harms || decision == Decision::refused;
     if (settings.size() == 1) {
       if (is_bad) unwanted_.insert({settings.front().key, settings.front().value});
@@ -477,6 +496,7 @@ class Search {
   std::set<std::pair<std::string, std::string>> unwanted_;  // harmful, or not available
   std::map<Set, std::size_t> statements_;
   std::size_t confirmations_ = 0;
+  std::string refused_setting_;  // of the last refused run
 };
 
 template <class Word, std::size_t size>

@@ -62,4 +62,10 @@ Range range_of(const Count& count, double alpha) {
   return range;
 }
 
+double upper_limit(const Count& count, double alpha) {
+  if (count.messages <= 0) return 1;
+  return border(1, count.events / count.messages,
+                [&](double share) { return against_at_least(count, share) < 1 / alpha; });
+}
+
 }  // namespace ontime::search

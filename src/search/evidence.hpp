@@ -30,4 +30,7 @@ struct Range {
 };
 Range range_of(const Count&, double alpha);
 
+// One-sided: the least share that against_at_least() excludes with so much evidence; 1: none.
+double upper_limit(const Count&, double alpha);
+
 }  // namespace ontime::search

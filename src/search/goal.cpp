@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "search/goal.hpp"
 
+#include <algorithm>
 #include <utility>
 
 #include <fmt/format.h>
@@ -65,6 +66,12 @@ std::vector<Part> goal_of(const std::string& text) {
     from = to == text.size() ? to + 1 : to + conjunction.size();
   }
   return parts;
+}
+
+// By against_at_least() at the level that the start has.
+double messages_to_prove(const Limit& limit, double of_run) {
+  constexpr double enough = 6;
+  return enough / std::max(limit.share, 1 / of_run);
 }
 
 Tally tally_of(const Part& part, const statistics::Summary& run) {

@@ -23,6 +23,9 @@ struct Part {
 };
 std::vector<Part> goal_of(const std::string& text);  // throws gate::Error, for people
 
+// About so many, in runs of `of_run` messages, if none breaks the limit.
+double messages_to_prove(const Limit&, double of_run);
+
 Tally tally_of(const Part&, const statistics::Summary&);
 
 }  // namespace ontime::search

@@ -77,8 +77,19 @@ std::string why_not(const std::string& key, const conditions::Run& run, const Bo
     return fmt::format("no priority is below {}", bounds.below_priority);
   if (key.starts_with("kernel.napi-") && stated(run, "kernel.threaded-napi") != "on")
     return "NAPI has no threads here: threaded-napi is off";
-  const auto lacks = bounds.cannot.find(key);
-  return lacks == bounds.cannot.end() ? "" : lacks->second;
+  return "";
+}
+
+// Takes out the values that cannot be set here. Returns why the last of them cannot, or "".
+std::string drop_impossible(Knob& knob, const Bounds& bounds) {
+  std::string last;
+  std::erase_if(knob.values, [&](const std::string& value) {
+    auto why = bounds.cannot({knob.key, value});
+    const bool is_impossible = !why.empty();
+    if (is_impossible) last = std::move(why);
+    return is_impossible;
+  });
+  return last;
 }
 
 // The values by which a rule of a remedy is kept to.
@@ -103,6 +114,12 @@ std::vector<Setting> resolved(const Setting& setting, const explain::Part& part,
 
 }  // namespace
 
+std::vector<std::string> knob_keys() {
+  std::vector<std::string> keys;
+  for (const auto& knob : all_knobs({})) keys.push_back(knob.key);
+  return keys;
+}
+
 Knobs knobs_of(const conditions::Run& run, const Bounds& bounds) {
   Knobs knobs;
   for (auto& knob : all_knobs(bounds)) {
@@ -117,6 +134,10 @@ Knobs knobs_of(const conditions::Run& run, const Bounds& bounds) {
     };
     if (std::erase_if(knob.values, is_no_change) > 0 && knob.values.empty()) {
       knobs.left_out.push_back({knob.key, fmt::format("it is {} already", present)});
+      continue;
+    }
+    if (const auto why = drop_impossible(knob, bounds); !why.empty() && knob.values.empty()) {
+      knobs.left_out.push_back({knob.key, why});
       continue;
     }
     knobs.knobs.push_back(std::move(knob));

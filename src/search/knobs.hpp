@@ -3,7 +3,7 @@
 // machine is looked at.
 #pragma once
 
-#include <map>
+#include <functional>
 #include <set>
 #include <string>
 #include <vector>
@@ -20,8 +20,12 @@ struct Bounds {
   std::set<std::string> never;  // keys, or their last words: "irq-threads"
   int below_priority = 80;      // of the kernel's threads, which would else keep the application from its CPU
   std::vector<int> cpus;        // on which anything may be put
-  std::map<std::string, std::string> cannot;  // a key → why it cannot be set here
+  // Why a machine of the run cannot have this setting, for people; "": it can, or that is not known.
+  std::function<std::string(const Setting&)> cannot = [](const Setting&) { return std::string(); };
 };
+
+// Keys of all settings that a search may try.
+std::vector<std::string> knob_keys();
 
 struct Knobs {
   std::vector<Knob> knobs;  // one without values is tried only where a cause proposes one

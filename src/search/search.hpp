@@ -12,8 +12,8 @@
 // between
 // (`improves`, `harms`, and `holds` before the confirmation) have the full alpha each: they only steer.
 //
-// A refused set is not tried again, unless it was measured before: then it counts as refused after three
-// runs.
+// A set that cannot be set here is not tried again. Where one setting alone is refused, the others are tried
+// without it. A run that failed for a reason that may pass is made again: after three the set is refused.
 //
 // The same answers lead to the same search: with the kept answers it can go on.
 #pragma once
@@ -69,8 +69,10 @@ struct Finding {
 struct Answer {
   std::vector<Tally> tallies;  // one for each limit of the goal
   std::vector<Finding> findings;
-  std::string refused;       // why this set cannot be measured here, for people; "": it was measured
-  bool is_recalled = false;  // from the runs of an earlier process
+  std::string refused;            // why there is no measurement, for people; "": it was measured
+  bool may_pass = false;          // another run of the set may be measured
+  std::string refused_setting{};  // the key that cannot be set here; "": it is not known to be a single one
+  bool is_recalled = false;       // from the runs of an earlier process
 };
 
 // What is to be measured next. Runs of one trial alternate between its set and what that is compared with.
@@ -114,13 +116,20 @@ struct Contribution {
   bool is_needed = false;   // proven: without it the goal fails
 };
 
+// What is proven of a limit: a smaller share of messages than `below` breaks it; one-sided, by its part of
+// alpha. The goal permits `permitted`.
+struct Proof {
+  double below = 1, permitted = 0;
+};
+
 // not_proven: it held in what was measured, which is too little to prove it.
 enum class End { goal_holds, not_proven, nothing_left, no_time, cannot_measure };
 const char* word_of(End);
 
 struct Outcome {
   End end = End::nothing_left;
-  Set set;  // the smallest by which the goal holds, or the best that was found
+  Set set;                    // the smallest by which the goal holds, or the best that was found
+  std::vector<Proof> proofs;  // of goal_holds: one for each limit
   std::vector<Contribution> contributions;
   std::vector<Trial> trials;
   std::vector<Finding> remaining;  // what still makes messages late, most messages first
