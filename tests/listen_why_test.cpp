@@ -29,6 +29,8 @@ class LateMessage : public testing::Test {
     const auto* const name = thread == publishes  ? "controller"
                              : thread == takes    ? "base"
                              : thread == receives ? "recv"
+                             : thread == 31       ? "one"
+                             : thread == 32       ? "two"
                                                   : "";
     return {thread, name, 120};
   }
@@ -171,6 +173,30 @@ TEST_F(LateMessage, ThreadThatHadTheCpuForLessThanHalfIsNotAccused) {
   event(published + 12 * ms, 0, Kind::waking, takes, 0, "1");
   switched(published + 21 * ms, 1, hog, "S", takes);
   EXPECT_FALSE(why(old(published + 21 * ms + 50 * us)).is_seen);
+}
+
+TEST_F(LateMessage, SeveralThatHadTheCpuForHalfTogetherAreNoOnesFault) {
+  constexpr std::int32_t other = 31, third = 32;
+  switched(90 * ms, 1, 0, "R", other);
+  event(published + 4 * ms, 0, Kind::waking, takes, 0, "1");
+  switched(published + 8 * ms, 1, other, "R", third);
+  switched(published + 12 * ms, 1, third, "R", takes);
+  auto miss = old(published + 14 * ms);
+  const auto found = why(miss);
+  ASSERT_TRUE(found.is_seen) << found.sentence;
+  EXPECT_EQ(found.cause, "cpu");
+  EXPECT_EQ(found.culprit, Party{});
+  EXPECT_EQ(found.ns, 8 * ms);
+}
+
+TEST_F(LateMessage, ProbesThatOntimeSetAreSaidWhereNothingElseIsSeen) {
+  switched(90 * ms, 1, takes, "D", 0);
+  event(published + 12 * ms, 0, Kind::waking, takes, 0, "1");
+  switched(published + 12 * ms + 10 * us, 1, 0, "R", takes);
+  auto miss = old(published + 12 * ms + 50 * us);
+  EXPECT_EQ(why(miss).cause, "blocked");
+  miss.course.beside_probes = true;
+  EXPECT_EQ(why(miss).cause, "probes");
 }
 
 TEST_F(LateMessage, ReaderThatWorksIsItsOwnCause) {

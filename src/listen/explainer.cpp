@@ -41,7 +41,7 @@ class Explainer::Record {
   void explain(std::vector<Miss>& misses) {
     std::vector<Miss*> seen;
     for (auto& miss : misses)
-      if (!miss.why && miss.course.taken_ns != 0 && seen.size() < most_explained) seen.push_back(&miss);
+      if (miss.course.taken_ns != 0 && seen.size() < most_explained) seen.push_back(&miss);
     const auto from_ns = [](const Miss* miss) { return span_of(*miss).from_ns; };
     std::stable_sort(seen.begin(), seen.end(),
                      [&](const auto* one, const auto* other) { return from_ns(one) < from_ns(other); });

@@ -111,12 +111,9 @@ class InProcesses final : public Sensor {
     auto misses = messages_.take_misses();
     for (auto& miss : misses) {
       miss.at_ns += realtime_ahead_ns_;
-      const auto& course = miss.course;
+      auto& course = miss.course;
       const auto from_ns = course.since_ns != 0 ? course.since_ns : course.taken_before_ns;
-      if (probing_.overlaps(from_ns, course.taken_ns))
-        miss.why = Why{.is_seen = true,
-                       .cause = "probes",
-                       .sentence = "ontime set or removed probes in processes at that moment"};
+      course.beside_probes = probing_.overlaps(from_ns, course.taken_ns);
     }
     return misses;
   }

@@ -81,6 +81,7 @@ struct Course {
   std::int32_t publisher = 0, taker = 0;  // threads
   std::int64_t usual_ns = 0;              // the median of what was judged
   std::uint64_t missing = 0;              // published between the message before and this one, not taken
+  bool beside_probes = false;             // ontime set or removed probes meanwhile
 };
 
 // Why a message was late.

@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <map>
+#include <set>
 
 #include <fmt/format.h>
 
@@ -62,8 +63,11 @@ class Search {
         add(std::move(part));
     const auto most = std::max_element(parts_.begin(), parts_.end(),
                                        [](const Part& one, const Part& other) { return one.ns < other.ns; });
-    if (most == parts_.end() || !is_seen(most->cause) || 2 * most->ns < leg_.too_long_ns) return unseen();
-    return seen(*most);
+    const bool is_most = most != parts_.end() && is_seen(most->cause) && 2 * most->ns >= leg_.too_long_ns;
+    // The kernel holds up threads whose code it changes, in the state of those that wait in it.
+    if (miss_.course.beside_probes && (!is_most || most->cause == Cause::blocked)) return by_probes();
+    if (is_most) return seen(*most);
+    return by_several().value_or(unseen());
   }
 
  private:
@@ -201,6 +205,31 @@ class Search {
       default:
         return explain::advice_of(part, victim);
     }
+  }
+
+  static Why by_probes() {
+    return {.is_seen = true,
+            .cause = "probes",
+            .sentence = "ontime set or removed probes in processes at that moment"};
+  }
+
+  // None of those that had the CPU is most of the delay: all together are, and none is the culprit.
+  std::optional<Why> by_several() const {
+    std::int64_t all_ns = 0;
+    const Part* most = nullptr;
+    std::set<std::string> names;
+    for (const auto& part : parts_) {
+      if (part.cause != Cause::cpu) continue;
+      all_ns += part.ns;
+      names.insert(part.culprit);
+      if (most == nullptr || part.ns > most->ns) most = &part;
+    }
+    if (most == nullptr || 2 * all_ns < leg_.too_long_ns) return {};
+    auto whole = *most;
+    whole.ns = all_ns;
+    whole.culprit = fmt::format("{} others, {} for longest,", names.size(), most->culprit);
+    whole.culprit_threads.clear();
+    return seen(whole);
   }
 
   // What is known where nothing is accused.
