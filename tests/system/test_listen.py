@@ -91,10 +91,10 @@ class Listen(unittest.TestCase):
     def listen(self, nodes, *arguments):
         listener = self.start(ONTIME, "listen", "--format", "json", "--output", "seen.json", *arguments)
         self.assertTrue(eventually(lambda: all(changed_code(node.pid) > 0 for node in nodes), 30))
-        # The last probes are set when a second brings no more; the topics' names are found within the first messages.
+        # The last probes are set when two seconds bring no more; the topics' names are found within the first messages.
         counts = None
         while counts != (counts := [changed_code(node.pid) for node in nodes]):
-            time.sleep(1)
+            time.sleep(2)
         return listener
 
     def end(self, listener, publisher, taker):
