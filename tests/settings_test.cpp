@@ -192,6 +192,15 @@ TEST_F(OnVeth, ThreadsOfAnInterfaceWhoseNameOnlyBeginsAlikeAreAnothers) {
   });
 }
 
+TEST_F(OnVeth, TwoSettingsOfOneThreadBothLast) {
+  inside([] {
+    journal::Journal journal(kinds());
+    const auto changes = apply(
+        journal, {{"gro", "on"}, {"threaded-napi", "on"}, {"napi-threads", "60"}, {"napi-cpus", "0"}}, left);
+    for (const auto& change : changes) EXPECT_EQ(now(change, left), change.after) << change.setting->name;
+  });
+}
+
 TEST_F(OnVeth, ThreadsOfItsNamesakeInAnotherNamespaceAreNotItsOwn) {
   inside([] {
     journal::Journal journal(kinds());

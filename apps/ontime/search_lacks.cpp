@@ -91,6 +91,8 @@ class Lacks {
       return "messages stay on loopback, which is no network card";
     if (is_virtual_ && std::find(of_hardware.begin(), of_hardware.end(), name) != of_hardware.end())
       return "the namespaces' interfaces are virtual and have no interrupts";
+    if (is_virtual_ && name == "gro" && run_.kernel.contains("threaded-napi"))
+      return "threaded-napi needs gro on with the namespaces' interfaces";
     if (row != table.end() && row->of_interface && is_virtual_)
       return "";  // the interface is made by the run
     for (const auto& link : links_)

@@ -141,6 +141,9 @@ std::vector<Change> apply(journal::Journal& journal, const Wishes& wishes, const
       for (auto& change : changes_of(wish, link)) {
         by_name(*wish.setting, link,
                 [&] { journal.change(*change.thing.kind, change.thing.what, change.after); });
+        for (auto& earlier : all)  // a thread has a priority and CPUs, each by a setting of its own
+          if (earlier.thing.kind == change.thing.kind && earlier.thing.what == change.thing.what)
+            earlier.after = change.after;
         all.push_back(std::move(change));
       }
   } catch (...) {

@@ -15,7 +15,7 @@ import tempfile
 import unittest
 
 import search_kills
-from program import ONTIME
+from program import ONTIME, eventually
 
 BUSY_POLL = pathlib.Path("/proc/sys/net/core/busy_poll")
 SCENARIO = """
@@ -106,9 +106,7 @@ class Search(unittest.TestCase):
             (self.folder / "s.yaml").write_text(SCENARIO.replace("namespaces", hosts))
             with subprocess.Popen(self.command(goal=NEVER_MET), cwd=self.folder, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
                                   text=True) as search:
-                for line in search.stderr:
-                    if "trial 2" in line:
-                        break
+                self.await_text(search, "trial 2")
                 with another_ontime():
                     said, told = search.communicate(timeout=120)
             self.assertEqual(search.returncode, 3, said + told)
@@ -116,6 +114,32 @@ class Search(unittest.TestCase):
             self.assertIn("ontime of a test", found["why"])
             self.assertNotIn("refused", [trial["decision"] for trial in found["trials"]])
             (self.folder / "s.ontime").unlink()
+
+    def test_a_machine_that_is_held_for_a_moment_is_waited_for(self):
+        with subprocess.Popen(self.command(goal=NEVER_MET), cwd=self.folder, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+                              text=True) as search:
+            self.await_text(search, "trial 2")
+            with another_ontime():
+                self.await_text(search, "made again")
+            self.await_text(search, "trial 3")
+            search.send_signal(signal.SIGINT)
+            found = json.loads(search.communicate(timeout=120)[0])
+        self.assertEqual(search.returncode, 130)
+        self.assertNotIn("refused", [trial["decision"] for trial in found["trials"]])
+
+    def await_text(self, search, text):
+        self.assertTrue(any(text in line for line in search.stderr), f"the search ended without '{text}'")
+
+    def test_a_setting_that_another_process_changes_stays_and_ends_the_search(self):
+        self.addCleanup(BUSY_POLL.write_text, self.before)
+        with subprocess.Popen(self.command("--duration", "3 s"), cwd=self.folder, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+                              text=True) as search:
+            self.assertTrue(eventually(lambda: BUSY_POLL.read_text() == "50\n"))
+            BUSY_POLL.write_text("77\n")
+            told = search.communicate(timeout=120)[1]
+        self.assertEqual(search.returncode, 3, told)
+        self.assertIn("another process changed busy-poll", told)
+        self.assertEqual(BUSY_POLL.read_text(), "77\n")
 
     def test_settings_of_an_interface_are_not_tried_on_loopback(self):
         (self.folder / "s.yaml").write_text(SCENARIO.replace("namespaces", "loopback"))
