@@ -52,8 +52,8 @@ class Parser {
     while (at_ < text_.size() && (text_[at_] == ' ' || text_[at_] == '\t')) ++at_;
   }
   std::string word(std::string_view ends) {
-    const auto end = std::min(text_.find_first_of(ends, at_), text_.size());
-    return text_.substr(std::exchange(at_, end), end - at_);
+    const auto begin = std::exchange(at_, std::min(text_.find_first_of(ends, at_), text_.size()));
+    return text_.substr(begin, at_ - begin);
   }
 
   void read_figure() {
