@@ -254,7 +254,7 @@ std::vector<std::byte> page_of_one(std::uint64_t at_ns, bool lost_before) {
 }
 
 TEST(Ring, SaysOfWhichTimeTheKernelLostSomething) {
-  Ring ring(1);
+  Ring ring(1, Room{}.bytes);
   ring.add(0, page_of_one(1000, false));
   ring.add(0, page_of_one(5000, true));
   EXPECT_THAT(ring.between(0, INT64_MAX), testing::SizeIs(2));
@@ -265,7 +265,7 @@ TEST(Ring, SaysOfWhichTimeTheKernelLostSomething) {
 }
 
 TEST(Ring, TakesNoPageThatIsNone) {
-  Ring ring(1);
+  Ring ring(1, Room{}.bytes);
   std::vector<std::byte> page(24);
   ring.add(0, page);
   EXPECT_THAT(ring.between(0, INT64_MAX), IsEmpty());

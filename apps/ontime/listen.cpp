@@ -6,9 +6,11 @@
 #include <filesystem>
 #include <iterator>
 #include <set>
+#include <tuple>
 
 #include <fmt/chrono.h>
 #include <fmt/format.h>
+#include <sys/resource.h>
 
 #include "campaign/campaign.hpp"
 #include "commands.hpp"
@@ -26,12 +28,11 @@ using namespace std::chrono_literals;
 using nlohmann::ordered_json;
 
 constexpr auto look_for_list = 3s;
-constexpr std::size_t most_lines = 10;  // of misses in one look, 200 ms
 
 struct ListenArguments {
   std::vector<std::string> topics;
   std::string deadline, period, age, time, pcap, packets, output, format = "table";
-  bool list = false;
+  bool list = false, no_explain = false;
 };
 
 std::optional<std::chrono::nanoseconds> time_of(const char* flag, const std::string& text) {
@@ -77,11 +78,15 @@ std::string text_of(const listen::Flow& flow, bool is_judged) {
 std::string text_of(const listen::Miss& miss) {
   const auto at = std::chrono::time_point_cast<std::chrono::milliseconds>(
       std::chrono::system_clock::time_point(std::chrono::nanoseconds(miss.at_ns)));
-  return fmt::format("{:%T}.{:03}  {}  {}: {} ms {}\n",
-                     fmt::localtime(std::chrono::system_clock::to_time_t(at)),
-                     at.time_since_epoch().count() % 1000, topic_of(miss.topic),
-                     words_of(miss.reader, words_of(miss.writer, "").c_str()), in_ms(miss.value_ns),
-                     miss.kind == listen::Miss::Kind::age ? "old" : "after the message before");
+  auto text =
+      fmt::format("{:%T}.{:03}  {}  {}: {} ms {}", fmt::localtime(std::chrono::system_clock::to_time_t(at)),
+                  at.time_since_epoch().count() % 1000, topic_of(miss.topic),
+                  words_of(miss.reader, words_of(miss.writer, "").c_str()), in_ms(miss.value_ns),
+                  miss.kind == listen::Miss::Kind::age ? "old" : "after the message before");
+  if (miss.why) text += fmt::format(": {}", report::printable(miss.why->sentence));
+  if (miss.why && !miss.why->fix.empty())
+    text += fmt::format("\n{:14}fix: {}", "", report::printable(miss.why->fix));
+  return text + "\n";
 }
 
 ordered_json json_of(const listen::Party& party) {
@@ -96,6 +101,17 @@ ordered_json json_of(const listen::Distribution& values) {
           {"p50_ns", values.quantile_ns(0.5)},
           {"p99_ns", values.quantile_ns(0.99)},
           {"max_ns", values.max_ns()}};
+}
+
+ordered_json json_of(const listen::Why& why) {
+  return {{"seen", why.is_seen},
+          {"cause", why.cause},
+          {"sentence", why.sentence},
+          {"fix", why.fix},
+          {"victim", json_of(why.victim)},
+          {"thread", why.thread},
+          {"culprit", json_of(why.culprit)},
+          {"ns", why.ns}};
 }
 
 template <class Value>
@@ -127,7 +143,8 @@ ordered_json json_of(const listen::Miss& miss) {
           {"value_ns", miss.value_ns},
           {"topic", miss.topic},
           {"writer", json_of(miss.writer)},
-          {"reader", json_of(miss.reader)}};
+          {"reader", json_of(miss.reader)},
+          {"why", json_of(miss.why)}};
 }
 
 std::unique_ptr<listen::Sensor> sensor_of(const ListenArguments& arguments, const listen::Limits& limits) {
@@ -160,10 +177,10 @@ class Listening {
   int run() {
     const auto& interrupts = catch_interrupts();
     const auto sensor = sensor_of(arguments_, limits_);
-    const auto begin = std::chrono::steady_clock::now();
-    while (interrupts == 0 && (!time_ || std::chrono::steady_clock::now() - begin < *time_)) {
+    const auto explainer = make_explainer();
+    while (interrupts == 0 && (!time_ || std::chrono::steady_clock::now() - begin_ < *time_)) {
       const bool goes_on = sensor->listen_for(200ms);
-      take(sensor->take_misses());
+      take(sensor->take_misses(), explainer.get());
       if (!goes_on) break;
     }
     auto findings = sensor->findings();
@@ -191,21 +208,43 @@ class Listening {
     return topics.empty() || std::find(topics.begin(), topics.end(), topic) != topics.end();
   }
 
+  // nullptr: no message can be late, or the probes do not see it, or this machine cannot; the last is said.
+  std::unique_ptr<listen::Explainer> make_explainer() const {
+    const bool in_processes = arguments_.packets.empty() && arguments_.pcap.empty();
+    if (!is_judged_ || !in_processes || arguments_.list || arguments_.no_explain) return nullptr;
+    try {
+      return std::make_unique<listen::Explainer>();
+    } catch (const listen::Error& error) {
+      print_error(fmt::format("late messages are not explained: {}", error.what()));
+      return nullptr;
+    }
+  }
+
   // As they come; as JSON, those that were the last.
-  void take(std::vector<listen::Miss> misses) {
+  void take(std::vector<listen::Miss> misses, listen::Explainer* explainer) {
     std::erase_if(misses, [&](const auto& miss) { return !is_wanted(miss.topic); });
     if (misses.empty() || arguments_.list) return;
+    if (explainer != nullptr) explainer->explain(misses);
     if (!as_json_) return print(misses);
     std::move(misses.begin(), misses.end(), std::back_inserter(misses_));
     for (; misses_.size() > listen::most_misses; ++misses_left_out_) misses_.pop_front();
   }
 
-  // The first of them: a reader who is flooded reads none.
+  // The first of each cause: a person who is flooded reads none.
   void print(const std::vector<listen::Miss>& misses) {
-    const auto shown = std::min(misses.size(), most_lines);
-    for (std::size_t i = 0; i < shown; ++i) output_.write(text_of(misses[i]));
-    if (misses.size() > shown)
-      output_.write(fmt::format("… and {} more late messages at that time\n", misses.size() - shown));
+    using Cause = std::tuple<std::string, std::uint32_t, std::string, std::int32_t, std::uint32_t>;
+    std::set<Cause> shown;
+    const bool is_explained =
+        std::any_of(misses.begin(), misses.end(), [](const auto& one) { return one.why; });
+    for (const auto& miss : misses) {
+      if (shown.size() == listen::most_explained) break;
+      if (is_explained && !miss.why) continue;
+      const auto why = miss.why.value_or(listen::Why{});
+      if (shown.insert({miss.topic, miss.reader.process, why.cause, why.thread, why.culprit.process}).second)
+        output_.write(text_of(miss));
+    }
+    if (misses.size() > shown.size())
+      output_.write(fmt::format("… and {} more late messages at that time\n", misses.size() - shown.size()));
     output_.flush();
   }
 
@@ -243,6 +282,7 @@ class Listening {
                           {"messages", findings.forgotten.messages},
                           {"with_misses", findings.forgotten.with_misses}}},
                         {"sensor_lost", findings.sensor_lost},
+                        {"cost", json_of_cost(findings.cost)},
                         {"remarks", findings.remarks}};
       for (const auto& flow : findings.flows) json["flows"].push_back(json_of(flow));
       for (const auto& miss : misses_) json["misses"].push_back(json_of(miss));
@@ -251,6 +291,7 @@ class Listening {
     if (findings.flows.empty()) output_.write("No message was seen.\n");
     for (const auto& flow : findings.flows)
       output_.write(arguments_.list ? way_of(flow) + "\n" : text_of(flow, is_judged_));
+    if (!arguments_.list && arguments_.pcap.empty()) output_.write(text_of_cost(findings.cost));
     if (findings.sensor_lost > 0)
       print_error(fmt::format("the sensor lost {} events: no loss and no period is counted across them",
                               findings.sensor_lost));
@@ -265,7 +306,44 @@ class Listening {
     for (const auto& remark : findings.remarks) print_error(remark);
   }
 
+  double share_of_cpu(double ns) const {
+    const std::chrono::duration<double, std::nano> elapsed = std::chrono::steady_clock::now() - begin_;
+    return ns / elapsed.count();
+  }
+
+  // Of this process, with the thread that reads the kernel's events.
+  double own_share_of_cpu() const {
+    rusage usage{};
+    getrusage(RUSAGE_SELF, &usage);
+    const auto ns_of = [](const timeval& time) {
+      return static_cast<double>(time.tv_sec) * 1e9 + static_cast<double>(time.tv_usec) * 1e3;
+    };
+    return share_of_cpu(ns_of(usage.ru_utime) + ns_of(usage.ru_stime));
+  }
+
+  ordered_json json_of_cost(const std::optional<listen::Cost>& cost) const {
+    ordered_json json{{"ontime_cpu_share", own_share_of_cpu()}, {"probes", nullptr}};
+    if (cost)
+      json["probes"] = {{"publishes", cost->publishes},
+                        {"publish_ns", cost->publish_ns},
+                        {"takes", cost->takes},
+                        {"take_ns", cost->take_ns},
+                        {"cpu_share", share_of_cpu(cost->total_ns())}};
+    return json;
+  }
+
+  std::string text_of_cost(const std::optional<listen::Cost>& cost) const {
+    auto text = fmt::format("cost  ontime {:.1f} % of one CPU", 100 * own_share_of_cpu());
+    if (cost)
+      text += fmt::format(
+          "; probes in the nodes {:.1f} %: {} publishes of {:.1f} µs, {} takes of {:.1f} µs, at most",
+          100 * share_of_cpu(cost->total_ns()), cost->publishes, cost->publish_ns / 1e3, cost->takes,
+          cost->take_ns / 1e3);
+    return text + "\n";
+  }
+
   const ListenArguments& arguments_;
+  const std::chrono::steady_clock::time_point begin_ = std::chrono::steady_clock::now();
   const listen::Limits limits_;
   const bool is_judged_ = limits_.deadline || limits_.period || limits_.age;
   std::set<std::string> unseen_;  // topics that were asked for
@@ -293,6 +371,8 @@ void add_listen(Command& app, Action& action) {
   add_time("--age", arguments->age, "a message is late that is older than this when it is taken");
   add_time("--for", arguments->time, "end after this time: at Ctrl-C");
   command->add_flag("--list", arguments->list, "list who publishes and takes what, after 3 s");
+  command->add_flag("--no-explain", arguments->no_explain,
+                    "do not record the kernel's events, which say why a message was late");
   auto* packets =
       command->add_option("--packets", arguments->packets,
                           "judge RTPS packets on this interface (any: all of them), not the processes");

@@ -247,7 +247,7 @@ std::string text_of(const SearchReport& report) {
   text += list("Harmful", dropped(outcome, Decision::harms));
   text += list("Not possible here", refusals(outcome));
   for (const auto& [title, words] : how_to_keep(report.kept)) text += fmt::format("\n{}:\n{}", title, words);
-  text += fmt::format("\n{} trials, {} runs. Results: {}. Picture: {}.\n", outcome.trials.size(),
+  text += fmt::format("\nTrials: {}. Runs: {}. Results: {}. Picture: {}.\n", outcome.trials.size(),
                       outcome.runs, report.results, report.page);
   // printable() keeps one line.
   std::string shown;

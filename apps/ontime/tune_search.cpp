@@ -106,8 +106,8 @@ struct Plan {
 
   Seconds of_trial() const { return of_run * runs; }
   std::string text() const {
-    return fmt::format("a run takes about {}, and the first trial {:.0f} runs, about {}", about(of_run), runs,
-                       about(of_trial()));
+    return fmt::format("a run takes about {}, and the first trial (runs: {:.0f}) about {}", about(of_run),
+                       runs, about(of_trial()));
   }
 };
 

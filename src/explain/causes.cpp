@@ -203,9 +203,10 @@ std::string whose(const Part& part) {
   return part.via.empty() ? own : fmt::format("{}, for which {} waited,", part.via, own);
 }
 
-std::string filled(const std::string& text, const Part& part) {
-  return fmt::format(fmt::runtime(text), whose(part), part.culprit, part.thread);
+std::string filled(const std::string& text, const Part& part, const std::string& whose) {
+  return fmt::format(fmt::runtime(text), whose, part.culprit, part.thread);
 }
+std::string filled(const std::string& text, const Part& part) { return filled(text, part, whose(part)); }
 
 bool is_real_time(const Part& part) { return part.priority < trace::least_ordinary; }
 
@@ -282,10 +283,18 @@ const char* word_of(Stage stage) {
 }
 
 std::string sentence_of(const Part& part) {
-  if (part.cause == Cause::unknown && part.ns == 0) return sentence_of_lost(part);
+  return part.cause == Cause::unknown && part.ns == 0 ? sentence_of_lost(part)
+                                                      : sentence_of(part, whose(part));
+}
+
+std::string sentence_of(const Part& part, const std::string& whose) {
   const auto& row = row_of(part.cause);
   const bool without = part.culprit.empty() || *row.sentence == '\0';
-  return filled(without ? row.without_culprit : row.sentence, part);
+  return filled(without ? row.without_culprit : row.sentence, part, whose);
+}
+
+std::string advice_of(const Part& part, const std::string& whose) {
+  return filled(row_of(part.cause).advice, part, whose);
 }
 
 Remedy remedy_for(const Part& part, const record::Run& run) {

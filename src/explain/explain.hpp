@@ -112,6 +112,16 @@ struct Scene {
 void each_scene(const record::Reader&, const record::Run&, const std::vector<Message>&,
                 const std::function<void(const Message&, const Scene&)>&, const Pong* = nullptr);
 
+// A kernel's thread that takes packets in.
+bool is_kernels(const std::string& thread);
+// What a thread of another program was at between two moments, by cause, the largest first: what it ran is
+// `busy`, what it slept is `waited`.
+std::vector<Part> spent_by(std::int32_t thread, const Timeline&, std::int64_t from_ns, std::int64_t to_ns);
+// The same of `whose` thread, in words.
+std::string sentence_of(const Part&, const std::string& whose);
+// For a person, without a scenario's settings; may be empty.
+std::string advice_of(const Part&, const std::string& whose);
+
 // For people, in one line: "pong's receive thread waited for a CPU while stress-ng-cpu ran".
 std::string sentence_of(const Part&);
 // Without settings that cannot help this thread, or that the run had already.

@@ -316,4 +316,18 @@ void follow(Delay& delay, const Timeline& timeline, Part whose, std::int64_t fro
   Follower(delay, timeline, std::move(whose), from_ns, to_ns).follow();
 }
 
+std::vector<Part> spent_by(std::int32_t thread, const Timeline& timeline, std::int64_t from_ns,
+                           std::int64_t to_ns) {
+  Delay delay;
+  follow(delay, timeline, {.stage = Stage::delivered, .thread_id = thread}, from_ns, to_ns);
+  for (const auto& [spent, cause] : {std::pair(&delay.ran, Cause::busy), {&delay.slept, Cause::waited}})
+    for (auto& [whose, ns, when] : *spent) {
+      whose.cause = cause;
+      delay.add(whose, ns, when);
+    }
+  std::stable_sort(delay.parts.begin(), delay.parts.end(),
+                   [](const Part& one, const Part& other) { return one.ns > other.ns; });
+  return std::move(delay.parts);
+}
+
 }  // namespace ontime::explain

@@ -12,8 +12,6 @@ namespace ontime::explain {
 // What packets and wake-ups take when nothing is in the way.
 inline constexpr std::int64_t at_once_ns = 20'000;
 
-// A kernel's thread that takes packets in.
-bool is_kernels(const std::string& name);
 bool is_interrupts(const std::string& name);  // of those, one that stands for an interrupt
 
 // Adds what held the thread up. `whose` says the stage, the end, the thread and its role.

@@ -14,6 +14,9 @@ enum ontime_event_kind {
   ontime_found   /* `endpoint` is a DDS handle, its entity is at address `stamp_ns` of the process */
 };
 
+/* Calls that met a probe, by CPU; the key of a map. */
+enum ontime_call { ontime_publish_calls, ontime_take_calls, ontime_calls };
+
 struct ontime_event {
   __u32 kind;
   __u32 lost;     /* events that found the buffer full, until now */

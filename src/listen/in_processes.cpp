@@ -3,14 +3,18 @@
 #include <cerrno>
 #include <cstring>
 #include <iterator>
+#include <numeric>
 #include <set>
 #include <system_error>
 #include <thread>
 
+#include <bpf/bpf.h>
 #include <bpf/libbpf.h>
 #include <fmt/format.h>
 #include <sys/uio.h>
+#include <unistd.h>
 
+#include "listen/cost.hpp"
 #include "listen/event.h"
 #include "listen/library.hpp"
 #include "listen/listen.hpp"
@@ -64,6 +68,10 @@ class InProcesses final : public Sensor {
         },
         this, nullptr));
     if (!ring_) throw Error(fmt::format("listen: the kernel's ring buffer: {}", reason(errno)));
+    const auto& programs = probes_->progs;
+    costs_ = measure_probe_costs(programs.rmw_publish, programs.rmw_take, programs.rmw_taken);
+    ring_buffer__consume(ring_.get());
+    counted_before_ = calls();
   }
 
   bool listen_for(std::chrono::milliseconds most) override {
@@ -78,7 +86,12 @@ class InProcesses final : public Sensor {
       }
       realtime_ahead_ns_ = machine::realtime_offset_ns();
       ring_buffer__consume(ring_.get());
-      if (change) follow(*change, std::chrono::nanoseconds(now.time_since_epoch()).count());
+      if (change) {
+        const bool changes_code = !change->came.empty() || !change->gone.empty() || !finders_.empty();
+        if (changes_code) probing_.begin();
+        follow(*change, now_ns());
+        if (changes_code) probing_.end();
+      }
       // The probes wake no reader: that would cost the thread that publishes.
       std::this_thread::sleep_until(std::min(until, std::chrono::steady_clock::now() + 20ms));
     } while (std::chrono::steady_clock::now() < until);
@@ -87,20 +100,44 @@ class InProcesses final : public Sensor {
 
   Findings findings() const override {
     auto findings = messages_.findings();
-    const std::chrono::nanoseconds now = std::chrono::steady_clock::now().time_since_epoch();
-    judge_silence(findings.flows, limits_, now.count() - unread_ns);
+    judge_silence(findings.flows, limits_, now_ns() - unread_ns);
     findings.sensor_lost = probes_->bss->lost;
+    findings.cost = cost();
     findings.remarks.insert(findings.remarks.end(), remarks_.begin(), remarks_.end());
     return findings;
   }
 
   std::vector<Miss> take_misses() override {
     auto misses = messages_.take_misses();
-    for (auto& miss : misses) miss.at_ns += realtime_ahead_ns_;
+    for (auto& miss : misses) {
+      miss.at_ns += realtime_ahead_ns_;
+      auto& course = miss.course;
+      const auto from_ns = course.since_ns != 0 ? course.since_ns : course.taken_before_ns;
+      course.beside_probes = probing_.overlaps(from_ns, course.taken_ns);
+    }
     return misses;
   }
 
  private:
+  using Calls = std::array<std::uint64_t, ontime_calls>;
+  Calls calls() const {
+    Calls sums{};
+    std::vector<std::uint64_t> by_cpu(static_cast<std::size_t>(libbpf_num_possible_cpus()));
+    for (std::uint32_t call = 0; call < sums.size(); ++call)
+      if (bpf_map_lookup_elem(bpf_map__fd(probes_->maps.counts), &call, by_cpu.data()) == 0)
+        sums[call] = std::accumulate(by_cpu.begin(), by_cpu.end(), std::uint64_t{0});
+    return sums;
+  }
+
+  std::optional<Cost> cost() const {
+    if (!costs_) return {};
+    const auto now = calls();
+    return Cost{.publishes = now[ontime_publish_calls] - counted_before_[ontime_publish_calls],
+                .takes = now[ontime_take_calls] - counted_before_[ontime_take_calls],
+                .publish_ns = costs_->publish_ns + (is_publish_stepped_ ? costs_->step_ns : 0),
+                .take_ns = costs_->take_ns + (is_take_stepped_ ? costs_->step_ns : 0)};
+  }
+
   void follow(const Processes::Change& change, std::int64_t now_ns) {
     messages_.retire_ended(now_ns);
     for (const auto id : change.gone) {
@@ -186,6 +223,29 @@ class InProcesses final : public Sensor {
   }
 
   // Sets those probes whose function the library has: all of them, or none. False: none.
+  // The kernel holds up a process's threads while it changes their code. Of times near to one another the
+  // whole is kept, of others the last.
+  class Probing {
+   public:
+    void begin() {
+      constexpr std::int64_t near_ns = 100'000'000;
+      const auto now = now_ns();
+      if (now - to_ns_ > near_ns) from_ns_ = now;
+      to_ns_ = INT64_MAX;
+    }
+    void end() { to_ns_ = now_ns(); }
+    bool overlaps(std::int64_t from_ns, std::int64_t to_ns) const {
+      return from_ns_ <= to_ns && from_ns <= to_ns_;
+    }
+
+   private:
+    std::int64_t from_ns_ = 0, to_ns_ = 0;
+  };
+
+  static std::int64_t now_ns() {
+    return std::chrono::nanoseconds(std::chrono::steady_clock::now().time_since_epoch()).count();
+  }
+
   bool set(const Mapping& mapping, pid_t process, std::vector<Link>& links, const std::vector<Wish>& wishes) {
     try {
       std::vector<Link> own;
@@ -201,7 +261,11 @@ class InProcesses final : public Sensor {
                                                            place->offset, &options);
         if (link == nullptr) throw Error(fmt::format("a probe at {}: {}", wish.function, reason(errno)));
         own.emplace_back(link, bpf_link__destroy);
-        if (!place->is_cheap) costly.insert(wish.function);
+        if (place->is_cheap || wish.on_return) continue;  // a return is never stepped over
+        costly.insert(wish.function);
+        const std::string_view function = wish.function;
+        is_take_stepped_ |= function.find("take") != function.npos;
+        is_publish_stepped_ |= function.find("publish") != function.npos || function.starts_with("dds_write");
       }
       if (!costly.empty())
         remark(fmt::format("{}: a call of {} costs about 10 µs more while it is judged, any other 1 µs",
@@ -218,6 +282,7 @@ class InProcesses final : public Sensor {
     ontime_event event;
     if (size < sizeof event) return;
     std::memcpy(&event, data, sizeof event);
+    if (event.process == own_process_) return;
     if (event.kind == ontime_named) {
       const auto* const topic = static_cast<const char*>(data) + sizeof event;
       const std::string text(topic, strnlen(topic, size - sizeof event));
@@ -251,11 +316,13 @@ class InProcesses final : public Sensor {
     unnamed_.insert(key);
     if (finders_.contains(event.process)) return;
     const auto& programs = probes_->progs;
+    probing_.begin();
     set(own->second.library, static_cast<pid_t>(event.process), finders_[event.process],
         {{"dds_entity_pin", programs.dds_entity_pin},
          {"dds_entity_pin", programs.dds_entity_found, true},
          {"dds_entity_lock", programs.dds_entity_lock},
          {"dds_entity_lock", programs.dds_entity_found, true}});
+    probing_.end();
   }
 
   void found(const ontime_event& event) {
@@ -321,6 +388,11 @@ class InProcesses final : public Sensor {
     void operator()(ring_buffer* ring) const { ring_buffer__free(ring); }
   };
   std::unique_ptr<ring_buffer, FreeRing> ring_;
+  const std::uint32_t own_process_ = static_cast<std::uint32_t>(getpid());
+  std::optional<ProbeCosts> costs_;
+  Probing probing_;
+  Calls counted_before_{};
+  bool is_publish_stepped_ = false, is_take_stepped_ = false;  // of any library
   std::vector<Link> shared_;
   std::set<std::pair<std::uint64_t, std::uint64_t>> everywhere_;  // files with probes for all processes
   std::map<std::uint32_t, OfProcess> of_process_;

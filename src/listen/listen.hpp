@@ -71,6 +71,30 @@ struct Flow {
   double rate_hz() const;
 };
 
+// What the probes saw of a late message's way: CLOCK_MONOTONIC, 0 where they did not see it.
+struct Course {
+  std::int64_t before_ns = 0;        // the message before it was published
+  std::int64_t since_ns = 0;         // it was published, or the first before it that this reader did not take
+  std::int64_t published_ns = 0;     // it was published
+  std::int64_t taken_before_ns = 0;  // the message before it was taken
+  std::int64_t taken_ns = 0;
+  std::int32_t publisher = 0, taker = 0;  // threads
+  std::int64_t usual_ns = 0;              // the median of what was judged
+  std::uint64_t missing = 0;              // published between the message before and this one, not taken
+  bool beside_probes = false;             // ontime set or removed probes meanwhile
+};
+
+// Why a message was late.
+struct Why {
+  bool is_seen = false;       // false: no event of the kernel shows enough of it
+  std::string cause{};        // explain's word for it
+  std::string sentence{};     // for people: what held up which thread for how long
+  std::string fix{};          // may be empty
+  Party victim{}, culprit{};  // processes; empty where there is none
+  std::int32_t thread = 0;
+  std::int64_t ns = 0;  // of the delay, by this cause
+};
+
 // A message that missed a limit.
 struct Miss {
   enum class Kind : std::uint8_t { age, gap };
@@ -79,9 +103,20 @@ struct Miss {
   std::int64_t value_ns = 0;  // how old it was, or how long after the one before
   std::string topic;
   Party writer, reader;
+  Course course{};
+  std::optional<Why> why{};  // empty: not looked for
 };
 
 inline constexpr std::size_t most_misses = 1000;  // that wait for take_misses(), the latest of all
+
+// What the probes cost the nodes, at most: calls that met one, and how much longer each took.
+struct Cost {
+  std::uint64_t publishes = 0, takes = 0;
+  double publish_ns = 0, take_ns = 0;  // as measured on this machine, as listening began
+  double total_ns() const {
+    return static_cast<double>(publishes) * publish_ns + static_cast<double>(takes) * take_ns;
+  }
+};
 
 // What the sensors saw of all topics, until now.
 struct Findings {
@@ -93,6 +128,7 @@ struct Findings {
     std::uint64_t flows = 0, messages = 0, with_misses = 0;
   } forgotten;
   std::vector<std::string> remarks;  // what the sensors could not see, and why
+  std::optional<Cost> cost;          // of probes; empty: not measured
 };
 
 // A writer that has died sends no late message: says how long each flow was silent at `until_ns`.
@@ -125,5 +161,22 @@ std::unique_ptr<Sensor> in_processes(const Limits&);
 std::unique_ptr<Sensor> in_packets(const std::string& interface, const Limits&);
 // RTPS packets in a file of libpcap or in pcapng. Throws Error; of another file, WrongInput.
 std::unique_ptr<Sensor> in_pcap_file(const std::string& path, const Limits&);
+
+// What the kernel does, recorded in an instance of tracefs of our own, and looked at where a message was
+// late. While there is one, this process holds the machine (journal).
+class Explainer {
+ public:
+  Explainer();  // throws Error: another ontime holds the machine, or the kernel cannot record
+  ~Explainer();
+  Explainer(const Explainer&) = delete;
+  Explainer& operator=(const Explainer&) = delete;
+  // Says why of the first most_explained that probes saw; soon after they were taken.
+  void explain(std::vector<Miss>&);
+
+ private:
+  class Record;
+  std::unique_ptr<Record> record_;
+};
+inline constexpr std::size_t most_explained = 5;
 
 }  // namespace ontime::listen

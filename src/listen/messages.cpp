@@ -146,6 +146,7 @@ void Messages::published(const Observation& seen) {
     if (limits_.is_gap(gap)) ++publisher.late;
   }
   publisher.is_broken = false;
+  publisher.threads[publisher.count % remembered] = seen.thread;
   publisher.begun_ns[publisher.count++ % remembered] = seen.at_ns;
 }
 
@@ -172,27 +173,33 @@ void Messages::taken(const Observation& seen) {
     if (const auto name = topics_.find({seen.process, seen.endpoint}); name != topics_.end())
       link.topic = name->second;
   }
+  std::optional<std::uint64_t> number;
+  if (seen.stamp_ns != 0) {
+    if (link.publisher) doubt(link, seen);
+    if (!link.publisher) identify(link, seen);
+    // No number: published before the sensor was there, or too long ago.
+    if (link.publisher) number = publishers_.at(*link.publisher).last_before(seen.stamp_ns);
+  }
   bool is_late = false;
   if (!link.is_broken) {
     const auto gap = seen.at_ns - link.last_ns;
     link.period.add(gap);
     if (limits_.is_gap(gap)) {
       is_late = true;
-      miss(Miss::Kind::gap, gap, link, seen);
+      miss(Miss::Kind::gap, gap, link, seen, number);
     }
   }
-  if (seen.stamp_ns != 0 && link.publisher) doubt(link, seen);
-  if (seen.stamp_ns != 0 && !link.publisher) identify(link, seen);
   if (link.publisher && seen.stamp_ns != 0) {
     // The clocks are one: the age is exact.
     const auto age = seen.at_ns - seen.stamp_ns;
     link.age.add(age);
     if (limits_.is_too_old(age)) {
       is_late = true;
-      miss(Miss::Kind::age, age, link, seen);
+      miss(Miss::Kind::age, age, link, seen, number);
     }
-    place(link, publishers_.at(*link.publisher), seen);
+    if (number) place(link, *number, seen.stamp_ns);
   }
+  link.last_number = number;
   link.is_broken = false;
   link.late += is_late ? 1 : 0;
   ++link.messages;
@@ -235,24 +242,22 @@ void Messages::doubt(Link& link, const Observation& seen) {
   link.sequence = {};
 }
 
-void Messages::place(Link& link, const Publisher& publisher, const Observation& seen) {
-  const auto number = publisher.last_before(seen.stamp_ns);
-  if (!number) return;  // published before the sensor was there, or too long ago
+void Messages::place(Link& link, std::uint64_t number, std::int64_t stamp_ns) {
   if (link.is_broken) link.sequence.restart();
-  const auto is_repeated = [&](std::uint64_t of) { return link.stamps[of % remembered] == seen.stamp_ns; };
-  switch (link.sequence.see(*number)) {
+  const auto is_repeated = [&](std::uint64_t of) { return link.stamps[of % remembered] == stamp_ns; };
+  switch (link.sequence.see(number)) {
     case Sequence::Fate::overtaken:
       ++link.reordered;
       break;
     case Sequence::Fate::again:
-      if (is_repeated(*number)) {
+      if (is_repeated(number)) {
         ++link.duplicated;
-      } else if (*number > 0) {
+      } else if (number > 0) {
         // Another stamp is another message: two threads published at once, and both stamps came after both
         // publishes began.
-        if (link.sequence.see(*number - 1) == Sequence::Fate::overtaken)
-          link.stamps[(*number - 1) % remembered] = seen.stamp_ns;
-        else if (is_repeated(*number - 1))
+        if (link.sequence.see(number - 1) == Sequence::Fate::overtaken)
+          link.stamps[(number - 1) % remembered] = stamp_ns;
+        else if (is_repeated(number - 1))
           ++link.duplicated;
       }
       return;
@@ -260,12 +265,34 @@ void Messages::place(Link& link, const Publisher& publisher, const Observation& 
     case Sequence::Fate::too_old:
       break;
   }
-  link.stamps[*number % remembered] = seen.stamp_ns;
+  link.stamps[number % remembered] = stamp_ns;
 }
 
-void Messages::miss(Miss::Kind kind, std::int64_t value_ns, const Link& link, const Observation& seen) {
+void Messages::miss(Miss::Kind kind, std::int64_t value_ns, const Link& link, const Observation& seen,
+                    std::optional<std::uint64_t> number) {
   misses_.add({kind, seen.at_ns, value_ns, link.topic,
-               link.publisher ? party(link.publisher->first) : Party{}, party(seen.process)});
+               link.publisher ? party(link.publisher->first) : Party{}, party(seen.process),
+               course_of(kind, link, seen, number)});
+}
+
+Course Messages::course_of(Miss::Kind kind, const Link& link, const Observation& seen,
+                           std::optional<std::uint64_t> number) const {
+  const auto& usual = kind == Miss::Kind::gap ? link.period : link.age;
+  Course course{.taken_before_ns = link.last_ns,
+                .taken_ns = seen.at_ns,
+                .taker = static_cast<std::int32_t>(seen.thread),
+                .usual_ns = usual.count() < enough_fits ? 0 : usual.quantile_ns(0.5)};
+  if (!number) return course;
+  const auto& publisher = publishers_.at(*link.publisher);
+  course.publisher = static_cast<std::int32_t>(publisher.threads[*number % remembered]);
+  course.since_ns = course.published_ns = publisher.begun(*number);
+  if (kind == Miss::Kind::age || !link.last_number || *link.last_number >= *number) return course;
+  const auto before = *link.last_number;
+  if (publisher.count - before > remembered) return course;
+  course.before_ns = publisher.begun(before);
+  course.since_ns = publisher.begun(before + 1);
+  course.missing = *number - before - 1;
+  return course;
 }
 
 Party Messages::party(std::uint32_t process) const {

@@ -64,6 +64,7 @@ class Messages {
     std::string topic;
     std::uint64_t count = 0;  // publishes so far; the last of them is number count - 1
     std::vector<std::int64_t> begun_ns = std::vector<std::int64_t>(remembered);  // by number modulo its size
+    std::vector<std::uint32_t> threads = std::vector<std::uint32_t>(remembered);
     std::int64_t first_ns = 0;
     bool is_broken = true;    // no period begins with the last publish
     bool has_reader = false;  // a flow is kept of one
@@ -83,6 +84,7 @@ class Messages {
     std::uint64_t duplicated = 0, reordered = 0, late = 0;
     std::optional<Endpoint> publisher, candidate;
     std::int64_t candidate_since_ns = 0;
+    std::optional<std::uint64_t> last_number;  // of the publisher's, taken last
     int fits = 0, misfits = 0;         // of the candidate's stamps; of the publisher's, misfits in a row
     Sequence sequence;                 // of the publisher's numbers
     std::vector<std::int64_t> stamps;  // of those taken, by number; empty without a publisher
@@ -93,8 +95,10 @@ class Messages {
   void taken(const Observation&);
   void identify(Link&, const Observation&);
   void doubt(Link&, const Observation&);
-  void place(Link&, const Publisher&, const Observation&);
-  void miss(Miss::Kind, std::int64_t value_ns, const Link&, const Observation&);
+  static void place(Link&, std::uint64_t number, std::int64_t stamp_ns);
+  void miss(Miss::Kind, std::int64_t value_ns, const Link&, const Observation&,
+            std::optional<std::uint64_t> number);
+  Course course_of(Miss::Kind, const Link&, const Observation&, std::optional<std::uint64_t> number) const;
   void retire(std::uint32_t process);
   void retire(std::map<Writer, Link>::iterator);
   void retire(std::map<Endpoint, Publisher>::iterator);

@@ -20,6 +20,18 @@ struct {
 
 __u32 lost = 0;
 
+struct {
+  __uint(type, BPF_MAP_TYPE_PERCPU_ARRAY);
+  __uint(max_entries, ontime_calls);
+  __type(key, __u32);
+  __type(value, __u64);
+} counts SEC(".maps");
+
+static __always_inline void count(__u32 call) {
+  __u64* const calls = bpf_map_lookup_elem(&counts, &call);
+  if (calls) ++*calls;
+}
+
 struct endpoint {
   __u64 address;
   __u64 process;
@@ -86,6 +98,7 @@ static __always_inline void name(__u64 endpoint) {
 }
 
 static __always_inline int published(__u64 endpoint) {
+  count(ontime_publish_calls);
   struct ontime_event* const event = begin(ontime_published, endpoint);
   if (event) bpf_ringbuf_submit(event, BPF_RB_NO_WAKEUP);
   return 0;
@@ -96,6 +109,11 @@ static __always_inline int enter(void* under_way, __u64 endpoint, __u64 taken, _
   const struct call call = {.endpoint = endpoint, .taken = taken, .info = info};
   bpf_map_update_elem(under_way, &thread, &call, BPF_ANY);
   return 0;
+}
+
+static __always_inline int begin_take(__u64 endpoint, __u64 taken, __u64 info) {
+  count(ontime_take_calls);
+  return enter(&calls, endpoint, taken, info);
 }
 
 static __always_inline int leave(void* under_way, struct call* call) {
@@ -114,11 +132,11 @@ int rmw_publish(struct pt_regs* regs) {
 }
 
 SEC("uprobe")
-int rmw_take(struct pt_regs* regs) { return enter(&calls, PT_REGS_PARM1(regs), PT_REGS_PARM3(regs), 0); }
+int rmw_take(struct pt_regs* regs) { return begin_take(PT_REGS_PARM1(regs), PT_REGS_PARM3(regs), 0); }
 
 SEC("uprobe")
 int rmw_take_with_info(struct pt_regs* regs) {
-  return enter(&calls, PT_REGS_PARM1(regs), PT_REGS_PARM3(regs), PT_REGS_PARM4(regs));
+  return begin_take(PT_REGS_PARM1(regs), PT_REGS_PARM3(regs), PT_REGS_PARM4(regs));
 }
 
 SEC("uretprobe")
@@ -143,11 +161,11 @@ int dds_write(struct pt_regs* regs) { return published((__u32)PT_REGS_PARM1(regs
 
 // dds_take(reader, samples, info, …)
 SEC("uprobe")
-int dds_take(struct pt_regs* regs) { return enter(&calls, (__u32)PT_REGS_PARM1(regs), 0, PT_REGS_PARM3(regs)); }
+int dds_take(struct pt_regs* regs) { return begin_take((__u32)PT_REGS_PARM1(regs), 0, PT_REGS_PARM3(regs)); }
 
 // dds_takecdr(reader, samples, most, info, …)
 SEC("uprobe")
-int dds_takecdr(struct pt_regs* regs) { return enter(&calls, (__u32)PT_REGS_PARM1(regs), 0, PT_REGS_PARM4(regs)); }
+int dds_takecdr(struct pt_regs* regs) { return begin_take((__u32)PT_REGS_PARM1(regs), 0, PT_REGS_PARM4(regs)); }
 
 // dds_sample_info_t, the same since 0.1: it has 64 bytes.
 struct sample_info {

@@ -28,7 +28,6 @@ constexpr auto look = 100ms;
 constexpr std::size_t kernel_kib = 8192;   // of each CPU: half a second of 250,000 events a second
 constexpr std::size_t page_bytes = 65536;  // at least what the kernel makes its pages
 constexpr std::int64_t look_back_ns = 2'000'000'000;
-constexpr std::size_t most_events = 10'000;  // of a window
 
 // What the CPUs are at, and those threads that do not sleep, as of the last event that was entered.
 class Now {
@@ -99,10 +98,11 @@ class Now {
 
 class Recorder::Drain {
  public:
-  explicit Drain(journal::Journal& journal)
+  Drain(journal::Journal& journal, const Room& room)
       : journal_(journal),
+        most_events_(room.events),
         decoder_(tracefs_),
-        ring_(static_cast<std::size_t>(sysconf(_SC_NPROCESSORS_CONF))) {
+        ring_(static_cast<std::size_t>(sysconf(_SC_NPROCESSORS_CONF)), room.bytes) {
     if (tracefs_.has(instance_path))
       throw Error(
           fmt::format("tracefs has an instance {} that another ontime uses, or that was not removed: if "
@@ -194,7 +194,7 @@ class Recorder::Drain {
     for (const auto& event : rest) {
       if (event.at_ns > span.to_ns) break;
       if (!decoder_.kind_of(event)) continue;
-      if (++kept > most_events) {
+      if (++kept > most_events_) {
         window.span.to_ns = event.at_ns;
         window.whole = false;
         break;
@@ -211,6 +211,7 @@ class Recorder::Drain {
   }
 
   journal::Journal& journal_;
+  const std::size_t most_events_;
   const Tracefs tracefs_;
   Decoder decoder_;
   std::mutex mutex_;  // of what follows
@@ -223,7 +224,7 @@ class Recorder::Drain {
   std::thread thread_;
 };
 
-Recorder::Recorder(journal::Journal& journal) : drain_(std::make_unique<Drain>(journal)) {}
+Recorder::Recorder(journal::Journal& journal, Room room) : drain_(std::make_unique<Drain>(journal, room)) {}
 Recorder::~Recorder() = default;
 const std::vector<std::string>& Recorder::missing() const { return drain_->missing(); }
 std::vector<Window> Recorder::cut(std::vector<Span> spans) { return drain_->cut(std::move(spans)); }

@@ -11,14 +11,13 @@ extern "C" {
 namespace ontime::trace {
 namespace {
 
-constexpr std::size_t most_bytes = std::size_t{96} << 20;
-
 std::int64_t signed_of(unsigned long long time) { return static_cast<std::int64_t>(time); }
 
 }  // namespace
 
-Ring::Ring(std::size_t cpus)
-    : cpus_(cpus),
+Ring::Ring(std::size_t cpus, std::size_t most_bytes)
+    : most_bytes_(most_bytes),
+      cpus_(cpus),
       page_(kbuffer_alloc(KBUFFER_LSIZE_SAME_AS_HOST, KBUFFER_ENDIAN_SAME_AS_HOST), kbuffer_free) {}
 
 Ring::~Ring() = default;
@@ -34,7 +33,7 @@ void Ring::add(std::int32_t cpu, std::span<const std::byte> from) {
   auto& pages = cpus_[static_cast<std::size_t>(cpu)].pages;
   bytes_ += page.bytes.size();
   pages.push_back(std::move(page));
-  while (bytes_ > most_bytes) give_up_oldest();
+  while (bytes_ > most_bytes_) give_up_oldest();
 }
 
 void Ring::give_up_oldest() {

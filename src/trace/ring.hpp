@@ -24,7 +24,7 @@ struct RawEvent {
 
 class Ring {
  public:
-  explicit Ring(std::size_t cpus);
+  Ring(std::size_t cpus, std::size_t most_bytes);
   ~Ring();
   Ring(const Ring&) = delete;
   Ring& operator=(const Ring&) = delete;
@@ -48,6 +48,7 @@ class Ring {
   };
   void give_up_oldest();
 
+  const std::size_t most_bytes_;
   std::vector<Cpu> cpus_;
   std::size_t bytes_ = 0;
   std::unique_ptr<kbuffer, void (*)(kbuffer*)> page_;  // the one that is looked at

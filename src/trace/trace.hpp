@@ -3,6 +3,7 @@
 // a few seconds and cut out on request. Ordinary threads only.
 #pragma once
 
+#include <cstddef>
 #include <cstdint>
 #include <memory>
 #include <optional>
@@ -95,11 +96,17 @@ Window window_of(const nlohmann::json&);
 // What a journal may have to give back.
 std::span<const journal::Kind> kinds();
 
+// What a recorder keeps at most.
+struct Room {
+  std::size_t bytes = std::size_t{96} << 20;  // of all events, the latest
+  std::size_t events = 10'000;                // of a window, the first
+};
+
 // Records from its making to its destruction, and keeps the last seconds.
 class Recorder {
  public:
   // Throws Error that says what this machine lacks, or journal::Error; nothing is changed then.
-  explicit Recorder(journal::Journal&);
+  explicit Recorder(journal::Journal&, Room = {});
   ~Recorder();
   Recorder(const Recorder&) = delete;
   Recorder& operator=(const Recorder&) = delete;

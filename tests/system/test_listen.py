@@ -8,6 +8,7 @@ LISTEN_MESSAGES: how many messages are compared (5,000). It needs root: who may 
 import json
 import os
 import pathlib
+import shutil
 import signal
 import struct
 import subprocess
@@ -53,6 +54,12 @@ def captures(pid):
     return any(f"socket:[{row[8]}]" in links and int(row[5]) == 1 and int(row[4]) != 0 for row in rows)
 
 
+def trace_instances():
+    """By a mount that nothing else sees."""
+    return subprocess.run(["unshare", "-m", "sh", "-c", "mount -t tracefs none /mnt && ls /mnt/instances"],
+                          capture_output=True, text=True, check=True, timeout=60).stdout.split()
+
+
 def begin(publisher):
     """Once it can be told."""
     caught = lambda: int(pathlib.Path(f"/proc/{publisher.pid}/status").read_text().split("SigCgt:")[1].split()[0], 16)
@@ -84,10 +91,10 @@ class Listen(unittest.TestCase):
     def listen(self, nodes, *arguments):
         listener = self.start(ONTIME, "listen", "--format", "json", "--output", "seen.json", *arguments)
         self.assertTrue(eventually(lambda: all(changed_code(node.pid) > 0 for node in nodes), 30))
-        # The last probes are set when a second brings no more; the topics' names are found within the first messages.
+        # The last probes are set when two seconds bring no more; the topics' names are found within the first messages.
         counts = None
         while counts != (counts := [changed_code(node.pid) for node in nodes]):
-            time.sleep(1)
+            time.sleep(2)
         return listener
 
     def end(self, listener, publisher, taker):
@@ -134,6 +141,51 @@ class Listen(unittest.TestCase):
         self.assertGreater(len(judged), 0)
         self.assertEqual(flow["lost"], max(judged) + 1 - min(judged) - len(judged))
         self.assertEqual(code, 0)  # no limit was stated
+
+    def hog(self, priority, cpu):
+        """Has the CPU for some 30 ms, every half a second."""
+        program = self.folder / "hog"
+        shutil.copy("/bin/dash", program)
+        script = "while :; do i=0; while [ $i -lt 150000 ]; do i=$((i+1)); done; sleep 0.5; done"
+        return self.start("chrt", *priority, "taskset", "-c", cpu, program, "-c", script)
+
+    def test_thread_that_keeps_the_reader_from_its_cpu_is_named(self):
+        last = os.cpu_count() - 1
+        publisher = self.start("chrt", "-f", 60, NODE, "publish", "rt/cmd_vel", 4000, 1000, self.folder / "published")
+        taker = self.start("taskset", "-c", last, NODE, "take", "rt/cmd_vel", 1000, 0, self.folder / "taken")
+        listener = self.listen((publisher, taker), "/cmd_vel", "--age", "5ms")
+        hog = self.hog(("-f", "50"), last)
+        code, seen = self.end(listener, publisher, taker)
+        self.assertEqual(code, 1)
+        why = [miss["why"] for miss in seen["misses"] if miss["why"]]
+        self.assertGreater(len(why), 0, seen["remarks"])
+        named = [one for one in why if one["culprit"] and one["culprit"]["pid"] == hog.pid]
+        self.assertGreater(len(named), 0, why)
+        for one in named:
+            self.assertEqual((one["cause"], one["culprit"]["name"], one["victim"]["pid"]), ("cpu", "hog", taker.pid))
+        print(f"{len(named)} of {len(why)} name the hog", file=sys.stderr)
+
+    def test_publisher_that_sleeps_accuses_no_process(self):
+        # Real-time ends: what else runs on this machine does not delay them.
+        publisher = self.start("chrt", "-f", 60, NODE, "publish", "rt/cmd_vel", 4000, 1000, self.folder / "published")
+        taker = self.start("chrt", "-f", 60, NODE, "take", "rt/cmd_vel", 1000, 0, self.folder / "taken")
+        listener = self.listen((publisher, taker), "/cmd_vel", "--deadline", "20ms")
+        code, seen = self.end(listener, publisher, taker)
+        self.assertEqual(code, 1)
+        why = [miss["why"] for miss in seen["misses"]]
+        self.assertGreaterEqual(len(why), 4)
+        for one in why:
+            self.assertIsNone(one["culprit"], one)
+            self.assertNotIn(one["cause"], ("cpu", "interrupts", "throttled"), one)
+
+    def test_trace_of_a_killed_listener_goes_with_the_next(self):
+        nodes = self.pair(100)
+        listener = self.listen(nodes, "--deadline", "1s")
+        self.assertTrue(eventually(lambda: "ontime-trace" in trace_instances(), 10))
+        listener.kill()
+        listener.wait()
+        subprocess.run([ONTIME, "listen", "--deadline", "1s", "--for", "1 s"], capture_output=True, timeout=60)
+        self.assertNotIn("ontime-trace", trace_instances())
 
     def test_nothing_remains_after_kill_9(self):
         publisher, taker = nodes = self.pair(100)

@@ -158,7 +158,7 @@ class Search(unittest.TestCase):
 
     def test_too_little_time_for_a_run_says_how_long_one_takes(self):
         said = self.search("--within", "100 ms", code=2)
-        self.assertRegex(said, "a run takes about .* and the first trial .* runs")
+        self.assertRegex(said, "a run takes about .* and the first trial .* about")
         self.assertFalse((self.folder / "s.ontime").exists())
 
     def test_wrong_usage_measures_nothing(self):

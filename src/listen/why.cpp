@@ -1,0 +1,273 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "listen/why.hpp"
+
+#include <algorithm>
+#include <map>
+#include <set>
+
+#include <fmt/format.h>
+
+#include "explain/explain.hpp"
+
+namespace ontime::listen {
+namespace {
+
+using explain::Cause;
+using explain::Part;
+using explain::State;
+
+constexpr std::int64_t longest_ns = 1'000'000'000;  // that is looked back
+constexpr std::size_t most_steps = 32;              // from thread to thread
+// The kernel's priorities of SCHED_FIFO's and SCHED_RR's 99 … 1, and of the default's.
+constexpr int real_time = 99, usual_priority = 50;
+
+// Which part of a late message's time is looked at: its publisher's, or its way to the reader.
+struct Leg {
+  std::int64_t from_ns, to_ns;
+  std::int32_t thread;       // that published, or took
+  std::int64_t too_long_ns;  // how much longer it was than usual
+  bool is_publishers;
+};
+
+Leg leg_of(const Miss& miss) {
+  const auto& course = miss.course;
+  const auto too_long_ns = miss.value_ns - course.usual_ns;
+  const auto leg = [&](std::int64_t from_ns, std::int64_t to_ns, std::int32_t thread, bool is_publishers,
+                       std::int64_t by_ns) {
+    const auto begin_ns = std::max(from_ns, to_ns - longest_ns);
+    return Leg{begin_ns, to_ns, thread, std::min(by_ns, to_ns - begin_ns), is_publishers};
+  };
+  const bool is_gap = miss.kind == Miss::Kind::gap;
+  if (is_gap && course.before_ns != 0) {
+    const auto by_ns = course.since_ns - course.before_ns - course.usual_ns;
+    if (2 * by_ns >= too_long_ns)
+      return leg(course.before_ns, course.since_ns, course.publisher, true, by_ns);
+  }
+  return leg(course.since_ns != 0 ? course.since_ns : course.taken_before_ns, course.taken_ns, course.taker,
+             false, too_long_ns);
+}
+
+struct Step {
+  std::int32_t thread;
+  std::int64_t from_ns, to_ns;
+};
+
+class Search {
+ public:
+  Search(const Miss& miss, const trace::Window& window, const OwnerOf& owner_of)
+      : miss_(miss), owner_of_(owner_of), leg_(leg_of(miss)), timeline_(window, 0) {}
+
+  Why why() {
+    for (const auto& step : steps())
+      for (auto& part : explain::spent_by(step.thread, timeline_, step.from_ns, step.to_ns))
+        add(std::move(part));
+    const auto most = std::max_element(parts_.begin(), parts_.end(),
+                                       [](const Part& one, const Part& other) { return one.ns < other.ns; });
+    const bool is_most = most != parts_.end() && is_seen(most->cause) && 2 * most->ns >= leg_.too_long_ns;
+    // The kernel holds up threads whose code it changes, in the state of those that wait in it.
+    if (miss_.course.beside_probes && (!is_most || most->cause == Cause::blocked)) return by_probes();
+    if (is_most) return seen(*most);
+    return by_several().value_or(unseen());
+  }
+
+ private:
+  // Who had the message in hand, the last first: a thread that slept is followed to the one that woke it.
+  std::vector<Step> steps() const {
+    std::vector<Step> steps;
+    auto thread = leg_.thread;
+    auto to_ns = leg_.to_ns;
+    while (to_ns > leg_.from_ns && steps.size() < most_steps) {
+      const auto stretches = timeline_.of(thread, leg_.from_ns, to_ns);
+      const auto asleep = std::find_if(stretches.rbegin(), stretches.rend(), [](const auto& stretch) {
+        return stretch.state == State::sleeps || stretch.state == State::unknown;
+      });
+      const auto from_ns = asleep == stretches.rend() ? leg_.from_ns : asleep->to_ns;
+      if (from_ns < to_ns) steps.push_back({thread, from_ns, to_ns});
+      const auto waker = asleep == stretches.rend() ? std::nullopt : timeline_.waker_of(thread, from_ns);
+      to_ns = from_ns;
+      if (waker && waker->thread != thread && has_it_in_hand(*waker)) {
+        thread = waker->thread;
+      } else {
+        const auto other = asleep == stretches.rend() ? std::nullopt : held_up_receiver(thread, to_ns);
+        if (!other) break;
+        thread = *other;
+      }
+    }
+    return steps;
+  }
+
+  // A thread of either end, or one of the kernel's that brings packets. Over loopback the thread that sends
+  // is the one that the softirq interrupts.
+  bool has_it_in_hand(const explain::Waker& waker) const {
+    if (!waker.interrupt.empty() && waker.interrupt != "NET_RX") return false;
+    if (explain::is_kernels(timeline_.name_of(waker.thread))) return true;
+    const auto process = owner(waker.thread).process;
+    if (process == 0) return false;
+    return process == miss_.writer.process || (!leg_.is_publishers && process == miss_.reader.process);
+  }
+
+  // A reader that its own timer woke takes what another of its threads received: one that the writer woke,
+  // and that had not got to it when the reader woke.
+  std::optional<std::int32_t> held_up_receiver(std::int32_t reader, std::int64_t at_ns) const {
+    if (leg_.is_publishers) return {};
+    for (const auto& event : timeline_.events()) {
+      if (event.at_ns >= at_ns) break;
+      if (event.kind != trace::Kind::waking || event.thread.id == reader ||
+          owner(event.thread.id).process != miss_.reader.process ||
+          owner(event.other.id).process != miss_.writer.process || miss_.writer.process == 0)
+        continue;
+      const auto state = timeline_.state_at(event.thread.id, at_ns - 1);
+      if (state && *state != State::sleeps && *state != State::unknown) return event.thread.id;
+    }
+    return {};
+  }
+
+  const Party& owner(std::int32_t thread) const {
+    const auto [known, is_new] = owners_.try_emplace(thread);
+    if (is_new) known->second = owner_of_(thread);
+    return known->second;
+  }
+
+  // What names another, the machine, or long work of its own. A sleep names nothing: it may be meant.
+  static bool is_seen(Cause cause) {
+    return cause != Cause::waited && cause != Cause::timer && cause != Cause::unknown;
+  }
+
+  // What held up one thread of a process and then another is one cause.
+  void add(Part part) {
+    const auto same = std::find_if(parts_.begin(), parts_.end(), [&](const Part& one) {
+      return one.cause == part.cause && one.culprit == part.culprit &&
+             owner(one.thread_id) == owner(part.thread_id);
+    });
+    if (same == parts_.end())
+      parts_.push_back(std::move(part));
+    else
+      same->ns += part.ns;
+  }
+
+  static std::string words_of(const Party& process, const std::string& thread, std::int32_t id) {
+    if (process.process == 0) return thread.empty() ? fmt::format("thread {}", id) : thread;
+    const bool is_one_name = thread.empty() || thread == process.name;
+    return fmt::format("{} [{}]{}", process.name, process.process,
+                       is_one_name ? "" : fmt::format(" (thread {})", thread));
+  }
+
+  static std::string policy_of(std::int32_t priority) {
+    if (priority < 0) return "SCHED_DEADLINE";
+    return priority < trace::least_ordinary ? fmt::format("real-time priority {}", real_time - priority)
+                                            : "SCHED_OTHER";
+  }
+
+  Why seen(Part part) const {
+    Why why{.is_seen = true,
+            .cause = explain::word_of(part.cause),
+            .victim = owner(part.thread_id),
+            .thread = part.thread_id,
+            .ns = part.ns};
+    const auto victim = words_of(why.victim, timeline_.name_of(part.thread_id), part.thread_id);
+    if (!part.culprit_threads.empty()) {
+      const auto thread = part.culprit_threads.front();
+      why.culprit = owner(thread);
+      part.culprit = words_of(why.culprit, part.culprit, thread);
+    }
+    why.sentence = fmt::format(
+        "{}: {:.1f} ms", explain::sentence_of(part, fmt::format("{}, {},", victim, policy_of(part.priority))),
+        static_cast<double>(part.ns) / 1e6);
+    if (!part.when.empty() && part.when.front().cpu >= 0 && part.cause != Cause::busy)
+      why.sentence += fmt::format(", CPU {}", part.when.front().cpu);
+    why.fix = fix_of(part, why.victim);
+    return why;
+  }
+
+  static std::string fix_of(const Part& part, const Party& process) {
+    const auto victim = words_of(process, "", part.thread_id);
+    const auto other_cpus = part.culprit_threads.empty()
+                                ? std::string()
+                                : fmt::format(", or other CPUs for {} (taskset)", part.culprit);
+    switch (part.cause) {
+      case Cause::cpu: {
+        const bool is_below = part.culprit_priority < trace::least_ordinary;
+        const auto priority = is_below ? real_time - part.culprit_priority + 1 : usual_priority;
+        if (priority >= real_time) return fmt::format("a lower priority for {}{}", part.culprit, other_cpus);
+        return fmt::format(
+            "SCHED_FIFO for {} (chrt -a -f -p {} {}){}", victim, priority,
+            process.process != 0 ? process.process : static_cast<std::uint32_t>(part.thread_id), other_cpus);
+      }
+      case Cause::interrupts:
+        return fmt::format("keep interrupts off the CPU of {} (kernel.irq-cpus), or give it another CPU",
+                           victim);
+      case Cause::throttled:
+        return "a larger quota for its cgroup (cpu.max), or kernel.rt-throttling: off";
+      case Cause::page_fault:
+        return "lock its memory: mlockall() in the node";
+      case Cause::busy:
+        return "shorter callbacks, or a thread of its own for this topic";
+      default:
+        return explain::advice_of(part, victim);
+    }
+  }
+
+  static Why by_probes() {
+    return {.is_seen = true,
+            .cause = "probes",
+            .sentence = "ontime set or removed probes in processes at that moment"};
+  }
+
+  // None of those that had the CPU is most of the delay: all together are, and none is the culprit.
+  std::optional<Why> by_several() const {
+    std::int64_t all_ns = 0;
+    const Part* most = nullptr;
+    std::set<std::string> names;
+    for (const auto& part : parts_) {
+      if (part.cause != Cause::cpu) continue;
+      all_ns += part.ns;
+      names.insert(part.culprit);
+      if (most == nullptr || part.ns > most->ns) most = &part;
+    }
+    if (most == nullptr || 2 * all_ns < leg_.too_long_ns) return {};
+    auto whole = *most;
+    whole.ns = all_ns;
+    whole.culprit = fmt::format("{} others, {} for longest,", names.size(), most->culprit);
+    whole.culprit_threads.clear();
+    return seen(whole);
+  }
+
+  // What is known where nothing is accused.
+  Why unseen() const {
+    Why why{.cause = explain::word_of(Cause::unknown), .sentence = "cause not seen: "};
+    const auto& writer = miss_.writer;
+    if (leg_.is_publishers)
+      why.sentence += fmt::format("{} [{}] published it late, and no event shows that it was held up",
+                                  writer.name, writer.process);
+    else if (miss_.course.missing > 0)
+      why.sentence += fmt::format("{} messages before it were published and not taken", miss_.course.missing);
+    else if (writer.process == 0)
+      why.sentence += "its writer is not known on this machine, and its reader was not held up";
+    else
+      why.sentence += "no event shows what held it up between its two ends";
+    return why;
+  }
+
+  const Miss& miss_;
+  const OwnerOf& owner_of_;
+  const Leg leg_;
+  const explain::Timeline timeline_;
+  std::vector<Part> parts_;
+  mutable std::map<std::int32_t, Party> owners_;  // by thread: each is looked up once
+};
+
+}  // namespace
+
+trace::Span span_of(const Miss& miss) {
+  const auto leg = leg_of(miss);
+  return {.message = 0, .from_ns = leg.from_ns, .to_ns = leg.to_ns};
+}
+
+Why why(const Miss& miss, const trace::Window& window, const OwnerOf& owner_of) {
+  if (!window.whole)
+    return {.cause = explain::word_of(Cause::unknown),
+            .sentence = "cause not seen: the kernel's events of that time are not all there"};
+  return Search(miss, window, owner_of).why();
+}
+
+}  // namespace ontime::listen

@@ -1,0 +1,245 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include "listen/why.hpp"
+
+namespace ontime::listen {
+namespace {
+
+using testing::HasSubstr;
+using trace::Kind;
+
+constexpr std::int64_t us = 1'000, ms = 1'000'000;
+constexpr std::int32_t publishes = 11, takes = 21, receives = 22, hog = 30;
+constexpr std::int64_t published = 100 * ms;
+
+Party owner_of(std::int32_t thread) {
+  if (thread == publishes) return {1, "controller"};
+  if (thread == takes || thread == receives) return {2, "base"};
+  if (thread == hog) return {30, "recorder"};
+  return {};
+}
+
+// The publisher runs on CPU 0, the reader on CPU 1, and the hog has a real-time priority.
+class LateMessage : public testing::Test {
+ protected:
+  static trace::Thread named(std::int32_t thread) {
+    if (thread == hog) return {hog, "recorder", 49};
+    const auto* const name = thread == publishes  ? "controller"
+                             : thread == takes    ? "base"
+                             : thread == receives ? "recv"
+                             : thread == 31       ? "one"
+                             : thread == 32       ? "two"
+                                                  : "";
+    return {thread, name, 120};
+  }
+  void event(std::int64_t at, int cpu, Kind kind, std::int32_t thread, std::int32_t other = 0,
+             const std::string& what = "") {
+    window.events.push_back({.at_ns = at,
+                             .cpu = cpu,
+                             .kind = kind,
+                             .thread = named(thread),
+                             .other = named(other),
+                             .what = what});
+  }
+  void switched(std::int64_t at, int cpu, std::int32_t from, const char* state, std::int32_t to) {
+    event(at, cpu, Kind::switched, from, to, state);
+  }
+  // Usually 100 µs old.
+  static Miss old(std::int64_t taken_ns) {
+    Miss miss{.kind = Miss::Kind::age,
+              .at_ns = taken_ns,
+              .value_ns = taken_ns - published,
+              .topic = "/cmd_vel",
+              .writer = {1, "controller"},
+              .reader = {2, "base"}};
+    miss.course = {.since_ns = published,
+                   .published_ns = published,
+                   .taken_before_ns = published - 10 * ms,
+                   .taken_ns = taken_ns,
+                   .publisher = publishes,
+                   .taker = takes,
+                   .usual_ns = 100 * us};
+    return miss;
+  }
+  // Usually every 10 ms.
+  static Miss after_gap(std::int64_t published_ns, std::int64_t taken_ns) {
+    auto miss = old(taken_ns);
+    miss.kind = Miss::Kind::gap;
+    miss.value_ns = taken_ns - published;
+    miss.course.before_ns = published;
+    miss.course.since_ns = miss.course.published_ns = published_ns;
+    miss.course.taken_before_ns = published + 100 * us;
+    miss.course.usual_ns = 10 * ms;
+    return miss;
+  }
+  Why why(const Miss& miss) {
+    window.span = span_of(miss);
+    return listen::why(miss, window, owner_of);
+  }
+
+  trace::Window window;
+};
+
+TEST_F(LateMessage, ReaderBehindAnotherThreadNamesIt) {
+  switched(90 * ms, 0, 0, "R", publishes);
+  switched(91 * ms, 1, 0, "R", hog);
+  event(published + 20 * us, 0, Kind::waking, takes, publishes, "1");
+  switched(published + 21 * ms, 1, hog, "S", takes);
+  const auto found = why(old(published + 21 * ms + 50 * us));
+  ASSERT_TRUE(found.is_seen) << found.sentence;
+  EXPECT_EQ(found.cause, "cpu");
+  EXPECT_EQ(found.victim, (Party{2, "base"}));
+  EXPECT_EQ(found.culprit, (Party{30, "recorder"}));
+  EXPECT_EQ(found.thread, takes);
+  EXPECT_EQ(found.ns, 21 * ms - 20 * us);
+  EXPECT_THAT(found.fix, HasSubstr("chrt -a -f -p 51 2)")) << "above the real-time priority of the other";
+}
+
+TEST_F(LateMessage, ReceivingThreadBehindAnotherNamesIt) {
+  switched(90 * ms, 0, 0, "R", publishes);
+  switched(91 * ms, 1, 0, "R", hog);
+  event(published + 20 * us, 0, Kind::waking, receives, publishes, "1");
+  switched(published + 21 * ms, 1, hog, "S", receives);
+  event(published + 21 * ms + 30 * us, 1, Kind::waking, takes, receives, "1");
+  switched(published + 21 * ms + 40 * us, 1, receives, "S", takes);
+  const auto found = why(old(published + 21 * ms + 80 * us));
+  ASSERT_TRUE(found.is_seen) << found.sentence;
+  EXPECT_EQ(found.thread, receives);
+  EXPECT_EQ(found.culprit, (Party{30, "recorder"}));
+}
+
+TEST_F(LateMessage, ReaderThatItsTimerWakesIsLateByItsReceivingThread) {
+  switched(90 * ms, 0, 0, "R", publishes);
+  switched(91 * ms, 1, takes, "S", hog);
+  event(published + 20 * us, 0, Kind::waking, receives, publishes, "1");
+  event(published + 70 * ms, 1, Kind::timer, hog);
+  event(published + 70 * ms + 2 * us, 1, Kind::waking, takes, hog, "1");
+  event(published + 70 * ms + 4 * us, 1, Kind::timer_end, hog);
+  switched(published + 100 * ms, 1, hog, "S", receives);
+  switched(published + 100 * ms + 40 * us, 1, receives, "S", takes);
+  const auto found = why(old(published + 100 * ms + 80 * us));
+  ASSERT_TRUE(found.is_seen) << found.sentence;
+  EXPECT_GT(found.ns, 99 * ms) << "of both threads";
+  EXPECT_EQ(found.culprit, (Party{30, "recorder"}));
+}
+
+TEST_F(LateMessage, PublisherPreemptedWhileItPublishesNamesWhoRan) {
+  switched(90 * ms, 0, 0, "R", publishes);
+  switched(published + 10 * us, 0, publishes, "R", hog);
+  switched(published + 15 * ms, 0, hog, "S", publishes);
+  event(published + 15 * ms + 10 * us, 0, Kind::waking, takes, publishes, "1");
+  switched(published + 15 * ms + 20 * us, 1, 0, "R", takes);
+  const auto found = why(old(published + 15 * ms + 60 * us));
+  ASSERT_TRUE(found.is_seen) << found.sentence;
+  EXPECT_EQ(found.victim, (Party{1, "controller"}));
+  EXPECT_EQ(found.culprit, (Party{30, "recorder"}));
+}
+
+TEST_F(LateMessage, PublisherThatIsWokenInTimeAndWaitsNamesWhoRan) {
+  switched(published + 50 * us, 0, publishes, "S", hog);
+  event(published + 10 * ms, 0, Kind::waking, publishes, hog, "0");
+  switched(published + 40 * ms, 0, hog, "S", publishes);
+  event(published + 40 * ms + 100 * us, 0, Kind::waking, takes, publishes, "1");
+  const auto found = why(after_gap(published + 40 * ms + 50 * us, published + 40 * ms + 150 * us));
+  ASSERT_TRUE(found.is_seen) << found.sentence;
+  EXPECT_EQ(found.victim, (Party{1, "controller"}));
+  EXPECT_EQ(found.culprit, (Party{30, "recorder"}));
+  EXPECT_EQ(found.ns, 30 * ms);
+}
+
+TEST_F(LateMessage, PublisherThatSleepsAccusesNothing) {
+  switched(published + 50 * us, 0, publishes, "S", hog);
+  event(published + 40 * ms, 0, Kind::waking, publishes, hog, "0");  // its timer, while another runs
+  switched(published + 40 * ms + 20 * us, 0, hog, "R", publishes);
+  const auto found = why(after_gap(published + 40 * ms + 50 * us, published + 40 * ms + 150 * us));
+  EXPECT_FALSE(found.is_seen);
+  EXPECT_EQ(found.culprit, Party{});
+  EXPECT_EQ(found.cause, "unknown");
+}
+
+TEST_F(LateMessage, ReaderThatPollsAccusesNothing) {
+  switched(90 * ms, 1, takes, "S", hog);
+  event(published + 20 * ms, 1, Kind::timer, hog);
+  event(published + 20 * ms + 2 * us, 1, Kind::waking, takes, hog, "1");
+  event(published + 20 * ms + 4 * us, 1, Kind::timer_end, hog);
+  switched(published + 20 * ms + 9 * us, 1, hog, "R", takes);
+  EXPECT_FALSE(why(old(published + 20 * ms + 50 * us)).is_seen);
+}
+
+TEST_F(LateMessage, ThreadThatHadTheCpuForLessThanHalfIsNotAccused) {
+  switched(90 * ms, 1, 0, "R", hog);
+  event(published + 12 * ms, 0, Kind::waking, takes, 0, "1");
+  switched(published + 21 * ms, 1, hog, "S", takes);
+  EXPECT_FALSE(why(old(published + 21 * ms + 50 * us)).is_seen);
+}
+
+TEST_F(LateMessage, SeveralThatHadTheCpuForHalfTogetherAreNoOnesFault) {
+  constexpr std::int32_t other = 31, third = 32;
+  switched(90 * ms, 1, 0, "R", other);
+  event(published + 4 * ms, 0, Kind::waking, takes, 0, "1");
+  switched(published + 8 * ms, 1, other, "R", third);
+  switched(published + 12 * ms, 1, third, "R", takes);
+  auto miss = old(published + 14 * ms);
+  const auto found = why(miss);
+  ASSERT_TRUE(found.is_seen) << found.sentence;
+  EXPECT_EQ(found.cause, "cpu");
+  EXPECT_EQ(found.culprit, Party{});
+  EXPECT_EQ(found.ns, 8 * ms);
+}
+
+TEST_F(LateMessage, ProbesThatOntimeSetAreSaidWhereNothingElseIsSeen) {
+  switched(90 * ms, 1, takes, "D", 0);
+  event(published + 12 * ms, 0, Kind::waking, takes, 0, "1");
+  switched(published + 12 * ms + 10 * us, 1, 0, "R", takes);
+  auto miss = old(published + 12 * ms + 50 * us);
+  EXPECT_EQ(why(miss).cause, "blocked");
+  miss.course.beside_probes = true;
+  EXPECT_EQ(why(miss).cause, "probes");
+}
+
+TEST_F(LateMessage, ReaderThatWorksIsItsOwnCause) {
+  switched(90 * ms, 1, 0, "R", takes);
+  event(published + 10 * ms, 1, Kind::timer, takes);
+  event(published + 10 * ms + 2 * us, 1, Kind::timer_end, takes);
+  const auto found = why(old(published + 30 * ms));
+  ASSERT_TRUE(found.is_seen);
+  EXPECT_EQ(found.cause, "busy");
+  EXPECT_EQ(found.victim, (Party{2, "base"}));
+  EXPECT_EQ(found.culprit, Party{});
+}
+
+TEST_F(LateMessage, InterruptsOfTheReadersCpuAreNamed) {
+  switched(90 * ms, 1, 0, "R", takes);
+  event(published + ms, 1, Kind::soft_interrupt, takes, 0, "NET_RX");
+  event(published + 28 * ms, 1, Kind::soft_interrupt_end, takes, 0, "NET_RX");
+  const auto found = why(old(published + 30 * ms));
+  ASSERT_TRUE(found.is_seen);
+  EXPECT_EQ(found.cause, "interrupts");
+  EXPECT_THAT(found.sentence, HasSubstr("NET_RX"));
+}
+
+TEST_F(LateMessage, MessagesThatWereNotTakenAreSaid) {
+  auto miss = after_gap(published + 30 * ms, published + 30 * ms + 100 * us);
+  miss.course.since_ns = published + 10 * ms;
+  miss.course.missing = 2;
+  switched(published + 200 * us, 1, takes, "S", 0);
+  const auto found = why(miss);
+  EXPECT_FALSE(found.is_seen);
+  EXPECT_THAT(found.sentence, HasSubstr("2 messages before it"));
+}
+
+TEST_F(LateMessage, EventsThatWereLostExplainNothing) {
+  switched(90 * ms, 1, 0, "R", takes);
+  window.whole = false;
+  EXPECT_FALSE(why(old(published + 30 * ms)).is_seen);
+}
+
+TEST_F(LateMessage, LongSilenceIsLookedAtInItsLastSecond) {
+  const auto span = span_of(old(published + 3600'000 * ms));
+  EXPECT_EQ(span.to_ns - span.from_ns, 1000 * ms);
+}
+
+}  // namespace
+}  // namespace ontime::listen
