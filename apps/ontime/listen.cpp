@@ -83,9 +83,9 @@ std::string text_of(const listen::Miss& miss) {
                   at.time_since_epoch().count() % 1000, topic_of(miss.topic),
                   words_of(miss.reader, words_of(miss.writer, "").c_str()), in_ms(miss.value_ns),
                   miss.kind == listen::Miss::Kind::age ? "old" : "after the message before");
-  if (miss.why) text += fmt::format(": {}", report::printable(miss.why->sentence));
+  if (miss.why) text += fmt::format(": {}", table::printable(miss.why->sentence));
   if (miss.why && !miss.why->fix.empty())
-    text += fmt::format("\n{:14}fix: {}", "", report::printable(miss.why->fix));
+    text += fmt::format("\n{:14}fix: {}", "", table::printable(miss.why->fix));
   return text + "\n";
 }
 
