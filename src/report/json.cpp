@@ -107,7 +107,7 @@ std::vector<Field> fields() {
     std::vector<std::string> values{"min", "mean"};
     for (const auto& row : statistics::percentiles) values.emplace_back(row.name);
     values.emplace_back("max");
-    for (const auto& value : values) fields.push_back({name + "_" + value, {name, value}});
+    for (const auto& value : values) fields.push_back({fmt::format("{}_{}", name, value), {name, value}});
   };
   for (const auto* name : {"round_trip_us", "response_us", "wake_up_us", "server_us"}) add_distribution(name);
   for (const auto* key : {"key", "late_by_response", "trailing_cycles"}) fields.push_back({key, {key}});
