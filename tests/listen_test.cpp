@@ -426,6 +426,16 @@ TEST(LibraryFile, OfAnotherKindIsRefused) {
   EXPECT_THROW(Library("/nonexistent"), Error);
 }
 
+// Such as one of a process that has ended: its architecture is unknown then.
+TEST(LibraryFile, ThatCannotBeReadIsRefusedWithTheReason) {
+  try {
+    Library("/nonexistent");
+    FAIL();
+  } catch (const Error& error) {
+    EXPECT_THAT(error.what(), ::testing::HasSubstr("No such file"));
+  }
+}
+
 TEST(LibraryFile, FunctionThatIsNotThereHasNoPlace) {
   EXPECT_FALSE(Library("/proc/self/exe").place("rmw_publish"));
 }

@@ -217,7 +217,7 @@ class InProcesses final : public Sensor {
       own.offset_of_name = Library(library.path).offset_of_topic_name();
     } catch (const Error&) {
     }
-    if (!own.offset_of_name)
+    if (!own.offset_of_name && access(library.path.c_str(), F_OK) == 0)
       remark(fmt::format("{} of process {} has an unknown form: its topics stay without names", library.name,
                          process.id));
   }
@@ -273,7 +273,8 @@ class InProcesses final : public Sensor {
       std::move(own.begin(), own.end(), std::back_inserter(links));
       return true;
     } catch (const Error& error) {
-      remark(fmt::format("{}: {}", mapping.name, error.what()));
+      // Where its process has ended meanwhile, there is nothing to say.
+      if (access(mapping.path.c_str(), F_OK) == 0) remark(fmt::format("{}: {}", mapping.name, error.what()));
       return false;
     }
   }

@@ -2,8 +2,10 @@
 #include "listen/library.hpp"
 
 #include <algorithm>
+#include <cerrno>
 #include <memory>
 #include <span>
+#include <system_error>
 
 #include <capstone/capstone.h>
 #include <fcntl.h>
@@ -129,9 +131,10 @@ constexpr GElf_Half machine = EM_AARCH64;
 
 Library::Library(const std::string& path) {
   const Descriptor file(path);
+  if (file.fd < 0)
+    throw Error(fmt::format("{} cannot be read: {}", path, std::generic_category().message(errno)));
   elf_version(EV_CURRENT);
-  const std::unique_ptr<Elf, int (*)(Elf*)> elf(
-      file.fd < 0 ? nullptr : elf_begin(file.fd, ELF_C_READ, nullptr), elf_end);
+  const std::unique_ptr<Elf, int (*)(Elf*)> elf(elf_begin(file.fd, ELF_C_READ, nullptr), elf_end);
   GElf_Ehdr header;
   if (!elf || gelf_getehdr(elf.get(), &header) == nullptr || header.e_machine != machine)
     throw Error(fmt::format("{} is not a library of this machine's architecture", path));
