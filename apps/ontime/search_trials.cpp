@@ -230,10 +230,9 @@ search::Answer Trials::answer_of(const record::Run& run) {
   std::int64_t slow_ns = 0;
   for (const auto& part : goal_) {
     answer.tallies.push_back(search::tally_of(part, summary));
-    const bool is_time =
-        part.gate.figure != statistics::Figure::late && part.gate.figure != statistics::Figure::lost;
     const auto limit_ns = static_cast<std::int64_t>(part.gate.limit);
-    if (is_time) slow_ns = slow_ns == 0 ? limit_ns : std::min(slow_ns, limit_ns);
+    if (!statistics::metric_of(part.gate.figure).is_share)
+      slow_ns = slow_ns == 0 ? limit_ns : std::min(slow_ns, limit_ns);
   }
   answer.findings = search::findings_of(explain::account_of(reader, run), run, slow_ns, bounds_);
   return answer;

@@ -93,7 +93,7 @@ class Parser {
                        wanted));
   }
 
-  bool is_share() const { return gate_.figure == Figure::late || gate_.figure == Figure::lost; }
+  bool is_share() const { return statistics::metric_of(gate_.figure).is_share; }
 
   void read_limit() {
     skip_blanks();

@@ -7,6 +7,7 @@
 
 #include "journal/journal.hpp"
 #include "listen/listen.hpp"
+#include "listen/processes.hpp"
 #include "listen/why.hpp"
 #include "trace/trace.hpp"
 
@@ -24,8 +25,7 @@ Party owner_of(std::int32_t thread) {
     if (line.starts_with(word))
       owner.process = static_cast<std::uint32_t>(std::strtoul(line.c_str() + word.size(), nullptr, 10));
   if (owner.process == 0) return owner;
-  std::ifstream name(fmt::format("/proc/{}/comm", owner.process));
-  std::getline(name, owner.name);
+  owner.name = process_name(owner.process);
   return owner;
 }
 

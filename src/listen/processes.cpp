@@ -28,13 +28,6 @@ std::optional<Middleware> middleware_of(std::string_view library) {
   return {};
 }
 
-std::string name_of(std::uint32_t process) {
-  std::ifstream in(fmt::format("/proc/{}/comm", process));
-  std::string name;
-  std::getline(in, name);
-  return name;
-}
-
 // What the process's maps do not tell, or tell otherwise than stat() does (Btrfs).
 void identify(Mapping& mapping) {
   struct stat file {};
@@ -60,6 +53,13 @@ std::uint64_t start_of(std::uint32_t process) {
 }
 
 }  // namespace
+
+std::string process_name(std::uint32_t process) {
+  std::ifstream in(fmt::format("/proc/{}/comm", process));
+  std::string name;
+  std::getline(in, name);
+  return name;
+}
 
 std::optional<Mapping> mapping_of(const std::string& line, std::uint32_t process) {
   unsigned long long begin = 0, end = 0, inode = 0;
@@ -106,7 +106,7 @@ Processes::Change Processes::look() {
     // A process loads most of its libraries soon after it starts.
     known.again = now + std::min<std::chrono::steady_clock::duration>((now - known.first) / 4, longest_pause);
     std::ifstream maps(fmt::format("/proc/{}/maps", id));
-    Process process{.id = id, .name = name_of(id), .libraries = {}};
+    Process process{.id = id, .name = process_name(id), .libraries = {}};
     for (std::string line; std::getline(maps, line);) {
       auto mapping = mapping_of(line, id);
       if (!mapping) continue;

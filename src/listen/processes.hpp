@@ -22,6 +22,9 @@ struct Mapping {
   bool is_on_overlay = false;  // containers of one image have one such file, by different numbers
 };
 
+// As the kernel has it; empty where the process has ended.
+std::string process_name(std::uint32_t process);
+
 struct Process {
   std::uint32_t id = 0;
   std::string name;

@@ -13,8 +13,8 @@ using statistics::Figure;
 
 // Of messages, how many may break the limit.
 double permitted_share(const gate::Gate& gate) {
-  if (gate.kind == gate::Gate::Limit::absolute && gate.figure != Figure::late &&
-      gate.figure != Figure::lost && gate.limit <= 0)
+  if (gate.kind == gate::Gate::Limit::absolute && !statistics::metric_of(gate.figure).is_share &&
+      gate.limit <= 0)
     throw gate::Error(fmt::format("'{}': every message takes longer than 0", gate.text));
   if (gate.figure == Figure::mean)
     throw gate::Error(
