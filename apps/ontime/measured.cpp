@@ -17,6 +17,7 @@
 #include "campaign/ssh.hpp"
 #include "flags.hpp"
 #include "output.hpp"
+#include "report/explained.hpp"
 #include "results_page.hpp"
 #include "spelling/spelling.hpp"
 

@@ -8,7 +8,6 @@
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
-#include "report/html.hpp"
 #include "report/report.hpp"
 #include "table/table.hpp"
 
@@ -353,7 +352,7 @@ std::string page_of(const SearchReport& report) {
   for (const auto& finding : outcome.remaining)
     body += fmt::format("<li>{:.0f} messages: {}</li>", finding.messages, escaped(finding.cause));
   if (!outcome.remaining.empty()) body += "</ul>";
-  return report::standing_alone("Search: " + report.scenario, body);
+  return table::standing_alone("Search: " + report.scenario, body);
 }
 
 }  // namespace ontime::app
