@@ -328,6 +328,8 @@ class Listening {
                         {"publish_ns", cost->publish_ns},
                         {"takes", cost->takes},
                         {"take_ns", cost->take_ns},
+                        {"stepped", cost->stepped},
+                        {"step_ns", cost->step_ns},
                         {"cpu_share", share_of_cpu(cost->total_ns())}};
     return json;
   }
@@ -335,10 +337,11 @@ class Listening {
   std::string text_of_cost(const std::optional<listen::Cost>& cost) const {
     auto text = fmt::format("cost  ontime {:.1f} % of one CPU", 100 * own_share_of_cpu());
     if (cost)
-      text += fmt::format(
-          "; probes in the nodes {:.1f} %: {} publishes of {:.1f} µs, {} takes of {:.1f} µs, at most",
-          100 * share_of_cpu(cost->total_ns()), cost->publishes, cost->publish_ns / 1e3, cost->takes,
-          cost->take_ns / 1e3);
+      text += fmt::format("; probes in the nodes {:.1f} %: {} publishes of {:.1f} µs, {} takes of {:.1f} µs",
+                          100 * share_of_cpu(cost->total_ns()), cost->publishes, cost->publish_ns / 1e3,
+                          cost->takes, cost->take_ns / 1e3);
+    if (cost && cost->stepped > 0)
+      text += fmt::format("; {} of them {:.1f} µs longer", cost->stepped, cost->step_ns / 1e3);
     return text + "\n";
   }
 

@@ -109,12 +109,15 @@ struct Miss {
 
 inline constexpr std::size_t most_misses = 1000;  // that wait for take_misses(), the latest of all
 
-// What the probes cost the nodes, at most: calls that met one, and how much longer each took.
+// What the probes cost the nodes: calls that met one, and how much longer each takes for a thread that just
+// woke, as measured on this machine when listening began.
 struct Cost {
   std::uint64_t publishes = 0, takes = 0;
-  double publish_ns = 0, take_ns = 0;  // as measured on this machine, as listening began
+  std::uint64_t stepped = 0;  // of both: the kernel had to step over an instruction, which takes longer
+  double publish_ns = 0, take_ns = 0, step_ns = 0;
   double total_ns() const {
-    return static_cast<double>(publishes) * publish_ns + static_cast<double>(takes) * take_ns;
+    return static_cast<double>(publishes) * publish_ns + static_cast<double>(takes) * take_ns +
+           static_cast<double>(stepped) * step_ns;
   }
 };
 
