@@ -39,7 +39,10 @@ struct Limits {
 class Distribution {
  public:
   void add(std::int64_t ns);  // below zero counts as zero
+  void add(const Distribution&);
   std::uint64_t count() const { return count_; }
+  std::uint64_t count_up_to(std::int64_t ns) const;  // within 1.6 % of this value
+  double sum_ns() const { return sum_; }
   std::int64_t max_ns() const { return max_; }
   std::int64_t quantile_ns(double portion) const;  // 0 … 1; of no values 0
 
@@ -47,6 +50,7 @@ class Distribution {
   std::vector<std::uint32_t> buckets_;  // grows to what the largest value needs
   std::uint64_t count_ = 0;
   std::int64_t max_ = 0;
+  double sum_ = 0;
 };
 
 // One end of a topic.
