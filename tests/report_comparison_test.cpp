@@ -2,6 +2,8 @@
 #include <boost/property_tree/ptree.hpp>
 #include <boost/property_tree/xml_parser.hpp>
 
+#include "report/comparison.hpp"
+#include "report/export.hpp"
 #include "report_fixture.hpp"
 
 namespace ontime::report {

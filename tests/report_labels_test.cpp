@@ -1,4 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
+#include "gate/gate.hpp"
 #include "report_fixture.hpp"
 
 namespace ontime::report {

@@ -7,17 +7,21 @@
 #include <sodium.h>
 #include <zlib.h>
 
+#include "page/course.hpp"
+#include "page/page.hpp"
+#include "plot/plot.hpp"
+#include "plot/sheet.hpp"
 #include "record/record.hpp"
-#include "report/course.hpp"
-#include "report/html.hpp"
+#include "report/comparison.hpp"
 #include "report/runs.hpp"
-#include "report/sheet.hpp"
 #include "report_fixture.hpp"
 #include "table/table.hpp"
 
 namespace ontime::report {
 namespace {
 
+using page::code_of, page::code_of_lost, page::Course;
+using plot::gnuplot_of, plot::Plot;
 using roundtrip::Fate;
 using roundtrip::Sample;
 using ::testing::Each;
@@ -192,7 +196,7 @@ class Page : public ::testing::Test {
     const auto reader = writer_.reader();
     Summaries summaries;
     for (const auto& run : reader.runs()) summaries.push_back(statistics::summarise(reader, run));
-    return render_html(reader, summaries, name);
+    return page::page_of(reader, summaries, name);
   }
   record::Writer writer_{""};
   std::vector<record::Note> notes_;
@@ -485,7 +489,7 @@ TEST(Gnuplot, EveryPanelHasItsWholeNameInLinesThatFit) {
                 HasSubstr("'" + run.run.asked.id + " " + run.run.asked.task.transport + ": A system under"));
   EXPECT_EQ(found_in(commands, "('[^']*…')").size(), runs.size()) << "all of the 60 letters that a title has";
   for (const auto& label : found_in(commands, "set label '([^']*)'"))
-    EXPECT_LE(static_cast<double>(label.size()) * letter_cm, 18.2 / 2) << label;
+    EXPECT_LE(static_cast<double>(label.size()) * plot::letter_cm, 18.2 / 2) << label;
   for (const auto* key : {"from the fastest to the slowest", "median", "deadline 10 ms"})
     EXPECT_THAT(commands, HasSubstr(std::string("set label '") + key));
 }

@@ -1,4 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
+#include "report/export.hpp"
 #include "report_fixture.hpp"
 
 namespace ontime::report {

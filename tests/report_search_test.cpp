@@ -1,11 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
 // What became of neighbours, and what searches found.
+#include "plot/plot.hpp"
 #include "report/runs.hpp"
 #include "report_fixture.hpp"
 
 namespace ontime::report {
 namespace {
 
+using plot::gnuplot_of, plot::Plot;
 using ::testing::AllOf;
 using ::testing::HasSubstr;
 using ::testing::Not;

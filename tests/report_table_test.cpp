@@ -1,4 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
+#include "report/comparison.hpp"
 #include "report/paper.hpp"
 #include "report_fixture.hpp"
 

@@ -2,12 +2,15 @@
 // Why messages were late or lost: on the page, and for Perfetto.
 #include <set>
 
-#include "report/why.hpp"
+#include "page/page.hpp"
+#include "page/parts.hpp"
+#include "report/explained.hpp"
 #include "report_fixture.hpp"
 
 namespace ontime::report {
 namespace {
 
+using page::Why, page::why_of, page::most_of_a_drawing;
 using roundtrip::Fate;
 using roundtrip::Sample;
 using ::testing::Contains;
@@ -101,7 +104,7 @@ class Traced : public ::testing::Test {
     return why_of(reader, reader.runs().at(0), 0, 6);
   }
   std::string page(const record::Reader& reader) {
-    return render_html(reader, statistics::summarise(reader), "r.ontime");
+    return page::page_of(reader, statistics::summarise(reader), "r.ontime");
   }
 
   record::Writer writer_{""};

@@ -398,7 +398,8 @@ TEST(Fixed, DoesNotWaitForAnAnswerAndCountsFromWhenItWasDue) {
 // An answer may come while the thread that sent is still in send(), the more so with a sender that is slow to
 // return.
 TEST(BackToBack, HasOneCallerOfSendAtATime) {
-  FakeNetwork::rule = [](std::uint64_t index) { return index % 50 == 49 ? 0 : 1; };
+  // An early one is lost: a busy machine sends few in the time.
+  FakeNetwork::rule = [](std::uint64_t index) { return index % 5 == 1 ? 0 : 1; };
   std::atomic<int> sends{0};
   FakeNetwork::on_send = [&] {
     if (++sends % 2 == 0) std::this_thread::sleep_for(100us);

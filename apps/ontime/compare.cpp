@@ -13,6 +13,7 @@
 #include "gates.hpp"
 #include "output.hpp"
 #include "plot.hpp"
+#include "report/comparison.hpp"
 
 namespace ontime::app {
 namespace {
@@ -123,9 +124,9 @@ report::Comparison compare_files(const CompareArguments& arguments, Summaries& a
 }
 
 void draw(const report::Comparison& comparison, const std::string& file) {
-  report::Plot plot;
+  plot::Plot plot;
   plot.form = form_of("--plot", file);
-  const auto commands = report::gnuplot_of(comparison, plot);
+  const auto commands = plot::gnuplot_of(comparison, plot);
   if (commands.empty())
     throw Error(2, "--plot: no metric has a change to draw. Were the runs measured to their end?");
   Output output(file);

@@ -11,6 +11,7 @@
 #include "commands.hpp"
 #include "flags.hpp"
 #include "output.hpp"
+#include "report/explained.hpp"
 
 namespace ontime::app {
 namespace {

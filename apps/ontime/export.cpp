@@ -1,4 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
+#include "report/export.hpp"
+
 #include <fmt/format.h>
 
 #include "campaign/campaign.hpp"

@@ -8,7 +8,7 @@
 #include "campaign/campaign.hpp"
 #include "flags.hpp"
 #include "output.hpp"
-#include "report/report.hpp"
+#include "report/export.hpp"
 #include "terminal.hpp"
 
 namespace ontime::app {

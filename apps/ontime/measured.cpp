@@ -2,18 +2,22 @@
 #include "measured.hpp"
 
 #include <algorithm>
+#include <cerrno>
 #include <ctime>
 #include <filesystem>
 #include <span>
+#include <system_error>
 #include <utility>
 
 #include <fmt/chrono.h>
 #include <fmt/format.h>
 #include <fmt/ranges.h>
+#include <unistd.h>
 
 #include "campaign/ssh.hpp"
 #include "flags.hpp"
 #include "output.hpp"
+#include "report/explained.hpp"
 #include "results_page.hpp"
 #include "spelling/spelling.hpp"
 
@@ -109,6 +113,17 @@ void add_choice(Command& command, Choice& choice) {
       "keep what the kernels did around late, lost and the worst messages, for `ontime explain`");
 }
 
+void add_cable(Command& command, Choice& choice) {
+  command
+      .add_option("--cable", choice.selection.cable,
+                  "with hosts: namespaces: two unused interfaces of this machine, which are down and joined "
+                  "by a cable, instead of a virtual one")
+      ->delimiter(',')
+      ->allow_extra_args(false)
+      ->type_name("NAME,NAME")
+      ->check(given);
+}
+
 std::string new_results_file(const std::string& scenario) {
   auto path = std::filesystem::absolute(scenario).lexically_normal();
   if (!path.has_filename()) path = path.parent_path();  // "paper/", "."
@@ -118,6 +133,18 @@ std::string new_results_file(const std::string& scenario) {
   for (int next = 2; exists(std::filesystem::symlink_status(name)); ++next)
     name = fmt::format("{}-{}.ontime", stem, next);
   return name;
+}
+
+void check_results(const std::string& file, bool resume) {
+  namespace fs = std::filesystem;
+  if (!resume && fs::exists(fs::symlink_status(file)))
+    throw campaign::Error(2,
+                          fmt::format("--results: {} exists. Name another file, or measure what is missing "
+                                      "in it with --resume",
+                                      file));
+  if (const auto folder = fs::absolute(file).parent_path(); access(folder.c_str(), W_OK | X_OK) != 0)
+    throw campaign::Error(3, fmt::format("--results: {} cannot be written there: {}: name another file", file,
+                                         std::generic_category().message(errno)));
 }
 
 std::string to_go_on(const std::string& results, bool named, bool resumes) {

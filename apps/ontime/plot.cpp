@@ -27,7 +27,7 @@ namespace ontime::app {
 namespace {
 
 using campaign::Error;
-using report::Plot;
+using plot::Plot;
 
 struct PlotArguments {
   std::string results, output, figure = "time";
@@ -98,7 +98,7 @@ int plot(const PlotArguments& arguments) {
       std::none_of(summaries.begin(), summaries.end(),
                    [](const auto& summary) { return summary.run.asked.task.neighbours.topics > 0; }))
     throw Error(2, arguments.results + ": none of its runs had background topics (key `neighbours`)");
-  output.write(drawn(report::gnuplot_of(summaries, plot)));
+  output.write(drawn(plot::gnuplot_of(summaries, plot)));
   output.finish();
   return 0;
 }

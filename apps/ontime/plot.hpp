@@ -4,12 +4,12 @@
 
 #include <string>
 
-#include "report/report.hpp"
+#include "plot/plot.hpp"
 
 namespace ontime::app {
 
 // By the ending of a file's name, which `flag` gave. Throws campaign::Error.
-report::Plot::Form form_of(const char* flag, const std::string& output);
+plot::Plot::Form form_of(const char* flag, const std::string& output);
 
 // The figure that gnuplot makes of these commands. What gnuplot prints goes to standard error. Throws
 // campaign::Error.

@@ -8,6 +8,7 @@
 #include "flags.hpp"
 #include "gates.hpp"
 #include "output.hpp"
+#include "page/page.hpp"
 #include "statistics/statistics.hpp"
 #include "terminal.hpp"
 
@@ -41,13 +42,12 @@ void add_report(Command& app, Action& action) {
       std::vector<statistics::Summary> summaries;
       for (const auto& run : chosen_runs(reader, arguments->results, arguments->only))
         summaries.push_back(statistics::summarise(reader, run));
-      const auto text =
-          arguments->threads  ? report::render_threads(summaries, format, output_columns())
-          : arguments->layers ? report::render_layers(summaries, format, output_columns())
-          : format == report::Format::html
-              ? report::render_html(reader, summaries,
-                                    std::filesystem::path(arguments->results).filename().string())
-              : shown(summaries, format, arguments->full, arguments->results);
+      const auto text = arguments->threads  ? report::render_threads(summaries, format, output_columns())
+                        : arguments->layers ? report::render_layers(summaries, format, output_columns())
+                        : format == report::Format::html
+                            ? page::page_of(reader, summaries,
+                                            std::filesystem::path(arguments->results).filename().string())
+                            : shown(summaries, format, arguments->full, arguments->results);
       output.write(text);
       output.finish();
       std::vector<gate::Judgement> judgements;

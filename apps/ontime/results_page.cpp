@@ -9,7 +9,7 @@
 
 #include "campaign/campaign.hpp"
 #include "output.hpp"
-#include "report/report.hpp"
+#include "page/page.hpp"
 
 namespace ontime::app {
 namespace {
@@ -38,7 +38,7 @@ std::string write_page_beside(const std::string& results, const record::Reader& 
                        "html --output FILE",
                        path, results));
   Output output(path);
-  output.write(report::render_html(reader, summaries, fs::path(results).filename().string()));
+  output.write(page::page_of(reader, summaries, fs::path(results).filename().string()));
   output.finish();
   return path;
 }

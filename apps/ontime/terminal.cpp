@@ -16,6 +16,7 @@
 #include <sys/ioctl.h>
 #include <unistd.h>
 
+#include "gate/gate.hpp"
 #include "output.hpp"
 #include "table/table.hpp"
 

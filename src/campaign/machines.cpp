@@ -295,6 +295,24 @@ void Machines::warn(const Together& runs) {
   }
 }
 
+json Machines::link_of(const std::string& host) const {
+  const auto& where = hosts_.at(host);
+  const auto peer = host == controller ? without_port(hosts_.components.front().host.address) : "";
+  return {{"interface", where.interface},
+          {"network_namespace", network_namespace(where).value_or("")},
+          {"peer", peer},
+          {"address", without_port(where.address)}};
+}
+
+std::map<std::string, json> Machines::look(const settings::Wishes& wishes) const {
+  std::map<std::string, json> looked;
+  for (const auto& [reach, machine] : machines_)
+    for (const auto& host : machine.hosts)
+      if (network_namespace(hosts_.at(host)))
+        looked[host] = ask(machine, "look", "looked", {{"link", link_of(host)}, {"wishes", wishes}});
+  return looked;
+}
+
 std::vector<std::string> Machines::tune(const Together& runs) {
   const auto& run = runs.front();  // it is of machines, and the same for all
   std::vector<std::string> shared;
@@ -306,17 +324,11 @@ std::vector<std::string> Machines::tune(const Together& runs) {
       !run.kernel.empty() || run.isolation.interrupts || (run.isolation.limits() && has_traffic(runs));
   for (auto& [reach, machine] : machines_)
     for (const auto& host : machine.hosts) {
-      const bool asks = host == controller;
-      const auto& where = hosts_.at(host);
-      const auto netns = network_namespace(where);
-      if (needs_namespace && !netns)
+      if (needs_namespace && !network_namespace(hosts_.at(host)))
         throw Error(2,
                     "kernel.*, isolation.interrupts, and isolation.load-* with traffic: a place other than "
                     "[ip, netns, exec, NAME] is not where a keeper can look");
-      const json link = {{"interface", where.interface},
-                         {"network_namespace", netns.value_or("")},
-                         {"peer", asks ? without_port(hosts_.components.front().host.address) : ""},
-                         {"address", without_port(where.address)}};
+      const auto link = link_of(host);
       if (run.isolation.any())
         if (auto text = isolate(machine, host, run, link); !text.empty()) shared.push_back(std::move(text));
       if (run.kernel.empty()) continue;

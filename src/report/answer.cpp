@@ -7,6 +7,7 @@
 
 #include <fmt/format.h>
 
+#include "gate/gate.hpp"
 #include "report/conditions.hpp"
 #include "report/runs.hpp"
 #include "report/words.hpp"

@@ -1,14 +1,46 @@
 // SPDX-License-Identifier: Apache-2.0
-// What is behind a comparison's forms.
+// Runs set side by side.
+// Ordinary thread; returns text, prints nothing.
 #pragma once
 
 #include <string>
 #include <vector>
 
+#include <nlohmann/json.hpp>
+
+#include "gate/gate.hpp"
 #include "report/report.hpp"
+#include "statistics/statistics.hpp"
 #include "table/table.hpp"
 
 namespace ontime::report {
+
+// Those of A and of B that have the same key, repetitions together, in A's order. It points into what was
+// given.
+struct Comparison {
+  using Runs = std::vector<const statistics::Summary*>;
+  struct Pair {
+    Runs from, to;
+  };
+  std::vector<Pair> pairs;
+  std::vector<Runs> only_from, only_to;  // those without a partner
+};
+Comparison compare(const std::vector<statistics::Summary>& a, const std::vector<statistics::Summary>& b);
+// Of runs that were chosen, whose keys differ: those whose conditions are the same in transports, options,
+// what receives and what tells variants apart; or, if either side has only one kind, that.
+Comparison compare_chosen(const std::vector<statistics::Summary>& a,
+                          const std::vector<statistics::Summary>& b);
+// Of runs of one suite: those with the value `from` of a scenario's key (such as "kernel.threaded-napi")
+// against those with the value `to`, all else alike.
+Comparison compare_by(const std::vector<statistics::Summary>&, const std::string& key,
+                      const std::string& from, const std::string& to);
+// The values that runs have of it, in the order of the runs; `unset` of those that have none.
+inline constexpr const char* unset = "unset";
+std::vector<std::string> values_of(const std::vector<statistics::Summary>&, const std::string& key);
+
+// Each metric, how much it changed and the interval of the change; what else differs between the two sides;
+// and what has no partner.
+std::string render(const Comparison&, const std::vector<gate::Judgement>&, Format, std::size_t width = 100);
 
 // What was not the same on both sides, beside what was measured: "controller kernel_release", and what it was
 // on either; several values where repetitions have several.

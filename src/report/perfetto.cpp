@@ -9,8 +9,7 @@
 
 #include <fmt/format.h>
 
-#include "report/report.hpp"
-#include "report/why.hpp"
+#include "report/explained.hpp"
 #include "report/words.hpp"
 
 namespace ontime::report {

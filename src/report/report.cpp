@@ -2,7 +2,6 @@
 #include "report/report.hpp"
 
 #include "report/comparison.hpp"
-#include "report/html.hpp"
 #include "report/runs.hpp"
 #include "report/words.hpp"
 

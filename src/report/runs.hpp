@@ -85,9 +85,6 @@ struct Verdict {
 Verdict verdict_of(const Summaries&);
 std::string grouped(std::uint64_t count);  // "4,320,000"
 
-// What a page's figures draw: web/figures.js. Reads the samples.
-nlohmann::json figures_of(const record::Reader&, const Summaries&);
-
 // What was set, and what was so.
 table::Table differences_of(const Summaries&);  // what is not the same in all runs
 table::Table loads_of(const Summaries&);        // asked and achieved, and what the link carried

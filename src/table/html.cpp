@@ -1,8 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
+#include <array>
 #include <sstream>
 
 #include <fmt/format.h>
+#include <sodium.h>
 
+#include "table/style.hpp"
 #include "table/table.hpp"
 
 namespace ontime::table {
@@ -17,6 +20,16 @@ std::string cells_of(const std::vector<std::string>& row, const std::vector<Colu
                    : fmt::format("<td{}>{}</td>", left ? "" : " class=\"number\"", escaped(row[i]));
   }
   return "<tr>" + text + "</tr>\n";
+}
+
+// As a content security policy names a script or a style.
+std::string hash_of(std::string_view text) {
+  std::array<unsigned char, crypto_hash_sha256_BYTES> hash;
+  crypto_hash_sha256(hash.data(), reinterpret_cast<const unsigned char*>(text.data()), text.size());
+  constexpr int variant = sodium_base64_VARIANT_ORIGINAL;
+  std::array<char, sodium_base64_ENCODED_LEN(crypto_hash_sha256_BYTES, variant)> base64;
+  sodium_bin2base64(base64.data(), base64.size(), hash.data(), hash.size(), variant);
+  return fmt::format("'sha256-{}'", base64.data());
 }
 
 }  // namespace
@@ -69,6 +82,40 @@ std::string as_html(const Table& table) {
   if (!table.conditions.empty()) text = "<p>" + escaped(table.conditions) + "</p>\n" + text;
   for (const auto& note : table.notes) text += note_as_html(note);
   return text;
+}
+
+std::string as_html(const Page& page) {
+  std::string body = "<main>\n";
+  for (const auto& table : page.tables) body += as_html(table);
+  for (const auto& note : page.notes) body += note_as_html(note);
+  if (!page.legend.empty()) body += note_as_html(page.legend);
+  return standing_alone("ontime", body + "</main>\n");
+}
+
+std::string standing_alone(const std::string& title, const std::string& body,
+                           const std::vector<std::string_view>& scripts) {
+  std::string elements, hashes;
+  for (const auto script : scripts) {
+    elements += fmt::format("<script>{}</script>\n", script);
+    hashes += " " + hash_of(script);
+  }
+  return fmt::format(R"(<!DOCTYPE html>
+<html lang="en">
+<head>
+<meta charset="utf-8">
+<meta name="generator" content="ontime {}">
+<meta http-equiv="Content-Security-Policy" content="default-src 'none'; script-src{}; style-src {}; img-src blob:; base-uri 'none'; form-action 'none'">
+<meta name="viewport" content="width=device-width, initial-scale=1">
+<meta name="color-scheme" content="light dark">
+<title>{}</title>
+<style>{}</style>
+</head>
+<body>
+{}{}</body>
+</html>
+)",
+                     ONTIME_VERSION, hashes.empty() ? " 'none'" : hashes, hash_of(style), escaped(title),
+                     style, body, elements);
 }
 
 }  // namespace ontime::table

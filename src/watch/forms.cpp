@@ -5,7 +5,6 @@
 #include <fmt/format.h>
 
 #include "gate/gate.hpp"
-#include "report/report.hpp"
 #include "table/table.hpp"
 #include "watch/watch.hpp"
 

@@ -102,12 +102,12 @@ class Endings(Program):
     # --- a keeper that takes its time, or is lost at the end ---
 
     def slow_programs(self):
-        """ip, tc and nft that take seconds once there is a file `slow`."""
+        """ip, tc and nft that take their time once there is a file `slow`."""
         folder = pathlib.Path(self.folder, "slow-programs")
         folder.mkdir()
         for name in ("ip", "tc", "nft"):
             program = folder / name
-            program.write_text(f'#!/bin/sh\n[ ! -e {folder}/slow ] || sleep 4\nexec {shutil.which(name)} "$@"\n')
+            program.write_text(f'#!/bin/sh\n[ ! -e {folder}/slow ] || sleep 1.5\nexec {shutil.which(name)} "$@"\n')
             program.chmod(0o755)
         self.environment["PATH"] = f"{folder}:{os.environ['PATH']}"
         return folder

@@ -6,9 +6,9 @@
 
 #include <fmt/format.h>
 
-#include "report/plots.hpp"
+#include "plot/figures.hpp"
 
-namespace ontime::report {
+namespace ontime::plot {
 namespace {
 
 using statistics::Figure;
@@ -155,4 +155,4 @@ std::string plot_conditions(const Group& group, const Plot& plot) {
   return sheet.commands();
 }
 
-}  // namespace ontime::report
+}  // namespace ontime::plot

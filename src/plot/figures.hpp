@@ -6,10 +6,12 @@
 #include <string>
 #include <vector>
 
+#include "plot/sheet.hpp"
 #include "report/conditions.hpp"
-#include "report/sheet.hpp"
 
-namespace ontime::report {
+namespace ontime::plot {
+
+using namespace report;  // names of runs are the same as in tables
 
 std::string plot_over_time(const Group&, const Plot&);
 std::string plot_ccdf(const Group&, const Plot&);
@@ -45,4 +47,4 @@ struct Counts {
 Counts counts_of(const Group&);
 std::string text_of(const Counts&);  // "6 late, 0 lost of 1,945"
 
-}  // namespace ontime::report
+}  // namespace ontime::plot

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "report/sheet.hpp"
+#include "plot/sheet.hpp"
 
 #include <algorithm>
 #include <array>
@@ -9,8 +9,10 @@
 
 #include "report/words.hpp"
 
-namespace ontime::report {
+namespace ontime::plot {
 namespace {
+
+using namespace report;
 
 constexpr double column_cm = 8.8, page_cm = 18.2;  // of a paper of two columns, as IEEE and ACM set them
 constexpr int font_pt = 7;
@@ -178,4 +180,4 @@ std::string share_tics(const char* axis, double least) {
   return fmt::format("set {}tics ({})", axis, join(tics, ", "));
 }
 
-}  // namespace ontime::report
+}  // namespace ontime::plot

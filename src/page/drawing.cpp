@@ -5,11 +5,11 @@
 
 #include <fmt/format.h>
 
-#include "report/report.hpp"
-#include "report/why.hpp"
+#include "page/parts.hpp"
+#include "report/explained.hpp"
 #include "report/words.hpp"
 
-namespace ontime::report {
+namespace ontime::page {
 namespace {
 
 using explain::Cause;
@@ -352,4 +352,4 @@ json drawing_of(const explain::Message& message, const Scene& scene, std::int64_
   return nullptr;
 }
 
-}  // namespace ontime::report
+}  // namespace ontime::page

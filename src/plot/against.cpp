@@ -7,11 +7,11 @@
 #include <fmt/format.h>
 
 #include "gate/gate.hpp"
-#include "report/plots.hpp"
+#include "plot/figures.hpp"
 #include "report/runs.hpp"
 #include "report/words.hpp"
 
-namespace ontime::report {
+namespace ontime::plot {
 namespace {
 
 using statistics::Figure;
@@ -164,4 +164,4 @@ std::string plot_against_neighbours(const Group& group, const Plot& plot) {
   return against(rate_of_neighbours, group, plot);
 }
 
-}  // namespace ontime::report
+}  // namespace ontime::plot

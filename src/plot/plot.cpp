@@ -6,12 +6,11 @@
 
 #include <fmt/format.h>
 
-#include "gate/gate.hpp"
-#include "report/plots.hpp"
+#include "plot/figures.hpp"
 #include "report/runs.hpp"
 #include "report/words.hpp"
 
-namespace ontime::report {
+namespace ontime::plot {
 namespace {
 
 using statistics::Summary;
@@ -139,4 +138,4 @@ std::string gnuplot_of(const Summaries& summaries, const Plot& plot) {
   }
 }
 
-}  // namespace ontime::report
+}  // namespace ontime::plot

@@ -1,18 +1,20 @@
 // SPDX-License-Identifier: Apache-2.0
-// The page: the verdict, the table, the figures, and what was so.
+#include "page/page.hpp"
+
 #include <algorithm>
 
 #include <fmt/format.h>
 
+#include "page/parts.hpp"
+#include "page/web.hpp"
+#include "report/answer.hpp"
 #include "report/conditions.hpp"
-#include "report/html.hpp"
 #include "report/paper.hpp"
-#include "report/report.hpp"
 #include "report/runs.hpp"
-#include "report/why.hpp"
 #include "report/words.hpp"
+#include "table/table.hpp"
 
-namespace ontime::report {
+namespace ontime::page {
 namespace {
 
 using nlohmann::json;
@@ -393,9 +395,15 @@ std::string headline_of(const Summaries& measured, bool any_imported, const std:
   return html + "</dl>\n";
 }
 
+// Within it nothing ends the element, whatever the texts are.
+std::string data_element(const json& data) {
+  const auto text = data.dump(-1, ' ', true, json::error_handler_t::replace);
+  return "<script type=\"application/json\" id=\"data\">" + replace_all(text, "<", "\\u003c") + "</script>\n";
+}
+
 }  // namespace
 
-std::string render_html(const record::Reader& reader, const Summaries& summaries, const std::string& name) {
+std::string page_of(const record::Reader& reader, const Summaries& summaries, const std::string& name) {
   Summaries measured, imported;
   for (const auto& summary : summaries) (summary.imported ? imported : measured).push_back(summary);
   auto body = fmt::format("<header>\n<p class=\"brand\">ontime <span>{}</span></p>\n{}</header>\n<main>\n",
@@ -424,7 +432,9 @@ std::string render_html(const record::Reader& reader, const Summaries& summaries
   auto data = figures_of(reader, measured);
   data["drawings"] = drawings.drawn;
   data["source"] = {{"file", printable(name)}, {"ontime", ONTIME_VERSION}};
-  return standing_alone(name + " · ontime", body, data);
+  body += data_element(data) + fmt::format("<!--\n{}-->\n", web::d3_licence);
+  return table::standing_alone(name + " · ontime", body,
+                               {web::d3, web::course, web::figures, web::way, web::time_plot});
 }
 
-}  // namespace ontime::report
+}  // namespace ontime::page

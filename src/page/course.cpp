@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "report/course.hpp"
+#include "page/course.hpp"
 
 #include <algorithm>
 #include <bit>
@@ -7,7 +7,7 @@
 
 #include <sodium.h>
 
-namespace ontime::report {
+namespace ontime::page {
 namespace {
 
 constexpr int kept_bits = 11;  // of a time, after its first
@@ -109,4 +109,4 @@ nlohmann::json Course::packed() {
           {"messages", messages_.base64()}};
 }
 
-}  // namespace ontime::report
+}  // namespace ontime::page

@@ -6,10 +6,10 @@
 #include <fmt/format.h>
 
 #include "gate/gate.hpp"
-#include "report/plots.hpp"
+#include "plot/figures.hpp"
 #include "report/words.hpp"
 
-namespace ontime::report {
+namespace ontime::plot {
 namespace {
 
 using statistics::Change;
@@ -182,4 +182,4 @@ std::string gnuplot_of(const Comparison& comparison, const Plot& plot) {
   return sheet.commands();
 }
 
-}  // namespace ontime::report
+}  // namespace ontime::plot

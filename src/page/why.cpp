@@ -1,18 +1,17 @@
 // SPDX-License-Identifier: Apache-2.0
 // Why messages of a run were late or lost, on the page.
-#include "report/why.hpp"
-
 #include <algorithm>
 #include <map>
 #include <optional>
 
 #include <fmt/format.h>
 
-#include "report/html.hpp"
+#include "page/parts.hpp"
+#include "report/explained.hpp"
 #include "report/runs.hpp"
 #include "report/words.hpp"
 
-namespace ontime::report {
+namespace ontime::page {
 namespace {
 
 using explain::Account;
@@ -156,4 +155,4 @@ Why why_of(const record::Reader& reader, const record::Run& run, std::size_t fir
   return why;
 }
 
-}  // namespace ontime::report
+}  // namespace ontime::page

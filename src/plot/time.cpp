@@ -5,11 +5,11 @@
 
 #include <fmt/format.h>
 
-#include "report/plots.hpp"
+#include "plot/figures.hpp"
 #include "report/runs.hpp"
 #include "report/words.hpp"
 
-namespace ontime::report {
+namespace ontime::plot {
 namespace {
 
 using statistics::Summary;
@@ -210,4 +210,4 @@ std::string plot_over_time(const Group& group, const Plot& plot) {
   return sheet.commands();
 }
 
-}  // namespace ontime::report
+}  // namespace ontime::plot

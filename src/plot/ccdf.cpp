@@ -8,10 +8,10 @@
 
 #include <fmt/format.h>
 
-#include "report/plots.hpp"
+#include "plot/figures.hpp"
 #include "report/words.hpp"
 
-namespace ontime::report {
+namespace ontime::plot {
 namespace {
 
 using statistics::Summary;
@@ -195,4 +195,4 @@ std::string plot_ccdf(const Group& group, const Plot& plot) {
   return sheet.commands();
 }
 
-}  // namespace ontime::report
+}  // namespace ontime::plot

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Why messages were late or lost: its words, and what a page has of it.
+// What web/*.js draw, as data, and why messages were late, as markup.
 #pragma once
 
 #include <string>
@@ -9,15 +9,14 @@
 
 #include "explain/explain.hpp"
 #include "record/record.hpp"
+#include "report/runs.hpp"
 
-namespace ontime::report {
+namespace ontime::page {
 
-const char* word_of(const explain::Message&);  // its fate
-const char* word_of(explain::State);
-std::string faults_of(const explain::Account&);  // "2 late, 0 lost, 3 late by response"; "": none
-std::string span_of(std::int64_t ns);            // "310 µs", "41.2 ms"
-// "pong's receive thread waited for a CPU while hog [4 processes] ran: 4.0 ms to 30.0 ms of it", printable.
-std::string sentence_of(const explain::Group&);
+using namespace report;  // a page shows what report says
+
+// Of web/figures.js and web/time_plot.js. Reads the samples.
+nlohmann::json figures_of(const record::Reader&, const Summaries&);
 
 // What a page draws of a message's way, web/way.js: {"span_ns", "marks": [[name, ns] …], "stages": [[name,
 // from, to, is the culprit's] …], "lanes": [{"of": "thread" | "cpu" | "packet", "end", "name", "bars":
@@ -36,4 +35,4 @@ struct Why {
 };
 Why why_of(const record::Reader&, const record::Run&, std::size_t first_drawing, std::size_t most_drawings);
 
-}  // namespace ontime::report
+}  // namespace ontime::page

@@ -13,7 +13,7 @@
 
 #include "record/record.hpp"
 
-namespace ontime::report {
+namespace ontime::page {
 
 // A time in 16 bits: exact below 4,096 ns, above that to one part in 4,096, up to 73 minutes. A longer time
 // has a greater code, or the same, so the greatest of any codes is that of the greatest time.
@@ -73,4 +73,4 @@ class Course {
   Deflated high_, low_, steps_, messages_;
 };
 
-}  // namespace ontime::report
+}  // namespace ontime::page

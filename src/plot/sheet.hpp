@@ -7,9 +7,9 @@
 #include <string>
 #include <vector>
 
-#include "report/report.hpp"
+#include "plot/plot.hpp"
 
-namespace ontime::report {
+namespace ontime::plot {
 
 inline constexpr double line_cm = 0.34;     // of text
 inline constexpr double letter_cm = 0.126;  // on average, of a 7 pt sans-serif font as wide as DejaVu
@@ -76,4 +76,4 @@ class Legend {
 std::string time_tics(const char* axis, double least_ms, double greatest_ms);
 std::string share_tics(const char* axis, double least);
 
-}  // namespace ontime::report
+}  // namespace ontime::plot

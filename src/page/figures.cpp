@@ -2,12 +2,13 @@
 #include <algorithm>
 #include <cmath>
 
+#include "page/course.hpp"
+#include "page/parts.hpp"
 #include "report/conditions.hpp"
-#include "report/course.hpp"
 #include "report/runs.hpp"
 #include "report/words.hpp"
 
-namespace ontime::report {
+namespace ontime::page {
 namespace {
 
 using nlohmann::json;
@@ -139,4 +140,4 @@ json figures_of(const record::Reader& reader, const Summaries& summaries) {
   return {{"runs", runs}, {"layers", layers_json(summaries)}};
 }
 
-}  // namespace ontime::report
+}  // namespace ontime::page

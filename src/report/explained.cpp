@@ -1,12 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-// Why messages were late or lost, for people and as JSON.
+#include "report/explained.hpp"
+
 #include <algorithm>
 
 #include <fmt/format.h>
 
-#include "report/report.hpp"
 #include "report/runs.hpp"
-#include "report/why.hpp"
 #include "report/words.hpp"
 
 namespace ontime::report {

@@ -1,0 +1,28 @@
+// SPDX-License-Identifier: Apache-2.0
+// What other programs read of results, in forms that are not ontime's own.
+// Ordinary thread.
+#pragma once
+
+#include <functional>
+#include <optional>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "gate/gate.hpp"
+#include "record/record.hpp"
+
+namespace ontime::report {
+
+// Every sample of these runs, a line each, in order of run and message; docs/reference/results-file.md names
+// the columns. `write` is given pieces of the text: memory does not grow with the number of samples.
+enum class SampleFormat { csv, jsonl };
+std::optional<SampleFormat> sample_format_of(const std::string& word);
+void export_samples(const record::Reader&, const std::vector<record::Run>&, SampleFormat,
+                    const std::function<void(std::string_view)>& write);
+
+// What gates came to, for a CI: JUnit's XML as Jenkins, GitLab and GitHub's actions read it. What was missed
+// is a failure, what could not be judged an error.
+std::string junit(const std::vector<gate::Judgement>&);
+
+}  // namespace ontime::report
