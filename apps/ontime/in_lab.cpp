@@ -30,7 +30,7 @@ bool is_of_kernel(std::string_view package) {
 
 fs::path brought_along(const std::string& path) {
   if (!fs::exists(path)) throw Error(2, fmt::format("--with: {}: there is no such file or folder", path));
-  const auto whole = fs::canonical(path);
+  auto whole = fs::canonical(path);
   if (whole == "/") throw Error(2, "--with: / is all of this machine: name what is wanted");
   for (const auto* own : {"/dev", "/proc", "/run", "/sys", "/tmp"})
     if ((whole.string() + '/').starts_with(std::string(own) + '/'))

@@ -363,6 +363,8 @@ int run(const Arguments& arguments) {
     throw Error(2, fmt::format("--on: '{}' is not one of {}, {}", arguments.on, here, in_lab));
   if (const auto flag = arguments.lab.first_given(); !is_in_lab && !flag.empty())
     throw Error(2, fmt::format("{} is of the lab's machine: add --on lab, or leave it out", flag));
+  if (is_in_lab && !arguments.choice.selection.cable.empty())
+    throw Error(2, "--cable is of this machine: leave it out, for the lab's machine has one");
   std::optional<InLab> lab;
   if (is_in_lab) {
     const auto machine = arguments.lab.machine();
@@ -382,8 +384,12 @@ int run(const Arguments& arguments) {
   Terminal terminal;
   if (!arguments.resume && arguments.send_to.empty())
     check_time(arguments, asked.within, plan_of(asked), terminal);
-  return lab ? search_in_lab(arguments, asked, *lab, terminal, interrupts)
-             : search_here(arguments, asked, terminal, interrupts);
+  try {
+    return lab ? search_in_lab(arguments, asked, *lab, terminal, interrupts)
+               : search_here(arguments, asked, terminal, interrupts);
+  } catch (const orders::Interrupted&) {  // before the first run
+    return 130;
+  }
 }
 
 }  // namespace

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Plants faults in the laboratory's machine, has `ontime tune search --on lab` find what removes them, and measures the set afresh,
-whole and without each of its members."""
+"""Plants faults in the laboratory's machine, has `ontime tune search --on lab` find what removes them, and measures each set afresh in
+another such machine, whole and without each of its members."""
 import collections
 import json
 import pathlib
@@ -11,35 +11,26 @@ import time
 
 from program import ONTIME
 
-SCENARIO = """# {name}, seed {seed}: another text is another course of events
+GOAL, LIMIT_US = "p90 < 340 us", 340  # with the trace that `explain` needs, a round trip takes 320 µs there
+REPEAT = 2                            # of the runs afresh
+SCENARIO = """# {title}: another text is another course of events
 hosts: namespaces
+repeat: {repeat}
 defaults:
-  transport: udp
-  period: 5 ms
-  deadline: 100 ms
-  duration: 1 s
-{keys}
-runs: {runs}
+  {{transport: udp, period: 5 ms, deadline: 100 ms, duration: 1 s, explain: on, load: {{component: {{cpu: 2}}}}}}
+runs:
 """
-Fault = collections.namedtuple("Fault", "name keys")
-GOAL = "p90 < 300 us"
-BUSY = {"load": "{controller: {cpu: 3}, component: {cpu: 3}}", "traffic": "{rate: 4 Mbit/s, priority: 10}"}
-FAULTS = (
-    Fault("none", {"realtime": "on", **BUSY}),
-    Fault("NAPI threads at SCHED_OTHER", {"realtime": "on", "kernel.threaded-napi": "on", **BUSY}),
-    Fault("application at SCHED_OTHER", BUSY),
-    Fault("application and NAPI threads at SCHED_OTHER", {"kernel.threaded-napi": "on", **BUSY}),
-    Fault("interrupt threads (50) behind traffic at SCHED_FIFO 60", {
-        "realtime": "on", **BUSY, "traffic": "{rate: 4 Mbit/s, priority: 60}"}),
-)
+FAULTS = {
+    "none": {"realtime": "on"},
+    "application at SCHED_OTHER": {},
+    "interrupt threads at SCHED_OTHER": {"realtime": "on", "kernel.irq-threads": "other"},
+    "both": {"kernel.irq-threads": "other"},
+}
+Row = collections.namedtuple("Row", "fault seed found took_s")
 
 
-def keys_of(settings):
-    """In YAML: kernel.NAME of one map."""
-    kernel = {key.partition(".")[2]: value for key, value in settings.items() if key.startswith("kernel.")}
-    others = {key: value for key, value in settings.items() if not key.startswith("kernel.")}
-    lines = [f"  {key}: {value}" for key, value in others.items()]
-    return "\n".join(lines + (["  kernel: {" + ", ".join(f"{key}: {value}" for key, value in kernel.items()) + "}"] if kernel else []))
+def run_of(name, settings):
+    return "  - {" + ", ".join([f"id: {name}", *(f"{key}: {value}" for key, value in settings.items())]) + "}\n"
 
 
 def ontime(folder, *words):
@@ -49,54 +40,56 @@ def ontime(folder, *words):
     return json.loads(done.stdout)
 
 
-def search(folder, fault, seed, name):
-    (folder / f"{name}.yaml").write_text(SCENARIO.format(name=fault.name, seed=seed, keys=keys_of(fault.keys), runs="[{id: searched}]"))
-    return ontime(folder, "tune", "search", f"./{name}.yaml", "--goal", GOAL, "--on", "lab", "--within", "10 min",
-                  "--results", f"{name}.ontime")
+def search(folder, fault, seed):
+    (folder / "searched.yaml").write_text(SCENARIO.format(title=f"{fault}, seed {seed}", repeat=1) + run_of("searched", FAULTS[fault]))
+    (folder / "searched.ontime").unlink(missing_ok=True)
+    begin = time.monotonic()
+    found = ontime(folder, "tune", "search", "./searched.yaml", "--goal", GOAL, "--on", "lab", "--results", "searched.ontime")
+    return Row(fault, seed, found, time.monotonic() - begin)
 
 
-def afresh(folder, fault, seed, found):
-    """Of fresh runs in another machine: how many of those with the whole set miss the goal, and, by its members, of those without it."""
-    members = list(found["set"])
-    sets = {"whole": found["set"], **{f"without-{number}": {key: value for key, value in found["set"].items() if key != member}
-                                      for number, member in enumerate(members)}}
-    runs = "".join(f"\n  - id: {name}\n" + keys_of({**fault.keys, **chosen}).replace("  ", "    ", 1).replace("\n  ", "\n    ")
-                   for name, chosen in sets.items())
-    (folder / "afresh.yaml").write_text(SCENARIO.format(name=f"{fault.name}, afresh", seed=seed, keys="  explain: on\nrepeat: 3", runs=runs))
-    results = folder / "afresh.ontime"
-    results.unlink(missing_ok=True)
+def missed_afresh(folder, rows):
+    """By row and member ("": the whole set): how many of its runs miss the goal, in one machine for all."""
+    sets = {}
+    for at, row in enumerate(rows):
+        for member in ("", *row.found["set"]) if row.found["set"] else ():
+            sets[f"set-{len(sets)}"] = at, member, {key: value for key, value in row.found["set"].items() if key != member}
+    runs = "".join(run_of(name, {**FAULTS[rows[at].fault], **settings}) for name, (at, _, settings) in sets.items())
+    (folder / "afresh.yaml").write_text(SCENARIO.format(title="afresh", repeat=REPEAT) + runs)
     missed = collections.Counter()
-    for run in ontime(folder, "lab", "run", "./afresh.yaml", "--results", results.name)["runs"]:
-        p90_us = (run["round_trip_us"] or {}).get("p90")
-        missed[run["id"]] += p90_us is None or p90_us >= 300
-    return missed["whole"], {member: missed[f"without-{number}"] for number, member in enumerate(members)}
+    for run in ontime(folder, "lab", "run", "./afresh.yaml", "--results", "afresh.ontime")["runs"] if sets else ():
+        at, member, _ = sets[run["id"]]
+        missed[at, member] += not (run["round_trip_us"] and run["round_trip_us"]["p90"] < LIMIT_US)
+    return missed
+
+
+def has_held(at, row, missed):
+    if row.found["end"] != "goal-holds" or (row.fault == "none") != (not row.found["set"]):
+        return False
+    if row.fault == "none":
+        return len(row.found["trials"]) <= 3
+    return missed[at, ""] == 0 and all(missed[at, member] == REPEAT for member in row.found["set"])
 
 
 def main(seeds):
-    held = True
-    print(f"Goal: {GOAL}.\n")
-    print("| fault | seed | end | set found | trials / runs | fresh runs that miss the goal: by the set; without each member | time here |")
-    print("|---|---|---|---|---|---|---|")
     with tempfile.TemporaryDirectory(prefix="ontime-search-lab-") as path:
         folder = pathlib.Path(path)
+        rows = []
         for fault in FAULTS:
             for seed in range(1, seeds + 1):
-                begin = time.monotonic()
-                name = f"search-{FAULTS.index(fault)}-{seed}"
-                found = search(folder, fault, seed, name)
-                took_s = time.monotonic() - begin
-                members = ", ".join(f"`{key}: {value}`" for key, value in found["set"].items()) or "nothing"
-                judged = "–"
-                if found["set"]:
-                    whole, without = afresh(folder, fault, seed, found)
-                    judged = f"{whole} of 3; " + ", ".join(f"{count} of 3" for count in without.values())
-                    held = held and whole == 0 and all(count == 3 for count in without.values())
-                elif fault.name != "none" or len(found["trials"]) > 3:
-                    held = False
-                held = held and found["end"] == "goal-holds"
-                print(f"| {fault.name} | {seed} | {found['end']} | {members} | {len(found['trials'])} / {found['runs']} "
-                      f"| {judged} | {took_s:.0f} s |", flush=True)
-    return 0 if held else 1
+                rows.append(search(folder, fault, seed))
+                print(f"{fault}, seed {seed}: {rows[-1].found['end']}, {rows[-1].found['set']}", file=sys.stderr, flush=True)
+        missed = missed_afresh(folder, rows)
+    print(f"Goal: {GOAL}. Afresh: of {REPEAT} runs, so many miss it.\n")
+    print("| fault | seed | end | smallest set | trials / runs | afresh, whole set | afresh, without each member | time here |")
+    print("|---|---|---|---|---|---|---|---|")
+    for at, row in enumerate(rows):
+        members = row.found["set"]
+        shown = ", ".join(f"`{key}: {value}`" for key, value in members.items()) or "nothing"
+        print(f"| {row.fault} | {row.seed} | {row.found['end']} | {shown} | {len(row.found['trials'])} / {row.found['runs']} "
+              f"| {missed[at, ''] if members else '–'} "
+              f"| {', '.join(str(missed[at, member]) for member in members) or '–'} | {row.took_s:.0f} s |")
+    return 0 if all(has_held(at, row, missed) for at, row in enumerate(rows)) else 1
 
 
 if __name__ == "__main__":

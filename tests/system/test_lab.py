@@ -1,8 +1,8 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
 """The simulated machine of `ontime lab`. What is refused takes no time and no QEMU; where there is one, it is seen that two
-machines measure the same by UDP. All else that starts machines takes minutes: ONTIME_LAB=1 asks for it (scripts/test --lab).
-ONTIME names the program."""
+machines measure the same by UDP, and that a search is made in one. All else that starts machines takes minutes: ONTIME_LAB=1 asks
+for it (scripts/test --lab). ONTIME names the program."""
 
 import contextlib
 import hashlib
@@ -217,6 +217,7 @@ class SearchRefused(Lab):
                 ("has 3 runs", on, {"text": THREE}),
                 ("--nic: 'e1000' is not one of", (*on, "--nic", "e1000"), {}),
                 ("--nic is of the lab's machine: add --on lab", ("--nic", "virtio"), {}),
+                ("--cable is of this machine", (*on, "--cable", "eth1,eth2"), {}),
                 ("there is no CPU 3 here; there are: 0", (*on, "--keep-cpus-off", "3"), {}),
                 ("leaves no CPU; there are: 0-1", (*on, "--cpus", "2", "--keep-cpus-off", "0,1"), {}),
                 ("did you mean 'irq-threads'", (*on, "--never", "irq-thread"), {}),
