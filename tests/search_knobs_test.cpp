@@ -3,6 +3,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include "scenario/scenario.hpp"
 #include "search/goal.hpp"
 #include "search/keep.hpp"
 #include "search/knobs.hpp"
@@ -142,7 +143,7 @@ TEST(Keep, TheKeysOfAScenarioCanBePastedAndMeanTheSame) {
                    {"realtime.receive.cpus", "0"},
                    {"kernel.coalescing", "rx-usecs=0"},
                    {"kernel.rmem-max", "4 MiB"}};
-  const auto kept = keep(scenario::parse_scenario("a.yaml", lean, {}), set, "/usr/bin/env");
+  const auto kept = keep(set, {}, "/usr/bin/env");
   const auto pasted = scenario::parse_scenario("a.yaml", lean + kept.scenario, {});
   scenario::Selection selection;
   selection.set = set;
@@ -151,26 +152,60 @@ TEST(Keep, TheKeysOfAScenarioCanBePastedAndMeanTheSame) {
             conditions::asked(searched.runs.front(), searched.hosts));
 }
 
+const Set of_an_interface = {{"kernel.gro", "off"}, {"kernel.rmem-max", "4 MiB"}, {"realtime", "on"}};
+
 TEST(Keep, TheUnitSetsWhatIsTheKernels) {
-  const auto scenario = scenario::parse_scenario("a.yaml", lean, {});
-  const auto kept = keep(scenario, {{"kernel.gro", "off"}, {"kernel.rmem-max", "4 MiB"}, {"realtime", "on"}},
-                         "/usr/bin/env");
-  EXPECT_EQ(kept.command,
+  const auto kept = keep(of_an_interface, {}, "/usr/bin/env");
+  ASSERT_THAT(kept.units, SizeIs(1));
+  const auto& unit = kept.units.front();
+  EXPECT_EQ(unit.command,
             "ontime tune apply --set gro=off --set rmem-max=4194304 --interface INTERFACE --print systemd");
   EXPECT_THAT(
-      kept.unit,
+      unit.text,
       HasSubstr(
           "ExecStart=/usr/bin/env tune apply --set gro=off --set rmem-max=4194304 --interface INTERFACE"));
-  EXPECT_EQ(kept.no_unit, "");
-  EXPECT_THAT(keep(scenario, {{"kernel.ksoftirqd", "60"}}, "/usr/bin/env").unit, Not(HasSubstr("INTERFACE")));
+  EXPECT_EQ(unit.host + unit.why_not, "");
+  EXPECT_THAT(kept.fill_in, HasSubstr("INTERFACE"));
+}
+
+TEST(Keep, AnInterfaceThatIsKnownIsNoPlaceholder) {
+  const auto kept =
+      keep(of_an_interface, {{"controller", {"eth3", ""}}, {"component", {"eth3", ""}}}, "/usr/bin/env");
+  ASSERT_THAT(kept.units, SizeIs(1));
+  EXPECT_THAT(kept.units.front().text, HasSubstr("--interface eth3\n"));
+  EXPECT_EQ(kept.units.front().host + kept.fill_in, "");
+}
+
+TEST(Keep, HostsWithOtherInterfacesHaveAUnitEach) {
+  const auto kept =
+      keep(of_an_interface, {{"controller", {"eth3", ""}}, {"component", {"eth0", "robot"}}}, "/usr/bin/env");
+  ASSERT_THAT(kept.units, SizeIs(2));
+  EXPECT_EQ(kept.units[0].host, "component");
+  EXPECT_THAT(kept.units[0].text, HasSubstr("--interface eth0 --namespace robot"));
+  EXPECT_THAT(kept.units[1].text, HasSubstr("--interface eth3"));
+}
+
+TEST(Keep, OfTwoHostsTheOneWhoseInterfaceIsNotKnownHasAPlaceholder) {
+  const auto kept =
+      keep(of_an_interface, {{"controller", {"eth3", ""}}, {"component", {"", ""}}}, "/usr/bin/env");
+  ASSERT_THAT(kept.units, SizeIs(2));
+  EXPECT_THAT(kept.units[0].text, HasSubstr("--interface INTERFACE"));
+  EXPECT_THAT(kept.fill_in, HasSubstr("INTERFACE"));
+}
+
+TEST(Keep, SettingsOfNoInterfaceNeedNone) {
+  const auto kept =
+      keep({{"kernel.ksoftirqd", "60"}}, {{"a", {"eth3", ""}}, {"b", {"", ""}}}, "/usr/bin/env");
+  ASSERT_THAT(kept.units, SizeIs(1));
+  EXPECT_THAT(kept.units.front().text, Not(HasSubstr("--interface")));
+  EXPECT_EQ(kept.fill_in, "");
 }
 
 TEST(Keep, SettingsOfAProcessNeedNoUnitAndNoSettingsNothing) {
-  const auto scenario = scenario::parse_scenario("a.yaml", lean, {});
-  const auto of_process = keep(scenario, {{"realtime", "on"}}, "/usr/bin/env");
+  const auto of_process = keep({{"realtime", "on"}}, {}, "/usr/bin/env");
   EXPECT_EQ(of_process.scenario, "defaults:\n  realtime: on\n");
-  EXPECT_EQ(of_process.command + of_process.unit + of_process.no_unit, "");
-  EXPECT_EQ(keep(scenario, {}, "/usr/bin/env").scenario, "");
+  EXPECT_THAT(of_process.units, IsEmpty());
+  EXPECT_EQ(keep({}, {}, "/usr/bin/env").scenario, "");
 }
 
 class Causes : public testing::Test {

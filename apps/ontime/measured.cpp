@@ -2,21 +2,24 @@
 #include "measured.hpp"
 
 #include <algorithm>
+#include <cerrno>
 #include <ctime>
 #include <filesystem>
 #include <span>
+#include <system_error>
 #include <utility>
 
 #include <fmt/chrono.h>
 #include <fmt/format.h>
 #include <fmt/ranges.h>
+#include <unistd.h>
 
-#include "campaign/ssh.hpp"
 #include "flags.hpp"
 #include "output.hpp"
 #include "report/explained.hpp"
 #include "results_page.hpp"
 #include "spelling/spelling.hpp"
+#include "table/table.hpp"
 
 namespace ontime::app {
 namespace {
@@ -110,6 +113,17 @@ void add_choice(Command& command, Choice& choice) {
       "keep what the kernels did around late, lost and the worst messages, for `ontime explain`");
 }
 
+void add_cable(Command& command, Choice& choice) {
+  command
+      .add_option("--cable", choice.selection.cable,
+                  "with hosts: namespaces: two unused interfaces of this machine, which are down and joined "
+                  "by a cable, instead of a virtual one")
+      ->delimiter(',')
+      ->allow_extra_args(false)
+      ->type_name("NAME,NAME")
+      ->check(given);
+}
+
 std::string new_results_file(const std::string& scenario) {
   auto path = std::filesystem::absolute(scenario).lexically_normal();
   if (!path.has_filename()) path = path.parent_path();  // "paper/", "."
@@ -121,11 +135,23 @@ std::string new_results_file(const std::string& scenario) {
   return name;
 }
 
+void check_results(const std::string& file, bool resume) {
+  namespace fs = std::filesystem;
+  if (!resume && fs::exists(fs::symlink_status(file)))
+    throw campaign::Error(2,
+                          fmt::format("--results: {} exists. Name another file, or measure what is missing "
+                                      "in it with --resume",
+                                      file));
+  if (const auto folder = fs::absolute(file).parent_path(); access(folder.c_str(), W_OK | X_OK) != 0)
+    throw campaign::Error(3, fmt::format("--results: {} cannot be written there: {}: name another file", file,
+                                         std::generic_category().message(errno)));
+}
+
 std::string to_go_on(const std::string& results, bool named, bool resumes) {
   auto words = command_line().get<std::vector<std::string>>();
   if (!named) words.insert(words.end(), {"--results", results});
   if (!resumes) words.emplace_back("--resume");
-  return "to go on: " + campaign::quoted(words);
+  return "to go on: " + table::shell_line(words);
 }
 
 int show_measured(const Measured& measured, report::Format format, bool full, const GateFlags& flags,

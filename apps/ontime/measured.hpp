@@ -21,9 +21,14 @@ struct Choice {
   campaign::Selection checked() const;  // throws Error that names the flag
 };
 void add_choice(Command&, Choice&);
+void add_cable(Command&, Choice&);  // --cable, of what is measured on this machine
 
 // Beside the user, named after what was run and when; an earlier one is never added to.
 std::string new_results_file(const std::string& scenario);
+
+// Throws Error where a new file cannot be made there: 2 if there is one and its runs are not to be resumed, 3
+// if its folder cannot be written.
+void check_results(const std::string& file, bool resume);
 
 // Those that are in the results from `known` on, the exit code of measuring them, and why not all were that
 // were to be; "": they were.

@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <algorithm>
-#include <filesystem>
 
 #include <fmt/format.h>
 
@@ -8,9 +7,8 @@
 #include "commands.hpp"
 #include "flags.hpp"
 #include "gates.hpp"
-#include "lab/results.hpp"
+#include "in_lab.hpp"
 #include "measured.hpp"
-#include "record/copy.hpp"
 #include "resumed.hpp"
 #include "scenario_files.hpp"
 #include "terminal.hpp"
@@ -40,20 +38,12 @@ void expect(Terminal& terminal, const std::vector<campaign::Scenario>& scenarios
     terminal.note(fmt::format("{}{} runs, about {}", searches ? "at most " : "", runs, about(time)));
 }
 
-// Each run leaves the lab's machine as soon as it is recorded, in a results file of its own.
+// Each run leaves the lab's machine as soon as it is recorded.
 class Sending final : public Terminal {
  public:
   Sending(record::Writer& writer, std::string to) : writer_(writer), to_(std::move(to)) {}
   void recorded(std::int64_t run) override {
-    if (to_.empty()) return;
-    const auto reader = writer_.reader();
-    const auto alone = fmt::format("run-{}.ontime", run);
-    {
-      record::Writer writer(alone);
-      record::copy_run(reader, reader.runs(run).front(), writer);
-    }
-    lab::send(alone, to_);
-    std::filesystem::remove(alone);
+    if (!to_.empty()) send_from_lab(writer_, run, to_);
   }
 
  private:
@@ -118,14 +108,7 @@ void add_run(Command& app, Action& action) {
   add_choice(*command, arguments->choice);
   command->add_flag("--deploy", arguments->choice.selection.deploy,
                     "copy this program to hosts reached by ssh, for the time of the run");
-  command
-      ->add_option("--cable", arguments->choice.selection.cable,
-                   "with hosts: namespaces: two unused interfaces of this machine, which are down and joined "
-                   "by a cable, instead of a virtual one")
-      ->delimiter(',')
-      ->allow_extra_args(false)
-      ->type_name("NAME,NAME")
-      ->check(given);
+  add_cable(*command, arguments->choice);
   add_file(*command, "--results", arguments->results, "add to this results file (default: a new one here)");
   command
       ->add_flag(

@@ -108,11 +108,23 @@ std::string list(const char* title, const std::vector<std::string>& words) {
 std::vector<std::pair<std::string, std::string>> how_to_keep(const search::Kept& kept) {
   std::vector<std::pair<std::string, std::string>> parts;
   if (!kept.scenario.empty()) parts.emplace_back("In the scenario, for its runs", kept.scenario);
-  if (!kept.unit.empty())
-    parts.emplace_back(fmt::format("At every boot, on each machine ({})", kept.command), kept.unit);
-  if (!kept.no_unit.empty())
-    parts.emplace_back("At every boot, on each machine", fmt::format("{}\n{}\n", kept.command, kept.no_unit));
+  for (const auto& unit : kept.units) {
+    const auto where = unit.host.empty() ? "on each machine" : "on the " + unit.host;
+    if (unit.why_not.empty())
+      parts.emplace_back(fmt::format("At every boot, {} ({})", where, unit.command), unit.text);
+    else
+      parts.emplace_back(fmt::format("At every boot, {}", where),
+                         fmt::format("{}\n{}\n", unit.command, unit.why_not));
+  }
+  if (!kept.fill_in.empty()) parts.emplace_back("To fill in", kept.fill_in + "\n");
   return parts;
+}
+
+std::string simulated_text(const SearchReport& report) {
+  return report.simulated.empty()
+             ? ""
+             : fmt::format("SIMULATED by {}: compares settings, predicts no real machine's times",
+                           report.simulated);
 }
 
 const char* purpose_words(Purpose purpose) {
@@ -229,6 +241,7 @@ std::string words_of(const search::Set& set) {
 std::string text_of(const SearchReport& report) {
   const auto& outcome = report.outcome;
   std::string text = fmt::format("Goal: {}: {}.\n", goal_of(report.problem), answer_of(report));
+  if (!report.simulated.empty()) text += fmt::format("  {}\n", simulated_text(report));
   if (const auto* last = last_of(outcome))
     for (std::size_t limit = 0; limit < last->shares.size(); ++limit)
       text +=
@@ -263,6 +276,7 @@ ordered_json json_of(const SearchReport& report) {
   ordered_json all{{"goal", goal_of(report.problem)},
                    {"end", search::word_of(outcome.end)},
                    {"why", outcome.end == End::cannot_measure ? outcome.why : report.stopped},
+                   {"simulated", report.simulated.empty() ? ordered_json() : ordered_json(report.simulated)},
                    {"set", json_of(outcome.set)},
                    {"runs", outcome.runs},
                    {"results", report.results},
@@ -273,10 +287,11 @@ ordered_json json_of(const SearchReport& report) {
                       {"below", outcome.proofs[limit].below},
                       {"permitted", outcome.proofs[limit].permitted}});
   const auto& kept = report.kept;
-  all["keep"] = {{"scenario", kept.scenario},
-                 {"command", kept.command},
-                 {"systemd", kept.unit},
-                 {"why_not", kept.no_unit}};
+  auto units = ordered_json::array();
+  for (const auto& unit : kept.units)
+    units.push_back(
+        {{"host", unit.host}, {"command", unit.command}, {"systemd", unit.text}, {"why_not", unit.why_not}});
+  all["keep"] = {{"scenario", kept.scenario}, {"units", units}, {"fill_in", kept.fill_in}};
   auto& contributions = all["contributions"] = ordered_json::array();
   for (const auto& one : outcome.contributions) {
     auto less = ordered_json::array();
@@ -307,6 +322,7 @@ std::string page_of(const SearchReport& report) {
   std::string body =
       fmt::format("<h1>Search of settings: {}</h1><p>Goal: {}: <strong>{}</strong>.</p>",
                   escaped(report.scenario), escaped(goal_of(report.problem)), escaped(answer_of(report)));
+  if (!report.simulated.empty()) body += fmt::format("<p>{}</p>", escaped(simulated_text(report)));
   if (!outcome.set.empty()) {
     body += "<h2>Settings</h2><ul>";
     for (const auto& one : outcome.contributions)

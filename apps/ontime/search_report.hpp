@@ -16,7 +16,8 @@ struct SearchReport {
   const search::Problem& problem;
   const search::Outcome& outcome;
   const std::vector<search::Knobs::LeftOut>& left_out;
-  std::string stopped;  // why there was no more time, for people; "": there was
+  std::string stopped;    // why there was no more time, for people; "": there was
+  std::string simulated;  // by what the machines were; "": they were real
   std::string scenario, results, page;
   search::Kept kept;
 };

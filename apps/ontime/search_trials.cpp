@@ -56,6 +56,14 @@ std::string without(const std::string& list, const std::string& other) {
                              results, what));
 }
 
+std::string machine_of(const record::Run& run) {
+  return record::find(run.outcome.hosts, record::both_hosts[0]).machine.simulated.value_or("");
+}
+
+std::string name_of(const std::string& machine) {
+  return machine.empty() ? "a real one" : "simulated by " + machine;
+}
+
 // Throws where the results are of another search.
 void compare(const std::vector<record::Note>& notes, const record::Run& first, const Subject& subject,
              const std::string& results) {
@@ -69,6 +77,9 @@ void compare(const std::vector<record::Note>& notes, const record::Run& first, c
     if (const auto theirs = noted(kind); theirs != *mine)
       refuse(results,
              fmt::format("holds a search with another {}: '{}'; this one has '{}'", word, theirs, *mine));
+  if (const auto theirs = machine_of(first); theirs != subject.machine)
+    refuse(results, fmt::format("holds a search on another machine: {}; this one is {}", name_of(theirs),
+                                name_of(subject.machine)));
   if (const auto theirs = noted(settings_note); theirs != subject.settings)
     refuse(results, fmt::format("holds a search of other settings: only there: {}; only here: {}",
                                 without(theirs, subject.settings), without(subject.settings, theirs)));
@@ -99,6 +110,27 @@ std::string changed_by_another(const record::Run& run) {
 
 }  // namespace
 
+std::string settings_of(const record::Reader& reader) {
+  for (const auto& run : reader.runs())
+    for (const auto& note : reader.notes(run.number))
+      if (note.kind == settings_note) return note.text;
+  return "";
+}
+
+bool is_among(const std::string& settings, const search::Setting& setting) {
+  constexpr std::string_view between = " or ";
+  const auto framed = [&](std::string_view text) { return fmt::format("{0}{1}{0}", between, text); };
+  for (const auto& part : parts_of(settings))
+    if (const auto head = setting.key + ": "; part.starts_with(head))
+      return framed(part.substr(head.size())).find(framed(setting.value)) != std::string::npos;
+  return false;
+}
+
+std::string machine_of(const record::Reader& reader) {
+  const auto runs = reader.runs();
+  return runs.empty() ? "" : machine_of(runs.front());
+}
+
 Trials::Trials(Subject subject, ScenarioWith scenario_with, const std::vector<search::Part>& goal,
                const search::Bounds& bounds, Clock::time_point until, Places places)
     : subject_(std::move(subject)),
@@ -110,17 +142,20 @@ Trials::Trials(Subject subject, ScenarioWith scenario_with, const std::vector<se
 
 void Trials::recall(const std::string& results) {
   const auto reader = places_.writer.reader();
+  std::vector<record::Note> all;
   for (auto& run : reader.runs()) {
     if (!is_of_a_search(run))
       refuse(results,
              fmt::format("holds no search: run {} ({}) is of another command", run.number, run.asked.id));
     const auto notes = reader.notes(run.number);
+    all.insert(all.end(), notes.begin(), notes.end());
     const auto found =
         std::find_if(notes.begin(), notes.end(), [](const auto& note) { return note.kind == run_note; });
-    if (found == notes.end()) continue;  // it was cut off, or failed for a reason that passes
-    if (known_.empty()) compare(notes, run, subject_, results);
+    // It was cut off, or failed for a reason that passes.
+    if (found == notes.end() || !run.outcome.has_ended()) continue;
     known_.push_back({found->text, std::move(run)});
   }
+  if (!known_.empty()) compare(all, known_.front().run, subject_, results);
   is_subject_noted_ = !known_.empty();
 }
 
@@ -133,6 +168,7 @@ std::optional<search::Answer> Trials::measure(const search::Order& order) {
       answer.is_recalled = true;
       return answer;
     }
+    if (end_) return stop(end_->first, end_->second);
     return attempts(order, scenario);
   } catch (const scenario::Error& error) {  // its keys contradict one another
     return search::Answer{{}, {}, error.what()};
@@ -216,6 +252,7 @@ void Trials::note_run(std::int64_t number, const search::Order& order) {
       writer.note(number, {kind, text, {}, {}});
   writer.note(number, {run_note, text_of(order), {}, {}});
   writer.flush();
+  places_.counts(number);
 }
 
 search::Answer Trials::answer_of(const record::Run& run) {

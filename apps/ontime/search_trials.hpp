@@ -22,7 +22,14 @@ namespace ontime::app {
 struct Subject {
   std::string scenario;  // the text of its file
   std::string goal, run, settings;
+  std::string machine;  // by what the controller's is simulated; "": it is a real one
 };
+// The settings of the search that the results hold, as the subject has them; "": they hold none.
+std::string settings_of(const record::Reader&);
+// Whether such settings have that value among those to try.
+bool is_among(const std::string& settings, const search::Setting&);
+// By what its controller's machine is simulated; "": by nothing, or there is no run.
+std::string machine_of(const record::Reader&);
 
 class Trials {
  public:
@@ -33,6 +40,7 @@ class Trials {
     record::Writer& writer;
     Terminal& terminal;
     campaign::Interrupts& interrupts;
+    std::function<void(std::int64_t run)> counts = [](std::int64_t) {};  // its record is complete
   };
 
   Trials(Subject, ScenarioWith, const std::vector<search::Part>& goal, const search::Bounds&,
@@ -40,8 +48,8 @@ class Trials {
 
   // Runs in the results become answers again. Throws Error{2} where they are not of this search.
   void recall(const std::string& results);
-  // How many such runs are left.
-  std::size_t recalled() const { return known_.size(); }
+  // No run is made any more: the search stops after the recalled ones, for this reason.
+  void end(const std::string& why, int code) { end_ = {why, code}; }
 
   // Nothing: it stopped. A run that fails for a reason that is not its set is made again twice; then, or
   // where no run was measured before, the search stops.
@@ -72,6 +80,7 @@ class Trials {
   Places places_;
   std::deque<Known> known_;
   std::optional<std::vector<std::string>> denied_at_first_;  // settings that the scenario itself was denied
+  std::optional<std::pair<std::string, int>> end_;
   std::string stopped_;
   int code_ = 0;
   bool is_subject_noted_ = false;

@@ -5,6 +5,7 @@
 #include <cmath>
 #include <filesystem>
 #include <map>
+#include <numeric>
 
 #include <fmt/format.h>
 #include <fmt/ranges.h>
@@ -12,13 +13,14 @@
 #include "campaign/campaign.hpp"
 #include "commands.hpp"
 #include "flags.hpp"
+#include "in_lab.hpp"
 #include "isolation/groups.hpp"
+#include "machine/machine.hpp"
 #include "measured.hpp"
 #include "output.hpp"
 #include "results_page.hpp"
 #include "scenario_files.hpp"
 #include "search/goal.hpp"
-#include "search_lacks.hpp"
 #include "search_report.hpp"
 #include "search_trials.hpp"
 #include "spelling/spelling.hpp"
@@ -30,14 +32,17 @@ namespace {
 using campaign::Error;
 using Seconds = std::chrono::duration<double>;
 
+constexpr const char *here = "here", *in_lab = "lab";
 constexpr const char* usual_time = "2 h";
 constexpr int usual_priority = 80;
 constexpr double too_many_runs = 24;  // to prove that a goal holds
 
 struct Arguments {
-  std::string scenario, goal, within = usual_time, results, keep_cpus_off, format = "table";
+  std::string scenario, goal, on = here, within = usual_time, results, keep_cpus_off, format = "table";
+  std::string send_to;  // of the search in the lab's machine: it measures, and shows nothing
   std::vector<std::string> never;
   Choice choice;
+  LabFlags lab;
   std::optional<int> below_priority;
   bool resume = false;
 };
@@ -67,10 +72,8 @@ void check_never(const std::string& name) {
                              spelling::suggestion(name, words), fmt::join(keys, ", ")));
 }
 
-// Where anything may be put: the CPUs of this process, which a container may limit, without those that the
-// user keeps.
-std::vector<int> cpus_of(const Arguments& arguments) {
-  auto cpus = isolation::cpus_of_thread(getpid());
+// Where anything may be put: of these CPUs those that the user does not keep.
+std::vector<int> cpus_of(const Arguments& arguments, std::vector<int> cpus) {
   if (arguments.keep_cpus_off.empty()) return cpus;
   const auto there = realtime::list_of(cpus);
   const auto off = realtime::cpus_of(arguments.keep_cpus_off);
@@ -94,10 +97,19 @@ search::Bounds bounds_of(const Arguments& arguments, const campaign::Scenario& s
   }
   const int own = campaign::application_priority(scenario.runs.front());
   bounds.below_priority = arguments.below_priority.value_or(own > 0 ? own : usual_priority);
-  bounds.cpus = cpus_of(arguments);
-  bounds.cannot = lacks_of(scenario);
   return bounds;
 }
+
+// What was asked for, checked. No machine was looked at.
+struct Asked {
+  std::vector<search::Part> goal;
+  std::string file;
+  campaign::Selection selection;
+  campaign::Scenario scenario;
+  search::Bounds bounds;
+  std::string results;
+  Seconds within;
+};
 
 // How long the search may take at least, by its first trial.
 struct Plan {
@@ -111,18 +123,17 @@ struct Plan {
   }
 };
 
-Plan plan_of(const search::Problem& problem, const campaign::Scenario& scenario) {
-  Plan plan{campaign::time_of(scenario)};
-  const auto& client = scenario.runs.front().task.client;
+Plan plan_of(const Asked& asked) {
+  Plan plan{campaign::time_of(asked.scenario)};
+  const auto& client = asked.scenario.runs.front().task.client;
   const auto messages =
       static_cast<double>(client.duration.count()) / static_cast<double>(client.period.count());
-  for (const auto& limit : problem.goal)
-    plan.runs = std::max(plan.runs, std::ceil(search::messages_to_prove(limit, messages) / messages));
+  for (const auto& part : asked.goal)
+    plan.runs = std::max(plan.runs, std::ceil(search::messages_to_prove(part.limit, messages) / messages));
   return plan;
 }
 
-void check_time(const Arguments& arguments, const Plan& plan, Terminal& terminal) {
-  const Seconds within = duration_flag("--within", arguments.within);
+void check_time(const Arguments& arguments, Seconds within, const Plan& plan, Terminal& terminal) {
   if (within < plan.of_run)
     throw Error(2, fmt::format("--within {}: too short for one run: {}", arguments.within, plan.text()));
   if (within < plan.of_trial())
@@ -141,7 +152,8 @@ void tell(const campaign::Scenario& scenario, const search::Knobs& knobs, Termin
     terminal.note(fmt::format("not tried: {}: {}", fmt::join(keys, ", "), why));
 }
 
-Subject subject_of(const campaign::Scenario& scenario, const search::Problem& problem) {
+Subject subject_of(const campaign::Scenario& scenario, const search::Problem& problem,
+                   const std::string& machine) {
   std::vector<std::string> limits, settings;
   for (const auto& limit : problem.goal) limits.push_back(limit.text);
   for (const auto& knob : problem.knobs)
@@ -151,24 +163,11 @@ Subject subject_of(const campaign::Scenario& scenario, const search::Problem& pr
   return {
       scenario.text, fmt::format("{}", fmt::join(limits, " and ")),
       fmt::format("{} over {}, {} s", run.id, run.task.transport, Seconds(run.task.client.duration).count()),
-      fmt::format("{}", fmt::join(settings, "; "))};
+      fmt::format("{}", fmt::join(settings, "; ")), machine};
 }
 
 std::string picture_beside(const std::string& results) {
   return std::filesystem::path(results).replace_extension("search.html").string();
-}
-
-int exit_code(const search::Outcome& outcome, const Trials& trials) {
-  switch (outcome.end) {
-    case search::End::goal_holds:
-      return 0;
-    case search::End::no_time:
-      return trials.code();
-    case search::End::cannot_measure:
-      return 3;
-    default:
-      return 1;
-  }
 }
 
 std::vector<search::Part> goal_of(const Arguments& arguments) {
@@ -179,55 +178,218 @@ std::vector<search::Part> goal_of(const Arguments& arguments) {
   }
 }
 
-int run(const Arguments& arguments) {
-  const bool as_json = is_json_flag(arguments.format);
-  const auto goal = goal_of(arguments);
+Asked asked_of(const Arguments& arguments) {
+  Asked asked;
+  asked.goal = goal_of(arguments);
   const auto files = scenario_files({arguments.scenario});
   if (files.size() != 1)
     throw Error(2, fmt::format("{} are {} scenarios: name one", arguments.scenario, files.size()));
-  const auto selection = arguments.choice.checked();
-  const auto scenario = scenario_of(arguments, files.front(), selection, {});
-  const auto bounds = bounds_of(arguments, scenario);
-  const auto knobs = search::knobs_of(scenario.runs.front(), bounds);
+  asked.file = files.front();
+  asked.selection = arguments.choice.checked();
+  asked.scenario = scenario_of(arguments, asked.file, asked.selection, {});
+  asked.bounds = bounds_of(arguments, asked.scenario);
+  asked.results = arguments.results.empty() ? new_results_file(arguments.scenario) : arguments.results;
+  asked.within = duration_flag("--within", arguments.within);
+  return asked;
+}
+
+search::Problem problem_of(const Asked& asked, const search::Knobs& knobs) {
   search::Problem problem{{}, knobs.knobs};
-  for (const auto& part : goal) problem.goal.push_back(part.limit);
-  const auto results = arguments.results.empty() ? new_results_file(arguments.scenario) : arguments.results;
-  if (!arguments.resume && std::filesystem::exists(results))
-    throw Error(
-        2, fmt::format("--results: {} exists: name another file, or add --resume to go on with its search",
-                       results));
-  auto& interrupts = catch_interrupts();
-  Terminal terminal;
-  const auto plan = plan_of(problem, scenario);
-  if (!arguments.resume) check_time(arguments, plan, terminal);
-  tell(scenario, knobs, terminal);
-  record::Writer writer(results);
-  Trials trials(subject_of(scenario, problem),
-                [&](const search::Set& set) { return scenario_of(arguments, files.front(), selection, set); },
-                goal, bounds, Trials::Clock::now() + duration_flag("--within", arguments.within),
-                {writer, terminal, interrupts});
-  if (arguments.resume) trials.recall(results);
-  const auto outcome =
-      search::find(problem, [&](const search::Order& order) { return trials.measure(order); });
+  for (const auto& part : asked.goal) problem.goal.push_back(part.limit);
+  return problem;
+}
+
+// The runs of a search, made or recalled, and what comes of them.
+class Searched {
+ public:
+  Searched(const Arguments& arguments, const Asked& asked, const search::Knobs& knobs,
+           const std::string& machine, const Trials::Places& places)
+      : arguments_(arguments),
+        asked_(asked),
+        knobs_(knobs),
+        problem_(problem_of(asked, knobs)),
+        places_(places),
+        trials_(
+            subject_of(asked.scenario, problem_, machine),
+            [&](const search::Set& set) { return scenario_of(arguments, asked.file, asked.selection, set); },
+            asked.goal, asked.bounds,
+            Trials::Clock::now() + std::chrono::duration_cast<Trials::Clock::duration>(asked.within),
+            places) {}
+
+  void recall() { trials_.recall(asked_.results); }
+  // All runs that there are; why there are no more, and the exit code of that.
+  void recall(const std::string& why, int code) {
+    recall();
+    trials_.end(why, code);
+  }
+  const search::Outcome& find() {
+    return outcome_ = search::find(problem_, [this](const auto& order) { return trials_.measure(order); });
+  }
+  int exit_code() const {
+    switch (outcome_.end) {
+      case search::End::goal_holds:
+        return 0;
+      case search::End::no_time:
+        return trials_.code();
+      case search::End::cannot_measure:
+        return 3;
+      default:
+        return 1;
+    }
+  }
+  const std::string& stopped() const { return trials_.stopped(); }
+  // On standard output, and as pages beside the results. Returns the exit code.
+  int show(const search::Links&) const;
+
+ private:
+  const Arguments& arguments_;
+  const Asked& asked_;
+  const search::Knobs knobs_;
+  const search::Problem problem_;
+  const Trials::Places places_;
+  Trials trials_;
+  search::Outcome outcome_;
+};
+
+int Searched::show(const search::Links& links) const {
+  auto& terminal = places_.terminal;
+  const bool as_json = is_json_flag(arguments_.format);
+  const auto& results = asked_.results;
+  const auto reader = places_.writer.reader();
   terminal.clear_line();
-  if (outcome.runs == 0) throw Error(trials.code(), trials.stopped());
-  const SearchReport report{problem,
-                            outcome,
-                            knobs.left_out,
-                            trials.stopped(),
-                            arguments.scenario,
+  const SearchReport report{problem_,
+                            outcome_,
+                            knobs_.left_out,
+                            stopped(),
+                            machine_of(reader),
+                            arguments_.scenario,
                             results,
                             picture_beside(results),
-                            search::keep(scenario, outcome.set, orders::this_program())};
+                            search::keep(outcome_.set, links, orders::this_program())};
   Output page(report.page);
   page.write(page_of(report));
   page.finish();
-  const auto reader = writer.reader();
   terminal.note("page of all runs: " + write_page_beside(results, reader, statistics::summarise(reader)));
   as_json ? print_json(json_of(report)) : print(for_output(text_of(report)));
-  if (outcome.end == search::End::no_time || outcome.end == search::End::cannot_measure)
-    terminal.note(fmt::format("to go on: the same command with --results {} --resume", results));
-  return exit_code(outcome, trials);
+  if (outcome_.end == search::End::no_time || outcome_.end == search::End::cannot_measure)
+    terminal.note(to_go_on(results, !arguments_.results.empty(), arguments_.resume));
+  return exit_code();
+}
+
+int search_here(const Arguments& arguments, const Asked& asked, Terminal& terminal,
+                campaign::Interrupts& interrupts) {
+  search::Knobs knobs;
+  search::Links links;
+  {
+    const campaign::Look look(asked.scenario, terminal, interrupts);
+    auto bounds = asked.bounds;
+    bounds.cannot = [&](const search::Setting& one) { return look.why_not(one.key, one.value); };
+    knobs = search::knobs_of(asked.scenario.runs.front(), bounds);
+    links = look.links();
+  }
+  tell(asked.scenario, knobs, terminal);
+  record::Writer writer(asked.results);
+  Trials::Places places{writer, terminal, interrupts};
+  if (!arguments.send_to.empty())
+    places.counts = [&](std::int64_t run) { send_from_lab(writer, run, arguments.send_to); };
+  const auto simulated = machine::describe().at("simulated");
+  Searched searched(arguments, asked, knobs, simulated.is_string() ? simulated.get<std::string>() : "",
+                    places);
+  if (arguments.resume) searched.recall();
+  if (searched.find().runs == 0) throw Error(searched.exit_code(), searched.stopped());
+  if (arguments.send_to.empty()) return searched.show(links);
+  if (const auto& why = searched.stopped(); !why.empty()) terminal.note(why);
+  return searched.exit_code();
+}
+
+// As `search_here` made it in the lab's machine, out of the runs in the results. It knew what its machine can
+// have: they say it.
+Searched recalled(const Arguments& arguments, const Asked& asked, const Trials::Places& places) {
+  const auto reader = places.writer.reader();
+  auto bounds = asked.bounds;
+  bounds.cannot = [recorded = settings_of(reader)](const search::Setting& one) {
+    return is_among(recorded, one) ? "" : "the lab's machine cannot have it";
+  };
+  const auto machine = machine_of(reader);
+  return {arguments, asked, search::knobs_of(asked.scenario.runs.front(), bounds),
+          machine.empty() ? "QEMU" : machine, places};
+}
+
+std::string reason_of(const LabEnd& end) {
+  constexpr std::string_view own = "ontime: ";
+  if (end.code == 130) return "interrupted";
+  if (!end.unfinished.empty()) return end.unfinished;
+  return end.said.starts_with(own) ? end.said.substr(own.size()) : end.said;
+}
+
+std::vector<std::string> flags_of(const Arguments& arguments) {
+  std::vector<std::string> words = {"--goal", arguments.goal, "--within", arguments.within};
+  if (!arguments.never.empty())
+    words.insert(words.end(), {"--never", fmt::format("{}", fmt::join(arguments.never, ","))});
+  if (arguments.below_priority)
+    words.insert(words.end(), {"--below-priority", std::to_string(*arguments.below_priority)});
+  if (!arguments.keep_cpus_off.empty())
+    words.insert(words.end(), {"--keep-cpus-off", arguments.keep_cpus_off});
+  return words;
+}
+
+// Of a shell that a signal ended, 128 and the signal.
+int exit_code_of(const LabEnd& end) {
+  return end.code == 0 || (end.code > 3 && end.code != 130) ? 3 : end.code;
+}
+
+// The whole search is made there, in one machine. Here it is made again out of the runs that arrived, which
+// leads to the same.
+int search_in_lab(const Arguments& arguments, const Asked& asked, InLab& lab, Terminal& terminal,
+                  campaign::Interrupts& interrupts) {
+  record::Writer writer(asked.results);
+  const Trials::Places places{writer, terminal, interrupts};
+  if (arguments.resume) {
+    auto known = recalled(arguments, asked, places);
+    known.recall("", 0);
+    if (known.find().end != search::End::no_time) return known.show({});
+  }
+  const auto end = lab.measure(writer, terminal, interrupts);
+  auto searched = recalled(arguments, asked, places);
+  searched.recall(reason_of(end), exit_code_of(end));
+  return searched.find().runs == 0 ? exit_code_of(end) : searched.show({});
+}
+
+int run(const Arguments& arguments) {
+  is_json_flag(arguments.format);
+  auto asked = asked_of(arguments);
+  const bool is_in_lab = arguments.on == in_lab;
+  if (!is_in_lab && arguments.on != here)
+    throw Error(2, fmt::format("--on: '{}' is not one of {}, {}", arguments.on, here, in_lab));
+  if (const auto flag = arguments.lab.first_given(); !is_in_lab && !flag.empty())
+    throw Error(2, fmt::format("{} is of the lab's machine: add --on lab, or leave it out", flag));
+  if (is_in_lab && !arguments.choice.selection.cable.empty())
+    throw Error(2, "--cable is of this machine: leave it out, for the lab's machine has one");
+  std::optional<InLab> lab;
+  if (is_in_lab) {
+    const auto machine = arguments.lab.machine();
+    std::vector<int> cpus(static_cast<std::size_t>(machine.cpus));
+    std::iota(cpus.begin(), cpus.end(), 0);
+    asked.bounds.cpus = cpus_of(arguments, cpus);
+    lab.emplace(machine, LabTask{{"ontime", "tune", "search"},
+                                 {asked.file},
+                                 arguments.choice,
+                                 arguments.resume,
+                                 flags_of(arguments)});
+  } else {
+    asked.bounds.cpus = cpus_of(arguments, isolation::cpus_of_thread(getpid()));
+  }
+  check_results(asked.results, arguments.resume);
+  auto& interrupts = catch_interrupts();
+  Terminal terminal;
+  if (!arguments.resume && arguments.send_to.empty())
+    check_time(arguments, asked.within, plan_of(asked), terminal);
+  try {
+    return lab ? search_in_lab(arguments, asked, *lab, terminal, interrupts)
+               : search_here(arguments, asked, terminal, interrupts);
+  } catch (const orders::Interrupted&) {  // before the first run
+    return 130;
+  }
 }
 
 }  // namespace
@@ -265,11 +427,20 @@ void add_tune_search(Command& tune, Action& action) {
   command->add_option("--keep-cpus-off", arguments->keep_cpus_off, "put nothing on these CPUs")
       ->type_name("LIST")
       ->check(given);
+  command
+      ->add_option(
+          "--on", arguments->on,
+          "measure on this machine and the scenario's hosts, or in the lab's simulated machine: here")
+      ->type_name("here|lab")
+      ->check(given);
   add_choice(*command, arguments->choice);
+  add_cable(*command, arguments->choice);
   add_file(*command, "--results", arguments->results, "a new results file (default: one here)");
   command->add_flag("--resume", arguments->resume, "go on with the search that these results hold")
       ->needs("--results");
   add_format(*command, arguments->format);
+  arguments->lab.add(*command, "With --on lab");
+  command->add_option("--send-to", arguments->send_to, "each run that counts; show nothing")->group("");
   command->callback([&action, arguments] { action = [arguments] { return run(*arguments); }; });
 }
 

@@ -6,6 +6,8 @@
 #include <atomic>
 #include <chrono>
 #include <functional>
+#include <map>
+#include <memory>
 #include <optional>
 #include <set>
 #include <string>
@@ -59,6 +61,26 @@ using Done =
 // returns or throws.
 int execute(const Scenario&, record::Writer&, Observer&, Interrupts&, const nlohmann::json& command_line,
             const Done& done = {});
+
+// The machines of a scenario before its runs: each is looked at by its keeper, which lives as long as this.
+// Nothing is changed on them; namespaces of the scenario are made and removed.
+class Look {
+ public:
+  Look(const Scenario&, Observer&, Interrupts&);  // throws Error, orders::Interrupted
+  ~Look();
+  Look(const Look&) = delete;
+  Look& operator=(const Look&) = delete;
+
+  // Why a host cannot have this value of this key in the scenario's first run, for people; "": all can, or
+  // only a run shows it.
+  std::string why_not(const std::string& key, const std::string& value) const;
+  // By host: where its messages come and go when no run is made; no host where that is made for the runs.
+  std::map<std::string, settings::Link> links() const;
+
+ private:
+  struct Parts;
+  std::unique_ptr<Parts> parts_;
+};
 
 // One end by hand, on this host. Of what ends before the first message is sent no run is left.
 int ping(const Run&, std::chrono::nanoseconds wait, record::Writer&, Observer&, Interrupts&,

@@ -49,6 +49,8 @@ class Machines {
   // Throws Error for a fault of the link that cannot be had here, by its name.
   void check(const Run&);
 
+  // Of each host what its keeper answers to the order "look"; nothing of a place where no keeper can look.
+  std::map<std::string, nlohmann::json> look(const settings::Wishes&) const;
   // For what is measured at one time: the settings of the kernels and the CPUs that are kept, its load, its
   // links and its traffic, and the account of what each machine did between begin() and end().
   // Returns what their records are to say of which processes may use reserved CPUs all the same. Throws
@@ -110,6 +112,7 @@ class Machines {
   void warn(const Together&);
   std::string isolate(const Machine&, const std::string& host, const Run&, const nlohmann::json& link);
   const Machine& machine_of(const std::string& host) const;
+  nlohmann::json link_of(const std::string& host) const;  // as the orders have it
   std::vector<std::string> from_who_serves() const;
   void add(const std::string& host, const Host&);
   void tell_of_two_ways();
@@ -138,6 +141,12 @@ class Machines {
   WindowCame window_came_;
   std::map<std::vector<std::string>, Machine> machines_;  // by how they are reached
 };
+
+inline constexpr const char* controller = "controller";
+// Where an end lives, by the name that `ip netns` has for it; nothing: somewhere else.
+std::optional<std::string> network_namespace(const Host&);
+// How a machine is reached, by which it is told from others.
+std::vector<std::string> way_to(const Host&);
 
 // Longer than anything takes on a machine under full load; only a hang lasts so long.
 inline constexpr std::chrono::seconds patience{120};

@@ -14,6 +14,9 @@
 //   tune   {host, link, wishes}  tuned {settings} of a host, all of them applied, until restore; or {error,
 //                         refused: the setting that this machine cannot have}, and nothing is changed;
 //                         without `refused` the error says nothing of a setting
+//   look   {link, wishes} looked {interface: "" where it is not known, network_namespace, cannot: "NAME: why"
+//                         this machine cannot have the setting, or "", is_root, cpu_latency: why it takes no
+//                         such request, or ""}; nothing is changed
 //   isolate {host, link, wish}
 //                         isolated {stay: what may run on the reserved CPUs all the same, for people, or ""},
 //                         until restore, or another wish, before any tune; or {error}, and nothing is changed

@@ -71,6 +71,8 @@ class Keeper final : public orders::Worker {
       events_.tell("joined", {{"hosts", hosts}});
     } else if (order == "tune") {
       events_.tell("tuned", tuned_.apply(body));
+    } else if (order == "look") {
+      events_.tell("looked", look(body));
     } else if (order == "isolate") {
       events_.tell("isolated", isolated_.apply(body));
     } else if (order == "keep") {

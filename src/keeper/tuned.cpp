@@ -1,11 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "keeper/tuned.hpp"
 
+#include <chrono>
 #include <utility>
 
 #include <fmt/format.h>
+#include <unistd.h>
 
 #include "machine/machine.hpp"
+#include "realtime/realtime.hpp"
 
 namespace ontime::keeper {
 namespace {
@@ -19,6 +22,15 @@ json to_json(const settings::Change& change, const settings::Link& link) {
           {"before", change.before},
           {"after", change.after},
           {"now", now ? json(*now) : json()}};
+}
+
+std::string why_not(const settings::Wishes& wishes, const settings::Link& link) {
+  try {
+    settings::plan(wishes, link);
+  } catch (const settings::Error& error) {
+    return error.what();
+  }
+  return "";
 }
 
 }  // namespace
@@ -37,6 +49,20 @@ json to_json(const std::vector<settings::Change>& changes, const settings::Link&
   auto all = json::array();
   for (const auto& change : changes) all.push_back(to_json(change, link));
   return all;
+}
+
+json look(const json& order) {
+  settings::Link link;
+  try {
+    link = link_of(order.at("link"));
+  } catch (const machine::Error&) {  // then no setting of an interface can be had
+  }
+  const realtime::CpuLatencyRequest request(std::chrono::microseconds(0));
+  return {{"interface", link.interface},
+          {"network_namespace", link.network_namespace},
+          {"cannot", why_not(order.at("wishes").get<settings::Wishes>(), link)},
+          {"is_root", geteuid() == 0},
+          {"cpu_latency", request.refusal() ? request.refusal()->found : ""}};
 }
 
 json Tuned::apply(const json& order) {

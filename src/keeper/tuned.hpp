@@ -15,6 +15,8 @@ namespace ontime::keeper {
 // Of an order's {interface, network_namespace, peer, address}: by whichever of them is there.
 settings::Link link_of(const nlohmann::json&);
 nlohmann::json to_json(const std::vector<settings::Change>&, const settings::Link&);
+// The order "look", and its answer.
+nlohmann::json look(const nlohmann::json& order);
 
 class Tuned {
  public:

@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <algorithm>
-#include <cmath>
 #include <memory>
 #include <random>
 #include <set>
 
+#include "search/measured.hpp"
 #include "search/search.hpp"
 
 namespace ontime::search {
@@ -13,18 +13,13 @@ namespace {
 constexpr int most_runs_alone = 24, most_pairs = 10, most_pairs_to_confirm = 40;
 constexpr std::size_t references_to_confirm = 3;  // more of them would show nothing new
 constexpr int most_confirmations = 3;
-constexpr int most_attempts = 3;      // to measure a set
-constexpr int least_pairs = 2;        // before a trial is given up as without effect
-constexpr double no_less_than = 0.7;  // of the reference's share: such a set is given up
-// By so much, squared and relative, runs are taken to differ before many are there.
-constexpr double prior_variation = 0.05, prior_freedoms = 2;
+constexpr int most_attempts = 3;  // to measure a set
+constexpr int least_pairs = 2;    // before a trial is given up as without effect
 
 struct NoTime {};
 struct CannotMeasure {
   std::string why;
 };
-
-using Runs = std::vector<const Answer*>;
 
 Set with(Set set, const std::vector<Setting>& settings) {
   for (const auto& setting : settings) set[setting.key] = setting.value;
@@ -41,149 +36,10 @@ double spent(double alpha, std::size_t statement) {
   return alpha / static_cast<double>(statement * (statement + 1));
 }
 
-// All runs of all sets, and what they prove.
-class Evidence {
- public:
-  explicit Evidence(const Problem& problem) : problem_(problem) {}
-
-  const Answer* add(const Set& set, Answer run) {
-    if (per_run_ == 0 && !run.tallies.empty()) per_run_ = run.tallies.front().messages;
-    return runs_[set].emplace_back(std::make_unique<Answer>(std::move(run))).get();
-  }
-  Runs of(const Set& set) const {
-    Runs runs;
-    if (const auto found = runs_.find(set); found != runs_.end())
-      for (const auto& run : found->second) runs.push_back(run.get());
-    return runs;
-  }
-
-  std::vector<Share> shares(const Runs& runs, double alpha) const {
-    std::vector<Share> shares;
-    for (std::size_t limit = 0; limit < size(); ++limit) {
-      const auto seen = sum(runs, limit);
-      const auto range = range_of(effective(seen, limit, seen.events / per_run(runs)), alpha);
-      shares.push_back({range, seen.events, seen.messages});
-    }
-    return shares;
-  }
-
-  // Of limits that permit nothing: fewer than one burst in a run.
-  bool holds(const Runs& runs, double alpha) const {
-    return !runs.empty() && all_limits([&](std::size_t limit) {
-      return against_at_least(at_permitted(runs, limit), permitted(limit)) >= 1 / alpha;
-    });
-  }
-  bool fails(const Runs& runs, double alpha) const {
-    return mean([&](std::size_t limit) {
-             return against_at_most(at_permitted(runs, limit), permitted(limit));
-           }) >= 1 / alpha;
-  }
-  bool fewer(const Runs& one, const Runs& other, double alpha) const {
-    return mean([&](std::size_t limit) {
-             const auto mine = sum(one, limit), theirs = sum(other, limit);
-             const auto of_a_run = (mine.events + theirs.events) / per_run(one, other);
-             return less_than(effective(mine, limit, of_a_run), effective(theirs, limit, of_a_run));
-           }) >= 1 / alpha;
-  }
-  // Whether nothing was seen that breaks the goal in so many words.
-  bool kept_to(const Runs& runs) const {
-    return all_limits([&](std::size_t limit) {
-      const auto [events, messages] = sum(runs, limit);
-      return events <= problem_.goal[limit].share * messages;
-    });
-  }
-  // Of runs by which the goal holds.
-  std::vector<Proof> proofs(const Runs& runs, double alpha) const {
-    std::vector<Proof> proofs;
-    for (std::size_t limit = 0; limit < size(); ++limit)
-      proofs.push_back({upper_limit(at_permitted(runs, limit), alpha), permitted(limit)});
-    return proofs;
-  }
-  // By what was seen, not by what is proven.
-  bool looks_no_less(const Runs& one, const Runs& other) const {
-    return all_limits([&](std::size_t limit) {
-      const auto mine = sum(one, limit), theirs = sum(other, limit);
-      return mine.events >= no_less_than * theirs.events * mine.messages / theirs.messages;
-    });
-  }
-  std::size_t size() const { return problem_.goal.size(); }
-
- private:
-  template <class Holds>
-  bool all_limits(Holds holds) const {
-    for (std::size_t limit = 0; limit < size(); ++limit)
-      if (!holds(limit)) return false;
-    return true;
-  }
-  // The mean of e-values is an e-value, however they depend on one another.
-  template <class Of>
-  double mean(Of of) const {
-    double sum = 0;
-    for (std::size_t limit = 0; limit < size(); ++limit) sum += of(limit);
-    return sum / static_cast<double>(size());
-  }
-  static Count sum(const Runs& runs, std::size_t limit) {
-    Count sum;
-    for (const auto* run : runs) {
-      sum.events += run->tallies[limit].events;
-      sum.messages += run->tallies[limit].messages;
-    }
-    return sum;
-  }
-  static double per_run(const Runs& runs, const Runs& others = {}) {
-    return std::max(1.0, static_cast<double>(runs.size() + others.size()));
-  }
-
-  double permitted(std::size_t limit) const {
-    const auto share = problem_.goal[limit].share;
-    const auto burst = spread(limit).within;
-    return share > 0 ? share : burst / std::max(per_run_, 2 * burst);
-  }
-  Count at_permitted(const Runs& runs, std::size_t limit) const {
-    return effective(sum(runs, limit), limit, permitted(limit) * per_run_);
-  }
-  // By their design effect where so many messages of a run break the limit.
-  Count effective(const Count& count, std::size_t limit, double of_a_run) const {
-    const auto [within, between] = spread(limit);
-    const auto effect = within + between * of_a_run;
-    return {count.events / effect, count.messages / effect};
-  }
-
-  // How the messages that break a limit vary: within runs, so many times as much as independent ones; and,
-  // from run to run of one set, the share itself, squared and relative: by what was seen of all sets.
-  struct Spread {
-    double within = 1, between = 0;
-  };
-  Spread spread(std::size_t limit) const {
-    double weighted = 0, messages = 0, variation = prior_variation * prior_freedoms,
-           freedoms = prior_freedoms;
-    for (const auto& [set, runs] : runs_)
-      for (const auto& run : runs) {
-        weighted += run->tallies[limit].effect * run->tallies[limit].messages;
-        messages += run->tallies[limit].messages;
-      }
-    const auto within = messages > 0 ? std::max(1.0, weighted / messages) : 1;
-    for (const auto& [set, runs] : runs_) {
-      const auto count = static_cast<double>(runs.size());
-      double events = 0, squares = 0;
-      for (const auto& run : runs) events += run->tallies[limit].events / count;
-      if (runs.size() < 2 || events < 2 * within) continue;
-      for (const auto& run : runs) squares += std::pow(run->tallies[limit].events / events - 1, 2);
-      variation += squares - (count - 1) * within / events;
-      freedoms += count - 1;
-    }
-    return {within, std::max(0.0, variation / freedoms)};
-  }
-
-  const Problem& problem_;
-  std::map<Set, std::vector<std::unique_ptr<Answer>>> runs_;
-  double per_run_ = 0;  // messages
-};
-
 class Search {
  public:
   Search(const Problem& problem, const Measure& measure)
-      : problem_(problem), measure_(measure), evidence_(problem), chance_(problem.seed) {}
+      : problem_(problem), measure_(measure), measured_(problem), chance_(problem.seed) {}
 
   Outcome find() {
     try {
@@ -229,7 +85,7 @@ class Search {
       if (!run) throw NoTime{};
       ++outcome_.runs;
       ++trial.runs;
-      if (run->refused.empty()) return evidence_.add(set, std::move(*run));
+      if (run->refused.empty()) return measured_.add(set, std::move(*run));
       trial.why = run->refused;
       refused_setting_ = run->refused_setting;
       if (run->may_pass && attempt < most_attempts) continue;
@@ -240,8 +96,8 @@ class Search {
 
   Decision ended(Trial trial, const Runs& mine, const Runs& theirs, Decision decision) {
     trial.decision = decision;
-    trial.shares = evidence_.shares(mine, problem_.alpha);
-    if (!theirs.empty()) trial.reference_shares = evidence_.shares(theirs, problem_.alpha);
+    trial.shares = measured_.shares(mine, problem_.alpha);
+    if (!theirs.empty()) trial.reference_shares = measured_.shares(theirs, problem_.alpha);
     outcome_.trials.push_back(std::move(trial));
     return decision;
   }
@@ -254,13 +110,13 @@ class Search {
       const auto* run = measure(set, trial, true);
       if (run == nullptr) throw CannotMeasure{trial.why};
       runs.push_back(run);
-      const auto all = evidence_.of(set);
+      const auto all = measured_.of(set);
       const auto alpha = set.empty() ? level_of_start() : problem_.alpha;
-      if (evidence_.kept_to(all) && evidence_.holds(all, alpha)) {
-        outcome_.proofs = evidence_.proofs(all, alpha);
+      if (measured_.kept_to(all) && measured_.holds(all, alpha)) {
+        outcome_.proofs = measured_.proofs(all, alpha);
         return ended(trial, runs, {}, Decision::holds);
       }
-      if (evidence_.fails(all, level_of(set))) return ended(trial, runs, {}, Decision::fails);
+      if (measured_.fails(all, level_of(set))) return ended(trial, runs, {}, Decision::fails);
     }
     return ended(trial, runs, {}, Decision::no_effect);
   }
@@ -294,11 +150,11 @@ class Search {
         compare(Purpose::add, set, set_, why, most_pairs,
                 [&](const Runs& mine, const Runs& theirs) -> std::optional<Decision> {
                   if (holds(set)) return Decision::holds;
-                  improves = improves || evidence_.fewer(mine, theirs, problem_.alpha);
-                  if (improves && evidence_.fails(evidence_.of(set), problem_.alpha))
+                  improves = improves || measured_.fewer(mine, theirs, problem_.alpha);
+                  if (improves && measured_.fails(measured_.of(set), problem_.alpha))
                     return Decision::improves;
-                  if (evidence_.fewer(theirs, mine, problem_.alpha)) return Decision::harms;
-                  if (!improves && mine.size() >= least_pairs && evidence_.looks_no_less(mine, theirs))
+                  if (measured_.fewer(theirs, mine, problem_.alpha)) return Decision::harms;
+                  if (!improves && mine.size() >= least_pairs && measured_.looks_no_less(mine, theirs))
                     return Decision::no_effect;
                   return {};
                 });
@@ -313,11 +169,11 @@ class Search {
         [&](const Runs& mine, const Runs& theirs) -> std::optional<Decision> {
           if (holds(without)) return Decision::holds;
           const auto alpha = single ? level_of(without) : problem_.alpha;
-          if (evidence_.fails(evidence_.of(without), alpha) && evidence_.fewer(theirs, mine, problem_.alpha))
+          if (measured_.fails(measured_.of(without), alpha) && measured_.fewer(theirs, mine, problem_.alpha))
             return Decision::fails;
           return {};
         });
-    if (decision != Decision::no_effect || !evidence_.kept_to(evidence_.of(without)))
+    if (decision != Decision::no_effect || !measured_.kept_to(measured_.of(without)))
       return decision == Decision::holds;
     return measure_alone(without) == Decision::holds;
   }
@@ -327,15 +183,15 @@ class Search {
     const auto alpha = spent(problem_.alpha - level_of_start(), ++confirmations_);
     return compare(Purpose::confirm, set_, {}, "", most_pairs_to_confirm,
                    [&](const Runs& mine, const Runs&) -> std::optional<Decision> {
-                     if (evidence_.fails(mine, problem_.alpha)) return Decision::fails;
-                     if (!evidence_.holds(mine, alpha)) return {};
-                     outcome_.proofs = evidence_.proofs(mine, alpha);
-                     return evidence_.kept_to(mine) ? Decision::holds : Decision::fails;
+                     if (measured_.fails(mine, problem_.alpha)) return Decision::fails;
+                     if (!measured_.holds(mine, alpha)) return {};
+                     outcome_.proofs = measured_.proofs(mine, alpha);
+                     return measured_.kept_to(mine) ? Decision::holds : Decision::fails;
                    });
   }
 
   bool holds(const Set& set) const {
-    return !disproved_.contains(set) && evidence_.holds(evidence_.of(set), problem_.alpha);
+    return !disproved_.contains(set) && measured_.holds(measured_.of(set), problem_.alpha);
   }
 
   // Of the statement that the goal holds without any setting. The confirmations share the rest of alpha.
@@ -350,7 +206,7 @@ class Search {
 
   bool grow() {
     while (!holds(set_)) {
-      if (!set_.empty() && evidence_.kept_to(evidence_.of(set_)) && tried_alone_.insert(set_).second)
+      if (!set_.empty() && measured_.kept_to(measured_.of(set_)) && tried_alone_.insert(set_).second)
         measure_alone(set_);
       else if (!add_a_remedy() && !add_all_remedies() && !add_what_is_left())
         return false;
@@ -426,7 +282,7 @@ class Search {
 
   std::vector<Finding> findings_of(const Set& set) const {
     std::vector<Finding> findings;
-    for (const auto* run : evidence_.of(set))
+    for (const auto* run : measured_.of(set))
       for (const auto& finding : run->findings) {
         const auto known = std::find_if(findings.begin(), findings.end(),
                                         [&](const Finding& other) { return other.cause == finding.cause; });
@@ -470,17 +326,17 @@ class Search {
     const auto alpha = level_of(without);
     return std::any_of(outcome_.trials.begin(), outcome_.trials.end(), [&](const Trial& trial) {
       if (trial.set == without && trial.reference == set_) return true;
-      return trial.set == set_ && trial.reference == without && evidence_.fails(evidence_.of(without), alpha);
+      return trial.set == set_ && trial.reference == without && measured_.fails(measured_.of(without), alpha);
     });
   }
 
   Contribution contribution_of(const Setting& member) {
     auto without = set_;
     without.erase(member.key);
-    Contribution contribution{member, {}, evidence_.fails(evidence_.of(without), level_of(without))};
-    const auto ours = evidence_.shares(evidence_.of(set_), problem_.alpha / 2);
-    const auto others = evidence_.shares(evidence_.of(without), problem_.alpha / 2);
-    for (std::size_t limit = 0; limit < evidence_.size(); ++limit)
+    Contribution contribution{member, {}, measured_.fails(measured_.of(without), level_of(without))};
+    const auto ours = measured_.shares(measured_.of(set_), problem_.alpha / 2);
+    const auto others = measured_.shares(measured_.of(without), problem_.alpha / 2);
+    for (std::size_t limit = 0; limit < measured_.limits(); ++limit)
       contribution.less.push_back({others[limit].range.low - ours[limit].range.high,
                                    others[limit].range.high - ours[limit].range.low});
     return contribution;
@@ -488,7 +344,7 @@ class Search {
 
   const Problem& problem_;
   const Measure& measure_;
-  Evidence evidence_;
+  Measured measured_;
   std::mt19937_64 chance_;
   Outcome outcome_;
   Set set_;  // the present one

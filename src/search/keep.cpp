@@ -5,10 +5,12 @@
 
 #include <fmt/format.h>
 
-#include "settings/settings.hpp"
+#include "conditions/conditions.hpp"
 
 namespace ontime::search {
 namespace {
+
+constexpr const char* placeholder = "INTERFACE";
 
 // As `ontime tune` takes them: sizes in bytes.
 settings::Wishes wishes_of(const Set& set) {
@@ -19,33 +21,56 @@ settings::Wishes wishes_of(const Set& set) {
   return run.kernel;
 }
 
-// At boot. The namespaces of a run have interfaces of their own, which are not there then.
-std::string interface_of(const conditions::Hosts& hosts, const settings::Wishes& wishes) {
+bool is_of_interface(const settings::Wishes& wishes) {
   const auto table = settings::table();
-  if (std::none_of(table.begin(), table.end(),
-                   [&](const auto& one) { return one.of_interface && wishes.contains(one.name); }))
-    return "";
-  return hosts.controller.interface.empty() ? "INTERFACE" : hosts.controller.interface;
+  return std::any_of(table.begin(), table.end(),
+                     [&](const auto& one) { return one.of_interface && wishes.contains(one.name); });
+}
+
+// One for each host, or one for all where all have the same, or need none.
+Links links_of(const Links& known, const settings::Wishes& wishes) {
+  if (!is_of_interface(wishes)) return {{"", {}}};
+  if (known.empty()) return {{"", {placeholder, ""}}};
+  auto links = known;
+  for (auto& [host, link] : links)
+    if (link.interface.empty()) link.interface = placeholder;
+  const auto& first = links.begin()->second;
+  const bool is_one = std::all_of(links.begin(), links.end(), [&](const auto& one) {
+    return one.second.interface == first.interface && one.second.network_namespace == first.network_namespace;
+  });
+  return is_one ? Links{{"", first}} : links;
+}
+
+Unit unit_of(const std::string& host, const settings::Link& link, const settings::Wishes& wishes,
+             const std::string& program) {
+  Unit unit{host, "ontime tune apply", "", ""};
+  for (const auto& [name, value] : wishes) unit.command += fmt::format(" --set {}={}", name, value);
+  if (!link.interface.empty()) unit.command += " --interface " + link.interface;
+  if (!link.network_namespace.empty()) unit.command += " --namespace " + link.network_namespace;
+  unit.command += " --print systemd";
+  try {
+    unit.text = settings::at_every_boot(settings::Form::systemd, wishes, {}, link, program);
+  } catch (const settings::Error& error) {
+    unit.why_not = error.what();
+  }
+  return unit;
 }
 
 }  // namespace
 
-Kept keep(const scenario::Scenario& scenario, const Set& set, const std::string& program) {
+Kept keep(const Set& set, const Links& links, const std::string& program) {
   Kept kept;
   if (set.empty()) return kept;
   kept.scenario = "defaults:\n";
   for (const auto& [key, value] : set) kept.scenario += fmt::format("  {}: {}\n", key, value);
   const auto wishes = wishes_of(set);
   if (wishes.empty()) return kept;
-  const settings::Link link{interface_of(scenario.hosts, wishes), ""};
-  kept.command = "ontime tune apply";
-  for (const auto& [name, value] : wishes) kept.command += fmt::format(" --set {}={}", name, value);
-  if (!link.interface.empty()) kept.command += " --interface " + link.interface;
-  kept.command += " --print systemd";
-  try {
-    kept.unit = settings::at_every_boot(settings::Form::systemd, wishes, {}, link, program);
-  } catch (const settings::Error& error) {
-    kept.no_unit = error.what();
+  for (const auto& [host, link] : links_of(links, wishes)) {
+    kept.units.push_back(unit_of(host, link, wishes, program));
+    if (link.interface == placeholder)
+      kept.fill_in = fmt::format(
+          "Replace {} by the robot's network interface, the one of these messages (`ip link` lists them).",
+          placeholder);
   }
   return kept;
 }

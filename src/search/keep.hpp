@@ -2,20 +2,31 @@
 // How the settings that a search found are kept: text to paste. Ordinary thread; changes nothing.
 #pragma once
 
+#include <map>
 #include <string>
+#include <vector>
 
-#include "scenario/scenario.hpp"
 #include "search/search.hpp"
+#include "settings/settings.hpp"
 
 namespace ontime::search {
 
-struct Kept {
-  std::string scenario;  // "defaults:" of a scenario, in YAML; "": nothing is to be kept
-  std::string command;   // that prints the unit; "": no setting is the kernel's
-  std::string unit;  // what it prints: a unit of systemd for every boot, with INTERFACE where it is not known
-  std::string no_unit;  // why there is none, for people; "": there is one, or none is needed
+// What sets the kernel's settings at every boot.
+struct Unit {
+  std::string host;     // whose machine: "controller"; "": each
+  std::string command;  // that prints it
+  std::string text;     // a unit of systemd
+  std::string why_not;  // why there is no text, for people
 };
-// `program`: what the unit starts.
-Kept keep(const scenario::Scenario&, const Set&, const std::string& program);
+struct Kept {
+  std::string scenario;     // "defaults:" of a scenario, in YAML; "": nothing is to be kept
+  std::vector<Unit> units;  // empty: no setting is the kernel's
+  std::string fill_in;      // what is to be put into the units, for people; "": nothing
+};
+// `program`: what the units start. `links`: of each host, where its messages come and go at boot; an
+// interface
+// "" is not known.
+using Links = std::map<std::string, settings::Link>;
+Kept keep(const Set&, const Links&, const std::string& program);
 
 }  // namespace ontime::search

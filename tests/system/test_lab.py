@@ -1,8 +1,8 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
 """The simulated machine of `ontime lab`. What is refused takes no time and no QEMU; where there is one, it is seen that two
-machines measure the same by UDP. All else that starts machines takes minutes: ONTIME_LAB=1 asks for it (scripts/test --lab).
-ONTIME names the program."""
+machines measure the same by UDP, and that a search is made in one. All else that starts machines takes minutes: ONTIME_LAB=1 asks
+for it (scripts/test --lab). ONTIME names the program."""
 
 import contextlib
 import hashlib
@@ -18,6 +18,7 @@ import tempfile
 import time
 import unittest
 
+import search_kills
 from program import ONTIME, TRANSPORTS, eventually, processes_with
 
 ALL = os.environ.get("ONTIME_LAB") == "1"
@@ -197,6 +198,38 @@ class Refused(Lab):
                      "--kernel", "linux-image-of-nobody", PATH=path)
 
 
+class SearchRefused(Lab):
+    """`ontime tune search --on lab`: what is wrong is said before a machine starts."""
+    def refused(self, code, words, *arguments, text=SCENARIO % "udp", goal="p50 < 1 s", **environment):
+        answer = subprocess.run([ONTIME, "tune", "search", self.scenario(text), "--goal", goal, *arguments], capture_output=True,
+                                text=True, cwd=self.folder, timeout=60, env=dict(self.environment, **environment))
+        self.assertEqual(answer.returncode, code, answer.stderr)
+        self.assertIn(words, answer.stderr)
+        self.assertEqual([name for name in os.listdir(self.folder) if name.endswith(".ontime")], [])
+
+    def test_wrong_input_starts_no_machine(self):
+        path = self.instead_of_qemu("#!/bin/sh\ntouch started\n")
+        on = ("--on", "lab")
+        for words, arguments, others in (
+                ("--on: 'moon' is not one of here, lab", ("--on", "moon"), {}),
+                ("--goal", on, {"goal": "mean < 1 ms"}),
+                ("needs hosts: namespaces", on, {"text": (SCENARIO % "udp").replace("namespaces", "loopback")}),
+                ("has 3 runs", on, {"text": THREE}),
+                ("--nic: 'e1000' is not one of", (*on, "--nic", "e1000"), {}),
+                ("--nic is of the lab's machine: add --on lab", ("--nic", "virtio"), {}),
+                ("--cable is of this machine", (*on, "--cable", "eth1,eth2"), {}),
+                ("there is no CPU 3 here; there are: 0", (*on, "--keep-cpus-off", "3"), {}),
+                ("leaves no CPU; there are: 0-1", (*on, "--cpus", "2", "--keep-cpus-off", "0,1"), {}),
+                ("did you mean 'irq-threads'", (*on, "--never", "irq-thread"), {}),
+                ("too short for one run", (*on, "--within", "100 ms"), {})):
+            with self.subTest(words):
+                self.refused(2, words, *arguments, PATH=path, **others)
+        self.assertFalse(os.path.exists(os.path.join(self.folder, "started")))
+
+    def test_a_machine_that_has_no_qemu_says_what_to_install(self):
+        self.refused(3, "sudo apt install qemu-system-x86", "--on", "lab", PATH=self.temporary)
+
+
 @unittest.skipUnless(shutil.which("qemu-system-x86_64"), "there is no QEMU (Debian's package: qemu-system-x86)")
 class Machines(Lab):
     def measured(self, name, *arguments):
@@ -225,6 +258,74 @@ class Machines(Lab):
             machine = run["hosts"]["controller"]["machine"]
             self.assertEqual((machine["preemption"], machine["cpu_count"], machine["clocksource"]), ("rt", 1, "tsc"))
             self.assertIn("counted instructions", machine["simulated"])
+
+    def search(self, *arguments, goal="p50 < 1 s", name="s.ontime", text=SCENARIO % "udp"):
+        return [ONTIME, "tune", "search", self.scenario(text.replace("2 s", "500 ms")), "--goal", goal, "--on", "lab", "--results",
+                self.results(name), "--format", "json", *arguments]
+
+    def searched(self, *arguments, code=0, **others):
+        done = subprocess.run(self.search(*arguments, **others), capture_output=True, text=True, cwd=self.folder, timeout=900,
+                              env=self.environment)
+        if "is not available here" in done.stderr:
+            self.skipTest(done.stderr)
+        self.assertEqual(done.returncode, code, done.stderr)
+        return json.loads(done.stdout)
+
+    def test_a_search_on_a_healthy_machine_changes_nothing_and_knows_what_that_machine_can_have(self):
+        found = self.searched()
+        self.assertEqual((found["end"], found["set"], len(found["trials"])), ("goal-holds", {}, 1))
+        self.assertIn("counted instructions", found["simulated"])
+        left_out = {one["key"] for one in found["left_out"]}
+        self.assertNotIn("kernel.irq-threads", left_out)  # PREEMPT_RT has them
+        self.assertIn("kernel.governor", left_out)
+        for page in ("s.search.html", "s.html"):
+            self.assertIn("SIMULATED", pathlib.Path(self.folder, page).read_text())
+        # What ended needs no machine any more, and is of that machine alone.
+        self.environment["PATH"] = self.instead_of_qemu("#!/bin/sh\nexit 1\n")
+        again = self.searched("--resume")
+        self.assertEqual((again["runs"], again["end"], again["trials"]), (found["runs"], found["end"], found["trials"]))
+        here = subprocess.run([word for word in self.search("--resume") if word not in ("--on", "lab")], capture_output=True, text=True,
+                              cwd=self.folder, timeout=60, env=self.environment)
+        self.assertEqual(here.returncode, 2, here.stderr)
+        self.assertIn("on another machine", here.stderr)
+
+    @of_all
+    def test_a_search_outlasts_an_interruption_and_a_kill(self):
+        never_met = "p50 < 1 us"
+        for number, (signalled, code) in enumerate(((signal.SIGINT, 130), (signal.SIGKILL, -signal.SIGKILL)), 1):
+            before = recorded(self.results("s.ontime"))
+            process = subprocess.Popen(self.search(*(["--resume"] if number > 1 else []), goal=never_met), cwd=self.folder,
+                                       stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=self.environment)
+            self.addCleanup(lambda process=process: (process.kill(), process.communicate()))
+            self.assertTrue(eventually(lambda: recorded(self.results("s.ontime")) > before or process.poll() is not None, 600))
+            process.send_signal(signalled)
+            said, told = process.communicate(timeout=180)
+            if "is not available here" in told:
+                self.skipTest(told)
+            self.assertEqual(process.returncode, code, told)
+            if code == 130:
+                found = json.loads(said)
+                self.assertEqual((found["end"], found["why"]), ("no-time", "interrupted"))
+                self.assertGreaterEqual(found["runs"], 1)
+        subprocess.run([ONTIME, "tune", "revert"], env=self.environment, timeout=120)  # what was killed left its folder
+        before = recorded(self.results("s.ontime"))
+        found = self.searched("--resume", "--within", "12 s", goal=never_met, code=1)
+        self.assertEqual(found["end"], "no-time")
+        self.assertIn("--within", found["why"])
+        self.assertGreater(found["runs"], before)
+        numbers = search_kills.runs_of(pathlib.Path(self.results("s.ontime")))
+        self.assertEqual(numbers, list(range(1, len(numbers) + 1)))
+
+    @of_all
+    def test_two_machines_make_the_same_search(self):
+        # The load makes it take settings, and not end with the first trial.
+        text = (SCENARIO % "udp").replace("realtime: on", "load: {controller: {cpu: 2}, component: {cpu: 2}}")
+        found = [self.searched("--within", "30 s", goal="p50 < 1 us", name=name, text=text, code=1) for name in ("one.ontime", "two.ontime")]
+        for one in found:
+            del one["results"], one["page"]
+        self.assertEqual(found[0], found[1])
+        self.assertGreater(len(found[0]["trials"]), 1)
+        self.assertEqual(samples(self.results("one.ontime")), samples(self.results("two.ontime")))
 
     @of_all
     def test_two_cpus_in_turn_give_the_same_samples(self):

@@ -157,6 +157,14 @@ class Ssh(unittest.TestCase):
         self.assertEqual(answer.returncode, 0, answer.stderr)
         self.assertIn("are on one machine, which is reached in two ways", answer.stderr)
 
+    def test_a_search_looks_at_the_machine_behind_ssh_before_its_first_run(self):
+        command = ["ip", "netns", "exec", NEAR, ONTIME, "tune", "search", self.scenario(), "--goal", "p50 < 1 s",
+                   "--results", self.results, "--format", "json"]
+        answer = subprocess.run(command, capture_output=True, text=True, env=self.environment, timeout=180)
+        self.assertEqual(answer.returncode, 0, answer.stderr)
+        left_out = {one["key"]: one["why"] for one in json.loads(answer.stdout)["left_out"]}
+        self.assertIn("on the component, test-far has no interrupts", left_out["kernel.irq-cpus"])
+
     def test_words_reach_the_machine_as_they_are(self):
         odd = self.own / "it's a \"$HOME\" folder; exit 9"
         odd.mkdir()

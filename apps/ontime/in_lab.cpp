@@ -1,0 +1,212 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "in_lab.hpp"
+
+#include <algorithm>
+#include <filesystem>
+#include <string_view>
+
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+
+#include "flags.hpp"
+#include "journal/journal.hpp"
+#include "keeper/keeper.hpp"
+#include "lab/results.hpp"
+#include "record/copy.hpp"
+
+namespace ontime::app {
+namespace {
+
+namespace fs = std::filesystem;
+using campaign::Error;
+
+constexpr std::uint64_t least_memory_bytes = std::uint64_t{512} << 20U;  // that the kernel needs for itself
+constexpr const char* results_name = "results.ontime";
+
+bool is_of_kernel(std::string_view package) {
+  return package.starts_with("linux-image-") &&
+         package.find_first_not_of("abcdefghijklmnopqrstuvwxyz0123456789+.-") == package.npos;
+}
+
+fs::path brought_along(const std::string& path) {
+  if (!fs::exists(path)) throw Error(2, fmt::format("--with: {}: there is no such file or folder", path));
+  auto whole = fs::canonical(path);
+  if (whole == "/") throw Error(2, "--with: / is all of this machine: name what is wanted");
+  for (const auto* own : {"/dev", "/proc", "/run", "/sys", "/tmp"})
+    if ((whole.string() + '/').starts_with(std::string(own) + '/'))
+      throw Error(2,
+                  fmt::format("--with: {}: the lab's machine has a {} of its own, which would hide it: put "
+                              "it elsewhere",
+                              path, own));
+  return whole;
+}
+
+// Of its wire, where that is one that a NIC can have; 0: whatever they say.
+int speed_of(const campaign::Scenario& scenario) {
+  constexpr std::uint64_t mbit = 1'000'000;
+  const auto rate = scenario.hosts.wire.bits_per_s;
+  return rate == 10 * mbit || rate == 100 * mbit || rate == 1000 * mbit ? static_cast<int>(rate / mbit) : 0;
+}
+
+std::string words_of_speed(int mbit_per_s) {
+  return mbit_per_s == 0 ? "none" : fmt::format("{} Mbit/s", mbit_per_s);
+}
+
+// What is measured already, as the machine is to have it.
+lab::File brought(const record::Reader& reader, const fs::path& folder) {
+  const auto file = folder / results_name;
+  record::Writer copy(file.string());
+  for (const auto& run : reader.runs()) record::copy_run(reader, run, copy);
+  return {file, fs::path(lab::results_folder) / results_name};
+}
+
+}  // namespace
+
+void LabFlags::add(Command& command, const std::string& title) {
+  const auto add = [&](Option* option) {
+    if (!title.empty()) option->group(title);
+    options_.push_back(option);
+    return option;
+  };
+  add(command.add_option("--nic", machine_.nic, "emulated network card: e1000e, virtio or igb: e1000e"))
+      ->type_name("e1000e|virtio|igb")
+      ->check(given);
+  auto* deterministic =
+      add(command.add_flag("--deterministic", machine_.deterministic,
+                           "time is made of instructions, so that every run repeats exactly: the default"));
+  add(command.add_flag("--live", live_, "this machine's time, with all its disturbances"))
+      ->excludes(deterministic);
+  add(command.add_option("--cpus", cpus_, "number of CPUs: 1; with --live 2"))
+      ->type_name("N")
+      ->range(1, lab::most_cpus);
+  add(command.add_option("--kernel", machine_.kernel, "Debian's package: linux-image-rt-amd64"))
+      ->type_name("PACKAGE")
+      ->check(given);
+  add(command.add_option("--memory", memory_, "memory of the machine: 2 GiB"))
+      ->type_name("SIZE")
+      ->check(given);
+  add(command.add_option("--with", with_,
+                         "copy this file or folder to the same place in the machine; repeatable"))
+      ->allow_extra_args(false)
+      ->type_name("PATH")
+      ->check(given);
+}
+
+lab::Machine LabFlags::machine() const {
+  auto machine = machine_;
+  const auto nics = lab::nics();
+  if (std::find(nics.begin(), nics.end(), machine.nic) == nics.end())
+    throw Error(2, fmt::format("--nic: '{}' is not one of {}", machine.nic, fmt::join(nics, ", ")));
+  if (!is_of_kernel(machine.kernel))
+    throw Error(2, fmt::format("--kernel: '{}' is no package of a kernel, such as linux-image-rt-amd64",
+                               machine.kernel));
+  machine.deterministic = !live_;
+  machine.cpus = cpus_.value_or(live_ ? 2 : 1);
+  try {
+    if (!memory_.empty()) machine.memory_bytes = campaign::bytes_of(memory_);
+  } catch (const std::invalid_argument& error) {
+    throw Error(2, fmt::format("--memory: {}", error.what()));
+  }
+  if (machine.memory_bytes < least_memory_bytes)
+    throw Error(2, fmt::format("--memory: '{}' is too little: 512 MiB are the least", memory_));
+  for (const auto& path : with_) machine.with.push_back(brought_along(path));
+  return machine;
+}
+
+std::string LabFlags::first_given() const {
+  const auto found =
+      std::find_if(options_.begin(), options_.end(), [](const auto* option) { return option->count() > 0; });
+  return found == options_.end() ? "" : (*found)->name();
+}
+
+lab::Observer observer_of(Terminal& terminal, const campaign::Interrupts& interrupts) {
+  lab::Observer observer;
+  observer.note = [&](const std::string& text) { terminal.note(text); };
+  observer.says = [&](const std::string& line) { terminal.line(line); };
+  observer.waits = [&](std::chrono::seconds since, const std::optional<std::string>& line) {
+    terminal.waits(line ? fmt::format("({} here) {}", about(since), *line)
+                        : fmt::format("the lab's machine starts … {}", about(since)));
+  };
+  observer.interrupted = [&] { return interrupts > 0; };
+  return observer;
+}
+
+// Each scenario in a folder of its own, for two may have one name.
+InLab::InLab(lab::Machine machine, LabTask task) : machine_(std::move(machine)), task_(std::move(task)) {
+  for (const auto& scenario : campaign::read_scenarios(task_.scenarios, task_.choice.checked())) {
+    const auto& file = scenario.file;
+    if (scenario.hosts.kind != campaign::Hosts::Kind::namespaces)
+      throw Error(2, fmt::format("{}: the lab has two machines in one, and needs hosts: namespaces", file));
+    const auto speed = speed_of(scenario);
+    if (scenarios_.empty()) machine_.nic_mbit_per_s = speed;
+    if (speed != machine_.nic_mbit_per_s)
+      throw Error(2, fmt::format("{}: its wire asks for NICs of a speed ({}), and {}'s for another ({}): the "
+                                 "lab's have one for all, so run them one after the other",
+                                 file, words_of_speed(speed), scenarios_.front().here.string(),
+                                 words_of_speed(machine_.nic_mbit_per_s)));
+    scenarios_.push_back(
+        {file, fmt::format("/scenarios/{}/{}", scenarios_.size() + 1, fs::path(file).filename().string())});
+  }
+}
+
+std::vector<std::string> InLab::command() const {
+  auto words = task_.command;
+  const auto add = [&](const char* flag, const std::string& value) {
+    if (!value.empty()) words.insert(words.end(), {flag, value});
+  };
+  const auto& choice = task_.choice;
+  for (const auto& file : scenarios_) words.push_back(file.there.string());
+  add("--send-to", lab::outlet);
+  add("--cable", fmt::format("{},{}", lab::controller_nic, lab::component_nic));
+  add("--results", (fs::path(lab::results_folder) / results_name).string());
+  add("--only", fmt::format("{}", fmt::join(choice.selection.only, ",")));
+  add("--transports", fmt::format("{}", fmt::join(choice.selection.transports, ",")));
+  add("--duration", choice.duration);
+  if (choice.selection.explain) words.emplace_back("--explain");
+  if (task_.resume) words.emplace_back("--resume");
+  words.insert(words.end(), task_.more.begin(), task_.more.end());
+  return words;
+}
+
+LabEnd InLab::measure(record::Writer& writer, Terminal& terminal, const campaign::Interrupts& interrupts) {
+  const auto known = writer.reader().runs().size();
+  LabEnd end;
+  auto observer = observer_of(terminal, interrupts);
+  observer.says = [&](const std::string& line) { terminal.line(end.said = line); };
+  observer.sent = [&](const fs::path& sent) {
+    const record::Reader reader(sent.string());
+    for (const auto& run : reader.runs()) record::copy_run(reader, run, writer);
+  };
+  journal::revert_abandoned(keeper::kinds());
+  journal::Journal journal(keeper::kinds());
+  auto files = scenarios_;
+  if (known > 0) files.push_back(brought(writer.reader(), journal::add_directory(journal, "lab-results")));
+  try {
+    const auto outcome = lab::run(machine_, journal, command(), files, observer);
+    terminal.note(fmt::format("the lab's machine ran for {} of its time, which took {}", about(outcome.time),
+                              about(outcome.real)));
+    end.code = outcome.code;
+  } catch (const lab::Interrupted&) {
+    end.unfinished = "interrupted: the lab's machine is gone, and with it the run that it measured";
+    end.code = 130;
+  } catch (const lab::Error& error) {
+    if (writer.reader().runs().size() == known) throw;
+    end.unfinished = error.what();
+    end.code = 3;
+  }
+  if (!end.unfinished.empty()) terminal.note(end.unfinished);
+  return end;
+}
+
+void send_from_lab(record::Writer& writer, std::int64_t run, const std::string& to) {
+  const auto reader = writer.reader();
+  const auto alone = fmt::format("run-{}.ontime", run);
+  {
+    record::Writer copy(alone);
+    record::copy_run(reader, reader.runs(run).front(), copy);
+  }
+  lab::send(alone, to);
+  fs::remove(alone);
+}
+
+}  // namespace ontime::app

@@ -1,0 +1,81 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <algorithm>
+
+#include <fmt/format.h>
+
+#include "campaign/campaign.hpp"
+#include "campaign/machines.hpp"
+
+namespace ontime::campaign {
+
+struct Look::Parts {
+  Parts(const Scenario& scenario, Observer& observer, Interrupts& interrupts)
+      : run(scenario.runs.front()),
+        stated(scenario.hosts),
+        coordinator(interrupts),
+        machines(coordinator, observer) {
+    machines.prepare(scenario.hosts);
+  }
+  std::string why_no_latency() const {
+    for (const auto& [host, looked] : machines.look({}))
+      if (const std::string why = looked.at("cpu_latency"); !why.empty()) return of(host, why);
+    return "";
+  }
+  std::string why_not_of_kernel(const std::string& name, const settings::Wishes& wishes) const {
+    const auto& hosts = machines.hosts();
+    const auto table = settings::table();
+    const auto row =
+        std::find_if(table.begin(), table.end(), [&](const auto& one) { return one.name == name; });
+    if (row != table.end() && row->of_interface && hosts.kind == Hosts::Kind::loopback)
+      return "messages stay on loopback, which is no network card";
+    if (is_virtual() && name == "gro" && wishes.contains("threaded-napi"))
+      return "threaded-napi needs gro on with the namespaces' interfaces";
+    const auto looked = machines.look(wishes);
+    if (looked.size() < hosts.components.size() + 1)
+      return "the place of a host is not [ip, netns, exec, NAME], where a keeper can look";
+    for (const auto& [host, found] : looked) {
+      if (!found.at("is_root")) return of(host, "root alone can set it: run as root");
+      if (const std::string why = found.at("cannot"); why.starts_with(name + ": "))
+        return of(host, why.substr(name.size() + 2));
+    }
+    return "";
+  }
+  // The two are made for the run, and go with it.
+  bool is_virtual() const {
+    return machines.hosts().kind == Hosts::Kind::namespaces && stated.controller.interface.empty();
+  }
+  std::string of(const std::string& host, const std::string& why) const {
+    return machines.hosts().kind == Hosts::Kind::stated ? fmt::format("on the {}, {}", host, why) : why;
+  }
+
+  const Run run;
+  const Hosts stated;
+  orders::Coordinator coordinator;
+  Machines machines;
+};
+
+Look::Look(const Scenario& scenario, Observer& observer, Interrupts& interrupts)
+    : parts_(std::make_unique<Parts>(scenario, observer, interrupts)) {}
+Look::~Look() = default;
+
+std::string Look::why_not(const std::string& key, const std::string& value) const {
+  constexpr std::string_view of_kernel = "kernel.";
+  if (key == "realtime.cpu-latency") return parts_->why_no_latency();
+  if (!key.starts_with(of_kernel)) return "";
+  auto run = parts_->run;
+  for (const auto& one : keys())
+    if (one.path == key) one.set(run, value);
+  return parts_->why_not_of_kernel(key.substr(of_kernel.size()), run.kernel);
+}
+
+std::map<std::string, settings::Link> Look::links() const {
+  std::map<std::string, settings::Link> links;
+  const auto& hosts = parts_->machines.hosts();
+  if (hosts.kind == Hosts::Kind::loopback || parts_->is_virtual()) return links;
+  const bool is_stated = hosts.kind == Hosts::Kind::stated;  // else ours is the namespace
+  for (const auto& [host, looked] : parts_->machines.look({}))
+    links[host] = {looked.at("interface"), is_stated ? looked.at("network_namespace") : ""};
+  return links;
+}
+
+}  // namespace ontime::campaign

@@ -1,0 +1,144 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "search/measured.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+namespace ontime::search {
+namespace {
+
+constexpr double no_less_than = 0.7;  // of the reference's share: such a set is given up
+// By so much, squared and relative, runs are taken to differ before many are there.
+constexpr double prior_variation = 0.05, prior_freedoms = 2;
+
+Count sum(const Runs& runs, std::size_t limit) {
+  Count sum;
+  for (const auto* run : runs) {
+    sum.events += run->tallies[limit].events;
+    sum.messages += run->tallies[limit].messages;
+  }
+  return sum;
+}
+
+double per_run(const Runs& runs, const Runs& others = {}) {
+  return std::max(1.0, static_cast<double>(runs.size() + others.size()));
+}
+
+}  // namespace
+
+template <class Holds>
+bool Measured::all_limits(Holds holds) const {
+  for (std::size_t limit = 0; limit < limits(); ++limit)
+    if (!holds(limit)) return false;
+  return true;
+}
+
+// The mean of e-values is an e-value, however they depend on one another.
+template <class Of>
+double Measured::mean(Of of) const {
+  double sum = 0;
+  for (std::size_t limit = 0; limit < limits(); ++limit) sum += of(limit);
+  return sum / static_cast<double>(limits());
+}
+
+const Answer* Measured::add(const Set& set, Answer run) {
+  if (per_run_ == 0 && !run.tallies.empty()) per_run_ = run.tallies.front().messages;
+  return runs_[set].emplace_back(std::make_unique<Answer>(std::move(run))).get();
+}
+
+Runs Measured::of(const Set& set) const {
+  Runs runs;
+  if (const auto found = runs_.find(set); found != runs_.end())
+    for (const auto& run : found->second) runs.push_back(run.get());
+  return runs;
+}
+
+std::vector<Share> Measured::shares(const Runs& runs, double alpha) const {
+  std::vector<Share> shares;
+  for (std::size_t limit = 0; limit < limits(); ++limit) {
+    const auto seen = sum(runs, limit);
+    const auto range = range_of(effective(seen, limit, seen.events / per_run(runs)), alpha);
+    shares.push_back({range, seen.events, seen.messages});
+  }
+  return shares;
+}
+
+bool Measured::holds(const Runs& runs, double alpha) const {
+  return !runs.empty() && all_limits([&](std::size_t limit) {
+    return against_at_least(at_permitted(runs, limit), permitted(limit)) >= 1 / alpha;
+  });
+}
+
+bool Measured::fails(const Runs& runs, double alpha) const {
+  return mean([&](std::size_t limit) {
+           return against_at_most(at_permitted(runs, limit), permitted(limit));
+         }) >= 1 / alpha;
+}
+
+bool Measured::fewer(const Runs& one, const Runs& other, double alpha) const {
+  return mean([&](std::size_t limit) {
+           const auto mine = sum(one, limit), theirs = sum(other, limit);
+           const auto of_a_run = (mine.events + theirs.events) / per_run(one, other);
+           return less_than(effective(mine, limit, of_a_run), effective(theirs, limit, of_a_run));
+         }) >= 1 / alpha;
+}
+
+bool Measured::kept_to(const Runs& runs) const {
+  return all_limits([&](std::size_t limit) {
+    const auto [events, messages] = sum(runs, limit);
+    return events <= problem_.goal[limit].share * messages;
+  });
+}
+
+std::vector<Proof> Measured::proofs(const Runs& runs, double alpha) const {
+  std::vector<Proof> proofs;
+  for (std::size_t limit = 0; limit < limits(); ++limit)
+    proofs.push_back({upper_limit(at_permitted(runs, limit), alpha), permitted(limit)});
+  return proofs;
+}
+
+bool Measured::looks_no_less(const Runs& one, const Runs& other) const {
+  return all_limits([&](std::size_t limit) {
+    const auto mine = sum(one, limit), theirs = sum(other, limit);
+    return mine.events >= no_less_than * theirs.events * mine.messages / theirs.messages;
+  });
+}
+
+double Measured::permitted(std::size_t limit) const {
+  const auto share = problem_.goal[limit].share;
+  const auto burst = spread(limit).within;
+  return share > 0 ? share : burst / std::max(per_run_, 2 * burst);
+}
+
+Count Measured::at_permitted(const Runs& runs, std::size_t limit) const {
+  return effective(sum(runs, limit), limit, permitted(limit) * per_run_);
+}
+
+// By their design effect where so many messages of a run break the limit.
+Count Measured::effective(const Count& count, std::size_t limit, double of_a_run) const {
+  const auto [within, between] = spread(limit);
+  const auto effect = within + between * of_a_run;
+  return {count.events / effect, count.messages / effect};
+}
+
+Measured::Spread Measured::spread(std::size_t limit) const {
+  double weighted = 0, messages = 0, variation = prior_variation * prior_freedoms, freedoms = prior_freedoms;
+  for (const auto& [set, runs] : runs_)
+    for (const auto& run : runs) {
+      weighted += run->tallies[limit].effect * run->tallies[limit].messages;
+      messages += run->tallies[limit].messages;
+    }
+  const auto within = messages > 0 ? std::max(1.0, weighted / messages) : 1;
+  for (const auto& [set, runs] : runs_) {
+    const auto count = static_cast<double>(runs.size());
+    double events = 0, squares = 0;
+    for (const auto& run : runs) events += run->tallies[limit].events / count;
+    if (runs.size() < 2 || events < 2 * within) continue;
+    for (const auto& run : runs) squares += std::pow(run->tallies[limit].events / events - 1, 2);
+    variation += squares - (count - 1) * within / events;
+    freedoms += count - 1;
+  }
+  return {within, std::max(0.0, variation / freedoms)};
+}
+
+}  // namespace ontime::search

@@ -1,0 +1,58 @@
+// SPDX-License-Identifier: Apache-2.0
+// All runs of a search, set by set, and what they prove. Ordinary thread.
+#pragma once
+
+#include <map>
+#include <memory>
+#include <vector>
+
+#include "search/evidence.hpp"
+#include "search/search.hpp"
+
+namespace ontime::search {
+
+using Runs = std::vector<const Answer*>;
+
+// Runs are of one set each, which was measured: each has a tally for every limit of the goal.
+class Measured {
+ public:
+  explicit Measured(const Problem& problem) : problem_(problem) {}
+
+  const Answer* add(const Set&, Answer run);
+  Runs of(const Set&) const;
+  std::size_t limits() const { return problem_.goal.size(); }
+
+  // Each statement is wrong with probability `alpha` at most. The goal holds; it fails; fewer messages of one
+  // break a limit than of the other. A limit that permits nothing holds with fewer than one burst in a run.
+  bool holds(const Runs&, double alpha) const;
+  bool fails(const Runs&, double alpha) const;
+  bool fewer(const Runs& one, const Runs& other, double alpha) const;
+  std::vector<Share> shares(const Runs&, double alpha) const;
+  std::vector<Proof> proofs(const Runs&, double alpha) const;  // of runs by which the goal holds
+
+  // By what was seen, not by what is proven.
+  bool kept_to(const Runs&) const;  // no more messages broke a limit than the goal permits
+  bool looks_no_less(const Runs& one, const Runs& other) const;
+
+ private:
+  template <class Holds>
+  bool all_limits(Holds) const;
+  template <class Of>
+  double mean(Of) const;
+  double permitted(std::size_t limit) const;
+  Count at_permitted(const Runs&, std::size_t limit) const;
+  Count effective(const Count&, std::size_t limit, double of_a_run) const;
+
+  // How the messages that break a limit vary: within runs, so many times as much as independent ones; and,
+  // from run to run of one set, the share itself, squared and relative: by what was seen of all sets.
+  struct Spread {
+    double within = 1, between = 0;
+  };
+  Spread spread(std::size_t limit) const;
+
+  const Problem& problem_;
+  std::map<Set, std::vector<std::unique_ptr<Answer>>> runs_;
+  double per_run_ = 0;  // messages
+};
+
+}  // namespace ontime::search
