@@ -97,6 +97,11 @@ TEST_F(Neighbours, AreInNodesAndExecutorsWithRos2Alone) {
   EXPECT_THAT(error(with("callback: 1 ms", "ros2")), HasSubstr("neighbours.topics says how many"));
 }
 
+// Only its plug-in knows, and the agent asks it: tests/agent_test.cpp.
+TEST_F(Neighbours, AreNotRefusedOfATransportThatIsNotOntimes) {
+  EXPECT_EQ(error(with("topics: 1, where: same-node", "modest")), "no error");
+}
+
 TEST_F(Neighbours, HaveTopicsOfTheirOwnThatRosWouldTake) {
   EXPECT_EQ(roundtrip::neighbour_topic("/robot/arm/ping", 7), "/robot/arm/neighbour_7/ping");
   const std::string longest(240, 'x');
@@ -180,24 +185,12 @@ TEST(NeighboursAccount, AsksForNoMoreThanAreDueInItsTime) {
   EXPECT_FALSE(is_short(2s, 5s, 2));
 }
 
-TEST(NeighboursInAProcessOfTheirOwn, AreOrdinaryWhateverTheCriticalTopicIs) {
+TEST(NeighboursInAProcessOfTheirOwn, HaveNoRealtimeSettings) {
   agent::Task task;
-  task.transport = "ros2";
   task.realtime.on = task.count_instructions = true;
-  task.config.options = {{"rmw", "rmw_x"},    {"executor", "multi"}, {"allocator", "tlsf"},
-                         {"loaned", "on"},    {"node", "critical"},  {"intra-process", "on"},
-                         {"statistics", "on"}};
-  using Options = std::map<std::string, std::string>;
   const auto own = of_their_own(task);
   EXPECT_FALSE(own.realtime.on);
   EXPECT_FALSE(own.count_instructions);
-  EXPECT_EQ(own.config.options, (Options{{"rmw", "rmw_x"}, {"node", "critical"}, {"statistics", "off"}}));
-  task.config.receive = transport::Receive::waitset;
-  task.config.options = {{"executor", "wait"}};
-  EXPECT_EQ(of_their_own(task).config.options, (Options{{"executor", "wait"}, {"statistics", "off"}}));
-  task.transport = "fastdds";
-  task.config.options = {{"k", "v"}};
-  EXPECT_EQ(of_their_own(task).config.options, (Options{{"k", "v"}}));
 }
 
 // Of a search that is missed from a value on; returns what it tried.

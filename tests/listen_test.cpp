@@ -437,7 +437,7 @@ TEST(LibraryFile, ThatCannotBeReadIsRefusedWithTheReason) {
 }
 
 TEST(LibraryFile, FunctionThatIsNotThereHasNoPlace) {
-  EXPECT_FALSE(Library("/proc/self/exe").place("rmw_publish"));
+  EXPECT_FALSE(Library("/proc/self/exe").exit("rmw_publish"));
 }
 
 }  // namespace

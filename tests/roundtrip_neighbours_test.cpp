@@ -60,6 +60,7 @@ class Topics final : public Endpoint {
   static std::map<std::string, Topic> all;
   static std::vector<std::string> closed;  // by what they were called, as they went
   static std::string refused;              // the one that does not open
+  static bool all_background;              // that were opened, as they were asked for
 
   Topics(const Config& config, transport::Sink& sink)
       : name_(config.ping_topic),
@@ -67,6 +68,7 @@ class Topics final : public Endpoint {
         writes_(all[config.role == Role::client ? config.ping_topic : config.pong_topic]),
         sink_(sink) {
     if (name_ == refused) throw transport::Error("no more topics");
+    all_background = all_background && config.background;
   }
   ~Topics() override { closed.push_back(name_); }
 
@@ -93,6 +95,7 @@ class Topics final : public Endpoint {
 std::map<std::string, Topic> Topics::all;
 std::vector<std::string> Topics::closed;
 std::string Topics::refused;
+bool Topics::all_background = true;
 
 const transport::Plugin plugin{
     transport::abi,
@@ -117,6 +120,7 @@ class NeighboursInside : public testing::Test {
     Topics::all.clear();
     Topics::closed.clear();
     Topics::refused.clear();
+    Topics::all_background = true;
   }
   static Config config_of(Role role) {
     Config config;
@@ -153,6 +157,11 @@ TEST_F(NeighboursInside, PlacesOfNodesAreRefusedWhereATransportDeclaresNone) {
   };
   EXPECT_THROW(open_in(Where::own_executor), transport::WrongInput);
   EXPECT_NO_THROW(open_in(Where::other_process));
+}
+
+TEST_F(NeighboursInside, AreOpenedAsBackgroundInAProcessOfTheirOwnToo) {
+  const auto client = open(Role::client);
+  EXPECT_TRUE(Topics::all_background);
 }
 
 TEST_F(NeighboursInside, AreCountedAtBothEnds) {

@@ -513,12 +513,6 @@ TEST(CounterNames, AreAllOfThem) {
   EXPECT_EQ((counter_names.size() + 2) * sizeof(std::uint64_t), sizeof(Counters)) << "and two moments";
 }
 
-TEST(Words, ArePairs) {
-  for (const auto schedule : {Schedule::next_free, Schedule::fixed, Schedule::back_to_back})
-    EXPECT_EQ(schedule_of(word_of(schedule)), schedule);
-  EXPECT_FALSE(schedule_of("sometimes"));
-}
-
 TEST(Answers, AreNotedOnceThatIsAskedFor) {
   struct Answering final : transport::Endpoint {
     transport::Matched matched() override { return {1, 1}; }

@@ -12,6 +12,7 @@
 #include <gtest/gtest.h>
 
 #include "campaign/deploy.hpp"
+#include "table/table.hpp"
 
 namespace ontime::campaign {
 namespace {
@@ -23,7 +24,7 @@ using testing::HasSubstr;
 using testing::Not;
 
 std::string what_a_shell_makes_of(const std::vector<std::string>& words) {
-  const auto command = "printf '<%s>' " + quoted(words);
+  const auto command = "printf '<%s>' " + table::shell_line(words);
   const std::unique_ptr<FILE, int (*)(FILE*)> shell(popen(command.c_str(), "r"), pclose);
   std::array<char, 512> text{};
   const auto count = std::fread(text.data(), 1, text.size(), shell.get());
@@ -31,7 +32,7 @@ std::string what_a_shell_makes_of(const std::vector<std::string>& words) {
 }
 
 TEST(Ssh, WordsReachAShellUndividedAndUnchanged) {
-  EXPECT_EQ(quoted({"ip", "netns", "exec", "robot", "/usr/bin/ontime"}),
+  EXPECT_EQ(table::shell_line({"ip", "netns", "exec", "robot", "/usr/bin/ontime"}),
             "ip netns exec robot /usr/bin/ontime");
   EXPECT_EQ(what_a_shell_makes_of(
                 {"it's", "", "$HOME", "a b", "*", "~", "`id`", "x;exit 1", "\"", "a\nb", "\\", "ä"}),

@@ -15,6 +15,7 @@
 #include "flags.hpp"
 #include "machine/machine.hpp"
 #include "output.hpp"
+#include "table/table.hpp"
 #include "terminal.hpp"
 
 namespace ontime::app {
@@ -37,7 +38,7 @@ struct Place {
 
 // What a command prints, with its errors, and its exit code.
 std::pair<std::string, int> said_by(const std::vector<std::string>& words) {
-  const auto command = campaign::quoted(words) + " 2>&1 </dev/null";
+  const auto command = table::shell_line(words) + " 2>&1 </dev/null";
   auto* const pipe = ::popen(command.c_str(), "re");
   if (pipe == nullptr) throw Error(3, "this machine cannot start another process");
   std::string said;
@@ -56,7 +57,7 @@ constexpr const char* question =
 
 Place place_of(const std::string& host) {
   const auto [said, code] = said_by({"ssh", "-T", "-o", "BatchMode=yes", "-o", "ConnectTimeout=5", host,
-                                     campaign::quoted({"sh", "-c", question})});
+                                     table::shell_line({"sh", "-c", question})});
   const auto answer = said.find("ontime-init ");
   if (code != 0 || answer == said.npos)
     throw Error(3, fmt::format("{}: {}", host, campaign::reason_of(host, "sh", code, said)));
@@ -83,7 +84,7 @@ Place this_machine(const Place& other) {
 
 std::string line_of(const char* role, const Place& place) {
   auto line = fmt::format("  {}: {{", role);
-  if (!place.ssh.empty()) line += fmt::format("ssh: {}, ", campaign::quoted({place.ssh}));
+  if (!place.ssh.empty()) line += fmt::format("ssh: {}, ", table::shell_line({place.ssh}));
   return line + fmt::format("interface: {}, address: {}}}\n",
                             place.interface.empty() ? "NAME" : place.interface, place.address);
 }
@@ -153,7 +154,7 @@ int init(const InitArguments& arguments) {
       print_error(fmt::format("{}: no interface there has the address {}: replace NAME in {}", place->ssh,
                               place->address, file));
   }
-  print(fmt::format("{}: look at it, then: ontime run {}{}\n", file, campaign::quoted({file}),
+  print(fmt::format("{}: look at it, then: ontime run {}{}\n", file, table::shell_line({file}),
                     lacks_ontime ? " --deploy" : ""));
   return 0;
 }

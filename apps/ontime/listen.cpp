@@ -5,6 +5,7 @@
 #include <deque>
 #include <filesystem>
 #include <iterator>
+#include <map>
 #include <set>
 #include <tuple>
 
@@ -15,6 +16,7 @@
 #include "campaign/campaign.hpp"
 #include "commands.hpp"
 #include "flags.hpp"
+#include "metrics.hpp"
 #include "output.hpp"
 #include "report/report.hpp"
 #include "spelling/spelling.hpp"
@@ -31,7 +33,7 @@ constexpr auto look_for_list = 3s;
 
 struct ListenArguments {
   std::vector<std::string> topics;
-  std::string deadline, period, age, time, pcap, packets, output, format = "table";
+  std::string deadline, period, age, time, pcap, packets, output, metrics, format = "table";
   bool list = false, no_explain = false;
 };
 
@@ -178,15 +180,22 @@ class Listening {
     const auto& interrupts = catch_interrupts();
     const auto sensor = sensor_of(arguments_, limits_);
     const auto explainer = make_explainer();
+    const auto metrics = metrics_at(arguments_.metrics);
+    sensor->listen_for(0ms);  // finds the nodes
+    counted_from_ = std::chrono::system_clock::now();
     while (interrupts == 0 && (!time_ || std::chrono::steady_clock::now() - begin_ < *time_)) {
       const bool goes_on = sensor->listen_for(200ms);
       take(sensor->take_misses(), explainer.get());
+      if (metrics) {
+        metrics->set(metrics_of(wanted(sensor->findings()), late_by_cause_));
+        metrics->serve_for(20ms);
+      }
       if (!goes_on) break;
     }
     auto findings = sensor->findings();
     add_unseen(findings);
     const bool is_all_seen = unseen_.empty();
-    std::erase_if(findings.flows, [&](const auto& flow) { return !is_wanted(flow.topic); });
+    findings = wanted(std::move(findings));
     findings.misses_left_out += misses_left_out_;
     write(findings);
     output_.finish();
@@ -208,6 +217,11 @@ class Listening {
     return topics.empty() || std::find(topics.begin(), topics.end(), topic) != topics.end();
   }
 
+  listen::Findings wanted(listen::Findings findings) const {
+    std::erase_if(findings.flows, [&](const auto& flow) { return !is_wanted(flow.topic); });
+    return findings;
+  }
+
   // nullptr: no message can be late, or the probes do not see it, or this machine cannot; the last is said.
   std::unique_ptr<listen::Explainer> make_explainer() const {
     const bool in_processes = arguments_.packets.empty() && arguments_.pcap.empty();
@@ -225,6 +239,7 @@ class Listening {
     std::erase_if(misses, [&](const auto& miss) { return !is_wanted(miss.topic); });
     if (misses.empty() || arguments_.list) return;
     if (explainer != nullptr) explainer->explain(misses);
+    for (const auto& miss : misses) ++late_by_cause_[miss.why ? miss.why->cause : "not looked for"];
     if (!as_json_) return print(misses);
     std::move(misses.begin(), misses.end(), std::back_inserter(misses_));
     for (; misses_.size() > listen::most_misses; ++misses_left_out_) misses_.pop_front();
@@ -274,7 +289,10 @@ class Listening {
 
   void write(const listen::Findings& findings) {
     if (as_json_) {
-      ordered_json json{{"flows", ordered_json::array()},
+      const auto from_ns =
+          std::chrono::duration_cast<std::chrono::nanoseconds>(counted_from_.time_since_epoch()).count();
+      ordered_json json{{"counted_from_ns", arguments_.pcap.empty() ? ordered_json(from_ns) : ordered_json()},
+                        {"flows", ordered_json::array()},
                         {"misses", ordered_json::array()},
                         {"misses_left_out", findings.misses_left_out},
                         {"forgotten",
@@ -291,7 +309,8 @@ class Listening {
     if (findings.flows.empty()) output_.write("No message was seen.\n");
     for (const auto& flow : findings.flows)
       output_.write(arguments_.list ? way_of(flow) + "\n" : text_of(flow, is_judged_));
-    if (!arguments_.list && arguments_.pcap.empty()) output_.write(text_of_cost(findings.cost));
+    if (!arguments_.list && arguments_.pcap.empty())
+      output_.write(text_of_time() + text_of_cost(findings.cost));
     if (findings.sensor_lost > 0)
       print_error(fmt::format("the sensor lost {} events: no loss and no period is counted across them",
                               findings.sensor_lost));
@@ -328,17 +347,28 @@ class Listening {
                         {"publish_ns", cost->publish_ns},
                         {"takes", cost->takes},
                         {"take_ns", cost->take_ns},
+                        {"stepped", cost->stepped},
+                        {"step_ns", cost->step_ns},
                         {"cpu_share", share_of_cpu(cost->total_ns())}};
     return json;
   }
 
+  // What came before is in no number.
+  std::string text_of_time() const {
+    const std::chrono::duration<double> time = std::chrono::system_clock::now() - counted_from_;
+    return fmt::format(
+        "counted  from {:%T} on, for {:.1f} s; of a node that starts later, from 1 s after its start at the latest\n",
+        fmt::localtime(std::chrono::system_clock::to_time_t(counted_from_)), time.count());
+  }
+
   std::string text_of_cost(const std::optional<listen::Cost>& cost) const {
-    auto text = fmt::format("cost  ontime {:.1f} % of one CPU", 100 * own_share_of_cpu());
+    auto text = fmt::format("cost     ontime {:.1f} % of one CPU", 100 * own_share_of_cpu());
     if (cost)
-      text += fmt::format(
-          "; probes in the nodes {:.1f} %: {} publishes of {:.1f} µs, {} takes of {:.1f} µs, at most",
-          100 * share_of_cpu(cost->total_ns()), cost->publishes, cost->publish_ns / 1e3, cost->takes,
-          cost->take_ns / 1e3);
+      text += fmt::format("; probes in the nodes {:.1f} %: {} publishes of {:.1f} µs, {} takes of {:.1f} µs",
+                          100 * share_of_cpu(cost->total_ns()), cost->publishes, cost->publish_ns / 1e3,
+                          cost->takes, cost->take_ns / 1e3);
+    if (cost && cost->stepped > 0)
+      text += fmt::format("; {} of them {:.1f} µs longer", cost->stepped, cost->step_ns / 1e3);
     return text + "\n";
   }
 
@@ -350,6 +380,8 @@ class Listening {
   std::optional<std::chrono::nanoseconds> time_;
   const bool as_json_;
   Output output_;
+  std::chrono::system_clock::time_point counted_from_;
+  std::map<std::string, std::uint64_t> late_by_cause_;
   std::deque<listen::Miss> misses_;
   std::uint64_t misses_left_out_ = 0;  // of `misses_`
 };
@@ -381,6 +413,7 @@ void add_listen(Command& app, Action& action) {
       ->excludes(packets);
   add_format(*command, arguments->format);
   add_output(*command, arguments->output);
+  add_metrics(*command, arguments->metrics);
   command->callback([&action, arguments] { action = [arguments] { return Listening(*arguments).run(); }; });
 }
 

@@ -14,12 +14,12 @@
 #include <fmt/ranges.h>
 #include <unistd.h>
 
-#include "campaign/ssh.hpp"
 #include "flags.hpp"
 #include "output.hpp"
 #include "report/explained.hpp"
 #include "results_page.hpp"
 #include "spelling/spelling.hpp"
+#include "table/table.hpp"
 
 namespace ontime::app {
 namespace {
@@ -151,7 +151,7 @@ std::string to_go_on(const std::string& results, bool named, bool resumes) {
   auto words = command_line().get<std::vector<std::string>>();
   if (!named) words.insert(words.end(), {"--results", results});
   if (!resumes) words.emplace_back("--resume");
-  return "to go on: " + campaign::quoted(words);
+  return "to go on: " + table::shell_line(words);
 }
 
 int show_measured(const Measured& measured, report::Format format, bool full, const GateFlags& flags,

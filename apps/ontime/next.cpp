@@ -7,9 +7,9 @@
 #include <fmt/format.h>
 #include <unistd.h>
 
-#include "campaign/ssh.hpp"
 #include "commands.hpp"
 #include "fitness/fitness.hpp"
+#include "table/table.hpp"
 #include "terminal.hpp"
 #include "transport/transport.hpp"
 
@@ -53,7 +53,7 @@ int show_next() {
     text += fmt::format("  {:<42}  {}\n", command, what);
   };
   if (const auto results = newest_results(); !results.empty())
-    add("ontime report " + campaign::quoted({results}), "the newest results in this folder");
+    add("ontime report " + table::shell_line({results}), "the newest results in this folder");
   if (transports.empty())
     add("ls ../lib/ontime", "no transport is installed: install ontime anew");
   else

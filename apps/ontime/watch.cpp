@@ -12,6 +12,7 @@
 #include "campaign/campaign.hpp"
 #include "commands.hpp"
 #include "flags.hpp"
+#include "metrics.hpp"
 #include "terminal.hpp"
 
 namespace ontime::app {
@@ -22,19 +23,6 @@ using namespace std::chrono_literals;
 struct WatchArguments {
   std::string results, format = "table", metrics;
 };
-
-std::unique_ptr<watch::Metrics> metrics_at(const std::string& address) {
-  if (address.empty()) return nullptr;
-  try {
-    auto metrics = std::make_unique<watch::Metrics>(address);
-    print_error(fmt::format("metrics are at http://{}/metrics", metrics->address()));
-    return metrics;
-  } catch (const std::invalid_argument& error) {
-    throw campaign::Error(2, fmt::format("--metrics: {}", error.what()));
-  } catch (const std::runtime_error& error) {
-    throw campaign::Error(3, fmt::format("--metrics: {}", error.what()));
-  }
-}
 
 // Each time in the place of the last; where it goes to no terminal, the last alone.
 class Screen {
@@ -84,11 +72,7 @@ void add_watch(Command& app, Action& action) {
   command->add_option("RESULTS", arguments->results, "the results file that it goes into")->required();
   command->add_option("--format", arguments->format, "table, or json: an object a second: table")
       ->type_name("FORMAT");
-  command
-      ->add_option("--metrics", arguments->metrics,
-                   "offer Prometheus the same over HTTP; of a PORT alone on loopback")
-      ->type_name("[ADDR:]PORT")
-      ->check(given);
+  add_metrics(*command, arguments->metrics);
   command->callback([&action, arguments] { action = [arguments] { return follow(*arguments); }; });
 }
 

@@ -13,7 +13,6 @@
 #include <fmt/ranges.h>
 
 #include "campaign/deploy.hpp"
-#include "campaign/traffic.hpp"
 #include "keeper/keeper.hpp"
 #include "machine/machine.hpp"
 
@@ -24,17 +23,7 @@ using nlohmann::json;
 
 using Clock = std::chrono::steady_clock;
 
-constexpr const char* controller = "controller";
 constexpr std::chrono::seconds silent_wait{5};
-
-// Where an end lives, by the name that `ip netns` has for it; nothing: somewhere else.
-std::optional<std::string> network_namespace(const Host& host) {
-  const auto& place = host.place;
-  if (place.empty()) return "";
-  const std::vector<std::string> exec = {"ip", "netns", "exec"};
-  if (place.size() != exec.size() + 1 || !std::equal(exec.begin(), exec.end(), place.begin())) return {};
-  return place.back();
-}
 
 Host host_of(const json& from) {
   return {{}, {}, from.at("place"), {}, from.at("interface"), from.at("address"), from.at("port")};
@@ -70,46 +59,6 @@ std::vector<std::string> names_of(const std::vector<Hosts::Component>& component
   return names;
 }
 
-// How a machine is reached, by which it is told from others.
-std::vector<std::string> way_to(const Host& host) {
-  auto words = host.reach;
-  words.insert(words.begin(), host.ssh);
-  return words;
-}
-
-// As the keepers call what is made for a host, and what is made at the controller for one component alone.
-std::string name_of(const std::string& host) {
-  auto name = host;
-  std::replace(name.begin(), name.end(), '_', '-');
-  return name;
-}
-std::string name_at_controller(const std::string& component) {
-  return fmt::format("{}-{}", controller, name_of(component));
-}
-
-// What tells an interface from others.
-std::vector<std::string> interface_of(const Host& host) {
-  auto words = way_to(host);
-  words.insert(words.end(), host.place.begin(), host.place.end());
-  words.push_back(host.interface);
-  return words;
-}
-
-bool has_traffic(const Together& runs) {
-  return std::any_of(runs.begin(), runs.end(), [](const Run& run) { return run.traffic.bits_per_s > 0; });
-}
-
-// Of what goes over one interface; it is the same of all that have any.
-std::vector<int> traffic_ports_of(const Together& runs) {
-  for (const auto& run : runs)
-    if (auto ports = ports_of(run.traffic); !ports.empty()) return ports;
-  return {};
-}
-bool all_by_ip(const Together& runs) {
-  return std::none_of(runs.begin(), runs.end(),
-                      [](const Run& run) { return is_below_ip(run.task.transport); });
-}
-
 // What keeps machines from being ready, to be told at once.
 class Problems {
  public:
@@ -134,6 +83,20 @@ class Problems {
 };
 
 }  // namespace
+
+std::optional<std::string> network_namespace(const Host& host) {
+  const auto& place = host.place;
+  if (place.empty()) return "";
+  const std::vector<std::string> exec = {"ip", "netns", "exec"};
+  if (place.size() != exec.size() + 1 || !std::equal(exec.begin(), exec.end(), place.begin())) return {};
+  return place.back();
+}
+
+std::vector<std::string> way_to(const Host& host) {
+  auto words = host.reach;
+  words.insert(words.begin(), host.ssh);
+  return words;
+}
 
 Machines::Machines(orders::Coordinator& coordinator, Observer& observer)
     : coordinator_(coordinator), observer_(observer) {}
@@ -286,300 +249,6 @@ std::vector<std::string> Machines::from_who_serves() const {
 bool Machines::lost() const {
   return std::any_of(machines_.begin(), machines_.end(),
                      [](const auto& entry) { return entry.second.keeper->lost(); });
-}
-
-void Machines::warn(const Together& runs) {
-  for (const auto& run : runs) {
-    const auto text = settings::warning(run.kernel, application_priority(run));
-    if (!text.empty() && warned_.insert(text).second) observer_.note("kernel: " + text);
-  }
-}
-
-json Machines::link_of(const std::string& host) const {
-  const auto& where = hosts_.at(host);
-  const auto peer = host == controller ? without_port(hosts_.components.front().host.address) : "";
-  return {{"interface", where.interface},
-          {"network_namespace", network_namespace(where).value_or("")},
-          {"peer", peer},
-          {"address", without_port(where.address)}};
-}
-
-std::map<std::string, json> Machines::look(const settings::Wishes& wishes) const {
-  std::map<std::string, json> looked;
-  for (const auto& [reach, machine] : machines_)
-    for (const auto& host : machine.hosts)
-      if (network_namespace(hosts_.at(host)))
-        looked[host] = ask(machine, "look", "looked", {{"link", link_of(host)}, {"wishes", wishes}});
-  return looked;
-}
-
-std::vector<std::string> Machines::tune(const Together& runs) {
-  const auto& run = runs.front();  // it is of machines, and the same for all
-  std::vector<std::string> shared;
-  if (run.kernel.empty() && !run.isolation.any()) return shared;
-  warn(runs);
-  tuned_ = true;
-  // A command of any kind may have traffic run where our groups do not reach, as in a container.
-  const bool needs_namespace =
-      !run.kernel.empty() || run.isolation.interrupts || (run.isolation.limits() && has_traffic(runs));
-  for (auto& [reach, machine] : machines_)
-    for (const auto& host : machine.hosts) {
-      if (needs_namespace && !network_namespace(hosts_.at(host)))
-        throw Error(2,
-                    "kernel.*, isolation.interrupts, and isolation.load-* with traffic: a place other than "
-                    "[ip, netns, exec, NAME] is not where a keeper can look");
-      const auto link = link_of(host);
-      if (run.isolation.any())
-        if (auto text = isolate(machine, host, run, link); !text.empty()) shared.push_back(std::move(text));
-      if (run.kernel.empty()) continue;
-      const auto tuned =
-          ask(machine, "tune", "tuned", {{"host", host}, {"link", link}, {"wishes", run.kernel}});
-      if (tuned.contains("error")) {
-        const auto text = fmt::format("on the {}, {}", host, tuned.at("error").get<std::string>());
-        if (tuned.contains("refused")) throw Refused(text, tuned.at("refused"));
-        throw Error(3, text);
-      }
-    }
-  return shared;
-}
-
-std::string Machines::isolate(const Machine& machine, const std::string& host, const Run& run,
-                              const json& link) {
-  const auto isolated = ask(machine, "isolate", "isolated",
-                            {{"host", host}, {"link", link}, {"wish", keeper::to_json(run.isolation)}});
-  if (isolated.contains("error"))
-    throw Error(3, fmt::format("on the {}, {}", host, isolated.at("error").get<std::string>()));
-  const std::string stay = isolated.at("stay");
-  if (stay.empty()) return "";
-  auto text = fmt::format(
-      "isolation: on the {}, others may run on CPUs {} all the same, as they were given CPUs of their own: "
-      "{}",
-      host, run.isolation.cpus, stay);
-  if (warned_.insert(host + run.isolation.cpus).second) observer_.note(text);
-  return text;
-}
-
-void Machines::keep(const std::string& host, pid_t process) const {
-  const auto kept = ask(machine_of(host), "keep", "kept", {{"pid", process}});
-  if (kept.contains("error"))
-    throw Error(3, fmt::format("on the {}, {}", host, kept.at("error").get<std::string>()));
-}
-
-void Machines::restore() {
-  if (!std::exchange(tuned_, false)) return;
-  give_back("restore", "restored");
-}
-
-void Machines::check(const Run& run) {
-  const auto fail = [&](const std::string& what) {
-    throw Error(3, fmt::format("{}: run '{}': {}", run.where, run.id, what));
-  };
-  if (hosts_.kind == Hosts::Kind::loopback)
-    fail(
-        "link.*: on loopback there is no link whose faults would be these two ends' alone: say hosts: "
-        "namespaces, "
-        "as root");
-  for (const auto& name : from_who_serves()) {
-    const auto& host = hosts_.at(name);
-    if (host.interface.empty()) fail("link.*: which link? Each of the hosts needs its interface");
-    if (!network_namespace(host))
-      fail("link.*: a place other than [ip, netns, exec, NAME] could not be given back as it was");
-  }
-  if (run.task.config.launch_ns > 0 && has_ports())
-    fail(
-        "launch-time: behind the controller's bridge there is one interface for several components: have "
-        "one");
-  for (auto& [reach, machine] : machines_)
-    if (const auto answer = ask(machine, "check", "checked", {{"faults", keeper::to_json(run.faults)}});
-        answer.contains("error"))
-      fail(answer.at("error"));
-}
-
-bool Machines::has_ports() const {
-  return std::any_of(hosts_.components.begin(), hosts_.components.end(),
-                     [](const auto& component) { return !component.host.port.empty(); });
-}
-
-// Each component's, and the controller's: behind a bridge the link of each component by its port, where what
-// is sent is told apart by the whole. Two that are one interface are one end.
-std::vector<Machines::LinkEnd> Machines::ends_of_links(const Together& runs) const {
-  std::map<std::vector<std::string>, Together> sharing;
-  for (const auto& run : runs) sharing[interface_of(hosts_.at(run.component))].push_back(run);
-  std::vector<LinkEnd> ends;
-  for (const auto& run : runs) {
-    const auto& host = hosts_.at(run.component);
-    if (const auto& all = sharing.at(interface_of(host)); all.front().component == run.component)
-      ends.push_back({run.component, name_of(run.component), host.interface, run.faults, run.cut,
-                      run.component, traffic_ports_of(all), all_by_ip(all), has_traffic(all)});
-    if (!host.port.empty())
-      ends.push_back({controller, name_at_controller(run.component), host.port, run.faults.without_marks(),
-                      run.cut, run.component});
-  }
-  const auto& common = runs.front();
-  LinkEnd whole{controller,       controller, hosts_.controller.interface, common.faults,
-                common.cut,       "",         traffic_ports_of(runs),      all_by_ip(runs),
-                has_traffic(runs)};
-  if (has_ports()) {
-    whole.faults = common.faults.marks();
-    whole.cut = {};
-  }
-  ends.push_back(std::move(whole));
-  return ends;
-}
-
-// With faults, or with traffic, beside which the messages are to be counted.
-void Machines::link(const LinkEnd& end) {
-  const auto netns = network_namespace(hosts_.at(end.host));
-  const bool counts = end.by_ip && !end.traffic_ports.empty();
-  if (!end.faults.any() && (!counts || end.interface.empty() || !netns)) return;
-  const auto answer = ask(machine_of(end.host), "link", "linked",
-                          {{"host", end.name},
-                           {"network_namespace", netns.value_or("")},
-                           {"interface", end.interface},
-                           {"faults", keeper::to_json(end.faults)},
-                           {"traffic_ports", end.traffic_ports},
-                           {"by_ip", end.by_ip}});
-  // Without faults it can be done without: the record says that nothing is proved then.
-  if (end.faults.any() && answer.contains("error")) throw Error(3, answer.at("error"));
-}
-
-void Machines::cut(WasCut told) {
-  was_cut_ = std::move(told);
-  for (const auto& end : links_) {
-    if (!end.cut) continue;
-    const auto after = std::chrono::duration_cast<std::chrono::milliseconds>(end.cut->at);
-    ask(machine_of(end.host), "cut", "cutting",
-        {{"host", end.name}, {"after_ms", after.count()}, {"for_ms", end.cut->length.count()}});
-  }
-}
-
-std::vector<std::string> Machines::load(const Together& runs) {
-  loaded_ = true;
-  load_given_ = json::object();
-  std::vector<std::string> scaled;
-  const auto have = [this](const std::string& host, const char* order, const char* event, const json& what) {
-    auto answer = ask(machine_of(host), order, event, what);
-    if (answer.contains("error"))
-      throw Error(3, fmt::format("on the {}, {}", host, answer.at("error").get<std::string>()));
-    return answer;
-  };
-  const auto load_on = [&](const std::string& host, const background::Workers& workers) {
-    if (!workers.any()) return;
-    const auto loaded = have(host, "load", "loaded", {{"host", host}, {"load", keeper::to_json(workers)}});
-    load_given_[host] = loaded.at("given");
-    const std::string text = loaded.at("scaled");
-    if (text.empty()) return;
-    scaled.push_back(fmt::format("on the {}, {}", host, text));
-    if (warned_.insert(scaled.back()).second) observer_.note(scaled.back());
-  };
-  load_on(controller, runs.front().controller_load);
-  if (hosts_.kind == Hosts::Kind::alone) return scaled;
-  for (const auto& run : runs) load_on(run.component, run.component_load);
-  for (const auto& run : runs)
-    for (const std::string& host : {run.component, std::string(controller)})
-      for (const auto& way : ways_of(run.traffic))
-        have(host, "traffic", "flowing",
-             {{"host", host == controller ? name_at_controller(run.component) : name_of(host)},
-              {"way", way},
-              {"stream", keeper::to_json(stream_of(run, way, host, hosts_))}});
-  // Only then: iperf3 begins with a datagram that it does not send again.
-  links_ = ends_of_links(runs);
-  for (const auto& end : links_) link(end);
-  return scaled;
-}
-
-void Machines::trace(WindowCame came) {
-  window_came_ = std::move(came);
-  std::string refused;
-  bool any = false;
-  traced_ = json::object();
-  for (auto& [reach, machine] : machines_) {
-    const auto& host = machine.hosts.front();
-    auto answer = ask(machine, "trace", "tracing");
-    answer.erase("event");
-    if (answer.contains("error"))
-      refused = fmt::format("explain: on the {}'s machine: {}", host, answer.at("error").get<std::string>());
-    else
-      any = true;
-    traced_[host] = std::move(answer);
-  }
-  if (!any) throw Error(3, refused);
-  if (!refused.empty()) observer_.note(refused);
-}
-
-std::vector<std::string> Machines::traced(const std::string& component) const {
-  std::vector<std::string> hosts = {controller};
-  if (hosts_.kind != Hosts::Kind::alone)
-    if (const auto& first = machine_of(component).hosts.front(); first != controller) hosts.push_back(first);
-  std::erase_if(hosts, [this](const auto& host) { return traced_.at(host).contains("error"); });
-  return hosts;
-}
-
-json Machines::how_traced(const std::string& component) const {
-  json all = {{controller, traced_.at(controller)}};
-  if (hosts_.kind != Hosts::Kind::alone)
-    if (const auto& first = machine_of(component).hosts.front(); first != controller)
-      all["component"] = traced_.at(first);
-  return all;
-}
-
-void Machines::cut_out(const std::string& host, const std::vector<trace::Span>& spans) {
-  auto asked = json::array();
-  for (const auto& span : spans) asked.push_back({span.message, span.from_ns, span.to_ns});
-  machine_of(host).keeper->order("cut-out", {{"spans", std::move(asked)}});
-}
-
-void Machines::unload() {
-  if (!std::exchange(loaded_, false)) return;
-  was_cut_ = nullptr;
-  links_.clear();
-  window_came_ = nullptr;
-  give_back("unload", "unloaded");
-}
-
-void Machines::begin() {
-  for (auto& [reach, machine] : machines_) ask(machine, "begin", "begun");
-}
-
-Machines::Account Machines::end() {
-  Account account;
-  json links = json::object(), traffic = json::object();
-  for (auto& [reach, machine] : machines_) {
-    const auto ended = ask(machine, "end", "ended");
-    for (const auto& host : machine.hosts) {
-      account.conditions[host] = ended.at("conditions");
-      account.load[host] = load_given_.value(host, json());
-      if (const auto& sizes = ended.at("hdd_file_bytes"); sizes.contains(host))
-        account.load[host]["hdd_file_bytes"] = sizes.at(host);
-      account.load_running[host] = ended.at("load_running").value(host, json());
-      account.kernel[host] = ended.at("kernel").value(host, json());
-      account.isolation[host] = ended.at("isolation").value(host, json());
-      account.machine[host] = ended.at("machine");
-    }
-    links.update(ended.at("links"));
-    traffic.update(ended.at("traffic"));
-  }
-  account_of(links, traffic, account);
-  return account;
-}
-
-// What keepers say of the ends of links and of traffic, by their names, becomes each component's.
-void Machines::account_of(const json& links, const json& traffic, Account& account) const {
-  if (hosts_.kind == Hosts::Kind::alone) return;
-  for (const auto& [component, host] : hosts_.components) {
-    const auto first = std::find_if(
-        hosts_.components.begin(), hosts_.components.end(),
-        [&, &own = host](const auto& other) { return interface_of(other.host) == interface_of(own); });
-    auto at_controller = links.value(controller, json::object());
-    at_controller.update(links.value(name_at_controller(component), json::object()));
-    account.links[component] = {{controller, at_controller},
-                                {"component", links.value(name_of(first->name), json::object())}};
-    for (const auto& end : links_)
-      if (end.has_traffic && (end.component.empty() || end.component == first->name))
-        account.with_traffic[component].insert(end.component.empty() ? controller : "component");
-    account.traffic[component] = {{controller, traffic.value(name_at_controller(component), json::object())},
-                                  {"component", traffic.value(name_of(component), json::object())}};
-  }
 }
 
 void Machines::close() { give_back("close", "closed"); }

@@ -142,6 +142,12 @@ class Machines {
   std::map<std::vector<std::string>, Machine> machines_;  // by how they are reached
 };
 
+inline constexpr const char* controller = "controller";
+// Where an end lives, by the name that `ip netns` has for it; nothing: somewhere else.
+std::optional<std::string> network_namespace(const Host&);
+// How a machine is reached, by which it is told from others.
+std::vector<std::string> way_to(const Host&);
+
 // Longer than anything takes on a machine under full load; only a hang lasts so long.
 inline constexpr std::chrono::seconds patience{120};
 

@@ -49,14 +49,6 @@ std::string missing(const json& counted) {
 agent::Task of_their_own(agent::Task task) {
   task.realtime = {};
   task.count_instructions = false;
-  if (task.transport != "ros2") return task;
-  // As those have it that are within the process (options_beside() of the transport).
-  const bool waits = task.config.receive == transport::Receive::waitset;
-  std::erase_if(task.config.options, [&](const auto& option) {
-    const auto& name = option.first;
-    return name != "rmw" && name != "node" && !(waits && name == "executor");
-  });
-  task.config.options["statistics"] = "off";
   return task;
 }
 

@@ -8,6 +8,8 @@
 
 #include <fmt/format.h>
 
+#include "table/table.hpp"
+
 namespace ontime::campaign {
 namespace {
 
@@ -83,22 +85,6 @@ std::string reason_of_failed_ssh(const std::string& destination, const std::stri
 
 }  // namespace
 
-std::string quoted(const std::vector<std::string>& words) {
-  constexpr const char* plain = "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789_-./:,+@";
-  std::string text;
-  for (const auto& word : words) {
-    if (!text.empty()) text += ' ';
-    if (!word.empty() && word.find_first_not_of(plain) == word.npos) {
-      text += word;
-      continue;
-    }
-    text += '\'';
-    for (const char c : word) text += c == '\'' ? std::string("'\\''") : std::string(1, c);
-    text += '\'';
-  }
-  return text;
-}
-
 std::string reason_of(const std::string& destination, const std::string& program, int code,
                       const std::string& said) {
   if (code == no_ssh_here)
@@ -156,7 +142,7 @@ std::vector<std::string> Ssh::command(const char* local_script, const char* shar
         "ClearAllForwardings=yes", "ForwardAgent=no", "ForwardX11=no", "ConnectTimeout=20",
         "ServerAliveInterval=5", "ServerAliveCountMax=2"})
     words.insert(words.end(), {"-o", option});
-  words.insert(words.end(), {"--", destination_, quoted(there)});
+  words.insert(words.end(), {"--", destination_, table::shell_line(there)});
   return words;
 }
 

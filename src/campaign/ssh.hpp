@@ -48,7 +48,4 @@ std::string reason_of(const std::string& destination, const std::string& program
 // know. "" where that link is another than the one under test.
 std::string note_of_ssh_link(const std::string& host, const nlohmann::json& link);
 
-// The words as a POSIX shell is told them.
-std::string quoted(const std::vector<std::string>& words);
-
 }  // namespace ontime::campaign

@@ -3,6 +3,8 @@
 
 #include <fmt/format.h>
 
+#include "transport/shipped.hpp"
+
 namespace ontime::explain {
 namespace {
 
@@ -17,6 +19,8 @@ bool shares_callbacks(const record::Run& run, const std::string& end) {
   const auto& transport = is_component ? run.asked.component_transport : task.transport;
   const auto& options = is_component ? run.asked.component_options : task.config.options;
   const auto executor = options.find("executor");
+  const auto* const own = transport::shipped(transport);
+  const bool ours = task.config.receive == transport::Receive::waitset;  // a thread for each topic
   switch (neighbours.where) {
     case Where::same_callback_group:
       return true;
@@ -24,9 +28,9 @@ bool shares_callbacks(const record::Run& run, const std::string& end) {
     case Where::same_executor:
       return executor == options.end() || executor->second != "multi";
     case Where::same_participant:
-      return task.config.receive != transport::Receive::waitset && transport != "ros2";
+      return !ours && (own == nullptr || !own->can.nodes);
     case Where::same_process:
-      return task.config.receive != transport::Receive::waitset && transport == "cyclonedds";
+      return !ours && own != nullptr && own->can.shares_threads;
     default:
       return false;
   }

@@ -2,6 +2,7 @@
 #include <algorithm>
 #include <bit>
 #include <cmath>
+#include <numeric>
 
 #include "listen/listen.hpp"
 
@@ -32,6 +33,23 @@ void Distribution::add(std::int64_t ns) {
   ++buckets_[bucket];
   ++count_;
   max_ = std::max(max_, value);
+  sum_ += static_cast<double>(value);
+}
+
+void Distribution::add(const Distribution& other) {
+  buckets_.resize(std::max(buckets_.size(), other.buckets_.size()));
+  for (std::size_t i = 0; i < other.buckets_.size(); ++i) buckets_[i] += other.buckets_[i];
+  count_ += other.count_;
+  max_ = std::max(max_, other.max_);
+  sum_ += other.sum_;
+}
+
+std::uint64_t Distribution::count_up_to(std::int64_t ns) const {
+  if (ns < 0) return 0;
+  if (ns >= max_) return count_;
+  const auto end = std::min(bucket_of(static_cast<std::uint64_t>(ns)) + 1, buckets_.size());
+  return std::accumulate(buckets_.begin(), buckets_.begin() + static_cast<std::ptrdiff_t>(end),
+                         std::uint64_t{0});
 }
 
 std::int64_t Distribution::quantile_ns(double portion) const {

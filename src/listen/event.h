@@ -15,7 +15,43 @@ enum ontime_event_kind {
 };
 
 /* Calls that met a probe, by CPU; the key of a map. */
-enum ontime_call { ontime_publish_calls, ontime_take_calls, ontime_calls };
+enum ontime_call { ontime_publish_calls, ontime_take_calls, ontime_stepped_calls, ontime_calls };
+
+/* Registers, in four bits each: a probe's cookie says which of them hold the arguments of a call. A number is one more
+ * than that of the register's 64 bits in pt_regs. */
+enum ontime_register {
+  ontime_no_register,
+#ifdef __aarch64__
+  ontime_argument_1,
+  ontime_argument_2,
+  ontime_argument_3,
+  ontime_argument_4
+#else
+  ontime_r15,
+  ontime_r14,
+  ontime_r13,
+  ontime_r12,
+  ontime_rbp,
+  ontime_rbx,
+  ontime_r11,
+  ontime_r10,
+  ontime_r9,
+  ontime_r8,
+  ontime_rax,
+  ontime_argument_4, /* rcx */
+  ontime_argument_3, /* rdx */
+  ontime_argument_2, /* rsi */
+  ontime_argument_1  /* rdi */
+#endif
+};
+/* In a cookie: where the registers' numbers are, of the endpoint, of rmw's `bool* taken`, and of where the call writes
+ * what is read at its return; and whether the kernel steps over an instruction under the call's probes. */
+enum {
+  ontime_cookie_endpoint = 0,
+  ontime_cookie_taken = 4,
+  ontime_cookie_info = 8,
+  ontime_cookie_is_stepped = 1 << 12
+};
 
 struct ontime_event {
   __u32 kind;
@@ -27,7 +63,7 @@ struct ontime_event {
   __u32 process;
   __u32 thread;
   __u32 cpu;
-  __u32 reserved;
+  __u32 is_handle; /* `endpoint` is a DDS handle, which has 32 bits */
 };
 
 struct ontime_name_event {

@@ -36,11 +36,15 @@ std::string reason(int error) { return std::generic_category().message(error); }
 
 using Link = std::unique_ptr<bpf_link, int (*)(bpf_link*)>;
 
-// A probe to be set: which program, at which function, when it returns or not.
+// A function to be probed: which program at its calls and which at its return (nullptr: none), and which of
+// its arguments they need (none: the function has no such).
+constexpr std::size_t none = SIZE_MAX;
 struct Wish {
   const char* function;
-  bpf_program* program;
-  bool on_return = false;
+  bpf_program *on_call, *on_return = nullptr;
+  struct {
+    std::size_t endpoint = 0, taken = none, info = none;
+  } arguments{};
 };
 
 class InProcesses final : public Sensor {
@@ -56,9 +60,10 @@ class InProcesses final : public Sensor {
               ? "listen: the kernel refuses probes to this user. Run it by sudo (a kernel in lockdown "
                 "refuses "
                 "anyway: /sys/kernel/security/lockdown)"
-              : fmt::format("listen: the kernel cannot load the probes: {}. It needs Linux 5.8 or newer with "
-                            "CONFIG_BPF_EVENTS and CONFIG_UPROBES. Packets can be judged without: --pcap",
-                            reason(error)));
+              : fmt::format(
+                    "listen: the kernel cannot load the probes: {}. It needs Linux 5.15 or newer with "
+                    "CONFIG_BPF_EVENTS and CONFIG_UPROBES. Packets can be judged without: --pcap",
+                    reason(error)));
     }
     ring_.reset(ring_buffer__new(
         bpf_map__fd(probes_->maps.events),
@@ -134,8 +139,10 @@ class InProcesses final : public Sensor {
     const auto now = calls();
     return Cost{.publishes = now[ontime_publish_calls] - counted_before_[ontime_publish_calls],
                 .takes = now[ontime_take_calls] - counted_before_[ontime_take_calls],
-                .publish_ns = costs_->publish_ns + (is_publish_stepped_ ? costs_->step_ns : 0),
-                .take_ns = costs_->take_ns + (is_take_stepped_ ? costs_->step_ns : 0)};
+                .stepped = now[ontime_stepped_calls] - counted_before_[ontime_stepped_calls],
+                .publish_ns = costs_->publish_ns,
+                .take_ns = costs_->take_ns,
+                .step_ns = costs_->step_ns};
   }
 
   void follow(const Processes::Change& change, std::int64_t now_ns) {
@@ -169,50 +176,42 @@ class InProcesses final : public Sensor {
       finder = is_unnamed(finder->first) ? std::next(finder) : finders_.erase(finder);
   }
 
-  void probe_rmw(const Process& process, const Mapping& library) {
-    // A probe sits in the file below an overlay, which other containers have too.
+  // Of all processes at once: the kernel would switch the events of a single one with each of its threads,
+  // which costs more than the probes. But a probe sits in the file below an overlay, which other containers
+  // have too.
+  void probe(const Process& process, const Mapping& library, const std::vector<Wish>& wishes) {
     if (library.is_on_overlay)
-      set_rmw(library, static_cast<pid_t>(process.id), of_process_[process.id].links);
-    else if (!everywhere_.contains(library.file) && set_rmw(library, -1, shared_))
+      set(library, static_cast<pid_t>(process.id), of_process_[process.id].links, wishes);
+    else if (!everywhere_.contains(library.file) && set(library, -1, shared_, wishes))
       everywhere_.insert(library.file);
   }
 
-  bool set_rmw(const Mapping& library, pid_t process, std::vector<Link>& links) {
+  void probe_rmw(const Process& process, const Mapping& library) {
     const auto& programs = probes_->progs;
-    return set(library, process, links,
-               {{"rmw_publish", programs.rmw_publish},
-                {"rmw_publish_serialized_message", programs.rmw_publish},
-                {"rmw_publish_loaned_message", programs.rmw_publish},
-                {"rmw_take", programs.rmw_take},
-                {"rmw_take", programs.rmw_taken, true},
-                {"rmw_take_serialized_message", programs.rmw_take},
-                {"rmw_take_serialized_message", programs.rmw_taken, true},
-                {"rmw_take_with_info", programs.rmw_take_with_info},
-                {"rmw_take_with_info", programs.rmw_taken, true},
-                {"rmw_take_serialized_message_with_info", programs.rmw_take_with_info},
-                {"rmw_take_serialized_message_with_info", programs.rmw_taken, true},
-                {"rmw_take_loaned_message_with_info", programs.rmw_take_with_info},
-                {"rmw_take_loaned_message_with_info", programs.rmw_taken, true}});
+    const auto publish = [&](const char* function) { return Wish{function, programs.rmw_publish}; };
+    const auto take = [&](const char* function, std::size_t info) {
+      return Wish{function, programs.rmw_take, programs.rmw_taken, {.taken = 2, .info = info}};
+    };
+    probe(process, library,
+          {publish("rmw_publish"), publish("rmw_publish_serialized_message"),
+           publish("rmw_publish_loaned_message"), take("rmw_take", none),
+           take("rmw_take_serialized_message", none), take("rmw_take_with_info", 3),
+           take("rmw_take_serialized_message_with_info", 3), take("rmw_take_loaned_message_with_info", 3)});
   }
 
   void probe_one(const Process& process, const Mapping& library) {
     const auto& programs = probes_->progs;
     auto& own = of_process_[process.id];
     own.library = library;
-    set(library, static_cast<pid_t>(process.id), own.links,
-        {{"dds_write", programs.dds_write},
-         {"dds_write_ts", programs.dds_write},
-         {"dds_writecdr", programs.dds_write},
-         {"dds_take", programs.dds_take},
-         {"dds_take", programs.dds_taken, true},
-         {"dds_take_mask", programs.dds_take},
-         {"dds_take_mask", programs.dds_taken, true},
-         {"dds_take_wl", programs.dds_take},
-         {"dds_take_wl", programs.dds_taken, true},
-         {"dds_take_next", programs.dds_take},
-         {"dds_take_next", programs.dds_taken, true},
-         {"dds_takecdr", programs.dds_takecdr},
-         {"dds_takecdr", programs.dds_taken, true}});
+    const auto write = [&](const char* function) { return Wish{function, programs.dds_write}; };
+    // dds_take(reader, samples, info, …), dds_takecdr(reader, samples, most, info, …)
+    const auto take = [&](const char* function, std::size_t info) {
+      return Wish{function, programs.dds_take, programs.dds_taken, {.info = info}};
+    };
+    probe(
+        process, library,
+        {write("dds_write"), write("dds_write_ts"), write("dds_writecdr"), take("dds_take", 2),
+         take("dds_take_mask", 2), take("dds_take_wl", 2), take("dds_take_next", 2), take("dds_takecdr", 3)});
     try {
       own.offset_of_name = Library(library.path).offset_of_topic_name();
     } catch (const Error&) {
@@ -246,29 +245,52 @@ class InProcesses final : public Sensor {
     return std::chrono::nanoseconds(std::chrono::steady_clock::now().time_since_epoch()).count();
   }
 
+  static std::uint64_t cookie_of(const Wish& wish, const Registers& registers, bool is_cheap) {
+    std::uint64_t cookie = is_cheap ? 0 : ontime_cookie_is_stepped;
+    const auto add = [&](std::size_t argument, unsigned shift) {
+      if (argument != none) cookie |= std::uint64_t{registers[argument]} << shift;
+    };
+    add(wish.arguments.endpoint, ontime_cookie_endpoint);
+    add(wish.arguments.taken, ontime_cookie_taken);
+    add(wish.arguments.info, ontime_cookie_info);
+    return cookie;
+  }
+
   bool set(const Mapping& mapping, pid_t process, std::vector<Link>& links, const std::vector<Wish>& wishes) {
     try {
       std::vector<Link> own;
       const Library library(mapping.path);
-      std::set<std::string> costly;
-      for (const auto& wish : wishes) {
-        const auto place = library.place(wish.function);
-        if (!place) continue;
+      const auto attach = [&](bpf_program* program, const Place& place, bool on_return,
+                              std::uint64_t cookie) {
         bpf_uprobe_opts options{};
         options.sz = sizeof options;
-        options.retprobe = wish.on_return;
-        auto* const link = bpf_program__attach_uprobe_opts(wish.program, process, mapping.path.c_str(),
-                                                           place->offset, &options);
-        if (link == nullptr) throw Error(fmt::format("a probe at {}: {}", wish.function, reason(errno)));
+        options.retprobe = on_return;
+        options.bpf_cookie = cookie;
+        auto* const link =
+            bpf_program__attach_uprobe_opts(program, process, mapping.path.c_str(), place.offset, &options);
+        if (link == nullptr) throw Error(reason(errno));
         own.emplace_back(link, bpf_link__destroy);
-        if (place->is_cheap || wish.on_return) continue;  // a return is never stepped over
-        costly.insert(wish.function);
-        const std::string_view function = wish.function;
-        is_take_stepped_ |= function.find("take") != function.npos;
-        is_publish_stepped_ |= function.find("publish") != function.npos || function.starts_with("dds_write");
+      };
+      std::set<std::string> costly;
+      std::set<std::uint64_t> exits;  // that functions share
+      for (const auto& wish : wishes) {
+        std::vector<std::size_t> arguments;
+        for (const auto argument : {wish.arguments.endpoint, wish.arguments.taken, wish.arguments.info})
+          if (argument != none) arguments.push_back(argument);
+        const auto entry = library.entry(wish.function, arguments);
+        if (!entry) continue;
+        bool is_cheap = entry->is_cheap;
+        // The return first: a call that is under way when probes are set has no entry, and is left out.
+        if (wish.on_return != nullptr) {
+          const auto exit = library.exit(wish.function);
+          is_cheap &= exit->is_cheap;
+          if (exits.insert(exit->offset).second) attach(wish.on_return, *exit, true, 0);
+        }
+        attach(wish.on_call, *entry, false, cookie_of(wish, entry->registers, is_cheap));
+        if (!is_cheap) costly.insert(wish.function);
       }
       if (!costly.empty())
-        remark(fmt::format("{}: a call of {} costs about 10 µs more while it is judged, any other 1 µs",
+        remark(fmt::format("{}: no cheap place for a probe in {}: each call costs some 10 µs more",
                            mapping.name, fmt::join(costly, ", ")));
       std::move(own.begin(), own.end(), std::back_inserter(links));
       return true;
@@ -290,8 +312,10 @@ class InProcesses final : public Sensor {
       return name(event, text.empty() ? text_at(event.process, event.stamp_ns) : text);
     }
     if (event.kind == ontime_found) return found(event);
-    const bool is_handle = event.endpoint >> 32U == 0;
-    if (is_handle) find_name(event);
+    if (event.is_handle != 0) {
+      if (ros_.contains(event.process)) return;  // its rmw told of the message
+      find_name(event);
+    }
     Observation seen{
         .kind = event.kind == ontime_published ? Observation::Kind::published : Observation::Kind::taken,
         .after_loss = event.lost > lost_,
@@ -319,10 +343,9 @@ class InProcesses final : public Sensor {
     const auto& programs = probes_->progs;
     probing_.begin();
     set(own->second.library, static_cast<pid_t>(event.process), finders_[event.process],
-        {{"dds_entity_pin", programs.dds_entity_pin},
-         {"dds_entity_pin", programs.dds_entity_found, true},
-         {"dds_entity_lock", programs.dds_entity_lock},
-         {"dds_entity_lock", programs.dds_entity_found, true}});
+        // dds_entity_pin(handle, entity**), dds_entity_lock(handle, kind, entity**)
+        {{"dds_entity_pin", programs.dds_entity_find, programs.dds_entity_found, {.info = 1}},
+         {"dds_entity_lock", programs.dds_entity_find, programs.dds_entity_found, {.info = 2}}});
     probing_.end();
   }
 
@@ -393,7 +416,6 @@ class InProcesses final : public Sensor {
   std::optional<ProbeCosts> costs_;
   Probing probing_;
   Calls counted_before_{};
-  bool is_publish_stepped_ = false, is_take_stepped_ = false;  // of any library
   std::vector<Link> shared_;
   std::set<std::pair<std::uint64_t, std::uint64_t>> everywhere_;  // files with probes for all processes
   std::map<std::uint32_t, OfProcess> of_process_;

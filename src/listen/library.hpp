@@ -4,16 +4,19 @@
 
 #include <cstdint>
 #include <optional>
+#include <span>
 #include <string>
 #include <vector>
 
+#include "listen/code.hpp"
+
 namespace ontime::listen {
 
-// Where to set a probe, as an offset in the file. The kernel emulates the instruction of a cheap place (0.6
-// µs a hit) and single-steps any other (10 µs).
+// Where to set a probe, as an offset in the file.
 struct Place {
   std::uint64_t offset = 0;
-  bool is_cheap = false;
+  bool is_cheap = false;  // the kernel emulates the instruction there
+  Registers registers;    // of an entry: where the arguments that were asked for are
 };
 
 class Library {
@@ -21,21 +24,21 @@ class Library {
   // Reads the file's symbols; throws Error when it is not a 64-bit ELF file of this machine's architecture.
   explicit Library(const std::string& path);
 
-  // The first cheap place that every call passes once, with its first four arguments still in their registers
-  // and its return address on top of the stack; without one, or where not all
-  // jumps of the function are known, its first byte, as on other architectures than x86-64. Empty: the
+  // Of a function: a place for a probe on its calls, and one for a probe on its return (code.hpp). Empty: the
   // library does not export the function.
-  std::optional<Place> place(const std::string& function) const;
-  // Cyclone DDS: where a topic's structure holds the pointer to its name, which is the size of an entity too;
-  // found in the code of dds_get_name(). Empty: this library's code has another form.
+  std::optional<Place> entry(const std::string& function, std::span<const std::size_t> arguments) const;
+  std::optional<Place> exit(const std::string& function) const;
+  // Of Cyclone DDS (code.hpp).
   std::optional<std::uint64_t> offset_of_topic_name() const;
 
  private:
   struct Function {
     std::string name;
     std::uint64_t address = 0, offset = 0;
-    std::vector<std::uint8_t> code;
-    bool is_whole = false;  // code is all of it
+    std::vector<std::uint8_t> bytes;
+    bool is_whole = false;           // these are all of it
+    std::uint64_t cheap_callee = 0;  // offset in the file of exit_of()'s, where it begins cheaply
+    Code code() const { return {bytes, address, is_whole}; }
   };
   const Function* find(const std::string& function) const;
   std::vector<Function> functions_;  // only those that a sensor may ask for

@@ -39,7 +39,10 @@ struct Limits {
 class Distribution {
  public:
   void add(std::int64_t ns);  // below zero counts as zero
+  void add(const Distribution&);
   std::uint64_t count() const { return count_; }
+  std::uint64_t count_up_to(std::int64_t ns) const;  // within 1.6 % of this value
+  double sum_ns() const { return sum_; }
   std::int64_t max_ns() const { return max_; }
   std::int64_t quantile_ns(double portion) const;  // 0 … 1; of no values 0
 
@@ -47,6 +50,7 @@ class Distribution {
   std::vector<std::uint32_t> buckets_;  // grows to what the largest value needs
   std::uint64_t count_ = 0;
   std::int64_t max_ = 0;
+  double sum_ = 0;
 };
 
 // One end of a topic.
@@ -109,12 +113,15 @@ struct Miss {
 
 inline constexpr std::size_t most_misses = 1000;  // that wait for take_misses(), the latest of all
 
-// What the probes cost the nodes, at most: calls that met one, and how much longer each took.
+// What the probes cost the nodes: calls that met one, and how much longer each takes for a thread that just
+// woke, as measured on this machine when listening began.
 struct Cost {
   std::uint64_t publishes = 0, takes = 0;
-  double publish_ns = 0, take_ns = 0;  // as measured on this machine, as listening began
+  std::uint64_t stepped = 0;  // of both: the kernel had to step over an instruction, which takes longer
+  double publish_ns = 0, take_ns = 0, step_ns = 0;
   double total_ns() const {
-    return static_cast<double>(publishes) * publish_ns + static_cast<double>(takes) * take_ns;
+    return static_cast<double>(publishes) * publish_ns + static_cast<double>(takes) * take_ns +
+           static_cast<double>(stepped) * step_ns;
   }
 };
 

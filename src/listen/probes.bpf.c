@@ -27,9 +27,14 @@ struct {
   __type(value, __u64);
 } counts SEC(".maps");
 
-static __always_inline void count(__u32 call) {
+static __always_inline void count_one(__u32 call) {
   __u64* const calls = bpf_map_lookup_elem(&counts, &call);
   if (calls) ++*calls;
+}
+
+static __always_inline void count(__u32 call, __u64 cookie) {
+  count_one(call);
+  if (cookie & ontime_cookie_is_stepped) count_one(ontime_stepped_calls);
 }
 
 struct endpoint {
@@ -52,9 +57,9 @@ struct call {
   __u64 info;   // rmw_message_info_t*, dds_sample_info_t*, or where the entity's address will be
 };
 struct {
-  __uint(type, BPF_MAP_TYPE_LRU_HASH);
-  __uint(max_entries, 16384);
-  __type(key, __u64);
+  __uint(type, BPF_MAP_TYPE_TASK_STORAGE);
+  __uint(map_flags, BPF_F_NO_PREALLOC);
+  __type(key, int);
   __type(value, struct call);
 } calls SEC(".maps"), finds SEC(".maps");
 
@@ -65,6 +70,7 @@ static __always_inline void fill(struct ontime_event* event, __u32 kind, __u64 e
   event->lost = lost;
   event->at_ns = bpf_ktime_get_ns();
   event->endpoint = endpoint;
+  event->is_handle = endpoint >> 32 == 0;
   event->process = who >> 32;
   event->thread = (__u32)who;
   event->cpu = bpf_get_smp_processor_id();
@@ -97,46 +103,54 @@ static __always_inline void name(__u64 endpoint) {
   bpf_ringbuf_submit(event, BPF_RB_NO_WAKEUP);
 }
 
-static __always_inline int published(__u64 endpoint) {
-  count(ontime_publish_calls);
+// Of a register that the cookie names.
+static __always_inline __u64 value(const struct pt_regs* regs, __u64 cookie, __u32 shift) {
+  const __u64 which = cookie >> shift & 15;
+  __u64 value = 0;
+  if (which != ontime_no_register) bpf_probe_read_kernel(&value, sizeof value, (const __u64*)regs + which - 1);
+  return value;
+}
+
+static __always_inline int published(__u64 endpoint, __u64 cookie) {
+  count(ontime_publish_calls, cookie);
   struct ontime_event* const event = begin(ontime_published, endpoint);
   if (event) bpf_ringbuf_submit(event, BPF_RB_NO_WAKEUP);
   return 0;
 }
 
-static __always_inline int enter(void* under_way, __u64 endpoint, __u64 taken, __u64 info) {
-  const __u64 thread = bpf_get_current_pid_tgid();
-  const struct call call = {.endpoint = endpoint, .taken = taken, .info = info};
-  bpf_map_update_elem(under_way, &thread, &call, BPF_ANY);
+// Notes what a call was given, in the registers that the probe's cookie names. A DDS handle has 32 bits.
+static __always_inline int enter(void* under_way, struct pt_regs* regs, __u64 cookie, __u64 endpoint_bits) {
+  struct call* const call =
+      bpf_task_storage_get(under_way, bpf_get_current_task_btf(), 0, BPF_LOCAL_STORAGE_GET_F_CREATE);
+  if (!call) return 0;
+  call->endpoint = value(regs, cookie, ontime_cookie_endpoint) & endpoint_bits;
+  call->taken = value(regs, cookie, ontime_cookie_taken);
+  call->info = value(regs, cookie, ontime_cookie_info);
   return 0;
 }
 
-static __always_inline int begin_take(__u64 endpoint, __u64 taken, __u64 info) {
-  count(ontime_take_calls);
-  return enter(&calls, endpoint, taken, info);
-}
+static const __u64 pointer = ~0ULL, handle = 0xffffffff;
 
 static __always_inline int leave(void* under_way, struct call* call) {
-  const __u64 thread = bpf_get_current_pid_tgid();
-  const struct call* const found = bpf_map_lookup_elem(under_way, &thread);
-  if (!found) return 0;  // entered before there was a probe
+  struct call* const found = bpf_task_storage_get(under_way, bpf_get_current_task_btf(), 0, 0);
+  if (!found || !found->endpoint) return 0;  // entered before there was a probe
   *call = *found;
-  bpf_map_delete_elem(under_way, &thread);
+  found->endpoint = 0;
   return 1;
 }
 
 SEC("uprobe")
 int rmw_publish(struct pt_regs* regs) {
-  name(PT_REGS_PARM1(regs));
-  return published(PT_REGS_PARM1(regs));
+  const __u64 cookie = bpf_get_attach_cookie(regs), endpoint = value(regs, cookie, ontime_cookie_endpoint);
+  name(endpoint);
+  return published(endpoint, cookie);
 }
 
 SEC("uprobe")
-int rmw_take(struct pt_regs* regs) { return begin_take(PT_REGS_PARM1(regs), PT_REGS_PARM3(regs), 0); }
-
-SEC("uprobe")
-int rmw_take_with_info(struct pt_regs* regs) {
-  return begin_take(PT_REGS_PARM1(regs), PT_REGS_PARM3(regs), PT_REGS_PARM4(regs));
+int rmw_take(struct pt_regs* regs) {
+  const __u64 cookie = bpf_get_attach_cookie(regs);
+  count(ontime_take_calls, cookie);
+  return enter(&calls, regs, cookie, pointer);
 }
 
 SEC("uretprobe")
@@ -157,15 +171,17 @@ int rmw_taken(struct pt_regs* regs) {
 }
 
 SEC("uprobe")
-int dds_write(struct pt_regs* regs) { return published((__u32)PT_REGS_PARM1(regs)); }
+int dds_write(struct pt_regs* regs) {
+  const __u64 cookie = bpf_get_attach_cookie(regs);
+  return published(value(regs, cookie, ontime_cookie_endpoint) & handle, cookie);
+}
 
-// dds_take(reader, samples, info, …)
 SEC("uprobe")
-int dds_take(struct pt_regs* regs) { return begin_take((__u32)PT_REGS_PARM1(regs), 0, PT_REGS_PARM3(regs)); }
-
-// dds_takecdr(reader, samples, most, info, …)
-SEC("uprobe")
-int dds_takecdr(struct pt_regs* regs) { return begin_take((__u32)PT_REGS_PARM1(regs), 0, PT_REGS_PARM4(regs)); }
+int dds_take(struct pt_regs* regs) {
+  const __u64 cookie = bpf_get_attach_cookie(regs);
+  count(ontime_take_calls, cookie);
+  return enter(&calls, regs, cookie, handle);
+}
 
 // dds_sample_info_t, the same since 0.1: it has 64 bytes.
 struct sample_info {
@@ -196,17 +212,9 @@ int dds_taken(struct pt_regs* regs) {
   return 0;
 }
 
-// dds_entity_pin(handle, entity**) and dds_entity_lock(handle, kind, entity**): where an endpoint's entity is.
-// Both run within the calls above.
+// Where an endpoint's entity is: calls within those above.
 SEC("uprobe")
-int dds_entity_pin(struct pt_regs* regs) {
-  return enter(&finds, (__u32)PT_REGS_PARM1(regs), 0, PT_REGS_PARM2(regs));
-}
-
-SEC("uprobe")
-int dds_entity_lock(struct pt_regs* regs) {
-  return enter(&finds, (__u32)PT_REGS_PARM1(regs), 0, PT_REGS_PARM3(regs));
-}
+int dds_entity_find(struct pt_regs* regs) { return enter(&finds, regs, bpf_get_attach_cookie(regs), handle); }
 
 SEC("uretprobe")
 int dds_entity_found(struct pt_regs* regs) {

@@ -148,13 +148,12 @@ Table worst_of(const std::vector<Shown>& group) {
     const auto& worst = summary->shape.worst;
     for (std::size_t i = 0; i < std::min(most, worst.size()); ++i) {
       const auto& message = worst[i].message;
-      const auto us = [](std::int64_t ns) { return microseconds(static_cast<double>(ns)); };
-      table.rows.push_back(
-          {label, fmt::format("{}", message.index),
-           fmt::format("{:.3f}",
-                       (static_cast<double>(message.due_ns) - static_cast<double>(summary->start_ns)) / 1e9),
-           us(worst[i].took_ns), us(roundtrip::wake_up_latency_ns(message)),
-           us(message.sent_ns - message.woke_ns), us(message.received_ns - message.sent_ns)});
+      table.rows.push_back({label, fmt::format("{}", message.index),
+                            fmt::format("{:.3f}", seconds_into(*summary, message.due_ns)),
+                            microseconds(worst[i].took_ns),
+                            microseconds(roundtrip::wake_up_latency_ns(message)),
+                            microseconds(message.sent_ns - message.woke_ns),
+                            microseconds(message.received_ns - message.sent_ns)});
     }
   }
   return table;
@@ -172,8 +171,7 @@ Table parts_of(const std::vector<Shown>& group) {
   table.columns.push_back({"response"});
   const auto cell = [](const statistics::Distribution& of) {
     if (of.count == 0) return std::string(nothing);
-    const auto us = [](std::int64_t ns) { return microseconds(static_cast<double>(ns)); };
-    return percentile(of, Figure::p50) + " / " + percentile(of, Figure::p99) + " / " + us(of.max);
+    return percentile(of, Figure::p50) + " / " + percentile(of, Figure::p99) + " / " + microseconds(of.max);
   };
   for (const auto& [summary, label] : group) {
     std::vector<std::string> row = {label, cell(summary->wake_up)};
@@ -198,12 +196,11 @@ std::string details(const std::string& summary, const std::string& content, bool
 
 std::string time_figure(const Shown& run, std::size_t figure) {
   const auto& of = run.summary->round_trip;
-  const auto us = [](std::int64_t ns) { return microseconds(static_cast<double>(ns)); };
   auto text = fmt::format("{} messages, {} late, {} lost", grouped(run.summary->sent),
                           grouped(run.summary->late), grouped(run.summary->lost));
   if (of.count > 0)
-    text +=
-        fmt::format("; round trips of {} to {} µs, median {}", us(of.min), us(of.max), us(of[Figure::p50]));
+    text += fmt::format("; round trips of {} to {} µs, median {}", microseconds(of.min), microseconds(of.max),
+                        microseconds(of[Figure::p50]));
   auto html = fmt::format(
       "<figure class=\"time\" id=\"run-{0}\" data-figure-of=\"{0}\">\n<figcaption "
       "id=\"caption-{0}\"><b>{1}</b> <span>{2}</span></figcaption>\n</figure>\n",

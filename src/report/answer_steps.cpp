@@ -17,28 +17,12 @@ namespace {
 using nlohmann::json;
 using statistics::Summary;
 
-// As a shell takes it for one word. Nothing of what a terminal might show as another: a results file may come
-// from any source, and its commands are to be pasted.
-std::optional<std::string> shell_word(const std::string& text) {
-  if (printable(text) != text) return std::nullopt;
-  const bool plain = !text.empty() && text.front() != '-' && text.front() != '=' &&
-                     text.find_first_not_of(
-                         "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789"
-                         "_./:,@%+=-") == std::string::npos;
-  const bool flag =
-      text.starts_with("--") && text.find_first_not_of("-abcdefghijklmnopqrstuvwxyz") == text.npos;
-  if (plain || flag) return text;
-  return "'" + replace_all(text, "'", "'\\''") + "'";
-}
-
+// Nothing of what a terminal might show as another: a results file may come from any source, and its commands
+// are to be pasted.
 std::optional<std::string> shell_line(const std::vector<std::string>& words) {
-  std::string line;
-  for (const auto& word : words) {
-    const auto quoted = shell_word(word);
-    if (!quoted) return std::nullopt;
-    line += (line.empty() ? "" : " ") + *quoted;
-  }
-  return line;
+  for (const auto& word : words)
+    if (printable(word) != word) return std::nullopt;
+  return table::shell_line(words);
 }
 
 bool is_simulated(const Summary& run) {

@@ -97,7 +97,7 @@ ordered_json json_of(const std::optional<Bound>& of) {
   if (!of) return nullptr;
   const bool peaks = of->tail.family == statistics::Tail::Family::peaks;
   return {{"allowed", of->refused.empty()},
-          {"refused", of->refused.empty() ? ordered_json() : ordered_json(of->refused)},
+          {"refused", or_null(of->refused)},
           {"level_us", in_us(of->level)},
           {"level_low_us", in_us(of->level_lies.low)},
           {"level_high_us", in_us(of->level_lies.high)},
@@ -112,7 +112,7 @@ ordered_json json_of(const std::optional<Bound>& of) {
 
 ordered_json json_of(const Extremes& of) {
   const auto tested = [&](double p) { return of.maxima || of.peaks ? ordered_json(p) : ordered_json(); };
-  return {{"refused", of.refused.empty() ? ordered_json() : ordered_json(of.refused)},
+  return {{"refused", or_null(of.refused)},
           {"exceedance", tested(of.exceedance)},
           {"answers_for_1e-6", tested(of.answers_for_a_million)},
           {"extremal_index", of.index},
@@ -221,7 +221,7 @@ Table worst_case_table(const std::vector<std::string>& labels, const Group& runs
     const auto fit = [](const std::optional<Bound>& bound) {
       return bound ? p_value(bound->fit_p) : nothing;
     };
-    table.rows.push_back({labels[i], microseconds(static_cast<double>(runs[i]->round_trip.max)),
+    table.rows.push_back({labels[i], microseconds(runs[i]->round_trip.max),
                           fmt::format("{:.0f}", 1 / of.exceedance), level(of.maxima), fit(of.maxima),
                           level(of.peaks), fit(of.peaks), of.maxima ? p_value(of.trend_p) : nothing});
     if (of.exceedance > one_in_a_million)
@@ -255,7 +255,7 @@ ordered_json json_of(const Certainty& of) {
     entry = {{"low", in_us(measured.sure.low)},
              {"high", in_us(measured.sure.high)},
              {"supported", measured.sure.low && measured.sure.high},
-             {"open", *measured.open != '\0' ? ordered_json(measured.open) : ordered_json()}};
+             {"open", or_null(measured.open)}};
     if (figure != Figure::mean) entry["effect"] = measured.effect;
   };
   add(Figure::mean);

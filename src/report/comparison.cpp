@@ -172,15 +172,14 @@ Table imported_table_of(const Pair& pair) {
               {},
               {}};
   const auto value = [](const statistics::Summary& run, std::int64_t ns) {
-    return (run.imported->is_lower_bound(ns) ? "≥" : "") + microseconds(static_cast<double>(ns));
+    return (run.imported->is_lower_bound(ns) ? "≥" : "") + microseconds(ns);
   };
   const auto& from = *pair.from.front();
   const auto& to = *pair.to.front();
   for (const auto& row : statistics::percentiles)
     table.rows.push_back(
         {row.name, value(from, from.wake_up[row.figure]), value(to, to.wake_up[row.figure])});
-  table.rows.push_back({"max", microseconds(static_cast<double>(from.wake_up.max)),
-                        microseconds(static_cast<double>(to.wake_up.max))});
+  table.rows.push_back({"max", microseconds(from.wake_up.max), microseconds(to.wake_up.max)});
   if (pair.from.size() + pair.to.size() > 2) table.notes.push_back("shown is the first of each side");
   if (const auto text = list_of(differences(pair.from, pair.to)); !text.empty())
     table.notes.push_back("not the same (A → B): " + text);

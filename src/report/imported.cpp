@@ -16,7 +16,7 @@ std::string label_of(const Summary& summary) {
 
 std::string known(const Summary& summary, statistics::Figure figure) {
   const auto ns = summary.wake_up[figure];
-  if (summary.imported->is_lower_bound(ns)) return "≥" + microseconds(static_cast<double>(ns));
+  if (summary.imported->is_lower_bound(ns)) return "≥" + microseconds(ns);
   return percentile(summary.wake_up, figure);
 }
 
@@ -28,7 +28,7 @@ std::string source_of(const Summary& summary) {
   if (source.cmdline) text += fmt::format(", `{}`", word(*source.cmdline));
   if (imported.beyond > 0)
     text += fmt::format("; {} of its values are only known to be {} µs or more", imported.beyond,
-                        microseconds(static_cast<double>(imported.beyond_from_ns)));
+                        microseconds(imported.beyond_from_ns));
   return text;
 }
 
@@ -47,10 +47,10 @@ Table imported_table_of(const std::vector<const Summary*>& group) {
   for (const auto* name : {"Max", "Values"}) table.columns.push_back({name});
   for (const auto* summary : group) {
     const auto& of = summary->wake_up;
-    auto& row = table.rows.emplace_back(std::vector<std::string>{
-        label_of(*summary), microseconds(static_cast<double>(of.min)), microseconds(of.mean)});
+    auto& row = table.rows.emplace_back(
+        std::vector<std::string>{label_of(*summary), microseconds(of.min), microseconds(of.mean)});
     for (const auto& percentile : statistics::percentiles) row.push_back(known(*summary, percentile.figure));
-    row.push_back(microseconds(static_cast<double>(of.max)));
+    row.push_back(microseconds(of.max));
     row.push_back(std::to_string(of.count));
     table.notes.push_back(source_of(*summary));
   }

@@ -51,14 +51,10 @@ ordered_json notes_of(const statistics::Summary& summary) {
   auto notes = ordered_json::array();
   for (const auto& note : summary.notes) {
     const bool timed = note.at_ns && summary.start_ns != 0;
-    notes.push_back(
-        {{"kind", note.kind},
-         {"text", note.text},
-         {"at_s",
-          timed
-              ? ordered_json((static_cast<double>(*note.at_ns) - static_cast<double>(summary.start_ns)) / 1e9)
-              : ordered_json()},
-         {"message", note.message ? ordered_json(*note.message) : ordered_json()}});
+    notes.push_back({{"kind", note.kind},
+                     {"text", note.text},
+                     {"at_s", timed ? ordered_json(seconds_into(summary, *note.at_ns)) : ordered_json()},
+                     {"message", or_null(note.message)}});
   }
   return notes;
 }
@@ -144,7 +140,7 @@ ordered_json json_of(const statistics::Summary& summary) {
   const auto& asked = summary.run.asked.document;
   const auto& outcome = summary.run.outcome.document;
   ordered_json run = {{"run", summary.run.number}};
-  run["key"] = summary.run.key.empty() ? ordered_json() : ordered_json(summary.run.key);
+  run["key"] = or_null(summary.run.key);
   run.update(some_of(asked, {"id", "title", "variant", "repetition", "transport", "payload_bytes",
                              "period_us", "deadline_us", "timeout_us", "schedule", "realtime"}));
   run["complete"] = statistics::is_complete(summary.run);
@@ -153,8 +149,7 @@ ordered_json json_of(const statistics::Summary& summary) {
   run["on_time"] = summary.on_time;
   run["late"] = summary.late;
   run["lost"] = summary.lost;
-  run["late_by_response"] =
-      summary.late_by_response ? ordered_json(*summary.late_by_response) : ordered_json();
+  run["late_by_response"] = or_null(summary.late_by_response);
   run["skipped_cycles"] = summary.skipped_cycles;
   run.update(some_of(outcome, {"trailing_cycles"}));
   run.update(some_of(outcome, {"duplicates", "strays", "reordered", "wrong_size", "wrong_server_times",
@@ -169,8 +164,7 @@ ordered_json json_of(const statistics::Summary& summary) {
   run["parts"] = parts_of(summary);
   add_certainty(run, summary);
   run["notes"] = notes_of(summary);
-  const auto text = remarks(summary);
-  run["remarks"] = text.empty() ? ordered_json() : ordered_json(text);
+  run["remarks"] = or_null(remarks(summary));
   run["imported"] = imported_json_of(summary);
   run.update(some_of(asked, {"require"}));
   run["conditions"] = some_of(

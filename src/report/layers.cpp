@@ -206,7 +206,7 @@ ordered_json layers_json_of(const Summaries& summaries) {
     entry["round_trip_ns"] = json_of(layer.round_trip_ns);
     entry["cpu_ns"] = json_of(layer.cpu_ns);
     entry["instructions"] = json_of(layer.instructions);
-    entry["missing"] = layer.no_base.empty() ? ordered_json() : ordered_json(layer.no_base);
+    entry["missing"] = or_null(layer.no_base);
     result.push_back(entry);
   }
   for (const auto& [id, reason] : layers.missing)

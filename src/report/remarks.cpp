@@ -56,7 +56,7 @@ void add_taken_away(std::vector<Remark>& remarks, const statistics::Summary& sum
   if (woke_late * 2 >= static_cast<double>(took_ns))
     remarks.push_back(
         {Weight::detail, fmt::format("of the longest answered wait, {} µs, the sender's wake-up took {}",
-                                     microseconds(static_cast<double>(took_ns)), microseconds(woke_late))});
+                                     microseconds(took_ns), microseconds(woke_late))});
 }
 
 // None of these is in any number above.
@@ -121,9 +121,8 @@ void add_throttling(std::vector<Remark>& remarks, const statistics::Summary& sum
     const auto& of = find(summary.run.outcome.hosts, host);
     const auto throttle = throttle_of(of.machine);
     if (!throttle || static_cast<double>(ns) < throttle->least_ns || !ran_in_real_time(of, role)) return;
-    remarks.push_back(
-        {Weight::caution, fmt::format("{} up to {} µs late, as {} of the {} would make it", what,
-                                      microseconds(static_cast<double>(ns)), throttle->name, host)});
+    remarks.push_back({Weight::caution, fmt::format("{} up to {} µs late, as {} of the {} would make it",
+                                                    what, microseconds(ns), throttle->name, host)});
   };
   suspect("controller", "send", "woke", summary.wake_up.max);
   suspect("component", "receive", "answered", summary.server.max);
@@ -144,8 +143,7 @@ std::string text_of(const record::Note& note, const statistics::Summary& summary
   if (note.message) text += fmt::format(" (message {})", *note.message);
   if (!note.at_ns || summary.start_ns == 0) return text;
   if (*note.at_ns < summary.start_ns) return "before the first message: " + text;
-  return fmt::format("at {:.1f} s: {}",
-                     (static_cast<double>(*note.at_ns) - static_cast<double>(summary.start_ns)) / 1e9, text);
+  return fmt::format("at {:.1f} s: {}", seconds_into(summary, *note.at_ns), text);
 }
 
 void add_notes(std::vector<Remark>& remarks, const statistics::Summary& summary) {
@@ -160,10 +158,9 @@ void add_notes(std::vector<Remark>& remarks, const statistics::Summary& summary)
 constexpr std::uint64_t surely_gone = 10;  // messages
 void add_silence(std::vector<Remark>& remarks, const statistics::Summary& summary) {
   if (summary.unanswered_at_end < surely_gone || summary.unanswered_at_end == summary.sent) return;
-  const auto from_ns =
-      static_cast<double>(summary.unanswered_from_ns) - static_cast<double>(summary.start_ns);
   remarks.push_back({Weight::caution, fmt::format("no answer from {:.1f} s on: the last {} messages",
-                                                  from_ns / 1e9, grouped(summary.unanswered_at_end))});
+                                                  seconds_into(summary, summary.unanswered_from_ns),
+                                                  grouped(summary.unanswered_at_end))});
 }
 
 // Settings of a machine that another process changed during the run.
@@ -248,8 +245,7 @@ std::vector<Remark> remarks_of(const statistics::Summary& summary) {
   add_throttling(remarks, summary);
   if (summary.skipped_cycles > 0)
     add(Weight::detail, many(summary.skipped_cycles, "skipped cycle", "skipped cycles") +
-                            fmt::format(" (response time up to {} µs)",
-                                        microseconds(static_cast<double>(summary.response.max))));
+                            fmt::format(" (response time up to {} µs)", microseconds(summary.response.max)));
   if (const auto text = losses_text(outcome, &record::Losses::overwritten, "at"); !text.empty())
     add(Weight::detail, "overwritten before they were read: " + text);
   if (const auto text = losses_text(outcome, &record::Losses::on_the_way, "to"); !text.empty())

@@ -15,6 +15,11 @@ namespace ontime::report {
 
 using Summaries = std::vector<statistics::Summary>;
 
+// After the first message was due. A damaged file's times do not overflow.
+inline double seconds_into(const statistics::Summary& run, std::int64_t at_ns) {
+  return (static_cast<double>(at_ns) - static_cast<double>(run.start_ns)) / 1e9;
+}
+
 nlohmann::ordered_json json_of(const statistics::Summary&);  // docs/reference/json.md
 std::string csv_of(const Summaries&);
 table::Page page_of(const Summaries&);

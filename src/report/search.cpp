@@ -142,7 +142,7 @@ ordered_json json_of(const Step* step) {
           {"lost", step->lost},
           {"skipped_cycles", step->skipped_cycles},
           {"failed", step->failed},
-          {"unfit", step->unfit.empty() ? json() : json(step->unfit)},
+          {"unfit", or_null(step->unfit)},
           {"short", step->is_short}};
 }
 
@@ -185,7 +185,7 @@ ordered_json searches_json_of(const Summaries& summaries) {
                    {"among", one.among},
                    {"key", one.key},
                    {"passed", json_of(one.passed)},
-                   {"missed_below", bound ? ordered_json(*bound) : ordered_json()},
+                   {"missed_below", or_null(bound)},
                    {"ended", json_of(one.ended)},
                    {"finished", one.finished}});
   }

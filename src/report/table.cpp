@@ -108,9 +108,7 @@ std::vector<std::string> parts_of(const Group& group) {
     lines.push_back(fmt::format(
         "{}: there {} µs, at the component {}, back {} (medians{}; {})", label, median(there), median(server),
         median(back), there.size() > 1 ? fmt::format(" of {} runs", there.size()) : "",
-        one_clock
-            ? "one clock"
-            : fmt::format("clocks synchronised to ±{} µs", microseconds(static_cast<double>(error_ns)))));
+        one_clock ? "one clock" : fmt::format("clocks synchronised to ±{} µs", microseconds(error_ns))));
   }
   return lines;
 }
@@ -129,7 +127,7 @@ Table spread_table(const Group& group) {
     for (std::size_t i = first; i < group.size(); ++i)
       if (labels[i] == labels[first] && group[i]->round_trip.count > 0) runs.push_back(group[i]);
     if (runs.size() < 2) continue;
-    const auto spread = [&](auto value, auto form) {
+    const auto spread = [&](auto value, std::string (*form)(double)) {
       std::vector<double> values;
       for (const auto* run : runs) values.push_back(value(*run));
       const auto [low, high] = std::minmax_element(values.begin(), values.end());
@@ -278,7 +276,7 @@ std::string percentile(const Distribution& of, Figure figure) {
   const auto one_in = statistics::metric_of(figure).one_in;
   if (of.count < one_in) return nothing;
   const std::uint64_t above = of.count / one_in;
-  return (above < 10 ? "~" : "") + microseconds(static_cast<double>(of[figure]));
+  return (above < 10 ? "~" : "") + microseconds(of[figure]);
 }
 
 Page page_of(const Summaries& summaries) {

@@ -49,12 +49,6 @@ const char* word_of(Schedule schedule) {
       ->word;
 }
 
-std::optional<Schedule> schedule_of(const std::string& word) {
-  for (const auto& schedule : schedules)
-    if (word == schedule.word) return schedule.schedule;
-  return {};
-}
-
 class Client::Measurement final : public transport::Sink {
  public:
   Measurement(const transport::Plugin& plugin, const transport::Config& config, const ClientOptions& options)

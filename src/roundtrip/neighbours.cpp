@@ -42,6 +42,7 @@ Config config_of(Config config, const NeighbourOptions& options, int number) {
   config.max_payload_bytes = options.payload_bytes;
   config.qos = {.reliability = options.reliability, .depth = depth};
   config.fifo_priority.clear();
+  config.background = true;
   return config;
 }
 
@@ -69,12 +70,6 @@ const char* word_of(Where where) {
   for (const auto& known : wheres)
     if (known.where == where) return known.word;
   return "";
-}
-
-std::optional<Where> where_of(const std::string& word) {
-  for (const auto& known : wheres)
-    if (word == known.word) return known.where;
-  return {};
 }
 
 std::string neighbour_topic(std::string critical, int number) {

@@ -28,7 +28,6 @@ enum class Schedule {
   back_to_back,  // the next message upon the answer to the last, or its loss
 };
 const char* word_of(Schedule);  // "next-free", "fixed", "back-to-back"
-std::optional<Schedule> schedule_of(const std::string& word);
 
 struct ClientOptions {
   Schedule schedule = Schedule::next_free;
@@ -130,7 +129,6 @@ class Client {
 // each period on its way. They have one sending thread at either end, which no setting but `priority` is for.
 using transport::Where;
 const char* word_of(Where);  // "same-callback-group" …
-std::optional<Where> where_of(const std::string& word);
 struct NeighbourOptions {
   int topics = 0;  // 0: there are none
   Where where = Where::same_participant;

@@ -8,6 +8,9 @@
 #include <string_view>
 
 #include <fmt/format.h>
+#include <fmt/ranges.h>
+
+#include "transport/shipped.hpp"
 
 namespace ontime::scenario {
 namespace {
@@ -66,6 +69,13 @@ void complete_isolation(const Run& run) {
                         role, cpu, wish.cpus));
 }
 
+std::vector<std::string_view> names_with_security() {
+  std::vector<std::string_view> names;
+  for (const auto& one : transport::all_shipped)
+    if (one.can.security) names.push_back(one.name);
+  return names;
+}
+
 }  // namespace
 
 void check_topics(const transport::Config& config) {
@@ -79,10 +89,19 @@ void check_topics(const transport::Config& config) {
 }
 
 bool is_below_ip(const std::string& transport) {
-  return transport == "ethernet" || is_past_the_kernel(transport);
+  const auto* const own = transport::shipped(transport);
+  return own != nullptr && own->can.below_ip;
 }
 
-bool is_past_the_kernel(const std::string& transport) { return transport == "xdp"; }
+bool is_past_the_kernel(const std::string& transport) {
+  const auto* const own = transport::shipped(transport);
+  return own != nullptr && own->can.past_the_kernel;
+}
+
+bool has_no_topics(const std::string& transport) {
+  const auto* const own = transport::shipped(transport);
+  return own != nullptr && !own->can.topics;
+}
 
 bool any_past_the_kernel(const Run& run) {
   return is_past_the_kernel(run.task.transport) || is_past_the_kernel(run.component_transport);
@@ -124,7 +143,7 @@ Run with_component(Run run, const std::string& name) {
   run.variant += fmt::format("{}component {}", run.variant.empty() ? "" : ", ", name);
   run.varied.emplace_back("component", name);
   auto& config = run.task.config;
-  if (run.task.transport == "udp") return run;  // it has no topics: its pongs are told apart by address
+  if (has_no_topics(run.task.transport)) return run;  // its pongs are told apart by address
   for (auto* topic : {&config.ping_topic, &config.pong_topic}) topic->insert(topic->rfind('/'), "/" + name);
   check_topics(config);
   return run;
@@ -155,10 +174,10 @@ void complete(Run& run) {
     throw std::invalid_argument(
         "explain knows a component's threads by their ids, which change when it is started again: leave out "
         "explain or component.restart");
-  if (run.security != Security::off && (run.task.transport == "udp" || is_below_ip(run.task.transport)))
-    throw std::invalid_argument(
-        fmt::format("transport {} has no DDS Security; cyclonedds and fastdds have: leave out security",
-                    run.task.transport));
+  if (const auto* const own = transport::shipped(run.task.transport);
+      run.security != Security::off && own != nullptr && !own->can.security)
+    throw std::invalid_argument(fmt::format("transport {} has no DDS Security; {} have: leave out security",
+                                            run.task.transport, fmt::join(names_with_security(), " and ")));
   if (run.security != Security::off && !run.component_transport.empty() &&
       run.component_transport != run.task.transport)
     throw std::invalid_argument(

@@ -6,6 +6,7 @@
 #include <fmt/format.h>
 
 #include "scenario/complete.hpp"
+#include "transport/shipped.hpp"
 
 namespace ontime::scenario {
 namespace {
@@ -83,8 +84,6 @@ void complete_link(const Run& run) {
 }
 
 constexpr std::chrono::microseconds least_step{10};  // between two messages of one sending thread
-bool is_of_ros2(roundtrip::Where where) { return where < roundtrip::Where::same_participant; }
-
 constexpr std::uint64_t most_kept_bytes = std::uint64_t{1} << 30;  // of all their topics, at each end
 constexpr std::uint64_t depth = 10;  // of each topic, as roundtrip/neighbours.cpp has it
 
@@ -92,7 +91,7 @@ constexpr std::uint64_t depth = 10;  // of each topic, as roundtrip/neighbours.c
 void check_place(const Run& run) {
   const auto* const where = roundtrip::word_of(run.task.neighbours.where);
   for (const auto& transport : {run.task.transport, run.component_transport})
-    if (!transport.empty() && transport != "ros2")
+    if (const auto* const own = transport::shipped(transport); own != nullptr && !own->can.nodes)
       throw std::invalid_argument(fmt::format(
           "neighbours.where: {} is ROS 2's, and {} has no nodes, callback groups or executors; it "
           "has same-participant, same-process and other-process",
@@ -135,13 +134,16 @@ void complete_neighbours(const Run& run) {
     return;
   }
   for (const auto& transport : {run.task.transport, run.component_transport}) {
-    if (transport == "udp")
-      throw std::invalid_argument(
-          "transport udp has no topics, and so no neighbours: use traffic for other packets on the link");
-    if (is_below_ip(transport))
+    const auto* const own = transport::shipped(transport);
+    if (own == nullptr || own->can.neighbours) continue;
+    if (own->can.topics)
       throw std::invalid_argument(fmt::format("transport {} has no neighbours; DDS has", transport));
+    throw std::invalid_argument(
+        fmt::format("transport {} has no topics, and so no neighbours: use traffic for other packets on the "
+                    "link",
+                    transport));
   }
-  if (is_of_ros2(neighbours.where)) check_place(run);
+  if (transport::is_of_nodes(neighbours.where)) check_place(run);
   if (neighbours.period / neighbours.topics < least_step)
     throw std::invalid_argument(fmt::format(
         "neighbours.rate: {} of them with a message every {} are more than 100000 messages a second, "

@@ -12,19 +12,16 @@
 #include <fmt/ranges.h>
 
 #include "gate/gate.hpp"
-#include "scenario/complete.hpp"
+#include "scenario/combinations.hpp"
 #include "scenario/document.hpp"
 #include "scenario/hosts.hpp"
 
 namespace ontime::scenario {
 namespace {
 
-using conditions::Key, conditions::keys, conditions::number_of;
+using conditions::number_of;
 
 constexpr std::size_t most_runs = 100'000;  // with repetitions
-constexpr std::size_t most_different_runs = 10'000;
-constexpr std::size_t most_held = std::size_t{32} << 20U;  // bytes of keys and values of all runs together
-constexpr std::size_t held_beside = 16;                    // of each, beside its words
 constexpr std::size_t most_required = 100;
 
 // The first key of it by which something of the interface itself is set; "": none is.
@@ -56,9 +53,6 @@ std::string why_not_over(const conditions::Wire& wire, const Run& run) {
   return "";
 }
 
-// A run as written, flat: path ("qos.depth") → what stands there.
-using Entries = std::map<std::string, YAML::Node>;
-
 class File {
  public:
   File(const std::string& path, const std::string& text, const Selection& selection) : selection_(selection) {
@@ -70,7 +64,7 @@ class File {
     const auto root = document_of(scenario_.file, scenario_.text);
     if (!root.IsMap())
       throw Error(scenario_.file + ": not a scenario: it has no keys (title, hosts, defaults, runs …)");
-    std::optional<YAML::Node> hosts, wire, defaults, runs, repeat;
+    std::optional<YAML::Node> hosts, wire, components, defaults, runs, repeat;
     once_each(scenario_.file, root);
     for (const auto& entry : root) {
       const auto key = entry.first.Scalar();
@@ -82,7 +76,7 @@ class File {
       else if (key == "wire")
         wire.emplace(value);
       else if (key == "components")
-        components_.emplace(value);
+        components.emplace(value);
       else if (key == "defaults")
         defaults.emplace(value);
       else if (key == "order")
@@ -98,10 +92,12 @@ class File {
     }
     if (!runs || !runs->IsSequence() || runs->size() == 0)
       fail(runs.value_or(root), "runs: a list of runs is needed");
-    scenario_.hosts = hosts_of(scenario_.file, hosts, components_);
+    scenario_.hosts = hosts_of(scenario_.file, hosts, components);
     if (wire) lay_wire(scenario_.file, *wire, scenario_.hosts);
-    const auto for_all = defaults ? read_defaults(*defaults) : Entries{};
-    for (const auto& run : *runs) read_run(run, for_all);
+    const RunKeys keys(scenario_.file, scenario_.hosts, components.has_value());
+    Combinations combinations(scenario_.file, scenario_.hosts, keys, selection_);
+    const auto for_all = defaults ? read_defaults(*defaults, keys) : Entries{};
+    for (const auto& run : *runs) read_run(run, for_all, keys, combinations);
     if (scenario_.runs.empty()) return std::move(scenario_);  // none is selected
     check_wire();
     if (repeat) read_repeat(*repeat);
@@ -123,96 +119,11 @@ class File {
     return scalar_of(scenario_.file, node, key);
   }
 
-  Entries read_defaults(const YAML::Node& node) const {
-    Entries defaults;
-    flatten(node, "", defaults);
+  Entries read_defaults(const YAML::Node& node, const RunKeys& keys) const {
+    auto defaults = keys.flat(node);
     if (const auto id = defaults.find("id"); id != defaults.end())
       fail(id->second, "id: each run has one of its own, under runs");
     return defaults;
-  }
-
-  // A key as it stands below a component's name, "arm.period", or for all.
-  struct Said {
-    std::string component;  // "": all
-    std::string key;
-  };
-  Said divided(const std::string& path) const {
-    const auto dot = path.find('.');
-    auto name = path.substr(0, dot);
-    if (!is_component(name)) return {"", path};
-    return {std::move(name), dot == path.npos ? "" : path.substr(dot + 1)};
-  }
-  bool is_component(const std::string& name) const {
-    const auto& all = scenario_.hosts.components;
-    return components_ &&
-           std::any_of(all.begin(), all.end(), [&](const auto& one) { return one.name == name; });
-  }
-
-  void flatten(const YAML::Node& node, const std::string& prefix, Entries& entries) const {
-    if (!node.IsMap())
-      fail(node, prefix.empty() ? "keys and values are needed here" : prefix + ": a value is needed here");
-    once_each(scenario_.file, node);
-    for (const auto& entry : node) {
-      const auto path = prefix + entry.first.Scalar();
-      if (entry.second.IsMap()) {
-        flatten(entry.second, path + ".", entries);
-        continue;
-      }
-      const auto [component, key] = divided(path);
-      if (!component.empty() && key.empty())
-        fail(entry.first, fmt::format("{0}: what holds for this component alone is needed here, such as {0}: "
-                                      "{{period: 2 ms}}",
-                                      component));
-      if (!is_key(key) && !is_option(key) && key != "id" && key != "require") {
-        if (const auto below = key_below(key); !below.empty())
-          fail(entry.second,
-               fmt::format("{0}: keys and values are needed here, such as {0}: {{{1}: …}}", path, below));
-        fail(entry.first, fmt::format("unknown key '{}'{}", path, nearest(key)));
-      }
-      if (const auto reason = component.empty() ? "" : why_not_its_own(key); !reason.empty())
-        fail(entry.first, fmt::format("{}: this cannot be said of one component: {}", path, reason));
-      entries[path] = entry.second;
-    }
-  }
-
-  // The controller's end of a component's link is its own behind a bridge, but for what sends there.
-  std::string why_not_its_own(const std::string& key) const {
-    const auto& hosts = scenario_.hosts;
-    if (!key.starts_with("link.") || hosts.components.size() == 1) return common_to_all(key);
-    if (hosts.kind == Hosts::Kind::stated)
-      return "the controller's interface, which is one end of the link, is one for all";
-    if (is_mark(key)) return "the controller gives it to all that it sends";
-    return "";
-  }
-
-  static bool is_key(const std::string& path) {
-    static const auto paths = [] {
-      std::set<std::string> all;
-      for (const auto& key : keys()) all.insert(key.path);
-      return all;
-    }();
-    return paths.contains(path);
-  }
-
-  // The keys that stand beside it, which is where a slip of the pen is found.
-  // "cpus" of "isolation"; "": it is no map.
-  static std::string key_below(const std::string& path) {
-    for (const auto& key : keys())
-      if (key.path.starts_with(path + "."))
-        return key.path.substr(path.size() + 1, key.path.find('.', path.size() + 1) - path.size() - 1);
-    return "";
-  }
-
-  static std::string nearest(const std::string& path) {
-    const auto dot = path.rfind('.');
-    const auto parent = dot == std::string::npos ? std::string() : path.substr(0, dot + 1);
-    std::set<std::string> siblings;
-    for (const auto& key : keys())
-      if (key.path.starts_with(parent))
-        siblings.insert(key.path.substr(parent.size(), key.path.find('.', parent.size()) - parent.size()));
-    if (parent.empty()) siblings.insert({"id", "options", "require"});
-    if (siblings.empty()) return nearest(parent.substr(0, parent.size() - 1));
-    return fmt::format("; allowed keys: {}", fmt::join(siblings, ", "));
   }
 
   void deploy() {
@@ -253,10 +164,10 @@ class File {
                              scenario_.runs.size(), scenario_.repeat, scenario_.size(), most_runs));
   }
 
-  void read_run(const YAML::Node& node, const Entries& defaults) {
-    Entries own;
+  void read_run(const YAML::Node& node, const Entries& defaults, const RunKeys& keys,
+                Combinations& combinations) {
     if (!node.IsMap()) fail(node, "a run is a map of keys: id, transport, period …");
-    flatten(node, "", own);
+    auto own = keys.flat(node);
     if (!own.contains("id")) fail(node, "a run needs an id");
     const auto id = scalar(own["id"], "id");
     if (!ids_.insert(id).second) fail(own["id"], fmt::format("there is another run with id '{}'", id));
@@ -264,17 +175,16 @@ class File {
     if (!selection_.only.empty() &&
         std::find(selection_.only.begin(), selection_.only.end(), id) == selection_.only.end())
       return;
-    hold(id, node, defaults.size() * held_beside);
     own.insert(defaults.begin(), defaults.end());  // where the run says nothing
-    const auto required = take_require(own);
-    multiply(id, node, required, std::move(own));
+    const auto required = take_require(own, keys);
+    for (auto& run : combinations.of(id, node, required, std::move(own)))
+      scenario_.runs.push_back(std::move(run));
   }
 
-  using Required = std::map<std::string, std::vector<std::string>>;  // by component; "": all
-  Required take_require(Entries& entries) const {
+  Required take_require(Entries& entries, const RunKeys& keys) const {
     Required required;
     for (auto entry = entries.begin(); entry != entries.end();) {
-      const auto [component, key] = divided(entry->first);
+      const auto [component, key] = keys.divided(entry->first);
       if (key == "require") required[component] = read_require(entry->second);
       entry = key == "require" ? entries.erase(entry) : std::next(entry);
     }
@@ -308,265 +218,9 @@ class File {
     return gates;
   }
 
-  // Lists, and defaults that hold for many runs, could make more of a small file than there is memory for.
-  void hold(const std::string& id, const YAML::Node& node, std::size_t bytes) {
-    held_ += bytes;
-    if (held_ > most_held)
-      fail(node, fmt::format("run '{}': the runs until here hold more than {} MiB of keys and values; make "
-                             "several scenarios of them",
-                             id, most_held >> 20U));
-  }
-
-  // One choice of a key that has several, and where it stands.
-  struct Choice {
-    std::string value;
-    YAML::Node node;
-  };
-  struct Dimension {
-    std::string path;
-    const Key* key;  // nothing: a transport's option
-    std::vector<Choice> choices;
-    Said said;
-  };
-
-  std::vector<Choice> choices_of(const std::string& path, const YAML::Node& node) const {
-    std::vector<Choice> choices;
-    if (path == "transport" && !selection_.transports.empty()) {
-      for (const auto& transport : selection_.transports) choices.push_back({transport, node});
-    } else if (path == "duration" && selection_.duration) {
-      choices.push_back({fmt::format("{} ns", selection_.duration->count()), node});
-    } else if (path == "explain" && selection_.explain) {
-      choices.push_back({"on", node});
-    } else if (const auto chosen = selection_.set.find(path); chosen != selection_.set.end()) {
-      choices.push_back({chosen->second, node});
-    } else if (node.IsSequence()) {
-      for (const auto& element : node) choices.push_back({scalar(element, path), element});
-      if (choices.empty()) fail(node, path + ": the list is empty");
-    } else {
-      choices.push_back({scalar(node, path), node});
-    }
-    std::set<std::string_view> seen;
-    for (const auto& choice : choices)
-      if (!seen.insert(choice.value).second)
-        fail(choice.node, fmt::format("{}: '{}' occurs twice", path, choice.value));
-    return choices;
-  }
-
-  // Lists multiply: every combination of choices is a run.
-  void multiply(const std::string& id, const YAML::Node& node, const Required& required, Entries entries) {
-    if (!selection_.transports.empty()) {
-      std::erase_if(entries, [&](const auto& entry) {
-        const auto [component, key] = divided(entry.first);
-        return !component.empty() && key == "transport";
-      });
-      entries.try_emplace("transport", node);
-    }
-    if (selection_.duration) entries.try_emplace("duration", node);
-    if (selection_.explain) entries.try_emplace("explain", node);
-    for (const auto& [path, value] : selection_.set) {
-      if (!is_key(path) && !is_option(path))
-        throw Error(fmt::format("there is no key '{}'{}", path, nearest(path)));
-      entries.try_emplace(path, node);
-    }
-    std::vector<Dimension> dimensions;  // in the order of the table: a preset before what refines it
-    for (const auto& key : keys())
-      for (const auto& [path, value] : entries)
-        if (auto said = divided(path); said.key == key.path)
-          dimensions.push_back({path, &key, choices_of(path, value), std::move(said)});
-    for (const auto& [path, value] : entries)
-      if (auto said = divided(path); is_option(said.key))
-        dimensions.push_back({path, nullptr, choices_of(path, value), std::move(said)});
-    const auto searched = search_last(dimensions);
-
-    std::set<std::string> owners;  // and all, as one
-    for (const auto& dimension : dimensions) owners.insert(dimension.said.component);
-    for (const auto& [component, gates] : required) owners.insert(component);
-    if (std::any_of(owners.begin(), owners.end(), [](const auto& owner) { return !owner.empty(); }))
-      for (const auto& component : scenario_.hosts.components) owners.insert(component.name);
-    owners.insert("");
-
-    std::size_t combinations = owners.size(), bytes = 0;
-    for (const auto& [component, gates] : required)
-      for (const auto& gate : gates) bytes += gate.size() + held_beside;
-    for (const auto& [path, key, choices, said] : dimensions) {
-      combinations *= choices.size();
-      if (different_ + combinations > most_different_runs)
-        fail(node,
-             fmt::format("run '{}': with every combination of its lists there are more than {} different "
-                         "runs; make several scenarios of them",
-                         id, most_different_runs));
-      std::size_t longest = 0;
-      for (const auto& choice : choices) longest = std::max(longest, choice.value.size());
-      bytes += path.size() + longest + held_beside;
-    }
-    different_ += combinations;
-    hold(id, node, combinations * bytes);
-
-    std::vector<std::size_t> at(dimensions.size(), 0);
-    while (true) {
-      scenario_.runs.push_back(make_runs(id, node, dimensions, at, owners));
-      auto& run = scenario_.runs.back();
-      if (searched) make_step(run.step, dimensions.back().choices, at.back());
-      if (const auto gates = required.find(""); gates != required.end()) run.require = gates->second;
-      for (auto& own : run.own) {
-        const auto gates = required.find(own.component);
-        own.require = gates != required.end() ? gates->second : run.require;
-      }
-      std::size_t digit = dimensions.size();
-      while (digit > 0 && ++at[digit - 1] == dimensions[digit - 1].choices.size()) at[--digit] = 0;
-      if (digit == 0) return;
-    }
-  }
-
-  // The key that is searched becomes the last, so that its values follow one another. False: there is none.
-  bool search_last(std::vector<Dimension>& dimensions) const {
-    const auto at = [&](const std::string& path) {
-      return std::find_if(dimensions.begin(), dimensions.end(),
-                          [&](const auto& d) { return d.path == path; });
-    };
-    const auto search = at("search");
-    if (search == dimensions.end()) return false;
-    if (search->choices.size() > 1) fail(search->choices[1].node, "search: one key at a time");
-    const auto [path, node] = search->choices.front();
-    const auto key = at(path);
-    if (key == dimensions.end() || key->choices.size() < 2)
-      fail(node, fmt::format("search: '{}' is no key of this run with a list of values, from the gentlest to "
-                             "the harshest",
-                             path));
-    if (key->said.key == "transport") fail(node, "search: transports have no order from gentle to harsh");
-    std::rotate(key, key + 1, dimensions.end());
-    return true;
-  }
-
-  static void make_step(Run::Step& step, const std::vector<Choice>& choices, std::size_t number) {
-    step.value = choices[number].value;
-    step.number = static_cast<int>(number);
-    step.of = static_cast<int>(choices.size());
-  }
-
-  // Of all, and, where any has something of its own, of each: what varies for one is beside the others.
-  Run make_runs(const std::string& id, const YAML::Node& node, const std::vector<Dimension>& dimensions,
-                const std::vector<std::size_t>& at, const std::set<std::string>& owners) const {
-    auto run = make_run(id, node, dimensions, at, "");
-    for (const auto& component : owners)
-      if (!component.empty()) run.own.push_back(make_run(id, node, dimensions, at, component));
-    try {
-      const auto all = together(run, scenario_.hosts);
-      check_addresses(all);
-      check_queues(all);
-    } catch (const std::invalid_argument& error) {
-      fail(node, fmt::format("run '{}': {}", id, error.what()));
-    }
-    return run;
-  }
-
-  // Of all components, or of one by its name, where what is said of it alone comes before what is of all.
-  Run make_run(const std::string& id, const YAML::Node& node, const std::vector<Dimension>& dimensions,
-               const std::vector<std::size_t>& at, const std::string& component) const {
-    Run run;
-    run.id = id;
-    run.where = fmt::format("{}:{}", scenario_.file, node.Mark().line + 1);
-    if (!component.empty()) run.component = component;
-    const auto holds_for_it = [&](const Said& said) {
-      return said.component == component ||
-             (said.component.empty() && !is_said_anew(dimensions, said.key, component));
-    };
-    for (const bool its_own : {false, true})
-      for (std::size_t i = 0; i < dimensions.size(); ++i)
-        if (const auto& said = dimensions[i].said; said.component.empty() != its_own && holds_for_it(said))
-          set(run, dimensions[i], dimensions[i].choices[at[i]]);
-    for (std::size_t i = 0; i < dimensions.size(); ++i) {
-      const auto& [path, key, choices, said] = dimensions[i];
-      const auto& choice = choices[at[i]];
-      const bool holds = holds_for_it(said);
-      if (&dimensions[i] == &dimensions.back()) run.step.among = run.variant;
-      if (choices.size() == 1 || (holds && said.key == "transport")) continue;
-      const auto& name = holds ? said.key : path;
-      const bool of_others = !holds && !component.empty();
-      auto& text = of_others ? run.beside : run.variant;
-      if (!of_others) run.varied.emplace_back(name, choice.value);
-      text += fmt::format("{}{} {}", text.empty() ? "" : ", ", name, choice.value);
-    }
-    try {
-      complete(run);
-    } catch (const std::invalid_argument& error) {
-      fail(node, fmt::format("run '{}'{}: {}", id, component.empty() ? "" : ", " + component, error.what()));
-    }
-    return run;
-  }
-
-  // By that key, or, of "realtime", by one below it.
-  static bool is_said_anew(const std::vector<Dimension>& dimensions, const std::string& key,
-                           const std::string& component) {
-    if (component.empty()) return false;
-    return std::any_of(dimensions.begin(), dimensions.end(), [&](const Dimension& other) {
-      return other.said.component == component &&
-             (other.said.key == key || other.said.key.starts_with(key + "."));
-    });
-  }
-
-  void set(Run& run, const Dimension& dimension, const Choice& choice) const {
-    try {
-      check_behind_a_bridge(dimension.path);
-      if (dimension.key == nullptr)
-        set_option(run, dimension.said.key, choice.value);
-      else
-        dimension.key->set(run, choice.value);
-    } catch (const std::invalid_argument& error) {
-      fail(choice.node, fmt::format("{}: {}", dimension.path, error.what()));
-    }
-  }
-
-  // What the bridge has not by which several namespaces are joined.
-  void check_behind_a_bridge(const std::string& path) const {
-    const auto& hosts = scenario_.hosts;
-    if (hosts.kind != Hosts::Kind::namespaces || hosts.components.size() == 1) return;
-    for (const auto* of_ports :
-         {"kernel.gro", "kernel.threaded-napi", "kernel.napi-threads", "kernel.napi-cpus"})
-      if (path == of_ports)
-        throw std::invalid_argument(
-            "several components in namespaces are joined by a bridge, which takes in no packets itself: "
-            "leave it out, or components");
-  }
-
-  // By which alone udp tells components apart; and iperf3, which listens there.
-  void check_addresses(const Together& all) const {
-    std::map<std::string, std::string> of_udp, of_traffic;
-    const auto check = [](auto& names, const char* whose, const std::string& address, const Run& run) {
-      if (address.empty()) return;
-      if (const auto [other, is_first] = names.emplace(address, run.component); !is_first)
-        throw std::invalid_argument(
-            fmt::format("{} each component has its own address, and {} and {} have the same: {}", whose,
-                        other->second, run.component, address));
-    };
-    for (const auto& run : all) {
-      const auto& address = scenario_.hosts.at(run.component).address;
-      if (run.task.transport == "udp") check(of_udp, "over udp", address, run);
-      if (run.traffic.bits_per_s > 0) check(of_traffic, "with traffic", without_port(address), run);
-    }
-  }
-
-  // The controller's ends of all are on one interface, of which each would take the queue and the place of an
-  // XDP program.
-  static void check_queues(const Together& all) {
-    const Run* first = nullptr;
-    for (const auto& run : all) {
-      if (!is_past_the_kernel(run.task.transport)) continue;
-      if (first != nullptr)
-        throw std::invalid_argument(
-            fmt::format("over xdp {} and {} would share a queue at the controller, and each end takes one "
-                        "for itself: take "
-                        "ethernet for all but one",
-                        first->component, run.component));
-      first = &run;
-    }
-  }
-
   const Selection& selection_;
   Scenario scenario_;
-  std::optional<YAML::Node> components_;
   std::set<std::string> ids_;
-  std::size_t different_ = 0, held_ = 0;
 };
 
 std::string some_of(const std::set<std::string>& ids) {

@@ -25,6 +25,8 @@ std::string wrapped(const std::string& paragraph, std::size_t width, const std::
 
 std::string join(const std::vector<std::string>& parts, std::string_view separator);
 std::vector<std::string> split(const std::string& text, char separator);  // at least one
+// As one command, which a POSIX shell takes for these words.
+std::string shell_line(const std::vector<std::string>& words);
 std::string replace_all(std::string text, std::string_view what, std::string_view with);
 
 struct Column {

@@ -107,4 +107,16 @@ std::string replace_all(std::string text, std::string_view what, std::string_vie
   return text;
 }
 
+std::string shell_line(const std::vector<std::string>& words) {
+  constexpr const char* plain = "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789_-./:,+@%=";
+  std::vector<std::string> quoted;
+  quoted.reserve(words.size());
+  for (const auto& word : words) {
+    // What begins with "=" is a program's path to zsh.
+    const bool is_plain = !word.empty() && word.front() != '=' && word.find_first_not_of(plain) == word.npos;
+    quoted.push_back(is_plain ? word : "'" + replace_all(word, "'", "'\\''") + "'");
+  }
+  return join(quoted, " ");
+}
+
 }  // namespace ontime::table

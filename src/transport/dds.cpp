@@ -9,11 +9,11 @@
 #include <system_error>
 
 #include <arpa/inet.h>
-#include <netdb.h>
 #include <sys/auxv.h>
 
 #include "message/message.hpp"
 #include "transport/clock.hpp"
+#include "transport/ipv4.hpp"
 #include "transport/link.hpp"
 
 namespace ontime::transport::dds {
@@ -145,6 +145,17 @@ void check(const Config& config, const std::string& transport, std::span<const O
   if (!config.interface.empty()) check_link(config, transport);
 }
 
+std::map<std::string, std::string> facts(const Config& config, const std::string& middleware,
+                                         const std::string& carrier, const std::string& source) {
+  std::map<std::string, std::string> facts{{"middleware", middleware},
+                                           {"domain", std::to_string(config.domain)},
+                                           {"carrier", carrier},
+                                           {"configuration", source}};
+  if (config.security) facts["security"] = config.security->level;
+  if (!config.interface.empty()) facts.insert({{"interface", config.interface}, {"address", config.address}});
+  return facts;
+}
+
 Peer resolve(const std::string& peer, const std::string& transport) {
   const std::size_t colon = peer.find(':');
   Peer result{peer.substr(0, colon)};
@@ -154,14 +165,10 @@ Peer resolve(const std::string& peer, const std::string& transport) {
     if (error != std::errc{} || stop != end || result.port == 0)
       throw WrongInput(transport + ": the peer " + peer + " has no valid port; write HOST or HOST:PORT");
   }
-  addrinfo hints{};
-  hints.ai_family = AF_INET;
-  hints.ai_socktype = SOCK_DGRAM;
-  addrinfo* found = nullptr;
-  if (const int error = getaddrinfo(result.address.c_str(), nullptr, &hints, &found); error != 0)
+  sockaddr_in found{};
+  if (const int error = look_up(result.address, found.sin_addr); error != 0)
     throw Error(transport + ": cannot find the peer " + peer + ": " + gai_strerror(error));
-  result.address = text_of(*reinterpret_cast<const sockaddr_in*>(found->ai_addr));
-  freeaddrinfo(found);
+  result.address = text_of(found);
   return result;
 }
 

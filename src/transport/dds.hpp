@@ -86,6 +86,10 @@ class Gaps {
 // Throws WrongInput for what no DDS transport can do, and Error where this host has not the link.
 void check(const Config& config, const std::string& transport, std::span<const Option> options);
 
+// What Endpoint::facts() tells. `source`: whence its configuration is.
+std::map<std::string, std::string> facts(const Config& config, const std::string& middleware,
+                                         const std::string& carrier, const std::string& source);
+
 struct Peer {
   std::string address;     // IPv4
   std::uint16_t port = 0;  // 0: any participant of that host

@@ -14,7 +14,6 @@
 #include <linux/close_range.h>
 #include <net/if.h>
 #include <net/if_arp.h>
-#include <netdb.h>
 #include <poll.h>
 #include <sys/eventfd.h>
 #include <sys/ioctl.h>
@@ -22,6 +21,7 @@
 #include <sys/utsname.h>
 
 #include "transport/await_running.hpp"
+#include "transport/ipv4.hpp"
 
 namespace ontime::transport::frames {
 namespace {
@@ -133,16 +133,12 @@ std::uint64_t topic_read(const Config& config) {
 in_addr_t wanted(const Config& config, const std::string& who) {
   if (config.role == Role::server || config.peers.empty()) return 0;
   const std::string host = config.peers.front().substr(0, config.peers.front().rfind(':'));
-  addrinfo hints{};
-  hints.ai_family = AF_INET;
-  addrinfo* found = nullptr;
-  if (const int code = getaddrinfo(host.c_str(), nullptr, &hints, &found); code != 0)
+  in_addr address{};
+  if (const int code = look_up(host, address); code != 0)
     throw Error(fmt::format(
         "{}: host '{}' was not found: {}. Name an IPv4 address of pong's interface, or no peer at all", who,
         host, gai_strerror(code)));
-  const auto address = reinterpret_cast<const sockaddr_in*>(found->ai_addr)->sin_addr.s_addr;
-  freeaddrinfo(found);
-  return address;
+  return address.s_addr;
 }
 
 bool busy_polls(const Config& config, const std::string& who) {

@@ -13,6 +13,7 @@
 
 #include "spelling/spelling.hpp"
 #include "transport/find.hpp"
+#include "transport/shipped.hpp"
 #include "transport/transport.hpp"
 
 namespace ontime::transport {
@@ -58,17 +59,8 @@ std::optional<fs::path> in_ament_index(const std::string& name) {
 }
 
 std::string remedy(const std::string& name) {
-  if (name == "xdp")
-    return "; install the package ontime-transport-xdp, or build ontime where libxdp-dev and libbpf-dev are";
-  if (name == "cyclonedds")
-    return "; install the package ontime-transport-cyclonedds, or build ontime where cyclonedds-dev is";
-  if (name == "fastdds")
-    return "; install the package ontime-transport-fastdds, or build ontime where libfastrtps-dev is";
-  if (name == "opendds")
-    return "; build ontime where OpenDDS is; Debian has no package of it (docs/how-to/opendds.md)";
-  if (name == "ros2")
-    return "; build ros2/ with colcon in a sourced ROS 2 and source its setup.bash (docs/how-to/ros2.md)";
-  return "";
+  const auto* const own = shipped(name);
+  return own == nullptr ? "" : own->install;
 }
 
 std::string not_followed() {

@@ -83,6 +83,8 @@ struct Config {
   // SCHED_FIFO priority that threads of a role are to be born with, where the middleware has such a setting.
   // Only what this process is permitted to have is ever asked for here.
   std::map<std::string, int> fifo_priority;
+  // Of background topics: they are ordinary, whatever the critical one's options are.
+  bool background = false;
   std::optional<Security> security;            // only for a transport that has it
   std::map<std::string, std::string> options;  // the transport's own, named in Plugin::options
 };
@@ -172,14 +174,17 @@ class Endpoint {
 
 // What a transport can do. Code above the port goes by this alone, and knows no transport's name.
 struct Capabilities {
-  bool listener;
-  bool waitset;
-  std::size_t max_payload_bytes;
-  bool security = false;     // honours Config::security
-  bool launch_time = false;  // honours Config::launch_ns
-  bool topics = true;        // honours Config::ping_topic and pong_topic
-  bool neighbours = false;   // Endpoint::beside() opens another endpoint
-  bool nodes = false;        // has ROS 2's nodes, callback groups and executors: the first four of Where
+  bool listener = true;
+  bool waitset = true;
+  std::size_t max_payload_bytes = 0;
+  bool security = false;         // honours Config::security
+  bool launch_time = false;      // honours Config::launch_ns
+  bool topics = true;            // honours Config::ping_topic and pong_topic
+  bool neighbours = false;       // Endpoint::beside() opens another endpoint
+  bool nodes = false;            // has ROS 2's nodes, callback groups and executors: the first four of Where
+  bool below_ip = false;         // its messages have no IP header, and its Config::priority is its own to set
+  bool past_the_kernel = false;  // bypasses packet filter, queueing disciplines and tracepoints
+  bool shares_threads = false;   // all participants of a process receive on the same threads
 };
 
 struct Option {
@@ -188,7 +193,7 @@ struct Option {
 };
 
 // The version of the port, and the size of what crosses it, which a forgotten rebuild shows by.
-inline constexpr int abi = 5 * 1'000'000 + static_cast<int>(sizeof(Config) * 10 + sizeof(Capabilities));
+inline constexpr int abi = 6 * 1'000'000 + static_cast<int>(sizeof(Config) * 10 + sizeof(Capabilities));
 
 struct Plugin {
   int abi;

@@ -111,14 +111,6 @@ nlohmann::ordered_json or_null(bool is_known, Value value) {
   return is_known ? nlohmann::ordered_json(value) : nlohmann::ordered_json();
 }
 
-// What a label's value may hold, as Prometheus has it.
-std::string label(const std::string& name, const json& value) {
-  std::string quoted;
-  for (const char c : word(value))
-    quoted += c == '\\' || c == '"' ? fmt::format("\\{}", c) : std::string(1, c);
-  return fmt::format("{}=\"{}\"", name, quoted);
-}
-
 }  // namespace
 
 std::string text_of(const Progress& progress) {
@@ -174,6 +166,12 @@ std::string json_of(const Progress& progress) {
   return object.dump(-1, ' ', true, nlohmann::ordered_json::error_handler_t::replace) + "\n";
 }
 
+std::string label(std::string_view name, std::string_view value) {
+  std::string quoted;
+  for (const char c : value) quoted += c == '\\' || c == '"' ? fmt::format("\\{}", c) : std::string(1, c);
+  return fmt::format("{}=\"{}\"", name, quoted);
+}
+
 std::string metrics_of(const Progress& progress) {
   std::string text;
   const auto add = [&](const char* name, const char* type, const char* help) {
@@ -186,7 +184,7 @@ std::string metrics_of(const Progress& progress) {
   const auto& asked = progress.run.asked;
   auto run = fmt::format("run=\"{}\"", progress.run.number);
   for (const auto* key : {"id", "variant", "transport", "repetition"})
-    run += "," + label(key, asked.stated(key));
+    run += "," + label(key, word(asked.stated(key)));
   add("messages_total", "counter", "Counted messages of the newest run, by what became of them.");
   // A counter never falls.
   const std::pair<const char*, std::uint64_t> fates[] = {

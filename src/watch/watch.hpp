@@ -86,6 +86,8 @@ std::string text_of(const Progress&);
 std::string json_of(const Progress&);
 // Prometheus's text format, version 0.0.4.
 std::string metrics_of(const Progress&);
+// A label in it, of a text without control characters.
+std::string label(std::string_view name, std::string_view value);
 
 // Offers the newest metrics at http://ADDRESS:PORT/metrics, to a few at a time, each within two seconds.
 class Metrics {

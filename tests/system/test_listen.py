@@ -8,6 +8,7 @@ LISTEN_MESSAGES: how many messages are compared (5,000). It needs root: who may 
 import json
 import os
 import pathlib
+import re
 import shutil
 import signal
 import struct
@@ -16,6 +17,7 @@ import sys
 import tempfile
 import time
 import unittest
+import urllib.request
 
 from program import eventually
 
@@ -227,6 +229,30 @@ class Listen(unittest.TestCase):
         self.assertAlmostEqual(flow["duplicated"], judged * 10 / 109, delta=11)
         self.assertEqual(flow["out_of_order"], 0)
         self.assertLess(flow["age"]["p50_ns"], 10_000_000)
+
+    def test_metrics_have_the_messages_of_each_topic(self):
+        node = self.start(RMW_NODE)
+        listener = subprocess.Popen([ONTIME, "listen", "/scan", "--age", "1 h", "--no-explain", "--metrics", "0", "--for", "120 s"],
+                                    stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, cwd=self.folder)
+        self.addCleanup(listener.stderr.close)
+        self.addCleanup(listener.wait)
+        self.addCleanup(listener.send_signal, signal.SIGINT)
+        url = re.search(r"http://\S+", listener.stderr.readline()).group()
+
+        def metrics():
+            with urllib.request.urlopen(url, timeout=30) as answer:
+                return answer.read().decode()
+        labels = f'topic="/scan",writer="listen_rmw_nod",writer_pid="{node.pid}"'
+        self.assertTrue(eventually(lambda: f'ontime_topic_age_seconds_count{{{labels}' in metrics(), 30), metrics())
+        text = metrics()
+        age = [int(line.rsplit(" ", 1)[1]) for line in text.splitlines()
+               if line.startswith("ontime_topic_age_seconds_bucket") and f'writer_pid="{node.pid}"' in line]
+        self.assertEqual(age, sorted(age))
+        self.assertGreater(age[-1], 0)
+        for metric in ("messages_total", "late_total", "lost_total", "period_seconds_sum"):
+            self.assertIn(f"ontime_topic_{metric}{{", text)
+        if shutil.which("promtool"):
+            subprocess.run(["promtool", "check", "metrics"], input=text, text=True, check=True)
 
     def test_unknown_topic_is_answered_with_the_nearest(self):
         publisher, taker = self.pair(10000)

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// A message's way: its stages, our threads, its packets, and who had the CPUs. What a drawing holds says report/why.hpp.
+// A message's way: its stages, our threads, its packets, and who had the CPUs. page/parts.hpp says what a drawing holds.
 "use strict";
 
 const BAR_LOOKS = ["other", "ours", "interrupt", "soft", "several", "ready", "runs", "stopped", "blocked", "queued", "travels",

@@ -23,6 +23,7 @@
 #include "transport/cyclonedds/configuration.hpp"
 #include "transport/dds.hpp"
 #include "transport/link.hpp"
+#include "transport/shipped.hpp"
 #include "transport/transport.hpp"
 
 namespace ontime::transport::cyclonedds {
@@ -403,14 +404,7 @@ void CycloneEndpoint::give_priorities_that_xml_cannot() {
 }
 
 std::map<std::string, std::string> CycloneEndpoint::facts() {
-  std::map<std::string, std::string> facts{{"middleware", "Cyclone DDS " DDS_VERSION},
-                                           {"domain", std::to_string(config_.domain)},
-                                           {"carrier", configuration_.carrier},
-                                           {"configuration", configuration_.source}};
-  if (config_.security) facts["security"] = config_.security->level;
-  if (!config_.interface.empty())
-    facts.insert({{"interface", config_.interface}, {"address", config_.address}});
-  return facts;
+  return dds::facts(config_, "Cyclone DDS " DDS_VERSION, configuration_.carrier, configuration_.source);
 }
 
 std::string version() { return DDS_VERSION; }
@@ -427,10 +421,7 @@ extern "C" __attribute__((visibility("default"))) const ontime::transport::Plugi
     .abi = ontime::transport::abi,
     .name = "cyclonedds",
     .version = ontime::transport::cyclonedds::version,
-    .capabilities = {.listener = true,
-                     .waitset = true,
-                     .max_payload_bytes = ontime::transport::dds::max_payload_bytes,
-                     .security = true,
-                     .neighbours = true},
+    .capabilities =
+        ontime::transport::shipped("cyclonedds")->carrying(ontime::transport::dds::max_payload_bytes),
     .options = ontime::transport::cyclonedds::options,
     .open = ontime::transport::cyclonedds::open};

@@ -13,6 +13,7 @@
 
 #include "transport/frames.hpp"
 #include "transport/launch.hpp"
+#include "transport/shipped.hpp"
 
 namespace ontime::transport {
 namespace {
@@ -187,9 +188,6 @@ extern "C" __attribute__((visibility("default"))) const ontime::transport::Plugi
     ontime::transport::abi,
     "ethernet",
     ontime::transport::frames::kernel_version,
-    {.listener = true,
-     .waitset = true,
-     .max_payload_bytes = ontime::transport::frames::max_payload_bytes,
-     .launch_time = true},
+    ontime::transport::shipped("ethernet")->carrying(ontime::transport::frames::max_payload_bytes),
     ontime::transport::options,
     ontime::transport::open};

@@ -32,6 +32,7 @@
 #include "transport/fastdds/profiles.hpp"
 #include "transport/fastdds/threads.hpp"
 #include "transport/link.hpp"
+#include "transport/shipped.hpp"
 #include "transport/transport.hpp"
 
 namespace ontime::transport::fastdds {
@@ -398,14 +399,7 @@ std::string FastEndpoint::seen() {
 }
 
 std::map<std::string, std::string> FastEndpoint::facts() {
-  std::map<std::string, std::string> facts{{"middleware", "Fast DDS " FASTRTPS_VERSION_STR},
-                                           {"domain", std::to_string(config_.domain)},
-                                           {"carrier", profiles_.carrier},
-                                           {"configuration", profiles_.source}};
-  if (config_.security) facts["security"] = config_.security->level;
-  if (!config_.interface.empty())
-    facts.insert({{"interface", config_.interface}, {"address", config_.address}});
-  return facts;
+  return dds::facts(config_, "Fast DDS " FASTRTPS_VERSION_STR, profiles_.carrier, profiles_.source);
 }
 
 std::string version() { return FASTRTPS_VERSION_STR; }
@@ -415,17 +409,19 @@ std::unique_ptr<Endpoint> open(const Config& config, Sink& sink) {
   return std::make_unique<FastEndpoint>(config, sink);
 }
 
+constexpr Capabilities capabilities() {
+  auto can = shipped("fastdds")->carrying(dds::max_payload_bytes);
+  can.security = HAVE_SECURITY;  // how this Fast DDS was built
+  return can;
+}
+
 }  // namespace
 }  // namespace ontime::transport::fastdds
 
-extern "C" __attribute__((visibility("default"))) const ontime::transport::Plugin ontime_transport{
-    .abi = ontime::transport::abi,
-    .name = "fastdds",
-    .version = ontime::transport::fastdds::version,
-    .capabilities = {.listener = true,
-                     .waitset = true,
-                     .max_payload_bytes = ontime::transport::dds::max_payload_bytes,
-                     .security = HAVE_SECURITY,
-                     .neighbours = true},
-    .options = ontime::transport::fastdds::options,
-    .open = ontime::transport::fastdds::open};
+extern "C" __attribute__((visibility("default")))
+const ontime::transport::Plugin ontime_transport{.abi = ontime::transport::abi,
+                                                 .name = "fastdds",
+                                                 .version = ontime::transport::fastdds::version,
+                                                 .capabilities = ontime::transport::fastdds::capabilities(),
+                                                 .options = ontime::transport::fastdds::options,
+                                                 .open = ontime::transport::fastdds::open};

@@ -34,6 +34,7 @@
 #include "transport/clock.hpp"
 #include "transport/dds.hpp"
 #include "transport/link.hpp"
+#include "transport/shipped.hpp"
 #include "transport/transport.hpp"
 
 namespace ontime::transport::opendds {
@@ -579,13 +580,7 @@ std::string OpenEndpoint::seen() {
 }
 
 std::map<std::string, std::string> OpenEndpoint::facts() {
-  std::map<std::string, std::string> facts{{"middleware", "OpenDDS " DDS_VERSION},
-                                           {"domain", std::to_string(config_.domain)},
-                                           {"carrier", "UDPv4"},
-                                           {"configuration", "ontime"}};
-  if (!config_.interface.empty())
-    facts.insert({{"interface", config_.interface}, {"address", config_.address}});
-  return facts;
+  return dds::facts(config_, "OpenDDS " DDS_VERSION, "UDPv4", "ontime");
 }
 
 std::string version() { return DDS_VERSION; }
@@ -602,9 +597,7 @@ extern "C" __attribute__((visibility("default"))) const ontime::transport::Plugi
     .abi = ontime::transport::abi,
     .name = "opendds",
     .version = ontime::transport::opendds::version,
-    .capabilities = {.listener = true,
-                     .waitset = true,
-                     .max_payload_bytes = ontime::transport::dds::max_payload_bytes,
-                     .neighbours = true},
+    .capabilities =
+        ontime::transport::shipped("opendds")->carrying(ontime::transport::dds::max_payload_bytes),
     .options = {},
     .open = ontime::transport::opendds::open};

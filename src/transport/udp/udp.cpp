@@ -18,7 +18,6 @@
 #include <fmt/format.h>
 #include <linux/close_range.h>
 #include <linux/sock_diag.h>
-#include <netdb.h>
 #include <netinet/in.h>
 #include <sodium.h>
 #include <sys/socket.h>
@@ -27,7 +26,9 @@
 
 #include "message/message.hpp"
 #include "transport/clock.hpp"
+#include "transport/ipv4.hpp"
 #include "transport/launch.hpp"
+#include "transport/shipped.hpp"
 #include "transport/transport.hpp"
 
 namespace ontime::transport {
@@ -50,15 +51,10 @@ constexpr std::size_t max_payload = 65507 - overhead;  // 65535 less the headers
 std::string errno_text() { return std::generic_category().message(errno); }
 
 sockaddr_in ipv4(const std::string& host, int port) {
-  addrinfo hints{};
-  hints.ai_family = AF_INET;
-  hints.ai_socktype = SOCK_DGRAM;
-  addrinfo* found = nullptr;
-  if (const int code = getaddrinfo(host.c_str(), nullptr, &hints, &found); code != 0)
-    throw Error(fmt::format("host '{}' was not found: {}", host, gai_strerror(code)));
   sockaddr_in address{};
-  std::memcpy(&address, found->ai_addr, sizeof address);
-  freeaddrinfo(found);
+  address.sin_family = AF_INET;
+  if (const int code = look_up(host, address.sin_addr); code != 0)
+    throw Error(fmt::format("host '{}' was not found: {}", host, gai_strerror(code)));
   address.sin_port = htons(static_cast<std::uint16_t>(port));
   return address;
 }
@@ -353,14 +349,10 @@ std::unique_ptr<Endpoint> open(const Config& config, Sink& sink) {
 }  // namespace
 }  // namespace ontime::transport
 
-extern "C" __attribute__((visibility("default")))
-const ontime::transport::Plugin ontime_transport{ontime::transport::abi,
-                                                 "udp",
-                                                 ontime::transport::version,
-                                                 {.listener = true,
-                                                  .waitset = true,
-                                                  .max_payload_bytes = ontime::transport::max_payload,
-                                                  .launch_time = true,
-                                                  .topics = false},
-                                                 ontime::transport::options,
-                                                 ontime::transport::open};
+extern "C" __attribute__((visibility("default"))) const ontime::transport::Plugin ontime_transport{
+    .abi = ontime::transport::abi,
+    .name = "udp",
+    .version = ontime::transport::version,
+    .capabilities = ontime::transport::shipped("udp")->carrying(ontime::transport::max_payload),
+    .options = ontime::transport::options,
+    .open = ontime::transport::open};

@@ -18,6 +18,7 @@
 #include <xdp/xsk.h>
 
 #include "transport/frames.hpp"
+#include "transport/shipped.hpp"
 #include "transport/xdp/program.hpp"
 
 namespace ontime::transport::xdp {
@@ -260,8 +261,7 @@ extern "C" __attribute__((visibility("default"))) const ontime::transport::Plugi
     ontime::transport::abi,
     "xdp",
     ontime::transport::frames::kernel_version,
-    {.listener = true,
-     .waitset = true,
-     .max_payload_bytes = ontime::transport::xdp::largest_frame - ontime::transport::frames::overhead},
+    ontime::transport::shipped("xdp")->carrying(ontime::transport::xdp::largest_frame -
+                                                ontime::transport::frames::overhead),
     ontime::transport::xdp::options,
     ontime::transport::xdp::open};

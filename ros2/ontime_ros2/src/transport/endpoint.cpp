@@ -104,16 +104,6 @@ struct Seat {
   std::shared_ptr<Spinning> spinning;      // nullptr: we wait ourselves
 };
 
-// Neighbours are ordinary, whatever the critical one has of its own; so are those in another process
-// (of_their_own() of campaign/neighbours.cpp).
-Options options_beside(Options options) {
-  if (options.executor != Executor::waitset && options.executor != Executor::wait)
-    options.executor = Executor::single;
-  options.allocator = Allocator::standard;
-  options.intra_process = options.loaned = options.statistics = false;
-  return options;
-}
-
 template <typename Alloc>
 class RosEndpoint final : public Endpoint {
  public:

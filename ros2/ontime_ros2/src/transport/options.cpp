@@ -76,4 +76,12 @@ Options options_of(const Config& config) {
   return options;
 }
 
+Options options_beside(Options options) {
+  if (options.executor != Executor::waitset && options.executor != Executor::wait)
+    options.executor = Executor::single;
+  options.allocator = Allocator::standard;
+  options.intra_process = options.loaned = options.statistics = false;
+  return options;
+}
+
 }  // namespace ontime::transport::ros2

@@ -34,6 +34,8 @@ inline constexpr Option known_options[] = {
 
 // Of the options of a Config that has only known ones. Throws WrongInput.
 Options options_of(const Config& config);
+// Of background topics, which are ordinary whatever the critical one has of its own.
+Options options_beside(Options);
 
 const char* word_of(Executor executor);
 const char* word_of(Allocator allocator);

@@ -12,6 +12,7 @@
 #include "options.hpp"
 #include "rmw.hpp"
 #include "transport/dds.hpp"
+#include "transport/shipped.hpp"
 
 namespace ontime::transport::ros2 {
 namespace {
@@ -33,6 +34,7 @@ std::unique_ptr<Endpoint> open(const Config& asked, Sink& sink) {
   const Config config = without_localhost_only(asked);
   dds::check(config, "ros2", known_options);
   Options options = options_of(config);
+  if (config.background) options = options_beside(options);
   options.rmw = load_rmw(options.rmw);
   return rclcpp_part()(config, options, sink);
 }
@@ -44,10 +46,7 @@ extern "C" __attribute__((visibility("default"))) const ontime::transport::Plugi
     .abi = ontime::transport::abi,
     .name = "ros2",
     .version = ontime::transport::ros2::version,
-    .capabilities = {.listener = true,
-                     .waitset = true,
-                     .max_payload_bytes = std::size_t{1} << 20,  // tested, with its allocators
-                     .neighbours = true,
-                     .nodes = true},
+    .capabilities =
+        ontime::transport::shipped("ros2")->carrying(std::size_t{1} << 20),  // tested, with its allocators
     .options = ontime::transport::ros2::known_options,
     .open = ontime::transport::ros2::open};

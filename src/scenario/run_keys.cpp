@@ -1,0 +1,106 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "scenario/run_keys.hpp"
+
+#include <algorithm>
+#include <set>
+
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+
+#include "scenario/complete.hpp"
+#include "scenario/document.hpp"
+
+namespace ontime::scenario {
+namespace {
+
+using conditions::keys;
+
+// "cpus" of "isolation"; "": it is no map.
+std::string key_below(const std::string& path) {
+  for (const auto& key : keys())
+    if (key.path.starts_with(path + "."))
+      return key.path.substr(path.size() + 1, key.path.find('.', path.size() + 1) - path.size() - 1);
+  return "";
+}
+
+}  // namespace
+
+bool is_key(const std::string& path) {
+  static const auto paths = [] {
+    std::set<std::string> all;
+    for (const auto& key : keys()) all.insert(key.path);
+    return all;
+  }();
+  return paths.contains(path);
+}
+
+std::string nearest(const std::string& path) {
+  const auto dot = path.rfind('.');
+  const auto parent = dot == std::string::npos ? std::string() : path.substr(0, dot + 1);
+  std::set<std::string> siblings;
+  for (const auto& key : keys())
+    if (key.path.starts_with(parent))
+      siblings.insert(key.path.substr(parent.size(), key.path.find('.', parent.size()) - parent.size()));
+  if (parent.empty()) siblings.insert({"id", "options", "require"});
+  if (siblings.empty()) return nearest(parent.substr(0, parent.size() - 1));
+  return fmt::format("; allowed keys: {}", fmt::join(siblings, ", "));
+}
+
+Said RunKeys::divided(const std::string& path) const {
+  const auto dot = path.find('.');
+  auto name = path.substr(0, dot);
+  if (!is_component(name)) return {"", path};
+  return {std::move(name), dot == path.npos ? "" : path.substr(dot + 1)};
+}
+
+bool RunKeys::is_component(const std::string& name) const {
+  const auto& all = hosts_.components;
+  return named_ && std::any_of(all.begin(), all.end(), [&](const auto& one) { return one.name == name; });
+}
+
+Entries RunKeys::flat(const YAML::Node& run) const {
+  Entries entries;
+  flatten(run, "", entries);
+  return entries;
+}
+
+void RunKeys::flatten(const YAML::Node& node, const std::string& prefix, Entries& entries) const {
+  if (!node.IsMap())
+    fail_at(file_, node.Mark(),
+            prefix.empty() ? "keys and values are needed here" : prefix + ": a value is needed here");
+  once_each(file_, node);
+  for (const auto& entry : node) {
+    const auto path = prefix + entry.first.Scalar();
+    if (entry.second.IsMap()) {
+      flatten(entry.second, path + ".", entries);
+      continue;
+    }
+    const auto [component, key] = divided(path);
+    if (!component.empty() && key.empty())
+      fail_at(file_, entry.first.Mark(),
+              fmt::format("{0}: what holds for this component alone is needed here, such as {0}: "
+                          "{{period: 2 ms}}",
+                          component));
+    if (!is_key(key) && !is_option(key) && key != "id" && key != "require") {
+      if (const auto below = key_below(key); !below.empty())
+        fail_at(file_, entry.second.Mark(),
+                fmt::format("{0}: keys and values are needed here, such as {0}: {{{1}: …}}", path, below));
+      fail_at(file_, entry.first.Mark(), fmt::format("unknown key '{}'{}", path, nearest(key)));
+    }
+    if (const auto reason = component.empty() ? "" : why_not_its_own(key); !reason.empty())
+      fail_at(file_, entry.first.Mark(),
+              fmt::format("{}: this cannot be said of one component: {}", path, reason));
+    entries[path] = entry.second;
+  }
+}
+
+// The controller's end of a component's link is its own behind a bridge, but for what sends there.
+std::string RunKeys::why_not_its_own(const std::string& key) const {
+  if (!key.starts_with("link.") || hosts_.components.size() == 1) return common_to_all(key);
+  if (hosts_.kind == Hosts::Kind::stated)
+    return "the controller's interface, which is one end of the link, is one for all";
+  if (is_mark(key)) return "the controller gives it to all that it sends";
+  return "";
+}
+
+}  // namespace ontime::scenario

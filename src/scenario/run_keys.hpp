@@ -1,0 +1,46 @@
+// SPDX-License-Identifier: Apache-2.0
+// The keys of a run as a file states them, before they have a meaning.
+#pragma once
+
+#include <map>
+#include <string>
+
+#include <yaml-cpp/yaml.h>
+
+#include "scenario/scenario.hpp"
+
+namespace ontime::scenario {
+
+// A run as written, flat: path ("qos.depth") → what stands there.
+using Entries = std::map<std::string, YAML::Node>;
+
+// A key as it stands below a component's name, "arm.period", or for all.
+struct Said {
+  std::string component;  // "": all
+  std::string key;
+};
+
+bool is_key(const std::string& path);
+// "; allowed keys: …", those that stand beside it, which is where a slip of the pen is found.
+std::string nearest(const std::string& path);
+
+// Of one scenario, whose hosts outlive it. Throws Error: file, line, column, message.
+class RunKeys {
+ public:
+  // `named`: the scenario names its components, below which keys may stand.
+  RunKeys(const std::string& file, const Hosts& hosts, bool named)
+      : file_(file), hosts_(hosts), named_(named) {}
+  Said divided(const std::string& path) const;
+  Entries flat(const YAML::Node& run) const;
+
+ private:
+  bool is_component(const std::string& name) const;
+  void flatten(const YAML::Node&, const std::string& prefix, Entries&) const;
+  std::string why_not_its_own(const std::string& key) const;
+
+  const std::string file_;
+  const Hosts& hosts_;
+  const bool named_;
+};
+
+}  // namespace ontime::scenario
