@@ -127,6 +127,7 @@ Summary run(const Measured& p99, std::uint64_t late = 0) {
   run.on_time = 1000 - late;
   run.round_trip.count = 1000;
   run.round_trip.max = 7'000'000;
+  run.shape.round_trip_ranks = {{1000, 1'000'000}};
   run.round_trip_certainty[statistics::Figure::p99] = p99;
   return run;
 }
@@ -161,8 +162,8 @@ Summary slower(std::uint64_t events, std::uint64_t answers, double effect = 1) {
   one.round_trip_certainty[statistics::Figure::p99].effect =
       one.round_trip_certainty[statistics::Figure::p99_9].effect = effect;
   one.round_trip_certainty.slowest_effect = effect;
-  one.shape.round_trip = {{500'000, 1'500'000, answers - events}};
-  if (events > 0) one.shape.round_trip.push_back({3'000'000, 3'200'000, events});
+  one.shape.round_trip_ranks = {{answers - events, 1'000'000}};
+  if (events > 0) one.shape.round_trip_ranks.push_back({answers, 3'000'000});
   return one;
 }
 

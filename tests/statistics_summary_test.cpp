@@ -392,6 +392,22 @@ TEST(Shape, HidesNoExtreme) {
   EXPECT_EQ(count(shape.response), summary.response.count);
 }
 
+// 400 messages in one bin of the histogram.
+TEST(SlowerThan, CountsMessagesAndNotBins) {
+  std::vector<Sample> samples;
+  for (std::int64_t i = 0; i < 400; ++i)
+    samples.push_back(answered(static_cast<std::uint64_t>(i), i * 10'000'000, 0, 330'000 + 10 * i));
+  const auto summary = summary_of(samples, {});
+  const auto events = [&](double limit_ns) {
+    return slower_than(summary, Times::round_trip, limit_ns).events;
+  };
+  EXPECT_EQ(events(333'359), 64U);
+  EXPECT_EQ(events(333'360), 63U);
+  EXPECT_EQ(events(333'990), 0U);
+  EXPECT_EQ(events(329'999), 400U);
+  EXPECT_NEAR(static_cast<double>(events(331'000)), 299, 300 * 0.022);
+}
+
 TEST(Shape, ShowsAStallWhereItWas) {
   const auto summary = summary_of(
       {answered(0, 1000 * ms, 0, us), answered(1, 1010 * ms, 300, us), answered(2, 4020 * ms, 0, us)},

@@ -129,17 +129,17 @@ std::optional<Measured> measured(const Summary& summary, Times times, Figure fig
 Probability slower_than(const Summary& summary, Times times, double limit_ns) {
   const bool by_response = times == Times::response;
   const auto& certainty = by_response ? summary.response_certainty : summary.round_trip_certainty;
-  std::uint64_t events = 0;
-  for (const auto& bin : by_response ? summary.shape.response : summary.shape.round_trip)
-    if (static_cast<double>(bin.to_ns - 1) > limit_ns) events += bin.count;
+  const auto answers = (by_response ? summary.response : summary.round_trip).count;
+  auto events = answers;
+  for (const auto& one : by_response ? summary.shape.response_ranks : summary.shape.round_trip_ranks)
+    if (static_cast<double>(one.value) <= limit_ns) events = answers - one.rank;
   double effect = 1;
   for (const auto& percentile : certainty.quantiles) {
     if (percentile.value <= limit_ns) effect = 1;  // only those around it count
     effect = std::max(effect, percentile.effect);
     if (percentile.value > limit_ns) break;
   }
-  return probability(events, (by_response ? summary.response : summary.round_trip).count,
-                     events == 0 ? 1 : effect, certainty.slowest_effect);
+  return probability(events, answers, events == 0 ? 1 : effect, certainty.slowest_effect);
 }
 
 std::optional<Change> change(const std::vector<const Summary*>& from, const std::vector<const Summary*>& to,

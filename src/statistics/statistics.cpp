@@ -115,6 +115,8 @@ class Pass {
     auto& shape = summary_.shape;
     shape.round_trip = round_trips.histogram();
     shape.response = responses.histogram();
+    shape.round_trip_ranks = round_trips.some();
+    shape.response_ranks = responses.some();
     shape.slice_ns = timeline_.slice_ns();
     shape.slices = std::move(timeline_).slices();
     shape.worst = std::move(worst_).longest_first();

@@ -42,6 +42,13 @@ struct Bin {
 };
 using Histogram = std::vector<Bin>;
 
+// Some of the sorted values, with their ranks from 1: the highest 128, and of the others 32 for each doubling
+// of how many are higher.
+struct Ranked {
+  std::uint64_t rank;
+  std::int64_t value;
+};
+
 // A stretch of a run, by when messages were due. Times of round trips are 0 where nothing was answered.
 struct Slice {
   std::uint64_t sent = 0, late = 0, lost = 0, skipped_cycles = 0;
@@ -62,6 +69,7 @@ struct Worst {
 // What a page draws. Bounded, however long the run was, and no extreme is missing in it.
 struct Shape {
   Histogram round_trip, response;
+  std::vector<Ranked> round_trip_ranks, response_ranks;
   std::int64_t slice_ns = 0;  // how long a slice is; the last takes in all that came later
   std::vector<Slice> slices;  // from the first message on; at most 2,000
   std::vector<Worst> worst;   // at most 10, the longest first; lost messages are not among them
@@ -146,8 +154,8 @@ std::optional<Measured> measured(const Summary&, Times, Figure);  // nothing: no
 // Of late and lost messages; nothing of times.
 const Probability* probability_of(const Summary&, Times, Figure);
 
-// How many of the answers take longer than that, to the width of a bin of the histogram, rounded up. Their
-// design effect is the greater one of the percentiles around; of hardly any, that of the slowest.
+// How many of the answers take longer than that: exactly of the slowest 128, else by 2.2 % too many at most.
+// Their design effect is the greater one of the percentiles around; of hardly any, that of the slowest.
 Probability slower_than(const Summary&, Times, double limit_ns);
 
 // From one or several runs to one or several others: their means.

@@ -203,6 +203,19 @@ Histogram Ranks::histogram() {
   return bins;
 }
 
+std::vector<Ranked> Ranks::some() {
+  constexpr double most_exact = 128, a_doubling = 32;
+  std::vector<Ranked> some;
+  // By how many are higher.
+  for (double higher = 0; higher < static_cast<double>(count());
+       higher = higher < most_exact ? higher + 1 : std::ceil(higher * std::exp2(1 / a_doubling))) {
+    const auto rank = count() - static_cast<std::uint64_t>(higher);
+    some.push_back({rank, at_rank(rank)});
+  }
+  std::reverse(some.begin(), some.end());
+  return some;
+}
+
 Distribution distribution(const std::vector<std::int64_t>& values) {
   Values all;
   for (const auto value : values) all.add(value);

@@ -61,6 +61,7 @@ class Ranks {
   std::int64_t at_rank(std::uint64_t rank);   // from 1
   Distribution distribution();
   Histogram histogram();
+  std::vector<Ranked> some();
 
  private:
   struct Filled {
