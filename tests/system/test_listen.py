@@ -242,7 +242,7 @@ class Listen(unittest.TestCase):
         def metrics():
             with urllib.request.urlopen(url, timeout=30) as answer:
                 return answer.read().decode()
-        labels = f'topic="/scan",writer="listen_rmw_nod",writer_pid="{node.pid}"'
+        labels = f'topic="/scan",writer="listen_rmw_node",writer_pid="{node.pid}"'
         self.assertTrue(eventually(lambda: f'ontime_topic_age_seconds_count{{{labels}' in metrics(), 30), metrics())
         text = metrics()
         age = [int(line.rsplit(" ", 1)[1]) for line in text.splitlines()
