@@ -357,7 +357,8 @@ class Listening {
   std::string text_of_time() const {
     const std::chrono::duration<double> time = std::chrono::system_clock::now() - counted_from_;
     return fmt::format(
-        "counted  from {:%T} on, for {:.1f} s; of a node that starts later, from 1 s after its start at the latest\n",
+        "counted  from {:%T} on, for {:.1f} s; of a node that starts later, from 1 s after its start at the "
+        "latest\n",
         fmt::localtime(std::chrono::system_clock::to_time_t(counted_from_)), time.count());
   }
 
