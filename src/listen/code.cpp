@@ -126,7 +126,7 @@ class Disassembly {
 class Arguments {
  public:
   explicit Arguments(const Disassembly& code) : code_(code) {
-    for (std::uint8_t i = 0; i < as_called.size(); ++i) held_[as_called[i]] = i;
+    for (std::size_t i = 0; i < as_called.size(); ++i) held_[as_called[i]] = i;
   }
   // The one that it came in, where it still is there.
   std::uint8_t register_of(std::size_t argument) const {
