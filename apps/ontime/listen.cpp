@@ -183,11 +183,16 @@ class Listening {
     const auto metrics = metrics_at(arguments_.metrics);
     sensor->listen_for(0ms);  // finds the nodes
     counted_from_ = std::chrono::system_clock::now();
+    std::chrono::steady_clock::time_point offer_at;
     while (interrupts == 0 && (!time_ || std::chrono::steady_clock::now() - begin_ < *time_)) {
       const bool goes_on = sensor->listen_for(200ms);
       take(sensor->take_misses(), explainer.get());
       if (metrics) {
-        metrics->set(metrics_of(wanted(sensor->findings()), late_by_cause_));
+        // All flows are copied for it: once a second is enough.
+        if (const auto now = std::chrono::steady_clock::now(); now >= offer_at) {
+          offer_at = now + 1s;
+          metrics->set(metrics_of(wanted(sensor->findings()), late_by_cause_));
+        }
         metrics->serve_for(20ms);
       }
       if (!goes_on) break;

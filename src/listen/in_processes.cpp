@@ -221,7 +221,6 @@ class InProcesses final : public Sensor {
                          process.id));
   }
 
-  // Sets those probes whose function the library has: all of them, or none. False: none.
   // The kernel holds up a process's threads while it changes their code. Of times near to one another the
   // whole is kept, of others the last.
   class Probing {
@@ -256,11 +255,12 @@ class InProcesses final : public Sensor {
     return cookie;
   }
 
+  // Sets those probes whose function the library has: all of them, or none. False: none.
   bool set(const Mapping& mapping, pid_t process, std::vector<Link>& links, const std::vector<Wish>& wishes) {
     try {
       std::vector<Link> own;
       const Library library(mapping.path);
-      const auto attach = [&](bpf_program* program, const Place& place, bool on_return,
+      const auto attach = [&](const char* function, bpf_program* program, const Place& place, bool on_return,
                               std::uint64_t cookie) {
         bpf_uprobe_opts options{};
         options.sz = sizeof options;
@@ -268,7 +268,7 @@ class InProcesses final : public Sensor {
         options.bpf_cookie = cookie;
         auto* const link =
             bpf_program__attach_uprobe_opts(program, process, mapping.path.c_str(), place.offset, &options);
-        if (link == nullptr) throw Error(reason(errno));
+        if (link == nullptr) throw Error(fmt::format("a probe at {}: {}", function, reason(errno)));
         own.emplace_back(link, bpf_link__destroy);
       };
       std::set<std::string> costly;
@@ -284,9 +284,9 @@ class InProcesses final : public Sensor {
         if (wish.on_return != nullptr) {
           const auto exit = library.exit(wish.function);
           is_cheap &= exit->is_cheap;
-          if (exits.insert(exit->offset).second) attach(wish.on_return, *exit, true, 0);
+          if (exits.insert(exit->offset).second) attach(wish.function, wish.on_return, *exit, true, 0);
         }
-        attach(wish.on_call, *entry, false, cookie_of(wish, entry->registers, is_cheap));
+        attach(wish.function, wish.on_call, *entry, false, cookie_of(wish, entry->registers, is_cheap));
         if (!is_cheap) costly.insert(wish.function);
       }
       if (!costly.empty())
