@@ -1,5 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // What is set on a machine, and whose the machine is meanwhile.
+#include <chrono>
+#include <thread>
+
 #include "journal_fixture.hpp"
 
 namespace ontime::journal {
@@ -343,6 +346,18 @@ TEST_F(Settings, OneChangesTheMachineAtATime) {
   EXPECT_FALSE(fs::exists(holder.said())) << "what a dead one left is cleared on the way";
   second.change(governor, one_, "performance");
   EXPECT_THAT(error_of([] { Journal().hold(); }), HasSubstr(std::to_string(getpid())));
+}
+
+TEST_F(Settings, AHolderThatIsAboutToEndIsWaitedFor) {
+  Journal ending;
+  ending.hold();
+  std::thread end([&] {
+    std::this_thread::sleep_for(std::chrono::milliseconds(300));
+    EXPECT_THAT(ending.revert(), IsEmpty());
+  });
+  Journal next;
+  EXPECT_NO_THROW(next.hold());
+  end.join();
 }
 
 TEST_F(Journals, WithoutChangesBlockNoOther) {

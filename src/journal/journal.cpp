@@ -4,8 +4,11 @@
 #include <algorithm>
 #include <array>
 #include <cerrno>
+#include <chrono>
 #include <fstream>
 #include <iterator>
+#include <optional>
+#include <thread>
 
 #include <fmt/format.h>
 
@@ -17,6 +20,11 @@
 
 namespace ontime::journal {
 namespace {
+
+using namespace std::chrono_literals;
+using Clock = std::chrono::steady_clock;
+
+constexpr auto holder_may_end_in = 3s;
 
 std::string command_line() {
   std::ifstream file("/proc/self/cmdline");
@@ -45,13 +53,20 @@ Journal::~Journal() { revert(); }
 void Journal::hold() {
   if (file_ && file_->owner == getpid()) return;
   file_.reset();
-  auto folder = Folder::make();
-  const auto others = clear(folder, more_);
-  if (!others.holder.empty())
-    throw Error(
-        fmt::format("something of this machine was to be changed, but {} is at that already: wait until it "
-                    "has ended, or end it",
-                    others.holder));
+  std::optional<Folder> entered;
+  // A process that was told to end, or killed, may still be on its way out of the kernel.
+  for (const auto until = Clock::now() + holder_may_end_in;; std::this_thread::sleep_for(50ms)) {
+    entered.emplace(Folder::make());
+    const auto others = clear(*entered, more_);
+    if (others.holder.empty()) break;
+    if (Clock::now() > until)
+      throw Error(
+          fmt::format("something of this machine was to be changed, but {} is at that already: wait until it "
+                      "has ended, or end it",
+                      others.holder));
+    entered.reset();  // the holder needs it to end
+  }
+  auto& folder = *entered;
   auto [name, fd] = folder.add_journal();
   try {
     append(fd.get(), line_of(Header{boot_id(), getpid(), command_line()}));

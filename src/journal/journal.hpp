@@ -58,7 +58,7 @@ class Journal {
   Journal& operator=(const Journal&) = delete;
 
   // Before the first change, to be refused early: what others left is taken back first.
-  // Throws Error that names the holder.
+  // Waits some seconds for a holder that may be about to end. Throws Error that names the holder.
   void hold();
 
   // Read, write to the journal (it is on the disk then), change, read back. Throws Error if it cannot, or if

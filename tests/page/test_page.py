@@ -478,7 +478,8 @@ class Page(unittest.TestCase):
                 opened.click(f"figure.{name} [title='save as {form}']")
                 deadline = time.monotonic() + 60
                 pattern = f"{results.stem}-{begin}*{end}.{form.lower()}"
-                while not (files := list(self.folder.glob(pattern))) and time.monotonic() < deadline:
+                # The browser may take the name first, and write the content to a file of another.
+                while not (files := [file for file in self.folder.glob(pattern) if file.stat().st_size]) and time.monotonic() < deadline:
                     time.sleep(0.05)
                 self.assertTrue(files, (pattern, os.listdir(self.folder)))
                 content = files[0].read_bytes()
