@@ -59,7 +59,9 @@ Wire::Stream* Wire::stream_of(const rtps::Guid& writer) {
     ++left_out_;
     return nullptr;
   }
-  return &streams_[writer];
+  auto& added = streams_[writer];
+  added.number = static_cast<std::uint32_t>(streams_.size());
+  return &added;
 }
 
 // Whether this is the fragment that was still missing of its message.
@@ -101,6 +103,7 @@ void Wire::take(std::int64_t at_ns, const Datagram& datagram, const rtps::Data& 
       (stream->sequence.has_begun() && data.sequence > stream->sequence.next() + longest_leap)) {
     stream->sequence.restart();
     for (auto& [destination, sequence] : stream->destinations) sequence.restart();
+    stream->rows.restart();
     stream->is_broken = true;
   }
   const auto fate = stream->sequence.see(data.sequence);
@@ -135,16 +138,23 @@ void Wire::judge(Stream& stream, std::int64_t at_ns, const rtps::Data& data) {
     stream.period.add(gap);
     if (limits_.is_gap(gap)) {
       is_late = true;
-      miss(Miss::Kind::gap, at_ns, gap, data.writer);
+      miss(Miss::Kind::gap, at_ns, gap, data.writer, stream);
     }
+    stream.rows.period(keep_row_, stream.number, stream.last_ns, at_ns, is_late);
   }
   if (stream.is_one_host && data.stamp_ns) {
     const auto age = at_ns - *data.stamp_ns;
     stream.age.add(age);
-    if (limits_.is_too_old(age)) {
+    const bool is_too_old = limits_.is_too_old(age);
+    if (is_too_old) {
       is_late = true;
-      miss(Miss::Kind::age, at_ns, age, data.writer);
+      miss(Miss::Kind::age, at_ns, age, data.writer, stream);
     }
+    stream.rows.age(
+        keep_row_,
+        {.flow = stream.number, .from_ns = *data.stamp_ns, .to_ns = at_ns, .is_late = is_too_old},
+        data.sequence,
+        [&](std::uint64_t number) { return stream.sequence.is_missing(number) ? at_ns : std::int64_t{0}; });
   }
   stream.late += is_late ? 1 : 0;
 }
@@ -154,8 +164,9 @@ std::string Wire::topic_of(const rtps::Guid& writer) const {
   return found == topics_.end() ? "" : found->second;
 }
 
-void Wire::miss(Miss::Kind kind, std::int64_t at_ns, std::int64_t value_ns, const rtps::Guid& writer) {
-  misses_.add({kind, at_ns, value_ns, topic_of(writer), {0, rtps::text_of(writer)}, {}});
+void Wire::miss(Miss::Kind kind, std::int64_t at_ns, std::int64_t value_ns, const rtps::Guid& writer,
+                const Stream& stream) {
+  misses_.add({kind, at_ns, value_ns, topic_of(writer), {0, rtps::text_of(writer)}, {}, {}, stream.number});
 }
 
 Findings Wire::findings() const {
@@ -164,7 +175,8 @@ Findings Wire::findings() const {
   for (const auto& [guid, stream] : streams_) {
     if (stream.messages == 0) continue;
     const auto count = stream.destinations.size();
-    findings.flows.push_back({.topic = topic_of(guid),
+    findings.flows.push_back({.number = stream.number,
+                              .topic = topic_of(guid),
                               .writer = {0, fmt::format("{} at {}", rtps::text_of(guid), stream.source)},
                               .reader = {0, stream.destinations.begin()->first +
                                                 (count > 1 ? fmt::format(" and {} more", count - 1) : "")},

@@ -148,7 +148,7 @@ std::string text_of(const Answer& answer, std::size_t width) {
   auto text = wrapped(printable(answer.sentence), width);
   if (answer.rows.empty()) return text;
   text += wrapped(
-      printable((answer.conditions.empty() ? "" : answer.conditions + "; ") + "waits and round trips in ms"),
+      printable((answer.conditions.empty() ? "" : answer.conditions + "; ") + "times in ms"),
       width);
   std::string rest;
   for (std::size_t i = 0; i < std::min(most_cautions, answer.cautions.size()); ++i)
