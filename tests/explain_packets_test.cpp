@@ -210,6 +210,43 @@ TEST_P(Napi, APacketThatTheKernelJoinedToAnotherIsReceivedWithIt) {
   EXPECT_EQ(part.stage, Stage::travelled);
 }
 
+// Between two network cards a packet that arrives is not the one that was sent.
+class Wire : public Packets {
+ protected:
+  void leaves() {
+    event(due + 5 * us, 0, Kind::waking, asks, 0, "0");
+    switched(due + 8 * us, 0, 0, "R", asks);
+    event(sent + 5 * us, 0, Kind::queued, asks, 0, "to-component", 1);
+    event(sent + 6 * us, 0, Kind::sent, asks, 0, "to-component", 1);
+    comes(sent + 30 * us, 2);
+  }
+  void comes(std::int64_t at, std::int32_t packet) {
+    event(at, 0, Kind::received, hog, 0, "to-controller", packet);
+    window_.events.back().bytes = 536;  // without the header of the link
+  }
+};
+
+TEST_P(Wire, APacketThatIsDroppedWhereItArrivesLostTheMessage) {
+  leaves();
+  event(sent + 35 * us, 0, Kind::dropped, hog, 0, "SOCKET_RCVBUFF", 2);
+  comes(sent + 10 * ms, 3);  // the next message
+  const auto part = first(message(lost()));
+  EXPECT_EQ(part.cause, Cause::dropped);
+  EXPECT_EQ(part.culprit, "SOCKET_RCVBUFF");
+  EXPECT_EQ(part.end, "component");
+}
+
+TEST_P(Wire, APacketThatIsDroppedLaterByItsNumberIsAnother) {
+  leaves();
+  event(sent + 40 * us, 0, Kind::queued, hog, 0, "veth", 2);
+  event(sent + 41 * us, 0, Kind::dropped, hog, 0, "SOCKET_RCVBUFF", 2);
+  EXPECT_EQ(first(message(lost())).cause, Cause::unknown);
+}
+
+INSTANTIATE_TEST_SUITE_P(Kernel, Wire, testing::Values(true, false), [](const auto& told) {
+  return told.param ? "TellsLeavingIdle" : "DoesNotTellLeavingIdle";
+});
+
 INSTANTIATE_TEST_SUITE_P(Kernel, Napi, testing::Values(true, false), [](const auto& told) {
   return told.param ? "TellsLeavingIdle" : "DoesNotTellLeavingIdle";
 });

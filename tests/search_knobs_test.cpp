@@ -79,6 +79,16 @@ TEST(Knobs, AValueThatAMachineLacksIsLeftOutAlone) {
   EXPECT_THAT(knobs.left_out, Not(Contains(left_out("kernel.irq-cpus"))));
 }
 
+TEST(Knobs, NothingIsPutOnACpuWhereThereIsOnlyOne) {
+  conditions::Run run;
+  run.kernel = {{"threaded-napi", "on"}};
+  const auto knobs = knobs_of(run, {{}, 80, {}});
+  for (const auto* key : {"kernel.irq-cpus", "kernel.napi-cpus", "realtime.cpus", "realtime.receive.cpus"}) {
+    EXPECT_THAT(knobs.knobs, Not(Contains(of_key(key))));
+    EXPECT_THAT(knobs.left_out, Contains(left_out(key)));
+  }
+}
+
 TEST(Knobs, EveryKeyOfTheListIsTriedOrLeftOut) {
   const auto knobs = knobs_of({}, {});
   EXPECT_EQ(knob_keys().size(), knobs.knobs.size() + knobs.left_out.size());

@@ -13,10 +13,12 @@
 #include <fmt/format.h>
 #include <sys/resource.h>
 
+#include "bag/bag.hpp"
 #include "campaign/campaign.hpp"
 #include "commands.hpp"
 #include "flags.hpp"
 #include "listen_results.hpp"
+#include "listening.hpp"
 #include "metrics.hpp"
 #include "output.hpp"
 #include "report/report.hpp"
@@ -31,12 +33,6 @@ using namespace std::chrono_literals;
 using nlohmann::ordered_json;
 
 constexpr auto look_for_list = 3s;
-
-struct ListenArguments {
-  std::vector<std::string> topics;
-  std::string deadline, period, age, time, pcap, packets, output, metrics, results, format = "table";
-  bool list = false, no_explain = false;
-};
 
 std::optional<std::chrono::nanoseconds> time_of(const char* flag, const std::string& text) {
   return text.empty() ? std::nullopt : std::optional(duration_flag(flag, text));
@@ -68,9 +64,30 @@ std::string way_of(const listen::Flow& flow) {
                      flow.rate_hz());
 }
 
+const char* start_of_age(listen::AgeFrom from) {
+  switch (from) {
+    case listen::AgeFrom::writer:
+      return "writer";
+    case listen::AgeFrom::stamp:
+      return "header.stamp";
+    case listen::AgeFrom::publish:
+      return "publish time";
+  }
+  return "";
+}
+
+// Of a recorded message it says from when to when.
+std::string age_of(const listen::Flow& flow) {
+  if (!flow.age) return "age unknown";
+  return (flow.age_from == listen::AgeFrom::writer
+              ? "age "
+              : fmt::format("age from {} until recorded ", start_of_age(flow.age_from))) +
+         spread_of(*flow.age);
+}
+
 std::string text_of(const listen::Flow& flow, bool is_judged) {
-  auto text = fmt::format("{}  {} messages\n    period {}\n    age {}\n   ", way_of(flow), flow.messages,
-                          spread_of(flow.period), flow.age ? spread_of(*flow.age) : "unknown");
+  auto text = fmt::format("{}  {} messages\n    period {}\n    {}\n   ", way_of(flow), flow.messages,
+                          spread_of(flow.period), age_of(flow));
   if (is_judged) text += fmt::format(" late {} of {} ", flow.late, flow.messages);
   if (flow.silent_ns > 0)
     text += fmt::format(" SILENT for the last {:.1f} s ", static_cast<double>(flow.silent_ns) / 1e9);
@@ -133,6 +150,7 @@ ordered_json json_of(const listen::Flow& flow) {
           {"rate_hz", flow.rate_hz()},
           {"period", json_of(flow.period)},
           {"age", json_of(flow.age)},
+          {"age_from", flow.age ? ordered_json(start_of_age(flow.age_from)) : ordered_json()},
           {"late", flow.late},
           {"silent_ns", flow.silent_ns},
           {"lost", json_of(flow.lost)},
@@ -151,14 +169,10 @@ ordered_json json_of(const listen::Miss& miss) {
 }
 
 std::unique_ptr<listen::Sensor> sensor_of(const ListenArguments& arguments, const listen::Limits& limits) {
-  const bool is_live = !arguments.packets.empty();
-  try {
-    if (is_live) return listen::in_packets(arguments.packets, limits);
-    if (!arguments.pcap.empty()) return listen::in_pcap_file(arguments.pcap, limits);
-    return listen::in_processes(limits);
-  } catch (const listen::WrongInput& error) {
-    throw campaign::Error(2, fmt::format("{}: {}", is_live ? "--packets" : "--pcap", error.what()));
-  }
+  if (!arguments.bag.empty()) return bag::open(arguments.bag, limits);
+  if (!arguments.packets.empty()) return listen::in_packets(arguments.packets, limits);
+  if (!arguments.pcap.empty()) return listen::in_pcap_file(arguments.pcap, limits);
+  return listen::in_processes(limits);
 }
 
 class Listening {
@@ -171,10 +185,6 @@ class Listening {
         as_json_(is_json_flag(arguments.format)),
         output_(arguments.output) {
     if (arguments.list && !time_) time_ = look_for_list;
-    std::error_code ignored;
-    if (!arguments.pcap.empty() && std::filesystem::equivalent(arguments.pcap, arguments.output, ignored))
-      throw campaign::Error(
-          2, fmt::format("--output: {} is the capture that is read. Choose another file.", arguments.output));
     if (arguments.list && !arguments.results.empty())
       throw campaign::Error(2, "--results: --list keeps no messages; leave out one of them");
   }
@@ -215,7 +225,7 @@ class Listening {
     output_.finish();
     if (results) tell_of(*results);
     // Without --for an interruption is how listening ends.
-    if (interrupts > 0 && time_) return 130;
+    if (interrupts > 0 && (time_ || !arguments_.bag.empty())) return 130;
     // A silent topic misses every limit.
     if (!is_all_seen) return is_judged_ ? 1 : 2;
     if (is_judged_ && findings.flows.empty()) return 1;
@@ -239,7 +249,7 @@ class Listening {
 
   // nullptr: no message can be late, or the probes do not see it, or this machine cannot; the last is said.
   std::unique_ptr<listen::Explainer> make_explainer() const {
-    const bool in_processes = arguments_.packets.empty() && arguments_.pcap.empty();
+    const bool in_processes = arguments_.packets.empty() && !arguments_.is_recording();
     if (!is_judged_ || !in_processes || arguments_.list || arguments_.no_explain) return nullptr;
     try {
       return std::make_unique<listen::Explainer>();
@@ -288,6 +298,11 @@ class Listening {
                               results.runs(), arguments_.results, table::shell_line({arguments_.results})));
   }
 
+  const char* what_shows_topics() const {
+    return arguments_.bag.empty() ? "without TOPIC, or with --list, it shows the topics"
+                                  : "without --topic it shows all topics of the bag";
+  }
+
   // Remarks on what was asked for and not seen.
   void add_unseen(listen::Findings& findings) {
     std::set<std::string> seen;
@@ -304,9 +319,9 @@ class Listening {
                                                 "not captured: start the capture before the nodes, or leave "
                                                 "out TOPIC",
                                                 unnamed)
-                                  : "without TOPIC, or with --list, it shows the topics"));
+                                  : what_shows_topics()));
     }
-    if (findings.flows.empty() && arguments_.packets.empty() && arguments_.pcap.empty())
+    if (findings.flows.empty() && arguments_.packets.empty() && !arguments_.is_recording())
       findings.remarks.emplace_back(
           "the processes of this PID namespace that use ROS 2 or Cyclone DDS are watched; of other programs "
           "see the packets: --packets any");
@@ -316,17 +331,18 @@ class Listening {
     if (as_json_) {
       const auto from_ns =
           std::chrono::duration_cast<std::chrono::nanoseconds>(counted_from_.time_since_epoch()).count();
-      ordered_json json{{"counted_from_ns", arguments_.pcap.empty() ? ordered_json(from_ns) : ordered_json()},
-                        {"flows", ordered_json::array()},
-                        {"misses", ordered_json::array()},
-                        {"misses_left_out", findings.misses_left_out},
-                        {"forgotten",
-                         {{"flows", findings.forgotten.flows},
-                          {"messages", findings.forgotten.messages},
-                          {"with_misses", findings.forgotten.with_misses}}},
-                        {"sensor_lost", findings.sensor_lost},
-                        {"cost", json_of_cost(findings.cost)},
-                        {"remarks", findings.remarks}};
+      ordered_json json{
+          {"counted_from_ns", arguments_.is_recording() ? ordered_json() : ordered_json(from_ns)},
+          {"flows", ordered_json::array()},
+          {"misses", ordered_json::array()},
+          {"misses_left_out", findings.misses_left_out},
+          {"forgotten",
+           {{"flows", findings.forgotten.flows},
+            {"messages", findings.forgotten.messages},
+            {"with_misses", findings.forgotten.with_misses}}},
+          {"sensor_lost", findings.sensor_lost},
+          {"cost", json_of_cost(findings.cost)},
+          {"remarks", findings.remarks}};
       for (const auto& flow : findings.flows) json["flows"].push_back(json_of(flow));
       for (const auto& miss : misses_) json["misses"].push_back(json_of(miss));
       return output_.write(json.dump(2, ' ', true, ordered_json::error_handler_t::replace) + "\n");
@@ -334,7 +350,7 @@ class Listening {
     if (findings.flows.empty()) output_.write("No message was seen.\n");
     for (const auto& flow : findings.flows)
       output_.write(arguments_.list ? way_of(flow) + "\n" : text_of(flow, is_judged_));
-    if (!arguments_.list && arguments_.pcap.empty())
+    if (!arguments_.list && !arguments_.is_recording())
       output_.write(text_of_time() + text_of_cost(findings.cost));
     if (findings.sensor_lost > 0)
       print_error(fmt::format("the sensor lost {} events: no loss and no period is counted across them",
@@ -414,20 +430,39 @@ class Listening {
 
 }  // namespace
 
+void add_limits(Command& command, ListenArguments& arguments, const char* age_help) {
+  const auto add = [&](const char* flag, std::string& value, const char* help) {
+    command.add_option(flag, value, help)->type_name("TIME")->check(given);
+  };
+  add("--deadline", arguments.deadline, "a message is late that comes later than this after the one before");
+  add("--period", arguments.period, "the expected period; a message is late after 1.5 times as long");
+  add("--age", arguments.age, age_help);
+}
+
+int listen_to(const ListenArguments& arguments) {
+  std::error_code ignored;
+  for (const auto* input : {&arguments.pcap, &arguments.bag})
+    if (!input->empty() && std::filesystem::equivalent(*input, arguments.output, ignored))
+      throw campaign::Error(
+          2, fmt::format("--output: {} is the file that is read. Choose another file.", arguments.output));
+  try {
+    return Listening(arguments).run();
+  } catch (const listen::WrongInput& error) {
+    const auto* flag = !arguments.packets.empty() ? "--packets: " : !arguments.pcap.empty() ? "--pcap: " : "";
+    throw campaign::Error(2, fmt::format("{}{}", flag, error.what()));
+  }
+}
+
 void add_listen(Command& app, Action& action) {
   auto* command = app.add_subcommand(
       "listen",
       "Judges the messages of a robot that runs, in its processes or on the wire, and changes nothing of it");
   auto arguments = std::make_shared<ListenArguments>();
   command->add_option("TOPIC", arguments->topics, "judge these topics: all");
-  const auto add_time = [&](const char* flag, std::string& value, const char* help) {
-    command->add_option(flag, value, help)->type_name("TIME")->check(given);
-  };
-  add_time("--deadline", arguments->deadline,
-           "a message is late that comes later than this after the one before");
-  add_time("--period", arguments->period, "the expected period; a message is late after 1.5 times as long");
-  add_time("--age", arguments->age, "a message is late that is older than this when it is taken");
-  add_time("--for", arguments->time, "end after this time: at Ctrl-C");
+  add_limits(*command, *arguments, "a message is late that is older than this when it is taken");
+  command->add_option("--for", arguments->time, "end after this time: at Ctrl-C")
+      ->type_name("TIME")
+      ->check(given);
   command->add_flag("--list", arguments->list, "list who publishes and takes what, after 3 s");
   command->add_flag("--no-explain", arguments->no_explain,
                     "do not record the kernel's events, which say why a message was late");
@@ -442,7 +477,7 @@ void add_listen(Command& app, Action& action) {
   add_metrics(*command, arguments->metrics);
   add_file(*command, "--results", arguments->results,
            "keep every message: add runs to this results file, for report, compare and plot");
-  command->callback([&action, arguments] { action = [arguments] { return Listening(*arguments).run(); }; });
+  command->callback([&action, arguments] { action = [arguments] { return listen_to(*arguments); }; });
 }
 
 }  // namespace ontime::app

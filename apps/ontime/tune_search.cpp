@@ -276,12 +276,13 @@ int Searched::show(const search::Links& links) const {
   return exit_code();
 }
 
-int search_here(const Arguments& arguments, const Asked& asked, Terminal& terminal,
+int search_here(const Arguments& arguments, Asked asked, Terminal& terminal,
                 campaign::Interrupts& interrupts) {
   search::Knobs knobs;
   search::Links links;
   {
     const campaign::Look look(asked.scenario, terminal, interrupts);
+    if (look.most_cpus() == 1) asked.bounds.cpus.clear();
     auto bounds = asked.bounds;
     bounds.cannot = [&](const search::Setting& one) { return look.why_not(one.key, one.value); };
     knobs = search::knobs_of(asked.scenario.runs.front(), bounds);
@@ -371,6 +372,7 @@ int run(const Arguments& arguments) {
     std::vector<int> cpus(static_cast<std::size_t>(machine.cpus));
     std::iota(cpus.begin(), cpus.end(), 0);
     asked.bounds.cpus = cpus_of(arguments, cpus);
+    if (machine.cpus == 1) asked.bounds.cpus.clear();
     lab.emplace(machine, LabTask{{"ontime", "tune", "search"},
                                  {asked.file},
                                  arguments.choice,

@@ -74,6 +74,7 @@ class Look {
   // Why a host cannot have this value of this key in the scenario's first run, for people; "": all can, or
   // only a run shows it.
   std::string why_not(const std::string& key, const std::string& value) const;
+  int most_cpus() const;  // online, of the machine that has most
   // By host: where its messages come and go when no run is made; no host where that is made for the runs.
   std::map<std::string, settings::Link> links() const;
 

@@ -68,6 +68,14 @@ std::string Look::why_not(const std::string& key, const std::string& value) cons
   return parts_->why_not_of_kernel(key.substr(of_kernel.size()), run.kernel);
 }
 
+int Look::most_cpus() const {
+  const auto& machines = parts_->machines;
+  int most = machines.machine(controller).at("cpu_count");
+  for (const auto& component : machines.hosts().components)
+    most = std::max<int>(most, machines.machine(component.name).at("cpu_count"));
+  return most;
+}
+
 std::map<std::string, settings::Link> Look::links() const {
   std::map<std::string, settings::Link> links;
   const auto& hosts = parts_->machines.hosts();

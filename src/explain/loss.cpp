@@ -87,7 +87,7 @@ bool Way::not_sent(Delay& found, const End& from, std::int64_t from_ns) const {
 bool Way::lost_between(Delay& found, const End& from, const End& to, const Packet& way, std::int64_t from_ns,
                        std::int64_t until_ns) const {
   if (way.dropped != nullptr) {
-    const bool here = way.sent == nullptr || !one_machine_;
+    const bool here = way.sent == nullptr || (way.received == nullptr && !one_machine_);
     found.parts.push_back({.cause = Cause::dropped,
                            .stage = way.received != nullptr ? Stage::delivered
                                     : way.sent == nullptr   ? Stage::queued
@@ -143,7 +143,7 @@ Part Way::last_seen(const Packet& there, const Packet& back) const {
 
 // What became of the answer to a message that came to the server's machine at `there_ns`.
 Packet Way::answer_lost(Delay& found, std::int64_t there_ns, std::int64_t until_ns) const {
-  auto back = packet(server_, client_, there_ns, until_ns);
+  auto back = lost_packet(server_, client_, there_ns, until_ns);
   if (back.queued == nullptr && back.dropped == nullptr) {
     if (!not_sent(found, server_, there_ns)) receiver(found, server_, there_ns, until_ns);
   } else if (!lost_between(found, server_, client_, back, there_ns, until_ns)) {
@@ -157,7 +157,7 @@ Packet Way::answer_lost(Delay& found, std::int64_t there_ns, std::int64_t until_
 
 std::vector<Part> Way::loss_of(const roundtrip::Sample& sample, std::int64_t until_ns) {
   Delay found;
-  const auto there = packet(client_, server_, sample.sent_ns, until_ns);
+  const auto there = lost_packet(client_, server_, sample.sent_ns, until_ns);
   Packet back;
   if (!lost_between(found, client_, server_, there, sample.sent_ns, until_ns)) {
     if (there.received != nullptr)

@@ -149,8 +149,9 @@ Packet Way::last_packet(const End& from, std::int64_t from_ns, std::int64_t to_n
 
 // The kernel may join several packets into one (GRO): then the first of them is received, with the bytes of
 // all, and the others are freed with it, which is no drop.
+constexpr std::string_view freed_with_another = "skb_release";
 void find_joined(Packet& packet, const End& to, std::int64_t to_ns) {
-  const bool is_freed = packet.dropped != nullptr && packet.dropped->what.starts_with("skb_release");
+  const bool is_freed = packet.dropped != nullptr && packet.dropped->what.starts_with(freed_with_another);
   if (packet.received != nullptr || (packet.dropped != nullptr && !is_freed)) return;
   const auto until_ns = is_freed ? packet.dropped->at_ns : to_ns;
   const auto& events = to.timeline->events();
@@ -172,11 +173,41 @@ Packet Way::packet(const End& from, const End& to, std::int64_t from_ns, std::in
     return packet;
   }
   // Over a wire: the last of its size that had come.
-  for (const auto& event : to.timeline->events()) {
-    const bool is_its = event.kind == Kind::received && event.bytes >= packet_bytes_ &&
-                        (!one_machine_ || event.what == to.interface);
-    if (is_its && event.at_ns <= to_ns && event.at_ns >= packet.sent->at_ns - usual_.uncertainty_ns(from_ns))
-      packet.received = &event;
+  for (const auto& event : to.timeline->events())
+    if (may_have_come(packet, to, event, to_ns)) packet.received = &event;
+  return packet;
+}
+
+// Over a wire, by two clocks, where it may have another number.
+bool Way::may_have_come(const Packet& packet, const End& to, const Event& event, std::int64_t to_ns) const {
+  return event.kind == Kind::received && event.bytes >= packet_bytes_ &&
+         (!one_machine_ || event.what == to.interface) && event.at_ns <= to_ns &&
+         event.at_ns >= packet.sent->at_ns - usual_.uncertainty_ns(packet.sent->at_ns);
+}
+
+// What the kernel did next with the packet that has this number, if that was to drop it.
+const Event* dropped_next(const Timeline& timeline, const Event& received, std::int64_t to_ns) {
+  const auto& events = timeline.events();
+  const auto next = std::find_if(events.begin(), events.end(), [&](const Event& event) {
+    return event.packet == received.packet && event.at_ns > received.at_ns;
+  });
+  const bool is_drop = next != events.end() && next->kind == Kind::dropped && next->at_ns <= to_ns &&
+                       !next->what.starts_with(freed_with_another);
+  return is_drop ? &*next : nullptr;
+}
+
+// Over a wire the first that came, if it was dropped there: messages that are sent later come later.
+Packet Way::lost_packet(const End& from, const End& to, std::int64_t from_ns, std::int64_t to_ns) const {
+  auto packet = this->packet(from, to, from_ns, to_ns);
+  if (is_handed_over_ || packet.received == nullptr) return packet;
+  const auto& events = to.timeline->events();
+  const auto first = std::find_if(events.begin(), events.end(), [&](const Event& event) {
+    return may_have_come(packet, to, event, to_ns) && event.bytes <= packet.queued->bytes;
+  });
+  if (first == events.end()) return packet;
+  if (const auto* dropped = dropped_next(*to.timeline, *first, to_ns)) {
+    packet.received = &*first;
+    packet.dropped = dropped;
   }
   return packet;
 }

@@ -64,6 +64,8 @@ class Way {
   void rest(Delay&, std::size_t leg, const Leg&) const;
   Packet last_packet(const End& from, std::int64_t from_ns, std::int64_t to_ns) const;
   Packet packet(const End& from, const End& to, std::int64_t from_ns, std::int64_t to_ns) const;
+  Packet lost_packet(const End& from, const End& to, std::int64_t from_ns, std::int64_t to_ns) const;
+  bool may_have_come(const Packet&, const End& to, const trace::Event&, std::int64_t to_ns) const;
   bool not_sent(Delay&, const End& from, std::int64_t from_ns) const;
   bool lost_between(Delay&, const End& from, const End& to, const Packet&, std::int64_t from_ns,
                     std::int64_t until_ns) const;

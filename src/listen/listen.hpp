@@ -61,6 +61,13 @@ struct Party {
   bool operator==(const Party&) const = default;
 };
 
+// Where an age begins. It ends when the message is taken; of a recorded message, when it was recorded.
+enum class AgeFrom : std::uint8_t {
+  writer,   // the time stamp that its writer's middleware gave it
+  stamp,    // its header.stamp
+  publish,  // its publish time in the recording
+};
+
 // Messages of one writer to one reader.
 struct Flow {
   std::uint32_t number = 0;  // by which rows name it
@@ -69,7 +76,8 @@ struct Flow {
   std::uint64_t messages = 0;  // taken; on the wire, seen; of a flow without a reader, published
   std::int64_t first_ns = 0, last_ns = 0;
   Distribution period;
-  std::optional<Distribution> age;    // empty: no writer's stamp by this machine's clock
+  std::optional<Distribution> age;  // empty: no writer's stamp by this machine's clock
+  AgeFrom age_from = AgeFrom::writer;
   std::optional<std::uint64_t> lost;  // empty: the sensor cannot tell
   std::uint64_t duplicated = 0, reordered = 0;
   std::uint64_t late = 0;      // by any of the limits

@@ -272,6 +272,7 @@ std::vector<Phrase> phrases_of(const Summary& summary) {
           add_field(field, path == "timeout" ? Phrase::Where::in_labels : Phrase::Where::everywhere);
   };
   if (client.schedule == roundtrip::Schedule::back_to_back) done.insert("period");
+  if (asked.is_listened()) done.insert("schedule");
   if (asked.stated("deadline_us") == asked.stated("period_us")) done.insert("deadline");
   if (asked.task.config.domain != 0) done.erase("domain");
   add("realtime", "realtime",

@@ -75,6 +75,7 @@ std::string why_not(const std::string& key, const conditions::Run& run, const Bo
     return "messages of this transport do not pass the kernel's network";
   if (is_of_kernel(key) && is_priority(key) && bounds.below_priority <= least_priority)
     return fmt::format("no priority is below {}", bounds.below_priority);
+  if (is_of_cpus(key) && bounds.cpus.empty()) return "there is only one CPU";
   if (key.starts_with("kernel.napi-") && stated(run, "kernel.threaded-napi") != "on")
     return "NAPI has no threads here: threaded-napi is off";
   return "";

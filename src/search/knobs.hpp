@@ -19,7 +19,7 @@ namespace ontime::search {
 struct Bounds {
   std::set<std::string> never;  // keys, or their last words: "irq-threads"
   int below_priority = 80;      // of the kernel's threads, which would else keep the application from its CPU
-  std::vector<int> cpus;        // on which anything may be put
+  std::vector<int> cpus;        // on which anything may be put; empty: each machine has one CPU
   // Why a machine of the run cannot have this setting, for people; "": it can, or that is not known.
   std::function<std::string(const Setting&)> cannot = [](const Setting&) { return std::string(); };
 };

@@ -278,6 +278,7 @@ class Machines(Lab):
         left_out = {one["key"] for one in found["left_out"]}
         self.assertNotIn("kernel.irq-threads", left_out)  # PREEMPT_RT has them
         self.assertIn("kernel.governor", left_out)
+        self.assertIn("kernel.irq-cpus", left_out)  # it has one CPU
         for page in ("s.search.html", "s.html"):
             self.assertIn("SIMULATED", pathlib.Path(self.folder, page).read_text())
         # What ended needs no machine any more, and is of that machine alone.
