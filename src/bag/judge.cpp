@@ -12,6 +12,7 @@ namespace {
 
 // A writer that leaves out more numbers than this, or goes back further than is followed, began anew.
 constexpr std::uint64_t longest_leap = 1 << 20;
+constexpr std::int64_t rows_begin_ns = 1'000'000'000;
 // A stamp that differs more from the recording is by a clock of its own, as simulated time is.
 constexpr std::int64_t one_year_ns = std::int64_t{365} * 24 * 3600 * 1'000'000'000;
 
@@ -31,10 +32,13 @@ Judge::Stream* Judge::stream_of(const Topic& topic) {
     ++left_out_;
     return nullptr;
   }
-  return &streams_[key];
+  auto& added = streams_[key];
+  added.number = static_cast<std::uint32_t>(streams_.size());
+  return &added;
 }
 
 void Judge::add(const Message& message) {
+  if (latest_ns_ == 0) origin_ns_ = message.recorded_ns - rows_begin_ns;
   latest_ns_ = std::max(latest_ns_, message.recorded_ns);
   auto* const stream = stream_of(*message.topic);
   if (stream == nullptr || is_again(*stream, message)) return;
@@ -61,7 +65,7 @@ bool Judge::is_again(Stream& stream, const Message& message) {
   }
   if (sequence.has_begun() &&
       (number > sequence.next() + longest_leap || number + listen::Sequence::window < sequence.next()))
-    sequence.restart();
+    sequence.restart(), stream.rows.restart();
   switch (sequence.see(number)) {
     case listen::Sequence::Fate::again:
       ++stream.duplicated;
@@ -85,18 +89,31 @@ void Judge::judge(Stream& stream, const Message& message) {
       stream.period.add(gap);
       if (limits_.is_gap(gap)) {
         is_late = true;
-        miss(listen::Miss::Kind::gap, gap, message);
+        miss(listen::Miss::Kind::gap, gap, message, stream);
       }
+      stream.rows.period(keep_row_, stream.number, stream.last_ns - origin_ns_,
+                         message.recorded_ns - origin_ns_, limits_.is_gap(gap));
     }
   }
   if (const auto age = age_of(stream, message)) {
     stream.age.add(*age);
     if (limits_.is_too_old(*age)) {
       is_late = true;
-      miss(listen::Miss::Kind::age, *age, message);
+      miss(listen::Miss::Kind::age, *age, message, stream);
     }
+    keep_age(stream, message, *age, limits_.is_too_old(*age));
   }
   stream.late += is_late ? 1 : 0;
+}
+
+void Judge::keep_age(Stream& stream, const Message& message, std::int64_t age_ns, bool is_late) {
+  const bool is_numbered = stream.sequence.has_begun();
+  if (std::exchange(stream.is_numbered, is_numbered) != is_numbered) stream.rows.restart();
+  const auto to_ns = message.recorded_ns - origin_ns_;
+  stream.rows.age(
+      keep_row_, {.flow = stream.number, .from_ns = to_ns - age_ns, .to_ns = to_ns, .is_late = is_late},
+      is_numbered ? message.sequence : stream.messages,
+      [&](std::uint64_t number) { return stream.sequence.is_missing(number) ? to_ns : std::int64_t{0}; });
 }
 
 std::optional<std::int64_t> Judge::age_of(Stream& stream, const Message& message) {
@@ -120,13 +137,15 @@ std::optional<std::int64_t> Judge::age_of(Stream& stream, const Message& message
   return age;
 }
 
-void Judge::miss(listen::Miss::Kind kind, std::int64_t value_ns, const Message& message) {
+void Judge::miss(listen::Miss::Kind kind, std::int64_t value_ns, const Message& message,
+                 const Stream& stream) {
   misses_.add({kind, message.recorded_ns, value_ns, message.topic->name, party_of(message.topic->writer),
-               recorder()});
+               recorder(), {}, stream.number});
 }
 
 listen::Flow Judge::flow_of(const Key& key, const Stream& stream) {
-  return {.topic = key.first,
+  return {.number = stream.number,
+          .topic = key.first,
           .writer = party_of(key.second),
           .reader = recorder(),
           .messages = stream.messages,
