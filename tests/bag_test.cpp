@@ -21,6 +21,7 @@ using namespace std::chrono_literals;
 using ::testing::ElementsAre;
 using ::testing::HasSubstr;
 using ::testing::IsEmpty;
+using ::testing::Not;
 namespace fs = std::filesystem;
 
 constexpr std::int64_t ms = 1'000'000, start = 1'700'000'000'000 * ms;
@@ -494,6 +495,18 @@ TEST_F(Bags, FolderIsReadInTheOrderOfItsMetadata) {
   EXPECT_EQ(findings.flows.at(0).messages, 2U);
   EXPECT_EQ(findings.flows.at(0).period.max_ns(), 10 * ms);
   EXPECT_THAT(findings.remarks, IsEmpty());
+}
+
+TEST_F(Bags, WhatMetadataSaysOfTopicsAndCompressionIsRemarked) {
+  fs::create_directory(folder_ / "drive");
+  write("drive/drive_0.mcap", mcap(channel(1, 0, "/a") + message(1, {start})));
+  write("drive/metadata.yaml",
+        "rosbag2_bagfile_information:\n  compression_mode: MESSAGE\n  relative_file_paths: [drive_0.mcap]\n"
+        "  topics_with_message_count:\n"
+        "    - {topic_metadata: {name: /a}, message_count: 1}\n"
+        "    - {topic_metadata: {name: /dead}, message_count: 0}\n");
+  EXPECT_THAT(judged((folder_ / "drive").string()).remarks,
+              ElementsAre(AllOf(HasSubstr("/dead"), Not(HasSubstr("/a"))), HasSubstr("compressed")));
 }
 
 TEST_F(Bags, FolderWithoutMetadataIsReadByNumber) {

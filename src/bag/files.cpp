@@ -20,6 +20,7 @@ namespace fs = std::filesystem;
 using namespace std::string_view_literals;
 
 constexpr std::size_t most_metadata_bytes = 16 << 20;
+constexpr std::size_t most_name_characters = 200;  // of the silent topics that are named
 constexpr auto sqlite_magic = "SQLite format 3\0"sv, mcap_magic = "\x89MCAP0\r\n"sv;
 
 // The first bytes of a file; fewer, or none, where there are no more.
@@ -53,6 +54,20 @@ std::string metadata_in(const std::string& path) {
   return text;
 }
 
+// Topics that were recorded, and had no message.
+std::string silent_in(const YAML::Node& topics) {
+  std::string names;
+  std::size_t more = 0;
+  for (const auto& topic : topics) {
+    if (topic["message_count"].as<std::uint64_t>() > 0) continue;
+    if (names.size() > most_name_characters)
+      ++more;
+    else
+      names += (names.empty() ? "" : ", ") + topic["topic_metadata"]["name"].as<std::string>();
+  }
+  return more == 0 ? names : fmt::format("{} and {} more", names, more);
+}
+
 // Older versions name the files with their folder, newer ones without; they always lie beside metadata.yaml.
 Files files_by(const fs::path& metadata) {
   Files files;
@@ -60,6 +75,8 @@ Files files_by(const fs::path& metadata) {
     const auto about = YAML::Load(metadata_in(metadata.string()))["rosbag2_bagfile_information"];
     for (const auto& file : about["relative_file_paths"])
       files.paths.push_back((metadata.parent_path() / fs::path(file.as<std::string>()).filename()).string());
+    if (const auto silent = silent_in(about["topics_with_message_count"]); !silent.empty())
+      files.remarks.push_back(fmt::format("recorded without any message: {}", silent));
     if (about["compression_mode"].as<std::string>("") == "MESSAGE")
       files.remarks.emplace_back("each message is compressed by itself: ages by header.stamp are unknown");
   } catch (const YAML::Exception& error) {
