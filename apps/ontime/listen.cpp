@@ -294,8 +294,9 @@ class Listening {
     if (results.runs() == 0)
       print_error(fmt::format("results: nothing is in {}: no message was seen", arguments_.results));
     else
-      print_error(fmt::format("results: {} runs in {}, one for each age and period of a flow; ontime report {}",
-                              results.runs(), arguments_.results, table::shell_line({arguments_.results})));
+      print_error(
+          fmt::format("results: {} runs in {}, one for each age and period of a flow; ontime report {}",
+                      results.runs(), arguments_.results, table::shell_line({arguments_.results})));
   }
 
   const char* what_shows_topics() const {

@@ -67,8 +67,7 @@ std::int64_t ListenResults::begin(const listen::Flow& flow, Row::Quantity quanti
        {"variant", variant},
        {"repetition", 1},
        {"schedule", "back-to-back"},  // of its own accord: no cycle is known in which a message was due
-       {"deadline_us",
-        microseconds(quantity == Row::Quantity::age ? limits_.age : limits_.longest_gap())},
+       {"deadline_us", microseconds(quantity == Row::Quantity::age ? limits_.age : limits_.longest_gap())},
        {"ontime", ONTIME_VERSION},
        {"command_line", command_line_}});
 }
@@ -99,10 +98,11 @@ void ListenResults::note(const listen::Miss& miss) {
   const auto quantity = miss.kind == listen::Miss::Kind::age ? Row::Quantity::age : Row::Quantity::period;
   const auto kept = kept_.find({miss.flow, quantity});
   if (kept == kept_.end() || kept->second.run == 0) return;
-  writer_.note(kept->second.run, {record::cause_of_late,
-                                    fmt::format("{:.1f} ms late: {}{}", static_cast<double>(miss.value_ns) / 1e6, miss.why->sentence,
-                                                miss.why->fix.empty() ? "" : "; fix: " + miss.why->fix),
-                                    miss.course.taken_ns, std::nullopt});
+  writer_.note(kept->second.run,
+               {record::cause_of_late,
+                fmt::format("{:.1f} ms late: {}{}", static_cast<double>(miss.value_ns) / 1e6,
+                            miss.why->sentence, miss.why->fix.empty() ? "" : "; fix: " + miss.why->fix),
+                miss.course.taken_ns, std::nullopt});
 }
 
 void ListenResults::end(const listen::Findings& wanted, bool interrupted) {

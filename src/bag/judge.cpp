@@ -33,7 +33,7 @@ Judge::Stream* Judge::stream_of(const Topic& topic) {
     return nullptr;
   }
   auto& added = streams_[key];
-  added.number = static_cast<std::uint32_t>(streams_.size());
+  added.flow = static_cast<std::uint32_t>(streams_.size());
   return &added;
 }
 
@@ -64,8 +64,10 @@ bool Judge::is_again(Stream& stream, const Message& message) {
     if (before != 0) sequence.see(before);
   }
   if (sequence.has_begun() &&
-      (number > sequence.next() + longest_leap || number + listen::Sequence::window < sequence.next()))
-    sequence.restart(), stream.rows.restart();
+      (number > sequence.next() + longest_leap || number + listen::Sequence::window < sequence.next())) {
+    sequence.restart();
+    stream.rows.restart();
+  }
   switch (sequence.see(number)) {
     case listen::Sequence::Fate::again:
       ++stream.duplicated;
@@ -91,7 +93,7 @@ void Judge::judge(Stream& stream, const Message& message) {
         is_late = true;
         miss(listen::Miss::Kind::gap, gap, message, stream);
       }
-      stream.rows.period(keep_row_, stream.number, stream.last_ns - origin_ns_,
+      stream.rows.period(keep_row_, stream.flow, stream.last_ns - origin_ns_,
                          message.recorded_ns - origin_ns_, limits_.is_gap(gap));
     }
   }
@@ -111,7 +113,7 @@ void Judge::keep_age(Stream& stream, const Message& message, std::int64_t age_ns
   if (std::exchange(stream.is_numbered, is_numbered) != is_numbered) stream.rows.restart();
   const auto to_ns = message.recorded_ns - origin_ns_;
   stream.rows.age(
-      keep_row_, {.flow = stream.number, .from_ns = to_ns - age_ns, .to_ns = to_ns, .is_late = is_late},
+      keep_row_, {.flow = stream.flow, .from_ns = to_ns - age_ns, .to_ns = to_ns, .is_late = is_late},
       is_numbered ? message.sequence : stream.messages,
       [&](std::uint64_t number) { return stream.sequence.is_missing(number) ? to_ns : std::int64_t{0}; });
 }
@@ -139,12 +141,18 @@ std::optional<std::int64_t> Judge::age_of(Stream& stream, const Message& message
 
 void Judge::miss(listen::Miss::Kind kind, std::int64_t value_ns, const Message& message,
                  const Stream& stream) {
-  misses_.add({kind, message.recorded_ns, value_ns, message.topic->name, party_of(message.topic->writer),
-               recorder(), {}, stream.number});
+  misses_.add({kind,
+               message.recorded_ns,
+               value_ns,
+               message.topic->name,
+               party_of(message.topic->writer),
+               recorder(),
+               {},
+               stream.flow});
 }
 
 listen::Flow Judge::flow_of(const Key& key, const Stream& stream) {
-  return {.number = stream.number,
+  return {.number = stream.flow,
           .topic = key.first,
           .writer = party_of(key.second),
           .reader = recorder(),

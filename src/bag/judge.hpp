@@ -39,7 +39,7 @@ class Judge {
     listen::AgeFrom age_from = listen::AgeFrom::writer;
     listen::Distribution period, age;
     std::uint64_t duplicated = 0, reordered = 0, late = 0;
-    std::uint32_t number = 0;  // of its flow
+    std::uint32_t flow = 0;  // its number
     listen::Rows rows;
     bool is_numbered = false;  // `rows`, by the writer's numbers
   };

@@ -71,7 +71,7 @@ enum class AgeFrom : std::uint8_t {
 // Messages of one writer to one reader.
 struct Flow {
   std::uint32_t number = 0;  // by which rows name it
-  std::string topic;  // as ROS 2 names it; "" where no sensor learned it
+  std::string topic;         // as ROS 2 names it; "" where no sensor learned it
   Party writer, reader;
   std::uint64_t messages = 0;  // taken; on the wire, seen; of a flow without a reader, published
   std::int64_t first_ns = 0, last_ns = 0;

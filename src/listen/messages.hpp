@@ -72,7 +72,7 @@ class Messages {
     bool has_reader = false;  // a flow is kept of one
     Distribution period;
     std::uint64_t late = 0;
-    std::uint32_t number = 0;  // of its flow
+    std::uint32_t flow = 0;  // its number
     Rows rows;
     std::int64_t last_ns() const { return begun(count - 1); }
     bool fits(std::int64_t stamp_ns) const;
@@ -82,7 +82,7 @@ class Messages {
   };
   struct Link {
     std::string topic;
-    std::uint32_t number = 0;  // of its flow
+    std::uint32_t flow = 0;  // its number
     Rows rows;
     std::uint64_t messages = 0;
     std::int64_t first_ns = 0, last_ns = 0, last_stamp_ns = 0;

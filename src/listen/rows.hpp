@@ -42,7 +42,7 @@ class Rows {
   void restart() { is_broken_ = true; }
 
  private:
-  std::uint64_t periods_ = 0, next_ = 0;         // indices
+  std::uint64_t periods_ = 0, next_ = 0;        // indices
   std::uint64_t first_number_ = 0, first_ = 0;  // a number and its index
   bool is_broken_ = true;
 };

@@ -11,8 +11,8 @@
 
 #include "listen/listen.hpp"
 #include "listen/misses.hpp"
-#include "listen/rows.hpp"
 #include "listen/packets.hpp"
+#include "listen/rows.hpp"
 #include "listen/rtps.hpp"
 #include "listen/sequence.hpp"
 
@@ -37,8 +37,8 @@ class Wire {
     std::vector<bool> seen;
     std::uint32_t count = 0;
   };
-  struct Stream {  // a writer
-    std::uint32_t number = 0;  // of its flow
+  struct Stream {              // a writer
+    std::uint32_t flow = 0;  // its number
     Rows rows;
     std::uint64_t messages = 0;
     std::int64_t first_ns = 0, last_ns = 0;

@@ -241,8 +241,9 @@ std::string sentence_of_listened(const Class& all) {
   });
   if (all.high > 0)
     return fmt::format("{} of the messages came late or not at all{}.", all.range(), worst_named(all));
-  return has_limit ? "No message was late or lost."
-                   : "No message was lost. None can be late: no limit was stated (--deadline, --period, --age).";
+  return has_limit
+             ? "No message was late or lost."
+             : "No message was lost. None can be late: no limit was stated (--deadline, --period, --age).";
 }
 
 // Of one class all together; of two their contrast; never pooled over opposite conditions.

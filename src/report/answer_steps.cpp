@@ -51,7 +51,8 @@ std::vector<std::string> again(const Summary& run) {
   }
   if (words.size() < 2 || (words[1] != "ping" && words[1] != "listen")) return {};
   std::vector<std::string> kept = {"ontime"};
-  constexpr std::array<std::string_view, 5> replaced = {"--results", "--format", "--duration", "--for", "--output"};
+  constexpr std::array<std::string_view, 5> replaced = {"--results", "--format", "--duration", "--for",
+                                                        "--output"};
   for (std::size_t i = 1; i < words.size(); ++i) {
     if (std::find(replaced.begin(), replaced.end(), words[i]) != replaced.end())
       ++i;

@@ -168,7 +168,8 @@ std::vector<Table> tables_of(Group group) {
   const bool by_response = std::any_of(group.begin(), group.end(),
                                        [](const auto* summary) { return differs_by_response(*summary); });
   const auto& asked = group.front()->run.asked;
-  Table table{id_of(asked), join(shared_conditions(group), ", "), columns(group, by_response), {}, parts_of(group)};
+  Table table{
+      id_of(asked), join(shared_conditions(group), ", "), columns(group, by_response), {}, parts_of(group)};
   if (!asked.title.empty()) table.title += "  " + printable(asked.title);
   auto labels = labels_of(group);
   tell_apart(labels, group);
@@ -241,7 +242,8 @@ std::string judged_by(const Summaries& summaries) {
   const auto is_listened = [](const Summary& run) { return run.run.asked.is_listened(); };
   if (any(is_listened))
     text =
-        "Age: from the writer's stamp until the message was taken. Period: from one message to the next. Late: "
+        "Age: from the writer's stamp until the message was taken. Period: from one message to the next. "
+        "Late: "
         "beyond the limit that was stated. Lost: published and never taken. ";
   if (!any([&](const Summary& run) { return !is_listened(run) && !run.imported; })) return text;
   text += fmt::format("Missed deadlines: answered later than {}",
@@ -250,9 +252,9 @@ std::string judged_by(const Summaries& summaries) {
     text +=
         "; by response: cycles without an answer so long after they were due, of all cycles, also those "
         "without a message";
-  return text + fmt::format(". Message loss: not answered within {}. ",
-                            common_duration(summaries, &roundtrip::ClientOptions::timeout,
-                                            "the run's time-out"));
+  return text +
+         fmt::format(". Message loss: not answered within {}. ",
+                     common_duration(summaries, &roundtrip::ClientOptions::timeout, "the run's time-out"));
 }
 
 std::string legend_of(const Page& page, const Summaries& summaries) {
