@@ -17,9 +17,9 @@ constexpr std::int64_t one_year_ns = std::int64_t{365} * 24 * 3600 * 1'000'000'0
 
 listen::Party recorder() { return {0, "recorder"}; }
 
-// A topic's only writer, or all of them together, has no name.
+// Mostly a bag keeps those of a topic together.
 listen::Party party_of(unsigned writer) {
-  return writer == 0 ? listen::Party{} : listen::Party{0, fmt::format("channel {} of the topic", writer + 1)};
+  return {0, writer == 0 ? "publishers" : fmt::format("publishers of channel {}", writer + 1)};
 }
 
 }  // namespace
@@ -45,7 +45,9 @@ void Judge::add(const Message& message) {
 }
 
 void Judge::end_file() {
-  for (auto& [key, stream] : streams_) stream.in_file = 0;
+  for (auto& [key, stream] : streams_) {
+    stream.in_file = 0;
+  }
 }
 
 // Follows the writer's numbers, where the bag has them. A recorder may count by itself instead, from 0 or 1
@@ -60,8 +62,9 @@ bool Judge::is_again(Stream& stream, const Message& message) {
     if (before != 0) sequence.see(before);
   }
   if (sequence.has_begun() &&
-      (number > sequence.next() + longest_leap || number + listen::Sequence::window < sequence.next()))
+      (number > sequence.next() + longest_leap || number + listen::Sequence::window < sequence.next())) {
     sequence.restart();
+  }
   switch (sequence.see(number)) {
     case listen::Sequence::Fate::again:
       ++stream.duplicated;
@@ -77,26 +80,30 @@ bool Judge::is_again(Stream& stream, const Message& message) {
 }
 
 void Judge::judge(Stream& stream, const Message& message) {
-  bool is_late = false;
-  if (const auto gap = message.recorded_ns - stream.last_ns; stream.messages > 0) {
-    if (gap < 0) {
-      went_back_.add(message.topic->name);
-    } else {
-      stream.period.add(gap);
-      if (limits_.is_gap(gap)) {
-        is_late = true;
-        miss(listen::Miss::Kind::gap, gap, message);
-      }
-    }
+  const bool came_late = stream.messages > 0 && judge_period(stream, message);
+  const bool was_old = judge_age(stream, message);
+  stream.late += came_late || was_old ? 1 : 0;
+}
+
+bool Judge::judge_period(Stream& stream, const Message& message) {
+  const auto gap = message.recorded_ns - stream.last_ns;
+  if (gap < 0 || gap > one_year_ns) {
+    was_set_.add(message.topic->name);
+    return false;
   }
-  if (const auto age = age_of(stream, message)) {
-    stream.age.add(*age);
-    if (limits_.is_too_old(*age)) {
-      is_late = true;
-      miss(listen::Miss::Kind::age, *age, message);
-    }
-  }
-  stream.late += is_late ? 1 : 0;
+  stream.period.add(gap);
+  const bool is_late = limits_.is_gap(gap);
+  if (is_late) miss(listen::Miss::Kind::gap, gap, message);
+  return is_late;
+}
+
+bool Judge::judge_age(Stream& stream, const Message& message) {
+  const auto age = age_of(stream, message);
+  if (!age) return false;
+  const bool is_late = limits_.is_too_old(*age);
+  if (is_late) miss(listen::Miss::Kind::age, *age, message);
+  stream.age.add(*age);
+  return is_late;
 }
 
 std::optional<std::int64_t> Judge::age_of(Stream& stream, const Message& message) {
@@ -121,8 +128,14 @@ std::optional<std::int64_t> Judge::age_of(Stream& stream, const Message& message
 }
 
 void Judge::miss(listen::Miss::Kind kind, std::int64_t value_ns, const Message& message) {
-  misses_.add({kind, message.recorded_ns, value_ns, message.topic->name, party_of(message.topic->writer),
-               recorder()});
+  misses_.add({.kind = kind,
+               .at_ns = message.recorded_ns,
+               .value_ns = value_ns,
+               .topic = message.topic->name,
+               .writer = party_of(message.topic->writer),
+               .reader = recorder(),
+               .course = {},
+               .why = {}});
 }
 
 listen::Flow Judge::flow_of(const Key& key, const Stream& stream) {
@@ -157,7 +170,9 @@ listen::Findings Judge::findings() const {
          "simulated time, and their age is unknown");
   remark(ahead_,
          "have a stamp later than their recording: the writer's clock is ahead, and their age counts as 0");
-  remark(went_back_, "were recorded at an earlier time than the one before: no period is counted there");
+  remark(was_set_,
+         "were recorded before the one before them, or more than a year after it: the recorder's clock was "
+         "set, and no period is counted there");
   if (left_out_ > 0)
     findings.remarks.push_back(
         fmt::format("{} messages are of more than {} topics and are not counted", left_out_, most_flows));

@@ -49,6 +49,8 @@ class Judge {
   Stream* stream_of(const Topic&);
   static bool is_again(Stream&, const Message&);
   void judge(Stream&, const Message&);
+  bool judge_period(Stream&, const Message&);  // whether it was late, as the next
+  bool judge_age(Stream&, const Message&);
   std::optional<std::int64_t> age_of(Stream&, const Message&);
   void miss(listen::Miss::Kind, std::int64_t value_ns, const Message&);
   static listen::Flow flow_of(const Key&, const Stream&);
@@ -58,7 +60,7 @@ class Judge {
   listen::Misses misses_;
   std::int64_t latest_ns_ = 0;  // of all recordings
   std::uint64_t left_out_ = 0;
-  Oddity unset_, foreign_clock_, ahead_, went_back_;
+  Oddity unset_, foreign_clock_, ahead_, was_set_;
 };
 
 }  // namespace ontime::bag
