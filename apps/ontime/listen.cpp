@@ -5,7 +5,7 @@
 #include <deque>
 #include <filesystem>
 #include <iterator>
-#include <map>
+#include <numeric>
 #include <set>
 #include <tuple>
 
@@ -24,6 +24,7 @@
 #include "spelling/spelling.hpp"
 #include "table/table.hpp"
 #include "terminal.hpp"
+#include "watch/watch.hpp"
 
 namespace ontime::app {
 namespace {
@@ -201,9 +202,9 @@ class Listening {
         // All flows are copied for it: once a second is enough.
         if (const auto now = std::chrono::steady_clock::now(); now >= offer_at) {
           offer_at = now + 1s;
-          metrics->set(metrics_of(wanted(sensor->findings()), late_by_cause_));
+          counters_.add(wanted(sensor->findings()));
+          metrics->set(counters_.metrics());
         }
-        metrics->serve_for(20ms);
       }
       if (!goes_on) break;
     }
@@ -211,7 +212,6 @@ class Listening {
     add_unseen(findings);
     const bool is_all_seen = unseen_.empty();
     findings = wanted(std::move(findings));
-    findings.misses_left_out += misses_left_out_;
     write(findings);
     output_.finish();
     // Without --for an interruption is how listening ends.
@@ -234,6 +234,7 @@ class Listening {
 
   listen::Findings wanted(listen::Findings findings) const {
     std::erase_if(findings.flows, [&](const auto& flow) { return !is_wanted(flow.topic); });
+    std::erase_if(findings.misses_left_out, [&](const auto& topic) { return !is_wanted(topic.first); });
     return findings;
   }
 
@@ -254,7 +255,7 @@ class Listening {
     std::erase_if(misses, [&](const auto& miss) { return !is_wanted(miss.topic); });
     if (misses.empty() || arguments_.list) return;
     if (explainer != nullptr) explainer->explain(misses);
-    for (const auto& miss : misses) ++late_by_cause_[miss.why ? miss.why->cause : "not looked for"];
+    counters_.add(misses);
     if (!as_json_) return print(misses);
     std::move(misses.begin(), misses.end(), std::back_inserter(misses_));
     for (; misses_.size() > listen::most_misses; ++misses_left_out_) misses_.pop_front();
@@ -307,6 +308,11 @@ class Listening {
           "see the packets: --packets any");
   }
 
+  std::uint64_t misses_left_out(const listen::Findings& findings) const {
+    return std::accumulate(findings.misses_left_out.begin(), findings.misses_left_out.end(), misses_left_out_,
+                           [](auto sum, const auto& topic) { return sum + topic.second; });
+  }
+
   void write(const listen::Findings& findings) {
     if (as_json_) {
       const auto from_ns =
@@ -315,7 +321,7 @@ class Listening {
           {"counted_from_ns", arguments_.is_recording() ? ordered_json() : ordered_json(from_ns)},
           {"flows", ordered_json::array()},
           {"misses", ordered_json::array()},
-          {"misses_left_out", findings.misses_left_out},
+          {"misses_left_out", misses_left_out(findings)},
           {"forgotten",
            {{"flows", findings.forgotten.flows},
             {"messages", findings.forgotten.messages},
@@ -335,9 +341,8 @@ class Listening {
     if (findings.sensor_lost > 0)
       print_error(fmt::format("the sensor lost {} events: no loss and no period is counted across them",
                               findings.sensor_lost));
-    if (findings.misses_left_out > 0)
-      print_error(fmt::format("{} late messages are only counted: there was no room for a line each",
-                              findings.misses_left_out));
+    if (const auto count = misses_left_out(findings); count > 0)
+      print_error(fmt::format("{} late messages are only counted: there was no room for a line each", count));
     if (const auto& [flows, messages, with_misses] = findings.forgotten; flows > 0)
       print_error(
           fmt::format("{} flows of ended processes are not listed, {} messages in all; {} of these "
@@ -403,7 +408,7 @@ class Listening {
   const bool as_json_;
   Output output_;
   std::chrono::system_clock::time_point counted_from_;
-  std::map<std::string, std::uint64_t> late_by_cause_;
+  watch::TopicCounters counters_;
   std::deque<listen::Miss> misses_;
   std::uint64_t misses_left_out_ = 0;  // of `misses_`
 };

@@ -31,7 +31,9 @@ Judge::Stream* Judge::stream_of(const Topic& topic) {
     ++left_out_;
     return nullptr;
   }
-  return &streams_[key];
+  auto& stream = streams_[key];
+  stream.id = streams_.size();  // none is ever erased
+  return &stream;
 }
 
 void Judge::add(const Message& message) {
@@ -139,7 +141,8 @@ void Judge::miss(listen::Miss::Kind kind, std::int64_t value_ns, const Message& 
 }
 
 listen::Flow Judge::flow_of(const Key& key, const Stream& stream) {
-  return {.topic = key.first,
+  return {.id = stream.id,
+          .topic = key.first,
           .writer = party_of(key.second),
           .reader = recorder(),
           .messages = stream.messages,

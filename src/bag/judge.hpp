@@ -28,6 +28,7 @@ class Judge {
  private:
   using Key = std::pair<std::string, unsigned>;  // topic and writer
   struct Stream {
+    std::uint64_t id = 0;
     std::uint64_t messages = 0;
     std::int64_t first_ns = 0, last_ns = 0;
     std::int64_t latest_written_ns = 0;  // by stamp or publish time
