@@ -5,7 +5,7 @@
 #include <deque>
 #include <filesystem>
 #include <iterator>
-#include <map>
+#include <numeric>
 #include <set>
 #include <tuple>
 
@@ -25,6 +25,7 @@
 #include "spelling/spelling.hpp"
 #include "table/table.hpp"
 #include "terminal.hpp"
+#include "watch/watch.hpp"
 
 namespace ontime::app {
 namespace {
@@ -209,17 +210,18 @@ class Listening {
       if (const auto now = std::chrono::steady_clock::now(); now >= hand_over_at && (metrics || results)) {
         hand_over_at = now + 1s;
         const auto seen = wanted(sensor->findings());
-        if (metrics) metrics->set(metrics_of(seen, late_by_cause_));
+        if (metrics) {
+          counters_.add(seen);
+          metrics->set(counters_.metrics());
+        }
         if (results) results->write(seen.flows);
       }
-      if (metrics) metrics->serve_for(20ms);
       if (!goes_on) break;
     }
     auto findings = sensor->findings();
     add_unseen(findings);
     const bool is_all_seen = unseen_.empty();
     findings = wanted(std::move(findings));
-    findings.misses_left_out += misses_left_out_;
     if (results) results->end(findings, interrupts > 0 && time_);
     write(findings);
     output_.finish();
@@ -244,6 +246,7 @@ class Listening {
 
   listen::Findings wanted(listen::Findings findings) const {
     std::erase_if(findings.flows, [&](const auto& flow) { return !is_wanted(flow.topic); });
+    std::erase_if(findings.misses_left_out, [&](const auto& topic) { return !is_wanted(topic.first); });
     return findings;
   }
 
@@ -266,7 +269,7 @@ class Listening {
     if (explainer != nullptr) explainer->explain(misses);
     if (results != nullptr)
       for (const auto& miss : misses) results->note(miss);
-    for (const auto& miss : misses) ++late_by_cause_[miss.why ? miss.why->cause : "not looked for"];
+    counters_.add(misses);
     if (!as_json_) return print(misses);
     std::move(misses.begin(), misses.end(), std::back_inserter(misses_));
     for (; misses_.size() > listen::most_misses; ++misses_left_out_) misses_.pop_front();
@@ -328,6 +331,11 @@ class Listening {
           "see the packets: --packets any");
   }
 
+  std::uint64_t misses_left_out(const listen::Findings& findings) const {
+    return std::accumulate(findings.misses_left_out.begin(), findings.misses_left_out.end(), misses_left_out_,
+                           [](auto sum, const auto& topic) { return sum + topic.second; });
+  }
+
   void write(const listen::Findings& findings) {
     if (as_json_) {
       const auto from_ns =
@@ -336,7 +344,7 @@ class Listening {
           {"counted_from_ns", arguments_.is_recording() ? ordered_json() : ordered_json(from_ns)},
           {"flows", ordered_json::array()},
           {"misses", ordered_json::array()},
-          {"misses_left_out", findings.misses_left_out},
+          {"misses_left_out", misses_left_out(findings)},
           {"forgotten",
            {{"flows", findings.forgotten.flows},
             {"messages", findings.forgotten.messages},
@@ -356,9 +364,8 @@ class Listening {
     if (findings.sensor_lost > 0)
       print_error(fmt::format("the sensor lost {} events: no loss and no period is counted across them",
                               findings.sensor_lost));
-    if (findings.misses_left_out > 0)
-      print_error(fmt::format("{} late messages are only counted: there was no room for a line each",
-                              findings.misses_left_out));
+    if (const auto count = misses_left_out(findings); count > 0)
+      print_error(fmt::format("{} late messages are only counted: there was no room for a line each", count));
     if (const auto& [flows, messages, with_misses] = findings.forgotten; flows > 0)
       print_error(
           fmt::format("{} flows of ended processes are not listed, {} messages in all; {} of these "
@@ -424,7 +431,7 @@ class Listening {
   const bool as_json_;
   Output output_;
   std::chrono::system_clock::time_point counted_from_;
-  std::map<std::string, std::uint64_t> late_by_cause_;
+  watch::TopicCounters counters_;
   std::deque<listen::Miss> misses_;
   std::uint64_t misses_left_out_ = 0;  // of `misses_`
 };

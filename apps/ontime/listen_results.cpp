@@ -75,8 +75,8 @@ std::int64_t ListenResults::begin(const listen::Flow& flow, Row::Quantity quanti
 void ListenResults::write(const std::vector<listen::Flow>& wanted) { write(wanted, false); }
 
 void ListenResults::write(const std::vector<listen::Flow>& wanted, bool is_end) {
-  std::map<std::uint32_t, const listen::Flow*> flows;
-  for (const auto& flow : wanted) flows.emplace(flow.number, &flow);
+  std::map<std::uint64_t, const listen::Flow*> flows;
+  for (const auto& flow : wanted) flows.emplace(flow.id, &flow);
   for (auto& [key, kept] : kept_) {
     if (kept.samples.empty()) continue;
     if (kept.run == 0) {
@@ -109,8 +109,8 @@ void ListenResults::end(const listen::Findings& wanted, bool interrupted) {
   write(wanted.flows, true);
   const auto machine = machine::describe();
   const auto activity = machine::between(before_, machine::activity());
-  std::map<std::uint32_t, const listen::Flow*> flows;
-  for (const auto& flow : wanted.flows) flows.emplace(flow.number, &flow);
+  std::map<std::uint64_t, const listen::Flow*> flows;
+  for (const auto& flow : wanted.flows) flows.emplace(flow.id, &flow);
   for (const auto& [key, kept] : kept_) {
     if (kept.run == 0) continue;
     json outcome{{"interrupted", interrupted},

@@ -48,7 +48,7 @@ class ListenResults {
   const listen::Limits limits_;
   const nlohmann::json command_line_;
   const machine::Activity before_ = machine::activity();
-  std::map<std::pair<std::uint32_t, listen::Row::Quantity>, Kept> kept_;
+  std::map<std::pair<std::uint64_t, listen::Row::Quantity>, Kept> kept_;
   std::set<std::string> names_;  // of runs
   std::size_t runs_ = 0;
 };

@@ -18,9 +18,9 @@ constexpr std::int64_t one_year_ns = std::int64_t{365} * 24 * 3600 * 1'000'000'0
 
 listen::Party recorder() { return {0, "recorder"}; }
 
-// A topic's only writer, or all of them together, has no name.
+// Mostly a bag keeps those of a topic together.
 listen::Party party_of(unsigned writer) {
-  return writer == 0 ? listen::Party{} : listen::Party{0, fmt::format("channel {} of the topic", writer + 1)};
+  return {0, writer == 0 ? "publishers" : fmt::format("publishers of channel {}", writer + 1)};
 }
 
 }  // namespace
@@ -32,9 +32,9 @@ Judge::Stream* Judge::stream_of(const Topic& topic) {
     ++left_out_;
     return nullptr;
   }
-  auto& added = streams_[key];
-  added.flow = static_cast<std::uint32_t>(streams_.size());
-  return &added;
+  auto& stream = streams_[key];
+  stream.id = streams_.size();  // none is ever erased
+  return &stream;
 }
 
 void Judge::add(const Message& message) {
@@ -49,7 +49,9 @@ void Judge::add(const Message& message) {
 }
 
 void Judge::end_file() {
-  for (auto& [key, stream] : streams_) stream.in_file = 0;
+  for (auto& [key, stream] : streams_) {
+    stream.in_file = 0;
+  }
 }
 
 // Follows the writer's numbers, where the bag has them. A recorder may count by itself instead, from 0 or 1
@@ -83,29 +85,33 @@ bool Judge::is_again(Stream& stream, const Message& message) {
 }
 
 void Judge::judge(Stream& stream, const Message& message) {
-  bool is_late = false;
-  if (const auto gap = message.recorded_ns - stream.last_ns; stream.messages > 0) {
-    if (gap < 0) {
-      went_back_.add(message.topic->name);
-    } else {
-      stream.period.add(gap);
-      if (limits_.is_gap(gap)) {
-        is_late = true;
-        miss(listen::Miss::Kind::gap, gap, message, stream);
-      }
-      stream.rows.period(keep_row_, stream.flow, stream.last_ns - origin_ns_,
-                         message.recorded_ns - origin_ns_, limits_.is_gap(gap));
-    }
+  const bool came_late = stream.messages > 0 && judge_period(stream, message);
+  const bool was_old = judge_age(stream, message);
+  stream.late += came_late || was_old ? 1 : 0;
+}
+
+bool Judge::judge_period(Stream& stream, const Message& message) {
+  const auto gap = message.recorded_ns - stream.last_ns;
+  if (gap < 0 || gap > one_year_ns) {
+    was_set_.add(message.topic->name);
+    return false;
   }
-  if (const auto age = age_of(stream, message)) {
-    stream.age.add(*age);
-    if (limits_.is_too_old(*age)) {
-      is_late = true;
-      miss(listen::Miss::Kind::age, *age, message, stream);
-    }
-    keep_age(stream, message, *age, limits_.is_too_old(*age));
-  }
-  stream.late += is_late ? 1 : 0;
+  stream.period.add(gap);
+  const bool is_late = limits_.is_gap(gap);
+  if (is_late) miss(listen::Miss::Kind::gap, gap, message, stream);
+  stream.rows.period(keep_row_, stream.id, stream.last_ns - origin_ns_, message.recorded_ns - origin_ns_,
+                     is_late);
+  return is_late;
+}
+
+bool Judge::judge_age(Stream& stream, const Message& message) {
+  const auto age = age_of(stream, message);
+  if (!age) return false;
+  const bool is_late = limits_.is_too_old(*age);
+  if (is_late) miss(listen::Miss::Kind::age, *age, message, stream);
+  stream.age.add(*age);
+  keep_age(stream, message, *age, is_late);
+  return is_late;
 }
 
 void Judge::keep_age(Stream& stream, const Message& message, std::int64_t age_ns, bool is_late) {
@@ -113,7 +119,7 @@ void Judge::keep_age(Stream& stream, const Message& message, std::int64_t age_ns
   if (std::exchange(stream.is_numbered, is_numbered) != is_numbered) stream.rows.restart();
   const auto to_ns = message.recorded_ns - origin_ns_;
   stream.rows.age(
-      keep_row_, {.flow = stream.flow, .from_ns = to_ns - age_ns, .to_ns = to_ns, .is_late = is_late},
+      keep_row_, {.flow = stream.id, .from_ns = to_ns - age_ns, .to_ns = to_ns, .is_late = is_late},
       is_numbered ? message.sequence : stream.messages,
       [&](std::uint64_t number) { return stream.sequence.is_missing(number) ? to_ns : std::int64_t{0}; });
 }
@@ -141,18 +147,19 @@ std::optional<std::int64_t> Judge::age_of(Stream& stream, const Message& message
 
 void Judge::miss(listen::Miss::Kind kind, std::int64_t value_ns, const Message& message,
                  const Stream& stream) {
-  misses_.add({kind,
-               message.recorded_ns,
-               value_ns,
-               message.topic->name,
-               party_of(message.topic->writer),
-               recorder(),
-               {},
-               stream.flow});
+  misses_.add({.kind = kind,
+               .at_ns = message.recorded_ns,
+               .value_ns = value_ns,
+               .topic = message.topic->name,
+               .writer = party_of(message.topic->writer),
+               .reader = recorder(),
+               .course = {},
+               .flow = stream.id,
+               .why = {}});
 }
 
 listen::Flow Judge::flow_of(const Key& key, const Stream& stream) {
-  return {.number = stream.flow,
+  return {.id = stream.id,
           .topic = key.first,
           .writer = party_of(key.second),
           .reader = recorder(),
@@ -184,7 +191,9 @@ listen::Findings Judge::findings() const {
          "simulated time, and their age is unknown");
   remark(ahead_,
          "have a stamp later than their recording: the writer's clock is ahead, and their age counts as 0");
-  remark(went_back_, "were recorded at an earlier time than the one before: no period is counted there");
+  remark(was_set_,
+         "were recorded before the one before them, or more than a year after it: the recorder's clock was "
+         "set, and no period is counted there");
   if (left_out_ > 0)
     findings.remarks.push_back(
         fmt::format("{} messages are of more than {} topics and are not counted", left_out_, most_flows));

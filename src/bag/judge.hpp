@@ -30,6 +30,7 @@ class Judge {
  private:
   using Key = std::pair<std::string, unsigned>;  // topic and writer
   struct Stream {
+    std::uint64_t id = 0;
     std::uint64_t messages = 0;
     std::int64_t first_ns = 0, last_ns = 0;
     std::int64_t latest_written_ns = 0;  // by stamp or publish time
@@ -39,7 +40,6 @@ class Judge {
     listen::AgeFrom age_from = listen::AgeFrom::writer;
     listen::Distribution period, age;
     std::uint64_t duplicated = 0, reordered = 0, late = 0;
-    std::uint32_t flow = 0;  // its number
     listen::Rows rows;
     bool is_numbered = false;  // `rows`, by the writer's numbers
   };
@@ -55,6 +55,8 @@ class Judge {
   static bool is_again(Stream&, const Message&);
   void judge(Stream&, const Message&);
   void keep_age(Stream&, const Message&, std::int64_t age_ns, bool is_late);
+  bool judge_period(Stream&, const Message&);  // whether it was late, as the next
+  bool judge_age(Stream&, const Message&);
   std::optional<std::int64_t> age_of(Stream&, const Message&);
   void miss(listen::Miss::Kind, std::int64_t value_ns, const Message&, const Stream&);
   static listen::Flow flow_of(const Key&, const Stream&);
@@ -66,7 +68,7 @@ class Judge {
   std::int64_t origin_ns_ = 0;  // of rows' times
   std::int64_t latest_ns_ = 0;  // of all recordings
   std::uint64_t left_out_ = 0;
-  Oddity unset_, foreign_clock_, ahead_, went_back_;
+  Oddity unset_, foreign_clock_, ahead_, was_set_;
 };
 
 }  // namespace ontime::bag

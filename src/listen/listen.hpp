@@ -8,6 +8,7 @@
 #include <chrono>
 #include <cstdint>
 #include <functional>
+#include <map>
 #include <memory>
 #include <optional>
 #include <stdexcept>
@@ -70,8 +71,8 @@ enum class AgeFrom : std::uint8_t {
 
 // Messages of one writer to one reader.
 struct Flow {
-  std::uint32_t number = 0;  // by which rows name it
-  std::string topic;         // as ROS 2 names it; "" where no sensor learned it
+  std::uint64_t id = 0;  // the same in all findings of a sensor, and no other flow's
+  std::string topic;     // as ROS 2 names it; "" where no sensor learned it
   Party writer, reader;
   std::uint64_t messages = 0;  // taken; on the wire, seen; of a flow without a reader, published
   std::int64_t first_ns = 0, last_ns = 0;
@@ -118,20 +119,23 @@ struct Miss {
   std::string topic;
   Party writer, reader;
   Course course{};
-  std::uint32_t flow = 0;
+  std::uint64_t flow = 0;
   std::optional<Why> why{};  // empty: not looked for
 };
 
 // One quantity of one message, as a results file keeps it.
 struct Row {
   enum class Quantity : std::uint8_t { age, period };
-  std::uint32_t flow = 0;
+  std::uint64_t flow = 0;
   Quantity quantity = Quantity::age;
   std::uint64_t index = 0;   // of this quantity of this flow; one that was there: it came after all
   std::int64_t from_ns = 0;  // the writer's stamp; of a period, when the message before came
   std::int64_t to_ns = 0;    // it came, by the same clock, which begins anywhere; 0: it was lost
   bool is_late = false;      // beyond the limit of this quantity
 };
+
+// All words that Why::cause may have.
+std::vector<std::string> causes();
 
 inline constexpr std::size_t most_misses = 1000;  // that wait for take_misses(), the latest of all
 
@@ -149,9 +153,9 @@ struct Cost {
 
 // What the sensors saw of all topics, until now.
 struct Findings {
-  std::vector<Flow> flows;            // by topic, writer and reader
-  std::uint64_t sensor_lost = 0;      // events or packets that the sensor itself had no room for
-  std::uint64_t misses_left_out = 0;  // that take_misses() had no room for
+  std::vector<Flow> flows;        // by topic, writer and reader
+  std::uint64_t sensor_lost = 0;  // events or packets that the sensor itself had no room for
+  std::map<std::string, std::uint64_t> misses_left_out;  // by topic: that take_misses() had no room for
   // Flows of processes that ended, and that `flows` has no room for.
   struct {
     std::uint64_t flows = 0, messages = 0, with_misses = 0;

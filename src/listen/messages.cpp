@@ -96,9 +96,9 @@ One* Messages::one_of(std::map<Key, One>& all, const Key& key, std::int64_t now_
     }
     retire(oldest);
   }
-  auto& added = all[key];
-  added.flow = ++flows_;
-  return &added;
+  auto& one = all[key];
+  one.id = ++last_id_;
+  return &one;
 }
 
 void Messages::name_topic(std::uint32_t process, std::uint64_t endpoint, const std::string& topic) {
@@ -147,8 +147,7 @@ void Messages::published(const Observation& seen) {
     publisher.period.add(gap);
     const bool is_late = limits_.is_gap(gap);
     if (is_late) ++publisher.late;
-    publisher.rows.period(keep_row_, publisher.flow, publisher.begun(publisher.count - 1), seen.at_ns,
-                          is_late);
+    publisher.rows.period(keep_row_, publisher.id, publisher.begun(publisher.count - 1), seen.at_ns, is_late);
   }
   publisher.is_broken = false;
   publisher.threads[publisher.count % remembered] = seen.thread;
@@ -192,7 +191,7 @@ void Messages::taken(const Observation& seen) {
       is_late = true;
       miss(Miss::Kind::gap, gap, link, seen, number);
     }
-    link.rows.period(keep_row_, link.flow, link.last_ns, seen.at_ns, is_late);
+    link.rows.period(keep_row_, link.id, link.last_ns, seen.at_ns, is_late);
   }
   if (link.publisher && seen.stamp_ns != 0) {
     // The clocks are one: the age is exact.
@@ -258,8 +257,8 @@ void Messages::place(Link& link, std::uint64_t number, const Observation& seen, 
   const auto& publisher = publishers_.at(*link.publisher);
   const auto keep = [&](std::uint64_t of) {
     link.stamps[of % remembered] = stamp_ns;
-    link.rows.age(keep_row_,
-                  {.flow = link.flow, .from_ns = stamp_ns, .to_ns = seen.at_ns, .is_late = is_late}, of,
+    link.rows.age(keep_row_, {.flow = link.id, .from_ns = stamp_ns, .to_ns = seen.at_ns, .is_late = is_late},
+                  of,
                   [&](std::uint64_t lost) { return publisher.begun(std::max(lost, publisher.oldest())); });
   };
   const auto is_repeated = [&](std::uint64_t of) { return link.stamps[of % remembered] == stamp_ns; };
@@ -291,7 +290,7 @@ void Messages::miss(Miss::Kind kind, std::int64_t value_ns, const Link& link, co
                     std::optional<std::uint64_t> number) {
   misses_.add({kind, seen.at_ns, value_ns, link.topic,
                link.publisher ? party(link.publisher->first) : Party{}, party(seen.process),
-               course_of(kind, link, seen, number), link.flow});
+               course_of(kind, link, seen, number), link.id});
 }
 
 Course Messages::course_of(Miss::Kind kind, const Link& link, const Observation& seen,
@@ -320,7 +319,7 @@ Party Messages::party(std::uint32_t process) const {
 }
 
 Flow Messages::flow_of(const Writer& writer, const Link& link) const {
-  Flow flow{.number = link.flow,
+  Flow flow{.id = link.id,
             .topic = link.topic,
             .writer = {},
             .reader = party(std::get<0>(writer)),
@@ -342,7 +341,7 @@ Flow Messages::flow_of(const Writer& writer, const Link& link) const {
 }
 
 Flow Messages::flow_of(const Endpoint& endpoint, const Publisher& publisher) const {
-  return {.number = publisher.flow,
+  return {.id = publisher.id,
           .topic = publisher.topic,
           .writer = party(endpoint.first),
           .reader = {},

@@ -14,7 +14,7 @@ using KeepRow = std::function<void(const Row&)>;  // may be empty: nothing is ke
 
 class Rows {
  public:
-  void period(const KeepRow& keep, std::uint32_t flow, std::int64_t from_ns, std::int64_t to_ns,
+  void period(const KeepRow& keep, std::uint64_t flow, std::int64_t from_ns, std::int64_t to_ns,
               bool is_late) {
     if (keep) keep({flow, Row::Quantity::period, periods_++, from_ns, to_ns, is_late});
   }

@@ -59,9 +59,9 @@ Wire::Stream* Wire::stream_of(const rtps::Guid& writer) {
     ++left_out_;
     return nullptr;
   }
-  auto& added = streams_[writer];
-  added.flow = static_cast<std::uint32_t>(streams_.size());
-  return &added;
+  auto& stream = streams_[writer];
+  stream.id = streams_.size();  // none is ever erased
+  return &stream;
 }
 
 // Whether this is the fragment that was still missing of its message.
@@ -140,7 +140,7 @@ void Wire::judge(Stream& stream, std::int64_t at_ns, const rtps::Data& data) {
       is_late = true;
       miss(Miss::Kind::gap, at_ns, gap, data.writer, stream);
     }
-    stream.rows.period(keep_row_, stream.flow, stream.last_ns, at_ns, is_late);
+    stream.rows.period(keep_row_, stream.id, stream.last_ns, at_ns, is_late);
   }
   if (stream.is_one_host && data.stamp_ns) {
     const auto age = at_ns - *data.stamp_ns;
@@ -151,7 +151,7 @@ void Wire::judge(Stream& stream, std::int64_t at_ns, const rtps::Data& data) {
       miss(Miss::Kind::age, at_ns, age, data.writer, stream);
     }
     stream.rows.age(
-        keep_row_, {.flow = stream.flow, .from_ns = *data.stamp_ns, .to_ns = at_ns, .is_late = is_too_old},
+        keep_row_, {.flow = stream.id, .from_ns = *data.stamp_ns, .to_ns = at_ns, .is_late = is_too_old},
         data.sequence,
         [&](std::uint64_t number) { return stream.sequence.is_missing(number) ? at_ns : std::int64_t{0}; });
   }
@@ -165,7 +165,7 @@ std::string Wire::topic_of(const rtps::Guid& writer) const {
 
 void Wire::miss(Miss::Kind kind, std::int64_t at_ns, std::int64_t value_ns, const rtps::Guid& writer,
                 const Stream& stream) {
-  misses_.add({kind, at_ns, value_ns, topic_of(writer), {0, rtps::text_of(writer)}, {}, {}, stream.flow});
+  misses_.add({kind, at_ns, value_ns, topic_of(writer), {0, rtps::text_of(writer)}, {}, {}, stream.id});
 }
 
 Findings Wire::findings() const {
@@ -174,7 +174,7 @@ Findings Wire::findings() const {
   for (const auto& [guid, stream] : streams_) {
     if (stream.messages == 0) continue;
     const auto count = stream.destinations.size();
-    findings.flows.push_back({.number = stream.flow,
+    findings.flows.push_back({.id = stream.id,
                               .topic = topic_of(guid),
                               .writer = {0, fmt::format("{} at {}", rtps::text_of(guid), stream.source)},
                               .reader = {0, stream.destinations.begin()->first +

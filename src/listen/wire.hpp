@@ -37,8 +37,8 @@ class Wire {
     std::vector<bool> seen;
     std::uint32_t count = 0;
   };
-  struct Stream {              // a writer
-    std::uint32_t flow = 0;  // its number
+  struct Stream {  // a writer
+    std::uint64_t id = 0;
     Rows rows;
     std::uint64_t messages = 0;
     std::int64_t first_ns = 0, last_ns = 0;
