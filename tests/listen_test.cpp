@@ -315,7 +315,7 @@ TEST_F(JudgedPair, MemoryOfMissesIsBounded) {
   get_acquainted();
   for (int i = 0; i < 3000; ++i) arrive(at(20 + i * 5));
   EXPECT_EQ(messages.take_misses().size(), most_misses);
-  EXPECT_EQ(messages.findings().misses_left_out, 2000U);
+  EXPECT_EQ(messages.findings().misses_left_out.at("/cmd_vel"), 2000U);
   EXPECT_EQ(flow().late, 3000U);
 }
 
@@ -342,12 +342,14 @@ TEST_F(JudgedPair, FlowOfEndedProcessesStaysUntilThereAreTooMany) {
 
 TEST_F(OnePair, EndedReaderIsOneFlowAndItsWriterNoOther) {
   get_acquainted();
+  const auto id = flow().id;
   messages.end_process(2, at(10));
   messages.retire_ended(at(10) + Messages::still_taken_ns);
   ASSERT_EQ(messages.findings().flows.size(), 1U);
   EXPECT_EQ(flow().writer, (Party{1, "controller"}));
   EXPECT_EQ(flow().reader, (Party{2, "base"}));
   EXPECT_EQ(flow().messages, 110U);
+  EXPECT_EQ(flow().id, id);
 }
 
 TEST_F(OnePair, SameProcessNumberIsAnotherProcess) {
@@ -358,6 +360,7 @@ TEST_F(OnePair, SameProcessNumberIsAnotherProcess) {
   const auto flows = messages.findings().flows;
   ASSERT_EQ(flows.size(), 2U);
   EXPECT_NE(flows[0].reader.name, flows[1].reader.name);
+  EXPECT_NE(flows[0].id, flows[1].id);
 }
 
 TEST_F(OnePair, PublishersBeyondTheBoundAreLeftOutUntilOthersAreIdle) {

@@ -1,9 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "watch/watch.hpp"
 
-#include <atomic>
-#include <thread>
-
 #include <arpa/inet.h>
 #include <netinet/in.h>
 #include <sys/socket.h>
@@ -266,15 +263,8 @@ TEST_F(Forms, MetricsAreWhatPrometheusReads) {
 
 class Served : public ::testing::Test {
  protected:
-  Served() : metrics_("127.0.0.1:0") {
-    metrics_.set("ontime_measuring 1\n");
-    server_ = std::thread([this] {
-      while (!done_) metrics_.serve_for(std::chrono::milliseconds(20));
-    });
-  }
+  Served() { metrics_.set("ontime_measuring 1\n"); }
   ~Served() override {
-    done_ = true;
-    server_.join();
     for (const int socket : sockets_) ::close(socket);
   }
 
@@ -305,9 +295,7 @@ class Served : public ::testing::Test {
     return read_all(socket);
   }
 
-  Metrics metrics_;
-  std::atomic<bool> done_ = false;
-  std::thread server_;
+  Metrics metrics_{"127.0.0.1:0"};
   std::vector<int> sockets_;
 };
 

@@ -5,13 +5,15 @@
 #include "commands.hpp"
 #include "flags.hpp"
 #include "foreign/foreign.hpp"
+#include "listening.hpp"
 #include "terminal.hpp"
 
 namespace ontime::app {
 namespace {
 
 struct ImportArguments {
-  std::string file, from, results, id = "cyclictest", unit = "us";
+  ListenArguments bag;  // whose file is that of cyclictest, too
+  std::string from, results, id = "cyclictest", unit = "us";
 };
 
 foreign::What what_of(const ImportArguments& arguments) {
@@ -32,7 +34,7 @@ foreign::What what_of(const ImportArguments& arguments) {
 
 int import_results(const ImportArguments& arguments, const nlohmann::json& command_line) {
   const auto runs =
-      foreign::read(arguments.file, what_of(arguments));  // all of it, before anything is written
+      foreign::read(arguments.bag.bag, what_of(arguments));  // all of it, before anything is written
   record::Writer writer(arguments.results);
   for (const auto& run : runs) {
     auto asked = run.asked;
@@ -40,29 +42,61 @@ int import_results(const ImportArguments& arguments, const nlohmann::json& comma
     asked["command_line"] = command_line;
     writer.end_run(writer.begin_run(asked), run.outcome);
   }
-  print_error(fmt::format("{} run{} of {} {} in {}", runs.size(), runs.size() == 1 ? "" : "s", arguments.file,
-                          runs.size() == 1 ? "is" : "are", arguments.results));
+  print_error(fmt::format("{} run{} of {} {} in {}", runs.size(), runs.size() == 1 ? "" : "s",
+                          arguments.bag.bag, runs.size() == 1 ? "is" : "are", arguments.results));
   return 0;
+}
+
+// Of one form of input, given for the other.
+void refuse(const Command& command, std::initializer_list<const char*> flags, const char* why) {
+  for (const auto& option : command.options())
+    for (const auto* flag : flags)
+      if (option->name() == flag && option->count() > 0)
+        throw campaign::Error(2, fmt::format("{}: {}", flag, why));
+}
+
+int import_file(const Command& command, ImportArguments& arguments, const nlohmann::json& command_line) {
+  if (arguments.from.empty()) {
+    refuse(command, {"--id", "--unit"}, "is for what cyclictest wrote, and needs --from");
+    return listen_to(arguments.bag);
+  }
+  refuse(command, {"--topic", "--deadline", "--period", "--age", "--format", "--output"},
+         "is for a bag; leave out --from, or this flag");
+  if (arguments.results.empty()) throw campaign::Error(2, "--from needs --results, the file to add to");
+  return import_results(arguments, command_line);
 }
 
 }  // namespace
 
 void add_import(Command& app, Action& action) {
-  auto* command = app.add_subcommand("import", "What cyclictest measured, as runs of a results file");
+  auto* command = app.add_subcommand(
+      "import",
+      "Judges the messages of a bag (rosbag2, MCAP), or adds what cyclictest measured to a results file");
   auto arguments = std::make_shared<ImportArguments>();
-  command->add_option("FILE", arguments->file, "what cyclictest wrote, run with -h")->required();
-  command->add_option("--from", arguments->from, "cyclictest-histogram (text) or cyclictest-json")
-      ->type_name("FORM")
+  auto& bag = arguments->bag;
+  command
+      ->add_option("BAG", bag.bag,
+                   "a folder of rosbag2, a .db3 or a .mcap file; with --from, a file of cyclictest")
       ->required();
-  add_file(*command, "--results", arguments->results, "add to this results file")->required();
-  command->add_option("--id", arguments->id, "of the runs, by which they are compared: cyclictest")
+  command->add_option("--topic", bag.topics, "judge this topic, once or more: all")
+      ->type_name("TOPIC")
+      ->allow_extra_args(false)
+      ->check(given);
+  add_limits(*command, bag, "a message is late that is older than this when it was recorded");
+  add_format(*command, bag.format);
+  add_output(*command, bag.output);
+  command->add_option("--from", arguments->from, "cyclictest-histogram (text) or cyclictest-json")
+      ->type_name("FORM");
+  add_file(*command, "--results", arguments->results, "with --from: add to this results file");
+  command->add_option("--id", arguments->id, "of cyclictest's runs, by which they are compared: cyclictest")
       ->type_name("ID")
       ->check(given);
   command
       ->add_option("--unit", arguments->unit, "us or ns (cyclictest -N), which a histogram does not tell: us")
       ->type_name("UNIT");
-  command->callback(
-      [&action, arguments] { action = [arguments] { return import_results(*arguments, command_line()); }; });
+  command->callback([&action, command, arguments] {
+    action = [command, arguments] { return import_file(*command, *arguments, command_line()); };
+  });
 }
 
 }  // namespace ontime::app

@@ -5,7 +5,7 @@
 #include <deque>
 #include <filesystem>
 #include <iterator>
-#include <map>
+#include <numeric>
 #include <set>
 #include <tuple>
 
@@ -13,15 +13,18 @@
 #include <fmt/format.h>
 #include <sys/resource.h>
 
+#include "bag/bag.hpp"
 #include "campaign/campaign.hpp"
 #include "commands.hpp"
 #include "flags.hpp"
+#include "listening.hpp"
 #include "metrics.hpp"
 #include "output.hpp"
 #include "report/report.hpp"
 #include "spelling/spelling.hpp"
 #include "table/table.hpp"
 #include "terminal.hpp"
+#include "watch/watch.hpp"
 
 namespace ontime::app {
 namespace {
@@ -30,12 +33,6 @@ using namespace std::chrono_literals;
 using nlohmann::ordered_json;
 
 constexpr auto look_for_list = 3s;
-
-struct ListenArguments {
-  std::vector<std::string> topics;
-  std::string deadline, period, age, time, pcap, packets, output, metrics, format = "table";
-  bool list = false, no_explain = false;
-};
 
 std::optional<std::chrono::nanoseconds> time_of(const char* flag, const std::string& text) {
   return text.empty() ? std::nullopt : std::optional(duration_flag(flag, text));
@@ -67,9 +64,30 @@ std::string way_of(const listen::Flow& flow) {
                      flow.rate_hz());
 }
 
+const char* start_of_age(listen::AgeFrom from) {
+  switch (from) {
+    case listen::AgeFrom::writer:
+      return "writer";
+    case listen::AgeFrom::stamp:
+      return "header.stamp";
+    case listen::AgeFrom::publish:
+      return "publish time";
+  }
+  return "";
+}
+
+// Of a recorded message it says from when to when.
+std::string age_of(const listen::Flow& flow) {
+  if (!flow.age) return "age unknown";
+  return (flow.age_from == listen::AgeFrom::writer
+              ? "age "
+              : fmt::format("age from {} until recorded ", start_of_age(flow.age_from))) +
+         spread_of(*flow.age);
+}
+
 std::string text_of(const listen::Flow& flow, bool is_judged) {
-  auto text = fmt::format("{}  {} messages\n    period {}\n    age {}\n   ", way_of(flow), flow.messages,
-                          spread_of(flow.period), flow.age ? spread_of(*flow.age) : "unknown");
+  auto text = fmt::format("{}  {} messages\n    period {}\n    {}\n   ", way_of(flow), flow.messages,
+                          spread_of(flow.period), age_of(flow));
   if (is_judged) text += fmt::format(" late {} of {} ", flow.late, flow.messages);
   if (flow.silent_ns > 0)
     text += fmt::format(" SILENT for the last {:.1f} s ", static_cast<double>(flow.silent_ns) / 1e9);
@@ -132,6 +150,7 @@ ordered_json json_of(const listen::Flow& flow) {
           {"rate_hz", flow.rate_hz()},
           {"period", json_of(flow.period)},
           {"age", json_of(flow.age)},
+          {"age_from", flow.age ? ordered_json(start_of_age(flow.age_from)) : ordered_json()},
           {"late", flow.late},
           {"silent_ns", flow.silent_ns},
           {"lost", json_of(flow.lost)},
@@ -150,14 +169,10 @@ ordered_json json_of(const listen::Miss& miss) {
 }
 
 std::unique_ptr<listen::Sensor> sensor_of(const ListenArguments& arguments, const listen::Limits& limits) {
-  const bool is_live = !arguments.packets.empty();
-  try {
-    if (is_live) return listen::in_packets(arguments.packets, limits);
-    if (!arguments.pcap.empty()) return listen::in_pcap_file(arguments.pcap, limits);
-    return listen::in_processes(limits);
-  } catch (const listen::WrongInput& error) {
-    throw campaign::Error(2, fmt::format("{}: {}", is_live ? "--packets" : "--pcap", error.what()));
-  }
+  if (!arguments.bag.empty()) return bag::open(arguments.bag, limits);
+  if (!arguments.packets.empty()) return listen::in_packets(arguments.packets, limits);
+  if (!arguments.pcap.empty()) return listen::in_pcap_file(arguments.pcap, limits);
+  return listen::in_processes(limits);
 }
 
 class Listening {
@@ -170,10 +185,6 @@ class Listening {
         as_json_(is_json_flag(arguments.format)),
         output_(arguments.output) {
     if (arguments.list && !time_) time_ = look_for_list;
-    std::error_code ignored;
-    if (!arguments.pcap.empty() && std::filesystem::equivalent(arguments.pcap, arguments.output, ignored))
-      throw campaign::Error(
-          2, fmt::format("--output: {} is the capture that is read. Choose another file.", arguments.output));
   }
 
   int run() {
@@ -191,9 +202,9 @@ class Listening {
         // All flows are copied for it: once a second is enough.
         if (const auto now = std::chrono::steady_clock::now(); now >= offer_at) {
           offer_at = now + 1s;
-          metrics->set(metrics_of(wanted(sensor->findings()), late_by_cause_));
+          counters_.add(wanted(sensor->findings()));
+          metrics->set(counters_.metrics());
         }
-        metrics->serve_for(20ms);
       }
       if (!goes_on) break;
     }
@@ -201,11 +212,10 @@ class Listening {
     add_unseen(findings);
     const bool is_all_seen = unseen_.empty();
     findings = wanted(std::move(findings));
-    findings.misses_left_out += misses_left_out_;
     write(findings);
     output_.finish();
     // Without --for an interruption is how listening ends.
-    if (interrupts > 0 && time_) return 130;
+    if (interrupts > 0 && (time_ || !arguments_.bag.empty())) return 130;
     // A silent topic misses every limit.
     if (!is_all_seen) return is_judged_ ? 1 : 2;
     if (is_judged_ && findings.flows.empty()) return 1;
@@ -224,12 +234,13 @@ class Listening {
 
   listen::Findings wanted(listen::Findings findings) const {
     std::erase_if(findings.flows, [&](const auto& flow) { return !is_wanted(flow.topic); });
+    std::erase_if(findings.misses_left_out, [&](const auto& topic) { return !is_wanted(topic.first); });
     return findings;
   }
 
   // nullptr: no message can be late, or the probes do not see it, or this machine cannot; the last is said.
   std::unique_ptr<listen::Explainer> make_explainer() const {
-    const bool in_processes = arguments_.packets.empty() && arguments_.pcap.empty();
+    const bool in_processes = arguments_.packets.empty() && !arguments_.is_recording();
     if (!is_judged_ || !in_processes || arguments_.list || arguments_.no_explain) return nullptr;
     try {
       return std::make_unique<listen::Explainer>();
@@ -244,7 +255,7 @@ class Listening {
     std::erase_if(misses, [&](const auto& miss) { return !is_wanted(miss.topic); });
     if (misses.empty() || arguments_.list) return;
     if (explainer != nullptr) explainer->explain(misses);
-    for (const auto& miss : misses) ++late_by_cause_[miss.why ? miss.why->cause : "not looked for"];
+    counters_.add(misses);
     if (!as_json_) return print(misses);
     std::move(misses.begin(), misses.end(), std::back_inserter(misses_));
     for (; misses_.size() > listen::most_misses; ++misses_left_out_) misses_.pop_front();
@@ -268,6 +279,11 @@ class Listening {
     output_.flush();
   }
 
+  const char* what_shows_topics() const {
+    return arguments_.bag.empty() ? "without TOPIC, or with --list, it shows the topics"
+                                  : "without --topic it shows all topics of the bag";
+  }
+
   // Remarks on what was asked for and not seen.
   void add_unseen(listen::Findings& findings) {
     std::set<std::string> seen;
@@ -284,29 +300,35 @@ class Listening {
                                                 "not captured: start the capture before the nodes, or leave "
                                                 "out TOPIC",
                                                 unnamed)
-                                  : "without TOPIC, or with --list, it shows the topics"));
+                                  : what_shows_topics()));
     }
-    if (findings.flows.empty() && arguments_.packets.empty() && arguments_.pcap.empty())
+    if (findings.flows.empty() && arguments_.packets.empty() && !arguments_.is_recording())
       findings.remarks.emplace_back(
           "the processes of this PID namespace that use ROS 2 or Cyclone DDS are watched; of other programs "
           "see the packets: --packets any");
+  }
+
+  std::uint64_t misses_left_out(const listen::Findings& findings) const {
+    return std::accumulate(findings.misses_left_out.begin(), findings.misses_left_out.end(), misses_left_out_,
+                           [](auto sum, const auto& topic) { return sum + topic.second; });
   }
 
   void write(const listen::Findings& findings) {
     if (as_json_) {
       const auto from_ns =
           std::chrono::duration_cast<std::chrono::nanoseconds>(counted_from_.time_since_epoch()).count();
-      ordered_json json{{"counted_from_ns", arguments_.pcap.empty() ? ordered_json(from_ns) : ordered_json()},
-                        {"flows", ordered_json::array()},
-                        {"misses", ordered_json::array()},
-                        {"misses_left_out", findings.misses_left_out},
-                        {"forgotten",
-                         {{"flows", findings.forgotten.flows},
-                          {"messages", findings.forgotten.messages},
-                          {"with_misses", findings.forgotten.with_misses}}},
-                        {"sensor_lost", findings.sensor_lost},
-                        {"cost", json_of_cost(findings.cost)},
-                        {"remarks", findings.remarks}};
+      ordered_json json{
+          {"counted_from_ns", arguments_.is_recording() ? ordered_json() : ordered_json(from_ns)},
+          {"flows", ordered_json::array()},
+          {"misses", ordered_json::array()},
+          {"misses_left_out", misses_left_out(findings)},
+          {"forgotten",
+           {{"flows", findings.forgotten.flows},
+            {"messages", findings.forgotten.messages},
+            {"with_misses", findings.forgotten.with_misses}}},
+          {"sensor_lost", findings.sensor_lost},
+          {"cost", json_of_cost(findings.cost)},
+          {"remarks", findings.remarks}};
       for (const auto& flow : findings.flows) json["flows"].push_back(json_of(flow));
       for (const auto& miss : misses_) json["misses"].push_back(json_of(miss));
       return output_.write(json.dump(2, ' ', true, ordered_json::error_handler_t::replace) + "\n");
@@ -314,14 +336,13 @@ class Listening {
     if (findings.flows.empty()) output_.write("No message was seen.\n");
     for (const auto& flow : findings.flows)
       output_.write(arguments_.list ? way_of(flow) + "\n" : text_of(flow, is_judged_));
-    if (!arguments_.list && arguments_.pcap.empty())
+    if (!arguments_.list && !arguments_.is_recording())
       output_.write(text_of_time() + text_of_cost(findings.cost));
     if (findings.sensor_lost > 0)
       print_error(fmt::format("the sensor lost {} events: no loss and no period is counted across them",
                               findings.sensor_lost));
-    if (findings.misses_left_out > 0)
-      print_error(fmt::format("{} late messages are only counted: there was no room for a line each",
-                              findings.misses_left_out));
+    if (const auto count = misses_left_out(findings); count > 0)
+      print_error(fmt::format("{} late messages are only counted: there was no room for a line each", count));
     if (const auto& [flows, messages, with_misses] = findings.forgotten; flows > 0)
       print_error(
           fmt::format("{} flows of ended processes are not listed, {} messages in all; {} of these "
@@ -387,12 +408,35 @@ class Listening {
   const bool as_json_;
   Output output_;
   std::chrono::system_clock::time_point counted_from_;
-  std::map<std::string, std::uint64_t> late_by_cause_;
+  watch::TopicCounters counters_;
   std::deque<listen::Miss> misses_;
   std::uint64_t misses_left_out_ = 0;  // of `misses_`
 };
 
 }  // namespace
+
+void add_limits(Command& command, ListenArguments& arguments, const char* age_help) {
+  const auto add = [&](const char* flag, std::string& value, const char* help) {
+    command.add_option(flag, value, help)->type_name("TIME")->check(given);
+  };
+  add("--deadline", arguments.deadline, "a message is late that comes later than this after the one before");
+  add("--period", arguments.period, "the expected period; a message is late after 1.5 times as long");
+  add("--age", arguments.age, age_help);
+}
+
+int listen_to(const ListenArguments& arguments) {
+  std::error_code ignored;
+  for (const auto* input : {&arguments.pcap, &arguments.bag})
+    if (!input->empty() && std::filesystem::equivalent(*input, arguments.output, ignored))
+      throw campaign::Error(
+          2, fmt::format("--output: {} is the file that is read. Choose another file.", arguments.output));
+  try {
+    return Listening(arguments).run();
+  } catch (const listen::WrongInput& error) {
+    const auto* flag = !arguments.packets.empty() ? "--packets: " : !arguments.pcap.empty() ? "--pcap: " : "";
+    throw campaign::Error(2, fmt::format("{}{}", flag, error.what()));
+  }
+}
 
 void add_listen(Command& app, Action& action) {
   auto* command = app.add_subcommand(
@@ -400,14 +444,10 @@ void add_listen(Command& app, Action& action) {
       "Judges the messages of a robot that runs, in its processes or on the wire, and changes nothing of it");
   auto arguments = std::make_shared<ListenArguments>();
   command->add_option("TOPIC", arguments->topics, "judge these topics: all");
-  const auto add_time = [&](const char* flag, std::string& value, const char* help) {
-    command->add_option(flag, value, help)->type_name("TIME")->check(given);
-  };
-  add_time("--deadline", arguments->deadline,
-           "a message is late that comes later than this after the one before");
-  add_time("--period", arguments->period, "the expected period; a message is late after 1.5 times as long");
-  add_time("--age", arguments->age, "a message is late that is older than this when it is taken");
-  add_time("--for", arguments->time, "end after this time: at Ctrl-C");
+  add_limits(*command, *arguments, "a message is late that is older than this when it is taken");
+  command->add_option("--for", arguments->time, "end after this time: at Ctrl-C")
+      ->type_name("TIME")
+      ->check(given);
   command->add_flag("--list", arguments->list, "list who publishes and takes what, after 3 s");
   command->add_flag("--no-explain", arguments->no_explain,
                     "do not record the kernel's events, which say why a message was late");
@@ -420,7 +460,7 @@ void add_listen(Command& app, Action& action) {
   add_format(*command, arguments->format);
   add_output(*command, arguments->output);
   add_metrics(*command, arguments->metrics);
-  command->callback([&action, arguments] { action = [arguments] { return Listening(*arguments).run(); }; });
+  command->callback([&action, arguments] { action = [arguments] { return listen_to(*arguments); }; });
 }
 
 }  // namespace ontime::app

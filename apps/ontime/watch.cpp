@@ -40,9 +40,9 @@ class Screen {
 
 int follow(const WatchArguments& arguments) {
   const bool as_json = is_json_flag(arguments.format);
-  const auto metrics = metrics_at(arguments.metrics);
   const auto& interrupts = catch_interrupts();
-  ::setpriority(PRIO_PROCESS, 0, 19);  // what is measured comes first
+  ::setpriority(PRIO_PROCESS, 0, 19);  // what is measured comes first; the thread of the metrics inherits it
+  const auto metrics = metrics_at(arguments.metrics);
   watch::Follower follower(arguments.results);
   Screen screen;
   while (true) {
@@ -54,12 +54,8 @@ int follow(const WatchArguments& arguments) {
     else
       screen.show(watch::text_of(progress), last);
     if (last) return interrupted ? 130 : 0;
-    if (metrics) {
-      metrics->set(watch::metrics_of(progress));
-      metrics->serve_for(1s);
-    } else {
-      std::this_thread::sleep_for(1s);
-    }
+    if (metrics) metrics->set(watch::metrics_of(progress));
+    std::this_thread::sleep_for(1s);
   }
 }
 

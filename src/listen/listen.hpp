@@ -8,6 +8,7 @@
 #include <chrono>
 #include <cstdint>
 #include <functional>
+#include <map>
 #include <memory>
 #include <optional>
 #include <stdexcept>
@@ -60,14 +61,23 @@ struct Party {
   bool operator==(const Party&) const = default;
 };
 
+// Where an age begins. It ends when the message is taken; of a recorded message, when it was recorded.
+enum class AgeFrom : std::uint8_t {
+  writer,   // the time stamp that its writer's middleware gave it
+  stamp,    // its header.stamp
+  publish,  // its publish time in the recording
+};
+
 // Messages of one writer to one reader.
 struct Flow {
-  std::string topic;  // as ROS 2 names it; "" where no sensor learned it
+  std::uint64_t id = 0;  // the same in all findings of a sensor, and no other flow's
+  std::string topic;     // as ROS 2 names it; "" where no sensor learned it
   Party writer, reader;
   std::uint64_t messages = 0;  // taken; on the wire, seen; of a flow without a reader, published
   std::int64_t first_ns = 0, last_ns = 0;
   Distribution period;
-  std::optional<Distribution> age;    // empty: no writer's stamp by this machine's clock
+  std::optional<Distribution> age;  // empty: no writer's stamp by this machine's clock
+  AgeFrom age_from = AgeFrom::writer;
   std::optional<std::uint64_t> lost;  // empty: the sensor cannot tell
   std::uint64_t duplicated = 0, reordered = 0;
   std::uint64_t late = 0;      // by any of the limits
@@ -111,6 +121,9 @@ struct Miss {
   std::optional<Why> why{};  // empty: not looked for
 };
 
+// All words that Why::cause may have.
+std::vector<std::string> causes();
+
 inline constexpr std::size_t most_misses = 1000;  // that wait for take_misses(), the latest of all
 
 // What the probes cost the nodes: calls that met one, and how much longer each takes for a thread that just
@@ -127,9 +140,9 @@ struct Cost {
 
 // What the sensors saw of all topics, until now.
 struct Findings {
-  std::vector<Flow> flows;            // by topic, writer and reader
-  std::uint64_t sensor_lost = 0;      // events or packets that the sensor itself had no room for
-  std::uint64_t misses_left_out = 0;  // that take_misses() had no room for
+  std::vector<Flow> flows;        // by topic, writer and reader
+  std::uint64_t sensor_lost = 0;  // events or packets that the sensor itself had no room for
+  std::map<std::string, std::uint64_t> misses_left_out;  // by topic: that take_misses() had no room for
   // Flows of processes that ended, and that `flows` has no room for.
   struct {
     std::uint64_t flows = 0, messages = 0, with_misses = 0;

@@ -96,7 +96,9 @@ One* Messages::one_of(std::map<Key, One>& all, const Key& key, std::int64_t now_
     }
     retire(oldest);
   }
-  return &all[key];
+  auto& one = all[key];
+  one.id = ++last_id_;
+  return &one;
 }
 
 void Messages::name_topic(std::uint32_t process, std::uint64_t endpoint, const std::string& topic) {
@@ -301,7 +303,8 @@ Party Messages::party(std::uint32_t process) const {
 }
 
 Flow Messages::flow_of(const Writer& writer, const Link& link) const {
-  Flow flow{.topic = link.topic,
+  Flow flow{.id = link.id,
+            .topic = link.topic,
             .writer = {},
             .reader = party(std::get<0>(writer)),
             .messages = link.messages,
@@ -322,7 +325,8 @@ Flow Messages::flow_of(const Writer& writer, const Link& link) const {
 }
 
 Flow Messages::flow_of(const Endpoint& endpoint, const Publisher& publisher) const {
-  return {.topic = publisher.topic,
+  return {.id = publisher.id,
+          .topic = publisher.topic,
           .writer = party(endpoint.first),
           .reader = {},
           .messages = publisher.count,

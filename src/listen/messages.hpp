@@ -61,6 +61,7 @@ class Messages {
 
   using Endpoint = std::pair<std::uint32_t, std::uint64_t>;
   struct Publisher {
+    std::uint64_t id = 0;  // of its flow
     std::string topic;
     std::uint64_t count = 0;  // publishes so far; the last of them is number count - 1
     std::vector<std::int64_t> begun_ns = std::vector<std::int64_t>(remembered);  // by number modulo its size
@@ -76,6 +77,7 @@ class Messages {
     std::int64_t begun(std::uint64_t number) const { return begun_ns[number % remembered]; }
   };
   struct Link {
+    std::uint64_t id = 0;  // of its flow
     std::string topic;
     std::uint64_t messages = 0;
     std::int64_t first_ns = 0, last_ns = 0, last_stamp_ns = 0;
@@ -117,7 +119,7 @@ class Messages {
   std::map<std::uint32_t, std::int64_t> ended_at_;  // by process
   std::deque<Flow> ended_;
   Findings dropped_;  // counts only
-  std::uint64_t left_out_ = 0;
+  std::uint64_t left_out_ = 0, last_id_ = 0;
   Misses misses_;
 };
 

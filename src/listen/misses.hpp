@@ -1,9 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-// Misses that wait to be taken: the latest most_misses, and how many had no room.
+// Misses that wait to be taken: the latest most_misses, and of each topic how many had no room.
 #pragma once
 
 #include <cstdint>
 #include <deque>
+#include <map>
+#include <string>
 #include <utility>
 #include <vector>
 
@@ -15,8 +17,8 @@ class Misses {
  public:
   void add(Miss miss) {
     if (waiting_.size() == most_misses) {
+      ++left_out_[waiting_.front().topic];
       waiting_.pop_front();
-      ++left_out_;
     }
     waiting_.push_back(std::move(miss));
   }
@@ -25,11 +27,11 @@ class Misses {
     waiting_.clear();
     return taken;
   }
-  std::uint64_t left_out() const { return left_out_; }
+  const std::map<std::string, std::uint64_t>& left_out() const { return left_out_; }
 
  private:
   std::deque<Miss> waiting_;
-  std::uint64_t left_out_ = 0;
+  std::map<std::string, std::uint64_t> left_out_;
 };
 
 }  // namespace ontime::listen

@@ -18,6 +18,7 @@ using explain::State;
 
 constexpr std::int64_t longest_ns = 1'000'000'000;  // that is looked back
 constexpr std::size_t most_steps = 32;              // from thread to thread
+constexpr const char* probes = "probes";            // the one cause that is not explain's
 // The kernel's priorities of SCHED_FIFO's and SCHED_RR's 99 … 1, and of the default's.
 constexpr int real_time = 99, usual_priority = 50;
 
@@ -209,7 +210,7 @@ class Search {
 
   static Why by_probes() {
     return {.is_seen = true,
-            .cause = "probes",
+            .cause = probes,
             .sentence = "ontime set or removed probes in processes at that moment"};
   }
 
@@ -257,6 +258,13 @@ class Search {
 };
 
 }  // namespace
+
+std::vector<std::string> causes() {
+  std::vector<std::string> words{probes};
+  for (int cause = 0; cause <= static_cast<int>(Cause::unknown); ++cause)
+    words.emplace_back(explain::word_of(static_cast<Cause>(cause)));
+  return words;
+}
 
 trace::Span span_of(const Miss& miss) {
   const auto leg = leg_of(miss);

@@ -59,7 +59,9 @@ Wire::Stream* Wire::stream_of(const rtps::Guid& writer) {
     ++left_out_;
     return nullptr;
   }
-  return &streams_[writer];
+  auto& stream = streams_[writer];
+  stream.id = streams_.size();  // none is ever erased
+  return &stream;
 }
 
 // Whether this is the fragment that was still missing of its message.
@@ -164,7 +166,8 @@ Findings Wire::findings() const {
   for (const auto& [guid, stream] : streams_) {
     if (stream.messages == 0) continue;
     const auto count = stream.destinations.size();
-    findings.flows.push_back({.topic = topic_of(guid),
+    findings.flows.push_back({.id = stream.id,
+                              .topic = topic_of(guid),
                               .writer = {0, fmt::format("{} at {}", rtps::text_of(guid), stream.source)},
                               .reader = {0, stream.destinations.begin()->first +
                                                 (count > 1 ? fmt::format(" and {} more", count - 1) : "")},

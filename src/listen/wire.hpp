@@ -36,6 +36,7 @@ class Wire {
     std::uint32_t count = 0;
   };
   struct Stream {  // a writer
+    std::uint64_t id = 0;
     std::uint64_t messages = 0;
     std::int64_t first_ns = 0, last_ns = 0;
     bool is_broken = false;

@@ -6,6 +6,7 @@
 
 #include "gate/gate.hpp"
 #include "table/table.hpp"
+#include "watch/exposition.hpp"
 #include "watch/watch.hpp"
 
 namespace ontime::watch {
@@ -15,8 +16,8 @@ using nlohmann::json;
 
 std::string word(const json& value) {
   if (value.is_null()) return "";
-  return table::printable(value.is_string() ? value.get<std::string>()
-                                            : value.dump(-1, ' ', true, json::error_handler_t::replace));
+  return value.is_string() ? value.get<std::string>()
+                           : value.dump(-1, ' ', true, json::error_handler_t::replace);
 }
 
 std::string time_of(std::int64_t ns) { return gate::time_of(static_cast<double>(ns)); }
@@ -166,59 +167,39 @@ std::string json_of(const Progress& progress) {
   return object.dump(-1, ' ', true, nlohmann::ordered_json::error_handler_t::replace) + "\n";
 }
 
-std::string label(std::string_view name, std::string_view value) {
-  std::string quoted;
-  for (const char c : value) quoted += c == '\\' || c == '"' ? fmt::format("\\{}", c) : std::string(1, c);
-  return fmt::format("{}=\"{}\"", name, quoted);
-}
-
 std::string metrics_of(const Progress& progress) {
-  std::string text;
-  const auto add = [&](const char* name, const char* type, const char* help) {
-    text += fmt::format("# HELP ontime_{0} {2}\n# TYPE ontime_{0} {1}\n", name, type, help);
-  };
-  add("measuring", "gauge", "Whether a run is under way.");
-  text += fmt::format("ontime_measuring {}\n", progress.state == Progress::State::measuring ? 1 : 0);
-  if (progress.run.number == 0) return text;
+  Exposition text;
+  text.begin("measuring", "gauge", "Whether a run is under way.");
+  text.add("", progress.state == Progress::State::measuring ? 1 : 0);
+  if (progress.run.number == 0) return std::move(text).text();
 
-  const auto& asked = progress.run.asked;
-  auto run = fmt::format("run=\"{}\"", progress.run.number);
-  for (const auto* key : {"id", "variant", "transport", "repetition"})
-    run += "," + label(key, word(asked.stated(key)));
-  add("messages_total", "counter", "Counted messages of the newest run, by what became of them.");
+  const auto value = [&](const char* key) { return word(progress.run.asked.stated(key)); };
+  const auto run = labels({{"run", fmt::to_string(progress.run.number)},
+                           {"id", value("id")},
+                           {"variant", value("variant")},
+                           {"transport", value("transport")},
+                           {"repetition", value("repetition")}});
+  const auto add = [&](const char* name, const char* type, const char* help, auto number) {
+    text.begin(name, type, help);
+    text.add(run, number);
+  };
+  const auto in_s = [](std::int64_t ns) { return static_cast<double>(ns) / 1e9; };
+  text.begin("messages_total", "counter", "Counted messages of the newest run, by what became of them.");
   // A counter never falls.
   const std::pair<const char*, std::uint64_t> fates[] = {
       {"on_time", progress.on_time}, {"late", progress.late}, {"lost", progress.lost_for_good}};
-  for (const auto& [fate, count] : fates)
-    text += fmt::format("ontime_messages_total{{{},fate=\"{}\"}} {}\n", run, fate, count);
-  add("skipped_cycles_total", "counter", "Cycles that passed without a message.");
-  text += fmt::format("ontime_skipped_cycles_total{{{}}} {}\n", run, progress.skipped_cycles);
-  add("elapsed_seconds", "gauge", "From the first message to the newest.");
-  text += fmt::format("ontime_elapsed_seconds{{{}}} {}\n", run, progress.elapsed_s);
-  if (progress.duration_s) {
-    add("duration_seconds", "gauge", "How long the run is to be.");
-    text += fmt::format("ontime_duration_seconds{{{}}} {}\n", run, *progress.duration_s);
-  }
+  for (const auto& [fate, count] : fates) text.add(run + "," + labels({{"fate", fate}}), count);
+  add("skipped_cycles_total", "counter", "Cycles that passed without a message.", progress.skipped_cycles);
+  add("elapsed_seconds", "gauge", "From the first message to the newest.", progress.elapsed_s);
+  if (progress.duration_s)
+    add("duration_seconds", "gauge", "How long the run is to be.", *progress.duration_s);
   const auto& times = progress.round_trip;
-  add("round_trip_max_seconds", "gauge", "The longest round trip of the run.");
-  text +=
-      fmt::format("ontime_round_trip_max_seconds{{{}}} {}\n", run, static_cast<double>(times.max_ns()) / 1e9);
-  add("response_max_seconds", "gauge", "The longest time from when a message was due to its answer.");
-  text += fmt::format("ontime_response_max_seconds{{{}}} {}\n", run,
-                      static_cast<double>(progress.response_max_ns) / 1e9);
-  add("round_trip_seconds", "histogram", "Round trips of the run.");
-  std::uint64_t below = 0;
-  for (std::size_t i = 0; i < Buckets::size; ++i) {
-    below += times.counts()[i];
-    const auto edge = i + 1 == Buckets::size
-                          ? "+Inf"
-                          : fmt::format("{:g}", static_cast<double>(Buckets::upper_ns(i)) / 1e9);
-    text += fmt::format("ontime_round_trip_seconds_bucket{{{},le=\"{}\"}} {}\n", run, edge, below);
-  }
-  text +=
-      fmt::format("ontime_round_trip_seconds_sum{{{0}}} {1}\nontime_round_trip_seconds_count{{{0}}} {2}\n",
-                  run, times.sum_ns() / 1e9, times.count());
-  return text;
+  add("round_trip_max_seconds", "gauge", "The longest round trip of the run.", in_s(times.max_ns()));
+  add("response_max_seconds", "gauge", "The longest time from when a message was due to its answer.",
+      in_s(progress.response_max_ns));
+  text.begin("round_trip_seconds", "histogram", "Round trips of the run.");
+  text.add(run, times.counts(), times.sum_ns());
+  return std::move(text).text();
 }
 
 }  // namespace ontime::watch

@@ -2,6 +2,7 @@
 #include <cerrno>
 #include <charconv>
 #include <cstring>
+#include <mutex>
 #include <stdexcept>
 #include <string_view>
 #include <system_error>
@@ -49,14 +50,30 @@ Endpoint endpoint_of(const std::string& text) {
   return to;
 }
 
+class Text {
+ public:
+  std::string get() const {
+    const std::lock_guard lock(mutex_);
+    return text_;
+  }
+  void set(std::string text) {
+    const std::lock_guard lock(mutex_);
+    text_ = std::move(text);
+  }
+
+ private:
+  mutable std::mutex mutex_;
+  std::string text_;
+};
+
 MHD_Result answer(void* metrics, MHD_Connection* connection, const char* target, const char* method,
                   const char*, const char*, std::size_t*, void**) {
   const std::string_view asked = method;
   const bool may = asked == MHD_HTTP_METHOD_GET || asked == MHD_HTTP_METHOD_HEAD;
   const bool is_there = target == std::string_view("/metrics");
-  auto& text = *static_cast<std::string*>(metrics);
-  std::string other = may ? "what there is, is at /metrics\n" : "GET /metrics\n";
-  auto& body = may && is_there ? text : other;
+  auto body = !may       ? "GET /metrics\n"
+              : is_there ? static_cast<const Text*>(metrics)->get()
+                         : "what there is, is at /metrics\n";
   auto* response = MHD_create_response_from_buffer(body.size(), body.data(), MHD_RESPMEM_MUST_COPY);
   if (response == nullptr) return MHD_NO;
   MHD_add_response_header(response, MHD_HTTP_HEADER_CONTENT_TYPE,
@@ -78,11 +95,11 @@ class Metrics::Server {
  public:
   explicit Server(const Endpoint& to) : host_(to.host) {
     errno = 0;
-    daemon_ =
-        MHD_start_daemon(to.address.ss_family == AF_INET6 ? MHD_USE_IPv6 : MHD_NO_FLAG, to.port, nullptr,
-                         nullptr, answer, &text_, MHD_OPTION_SOCK_ADDR, &to.address,
-                         MHD_OPTION_CONNECTION_LIMIT, most_at_once, MHD_OPTION_CONNECTION_TIMEOUT, patience_s,
-                         MHD_OPTION_CONNECTION_MEMORY_LIMIT, longest_request, MHD_OPTION_END);
+    daemon_ = MHD_start_daemon(
+        MHD_USE_POLL_INTERNAL_THREAD | (to.address.ss_family == AF_INET6 ? MHD_USE_IPv6 : MHD_NO_FLAG),
+        to.port, nullptr, nullptr, answer, &text_, MHD_OPTION_SOCK_ADDR, &to.address,
+        MHD_OPTION_CONNECTION_LIMIT, most_at_once, MHD_OPTION_CONNECTION_TIMEOUT, patience_s,
+        MHD_OPTION_CONNECTION_MEMORY_LIMIT, longest_request, MHD_OPTION_END);
     if (daemon_ == nullptr) throw std::system_error(errno, std::generic_category());
   }
   ~Server() { MHD_stop_daemon(daemon_); }
@@ -92,18 +109,11 @@ class Metrics::Server {
   std::string address() const {
     return fmt::format("{}:{}", host_, MHD_get_daemon_info(daemon_, MHD_DAEMON_INFO_BIND_PORT)->port);
   }
-  void set(std::string text) { text_ = std::move(text); }
-  void serve_for(std::chrono::milliseconds time) {
-    using Clock = std::chrono::steady_clock;
-    for (const auto end = Clock::now() + time; Clock::now() < end;) {
-      const auto left = std::chrono::ceil<std::chrono::milliseconds>(end - Clock::now());
-      if (MHD_run_wait(daemon_, static_cast<std::int32_t>(left.count())) != MHD_YES) return;
-    }
-  }
+  void set(std::string text) { text_.set(std::move(text)); }
 
  private:
   const std::string host_;
-  std::string text_;
+  Text text_;
   MHD_Daemon* daemon_;
 };
 
@@ -121,6 +131,5 @@ Metrics::~Metrics() = default;
 
 std::string Metrics::address() const { return server_->address(); }
 void Metrics::set(std::string text) { server_->set(std::move(text)); }
-void Metrics::serve_for(std::chrono::milliseconds time) { server_->serve_for(time); }
 
 }  // namespace ontime::watch

@@ -1,17 +1,19 @@
 // SPDX-License-Identifier: Apache-2.0
 // Following a measurement while it runs, by reading its results file: another process does it, which never
-// touches what measures. Ordinary thread.
+// touches what measures. And what Prometheus reads of it, and of a robot's own messages. Ordinary thread.
 #pragma once
 
 #include <array>
 #include <chrono>
 #include <cstdint>
+#include <map>
 #include <memory>
+#include <numeric>
 #include <optional>
 #include <string>
-#include <string_view>
 #include <vector>
 
+#include "listen/listen.hpp"
 #include "record/record.hpp"
 
 namespace ontime::watch {
@@ -35,6 +37,7 @@ class Buckets {
   std::int64_t min_ns_ = 0, max_ns_ = 0;
   double sum_ns_ = 0;
 };
+using BucketCounts = std::array<std::uint64_t, Buckets::size>;
 
 struct Worst {
   std::uint64_t message;
@@ -86,10 +89,44 @@ std::string text_of(const Progress&);
 std::string json_of(const Progress&);
 // Prometheus's text format, version 0.0.4.
 std::string metrics_of(const Progress&);
-// A label in it, of a text without control characters.
-std::string label(std::string_view name, std::string_view value);
 
-// Offers the newest metrics at http://ADDRESS:PORT/metrics, to a few at a time, each within two seconds.
+// What Prometheus reads of a robot's own messages. No counter falls: a series grows by what its flows have
+// more than at the last look. So it keeps what it counted when a flow goes, or changes its writer.
+class TopicCounters {
+ public:
+  // Series, and flows that are compared with the last look.
+  static constexpr std::size_t most_kept = 4096;
+  TopicCounters();
+  void add(const listen::Findings&);           // as they are now; about once a second
+  void add(const std::vector<listen::Miss>&);  // each once
+  std::string metrics() const;
+
+ private:
+  struct Spread {
+    BucketCounts counts{};
+    double sum_ns = 0;
+    std::uint64_t count() const { return std::accumulate(counts.begin(), counts.end(), std::uint64_t{0}); }
+  };
+  struct Counts {
+    std::uint64_t messages = 0, late = 0;
+    std::optional<std::uint64_t> lost;  // empty: the sensor cannot tell
+    std::uint64_t duplicated = 0, reordered = 0;
+    Spread age, period;
+    std::optional<std::int64_t> silent_ns;  // of its liveliest flow; empty: it has none any more
+    std::uint64_t look = 0;                 // the last one that saw it
+  };
+  static Spread spread_of(const listen::Distribution&);
+  static Counts counts_of(const listen::Flow&);
+  static void grow(Counts& series, const Counts& before, const Counts& now);
+
+  std::map<std::uint64_t, Counts> flows_;        // by id, as they were last seen
+  std::map<std::string, Counts> series_;         // by labels
+  std::map<std::string, std::uint64_t> misses_;  // by cause
+  std::uint64_t looks_ = 0, misses_left_out_ = 0, sensor_lost_ = 0;
+};
+
+// Offers the newest text for Prometheus at http://ADDRESS:PORT/metrics, to a few at a time, each within two
+// seconds. A thread of its own answers, whatever the caller does meanwhile.
 class Metrics {
  public:
   // "127.0.0.1:9464", "[::1]:9464", or a port on loopback. Throws std::invalid_argument if it is no address,
@@ -98,7 +135,6 @@ class Metrics {
   ~Metrics();
   std::string address() const;  // as it is bound
   void set(std::string text);
-  void serve_for(std::chrono::milliseconds);  // answers requests meanwhile; returns when that time is over
 
  private:
   class Server;

@@ -12,6 +12,9 @@ import tempfile
 import unittest
 
 
+ROOT = pathlib.Path(__file__).resolve().parent.parent.parent
+
+
 class Installed(unittest.TestCase):
     @classmethod
     def setUpClass(cls):
@@ -47,6 +50,24 @@ class Installed(unittest.TestCase):
     def test_an_installation_measures_wherever_it_lies(self):
         self.assertGreater(json.loads(self.ping("udp").stdout)["runs"][0]["on_time"], 0)
         self.assertIn("demo", self.ontime("scenarios").stdout)
+
+    def test_an_installation_has_alerts_and_a_dashboard(self):
+        self.assertEqual({file.name for file in (self.prefix / "share/ontime/prometheus").iterdir()}, {"alerts.yml", "dashboard.json"})
+
+    @unittest.skipUnless(shutil.which("systemd-analyze"), "no systemd-analyze")
+    def test_units_are_valid_and_as_hardened_as_the_manual_says(self):
+        install, fleet = ((ROOT / "docs/how-to" / name).read_text() for name in ("install.md", "fleet.md"))
+        for unit, page in ("ontime-pong@.service", install), ("ontime-listen.service", fleet):
+            file = self.prefix / unit
+            text = (ROOT / f"debian/ontime.{unit}").read_text()
+            file.write_text(text.replace("/usr/bin/ontime", str(self.prefix / "bin/ontime")))
+            done = subprocess.run(["systemd-analyze", "verify", "--man=no", file], capture_output=True, text=True)
+            self.assertEqual((done.returncode, done.stderr), (0, ""))
+            exposure = re.search(r"rates its exposure (\d)\.(\d)", page)
+            limit = "".join(exposure.groups())
+            done = subprocess.run(["systemd-analyze", "security", "--offline=true", f"--threshold={limit}", file],
+                                  capture_output=True, text=True)
+            self.assertEqual(done.returncode, 0, done.stdout[-200:])
 
     @unittest.skipUnless(shutil.which("help2man"), "no help2man: no manual pages")
     def test_each_manual_page_has_its_own_name_and_summary(self):

@@ -230,8 +230,17 @@ class Listen(unittest.TestCase):
         self.assertEqual(flow["out_of_order"], 0)
         self.assertLess(flow["age"]["p50_ns"], 10_000_000)
 
+    def test_capabilities_of_the_service_suffice(self):
+        unit = (pathlib.Path(__file__).parent.parent.parent / "debian/ontime.ontime-listen.service").read_text()
+        names = re.search(r"^CapabilityBoundingSet=(.*)$", unit, re.MULTILINE)[1].lower().replace("cap_", "+").split()
+        self.start(RMW_NODE)
+        done = subprocess.run(["setpriv", "--bounding-set", ",".join(["-all", *names]), ONTIME, "listen", "/scan", "--for", "3 s",
+                               "--format", "json"], capture_output=True, text=True, timeout=60)
+        self.assertEqual(done.returncode, 0, done.stderr)
+        self.assertEqual(len(json.loads(done.stdout)["flows"]), 1, done.stderr)
+
     def test_metrics_have_the_messages_of_each_topic(self):
-        node = self.start(RMW_NODE)
+        self.start(RMW_NODE)
         listener = subprocess.Popen([ONTIME, "listen", "/scan", "--age", "1 h", "--no-explain", "--metrics", "0", "--for", "120 s"],
                                     stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, cwd=self.folder)
         self.addCleanup(listener.stderr.close)
@@ -242,17 +251,15 @@ class Listen(unittest.TestCase):
         def metrics():
             with urllib.request.urlopen(url, timeout=30) as answer:
                 return answer.read().decode()
-        labels = f'topic="/scan",writer="listen_rmw_node",writer_pid="{node.pid}"'
+        labels = 'topic="/scan",writer="listen_rmw_node"'
         self.assertTrue(eventually(lambda: f'ontime_topic_age_seconds_count{{{labels}' in metrics(), 30), metrics())
         text = metrics()
         age = [int(line.rsplit(" ", 1)[1]) for line in text.splitlines()
-               if line.startswith("ontime_topic_age_seconds_bucket") and f'writer_pid="{node.pid}"' in line]
+               if line.startswith("ontime_topic_age_seconds_bucket") and labels in line]
         self.assertEqual(age, sorted(age))
         self.assertGreater(age[-1], 0)
         for metric in ("messages_total", "late_total", "lost_total", "period_seconds_sum"):
             self.assertIn(f"ontime_topic_{metric}{{", text)
-        if shutil.which("promtool"):
-            subprocess.run(["promtool", "check", "metrics"], input=text, text=True, check=True)
 
     def test_unknown_topic_is_answered_with_the_nearest(self):
         publisher, taker = self.pair(10000)

@@ -14,6 +14,7 @@ import random
 import shutil
 import signal
 import sqlite3
+import struct
 import subprocess
 import tempfile
 import time
@@ -418,6 +419,52 @@ class Results(unittest.TestCase):
         self.results.unlink()
         self.import_file("x", code=2)
         self.assertFalse(self.results.exists())
+
+    # --- bags ---
+
+    START = 1_700_000_000_000_000_000
+
+    def bag(self, gaps_ms, stamp_behind_ms=2):
+        """A bag as rosbag2 writes it, of one topic."""
+        folder = self.folder / "drive"
+        folder.mkdir(exist_ok=True)
+        path = folder / "drive_0.db3"
+        path.unlink(missing_ok=True)
+        with contextlib.closing(sqlite3.connect(path)) as database, database:
+            database.execute("CREATE TABLE topics(id INTEGER PRIMARY KEY, name TEXT, type TEXT, serialization_format TEXT)")
+            database.execute("CREATE TABLE messages(id INTEGER PRIMARY KEY, topic_id INTEGER, timestamp INTEGER, data BLOB)")
+            database.execute("INSERT INTO topics VALUES(1, '/scan', 'sensor_msgs/msg/LaserScan', 'cdr')")
+            at = self.START
+            for gap_ms in [0, *gaps_ms]:
+                at += gap_ms * 10**6
+                stamp = divmod(at - stamp_behind_ms * 10**6, 10**9)
+                database.execute("INSERT INTO messages(topic_id, timestamp, data) VALUES(1, ?, ?)",
+                                 (at, b"\0\1\0\0" + struct.pack("<iI", *stamp) + b"\1\0\0\0\0"))
+        (folder / "metadata.yaml").write_text("rosbag2_bagfile_information:\n  version: 5\n  compression_mode: ''\n"
+                                              "  relative_file_paths: [drive_0.db3]\n")
+        return folder
+
+    def test_bag_is_judged_by_the_limits_that_are_stated(self):
+        bag = self.bag([10, 10, 30, 10])
+        out = self.ontime("import", bag).stdout
+        self.assertIn("/scan", out)
+        self.assertIn("header.stamp", out)
+        self.ontime("import", bag, "--deadline", "50ms", "--age", "5ms")
+        flow, = json.loads(self.ontime("import", bag / "drive_0.db3", "--deadline", "20ms", "--format", "json", code=1).stdout)["flows"]
+        self.assertEqual((flow["messages"], flow["late"], flow["age_from"]), (5, 1, "header.stamp"))
+        self.assertEqual((flow["period"]["max_ns"], flow["age"]["max_ns"]), (30_000_000, 2_000_000))
+        self.ontime("import", bag, "--age", "1ms", code=1)
+
+    def test_what_is_asked_of_a_bag_in_vain_is_refused(self):
+        bag = self.bag([10])
+        self.assertIn("/scan", self.ontime("import", bag, "--topic", "/scam", code=2).stderr)
+        self.ontime("import", bag, "--topic", "/scan")
+        self.assertIn("--unit", self.ontime("import", bag, "--unit", "us", code=2).stderr)
+        self.assertIn("--topic", self.ontime("import", "x", "--from", "cyclictest-json", "--results", self.results, "--topic", "/a", code=2).stderr)
+        self.assertIn("--results", self.ontime("import", "x", "--from", "cyclictest-json", code=2).stderr)
+        (self.folder / "old.txt").write_text(HISTOGRAM)
+        self.assertIn("--from", self.ontime("import", "old.txt", code=2).stderr)
+        self.assertIn("Choose another", self.ontime("import", bag / "drive_0.db3", "--output", bag / "drive_0.db3", code=2).stderr)
 
     # --- from another terminal ---
 

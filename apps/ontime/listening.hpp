@@ -1,0 +1,25 @@
+// SPDX-License-Identifier: Apache-2.0
+// Judges messages that a sensor sees, live or recorded, and prints what came of them: `ontime listen`, and
+// `ontime import BAG`.
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include "command.hpp"
+
+namespace ontime::app {
+
+struct ListenArguments {
+  std::vector<std::string> topics;
+  std::string deadline, period, age, time, pcap, packets, bag, output, metrics, format = "table";
+  bool list = false, no_explain = false;
+  bool is_recording() const { return !pcap.empty() || !bag.empty(); }
+};
+
+// --deadline, --period and --age; `age_help` says when the age ends.
+void add_limits(Command&, ListenArguments&, const char* age_help);
+// Returns the exit code.
+int listen_to(const ListenArguments&);
+
+}  // namespace ontime::app

@@ -1,0 +1,67 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "bag/bag.hpp"
+
+#include <fmt/format.h>
+
+#include "bag/files.hpp"
+#include "bag/judge.hpp"
+
+namespace ontime::bag {
+namespace {
+
+// At once: no more misses than wait to be taken.
+constexpr std::size_t most_messages = listen::most_misses / 2;
+
+class Bag final : public listen::Sensor {
+ public:
+  Bag(Files files, const listen::Limits& limits) : files_(std::move(files)), judge_(limits) {
+    reader_ = reader_of(files_.paths.front());
+  }
+
+  // Without a wait: all of it is there.
+  bool listen_for(std::chrono::milliseconds) override {
+    for (std::size_t i = 0; i < most_messages; ++i) {
+      if (reader_ == nullptr) {
+        if (next_ == files_.paths.size()) return false;
+        reader_ = reader_of(files_.paths[next_]);
+      }
+      if (const auto message = reader_->next())
+        judge_.add(*message);
+      else
+        end_file();
+    }
+    return true;
+  }
+
+  listen::Findings findings() const override {
+    auto findings = judge_.findings();
+    findings.remarks.insert(findings.remarks.begin(), files_.remarks.begin(), files_.remarks.end());
+    return findings;
+  }
+
+  std::vector<listen::Miss> take_misses() override { return judge_.take_misses(); }
+
+ private:
+  void end_file() {
+    if (const auto cut = reader_->cut(); !cut.empty())
+      files_.remarks.push_back(
+          fmt::format("{}: {}: its recorder was killed, or the file was cut. What comes before counts",
+                      files_.paths[next_], cut));
+    judge_.end_file();
+    reader_.reset();
+    ++next_;
+  }
+
+  Files files_;
+  Judge judge_;
+  std::unique_ptr<Reader> reader_;
+  std::size_t next_ = 0;  // the file of reader_, or the next one
+};
+
+}  // namespace
+
+std::unique_ptr<listen::Sensor> open(const std::string& path, const listen::Limits& limits) {
+  return std::make_unique<Bag>(files_of(path), limits);
+}
+
+}  // namespace ontime::bag

@@ -1,0 +1,18 @@
+// SPDX-License-Identifier: Apache-2.0
+// Recorded messages: a bag of rosbag2 (a folder, or a file of SQLite or MCAP) is judged as listen judges the
+// messages of a robot that runs. Files may be foreign and hostile: memory is bounded. Ordinary thread.
+#pragma once
+
+#include <memory>
+#include <string>
+
+#include "listen/listen.hpp"
+
+namespace ontime::bag {
+
+// Reads the bag to its end. A bag that was cut off is judged up to there, with a remark. It throws
+// listen::WrongInput, as listen_for() does: it is no bag, or damaged; the message names the file and the
+// place.
+std::unique_ptr<listen::Sensor> open(const std::string& path, const listen::Limits&);
+
+}  // namespace ontime::bag

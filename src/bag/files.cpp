@@ -1,0 +1,133 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "bag/files.hpp"
+
+#include <algorithm>
+#include <array>
+#include <filesystem>
+#include <string_view>
+#include <utility>
+
+#include <fmt/format.h>
+#include <yaml-cpp/yaml.h>
+
+#include "bag/bytes.hpp"
+#include "listen/listen.hpp"
+
+namespace ontime::bag {
+namespace {
+
+namespace fs = std::filesystem;
+using namespace std::string_view_literals;
+
+constexpr std::size_t most_metadata_bytes = 16 << 20;
+constexpr std::size_t most_name_characters = 200;  // of the silent topics that are named
+constexpr auto sqlite_magic = "SQLite format 3\0"sv, mcap_magic = "\x89MCAP0\r\n"sv;
+
+// The first bytes of a file; fewer, or none, where there are no more.
+std::string beginning_of(const std::string& path) {
+  std::string begin(sqlite_magic.size(), '\0');
+  File file(path);
+  begin.resize(file.read(std::as_writable_bytes(std::span(begin))));
+  if (!file.error().empty()) throw listen::WrongInput(fmt::format("{}: {}", path, file.error()));
+  return begin;
+}
+
+[[noreturn]] void fail_form(const std::string& path, std::string_view begin) {
+  const auto* what = "it is no bag: neither rosbag2's SQLite nor MCAP. What cyclictest wrote needs --from";
+  if (begin.starts_with("\x28\xb5\x2f\xfd"sv))
+    what = "it is compressed as a whole. Decompress it: `zstd -d FILE`, and name what that makes";
+  else if (begin.starts_with("\x89MCAP"sv))
+    what = "it is MCAP of a version that is unknown";
+  else if (begin.starts_with("#ROSBAG"sv))
+    what = "it is a bag of ROS 1. Convert it: `mcap convert FILE OUT.mcap`";
+  throw listen::WrongInput(fmt::format("{}: {}", path, what));
+}
+
+std::string metadata_in(const std::string& path) {
+  File file(path);
+  std::string text(most_metadata_bytes, '\0');
+  text.resize(file.read(std::as_writable_bytes(std::span(text))));
+  if (!file.error().empty()) throw listen::WrongInput(fmt::format("{}: {}", path, file.error()));
+  if (text.size() == most_metadata_bytes)
+    throw listen::WrongInput(
+        fmt::format("{}: it is longer than {} bytes, which no bag needs", path, most_metadata_bytes));
+  return text;
+}
+
+// Topics that were recorded, and had no message.
+std::string silent_in(const YAML::Node& topics) {
+  std::string names;
+  std::size_t more = 0;
+  for (const auto& topic : topics) {
+    if (topic["message_count"].as<std::uint64_t>() > 0) continue;
+    if (names.size() > most_name_characters)
+      ++more;
+    else
+      names += (names.empty() ? "" : ", ") + topic["topic_metadata"]["name"].as<std::string>();
+  }
+  return more == 0 ? names : fmt::format("{} and {} more", names, more);
+}
+
+// Older versions name the files with their folder, newer ones without; they always lie beside metadata.yaml.
+Files files_by(const fs::path& metadata) {
+  Files files;
+  try {
+    const auto about = YAML::Load(metadata_in(metadata.string()))["rosbag2_bagfile_information"];
+    for (const auto& file : about["relative_file_paths"])
+      files.paths.push_back((metadata.parent_path() / fs::path(file.as<std::string>()).filename()).string());
+    if (const auto silent = silent_in(about["topics_with_message_count"]); !silent.empty())
+      files.remarks.push_back(fmt::format("recorded without any message: {}", silent));
+    if (about["compression_mode"].as<std::string>("") == "MESSAGE")
+      files.remarks.emplace_back("each message is compressed by itself: ages by header.stamp are unknown");
+  } catch (const YAML::Exception& error) {
+    throw listen::WrongInput(
+        fmt::format("{}: it is not what rosbag2 writes ({})", metadata.string(), error.what()));
+  }
+  if (files.paths.empty())
+    throw listen::WrongInput(fmt::format("{}: it names no file of the bag", metadata.string()));
+  return files;
+}
+
+// The number of a file among those into which a bag is split: 12 of "drive_12.db3".
+std::pair<std::size_t, std::string> order_of(const std::string& path) {
+  const auto stem = fs::path(path).stem().string();
+  const auto begin = stem.find_last_not_of("0123456789");
+  const auto digits = stem.substr(begin == stem.npos ? 0 : begin + 1);
+  return {digits.empty() || digits.size() > 9 ? 0 : std::stoul(digits), path};
+}
+
+// The recorder writes metadata.yaml when it ends: one that was killed left none.
+Files files_in(const fs::path& folder) {
+  Files files;
+  std::error_code error;
+  for (fs::directory_iterator entry(folder, error), end; !error && entry != end; entry.increment(error))
+    if (const auto kind = entry->path().extension(); kind == ".db3" || kind == ".mcap")
+      files.paths.push_back(entry->path().string());
+  if (error) throw listen::WrongInput(fmt::format("{}: {}", folder.string(), error.message()));
+  if (files.paths.empty())
+    throw listen::WrongInput(fmt::format(
+        "{}: it has neither a metadata.yaml nor a .db3 or .mcap file, so it is no bag", folder.string()));
+  std::sort(files.paths.begin(), files.paths.end(),
+            [](const auto& a, const auto& b) { return order_of(a) < order_of(b); });
+  files.remarks.push_back(fmt::format(
+      "{} has no metadata.yaml: its recorder did not end by itself. The {} files there are read by number",
+      folder.string(), files.paths.size()));
+  return files;
+}
+
+}  // namespace
+
+Files files_of(const std::string& path) {
+  if (!fs::is_directory(path)) return {{path}, {}};
+  const auto metadata = fs::path(path) / "metadata.yaml";
+  return fs::exists(metadata) ? files_by(metadata) : files_in(path);
+}
+
+std::unique_ptr<Reader> reader_of(const std::string& path) {
+  const auto begin = beginning_of(path);
+  if (begin == sqlite_magic) return read_sqlite(path);
+  if (begin.starts_with(mcap_magic)) return read_mcap(path);
+  fail_form(path, begin);
+}
+
+}  // namespace ontime::bag

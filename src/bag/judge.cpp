@@ -1,0 +1,185 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "bag/judge.hpp"
+
+#include <algorithm>
+#include <cstdlib>
+#include <utility>
+
+#include <fmt/format.h>
+
+namespace ontime::bag {
+namespace {
+
+// A writer that leaves out more numbers than this, or goes back further than is followed, began anew.
+constexpr std::uint64_t longest_leap = 1 << 20;
+// A stamp that differs more from the recording is by a clock of its own, as simulated time is.
+constexpr std::int64_t one_year_ns = std::int64_t{365} * 24 * 3600 * 1'000'000'000;
+
+listen::Party recorder() { return {0, "recorder"}; }
+
+// Mostly a bag keeps those of a topic together.
+listen::Party party_of(unsigned writer) {
+  return {0, writer == 0 ? "publishers" : fmt::format("publishers of channel {}", writer + 1)};
+}
+
+}  // namespace
+
+Judge::Stream* Judge::stream_of(const Topic& topic) {
+  const Key key{topic.name, topic.writer};
+  if (const auto found = streams_.find(key); found != streams_.end()) return &found->second;
+  if (streams_.size() == most_flows) {
+    ++left_out_;
+    return nullptr;
+  }
+  auto& stream = streams_[key];
+  stream.id = streams_.size();  // none is ever erased
+  return &stream;
+}
+
+void Judge::add(const Message& message) {
+  latest_ns_ = std::max(latest_ns_, message.recorded_ns);
+  auto* const stream = stream_of(*message.topic);
+  if (stream == nullptr || is_again(*stream, message)) return;
+  if (stream->messages == 0) stream->first_ns = message.recorded_ns;
+  judge(*stream, message);
+  ++stream->messages;
+  stream->last_ns = message.recorded_ns;
+}
+
+void Judge::end_file() {
+  for (auto& [key, stream] : streams_) {
+    stream.in_file = 0;
+  }
+}
+
+// Follows the writer's numbers, where the bag has them. A recorder may count by itself instead, from 0 or 1
+// in each file: such numbers tell nothing until they leave one out.
+bool Judge::is_again(Stream& stream, const Message& message) {
+  auto& sequence = stream.sequence;
+  const std::uint64_t number = message.sequence, index = stream.in_file++;
+  const auto before = std::exchange(stream.number_before, number);
+  if (number == 0) return false;
+  if (!sequence.has_begun()) {
+    if (number <= index + 1 && (index == 0 || number == before + 1)) return false;
+    if (before != 0) sequence.see(before);
+  }
+  if (sequence.has_begun() &&
+      (number > sequence.next() + longest_leap || number + listen::Sequence::window < sequence.next())) {
+    sequence.restart();
+  }
+  switch (sequence.see(number)) {
+    case listen::Sequence::Fate::again:
+      ++stream.duplicated;
+      return true;
+    case listen::Sequence::Fate::overtaken:
+    case listen::Sequence::Fate::too_old:
+      ++stream.reordered;
+      break;
+    case listen::Sequence::Fate::in_order:
+      break;
+  }
+  return false;
+}
+
+void Judge::judge(Stream& stream, const Message& message) {
+  const bool came_late = stream.messages > 0 && judge_period(stream, message);
+  const bool was_old = judge_age(stream, message);
+  stream.late += came_late || was_old ? 1 : 0;
+}
+
+bool Judge::judge_period(Stream& stream, const Message& message) {
+  const auto gap = message.recorded_ns - stream.last_ns;
+  if (gap < 0 || gap > one_year_ns) {
+    was_set_.add(message.topic->name);
+    return false;
+  }
+  stream.period.add(gap);
+  const bool is_late = limits_.is_gap(gap);
+  if (is_late) miss(listen::Miss::Kind::gap, gap, message);
+  return is_late;
+}
+
+bool Judge::judge_age(Stream& stream, const Message& message) {
+  const auto age = age_of(stream, message);
+  if (!age) return false;
+  const bool is_late = limits_.is_too_old(*age);
+  if (is_late) miss(listen::Miss::Kind::age, *age, message);
+  stream.age.add(*age);
+  return is_late;
+}
+
+std::optional<std::int64_t> Judge::age_of(Stream& stream, const Message& message) {
+  const auto& name = message.topic->name;
+  std::int64_t written_ns = message.published_ns;
+  if (message.stamp_ns) {
+    written_ns = *message.stamp_ns;
+    if (written_ns == 0) unset_.add(name);
+  }
+  if (written_ns == 0) return {};
+  stream.age_from = message.stamp_ns ? listen::AgeFrom::stamp : listen::AgeFrom::publish;
+  // Without numbers, the times of writing tell the order.
+  if (!stream.sequence.has_begun() && written_ns < stream.latest_written_ns) ++stream.reordered;
+  stream.latest_written_ns = std::max(stream.latest_written_ns, written_ns);
+  const auto age = message.recorded_ns - written_ns;
+  if (std::abs(age) > one_year_ns) {
+    foreign_clock_.add(name);
+    return {};
+  }
+  if (age < 0) ahead_.add(name);
+  return age;
+}
+
+void Judge::miss(listen::Miss::Kind kind, std::int64_t value_ns, const Message& message) {
+  misses_.add({.kind = kind,
+               .at_ns = message.recorded_ns,
+               .value_ns = value_ns,
+               .topic = message.topic->name,
+               .writer = party_of(message.topic->writer),
+               .reader = recorder(),
+               .course = {},
+               .why = {}});
+}
+
+listen::Flow Judge::flow_of(const Key& key, const Stream& stream) {
+  return {.id = stream.id,
+          .topic = key.first,
+          .writer = party_of(key.second),
+          .reader = recorder(),
+          .messages = stream.messages,
+          .first_ns = stream.first_ns,
+          .last_ns = stream.last_ns,
+          .period = stream.period,
+          .age = stream.age.count() > 0 ? std::optional(stream.age) : std::nullopt,
+          .age_from = stream.age_from,
+          .lost = stream.sequence.has_begun() ? std::optional(stream.sequence.lost()) : std::nullopt,
+          .duplicated = stream.duplicated,
+          .reordered = stream.reordered,
+          .late = stream.late};
+}
+
+listen::Findings Judge::findings() const {
+  listen::Findings findings;
+  findings.misses_left_out = misses_.left_out();
+  for (const auto& [key, stream] : streams_) findings.flows.push_back(flow_of(key, stream));
+  listen::judge_silence(findings.flows, limits_, latest_ns_);
+  const auto remark = [&](const Oddity& oddity, const char* what) {
+    if (oddity.messages > 0)
+      findings.remarks.push_back(
+          fmt::format("{} messages {} (the first is of {})", oddity.messages, what, oddity.topic));
+  };
+  remark(unset_, "have a header.stamp of 0: their age is unknown");
+  remark(foreign_clock_,
+         "have a stamp that is more than a year from their recording: it is by another clock, such as "
+         "simulated time, and their age is unknown");
+  remark(ahead_,
+         "have a stamp later than their recording: the writer's clock is ahead, and their age counts as 0");
+  remark(was_set_,
+         "were recorded before the one before them, or more than a year after it: the recorder's clock was "
+         "set, and no period is counted there");
+  if (left_out_ > 0)
+    findings.remarks.push_back(
+        fmt::format("{} messages are of more than {} topics and are not counted", left_out_, most_flows));
+  return findings;
+}
+
+}  // namespace ontime::bag

@@ -1,0 +1,67 @@
+// SPDX-License-Identifier: Apache-2.0
+// Recorded messages become flows, one for each writer of a topic that the bag keeps apart. Pure; memory is
+// bounded by most_flows.
+#pragma once
+
+#include <map>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "bag/reader.hpp"
+#include "listen/listen.hpp"
+#include "listen/misses.hpp"
+#include "listen/sequence.hpp"
+
+namespace ontime::bag {
+
+class Judge {
+ public:
+  static constexpr std::size_t most_flows = 1024;
+
+  explicit Judge(const listen::Limits& limits) : limits_(limits) {}
+  void add(const Message&);
+  void end_file();  // of the bag
+  listen::Findings findings() const;
+  std::vector<listen::Miss> take_misses() { return misses_.take(); }
+
+ private:
+  using Key = std::pair<std::string, unsigned>;  // topic and writer
+  struct Stream {
+    std::uint64_t id = 0;
+    std::uint64_t messages = 0;
+    std::int64_t first_ns = 0, last_ns = 0;
+    std::int64_t latest_written_ns = 0;  // by stamp or publish time
+    std::uint64_t in_file = 0;           // messages, of the file that is read
+    std::uint64_t number_before = 0;     // of the message before; 0: not noted
+    listen::Sequence sequence;           // begun once the numbers are known to be the writer's
+    listen::AgeFrom age_from = listen::AgeFrom::writer;
+    listen::Distribution period, age;
+    std::uint64_t duplicated = 0, reordered = 0, late = 0;
+  };
+  // Something that the clocks of writers or of the recorder did.
+  struct Oddity {
+    std::uint64_t messages = 0;
+    std::string topic;  // of the first of them
+    void add(const std::string& name) {
+      if (messages++ == 0) topic = name;
+    }
+  };
+  Stream* stream_of(const Topic&);
+  static bool is_again(Stream&, const Message&);
+  void judge(Stream&, const Message&);
+  bool judge_period(Stream&, const Message&);  // whether it was late, as the next
+  bool judge_age(Stream&, const Message&);
+  std::optional<std::int64_t> age_of(Stream&, const Message&);
+  void miss(listen::Miss::Kind, std::int64_t value_ns, const Message&);
+  static listen::Flow flow_of(const Key&, const Stream&);
+
+  const listen::Limits limits_;
+  std::map<Key, Stream> streams_;
+  listen::Misses misses_;
+  std::int64_t latest_ns_ = 0;  // of all recordings
+  std::uint64_t left_out_ = 0;
+  Oddity unset_, foreign_clock_, ahead_, was_set_;
+};
+
+}  // namespace ontime::bag

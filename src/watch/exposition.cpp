@@ -1,0 +1,46 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "watch/exposition.hpp"
+
+#include "table/table.hpp"
+
+namespace ontime::watch {
+
+std::string labels(std::initializer_list<std::pair<std::string_view, std::string_view>> values) {
+  std::string text;
+  for (const auto& [name, value] : values) {
+    text += fmt::format("{}{}=\"", text.empty() ? "" : ",", name);
+    for (const char c : table::printable(std::string(value))) {
+      if (c == '\\' || c == '"') text += '\\';
+      text += c;
+    }
+    text += '"';
+  }
+  return text;
+}
+
+void Exposition::begin(std::string_view name, std::string_view type, std::string_view help) {
+  name_ = fmt::format("ontime_{}", name);
+  text_ += fmt::format("# HELP {0} {2}\n# TYPE {0} {1}\n", name_, type, help);
+}
+
+void Exposition::add(const std::string& labels, const BucketCounts& counts, double sum_ns) {
+  std::uint64_t below = 0;
+  for (std::size_t i = 0; i < counts.size(); ++i) {
+    below += counts[i];
+    const auto edge = i + 1 == counts.size()
+                          ? "+Inf"
+                          : fmt::format("{:g}", static_cast<double>(Buckets::upper_ns(i)) / 1e9);
+    line("_bucket", fmt::format("{}{}le=\"{}\"", labels, labels.empty() ? "" : ",", edge),
+         fmt::to_string(below));
+  }
+  line("_sum", labels, fmt::to_string(sum_ns / 1e9));
+  line("_count", labels, fmt::to_string(below));
+}
+
+void Exposition::line(std::string_view suffix, const std::string& labels, const std::string& value) {
+  text_ += fmt::format("{}{}", name_, suffix);
+  if (!labels.empty()) text_ += fmt::format("{{{}}}", labels);
+  text_ += fmt::format(" {}\n", value);
+}
+
+}  // namespace ontime::watch

@@ -1,0 +1,138 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <algorithm>
+
+#include "watch/exposition.hpp"
+#include "watch/watch.hpp"
+
+namespace ontime::watch {
+namespace {
+
+constexpr const char* not_looked_for = "not looked for";
+
+// Series of one name in each process are one: a node that starts again goes on where it ended.
+std::string labels_of(const listen::Flow& flow) {
+  return labels({{"topic", flow.topic}, {"writer", flow.writer.name}, {"reader", flow.reader.name}});
+}
+
+// Those for which nothing was counted for longest go first.
+template <class Key, class Counts>
+void make_room(std::map<Key, Counts>& all) {
+  while (all.size() > TopicCounters::most_kept)
+    all.erase(std::min_element(all.begin(), all.end(), [](const auto& one, const auto& other) {
+      return one.second.look < other.second.look;
+    }));
+}
+
+}  // namespace
+
+TopicCounters::TopicCounters() {
+  // Prometheus sees no increase to the first value of a counter: each cause begins at 0.
+  for (const auto& cause : listen::causes()) misses_[cause];
+  misses_[not_looked_for];
+}
+
+TopicCounters::Spread TopicCounters::spread_of(const listen::Distribution& values) {
+  Spread spread;
+  std::uint64_t below = 0;
+  for (std::size_t i = 0; i < Buckets::size; ++i) {
+    const auto count = values.count_up_to(Buckets::upper_ns(i));
+    spread.counts[i] = count - below;
+    below = count;
+  }
+  spread.sum_ns = values.sum_ns();
+  return spread;
+}
+
+TopicCounters::Counts TopicCounters::counts_of(const listen::Flow& flow) {
+  return {.messages = flow.messages,
+          .late = flow.late,
+          .lost = flow.lost,
+          .duplicated = flow.duplicated,
+          .reordered = flow.reordered,
+          .age = flow.age ? spread_of(*flow.age) : Spread{},
+          .period = spread_of(flow.period),
+          .silent_ns = flow.silent_ns,
+          .look = 0};
+}
+
+// By what `now` has more than `before`.
+void TopicCounters::grow(Counts& series, const Counts& before, const Counts& now) {
+  const auto more = [](std::uint64_t from, std::uint64_t to) { return to - std::min(from, to); };
+  for (const auto member : {&Counts::messages, &Counts::late, &Counts::duplicated, &Counts::reordered})
+    series.*member += more(before.*member, now.*member);
+  if (now.lost) series.lost = series.lost.value_or(0) + more(before.lost.value_or(0), *now.lost);
+  for (const auto member : {&Counts::age, &Counts::period}) {
+    for (std::size_t i = 0; i < Buckets::size; ++i)
+      (series.*member).counts[i] += more((before.*member).counts[i], (now.*member).counts[i]);
+    (series.*member).sum_ns += std::max((now.*member).sum_ns - (before.*member).sum_ns, 0.0);
+  }
+  series.silent_ns = std::min(series.silent_ns.value_or(*now.silent_ns), *now.silent_ns);
+  series.look = now.look;
+}
+
+void TopicCounters::add(const listen::Findings& findings) {
+  ++looks_;
+  for (auto& [labels, counts] : series_) counts.silent_ns.reset();
+  for (const auto& flow : findings.flows) {
+    auto now = counts_of(flow);
+    auto& before = flows_[flow.id];
+    // Another writer, or the same recognized again: its ages and losses begin anew.
+    if (now.age.count() < before.age.count()) {
+      before.age = {};
+      before.lost.reset();
+    }
+    // A message that came late after all is lost no more: the next loss takes its place.
+    if (now.lost) now.lost = std::max(*now.lost, before.lost.value_or(0));
+    now.look = looks_;
+    grow(series_[labels_of(flow)], before, now);
+    before = now;
+  }
+  misses_left_out_ = 0;
+  for (const auto& [topic, count] : findings.misses_left_out) misses_left_out_ += count;
+  sensor_lost_ = findings.sensor_lost;
+  make_room(flows_);
+  make_room(series_);
+}
+
+void TopicCounters::add(const std::vector<listen::Miss>& misses) {
+  for (const auto& miss : misses) ++misses_[miss.why ? miss.why->cause : not_looked_for];
+}
+
+std::string TopicCounters::metrics() const {
+  Exposition text;
+  const auto count = [&](const char* name, const char* help, auto value_of) {
+    text.begin(name, "counter", help);
+    for (const auto& [labels, counts] : series_)
+      if (const std::optional<std::uint64_t> value = value_of(counts)) text.add(labels, *value);
+  };
+  count("topic_messages_total",
+        "Messages of a topic that a reader took; without a reader, that were published.",
+        [](const auto& counts) { return counts.messages; });
+  count("topic_late_total", "Messages that missed a limit.", [](const auto& counts) { return counts.late; });
+  count("topic_lost_total", "Messages that were published and never taken.",
+        [](const auto& counts) { return counts.lost; });
+  count("topic_duplicated_total", "Messages that were taken again.",
+        [](const auto& counts) { return counts.duplicated; });
+  count("topic_out_of_order_total", "Messages that a later one overtook.",
+        [](const auto& counts) { return counts.reordered; });
+  const auto spread = [&](const char* name, const char* help, Spread Counts::*member) {
+    text.begin(name, "histogram", help);
+    for (const auto& [labels, counts] : series_)
+      if (const auto& values = counts.*member; values.count() > 0)
+        text.add(labels, values.counts, values.sum_ns);
+  };
+  spread("topic_age_seconds", "From the writer's time stamp to the take.", &Counts::age);
+  spread("topic_period_seconds", "From one message to the next.", &Counts::period);
+  text.begin("topic_silent_seconds", "gauge",
+             "Since the last message, where that is beyond a stated limit; else 0.");
+  for (const auto& [labels, counts] : series_)
+    if (counts.silent_ns) text.add(labels, static_cast<double>(*counts.silent_ns) / 1e9);
+  text.begin("late_by_cause_total", "counter", "Missed limits, by what the kernel's events say of them.");
+  for (const auto& [cause, misses] : misses_)
+    text.add(labels({{"cause", cause}}), misses + (cause == not_looked_for ? misses_left_out_ : 0));
+  text.begin("sensor_lost_total", "counter", "Events that the sensor had no room for.");
+  text.add("", sensor_lost_);
+  return std::move(text).text();
+}
+
+}  // namespace ontime::watch

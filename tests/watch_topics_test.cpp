@@ -1,0 +1,192 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <gmock/gmock.h>
+
+#include "watch/watch.hpp"
+
+namespace ontime::watch {
+namespace {
+
+using listen::Findings;
+using listen::Flow;
+using listen::Miss;
+using listen::Why;
+using ::testing::HasSubstr;
+using ::testing::Not;
+
+listen::Distribution times(int count) {
+  listen::Distribution values;
+  for (int i = 0; i < count; ++i) values.add(3'000'000);
+  return values;
+}
+
+Flow flow(std::uint64_t messages, const char* writer = "controller") {
+  Flow flow;
+  flow.id = 1;
+  flow.topic = "/cmd_vel";
+  flow.writer.name = writer;
+  flow.reader.name = "base";
+  flow.messages = messages;
+  flow.period = times(static_cast<int>(messages));
+  if (*writer != '\0') {
+    flow.age = times(static_cast<int>(messages));
+    flow.lost = 0;
+  }
+  return flow;
+}
+
+struct Counters : testing::Test {
+  void look(std::vector<Flow> flows) {
+    Findings findings;
+    findings.flows = std::move(flows);
+    counters.add(findings);
+  }
+  // Of a series, as Prometheus reads it.
+  std::string value(const std::string& name, const std::string& writer = "controller") const {
+    const auto series = "\n" + name + R"({topic="/cmd_vel",writer=")" + writer + R"(",reader="base"} )";
+    const auto text = counters.metrics();
+    const auto at = text.find(series);
+    if (at == text.npos) return "none";
+    const auto begin = at + series.size();
+    return text.substr(begin, text.find('\n', begin) - begin);
+  }
+  TopicCounters counters;
+};
+
+TEST_F(Counters, SeriesKeepsWhatItsFlowHadWhenThatIsGone) {
+  look({flow(100)});
+  look({});
+  EXPECT_EQ(value("ontime_topic_messages_total"), "100");
+  EXPECT_EQ(value("ontime_topic_age_seconds_count"), "100");
+}
+
+TEST_F(Counters, NodeThatStartsAgainGoesOnInItsSeries) {
+  look({flow(100)});
+  auto again = flow(5);
+  again.id = 2;
+  again.writer.process = 70;
+  look({again});
+  EXPECT_EQ(value("ontime_topic_messages_total"), "105");
+}
+
+TEST_F(Counters, EndpointsOfTheSameNamesAddUp) {
+  auto other = flow(30);
+  other.id = 2;
+  look({flow(100), other});
+  look({flow(101), other});
+  EXPECT_EQ(value("ontime_topic_messages_total"), "131");
+  EXPECT_EQ(value("ontime_topic_period_seconds_count"), "131");
+}
+
+TEST_F(Counters, MessagesOfAFlowWhoseWriterIsRecognizedAreCountedOnce) {
+  look({flow(100, "")});
+  look({flow(150)});
+  EXPECT_EQ(value("ontime_topic_messages_total", ""), "100");
+  EXPECT_EQ(value("ontime_topic_messages_total"), "50");
+}
+
+TEST_F(Counters, WriterThatIsNoLongerRecognizedTakesNothingBack) {
+  look({flow(100)});
+  look({flow(110, "")});
+  EXPECT_EQ(value("ontime_topic_messages_total"), "100");
+  EXPECT_EQ(value("ontime_topic_age_seconds_count"), "100");
+  EXPECT_EQ(value("ontime_topic_lost_total"), "0");
+  auto again = flow(120);
+  again.age = times(4);
+  look({again});
+  EXPECT_EQ(value("ontime_topic_messages_total"), "110");
+  EXPECT_EQ(value("ontime_topic_age_seconds_count"), "104");
+}
+
+TEST_F(Counters, AgesAndLossesThatBeginAnewAreAdded) {
+  auto one = flow(100);
+  one.lost = 5;
+  look({one});
+  one.age = times(3);
+  one.lost = 2;
+  look({one});
+  EXPECT_EQ(value("ontime_topic_age_seconds_count"), "103");
+  EXPECT_EQ(value("ontime_topic_lost_total"), "7");
+}
+
+TEST_F(Counters, LossThatProvesToBeLateIsCountedOnce) {
+  auto one = flow(100);
+  for (const std::uint64_t lost : {5, 4, 5, 6}) {
+    one.lost = lost;
+    look({one});
+  }
+  EXPECT_EQ(value("ontime_topic_lost_total"), "6");
+}
+
+TEST_F(Counters, FlowThatComesBackIsComparedWithWhatItHad) {
+  look({flow(100)});
+  look({});
+  look({flow(110)});
+  EXPECT_EQ(value("ontime_topic_messages_total"), "110");
+}
+
+TEST_F(Counters, TopicIsSilentOnlyWhileAllOfItsFlowsAre) {
+  auto ended = flow(100), active = flow(1);
+  ended.silent_ns = 7'500'000'000;
+  active.id = 2;
+  look({ended});
+  EXPECT_EQ(value("ontime_topic_silent_seconds"), "7.5");
+  look({ended, active});
+  EXPECT_EQ(value("ontime_topic_silent_seconds"), "0");
+  look({});
+  EXPECT_EQ(value("ontime_topic_silent_seconds"), "none");
+}
+
+TEST_F(Counters, LossThatNoSensorSeesHasNoSeries) {
+  look({flow(100, "")});
+  EXPECT_EQ(value("ontime_topic_lost_total", ""), "none");
+  EXPECT_EQ(value("ontime_topic_age_seconds_count", ""), "none");
+  EXPECT_EQ(value("ontime_topic_late_total", ""), "0");
+}
+
+TEST_F(Counters, HistogramAddsUpToItsCount) {
+  look({flow(100)});
+  const auto text = counters.metrics();
+  EXPECT_THAT(text, HasSubstr(R"(reader="base",le="0.002"} 0)"));
+  EXPECT_THAT(text, HasSubstr(R"(reader="base",le="0.005"} 100)"));
+  EXPECT_THAT(text, HasSubstr(R"(reader="base",le="+Inf"} 100)"));
+  EXPECT_EQ(value("ontime_topic_age_seconds_sum"), "0.3");
+}
+
+TEST_F(Counters, EachCauseBeginsAtZero) {
+  for (const auto* cause : {"cpu", "unknown", "probes", "not looked for"})
+    EXPECT_THAT(counters.metrics(), HasSubstr(fmt::format("{{cause=\"{}\"}} 0\n", cause)));
+}
+
+TEST_F(Counters, CausesAddUpToAllMisses) {
+  Miss explained;
+  explained.why = Why{.is_seen = true, .cause = "cpu"};
+  counters.add({explained, Miss{}, explained});
+  Findings findings;
+  findings.misses_left_out = {{"/cmd_vel", 40}, {"/scan", 2}};
+  counters.add(findings);
+  counters.add(findings);
+  EXPECT_THAT(counters.metrics(), HasSubstr("{cause=\"cpu\"} 2\n"));
+  EXPECT_THAT(counters.metrics(), HasSubstr("{cause=\"not looked for\"} 43\n"));
+}
+
+TEST_F(Counters, NamesOfOthersCannotBreakTheText) {
+  auto strange = flow(1, "a\"b\\c\nd");
+  look({strange});
+  EXPECT_THAT(counters.metrics(), HasSubstr(R"(writer="a\"b\\c)"));
+  EXPECT_THAT(counters.metrics(), Not(HasSubstr("c\nd")));
+}
+
+TEST_F(Counters, MemoryIsBounded) {
+  for (std::uint64_t id = 1; id <= TopicCounters::most_kept + 100; ++id) {
+    auto one = flow(1);
+    one.id = id;
+    one.topic = fmt::format("/{}", id);
+    look({one});
+  }
+  const auto text = counters.metrics();
+  EXPECT_THAT(text, Not(HasSubstr("{topic=\"/100\"")));
+  EXPECT_THAT(text, HasSubstr("{topic=\"/101\""));
+}
+
+}  // namespace
+}  // namespace ontime::watch
