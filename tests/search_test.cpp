@@ -123,6 +123,22 @@ TEST(Search, ThreeFaultsAtOnceAreAllCured) {
                                        Pair("realtime.receive.cpus", "0")));
 }
 
+// Each is as bad as both: packets wait for an interrupt's thread first, and then for NAPI's.
+TEST(Search, ACauseThatShowsOnlyOnceAnotherIsGoneIsRemediedBesideIt) {
+  const Setting irq{"kernel.irq-threads", "60"}, napi{"kernel.napi-threads", "60"};
+  const auto outcome = find(Machine::problem(1), [&](const Order& order) -> std::optional<Answer> {
+    const bool irq_waits = !order.set.contains(irq.key), napi_waits = !order.set.contains(napi.key);
+    EXPECT_LE(order.set.size() + irq_waits + napi_waits, 2) << "nothing else is tried";
+    const double slow = irq_waits || napi_waits ? 500 : 0;
+    Answer run{{{slow, 2000, 1}, {slow, 2000, 1}}, {}, ""};
+    if (napi_waits) run.findings = {{"napi waited", slow, {napi}}};
+    if (irq_waits && !napi_waits) run.findings = {{"irq waited", slow, {irq}}};
+    return run;
+  });
+  EXPECT_EQ(outcome.end, End::goal_holds);
+  EXPECT_THAT(outcome.set, ElementsAre(Pair(irq.key, irq.value), Pair(napi.key, napi.value)));
+}
+
 TEST(Search, ACauseWithoutANameIsFoundAmongAllSettings) {
   Machine machine({fault("interrupts that are coalesced")}, 1);
   const auto outcome = found_by(machine);

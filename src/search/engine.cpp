@@ -254,14 +254,20 @@ class Search {
     return false;
   }
 
-  // Where two causes hide one another, no remedy shows alone.
+  // Where two causes hide one another, no remedy shows alone, and a cause may show only once another is gone.
   bool add_all_remedies() {
     std::vector<Setting> all;
-    for (const auto& finding : findings_of(set_))
-      for (const auto& remedy : finding.remedies)
-        if (may_be_set(remedy) && std::none_of(all.begin(), all.end(),
-                                               [&](const Setting& other) { return other.key == remedy.key; }))
-          all.push_back(remedy);
+    const auto collect = [&](const Set& set) {
+      for (const auto& finding : findings_of(set))
+        for (const auto& remedy : finding.remedies)
+          if (may_be_set(remedy) && std::none_of(all.begin(), all.end(), [&](const Setting& other) {
+                return other.key == remedy.key;
+              }))
+            all.push_back(remedy);
+    };
+    collect(set_);
+    for (const auto& trial : outcome_.trials)
+      if (trial.purpose == Purpose::add && trial.reference == set_) collect(trial.set);
     return all.size() > 1 && add(all, "all causes at once");
   }
 
