@@ -1,6 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "listen/listen.hpp"
 
+#include <algorithm>
+#include <functional>
+#include <map>
+
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -371,6 +375,79 @@ TEST_F(OnePair, PublishersBeyondTheBoundAreLeftOutUntilOthersAreIdle) {
   EXPECT_EQ(findings.remarks.size(), 1U);
   publish(at(0) + Messages::idle_ns, 1, 0x9000);
   EXPECT_EQ(messages.findings().flows.size(), Messages::most_live + 1) << "the idle one's flow is kept";
+}
+
+// Of one writer and one reader on one topic, every 10 ms, each of which is taken 1 ms later but for these.
+std::vector<Row> rows_of(int messages,
+                         const std::function<std::vector<std::pair<int, std::int64_t>>(int)>& takes) {
+  Messages judge({.deadline = 15ms, .period = {}, .age = 2ms});
+  std::vector<Row> rows;
+  judge.keep_rows([&](const Row& row) { rows.push_back(row); });
+  judge.name_topic(1, 10, "/scan");
+  judge.name_topic(2, 20, "/scan");
+  const auto published_ns = [](int number) { return 1'000'000'000 + number * std::int64_t{10'000'000}; };
+  for (int number = 0; number < messages; ++number) {
+    judge.add(
+        {.kind = Observation::Kind::published, .at_ns = published_ns(number), .endpoint = 10, .process = 1});
+    for (const auto& [of, after_ns] : takes(number))
+      judge.add({.kind = Observation::Kind::taken,
+                 .at_ns = published_ns(number) + after_ns,
+                 .stamp_ns = published_ns(of) + 1000,
+                 .endpoint = 20,
+                 .process = 2,
+                 .writer = {7}});
+  }
+  return rows;
+}
+
+std::vector<Row> ages_of(const std::vector<Row>& rows) {
+  std::vector<Row> ages;
+  std::copy_if(rows.begin(), rows.end(), std::back_inserter(ages),
+               [](const Row& row) { return row.quantity == Row::Quantity::age; });
+  return ages;
+}
+
+TEST(Rows, OfEveryMessageAreNumberedWithoutHoles) {
+  const auto rows = rows_of(400, [](int number) {
+    return std::vector{std::pair{number, std::int64_t{1'000'000}}};
+  });
+  std::map<std::uint64_t, std::vector<Row>> periods;  // of the publisher, and of the reader
+  for (const auto& row : rows)
+    if (row.quantity == Row::Quantity::period) periods[row.flow].push_back(row);
+  ASSERT_EQ(periods.size(), 2U);
+  for (const auto& [flow, of] : periods) {
+    ASSERT_EQ(of.size(), 399U);
+    for (std::size_t i = 0; i < of.size(); ++i) {
+      EXPECT_EQ(of[i].index, i);
+      EXPECT_EQ(of[i].to_ns - of[i].from_ns, 10'000'000);
+      EXPECT_FALSE(of[i].is_late);
+    }
+  }
+  const auto ages = ages_of(rows);
+  ASSERT_GT(ages.size(), 200U);
+  for (std::size_t i = 0; i < ages.size(); ++i) {
+    EXPECT_EQ(ages[i].index, i);
+    EXPECT_EQ(ages[i].to_ns - ages[i].from_ns, 999'000);
+  }
+}
+
+TEST(Rows, LossStandsWhereItsMessageWouldAndGoesWhenItComesAfterAll) {
+  const auto rows = ages_of(rows_of(400, [](int number) -> std::vector<std::pair<int, std::int64_t>> {
+    if (number == 300 || number == 350) return {};
+    if (number == 352) return {{352, 1'000'000}, {350, 3'000'000}};  // 350 was overtaken
+    return {{number, 1'000'000}};
+  }));
+  std::map<std::uint64_t, Row> last;  // what a results file keeps
+  for (const auto& row : rows) last[row.index] = row;
+  std::vector<std::int64_t> lost, late;
+  for (const auto& [index, row] : last) {
+    const auto number = (row.from_ns - 1'000'000'000) / 10'000'000;
+    EXPECT_EQ(number - static_cast<std::int64_t>(index), (rows.front().from_ns - 1'000'000'000) / 10'000'000);
+    if (row.to_ns == 0) lost.push_back(number);
+    if (row.is_late) late.push_back(number);
+  }
+  EXPECT_THAT(lost, ::testing::ElementsAre(300));
+  EXPECT_THAT(late, ::testing::ElementsAre(350));
 }
 
 TEST(Silence, OfAWriterThatDiedIsBeyondItsLimit) {

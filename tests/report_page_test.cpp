@@ -317,7 +317,7 @@ TEST(Verdict, says_whether_messages_were_on_time) {
   const auto bad = verdict_of({judged(100, 2, 1), judged(97, 0, 0)});
   EXPECT_EQ(bad.word, Verdict::Word::no);
   EXPECT_EQ(bad.sentence, "2 of 200 messages missed the deadline of 10 ms, and 1 was lost.");
-  EXPECT_EQ(bad.further, "1 of 2 runs were without fault. The slowest answer took 12 ms (Test1.B, udp).");
+  EXPECT_EQ(bad.further, "1 of 2 runs were without fault. The longest took 12 ms (Test1.B, udp).");
   EXPECT_EQ(verdict_of({judged(99, 0, 1)}).sentence, "1 of 100 messages was lost.");
 }
 

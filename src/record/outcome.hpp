@@ -314,7 +314,7 @@ struct Asked : conditions::Run {
   std::string component_interface;
   conditions::Wire wire;
   std::optional<Source> imported;
-  std::string measures;  // "age" or "period": of a robot's own messages, which no one answers; else empty
+  std::string measures;  // "age" or "period": of a robot's own messages, which have no answer; else empty
   bool is_listened() const { return !imported && !measures.empty(); }
 
   static void fields(auto& of, auto&& field) {

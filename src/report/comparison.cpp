@@ -323,12 +323,13 @@ Comparison compare_chosen(const Summaries& a, const Summaries& b) {
   const auto key_of = [](const statistics::Summary& summary) {
     auto key = nlohmann::json::array();
     for (const auto* name : {"transport", "component_transport", "options", "component_options", "receive",
-                             "variant", "beside", "thread"})
+                             "variant", "beside", "thread", "measures"})
       key.push_back(summary.run.asked.stated(name));
     return text_of(key);
   };
   auto comparison = pairs_of(all_of(a), all_of(b), key_of);
-  if (comparison.pairs.empty() && comparison.only_from.size() == 1 && comparison.only_to.size() == 1) {
+  if (comparison.pairs.empty() && comparison.only_from.size() == 1 && comparison.only_to.size() == 1 &&
+      quantity_of(comparison.only_from.front()) == quantity_of(comparison.only_to.front())) {
     comparison.pairs.push_back({comparison.only_from.front(), comparison.only_to.front()});
     comparison.only_from.clear();
     comparison.only_to.clear();

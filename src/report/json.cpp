@@ -141,7 +141,7 @@ ordered_json json_of(const statistics::Summary& summary) {
   const auto& outcome = summary.run.outcome.document;
   ordered_json run = {{"run", summary.run.number}};
   run["key"] = or_null(summary.run.key);
-  run.update(some_of(asked, {"id", "title", "variant", "repetition", "transport", "payload_bytes",
+  run.update(some_of(asked, {"id", "title", "variant", "measures", "repetition", "transport", "payload_bytes",
                              "period_us", "deadline_us", "timeout_us", "schedule", "realtime"}));
   run["complete"] = statistics::is_complete(summary.run);
   run.update(some_of(outcome, {"interrupted", "error"}));

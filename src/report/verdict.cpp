@@ -82,8 +82,10 @@ Verdict verdict_of(const Summaries& summaries) {
   };
   if (fine == measured) {
     verdict.word = unfinished == 0 && flaws.empty() ? Verdict::Word::yes : Verdict::Word::partly;
-    verdict.sentence =
-        fmt::format("All {} messages came back within the {}.", grouped(sent), deadline(summaries));
+    const bool listened = std::all_of(summaries.begin(), summaries.end(),
+                                      [](const Summary& run) { return run.run.asked.is_listened(); });
+    verdict.sentence = fmt::format("All {} messages came {}within the {}.", grouped(sent),
+                                   listened ? "" : "back ", deadline(summaries));
   } else {
     verdict.word = Verdict::Word::no;
     std::vector<std::string> parts;
@@ -107,7 +109,7 @@ Verdict verdict_of(const Summaries& summaries) {
     further.push_back(fmt::format("{} of {} were without fault.", fine, many(measured, "run", "runs")));
   if (slowest != nullptr)
     further.push_back(fmt::format(
-        "The slowest answer took {}{}.", gate::time_of(static_cast<double>(slowest->round_trip.max)),
+        "The longest took {}{}.", gate::time_of(static_cast<double>(slowest->round_trip.max)),
         measured > 1
             ? fmt::format(" ({}, {})", id_of(slowest->run.asked), word(slowest->run.asked.task.transport))
             : ""));

@@ -121,8 +121,10 @@ std::string text_of(const Progress& progress) {
                       progress.on_time, progress.late, progress.lost, progress.skipped_cycles);
   const auto& times = progress.round_trip;
   if (times.count() == 0) return text;
-  text += fmt::format("round trip: min {}  mean {}  max {}\n", time_of(times.min_ns()),
-                      gate::time_of(mean_ns(times)), time_of(times.max_ns()));
+  const auto& asked = progress.run.asked;
+  text += fmt::format("{}: min {}  mean {}  max {}\n",
+                      asked.is_listened() ? table::printable(asked.measures) : "round trip",
+                      time_of(times.min_ns()), gate::time_of(mean_ns(times)), time_of(times.max_ns()));
   text += histogram_of(times);
   for (const auto& worst : progress.worst)
     text += fmt::format("worst: response {} (round trip {}) at {:.2f} s, message {}\n",
