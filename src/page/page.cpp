@@ -224,12 +224,15 @@ std::string limit(const Summaries& summaries, const char* name,
 
 // What the table's columns mean.
 std::string table_legend(const Summaries& summaries) {
-  auto legend = fmt::format("Late: answered after the {}. Lost: not answered within the {}.",
-                            limit(summaries, "deadline", &roundtrip::ClientOptions::deadline),
-                            limit(summaries, "time-out", &roundtrip::ClientOptions::timeout));
+  const bool listened = std::all_of(summaries.begin(), summaries.end(),
+                                    [](const Summary& run) { return run.run.asked.is_listened(); });
+  auto legend = listened ? "Late: beyond the limit that was stated. Lost: published and never taken."
+                         : fmt::format("Late: answered after the {}. Lost: not answered within the {}.",
+                                       limit(summaries, "deadline", &roundtrip::ClientOptions::deadline),
+                                       limit(summaries, "time-out", &roundtrip::ClientOptions::timeout));
   if (std::any_of(summaries.begin(), summaries.end(), differs_by_response))
     legend += " By response: cycles without an answer within the deadline from when they were due.";
-  legend += " p99: 99 % of the answers took no longer. ~: fewer than 10 answers were slower. –: not known.";
+  legend += " p99: 99 % of the messages took no longer. ~: fewer than 10 messages were slower. –: not known.";
   if (std::any_of(summaries.begin(), summaries.end(),
                   [](const Summary& summary) { return !paper_rows(summary.run.asked).empty(); }))
     legend +=
