@@ -73,7 +73,7 @@ int explain(const ExplainArguments& arguments) {
   std::optional<explain::Pong> pong;
   if (!arguments.pong.empty()) pong.emplace(record::Reader(arguments.pong), reader, runs.front());
   for (const auto& run : runs)
-    all.push_back({run, explain::account_of(reader, run, pong ? &*pong : nullptr)});
+    all.push_back({run, explain::account_of(reader, run, pong ? &*pong : nullptr), reader.notes(run.number)});
   if (!arguments.perfetto.empty()) write_perfetto(arguments, reader, all.front(), pong ? &*pong : nullptr);
   Output output("");
   output.write(arguments.message ? report::render_explained(

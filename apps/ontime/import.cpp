@@ -58,6 +58,7 @@ void refuse(const Command& command, std::initializer_list<const char*> flags, co
 int import_file(const Command& command, ImportArguments& arguments, const nlohmann::json& command_line) {
   if (arguments.from.empty()) {
     refuse(command, {"--id", "--unit"}, "is for what cyclictest wrote, and needs --from");
+    arguments.bag.results = arguments.results;
     return listen_to(arguments.bag);
   }
   refuse(command, {"--topic", "--deadline", "--period", "--age", "--format", "--output"},
@@ -87,7 +88,7 @@ void add_import(Command& app, Action& action) {
   add_output(*command, bag.output);
   command->add_option("--from", arguments->from, "cyclictest-histogram (text) or cyclictest-json")
       ->type_name("FORM");
-  add_file(*command, "--results", arguments->results, "with --from: add to this results file");
+  add_file(*command, "--results", arguments->results, "add to this results file");
   command->add_option("--id", arguments->id, "of cyclictest's runs, by which they are compared: cyclictest")
       ->type_name("ID")
       ->check(given);

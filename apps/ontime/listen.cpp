@@ -17,6 +17,7 @@
 #include "campaign/campaign.hpp"
 #include "commands.hpp"
 #include "flags.hpp"
+#include "listen_results.hpp"
 #include "listening.hpp"
 #include "metrics.hpp"
 #include "output.hpp"
@@ -185,6 +186,8 @@ class Listening {
         as_json_(is_json_flag(arguments.format)),
         output_(arguments.output) {
     if (arguments.list && !time_) time_ = look_for_list;
+    if (arguments.list && !arguments.results.empty())
+      throw campaign::Error(2, "--results: --list keeps no messages; leave out one of them");
   }
 
   int run() {
@@ -192,19 +195,26 @@ class Listening {
     const auto sensor = sensor_of(arguments_, limits_);
     const auto explainer = make_explainer();
     const auto metrics = metrics_at(arguments_.metrics);
+    std::optional<ListenResults> results;
+    if (!arguments_.results.empty()) {
+      results.emplace(arguments_.results, limits_, command_line());
+      sensor->keep_rows([&](const listen::Row& row) { results->keep(row); });
+    }
     sensor->listen_for(0ms);  // finds the nodes
     counted_from_ = std::chrono::system_clock::now();
-    std::chrono::steady_clock::time_point offer_at;
+    std::chrono::steady_clock::time_point hand_over_at;
     while (interrupts == 0 && (!time_ || std::chrono::steady_clock::now() - begin_ < *time_)) {
       const bool goes_on = sensor->listen_for(200ms);
-      take(sensor->take_misses(), explainer.get());
-      if (metrics) {
-        // All flows are copied for it: once a second is enough.
-        if (const auto now = std::chrono::steady_clock::now(); now >= offer_at) {
-          offer_at = now + 1s;
-          counters_.add(wanted(sensor->findings()));
+      take(sensor->take_misses(), explainer.get(), results ? &*results : nullptr);
+      // All flows are copied for it: once a second is enough.
+      if (const auto now = std::chrono::steady_clock::now(); now >= hand_over_at && (metrics || results)) {
+        hand_over_at = now + 1s;
+        const auto seen = wanted(sensor->findings());
+        if (metrics) {
+          counters_.add(seen);
           metrics->set(counters_.metrics());
         }
+        if (results) results->write(seen.flows);
       }
       if (!goes_on) break;
     }
@@ -212,8 +222,10 @@ class Listening {
     add_unseen(findings);
     const bool is_all_seen = unseen_.empty();
     findings = wanted(std::move(findings));
+    if (results) results->end(findings, interrupts > 0 && time_);
     write(findings);
     output_.finish();
+    if (results) tell_of(*results);
     // Without --for an interruption is how listening ends.
     if (interrupts > 0 && (time_ || !arguments_.bag.empty())) return 130;
     // A silent topic misses every limit.
@@ -251,10 +263,12 @@ class Listening {
   }
 
   // As they come; as JSON, those that were the last.
-  void take(std::vector<listen::Miss> misses, listen::Explainer* explainer) {
+  void take(std::vector<listen::Miss> misses, listen::Explainer* explainer, ListenResults* results) {
     std::erase_if(misses, [&](const auto& miss) { return !is_wanted(miss.topic); });
     if (misses.empty() || arguments_.list) return;
     if (explainer != nullptr) explainer->explain(misses);
+    if (results != nullptr)
+      for (const auto& miss : misses) results->note(miss);
     counters_.add(misses);
     if (!as_json_) return print(misses);
     std::move(misses.begin(), misses.end(), std::back_inserter(misses_));
@@ -277,6 +291,15 @@ class Listening {
     if (misses.size() > shown.size())
       output_.write(fmt::format("… and {} more late messages at that time\n", misses.size() - shown.size()));
     output_.flush();
+  }
+
+  void tell_of(const ListenResults& results) const {
+    if (results.runs() == 0)
+      print_error(fmt::format("results: nothing is in {}: no message was seen", arguments_.results));
+    else
+      print_error(
+          fmt::format("results: {} runs in {}, one for each age and period of a flow; ontime report {}",
+                      results.runs(), arguments_.results, table::shell_line({arguments_.results})));
   }
 
   const char* what_shows_topics() const {
@@ -460,6 +483,8 @@ void add_listen(Command& app, Action& action) {
   add_format(*command, arguments->format);
   add_output(*command, arguments->output);
   add_metrics(*command, arguments->metrics);
+  add_file(*command, "--results", arguments->results,
+           "keep every message: add runs to this results file, for report, compare and plot");
   command->callback([&action, arguments] { action = [arguments] { return listen_to(*arguments); }; });
 }
 

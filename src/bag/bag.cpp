@@ -40,6 +40,7 @@ class Bag final : public listen::Sensor {
   }
 
   std::vector<listen::Miss> take_misses() override { return judge_.take_misses(); }
+  void keep_rows(listen::KeepRow keep) override { judge_.keep_rows(std::move(keep)); }
 
  private:
   void end_file() {

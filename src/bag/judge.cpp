@@ -12,6 +12,7 @@ namespace {
 
 // A writer that leaves out more numbers than this, or goes back further than is followed, began anew.
 constexpr std::uint64_t longest_leap = 1 << 20;
+constexpr std::int64_t rows_begin_ns = 1'000'000'000;
 // A stamp that differs more from the recording is by a clock of its own, as simulated time is.
 constexpr std::int64_t one_year_ns = std::int64_t{365} * 24 * 3600 * 1'000'000'000;
 
@@ -37,6 +38,7 @@ Judge::Stream* Judge::stream_of(const Topic& topic) {
 }
 
 void Judge::add(const Message& message) {
+  if (latest_ns_ == 0) origin_ns_ = message.recorded_ns - rows_begin_ns;
   latest_ns_ = std::max(latest_ns_, message.recorded_ns);
   auto* const stream = stream_of(*message.topic);
   if (stream == nullptr || is_again(*stream, message)) return;
@@ -66,6 +68,7 @@ bool Judge::is_again(Stream& stream, const Message& message) {
   if (sequence.has_begun() &&
       (number > sequence.next() + longest_leap || number + listen::Sequence::window < sequence.next())) {
     sequence.restart();
+    stream.rows.restart();
   }
   switch (sequence.see(number)) {
     case listen::Sequence::Fate::again:
@@ -95,7 +98,9 @@ bool Judge::judge_period(Stream& stream, const Message& message) {
   }
   stream.period.add(gap);
   const bool is_late = limits_.is_gap(gap);
-  if (is_late) miss(listen::Miss::Kind::gap, gap, message);
+  if (is_late) miss(listen::Miss::Kind::gap, gap, message, stream);
+  stream.rows.period(keep_row_, stream.id, stream.last_ns - origin_ns_, message.recorded_ns - origin_ns_,
+                     is_late);
   return is_late;
 }
 
@@ -103,9 +108,20 @@ bool Judge::judge_age(Stream& stream, const Message& message) {
   const auto age = age_of(stream, message);
   if (!age) return false;
   const bool is_late = limits_.is_too_old(*age);
-  if (is_late) miss(listen::Miss::Kind::age, *age, message);
+  if (is_late) miss(listen::Miss::Kind::age, *age, message, stream);
   stream.age.add(*age);
+  keep_age(stream, message, *age, is_late);
   return is_late;
+}
+
+void Judge::keep_age(Stream& stream, const Message& message, std::int64_t age_ns, bool is_late) {
+  const bool is_numbered = stream.sequence.has_begun();
+  if (std::exchange(stream.is_numbered, is_numbered) != is_numbered) stream.rows.restart();
+  const auto to_ns = message.recorded_ns - origin_ns_;
+  stream.rows.age(
+      keep_row_, {.flow = stream.id, .from_ns = to_ns - age_ns, .to_ns = to_ns, .is_late = is_late},
+      is_numbered ? message.sequence : stream.messages,
+      [&](std::uint64_t number) { return stream.sequence.is_missing(number) ? to_ns : std::int64_t{0}; });
 }
 
 std::optional<std::int64_t> Judge::age_of(Stream& stream, const Message& message) {
@@ -129,7 +145,8 @@ std::optional<std::int64_t> Judge::age_of(Stream& stream, const Message& message
   return age;
 }
 
-void Judge::miss(listen::Miss::Kind kind, std::int64_t value_ns, const Message& message) {
+void Judge::miss(listen::Miss::Kind kind, std::int64_t value_ns, const Message& message,
+                 const Stream& stream) {
   misses_.add({.kind = kind,
                .at_ns = message.recorded_ns,
                .value_ns = value_ns,
@@ -137,6 +154,7 @@ void Judge::miss(listen::Miss::Kind kind, std::int64_t value_ns, const Message& 
                .writer = party_of(message.topic->writer),
                .reader = recorder(),
                .course = {},
+               .flow = stream.id,
                .why = {}});
 }
 

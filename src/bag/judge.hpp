@@ -11,6 +11,7 @@
 #include "bag/reader.hpp"
 #include "listen/listen.hpp"
 #include "listen/misses.hpp"
+#include "listen/rows.hpp"
 #include "listen/sequence.hpp"
 
 namespace ontime::bag {
@@ -24,6 +25,7 @@ class Judge {
   void end_file();  // of the bag
   listen::Findings findings() const;
   std::vector<listen::Miss> take_misses() { return misses_.take(); }
+  void keep_rows(listen::KeepRow keep) { keep_row_ = std::move(keep); }
 
  private:
   using Key = std::pair<std::string, unsigned>;  // topic and writer
@@ -38,6 +40,8 @@ class Judge {
     listen::AgeFrom age_from = listen::AgeFrom::writer;
     listen::Distribution period, age;
     std::uint64_t duplicated = 0, reordered = 0, late = 0;
+    listen::Rows rows;
+    bool is_numbered = false;  // `rows`, by the writer's numbers
   };
   // Something that the clocks of writers or of the recorder did.
   struct Oddity {
@@ -50,15 +54,18 @@ class Judge {
   Stream* stream_of(const Topic&);
   static bool is_again(Stream&, const Message&);
   void judge(Stream&, const Message&);
+  void keep_age(Stream&, const Message&, std::int64_t age_ns, bool is_late);
   bool judge_period(Stream&, const Message&);  // whether it was late, as the next
   bool judge_age(Stream&, const Message&);
   std::optional<std::int64_t> age_of(Stream&, const Message&);
-  void miss(listen::Miss::Kind, std::int64_t value_ns, const Message&);
+  void miss(listen::Miss::Kind, std::int64_t value_ns, const Message&, const Stream&);
   static listen::Flow flow_of(const Key&, const Stream&);
 
   const listen::Limits limits_;
   std::map<Key, Stream> streams_;
   listen::Misses misses_;
+  listen::KeepRow keep_row_;
+  std::int64_t origin_ns_ = 0;  // of rows' times
   std::int64_t latest_ns_ = 0;  // of all recordings
   std::uint64_t left_out_ = 0;
   Oddity unset_, foreign_clock_, ahead_, was_set_;

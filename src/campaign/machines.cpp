@@ -293,6 +293,11 @@ bool Machines::leave(Machine& machine) noexcept {
           "machine gives back what stays",
           machine.keeper->name()));
     const bool done = left.gave_back || left.waits;
+    if (!done)
+      observer_.note(fmt::format(
+          "{} ended before it said what it gave back; another one does that now. Load that did not end may "
+          "still run: `pgrep -a stress-ng`",
+          machine.keeper->name()));
     machine.keeper.reset();
     return done;
   } catch (const std::exception& error) {

@@ -62,8 +62,14 @@ std::int64_t Distribution::quantile_ns(double portion) const {
   return max_;
 }
 
+std::optional<std::chrono::nanoseconds> Limits::longest_gap() const {
+  const auto of_period = period ? std::optional(*period + *period / 2) : std::nullopt;
+  return deadline && of_period ? std::min(deadline, of_period) : deadline ? deadline : of_period;
+}
+
 bool Limits::is_gap(std::int64_t ns) const {
-  return (deadline && ns > deadline->count()) || (period && ns > period->count() + period->count() / 2);
+  const auto longest = longest_gap();
+  return longest && ns > longest->count();
 }
 
 bool Limits::is_too_old(std::int64_t ns) const { return age && ns > age->count(); }

@@ -123,6 +123,8 @@ class InProcesses final : public Sensor {
     return misses;
   }
 
+  void keep_rows(KeepRow keep) override { messages_.keep_rows(std::move(keep)); }
+
  private:
   using Calls = std::array<std::uint64_t, ontime_calls>;
   Calls calls() const {

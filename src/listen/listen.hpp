@@ -32,6 +32,7 @@ struct Limits {
   std::optional<std::chrono::nanoseconds> deadline;  // the longest time between two messages
   std::optional<std::chrono::nanoseconds> period;    // the expected one; late after half as much again
   std::optional<std::chrono::nanoseconds> age;       // from the writer's stamp to the take
+  std::optional<std::chrono::nanoseconds> longest_gap() const;  // of deadline and period, the stricter
   bool is_gap(std::int64_t ns) const;
   bool is_too_old(std::int64_t ns) const;
 };
@@ -118,7 +119,19 @@ struct Miss {
   std::string topic;
   Party writer, reader;
   Course course{};
+  std::uint64_t flow = 0;
   std::optional<Why> why{};  // empty: not looked for
+};
+
+// One quantity of one message, as a results file keeps it.
+struct Row {
+  enum class Quantity : std::uint8_t { age, period };
+  std::uint64_t flow = 0;
+  Quantity quantity = Quantity::age;
+  std::uint64_t index = 0;   // of this quantity of this flow; one that was there: it came after all
+  std::int64_t from_ns = 0;  // the writer's stamp; of a period, when the message before came
+  std::int64_t to_ns = 0;    // it came, by the same clock, which begins anywhere; 0: it was lost
+  bool is_late = false;      // beyond the limit of this quantity
 };
 
 // All words that Why::cause may have.
@@ -169,6 +182,8 @@ class Sensor {
   virtual bool listen_for(std::chrono::milliseconds) = 0;
   virtual Findings findings() const = 0;
   virtual std::vector<Miss> take_misses() = 0;  // those since the last call
+  // Calls `keep` for every message from now on, within listen_for().
+  virtual void keep_rows(std::function<void(const Row&)> keep) = 0;
 };
 
 // Probes in the processes of this machine that map a ROS 2 middleware (rmw) or Cyclone DDS: those that run,

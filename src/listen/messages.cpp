@@ -145,7 +145,9 @@ void Messages::published(const Observation& seen) {
   if (!publisher.is_broken) {
     const auto gap = seen.at_ns - publisher.begun(publisher.count - 1);
     publisher.period.add(gap);
-    if (limits_.is_gap(gap)) ++publisher.late;
+    const bool is_late = limits_.is_gap(gap);
+    if (is_late) ++publisher.late;
+    publisher.rows.period(keep_row_, publisher.id, publisher.begun(publisher.count - 1), seen.at_ns, is_late);
   }
   publisher.is_broken = false;
   publisher.threads[publisher.count % remembered] = seen.thread;
@@ -159,8 +161,7 @@ bool Messages::Publisher::fits(std::int64_t stamp_ns) const {
 }
 
 std::optional<std::uint64_t> Messages::Publisher::last_before(std::int64_t stamp_ns) const {
-  const auto oldest = count > remembered ? count - remembered : 0;
-  for (auto number = count; number > oldest; --number)
+  for (auto number = count; number > oldest(); --number)
     if (begun(number - 1) <= stamp_ns) return number - 1;
   return {};
 }
@@ -190,16 +191,18 @@ void Messages::taken(const Observation& seen) {
       is_late = true;
       miss(Miss::Kind::gap, gap, link, seen, number);
     }
+    link.rows.period(keep_row_, link.id, link.last_ns, seen.at_ns, is_late);
   }
   if (link.publisher && seen.stamp_ns != 0) {
     // The clocks are one: the age is exact.
     const auto age = seen.at_ns - seen.stamp_ns;
     link.age.add(age);
-    if (limits_.is_too_old(age)) {
+    const bool is_too_old = limits_.is_too_old(age);
+    if (is_too_old) {
       is_late = true;
       miss(Miss::Kind::age, age, link, seen, number);
     }
-    if (number) place(link, *number, seen.stamp_ns);
+    if (number) place(link, *number, seen, is_too_old);
   }
   link.last_number = number;
   link.is_broken = false;
@@ -242,10 +245,22 @@ void Messages::doubt(Link& link, const Observation& seen) {
   link.fits = link.misfits = 0;
   link.age = {};
   link.sequence = {};
+  link.rows.restart();
 }
 
-void Messages::place(Link& link, std::uint64_t number, std::int64_t stamp_ns) {
-  if (link.is_broken) link.sequence.restart();
+void Messages::place(Link& link, std::uint64_t number, const Observation& seen, bool is_late) {
+  const auto stamp_ns = seen.stamp_ns;
+  if (link.is_broken) {
+    link.sequence.restart();
+    link.rows.restart();
+  }
+  const auto& publisher = publishers_.at(*link.publisher);
+  const auto keep = [&](std::uint64_t of) {
+    link.stamps[of % remembered] = stamp_ns;
+    link.rows.age(keep_row_, {.flow = link.id, .from_ns = stamp_ns, .to_ns = seen.at_ns, .is_late = is_late},
+                  of,
+                  [&](std::uint64_t lost) { return publisher.begun(std::max(lost, publisher.oldest())); });
+  };
   const auto is_repeated = [&](std::uint64_t of) { return link.stamps[of % remembered] == stamp_ns; };
   switch (link.sequence.see(number)) {
     case Sequence::Fate::overtaken:
@@ -258,23 +273,24 @@ void Messages::place(Link& link, std::uint64_t number, std::int64_t stamp_ns) {
         // Another stamp is another message: two threads published at once, and both stamps came after both
         // publishes began.
         if (link.sequence.see(number - 1) == Sequence::Fate::overtaken)
-          link.stamps[(number - 1) % remembered] = stamp_ns;
+          keep(number - 1);
         else if (is_repeated(number - 1))
           ++link.duplicated;
       }
       return;
     case Sequence::Fate::in_order:
-    case Sequence::Fate::too_old:
       break;
+    case Sequence::Fate::too_old:
+      return;
   }
-  link.stamps[number % remembered] = stamp_ns;
+  keep(number);
 }
 
 void Messages::miss(Miss::Kind kind, std::int64_t value_ns, const Link& link, const Observation& seen,
                     std::optional<std::uint64_t> number) {
   misses_.add({kind, seen.at_ns, value_ns, link.topic,
                link.publisher ? party(link.publisher->first) : Party{}, party(seen.process),
-               course_of(kind, link, seen, number)});
+               course_of(kind, link, seen, number), link.id});
 }
 
 Course Messages::course_of(Miss::Kind kind, const Link& link, const Observation& seen,

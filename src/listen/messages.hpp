@@ -13,6 +13,7 @@
 
 #include "listen/listen.hpp"
 #include "listen/misses.hpp"
+#include "listen/rows.hpp"
 #include "listen/sequence.hpp"
 
 namespace ontime::listen {
@@ -53,6 +54,7 @@ class Messages {
   void add(const Observation&);
 
   Findings findings() const;
+  void keep_rows(KeepRow keep) { keep_row_ = std::move(keep); }
   std::vector<Miss> take_misses() { return misses_.take(); }  // their times are those of the observations
 
  private:
@@ -71,14 +73,17 @@ class Messages {
     bool has_reader = false;  // a flow is kept of one
     Distribution period;
     std::uint64_t late = 0;
+    Rows rows;
     std::int64_t last_ns() const { return begun(count - 1); }
     bool fits(std::int64_t stamp_ns) const;
     std::optional<std::uint64_t> last_before(std::int64_t stamp_ns) const;
+    std::uint64_t oldest() const { return count > remembered ? count - remembered : 0; }  // that is known
     std::int64_t begun(std::uint64_t number) const { return begun_ns[number % remembered]; }
   };
   struct Link {
     std::uint64_t id = 0;  // of its flow
     std::string topic;
+    Rows rows;
     std::uint64_t messages = 0;
     std::int64_t first_ns = 0, last_ns = 0, last_stamp_ns = 0;
     bool is_broken = false;  // no period begins with the last take, and nothing before it counts as lost
@@ -97,7 +102,7 @@ class Messages {
   void taken(const Observation&);
   void identify(Link&, const Observation&);
   void doubt(Link&, const Observation&);
-  static void place(Link&, std::uint64_t number, std::int64_t stamp_ns);
+  void place(Link&, std::uint64_t number, const Observation&, bool is_late);
   void miss(Miss::Kind, std::int64_t value_ns, const Link&, const Observation&,
             std::optional<std::uint64_t> number);
   Course course_of(Miss::Kind, const Link&, const Observation&, std::optional<std::uint64_t> number) const;
@@ -121,6 +126,7 @@ class Messages {
   Findings dropped_;  // counts only
   std::uint64_t left_out_ = 0, last_id_ = 0;
   Misses misses_;
+  KeepRow keep_row_;
 };
 
 }  // namespace ontime::listen

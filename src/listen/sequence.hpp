@@ -26,6 +26,10 @@ class Sequence {
   // Begins anew with the next number seen; what is lost until now stays lost.
   void restart();
   bool has_begun() const { return next_.has_value(); }
+  bool is_missing(std::uint64_t number) const {  // of those within the window
+    return next_ && number >= first_ && number < *next_ && *next_ - number <= window &&
+           missing_.test(number % window);
+  }
   std::uint64_t next() const { return next_.value_or(0); }
   std::uint64_t lost() const { return gone_ + missing_.count(); }
 

@@ -103,6 +103,7 @@ void Wire::take(std::int64_t at_ns, const Datagram& datagram, const rtps::Data& 
       (stream->sequence.has_begun() && data.sequence > stream->sequence.next() + longest_leap)) {
     stream->sequence.restart();
     for (auto& [destination, sequence] : stream->destinations) sequence.restart();
+    stream->rows.restart();
     stream->is_broken = true;
   }
   const auto fate = stream->sequence.see(data.sequence);
@@ -137,16 +138,22 @@ void Wire::judge(Stream& stream, std::int64_t at_ns, const rtps::Data& data) {
     stream.period.add(gap);
     if (limits_.is_gap(gap)) {
       is_late = true;
-      miss(Miss::Kind::gap, at_ns, gap, data.writer);
+      miss(Miss::Kind::gap, at_ns, gap, data.writer, stream);
     }
+    stream.rows.period(keep_row_, stream.id, stream.last_ns, at_ns, is_late);
   }
   if (stream.is_one_host && data.stamp_ns) {
     const auto age = at_ns - *data.stamp_ns;
     stream.age.add(age);
-    if (limits_.is_too_old(age)) {
+    const bool is_too_old = limits_.is_too_old(age);
+    if (is_too_old) {
       is_late = true;
-      miss(Miss::Kind::age, at_ns, age, data.writer);
+      miss(Miss::Kind::age, at_ns, age, data.writer, stream);
     }
+    stream.rows.age(
+        keep_row_, {.flow = stream.id, .from_ns = *data.stamp_ns, .to_ns = at_ns, .is_late = is_too_old},
+        data.sequence,
+        [&](std::uint64_t number) { return stream.sequence.is_missing(number) ? at_ns : std::int64_t{0}; });
   }
   stream.late += is_late ? 1 : 0;
 }
@@ -156,8 +163,9 @@ std::string Wire::topic_of(const rtps::Guid& writer) const {
   return found == topics_.end() ? "" : found->second;
 }
 
-void Wire::miss(Miss::Kind kind, std::int64_t at_ns, std::int64_t value_ns, const rtps::Guid& writer) {
-  misses_.add({kind, at_ns, value_ns, topic_of(writer), {0, rtps::text_of(writer)}, {}});
+void Wire::miss(Miss::Kind kind, std::int64_t at_ns, std::int64_t value_ns, const rtps::Guid& writer,
+                const Stream& stream) {
+  misses_.add({kind, at_ns, value_ns, topic_of(writer), {0, rtps::text_of(writer)}, {}, {}, stream.id});
 }
 
 Findings Wire::findings() const {

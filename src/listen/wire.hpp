@@ -12,6 +12,7 @@
 #include "listen/listen.hpp"
 #include "listen/misses.hpp"
 #include "listen/packets.hpp"
+#include "listen/rows.hpp"
 #include "listen/rtps.hpp"
 #include "listen/sequence.hpp"
 
@@ -27,6 +28,7 @@ class Wire {
   // Packets were lost before the next one: no loss and no period is concluded across it.
   void interrupt();
   Findings findings() const;
+  void keep_rows(KeepRow keep) { keep_row_ = std::move(keep); }
   std::vector<Miss> take_misses() { return misses_.take(); }
 
  private:
@@ -37,6 +39,7 @@ class Wire {
   };
   struct Stream {  // a writer
     std::uint64_t id = 0;
+    Rows rows;
     std::uint64_t messages = 0;
     std::int64_t first_ns = 0, last_ns = 0;
     bool is_broken = false;
@@ -54,13 +57,14 @@ class Wire {
   static bool completes(Stream&, const rtps::Data&);
   static Partial& partial_of(Stream&, std::uint64_t sequence, std::uint32_t fragments);
   void judge(Stream&, std::int64_t at_ns, const rtps::Data&);
-  void miss(Miss::Kind, std::int64_t at_ns, std::int64_t value_ns, const rtps::Guid&);
+  void miss(Miss::Kind, std::int64_t at_ns, std::int64_t value_ns, const rtps::Guid&, const Stream&);
   std::string topic_of(const rtps::Guid&) const;
 
   const Limits limits_;
   std::map<rtps::Guid, std::string> topics_;
   std::map<rtps::Guid, Stream> streams_;
   Misses misses_;
+  KeepRow keep_row_;
   std::uint64_t cut_ = 0, left_out_ = 0;
 };
 

@@ -120,6 +120,7 @@ json figures_of(const record::Reader& reader, const Summaries& summaries) {
                       {"ontime", printable(asked.ontime)},
                       {"id", word(asked.id)},
                       {"label", labels[i]},
+                      {"quantity", quantity_of(asked)},
                       {"transport", word(asked.task.transport)},
                       {"payload_bytes", asked.task.client.payload_bytes},
                       {"deadline_ns", ns_of(asked.task.client.deadline)},

@@ -90,7 +90,7 @@ std::string row_of(const Shown& run, std::size_t figure, bool by_response) {
 
 constexpr const char* table_head = R"(<div class="wide" tabindex="0" role="region" aria-label="All runs">
 <table class="runs">
-<caption>Round trips in µs</caption>
+<caption>Times in µs</caption>
 <thead><tr><th scope="col">Run</th><th scope="col" class="number">Sent</th><th scope="col" class="number">Late</th>
 {}<th scope="col" class="number">Lost</th><th scope="col" class="number">Min</th><th scope="col" class="number">Mean</th>
 <th scope="col" class="number">p50</th><th scope="col" class="number">p99</th><th scope="col" class="number">p99.9</th>
@@ -132,17 +132,12 @@ std::string table_of(const std::vector<std::vector<Shown>>& groups) {
 // The longest waits, and where they went.
 Table worst_of(const std::vector<Shown>& group) {
   using enum Column::Align;
-  Table table{"The longest waits (µs)",
-              "",
-              {{"Run", left},
-               {"Message"},
-               {"at (s)"},
-               {"waited"},
-               {"woken up after"},
-               {"sent after"},
-               {"round trip"}},
-              {},
-              {}};
+  Table table{
+      "The longest waits (µs)",
+      "",
+      {{"Run", left}, {"Message"}, {"at (s)"}, {"waited"}, {"woken up after"}, {"sent after"}, {"took"}},
+      {},
+      {}};
   constexpr std::size_t most = 5;  // of a run
   for (const auto& [summary, label] : group) {
     const auto& worst = summary->shape.worst;
@@ -199,7 +194,7 @@ std::string time_figure(const Shown& run, std::size_t figure) {
   auto text = fmt::format("{} messages, {} late, {} lost", grouped(run.summary->sent),
                           grouped(run.summary->late), grouped(run.summary->lost));
   if (of.count > 0)
-    text += fmt::format("; round trips of {} to {} µs, median {}", microseconds(of.min), microseconds(of.max),
+    text += fmt::format("; {} to {} µs, median {}", microseconds(of.min), microseconds(of.max),
                         microseconds(of[Figure::p50]));
   auto html = fmt::format(
       "<figure class=\"time\" id=\"run-{0}\" data-figure-of=\"{0}\">\n<figcaption "
@@ -297,7 +292,9 @@ std::string section_of(const record::Reader& reader, const std::vector<Shown>& r
     sure.title = "95 % confidence intervals";
     html += details("Confidence intervals", as_html(sure));
   }
-  html += details("Where the time goes", as_html(parts_of(runs)));
+  if (std::any_of(runs.begin(), runs.end(),
+                  [](const Shown& run) { return !run.summary->run.asked.is_listened(); }))
+    html += details("Where the time goes", as_html(parts_of(runs)));
   html += details("The longest waits", as_html(worst_of(runs)));
   return html + "</section>\n";
 }

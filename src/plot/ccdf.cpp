@@ -176,7 +176,7 @@ std::string plot_ccdf(const Group& group, const Plot& plot) {
     sheet.add(
         fmt::format("set arrow from {0}, graph 0 to {0}, graph 1 nohead {1}", deadline, deadline_style));
   sheet.text(0.2, (axes.top + axes.bottom) / 2, "Share of messages slower", "center rotate");
-  sheet.text((axes.left + axes.right) / 2, axes.bottom + 0.7, "Round trip", "center");
+  sheet.text((axes.left + axes.right) / 2, axes.bottom + 0.7, report::quantity_of(group), "center");
   legend.draw(sheet, left_cm, axes.bottom + bottom_cm);
   std::vector<std::string> parts;
   for (std::size_t i = 0; i < conditions.size(); ++i) {

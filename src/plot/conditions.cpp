@@ -140,7 +140,7 @@ std::string plot_conditions(const Group& group, const Plot& plot) {
       "set logscale x\nset xrange [{}:{}]\nset yrange [{}:0]",
       range.least_ms, range.greatest_ms, rows_cm));
   sheet.add(time_tics("x", range.least_ms, range.greatest_ms));
-  sheet.text((axes.left + axes.right) / 2, axes.bottom + 0.7, "Round trip", "center");
+  sheet.text((axes.left + axes.right) / 2, axes.bottom + 0.7, report::quantity_of(group), "center");
   legend.draw(sheet, left_cm, axes.bottom + bottom_cm);
   Lines lines;
   double y = 0;

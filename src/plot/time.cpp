@@ -172,13 +172,14 @@ double end_of(const Group& group) {
 }
 
 // Titles stand right above the axes, whatever the longest one of the row takes.
-void add_texts(Sheet& sheet, const Layout& layout, std::size_t panel, const char* unit) {
+void add_texts(Sheet& sheet, const Layout& layout, std::size_t panel, const char* unit,
+               const std::string& quantity) {
   const auto axes = layout.axes_of(panel);
   const auto& title = layout.titles[panel];
   auto y = axes.top - (static_cast<double>(title.size()) - 0.5) * line_cm;
   for (std::size_t i = 0; i < title.size(); ++i, y += line_cm)
     sheet.text(axes.left, y, title[i], i + 1 == title.size() ? "left textcolor rgb '#555555'" : "left");
-  sheet.text(layout.left_of(panel) + 0.2, (axes.top + axes.bottom) / 2, "Round trip", "center rotate");
+  sheet.text(layout.left_of(panel) + 0.2, (axes.top + axes.bottom) / 2, quantity, "center rotate");
   if (layout.is_lowest(panel))
     sheet.text((axes.left + axes.right) / 2, axes.bottom + 0.7, fmt::format("Time ({})", unit), "center");
 }
@@ -201,7 +202,7 @@ std::string plot_over_time(const Group& group, const Plot& plot) {
   legend.draw(sheet, left_cm, layout.height_cm - legend.height_cm() - 0.1);
   const auto most_stretches = static_cast<std::size_t>(layout.inner_cm() * stretches_a_cm);
   for (std::size_t i = 0; i < group.size(); ++i) {
-    add_texts(sheet, layout, i, unit.name);
+    add_texts(sheet, layout, i, unit.name, quantity_of(Group{group[i]}));
     sheet.add(layout.is_lowest(i) ? "set format x '%g'" : "set format x ''");
     auto parts = parts_of(sheet, *group[i], i, most_stretches, unit.seconds);
     if (parts.empty()) parts.emplace_back("NaN");

@@ -314,10 +314,13 @@ struct Asked : conditions::Run {
   std::string component_interface;
   conditions::Wire wire;
   std::optional<Source> imported;
+  std::string measures;  // "age" or "period": of a robot's own messages, which no one answers; else empty
+  bool is_listened() const { return !imported && !measures.empty(); }
 
   static void fields(auto& of, auto&& field) {
     each(field, "ontime", of.ontime, "command_line", of.command_line, "scenario_file", of.scenario_file,
-         "component_interface", of.component_interface, "wire", of.wire, "imported", of.imported);
+         "component_interface", of.component_interface, "wire", of.wire, "imported", of.imported, "measures",
+         of.measures);
   }
 };
 

@@ -56,6 +56,9 @@ struct Note {
   std::optional<std::uint64_t> message;  // its index
 };
 
+// The kind of a note that says why a message was late, of a run of `ontime listen`.
+inline constexpr const char* cause_of_late = "cause";
+
 // What the kernel of a machine did around one of the messages.
 struct Trace {
   std::string host;      // "controller", "component": whose machine; where both are one, the controller's

@@ -29,6 +29,7 @@ bool were_denied(const Summary& run) {
 // What weighs on the machines and the link, and what was set against it, in a word each.
 struct Conditions {
   std::string stress, tuned;
+  bool is_listened = false;  // to a robot's own messages
   bool operator==(const Conditions&) const = default;
 };
 
@@ -42,13 +43,13 @@ Conditions conditions_of(const Summary& run) {
   if (asked.task.realtime.on) tuned.emplace_back("RT");
   if (!asked.kernel.empty()) tuned.emplace_back("kernel settings");
   if (asked.isolation.any()) tuned.emplace_back("reserved CPUs");
-  return {join(stress, ", "), join(tuned, ", ")};
+  return {join(stress, ", "), join(tuned, ", "), asked.is_listened()};
 }
 
 // "load, RT". That a machine was idle is known of a scenario alone: `ontime ping` does not know what else
 // runs.
 std::string in_words(const Summary& run) {
-  const auto [stress, tuned] = conditions_of(run);
+  const auto [stress, tuned, is_listened] = conditions_of(run);
   const auto first = stress.empty() && !run.run.asked.scenario_file.empty() ? "idle" : stress;
   return first.empty() ? tuned : tuned.empty() ? first : first + ", " + tuned;
 }
@@ -227,8 +228,27 @@ const Entry* worst_of(const Class& one) {
 
 std::string name_of(const Row& row, bool with_id) { return with_id ? row.id + " " + row.name : row.name; }
 
+std::string worst_named(const Class& worst) {
+  if (worst.entries.size() < 2 || worst.low == worst.high) return "";
+  const bool with_id = worst.entries.front()->row.id != worst.entries.back()->row.id;
+  return fmt::format("; worst: {}", name_of(worst_of(worst)->row, with_id));
+}
+
+// Of a robot's own messages.
+std::string sentence_of_listened(const Class& all) {
+  const bool has_limit = std::any_of(all.entries.begin(), all.entries.end(), [](const Entry* entry) {
+    return entry->runs.front()->run.asked.task.client.deadline.count() > 0;
+  });
+  if (all.high > 0)
+    return fmt::format("{} of the messages came late or not at all{}.", all.range(), worst_named(all));
+  return has_limit
+             ? "No message was late or lost."
+             : "No message was lost. None can be late: no limit was stated (--deadline, --period, --age).";
+}
+
 // Of one class all together; of two their contrast; never pooled over opposite conditions.
 std::string sentence_of(const std::vector<Class>& classes, const Class* worst, const Class* contrast) {
+  if (worst->conditions.is_listened) return sentence_of_listened(*worst);
   const auto within = in_time(classes);
   if (worst->high == 0) {
     std::uint64_t cycles = 0;
@@ -236,13 +256,8 @@ std::string sentence_of(const std::vector<Class>& classes, const Class* worst, c
     if (classes.size() == 1) return fmt::format("All {} cycles had an answer {}.", grouped(cycles), within);
     return fmt::format("All cycles had an answer {}, under each of {} conditions.", within, classes.size());
   }
-  if (contrast == nullptr) {
-    auto text = fmt::format("{} of the cycles had no answer {}", worst->range(), within);
-    if (worst->entries.size() > 1 && worst->low != worst->high)
-      text += fmt::format("; worst: {}", name_of(worst_of(*worst)->row, worst->entries.front()->row.id !=
-                                                                            worst->entries.back()->row.id));
-    return text + ".";
-  }
+  if (contrast == nullptr)
+    return fmt::format("{} of the cycles had no answer {}{}.", worst->range(), within, worst_named(*worst));
   const bool same_stress = worst->conditions.stress == contrast->conditions.stress;
   const bool same_tuned = worst->conditions.tuned == contrast->conditions.tuned;
   const auto other = same_stress  ? tuned_words(contrast->conditions.tuned)
@@ -302,9 +317,9 @@ std::vector<std::string> cautions_of(const std::vector<Entry>& entries) {
     if (run->sent > 0) fewest = std::min(fewest, run->round_trip.count);
   const auto* const where = runs.size() > 1 ? " in a run" : "";
   if (fewest < 1000)
-    cautions.push_back(fmt::format("few answers ({}{}): p99 is a rough estimate", grouped(fewest), where));
+    cautions.push_back(fmt::format("few messages ({}{}): p99 is a rough estimate", grouped(fewest), where));
   else if (fewest < 10'000 && fewest != UINT64_MAX)
-    cautions.push_back(fmt::format("{} answers{} are too few to bound p99.9", grouped(fewest), where));
+    cautions.push_back(fmt::format("{} messages{} are too few to bound p99.9", grouped(fewest), where));
   return cautions;
 }
 
@@ -379,6 +394,9 @@ Answer answer_of(const Summaries& summaries, const Origin& origin) {
   auto classes = classes_of(entries, [](State state) { return state == State::ok || state == State::late; });
   const bool held = !classes.empty();
   if (!held) classes = classes_of(entries, [](State state) { return state != State::imported; });
+  // Of round trips and of what was listened to, the round trips: those were an experiment.
+  const auto is_listened = [](const Class& one) { return one.conditions.is_listened; };
+  if (!std::all_of(classes.begin(), classes.end(), is_listened)) std::erase_if(classes, is_listened);
   if (classes.empty()) {
     const bool imported = entries.front().row.state == State::imported;
     answer.sentence = imported ? "Imported: wake-up latencies of another tool, no messages."

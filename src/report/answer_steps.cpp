@@ -49,9 +49,10 @@ std::vector<std::string> again(const Summary& run) {
     if (is_simulated(run)) return {"ontime", "lab", "run", scenario};
     return {"ontime", "run", scenario};
   }
-  if (words.size() < 2 || words[1] != "ping") return {};
+  if (words.size() < 2 || (words[1] != "ping" && words[1] != "listen")) return {};
   std::vector<std::string> kept = {"ontime"};
-  constexpr std::array<std::string_view, 3> replaced = {"--results", "--format", "--duration"};
+  constexpr std::array<std::string_view, 5> replaced = {"--results", "--format", "--duration", "--for",
+                                                        "--output"};
   for (std::size_t i = 1; i < words.size(); ++i) {
     if (std::find(replaced.begin(), replaced.end(), words[i]) != replaced.end())
       ++i;
@@ -85,13 +86,14 @@ std::vector<Answer::Step> next_steps(const Findings& found, const Origin& origin
     return words;
   };
   const auto words = found.any != nullptr ? again(*found.any) : std::vector<std::string>();
-  const bool by_scenario = words.size() > 1 && words[1] != "ping";
+  const bool listened = words.size() > 1 && words[1] == "listen";
+  const bool by_scenario = words.size() > 1 && words[1] != "ping" && !listened;
   if (found.denied && !origin.is_root) add("Permit all", words, true);
   if (found.unfinished && by_scenario && !origin.file.empty())
     add("Finish", with(words, {"--resume", "--results", origin.file}));
   if (found.late != nullptr) {
     const auto id = word(found.late->run.asked.id);
-    if (found.late->run.asked.explain && !origin.file.empty())
+    if ((found.late->run.asked.explain || listened) && !origin.file.empty())
       add("Why late", {"ontime", "explain", origin.file});
     else if (by_scenario && can_be_named(id))
       add("Why late", with(words, {"--only", id, "--explain"}), true);
@@ -107,10 +109,11 @@ std::vector<Answer::Step> next_steps(const Findings& found, const Origin& origin
     add("Compare", {"ontime", "compare", origin.file, "--from", from, "--to", to});
   }
   if (found.longer_ns)
-    add(found.longer_tells.c_str(), with(words, {"--duration", plain_time(*found.longer_ns)}));
+    add(found.longer_tells.c_str(),
+        with(words, {listened ? "--for" : "--duration", plain_time(*found.longer_ns)}), listened);
   if (!origin.file.empty())
     add("All figures", {"ontime", "report", origin.file, "--full"});
-  else
+  else if (!listened)
     add("All figures", with(words, {"--full"}));
   return steps;
 }

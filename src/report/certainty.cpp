@@ -182,7 +182,7 @@ std::vector<std::string> unbounded_notes(const std::vector<std::string>& names, 
 }
 
 Table certainty_table(const std::vector<std::string>& labels, const Group& runs) {
-  Table table{"", "", {{"Round trip (µs)", Column::Align::left}}, {}, {}};
+  Table table{"", "", {{quantity_of(runs) + " (µs)", Column::Align::left}}, {}, {}};
   for (const auto* name : {"p50", "p99", "p99.9", "p99.99", "Missed (%)"}) table.columns.push_back({name});
   for (std::size_t i = 0; i < runs.size(); ++i) {
     const auto& of = runs[i]->round_trip_certainty;
@@ -240,6 +240,7 @@ Table stages_table(const std::vector<std::string>& labels, const Group& runs) {
   for (std::size_t i = 0; i < runs.size(); ++i) {
     const auto& run = *runs[i];
     const auto parts = run.parts.value_or(statistics::Parts{});
+    if (run.run.asked.is_listened()) continue;  // it has one stage
     if (run.response.count < statistics::metric_of(Figure::p99_9).one_in) continue;
     table.rows.push_back({labels[i], cell(run.wake_up), cell(parts.there), cell(run.server), cell(parts.back),
                           cell(run.round_trip), cell(run.response)});

@@ -118,7 +118,7 @@ Table table_of(const Pair& pair) {
   const Group all{pair.from.front(), pair.to.front()};
   Table table{gate::name_of(pair.to),
               join(shared_conditions(all), ", "),
-              {{"Round trip (µs)", Column::Align::left}},
+              {{quantity_of(all) + " (µs)", Column::Align::left}},
               {},
               {}};
   for (const auto* name : {"A", "B", "Change", "98 % interval"}) table.columns.push_back({name});

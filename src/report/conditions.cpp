@@ -272,6 +272,7 @@ std::vector<Phrase> phrases_of(const Summary& summary) {
           add_field(field, path == "timeout" ? Phrase::Where::in_labels : Phrase::Where::everywhere);
   };
   if (client.schedule == roundtrip::Schedule::back_to_back) done.insert("period");
+  if (asked.is_listened()) done.insert("schedule");
   if (asked.stated("deadline_us") == asked.stated("period_us")) done.insert("deadline");
   if (asked.task.config.domain != 0) done.erase("domain");
   add("realtime", "realtime",
@@ -398,16 +399,30 @@ std::vector<Group> by_id(const Summaries& summaries) {
   return groups;
 }
 
+std::string quantity_of(const Group& group) {
+  const std::string first = quantity_of(group.front()->run.asked);
+  const bool same = std::all_of(group.begin(), group.end(), [&](const auto* summary) {
+    return quantity_of(summary->run.asked) == first;
+  });
+  return same ? first : "Time";
+}
+
+bool all_listened(const Group& group) {
+  return std::all_of(group.begin(), group.end(),
+                     [](const auto* summary) { return summary->run.asked.is_listened(); });
+}
+
 std::vector<std::string> labels_without_repetition(const Group& group) {
   const auto compared = compare(group);
   std::vector<std::string> labels;
   for (std::size_t i = 0; i < group.size(); ++i) {
     const auto& asked = group[i]->run.asked;
-    labels.push_back(word(asked.task.transport));
+    labels.push_back(asked.is_listened() ? "" : word(asked.task.transport));
     const auto transport = labels.back() + " ";
     for (const auto& phrase : compared.own[i])  // "xdp native copy" of xdp is told once
       labels.back() += " " + phrase.text.substr(phrase.text.starts_with(transport) ? transport.size() : 0);
     add_variant(labels.back(), *group[i], phrases_of(*group[i]));
+    if (labels.back().starts_with(' ')) labels.back().erase(0, 1);
   }
   return labels;
 }

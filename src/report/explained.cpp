@@ -37,11 +37,38 @@ Marks marks_of(Format format) {
 
 std::string name_of(const Explained& one) {
   const auto& asked = one.run.asked;
+  if (asked.is_listened())
+    return fmt::format("run {}, {} ({})", one.run.number, word(asked.id), word(asked.variant));
   return fmt::format("run {}, {} ({}{})", one.run.number, word(asked.id), word(asked.task.transport),
                      conditions::is_named(asked) ? ", component " + word(asked.component) : "");
 }
 
+// What `ontime listen` found out while it ran.
+constexpr std::size_t most_told = 20;
+bool is_cause(const record::Note& note) { return note.kind == record::cause_of_late; }
+
+std::string text_of_listened(const Explained& one, const Marks& marks) {
+  const auto count = std::count_if(one.notes.begin(), one.notes.end(), is_cause);
+  if (count == 0)
+    return fmt::format(
+        "{0}{1}: no cause is known. `listen` looks for causes as root, without --no-explain, and while no "
+        "other ontime traces{0}\n",
+        marks.heading, name_of(one));
+  auto text = fmt::format("{0}{1}: causes of {2} late messages{0}\n", marks.heading, name_of(one), count);
+  std::size_t told = 0;
+  for (const auto& note : one.notes) {
+    if (!is_cause(note)) continue;
+    if (++told > most_told) break;
+    text += fmt::format("{}{}\n", marks.item, printable(note.text));
+  }
+  if (static_cast<std::size_t>(count) > most_told)
+    text += fmt::format("{}… and {} more (--format json has all)\n", marks.item,
+                        static_cast<std::size_t>(count) - most_told);
+  return text;
+}
+
 std::string text_of(const Explained& one, const Marks& marks) {
+  if (one.run.asked.is_listened()) return text_of_listened(one, marks);
   const auto& account = one.account;
   const auto heading = [&](const std::string& rest) {
     return fmt::format("{0}{1}: {2}{0}\n", marks.heading, name_of(one), rest);
@@ -128,7 +155,11 @@ ordered_json json_of(const Explained& one) {
   for (const auto& group : one.account.groups) groups.push_back(json_of(group));
   for (const auto& message : one.account.messages) messages.push_back(json_of(message));
   for (const auto& limit : one.account.limits) limits.push_back(printable(limit));
+  auto notes = ordered_json::array();
+  for (const auto& note : one.notes)
+    if (is_cause(note)) notes.push_back({{"at_ns", note.at_ns.value_or(0)}, {"text", printable(note.text)}});
   return {{"run", one.run.number},
+          {"notes", notes},
           {"id", word(one.run.asked.id)},
           {"transport", word(one.run.asked.task.transport)},
           {"component", one.run.asked.stated("component")},

@@ -15,6 +15,8 @@ namespace ontime::report {
 struct Explained {
   record::Run run;
   explain::Account account;
+  std::vector<record::Note>
+      notes{};  // of a run of `ontime listen`: why messages were late, as it was seen then
 };
 // As table, Markdown or JSON.
 std::string render_explained(const std::vector<Explained>&, Format);

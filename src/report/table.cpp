@@ -60,9 +60,10 @@ std::vector<std::string> row(const PaperRow& paper, bool by_response) {
   return cells;
 }
 
-std::vector<Column> columns(bool by_response) {
+std::vector<Column> columns(const Group& group, bool by_response) {
   using enum Column::Align;
-  std::vector<Column> columns = {{"Round trip (µs)", left},
+  const bool listened = all_listened(group);
+  std::vector<Column> columns = {{quantity_of(group) + " (µs)", left},
                                  {"Min", right, false, 3},
                                  {"Avg", right, false, 2},
                                  {"p50"},
@@ -71,9 +72,9 @@ std::vector<Column> columns(bool by_response) {
                                  {"p99.9", right, false, 5},
                                  {"p99.99", right, false, 1},
                                  {"Max"},
-                                 {"Missed\ndeadlines"}};
+                                 {listened ? "Late" : "Missed\ndeadlines"}};
   if (by_response) columns.push_back({"by\nresponse"});
-  columns.push_back({"Message\nloss"});
+  columns.push_back({listened ? "Lost" : "Message\nloss"});
   return columns;
 }
 
@@ -115,7 +116,7 @@ std::vector<std::string> parts_of(const Group& group) {
 
 // Of runs that were repeated: between what their figures lie from run to run.
 Table spread_table(const Group& group) {
-  Table table{"", "", {{"Round trip (µs)", Column::Align::left}}, {}, {}};
+  Table table{"", "", {{quantity_of(group) + " (µs)", Column::Align::left}}, {}, {}};
   for (const auto* name : {"Runs", "p50", "p99", "p99.9", "Max", "Missed (%)"})
     table.columns.push_back({name});
   const auto labels = labels_without_repetition(group);
@@ -167,7 +168,8 @@ std::vector<Table> tables_of(Group group) {
   const bool by_response = std::any_of(group.begin(), group.end(),
                                        [](const auto* summary) { return differs_by_response(*summary); });
   const auto& asked = group.front()->run.asked;
-  Table table{id_of(asked), join(shared_conditions(group), ", "), columns(by_response), {}, parts_of(group)};
+  Table table{
+      id_of(asked), join(shared_conditions(group), ", "), columns(group, by_response), {}, parts_of(group)};
   if (!asked.title.empty()) table.title += "  " + printable(asked.title);
   auto labels = labels_of(group);
   tell_apart(labels, group);
@@ -233,16 +235,31 @@ bool any_of_paper(const Summaries& summaries) {
                      [](const auto& summary) { return !paper_rows(summary.run.asked).empty(); });
 }
 
-std::string legend_of(const Page& page, const Summaries& summaries) {
-  auto legend =
-      fmt::format("Missed deadlines: answered later than {}",
-                  common_duration(summaries, &roundtrip::ClientOptions::deadline, "the run's deadline"));
-  if (std::any_of(summaries.begin(), summaries.end(), differs_by_response))
-    legend +=
+// Of a robot's own messages, and of round trips.
+std::string judged_by(const Summaries& summaries) {
+  std::string text;
+  const auto any = [&](auto&& is_meant) { return std::any_of(summaries.begin(), summaries.end(), is_meant); };
+  const auto is_listened = [](const Summary& run) { return run.run.asked.is_listened(); };
+  if (any(is_listened))
+    text =
+        "Age: from the writer's stamp until the message was taken. Period: from one message to the next. "
+        "Late: "
+        "beyond the limit that was stated. Lost: published and never taken. ";
+  if (!any([&](const Summary& run) { return !is_listened(run) && !run.imported; })) return text;
+  text += fmt::format("Missed deadlines: answered later than {}",
+                      common_duration(summaries, &roundtrip::ClientOptions::deadline, "the run's deadline"));
+  if (any(differs_by_response))
+    text +=
         "; by response: cycles without an answer so long after they were due, of all cycles, also those "
         "without a message";
-  legend += fmt::format(". Message loss: not answered within {}.",
-                        common_duration(summaries, &roundtrip::ClientOptions::timeout, "the run's time-out"));
+  return text +
+         fmt::format(". Message loss: not answered within {}. ",
+                     common_duration(summaries, &roundtrip::ClientOptions::timeout, "the run's time-out"));
+}
+
+std::string legend_of(const Page& page, const Summaries& summaries) {
+  auto legend = judged_by(summaries);
+  legend.pop_back();
   const auto any_cell = [&](auto predicate) {
     return std::any_of(page.tables.begin(), page.tables.end(), [&](const Table& table) {
       return std::any_of(table.rows.begin(), table.rows.end(), [&](const auto& cells) {
@@ -251,12 +268,12 @@ std::string legend_of(const Page& page, const Summaries& summaries) {
     });
   };
   if (any_cell([](const std::string& cell) { return cell.starts_with('~'); }))
-    legend += " ~: fewer than 10 answers were slower.";
+    legend += " ~: fewer than 10 messages were slower.";
   if (any_cell([](const std::string& cell) { return cell.starts_with('['); }))
     legend += " [low, high]: 95 % confidence interval.";
   if (any_cell([](const std::string& cell) { return cell.starts_with("≥"); }))
-    legend += " ≥: lower limit alone; too few answers, or too dependent ones, for an upper limit.";
-  if (any_cell([](const std::string& cell) { return cell == nothing; })) legend += " -: too few answers.";
+    legend += " ≥: lower limit alone; too few messages, or too dependent ones, for an upper limit.";
+  if (any_cell([](const std::string& cell) { return cell == nothing; })) legend += " -: too few messages.";
   if (any_of_paper(summaries))
     legend +=
         " paper's: measured by Gutiérrez, San Vicente et al. (2018) on their two machines, with DDS 1 to 3, "

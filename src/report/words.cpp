@@ -19,6 +19,11 @@ std::string word(const nlohmann::json& value) {
 std::string word(const std::string& text) { return text.empty() ? nothing : printable(text); }
 std::string word(std::optional<std::int64_t> number) { return number ? fmt::format("{}", *number) : nothing; }
 
+const char* quantity_of(const record::Asked& asked) {
+  if (!asked.is_listened()) return "Round trip";
+  return asked.measures == "age" ? "Age" : "Period";
+}
+
 std::string id_of(const record::Asked& asked) { return shortened(word(asked.id), gate::longest_id); }
 
 std::string cell_of(const nlohmann::ordered_json& value) {

@@ -37,7 +37,9 @@ using table::wrapped;
 std::string word(const nlohmann::json&);  // on one line; `nothing` for null
 std::string word(const std::string&);     // on one line; `nothing` for an empty text
 std::string word(std::optional<std::int64_t>);
-std::string id_of(const record::Asked&);             // on one line, and shortened
+std::string id_of(const record::Asked&);  // on one line, and shortened
+// What a run's times are: "Round trip", or of a robot's own messages "Age" or "Period".
+const char* quantity_of(const record::Asked&);
 std::string cell_of(const nlohmann::ordered_json&);  // as a spreadsheet has it
 
 std::string microseconds(double ns);  // "1234", below 100 "98.7"

@@ -5,12 +5,14 @@ programs.
 
 LISTEN_MESSAGES: how many messages are compared (5,000). It needs root: who may not set probes leaves with 3."""
 
+import contextlib
 import json
 import os
 import pathlib
 import re
 import shutil
 import signal
+import sqlite3
 import struct
 import subprocess
 import sys
@@ -22,6 +24,7 @@ import urllib.request
 from program import eventually
 
 ONTIME, NODE, RMW_NODE = (os.environ[name] for name in ("ONTIME", "LISTEN_NODE", "LISTEN_RMW_NODE"))
+LATE = 1
 MESSAGES = int(os.environ.get("LISTEN_MESSAGES", "5000"))
 DOMAIN = 77
 CONFIGURATION = f"""<CycloneDDS><Domain id="{DOMAIN}"><General><Interfaces><NetworkInterface name="lo"/></Interfaces>
@@ -109,9 +112,19 @@ class Listen(unittest.TestCase):
         self.assertEqual(taker.wait(30), 0)
         return code, json.loads((self.folder / "seen.json").read_text())
 
+    def kept(self):
+        """The rows of the results file, by the run's id, and what `report` says of the runs."""
+        results = self.folder / "kept.ontime"
+        with contextlib.closing(sqlite3.connect(f"file:{results}?mode=ro", uri=True)) as database:
+            rows = {id: database.execute("SELECT received_after_ns, fate FROM sample WHERE run = ? ORDER BY message", [number]).fetchall()
+                    for number, id in database.execute("SELECT number, id FROM run")}
+        report = subprocess.run([ONTIME, "report", results, "--format", "json"], capture_output=True, text=True, timeout=60)
+        self.assertEqual(report.returncode, 0, report.stderr)
+        return rows, {run["id"]: run for run in json.loads(report.stdout)["runs"]}
+
     def test_every_late_and_no_other_message_is_found(self):
         publisher, taker = self.pair(MESSAGES)
-        listener = self.listen((publisher, taker), "/cmd_vel", "--deadline", "15ms")
+        listener = self.listen((publisher, taker), "/cmd_vel", "--deadline", "15ms", "--results", "kept.ontime")
         code, seen = self.end(listener, publisher, taker)
         taken = log_of(self.folder / "taken")
         self.assertEqual(len(seen["flows"]), 1, seen)
@@ -129,10 +142,20 @@ class Listen(unittest.TestCase):
         self.assertEqual(code, 1)
         self.assertIsNotNone(flow["age"])
         print(f"age ns: {flow['age']}; late {flow['late']}, by its own log {sure} to {possible}", file=sys.stderr)
+        rows, runs = self.kept()
+        self.assertEqual(set(rows), {"/cmd_vel age", "/cmd_vel period"})
+        self.assertEqual(len(rows["/cmd_vel period"]), len(taken) - 1)
+        self.assertEqual([fate for _, fate in rows["/cmd_vel period"]].count(LATE), flow["late"])
+        # Each period is that of the taker's own log, but for when it read its clock.
+        for (period, _), gap in zip(rows["/cmd_vel period"], gaps):
+            self.assertAlmostEqual(period, gap, delta=20_000_000)
+        self.assertEqual(len(rows["/cmd_vel age"]), flow["age"]["count"])
+        self.assertEqual(max(age for age, _ in rows["/cmd_vel age"]), flow["age"]["max_ns"])
+        self.assertEqual((runs["/cmd_vel period"]["late"], runs["/cmd_vel period"]["sent"]), (flow["late"], len(taken) - 1))
 
     def test_messages_overwritten_in_the_queue_are_counted_exactly(self):
         publisher, taker = self.pair(MESSAGES, depth=1, take_us=5000)
-        listener = self.listen((publisher, taker))
+        listener = self.listen((publisher, taker), "--results", "kept.ontime")
         code, seen = self.end(listener, publisher, taker)
         taken = [number for number, _, _ in log_of(self.folder / "taken")]
         flow = seen["flows"][0]
@@ -143,6 +166,10 @@ class Listen(unittest.TestCase):
         self.assertGreater(len(judged), 0)
         self.assertEqual(flow["lost"], max(judged) + 1 - min(judged) - len(judged))
         self.assertEqual(code, 0)  # no limit was stated
+        rows, runs = self.kept()
+        self.assertEqual([age is None for age, _ in rows["/cmd_vel age"]],
+                         [number not in judged for number in range(min(judged), max(judged) + 1)])
+        self.assertEqual(runs["/cmd_vel age"]["lost"], flow["lost"])
 
     def hog(self, priority, cpu):
         """Has the CPU for some 30 ms, every half a second."""

@@ -285,6 +285,9 @@ class Lines {
   }
 }
 
+// "round trip", or of a robot's own messages "age" or "period".
+const quantityOf = runs => runs.every(run => run.quantity === runs[0].quantity) ? runs[0].quantity.toLowerCase() : "time";
+
 const runsIn = series => series.reduce((all, one) => all.concat(one.values || [one]), []);
 const allOf = figure => figure.dataset.figuresOf.split(" ").map(i => data.runs[i]);
 
@@ -351,7 +354,7 @@ function drawCcdf(figure) {
   const share = value => value >= 1e-4 ? `${+(value * 100).toPrecision(2)} %` : `${+(value * 1e6).toPrecision(2)} ppm`;
   let kind = "roundTrips";
   const lines = new Lines(figure, {
-    series, left: "share of messages slower", bottom: "round trip", x: timesAxis(domain),
+    series, left: "share of messages slower", bottom: quantityOf(runs), x: timesAxis(domain),
     y: { scale: () => d3.scaleLog().domain([least * 0.7, 1]).clamp(true),
       axis: scale => d3.axisLeft(scale).tickValues(d3.range(0, Math.ceil(-Math.log10(least)) + 1).map(i => 10 ** -i)
         .filter(value => value >= least * 0.7)).tickFormat(share) },
@@ -374,7 +377,7 @@ function drawCcdf(figure) {
     .on("click", (_, i, [button]) => {
       kind = kind === "roundTrips" ? "responses" : "roundTrips";
       d3.select(button).attr("aria-pressed", kind === "responses");
-      lines.frame.svg.select("[data-place=bottom]").text(kind === "responses" ? "response time" : "round trip");
+      lines.frame.svg.select("[data-place=bottom]").text(kind === "responses" ? "response time" : quantityOf(runs));
       lines.draw();
     });
 }
@@ -395,7 +398,7 @@ function drawHistogram(figure) {
   if (runs.length === 0) return;
   const domain = timesDomain(runs), most = d3.max(runs, run => d3.max(run.histogram, bin => bin[2]));
   new Lines(figure, {
-    series: runs.map(run => ({ ...run, name: run.label })), left: "messages per bin", bottom: "round trip", x: timesAxis(domain),
+    series: runs.map(run => ({ ...run, name: run.label })), left: "messages per bin", bottom: quantityOf(runs), x: timesAxis(domain),
     y: { scale: () => d3.scaleLog().domain([0.7, most * 1.3]).clamp(true),
       axis: scale => d3.axisLeft(scale).tickValues(d3.range(0, 12).map(i => 10 ** i).filter(value => value <= most * 1.3)).tickFormat(number) },
     lines: (one, x, y) => [{

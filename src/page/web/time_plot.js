@@ -8,8 +8,8 @@ class TimePlot {
   constructor(figure, run, course, yDomain) {
     Object.assign(this, { run, course, yDomain, logarithmic: true });
     this.frame = new Frame(figure, { height: 230, margin: { top: 24, right: 12, bottom: 36, left: 56 } });
-    this.frame.labels("time since the start", "round trip");
-    this.frame.name = `${run.label}: round trip over time`;
+    this.frame.labels("time since the start", quantityOf([run]));
+    this.frame.name = `${run.label}: ${quantityOf([run])} over time`;
     this.frame.runs = [run];
     this.frame.key = () => this.key();
     this.end = Math.max(course.end, 1e-6);
@@ -21,7 +21,7 @@ class TimePlot {
     this.notes = plot.append("g").attr("class", "notes");
     this.cursor = plot.append("line").attr("class", "cursor").attr("visibility", "hidden");
     this.readout = d3.select(figure).append("output").attr("class", "readout").attr("aria-live", "polite");
-    this.frame.svg.attr("aria-label", `Round trip over time of ${run.id} ${run.label}`);
+    this.frame.svg.attr("aria-label", `${run.quantity} over time of ${run.id} ${run.label}`);
     const pan = by => this.frame.area.call(this.zoom.translateBy, by * this.frame.width / d3.zoomTransform(this.frame.area.node()).k, 0);
     this.frame.onKeys("Left and right arrow keys read its values, with Shift or Page up and down they move along, plus and minus zoom, " +
       "Home shows all.", {

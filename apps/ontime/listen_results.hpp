@@ -1,0 +1,56 @@
+// SPDX-License-Identifier: Apache-2.0
+// The messages of a robot's own topics as runs of a results file: one for each quantity (age, period) of a
+// flow. Ordinary thread.
+#pragma once
+
+#include <chrono>
+#include <cstdint>
+#include <map>
+#include <set>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include <nlohmann/json.hpp>
+
+#include "listen/listen.hpp"
+#include "machine/machine.hpp"
+#include "record/record.hpp"
+
+namespace ontime::app {
+
+class ListenResults {
+ public:
+  // Throws record::Error. `limits` become the deadlines of the runs.
+  ListenResults(const std::string& path, const listen::Limits& limits, const nlohmann::json& command_line);
+
+  void keep(const listen::Row&);
+  // Every second or so, with the flows that are wanted: begins the runs of those that are known by now, and
+  // hands over what was kept of them. Of others nothing is kept for long.
+  void write(const std::vector<listen::Flow>& wanted);
+  // Why a message was late.
+  void note(const listen::Miss&);
+  // The same once more, and the outcome of each run.
+  void end(const listen::Findings& wanted, bool interrupted);
+  std::size_t runs() const { return runs_; }
+
+ private:
+  using Clock = std::chrono::steady_clock;
+  struct Kept {
+    std::vector<roundtrip::Sample> samples;
+    Clock::time_point since = Clock::now();
+    std::int64_t run = 0;  // 0: not begun
+  };
+  void write(const std::vector<listen::Flow>& wanted, bool is_end);
+  std::int64_t begin(const listen::Flow&, listen::Row::Quantity);
+
+  record::Writer writer_;
+  const listen::Limits limits_;
+  const nlohmann::json command_line_;
+  const machine::Activity before_ = machine::activity();
+  std::map<std::pair<std::uint64_t, listen::Row::Quantity>, Kept> kept_;
+  std::set<std::string> names_;  // of runs
+  std::size_t runs_ = 0;
+};
+
+}  // namespace ontime::app

@@ -1,0 +1,50 @@
+// SPDX-License-Identifier: Apache-2.0
+// A flow's messages, numbered for a results file: without holes where the sensor was blind, and so that a
+// message that comes after all takes the place of its loss.
+#pragma once
+
+#include <cstdint>
+#include <functional>
+
+#include "listen/listen.hpp"
+
+namespace ontime::listen {
+
+using KeepRow = std::function<void(const Row&)>;  // may be empty: nothing is kept
+
+class Rows {
+ public:
+  void period(const KeepRow& keep, std::uint64_t flow, std::int64_t from_ns, std::int64_t to_ns,
+              bool is_late) {
+    if (keep) keep({flow, Row::Quantity::period, periods_++, from_ns, to_ns, is_late});
+  }
+
+  // The writer's message of this number, which came after all of lower numbers, or was overtaken. Those
+  // between were lost; lost_at() says when they were published, or 0: that one was not lost.
+  template <class LostAt>
+  void age(const KeepRow& keep, Row row, std::uint64_t number, const LostAt& lost_at) {
+    if (!keep) return;
+    if (is_broken_) {
+      first_number_ = number;
+      first_ = next_;
+      is_broken_ = false;
+    }
+    if (number < first_number_) return;
+    row.quantity = Row::Quantity::age;
+    row.index = number - first_number_ + first_;
+    for (; next_ < row.index; ++next_)
+      if (const auto at_ns = lost_at(next_ - first_ + first_number_); at_ns != 0)
+        keep({row.flow, Row::Quantity::age, next_, at_ns, 0, false});
+    if (next_ == row.index) ++next_;
+    keep(row);
+  }
+  // What was between the last number and the next is not known.
+  void restart() { is_broken_ = true; }
+
+ private:
+  std::uint64_t periods_ = 0, next_ = 0;        // indices
+  std::uint64_t first_number_ = 0, first_ = 0;  // a number and its index
+  bool is_broken_ = true;
+};
+
+}  // namespace ontime::listen
