@@ -121,6 +121,8 @@ class Bags : public ::testing::Test {
   listen::Findings judged(const std::string& path, const listen::Limits& limits = {}) {
     const auto bag = open(path, limits);
     misses_.clear();
+    rows_.clear();
+    bag->keep_rows([&](const listen::Row& row) { rows_.push_back(row); });
     for (bool goes_on = true; goes_on;) {
       goes_on = bag->listen_for(0ms);
       for (auto& miss : bag->take_misses()) misses_.push_back(std::move(miss));
@@ -175,8 +177,22 @@ class Bags : public ::testing::Test {
   }
 
   fs::path folder_;
+  // Of an age its value, of a period the same; -1: the message was lost.
+  std::vector<std::int64_t> values_of(listen::Row::Quantity quantity) const {
+    std::vector<std::int64_t> values;
+    for (const auto& row : rows_) {
+      if (row.quantity != quantity) continue;
+      if (row.index >= values.size()) values.resize(row.index + 1);
+      values[row.index] = row.to_ns == 0 ? -1 : row.to_ns - row.from_ns;
+    }
+    return values;
+  }
+
   std::vector<listen::Miss> misses_;
+  std::vector<listen::Row> rows_;
 };
+
+constexpr auto age = listen::Row::Quantity::age, period = listen::Row::Quantity::period;
 
 TEST_F(Bags, EachTopicHasItsPeriodsAndGaps) {
   const auto findings =
@@ -316,13 +332,29 @@ TEST_F(Bags, FirstGapTellsThatNumbersAreTheWriters) {
     records += message(
         1, {start + number * 10 * ms, start + (number * 9 - 1) * ms, static_cast<std::uint32_t>(number)});
   EXPECT_EQ(judged_mcap(mcap(records)).flows.at(0).lost, 2U);
+  EXPECT_THAT(values_of(age), ElementsAre(ms, 2 * ms, 3 * ms, -1, 5 * ms, 6 * ms, -1, 8 * ms));
+}
+
+TEST_F(Bags, EachMessageIsARowOfEachQuantity) {
+  judged_mcap(
+      mcap(schema(1, "sensor_msgs/msg/Imu") + channel(1, 1, "/a") + message(1, {start}, stamped(start - ms)) +
+           message(1, {start + 10 * ms}, stamped(start)) + message(1, {start + 12 * ms}, stamped(0)) +
+           message(1, {start + 15 * ms}, stamped(start + 15 * ms))),
+      {.deadline = 5ms, .period = {}, .age = 5ms});
+  EXPECT_THAT(values_of(period), ElementsAre(10 * ms, 2 * ms, 3 * ms));
+  EXPECT_THAT(values_of(age), ElementsAre(ms, 10 * ms, 0));
+  std::vector<bool> late;
+  for (const auto& row : rows_) late.push_back(row.is_late);
+  EXPECT_THAT(late, ElementsAre(false, true, true, false, false, false));
+  // By a clock of their own, which begins with the bag.
+  for (const auto& row : rows_) EXPECT_LT(std::abs(row.to_ns), 2000 * ms);
 }
 
 TEST_F(Bags, ClockThatIsSetDuringARecordingIsLeftOut) {
-  const auto findings = judged_mcap(mcap(channel(1, 0, "/a") + message(1, {ms}) + message(1, {3 * ms}) +
-                                         message(1, {start}) + message(1, {start + ms})));
-  EXPECT_EQ(findings.flows.at(0).period.count(), 2U);
-  EXPECT_EQ(findings.flows.at(0).period.max_ns(), 2 * ms);
+  judged_mcap(mcap(channel(1, 0, "/a") + message(1, {ms}) + message(1, {3 * ms}) + message(1, {start}) +
+                   message(1, {start + ms})));
+  EXPECT_THAT(values_of(period), ElementsAre(2 * ms, ms));
+  EXPECT_LT(rows_.back().to_ns, 2000 * ms);
 }
 
 TEST_F(Bags, WriterThatBeginsAnewLosesNothing) {
@@ -331,6 +363,13 @@ TEST_F(Bags, WriterThatBeginsAnewLosesNothing) {
                        message(1, {start, -1, 2}) + message(1, {start, -1, 4'000'000'000})));
   EXPECT_EQ(findings.flows.at(0).lost, 0U);
   EXPECT_EQ(findings.flows.at(0).messages, 4U);
+}
+
+TEST_F(Bags, NumberFarFromTheOneBeforeMakesNoRowsOfLoss) {
+  judged_mcap(mcap(channel(1, 0, "/a") + message(1, {start + ms, start, 0}) +
+                   message(1, {start + ms, start, 4'000'000'000}) +
+                   message(1, {start + ms, 0, 4'000'000'001}) + message(1, {start + ms, start, 7})));
+  EXPECT_THAT(values_of(age), ElementsAre(ms, ms, ms));
 }
 
 TEST_F(Bags, StampsTellTheOrderWithoutNumbers) {

@@ -88,7 +88,8 @@ void add_import(Command& app, Action& action) {
   add_output(*command, bag.output);
   command->add_option("--from", arguments->from, "cyclictest-histogram (text) or cyclictest-json")
       ->type_name("FORM");
-  add_file(*command, "--results", arguments->results, "add to this results file");
+  add_file(*command, "--results", arguments->results,
+           "add runs to this results file: of a bag, one for each age and period of a topic");
   command->add_option("--id", arguments->id, "of cyclictest's runs, by which they are compared: cyclictest")
       ->type_name("ID")
       ->check(given);

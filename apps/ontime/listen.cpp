@@ -197,17 +197,18 @@ class Listening {
     const auto metrics = metrics_at(arguments_.metrics);
     std::optional<ListenResults> results;
     if (!arguments_.results.empty()) {
-      results.emplace(arguments_.results, limits_, command_line());
+      results.emplace(arguments_.results, limits_, command_line(), arguments_.is_recording());
       sensor->keep_rows([&](const listen::Row& row) { results->keep(row); });
     }
     sensor->listen_for(0ms);  // finds the nodes
     counted_from_ = std::chrono::system_clock::now();
     std::chrono::steady_clock::time_point hand_over_at;
     while (interrupts == 0 && (!time_ || std::chrono::steady_clock::now() - begin_ < *time_)) {
-      const bool goes_on = sensor->listen_for(200ms);
+      const bool goes_on = listen_on(*sensor, results);
       take(sensor->take_misses(), explainer.get(), results ? &*results : nullptr);
       // All flows are copied for it: once a second is enough.
-      if (const auto now = std::chrono::steady_clock::now(); now >= hand_over_at && (metrics || results)) {
+      if (const auto now = std::chrono::steady_clock::now();
+          (now >= hand_over_at && (metrics || results)) || (results && results->is_full())) {
         hand_over_at = now + 1s;
         const auto seen = wanted(sensor->findings());
         if (metrics) {
@@ -222,7 +223,7 @@ class Listening {
     add_unseen(findings);
     const bool is_all_seen = unseen_.empty();
     findings = wanted(std::move(findings));
-    if (results) results->end(findings, interrupts > 0 && time_);
+    if (results) results->end(findings, interrupts > 0 && (time_ || !arguments_.bag.empty()));
     write(findings);
     output_.finish();
     if (results) tell_of(*results);
@@ -239,6 +240,14 @@ class Listening {
   }
 
  private:
+  // What came of a damaged file is in no results file.
+  static bool listen_on(listen::Sensor& sensor, std::optional<ListenResults>& results) try {
+    return sensor.listen_for(200ms);
+  } catch (const listen::WrongInput&) {
+    if (results) results->forget();
+    throw;
+  }
+
   bool is_wanted(const std::string& topic) const {
     const auto& topics = arguments_.topics;
     return topics.empty() || std::find(topics.begin(), topics.end(), topic) != topics.end();

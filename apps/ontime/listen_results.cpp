@@ -39,8 +39,15 @@ json microseconds(std::optional<std::chrono::nanoseconds> limit) {
 
 }  // namespace
 
-ListenResults::ListenResults(const std::string& path, const listen::Limits& limits, const json& command_line)
-    : writer_(path), limits_(limits), command_line_(command_line) {}
+ListenResults::ListenResults(const std::string& path, const listen::Limits& limits, const json& command_line,
+                             bool is_recording)
+    : writer_(path), limits_(limits), command_line_(command_line), is_recording_(is_recording) {}
+
+void ListenResults::forget() {
+  for (const auto& [key, kept] : kept_)
+    if (kept.run != 0) writer_.forget_run(kept.run);
+  kept_.clear();
+}
 
 void ListenResults::keep(const Row& row) {
   roundtrip::Sample sample{};
@@ -52,6 +59,7 @@ void ListenResults::keep(const Row& row) {
                 : row.is_late  ? roundtrip::Fate::late
                                : roundtrip::Fate::on_time;
   kept_[{row.flow, row.quantity}].samples.push_back(sample);
+  ++waiting_;
 }
 
 std::int64_t ListenResults::begin(const listen::Flow& flow, Row::Quantity quantity) {
@@ -75,6 +83,7 @@ std::int64_t ListenResults::begin(const listen::Flow& flow, Row::Quantity quanti
 void ListenResults::write(const std::vector<listen::Flow>& wanted) { write(wanted, false); }
 
 void ListenResults::write(const std::vector<listen::Flow>& wanted, bool is_end) {
+  waiting_ = 0;
   std::map<std::uint64_t, const listen::Flow*> flows;
   for (const auto& flow : wanted) flows.emplace(flow.id, &flow);
   for (auto& [key, kept] : kept_) {
@@ -113,9 +122,10 @@ void ListenResults::end(const listen::Findings& wanted, bool interrupted) {
   for (const auto& flow : wanted.flows) flows.emplace(flow.id, &flow);
   for (const auto& [key, kept] : kept_) {
     if (kept.run == 0) continue;
-    json outcome{{"interrupted", interrupted},
-                 {"hosts", {{"controller", {{"machine", machine}}}}},
-                 {"conditions", {{"controller", activity}}}};
+    json outcome{{"interrupted", interrupted}};
+    if (!is_recording_)
+      outcome.update(
+          {{"hosts", {{"controller", {{"machine", machine}}}}}, {"conditions", {{"controller", activity}}}});
     const auto found = flows.find(key.first);
     const bool is_age = key.second == Row::Quantity::age;
     if (found != flows.end() && is_age)

@@ -21,10 +21,13 @@ namespace ontime::app {
 
 class ListenResults {
  public:
-  // Throws record::Error. `limits` become the deadlines of the runs.
-  ListenResults(const std::string& path, const listen::Limits& limits, const nlohmann::json& command_line);
+  // Throws record::Error. `limits` become the deadlines of the runs. A recording tells nothing of this
+  // machine.
+  ListenResults(const std::string& path, const listen::Limits& limits, const nlohmann::json& command_line,
+                bool is_recording);
 
   void keep(const listen::Row&);
+  bool is_full() const { return waiting_ >= most_waiting; }  // write() what was kept
   // Every second or so, with the flows that are wanted: begins the runs of those that are known by now, and
   // hands over what was kept of them. Of others nothing is kept for long.
   void write(const std::vector<listen::Flow>& wanted);
@@ -32,9 +35,11 @@ class ListenResults {
   void note(const listen::Miss&);
   // The same once more, and the outcome of each run.
   void end(const listen::Findings& wanted, bool interrupted);
+  void forget();  // the runs, as if they had never begun
   std::size_t runs() const { return runs_; }
 
  private:
+  static constexpr std::size_t most_waiting = 100'000;
   using Clock = std::chrono::steady_clock;
   struct Kept {
     std::vector<roundtrip::Sample> samples;
@@ -47,6 +52,8 @@ class ListenResults {
   record::Writer writer_;
   const listen::Limits limits_;
   const nlohmann::json command_line_;
+  const bool is_recording_;
+  std::size_t waiting_ = 0;  // rows
   const machine::Activity before_ = machine::activity();
   std::map<std::pair<std::uint64_t, listen::Row::Quantity>, Kept> kept_;
   std::set<std::string> names_;  // of runs

@@ -12,7 +12,6 @@ namespace {
 
 // A writer that leaves out more numbers than this, or goes back further than is followed, began anew.
 constexpr std::uint64_t longest_leap = 1 << 20;
-constexpr std::int64_t rows_begin_ns = 1'000'000'000;
 // A stamp that differs more from the recording is by a clock of its own, as simulated time is.
 constexpr std::int64_t one_year_ns = std::int64_t{365} * 24 * 3600 * 1'000'000'000;
 
@@ -38,7 +37,10 @@ Judge::Stream* Judge::stream_of(const Topic& topic) {
 }
 
 void Judge::add(const Message& message) {
-  if (latest_ns_ == 0) origin_ns_ = message.recorded_ns - rows_begin_ns;
+  // A robot without a battery for its clock starts in 1970, until the network tells the time.
+  if (std::abs(message.recorded_ns - before_ns_) > one_year_ns)
+    origin_ns_ += message.recorded_ns - before_ns_;
+  before_ns_ = message.recorded_ns;
   latest_ns_ = std::max(latest_ns_, message.recorded_ns);
   auto* const stream = stream_of(*message.topic);
   if (stream == nullptr || is_again(*stream, message)) return;
@@ -51,6 +53,7 @@ void Judge::add(const Message& message) {
 void Judge::end_file() {
   for (auto& [key, stream] : streams_) {
     stream.in_file = 0;
+    if (!stream.sequence.has_begun()) stream.rows.restart();
   }
 }
 
@@ -109,19 +112,18 @@ bool Judge::judge_age(Stream& stream, const Message& message) {
   if (!age) return false;
   const bool is_late = limits_.is_too_old(*age);
   if (is_late) miss(listen::Miss::Kind::age, *age, message, stream);
-  stream.age.add(*age);
   keep_age(stream, message, *age, is_late);
+  stream.age.add(*age);
   return is_late;
 }
 
 void Judge::keep_age(Stream& stream, const Message& message, std::int64_t age_ns, bool is_late) {
-  const bool is_numbered = stream.sequence.has_begun();
-  if (std::exchange(stream.is_numbered, is_numbered) != is_numbered) stream.rows.restart();
+  const std::uint64_t number = message.sequence != 0 ? message.sequence : stream.age.count();
+  if (number > std::exchange(stream.row_number, number) + longest_leap) stream.rows.restart();
   const auto to_ns = message.recorded_ns - origin_ns_;
-  stream.rows.age(
-      keep_row_, {.flow = stream.id, .from_ns = to_ns - age_ns, .to_ns = to_ns, .is_late = is_late},
-      is_numbered ? message.sequence : stream.messages,
-      [&](std::uint64_t number) { return stream.sequence.is_missing(number) ? to_ns : std::int64_t{0}; });
+  stream.rows.age(keep_row_,
+                  {.flow = stream.id, .from_ns = to_ns - age_ns, .to_ns = to_ns, .is_late = is_late}, number,
+                  [&](std::uint64_t other) { return stream.sequence.is_missing(other) ? to_ns : 0; });
 }
 
 std::optional<std::int64_t> Judge::age_of(Stream& stream, const Message& message) {

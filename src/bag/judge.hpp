@@ -19,6 +19,7 @@ namespace ontime::bag {
 class Judge {
  public:
   static constexpr std::size_t most_flows = 1024;
+  static constexpr std::int64_t rows_begin_ns = 1'000'000'000;  // the first message, by the rows' clock
 
   explicit Judge(const listen::Limits& limits) : limits_(limits) {}
   void add(const Message&);
@@ -41,7 +42,7 @@ class Judge {
     listen::Distribution period, age;
     std::uint64_t duplicated = 0, reordered = 0, late = 0;
     listen::Rows rows;
-    bool is_numbered = false;  // `rows`, by the writer's numbers
+    std::uint64_t row_number = 0;  // of the last age in `rows`
   };
   // Something that the clocks of writers or of the recorder did.
   struct Oddity {
@@ -65,8 +66,9 @@ class Judge {
   std::map<Key, Stream> streams_;
   listen::Misses misses_;
   listen::KeepRow keep_row_;
-  std::int64_t origin_ns_ = 0;  // of rows' times
-  std::int64_t latest_ns_ = 0;  // of all recordings
+  std::int64_t before_ns_ = rows_begin_ns;  // when the message before was recorded
+  std::int64_t origin_ns_ = 0;              // of rows' times
+  std::int64_t latest_ns_ = 0;              // of all recordings
   std::uint64_t left_out_ = 0;
   Oddity unset_, foreign_clock_, ahead_, was_set_;
 };

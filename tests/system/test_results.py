@@ -455,6 +455,27 @@ class Results(unittest.TestCase):
         self.assertEqual((flow["period"]["max_ns"], flow["age"]["max_ns"]), (30_000_000, 2_000_000))
         self.ontime("import", bag, "--age", "1ms", code=1)
 
+    def test_messages_of_a_bag_become_runs_of_a_results_file(self):
+        bag = self.bag([10, 10, 30, 10])
+        self.ontime("import", bag, "--deadline", "20ms", "--results", self.results, code=1)
+        runs = json.loads(self.ontime("report", self.results, "--format", "json").stdout)["runs"]
+        self.assertEqual({run["id"]: run["sent"] for run in runs}, {"/scan age": 5, "/scan period": 4})
+        self.assertEqual({run["id"]: run["late"] for run in runs}, {"/scan age": 0, "/scan period": 1})
+
+    def test_damaged_bag_leaves_no_runs(self):
+        bag = self.bag([1] * 2000)
+        with contextlib.closing(sqlite3.connect(bag / "drive_0.db3")) as database, database:
+            database.execute("INSERT INTO messages(topic_id, timestamp, data) VALUES(99, ?, '')", (self.START,))
+        self.ontime("import", bag, "--results", self.results, code=2)
+        self.assertFalse(self.results.exists())
+        self.ontime("import", self.bag([1]), "--results", self.results)
+        before = self.ontime("report", self.results, "--format", "json").stdout
+        shutil.copy(bag / "drive_0.db3", self.folder / "bad.db3")
+        with contextlib.closing(sqlite3.connect(self.folder / "bad.db3")) as database, database:
+            database.execute("INSERT INTO messages(topic_id, timestamp, data) VALUES(99, ?, '')", (self.START,))
+        self.ontime("import", "bad.db3", "--results", self.results, code=2)
+        self.assertEqual(self.ontime("report", self.results, "--format", "json").stdout, before)
+
     def test_what_is_asked_of_a_bag_in_vain_is_refused(self):
         bag = self.bag([10])
         self.assertIn("/scan", self.ontime("import", bag, "--topic", "/scam", code=2).stderr)
