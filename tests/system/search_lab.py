@@ -32,7 +32,6 @@ FAULTS = {
     "napi": Fault(RESPONSE, {"realtime": "on", "kernel.threaded-napi": "on"}),
     "irq": Fault(RESPONSE, {"realtime": "on", "kernel.irq-threads": "other"}),
     "irq-and-napi": Fault(RESPONSE, {"realtime": "on", "kernel.threaded-napi": "on", "kernel.irq-threads": "other"}),
-    "irq-and-application": Fault(RESPONSE, {"kernel.irq-threads": "other"}),
     # While the program keeps the receiver from its CPU, six messages arrive. The socket holds two or three.
     "buffer": Fault("lost < 5 %", {"realtime.policy": "fifo", "realtime.priority": "40", "realtime.send.priority": "80",
                                    "neighbours.priority": "45", "schedule": "fixed", "period": "1.97 ms", "payload": "1200 B",
