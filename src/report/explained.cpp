@@ -49,11 +49,14 @@ bool is_cause(const record::Note& note) { return note.kind == record::cause_of_l
 
 std::string text_of_listened(const Explained& one, const Marks& marks) {
   const auto count = std::count_if(one.notes.begin(), one.notes.end(), is_cause);
-  if (count == 0)
-    return fmt::format(
-        "{0}{1}: no cause is known. `listen` looks for causes as root, without --no-explain, and while no "
-        "other ontime traces{0}\n",
-        marks.heading, name_of(one));
+  if (count == 0) {
+    const auto& words = one.run.asked.command_line;
+    const bool is_recording = words.size() > 1 && words[1] == "import";
+    return fmt::format("{0}{1}: no cause is known: {2}{0}\n", marks.heading, name_of(one),
+                       is_recording ? "a recording does not tell what the kernel did"
+                                    : "`listen` looks for causes as root, without --no-explain, and while no "
+                                      "other ontime traces");
+  }
   auto text = fmt::format("{0}{1}: causes of {2} late messages{0}\n", marks.heading, name_of(one), count);
   std::size_t told = 0;
   for (const auto& note : one.notes) {

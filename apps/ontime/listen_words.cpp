@@ -1,0 +1,150 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "listen_words.hpp"
+
+#include <chrono>
+#include <optional>
+#include <type_traits>
+
+#include <fmt/chrono.h>
+#include <fmt/format.h>
+
+#include "table/table.hpp"
+
+namespace ontime::app {
+namespace {
+
+using nlohmann::ordered_json;
+
+std::string in_ms(std::int64_t ns) {
+  const auto ms = static_cast<double>(ns) / 1e6;
+  return fmt::format("{:.{}f}", ms, ms < 10 ? 3 : ms < 100 ? 2 : 1);
+}
+
+std::string words_of(const listen::Party& party, const char* unknown) {
+  if (party.process != 0) return fmt::format("{} [{}]", table::printable(party.name), party.process);
+  return party.name.empty() ? unknown : table::printable(party.name);
+}
+
+std::string topic_of(const std::string& topic) {
+  return topic.empty() ? "(unknown topic)" : table::printable(topic);
+}
+
+std::string spread_of(const listen::Distribution& values) {
+  return values.count() == 0 ? "unknown"
+                             : fmt::format("p50 {} p99 {} max {} ms", in_ms(values.quantile_ns(0.5)),
+                                           in_ms(values.quantile_ns(0.99)), in_ms(values.max_ns()));
+}
+
+const char* start_of_age(listen::AgeFrom from) {
+  switch (from) {
+    case listen::AgeFrom::writer:
+      return "writer";
+    case listen::AgeFrom::stamp:
+      return "header.stamp";
+    case listen::AgeFrom::publish:
+      return "publish time";
+  }
+  return "";
+}
+
+// Of a recorded message it says from when to when.
+std::string age_of(const listen::Flow& flow) {
+  if (!flow.age) return "age unknown";
+  return (flow.age_from == listen::AgeFrom::writer
+              ? "age "
+              : fmt::format("age from {} until recorded ", start_of_age(flow.age_from))) +
+         spread_of(*flow.age);
+}
+
+ordered_json json_of(const listen::Party& party) {
+  if (party == listen::Party{}) return nullptr;
+  ordered_json json{{"name", party.name}, {"pid", nullptr}};
+  if (party.process != 0) json["pid"] = party.process;
+  return json;
+}
+
+ordered_json json_of(const listen::Distribution& values) {
+  return {{"count", values.count()},
+          {"p50_ns", values.quantile_ns(0.5)},
+          {"p99_ns", values.quantile_ns(0.99)},
+          {"max_ns", values.max_ns()}};
+}
+
+ordered_json json_of(const listen::Why& why) {
+  return {{"seen", why.is_seen},
+          {"cause", why.cause},
+          {"sentence", why.sentence},
+          {"fix", why.fix},
+          {"victim", json_of(why.victim)},
+          {"thread", why.thread},
+          {"culprit", json_of(why.culprit)},
+          {"ns", why.ns}};
+}
+
+template <class Value>
+ordered_json json_of(const std::optional<Value>& value) {
+  if constexpr (std::is_arithmetic_v<Value>)
+    return value ? ordered_json(*value) : ordered_json();
+  else
+    return value ? json_of(*value) : ordered_json();
+}
+
+}  // namespace
+
+std::string way_of(const listen::Flow& flow) {
+  return fmt::format("{}  {} → {}  {:.1f} Hz", topic_of(flow.topic),
+                     words_of(flow.writer, "(writer not seen)"), words_of(flow.reader, "(no reader seen)"),
+                     flow.rate_hz());
+}
+
+std::string text_of(const listen::Flow& flow, bool is_judged) {
+  auto text = fmt::format("{}  {} messages\n    period {}\n    {}\n   ", way_of(flow), flow.messages,
+                          spread_of(flow.period), age_of(flow));
+  if (is_judged) text += fmt::format(" late {} of {} ", flow.late, flow.messages);
+  if (flow.silent_ns > 0)
+    text += fmt::format(" SILENT for the last {:.1f} s ", static_cast<double>(flow.silent_ns) / 1e9);
+  text += flow.lost ? fmt::format(" lost {} ", *flow.lost) : " lost unknown ";
+  return text + fmt::format(" duplicated {}  out of order {}\n", flow.duplicated, flow.reordered);
+}
+
+std::string text_of(const listen::Miss& miss) {
+  const auto at = std::chrono::time_point_cast<std::chrono::milliseconds>(
+      std::chrono::system_clock::time_point(std::chrono::nanoseconds(miss.at_ns)));
+  auto text =
+      fmt::format("{:%T}.{:03}  {}  {}: {} ms {}", fmt::localtime(std::chrono::system_clock::to_time_t(at)),
+                  at.time_since_epoch().count() % 1000, topic_of(miss.topic),
+                  words_of(miss.reader, words_of(miss.writer, "").c_str()), in_ms(miss.value_ns),
+                  miss.kind == listen::Miss::Kind::age ? "old" : "after the message before");
+  if (miss.why) text += fmt::format(": {}", table::printable(miss.why->sentence));
+  if (miss.why && !miss.why->fix.empty())
+    text += fmt::format("\n{:14}fix: {}", "", table::printable(miss.why->fix));
+  return text + "\n";
+}
+
+ordered_json json_of(const listen::Flow& flow) {
+  return {{"topic", flow.topic},
+          {"writer", json_of(flow.writer)},
+          {"reader", json_of(flow.reader)},
+          {"messages", flow.messages},
+          {"rate_hz", flow.rate_hz()},
+          {"period", json_of(flow.period)},
+          {"age", json_of(flow.age)},
+          {"age_from", flow.age ? ordered_json(start_of_age(flow.age_from)) : ordered_json()},
+          {"late", flow.late},
+          {"silent_ns", flow.silent_ns},
+          {"lost", json_of(flow.lost)},
+          {"duplicated", flow.duplicated},
+          {"out_of_order", flow.reordered}};
+}
+
+ordered_json json_of(const listen::Miss& miss) {
+  return {{"kind", miss.kind == listen::Miss::Kind::age ? "age" : "gap"},
+          {"at_ns", miss.at_ns},
+          {"value_ns", miss.value_ns},
+          {"topic", miss.topic},
+          {"writer", json_of(miss.writer)},
+          {"reader", json_of(miss.reader)},
+          {"why", json_of(miss.why)}};
+}
+
+}  // namespace ontime::app

@@ -1,0 +1,19 @@
+// SPDX-License-Identifier: Apache-2.0
+// What a sensor found out of messages, in words and as JSON (docs/reference/json-commands.md). Pure.
+#pragma once
+
+#include <string>
+
+#include <nlohmann/json.hpp>
+
+#include "listen/listen.hpp"
+
+namespace ontime::app {
+
+std::string way_of(const listen::Flow&);  // "/scan  lidar [7] → slam [9]  40.0 Hz"
+std::string text_of(const listen::Flow&, bool is_judged);
+std::string text_of(const listen::Miss&);
+nlohmann::ordered_json json_of(const listen::Flow&);
+nlohmann::ordered_json json_of(const listen::Miss&);
+
+}  // namespace ontime::app
