@@ -450,6 +450,19 @@ TEST(Rows, LossStandsWhereItsMessageWouldAndGoesWhenItComesAfterAll) {
   EXPECT_THAT(late, ::testing::ElementsAre(350));
 }
 
+TEST(Rows, LossesBeyondTheWindowHaveNone) {
+  Rows rows;
+  std::vector<Row> kept;
+  const KeepRow keep = [&](const Row& row) { kept.push_back(row); };
+  const auto lost_at = [](std::uint64_t) { return std::int64_t{5}; };
+  rows.age(keep, {.flow = 1, .from_ns = 1, .to_ns = 2}, 7, lost_at);
+  rows.age(keep, {.flow = 1, .from_ns = 3, .to_ns = 4}, 7'000'007, lost_at);
+  ASSERT_EQ(kept.size(), Sequence::window + 2);
+  EXPECT_EQ(kept[1].to_ns, 0);
+  EXPECT_EQ(kept.back().index, 7'000'000U);
+  EXPECT_EQ(kept.back().to_ns, 4);
+}
+
 TEST(Silence, OfAWriterThatDiedIsBeyondItsLimit) {
   std::vector<Flow> flows(2);
   flows[0].last_ns = 1'000'000'000;

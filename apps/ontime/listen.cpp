@@ -98,6 +98,7 @@ class Listening {
     write(findings);
     output_.finish();
     if (results) tell_of(*results);
+    if (results && !results->failure().empty()) return 3;
     // Without --for an interruption is how listening ends.
     if (interrupts > 0 && (time_ || !arguments_.bag.empty())) return 130;
     // A silent topic misses every limit.
@@ -174,7 +175,9 @@ class Listening {
   }
 
   void tell_of(const ListenResults& results) const {
-    if (results.runs() == 0)
+    if (!results.failure().empty())
+      print_error(fmt::format("results: not all messages were kept: {}", results.failure()));
+    else if (results.runs() == 0)
       print_error(fmt::format("results: nothing is in {}: no message was seen", arguments_.results));
     else
       print_error(

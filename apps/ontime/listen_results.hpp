@@ -6,6 +6,7 @@
 #include <chrono>
 #include <cstdint>
 #include <map>
+#include <optional>
 #include <set>
 #include <string>
 #include <utility>
@@ -37,6 +38,8 @@ class ListenResults {
   void end(const listen::Findings& wanted, bool interrupted);
   void forget();  // the runs, as if they had never begun
   std::size_t runs() const { return runs_; }
+  // Why nothing is kept any more, as a full disk; empty: it is. Only the constructor throws.
+  const std::string& failure() const { return failure_; }
 
  private:
   static constexpr std::size_t most_waiting = 100'000;
@@ -44,9 +47,18 @@ class ListenResults {
   struct Kept {
     std::vector<roundtrip::Sample> samples;
     Clock::time_point since = Clock::now();
-    std::int64_t run = 0;  // 0: not begun
+    std::int64_t run = 0;                   // 0: not begun
+    std::vector<record::Note> notes;        // until it begins
+    std::optional<roundtrip::Sample> last;  // by index
+    std::int64_t late = 0, lost = 0;        // rows
   };
+  void add(Kept&, const roundtrip::Sample&);
+  void add_silence(const listen::Flow&);
+  nlohmann::json outcome_of(const listen::Flow*, listen::Row::Quantity, const Kept&) const;
   void write(const std::vector<listen::Flow>& wanted, bool is_end);
+  void end_runs(const listen::Findings& wanted, bool interrupted);
+  template <class Do>
+  void until_it_fails(const Do&);
   std::int64_t begin(const listen::Flow&, listen::Row::Quantity);
 
   record::Writer writer_;
@@ -58,6 +70,8 @@ class ListenResults {
   std::map<std::pair<std::uint64_t, listen::Row::Quantity>, Kept> kept_;
   std::set<std::string> names_;  // of runs
   std::size_t runs_ = 0;
+  std::uint64_t left_out_ = 0;  // rows whose times no clock has
+  std::string failure_;
 };
 
 }  // namespace ontime::app

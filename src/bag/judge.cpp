@@ -77,8 +77,11 @@ bool Judge::is_again(Stream& stream, const Message& message) {
     case listen::Sequence::Fate::again:
       ++stream.duplicated;
       return true;
-    case listen::Sequence::Fate::overtaken:
     case listen::Sequence::Fate::too_old:
+      stream.rows.restart();
+      ++stream.reordered;
+      break;
+    case listen::Sequence::Fate::overtaken:
       ++stream.reordered;
       break;
     case listen::Sequence::Fate::in_order:
@@ -119,7 +122,10 @@ bool Judge::judge_age(Stream& stream, const Message& message) {
 
 void Judge::keep_age(Stream& stream, const Message& message, std::int64_t age_ns, bool is_late) {
   const std::uint64_t number = message.sequence != 0 ? message.sequence : stream.age.count();
-  if (number > std::exchange(stream.row_number, number) + longest_leap) stream.rows.restart();
+  const auto before = std::exchange(stream.row_number, number);
+  // Numbers that begin again, as a recorder's own do in each file, are those of other messages.
+  const bool begins_again = number <= before && !stream.sequence.has_begun();
+  if (begins_again || number > before + longest_leap) stream.rows.restart();
   const auto to_ns = message.recorded_ns - origin_ns_;
   stream.rows.age(keep_row_,
                   {.flow = stream.id, .from_ns = to_ns - age_ns, .to_ns = to_ns, .is_late = is_late}, number,

@@ -92,6 +92,11 @@ Judgement judge_count(const Gate& gate, const Summary& run) {
   const bool by_response = gate.times == statistics::Times::response;
   const auto late = by_response ? run.late_by_response : std::optional(run.late);
   const auto count = gate.figure == Figure::lost ? std::optional(run.lost) : late;
+  const auto& asked = run.run.asked;
+  const bool has_no_limit = asked.is_listened() && asked.task.client.deadline.count() == 0;
+  if (gate.figure == Figure::lost ? run.run.outcome.loss_unknown : has_no_limit)
+    return judgement(gate, name_of(run), Result::cannot_judge,
+                     gate.figure == Figure::lost ? "loss is not known" : "no limit was stated");
   if (!count) return judgement(gate, name_of(run), Result::cannot_judge, "the record has no deadline");
   return unless_it_stood_still(
       judgement(gate, name_of(run), static_cast<double>(*count) > gate.limit ? Result::missed : Result::held,
@@ -175,6 +180,7 @@ std::string unfit(const Summary& run) {
 
 bool is_superseded(const Summary& run, std::span<const Summary> all) {
   if (statistics::is_complete(run.run) || run.run.key.empty()) return false;
+  if (run.run.asked.is_listened()) return false;  // what a robot did another day does not replace it
   return std::any_of(all.begin(), all.end(), [&](const Summary& other) {
     return other.run.number > run.run.number && other.run.key == run.run.key &&
            other.run.asked.repetition == run.run.asked.repetition;

@@ -229,6 +229,7 @@ void Messages::identify(Link& link, const Observation& seen) {
   }
   if (link.fits < enough_fits || seen.at_ns - link.candidate_since_ns < long_enough_ns) return;
   link.publisher = link.candidate;
+  publishers_.at(*link.publisher).has_reader = true;  // whatever becomes of this one
   link.stamps.assign(remembered, 0);
   link.misfits = 0;
 }

@@ -3,10 +3,12 @@
 // message that comes after all takes the place of its loss.
 #pragma once
 
+#include <algorithm>
 #include <cstdint>
 #include <functional>
 
 #include "listen/listen.hpp"
+#include "listen/sequence.hpp"
 
 namespace ontime::listen {
 
@@ -32,11 +34,18 @@ class Rows {
     if (number < first_number_) return;
     row.quantity = Row::Quantity::age;
     row.index = number - first_number_ + first_;
+    // What was lost before that is only counted: a reader that stopped for a day, a number made up by others.
+    if (row.index > Sequence::window) next_ = std::max(next_, row.index - Sequence::window);
     for (; next_ < row.index; ++next_)
       if (const auto at_ns = lost_at(next_ - first_ + first_number_); at_ns != 0)
         keep({row.flow, Row::Quantity::age, next_, at_ns, 0, false});
     if (next_ == row.index) ++next_;
     keep(row);
+  }
+  // A number below the last, of which it is known only now that it was lost.
+  void lost(const KeepRow& keep, std::uint64_t flow, std::uint64_t number, std::int64_t at_ns) const {
+    if (keep && !is_broken_ && number >= first_number_)
+      keep({flow, Row::Quantity::age, number - first_number_ + first_, at_ns, 0, false});
   }
   // What was between the last number and the next is not known.
   void restart() { is_broken_ = true; }

@@ -150,12 +150,23 @@ void Wire::judge(Stream& stream, std::int64_t at_ns, const rtps::Data& data) {
       is_late = true;
       miss(Miss::Kind::age, at_ns, age, data.writer, stream);
     }
-    stream.rows.age(
-        keep_row_, {.flow = stream.id, .from_ns = *data.stamp_ns, .to_ns = at_ns, .is_late = is_too_old},
-        data.sequence,
-        [&](std::uint64_t number) { return stream.sequence.is_missing(number) ? at_ns : std::int64_t{0}; });
+    stream.rows.age(keep_row_,
+                    {.flow = stream.id, .from_ns = *data.stamp_ns, .to_ns = at_ns, .is_late = is_too_old},
+                    data.sequence, [](std::uint64_t) { return std::int64_t{0}; });
+    keep_losses(stream, at_ns, data.sequence);
   }
   stream.late += is_late ? 1 : 0;
+}
+
+// A GAP after the message may still say that those before it were never sent.
+void Wire::keep_losses(Stream& stream, std::int64_t at_ns, std::uint64_t number) {
+  constexpr std::uint64_t doubtful = 64;
+  if (number < doubtful) return;
+  const auto until = number - doubtful;
+  stream.decided = std::max(stream.decided, until > Sequence::window / 2 ? until - Sequence::window / 2 : 0);
+  for (; stream.decided < until; ++stream.decided)
+    if (stream.sequence.is_missing(stream.decided))
+      stream.rows.lost(keep_row_, stream.id, stream.decided, at_ns);
 }
 
 std::string Wire::topic_of(const rtps::Guid& writer) const {

@@ -40,6 +40,7 @@ class Wire {
   struct Stream {  // a writer
     std::uint64_t id = 0;
     Rows rows;
+    std::uint64_t decided = 0;  // of lower numbers it is known whether they were lost
     std::uint64_t messages = 0;
     std::int64_t first_ns = 0, last_ns = 0;
     bool is_broken = false;
@@ -57,6 +58,7 @@ class Wire {
   static bool completes(Stream&, const rtps::Data&);
   static Partial& partial_of(Stream&, std::uint64_t sequence, std::uint32_t fragments);
   void judge(Stream&, std::int64_t at_ns, const rtps::Data&);
+  void keep_losses(Stream&, std::int64_t at_ns, std::uint64_t number);
   void miss(Miss::Kind, std::int64_t at_ns, std::int64_t value_ns, const rtps::Guid&, const Stream&);
   std::string topic_of(const rtps::Guid&) const;
 

@@ -264,6 +264,7 @@ struct Outcome {
   bool has_ended() const { return !document.is_null(); }
   std::optional<std::string> error;
   bool interrupted = false;
+  bool loss_unknown = false;                 // of a robot's own messages: nothing tells what was lost
   bool unanswered = false;                   // the other end never answered
   std::string refused_setting;               // that a host cannot have: "kernel.governor"; else empty
   roundtrip::Counters counters;              // as the client counted
@@ -279,9 +280,9 @@ struct Outcome {
     for (const auto& [name, member] : roundtrip::counter_names) field(name, of.counters.*member);
     each(field, "trailing_due_ns", of.counters.trailing_due_ns, "trailing_until_ns",
          of.counters.trailing_until_ns, "error", of.error, "interrupted", of.interrupted, "unanswered",
-         of.unanswered, "refused_setting", of.refused_setting, "hosts", of.hosts, "conditions", of.conditions,
-         "traffic", of.traffic, "neighbours", of.neighbours, "link_unproved", of.link_unproved, "trace",
-         of.trace, "histogram", of.histogram);
+         of.unanswered, "loss_unknown", of.loss_unknown, "refused_setting", of.refused_setting, "hosts",
+         of.hosts, "conditions", of.conditions, "traffic", of.traffic, "neighbours", of.neighbours,
+         "link_unproved", of.link_unproved, "trace", of.trace, "histogram", of.histogram);
   }
 };
 

@@ -69,6 +69,8 @@ State state_of(const Summary& run) {
   if (run.imported) return State::imported;
   if (run.run.outcome.error) return State::failed;
   if (!statistics::is_complete(run.run)) return State::cut_off;
+  // Where it was listened to, nothing was requested, and what has no row was late or lost all the same.
+  if (run.run.asked.is_listened() && missed_of(run) > 0) return State::late;
   if (were_denied(run) || !gate::unfit(run).empty()) return State::not_applied;
   return missed_of(run) > 0 ? State::late : State::ok;
 }
@@ -239,8 +241,15 @@ std::string sentence_of_listened(const Class& all) {
   const bool has_limit = std::any_of(all.entries.begin(), all.entries.end(), [](const Entry* entry) {
     return entry->runs.front()->run.asked.task.client.deadline.count() > 0;
   });
+  const bool knows_loss = std::any_of(all.entries.begin(), all.entries.end(), [](const Entry* entry) {
+    return !entry->runs.front()->run.outcome.loss_unknown;
+  });
   if (all.high > 0)
     return fmt::format("{} of the messages came late or not at all{}.", all.range(), worst_named(all));
+  if (!knows_loss)
+    return has_limit ? "No message was late. Whether any was lost is not known."
+                     : "None can be late: no limit was stated (--deadline, --period, --age). Whether any was "
+                       "lost is not known.";
   return has_limit
              ? "No message was late or lost."
              : "No message was lost. None can be late: no limit was stated (--deadline, --period, --age).";
@@ -389,13 +398,16 @@ Answer answer_of(const Summaries& summaries, const Origin& origin) {
   if (late != nullptr) found.late = late->runs.front();
   if (all_ok) add_longer(found, entries);
   answer.conditions = common_conditions(entries);
+  const auto is_listened = [](const Class& one) { return one.conditions.is_listened; };
+  if (std::any_of(entries.begin(), entries.end(),
+                  [](const Entry& entry) { return entry.runs.front()->run.asked.is_listened(); }))
+    answer.times = "times";
   answer.cautions = cautions_of(entries);
 
   auto classes = classes_of(entries, [](State state) { return state == State::ok || state == State::late; });
   const bool held = !classes.empty();
   if (!held) classes = classes_of(entries, [](State state) { return state != State::imported; });
   // Of round trips and of what was listened to, the round trips: those were an experiment.
-  const auto is_listened = [](const Class& one) { return one.conditions.is_listened; };
   if (!std::all_of(classes.begin(), classes.end(), is_listened)) std::erase_if(classes, is_listened);
   if (classes.empty()) {
     const bool imported = entries.front().row.state == State::imported;

@@ -42,6 +42,7 @@ struct Answer {
   };
   std::string sentence;    // what the conditions did
   std::string conditions;  // what all runs have in common: "500 B every 10 ms, 20 s a run"
+  const char* times = "waits and round trips";  // of the rows
   std::vector<Row> rows;
   std::vector<std::string> cautions;  // the gravest first
   std::vector<Step> next;

@@ -50,6 +50,7 @@ std::vector<std::string> again(const Summary& run) {
     return {"ontime", "run", scenario};
   }
   if (words.size() < 2 || (words[1] != "ping" && words[1] != "listen")) return {};
+  if (std::find(words.begin(), words.end(), "--pcap") != words.end()) return {};  // a capture gets no longer
   std::vector<std::string> kept = {"ontime"};
   constexpr std::array<std::string_view, 5> replaced = {"--results", "--format", "--duration", "--for",
                                                         "--output"};

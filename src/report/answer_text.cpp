@@ -147,8 +147,9 @@ const char* word_of(State state) {
 std::string text_of(const Answer& answer, std::size_t width) {
   auto text = wrapped(printable(answer.sentence), width);
   if (answer.rows.empty()) return text;
-  text +=
-      wrapped(printable((answer.conditions.empty() ? "" : answer.conditions + "; ") + "times in ms"), width);
+  text += wrapped(
+      printable((answer.conditions.empty() ? "" : answer.conditions + "; ") + answer.times + " in ms"),
+      width);
   std::string rest;
   for (std::size_t i = 0; i < std::min(most_cautions, answer.cautions.size()); ++i)
     rest += caution_of(answer.cautions[i], width);

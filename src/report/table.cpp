@@ -24,17 +24,18 @@ std::string share(std::uint64_t part, std::uint64_t whole) { return fmt::format(
 std::vector<std::string> row(const std::string& label, const Summary& summary, bool by_response) {
   const auto& of = summary.round_trip;
   const auto value = [&](double ns) { return of.count == 0 ? nothing : microseconds(ns); };
-  std::vector<std::string> cells = {label,
-                                    value(static_cast<double>(of.min)),
-                                    value(of.mean),
-                                    percentile(of, Figure::p50),
-                                    percentile(of, Figure::p90),
-                                    percentile(of, Figure::p99),
-                                    percentile(of, Figure::p99_9),
-                                    percentile(of, Figure::p99_99),
-                                    value(static_cast<double>(of.max)),
-                                    share(summary.late, summary.sent),
-                                    share(summary.lost, summary.sent)};
+  std::vector<std::string> cells = {
+      label,
+      value(static_cast<double>(of.min)),
+      value(of.mean),
+      percentile(of, Figure::p50),
+      percentile(of, Figure::p90),
+      percentile(of, Figure::p99),
+      percentile(of, Figure::p99_9),
+      percentile(of, Figure::p99_99),
+      value(static_cast<double>(of.max)),
+      share(summary.late, summary.sent),
+      summary.run.outcome.loss_unknown ? nothing : share(summary.lost, summary.sent)};
   if (by_response)
     cells.insert(cells.end() - 1, summary.late_by_response ? share(*summary.late_by_response,
                                                                    summary.sent + summary.skipped_cycles)

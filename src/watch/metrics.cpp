@@ -1,8 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <cerrno>
 #include <charconv>
+#include <chrono>
+#include <condition_variable>
 #include <cstring>
 #include <mutex>
+#include <optional>
 #include <stdexcept>
 #include <string_view>
 #include <system_error>
@@ -52,18 +55,24 @@ Endpoint endpoint_of(const std::string& text) {
 
 class Text {
  public:
-  std::string get() const {
-    const std::lock_guard lock(mutex_);
+  // Who asks before the first text is there waits a little for it; nothing: it did not come.
+  std::optional<std::string> get() {
+    std::unique_lock lock(mutex_);
+    is_set_.wait_for(lock, std::chrono::seconds(patience_s), [&] { return text_.has_value(); });
     return text_;
   }
   void set(std::string text) {
-    const std::lock_guard lock(mutex_);
-    text_ = std::move(text);
+    {
+      const std::lock_guard lock(mutex_);
+      text_ = std::move(text);
+    }
+    is_set_.notify_all();
   }
 
  private:
-  mutable std::mutex mutex_;
-  std::string text_;
+  std::mutex mutex_;
+  std::condition_variable is_set_;
+  std::optional<std::string> text_;
 };
 
 MHD_Result answer(void* metrics, MHD_Connection* connection, const char* target, const char* method,
@@ -71,18 +80,21 @@ MHD_Result answer(void* metrics, MHD_Connection* connection, const char* target,
   const std::string_view asked = method;
   const bool may = asked == MHD_HTTP_METHOD_GET || asked == MHD_HTTP_METHOD_HEAD;
   const bool is_there = target == std::string_view("/metrics");
-  auto body = !may       ? "GET /metrics\n"
-              : is_there ? static_cast<const Text*>(metrics)->get()
+  const auto text = may && is_there ? static_cast<Text*>(metrics)->get() : std::nullopt;
+  auto body = text       ? *text
+              : !may     ? "GET /metrics\n"
+              : is_there ? "nothing was counted yet\n"
                          : "what there is, is at /metrics\n";
   auto* response = MHD_create_response_from_buffer(body.size(), body.data(), MHD_RESPMEM_MUST_COPY);
   if (response == nullptr) return MHD_NO;
   MHD_add_response_header(response, MHD_HTTP_HEADER_CONTENT_TYPE,
-                          may && is_there ? "text/plain; version=0.0.4; charset=utf-8" : "text/plain");
+                          text ? "text/plain; version=0.0.4; charset=utf-8" : "text/plain");
   MHD_add_response_header(response, MHD_HTTP_HEADER_CONNECTION, "close");
   if (!may) MHD_add_response_header(response, MHD_HTTP_HEADER_ALLOW, "GET, HEAD");
   const auto queued = MHD_queue_response(connection,
-                                         !may       ? MHD_HTTP_METHOD_NOT_ALLOWED
-                                         : is_there ? MHD_HTTP_OK
+                                         text       ? MHD_HTTP_OK
+                                         : !may     ? MHD_HTTP_METHOD_NOT_ALLOWED
+                                         : is_there ? MHD_HTTP_SERVICE_UNAVAILABLE
                                                     : MHD_HTTP_NOT_FOUND,
                                          response);
   MHD_destroy_response(response);
