@@ -195,6 +195,17 @@ TEST(Judge, APercentileKeepsToALimitThatHardlyAnyAnswerPasses) {
   EXPECT_EQ(judged("p99.9 > 2 ms", slower(0, 1500)).result, Result::cannot_judge) << "that takes 3,000";
 }
 
+TEST(Judge, WhatNoSensorSawOfARobotsOwnMessagesIsOpen) {
+  auto one = run(measured(1, 0.9, 1.1));
+  one.run.asked.measures = "age";
+  EXPECT_EQ(judged("lost > 0", one).result, Result::held);
+  one.run.outcome.loss_unknown = true;
+  EXPECT_EQ(judged("lost > 0", one).result, Result::cannot_judge);
+  EXPECT_EQ(judged("lost > 1 %", one).result, Result::cannot_judge);
+  one.run.asked.task.client.deadline = {};
+  EXPECT_EQ(judged("late > 0", one).result, Result::cannot_judge) << "no limit was stated";
+}
+
 TEST(Judge, ALevelThatChangedIsNamed) {
   auto one = slower(0, 200);
   one.sent = 200;

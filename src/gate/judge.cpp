@@ -92,11 +92,6 @@ Judgement judge_count(const Gate& gate, const Summary& run) {
   const bool by_response = gate.times == statistics::Times::response;
   const auto late = by_response ? run.late_by_response : std::optional(run.late);
   const auto count = gate.figure == Figure::lost ? std::optional(run.lost) : late;
-  const auto& asked = run.run.asked;
-  const bool has_no_limit = asked.is_listened() && asked.task.client.deadline.count() == 0;
-  if (gate.figure == Figure::lost ? run.run.outcome.loss_unknown : has_no_limit)
-    return judgement(gate, name_of(run), Result::cannot_judge,
-                     gate.figure == Figure::lost ? "loss is not known" : "no limit was stated");
   if (!count) return judgement(gate, name_of(run), Result::cannot_judge, "the record has no deadline");
   return unless_it_stood_still(
       judgement(gate, name_of(run), static_cast<double>(*count) > gate.limit ? Result::missed : Result::held,
@@ -221,6 +216,15 @@ Judgement judge_as_asked(const Summary& run) {
 
 namespace {
 
+// Of what was listened to, that which the gate asks for; empty: it can be judged.
+std::string not_seen(const Gate& gate, const Summary& run) {
+  const auto& asked = run.run.asked;
+  if (!asked.is_listened()) return "";
+  if (gate.figure == Figure::lost && run.run.outcome.loss_unknown) return "loss is not known";
+  if (gate.figure == Figure::late && asked.task.client.deadline.count() == 0) return "no limit was stated";
+  return "";
+}
+
 std::string why_open(const statistics::Measured& found, const Summary& run) {
   if (auto shift = statistics::shift_text(run); !shift.empty()) return shift;
   return *found.open != '\0' ? fmt::format("{}: measure longer", found.open) : too_few;
@@ -230,6 +234,8 @@ std::string why_open(const statistics::Measured& found, const Summary& run) {
 
 Judgement judge(const Gate& gate, const Summary& run) {
   if (const auto why = unfit(run); !why.empty())
+    return judgement(gate, name_of(run), Result::cannot_judge, why);
+  if (const auto why = not_seen(gate, run); !why.empty())
     return judgement(gate, name_of(run), Result::cannot_judge, why);
   if (gate.kind == Gate::Limit::count) return judge_count(gate, run);
   const auto found = statistics::measured(run, gate.times, gate.figure);
