@@ -321,6 +321,15 @@ TEST_F(CoordinatorTest, WorkerThatIsSlowToGiveBackIsAwaitedAndSaysWhatStays) {
   EXPECT_EQ(doing, "giving back");
 }
 
+TEST_F(CoordinatorTest, WhatAnOrderUnderWayCouldNotGiveBackIsTold) {
+  Coordinator::Hand hand(coordinator_, "the worker", worker("obedient"), "s");
+  hand.order("close");
+  coordinator_.await(hand, "said", 10s);
+  const auto left = hand.leave([] { return true; });
+  EXPECT_TRUE(left.gave_back);
+  EXPECT_THAT(left.notes, testing::ElementsAre("the load stays"));
+}
+
 TEST_F(CoordinatorTest, WorkerThatIsKilledHasNotGivenBack) {
   Coordinator::Hand hand(coordinator_, "the worker", worker("obedient"), "s");
   kill(pid_of(hand), SIGKILL);
@@ -386,6 +395,11 @@ class Obedient final : public Worker {
       for (int count = 0; count < chatter; ++count) events_.tell("said", json::object(), much);
     if (order == "take long") std::this_thread::sleep_for(longest_silence + 1s);
     if (order == "be slow at the end") slow_ = true;
+    if (order == "close") {
+      events_.tell("said");
+      std::this_thread::sleep_for(300ms);
+      events_.tell("closed", {{"notes", {"the load stays"}}});
+    }
     if (order == "ask in vain") throw Unanswered("no peer was there");
     if (order == "fail") throw Error(body.value("exit", 2), "it was wrong");
   }

@@ -85,7 +85,7 @@ std::int64_t ListenResults::begin(const listen::Flow& flow, Row::Quantity quanti
   const auto id = fmt::format("{} {}", topic, word_of(quantity));
   auto variant = name_of(flow, false);
   // Processes of one name, and several readers in one process.
-  for (int number = 1; !names_.insert(id + "\n" + variant).second; ++number)
+  for (int number = 1; !names_.insert(fmt::format("{}\n{}", id, variant)).second; ++number)
     variant = name_of(flow, true) + (number > 1 ? fmt::format(" #{}", number) : "");
   ++runs_;
   return writer_.begin_run(
@@ -205,8 +205,8 @@ void ListenResults::end_runs(const listen::Findings& wanted, bool interrupted) {
     if (!is_recording_)
       outcome.update(
           {{"hosts", {{"controller", {{"machine", machine}}}}}, {"conditions", {{"controller", activity}}}});
-    const auto note = [&](const char* kind, const std::string& text) {
-      writer_.note(kept.run, {kind, text, std::nullopt, std::nullopt});
+    const auto note = [this, run = kept.run](const char* kind, const std::string& text) {
+      writer_.note(run, {kind, text, std::nullopt, std::nullopt});
     };
     if (wanted.sensor_lost > 0)
       note("sensor-lost", fmt::format("the sensor lost {} events of all topics: no loss and no period is "

@@ -65,6 +65,11 @@ Coordinator::Hand::Left Coordinator::Hand::leave(const std::function<bool()>& wa
   process_->break_pipe();
   auto& frames = process_->frames();
   auto heard = Clock::now();
+  std::vector<std::string> notes;  // of an order that was under way
+  const auto left = [&] {
+    left_.notes.insert(left_.notes.begin(), notes.begin(), notes.end());
+    return left_;
+  };
   while (true) {
     bool more = true;
     try {
@@ -73,7 +78,10 @@ Coordinator::Hand::Left Coordinator::Hand::leave(const std::function<bool()>& wa
       more = false;
     }
     try {
-      while (const auto frame = frames.take()) hear(frame->message);
+      while (const auto frame = frames.take())
+        if (!hear(frame->message))
+          for (const auto& note : frame->message.value("notes", std::vector<std::string>()))
+            notes.push_back(note);
     } catch (const std::exception&) {  // what it says is not understood
       more = false;
     }
@@ -81,11 +89,11 @@ Coordinator::Hand::Left Coordinator::Hand::leave(const std::function<bool()>& wa
       process_->give_up();
       more = false;
     }
-    if (!more) return left_;
+    if (!more) return left();
     if (!wait_on()) {
       process_->let_go();
       left_.waits = true;
-      return left_;
+      return left();
     }
     pollfd waiting{frames.in(), POLLIN, 0};
     poll(&waiting, 1, static_cast<int>(look.count()));
