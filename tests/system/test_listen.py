@@ -144,6 +144,8 @@ class Listen(unittest.TestCase):
         print(f"age ns: {flow['age']}; late {flow['late']}, by its own log {sure} to {possible}", file=sys.stderr)
         rows, runs = self.kept()
         self.assertEqual(set(rows), {"/cmd_vel age", "/cmd_vel period"})
+        # The last is the silence after the last message.
+        self.assertEqual(rows["/cmd_vel period"].pop(), (flow["silent_ns"], LATE))
         self.assertEqual(len(rows["/cmd_vel period"]), len(taken) - 1)
         self.assertEqual([fate for _, fate in rows["/cmd_vel period"]].count(LATE), flow["late"])
         # Each period is that of the taker's own log, but for when it read its clock.
@@ -151,7 +153,7 @@ class Listen(unittest.TestCase):
             self.assertAlmostEqual(period, gap, delta=20_000_000)
         self.assertEqual(len(rows["/cmd_vel age"]), flow["age"]["count"])
         self.assertEqual(max(age for age, _ in rows["/cmd_vel age"]), flow["age"]["max_ns"])
-        self.assertEqual((runs["/cmd_vel period"]["late"], runs["/cmd_vel period"]["sent"]), (flow["late"], len(taken) - 1))
+        self.assertEqual((runs["/cmd_vel period"]["late"], runs["/cmd_vel period"]["sent"]), (flow["late"] + 1, len(taken)))
 
     def test_messages_overwritten_in_the_queue_are_counted_exactly(self):
         publisher, taker = self.pair(MESSAGES, depth=1, take_us=5000)

@@ -26,7 +26,7 @@ ROOT = pathlib.Path(__file__).resolve().parent.parent.parent
 ALERTS, DASHBOARD = (ROOT / "prometheus" / name for name in ("alerts.yml", "dashboard.json"))
 ROBOTS = ("robot1", "robot2", "robot3")
 SERVER = "http://127.0.0.1:9090"
-MESSAGES, PERIOD_US = 5000, 2000
+MESSAGES, PERIOD_US = 12000, 2000  # longer than a busy machine takes to set the probes
 HISTOGRAMS = ("ontime_topic_age_seconds", "ontime_topic_period_seconds")
 
 
