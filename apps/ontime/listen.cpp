@@ -94,13 +94,14 @@ class Listening {
     add_unseen(findings);
     const bool is_all_seen = unseen_.empty();
     findings = wanted(std::move(findings));
-    if (results) results->end(findings, interrupts > 0 && (time_ || !arguments_.bag.empty()));
+    // Without --for an interruption is how listening ends.
+    const bool is_cut_off = interrupts > 0 && (time_ || !arguments_.bag.empty());
+    if (results) results->end(findings, is_cut_off);
     write(findings);
     output_.finish();
     if (results) tell_of(*results);
     if (results && !results->failure().empty()) return 3;
-    // Without --for an interruption is how listening ends.
-    if (interrupts > 0 && (time_ || !arguments_.bag.empty())) return 130;
+    if (is_cut_off) return 130;
     // A silent topic misses every limit.
     if (!is_all_seen) return is_judged_ ? 1 : 2;
     if (is_judged_ && findings.flows.empty()) return 1;

@@ -2,7 +2,6 @@
 #include "listen/messages.hpp"
 
 #include <algorithm>
-#include <set>
 #include <tuple>
 #include <type_traits>
 
@@ -48,19 +47,11 @@ void Messages::retire(std::uint32_t process) {
 
 void Messages::retire(std::map<Writer, Link>::iterator link) {
   keep(flow_of(link->first, link->second));
-  if (link->second.publisher) {
-    const auto publisher = publishers_.find(*link->second.publisher);
-    if (publisher != publishers_.end()) publisher->second.has_reader = true;
-  }
   links_.erase(link);
 }
 
 void Messages::retire(std::map<Endpoint, Publisher>::iterator publisher) {
-  const bool has_reader =
-      publisher->second.has_reader || std::any_of(links_.begin(), links_.end(), [&](const auto& link) {
-        return link.second.publisher == publisher->first;
-      });
-  if (!has_reader) keep(flow_of(publisher->first, publisher->second));
+  if (!publisher->second.has_reader) keep(flow_of(publisher->first, publisher->second));
   publishers_.erase(publisher);
 }
 
@@ -360,13 +351,9 @@ Findings Messages::findings() const {
   findings.misses_left_out = misses_.left_out();
   auto& flows = findings.flows;
   flows.assign(ended_.begin(), ended_.end());
-  std::set<Endpoint> with_readers;
-  for (const auto& [writer, link] : links_) {
-    flows.push_back(flow_of(writer, link));
-    if (link.publisher) with_readers.insert(*link.publisher);
-  }
+  for (const auto& [writer, link] : links_) flows.push_back(flow_of(writer, link));
   for (const auto& [key, publisher] : publishers_)
-    if (!publisher.has_reader && !with_readers.contains(key)) flows.push_back(flow_of(key, publisher));
+    if (!publisher.has_reader) flows.push_back(flow_of(key, publisher));
   std::sort(flows.begin(), flows.end(), [](const Flow& a, const Flow& b) {
     return std::tie(a.topic, a.writer.process, a.reader.process) <
            std::tie(b.topic, b.writer.process, b.reader.process);

@@ -70,7 +70,7 @@ class Messages {
     std::vector<std::uint32_t> threads = std::vector<std::uint32_t>(remembered);
     std::int64_t first_ns = 0;
     bool is_broken = true;    // no period begins with the last publish
-    bool has_reader = false;  // a flow is kept of one
+    bool has_reader = false;  // one was recognized, and its flow tells of this publisher
     Distribution period;
     std::uint64_t late = 0;
     Rows rows;
