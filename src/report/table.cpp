@@ -34,8 +34,8 @@ std::vector<std::string> row(const std::string& label, const Summary& summary, b
       percentile(of, Figure::p99_9),
       percentile(of, Figure::p99_99),
       value(static_cast<double>(of.max)),
-      share(summary.late, summary.sent),
-      summary.run.outcome.loss_unknown ? nothing : share(summary.lost, summary.sent)};
+      statistics::knows_late(summary.run) ? share(summary.late, summary.sent) : nothing,
+      statistics::knows_loss(summary.run) ? share(summary.lost, summary.sent) : nothing};
   if (by_response)
     cells.insert(cells.end() - 1, summary.late_by_response ? share(*summary.late_by_response,
                                                                    summary.sent + summary.skipped_cycles)
