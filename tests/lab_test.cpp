@@ -133,8 +133,8 @@ TEST_F(Lab, CpusWhoseInstructionsAreCountedTakeShortTurns) {
   Machine machine;
   EXPECT_THAT(command(machine), Not(Contains(HasSubstr("filter-buffer"))));
   machine.cpus = 2;
-  EXPECT_THAT(command(machine),
-              IsSupersetOf({"-smp", "2", "filter-buffer,id=turn,netdev=turns,interval=20"}));
+  EXPECT_THAT(command(machine), IsSupersetOf({"-smp", "2", "shift=1,sleep=off",
+                                              "filter-buffer,id=turn,netdev=turns,interval=20"}));
   machine.deterministic = false;
   EXPECT_THAT(command(machine), Not(Contains(HasSubstr("filter-buffer"))));
 }
