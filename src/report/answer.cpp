@@ -332,7 +332,7 @@ std::vector<std::string> cautions_of(const std::vector<Entry>& entries) {
   if (fewest < statistics::metric_of(Figure::p99).one_in)
     cautions.push_back(fmt::format("too few answers ({}{}) for p99", grouped(fewest), where));
   else if (fewest < 1000)
-    cautions.push_back(fmt::format("few messages ({}{}): p99 is a rough estimate", grouped(fewest), where));
+    cautions.push_back(fmt::format("few answers ({}{}): p99 is a rough estimate", grouped(fewest), where));
   else if (fewest < 10'000 && fewest != UINT64_MAX)
     cautions.push_back(fmt::format("{} messages{} are too few to bound p99.9", grouped(fewest), where));
   return cautions;
