@@ -121,8 +121,8 @@ TEST_F(Lab, KvmIsOfTheMachineInThisTimeAndSaid) {
 
 TEST_F(Lab, DeterministicTimeIsThatOfInstructions) {
   Machine machine;
-  EXPECT_THAT(command(machine),
-              IsSupersetOf({"shift=1,sleep=off", "clock=vm,base=2026-01-01T00:00:00", "1"}));
+  EXPECT_THAT(command(machine), IsSupersetOf({"shift=1,sleep=off,rr=record,rrfile=/dev/null",
+                                              "clock=vm,base=2026-01-01T00:00:00", "1"}));
   EXPECT_THAT(command(machine), Contains(HasSubstr("nokaslr tsc=reliable")));
   machine.deterministic = false;
   EXPECT_THAT(command(machine), Not(Contains("-icount")));
@@ -133,8 +133,8 @@ TEST_F(Lab, CpusWhoseInstructionsAreCountedTakeShortTurns) {
   Machine machine;
   EXPECT_THAT(command(machine), Not(Contains(HasSubstr("filter-buffer"))));
   machine.cpus = 2;
-  EXPECT_THAT(command(machine),
-              IsSupersetOf({"-smp", "2", "filter-buffer,id=turn,netdev=turns,interval=20"}));
+  EXPECT_THAT(command(machine), IsSupersetOf({"-smp", "2", "shift=1,sleep=off",
+                                              "filter-buffer,id=turn,netdev=turns,interval=20"}));
   machine.deterministic = false;
   EXPECT_THAT(command(machine), Not(Contains(HasSubstr("filter-buffer"))));
 }
