@@ -40,11 +40,8 @@ std::size_t columns() {
 }
 
 std::string words(const roundtrip::Counters& counters) {
-  // A cycle without a message had no answer either.
-  const auto cycles = counters.sent + counters.skipped_cycles;
-  const auto missed = counters.late + counters.lost + counters.skipped_cycles;
-  return fmt::format("{} of {} cycles not in time ({} late, {} lost, {} skipped)", missed, cycles,
-                     counters.late, counters.lost, counters.skipped_cycles);
+  return fmt::format("{} late, {} lost, {} skipped of {} cycles", counters.late, counters.lost,
+                     counters.skipped_cycles, counters.sent + counters.skipped_cycles);
 }
 
 // A full disk under a log must not end a measurement: what cannot be said is not said.
