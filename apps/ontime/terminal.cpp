@@ -40,6 +40,7 @@ std::size_t columns() {
 }
 
 std::string words(const roundtrip::Counters& counters) {
+  // Whether the answer that a skipped cycle waited for came in time, only the report works out.
   return fmt::format("{} late, {} lost, {} skipped of {} cycles", counters.late, counters.lost,
                      counters.skipped_cycles, counters.sent + counters.skipped_cycles);
 }
