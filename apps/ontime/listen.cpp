@@ -381,9 +381,9 @@ void add_listen(Command& app, Action& action) {
   command->add_option("TOPIC", arguments->topics, "judge these topics: all");
   command
       ->add_option("--chain", arguments->chains,
-                   "follow messages from the first topic to the last, through the nodes between, as "
-                   "/scan,/map,/cmd_vel@50ms; '@': late after this time; 'latest:' before a topic: it comes "
-                   "of the latest message its process took")
+                   "follow messages from the first topic to the last through the nodes between, as "
+                   "/scan,/map,/cmd_vel@50ms, which are late after 50 ms; latest:/map comes from the latest "
+                   "message that its process took")
       ->allow_extra_args(false)
       ->type_name("TOPIC,TOPIC…[@TIME]")
       ->check(given);

@@ -96,12 +96,12 @@ std::string remarks_of(const listen::Chain& chain) {
   }
   for (std::size_t topic = 1; topic < wish.steps.size(); ++topic)
     if (const auto count = chain.without_take[topic]; count > 0)
-      add(fmt::format("{}: {} messages have no {} that {} took before{}", topic_name(wish, topic), count,
-                      topic_name(wish, topic - 1),
-                      wish.steps[topic].is_of_latest ? "their process" : "their thread in the same callback",
+      add(fmt::format("{}: {} messages were published before a {} was taken{}", topic_name(wish, topic),
+                      count, topic_name(wish, topic - 1),
                       wish.steps[topic].is_of_latest
-                          ? ""
-                          : fmt::format("; where a timer or another thread publishes, try latest:{}",
+                          ? " by their process"
+                          : fmt::format(" in the same callback; where a timer or another thread publishes, "
+                                        "try latest:{}",
                                         topic_name(wish, topic))));
   for (std::size_t topic = 0; topic < wish.steps.size(); ++topic)
     if (const auto count = chain.unknown_takes[topic]; count > 0)
@@ -149,7 +149,7 @@ std::string text_of(const listen::Chain& chain) {
   const auto& limit = chain.wish.age;
   auto text = table::wrapped(table::printable(chain.wish.name()) +
                                  (limit ? fmt::format("  within {} ms", in_ms(limit->count())) : ""),
-                             text_width, "  ");
+                             text_width);
   for (const auto& path : chain.paths) text += text_of(chain, path);
   if (came_out(chain) == 0) text += "  nothing came out at the end\n";
   return text + remarks_of(chain);
