@@ -148,7 +148,7 @@ bool misses(const listen::Chain& chain) {
 std::string text_of(const listen::Chain& chain) {
   const auto& limit = chain.wish.age;
   auto text = table::wrapped(table::printable(chain.wish.name()) +
-                                 (limit ? fmt::format("  within {} ms", in_ms(limit->count())) : ""),
+                                 (limit ? fmt::format(" within {} ms", in_ms(limit->count())) : ""),
                              text_width);
   for (const auto& path : chain.paths) text += text_of(chain, path);
   if (came_out(chain) == 0) text += "  nothing came out at the end\n";
