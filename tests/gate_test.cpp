@@ -455,6 +455,18 @@ TEST(JudgeAChange, ARepetitionThatAnsweredNothingIsNotPassedOver) {
   EXPECT_THAT(judgement.says, HasSubstr("of B: no message was answered"));
 }
 
+TEST(JudgeAChange, WhatNoSensorSawOfARobotsOwnMessagesIsOpen) {
+  auto one = run(measured(1, 0.9, 1.1));
+  one.late_probability.messages = one.lost_probability.messages = 1500;
+  one.run.asked.measures = "age";
+  one.run.asked.task.client.deadline = {};
+  one.run.outcome.loss_unknown = true;
+  for (const auto* text : {"lost > +0 points", "lost > +10%", "late > +0.1 points"}) {
+    const auto judgement = judge(parse(text, Use::fail_if_compared), {&one, &one}, {&one, &one});
+    EXPECT_EQ(judgement.result, Result::cannot_judge) << text;
+  }
+}
+
 TEST(JudgeAChange, ARunThatFailedIsNotComparedWith) {
   const auto a = run(measured(1, 0.98, 1.02));
   auto b = run(measured(1, 0.98, 1.02));

@@ -153,6 +153,54 @@ TEST(Answer, NothingLateSaysHowLongToMeasure) {
                      Field(&Answer::Step::command, "ontime run scenarios/demo.yaml --duration 5min"))));
 }
 
+TEST(Answer, TheNextCommandKeepsWhatTheRunsWereChosenBy) {
+  auto one = run(1, "a", "udp", {});
+  one.missed_probability.messages = 2000;
+  one.missed_probability.bound = 1.5e-3;
+  one.message_every_ns = 10 * ms;
+  amend(one.run.asked, "/command_line",
+        {"ontime", "run", "--duration=5s", "scenarios/demo.yaml", "--only", "a", "b", "--fail-if", "late > 0",
+         "--results", "old.ontime"});
+  EXPECT_THAT(commands_of(answer_of({one}, kept)),
+              Contains("ontime run scenarios/demo.yaml --only a b --duration 5min"));
+  amend(one.run.outcome, "/interrupted", true);
+  EXPECT_THAT(
+      commands_of(answer_of({one}, kept)),
+      Contains("ontime run scenarios/demo.yaml --duration=5s --only a b --resume --results demo.ontime"));
+}
+
+TEST(Answer, TheNextCommandNamesNoOptionTwice) {
+  auto one = run(1, "a", "udp", {});
+  one.missed_probability.messages = 2000;
+  one.missed_probability.bound = 1.5e-3;
+  one.message_every_ns = 10 * ms;
+  amend(one.run.asked, "/scenario_file", "");
+  amend(one.run.asked, "/command_line",
+        {"ontime", "ping", "--loopback", "--explain", "on", "--duration=1s", "--results=old.ontime"});
+  EXPECT_THAT(commands_of(answer_of({one}, kept)), Contains("ontime ping --loopback --duration 5min"));
+}
+
+TEST(Answer, AShareOfOneInAMillionIsNotPrintedAsNone) {
+  auto one = run(1, "a", "udp", {}, 1);
+  one.sent = 1'000'000;
+  const auto text = text_of(answer_of({one}, kept), 80);
+  EXPECT_THAT(text, HasSubstr("1 (0.0001 %)"));
+  one.sent = 20'000'000;
+  EXPECT_THAT(text_of(answer_of({one}, kept), 80), HasSubstr("0.000005 % of the cycles"));
+}
+
+TEST(Answer, APercentileBeyondAnImportedHistogramIsALowerBound) {
+  auto one = run(1, "a", "", {});
+  one.imported.emplace();
+  one.imported->beyond = 100;
+  one.imported->beyond_from_ns = one.wake_up[statistics::Figure::p99];
+  const auto answer = answer_of({one}, kept);
+  EXPECT_FALSE(answer.rows.front().p50->is_least);
+  EXPECT_TRUE(answer.rows.front().p99->is_least);
+  EXPECT_THAT(text_of(answer, 80), HasSubstr("≥ 2.0"));
+  EXPECT_TRUE(json_of(answer).at("rows").at(0).at("p99_ms").is_null());
+}
+
 TEST(Answer, CyclesWithoutAMessageCountAsNotInTime) {
   auto one = run(1, "a", "udp", {});
   one.skipped_cycles = 500;

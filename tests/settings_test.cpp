@@ -75,8 +75,10 @@ TEST(Words, OneCpuHasAPriorityOfItsOwn) {
   const auto& ksoftirqd = setting("ksoftirqd");
   const Thing first{&thread, "14:25:ksoftirqd/0"}, second{&thread, "22:25:ksoftirqd/1"};
   EXPECT_EQ(ksoftirqd.wanted("60", first, "other:0:0"), "fifo:60:0");
-  EXPECT_EQ(ksoftirqd.wanted("1=60", first, "other:-5:0"), "other:-5:0");
-  EXPECT_EQ(ksoftirqd.wanted("1=60", second, "other:0:1"), "fifo:60:1");
+  EXPECT_EQ(ksoftirqd.wanted("0=60", second, "other:-5:1"), "other:-5:1");
+  EXPECT_EQ(ksoftirqd.wanted("0=60", first, "other:0:0"), "fifo:60:0");
+  EXPECT_THROW(ksoftirqd.wanted("0=60,1000=50", first, "other:0:0"), journal::Error)
+      << "there is no CPU 1000";
   EXPECT_EQ(ksoftirqd.wanted("other", first, "fifo:60:0"), "other:0:0");
   EXPECT_EQ(ksoftirqd.wanted("other", first, "other:-5:0"), "other:-5:0") << "its niceness stays";
   EXPECT_THROW(ksoftirqd.wanted("60", first, "policy 6:0:0"), journal::Error) << "what cannot be given back";

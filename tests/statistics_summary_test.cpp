@@ -164,6 +164,26 @@ Sample lost(std::uint64_t index, std::int64_t intended_ns, std::int64_t skipped)
   return sample;
 }
 
+TEST(Summary, OfARobotsOwnMessagesWhatIsNotKnownHasNoProbability) {
+  std::vector<Sample> samples(50);
+  for (std::size_t i = 0; i < samples.size(); ++i) {
+    samples[i].index = i;
+    samples[i].received_ns = 2;
+  }
+  const auto listened = [&](double deadline_us, bool loss_unknown) {
+    return summary_of(samples, {{"measures", "age"}, {"deadline_us", deadline_us}},
+                      {{"loss_unknown", loss_unknown}, {"sent", 50}});
+  };
+  const auto limit_alone = listened(5, true), loss_alone = listened(0, false), neither = listened(0, true);
+  EXPECT_EQ(limit_alone.late_probability.messages, 50U);
+  EXPECT_EQ(limit_alone.lost_probability.messages, 0U);
+  EXPECT_EQ(limit_alone.missed_probability.messages, 50U);
+  EXPECT_EQ(loss_alone.late_probability.messages, 0U);
+  EXPECT_EQ(loss_alone.lost_probability.messages, 50U);
+  EXPECT_EQ(neither.missed_probability.messages, 0U);
+  EXPECT_FALSE(statistics::measured(neither, Times::round_trip, Figure::lost));
+}
+
 TEST(Summary, CountsWhatIsLateOrLostInARow) {
   std::vector<Sample> samples;
   for (const auto took_ns : {1 * ms, 12 * ms, 1 * ms, 12 * ms, 13 * ms, 0 * ms, 1 * ms, 11 * ms, 11 * ms}) {

@@ -140,8 +140,13 @@ class Text {
       thread.beyond = total("Histogram Overflows", i);
       thread.beyond_from = next_;
       std::uint64_t seen = 0;
-      for (const auto& [value, count] : thread.values)
+      double sum = 0;
+      for (const auto& [value, count] : thread.values) {
         if (__builtin_add_overflow(seen, count, &seen)) fail(file_, "", "more values than any run has");
+        sum += static_cast<double>(value) * static_cast<double>(count);
+      }
+      // The average is printed without its fraction.
+      if (thread.beyond == 0) thread.mean = sum / static_cast<double>(std::max<std::uint64_t>(seen, 1));
       if (seen != total("Total", i))
         fail(
             file_, "",

@@ -218,10 +218,8 @@ namespace {
 
 // Of what was listened to, that which the gate asks for; empty: it can be judged.
 std::string not_seen(const Gate& gate, const Summary& run) {
-  const auto& asked = run.run.asked;
-  if (!asked.is_listened()) return "";
-  if (gate.figure == Figure::lost && run.run.outcome.loss_unknown) return "loss is not known";
-  if (gate.figure == Figure::late && asked.task.client.deadline.count() == 0) return "no limit was stated";
+  if (gate.figure == Figure::lost && !statistics::knows_loss(run.run)) return "loss is not known";
+  if (gate.figure == Figure::late && !statistics::knows_late(run.run)) return "no limit was stated";
   return "";
 }
 
@@ -287,6 +285,7 @@ Judgement judge(const Gate& gate, const Runs& from, const Runs& to, SingleRuns s
   for (const auto* runs : {&from, &to})
     for (const auto* run : *runs) {
       auto why = unfit(*run);
+      if (why.empty()) why = not_seen(gate, *run);
       if (why.empty() && !statistics::measured(*run, gate.times, gate.figure)) why = nothing_answered;
       if (!why.empty())
         return judgement(gate, name, Result::cannot_judge,

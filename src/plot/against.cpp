@@ -70,10 +70,13 @@ bool missed_any(const Summary& summary) {
          !gate::absent(summary.run.asked, summary.run.outcome).empty();
 }
 
-// x, the median of the repetitions, their lowest and their highest.
+// x, the median of the repetitions, their lowest and their highest; nothing where too few were answered.
 std::string place(double x, const Group& runs, Figure figure) {
   std::vector<double> values;
-  for (const auto* run : runs) values.push_back(ms(run->round_trip[figure]));
+  for (const auto* run : runs)
+    if (run->round_trip.count >= statistics::metric_of(figure).one_in)
+      values.push_back(ms(run->round_trip[figure]));
+  if (values.empty()) return "";
   const auto [low, high] = std::minmax_element(values.begin(), values.end());
   return fmt::format("{:.6g} {:.6g} {:.6g} {:.6g}\n", x, statistics::estimate(values)->median, *low, *high);
 }

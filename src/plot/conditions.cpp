@@ -29,12 +29,13 @@ constexpr const char* bar_colours[] = {"#b00072b2", "#b0009e73", "#b0882255", "#
 struct Found {
   double median_ms, low_ms, high_ms;
 };
-// Of those runs in which something was answered.
+// Of those runs in which so many were answered that the metric is one, as in the tables.
 std::optional<Found> found_in(const Group& runs, const Drawn& metric, double edge_ms) {
   std::vector<double> values;
   const Summary* last = nullptr;
+  const auto fewest = std::max<std::uint64_t>(statistics::metric_of(metric.figure).one_in, 1);
   for (const auto* run : runs)
-    if (run->round_trip.count > 0) {
+    if (run->round_trip.count >= fewest) {
       values.push_back(ms(run->round_trip[metric.figure]));
       last = run;
     }

@@ -81,13 +81,15 @@ int weight_of(State state) { return static_cast<int>(state); }
 std::optional<Answer::Spread> spread_of(const Group& runs, Figure figure) {
   const auto one_in = std::max<std::uint64_t>(statistics::metric_of(figure).one_in, 1);
   std::vector<double> values;
+  bool is_least = false;
   for (const auto* run : runs) {
     const auto& of = run->imported ? run->wake_up : run->round_trip;
     if (of.count >= one_in) values.push_back(static_cast<double>(of[figure]));
+    is_least = is_least || (run->imported && run->imported->is_lower_bound(of[figure]));
   }
   if (values.empty()) return std::nullopt;
   const auto [low, high] = std::minmax_element(values.begin(), values.end());
-  return Answer::Spread{*low, statistics::estimate(values)->median, *high};
+  return Answer::Spread{*low, statistics::estimate(values)->median, *high, is_least};
 }
 
 Row row_of(const Group& runs, const std::string& name) {
@@ -148,6 +150,8 @@ std::vector<Entry> entries_of(const Summaries& summaries) {
 std::string percent(double share) {
   const double of_hundred = share * 100;
   if (of_hundred >= 10) return fmt::format("{:.0f}", of_hundred);
+  if (of_hundred > 0 && of_hundred < 1e-4)  // without an exponent
+    return fmt::format("{:.{}f}", of_hundred, static_cast<int>(std::ceil(-std::log10(of_hundred))));
   return fmt::format("{:.2g}", of_hundred);
 }
 
@@ -239,10 +243,10 @@ std::string worst_named(const Class& worst) {
 // Of a robot's own messages.
 std::string sentence_of_listened(const Class& all) {
   const bool has_limit = std::any_of(all.entries.begin(), all.entries.end(), [](const Entry* entry) {
-    return entry->runs.front()->run.asked.task.client.deadline.count() > 0;
+    return statistics::knows_late(entry->runs.front()->run);
   });
   const bool knows_loss = std::any_of(all.entries.begin(), all.entries.end(), [](const Entry* entry) {
-    return !entry->runs.front()->run.outcome.loss_unknown;
+    return statistics::knows_loss(entry->runs.front()->run);
   });
   if (all.high > 0)
     return fmt::format("{} of the messages came late or not at all{}.", all.range(), worst_named(all));
@@ -325,8 +329,10 @@ std::vector<std::string> cautions_of(const std::vector<Entry>& entries) {
   for (const auto* run : runs)
     if (run->sent > 0) fewest = std::min(fewest, run->round_trip.count);
   const auto* const where = runs.size() > 1 ? " in a run" : "";
-  if (fewest < 1000)
-    cautions.push_back(fmt::format("few messages ({}{}): p99 is a rough estimate", grouped(fewest), where));
+  if (fewest < statistics::metric_of(Figure::p99).one_in)
+    cautions.push_back(fmt::format("too few answers ({}{}) for p99", grouped(fewest), where));
+  else if (fewest < 1000)
+    cautions.push_back(fmt::format("few answers ({}{}): p99 is a rough estimate", grouped(fewest), where));
   else if (fewest < 10'000 && fewest != UINT64_MAX)
     cautions.push_back(fmt::format("{} messages{} are too few to bound p99.9", grouped(fewest), where));
   return cautions;

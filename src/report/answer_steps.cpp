@@ -1,10 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <filesystem>
 #include <initializer_list>
 #include <optional>
+#include <span>
+#include <string_view>
 
 #include <fmt/format.h>
 
@@ -42,23 +43,53 @@ std::string scenario_of(const Summary& run) {
   return file.string();
 }
 
+using Options = std::span<const std::string_view>;
+bool is_one_of(std::string_view word, Options all) {
+  return std::find(all.begin(), all.end(), word) != all.end();
+}
+
+// "--duration" of "--duration=5s".
+std::string name_of_option(const std::string& word) { return word.substr(0, word.find('=')); }
+
+constexpr std::string_view of_the_link[] = {"--deploy", "--cable"};
+constexpr std::string_view of_all[] = {"--deploy",     "--cable",    "--only",
+                                       "--transports", "--duration", "--explain"};
+constexpr std::string_view without_duration[] = {"--deploy", "--cable", "--only", "--transports"};
+
+// Those of these options with which the scenario was carried out, and their values.
+std::vector<std::string> options_of(const Summary& run, const std::string& scenario, Options wanted) {
+  const auto& words = run.run.asked.command_line;
+  std::vector<std::string> kept;
+  bool keeps = false;
+  for (std::size_t i = 2; i < words.size(); ++i) {
+    if (words[i].starts_with('-')) keeps = is_one_of(name_of_option(words[i]), wanted);
+    if (keeps && words[i] != scenario) kept.push_back(words[i]);
+  }
+  return kept;
+}
+
 // The words that measure this run again; none, if they are not known.
-std::vector<std::string> again(const Summary& run) {
+std::vector<std::string> again(const Summary& run, Options wanted) {
   const auto& words = run.run.asked.command_line;
   if (const auto scenario = scenario_of(run); !scenario.empty()) {
     if (is_simulated(run)) return {"ontime", "lab", "run", scenario};
-    return {"ontime", "run", scenario};
+    std::vector<std::string> all = {"ontime", "run", scenario};
+    const auto options = options_of(run, scenario, wanted);
+    all.insert(all.end(), options.begin(), options.end());
+    return all;
   }
   if (words.size() < 2 || (words[1] != "ping" && words[1] != "listen")) return {};
   if (std::find(words.begin(), words.end(), "--pcap") != words.end()) return {};  // a capture gets no longer
   std::vector<std::string> kept = {"ontime"};
-  constexpr std::array<std::string_view, 5> replaced = {"--results", "--format", "--duration", "--for",
-                                                        "--output"};
+  constexpr std::string_view replaced[] = {"--results", "--format", "--duration", "--for", "--output"};
   for (std::size_t i = 1; i < words.size(); ++i) {
-    if (std::find(replaced.begin(), replaced.end(), words[i]) != replaced.end())
-      ++i;
-    else if (words[i] != "--explain" && words[i] != "--full")
+    const auto option = name_of_option(words[i]);
+    if (is_one_of(option, replaced))
+      i += option == words[i] ? 1 : 0;
+    else if (option != "--explain" && option != "--full")
       kept.push_back(words[i]);
+    else if (i + 1 < words.size() && (words[i + 1] == "on" || words[i + 1] == "off"))  // ping's --explain
+      ++i;
   }
   return kept;
 }
@@ -86,7 +117,10 @@ std::vector<Answer::Step> next_steps(const Findings& found, const Origin& origin
     if (!words.empty()) words.insert(words.end(), further);
     return words;
   };
-  const auto words = found.any != nullptr ? again(*found.any) : std::vector<std::string>();
+  const auto words_with = [&](Options wanted) {
+    return found.any != nullptr ? again(*found.any, wanted) : std::vector<std::string>();
+  };
+  const auto words = words_with(of_all);
   const bool listened = words.size() > 1 && words[1] == "listen";
   const bool by_scenario = words.size() > 1 && words[1] != "ping" && !listened;
   if (found.denied && !origin.is_root) add("Permit all", words, true);
@@ -97,7 +131,7 @@ std::vector<Answer::Step> next_steps(const Findings& found, const Origin& origin
     if ((found.late->run.asked.explain || listened) && !origin.file.empty())
       add("Why late", {"ontime", "explain", origin.file});
     else if (by_scenario && can_be_named(id))
-      add("Why late", with(words, {"--only", id, "--explain"}), true);
+      add("Why late", with(words_with(of_the_link), {"--only", id, "--explain"}), true);
     else
       add("Why late", with(words, {"--explain", "--results", "why.ontime"}), true);
   }
@@ -111,7 +145,8 @@ std::vector<Answer::Step> next_steps(const Findings& found, const Origin& origin
   }
   if (found.longer_ns)
     add(found.longer_tells.c_str(),
-        with(words, {listened ? "--for" : "--duration", plain_time(*found.longer_ns)}), listened);
+        with(words_with(without_duration), {listened ? "--for" : "--duration", plain_time(*found.longer_ns)}),
+        listened);
   if (!origin.file.empty())
     add("All figures", {"ontime", "report", origin.file, "--full"});
   else if (!listened)

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <algorithm>
+#include <cmath>
 #include <numeric>
 
 #include <fmt/format.h>
@@ -25,7 +26,8 @@ std::string milliseconds(double ns) {
 std::string cell_of(const std::optional<Answer::Spread>& spread, bool whole) {
   if (!spread) return nothing;
   const auto low = milliseconds(spread->low_ns), high = milliseconds(spread->high_ns);
-  return whole && low != high ? low + "–" + high : milliseconds(spread->median_ns);
+  const auto* const at_least = spread->is_least ? "≥ " : "";
+  return at_least + (whole && low != high ? low + "–" + high : milliseconds(spread->median_ns));
 }
 
 std::string missed_of(const Row& row, bool with_cycles) {
@@ -34,7 +36,12 @@ std::string missed_of(const Row& row, bool with_cycles) {
   if (row.missed == 0) return text;
   const double share =
       static_cast<double>(row.missed) * 100 / static_cast<double>(std::max<std::uint64_t>(row.cycles, 1));
-  return fmt::format("{} ({:.{}f} %)", text, share, share < 0.095 ? 2 : share < 9.5 ? 1 : 0);
+  // One is never nothing: "0.0005 %".
+  const int decimals = share < 0.005   ? static_cast<int>(std::ceil(-std::log10(share)))
+                       : share < 0.095 ? 2
+                       : share < 9.5   ? 1
+                                       : 0;
+  return fmt::format("{} ({:.{}f} %)", text, share, decimals);
 }
 
 std::string wait_of(const Row& row) {
@@ -120,7 +127,7 @@ std::string steps_of(const std::vector<Answer::Step>& steps) {
 
 ordered_json ms(const std::optional<double>& ns) { return ns ? ordered_json(*ns / 1e6) : ordered_json(); }
 ordered_json json_of(const std::optional<Answer::Spread>& of) {
-  if (!of) return nullptr;
+  if (!of || of->is_least) return nullptr;
   return {{"low", of->low_ns / 1e6}, {"median", of->median_ns / 1e6}, {"high", of->high_ns / 1e6}};
 }
 

@@ -67,7 +67,11 @@ std::string note_of(const Summary& summary) {
   // How often a message is sent is not known from one.
   const auto takes =
       summary.message_every_ns > 0 ? ", " + time(messages * summary.message_every_ns) : std::string();
-  return fmt::format("none late or lost{}; messages needed to claim < 10⁻⁶: {:.1f} million{}",
+  const bool late = statistics::knows_late(summary.run), loss = statistics::knows_loss(summary.run);
+  return fmt::format("none {}{}; messages needed to claim < 10⁻⁶: {:.1f} million{}",
+                     late && loss ? "late or lost"
+                     : late       ? "late"
+                                  : "lost",
                      missed.effect < worth_a_word
                          ? ""
                          : fmt::format("; slow answers came in bursts, so {} messages count as {:.0f}",

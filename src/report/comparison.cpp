@@ -171,14 +171,11 @@ Table imported_table_of(const Pair& pair) {
               {{"Wake-up (µs)", Column::Align::left}, {"A"}, {"B"}},
               {},
               {}};
-  const auto value = [](const statistics::Summary& run, std::int64_t ns) {
-    return (run.imported->is_lower_bound(ns) ? "≥" : "") + microseconds(ns);
-  };
   const auto& from = *pair.from.front();
   const auto& to = *pair.to.front();
   for (const auto& row : statistics::percentiles)
     table.rows.push_back(
-        {row.name, value(from, from.wake_up[row.figure]), value(to, to.wake_up[row.figure])});
+        {row.name, imported_percentile(from, row.figure), imported_percentile(to, row.figure)});
   table.rows.push_back({"max", microseconds(from.wake_up.max), microseconds(to.wake_up.max)});
   if (pair.from.size() + pair.to.size() > 2) table.notes.push_back("shown is the first of each side");
   if (const auto text = list_of(differences(pair.from, pair.to)); !text.empty())

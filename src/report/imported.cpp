@@ -14,12 +14,6 @@ std::string label_of(const Summary& summary) {
   return fmt::format("{} ({})", variant, shortened(word(summary.imported->file), 40));
 }
 
-std::string known(const Summary& summary, statistics::Figure figure) {
-  const auto ns = summary.wake_up[figure];
-  if (summary.imported->is_lower_bound(ns)) return "≥" + microseconds(ns);
-  return percentile(summary.wake_up, figure);
-}
-
 std::string source_of(const Summary& summary) {
   const auto& imported = *summary.imported;
   auto text = fmt::format("{}: imported from {} ({})", label_of(summary), imported.file, imported.from);
@@ -33,6 +27,12 @@ std::string source_of(const Summary& summary) {
 }
 
 }  // namespace
+
+std::string imported_percentile(const Summary& summary, statistics::Figure figure) {
+  const auto ns = summary.wake_up[figure];
+  if (summary.imported->is_lower_bound(ns)) return "≥" + microseconds(ns);
+  return percentile(summary.wake_up, figure);
+}
 
 Table imported_table_of(const std::vector<const Summary*>& group) {
   Table table{
@@ -49,7 +49,8 @@ Table imported_table_of(const std::vector<const Summary*>& group) {
     const auto& of = summary->wake_up;
     auto& row = table.rows.emplace_back(
         std::vector<std::string>{label_of(*summary), microseconds(of.min), microseconds(of.mean)});
-    for (const auto& percentile : statistics::percentiles) row.push_back(known(*summary, percentile.figure));
+    for (const auto& percentile : statistics::percentiles)
+      row.push_back(imported_percentile(*summary, percentile.figure));
     row.push_back(microseconds(of.max));
     row.push_back(std::to_string(of.count));
     table.notes.push_back(source_of(*summary));

@@ -76,6 +76,8 @@ std::vector<std::string> refusals(const Summaries&);
 
 // Runs of an id that were imported: what is known of them, and what is not.
 table::Table imported_table_of(const std::vector<const statistics::Summary*>&);
+// "≥3.0" where it lies beyond the imported histogram; else as percentile().
+std::string imported_percentile(const statistics::Summary&, statistics::Figure);
 nlohmann::ordered_json imported_json_of(const statistics::Summary&);  // null, if it was measured
 // Whether messages arrived on time, in a sentence.
 struct Verdict {

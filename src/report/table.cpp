@@ -34,8 +34,8 @@ std::vector<std::string> row(const std::string& label, const Summary& summary, b
       percentile(of, Figure::p99_9),
       percentile(of, Figure::p99_99),
       value(static_cast<double>(of.max)),
-      share(summary.late, summary.sent),
-      summary.run.outcome.loss_unknown ? nothing : share(summary.lost, summary.sent)};
+      statistics::knows_late(summary.run) ? share(summary.late, summary.sent) : nothing,
+      statistics::knows_loss(summary.run) ? share(summary.lost, summary.sent) : nothing};
   if (by_response)
     cells.insert(cells.end() - 1, summary.late_by_response ? share(*summary.late_by_response,
                                                                    summary.sent + summary.skipped_cycles)
@@ -143,14 +143,18 @@ Table spread_table(const Group& group) {
                             microseconds)
                    : nothing;
     };
-    table.rows.push_back({labels[first], fmt::format("{}", runs.size()), time(Figure::p50), time(Figure::p99),
-                          time(Figure::p99_9), time(Figure::max),
-                          spread(
-                              [](const Summary& run) {
-                                return static_cast<double>(run.late + run.lost) * 100 /
-                                       static_cast<double>(std::max<std::uint64_t>(run.sent, 1));
-                              },
-                              [](double percent) { return fmt::format("{:.2g}", percent); })});
+    const auto missed_percent = [](const Summary& run) {
+      return static_cast<double>(run.late + run.lost) * 100 /
+             static_cast<double>(std::max<std::uint64_t>(run.sent, 1));
+    };
+    const bool knows_misses = std::all_of(runs.begin(), runs.end(), [](const auto* run) {
+      return statistics::knows_late(run->run) || statistics::knows_loss(run->run);
+    });
+    table.rows.push_back(
+        {labels[first], fmt::format("{}", runs.size()), time(Figure::p50), time(Figure::p99),
+         time(Figure::p99_9), time(Figure::max),
+         knows_misses ? spread(missed_percent, [](double percent) { return fmt::format("{:.2g}", percent); })
+                      : nothing});
   }
   if (!table.rows.empty()) table.conditions = "Median of the runs [lowest, highest].";
   return table;

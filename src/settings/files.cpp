@@ -31,10 +31,9 @@ void write(const std::string& what, const Value& value, const Value&) {
 }
 
 bool is_network_sysctl(const std::string& what) {
-  constexpr std::array known = {"busy_poll", "busy_read",    "rmem_default",
-                                "rmem_max",  "wmem_default", "wmem_max"};
-  return std::any_of(known.begin(), known.end(),
-                     [&](const char* name) { return what == std::string("net/core/") + name; });
+  constexpr std::array known = {"net/core/busy_poll", "net/core/busy_read",    "net/core/rmem_default",
+                                "net/core/rmem_max",  "net/core/wmem_default", "net/core/wmem_max"};
+  return std::find(known.begin(), known.end(), what) != known.end();
 }
 bool is_kernel_sysctl(const std::string& what) {
   return what == "kernel/sched_rt_runtime_us" || what == "kernel/timer_migration";

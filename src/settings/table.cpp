@@ -90,6 +90,9 @@ std::string with_these_cpus(Text asked, const Thing& thing, Text now) {
   return with_cpus(now, these_cpus(asked, thing, now));
 }
 std::string with_priority_of_its_cpu(Text asked, const Thing& thing, Text now) {
+  std::istringstream parts(asked);
+  for (std::string part; std::getline(parts, part, ',');)
+    if (const auto equals = part.find('='); equals != part.npos) check_online(part.substr(0, equals));
   const auto cpu = thing.title().substr(thing.title().find('/') + 1);
   const auto own = priority_of_cpu(asked, cpu);
   return own.empty() ? now : with_priority(now, own);

@@ -27,9 +27,10 @@ void Misses::close() {
 
 void Misses::into(Summary& summary, double effect) && {
   close();
-  summary.late_probability = probability(late_.all(), effect);
-  summary.lost_probability = probability(lost_.all(), effect);
-  summary.missed_probability = probability(missed_.all(), effect);
+  const bool late = knows_late(summary.run), loss = knows_loss(summary.run);
+  if (late) summary.late_probability = probability(late_.all(), effect);
+  if (loss) summary.lost_probability = probability(lost_.all(), effect);
+  if (late || loss) summary.missed_probability = probability(missed_.all(), effect);
   summary.bursts = bursts_;
 }
 

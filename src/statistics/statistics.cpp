@@ -181,6 +181,12 @@ bool is_complete(const record::Run& run) {
   return run.outcome.document.is_object() && !run.outcome.error && !run.outcome.interrupted;
 }
 
+bool knows_late(const record::Run& run) {
+  return !run.asked.is_listened() || run.asked.task.client.deadline.count() > 0;
+}
+
+bool knows_loss(const record::Run& run) { return !run.outcome.loss_unknown; }
+
 std::uint64_t unrecorded(const record::Run& run) { return run.outcome.counters.dropped_records; }
 
 std::string shift_text(const Summary& summary) {

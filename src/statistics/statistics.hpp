@@ -142,6 +142,11 @@ std::string shift_text(const Summary&);
 // Of all runs but the first `known`.
 std::vector<Summary> summarise(const record::Reader&, std::size_t known = 0);
 
+// Of a robot's own messages not all is known: without a stated limit none can be late, and not every sensor
+// sees what was lost. What is not known has no probability: it has 0 messages.
+bool knows_late(const record::Run&);
+bool knows_loss(const record::Run&);
+
 // Measured to the end that was asked for: not cut off, interrupted or failed.
 bool is_complete(const record::Run&);
 // So many messages' samples were not recorded: no figure speaks for all messages, and nothing bounds
