@@ -298,7 +298,7 @@ TEST_F(JudgedPair, GapBeyondTheDeadlineIsLate) {
   get_acquainted();
   arrive(at(12));
   EXPECT_EQ(flow().late, 1U);
-  const auto misses = messages.take_misses();
+  const auto misses = messages.take_misses(at(100'000));
   ASSERT_EQ(misses.size(), 1U);
   EXPECT_EQ(misses[0].kind, Miss::Kind::gap);
   EXPECT_EQ(misses[0].value_ns, 30'000'000);
@@ -309,16 +309,40 @@ TEST_F(JudgedPair, AgeBeyondItsLimitIsLate) {
   publish(at(10));
   take(at(10) + 3'000'000, at(10) + 2'000);
   EXPECT_EQ(flow().late, 1U);
-  const auto misses = messages.take_misses();
+  const auto misses = messages.take_misses(at(100'000));
   ASSERT_EQ(misses.size(), 1U);
   EXPECT_EQ(misses[0].kind, Miss::Kind::age);
   EXPECT_EQ(misses[0].value_ns, 2'998'000);
 }
 
+TEST_F(JudgedPair, MissBeforeTheTopicHasItsNameWaitsForIt) {
+  constexpr std::uint64_t unnamed = 0xc;
+  const auto take_unnamed = [&](std::int64_t at_ns) {
+    messages.add({.kind = Observation::Kind::taken, .at_ns = at_ns, .endpoint = unnamed, .process = 2});
+  };
+  take_unnamed(at(0));
+  take_unnamed(at(3));
+  EXPECT_TRUE(messages.take_misses(at(4)).empty());
+  messages.name_topic(2, unnamed, "/odom");
+  EXPECT_THAT(messages.take_misses(at(4)), testing::ElementsAre(testing::Field(&Miss::topic, "/odom")));
+  take_unnamed(at(6));
+  EXPECT_EQ(messages.take_misses(at(7)).size(), 1U);
+}
+
+TEST_F(JudgedPair, MissOfATopicWithoutANameIsToldAfterAWhile) {
+  const auto take_unnamed = [&](std::int64_t at_ns) {
+    messages.add({.kind = Observation::Kind::taken, .at_ns = at_ns, .endpoint = 0xc, .process = 2});
+  };
+  take_unnamed(at(0));
+  take_unnamed(at(3));
+  EXPECT_TRUE(messages.take_misses(at(3) + Messages::named_within_ns - 1).empty());
+  EXPECT_EQ(messages.take_misses(at(3) + Messages::named_within_ns).size(), 1U);
+}
+
 TEST_F(JudgedPair, MemoryOfMissesIsBounded) {
   get_acquainted();
   for (int i = 0; i < 3000; ++i) arrive(at(20 + i * 5));
-  EXPECT_EQ(messages.take_misses().size(), most_misses);
+  EXPECT_EQ(messages.take_misses(at(100'000)).size(), most_misses);
   EXPECT_EQ(messages.findings().misses_left_out.at("/cmd_vel"), 2000U);
   EXPECT_EQ(flow().late, 3000U);
 }

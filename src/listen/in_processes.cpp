@@ -113,7 +113,7 @@ class InProcesses final : public Sensor {
   }
 
   std::vector<Miss> take_misses() override {
-    auto misses = messages_.take_misses();
+    auto misses = messages_.take_misses(now_ns());
     for (auto& miss : misses) {
       miss.at_ns += realtime_ahead_ns_;
       auto& course = miss.course;

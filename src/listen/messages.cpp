@@ -109,8 +109,11 @@ void Messages::name_topic(std::uint32_t process, std::uint64_t endpoint, const s
   }
   // Observed before it had a name.
   if (const auto found = publishers_.find(key); found != publishers_.end()) found->second.topic = topic;
-  for (auto& [writer, link] : links_)
-    if (std::get<0>(writer) == process && std::get<1>(writer) == endpoint) link.topic = topic;
+  for (auto& [writer, link] : links_) {
+    if (std::get<0>(writer) != process || std::get<1>(writer) != endpoint) continue;
+    link.topic = topic;
+    misses_.name(link.id, topic);
+  }
 }
 
 void Messages::add(const Observation& seen) {

@@ -40,6 +40,8 @@ class Messages {
   static constexpr std::size_t most_live = 1024, most_ended = 256, most_names = 16384;
   // A process's last messages may be taken for so long after its end.
   static constexpr std::int64_t still_taken_ns = 10'000'000'000;
+  // A topic's name comes after its first messages, so long after them where the machine is busy.
+  static constexpr std::int64_t named_within_ns = 2'000'000'000;
   // After such a silence an endpoint makes room for another where there is none left.
   static constexpr std::int64_t idle_ns = 60'000'000'000;
 
@@ -55,7 +57,11 @@ class Messages {
 
   Findings findings() const;
   void keep_rows(KeepRow keep) { keep_row_ = std::move(keep); }
-  std::vector<Miss> take_misses() { return misses_.take(); }  // their times are those of the observations
+  // Their times are those of the observations. One of a topic without a name waits for it.
+  std::vector<Miss> take_misses(std::int64_t now_ns) {
+    return misses_.take(
+        [&](const Miss& miss) { return miss.topic.empty() && now_ns - miss.at_ns < named_within_ns; });
+  }
 
  private:
   static constexpr std::size_t remembered =

@@ -23,9 +23,25 @@ class Misses {
     waiting_.push_back(std::move(miss));
   }
   std::vector<Miss> take() {
-    std::vector<Miss> taken(waiting_.begin(), waiting_.end());
-    waiting_.clear();
+    return take([](const Miss&) { return false; });
+  }
+  // But those that are to wait on.
+  template <class Waits>
+  std::vector<Miss> take(Waits waits) {
+    std::vector<Miss> taken;
+    std::deque<Miss> others;
+    for (auto& miss : waiting_) {
+      if (waits(miss))
+        others.push_back(std::move(miss));
+      else
+        taken.push_back(std::move(miss));
+    }
+    waiting_ = std::move(others);
     return taken;
+  }
+  void name(std::uint64_t flow, const std::string& topic) {
+    for (auto& miss : waiting_)
+      if (miss.flow == flow) miss.topic = topic;
   }
   const std::map<std::string, std::uint64_t>& left_out() const { return left_out_; }
 
