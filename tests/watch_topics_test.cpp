@@ -188,5 +188,36 @@ TEST_F(Counters, MemoryIsBounded) {
   EXPECT_THAT(text, HasSubstr("{topic=\"/101\""));
 }
 
+TEST_F(Counters, ChainHasAHistogramForEachWayAndWhereMessagesEnded) {
+  listen::Findings findings;
+  auto& chain = findings.chains.emplace_back();
+  chain.wish.steps = {{"/scan"}, {"/cmd_vel"}};
+  chain.ended = {1, 20, 3};
+  auto& path = chain.paths.emplace_back();
+  path.id = 7;
+  path.parties = {{1, "lidar"}, {2, "nav"}, {3, "base"}};
+  path.age.add(5'000'000);
+  path.late = 1;
+  counters.add(findings);
+  const auto first = counters.metrics();
+  const std::string labels = "chain=\"/scan → /cmd_vel\",nodes=\"lidar → nav → base\"";
+  EXPECT_THAT(first, HasSubstr("ontime_chain_age_seconds_count{" + labels + "} 1\n"));
+  EXPECT_THAT(first, HasSubstr("ontime_chain_late_total{" + labels + "} 1\n"));
+  const std::string ended =
+      "ontime_chain_ended_total{chain=\"/scan → /cmd_vel\",topic=\"/scan\",end=\"not published on\"}";
+  EXPECT_THAT(first, HasSubstr(ended + " 20\n"));
+  // Another process of these names goes on in the series; what came out after all makes no counter fall.
+  path.id = 8;
+  chain.ended = {1, 19, 3};
+  counters.add(findings);
+  EXPECT_THAT(counters.metrics(), HasSubstr("ontime_chain_age_seconds_count{" + labels + "} 2\n"));
+  EXPECT_THAT(counters.metrics(), HasSubstr(ended + " 20\n"));
+}
+
+TEST_F(Counters, WithoutChainsThereIsNoMetricOfThem) {
+  look({flow(100)});
+  EXPECT_THAT(counters.metrics(), Not(HasSubstr("ontime_chain")));
+}
+
 }  // namespace
 }  // namespace ontime::watch

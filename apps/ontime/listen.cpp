@@ -17,6 +17,7 @@
 #include "campaign/campaign.hpp"
 #include "commands.hpp"
 #include "flags.hpp"
+#include "listen_chains.hpp"
 #include "listen_results.hpp"
 #include "listen_words.hpp"
 #include "listening.hpp"
@@ -40,11 +41,12 @@ std::optional<std::chrono::nanoseconds> time_of(const char* flag, const std::str
   return text.empty() ? std::nullopt : std::optional(duration_flag(flag, text));
 }
 
-std::unique_ptr<listen::Sensor> sensor_of(const ListenArguments& arguments, const listen::Limits& limits) {
+std::unique_ptr<listen::Sensor> sensor_of(const ListenArguments& arguments, const listen::Limits& limits,
+                                          const std::vector<listen::ChainWish>& chains) {
   if (!arguments.bag.empty()) return bag::open(arguments.bag, limits);
   if (!arguments.packets.empty()) return listen::in_packets(arguments.packets, limits);
   if (!arguments.pcap.empty()) return listen::in_pcap_file(arguments.pcap, limits);
-  return listen::in_processes(limits);
+  return listen::in_processes(limits, chains);
 }
 
 class Listening {
@@ -53,17 +55,27 @@ class Listening {
       : arguments_(arguments),
         limits_{time_of("--deadline", arguments.deadline), time_of("--period", arguments.period),
                 time_of("--age", arguments.age)},
+        chains_(chains_of(arguments.chains)),
+        topics_(arguments.topics.begin(), arguments.topics.end()),
         time_(time_of("--for", arguments.time)),
         as_json_(is_json_flag(arguments.format)),
         output_(arguments.output) {
     if (arguments.list && !time_) time_ = look_for_list;
     if (arguments.list && !arguments.results.empty())
       throw campaign::Error(2, "--results: --list keeps no messages; leave out one of them");
+    if (chains_.empty()) return;
+    if (arguments.list) throw campaign::Error(2, "--chain: --list judges nothing; leave out one of them");
+    if (!arguments.packets.empty() || arguments.is_recording())
+      throw campaign::Error(2,
+                            "--chain: packets do not show which message a node made of which; chains are "
+                            "seen in the processes of this machine, without --packets and --pcap");
+    for (const auto& chain : chains_)
+      for (const auto& step : chain.steps) topics_.insert(step.topic);
   }
 
   int run() {
     const auto& interrupts = catch_interrupts();
-    const auto sensor = sensor_of(arguments_, limits_);
+    const auto sensor = sensor_of(arguments_, limits_, chains_);
     const auto explainer = make_explainer();
     const auto metrics = metrics_at(arguments_.metrics);
     std::optional<ListenResults> results;
@@ -86,7 +98,7 @@ class Listening {
           counters_.add(seen);
           metrics->set(counters_.metrics());
         }
-        if (results) results->write(seen.flows);
+        if (results) results->write(with_chains(seen).flows);
       }
       if (!goes_on) break;
     }
@@ -96,14 +108,18 @@ class Listening {
     findings = wanted(std::move(findings));
     // Without --for an interruption is how listening ends.
     const bool is_cut_off = interrupts > 0 && (time_ || !arguments_.bag.empty());
-    if (results) results->end(findings, is_cut_off);
+    if (results) results->end(with_chains(findings), is_cut_off);
     write(findings);
     output_.finish();
     if (results) tell_of(*results);
     if (results && !results->failure().empty()) return 3;
     if (is_cut_off) return 130;
     // A silent topic misses every limit.
-    if (!is_all_seen) return is_judged_ ? 1 : 2;
+    if (!is_all_seen) return is_judged_ || has_chain_limit() ? 1 : 2;
+    if (std::any_of(findings.chains.begin(), findings.chains.end(), misses)) return 1;
+    if (std::any_of(findings.chains.begin(), findings.chains.end(),
+                    [](const auto& chain) { return !chain.wish.age && came_out(chain) == 0; }))
+      return 2;
     if (is_judged_ && findings.flows.empty()) return 1;
     if (findings.forgotten.with_misses > 0) return 1;
     return std::any_of(findings.flows.begin(), findings.flows.end(),
@@ -121,9 +137,17 @@ class Listening {
     throw;
   }
 
-  bool is_wanted(const std::string& topic) const {
-    const auto& topics = arguments_.topics;
-    return topics.empty() || std::find(topics.begin(), topics.end(), topic) != topics.end();
+  bool is_wanted(const std::string& topic) const { return topics_.empty() || topics_.contains(topic); }
+
+  bool has_chain_limit() const {
+    return std::any_of(chains_.begin(), chains_.end(),
+                       [](const auto& chain) { return chain.age.has_value(); });
+  }
+
+  static listen::Findings with_chains(listen::Findings findings) {
+    for (const auto& chain : findings.chains)
+      for (auto& flow : flows_of(chain)) findings.flows.push_back(std::move(flow));
+    return findings;
   }
 
   listen::Findings wanted(listen::Findings findings) const {
@@ -197,7 +221,7 @@ class Listening {
     for (const auto& flow : findings.flows) seen.insert(flow.topic);
     const auto unnamed = std::count_if(findings.flows.begin(), findings.flows.end(),
                                        [](const auto& flow) { return flow.topic.empty(); });
-    for (const auto& topic : arguments_.topics) {
+    for (const auto& topic : topics_) {
       if (seen.contains(topic)) continue;
       unseen_.insert(topic);
       findings.remarks.push_back(
@@ -227,6 +251,7 @@ class Listening {
       ordered_json json{
           {"counted_from_ns", arguments_.is_recording() ? ordered_json() : ordered_json(from_ns)},
           {"flows", ordered_json::array()},
+          {"chains", ordered_json::array()},
           {"misses", ordered_json::array()},
           {"misses_left_out", misses_left_out(findings)},
           {"forgotten",
@@ -237,12 +262,14 @@ class Listening {
           {"cost", json_of_cost(findings.cost)},
           {"remarks", findings.remarks}};
       for (const auto& flow : findings.flows) json["flows"].push_back(json_of(flow));
+      for (const auto& chain : findings.chains) json["chains"].push_back(json_of(chain));
       for (const auto& miss : misses_) json["misses"].push_back(json_of(miss));
       return output_.write(json.dump(2, ' ', true, ordered_json::error_handler_t::replace) + "\n");
     }
     if (findings.flows.empty()) output_.write("No message was seen.\n");
     for (const auto& flow : findings.flows)
       output_.write(arguments_.list ? way_of(flow) + "\n" : text_of(flow, is_judged_));
+    for (const auto& chain : findings.chains) output_.write(text_of(chain));
     if (!arguments_.list && !arguments_.is_recording())
       output_.write(text_of_time() + text_of_cost(findings.cost));
     if (findings.sensor_lost > 0)
@@ -276,13 +303,10 @@ class Listening {
   ordered_json json_of_cost(const std::optional<listen::Cost>& cost) const {
     ordered_json json{{"ontime_cpu_share", own_share_of_cpu()}, {"probes", nullptr}};
     if (cost)
-      json["probes"] = {{"publishes", cost->publishes},
-                        {"publish_ns", cost->publish_ns},
-                        {"takes", cost->takes},
-                        {"take_ns", cost->take_ns},
-                        {"stepped", cost->stepped},
-                        {"step_ns", cost->step_ns},
-                        {"cpu_share", share_of_cpu(cost->total_ns())}};
+      json["probes"] = {{"publishes", cost->publishes}, {"publish_ns", cost->publish_ns},
+                        {"takes", cost->takes},         {"take_ns", cost->take_ns},
+                        {"turns", cost->turns},         {"stepped", cost->stepped},
+                        {"step_ns", cost->step_ns},     {"cpu_share", share_of_cpu(cost->total_ns())}};
     return json;
   }
 
@@ -301,6 +325,8 @@ class Listening {
       text += fmt::format("; probes in the nodes {:.1f} %: {} publishes of {:.1f} µs, {} takes of {:.1f} µs",
                           100 * share_of_cpu(cost->total_ns()), cost->publishes, cost->publish_ns / 1e3,
                           cost->takes, cost->take_ns / 1e3);
+    if (cost && cost->turns > 0)
+      text += fmt::format(", {} waits and timers of at most {:.1f} µs", cost->turns, cost->publish_ns / 1e3);
     if (cost && cost->stepped > 0)
       text += fmt::format("; {} of them {:.1f} µs longer", cost->stepped, cost->step_ns / 1e3);
     return text + "\n";
@@ -310,6 +336,8 @@ class Listening {
   const std::chrono::steady_clock::time_point begin_ = std::chrono::steady_clock::now();
   const listen::Limits limits_;
   const bool is_judged_ = limits_.deadline || limits_.period || limits_.age;
+  const std::vector<listen::ChainWish> chains_;
+  std::set<std::string> topics_;  // that were asked for; empty: all
   std::set<std::string> unseen_;  // topics that were asked for
   std::optional<std::chrono::nanoseconds> time_;
   const bool as_json_;
@@ -351,6 +379,14 @@ void add_listen(Command& app, Action& action) {
       "Judges the messages of a robot that runs, in its processes or on the wire, and changes nothing of it");
   auto arguments = std::make_shared<ListenArguments>();
   command->add_option("TOPIC", arguments->topics, "judge these topics: all");
+  command
+      ->add_option("--chain", arguments->chains,
+                   "follow messages from the first topic to the last through the nodes between, as "
+                   "/scan,/map,/cmd_vel@50ms, which are late after 50 ms; latest:/map comes from the latest "
+                   "message that its process took")
+      ->allow_extra_args(false)
+      ->type_name("TOPIC,TOPIC…[@TIME]")
+      ->check(given);
   add_limits(*command, *arguments, "a message is late that is older than this when it is taken");
   command->add_option("--for", arguments->time, "end after this time: at Ctrl-C")
       ->type_name("TIME")

@@ -96,7 +96,9 @@ std::int64_t ListenResults::begin(const listen::Flow& flow, Row::Quantity quanti
        {"flow", variant},  // a condition: other ends are not compared with these
        {"repetition", 1},
        {"schedule", "back-to-back"},  // of its own accord: no cycle is known in which a message was due
-       {"deadline_us", microseconds(quantity == Row::Quantity::age ? limits_.age : limits_.longest_gap())},
+       {"deadline_us", microseconds(quantity == Row::Quantity::period ? limits_.longest_gap()
+                                    : flow.own_age_limit              ? flow.own_age_limit
+                                                                      : limits_.age)},
        {"ontime", ONTIME_VERSION},
        {"command_line", command_line_}});
 }

@@ -13,17 +13,8 @@
 namespace ontime::app {
 namespace {
 
+using app::json_of;
 using nlohmann::ordered_json;
-
-std::string in_ms(std::int64_t ns) {
-  const auto ms = static_cast<double>(ns) / 1e6;
-  return fmt::format("{:.{}f}", ms, ms < 10 ? 3 : ms < 100 ? 2 : 1);
-}
-
-std::string words_of(const listen::Party& party, const char* unknown) {
-  if (party.process != 0) return fmt::format("{} [{}]", table::printable(party.name), party.process);
-  return party.name.empty() ? unknown : table::printable(party.name);
-}
 
 std::string topic_of(const std::string& topic) {
   return topic.empty() ? "(unknown topic)" : table::printable(topic);
@@ -56,20 +47,6 @@ std::string age_of(const listen::Flow& flow) {
          spread_of(*flow.age);
 }
 
-ordered_json json_of(const listen::Party& party) {
-  if (party == listen::Party{}) return nullptr;
-  ordered_json json{{"name", party.name}, {"pid", nullptr}};
-  if (party.process != 0) json["pid"] = party.process;
-  return json;
-}
-
-ordered_json json_of(const listen::Distribution& values) {
-  return {{"count", values.count()},
-          {"p50_ns", values.quantile_ns(0.5)},
-          {"p99_ns", values.quantile_ns(0.99)},
-          {"max_ns", values.max_ns()}};
-}
-
 ordered_json json_of(const listen::Why& why) {
   return {{"seen", why.is_seen},
           {"cause", why.cause},
@@ -90,6 +67,16 @@ ordered_json json_of(const std::optional<Value>& value) {
 }
 
 }  // namespace
+
+std::string in_ms(std::int64_t ns) {
+  const auto ms = static_cast<double>(ns) / 1e6;
+  return fmt::format("{:.{}f}", ms, ms < 10 ? 3 : ms < 100 ? 2 : 1);
+}
+
+std::string words_of(const listen::Party& party, const char* unknown) {
+  if (party.process != 0) return fmt::format("{} [{}]", table::printable(party.name), party.process);
+  return party.name.empty() ? unknown : table::printable(party.name);
+}
 
 std::string way_of(const listen::Flow& flow) {
   return fmt::format("{}  {} → {}  {:.1f} Hz", topic_of(flow.topic),
@@ -119,6 +106,20 @@ std::string text_of(const listen::Miss& miss) {
   if (miss.why && !miss.why->fix.empty())
     text += fmt::format("\n{:14}fix: {}", "", table::printable(miss.why->fix));
   return text + "\n";
+}
+
+ordered_json json_of(const listen::Party& party) {
+  if (party == listen::Party{}) return nullptr;
+  ordered_json json{{"name", party.name}, {"pid", nullptr}};
+  if (party.process != 0) json["pid"] = party.process;
+  return json;
+}
+
+ordered_json json_of(const listen::Distribution& values) {
+  return {{"count", values.count()},
+          {"p50_ns", values.quantile_ns(0.5)},
+          {"p99_ns", values.quantile_ns(0.99)},
+          {"max_ns", values.max_ns()}};
 }
 
 ordered_json json_of(const listen::Flow& flow) {

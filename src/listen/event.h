@@ -11,11 +11,12 @@ enum ontime_event_kind {
   ontime_published,
   ontime_taken,
   ontime_named,  /* `topic` is the topic of `endpoint`, its text is at address `stamp_ns` */
+  ontime_turned, /* the thread waits, or begins a callback that takes no message */
   ontime_found   /* `endpoint` is a DDS handle, its entity is at address `stamp_ns` of the process */
 };
 
 /* Calls that met a probe, by CPU; the key of a map. */
-enum ontime_call { ontime_publish_calls, ontime_take_calls, ontime_stepped_calls, ontime_calls };
+enum ontime_call { ontime_publish_calls, ontime_take_calls, ontime_turn_calls, ontime_stepped_calls, ontime_calls };
 
 /* Registers, in four bits each: a probe's cookie says which of them hold the arguments of a call. A number is one more
  * than that of the register's 64 bits in pt_regs. */

@@ -49,8 +49,11 @@ struct Wish {
 
 class InProcesses final : public Sensor {
  public:
-  explicit InProcesses(const Limits& limits)
-      : limits_(limits), messages_(limits), probes_(nullptr, probes_bpf__destroy) {
+  InProcesses(const Limits& limits, std::vector<ChainWish> chains)
+      : limits_(limits),
+        with_turns_(!chains.empty()),
+        messages_(limits, std::move(chains)),
+        probes_(nullptr, probes_bpf__destroy) {
     libbpf_set_print(nullptr);
     probes_.reset(probes_bpf__open_and_load());
     if (!probes_) {
@@ -141,6 +144,7 @@ class InProcesses final : public Sensor {
     const auto now = calls();
     return Cost{.publishes = now[ontime_publish_calls] - counted_before_[ontime_publish_calls],
                 .takes = now[ontime_take_calls] - counted_before_[ontime_take_calls],
+                .turns = now[ontime_turn_calls] - counted_before_[ontime_turn_calls],
                 .stepped = now[ontime_stepped_calls] - counted_before_[ontime_stepped_calls],
                 .publish_ns = costs_->publish_ns,
                 .take_ns = costs_->take_ns,
@@ -170,6 +174,8 @@ class InProcesses final : public Sensor {
       for (const auto& library : process.libraries) {
         if (library.middleware == Middleware::rmw)
           probe_rmw(process, library);
+        else if (library.middleware == Middleware::rcl)
+          probe(process, library, {}, {"rcl_timer_call"});
         else if (!ros_.contains(process.id))
           probe_one(process, library);
       }
@@ -181,7 +187,12 @@ class InProcesses final : public Sensor {
   // Of all processes at once: the kernel would switch the events of a single one with each of its threads,
   // which costs more than the probes. But a probe sits in the file below an overlay, which other containers
   // have too.
-  void probe(const Process& process, const Mapping& library, const std::vector<Wish>& wishes) {
+  void probe(const Process& process, const Mapping& library, std::vector<Wish> wishes,
+             const std::vector<const char*>& turns) {
+    // Only chains need to know where a callback ends.
+    if (with_turns_)
+      for (const auto* function : turns)
+        wishes.push_back({function, probes_->progs.turn, nullptr, {.endpoint = none}});
     if (library.is_on_overlay)
       set(library, static_cast<pid_t>(process.id), of_process_[process.id].links, wishes);
     else if (!everywhere_.contains(library.file) && set(library, -1, shared_, wishes))
@@ -198,7 +209,8 @@ class InProcesses final : public Sensor {
           {publish("rmw_publish"), publish("rmw_publish_serialized_message"),
            publish("rmw_publish_loaned_message"), take("rmw_take", none),
            take("rmw_take_serialized_message", none), take("rmw_take_with_info", 3),
-           take("rmw_take_serialized_message_with_info", 3), take("rmw_take_loaned_message_with_info", 3)});
+           take("rmw_take_serialized_message_with_info", 3), take("rmw_take_loaned_message_with_info", 3)},
+          {"rmw_wait", "rmw_take_request", "rmw_take_response"});
   }
 
   void probe_one(const Process& process, const Mapping& library) {
@@ -213,7 +225,8 @@ class InProcesses final : public Sensor {
     probe(
         process, library,
         {write("dds_write"), write("dds_write_ts"), write("dds_writecdr"), take("dds_take", 2),
-         take("dds_take_mask", 2), take("dds_take_wl", 2), take("dds_take_next", 2), take("dds_takecdr", 3)});
+         take("dds_take_mask", 2), take("dds_take_wl", 2), take("dds_take_next", 2), take("dds_takecdr", 3)},
+        {"dds_waitset_wait"});
     try {
       own.offset_of_name = Library(library.path).offset_of_topic_name();
     } catch (const Error&) {
@@ -314,21 +327,22 @@ class InProcesses final : public Sensor {
       return name(event, text.empty() ? text_at(event.process, event.stamp_ns) : text);
     }
     if (event.kind == ontime_found) return found(event);
-    if (event.is_handle != 0) {
+    if (event.is_handle != 0 && event.kind != ontime_turned) {
       if (ros_.contains(event.process)) return;  // its rmw told of the message
       find_name(event);
     }
-    Observation seen{
-        .kind = event.kind == ontime_published ? Observation::Kind::published : Observation::Kind::taken,
-        .after_loss = event.lost > lost_,
-        .at_ns = static_cast<std::int64_t>(event.at_ns),
-        .stamp_ns = event.stamp_ns == 0 || event.stamp_ns > latest_stamp_ns
-                        ? 0
-                        : static_cast<std::int64_t>(event.stamp_ns) - realtime_ahead_ns_,
-        .endpoint = event.endpoint,
-        .process = event.process,
-        .thread = event.thread,
-        .writer = {}};
+    Observation seen{.kind = event.kind == ontime_published ? Observation::Kind::published
+                             : event.kind == ontime_turned  ? Observation::Kind::turned
+                                                            : Observation::Kind::taken,
+                     .after_loss = event.lost > lost_,
+                     .at_ns = static_cast<std::int64_t>(event.at_ns),
+                     .stamp_ns = event.stamp_ns == 0 || event.stamp_ns > latest_stamp_ns
+                                     ? 0
+                                     : static_cast<std::int64_t>(event.stamp_ns) - realtime_ahead_ns_,
+                     .endpoint = event.endpoint,
+                     .process = event.process,
+                     .thread = event.thread,
+                     .writer = {}};
     lost_ = std::max(lost_, event.lost);
     std::copy(std::begin(event.writer), std::end(event.writer), seen.writer.begin());
     messages_.add(seen);
@@ -407,6 +421,7 @@ class InProcesses final : public Sensor {
   };
 
   const Limits limits_;
+  const bool with_turns_;
   Messages messages_;
   Processes processes_;
   std::unique_ptr<probes_bpf, void (*)(probes_bpf*)> probes_;
@@ -432,6 +447,8 @@ class InProcesses final : public Sensor {
 
 }  // namespace
 
-std::unique_ptr<Sensor> in_processes(const Limits& limits) { return std::make_unique<InProcesses>(limits); }
+std::unique_ptr<Sensor> in_processes(const Limits& limits, std::vector<ChainWish> chains) {
+  return std::make_unique<InProcesses>(limits, std::move(chains));
+}
 
 }  // namespace ontime::listen

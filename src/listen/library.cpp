@@ -47,7 +47,8 @@ std::optional<std::uint64_t> offset_of(Elf* elf, std::uint64_t address) {
 
 bool is_wanted(std::string_view name) {
   return name.starts_with("rmw_publish") || name.starts_with("rmw_take") || name.starts_with("dds_take") ||
-         name.starts_with("dds_write") || name.starts_with("dds_entity_") || name == "dds_get_name";
+         name.starts_with("dds_write") || name.starts_with("dds_entity_") || name == "dds_get_name" ||
+         name == "rmw_wait" || name == "dds_waitset_wait" || name == "rcl_timer_call";
 }
 
 std::vector<std::uint8_t> bytes_at(int fd, std::uint64_t offset, std::size_t size) {

@@ -79,11 +79,56 @@ struct Flow {
   Distribution period;
   std::optional<Distribution> age;  // empty: no writer's stamp by this machine's clock
   AgeFrom age_from = AgeFrom::writer;
-  std::optional<std::uint64_t> lost;  // empty: the sensor cannot tell
+  std::optional<std::chrono::nanoseconds> own_age_limit{};  // empty: that of Limits
+  std::optional<std::uint64_t> lost;                        // empty: the sensor cannot tell
   std::uint64_t duplicated = 0, reordered = 0;
   std::uint64_t late = 0;      // by any of the limits
   std::int64_t silent_ns = 0;  // from its last message to the end of listening, where that is beyond a limit
   double rate_hz() const;
+};
+
+// A chain that was asked for: a message of each topic leads to one of the next, by a node that takes the one
+// and publishes the other.
+struct ChainWish {
+  static constexpr std::size_t most_topics = 8;
+  struct Step {
+    std::string topic;
+    // A message of it belongs to the latest of the topic before that its process took, on any thread. False:
+    // to that which its thread took last, in the same callback.
+    bool is_of_latest = false;
+  };
+  std::vector<Step> steps;                      // 2 … most_topics, each topic once
+  std::optional<std::chrono::nanoseconds> age;  // the longest, from the first publish to the last take
+  std::string name() const;                     // "/scan → /map → /cmd_vel"
+};
+inline constexpr std::size_t most_chains = 8;
+
+// A chain's way through processes. Its parts follow one another: a topic (publish to take), the node between
+// it and the next topic (take to publish), and so on to the last take. All times are of one clock.
+struct ChainPath {
+  std::uint64_t id = 0;        // unlike that of any flow
+  std::vector<Party> parties;  // who publishes the first topic; who takes and publishes; who takes the last
+  Distribution age;            // of what came out at the end, from the first publish
+  std::vector<Distribution> parts;  // two for each topic but one
+  std::uint64_t late = 0;
+  std::int64_t last_ns = 0;
+};
+
+struct Chain {
+  ChainWish wish;
+  std::vector<ChainPath> paths;  // by parties
+  std::uint64_t begun = 0;       // messages of the first topic
+  // By part: messages of the first topic that came no further, though ones before and after them did, or ten
+  // seconds passed. Of a topic: the node on the way did not take them. Of a node: it took them, and published
+  // nothing of them; it may mean so.
+  std::vector<std::uint64_t> ended;
+  // By topic: published though the thread (or process) had taken none of the topic before in this callback.
+  std::vector<std::uint64_t> without_take;
+  // By topic: taken, and from which publish is not known: the writer is not recognized yet, or remote, or two
+  // threads published at once.
+  std::vector<std::uint64_t> unknown_takes;
+  std::int64_t silent_ns = 0;  // since something came out, where messages have gone in for ten seconds since
+  std::uint64_t forgotten_paths = 0, forgotten = 0;  // for which there was no room, and what came out of them
 };
 
 // What the probes saw of a late message's way: CLOCK_MONOTONIC, 0 where they did not see it.
@@ -143,10 +188,11 @@ inline constexpr std::size_t most_misses = 1000;  // that wait for take_misses()
 // woke, as measured on this machine when listening began.
 struct Cost {
   std::uint64_t publishes = 0, takes = 0;
-  std::uint64_t stepped = 0;  // of both: the kernel had to step over an instruction, which takes longer
+  std::uint64_t turns = 0;    // waits, timers and services, for chains; each at most as long as a publish
+  std::uint64_t stepped = 0;  // of all: the kernel had to step over an instruction, which takes longer
   double publish_ns = 0, take_ns = 0, step_ns = 0;
   double total_ns() const {
-    return static_cast<double>(publishes) * publish_ns + static_cast<double>(takes) * take_ns +
+    return static_cast<double>(publishes + turns) * publish_ns + static_cast<double>(takes) * take_ns +
            static_cast<double>(stepped) * step_ns;
   }
 };
@@ -154,6 +200,7 @@ struct Cost {
 // What the sensors saw of all topics, until now.
 struct Findings {
   std::vector<Flow> flows;        // by topic, writer and reader
+  std::vector<Chain> chains;      // as asked
   std::uint64_t sensor_lost = 0;  // events or packets that the sensor itself had no room for
   std::map<std::string, std::uint64_t> misses_left_out;  // by topic: that take_misses() had no room for
   // Flows of processes that ended, and that `flows` has no room for.
@@ -182,14 +229,14 @@ class Sensor {
   virtual bool listen_for(std::chrono::milliseconds) = 0;
   virtual Findings findings() const = 0;
   virtual std::vector<Miss> take_misses() = 0;  // those since the last call
-  // Calls `keep` for every message from now on, within listen_for().
+  // Calls `keep` for every message, and for what came out of a chain, from now on, within listen_for().
   virtual void keep_rows(std::function<void(const Row&)> keep) = 0;
 };
 
 // Probes in the processes of this machine that map a ROS 2 middleware (rmw) or Cyclone DDS: those that run,
 // and those that start later. Nothing of theirs changes; the kernel removes the probes when this process
 // ends. Throws Error.
-std::unique_ptr<Sensor> in_processes(const Limits&);
+std::unique_ptr<Sensor> in_processes(const Limits&, std::vector<ChainWish> = {});
 
 // RTPS packets on an interface of this machine ("any": all of them), by a ring of the kernel. Throws Error;
 // of an unknown interface WrongInput.

@@ -42,6 +42,7 @@ void Messages::retire(std::uint32_t process) {
        publisher != publishers_.end() && publisher->first.first == process;)
     retire(publisher++);
   std::erase_if(topics_, [&](const auto& one) { return one.first.first == process; });
+  chains_.retire(process);
   processes_.erase(process);
 }
 
@@ -120,11 +121,16 @@ void Messages::add(const Observation& seen) {
   if (seen.after_loss) {
     for (auto& [key, publisher] : publishers_) publisher.is_broken = true;
     for (auto& [key, link] : links_) link.is_broken = true;
+    chains_.interrupt();
   }
-  if (seen.kind == Observation::Kind::published)
-    published(seen);
-  else
-    taken(seen);
+  switch (seen.kind) {
+    case Observation::Kind::published:
+      return published(seen);
+    case Observation::Kind::taken:
+      return taken(seen);
+    case Observation::Kind::turned:
+      return chains_.turned(seen.thread, seen.at_ns);
+  }
 }
 
 void Messages::published(const Observation& seen) {
@@ -146,6 +152,8 @@ void Messages::published(const Observation& seen) {
   publisher.is_broken = false;
   publisher.threads[publisher.count % remembered] = seen.thread;
   publisher.begun_ns[publisher.count++ % remembered] = seen.at_ns;
+  chains_.published(
+      {publisher.topic, seen.process, seen.thread, publisher.id, publisher.count - 1, seen.at_ns});
 }
 
 // At high rates less: another writer's stamps are near to some publish by chance.
@@ -162,7 +170,7 @@ std::optional<std::uint64_t> Messages::Publisher::last_before(std::int64_t stamp
 
 void Messages::taken(const Observation& seen) {
   auto* const one = one_of(links_, Writer{seen.process, seen.endpoint, seen.writer}, seen.at_ns);
-  if (one == nullptr) return;
+  if (one == nullptr) return chains_.turned(seen.thread, seen.at_ns);
   auto& link = *one;
   if (link.messages == 0) {
     link.first_ns = seen.at_ns;
@@ -178,6 +186,7 @@ void Messages::taken(const Observation& seen) {
     if (link.publisher) number = publishers_.at(*link.publisher).last_before(seen.stamp_ns);
   }
   bool is_late = false;
+  bool is_new = false;
   if (!link.is_broken) {
     const auto gap = seen.at_ns - link.last_ns;
     link.period.add(gap);
@@ -196,8 +205,15 @@ void Messages::taken(const Observation& seen) {
       is_late = true;
       miss(Miss::Kind::age, age, link, seen, number);
     }
-    if (number) place(link, *number, seen, is_too_old);
+    if (number) is_new = place(link, *number, seen, is_too_old);
   }
+  chains_.taken({.topic = link.topic,
+                 .process = seen.process,
+                 .thread = seen.thread,
+                 .publisher = link.publisher ? publishers_.at(*link.publisher).id : 0,
+                 .number = is_new ? number : std::nullopt,
+                 .at_ns = seen.at_ns,
+                 .stamp_ns = seen.stamp_ns});
   link.last_number = number;
   link.is_broken = false;
   link.late += is_late ? 1 : 0;
@@ -243,7 +259,7 @@ void Messages::doubt(Link& link, const Observation& seen) {
   link.rows.restart();
 }
 
-void Messages::place(Link& link, std::uint64_t number, const Observation& seen, bool is_late) {
+bool Messages::place(Link& link, std::uint64_t number, const Observation& seen, bool is_late) {
   const auto stamp_ns = seen.stamp_ns;
   if (link.is_broken) {
     link.sequence.restart();
@@ -255,6 +271,7 @@ void Messages::place(Link& link, std::uint64_t number, const Observation& seen, 
     link.rows.age(keep_row_, {.flow = link.id, .from_ns = stamp_ns, .to_ns = seen.at_ns, .is_late = is_late},
                   of,
                   [&](std::uint64_t lost) { return publisher.begun(std::max(lost, publisher.oldest())); });
+    return true;
   };
   const auto is_repeated = [&](std::uint64_t of) { return link.stamps[of % remembered] == stamp_ns; };
   switch (link.sequence.see(number)) {
@@ -267,18 +284,16 @@ void Messages::place(Link& link, std::uint64_t number, const Observation& seen, 
       } else if (number > 0) {
         // Another stamp is another message: two threads published at once, and both stamps came after both
         // publishes began.
-        if (link.sequence.see(number - 1) == Sequence::Fate::overtaken)
-          keep(number - 1);
-        else if (is_repeated(number - 1))
-          ++link.duplicated;
+        if (link.sequence.see(number - 1) == Sequence::Fate::overtaken) return keep(number - 1);
+        if (is_repeated(number - 1)) ++link.duplicated;
       }
-      return;
+      return false;
     case Sequence::Fate::in_order:
       break;
     case Sequence::Fate::too_old:
-      return;
+      return false;
   }
-  keep(number);
+  return keep(number);
 }
 
 void Messages::miss(Miss::Kind kind, std::int64_t value_ns, const Link& link, const Observation& seen,
@@ -352,6 +367,7 @@ Flow Messages::flow_of(const Endpoint& endpoint, const Publisher& publisher) con
 Findings Messages::findings() const {
   Findings findings{dropped_};
   findings.misses_left_out = misses_.left_out();
+  findings.chains = chains_.findings();
   auto& flows = findings.flows;
   flows.assign(ended_.begin(), ended_.end());
   for (const auto& [writer, link] : links_) flows.push_back(flow_of(writer, link));

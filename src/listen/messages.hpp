@@ -11,6 +11,7 @@
 #include <string>
 #include <tuple>
 
+#include "listen/chains.hpp"
 #include "listen/listen.hpp"
 #include "listen/misses.hpp"
 #include "listen/rows.hpp"
@@ -19,7 +20,8 @@
 namespace ontime::listen {
 
 struct Observation {
-  enum class Kind : std::uint8_t { published, taken };
+  // turned: the thread waits, or begins a callback that takes no message.
+  enum class Kind : std::uint8_t { published, taken, turned };
   Kind kind = Kind::published;
   bool after_loss = false;     // the sensor lost events just before this one
   std::int64_t at_ns = 0;      // one clock for all; a publish begins, a take has returned
@@ -45,7 +47,11 @@ class Messages {
   // After such a silence an endpoint makes room for another where there is none left.
   static constexpr std::int64_t idle_ns = 60'000'000'000;
 
-  explicit Messages(const Limits& limits) : limits_(limits) {}
+  explicit Messages(const Limits& limits, std::vector<ChainWish> chains = {})
+      : limits_(limits),
+        chains_(std::move(chains), [this](std::uint32_t process) { return party(process); }) {}
+  Messages(const Messages&) = delete;
+  Messages& operator=(const Messages&) = delete;
 
   void begin_process(std::uint32_t process, const std::string& name);
   void end_process(std::uint32_t process, std::int64_t at_ns) { ended_at_.try_emplace(process, at_ns); }
@@ -56,7 +62,10 @@ class Messages {
   void add(const Observation&);
 
   Findings findings() const;
-  void keep_rows(KeepRow keep) { keep_row_ = std::move(keep); }
+  void keep_rows(KeepRow keep) {
+    chains_.keep_rows(keep);
+    keep_row_ = std::move(keep);
+  }
   // Their times are those of the observations. One of a topic without a name waits for it.
   std::vector<Miss> take_misses(std::int64_t now_ns) {
     return misses_.take(
@@ -108,7 +117,8 @@ class Messages {
   void taken(const Observation&);
   void identify(Link&, const Observation&);
   void doubt(Link&, const Observation&);
-  void place(Link&, std::uint64_t number, const Observation&, bool is_late);
+  // False: it was taken before, or too late to know.
+  bool place(Link&, std::uint64_t number, const Observation&, bool is_late);
   void miss(Miss::Kind, std::int64_t value_ns, const Link&, const Observation&,
             std::optional<std::uint64_t> number);
   Course course_of(Miss::Kind, const Link&, const Observation&, std::optional<std::uint64_t> number) const;
@@ -133,6 +143,7 @@ class Messages {
   std::uint64_t left_out_ = 0, last_id_ = 0;
   Misses misses_;
   KeepRow keep_row_;
+  Chains chains_;
 };
 
 }  // namespace ontime::listen

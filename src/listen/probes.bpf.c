@@ -50,7 +50,7 @@ struct {
   __type(value, __u64);
 } named SEC(".maps");
 
-// What a call was given, until it returns.
+// What a call was given, until it returns. A take of rmw calls one of Cyclone DDS, which may call one of the third.
 struct call {
   __u64 endpoint;
   __u64 taken;  // rmw: bool*
@@ -61,7 +61,7 @@ struct {
   __uint(map_flags, BPF_F_NO_PREALLOC);
   __type(key, int);
   __type(value, struct call);
-} calls SEC(".maps"), finds SEC(".maps");
+} rmw_calls SEC(".maps"), dds_calls SEC(".maps"), finds SEC(".maps");
 
 static __always_inline void fill(struct ontime_event* event, __u32 kind, __u64 endpoint) {
   const __u64 who = bpf_get_current_pid_tgid();
@@ -150,14 +150,14 @@ SEC("uprobe")
 int rmw_take(struct pt_regs* regs) {
   const __u64 cookie = bpf_get_attach_cookie(regs);
   count(ontime_take_calls, cookie);
-  return enter(&calls, regs, cookie, pointer);
+  return enter(&rmw_calls, regs, cookie, pointer);
 }
 
 SEC("uretprobe")
 int rmw_taken(struct pt_regs* regs) {
   struct call call;
   __u8 taken = 0;
-  if (!leave(&calls, &call) || PT_REGS_RC(regs) != 0) return 0;
+  if (!leave(&rmw_calls, &call) || PT_REGS_RC(regs) != 0) return 0;
   if (bpf_probe_read_user(&taken, sizeof taken, (void*)call.taken) != 0 || taken != 1) return 0;
   name(call.endpoint);
   struct ontime_event* const event = begin(ontime_taken, call.endpoint);
@@ -167,6 +167,15 @@ int rmw_taken(struct pt_regs* regs) {
     bpf_probe_read_user(event->writer, sizeof event->writer, (void*)(call.info + 40));
   }
   bpf_ringbuf_submit(event, BPF_RB_NO_WAKEUP);
+  return 0;
+}
+
+// A thread waits for messages, or begins a timer's or a service's callback: what it took last is done with.
+SEC("uprobe")
+int turn(struct pt_regs* regs) {
+  count(ontime_turn_calls, bpf_get_attach_cookie(regs));
+  struct ontime_event* const event = begin(ontime_turned, 0);
+  if (event) bpf_ringbuf_submit(event, BPF_RB_NO_WAKEUP);
   return 0;
 }
 
@@ -180,7 +189,7 @@ SEC("uprobe")
 int dds_take(struct pt_regs* regs) {
   const __u64 cookie = bpf_get_attach_cookie(regs);
   count(ontime_take_calls, cookie);
-  return enter(&calls, regs, cookie, handle);
+  return enter(&dds_calls, regs, cookie, handle);
 }
 
 // dds_sample_info_t, the same since 0.1: it has 64 bytes.
@@ -197,7 +206,7 @@ SEC("uretprobe")
 int dds_taken(struct pt_regs* regs) {
   struct call call;
   const int count = (int)PT_REGS_RC(regs);
-  if (!leave(&calls, &call)) return 0;
+  if (!leave(&dds_calls, &call)) return 0;
   for (int i = 0; i < ontime_most_samples; ++i) {
     struct sample_info info;
     if (i >= count) break;

@@ -12,7 +12,8 @@
 
 namespace ontime::listen {
 
-enum class Middleware : std::uint8_t { rmw, cyclonedds };
+// `rcl` sends no messages: it tells when a timer's callback begins.
+enum class Middleware : std::uint8_t { rmw, cyclonedds, rcl };
 
 struct Mapping {
   Middleware middleware = Middleware::rmw;

@@ -55,6 +55,15 @@ TopicCounters::Counts TopicCounters::counts_of(const listen::Flow& flow) {
           .look = 0};
 }
 
+TopicCounters::Counts TopicCounters::counts_of(const listen::ChainPath& path) {
+  Counts counts;
+  counts.messages = path.age.count();
+  counts.late = path.late;
+  counts.age = spread_of(path.age);
+  counts.silent_ns = 0;
+  return counts;
+}
+
 // By what `now` has more than `before`.
 void TopicCounters::grow(Counts& series, const Counts& before, const Counts& now) {
   const auto more = [](std::uint64_t from, std::uint64_t to) { return to - std::min(from, to); };
@@ -70,28 +79,47 @@ void TopicCounters::grow(Counts& series, const Counts& before, const Counts& now
   series.look = now.look;
 }
 
+void TopicCounters::add(Series& all, std::uint64_t id, const std::string& labels, Counts now) const {
+  auto& before = all.flows[id];
+  // Another writer, or the same recognized again: its ages and losses begin anew.
+  if (now.age.count() < before.age.count()) {
+    before.age = {};
+    before.lost.reset();
+  }
+  // A message that came late after all is lost no more: the next loss takes its place.
+  if (now.lost) now.lost = std::max(*now.lost, before.lost.value_or(0));
+  now.look = looks_;
+  grow(all.series[labels], before, now);
+  before = now;
+}
+
+void TopicCounters::add(const listen::Chain& chain) {
+  for (const auto& path : chain.paths) {
+    std::string nodes;
+    for (const auto& party : path.parties) nodes += (nodes.empty() ? "" : " → ") + party.name;
+    add(chains_, path.id, labels({{"chain", chain.wish.name()}, {"nodes", nodes}}), counts_of(path));
+  }
+  for (std::size_t part = 0; part < chain.ended.size(); ++part) {
+    auto& ended = ended_[labels({{"chain", chain.wish.name()},
+                                 {"topic", chain.wish.steps[part / 2].topic},
+                                 {"end", part % 2 == 0 ? "not taken" : "not published on"}})];
+    // What was on its way for long may come out after all.
+    ended = std::max(ended, chain.ended[part]);
+  }
+}
+
 void TopicCounters::add(const listen::Findings& findings) {
   ++looks_;
-  for (auto& [labels, counts] : series_) counts.silent_ns.reset();
-  for (const auto& flow : findings.flows) {
-    auto now = counts_of(flow);
-    auto& before = flows_[flow.id];
-    // Another writer, or the same recognized again: its ages and losses begin anew.
-    if (now.age.count() < before.age.count()) {
-      before.age = {};
-      before.lost.reset();
-    }
-    // A message that came late after all is lost no more: the next loss takes its place.
-    if (now.lost) now.lost = std::max(*now.lost, before.lost.value_or(0));
-    now.look = looks_;
-    grow(series_[labels_of(flow)], before, now);
-    before = now;
-  }
+  for (auto& [labels, counts] : topics_.series) counts.silent_ns.reset();
+  for (const auto& flow : findings.flows) add(topics_, flow.id, labels_of(flow), counts_of(flow));
+  for (const auto& chain : findings.chains) add(chain);
   misses_left_out_ = 0;
   for (const auto& [topic, count] : findings.misses_left_out) misses_left_out_ += count;
   sensor_lost_ = findings.sensor_lost;
-  make_room(flows_);
-  make_room(series_);
+  for (auto* const all : {&topics_, &chains_}) {
+    make_room(all->flows);
+    make_room(all->series);
+  }
 }
 
 void TopicCounters::add(const std::vector<listen::Miss>& misses) {
@@ -100,10 +128,13 @@ void TopicCounters::add(const std::vector<listen::Miss>& misses) {
 
 std::string TopicCounters::metrics() const {
   Exposition text;
-  const auto count = [&](const char* name, const char* help, auto value_of) {
+  const auto count_of = [&](const Series& all, const char* name, const char* help, auto value_of) {
     text.begin(name, "counter", help);
-    for (const auto& [labels, counts] : series_)
+    for (const auto& [labels, counts] : all.series)
       if (const std::optional<std::uint64_t> value = value_of(counts)) text.add(labels, *value);
+  };
+  const auto count = [&](const char* name, const char* help, auto value_of) {
+    count_of(topics_, name, help, value_of);
   };
   count("topic_messages_total",
         "Messages of a topic that a reader took; without a reader, that were published.",
@@ -115,18 +146,26 @@ std::string TopicCounters::metrics() const {
         [](const auto& counts) { return counts.duplicated; });
   count("topic_out_of_order_total", "Messages that a later one overtook.",
         [](const auto& counts) { return counts.reordered; });
-  const auto spread = [&](const char* name, const char* help, Spread Counts::*member) {
+  const auto spread = [&](const Series& all, const char* name, const char* help, Spread Counts::*member) {
     text.begin(name, "histogram", help);
-    for (const auto& [labels, counts] : series_)
+    for (const auto& [labels, counts] : all.series)
       if (const auto& values = counts.*member; values.count() > 0)
         text.add(labels, values.counts, values.sum_ns);
   };
-  spread("topic_age_seconds", "From the writer's time stamp to the take.", &Counts::age);
-  spread("topic_period_seconds", "From one message to the next.", &Counts::period);
+  spread(topics_, "topic_age_seconds", "From the writer's time stamp to the take.", &Counts::age);
+  spread(topics_, "topic_period_seconds", "From one message to the next.", &Counts::period);
   text.begin("topic_silent_seconds", "gauge",
              "Since the last message, where that is beyond a stated limit; else 0.");
-  for (const auto& [labels, counts] : series_)
+  for (const auto& [labels, counts] : topics_.series)
     if (counts.silent_ns) text.add(labels, static_cast<double>(*counts.silent_ns) / 1e9);
+  if (!ended_.empty()) {
+    spread(chains_, "chain_age_seconds",
+           "From the publish of a chain's first message to the take of its last.", &Counts::age);
+    count_of(chains_, "chain_late_total", "Messages that came out of a chain beyond its limit.",
+             [](const auto& counts) { return counts.late; });
+    text.begin("chain_ended_total", "counter", "Messages of a chain's first topic that came no further.");
+    for (const auto& [labels, ended] : ended_) text.add(labels, ended);
+  }
   text.begin("late_by_cause_total", "counter", "Missed limits, by what the kernel's events say of them.");
   for (const auto& [cause, misses] : misses_)
     text.add(labels({{"cause", cause}}), misses + (cause == not_looked_for ? misses_left_out_ : 0));

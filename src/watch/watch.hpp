@@ -117,10 +117,17 @@ class TopicCounters {
   };
   static Spread spread_of(const listen::Distribution&);
   static Counts counts_of(const listen::Flow&);
+  static Counts counts_of(const listen::ChainPath&);
+  struct Series {
+    std::map<std::uint64_t, Counts> flows;  // by id, as they were last seen
+    std::map<std::string, Counts> series;   // by labels
+  };
+  void add(Series&, std::uint64_t id, const std::string& labels, Counts now) const;
+  void add(const listen::Chain&);
   static void grow(Counts& series, const Counts& before, const Counts& now);
 
-  std::map<std::uint64_t, Counts> flows_;        // by id, as they were last seen
-  std::map<std::string, Counts> series_;         // by labels
+  Series topics_, chains_;
+  std::map<std::string, std::uint64_t> ended_;   // of chains, by labels
   std::map<std::string, std::uint64_t> misses_;  // by cause
   std::uint64_t looks_ = 0, misses_left_out_ = 0, sensor_lost_ = 0;
 };

@@ -5,6 +5,7 @@
 //   listen_node take TOPIC DEPTH PERIOD_US LOG      takes until it is ended: the first 200 as they come, then
 //   every
 //                                                   PERIOD_US (0: as they come)
+//   listen_node relay TOPIC EVERY 0 LOG TO          publishes each message of such a number on topic TO
 // It uses the DDS domain that the environment names (LISTEN_NODE_DOMAIN).
 // LOG has a line for each message: its number, CLOCK_MONOTONIC just before the write or just after the take,
 // and for a take the source time stamp.
@@ -75,7 +76,9 @@ void publish(dds_entity_t writer, std::uint64_t count, std::chrono::microseconds
   }
 }
 
-void take(dds_entity_t reader, std::chrono::microseconds period, std::vector<Line>& lines) {
+// Writes to `onwards`, if it is not 0, each message of which the number is a multiple of `every`.
+void take(dds_entity_t reader, std::chrono::microseconds period, std::vector<Line>& lines,
+          dds_entity_t onwards = 0, std::uint64_t every = 1) {
   constexpr std::size_t most = 32;
   const auto condition = checked(dds_create_readcondition(reader, DDS_ANY_STATE));
   const auto waitset = checked(dds_create_waitset(dds_get_participant(reader)));
@@ -87,12 +90,15 @@ void take(dds_entity_t reader, std::chrono::microseconds period, std::vector<Lin
       dds_waitset_wait(waitset, nullptr, 0, DDS_MSECS(100));
     else
       std::this_thread::sleep_for(period);
-    const auto count = dds_take(reader, samples.data(), infos.data(), most, most);
+    // A relay takes one at a time, as an executor does.
+    const auto count = dds_take(reader, samples.data(), infos.data(), most, onwards == 0 ? most : 1);
     const auto at_ns = now_ns();
-    for (int i = 0; i < count; ++i)
-      if (infos[static_cast<std::size_t>(i)].valid_data)
-        lines.push_back({static_cast<listen_test_Message*>(samples[static_cast<std::size_t>(i)])->number,
-                         at_ns, infos[static_cast<std::size_t>(i)].source_timestamp});
+    for (int i = 0; i < count; ++i) {
+      if (!infos[static_cast<std::size_t>(i)].valid_data) continue;
+      const auto* const message = static_cast<listen_test_Message*>(samples[static_cast<std::size_t>(i)]);
+      lines.push_back({message->number, at_ns, infos[static_cast<std::size_t>(i)].source_timestamp});
+      if (onwards != 0 && message->number % every == 0) dds_write(onwards, message);
+    }
     if (count > 0) dds_return_loan(reader, samples.data(), count);
   }
 }
@@ -100,7 +106,7 @@ void take(dds_entity_t reader, std::chrono::microseconds period, std::vector<Lin
 }  // namespace
 
 int main(int argc, char** argv) {
-  if (argc != 6) return 2;
+  if (argc != 6 && argc != 7) return 2;
   struct sigaction action {};
   action.sa_handler = [](int) { ended = 1; };
   sigaction(SIGTERM, &action, nullptr);
@@ -119,12 +125,21 @@ int main(int argc, char** argv) {
   dds_qset_reliability(qos.get(), DDS_RELIABILITY_RELIABLE, DDS_SECS(10));
   const auto number = std::strtoull(argv[3], nullptr, 10);
   const std::chrono::microseconds period(std::strtoll(argv[4], nullptr, 10));
-  dds_qset_history(qos.get(), DDS_HISTORY_KEEP_LAST, publishes ? 1000 : static_cast<std::int32_t>(number));
+  const bool relays = argc == 7;
+  dds_qset_history(qos.get(), DDS_HISTORY_KEEP_LAST,
+                   publishes || relays ? 1000 : static_cast<std::int32_t>(number));
   std::vector<Line> lines;
-  if (publishes)
+  if (publishes) {
     publish(checked(dds_create_writer(participant, topic, qos.get(), nullptr)), number, period, lines);
-  else
-    take(checked(dds_create_reader(participant, topic, qos.get(), nullptr)), period, lines);
+  } else {
+    dds_entity_t onwards = 0;
+    if (relays)
+      onwards = checked(dds_create_writer(
+          participant,
+          checked(dds_create_topic(participant, &listen_test_Message_desc, argv[6], nullptr, nullptr)),
+          qos.get(), nullptr));
+    take(checked(dds_create_reader(participant, topic, qos.get(), nullptr)), period, lines, onwards, number);
+  }
   write_log(argv[5], lines);
   dds_delete(participant);
   return 0;

@@ -173,6 +173,61 @@ class Listen(unittest.TestCase):
                          [number not in judged for number in range(min(judged), max(judged) + 1)])
         self.assertEqual(runs["/cmd_vel age"]["lost"], flow["lost"])
 
+    def test_age_of_a_chain_is_that_of_the_nodes_own_logs(self):
+        publisher = self.start(NODE, "publish", "rt/scan", MESSAGES, 1000, self.folder / "published")
+        relay = self.start(NODE, "relay", "rt/scan", 3, 0, self.folder / "relayed", "rt/cmd_vel")
+        taker = self.start(NODE, "take", "rt/cmd_vel", 1000, 0, self.folder / "taken")
+        nodes = (publisher, relay, taker)
+        listener = self.listen(nodes, "--chain", "/scan,/cmd_vel@1h", "--results", "kept.ontime")
+        code, seen = self.end(listener, publisher, taker)
+        relay.send_signal(signal.SIGTERM)
+        self.assertEqual(relay.wait(30), 0)
+        self.assertEqual((code, seen["sensor_lost"]), (0, 0))
+        self.assertEqual({flow["topic"] for flow in seen["flows"]}, {"/scan", "/cmd_vel"})
+        chain, = seen["chains"]
+        path, = chain["paths"]
+        self.assertEqual([process["pid"] for process in path["processes"]], [node.pid for node in nodes])
+        scan, cmd_vel = chain["topics"]
+        # Of a plain Cyclone DDS program the first messages tell the topic's name.
+        self.assertTrue(MESSAGES - 200 < chain["published"] <= MESSAGES, chain)
+        self.assertEqual(path["late"], 0)
+        self.assertEqual((scan["not_taken"], cmd_vel["not_taken"], cmd_vel["without_take"]), (0, 0, 0))
+        rows = self.kept()[0]["/scan → /cmd_vel age"]
+        self.assertEqual(len(rows), path["age"]["count"])
+        # From the message on by which the writers were recognized each has its row, and no other.
+        published = {number: at for number, at, _ in log_of(self.folder / "published")}
+        taken = log_of(self.folder / "taken")[-len(rows):]
+        self.assertGreater(len(taken), MESSAGES // 6)
+        self.assertTrue(all(number % 3 == 0 for number, _, _ in taken))
+        # Two of three are not published on, and that is no loss: but for those under way at the end.
+        self.assertAlmostEqual(scan["not_published_on"], 2 * len(rows), delta=4)
+        for (age, _), (number, at, _) in zip(rows, taken):
+            truth = at - published[number]
+            self.assertLessEqual(age, truth)  # the logs read their clocks before the publish, after the take
+            self.assertAlmostEqual(age, truth, delta=20_000_000)
+        errors = sorted(at - published[number] - age for (age, _), (number, at, _) in zip(rows, taken))
+        print(f"chain: {len(rows)} ages; below the logs by p50 {errors[len(errors) // 2]} ns, max {errors[-1]} ns", file=sys.stderr)
+
+    def test_chain_of_topics_that_no_node_joins_has_no_age(self):
+        publisher, taker = self.pair(2000)
+        other = self.start(NODE, "publish", "rt/scan", 1, 1000, self.folder / "other")
+        listener = self.listen((publisher, taker, other), "--chain", "/scan,/cmd_vel")
+        code, seen = self.end(listener, publisher, taker)
+        self.assertEqual(code, 2)
+        chain, = seen["chains"]
+        self.assertEqual((chain["came_out"], chain["paths"]), (0, []))
+        self.assertTrue(1800 < chain["topics"][1]["without_take"] <= 2000, chain)
+
+    def test_chain_that_cannot_be_is_refused(self):
+        for chain in ("/scan", "/scan,/map,/scan", "/scan,,/map", "latest:/scan,/map", "/scan,/map@soon", ",".join(f"/{i}" for i in range(9))):
+            done = subprocess.run([ONTIME, "listen", "--chain", chain], capture_output=True, text=True, timeout=60)
+            self.assertEqual(done.returncode, 2, (chain, done.stderr))
+            self.assertIn("--chain", done.stderr)
+        for arguments in (("--packets", "lo"), ("--pcap", "no.pcap"), ("--list",)):
+            done = subprocess.run([ONTIME, "listen", "--chain", "/scan,/map", *arguments], capture_output=True, text=True, timeout=60)
+            self.assertEqual(done.returncode, 2, (arguments, done.stderr))
+            self.assertIn("--chain", done.stderr)
+
     def hog(self, priority, cpu):
         """Has the CPU for some 30 ms, every half a second."""
         program = self.folder / "hog"

@@ -1,0 +1,209 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "listen_chains.hpp"
+
+#include <algorithm>
+#include <numeric>
+
+#include <fmt/format.h>
+
+#include "campaign/campaign.hpp"
+#include "flags.hpp"
+#include "listen_words.hpp"
+#include "table/table.hpp"
+
+namespace ontime::app {
+namespace {
+
+using nlohmann::ordered_json;
+
+constexpr std::size_t text_width = 80;
+constexpr std::string_view latest = "latest:";
+
+[[noreturn]] void refuse(const std::string& text, const std::string& why) {
+  throw campaign::Error(2, fmt::format("--chain '{}': {}. Example: --chain /scan,/map,/cmd_vel@50ms",
+                                       table::printable(text), why));
+}
+
+listen::ChainWish chain_of(const std::string& text) {
+  listen::ChainWish chain;
+  const auto at = text.find('@');
+  if (at != text.npos) chain.age = duration_flag("--chain", text.substr(at + 1));
+  for (auto topic : table::split(text.substr(0, at), ',')) {
+    const bool is_of_latest = topic.starts_with(latest);
+    if (is_of_latest) topic.erase(0, latest.size());
+    if (topic.empty()) refuse(text, "a topic has no name");
+    if (is_of_latest && chain.steps.empty())
+      refuse(text, "'latest:' is for a topic that a node publishes from another topic, not for the first");
+    if (std::any_of(chain.steps.begin(), chain.steps.end(),
+                    [&](const auto& step) { return step.topic == topic; }))
+      refuse(text, fmt::format("{} is there twice; a chain has each topic once, and no loop",
+                               table::printable(topic)));
+    chain.steps.push_back({topic, is_of_latest});
+  }
+  if (chain.steps.size() < 2) refuse(text, "it has one topic; a chain has at least two");
+  if (chain.steps.size() > listen::ChainWish::most_topics)
+    refuse(text, fmt::format("it has {} topics; a chain has at most {}", chain.steps.size(),
+                             listen::ChainWish::most_topics));
+  return chain;
+}
+
+// The end of a name matters less than a line that is not broken.
+std::string line(const std::string& text) { return table::shortened(text, text_width - 1) + "\n"; }
+
+std::string number(std::int64_t ns) { return fmt::format("{:>8}", in_ms(ns)); }
+
+std::string spread(const listen::Distribution& values) {
+  return number(values.quantile_ns(0.5)) + number(values.quantile_ns(0.99)) + number(values.max_ns());
+}
+
+std::string topic_name(const listen::ChainWish& wish, std::size_t topic) {
+  return table::printable(wish.steps[topic].topic);
+}
+
+// Parts: a topic, a node, a topic, …
+std::string name_of_part(const listen::ChainWish& wish, const listen::ChainPath& path, std::size_t part) {
+  const auto topic = part / 2;
+  if (part % 2 == 0)
+    return fmt::format("{} → {}", topic_name(wish, topic), words_of(path.parties[topic + 1], "(unknown)"));
+  return fmt::format("  in {}{}", words_of(path.parties[topic + 1], "(unknown)"),
+                     wish.steps[topic + 1].is_of_latest ? ", from the latest it took" : "");
+}
+
+std::string text_of(const listen::Chain& chain, const listen::ChainPath& path) {
+  auto text = line(fmt::format("  share     p50     p99     max ms   from {}",
+                               words_of(path.parties[0], "(unknown)"))) +
+              line(fmt::format("  100 %{}   {} came out{}", spread(path.age), path.age.count(),
+                               chain.wish.age ? fmt::format(", {} of them late", path.late) : ""));
+  for (std::size_t part = 0; part < path.parts.size(); ++part) {
+    const auto& times = path.parts[part];
+    const auto share = path.age.sum_ns() > 0 ? 100 * times.sum_ns() / path.age.sum_ns() : 0;
+    text += line(fmt::format("{:5.0f} %{}   {}", share, spread(times), name_of_part(chain.wish, path, part)));
+  }
+  return text;
+}
+
+std::string remarks_of(const listen::Chain& chain) {
+  const auto& wish = chain.wish;
+  std::string text;
+  const auto add = [&](const std::string& remark) { text += table::wrapped(remark, text_width, "  "); };
+  for (std::size_t part = 0; part < chain.ended.size(); ++part) {
+    if (chain.ended[part] == 0) continue;
+    const auto topic = topic_name(wish, part / 2);
+    add(part % 2 == 0
+            ? fmt::format("{}: {} messages were not taken by a node of the chain", topic, chain.ended[part])
+            : fmt::format("{}: {} messages were taken, and no {} followed from them (a node may mean so)",
+                          topic, chain.ended[part], topic_name(wish, part / 2 + 1)));
+  }
+  for (std::size_t topic = 1; topic < wish.steps.size(); ++topic)
+    if (const auto count = chain.without_take[topic]; count > 0)
+      add(fmt::format("{}: {} messages were published before a {} was taken{}", topic_name(wish, topic),
+                      count, topic_name(wish, topic - 1),
+                      wish.steps[topic].is_of_latest
+                          ? " by their process"
+                          : fmt::format(" in the same callback; where a timer or another thread publishes, "
+                                        "try latest:{}",
+                                        topic_name(wish, topic))));
+  for (std::size_t topic = 0; topic < wish.steps.size(); ++topic)
+    if (const auto count = chain.unknown_takes[topic]; count > 0)
+      add(fmt::format(
+          "{}: of {} takes the publish is unknown: the writer was not recognized yet, is on another "
+          "machine, or published from two threads at once",
+          topic_name(wish, topic), count));
+  if (chain.silent_ns > 0)
+    add(fmt::format("SILENT: nothing came out for the last {:.1f} s",
+                    static_cast<double>(chain.silent_ns) / 1e9));
+  if (chain.forgotten_paths > 0)
+    add(fmt::format("{} other ways through processes are not listed; {} messages came out there",
+                    chain.forgotten_paths, chain.forgotten));
+  return text;
+}
+
+}  // namespace
+
+std::vector<listen::ChainWish> chains_of(const std::vector<std::string>& texts) {
+  if (texts.size() > listen::most_chains)
+    throw campaign::Error(2, fmt::format("--chain: {} chains; at most {} are followed at once", texts.size(),
+                                         listen::most_chains));
+  std::vector<listen::ChainWish> chains;
+  for (const auto& text : texts) {
+    chains.push_back(chain_of(text));
+    if (std::count_if(chains.begin(), chains.end(),
+                      [&](const auto& one) { return one.name() == chains.back().name(); }) > 1)
+      refuse(text, "the same chain is there twice");
+  }
+  return chains;
+}
+
+std::size_t came_out(const listen::Chain& chain) {
+  return std::accumulate(chain.paths.begin(), chain.paths.end(), static_cast<std::size_t>(chain.forgotten),
+                         [](auto sum, const auto& path) { return sum + path.age.count(); });
+}
+
+bool misses(const listen::Chain& chain) {
+  return chain.wish.age && (came_out(chain) == 0 || chain.silent_ns > 0 ||
+                            std::any_of(chain.paths.begin(), chain.paths.end(),
+                                        [](const auto& path) { return path.late > 0; }));
+}
+
+std::string text_of(const listen::Chain& chain) {
+  const auto& limit = chain.wish.age;
+  auto text = table::wrapped(table::printable(chain.wish.name()) +
+                                 (limit ? fmt::format(" within {} ms", in_ms(limit->count())) : ""),
+                             text_width);
+  for (const auto& path : chain.paths) text += text_of(chain, path);
+  if (came_out(chain) == 0) text += "  nothing came out at the end\n";
+  return text + remarks_of(chain);
+}
+
+ordered_json json_of(const listen::Chain& chain) {
+  ordered_json json{{"topics", ordered_json::array()},
+                    {"age_limit_ns", chain.wish.age ? ordered_json(chain.wish.age->count()) : ordered_json()},
+                    {"published", chain.begun},
+                    {"came_out", came_out(chain)},
+                    {"silent_ns", chain.silent_ns},
+                    {"paths", ordered_json::array()},
+                    {"forgotten_paths", chain.forgotten_paths}};
+  for (std::size_t topic = 0; topic < chain.wish.steps.size(); ++topic) {
+    const bool is_last = topic + 1 == chain.wish.steps.size();
+    json["topics"].push_back(
+        {{"topic", chain.wish.steps[topic].topic},
+         {"of_latest", chain.wish.steps[topic].is_of_latest},
+         {"not_taken", chain.ended[2 * topic]},
+         {"not_published_on", is_last ? ordered_json() : ordered_json(chain.ended[2 * topic + 1])},
+         {"without_take", topic == 0 ? ordered_json() : ordered_json(chain.without_take[topic])},
+         {"unknown_takes", chain.unknown_takes[topic]}});
+  }
+  for (const auto& path : chain.paths) {
+    ordered_json of_path{{"processes", ordered_json::array()},
+                         {"age", json_of(path.age)},
+                         {"late", path.late},
+                         {"parts", ordered_json::array()}};
+    for (const auto& party : path.parties) of_path["processes"].push_back(json_of(party));
+    for (const auto& part : path.parts) {
+      of_path["parts"].push_back(json_of(part));
+      of_path["parts"].back()["share"] = path.age.sum_ns() > 0 ? part.sum_ns() / path.age.sum_ns() : 0;
+    }
+    json["paths"].push_back(std::move(of_path));
+  }
+  return json;
+}
+
+std::vector<listen::Flow> flows_of(const listen::Chain& chain) {
+  std::vector<listen::Flow> flows;
+  for (const auto& path : chain.paths) {
+    listen::Flow flow;
+    flow.id = path.id;
+    flow.topic = chain.wish.name();
+    flow.writer = path.parties.front();
+    flow.reader = path.parties.back();
+    flow.messages = path.age.count();
+    flow.last_ns = path.last_ns;
+    flow.age = path.age;
+    flow.own_age_limit = chain.wish.age;
+    flow.late = path.late;
+    flows.push_back(std::move(flow));
+  }
+  return flows;
+}
+
+}  // namespace ontime::app

@@ -1,0 +1,325 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "listen/chains.hpp"
+
+#include <algorithm>
+#include <utility>
+
+namespace ontime::listen {
+namespace {
+
+// Ids of paths are unlike those of flows, which count from 1.
+constexpr std::uint64_t first_path_id = std::uint64_t{1} << 62U, ids_of_a_chain = std::uint64_t{1} << 48U;
+
+// The one for which `time_of` is the least goes.
+template <class Map, class TimeOf>
+void erase_oldest(Map& all, const TimeOf& time_of) {
+  all.erase(std::min_element(all.begin(), all.end(), [&](const auto& one, const auto& other) {
+    return time_of(one.second) < time_of(other.second);
+  }));
+}
+
+}  // namespace
+
+std::string ChainWish::name() const {
+  std::string name;
+  for (const auto& step : steps) name += (name.empty() ? "" : " → ") + step.topic;
+  return name;
+}
+
+ChainFollower::ChainFollower(ChainWish wish, std::function<Party(std::uint32_t)> party_of,
+                             std::uint64_t first_id)
+    : wish_(std::move(wish)),
+      party_of_(std::move(party_of)),
+      latest_(wish_.steps.size()),
+      publishing_(wish_.steps.size()),
+      next_id_(first_id) {
+  found_.wish = wish_;
+  found_.ended.resize(last_stage());
+  found_.without_take.resize(wish_.steps.size());
+  found_.unknown_takes.resize(wish_.steps.size());
+}
+
+std::optional<std::size_t> ChainFollower::position_of(const std::string& topic) const {
+  const auto found = std::find_if(wish_.steps.begin(), wish_.steps.end(),
+                                  [&](const auto& step) { return step.topic == topic; });
+  if (found == wish_.steps.end()) return {};
+  return static_cast<std::size_t>(found - wish_.steps.begin());
+}
+
+// A recorder takes too, and nothing follows from it.
+bool ChainFollower::continues(std::size_t topic, std::uint32_t process) const {
+  return topic + 1 == wish_.steps.size() || publishing_[topic + 1].contains(process);
+}
+
+void ChainFollower::published(const Message& message) {
+  now_ns_ = std::max(now_ns_, message.at_ns);
+  end_call(message.thread, message.at_ns);
+  const auto topic = position_of(message.topic);
+  if (!topic) return;
+  if (publishing_[*topic].size() < most_threads) publishing_[*topic].insert(message.process);
+  if (*topic == 0) return remember(message, begin(message));
+  const auto* const hand = hand_of(*topic, message);
+  if (hand == nullptr) ++found_.without_take[*topic];
+  if (hand == nullptr || !hand->journey) return remember(message, {});
+  auto journey = *hand->journey;
+  journey.at_ns[2 * *topic] = message.at_ns;
+  reach(journey.origin, 2 * *topic);
+  remember(message, journey);
+}
+
+ChainFollower::Journey ChainFollower::begin(const Message& message) {
+  if (origins_.size() == most_begun) {
+    const auto oldest = origins_.front().stage;
+    if (furthest_ > oldest && !origins_.front().is_unclear) ++found_.ended[oldest];
+    furthest_ = std::max(furthest_, oldest);
+    origins_.pop_front();
+    ++first_origin_;
+  }
+  ++found_.begun;
+  origins_.push_back({.at_ns = message.at_ns});
+  Journey journey;
+  journey.origin = first_origin_ + origins_.size() - 1;
+  journey.at_ns[0] = message.at_ns;
+  journey.processes[0] = message.process;
+  return journey;
+}
+
+const ChainFollower::Hand* ChainFollower::hand_of(std::size_t topic, const Message& message) const {
+  const bool is_of_latest = wish_.steps[topic].is_of_latest;
+  const auto& hands = is_of_latest ? latest_[topic - 1] : hands_;
+  const auto hand = hands.find(is_of_latest ? message.process : message.thread);
+  return hand == hands.end() || hand->second.topic != topic - 1 ? nullptr : &hand->second;
+}
+
+void ChainFollower::remember(const Message& message, std::optional<Journey> journey) {
+  if (publishers_.size() == most_publishers && !publishers_.contains(message.publisher))
+    erase_oldest(publishers_, [](const auto& one) { return one.last_ns; });
+  auto& publisher = publishers_[message.publisher];
+  publisher.process = message.process;
+  publisher.last_ns = message.at_ns;
+  if (publisher.messages.size() == most_remembered) publisher.messages.pop_front();
+  const auto number = message.number.value_or(0);
+  publisher.messages.push_back({number, message.thread, message.at_ns + stamped_ns, journey});
+  if (calls_.size() < most_threads) calls_[message.thread] = {message.publisher, number};
+}
+
+// A thread that does something else has published.
+void ChainFollower::end_call(std::uint32_t thread, std::int64_t at_ns) {
+  const auto call = calls_.find(thread);
+  if (call == calls_.end()) return;
+  if (const auto publisher = publishers_.find(call->second.first); publisher != publishers_.end()) {
+    auto& messages = publisher->second.messages;
+    const auto sent = std::find_if(messages.rbegin(), messages.rend(),
+                                   [&](const auto& one) { return one.number <= call->second.second; });
+    if (sent != messages.rend() && sent->number == call->second.second)
+      sent->stamped_ns = std::min(sent->stamped_ns, at_ns);
+  }
+  calls_.erase(call);
+}
+
+void ChainFollower::turned(std::uint32_t thread, std::int64_t at_ns) {
+  end_call(thread, at_ns);
+  hands_.erase(thread);
+}
+
+// nullptr: nothing is known of it, or another thread published by the same publisher at that time: then its
+// stamp does not tell which of the two it is.
+const ChainFollower::Journey* ChainFollower::find(const Message& message, std::size_t topic) {
+  const auto publisher = publishers_.find(message.publisher);
+  if (!message.number || publisher == publishers_.end()) return nullptr;
+  auto& messages = publisher->second.messages;
+  const auto found = std::lower_bound(messages.begin(), messages.end(), *message.number,
+                                      [](const auto& one, auto number) { return one.number < number; });
+  if (found == messages.end() || found->number != *message.number) return nullptr;
+  bool is_unclear = false;
+  const auto blur = [&](const Sent& sent) {
+    is_unclear = true;
+    if (sent.journey && sent.journey->origin >= first_origin_)
+      origins_[sent.journey->origin - first_origin_].is_unclear = true;
+  };
+  for (auto before = found; before != messages.begin();) {
+    --before;
+    if (found->stamped_ns - before->stamped_ns > 2 * stamped_ns) break;
+    if (before->thread != found->thread && before->stamped_ns > message.stamp_ns) blur(*before);
+  }
+  if (is_unclear) {
+    blur(*found);
+    ++found_.unknown_takes[topic];
+  }
+  return is_unclear || !found->journey ? nullptr : &*found->journey;
+}
+
+void ChainFollower::taken(const Message& message) {
+  now_ns_ = std::max(now_ns_, message.at_ns);
+  turned(message.thread, message.at_ns);
+  const auto topic = position_of(message.topic);
+  if (!topic) return;
+  Hand hand{.process = message.process, .topic = *topic, .journey = {}};
+  if (message.publisher == 0) {
+    ++found_.unknown_takes[*topic];
+    // What is under way may go on by this message.
+    if (continues(*topic, message.process)) forget_under_way();
+  } else if (const auto* const journey = find(message, *topic)) {
+    hand.journey = *journey;
+    hand.journey->at_ns[2 * *topic + 1] = message.at_ns;
+    hand.journey->processes[*topic + 1] = message.process;
+    if (continues(*topic, message.process)) reach(journey->origin, 2 * *topic + 1);
+  }
+  if (*topic + 1 == wish_.steps.size()) {
+    if (hand.journey) arrive(*hand.journey);
+    return;
+  }
+  if (wish_.steps[*topic + 1].is_of_latest) {
+    // One that came twice, or too late to be known, changes nothing.
+    if (message.publisher != 0 && !message.number) return;
+    if (latest_[*topic].size() < most_threads || latest_[*topic].contains(message.process))
+      latest_[*topic].insert_or_assign(message.process, hand);
+  } else {
+    if (hands_.size() == most_threads) hands_.erase(hands_.begin());
+    hands_.insert_or_assign(message.thread, hand);
+  }
+}
+
+void ChainFollower::reach(std::uint64_t origin, std::size_t stage) {
+  if (origin < first_origin_) return;
+  auto& reached = origins_[origin - first_origin_].stage;
+  reached = std::max(reached, static_cast<Stage>(stage));
+}
+
+void ChainFollower::arrive(const Journey& journey) {
+  auto& path = path_of(journey);
+  auto& found = path.found;
+  const auto from_ns = journey.at_ns[0], to_ns = journey.at_ns[last_stage()];
+  for (std::size_t part = 0; part < found.parts.size(); ++part)
+    found.parts[part].add(journey.at_ns[part + 1] - journey.at_ns[part]);
+  found.age.add(to_ns - from_ns);
+  found.last_ns = last_arrival_ns_ = to_ns;
+  const bool is_late = wish_.age && to_ns - from_ns > wish_.age->count();
+  found.late += is_late ? 1 : 0;
+  if (keep_row_) keep_row_({found.id, Row::Quantity::age, path.rows++, from_ns, to_ns, is_late});
+}
+
+ChainFollower::Path& ChainFollower::path_of(const Journey& journey) {
+  const std::vector<std::uint32_t> processes(
+      journey.processes.begin(),
+      journey.processes.begin() + static_cast<std::ptrdiff_t>(wish_.steps.size() + 1));
+  if (const auto known = paths_.find(processes); known != paths_.end()) return known->second;
+  make_room_for_path();
+  auto& path = paths_[processes];
+  path.found.id = next_id_++;
+  for (const auto process : processes) path.found.parties.push_back(party_of_(process));
+  path.found.parts.resize(last_stage());
+  return path;
+}
+
+void ChainFollower::make_room_for_path() {
+  if (paths_.size() + ended_paths_.size() < most_paths) return;
+  ++found_.forgotten_paths;
+  if (!ended_paths_.empty()) {
+    found_.forgotten += ended_paths_.front().age.count();
+    ended_paths_.erase(ended_paths_.begin());
+    return;
+  }
+  const auto oldest = std::min_element(paths_.begin(), paths_.end(), [](const auto& one, const auto& other) {
+    return one.second.found.last_ns < other.second.found.last_ns;
+  });
+  found_.forgotten += oldest->second.found.age.count();
+  paths_.erase(oldest);
+}
+
+void ChainFollower::interrupt() {
+  hands_.clear();
+  calls_.clear();
+  for (auto& hands : latest_) hands.clear();
+  forget_under_way();
+}
+
+// Those that have ended are counted; what became of the others is not known.
+void ChainFollower::forget_under_way() {
+  if (origins_.empty()) return;
+  found_.ended = ended();
+  first_origin_ += origins_.size();
+  origins_.clear();
+  furthest_ = 0;
+}
+
+// Another process may get the number.
+void ChainFollower::retire(std::uint32_t process) {
+  const auto is_of_it = [&](const auto& one) { return one.second.process == process; };
+  std::erase_if(hands_, is_of_it);
+  std::erase_if(publishers_, is_of_it);
+  for (auto& hands : latest_) hands.erase(process);
+  for (auto& processes : publishing_) processes.erase(process);
+  std::erase_if(paths_, [&](auto& one) {
+    const auto& [processes, path] = one;
+    if (std::find(processes.begin(), processes.end(), process) == processes.end()) return false;
+    ended_paths_.push_back(path.found);
+    return true;
+  });
+}
+
+ChainFollower::Ended ChainFollower::ended() const {
+  // Backwards: how far any later one came.
+  std::vector<Stage> later(origins_.size() + 1);
+  for (auto i = origins_.size(); i > 0; --i) later[i - 1] = std::max(later[i], origins_[i - 1].stage);
+  auto ended = found_.ended;
+  auto furthest = furthest_;
+  for (std::size_t i = 0; i < origins_.size(); ++i) {
+    const auto& [at_ns, stage, is_unclear] = origins_[i];
+    if (!is_unclear && furthest > stage && (later[i + 1] > stage || now_ns_ - at_ns > under_way_ns))
+      ++ended[stage];
+    furthest = std::max(furthest, stage);
+  }
+  return ended;
+}
+
+std::int64_t ChainFollower::silent_ns() const {
+  const auto last = std::find_if(origins_.rbegin(), origins_.rend(),
+                                 [&](const auto& origin) { return origin.stage == last_stage(); });
+  // One that went in after the last that came out, or the first of all.
+  const auto next = last.base();
+  if (last_arrival_ns_ == 0 || next == origins_.end() || now_ns_ - next->at_ns <= under_way_ns) return 0;
+  return now_ns_ - last_arrival_ns_;
+}
+
+Chain ChainFollower::findings() const {
+  auto chain = found_;
+  chain.paths = ended_paths_;
+  for (const auto& [processes, path] : paths_) chain.paths.push_back(path.found);
+  chain.ended = ended();
+  chain.silent_ns = silent_ns();
+  return chain;
+}
+
+Chains::Chains(std::vector<ChainWish> wishes, const std::function<Party(std::uint32_t)>& party_of) {
+  for (auto& wish : wishes)
+    followers_.emplace_back(std::move(wish), party_of, first_path_id + ids_of_a_chain * followers_.size());
+}
+
+void Chains::published(const Message& message) {
+  for (auto& chain : followers_) chain.published(message);
+}
+void Chains::taken(const Message& message) {
+  for (auto& chain : followers_) chain.taken(message);
+}
+void Chains::turned(std::uint32_t thread, std::int64_t at_ns) {
+  for (auto& chain : followers_) chain.turned(thread, at_ns);
+}
+void Chains::interrupt() {
+  for (auto& chain : followers_) chain.interrupt();
+}
+void Chains::retire(std::uint32_t process) {
+  for (auto& chain : followers_) chain.retire(process);
+}
+void Chains::keep_rows(const KeepRow& keep) {
+  for (auto& chain : followers_) chain.keep_rows(keep);
+}
+
+std::vector<Chain> Chains::findings() const {
+  std::vector<Chain> chains;
+  chains.reserve(followers_.size());
+  for (const auto& chain : followers_) chains.push_back(chain.findings());
+  return chains;
+}
+
+}  // namespace ontime::listen
