@@ -189,6 +189,14 @@ TEST(Answer, AShareOfOneInAMillionIsNotPrintedAsNone) {
   EXPECT_THAT(text_of(answer_of({one}, kept), 80), HasSubstr("0.000005 % of the cycles"));
 }
 
+TEST(Answer, AShareOfNearlyAllIsNotPrintedAsAll) {
+  auto one = run(1, "a", "udp", {}, 1999);
+  one.sent = 2000;
+  const auto text = text_of(answer_of({one}, kept), 80);
+  EXPECT_THAT(text, HasSubstr("1,999 (99.95 %)"));
+  EXPECT_THAT(text, HasSubstr("99.95 % of the cycles"));
+}
+
 TEST(Answer, APercentileBeyondAnImportedHistogramIsALowerBound) {
   auto one = run(1, "a", "", {});
   one.imported.emplace();
