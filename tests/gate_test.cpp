@@ -206,6 +206,22 @@ TEST(Judge, WhatNoSensorSawOfARobotsOwnMessagesIsOpen) {
   EXPECT_EQ(judged("late > 0", one).result, Result::cannot_judge) << "no limit was stated";
 }
 
+TEST(Judge, APercentileOfWhatWasAnsweredIsNotCertainWhereMoreWasLostThanItLeavesOut) {
+  auto one = slower(0, 1500);
+  one.sent = 1600;
+  one.lost = 100;
+  one.response = one.round_trip;
+  one.response_certainty = one.round_trip_certainty;
+  one.shape.response_ranks = one.shape.round_trip_ranks;
+  for (const auto* text : {"p99 > 2 ms", "response p99 > 2 ms", "max > 2 s"}) {
+    const auto judgement = judged(text, one);
+    EXPECT_EQ(judgement.result, Result::held) << text;
+    EXPECT_FALSE(judgement.is_sure) << text;
+    EXPECT_THAT(judgement.says, HasSubstr("100 of 1600 messages were lost")) << text;
+  }
+  EXPECT_THAT(judged("p50 > 2 ms", one).says, ::testing::Not(HasSubstr("lost")));
+}
+
 TEST(Judge, ALevelThatChangedIsNamed) {
   auto one = slower(0, 200);
   one.sent = 200;

@@ -184,6 +184,18 @@ TEST(Summary, OfARobotsOwnMessagesWhatIsNotKnownHasNoProbability) {
   EXPECT_FALSE(statistics::measured(neither, Times::round_trip, Figure::lost));
 }
 
+TEST(Summary, SamplesThatWereRemovedLaterAreNotRecorded) {
+  std::vector<Sample> samples(50);
+  for (std::size_t i = 0; i < samples.size(); ++i) {
+    samples[i].index = i;
+    samples[i].received_ns = 2;
+  }
+  const auto summary = summary_of(samples, asked_next_free, {{"sent", 60}, {"dropped_records", 3}});
+  EXPECT_EQ(unrecorded(summary.run), 10U);
+  EXPECT_EQ(summary.missed_probability.messages, 0U);
+  EXPECT_EQ(unrecorded(summary_of(samples, asked_next_free, {{"sent", 50}}).run), 0U);
+}
+
 TEST(Summary, CountsWhatIsLateOrLostInARow) {
   std::vector<Sample> samples;
   for (const auto took_ns : {1 * ms, 12 * ms, 1 * ms, 12 * ms, 13 * ms, 0 * ms, 1 * ms, 11 * ms, 11 * ms}) {

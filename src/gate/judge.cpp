@@ -75,11 +75,23 @@ bool is_every_message(const statistics::Probability& slower) {
   return slower.messages >= enough && slower.events == slower.messages;
 }
 
+// A lost message has no time. Where more were lost than the metric leaves above itself, it keeps to the limit
+// only because of them.
+bool is_of_too_few_answers(const Gate& gate, const Summary& run) {
+  const auto& metric = statistics::metric_of(gate.figure);
+  const double permitted = metric.one_in > 0 ? metric.share_above() : 0;
+  const bool is_time = metric.one_in > 0 || gate.figure == Figure::max;
+  return is_time && static_cast<double>(run.lost) > permitted * static_cast<double>(run.sent);
+}
+
 // A sender that stood still has sent nothing that could be late.
 Judgement unless_it_stood_still(Judgement judged, const Gate& gate, const Summary& run) {
-  if (judged.result != Result::held || gate.figure == Figure::lost ||
-      gate.times != statistics::Times::round_trip)
-    return judged;
+  if (judged.result != Result::held || gate.figure == Figure::lost) return judged;
+  if (is_of_too_few_answers(gate, run)) {
+    judged.is_sure = false;
+    judged.says += fmt::format("; but {} of {} messages were lost, and have no time", run.lost, run.sent);
+  }
+  if (gate.times != statistics::Times::round_trip) return judged;
   const auto waited = run.late_by_response.value_or(0);
   if (waited <= run.late + run.lost) return judged;
   judged.is_sure = false;

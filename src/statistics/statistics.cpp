@@ -111,6 +111,9 @@ class Pass {
     if (summary_.sent > 1)
       summary_.message_every_ns =
           static_cast<double>(between(first_due_ns_, last_due_ns_)) / static_cast<double>(summary_.sent - 1);
+    // Samples that were removed from the file later are missing as those that were never written.
+    auto& dropped = summary_.run.outcome.counters.dropped_records;
+    if (counted.sent > summary_.sent) dropped = std::max(dropped, counted.sent - summary_.sent);
     if (const auto missing = unrecorded(summary_.run); missing > 0) forget_how_sure(missing);
     auto& shape = summary_.shape;
     shape.round_trip = round_trips.histogram();
