@@ -3,10 +3,14 @@
 
 #include <algorithm>
 #include <cctype>
+#include <iostream>
+#include <sstream>
 #include <utility>
 
 #include <CLI/CLI.hpp>
+#include <unistd.h>
 
+#include "output.hpp"
 #include "spelling/spelling.hpp"
 
 namespace ontime::app {
@@ -188,7 +192,12 @@ std::optional<int> Program::parse(int argc, char** argv) {
     app_->parse(argc, argv);
     return std::nullopt;
   } catch (const CLI::ParseError& error) {
-    return app_->exit(error) == 0 ? 0 : 2;
+    std::ostringstream help;
+    std::ostringstream wrong;
+    const int code = app_->exit(error, help, wrong);
+    std::cout << for_terminal(help.str(), STDOUT_FILENO) << std::flush;
+    std::cerr << for_terminal(wrong.str(), STDERR_FILENO);
+    return code == 0 ? 0 : 2;
   }
 }
 

@@ -49,8 +49,8 @@ std::size_t output_columns() {
   return ioctl(STDOUT_FILENO, TIOCGWINSZ, &size) == 0 && size.ws_col >= fewest ? size.ws_col : 80;
 }
 
-std::string for_output(std::string text) {
-  if (isatty(STDOUT_FILENO) == 0 || locale_is_utf8()) return text;
+std::string for_terminal(std::string text, int descriptor) {
+  if (isatty(descriptor) == 0 || locale_is_utf8()) return text;
   const std::pair<const char*, const char*> plain[] = {
       {"µ", "u"},  {"≥", ">="}, {"≤", "<="}, {"–", "-"}, {"…", "..."}, {"×", "x"},   {"±", "+-"},
       {"→", "->"}, {"−", "-"},  {"█", "#"},  {"·", "."}, {"’", "'"},   {"⁻⁶", "^-6"}};
@@ -59,6 +59,8 @@ std::string for_output(std::string text) {
     if (static_cast<unsigned char>(c) >= 0x80) c = '?';
   return text;
 }
+
+std::string for_output(std::string text) { return for_terminal(std::move(text), STDOUT_FILENO); }
 
 std::string shown(const std::vector<statistics::Summary>& runs, report::Format format, bool full,
                   const std::string& results) {

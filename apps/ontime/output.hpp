@@ -14,8 +14,10 @@ namespace ontime::app {
 
 // Columns of the terminal at standard output; 80 where there is none.
 std::size_t output_columns();
-// As the terminal at standard output can show it: where its locale is no UTF-8, µ becomes u and ≥ becomes >=.
+// As the terminal at this descriptor can show it: where its locale is no UTF-8, µ becomes u and ≥ becomes >=.
 // For a file or a pipe the text stays as it is.
+std::string for_terminal(std::string text, int descriptor);
+// For standard output.
 std::string for_output(std::string text);
 
 // The first screen of these runs, or with `full`, or in another form than a table, all of them.

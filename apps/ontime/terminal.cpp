@@ -48,7 +48,8 @@ std::string words(const roundtrip::Counters& counters) {
 // A full disk under a log must not end a measurement: what cannot be said is not said.
 template <typename... Arguments>
 void say(fmt::format_string<Arguments...> text, Arguments&&... arguments) {
-  std::fputs(fmt::format(text, std::forward<Arguments>(arguments)...).c_str(), stderr);
+  std::fputs(for_terminal(fmt::format(text, std::forward<Arguments>(arguments)...), STDERR_FILENO).c_str(),
+             stderr);
   std::fflush(stderr);
 }
 
@@ -74,7 +75,7 @@ void Terminal::clear_line() {
 // Cut to the terminal: what went on to a second line could not be cleared.
 void Terminal::rewrite_line(const std::string& text) {
   clear_line();
-  say("{:.{}}", text, columns() - 1);
+  say("{:.{}}", for_terminal(text, STDERR_FILENO), columns() - 1);
   line_open_ = true;
 }
 

@@ -51,9 +51,15 @@ constexpr const char* ament_index = "share/ament_index/resource_index/ontime_tra
 
 std::optional<fs::path> in_ament_index(const std::string& name) {
   for (const auto& prefix_path : folders_in(ament_variable)) {
-    std::ifstream resource(prefix_path / ament_index / name);
+    const auto file = prefix_path / ament_index / name;
+    std::ifstream resource(file);
+    if (!resource) continue;
     std::string relative;
-    if (std::getline(resource, relative)) return prefix_path / relative;
+    std::getline(resource, relative);
+    if (relative.empty())
+      throw Error(fmt::format("{} names no transport: its package is half installed. Build it again.",
+                              file.string()));
+    return prefix_path / relative;
   }
   return {};
 }

@@ -101,6 +101,8 @@ class Installed(unittest.TestCase):
         self.transport("udp").unlink()
         self.assertIn(f"{older}/other.so", self.ping("udp", code=3, AMENT_PREFIX_PATH=older).stderr)
         self.assertIn(f"{older}/gone.so", self.ping("gone", code=3, AMENT_PREFIX_PATH=older).stderr)
+        (index / "gone").write_text("")  # half installed
+        self.assertIn(str(index / "gone"), self.ping("gone", code=3, AMENT_PREFIX_PATH=older).stderr)
 
 
 if __name__ == "__main__":

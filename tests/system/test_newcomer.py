@@ -4,6 +4,7 @@
 
 import os
 import pathlib
+import pty
 import subprocess
 import tempfile
 import unittest
@@ -83,6 +84,32 @@ class Newcomer(unittest.TestCase):
         groups = [line.rstrip(":") for line in text.splitlines() if line.endswith(":") and not line.startswith(" ")]
         self.assertEqual([group for group in groups if group not in ("Options", "Usage")],
                          ["Measure", "Understand", "Tune", "Try", "Set up"])
+
+    def on_a_terminal(self, *arguments, **environment):
+        """What a terminal got, as bytes."""
+        ours, its = pty.openpty()
+        child = subprocess.Popen([ONTIME, *arguments], cwd=self.folder, stdin=its, stdout=its, stderr=its,
+                                 env={**os.environ, "TERM": "xterm", **environment})
+        os.close(its)
+        shown = b""
+        try:
+            while part := os.read(ours, 4096):
+                shown += part
+        except OSError:  # the other side was closed
+            pass
+        os.close(ours)
+        child.wait(timeout=120)
+        return shown
+
+    def test_a_terminal_without_utf_8_gets_ascii_and_no_colour(self):
+        for arguments in (["--help"], ["ping", "--help"], ["reprot"],
+                          ["ping", "--transport", "udp", "--loopback", "--duration", "200 ms"]):
+            with self.subTest(arguments):
+                shown = self.on_a_terminal(*arguments, LC_ALL="C", NO_COLOR="1")
+                self.assertTrue(shown)
+                self.assertTrue(shown.isascii(), shown)
+                self.assertNotRegex(shown, rb"\x1b\[[0-9;]*m")
+        self.assertIn("·".encode(), self.on_a_terminal("--help", LC_ALL="C.UTF-8"))
 
 
 if __name__ == "__main__":
