@@ -24,6 +24,7 @@ import urllib.request
 from program import eventually
 
 ONTIME, NODE, RMW_NODE = (os.environ[name] for name in ("ONTIME", "LISTEN_NODE", "LISTEN_RMW_NODE"))
+DDS_STAND_IN = pathlib.Path(RMW_NODE).parent.parent / "tests/listen/libddsc.so"
 LATE = 1
 MESSAGES = int(os.environ.get("LISTEN_MESSAGES", "5000"))
 DOMAIN = 77
@@ -313,6 +314,17 @@ class Listen(unittest.TestCase):
         self.assertAlmostEqual(flow["duplicated"], judged * 10 / 109, delta=11)
         self.assertEqual(flow["out_of_order"], 0)
         self.assertLess(flow["age"]["p50_ns"], 10_000_000)
+
+    def test_takes_of_a_ros_2_node_are_seen_beside_a_plain_program_of_its_cyclone_dds(self):
+        self.start(RMW_NODE)
+        # The first process of that library that is no node has the probes set there too.
+        plain = subprocess.Popen(["sleep", "60"], env={**ENVIRONMENT, "LD_PRELOAD": str(DDS_STAND_IN)})
+        self.addCleanup(lambda: (plain.kill(), plain.wait()))
+        done = subprocess.run([ONTIME, "listen", "/scan", "--for", "3 s", "--format", "json"], capture_output=True,
+                              text=True, timeout=60)
+        flow, = json.loads(done.stdout)["flows"]
+        self.assertIsNotNone(flow["reader"])
+        self.assertGreater(flow["age"]["count"], 0)
 
     def test_capabilities_of_the_service_suffice(self):
         unit = (pathlib.Path(__file__).parent.parent.parent / "debian/ontime.ontime-listen.service").read_text()
