@@ -16,10 +16,16 @@ enum ontime_event_kind {
 };
 
 /* Calls that met a probe, by CPU; the key of a map. */
-enum ontime_call { ontime_publish_calls, ontime_take_calls, ontime_turn_calls, ontime_stepped_calls, ontime_calls };
+enum ontime_call {
+  ontime_publish_calls,
+  ontime_take_calls,
+  ontime_turn_calls,
+  ontime_stepped_calls,
+  ontime_calls
+};
 
-/* Registers, in four bits each: a probe's cookie says which of them hold the arguments of a call. A number is one more
- * than that of the register's 64 bits in pt_regs. */
+/* Registers, in four bits each: a probe's cookie says which of them hold the arguments of a call. A number is
+ * one more than that of the register's 64 bits in pt_regs. */
 enum ontime_register {
   ontime_no_register,
 #ifdef __aarch64__
@@ -45,8 +51,9 @@ enum ontime_register {
   ontime_argument_1  /* rdi */
 #endif
 };
-/* In a cookie: where the registers' numbers are, of the endpoint, of rmw's `bool* taken`, and of where the call writes
- * what is read at its return; and whether the kernel steps over an instruction under the call's probes. */
+/* In a cookie: where the registers' numbers are, of the endpoint, of rmw's `bool* taken`, and of where the
+ * call writes what is read at its return; and whether the kernel steps over an instruction under the call's
+ * probes. */
 enum {
   ontime_cookie_endpoint = 0,
   ontime_cookie_taken = 4,
@@ -56,10 +63,10 @@ enum {
 
 struct ontime_event {
   __u32 kind;
-  __u32 lost;     /* events that found the buffer full, until now */
-  __u64 at_ns;    /* CLOCK_MONOTONIC: a publish begins, a take has returned */
-  __u64 endpoint; /* rmw: address of the publisher or subscription; DDS: its handle */
-  __u64 stamp_ns; /* the writer's source time stamp, CLOCK_REALTIME of its machine; 0: unknown */
+  __u32 lost;      /* events that found the buffer full, until now */
+  __u64 at_ns;     /* CLOCK_MONOTONIC: a publish begins, a take has returned */
+  __u64 endpoint;  /* rmw: address of the publisher or subscription; DDS: its handle */
+  __u64 stamp_ns;  /* the writer's source time stamp, CLOCK_REALTIME of its machine; 0: unknown */
   __u8 writer[16]; /* which writer, as this reader's middleware names it; zero: unknown */
   __u32 process;
   __u32 thread;
