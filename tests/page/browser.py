@@ -3,9 +3,11 @@
 import base64
 import contextlib
 import json
+import os
 import re
 import shutil
 import subprocess
+import tempfile
 import time
 import urllib.error
 import urllib.request
@@ -88,7 +90,10 @@ class Browser:
 
 @contextlib.contextmanager
 def driver():
-    process = subprocess.Popen(["chromedriver", "--port=0"], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
+    # Chromium leaves folders behind: here they go.
+    folder = tempfile.TemporaryDirectory(prefix="ontime-test-", ignore_cleanup_errors=True)
+    process = subprocess.Popen(["chromedriver", "--port=0"], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True,
+                               env=dict(os.environ, TMPDIR=folder.name))
     try:
         for line in process.stdout:
             if found := re.search(r"started successfully on port (\d+)", line):
@@ -100,3 +105,4 @@ def driver():
         process.terminate()
         process.wait()
         process.stdout.close()
+        folder.cleanup()
