@@ -205,8 +205,8 @@ class Listen(unittest.TestCase):
         for (age, _), (number, at, _) in zip(rows, taken):
             truth = at - published[number]
             self.assertLessEqual(age, truth)  # the logs read their clocks before the publish, after the take
-            self.assertAlmostEqual(age, truth, delta=20_000_000)
         errors = sorted(at - published[number] - age for (age, _), (number, at, _) in zip(rows, taken))
+        self.assertLess(errors[len(errors) // 2], 1_000_000)  # another message's would be 3 ms off; a busy machine delays some logs
         print(f"chain: {len(rows)} ages; below the logs by p50 {errors[len(errors) // 2]} ns, max {errors[-1]} ns", file=sys.stderr)
 
     def test_chain_of_topics_that_no_node_joins_has_no_age(self):
