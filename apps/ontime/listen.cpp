@@ -93,12 +93,12 @@ class Listening {
       if (const auto now = std::chrono::steady_clock::now();
           (now >= hand_over_at && (metrics || results)) || (results && results->is_full())) {
         hand_over_at = now + 1s;
-        const auto seen = wanted(sensor->findings());
+        auto seen = wanted(sensor->findings());
         if (metrics) {
           counters_.add(seen);
           metrics->set(counters_.metrics());
         }
-        if (results) results->write(with_chains(seen).flows);
+        if (results) results->write(with_chains(std::move(seen)).flows);
       }
       if (!goes_on) break;
     }
@@ -338,7 +338,7 @@ class Listening {
   const bool is_judged_ = limits_.deadline || limits_.period || limits_.age;
   const std::vector<listen::ChainWish> chains_;
   std::set<std::string> topics_;  // that were asked for; empty: all
-  std::set<std::string> unseen_;  // topics that were asked for
+  std::set<std::string> unseen_;  // of these
   std::optional<std::chrono::nanoseconds> time_;
   const bool as_json_;
   Output output_;

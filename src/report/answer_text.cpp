@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <algorithm>
-#include <cmath>
 #include <numeric>
 
 #include <fmt/format.h>
@@ -37,11 +36,10 @@ std::string missed_of(const Row& row, bool with_cycles) {
   const double share =
       static_cast<double>(row.missed) * 100 / static_cast<double>(std::max<std::uint64_t>(row.cycles, 1));
   // One is never nothing: "0.0005 %". And all is more than nearly all: "99.9 %".
-  const auto shown_from = [](double least) { return static_cast<int>(std::ceil(-std::log10(least))); };
-  const int decimals = share < 0.005                  ? shown_from(share)
+  const int decimals = share < 0.005                  ? decimals_that_show(share)
                        : share < 0.095                ? 2
                        : share < 9.5                  ? 1
-                       : share >= 99.5 && share < 100 ? shown_from(100 - share)
+                       : share >= 99.5 && share < 100 ? decimals_that_show(100 - share)
                                                       : 0;
   return fmt::format("{} ({:.{}f} %)", text, share, decimals);
 }

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <algorithm>
+#include <cmath>
 #include <map>
 
 #include <fmt/format.h>
@@ -42,6 +43,8 @@ std::string deadline(const Summaries& summaries) {
 std::string cycles(std::uint64_t count) { return grouped(count) + (count == 1 ? " cycle" : " cycles"); }
 
 }  // namespace
+
+int decimals_that_show(double below_one) { return static_cast<int>(std::ceil(-std::log10(below_one))); }
 
 std::string grouped(std::uint64_t count) {
   const auto digits = fmt::format("{}", count);
