@@ -290,6 +290,22 @@ TEST_F(OnePair, AddressOfAnotherTopicBeginsAnew) {
     EXPECT_TRUE(one.reader.process != 2 || one.topic == "/scan");
 }
 
+TEST_F(OnePair, TakeWithoutAStampOfAPublisherThatMadeRoomIsCounted) {
+  get_acquainted();
+  const auto taken = [&] {
+    const auto flows = messages.findings().flows;
+    const auto one = std::find_if(flows.begin(), flows.end(), [](const auto& flow) {
+      return flow.reader == Party{2, "base"};
+    });
+    return one == flows.end() ? 0 : one->messages;
+  };
+  const auto before = taken();
+  for (std::uint64_t i = 0; i < Messages::most_live; ++i)
+    publish(at(7000) + static_cast<std::int64_t>(i), 1, 0x1000 + i);
+  take(at(7001), 0);
+  EXPECT_EQ(taken(), before + 1);
+}
+
 struct JudgedPair : OnePair {
   JudgedPair() : OnePair(Limits{.deadline = 15ms, .period = {}, .age = 1ms}) {}
 };

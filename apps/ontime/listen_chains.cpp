@@ -107,14 +107,14 @@ std::string remarks_of(const listen::Chain& chain) {
     if (const auto count = chain.unknown_takes[topic]; count > 0)
       add(fmt::format(
           "{}: of {} takes the publish is unknown: the writer was not recognized yet, is on another "
-          "machine, or published from two threads at once",
+          "machine, or published from two threads at once; or it published too long ago",
           topic_name(wish, topic), count));
   if (chain.silent_ns > 0)
-    add(fmt::format("SILENT: nothing came out for the last {:.1f} s",
+    add(fmt::format("SILENT: nothing is known to have come out for the last {:.1f} s",
                     static_cast<double>(chain.silent_ns) / 1e9));
-  if (chain.forgotten_paths > 0)
-    add(fmt::format("{} other ways through processes are not listed; {} messages came out there",
-                    chain.forgotten_paths, chain.forgotten));
+  if (chain.forgotten > 0)
+    add(fmt::format("{} messages came out by ways through other processes, which are not listed{}",
+                    chain.forgotten, wish.age ? fmt::format("; {} of them late", chain.forgotten_late) : ""));
   return text;
 }
 
@@ -140,7 +140,7 @@ std::size_t came_out(const listen::Chain& chain) {
 }
 
 bool misses(const listen::Chain& chain) {
-  return chain.wish.age && (came_out(chain) == 0 || chain.silent_ns > 0 ||
+  return chain.wish.age && (came_out(chain) == 0 || chain.silent_ns > 0 || chain.forgotten_late > 0 ||
                             std::any_of(chain.paths.begin(), chain.paths.end(),
                                         [](const auto& path) { return path.late > 0; }));
 }
@@ -162,7 +162,7 @@ ordered_json json_of(const listen::Chain& chain) {
                     {"came_out", came_out(chain)},
                     {"silent_ns", chain.silent_ns},
                     {"paths", ordered_json::array()},
-                    {"forgotten_paths", chain.forgotten_paths}};
+                    {"forgotten", {{"messages", chain.forgotten}, {"late", chain.forgotten_late}}}};
   for (std::size_t topic = 0; topic < chain.wish.steps.size(); ++topic) {
     const bool is_last = topic + 1 == chain.wish.steps.size();
     json["topics"].push_back(
@@ -199,7 +199,8 @@ std::vector<listen::Flow> flows_of(const listen::Chain& chain) {
     flow.messages = path.age.count();
     flow.last_ns = path.last_ns;
     flow.age = path.age;
-    flow.own_age_limit = chain.wish.age;
+    flow.between.assign(path.parties.begin() + 1, path.parties.end() - 1);
+    flow.chain_limit = chain.wish.age;
     flow.late = path.late;
     flows.push_back(std::move(flow));
   }

@@ -26,8 +26,9 @@ std::string name_of(const listen::Party& party, const char* unknown, bool with_p
 }
 
 std::string name_of(const listen::Flow& flow, bool with_processes) {
-  return fmt::format("{} → {}", name_of(flow.writer, "(writer not seen)", with_processes),
-                     name_of(flow.reader, "(no reader seen)", with_processes));
+  auto name = name_of(flow.writer, "(writer not seen)", with_processes);
+  for (const auto& node : flow.between) name += " → " + name_of(node, "(unknown)", with_processes);
+  return name + " → " + name_of(flow.reader, "(no reader seen)", with_processes);
 }
 
 bool has_both_ends(const listen::Flow& flow) {
@@ -97,8 +98,8 @@ std::int64_t ListenResults::begin(const listen::Flow& flow, Row::Quantity quanti
        {"repetition", 1},
        {"schedule", "back-to-back"},  // of its own accord: no cycle is known in which a message was due
        {"deadline_us", microseconds(quantity == Row::Quantity::period ? limits_.longest_gap()
-                                    : flow.own_age_limit              ? flow.own_age_limit
-                                                                      : limits_.age)},
+                                    : flow.between.empty()            ? limits_.age
+                                                                      : flow.chain_limit)},
        {"ontime", ONTIME_VERSION},
        {"command_line", command_line_}});
 }

@@ -59,7 +59,9 @@ void ChainFollower::published(const Message& message) {
   if (publishing_[*topic].size() < most_threads) publishing_[*topic].insert(message.process);
   if (*topic == 0) return remember(message, begin(message));
   const auto* const hand = hand_of(*topic, message);
-  if (hand == nullptr) ++found_.without_take[*topic];
+  // What a thread took while events were lost is not known.
+  if (hand == nullptr && (!noted_ || noted_->contains(message.thread))) ++found_.without_take[*topic];
+  note(message.thread);
   if (hand == nullptr || !hand->journey) return remember(message, {});
   auto journey = *hand->journey;
   journey.at_ns[2 * *topic] = message.at_ns;
@@ -76,6 +78,7 @@ ChainFollower::Journey ChainFollower::begin(const Message& message) {
     ++first_origin_;
   }
   ++found_.begun;
+  if (waiting_since_ns_ == 0) waiting_since_ns_ = message.at_ns;
   origins_.push_back({.at_ns = message.at_ns});
   Journey journey;
   journey.origin = first_origin_ + origins_.size() - 1;
@@ -88,7 +91,10 @@ const ChainFollower::Hand* ChainFollower::hand_of(std::size_t topic, const Messa
   const bool is_of_latest = wish_.steps[topic].is_of_latest;
   const auto& hands = is_of_latest ? latest_[topic - 1] : hands_;
   const auto hand = hands.find(is_of_latest ? message.process : message.thread);
-  return hand == hands.end() || hand->second.topic != topic - 1 ? nullptr : &hand->second;
+  // Another process may have got the thread's number.
+  const bool fits =
+      hand != hands.end() && hand->second.topic == topic - 1 && hand->second.process == message.process;
+  return fits ? &hand->second : nullptr;
 }
 
 void ChainFollower::remember(const Message& message, std::optional<Journey> journey) {
@@ -100,7 +106,9 @@ void ChainFollower::remember(const Message& message, std::optional<Journey> jour
   if (publisher.messages.size() == most_remembered) publisher.messages.pop_front();
   const auto number = message.number.value_or(0);
   publisher.messages.push_back({number, message.thread, message.at_ns + stamped_ns, journey});
-  if (calls_.size() < most_threads) calls_[message.thread] = {message.publisher, number};
+  // Threads that ended are among them. Without its call a message has its stamp the latest that is possible.
+  if (calls_.size() == most_threads) calls_.clear();
+  calls_[message.thread] = {message.publisher, number};
 }
 
 // A thread that does something else has published.
@@ -120,17 +128,23 @@ void ChainFollower::end_call(std::uint32_t thread, std::int64_t at_ns) {
 void ChainFollower::turned(std::uint32_t thread, std::int64_t at_ns) {
   end_call(thread, at_ns);
   hands_.erase(thread);
+  note(thread);
 }
 
-// nullptr: nothing is known of it, or another thread published by the same publisher at that time: then its
+void ChainFollower::note(std::uint32_t thread) {
+  if (noted_ && noted_->size() < most_threads) noted_->insert(thread);
+}
+
+// Nothing is known of it either where another thread published by the same publisher at that time: then its
 // stamp does not tell which of the two it is.
-const ChainFollower::Journey* ChainFollower::find(const Message& message, std::size_t topic) {
+ChainFollower::Origins ChainFollower::find(const Message& message, std::size_t topic) {
+  if (!message.number) return {};
   const auto publisher = publishers_.find(message.publisher);
-  if (!message.number || publisher == publishers_.end()) return nullptr;
+  if (publisher == publishers_.end()) return {.is_forgotten = true};
   auto& messages = publisher->second.messages;
   const auto found = std::lower_bound(messages.begin(), messages.end(), *message.number,
                                       [](const auto& one, auto number) { return one.number < number; });
-  if (found == messages.end() || found->number != *message.number) return nullptr;
+  if (found == messages.end() || found->number != *message.number) return {.is_forgotten = true};
   bool is_unclear = false;
   const auto blur = [&](const Sent& sent) {
     is_unclear = true;
@@ -145,8 +159,10 @@ const ChainFollower::Journey* ChainFollower::find(const Message& message, std::s
   if (is_unclear) {
     blur(*found);
     ++found_.unknown_takes[topic];
+    return {};
   }
-  return is_unclear || !found->journey ? nullptr : &*found->journey;
+  found->stamped_ns = std::min(found->stamped_ns, message.stamp_ns);
+  return {.journey = found->journey ? &*found->journey : nullptr};
 }
 
 void ChainFollower::taken(const Message& message) {
@@ -155,15 +171,16 @@ void ChainFollower::taken(const Message& message) {
   const auto topic = position_of(message.topic);
   if (!topic) return;
   Hand hand{.process = message.process, .topic = *topic, .journey = {}};
-  if (message.publisher == 0) {
+  const auto from = find(message, *topic);
+  if (message.publisher == 0 || from.is_forgotten) {
     ++found_.unknown_takes[*topic];
     // What is under way may go on by this message.
     if (continues(*topic, message.process)) forget_under_way();
-  } else if (const auto* const journey = find(message, *topic)) {
-    hand.journey = *journey;
+  } else if (from.journey != nullptr) {
+    hand.journey = *from.journey;
     hand.journey->at_ns[2 * *topic + 1] = message.at_ns;
     hand.journey->processes[*topic + 1] = message.process;
-    if (continues(*topic, message.process)) reach(journey->origin, 2 * *topic + 1);
+    if (continues(*topic, message.process)) reach(hand.journey->origin, 2 * *topic + 1);
   }
   if (*topic + 1 == wish_.steps.size()) {
     if (hand.journey) arrive(*hand.journey);
@@ -187,50 +204,66 @@ void ChainFollower::reach(std::uint64_t origin, std::size_t stage) {
 }
 
 void ChainFollower::arrive(const Journey& journey) {
-  auto& path = path_of(journey);
-  auto& found = path.found;
   const auto from_ns = journey.at_ns[0], to_ns = journey.at_ns[last_stage()];
+  const bool is_late = wish_.age && to_ns - from_ns > wish_.age->count();
+  last_arrival_ns_ = to_ns;
+  waiting_since_ns_ = 0;
+  auto* const path = path_of(journey);
+  if (path == nullptr) {
+    ++found_.forgotten;
+    found_.forgotten_late += is_late ? 1 : 0;
+    return;
+  }
+  auto& found = path->found;
   for (std::size_t part = 0; part < found.parts.size(); ++part)
     found.parts[part].add(journey.at_ns[part + 1] - journey.at_ns[part]);
   found.age.add(to_ns - from_ns);
-  found.last_ns = last_arrival_ns_ = to_ns;
-  const bool is_late = wish_.age && to_ns - from_ns > wish_.age->count();
+  found.last_ns = to_ns;
   found.late += is_late ? 1 : 0;
-  if (keep_row_) keep_row_({found.id, Row::Quantity::age, path.rows++, from_ns, to_ns, is_late});
+  if (keep_row_) keep_row_({found.id, Row::Quantity::age, path->rows++, from_ns, to_ns, is_late});
 }
 
-ChainFollower::Path& ChainFollower::path_of(const Journey& journey) {
+// nullptr: there is no room for another.
+ChainFollower::Path* ChainFollower::path_of(const Journey& journey) {
   const std::vector<std::uint32_t> processes(
       journey.processes.begin(),
       journey.processes.begin() + static_cast<std::ptrdiff_t>(wish_.steps.size() + 1));
-  if (const auto known = paths_.find(processes); known != paths_.end()) return known->second;
-  make_room_for_path();
+  if (const auto known = paths_.find(processes); known != paths_.end()) return &known->second;
+  if (!make_room_for_path()) return nullptr;
   auto& path = paths_[processes];
   path.found.id = next_id_++;
   for (const auto process : processes) path.found.parties.push_back(party_of_(process));
   path.found.parts.resize(last_stage());
-  return path;
+  return &path;
 }
 
-void ChainFollower::make_room_for_path() {
-  if (paths_.size() + ended_paths_.size() < most_paths) return;
-  ++found_.forgotten_paths;
+bool ChainFollower::make_room_for_path() {
+  if (paths_.size() + ended_paths_.size() < most_paths) return true;
+  const auto forget = [&](const ChainPath& path) {
+    found_.forgotten += path.age.count();
+    found_.forgotten_late += path.late;
+  };
   if (!ended_paths_.empty()) {
-    found_.forgotten += ended_paths_.front().age.count();
+    forget(ended_paths_.front());
     ended_paths_.erase(ended_paths_.begin());
-    return;
+    return true;
   }
   const auto oldest = std::min_element(paths_.begin(), paths_.end(), [](const auto& one, const auto& other) {
     return one.second.found.last_ns < other.second.found.last_ns;
   });
-  found_.forgotten += oldest->second.found.age.count();
+  if (now_ns_ - oldest->second.found.last_ns < idle_ns) return false;
+  forget(oldest->second.found);
   paths_.erase(oldest);
+  return true;
 }
 
 void ChainFollower::interrupt() {
   hands_.clear();
   calls_.clear();
-  for (auto& hands : latest_) hands.clear();
+  noted_.emplace();
+  for (auto& hands : latest_)
+    for (auto& [process, hand] : hands) hand.journey.reset();
+  waiting_since_ns_ = 0;
   forget_under_way();
 }
 
@@ -248,7 +281,13 @@ void ChainFollower::retire(std::uint32_t process) {
   const auto is_of_it = [&](const auto& one) { return one.second.process == process; };
   std::erase_if(hands_, is_of_it);
   std::erase_if(publishers_, is_of_it);
-  for (auto& hands : latest_) hands.erase(process);
+  for (auto& hands : latest_) {
+    hands.erase(process);
+    for (auto& [id, hand] : hands)
+      if (hand.journey && std::find(hand.journey->processes.begin(), hand.journey->processes.end(),
+                                    process) != hand.journey->processes.end())
+        hand.journey.reset();
+  }
   for (auto& processes : publishing_) processes.erase(process);
   std::erase_if(paths_, [&](auto& one) {
     const auto& [processes, path] = one;
@@ -274,11 +313,8 @@ ChainFollower::Ended ChainFollower::ended() const {
 }
 
 std::int64_t ChainFollower::silent_ns() const {
-  const auto last = std::find_if(origins_.rbegin(), origins_.rend(),
-                                 [&](const auto& origin) { return origin.stage == last_stage(); });
-  // One that went in after the last that came out, or the first of all.
-  const auto next = last.base();
-  if (last_arrival_ns_ == 0 || next == origins_.end() || now_ns_ - next->at_ns <= under_way_ns) return 0;
+  if (last_arrival_ns_ == 0 || waiting_since_ns_ == 0 || now_ns_ - waiting_since_ns_ <= under_way_ns)
+    return 0;
   return now_ns_ - last_arrival_ns_;
 }
 

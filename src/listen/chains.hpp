@@ -25,6 +25,8 @@ class ChainFollower {
   // Of each publisher so many messages are known, and of so many publishers the latest.
   static constexpr std::size_t most_remembered = 1024, most_publishers = 32;
   static constexpr std::size_t most_begun = 4096, most_paths = 32, most_threads = 1024;
+  // After such a silence a path makes room for another where there is none left.
+  static constexpr std::int64_t idle_ns = 60'000'000'000;
   // After so long a message that came no further has ended.
   static constexpr std::int64_t under_way_ns = 10'000'000'000;
   // A publish has given its message a stamp after so long, or when its thread goes on to something else.
@@ -97,12 +99,17 @@ class ChainFollower {
   Journey begin(const Message&);
   const Hand* hand_of(std::size_t topic, const Message&) const;
   void remember(const Message&, std::optional<Journey>);
-  const Journey* find(const Message&, std::size_t topic);
+  struct Origins {
+    const Journey* journey = nullptr;  // nullptr: nothing is known of it
+    bool is_forgotten = false;         // it was known, too long ago
+  };
+  Origins find(const Message&, std::size_t topic);
+  void note(std::uint32_t thread);
   void end_call(std::uint32_t thread, std::int64_t at_ns);
   void reach(std::uint64_t origin, std::size_t stage);
   void arrive(const Journey&);
-  Path& path_of(const Journey&);
-  void make_room_for_path();
+  Path* path_of(const Journey&);
+  bool make_room_for_path();
   void forget_under_way();
   Ended ended() const;
   std::int64_t silent_ns() const;
@@ -122,7 +129,8 @@ class ChainFollower {
   std::vector<ChainPath> ended_paths_;
   std::uint64_t next_id_;
   std::int64_t now_ns_ = 0;
-  std::int64_t last_arrival_ns_ = 0;
+  std::int64_t last_arrival_ns_ = 0, waiting_since_ns_ = 0;  // 0: none; nothing has gone in since the last
+  std::optional<std::set<std::uint32_t>> noted_;  // threads seen since events were lost, if any were
   KeepRow keep_row_;
 };
 

@@ -74,13 +74,14 @@ struct Flow {
   std::uint64_t id = 0;  // the same in all findings of a sensor, and no other flow's
   std::string topic;     // as ROS 2 names it; "" where no sensor learned it
   Party writer, reader;
-  std::uint64_t messages = 0;  // taken; on the wire, seen; of a flow without a reader, published
+  std::vector<Party> between{};  // nodes of a chain
+  std::uint64_t messages = 0;    // taken; on the wire, seen; of a flow without a reader, published
   std::int64_t first_ns = 0, last_ns = 0;
   Distribution period;
   std::optional<Distribution> age;  // empty: no writer's stamp by this machine's clock
   AgeFrom age_from = AgeFrom::writer;
-  std::optional<std::chrono::nanoseconds> own_age_limit{};  // empty: that of Limits
-  std::optional<std::uint64_t> lost;                        // empty: the sensor cannot tell
+  std::optional<std::chrono::nanoseconds> chain_limit{};  // of the age, where it is of a chain
+  std::optional<std::uint64_t> lost;                      // empty: the sensor cannot tell
   std::uint64_t duplicated = 0, reordered = 0;
   std::uint64_t late = 0;      // by any of the limits
   std::int64_t silent_ns = 0;  // from its last message to the end of listening, where that is beyond a limit
@@ -124,11 +125,11 @@ struct Chain {
   std::vector<std::uint64_t> ended;
   // By topic: published though the thread (or process) had taken none of the topic before in this callback.
   std::vector<std::uint64_t> without_take;
-  // By topic: taken, and from which publish is not known: the writer is not recognized yet, or remote, or two
-  // threads published at once.
+  // By topic: taken, and from which publish is not known: the writer is not recognized yet, or remote, two
+  // threads published at once, or it was too long ago.
   std::vector<std::uint64_t> unknown_takes;
   std::int64_t silent_ns = 0;  // since something came out, where messages have gone in for ten seconds since
-  std::uint64_t forgotten_paths = 0, forgotten = 0;  // for which there was no room, and what came out of them
+  std::uint64_t forgotten = 0, forgotten_late = 0;  // that came out of paths for which there was no room
 };
 
 // What the probes saw of a late message's way: CLOCK_MONOTONIC, 0 where they did not see it.

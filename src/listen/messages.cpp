@@ -207,11 +207,13 @@ void Messages::taken(const Observation& seen) {
     }
     if (number) is_new = place(link, *number, seen, is_too_old);
   }
+  const auto writer = link.publisher ? publishers_.find(*link.publisher) : publishers_.end();
   chains_.taken({.topic = link.topic,
                  .process = seen.process,
                  .thread = seen.thread,
-                 .publisher = link.publisher ? publishers_.at(*link.publisher).id : 0,
-                 .number = is_new ? number : std::nullopt,
+                 .publisher = writer != publishers_.end() ? writer->second.id : 0,
+                 // No message is taken before its stamp: the clock was set back.
+                 .number = is_new && seen.stamp_ns <= seen.at_ns ? number : std::nullopt,
                  .at_ns = seen.at_ns,
                  .stamp_ns = seen.stamp_ns});
   link.last_number = number;
