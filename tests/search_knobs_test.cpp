@@ -30,6 +30,11 @@ TEST(Goal, EachLimitIsAShareOfMessages) {
   EXPECT_EQ(parts[3].gate.times, statistics::Times::response);
 }
 
+TEST(Goal, NoneMayBeAShareToo) {
+  for (const auto* text : {"late = 0", "late = 0 %", "late = 0%"})
+    EXPECT_EQ(goal_of(text).front().limit.share, 0) << text;
+}
+
 TEST(Goal, WhatIsNoShareOfMessagesIsRefused) {
   for (const auto* text :
        {"", "mean < 1 ms", "late = 3", "late <= 3", "p99 = 1 ms", "p99 < 1 ms and", "and late = 0",

@@ -47,13 +47,8 @@ int print_findings(const std::vector<Finding>& findings, bool as_json) {
     print_json(nlohmann::json{{"fit", fit}, {"findings", all}});
     return fit ? 0 : 1;
   }
-  int hints = 0, wrong = 0;
-  for (const auto& finding : findings) {
-    hints += finding.severity == Severity::hint ? 1 : 0;
-    wrong += finding.severity == Severity::wrong ? 1 : 0;
-    print(text_of(finding));
-  }
-  print(fmt::format("{}: {} errors, {} warnings\n", fit ? "fit" : "not fit", wrong, hints));
+  for (const auto& finding : findings) print(text_of(finding));
+  print(fmt::format("{}: {}\n", fit ? "fit" : "not fit", fitness::counts_of(findings)));
   return fit ? 0 : 1;
 }
 

@@ -29,6 +29,9 @@ foreign::What what_of(const ImportArguments& arguments) {
         2, fmt::format("--from: '{}' is not one of cyclictest-histogram, cyclictest-json", arguments.from));
   if (arguments.unit != "us" && arguments.unit != "ns")
     throw campaign::Error(2, fmt::format("--unit: '{}' is neither us nor ns", arguments.unit));
+  if (arguments.id.find(',') != std::string::npos)
+    throw campaign::Error(
+        2, fmt::format("--id: '{}': an id has no comma, because --only divides ids by it", arguments.id));
   return {*form, arguments.id, arguments.unit == "us" ? 1000 : 1};
 }
 

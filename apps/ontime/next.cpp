@@ -33,16 +33,6 @@ std::string newest_results() {
   return newest;
 }
 
-std::string state_of_machine() {
-  const auto findings = fitness::check({});
-  const auto count = [&](fitness::Severity severity) {
-    return std::count_if(findings.begin(), findings.end(),
-                         [&](const auto& finding) { return finding.severity == severity; });
-  };
-  return fmt::format("{} errors, {} warnings", count(fitness::Severity::wrong),
-                     count(fitness::Severity::hint));
-}
-
 }  // namespace
 
 int show_next() {
@@ -59,7 +49,7 @@ int show_next() {
   else
     add(fmt::format("ontime ping --transport {} --loopback", has_udp ? "udp" : transports.front()),
         "a first round trip, 10 s");
-  add("ontime check", "is it fit? " + state_of_machine());
+  add("ontime check", "is it fit? " + fitness::counts_of(fitness::check({})));
   add(geteuid() == 0 ? "ontime run demo" : "sudo ontime run demo", "under load, and with real-time");
   add("ontime init ROBOT", "a scenario with a second machine");
   add("source <(ontime completion bash)", "complete commands with Tab");

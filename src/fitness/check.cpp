@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <algorithm>
 
+#include <fmt/format.h>
+
 #include "fitness/look.hpp"
 
 namespace ontime::fitness {
@@ -39,6 +41,11 @@ constexpr Check checks[] = {{"preemption", preemption},
                             {"napi", napi},
                             {"middleware", middlewares}};
 
+auto count(const std::vector<Finding>& findings, Severity severity) {
+  return std::count_if(findings.begin(), findings.end(),
+                       [&](const Finding& finding) { return finding.severity == severity; });
+}
+
 }  // namespace
 
 const char* word_of(Severity severity) {
@@ -64,9 +71,12 @@ std::vector<Finding> check(const Subject& subject) {
   return all;
 }
 
-bool fit(const std::vector<Finding>& findings) {
-  return std::none_of(findings.begin(), findings.end(),
-                      [](const Finding& finding) { return finding.severity == Severity::wrong; });
+bool fit(const std::vector<Finding>& findings) { return count(findings, Severity::wrong) == 0; }
+
+std::string counts_of(const std::vector<Finding>& findings) {
+  const auto errors = count(findings, Severity::wrong), warnings = count(findings, Severity::hint);
+  return fmt::format("{} error{}, {} warning{}", errors, errors == 1 ? "" : "s", warnings,
+                     warnings == 1 ? "" : "s");
 }
 
 }  // namespace ontime::fitness

@@ -43,7 +43,8 @@ Part part_of(const std::string& text) {
     const auto end = gate.find_first_not_of("<=", at);
     const auto comparison = gate.substr(at, end - at);
     if (comparison == "<" || comparison == "=") gate.replace(at, 1, "<=");
-    const bool is_none = trimmed(text.substr(std::min(end, text.size()))) == "0";
+    const auto limit = trimmed(text.substr(std::min(end, text.size())));
+    const bool is_none = limit == "0" || limit == "0%" || limit == "0 %";
     if (comparison == "=" && !is_none)
       throw gate::Error(fmt::format("'{}': only a number of 0 is asked for with =, others with <", text));
     if (comparison == "<" && is_none)

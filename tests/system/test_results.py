@@ -414,6 +414,7 @@ class Results(unittest.TestCase):
             self.import_file(text, code=2)
         for text in ("{", "[]", "[" * 100_000, '{"thread": {"0": {"histogram": {"1": -1}}}}', HISTOGRAM):
             self.import_file(text, code=2, form="cyclictest-json")
+        self.assertIn("comma", self.ontime("import", "old.txt", "--from", "cyclictest-json", "--results", self.results, "--id", "a,b", code=2).stderr)
         self.assertIn("no percentile", self.import_file(HISTOGRAM, code=2, form="performance-test").stderr)
         self.assertEqual(hashlib.sha256(self.results.read_bytes()).digest(), before)
         self.results.unlink()
