@@ -408,6 +408,20 @@ TEST_F(ScenarioFile, ALayerMayBeChosenWithoutTheOneBelow) {
   EXPECT_EQ(scenario.runs[0].adds_to, "lower");
 }
 
+TEST_F(ScenarioFile, ABaselineOfItselfOrInACircleIsRefusedAtItsPlace) {
+  EXPECT_THAT(error("runs: [{id: a, transport: udp, adds-to: a}]\n"),
+              HasSubstr(":1:41: adds-to: the baselines form a circle: a → a"));
+  const auto circle =
+      "runs:\n"
+      "- {id: a, transport: udp, adds-to: b}\n"
+      "- {id: b, transport: udp, adds-to: c}\n"
+      "- {id: c, transport: udp, adds-to: b}\n";
+  EXPECT_THAT(error(circle), HasSubstr(":3:36: adds-to: the baselines form a circle: b → c → b"));
+  Selection selection;
+  selection.only = {"a"};
+  EXPECT_THAT(error(circle, selection), HasSubstr("b → c → b"));
+}
+
 TEST_F(ScenarioFile, TheSameIsNotMeasuredTwiceUnderOneName) {
   EXPECT_THAT(error("runs: [{id: a, transport: udp, payload: [1 B, 2 B, 1 B]}]\n"),
               HasSubstr(":1:52: payload: '1 B' occurs twice"));

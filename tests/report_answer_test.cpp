@@ -153,6 +153,12 @@ TEST(Answer, NothingLateSaysHowLongToMeasure) {
                      Field(&Answer::Step::command, "ontime run scenarios/demo.yaml --duration 5min"))));
 }
 
+TEST(Answer, WithoutADeadlineNothingIsSaidToBeInTime) {
+  auto one = run(1, "a", "udp", {});
+  one.run.asked.task.client.deadline = {};
+  EXPECT_EQ(answer_of({one}, kept).sentence, "All 2,000 cycles had an answer (no deadline was stated).");
+}
+
 TEST(Answer, TheNextCommandKeepsWhatTheRunsWereChosenBy) {
   auto one = run(1, "a", "udp", {});
   one.missed_probability.messages = 2000;
@@ -167,6 +173,24 @@ TEST(Answer, TheNextCommandKeepsWhatTheRunsWereChosenBy) {
   EXPECT_THAT(
       commands_of(answer_of({one}, kept)),
       Contains("ontime run scenarios/demo.yaml --duration=5s --only a b --resume --results demo.ontime"));
+}
+
+TEST(Answer, TheNextCommandOfTheLabKeepsItsMachine) {
+  auto one = run(1, "a", "udp", {});
+  one.missed_probability.messages = 2000;
+  one.missed_probability.bound = 1.5e-3;
+  one.message_every_ns = 10 * ms;
+  amend(one.run.outcome, "/hosts/controller/machine/simulated", "QEMU, igb");
+  amend(one.run.asked, "/command_line",
+        {"ontime", "lab", "run", "scenarios/demo.yaml", "--nic", "igb", "--live", "--duration", "5s",
+         "--full"});
+  EXPECT_THAT(commands_of(answer_of({one}, kept)),
+              Contains("ontime lab run scenarios/demo.yaml --nic igb --live --duration 5min"));
+  // As the lab recorded it before: what ran within the machine.
+  amend(one.run.asked, "/command_line",
+        {"ontime", "run", "/scenarios/1/demo.yaml", "--send-to", "/dev/x", "--cable", "eth1,eth2"});
+  EXPECT_THAT(commands_of(answer_of({one}, kept)), Contains(HasSubstr("ontime lab run ")));
+  EXPECT_THAT(commands_of(answer_of({one}, kept)), Not(Contains(HasSubstr("--cable"))));
 }
 
 TEST(Answer, TheNextCommandNamesNoOptionTwice) {

@@ -296,7 +296,7 @@ TEST_F(Page, shows_no_messages_of_what_was_imported) {
   EXPECT_THAT(alone, Not(HasSubstr("data-run=")));
   add_run(asked("a", "udp"), outcome(), {sample(0, ms)});
   const auto beside = page();
-  EXPECT_THAT(beside, HasSubstr("All 1 cycles had an answer within 10 ms."));
+  EXPECT_THAT(beside, HasSubstr("The only cycle had an answer within 10 ms."));
   EXPECT_THAT(beside, HasSubstr("thread 0 (c.json)"));
   EXPECT_EQ(found_in(beside, "(data-run=)").size(), 1u);
 }

@@ -175,7 +175,10 @@ LabEnd InLab::measure(record::Writer& writer, Terminal& terminal, const campaign
   observer.says = [&](const std::string& line) { terminal.line(end.said = line); };
   observer.sent = [&](const fs::path& sent) {
     const record::Reader reader(sent.string());
-    for (const auto& run : reader.runs()) record::copy_run(reader, run, writer);
+    for (auto& run : reader.runs()) {
+      run.asked.document["command_line"] = command_line();  // as typed here, which is what repeats it
+      record::copy_run(reader, run, writer);
+    }
   };
   journal::revert_abandoned(keeper::kinds());
   journal::Journal journal(keeper::kinds());

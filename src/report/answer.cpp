@@ -204,7 +204,7 @@ std::string capital(std::string text) {
   return text;
 }
 
-// "within 10 ms", or where runs have several deadlines "in time".
+// "within 10 ms", or where runs have several deadlines "in time", or where they have none that there is none.
 std::string in_time(const std::vector<Class>& classes) {
   const auto deadline_of = [](const Entry* entry) {
     return entry->runs.front()->run.asked.task.client.deadline;
@@ -213,7 +213,7 @@ std::string in_time(const std::vector<Class>& classes) {
   for (const auto& one : classes)
     for (const auto* entry : one.entries)
       if (deadline_of(entry) != deadline) return "in time";
-  return deadline.count() > 0 ? "within " + duration(deadline) : "in time";
+  return deadline.count() > 0 ? "within " + duration(deadline) : "(no deadline was stated)";
 }
 
 const Class* contrast_of(const std::vector<Class>& classes, const Class& worst) {
@@ -268,6 +268,7 @@ std::string sentence_of(const std::vector<Class>& classes, const Class* worst, c
   if (worst->high == 0) {
     std::uint64_t cycles = 0;
     for (const auto* entry : worst->entries) cycles += entry->row.cycles;
+    if (cycles == 1 && classes.size() == 1) return fmt::format("The only cycle had an answer {}.", within);
     if (classes.size() == 1) return fmt::format("All {} cycles had an answer {}.", grouped(cycles), within);
     return fmt::format("All cycles had an answer {}, under each of {} conditions.", within, classes.size());
   }

@@ -54,15 +54,21 @@ std::string name_of_option(const std::string& word) { return word.substr(0, word
 constexpr std::string_view of_the_link[] = {"--deploy", "--cable"};
 constexpr std::string_view of_all[] = {"--deploy",     "--cable",    "--only",
                                        "--transports", "--duration", "--explain"};
+constexpr std::string_view of_the_lab[] = {"--nic", "--live", "--cpus", "--kernel", "--memory", "--with"};
 constexpr std::string_view without_duration[] = {"--deploy", "--cable", "--only", "--transports"};
 
-// Those of these options with which the scenario was carried out, and their values.
+// Those of these options with which the scenario was carried out, and their values; of the lab's, all.
 std::vector<std::string> options_of(const Summary& run, const std::string& scenario, Options wanted) {
   const auto& words = run.run.asked.command_line;
   std::vector<std::string> kept;
+  // Until 0.2 the lab's runs had the command line of the machine in it, which is of no use here.
+  if (is_simulated(run) && words.size() > 1 && words[1] == "run") return kept;
   bool keeps = false;
   for (std::size_t i = 2; i < words.size(); ++i) {
-    if (words[i].starts_with('-')) keeps = is_one_of(name_of_option(words[i]), wanted);
+    if (words[i].starts_with('-')) {
+      const auto name = name_of_option(words[i]);
+      keeps = is_one_of(name, wanted) || (is_simulated(run) && is_one_of(name, of_the_lab));
+    }
     if (keeps && words[i] != scenario) kept.push_back(words[i]);
   }
   return kept;
@@ -72,8 +78,9 @@ std::vector<std::string> options_of(const Summary& run, const std::string& scena
 std::vector<std::string> again(const Summary& run, Options wanted) {
   const auto& words = run.run.asked.command_line;
   if (const auto scenario = scenario_of(run); !scenario.empty()) {
-    if (is_simulated(run)) return {"ontime", "lab", "run", scenario};
-    std::vector<std::string> all = {"ontime", "run", scenario};
+    std::vector<std::string> all = {"ontime"};
+    if (is_simulated(run)) all.emplace_back("lab");
+    all.insert(all.end(), {"run", scenario});
     const auto options = options_of(run, scenario, wanted);
     all.insert(all.end(), options.begin(), options.end());
     return all;

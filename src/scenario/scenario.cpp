@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <iterator>
+#include <map>
 #include <set>
 #include <stdexcept>
 #include <string_view>
@@ -98,6 +99,7 @@ class File {
     Combinations combinations(scenario_.file, scenario_.hosts, keys, selection_);
     const auto for_all = defaults ? read_defaults(*defaults, keys) : Entries{};
     for (const auto& run : *runs) read_run(run, for_all, keys, combinations);
+    check_baselines();
     if (scenario_.runs.empty()) return std::move(scenario_);  // none is selected
     check_wire();
     if (repeat) read_repeat(*repeat);
@@ -172,13 +174,29 @@ class File {
     const auto id = scalar(own["id"], "id");
     if (!ids_.insert(id).second) fail(own["id"], fmt::format("there is another run with id '{}'", id));
     own.erase("id");
+    own.insert(defaults.begin(), defaults.end());  // where the run says nothing
+    if (const auto below = own.find("adds-to"); below != own.end() && below->second.IsScalar())
+      baselines_.insert_or_assign(id, below->second);
     if (!selection_.only.empty() &&
         std::find(selection_.only.begin(), selection_.only.end(), id) == selection_.only.end())
       return;
-    own.insert(defaults.begin(), defaults.end());  // where the run says nothing
     const auto required = take_require(own, keys);
     for (auto& run : combinations.of(id, node, required, std::move(own)))
       scenario_.runs.push_back(std::move(run));
+  }
+
+  // `report --layers` subtracts a run's baseline, and that one's in turn: a circle has no lowest layer.
+  void check_baselines() const {
+    for (const auto& [id, node] : baselines_) {
+      auto circle = id;
+      std::set<std::string> seen;
+      for (auto below = baselines_.find(id); below != baselines_.end() && seen.insert(below->first).second;) {
+        const auto next = below->second.Scalar();
+        circle += " → " + next;
+        if (next == id) fail(node, fmt::format("adds-to: the baselines form a circle: {}", circle));
+        below = baselines_.find(next);
+      }
+    }
   }
 
   Required take_require(Entries& entries, const RunKeys& keys) const {
@@ -221,6 +239,7 @@ class File {
   const Selection& selection_;
   Scenario scenario_;
   std::set<std::string> ids_;
+  std::map<std::string, YAML::Node> baselines_;  // of runs that have one, by id, selected or not
 };
 
 std::string some_of(const std::set<std::string>& ids) {

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <algorithm>
+#include <cstdint>
 #include <cstdlib>
 #include <filesystem>
 #include <fstream>
@@ -8,8 +9,10 @@
 #include <sstream>
 
 #include <dlfcn.h>
+#include <elf.h>
 #include <fmt/format.h>
 #include <fmt/ranges.h>
+#include <link.h>
 
 #include "spelling/spelling.hpp"
 #include "transport/find.hpp"
@@ -83,7 +86,35 @@ std::string not_followed() {
       fmt::join(ignored, " and "));
 }
 
+// Whether the file ends before what its ELF header promises, as after an interrupted copy or on a full disk.
+// dlopen() maps such a file, and the process then dies of SIGBUS. It reports other damage itself.
+bool is_truncated(const fs::path& file) {
+  std::ifstream in(file, std::ios::binary);
+  ElfW(Ehdr) head{};
+  if (!in.read(reinterpret_cast<char*>(&head), sizeof head)) return false;
+  constexpr unsigned char own_class = sizeof(void*) == 8 ? ELFCLASS64 : ELFCLASS32;
+  if (!std::equal(ELFMAG, ELFMAG + SELFMAG, head.e_ident) || head.e_ident[EI_CLASS] != own_class ||
+      head.e_phentsize != sizeof(ElfW(Phdr)))
+    return false;
+  std::error_code none;
+  const std::uintmax_t bytes = fs::file_size(file, none);
+  const auto ends_beyond = [bytes](std::uintmax_t offset, std::uintmax_t length) {
+    return offset > bytes || length > bytes - offset;
+  };
+  if (ends_beyond(head.e_shoff, std::uintmax_t{head.e_shentsize} * head.e_shnum)) return true;
+  in.seekg(static_cast<std::streamoff>(head.e_phoff));
+  for (unsigned left = head.e_phnum; left > 0; --left) {
+    ElfW(Phdr) segment{};
+    if (!in.read(reinterpret_cast<char*>(&segment), sizeof segment)) return true;
+    if (segment.p_type == PT_LOAD && ends_beyond(segment.p_offset, segment.p_filesz)) return true;
+  }
+  return false;
+}
+
 const Plugin& open(const fs::path& file, const std::string& name) {
+  if (is_truncated(file))
+    throw Error(fmt::format("transport {} is truncated: its file ends too early. Install or build it again",
+                            file.string()));
   void* object = dlopen(file.c_str(), RTLD_NOW | RTLD_LOCAL | RTLD_NODELETE);
   if (object == nullptr)
     throw Error(fmt::format("transport {} does not load: {}{}", file.string(),

@@ -228,6 +228,18 @@ class Results(unittest.TestCase):
         self.ontime("run", path, "--results", "mine.ontime", code=3)
         self.assertEqual([entry.name for entry in self.folder.iterdir()], ["unreachable.yaml"])
 
+    def test_a_transport_that_was_not_copied_to_its_end_is_named(self):
+        plugin = next(pathlib.Path(ONTIME).resolve().parent.parent.rglob("ontime_transport_udp.so"))
+        whole = plugin.read_bytes()
+        cut = self.folder / "ontime_transport_udp.so"
+        self.enterContext(unittest.mock.patch.dict(os.environ, ONTIME_TRANSPORT_PATH=str(self.folder)))
+        for size in (0, 40, 70, 5000, len(whole) // 2, len(whole) - 1):
+            cut.write_bytes(whole[:size])
+            said = self.ontime("ping", "--transport", "udp", "--loopback", "--duration", "100ms", code=3).stderr
+            self.assertIn(str(cut), said)
+            if size > 64:  # there is an ELF header
+                self.assertIn("truncated", said)
+
     def test_all_hosts_are_checked_before_the_first_run(self):
         path = self.folder / "unready.yaml"
         path.write_text("hosts:\n  controller: {reach: ['false'], address: 127.0.0.1}\n"
