@@ -32,7 +32,7 @@ struct Subject {
 
 // In the order of the table. What a machine does not have is left out.
 std::vector<Finding> check(const Subject&);
-bool fit(const std::vector<Finding>&);  // nothing is wrong
+bool fit(const std::vector<Finding>&);               // nothing is wrong
 std::string counts_of(const std::vector<Finding>&);  // "1 error, 9 warnings"
 
 }  // namespace ontime::fitness
