@@ -93,7 +93,7 @@ bool is_truncated(const fs::path& file) {
   ElfW(Ehdr) head{};
   if (!in.read(reinterpret_cast<char*>(&head), sizeof head)) return false;
   constexpr unsigned char own_class = sizeof(void*) == 8 ? ELFCLASS64 : ELFCLASS32;
-  if (!std::equal(ELFMAG, ELFMAG + SELFMAG, head.e_ident) || head.e_ident[EI_CLASS] != own_class ||
+  if (!std::equal(head.e_ident, head.e_ident + SELFMAG, ELFMAG) || head.e_ident[EI_CLASS] != own_class ||
       head.e_phentsize != sizeof(ElfW(Phdr)))
     return false;
   std::error_code none;
