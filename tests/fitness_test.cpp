@@ -290,11 +290,11 @@ TEST(ThisMachine, SaysOfEachFaultWhyItIsOneAndWhatMendsIt) {
   }
 }
 
-}  // namespace
 TEST(Counts, OneIsNotPlural) {
   const Finding error{"", Severity::wrong, "", "", "", ""}, warning{"", Severity::hint, "", "", "", ""};
   EXPECT_EQ(fitness::counts_of({error, warning, warning}), "1 error, 2 warnings");
   EXPECT_EQ(fitness::counts_of({{}, warning}), "0 errors, 1 warning");
 }
 
+}  // namespace
 }  // namespace ontime::fitness

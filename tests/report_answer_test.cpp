@@ -34,6 +34,15 @@ Summary run(std::int64_t number, const std::string& id, const std::string& trans
   return one;
 }
 
+// Too short to prove that less than 1 in 10,000 is late, which takes 5 minutes.
+Summary run_without_a_late_message() {
+  auto one = run(1, "a", "udp", {});
+  one.missed_probability.messages = 2000;
+  one.missed_probability.bound = 1.5e-3;
+  one.message_every_ns = 10 * ms;
+  return one;
+}
+
 // The demo's: idle, load, both with real-time settings; the load is what makes messages late.
 std::vector<Summary> demo() {
   std::vector<Summary> runs;
@@ -140,11 +149,7 @@ TEST(Answer, AFailedRunIsNamedWithItsError) {
 }
 
 TEST(Answer, NothingLateSaysHowLongToMeasure) {
-  auto one = run(1, "a", "udp", {});
-  one.missed_probability.messages = 2000;
-  one.missed_probability.bound = 1.5e-3;
-  one.message_every_ns = 10 * ms;
-  const auto answer = answer_of({one}, kept);
+  const auto answer = answer_of({run_without_a_late_message()}, kept);
   EXPECT_EQ(answer.sentence, "All 2,000 cycles had an answer within 10 ms.");
   // 3 / 1e-4 messages of 10 ms.
   EXPECT_THAT(
@@ -160,10 +165,7 @@ TEST(Answer, WithoutADeadlineNothingIsSaidToBeInTime) {
 }
 
 TEST(Answer, TheNextCommandKeepsWhatTheRunsWereChosenBy) {
-  auto one = run(1, "a", "udp", {});
-  one.missed_probability.messages = 2000;
-  one.missed_probability.bound = 1.5e-3;
-  one.message_every_ns = 10 * ms;
+  auto one = run_without_a_late_message();
   amend(one.run.asked, "/command_line",
         {"ontime", "run", "--duration=5s", "scenarios/demo.yaml", "--only", "a", "b", "--fail-if", "late > 0",
          "--results", "old.ontime"});
@@ -176,10 +178,7 @@ TEST(Answer, TheNextCommandKeepsWhatTheRunsWereChosenBy) {
 }
 
 TEST(Answer, TheNextCommandOfTheLabKeepsItsMachine) {
-  auto one = run(1, "a", "udp", {});
-  one.missed_probability.messages = 2000;
-  one.missed_probability.bound = 1.5e-3;
-  one.message_every_ns = 10 * ms;
+  auto one = run_without_a_late_message();
   amend(one.run.outcome, "/hosts/controller/machine/simulated", "QEMU, igb");
   amend(one.run.asked, "/command_line",
         {"ontime", "lab", "run", "scenarios/demo.yaml", "--nic", "igb", "--live", "--duration", "5s",
@@ -194,10 +193,7 @@ TEST(Answer, TheNextCommandOfTheLabKeepsItsMachine) {
 }
 
 TEST(Answer, TheNextCommandNamesNoOptionTwice) {
-  auto one = run(1, "a", "udp", {});
-  one.missed_probability.messages = 2000;
-  one.missed_probability.bound = 1.5e-3;
-  one.message_every_ns = 10 * ms;
+  auto one = run_without_a_late_message();
   amend(one.run.asked, "/scenario_file", "");
   amend(one.run.asked, "/command_line",
         {"ontime", "ping", "--loopback", "--explain", "on", "--duration=1s", "--results=old.ontime"});

@@ -6,6 +6,7 @@
 #include "flags.hpp"
 #include "foreign/foreign.hpp"
 #include "listening.hpp"
+#include "table/table.hpp"
 #include "terminal.hpp"
 
 namespace ontime::app {
@@ -45,8 +46,8 @@ int import_results(const ImportArguments& arguments, const nlohmann::json& comma
     asked["command_line"] = command_line;
     writer.end_run(writer.begin_run(asked), run.outcome);
   }
-  print_error(fmt::format("{} run{} of {} {} in {}", runs.size(), runs.size() == 1 ? "" : "s",
-                          arguments.bag.bag, runs.size() == 1 ? "is" : "are", arguments.results));
+  print_error(fmt::format("{} of {} {} in {}", table::many(runs.size(), "run", "runs"), arguments.bag.bag,
+                          runs.size() == 1 ? "is" : "are", arguments.results));
   return 0;
 }
 

@@ -61,8 +61,8 @@ std::string text_of(const std::vector<ordered_json>& lines) {
       continue;
     }
     const auto runs = line.at("runs").get<std::size_t>();
-    text += fmt::format("{:{}}  {}: {}{} run{}, {}\n", name, width, table::printable(line.at("title")),
-                        line.at("searches").get<bool>() ? "at most " : "", runs, runs == 1 ? "" : "s",
+    text += fmt::format("{:{}}  {}: {}{}, {}\n", name, width, table::printable(line.at("title")),
+                        line.at("searches").get<bool>() ? "at most " : "", table::many(runs, "run", "runs"),
                         about(std::chrono::duration<double>(line.at("seconds").get<double>())));
   }
   return text;

@@ -1,9 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <algorithm>
 
-#include <fmt/format.h>
-
 #include "fitness/look.hpp"
+#include "table/table.hpp"
 
 namespace ontime::fitness {
 namespace {
@@ -41,9 +40,10 @@ constexpr Check checks[] = {{"preemption", preemption},
                             {"napi", napi},
                             {"middleware", middlewares}};
 
-auto count(const std::vector<Finding>& findings, Severity severity) {
-  return std::count_if(findings.begin(), findings.end(),
-                       [&](const Finding& finding) { return finding.severity == severity; });
+std::uint64_t count(const std::vector<Finding>& findings, Severity severity) {
+  return static_cast<std::uint64_t>(
+      std::count_if(findings.begin(), findings.end(),
+                    [&](const Finding& finding) { return finding.severity == severity; }));
 }
 
 }  // namespace
@@ -74,9 +74,8 @@ std::vector<Finding> check(const Subject& subject) {
 bool fit(const std::vector<Finding>& findings) { return count(findings, Severity::wrong) == 0; }
 
 std::string counts_of(const std::vector<Finding>& findings) {
-  const auto errors = count(findings, Severity::wrong), warnings = count(findings, Severity::hint);
-  return fmt::format("{} error{}, {} warning{}", errors, errors == 1 ? "" : "s", warnings,
-                     warnings == 1 ? "" : "s");
+  return table::many(count(findings, Severity::wrong), "error", "errors") + ", " +
+         table::many(count(findings, Severity::hint), "warning", "warnings");
 }
 
 }  // namespace ontime::fitness

@@ -61,13 +61,14 @@ constexpr std::string_view without_duration[] = {"--deploy", "--cable", "--only"
 std::vector<std::string> options_of(const Summary& run, const std::string& scenario, Options wanted) {
   const auto& words = run.run.asked.command_line;
   std::vector<std::string> kept;
+  const bool in_lab = is_simulated(run);
   // Until 0.2 the lab's runs had the command line of the machine in it, which is of no use here.
-  if (is_simulated(run) && words.size() > 1 && words[1] == "run") return kept;
+  if (in_lab && words.size() > 1 && words[1] == "run") return kept;
   bool keeps = false;
   for (std::size_t i = 2; i < words.size(); ++i) {
     if (words[i].starts_with('-')) {
       const auto name = name_of_option(words[i]);
-      keeps = is_one_of(name, wanted) || (is_simulated(run) && is_one_of(name, of_the_lab));
+      keeps = is_one_of(name, wanted) || (in_lab && is_one_of(name, of_the_lab));
     }
     if (keeps && words[i] != scenario) kept.push_back(words[i]);
   }

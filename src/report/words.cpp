@@ -48,10 +48,6 @@ std::string megabits(std::optional<double> bit_s) {
   return bit_s ? fmt::format("{:.4g}", *bit_s / 1e6) : nothing;
 }
 
-std::string many(std::uint64_t number, const char* one, const char* several) {
-  return fmt::format("{} {}", number, number == 1 ? one : several);
-}
-
 std::string size(std::uint64_t bytes) {
   if (bytes >= 1 << 20 && bytes % (1 << 20) == 0) return fmt::format("{} MiB", bytes >> 20);
   if (bytes >= 1 << 10 && bytes % (1 << 10) == 0) return fmt::format("{} KiB", bytes >> 10);

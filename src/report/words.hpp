@@ -24,6 +24,7 @@ using table::as_html;
 using table::Column;
 using table::escaped;
 using table::join;
+using table::many;
 using table::note_as_html;
 using table::Page;
 using table::printable;
@@ -44,10 +45,9 @@ std::string cell_of(const nlohmann::ordered_json&);  // as a spreadsheet has it
 
 std::string microseconds(double ns);  // "1234", below 100 "98.7"
 inline std::string microseconds(std::int64_t ns) { return microseconds(static_cast<double>(ns)); }
-std::string duration(std::chrono::nanoseconds);                                // "10 ms"
-std::string megabits(std::optional<double> bit_s);                             // "80", "38.2"
-std::string many(std::uint64_t number, const char* one, const char* several);  // "1 run", "2 runs"
-std::string size(std::uint64_t bytes);                                         // "500 B", "32 KiB"
+std::string duration(std::chrono::nanoseconds);     // "10 ms"
+std::string megabits(std::optional<double> bit_s);  // "80", "38.2"
+std::string size(std::uint64_t bytes);              // "500 B", "32 KiB"
 
 inline nlohmann::ordered_json or_null(const std::string& text) {
   return text.empty() ? nlohmann::ordered_json() : nlohmann::ordered_json(text);

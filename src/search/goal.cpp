@@ -38,20 +38,17 @@ std::string trimmed(const std::string& text) {
 
 Part part_of(const std::string& text) {
   auto gate = text;
-  const auto at = gate.find_first_of("<=");
-  if (at != gate.npos) {
-    const auto end = gate.find_first_not_of("<=", at);
-    const auto comparison = gate.substr(at, end - at);
+  std::string comparison;
+  if (const auto at = gate.find_first_of("<="); at != gate.npos) {
+    comparison = gate.substr(at, gate.find_first_not_of("<=", at) - at);
     if (comparison == "<" || comparison == "=") gate.replace(at, 1, "<=");
-    const auto limit = trimmed(text.substr(std::min(end, text.size())));
-    const bool is_none = limit == "0" || limit == "0%" || limit == "0 %";
-    if (comparison == "=" && !is_none)
-      throw gate::Error(fmt::format("'{}': only a number of 0 is asked for with =, others with <", text));
-    if (comparison == "<" && is_none)
-      throw gate::Error(fmt::format("'{}': nothing is less than 0: write = 0", text));
   }
   // On its own line: where it throws within braces, GCC 12 destroys what was initialized before it twice.
   auto parsed = gate::parse(gate, gate::Use::require);
+  if (comparison == "=" && parsed.limit != 0)
+    throw gate::Error(fmt::format("'{}': only a number of 0 is asked for with =, others with <", text));
+  if (comparison == "<" && parsed.limit == 0)
+    throw gate::Error(fmt::format("'{}': nothing is less than 0: write = 0", text));
   const auto share = permitted_share(parsed);
   return {{text, share}, std::move(parsed)};
 }

@@ -6,6 +6,7 @@
 
 #include <algorithm>
 #include <cstddef>
+#include <cstdint>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -23,6 +24,7 @@ std::size_t width_of(const std::string&);  // of UTF-8, in columns of a terminal
 // Between words. The lines after the first are indented further.
 std::string wrapped(const std::string& paragraph, std::size_t width, const std::string& indent = "");
 
+std::string many(std::uint64_t number, const char* one, const char* several);  // "1 run", "2 runs"
 std::string join(const std::vector<std::string>& parts, std::string_view separator);
 std::vector<std::string> split(const std::string& text, char separator);  // at least one
 // As one command, which a POSIX shell takes for these words.

@@ -91,6 +91,10 @@ std::string shortened(const std::string& text, std::size_t most) {
   return beginning.size() < text.size() ? beginning + "…" : text;
 }
 
+std::string many(std::uint64_t number, const char* one, const char* several) {
+  return fmt::format("{} {}", number, number == 1 ? one : several);
+}
+
 std::string join(const std::vector<std::string>& parts, std::string_view separator) {
   return fmt::format("{}", fmt::join(parts, separator));
 }
