@@ -209,6 +209,8 @@ TEST_F(ScenarioFile, ErrorsSayWhere) {
               HasSubstr(":2:44: payload: '2 Q'"));
   EXPECT_THAT(error("runs:\n  - {id: a, transport: udp}\n  - {id: a, transport: udp}\n"),
               HasSubstr("another run with id 'a'"));
+  EXPECT_THAT(error("runs:\n  - {id: 'a,b', transport: udp}\n"),
+              HasSubstr(":2:10: id: 'a,b': an id has no comma"));
   EXPECT_THAT(error("runs:\n  - {id: a, transport: udp, transport: fastdds}\n"),
               HasSubstr("'transport' occurs twice"));
   EXPECT_THAT(error("runs: [\n"), HasSubstr(":2:1:"));

@@ -47,12 +47,27 @@ TEST(Outcome, MembersOfAnotherKindAreAsIfMissing) {
       document[name] = odd;
     const Outcome of(document);
     EXPECT_EQ(of.counters.late, 0u) << odd;
+    EXPECT_TRUE(of.misfit) << odd;
     EXPECT_FALSE(of.interrupted) << odd;
     EXPECT_TRUE(find(of.hosts, "controller").threads.empty()) << odd;
     EXPECT_FALSE(find(of.hosts, "a").load_running) << odd;
     EXPECT_NO_THROW(Outcome{odd}) << odd;
     EXPECT_NO_THROW(Asked{odd}) << odd;
   }
+}
+
+TEST(Outcome, TheFirstMemberOfAnotherKindIsNamed) {
+  const auto misfit = [](json from) { return misfit_of({}, Outcome(std::move(from))); };
+  EXPECT_EQ(misfit({{"late", 3}, {"lost", nullptr}, {"of a later ontime", "x"}}), "");
+  EXPECT_EQ(misfit({{"late", "3"}}), "outcome.late");
+  EXPECT_EQ(misfit({{"late", -3}}), "outcome.late");
+  EXPECT_EQ(misfit(5), "outcome");
+  EXPECT_EQ(misfit({{"hosts", {{"component", {{"threads", {{{"tid", 7}}, {{"tid", "seven"}}}}}}}}}),
+            "outcome.hosts.component.threads.1.tid");
+  EXPECT_EQ(misfit({{"conditions", {{"controller", {{"cpu_stolen", "much"}}}}}}),
+            "outcome.conditions.controller.cpu_stolen");
+  EXPECT_EQ(misfit({{"hosts", {{"component", {{"transport", {{"facts", {{"domain", 7}}}}}}}}}}), "");
+  EXPECT_EQ(misfit_of(Asked(json{{"wire", {{"vlan", "one"}}}}), {}), "asked.wire.vlan");
 }
 
 TEST(Outcome, ErrorThatIsNoTextIsAnError) {

@@ -238,6 +238,16 @@ TEST(Compare, ARunThatAnsweredNothingIsNamed) {
   EXPECT_EQ(row_of(text, "p99 ").at(2), "1000");
 }
 
+TEST(Compare, ARemarkOfSeveralRunsStandsOnceAfterTheirNames) {
+  std::vector a{run("x", "k", 1), run("x", "k", 1, 2)}, b{run("x", "k", 1, 3), run("x", "k", 1, 4)};
+  for (auto* one : {&a[0], &a[1], &b[0]}) one->run.outcome.conditions["controller"].cpu_stolen = 0.02;
+  a[1].run.outcome.conditions["controller"].cpu_stolen = 0.04;
+  const auto text = render(compare(a, b), {}, Format::markdown);
+  EXPECT_EQ(text.find("the hypervisor took"), text.rfind("the hypervisor took")) << text;
+  EXPECT_THAT(text, HasSubstr("x udp (run 1) of A, x udp (run 2) of A, x udp (run 3) of B: the hypervisor "
+                              "took 2 % to 4 %"));
+}
+
 TEST(CompareChosen, RunsOfOtherIdsByTheirTransportsOrTheOneThatThereIs) {
   std::vector a{run("idle", "k1", 1), run("idle", "k2", 1)},
       b{run("loaded", "k3", 1), run("loaded", "k4", 1)};

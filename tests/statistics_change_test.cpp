@@ -42,14 +42,17 @@ TEST(Gate, DoesNotCryWolfBetweenTheHalvesOfARun) {
 TEST(Gate, SeesAShiftOfTwentyPercent) {
   for (const auto& kind : kinds()) {
     Random random(12);
-    const int runs = trials(5, 20);
+    const int runs = trials(5, 100);
     int seen = 0;
     for (int i = 0; i < runs; ++i) {
       auto slower = kind.series(samples, random);
       for (auto& value : slower) value += value / 5;
       seen += gate_fails(run_of(kind.series(samples, random)), run_of(slower), Figure::p99, 1.10) ? 1 : 0;
     }
-    EXPECT_GE(seen, runs * 9 / 10) << kind.name;
+    // Of one run a side; bursts hide it more often than in one of ten. Five repetitions must do better,
+    // below.
+    EXPECT_GE(seen, runs * 8 / 10) << kind.name;
+    if (runs >= 100) fmt::print("{:<15} single runs: found {} of {}\n", kind.name, seen, runs);
   }
 }
 

@@ -181,6 +181,8 @@ std::string unfit(const Summary& run) {
   }
   if (const auto missing = statistics::unrecorded(run.run); missing > 0)
     return fmt::format("{} of its samples were not recorded", missing);
+  if (const auto what = record::misfit_of(run.run.asked, run.run.outcome); !what.empty())
+    return what + " is not as ontime writes it";
   if (run.sent == 0) return "nothing was sent";
   return absent(run.run.asked, run.run.outcome);
 }

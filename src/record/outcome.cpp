@@ -1,8 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "record/outcome.hpp"
 
-#include <type_traits>
 #include <utility>
+
+#include <fmt/format.h>
 
 #include "record/document.hpp"
 #include "record/record.hpp"
@@ -12,26 +13,30 @@ namespace {
 
 using nlohmann::json;
 
-// Each reads what is of its kind, and leaves the rest as it is.
-void read(const json& from, bool& into) {
-  if (from.is_boolean()) into = from.get<bool>();
+// The path below a value to the first that is of another kind than its member: empty, if it is the value
+// itself.
+using Misfit = std::optional<std::string>;
+
+// Each reads what is of its kind, and leaves the rest as it is. What is not there fits.
+template <typename Value>
+Misfit read_if(bool fits, const json& from, Value& into) {
+  if (fits) into = from.get<Value>();
+  return fits || from.is_null() ? Misfit() : "";
 }
-void read(const json& from, std::int64_t& into) {
-  if (from.is_number_integer()) into = from.get<std::int64_t>();
+Misfit read(const json& from, bool& into) { return read_if(from.is_boolean(), from, into); }
+Misfit read(const json& from, std::int64_t& into) { return read_if(from.is_number_integer(), from, into); }
+Misfit read(const json& from, std::uint64_t& into) {
+  return read_if(from.is_number_integer() && from >= 0, from, into);
 }
-void read(const json& from, std::uint64_t& into) {
-  if (from.is_number_integer() && from >= 0) into = from.get<std::uint64_t>();
+Misfit read(const json& from, int& into) {
+  return read_if(from.is_number_integer() && from >= 0 && from <= INT32_MAX, from, into);
 }
-void read(const json& from, int& into) {
-  if (from.is_number_integer() && from >= 0 && from <= INT32_MAX) into = from.get<int>();
+Misfit read(const json& from, double& into) { return read_if(from.is_number(), from, into); }
+Misfit read(const json& from, std::string& into) { return read_if(from.is_string(), from, into); }
+Misfit read(const json& from, json& into) {
+  into = from;
+  return {};
 }
-void read(const json& from, double& into) {
-  if (from.is_number()) into = from.get<double>();
-}
-void read(const json& from, std::string& into) {
-  if (from.is_string()) into = from.get<std::string>();
-}
-void read(const json& from, json& into) { into = from; }
 struct AnyField {
   void operator()(const char*, auto&) const {}
 };
@@ -40,71 +45,81 @@ concept Listed = requires(Struct& of) {
   Struct::fields(of, AnyField{});
 };
 template <Listed Struct>
-void read(const json& from, Struct& into);
+Misfit read(const json& from, Struct& into);
 template <typename Value>
-void read(const json& from, std::vector<Value>& into);
+Misfit read(const json& from, std::vector<Value>& into);
 template <typename Value>
-void read(const json& from, ByName<Value>& into);
+Misfit read(const json& from, ByName<Value>& into);
 template <typename Value>
-void read(const json& from, std::optional<Value>& into);
-void read(const json& from, std::optional<std::string>& into);
-void read(const json& from, ByName<std::string>& into);
-void read(const json& from, conditions::Wire& into) {
-  read(at(from, "bits_per_s"), into.bits_per_s);
-  read(at(from, "vlan"), into.vlan);
+Misfit read(const json& from, std::optional<Value>& into);
+Misfit read(const json& from, std::optional<std::string>& into);
+Misfit read(const json& from, ByName<std::string>& into);
+
+// Adds a misfit within the value of that name, if it is the first.
+void note(Misfit& first, const std::string& name, const Misfit& within) {
+  if (within && !first) first = within->empty() ? name : name + "." + *within;
+}
+
+Misfit read(const json& from, conditions::Wire& into) {
+  if (!from.is_object()) return from.is_null() ? Misfit() : "";
+  Misfit first;
+  note(first, "bits_per_s", read(at(from, "bits_per_s"), into.bits_per_s));
+  note(first, "vlan", read(at(from, "vlan"), into.vlan));
+  return first;
 }
 
 template <typename Value>
-Value read_as(const json& from) {
-  Value value{};
-  read(from, value);
-  return value;
+Misfit read(const json& from, std::vector<Value>& into) {
+  if (!from.is_array()) return from.is_null() ? Misfit() : "";
+  Misfit first;
+  for (std::size_t i = 0; i < from.size(); ++i)
+    note(first, std::to_string(i), read(from[i], into.emplace_back()));
+  return first;
 }
 template <typename Value>
-void read(const json& from, std::vector<Value>& into) {
-  if (from.is_array())
-    for (const auto& element : from) into.push_back(read_as<Value>(element));
+Misfit read(const json& from, ByName<Value>& into) {
+  if (!from.is_object()) return from.is_null() ? Misfit() : "";
+  Misfit first;
+  for (const auto& [name, value] : from.items()) note(first, name, read(value, into[name]));
+  return first;
 }
-template <typename Value>
-void read(const json& from, ByName<Value>& into) {
-  if (from.is_object())
-    for (const auto& [name, value] : from.items()) into.emplace(name, read_as<Value>(value));
-}
-void read(const json& from, ByName<std::string>& into) {
+// Facts of a transport: others than texts are read where they stand.
+Misfit read(const json& from, ByName<std::string>& into) {
   if (from.is_object())
     for (const auto& [name, value] : from.items())
       if (value.is_string()) into.emplace(name, value.get<std::string>());
-}
-
-template <typename Value>
-constexpr bool is_a(const json& from) {
-  if constexpr (std::is_same_v<Value, bool>) return from.is_boolean();
-  if constexpr (std::is_floating_point_v<Value>) return from.is_number();
-  if constexpr (std::is_integral_v<Value>)
-    return from.is_number_integer() && (std::is_signed_v<Value> || from >= 0);
-  return !from.is_null();
+  return {};
 }
 template <typename Value>
-void read(const json& from, std::optional<Value>& into) {
-  if (is_a<Value>(from)) into = read_as<Value>(from);
+Misfit read(const json& from, std::optional<Value>& into) {
+  if (from.is_null()) return {};
+  Value value{};
+  auto misfit = read(from, value);
+  if (!misfit || !misfit->empty()) into = std::move(value);
+  return misfit;
 }
 // A reason that is no text is one all the same.
-void read(const json& from, std::optional<std::string>& into) {
+Misfit read(const json& from, std::optional<std::string>& into) {
   if (!from.is_null()) into = from.is_string() ? from.get<std::string>() : text_of(from);
+  return {};
 }
 
 template <Listed Struct>
-void read(const json& from, Struct& into) {
+Misfit read(const json& from, Struct& into) {
   if constexpr (requires { into.document; }) into.document = from;
-  Struct::fields(into, [&](const char* name, auto& member) { read(at(from, name), member); });
+  if (!from.is_object()) return from.is_null() ? Misfit() : "";
+  Misfit first;
+  Struct::fields(into,
+                 [&](const char* name, auto& member) { note(first, name, read(at(from, name), member)); });
+  return first;
 }
 
 }  // namespace
 
-Outcome::Outcome(json from) { read(from, *this); }
+Outcome::Outcome(json from) { misfit = read(from, *this); }
 
 Asked::Asked(json from) : conditions::Run(conditions::run_of_record(from)) {
-  read(from, *this);
+  misfit = read(from, *this);
   auto& client = task.client;
   for (const auto& [name, time] : {std::pair("period_us", &client.period),
                                    {"deadline_us", &client.deadline},
@@ -118,7 +133,17 @@ Asked::Asked(json from) : conditions::Run(conditions::run_of_record(from)) {
       if (value.is_number()) kernel.emplace(name, text_of(value));
 }
 
-Host host_of(const json& from) { return read_as<Host>(from); }
+std::string misfit_of(const Asked& asked, const Outcome& outcome) {
+  for (const auto& [name, misfit] : {std::pair("asked", &asked.misfit), {"outcome", &outcome.misfit}})
+    if (*misfit) return (*misfit)->empty() ? name : fmt::format("{}.{}", name, **misfit);
+  return "";
+}
+
+Host host_of(const json& from) {
+  Host host;
+  read(from, host);
+  return host;
+}
 
 bool on_one_machine(const Outcome& outcome) {
   const auto& one = find(outcome.hosts, "controller").machine.boot_id;

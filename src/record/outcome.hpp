@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // What a record says of a run: what was asked, and what came of it beside the samples. Parsed once, when a
 // run is read. A record may be of another program or damaged: what is missing or of another kind is nothing,
-// 0 or empty. Plain data. Each struct lists its fields once, by the names that records have for them.
+// 0 or empty, and `misfit` names the first of another kind. Plain data. Each struct lists its fields once, by
+// the names that records have for them.
 #pragma once
 
 #include <cstdint>
@@ -260,7 +261,8 @@ struct Outcome {
   Outcome() = default;
   Outcome(nlohmann::json);  // what a record has; implicit, for that is what an outcome is before it is read
 
-  nlohmann::json document;  // as it was recorded; null: the run was cut off
+  nlohmann::json document;            // as it was recorded; null: the run was cut off
+  std::optional<std::string> misfit;  // "hosts.component.drops.udp_send"; empty: the whole outcome
   bool has_ended() const { return !document.is_null(); }
   std::optional<std::string> error;
   bool interrupted = false;
@@ -304,7 +306,8 @@ struct Asked : conditions::Run {
   Asked() : Asked(nlohmann::json()) {}
   Asked(nlohmann::json);  // what a record has; implicit as above
 
-  nlohmann::json document;  // as it was recorded
+  nlohmann::json document;            // as it was recorded
+  std::optional<std::string> misfit;  // as of an outcome; of its own fields, not of those of conditions::Run
   // What it states by that name, such as "qos.depth"; null: nothing.
   const nlohmann::json& stated(const std::string& name) const {
     return conditions::member_of(document, name);
@@ -324,6 +327,9 @@ struct Asked : conditions::Run {
          of.measures);
   }
 };
+
+// What of a record is of another kind than ontime writes: "outcome.late"; empty if all is as it should be.
+std::string misfit_of(const Asked&, const Outcome&);
 
 // What an end says before a run, in the same form.
 Host host_of(const nlohmann::json&);

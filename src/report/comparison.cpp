@@ -143,9 +143,13 @@ Table table_of(const Pair& pair) {
     table.notes.push_back(
         "one run on a side does not show what changes from one start to the next: repeat the runs "
         "(repeat: 5) to tell better from worse");
+  std::vector<std::string> names;
+  Runs named;
   for (const auto* runs : {&pair.from, &pair.to})
     for (const auto* run : *runs) {
-      const auto name = fmt::format("{} of {}", gate::name_of(*run), runs == &pair.from ? "A" : "B");
+      named.push_back(run);
+      const auto& name =
+          names.emplace_back(fmt::format("{} of {}", gate::name_of(*run), runs == &pair.from ? "A" : "B"));
       if (const auto why = why_left_out(*run); !why.empty())
         table.notes.push_back(fmt::format("left out: {}, {}", name, why));
       else if (run->round_trip.count == 0)
@@ -153,9 +157,8 @@ Table table_of(const Pair& pair) {
             fmt::format("left out of all but late and lost: {}, nothing was answered", name));
       if (const auto text = statistics::shift_text(*run); !text.empty())
         table.notes.push_back(fmt::format("{}: {}", name, text));
-      if (const auto text = remarks(*run); !text.empty())
-        table.notes.push_back(fmt::format("{}: {}", name, text));
     }
+  for (auto& line : remark_lines(names, named)) table.notes.push_back(std::move(line));
   if (const auto text = list_of(differences(pair.from, pair.to)); !text.empty())
     table.notes.push_back("not the same (A → B): " + text);
   for (const auto* runs : {&pair.from, &pair.to})

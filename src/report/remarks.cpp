@@ -35,6 +35,8 @@ std::string simulated(const Outcome& outcome) {
 using Weight = Remark::Weight;
 
 std::string percent_text(double share) { return fmt::format("{:.2g} %", share * 100); }
+std::string whole_percent_text(double share) { return fmt::format("{:.0f} %", share * 100); }
+std::string microseconds_text(double ns) { return microseconds(ns) + " µs"; }
 
 // Causes outside the network and the other end: the CPU was given to others, or our own thread slept.
 constexpr double much_stolen = 0.001;
@@ -52,11 +54,11 @@ void add_taken_away(std::vector<Remark>& remarks, const statistics::Summary& sum
   }
   if (summary.shape.worst.empty() || summary.wake_up.count == 0) return;
   const auto& [took_ns, before, message, after] = summary.shape.worst.front();
-  const auto woke_late = static_cast<double>(roundtrip::wake_up_latency_ns(message));
-  if (woke_late * 2 >= static_cast<double>(took_ns))
-    remarks.push_back(
-        {Weight::detail, fmt::format("of the longest answered wait, {} µs, the sender's wake-up took {}",
-                                     microseconds(took_ns), microseconds(woke_late))});
+  const auto share =
+      static_cast<double>(roundtrip::wake_up_latency_ns(message)) / static_cast<double>(took_ns);
+  if (share >= 0.5)
+    remarks.push_back({Weight::detail, "of the longest answered wait, the sender's wake-up took {}",
+                       std::min(share, 1.0), whole_percent_text});
 }
 
 // None of these is in any number above.
@@ -121,8 +123,10 @@ void add_throttling(std::vector<Remark>& remarks, const statistics::Summary& sum
     const auto& of = find(summary.run.outcome.hosts, host);
     const auto throttle = throttle_of(of.machine);
     if (!throttle || static_cast<double>(ns) < throttle->least_ns || !ran_in_real_time(of, role)) return;
-    remarks.push_back({Weight::caution, fmt::format("{} up to {} µs late, as {} of the {} would make it",
-                                                    what, microseconds(ns), throttle->name, host)});
+    remarks.push_back(
+        {Weight::caution,
+         fmt::format("{} up to {{}} late, as {} of the {} would make it", what, throttle->name, host),
+         static_cast<double>(ns), microseconds_text});
   };
   suspect("controller", "send", "woke", summary.wake_up.max);
   suspect("component", "receive", "answered", summary.server.max);
@@ -222,6 +226,13 @@ std::vector<Remark> remarks_of(const statistics::Summary& summary) {
     if (!text.empty()) remarks.push_back({weight, std::move(text)});
   };
   add(Weight::not_applied, ending(outcome));
+  if (const auto what = record::misfit_of(summary.run.asked, outcome); !what.empty())
+    add(Weight::not_applied,
+        "in the results file " + printable(what) + " is not as ontime writes it, and was not read");
+  const bool was_asked = !summary.imported && !summary.run.asked.is_listened();
+  if (was_asked && statistics::is_complete(summary.run) && statistics::unrecorded(summary.run) == 0 &&
+      summary.sent == 0)
+    add(Weight::not_applied, "no message was sent");
   add(Weight::caution, simulated(outcome));
   for (const auto& [name, host] : outcome.hosts)
     if (host.load_running == false)
@@ -322,6 +333,20 @@ std::vector<SharedRemark> shared_remarks(const std::vector<const statistics::Sum
     shared.push_back({remark.weight, std::move(text), std::move(of)});
   }
   return shared;
+}
+
+std::vector<std::string> remark_lines(const std::vector<std::string>& names,
+                                      const std::vector<const statistics::Summary*>& runs) {
+  std::vector<std::pair<std::vector<std::size_t>, std::vector<std::string>>> notes;
+  for (const auto& [weight, text, of] : shared_remarks(runs)) {
+    auto same = std::find_if(notes.begin(), notes.end(),
+                             [&, &of = of](const auto& note) { return note.first == of; });
+    if (same == notes.end()) same = notes.insert(notes.end(), {of, {}});
+    same->second.push_back(text);
+  }
+  std::vector<std::string> lines;
+  for (const auto& [of, texts] : notes) lines.push_back(name_of_some(names, of) + ": " + join(texts, "; "));
+  return lines;
 }
 
 }  // namespace ontime::report

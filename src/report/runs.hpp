@@ -71,6 +71,9 @@ struct SharedRemark {
 // "udp, fastdds", "all runs", "9 of 12 runs (udp, fastdds, …)".
 std::string name_of_some(const std::vector<std::string>& names, const std::vector<std::size_t>& places);
 std::vector<SharedRemark> shared_remarks(const std::vector<const statistics::Summary*>&);
+// A line for those that the same runs have, after the names of these.
+std::vector<std::string> remark_lines(const std::vector<std::string>& names,
+                                      const std::vector<const statistics::Summary*>&);
 // Settings that these runs requested and the machines denied, one text for each remedy.
 std::vector<std::string> refusals(const Summaries&);
 

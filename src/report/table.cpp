@@ -207,21 +207,12 @@ std::vector<std::string> names_of(const std::vector<Group>& groups) {
   return names;
 }
 
-// Each remark once, after the runs that have it; those of the same runs in one note.
 std::vector<std::string> remarks_of(const std::vector<Group>& groups) {
   Group all;
   for (const auto& group : groups) all.insert(all.end(), group.begin(), group.end());
   const auto names = names_of(groups);
-  std::vector<std::pair<std::vector<std::size_t>, std::vector<std::string>>> notes;
-  for (const auto& [weight, text, runs] : shared_remarks(all)) {
-    auto same = std::find_if(notes.begin(), notes.end(),
-                             [&, &runs = runs](const auto& note) { return note.first == runs; });
-    if (same == notes.end()) same = notes.insert(notes.end(), {runs, {}});
-    same->second.push_back(text);
-  }
   auto lines = unbounded_notes(names, all);
-  for (const auto& [runs, texts] : notes)
-    lines.push_back(name_of_some(names, runs) + ": " + join(texts, "; "));
+  for (auto& line : remark_lines(names, all)) lines.push_back(std::move(line));
   return lines;
 }
 

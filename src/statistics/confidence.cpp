@@ -134,6 +134,8 @@ Measured mean(std::span<const Batch> given, double value) {
                                    std::sqrt(variance(some, all)));
     if (half_width > 0) *interval = {value - half_width, value + half_width};
   }
+  if (!result.sure.low)
+    result.open = batches.size() < fewest_batches ? "too few messages" : "all took as long";
   return result;
 }
 

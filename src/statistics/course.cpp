@@ -108,6 +108,7 @@ void keep_what_is_supported(Measured& of, double messages, double share, double 
 // With 95 % confidence a cause that the run has not seen strikes at most 3 messages in n, as often as many
 // are of one burst; each may take as long as a message is waited for.
 void add_the_unseen(Measured& mean, double messages, double effect, std::optional<double> longest_ns) {
+  if (!longest_ns && *mean.open == '\0') mean.open = "it is not known for how long a message is waited for";
   for (auto* interval : {&mean.sure, &mean.surer}) {
     if (longest_ns && interval->high)
       *interval->high += 3 * effect / messages * *longest_ns;
