@@ -193,6 +193,19 @@ TEST(Budget, IsThatOfTheGroupOrOfTheNearestThatIsSeen) {
   EXPECT_THAT(budget_files("3:cpuset:/c\n0::/d\n"), testing::IsEmpty());
 }
 
+TEST(Service, IsTheOneOfTheSystemThatTheGroupBelongsTo) {
+  EXPECT_EQ(service_of("0::/system.slice/robot.service\n"), "robot.service");
+  EXPECT_EQ(
+      service_of(
+          "4:cpu:/\n1:name=systemd:/system.slice/system-ontime\\x2dpong.slice/ontime-pong@arm.service\n"),
+      "ontime-pong@arm.service");
+  EXPECT_EQ(service_of("0::/system.slice/robot.service/part\n"), "robot.service");
+  EXPECT_EQ(service_of("0::/user.slice/user-1000.slice/user@1000.service/app.slice/x.service\n"), "");
+  EXPECT_EQ(service_of("0::/user.slice/user-1000.slice/session-3.scope\n"), "");
+  EXPECT_EQ(service_of("0::/system.slice/docker-1234.scope\n"), "");
+  EXPECT_EQ(service_of(""), "");
+}
+
 TEST(Read, SaysTheNameAsItIs) {
   const Sleeper sleeper(") R 1 (x) y");
   const auto state = read(sleeper.tid());

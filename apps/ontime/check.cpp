@@ -1,11 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <fmt/format.h>
+#include <unistd.h>
 
 #include "campaign/campaign.hpp"
 #include "commands.hpp"
 #include "fitness/fitness.hpp"
 #include "flags.hpp"
 #include "machine/machine.hpp"
+#include "output.hpp"
 #include "table/table.hpp"
 #include "terminal.hpp"
 
@@ -16,13 +18,17 @@ using fitness::Finding;
 using fitness::Severity;
 using table::printable;
 
-std::string text_of(const Finding& finding) {
-  auto text = fmt::format("{:<7} {}: {}\n",
-                          finding.severity == Severity::fine ? "" : fitness::word_of(finding.severity),
-                          finding.check, printable(finding.is));
-  for (const auto& [label, words] :
-       {std::pair{"should be", finding.should}, {"because", finding.why}, {"fix", finding.remedy}})
-    if (!words.empty()) text += fmt::format("          {}: {}\n", label, printable(words));
+std::string text_of(const Finding& finding, std::size_t columns) {
+  const bool narrow = columns < 60, fine = finding.severity == Severity::fine;
+  const auto mark = fine ? "" : fmt::format("{:<7} ", fitness::word_of(finding.severity));
+  const std::string below(narrow ? 2 : 10, ' ');
+  auto text = table::wrapped(mark + finding.check + ": " + printable(finding.is), columns,
+                             fine ? std::string(narrow ? 2 : 8, ' ') : "");
+  for (const auto& [label, words] : {std::pair{"should be", finding.should}, {"because", finding.why}})
+    if (!words.empty())
+      text += table::wrapped(fmt::format("{}: {}", label, printable(words)), columns, below);
+  // In one line, however long: a terminal folds it, and it can be copied whole.
+  if (!finding.remedy.empty()) text += fmt::format("{}fix: {}\n", below, printable(finding.remedy));
   return text;
 }
 
@@ -47,7 +53,8 @@ int print_findings(const std::vector<Finding>& findings, bool as_json) {
     print_json(nlohmann::json{{"fit", fit}, {"findings", all}});
     return fit ? 0 : 1;
   }
-  for (const auto& finding : findings) print(text_of(finding));
+  const auto columns = isatty(STDOUT_FILENO) != 0 ? output_columns() : std::string::npos;
+  for (const auto& finding : findings) print(text_of(finding, columns));
   print(fmt::format("{}: {}\n", fit ? "fit" : "not fit", fitness::counts_of(findings)));
   return fit ? 0 : 1;
 }

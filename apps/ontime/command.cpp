@@ -8,10 +8,12 @@
 #include <utility>
 
 #include <CLI/CLI.hpp>
+#include <boost/algorithm/string/trim.hpp>
 #include <unistd.h>
 
 #include "output.hpp"
 #include "spelling/spelling.hpp"
+#include "table/table.hpp"
 
 namespace ontime::app {
 namespace {
@@ -178,10 +180,43 @@ Command* Command::callback(std::function<void()> action) {
 std::string Command::name() const { return app_->get_name(); }
 bool Command::is_shown() const { return !app_->get_group().empty(); }
 
+namespace {
+
+constexpr std::size_t help_column = 34;    // in which what an option does begins
+constexpr std::size_t fewest_beside = 60;  // columns, to have it beside the option's name
+
+// Help in lines of so many columns.
+std::string fitted(const std::string& help, std::size_t columns) {
+  std::string text;
+  for (const auto& line : table::split(help, '\n')) {
+    if (table::width_of(line) <= columns) {
+      text += line + "\n";
+    } else if (!line.starts_with("  ")) {
+      text += table::wrapped(line, columns);
+    } else if (line.size() <= help_column || line[help_column - 1] != ' ') {
+      text += table::wrapped(boost::algorithm::trim_copy(line), columns, "  ");
+    } else {
+      const auto name = boost::algorithm::trim_right_copy(line.substr(0, help_column));
+      const bool beside = columns >= fewest_beside;
+      auto what =
+          table::wrapped(line.substr(help_column), columns, std::string(beside ? help_column : 4, ' '));
+      if (beside)
+        what.replace(0, name.size(), name);
+      else if (!name.empty())
+        text += name + "\n";
+      text += what;
+    }
+  }
+  text.pop_back();  // what follows the last line is none
+  return text;
+}
+
+}  // namespace
+
 Program::Program(const std::string& name, const std::string& help, const std::string& version)
     : app_(std::make_unique<CLI::App>(help, name)) {
   app_->set_version_flag("--version", version);
-  app_->get_formatter()->column_width(34);
+  app_->get_formatter()->column_width(help_column);
   app_->failure_message(message_of);
   command_ = std::make_unique<Command>(app_.get());
 }
@@ -195,7 +230,9 @@ std::optional<int> Program::parse(int argc, char** argv) {
     std::ostringstream help;
     std::ostringstream wrong;
     const int code = app_->exit(error, help, wrong);
-    std::cout << for_terminal(help.str(), STDOUT_FILENO) << std::flush;
+    const bool is_read = isatty(STDOUT_FILENO) != 0;
+    std::cout << for_terminal(is_read ? fitted(help.str(), output_columns()) : help.str(), STDOUT_FILENO)
+              << std::flush;
     std::cerr << for_terminal(wrong.str(), STDERR_FILENO);
     return code == 0 ? 0 : 2;
   }

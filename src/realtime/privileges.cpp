@@ -3,8 +3,10 @@
 
 #include <algorithm>
 #include <charconv>
+#include <cstdlib>
 #include <filesystem>
 #include <sstream>
+#include <string_view>
 #include <system_error>
 
 #include <fmt/format.h>
@@ -44,14 +46,38 @@ std::string how_to_permit_capabilities() {
   return fmt::format("run as root, or: sudo setcap cap_sys_nice,cap_ipc_lock+ep {}", path_of_program());
 }
 
+std::string service_of(const std::string& cgroup) {
+  static constexpr std::string_view system = ":/system.slice/", ending = ".service";
+  std::istringstream lines(cgroup);
+  for (std::string line; std::getline(lines, line);) {
+    const auto at = line.find(system);
+    if (at == line.npos) continue;
+    const auto end = line.find(std::string(ending) + "/", at);
+    if (end == line.npos && !line.ends_with(ending)) continue;
+    line.resize(end == line.npos ? line.size() : end + ending.size());
+    return line.substr(line.rfind('/') + 1);
+  }
+  return "";
+}
+
 std::string how_to_permit(int priority) {
+  priority = std::max(priority, 98);
+  // What was logged in to by a service, as by sshd, is in its group, but without systemd's variable.
+  if (std::getenv("INVOCATION_ID") != nullptr)
+    if (const auto service = service_of(text_of("/proc/self/cgroup")); !service.empty())
+      return fmt::format(
+          "sudo systemctl edit '{0}', put these lines there, then sudo systemctl restart '{0}':\n"
+          "[Service]\n"
+          "LimitRTPRIO={1}\n"
+          "LimitMEMLOCK=infinity",
+          service, priority);
   return fmt::format(
       "sudo groupadd --force realtime && sudo usermod --append --groups realtime $USER, put these lines into "
       "/etc/security/limits.d/realtime.conf and log in again:\n"
       "@realtime - rtprio {}\n"
       "@realtime - memlock unlimited\n"
       "or {}",
-      std::max(priority, 98), how_to_permit_capabilities());
+      priority, how_to_permit_capabilities());
 }
 
 std::vector<std::string> budget_files(const std::string& cgroup) {

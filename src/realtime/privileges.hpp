@@ -9,6 +9,7 @@ namespace ontime::realtime {
 bool capable(int capability);        // in the effective set of this thread; a CAP_ of <linux/capability.h>
 std::string limit_of(int resource);  // "0", "unlimited"
 std::string message_of(int error);   // "Operation not permitted"
+// For a service by its unit, for whom logs in by limits. Reads the environment.
 std::string how_to_permit(int priority = 0);
 std::string how_to_permit_capabilities();  // where no limit would do
 // The file with this process's budget of real-time CPU time if that is zero (cgroup v1), or "".

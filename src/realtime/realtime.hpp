@@ -93,6 +93,8 @@ bool has_capability(const std::string& status, int capability);
 // Of the text of /proc/PID/cgroup: the first of these files that is there says how much real-time CPU time
 // its group has, in microseconds of each period; where none is, it is not limited so (cgroup v2).
 std::vector<std::string> budget_files(const std::string& cgroup);
+// Of the same text: "ontime-pong@robot.service"; empty where it is no service of the system.
+std::string service_of(const std::string& cgroup);
 
 // "fifo" ↔ Policy::fifo, as scenario files and reports write it. Nothing for another word.
 std::optional<Policy> policy_of(const std::string& word);

@@ -7,6 +7,7 @@ import pathlib
 import pty
 import subprocess
 import tempfile
+import termios
 import unittest
 
 ONTIME = os.environ["ONTIME"]
@@ -85,9 +86,10 @@ class Newcomer(unittest.TestCase):
         self.assertEqual([group for group in groups if group not in ("Options", "Usage")],
                          ["Measure", "Understand", "Tune", "Try", "Set up"])
 
-    def on_a_terminal(self, *arguments, **environment):
+    def on_a_terminal(self, *arguments, columns=80, **environment):
         """What a terminal got, as bytes."""
         ours, its = pty.openpty()
+        termios.tcsetwinsize(its, (24, columns))
         child = subprocess.Popen([ONTIME, *arguments], cwd=self.folder, stdin=its, stdout=its, stderr=its,
                                  env={**os.environ, "TERM": "xterm", **environment})
         os.close(its)
@@ -110,6 +112,20 @@ class Newcomer(unittest.TestCase):
                 self.assertTrue(shown.isascii(), shown)
                 self.assertNotRegex(shown, rb"\x1b\[[0-9;]*m")
         self.assertIn("·".encode(), self.on_a_terminal("--help", LC_ALL="C.UTF-8"))
+
+    def test_help_and_check_break_lines_between_words(self):
+        for columns in 40, 80:
+            for arguments in ["--help"], ["run", "--help"], ["ping", "--help"], ["check"]:
+                with self.subTest(arguments, columns=columns):
+                    shown = self.on_a_terminal(*arguments, columns=columns, LC_ALL="C.UTF-8").decode()
+                    lines = shown.replace("\r", "").splitlines()
+                    self.assertGreater(len(lines), 10)
+                    # A command to copy stays whole, and so does a word.
+                    long = [line for line in lines if len(line) > columns
+                            and "fix: " not in line and " " in line.strip()]
+                    self.assertEqual(long, [])
+        wide = self.ontime("ping", "--help").stdout
+        self.assertGreater(max(map(len, wide.splitlines())), 80)  # man pages are made of it
 
 
 if __name__ == "__main__":
