@@ -36,6 +36,7 @@ using Weight = Remark::Weight;
 
 std::string percent_text(double share) { return fmt::format("{:.2g} %", share * 100); }
 std::string whole_percent_text(double share) { return fmt::format("{:.0f} %", share * 100); }
+std::string number_text(double number) { return grouped(static_cast<std::uint64_t>(number)); }
 std::string microseconds_text(double ns) { return microseconds(ns) + " µs"; }
 
 // Causes outside the network and the other end: the CPU was given to others, or our own thread slept.
@@ -219,7 +220,6 @@ std::vector<std::string> small_files(const Outcome& outcome) {
 }  // namespace
 
 std::vector<Remark> remarks_of(const statistics::Summary& summary) {
-  using roundtrip::Counters;
   const auto& outcome = summary.run.outcome;
   std::vector<Remark> remarks;
   const auto add = [&](Weight weight, std::string text) {
@@ -254,34 +254,26 @@ std::vector<Remark> remarks_of(const statistics::Summary& summary) {
   add_taken_away(remarks, summary);
   for (const auto& text : clocks(outcome)) add(Weight::caution, text);
   add_throttling(remarks, summary);
-  if (summary.skipped_cycles > 0)
-    add(Weight::detail, many(summary.skipped_cycles, "skipped cycle", "skipped cycles") +
-                            fmt::format(" (response time up to {} µs)", microseconds(summary.response.max)));
+  const auto count = [&](Weight weight, const char* what, std::uint64_t number) {
+    if (number > 0)
+      remarks.push_back({weight, fmt::format("{}: {{}}", what), static_cast<double>(number), number_text});
+  };
+  count(Weight::detail, "skipped cycles", summary.skipped_cycles);
   if (const auto text = losses_text(outcome, &record::Losses::overwritten, "at"); !text.empty())
     add(Weight::detail, "overwritten before they were read: " + text);
   if (const auto text = losses_text(outcome, &record::Losses::on_the_way, "to"); !text.empty())
     add(Weight::detail, "lost on the way: " + text);
   for (const auto& text : other_traffic(summary)) add(Weight::caution, text);
   add(Weight::detail, summary.no_parts);
-  const struct {
-    Weight weight;
-    std::uint64_t roundtrip::Counters::*counter;
-    const char *one, *several;
-  } counters[] = {
-      {Weight::detail, &Counters::duplicates, "duplicate", "duplicates"},
-      {Weight::detail, &Counters::strays, "stray answer", "stray answers"},
-      {Weight::detail, &Counters::reordered, "answer out of order", "answers out of order"},
-      {Weight::caution, &Counters::wrong_size, "answer of another payload size, which settles no message",
-       "answers of another payload size, which settle no message"},
-      {Weight::caution, &Counters::wrong_server_times,
-       "answer with server times that do not fit into its round trip",
-       "answers with server times that do not fit into their round trips"},
-      {Weight::detail, &Counters::refused_sends, "message refused by the transport",
-       "messages refused by the transport"},
-      {Weight::caution, &Counters::dropped_records, "sample not recorded, and missing above",
-       "samples not recorded, and missing above"}};
-  for (const auto& [weight, counter, one, several] : counters)
-    if (const auto number = outcome.counters.*counter; number > 0) add(weight, many(number, one, several));
+  const auto& counters = outcome.counters;
+  count(Weight::detail, "duplicates", counters.duplicates);
+  count(Weight::detail, "stray answers", counters.strays);
+  count(Weight::detail, "answers out of order", counters.reordered);
+  count(Weight::caution, "answers of another payload size, which settle no message", counters.wrong_size);
+  count(Weight::caution, "answers with server times that do not fit into their round trips",
+        counters.wrong_server_times);
+  count(Weight::detail, "messages refused by the transport", counters.refused_sends);
+  count(Weight::caution, "samples not recorded, and missing above", counters.dropped_records);
   return remarks;
 }
 
