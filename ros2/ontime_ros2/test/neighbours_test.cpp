@@ -121,6 +121,12 @@ INSTANTIATE_TEST_SUITE_P(Every, NeighboursIn,
                            return std::string(std::get<0>(each.param)) + "_" + std::get<1>(each.param).name;
                          });
 
+std::string names_of(const std::vector<Thread>& threads) {
+  std::string names;
+  for (const auto& thread : threads) names += thread.name + " ";
+  return names;
+}
+
 TEST(Neighbours, ShareTheNodeOfTheFirstOfThemAndItsThread) {
   for (const std::string rmw : rmws) {
     const Options options{{"rmw", rmw}};
@@ -128,7 +134,7 @@ TEST(Neighbours, ShareTheNodeOfTheFirstOfThemAndItsThread) {
                 Answers answers;
                 Held held;
                 const auto critical = two_ends::plugin().open(config_of(Role::client, options), answers);
-                const auto threads_before = critical->threads().size();
+                const auto before = names_of(critical->threads());
                 const auto first =
                     critical->beside(beside_config(Role::client, options), held, Where::same_participant);
                 auto config = beside_config(Role::client, options);
@@ -137,7 +143,8 @@ TEST(Neighbours, ShareTheNodeOfTheFirstOfThemAndItsThread) {
                 const auto second = first->beside(config, held, Where::same_callback_group);
                 require(first->facts().at("node") == "/beside/ontime_ping", first->facts().at("node"));
                 require(second->facts().at("node") == first->facts().at("node"), "a node of its own");
-                require(critical->threads().size() == threads_before, "the critical one's are others now");
+                require(names_of(critical->threads()) == before,
+                        "the critical one's were " + before + ", and are " + names_of(critical->threads()));
                 const auto threads = second->threads();
                 const auto own = std::count_if(threads.begin(), threads.end(), [](const auto& thread) {
                   return thread.name == own_thread && thread.role == "receive";
