@@ -256,7 +256,8 @@ void RosEndpoint<Alloc>::open_participant(rclcpp::Context::SharedPtr (*context)(
     const auto leading = lead(options_.rmw, config_);
     seat_.settings_source = leading->source;
     seat_.settings_carrier = leading->carrier;
-    const Variable localhost_only("ROS_LOCALHOST_ONLY", "0");  // see without_localhost_only()
+    // See without_localhost_only(). Empty is unset; from Jazzy on any value, also "0", makes it warn.
+    const Variable localhost_only("ROS_LOCALHOST_ONLY", "");
     seat_.context = context(config_.domain);
     open_node([&] { return leading->said(); });
   }
