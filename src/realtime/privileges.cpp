@@ -63,7 +63,7 @@ std::string service_of(const std::string& cgroup) {
 std::string how_to_permit(int priority) {
   priority = std::max(priority, 98);
   // What was logged in to by a service, as by sshd, is in its group, but without systemd's variable.
-  if (std::getenv("INVOCATION_ID") != nullptr)
+  if (std::getenv("INVOCATION_ID") != nullptr)  // NOLINT(concurrency-mt-unsafe): no thread sets it
     if (const auto service = service_of(text_of("/proc/self/cgroup")); !service.empty())
       return fmt::format(
           "sudo systemctl edit '{0}', put these lines there, then sudo systemctl restart '{0}':\n"

@@ -337,6 +337,7 @@ std::vector<std::string> remark_lines(const std::vector<std::string>& names,
     same->second.push_back(text);
   }
   std::vector<std::string> lines;
+  lines.reserve(notes.size());
   for (const auto& [of, texts] : notes) lines.push_back(name_of_some(names, of) + ": " + join(texts, "; "));
   return lines;
 }
