@@ -206,6 +206,12 @@ TEST(Remarks, ACompleteRunThatSentNothingSaysWhyItIsNotApplied) {
   EXPECT_THAT(remarks(one), Not(HasSubstr("no message was sent")));
 }
 
+TEST(Remarks, ACountThatOnlyADamagedFileHasIsShown) {
+  auto one = summary(asked("a", "udp"), outcome());
+  one.skipped_cycles = UINT64_MAX;
+  EXPECT_THAT(remarks(one), HasSubstr("skipped cycles: 9,223,372,036,854,775,808"));
+}
+
 TEST(Remarks, SuspectThrottlingAtTheComponentToo) {
   auto facts = outcome();
   facts["hosts"]["component"]["machine"].update({{"rt_runtime_us", 950'000}, {"rt_period_us", 1'000'000}});

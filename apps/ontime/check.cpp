@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <fmt/format.h>
-#include <unistd.h>
 
 #include "campaign/campaign.hpp"
 #include "commands.hpp"
@@ -19,7 +18,7 @@ using fitness::Severity;
 using table::printable;
 
 std::string text_of(const Finding& finding, std::size_t columns) {
-  const bool narrow = columns < 60, fine = finding.severity == Severity::fine;
+  const bool narrow = columns < fewest_for_two, fine = finding.severity == Severity::fine;
   const auto mark = fine ? "" : fmt::format("{:<7} ", fitness::word_of(finding.severity));
   const std::string below(narrow ? 2 : 10, ' ');
   auto text = table::wrapped(mark + finding.check + ": " + printable(finding.is), columns,
@@ -53,8 +52,7 @@ int print_findings(const std::vector<Finding>& findings, bool as_json) {
     print_json(nlohmann::json{{"fit", fit}, {"findings", all}});
     return fit ? 0 : 1;
   }
-  const auto columns = isatty(STDOUT_FILENO) != 0 ? output_columns() : std::string::npos;
-  for (const auto& finding : findings) print(text_of(finding, columns));
+  for (const auto& finding : findings) print(text_of(finding, reading_columns()));
   print(fmt::format("{}: {}\n", fit ? "fit" : "not fit", fitness::counts_of(findings)));
   return fit ? 0 : 1;
 }

@@ -182,8 +182,7 @@ bool Command::is_shown() const { return !app_->get_group().empty(); }
 
 namespace {
 
-constexpr std::size_t help_column = 34;    // in which what an option does begins
-constexpr std::size_t fewest_beside = 60;  // columns, to have it beside the option's name
+constexpr std::size_t help_column = 34;  // in which what an option does begins
 
 // Help in lines of so many columns.
 std::string fitted(const std::string& help, std::size_t columns) {
@@ -197,7 +196,7 @@ std::string fitted(const std::string& help, std::size_t columns) {
       text += table::wrapped(boost::algorithm::trim_copy(line), columns, "  ");
     } else {
       const auto name = boost::algorithm::trim_right_copy(line.substr(0, help_column));
-      const bool beside = columns >= fewest_beside;
+      const bool beside = columns >= fewest_for_two;
       auto what =
           table::wrapped(line.substr(help_column), columns, std::string(beside ? help_column : 4, ' '));
       if (beside)
@@ -230,9 +229,7 @@ std::optional<int> Program::parse(int argc, char** argv) {
     std::ostringstream help;
     std::ostringstream wrong;
     const int code = app_->exit(error, help, wrong);
-    const bool is_read = isatty(STDOUT_FILENO) != 0;
-    std::cout << for_terminal(is_read ? fitted(help.str(), output_columns()) : help.str(), STDOUT_FILENO)
-              << std::flush;
+    std::cout << for_terminal(fitted(help.str(), reading_columns()), STDOUT_FILENO) << std::flush;
     std::cerr << for_terminal(wrong.str(), STDERR_FILENO);
     return code == 0 ? 0 : 2;
   }

@@ -49,6 +49,8 @@ std::size_t output_columns() {
   return ioctl(STDOUT_FILENO, TIOCGWINSZ, &size) == 0 && size.ws_col >= fewest ? size.ws_col : 80;
 }
 
+std::size_t reading_columns() { return isatty(STDOUT_FILENO) != 0 ? output_columns() : std::string::npos; }
+
 std::string for_terminal(std::string text, int descriptor) {
   if (isatty(descriptor) == 0 || locale_is_utf8()) return text;
   const std::pair<const char*, const char*> plain[] = {

@@ -14,6 +14,9 @@ namespace ontime::app {
 
 // Columns of the terminal at standard output; 80 where there is none.
 std::size_t output_columns();
+// To break lines at; npos where no terminal reads them, which may be a program.
+std::size_t reading_columns();
+inline constexpr std::size_t fewest_for_two = 60;  // columns, to have names beside what they mean
 // As the terminal at this descriptor can show it: where its locale is no UTF-8, µ becomes u and ≥ becomes >=.
 // For a file or a pipe the text stays as it is.
 std::string for_terminal(std::string text, int descriptor);

@@ -36,7 +36,10 @@ using Weight = Remark::Weight;
 
 std::string percent_text(double share) { return fmt::format("{:.2g} %", share * 100); }
 std::string whole_percent_text(double share) { return fmt::format("{:.0f} %", share * 100); }
-std::string number_text(double number) { return grouped(static_cast<std::uint64_t>(number)); }
+// A damaged file may count more than an integer holds.
+std::string number_text(double number) {
+  return grouped(static_cast<std::uint64_t>(std::min(number, 0x1p63)));
+}
 std::string microseconds_text(double ns) { return microseconds(ns) + " µs"; }
 
 // Causes outside the network and the other end: the CPU was given to others, or our own thread slept.

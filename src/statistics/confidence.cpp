@@ -135,7 +135,7 @@ Measured mean(std::span<const Batch> given, double value) {
     if (half_width > 0) *interval = {value - half_width, value + half_width};
   }
   if (!result.sure.low)
-    result.open = batches.size() < fewest_batches ? "too few messages" : "all took as long";
+    result.open = batches.size() < fewest_batches ? "too few messages" : "all messages took the same time";
   return result;
 }
 
