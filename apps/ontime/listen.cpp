@@ -78,9 +78,12 @@ class Listening {
     const auto sensor = sensor_of(arguments_, limits_, chains_);
     const auto explainer = make_explainer();
     const auto metrics = metrics_at(arguments_.metrics);
+    std::optional<record::Writer> writer;
     std::optional<ListenResults> results;
     if (!arguments_.results.empty()) {
-      results.emplace(arguments_.results, limits_, command_line(), arguments_.is_recording());
+      writer.emplace(arguments_.results);
+      results.emplace(*writer, limits_, nlohmann::json{{"command_line", command_line()}},
+                      arguments_.is_recording());
       sensor->keep_rows([&](const listen::Row& row) { results->keep(row); });
     }
     sensor->listen_for(0ms);  // finds the nodes

@@ -41,9 +41,9 @@ json microseconds(std::optional<std::chrono::nanoseconds> limit) {
 
 }  // namespace
 
-ListenResults::ListenResults(const std::string& path, const listen::Limits& limits, const json& command_line,
+ListenResults::ListenResults(record::Writer& writer, const listen::Limits& limits, json asked,
                              bool is_recording)
-    : writer_(path), limits_(limits), command_line_(command_line), is_recording_(is_recording) {}
+    : writer_(writer), limits_(limits), asked_(std::move(asked)), is_recording_(is_recording) {}
 
 void ListenResults::forget() {
   for (const auto& [key, kept] : kept_)
@@ -83,25 +83,28 @@ void ListenResults::keep(const Row& row) {
 
 std::int64_t ListenResults::begin(const listen::Flow& flow, Row::Quantity quantity) {
   const auto topic = flow.topic.empty() ? "(unknown topic)" : table::printable(flow.topic);
-  const auto id = fmt::format("{} {}", topic, word_of(quantity));
+  const auto beside = asked_.value("id", "");
+  const auto id = fmt::format("{}{}{} {}", beside, beside.empty() ? "" : " ", topic, word_of(quantity));
+  const auto varied = asked_.value("variant", "");
   auto variant = name_of(flow, false);
   // Processes of one name, and several readers in one process.
   for (int number = 1; !names_.insert(fmt::format("{}\n{}", id, variant)).second; ++number)
     variant = name_of(flow, true) + (number > 1 ? fmt::format(" #{}", number) : "");
   ++runs_;
-  return writer_.begin_run(
+  auto asked = asked_;
+  asked.update(
       {{"id", id},
        {"measures", word_of(quantity)},
        {"topic", flow.topic},
-       {"variant", variant},
+       {"variant", varied.empty() ? variant : varied + ", " + variant},
        {"flow", variant},  // a condition: other ends are not compared with these
-       {"repetition", 1},
+       {"repetition", asked_.value("repetition", 1)},
        {"schedule", "back-to-back"},  // of its own accord: no cycle is known in which a message was due
        {"deadline_us", microseconds(quantity == Row::Quantity::period ? limits_.longest_gap()
                                     : flow.between.empty()            ? limits_.age
                                                                       : flow.chain_limit)},
-       {"ontime", ONTIME_VERSION},
-       {"command_line", command_line_}});
+       {"ontime", ONTIME_VERSION}});
+  return writer_.begin_run(asked);
 }
 
 // A disk that is full ends neither listening nor what is printed.

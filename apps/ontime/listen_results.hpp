@@ -22,10 +22,9 @@ namespace ontime::app {
 
 class ListenResults {
  public:
-  // Throws record::Error. `limits` become the deadlines of the runs. A recording tells nothing of this
-  // machine.
-  ListenResults(const std::string& path, const listen::Limits& limits, const nlohmann::json& command_line,
-                bool is_recording);
+  // `limits` become the deadlines of the runs. `asked`: what else their records have; an "id" there, of what
+  // was measured meanwhile, begins theirs. A recording tells nothing of this machine.
+  ListenResults(record::Writer&, const listen::Limits& limits, nlohmann::json asked, bool is_recording);
 
   void keep(const listen::Row&);
   bool is_full() const { return waiting_ >= most_waiting; }  // write() what was kept
@@ -38,7 +37,7 @@ class ListenResults {
   void end(const listen::Findings& wanted, bool interrupted);
   void forget();  // the runs, as if they had never begun
   std::size_t runs() const { return runs_; }
-  // Why nothing is kept any more, as a full disk; empty: it is. Only the constructor throws.
+  // Why nothing is kept any more, as a full disk; empty: it is.
   const std::string& failure() const { return failure_; }
 
  private:
@@ -61,9 +60,9 @@ class ListenResults {
   void until_it_fails(const Do&);
   std::int64_t begin(const listen::Flow&, listen::Row::Quantity);
 
-  record::Writer writer_;
+  record::Writer& writer_;
   const listen::Limits limits_;
-  const nlohmann::json command_line_;
+  const nlohmann::json asked_;
   const bool is_recording_;
   std::size_t waiting_ = 0;  // rows
   const machine::Activity before_ = machine::activity();

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <algorithm>
+#include <memory>
 
 #include <fmt/format.h>
 
@@ -8,6 +9,7 @@
 #include "flags.hpp"
 #include "gates.hpp"
 #include "in_lab.hpp"
+#include "listen_beside.hpp"
 #include "measured.hpp"
 #include "resumed.hpp"
 #include "scenario_files.hpp"
@@ -38,17 +40,38 @@ void expect(Terminal& terminal, const std::vector<campaign::Scenario>& scenarios
     terminal.note(fmt::format("{}{} runs, about {}", searches ? "at most " : "", runs, about(time)));
 }
 
-// Each run leaves the lab's machine as soon as it is recorded.
-class Sending final : public Terminal {
+// What is beside the runs: the robot's own messages; and the way out of the lab's machine, which each run
+// takes as soon as it is recorded.
+class Beside final : public Terminal {
  public:
-  Sending(record::Writer& writer, std::string to) : writer_(writer), to_(std::move(to)) {}
+  Beside(record::Writer& writer, std::string send_to) : writer_(writer), send_to_(std::move(send_to)) {}
+  void begins_listening(const campaign::Run& run) override {
+    listening_ = std::make_unique<ListenBeside>(writer_, run, command_line());
+  }
+  bool listens() override { return listening_->is_there(); }
+  void progress(const roundtrip::Counters& counters, std::chrono::nanoseconds elapsed) override {
+    Terminal::progress(counters, elapsed);
+    if (listening_) listening_->write();
+  }
+  void ends_listening(bool interrupted) override {
+    remarks_ = listening_->end(interrupted);
+    listening_.reset();
+  }
   void recorded(std::int64_t run) override {
-    if (!to_.empty()) send_from_lab(writer_, run, to_);
+    if (listening_) ends_listening(true);  // the run ended before its time
+    for (const auto& text : remarks_) {
+      note(text);
+      writer_.note(run, {"listening", text, {}, {}});
+    }
+    remarks_.clear();
+    if (!send_to_.empty()) send_from_lab(writer_, run, send_to_);
   }
 
  private:
   record::Writer& writer_;
-  const std::string to_;
+  const std::string send_to_;
+  std::unique_ptr<ListenBeside> listening_;
+  std::vector<std::string> remarks_;
 };
 
 int run(const RunArguments& arguments, const GateFlags& flags, const nlohmann::json& command_line) {
@@ -65,7 +88,7 @@ int run(const RunArguments& arguments, const GateFlags& flags, const nlohmann::j
   const auto resumed = arguments.resume ? std::make_optional<Resumed>(writer.reader()) : std::nullopt;
   campaign::Done done;
   if (resumed) done = [&](const auto& asked, const auto& machines) { return resumed->find(asked, machines); };
-  Sending terminal(writer, arguments.send_to);
+  Beside terminal(writer, arguments.send_to);
   expect(terminal, scenarios);
   int code = 0;
   std::string unfinished;

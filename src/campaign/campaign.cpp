@@ -257,6 +257,10 @@ Machines::Transports transports_of(const Scenario& scenario) {
 
 }  // namespace
 
+void Observer::begins_listening(const Run&) {
+  throw Error(2, "listen.topics: `ontime run` alone listens beside a run; leave it out");
+}
+
 int execute(const Scenario& scenario, record::Writer& writer, Observer& observer, Interrupts& interrupts,
             const json& command_line, const Done& done) {
   Suite suite(writer, observer, interrupts);

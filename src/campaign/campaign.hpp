@@ -47,6 +47,11 @@ class Observer {
   virtual void progress(const roundtrip::Counters&, std::chrono::nanoseconds elapsed) = 0;
   virtual void ends(const roundtrip::Counters&) = 0;  // measured to its end, or to an interruption
   virtual void recorded(std::int64_t /*run*/) {}      // its record is complete, however it ended
+  // The robot's own messages, where a run asks for them: from just before its first message, which waits
+  // until listens(), to its last. An error that these throw is the run's.
+  virtual void begins_listening(const Run&);
+  virtual bool listens() { return true; }
+  virtual void ends_listening(bool /*interrupted*/) {}
 };
 
 using orders::Interrupts;

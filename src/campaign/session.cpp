@@ -75,6 +75,10 @@ std::vector<json> Session::measure(std::chrono::nanoseconds wait) {
     for (std::size_t i = 0; i < runs_.size(); ++i) windows_.emplace_back(machines_, runs_[i], i);
   }
   for (auto& pair : pairs_) pair->make_ready(wait);
+  if (run_.listening.any()) {
+    observer_.begins_listening(run_);
+    coordinator_.until([this] { return observer_.listens(); }, 1);
+  }
   // All accounts are opened while nothing is sent: so opening them is part of no round trip.
   machines_.begin();
   for (auto& pair : pairs_) pair->begin();
@@ -87,6 +91,7 @@ std::vector<json> Session::measure(std::chrono::nanoseconds wait) {
         if (component.empty() || component == pair->run().component) pair->note_cut(at_ns);
     });
   finish(run_.task.client.duration + longest_timeout() + patience);
+  if (run_.listening.any()) observer_.ends_listening(stopped_);
   return outcomes();
 }
 

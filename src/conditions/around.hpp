@@ -79,6 +79,13 @@ bool is_qdisc(const std::string& words);              // whether Faults::qdisc c
 const std::vector<std::string>& known_disciplines();  // the first words that it can have
 bool has_etf(const std::string& words);               // which keeps a frame until its launch time
 
+// The robot's own messages, which are listened to on this machine while a run is measured.
+struct Listening {
+  std::vector<std::string> topics;                                // "/cmd_vel"; none: nothing is listened to
+  std::optional<std::chrono::nanoseconds> deadline, period, age;  // listen::Limits
+  bool any() const { return !topics.empty(); }
+};
+
 // CPUs that are reserved for the two ends, and a limit for what runs beside them.
 struct Isolation {
   std::string cpus;         // reserved: "1", "2-3"; "": none

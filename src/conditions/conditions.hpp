@@ -86,6 +86,7 @@ struct Run {
   std::optional<Cut> cut;             // for which `faults` has to provide
   settings::Wishes kernel;            // of both machines
   Isolation isolation;                // of both machines, for both ends
+  Listening listening;                // on this machine
   std::string component_transport;    // empty: as the controller's, with its options
   std::map<std::string, std::string> component_options;
   Security security = Security::off;    // of DDS, at both ends

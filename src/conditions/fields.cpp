@@ -67,6 +67,27 @@ Codec<std::vector<std::string>> list_or_null() {
           [](Json from) { return from.get<List>(); }};
 }
 
+// A list of values means a run for each: so these are one text.
+Codec<std::vector<std::string>> robot_topics() {
+  auto codec = list_or_null();
+  codec.values = "NAME,…";
+  codec.of_text = [](Text text) {
+    std::vector<std::string> names;
+    for (std::size_t begin = 0; begin <= text.size();) {
+      const auto end = std::min(text.find(',', begin), text.size());
+      const auto first = std::min(text.find_first_not_of(' ', begin), end);
+      const auto name = text.substr(first, end - first);
+      if (!name.starts_with('/') || !is_ros_name(name))
+        throw std::invalid_argument(
+            fmt::format("'{}' is no whole name of a topic: write them as /scan,/robot/cmd_vel", name));
+      names.push_back(name);
+      begin = end + 1;
+    }
+    return names;
+  };
+  return codec;
+}
+
 Codec<std::vector<std::pair<std::string, std::string>>> pairs_or_null() {
   using Pairs = std::vector<std::pair<std::string, std::string>>;
   return {{},
@@ -257,13 +278,37 @@ Fields fields_of_topics() {
           "security", security(), [](Run & run) -> auto& { return run.security; })};
 }
 
+Fields listening_fields() {
+  const auto limit = time(us, up_to_an_hour);
+  using Limit = std::optional<nanoseconds>;
+  const Codec<Limit> limit_or_null{[=](Text text) { return Limit(limit.of_text(text)); },
+                                   [=](const Limit& value) { return value ? limit.to_json(*value) : json(); },
+                                   [=](Json from) { return Limit(limit.of_json(from)); }, limit.values,
+                                   limit.unit};
+  return {
+      field(
+          {"listen.topics", "", "", "the robot's own topics to listen to meanwhile, as /scan,/cmd_vel: none"},
+          "listen.topics", robot_topics(), [](Run & run) -> auto& { return run.listening.topics; }),
+      field(
+          {"listen.deadline", "", "",
+           "such a message is late that comes later than this after the one before: none"},
+          "listen.deadline_us", limit_or_null, [](Run & run) -> auto& { return run.listening.deadline; }),
+      field(
+          {"listen.period", "", "", "expected period of these topics; late after 1.5 times as long: none"},
+          "listen.period_us", limit_or_null, [](Run & run) -> auto& { return run.listening.period; }),
+      field(
+          {"listen.age", "", "", "such a message is late that is older than this when it is taken: none"},
+          "listen.age_us", limit_or_null, [](Run & run) -> auto& { return run.listening.age; })};
+}
+
 // What says nothing as long as it is not asked for, whatever its parts are.
 constexpr std::pair<const char*, bool (*)(const Run&)> groups[] = {
     {"search", [](const Run& run) { return run.step.of > 0; }},
     {"traffic", [](const Run& run) { return run.traffic.any(); }},
     {"neighbours", [](const Run& run) { return run.task.neighbours.topics > 0; }},
     {"link", [](const Run& run) { return run.faults.any(); }},
-    {"isolation", [](const Run& run) { return run.isolation.any(); }}};
+    {"isolation", [](const Run& run) { return run.isolation.any(); }},
+    {"listen", [](const Run& run) { return run.listening.any(); }}};
 
 json::json_pointer pointer(std::string path) {
   std::replace(path.begin(), path.end(), '.', '/');
@@ -305,7 +350,7 @@ const Fields& fields() {
     Fields all;
     for (const auto part :
          {fields_of_run, fields_of_sending, fields_of_topics, realtime_fields, network_fields,
-          neighbour_fields, isolation_fields, kernel_fields, fields_of_record})
+          neighbour_fields, isolation_fields, kernel_fields, listening_fields, fields_of_record})
       add(all, part());
     return all;
   }();

@@ -167,6 +167,9 @@ std::string common_to_all(Text path) {
 
 void complete(Run& run) {
   auto& client = run.task.client;
+  if (const auto& own = run.listening; !own.any() && (own.deadline || own.period || own.age))
+    throw std::invalid_argument(
+        "listen.deadline, listen.period and listen.age need listen.topics: whose messages they judge");
   if (run.task.transport.empty()) throw std::invalid_argument("no transport is stated");
   if (run.component_transport.empty() && !run.component_options.empty())
     throw std::invalid_argument("component.options need a component.transport");

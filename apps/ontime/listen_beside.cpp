@@ -1,0 +1,137 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "listen_beside.hpp"
+
+#include <csignal>
+#include <utility>
+
+#include <fmt/format.h>
+
+#include "spelling/spelling.hpp"
+
+namespace ontime::app {
+namespace {
+
+using namespace std::chrono_literals;
+using nlohmann::json;
+
+// What was around the run was around these messages: the members by which it differs from any run.
+json asked_around(const campaign::Run& run, const json& command_line) {
+  campaign::Run around;
+  around.id = run.id;
+  around.variant = run.variant;
+  around.varied = run.varied;
+  around.repetition = run.repetition;
+  around.controller_load = run.controller_load;
+  around.component_load = run.component_load;
+  around.traffic = run.traffic;
+  around.faults = run.faults;
+  around.cut = run.cut;
+  around.kernel = run.kernel;
+  around.isolation = run.isolation;
+  auto asked = json::object();
+  const auto usual = conditions::to_json(campaign::Run{});
+  const auto all = conditions::to_json(around);
+  for (const auto& [name, value] : all.items())
+    if (value != usual.value(name, json())) asked[name] = value;
+  asked["measured_beside"] = run.task.transport;  // a condition, too
+  asked["command_line"] = command_line;
+  return asked;
+}
+
+}  // namespace
+
+ListenBeside::ListenBeside(record::Writer& writer, const campaign::Run& run, const json& command_line)
+    : whose_(fmt::format("{} over {}", run.id, run.task.transport)),
+      topics_(run.listening.topics.begin(), run.listening.topics.end()),
+      limits_{run.listening.deadline, run.listening.period, run.listening.age},
+      results_(writer, limits_, asked_around(run, command_line), false) {
+  // Interruptions are for the thread that waits for them.
+  sigset_t all, before;
+  sigfillset(&all);
+  pthread_sigmask(SIG_SETMASK, &all, &before);
+  thread_ = std::jthread([this](const std::stop_token& stop) { listen(stop); });
+  pthread_sigmask(SIG_SETMASK, &before, nullptr);
+}
+
+ListenBeside::~ListenBeside() = default;
+
+void ListenBeside::listen(const std::stop_token& stop) try {
+  const auto sensor = listen::in_processes(limits_);
+  sensor->keep_rows([this](const listen::Row& row) {
+    const std::lock_guard lock(mutex_);
+    rows_.push_back(row);
+  });
+  sensor->listen_for(0ms);  // finds the nodes
+  there_ = true;
+  std::chrono::steady_clock::time_point find_at;
+  while (!stop.stop_requested()) {
+    sensor->listen_for(200ms);
+    // All flows are copied for it: once a second is enough.
+    if (const auto now = std::chrono::steady_clock::now(); now >= find_at) {
+      find_at = now + 1s;
+      auto findings = sensor->findings();
+      const std::lock_guard lock(mutex_);
+      findings_ = std::move(findings);
+    }
+  }
+  auto findings = sensor->findings();
+  const std::lock_guard lock(mutex_);
+  findings_ = std::move(findings);
+} catch (const std::exception& error) {
+  const std::lock_guard lock(mutex_);
+  failure_ = error.what();
+}
+
+bool ListenBeside::is_there() const {
+  const std::lock_guard lock(mutex_);
+  if (!failure_.empty()) throw campaign::Error(3, "listen.topics: " + failure_);
+  return there_;
+}
+
+listen::Findings ListenBeside::wanted() {
+  const std::lock_guard lock(mutex_);
+  auto findings = findings_;
+  std::erase_if(findings.flows, [this](const auto& flow) { return !topics_.contains(flow.topic); });
+  return findings;
+}
+
+void ListenBeside::keep_rows() {
+  std::vector<listen::Row> rows;
+  {
+    const std::lock_guard lock(mutex_);
+    rows.swap(rows_);
+  }
+  for (const auto& row : rows) results_.keep(row);
+}
+
+void ListenBeside::write() {
+  const auto now = std::chrono::steady_clock::now();
+  if (now < write_at_) return;
+  write_at_ = now + 1s;
+  keep_rows();
+  results_.write(wanted().flows);
+}
+
+std::vector<std::string> ListenBeside::end(bool interrupted) {
+  thread_.request_stop();
+  thread_.join();
+  keep_rows();
+  const auto findings = wanted();
+  results_.end(findings, interrupted || !failure_.empty());
+  std::set<std::string> seen, others;
+  for (const auto& flow : findings.flows) seen.insert(flow.topic);
+  for (const auto& flow : findings_.flows) others.insert(flow.topic);
+  std::vector<std::string> remarks;
+  for (const auto& topic : topics_)
+    if (!seen.contains(topic))
+      remarks.push_back(
+          fmt::format("listen.topics: beside {}, no message of '{}' was seen on this machine{}; see: ontime "
+                      "listen --list",
+                      whose_, topic, spelling::suggestion(topic, {others.begin(), others.end()})));
+  if (!failure_.empty()) remarks.push_back(fmt::format("listen.topics: beside {}: {}", whose_, failure_));
+  if (!results_.failure().empty())
+    remarks.push_back(fmt::format("listen.topics: not all messages were kept: {}", results_.failure()));
+  return remarks;
+}
+
+}  // namespace ontime::app

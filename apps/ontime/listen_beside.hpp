@@ -1,0 +1,49 @@
+// SPDX-License-Identifier: Apache-2.0
+// The robot's own messages on this machine while a run is measured: runs of their own in the same results.
+// A thread has the sensor; it touches neither the file nor the terminal. All else: ordinary thread.
+#pragma once
+
+#include <atomic>
+#include <mutex>
+#include <set>
+#include <string>
+#include <thread>
+#include <vector>
+
+#include "campaign/campaign.hpp"
+#include "listen_results.hpp"
+
+namespace ontime::app {
+
+class ListenBeside {
+ public:
+  // Begins to look for the nodes.
+  ListenBeside(record::Writer&, const campaign::Run&, const nlohmann::json& command_line);
+  ~ListenBeside();
+  ListenBeside(const ListenBeside&) = delete;
+  ListenBeside& operator=(const ListenBeside&) = delete;
+
+  bool is_there() const;  // it judges every message from now on; throws campaign::Error
+  void write();           // what came until now; as often as one likes
+  // Its runs are whole then. Returns what a person should know: what was asked for and not seen.
+  std::vector<std::string> end(bool interrupted);
+
+ private:
+  void listen(const std::stop_token&);
+  listen::Findings wanted();  // what the thread found last
+  void keep_rows();
+
+  const std::string whose_;  // "Test1.B over udp"
+  const std::set<std::string> topics_;
+  const listen::Limits limits_;
+  ListenResults results_;
+  std::atomic<bool> there_ = false;
+  mutable std::mutex mutex_;  // of these three
+  std::vector<listen::Row> rows_;
+  listen::Findings findings_;
+  std::string failure_;
+  std::chrono::steady_clock::time_point write_at_;
+  std::jthread thread_;  // last: it uses the rest
+};
+
+}  // namespace ontime::app
