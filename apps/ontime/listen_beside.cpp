@@ -17,7 +17,7 @@ using nlohmann::json;
 // What was around the run was around these messages: the members by which it differs from any run.
 json asked_around(const campaign::Run& run, const json& command_line) {
   campaign::Run around;
-  around.id = run.id;
+  around.id = fmt::format("{} {}", run.id, run.task.transport);
   around.variant = run.variant;
   around.varied = run.varied;
   around.repetition = run.repetition;
@@ -33,7 +33,6 @@ json asked_around(const campaign::Run& run, const json& command_line) {
   const auto all = conditions::to_json(around);
   for (const auto& [name, value] : all.items())
     if (value != usual.value(name, json())) asked[name] = value;
-  asked["measured_beside"] = run.task.transport;  // a condition, too
   asked["command_line"] = command_line;
   return asked;
 }
@@ -41,8 +40,7 @@ json asked_around(const campaign::Run& run, const json& command_line) {
 }  // namespace
 
 ListenBeside::ListenBeside(record::Writer& writer, const campaign::Run& run, const json& command_line)
-    : whose_(fmt::format("{} over {}", run.id, run.task.transport)),
-      topics_(run.listening.topics.begin(), run.listening.topics.end()),
+    : topics_(run.listening.topics.begin(), run.listening.topics.end()),
       limits_{run.listening.deadline, run.listening.period, run.listening.age},
       results_(writer, limits_, asked_around(run, command_line), false) {
   // Interruptions are for the thread that waits for them.

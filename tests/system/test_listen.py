@@ -156,6 +156,33 @@ class Listen(unittest.TestCase):
         self.assertEqual(max(age for age, _ in rows["/cmd_vel age"]), flow["age"]["max_ns"])
         self.assertEqual((runs["/cmd_vel period"]["late"], runs["/cmd_vel period"]["sent"]), (flow["late"] + 1, len(taken)))
 
+    def test_a_scenario_judges_messages_beside_its_runs(self):
+        publisher, taker = self.pair(120_000)
+        begin(publisher)
+        (self.folder / "own.yaml").write_text("""
+hosts: loopback
+defaults: {transport: udp, duration: 4 s, listen: {topics: "/cmd_vel, /cmd_val", deadline: 5 ms}}
+runs:
+  - id: idle
+  - id: busy
+    load: {controller: {cpu: 1}}
+""")
+        done = subprocess.run([ONTIME, "run", "own.yaml", "--results", "kept.ontime", "--only-measure"], env=ENVIRONMENT,
+                              cwd=self.folder, capture_output=True, text=True, timeout=120)
+        self.assertEqual(done.returncode, 0, done.stderr)
+        self.assertRegex(done.stderr, r"beside idle over udp, no message of '/cmd_val' was seen")
+        rows, runs = self.kept()
+        self.assertLessEqual({"idle", "idle /cmd_vel age", "idle /cmd_vel period", "busy", "busy /cmd_vel period"}, set(rows))
+        for run in ("idle /cmd_vel period", "busy /cmd_vel period"):
+            self.assertGreater(sum(period for period, _ in rows[run]), 2e9)
+            self.assertEqual([fate == LATE for _, fate in rows[run]], [period > 5_000_000 for period, _ in rows[run]])
+        self.assertIsNone(runs["idle /cmd_vel period"]["load"]["asked"])
+        self.assertEqual(runs["busy /cmd_vel period"]["load"]["asked"]["controller"]["cpu"], 1)
+        compared = subprocess.run([ONTIME, "compare", "kept.ontime", "--from", "idle /cmd_vel period", "--to", "busy /cmd_vel period"],
+                                  cwd=self.folder, capture_output=True, text=True, timeout=60)
+        self.assertEqual(compared.returncode, 0, compared.stderr)
+        self.assertIn("/cmd_vel", compared.stdout)
+
     def test_messages_overwritten_in_the_queue_are_counted_exactly(self):
         publisher, taker = self.pair(MESSAGES, depth=1, take_us=5000)
         listener = self.listen((publisher, taker), "--results", "kept.ontime")
