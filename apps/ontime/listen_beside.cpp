@@ -123,12 +123,11 @@ std::vector<std::string> ListenBeside::end(bool interrupted) {
   for (const auto& topic : topics_)
     if (!seen.contains(topic))
       remarks.push_back(
-          fmt::format("listen.topics: beside {}, no message of '{}' was seen on this machine{}; see: ontime "
-                      "listen --list",
-                      whose_, topic, spelling::suggestion(topic, {others.begin(), others.end()})));
-  if (!failure_.empty()) remarks.push_back(fmt::format("listen.topics: beside {}: {}", whose_, failure_));
+          fmt::format("no message of '{}' was seen on this machine{}; see: ontime listen --list", topic,
+                      spelling::suggestion(topic, {others.begin(), others.end()})));
+  if (!failure_.empty()) remarks.push_back(failure_);
   if (!results_.failure().empty())
-    remarks.push_back(fmt::format("listen.topics: not all messages were kept: {}", results_.failure()));
+    remarks.push_back(fmt::format("not all messages were kept: {}", results_.failure()));
   return remarks;
 }
 

@@ -33,7 +33,6 @@ class ListenBeside {
   listen::Findings wanted();  // what the thread found last
   void keep_rows();
 
-  const std::string whose_;  // "Test1.B over udp"
   const std::set<std::string> topics_;
   const listen::Limits limits_;
   ListenResults results_;

@@ -60,8 +60,8 @@ class Beside final : public Terminal {
   void recorded(std::int64_t run) override {
     if (listening_) ends_listening(true);  // the run ended before its time
     for (const auto& text : remarks_) {
-      note(text);
-      writer_.note(run, {"listening", text, {}, {}});
+      note("listen.topics: " + text);
+      writer_.note(run, {"listening", "listen.topics: " + text, {}, {}});
     }
     remarks_.clear();
     if (!send_to_.empty()) send_from_lab(writer_, run, send_to_);

@@ -170,15 +170,15 @@ runs:
         done = subprocess.run([ONTIME, "run", "own.yaml", "--results", "kept.ontime", "--only-measure"], env=ENVIRONMENT,
                               cwd=self.folder, capture_output=True, text=True, timeout=120)
         self.assertEqual(done.returncode, 0, done.stderr)
-        self.assertRegex(done.stderr, r"beside idle over udp, no message of '/cmd_val' was seen")
+        self.assertRegex(done.stderr, r"listen.topics: no message of '/cmd_val' was seen")
         rows, runs = self.kept()
-        self.assertLessEqual({"idle", "idle /cmd_vel age", "idle /cmd_vel period", "busy", "busy /cmd_vel period"}, set(rows))
-        for run in ("idle /cmd_vel period", "busy /cmd_vel period"):
+        self.assertLessEqual({"idle", "idle udp /cmd_vel age", "idle udp /cmd_vel period", "busy", "busy udp /cmd_vel period"}, set(rows))
+        for run in ("idle udp /cmd_vel period", "busy udp /cmd_vel period"):
             self.assertGreater(sum(period for period, _ in rows[run]), 2e9)
             self.assertEqual([fate == LATE for _, fate in rows[run]], [period > 5_000_000 for period, _ in rows[run]])
-        self.assertIsNone(runs["idle /cmd_vel period"]["load"]["asked"])
-        self.assertEqual(runs["busy /cmd_vel period"]["load"]["asked"]["controller"]["cpu"], 1)
-        compared = subprocess.run([ONTIME, "compare", "kept.ontime", "--from", "idle /cmd_vel period", "--to", "busy /cmd_vel period"],
+        self.assertIsNone(runs["idle udp /cmd_vel period"]["conditions"]["load"]["asked"])
+        self.assertEqual(runs["busy udp /cmd_vel period"]["conditions"]["load"]["asked"]["controller"]["cpu"], 1)
+        compared = subprocess.run([ONTIME, "compare", "kept.ontime", "--from", "idle udp /cmd_vel period", "--to", "busy udp /cmd_vel period"],
                                   cwd=self.folder, capture_output=True, text=True, timeout=60)
         self.assertEqual(compared.returncode, 0, compared.stderr)
         self.assertIn("/cmd_vel", compared.stdout)
