@@ -116,6 +116,9 @@ std::vector<std::string> ListenBeside::end(bool interrupted) {
   keep_rows();
   const auto findings = wanted();
   results_.end(findings, interrupted || !failure_.empty());
+  // Before it was there, is_there() has told it.
+  if (!failure_.empty())
+    return there_ ? std::vector{"listening ended before the run: " + failure_} : std::vector<std::string>{};
   std::set<std::string> seen, others;
   for (const auto& flow : findings.flows) seen.insert(flow.topic);
   for (const auto& flow : findings_.flows) others.insert(flow.topic);
@@ -125,7 +128,6 @@ std::vector<std::string> ListenBeside::end(bool interrupted) {
       remarks.push_back(
           fmt::format("no message of '{}' was seen on this machine{}; see: ontime listen --list", topic,
                       spelling::suggestion(topic, {others.begin(), others.end()})));
-  if (!failure_.empty()) remarks.push_back(failure_);
   if (!results_.failure().empty())
     remarks.push_back(fmt::format("not all messages were kept: {}", results_.failure()));
   return remarks;
