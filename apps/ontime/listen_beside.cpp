@@ -61,20 +61,21 @@ void ListenBeside::listen(const std::stop_token& stop) try {
   });
   sensor->listen_for(0ms);  // finds the nodes
   there_ = true;
+  const auto find = [&] {
+    auto findings = sensor->findings();
+    const std::lock_guard lock(mutex_);
+    findings_ = std::move(findings);
+  };
   std::chrono::steady_clock::time_point find_at;
   while (!stop.stop_requested()) {
     sensor->listen_for(200ms);
     // All flows are copied for it: once a second is enough.
     if (const auto now = std::chrono::steady_clock::now(); now >= find_at) {
       find_at = now + 1s;
-      auto findings = sensor->findings();
-      const std::lock_guard lock(mutex_);
-      findings_ = std::move(findings);
+      find();
     }
   }
-  auto findings = sensor->findings();
-  const std::lock_guard lock(mutex_);
-  findings_ = std::move(findings);
+  find();
 } catch (const std::exception& error) {
   const std::lock_guard lock(mutex_);
   failure_ = error.what();
