@@ -56,12 +56,13 @@ def eventually(true, seconds=120):
     return true()
 
 
-def sample_count(results):
+def sample_count(results, run=None):
+    """Of all runs, or of the one with this number."""
     if not os.path.exists(results):
         return 0
     try:
         with contextlib.closing(sqlite3.connect(f"file:{results}?mode=ro", uri=True)) as database:
-            return database.execute("SELECT count(*) FROM sample").fetchone()[0]
+            return database.execute("SELECT count(*) FROM sample WHERE run = ifnull(?, run)", (run,)).fetchone()[0]
     except sqlite3.Error:
         return 0
 

@@ -18,8 +18,10 @@ import time
 import unittest
 import unittest.mock
 
-ONTIME = os.environ["ONTIME"]
+from program import ONTIME, eventually, sample_count
+
 CULPRITS = pathlib.Path(__file__).resolve().parent.parent / "culprits" / "culprits"
+TRACE_INSTANCE = "/sys/kernel/tracing/instances/ontime-trace"
 SCENARIO = "hosts: namespaces\ndefaults: {transport: udp, duration: %s%s}\nruns: [{id: explained}]\n"
 
 
@@ -123,8 +125,8 @@ class Explain(unittest.TestCase):
         with subprocess.Popen(pong, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as answers, contextlib.ExitStack() as ends:
             ends.callback(answers.terminate)
             self.assertIn("pong answers", answers.stderr.readline())
-            with subprocess.Popen([*ping, "--duration", "2 s", "--results", self.results], stdout=subprocess.DEVNULL) as asks:
-                time.sleep(1.5)
+            with subprocess.Popen([*ping, "--duration", "5 s", "--results", self.results], stdout=subprocess.DEVNULL) as asks:
+                self.assertTrue(eventually(lambda: sample_count(self.results) > 50), asks.poll())
                 agent = subprocess.run(["pgrep", "-P", str(answers.pid), "-f", "ontime agent"], capture_output=True, text=True)
                 stopped = int(agent.stdout)
                 for number in signal.SIGSTOP, signal.SIGCONT:
@@ -167,7 +169,6 @@ class Explain(unittest.TestCase):
 
     def test_what_cannot_be_traced_says_why(self):
         pong = [ONTIME, "pong", "--transport", "udp", "--domain", "88"]
-        folder = "/sys/kernel/tracing/instances/ontime-trace"
         ping = ["ping", "--transport", "udp", "--domain", "88", "--peer", "127.0.0.1", "--duration", "100 ms", "--explain"]
         ordinary = ["setpriv", "--bounding-set=-all", "--inh-caps=-all"]
         with subprocess.Popen(pong, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True) as answers, contextlib.ExitStack() as ends:
@@ -182,7 +183,7 @@ class Explain(unittest.TestCase):
                 refused = ontime(*ping)
                 traced.terminate()
             self.assertEqual(refused.returncode, 3)
-            self.assertIn(f"rmdir {folder}", refused.stderr)
+            self.assertIn(f"rmdir {TRACE_INSTANCE}", refused.stderr)
 
     def test_a_run_without_traces_says_so(self):
         self.write("500 ms")
@@ -193,7 +194,7 @@ class Explain(unittest.TestCase):
         self.write("60 s", ", explain: on")
         with subprocess.Popen([ONTIME, "run", self.scenario, "--results", self.results], stdout=subprocess.DEVNULL,
                               stderr=subprocess.DEVNULL) as run:
-            time.sleep(3)
+            self.assertTrue(eventually(lambda: os.path.exists(TRACE_INSTANCE)), run.poll())
             keeper = subprocess.run(["pgrep", "-P", str(run.pid), "-f", "keeper"], capture_output=True, text=True)
             for pid in [run.pid, *map(int, keeper.stdout.split())]:
                 os.kill(pid, signal.SIGKILL)

@@ -128,7 +128,7 @@ class Isolation(unittest.TestCase):
         process = subprocess.Popen([ONTIME, "run", self.scenario("1 h"), "--results", self.results],
                                    stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
         self.addCleanup(lambda: (process.kill(), process.communicate()))
-        self.assertTrue(eventually(lambda: len(named("iperf3")) >= 2 and named("stress-ng") and len(agents()) == 2, 60))
+        self.assertTrue(eventually(lambda: len(named("iperf3")) >= 2 and named("stress-ng") and len(agents()) == 2))
         return process
 
     def assert_given_back(self):

@@ -93,8 +93,8 @@ class Fleet(unittest.TestCase):
             arguments = [] if robot == ROBOTS[0] else ["--no-explain"]
             cls.listeners[robot] = cls.start(robot, ONTIME, "listen", f"/{robot}/cmd_vel", "--deadline", "15ms", "--metrics",
                                              f"{address_of(robot)}:9464", *arguments)
-            assert eventually(lambda robot=robot: all(changed_code(node.pid) > 0 for node in cls.nodes[robot]), 60)
-        assert eventually(lambda: by_robot("up") == dict.fromkeys(ROBOTS, 1), 60), by_robot("up")
+            assert eventually(lambda robot=robot: all(changed_code(node.pid) > 0 for node in cls.nodes[robot]))
+        assert eventually(lambda: by_robot("up") == dict.fromkeys(ROBOTS, 1)), by_robot("up")
         for robot in ROBOTS:
             begin(cls.nodes[robot][0])
 
@@ -115,7 +115,7 @@ class Fleet(unittest.TestCase):
                 return urllib.request.urlopen(f"{SERVER}/-/ready", timeout=30).status == 200
             except OSError:
                 return False
-        assert eventually(is_ready, 60)
+        assert eventually(is_ready)
 
     @classmethod
     def start_nodes(cls, robot):
@@ -143,7 +143,7 @@ class Fleet(unittest.TestCase):
     def test_1_every_message_and_every_missed_limit_is_in_the_server(self):
         taken = {robot: self.taken(robot) for robot in ROBOTS}
         of_readers = '{reader="listen_node"}'
-        self.assertTrue(eventually(lambda: by_robot(f"ontime_topic_messages_total{of_readers}") == taken, 60),
+        self.assertTrue(eventually(lambda: by_robot(f"ontime_topic_messages_total{of_readers}") == taken),
                         (taken, by_robot(f"ontime_topic_messages_total{of_readers}")))
         late = by_robot(f"ontime_topic_late_total{of_readers}")
         for robot in ROBOTS:
@@ -180,12 +180,12 @@ class Fleet(unittest.TestCase):
                 self.assertTrue(any(label in series for series in asked("series", **{"match[]": filled(selector)})))
 
     def test_4_server_has_the_alerts_and_tells_of_silence(self):
-        self.assertTrue(eventually(lambda: {rule["health"] for rule in asked("rules")["groups"][0]["rules"]} == {"ok"}, 60),
+        self.assertTrue(eventually(lambda: {rule["health"] for rule in asked("rules")["groups"][0]["rules"]} == {"ok"}),
                         asked("rules"))
         # The publishers have ended, and a deadline is stated.
         firing = lambda: {alert["labels"]["instance"] for alert in asked("alerts")["alerts"]
                           if alert["labels"]["alertname"] == "OntimeTopicSilent" and alert["state"] == "firing"}
-        self.assertTrue(eventually(lambda: firing() == set(ROBOTS), 60), asked("alerts"))
+        self.assertTrue(eventually(lambda: firing() == set(ROBOTS)), asked("alerts"))
 
     def test_5_texts_are_as_promtool_wants_them(self):
         for robot in ROBOTS:
@@ -197,21 +197,21 @@ class Fleet(unittest.TestCase):
         robot = ROBOTS[1]
         before = messages_of(robot)
         self.start_nodes(robot)
-        self.assertTrue(eventually(lambda: all(changed_code(node.pid) > 0 for node in self.nodes[robot]), 60))
+        self.assertTrue(eventually(lambda: all(changed_code(node.pid) > 0 for node in self.nodes[robot])))
         begin(self.nodes[robot][0])
-        self.assertTrue(eventually(lambda: messages_of(robot) > before + 1000, 60))
+        self.assertTrue(eventually(lambda: messages_of(robot) > before + 1000))
         for node in self.nodes[robot]:
             node.kill()
             node.wait()
         self.start_nodes(robot)
         begin(self.nodes[robot][0])
         now = messages_of(robot)
-        self.assertTrue(eventually(lambda: messages_of(robot) > now + 500, 60))
+        self.assertTrue(eventually(lambda: messages_of(robot) > now + 500))
         self.no_counter_fell()
 
     def test_7_robot_whose_listener_ends_is_down(self):
         self.listeners[ROBOTS[2]].kill()
-        self.assertTrue(eventually(lambda: by_robot("up") == {ROBOTS[0]: 1, ROBOTS[1]: 1, ROBOTS[2]: 0}, 60))
+        self.assertTrue(eventually(lambda: by_robot("up") == {ROBOTS[0]: 1, ROBOTS[1]: 1, ROBOTS[2]: 0}))
 
 
 if __name__ == "__main__":

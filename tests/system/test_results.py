@@ -24,7 +24,7 @@ import urllib.error
 import urllib.request
 import xml.etree.ElementTree
 
-from program import eventually
+from program import eventually, sample_count
 
 ONTIME = os.environ["ONTIME"]
 
@@ -509,14 +509,8 @@ class Results(unittest.TestCase):
 
     def started(self, duration):
         process = self.start("run", self.scenario(duration=duration), "--results", self.results)
-        end = time.monotonic() + 30
-        while time.monotonic() < end:
-            with contextlib.suppress(sqlite3.Error), \
-                    contextlib.closing(sqlite3.connect(f"file:{self.results}?mode=ro", uri=True)) as database:
-                if database.execute("SELECT count(*) FROM sample").fetchone()[0] > 0:
-                    return process
-            time.sleep(0.1)
-        self.fail("it recorded nothing")
+        self.assertTrue(eventually(lambda: sample_count(self.results) > 0), process.poll())
+        return process
 
     def test_watch_follows_to_the_end(self):
         process = self.started("5 s")
