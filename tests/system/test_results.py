@@ -17,7 +17,6 @@ import sqlite3
 import struct
 import subprocess
 import tempfile
-import time
 import unittest
 import unittest.mock
 import urllib.error
