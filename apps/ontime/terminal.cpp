@@ -151,7 +151,7 @@ campaign::Interrupts& catch_interrupts() {
   return interrupts;
 }
 
-bool was_stopped() { return last_signal == SIGTERM; }
+bool was_stopped() { return last_signal == SIGTERM || (last_signal == 0 && interrupts > 0); }
 
 nlohmann::json command_line() {
   auto words = nlohmann::json::array();

@@ -38,7 +38,9 @@ std::string about(std::chrono::duration<double>);
 
 // Counts SIGINT, SIGTERM and SIGHUP from now on.
 campaign::Interrupts& catch_interrupts();
-bool was_stopped();  // the last of them was SIGTERM: the service manager stopped it
+// The service manager stopped it: the last of them was SIGTERM, or one of its workers alone was told until
+// now.
+bool was_stopped();
 
 // How this program was called, for the record.
 nlohmann::json command_line();
