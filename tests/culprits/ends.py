@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The two ends of a run between two network namespaces, as far as this script started them."""
+"""The two ends of a run between two network namespaces, as far as this script started them; or two nodes of a robot."""
 import contextlib
 import os
 import pathlib
@@ -7,7 +7,8 @@ import re
 import subprocess
 
 INTERFACE = {"controller": "to-component", "component": "to-controller"}
-OTHER = {"controller": "component", "component": "controller"}
+OTHER = {"controller": "component", "component": "controller", "publisher": "taker", "taker": "publisher"}
+NODES = {}  # the process of a publisher and of a taker
 KTHREADD = 2  # whose children the kernel's threads are
 HOGGED = 1  # the CPU that is taken from an end; the other end has CPU 0
 
@@ -34,6 +35,8 @@ def is_ours(pid):
 
 
 def pids(end):
+    if end in NODES:
+        return [NODES[end]]
     inside = subprocess.run(["ip", "netns", "pids", f"ontime-{end}"], capture_output=True, text=True).stdout.split()
     return [int(pid) for pid in inside if is_ours(int(pid))]
 

@@ -106,7 +106,7 @@ def starved_napi_for(least_ms, most_ms, pause_ms):
 
 def move_napi(end):
     inside(end, "ethtool", "-K", INTERFACE[end], "rx-udp-gro-forwarding", "on")  # or a veth keeps UDP from its NAPI
-    for where in OTHER:
+    for where in INTERFACE:
         for thread in threads(where):
             with contextlib.suppress(ProcessLookupError):
                 os.sched_setaffinity(thread, {0})

@@ -6,6 +6,7 @@
 //   every
 //                                                   PERIOD_US (0: as they come)
 //   listen_node relay TOPIC EVERY 0 LOG TO          publishes each message of such a number on topic TO
+// What it does wrong meanwhile: fault.hpp.
 // It uses the DDS domain that the environment names (LISTEN_NODE_DOMAIN).
 // LOG has a line for each message: its number, CLOCK_MONOTONIC just before the write or just after the take,
 // and for a take the source time stamp.
@@ -24,6 +25,7 @@
 #include <dds/dds.h>
 #include <time.h>
 
+#include "fault.hpp"
 #include "message.h"
 
 namespace {
@@ -58,6 +60,7 @@ dds_entity_t checked(dds_entity_t entity) {
 
 void publish(dds_entity_t writer, std::uint64_t count, std::chrono::microseconds period,
              std::vector<Line>& lines) {
+  Fault fault;
   for (dds_publication_matched_status_t matched{};
        ended == 0 && (begun == 0 || matched.current_count == 0);) {
     dds_get_publication_matched_status(writer, &matched);
@@ -70,6 +73,7 @@ void publish(dds_entity_t writer, std::uint64_t count, std::chrono::microseconds
     due += period;
     if (number % 997 == 996) due += std::chrono::milliseconds(30);
     std::this_thread::sleep_until(due);
+    fault.make();
     message.number = number;
     lines.push_back({number, now_ns(), 0});
     dds_write(writer, &message);
@@ -80,6 +84,7 @@ void publish(dds_entity_t writer, std::uint64_t count, std::chrono::microseconds
 void take(dds_entity_t reader, std::chrono::microseconds period, std::vector<Line>& lines,
           dds_entity_t onwards = 0, std::uint64_t every = 1) {
   constexpr std::size_t most = 32;
+  Fault fault;
   const auto condition = checked(dds_create_readcondition(reader, DDS_ANY_STATE));
   const auto waitset = checked(dds_create_waitset(dds_get_participant(reader)));
   dds_waitset_attach(waitset, condition, 0);
@@ -90,6 +95,7 @@ void take(dds_entity_t reader, std::chrono::microseconds period, std::vector<Lin
       dds_waitset_wait(waitset, nullptr, 0, DDS_MSECS(100));
     else
       std::this_thread::sleep_for(period);
+    fault.make();
     // A relay takes one at a time, as an executor does.
     const auto count = dds_take(reader, samples.data(), infos.data(), most, onwards == 0 ? most : 1);
     const auto at_ns = now_ns();

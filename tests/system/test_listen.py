@@ -21,7 +21,7 @@ import time
 import unittest
 import urllib.request
 
-from program import eventually
+from program import eventually, trace_instances
 
 ONTIME, NODE, RMW_NODE = (os.environ[name] for name in ("ONTIME", "LISTEN_NODE", "LISTEN_RMW_NODE"))
 DDS_STAND_IN = pathlib.Path(RMW_NODE).parent.parent / "tests/listen/libddsc.so"
@@ -58,12 +58,6 @@ def captures(pid):
         return False
     rows = [line.split() for line in pathlib.Path("/proc/net/packet").read_text().splitlines()[1:]]
     return any(f"socket:[{row[8]}]" in links and int(row[5]) == 1 and int(row[4]) != 0 for row in rows)
-
-
-def trace_instances():
-    """By a mount that nothing else sees."""
-    return subprocess.run(["unshare", "-m", "sh", "-c", "mount -t tracefs none /mnt && ls /mnt/instances"],
-                          capture_output=True, text=True, check=True, timeout=60).stdout.split()
 
 
 def begin(publisher):

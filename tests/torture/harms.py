@@ -174,3 +174,15 @@ def interrupt_twice(repetition):
     repetition.interrupt()
 
 
+
+
+def kill_listener(repetition):
+    os.kill(repetition.process.pid, signal.SIGKILL)
+    repetition.everybody_is_gone = True
+
+
+def kill_node(repetition):
+    """Under its probes, whose code the kernel changes at that moment."""
+    repetition.random.choice(list(repetition.nodes.values())).kill()
+    time.sleep(repetition.random.uniform(0, 1))
+    repetition.interrupt()

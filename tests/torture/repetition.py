@@ -16,7 +16,12 @@ import time
 from outside import Broken, HERE, ONTIME, check, difference, output, processes_of, rows, state_of_machine
 
 sys.path.insert(0, str(HERE / "tests/system"))
+os.environ.setdefault("ONTIME", ONTIME)
+for name in "listen_node", "listen_rmw_node":
+    os.environ.setdefault(name.upper(), str(pathlib.Path(ONTIME).parent / name))
 import sshd  # noqa: E402
+import test_listen as listening  # noqa: E402
+from program import trace_instances  # noqa: E402
 
 TIMER_MIGRATION = pathlib.Path("/proc/sys/kernel/timer_migration")
 
@@ -305,3 +310,39 @@ class Deployed(BySsh):
         scenario = self.folder / "scenario.yaml"
         scenario.write_text(scenario.read_text().replace(f"program: {ONTIME}, ", ""))
         return (*command, "--deploy")
+
+
+class Listening(Repetition):
+    """`ontime listen` beside a publisher and a taker that know nothing of it."""
+
+    @contextlib.contextmanager
+    def surroundings(self):
+        words = {"publisher": ("publish", "rt/cmd_vel", "10000000", "1000"), "taker": ("take", "rt/cmd_vel", "1000", "0")}
+        self.nodes = {name: subprocess.Popen([listening.NODE, *words[name], self.folder / name], env=listening.ENVIRONMENT,
+                                             stdout=self.said, stderr=self.said) for name in words}
+        try:
+            listening.begin(self.nodes["publisher"])
+            yield
+            for name, node in self.nodes.items():
+                if node.poll() is None:
+                    node.terminate()
+                check(node.wait(30) in (0, -signal.SIGKILL), f"the {name} ended with {node.returncode}")
+        finally:
+            for node in self.nodes.values():
+                node.kill()
+                node.wait()
+
+    def command(self):
+        return ONTIME, "listen", "/cmd_vel", "--deadline", "50ms", "--results", str(self.results), "--for", self.duration
+
+    def left(self, before):
+        left = [f"changed code in the {name}" for name, node in self.nodes.items()
+                if node.poll() is None and listening.changed_code(node.pid)]
+        return super().left(before) + left + [f"trace {name}" for name in trace_instances() if "ontime" in name]
+
+    def check_results(self):
+        check(rows(self.results, "PRAGMA integrity_check") == [("ok",)], "the results file is damaged")
+        answer = subprocess.run([ONTIME, "report", str(self.results)], capture_output=True, text=True, env=self.environment)
+        check(answer.returncode in (0, 1), "its report fails: " + answer.stderr)
+        for node in self.nodes.values():
+            check(node.poll() in (None, -signal.SIGKILL), "a node ended")
