@@ -276,6 +276,21 @@ TEST_P(Explained, MessageAsLongAsUsualAccusesNoThread) {
   EXPECT_LT(message.delay_ns, 20 * us);
 }
 
+TEST_P(Explained, WhereMostAreLateTheDelayIsAboveTheMessagesOnTime) {
+  for (std::size_t i = 0; i < 80; ++i) {
+    auto& slow = samples_[i];
+    slow.server_received_ns += 15 * ms;
+    slow.server_sent_ns += 15 * ms;
+    slow.received_ns += 15 * ms;
+    slow.fate = Fate::late;
+  }
+  has_the_message();
+  switched(sent + 16 * ms, 1, answers, "S", 0);
+  const auto part = first(message(late(0, 15 * ms, 0)));
+  EXPECT_EQ(part.cause, Cause::busy);
+  EXPECT_GT(part.ns, 14 * ms);
+}
+
 TEST_P(Explained, TheSameCulpritsAreOneGroup) {
   sender_wakes_and_sends();
   event(sent + 10 * us, 0, Kind::waking, answers, asks, "1");

@@ -9,16 +9,18 @@ using roundtrip::Sample;
 
 Usual::Usual(const record::Reader& reader, std::int64_t run, bool one_clock)
     : clocks_(one_clock ? Drift() : Drift(reader, run)) {
-  std::array<std::vector<std::int64_t>, legs> all;
+  std::array<std::vector<std::int64_t>, legs> on_time, late;
   reader.each_sample(run, [&](const Sample& sample) {
     if (!has_server_times(sample)) return;
     const auto way = of(sample);
+    auto& all = sample.fate == roundtrip::Fate::on_time ? on_time : late;
     for (std::size_t leg = 0; leg < legs; ++leg) all[leg].push_back(way[leg].length_ns());
   });
   for (std::size_t leg = 0; leg < legs; ++leg) {
-    if (all[leg].empty()) continue;
-    const auto middle = all[leg].begin() + static_cast<std::ptrdiff_t>(all[leg].size() / 2);
-    std::nth_element(all[leg].begin(), middle, all[leg].end());
+    auto& all = on_time[leg].empty() ? late[leg] : on_time[leg];
+    if (all.empty()) continue;
+    const auto middle = all.begin() + static_cast<std::ptrdiff_t>(all.size() / 2);
+    std::nth_element(all.begin(), middle, all.end());
     medians_[leg] = *middle;
   }
 }

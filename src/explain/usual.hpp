@@ -22,7 +22,8 @@ struct Leg {
 
 class Usual {
  public:
-  // Of all messages that were answered: medians. `one_clock`: both ends have the same.
+  // Medians of the messages that were answered on time, or of all that were answered where none was: where
+  // most are late, what makes them late is not usual. `one_clock`: both ends have the same.
   Usual(const record::Reader&, std::int64_t run, bool one_clock);
   std::int64_t leg_ns(std::size_t leg) const { return medians_[leg]; }
   // By the client's clock; of an answered message whose server said when.
