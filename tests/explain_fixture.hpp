@@ -142,7 +142,7 @@ class Explained : public testing::TestWithParam<bool> {
                          {"hosts",
                           {{"controller",
                             {{"machine", machine},
-                             {"threads", threads({{asks, "send"}, {hears, "receive"}})},
+                             {"threads", controller_threads_},
                              {"link", {{"interface", "to-component"}, {"down", down_["controller"]}}}}},
                            {"component",
                             {{"machine", machine},
@@ -168,6 +168,7 @@ class Explained : public testing::TestWithParam<bool> {
   std::map<std::string, json> down_;  // of whose link
   int deadline_us_ = 0, timeout_us_ = 0;
   json asked_ = json::object();  // besides
+  json controller_threads_ = threads({{asks, "send"}, {hears, "receive"}});
   json component_threads_ = threads({{answers, "receive"}});
 };
 

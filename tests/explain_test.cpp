@@ -38,6 +38,25 @@ TEST_P(Explained, OfTwoThreadsThatReceiveTheOneThatAnswersIsFollowed) {
   EXPECT_EQ(part.stage, Stage::delivered);
 }
 
+TEST_P(Explained, OfTwoThreadsThatReceiveAnAnswerTheOneThatBeganLastIsFollowed) {
+  constexpr std::int32_t other = 12, another = 98;
+  controller_threads_ = threads({{asks, "send"}, {other, "receive"}, {hears, "receive"}});
+  switched(due - ms / 2, 3, another, "S", other);
+  switched(due - ms / 2, 2, another, "S", hog);
+  has_the_message();
+  event(sent + 52 * us, 1, Kind::queued, answers, 0, "to-controller", 2);
+  event(sent + 53 * us, 1, Kind::sent, answers, 0, "to-controller", 2);
+  event(sent + 56 * us, 1, Kind::received, answers, 0, "to-component", 2);
+  event(sent + 57 * us, 1, Kind::waking, hears, answers, "2");
+  switched(sent + 20 * ms, 2, hog, "R", hears);
+  switched(sent + 30 * ms, 2, hears, "S", hog);
+  switched(sent + 31 * ms, 3, other, "S", 0);
+  const auto part = first(message(late(0, 0, 20 * ms)));
+  EXPECT_EQ(part.cause, Cause::cpu);
+  EXPECT_EQ(part.culprit, "hog");
+  EXPECT_EQ(part.end, "controller");
+}
+
 TEST_P(Explained, AThreadThatIsStopped) {
   event(due - 800 * us, 1, Kind::signal, answers, hog, "19");
   switched(due - 700 * us, 1, answers, "T", 0);

@@ -30,6 +30,15 @@ std::int64_t next_sent_ns(const Timeline& timeline, std::int32_t thread, std::in
   return std::numeric_limits<std::int64_t>::max();
 }
 
+// Since when a thread has had its CPU that has it now.
+std::int64_t running_since_ns(const Timeline& timeline, std::int32_t thread, std::int64_t at_ns) {
+  const auto stretches = timeline.of(thread, timeline.events().front().at_ns, at_ns);
+  const auto before = std::find_if(stretches.rbegin(), stretches.rend(), [](const Stretch& stretch) {
+    return stretch.state != State::runs && stretch.state != State::comes;
+  });
+  return before == stretches.rend() ? timeline.events().front().at_ns : before->to_ns;
+}
+
 }  // namespace
 
 std::int64_t least_packet_bytes(std::int64_t payload_bytes) {
@@ -94,10 +103,15 @@ const KnownThread* Way::receives(const End& end, std::int64_t at_ns) const {
     if (best == nullptr || (state && *state != State::sleeps)) best = &thread;
   }
   if (running.empty()) return best;
-  // Of several, as a multi-threaded executor has them, the one that answers is the one that sends first.
-  return *std::min_element(running.begin(), running.end(), [&](const auto* one, const auto* other) {
-    return next_sent_ns(*end.timeline, one->id, at_ns) < next_sent_ns(*end.timeline, other->id, at_ns);
-  });
+  // Of several, as a multi-threaded executor has them, the one that answers is the one that sends first. Who
+  // takes an answer sends nothing: of those, the one that began last, for the others had something else to
+  // do.
+  const auto rank = [&](const KnownThread* one) {
+    return std::pair(next_sent_ns(*end.timeline, one->id, at_ns),
+                     -running_since_ns(*end.timeline, one->id, at_ns));
+  };
+  return *std::min_element(running.begin(), running.end(),
+                           [&](const auto* one, const auto* other) { return rank(one) < rank(other); });
 }
 
 // From the packet's arrival on, by the threads of the end that hand it on, the last first.

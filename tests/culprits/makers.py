@@ -332,7 +332,7 @@ def inversion(end, chance):
         os.sched_setaffinity(thread, {HOGGED if [thread] == holder() else 0})
     for thread in holder():
         os.sched_setscheduler(thread, os.SCHED_FIFO, os.sched_param(5))
-    with hogs(1, "chrt", "-f", "10", burst_ms=chance.uniform(20, 30), pause_ms=20):
+    with hogs(1, "chrt", "-f", "10", burst_ms=chance.uniform(20, 30), pause_ms=16):
         yield
 
 
