@@ -49,7 +49,9 @@ TEST(Gate, SeesAShiftOfTwentyPercent) {
       for (auto& value : slower) value += value / 5;
       seen += gate_fails(run_of(kind.series(samples, random)), run_of(slower), Figure::p99, 1.10) ? 1 : 0;
     }
-    EXPECT_GE(seen, runs * 9 / 10) << kind.name;
+    // Nine of ten, less what chance takes: of a hundred such tries at least 82 succeed in 99 of 100 tests.
+    // For five repetitions, of which nine of ten are promised, see below.
+    EXPECT_GE(seen, runs * 82 / 100) << kind.name;
     if (runs >= 100) fmt::print("{:<15} single runs: found {} of {}\n", kind.name, seen, runs);
   }
 }
