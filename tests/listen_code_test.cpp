@@ -72,6 +72,25 @@ TEST(CodeOfFunction, ThatMayReturnBeforeItsCallReturnsByItself) {
   EXPECT_FALSE(exit_at(code).callee);
 }
 
+// Of Fast DDS 2.9.1 as Debian compiles it.
+TEST(CodeOfFunction, ThatReturnsAMemberTellsWhereItIs) {
+  const Bytes returns{0x48, 0x8b, 0x47, 0x30, 0xc3};                         // mov 0x30(%rdi), %rax; ret
+  const Bytes calls{0x48, 0x8b, 0x7f, 0x48, 0xe9, 0x00, 0x01, 0x00, 0x00};   // mov 0x48(%rdi), %rdi; jmp
+  const Bytes marked{0xf3, 0x0f, 0x1e, 0xfa, 0x48, 0x8b, 0x47, 0x30, 0xc3};  // endbr64, as Ubuntu compiles it
+  EXPECT_EQ(offset_of_member({returns, address, true}), 0x30U);
+  EXPECT_EQ(offset_of_member({calls, address, true}), 0x48U);
+  EXPECT_EQ(offset_of_member({marked, address, true}), 0x30U);
+}
+
+TEST(CodeOfFunction, ThatDoesMoreThanReturnAMemberIsRefused) {
+  const Bytes of_another{0x48, 0x8b, 0x46, 0x30, 0xc3};  // mov 0x30(%rsi), %rax; ret
+  const Bytes chained{0x48, 0x8b, 0x47, 0x30,
+                      0x48, 0x8b, 0x00, 0xc3};  // mov 0x30(%rdi), %rax; mov (%rax), %rax; ret
+  const Bytes table{0x48, 0x8b, 0x07, 0xc3};    // mov (%rdi), %rax; ret
+  for (const auto& code : {of_another, chained, table, Bytes{0xc3}, Bytes{}})
+    EXPECT_FALSE(offset_of_member({code, address, true}));
+}
+
 // rmw_take_with_info() of rmw_fastrtps_cpp: a jump to a function with one argument more.
 TEST(CodeOfFunction, ThatJumpsToAnotherHasBothPlacesAtTheJump) {
   const Bytes code{

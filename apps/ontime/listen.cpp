@@ -238,8 +238,8 @@ class Listening {
     }
     if (findings.flows.empty() && arguments_.packets.empty() && !arguments_.is_recording())
       findings.remarks.emplace_back(
-          "the processes of this PID namespace that use ROS 2 or Cyclone DDS are watched; of other programs "
-          "see the packets: --packets any");
+          "the processes of this PID namespace that use ROS 2, Cyclone DDS or Fast DDS are watched; of other "
+          "programs see the packets: --packets any");
   }
 
   std::uint64_t misses_left_out(const listen::Findings& findings) const {

@@ -230,11 +230,26 @@ std::optional<std::uint64_t> offset_of_topic_name(const Code& code) {
   }
   return {};
 }
+
+std::optional<std::uint64_t> offset_of_member(const Code& code) {
+  const Disassembly disassembly(code);
+  auto all = disassembly.instructions();
+  if (!all.empty() && all.front().id == X86_INS_ENDBR64) all = all.subspan(1);
+  if (all.size() < 2 || all[0].id != X86_INS_MOV ||
+      !(disassembly.is_return(all[1]) || disassembly.is_jump(all[1])))
+    return {};
+  const auto &to = all[0].detail->x86.operands[0], &from = all[0].detail->x86.operands[1];
+  if (to.type != X86_OP_REG || from.type != X86_OP_MEM || from.mem.base != X86_REG_RDI ||
+      from.mem.index != X86_REG_INVALID || from.mem.disp <= 0)
+    return {};
+  return static_cast<std::uint64_t>(from.mem.disp);
+}
 #else
 Entry entry_of(const Code&, std::span<const std::size_t>) { return {.registers = as_called}; }
 Exit exit_of(const Code&) { return {}; }
 bool begins_cheaply(const Code&) { return false; }
 std::optional<std::uint64_t> offset_of_topic_name(const Code&) { return {}; }
+std::optional<std::uint64_t> offset_of_member(const Code&) { return {}; }
 #endif
 
 }  // namespace ontime::listen

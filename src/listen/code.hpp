@@ -45,5 +45,8 @@ bool begins_cheaply(const Code&);
 // Cyclone DDS: where a topic's structure holds the pointer to its name, which is the size of an entity too;
 // found in the code of dds_get_name(). Empty: the code has another form.
 std::optional<std::uint64_t> offset_of_topic_name(const Code&);
+// Of a function that does nothing but return a member of its object, or call a function of it: where in the
+// object the member is. Empty: the code has another form.
+std::optional<std::uint64_t> offset_of_member(const Code&);
 
 }  // namespace ontime::listen

@@ -67,7 +67,8 @@ std::size_t offset_of(Function function) {
 Link set(bpf_program* program, Function function, bool on_return) {
   bpf_uprobe_opts options{};
   options.sz = sizeof options;
-  options.bpf_cookie = ontime_argument_1 << ontime_cookie_endpoint | ontime_argument_3 << ontime_cookie_taken;
+  options.bpf_cookie = ontime_argument_1 << ontime_cookie_endpoint |
+                       ontime_argument_3 << ontime_cookie_taken | 16 << ontime_cookie_topic;
   options.retprobe = on_return;
   return {bpf_program__attach_uprobe_opts(program, 0, this_program, offset_of(function), &options),
           bpf_link__destroy};

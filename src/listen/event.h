@@ -52,31 +52,48 @@ enum ontime_register {
 #endif
 };
 /* In a cookie: where the registers' numbers are, of the endpoint, of rmw's `bool* taken`, and of where the
- * call writes what is read at its return; and whether the kernel steps over an instruction under the call's
- * probes. */
+ * call writes what is read at its return; whether the kernel steps over an instruction under the call's
+ * probes; whether a ROS 2 middleware may have made the call; and the way from an endpoint's object to its
+ * topic's name, two offsets of 16 bits: of a pointer in the endpoint (0: the way is unknown), and of a
+ * pointer in what that points to (0: that is the name). */
 enum {
   ontime_cookie_endpoint = 0,
   ontime_cookie_taken = 4,
   ontime_cookie_info = 8,
-  ontime_cookie_is_stepped = 1 << 12
+  ontime_cookie_is_stepped = 1 << 12,
+  ontime_cookie_is_below_rmw = 1 << 13,
+  ontime_cookie_topic = 16,
+  ontime_cookie_name = 32
 };
 
 struct ontime_event {
   __u32 kind;
   __u32 lost;      /* events that found the buffer full, until now */
   __u64 at_ns;     /* CLOCK_MONOTONIC: a publish begins, a take has returned */
-  __u64 endpoint;  /* rmw: address of the publisher or subscription; DDS: its handle */
+  __u64 endpoint;  /* rmw, Fast DDS: address of the publisher or subscription; Cyclone DDS: its handle */
   __u64 stamp_ns;  /* the writer's source time stamp, CLOCK_REALTIME of its machine; 0: unknown */
   __u8 writer[16]; /* which writer, as this reader's middleware names it; zero: unknown */
   __u32 process;
   __u32 thread;
   __u32 cpu;
-  __u32 is_handle; /* `endpoint` is a DDS handle, which has 32 bits */
+  __u16 is_handle;    /* `endpoint` is a DDS handle, which has 32 bits */
+  __u16 is_below_rmw; /* of a DDS implementation's own function, which a ROS 2 middleware may have called */
 };
 
 struct ontime_name_event {
   struct ontime_event event;
   char topic[ontime_longest_topic];
+};
+
+/* SampleInfo of Fast DDS 2, as far as it is read. */
+struct ontime_fastdds_info {
+  __u16 states[3];
+  __s32 counts[5];
+  __s32 seconds;               /* the source time stamp … */
+  __u32 fraction, nanoseconds; /* … whose second part is there in two units */
+  __u8 between[46];            /* when it was received, and two instance handles */
+  __u8 is_valid;
+  __u8 writer[16] __attribute__((aligned(4)));
 };
 
 #endif

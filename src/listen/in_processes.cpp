@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <algorithm>
 #include <cerrno>
+#include <cstdlib>
 #include <cstring>
 #include <iterator>
 #include <numeric>
@@ -10,6 +11,7 @@
 
 #include <bpf/bpf.h>
 #include <bpf/libbpf.h>
+#include <cxxabi.h>
 #include <fmt/format.h>
 #include <sys/uio.h>
 #include <unistd.h>
@@ -36,16 +38,29 @@ std::string reason(int error) { return std::generic_category().message(error); }
 
 using Link = std::unique_ptr<bpf_link, int (*)(bpf_link*)>;
 
-// A function to be probed: which program at its calls and which at its return (nullptr: none), and which of
-// its arguments they need (none: the function has no such).
+// A function to be probed: which program at its calls and which at its return (nullptr: none), which of its
+// arguments they need (none: the function has no such), and what else its cookie says.
 constexpr std::size_t none = SIZE_MAX;
 struct Wish {
-  const char* function;
+  std::string function;
   bpf_program *on_call, *on_return = nullptr;
   struct {
     std::size_t endpoint = 0, taken = none, info = none;
   } arguments{};
+  std::uint64_t cookie = 0;
+  std::string returns_by{};  // the function that it ends with, where a probe on its return is better set
 };
+
+// rmw_publisher_t and rmw_subscription_t alike: implementation_identifier, data, topic_name.
+constexpr std::uint64_t way_of_rmw = 2 * sizeof(void*) << ontime_cookie_topic;
+
+// For people: without arguments.
+std::string plain(const std::string& function) {
+  const std::unique_ptr<char, void (*)(void*)> text(
+      abi::__cxa_demangle(function.c_str(), nullptr, nullptr, nullptr), std::free);
+  const std::string name = text ? text.get() : function;
+  return name.substr(0, name.find('('));
+}
 
 class InProcesses final : public Sensor {
  public:
@@ -77,7 +92,7 @@ class InProcesses final : public Sensor {
         this, nullptr));
     if (!ring_) throw Error(fmt::format("listen: the kernel's ring buffer: {}", reason(errno)));
     const auto& programs = probes_->progs;
-    costs_ = measure_probe_costs(programs.rmw_publish, programs.rmw_take, programs.rmw_taken);
+    costs_ = measure_probe_costs(programs.publish, programs.rmw_take, programs.rmw_taken);
     ring_buffer__consume(ring_.get());
     counted_before_ = calls();
   }
@@ -176,8 +191,12 @@ class InProcesses final : public Sensor {
           probe_rmw(process, library);
         else if (library.middleware == Middleware::rcl)
           probe(process, library, {}, {"rcl_timer_call"});
-        else if (!ros_.contains(process.id))
-          probe_one(process, library);
+        else if (ros_.contains(process.id))
+          continue;
+        else if (library.middleware == Middleware::fastdds)
+          probe_fastdds(process, library);
+        else
+          probe_cyclonedds(process, library);
       }
     }
     for (auto finder = finders_.begin(); finder != finders_.end();)
@@ -188,10 +207,10 @@ class InProcesses final : public Sensor {
   // which costs more than the probes. But a probe sits in the file below an overlay, which other containers
   // have too.
   void probe(const Process& process, const Mapping& library, std::vector<Wish> wishes,
-             const std::vector<const char*>& turns) {
+             const std::vector<std::string>& turns) {
     // Only chains need to know where a callback ends.
     if (with_turns_)
-      for (const auto* function : turns)
+      for (const auto& function : turns)
         wishes.push_back({function, probes_->progs.turn, nullptr, {.endpoint = none}});
     if (library.is_on_overlay)
       set(library, static_cast<pid_t>(process.id), of_process_[process.id].links, wishes);
@@ -201,9 +220,11 @@ class InProcesses final : public Sensor {
 
   void probe_rmw(const Process& process, const Mapping& library) {
     const auto& programs = probes_->progs;
-    const auto publish = [&](const char* function) { return Wish{function, programs.rmw_publish}; };
+    const auto publish = [&](const char* function) {
+      return Wish{.function = function, .on_call = programs.publish, .cookie = way_of_rmw};
+    };
     const auto take = [&](const char* function, std::size_t info) {
-      return Wish{function, programs.rmw_take, programs.rmw_taken, {.taken = 2, .info = info}};
+      return Wish{function, programs.rmw_take, programs.rmw_taken, {.taken = 2, .info = info}, way_of_rmw};
     };
     probe(process, library,
           {publish("rmw_publish"), publish("rmw_publish_serialized_message"),
@@ -213,14 +234,67 @@ class InProcesses final : public Sensor {
           {"rmw_wait", "rmw_take_request", "rmw_take_response"});
   }
 
-  void probe_one(const Process& process, const Mapping& library) {
+  // Fast DDS 2. The library's own code tells where a writer and a reader have their topic, and how large an entity is: of
+  // a topic, what follows that is its description, which has its name behind a table of functions.
+  void probe_fastdds(const Process& process, const Mapping& library) {
+    const auto& programs = probes_->progs;
+    const std::string scope = "8eprosima7fastdds3dds", writer = "_ZN" + scope + "14DataWriterImpl",
+                      reader = "_ZN" + scope + "14DataReaderImpl",
+                      handle = "RKNS_8fastrtps4rtps16InstanceHandle_tE",
+                      collections = "ERNS1_18LoanableCollectionERNS1_16LoanableSequenceINS1_10SampleInfoESt17integral_"
+                                    "constantIbLb1EEEEi";
+    std::uint64_t of_writer = ontime_cookie_is_below_rmw, of_reader = of_writer;
+    try {
+      const Library code(library.path);
+      if (!code.entry(writer + "5writeEPv", {})) {
+        remark(fmt::format("{} of process {} is no Fast DDS 2: its messages are not seen in the process; see the packets: --packets any",
+                           library.name, process.id));
+        return;
+      }
+      const auto entity = code.offset_of_member("_ZNK" + scope + "10DataWriter9get_topicEv"),
+                 written = code.offset_of_member("_ZNK" + scope + "14DataWriterImpl9get_topicEv"),
+                 read = code.offset_of_member("_ZNK" + scope + "14DataReaderImpl20get_topicdescriptionEv");
+      if (entity && written && read) {
+        const auto way = [](std::uint64_t topic, std::uint64_t name) {
+          return topic << ontime_cookie_topic | name << ontime_cookie_name;
+        };
+        of_writer |= way(*written, *entity + sizeof(void*));
+        of_reader |= way(*read, sizeof(void*));
+      } else {
+        remark_unnamed(process, library);
+      }
+    } catch (const Error&) {  // said where probes are set
+    }
+    const auto write = [&](const std::string& function) {
+      return Wish{.function = writer + function, .on_call = programs.publish, .cookie = of_writer};
+    };
+    const auto take = [&](const std::string& function) {
+      return Wish{reader + function,     programs.fastdds_take, programs.fastdds_taken, {.info = 2}, of_reader,
+                  reader + "12read_or_take" + collections + handle + "tttbbb"};
+    };
+    const auto take_next = [&](const std::string& function) {
+      return Wish{reader + function, programs.fastdds_take, programs.fastdds_taken_next, {.info = 2}, of_reader};
+    };
+    probe(process, library,
+          {write("5writeEPv"), write("5writeEPvRNS_8fastrtps4rtps11WriteParamsE"), write("5writeEPv" + handle),
+           write("17write_w_timestampEPv" + handle + "RKNS4_6Time_tE"), take("4take" + collections + "ttt"),
+           take("13take_instance" + collections + handle + "ttt"),
+           take("18take_next_instance" + collections + handle + "ttt"),
+           take_next("16take_next_sampleEPvPNS1_10SampleInfoE"), take_next("16read_next_sampleEPvPNS1_10SampleInfoE")},
+          {"_ZNK" + scope + "7WaitSet4waitERSt6vectorIPNS1_9ConditionESaIS5_EENS_8fastrtps6Time_tE",
+           "_ZN" + scope + "10DataReader23wait_for_unread_messageERKNS_8fastrtps6Time_tE"});
+  }
+
+  void probe_cyclonedds(const Process& process, const Mapping& library) {
     const auto& programs = probes_->progs;
     auto& own = of_process_[process.id];
     own.library = library;
-    const auto write = [&](const char* function) { return Wish{function, programs.dds_write}; };
+    const auto write = [&](const char* function) {
+      return Wish{.function = function, .on_call = programs.dds_write, .cookie = ontime_cookie_is_below_rmw};
+    };
     // dds_take(reader, samples, info, …), dds_takecdr(reader, samples, most, info, …)
     const auto take = [&](const char* function, std::size_t info) {
-      return Wish{function, programs.dds_take, programs.dds_taken, {.info = info}};
+      return Wish{function, programs.dds_take, programs.dds_taken, {.info = info}, ontime_cookie_is_below_rmw};
     };
     probe(
         process, library,
@@ -232,8 +306,12 @@ class InProcesses final : public Sensor {
     } catch (const Error&) {
     }
     if (!own.offset_of_name && access(library.path.c_str(), F_OK) == 0)
-      remark(fmt::format("{} of process {} has an unknown form: its topics stay without names", library.name,
-                         process.id));
+      remark_unnamed(process, library);
+  }
+
+  void remark_unnamed(const Process& process, const Mapping& library) {
+    remark(fmt::format("{} of process {} has an unknown form: its topics stay without names", library.name,
+                       process.id));
   }
 
   // The kernel holds up a process's threads while it changes their code. Of times near to one another the
@@ -260,7 +338,7 @@ class InProcesses final : public Sensor {
   }
 
   static std::uint64_t cookie_of(const Wish& wish, const Registers& registers, bool is_cheap) {
-    std::uint64_t cookie = is_cheap ? 0 : ontime_cookie_is_stepped;
+    std::uint64_t cookie = wish.cookie | (is_cheap ? 0 : ontime_cookie_is_stepped);
     const auto add = [&](std::size_t argument, unsigned shift) {
       if (argument != none) cookie |= std::uint64_t{registers[argument]} << shift;
     };
@@ -275,7 +353,7 @@ class InProcesses final : public Sensor {
     try {
       std::vector<Link> own;
       const Library library(mapping.path);
-      const auto attach = [&](const char* function, bpf_program* program, const Place& place, bool on_return,
+      const auto attach = [&](const std::string& function, bpf_program* program, const Place& place, bool on_return,
                               std::uint64_t cookie) {
         bpf_uprobe_opts options{};
         options.sz = sizeof options;
@@ -283,7 +361,10 @@ class InProcesses final : public Sensor {
         options.bpf_cookie = cookie;
         auto* const link =
             bpf_program__attach_uprobe_opts(program, process, mapping.path.c_str(), place.offset, &options);
-        if (link == nullptr) throw Error(fmt::format("a probe at {}: {}", function, reason(errno)));
+        if (link == nullptr) {
+          const auto why = reason(errno);
+          throw Error(fmt::format("a probe at {}: {}", plain(function), why));
+        }
         own.emplace_back(link, bpf_link__destroy);
       };
       std::set<std::string> costly;
@@ -297,12 +378,13 @@ class InProcesses final : public Sensor {
         bool is_cheap = entry->is_cheap;
         // The return first: a call that is under way when probes are set has no entry, and is left out.
         if (wish.on_return != nullptr) {
-          const auto exit = library.exit(wish.function);
+          auto exit = library.exit(wish.returns_by);
+          if (!exit) exit = library.exit(wish.function);
           is_cheap &= exit->is_cheap;
           if (exits.insert(exit->offset).second) attach(wish.function, wish.on_return, *exit, true, 0);
         }
         attach(wish.function, wish.on_call, *entry, false, cookie_of(wish, entry->registers, is_cheap));
-        if (!is_cheap) costly.insert(wish.function);
+        if (!is_cheap) costly.insert(plain(wish.function));
       }
       if (!costly.empty())
         remark(fmt::format("{}: no cheap place for a probe in {}: each call costs some 10 µs more",
@@ -321,16 +403,17 @@ class InProcesses final : public Sensor {
     if (size < sizeof event) return;
     std::memcpy(&event, data, sizeof event);
     if (event.process == own_process_) return;
+    if (event.is_below_rmw != 0 && ros_.contains(event.process)) return;  // its rmw told of the message
     if (event.kind == ontime_named) {
       const auto* const topic = static_cast<const char*>(data) + sizeof event;
       const std::string text(topic, strnlen(topic, size - sizeof event));
       return name(event, text.empty() ? text_at(event.process, event.stamp_ns) : text);
     }
     if (event.kind == ontime_found) return found(event);
-    if (event.is_handle != 0 && event.kind != ontime_turned) {
-      if (ros_.contains(event.process)) return;  // its rmw told of the message
-      find_name(event);
-    }
+    if (event.kind != ontime_turned && event.is_handle != 0) find_name(event);
+    if (event.kind == ontime_taken && event.is_below_rmw != 0 && event.is_handle == 0 && event.stamp_ns == 0)
+      remark(fmt::format("process {}: its messages have no time stamp of a known form: their age and losses stay unknown",
+                         event.process));
     Observation seen{.kind = event.kind == ontime_published ? Observation::Kind::published
                              : event.kind == ontime_turned  ? Observation::Kind::turned
                                                             : Observation::Kind::taken,

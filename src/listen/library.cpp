@@ -45,10 +45,30 @@ std::optional<std::uint64_t> offset_of(Elf* elf, std::uint64_t address) {
   return {};
 }
 
+// Of eprosima::fastdds::dds.
+bool is_wanted_of_fastdds(std::string_view name) {
+  const auto is_prefix = [&](std::string_view prefix) { return name.starts_with(prefix); };
+  for (const std::string_view scope : {"_ZN8eprosima7fastdds3dds", "_ZNK8eprosima7fastdds3dds"}) {
+    if (!name.starts_with(scope)) continue;
+    name.remove_prefix(scope.size());
+    return std::ranges::any_of(
+        std::initializer_list<std::string_view>{
+            "10DataWriter9get_topicE", "14DataWriterImpl9get_topicE", "14DataWriterImpl5writeE",
+            "14DataWriterImpl17write_w_timestampE", "14DataReaderImpl20get_topicdescriptionE",
+            "14DataReaderImpl4takeE", "14DataReaderImpl13take_instanceE",
+            "14DataReaderImpl18take_next_instanceE", "14DataReaderImpl12read_or_takeE",
+            "14DataReaderImpl16take_next_sampleE", "14DataReaderImpl16read_next_sampleE",
+            "10DataReader23wait_for_unread_messageE", "7WaitSet4waitE"},
+        is_prefix);
+  }
+  return false;
+}
+
 bool is_wanted(std::string_view name) {
-  return name.starts_with("rmw_publish") || name.starts_with("rmw_take") || name.starts_with("dds_take") ||
-         name.starts_with("dds_write") || name.starts_with("dds_entity_") || name == "dds_get_name" ||
-         name == "rmw_wait" || name == "dds_waitset_wait" || name == "rcl_timer_call";
+  return is_wanted_of_fastdds(name) || name.starts_with("rmw_publish") || name.starts_with("rmw_take") ||
+         name.starts_with("dds_take") || name.starts_with("dds_write") || name.starts_with("dds_entity_") ||
+         name == "dds_get_name" || name == "rmw_wait" || name == "dds_waitset_wait" ||
+         name == "rcl_timer_call";
 }
 
 std::vector<std::uint8_t> bytes_at(int fd, std::uint64_t offset, std::size_t size) {
@@ -129,6 +149,11 @@ std::optional<Place> Library::exit(const std::string& function) const {
 std::optional<std::uint64_t> Library::offset_of_topic_name() const {
   const auto* const found = find("dds_get_name");
   return found == nullptr ? std::nullopt : listen::offset_of_topic_name(found->code());
+}
+
+std::optional<std::uint64_t> Library::offset_of_member(const std::string& function) const {
+  const auto* const found = find(function);
+  return found == nullptr ? std::nullopt : listen::offset_of_member(found->code());
 }
 
 }  // namespace ontime::listen

@@ -30,6 +30,8 @@ class Library {
   std::optional<Place> exit(const std::string& function) const;
   // Of Cyclone DDS (code.hpp).
   std::optional<std::uint64_t> offset_of_topic_name() const;
+  // Of such a function (code.hpp); empty, too, where the library does not export it.
+  std::optional<std::uint64_t> offset_of_member(const std::string& function) const;
 
  private:
   struct Function {

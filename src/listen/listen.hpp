@@ -234,8 +234,8 @@ class Sensor {
   virtual void keep_rows(std::function<void(const Row&)> keep) = 0;
 };
 
-// Probes in the processes of this machine that map a ROS 2 middleware (rmw) or Cyclone DDS: those that run,
-// and those that start later. Nothing of theirs changes; the kernel removes the probes when this process
+// Probes in the processes of this machine that map a ROS 2 middleware (rmw), Cyclone DDS or Fast DDS: those
+// that run, and those that start later. Nothing of theirs changes; the kernel removes the probes when this process
 // ends. Throws Error.
 std::unique_ptr<Sensor> in_processes(const Limits&, std::vector<ChainWish> = {});
 

@@ -50,11 +50,12 @@ struct {
   __type(value, __u64);
 } named SEC(".maps");
 
-// What a call was given, until it returns. A take of rmw calls one of Cyclone DDS, which may call one of the third.
+// What a call was given, until it returns. A take of rmw calls one of a DDS, which may call one of the third.
 struct call {
   __u64 endpoint;
   __u64 taken;  // rmw: bool*
-  __u64 info;   // rmw_message_info_t*, dds_sample_info_t*, or where the entity's address will be
+  __u64 info;   // rmw_message_info_t*, dds_sample_info_t*, Fast DDS's, or where the entity's address will be
+  __u64 cookie;
 };
 struct {
   __uint(type, BPF_MAP_TYPE_TASK_STORAGE);
@@ -63,7 +64,7 @@ struct {
   __type(value, struct call);
 } rmw_calls SEC(".maps"), dds_calls SEC(".maps"), finds SEC(".maps");
 
-static __always_inline void fill(struct ontime_event* event, __u32 kind, __u64 endpoint) {
+static __always_inline void fill(struct ontime_event* event, __u32 kind, __u64 endpoint, __u64 cookie) {
   const __u64 who = bpf_get_current_pid_tgid();
   __builtin_memset(event, 0, sizeof *event);
   event->kind = kind;
@@ -71,31 +72,35 @@ static __always_inline void fill(struct ontime_event* event, __u32 kind, __u64 e
   event->at_ns = bpf_ktime_get_ns();
   event->endpoint = endpoint;
   event->is_handle = endpoint >> 32 == 0;
+  event->is_below_rmw = (cookie & ontime_cookie_is_below_rmw) != 0;
   event->process = who >> 32;
   event->thread = (__u32)who;
   event->cpu = bpf_get_smp_processor_id();
 }
 
-static __always_inline struct ontime_event* begin(__u32 kind, __u64 endpoint) {
+static __always_inline struct ontime_event* begin(__u32 kind, __u64 endpoint, __u64 cookie) {
   struct ontime_event* const event = bpf_ringbuf_reserve(&events, sizeof *event, 0);
   if (!event) {
     __sync_fetch_and_add(&lost, 1);
     return 0;
   }
-  fill(event, kind, endpoint);
+  fill(event, kind, endpoint, cookie);
   return event;
 }
 
-// rmw_publisher_t and rmw_subscription_t alike: implementation_identifier, data, topic_name.
-static __always_inline void name(__u64 endpoint) {
+// By the way that the cookie tells.
+static __always_inline void name(__u64 endpoint, __u64 cookie) {
   const struct endpoint key = {.address = endpoint, .process = bpf_get_current_pid_tgid() >> 32};
+  const __u64 in_endpoint = cookie >> ontime_cookie_topic & 0xffff;
+  const __u64 in_topic = cookie >> ontime_cookie_name & 0xffff;
   __u64 topic = 0;
-  if (bpf_probe_read_user(&topic, sizeof topic, (void*)(endpoint + 16)) != 0) return;
+  if (!in_endpoint || bpf_probe_read_user(&topic, sizeof topic, (void*)(endpoint + in_endpoint)) != 0) return;
+  if (in_topic && bpf_probe_read_user(&topic, sizeof topic, (void*)(topic + in_topic)) != 0) return;
   const __u64* const known = bpf_map_lookup_elem(&named, &key);
   if (known && *known == topic) return;
   struct ontime_name_event* const event = bpf_ringbuf_reserve(&events, sizeof *event, 0);
   if (!event) return;  // the next message tries again
-  fill(&event->event, ontime_named, endpoint);
+  fill(&event->event, ontime_named, endpoint, cookie);
   // What was never touched is not in memory, and a probe may not wait for it: user space reads it then.
   event->event.stamp_ns = topic;
   if (bpf_probe_read_user_str(event->topic, sizeof event->topic, (void*)topic) <= 0) event->topic[0] = 0;
@@ -113,7 +118,7 @@ static __always_inline __u64 value(const struct pt_regs* regs, __u64 cookie, __u
 
 static __always_inline int published(__u64 endpoint, __u64 cookie) {
   count(ontime_publish_calls, cookie);
-  struct ontime_event* const event = begin(ontime_published, endpoint);
+  struct ontime_event* const event = begin(ontime_published, endpoint, cookie);
   if (event) bpf_ringbuf_submit(event, BPF_RB_NO_WAKEUP);
   return 0;
 }
@@ -126,6 +131,7 @@ static __always_inline int enter(void* under_way, struct pt_regs* regs, __u64 co
   call->endpoint = value(regs, cookie, ontime_cookie_endpoint) & endpoint_bits;
   call->taken = value(regs, cookie, ontime_cookie_taken);
   call->info = value(regs, cookie, ontime_cookie_info);
+  call->cookie = cookie;
   return 0;
 }
 
@@ -139,10 +145,11 @@ static __always_inline int leave(void* under_way, struct call* call) {
   return 1;
 }
 
+// Of rmw and of Fast DDS.
 SEC("uprobe")
-int rmw_publish(struct pt_regs* regs) {
+int publish(struct pt_regs* regs) {
   const __u64 cookie = bpf_get_attach_cookie(regs), endpoint = value(regs, cookie, ontime_cookie_endpoint);
-  name(endpoint);
+  name(endpoint, cookie);
   return published(endpoint, cookie);
 }
 
@@ -159,8 +166,8 @@ int rmw_taken(struct pt_regs* regs) {
   __u8 taken = 0;
   if (!leave(&rmw_calls, &call) || PT_REGS_RC(regs) != 0) return 0;
   if (bpf_probe_read_user(&taken, sizeof taken, (void*)call.taken) != 0 || taken != 1) return 0;
-  name(call.endpoint);
-  struct ontime_event* const event = begin(ontime_taken, call.endpoint);
+  name(call.endpoint, call.cookie);
+  struct ontime_event* const event = begin(ontime_taken, call.endpoint, call.cookie);
   if (!event) return 0;
   if (call.info) {  // source_timestamp, received_timestamp, two sequence numbers, the gid's identifier and bytes
     bpf_probe_read_user(&event->stamp_ns, sizeof event->stamp_ns, (void*)call.info);
@@ -174,7 +181,7 @@ int rmw_taken(struct pt_regs* regs) {
 SEC("uprobe")
 int turn(struct pt_regs* regs) {
   count(ontime_turn_calls, bpf_get_attach_cookie(regs));
-  struct ontime_event* const event = begin(ontime_turned, 0);
+  struct ontime_event* const event = begin(ontime_turned, 0, 0);
   if (event) bpf_ringbuf_submit(event, BPF_RB_NO_WAKEUP);
   return 0;
 }
@@ -212,7 +219,7 @@ int dds_taken(struct pt_regs* regs) {
     if (i >= count) break;
     if (bpf_probe_read_user(&info, sizeof info, (void*)(call.info + sizeof info * i)) != 0) break;
     if (info.valid != 1) continue;
-    struct ontime_event* const event = begin(ontime_taken, call.endpoint);
+    struct ontime_event* const event = begin(ontime_taken, call.endpoint, call.cookie);
     if (!event) continue;
     event->stamp_ns = info.stamp_ns;
     __builtin_memcpy(event->writer, &info.writer, sizeof info.writer);
@@ -231,9 +238,64 @@ int dds_entity_found(struct pt_regs* regs) {
   __u64 entity = 0;
   if (!leave(&finds, &call) || PT_REGS_RC(regs) != 0) return 0;
   if (bpf_probe_read_user(&entity, sizeof entity, (void*)call.info) != 0) return 0;
-  struct ontime_event* const event = begin(ontime_found, call.endpoint);
+  struct ontime_event* const event = begin(ontime_found, call.endpoint, call.cookie);
   if (!event) return 0;
   event->stamp_ns = entity;
   bpf_ringbuf_submit(event, BPF_RB_NO_WAKEUP);
+  return 0;
+}
+
+SEC("uprobe")
+int fastdds_take(struct pt_regs* regs) {
+  const __u64 cookie = bpf_get_attach_cookie(regs);
+  count(ontime_take_calls, cookie);
+  return enter(&dds_calls, regs, cookie, pointer);
+}
+
+static __always_inline void fastdds_taken_one(const struct call* call, const void* at) {
+  struct ontime_fastdds_info info;
+  if (bpf_probe_read_user(&info, sizeof info, at) != 0) return;
+  // Two units that say the same: the structure is the expected one. Otherwise the message has no stamp.
+  const __u32 difference = info.nanoseconds - (__u32)((__u64)info.fraction * 1000000000 >> 32) + 2;
+  const int is_known = info.seconds > 0 && info.nanoseconds < 1000000000 && difference <= 4;
+  if (is_known && info.is_valid != 1) return;
+  struct ontime_event* const event = begin(ontime_taken, call->endpoint, call->cookie);
+  if (!event) return;
+  if (is_known) {
+    event->stamp_ns = (__u64)info.seconds * 1000000000 + info.nanoseconds;
+    __builtin_memcpy(event->writer, info.writer, sizeof info.writer);
+  }
+  bpf_ringbuf_submit(event, BPF_RB_NO_WAKEUP);
+}
+
+SEC("uretprobe")
+int fastdds_taken_next(struct pt_regs* regs) {
+  struct call call;
+  if (!leave(&dds_calls, &call) || (__u32)PT_REGS_RC(regs) != 0) return 0;
+  name(call.endpoint, call.cookie);
+  fastdds_taken_one(&call, (const void*)call.info);
+  return 0;
+}
+
+// LoanableCollection, the same in all versions 2, as far as it is read.
+struct infos {
+  __u64 table;
+  __s32 most, count;
+  __u64 each;  // pointers
+};
+
+SEC("uretprobe")
+int fastdds_taken(struct pt_regs* regs) {
+  struct call call;
+  struct infos infos;
+  if (!leave(&dds_calls, &call) || (__u32)PT_REGS_RC(regs) != 0) return 0;
+  if (bpf_probe_read_user(&infos, sizeof infos, (const void*)call.info) != 0) return 0;
+  name(call.endpoint, call.cookie);
+  for (int i = 0; i < ontime_most_samples; ++i) {
+    const void* info = 0;
+    if (i >= infos.count) break;
+    if (bpf_probe_read_user(&info, sizeof info, (const void*)(infos.each + sizeof info * i)) != 0) break;
+    fastdds_taken_one(&call, info);
+  }
   return 0;
 }

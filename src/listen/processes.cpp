@@ -25,6 +25,8 @@ std::optional<Middleware> middleware_of(std::string_view library) {
   if (library.starts_with("librmw_") && library.find("_cpp.so") != library.npos) return Middleware::rmw;
   if (library.starts_with("libddsc.so") || library.starts_with("libddscdebian.so"))
     return Middleware::cyclonedds;
+  if (library.starts_with("libfastrtps.so") || library.starts_with("libfastdds.so"))
+    return Middleware::fastdds;
   if (library.starts_with("librcl.so")) return Middleware::rcl;
   return {};
 }

@@ -13,7 +13,7 @@
 namespace ontime::listen {
 
 // `rcl` sends no messages: it tells when a timer's callback begins.
-enum class Middleware : std::uint8_t { rmw, cyclonedds, rcl };
+enum class Middleware : std::uint8_t { rmw, cyclonedds, fastdds, rcl };
 
 struct Mapping {
   Middleware middleware = Middleware::rmw;

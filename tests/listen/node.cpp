@@ -7,48 +7,18 @@
 //                                                   PERIOD_US (0: as they come)
 //   listen_node relay TOPIC EVERY 0 LOG TO          publishes each message of such a number on topic TO
 // What it does wrong meanwhile: fault.hpp.
-// It uses the DDS domain that the environment names (LISTEN_NODE_DOMAIN).
-// LOG has a line for each message: its number, CLOCK_MONOTONIC just before the write or just after the take,
-// and for a take the source time stamp.
+// It uses the DDS domain that the environment names (LISTEN_NODE_DOMAIN). LOG has a line for each message
+// (account.hpp).
 #include <array>
-#include <atomic>
-#include <chrono>
-#include <csignal>
-#include <cstdint>
-#include <cstdio>
 #include <cstdlib>
-#include <memory>
 #include <string>
-#include <thread>
-#include <vector>
 
 #include <dds/dds.h>
-#include <time.h>
 
-#include "fault.hpp"
+#include "account.hpp"
 #include "message.h"
 
 namespace {
-
-volatile std::sig_atomic_t ended = 0, begun = 0;
-
-std::int64_t now_ns() {
-  timespec time{};
-  clock_gettime(CLOCK_MONOTONIC, &time);
-  return std::int64_t{time.tv_sec} * 1'000'000'000 + time.tv_nsec;
-}
-
-struct Line {
-  std::uint64_t number;
-  std::int64_t at_ns, stamp_ns;
-};
-
-void write_log(const char* path, const std::vector<Line>& lines) {
-  const std::unique_ptr<std::FILE, int (*)(std::FILE*)> file(std::fopen(path, "w"), std::fclose);
-  for (const auto& line : lines)
-    std::fprintf(file.get(), "%llu %lld %lld\n", static_cast<unsigned long long>(line.number),
-                 static_cast<long long>(line.at_ns), static_cast<long long>(line.stamp_ns));
-}
 
 dds_entity_t checked(dds_entity_t entity) {
   if (entity < 0) {
@@ -60,42 +30,28 @@ dds_entity_t checked(dds_entity_t entity) {
 
 void publish(dds_entity_t writer, std::uint64_t count, std::chrono::microseconds period,
              std::vector<Line>& lines) {
-  Fault fault;
-  for (dds_publication_matched_status_t matched{};
-       ended == 0 && (begun == 0 || matched.current_count == 0);) {
+  const auto has_reader = [&] {
+    dds_publication_matched_status_t matched{};
     dds_get_publication_matched_status(writer, &matched);
-    std::this_thread::sleep_for(std::chrono::milliseconds(10));
-  }
-  lines.reserve(count);
-  auto due = std::chrono::steady_clock::now();
-  listen_test_Message message{};
-  for (std::uint64_t number = 0; ended == 0 && number < count; ++number) {
-    due += period;
-    if (number % 997 == 996) due += std::chrono::milliseconds(30);
-    std::this_thread::sleep_until(due);
-    fault.make();
+    return matched.current_count > 0;
+  };
+  publish_each(count, period, lines, has_reader, [&, message = listen_test_Message{}](auto number) mutable {
     message.number = number;
-    lines.push_back({number, now_ns(), 0});
     dds_write(writer, &message);
-  }
+  });
 }
 
 // Writes to `onwards`, if it is not 0, each message of which the number is a multiple of `every`.
 void take(dds_entity_t reader, std::chrono::microseconds period, std::vector<Line>& lines,
           dds_entity_t onwards = 0, std::uint64_t every = 1) {
   constexpr std::size_t most = 32;
-  Fault fault;
   const auto condition = checked(dds_create_readcondition(reader, DDS_ANY_STATE));
   const auto waitset = checked(dds_create_waitset(dds_get_participant(reader)));
   dds_waitset_attach(waitset, condition, 0);
   std::array<void*, most> samples{};
   std::array<dds_sample_info_t, most> infos{};
-  while (ended == 0) {
-    if (period.count() == 0 || lines.size() < 200)
-      dds_waitset_wait(waitset, nullptr, 0, DDS_MSECS(100));
-    else
-      std::this_thread::sleep_for(period);
-    fault.make();
+  const auto wait = [&] { dds_waitset_wait(waitset, nullptr, 0, DDS_MSECS(100)); };
+  take_each(period, lines, wait, [&] {
     // A relay takes one at a time, as an executor does.
     const auto count = dds_take(reader, samples.data(), infos.data(), most, onwards == 0 ? most : 1);
     const auto at_ns = now_ns();
@@ -106,19 +62,14 @@ void take(dds_entity_t reader, std::chrono::microseconds period, std::vector<Lin
       if (onwards != 0 && message->number % every == 0) dds_write(onwards, message);
     }
     if (count > 0) dds_return_loan(reader, samples.data(), count);
-  }
+  });
 }
 
 }  // namespace
 
 int main(int argc, char** argv) {
   if (argc != 6 && argc != 7) return 2;
-  struct sigaction action {};
-  action.sa_handler = [](int) { ended = 1; };
-  sigaction(SIGTERM, &action, nullptr);
-  sigaction(SIGINT, &action, nullptr);
-  action.sa_handler = [](int) { begun = 1; };
-  sigaction(SIGUSR1, &action, nullptr);
+  catch_signals();
   const bool publishes = std::string(argv[1]) == "publish";
   const char* const domain =
       std::getenv("LISTEN_NODE_DOMAIN");  // NOLINT(concurrency-mt-unsafe): before any thread

@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
-"""`ontime listen` beside programs that keep their own account of each message. ONTIME, LISTEN_NODE and LISTEN_RMW_NODE name the
-programs.
+"""`ontime listen` beside programs that keep their own account of each message. ONTIME, LISTEN_NODE, LISTEN_FASTDDS_NODE and
+LISTEN_RMW_NODE name the programs.
 
 LISTEN_MESSAGES: how many messages are compared (5,000). It needs root: who may not set probes leaves with 3."""
 
@@ -23,8 +23,8 @@ import urllib.request
 
 from program import eventually, trace_instances
 
-ONTIME, NODE, RMW_NODE = (os.environ[name] for name in ("ONTIME", "LISTEN_NODE", "LISTEN_RMW_NODE"))
-DDS_STAND_IN = pathlib.Path(RMW_NODE).parent.parent / "tests/listen/libddsc.so"
+ONTIME, NODE, FASTDDS_NODE, RMW_NODE = (os.environ[name] for name in ("ONTIME", "LISTEN_NODE", "LISTEN_FASTDDS_NODE", "LISTEN_RMW_NODE"))
+DDS_STAND_INS = pathlib.Path(RMW_NODE).parent.parent / "tests/listen"
 LATE = 1
 MESSAGES = int(os.environ.get("LISTEN_MESSAGES", "5000"))
 DOMAIN = 77
@@ -35,11 +35,11 @@ ENVIRONMENT = {**os.environ, "CYCLONEDDS_URI": CONFIGURATION, "LISTEN_NODE_DOMAI
 
 
 def changed_code(pid):
-    """How many bytes of the process's code of Cyclone DDS are not those of the file: those are probes."""
+    """How many bytes of the process's code of its DDS are not those of the file: those are probes."""
     changed = 0
     for line in pathlib.Path(f"/proc/{pid}/maps").read_text().splitlines():
         fields = line.split()
-        if len(fields) < 6 or "libddsc.so" not in fields[5] or "x" not in fields[1]:
+        if len(fields) < 6 or not re.search(r"lib(ddsc|fastrtps)\.so", fields[5]) or "x" not in fields[1]:
             continue
         begin, end = (int(text, 16) for text in fields[0].split("-"))
         with open(f"/proc/{pid}/mem", "rb", 0) as memory, open(fields[5], "rb") as file:
@@ -83,10 +83,10 @@ class Listen(unittest.TestCase):
         self.addCleanup(lambda: (process.kill(), process.wait()))
         return process
 
-    def pair(self, count, period_us=1000, depth=1000, take_us=0):
+    def pair(self, count, period_us=1000, depth=1000, take_us=0, node=NODE, way="take"):
         """A publisher that waits for SIGUSR1, and a taker."""
-        return (self.start(NODE, "publish", "rt/cmd_vel", count, period_us, self.folder / "published"),
-                self.start(NODE, "take", "rt/cmd_vel", depth, take_us, self.folder / "taken"))
+        return (self.start(node, "publish", "rt/cmd_vel", count, period_us, self.folder / "published"),
+                self.start(node, way, "rt/cmd_vel", depth, take_us, self.folder / "taken"))
 
     def listen(self, nodes, *arguments):
         listener = self.start(ONTIME, "listen", "--format", "json", "--output", "seen.json", *arguments)
@@ -118,7 +118,16 @@ class Listen(unittest.TestCase):
         return rows, {run["id"]: run for run in json.loads(report.stdout)["runs"]}
 
     def test_every_late_and_no_other_message_is_found(self):
-        publisher, taker = self.pair(MESSAGES)
+        self.check_each_message()
+
+    def test_every_late_and_no_other_message_of_fast_dds_is_found(self):
+        self.check_each_message(node=FASTDDS_NODE)
+
+    def test_every_late_and_no_other_message_of_fast_dds_that_is_taken_alone_is_found(self):
+        self.check_each_message(node=FASTDDS_NODE, way="next")
+
+    def check_each_message(self, **kind):
+        publisher, taker = self.pair(MESSAGES, **kind)
         listener = self.listen((publisher, taker), "/cmd_vel", "--deadline", "15ms", "--results", "kept.ontime")
         code, seen = self.end(listener, publisher, taker)
         taken = log_of(self.folder / "taken")
@@ -178,7 +187,13 @@ runs:
         self.assertIn("/cmd_vel", compared.stdout)
 
     def test_messages_overwritten_in_the_queue_are_counted_exactly(self):
-        publisher, taker = self.pair(MESSAGES, depth=1, take_us=5000)
+        self.check_overwritten()
+
+    def test_messages_of_fast_dds_overwritten_in_the_queue_are_counted_exactly(self):
+        self.check_overwritten(node=FASTDDS_NODE)
+
+    def check_overwritten(self, **kind):
+        publisher, taker = self.pair(MESSAGES, depth=1, take_us=5000, **kind)
         listener = self.listen((publisher, taker), "--results", "kept.ontime")
         code, seen = self.end(listener, publisher, taker)
         taken = [number for number, _, _ in log_of(self.folder / "taken")]
@@ -196,9 +211,15 @@ runs:
         self.assertEqual(runs["/cmd_vel age"]["lost"], flow["lost"])
 
     def test_age_of_a_chain_is_that_of_the_nodes_own_logs(self):
-        publisher = self.start(NODE, "publish", "rt/scan", MESSAGES, 1000, self.folder / "published")
-        relay = self.start(NODE, "relay", "rt/scan", 3, 0, self.folder / "relayed", "rt/cmd_vel")
-        taker = self.start(NODE, "take", "rt/cmd_vel", 1000, 0, self.folder / "taken")
+        self.check_chain(NODE)
+
+    def test_age_of_a_chain_of_fast_dds_programs_is_that_of_their_own_logs(self):
+        self.check_chain(FASTDDS_NODE)
+
+    def check_chain(self, node):
+        publisher = self.start(node, "publish", "rt/scan", MESSAGES, 1000, self.folder / "published")
+        relay = self.start(node, "relay", "rt/scan", 3, 0, self.folder / "relayed", "rt/cmd_vel")
+        taker = self.start(node, "take", "rt/cmd_vel", 1000, 0, self.folder / "taken")
         nodes = (publisher, relay, taker)
         listener = self.listen(nodes, "--chain", "/scan,/cmd_vel@1h", "--results", "kept.ontime")
         code, seen = self.end(listener, publisher, taker)
@@ -336,16 +357,21 @@ runs:
         self.assertEqual(flow["out_of_order"], 0)
         self.assertLess(flow["age"]["p50_ns"], 10_000_000)
 
-    def test_takes_of_a_ros_2_node_are_seen_beside_a_plain_program_of_its_cyclone_dds(self):
-        self.start(RMW_NODE)
+    def test_a_ros_2_node_is_seen_once_beside_a_plain_program_of_its_dds(self):
+        node = self.start(RMW_NODE)
         # The first process of that library that is no node has the probes set there too.
-        plain = subprocess.Popen(["sleep", "60"], env={**ENVIRONMENT, "LD_PRELOAD": str(DDS_STAND_IN)})
+        plain = subprocess.Popen(["sleep", "60"], env={**ENVIRONMENT, "LD_PRELOAD": " ".join(
+            str(DDS_STAND_INS / name) for name in ("libddsc.so", "libfastrtps.so"))})
         self.addCleanup(lambda: (plain.kill(), plain.wait()))
-        done = subprocess.run([ONTIME, "listen", "/scan", "--for", "3 s", "--format", "json"], capture_output=True,
+        done = subprocess.run([ONTIME, "listen", "--for", "3 s", "--format", "json"], capture_output=True,
                               text=True, timeout=60)
-        flow, = json.loads(done.stdout)["flows"]
+        seen = json.loads(done.stdout)
+        flow, = (flow for flow in seen["flows"] if node.pid in (end["pid"] for end in (flow["writer"], flow["reader"]) if end))
+        self.assertEqual(flow["topic"], "/scan")
         self.assertIsNotNone(flow["reader"])
         self.assertGreater(flow["age"]["count"], 0)
+        # The probes of both are met, and told of: a publish of rmw makes one of Fast DDS.
+        self.assertGreater(seen["cost"]["probes"]["publishes"], 1.5 * flow["messages"])
 
     def test_capabilities_of_the_service_suffice(self):
         unit = (pathlib.Path(__file__).parent.parent.parent / "debian/ontime.ontime-listen.service").read_text()
