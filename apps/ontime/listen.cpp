@@ -11,12 +11,12 @@
 
 #include <fmt/chrono.h>
 #include <fmt/format.h>
-#include <sys/resource.h>
 
 #include "bag/bag.hpp"
 #include "campaign/campaign.hpp"
 #include "commands.hpp"
 #include "flags.hpp"
+#include "listen_budget.hpp"
 #include "listen_chains.hpp"
 #include "listen_results.hpp"
 #include "listen_words.hpp"
@@ -63,6 +63,12 @@ class Listening {
     if (arguments.list && !time_) time_ = look_for_list;
     if (arguments.list && !arguments.results.empty())
       throw campaign::Error(2, "--results: --list keeps no messages; leave out one of them");
+    if (!arguments.budget.empty()) {
+      budget_.emplace(arguments.budget);
+      if (arguments.list || !arguments.packets.empty() || arguments.is_recording())
+        throw campaign::Error(
+            2, "--budget: only probes are kept to it; leave it out with --list, --packets and --pcap");
+    }
     if (chains_.empty()) return;
     if (arguments.list) throw campaign::Error(2, "--chain: --list judges nothing; leave out one of them");
     if (!arguments.packets.empty() || arguments.is_recording())
@@ -76,7 +82,7 @@ class Listening {
   int run() {
     const auto& interrupts = catch_interrupts();
     const auto sensor = sensor_of(arguments_, limits_, chains_);
-    const auto explainer = make_explainer();
+    auto explainer = make_explainer();
     const auto metrics = metrics_at(arguments_.metrics);
     std::optional<record::Writer> writer;
     std::optional<ListenResults> results;
@@ -88,10 +94,12 @@ class Listening {
     }
     sensor->listen_for(0ms);  // finds the nodes
     counted_from_ = std::chrono::system_clock::now();
+    if (budget_) budget_->begin(*sensor, explainer != nullptr);
     std::chrono::steady_clock::time_point hand_over_at;
     while (interrupts == 0 && (!time_ || std::chrono::steady_clock::now() - begin_ < *time_)) {
       const bool goes_on = listen_on(*sensor, results);
       take(sensor->take_misses(), explainer.get(), results ? &*results : nullptr);
+      if (budget_) budget_->keep(*sensor, explainer);
       // All flows are copied for it: once a second is enough.
       if (const auto now = std::chrono::steady_clock::now();
           (now >= hand_over_at && (metrics || results)) || (results && results->is_full())) {
@@ -274,7 +282,7 @@ class Listening {
       output_.write(arguments_.list ? way_of(flow) + "\n" : text_of(flow, is_judged_));
     for (const auto& chain : findings.chains) output_.write(text_of(chain));
     if (!arguments_.list && !arguments_.is_recording())
-      output_.write(text_of_time() + text_of_cost(findings.cost));
+      output_.write(text_of_time() + text_of_cost(findings.cost) + (budget_ ? budget_->text() : ""));
     if (findings.sensor_lost > 0)
       print_error(fmt::format("the sensor lost {} events: no loss and no period is counted across them",
                               findings.sensor_lost));
@@ -293,18 +301,13 @@ class Listening {
     return ns / elapsed.count();
   }
 
-  // Of this process, with the thread that reads the kernel's events.
-  double own_share_of_cpu() const {
-    rusage usage{};
-    getrusage(RUSAGE_SELF, &usage);
-    const auto ns_of = [](const timeval& time) {
-      return static_cast<double>(time.tv_sec) * 1e9 + static_cast<double>(time.tv_usec) * 1e3;
-    };
-    return share_of_cpu(ns_of(usage.ru_utime) + ns_of(usage.ru_stime));
-  }
+  // With the thread that reads the kernel's events.
+  double own_share_of_cpu() const { return share_of_cpu(static_cast<double>(own_cpu_time().count())); }
 
   ordered_json json_of_cost(const std::optional<listen::Cost>& cost) const {
-    ordered_json json{{"ontime_cpu_share", own_share_of_cpu()}, {"probes", nullptr}};
+    ordered_json json{{"ontime_cpu_share", own_share_of_cpu()},
+                      {"probes", nullptr},
+                      {"budget", budget_ ? budget_->json() : ordered_json()}};
     if (cost)
       json["probes"] = {{"publishes", cost->publishes}, {"publish_ns", cost->publish_ns},
                         {"takes", cost->takes},         {"take_ns", cost->take_ns},
@@ -343,6 +346,7 @@ class Listening {
   std::set<std::string> topics_;  // that were asked for; empty: all
   std::set<std::string> unseen_;  // of these
   std::optional<std::chrono::nanoseconds> time_;
+  std::optional<ListenBudget> budget_;
   const bool as_json_;
   Output output_;
   std::chrono::system_clock::time_point counted_from_;
@@ -397,6 +401,13 @@ void add_listen(Command& app, Action& action) {
   command->add_flag("--list", arguments->list, "list who publishes and takes what, after 3 s");
   command->add_flag("--no-explain", arguments->no_explain,
                     "do not record the kernel's events, which say why a message was late");
+  command
+      ->add_option("--budget", arguments->budget,
+                   "keep what probes and ontime take below this share of one CPU (as 1%): leave out the "
+                   "kernel's events "
+                   "first, then pause now and then, and say so")
+      ->type_name("SHARE")
+      ->check(given);
   auto* packets =
       command->add_option("--packets", arguments->packets,
                           "judge RTPS packets on this interface (any: all of them), not the processes");

@@ -74,14 +74,15 @@ bool Limits::is_gap(std::int64_t ns) const {
 
 bool Limits::is_too_old(std::int64_t ns) const { return age && ns > age->count(); }
 
-void judge_silence(std::vector<Flow>& flows, const Limits& limits, std::int64_t until_ns) {
+void judge_silence(std::vector<Flow>& flows, const Limits& limits, std::int64_t until_ns,
+                   std::int64_t since_ns) {
   for (auto& flow : flows)
-    if (const auto silence = until_ns - flow.last_ns; limits.is_gap(silence)) flow.silent_ns = silence;
+    if (const auto silence = until_ns - std::max(flow.last_ns, since_ns); limits.is_gap(silence))
+      flow.silent_ns = silence;
 }
 
 double Flow::rate_hz() const {
-  const auto span = last_ns - first_ns;
-  return messages < 2 || span <= 0 ? 0 : static_cast<double>(messages - 1) * 1e9 / static_cast<double>(span);
+  return period.sum_ns() <= 0 ? 0 : static_cast<double>(period.count()) * 1e9 / period.sum_ns();
 }
 
 std::string ros_name(const std::string& dds_topic) {

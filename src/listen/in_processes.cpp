@@ -99,6 +99,8 @@ class InProcesses final : public Sensor {
 
   bool listen_for(std::chrono::milliseconds most) override {
     const auto until = std::chrono::steady_clock::now() + most;
+    if (is_paused_) std::this_thread::sleep_until(until);
+    if (is_paused_) return true;
     do {
       const auto now = std::chrono::steady_clock::now();
       // What a process did before it ended is read before its end is noted.
@@ -123,7 +125,7 @@ class InProcesses final : public Sensor {
 
   Findings findings() const override {
     auto findings = messages_.findings();
-    judge_silence(findings.flows, limits_, now_ns() - unread_ns);
+    judge_silence(findings.flows, limits_, is_paused_ ? paused_ns_ : now_ns() - unread_ns, resumed_ns_);
     findings.sensor_lost = probes_->bss->lost;
     findings.cost = cost();
     findings.remarks.insert(findings.remarks.end(), remarks_.begin(), remarks_.end());
@@ -143,18 +145,7 @@ class InProcesses final : public Sensor {
 
   void keep_rows(KeepRow keep) override { messages_.keep_rows(std::move(keep)); }
 
- private:
-  using Calls = std::array<std::uint64_t, ontime_calls>;
-  Calls calls() const {
-    Calls sums{};
-    std::vector<std::uint64_t> by_cpu(static_cast<std::size_t>(libbpf_num_possible_cpus()));
-    for (std::uint32_t call = 0; call < sums.size(); ++call)
-      if (bpf_map_lookup_elem(bpf_map__fd(probes_->maps.counts), &call, by_cpu.data()) == 0)
-        sums[call] = std::accumulate(by_cpu.begin(), by_cpu.end(), std::uint64_t{0});
-    return sums;
-  }
-
-  std::optional<Cost> cost() const {
+  std::optional<Cost> cost() const override {
     if (!costs_) return {};
     const auto now = calls();
     return Cost{.publishes = now[ontime_publish_calls] - counted_before_[ontime_publish_calls],
@@ -164,6 +155,41 @@ class InProcesses final : public Sensor {
                 .publish_ns = costs_->publish_ns,
                 .take_ns = costs_->take_ns,
                 .step_ns = costs_->step_ns};
+  }
+
+  void pause() override {
+    ring_buffer__consume(ring_.get());
+    is_paused_ = true;
+    paused_ns_ = now_ns();
+    probing_.begin();
+    shared_.clear();
+    everywhere_.clear();
+    finders_.clear();
+    for (auto& [id, own] : of_process_) own.links.clear();
+    probing_.end();
+    ring_buffer__consume(ring_.get());
+  }
+
+  void resume() override {
+    processes_.look_again();
+    probing_.begin();
+    follow(processes_.look(), now_ns());
+    probing_.end();
+    ring_buffer__consume(ring_.get());  // seen while some probes were not set yet
+    messages_.interrupt();
+    is_paused_ = false;
+    resumed_ns_ = now_ns();
+  }
+
+ private:
+  using Calls = std::array<std::uint64_t, ontime_calls>;
+  Calls calls() const {
+    Calls sums{};
+    std::vector<std::uint64_t> by_cpu(static_cast<std::size_t>(libbpf_num_possible_cpus()));
+    for (std::uint32_t call = 0; call < sums.size(); ++call)
+      if (bpf_map_lookup_elem(bpf_map__fd(probes_->maps.counts), &call, by_cpu.data()) == 0)
+        sums[call] = std::accumulate(by_cpu.begin(), by_cpu.end(), std::uint64_t{0});
+    return sums;
   }
 
   void follow(const Processes::Change& change, std::int64_t now_ns) {
@@ -234,21 +260,26 @@ class InProcesses final : public Sensor {
           {"rmw_wait", "rmw_take_request", "rmw_take_response"});
   }
 
-  // Fast DDS 2. The library's own code tells where a writer and a reader have their topic, and how large an entity is: of
-  // a topic, what follows that is its description, which has its name behind a table of functions.
+  // Fast DDS 2. The library's own code tells where a writer and a reader have their topic, and how large an
+  // entity is: of a topic, what follows that is its description, which has its name behind a table of
+  // functions.
   void probe_fastdds(const Process& process, const Mapping& library) {
+    if (!library.is_on_overlay && everywhere_.contains(library.file)) return;
     const auto& programs = probes_->progs;
     const std::string scope = "8eprosima7fastdds3dds", writer = "_ZN" + scope + "14DataWriterImpl",
                       reader = "_ZN" + scope + "14DataReaderImpl",
                       handle = "RKNS_8fastrtps4rtps16InstanceHandle_tE",
-                      collections = "ERNS1_18LoanableCollectionERNS1_16LoanableSequenceINS1_10SampleInfoESt17integral_"
-                                    "constantIbLb1EEEEi";
+                      collections =
+                          "ERNS1_18LoanableCollectionERNS1_16LoanableSequenceINS1_10SampleInfoESt17integral_"
+                          "constantIbLb1EEEEi";
     std::uint64_t of_writer = ontime_cookie_is_below_rmw, of_reader = of_writer;
     try {
       const Library code(library.path);
       if (!code.entry(writer + "5writeEPv", {})) {
-        remark(fmt::format("{} of process {} is no Fast DDS 2: its messages are not seen in the process; see the packets: --packets any",
-                           library.name, process.id));
+        remark(
+            fmt::format("{} of process {} is no Fast DDS 2: its messages are not seen in the process; see "
+                        "the packets: --packets any",
+                        library.name, process.id));
         return;
       }
       const auto entity = code.offset_of_member("_ZNK" + scope + "10DataWriter9get_topicEv"),
@@ -269,18 +300,24 @@ class InProcesses final : public Sensor {
       return Wish{.function = writer + function, .on_call = programs.publish, .cookie = of_writer};
     };
     const auto take = [&](const std::string& function) {
-      return Wish{reader + function,     programs.fastdds_take, programs.fastdds_taken, {.info = 2}, of_reader,
+      return Wish{reader + function,
+                  programs.fastdds_take,
+                  programs.fastdds_taken,
+                  {.info = 2},
+                  of_reader,
                   reader + "12read_or_take" + collections + handle + "tttbbb"};
     };
     const auto take_next = [&](const std::string& function) {
-      return Wish{reader + function, programs.fastdds_take, programs.fastdds_taken_next, {.info = 2}, of_reader};
+      return Wish{
+          reader + function, programs.fastdds_take, programs.fastdds_taken_next, {.info = 2}, of_reader};
     };
     probe(process, library,
-          {write("5writeEPv"), write("5writeEPvRNS_8fastrtps4rtps11WriteParamsE"), write("5writeEPv" + handle),
-           write("17write_w_timestampEPv" + handle + "RKNS4_6Time_tE"), take("4take" + collections + "ttt"),
-           take("13take_instance" + collections + handle + "ttt"),
+          {write("5writeEPv"), write("5writeEPvRNS_8fastrtps4rtps11WriteParamsE"),
+           write("5writeEPv" + handle), write("17write_w_timestampEPv" + handle + "RKNS4_6Time_tE"),
+           take("4take" + collections + "ttt"), take("13take_instance" + collections + handle + "ttt"),
            take("18take_next_instance" + collections + handle + "ttt"),
-           take_next("16take_next_sampleEPvPNS1_10SampleInfoE"), take_next("16read_next_sampleEPvPNS1_10SampleInfoE")},
+           take_next("16take_next_sampleEPvPNS1_10SampleInfoE"),
+           take_next("16read_next_sampleEPvPNS1_10SampleInfoE")},
           {"_ZNK" + scope + "7WaitSet4waitERSt6vectorIPNS1_9ConditionESaIS5_EENS_8fastrtps6Time_tE",
            "_ZN" + scope + "10DataReader23wait_for_unread_messageERKNS_8fastrtps6Time_tE"});
   }
@@ -294,7 +331,8 @@ class InProcesses final : public Sensor {
     };
     // dds_take(reader, samples, info, …), dds_takecdr(reader, samples, most, info, …)
     const auto take = [&](const char* function, std::size_t info) {
-      return Wish{function, programs.dds_take, programs.dds_taken, {.info = info}, ontime_cookie_is_below_rmw};
+      return Wish{
+          function, programs.dds_take, programs.dds_taken, {.info = info}, ontime_cookie_is_below_rmw};
     };
     probe(
         process, library,
@@ -305,8 +343,7 @@ class InProcesses final : public Sensor {
       own.offset_of_name = Library(library.path).offset_of_topic_name();
     } catch (const Error&) {
     }
-    if (!own.offset_of_name && access(library.path.c_str(), F_OK) == 0)
-      remark_unnamed(process, library);
+    if (!own.offset_of_name && access(library.path.c_str(), F_OK) == 0) remark_unnamed(process, library);
   }
 
   void remark_unnamed(const Process& process, const Mapping& library) {
@@ -353,8 +390,8 @@ class InProcesses final : public Sensor {
     try {
       std::vector<Link> own;
       const Library library(mapping.path);
-      const auto attach = [&](const std::string& function, bpf_program* program, const Place& place, bool on_return,
-                              std::uint64_t cookie) {
+      const auto attach = [&](const std::string& function, bpf_program* program, const Place& place,
+                              bool on_return, std::uint64_t cookie) {
         bpf_uprobe_opts options{};
         options.sz = sizeof options;
         options.retprobe = on_return;
@@ -410,10 +447,12 @@ class InProcesses final : public Sensor {
       return name(event, text.empty() ? text_at(event.process, event.stamp_ns) : text);
     }
     if (event.kind == ontime_found) return found(event);
+    if (is_paused_) return;  // some of the probes are not set
     if (event.kind != ontime_turned && event.is_handle != 0) find_name(event);
     if (event.kind == ontime_taken && event.is_below_rmw != 0 && event.is_handle == 0 && event.stamp_ns == 0)
-      remark(fmt::format("process {}: its messages have no time stamp of a known form: their age and losses stay unknown",
-                         event.process));
+      remark(fmt::format(
+          "process {}: its messages have no time stamp of a known form: their age and losses stay unknown",
+          event.process));
     Observation seen{.kind = event.kind == ontime_published ? Observation::Kind::published
                              : event.kind == ontime_turned  ? Observation::Kind::turned
                                                             : Observation::Kind::taken,
@@ -526,6 +565,8 @@ class InProcesses final : public Sensor {
   std::chrono::steady_clock::time_point look_at_;
   std::int64_t realtime_ahead_ns_ = 0;
   std::uint32_t lost_ = 0;
+  bool is_paused_ = false;
+  std::int64_t paused_ns_ = 0, resumed_ns_ = 0;
 };
 
 }  // namespace

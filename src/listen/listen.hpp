@@ -212,8 +212,9 @@ struct Findings {
   std::optional<Cost> cost;          // of probes; empty: not measured
 };
 
-// A writer that has died sends no late message: says how long each flow was silent at `until_ns`.
-void judge_silence(std::vector<Flow>&, const Limits&, std::int64_t until_ns);
+// A writer that has died sends no late message: says how long each flow was silent at `until_ns`, of the time
+// since `since_ns`.
+void judge_silence(std::vector<Flow>&, const Limits&, std::int64_t until_ns, std::int64_t since_ns = 0);
 // What came in the last moment of a live source may not have been read yet.
 inline constexpr std::int64_t unread_ns = 300'000'000;
 
@@ -232,11 +233,16 @@ class Sensor {
   virtual std::vector<Miss> take_misses() = 0;  // those since the last call
   // Calls `keep` for every message, and for what came out of a chain, from now on, within listen_for().
   virtual void keep_rows(std::function<void(const Row&)> keep) = 0;
+  virtual std::optional<Cost> cost() const { return {}; }  // of probes, until now
+  // Of probes: until resume(), they are not there, and what happens is not seen. No period, age or loss is
+  // counted across that time.
+  virtual void pause() {}
+  virtual void resume() {}
 };
 
 // Probes in the processes of this machine that map a ROS 2 middleware (rmw), Cyclone DDS or Fast DDS: those
-// that run, and those that start later. Nothing of theirs changes; the kernel removes the probes when this process
-// ends. Throws Error.
+// that run, and those that start later. Nothing of theirs changes; the kernel removes the probes when this
+// process ends. Throws Error.
 std::unique_ptr<Sensor> in_processes(const Limits&, std::vector<ChainWish> = {});
 
 // RTPS packets on an interface of this machine ("any": all of them), by a ring of the kernel. Throws Error;

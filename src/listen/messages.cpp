@@ -117,12 +117,14 @@ void Messages::name_topic(std::uint32_t process, std::uint64_t endpoint, const s
   }
 }
 
+void Messages::interrupt() {
+  for (auto& [key, publisher] : publishers_) publisher.is_broken = true;
+  for (auto& [key, link] : links_) link.is_broken = true;
+  chains_.interrupt();
+}
+
 void Messages::add(const Observation& seen) {
-  if (seen.after_loss) {
-    for (auto& [key, publisher] : publishers_) publisher.is_broken = true;
-    for (auto& [key, link] : links_) link.is_broken = true;
-    chains_.interrupt();
-  }
+  if (seen.after_loss) interrupt();
   switch (seen.kind) {
     case Observation::Kind::published:
       return published(seen);

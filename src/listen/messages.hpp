@@ -60,6 +60,8 @@ class Messages {
   void name_topic(std::uint32_t process, std::uint64_t endpoint, const std::string& topic);
   // In order of time, but for a few microseconds.
   void add(const Observation&);
+  // What came since the last one is not known: nothing counts across that time.
+  void interrupt();
 
   Findings findings() const;
   void keep_rows(KeepRow keep) {

@@ -85,6 +85,10 @@ std::optional<Mapping> mapping_of(const std::string& line, std::uint32_t process
                  .file = {std::uint64_t{major} << 32U | minor, inode}};
 }
 
+void Processes::look_again() {
+  for (auto& [id, known] : known_) known = {.started = known.started, .first = {}, .again = {}, .files = {}};
+}
+
 Processes::Change Processes::look() {
   Change change;
   const auto now = std::chrono::steady_clock::now();

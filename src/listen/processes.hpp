@@ -41,6 +41,8 @@ class Processes {
     std::vector<std::uint32_t> gone;
   };
   Change look();
+  // As if all processes were new; those that end meanwhile are told of.
+  void look_again();
 
  private:
   struct Known {

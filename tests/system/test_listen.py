@@ -316,6 +316,44 @@ runs:
         subprocess.run([ONTIME, "listen", "--deadline", "1s", "--for", "1 s"], capture_output=True, timeout=60)
         self.assertNotIn("ontime-trace", trace_instances())
 
+    def test_budget_that_is_exceeded_makes_pauses_and_says_so(self):
+        publisher, taker = nodes = self.pair(10_000_000, period_us=100)
+        begin(publisher)
+        listener = subprocess.Popen([ONTIME, "listen", "/cmd_vel", "--deadline", "1h", "--budget", "3%", "--format", "json"],
+                                    stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=self.folder)
+        self.addCleanup(lambda: (listener.kill(), listener.wait(), listener.stdout.close(), listener.stderr.close()))
+        self.assertIn("not explained", listener.stderr.readline())
+        self.assertIn("pauses", listener.stderr.readline())
+        probes = lambda: sum(changed_code(node.pid) for node in nodes)
+        self.assertTrue(eventually(lambda: probes() == 0, 60))
+        self.assertTrue(eventually(lambda: probes() > 0, 300))
+        self.assertTrue(eventually(lambda: probes() == 0, 60))
+        listener.send_signal(signal.SIGINT)
+        seen = json.loads(listener.communicate(timeout=60)[0])
+        for node in nodes:
+            node.send_signal(signal.SIGTERM)
+            node.wait(60)
+        budget = seen["cost"]["budget"]
+        self.assertEqual((budget["cpu_share"], budget["kernel_events_left_out"]), (0.03, True))
+        self.assertGreaterEqual(budget["pauses"], 2)
+        self.assertTrue(0 < budget["listened_share"] < 1, budget)
+        # What was not seen is not lost, and no silence.
+        flow, = seen["flows"]
+        taken = log_of(self.folder / "taken")
+        self.assertTrue(0 < flow["messages"] < len(taken), (flow, len(taken)))
+        self.assertEqual((flow["lost"], flow["duplicated"], flow["silent_ns"]), (0, 0, 0))
+        gaps = [after[1] - before[1] for before, after in zip(taken, taken[1:])]
+        self.assertLess(flow["period"]["max_ns"], max(gaps) + 10_000_000)
+
+    def test_budget_that_cannot_be_is_refused(self):
+        for budget in ("1", "0%", "-1%", "101%", "nan%", "1%%", "much"):
+            done = subprocess.run([ONTIME, "listen", f"--budget={budget}"], capture_output=True, text=True, timeout=60)
+            self.assertEqual(done.returncode, 2, (budget, done.stderr))
+            self.assertIn("--budget", done.stderr)
+        done = subprocess.run([ONTIME, "listen", "--budget", "1%", "--packets", "lo"], capture_output=True, text=True, timeout=60)
+        self.assertEqual(done.returncode, 2, done.stderr)
+        self.assertIn("--budget", done.stderr)
+
     def test_nothing_remains_after_kill_9(self):
         publisher, taker = nodes = self.pair(100)
         listener = self.listen(nodes)

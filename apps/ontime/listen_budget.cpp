@@ -1,0 +1,98 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "listen_budget.hpp"
+
+#include <charconv>
+#include <chrono>
+
+#include <fmt/format.h>
+#include <sys/resource.h>
+
+#include "campaign/campaign.hpp"
+#include "output.hpp"
+
+namespace ontime::app {
+namespace {
+
+std::chrono::nanoseconds now() { return std::chrono::steady_clock::now().time_since_epoch(); }
+
+std::chrono::nanoseconds taken_by(const listen::Sensor& sensor) {
+  const auto probes = sensor.cost();
+  return own_cpu_time() +
+         std::chrono::nanoseconds(probes ? static_cast<std::int64_t>(probes->total_ns()) : 0);
+}
+
+double share_of(const std::string& text) {
+  double percent = 0;
+  const auto* const end = text.data() + text.size();
+  const auto [rest, error] = std::from_chars(text.data(), end, percent);
+  const std::string unit(rest, end);
+  if (error != std::errc() || (unit != "%" && unit != " %") || !(percent > 0 && percent <= 100))
+    throw campaign::Error(
+        2, fmt::format("--budget: '{}' is no share of one CPU: above 0 % and at most 100 %, as 1%", text));
+  return percent / 100;
+}
+
+}  // namespace
+
+std::chrono::nanoseconds own_cpu_time() {
+  rusage usage{};
+  getrusage(RUSAGE_SELF, &usage);
+  const auto time_of = [](const timeval& time) {
+    return std::chrono::seconds(time.tv_sec) + std::chrono::microseconds(time.tv_usec);
+  };
+  return time_of(usage.ru_utime) + time_of(usage.ru_stime);
+}
+
+ListenBudget::ListenBudget(const std::string& text) : share_(share_of(text)) {}
+
+void ListenBudget::begin(const listen::Sensor& sensor, bool records_kernel_events) {
+  measures_probes_ = sensor.cost().has_value();
+  budget_.emplace(share_, records_kernel_events, now(), taken_by(sensor));
+}
+
+void ListenBudget::keep(listen::Sensor& sensor, std::unique_ptr<listen::Explainer>& explainer) {
+  switch (budget_->look(now(), taken_by(sensor))) {
+    case listen::Budget::Step::none:
+      return;
+    case listen::Budget::Step::drop_kernel_events:
+      dropped_kernel_events_ = true;
+      explainer.reset();
+      return print_error(fmt::format(
+          "--budget: probes and ontime took more than {:g} % of one CPU. The kernel's events are no longer "
+          "recorded: late messages are not explained from now on",
+          100 * share_));
+    case listen::Budget::Step::pause:
+      sensor.pause();
+      if (budget_->pauses() > 1) return;
+      return print_error(
+          fmt::format("--budget: probes and ontime took more than {:g} % of one CPU. ontime pauses now and "
+                      "then: messages "
+                      "of that time are not seen, and no loss is counted across it",
+                      100 * share_));
+    case listen::Budget::Step::resume:
+      return sensor.resume();
+  }
+}
+
+std::string ListenBudget::text() const {
+  if (!budget_) return "";
+  auto text = fmt::format("budget   {:g} % of one CPU", 100 * share_);
+  if (!measures_probes_) text += ", of ontime alone: the probes' cost is not measured on this machine";
+  if (!dropped_kernel_events_ && budget_->pauses() == 0) return text + ": nothing was left out\n";
+  if (dropped_kernel_events_) text += "; the kernel's events were left out";
+  if (budget_->pauses() > 0)
+    text += fmt::format(
+        "; listened {:.0f} % of the time, between {} pauses: what was lost in the rest is not known",
+        100 * budget_->listened_share(now()), budget_->pauses());
+  return text + "\n";
+}
+
+nlohmann::ordered_json ListenBudget::json() const {
+  if (!budget_) return nullptr;
+  return {{"cpu_share", share_},
+          {"kernel_events_left_out", dropped_kernel_events_},
+          {"pauses", budget_->pauses()},
+          {"listened_share", budget_->listened_share(now())}};
+}
+
+}  // namespace ontime::app

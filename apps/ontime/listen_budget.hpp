@@ -1,0 +1,39 @@
+// SPDX-License-Identifier: Apache-2.0
+// `ontime listen --budget 1%`: keeps what probes and ontime take below a share of one CPU, and says what it
+// left out for that.
+#pragma once
+
+#include <memory>
+#include <optional>
+#include <string>
+
+#include <nlohmann/json.hpp>
+
+#include "listen/budget.hpp"
+#include "listen/listen.hpp"
+
+namespace ontime::app {
+
+// CPU time of this process, all threads, since it began.
+std::chrono::nanoseconds own_cpu_time();
+
+class ListenBudget {
+ public:
+  // "1%": of one CPU. Throws campaign::Error{2}.
+  explicit ListenBudget(const std::string& text);
+
+  // What came before, as the start, does not count.
+  void begin(const listen::Sensor&, bool records_kernel_events);
+  // Once begun, often.
+  void keep(listen::Sensor&, std::unique_ptr<listen::Explainer>&);
+
+  std::string text() const;
+  nlohmann::ordered_json json() const;
+
+ private:
+  double share_ = 0;
+  bool measures_probes_ = true, dropped_kernel_events_ = false;
+  std::optional<listen::Budget> budget_;
+};
+
+}  // namespace ontime::app
