@@ -123,6 +123,7 @@ TEST_F(Machine, GivesItsUserPrioritiesAndMemory) {
   file("/proc/self/status", "CapPrm:\t0000000000000000\nCapEff:\t0000000000000000");
   limits("0", "8388608");
   EXPECT_EQ(severity("priority-limit"), Severity::wrong);
+  EXPECT_THAT(one("priority-limit").remedy, HasSubstr("limits.d"));
   EXPECT_THAT(one("memory-limit").is, HasSubstr("8388608"));
   EXPECT_EQ(severity("memory-limit"), Severity::wrong);
   limits("98", "unlimited");
@@ -133,6 +134,13 @@ TEST_F(Machine, GivesItsUserPrioritiesAndMemory) {
   EXPECT_EQ(severity("priority-limit", "/proc/self/status", "CapEff:\t0000000000804000"), Severity::fine)
       << "CAP_SYS_NICE";
   EXPECT_EQ(severity("memory-limit"), Severity::fine) << "CAP_IPC_LOCK";
+  limits("0", "0");
+  file("/proc/self/status", "CapEff:\t0000000000000000");
+  file("/proc/self/cgroup", "0::/system.slice/robot.service");
+  file("/proc/self/environ", "INVOCATION_ID=1f");
+  for (const auto* check : {"priority-limit", "memory-limit"})
+    EXPECT_THAT(one(check).remedy, AllOf(HasSubstr("edit 'robot.service'"), HasSubstr("LimitRTPRIO=98"),
+                                         HasSubstr("LimitMEMLOCK=infinity"), Not(HasSubstr("limits.d"))));
   file("/proc/self/cgroup", "3:cpu,cpuacct:/user\n0::/user");
   file("/sys/fs/cgroup/cpu,cpuacct/user/cpu.rt_runtime_us", "0");
   EXPECT_THAT(one("priority-budget").remedy, HasSubstr("/sys/fs/cgroup/cpu,cpuacct/user/cpu.rt_runtime_us"));

@@ -21,12 +21,14 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
+#include "realtime/privileges.hpp"
 #include "realtime/state.hpp"
 
 namespace ontime::realtime {
 namespace {
 
 using namespace std::chrono_literals;
+using namespace std::string_literals;
 using ::testing::Contains;
 using ::testing::ElementsAre;
 using ::testing::HasSubstr;
@@ -204,6 +206,16 @@ TEST(Service, IsTheOneOfTheSystemThatTheGroupBelongsTo) {
   EXPECT_EQ(service_of("0::/user.slice/user-1000.slice/session-3.scope\n"), "");
   EXPECT_EQ(service_of("0::/system.slice/docker-1234.scope\n"), "");
   EXPECT_EQ(service_of(""), "");
+}
+
+TEST(Service, IsPermittedByItsUnitAndWhatLoggedInThereIsNot) {
+  const auto* const group = "0::/system.slice/robot.service\n";
+  EXPECT_THAT(how_to_permit_service("INVOCATION_ID=1f\0HOME=/\0"s, group),
+              testing::AllOf(HasSubstr("systemctl edit 'robot.service'"),
+                             HasSubstr("\nLimitRTPRIO=98\nLimitMEMLOCK=infinity")));
+  EXPECT_THAT(how_to_permit_service("HOME=/\0INVOCATION_ID=1f\0"s, group, 99), HasSubstr("LimitRTPRIO=99"));
+  EXPECT_EQ(how_to_permit_service("HOME=/\0MY_INVOCATION_ID=1f\0"s, group), "");
+  EXPECT_EQ(how_to_permit_service("INVOCATION_ID=1f\0"s, "0::/user.slice/session-3.scope\n"), "");
 }
 
 TEST(Read, SaysTheNameAsItIs) {

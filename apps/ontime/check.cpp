@@ -26,8 +26,10 @@ std::string text_of(const Finding& finding, std::size_t columns) {
   for (const auto& [label, words] : {std::pair{"should be", finding.should}, {"because", finding.why}})
     if (!words.empty())
       text += table::wrapped(fmt::format("{}: {}", label, printable(words)), columns, below);
-  // In one line, however long: a terminal folds it, and it can be copied whole.
-  if (!finding.remedy.empty()) text += fmt::format("{}fix: {}\n", below, printable(finding.remedy));
+  // Each line whole, however long: a terminal folds it, and it can be copied.
+  auto lines = table::split(finding.remedy, '\n');
+  for (auto& line : lines) line = printable(line);
+  if (!finding.remedy.empty()) text += fmt::format("{}fix: {}\n", below, table::join(lines, "\n"));
   return text;
 }
 

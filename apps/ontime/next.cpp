@@ -9,6 +9,7 @@
 
 #include "commands.hpp"
 #include "fitness/fitness.hpp"
+#include "output.hpp"
 #include "table/table.hpp"
 #include "terminal.hpp"
 #include "transport/transport.hpp"
@@ -38,9 +39,14 @@ std::string newest_results() {
 int show_next() {
   const auto transports = transport::available();
   const bool has_udp = std::find(transports.begin(), transports.end(), "udp") != transports.end();
-  std::string text = "Do a robot's messages arrive on time? Next on this machine:\n";
+  const auto columns = reading_columns();
+  auto text = table::wrapped("Do a robot's messages arrive on time? Next on this machine:", columns);
   const auto add = [&](const std::string& command, const std::string& what) {
-    text += fmt::format("  {:<42}  {}\n", command, what);
+    // The command stays whole, to be copied.
+    if (columns < fewest_for_two)
+      text += fmt::format("  {}\n{}", command, table::wrapped("    " + what, columns, "    "));
+    else
+      text += fmt::format("  {:<42}  {}\n", command, what);
   };
   if (const auto results = newest_results(); !results.empty())
     add("ontime report " + table::shell_line({results}), "the newest results in this folder");

@@ -6,6 +6,7 @@
 #include <filesystem>
 #include <map>
 #include <memory>
+#include <string_view>
 #include <system_error>
 
 #include <fmt/format.h>
@@ -127,8 +128,14 @@ std::string drawn(const std::string& commands) {
   posix_spawn_file_actions_adddup2(&actions, figure.file(), STDOUT_FILENO);
   std::string name = "gnuplot", fresh = "--default-settings";  // whatever its owner prefers elsewhere
   char* arguments[] = {name.data(), fresh.data(), nullptr};
+  // In a locale that lacks a sign of a figure gnuplot would warn of it.
+  std::string locale = "LC_ALL=C.UTF-8";
+  std::vector<char*> environment{locale.data()};
+  for (auto** variable = environ; *variable != nullptr; ++variable)
+    if (!std::string_view(*variable).starts_with("LC_ALL=")) environment.push_back(*variable);
+  environment.push_back(nullptr);
   pid_t process = 0;
-  errno = ::posix_spawnp(&process, arguments[0], &actions, nullptr, arguments, environ);
+  errno = ::posix_spawnp(&process, arguments[0], &actions, nullptr, arguments, environment.data());
   if (errno == ENOENT)
     throw Error(3, "gnuplot is missing, which draws the figures: apt-get install gnuplot-nox");
   if (errno != 0) cannot("gnuplot cannot be started");

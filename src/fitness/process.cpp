@@ -6,15 +6,22 @@
 #include <linux/capability.h>
 
 #include "fitness/look.hpp"
+#include "realtime/privileges.hpp"
 #include "realtime/realtime.hpp"
 
 namespace ontime::fitness {
 namespace {
 
-constexpr const char* how_to_permit =
-    "into /etc/security/limits.d/realtime.conf: \"@realtime - rtprio 98\" and \"@realtime - memlock "
-    "unlimited\"; then "
-    "sudo groupadd --force realtime && sudo usermod --append --groups realtime $USER, and log in anew";
+// A service gets its limits from its unit, not at a login.
+std::string how_to_permit(const Look& look) {
+  const auto text = [&](const char* path) { return look.text(path).value_or(""); };
+  if (auto by_unit = realtime::how_to_permit_service(text("/proc/self/environ"), text("/proc/self/cgroup"));
+      !by_unit.empty())
+    return by_unit;
+  return "into /etc/security/limits.d/realtime.conf: \"@realtime - rtprio 98\" and \"@realtime - memlock "
+         "unlimited\"; then "
+         "sudo groupadd --force realtime && sudo usermod --append --groups realtime $USER, and log in again";
+}
 
 bool capable(const Look& look, int capability) {
   return realtime::has_capability(look.text("/proc/self/status").value_or(""), capability);
@@ -38,7 +45,7 @@ Findings priority_limit(const Look& look) {
   if (most == "unlimited" || priority >= needed) return {fine("up to " + most)};
   return {{"", Severity::wrong, fmt::format("you may give your threads real-time priorities up to {}", most),
            fmt::format("{} or more", needed),
-           "without one, every program that computes runs before your messages", how_to_permit}};
+           "without one, every program that computes runs before your messages", how_to_permit(look)}};
 }
 
 Findings memory_limit(const Look& look) {
@@ -47,7 +54,7 @@ Findings memory_limit(const Look& look) {
   if (most == "unlimited" || capable(look, CAP_IPC_LOCK)) return {fine("unlimited")};
   return {{"", Severity::wrong, fmt::format("you may lock {} bytes of memory", most), "unlimited",
            "a page that is not locked may be read from the disk when it is used, which takes milliseconds",
-           how_to_permit}};
+           how_to_permit(look)}};
 }
 
 Findings priority_budget(const Look& look) {

@@ -3,7 +3,6 @@
 
 #include <algorithm>
 #include <charconv>
-#include <cstdlib>
 #include <filesystem>
 #include <sstream>
 #include <string_view>
@@ -16,6 +15,8 @@
 
 namespace ontime::realtime {
 namespace {
+
+using std::string_literals::operator""s;
 
 std::string path_of_program() {
   std::error_code ignored;
@@ -60,24 +61,31 @@ std::string service_of(const std::string& cgroup) {
   return "";
 }
 
-std::string how_to_permit(int priority) {
-  priority = std::max(priority, 98);
+std::string how_to_permit_service(const std::string& environment, const std::string& cgroup, int priority) {
   // What was logged in to by a service, as by sshd, is in its group, but without systemd's variable.
-  if (std::getenv("INVOCATION_ID") != nullptr)  // NOLINT(concurrency-mt-unsafe): no thread sets it
-    if (const auto service = service_of(text_of("/proc/self/cgroup")); !service.empty())
-      return fmt::format(
-          "sudo systemctl edit '{0}', put these lines there, then sudo systemctl restart '{0}':\n"
-          "[Service]\n"
-          "LimitRTPRIO={1}\n"
-          "LimitMEMLOCK=infinity",
-          service, priority);
+  if (("\0"s + environment).find("\0INVOCATION_ID="s) == std::string::npos) return "";
+  const auto service = service_of(cgroup);
+  if (service.empty()) return "";
+  return fmt::format(
+      "sudo systemctl edit '{0}', put these lines there, then sudo systemctl restart '{0}':\n"
+      "[Service]\n"
+      "LimitRTPRIO={1}\n"
+      "LimitMEMLOCK=infinity",
+      service, std::max(priority, 98));
+}
+
+std::string how_to_permit(int priority) {
+  if (auto by_unit =
+          how_to_permit_service(text_of("/proc/self/environ"), text_of("/proc/self/cgroup"), priority);
+      !by_unit.empty())
+    return by_unit;
   return fmt::format(
       "sudo groupadd --force realtime && sudo usermod --append --groups realtime $USER, put these lines into "
       "/etc/security/limits.d/realtime.conf and log in again:\n"
       "@realtime - rtprio {}\n"
       "@realtime - memlock unlimited\n"
       "or {}",
-      priority, how_to_permit_capabilities());
+      std::max(priority, 98), how_to_permit_capabilities());
 }
 
 std::vector<std::string> budget_files(const std::string& cgroup) {

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What an installation has, and what is said of half of one. ONTIME_BUILD names the build tree, CMAKE the program."""
 
+import configparser
 import json
 import os
 import pathlib
@@ -53,6 +54,25 @@ class Installed(unittest.TestCase):
 
     def test_an_installation_has_alerts_and_a_dashboard(self):
         self.assertEqual({file.name for file in (self.prefix / "share/ontime/prometheus").iterdir()}, {"alerts.yml", "dashboard.json"})
+
+    def test_the_unit_of_pong_permits_real_time_by_limits_alone(self):
+        unit = configparser.RawConfigParser(strict=False)
+        unit.optionxform = str
+        unit.read(ROOT / "debian/ontime.ontime-pong@.service")
+        service = unit["Service"]
+        # What a denied setting asks for (realtime::how_to_permit), without a capability.
+        self.assertGreaterEqual(int(service["LimitRTPRIO"]), 98)
+        self.assertEqual(service["LimitMEMLOCK"], "infinity")
+        self.assertEqual(service["CapabilityBoundingSet"], "")
+        # An ordinary user of its own: no other service's files, and none left behind.
+        self.assertEqual(service["DynamicUser"], "yes")
+        # Each would take away what the limits give.
+        self.assertLessEqual({"User", "Group", "AmbientCapabilities", "RestrictRealtime", "CPUSchedulingPolicy", "SupplementaryGroups"}
+                             & service.keys(), set())
+        self.assertIn("@system-service", service["SystemCallFilter"])  # it has sched_setscheduler and mlockall
+        # A service that is stopped answers as for Ctrl-C, and wrong options are no reason to start again.
+        self.assertEqual((service["KillSignal"], service["SuccessExitStatus"]), ("SIGINT", "130"))
+        self.assertEqual(service["RestartPreventExitStatus"].split(), ["2", "3"])
 
     @unittest.skipUnless(shutil.which("systemd-analyze"), "no systemd-analyze")
     def test_units_are_valid_and_as_hardened_as_the_manual_says(self):

@@ -72,7 +72,7 @@ class Newcomer(unittest.TestCase):
 
     def test_hosts_that_cannot_be_reached_get_no_scenario(self):
         done = self.ontime("init", "robot@no-such-host.invalid", code=3)
-        self.assertIn("no-such-host.invalid", done.stderr)
+        self.assertEqual(done.stderr.count("robot@no-such-host.invalid"), 1)
         self.ontime("init", "-oProxyCommand=x", code=2)
         self.ontime("init", "a", "b", "c", code=2)
         self.assertEqual(list(self.folder.iterdir()), [])
@@ -115,11 +115,11 @@ class Newcomer(unittest.TestCase):
 
     def test_help_and_check_break_lines_between_words(self):
         for columns in 40, 80:
-            for arguments in ["--help"], ["run", "--help"], ["ping", "--help"], ["check"]:
+            for arguments in [], ["--help"], ["run", "--help"], ["ping", "--help"], ["check"]:
                 with self.subTest(arguments, columns=columns):
                     shown = self.on_a_terminal(*arguments, columns=columns, LC_ALL="C.UTF-8").decode()
                     lines = shown.replace("\r", "").splitlines()
-                    self.assertGreater(len(lines), 10)
+                    self.assertGreater(len(lines), 6)
                     # A command to copy stays whole, and so does a word.
                     long = [line for line in lines if len(line) > columns
                             and "fix: " not in line and " " in line.strip()]

@@ -54,9 +54,9 @@ class Results(unittest.TestCase):
         self.addCleanup(shutil.rmtree, self.folder)
         self.results = self.folder / "results.ontime"
 
-    def ontime(self, *arguments, code=0):
+    def ontime(self, *arguments, code=0, env=None):
         answer = subprocess.run([ONTIME, *map(str, arguments)], capture_output=True, text=True, timeout=120,
-                                cwd=self.folder)
+                                cwd=self.folder, env=env)
         self.assertEqual(answer.returncode, code, answer.stdout + answer.stderr)
         self.assertNotIn("terminate called", answer.stderr)
         return answer
@@ -161,7 +161,8 @@ class Results(unittest.TestCase):
         self.ontime("run", scenario, "--only", "one", "--only", "three", "--transports", "udp", "--results", self.results)
         runs = json.loads(self.ontime("report", self.results, "--format", "json").stdout)["runs"]
         self.assertEqual([run["id"] for run in runs], ["one", "one", "two", "one", "three"])
-        self.ontime("plot", "--runs", "1,3", self.results, "--output", "runs.svg")
+        plain = {**os.environ, "LC_ALL": "C"}
+        self.assertNotIn("iconv", self.ontime("plot", "--runs", "1,3", self.results, "--output", "runs.svg", env=plain).stderr)
         self.ontime("plot", "--runs", "1", "--runs", "3", self.results, "--output", "again.svg")
         self.assertEqual((self.folder / "runs.svg").read_text(), (self.folder / "again.svg").read_text())
         answer = self.ontime("run", "--cable", "no0,no1", scenario, "--results", "cable.ontime", code=2)

@@ -1,0 +1,36 @@
+# SPDX-License-Identifier: Apache-2.0
+# What ontime is built with, beside the Debian packages that have it. What is missing is named all at once, with the line
+# that installs it: rosdep does not know each of these.
+set(missing "")
+macro(ontime_need package found)
+  if(NOT ${found})
+    list(APPEND missing ${package})
+  endif()
+endmacro()
+
+foreach(need IN ITEMS "PkgConfig pkg-config" "fmt libfmt-dev" "nlohmann_json nlohmann-json3-dev" "yaml-cpp libyaml-cpp-dev"
+        "SQLite3 libsqlite3-dev" "LibArchive libarchive-dev" "ZLIB zlib1g-dev" "Boost libboost-dev" "CLI11 libcli11-dev")
+  separate_arguments(need)
+  list(POP_FRONT need name package)
+  find_package(${name} QUIET)
+  ontime_need(${package} ${name}_FOUND)
+endforeach()
+foreach(need IN ITEMS "BPF libbpf libbpf-dev" "CAPSTONE capstone libcapstone-dev" "CRYPTO libcrypto libssl-dev" "ELF libelf libelf-dev"
+        "MICROHTTPD libmicrohttpd libmicrohttpd-dev" "MNL libmnl libmnl-dev" "PCAP libpcap libpcap-dev"
+        "SODIUM libsodium libsodium-dev" "TRACEEVENT libtraceevent libtraceevent-dev")
+  separate_arguments(need)
+  list(POP_FRONT need name module package)
+  pkg_check_modules(${name} QUIET IMPORTED_TARGET ${module})
+  ontime_need(${package} ${name}_FOUND)
+endforeach()
+find_program(CLANG NAMES clang clang-14)
+ontime_need(clang CLANG)
+find_program(BPFTOOL bpftool PATHS /usr/sbin)
+ontime_need(bpftool BPFTOOL)
+find_file(D3 d3.min.js PATHS /usr/share/nodejs/d3/dist NO_DEFAULT_PATH NO_CMAKE_FIND_ROOT_PATH)
+ontime_need(node-d3 D3)
+if(missing)
+  list(SORT missing)
+  list(JOIN missing " " missing)
+  message(FATAL_ERROR "ontime is built with packages that are missing here. Install them, and configure again:\n  sudo apt install ${missing}\n")
+endif()
