@@ -153,6 +153,30 @@ TEST_F(OnePair, MessageNeverTakenIsLost) {
   EXPECT_EQ(flow().messages, 111U);
 }
 
+TEST_F(OnePair, MessagesOfAPauseCountNowhere) {
+  get_acquainted();
+  const auto ages = flow().age->count();
+  publish(at(10));
+  messages.interrupt(at(30));
+  for (int i = 10; i < 30; ++i) take(at(30) + i, at(i) + 2'000);
+  for (int i = 31; i < 40; ++i) arrive(at(i));
+  EXPECT_EQ(flow().lost, 0U);
+  EXPECT_EQ(flow().duplicated + flow().reordered, 0U);
+  ASSERT_TRUE(flow().age);
+  EXPECT_EQ(flow().age->count(), ages + 9);
+  EXPECT_EQ(flow().age->max_ns(), 48'000);
+  publish(at(40));
+  arrive(at(41));
+  EXPECT_EQ(flow().lost, 1U);
+}
+
+TEST_F(OnePair, RateIsThatOfTheTimeThatWasListenedTo) {
+  get_acquainted();
+  messages.interrupt(at(1000));
+  for (int i = 1001; i < 1010; ++i) arrive(at(i));
+  EXPECT_NEAR(flow().rate_hz(), 100, 1e-6);
+}
+
 TEST_F(OnePair, MessageTakenLateIsOutOfOrderAndNotLost) {
   get_acquainted();
   publish(at(10));
@@ -513,6 +537,8 @@ TEST(Silence, OfAWriterThatDiedIsBeyondItsLimit) {
   flows[0].silent_ns = 0;
   judge_silence(flows, Limits{}, 6'000'000'000);
   EXPECT_EQ(flows[0].silent_ns, 0) << "no limit was stated";
+  judge_silence(flows, Limits{.deadline = 15ms, .period = {}, .age = {}}, 6'000'000'000, 5'900'000'000);
+  EXPECT_EQ(flows[0].silent_ns, 100'000'000) << "before that, nothing listened";
 }
 
 TEST(Period, HalfAsMuchAgainIsNoGap) {

@@ -176,9 +176,9 @@ class InProcesses final : public Sensor {
     follow(processes_.look(), now_ns());
     probing_.end();
     ring_buffer__consume(ring_.get());  // seen while some probes were not set yet
-    messages_.interrupt();
     is_paused_ = false;
     resumed_ns_ = now_ns();
+    messages_.interrupt(resumed_ns_);
   }
 
  private:

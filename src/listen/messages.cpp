@@ -117,14 +117,24 @@ void Messages::name_topic(std::uint32_t process, std::uint64_t endpoint, const s
   }
 }
 
-void Messages::interrupt() {
+void Messages::interrupt(std::int64_t until_ns) {
+  interrupted_until_ns_ = until_ns;
+  begin_anew();
+}
+
+void Messages::begin_anew() {
   for (auto& [key, publisher] : publishers_) publisher.is_broken = true;
-  for (auto& [key, link] : links_) link.is_broken = true;
+  for (auto& [key, link] : links_) {
+    link.is_broken = true;
+    link.sequence.restart();
+    link.rows.restart();
+  }
   chains_.interrupt();
 }
 
-void Messages::add(const Observation& seen) {
-  if (seen.after_loss) interrupt();
+void Messages::add(Observation seen) {
+  if (seen.after_loss) begin_anew();
+  if (seen.stamp_ns < interrupted_until_ns_) seen.stamp_ns = 0;
   switch (seen.kind) {
     case Observation::Kind::published:
       return published(seen);
@@ -265,10 +275,6 @@ void Messages::doubt(Link& link, const Observation& seen) {
 
 bool Messages::place(Link& link, std::uint64_t number, const Observation& seen, bool is_late) {
   const auto stamp_ns = seen.stamp_ns;
-  if (link.is_broken) {
-    link.sequence.restart();
-    link.rows.restart();
-  }
   const auto& publisher = publishers_.at(*link.publisher);
   const auto keep = [&](std::uint64_t of) {
     link.stamps[of % remembered] = stamp_ns;

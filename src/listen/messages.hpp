@@ -59,9 +59,10 @@ class Messages {
   void retire_ended(std::int64_t now_ns);
   void name_topic(std::uint32_t process, std::uint64_t endpoint, const std::string& topic);
   // In order of time, but for a few microseconds.
-  void add(const Observation&);
-  // What came since the last one is not known: nothing counts across that time.
-  void interrupt();
+  void add(Observation);
+  // Until then some were not observed: nothing counts across that time, and of one published in it nothing is
+  // known.
+  void interrupt(std::int64_t until_ns);
 
   Findings findings() const;
   void keep_rows(KeepRow keep) {
@@ -115,6 +116,7 @@ class Messages {
   };
   using Writer = std::tuple<std::uint32_t, std::uint64_t, std::array<std::uint8_t, 16>>;
 
+  void begin_anew();
   void published(const Observation&);
   void taken(const Observation&);
   void identify(Link&, const Observation&);
@@ -143,6 +145,7 @@ class Messages {
   std::deque<Flow> ended_;
   Findings dropped_;  // counts only
   std::uint64_t left_out_ = 0, last_id_ = 0;
+  std::int64_t interrupted_until_ns_ = 0;
   Misses misses_;
   KeepRow keep_row_;
   Chains chains_;
