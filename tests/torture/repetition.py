@@ -17,7 +17,7 @@ from outside import Broken, HERE, ONTIME, check, difference, output, processes_o
 
 sys.path.insert(0, str(HERE / "tests/system"))
 os.environ.setdefault("ONTIME", ONTIME)
-for name in "listen_node", "listen_rmw_node":
+for name in "listen_node", "listen_rmw_node", "listen_fastdds_node":
     os.environ.setdefault(name.upper(), str(pathlib.Path(ONTIME).parent / name))
 import sshd  # noqa: E402
 import test_listen as listening  # noqa: E402
