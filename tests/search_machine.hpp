@@ -98,7 +98,9 @@ class Machine {
  public:
   static constexpr double messages = 2000, healthy_slow = 0.0001, burst = 2;
 
-  Machine(std::vector<Fault> faults, std::uint64_t seed) : faults_(std::move(faults)), chance_(seed) {
+  // `least_slow`: of all messages, whatever is set.
+  Machine(std::vector<Fault> faults, std::uint64_t seed, double least_slow = healthy_slow)
+      : faults_(std::move(faults)), least_slow_(least_slow), chance_(seed) {
     // No two machines have a fault to the same degree.
     for (auto& fault : faults_) fault.slow *= std::exp(0.4 * normal_(chance_));
   }
@@ -113,7 +115,7 @@ class Machine {
     bool meets_goal() const { return slow <= 0.001 && late * messages < 0.05; }
   };
   Shares shares(const Set& set) const {
-    Shares all{healthy_slow, 0};
+    Shares all{least_slow_, 0};
     for (const auto& fault : faults_) {
       if (is_cured(fault, set)) continue;
       // Who is real-time already suffers a little less of whatever load there is.
@@ -165,6 +167,7 @@ class Machine {
   }
 
   std::vector<Fault> faults_;
+  double least_slow_;
   std::mt19937_64 chance_;
   std::normal_distribution<double> normal_;
 };

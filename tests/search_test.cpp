@@ -154,6 +154,71 @@ TEST(Search, WhatNoSettingCuresRemainsWithItsCause) {
   EXPECT_EQ(outcome.remaining.front().cause, "the CPU was paused");
 }
 
+TEST(Search, RemediesOfFrequentCausesAreTriedTogetherAndEachIsThenNeeded) {
+  const std::vector<Setting> cures = {
+      {"kernel.napi-threads", "60"}, {"kernel.rmem-max", "4194304"}, {"realtime", "on"}};
+  const auto outcome = find(Machine::problem(1), [&](const Order& order) -> std::optional<Answer> {
+    Answer run;
+    double slow = 0;
+    for (const auto& cure : cures)
+      if (!order.set.contains(cure.key)) {
+        slow += 100;
+        run.findings.push_back({"no " + cure.key, 100, {cure}});
+      }
+    run.tallies = {{slow, 2000, 1}, {slow, 2000, 1}};
+    return run;
+  });
+  EXPECT_EQ(outcome.end, End::goal_holds);
+  EXPECT_EQ(outcome.trials.at(1).set.size(), cures.size());
+  EXPECT_THAT(outcome.trials, SizeIs(1 + 1 + cures.size() + 1));
+  ASSERT_THAT(outcome.contributions, SizeIs(cures.size()));
+  for (const auto& one : outcome.contributions) EXPECT_TRUE(one.is_needed);
+}
+
+TEST(Search, AHarmfulSettingAmongAllThatAreTriedTogetherIsLeftOut) {
+  const auto outcome = find(Machine::problem(1), [](const Order& order) -> std::optional<Answer> {
+    double slow = order.set.contains("kernel.coalescing") ? 0 : 100;
+    if (const auto irq = order.set.find("kernel.irq-threads"); irq != order.set.end()) slow += 20;
+    return Answer{{{slow, 2000, 1}, {slow, 2000, 1}}, {}, ""};
+  });
+  EXPECT_EQ(outcome.end, End::goal_holds);
+  EXPECT_THAT(outcome.set, ElementsAre(Pair("kernel.coalescing", "rx-usecs=0")));
+}
+
+TEST(Search, AGoalThatMayHoldAlreadyEndsAsNotProvenAndNothingIsTried) {
+  const auto outcome = find(Machine::problem(1), [](const Order&) {
+    return Answer{{{1, 2000, 20}, {0, 2000, 1}}, {}, ""};
+  });
+  EXPECT_EQ(outcome.end, End::not_proven);
+  EXPECT_THAT(outcome.set, IsEmpty());
+  EXPECT_THAT(outcome.trials, SizeIs(1));
+}
+
+// As many messages break the limit as it permits, whatever is set.
+TEST(Search, AGoalWithoutAMarginIsNotSaidToFail) {
+  int run = 0;
+  const auto outcome = find(Machine::problem(1), [&](const Order&) {
+    return Answer{{{++run % 2 == 0 ? 1.0 : 4.0, 2000, 3}, {0, 2000, 1}}, {}, ""};
+  });
+  EXPECT_EQ(outcome.end, End::not_proven);
+  EXPECT_THAT(outcome.set, IsEmpty());
+}
+
+// Of an improved set no more runs of what it is compared with are needed, as long as it keeps to the goal.
+TEST(Search, TheReferenceIsMeasuredThreeTimesAndThenTheSetAlone) {
+  int with = 0, without = 0;
+  const auto outcome = find(Machine::problem(1), [&](const Order& order) -> std::optional<Answer> {
+    if (order.trial == 2) ++(order.set.empty() ? without : with);
+    const double slow = order.set.empty() ? 80 : 0;
+    return Answer{{{slow, 2000, 4}, {slow, 2000, 4}},
+                  {{"napi waited for a CPU", slow, {{"kernel.napi-threads", "60"}}}},
+                  ""};
+  });
+  EXPECT_EQ(outcome.end, End::goal_holds);
+  EXPECT_EQ(without, 3);
+  EXPECT_GT(with, without);
+}
+
 TEST(Search, ASettingThatIsNotAmongTheKnobsIsNeverTried) {
   Machine machine({fault("NAPI thread behind a load")}, 1);
   auto problem = Machine::problem(1);

@@ -33,7 +33,8 @@ std::string answer_of(const SearchReport& report) {
     case End::goal_holds:
       return report.outcome.set.empty() ? "the goal holds already; nothing to change" : "the goal holds";
     case End::not_proven:
-      return "the goal held in these runs, but they are too few to prove it: make the runs longer";
+      return "not proven: these runs are too few to tell whether it holds. Make the runs longer, or the goal "
+             "easier";
     case End::nothing_left:
       return "the goal does not hold, and no setting is left to try";
     case End::no_time:

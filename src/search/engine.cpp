@@ -10,11 +10,13 @@
 namespace ontime::search {
 namespace {
 
+constexpr double steering_alpha = 0.2;  // of what a later trial puts right where it was wrong
+constexpr double likely_share = 0.15;   // of all messages: a cause of so many is hardly named wrongly
 constexpr int most_runs_alone = 24, most_pairs = 10, most_pairs_to_confirm = 40;
-constexpr std::size_t references_to_confirm = 3;  // more of them would show nothing new
+constexpr int least_pairs = 2;               // before a trial is given up as without effect
+constexpr std::size_t least_references = 3;  // more are made only while the set itself breaks the goal
 constexpr int most_confirmations = 3;
 constexpr int most_attempts = 3;  // to measure a set
-constexpr int least_pairs = 2;    // before a trial is given up as without effect
 
 struct NoTime {};
 struct CannotMeasure {
@@ -65,14 +67,20 @@ class Search {
   End search() {
     if (measure_alone(set_) == Decision::holds) return End::goal_holds;
     for (int attempt = 0; attempt < most_confirmations; ++attempt) {
-      if (!grow()) return End::nothing_left;
+      if (!grow()) return not_met();
       shrink();
       const auto decision = confirm();
       if (decision == Decision::holds) return End::goal_holds;
       if (decision == Decision::no_effect) return End::not_proven;
       disproved_.insert(set_);
     }
-    return End::nothing_left;
+    return not_met();
+  }
+
+  // It fails only where that is proven.
+  End not_met() {
+    if (!keeps_to_goal(set_)) leave_out_what_shows_no_effect();
+    return measured_.fails(measured_.of(set_), level_of(set_)) ? End::nothing_left : End::not_proven;
   }
 
   // ── Trials
@@ -104,6 +112,7 @@ class Search {
 
   // Until it is known whether the goal holds by that set.
   Decision measure_alone(const Set& set) {
+    measured_alone_.insert(set);
     Trial trial{Purpose::measure, set};
     Runs runs;
     while (trial.runs < most_runs_alone) {
@@ -132,7 +141,7 @@ class Search {
     for (int pair = 1; pair <= pairs && !decision; ++pair) {
       const bool mine_first = chance_() % 2 == 0;
       for (const bool is_mine : {mine_first, !mine_first}) {
-        if (purpose == Purpose::confirm && !is_mine && theirs.size() == references_to_confirm) continue;
+        if (!is_mine && theirs.size() >= least_references && measured_.kept_to(mine)) continue;
         const auto* run = measure(is_mine ? set : reference, trial, !is_mine);
         if (run == nullptr && !is_mine) throw CannotMeasure{trial.why};
         if (run == nullptr) return ended(trial, mine, theirs, Decision::refused);
@@ -144,8 +153,7 @@ class Search {
   }
 
   Decision try_to_add(const Set& set, const std::string& why) {
-    tried_.insert(set);
-    bool improves = false;
+    bool improves = false, seems_to = false;
     const auto decision =
         compare(Purpose::add, set, set_, why, most_pairs,
                 [&](const Runs& mine, const Runs& theirs) -> std::optional<Decision> {
@@ -154,12 +162,37 @@ class Search {
                   if (improves && measured_.fails(measured_.of(set), problem_.alpha))
                     return Decision::improves;
                   if (measured_.fewer(theirs, mine, problem_.alpha)) return Decision::harms;
+                  seems_to = measured_.fewer(mine, theirs, steering_alpha);
                   if (!improves && mine.size() >= least_pairs && measured_.looks_no_less(mine, theirs))
                     return Decision::no_effect;
                   return {};
                 });
-    if (decision != Decision::no_effect || !improves) return decision;
+    if (decision != Decision::no_effect || !(improves || seems_to)) return decision;
     return outcome_.trials.back().decision = Decision::improves;
+  }
+
+  // By what was seen; `without` may be better.
+  bool is_no_worse(const Set& without) {
+    bool looks_no_worse = false;
+    const auto decision =
+        compare(Purpose::remove, without, set_, "", most_pairs,
+                [&](const Runs& mine, const Runs& theirs) -> std::optional<Decision> {
+                  if (holds(without)) return Decision::holds;
+                  if (measured_.fewer(mine, theirs, problem_.alpha)) return Decision::improves;
+                  if (measured_.fewer(theirs, mine, problem_.alpha)) return Decision::harms;
+                  looks_no_worse = measured_.looks_no_less(theirs, mine);
+                  if (mine.size() >= least_pairs && looks_no_worse && !measured_.kept_to(mine))
+                    return Decision::no_effect;
+                  return {};
+                });
+    return decision == Decision::holds || decision == Decision::improves ||
+           (decision == Decision::no_effect && looks_no_worse);
+  }
+
+  bool was_compared(const Set& set, const Set& reference) const {
+    return std::any_of(outcome_.trials.begin(), outcome_.trials.end(), [&](const Trial& trial) {
+      return trial.set == set && trial.reference == reference && trial.purpose != Purpose::confirm;
+    });
   }
 
   // Whether the goal is proven to hold without these.
@@ -190,8 +223,13 @@ class Search {
                    });
   }
 
+  // By what was seen.
+  bool keeps_to_goal(const Set& set) const {
+    return !disproved_.contains(set) && measured_.kept_to(measured_.of(set));
+  }
+
   bool holds(const Set& set) const {
-    return !disproved_.contains(set) && measured_.holds(measured_.of(set), problem_.alpha);
+    return !disproved_.contains(set) && measured_.holds(measured_.of(set), steering_alpha);
   }
 
   // Of the statement that the goal holds without any setting. The confirmations share the rest of alpha.
@@ -204,12 +242,16 @@ class Search {
 
   // ── What to add
 
+  // False: nothing is left to try, or more settings would not help the proof.
   bool grow() {
     while (!holds(set_)) {
-      if (!set_.empty() && measured_.kept_to(measured_.of(set_)) && tried_alone_.insert(set_).second)
-        measure_alone(set_);
-      else if (!add_a_remedy() && !add_all_remedies() && !add_what_is_left())
+      if (keeps_to_goal(set_)) {
+        if (!measured_alone_.contains(set_)) measure_alone(set_);
+        if (keeps_to_goal(set_) && !holds(set_)) return false;
+      } else if (!add_likely_remedies() && !add_a_remedy() && !add_all_remedies() && !add_what_is_left() &&
+                 !reconsider()) {
         return false;
+      }
     }
     return true;
   }
@@ -219,32 +261,55 @@ class Search {
                                    [&](const Knob& knob) { return knob.key == setting.key; });
     const auto present = set_.find(setting.key);
     return known && (present == set_.end() || present->second != setting.value) &&
-           !unwanted_.contains({setting.key, setting.value});
+           !refused_.contains({setting.key, setting.value}) &&
+           !harmful_.contains({setting.key, setting.value});
   }
 
-  // Whether any of them was kept. Of several that do not meet the goal, a half may do more: without those
-  // that harm.
+  // Whether any of them was kept.
   bool add(const std::vector<Setting>& settings, const std::string& why) {
     const auto set = with(set_, settings);
-    if (settings.empty() || tried_.contains(set)) return false;
+    if (settings.empty() || was_compared(set, set_)) return false;
     refused_setting_.clear();
     const auto decision = try_to_add(set, why);
     if (decision == Decision::refused && set.contains(refused_setting_) && !set_.contains(refused_setting_)) {
       auto others = settings;
       std::erase_if(others, [&](const Setting& one) { return one.key == refused_setting_; });
-      unwanted_.insert({refused_setting_, set.at(refused_setting_)});
+      refused_.insert({refused_setting_, set.at(refused_setting_)});
       return add(others, why);
     }
-    const bool is_bad = decision == Decision::harms || decision == Decision::refused;
-    if (settings.size() == 1) {
-      if (is_bad) unwanted_.insert({settings.front().key, settings.front().value});
-    } else if (is_bad || decision == Decision::improves) {
-      const auto half = settings.begin() + static_cast<std::ptrdiff_t>(settings.size() / 2);
-      if (add({settings.begin(), half}, why) || add({half, settings.end()}, why)) return true;
+    if (decision == Decision::holds || decision == Decision::improves) {
+      set_ = set;
+      return true;
     }
-    if (decision != Decision::holds && decision != Decision::improves) return false;
-    set_ = set;
-    return true;
+    if (decision == Decision::no_effect) return false;
+    if (settings.size() == 1) {
+      const auto& [key, value] = settings.front();
+      (decision == Decision::harms ? harmful_ : refused_).insert({key, value});
+      return false;
+    }
+    const auto half = settings.begin() + static_cast<std::ptrdiff_t>(settings.size() / 2);
+    return add({settings.begin(), half}, why) || add({half, settings.end()}, why);
+  }
+
+  // Of each cause of many messages the first remedy, where there are several such causes: a goal that permits
+  // hardly any message needs all of them gone. Causes of few messages may have been named wrongly.
+  bool add_likely_remedies() {
+    const auto findings = findings_of(set_);
+    double messages = 0;
+    for (const auto& finding : findings) messages += finding.messages;
+    std::vector<Setting> all;
+    for (const auto& finding : findings) {
+      const auto remedy = std::find_if(finding.remedies.begin(), finding.remedies.end(),
+                                       [&](const Setting& one) { return may_be_set(one); });
+      if (finding.messages >= likely_share * messages && remedy != finding.remedies.end())
+        append_if_new(all, *remedy);
+    }
+    return all.size() > 1 && add(all, "the most frequent causes at once");
+  }
+
+  static void append_if_new(std::vector<Setting>& all, const Setting& one) {
+    if (std::none_of(all.begin(), all.end(), [&](const Setting& other) { return other.key == one.key; }))
+      all.push_back(one);
   }
 
   bool add_a_remedy() {
@@ -260,10 +325,7 @@ class Search {
     const auto collect = [&](const Set& set) {
       for (const auto& finding : findings_of(set))
         for (const auto& remedy : finding.remedies)
-          if (may_be_set(remedy) && std::none_of(all.begin(), all.end(), [&](const Setting& other) {
-                return other.key == remedy.key;
-              }))
-            all.push_back(remedy);
+          if (may_be_set(remedy)) append_if_new(all, remedy);
     };
     collect(set_);
     for (const auto& trial : outcome_.trials)
@@ -281,9 +343,18 @@ class Search {
         if (value < knob.values.size() && !set_.contains(knob.key) &&
             may_be_set({knob.key, knob.values[value]}))
           all.push_back({knob.key, knob.values[value]});
-      if (add(all, "no named cause")) return true;
+      if (!add(all, "no named cause")) continue;
+      if (!holds(set_)) leave_out_what_shows_no_effect();
+      return true;
     }
     return false;
+  }
+
+  // What harmed beside another set may help beside this one.
+  bool reconsider() {
+    const bool any = !harmful_.empty();
+    harmful_.clear();
+    return any;
   }
 
   std::vector<Finding> findings_of(const Set& set) const {
@@ -312,28 +383,50 @@ class Search {
     }
   }
 
+  // Of members that were added together some may harm, and hide what others do.
+  void leave_out_what_shows_no_effect() {
+    for (auto size = set_.size() / 2; size > 0; size /= 2)
+      for (const auto& part : parts(size))
+        if (const auto without = set_without(part);
+            without != set_ && !was_compared(set_, without) && is_no_worse(without))
+          set_ = without;
+  }
+
+  // Of the members, so many each.
+  std::vector<std::vector<Setting>> parts(std::size_t size) const {
+    std::vector<std::vector<Setting>> parts;
+    for (const auto& member : settings_of(set_)) {
+      if (parts.empty() || parts.back().size() == size) parts.emplace_back();
+      parts.back().push_back(member);
+    }
+    return parts;
+  }
+
+  Set set_without(const std::vector<Setting>& part) const {
+    auto set = set_;
+    for (const auto& one : part) set.erase(one.key);
+    return set;
+  }
+
   bool leave_out_parts(std::size_t size) {
     bool removed = false;
-    const auto members = settings_of(set_);
-    for (std::size_t first = 0; first < members.size(); first += size) {
-      auto without = set_;
-      for (auto at = first; at < std::min(first + size, members.size()); ++at) without.erase(members[at].key);
+    for (const auto& part : parts(size)) {
+      const auto without = set_without(part);
       if (without.empty() || without == set_ || is_known(without)) continue;
       if (can_go(without, size == 1)) {
         set_ = without;
         removed = true;
+      } else {
+        kept_.insert({without, set_});
       }
     }
     return removed;
   }
 
-  // It was compared with the present set before.
   bool is_known(const Set& without) {
-    const auto alpha = level_of(without);
-    return std::any_of(outcome_.trials.begin(), outcome_.trials.end(), [&](const Trial& trial) {
-      if (trial.set == without && trial.reference == set_) return true;
-      return trial.set == set_ && trial.reference == without && measured_.fails(measured_.of(without), alpha);
-    });
+    if (kept_.contains({without, set_})) return true;
+    return (was_compared(without, set_) || was_compared(set_, without)) &&
+           measured_.fails(measured_.of(without), level_of(without));
   }
 
   Contribution contribution_of(const Setting& member) {
@@ -354,8 +447,9 @@ class Search {
   std::mt19937_64 chance_;
   Outcome outcome_;
   Set set_;  // the present one
-  std::set<Set> tried_, tried_alone_, disproved_;
-  std::set<std::pair<std::string, std::string>> unwanted_;  // harmful, or not available
+  std::set<Set> measured_alone_, disproved_;
+  std::set<std::pair<Set, Set>> kept_;  // without the members that stayed, and with them
+  std::set<std::pair<std::string, std::string>> refused_, harmful_;
   std::map<Set, std::size_t> statements_;
   std::size_t confirmations_ = 0;
   std::string refused_setting_;  // of the last refused run

@@ -8,9 +8,9 @@
 // Errors. A member stays only if the goal is proven to fail without it, and all such proofs of one search
 // together are wrong with probability `alpha` at most. So are the two final statements that the goal holds:
 // the start without any setting has alpha / 4, and all confirmations together have the rest. Evidence is
-// e-values (evidence.hpp); the k-th statement of a kind has 1 / (k (k + 1)) of its alpha. Decisions in
-// between
-// (`improves`, `harms`, and `holds` before the confirmation) have the full alpha each: they only steer.
+// e-values (evidence.hpp); the k-th statement of a kind has 1 / (k (k + 1)) of its alpha. What only steers
+// has more: `improves` and `harms` have alpha each; `holds` before the confirmation has 0.2, and so has an
+// improvement that shows in all runs of a trial without being proven.
 //
 // A set that cannot be set here is not tried again. Where one setting alone is refused, the others are tried
 // without it. A run that failed for a reason that may pass is made again: after three the set is refused.
@@ -122,7 +122,7 @@ struct Proof {
   double below = 1, permitted = 0;
 };
 
-// not_proven: it held in what was measured, which is too little to prove it.
+// not_proven: what was measured is too little to tell whether the goal holds. nothing_left: it fails.
 enum class End { goal_holds, not_proven, nothing_left, no_time, cannot_measure };
 const char* word_of(End);
 
