@@ -46,7 +46,9 @@ std::string answer_of(const SearchReport& report) {
 }
 
 // What is left of a search for a border within a double is 0.
-std::string percent(double share) { return share < 1e-9 ? "0" : fmt::format("{:.3g}", 100 * share); }
+std::string percent(double share) {
+  return std::abs(share) < 1e-9 ? "0" : fmt::format("{:.3g}", 100 * share);
+}
 
 // "p99.9 < 1 ms: 3 of 24000 messages break it, [0.001, 0.06] %"; where the goal holds, by the one-sided limit
 // that its proof used: "…; proven: less than 0.09 %, and the goal permits 0.1 %".
