@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <iterator>
 #include <sstream>
 
 #include <fmt/format.h>
@@ -78,17 +79,20 @@ std::string contribution_text(const search::Problem& problem, const search::Cont
                      one.is_needed ? "" : "; not proven to be needed");
 }
 
-// Single settings that were tried and not kept: those that did nothing, or harm.
-std::vector<std::string> dropped(const search::Outcome& outcome, Decision decision) {
+// Settings that trials of this kind and end added or left out, but for those that the search kept after all.
+std::vector<std::string> not_kept(const search::Outcome& outcome, Purpose purpose, Decision decision) {
   std::vector<std::string> all;
   for (const auto& trial : outcome.trials) {
-    if (trial.purpose != Purpose::add || trial.decision != decision) continue;
-    search::Set added;
-    for (const auto& setting : trial.set)
-      if (const auto before = trial.reference.find(setting.first);
-          before == trial.reference.end() || before->second != setting.second)
-        added.insert(setting);
-    const auto text = added.size() == 1 ? words_of(added) : fmt::format("{} settings together", added.size());
+    if (trial.purpose != purpose || trial.decision != decision) continue;
+    const auto &more = purpose == Purpose::add ? trial.set : trial.reference,
+               &fewer = purpose == Purpose::add ? trial.reference : trial.set;
+    search::Set settings;
+    std::set_difference(more.begin(), more.end(), fewer.begin(), fewer.end(),
+                        std::inserter(settings, settings.end()));
+    const bool is_one = settings.size() == 1;
+    if (is_one && std::includes(outcome.set.begin(), outcome.set.end(), settings.begin(), settings.end()))
+      continue;
+    const auto text = is_one ? words_of(settings) : fmt::format("{} settings together", settings.size());
     if (std::find(all.begin(), all.end(), text) == all.end()) all.push_back(text);
   }
   return all;
@@ -258,8 +262,9 @@ std::string text_of(const SearchReport& report) {
   if (!outcome.remaining.empty()) text += "\nStill late because of:\n";
   for (std::size_t i = 0; i < std::min(most_causes, outcome.remaining.size()); ++i)
     text += fmt::format("  {:.0f} messages: {}\n", outcome.remaining[i].messages, outcome.remaining[i].cause);
-  text += list("No effect", dropped(outcome, Decision::no_effect));
-  text += list("Harmful", dropped(outcome, Decision::harms));
+  text += list("No effect", not_kept(outcome, Purpose::add, Decision::no_effect));
+  text += list("Not needed", not_kept(outcome, Purpose::remove, Decision::holds));
+  text += list("Harmful", not_kept(outcome, Purpose::add, Decision::harms));
   text += list("Not possible here", refusals(outcome));
   for (const auto& [title, words] : how_to_keep(report.kept)) text += fmt::format("\n{}:\n{}", title, words);
   text += fmt::format("\nTrials: {}. Runs: {}. Results: {}. Picture: {}.\n", outcome.trials.size(),
