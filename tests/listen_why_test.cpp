@@ -236,6 +236,40 @@ TEST_F(LateMessage, EventsThatWereLostExplainNothing) {
   EXPECT_FALSE(why(old(published + 30 * ms)).is_seen);
 }
 
+TEST_F(LateMessage, IsExplainedAgainFromItsFileAndAWiderWindow) {
+  switched(10 * ms, 0, 0, "R", publishes);
+  switched(11 * ms, 1, 0, "R", hog);
+  event(published + 20 * us, 0, Kind::waking, takes, publishes, "1");
+  switched(published + 21 * ms, 1, hog, "S", takes);
+  switched(published + 22 * ms, 1, takes, "S", hog);
+  auto miss = old(published + 21 * ms + 50 * us);
+  const auto at_once = why(miss);
+  window.span = {7, published - 100 * ms, published + 121 * ms};
+  auto around = std::make_shared<Surroundings>();
+  for (const auto thread : {publishes, takes, hog}) around->owners[thread] = owner_of(thread);
+  miss.surroundings = around;
+  miss.at_ns = 1'795'000'000'000 * ms;
+  const auto text = way_of(miss).dump();
+  const auto again = explained_again(nlohmann::json::parse(text), trace::window_of(to_json(window)));
+  ASSERT_TRUE(again && again->why);
+  EXPECT_EQ(again->why->sentence, at_once.sentence);
+  EXPECT_EQ(again->why->culprit, (Party{30, "recorder"}));
+  EXPECT_EQ(again->at_ns, miss.at_ns);
+  EXPECT_THAT(line_of(*again), testing::StartsWith("21.1 ms late: base [2]"));
+
+  window.whole = false;
+  EXPECT_FALSE(explained_again(nlohmann::json::parse(text), window)) << "what was said at once stands";
+  window.whole = true;
+  for (const auto* name : {"taken_ns", "publisher", "limit", "reader", "threads"})
+    for (const nlohmann::json& value : {nlohmann::json(), nlohmann::json(-1), nlohmann::json("x"),
+                                        nlohmann::json(INT64_MAX), nlohmann::json::array({1})}) {
+      auto foreign = nlohmann::json::parse(text);
+      foreign[name] = value;
+      EXPECT_FALSE(explained_again(foreign, window)) << name << " " << value;
+    }
+  EXPECT_FALSE(explained_again(nullptr, window));
+}
+
 TEST_F(LateMessage, LongSilenceIsLookedAtInItsLastSecond) {
   const auto span = span_of(old(published + 3600'000 * ms));
   EXPECT_EQ(span.to_ns - span.from_ns, 1000 * ms);

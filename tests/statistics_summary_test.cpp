@@ -196,6 +196,52 @@ TEST(Summary, SamplesThatWereRemovedLaterAreNotRecorded) {
   EXPECT_EQ(unrecorded(summary_of(samples, asked_next_free, {{"sent", 50}}).run), 0U);
 }
 
+TEST(Summary, OfTheWorstMessagesAloneNoMetricIsComputed) {
+  std::vector<Sample> worst;
+  for (std::uint64_t i = 0; i < 20; ++i) {
+    Sample sample{};
+    sample.index = 1000 * i;
+    sample.intended_ns = static_cast<std::int64_t>(i) * 100 * ms;
+    sample.due_ns = sample.woke_ns = sample.sent_ns = sample.intended_ns;
+    sample.received_ns = sample.sent_ns + 50 * ms;
+    sample.fate = Fate::late;
+    worst.push_back(sample);
+  }
+  const nlohmann::json asked{{"measures", "age"}, {"kept", "worst"}, {"deadline_us", 10'000.0}};
+  const nlohmann::json outcome{{"sent", 20'007},
+                               {"late", 100},
+                               {"lost", 7},
+                               {"histogram",
+                                {{"values", {{2 * ms, 19'900}, {50 * ms, 100}}},
+                                 {"beyond", 0},
+                                 {"beyond_from_ns", 0},
+                                 {"max_ns", 50 * ms},
+                                 {"mean_ns", 2.24e6}}}};
+  const auto all = summary_of(worst, asked, outcome);
+  EXPECT_EQ(all.sent, 20'007u);
+  EXPECT_EQ(all.late, 100u);
+  EXPECT_EQ(all.lost, 7u);
+  EXPECT_EQ(all.on_time, 19'900u);
+  EXPECT_TRUE(all.has_worst_only);
+  EXPECT_EQ(all.round_trip[Figure::p50], 2 * ms);
+  EXPECT_EQ(all.round_trip[Figure::p99], 2 * ms);
+  EXPECT_EQ(all.round_trip.max, 50 * ms);
+  EXPECT_EQ(all.round_trip.mean, 2.24e6);
+  EXPECT_EQ(unrecorded(all.run), 19'987u);
+  const auto p99 = measured(all, Times::round_trip, Figure::p99);
+  ASSERT_TRUE(p99);
+  EXPECT_EQ(p99->value, 2e6);
+  EXPECT_FALSE(p99->sure.low || p99->sure.high) << "how they depend on one another is not known";
+  EXPECT_EQ(all.shape.worst.front().took_ns, 50 * ms);
+
+  const auto cut_off = summary_of(worst, asked);
+  EXPECT_EQ(cut_off.round_trip.count, 0u) << "nothing tells of the others";
+  EXPECT_EQ(cut_off.late, 20u);
+  auto damaged = outcome;
+  damaged["histogram"]["values"][0][1] = -1;
+  EXPECT_THROW(summary_of(worst, asked, damaged), record::WrongFile);
+}
+
 TEST(Summary, CountsWhatIsLateOrLostInARow) {
   std::vector<Sample> samples;
   for (const auto took_ns : {1 * ms, 12 * ms, 1 * ms, 12 * ms, 13 * ms, 0 * ms, 1 * ms, 11 * ms, 11 * ms}) {

@@ -2,6 +2,7 @@
 #include "explain/explain.hpp"
 
 #include <algorithm>
+#include <map>
 #include <optional>
 
 #include <fmt/format.h>
@@ -10,6 +11,8 @@
 #include "chosen_runs.hpp"
 #include "commands.hpp"
 #include "flags.hpp"
+#include "listen/listen.hpp"
+#include "listen_words.hpp"
 #include "output.hpp"
 #include "report/explained.hpp"
 
@@ -57,6 +60,34 @@ void write_perfetto(const ExplainArguments& arguments, const record::Reader& rea
   file.finish();
 }
 
+// Of a robot's own messages that are kept with what was around them: the worst first, by what this ontime
+// knows of causes. A cause that was noted when the message came stays where that is not all there.
+std::vector<record::Note> notes_of(const record::Reader& reader, const record::Run& run) {
+  auto notes = reader.notes(run.number);
+  if (!run.asked.keeps_worst()) return notes;
+  std::map<std::uint64_t, std::int64_t> values_ns;
+  reader.each_sample(run.number, [&](const auto& sample) {
+    if (sample.fate == roundtrip::Fate::late) values_ns[sample.index] = sample.received_ns - sample.sent_ns;
+  });
+  reader.each_trace(run.number, [&](const record::Trace& trace) {
+    const auto message = trace.window.span.message;
+    const auto miss = listen::explained_again(trace.way, trace.window);
+    if (!miss) return;
+    std::erase_if(notes, [&](const auto& note) {
+      return note.kind == record::cause_of_late && note.message == message;
+    });
+    notes.push_back({record::cause_of_late, dated_line_of(*miss), miss->course.taken_ns, message});
+  });
+  std::stable_sort(notes.begin(), notes.end(), [&](const auto& one, const auto& other) {
+    const auto value_of = [&](const record::Note& note) {
+      const auto found = note.message ? values_ns.find(*note.message) : values_ns.end();
+      return found == values_ns.end() ? 0 : found->second;
+    };
+    return value_of(one) > value_of(other);
+  });
+  return notes;
+}
+
 int explain(const ExplainArguments& arguments) {
   const auto format = format_of(arguments.format);
   const record::Reader reader(arguments.results);
@@ -73,7 +104,7 @@ int explain(const ExplainArguments& arguments) {
   std::optional<explain::Pong> pong;
   if (!arguments.pong.empty()) pong.emplace(record::Reader(arguments.pong), reader, runs.front());
   for (const auto& run : runs)
-    all.push_back({run, explain::account_of(reader, run, pong ? &*pong : nullptr), reader.notes(run.number)});
+    all.push_back({run, explain::account_of(reader, run, pong ? &*pong : nullptr), notes_of(reader, run)});
   if (!arguments.perfetto.empty()) write_perfetto(arguments, reader, all.front(), pong ? &*pong : nullptr);
   Output output("");
   output.write(arguments.message ? report::render_explained(

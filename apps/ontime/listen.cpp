@@ -37,6 +37,10 @@ using nlohmann::ordered_json;
 
 constexpr auto look_for_list = 3s;
 
+// Longer than a day, every message would fill a disk.
+constexpr auto most_whole = 24h;
+constexpr std::uint64_t usual_keep = 150'000'000, least_keep = 10'000'000;
+
 std::optional<std::chrono::nanoseconds> time_of(const char* flag, const std::string& text) {
   return text.empty() ? std::nullopt : std::optional(duration_flag(flag, text));
 }
@@ -49,6 +53,23 @@ std::unique_ptr<listen::Sensor> sensor_of(const ListenArguments& arguments, cons
   return listen::in_processes(limits, chains);
 }
 
+// How large the results file may become, where it keeps the worst only.
+std::optional<std::uint64_t> bound_of(const ListenArguments& arguments,
+                                      std::optional<std::chrono::nanoseconds> time) {
+  if (arguments.keep.empty())
+    return !arguments.results.empty() && time && *time >= most_whole ? std::optional(usual_keep)
+                                                                     : std::nullopt;
+  if (arguments.results.empty())
+    throw campaign::Error(2, "--keep: it bounds a results file; name one with --results");
+  if (arguments.is_recording()) throw campaign::Error(2, "--keep: of a recording all is kept; leave it out");
+  try {
+    if (const auto bytes = campaign::bytes_of(arguments.keep); bytes >= least_keep) return bytes;
+  } catch (const std::invalid_argument& error) {
+    throw campaign::Error(2, fmt::format("--keep: {}", error.what()));
+  }
+  throw campaign::Error(2, fmt::format("--keep: '{}' is too little: 10 MB is the least", arguments.keep));
+}
+
 class Listening {
  public:
   explicit Listening(const ListenArguments& arguments)
@@ -58,6 +79,7 @@ class Listening {
         chains_(chains_of(arguments.chains)),
         topics_(arguments.topics.begin(), arguments.topics.end()),
         time_(time_of("--for", arguments.time)),
+        most_bytes_(bound_of(arguments, time_)),
         as_json_(is_json_flag(arguments.format)),
         output_(arguments.output) {
     if (arguments.list && !time_) time_ = look_for_list;
@@ -88,8 +110,9 @@ class Listening {
     std::optional<ListenResults> results;
     if (!arguments_.results.empty()) {
       writer.emplace(arguments_.results);
+      if (most_bytes_) writer->keep_worst(*most_bytes_);
       results.emplace(*writer, limits_, nlohmann::json{{"command_line", command_line()}},
-                      arguments_.is_recording());
+                      arguments_.is_recording(), most_bytes_.has_value());
       sensor->keep_rows([&](const listen::Row& row) { results->keep(row); });
     }
     sensor->listen_for(0ms);  // finds the nodes
@@ -98,7 +121,7 @@ class Listening {
     std::chrono::steady_clock::time_point hand_over_at;
     while (interrupts == 0 && (!time_ || std::chrono::steady_clock::now() - begin_ < *time_)) {
       const bool goes_on = listen_on(*sensor, results);
-      take(sensor->take_misses(), explainer.get(), results ? &*results : nullptr);
+      take(ready(sensor->take_misses()), explainer.get(), results ? &*results : nullptr);
       if (budget_) budget_->keep(*sensor, explainer);
       // All flows are copied for it: once a second is enough.
       if (const auto now = std::chrono::steady_clock::now();
@@ -113,6 +136,7 @@ class Listening {
       }
       if (!goes_on) break;
     }
+    take(std::exchange(waiting_, {}), explainer.get(), results ? &*results : nullptr);
     auto findings = sensor->findings();
     add_unseen(findings);
     const bool is_all_seen = unseen_.empty();
@@ -172,11 +196,33 @@ class Listening {
     const bool in_processes = arguments_.packets.empty() && !arguments_.is_recording();
     if (!is_judged_ || !in_processes || arguments_.list || arguments_.no_explain) return nullptr;
     try {
-      return std::make_unique<listen::Explainer>();
+      return std::make_unique<listen::Explainer>(most_bytes_.has_value());
     } catch (const listen::Error& error) {
       print_error(fmt::format("late messages are not explained: {}", error.what()));
       return nullptr;
     }
+  }
+
+  // What comes after a message belongs to its surroundings: those are kept of the worst, which come first.
+  std::vector<listen::Miss> ready(std::vector<listen::Miss> misses) {
+    if (!most_bytes_) return misses;
+    std::move(misses.begin(), misses.end(), std::back_inserter(waiting_));
+    const auto now_ns = std::chrono::nanoseconds(std::chrono::steady_clock::now().time_since_epoch()).count();
+    const auto waits = std::stable_partition(waiting_.begin(), waiting_.end(), [&](const auto& miss) {
+      return miss.course.taken_ns + listen::window_after_ns <= now_ns;
+    });
+    std::vector<listen::Miss> taken(std::move_iterator(waiting_.begin()), std::move_iterator(waits));
+    waiting_.erase(waiting_.begin(), waits);
+    std::stable_sort(taken.begin(), taken.end(), [this](const auto& one, const auto& other) {
+      return times_its_limit(one) > times_its_limit(other);
+    });
+    return taken;
+  }
+
+  double times_its_limit(const listen::Miss& miss) const {
+    const auto limit = miss.kind == listen::Miss::Kind::age ? limits_.age : limits_.longest_gap();
+    return static_cast<double>(miss.value_ns) /
+           static_cast<double>(std::max<std::int64_t>(limit.value_or(0ns).count(), 1));
   }
 
   // As they come; as JSON, those that were the last.
@@ -184,12 +230,21 @@ class Listening {
     std::erase_if(misses, [&](const auto& miss) { return !is_wanted(miss.topic); });
     if (misses.empty() || arguments_.list) return;
     if (explainer != nullptr) explainer->explain(misses);
-    if (results != nullptr)
-      for (const auto& miss : misses) results->note(miss);
+    if (results != nullptr) note(misses, explainer != nullptr, *results);
     counters_.add(misses);
     if (!as_json_) return print(misses);
     std::move(misses.begin(), misses.end(), std::back_inserter(misses_));
     for (; misses_.size() > listen::most_misses; ++misses_left_out_) misses_.pop_front();
+  }
+
+  // Where the worst are kept, those that were looked at, or as many.
+  void note(const std::vector<listen::Miss>& misses, bool is_explained, ListenResults& results) const {
+    std::size_t noted = 0;
+    for (const auto& miss : misses)
+      if (!most_bytes_ || (noted < listen::most_explained && (miss.surroundings || !is_explained))) {
+        results.note(miss);
+        ++noted;
+      }
   }
 
   // The first of each cause: a person who is flooded reads none.
@@ -216,9 +271,10 @@ class Listening {
     else if (results.runs() == 0)
       print_error(fmt::format("results: nothing is in {}: no message was seen", arguments_.results));
     else
-      print_error(
-          fmt::format("results: {} runs in {}, one for each age and period of a flow; ontime report {}",
-                      results.runs(), arguments_.results, table::shell_line({arguments_.results})));
+      print_error(fmt::format("results: {} runs in {}, one for each age and period of a flow{}; ontime {} {}",
+                              results.runs(), arguments_.results,
+                              most_bytes_ ? ", with the worst late messages" : "",
+                              most_bytes_ ? "explain" : "report", table::shell_line({arguments_.results})));
   }
 
   const char* what_shows_topics() const {
@@ -347,6 +403,8 @@ class Listening {
   std::set<std::string> unseen_;  // of these
   std::optional<std::chrono::nanoseconds> time_;
   std::optional<ListenBudget> budget_;
+  const std::optional<std::uint64_t> most_bytes_;  // of results that keep the worst only
+  std::vector<listen::Miss> waiting_;              // for what comes after them
   const bool as_json_;
   Output output_;
   std::chrono::system_clock::time_point counted_from_;
@@ -419,6 +477,12 @@ void add_listen(Command& app, Action& action) {
   add_metrics(*command, arguments->metrics);
   add_file(*command, "--results", arguments->results,
            "keep every message: add runs to this results file, for report, compare and plot");
+  command
+      ->add_option("--keep", arguments->keep,
+                   "with --results, for weeks: keep counts, and the worst late messages with the kernel's "
+                   "events around them, in so much at most: 150MB where --for is a day or more, else all")
+      ->type_name("SIZE")
+      ->check(given);
   command->callback([&action, arguments] { action = [arguments] { return listen_to(*arguments); }; });
 }
 

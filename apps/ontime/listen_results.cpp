@@ -5,6 +5,7 @@
 
 #include <fmt/format.h>
 
+#include "listen_words.hpp"
 #include "table/table.hpp"
 
 namespace ontime::app {
@@ -17,6 +18,10 @@ using nlohmann::json;
 // A writer is recognized by its stamps after eight messages; until then its flow has no name for it.
 constexpr auto named_after = 12s;
 constexpr std::size_t most_notes = 1000;  // that wait to be written
+constexpr std::size_t most_worst = 4;     // the same, of a flow
+// A miss is known so long after its message came, at most.
+constexpr std::int64_t known_within_ns = 5'000'000'000;
+constexpr auto outcome_every = 1min;  // what a kill or a power cut may cost of it
 
 const char* word_of(Row::Quantity quantity) { return quantity == Row::Quantity::age ? "age" : "period"; }
 
@@ -42,8 +47,12 @@ json microseconds(std::optional<std::chrono::nanoseconds> limit) {
 }  // namespace
 
 ListenResults::ListenResults(record::Writer& writer, const listen::Limits& limits, json asked,
-                             bool is_recording)
-    : writer_(writer), limits_(limits), asked_(std::move(asked)), is_recording_(is_recording) {}
+                             bool is_recording, bool keeps_worst)
+    : writer_(writer),
+      limits_(limits),
+      asked_(std::move(asked)),
+      is_recording_(is_recording),
+      keeps_worst_(keeps_worst) {}
 
 void ListenResults::forget() {
   for (const auto& [key, kept] : kept_)
@@ -53,13 +62,23 @@ void ListenResults::forget() {
 
 void ListenResults::add(Kept& kept, const roundtrip::Sample& sample) {
   const bool is_lost = sample.fate == roundtrip::Fate::lost;
+  if (!is_lost) kept.values.add(sample.received_ns - sample.sent_ns);
   kept.lost += is_lost ? 1 : 0;
   kept.late += sample.fate == roundtrip::Fate::late ? 1 : 0;
   // It came after all.
   if (kept.last && sample.index < kept.last->index && !is_lost) --kept.lost;
   if (!kept.last || sample.index > kept.last->index) kept.last = sample;
-  kept.samples.push_back(sample);
-  ++waiting_;
+  if (!keeps_worst_) {
+    kept.samples.push_back(sample);
+    ++waiting_;
+    return;
+  }
+  kept.latest.push_back(sample);
+  const auto is_old = [&](const roundtrip::Sample& one) {
+    return one.sent_ns < sample.sent_ns - known_within_ns;
+  };
+  while (kept.latest.size() > std::size_t{2 * record::samples_around} && is_old(kept.latest.front()))
+    kept.latest.pop_front();
 }
 
 void ListenResults::keep(const Row& row) {
@@ -81,15 +100,17 @@ void ListenResults::keep(const Row& row) {
   add(kept_[{row.flow, row.quantity}], sample);
 }
 
-std::int64_t ListenResults::begin(const listen::Flow& flow, Row::Quantity quantity) {
+void ListenResults::begin(Kept& kept, const listen::Flow& flow, Row::Quantity quantity) {
   const auto topic = flow.topic.empty() ? "(unknown topic)" : table::printable(flow.topic);
   const auto beside = asked_.value("id", "");
   const auto id = fmt::format("{}{}{} {}", beside, beside.empty() ? "" : " ", topic, word_of(quantity));
   const auto varied = asked_.value("variant", "");
   auto variant = name_of(flow, false);
   // Processes of one name, and several readers in one process.
-  for (int number = 1; !names_.insert(fmt::format("{}\n{}", id, variant)).second; ++number)
+  const auto name = [&] { return fmt::format("{}\n{}", id, variant); };
+  for (int number = 1; !names_.insert(name()).second; ++number)
     variant = name_of(flow, true) + (number > 1 ? fmt::format(" #{}", number) : "");
+  kept.name = name();
   ++runs_;
   auto asked = asked_;
   asked.update(
@@ -104,7 +125,8 @@ std::int64_t ListenResults::begin(const listen::Flow& flow, Row::Quantity quanti
                                     : flow.between.empty()            ? limits_.age
                                                                       : flow.chain_limit)},
        {"ontime", ONTIME_VERSION}});
-  return writer_.begin_run(asked);
+  if (keeps_worst_) asked["kept"] = "worst";
+  kept.run = writer_.begin_run(asked);
 }
 
 // A disk that is full ends neither listening nor what is printed.
@@ -127,34 +149,105 @@ void ListenResults::write(const std::vector<listen::Flow>& wanted, bool is_end) 
   waiting_ = 0;
   std::map<std::uint64_t, const listen::Flow*> flows;
   for (const auto& flow : wanted) flows.emplace(flow.id, &flow);
-  for (auto& [key, kept] : kept_) {
-    if (kept.samples.empty()) continue;
+  const auto now = Clock::now();
+  json about;  // of this machine, once for all that tell of it
+  for (auto next = kept_.begin(); next != kept_.end();) {
+    const auto one = next++;
+    auto& [key, kept] = *one;
+    if (kept.samples.empty() && kept.latest.empty()) continue;
+    const auto found = flows.find(key.first);
+    const auto* flow = found == flows.end() ? nullptr : found->second;
+    if (flow != nullptr) kept.counted = {flow->lost, flow->duplicated, flow->reordered};
     if (kept.run == 0) {
-      const auto flow = flows.find(key.first);
-      const bool is_old = is_end || Clock::now() - kept.since > named_after;
-      if (flow != flows.end() && (is_old || has_both_ends(*flow->second)))
-        kept.run = begin(*flow->second, key.second);
+      const bool is_old = is_end || now - kept.since > named_after;
+      if (flow != nullptr && (is_old || has_both_ends(*flow)))
+        begin(kept, *flow, key.second);
+      else if (is_old && keeps_worst_)
+        kept_.erase(one);
       else if (is_old)
         kept.samples.clear();
+      if (flow == nullptr || kept.run == 0) continue;
     }
-    if (kept.run == 0) continue;
     writer_.append(kept.run, kept.samples);
     kept.samples.clear();
     for (const auto& note : kept.notes) writer_.note(kept.run, note);
     kept.notes.clear();
+    if (!keeps_worst_) continue;
+    write_worst(kept);
+    const bool has_gone = flow == nullptr && !is_end;  // its processes ended, and others took its place
+    if (!has_gone && kept.told_at && now - *kept.told_at < outcome_every) continue;
+    kept.told_at = now;
+    if (about.is_null()) about = about_machine();
+    auto outcome = outcome_of(key.second, kept);
+    outcome.update(about);
+    if (!has_gone) {
+      writer_.note_outcome(kept.run, outcome);
+      continue;
+    }
+    writer_.end_run(kept.run, outcome);
+    names_.erase(kept.name);
+    kept_.erase(one);
   }
 }
 
 void ListenResults::note(const listen::Miss& miss) {
-  if (!miss.why || !miss.why->is_seen || !failure_.empty()) return;
+  if (!failure_.empty()) return;
+  std::optional<record::Note> cause;
+  if (miss.why && miss.why->is_seen)
+    cause = record::Note{record::cause_of_late, keeps_worst_ ? dated_line_of(miss) : listen::line_of(miss),
+                         miss.course.taken_ns, std::nullopt};
   const auto quantity = miss.kind == listen::Miss::Kind::age ? Row::Quantity::age : Row::Quantity::period;
   auto& kept = kept_[{miss.flow, quantity}];
-  if (kept.notes.size() < most_notes)
-    kept.notes.push_back(
-        {record::cause_of_late,
-         fmt::format("{:.1f} ms late: {}{}", static_cast<double>(miss.value_ns) / 1e6, miss.why->sentence,
-                     miss.why->fix.empty() ? "" : "; fix: " + miss.why->fix),
-         miss.course.taken_ns, std::nullopt});
+  if (!keeps_worst_) {
+    if (cause && kept.notes.size() < most_notes) kept.notes.push_back(*cause);
+    return;
+  }
+  const auto row = std::find_if(kept.latest.rbegin(), kept.latest.rend(), [&](const auto& sample) {
+    return sample.fate == roundtrip::Fate::late && sample.received_ns - sample.sent_ns == miss.value_ns;
+  });
+  if (row != kept.latest.rend()) keep(kept, *row, &miss, std::move(cause));
+}
+
+void ListenResults::keep(Kept& kept, const roundtrip::Sample& sample, const listen::Miss* miss,
+                         std::optional<record::Note> cause) {
+  Bad bad{.value_ns = sample.received_ns - sample.sent_ns,
+          .at_ns = sample.received_ns,
+          .cause = std::move(cause)};
+  // Of those that one delay made late, the worst stands for all: its window has the others.
+  const auto same = std::find_if(kept.worst.begin(), kept.worst.end(), [&](const Bad& one) {
+    return std::abs(one.at_ns - bad.at_ns) <= listen::window_after_ns;
+  });
+  if (same != kept.worst.end()) {
+    if (same->value_ns >= bad.value_ns) return;
+    kept.worst.erase(same);
+  }
+  const auto index = static_cast<std::int64_t>(sample.index);
+  for (const auto& one : kept.latest)
+    if (std::abs(static_cast<std::int64_t>(one.index) - index) <= record::samples_around)
+      bad.around.push_back(one);
+  if (bad.cause) bad.cause->message = sample.index;
+  bad.trace.host = record::both_hosts[0];
+  if (miss != nullptr && miss->surroundings) {
+    bad.trace.window = miss->surroundings->window;
+    bad.trace.way = listen::way_of(*miss);
+  } else {
+    bad.trace.window = {{0, sample.sent_ns, sample.received_ns}, false, {}};
+  }
+  bad.trace.window.span.message = sample.index;
+  kept.worst.push_back(std::move(bad));
+  if (kept.worst.size() > most_worst)
+    kept.worst.erase(
+        std::min_element(kept.worst.begin(), kept.worst.end(),
+                         [](const Bad& one, const Bad& other) { return one.value_ns < other.value_ns; }));
+}
+
+void ListenResults::write_worst(Kept& kept) {
+  for (const auto& bad : kept.worst) {
+    writer_.append(kept.run, bad.around);
+    if (bad.cause) writer_.note(kept.run, *bad.cause);
+    writer_.trace(kept.run, bad.trace);
+  }
+  kept.worst.clear();
 }
 
 // A topic that fell silent is late until the end: its last period has no message that ends it.
@@ -168,26 +261,41 @@ void ListenResults::add_silence(const listen::Flow& flow) {
   sample.received_ns = from_ns + flow.silent_ns;
   sample.fate = roundtrip::Fate::late;
   add(found->second, sample);
+  if (keeps_worst_) keep(found->second, sample, nullptr, std::nullopt);
   found->second.notes.push_back(
       {"silent",
        fmt::format("no message came in the last {:.1f} s", static_cast<double>(flow.silent_ns) / 1e9),
        std::nullopt, std::nullopt});
 }
 
-json ListenResults::outcome_of(const listen::Flow* flow, Row::Quantity quantity, const Kept& kept) const {
+json ListenResults::outcome_of(Row::Quantity quantity, const Kept& kept) const {
   const bool is_age = quantity == Row::Quantity::age;
-  json outcome{{"loss_unknown", !is_age || flow == nullptr || !flow->lost}};
-  if (flow == nullptr || !is_age) return outcome;
-  outcome.update({{"duplicates", flow->duplicated}, {"reordered", flow->reordered}});
+  json outcome{{"loss_unknown", !is_age || !kept.counted.lost}};
+  if (is_age)
+    outcome.update({{"duplicates", kept.counted.duplicated}, {"reordered", kept.counted.reordered}});
   // Lost in such numbers, or so near to the end, that not each has a row.
-  const auto missing = static_cast<std::int64_t>(flow->lost.value_or(0)) - kept.lost;
-  if (missing > 0)
-    outcome.update(
-        {{"dropped_records", missing},
-         {"sent", static_cast<std::int64_t>(flow->age ? flow->age->count() : 0) + kept.lost + missing},
-         {"late", kept.late},
-         {"lost", kept.lost + missing}});
+  const auto lost = is_age ? static_cast<std::int64_t>(kept.counted.lost.value_or(0)) : 0;
+  const auto missing = std::max<std::int64_t>(lost - kept.lost, 0);
+  if (missing == 0 && !keeps_worst_) return outcome;
+  outcome.update({{"sent", static_cast<std::int64_t>(kept.values.count()) + kept.lost + missing},
+                  {"late", kept.late},
+                  {"lost", kept.lost + missing}});
+  if (!keeps_worst_) {
+    outcome["dropped_records"] = missing;
+  } else if (const auto& values = kept.values; values.count() > 0) {
+    outcome["histogram"] = {{"values", values.values()},
+                            {"beyond", 0},
+                            {"beyond_from_ns", 0},
+                            {"max_ns", values.max_ns()},
+                            {"mean_ns", values.sum_ns() / static_cast<double>(values.count())}};
+  }
   return outcome;
+}
+
+json ListenResults::about_machine() const {
+  if (is_recording_) return json::object();
+  return {{"hosts", {{"controller", {{"machine", machine::describe()}}}}},
+          {"conditions", {{"controller", machine::between(before_, machine::activity())}}}};
 }
 
 void ListenResults::end(const listen::Findings& wanted, bool interrupted) {
@@ -195,22 +303,14 @@ void ListenResults::end(const listen::Findings& wanted, bool interrupted) {
 }
 
 void ListenResults::end_runs(const listen::Findings& wanted, bool interrupted) {
-  std::map<std::uint64_t, const listen::Flow*> flows;
-  for (const auto& flow : wanted.flows) {
-    flows.emplace(flow.id, &flow);
-    add_silence(flow);
-  }
+  for (const auto& flow : wanted.flows) add_silence(flow);
   write(wanted.flows, true);
-  const auto machine = machine::describe();
-  const auto activity = machine::between(before_, machine::activity());
+  const auto about = about_machine();
   for (const auto& [key, kept] : kept_) {
     if (kept.run == 0) continue;
-    const auto found = flows.find(key.first);
-    auto outcome = outcome_of(found == flows.end() ? nullptr : found->second, key.second, kept);
+    auto outcome = outcome_of(key.second, kept);
     outcome["interrupted"] = interrupted;
-    if (!is_recording_)
-      outcome.update(
-          {{"hosts", {{"controller", {{"machine", machine}}}}}, {"conditions", {{"controller", activity}}}});
+    outcome.update(about);
     const auto note = [this, run = kept.run](const char* kind, const std::string& text) {
       writer_.note(run, {kind, text, std::nullopt, std::nullopt});
     };

@@ -1,10 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 // The messages of a robot's own topics as runs of a results file: one for each quantity (age, period) of a
-// flow. Ordinary thread.
+// flow. Ordinary thread. All messages, or, for weeks, how often each value was seen, and the worst with what
+// was around them; the file's bound is record::Writer::keep_worst()'s.
 #pragma once
 
 #include <chrono>
 #include <cstdint>
+#include <deque>
 #include <map>
 #include <optional>
 #include <set>
@@ -24,14 +26,15 @@ class ListenResults {
  public:
   // `limits` become the deadlines of the runs. `asked`: what else their records have; an "id" there, of what
   // was measured meanwhile, begins theirs. A recording tells nothing of this machine.
-  ListenResults(record::Writer&, const listen::Limits& limits, nlohmann::json asked, bool is_recording);
+  ListenResults(record::Writer&, const listen::Limits& limits, nlohmann::json asked, bool is_recording,
+                bool keeps_worst = false);
 
   void keep(const listen::Row&);
   bool is_full() const { return waiting_ >= most_waiting; }  // write() what was kept
   // Every second or so, with the flows that are wanted: begins the runs of those that are known by now, and
   // hands over what was kept of them. Of others nothing is kept for long.
   void write(const std::vector<listen::Flow>& wanted);
-  // Why a message was late.
+  // Why a message was late. Of the worst: that it is to be kept, with what was around it.
   void note(const listen::Miss&);
   // The same once more, and the outcome of each run.
   void end(const listen::Findings& wanted, bool interrupted);
@@ -43,8 +46,25 @@ class ListenResults {
  private:
   static constexpr std::size_t most_waiting = 100'000;
   using Clock = std::chrono::steady_clock;
+  // A message to be kept.
+  struct Bad {
+    std::int64_t value_ns = 0, at_ns = 0;
+    std::vector<roundtrip::Sample> around{};  // itself among them
+    std::optional<record::Note> cause{};
+    record::Trace trace{};
+  };
   struct Kept {
     std::vector<roundtrip::Sample> samples;
+    // Where only the worst are kept: the others as far as they may be around one.
+    std::deque<roundtrip::Sample> latest;
+    std::vector<Bad> worst;                    // to be written
+    std::optional<Clock::time_point> told_at;  // the outcome until then
+    std::string name;                          // in names_
+    listen::Distribution values;               // of rows
+    struct {
+      std::optional<std::uint64_t> lost;
+      std::uint64_t duplicated = 0, reordered = 0;
+    } counted;  // by the sensor
     Clock::time_point since = Clock::now();
     std::int64_t run = 0;                   // 0: not begun
     std::vector<record::Note> notes;        // until it begins
@@ -53,17 +73,20 @@ class ListenResults {
   };
   void add(Kept&, const roundtrip::Sample&);
   void add_silence(const listen::Flow&);
-  nlohmann::json outcome_of(const listen::Flow*, listen::Row::Quantity, const Kept&) const;
+  void keep(Kept&, const roundtrip::Sample&, const listen::Miss*, std::optional<record::Note> cause);
+  void write_worst(Kept&);
+  nlohmann::json outcome_of(listen::Row::Quantity, const Kept&) const;
+  nlohmann::json about_machine() const;
   void write(const std::vector<listen::Flow>& wanted, bool is_end);
   void end_runs(const listen::Findings& wanted, bool interrupted);
   template <class Do>
   void until_it_fails(const Do&);
-  std::int64_t begin(const listen::Flow&, listen::Row::Quantity);
+  void begin(Kept&, const listen::Flow&, listen::Row::Quantity);
 
   record::Writer& writer_;
   const listen::Limits limits_;
   const nlohmann::json asked_;
-  const bool is_recording_;
+  const bool is_recording_, keeps_worst_;
   std::size_t waiting_ = 0;  // rows
   const machine::Activity before_ = machine::activity();
   std::map<std::pair<std::uint64_t, listen::Row::Quantity>, Kept> kept_;

@@ -94,6 +94,13 @@ std::string text_of(const listen::Flow& flow, bool is_judged) {
   return text + fmt::format(" duplicated {}  out of order {}\n", flow.duplicated, flow.reordered);
 }
 
+std::string dated_line_of(const listen::Miss& miss) {
+  const std::chrono::sys_seconds at(
+      std::chrono::floor<std::chrono::seconds>(std::chrono::nanoseconds(miss.at_ns)));
+  return fmt::format("{:%F %T}  {}", fmt::localtime(std::chrono::system_clock::to_time_t(at)),
+                     listen::line_of(miss));
+}
+
 std::string text_of(const listen::Miss& miss) {
   const auto at = std::chrono::time_point_cast<std::chrono::milliseconds>(
       std::chrono::system_clock::time_point(std::chrono::nanoseconds(miss.at_ns)));

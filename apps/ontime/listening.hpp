@@ -12,7 +12,7 @@ namespace ontime::app {
 
 struct ListenArguments {
   std::vector<std::string> topics, chains;
-  std::string deadline, period, age, time, pcap, packets, bag, output, metrics, results, budget,
+  std::string deadline, period, age, time, pcap, packets, bag, output, metrics, results, budget, keep,
       format = "table";
   bool list = false, no_explain = false;
   bool is_recording() const { return !pcap.empty() || !bag.empty(); }

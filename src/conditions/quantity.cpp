@@ -16,8 +16,8 @@ namespace {
 using Units = std::vector<std::pair<std::string, long double>>;
 
 const Units& times() {
-  static const Units units{{"ns", 1},  {"us", 1e3},   {"µs", 1e3},  {"ms", 1e6},
-                           {"s", 1e9}, {"min", 60e9}, {"h", 3600e9}};
+  static const Units units{{"ns", 1},  {"us", 1e3},   {"µs", 1e3},   {"ms", 1e6},
+                           {"s", 1e9}, {"min", 60e9}, {"h", 3600e9}, {"d", 86400e9}};
   return units;
 }
 

@@ -228,6 +228,7 @@ std::int64_t deadline_ns_of(const record::Run& run) { return possible(run.asked.
 
 Account account_of(const record::Reader& reader, const record::Run& run, const Pong* pong) {
   Account account;
+  if (run.asked.is_listened()) return account;  // `listen` explains its messages
   account.traced = run.outcome.trace.has_value();
   std::deque<record::Trace> own;
   TracesByMessage traces;

@@ -179,6 +179,7 @@ std::string unfit(const Summary& run) {
     const auto& error = run.run.outcome.error;
     return error ? "it failed: " + *error : "it was not measured to its end";
   }
+  if (run.has_worst_only) return "its file keeps the samples of the worst messages only";
   if (const auto missing = statistics::unrecorded(run.run); missing > 0)
     return fmt::format("{} of its samples were not recorded", missing);
   if (const auto what = record::misfit_of(run.run.asked, run.run.outcome); !what.empty())

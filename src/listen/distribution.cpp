@@ -62,6 +62,14 @@ std::int64_t Distribution::quantile_ns(double portion) const {
   return max_;
 }
 
+std::vector<std::pair<std::int64_t, std::uint64_t>> Distribution::values() const {
+  std::vector<std::pair<std::int64_t, std::uint64_t>> values;
+  for (std::size_t bucket = 0; bucket < buckets_.size(); ++bucket)
+    if (buckets_[bucket] > 0) values.emplace_back(value_of(bucket), buckets_[bucket]);
+  if (!values.empty()) values.back().first = max_;
+  return values;
+}
+
 std::optional<std::chrono::nanoseconds> Limits::longest_gap() const {
   const auto of_period = period ? std::optional(*period + *period / 2) : std::nullopt;
   return deadline && of_period ? std::min(deadline, of_period) : deadline ? deadline : of_period;

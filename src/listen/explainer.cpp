@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <algorithm>
+#include <chrono>
 #include <fstream>
 #include <string>
 
@@ -15,6 +16,8 @@ namespace ontime::listen {
 namespace {
 
 constexpr trace::Room room{.bytes = std::size_t{24} << 20, .events = 50'000};
+constexpr std::int64_t least_before_ns = 100'000'000;
+constexpr std::size_t most_kept = 10'000;  // events of a window, some 130 bytes each in a file
 
 Party owner_of(std::int32_t thread) {
   Party owner;
@@ -33,7 +36,7 @@ Party owner_of(std::int32_t thread) {
 
 class Explainer::Record {
  public:
-  Record() {
+  explicit Record(bool keeps_surroundings) : keeps_surroundings_(keeps_surroundings) {
     journal_.hold();
     recorder_.emplace(journal_, room);
   }
@@ -42,23 +45,52 @@ class Explainer::Record {
     std::vector<Miss*> seen;
     for (auto& miss : misses)
       if (miss.course.taken_ns != 0 && seen.size() < most_explained) seen.push_back(&miss);
-    const auto from_ns = [](const Miss* miss) { return span_of(*miss).from_ns; };
+    // In the order of their beginnings, as windows are given.
+    const auto from_ns = [this](const Miss* miss) { return wanted(*miss).from_ns; };
     std::stable_sort(seen.begin(), seen.end(),
                      [&](const auto* one, const auto* other) { return from_ns(one) < from_ns(other); });
     std::vector<trace::Span> spans;
     spans.reserve(seen.size());
-    for (const auto* miss : seen) spans.push_back(span_of(*miss));
-    // In the order of their beginnings, as they are given.
-    const auto windows = recorder_->cut(std::move(spans));
-    for (std::size_t i = 0; i < windows.size(); ++i) seen[i]->why = why(*seen[i], windows[i], owner_of);
+    for (const auto* miss : seen) spans.push_back(wanted(*miss));
+    auto windows = recorder_->cut(spans);
+    for (std::size_t i = 0; i < windows.size(); ++i) explain(*seen[i], windows[i], spans[i]);
   }
 
  private:
+  trace::Span wanted(const Miss& miss) const {
+    auto span = span_of(miss);
+    if (!keeps_surroundings_) return span;
+    const auto now_ns = std::chrono::nanoseconds(std::chrono::steady_clock::now().time_since_epoch()).count();
+    span.from_ns = std::min(span.from_ns, miss.course.taken_ns - least_before_ns);
+    span.to_ns = std::max(span.to_ns, std::min(now_ns, miss.course.taken_ns + window_after_ns));
+    return span;
+  }
+
+  void explain(Miss& miss, trace::Window& window, const trace::Span& asked) {
+    if (!keeps_surroundings_) {
+      miss.why = why(miss, window, owner_of);
+      return;
+    }
+    auto around = std::make_shared<Surroundings>();
+    const OwnerOf noted = [&](std::int32_t thread) { return around->owners[thread] = owner_of(thread); };
+    // More events than a window holds: those of the delay itself may be fewer.
+    const bool is_cut_short = !window.whole && window.span.to_ns < asked.to_ns;
+    miss.why = why(miss, is_cut_short ? recorder_->cut({span_of(miss)}).front() : window, noted);
+    if (window.events.size() > most_kept) {
+      window.events.resize(most_kept);
+      window.span.to_ns = std::max(window.events.back().at_ns, window.span.from_ns);
+      window.whole = false;
+    }
+    around->window = std::move(window);
+    miss.surroundings = std::move(around);
+  }
+
+  const bool keeps_surroundings_;
   journal::Journal journal_{trace::kinds()};
   std::optional<trace::Recorder> recorder_;
 };
 
-Explainer::Explainer() try : record_(std::make_unique<Record>()) {
+Explainer::Explainer(bool keeps_surroundings) try : record_(std::make_unique<Record>(keeps_surroundings)) {
 } catch (const trace::Error& error) {
   throw Error(error.what());
 } catch (const journal::Error& error) {

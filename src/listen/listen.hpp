@@ -13,7 +13,10 @@
 #include <optional>
 #include <stdexcept>
 #include <string>
+#include <utility>
 #include <vector>
+
+#include "trace/trace.hpp"
 
 namespace ontime::listen {
 
@@ -47,6 +50,8 @@ class Distribution {
   double sum_ns() const { return sum_; }
   std::int64_t max_ns() const { return max_; }
   std::int64_t quantile_ns(double portion) const;  // 0 … 1; of no values 0
+  // Ascending, each to within 1.6 % but the last, which is the maximum; how often.
+  std::vector<std::pair<std::int64_t, std::uint64_t>> values() const;
 
  private:
   std::vector<std::uint32_t> buckets_;  // grows to what the largest value needs
@@ -156,6 +161,13 @@ struct Why {
   std::int64_t ns = 0;  // of the delay, by this cause
 };
 
+// What the kernel did around a message, from before its delay until window_after_ns after it was taken.
+struct Surroundings {
+  trace::Window window;
+  std::map<std::int32_t, Party> owners;  // the processes of those threads that the explanation is about
+};
+inline constexpr std::int64_t window_after_ns = 100'000'000;
+
 // A message that missed a limit.
 struct Miss {
   enum class Kind : std::uint8_t { age, gap };
@@ -167,7 +179,15 @@ struct Miss {
   Course course{};
   std::uint64_t flow = 0;
   std::optional<Why> why{};  // empty: not looked for
+  std::shared_ptr<const Surroundings> surroundings{};
 };
+// What a results file keeps beside the window of a miss that has one.
+nlohmann::json way_of(const Miss&);
+// The same miss, and why it was late, from both. Nothing: a part of its time is not in the window, or it is
+// no way of ours.
+std::optional<Miss> explained_again(const nlohmann::json& way, const trace::Window&);
+// "26.1 ms late: …", in one line, of one that was explained.
+std::string line_of(const Miss&);
 
 // One quantity of one message, as a results file keeps it.
 struct Row {
@@ -255,11 +275,13 @@ std::unique_ptr<Sensor> in_pcap_file(const std::string& path, const Limits&);
 // late. While there is one, this process holds the machine (journal).
 class Explainer {
  public:
-  Explainer();  // throws Error: another ontime holds the machine, or the kernel cannot record
+  // Throws Error: another ontime holds the machine, or the kernel cannot record.
+  explicit Explainer(bool keeps_surroundings = false);
   ~Explainer();
   Explainer(const Explainer&) = delete;
   Explainer& operator=(const Explainer&) = delete;
-  // Says why of the first most_explained that probes saw; soon after they were taken.
+  // Says why of the first most_explained that probes saw; soon after they were taken, and where it keeps
+  // what was around them, when window_after_ns have passed since.
   void explain(std::vector<Miss>&);
 
  private:

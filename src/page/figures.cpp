@@ -83,7 +83,9 @@ json course_of(const record::Reader& reader, const Summary& summary, std::uint64
   const bool has_cycles =
       client.schedule != roundtrip::Schedule::back_to_back && client.period.count() < longest_ns;
   Course course(summary.start_ns, has_cycles ? client.period.count() : 0, of);
-  reader.each_sample(summary.run.number, [&](const auto& sample) { course.message(sample); });
+  // The worst alone are not its course.
+  if (!summary.has_worst_only)
+    reader.each_sample(summary.run.number, [&](const auto& sample) { course.message(sample); });
   return course.packed();
 }
 

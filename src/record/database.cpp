@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "record/database.hpp"
 
+#include <algorithm>
 #include <chrono>
 #include <thread>
 
@@ -15,7 +16,7 @@ namespace ontime::record {
 namespace {
 
 // 16 MiB, which takes ten minutes at 100 Hz.
-constexpr int enough_log_pages = 4096;
+constexpr int most_log_pages = 4096;
 
 std::string utc_now() {
   const auto now = std::chrono::floor<std::chrono::milliseconds>(std::chrono::system_clock::now());
@@ -41,7 +42,8 @@ Database::Database(const std::string& path, const std::optional<struct stat>& ma
     : path_(path),
       made_(made),
       connection_(std::make_shared<Connection>(
-          path, SQLITE_OPEN_READWRITE | SQLITE_OPEN_CREATE | SQLITE_OPEN_FULLMUTEX)) {
+          path, SQLITE_OPEN_READWRITE | SQLITE_OPEN_CREATE | SQLITE_OPEN_FULLMUTEX)),
+      enough_log_pages_(most_log_pages) {
   format_of(*connection_);  // looked at before anything is changed: it may be another program's
   if (sqlite3_db_readonly(connection_->handle(), "main") == 1) connection_->fail(SQLITE_READONLY);
   // Fails if another Writer has the file, or a killed one left it and another process reads it.
@@ -143,6 +145,8 @@ std::int64_t Database::begin_run(const std::string& asked, const std::string& ke
         .bind(key)
         .execute();
     run = sqlite3_last_insert_rowid(connection_->handle());
+    open_runs_.insert(run);
+    if (worst_) worst_->forget_old_runs(open_runs_);
   });
   copy_log();
   return run;
@@ -157,26 +161,43 @@ void Database::add(const Batch& batch) {
         for (const auto& sample : piece) add(run, start_ns, sample);
     }
     for (const auto& [run, note] : batch.notes) add(run, note);
-    for (const auto& [run, trace] : batch.traces) add(run, trace);
+    for (const auto& [run, outcome] : batch.outcomes) set_outcome(run, outcome);
+    if (!worst_)
+      for (const auto& [run, trace] : batch.traces) add(run, trace);
   });
   starts_.merge(starts);
-  if (log_pages_ >= enough_log_pages) copy_log();
+  if (worst_)
+    for (const auto& one : batch.traces) {
+      commit([&] { add(one.first, one.second); });
+      if (log_pages_ >= enough_log_pages_) copy_log();
+    }
+  if (log_pages_ >= enough_log_pages_) copy_log();
+}
+
+void Database::set_outcome(std::int64_t run, const std::string& outcome) {
+  Statement(*connection_, "UPDATE run SET outcome = ? WHERE number = ?").bind(outcome).bind(run).execute();
 }
 
 void Database::end_run(std::int64_t run, const std::string& outcome) {
-  commit([&] {
-    Statement(*connection_, "UPDATE run SET outcome = ? WHERE number = ?").bind(outcome).bind(run).execute();
-  });
+  commit([&] { set_outcome(run, outcome); });
   starts_.erase(run);
+  open_runs_.erase(run);
 }
 
 void Database::forget_run(std::int64_t run) {
-  commit([&] {
-    for (const auto* sql : {"DELETE FROM sample WHERE run = ?", "DELETE FROM note WHERE run = ?",
-                            "DELETE FROM trace WHERE run = ?", "DELETE FROM run WHERE number = ?"})
-      Statement(*connection_, sql).bind(run).execute();
-  });
+  commit([&] { delete_run(*connection_, run); });
   starts_.erase(run);
+  open_runs_.erase(run);
+}
+
+// The log lies beside the file: it is copied when it is a sixteenth of all, and one trace adds little more.
+void Database::keep_worst(std::uint64_t bytes) {
+  const auto page_bytes = connection_->number("PRAGMA page_size");
+  enough_log_pages_ = static_cast<int>(
+      std::clamp<std::int64_t>(static_cast<std::int64_t>(bytes / 16) / page_bytes, 16, most_log_pages));
+  commit([&] { worst_.emplace(*connection_, bytes / 4 * 3); });
+  connection_->run(fmt::format("PRAGMA journal_size_limit = {}", enough_log_pages_ * page_bytes).c_str());
+  copy_log();
 }
 
 bool Database::has_run(std::int64_t run) {
@@ -224,11 +245,17 @@ void Database::add(std::int64_t run, const Note& note) {
 }
 
 void Database::add(std::int64_t run, const Trace& trace) {
+  const auto message = static_cast<std::int64_t>(trace.window.span.message);
+  if (worst_ && worst_->is_too_good(run, message)) return;
+  auto events = trace::to_json(trace.window);
+  if (!trace.way.is_null()) events["way"] = trace.way;
+  const auto text = text_of(events);
+  if (worst_ && !worst_->make_room(run, message, text.size())) return;
   Statement(*connection_, "INSERT OR REPLACE INTO trace (run, message, host, events) VALUES (?, ?, ?, ?)")
       .bind(run)
-      .bind(static_cast<std::int64_t>(trace.window.span.message))
+      .bind(message)
       .bind(utf8_of(trace.host))
-      .bind(text_of(trace::to_json(trace.window)))
+      .bind(text)
       .execute();
 }
 

@@ -7,6 +7,7 @@
 #include <map>
 #include <memory>
 #include <optional>
+#include <set>
 #include <string>
 #include <utility>
 #include <vector>
@@ -15,6 +16,7 @@
 
 #include "record/connection.hpp"
 #include "record/record.hpp"
+#include "record/worst.hpp"
 
 namespace ontime::record {
 
@@ -23,6 +25,7 @@ struct Batch {
   std::map<std::int64_t, std::deque<std::vector<roundtrip::Sample>>> samples;
   std::vector<std::pair<std::int64_t, Note>> notes;
   std::vector<std::pair<std::int64_t, Trace>> traces;
+  std::map<std::int64_t, std::string> outcomes;
 };
 
 // Whether that file is what the path leads to, and no other that has taken its place.
@@ -41,6 +44,7 @@ class Database {
   void add(const Batch&);
   void forget_run(std::int64_t run);
   void end_run(std::int64_t run, const std::string& outcome);
+  void keep_worst(std::uint64_t bytes);
 
   bool has_run(std::int64_t run);
   const std::shared_ptr<Connection>& connection() const { return connection_; }
@@ -54,6 +58,7 @@ class Database {
   void add(std::int64_t run, std::int64_t start_ns, const roundtrip::Sample&);
   void add(std::int64_t run, const Note&);
   void add(std::int64_t run, const Trace&);
+  void set_outcome(std::int64_t run, const std::string& outcome);
 
   bool leave_one_file();
   void remove_unused();
@@ -62,9 +67,12 @@ class Database {
   const std::optional<struct stat> made_;
   std::shared_ptr<Connection> connection_;
   std::optional<Statement> insert_;
+  std::optional<Worst> worst_;  // nothing: all is kept
+  std::set<std::int64_t> open_runs_;
   std::map<std::int64_t, std::int64_t>
       starts_;         // run.start_ns, of those that have samples and have not ended
   int log_pages_ = 0;  // as of the last commit
+  int enough_log_pages_;
 };
 
 }  // namespace ontime::record

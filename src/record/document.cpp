@@ -18,9 +18,9 @@ using nlohmann::json;
 constexpr int deepest = 64;
 
 // What differs between two times that the same is asked for, and what is said of it in words.
-constexpr const char* not_of_the_key[] = {"adds_to",    "command_line", "imported", "ontime",
-                                          "repetition", "require",      "scenario", "scenario_file",
-                                          "search",     "title",        "variant",  "varied"};
+constexpr const char* not_of_the_key[] = {"adds_to",    "command_line", "imported", "kept",          "ontime",
+                                          "repetition", "require",      "scenario", "scenario_file", "search",
+                                          "title",      "variant",      "varied"};
 
 // One form for what means the same: no matter whether a number was written 10 or 10.0, and whether something
 // was left empty or left out. By that, what only a later version can be asked for leaves the keys of all runs

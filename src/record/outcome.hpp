@@ -320,11 +320,14 @@ struct Asked : conditions::Run {
   std::optional<Source> imported;
   std::string measures;  // "age" or "period": of a robot's own messages, which have no answer; else empty
   bool is_listened() const { return !imported && !measures.empty(); }
+  // "worst": of a robot's own messages those around the worst have samples; the outcome counts all.
+  std::string kept;
+  bool keeps_worst() const { return is_listened() && kept == "worst"; }
 
   static void fields(auto& of, auto&& field) {
     each(field, "ontime", of.ontime, "command_line", of.command_line, "scenario_file", of.scenario_file,
          "component_interface", of.component_interface, "wire", of.wire, "imported", of.imported, "measures",
-         of.measures);
+         of.measures, "kept", of.kept);
   }
 };
 

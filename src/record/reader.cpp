@@ -199,6 +199,7 @@ void Reader::each_trace(std::int64_t run, const std::function<void(const Trace&)
     const auto events = parsed(*connection_, run, text_in(row, 2));
     try {
       trace.window = trace::window_of(events);
+      trace.way = at(events, "way");
     } catch (const trace::Error& error) {
       damaged(*connection_, fmt::format("a trace of message {} has {}", message, error.what()));
     } catch (const nlohmann::json::exception&) {

@@ -63,7 +63,12 @@ inline constexpr const char* cause_of_late = "cause";
 struct Trace {
   std::string host;      // "controller", "component": whose machine; where both are one, the controller's
   trace::Window window;  // by the clock of that machine
+  nlohmann::json way{};  // of a robot's own message: what `ontime listen` saw of its way; else null
 };
+
+// A run that keeps the worst of its messages only (Asked::keeps_worst()) has, for each with a trace, the
+// samples of so many before it and after it.
+inline constexpr std::int64_t samples_around = 16;
 
 // What waits for the disk does so on a thread of the Writer's own. begin_run(), end_run(), flush(), reader()
 // and the destructor wait for it; append() and note() of a run under way do not, however long the disk stalls
@@ -86,9 +91,16 @@ class Writer {
   void append(std::int64_t run, std::span<const roundtrip::Sample> samples);
   void note(std::int64_t run, const Note&);    // also of a run that has ended
   void trace(std::int64_t run, const Trace&);  // of ended runs, too; replaces the one that is there
+  // What stands until the run ends, and if it is cut off. Does not wait for the disk.
+  void note_outcome(std::int64_t run, const nlohmann::json& outcome);
   void end_run(std::int64_t run, const nlohmann::json& outcome);
   void forget_run(std::int64_t run);  // as if it had never begun; so goes a file made for it alone
   void flush();
+  // From now on the file, with what lies beside it, takes no more than so many bytes. What goes for it are
+  // messages with a trace, of runs that keep the worst only: the least bad first, each with its notes and the
+  // samples around it. Also the oldest of these runs, where there are more than one for each 64 KiB.
+  // Throws if all else in the file takes more.
+  void keep_worst(std::uint64_t bytes);
 
   // Of what was appended before, which it flushes; for a temporary file the only way to it.
   class Reader reader();

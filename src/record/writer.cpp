@@ -227,6 +227,17 @@ void Writer::end_run(std::int64_t run, const nlohmann::json& outcome) {
   thread_->open_runs.erase(run);
 }
 
+void Writer::note_outcome(std::int64_t run, const nlohmann::json& outcome) {
+  if (!thread_->open_runs.contains(run))
+    refuse(thread_->name(), fmt::format("there is no run {} under way to note an outcome of", run));
+  auto text = checked_text_of(outcome, thread_->name());
+  thread_->hand_over(0, [&](Batch& batch) { batch.outcomes[run] = std::move(text); });
+}
+
+void Writer::keep_worst(std::uint64_t bytes) {
+  thread_->ask([&](Database& database) { database.keep_worst(bytes); });
+}
+
 void Writer::forget_run(std::int64_t run) {
   thread_->ask([&](Database& database) { database.forget_run(run); });
   thread_->open_runs.erase(run);

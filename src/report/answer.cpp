@@ -71,6 +71,7 @@ State state_of(const Summary& run) {
   if (!statistics::is_complete(run.run)) return State::cut_off;
   // Where it was listened to, nothing was requested, and what has no row was late or lost all the same.
   if (run.run.asked.is_listened() && missed_of(run) > 0) return State::late;
+  if (run.has_worst_only) return State::ok;  // its counts are of all messages
   if (were_denied(run) || !gate::unfit(run).empty()) return State::not_applied;
   return missed_of(run) > 0 ? State::late : State::ok;
 }

@@ -56,6 +56,7 @@ const char* word_of(const statistics::Change& change) {
 // Why the figures of a run are not those of all its messages; empty, if they are.
 std::string why_left_out(const statistics::Summary& run) {
   if (!statistics::is_complete(run.run)) return "not measured to its end";
+  if (run.has_worst_only) return "its file keeps the samples of the worst messages only";
   const auto missing = statistics::unrecorded(run.run);
   return missing > 0 ? fmt::format("{} of its samples were not recorded", missing) : "";
 }

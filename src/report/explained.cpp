@@ -57,7 +57,10 @@ std::string text_of_listened(const Explained& one, const Marks& marks) {
                                     : "`listen` looks for causes as root, without --no-explain, and while no "
                                       "other ontime traces");
   }
-  auto text = fmt::format("{0}{1}: causes of {2} late messages{0}\n", marks.heading, name_of(one), count);
+  const auto which = one.run.asked.keeps_worst()
+                         ? fmt::format("the worst {} of {}", count, one.run.outcome.counters.late)
+                         : std::to_string(count);
+  auto text = fmt::format("{0}{1}: causes of {2} late messages{0}\n", marks.heading, name_of(one), which);
   std::size_t told = 0;
   for (const auto& note : one.notes) {
     if (!is_cause(note)) continue;

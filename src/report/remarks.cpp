@@ -276,7 +276,12 @@ std::vector<Remark> remarks_of(const statistics::Summary& summary) {
   count(Weight::caution, "answers with server times that do not fit into their round trips",
         counters.wrong_server_times);
   count(Weight::detail, "messages refused by the transport", counters.refused_sends);
-  count(Weight::caution, "samples not recorded, and missing above", counters.dropped_records);
+  if (summary.has_worst_only)
+    add(Weight::caution,
+        "samples are kept around the worst late messages only; counts and times are of all messages, times "
+        "within 1.6 %");
+  else
+    count(Weight::caution, "samples not recorded, and missing above", counters.dropped_records);
   return remarks;
 }
 

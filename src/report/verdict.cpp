@@ -71,7 +71,8 @@ Verdict verdict_of(const Summaries& summaries) {
     fine += all_on_time(summary) ? 1 : 0;
     if (!statistics::is_complete(summary.run))
       ++unfinished;
-    else if (const auto why = gate::unfit(summary); !why.empty() && !summary.imported)
+    else if (const auto why = gate::unfit(summary);
+             !why.empty() && !summary.imported && !summary.has_worst_only)
       ++flaws[why];
     if (summary.round_trip.count > 0 &&
         (slowest == nullptr || summary.round_trip.max > slowest->round_trip.max))

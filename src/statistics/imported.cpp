@@ -1,10 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "statistics/imported.hpp"
 
+#include <algorithm>
 #include <cmath>
 #include <utility>
 
 #include <fmt/format.h>
+
+#include "statistics/values.hpp"
 
 namespace ontime::statistics {
 namespace {
@@ -37,14 +40,18 @@ class Counted {
     of.mean = *of_.mean_ns;
     return of;
   }
+  Values values() const {
+    Values all;
+    for (const auto& [ns, count] : values_) all.add_series(ns, 0, count);
+    return all;
+  }
   std::uint64_t beyond() const { return beyond_; }
   std::int64_t beyond_from_ns() const { return beyond_from_ns_; }
 
  private:
   [[noreturn]] void wrong() const {
-    throw record::WrongFile(fmt::format(
-        "run {} was imported, and its histogram is not as `ontime import` writes it: the file is damaged.",
-        run_));
+    throw record::WrongFile(
+        fmt::format("run {} has a histogram that is not as ontime writes it: the file is damaged.", run_));
   }
   std::int64_t whole(std::optional<std::int64_t> number) const {
     if (!number || *number < 0 || *number > most_ns) wrong();
@@ -85,6 +92,40 @@ void summarise_imported(Summary& summary) {
   summary.imported =
       Imported{imported.from, imported.file, unit_ns >= 1 && unit_ns < 9e18 ? std::llround(unit_ns) : 0,
                histogram.beyond(), histogram.beyond_from_ns()};
+}
+
+void summarise_worst(Summary& summary) {
+  const auto& outcome = summary.run.outcome;
+  auto& counted = summary.run.outcome.counters;
+  if (outcome.has_ended() && summary.sent == counted.sent && unrecorded(summary.run) == 0) return;
+  Summary all;
+  all.run = summary.run;
+  all.notes = std::move(summary.notes);
+  all.start_ns = summary.start_ns;
+  all.has_worst_only = true;
+  all.sent = std::max(summary.sent, counted.sent);
+  all.late = std::max(summary.late, counted.late);
+  all.lost = std::max(summary.lost, counted.lost);
+  all.on_time = all.sent - std::min(all.sent, all.late + all.lost);
+  if (summary.late_by_response) all.late_by_response = all.late + all.lost;
+  // By this what needs all samples is not told of it.
+  auto& missing = all.run.outcome.counters.dropped_records;
+  missing = std::max<std::uint64_t>({missing, all.sent - summary.sent, 1});
+  all.extremes.refused = "its samples are those around the worst messages only";
+  all.shape.worst = std::move(summary.shape.worst);
+  if (!outcome.histogram.values.is_null()) {
+    const Counted histogram(summary.run);
+    all.round_trip = all.response = histogram.distribution();
+    Ranks ranks(histogram.values());
+    all.shape.round_trip = all.shape.response = ranks.histogram();
+    all.shape.round_trip_ranks = all.shape.response_ranks = ranks.some();
+    for (auto* certainty : {&all.round_trip_certainty, &all.response_certainty}) {
+      certainty->mean.value = all.round_trip.mean;
+      for (const auto& row : percentiles)
+        (*certainty)[row.figure].value = static_cast<double>(all.round_trip[row.figure]);
+    }
+  }
+  summary = std::move(all);
 }
 
 }  // namespace ontime::statistics

@@ -237,6 +237,7 @@ Summary summarise(const record::Reader& reader, const record::Run& run) {
     pass.emplace(summary, summary.start_ns);
   }
   std::move(*pass).finish();
+  if (run.asked.keeps_worst()) summarise_worst(summary);
   return summary;
 }
 

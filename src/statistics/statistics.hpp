@@ -123,6 +123,9 @@ struct Summary {
   std::optional<Parts> parts;  // not guessed: nothing, unless the record says that the clocks permit it
   std::string no_parts;        // why they were left out though it says so, for people
   std::optional<Imported> imported;
+  // Its samples are only those around the worst messages; all counts, and the distributions to within 1.6 %,
+  // are of all messages.
+  bool has_worst_only = false;
   Shape shape;
 
   // Their intervals: confidence.hpp. Where samples are missing these have no intervals, no messages and no

@@ -106,7 +106,7 @@ void Follower::look_once() {
   // What is settled is added for good, the newest anew each time.
   auto& settled = *course_;
   std::deque<Sample> unsettled;
-  if (progress_.run.number > 0)
+  if (progress_.run.number > 0 && !progress_.run.asked.keeps_worst())
     reader.each_sample(progress_.run.number, settled.next, [&](const Sample& sample) {
       if (!settled.start_ns) settled.start_ns = sample.intended_ns;
       unsettled.push_back(sample);

@@ -1,0 +1,205 @@
+// SPDX-License-Identifier: Apache-2.0
+// The flight recorder of `ontime listen`: what a results file keeps of weeks, at an accelerated rate.
+#include <cmath>
+#include <numeric>
+#include <random>
+#include <set>
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include "listen_results.hpp"
+#include "record_fixture.hpp"
+#include "statistics/statistics.hpp"
+
+namespace ontime::app {
+namespace {
+
+using listen::Row;
+using record::Sample;
+
+constexpr std::int64_t ms = 1'000'000;
+
+class Recorder : public record::RecordTest {
+ protected:
+  static listen::Flow flow(std::uint64_t id, std::uint32_t reader = 2) {
+    listen::Flow flow;
+    flow.id = id;
+    flow.topic = "/cmd_vel";
+    flow.writer = {1, "controller"};
+    flow.reader = {reader, "base"};
+    return flow;
+  }
+  // Of the one that comes now, so long after the one before.
+  void period(ListenResults& results, std::uint64_t flow, std::int64_t ns) {
+    results.keep({.flow = flow,
+                  .quantity = Row::Quantity::period,
+                  .index = index_++,
+                  .from_ns = now_ns_,
+                  .to_ns = now_ns_ + ns,
+                  .is_late = limits_.is_gap(ns)});
+    now_ns_ += ns;
+  }
+  // As an explainer leaves it, with so many events.
+  listen::Miss miss(std::uint64_t flow, std::int64_t ns, int events = 200) const {
+    listen::Miss miss;
+    miss.kind = listen::Miss::Kind::gap;
+    miss.value_ns = ns;
+    miss.flow = flow;
+    auto around = std::make_shared<listen::Surroundings>();
+    around->window = {{0, now_ns_ - ns, now_ns_ + 100 * ms}, true, {}};
+    for (int i = 0; i < events; ++i)
+      around->window.events.push_back({.at_ns = now_ns_ - ns + i,
+                                       .kind = trace::Kind::switched,
+                                       .thread = {i, "a thread", 120},
+                                       .other = {i + 1, "another", 120},
+                                       .what = "S"});
+    miss.surroundings = around;
+    miss.course.taken_ns = now_ns_;
+    miss.why = listen::Why{.is_seen = true, .cause = "cpu", .sentence = "the reader waited"};
+    return miss;
+  }
+
+  const listen::Limits limits_{.deadline = std::chrono::milliseconds(60), .period = {}, .age = {}};
+  std::uint64_t index_ = 0;
+  std::int64_t now_ns_ = 1000 * ms;
+};
+
+// 20 messages a second, and every 40 s one that is late: 1,728,000 and 2,160, of which 4 MB keep the worst.
+TEST_F(Recorder, ADayIsCountedAndItsWorstMessagesAreKept) {
+  constexpr std::uint64_t bound = 4'000'000;
+  constexpr std::int64_t each = 800, misses = 2'160;
+  std::vector<std::int64_t> planted(misses);
+  std::iota(planted.begin(), planted.end(), 61);
+  std::shuffle(planted.begin(), planted.end(), std::mt19937_64(20261125));
+  std::uint64_t most = 0;
+  {
+    record::Writer writer(path_);
+    writer.keep_worst(bound);
+    ListenResults results(writer, limits_, nlohmann::json::object(), true, true);
+    for (const auto late_ms : planted) {
+      period(results, 1, late_ms * ms);
+      const auto late = miss(1, late_ms * ms);
+      for (int i = 1; i < each; ++i) {
+        period(results, 1, 50 * ms);
+        if (i == 2) results.note(late);
+        if (i % 200 == 0) results.write({flow(1)});
+      }
+      most =
+          std::max<std::uint64_t>(most, record::fs::file_size(path_) + record::fs::file_size(path_ + "-wal"));
+    }
+    listen::Findings findings;
+    findings.flows = {flow(1)};
+    results.end(findings, false);
+    EXPECT_EQ(results.failure(), "");
+    EXPECT_EQ(results.runs(), 1u);
+  }
+  EXPECT_LE(most, bound);
+  const record::Reader reader(path_);
+  const auto day = statistics::summarise(reader).at(0);
+  EXPECT_EQ(day.sent, static_cast<std::uint64_t>(each * misses));
+  EXPECT_EQ(day.late, static_cast<std::uint64_t>(misses));
+  EXPECT_EQ(day.round_trip.max, (60 + misses) * ms);
+  EXPECT_NEAR(static_cast<double>(day.round_trip[statistics::Figure::p50]), 50e6, 0.016 * 50e6);
+  EXPECT_NEAR(static_cast<double>(day.round_trip[statistics::Figure::p99]), 50e6, 0.016 * 50e6);
+
+  std::map<std::uint64_t, Sample> samples;
+  reader.each_sample(1, [&](const Sample& sample) { samples[sample.index] = sample; });
+  std::set<std::int64_t> kept, expected;
+  reader.each_trace(1, [&](const record::Trace& trace) {
+    EXPECT_EQ(trace.window.events.size(), 200u);
+    const auto& late = samples.at(trace.window.span.message);
+    kept.insert((late.received_ns - late.sent_ns) / ms);
+  });
+  ASSERT_GT(kept.size(), 50u);
+  for (std::size_t i = 0; i < kept.size(); ++i) expected.insert(60 + misses - static_cast<std::int64_t>(i));
+  EXPECT_EQ(kept, expected);
+  EXPECT_TRUE(day.has_worst_only);
+  EXPECT_EQ(day.notes.size(), kept.size());
+  EXPECT_LE(samples.size(), 33 * kept.size()) << "those around them alone";
+  EXPECT_GT(samples.size(), 2 * kept.size());
+}
+
+TEST_F(Recorder, WorstOfOneDelayStandsForAll) {
+  record::Writer writer(path_);
+  ListenResults results(writer, limits_, nlohmann::json::object(), true, true);
+  for (int i = 0; i < 100; ++i) period(results, 1, 50 * ms);
+  for (const auto ns : {70 * ms, 90 * ms, 80 * ms}) {
+    period(results, 1, ns);
+    results.note(miss(1, ns));
+  }
+  listen::Findings findings;
+  findings.flows = {flow(1)};
+  results.end(findings, false);
+  std::vector<std::uint64_t> kept;
+  const record::Reader reader(path_);
+  reader.each_trace(1, [&](const record::Trace& trace) { kept.push_back(trace.window.span.message); });
+  EXPECT_THAT(kept, testing::ElementsAre(101u));
+  EXPECT_EQ(statistics::summarise(reader).at(0).late, 3u);
+}
+
+TEST_F(Recorder, MissWithoutItsRowOrWindowIsCounted) {
+  record::Writer writer(path_);
+  ListenResults results(writer, limits_, nlohmann::json::object(), true, true);
+  for (int i = 0; i < 100; ++i) period(results, 1, 50 * ms);
+  period(results, 1, 70 * ms);
+  auto bare = miss(1, 70 * ms);
+  bare.surroundings.reset();
+  results.note(bare);
+  results.note(miss(1, 99 * ms));
+  results.write({flow(1)});
+  listen::Findings findings;
+  findings.flows = {flow(1)};
+  results.end(findings, false);
+  const record::Reader reader(path_);
+  const auto runs = statistics::summarise(reader);
+  ASSERT_EQ(runs.size(), 1u);
+  EXPECT_EQ(runs[0].sent, 101u);
+  EXPECT_EQ(runs[0].late, 1u);
+  std::size_t traces = 0;
+  reader.each_trace(1, [&](const record::Trace& trace) {
+    EXPECT_EQ(trace.window.span.message, 100u);
+    EXPECT_FALSE(trace.window.whole);
+    ++traces;
+  });
+  EXPECT_EQ(traces, 1u);
+}
+
+// Nodes that start again and again: no entry stays, and each has the counts of its own time.
+TEST_F(Recorder, FlowThatIsGoneEndsItsRunAndLeavesItsName) {
+  record::Writer writer(path_);
+  ListenResults results(writer, limits_, nlohmann::json::object(), true, true);
+  for (std::uint64_t id = 1; id <= 3; ++id) {
+    index_ = 0;
+    for (std::uint64_t i = 0; i < 10 * id; ++i) period(results, id, 50 * ms);
+    results.write({flow(id, 100 + static_cast<std::uint32_t>(id))});
+  }
+  results.end({}, false);
+  writer.flush();
+  const auto runs = statistics::summarise(record::Reader(path_));
+  ASSERT_EQ(runs.size(), 3u);
+  for (std::size_t i = 0; i < runs.size(); ++i) {
+    EXPECT_EQ(runs[i].run.asked.variant, "controller → base") << "so they are repetitions";
+    EXPECT_EQ(runs[i].sent, 10 * (i + 1));
+    EXPECT_TRUE(statistics::is_complete(runs[i].run));
+  }
+}
+
+TEST_F(Recorder, KilledOneLeavesWhatItCounted) {
+  record::kill_9([&](const auto& is_far_enough) {
+    record::Writer writer(path_);
+    writer.keep_worst(4'000'000);
+    ListenResults results(writer, limits_, nlohmann::json::object(), true, true);
+    for (int i = 0; i < 100; ++i) period(results, 1, 50 * ms);
+    results.write({flow(1)});
+    writer.flush();
+    is_far_enough();
+  });
+  const auto runs = statistics::summarise(record::Reader(path_));
+  ASSERT_EQ(runs.size(), 1u);
+  EXPECT_EQ(runs[0].sent, 100u);
+  EXPECT_EQ(runs[0].round_trip.max, 50 * ms);
+}
+
+}  // namespace
+}  // namespace ontime::app
