@@ -16,7 +16,7 @@
 namespace ontime::realtime {
 namespace {
 
-using std::string_literals::operator""s;
+using namespace std::string_literals;
 
 std::string path_of_program() {
   std::error_code ignored;
