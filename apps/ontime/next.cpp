@@ -2,6 +2,7 @@
 // What `ontime` alone says: what to do next on this machine.
 #include <algorithm>
 #include <filesystem>
+#include <iterator>
 #include <system_error>
 
 #include <fmt/format.h>
@@ -12,6 +13,7 @@
 #include "output.hpp"
 #include "table/table.hpp"
 #include "terminal.hpp"
+#include "transport/shipped.hpp"
 #include "transport/transport.hpp"
 
 namespace ontime::app {
@@ -38,7 +40,8 @@ std::string newest_results() {
 
 int show_next() {
   const auto transports = transport::available();
-  const bool has_udp = std::find(transports.begin(), transports.end(), "udp") != transports.end();
+  const auto* shipped =
+      std::ranges::find_first_of(transport::all_shipped, transports, {}, &transport::Shipped::name);
   const auto columns = reading_columns();
   auto text = table::wrapped("Do a robot's messages arrive on time? Next on this machine:", columns);
   const auto add = [&](const std::string& command, const std::string& what) {
@@ -53,7 +56,8 @@ int show_next() {
   if (transports.empty())
     add("ls ../lib/ontime", "no transport is installed: install ontime anew");
   else
-    add(fmt::format("ontime ping --transport {} --loopback", has_udp ? "udp" : transports.front()),
+    add(fmt::format("ontime ping --transport {} --loopback",
+                    shipped == std::end(transport::all_shipped) ? transports.front() : shipped->name),
         "a first round trip, 10 s");
   add("ontime check", "is it fit? " + fitness::counts_of(fitness::check({})));
   add(geteuid() == 0 ? "ontime run demo" : "sudo ontime run demo", "under load, and with real-time");

@@ -8,7 +8,8 @@
 #include <string_view>
 
 #include <fmt/format.h>
-#include <fmt/ranges.h>
+
+#include "table/table.hpp"
 
 namespace ontime::lab {
 namespace {
@@ -86,12 +87,6 @@ exec 3>&-)sh";
 
 constexpr std::string_view then_shell = R"sh(cd /root
 /bin/busybox setsid /bin/busybox cttyhack {shell})sh";
-
-std::string in_quotes(const std::string& word) {
-  std::string result = "'";
-  for (const char c : word) result += c == '\'' ? std::string("'\\''") : std::string(1, c);
-  return result + "'";
-}
 
 const char* driver_of(const std::string& nic) {
   return nic == "virtio" ? "-a virtio_pci virtio_net" : nic.c_str();
@@ -176,15 +171,12 @@ Image image_of(const Machine& machine, const Kernel& kernel, const std::vector<s
   for (const auto& path : machine.with) image.add_tree(path);
   for (const auto& file : files) image.add(file.here, file.there);
 
-  std::vector<std::string> words;
-  words.reserve(command.size());
-  for (const auto& word : command) words.push_back(in_quotes(word));
   const auto then = command.empty()
                         ? fmt::format(fmt::runtime(then_shell),
                                       fmt::arg("shell", program("bash").empty() ? "/bin/busybox sh" : "bash"))
                         : fmt::format(fmt::runtime(then_run), fmt::arg("up", up), fmt::arg("ended", ended),
                                       fmt::arg("outlet", outlet), fmt::arg("results", results_folder),
-                                      fmt::arg("command", fmt::join(words, " ")));
+                                      fmt::arg("command", table::shell_line(command)));
   image.add_text("/init",
                  fmt::format(fmt::runtime(start), fmt::arg("results", results_folder),
                              fmt::arg("card", machine.nic), fmt::arg("driver", driver_of(machine.nic)),
