@@ -160,16 +160,15 @@ TEST_F(Planted, UnderTmpByAnotherUserNothingIsBelieved) {
 
 TEST_F(Journals, TheFolderOfAnotherUsersSessionIsNotTaken) {
   if (geteuid() != 0) GTEST_SKIP() << "needs root";
-  in_child([] {
-    const auto own = fs::temp_directory_path() / ("ontime-journal-test-" + std::to_string(getpid()));
-    fs::create_directory(own);
+  const auto own = fs::temp_directory_path() / ("ontime-journal-test-" + std::to_string(getpid()));
+  fs::create_directory(own);
+  in_child([&] {
     test::become_ordinary_user();
     set("XDG_RUNTIME_DIR", own);
     EXPECT_EQ(folder_path(), "/tmp/ontime-65534") << "as after su";
     ASSERT_EQ(seteuid(0), -1);
   });
-  for (const auto& entry : fs::directory_iterator(fs::temp_directory_path()))
-    if (entry.path().filename().string().starts_with("ontime-journal-test-")) fs::remove(entry.path());
+  fs::remove(own);
 }
 
 }  // namespace
