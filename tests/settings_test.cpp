@@ -109,6 +109,9 @@ TEST(Kinds, TouchOnlyWhatTheyAreFor) {
       EXPECT_FALSE(threaded.accepts(interface) || gro.accepts(interface) || coalescing.accepts(interface))
           << interface;
   EXPECT_TRUE(gro.accepts("3:eth0"));
+  // Read as a number, the first would be interface 2, and the second end the program.
+  for (const auto* what : {"4294967298:eth0", "99999999999999999999999:eth0"})
+    EXPECT_FALSE(gro.accepts(what) || steering.accepts(std::string(what) + "/rx-0")) << what;
   EXPECT_FALSE(governor.accepts("cpufreq") || governor.accepts("cpu0/../cpu1") || interrupt.accepts("41/x"));
 }
 

@@ -125,7 +125,9 @@ std::optional<fs::path> transport_in(const fs::path& prefix, const std::string& 
   const auto file = fmt::format("ontime_transport_{}.so", name);
   std::error_code none;
   if (auto own = prefix / ONTIME_LIBDIR / "ontime" / file; fs::exists(own, none)) return own;
-  for (const auto& entry : fs::recursive_directory_iterator(prefix / "lib", none))
+  // A folder there that is closed to this user is no reason to end.
+  constexpr auto options = fs::directory_options::skip_permission_denied;
+  for (const auto& entry : fs::recursive_directory_iterator(prefix / "lib", options, none))
     if (entry.path().filename() == file) return entry.path();
   return {};
 }

@@ -3,7 +3,9 @@
 
 #include <algorithm>
 #include <bit>
+#include <map>
 #include <stdexcept>
+#include <utility>
 
 #include <sodium.h>
 
@@ -73,19 +75,19 @@ void Course::message(const roundtrip::Sample& sample) {
   const Point point{sample.index, between(start_ns_, sample.due_ns) / 1000,
                     lost ? code_of_lost : code_of(between(sample.sent_ns, sample.received_ns)), sample.fate};
   if (of_ == 1) return put(point);
-  if (waiting_ == 0) fastest_ = slowest_ = point;
-  if (point.code < fastest_.code) fastest_ = point;
-  if (point.code > slowest_.code) slowest_ = point;
+  if (lost && !lost_) lost_ = point;
+  if (!lost && (!fastest_ || point.code < fastest_->code)) fastest_ = point;
+  if (!lost && (!slowest_ || point.code > slowest_->code)) slowest_ = point;
   if (++waiting_ == 2 * of_) close();
 }
 
 void Course::close() {
   if (waiting_ == 0) return;
   waiting_ = 0;
-  const auto [first, second] = std::minmax(
-      fastest_, slowest_, [](const Point& one, const Point& other) { return one.index < other.index; });
-  put(first);
-  if (second.index != first.index) put(second);
+  std::map<std::uint64_t, Point> in_order;
+  for (auto* one : {&fastest_, &slowest_, &lost_})
+    if (const auto point = std::exchange(*one, {})) in_order.emplace(point->index, *point);
+  for (const auto& [index, point] : in_order) put(point);
 }
 
 void Course::put(const Point& point) {

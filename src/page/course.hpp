@@ -43,8 +43,8 @@ class Deflated {
 };
 
 // Messages in the order of their index. Of each: when it was due, its round trip, its fate, its index. Where
-// there are too many for a page, of each so many the fastest and the slowest stand for all; a lost one is the
-// slowest there can be.
+// there are too many for a page, of each so many the fastest and the slowest answered stand for all, and one
+// that was lost.
 class Course {
  public:
   // Times count from start_ns. `of` is 1 to keep each message, else how many of them become one.
@@ -69,7 +69,7 @@ class Course {
   const std::uint64_t of_;
   std::uint64_t count_ = 0, next_index_ = 0, waiting_ = 0;
   std::int64_t last_due_us_;
-  Point fastest_{}, slowest_{};  // of those that wait
+  std::optional<Point> fastest_, slowest_, lost_;  // of those that wait
   Deflated high_, low_, steps_, messages_;
 };
 

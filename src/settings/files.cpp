@@ -2,6 +2,7 @@
 // Things that are one file of /proc or /sys each.
 #include <algorithm>
 #include <array>
+#include <charconv>
 
 #include <fmt/format.h>
 #include <net/if.h>
@@ -140,8 +141,10 @@ std::string interface_here(const std::string& name) {
   return fmt::format("{}:{}", if_nametoindex(name.c_str()), name);
 }
 bool is_interface(const std::string& what) {
+  int index = 0;  // more than that the kernel gives none
   const auto colon = what.find_first_not_of("0123456789");
   return colon != what.npos && colon > 0 && what[colon] == ':' &&
+         std::from_chars(what.data(), what.data() + colon, index).ec == std::errc{} &&
          journal::is_interface_name(what.substr(colon + 1));
 }
 std::optional<std::string> name_now(const std::string& interface_or_queue) {

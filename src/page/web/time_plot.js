@@ -37,7 +37,7 @@ class TimePlot {
       .on("mouseleave", () => this.cursor.attr("visibility", "hidden"));
     if (course.of > 1)
       d3.select(figure).append("p").attr("class", "note")
-        .text(`All messages are too many for a page: of each ${number(2 * course.of)} the fastest and the slowest are here.`);
+        .text(`All messages are too many for a page: of each ${number(2 * course.of)} the fastest, the slowest and one that was lost are here.`);
     this.buttons();
     this.frame.onResize(() => this.resize());
   }
@@ -215,7 +215,7 @@ class TimePlot {
     this.readAt = s;
     const left = x.invert(Math.floor(px)), right = x.invert(Math.floor(px) + 1);
     const found = course.extremes(course.indexAt(left), course.indexAt(right));
-    // Of a long run two of so many messages are here, the fastest and the slowest.
+    // Of a long run two or three of so many messages are here: the fastest, the slowest, one that was lost.
     const about = course.of > 1 ? "about " : "", least = course.of > 1 ? "at least " : "";
     const parts = [`${left.toPrecision(5)} s`, `${about}${number(found.count * course.of)} messages`];
     if (found.slowest >= 0) parts.push(`${time(timeOf(found.fastest))} to ${time(timeOf(found.slowest))}`);
