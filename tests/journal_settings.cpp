@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // What is set on a machine, and whose the machine is meanwhile.
 #include <chrono>
+#include <system_error>
 #include <thread>
 
 #include "journal_fixture.hpp"
@@ -13,6 +14,7 @@ using test::in_child;
 using test::set;
 using test::Victim;
 using ::testing::AllOf;
+using ::testing::Contains;
 using ::testing::ElementsAre;
 using ::testing::HasSubstr;
 using ::testing::IsEmpty;
@@ -27,6 +29,8 @@ Value read_setting(const std::string& path) {
 }
 void write_setting(const std::string& path, const Value& value, const Value&) {
   if (value == "impossible") throw Error("no such value");
+  if (value == "no thread")
+    throw std::system_error(std::make_error_code(std::errc::resource_unavailable_try_again));
   if (value)
     write_file(path, *value == "9000" ? "4096" : *value);
   else
@@ -92,6 +96,34 @@ TEST_F(Settings, AreReadBack) {
   EXPECT_THAT(parse(read_file(journals().at(0))).entries, SizeIs(1)) << "what was not changed is not there";
   EXPECT_THAT(journal.revert(), IsEmpty());
   EXPECT_EQ(read_file(one_), "powersave");
+}
+
+// As where no more threads can be started: the identities that follow are of the right entries.
+TEST_F(Settings, AnErrorOfTheLibraryDuringAChangeLeavesTheJournalInStep) {
+  std::string folder;
+  {
+    Journal journal(settings);
+    EXPECT_THROW(journal.change(governor, one_, "no thread"), std::system_error);
+    EXPECT_EQ(read_file(one_), "powersave");
+    folder = make_folder(journal);
+    const auto entries = parse(read_file(journals().at(0))).entries;
+    ASSERT_THAT(entries, SizeIs(1));
+    EXPECT_EQ(entries[0].after, directory_kind.read(folder));
+    EXPECT_THAT(journal.revert(), IsEmpty());
+  }
+  EXPECT_FALSE(fs::exists(folder));
+}
+
+TEST_F(Settings, AnErrorOfTheLibraryKeepsOneEntryAndUndoesTheOthers) {
+  const auto path =
+      plant(text_of_all({boot_id(), 7, "ontime"}, {{"governor", "", two_, "first", "second"},
+                                                   {"governor", "", one_, "no thread", "mine"}}));
+  write_file(one_, "mine");
+  write_file(two_, "second");
+  EXPECT_THAT(revert_abandoned(settings), AllOf(SizeIs(2), Contains(HasSubstr(path.string()))));
+  EXPECT_EQ(read_file(two_), "first");
+  EXPECT_TRUE(fs::exists(path));
+  unplant(path);
 }
 
 TEST_F(Settings, CanBeTakenBackOneByOne) {
@@ -282,6 +314,12 @@ TEST_F(Settings, WhatARebootTookIsNotUndone) {
   EXPECT_THAT(revert_abandoned(settings), ElementsAre(HasSubstr("directory"), HasSubstr(two_)));
   EXPECT_EQ(read_file(one_), "powersave") << "it is so by itself";
   EXPECT_FALSE(fs::exists(two_) || fs::exists(path));
+}
+
+TEST_F(Settings, OfABootThatTheKernelDidNotNameAreTakenBack) {
+  plant(text_of_all({"", 7, "ontime"}, {{"governor", "", one_, "performance", "powersave"}}));
+  EXPECT_THAT(revert_abandoned(settings), ElementsAre(HasSubstr(one_)));
+  EXPECT_EQ(read_file(one_), "performance");
 }
 
 TEST_F(Settings, AreTakenBackFromTheLatestJournalOn) {

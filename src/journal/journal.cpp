@@ -93,28 +93,27 @@ void Journal::change(const Kind& kind, const std::string& what, const Value& wan
   if (length < 0 || length + static_cast<off_t>(line.size()) > max_journal_bytes / 2)
     throw cannot("the journal", EFBIG);
   append(fd, line);
+  const auto index = file_->entries++;
   try {
     kind.write(what, wanted, before);
     const auto now = kind.read(what);
     if (wanted == to_be_made && now)
-      append(fd, line_of_identity(file_->entries, *now));
+      append(fd, line_of_identity(index, *now));
     else if (now != wanted)
       throw Error(fmt::format("{} {} was to be {}, but is {}", kind.name, what, wanted.value_or("gone"),
                               now.value_or("not there")));
-  } catch (const Error&) {
+  } catch (const std::exception&) {  // also of the library: no thread, no memory
     // What it is now is our own doing. Where the way back is barred too, it stays in the journal.
-    ++file_->entries;
     try {
       if (kind.read(what) != before) kind.write(what, before, wanted);
       if (kind.read(what) == before) {
         cut(fd, static_cast<std::size_t>(length));
         --file_->entries;
       }
-    } catch (const Error&) {  // what is told is what went wrong first
+    } catch (const std::exception&) {  // what is told is what went wrong first
     }
     throw;
   }
-  ++file_->entries;
 }
 
 std::vector<std::string> Journal::take_back(const Kind& kind, const std::string& what) {

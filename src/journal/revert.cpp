@@ -39,6 +39,12 @@ Fate undo_from(bool same_place, const Entry& entry, const Kind& kind) {
   return now == entry.before || !now ? Fate::nothing_there : Fate::not_ours;
 }
 
+// Where the kernel does not say which boot this is (a /proc without sys), nothing is known to have gone.
+bool of_another_boot(const Header& header) {
+  const auto boot = boot_id();
+  return !boot.empty() && !header.boot.empty() && header.boot != boot;
+}
+
 // Whether it was of this journal's owner's making: what was in it went with it.
 bool was_made(const std::string& network, const std::vector<Entry>& entries) {
   return std::any_of(entries.begin(), entries.end(), [&](const Entry& entry) {
@@ -47,7 +53,7 @@ bool was_made(const std::string& network, const std::vector<Entry>& entries) {
 }
 
 Fate undo(const Entry& entry, const Kind& kind, const Contents& contents) {
-  const bool rebooted = contents.header.boot != boot_id();
+  const bool rebooted = of_another_boot(contents.header);
   if (rebooted && !kind.on_disk) return Fate::nothing_there;
   const bool same_place = rebooted || entry.where == place(kind.scope);
   if (same_place || kind.scope == Scope::mount_namespace)  // an identity is the same from everywhere
@@ -131,7 +137,7 @@ Reverted undo(Contents& contents, const std::string& path, std::span<const Kind>
                                   entry.what, kind->scope == Scope::mount_namespace ? "mount" : "network"));
       }
       entry.done = true;
-    } catch (const Error& error) {
+    } catch (const std::exception& error) {  // one that cannot be undone stops none of the others
       kept.insert({entry.kind, entry.where + entry.what});
       left.say(entry, fmt::format("{} {}", error.what(), by_hand(path)));
     }
@@ -181,7 +187,7 @@ void look_at(int fd, const std::string& path, std::span<const Kind> more, std::v
   if (!contents.not_understood.empty())
     throw Error(
         fmt::format("{}: {} is nothing that this version of ontime knows", path, contents.not_understood));
-  if (contents.header.boot != boot_id()) return;
+  if (of_another_boot(contents.header)) return;
   for (const auto& entry : contents.entries) {
     if (entry.done) continue;
     const auto known = std::find_if(all.begin(), all.end(), [&](const Kept& one) {
@@ -202,7 +208,7 @@ void look_at(int fd, const std::string& path, std::span<const Kind> more, std::v
         if (!name) throw Error("its network namespace is not to be seen from here");
         within_namespace(*name, look);
       }
-    } catch (const Error& error) {
+    } catch (const std::exception& error) {
       one.unseen = error.what();
     }
   }

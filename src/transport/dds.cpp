@@ -194,11 +194,13 @@ std::string others_without_our_topics(const Config& config, std::size_t particip
   const char* const let_in = "DDS Security lets in only who has it too, with a certificate of our authority";
   if (participants == 0) {
     std::string text = others_elsewhere(config);
-    if (!config.security) return text;
+    if (text.empty()) {
+      text = "no other DDS participant: another link, or a firewall that drops UDP, may be the reason";
+      if (config.peers.empty()) text += ", or a network without multicast (--peer ADDRESS needs none)";
+    }
     // Of whom it does not let in a middleware says no more than of whom it never heard.
-    if (text.empty())
-      text = "no other DDS participant, for which another link or a firewall may be the reason";
-    return text.append("; or: ").append(let_in);
+    if (config.security) text.append("; or: ").append(let_in);
+    return text;
   }
   std::string text = std::to_string(participants) + " other DDS participant" +
                      (participants == 1 ? "" : "s") + " in domain " + std::to_string(config.domain);
