@@ -162,19 +162,6 @@ TEST_P(Dds, AnIncompatibleQosIsSeen) {
             "");
 }
 
-TEST_P(Dds, OneThatIsAloneIsToldOfFirewallsAndOfPeers) {
-  EXPECT_EQ(in_own_process([&] {
-              Config alone = client();
-              alone.peers.clear();
-              Answers answers;
-              End end(GetParam(), alone, answers);
-              const auto seen = end->seen();
-              require(seen.find("firewall") != seen.npos && seen.find("--peer") != seen.npos,
-                      "seen: " + seen);
-            }),
-            "");
-}
-
 TEST_P(Dds, InterruptEndsThisAndEveryLaterReceive) {
   EXPECT_EQ(in_own_process([&] {
               Config config = client();

@@ -129,7 +129,10 @@ TEST(Load, FollowsNoEnvironmentWithPrivileges) {
 
 TEST(Dds, NamesReasonsForUnseenPeer) {
   Config config;
-  EXPECT_EQ(dds::others_without_our_topics(config, 0, {}), "");
+  EXPECT_THAT(dds::others_without_our_topics(config, 0, {}), testing::ContainsRegex("firewall.*--peer"));
+  config.peers = {"127.0.0.1"};
+  EXPECT_THAT(dds::others_without_our_topics(config, 0, {}),
+              testing::AllOf(testing::HasSubstr("firewall"), testing::Not(testing::HasSubstr("--peer"))));
   config.security.emplace();
   EXPECT_THAT(dds::others_without_our_topics(config, 0, {}),
               testing::ContainsRegex("firewall.*; or: DDS Security lets in only"));
