@@ -140,6 +140,20 @@ TEST_P(Explained, AThreadThatRunsOnAnIdleCpuIsBusyFromWhenItIsSeen) {
   EXPECT_GT(part.ns, leaving_idle_is_told() ? 14 * ms : 12 * ms);
 }
 
+TEST_P(Explained, SenderIsBusyFromTheTimeThatItNotedItself) {
+  event(due + 5 * us, 0, Kind::waking, asks, 0, "0");
+  switched(due + 8 * us, 0, 0, "R", asks);
+  event(sent + 4 * ms, 0, Kind::timer, asks);
+  event(sent + 4 * ms + us, 0, Kind::timer_end, asks);
+  event(sent + 15 * ms, 0, Kind::queued, asks, 0, "to-component", 1);
+  event(sent + 15 * ms + us, 0, Kind::sent, asks, 0, "to-component", 1);
+  event(sent + 15 * ms + 4 * us, 0, Kind::received, asks, 0, "to-controller", 1);
+  const auto part = first(message(late(0, 15 * ms, 0)));
+  EXPECT_EQ(part.cause, Cause::busy);
+  EXPECT_EQ(part.stage, Stage::left);
+  EXPECT_GT(part.ns, 14 * ms);
+}
+
 TEST_P(Explained, WhoComesToAnIdleCpuIsNotAccusedBeforeItIsSeenToRun) {
   switched(sent - ms / 2, 1, answers, "S", 0);
   sender_wakes_and_sends();

@@ -47,11 +47,15 @@ std::string who_stopped(const Timeline& timeline, std::int64_t before_ns) {
 
 class Follower {
  public:
-  Follower(Delay& delay, const Timeline& timeline, Part whose, std::int64_t from_ns, std::int64_t to_ns)
+  Follower(Delay& delay, const Timeline& timeline, Part whose, std::int64_t from_ns, std::int64_t to_ns,
+           bool has_cpu)
       : delay_(delay),
         timeline_(timeline),
         whose_(std::move(whose)),
-        stretches_(timeline.of(whose_.thread_id, from_ns, to_ns)) {}
+        stretches_(timeline.of(whose_.thread_id, from_ns, to_ns)) {
+    if (has_cpu && !stretches_.empty() && stretches_.front().state == State::comes)
+      stretches_.front().state = State::runs;
+  }
 
   void follow() {
     bool has_begun = false;
@@ -298,7 +302,7 @@ class Follower {
   Delay& delay_;
   const Timeline& timeline_;
   const Part whose_;
-  const std::vector<Stretch> stretches_;
+  std::vector<Stretch> stretches_;
 };
 
 }  // namespace
@@ -309,11 +313,12 @@ bool is_kernels(const std::string& name) {
   return name.starts_with("ksoftirqd/") || name.starts_with("napi/") || is_interrupts(name);
 }
 
-void follow(Delay& delay, const Timeline& timeline, Part whose, std::int64_t from_ns, std::int64_t to_ns) {
+void follow(Delay& delay, const Timeline& timeline, Part whose, std::int64_t from_ns, std::int64_t to_ns,
+            bool has_cpu) {
   if (to_ns <= from_ns) return;
   whose.priority = timeline.priority_of(whose.thread_id);
   delay.last = whose;
-  Follower(delay, timeline, std::move(whose), from_ns, to_ns).follow();
+  Follower(delay, timeline, std::move(whose), from_ns, to_ns, has_cpu).follow();
 }
 
 std::vector<Part> spent_by(std::int32_t thread, const Timeline& timeline, std::int64_t from_ns,

@@ -14,7 +14,10 @@ inline constexpr std::int64_t at_once_ns = 20'000;
 
 bool is_interrupts(const std::string& name);  // of those, one that stands for an interrupt
 
-// Adds what held the thread up. `whose` says the stage, the end, the thread and its role.
-void follow(Delay&, const Timeline&, Part whose, std::int64_t from_ns, std::int64_t to_ns);
+// Adds what held the thread up. `whose` says the stage, the end, the thread and its role. `has_cpu`: the
+// thread read its clock at the beginning, so that it ran then, though a kernel may not tell how it came to an
+// idle CPU.
+void follow(Delay&, const Timeline&, Part whose, std::int64_t from_ns, std::int64_t to_ns,
+            bool has_cpu = false);
 
 }  // namespace ontime::explain

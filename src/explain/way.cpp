@@ -81,8 +81,11 @@ Way::Way(End client, End server, const Usual& usual, std::int64_t payload_bytes,
 void Way::thread(Delay& found, const End& end, std::int32_t id, const std::string& role, Stage stage,
                  std::int64_t from_ns, std::int64_t to_ns) {
   if (end.timeline == nullptr) return;
+  // These stages begin with a time that the thread itself noted.
+  const bool has_cpu = stage == Stage::sent || stage == Stage::answered ||
+                       (stage == Stage::left && (role == "send" || role == "receive" || role == "delivery"));
   follow(found, *end.timeline, {.stage = stage, .end = end.name, .thread = role, .thread_id = id}, from_ns,
-         to_ns);
+         to_ns, has_cpu);
 }
 
 const KnownThread* Way::with(const End& end, const std::string& role) {
