@@ -402,5 +402,21 @@ TEST_F(Perfetto, NamesAreText) {
   EXPECT_THAT(slices_named(written(1), "\"},{?[2J"), Not(IsEmpty()));
 }
 
+TEST(OwnMessages, OfWhichNoneIsLateNeedNoCause) {
+  for (const bool is_late : {false, true}) {
+    record::Writer writer("");
+    const auto number = writer.begin_run({{"id", "/scan age"}, {"measures", "age"}, {"deadline_us", 5000}});
+    Sample sample{};
+    sample.received_ns = ms;
+    sample.fate = is_late ? Fate::late : Fate::on_time;
+    writer.append(number, {&sample, 1});
+    writer.end_run(number, {{"loss_unknown", true}});
+    const auto reader = writer.reader();
+    const auto run = reader.runs().at(0);
+    const auto text = render_explained({{run, explain::account_of(reader, run), {}}}, Format::table);
+    EXPECT_THAT(text, HasSubstr(is_late ? "no cause is known" : "no message was late"));
+  }
+}
+
 }  // namespace
 }  // namespace ontime::report

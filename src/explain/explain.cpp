@@ -228,7 +228,14 @@ std::int64_t deadline_ns_of(const record::Run& run) { return possible(run.asked.
 
 Account account_of(const record::Reader& reader, const record::Run& run, const Pong* pong) {
   Account account;
-  if (run.asked.is_listened()) return account;  // `listen` explains its messages
+  if (run.asked.is_listened()) {  // `listen` explains its messages
+    if (run.asked.keeps_worst())
+      account.late = run.outcome.counters.late;
+    else
+      reader.each_sample(run.number,
+                         [&](const Sample& sample) { account.late += sample.fate == Fate::late ? 1 : 0; });
+    return account;
+  }
   account.traced = run.outcome.trace.has_value();
   std::deque<record::Trace> own;
   TracesByMessage traces;

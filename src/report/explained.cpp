@@ -49,6 +49,8 @@ bool is_cause(const record::Note& note) { return note.kind == record::cause_of_l
 
 std::string text_of_listened(const Explained& one, const Marks& marks) {
   const auto count = std::count_if(one.notes.begin(), one.notes.end(), is_cause);
+  if (one.account.late == 0)
+    return fmt::format("{0}{1}: no message was late{0}\n", marks.heading, name_of(one));
   if (count == 0) {
     const auto& words = one.run.asked.command_line;
     const bool is_recording = words.size() > 1 && words[1] == "import";
@@ -57,9 +59,8 @@ std::string text_of_listened(const Explained& one, const Marks& marks) {
                                     : "`listen` looks for causes as root, without --no-explain, and while no "
                                       "other ontime traces");
   }
-  const auto which = one.run.asked.keeps_worst()
-                         ? fmt::format("the worst {} of {}", count, one.run.outcome.counters.late)
-                         : std::to_string(count);
+  const auto which = one.run.asked.keeps_worst() ? fmt::format("the worst {} of {}", count, one.account.late)
+                                                 : std::to_string(count);
   auto text = fmt::format("{0}{1}: causes of {2} late messages{0}\n", marks.heading, name_of(one), which);
   std::size_t told = 0;
   for (const auto& note : one.notes) {
