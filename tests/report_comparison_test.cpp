@@ -290,6 +290,69 @@ TEST(Compare, EveryFormatSurvivesWhatOthersWrote) {
   }
 }
 
+// --- the answer first ---
+
+// One run of a condition: so many of 60,000 cycles without an answer in time.
+Summary with_misses(const std::string& id, const std::string& key, std::uint64_t events,
+                    const char* transport = "udp") {
+  auto one = run(id, key, 1);
+  amend(one.run.asked, "/transport", transport);
+  const double share = static_cast<double>(events) / 60'000;
+  one.late_by_response = events;
+  one.late_by_response_probability.messages = 60'000;
+  one.late_by_response_probability.events = events;
+  one.late_by_response_probability.value = share;
+  one.late_by_response_probability.sure = one.late_by_response_probability.surer = {share * 0.9, share * 1.1};
+  return one;
+}
+
+std::string answer_of(const Comparison& comparison) {
+  return render_answer(comparison, {}, Format::table, "ontime compare a b --full", 80);
+}
+
+TEST(CompareAnswer, SaysFewerAndMoreEachWithItsPairs) {
+  const std::vector a{with_misses("x", "k1", 900), with_misses("x", "k2", 10, "fastdds"),
+                      with_misses("x", "k3", 0, "cyclonedds")};
+  const std::vector b{with_misses("x", "k1", 30), with_misses("x", "k2", 700, "fastdds"),
+                      with_misses("x", "k3", 0, "cyclonedds")};
+  const auto text = answer_of(compare(a, b));
+  EXPECT_TRUE(
+      text.starts_with("B has fewer cycles without an answer in time (udp) and more (fastdds) than A."))
+      << text;
+  EXPECT_THAT(text, ::testing::ContainsRegex("udp +1\\.5 % → 0\\.05 % \\*"));
+  EXPECT_THAT(text, ::testing::ContainsRegex("cyclonedds +0  "));
+  EXPECT_THAT(text, HasSubstr("Caution: one run on a side"));
+  EXPECT_THAT(text, HasSubstr("All metrics:  ontime compare a b --full"));
+}
+
+TEST(CompareAnswer, OfWhatChanceExplainsNothingIsProven) {
+  const std::vector a{with_misses("x", "k1", 100)}, b{with_misses("x", "k1", 101)};
+  EXPECT_TRUE(answer_of(compare(a, b)).starts_with("No difference is proven"));
+}
+
+TEST(CompareAnswer, ManySettingsOfOneKindAreCounted) {
+  const std::vector a{with_misses("x", "k1", 100)};
+  std::vector b{with_misses("x", "k1", 30)};
+  amend(b[0].run.asked, {{"kernel", {{"irq-threads", 90}, {"threaded-napi", "on"}}}, {"repetition", 3}});
+  amend(b[0].run.outcome, "/hosts/component/transport/version", "0.2.0");
+  EXPECT_THAT(answer_of(compare(a, b)),
+              HasSubstr("Also different: component transport version: 0.1.0 → 0.2.0; kernel (2 values)"));
+}
+
+TEST(CompareAnswer, FitsAScreenWhateverOthersWrote) {
+  std::vector<Summary> a, b;
+  for (int i = 0; i < 40; ++i) {
+    const auto key = "k" + std::to_string(i);
+    a.push_back(with_misses("x" + key, key, 900));
+    b.push_back(with_misses("x" + key, key, 30));
+    amend(b.back().run.asked, {{"kernel", {{"name" + std::string(400, 'x') + key, "\x1b[31m"}}}});
+  }
+  const auto text = answer_of(compare(a, b));
+  EXPECT_LE(std::count(text.begin(), text.end(), '\n'), 24) << text;
+  EXPECT_THAT(text, Not(HasSubstr("\x1b")));
+  EXPECT_THAT(text, HasSubstr("… and 31 more"));
+}
+
 // --- JUnit ---
 
 boost::property_tree::ptree parsed(const std::string& xml) {

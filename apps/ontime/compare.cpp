@@ -24,7 +24,7 @@ using Summaries = std::vector<statistics::Summary>;
 struct CompareArguments {
   std::string a, b, from, to, by, format = "table", output, plot;
   std::vector<std::string> only;
-  bool single_runs = false;
+  bool single_runs = false, full = false;
 };
 
 struct File {
@@ -123,6 +123,27 @@ report::Comparison compare_files(const CompareArguments& arguments, Summaries& a
   return report::compare(a, b);
 }
 
+// What the sides are called, and the words that show all of it.
+std::string name_sides(const CompareArguments& arguments, report::Comparison& comparison) {
+  std::vector<std::string> words = {"ontime", "compare", arguments.a};
+  if (!arguments.b.empty()) words.push_back(arguments.b);
+  for (const auto& [flag, value] :
+       {std::pair{"--by", arguments.by}, {"--from", arguments.from}, {"--to", arguments.to}})
+    if (!value.empty()) words.insert(words.end(), {flag, value});
+  if (!arguments.only.empty())
+    words.insert(words.end(), {"--only", fmt::format("{}", fmt::join(arguments.only, ","))});
+  words.emplace_back("--full");
+  const auto file = [](const std::string& path) { return std::filesystem::path(path).filename().string(); };
+  if (!arguments.from.empty() && arguments.from != arguments.to) {
+    comparison.from_name = arguments.from;
+    comparison.to_name = arguments.to;
+  } else if (!arguments.b.empty() && file(arguments.a) != file(arguments.b)) {
+    comparison.from_name = file(arguments.a);
+    comparison.to_name = file(arguments.b);
+  }
+  return table::shell_line(words);
+}
+
 void draw(const report::Comparison& comparison, const std::string& file) {
   plot::Plot plot;
   plot.form = form_of("--plot", file);
@@ -139,9 +160,10 @@ int compare(const CompareArguments& arguments, const GateFlags& flags) {
   const auto gates = flags.gates();
   if (arguments.from.empty() != arguments.to.empty()) throw Error(2, "--from and --to belong together");
   Summaries a, b;
-  const auto comparison = !arguments.by.empty()     ? compare_by(arguments, a, b)
-                          : !arguments.from.empty() ? compare_chosen(arguments, a, b)
-                                                    : compare_files(arguments, a, b);
+  auto comparison = !arguments.by.empty()     ? compare_by(arguments, a, b)
+                    : !arguments.from.empty() ? compare_chosen(arguments, a, b)
+                                              : compare_files(arguments, a, b);
+  const auto full_command = name_sides(arguments, comparison);
   const auto single_runs = arguments.single_runs ? gate::SingleRuns::judged : gate::SingleRuns::open;
 
   std::vector<gate::Judgement> judgements;
@@ -163,7 +185,9 @@ int compare(const CompareArguments& arguments, const GateFlags& flags) {
 
   if (!arguments.plot.empty()) draw(comparison, arguments.plot);
   Output output(arguments.output);
-  output.write(report::render(comparison, judgements, format, output_columns()));
+  output.write(arguments.full
+                   ? report::render(comparison, judgements, format, output_columns())
+                   : report::render_answer(comparison, judgements, format, full_command, output_columns()));
   output.finish();
   return flags.finish(std::move(judgements), arguments.b.empty() ? arguments.a : arguments.b);
 }
@@ -197,6 +221,7 @@ void add_compare(Command& app, Action& action) {
       "--single-runs", arguments->single_runs,
       "judge changes although a side has one run; differences between starts are then in no interval");
   add_report_format(*command, arguments->format);
+  add_full(*command, arguments->full);
   add_output(*command, arguments->output);
   add_file(*command, "--plot", arguments->plot, "also a figure for a paper: .svg, .pdf or .png");
   auto flags = std::make_shared<GateFlags>(*command, gate::Use::fail_if_compared);

@@ -148,16 +148,6 @@ std::vector<Entry> entries_of(const Summaries& summaries) {
 
 // --- the sentence ---
 
-std::string percent(double share) {
-  const double of_hundred = share * 100;
-  if (of_hundred >= 99.5 && of_hundred < 100)  // all is more than nearly all
-    return fmt::format("{:.{}f}", of_hundred, decimals_that_show(100 - of_hundred));
-  if (of_hundred >= 10) return fmt::format("{:.0f}", of_hundred);
-  if (of_hundred > 0 && of_hundred < 1e-4)  // without an exponent
-    return fmt::format("{:.{}f}", of_hundred, decimals_that_show(of_hundred));
-  return fmt::format("{:.2g}", of_hundred);
-}
-
 double share_of(const Row& row) {
   return row.cycles == 0 ? 0 : static_cast<double>(row.missed) / static_cast<double>(row.cycles);
 }

@@ -17,11 +17,6 @@ using State = Answer::State;
 
 constexpr std::size_t most_cautions = 3, lines_of_a_caution = 2;
 
-std::string milliseconds(double ns) {
-  const double ms = ns / 1e6;
-  return fmt::format("{:.{}f}", ms, ms < 0.0995 ? 3 : ms < 0.995 ? 2 : ms < 99.5 ? 1 : 0);
-}
-
 std::string cell_of(const std::optional<Answer::Spread>& spread, bool whole) {
   if (!spread) return nothing;
   const auto low = milliseconds(spread->low_ns), high = milliseconds(spread->high_ns);
@@ -117,14 +112,6 @@ std::string caution_of(const std::string& caution, std::size_t width) {
   return wrapped("Caution: " + shortened(printable(caution), room), width);
 }
 
-std::string steps_of(const std::vector<Answer::Step>& steps) {
-  std::size_t widest = 0;
-  for (const auto& step : steps) widest = std::max(widest, width_of(step.why) + 1);
-  std::string text;
-  for (const auto& [why, command] : steps) text += fmt::format("{:<{}}  {}\n", why + ":", widest, command);
-  return text;
-}
-
 ordered_json ms(const std::optional<double>& ns) { return ns ? ordered_json(*ns / 1e6) : ordered_json(); }
 ordered_json json_of(const std::optional<Answer::Spread>& of) {
   if (!of || of->is_least) return nullptr;
@@ -132,6 +119,14 @@ ordered_json json_of(const std::optional<Answer::Spread>& of) {
 }
 
 }  // namespace
+
+std::string steps_text(const std::vector<Answer::Step>& steps) {
+  std::size_t widest = 0;
+  for (const auto& step : steps) widest = std::max(widest, width_of(step.why) + 1);
+  std::string text;
+  for (const auto& [why, command] : steps) text += fmt::format("{:<{}}  {}\n", why + ":", widest, command);
+  return text;
+}
 
 const char* word_of(State state) {
   switch (state) {
@@ -160,7 +155,7 @@ std::string text_of(const Answer& answer, std::size_t width) {
   std::string rest;
   for (std::size_t i = 0; i < std::min(most_cautions, answer.cautions.size()); ++i)
     rest += caution_of(answer.cautions[i], width);
-  rest += steps_of(answer.next);
+  rest += steps_text(answer.next);
 
   constexpr std::size_t header = 2, note = 1;
   const auto taken = lines_in(text, width) + lines_in(rest, width) + header;

@@ -3,6 +3,7 @@
 // Ordinary thread; returns text, prints nothing.
 #pragma once
 
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -22,6 +23,7 @@ struct Comparison {
   struct Pair {
     Runs from, to;
   };
+  std::string from_name = "A", to_name = "B";  // for people: "Test1.B", "before.ontime", "threaded-napi off"
   std::vector<Pair> pairs;
   std::vector<Runs> only_from, only_to;  // those without a partner
 };
@@ -38,6 +40,16 @@ Comparison compare_by(const std::vector<statistics::Summary>&, const std::string
 inline constexpr const char* unset = "unset";
 std::vector<std::string> values_of(const std::vector<statistics::Summary>&, const std::string& key);
 
+// Why the figures of a run are not those of all its messages; empty, if they are. Such runs are left out.
+std::string why_left_out(const statistics::Summary&);
+// Nothing: one of the sides does not have it.
+std::optional<statistics::Change> change_of(const Comparison::Pair&, statistics::Times, statistics::Figure);
+bool is_repeated(const Comparison::Pair&);  // by two runs or more on each side
+
+// The answer first: what is proven to have changed, a row for each pair, what else is not the same.
+std::string sentence_of(const Comparison&);
+std::string render_answer(const Comparison&, const std::vector<gate::Judgement>&, Format,
+                          const std::string& full_command, std::size_t width);
 // Each metric, how much it changed and the interval of the change; what else differs between the two sides;
 // and what has no partner.
 std::string render(const Comparison&, const std::vector<gate::Judgement>&, Format, std::size_t width = 100);

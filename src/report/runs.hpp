@@ -94,7 +94,6 @@ struct Verdict {
 };
 Verdict verdict_of(const Summaries&);
 std::string grouped(std::uint64_t count);  // "4,320,000"
-int decimals_that_show(double below_one);  // so many that it is not printed as 0: 2 of 0.05
 
 // What was set, and what was so.
 table::Table differences_of(const Summaries&);  // what is not the same in all runs

@@ -44,8 +44,6 @@ std::string cycles(std::uint64_t count) { return grouped(count) + (count == 1 ? 
 
 }  // namespace
 
-int decimals_that_show(double below_one) { return static_cast<int>(std::ceil(-std::log10(below_one))); }
-
 std::string grouped(std::uint64_t count) {
   const auto digits = fmt::format("{}", count);
   std::string text;

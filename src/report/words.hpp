@@ -45,6 +45,10 @@ std::string cell_of(const nlohmann::ordered_json&);  // as a spreadsheet has it
 
 std::string microseconds(double ns);  // "1234", below 100 "98.7"
 inline std::string microseconds(std::int64_t ns) { return microseconds(static_cast<double>(ns)); }
+std::string milliseconds(double ns);  // without a unit: "0.123", "4.0", "250"
+// Of a hundred, without the sign: "0", "0.05", "99.9"; never 0 of what is more, nor 100 of what is less.
+std::string percent(double share);
+int decimals_that_show(double below_one);           // so many that it is not printed as 0: 2 of 0.05
 std::string duration(std::chrono::nanoseconds);     // "10 ms"
 std::string megabits(std::optional<double> bit_s);  // "80", "38.2"
 std::string size(std::uint64_t bytes);              // "500 B", "32 KiB"

@@ -1,0 +1,248 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <algorithm>
+#include <array>
+
+#include <fmt/format.h>
+
+#include "report/answer.hpp"
+#include "report/comparison.hpp"
+#include "report/conditions.hpp"
+#include "report/runs.hpp"
+#include "report/words.hpp"
+
+namespace ontime::report {
+namespace {
+
+using statistics::Change;
+using statistics::Figure;
+using statistics::Tendency;
+using statistics::Times;
+using Pair = Comparison::Pair;
+
+constexpr std::size_t most_pairs = 9, most_cautions = 3, lines_of_differences = 3;
+
+// What the two sides of a pair had to offer, most telling first. A side that does not know its cycles knows
+// its late messages; one without a limit only what was lost.
+struct Missed {
+  Times times;
+  Figure figure;
+  const char *heading, *words;
+};
+constexpr std::array ways_to_miss = {
+    Missed{Times::response, Figure::late, "not in time", "cycles without an answer in time"},
+    Missed{Times::round_trip, Figure::late, "late", "late messages"},
+    Missed{Times::round_trip, Figure::lost, "lost", "lost messages"}};
+
+const Missed* missed_of(const Pair& pair) {
+  for (const auto& way : ways_to_miss)
+    if (change_of(pair, way.times, way.figure)) return &way;
+  return nullptr;
+}
+
+struct Proven {
+  std::vector<std::size_t> less, more;  // places of pairs
+  bool none() const { return less.empty() && more.empty(); }
+  bool operator==(const Proven&) const = default;
+};
+
+// `metric_of`: nothing, where the pair does not have it.
+template <typename MetricOf>
+Proven proven_of(const Comparison& comparison, MetricOf metric_of) {
+  Proven proven;
+  for (std::size_t i = 0; i < comparison.pairs.size(); ++i)
+    if (const std::optional<Change> change = metric_of(comparison.pairs[i])) {
+      if (change->tendency == Tendency::less) proven.less.push_back(i);
+      if (change->tendency == Tendency::more) proven.more.push_back(i);
+    }
+  return proven;
+}
+
+std::vector<std::string> names_of_pairs(const Comparison& comparison) {
+  Group after;
+  for (const auto& pair : comparison.pairs) after.push_back(pair.to.front());
+  auto names = labels_without_repetition(after);
+  const bool several_ids = std::any_of(after.begin(), after.end(), [&](const auto* run) {
+    return run->run.asked.id != after.front()->run.asked.id;
+  });
+  for (std::size_t i = 0; several_ids && i < names.size(); ++i)
+    names[i] = id_of(after[i]->run.asked) + " " + names[i];
+  return names;
+}
+
+// "fewer late messages (udp, fastdds), more (cyclonedds)".
+std::string said(const Proven& proven, const std::vector<std::string>& names, const std::string& less,
+                 const std::string& more, const std::string& what) {
+  const auto of = [&](const std::vector<std::size_t>& places) {
+    return places.size() == names.size() ? "" : " (" + name_of_some(names, places) + ")";
+  };
+  std::vector<std::string> parts;
+  if (!proven.less.empty()) parts.push_back(less + " " + what + of(proven.less));
+  if (!proven.more.empty()) parts.push_back(more + (proven.less.empty() ? " " + what : "") + of(proven.more));
+  return join(parts, " and ");
+}
+
+std::string change_text(const std::optional<Change>& change, std::string (*form)(double)) {
+  if (!change) return nothing;
+  const auto from = form(change->from), to = form(change->to);
+  return (from == to ? from : from + " → " + to) + (change->tendency == Tendency::unclear ? "  " : " *");
+}
+
+std::string share_text(double share) { return share > 0 ? percent(share) + " %" : "0"; }
+
+Table table_of(const Comparison& comparison, const std::vector<std::string>& names, const Missed* missed) {
+  using enum Column::Align;
+  Table table{"",
+              "",
+              {{"", left},
+               {missed != nullptr ? missed->heading : "not in time"},
+               {"p50", right, false, 1},
+               {"p99"},
+               {"max", right, false, 2}},
+              {},
+              {}};
+  const auto time_text = [](const Pair& pair, Figure figure) {
+    return change_text(change_of(pair, Times::round_trip, figure), milliseconds);
+  };
+  for (std::size_t i = 0; i < std::min(most_pairs, names.size()); ++i) {
+    const auto& pair = comparison.pairs[i];
+    const auto* const way = missed_of(pair);
+    table.rows.push_back(
+        {shortened(names[i], 24),
+         way != nullptr ? change_text(change_of(pair, way->times, way->figure), share_text) : nothing,
+         time_text(pair, Figure::p50), time_text(pair, Figure::p99), time_text(pair, Figure::max)});
+  }
+  return table;
+}
+
+// Of many settings that belong together, how many: "realtime: false → true; realtime_settings (11 values)".
+std::string differences_text(const Comparison& comparison) {
+  struct Kind {
+    std::string name;
+    std::vector<Difference> differences;
+  };
+  std::vector<Kind> kinds;
+  for (const auto& pair : comparison.pairs)
+    for (auto& difference : differences(pair.from, pair.to)) {
+      const auto words = split(difference.what, ' ');
+      const bool of_a_host = words.size() > 1 && (words[0] == "controller" || words[0] == "component");
+      const auto name = of_a_host ? words[0] + " " + words[1] : words[0];
+      if (name == "id") continue;
+      auto kind = std::find_if(kinds.begin(), kinds.end(), [&](const Kind& one) { return one.name == name; });
+      if (kind == kinds.end()) kind = kinds.insert(kinds.end(), {name, {}});
+      const bool is_known = std::any_of(kind->differences.begin(), kind->differences.end(),
+                                        [&](const Difference& one) { return one.what == difference.what; });
+      if (!is_known) kind->differences.push_back(std::move(difference));
+    }
+  std::stable_sort(kinds.begin(), kinds.end(),
+                   [](const Kind& a, const Kind& b) { return a.differences.size() < b.differences.size(); });
+  std::vector<std::string> parts;
+  for (const auto& [name, all] : kinds)
+    parts.push_back(all.size() > 1
+                        ? fmt::format("{} ({} values)", name, all.size())
+                        : fmt::format("{}: {} → {}", all.front().what, all.front().from, all.front().to));
+  return join(parts, "; ");
+}
+
+std::vector<std::string> cautions_of(const Comparison& comparison) {
+  std::vector<std::string> cautions, names;
+  Group runs;
+  bool repeated = true;
+  for (const auto& pair : comparison.pairs) {
+    repeated = repeated && is_repeated(pair);
+    for (const auto* side : {&pair.from, &pair.to})
+      for (const auto* run : *side) {
+        runs.push_back(run);
+        names.push_back(gate::name_of(*run));
+        if (const auto why = why_left_out(*run); !why.empty())
+          cautions.push_back(fmt::format("left out: {} of {}, {}", names.back(),
+                                         side == &pair.from ? comparison.from_name : comparison.to_name,
+                                         why));
+      }
+  }
+  for (const auto& remark : shared_remarks(runs))
+    if (remark.weight == Remark::Weight::not_applied)
+      cautions.push_back(name_of_some(names, remark.runs) + ": " + remark.text);
+  if (!repeated)
+    cautions.emplace_back(
+        "one run on a side does not show what changes from one start to the next (repeat: 5)");
+  for (const auto& remark : shared_remarks(runs))
+    if (remark.weight == Remark::Weight::caution)
+      cautions.push_back(name_of_some(names, remark.runs) + ": " + remark.text);
+  return cautions;
+}
+
+}  // namespace
+
+std::string sentence_of(const Comparison& comparison) {
+  if (comparison.pairs.empty())
+    return fmt::format("Nothing to compare: no run of {} has the same conditions as one of {}.",
+                       comparison.from_name, comparison.to_name);
+  const auto names = names_of_pairs(comparison);
+  const auto* const missed = missed_of(comparison.pairs.front());
+  const auto metric = [](Times times, Figure figure) {
+    return [=](const Pair& pair) { return change_of(pair, times, figure); };
+  };
+  const auto misses = proven_of(comparison, [](const Pair& pair) -> std::optional<Change> {
+    const auto* const way = missed_of(pair);
+    return way != nullptr ? change_of(pair, way->times, way->figure) : std::nullopt;
+  });
+  const auto lost = proven_of(comparison, metric(Times::round_trip, Figure::lost));
+  const auto p99 = proven_of(comparison, metric(Times::round_trip, Figure::p99));
+  std::vector<std::string> parts;
+  const auto add = [&](const Proven& proven, const char* less, const char* more, const std::string& what) {
+    if (!proven.none()) parts.push_back(said(proven, names, less, more, what));
+  };
+  add(misses, "fewer", "more", missed != nullptr ? missed->words : "late messages");
+  if (missed == nullptr || missed->figure != Figure::lost) add(lost, "fewer", "more", "lost messages");
+  add(p99, "a lower", "a higher", "p99");
+  if (parts.empty()) return "No difference is proven: chance may explain all that was seen.";
+  return fmt::format("{} has {} than {}.", comparison.to_name, join(parts, "; "), comparison.from_name);
+}
+
+std::string render_answer(const Comparison& comparison, const std::vector<gate::Judgement>& judgements,
+                          Format format, const std::string& full_command, std::size_t width) {
+  const auto is_imported = [](const Pair& pair) {
+    return pair.from.front()->imported || pair.to.front()->imported;
+  };
+  if (format != Format::table || comparison.pairs.empty() ||
+      std::any_of(comparison.pairs.begin(), comparison.pairs.end(), is_imported))
+    return render(comparison, judgements, format, width);
+
+  std::string text = wrapped(printable(sentence_of(comparison)), width);
+  std::size_t from = 0, to = 0;
+  for (const auto& pair : comparison.pairs) {
+    from = std::max(from, pair.from.size());
+    to = std::max(to, pair.to.size());
+  }
+  const Group first{comparison.pairs.front().from.front(), comparison.pairs.front().to.front()};
+  text += wrapped(
+      printable(fmt::format("{} → {}; {} in ms; runs a row: {} and {}", comparison.from_name,
+                            comparison.to_name, all_listened(first) ? "times" : "round trips", from, to)),
+      width);
+  const auto names = names_of_pairs(comparison);
+  auto table =
+      table::as_text({{table_of(comparison, names, missed_of(comparison.pairs.front()))}, {}, ""}, width);
+  table.pop_back();  // the empty line after it
+  text += table;
+  if (names.size() > most_pairs)
+    text += fmt::format("… and {}\n", many(names.size() - most_pairs, "more", "more"));
+  text += wrapped("* chance does not explain it (98 % confidence)", width);
+  const auto add_list = [&](const char* heading, const std::string& list) {
+    if (!list.empty())
+      text += wrapped(heading + shortened(printable(list), lines_of_differences * width - 24), width);
+  };
+  add_list("Also different: ", differences_text(comparison));
+  std::vector<std::string> alone;
+  for (const auto* side : {&comparison.only_from, &comparison.only_to})
+    for (const auto& runs : *side)
+      alone.push_back(fmt::format("{} of {}", gate::name_of(runs),
+                                  side == &comparison.only_from ? comparison.from_name : comparison.to_name));
+  add_list("Without a partner: ", join(alone, ", "));
+  const auto cautions = cautions_of(comparison);
+  for (std::size_t i = 0; i < std::min(most_cautions, cautions.size()); ++i)
+    text += wrapped("Caution: " + shortened(printable(cautions[i]), 2 * width - 24), width);
+  for (const auto& judgement : judgements) text += wrapped(printable(gate::text_of(judgement)), width);
+  return text + steps_text({{"All metrics", full_command}});
+}
+
+}  // namespace ontime::report

@@ -1,0 +1,146 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <algorithm>
+#include <functional>
+#include <iterator>
+#include <map>
+
+#include <fmt/format.h>
+
+#include "report/comparison.hpp"
+#include "report/conditions.hpp"
+#include "report/runs.hpp"
+#include "report/words.hpp"
+
+namespace ontime::report {
+namespace {
+
+using Pair = Comparison::Pair;
+using Runs = Comparison::Runs;
+
+using KeyOf = std::function<std::string(const statistics::Summary&)>;
+
+// In the order of their first ones.
+Comparison pairs_of(const Runs& a, const Runs& b, const KeyOf& key_of) {
+  std::vector<std::string> order;
+  std::map<std::string, Pair> found;
+  const auto add = [&](const Runs& runs, Runs Pair::*side) {
+    for (const auto* run : runs) {
+      const auto key = key_of(*run);
+      if (!found.contains(key)) order.push_back(key);
+      (found[key].*side).push_back(run);
+    }
+  };
+  add(a, &Pair::from);
+  add(b, &Pair::to);
+  Comparison comparison;
+  for (const auto& key : order) {
+    const auto& pair = found.at(key);
+    if (pair.to.empty())
+      comparison.only_from.push_back(pair.from);
+    else if (pair.from.empty())
+      comparison.only_to.push_back(pair.to);
+    else
+      comparison.pairs.push_back(pair);
+  }
+  return comparison;
+}
+
+// The member that a scenario calls so: "kernel.threaded-napi"; "period" is recorded as period_us.
+nlohmann::json* member(nlohmann::json& conditions, const std::string& key) {
+  auto* found = &conditions;
+  for (auto name : split(key, '.')) {
+    if (!found->is_object()) return nullptr;
+    if (!found->contains(name)) {
+      std::replace(name.begin(), name.end(), '-', '_');
+      for (const auto* unit : {"", "_us", "_s", "_bytes", "_bit_s"})
+        if (found->contains(name + unit)) {
+          name += unit;
+          break;
+        }
+    }
+    if (!found->contains(name)) return nullptr;
+    found = &(*found)[name];
+  }
+  return found;
+}
+
+std::string text_of(const nlohmann::json& json) {
+  return json.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace);
+}
+
+// Its value of `key`, and all else that was asked for.
+std::pair<std::string, std::string> split_by(const std::string& key, const statistics::Summary& summary) {
+  auto conditions = record::conditions_of(summary.run.asked.document);
+  if (!conditions.is_object()) return {unset, ""};
+  auto* const found = member(conditions, key);
+  const auto value = found == nullptr || found->is_null() ? unset : word(*found);
+  if (found != nullptr) *found = nullptr;
+  conditions.erase("id");
+  return {value, text_of(conditions)};
+}
+
+Runs whole(const Runs& runs) {
+  Runs result;
+  std::copy_if(runs.begin(), runs.end(), std::back_inserter(result),
+               [](const auto* run) { return why_left_out(*run).empty(); });
+  return result;
+}
+
+}  // namespace
+
+std::string why_left_out(const statistics::Summary& run) {
+  if (!statistics::is_complete(run.run)) return "not measured to its end";
+  if (run.has_worst_only) return "its file keeps the samples of the worst messages only";
+  const auto missing = statistics::unrecorded(run.run);
+  return missing > 0 ? fmt::format("{} of its samples were not recorded", missing) : "";
+}
+
+std::optional<statistics::Change> change_of(const Pair& pair, statistics::Times times,
+                                            statistics::Figure figure) {
+  return statistics::change(whole(pair.from), whole(pair.to), times, figure);
+}
+
+bool is_repeated(const Pair& pair) { return whole(pair.from).size() > 1 && whole(pair.to).size() > 1; }
+
+Comparison compare(const Summaries& a, const Summaries& b) {
+  return pairs_of(all_of(a), all_of(b), [](const auto& summary) { return summary.run.key; });
+}
+
+Comparison compare_chosen(const Summaries& a, const Summaries& b) {
+  const auto key_of = [](const statistics::Summary& summary) {
+    auto key = nlohmann::json::array();
+    for (const auto* name : {"transport", "component_transport", "options", "component_options", "receive",
+                             "variant", "beside", "thread", "measures"})
+      key.push_back(summary.run.asked.stated(name));
+    return text_of(key);
+  };
+  auto comparison = pairs_of(all_of(a), all_of(b), key_of);
+  if (comparison.pairs.empty() && comparison.only_from.size() == 1 && comparison.only_to.size() == 1 &&
+      quantity_of(comparison.only_from.front()) == quantity_of(comparison.only_to.front())) {
+    comparison.pairs.push_back({comparison.only_from.front(), comparison.only_to.front()});
+    comparison.only_from.clear();
+    comparison.only_to.clear();
+  }
+  return comparison;
+}
+
+std::vector<std::string> values_of(const Summaries& runs, const std::string& key) {
+  std::vector<std::string> values;
+  for (const auto& run : runs)
+    if (auto value = split_by(key, run).first; std::find(values.begin(), values.end(), value) == values.end())
+      values.push_back(std::move(value));
+  return values;
+}
+
+Comparison compare_by(const Summaries& runs, const std::string& key, const std::string& from,
+                      const std::string& to) {
+  Runs a, b;
+  for (const auto& run : runs) {
+    const auto value = split_by(key, run).first;
+    if (value == from) a.push_back(&run);
+    if (value == to) b.push_back(&run);
+  }
+  return pairs_of(a, b, [&](const auto& summary) { return split_by(key, summary).second; });
+}
+
+}  // namespace ontime::report
