@@ -82,7 +82,11 @@ Plot plot_of(const PlotArguments& arguments) {
 
 constexpr std::size_t most_panels = 12;  // on one sheet of paper
 
-int plot(const PlotArguments& arguments) {
+int plot(PlotArguments arguments) {
+  const bool is_named = !arguments.output.empty();
+  if (const std::filesystem::path results(arguments.results); !is_named)  // beside them, as the page is
+    arguments.output =
+        fmt::format("{}-{}.svg", (results.parent_path() / results.stem()).string(), arguments.figure);
   const auto plot = plot_of(arguments);
   const record::Reader reader(arguments.results);
   Output output(arguments.output);
@@ -101,6 +105,7 @@ int plot(const PlotArguments& arguments) {
     throw Error(2, arguments.results + ": none of its runs had background topics (key `neighbours`)");
   output.write(drawn(plot::gnuplot_of(summaries, plot)));
   output.finish();
+  if (!is_named) Terminal().note("figure: " + arguments.output);
   return 0;
 }
 
@@ -154,7 +159,8 @@ void add_plot(Command& app, Action& action) {
   auto* command = app.add_subcommand("plot", "Figures for a paper: SVG, PDF, PNG");
   auto arguments = std::make_shared<PlotArguments>();
   command->add_option("RESULTS", arguments->results, "a results file")->required();
-  add_file(*command, "--output", arguments->output, "the figure: .svg, .pdf or .png")->required();
+  add_file(*command, "--output", arguments->output,
+           "the figure: .svg, .pdf or .png (default: beside RESULTS, NAME-FIGURE.svg)");
   command
       ->add_option("--figure", arguments->figure,
                    "time (round trips over time; the default), ccdf (share of messages slower than x), "

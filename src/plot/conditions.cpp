@@ -55,6 +55,9 @@ std::vector<Entry> entries_of(const std::vector<Condition>& conditions, const Gr
       conditions.begin(), conditions.end(), [](const auto& condition) { return condition.runs.size() > 1; }));
   std::vector<Entry> entries;
   for (std::size_t i = 0; i < metrics.size(); ++i) {
+    if (std::none_of(conditions.begin(), conditions.end(),
+                     [&](const auto& one) { return found_in(one.runs, metrics[i], 0).has_value(); }))
+      continue;
     const bool has_bar = repeated > 0 || metrics[i].has_interval();
     entries.push_back({statistics::metric_of(metrics[i].figure).name,
                        has_bar ? fmt::format("linewidth 5 linecolor rgb '{}'", bar_colours[i]) : "",

@@ -172,16 +172,28 @@ double end_of(const Group& group) {
 }
 
 // Titles stand right above the axes, whatever the longest one of the row takes.
-void add_texts(Sheet& sheet, const Layout& layout, std::size_t panel, const char* unit,
-               const std::string& quantity) {
+void add_texts(Sheet& sheet, const Layout& layout, std::size_t panel, const char* unit) {
   const auto axes = layout.axes_of(panel);
   const auto& title = layout.titles[panel];
   auto y = axes.top - (static_cast<double>(title.size()) - 0.5) * line_cm;
   for (std::size_t i = 0; i < title.size(); ++i, y += line_cm)
     sheet.text(axes.left, y, title[i], i + 1 == title.size() ? "left textcolor rgb '#555555'" : "left");
-  sheet.text(layout.left_of(panel) + 0.2, (axes.top + axes.bottom) / 2, quantity, "center rotate");
   if (layout.is_lowest(panel))
     sheet.text((axes.left + axes.right) / 2, axes.bottom + 0.7, fmt::format("Time ({})", unit), "center");
+}
+
+// Once beside a column of panels, which are too low for it; where they differ, beside each.
+void add_quantities(Sheet& sheet, const Layout& layout, const Group& group) {
+  const auto common = report::quantity_of(group);
+  for (std::size_t first = 0; first < group.size();) {
+    const auto quantity = report::quantity_of(Group{group[first]});
+    auto last = first;
+    if (quantity == common)
+      while (!layout.is_lowest(last)) ++last;
+    sheet.text(layout.left_of(first) + 0.2, (layout.axes_of(first).top + layout.axes_of(last).bottom) / 2,
+               quantity, "center rotate");
+    first = last + 1;
+  }
 }
 
 }  // namespace
@@ -200,9 +212,10 @@ std::string plot_over_time(const Group& group, const Plot& plot) {
                         range.least_ms, range.greatest_ms, end_s / unit.seconds));
   sheet.add(time_tics("y", range.least_ms, range.greatest_ms));
   legend.draw(sheet, left_cm, layout.height_cm - legend.height_cm() - 0.1);
+  add_quantities(sheet, layout, group);
   const auto most_stretches = static_cast<std::size_t>(layout.inner_cm() * stretches_a_cm);
   for (std::size_t i = 0; i < group.size(); ++i) {
-    add_texts(sheet, layout, i, unit.name, quantity_of(Group{group[i]}));
+    add_texts(sheet, layout, i, unit.name);
     sheet.add(layout.is_lowest(i) ? "set format x '%g'" : "set format x ''");
     auto parts = parts_of(sheet, *group[i], i, most_stretches, unit.seconds);
     if (parts.empty()) parts.emplace_back("NaN");

@@ -57,7 +57,11 @@ std::string value_of(const Row& row, double value) {
 }
 
 std::string in_percent(double ratio) {
-  return fmt::format("{:+.{}f} %", (ratio - 1) * 100, std::abs(ratio - 1) < 0.1 ? 1 : 0);
+  const int decimals = ratio > 0 && ratio < 0.005
+                           ? decimals_that_show(ratio * 100)  // something is left of it
+                       : std::abs(ratio - 1) < 0.1 ? 1
+                                                   : 0;
+  return fmt::format("{:+.{}f} %", (ratio - 1) * 100, decimals);
 }
 
 // "-3 % … +12 %"; of what has no ratio the difference itself.
