@@ -78,7 +78,8 @@ Config config_with(const Authority& authority, Role role, const std::string& nam
 }
 
 TEST_P(DdsSecurity, IsAsAskedOnTheWire) {
-  const auto& [transport, level] = GetParam();
+  const auto& transport = GetParam().transport;
+  const auto level = GetParam().level;
   const Authority authority;
   const auto served = config_with(authority, Role::server, "component", level);
   const auto asking = config_with(authority, Role::client, "controller", level);

@@ -177,12 +177,11 @@ TEST_P(BelowIp, PeerIsWhoHasTheAddress) {
 }
 
 TEST_P(BelowIp, ClientOutlivesARestartOfTheServer) {
-  auto first = std::make_unique<Echo>();
-  auto server = open(Role::server, *first);
+  Echo first, echo;  // which outlive the server's thread
+  auto server = open(Role::server, first);
   const auto client = open(Role::client, keep);
   ASSERT_TRUE(within(a_while, [&] { return client->matched().both(); }));
   server.reset();
-  Echo echo;
   server = open(Role::server, echo);  // what the first held is free again
   echo.endpoint = server.get();
   EXPECT_TRUE(within(a_while, [&] {

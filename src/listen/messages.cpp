@@ -264,7 +264,10 @@ void Messages::doubt(Link& link, const Observation& seen) {
   const bool fits =
       publisher != publishers_.end() && (link.is_broken || publisher->second.fits(seen.stamp_ns));
   link.misfits = fits ? 0 : link.misfits + 1;
-  if (publisher != publishers_.end() && link.misfits < enough_fits) return;
+  if (link.misfits == 1) link.misfits_since_ns = seen.at_ns;
+  // A busy machine delays many stamps in a row, but not for so long.
+  const bool is_accident = link.misfits < enough_fits || seen.at_ns - link.misfits_since_ns < long_enough_ns;
+  if (publisher != publishers_.end() && is_accident) return;
   link.publisher.reset();
   link.candidate.reset();
   link.fits = link.misfits = 0;

@@ -255,7 +255,7 @@ runs:
 
     def check_overwritten(self, **kind):
         publisher, taker = self.pair(MESSAGES, depth=1, take_us=5000, **kind)
-        listener = self.listen((publisher, taker), "--results", "kept.ontime")
+        listener = self.listen((publisher, taker), "/cmd_vel", "--results", "kept.ontime")
         code, seen = self.end(listener, publisher, taker)
         taken = [number for number, _, _ in log_of(self.folder / "taken")]
         flow = seen["flows"][0]
