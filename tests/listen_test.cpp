@@ -28,6 +28,15 @@ TEST(Distribution, QuantilesAreWithinTheirBounds) {
   EXPECT_EQ(values.quantile_ns(1), 100'000'000);
 }
 
+TEST(Distribution, CountsOfMonthsAreHeld) {
+  Distribution values;
+  values.add(1000);
+  values.add(2000);
+  for (int i = 0; i < 33; ++i) values.add(Distribution(values));  // twice as many each time
+  EXPECT_EQ(values.count(), std::uint64_t{1} << 34);
+  EXPECT_EQ(values.count_up_to(1500), std::uint64_t{1} << 33);
+}
+
 TEST(Distribution, ExtremeValuesAreKept) {
   Distribution values;
   EXPECT_EQ(values.quantile_ns(0.5), 0);

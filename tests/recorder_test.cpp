@@ -120,6 +120,18 @@ TEST_F(Recorder, ADayIsCountedAndItsWorstMessagesAreKept) {
   EXPECT_GT(samples.size(), 2 * kept.size());
 }
 
+TEST_F(Recorder, PausesAreToldOfEachRun) {
+  record::Writer writer(path_);
+  ListenResults results(writer, limits_, nlohmann::json::object(), true, true);
+  for (int i = 0; i < 100; ++i) period(results, 1, 50 * ms);
+  listen::Findings findings;
+  findings.flows = {flow(1)};
+  results.end(findings, false, "listened 40 % of the time");
+  const auto notes = statistics::summarise(record::Reader(path_)).at(0).notes;
+  ASSERT_EQ(notes.size(), 1u);
+  EXPECT_EQ(notes[0].text, "listened 40 % of the time");
+}
+
 TEST_F(Recorder, WorstOfOneDelayStandsForAll) {
   record::Writer writer(path_);
   ListenResults results(writer, limits_, nlohmann::json::object(), true, true);

@@ -367,6 +367,9 @@ TEST(Remarks, TellNotesWithTheirMoment) {
   EXPECT_EQ(notes.at(1).at("at_s"), nullptr);
   one.notes.assign(30, {"peer-left", "gone", {}, {}});
   EXPECT_THAT(render({one}, Format::markdown), HasSubstr("gone; 25 further notes"));
+  one.notes.assign(30, {"cause", "late", {}, 17});
+  one.notes.push_back({"pauses", "listened 40 % of the time", {}, {}});
+  EXPECT_THAT(render({one}, Format::markdown), HasSubstr("listened 40 % of the time; late (message 17)"));
 }
 
 }  // namespace

@@ -18,6 +18,7 @@
 #include "flags.hpp"
 #include "listen_budget.hpp"
 #include "listen_chains.hpp"
+#include "listen_reader.hpp"
 #include "listen_results.hpp"
 #include "listen_words.hpp"
 #include "listening.hpp"
@@ -46,7 +47,9 @@ std::optional<std::chrono::nanoseconds> time_of(const char* flag, const std::str
 }
 
 std::unique_ptr<listen::Sensor> sensor_of(const ListenArguments& arguments, const listen::Limits& limits,
-                                          const std::vector<listen::ChainWish>& chains) {
+                                          const std::vector<listen::ChainWish>& chains,
+                                          const std::set<std::string>& topics) {
+  if (arguments.reader) return reader_of(topics, limits);
   if (!arguments.bag.empty()) return bag::open(arguments.bag, limits);
   if (!arguments.packets.empty()) return listen::in_packets(arguments.packets, limits);
   if (!arguments.pcap.empty()) return listen::in_pcap_file(arguments.pcap, limits);
@@ -85,25 +88,28 @@ class Listening {
     if (arguments.list && !time_) time_ = look_for_list;
     if (arguments.list && !arguments.results.empty())
       throw campaign::Error(2, "--results: --list keeps no messages; leave out one of them");
+    if (arguments.reader && (topics_.empty() || arguments.list))
+      throw campaign::Error(2, "--reader: name the topics that it is to read, and leave out --list");
     if (!arguments.budget.empty()) {
       budget_.emplace(arguments.budget);
-      if (arguments.list || !arguments.packets.empty() || arguments.is_recording())
+      if (arguments.list || !arguments.is_in_processes())
         throw campaign::Error(
-            2, "--budget: only probes are kept to it; leave it out with --list, --packets and --pcap");
+            2,
+            "--budget: only probes are kept to it; leave it out with --list, --packets, --pcap and --reader");
     }
     if (chains_.empty()) return;
     if (arguments.list) throw campaign::Error(2, "--chain: --list judges nothing; leave out one of them");
-    if (!arguments.packets.empty() || arguments.is_recording())
+    if (!arguments.is_in_processes())
       throw campaign::Error(2,
-                            "--chain: packets do not show which message a node made of which; chains are "
-                            "seen in the processes of this machine, without --packets and --pcap");
+                            "--chain: only the processes of this machine show which message a node made of "
+                            "which; leave out --packets, --pcap and --reader");
     for (const auto& chain : chains_)
       for (const auto& step : chain.steps) topics_.insert(step.topic);
   }
 
   int run() {
     const auto& interrupts = catch_interrupts();
-    const auto sensor = sensor_of(arguments_, limits_, chains_);
+    const auto sensor = sensor_of(arguments_, limits_, chains_, topics_);
     auto explainer = make_explainer();
     const auto metrics = metrics_at(arguments_.metrics);
     std::optional<record::Writer> writer;
@@ -143,7 +149,7 @@ class Listening {
     findings = wanted(std::move(findings));
     // Without --for an interruption is how listening ends.
     const bool is_cut_off = interrupts > 0 && (time_ || !arguments_.bag.empty());
-    if (results) results->end(with_chains(findings), is_cut_off);
+    if (results) results->end(with_chains(findings), is_cut_off, budget_ ? budget_->of_pauses() : "");
     write(findings);
     output_.finish();
     if (results) tell_of(*results);
@@ -193,8 +199,8 @@ class Listening {
 
   // nullptr: no message can be late, or the probes do not see it, or this machine cannot; the last is said.
   std::unique_ptr<listen::Explainer> make_explainer() const {
-    const bool in_processes = arguments_.packets.empty() && !arguments_.is_recording();
-    if (!is_judged_ || !in_processes || arguments_.list || arguments_.no_explain) return nullptr;
+    if (!is_judged_ || !arguments_.is_in_processes() || arguments_.list || arguments_.no_explain)
+      return nullptr;
     try {
       return std::make_unique<listen::Explainer>(most_bytes_.has_value());
     } catch (const listen::Error& error) {
@@ -278,6 +284,7 @@ class Listening {
   }
 
   const char* what_shows_topics() const {
+    if (arguments_.reader) return "is its name right, and does its writer run? `ros2 topic list` shows names";
     return arguments_.bag.empty() ? "without TOPIC, or with --list, it shows the topics"
                                   : "without --topic it shows all topics of the bag";
   }
@@ -300,7 +307,7 @@ class Listening {
                                                 unnamed)
                                   : what_shows_topics()));
     }
-    if (findings.flows.empty() && arguments_.packets.empty() && !arguments_.is_recording())
+    if (findings.flows.empty() && arguments_.is_in_processes())
       findings.remarks.emplace_back(
           "the processes of this PID namespace that use ROS 2, Cyclone DDS or Fast DDS are watched; of other "
           "programs see the packets: --packets any");
@@ -472,6 +479,12 @@ void add_listen(Command& app, Action& action) {
   packets->type_name("NAME")->check(given);
   add_file(*command, "--pcap", arguments->pcap, "judge RTPS packets in this capture (pcap, pcapng)")
       ->excludes(packets);
+  command
+      ->add_flag("--reader", arguments->reader,
+                 "the last resort, without any privilege: be one more DDS reader of each TOPIC, to which its "
+                 "writers then send, too")
+      ->excludes("--packets")
+      ->excludes("--pcap");
   add_format(*command, arguments->format);
   add_output(*command, arguments->output);
   add_metrics(*command, arguments->metrics);

@@ -80,11 +80,15 @@ std::string ListenBudget::text() const {
   if (!measures_probes_) text += ", of ontime alone: the probes' cost is not measured on this machine";
   if (!dropped_kernel_events_ && budget_->pauses() == 0) return text + ": nothing was left out\n";
   if (dropped_kernel_events_) text += "; the kernel's events were left out";
-  if (budget_->pauses() > 0)
-    text += fmt::format(
-        "; listened {:.0f} % of the time, between {} pauses: what was lost in the rest is not known",
-        100 * budget_->listened_share(now()), budget_->pauses());
+  if (const auto pauses = of_pauses(); !pauses.empty()) text += "; " + pauses;
   return text + "\n";
+}
+
+std::string ListenBudget::of_pauses() const {
+  if (!budget_ || budget_->pauses() == 0) return "";
+  return fmt::format(
+      "listened {:.0f} % of the time, between {} pauses: what was lost in the rest is not known",
+      100 * budget_->listened_share(now()), budget_->pauses());
 }
 
 nlohmann::ordered_json ListenBudget::json() const {

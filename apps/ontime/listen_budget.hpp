@@ -28,6 +28,7 @@ class ListenBudget {
   void keep(listen::Sensor&, std::unique_ptr<listen::Explainer>&);
 
   std::string text() const;
+  std::string of_pauses() const;  // how much of the time was listened; "" if there were none
   nlohmann::ordered_json json() const;
 
  private:

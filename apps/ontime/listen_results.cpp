@@ -298,11 +298,11 @@ json ListenResults::about_machine() const {
           {"conditions", {{"controller", machine::between(before_, machine::activity())}}}};
 }
 
-void ListenResults::end(const listen::Findings& wanted, bool interrupted) {
-  until_it_fails([&] { end_runs(wanted, interrupted); });
+void ListenResults::end(const listen::Findings& wanted, bool interrupted, const std::string& pauses) {
+  until_it_fails([&] { end_runs(wanted, interrupted, pauses); });
 }
 
-void ListenResults::end_runs(const listen::Findings& wanted, bool interrupted) {
+void ListenResults::end_runs(const listen::Findings& wanted, bool interrupted, const std::string& pauses) {
   for (const auto& flow : wanted.flows) add_silence(flow);
   write(wanted.flows, true);
   const auto about = about_machine();
@@ -318,6 +318,7 @@ void ListenResults::end_runs(const listen::Findings& wanted, bool interrupted) {
       note("sensor-lost", fmt::format("the sensor lost {} events of all topics: no loss and no period is "
                                       "counted across them",
                                       wanted.sensor_lost));
+    if (!pauses.empty()) note("pauses", pauses);
     if (left_out_ > 0)
       note("left-out", fmt::format("{} messages of all topics had times that no clock shows", left_out_));
     writer_.end_run(kept.run, outcome);

@@ -37,7 +37,8 @@ class ListenResults {
   // Why a message was late. Of the worst: that it is to be kept, with what was around it.
   void note(const listen::Miss&);
   // The same once more, and the outcome of each run.
-  void end(const listen::Findings& wanted, bool interrupted);
+  // `pauses`: in words, if not all the time was listened.
+  void end(const listen::Findings& wanted, bool interrupted, const std::string& pauses = "");
   void forget();  // the runs, as if they had never begun
   std::size_t runs() const { return runs_; }
   // Why nothing is kept any more, as a full disk; empty: it is.
@@ -78,7 +79,7 @@ class ListenResults {
   nlohmann::json outcome_of(listen::Row::Quantity, const Kept&) const;
   nlohmann::json about_machine() const;
   void write(const std::vector<listen::Flow>& wanted, bool is_end);
-  void end_runs(const listen::Findings& wanted, bool interrupted);
+  void end_runs(const listen::Findings& wanted, bool interrupted, const std::string& pauses);
   template <class Do>
   void until_it_fails(const Do&);
   void begin(Kept&, const listen::Flow&, listen::Row::Quantity);

@@ -14,8 +14,9 @@ struct ListenArguments {
   std::vector<std::string> topics, chains;
   std::string deadline, period, age, time, pcap, packets, bag, output, metrics, results, budget, keep,
       format = "table";
-  bool list = false, no_explain = false;
+  bool list = false, no_explain = false, reader = false;
   bool is_recording() const { return !pcap.empty() || !bag.empty(); }
+  bool is_in_processes() const { return packets.empty() && !is_recording() && !reader; }
 };
 
 // --deadline, --period and --age; `age_help` says when the age ends.

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // The robot's own messages: who publishes and takes them, how often, how old they are when they are taken,
-// and which of them are missing. Two sensors see them: probes in the processes (in_process.hpp's contract is
-// below) and packets on the wire. Ordinary thread only.
+// and which of them are missing. Three sensors see them: probes in the processes, packets on the wire, and a
+// reader of ontime's own. Ordinary thread only.
 #pragma once
 
 #include <array>
@@ -17,6 +17,7 @@
 #include <vector>
 
 #include "trace/trace.hpp"
+#include "transport/transport.hpp"
 
 namespace ontime::listen {
 
@@ -54,7 +55,7 @@ class Distribution {
   std::vector<std::pair<std::int64_t, std::uint64_t>> values() const;
 
  private:
-  std::vector<std::uint32_t> buckets_;  // grows to what the largest value needs
+  std::vector<std::uint64_t> buckets_;  // grows to what the largest value needs
   std::uint64_t count_ = 0;
   std::int64_t max_ = 0;
   double sum_ = 0;
@@ -270,6 +271,9 @@ std::unique_ptr<Sensor> in_processes(const Limits&, std::vector<ChainWish> = {})
 std::unique_ptr<Sensor> in_packets(const std::string& interface, const Limits&);
 // RTPS packets in a file of libpcap or in pcapng. Throws Error; of another file, WrongInput.
 std::unique_ptr<Sensor> in_pcap_file(const std::string& path, const Limits&);
+
+// As one more reader of topics, which any user may be; each of their writers sends once more.
+std::unique_ptr<Sensor> as_reader(std::unique_ptr<transport::Hearing>, const Limits&);
 
 // What the kernel does, recorded in an instance of tracefs of our own, and looked at where a message was
 // late. While there is one, this process holds the machine (journal).

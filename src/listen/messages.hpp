@@ -110,7 +110,7 @@ class Messages {
     std::optional<Endpoint> publisher, candidate;
     std::int64_t candidate_since_ns = 0;
     std::optional<std::uint64_t> last_number;  // of the publisher's, taken last
-    int fits = 0, misfits = 0;         // of the candidate's stamps; of the publisher's, misfits in a row
+    int fits = 0, misfits = 0;  // of the candidate's stamps; of the publisher's, misfits in a row
     std::int64_t misfits_since_ns = 0;
     Sequence sequence;                 // of the publisher's numbers
     std::vector<std::int64_t> stamps;  // of those taken, by number; empty without a publisher

@@ -23,10 +23,9 @@ void Wire::add(std::int64_t at_ns, const Datagram& datagram) {
       .data =
           [&](const rtps::Data& data) {
             if (const auto writer = rtps::announced(data)) {
-              if (topics_.size() < most_names || topics_.contains(writer->guid))
-                topics_[writer->guid] = ros_name(writer->topic);
+              name_topic(writer->guid, writer->topic);
             } else if (data.writer.is_user_endpoint()) {
-              take(at_ns, datagram, data);
+              add(at_ns, datagram, data);
             }
           },
       .gap =
@@ -47,6 +46,10 @@ void Wire::add(std::int64_t at_ns, const Datagram& datagram) {
     ++cut_;
     interrupt();
   }
+}
+
+void Wire::name_topic(const rtps::Guid& writer, const std::string& dds_topic) {
+  if (topics_.size() < most_names || topics_.contains(writer)) topics_[writer] = ros_name(dds_topic);
 }
 
 void Wire::interrupt() {
@@ -96,7 +99,7 @@ Wire::Partial& Wire::partial_of(Stream& stream, std::uint64_t sequence, std::uin
       Partial{.sequence = sequence, .seen = std::vector<bool>(fragments), .count = 0});
 }
 
-void Wire::take(std::int64_t at_ns, const Datagram& datagram, const rtps::Data& data) {
+void Wire::add(std::int64_t at_ns, const Datagram& datagram, const rtps::Data& data) {
   auto* const stream = stream_of(data.writer);
   if (stream == nullptr || (data.fragments && !completes(*stream, data))) return;
   if (stream->is_broken ||

@@ -25,6 +25,9 @@ class Wire {
   explicit Wire(const Limits& limits) : limits_(limits) {}
   // at_ns: CLOCK_REALTIME of the capture. In order of capture.
   void add(std::int64_t at_ns, const Datagram&);
+  // One message, however it came.
+  void add(std::int64_t at_ns, const Datagram&, const rtps::Data&);
+  void name_topic(const rtps::Guid& writer, const std::string& dds_topic);
   // Packets were lost before the next one: no loss and no period is concluded across it.
   void interrupt();
   Findings findings() const;
@@ -54,7 +57,6 @@ class Wire {
     std::deque<Partial> partial;  // in order of arrival
   };
   Stream* stream_of(const rtps::Guid&);
-  void take(std::int64_t at_ns, const Datagram&, const rtps::Data&);
   static bool completes(Stream&, const rtps::Data&);
   static Partial& partial_of(Stream&, std::uint64_t sequence, std::uint32_t fragments);
   void judge(Stream&, std::int64_t at_ns, const rtps::Data&);

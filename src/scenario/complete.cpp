@@ -35,18 +35,6 @@ void complete_topics(Run& run) {
   check_topics(config);
 }
 
-// Every user of ROS 2 says the domain so, of its nodes and of what is to talk to them.
-int domain_of_environment() {
-  const char* const id = std::getenv("ROS_DOMAIN_ID");  // NOLINT(concurrency-mt-unsafe): no thread sets it
-  if (id == nullptr || *id == '\0') return 0;
-  try {
-    return static_cast<int>(number_of(id, 0, max_domain));
-  } catch (const std::invalid_argument& error) {
-    throw std::invalid_argument(
-        fmt::format("ROS_DOMAIN_ID: {}; correct it, unset it, or state the domain", error.what()));
-  }
-}
-
 void complete_isolation(const Run& run) {
   const auto& wish = run.isolation;
   if (wish.interrupts && wish.cpus.empty())
@@ -77,6 +65,17 @@ std::vector<std::string_view> names_with_security() {
 }
 
 }  // namespace
+
+int domain_of_environment() {
+  const char* const id = std::getenv("ROS_DOMAIN_ID");  // NOLINT(concurrency-mt-unsafe): no thread sets it
+  if (id == nullptr || *id == '\0') return 0;
+  try {
+    return static_cast<int>(number_of(id, 0, max_domain));
+  } catch (const std::invalid_argument& error) {
+    throw std::invalid_argument(
+        fmt::format("ROS_DOMAIN_ID: {}; correct it, unset it, or state the domain", error.what()));
+  }
+}
 
 void check_topics(const transport::Config& config) {
   for (const auto& topic : {config.ping_topic, config.pong_topic})

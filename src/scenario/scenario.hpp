@@ -27,6 +27,9 @@ bool is_option(const std::string& path);
 void set_option(Run&, const std::string& path, const std::string& value);
 // What only the whole of a run can tell: fills in what follows from other keys. Throws std::invalid_argument.
 void complete(Run&);
+// Every user of ROS 2 says the domain so, of its nodes and of what is to talk to them. Throws
+// std::invalid_argument.
+int domain_of_environment();
 // The run for the component of that name, where there are several: with its own conditions, if it has any,
 // and on topics of its own, /arm/ping for /ping, if its transport has any. Throws std::invalid_argument.
 Run with_component(Run, const std::string& name);

@@ -31,7 +31,7 @@ inline constexpr Shipped all_shipped[] = {
      {.security = true, .neighbours = true, .shares_threads = true},
      "; install the package ontime-transport-cyclonedds, or build ontime where cyclonedds-dev is"},
     {"fastdds",
-     {.security = true, .neighbours = true},
+     {.security = true, .neighbours = true, .hears = true},
      "; install the package ontime-transport-fastdds, or build ontime where libfastrtps-dev is"},
     {"opendds",
      {.neighbours = true},

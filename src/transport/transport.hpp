@@ -6,14 +6,18 @@
 // may use the message room, and its middleware, and nothing else of ontime.
 #pragma once
 
+#include <array>
 #include <cstddef>
 #include <cstdint>
+#include <functional>
 #include <map>
 #include <memory>
 #include <optional>
+#include <set>
 #include <span>
 #include <stdexcept>
 #include <string>
+#include <string_view>
 #include <vector>
 
 #include <sys/types.h>
@@ -172,6 +176,26 @@ class Endpoint {
   virtual std::map<std::string, std::string> facts() = 0;
 };
 
+// A message of any topic, as one more reader of it took it.
+struct Heard {
+  std::string_view topic;                 // "rt/cmd_vel"; valid until the call returns
+  std::array<std::uint8_t, 16> writer{};  // its GUID
+  std::uint64_t sequence = 0;             // the writer's own number of it
+  std::int64_t stamp_ns = 0;  // when the writer says that it published: CLOCK_REALTIME of its host
+  std::int64_t at_ns = 0;     // when it could be taken here: CLOCK_REALTIME
+  bool is_one_host = false;   // the writer is on this machine
+};
+
+// Reads topics whatever their types are, as a further reader of each writer. Ordinary thread.
+class Hearing {
+ public:
+  virtual ~Hearing() = default;
+  // Calls for each message that came since the last time, in the order of each writer.
+  virtual void take(const std::function<void(const Heard&)>&) = 0;
+  // What it could not read and why, and what was seen of others, for people.
+  virtual std::vector<std::string> remarks() = 0;
+};
+
 // What a transport can do. Code above the port goes by this alone, and knows no transport's name.
 struct Capabilities {
   bool listener = true;
@@ -184,6 +208,7 @@ struct Capabilities {
   bool nodes = false;            // has ROS 2's nodes, callback groups and executors: the first four of Where
   bool below_ip = false;         // its messages have no IP header, and its Config::priority is its own to set
   bool past_the_kernel = false;  // bypasses packet filter, queueing disciplines and tracepoints
+  bool hears = false;            // Plugin::hear() reads topics of any type
   bool shares_threads = false;   // all participants of a process receive on the same threads
 };
 
@@ -193,7 +218,7 @@ struct Option {
 };
 
 // The version of the port, and the size of what crosses it, which a forgotten rebuild shows by.
-inline constexpr int abi = 6 * 1'000'000 + static_cast<int>(sizeof(Config) * 10 + sizeof(Capabilities));
+inline constexpr int abi = 7 * 1'000'000 + static_cast<int>(sizeof(Config) * 10 + sizeof(Capabilities));
 
 struct Plugin {
   int abi;
@@ -203,6 +228,8 @@ struct Plugin {
   std::span<const Option> options;
   // Throws Error. Everything that the first message needs exists when it returns, peers apart.
   std::unique_ptr<Endpoint> (*open)(const Config&, Sink&);
+  // Only with Capabilities::hears. `topics`: as ROS 2 names them. Throws Error.
+  std::unique_ptr<Hearing> (*hear)(int domain, const std::set<std::string>& topics) = nullptr;
 };
 
 // The transport of that name, from $ONTIME_TRANSPORT_PATH (folders, separated by ':'), beside the program

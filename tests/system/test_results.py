@@ -320,7 +320,7 @@ class Results(unittest.TestCase):
         self.assertIn("open: p99 <= +10% (one udp)", answer.stderr, "one run a side tells nothing of the next start")
         self.ontime("compare", a, b, *gate)
         slower = self.copy_with("slower.ontime", (int(ns * 1.2) for ns in second))
-        answer = self.ontime("compare", a, slower, *gate, "--junit", "compare.xml", code=1)
+        answer = self.ontime("compare", a, slower, *gate, "--full", "--junit", "compare.xml", code=1)
         self.assertRegex(answer.stderr, r"FAIL: p99 <= \+10% \(one udp\): p99 went from .* to .* 98 % interval")
         self.assertRegex(answer.stdout, r"\np99 .* higher\n")
         self.assertEqual(xml.etree.ElementTree.parse(self.folder / "compare.xml").getroot().get("failures"), "1")
@@ -328,6 +328,9 @@ class Results(unittest.TestCase):
         for form in ("json", "csv", "markdown", "latex", "html"):
             wanted = "cannot tell" if form in ("json", "csv") else "lower"
             self.assertIn(wanted, self.ontime("compare", slower, a, "--format", form).stdout)
+        answer = self.ontime("compare", a, slower)
+        self.assertRegex(answer.stdout, r"^slower.ontime has a higher p99 than a.ontime\.\n")
+        self.assertRegex(answer.stdout, r"\nAll metrics: +ontime compare \S+ \S+ --full\n$")
 
     def test_what_has_no_partner_holds_no_line(self):
         self.measured()

@@ -28,6 +28,7 @@
 #include "transport/clock.hpp"
 #include "transport/dds.hpp"
 #include "transport/fastdds/cdr_type.hpp"
+#include "transport/fastdds/hearing.hpp"
 #include "transport/fastdds/log.hpp"
 #include "transport/fastdds/profiles.hpp"
 #include "transport/fastdds/threads.hpp"
@@ -424,4 +425,5 @@ const ontime::transport::Plugin ontime_transport{.abi = ontime::transport::abi,
                                                  .version = ontime::transport::fastdds::version,
                                                  .capabilities = ontime::transport::fastdds::capabilities(),
                                                  .options = ontime::transport::fastdds::options,
-                                                 .open = ontime::transport::fastdds::open};
+                                                 .open = ontime::transport::fastdds::open,
+                                                 .hear = ontime::transport::fastdds::hear};

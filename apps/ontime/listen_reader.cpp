@@ -1,0 +1,32 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "listen_reader.hpp"
+
+#include <algorithm>
+
+#include <fmt/format.h>
+
+#include "campaign/campaign.hpp"
+#include "scenario/scenario.hpp"
+#include "transport/shipped.hpp"
+
+namespace ontime::app {
+
+std::unique_ptr<listen::Sensor> reader_of(const std::set<std::string>& topics, const listen::Limits& limits) {
+  const auto names = transport::available();
+  const auto can_hear = [](const transport::Shipped& one) { return one.can.hears; };
+  for (const auto& one : transport::all_shipped)
+    if (can_hear(one) && std::find(names.begin(), names.end(), one.name) != names.end()) try {
+        return listen::as_reader(
+            transport::load(std::string(one.name)).hear(scenario::domain_of_environment(), topics), limits);
+      } catch (const transport::Error& error) {
+        throw campaign::Error(3, fmt::format("--reader: {}", error.what()));
+      } catch (const std::invalid_argument& error) {
+        throw campaign::Error(2, error.what());
+      }
+  std::string missing;
+  for (const auto& one : transport::all_shipped)
+    if (can_hear(one)) missing += fmt::format("{}{}{}", missing.empty() ? "" : "; ", one.name, one.install);
+  throw campaign::Error(3, fmt::format("--reader: no transport here reads topics of any type: {}", missing));
+}
+
+}  // namespace ontime::app

@@ -1,0 +1,78 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <algorithm>
+#include <thread>
+
+#include "listen/listen.hpp"
+#include "listen/wire.hpp"
+#include "transport/transport.hpp"
+
+namespace ontime::listen {
+namespace {
+
+constexpr std::int64_t rows_begin_ns = 1'000'000'000;
+
+class Reader final : public Sensor {
+ public:
+  Reader(std::unique_ptr<transport::Hearing> hearing, const Limits& limits)
+      : hearing_(std::move(hearing)), limits_(limits), wire_(limits) {}
+
+  bool listen_for(std::chrono::milliseconds most) override {
+    const auto until = std::chrono::steady_clock::now() + most;
+    do {
+      hearing_->take([this](const transport::Heard& heard) { add(heard); });
+      std::this_thread::sleep_for(std::chrono::milliseconds(5));
+    } while (std::chrono::steady_clock::now() < until);
+    return true;
+  }
+
+  Findings findings() const override {
+    auto findings = wire_.findings();
+    const std::chrono::nanoseconds now = std::chrono::system_clock::now().time_since_epoch();
+    judge_silence(findings.flows, limits_, now.count() - unread_ns);
+    for (auto& remark : hearing_->remarks()) findings.remarks.push_back(std::move(remark));
+    findings.remarks.emplace_back(
+        "--reader is the last resort: each writer sends to one more reader, ontime's own. Judged is the way "
+        "to "
+        "that reader; what the robot's own readers took, and when, is not seen");
+    return findings;
+  }
+
+  std::vector<Miss> take_misses() override { return wire_.take_misses(); }
+
+  void keep_rows(KeepRow keep) override {
+    wire_.keep_rows([this, keep = std::move(keep)](Row row) {
+      row.from_ns -= origin_ns_;
+      if (row.to_ns != 0) row.to_ns -= origin_ns_;
+      keep(row);
+    });
+  }
+
+ private:
+  void add(const transport::Heard& heard) {
+    if (origin_ns_ == 0) origin_ns_ = heard.at_ns - rows_begin_ns;
+    rtps::Data data{};
+    data.writer.bytes = heard.writer;
+    data.sequence = heard.sequence;
+    if (heard.stamp_ns > 0) data.stamp_ns = heard.stamp_ns;
+    wire_.name_topic(data.writer, std::string(heard.topic));
+    wire_.add(heard.at_ns,
+              {.source = heard.is_one_host ? "this machine" : "another machine",
+               .destination = "ontime's reader",
+               .is_one_host = heard.is_one_host,
+               .payload = {}},
+              data);
+  }
+
+  const std::unique_ptr<transport::Hearing> hearing_;
+  const Limits limits_;
+  std::int64_t origin_ns_ = 0;  // of rows' times
+  Wire wire_;
+};
+
+}  // namespace
+
+std::unique_ptr<Sensor> as_reader(std::unique_ptr<transport::Hearing> hearing, const Limits& limits) {
+  return std::make_unique<Reader>(std::move(hearing), limits);
+}
+
+}  // namespace ontime::listen

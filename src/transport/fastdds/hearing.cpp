@@ -1,0 +1,243 @@
+// SPDX-License-Identifier: Apache-2.0
+// Topics of any type, read as one more best-effort reader of each writer: it holds up none.
+#include "transport/fastdds/hearing.hpp"
+
+#include <algorithm>
+#include <cstring>
+#include <map>
+#include <mutex>
+
+#include <fastdds/dds/domain/DomainParticipant.hpp>
+#include <fastdds/dds/domain/DomainParticipantFactory.hpp>
+#include <fastdds/dds/domain/DomainParticipantListener.hpp>
+#include <fastdds/dds/subscriber/DataReader.hpp>
+#include <fastdds/dds/subscriber/SampleInfo.hpp>
+#include <fastdds/dds/subscriber/Subscriber.hpp>
+#include <fastdds/dds/topic/TopicDataType.hpp>
+#include <fastrtps/utils/IPFinder.h>
+#include <fastrtps/utils/IPLocator.h>
+
+#include "transport/clock.hpp"
+#include "transport/fastdds/log.hpp"
+
+namespace ontime::transport::fastdds {
+namespace {
+
+namespace vendor = eprosima::fastdds::dds;
+namespace rtps = eprosima::fastrtps::rtps;
+using eprosima::fastrtps::types::ReturnCode_t;
+using vendor::StatusMask;
+
+constexpr std::size_t most_waiting = 1 << 20;  // messages between two calls of take()
+
+// It looks at no byte of a message: when it came, and its number, are beside it.
+class AnyType final : public vendor::TopicDataType {
+ public:
+  AnyType(const std::string& name, bool has_key) {
+    setName(name.c_str());
+    m_typeSize = 4096;  // a message may be larger: its memory is had when it comes
+    m_isGetKeyDefined = has_key;
+    auto_fill_type_object(false);
+    auto_fill_type_information(false);
+  }
+  bool serialize(void*, rtps::SerializedPayload_t*) override { return false; }
+  bool deserialize(rtps::SerializedPayload_t*, void*) override { return true; }
+  std::function<std::uint32_t()> getSerializedSizeProvider(void*) override {
+    return [] { return 0U; };
+  }
+  void* createData() override { return new char; }
+  void deleteData(void* data) override { delete static_cast<char*>(data); }
+  // All instances are one: none is kept for its own sake.
+  bool getKey(void*, rtps::InstanceHandle_t* handle, bool) override {
+    std::memset(handle->value, 1, sizeof handle->value);
+    return true;
+  }
+};
+
+// What readers must have alike to match a writer.
+struct Kind {
+  std::string topic, type;
+  bool has_key = false, is_exclusive = false;
+  std::vector<std::string> partitions;
+  auto operator<=>(const Kind&) const = default;  // NOLINT(modernize-use-nullptr): it means <=> 0
+};
+
+std::string ros_name(const std::string& topic) { return topic.starts_with("rt/") ? topic.substr(2) : topic; }
+
+// One of another vendor shows by its addresses; one of Fast DDS by its GUID, if it has no more than shared
+// memory.
+bool is_of_this_machine(const rtps::RemoteLocatorList& locators) {
+  std::vector<rtps::IPFinder::info_IP> own;
+  rtps::IPFinder::getIPs(&own, true);
+  return std::any_of(locators.unicast.begin(), locators.unicast.end(), [&](const rtps::Locator_t& locator) {
+    return std::any_of(own.begin(), own.end(), [&](const auto& one) {
+      return one.locator.kind == locator.kind && rtps::IPLocator::compareAddress(one.locator, locator, true);
+    });
+  });
+}
+
+class FastHearing final : public Hearing, vendor::DomainParticipantListener {
+ public:
+  FastHearing(int domain, const std::set<std::string>& topics);
+  ~FastHearing() override {
+    participant_->delete_contained_entities();
+    vendor::DomainParticipantFactory::get_instance()->delete_participant(participant_);
+  }
+  FastHearing(const FastHearing&) = delete;
+  FastHearing& operator=(const FastHearing&) = delete;
+
+  void take(const std::function<void(const Heard&)>&) override;
+  std::vector<std::string> remarks() override;
+
+ private:
+  struct Message {
+    Heard heard;
+    std::string topic;
+  };
+  void on_participant_discovery(vendor::DomainParticipant*, rtps::ParticipantDiscoveryInfo&&) override;
+  void on_publisher_discovery(vendor::DomainParticipant*, rtps::WriterDiscoveryInfo&&) override;
+  void on_data_available(vendor::DataReader*) override;
+  void open_reader(const Kind&);
+
+  const int domain_;
+  const std::set<std::string> topics_;
+  vendor::DomainParticipant* participant_ = nullptr;
+  std::map<std::string, std::string> types_;  // of topics that are read
+  std::set<Kind> read_;
+  std::vector<std::string> remarks_;
+  std::mutex mutex_;                                 // what follows, Fast DDS's threads write
+  std::map<rtps::GuidPrefix_t, bool> participants_;  // whether they are of this machine
+  std::set<Kind> found_;
+  std::vector<Message> messages_;
+  std::uint64_t left_out_ = 0;
+};
+
+FastHearing::FastHearing(int domain, const std::set<std::string>& topics) : domain_(domain), topics_(topics) {
+  Log log;
+  auto qos = vendor::PARTICIPANT_QOS_DEFAULT;
+  qos.name("ontime listen");
+  participant_ = vendor::DomainParticipantFactory::get_instance()->create_participant(
+      static_cast<vendor::DomainId_t>(domain), qos, this, StatusMask::none());
+  if (participant_ == nullptr)
+    throw Error("fastdds: cannot join domain " + std::to_string(domain) + ": " + log.text());
+}
+
+void FastHearing::on_participant_discovery(vendor::DomainParticipant* self,
+                                           rtps::ParticipantDiscoveryInfo&& found) {
+  using Info = rtps::ParticipantDiscoveryInfo;
+  const bool has_gone =
+      found.status == Info::REMOVED_PARTICIPANT || found.status == Info::DROPPED_PARTICIPANT;
+  const bool is_here = !has_gone && (found.info.m_guid.is_on_same_host_as(self->guid()) ||
+                                     is_of_this_machine(found.info.default_locators));
+  const std::lock_guard lock(mutex_);
+  if (!has_gone) participants_[found.info.m_guid.guidPrefix] = is_here;
+}
+
+void FastHearing::on_publisher_discovery(vendor::DomainParticipant*, rtps::WriterDiscoveryInfo&& found) {
+  if (found.status != rtps::WriterDiscoveryInfo::DISCOVERED_WRITER) return;
+  const auto& writer = found.info;
+  Kind kind{.topic = writer.topicName().to_string(),
+            .type = writer.typeName().to_string(),
+            .has_key = writer.topicKind() == rtps::WITH_KEY,
+            .is_exclusive = writer.m_qos.m_ownership.kind == vendor::EXCLUSIVE_OWNERSHIP_QOS,
+            .partitions = {}};
+  if (!topics_.contains(ros_name(kind.topic))) return;
+  for (auto one = writer.m_qos.m_partition.begin(); one != writer.m_qos.m_partition.end(); ++one)
+    kind.partitions.emplace_back(one->name());
+  const std::lock_guard lock(mutex_);
+  found_.insert(std::move(kind));
+}
+
+// On a thread of the caller's: Fast DDS holds its locks while it tells of a discovery.
+void FastHearing::open_reader(const Kind& kind) {
+  const auto cannot = [&](const std::string& why) {
+    remarks_.push_back(ros_name(kind.topic) + ": messages of type " + kind.type + " are not read: " + why);
+  };
+  const auto [known, is_new] = types_.try_emplace(kind.topic, kind.type);
+  if (known->second != kind.type) return cannot("other writers of this topic have the type " + known->second);
+  Log log;
+  if (participant_->find_type(kind.type).empty())
+    vendor::TypeSupport(new AnyType(kind.type, kind.has_key)).register_type(participant_);
+  auto* topic = is_new ? participant_->create_topic(kind.topic, kind.type, vendor::TOPIC_QOS_DEFAULT)
+                       : participant_->find_topic(kind.topic, {0, 0});
+  vendor::SubscriberQos in = vendor::SUBSCRIBER_QOS_DEFAULT;
+  for (const auto& partition : kind.partitions) in.partition().push_back(partition.c_str());
+  auto* const subscriber = participant_->create_subscriber(in);
+  if (topic == nullptr || subscriber == nullptr) return cannot(log.text());
+  auto qos = vendor::DATAREADER_QOS_DEFAULT;
+  qos.reliability().kind = vendor::BEST_EFFORT_RELIABILITY_QOS;
+  qos.history().kind = vendor::KEEP_LAST_HISTORY_QOS;
+  qos.history().depth = 1000;
+  qos.resource_limits().max_samples_per_instance = 1000;
+  qos.ownership().kind = kind.is_exclusive ? vendor::EXCLUSIVE_OWNERSHIP_QOS : vendor::SHARED_OWNERSHIP_QOS;
+  qos.endpoint().history_memory_policy = rtps::DYNAMIC_RESERVE_MEMORY_MODE;
+  qos.type_consistency().representation.m_value = {vendor::XCDR_DATA_REPRESENTATION,
+                                                   vendor::XCDR2_DATA_REPRESENTATION};
+  qos.data_sharing().off();
+  if (subscriber->create_datareader(topic, qos, this, StatusMask::data_available()) == nullptr)
+    cannot(log.text());
+}
+
+void FastHearing::on_data_available(vendor::DataReader* reader) {
+  char nothing = 0;
+  vendor::SampleInfo info;
+  const auto topic = reader->get_topicdescription()->get_name();
+  while (reader->take_next_sample(&nothing, &info) == ReturnCode_t::RETCODE_OK) {
+    if (!info.valid_data) continue;
+    timespec now{};
+    clock_gettime(CLOCK_REALTIME, &now);
+    Message message{{.topic = {},
+                     .sequence = info.sample_identity.sequence_number().to64long(),
+                     .stamp_ns = info.source_timestamp.to_ns(),
+                     .at_ns = std::int64_t{now.tv_sec} * 1'000'000'000 + now.tv_nsec},
+                    topic};
+    const rtps::GUID_t& writer = info.sample_identity.writer_guid();
+    auto* const to = message.heard.writer.data();
+    std::copy_n(writer.guidPrefix.value, rtps::GuidPrefix_t::size, to);
+    std::copy_n(writer.entityId.value, rtps::EntityId_t::size, to + rtps::GuidPrefix_t::size);
+    const std::lock_guard lock(mutex_);
+    if (messages_.size() == most_waiting) {
+      ++left_out_;
+      continue;
+    }
+    const auto participant = participants_.find(writer.guidPrefix);
+    message.heard.is_one_host = participant != participants_.end() && participant->second;
+    messages_.push_back(std::move(message));
+  }
+}
+
+void FastHearing::take(const std::function<void(const Heard&)>& hear) {
+  std::vector<Message> messages;
+  std::set<Kind> found;
+  {
+    const std::lock_guard lock(mutex_);
+    messages.swap(messages_);
+    found.swap(found_);
+  }
+  for (const auto& kind : found)
+    if (read_.insert(kind).second) open_reader(kind);
+  for (auto& [heard, topic] : messages) {
+    heard.topic = topic;
+    hear(heard);
+  }
+}
+
+std::vector<std::string> FastHearing::remarks() {
+  auto remarks = remarks_;
+  const std::lock_guard lock(mutex_);
+  if (left_out_ > 0) remarks.push_back(std::to_string(left_out_) + " messages came too fast to be counted");
+  if (participants_.empty())
+    remarks.push_back(
+        "no other DDS participant was seen in domain " + std::to_string(domain_) +
+        ": is it the robot's (ROS_DOMAIN_ID)? Do a firewall, a network without multicast or DDS "
+        "Security keep ontime out?");
+  return remarks;
+}
+
+}  // namespace
+
+std::unique_ptr<Hearing> hear(int domain, const std::set<std::string>& topics) {
+  return std::make_unique<FastHearing>(domain, topics);
+}
+
+}  // namespace ontime::transport::fastdds
