@@ -268,6 +268,7 @@ TEST(Clock, OfPtp) {
 TEST(Answer, IsThereInTimeOrNotAtAll) {
   using namespace std::chrono_literals;
   EXPECT_EQ(answer_of({"echo", "a b"}, 60s), "a b\n");
+  EXPECT_TRUE(answer_of({"seq", "20000"}, 60s).value_or("").ends_with("\n20000\n")) << "to its end";
   EXPECT_FALSE(answer_of({"false"}, 60s));
   EXPECT_FALSE(answer_of({"sleep", "1000"}, 1ms));
   EXPECT_FALSE(answer_of({"/there/is/none"}, 60s));

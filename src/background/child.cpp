@@ -187,16 +187,18 @@ std::string output_of(const std::vector<std::string>& command, const std::string
   if (info.si_pid == started.pid && info.si_code == CLD_EXITED && info.si_status == 0) return output.text();
   const bool ended = info.si_pid == started.pid;
   throw Error(
-      fmt::format("{} {}: {}", fmt::join(command, " "), ended ? "failed" : "does not end", output.text()));
+      fmt::format("{} {}: {}", fmt::join(command, " "), ended ? "failed" : "does not end", output.text().substr(0, 2000)));
 }
 
 Output::Output() : fd_(memfd_create("output", MFD_CLOEXEC)) {}
 Output::~Output() { close(fd_); }
 
 std::string Output::text() const {
-  std::array<char, 65536> head;
-  const auto bytes = pread(fd_, head.data(), head.size(), 0);
-  return {head.data(), static_cast<std::size_t>(std::max<ssize_t>(bytes, 0))};
+  constexpr off_t most = 1 << 20;  // of a child that goes on writing
+  std::string all(static_cast<std::size_t>(std::clamp<off_t>(lseek(fd_, 0, SEEK_END), 0, most)), '\0');
+  const auto bytes = pread(fd_, all.data(), all.size(), 0);
+  all.resize(static_cast<std::size_t>(std::max<ssize_t>(bytes, 0)));
+  return all;
 }
 
 bool wait_until(const std::function<bool()>& condition, std::chrono::nanoseconds limit) {

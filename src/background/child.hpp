@@ -58,7 +58,7 @@ class Output {
   Output(const Output&) = delete;
   Output& operator=(const Output&) = delete;
   int fd() const { return fd_; }
-  std::string text() const;  // its beginning
+  std::string text() const;  // its first MiB
 
  private:
   int fd_;

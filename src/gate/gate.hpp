@@ -11,6 +11,7 @@
 // Metrics are of the round trip, or of the response. `--fail-if` says ">", `require` says "<=".
 #pragma once
 
+#include <cstdint>
 #include <span>
 #include <stdexcept>
 #include <string>
@@ -55,8 +56,23 @@ std::string absent(const record::Asked&, const record::Outcome&);
 // Of one that failed in another way, or was interrupted, nothing is known.
 bool ends_search(const record::Asked&, const record::Outcome&);
 
-// Why a run can hold no line, for people. Empty: nothing speaks against it.
-std::string unfit(const statistics::Summary&);
+// What keeps a run from being judged, the gravest first. All that show, compare or judge runs go by this
+// list.
+enum class Flaw : std::uint8_t {
+  imported,  // from another tool: it has no messages
+  failed,
+  cut_off,     // not measured to its end
+  worst_only,  // its counts are of all messages, its samples of the worst
+  unrecorded,  // samples are missing
+  misfit,      // a value of its record is not as ontime writes it
+  nothing_sent,
+  absent,  // load, traffic or the like that was requested
+  none
+};
+Flaw flaw_of(const statistics::Summary&);
+std::string unfit(const statistics::Summary&);  // its flaw, for people; empty for none
+// Its messages were measured here, and its samples are not those of all of them.
+inline bool lacks_samples(Flaw flaw) { return flaw > Flaw::imported && flaw <= Flaw::unrecorded; }
 
 // Whether it was not measured to its end, and one of these is of the same repetition under the same
 // conditions, and later: a suite that `--resume` continues is judged by the later one.

@@ -173,19 +173,40 @@ bool ends_search(const record::Asked& asked, const record::Outcome& outcome) {
          counted.sent == 0 || !absent(asked, outcome).empty();
 }
 
+Flaw flaw_of(const Summary& run) {
+  const auto& asked = run.run.asked;
+  const auto& outcome = run.run.outcome;
+  if (run.imported) return Flaw::imported;
+  if (!statistics::is_complete(run.run)) return outcome.error ? Flaw::failed : Flaw::cut_off;
+  if (run.has_worst_only) return Flaw::worst_only;
+  if (statistics::unrecorded(run.run) > 0) return Flaw::unrecorded;
+  if (!record::misfit_of(asked, outcome).empty()) return Flaw::misfit;
+  if (run.sent == 0) return Flaw::nothing_sent;
+  return absent(asked, outcome).empty() ? Flaw::none : Flaw::absent;
+}
+
 std::string unfit(const Summary& run) {
-  if (run.imported) return "it was imported, and has no messages";
-  if (!statistics::is_complete(run.run)) {
-    const auto& error = run.run.outcome.error;
-    return error ? "it failed: " + *error : "it was not measured to its end";
+  switch (flaw_of(run)) {
+    case Flaw::imported:
+      return "it was imported, and has no messages";
+    case Flaw::failed:
+      return "it failed: " + *run.run.outcome.error;
+    case Flaw::cut_off:
+      return "it was not measured to its end";
+    case Flaw::worst_only:
+      return "its file keeps the samples of the worst messages only";
+    case Flaw::unrecorded:
+      return fmt::format("{} of its samples were not recorded", statistics::unrecorded(run.run));
+    case Flaw::misfit:
+      return record::misfit_of(run.run.asked, run.run.outcome) + " is not as ontime writes it";
+    case Flaw::nothing_sent:
+      return "nothing was sent";
+    case Flaw::absent:
+      return absent(run.run.asked, run.run.outcome);
+    case Flaw::none:
+      break;
   }
-  if (run.has_worst_only) return "its file keeps the samples of the worst messages only";
-  if (const auto missing = statistics::unrecorded(run.run); missing > 0)
-    return fmt::format("{} of its samples were not recorded", missing);
-  if (const auto what = record::misfit_of(run.run.asked, run.run.outcome); !what.empty())
-    return what + " is not as ontime writes it";
-  if (run.sent == 0) return "nothing was sent";
-  return absent(run.run.asked, run.run.outcome);
+  return "";
 }
 
 bool is_superseded(const Summary& run, std::span<const Summary> all) {

@@ -2,7 +2,6 @@
 #include "machine/command.hpp"
 
 #include <algorithm>
-#include <array>
 #include <cerrno>
 #include <system_error>
 #include <thread>
@@ -30,12 +29,14 @@ class Output {
   Output& operator=(const Output&) = delete;
   int fd() const { return fd_; }
   std::string text() const {
-    std::array<char, 4096> head;
-    const auto bytes = pread(fd_, head.data(), head.size(), 0);
-    return {head.data(), static_cast<std::size_t>(std::max<ssize_t>(bytes, 0))};
+    std::string all(static_cast<std::size_t>(std::clamp<off_t>(lseek(fd_, 0, SEEK_END), 0, most)), '\0');
+    const auto bytes = pread(fd_, all.data(), all.size(), 0);
+    all.resize(static_cast<std::size_t>(std::max<ssize_t>(bytes, 0)));
+    return all;
   }
 
  private:
+  static constexpr off_t most = 1 << 20;  // of a child that goes on writing
   int fd_;
 };
 

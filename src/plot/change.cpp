@@ -38,9 +38,8 @@ struct Panel {
 
 Comparison::Runs complete(const Comparison::Runs& runs) {
   Comparison::Runs all;
-  std::copy_if(runs.begin(), runs.end(), std::back_inserter(all), [](const auto* run) {
-    return statistics::is_complete(run->run) && statistics::unrecorded(run->run) == 0;
-  });
+  std::copy_if(runs.begin(), runs.end(), std::back_inserter(all),
+               [](const auto* run) { return !gate::lacks_samples(gate::flaw_of(*run)); });
   return all;
 }
 

@@ -15,6 +15,7 @@
 namespace ontime::report {
 namespace {
 
+using gate::Flaw;
 using statistics::Figure;
 using statistics::Summary;
 using Row = Answer::Row;
@@ -66,14 +67,24 @@ std::uint64_t missed_of(const Summary& run) {
 }
 
 State state_of(const Summary& run) {
-  if (run.imported) return State::imported;
-  if (run.run.outcome.error) return State::failed;
-  if (!statistics::is_complete(run.run)) return State::cut_off;
+  const bool is_late = missed_of(run) > 0;
+  switch (gate::flaw_of(run)) {
+    case Flaw::imported:
+      return State::imported;
+    case Flaw::failed:
+      return State::failed;
+    case Flaw::cut_off:
+      return State::cut_off;
+    case Flaw::worst_only:  // its counts are of all messages
+      return is_late ? State::late : State::ok;
+    case Flaw::none:
+      if (!were_denied(run)) return is_late ? State::late : State::ok;
+      break;
+    default:
+      break;
+  }
   // Where it was listened to, nothing was requested, and what has no row was late or lost all the same.
-  if (run.run.asked.is_listened() && missed_of(run) > 0) return State::late;
-  if (run.has_worst_only) return State::ok;  // its counts are of all messages
-  if (were_denied(run) || !gate::unfit(run).empty()) return State::not_applied;
-  return missed_of(run) > 0 ? State::late : State::ok;
+  return run.run.asked.is_listened() && is_late ? State::late : State::not_applied;
 }
 
 // By how much a state outweighs another, of repetitions.

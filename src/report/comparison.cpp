@@ -131,8 +131,8 @@ Table table_of(const Pair& pair) {
       named.push_back(run);
       const auto& name =
           names.emplace_back(fmt::format("{} of {}", gate::name_of(*run), runs == &pair.from ? "A" : "B"));
-      if (const auto why = why_left_out(*run); !why.empty())
-        table.notes.push_back(fmt::format("left out: {}, {}", name, why));
+      if (gate::lacks_samples(gate::flaw_of(*run)))
+        table.notes.push_back(fmt::format("left out: {}: {}", name, gate::unfit(*run)));
       else if (run->round_trip.count == 0)
         table.notes.push_back(
             fmt::format("left out of all but late and lost: {}, nothing was answered", name));
@@ -205,10 +205,10 @@ const char* json_word_of(gate::Judgement::Result result) {
 ordered_json runs_json_of(const Runs& runs) {
   auto numbers = ordered_json::array(), left_out = ordered_json::array();
   for (const auto* run : runs)
-    if (const auto why = why_left_out(*run); why.empty())
-      numbers.push_back(run->run.number);
+    if (gate::lacks_samples(gate::flaw_of(*run)))
+      left_out.push_back({{"run", run->run.number}, {"why", gate::unfit(*run)}});
     else
-      left_out.push_back({{"run", run->run.number}, {"why", why}});
+      numbers.push_back(run->run.number);
   const auto& first = runs.front()->run;
   return {{"key", first.key},
           {"id", first.asked.stated("id")},

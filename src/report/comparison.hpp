@@ -40,9 +40,7 @@ Comparison compare_by(const std::vector<statistics::Summary>&, const std::string
 inline constexpr const char* unset = "unset";
 std::vector<std::string> values_of(const std::vector<statistics::Summary>&, const std::string& key);
 
-// Why the figures of a run are not those of all its messages; empty, if they are. Such runs are left out.
-std::string why_left_out(const statistics::Summary&);
-// Nothing: one of the sides does not have it.
+// Of the runs that do not lack samples. Nothing: one of the sides does not have it.
 std::optional<statistics::Change> change_of(const Comparison::Pair&, statistics::Times, statistics::Figure);
 bool is_repeated(const Comparison::Pair&);  // by two runs or more on each side
 

@@ -153,10 +153,10 @@ std::vector<std::string> cautions_of(const Comparison& comparison) {
       for (const auto* run : *side) {
         runs.push_back(run);
         names.push_back(gate::name_of(*run));
-        if (const auto why = why_left_out(*run); !why.empty())
-          cautions.push_back(fmt::format("left out: {} of {}, {}", names.back(),
+        if (gate::lacks_samples(gate::flaw_of(*run)))
+          cautions.push_back(fmt::format("left out: {} of {}: {}", names.back(),
                                          side == &pair.from ? comparison.from_name : comparison.to_name,
-                                         why));
+                                         gate::unfit(*run)));
       }
   }
   for (const auto& remark : shared_remarks(runs))

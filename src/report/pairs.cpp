@@ -82,18 +82,11 @@ std::pair<std::string, std::string> split_by(const std::string& key, const stati
 Runs whole(const Runs& runs) {
   Runs result;
   std::copy_if(runs.begin(), runs.end(), std::back_inserter(result),
-               [](const auto* run) { return why_left_out(*run).empty(); });
+               [](const auto* run) { return !gate::lacks_samples(gate::flaw_of(*run)); });
   return result;
 }
 
 }  // namespace
-
-std::string why_left_out(const statistics::Summary& run) {
-  if (!statistics::is_complete(run.run)) return "not measured to its end";
-  if (run.has_worst_only) return "its file keeps the samples of the worst messages only";
-  const auto missing = statistics::unrecorded(run.run);
-  return missing > 0 ? fmt::format("{} of its samples were not recorded", missing) : "";
-}
 
 std::optional<statistics::Change> change_of(const Pair& pair, statistics::Times times,
                                             statistics::Figure figure) {

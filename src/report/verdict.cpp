@@ -67,11 +67,12 @@ Verdict verdict_of(const Summaries& summaries) {
     late_cycles += summary.late_by_response.value_or(0);
     measured += fates.sent > 0 ? 1 : 0;
     fine += all_on_time(summary) ? 1 : 0;
-    if (!statistics::is_complete(summary.run))
+    using gate::Flaw;
+    const auto flaw = gate::flaw_of(summary);
+    if (flaw == Flaw::failed || flaw == Flaw::cut_off)
       ++unfinished;
-    else if (const auto why = gate::unfit(summary);
-             !why.empty() && !summary.imported && !summary.has_worst_only)
-      ++flaws[why];
+    else if (flaw >= Flaw::unrecorded && flaw < Flaw::none)
+      ++flaws[gate::unfit(summary)];
     if (summary.round_trip.count > 0 &&
         (slowest == nullptr || summary.round_trip.max > slowest->round_trip.max))
       slowest = &summary;
@@ -102,13 +103,13 @@ Verdict verdict_of(const Summaries& summaries) {
                                   cycles(late_cycles), deadline(summaries)));
     else if (late_cycles > late + lost)  // a sender that stood still
       parts.push_back(
-          fmt::format("{}, those without a message among them, had no answer in time", cycles(late_cycles)));
+          fmt::format("{}, also those without a message, had no answer in time", cycles(late_cycles)));
     verdict.sentence = join(parts, ", and ") + ".";
     verdict.sentence.front() = static_cast<char>(std::toupper(verdict.sentence.front()));
   }
   std::vector<std::string> further;
   if (measured > 1 && fine < measured)
-    further.push_back(fmt::format("{} of {} were without fault.", fine, many(measured, "run", "runs")));
+    further.push_back(fmt::format("In {} of {} all went well.", fine, many(measured, "run", "runs")));
   if (slowest != nullptr)
     further.push_back(fmt::format(
         "The longest took {}{}.", gate::time_of(static_cast<double>(slowest->round_trip.max)),
@@ -120,12 +121,12 @@ Verdict verdict_of(const Summaries& summaries) {
                                                                  verdict.word == Verdict::Word::yes &&
                                                                  missed.events == 0 && missed.messages > 0)
     further.push_back(
-        fmt::format("So long as it goes on like this, fewer than {} messages will miss it, "
+        fmt::format("While conditions stay as they are, fewer than {} messages will miss it, "
                     "with 95 % confidence.",
                     missed.bound > 0.01 ? fmt::format("{:.2g} % of the", missed.bound * 100)
                                         : fmt::format("{:.0f} of a million", missed.bound * 1e6)));
   if (unfinished > 0)
-    further.push_back(fmt::format("{} did not end as asked.", many(unfinished, "run", "runs")));
+    further.push_back(fmt::format("{} did not run to the end.", many(unfinished, "run", "runs")));
   for (const auto& [why, runs] : flaws)
     further.push_back(fmt::format("Of {}: {}.", many(runs, "run", "runs"), why));
   verdict.further = join(further, " ");

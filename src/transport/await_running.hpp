@@ -16,10 +16,10 @@ namespace ontime::transport {
 enum class LinkState { absent, down, running };
 
 // `flags()` is what the kernel says of it now (IFF_UP and others), or nothing if it is not there. The kernel
-// tells up to a second late that a new link runs, so for one that is up this waits.
+// tells a second late that a new link runs, and on a busy machine several, so for one that is up this waits.
 template <typename Flags>
 LinkState await_running(const Flags& flags) {
-  const std::int64_t end_ns = now_ns() + 3'000'000'000;
+  const std::int64_t end_ns = now_ns() + 10'000'000'000;
   while (true) {
     const std::optional<unsigned> now = flags();
     if (!now) return LinkState::absent;
