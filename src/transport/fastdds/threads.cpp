@@ -33,7 +33,12 @@ struct SystemCall {
 
 std::filesystem::path task_folder(pid_t tid) { return "/proc/self/task/" + std::to_string(tid); }
 
-// What the thread sleeps in; nothing if it runs until then, or if the kernel does not tell.
+bool tells_its_role(const SystemCall& call) {
+  return call.number == SYS_recvmsg || call.number == SYS_recvfrom || call.number == SYS_futex;
+}
+
+// What the thread sleeps in; nothing if it runs until then, or if the kernel does not tell. A call that tells
+// nothing may be one in passing: a thread that was just started maps its memory first.
 std::optional<SystemCall> sleeps_in(pid_t tid, std::int64_t until_ns) {
   for (;;) {
     std::ifstream in(task_folder(tid) / "syscall");
@@ -41,7 +46,8 @@ std::optional<SystemCall> sleeps_in(pid_t tid, std::int64_t until_ns) {
     if (!(in >> word)) return {};
     SystemCall call{};
     const auto [end, error] = std::from_chars(word.data(), word.data() + word.size(), call.number);
-    if (error == std::errc{} && call.number >= 0 && in >> std::hex >> call.first_argument) return call;
+    const bool sleeps = error == std::errc{} && call.number >= 0 && in >> std::hex >> call.first_argument;
+    if (sleeps && (tells_its_role(call) || now_ns() >= until_ns)) return call;
     if (now_ns() >= until_ns) return {};
     std::this_thread::sleep_for(std::chrono::milliseconds(1));
   }
@@ -147,7 +153,8 @@ std::vector<Thread> tell_apart(const std::vector<pid_t>& threads, int domain) {
   for (const pid_t tid : threads) {
     const std::size_t place = found.size();
     const bool before_receivers = std::none_of(found.begin(), found.end(), receives);
-    if (const auto call = sleeps_in(tid, until_ns))
+    const auto call = sleeps_in(tid, until_ns);
+    if (call && (tells_its_role(*call) || by_order.empty()))
       found.push_back(by_what_it_sleeps_in(tid, *call, before_receivers, domain));
     else
       found.push_back({tid, place < by_order.size() ? by_order[place] : "unknown", name_of(tid)});
