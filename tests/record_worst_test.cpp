@@ -132,7 +132,9 @@ TEST_F(Bounded, SmallerBoundMakesTheFileFitOrIsRefused) {
   }
   {
     Writer writer(path_);
+    EXPECT_GT(bytes(), 2'000'000U);
     writer.keep_worst(1'000'000);
+    EXPECT_LE(bytes(), 1'000'000U) << "at once";
   }
   EXPECT_LT(kept(1).size(), 50u);
   EXPECT_EQ(*kept(1).rbegin(), 110 * ms);
