@@ -499,6 +499,14 @@ TEST(Gnuplot, EveryPanelHasItsWholeNameInLinesThatFit) {
     EXPECT_THAT(commands, HasSubstr(std::string("set label '") + key));
 }
 
+TEST(Gnuplot, FigureOverTimeSaysWhyARunOfTheFlightRecorderIsEmpty) {
+  auto run = plotted("a", "udp");
+  EXPECT_THAT(gnuplot_of({run}, {}), Not(HasSubstr("Not drawn")));
+  run.has_worst_only = true;
+  run.shape.slices.clear();
+  EXPECT_THAT(gnuplot_of({run}, {}), HasSubstr("Not drawn: only the worst messages were kept."));
+}
+
 TEST(Gnuplot, CcdfDrawsTheDeadlineOfEachRun) {
   auto one = plotted("a", "udp"), other = plotted("b", "udp");
   amend(other.run.asked, "/deadline_us", 20'000);

@@ -119,6 +119,11 @@ std::vector<Entry> entries_of(const Group& group) {
   return entries;
 }
 
+// Its slices went with the samples.
+constexpr const char* worst_only =
+    "Not drawn: only the worst messages were kept. For this figure keep all: listen --results without "
+    "--keep.";
+
 constexpr double left_cm = 1.45, right_cm = 0.3, between_cm = 0.25, bottom_cm = 0.95, most_cm = 23;
 
 // Where the panels are: column by column, as high as a page allows.
@@ -132,6 +137,8 @@ struct Layout {
     const auto names = names_of(group);
     for (std::size_t i = 0; i < group.size(); ++i) {
       auto& title = titles.emplace_back(wrapped(names[i], inner_cm()));
+      if (group[i]->has_worst_only)
+        for (const auto& line : wrapped(worst_only, inner_cm())) title.push_back(line);
       title.push_back(text_of(counts_of({group[i]})));
       lines[i % rows] = std::max(lines[i % rows], title.size());
     }
