@@ -186,8 +186,8 @@ std::string output_of(const std::vector<std::string>& command, const std::string
       limit);
   if (info.si_pid == started.pid && info.si_code == CLD_EXITED && info.si_status == 0) return output.text();
   const bool ended = info.si_pid == started.pid;
-  throw Error(
-      fmt::format("{} {}: {}", fmt::join(command, " "), ended ? "failed" : "does not end", output.text().substr(0, 2000)));
+  throw Error(fmt::format("{} {}: {}", fmt::join(command, " "), ended ? "failed" : "does not end",
+                          output.text().substr(0, 2000)));
 }
 
 Output::Output() : fd_(memfd_create("output", MFD_CLOEXEC)) {}
