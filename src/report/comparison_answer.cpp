@@ -136,6 +136,7 @@ std::string differences_text(const Comparison& comparison) {
   std::stable_sort(kinds.begin(), kinds.end(),
                    [](const Kind& a, const Kind& b) { return a.differences.size() < b.differences.size(); });
   std::vector<std::string> parts;
+  parts.reserve(kinds.size());
   for (const auto& [name, all] : kinds)
     parts.push_back(all.size() > 1
                         ? fmt::format("{} ({} values)", name, all.size())
