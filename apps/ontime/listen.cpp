@@ -12,14 +12,13 @@
 #include <fmt/chrono.h>
 #include <fmt/format.h>
 
-#include "bag/bag.hpp"
 #include "campaign/campaign.hpp"
 #include "commands.hpp"
 #include "flags.hpp"
 #include "listen_budget.hpp"
 #include "listen_chains.hpp"
-#include "listen_reader.hpp"
 #include "listen_results.hpp"
+#include "listen_sensor.hpp"
 #include "listen_words.hpp"
 #include "listening.hpp"
 #include "metrics.hpp"
@@ -44,16 +43,6 @@ constexpr std::uint64_t usual_keep = 150'000'000, least_keep = 10'000'000;
 
 std::optional<std::chrono::nanoseconds> time_of(const char* flag, const std::string& text) {
   return text.empty() ? std::nullopt : std::optional(duration_flag(flag, text));
-}
-
-std::unique_ptr<listen::Sensor> sensor_of(const ListenArguments& arguments, const listen::Limits& limits,
-                                          const std::vector<listen::ChainWish>& chains,
-                                          const std::set<std::string>& topics) {
-  if (arguments.reader) return reader_of(topics, limits);
-  if (!arguments.bag.empty()) return bag::open(arguments.bag, limits);
-  if (!arguments.packets.empty()) return listen::in_packets(arguments.packets, limits);
-  if (!arguments.pcap.empty()) return listen::in_pcap_file(arguments.pcap, limits);
-  return listen::in_processes(limits, chains);
 }
 
 // How large the results file may become, where it keeps the worst only.

@@ -17,7 +17,6 @@ namespace {
 constexpr int most_frame_bytes = 1 << 16, ring_bytes = 16 << 20;
 // At once: fewer than the ring holds, so that drops are noted before the packets behind them are read.
 constexpr int most_packets = 64;
-constexpr std::int64_t rows_begin_ns = 1'000'000'000;
 constexpr std::int64_t latest_s = 4'000'000'000;  // a later time is no time; the year 2096
 // RTPS over IPv4, later fragments of anything, and UDP over IPv6.
 constexpr const char* wanted = "(udp and udp[8:4] = 0x52545053) or (ip[6:2] & 0x3fff != 0) or (ip6 and udp)";
@@ -63,13 +62,7 @@ class Capture final : public Sensor {
 
   std::vector<Miss> take_misses() override { return wire_.take_misses(); }
 
-  void keep_rows(KeepRow keep) override {
-    wire_.keep_rows([this, keep = std::move(keep)](Row row) {
-      row.from_ns -= origin_ns_;
-      if (row.to_ns != 0) row.to_ns -= origin_ns_;
-      keep(row);
-    });
-  }
+  void keep_rows(KeepRow keep) override { wire_.keep_rows(origin_.shifted(std::move(keep))); }
 
  private:
   static void take(u_char* self, const pcap_pkthdr* header, const u_char* bytes) {
@@ -77,7 +70,7 @@ class Capture final : public Sensor {
     // The handle was asked for nanoseconds, which stand where microseconds would.
     const auto at_ns = std::clamp<std::int64_t>(header->ts.tv_sec, 0, latest_s) * 1'000'000'000 +
                        header->ts.tv_usec % 1'000'000'000;
-    if (capture.origin_ns_ == 0) capture.origin_ns_ = at_ns - rows_begin_ns;
+    capture.origin_.begin(at_ns);
     capture.latest_ns_ = std::max(capture.latest_ns_, at_ns);
     const auto datagram =
         capture.packets_.datagram({reinterpret_cast<const std::byte*>(bytes), header->caplen});
@@ -103,7 +96,7 @@ class Capture final : public Sensor {
   const bool is_live_;
   const Limits limits_;
   std::int64_t latest_ns_ = 0;  // of all packets
-  std::int64_t origin_ns_ = 0;  // of rows' times
+  Origin origin_;
   Packets packets_;
   Wire wire_;
   std::uint32_t dropped_ = 0;

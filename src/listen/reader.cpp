@@ -9,8 +9,6 @@
 namespace ontime::listen {
 namespace {
 
-constexpr std::int64_t rows_begin_ns = 1'000'000'000;
-
 class Reader final : public Sensor {
  public:
   Reader(std::unique_ptr<transport::Hearing> hearing, const Limits& limits)
@@ -32,24 +30,17 @@ class Reader final : public Sensor {
     for (auto& remark : hearing_->remarks()) findings.remarks.push_back(std::move(remark));
     findings.remarks.emplace_back(
         "--reader is the last resort: each writer sends to one more reader, ontime's own. Judged is the way "
-        "to "
-        "that reader; what the robot's own readers took, and when, is not seen");
+        "to that reader; what the robot's own readers took, and when, is not seen");
     return findings;
   }
 
   std::vector<Miss> take_misses() override { return wire_.take_misses(); }
 
-  void keep_rows(KeepRow keep) override {
-    wire_.keep_rows([this, keep = std::move(keep)](Row row) {
-      row.from_ns -= origin_ns_;
-      if (row.to_ns != 0) row.to_ns -= origin_ns_;
-      keep(row);
-    });
-  }
+  void keep_rows(KeepRow keep) override { wire_.keep_rows(origin_.shifted(std::move(keep))); }
 
  private:
   void add(const transport::Heard& heard) {
-    if (origin_ns_ == 0) origin_ns_ = heard.at_ns - rows_begin_ns;
+    origin_.begin(heard.at_ns);
     rtps::Data data{};
     data.writer.bytes = heard.writer;
     data.sequence = heard.sequence;
@@ -65,7 +56,7 @@ class Reader final : public Sensor {
 
   const std::unique_ptr<transport::Hearing> hearing_;
   const Limits limits_;
-  std::int64_t origin_ns_ = 0;  // of rows' times
+  Origin origin_;
   Wire wire_;
 };
 

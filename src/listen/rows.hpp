@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <cstdint>
 #include <functional>
+#include <utility>
 
 #include "listen/listen.hpp"
 #include "listen/sequence.hpp"
@@ -13,6 +14,26 @@
 namespace ontime::listen {
 
 using KeepRow = std::function<void(const Row&)>;  // may be empty: nothing is kept
+
+// Rows of packets and of a reader of ontime's own are timed by CLOCK_REALTIME; in a results file they begin
+// near zero.
+class Origin {
+ public:
+  void begin(std::int64_t at_ns) {  // the first call counts
+    if (ns_ == 0) ns_ = at_ns - 1'000'000'000;
+  }
+  // Lives no longer than this.
+  KeepRow shifted(KeepRow keep) const {
+    return [this, keep = std::move(keep)](Row row) {
+      row.from_ns -= ns_;
+      if (row.to_ns != 0) row.to_ns -= ns_;
+      keep(row);
+    };
+  }
+
+ private:
+  std::int64_t ns_ = 0;
+};
 
 class Rows {
  public:

@@ -1,16 +1,19 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "listen_reader.hpp"
+#include "listen_sensor.hpp"
 
 #include <algorithm>
 
 #include <fmt/format.h>
 
+#include "bag/bag.hpp"
 #include "campaign/campaign.hpp"
 #include "scenario/scenario.hpp"
 #include "transport/shipped.hpp"
 
 namespace ontime::app {
+namespace {
 
+// Over the first of ontime's transports that can.
 std::unique_ptr<listen::Sensor> reader_of(const std::set<std::string>& topics, const listen::Limits& limits) {
   const auto names = transport::available();
   const auto can_hear = [](const transport::Shipped& one) { return one.can.hears; };
@@ -27,6 +30,18 @@ std::unique_ptr<listen::Sensor> reader_of(const std::set<std::string>& topics, c
   for (const auto& one : transport::all_shipped)
     if (can_hear(one)) missing += fmt::format("{}{}{}", missing.empty() ? "" : "; ", one.name, one.install);
   throw campaign::Error(3, fmt::format("--reader: no transport here reads topics of any type: {}", missing));
+}
+
+}  // namespace
+
+std::unique_ptr<listen::Sensor> sensor_of(const ListenArguments& arguments, const listen::Limits& limits,
+                                          const std::vector<listen::ChainWish>& chains,
+                                          const std::set<std::string>& topics) {
+  if (arguments.reader) return reader_of(topics, limits);
+  if (!arguments.bag.empty()) return bag::open(arguments.bag, limits);
+  if (!arguments.packets.empty()) return listen::in_packets(arguments.packets, limits);
+  if (!arguments.pcap.empty()) return listen::in_pcap_file(arguments.pcap, limits);
+  return listen::in_processes(limits, chains);
 }
 
 }  // namespace ontime::app
