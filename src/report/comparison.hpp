@@ -45,7 +45,6 @@ std::optional<statistics::Change> change_of(const Comparison::Pair&, statistics:
 bool is_repeated(const Comparison::Pair&);  // by two runs or more on each side
 
 // The answer first: what is proven to have changed, a row for each pair, what else is not the same.
-std::string sentence_of(const Comparison&);
 std::string render_answer(const Comparison&, const std::vector<gate::Judgement>&, Format,
                           const std::string& full_command, std::size_t width);
 // Each metric, how much it changed and the interval of the change; what else differs between the two sides;

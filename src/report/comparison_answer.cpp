@@ -42,7 +42,6 @@ const Missed* missed_of(const Pair& pair) {
 struct Proven {
   std::vector<std::size_t> less, more;  // places of pairs
   bool none() const { return less.empty() && more.empty(); }
-  bool operator==(const Proven&) const = default;
 };
 
 // `metric_of`: nothing, where the pair does not have it.
@@ -160,25 +159,20 @@ std::vector<std::string> cautions_of(const Comparison& comparison) {
                                          gate::unfit(*run)));
       }
   }
-  for (const auto& remark : shared_remarks(runs))
-    if (remark.weight == Remark::Weight::not_applied)
-      cautions.push_back(name_of_some(names, remark.runs) + ": " + remark.text);
+  const auto remarks = shared_remarks(runs);
+  const auto add = [&](Remark::Weight weight) {
+    for (const auto& remark : remarks)
+      if (remark.weight == weight) cautions.push_back(name_of_some(names, remark.runs) + ": " + remark.text);
+  };
+  add(Remark::Weight::not_applied);
   if (!repeated)
     cautions.emplace_back(
         "one run on a side does not show what changes from one start to the next (repeat: 5)");
-  for (const auto& remark : shared_remarks(runs))
-    if (remark.weight == Remark::Weight::caution)
-      cautions.push_back(name_of_some(names, remark.runs) + ": " + remark.text);
+  add(Remark::Weight::caution);
   return cautions;
 }
 
-}  // namespace
-
-std::string sentence_of(const Comparison& comparison) {
-  if (comparison.pairs.empty())
-    return fmt::format("Nothing to compare: no run of {} has the same conditions as one of {}.",
-                       comparison.from_name, comparison.to_name);
-  const auto names = names_of_pairs(comparison);
+std::string sentence_of(const Comparison& comparison, const std::vector<std::string>& names) {
   const auto* const missed = missed_of(comparison.pairs.front());
   const auto metric = [](Times times, Figure figure) {
     return [=](const Pair& pair) { return change_of(pair, times, figure); };
@@ -200,6 +194,8 @@ std::string sentence_of(const Comparison& comparison) {
   return fmt::format("{} has {} than {}.", comparison.to_name, join(parts, "; "), comparison.from_name);
 }
 
+}  // namespace
+
 std::string render_answer(const Comparison& comparison, const std::vector<gate::Judgement>& judgements,
                           Format format, const std::string& full_command, std::size_t width) {
   const auto is_imported = [](const Pair& pair) {
@@ -209,7 +205,8 @@ std::string render_answer(const Comparison& comparison, const std::vector<gate::
       std::any_of(comparison.pairs.begin(), comparison.pairs.end(), is_imported))
     return render(comparison, judgements, format, width);
 
-  std::string text = wrapped(printable(sentence_of(comparison)), width);
+  const auto names = names_of_pairs(comparison);
+  std::string text = wrapped(printable(sentence_of(comparison, names)), width);
   std::size_t from = 0, to = 0;
   for (const auto& pair : comparison.pairs) {
     from = std::max(from, pair.from.size());
@@ -220,7 +217,6 @@ std::string render_answer(const Comparison& comparison, const std::vector<gate::
       printable(fmt::format("{} → {}; {} in ms; runs a row: {} and {}", comparison.from_name,
                             comparison.to_name, all_listened(first) ? "times" : "round trips", from, to)),
       width);
-  const auto names = names_of_pairs(comparison);
   auto table =
       table::as_text({{table_of(comparison, names, missed_of(comparison.pairs.front()))}, {}, ""}, width);
   table.pop_back();  // the empty line after it

@@ -4,8 +4,6 @@
 #include <iterator>
 #include <map>
 
-#include <fmt/format.h>
-
 #include "report/comparison.hpp"
 #include "report/conditions.hpp"
 #include "report/runs.hpp"

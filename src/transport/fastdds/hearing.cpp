@@ -17,7 +17,6 @@
 #include <fastrtps/utils/IPFinder.h>
 #include <fastrtps/utils/IPLocator.h>
 
-#include "transport/clock.hpp"
 #include "transport/fastdds/log.hpp"
 
 namespace ontime::transport::fastdds {
