@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 // The transport through rclcpp.
-#include <algorithm>
 #include <atomic>
 #include <exception>
 #include <filesystem>
@@ -13,7 +12,6 @@
 #include <link.h>
 #include <ontime_msgs/msg/round_trip.hpp>
 #include <rclcpp/rclcpp.hpp>
-#include <rclcpp/strategies/allocator_memory_strategy.hpp>
 #include <rclcpp/version.h>
 
 #include "allocator.hpp"
@@ -22,8 +20,10 @@
 #include "lead.hpp"
 #include "open.hpp"
 #include "others.hpp"
+#include "publishing.hpp"
 #include "spinning.hpp"
 #include "statistics.hpp"
+#include "subscribing.hpp"
 #include "threads.hpp"
 #include "transport/clock.hpp"
 #include "transport/dds.hpp"
@@ -66,16 +66,6 @@ rclcpp::NodeOptions node_options(const rclcpp::Context::SharedPtr& context, bool
       .start_parameter_event_publisher(false);
 }
 
-rclcpp::QoS vendor_qos(const Qos& qos) {
-  rclcpp::QoS result(rclcpp::KeepLast(static_cast<std::size_t>(qos.depth)));
-  if (qos.history == History::keep_all) result.keep_all();
-  result.reliability(qos.reliability == Reliability::reliable ? rclcpp::ReliabilityPolicy::Reliable
-                                                              : rclcpp::ReliabilityPolicy::BestEffort);
-  result.durability(qos.durability == Durability::transient_local ? rclcpp::DurabilityPolicy::TransientLocal
-                                                                  : rclcpp::DurabilityPolicy::Volatile);
-  return result;
-}
-
 // The DDS under the RMW has no function that tells its version, but the file that was loaded has it in its
 // name.
 std::string loaded_middleware() {
@@ -104,8 +94,7 @@ struct Seat {
   std::shared_ptr<Spinning> spinning;      // nullptr: we wait ourselves
 };
 
-template <typename Alloc>
-class RosEndpoint final : public Endpoint {
+class RosEndpoint final : public Endpoint, private Arrivals {
  public:
   RosEndpoint(const Config& config, const Options& options, Sink& sink);
   RosEndpoint(const Config& config, const Options& options, Sink& sink, const Seat& first, Where where);
@@ -115,7 +104,7 @@ class RosEndpoint final : public Endpoint {
   Matched matched() override;
   Losses losses() override { return losses_of(options_.rmw, *subscription_); }
   std::string seen() override {
-    return ros2::seen(config_, *seat_.node, *publisher_, *subscription_, matched());
+    return ros2::seen(config_, *seat_.node, publishing_->publisher(), *subscription_, matched());
   }
   bool send(std::uint64_t sequence, std::span<const std::byte> payload) noexcept override;
   void receive() noexcept override;
@@ -124,57 +113,42 @@ class RosEndpoint final : public Endpoint {
   std::map<std::string, std::string> facts() override;
 
  private:
-  using Publisher = rclcpp::Publisher<RoundTrip, Alloc>;
-  using Subscription = rclcpp::Subscription<RoundTrip, Alloc>;
-
   void take_seat(Where where);
   void open_participant(rclcpp::Context::SharedPtr (*context)(int domain));
   void open_node(const std::function<std::string()>& said);
-  void open_publisher();
-  void open_subscription();
+  void open_topics();
   void start_spinning(const char* name);
   void start_waiting();
   void wake_executor() noexcept;
-  std::shared_ptr<rclcpp::Executor> executor() const;
-  void publish(std::uint64_t sequence, std::span<const std::byte> payload);
-  void on_message(const RoundTrip& message);
+  void on_message(const RoundTrip& message) override;
   void take_all();
   void arrived(RoundTrip& message, std::int64_t arrival_ns) noexcept;
   std::string carrier() const;
-  rclcpp::IntraProcessSetting intra_process() const {
-    return options_.intra_process ? rclcpp::IntraProcessSetting::Enable
-                                  : rclcpp::IntraProcessSetting::Disable;
-  }
 
   const Config config_;
   const Options options_;
   Sink& sink_;
-  const std::shared_ptr<Alloc> allocator_ = std::make_shared<Alloc>();
   Seat seat_;
-  typename Publisher::SharedPtr publisher_;
-  typename Subscription::SharedPtr subscription_;
+  std::unique_ptr<Publishing> publishing_;
+  rclcpp::SubscriptionBase::SharedPtr subscription_;
   std::unique_ptr<Graph> graph_;  // of the first; who is beside it asks only before the first message
   std::unique_ptr<Statistics> statistics_;
-  RoundTrip outgoing_;
   RoundTrip incoming_;
   std::atomic<bool> interrupted_{false};
   std::unique_ptr<Waiting> waiting_;
 };
 
-template <typename Alloc>
-RosEndpoint<Alloc>::RosEndpoint(const Config& config, const Options& options, Sink& sink)
+RosEndpoint::RosEndpoint(const Config& config, const Options& options, Sink& sink)
     : config_(config), options_(options), sink_(sink) {
-  outgoing_.data.reserve(config.max_payload_bytes);
   incoming_.data.reserve(config.max_payload_bytes);
   const auto sockets_before = dds::sockets();
   open_participant(context_of);
   refuse_namesake(*seat_.node);
-  open_publisher();  // before the subscription, whose callback may call send() at once
-  open_subscription();
+  open_topics();
   if (options.statistics && config.role == Role::client)
     statistics_ = std::make_unique<Statistics>(*seat_.node, config.deadline_ns);
   dds::keep_to_link(sockets_before, config, "ros2");
-  graph_ = std::make_unique<Graph>(seat_.context, *seat_.node, *publisher_, *subscription_);
+  graph_ = std::make_unique<Graph>(seat_.context, *seat_.node, publishing_->publisher(), *subscription_);
   if (config.receive == Receive::waitset) {
     start_waiting();
   } else {
@@ -183,23 +157,19 @@ RosEndpoint<Alloc>::RosEndpoint(const Config& config, const Options& options, Si
   }
 }
 
-template <typename Alloc>
-RosEndpoint<Alloc>::RosEndpoint(const Config& config, const Options& options, Sink& sink, const Seat& first,
-                                Where where)
+RosEndpoint::RosEndpoint(const Config& config, const Options& options, Sink& sink, const Seat& first,
+                         Where where)
     : config_(config), options_(options_beside(options)), sink_(sink), seat_(first) {
-  outgoing_.data.reserve(config.max_payload_bytes);
   incoming_.data.reserve(config.max_payload_bytes);
   const auto sockets_before = dds::sockets();
   take_seat(where);
-  open_publisher();
-  open_subscription();
+  open_topics();
   dds::keep_to_link(sockets_before, config, "ros2");
   if (config.receive == Receive::waitset) start_waiting();
 }
 
 // Of another's, as much as is shared.
-template <typename Alloc>
-void RosEndpoint<Alloc>::take_seat(Where where) {
+void RosEndpoint::take_seat(Where where) {
   if (where == Where::same_callback_group) return;
   seat_.group.reset();
   const bool shares_executor = where == Where::same_node || where == Where::same_executor;
@@ -215,14 +185,13 @@ void RosEndpoint<Alloc>::take_seat(Where where) {
   seat_.spinning->add(seat_.group, seat_.node);
 }
 
-template <typename Alloc>
-RosEndpoint<Alloc>::~RosEndpoint() {
+RosEndpoint::~RosEndpoint() {
   seat_.spinning.reset();  // the last of its endpoints: first, for it calls all the others
   waiting_.reset();
   graph_.reset();
   // An executor that goes on holds the subscription while it calls it. From Jazzy on it holds it while it
   // waits, too, and lets go only when it is woken.
-  const std::weak_ptr<Subscription> held = subscription_;
+  const std::weak_ptr<rclcpp::SubscriptionBase> held = subscription_;
   subscription_.reset();
   while (!held.expired()) {
     wake_executor();
@@ -231,8 +200,7 @@ RosEndpoint<Alloc>::~RosEndpoint() {
 }
 
 // As rclcpp wakes it for a new subscription: by the node, or by a callback group that was added alone.
-template <typename Alloc>
-void RosEndpoint<Alloc>::wake_executor() noexcept {
+void RosEndpoint::wake_executor() noexcept {
   try {
     seat_.node->get_node_base_interface()->get_notify_guard_condition().trigger();
     if (seat_.group) seat_.group->trigger_notify_guard_condition();
@@ -241,16 +209,14 @@ void RosEndpoint<Alloc>::wake_executor() noexcept {
   }
 }
 
-template <typename Alloc>
-Matched RosEndpoint<Alloc>::matched() {
+Matched RosEndpoint::matched() {
   if (graph_) return graph_->matched();
-  return {.readers = static_cast<int>(publisher_->get_subscription_count()),
+  return {.readers = static_cast<int>(publishing_->publisher().get_subscription_count()),
           .writers = static_cast<int>(subscription_->get_publisher_count())};
 }
 
 // It comes with the first node of its context.
-template <typename Alloc>
-void RosEndpoint<Alloc>::open_participant(rclcpp::Context::SharedPtr (*context)(int)) {
+void RosEndpoint::open_participant(rclcpp::Context::SharedPtr (*context)(int)) {
   const auto before = dds::tasks();
   {
     const auto leading = lead(options_.rmw, config_);
@@ -267,8 +233,7 @@ void RosEndpoint<Alloc>::open_participant(rclcpp::Context::SharedPtr (*context)(
     if (task.name != Spinning::thread_name) seat_.created.push_back(task.tid);
 }
 
-template <typename Alloc>
-void RosEndpoint<Alloc>::open_node(const std::function<std::string()>& said) {
+void RosEndpoint::open_node(const std::function<std::string()>& said) {
   try {
     seat_.node = std::make_shared<rclcpp::Node>(options_.node, namespace_of(config_.ping_topic),
                                                 node_options(seat_.context, options_.intra_process));
@@ -281,93 +246,35 @@ void RosEndpoint<Alloc>::open_node(const std::function<std::string()>& said) {
   }
 }
 
-template <typename Alloc>
-void RosEndpoint<Alloc>::open_publisher() {
-  rclcpp::PublisherOptionsWithAllocator<Alloc> publisher_options;
-  publisher_options.allocator = allocator_;
-  publisher_options.use_default_callbacks = false;  // which print
-  publisher_options.use_intra_process_comm = intra_process();
-  publisher_ = seat_.node->create_publisher<RoundTrip>(
-      config_.role == Role::client ? config_.ping_topic : config_.pong_topic, vendor_qos(config_.qos),
-      publisher_options);
-  if (options_.loaned && !publisher_->can_loan_messages())
-    throw Error("ros2: " + options_.rmw +
-                " lends no memory for a message without an upper bound, as RoundTrip is; leave the option "
-                "loaned off");
+void RosEndpoint::open_topics() {
+  // First, for the subscription's callback may call send() at once.
+  publishing_ = new_publishing(config_, options_, *seat_.node);
+  subscription_ = new_subscription(config_, options_, *seat_.node, seat_.group, *this);
 }
 
-template <typename Alloc>
-void RosEndpoint<Alloc>::open_subscription() {
-  rclcpp::SubscriptionOptionsWithAllocator<Alloc> subscription_options;
-  subscription_options.allocator = allocator_;
-  subscription_options.use_default_callbacks = false;
-  subscription_options.use_intra_process_comm = intra_process();
-  subscription_options.callback_group = seat_.group;
-  using Strategy = rclcpp::message_memory_strategy::MessageMemoryStrategy<RoundTrip, Alloc>;
-  subscription_ = seat_.node->create_subscription<RoundTrip>(
-      config_.role == Role::client ? config_.pong_topic : config_.ping_topic, vendor_qos(config_.qos),
-      [this](std::shared_ptr<const RoundTrip> message) { on_message(*message); }, subscription_options,
-      std::make_shared<Strategy>(allocator_));
+void RosEndpoint::start_spinning(const char* name) {
+  seat_.spinning = std::make_shared<Spinning>(new_executor(options_, seat_.context), name);
 }
 
-template <typename Alloc>
-std::shared_ptr<rclcpp::Executor> RosEndpoint<Alloc>::executor() const {
-  rclcpp::ExecutorOptions executor_options;
-  executor_options.context = seat_.context;
-  executor_options.memory_strategy =
-      std::make_shared<rclcpp::memory_strategies::allocator_memory_strategy::AllocatorMemoryStrategy<Alloc>>(
-          allocator_);
-  return new_executor(options_.executor, executor_options);
-}
+void RosEndpoint::start_waiting() { waiting_ = new_waiting(options_.executor, seat_.context, subscription_); }
 
-template <typename Alloc>
-void RosEndpoint<Alloc>::start_spinning(const char* name) {
-  seat_.spinning = std::make_shared<Spinning>(executor(), name);
-}
-
-template <typename Alloc>
-void RosEndpoint<Alloc>::start_waiting() {
-  waiting_ = new_waiting(options_.executor, seat_.context, subscription_);
-}
-
-template <typename Alloc>
-bool RosEndpoint<Alloc>::send(std::uint64_t sequence, std::span<const std::byte> payload) noexcept {
+bool RosEndpoint::send(std::uint64_t sequence, std::span<const std::byte> payload) noexcept {
   if (payload.size() > config_.max_payload_bytes) return false;
   if (statistics_) statistics_->sent(sequence, now_ns());
   try {
-    publish(sequence, payload);
+    publishing_->publish(sequence, payload);
     return true;
   } catch (const std::exception&) {
     return false;
   }
 }
 
-template <typename Alloc>
-void RosEndpoint<Alloc>::publish(std::uint64_t sequence, std::span<const std::byte> payload) {
-  const auto fill = [&](RoundTrip& message) {
-    const auto* const bytes = reinterpret_cast<const std::uint8_t*>(payload.data());
-    message.seq = sequence;
-    message.data.assign(bytes, bytes + payload.size());
-  };
-  if constexpr (std::is_same_v<Alloc, std::allocator<void>>)  // the others do not compile in Humble's loans
-    if (options_.loaned) {
-      auto loan = publisher_->borrow_loaned_message();
-      fill(loan.get());
-      return publisher_->publish(std::move(loan));
-    }
-  fill(outgoing_);
-  publisher_->publish(outgoing_);
-}
-
-template <typename Alloc>
-void RosEndpoint<Alloc>::arrived(RoundTrip& message, std::int64_t arrival_ns) noexcept {
+void RosEndpoint::arrived(RoundTrip& message, std::int64_t arrival_ns) noexcept {
   if (statistics_) statistics_->arrived(message.seq, arrival_ns);
   sink_.arrived(message.seq, std::as_writable_bytes(std::span(message.data)), arrival_ns);
 }
 
-// Not inlined into rclcpp's templates, so that what is allocated here is seen to be ours (see allocations/).
-template <typename Alloc>
-[[gnu::noinline]] void RosEndpoint<Alloc>::on_message(const RoundTrip& message) {
+void RosEndpoint::on_message(const RoundTrip& message) {
   const std::int64_t arrival_ns = now_ns();
   if (options_.intra_process) {
     incoming_.seq = message.seq;
@@ -379,17 +286,15 @@ template <typename Alloc>
   }
 }
 
-template <typename Alloc>
-void RosEndpoint<Alloc>::take_all() {
+void RosEndpoint::take_all() {
   rclcpp::MessageInfo info;
-  while (subscription_->take(incoming_, info)) {
+  while (subscription_->take_type_erased(&incoming_, info)) {
     const std::int64_t arrival_ns = now_ns();
     arrived(incoming_, arrival_ns);
   }
 }
 
-template <typename Alloc>
-void RosEndpoint<Alloc>::receive() noexcept {
+void RosEndpoint::receive() noexcept {
   if (interrupted_) return;
   try {
     waiting_->wait();
@@ -399,8 +304,7 @@ void RosEndpoint<Alloc>::receive() noexcept {
   }
 }
 
-template <typename Alloc>
-void RosEndpoint<Alloc>::interrupt() noexcept {
+void RosEndpoint::interrupt() noexcept {
   interrupted_ = true;
   try {
     if (waiting_) waiting_->interrupt();
@@ -409,8 +313,7 @@ void RosEndpoint<Alloc>::interrupt() noexcept {
   }
 }
 
-template <typename Alloc>
-std::vector<Thread> RosEndpoint<Alloc>::threads() {
+std::vector<Thread> RosEndpoint::threads() {
   auto found = threads_of(options_.rmw, seat_.created, config_.domain);
   if (seat_.spinning)
     for (auto& thread : named(seat_.spinning->name(), "receive")) found.push_back(std::move(thread));
@@ -418,15 +321,13 @@ std::vector<Thread> RosEndpoint<Alloc>::threads() {
   return found;
 }
 
-template <typename Alloc>
-std::string RosEndpoint<Alloc>::carrier() const {
-  const std::size_t within = publisher_->get_intra_process_subscription_count();
-  return within > 0 && within == publisher_->get_subscription_count() ? "intra-process"
-                                                                      : seat_.settings_carrier;
+std::string RosEndpoint::carrier() const {
+  const std::size_t within = publishing_->publisher().get_intra_process_subscription_count();
+  return within > 0 && within == publishing_->publisher().get_subscription_count() ? "intra-process"
+                                                                                   : seat_.settings_carrier;
 }
 
-template <typename Alloc>
-std::map<std::string, std::string> RosEndpoint<Alloc>::facts() {
+std::map<std::string, std::string> RosEndpoint::facts() {
   std::map<std::string, std::string> facts{{"rclcpp", RCLCPP_VERSION_STR},
                                            {"ros_distro", environment("ROS_DISTRO")},
                                            {"rmw", options_.rmw},
@@ -455,19 +356,14 @@ std::unique_ptr<Endpoint> opened(const Open& open) {
   }
 }
 
-template <typename Alloc>
-std::unique_ptr<Endpoint> RosEndpoint<Alloc>::beside(const Config& config, Sink& sink, Where where) {
-  return opened([&] {
-    return std::make_unique<RosEndpoint<std::allocator<void>>>(config, options_, sink, seat_, where);
-  });
+std::unique_ptr<Endpoint> RosEndpoint::beside(const Config& config, Sink& sink, Where where) {
+  return opened([&] { return std::make_unique<RosEndpoint>(config, options_, sink, seat_, where); });
 }
 
 std::unique_ptr<Endpoint> open(const Config& config, const Options& options, Sink& sink) {
   return opened([&]() -> std::unique_ptr<Endpoint> {
-    if (options.allocator == Allocator::standard)
-      return std::make_unique<RosEndpoint<std::allocator<void>>>(config, options, sink);
     choose_resource(options.allocator);
-    return std::make_unique<RosEndpoint<ResourceAllocator<void>>>(config, options, sink);
+    return std::make_unique<RosEndpoint>(config, options, sink);
   });
 }
 
