@@ -5,7 +5,10 @@
 
 #include <algorithm>
 #include <chrono>
+#include <csignal>
+#include <cstdint>
 #include <filesystem>
+#include <fstream>
 #include <functional>
 #include <string>
 #include <thread>
@@ -13,6 +16,7 @@
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+#include <linux/capability.h>
 #include <linux/filter.h>
 #include <netinet/in.h>
 #include <sys/socket.h>
@@ -268,6 +272,39 @@ TEST(IntraProcess, CarriesBetweenTwoEndsOfOneProcess) {
               require(two_ends::await_match(*client), "no match");
               exchange(*client, answers);
               require(client->facts().at("carrier") == "intra-process", client->facts().at("carrier"));
+            }),
+            "");
+}
+
+// A thread of this process that blocks the signal by which privileges are dropped, and has more than few.
+std::string out_of_reach() {
+  constexpr std::uint64_t few = (1ULL << CAP_SYS_NICE) | (1ULL << CAP_IPC_LOCK);
+  for (const auto& task : std::filesystem::directory_iterator("/proc/self/task")) {
+    std::ifstream status(task.path() / "status");
+    std::string name;
+    std::uint64_t blocked = 0, permitted = 0;
+    for (std::string word; status >> word;) {
+      if (word == "Name:") status >> name;
+      if (word == "SigBlk:") status >> std::hex >> blocked;
+      if (word == "CapPrm:") status >> std::hex >> permitted;
+    }
+    if (((blocked >> (SIGXCPU - 1)) & 1) != 0 && (permitted & ~few) != 0) return name;
+  }
+  return {};
+}
+
+// LTTng's, where ROS 2's trace points have it, start as it is loaded. Any thread blocks signals as it starts.
+TEST(Threads, ThatBlockSignalsWereBornWithFewPrivileges) {
+  EXPECT_EQ(in_own_process([] {
+              Answers answers;
+              const Options options{{"rmw", "rmw_cyclonedds_cpp"}};
+              const auto client = two_ends::plugin().open(config_of(Role::client, options), answers);
+              std::string found = out_of_reach();
+              for (int i = 0; i < 100 && !found.empty(); ++i) {
+                std::this_thread::sleep_for(20ms);
+                found = out_of_reach();
+              }
+              require(found.empty(), found + " has all privileges");
             }),
             "");
 }

@@ -13,6 +13,7 @@
 #include "rmw.hpp"
 #include "transport/dds.hpp"
 #include "transport/shipped.hpp"
+#include "unprivileged.hpp"
 
 namespace ontime::transport::ros2 {
 namespace {
@@ -35,8 +36,11 @@ std::unique_ptr<Endpoint> open(const Config& asked, Sink& sink) {
   dds::check(config, "ros2", known_options);
   Options options = options_of(config);
   if (config.background) options = options_beside(options);
-  options.rmw = load_rmw(options.rmw);
-  return rclcpp_part()(config, options, sink);
+  OpenFunction* const open_rclcpp = loaded_unprivileged([&options] {
+    options.rmw = load_rmw(options.rmw);
+    return rclcpp_part();
+  });
+  return open_rclcpp(config, options, sink);
 }
 
 }  // namespace
