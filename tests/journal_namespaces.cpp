@@ -65,6 +65,25 @@ TEST_F(Namespaces, ForeignOneIsLeftAlone) {
   ip(std::string("netns delete ") + name);
 }
 
+TEST(NetworkIdentity, IsOfNetworkNamespacesOnly) {
+  const auto identity_of = [](const char* path) {
+    const Fd fd(open(path, O_RDONLY | O_CLOEXEC));
+    EXPECT_GE(fd.get(), 0) << path;
+    return network_identity(fd.get());
+  };
+  const auto as_this_user = [&] {
+    EXPECT_NE(identity_of("/proc/self/ns/net"), "");
+    for (const auto* path : {"/proc/self/ns/uts", "/proc/self/ns/mnt", "/proc/self/exe", "/"})
+      EXPECT_EQ(identity_of(path), "") << path;
+  };
+  as_this_user();
+  in_child([&] {
+    if (geteuid() == 0) test::become_ordinary_user();
+    prctl(PR_SET_DUMPABLE, 1);  // else its own /proc is closed to it
+    as_this_user();
+  });
+}
+
 // The kernel gives a new one the inode of the one before.
 TEST_F(Namespaces, ReplacedByAnotherIsLeftAlone) {
   Victim victim([](Journal& journal) {

@@ -9,6 +9,7 @@
 #include <thread>
 
 #include <gmock/gmock.h>
+#include <sys/personality.h>
 #include <unistd.h>
 
 #include "background/background.hpp"
@@ -90,7 +91,11 @@ TEST_F(Lab, ImageHasWhatTheDynamicLinkerWouldLoad) {
   const auto list = list_of(folder() / "image");
   EXPECT_THAT(list, HasSubstr("0o100755 usr/bin/this 0"));
   EXPECT_THAT(list, HasSubstr("libstdc++.so.6"));
+#ifdef __x86_64__
   EXPECT_THAT(list, HasSubstr("usr/lib64/ld-linux-x86-64.so.2"));
+#elif defined(__aarch64__)
+  EXPECT_THAT(list, HasSubstr("usr/lib/ld-linux-aarch64.so.1"));
+#endif
 }
 
 TEST_F(Lab, ImageOfATreeKeepsItsLinks) {
@@ -212,7 +217,23 @@ TEST_F(Lab, FolderThatCannotBeLookedIntoHasNoProgram) {
   EXPECT_EQ(found.filename(), "sh");
 }
 
+// Also where this machine is an x86_64: to a program of 32 bits its kernel says another one.
+TEST_F(Lab, OfAnotherArchitectureIsRefused) {
+  const auto before = static_cast<unsigned long>(personality(PER_LINUX32));
+  std::string said;
+  try {
+    check_qemu({});
+  } catch (const Error& error) {
+    said = error.what();
+  }
+  personality(before);
+  EXPECT_THAT(said, HasSubstr("the lab's machine is an x86_64, and this one is "));
+}
+
 TEST_F(Lab, NoQemuNamesThePackage) {
+#ifndef __x86_64__
+  GTEST_SKIP() << "a lab needs an x86_64";
+#endif
   const std::string before = std::getenv("PATH");
   setenv("PATH", folder().c_str(), 1);
   std::string said;
@@ -226,6 +247,9 @@ TEST_F(Lab, NoQemuNamesThePackage) {
 }
 
 TEST_F(Lab, QemuWithoutThatNicSaysWhereThereIsOne) {
+#ifndef __x86_64__
+  GTEST_SKIP() << "a lab needs an x86_64";
+#endif
   const std::string before = std::getenv("PATH");
   write("qemu-system-x86_64",
         "#!/bin/sh\n[ \"$1\" = --version ] && echo 'QEMU emulator version 7.2.22 (Debian)'\nexit 0\n");

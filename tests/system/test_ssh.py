@@ -21,6 +21,7 @@ from sshd import PORT
 
 NEAR, FAR = f"near-{os.getpid()}", f"far-{os.getpid()}"
 USER, USER_ID = "robot-user", 64321
+ARM64 = pathlib.Path(__file__).resolve().parents[2] / "build/arm64"
 
 SCENARIO = """
 hosts:
@@ -260,14 +261,15 @@ class Ssh(unittest.TestCase):
         process.communicate(timeout=180)
         self.assertTrue(eventually(self.nothing_left), self.what_is_left())
 
-    def scenario_with_another(self, name, script):
-        """Where a command of the far machine is this one."""
+    def scenario_with_another(self, name, script, *variables):
+        """Where a command of the far machine is this one, and it has more environment variables."""
         folder = self.own / "far-bin"
         folder.mkdir()
         (folder / name).write_text(script)
         (folder / name).chmod(0o755)
         path = self.scenario(program="")
-        path.write_text(path.read_text().replace("component: {", f"component: {{reach: [env, 'PATH={folder}:/usr/bin:/bin'], "))
+        words = ", ".join(f"'{word}'" for word in ("env", f"PATH={folder}:/usr/bin:/bin", *variables))
+        path.write_text(path.read_text().replace("component: {", f"component: {{reach: [{words}], "))
         return path
 
     def test_deploy_to_another_architecture_is_refused(self):
@@ -293,6 +295,26 @@ class Ssh(unittest.TestCase):
                                 capture_output=True, text=True, env=self.environment, timeout=180)
         self.assertIn("brought from the folder of riscv64", answer.stderr)
         self.assertEqual(answer.returncode, 3, answer.stderr)
+
+    def test_deploy_brings_a_program_for_arm64_that_measures(self):
+        """The far machine says that it is aarch64, and this kernel has qemu-user run programs for it."""
+        if not (ARM64 / "bin/ontime").exists():
+            self.skipTest("no program for arm64: scripts/setup arm64 bin/ontime transports")
+        if not os.path.exists("/proc/sys/fs/binfmt_misc/qemu-aarch64"):
+            self.skipTest("this kernel runs no programs for aarch64: sudo apt install qemu-user-static")
+        own = self.own / "installed"
+        build = pathlib.Path(ONTIME).resolve().parent.parent
+        transport = next(build.glob("lib/**/ontime_transport_udp.so"))
+        for file in pathlib.Path(ONTIME).resolve(), transport:
+            (own / file.relative_to(build)).parent.mkdir(parents=True)
+            shutil.copy(file, own / file.relative_to(build))
+        run("cmake", "--install", ARM64, "--strip", "--prefix", own / "share/ontime/deploy/aarch64")
+        scenario = self.scenario_with_another("uname", "#!/bin/sh\necho aarch64\n", f"QEMU_LD_PREFIX={ARM64}-libraries")
+        answer = subprocess.run([own / "bin/ontime" if word == ONTIME else word for word in self.command(scenario, "--deploy")],
+                                capture_output=True, text=True, env=self.environment, timeout=300)
+        self.assertEqual(answer.returncode, 0, answer.stderr)
+        self.assertGreater(self.report()[0]["sent"], 50)
+        self.assertEqual(self.report()[0]["lost"], 0)
 
     def test_deploy_where_libraries_are_missing_names_their_packages(self):
         there = self.scenario_with_another("ldd", "#!/bin/sh\necho '\tlibfmt.so.9 => not found'\n")
