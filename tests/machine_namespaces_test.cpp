@@ -97,7 +97,7 @@ TEST_F(Namespaces, TheFirstMessageArrivesAndNothingStays) {
     EXPECT_TRUE(arrives(controller));
 
     const int discovery = socket_in("ontime-controller", "239.255.0.1");
-    ip_mreqn group{};
+    ip_mreq group{};
     inet_pton(AF_INET, "239.255.0.1", &group.imr_multiaddr);
     EXPECT_EQ(setsockopt(discovery, IPPROTO_IP, IP_ADD_MEMBERSHIP, &group, sizeof group), 0);
     send_to(component, "239.255.0.1");

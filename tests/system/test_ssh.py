@@ -313,7 +313,7 @@ class Ssh(unittest.TestCase):
         answer = subprocess.run([own / "bin/ontime" if word == ONTIME else word for word in self.command(scenario, "--deploy")],
                                 capture_output=True, text=True, env=self.environment, timeout=300)
         self.assertEqual(answer.returncode, 0, answer.stderr)
-        self.assertGreater(self.report()[0]["sent"], 50)
+        self.assertGreater(self.report()[0]["sent"], 0)
         self.assertEqual(self.report()[0]["lost"], 0)
 
     def test_deploy_where_libraries_are_missing_names_their_packages(self):
