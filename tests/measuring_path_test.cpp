@@ -297,7 +297,11 @@ class Child {
     pid_ = fork();
     if (pid_ == 0) {
       close(ends[1]);
-      body(Orders(ends[0]));
+      try {
+        body(Orders(ends[0]));
+      } catch (const std::exception& error) {  // else it would go on with the parent's tests
+        ADD_FAILURE() << error.what();
+      }
       std::fflush(stdout);
       _exit(testing::Test::HasFailure() ? 1 : 0);
     }
