@@ -10,7 +10,7 @@
 namespace ontime::search {
 namespace {
 
-constexpr const char* placeholder = "INTERFACE";
+constexpr const char* to_fill_in = "INTERFACE";  // by who reads the printed unit
 
 // As `ontime tune` takes them: sizes in bytes.
 settings::Wishes wishes_of(const Set& set) {
@@ -30,10 +30,10 @@ bool is_of_interface(const settings::Wishes& wishes) {
 // One for each host, or one for all where all have the same, or need none.
 Links links_of(const Links& known, const settings::Wishes& wishes) {
   if (!is_of_interface(wishes)) return {{"", {}}};
-  if (known.empty()) return {{"", {placeholder, ""}}};
+  if (known.empty()) return {{"", {to_fill_in, ""}}};
   auto links = known;
   for (auto& [host, link] : links)
-    if (link.interface.empty()) link.interface = placeholder;
+    if (link.interface.empty()) link.interface = to_fill_in;
   const auto& first = links.begin()->second;
   const bool is_one = std::all_of(links.begin(), links.end(), [&](const auto& one) {
     return one.second.interface == first.interface && one.second.network_namespace == first.network_namespace;
@@ -67,10 +67,10 @@ Kept keep(const Set& set, const Links& links, const std::string& program) {
   if (wishes.empty()) return kept;
   for (const auto& [host, link] : links_of(links, wishes)) {
     kept.units.push_back(unit_of(host, link, wishes, program));
-    if (link.interface == placeholder)
+    if (link.interface == to_fill_in)
       kept.fill_in = fmt::format(
           "Replace {} by the robot's network interface, the one of these messages (`ip link` lists them).",
-          placeholder);
+          to_fill_in);
   }
   return kept;
 }
