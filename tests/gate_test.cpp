@@ -220,13 +220,14 @@ TEST(Judge, APercentileOfWhatWasAnsweredIsNotCertainWhereMoreWasLostThanItLeaves
     EXPECT_THAT(judgement.says, HasSubstr("100 of 1600 messages were lost")) << text;
   }
   EXPECT_THAT(judged("p50 > 2 ms", one).says, ::testing::Not(HasSubstr("lost")));
+  one.round_trip_certainty.mean = measured(1, 0.9, 1.1);
+  EXPECT_FALSE(judged("mean > 5 ms", one).is_sure);
 }
 
 TEST(Judge, ALevelThatChangedIsNamed) {
   auto one = slower(0, 200);
   one.sent = 200;
-  one.message_every_ns = 1e9;
-  one.round_trip_certainty.shift = statistics::Shift{0.5, 150'000, 300'000};
+  one.round_trip_certainty.shift = statistics::Shift{0.5, 150'000, 300'000, 100e9};
   EXPECT_THAT(judged("p99 > 2 ms", one).says,
               HasSubstr("from about 100 s on the median is 2 times as long (150 µs, then 300 µs)"));
 }
@@ -342,6 +343,29 @@ TEST(Judge, WhatWasNotMeasuredAsAskedHoldsNoLine) {
   EXPECT_EQ(judged("p99 > 2 ms", whole).result, Result::cannot_judge);
 }
 
+TEST(Judge, SettingsThatWereDeniedAndSmallerLoadHoldNoLine) {
+  auto denied = run(measured(1, 0.5, 1.5));
+  denied.run.outcome.counters.sent = 1000;
+  denied.run.outcome.hosts["controller"].refusals = {{"lock memory", "EPERM", ""}, {"fifo 80", "EPERM", ""}};
+  denied.run.outcome.hosts["component"].refusals = {{"lock memory", "EPERM", ""}};
+  EXPECT_EQ(judged("p99 > 2 ms", denied).result, Result::cannot_judge);
+  EXPECT_EQ(judged("late > 0", denied).says, "denied: lock memory, fifo 80");
+  EXPECT_EQ(judge_as_asked(denied).result, Result::cannot_judge);
+  EXPECT_FALSE(ends_search(denied.run.asked, denied.run.outcome)) << "it is denied at every step";
+  auto small = run(measured(1, 0.5, 1.5));
+  small.run.outcome.counters.sent = 1000;
+  auto& load = small.run.outcome.hosts["component"].load;
+  load = {{"hdd_bytes", 1 << 30}, {"hdd_file_bytes", 1'000'000}};
+  EXPECT_EQ(judged("p99 > 2 ms", small).says, "the hdd load on the component was smaller than requested");
+  EXPECT_FALSE(ends_search(small.run.asked, small.run.outcome)) << "more would write longer";
+  load["hdd_file_bytes"] = 1 << 29;
+  EXPECT_EQ(judged("p99 > 2 ms", small).result, Result::held);
+  load = nullptr;
+  small.run.outcome.hosts["component"].load_running = true;
+  amend(small.run.asked, "/load/component", {{"vm", 4}, {"vm_bytes", 256 << 20}});
+  EXPECT_EQ(judged("p99 > 2 ms", small).says, "the vm load on the component was smaller than requested");
+}
+
 TEST(Judge, WhatIsRequiredMustBeSo) {
   auto of = run(measured(3, 2.5, 3.5), 1);
   amend(of.run.asked, "/require", {"p99 <= 2 ms", "late <= 1", "what is this", 7});
@@ -418,6 +442,19 @@ TEST(JudgeAChange, FailsOnlyIfChanceDoesNotExplainIt) {
             Result::missed);
   EXPECT_EQ(compared("p99 > +0.4 ms", measured(1, 0.98, 1.02), measured(1.3, 1.28, 1.32)).result,
             Result::held);
+}
+
+TEST(JudgeAChange, IsNotCertainWhereMoreWasLostThanThePercentileLeavesOut) {
+  const auto from = run(measured(1, 0.98, 1.02));
+  auto to = from;
+  EXPECT_TRUE(judge(parse("p99 > +10%", Use::fail_if_compared), {&from, &from}, {&to, &to}).is_sure);
+  to.lost = 490;
+  for (const auto* text : {"p99 > +10%", "p99 > +1 ms"}) {
+    const auto judgement = judge(parse(text, Use::fail_if_compared), {&from, &from}, {&to, &to});
+    EXPECT_EQ(judgement.result, Result::held) << text;
+    EXPECT_FALSE(judgement.is_sure) << text;
+    EXPECT_THAT(judgement.says, HasSubstr("490 of 1000 messages were lost")) << text;
+  }
 }
 
 TEST(JudgeAChange, NamesWhatItWasAndIs) {

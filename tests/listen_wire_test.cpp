@@ -45,6 +45,12 @@ class Rtps {
     body.insert(body.end(), payload.begin(), payload.end());
     return submessage(0x15, 5, body);
   }
+  Rtps& key(std::uint64_t number) {  // an instance ends
+    Bytes body;
+    add(body, {0, 0, 16, 0, 0, 0, 0, 0, 0, 0, 0x12, 0x03});
+    add_sequence(body, number);
+    return submessage(0x15, 9, body);
+  }
   Rtps& fragment(std::uint64_t number, unsigned first, unsigned count, unsigned total) {
     Bytes body;
     add(body, {0, 0, 28, 0, 0, 0, 0, 0, 0, 0, 0x12, 0x03});
@@ -153,6 +159,14 @@ TEST_F(OnTheWire, NumbersInAGapAreNotLost) {
   arrive(Rtps().gap(2, 4, 2, 0x40000000));  // 2, 3 and 5
   arrive(Rtps().data(6));
   EXPECT_EQ(flow().lost, 1U);  // 4
+}
+
+TEST_F(OnTheWire, EndOfAnInstanceIsNoMessageAndNoLoss) {
+  arrive(Rtps().data(1));
+  arrive(Rtps().key(2));
+  arrive(Rtps().data(3));
+  EXPECT_EQ(flow().messages, 2U);
+  EXPECT_EQ(flow().lost, 0U);
 }
 
 TEST_F(OnTheWire, HeartbeatTellsOfMessagesThatNeverCame) {

@@ -32,6 +32,26 @@ TEST(TableFormat, GroupsByIdAndBringsRepetitionsTogether) {
   EXPECT_EQ(beginnings, expected);
 }
 
+TEST(TableFormat, RepetitionOfWhichAllWasLostCounts) {
+  std::vector<Summary> runs;
+  for (const int repetition : {1, 2, 3}) runs.push_back(summary(asked("a", "udp", repetition), outcome()));
+  auto& gone = runs.back();
+  gone.lost = gone.sent;
+  gone.on_time = 0;
+  gone.round_trip = gone.response = {};
+  const auto cells = [&] {
+    const auto text = render(runs, Format::markdown);
+    const auto at = text.find("over repetitions");
+    return row_of(text.substr(at), "| udp");
+  };
+  using ::testing::ElementsAre;
+  EXPECT_THAT(cells(), ElementsAre("|", "udp", "|", "3", "|", "-", "|", "-", "|", "-", "|", "-", "|", "0",
+                                   "\\[0,", "100\\]", "|"));
+  runs.front().late = runs.front().sent;
+  runs.front().on_time = 0;
+  EXPECT_EQ(cells().at(13), "100");
+}
+
 TEST(TableFormat, TellsRunsOfOneIdApart) {
   auto small = asked("Payload", "udp"), large = asked("Payload", "udp");
   large["payload_bytes"] = 32768;

@@ -316,6 +316,16 @@ Summary judged(std::uint64_t on_time, std::uint64_t late, std::uint64_t lost) {
   return run;
 }
 
+TEST(Verdict, BoundIsNeverRoundedBelowItself) {
+  for (const auto& [messages, says] :
+       {std::pair(6'100'000u, "fewer than 0.5 of a million"), {2'100'000u, "fewer than 1.5 of a million"}}) {
+    auto run = judged(messages, 0, 0);
+    run.missed_probability.messages = messages;
+    run.missed_probability.bound = 2.9957 / messages;
+    EXPECT_THAT(verdict_of({run}).further, HasSubstr(says));
+  }
+}
+
 TEST(Verdict, says_whether_messages_were_on_time) {
   const auto fine = verdict_of({judged(24'000, 0, 0)});
   EXPECT_EQ(fine.word, Verdict::Word::yes);

@@ -54,6 +54,21 @@ TEST(Goal, CountsMessagesThatAreLateOrSlow) {
   EXPECT_EQ(tally.effect, 2);
 }
 
+TEST(Goal, UnansweredMessagesAreNotWithinALimit) {
+  statistics::Summary run;
+  run.sent = 6000;
+  run.lost = 3020;
+  run.skipped_cycles = 20;
+  run.round_trip.count = run.response.count = 2980;
+  run.shape.round_trip_ranks = run.shape.response_ranks = {{2980, 100'000}};
+  const auto tally = tally_of(goal_of("p99 < 1 ms").front(), run);
+  EXPECT_EQ(tally.events, 3020);
+  EXPECT_EQ(tally.messages, 6000);
+  const auto by_response = tally_of(goal_of("response p99 < 1 ms").front(), run);
+  EXPECT_EQ(by_response.events, 3040);
+  EXPECT_EQ(by_response.messages, 6020);
+}
+
 auto of_key(const std::string& key) { return Field(&Knob::key, key); }
 auto left_out(const std::string& key) { return Field(&Knobs::LeftOut::key, key); }
 

@@ -84,6 +84,43 @@ TEST(Summary, KnowsSinceWhenNothingWasAnswered) {
   EXPECT_EQ(summary.unanswered_from_ns, samples[15].due_ns);
 }
 
+TEST(Summary, TellsWhenTheLevelChangedAlsoWhereTheRateDid) {
+  std::mt19937_64 random(6);
+  std::vector<Sample> samples;
+  std::int64_t now = 1'000'000'000;
+  for (std::uint64_t i = 0; i < 12'000; ++i) {  // back-to-back: 1 ms for 10 s, then 5 ms for 10 s
+    Sample sample{};
+    sample.index = i;
+    sample.fate = Fate::on_time;
+    sample.intended_ns = sample.due_ns = sample.woke_ns = sample.sent_ns = now;
+    now += i < 10'000 ? ms : 5 * ms;
+    sample.received_ns = now - static_cast<std::int64_t>(random() % 20'000);
+    samples.push_back(sample);
+  }
+  const auto summary = summary_of(samples, {{"schedule", "back-to-back"}, {"duration_s", 20.0}});
+  const auto& shift = summary.round_trip_certainty.shift;
+  ASSERT_TRUE(shift);
+  EXPECT_NEAR(shift->from_ns, 10e9, 0.1e9);
+}
+
+TEST(Summary, PercentileHasItsEndFromExactlyThirtySlowerMessagesOn) {
+  std::mt19937_64 random(7);
+  for (const std::uint64_t messages : {299u, 300u}) {
+    std::vector<Sample> samples;
+    for (std::uint64_t i = 0; i < messages; ++i) {
+      Sample sample{};
+      sample.index = i;
+      sample.fate = Fate::on_time;
+      sample.intended_ns = sample.due_ns = sample.woke_ns = sample.sent_ns =
+          1'000'000'000 + static_cast<std::int64_t>(i) * 10 * ms;
+      sample.received_ns = sample.sent_ns + 100'000 + static_cast<std::int64_t>(random() % 100'000);
+      samples.push_back(sample);
+    }
+    const auto p90 = summary_of(samples, asked_next_free).round_trip_certainty[Figure::p90];
+    EXPECT_EQ(p90.sure.high.has_value(), messages == 300) << messages << p90.open;
+  }
+}
+
 TEST(Summary, AddsUp) {
   std::mt19937_64 random(3);
   for (int i = 0; i < 50; ++i) {

@@ -261,7 +261,8 @@ search::Answer Trials::answer_of(const record::Run& run) {
   const auto& outcome = run.outcome;
   if (outcome.error && !outcome.refused_setting.empty())
     return {{}, {}, *outcome.error, false, outcome.refused_setting};
-  if (auto why = gate::unfit(summary); !why.empty()) return {{}, {}, std::move(why), true};
+  if (gate::flaw_of(summary) != gate::Flaw::denied)
+    if (auto why = gate::unfit(summary); !why.empty()) return {{}, {}, std::move(why), true};
   if (auto why = denied(run); !why.empty()) return {{}, {}, std::move(why)};
   search::Answer answer;
   std::int64_t slow_ns = 0;

@@ -50,6 +50,18 @@ statistics::Probability probability_beyond(const Gate&, const statistics::Summar
 // link's faults, traffic, neighbours. Empty: nothing speaks against it.
 std::string absent(const record::Asked&, const record::Outcome&);
 
+// Load that was there, but smaller than requested.
+struct SmallerLoad {
+  const char *host, *kind;  // "controller", "hdd"
+  std::uint64_t requested_bytes, had_bytes;
+  int divided_among;  // so many workers; 0: each had so little
+};
+std::vector<SmallerLoad> smaller_loads(const record::Asked&, const record::Outcome&);
+
+// Settings that were requested and not permitted, each once.
+std::vector<std::string> denied(const record::Outcome&);
+bool were_denied(const record::Outcome&);
+
 // Of a run that is a step of a search: whether the search ends at its value. A message was late or lost, a
 // cycle passed without one, or nothing was sent; not all of it was recorded; what was asked for beside it was
 // absent, and will not be there with more; or there was no answer although there was one at the first value.
@@ -66,7 +78,8 @@ enum class Flaw : std::uint8_t {
   unrecorded,  // samples are missing
   misfit,      // a value of its record is not as ontime writes it
   nothing_sent,
-  absent,  // load, traffic or the like that was requested
+  absent,  // load, traffic or the like that was requested, or a part of it
+  denied,  // a setting that was requested
   none
 };
 Flaw flaw_of(const statistics::Summary&);

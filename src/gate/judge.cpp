@@ -80,8 +80,7 @@ bool is_every_message(const statistics::Probability& slower) {
 bool is_of_too_few_answers(const Gate& gate, const Summary& run) {
   const auto& metric = statistics::metric_of(gate.figure);
   const double permitted = metric.one_in > 0 ? metric.share_above() : 0;
-  const bool is_time = metric.one_in > 0 || gate.figure == Figure::max;
-  return is_time && static_cast<double>(run.lost) > permitted * static_cast<double>(run.sent);
+  return !metric.is_share && static_cast<double>(run.lost) > permitted * static_cast<double>(run.sent);
 }
 
 // A sender that stood still has sent nothing that could be late.
@@ -165,6 +164,40 @@ std::string absent(const record::Asked& asked, const record::Outcome& outcome) {
   return "";
 }
 
+std::vector<SmallerLoad> smaller_loads(const record::Asked& asked, const record::Outcome& outcome) {
+  std::vector<SmallerLoad> all;
+  for (const auto& [name, load] : {std::pair(record::both_hosts[0], asked.controller_load),
+                                   {record::both_hosts[1], asked.component_load}}) {
+    const auto& host = record::find(outcome.hosts, name);
+    // Until ontime noted what each worker was given, stress-ng divided the stated sizes among the workers.
+    if (host.load_running && host.load.is_null())
+      for (const auto& [kind, bytes, workers] :
+           {std::tuple("vm", load.vm_bytes, load.vm), {"hdd", load.hdd_bytes, load.hdd}})
+        if (bytes > 0 && workers > 1)
+          all.push_back({name, kind, bytes, bytes / static_cast<std::uint64_t>(workers), workers});
+    // A file grows, and is begun anew: half of it is sure to be seen where it is ever written to its end.
+    const auto& seen = record::at(host.load, "hdd_file_bytes");
+    const auto& requested = record::at(host.load, "hdd_bytes");
+    if (seen.is_number_integer() && requested.is_number_integer() &&
+        seen.get<std::uint64_t>() < requested.get<std::uint64_t>() / 2)
+      all.push_back({name, "hdd", requested.get<std::uint64_t>(), seen.get<std::uint64_t>(), 0});
+  }
+  return all;
+}
+
+bool were_denied(const record::Outcome& outcome) {
+  return std::any_of(outcome.hosts.begin(), outcome.hosts.end(),
+                     [](const auto& host) { return !host.second.refusals.empty(); });
+}
+
+std::vector<std::string> denied(const record::Outcome& outcome) {
+  std::vector<std::string> all;
+  for (const auto& [name, host] : outcome.hosts)
+    for (const auto& refusal : host.refusals)
+      if (std::find(all.begin(), all.end(), refusal.asked) == all.end()) all.push_back(refusal.asked);
+  return all;
+}
+
 bool ends_search(const record::Asked& asked, const record::Outcome& outcome) {
   if (!outcome.has_ended() || outcome.interrupted) return false;
   if (outcome.error) return outcome.unanswered && asked.step.number > 0;
@@ -182,7 +215,8 @@ Flaw flaw_of(const Summary& run) {
   if (statistics::unrecorded(run.run) > 0) return Flaw::unrecorded;
   if (!record::misfit_of(asked, outcome).empty()) return Flaw::misfit;
   if (run.sent == 0) return Flaw::nothing_sent;
-  return absent(asked, outcome).empty() ? Flaw::none : Flaw::absent;
+  if (!absent(asked, outcome).empty() || !smaller_loads(asked, outcome).empty()) return Flaw::absent;
+  return were_denied(outcome) ? Flaw::denied : Flaw::none;
 }
 
 std::string unfit(const Summary& run) {
@@ -201,8 +235,14 @@ std::string unfit(const Summary& run) {
       return record::misfit_of(run.run.asked, run.run.outcome) + " is not as ontime writes it";
     case Flaw::nothing_sent:
       return "nothing was sent";
-    case Flaw::absent:
-      return absent(run.run.asked, run.run.outcome);
+    case Flaw::absent: {
+      auto what = absent(run.run.asked, run.run.outcome);
+      if (!what.empty()) return what;
+      const auto load = smaller_loads(run.run.asked, run.run.outcome).front();
+      return fmt::format("the {} load on the {} was smaller than requested", load.kind, load.host);
+    }
+    case Flaw::denied:
+      return "denied: " + fmt::to_string(fmt::join(denied(run.run.outcome), ", "));
     case Flaw::none:
       break;
   }
@@ -329,6 +369,12 @@ Judgement judge(const Gate& gate, const Runs& from, const Runs& to, SingleRuns s
     }
   const auto change = *statistics::change(from, to, gate.times, gate.figure);
   const auto figure = figure_of(gate);
+  const auto by_answer = [&](Answer answer, const std::string& says) {
+    auto judged = judge_answer(gate, name, answer, says);
+    for (const auto* run : to)
+      if (judged.is_sure) judged = unless_it_stood_still(std::move(judged), gate, *run);
+    return judged;
+  };
   auto says =
       fmt::format("{} went from {} to {}", figure, value_of(gate, change.from), value_of(gate, change.to));
   if (!change.repeated && single_runs == SingleRuns::open)
@@ -338,21 +384,17 @@ Judgement judge(const Gate& gate, const Runs& from, const Runs& to, SingleRuns s
   if (gate.kind == Gate::Limit::difference) {
     says += ", " + interval(change.difference_lies,
                             [&](double value) { return (value < 0 ? "" : "+") + value_of(gate, value); });
-    return judge_answer(gate, name, statistics::difference_exceeds(change, gate.limit), says);
+    return by_answer(statistics::difference_exceeds(change, gate.limit), says);
   }
   if (!change.ratio) {  // a side had none: any more is infinitely more
     const bool worse = change.tendency == statistics::Tendency::more;
     const bool passes = change.to > change.from * gate.limit;
-    return judge_answer(gate, name,
-                        passes && worse ? Answer::yes
-                        : passes        ? Answer::cannot_tell
-                                        : Answer::no,
-                        says);
+    return by_answer(passes && worse ? Answer::yes : passes ? Answer::cannot_tell : Answer::no, says);
   }
   says += fmt::format(
       " ({:+.3g} %), {}", (*change.ratio - 1) * 100,
       interval(change.ratio_lies, [](double ratio) { return fmt::format("{:+.3g} %", (ratio - 1) * 100); }));
-  return judge_answer(gate, name, statistics::ratio_exceeds(change, gate.limit), says);
+  return by_answer(statistics::ratio_exceeds(change, gate.limit), says);
 }
 
 }  // namespace ontime::gate

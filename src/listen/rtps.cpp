@@ -148,7 +148,11 @@ class Datagram {
     // A key alone tells that an instance ends: it is no message, but it has a number.
     const bool has_qos = (flags & 2U) != 0, has_payload = is_fragment || (flags & 4U) != 0;
     if (has_qos && !skip_parameters(in)) return;
-    if (has_payload) found.payload = in.rest();
+    if (!has_payload) {
+      if (visitor_.gap) visitor_.gap({found.writer, found.sequence, found.sequence});
+      return;
+    }
+    found.payload = in.rest();
     if (visitor_.data) visitor_.data(found);
   }
 

@@ -78,6 +78,7 @@ Panel panel_of(const Comparison::Pair& pair, double width_cm) {
 }
 
 const char* colour_of(const Change& change) {
+  if (!change.repeated) return grey;  // no verdict either: one start may differ from the next
   const auto& [low, high] = change.ratio_lies;
   return low && *low > 1 ? orange : high && *high < 1 ? blue : grey;
 }

@@ -21,12 +21,6 @@ using statistics::Summary;
 using Row = Answer::Row;
 using State = Answer::State;
 
-bool were_denied(const Summary& run) {
-  const auto& hosts = run.run.outcome.hosts;
-  return std::any_of(hosts.begin(), hosts.end(),
-                     [](const auto& host) { return !host.second.refusals.empty(); });
-}
-
 // What weighs on the machines and the link, and what was set against it, in a word each.
 struct Conditions {
   std::string stress, tuned;
@@ -78,8 +72,7 @@ State state_of(const Summary& run) {
     case Flaw::worst_only:  // its counts are of all messages
       return is_late ? State::late : State::ok;
     case Flaw::none:
-      if (!were_denied(run)) return is_late ? State::late : State::ok;
-      break;
+      return is_late ? State::late : State::ok;
     default:
       break;
   }
@@ -318,12 +311,10 @@ std::vector<std::string> cautions_of(const std::vector<Entry>& entries) {
   std::vector<std::string> denied;
   std::size_t denied_in = 0;
   for (const auto* run : runs) {
-    denied_in += were_denied(*run) ? 1 : 0;
-    for (const auto& [name, host] : run->run.outcome.hosts)
-      for (const auto& refusal : host.refusals)
-        if (const auto what = word(refusal.asked);
-            std::find(denied.begin(), denied.end(), what) == denied.end())
-          denied.push_back(what);
+    denied_in += gate::were_denied(run->run.outcome) ? 1 : 0;
+    for (const auto& asked : gate::denied(run->run.outcome))
+      if (const auto what = word(asked); std::find(denied.begin(), denied.end(), what) == denied.end())
+        denied.push_back(what);
   }
   if (denied_in > 0)
     cautions.push_back(fmt::format(
@@ -338,8 +329,9 @@ std::vector<std::string> cautions_of(const std::vector<Entry>& entries) {
     cautions.push_back(fmt::format("too few answers ({}{}) for p99", grouped(fewest), where));
   else if (fewest < 1000)
     cautions.push_back(fmt::format("few answers ({}{}): p99 is a rough estimate", grouped(fewest), where));
-  else if (fewest < 10'000 && fewest != UINT64_MAX)
-    cautions.push_back(fmt::format("{} messages{} are too few to bound p99.9", grouped(fewest), where));
+  else if (fewest < 30'000 && fewest != UINT64_MAX)  // 30 must be slower: statistics/course.cpp
+    cautions.push_back(fmt::format("{} answers{} are too few to bound {}", grouped(fewest), where,
+                                   fewest < 3'000 ? "p99" : "p99.9"));
   return cautions;
 }
 
@@ -403,7 +395,7 @@ Answer answer_of(const Summaries& summaries, const Origin& origin) {
     const auto state = entry.row.state;
     all_ok = all_ok && state == State::ok;
     found.unfinished = found.unfinished || state == State::failed || state == State::cut_off;
-    for (const auto* run : entry.runs) found.denied = found.denied || were_denied(*run);
+    for (const auto* run : entry.runs) found.denied = found.denied || gate::were_denied(run->run.outcome);
     if (entry.row.missed > 0 && (late == nullptr || share_of(entry.row) > share_of(late->row))) late = &entry;
   }
   if (late != nullptr) found.late = late->runs.front();

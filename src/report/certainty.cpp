@@ -35,7 +35,7 @@ std::string interval(const Interval& ns) {
 }
 
 std::string percent(double share) {
-  return share > 0.99 ? fmt::format("{:.0f}", share * 100) : fmt::format("{:.2g}", share * 100);
+  return share > 0.99 ? report::percent(share) : fmt::format("{:.2g}", share * 100);
 }
 
 std::string interval(const Probability& of) {
@@ -267,6 +267,7 @@ ordered_json json_of(const Certainty& of) {
   for (const auto& row : statistics::percentiles) add(row.figure);
   if (of.shift)
     result["shift"] = {{"share", of.shift->share},
+                       {"from_s", of.shift->from_ns / 1e9},
                        {"before_us", of.shift->before_ns / 1e3},
                        {"after_us", of.shift->after_ns / 1e3}};
   return result;

@@ -7,6 +7,7 @@
 
 #include <fmt/format.h>
 
+#include "gate/gate.hpp"
 #include "report/report.hpp"
 #include "report/runs.hpp"
 #include "report/words.hpp"
@@ -189,40 +190,15 @@ std::vector<std::string> changed_settings(const Outcome& outcome) {
   return parts;
 }
 
-// Until ontime noted what each worker was given, stress-ng divided the stated sizes among the workers.
-std::vector<std::string> divided_load(const record::Asked& asked, const Outcome& outcome) {
-  std::vector<std::string> texts;
-  for (const auto& [name, load] :
-       {std::pair("component", asked.component_load), {"controller", asked.controller_load}}) {
-    const auto& host = find(outcome.hosts, name);
-    if (!host.load_running || !host.load.is_null()) continue;
-    const auto add = [&, &name = name](const char* kind, std::uint64_t bytes, int workers) {
-      if (bytes > 0 && workers > 1)
-        texts.push_back(fmt::format(
-            "the load on the {} was smaller than stated: an older ontime divided {} among {} {} workers",
-            name, size(bytes), workers, kind));
-    };
-    add("vm", load.vm_bytes, load.vm);
-    add("hdd", load.hdd_bytes, load.hdd);
-  }
-  return texts;
-}
-
-// A file grows, and is begun anew: half of it is sure to be seen where it is ever written to its end.
-std::vector<std::string> small_files(const Outcome& outcome) {
-  std::vector<std::string> texts;
-  for (const auto& [name, host] : outcome.hosts) {
-    const auto &seen = record::at(host.load, "hdd_file_bytes"),
-               &requested = record::at(host.load, "hdd_bytes");
-    if (!seen.is_number_integer() || !requested.is_number_integer()) continue;
-    const auto largest = seen.get<std::uint64_t>(), wanted = requested.get<std::uint64_t>();
-    if (largest < wanted / 2)
-      texts.push_back(fmt::format(
-          "HDD LOAD NOT AS LARGE AS REQUESTED on the {}: an hdd worker had {} in its file at most, "
-          "requested: {}. Measure for longer, or give hdd-bytes a smaller value",
-          word(name), size(largest), size(wanted)));
-  }
-  return texts;
+std::string smaller_load(const gate::SmallerLoad& load) {
+  if (load.divided_among > 0)
+    return fmt::format(
+        "the load on the {} was smaller than stated: an older ontime divided {} among {} {} workers",
+        load.host, size(load.requested_bytes), load.divided_among, load.kind);
+  return fmt::format(
+      "HDD LOAD NOT AS LARGE AS REQUESTED on the {}: an hdd worker had {} in its file at most, "
+      "requested: {}. Measure for longer, or give hdd-bytes a smaller value",
+      load.host, size(load.had_bytes), size(load.requested_bytes));
 }
 
 }  // namespace
@@ -245,8 +221,8 @@ std::vector<Remark> remarks_of(const statistics::Summary& summary) {
   for (const auto& [name, host] : outcome.hosts)
     if (host.load_running == false)
       add(Weight::not_applied, "the load on the " + word(name) + " had died by the end");
-  for (auto& text : divided_load(summary.run.asked, outcome)) add(Weight::not_applied, std::move(text));
-  for (auto& text : small_files(outcome)) add(Weight::not_applied, std::move(text));
+  for (const auto& load : gate::smaller_loads(summary.run.asked, outcome))
+    add(Weight::not_applied, smaller_load(load));
   for (auto& remark : {traffic_remark(outcome), background_remark(outcome)}) add(remark.weight, remark.text);
   if (summary.run.asked.faults.any())
     for (const auto& [name, host] : outcome.hosts)

@@ -62,7 +62,8 @@ void add(Step& step, const Summary& summary) {
   step.effect = std::max(step.effect, summary.missed_probability.effect);
   step.failed = step.failed || outcome.error;
   step.is_short = step.is_short || any_short(outcome);
-  if (!step.failed && !step.is_short && step.unfit.empty()) step.unfit = gate::unfit(summary);
+  if (!step.failed && !step.is_short && step.unfit.empty() && gate::flaw_of(summary) != gate::Flaw::denied)
+    step.unfit = gate::unfit(summary);  // what is denied is denied to every step
 }
 
 std::vector<Found> found(const Group& group) {

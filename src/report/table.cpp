@@ -127,7 +127,7 @@ Table spread_table(const Group& group) {
       continue;
     Group runs;
     for (std::size_t i = first; i < group.size(); ++i)
-      if (labels[i] == labels[first] && group[i]->round_trip.count > 0) runs.push_back(group[i]);
+      if (labels[i] == labels[first] && group[i]->sent > 0) runs.push_back(group[i]);
     if (runs.size() < 2) continue;
     const auto spread = [&](auto value, std::string (*form)(double)) {
       std::vector<double> values;
@@ -136,25 +136,22 @@ Table spread_table(const Group& group) {
       return fmt::format("{} [{}, {}]", form(statistics::estimate(values)->median), form(*low), form(*high));
     };
     const auto time = [&](Figure figure) {
-      const auto one_in = statistics::metric_of(figure).one_in;
+      const auto one_in = std::max<std::uint64_t>(statistics::metric_of(figure).one_in, 1);
       const bool known = std::all_of(runs.begin(), runs.end(),
                                      [&](const auto* run) { return run->round_trip.count >= one_in; });
       return known ? spread([&](const Summary& run) { return static_cast<double>(run.round_trip[figure]); },
                             microseconds)
                    : nothing;
     };
-    const auto missed_percent = [](const Summary& run) {
-      return static_cast<double>(run.late + run.lost) * 100 /
-             static_cast<double>(std::max<std::uint64_t>(run.sent, 1));
+    const auto missed = [](const Summary& run) {
+      return static_cast<double>(run.late + run.lost) / static_cast<double>(run.sent);
     };
     const bool knows_misses = std::all_of(runs.begin(), runs.end(), [](const auto* run) {
       return statistics::knows_late(run->run) || statistics::knows_loss(run->run);
     });
-    table.rows.push_back(
-        {labels[first], fmt::format("{}", runs.size()), time(Figure::p50), time(Figure::p99),
-         time(Figure::p99_9), time(Figure::max),
-         knows_misses ? spread(missed_percent, [](double percent) { return fmt::format("{:.2g}", percent); })
-                      : nothing});
+    table.rows.push_back({labels[first], fmt::format("{}", runs.size()), time(Figure::p50), time(Figure::p99),
+                          time(Figure::p99_9), time(Figure::max),
+                          knows_misses ? spread(missed, percent) : nothing});
   }
   if (!table.rows.empty()) table.conditions = "Median of the runs [lowest, highest].";
   return table;

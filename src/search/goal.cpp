@@ -74,7 +74,15 @@ double messages_to_prove(const Limit& limit, double of_run) {
 
 Tally tally_of(const Part& part, const statistics::Summary& run) {
   const auto of = gate::probability_beyond(part.gate, run);
-  return {static_cast<double>(of.events), static_cast<double>(of.messages), std::max(of.effect, 1.0)};
+  // What was not answered has no time, and was not within any.
+  std::uint64_t unanswered = 0;
+  if (!statistics::metric_of(part.gate.figure).is_share) {
+    const auto all =
+        part.gate.times == statistics::Times::response ? run.sent + run.skipped_cycles : run.sent;
+    unanswered = all - std::min(all, of.messages);
+  }
+  return {static_cast<double>(of.events + unanswered), static_cast<double>(of.messages + unanswered),
+          std::max(of.effect, 1.0)};
 }
 
 }  // namespace ontime::search

@@ -94,14 +94,14 @@ constexpr const char* few_beyond = "fewer than 30 messages are slower";
 constexpr const char* few_bursts = "the slower messages come in few bursts";
 
 // Takes away the ends that the run does not support, and says why.
-void keep_what_is_supported(Measured& of, double messages, double share, double memory) {
+void keep_what_is_supported(Measured& of, double messages, double share_above, double memory) {
   const double effective = messages / of.effect;
   if (memory > most_memory || effective < fewest_effective_in_all) {
     of.sure = of.surer = {};
     of.open = memory > most_memory ? drifts : few_effective;
-  } else if (messages * (1 - share) < fewest_beyond || effective * (1 - share) < fewest_effective_beyond) {
+  } else if (messages * share_above < fewest_beyond || effective * share_above < fewest_effective_beyond) {
     of.sure.high = of.surer.high = std::nullopt;
-    of.open = messages * (1 - share) < fewest_beyond ? few_beyond : few_bursts;
+    of.open = messages * share_above < fewest_beyond ? few_beyond : few_bursts;
   }
 }
 
@@ -144,7 +144,7 @@ Certainty certainty_of_whole(const Course& course, Ranks& ranks, const Distribut
     const double own = std::max(memory(above[i]), memory(at_or_above[i]));
     const bool tells_its_own = n * (1 - share) / measured.effect >= fewest_to_tell_memory;
     remembered = tells_its_own ? own : std::max(own, remembered);
-    keep_what_is_supported(measured, n, share, remembered);
+    keep_what_is_supported(measured, n, percentiles[i].share_above(), remembered);
   }
   result.slowest_effect = slowest_effect(std::array{above[3], above[2], above[1]});  // p99.9, p99, p90
   const auto sums = course.sums();

@@ -122,10 +122,27 @@ class Pass {
     shape.response_ranks = responses.some();
     shape.slice_ns = timeline_.slice_ns();
     shape.slices = std::move(timeline_).slices();
+    for (auto* certainty : {&summary_.round_trip_certainty, &summary_.response_certainty})
+      if (certainty->shift)
+        certainty->shift->from_ns = time_of_answer(certainty->shift->share * static_cast<double>(answers));
     shape.worst = std::move(worst_).longest_first();
   }
 
  private:
+  // After the run began, to a slice: messages are not sent as often before a change as after it.
+  double time_of_answer(double number) const {
+    double before = 0, slices = 0;
+    for (const auto& slice : summary_.shape.slices) {
+      const auto answers = static_cast<double>(slice.sent - slice.lost);
+      if (before + answers >= number)
+        return (slices + (number - before) / std::max(answers, 1.0)) * slice_ns();
+      before += answers;
+      ++slices;
+    }
+    return slices * slice_ns();
+  }
+  double slice_ns() const { return static_cast<double>(summary_.shape.slice_ns); }
+
   void skip(const Cycles& cycles) {
     summary_.skipped_cycles += cycles.count;
     timeline_.skipped(cycles);
@@ -135,6 +152,7 @@ class Pass {
   // Samples go missing where a machine is busiest, and not by chance.
   void forget_how_sure(std::uint64_t missing) {
     for (auto* certainty : {&summary_.round_trip_certainty, &summary_.response_certainty}) {
+      certainty->shift.reset();
       certainty->mean = Measured{certainty->mean.value, {}, {}};
       for (auto& percentile : certainty->quantiles) percentile = Measured{percentile.value, {}, {}};
     }
@@ -195,7 +213,7 @@ std::uint64_t unrecorded(const record::Run& run) { return run.outcome.counters.d
 std::string shift_text(const Summary& summary) {
   const auto& shift = summary.round_trip_certainty.shift;
   if (!shift) return "";
-  const double from_s = shift->share * summary.message_every_ns * static_cast<double>(summary.sent) / 1e9;
+  const double from_s = shift->from_ns / 1e9;
   return fmt::format("from about {:.{}f} s on the median is {:.2g} times as long ({:.4g} µs, then {:.4g} µs)",
                      from_s, from_s < 10 ? 1 : 0, shift->after_ns / shift->before_ns, shift->before_ns / 1e3,
                      shift->after_ns / 1e3);

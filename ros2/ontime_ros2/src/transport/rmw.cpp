@@ -57,9 +57,20 @@ Function* function_in(void* object, const char* name) {
   return reinterpret_cast<Function*>(dlsym(object, name));
 }
 
-// By what rcl asks as well, which depends on nothing of rcl. Empty if none loads.
+// What rcl asks as well, and what depends on nothing of rcl. A ROS 2 that was built with a single RMW has no
+// librmw_implementation: all is linked to that one.
+void* rmw_library() {
+  const auto load = [](const std::string& name) {
+    return dlopen(name.c_str(), RTLD_NOW | RTLD_LOCAL | RTLD_NODELETE);
+  };
+  if (void* const object = load("librmw_implementation.so")) return object;
+  const auto installed = installed_rmws();
+  return installed.size() == 1 ? load("lib" + *installed.begin() + ".so") : nullptr;
+}
+
+// Empty if none loads.
 std::string loaded_rmw(std::string& why_not) {
-  void* const object = dlopen("librmw_implementation.so", RTLD_NOW | RTLD_LOCAL | RTLD_NODELETE);
+  void* const object = rmw_library();
   if (object == nullptr) {
     why_not = dlerror();  // NOLINT(concurrency-mt-unsafe)
     return {};
