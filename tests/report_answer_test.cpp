@@ -65,6 +65,12 @@ std::vector<std::string> commands_of(const Answer& answer) {
   return commands;
 }
 
+TEST(AnswerSteps, CommandThatFitsOneLineIsOnOne) {
+  const std::string fits(66, 'x'), wide(70, 'x');
+  EXPECT_EQ(steps_text({{"Prove < 1 in", fits}, {"Compare", wide}}, 80),
+            "Prove < 1 in:  " + fits + "\n" + "Compare: " + wide + "\n");
+}
+
 TEST(Answer, OppositeConditionsAreNeverPooled) {
   const auto answer = answer_of(demo(), kept);
   EXPECT_EQ(answer.sentence,

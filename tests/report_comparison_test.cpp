@@ -327,7 +327,16 @@ TEST(CompareAnswer, SaysFewerAndMoreEachWithItsPairs) {
 
 TEST(CompareAnswer, OfWhatChanceExplainsNothingIsProven) {
   const std::vector a{with_misses("x", "k1", 100)}, b{with_misses("x", "k1", 101)};
-  EXPECT_TRUE(answer_of(compare(a, b)).starts_with("No difference is proven"));
+  EXPECT_TRUE(answer_of(compare(a, b)).starts_with("No difference in "));
+}
+
+TEST(CompareAnswer, RunThatIsLeftOutIsNoDifference) {
+  const std::vector a{with_misses("x", "k1", 100)};
+  std::vector b{with_misses("x", "k1", 100)};
+  b.front().run.outcome = {{"interrupted", true}};
+  const auto text = answer_of(compare(a, b));
+  EXPECT_THAT(text, HasSubstr("left out"));
+  EXPECT_THAT(text, Not(HasSubstr("Also different")));
 }
 
 TEST(CompareAnswer, ManySettingsOfOneKindAreCounted) {

@@ -290,6 +290,9 @@ TEST(Latex, EscapesWhatItWouldObey) {
       text,
       HasSubstr("\\caption{50\\%\\_\\#1  \\{\\textbackslash{}x\\textasciicircum{}\\textasciitilde{}\\}}"));
   EXPECT_THAT(text, HasSubstr("\na\\&b\\$ & 1.0 & "));
+  strange["title"] = "≤ ≥ → ×";
+  EXPECT_THAT(render({summary(strange, outcome())}, Format::latex),
+              HasSubstr("$\\leq$ $\\geq$ $\\rightarrow$ $\\times$"));
   EXPECT_THAT(text, HasSubstr("Round trip ($\\mu$s) & Min & Avg & p50"));
 }
 

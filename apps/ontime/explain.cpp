@@ -123,7 +123,10 @@ void add_explain(Command& app, Action& action) {
   command->add_option("RESULTS", arguments->results, "a results file")->required();
   add_only(*command, arguments->only, ",--run");
   command->add_option("--message", arguments->message, "all of this message's delay, part by part")
-      ->type_name("N");
+      ->type_name("N")
+      ->check([](const std::string& text) {  // CLI11 reads -1 as 18446744073709551615
+        return text.starts_with('-') ? "'" + text + "' is no message's number" : std::string();
+      });
   add_file(*command, "--pong", arguments->pong,
            "what `ontime pong --explain --results FILE` kept of the other machine");
   command->add_option("--format", arguments->format, "table, json or markdown: table")->type_name("FORMAT");

@@ -1,9 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "gates.hpp"
 
-#include <algorithm>
+#include <cerrno>
+#include <filesystem>
+#include <fstream>
+#include <system_error>
 
 #include <fmt/format.h>
+#include <unistd.h>
 
 #include "campaign/campaign.hpp"
 #include "flags.hpp"
@@ -23,7 +27,25 @@ GateFlags::GateFlags(Command& command, gate::Use use) : use_(use) {
   add_file(command, "--junit", junit_, "write what came of it into this file, as JUnit's XML");
 }
 
+namespace {
+
+// Before anything is measured. What is no XML is somebody's file: the scenario, say.
+void check_junit(const std::string& path) {
+  namespace fs = std::filesystem;
+  std::error_code none;
+  if (fs::exists(path, none) && !fs::is_regular_file(path, none)) return;  // a pipe, or a device
+  if (fs::exists(path, none) && fs::file_size(path, none) > 0 && std::ifstream(path).peek() != '<')
+    throw campaign::Error(2, fmt::format("--junit: {} is there, and is no XML: name another file", path));
+  const auto folder = fs::absolute(path, none).parent_path();
+  if (access(folder.c_str(), W_OK) != 0)
+    throw campaign::Error(
+        3, fmt::format("--junit: {} cannot be written: {}", path, std::generic_category().message(errno)));
+}
+
+}  // namespace
+
 std::vector<gate::Gate> GateFlags::gates() const {
+  if (!junit_.empty()) check_junit(junit_);
   std::vector<gate::Gate> gates;
   for (const auto& text : fail_if_) {
     try {

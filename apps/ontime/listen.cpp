@@ -152,6 +152,11 @@ class Listening {
       return 2;
     if (is_judged_ && findings.flows.empty()) return 1;
     if (findings.forgotten.with_misses > 0) return 1;
+    if (limits_.age && std::none_of(findings.flows.begin(), findings.flows.end(),
+                                    [](const auto& flow) { return flow.age.has_value(); })) {
+      print_error(fmt::format("open: --age {}: the age of no message is known", arguments_.age));
+      return 1;
+    }
     return std::any_of(findings.flows.begin(), findings.flows.end(),
                        [](const auto& flow) { return flow.late > 0 || flow.silent_ns > 0; })
                ? 1
@@ -331,7 +336,7 @@ class Listening {
     }
     if (findings.flows.empty()) output_.write("No message was seen.\n");
     for (const auto& flow : findings.flows)
-      output_.write(arguments_.list ? way_of(flow) + "\n" : text_of(flow, is_judged_));
+      output_.write(arguments_.list ? way_of(flow) + "\n" : text_of(flow, limits_));
     for (const auto& chain : findings.chains) output_.write(text_of(chain));
     if (!arguments_.list && !arguments_.is_recording())
       output_.write(text_of_time() + text_of_cost(findings.cost) + (budget_ ? budget_->text() : ""));

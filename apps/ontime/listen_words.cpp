@@ -84,10 +84,13 @@ std::string way_of(const listen::Flow& flow) {
                      flow.rate_hz());
 }
 
-std::string text_of(const listen::Flow& flow, bool is_judged) {
+std::string text_of(const listen::Flow& flow, const listen::Limits& limits) {
   auto text = fmt::format("{}  {} messages\n    period {}\n    {}\n   ", way_of(flow), flow.messages,
                           spread_of(flow.period), age_of(flow));
-  if (is_judged) text += fmt::format(" late {} of {} ", flow.late, flow.messages);
+  if (limits.longest_gap() || (limits.age && flow.age))
+    text += fmt::format(" late {} of {} ", flow.late, flow.messages);
+  else if (limits.age)
+    text += " late unknown ";
   if (flow.silent_ns > 0)
     text += fmt::format(" SILENT for the last {:.1f} s ", static_cast<double>(flow.silent_ns) / 1e9);
   text += flow.lost ? fmt::format(" lost {} ", *flow.lost) : " lost unknown ";

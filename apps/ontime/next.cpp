@@ -10,6 +10,7 @@
 
 #include "commands.hpp"
 #include "fitness/fitness.hpp"
+#include "machine/machine.hpp"
 #include "output.hpp"
 #include "table/table.hpp"
 #include "terminal.hpp"
@@ -59,7 +60,9 @@ int show_next() {
     add(fmt::format("ontime ping --transport {} --loopback",
                     shipped == std::end(transport::all_shipped) ? transports.front() : shipped->name),
         "a first round trip, 10 s");
-  add("ontime check", "is it fit? " + fitness::counts_of(fitness::check({})));
+  fitness::Subject subject;
+  subject.synchronised = machine::clock_state().at("synchronised").get<bool>();
+  add("ontime check", "is it fit? " + fitness::counts_of(fitness::check(subject)));
   add(geteuid() == 0 ? "ontime run demo" : "sudo ontime run demo", "under load, and with real-time");
   add("ontime init ROBOT", "a scenario with a second machine");
   add("source <(ontime completion bash)", "complete commands with Tab");

@@ -1,5 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // The DDS libraries that are installed, by the names of their files, and what is known of their versions.
+#include <algorithm>
+
 #include <fmt/format.h>
 
 #include "fitness/look.hpp"
@@ -48,13 +50,20 @@ Findings middlewares(const Look& look) {
     for (const auto* lib : {"/lib", "/lib/x86_64-linux-gnu", "/lib/aarch64-linux-gnu"})
       folders.push_back("/opt/ros/" + distribution + lib);
   Findings findings;
-  for (const auto& folder : folders)
-    for (const auto& file : look.names(folder))
+  for (const auto& folder : folders) {
+    const auto files = look.names(folder);
+    for (const auto& file : files)
       for (const auto& library : libraries) {
         if (!file.starts_with(library.file)) continue;
         const auto version = file.substr(std::string_view(library.file).size());
-        if (version.find('.') != version.npos) findings.push_back(finding_of(library, version, folder));
+        // libfastrtps.so.2.9 is a link to libfastrtps.so.2.9.1.
+        const bool is_link = std::any_of(files.begin(), files.end(), [&](const std::string& other) {
+          return other.starts_with(file + ".");
+        });
+        if (!is_link && version.find('.') != version.npos)
+          findings.push_back(finding_of(library, version, folder));
       }
+  }
   return findings;
 }
 

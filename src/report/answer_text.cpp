@@ -120,11 +120,14 @@ ordered_json json_of(const std::optional<Answer::Spread>& of) {
 
 }  // namespace
 
-std::string steps_text(const std::vector<Answer::Step>& steps) {
+std::string steps_text(const std::vector<Answer::Step>& steps, std::size_t width) {
   std::size_t widest = 0;
   for (const auto& step : steps) widest = std::max(widest, width_of(step.why) + 1);
   std::string text;
-  for (const auto& [why, command] : steps) text += fmt::format("{:<{}}  {}\n", why + ":", widest, command);
+  for (const auto& [why, command] : steps) {  // a command stays on one line where it can
+    const bool is_wide = widest + 2 + width_of(command) > width;
+    text += fmt::format("{:<{}}{} {}\n", why + ":", is_wide ? 0 : widest, is_wide ? "" : " ", command);
+  }
   return text;
 }
 
@@ -155,7 +158,7 @@ std::string text_of(const Answer& answer, std::size_t width) {
   std::string rest;
   for (std::size_t i = 0; i < std::min(most_cautions, answer.cautions.size()); ++i)
     rest += caution_of(answer.cautions[i], width);
-  rest += steps_text(answer.next);
+  rest += steps_text(answer.next, width);
 
   constexpr std::size_t header = 2, note = 1;
   const auto taken = lines_in(text, width) + lines_in(rest, width) + header;

@@ -113,6 +113,12 @@ Table table_of(const Comparison& comparison, const std::vector<std::string>& nam
   return table;
 }
 
+// Those that are not left out.
+Comparison::Runs compared(Comparison::Runs runs) {
+  std::erase_if(runs, [](const auto* run) { return gate::lacks_samples(gate::flaw_of(*run)); });
+  return runs;
+}
+
 // Of many settings that belong together, how many: "realtime: false → true; realtime_settings (11 values)".
 std::string differences_text(const Comparison& comparison) {
   struct Kind {
@@ -121,7 +127,7 @@ std::string differences_text(const Comparison& comparison) {
   };
   std::vector<Kind> kinds;
   for (const auto& pair : comparison.pairs)
-    for (auto& difference : differences(pair.from, pair.to)) {
+    for (auto& difference : differences(compared(pair.from), compared(pair.to))) {
       const auto words = split(difference.what, ' ');
       const bool of_a_host = words.size() > 1 && (words[0] == "controller" || words[0] == "component");
       const auto name = of_a_host ? words[0] + " " + words[1] : words[0];
@@ -190,7 +196,9 @@ std::string sentence_of(const Comparison& comparison, const std::vector<std::str
   add(misses, "fewer", "more", missed != nullptr ? missed->words : "late messages");
   if (missed == nullptr || missed->figure != Figure::lost) add(lost, "fewer", "more", "lost messages");
   add(p99, "a lower", "a higher", "p99");
-  if (parts.empty()) return "No difference is proven: chance may explain all that was seen.";
+  if (parts.empty())
+    return fmt::format("No difference in {} or p99 is proven: chance may explain it.",
+                       missed != nullptr ? missed->words : "late messages");
   return fmt::format("{} has {} than {}.", comparison.to_name, join(parts, "; "), comparison.from_name);
 }
 
@@ -239,7 +247,7 @@ std::string render_answer(const Comparison& comparison, const std::vector<gate::
   for (std::size_t i = 0; i < std::min(most_cautions, cautions.size()); ++i)
     text += wrapped("Caution: " + shortened(printable(cautions[i]), 2 * width - 24), width);
   for (const auto& judgement : judgements) text += wrapped(printable(gate::text_of(judgement)), width);
-  return text + steps_text({{"All metrics", full_command}});
+  return text + steps_text({{"All metrics", full_command}}, width);
 }
 
 }  // namespace ontime::report

@@ -39,8 +39,14 @@ std::string escape_latex(const std::string& text) {
         result += c;
     }
   }
-  for (const auto& [sign, set] :
-       {std::pair{"µ", "$\\mu$"}, {"·", "$\\cdot$"}, {"±", "$\\pm$"}, {"…", "\\ldots{}"}})
+  for (const auto& [sign, set] : {std::pair{"µ", "$\\mu$"},
+                                  {"·", "$\\cdot$"},
+                                  {"±", "$\\pm$"},
+                                  {"≤", "$\\leq$"},
+                                  {"≥", "$\\geq$"},
+                                  {"→", "$\\rightarrow$"},
+                                  {"×", "$\\times$"},
+                                  {"…", "\\ldots{}"}})
     result = replace_all(result, sign, set);
   return result;
 }

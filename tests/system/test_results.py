@@ -148,7 +148,12 @@ class Results(unittest.TestCase):
         self.assertIn("--fail-if: 'p99 > +10%', column 7:", answer.stderr)
         self.ontime("report", self.results, "--fail-if", "late > 0", "--junit", self.folder / "no" / "x.xml", code=3)
         self.assertEqual(self.results.read_bytes(), before)
-        self.ontime("run", self.scenario(), "--results", self.results, "--fail-if", "p50 > 1 ns", code=1)
+        scenario = pathlib.Path(self.scenario())
+        as_written = scenario.read_bytes()
+        self.ontime("run", scenario, "--results", self.folder / "none.ontime", "--junit", scenario, code=2)
+        self.assertEqual(scenario.read_bytes(), as_written)
+        self.assertFalse((self.folder / "none.ontime").exists(), "nothing was measured")
+        self.ontime("run", scenario, "--results", self.results, "--fail-if", "p50 > 1 ns", code=1)
 
     # --- what is chosen ---
 
