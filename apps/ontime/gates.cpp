@@ -29,7 +29,7 @@ GateFlags::GateFlags(Command& command, gate::Use use) : use_(use) {
 
 namespace {
 
-// Before anything is measured. What is no XML is somebody's file: the scenario, say.
+// Before anything is measured. A file that is no XML may be the scenario.
 void check_junit(const std::string& path) {
   namespace fs = std::filesystem;
   std::error_code none;
