@@ -66,7 +66,7 @@ std::vector<std::string> commands_of(const Answer& answer) {
 }
 
 TEST(AnswerSteps, CommandThatFitsOneLineIsOnOne) {
-  const std::string fits(66, 'x'), wide(70, 'x');
+  const std::string fits(65, 'x'), wide(70, 'x');
   EXPECT_EQ(steps_text({{"Prove < 1 in", fits}, {"Compare", wide}}, 80),
             "Prove < 1 in:  " + fits + "\n" + "Compare: " + wide + "\n");
 }

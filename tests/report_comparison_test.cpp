@@ -333,7 +333,7 @@ TEST(CompareAnswer, OfWhatChanceExplainsNothingIsProven) {
 TEST(CompareAnswer, RunThatIsLeftOutIsNoDifference) {
   const std::vector a{with_misses("x", "k1", 100)};
   std::vector b{with_misses("x", "k1", 100)};
-  b.front().run.outcome = {{"interrupted", true}};
+  b.front().run.outcome = json{{"interrupted", true}};
   const auto text = answer_of(compare(a, b));
   EXPECT_THAT(text, HasSubstr("left out"));
   EXPECT_THAT(text, Not(HasSubstr("Also different")));

@@ -126,8 +126,10 @@ std::string differences_text(const Comparison& comparison) {
     std::vector<Difference> differences;
   };
   std::vector<Kind> kinds;
-  for (const auto& pair : comparison.pairs)
-    for (auto& difference : differences(compared(pair.from), compared(pair.to))) {
+  for (const auto& pair : comparison.pairs) {
+    const auto from = compared(pair.from), to = compared(pair.to);
+    if (from.empty() || to.empty()) continue;
+    for (auto& difference : differences(from, to)) {
       const auto words = split(difference.what, ' ');
       const bool of_a_host = words.size() > 1 && (words[0] == "controller" || words[0] == "component");
       const auto name = of_a_host ? words[0] + " " + words[1] : words[0];
@@ -138,6 +140,7 @@ std::string differences_text(const Comparison& comparison) {
                                         [&](const Difference& one) { return one.what == difference.what; });
       if (!is_known) kind->differences.push_back(std::move(difference));
     }
+  }
   std::stable_sort(kinds.begin(), kinds.end(),
                    [](const Kind& a, const Kind& b) { return a.differences.size() < b.differences.size(); });
   std::vector<std::string> parts;
@@ -231,7 +234,7 @@ std::string render_answer(const Comparison& comparison, const std::vector<gate::
   text += table;
   if (names.size() > most_pairs)
     text += fmt::format("… and {}\n", many(names.size() - most_pairs, "more", "more"));
-  text += wrapped("* chance does not explain it (98 % confidence)", width);
+  if (table.find('*') != table.npos) text += wrapped("* chance does not explain it (98 % confidence)", width);
   const auto add_list = [&](const char* heading, const std::string& list) {
     if (!list.empty())
       text += wrapped(heading + shortened(printable(list), lines_of_differences * width - 24), width);
