@@ -1,13 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "gates.hpp"
 
-#include <cerrno>
 #include <filesystem>
 #include <fstream>
 #include <system_error>
 
 #include <fmt/format.h>
-#include <unistd.h>
 
 #include "campaign/campaign.hpp"
 #include "flags.hpp"
@@ -31,15 +29,12 @@ namespace {
 
 // Before anything is measured. A file that is no XML may be the scenario.
 void check_junit(const std::string& path) {
-  namespace fs = std::filesystem;
   std::error_code none;
-  if (fs::exists(path, none) && !fs::is_regular_file(path, none)) return;  // a pipe, or a device
-  if (fs::exists(path, none) && fs::file_size(path, none) > 0 && std::ifstream(path).peek() != '<')
+  const bool is_there = std::filesystem::exists(path, none);
+  if (is_there && !std::filesystem::is_regular_file(path, none)) return;  // a pipe, or a device
+  const Output can_be_written(path);
+  if (is_there && std::filesystem::file_size(path, none) > 0 && std::ifstream(path).peek() != '<')
     throw campaign::Error(2, fmt::format("--junit: {} is there, and is no XML: name another file", path));
-  const auto folder = fs::absolute(path, none).parent_path();
-  if (access(folder.c_str(), W_OK) != 0)
-    throw campaign::Error(
-        3, fmt::format("--junit: {} cannot be written: {}", path, std::generic_category().message(errno)));
 }
 
 }  // namespace

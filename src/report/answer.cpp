@@ -70,7 +70,6 @@ State state_of(const Summary& run) {
     case Flaw::cut_off:
       return State::cut_off;
     case Flaw::worst_only:  // its counts are of all messages
-      return is_late ? State::late : State::ok;
     case Flaw::none:
       return is_late ? State::late : State::ok;
     default:
