@@ -239,7 +239,7 @@ TEST(Answer, CyclesWithoutAMessageCountAsNotInTime) {
   auto one = run(1, "a", "udp", {});
   one.skipped_cycles = 500;
   one.late_by_response = 600;
-  const auto& row = answer_of({one}, kept).rows.front();
+  const auto row = answer_of({one}, kept).rows.front();
   EXPECT_EQ(row.cycles, 2500u);
   EXPECT_EQ(row.missed, 600u);
   EXPECT_EQ(row.state, State::late);
