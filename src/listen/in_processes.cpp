@@ -23,6 +23,7 @@
 #include "listen/messages.hpp"
 #include "listen/probes.skel.h"
 #include "listen/processes.hpp"
+#include "listen/wishes.hpp"
 #include "machine/machine.hpp"
 
 namespace ontime::listen {
@@ -37,22 +38,6 @@ constexpr std::uint64_t latest_stamp_ns = std::uint64_t{1} << 62U;  // a later o
 std::string reason(int error) { return std::generic_category().message(error); }
 
 using Link = std::unique_ptr<bpf_link, int (*)(bpf_link*)>;
-
-// A function to be probed: which program at its calls and which at its return (nullptr: none), which of its
-// arguments they need (none: the function has no such), and what else its cookie says.
-constexpr std::size_t none = SIZE_MAX;
-struct Wish {
-  std::string function;
-  bpf_program *on_call, *on_return = nullptr;
-  struct {
-    std::size_t endpoint = 0, taken = none, info = none;
-  } arguments{};
-  std::uint64_t cookie = 0;
-  std::string returns_by{};  // the function that it ends with, where a probe on its return is better set
-};
-
-// rmw_publisher_t and rmw_subscription_t alike: implementation_identifier, data, topic_name.
-constexpr std::uint64_t way_of_rmw = 2 * sizeof(void*) << ontime_cookie_topic;
 
 // For people: without arguments.
 std::string plain(const std::string& function) {
@@ -216,9 +201,9 @@ class InProcesses final : public Sensor {
       }
       for (const auto& library : process.libraries) {
         if (library.middleware == Middleware::rmw)
-          probe_rmw(process, library);
+          probe(process, library, rmw_wishes(*probes_));
         else if (library.middleware == Middleware::rcl)
-          probe(process, library, {}, {"rcl_timer_call"});
+          probe(process, library, rcl_wishes());
         else if (ros_.contains(process.id))
           continue;
         else if (library.middleware == Middleware::fastdds)
@@ -234,113 +219,35 @@ class InProcesses final : public Sensor {
   // Of all processes at once: the kernel would switch the events of a single one with each of its threads,
   // which costs more than the probes. But a probe sits in the file below an overlay, which other containers
   // have too.
-  void probe(const Process& process, const Mapping& library, std::vector<Wish> wishes,
-             const std::vector<std::string>& turns) {
+  void probe(const Process& process, const Mapping& library, Wishes wishes) {
     // Only chains need to know where a callback ends.
     if (with_turns_)
-      for (const auto& function : turns)
-        wishes.push_back({function, probes_->progs.turn, nullptr, {.endpoint = none}});
+      for (const auto& function : wishes.turns)
+        wishes.messages.push_back({function, probes_->progs.turn, nullptr, {.endpoint = Wish::none}});
     if (library.is_on_overlay)
-      set(library, static_cast<pid_t>(process.id), of_process_[process.id].links, wishes);
-    else if (!everywhere_.contains(library.file) && set(library, -1, shared_, wishes))
+      set(library, static_cast<pid_t>(process.id), of_process_[process.id].links, wishes.messages);
+    else if (!everywhere_.contains(library.file) && set(library, -1, shared_, wishes.messages))
       everywhere_.insert(library.file);
   }
 
-  void probe_rmw(const Process& process, const Mapping& library) {
-    const auto& programs = probes_->progs;
-    const auto publish = [&](const char* function) {
-      return Wish{.function = function, .on_call = programs.publish, .cookie = way_of_rmw};
-    };
-    const auto take = [&](const char* function, std::size_t info) {
-      return Wish{function, programs.rmw_take, programs.rmw_taken, {.taken = 2, .info = info}, way_of_rmw};
-    };
-    probe(process, library,
-          {publish("rmw_publish"), publish("rmw_publish_serialized_message"),
-           publish("rmw_publish_loaned_message"), take("rmw_take", none),
-           take("rmw_take_serialized_message", none), take("rmw_take_with_info", 3),
-           take("rmw_take_serialized_message_with_info", 3), take("rmw_take_loaned_message_with_info", 3)},
-          {"rmw_wait", "rmw_take_request", "rmw_take_response"});
-  }
-
-  // Fast DDS 2. The library's own code tells where a writer and a reader have their topic, and how large an
-  // entity is: of a topic, what follows that is its description, which has its name behind a table of
-  // functions.
   void probe_fastdds(const Process& process, const Mapping& library) {
     if (!library.is_on_overlay && everywhere_.contains(library.file)) return;
-    const auto& programs = probes_->progs;
-    const std::string scope = "8eprosima7fastdds3dds", writer = "_ZN" + scope + "14DataWriterImpl",
-                      reader = "_ZN" + scope + "14DataReaderImpl",
-                      handle = "RKNS_8fastrtps4rtps16InstanceHandle_tE",
-                      collections =
-                          "ERNS1_18LoanableCollectionERNS1_16LoanableSequenceINS1_10SampleInfoESt17integral_"
-                          "constantIbLb1EEEEi";
-    std::uint64_t of_writer = ontime_cookie_is_below_rmw, of_reader = of_writer;
-    try {
-      const Library code(library.path);
-      if (!code.entry(writer + "5writeEPv", {})) {
-        remark(
-            fmt::format("{} of process {} is no Fast DDS 2: its messages are not seen in the process; see "
-                        "the packets: --packets any",
-                        library.name, process.id));
-        return;
-      }
-      const auto entity = code.offset_of_member("_ZNK" + scope + "10DataWriter9get_topicEv"),
-                 written = code.offset_of_member("_ZNK" + scope + "14DataWriterImpl9get_topicEv"),
-                 read = code.offset_of_member("_ZNK" + scope + "14DataReaderImpl20get_topicdescriptionEv");
-      if (entity && written && read) {
-        const auto way = [](std::uint64_t topic, std::uint64_t name) {
-          return topic << ontime_cookie_topic | name << ontime_cookie_name;
-        };
-        of_writer |= way(*written, *entity + sizeof(void*));
-        of_reader |= way(*read, sizeof(void*));
-      } else {
-        remark_unnamed(process, library);
-      }
-    } catch (const Error&) {  // said where probes are set
+    const auto wishes = fastdds_wishes(*probes_, library.path);
+    if (!wishes) {
+      remark(
+          fmt::format("{} of process {} is no Fast DDS 2: its messages are not seen in the process; see "
+                      "the packets: --packets any",
+                      library.name, process.id));
+      return;
     }
-    const auto write = [&](const std::string& function) {
-      return Wish{.function = writer + function, .on_call = programs.publish, .cookie = of_writer};
-    };
-    const auto take = [&](const std::string& function) {
-      return Wish{reader + function,
-                  programs.fastdds_take,
-                  programs.fastdds_taken,
-                  {.info = 2},
-                  of_reader,
-                  reader + "12read_or_take" + collections + handle + "tttbbb"};
-    };
-    const auto take_next = [&](const std::string& function) {
-      return Wish{
-          reader + function, programs.fastdds_take, programs.fastdds_taken_next, {.info = 2}, of_reader};
-    };
-    probe(process, library,
-          {write("5writeEPv"), write("5writeEPvRNS_8fastrtps4rtps11WriteParamsE"),
-           write("5writeEPv" + handle), write("17write_w_timestampEPv" + handle + "RKNS4_6Time_tE"),
-           take("4take" + collections + "ttt"), take("13take_instance" + collections + handle + "ttt"),
-           take("18take_next_instance" + collections + handle + "ttt"),
-           take_next("16take_next_sampleEPvPNS1_10SampleInfoE"),
-           take_next("16read_next_sampleEPvPNS1_10SampleInfoE")},
-          {"_ZNK" + scope + "7WaitSet4waitERSt6vectorIPNS1_9ConditionESaIS5_EENS_8fastrtps6Time_tE",
-           "_ZN" + scope + "10DataReader23wait_for_unread_messageERKNS_8fastrtps6Time_tE"});
+    if (!wishes->knows_topics) remark_unnamed(process, library);
+    probe(process, library, *wishes);
   }
 
   void probe_cyclonedds(const Process& process, const Mapping& library) {
-    const auto& programs = probes_->progs;
     auto& own = of_process_[process.id];
     own.library = library;
-    const auto write = [&](const char* function) {
-      return Wish{.function = function, .on_call = programs.dds_write, .cookie = ontime_cookie_is_below_rmw};
-    };
-    // dds_take(reader, samples, info, …), dds_takecdr(reader, samples, most, info, …)
-    const auto take = [&](const char* function, std::size_t info) {
-      return Wish{
-          function, programs.dds_take, programs.dds_taken, {.info = info}, ontime_cookie_is_below_rmw};
-    };
-    probe(
-        process, library,
-        {write("dds_write"), write("dds_write_ts"), write("dds_writecdr"), take("dds_take", 2),
-         take("dds_take_mask", 2), take("dds_take_wl", 2), take("dds_take_next", 2), take("dds_takecdr", 3)},
-        {"dds_waitset_wait"});
+    probe(process, library, cyclonedds_wishes(*probes_));
     try {
       own.offset_of_name = Library(library.path).offset_of_topic_name();
     } catch (const Error&) {
@@ -379,7 +286,7 @@ class InProcesses final : public Sensor {
   static std::uint64_t cookie_of(const Wish& wish, const Registers& registers, bool is_cheap) {
     std::uint64_t cookie = wish.cookie | (is_cheap ? 0 : ontime_cookie_is_stepped);
     const auto add = [&](std::size_t argument, unsigned shift) {
-      if (argument != none) cookie |= std::uint64_t{registers[argument]} << shift;
+      if (argument != Wish::none) cookie |= std::uint64_t{registers[argument]} << shift;
     };
     add(wish.arguments.endpoint, ontime_cookie_endpoint);
     add(wish.arguments.taken, ontime_cookie_taken);
@@ -411,7 +318,7 @@ class InProcesses final : public Sensor {
       for (const auto& wish : wishes) {
         std::vector<std::size_t> arguments;
         for (const auto argument : {wish.arguments.endpoint, wish.arguments.taken, wish.arguments.info})
-          if (argument != none) arguments.push_back(argument);
+          if (argument != Wish::none) arguments.push_back(argument);
         const auto entry = library.entry(wish.function, arguments);
         if (!entry) continue;
         bool is_cheap = entry->is_cheap;
