@@ -337,6 +337,7 @@ TEST(CompareAnswer, RunThatIsLeftOutIsNoDifference) {
   const auto text = answer_of(compare(a, b));
   EXPECT_THAT(text, HasSubstr("left out"));
   EXPECT_THAT(text, Not(HasSubstr("Also different")));
+  EXPECT_TRUE(text.starts_with("Nothing can be compared"));
 }
 
 TEST(CompareAnswer, ManySettingsOfOneKindAreCounted) {

@@ -75,7 +75,6 @@ void add_check(Command& app, Action& action) {
     action = [arguments] {
       const bool as_json = is_json_flag(arguments->format);
       fitness::Subject subject;
-      subject.synchronised = machine::clock_state().at("synchronised").get<bool>();
       if (!arguments->peer.empty()) subject.interfaces = {machine::interface_to(arguments->peer, "")};
       if (!arguments->interface.empty()) {
         bool there = false;

@@ -152,10 +152,6 @@ Option* Command::add_option(const std::string& flags, std::optional<std::int64_t
                             const std::string& help) {
   return keep(app_->add_option(flags, value, help));
 }
-Option* Command::add_option(const std::string& flags, std::optional<std::uint64_t>& value,
-                            const std::string& help) {
-  return keep(app_->add_option(flags, value, help));
-}
 Option* Command::add_flag(const std::string& flags, bool& value, const std::string& help) {
   return keep(app_->add_flag(flags, value, help));
 }

@@ -66,7 +66,6 @@ class Command {
   Option* add_option(const std::string& flags, std::vector<std::int64_t>& values, const std::string& help);
   Option* add_option(const std::string& flags, std::optional<int>& value, const std::string& help);
   Option* add_option(const std::string& flags, std::optional<std::int64_t>& value, const std::string& help);
-  Option* add_option(const std::string& flags, std::optional<std::uint64_t>& value, const std::string& help);
   Option* add_flag(const std::string& flags, bool& value, const std::string& help);
 
   Command* group(const std::string& title);  // in --help; "": --help hides it

@@ -22,7 +22,7 @@ namespace {
 struct ExplainArguments {
   std::string results, format = "table", perfetto, pong;
   std::vector<std::string> only;
-  std::optional<std::uint64_t> message;
+  std::optional<std::int64_t> message;
 };
 
 report::Format format_of(const std::string& word) {
@@ -32,10 +32,11 @@ report::Format format_of(const std::string& word) {
   return *format;
 }
 
-const explain::Message& message_of(const report::Explained& one, std::uint64_t index) {
+const explain::Message& message_of(const report::Explained& one, std::int64_t index) {
   const auto& messages = one.account.messages;
-  const auto found = std::find_if(messages.begin(), messages.end(),
-                                  [&](const auto& message) { return message.sample.index == index; });
+  const auto found = std::find_if(messages.begin(), messages.end(), [&](const auto& message) {
+    return static_cast<std::int64_t>(message.sample.index) == index;
+  });
   if (found == messages.end())
     throw campaign::Error(
         2, fmt::format(
@@ -123,10 +124,7 @@ void add_explain(Command& app, Action& action) {
   command->add_option("RESULTS", arguments->results, "a results file")->required();
   add_only(*command, arguments->only, ",--run");
   command->add_option("--message", arguments->message, "all of this message's delay, part by part")
-      ->type_name("N")
-      ->check([](const std::string& text) {  // CLI11 reads -1 as 18446744073709551615
-        return text.starts_with('-') ? "'" + text + "' is no message's number" : std::string();
-      });
+      ->type_name("N");
   add_file(*command, "--pong", arguments->pong,
            "what `ontime pong --explain --results FILE` kept of the other machine");
   command->add_option("--format", arguments->format, "table, json or markdown: table")->type_name("FORMAT");

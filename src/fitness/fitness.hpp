@@ -27,7 +27,7 @@ struct Finding {
 struct Subject {
   std::string root;                     // a folder that stands for "/"; "": the machine itself
   std::vector<std::string> interfaces;  // none: all that are hardware
-  std::optional<bool> synchronised;     // its clock; nothing: unknown
+  std::optional<bool> synchronised;     // the clock of a folder; nothing: unknown
 };
 
 // In the order of the table. What a machine does not have is left out.

@@ -85,7 +85,9 @@ Findings clock_source(const Look& look) {
 }
 
 Findings clock_synchronised(const Look& look) {
-  const auto& synchronised = look.subject().synchronised;
+  const auto& subject = look.subject();
+  const auto synchronised =
+      subject.root.empty() ? machine::clock_state().at("synchronised").get<bool>() : subject.synchronised;
   if (!synchronised) return {};
   if (*synchronised) return {fine("synchronised")};
   return {{"", Severity::hint, "not synchronised", "synchronised, best by PTP",

@@ -60,7 +60,6 @@ std::vector<SmallerLoad> smaller_loads(const record::Asked&, const record::Outco
 
 // Settings that were requested and not permitted, each once.
 std::vector<std::string> denied(const record::Outcome&);
-bool were_denied(const record::Outcome&);
 
 // Of a run that is a step of a search: whether the search ends at its value. A message was late or lost, a
 // cycle passed without one, or nothing was sent; not all of it was recorded; what was asked for beside it was

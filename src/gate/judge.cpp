@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <algorithm>
 #include <cmath>
+#include <set>
+#include <string_view>
 
 #include <fmt/format.h>
 
@@ -185,16 +187,12 @@ std::vector<SmallerLoad> smaller_loads(const record::Asked& asked, const record:
   return all;
 }
 
-bool were_denied(const record::Outcome& outcome) {
-  return std::any_of(outcome.hosts.begin(), outcome.hosts.end(),
-                     [](const auto& host) { return !host.second.refusals.empty(); });
-}
-
 std::vector<std::string> denied(const record::Outcome& outcome) {
   std::vector<std::string> all;
+  std::set<std::string_view> known;  // a damaged file may have very many
   for (const auto& [name, host] : outcome.hosts)
     for (const auto& refusal : host.refusals)
-      if (std::find(all.begin(), all.end(), refusal.asked) == all.end()) all.push_back(refusal.asked);
+      if (known.insert(refusal.asked).second) all.push_back(refusal.asked);
   return all;
 }
 
@@ -203,7 +201,7 @@ bool ends_search(const record::Asked& asked, const record::Outcome& outcome) {
   if (outcome.error) return outcome.unanswered && asked.step.number > 0;
   const auto& counted = outcome.counters;
   return counted.late + counted.lost + counted.skipped_cycles + counted.dropped_records > 0 ||
-         counted.sent == 0 || !absent(asked, outcome).empty();
+         counted.sent == 0 || !absent(asked, outcome).empty() || !smaller_loads(asked, outcome).empty();
 }
 
 Flaw flaw_of(const Summary& run) {
@@ -216,7 +214,7 @@ Flaw flaw_of(const Summary& run) {
   if (!record::misfit_of(asked, outcome).empty()) return Flaw::misfit;
   if (run.sent == 0) return Flaw::nothing_sent;
   if (!absent(asked, outcome).empty() || !smaller_loads(asked, outcome).empty()) return Flaw::absent;
-  return were_denied(outcome) ? Flaw::denied : Flaw::none;
+  return denied(outcome).empty() ? Flaw::none : Flaw::denied;
 }
 
 std::string unfit(const Summary& run) {
@@ -241,8 +239,14 @@ std::string unfit(const Summary& run) {
       const auto load = smaller_loads(run.run.asked, run.run.outcome).front();
       return fmt::format("the {} load on the {} was smaller than requested", load.kind, load.host);
     }
-    case Flaw::denied:
-      return "denied: " + fmt::to_string(fmt::join(denied(run.run.outcome), ", "));
+    case Flaw::denied: {
+      constexpr std::size_t most = 5;
+      const auto all = denied(run.run.outcome);
+      std::string text = "denied";
+      for (std::size_t i = 0; i < std::min(most, all.size()); ++i)
+        text += fmt::format("{}{:.80}", i == 0 ? ": " : ", ", all[i]);
+      return text + (all.size() > most ? fmt::format(" and {} more", all.size() - most) : "");
+    }
     case Flaw::none:
       break;
   }

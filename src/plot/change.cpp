@@ -36,13 +36,6 @@ struct Panel {
   std::vector<std::string> notes;
 };
 
-Comparison::Runs complete(const Comparison::Runs& runs) {
-  Comparison::Runs all;
-  std::copy_if(runs.begin(), runs.end(), std::back_inserter(all),
-               [](const auto* run) { return !gate::lacks_samples(gate::flaw_of(*run)); });
-  return all;
-}
-
 // "15.8 → 0.197 ms", of the unit that the greater one has.
 std::string times_text(double from_ns, double to_ns) {
   const auto greatest = std::max(from_ns, to_ns);
@@ -61,12 +54,11 @@ Panel panel_of(const Comparison::Pair& pair, double width_cm) {
   Panel panel;
   for (const auto& text : {side_text("A", pair.from), side_text("B", pair.to)})
     for (const auto& line : wrapped(text, width_cm)) panel.title.push_back(line);
-  const auto from = complete(pair.from), to = complete(pair.to);
   for (const auto& [times, figure] : ratios)
-    if (const auto change = statistics::change(from, to, times, figure); change && change->ratio)
+    if (const auto change = report::change_of(pair, times, figure); change && change->ratio)
       panel.rows.push_back({statistics::name_of(times, figure), *change});
   for (const auto& [times, figure] : shares)
-    if (const auto change = statistics::change(from, to, times, figure);
+    if (const auto change = report::change_of(pair, times, figure);
         change && (change->from > 0 || change->to > 0)) {
       const auto& [low, high] = change->difference_lies;
       panel.notes.push_back(fmt::format(

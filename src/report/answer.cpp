@@ -310,8 +310,9 @@ std::vector<std::string> cautions_of(const std::vector<Entry>& entries) {
   std::vector<std::string> denied;
   std::size_t denied_in = 0;
   for (const auto* run : runs) {
-    denied_in += gate::were_denied(run->run.outcome) ? 1 : 0;
-    for (const auto& asked : gate::denied(run->run.outcome))
+    const auto of_run = gate::denied(run->run.outcome);
+    denied_in += of_run.empty() ? 0 : 1;
+    for (const auto& asked : of_run)
       if (const auto what = word(asked); std::find(denied.begin(), denied.end(), what) == denied.end())
         denied.push_back(what);
   }
@@ -394,7 +395,7 @@ Answer answer_of(const Summaries& summaries, const Origin& origin) {
     const auto state = entry.row.state;
     all_ok = all_ok && state == State::ok;
     found.unfinished = found.unfinished || state == State::failed || state == State::cut_off;
-    for (const auto* run : entry.runs) found.denied = found.denied || gate::were_denied(run->run.outcome);
+    for (const auto* run : entry.runs) found.denied = found.denied || !gate::denied(run->run.outcome).empty();
     if (entry.row.missed > 0 && (late == nullptr || share_of(entry.row) > share_of(late->row))) late = &entry;
   }
   if (late != nullptr) found.late = late->runs.front();

@@ -125,8 +125,9 @@ std::string steps_text(const std::vector<Answer::Step>& steps, std::size_t width
   for (const auto& step : steps) widest = std::max(widest, width_of(step.why) + 1);
   std::string text;
   for (const auto& [why, command] : steps) {  // a command stays on one line where it can
-    const bool is_wide = widest + 2 + width_of(command) > width;
-    text += fmt::format("{:<{}}{} {}\n", why + ":", is_wide ? 0 : widest, is_wide ? "" : " ", command);
+    const bool fits = widest + 2 + width_of(command) <= width;
+    text += fits ? fmt::format("{:<{}}  {}\n", why + ":", widest, command)
+                 : fmt::format("{}: {}\n", why, command);
   }
   return text;
 }

@@ -140,7 +140,7 @@ Table table_of(const Pair& pair) {
         table.notes.push_back(fmt::format("{}: {}", name, text));
     }
   for (auto& line : remark_lines(names, named)) table.notes.push_back(std::move(line));
-  if (const auto text = list_of(differences(pair.from, pair.to)); !text.empty())
+  if (const auto text = list_of(differences(pair)); !text.empty())
     table.notes.push_back("not the same (A → B): " + text);
   for (const auto* runs : {&pair.from, &pair.to})
     if (const auto text = older_note(*runs); !text.empty())
@@ -162,7 +162,7 @@ Table imported_table_of(const Pair& pair) {
         {row.name, imported_percentile(from, row.figure), imported_percentile(to, row.figure)});
   table.rows.push_back({"max", microseconds(from.wake_up.max), microseconds(to.wake_up.max)});
   if (pair.from.size() + pair.to.size() > 2) table.notes.push_back("shown is the first of each side");
-  if (const auto text = list_of(differences(pair.from, pair.to)); !text.empty())
+  if (const auto text = list_of(differences(pair)); !text.empty())
     table.notes.push_back("not the same (A → B): " + text);
   return table;
 }
@@ -223,7 +223,7 @@ ordered_json json_of(const Pair& pair) {
   for (const auto& row : rows)
     if (const auto change = change_of(pair, row.times, row.figure)) figures.push_back(json_of(row, *change));
   auto not_the_same = ordered_json::array();
-  for (const auto& [what, from, to] : differences(pair.from, pair.to))
+  for (const auto& [what, from, to] : differences(pair))
     not_the_same.push_back({{"what", what}, {"from", from}, {"to", to}});
   return {{"from", runs_json_of(pair.from)},
           {"to", runs_json_of(pair.to)},

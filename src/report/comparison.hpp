@@ -40,7 +40,9 @@ Comparison compare_by(const std::vector<statistics::Summary>&, const std::string
 inline constexpr const char* unset = "unset";
 std::vector<std::string> values_of(const std::vector<statistics::Summary>&, const std::string& key);
 
-// Of the runs that do not lack samples. Nothing: one of the sides does not have it.
+// Of a side, the runs that do not lack samples: others are left out.
+Comparison::Runs whole(const Comparison::Runs&);
+// Of whole runs. Nothing: one of the sides does not have it.
 std::optional<statistics::Change> change_of(const Comparison::Pair&, statistics::Times, statistics::Figure);
 bool is_repeated(const Comparison::Pair&);  // by two runs or more on each side
 
@@ -52,11 +54,11 @@ std::string render_answer(const Comparison&, const std::vector<gate::Judgement>&
 std::string render(const Comparison&, const std::vector<gate::Judgement>&, Format, std::size_t width = 100);
 
 // What was not the same on both sides, beside what was measured: "controller kernel_release", and what it was
-// on either; several values where repetitions have several.
+// on either; several values where repetitions have several. Of whole runs; none if a side has none.
 struct Difference {
   std::string what, from, to;
 };
-std::vector<Difference> differences(const Comparison::Runs& from, const Comparison::Runs& to);
+std::vector<Difference> differences(const Comparison::Pair&);
 
 table::Page page_of(const Comparison&, const std::vector<gate::Judgement>&);
 nlohmann::ordered_json json_of(const Comparison&, const std::vector<gate::Judgement>&);

@@ -113,12 +113,6 @@ Table table_of(const Comparison& comparison, const std::vector<std::string>& nam
   return table;
 }
 
-// Those that are not left out.
-Comparison::Runs compared(Comparison::Runs runs) {
-  std::erase_if(runs, [](const auto* run) { return gate::lacks_samples(gate::flaw_of(*run)); });
-  return runs;
-}
-
 // Of many settings that belong together, how many: "realtime: false → true; realtime_settings (11 values)".
 std::string differences_text(const Comparison& comparison) {
   struct Kind {
@@ -126,10 +120,8 @@ std::string differences_text(const Comparison& comparison) {
     std::vector<Difference> differences;
   };
   std::vector<Kind> kinds;
-  for (const auto& pair : comparison.pairs) {
-    const auto from = compared(pair.from), to = compared(pair.to);
-    if (from.empty() || to.empty()) continue;
-    for (auto& difference : differences(from, to)) {
+  for (const auto& pair : comparison.pairs)
+    for (auto& difference : differences(pair)) {
       const auto words = split(difference.what, ' ');
       const bool of_a_host = words.size() > 1 && (words[0] == "controller" || words[0] == "component");
       const auto name = of_a_host ? words[0] + " " + words[1] : words[0];
@@ -140,7 +132,6 @@ std::string differences_text(const Comparison& comparison) {
                                         [&](const Difference& one) { return one.what == difference.what; });
       if (!is_known) kind->differences.push_back(std::move(difference));
     }
-  }
   std::stable_sort(kinds.begin(), kinds.end(),
                    [](const Kind& a, const Kind& b) { return a.differences.size() < b.differences.size(); });
   std::vector<std::string> parts;
@@ -182,6 +173,9 @@ std::vector<std::string> cautions_of(const Comparison& comparison) {
 }
 
 std::string sentence_of(const Comparison& comparison, const std::vector<std::string>& names) {
+  if (std::all_of(comparison.pairs.begin(), comparison.pairs.end(),
+                  [](const Pair& pair) { return whole(pair.from).empty() || whole(pair.to).empty(); }))
+    return "Nothing can be compared: every run of a side is left out.";
   const auto* const missed = missed_of(comparison.pairs.front());
   const auto metric = [](Times times, Figure figure) {
     return [=](const Pair& pair) { return change_of(pair, times, figure); };

@@ -65,7 +65,9 @@ std::string one_of(const Values& values, const std::string& name) {
 
 }  // namespace
 
-std::vector<Difference> differences(const Comparison::Runs& from, const Comparison::Runs& to) {
+std::vector<Difference> differences(const Comparison::Pair& pair) {
+  const auto from = whole(pair.from), to = whole(pair.to);
+  if (from.empty() || to.empty()) return {};
   const auto before = values_of(from), after = values_of(to);
   std::set<std::string> names;
   for (const auto* values : {&before, &after})

@@ -77,14 +77,14 @@ std::pair<std::string, std::string> split_by(const std::string& key, const stati
   return {value, text_of(conditions)};
 }
 
+}  // namespace
+
 Runs whole(const Runs& runs) {
   Runs result;
   std::copy_if(runs.begin(), runs.end(), std::back_inserter(result),
                [](const auto* run) { return !gate::lacks_samples(gate::flaw_of(*run)); });
   return result;
 }
-
-}  // namespace
 
 std::optional<statistics::Change> change_of(const Pair& pair, statistics::Times times,
                                             statistics::Figure figure) {
