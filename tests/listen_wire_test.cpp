@@ -233,6 +233,15 @@ TEST_F(OnTheWire, NothingIsLostAcrossDropsOfTheCapture) {
   EXPECT_EQ(flow().period.count(), 1U);
 }
 
+TEST_F(OnTheWire, NothingIsLostBeforeAGapOrAnEndAfterDropsOfTheCapture) {
+  arrive(Rtps().data(1));
+  wire.interrupt();
+  arrive(Rtps().key(50).data(51));
+  wire.interrupt();
+  arrive(Rtps().gap(100, 101, 0, 0).data(101));
+  EXPECT_EQ(flow().lost, 0U);
+}
+
 TEST_F(OnTheWire, WriterThatLeapsBeginsAnew) {
   arrive(Rtps().data(1));
   arrive(Rtps().data(std::uint64_t{1} << 40U));

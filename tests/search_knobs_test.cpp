@@ -59,11 +59,13 @@ TEST(Goal, UnansweredMessagesAreNotWithinALimit) {
   run.sent = 6000;
   run.lost = 3020;
   run.skipped_cycles = 20;
+  run.lost_probability.effect = 30;
   run.round_trip.count = run.response.count = 2980;
   run.shape.round_trip_ranks = run.shape.response_ranks = {{2980, 100'000}};
   const auto tally = tally_of(goal_of("p99 < 1 ms").front(), run);
   EXPECT_EQ(tally.events, 3020);
   EXPECT_EQ(tally.messages, 6000);
+  EXPECT_EQ(tally.effect, 30) << "they may have been lost in a row";
   const auto by_response = tally_of(goal_of("response p99 < 1 ms").front(), run);
   EXPECT_EQ(by_response.events, 3040);
   EXPECT_EQ(by_response.messages, 6020);

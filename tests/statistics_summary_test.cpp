@@ -100,7 +100,7 @@ TEST(Summary, TellsWhenTheLevelChangedAlsoWhereTheRateDid) {
   const auto summary = summary_of(samples, {{"schedule", "back-to-back"}, {"duration_s", 20.0}});
   const auto& shift = summary.round_trip_certainty.shift;
   ASSERT_TRUE(shift);
-  EXPECT_NEAR(shift->from_ns, 10e9, 0.1e9);
+  EXPECT_NEAR(*shift->from_ns, 10e9, 0.1e9);
 }
 
 TEST(Summary, PercentileHasItsEndFromExactlyThirtySlowerMessagesOn) {

@@ -27,14 +27,19 @@ GateFlags::GateFlags(Command& command, gate::Use use) : use_(use) {
 
 namespace {
 
-// Before anything is measured. A file that is no XML may be the scenario.
+// Before anything is measured. Another file than JUnit's may be the scenario, or a robot's description.
 void check_junit(const std::string& path) {
+  namespace fs = std::filesystem;
   std::error_code none;
-  const bool is_there = std::filesystem::exists(path, none);
-  if (is_there && !std::filesystem::is_regular_file(path, none)) return;  // a pipe, or a device
+  const auto status = fs::status(path, none);
+  if (fs::is_fifo(status) || fs::is_character_file(status) || fs::is_socket(status)) return;
   const Output can_be_written(path);
-  if (is_there && std::filesystem::file_size(path, none) > 0 && std::ifstream(path).peek() != '<')
-    throw campaign::Error(2, fmt::format("--junit: {} is there, and is no XML: name another file", path));
+  if (!fs::is_regular_file(status) || fs::file_size(path, none) == 0) return;
+  std::string beginning(4096, '\0');
+  std::ifstream(path).read(beginning.data(), static_cast<std::streamsize>(beginning.size()));
+  if (beginning.find("<testsuite") == beginning.npos)
+    throw campaign::Error(2,
+                          fmt::format("--junit: {} is there, and is not JUnit's: name another file", path));
 }
 
 }  // namespace

@@ -152,9 +152,14 @@ class Listening {
       return 2;
     if (is_judged_ && findings.flows.empty()) return 1;
     if (findings.forgotten.with_misses > 0) return 1;
-    if (limits_.age && std::none_of(findings.flows.begin(), findings.flows.end(),
-                                    [](const auto& flow) { return flow.age.has_value(); })) {
-      print_error(fmt::format("open: --age {}: the age of no message is known", arguments_.age));
+    // What no process takes has no age, and needs none.
+    const auto lacks_age = [&](const listen::Flow& flow) {
+      return !is_age_known(flow) && (flow.reader.process != 0 || !arguments_.is_in_processes());
+    };
+    if (const auto found = std::find_if(findings.flows.begin(), findings.flows.end(), lacks_age);
+        limits_.age && found != findings.flows.end()) {
+      print_error(fmt::format("open: --age {}: the age of {} is not known", arguments_.age,
+                              table::printable(found->topic)));
       return 1;
     }
     return std::any_of(findings.flows.begin(), findings.flows.end(),

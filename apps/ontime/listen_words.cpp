@@ -84,12 +84,15 @@ std::string way_of(const listen::Flow& flow) {
                      flow.rate_hz());
 }
 
+bool is_age_known(const listen::Flow& flow) { return flow.age && flow.age->count() > 0; }
+
 std::string text_of(const listen::Flow& flow, const listen::Limits& limits) {
   auto text = fmt::format("{}  {} messages\n    period {}\n    {}\n   ", way_of(flow), flow.messages,
                           spread_of(flow.period), age_of(flow));
-  if (limits.longest_gap() || (limits.age && flow.age))
-    text += fmt::format(" late {} of {} ", flow.late, flow.messages);
-  else if (limits.age)
+  const bool lacks_age = limits.age && !is_age_known(flow);
+  if (limits.longest_gap() || (limits.age && !lacks_age))
+    text += fmt::format(" late {} of {}{} ", flow.late, flow.messages, lacks_age ? ", by period alone" : "");
+  else if (lacks_age)
     text += " late unknown ";
   if (flow.silent_ns > 0)
     text += fmt::format(" SILENT for the last {:.1f} s ", static_cast<double>(flow.silent_ns) / 1e9);

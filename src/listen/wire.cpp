@@ -19,29 +19,29 @@ constexpr std::uint64_t longest_leap = 1 << 20;
 }  // namespace
 
 void Wire::add(std::int64_t at_ns, const Datagram& datagram) {
-  const rtps::Visitor visitor{
-      .data =
-          [&](const rtps::Data& data) {
-            if (const auto writer = rtps::announced(data)) {
-              name_topic(writer->guid, writer->topic);
-            } else if (data.writer.is_user_endpoint()) {
-              add(at_ns, datagram, data);
-            }
-          },
-      .gap =
-          [&](const rtps::Gap& gap) {
-            const auto found = streams_.find(gap.writer);
-            if (found != streams_.end() && gap.last < found->second.sequence.next() + longest_leap)
-              found->second.sequence.pass_over(gap.first, gap.last);
-          },
-      .heartbeat =
-          [&](const rtps::Heartbeat& heartbeat) {
-            const auto found = streams_.find(heartbeat.writer);
-            if (found == streams_.end() || found->second.is_broken ||
-                heartbeat.last >= found->second.sequence.next() + longest_leap)
-              return;
-            found->second.sequence.announce(heartbeat.last);
-          }};
+  const rtps::Visitor visitor{.data =
+                                  [&](const rtps::Data& data) {
+                                    if (const auto writer = rtps::announced(data)) {
+                                      name_topic(writer->guid, writer->topic);
+                                    } else if (data.writer.is_user_endpoint()) {
+                                      add(at_ns, datagram, data);
+                                    }
+                                  },
+                              .gap =
+                                  [&](const rtps::Gap& gap) {
+                                    const auto found = streams_.find(gap.writer);
+                                    if (found != streams_.end() && !found->second.is_broken &&
+                                        gap.last < found->second.sequence.next() + longest_leap)
+                                      found->second.sequence.pass_over(gap.first, gap.last);
+                                  },
+                              .heartbeat =
+                                  [&](const rtps::Heartbeat& heartbeat) {
+                                    const auto found = streams_.find(heartbeat.writer);
+                                    if (found == streams_.end() || found->second.is_broken ||
+                                        heartbeat.last >= found->second.sequence.next() + longest_leap)
+                                      return;
+                                    found->second.sequence.announce(heartbeat.last);
+                                  }};
   if (rtps::visit(datagram.payload, visitor) == rtps::Outcome::cut) {
     ++cut_;
     interrupt();

@@ -266,10 +266,11 @@ ordered_json json_of(const Certainty& of) {
   add(Figure::mean);
   for (const auto& row : statistics::percentiles) add(row.figure);
   if (of.shift)
-    result["shift"] = {{"share", of.shift->share},
-                       {"from_s", of.shift->from_ns / 1e9},
-                       {"before_us", of.shift->before_ns / 1e3},
-                       {"after_us", of.shift->after_ns / 1e3}};
+    result["shift"] = {
+        {"share", of.shift->share},
+        {"from_s", of.shift->from_ns ? ordered_json(*of.shift->from_ns / 1e9) : ordered_json()},
+        {"before_us", of.shift->before_ns / 1e3},
+        {"after_us", of.shift->after_ns / 1e3}};
   return result;
 }
 

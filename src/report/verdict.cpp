@@ -54,16 +54,6 @@ std::string grouped(std::uint64_t count) {
   return text;
 }
 
-namespace {
-
-// Rounded up to two digits: a bound must stay one.
-std::string of_a_million(double share) {
-  const double number = share * 1e6, unit = std::pow(10, std::floor(std::log10(number)) - 1);
-  return fmt::format("{:g} of a million", std::ceil(number / unit) * unit);
-}
-
-}  // namespace
-
 Verdict verdict_of(const Summaries& summaries) {
   std::uint64_t sent = 0, late = 0, lost = 0, late_cycles = 0;
   std::size_t measured = 0, fine = 0, unfinished = 0;
@@ -133,8 +123,8 @@ Verdict verdict_of(const Summaries& summaries) {
     further.push_back(
         fmt::format("While conditions stay as they are, fewer than {} messages will miss it, "
                     "with 95 % confidence.",
-                    missed.bound > 0.01 ? fmt::format("{:.2g} % of the", missed.bound * 100)
-                                        : of_a_million(missed.bound)));
+                    missed.bound > 0.01 ? fmt::format("{:.2g} % of the", rounded_up(missed.bound * 100))
+                                        : fmt::format("{:g} of a million", rounded_up(missed.bound * 1e6))));
   if (unfinished > 0)
     further.push_back(fmt::format("{} did not run to the end.", many(unfinished, "run", "runs")));
   for (const auto& [why, runs] : flaws)

@@ -54,6 +54,11 @@ std::string percent(double share) {
   return fmt::format("{:.2g}", of_hundred);
 }
 
+double rounded_up(double number) {
+  const double unit = std::pow(10, std::floor(std::log10(number)) - 1);
+  return std::ceil(number / unit) * unit;
+}
+
 std::string duration(std::chrono::nanoseconds time) {
   const auto value = static_cast<double>(time.count()) / 1e3;
   if (value >= 1e6) return fmt::format("{:.6g} s", value / 1e6);

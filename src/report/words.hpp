@@ -48,6 +48,7 @@ inline std::string microseconds(std::int64_t ns) { return microseconds(static_ca
 std::string milliseconds(double ns);  // without a unit: "0.123", "4.0", "250"
 // Of a hundred, without the sign: "0", "0.05", "99.9"; never 0 of what is more, nor 100 of what is less.
 std::string percent(double share);
+double rounded_up(double number);                   // to two digits: a bound must stay one
 int decimals_that_show(double below_one);           // so many that it is not printed as 0: 2 of 0.05
 std::string duration(std::chrono::nanoseconds);     // "10 ms"
 std::string megabits(std::optional<double> bit_s);  // "80", "38.2"

@@ -81,8 +81,10 @@ Tally tally_of(const Part& part, const statistics::Summary& run) {
         part.gate.times == statistics::Times::response ? run.sent + run.skipped_cycles : run.sent;
     unanswered = all - std::min(all, of.messages);
   }
+  // Answers that stay away come in a row more often than slow ones do.
+  const double effect = unanswered > 0 ? std::max(of.effect, run.lost_probability.effect) : of.effect;
   return {static_cast<double>(of.events + unanswered), static_cast<double>(of.messages + unanswered),
-          std::max(of.effect, 1.0)};
+          std::max(effect, 1.0)};
 }
 
 }  // namespace ontime::search

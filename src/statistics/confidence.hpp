@@ -53,11 +53,11 @@ struct Probability : Measured {
   double bound = 1;
 };
 
-// The median changed for good after this share of the answers: it is a mixture of two levels. The intervals
+// The median changed for good after this share of the values: it is a mixture of two levels. The intervals
 // then hold for either.
 struct Shift {
   double share = 0, before_ns = 0, after_ns = 0;
-  double from_ns = 0;  // when that was, after the run began
+  std::optional<double> from_ns = {};  // of round trips: after the run began, the first of the new level
 };
 
 // Of a distribution, in ns. Nothing: no value.

@@ -31,6 +31,28 @@ Cycles skipped_before(const Sample& sample) {
           sample.skipped_cycles};
 }
 
+// When answered messages were due: of every so-many-th, in bounded memory.
+class Answered {
+ public:
+  void add(std::int64_t due_ns) {
+    if (count_++ % every_ != 0) return;
+    due_ns_.push_back(due_ns);
+    if (due_ns_.size() < most) return;
+    for (std::size_t i = 0; i < most / 2; ++i) due_ns_[i] = due_ns_[2 * i];
+    due_ns_.resize(most / 2);
+    every_ *= 2;
+  }
+  // Of the answer of this number, from 0, or of one of the next few.
+  std::int64_t due_of(std::uint64_t number) const {
+    return due_ns_[std::min<std::uint64_t>((number + every_ - 1) / every_, due_ns_.size() - 1)];
+  }
+
+ private:
+  static constexpr std::size_t most = 4096;
+  std::vector<std::int64_t> due_ns_;
+  std::uint64_t count_ = 0, every_ = 1;
+};
+
 // What is gathered of a run while its samples go by, once it is known when the first was due.
 class Pass {
  public:
@@ -65,6 +87,7 @@ class Pass {
       return;
     }
     summary_.unanswered_at_end = 0;
+    answered_.add(sample.due_ns);
     ++(sample.fate == Fate::late ? summary_.late : summary_.on_time);
     answer_waiting(sample.received_ns);
     const auto response_ns = between(sample.due_ns, sample.received_ns);
@@ -122,27 +145,14 @@ class Pass {
     shape.response_ranks = responses.some();
     shape.slice_ns = timeline_.slice_ns();
     shape.slices = std::move(timeline_).slices();
-    for (auto* certainty : {&summary_.round_trip_certainty, &summary_.response_certainty})
-      if (certainty->shift)
-        certainty->shift->from_ns = time_of_answer(certainty->shift->share * static_cast<double>(answers));
+    if (auto& shift = summary_.round_trip_certainty.shift) {
+      const auto first = static_cast<std::uint64_t>(shift->share * static_cast<double>(answers));
+      shift->from_ns = static_cast<double>(between(summary_.start_ns, answered_.due_of(first)));
+    }
     shape.worst = std::move(worst_).longest_first();
   }
 
  private:
-  // After the run began, to a slice: messages are not sent as often before a change as after it.
-  double time_of_answer(double number) const {
-    double before = 0, slices = 0;
-    for (const auto& slice : summary_.shape.slices) {
-      const auto answers = static_cast<double>(slice.sent - slice.lost);
-      if (before + answers >= number)
-        return (slices + (number - before) / std::max(answers, 1.0)) * slice_ns();
-      before += answers;
-      ++slices;
-    }
-    return slices * slice_ns();
-  }
-  double slice_ns() const { return static_cast<double>(summary_.shape.slice_ns); }
-
   void skip(const Cycles& cycles) {
     summary_.skipped_cycles += cycles.count;
     timeline_.skipped(cycles);
@@ -189,6 +199,7 @@ class Pass {
   Timeline timeline_;
   WorstOnes worst_;
   Misses misses_;
+  Answered answered_;
   Course round_trip_course_, response_course_;
   Batches late_by_response_;  // of each cycle
   std::int64_t first_due_ns_ = 0, last_due_ns_ = 0;
@@ -213,7 +224,7 @@ std::uint64_t unrecorded(const record::Run& run) { return run.outcome.counters.d
 std::string shift_text(const Summary& summary) {
   const auto& shift = summary.round_trip_certainty.shift;
   if (!shift) return "";
-  const double from_s = shift->from_ns / 1e9;
+  const double from_s = shift->from_ns.value_or(0) / 1e9;
   return fmt::format("from about {:.{}f} s on the median is {:.2g} times as long ({:.4g} µs, then {:.4g} µs)",
                      from_s, from_s < 10 ? 1 : 0, shift->after_ns / shift->before_ns, shift->before_ns / 1e3,
                      shift->after_ns / 1e3);

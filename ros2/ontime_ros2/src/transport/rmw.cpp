@@ -59,23 +59,29 @@ Function* function_in(void* object, const char* name) {
 
 // What rcl asks as well, and what depends on nothing of rcl. A ROS 2 that was built with a single RMW has no
 // librmw_implementation: all is linked to that one.
-void* rmw_library() {
+void* rmw_library(const std::string& chosen) {
   const auto load = [](const std::string& name) {
     return dlopen(name.c_str(), RTLD_NOW | RTLD_LOCAL | RTLD_NODELETE);
   };
   if (void* const object = load("librmw_implementation.so")) return object;
   const auto installed = installed_rmws();
-  return installed.size() == 1 ? load("lib" + *installed.begin() + ".so") : nullptr;
+  const auto only = !chosen.empty() ? chosen : installed.size() == 1 ? *installed.begin() : "";
+  return only.starts_with("rmw_") ? load("lib" + only + ".so") : nullptr;
 }
 
 // Empty if none loads.
-std::string loaded_rmw(std::string& why_not) {
-  void* const object = rmw_library();
+std::string loaded_rmw(const std::string& chosen, std::string& why_not) {
+  void* const object = rmw_library(chosen);
   if (object == nullptr) {
     why_not = dlerror();  // NOLINT(concurrency-mt-unsafe)
     return {};
   }
-  const char* const name = function_in<const char*()>(object, "rmw_get_implementation_identifier")();
+  auto* const identifier = function_in<const char*()>(object, "rmw_get_implementation_identifier");
+  if (identifier == nullptr) {
+    why_not = "its library is no RMW's";
+    return {};
+  }
+  const char* const name = identifier();
   if (name != nullptr) return name;
   if (auto* const error = function_in<rcutils_error_string_t()>(object, "rcutils_get_error_string"))
     why_not = error().str;
@@ -89,7 +95,7 @@ std::string load_rmw(const std::string& asked) {
   check_installed(chosen);
   if (!chosen.empty()) setenv(chosen_variable, chosen.c_str(), 1);  // NOLINT(concurrency-mt-unsafe)
   std::string why_not;
-  std::string loaded = loaded_rmw(why_not);
+  std::string loaded = loaded_rmw(chosen, why_not);
   if (loaded.empty())
     throw Error("ros2: " + (chosen.empty() ? "no RMW loads" : "the RMW " + chosen + " does not load") + ": " +
                 why_not + "; source the setup.bash of the ROS 2 that it was built in");
