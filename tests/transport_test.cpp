@@ -229,12 +229,12 @@ TEST_F(Udp, SaysWhenWhatItSendsIsToLeave) {
 
 TEST_F(Udp, ClientOutlivesARestartOfTheServer) {
   KeepTimed keep;
-  auto first_echo = std::make_unique<Echo>();
-  auto server = open(Role::server, *first_echo);
+  Echo first_echo;
+  Echo echo;
+  auto server = open(Role::server, first_echo);
   const auto client = open(Role::client, keep);
   ASSERT_TRUE(within_a_while([&] { return client->matched().both(); }));
   server.reset();
-  Echo echo;
   server = open(Role::server, echo);  // with another key
   echo.endpoint = server.get();
   EXPECT_TRUE(within_a_while([&] {
