@@ -570,6 +570,9 @@ TEST_F(Bags, WhatIsNoBagIsRefusedWithWhatToDo) {
   EXPECT_THAT(error_of(write("a.db3.zstd", "\x28\xb5\x2f\xfd....")), HasSubstr("zstd -d"));
   EXPECT_THAT(error_of(write("a.bag", "#ROSBAG V2.0\n")), HasSubstr("mcap convert"));
   EXPECT_THAT(error_of(write("a.mcap", "\x89MCAP1\r\n")), HasSubstr("version"));
+  EXPECT_THAT(error_of(write("a.ontime", std::string("SQLite format 3\0", 16) + std::string(52, '.') +
+                                             "ontm" + std::string(28, '.'))),
+              HasSubstr("ontime report"));
   EXPECT_THAT(error_of(write("empty", "")), HasSubstr("no bag"));
   EXPECT_THAT(error_of((folder_ / "missing").string()), HasSubstr("missing"));
   fs::create_directory(folder_ / "folder");

@@ -211,6 +211,7 @@ TEST_F(ScenarioFile, ErrorsSayWhere) {
               HasSubstr("another run with id 'a'"));
   EXPECT_THAT(error("runs:\n  - {id: 'a,b', transport: udp}\n"),
               HasSubstr(":2:10: id: 'a,b': an id has no comma"));
+  EXPECT_THAT(error("runs:\n  - {id: -x, transport: udp}\n"), HasSubstr(":2:10: id: '-x'"));
   EXPECT_THAT(error("runs:\n  - {id: a, transport: udp, transport: fastdds}\n"),
               HasSubstr("'transport' occurs twice"));
   EXPECT_THAT(error("runs: [\n"), HasSubstr(":2:1:"));

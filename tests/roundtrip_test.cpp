@@ -356,7 +356,8 @@ TEST(NextFree, MovesToTheNextFreeCycle) {
   const auto run = measure(options);
   expect_complete(run, options);
   EXPECT_EQ(run.samples.at(5).fate, Fate::late);
-  EXPECT_GE(run.samples.at(6).skipped_cycles, 4U);
+  // A sender that wakes late in the cycle of 8 ms finds the answer, and still uses that cycle.
+  EXPECT_GE(run.samples.at(6).skipped_cycles, 3U);
   EXPECT_GT(run.samples.at(6).passed_wake_ns, 0) << "the cycles passed over leave their wake-ups";
 }
 

@@ -14,6 +14,7 @@
 #include "output.hpp"
 #include "spelling/spelling.hpp"
 #include "table/table.hpp"
+#include "terminal.hpp"
 
 namespace ontime::app {
 namespace {
@@ -227,6 +228,10 @@ std::optional<int> Program::parse(int argc, char** argv) {
     const int code = app_->exit(error, help, wrong);
     std::cout << for_terminal(fitted(help.str(), reading_columns()), STDOUT_FILENO) << std::flush;
     std::cerr << for_terminal(wrong.str(), STDERR_FILENO);
+    if (!std::cout) {
+      print_error("standard output cannot be written");
+      return 3;
+    }
     return code == 0 ? 0 : 2;
   }
 }

@@ -30,9 +30,8 @@ foreign::What what_of(const ImportArguments& arguments) {
         2, fmt::format("--from: '{}' is not one of cyclictest-histogram, cyclictest-json", arguments.from));
   if (arguments.unit != "us" && arguments.unit != "ns")
     throw campaign::Error(2, fmt::format("--unit: '{}' is neither us nor ns", arguments.unit));
-  if (arguments.id.find(',') != std::string::npos)
-    throw campaign::Error(
-        2, fmt::format("--id: '{}': an id has no comma, because --only divides ids by it", arguments.id));
+  if (const auto flaw = conditions::flaw_of_id(arguments.id); !flaw.empty())
+    throw campaign::Error(2, fmt::format("--id: '{}': {}", arguments.id, flaw));
   return {*form, arguments.id, arguments.unit == "us" ? 1000 : 1};
 }
 

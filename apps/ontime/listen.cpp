@@ -74,6 +74,8 @@ class Listening {
         most_bytes_(bound_of(arguments, time_)),
         as_json_(is_json_flag(arguments.format)),
         output_(arguments.output) {
+    if (time_ && *time_ < 1s)
+      throw campaign::Error(2, fmt::format("--for: '{}' is too short: say 1s or more", arguments.time));
     if (arguments.list && !time_) time_ = look_for_list;
     if (arguments.list && !arguments.results.empty())
       throw campaign::Error(2, "--results: --list keeps no messages; leave out one of them");

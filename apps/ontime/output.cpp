@@ -77,11 +77,18 @@ Output::Output(std::string path) : path_(std::move(path)) {
   const bool is_file = fs::is_regular_file(path_, ignored);
   if (is_file && may_be_results(path_))
     throw campaign::Error(2, fmt::format("{} is a results file: it is not replaced. Name another.", path_));
-  if (!to_stdout && (is_file || !fs::exists(path_, ignored)))
-    part_ = fmt::format("{}.part-{}", path_, ::getpid());
-  const auto* mode = part_.empty() ? "we" : "wxe";
-  file_.reset(to_stdout ? ::fdopen(::dup(STDOUT_FILENO), "w")
-                        : std::fopen((part_.empty() ? path_ : part_).c_str(), mode));
+  if (to_stdout) {
+    file_.reset(::fdopen(::dup(STDOUT_FILENO), "w"));
+  } else if (!is_file && fs::exists(path_, ignored)) {
+    file_.reset(std::fopen(path_.c_str(), "we"));
+  } else {
+    // One that was killed leaves its part, and a container counts its processes from 1 each time.
+    auto number = ::getpid();
+    do {
+      part_ = fmt::format("{}.part-{}", path_, number++);
+      file_.reset(std::fopen(part_.c_str(), "wxe"));
+    } while (!file_ && errno == EEXIST);
+  }
   if (!file_) {
     part_.clear();
     fail(errno);

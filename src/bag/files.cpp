@@ -22,10 +22,12 @@ using namespace std::string_view_literals;
 constexpr std::size_t most_metadata_bytes = 16 << 20;
 constexpr std::size_t most_name_characters = 200;  // of the silent topics that are named
 constexpr auto sqlite_magic = "SQLite format 3\0"sv, mcap_magic = "\x89MCAP0\r\n"sv;
+constexpr auto results_magic = "ontm"sv;  // https://sqlite.org/fileformat.html: the application's number
+constexpr std::size_t results_magic_at = 68;
 
 // The first bytes of a file; fewer, or none, where there are no more.
 std::string beginning_of(const std::string& path) {
-  std::string begin(sqlite_magic.size(), '\0');
+  std::string begin(results_magic_at + results_magic.size(), '\0');
   File file(path);
   begin.resize(file.read(std::as_writable_bytes(std::span(begin))));
   if (!file.error().empty()) throw listen::WrongInput(fmt::format("{}: {}", path, file.error()));
@@ -34,7 +36,9 @@ std::string beginning_of(const std::string& path) {
 
 [[noreturn]] void fail_form(const std::string& path, std::string_view begin) {
   const auto* what = "it is no bag: neither rosbag2's SQLite nor MCAP. What cyclictest wrote needs --from";
-  if (begin.starts_with("\x28\xb5\x2f\xfd"sv))
+  if (begin.starts_with(sqlite_magic))
+    what = "it is a results file of ontime, not a bag. `ontime report` and `ontime compare` read it";
+  else if (begin.starts_with("\x28\xb5\x2f\xfd"sv))
     what = "it is compressed as a whole. Decompress it: `zstd -d FILE`, and name what that makes";
   else if (begin.starts_with("\x89MCAP"sv))
     what = "it is MCAP of a version that is unknown";
@@ -125,7 +129,8 @@ Files files_of(const std::string& path) {
 
 std::unique_ptr<Reader> reader_of(const std::string& path) {
   const auto begin = beginning_of(path);
-  if (begin == sqlite_magic) return read_sqlite(path);
+  const bool is_sqlite = begin.starts_with(sqlite_magic), is_results = begin.ends_with(results_magic);
+  if (is_sqlite && !is_results) return read_sqlite(path);
   if (begin.starts_with(mcap_magic)) return read_mcap(path);
   fail_form(path, begin);
 }

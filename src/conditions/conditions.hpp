@@ -41,6 +41,9 @@ double share_of(const std::string& text);
 // A whole number within these bounds. Throws std::invalid_argument, for people.
 std::int64_t number_of(const std::string& text, std::int64_t least, std::int64_t most);
 
+// Why no run can be called that, for people; empty: it can.
+std::string flaw_of_id(const std::string& id);
+
 // The settings of one process. Without them everything stays as it is born: SCHED_OTHER, pageable.
 struct RealtimeSettings {
   bool on = false;

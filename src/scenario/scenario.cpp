@@ -172,8 +172,8 @@ class File {
     auto own = keys.flat(node);
     if (!own.contains("id")) fail(node, "a run needs an id");
     const auto id = scalar(own["id"], "id");
-    if (id.find(',') != std::string::npos)
-      fail(own["id"], fmt::format("id: '{}': an id has no comma, because --only divides ids by it", id));
+    if (const auto flaw = conditions::flaw_of_id(id); !flaw.empty())
+      fail(own["id"], fmt::format("id: '{}': {}", id, flaw));
     if (!ids_.insert(id).second) fail(own["id"], fmt::format("there is another run with id '{}'", id));
     own.erase("id");
     own.insert(defaults.begin(), defaults.end());  // where the run says nothing

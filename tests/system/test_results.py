@@ -402,7 +402,8 @@ class Results(unittest.TestCase):
             self.assertIn(word, self.ontime("export", self.results, *arguments, code=2).stderr)
         self.ontime("export", self.results, "--output", self.folder / "no" / "out.csv", code=3)
         with open("/dev/full", "w") as full:
-            self.assertEqual(subprocess.run([ONTIME, "export", self.results], stdout=full, stderr=full).returncode, 3)
+            for arguments in (["export", self.results], ["--help"]):
+                self.assertEqual(subprocess.run([ONTIME, *arguments], stdout=full, stderr=full).returncode, 3)
         self.assertEqual(self.results.read_bytes(), before)
         self.assertEqual([path.name for path in self.folder.iterdir() if ".part" in path.name], [])
 
