@@ -46,7 +46,10 @@ def runs_of(results):
     if not results.exists():
         return []
     with contextlib.closing(sqlite3.connect(f"file:{results}?mode=ro", uri=True)) as database:
-        rows = database.execute("SELECT text FROM note WHERE kind = 'search' ORDER BY run, number").fetchall()
+        try:
+            rows = database.execute("SELECT text FROM note WHERE kind = 'search' ORDER BY run, number").fetchall()
+        except sqlite3.OperationalError:  # killed before it had tables
+            return []
     return [int(text.split(" run ")[1].split(":")[0]) for (text,) in rows]
 
 

@@ -39,7 +39,7 @@ def serving(folder, namespace, temporary, more_users=""):
     script = f"mount --bind {folder}/passwd /etc/passwd && exec /usr/sbin/sshd -D -E {folder}/log -f {folder}/sshd_config"
     sshd = subprocess.Popen(["ip", "netns", "exec", namespace, "sh", "-c", script])
     try:
-        end = time.monotonic() + 10
+        end = time.monotonic() + 120
         while not (folder / "sshd.pid").exists():
             assert sshd.poll() is None and time.monotonic() < end, (folder / "log").read_text()
             time.sleep(0.05)

@@ -16,7 +16,7 @@ import time
 import unittest
 import xml.etree.ElementTree
 
-from program import ONTIME, OUR_NAMESPACES, SCENARIO, Program, eventually, namespaces, processes_with
+from program import ONTIME, OUR_NAMESPACES, SCENARIO, Program, eventually, kill_at_once, namespaces, processes_with
 
 LOADED_FIRST = """
 hosts: namespaces
@@ -71,8 +71,7 @@ class Endings(Program):
         process = self.start_ontime("run", self.scenario("1 h", transports=["cyclonedds"]), "--only", "loaded", "--results", self.results)
         self.started(process, lambda: self.samples_recorded() > 50 and len(self.load()) > 0)
         before = self.samples_recorded()
-        for pid in whom(process):
-            os.kill(pid, signal.SIGKILL)
+        kill_at_once(*whom(process))
         process.communicate(timeout=180)
         self.assertTrue(eventually(lambda: not self.load() and not self.agents()), self.what_is_left())
         self.assertTrue(eventually(lambda: not OUR_NAMESPACES & set(namespaces())), self.what_is_left())
@@ -91,8 +90,7 @@ class Endings(Program):
     def test_killed_all_at_once_is_cleared_by_the_next_start(self):
         process = self.start_ontime("run", self.scenario("1 h", transports=["udp"]), "--only", "loaded", "--results", self.results)
         self.started(process, lambda: self.samples_recorded() > 50 and len(self.load()) > 0)
-        for pid in [process.pid, *self.agents()]:
-            os.kill(pid, signal.SIGKILL)
+        kill_at_once(process.pid, *self.agents())
         process.communicate(timeout=180)
         self.assertTrue(eventually(lambda: not self.load()), self.what_is_left())
         answer = self.run_ontime("run", self.scenario("50 ms", transports=["udp"]), "--only", "idle", "--results", self.results)
@@ -167,13 +165,9 @@ class Endings(Program):
         self.run_ontime("run", self.scenario("50 ms", transports=["udp"]), "--only", "idle", "--results", self.results + ".next")
 
     def test_killed_load_is_noticed(self):
-        process = self.start_ontime("run", self.scenario("3 s", transports=["udp"]), "--only", "loaded", "--results", self.results)
+        process = self.start_ontime("run", self.scenario("10 s", transports=["udp"]), "--only", "loaded", "--results", self.results)
         self.started(process, lambda: self.samples_recorded() > 50 and len(self.load()) > 0)
-        for pid in self.load():
-            try:
-                os.kill(pid, signal.SIGKILL)
-            except ProcessLookupError:
-                pass
+        kill_at_once(*self.load())
         out, error = process.communicate(timeout=180)
         self.assertEqual(process.returncode, 0, error)
         self.assertIn("load", out)
@@ -263,8 +257,7 @@ class Endings(Program):
     def test_load_of_a_run_that_failed_is_not_the_next_ones(self):
         process = self.start_ontime("run", self.scenario("3 s", LOADED_FIRST, ["udp"]), "--results", self.results)
         self.started(process, lambda: self.samples_recorded() > 50 and len(self.load()) > 0)
-        for pid in self.own("/ontime agent"):
-            os.kill(pid, signal.SIGKILL)
+        kill_at_once(*self.own("/ontime agent"))
         _, error = process.communicate(timeout=180)
         self.assertEqual(process.returncode, 3, error)
         failed, idle = self.report()
@@ -410,9 +403,12 @@ class Endings(Program):
         self.assert_interrupted_and_given_back()
 
     def test_timeout_keeps_the_run(self):
-        answer = subprocess.run(["timeout", "8", ONTIME, "run", self.scenario("1 h", transports=["udp"]), "--only",
-                                 "loaded", "--results", self.results], env=self.environment, capture_output=True, timeout=120)
-        self.assertEqual(answer.returncode, 124)
+        process = self.start(["timeout", "1h", ONTIME, "run", self.scenario("1 h", transports=["udp"]), "--only", "loaded",
+                              "--results", self.results])
+        self.started(process, lambda: self.samples_recorded() > 50)
+        process.send_signal(signal.SIGALRM)  # its time is up
+        process.communicate(timeout=180)
+        self.assertEqual(process.returncode, 124)
         self.assert_interrupted_and_given_back()
 
 

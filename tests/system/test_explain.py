@@ -18,7 +18,7 @@ import time
 import unittest
 import unittest.mock
 
-from program import ONTIME, eventually, sample_count, trace_instances
+from program import ONTIME, eventually, kill_at_once, sample_count, trace_instances
 
 CULPRITS = pathlib.Path(__file__).resolve().parent.parent / "culprits" / "culprits"
 SCENARIO = "hosts: namespaces\ndefaults: {transport: udp, duration: %s%s}\nruns: [{id: explained}]\n"
@@ -195,10 +195,7 @@ class Explain(unittest.TestCase):
                               stderr=subprocess.DEVNULL) as run:
             self.assertTrue(eventually(lambda: "ontime-trace" in trace_instances()), run.poll())
             keeper = subprocess.run(["pgrep", "-P", str(run.pid), "-f", "keeper"], capture_output=True, text=True)
-            # Both at once: a keeper that outlives the run by a moment on a busy machine takes everything back.
-            for kill in (signal.SIGSTOP, signal.SIGKILL):
-                for pid in [*map(int, keeper.stdout.split()), run.pid]:
-                    os.kill(pid, kill)
+            kill_at_once(*map(int, keeper.stdout.split()), run.pid)
         self.write("500 ms", ", explain: on")
         again = ontime("run", self.scenario, "--results", self.results)
         self.assertEqual(again.returncode, 0, again.stderr)

@@ -13,7 +13,7 @@ import subprocess
 import tempfile
 import unittest
 
-from program import ONTIME, eventually
+from program import ONTIME, eventually, kill_at_once
 
 SCENARIO = """
 hosts: namespaces
@@ -210,10 +210,8 @@ class Isolation(unittest.TestCase):
             with self.subTest(by=by):
                 process = self.isolated_run()
                 children = pathlib.Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split()
-                if by == "next start":  # no process is left that could
-                    for pid in children:
-                        os.kill(int(pid), signal.SIGKILL)
-                process.kill()
+                # Where the next start is to do it, no process is left that could.
+                kill_at_once(process.pid, *(map(int, children) if by == "next start" else ()))
                 process.communicate(timeout=180)
                 if by == "next start":
                     self.assertTrue(eventually(lambda: not agents()))

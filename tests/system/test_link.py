@@ -10,7 +10,7 @@ import sqlite3
 import subprocess
 import unittest
 
-from program import Program, eventually
+from program import Program, eventually, kill_at_once
 
 
 class Link(Program):
@@ -63,7 +63,7 @@ runs:
             os.remove(self.results)
 
     def test_traffic_that_died_is_noticed(self):
-        process = self.start_ontime("run", self.scenario("3 s", text=self.TRAFFIC, transports=["udp"]), "--only", "one-way",
+        process = self.start_ontime("run", self.scenario("10 s", text=self.TRAFFIC, transports=["udp"]), "--only", "one-way",
                                     "--results", self.results)
         self.started(process, lambda: self.samples_recorded() > 50 and len(self.traffic()) == 2)
         for pid in self.traffic():
@@ -77,7 +77,7 @@ runs:
 
     FAULTS = """
 hosts: namespaces
-defaults: {transport: [%s], period: 5 ms, timeout: 100 ms, duration: %s}
+defaults: {transport: [%s], period: 5 ms, schedule: fixed, timeout: 1 s, duration: %s}
 runs:
   - {id: lossy, link: {loss: 10 %%}}
   - {id: double, link: {duplicate: 50 %%}}
@@ -157,8 +157,7 @@ runs:
                 os.remove(self.results)
             process = self.start_ontime(*ours)
             self.started(process, lambda: self.samples_recorded() > 50)
-            for pid in [process.pid, *self.agents()]:
-                os.kill(pid, signal.SIGKILL)
+            kill_at_once(process.pid, *self.agents())
             process.communicate(timeout=180)
             self.assertIn("ontime-controller", tables())
             ours[1] = self.scenario("100 ms", text=text, transports=["udp"])

@@ -8,7 +8,7 @@ import os
 import signal
 import unittest
 
-from program import TRANSPORTS, Program
+from program import TRANSPORTS, Program, sample_count
 
 SCENARIO = """
 hosts: namespaces
@@ -22,7 +22,7 @@ runs:
 SEARCH = """
 hosts: namespaces
 repeat: 2
-defaults: {transport: [%s], period: 200 ms, deadline: 500 ms, duration: %s}
+defaults: {transport: [%s], period: 400 ms, deadline: 2 s, timeout: 2 s, duration: %s}
 runs:
   - {id: up, search: neighbours.rate, neighbours: {topics: 1, rate: [10 Hz, 20 Hz, 100 kHz], payload: 20 kB, direction: to-component}}
 """
@@ -34,14 +34,14 @@ runs:
 """
 STARVED = """
 hosts: namespaces
-defaults: {transport: [%s], period: 50 ms, deadline: 500 ms, warm-up: 50, duration: %s}
+defaults: {transport: [%s], period: 200 ms, deadline: 500 ms, warm-up: 50, duration: %s}
 runs:
   - {id: up, search: neighbours.callback,
      neighbours: {topics: 1, rate: 10 Hz, callback: [1 ms, 10 s], direction: to-component, reliability: reliable}}
 """
 KILLED = """
 hosts: namespaces
-defaults: {transport: [%s], period: 100 ms, deadline: 500 ms, duration: %s}
+defaults: {transport: [%s], period: 200 ms, deadline: 500 ms, duration: %s}
 runs:
   - {id: up, search: neighbours.rate, neighbours: {topics: 1, rate: [10 Hz, 20 Hz, 30 Hz], reliability: reliable}}
 """
@@ -87,7 +87,7 @@ class Neighbours(Program):
                         self.assertEqual(thread["policy"], "fifo", (thread, refused))
 
     def test_are_turned_up_until_no_more_is_to_be_had_and_that_goes_on_where_it_was_left(self):
-        scenario = self.scenario("2 s", text=SEARCH, transports=DDS[:1])
+        scenario = self.scenario("4 s", text=SEARCH, transports=DDS[:1])
         answer = self.run_ontime("run", scenario, "--results", self.results, "--full")
         self.assertEqual(answer.returncode, 0, answer.stderr)
         self.assertIn("how far neighbours.rate can be turned up", answer.stdout)
@@ -108,7 +108,7 @@ class Neighbours(Program):
         return json.loads(self.run_ontime("report", self.results, "--format", "json").stdout)["searches"]
 
     def test_end_a_search_where_they_leave_no_time_to_answer(self):
-        answer = self.run_ontime("run", self.scenario("1 s", text=STARVED, transports=["cyclonedds"]), "--results", self.results)
+        answer = self.run_ontime("run", self.scenario("4 s", text=STARVED, transports=["cyclonedds"]), "--results", self.results)
         self.assertEqual(answer.returncode, 0, answer.stderr)
         self.assertIn("the search of neighbours.callback ends at 10 s: pong was found", answer.stderr)
         (search,) = self.searches()
@@ -118,8 +118,8 @@ class Neighbours(Program):
         self.assertTrue(search["finished"])
 
     def test_are_not_what_a_search_breaks_off_at_where_an_end_dies(self):
-        process = self.start_ontime("run", self.scenario("2 s", text=KILLED, transports=DDS[:1]), "--results", self.results)
-        self.started(process, lambda: self.samples_recorded() > 20)
+        process = self.start_ontime("run", self.scenario("4 s", text=KILLED, transports=DDS[:1]), "--results", self.results)
+        self.started(process, lambda: sample_count(self.results, 2) > 0)
         os.kill(self.own("/ontime agent")[0], signal.SIGKILL)
         self.assertEqual(process.wait(180), 3, process.stderr.read())
         (search,) = self.searches()

@@ -541,12 +541,12 @@ class Results(unittest.TestCase):
         watch = self.start("watch", self.results, "--metrics", "127.0.0.1:0")
         address = watch.stderr.readline().split()[-1]
         self.assertTrue(address.startswith("http://127.0.0.1:"), address)
-        with urllib.request.urlopen(address, timeout=10) as answer:
+        with urllib.request.urlopen(address, timeout=60) as answer:
             text = answer.read().decode()
         self.assertIn('ontime_messages_total{run="1",id="one"', text)
         self.assertIn("ontime_measuring 1\n", text)
         with self.assertRaises(urllib.error.HTTPError):
-            urllib.request.urlopen(address + "/x", timeout=10)
+            urllib.request.urlopen(address + "/x", timeout=60)
         process.kill()  # what remains is a run that was cut off
         out, _ = watch.communicate(timeout=180)
         self.assertEqual(watch.returncode, 0)

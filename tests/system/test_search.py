@@ -41,7 +41,7 @@ def another_ontime():
         try:
             yield
         finally:
-            path.unlink()
+            path.unlink(missing_ok=True)
 
 
 @unittest.skipUnless(os.geteuid() == 0, "settings of a machine need root")
@@ -79,6 +79,7 @@ class Search(unittest.TestCase):
                 if "trial 1, run 2" in line:
                     break
             search.send_signal(signal.SIGKILL)
+            search.stderr.read()  # its keeper has it, too, and gives back meanwhile
         subprocess.run([ONTIME, "tune", "revert"], capture_output=True, check=True)
         self.assertEqual(BUSY_POLL.read_text(), self.before)
         found = self.search("--resume", goal="p99 < 1 s")

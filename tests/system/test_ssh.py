@@ -233,7 +233,7 @@ class Ssh(unittest.TestCase):
     # --- a machine without ontime ---
 
     def test_deploy_brings_the_program_and_takes_it_away(self):
-        process = self.start_ontime(self.scenario(program="", duration="2 s"), "--deploy")
+        process = self.start_ontime(self.scenario(program="", duration="10 s"), "--deploy")
         self.assertTrue(eventually(lambda: self.far("/ontime agent")), process.poll())
         brought = [name for name in os.listdir(self.far_temporary) if name.startswith("ontime-program-")]
         self.assertEqual(len(brought), 1)
@@ -411,7 +411,7 @@ class Ssh(unittest.TestCase):
         process = self.loaded_run()
         run("ip", "-n", NEAR, "link", "set", "ssh-near", "down")
         try:
-            self.assertTrue(eventually(lambda: not self.far("/ontime") and not os.listdir(self.far_temporary), 40), self.what_is_left())
+            self.assertTrue(eventually(lambda: not self.far("/ontime") and not os.listdir(self.far_temporary)), self.what_is_left())
             self.ended(process, 3, "was silent for 10 s|the connection to robot was lost")
         finally:
             run("ip", "-n", NEAR, "link", "set", "ssh-near", "up")

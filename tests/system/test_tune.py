@@ -12,7 +12,7 @@ import subprocess
 import tempfile
 import unittest
 
-from program import ONTIME, eventually, sample_count
+from program import ONTIME, eventually, kill_at_once, sample_count
 
 NAMESPACE, INTERFACE = "ontime-controller", "to-component"
 
@@ -83,7 +83,7 @@ class Tune(unittest.TestCase):
                                    stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
         self.addCleanup(lambda: (process.kill(), process.communicate()))
         self.assertTrue(eventually(lambda: in_namespace(f"/sys/class/net/{INTERFACE}/queues/rx-0/rps_cpus").endswith("1")
-                                   and set(threads("napi/").values()) == {("SCHED_FIFO", 55)}, 30))
+                                   and set(threads("napi/").values()) == {("SCHED_FIFO", 55)}))
         self.assertEqual(set(threads("ksoftirqd/").values()), {("SCHED_FIFO", 60)})
         self.assertEqual(BUSY_POLL.read_text(), "50\n")
         self.assertEqual(in_namespace(f"/sys/class/net/{INTERFACE}/threaded"), "1")
@@ -153,8 +153,7 @@ class Tune(unittest.TestCase):
 
     def test_after_kill_9_of_all_revert_gives_back(self):
         process = self.tuned_run()
-        for pid in [*self.keepers_of(process), process.pid]:
-            os.kill(pid, signal.SIGKILL)
+        kill_at_once(*self.keepers_of(process), process.pid)
         process.communicate(timeout=180)
         # Agents notice it as well, and leave; who comes first gives back.
         answer = self.ontime("tune", "revert")
