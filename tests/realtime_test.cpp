@@ -436,9 +436,10 @@ TEST(CpuLatency, HoldsAsLongAsItLives) {
   {
     const CpuLatencyRequest request(3us);
     EXPECT_FALSE(request.refusal());
-    EXPECT_EQ(now_us(), 3);
+    EXPECT_LE(now_us(), 3);
   }
-  EXPECT_EQ(now_us(), before);
+  const auto after = now_us();
+  EXPECT_TRUE(after == before || after < 3) << after << ": another process may ask for less meanwhile";
 }
 
 TEST(CpuLatency, RefusesWhatIsNoLatency) {

@@ -1,4 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
+#include <atomic>
 #include <chrono>
 #include <condition_variable>
 #include <functional>
@@ -107,9 +108,8 @@ TEST_F(RecordTest, StalledDiskDelaysNoCaller) {
       appended += 10'000;
     };
     gate.shut();
-    while (!gate.somebody_waits() &&
-           appended < 3'000'000) {  // until there is enough to be copied into the file
-      append_some();
+    for (int tries = 0; tries < 12'000 && !gate.somebody_waits(); ++tries) {
+      if (appended < 1'000'000) append_some();  // enough to be copied into the file
       std::this_thread::sleep_for(std::chrono::milliseconds(5));
     }
     ASSERT_TRUE(gate.somebody_waits());
@@ -229,13 +229,17 @@ TEST_F(RecordTest, AFileThatIsRemovedWhileAWriterWaitsForItTakesNoRun) {
   sqlite3_open(path_.c_str(), &holder);
   ASSERT_EQ(sqlite3_exec(holder, "BEGIN EXCLUSIVE", nullptr, nullptr, nullptr), SQLITE_OK);
   std::string error;
-  std::thread waiting([&] { error = error_of([&] { Writer(path_).begin_run({{"id", "two"}}); }); });
+  std::atomic<bool> gave_up = false;
+  std::thread waiting([&] {
+    error = error_of([&] { Writer(path_).begin_run({{"id", "two"}}); });
+    gave_up = true;
+  });
   const auto opened = [&] {
     std::error_code gone;
     return std::count_if(fs::directory_iterator("/proc/self/fd"), fs::directory_iterator(),
                          [&](const auto& entry) { return fs::read_symlink(entry, gone) == path_; });
   };
-  while (opened() < 2) std::this_thread::yield();
+  while (opened() < 2 && !gave_up) std::this_thread::yield();
   fs::remove(path_);
   sqlite3_close(holder);
   waiting.join();

@@ -336,9 +336,11 @@ TEST(Ledger, NeverHasMoreFatesThanMessagesWhenAnyThreadStalls) {
   std::atomic<std::int64_t> now{100};
   std::atomic<std::uint64_t> posted{0};
   std::atomic<bool> over{false};
+  std::atomic<int> running{0};
   std::vector<std::thread> others;
   for (unsigned seed = 0; seed < 2; ++seed)
     others.emplace_back([&, seed] {
+      ++running;
       std::mt19937 random(seed);
       while (!over) {
         const auto count = posted.load();
@@ -355,6 +357,7 @@ TEST(Ledger, NeverHasMoreFatesThanMessagesWhenAnyThreadStalls) {
       ASSERT_LE(c.on_time + c.late + c.lost, c.sent);
     }
   });
+  while (running < 2) std::this_thread::yield();
   while (posted < messages) {
     const auto at_ns = ++now;
     ledger.settle(at_ns);

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <algorithm>
+#include <atomic>
 #include <condition_variable>
 #include <csignal>
 #include <latch>
@@ -23,7 +24,7 @@ using Clock = std::chrono::steady_clock;
 // A middleware may never leave where its link has gone: so long is waited for it.
 constexpr unsigned patience_to_leave_s = 3;
 
-volatile std::sig_atomic_t terminations = 0;
+std::atomic<int> terminations = 0;
 
 class EventPipe final : public Events {
  public:
@@ -115,7 +116,11 @@ void obey_all(EventPipe& pipe, Worker& worker) {
 int serve(const std::string& samples, const std::function<std::unique_ptr<Worker>(Events&)>& make) {
   on_termination([](int signal) {
     // What stops a service or a session may say so twice, by SIGTERM and SIGHUP; only a person is in a hurry.
-    if (signal == SIGINT || terminations == 0) terminations = terminations + 1;
+    int none = 0;
+    if (signal == SIGINT)
+      ++terminations;
+    else
+      terminations.compare_exchange_strong(none, 1);  // two threads may be told at once
   });
   // Whatever a middleware prints must not get between the frames.
   const int out = fcntl(STDOUT_FILENO, F_DUPFD_CLOEXEC, 3);

@@ -72,7 +72,8 @@ inline constexpr std::int64_t samples_around = 16;
 
 // What waits for the disk does so on a thread of the Writer's own. begin_run(), end_run(), flush(), reader()
 // and the destructor wait for it; append() and note() of a run under way do not, however long the disk stalls
-// (or until four million samples wait). They throw what became of what was appended before.
+// (or until four million samples wait, or, in a file that is bounded, what takes a sixteenth of it). They
+// throw what became of what was appended before.
 class Writer {
  public:
   // Creates the file, or adds runs to one that is there; one of an older format becomes one of this. An empty

@@ -1,4 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
+#include <algorithm>
 #include <cerrno>
 #include <chrono>
 #include <condition_variable>
@@ -32,6 +33,9 @@ constexpr std::chrono::milliseconds commit_interval{500};
 
 // 350 MB: of 100 Hz half a day.
 constexpr std::size_t most_waiting = 4'000'000;
+// What a file that is bounded takes for one. What waits is written at once, before there is room for it: so
+// no more waits than a sixteenth of such a file.
+constexpr std::uint64_t bytes_a_sample = 40;
 
 [[noreturn]] void refuse(const std::string& name, const std::string& what) {
   throw Error(fmt::format("{}: {}.", name, what));
@@ -67,11 +71,12 @@ class Writer::Thread {
   template <class Add>
   void hand_over(std::size_t samples, Add add) {
     std::unique_lock lock(mutex_);
-    changed_.wait(lock, [this] { return waiting_ < most_waiting || failure_; });
+    changed_.wait(lock, [this] { return waiting_ < most_waiting_ || failure_; });
     throw_failure();
-    if (!batch_) changed_.notify_all();
+    const bool is_first = !batch_;
     add(batch_ ? *batch_ : batch_.emplace());
     waiting_ += samples;
+    if (is_first || is_much()) changed_.notify_all();
   }
 
   // What `job` makes of the database, once all that was handed over is in it.
@@ -90,6 +95,12 @@ class Writer::Thread {
     return answer.get();
   }
 
+  void keep_worst(std::uint64_t bytes) {
+    ask([bytes](Database& database) { database.keep_worst(bytes); });
+    const std::lock_guard lock(mutex_);
+    most_waiting_ = std::clamp<std::uint64_t>(bytes / 16 / bytes_a_sample, 2, most_waiting);
+  }
+
   Reader reader() const { return Reader(database_.connection()); }
   const std::string& name() const { return database_.connection()->name(); }
 
@@ -104,7 +115,7 @@ class Writer::Thread {
     for (bool last = false; !last;) {
       const auto wanted = [this] { return ends_ || question_; };
       changed_.wait(lock, [&] { return wanted() || batch_; });
-      changed_.wait_until(lock, written_at_ + commit_interval, wanted);
+      changed_.wait_until(lock, written_at_ + commit_interval, [&] { return wanted() || is_much(); });
       const auto question = std::exchange(question_, nullptr);
       last = ends_;
       lock.unlock();
@@ -132,6 +143,8 @@ class Writer::Thread {
     written_at_ = std::chrono::steady_clock::now();
   }
 
+  bool is_much() const { return waiting_ >= most_waiting_ / 2; }
+
   std::optional<Batch> take_batch() {
     waiting_ = 0;
     return std::exchange(batch_, std::nullopt);
@@ -147,6 +160,7 @@ class Writer::Thread {
   std::condition_variable changed_;
   std::optional<Batch> batch_;
   std::size_t waiting_ = 0;  // samples of the batch
+  std::size_t most_waiting_ = most_waiting;
   std::function<void()> question_;
   std::exception_ptr failure_;
   bool ends_ = false;
@@ -234,9 +248,7 @@ void Writer::note_outcome(std::int64_t run, const nlohmann::json& outcome) {
   thread_->hand_over(0, [&](Batch& batch) { batch.outcomes[run] = std::move(text); });
 }
 
-void Writer::keep_worst(std::uint64_t bytes) {
-  thread_->ask([&](Database& database) { database.keep_worst(bytes); });
-}
+void Writer::keep_worst(std::uint64_t bytes) { thread_->keep_worst(bytes); }
 
 void Writer::forget_run(std::int64_t run) {
   thread_->ask([&](Database& database) { database.forget_run(run); });
