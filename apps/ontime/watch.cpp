@@ -2,6 +2,7 @@
 #include "watch/watch.hpp"
 
 #include <algorithm>
+#include <sstream>
 #include <stdexcept>
 #include <thread>
 
@@ -13,6 +14,8 @@
 #include "commands.hpp"
 #include "flags.hpp"
 #include "metrics.hpp"
+#include "output.hpp"
+#include "table/table.hpp"
 #include "terminal.hpp"
 
 namespace ontime::app {
@@ -29,13 +32,17 @@ class Screen {
  public:
   void show(const std::string& text, bool last) {
     if (interactive_ || last) print(up() + text);
-    lines_ = std::count(text.begin(), text.end(), '\n');
+    rows_ = 0;
+    std::istringstream lines(text);
+    for (std::string line; std::getline(lines, line);)  // the terminal breaks a long one
+      rows_ += std::max<std::size_t>((table::width_of(line) + columns_ - 1) / columns_, 1);
   }
 
  private:
-  std::string up() const { return interactive_ && lines_ > 0 ? fmt::format("\033[{}A\033[J", lines_) : ""; }
+  std::string up() const { return interactive_ && rows_ > 0 ? fmt::format("\033[{}A\033[J", rows_) : ""; }
   const bool interactive_ = isatty(STDOUT_FILENO) != 0;
-  std::ptrdiff_t lines_ = 0;
+  const std::size_t columns_ = output_columns();
+  std::size_t rows_ = 0;
 };
 
 int follow(const WatchArguments& arguments) {

@@ -122,7 +122,7 @@ std::string text_of(const Progress& progress) {
   const auto& times = progress.round_trip;
   if (times.count() == 0) return text;
   const auto& asked = progress.run.asked;
-  text += fmt::format("{}: min {}  mean {}  max {}\n",
+  text += fmt::format("{}: min {}  mean {}  max {}   (bars: logarithmic)\n",
                       asked.is_listened() ? table::printable(asked.measures) : "round trip",
                       time_of(times.min_ns()), gate::time_of(mean_ns(times)), time_of(times.max_ns()));
   text += histogram_of(times);
