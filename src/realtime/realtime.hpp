@@ -70,7 +70,6 @@ struct ThreadState {
   std::chrono::nanoseconds cpu_time{0};  // user and system
 };
 std::optional<ThreadState> read(pid_t tid);  // nothing if the thread is gone
-std::vector<pid_t> thread_ids();             // of this process, in order of their ids
 
 // Counts the instructions that a thread of this process executes, in user space and in the kernel, from now
 // on.

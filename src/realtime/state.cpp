@@ -1,9 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "realtime/state.hpp"
 
-#include <algorithm>
 #include <charconv>
-#include <filesystem>
 #include <fstream>
 #include <sstream>
 
@@ -84,14 +82,6 @@ std::optional<ThreadState> read(pid_t tid) {
   state.name = text_of(folder + "comm");
   if (state.name.ends_with('\n')) state.name.pop_back();
   return state;
-}
-
-std::vector<pid_t> thread_ids() {
-  std::vector<pid_t> ids;
-  for (const auto& entry : std::filesystem::directory_iterator("/proc/self/task"))
-    ids.push_back(static_cast<pid_t>(number_of(entry.path().filename().string())));
-  std::sort(ids.begin(), ids.end());
-  return ids;
 }
 
 }  // namespace ontime::realtime
