@@ -94,12 +94,17 @@ class Isolation(unittest.TestCase):
         self.addCleanup(shutil.rmtree, self.folder)
         self.results = os.path.join(self.folder, "results.ontime")
         self.before = state()
+        self.others = set(named("iperf3") + named("stress-ng"))
         self.bystander = subprocess.Popen(["sleep", "1000"])  # who asked for nothing
         # which asked for a CPU of its own, and is to have it again
         self.pinned = subprocess.Popen(["taskset", "--cpu-list", str(CPUS[0]), "sleep", "1000"])
         self.addCleanup(lambda: [one.kill() or one.wait() for one in (self.bystander, self.pinned)])
         self.assertTrue(eventually(lambda: cpus(self.pinned.pid) == {str(CPUS[0])}))
         self.everywhere = cpus(self.bystander.pid)
+
+    def new(self, name):
+        """Not those that ran before this test."""
+        return [pid for pid in named(name) if pid not in self.others]
 
     def tearDown(self):
         self.ontime("tune", "revert")
@@ -128,7 +133,7 @@ class Isolation(unittest.TestCase):
         process = subprocess.Popen([ONTIME, "run", self.scenario("1 h"), "--results", self.results],
                                    stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
         self.addCleanup(lambda: (process.kill(), process.communicate()))
-        self.assertTrue(eventually(lambda: len(named("iperf3")) >= 2 and named("stress-ng") and len(agents()) == 2))
+        self.assertTrue(eventually(lambda: len(self.new("iperf3")) >= 2 and self.new("stress-ng") and len(agents()) == 2))
         return process
 
     def assert_given_back(self):
@@ -145,7 +150,7 @@ class Isolation(unittest.TestCase):
             self.assertEqual(cpus(pid), {KEPT})
             said = subprocess.run(["taskset", "--cpu-list", "--pid", str(pid)], capture_output=True, text=True).stdout
             self.assertTrue(said.rstrip().endswith(f": {KEPT}"), said)
-        beside = named("iperf3") + named("stress-ng")
+        beside = self.new("iperf3") + self.new("stress-ng")
         for pid in [self.bystander.pid, process.pid, *beside]:
             for one in cpus(pid):
                 self.assertNotIn(int(KEPT), [cpu for part in one.split(",") for cpu in
