@@ -343,7 +343,7 @@ std::uint64_t pages_moved() {
 
 // Where qemu-user runs this (tests/emulated), it translates code and faults in these threads, too.
 bool is_emulated() {
-  return std::getenv("QEMU_LD_PREFIX") != nullptr;  // NOLINT(concurrency-mt-unsafe): nothing sets it
+  return std::getenv("ONTIME_EMULATED") != nullptr;  // NOLINT(concurrency-mt-unsafe): nothing sets it
 }
 
 // Between begin() and check(), the threads of an end are held to the rules. Made once memory is locked.

@@ -421,16 +421,20 @@ TEST(CpuLatency, HoldsAsLongAsItLives) {
     close(fd);
     return latency_us;
   };
+  // Another process may ask for less meanwhile: an ontime of another test.
+  const auto settled_us = [&](std::int32_t expected) {
+    for (int look = 0; look < 1000 && now_us() != expected; ++look) std::this_thread::sleep_for(10ms);
+    return now_us();
+  };
   close(device);
   const auto before = now_us();
   if (before <= 3) GTEST_SKIP() << "another process asks for " << before << " µs";
   {
     const CpuLatencyRequest request(3us);
     EXPECT_FALSE(request.refusal());
-    EXPECT_LE(now_us(), 3);
+    EXPECT_EQ(settled_us(3), 3);
   }
-  const auto after = now_us();
-  EXPECT_TRUE(after == before || after < 3) << after << ": another process may ask for less meanwhile";
+  EXPECT_EQ(settled_us(before), before);
 }
 
 TEST(CpuLatency, RefusesWhatIsNoLatency) {

@@ -91,6 +91,32 @@ TEST_F(Bounded, WorstAreKeptAndTheFileStaysSmall) {
   EXPECT_EQ(worst, expected) << "of so many the worst";
 }
 
+// Messages are written before there is room for them: however fast they come, only some wait for that.
+TEST_F(Bounded, ABurstDoesNotExceedIt) {
+  Writer writer(path_);
+  writer.keep_worst(bound);
+  const auto run = writer.begin_run(asked());
+  std::uint64_t most = 0;
+  for (std::uint64_t miss = 1; miss <= 12'000; ++miss) {
+    std::vector<Sample> around;
+    for (auto index = 100 * miss - samples_around; index <= 100 * miss + samples_around; ++index) {
+      Sample& sample = around.emplace_back();
+      sample.index = index;
+      sample.intended_ns = sample.due_ns = sample.woke_ns = sample.sent_ns =
+          static_cast<std::int64_t>(index) * ms;
+      sample.received_ns =
+          sample.sent_ns + static_cast<std::int64_t>(index == 100 * miss ? miss + 20 : 1) * ms;
+    }
+    writer.append(run, around);
+    writer.trace(
+        run, {"controller",
+              {{100 * miss, around[samples_around].sent_ns, around[samples_around].received_ns}, true, {}}});
+    most = std::max(most, bytes());
+  }
+  writer.flush();
+  EXPECT_LE(std::max(most, bytes()), bound);
+}
+
 TEST_F(Bounded, AnotherTopicsMessagesAreComparedByTheirLimits) {
   Writer writer(path_);
   writer.keep_worst(bound);

@@ -283,6 +283,7 @@ TEST_P(EverySchedule, CanBeGivenUpAtAnyMoment) {
 TEST_P(EverySchedule, IsSilentBetweenWarmUpAndGo) {
   options.warm_up = 20;
   options.period = 200us;
+  options.duration = 500ms;
   Client client(fake, {}, options);
   client.start();
   while (client.state() < Client::State::ready) std::this_thread::sleep_for(1ms);
@@ -294,7 +295,7 @@ TEST_P(EverySchedule, IsSilentBetweenWarmUpAndGo) {
   EXPECT_EQ(client.counters().sent, 0U) << "the warm-up is not counted";
   client.go();
   while (client.state() != Client::State::finished) std::this_thread::sleep_for(1ms);
-  EXPECT_GT(client.counters().sent + client.counters().skipped_cycles, 0U);
+  EXPECT_GT(client.counters().sent, 0U);
   EXPECT_EQ(FakeNetwork::sends, sends + client.counters().sent);
 }
 
@@ -347,7 +348,8 @@ TEST_P(EveryPeriod, SkipsWhatTheSenderSleptThrough) {
 TEST(NextFree, MovesToTheNextFreeCycle) {
   FakeNetwork::on_send = {};
   FakeNetwork::rule = [](std::uint64_t index) {
-    if (index == 5) std::this_thread::sleep_for(9500us);
+    if (index == 5)
+      std::this_thread::sleep_for(10500us);  // after the cycle of 8 ms, which a late sender uses
     return 1;
   };
   ClientOptions options;
@@ -357,8 +359,7 @@ TEST(NextFree, MovesToTheNextFreeCycle) {
   const auto run = measure(options, {}, [](const Counters& of) { return of.sent > 6; });
   expect_complete(run, options);
   EXPECT_EQ(run.samples.at(5).fate, Fate::late);
-  // A sender that wakes late in the cycle of 8 ms finds the answer, and still uses that cycle.
-  EXPECT_GE(run.samples.at(6).skipped_cycles, 3U);
+  EXPECT_GE(run.samples.at(6).skipped_cycles, 4U);
   EXPECT_GT(run.samples.at(6).passed_wake_ns, 0) << "the cycles passed over leave their wake-ups";
 }
 

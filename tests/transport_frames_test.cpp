@@ -213,6 +213,7 @@ TEST_P(BelowIp, TellsWhatFoundNoRoom) {
   const auto client = open(Role::client, keep);
   std::thread answering([&] { server->receive(); });  // the call that each look makes
   EXPECT_TRUE(within(a_while, [&] { return client->matched().both(); }));
+  server->interrupt();
   answering.join();
   EXPECT_EQ(server->losses().overwritten, 0U);
   // No receiver is left.

@@ -226,12 +226,8 @@ std::optional<int> Program::parse(int argc, char** argv) {
     std::ostringstream help;
     std::ostringstream wrong;
     const int code = app_->exit(error, help, wrong);
-    std::cout << for_terminal(fitted(help.str(), reading_columns()), STDOUT_FILENO) << std::flush;
+    if (!help.str().empty()) print(fitted(help.str(), reading_columns()));
     std::cerr << for_terminal(wrong.str(), STDERR_FILENO);
-    if (!std::cout) {
-      print_error("standard output cannot be written");
-      return 3;
-    }
     return code == 0 ? 0 : 2;
   }
 }

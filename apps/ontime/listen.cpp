@@ -45,6 +45,13 @@ std::optional<std::chrono::nanoseconds> time_of(const char* flag, const std::str
   return text.empty() ? std::nullopt : std::optional(duration_flag(flag, text));
 }
 
+std::optional<std::chrono::nanoseconds> time_to_listen(const std::string& text) {
+  const auto time = time_of("--for", text);
+  if (time && *time < 1s)
+    throw campaign::Error(2, fmt::format("--for: '{}' is too short: say 1s or more", text));
+  return time;
+}
+
 // How large the results file may become, where it keeps the worst only.
 std::optional<std::uint64_t> bound_of(const ListenArguments& arguments,
                                       std::optional<std::chrono::nanoseconds> time) {
@@ -70,12 +77,10 @@ class Listening {
                 time_of("--age", arguments.age)},
         chains_(chains_of(arguments.chains)),
         topics_(arguments.topics.begin(), arguments.topics.end()),
-        time_(time_of("--for", arguments.time)),
+        time_(time_to_listen(arguments.time)),
         most_bytes_(bound_of(arguments, time_)),
         as_json_(is_json_flag(arguments.format)),
         output_(arguments.output) {
-    if (time_ && *time_ < 1s)
-      throw campaign::Error(2, fmt::format("--for: '{}' is too short: say 1s or more", arguments.time));
     if (arguments.list && !time_) time_ = look_for_list;
     if (arguments.list && !arguments.results.empty())
       throw campaign::Error(2, "--results: --list keeps no messages; leave out one of them");

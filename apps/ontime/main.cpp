@@ -37,16 +37,15 @@ int main(int argc, char** argv) {
       app.subcommands().back()->group(group);
     }
   ontime::app::add_workers(app, action);
-  if (argc == 1)
-    action = ontime::app::show_next;
-  else if (const auto code = program.parse(argc, argv))
-    return *code;
-
   const auto failed = [](int code, const char* message) {
     ontime::app::print_error(message);
     return code;
   };
   try {
+    if (argc == 1)
+      action = ontime::app::show_next;
+    else if (const auto code = program.parse(argc, argv))
+      return *code;
     return action();
   } catch (const ontime::orders::Error& error) {
     return failed(error.exit, error.what());

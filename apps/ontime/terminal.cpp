@@ -25,7 +25,6 @@ namespace {
 
 campaign::Interrupts interrupts{0};
 volatile std::sig_atomic_t last_signal = 0;
-static_assert(campaign::Interrupts::is_always_lock_free, "it is counted in a signal handler");
 
 double seconds(std::chrono::nanoseconds time) { return std::chrono::duration<double>(time).count(); }
 
@@ -144,9 +143,7 @@ std::string about(std::chrono::duration<double> time) {
 campaign::Interrupts& catch_interrupts() {
   orders::on_termination([](int signal) {
     last_signal = signal;
-    // Only a person at the keyboard who asks again is in a hurry: a terminal that closes, or a service that
-    // stops, may say so twice.
-    if (signal == SIGINT || interrupts == 0) ++interrupts;
+    orders::count_termination(interrupts, signal);
   });
   return interrupts;
 }

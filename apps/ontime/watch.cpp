@@ -32,17 +32,21 @@ class Screen {
  public:
   void show(const std::string& text, bool last) {
     if (interactive_ || last) print(up() + text);
-    rows_ = 0;
-    std::istringstream lines(text);
-    for (std::string line; std::getline(lines, line);)  // the terminal breaks a long one
-      rows_ += std::max<std::size_t>((table::width_of(line) + columns_ - 1) / columns_, 1);
+    shown_ = for_output(text);
   }
 
  private:
-  std::string up() const { return interactive_ && rows_ > 0 ? fmt::format("\033[{}A\033[J", rows_) : ""; }
+  // The terminal breaks a long line, and may be wider or narrower than it was.
+  std::string up() const {
+    const auto columns = output_columns();
+    std::size_t rows = 0;
+    std::istringstream lines(shown_);
+    for (std::string line; std::getline(lines, line);)
+      rows += std::max<std::size_t>((table::width_of(line) + columns - 1) / columns, 1);
+    return interactive_ && rows > 0 ? fmt::format("\033[{}A\033[J", rows) : "";
+  }
   const bool interactive_ = isatty(STDOUT_FILENO) != 0;
-  const std::size_t columns_ = output_columns();
-  std::size_t rows_ = 0;
+  std::string shown_;
 };
 
 int follow(const WatchArguments& arguments) {

@@ -129,8 +129,8 @@ Files files_of(const std::string& path) {
 
 std::unique_ptr<Reader> reader_of(const std::string& path) {
   const auto begin = beginning_of(path);
-  const bool is_sqlite = begin.starts_with(sqlite_magic), is_results = begin.ends_with(results_magic);
-  if (is_sqlite && !is_results) return read_sqlite(path);
+  const bool is_results = begin.find(results_magic, results_magic_at) == results_magic_at;
+  if (begin.starts_with(sqlite_magic) && !is_results) return read_sqlite(path);
   if (begin.starts_with(mcap_magic)) return read_mcap(path);
   fail_form(path, begin);
 }

@@ -429,4 +429,10 @@ const char* word_of(Security level) {
   return words[static_cast<std::size_t>(level)];
 }
 
+std::string flaw_of_id(const std::string& id) {
+  if (id.find(',') != id.npos) return "an id has no comma, because --only divides ids by it";
+  if (id.starts_with('-')) return "an id does not begin with '-', because a flag does";
+  return "";
+}
+
 }  // namespace ontime::conditions

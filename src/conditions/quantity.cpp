@@ -114,10 +114,4 @@ std::int64_t number_of(const std::string& text, std::int64_t least, std::int64_t
   return value;
 }
 
-std::string flaw_of_id(const std::string& id) {
-  if (id.find(',') != id.npos) return "an id has no comma, because --only divides ids by it";
-  if (id.starts_with('-')) return "an id does not begin with '-', because a flag does";
-  return "";
-}
-
 }  // namespace ontime::conditions

@@ -47,6 +47,13 @@ inline constexpr std::chrono::seconds beat_period{3};  // seldom, for each beat 
 // shell's &) stay ignored. SIGPIPE is ignored: a pipe's end shows where it is written.
 void on_termination(void (*handler)(int));
 
+// Counts interruptions: once, to stop and keep; twice, to leave at once.
+using Interrupts = std::atomic<int>;
+// For such a handler: counts the signal. What stops a service or closes a terminal may say so twice, by
+// SIGTERM and SIGHUP and to two threads at once, and counts once. Only a person (SIGINT) who asks again is in
+// a hurry.
+void count_termination(Interrupts&, int signal) noexcept;
+
 // ── The worker's side
 // ──────────────────────────────────────────────────────────────────────────────────────────
 
@@ -82,9 +89,6 @@ int serve(const std::string& samples, const std::function<std::unique_ptr<Worker
 // ─────────────────────────────────────────────────────────────────────────────────────
 
 struct Interrupted {};  // more often than was tolerated
-
-// Counts a person's interruptions: once, to stop and keep; twice, to leave at once. Set by a signal handler.
-using Interrupts = std::atomic<int>;
 
 // What lies between a coordinator and a worker that is started by way of another program (a shell, ssh).
 struct Between {

@@ -19,4 +19,14 @@ void on_termination(void (*handler)(int)) {
   sigaction(SIGPIPE, &ignore, nullptr);
 }
 
+static_assert(Interrupts::is_always_lock_free, "it is counted in a signal handler");
+
+void count_termination(Interrupts& count, int signal) noexcept {
+  int none = 0;
+  if (signal == SIGINT)
+    ++count;
+  else
+    count.compare_exchange_strong(none, 1);
+}
+
 }  // namespace ontime::orders

@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <algorithm>
-#include <atomic>
 #include <condition_variable>
 #include <csignal>
 #include <latch>
@@ -24,7 +23,7 @@ using Clock = std::chrono::steady_clock;
 // A middleware may never leave where its link has gone: so long is waited for it.
 constexpr unsigned patience_to_leave_s = 3;
 
-std::atomic<int> terminations = 0;
+Interrupts terminations = 0;
 
 class EventPipe final : public Events {
  public:
@@ -114,14 +113,7 @@ void obey_all(EventPipe& pipe, Worker& worker) {
 }  // namespace
 
 int serve(const std::string& samples, const std::function<std::unique_ptr<Worker>(Events&)>& make) {
-  on_termination([](int signal) {
-    // What stops a service or a session may say so twice, by SIGTERM and SIGHUP; only a person is in a hurry.
-    int none = 0;
-    if (signal == SIGINT)
-      ++terminations;
-    else
-      terminations.compare_exchange_strong(none, 1);  // two threads may be told at once
-  });
+  on_termination([](int signal) { count_termination(terminations, signal); });
   // Whatever a middleware prints must not get between the frames.
   const int out = fcntl(STDOUT_FILENO, F_DUPFD_CLOEXEC, 3);
   dup2(STDERR_FILENO, STDOUT_FILENO);

@@ -48,8 +48,10 @@ def runs_of(results):
     with contextlib.closing(sqlite3.connect(f"file:{results}?mode=ro", uri=True)) as database:
         try:
             rows = database.execute("SELECT text FROM note WHERE kind = 'search' ORDER BY run, number").fetchall()
-        except sqlite3.OperationalError:  # killed before it had tables
-            return []
+        except sqlite3.OperationalError as error:
+            if "no such table" not in str(error):
+                raise
+            return []  # killed before it had tables
     return [int(text.split(" run ")[1].split(":")[0]) for (text,) in rows]
 
 

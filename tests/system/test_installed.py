@@ -38,7 +38,7 @@ class Installed(unittest.TestCase):
         return done
 
     def ping(self, transport, code=0, **environment):
-        return self.ontime("ping", "--loopback", "--transport", transport, "--duration", "100 ms", "--format", "json",
+        return self.ontime("ping", "--loopback", "--transport", transport, "--duration", "1 s", "--format", "json",
                            code=code, **environment)
 
     def transport(self, name):
@@ -49,8 +49,7 @@ class Installed(unittest.TestCase):
                        input=f"int ontime_transport[64] = {{{abi}}};")
 
     def test_an_installation_measures_wherever_it_lies(self):
-        run = json.loads(self.ping("udp").stdout)["runs"][0]
-        self.assertGreater(run["on_time"] + run["late"], 0)
+        self.assertGreater(json.loads(self.ping("udp").stdout)["runs"][0]["on_time"], 0)
         self.assertIn("demo", self.ontime("scenarios").stdout)
 
     def test_an_installation_has_alerts_and_a_dashboard(self):

@@ -56,8 +56,7 @@ runs:
             process = self.start_ontime("run", self.scenario("1 h", text=self.TRAFFIC, transports=["udp"]), "--only", "both",
                                         "--results", self.results)
             self.started(process, lambda: self.samples_recorded() > 50 and len(self.traffic()) == 4)
-            for pid in whom(process):
-                os.kill(pid, signal.SIGKILL)
+            kill_at_once(*whom(process))
             process.communicate(timeout=180)
             self.assertTrue(eventually(self.nothing_left), self.what_is_left())
             os.remove(self.results)
@@ -149,8 +148,7 @@ runs:
                                 process.poll() is not None and process.communicate())
                 self.assertIn("table netdev ontime-controller", tables())
                 self.assertIn("table inet ontime-component", tables())
-                for pid in whom(process):
-                    os.kill(pid, signal.SIGKILL)
+                kill_at_once(*whom(process))
                 process.communicate(timeout=180)
                 self.assertTrue(eventually(lambda: not tables()), tables())
                 self.assertTrue(eventually(self.nothing_left), self.what_is_left())

@@ -143,8 +143,7 @@ class Listen(unittest.TestCase):
         # The taker's own clock is read a little later: what is that near to the deadline may be either.
         sure, possible = (sum(gap > limit for gap in gaps) for limit in (17_000_000, 13_000_000))
         self.assertGreaterEqual(sure, MESSAGES // 997)
-        # And on a machine that stood still between the two, by more.
-        self.assertTrue(sure - 2 <= flow["late"] <= possible + 2, (sure, flow["late"], possible))
+        self.assertTrue(sure <= flow["late"] <= possible, (sure, flow["late"], possible))
         self.assertEqual(code, 1)
         self.assertIsNotNone(flow["age"])
         print(f"age ns: {flow['age']}; late {flow['late']}, by its own log {sure} to {possible}", file=sys.stderr)
@@ -155,8 +154,8 @@ class Listen(unittest.TestCase):
         self.assertEqual(len(rows["/cmd_vel period"]), len(taken) - 1)
         self.assertEqual([fate for _, fate in rows["/cmd_vel period"]].count(LATE), flow["late"])
         # Each period is that of the taker's own log, but for when it read its clock.
-        off = [period - gap for (period, _), gap in zip(rows["/cmd_vel period"], gaps) if abs(period - gap) > 20_000_000]
-        self.assertLessEqual(len(off), 4, off)
+        for (period, _), gap in zip(rows["/cmd_vel period"], gaps):
+            self.assertAlmostEqual(period, gap, delta=20_000_000)
         self.assertEqual(len(rows["/cmd_vel age"]), flow["age"]["count"])
         self.assertEqual(max(age for age, _ in rows["/cmd_vel age"]), flow["age"]["max_ns"])
         self.assertEqual((runs["/cmd_vel period"]["late"], runs["/cmd_vel period"]["sent"]), (flow["late"] + 1, len(taken)))
@@ -374,9 +373,10 @@ runs:
         code, seen = self.end(listener, publisher, taker)
         self.assertEqual(code, 1)
         why = [miss["why"] for miss in seen["misses"]]
-        # A busy machine may delay it beside, by a process that is named rightly.
-        accused = [one for one in why if one["culprit"] or one["cause"] in ("cpu", "interrupts", "throttled")]
-        self.assertGreaterEqual(len(why) - len(accused), 4, accused)
+        self.assertGreaterEqual(len(why), 4)
+        for one in why:
+            self.assertIsNone(one["culprit"], one)
+            self.assertNotIn(one["cause"], ("cpu", "interrupts", "throttled"), one)
 
     def test_trace_of_a_killed_listener_goes_with_the_next(self):
         nodes = self.pair(100)

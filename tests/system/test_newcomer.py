@@ -5,12 +5,13 @@
 import os
 import pathlib
 import pty
+import re
 import subprocess
 import tempfile
 import termios
 import unittest
 
-ONTIME = os.environ["ONTIME"]
+from program import ONTIME, eventually, sample_count
 
 
 class Newcomer(unittest.TestCase):
@@ -102,6 +103,17 @@ class Newcomer(unittest.TestCase):
         os.close(ours)
         child.wait(timeout=120)
         return shown
+
+    def test_watch_draws_anew_where_it_drew_before_in_a_narrow_terminal(self):
+        with subprocess.Popen([ONTIME, "ping", "--transport", "udp", "--loopback", "--duration", "4 s", "--results", "r.ontime"],
+                              cwd=self.folder, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as ping:
+            self.assertTrue(eventually(lambda: sample_count(self.folder / "r.ontime") > 0), ping.poll())
+            shown = self.on_a_terminal("watch", "r.ontime", columns=40, LC_ALL="C.UTF-8").decode().replace("\r\n", "\n")
+        first, *others = re.split("\x1b\\[([0-9]+)A\x1b\\[J", shown)
+        self.assertGreater(len(others), 0, shown)
+        for before, up in zip([first, *others[1::2]], others[::2]):
+            rows = sum(max(1, -(-len(line) // 40)) for line in before.rstrip("\n").split("\n"))
+            self.assertEqual(int(up), rows, before)
 
     def test_a_terminal_without_utf_8_gets_ascii_and_no_colour(self):
         for arguments in (["--help"], ["ping", "--help"], ["reprot"],

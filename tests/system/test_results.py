@@ -401,6 +401,14 @@ class Results(unittest.TestCase):
                                 (["--format", "x"], "'x'"), (["--output", self.results], "is a results file")):
             self.assertIn(word, self.ontime("export", self.results, *arguments, code=2).stderr)
         self.ontime("export", self.results, "--output", self.folder / "no" / "out.csv", code=3)
+        # As a process of the same number left it that was killed.
+        again = subprocess.run(["sh", "-c", 'echo old >again.csv.part-$$; exec "$@"', "sh", ONTIME, "export", self.results,
+                                "--output", "again.csv"], cwd=self.folder, capture_output=True, text=True)
+        self.assertEqual(again.returncode, 0, again.stderr)
+        self.assertEqual((self.folder / "again.csv").read_bytes(), (self.folder / "out.csv").read_bytes())
+        (left,) = self.folder.glob("again.csv.part-*")
+        self.assertEqual(left.read_text(), "old\n", "it may be another's")
+        left.unlink()
         with open("/dev/full", "w") as full:
             for arguments in (["export", self.results], ["--help"]):
                 self.assertEqual(subprocess.run([ONTIME, *arguments], stdout=full, stderr=full).returncode, 3)

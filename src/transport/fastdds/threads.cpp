@@ -33,9 +33,8 @@ struct SystemCall {
 
 std::filesystem::path task_folder(pid_t tid) { return "/proc/self/task/" + std::to_string(tid); }
 
-bool tells_its_role(const SystemCall& call) {
-  return call.number == SYS_recvmsg || call.number == SYS_recvfrom || call.number == SYS_futex;
-}
+bool receives_in(const SystemCall& call) { return call.number == SYS_recvmsg || call.number == SYS_recvfrom; }
+bool tells_its_role(const SystemCall& call) { return receives_in(call) || call.number == SYS_futex; }
 
 // What the thread sleeps in; nothing if it runs until then, or if the kernel does not tell. A call that tells
 // nothing may be one in passing: a thread that was just started maps its memory first.
@@ -130,7 +129,7 @@ std::vector<std::string> roles_by_order(std::size_t threads, int domain) {
 
 // `before_receivers`: nothing that receives was started before it.
 Thread by_what_it_sleeps_in(pid_t tid, const SystemCall& call, bool before_receivers, int domain) {
-  if (call.number == SYS_recvmsg || call.number == SYS_recvfrom) {
+  if (receives_in(call)) {
     const int port = port_of(static_cast<int>(call.first_argument));
     return {tid, role_of_port(port, domain), name_of(tid) + ":" + std::to_string(port)};
   }
@@ -154,7 +153,8 @@ std::vector<Thread> tell_apart(const std::vector<pid_t>& threads, int domain) {
     const std::size_t place = found.size();
     const bool before_receivers = std::none_of(found.begin(), found.end(), receives);
     const auto call = sleeps_in(tid, until_ns);
-    if (call && (tells_its_role(*call) || by_order.empty()))
+    // Any thread may wait for a lock as it is looked at: where the order tells, it tells more than that.
+    if (call && (receives_in(*call) || by_order.empty()))
       found.push_back(by_what_it_sleeps_in(tid, *call, before_receivers, domain));
     else
       found.push_back({tid, place < by_order.size() ? by_order[place] : "unknown", name_of(tid)});

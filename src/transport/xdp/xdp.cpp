@@ -186,7 +186,7 @@ class Queue {
     config.libxdp_flags = XSK_LIBXDP_FLAGS__INHIBIT_PROG_LOAD;
     config.bind_flags = XDP_USE_NEED_WAKEUP;
     // The kernel frees a queue some time after its socket was closed.
-    const std::int64_t end_ns = now_ns() + 10'000'000'000;
+    const std::int64_t end_ns = now_ns() + 1'000'000'000;
     int error = EBUSY;
     while (true) {
       error = -xsk_socket__create(&socket_.handle, link.name.c_str(), number_, umem_.handle, &received_,
