@@ -20,13 +20,13 @@ import urllib.parse
 import urllib.request
 
 from program import eventually
-from test_listen import ENVIRONMENT, NODE, ONTIME, begin, changed_code, log_of
+from test_listen import ENVIRONMENT, NODE, ONTIME, begin, log_of, until_probed
 
 ROOT = pathlib.Path(__file__).resolve().parent.parent.parent
 ALERTS, DASHBOARD = (ROOT / "prometheus" / name for name in ("alerts.yml", "dashboard.json"))
 ROBOTS = ("robot1", "robot2", "robot3")
 SERVER = "http://127.0.0.1:9090"
-MESSAGES, PERIOD_US = 12000, 2000  # longer than a busy machine takes to set the probes
+MESSAGES, PERIOD_US = 6000, 2000
 HISTOGRAMS = ("ontime_topic_age_seconds", "ontime_topic_period_seconds")
 
 
@@ -93,7 +93,7 @@ class Fleet(unittest.TestCase):
             arguments = [] if robot == ROBOTS[0] else ["--no-explain"]
             cls.listeners[robot] = cls.start(robot, ONTIME, "listen", f"/{robot}/cmd_vel", "--deadline", "15ms", "--metrics",
                                              f"{address_of(robot)}:9464", *arguments)
-            assert eventually(lambda robot=robot: all(changed_code(node.pid) > 0 for node in cls.nodes[robot]))
+        until_probed([node for robot in ROBOTS for node in cls.nodes[robot]])
         assert eventually(lambda: by_robot("up") == dict.fromkeys(ROBOTS, 1)), by_robot("up")
         for robot in ROBOTS:
             begin(cls.nodes[robot][0])
@@ -197,13 +197,14 @@ class Fleet(unittest.TestCase):
         robot = ROBOTS[1]
         before = messages_of(robot)
         self.start_nodes(robot)
-        self.assertTrue(eventually(lambda: all(changed_code(node.pid) > 0 for node in self.nodes[robot])))
+        until_probed(self.nodes[robot])
         begin(self.nodes[robot][0])
         self.assertTrue(eventually(lambda: messages_of(robot) > before + 1000))
         for node in self.nodes[robot]:
             node.kill()
             node.wait()
         self.start_nodes(robot)
+        until_probed(self.nodes[robot])
         begin(self.nodes[robot][0])
         now = messages_of(robot)
         self.assertTrue(eventually(lambda: messages_of(robot) > now + 500))
