@@ -2,7 +2,6 @@
 #include "trace/decoder.hpp"
 
 #include <algorithm>
-#include <array>
 #include <bit>
 #include <cstring>
 
@@ -12,14 +11,6 @@
 namespace ontime::trace {
 namespace {
 
-// A tracepoint, what its fields are to us, and what cannot be told without it. `common_pid` is who ran.
-struct Wanted {
-  Kind kind;
-  const char *system, *name, *filter;
-  const char *thread, *thread_name, *thread_priority, *other, *other_name, *other_priority, *what, *packet,
-      *bytes;
-  const char* tells;  // "": another stands in for it
-};
 constexpr const char* running = "common_pid";
 constexpr const char* none = "";
 constexpr const char* internet = "protocol == 0x800 || protocol == 0x86dd";
@@ -31,49 +22,41 @@ constexpr const char* stop_or_go = "sig >= 18 && sig <= 20";  // SIGCONT, SIGSTO
 constexpr const char *switches = "events/sched/sched_switch/trigger", *stack = "stacktrace",
                      *of_those_that_wait = "stacktrace if prev_state == 2";
 
+// A tracepoint, what cannot be told without it ("": another stands in for it), and what its fields are to us.
+// `common_pid` is who ran.
+struct Wanted {
+  Kind kind;
+  const char *system, *name, *tells = none, *what = none, *filter = none, *packet = none, *bytes = none;
+  const char *thread = running, *thread_name = none, *thread_priority = none;
+  const char *other = none, *other_name = none, *other_priority = none;
+};
 constexpr Wanted wanted[] = {
-    {Kind::switched, "sched", "sched_switch", none, "prev_pid", "prev_comm", "prev_prio", "next_pid",
-     "next_comm", "next_prio", "prev_state", none, none, "who had the CPU"},
-    {Kind::waking, "sched", "sched_waking", none, "pid", "comm", "prio", running, none, none, "target_cpu",
-     none, none, "when a thread was woken"},
-    {Kind::interrupt, "irq", "irq_handler_entry", none, running, none, none, none, none, none, "name", none,
-     none, "which interrupts took the CPU"},
-    {Kind::interrupt_end, "irq", "irq_handler_exit", none, running, none, none, none, none, none, none, none,
-     none, none},
-    {Kind::soft_interrupt, "irq", "softirq_entry", none, running, none, none, none, none, none, "vec", none,
-     none, "which softirqs took the CPU"},
-    {Kind::soft_interrupt_end, "irq", "softirq_exit", none, running, none, none, none, none, none, "vec",
-     none, none, none},
-    {Kind::timer, "irq_vectors", "local_timer_entry", none, running, none, none, none, none, none, none, none,
-     none, none},
-    {Kind::timer_end, "irq_vectors", "local_timer_exit", none, running, none, none, none, none, none, none,
-     none, none, none},
-    {Kind::queued, "net", "net_dev_queue", none, running, none, none, none, none, none, "name", "skbaddr",
-     "len", "when a packet was queued"},
-    {Kind::sent, "net", "net_dev_start_xmit", none, running, none, none, none, none, none, "name", "skbaddr",
-     "len", "when a packet left the queue"},
-    {Kind::received, "net", "netif_receive_skb", none, running, none, none, none, none, none, "name",
-     "skbaddr", "len", "when a packet arrived"},
-    {Kind::dropped, "skb", "kfree_skb", internet, running, none, none, none, none, none, "reason", "skbaddr",
-     none, "that a packet was dropped"},
-    {Kind::signal, "signal", "signal_generate", stop_or_go, "pid", "comm", none, running, none, none, "sig",
-     none, none, "who stopped a thread"},
-    {Kind::waits, "ftrace", "kernel_stack", none, running, none, none, none, none, none, "caller", none, none,
-     "what a thread waits for in the kernel"},
-    {Kind::moved, "sched", "sched_migrate_task", none, "pid", "comm", "prio", running, none, none, "dest_cpu",
-     none, none, "which CPU a thread was to run on"},
-    {Kind::reclaim, "vmscan", "mm_vmscan_direct_reclaim_begin", none, running, none, none, none, none, none,
-     none, none, none, none},
-    {Kind::reclaim_end, "vmscan", "mm_vmscan_direct_reclaim_end", none, running, none, none, none, none, none,
-     none, none, none, none},
-    {Kind::freeze, "cgroup", "cgroup_freeze", none, running, none, none, none, none, none, "path", none, none,
-     none},
-    {Kind::thaw, "cgroup", "cgroup_unfreeze", none, running, none, none, none, none, none, "path", none, none,
-     none},
-    {Kind::no_route, "fib", "fib_table_lookup", by_no_table, running, none, none, none, none, none, none,
-     none, none, "that there was no route"},
-    {Kind::no_neighbour, "neigh", "neigh_event_send_done", it_waits, running, none, none, none, none, none,
-     none, none, none, "that no host on the link had the address"}};
+    {Kind::switched, "sched", "sched_switch", "who had the CPU", "prev_state", none, none, none, "prev_pid",
+     "prev_comm", "prev_prio", "next_pid", "next_comm", "next_prio"},
+    {Kind::waking, "sched", "sched_waking", "when a thread was woken", "target_cpu", none, none, none, "pid",
+     "comm", "prio", running},
+    {Kind::interrupt, "irq", "irq_handler_entry", "which interrupts took the CPU", "name"},
+    {Kind::interrupt_end, "irq", "irq_handler_exit"},
+    {Kind::soft_interrupt, "irq", "softirq_entry", "which softirqs took the CPU", "vec"},
+    {Kind::soft_interrupt_end, "irq", "softirq_exit", none, "vec"},
+    {Kind::timer, "irq_vectors", "local_timer_entry"},
+    {Kind::timer_end, "irq_vectors", "local_timer_exit"},
+    {Kind::queued, "net", "net_dev_queue", "when a packet was queued", "name", none, "skbaddr", "len"},
+    {Kind::sent, "net", "net_dev_start_xmit", "when a packet left the queue", "name", none, "skbaddr", "len"},
+    {Kind::received, "net", "netif_receive_skb", "when a packet arrived", "name", none, "skbaddr", "len"},
+    {Kind::dropped, "skb", "kfree_skb", "that a packet was dropped", "reason", internet, "skbaddr"},
+    {Kind::signal, "signal", "signal_generate", "who stopped a thread", "sig", stop_or_go, none, none, "pid",
+     "comm", none, running},
+    {Kind::waits, "ftrace", "kernel_stack", "what a thread waits for in the kernel", "caller"},
+    {Kind::moved, "sched", "sched_migrate_task", "which CPU a thread was to run on", "dest_cpu", none, none,
+     none, "pid", "comm", "prio", running},
+    {Kind::reclaim, "vmscan", "mm_vmscan_direct_reclaim_begin"},
+    {Kind::reclaim_end, "vmscan", "mm_vmscan_direct_reclaim_end"},
+    {Kind::freeze, "cgroup", "cgroup_freeze", none, "path"},
+    {Kind::thaw, "cgroup", "cgroup_unfreeze", none, "path"},
+    {Kind::no_route, "fib", "fib_table_lookup", "that there was no route", none, by_no_table},
+    {Kind::no_neighbour, "neigh", "neigh_event_send_done", "that no host on the link had the address", none,
+     it_waits}};
 
 // The kernel's TASK_*, of which those above 0x80 are not said to user space. It may add that a thread was
 // pre-empted; ready it is then as well.
@@ -94,24 +77,15 @@ Decoder::Decoder(const Tracefs& tracefs) : tep_(tep_alloc(), tep_free) {
   tep_set_long_size(tep_.get(), sizeof(long));
   tep_set_file_bigendian(tep_.get(),
                          std::endian::native == std::endian::big ? TEP_BIG_ENDIAN : TEP_LITTLE_ENDIAN);
-  for (const auto& one : wanted) {
+  const auto understands = [&](const Wanted& one) {
     const auto path = fmt::format("events/{}/{}", one.system, one.name);
-    const auto miss = [&] {
-      if (*one.tells != '\0') missing_.push_back(fmt::format("{}:{} ({})", one.system, one.name, one.tells));
-    };
     const bool is_there = tracefs.has(path + "/format");
     const bool can_be = one.kind != Kind::waits || tracefs.read(switches).find(stack) != std::string::npos;
-    if (!is_there || !can_be) {
-      miss();
-      continue;
-    }
+    if (!is_there || !can_be) return false;
     const auto format = tracefs.read(path + "/format");
     tep_parse_event(tep_.get(), format.data(), format.size(), one.system);
     auto* const event = tep_find_event_by_name(tep_.get(), one.system, one.name);
-    if (event == nullptr) {
-      miss();
-      continue;
-    }
+    if (event == nullptr) return false;
     bool whole = true;
     const auto field = [&](const char* name) -> Field {
       if (*name == '\0') return {};
@@ -137,25 +111,24 @@ Decoder::Decoder(const Tracefs& tracefs) : tep_(tep_alloc(), tep_free) {
                       field(one.packet),
                       field(one.bytes),
                       field(one.kind == Kind::dropped ? "location" : none)};
-    if (!whole) {
-      miss();
-      continue;
-    }
+    if (!whole) return false;
     shapes_.emplace(event->id, shape);
     if (one.kind == Kind::waits) {
       settings_.push_back({switches, of_those_that_wait});
-      continue;
+      return true;
     }
     if (*one.filter != '\0') settings_.push_back({path + "/filter", one.filter});
     settings_.push_back({path + "/enable", "1"});
-  }
+    return true;
+  };
+  for (const auto& one : wanted)
+    if (!understands(one) && *one.tells != '\0')
+      missing_.push_back(fmt::format("{}:{} ({})", one.system, one.name, one.tells));
   for (const auto kind : {Kind::switched, Kind::waking})
-    if (std::none_of(shapes_.begin(), shapes_.end(),
-                     [&](const auto& shape) { return shape.second.kind == kind; }))
+    if (std::ranges::none_of(shapes_, [&](const auto& shape) { return shape.second.kind == kind; }))
       throw Error(
           "this kernel has no tracepoints sched:sched_switch and sched:sched_waking as they are understood "
-          "here, and "
-          "nothing can be explained without");
+          "here, and nothing can be explained without");
 }
 
 const Decoder::Shape* Decoder::shape_of(const RawEvent& event) const {

@@ -11,10 +11,7 @@ namespace {
 
 using journal::Value;
 
-constexpr const char* name = "ontime-trace";
-constexpr const char* path = "instances/ontime-trace";
-
-bool accepts(const std::string& what) { return what == name; }
+bool accepts(const std::string& what) { return what == instance_name; }
 
 template <class Job>
 auto on_tracefs(Job job) {
@@ -28,19 +25,17 @@ auto on_tracefs(Job job) {
 Value read(const std::string&) {
   return on_tracefs([](const Tracefs& tracefs) -> Value {
     struct stat found {};
-    if (!tracefs.look(path, found)) return {};
+    if (!tracefs.look(instance_path, found)) return {};
     return fmt::format("{}", found.st_ino);
   });
 }
 
 void write(const std::string&, const Value& value, const Value&) {
-  on_tracefs([&](const Tracefs& tracefs) { value ? tracefs.make(path) : tracefs.remove(path); });
+  on_tracefs(
+      [&](const Tracefs& tracefs) { value ? tracefs.make(instance_path) : tracefs.remove(instance_path); });
 }
 
 }  // namespace
-
-const char* const instance_name = name;
-const char* const instance_path = path;
 
 const journal::Kind instance_kind = {.name = "trace-instance",
                                      .scope = journal::Scope::machine,

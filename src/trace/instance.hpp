@@ -7,7 +7,7 @@
 namespace ontime::trace {
 
 extern const journal::Kind instance_kind;
-extern const char* const instance_name;
-extern const char* const instance_path;  // within tracefs
+inline constexpr const char* instance_name = "ontime-trace";
+inline constexpr const char* instance_path = "instances/ontime-trace";  // within tracefs
 
 }  // namespace ontime::trace

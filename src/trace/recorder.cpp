@@ -68,11 +68,9 @@ class Now {
     for (const auto* threads : {&awake_, &waits_})
       for (const auto& [thread, event] : *threads) all.push_back(event);
     const auto key = [](const RawEvent& event) { return std::pair(event.at_ns, event.bytes.data()); };
-    std::sort(all.begin(), all.end(),
-              [&](const auto& one, const auto& other) { return key(one) < key(other); });
-    all.erase(std::unique(all.begin(), all.end(),
-                          [&](const auto& one, const auto& other) { return key(one) == key(other); }),
-              all.end());
+    std::ranges::sort(all, {}, key);
+    const auto repeated = std::ranges::unique(all, {}, key);
+    all.erase(repeated.begin(), repeated.end());
     return all;
   }
 
@@ -106,8 +104,7 @@ class Recorder::Drain {
     if (tracefs_.has(instance_path))
       throw Error(
           fmt::format("tracefs has an instance {} that another ontime uses, or that was not removed: if "
-                      "no process traces, remove it "
-                      "(rmdir /sys/kernel/tracing/{})",
+                      "no process traces, remove it (rmdir /sys/kernel/tracing/{})",
                       instance_name, instance_path));
     journal_.change(instance_kind, instance_name, journal::to_be_made);
     try {
@@ -135,11 +132,8 @@ class Recorder::Drain {
     std::vector<Window> windows;
     windows.reserve(spans.size());
     if (spans.empty()) return windows;
-    std::sort(spans.begin(), spans.end(),
-              [](const Span& one, const Span& other) { return one.from_ns < other.from_ns; });
-    const auto last_ns = std::max_element(spans.begin(), spans.end(), [](const Span& one, const Span& other) {
-                           return one.to_ns < other.to_ns;
-                         })->to_ns;
+    std::ranges::sort(spans, {}, &Span::from_ns);
+    const auto last_ns = std::ranges::max(spans, {}, &Span::to_ns).to_ns;
     const std::lock_guard lock(mutex_);
     read();
     const auto events = ring_.between(spans.front().from_ns - look_back_ns, last_ns);

@@ -20,8 +20,6 @@ Ring::Ring(std::size_t cpus, std::size_t most_bytes)
       cpus_(cpus),
       page_(kbuffer_alloc(KBUFFER_LSIZE_SAME_AS_HOST, KBUFFER_ENDIAN_SAME_AS_HOST), kbuffer_free) {}
 
-Ring::~Ring() = default;
-
 void Ring::add(std::int32_t cpu, std::span<const std::byte> from) {
   Page page{0, 0, false, {from.begin(), from.end()}};
   if (kbuffer_load_subbuffer(page_.get(), page.bytes.data()) != 0) return;
@@ -37,15 +35,12 @@ void Ring::add(std::int32_t cpu, std::span<const std::byte> from) {
 }
 
 void Ring::give_up_oldest() {
-  Cpu* oldest = nullptr;
-  for (auto& cpu : cpus_)
-    if (!cpu.pages.empty() &&
-        (oldest == nullptr || cpu.pages.front().begin_ns < oldest->pages.front().begin_ns))
-      oldest = &cpu;
-  if (oldest == nullptr) return;
-  oldest->gone_ns = oldest->pages.front().end_ns;
-  bytes_ -= oldest->pages.front().bytes.size();
-  oldest->pages.pop_front();
+  auto& oldest = *std::ranges::min_element(cpus_, {}, [](const Cpu& cpu) {
+    return cpu.pages.empty() ? std::numeric_limits<std::int64_t>::max() : cpu.pages.front().begin_ns;
+  });
+  oldest.gone_ns = oldest.pages.front().end_ns;
+  bytes_ -= oldest.pages.front().bytes.size();
+  oldest.pages.pop_front();
 }
 
 std::vector<RawEvent> Ring::between(std::int64_t from_ns, std::int64_t to_ns) {
@@ -63,8 +58,7 @@ std::vector<RawEvent> Ring::between(std::int64_t from_ns, std::int64_t to_ns) {
                static_cast<std::int32_t>(cpu),
                {static_cast<std::byte*>(event), static_cast<std::size_t>(kbuffer_event_size(page_.get()))}});
     }
-  std::stable_sort(events.begin(), events.end(),
-                   [](const auto& one, const auto& other) { return one.at_ns < other.at_ns; });
+  std::ranges::stable_sort(events, {}, &RawEvent::at_ns);
   return events;
 }
 

@@ -6,7 +6,6 @@
 #include <cstddef>
 #include <cstdint>
 #include <deque>
-#include <functional>
 #include <memory>
 #include <span>
 #include <vector>
@@ -25,9 +24,6 @@ struct RawEvent {
 class Ring {
  public:
   Ring(std::size_t cpus, std::size_t most_bytes);
-  ~Ring();
-  Ring(const Ring&) = delete;
-  Ring& operator=(const Ring&) = delete;
 
   // A page as `trace_pipe_raw` gives it. The oldest of all make room for it.
   void add(std::int32_t cpu, std::span<const std::byte> page);

@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <algorithm>
-#include <array>
 #include <iterator>
 #include <utility>
 
@@ -13,27 +12,11 @@ namespace {
 
 using nlohmann::json;
 
-constexpr std::array<std::pair<Kind, const char*>, 21> words{{{Kind::switched, "switch"},
-                                                              {Kind::waking, "waking"},
-                                                              {Kind::interrupt, "interrupt"},
-                                                              {Kind::interrupt_end, "interrupt-end"},
-                                                              {Kind::soft_interrupt, "softirq"},
-                                                              {Kind::soft_interrupt_end, "softirq-end"},
-                                                              {Kind::timer, "timer"},
-                                                              {Kind::timer_end, "timer-end"},
-                                                              {Kind::queued, "queued"},
-                                                              {Kind::sent, "sent"},
-                                                              {Kind::received, "received"},
-                                                              {Kind::dropped, "dropped"},
-                                                              {Kind::signal, "signal"},
-                                                              {Kind::waits, "waits"},
-                                                              {Kind::moved, "moved"},
-                                                              {Kind::reclaim, "reclaim"},
-                                                              {Kind::reclaim_end, "reclaim-end"},
-                                                              {Kind::freeze, "freeze"},
-                                                              {Kind::thaw, "thaw"},
-                                                              {Kind::no_route, "no-route"},
-                                                              {Kind::no_neighbour, "no-neighbour"}}};
+constexpr const char* words[] = {  // by Kind
+    "switch",    "waking",  "interrupt",   "interrupt-end", "softirq", "softirq-end", "timer",
+    "timer-end", "queued",  "sent",        "received",      "dropped", "signal",      "waits",
+    "moved",     "reclaim", "reclaim-end", "freeze",        "thaw",    "no-route",    "no-neighbour"};
+static_assert(std::size(words) == static_cast<std::size_t>(Kind::no_neighbour) + 1);
 
 // No clock that counts from a machine's start shows more: 36 years.
 constexpr std::int64_t latest_ns = std::int64_t{1} << 60;
@@ -105,15 +88,11 @@ Event event_of(const json& object, std::int64_t from_ns) {
 
 }  // namespace
 
-const char* word_of(Kind kind) {
-  return std::find_if(words.begin(), words.end(), [&](const auto& word) { return word.first == kind; })
-      ->second;
-}
+const char* word_of(Kind kind) { return words[static_cast<std::size_t>(kind)]; }
 
 std::optional<Kind> kind_of(const std::string& word) {
-  const auto* const found =
-      std::find_if(words.begin(), words.end(), [&](const auto& one) { return one.second == word; });
-  return found == words.end() ? std::nullopt : std::optional(found->first);
+  const auto* const found = std::find(std::begin(words), std::end(words), word);
+  return found == std::end(words) ? std::nullopt : std::optional(static_cast<Kind>(found - words));
 }
 
 std::int32_t running_at(const Event& event) {
@@ -142,8 +121,7 @@ Window window_of(const json& object) {
   if (events.size() > most_of_file)
     throw Error(fmt::format("{} events, and a window has at most {}", events.size(), most_of_file));
   for (const auto& event : events) window.events.push_back(event_of(event, window.span.from_ns));
-  if (!std::is_sorted(window.events.begin(), window.events.end(),
-                      [](const Event& one, const Event& other) { return one.at_ns < other.at_ns; }))
+  if (!std::ranges::is_sorted(window.events, {}, &Event::at_ns))
     throw Error("events that are not in the order of their times");
   return window;
 }
