@@ -2,8 +2,6 @@
 // Prometheus's text format, version 0.0.4.
 #pragma once
 
-#include <array>
-#include <cstdint>
 #include <initializer_list>
 #include <string>
 #include <string_view>

@@ -3,7 +3,6 @@
 #include <deque>
 #include <filesystem>
 #include <system_error>
-#include <utility>
 
 #include "watch/watch.hpp"
 
@@ -20,48 +19,33 @@ constexpr std::size_t most_worst = 3;
 // As the coordinator says when it begins: what would disturb the link is sent afterwards.
 bool samples_wait(const record::Reader& reader, std::int64_t run) {
   const auto notes = reader.notes(run);
-  return std::any_of(notes.begin(), notes.end(),
-                     [](const auto& note) { return note.kind == "samples-wait"; });
+  return std::ranges::any_of(notes, [](const auto& note) { return note.kind == "samples-wait"; });
+}
+
+void add(Counted& all, const Sample& sample, std::int64_t start_ns) {
+  ++all.sent;
+  all.skipped_cycles += sample.skipped_cycles;
+  if (sample.fate == Fate::lost) {
+    ++all.lost;
+    return;
+  }
+  ++(sample.fate == Fate::late ? all.late : all.on_time);
+  const auto response_ns = sample.received_ns - sample.intended_ns;
+  all.round_trip.add(sample.received_ns - sample.sent_ns);
+  all.response_max_ns = std::max(all.response_max_ns, response_ns);
+  if (all.worst.size() == most_worst && response_ns <= all.worst.back().response_ns) return;
+  all.worst.push_back({sample.index, static_cast<double>(sample.intended_ns - start_ns) / 1e9,
+                       sample.received_ns - sample.sent_ns, response_ns});
+  std::ranges::stable_sort(all.worst, std::ranges::greater(), &Worst::response_ns);
+  if (all.worst.size() > most_worst) all.worst.pop_back();
 }
 
 }  // namespace
 
-// What does not change any more, and from which message on it may.
-class Follower::Course {
- public:
-  void add(const Sample& sample) {
-    ++sent;
-    skipped_cycles += sample.skipped_cycles;
-    if (sample.fate == Fate::lost) {
-      ++lost;
-      return;
-    }
-    ++(sample.fate == Fate::late ? late : on_time);
-    const auto response_ns = sample.received_ns - sample.intended_ns;
-    round_trip.add(sample.received_ns - sample.sent_ns);
-    response_max_ns = std::max(response_max_ns, response_ns);
-    if (worst.size() == most_worst && response_ns <= worst.back().response_ns) return;
-    worst.push_back({sample.index, static_cast<double>(sample.intended_ns - *start_ns) / 1e9,
-                     sample.received_ns - sample.sent_ns, response_ns});
-    std::stable_sort(worst.begin(), worst.end(), [](const Worst& one, const Worst& other) {
-      return one.response_ns > other.response_ns;
-    });
-    if (worst.size() > most_worst) worst.pop_back();
-  }
-
-  std::uint64_t sent = 0, on_time = 0, late = 0, lost = 0, skipped_cycles = 0;
-  Buckets round_trip;
-  std::int64_t response_max_ns = 0;
-  std::vector<Worst> worst;
-  std::optional<std::int64_t> start_ns;
-  std::uint64_t next = 0;
-};
-
-Follower::Follower(std::string results) : results_(std::move(results)), course_(std::make_unique<Course>()) {}
-Follower::~Follower() = default;
-
 void Follower::begin(const record::Run& run) {
-  *course_ = Course();
+  settled_ = {};
+  start_ns_.reset();
+  next_ = 0;
   progress_ = {};
   progress_.run = run;
   if (const auto duration = run.asked.task.client.duration; duration.count() > 0)
@@ -104,31 +88,23 @@ void Follower::look_once() {
   }
 
   // What is settled is added for good, the newest anew each time.
-  auto& settled = *course_;
   std::deque<Sample> unsettled;
   if (progress_.run.number > 0 && !progress_.run.asked.keeps_worst())
-    reader.each_sample(progress_.run.number, settled.next, [&](const Sample& sample) {
-      if (!settled.start_ns) settled.start_ns = sample.intended_ns;
+    reader.each_sample(progress_.run.number, next_, [&](const Sample& sample) {
+      if (!start_ns_) start_ns_ = sample.intended_ns;
       unsettled.push_back(sample);
       for (; unsettled.front().intended_ns < sample.intended_ns - may_change_ns; unsettled.pop_front()) {
-        settled.add(unsettled.front());
-        settled.next = unsettled.front().index + 1;
+        add(settled_, unsettled.front(), *start_ns_);
+        next_ = unsettled.front().index + 1;
       }
     });
-  auto newest = settled;
-  for (const auto& sample : unsettled) newest.add(sample);
+  auto newest = settled_;
+  for (const auto& sample : unsettled) add(newest, sample, *start_ns_);
   if (!unsettled.empty())
-    progress_.elapsed_s = static_cast<double>(unsettled.back().intended_ns - *settled.start_ns) / 1e9;
-  progress_.sent = newest.sent;
-  progress_.on_time = newest.on_time;
-  progress_.late = newest.late;
-  progress_.lost = newest.lost;
-  progress_.skipped_cycles = newest.skipped_cycles;
-  progress_.round_trip = newest.round_trip;
-  progress_.response_max_ns = newest.response_max_ns;
-  progress_.worst = newest.worst;
+    progress_.elapsed_s = static_cast<double>(unsettled.back().intended_ns - *start_ns_) / 1e9;
+  static_cast<Counted&>(progress_) = newest;
   const bool has_ended = !is_written || progress_.run.outcome.has_ended();
-  progress_.lost_for_good = has_ended ? newest.lost : settled.lost;
+  progress_.lost_for_good = has_ended ? newest.lost : settled_.lost;
   progress_.samples_wait = !has_ended && newest.sent == 0 && samples_wait(reader, progress_.run.number);
   const bool under_way = !has_ended && (newest.sent > 0 || progress_.samples_wait);
   progress_.state = !is_written ? Progress::State::ended

@@ -74,14 +74,12 @@ std::string bar(std::uint64_t count, std::uint64_t most) {
   const auto length = count == 0 ? 0.0
                                  : 1 + (width - 1) * std::log(static_cast<double>(count)) /
                                            std::max(std::log(static_cast<double>(most)), 1.0);
-  std::string text;
-  for (int i = 0; i < static_cast<int>(length); ++i) text += "█";
-  return text;
+  return fmt::format("{:█<{}}", "", static_cast<int>(length));
 }
 
 std::string histogram_of(const Buckets& buckets) {
   const auto [first, end] = filled(buckets);
-  const auto most = *std::max_element(buckets.counts().begin(), buckets.counts().end());
+  const auto most = std::ranges::max(buckets.counts());
   std::string text;
   for (auto i = first; i < end; ++i) {
     const bool beyond = i + 1 == Buckets::size;
@@ -94,15 +92,8 @@ std::string histogram_of(const Buckets& buckets) {
 double in_us(std::int64_t ns) { return static_cast<double>(ns) / 1e3; }
 
 const char* word_of(Progress::State state) {
-  switch (state) {
-    case Progress::State::waiting:
-      return "waiting";
-    case Progress::State::measuring:
-      return "measuring";
-    case Progress::State::ended:
-      break;
-  }
-  return "ended";
+  constexpr const char* words[] = {"waiting", "measuring", "ended"};
+  return words[static_cast<std::size_t>(state)];
 }
 
 double mean_ns(const Buckets& buckets) { return buckets.sum_ns() / static_cast<double>(buckets.count()); }

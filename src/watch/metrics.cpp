@@ -81,67 +81,50 @@ MHD_Result answer(void* metrics, MHD_Connection* connection, const char* target,
   const bool may = asked == MHD_HTTP_METHOD_GET || asked == MHD_HTTP_METHOD_HEAD;
   const bool is_there = target == std::string_view("/metrics");
   const auto text = may && is_there ? static_cast<Text*>(metrics)->get() : std::nullopt;
-  auto body = text       ? *text
-              : !may     ? "GET /metrics\n"
-              : is_there ? "nothing was counted yet\n"
-                         : "what there is, is at /metrics\n";
+  using Answer = std::pair<unsigned, std::string>;
+  auto [status, body] = text       ? Answer(MHD_HTTP_OK, *text)
+                        : !may     ? Answer(MHD_HTTP_METHOD_NOT_ALLOWED, "GET /metrics\n")
+                        : is_there ? Answer(MHD_HTTP_SERVICE_UNAVAILABLE, "nothing was counted yet\n")
+                                   : Answer(MHD_HTTP_NOT_FOUND, "what there is, is at /metrics\n");
   auto* response = MHD_create_response_from_buffer(body.size(), body.data(), MHD_RESPMEM_MUST_COPY);
   if (response == nullptr) return MHD_NO;
   MHD_add_response_header(response, MHD_HTTP_HEADER_CONTENT_TYPE,
                           text ? "text/plain; version=0.0.4; charset=utf-8" : "text/plain");
   MHD_add_response_header(response, MHD_HTTP_HEADER_CONNECTION, "close");
   if (!may) MHD_add_response_header(response, MHD_HTTP_HEADER_ALLOW, "GET, HEAD");
-  const auto queued = MHD_queue_response(connection,
-                                         text       ? MHD_HTTP_OK
-                                         : !may     ? MHD_HTTP_METHOD_NOT_ALLOWED
-                                         : is_there ? MHD_HTTP_SERVICE_UNAVAILABLE
-                                                    : MHD_HTTP_NOT_FOUND,
-                                         response);
+  const auto queued = MHD_queue_response(connection, status, response);
   MHD_destroy_response(response);
   return queued;
 }
 
 }  // namespace
 
-class Metrics::Server {
- public:
-  explicit Server(const Endpoint& to) : host_(to.host) {
-    errno = 0;
-    daemon_ = MHD_start_daemon(
-        MHD_USE_POLL_INTERNAL_THREAD | (to.address.ss_family == AF_INET6 ? MHD_USE_IPv6 : MHD_NO_FLAG),
-        to.port, nullptr, nullptr, answer, &text_, MHD_OPTION_SOCK_ADDR, &to.address,
-        MHD_OPTION_CONNECTION_LIMIT, most_at_once, MHD_OPTION_CONNECTION_TIMEOUT, patience_s,
-        MHD_OPTION_CONNECTION_MEMORY_LIMIT, longest_request, MHD_OPTION_END);
-    if (daemon_ == nullptr) throw std::system_error(errno, std::generic_category());
-  }
-  ~Server() { MHD_stop_daemon(daemon_); }
-  Server(const Server&) = delete;
-  Server& operator=(const Server&) = delete;
-
-  std::string address() const {
-    return fmt::format("{}:{}", host_, MHD_get_daemon_info(daemon_, MHD_DAEMON_INFO_BIND_PORT)->port);
-  }
-  void set(std::string text) { text_.set(std::move(text)); }
-
- private:
-  const std::string host_;
-  Text text_;
-  MHD_Daemon* daemon_;
+struct Metrics::Server {
+  std::string host;
+  Text text;
+  std::unique_ptr<MHD_Daemon, void (*)(MHD_Daemon*)> daemon{nullptr, MHD_stop_daemon};
 };
 
-Metrics::Metrics(const std::string& address) {
-  const auto endpoint = endpoint_of(address);
-  try {
-    server_ = std::make_unique<Server>(endpoint);
-  } catch (const std::system_error& error) {
+Metrics::Metrics(const std::string& address) : server_(std::make_unique<Server>()) {
+  const auto to = endpoint_of(address);
+  server_->host = to.host;
+  errno = 0;
+  server_->daemon.reset(MHD_start_daemon(
+      MHD_USE_POLL_INTERNAL_THREAD | (to.address.ss_family == AF_INET6 ? MHD_USE_IPv6 : MHD_NO_FLAG), to.port,
+      nullptr, nullptr, answer, &server_->text, MHD_OPTION_SOCK_ADDR, &to.address,
+      MHD_OPTION_CONNECTION_LIMIT, most_at_once, MHD_OPTION_CONNECTION_TIMEOUT, patience_s,
+      MHD_OPTION_CONNECTION_MEMORY_LIMIT, longest_request, MHD_OPTION_END));
+  if (!server_->daemon)
     throw std::runtime_error(fmt::format("{} cannot be listened at: {}. Choose another address or port.",
-                                         address, error.code().message()));
-  }
+                                         address, std::generic_category().message(errno)));
 }
 
 Metrics::~Metrics() = default;
 
-std::string Metrics::address() const { return server_->address(); }
-void Metrics::set(std::string text) { server_->set(std::move(text)); }
+std::string Metrics::address() const {
+  return fmt::format("{}:{}", server_->host,
+                     MHD_get_daemon_info(server_->daemon.get(), MHD_DAEMON_INFO_BIND_PORT)->port);
+}
+void Metrics::set(std::string text) { server_->text.set(std::move(text)); }
 
 }  // namespace ontime::watch

@@ -18,9 +18,7 @@ std::string labels_of(const listen::Flow& flow) {
 template <class Key, class Counts>
 void make_room(std::map<Key, Counts>& all) {
   while (all.size() > TopicCounters::most_kept)
-    all.erase(std::min_element(all.begin(), all.end(), [](const auto& one, const auto& other) {
-      return one.second.look < other.second.look;
-    }));
+    all.erase(std::ranges::min_element(all, {}, [](const auto& one) { return one.second.look; }));
 }
 
 }  // namespace
@@ -51,17 +49,11 @@ TopicCounters::Counts TopicCounters::counts_of(const listen::Flow& flow) {
           .reordered = flow.reordered,
           .age = flow.age ? spread_of(*flow.age) : Spread{},
           .period = spread_of(flow.period),
-          .silent_ns = flow.silent_ns,
-          .look = 0};
+          .silent_ns = flow.silent_ns};
 }
 
 TopicCounters::Counts TopicCounters::counts_of(const listen::ChainPath& path) {
-  Counts counts;
-  counts.messages = path.age.count();
-  counts.late = path.late;
-  counts.age = spread_of(path.age);
-  counts.silent_ns = 0;
-  return counts;
+  return {.messages = path.age.count(), .late = path.late, .age = spread_of(path.age), .silent_ns = 0};
 }
 
 // By what `now` has more than `before`.

@@ -4,7 +4,6 @@
 #pragma once
 
 #include <array>
-#include <chrono>
 #include <cstdint>
 #include <map>
 #include <memory>
@@ -45,21 +44,25 @@ struct Worst {
   std::int64_t round_trip_ns, response_ns;
 };
 
+// What became of a run's messages.
+struct Counted {
+  std::uint64_t sent = 0, on_time = 0, late = 0, lost = 0, skipped_cycles = 0;
+  Buckets round_trip;  // of messages that were answered
+  std::int64_t response_max_ns = 0;
+  std::vector<Worst> worst;  // by response, the longest first; at most 3
+};
+
 // A run as far as it is recorded.
-struct Progress {
+struct Progress : Counted {
   enum class State {
     waiting,  // ontime has the file, and between two runs, or before the first message of one
     measuring,
     ended,  // no process writes into the file any more
   } state = State::ended;
-  record::Run run;            // the newest; number 0: there is none yet
-  bool samples_wait = false;  // it is measuring, and nothing is seen of it before its end
-  std::uint64_t sent = 0, on_time = 0, late = 0, lost = 0, skipped_cycles = 0;
+  record::Run run;                  // the newest; number 0: there is none yet
+  bool samples_wait = false;        // it is measuring, and nothing is seen of it before its end
   std::uint64_t lost_for_good = 0;  // of the lost ones those that cannot prove to have been answered any more
-  Buckets round_trip;               // of messages that were answered
-  std::int64_t response_max_ns = 0;
-  std::vector<Worst> worst;          // by response, the longest first; at most 3
-  double elapsed_s = 0;              // from the first message to the newest
+  double elapsed_s = 0;             // from the first message to the newest
   std::optional<double> duration_s;  // as asked
 };
 
@@ -68,18 +71,18 @@ struct Progress {
 // is known within two seconds; the report counts all of it right.
 class Follower {
  public:
-  explicit Follower(std::string results);
-  ~Follower();
+  explicit Follower(std::string results) : results_(std::move(results)) {}
   // Throws record::Error. A file that was there and is gone has ended, as it was seen last.
   const Progress& look();
 
  private:
-  class Course;
   void look_once();
   void begin(const record::Run&);
   const std::string results_;
   bool seen_ = false;
-  std::unique_ptr<Course> course_;
+  Counted settled_;  // what does not change any more
+  std::optional<std::int64_t> start_ns_;
+  std::uint64_t next_ = 0;  // the first message that may change
   Progress progress_;
 };
 
@@ -109,11 +112,11 @@ class TopicCounters {
   };
   struct Counts {
     std::uint64_t messages = 0, late = 0;
-    std::optional<std::uint64_t> lost;  // empty: the sensor cannot tell
+    std::optional<std::uint64_t> lost{};  // empty: the sensor cannot tell
     std::uint64_t duplicated = 0, reordered = 0;
-    Spread age, period;
-    std::optional<std::int64_t> silent_ns;  // of its liveliest flow; empty: it has none any more
-    std::uint64_t look = 0;                 // the last one that saw it
+    Spread age{}, period{};
+    std::optional<std::int64_t> silent_ns{};  // of its liveliest flow; empty: it has none any more
+    std::uint64_t look = 0;                   // the last one that saw it
   };
   static Spread spread_of(const listen::Distribution&);
   static Counts counts_of(const listen::Flow&);
