@@ -6,182 +6,123 @@
 
 #include <fmt/format.h>
 
-#include "explain/callbacks.hpp"
+#include "explain/explain.hpp"
+#include "transport/shipped.hpp"
 
 namespace ontime::explain {
 namespace {
 
-using record::at;
+using roundtrip::Where;
 
 // In texts {0} is whose thread ("pong's receive thread"), {1} the culprit, {2} the thread's role.
+constexpr const char* none = "";
 struct Row {
   Cause cause;
-  const char *word, *sentence, *without_culprit;
-  std::vector<Setting> settings;  // each by itself
-  const char* advice;
+  const char *word, *without_culprit, *sentence = none, *advice = none;
+  std::vector<Setting> settings{};  // each by itself
 };
-constexpr const char* none = "";
 const Row rows[] = {
     {Cause::cpu,
      "cpu",
-     "{0} waited for a CPU while {1} ran",
      "{0} waited for a CPU",
+     "{0} waited for a CPU while {1} ran",
+     none,
      {{"realtime", "on"},
       {"realtime.{2}.priority", "above the priority of {1}"},
-      {"realtime.{2}.cpus", "other CPUs than those of {1}"}},
-     none},
-    {Cause::not_preempted,
-     "not-preempted",
-     "{0} waited for a CPU while {1} ran, whose priority is lower: the kernel did not preempt it",
+      {"realtime.{2}.cpus", "other CPUs than those of {1}"}}},
+    {Cause::not_preempted, "not-preempted",
      "{0} waited for a CPU that a thread of lower priority had: the kernel did not preempt it, or a "
      "hypervisor paused the CPU",
-     {},
+     "{0} waited for a CPU while {1} ran, whose priority is lower: the kernel did not preempt it",
      "no setting of ontime helps: a PREEMPT_RT kernel preempts sooner; pin a virtual CPU at its host"},
     {Cause::interrupts,
      "interrupts",
-     "{1} took the CPU of {0}",
      "interrupts took the CPU of {0}",
-     {{"kernel.irq-cpus", "other CPUs than that of {0}"}},
-     none},
+     "{1} took the CPU of {0}",
+     none,
+     {{"kernel.irq-cpus", "other CPUs than that of {0}"}}},
     {Cause::throttled,
      "throttled",
-     none,
      "{0} was ready, and the scheduler did not let it run: the quota of its cgroup, or real-time throttling",
-     {{"kernel.rt-throttling", "off"}},
-     "a larger quota for its cgroup (cpu.max, cpu.cfs_quota_us)"},
+     none,
+     "a larger quota for its cgroup (cpu.max, cpu.cfs_quota_us)",
+     {{"kernel.rt-throttling", "off"}}},
     {Cause::idle_cpu,
      "idle-cpu",
-     none,
      "{0} was ready, but no event shows that its CPU ran: it woke slowly, or a hypervisor paused it",
-     {{"realtime.cpu-latency", "0 us"}},
-     "pin a virtual CPU at its host: no setting in the guest helps"},
-    {Cause::stopped,
-     "stopped",
-     "{0} was stopped by a signal from {1}",
-     "{0} was stopped by a signal",
-     {},
+     none,
+     "pin a virtual CPU at its host: no setting in the guest helps",
+     {{"realtime.cpu-latency", "0 us"}}},
+    {Cause::stopped, "stopped", "{0} was stopped by a signal", "{0} was stopped by a signal from {1}",
      "find what sends SIGSTOP or SIGTSTP"},
-    {Cause::traced,
-     "traced",
-     "{0} was stopped for its tracer {1} (ptrace)",
-     "{0} was stopped for a tracer (ptrace)",
-     {},
-     "measure without a debugger, strace or another tracer"},
-    {Cause::frozen,
-     "frozen",
-     "{0} was frozen, and {1} thawed it",
-     "{0} was frozen",
-     {},
+    {Cause::traced, "traced", "{0} was stopped for a tracer (ptrace)",
+     "{0} was stopped for its tracer {1} (ptrace)", "measure without a debugger, strace or another tracer"},
+    {Cause::frozen, "frozen", "{0} was frozen", "{0} was frozen, and {1} thawed it",
      "find what freezes its cgroup (docker pause, cgroup.freeze), or suspends the machine"},
     {Cause::page_fault,
      "page-fault",
-     none,
      "{0} waited for pages of its memory: they were read from a disk, or memory had to be freed",
-     {{"realtime.lock-memory", "on"}},
-     none},
+     none,
+     none,
+     {{"realtime.lock-memory", "on"}}},
     {Cause::lock,
      "lock",
-     "{0} waited for a lock of the kernel's, which {1} had",
      "{0} waited for a lock of the kernel's",
-     {{"realtime.lock-memory", "on"}},
-     "map no memory and start no threads while messages go"},
-    {Cause::disk,
-     "disk",
-     none,
-     "{0} waited for a disk",
-     {},
-     "neither read nor write files on a message's way"},
-    {Cause::blocked,
-     "blocked",
-     none,
-     "{0} waited in the kernel (state D), no event shows for what",
-     {},
-     none},
-    {Cause::waited,
-     "waited",
-     "{0} slept until {1} woke it: that thread had a lock, or work to do first, or thawed it",
-     "{0} slept on its way, of its own accord",
-     {},
-     none},
-    {Cause::busy,
-     "busy",
-     none,
-     "{0} had its CPU, and took so long (or a hypervisor paused the CPU)",
-     {},
-     none},
-    {Cause::timer,
-     "timer",
-     none,
-     "the timer that wakes {0} came late: its CPU had interrupts off, or a hypervisor paused it",
-     {},
+     "{0} waited for a lock of the kernel's, which {1} had",
+     "map no memory and start no threads while messages go",
+     {{"realtime.lock-memory", "on"}}},
+    {Cause::disk, "disk", "{0} waited for a disk", none, "neither read nor write files on a message's way"},
+    {Cause::blocked, "blocked", "{0} waited in the kernel (state D), no event shows for what"},
+    {Cause::waited, "waited", "{0} slept on its way, of its own accord",
+     "{0} slept until {1} woke it: that thread had a lock, or work to do first, or thawed it"},
+    {Cause::busy, "busy", "{0} had its CPU, and took so long (or a hypervisor paused the CPU)"},
+    {Cause::timer, "timer",
+     "the timer that wakes {0} came late: its CPU had interrupts off, or a hypervisor paused it", none,
      "pin a virtual CPU at its host: no setting in the guest helps"},
-    {Cause::queue,
-     "queue",
+    {Cause::queue, "queue", "the packet was held at {0}, by a queue",
      "the packet was held at {0}, by the queue of {1}",
-     "the packet was held at {0}, by a queue",
-     {},
      "tc -s qdisc show dev {1}: a rate, a delay, or other traffic ahead of it"},
-    {Cause::dropped,
-     "dropped",
-     "the packet was dropped at {0} ({1})",
-     "the packet was dropped at {0}, the kernel does not say why",
-     {},
-     none},
-    {Cause::unreachable,
-     "unreachable",
-     "the packet could not be sent at {0}: {1}",
-     none,
-     {},
+    {Cause::dropped, "dropped", "the packet was dropped at {0}, the kernel does not say why",
+     "the packet was dropped at {0} ({1})"},
+    {Cause::unreachable, "unreachable", none, "the packet could not be sent at {0}: {1}",
      "ip route get ADDRESS, ip neigh: the interface, or the other end's, was down or lost its address"},
-    {Cause::link_down,
-     "link-down",
-     "the link was down at {0}: {1}",
-     none,
-     {},
+    {Cause::link_down, "link-down", none, "the link was down at {0}: {1}",
      "find what takes the interface down, its cable, its driver: ip monitor link, journalctl -k"},
-    {Cause::unknown, "unknown", none, "unknown: no event of the kernel shows why", {}, none}};
+    {Cause::unknown, "unknown", "unknown: no event of the kernel shows why"}};
 
-const Row& row_of(Cause cause) {
-  return *std::find_if(std::begin(rows), std::end(rows), [&](const Row& row) { return row.cause == cause; });
-}
+const Row& row_of(Cause cause) { return *std::ranges::find(rows, cause, &Row::cause); }
 
 // By a function of the kernel that a thread is in: the first that fits.
-struct Wait {
-  std::string_view function;
-  Cause cause;
-};
-constexpr Wait waits[] = {{"__refrigerator", Cause::frozen},
-                          {"rtlock_slowlock", Cause::lock},
-                          {"rt_mutex_", Cause::lock},
-                          {"rwsem_down_", Cause::lock},
-                          {"mutex_lock", Cause::lock},
-                          {"percpu_rwsem_wait", Cause::lock},
-                          {"handle_mm_fault", Cause::page_fault},
-                          {"page_fault", Cause::page_fault},
-                          {"io_schedule", Cause::disk}};
+constexpr std::pair<std::string_view, Cause> waits[] = {{"__refrigerator", Cause::frozen},
+                                                        {"rtlock_slowlock", Cause::lock},
+                                                        {"rt_mutex_", Cause::lock},
+                                                        {"rwsem_down_", Cause::lock},
+                                                        {"mutex_lock", Cause::lock},
+                                                        {"percpu_rwsem_wait", Cause::lock},
+                                                        {"handle_mm_fault", Cause::page_fault},
+                                                        {"page_fault", Cause::page_fault},
+                                                        {"io_schedule", Cause::disk}};
 
 // By how the kernel's word for a reason begins.
 struct Drop {
   std::string_view reason;
-  Setting setting;
   const char* advice;
+  std::vector<Setting> settings{};
 };
 const Drop drops[] = {
-    {"NETFILTER", {}, "a rule of a packet filter dropped it: nft list ruleset"},
+    {"NETFILTER", "a rule of a packet filter dropped it: nft list ruleset"},
     {"SOCKET_RCVBUFF",
-     {"kernel.rmem-max", "more bytes"},
-     "a larger receive buffer (the transport's option), and a reader that is not kept from its CPU"},
-    {"PROTO_MEM", {}, "net.ipv4.udp_mem: sockets of the whole machine are out of memory"},
-    {"QDISC", {}, "tc -s qdisc: the interface's queue was full, or its rate was reached"},
-    {"TC_", {}, "tc filter show: a filter dropped it"},
-    {"NO_SOCKET", {}, "no socket listened there: was the other end gone?"},
+     "a larger receive buffer (the transport's option), and a reader that is not kept from its CPU",
+     {{"kernel.rmem-max", "more bytes"}}},
+    {"PROTO_MEM", "net.ipv4.udp_mem: sockets of the whole machine are out of memory"},
+    {"QDISC", "tc -s qdisc: the interface's queue was full, or its rate was reached"},
+    {"TC_", "tc filter show: a filter dropped it"},
+    {"NO_SOCKET", "no socket listened there: was the other end gone?"},
     {"CPU_BACKLOG",
-     {"kernel.ksoftirqd", "a priority above what keeps it from its CPU"},
-     "a larger net.core.netdev_max_backlog"},
-    {"DEV_READY", {}, "the interface at the other side was down"},
-    {"__dev_forward_skb",
-     {},
-     "the interface at the other side was down, or its MTU is smaller than the packet"}};
+     "a larger net.core.netdev_max_backlog",
+     {{"kernel.ksoftirqd", "a priority above what keeps it from its CPU"}}},
+    {"DEV_READY", "the interface at the other side was down"},
+    {"__dev_forward_skb", "the interface at the other side was down, or its MTU is smaller than the packet"}};
 
 constexpr std::string_view softirqs_of_network[] = {"NET_RX", "NET_TX"},
                            softirqs_of_others[] = {"HI",      "TIMER", "BLOCK",   "IRQ_POLL",
@@ -242,6 +183,43 @@ Remedy of_kernel_thread(const Part& part) {
   return {{{part.thread.starts_with("irq/") ? "kernel.irq-threads" : "kernel.ksoftirqd", above}}, ""};
 }
 
+// Whether the callbacks of its background topics run on the thread that receives its messages.
+bool shares_callbacks(const record::Run& run, const std::string& end) {
+  const auto& task = run.asked.task;
+  const auto& neighbours = task.neighbours;
+  const bool is_component = end == "component";
+  if (!(is_component ? neighbours.there : neighbours.back)) return false;
+  const auto& transport = is_component ? run.asked.component_transport : task.transport;
+  const auto& options = is_component ? run.asked.component_options : task.config.options;
+  const auto executor = options.find("executor");
+  const auto* const own = transport::shipped(transport);
+  const bool ours = task.config.receive == transport::Receive::waitset;  // a thread for each topic
+  switch (neighbours.where) {
+    case Where::same_callback_group:
+      return true;
+    case Where::same_node:
+    case Where::same_executor:
+      return executor == options.end() || executor->second != "multi";
+    case Where::same_participant:
+      return !ours && (own == nullptr || !own->can.nodes);
+    case Where::same_process:
+      return !ours && own != nullptr && own->can.shares_threads;
+    default:
+      return false;
+  }
+}
+
+// What helps where callbacks of the background topics keep that thread busy; nullopt: they do not.
+std::optional<Remedy> remedy_of_callbacks(const Part& part, const record::Run& run) {
+  const auto callback = run.asked.task.neighbours.callback;
+  if (part.cause != Cause::busy || part.thread != "receive" || callback.count() <= 0 ||
+      !shares_callbacks(run, part.end))
+    return {};
+  return Remedy{{{"neighbours.where", "a place with a thread of its own"}},
+                fmt::format("callbacks of the background topics, {:g} ms each, run on this thread too",
+                            static_cast<double>(callback.count()) / 1e6)};
+}
+
 // Of a message that was lost without a reason: how far it is known to have come.
 std::string sentence_of_lost(const Part& part) {
   const auto* const sender = part.end == "component" ? "ping's" : "pong's";
@@ -258,8 +236,7 @@ std::string advice_for(const Part& part) {
     return "a mutex with priority inheritance (PTHREAD_PRIO_INHERIT), or a higher priority for " + part.via;
   if (part.cause == Cause::interrupts && part.culprit == timer_interrupt)
     return "no setting moves a CPU's own timer interrupt; where it takes milliseconds, a hypervisor paused "
-           "the "
-           "CPU";
+           "the CPU";
   if (part.cause == Cause::interrupts && is_of(softirqs_of_network, part.culprit))
     return "rules of a packet filter cost time as well: nft list ruleset";
   if (part.cause == Cause::busy && (part.stage == Stage::left || part.stage == Stage::travelled))
@@ -300,9 +277,8 @@ std::string advice_of(const Part& part, const std::string& whose) {
 Remedy remedy_for(const Part& part, const record::Run& run) {
   if (part.cause == Cause::cpu && part.stage == Stage::travelled) return of_kernel_thread(part);
   if (part.cause == Cause::dropped)
-    for (const auto& [reason, setting, advice] : drops)
-      if (part.culprit.starts_with(reason))
-        return {setting.key.empty() ? std::vector<Setting>{} : std::vector{setting}, advice};
+    for (const auto& [reason, advice, settings] : drops)
+      if (part.culprit.starts_with(reason)) return {settings, advice};
   if (const auto remedy = remedy_of_callbacks(part, run)) return *remedy;
   Remedy remedy{{}, advice_for(part)};
   for (const auto& setting : row_of(part.cause).settings) {

@@ -21,8 +21,7 @@ void Delay::add(Part part, std::int64_t ns, const std::vector<Stretch>& when) {
   same->ns += ns;
   same->when.insert(same->when.end(), when.begin(), when.end());
   for (const auto thread : part.culprit_threads)
-    if (std::find(same->culprit_threads.begin(), same->culprit_threads.end(), thread) ==
-        same->culprit_threads.end())
+    if (std::ranges::find(same->culprit_threads, thread) == same->culprit_threads.end())
       same->culprit_threads.push_back(thread);
 }
 

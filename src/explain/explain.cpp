@@ -11,7 +11,6 @@
 #include <fmt/format.h>
 
 #include "explain/limits.hpp"
-#include "explain/loopback.hpp"
 #include "explain/way.hpp"
 
 namespace ontime::explain {
@@ -19,6 +18,7 @@ namespace {
 
 using roundtrip::Fate;
 using roundtrip::Sample;
+using trace::Kind;
 
 // Of any of a message's stages: beyond it nothing of a file is believed, nor calculated with.
 constexpr std::int64_t longest_ns = std::int64_t{86'400} * 1'000'000'000;
@@ -27,23 +27,17 @@ constexpr std::size_t most_downs = 100;     // of a link
 constexpr std::int64_t forever_ns = 1'000'000'000'000'000'000;
 constexpr std::size_t most_lost = 16;  // that are looked at
 
-std::vector<Down> downs_of(const std::vector<record::LinkDown>& list) {
-  std::vector<Down> downs;
-  const auto can_be = [](std::int64_t ns) { return -forever_ns <= ns && ns <= forever_ns; };
-  for (const auto& one : list) {
-    const auto to_ns = one.to_ns.value_or(forever_ns);
-    if (!one.from_ns || !can_be(*one.from_ns) || !can_be(to_ns) || downs.size() == most_downs) continue;
-    downs.push_back({*one.from_ns, to_ns, one.taken});
-  }
-  return downs;
-}
-
 End end_of(const record::Run& run, const char* host) {
   End end{host, {}, nullptr};
   const auto& of = record::find(run.outcome.hosts, host);
   const auto& threads = of.threads;
   end.interface = of.link.interface;
-  end.downs = downs_of(of.link.down);
+  const auto can_be = [](std::int64_t ns) { return -forever_ns <= ns && ns <= forever_ns; };
+  for (const auto& [from_ns, to_ns, taken] : of.link.down) {
+    const auto until_ns = to_ns.value_or(forever_ns);
+    if (from_ns && can_be(*from_ns) && can_be(until_ns) && end.downs.size() < most_downs)
+      end.downs.push_back({*from_ns, until_ns, taken});
+  }
   if (threads.size() > most_threads)
     throw record::WrongFile(
         fmt::format("run {} has {} threads at its {}, where there are at most {}: the file is "
@@ -58,8 +52,35 @@ End end_of(const record::Run& run, const char* host) {
 
 // 0: nothing was asked for, or nothing that can be.
 std::int64_t possible(std::chrono::nanoseconds time) {
-  constexpr std::int64_t longest_ns = 1'000'000'000'000'000;
-  return time.count() > 0 && time.count() < longest_ns ? time.count() : 0;
+  constexpr std::int64_t too_long_ns = 1'000'000'000'000'000;
+  return time.count() > 0 && time.count() < too_long_ns ? time.count() : 0;
+}
+
+// Of a run by hand of which both ends are on one machine, though only ping says what it knows: the server's
+// end, by what the kernel did. The client's packets went over the loopback, and other threads sent packets of
+// that size when they were answered. nullopt: it shows no such thing.
+std::optional<End> end_over_loopback(const record::Reader& reader, const record::Run& run, const End& client,
+                                     std::int64_t packet_bytes) {
+  std::map<std::uint64_t, Sample> answered;
+  reader.each_sample(run.number, [&](const Sample& sample) {
+    if (sample.received_ns != 0 && sample.server_sent_ns != 0) answered[sample.index] = sample;
+  });
+  bool is_there = false;
+  std::map<std::int32_t, int> times;  // that a thread sent when the server did
+  reader.each_trace(run.number, [&](const record::Trace& trace) {
+    const auto found = answered.find(trace.window.span.message);
+    for (const auto& event : trace.window.events) {
+      if (event.kind != Kind::queued || event.what != "lo" || event.bytes < packet_bytes) continue;
+      is_there = is_there || client.has(event.thread.id);
+      if (found == answered.end() || client.has(event.thread.id)) continue;
+      const auto& sample = found->second;
+      times[event.thread.id] +=
+          sample.server_sent_ns <= event.at_ns && event.at_ns <= sample.received_ns ? 1 : 0;
+    }
+  });
+  const auto most = std::ranges::max_element(times, {}, [](const auto& one) { return one.second; });
+  if (!is_there || most == times.end() || most->second == 0) return {};
+  return End{.name = "component", .threads = {{most->first, "receive"}}, .interface = "lo"};
 }
 
 // Why a run's messages were late or lost, of threads that it knows.
@@ -95,11 +116,7 @@ class Explainer {
   }
 
   Message explain(const Sample& sample, const Traces& traces) const {
-    Message message{.sample = sample,
-                    .delay_ns = 0,
-                    .parts = {},
-                    .whole = true,
-                    .late_by_response = is_late_by_response(sample)};
+    Message message{.sample = sample, .late_by_response = is_late_by_response(sample)};
     std::optional<Timeline> here, there;
     const auto server_later_ns = usual_.server_later_ns(sample.sent_ns);
     auto until_ns = sample.sent_ns;
@@ -133,13 +150,9 @@ class Explainer {
   }
 
   Scene scene(const Sample& sample, const Traces& traces) const {
-    Scene scene{.machines = {},
-                .threads = {},
-                .legs = {},
-                .there_ns = {},
-                .answered_ns = {},
-                .uncertainty_ns = uncertainty_ns(sample),
-                .one_machine = one_machine_};
+    Scene scene;
+    scene.uncertainty_ns = uncertainty_ns(sample);
+    scene.one_machine = one_machine_;
     const auto server_later_ns = usual_.server_later_ns(sample.sent_ns);
     for (const auto* trace : traces) {
       const auto later_ns = trace->host == "controller" ? 0 : server_later_ns;
@@ -217,8 +230,7 @@ std::vector<Group> groups_of(const record::Run& run, const std::vector<Message>&
     threads[place].insert(first.culprit_threads.begin(), first.culprit_threads.end());
     group.threads = threads[place].size();
   }
-  std::stable_sort(groups.begin(), groups.end(),
-                   [](const Group& one, const Group& other) { return one.messages > other.messages; });
+  std::ranges::stable_sort(groups, std::ranges::greater(), &Group::messages);
   return groups;
 }
 
@@ -260,13 +272,9 @@ Account account_of(const record::Reader& reader, const record::Run& run, const P
     lost_looked_at += is_lost ? 1 : 0;
     account.messages.push_back(explainer.explain(sample, found->second));
   });
-  std::stable_sort(account.messages.begin(), account.messages.end(),
-                   [](const Message& one, const Message& other) {
-                     const auto badness = [](const Message& message) {
-                       return std::tuple(message.sample.fate, message.is_fault(), message.delay_ns);
-                     };
-                     return badness(one) > badness(other);
-                   });
+  std::ranges::stable_sort(account.messages, std::ranges::greater(), [](const Message& message) {
+    return std::tuple(message.sample.fate, message.is_fault(), message.delay_ns);
+  });
   account.groups = groups_of(run, account.messages);
   std::optional<std::int64_t> worst_ns;
   if (!explainer.one_machine())

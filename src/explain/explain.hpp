@@ -42,7 +42,7 @@ struct Part {
 struct Message {
   roundtrip::Sample sample;
   std::int64_t delay_ns = 0;  // the sum of its parts; of one that is lost: as far as it was looked at
-  std::vector<Part> parts;    // the largest first
+  std::vector<Part> parts{};  // the largest first
   bool whole = true;          // false: a part of what the kernels did around it is not known
   // Answered in time since it was sent, and too late since it, or a cycle slept through before it, was due.
   bool late_by_response = false;

@@ -63,10 +63,9 @@ void add_one_sided(Lines& limits, const Account& account, const record::Run& run
   const auto traced = run.outcome.trace.value_or(record::ByName<record::Traced>());
   for (const auto* host : record::both_hosts) {
     const auto is_seen = [&](const auto& message) {
-      return std::any_of(message.second.begin(), message.second.end(),
-                         [&](const auto* trace) { return trace->host == host; });
+      return std::ranges::any_of(message.second, [&](const auto* trace) { return trace->host == host; });
     };
-    if (!traces.empty() && std::none_of(traces.begin(), traces.end(), is_seen)) {
+    if (!traces.empty() && std::ranges::none_of(traces, is_seen)) {
       const auto* const remedy =
           !is_by_hand(run) ? ""
           : host == std::string_view("component")

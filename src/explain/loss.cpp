@@ -21,7 +21,7 @@ const std::string no_neighbour = "no neighbour";
 std::int64_t ran_from_ns(const Timeline& timeline, std::int32_t thread, std::int64_t from_ns,
                          std::int64_t to_ns) {
   for (const auto& stretch : timeline.of(thread, from_ns, to_ns))
-    if (stretch.state == State::runs || stretch.state == State::comes) return stretch.from_ns;
+    if (has_cpu(stretch.state)) return stretch.from_ns;
   return from_ns;
 }
 
@@ -185,8 +185,7 @@ std::vector<Part> Way::loss_of(const roundtrip::Sample& sample, std::int64_t unt
     part.end = down->end;
     part.culprit = down->culprit;
   }
-  std::stable_sort(found.parts.begin(), found.parts.end(),
-                   [](const Part& one, const Part& other) { return one.ns > other.ns; });
+  std::ranges::stable_sort(found.parts, std::ranges::greater(), &Part::ns);
   return found.parts;
 }
 

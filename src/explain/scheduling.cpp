@@ -18,9 +18,7 @@ class Scheduling {
  public:
   Scheduling(const std::vector<Event>& events, std::int64_t begin_ns) : begin_ns_(begin_ns) {
     for (const auto& event : events) enter(event);
-    std::stable_sort(all.begin(), all.end(), [](const Scheduled& one, const Scheduled& other) {
-      return one.event.at_ns < other.event.at_ns;
-    });
+    std::ranges::stable_sort(all, {}, [](const Scheduled& one) { return one.event.at_ns; });
   }
   std::vector<Scheduled> all;
 

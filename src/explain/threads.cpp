@@ -25,8 +25,6 @@ bool brings_packets(const Timeline& timeline, const Waker& waker) {
 // A PREEMPT_RT kernel's thread that lets timers expire.
 bool is_timers(const std::string& name) { return name.starts_with("ktimers/") || is_kernels(name); }
 
-bool has_cpu(const Stretch& stretch) { return stretch.state == State::runs || stretch.state == State::comes; }
-
 bool is_ordinary(const Held& held) { return held.thread.priority >= trace::least_ordinary; }
 
 // Whether a real-time thread of this priority should have the CPU instead: less is more urgent.
@@ -89,18 +87,22 @@ class Follower {
         case State::unknown:
           break;
       }
-      has_begun = has_begun || has_cpu(stretch);
+      has_begun = has_begun || has_cpu(stretch.state);
     }
   }
 
  private:
-  void add(Cause cause, const Stretch& when, const std::string& culprit = "",
-           const std::vector<std::int32_t>& culprit_threads = {}) {
+  Part part_of(Cause cause, const std::string& culprit = "",
+               const std::vector<std::int32_t>& culprit_threads = {}) const {
     auto part = whose_;
     part.cause = cause;
     part.culprit = culprit;
     part.culprit_threads = culprit_threads;
-    delay_.add(part, when);
+    return part;
+  }
+
+  void add(Cause cause, const Stretch& when, const std::string& culprit = "") {
+    delay_.add(part_of(cause, culprit), when);
   }
 
   static bool is_by_thread(const std::optional<Waker>& waker) {
@@ -109,7 +111,7 @@ class Follower {
 
   void add_woken(Cause cause, const Stretch& when, const std::optional<Waker>& waker) {
     if (is_by_thread(waker) && waker->thread != whose_.thread_id)
-      add(cause, when, timeline_.name_of(waker->thread), {waker->thread});
+      delay_.add(part_of(cause, timeline_.name_of(waker->thread), {waker->thread}), when);
     else
       add(cause, when);
   }
@@ -132,11 +134,7 @@ class Follower {
       left_ns -= part.ns;
       delay_.add(part, part.ns, part.when);
     }
-    auto part = whose_;
-    part.cause = cause;
-    part.culprit = whose.via;
-    part.culprit_threads = {waker->thread};
-    delay_.add(part, left_ns, {when});
+    delay_.add(part_of(cause, whose.via, {waker->thread}), left_ns, {when});
   }
 
   // Between two waits for pages a thread comes to its CPU and runs for the next of them, if that is short; it
@@ -147,7 +145,7 @@ class Follower {
              cause_of_wait(timeline_.waited_in(whose_.thread_id, stretch.to_ns)) == Cause::page_fault;
     };
     const auto is_beside = [](const Stretch& stretch) {
-      return stretch.state != State::ready && !has_cpu(stretch);
+      return stretch.state != State::ready && !has_cpu(stretch.state);
     };
     const auto here = stretches_.begin() + static_cast<std::ptrdiff_t>(place);
     if (is_beside(*here)) return false;
@@ -210,9 +208,7 @@ class Follower {
       else
         waited_for_thread(stretch.cpu, held, passed_over_ns, outranked);
     }
-    auto part = whose_;
-    part.cause = Cause::unknown;
-    delay_.add(part, left_ns, {});
+    delay_.add(part_of(Cause::unknown), left_ns, {});
   }
 
   // Whether the CPU ran, other than for what it does as it wakes.
@@ -330,8 +326,7 @@ std::vector<Part> spent_by(std::int32_t thread, const Timeline& timeline, std::i
       whose.cause = cause;
       delay.add(whose, ns, when);
     }
-  std::stable_sort(delay.parts.begin(), delay.parts.end(),
-                   [](const Part& one, const Part& other) { return one.ns > other.ns; });
+  std::ranges::stable_sort(delay.parts, std::ranges::greater(), &Part::ns);
   return std::move(delay.parts);
 }
 

@@ -81,8 +81,7 @@ std::int64_t tick_of(const std::vector<Event>& events) {
     for (const auto period_ns : periods_ns)
       if (!is_first && std::abs(gap_ns - period_ns) <= period_ns / 50) ++seen[period_ns];
   }
-  const auto most = std::max_element(
-      seen.begin(), seen.end(), [](const auto& one, const auto& other) { return one.second < other.second; });
+  const auto most = std::ranges::max_element(seen, {}, [](const auto& one) { return one.second; });
   return most == seen.end() || most->second < surely_some ? std::end(periods_ns)[-1] : most->first;
 }
 
@@ -92,7 +91,7 @@ Timeline::Timeline(const trace::Window& window, std::int64_t later_ns)
     : begin_ns_(window.span.from_ns + later_ns),
       events_(window.events),
       tick_ns_(tick_of(events_)),
-      sees_timers_(std::any_of(events_.begin(), events_.end(), is_timers)) {
+      sees_timers_(std::ranges::any_of(events_, is_timers)) {
   for (auto& event : events_) event.at_ns += later_ns;
   scheduling_ = scheduling_of(events_, begin_ns_);
   find_interrupts();
@@ -216,14 +215,14 @@ const Event* Timeline::last_switch(int cpu, std::int64_t at_ns) const {
 }
 
 bool Timeline::thawed(std::int32_t by, std::int64_t from_ns, std::int64_t to_ns) const {
-  return std::any_of(events_.begin(), events_.end(), [&](const Event& event) {
+  return std::ranges::any_of(events_, [&](const Event& event) {
     return event.kind == Kind::thaw && event.thread.id == by && event.at_ns >= from_ns &&
            event.at_ns <= to_ns;
   });
 }
 
 bool Timeline::lives(int cpu, std::int64_t from_ns, std::int64_t to_ns) const {
-  return std::any_of(events_.begin(), events_.end(), [&](const Event& event) {
+  return std::ranges::any_of(events_, [&](const Event& event) {
     return event.cpu == cpu && event.at_ns > from_ns && event.at_ns < to_ns;
   });
 }

@@ -24,6 +24,7 @@ enum class State {
   blocked,
   gone
 };
+inline bool has_cpu(State state) { return state == State::runs || state == State::comes; }
 
 struct Stretch {
   std::int64_t from_ns, to_ns;

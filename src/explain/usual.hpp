@@ -5,7 +5,6 @@
 
 #include <array>
 #include <cstdint>
-#include <vector>
 
 #include "explain/drift.hpp"
 #include "record/record.hpp"

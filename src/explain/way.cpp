@@ -17,10 +17,7 @@ constexpr std::int64_t fragment_bytes = 500;
 constexpr std::int64_t header_bytes = 34;  // of each packet, at least: Ethernet's and IPv4's
 
 bool has_run(const Timeline& timeline, std::int32_t thread, std::int64_t from_ns, std::int64_t to_ns) {
-  const auto stretches = timeline.of(thread, from_ns, to_ns);
-  return std::any_of(stretches.begin(), stretches.end(), [](const Stretch& stretch) {
-    return stretch.state == State::runs || stretch.state == State::comes;
-  });
+  return std::ranges::any_of(timeline.of(thread, from_ns, to_ns), has_cpu, &Stretch::state);
 }
 
 // When that thread queues its next packet.
@@ -33,9 +30,8 @@ std::int64_t next_sent_ns(const Timeline& timeline, std::int32_t thread, std::in
 // Since when a thread has had its CPU that has it now.
 std::int64_t running_since_ns(const Timeline& timeline, std::int32_t thread, std::int64_t at_ns) {
   const auto stretches = timeline.of(thread, timeline.events().front().at_ns, at_ns);
-  const auto before = std::find_if(stretches.rbegin(), stretches.rend(), [](const Stretch& stretch) {
-    return stretch.state != State::runs && stretch.state != State::comes;
-  });
+  const auto before = std::find_if(stretches.rbegin(), stretches.rend(),
+                                   [](const Stretch& stretch) { return !has_cpu(stretch.state); });
   return before == stretches.rend() ? timeline.events().front().at_ns : before->to_ns;
 }
 
@@ -46,8 +42,7 @@ std::int64_t least_packet_bytes(std::int64_t payload_bytes) {
 }
 
 bool End::has(std::int32_t thread) const {
-  return std::any_of(threads.begin(), threads.end(),
-                     [&](const KnownThread& known) { return known.id == thread; });
+  return std::ranges::find(threads, thread, &KnownThread::id) != threads.end();
 }
 
 // Whether any packet that went from one end's interface came to the other's as the same, as between two
@@ -89,8 +84,7 @@ void Way::thread(Delay& found, const End& end, std::int32_t id, const std::strin
 }
 
 const KnownThread* Way::with(const End& end, const std::string& role) {
-  const auto found = std::find_if(end.threads.begin(), end.threads.end(),
-                                  [&](const KnownThread& thread) { return thread.role == role; });
+  const auto found = std::ranges::find(end.threads, role, &KnownThread::role);
   return found == end.threads.end() ? nullptr : &*found;
 }
 
@@ -102,7 +96,7 @@ const KnownThread* Way::receives(const End& end, std::int64_t at_ns) const {
   for (const auto& thread : end.threads) {
     if (thread.role != "receive" && thread.role != "delivery") continue;
     const auto state = end.timeline->state_at(thread.id, at_ns);
-    if (state == State::runs || state == State::comes) running.push_back(&thread);
+    if (state && has_cpu(*state)) running.push_back(&thread);
     if (best == nullptr || (state && *state != State::sleeps)) best = &thread;
   }
   if (running.empty()) return best;
@@ -113,8 +107,7 @@ const KnownThread* Way::receives(const End& end, std::int64_t at_ns) const {
     return std::pair(next_sent_ns(*end.timeline, one->id, at_ns),
                      -running_since_ns(*end.timeline, one->id, at_ns));
   };
-  return *std::min_element(running.begin(), running.end(),
-                           [&](const auto* one, const auto* other) { return rank(one) < rank(other); });
+  return *std::ranges::min_element(running, {}, rank);
 }
 
 // From the packet's arrival on, by the threads of the end that hand it on, the last first.
@@ -138,9 +131,7 @@ void Way::receiver(Delay& found, const End& end, std::int64_t from_ns, std::int6
     if (!by_another) return;
     to_ns = woken->at_ns;
     id = woken->other.id;
-    role = std::find_if(end.threads.begin(), end.threads.end(), [&](const KnownThread& known) {
-             return known.id == id;
-           })->role;
+    role = std::ranges::find(end.threads, id, &KnownThread::id)->role;
   }
 }
 
@@ -284,8 +275,7 @@ void Way::leg(Delay& found, const End& from, const End& to, std::int64_t from_ns
     if (from.timeline != nullptr) found.last = {.stage = Stage::left, .end = from.name};
     return;
   }
-  const auto known = std::find_if(from.threads.begin(), from.threads.end(),
-                                  [&](const auto& thread) { return thread.id == way.queued->thread.id; });
+  const auto known = std::ranges::find(from.threads, way.queued->thread.id, &KnownThread::id);
   thread(found, from, known->id, known->role, Stage::left, from_ns, way.queued->at_ns);
   if (way.sent == nullptr) {
     receiver(found, to, way.queued->at_ns, to_ns);
@@ -304,8 +294,7 @@ void Way::leg(Delay& found, const End& from, const End& to, std::int64_t from_ns
 // Whether a neighbour was asked who has the address.
 bool is_sought_by(const End& from, const Leg& times) {
   if (from.timeline == nullptr) return false;
-  const auto& events = from.timeline->events();
-  return std::any_of(events.begin(), events.end(), [&](const Event& event) {
+  return std::ranges::any_of(from.timeline->events(), [&](const Event& event) {
     return event.kind == Kind::no_neighbour && from.has(event.thread.id) && times.from_ns <= event.at_ns &&
            event.at_ns <= times.to_ns;
   });
@@ -321,8 +310,7 @@ void Way::rest(Delay& found, std::size_t leg, const Leg& times) const {
     left_ns -= std::max<std::int64_t>(ns, 0);
   };
   const auto take_all = [&](Cause cause, std::vector<Spent>& all) {
-    std::stable_sort(all.begin(), all.end(),
-                     [](const Spent& one, const Spent& other) { return one.ns > other.ns; });
+    std::ranges::stable_sort(all, std::ranges::greater(), &Spent::ns);
     for (const auto& [whose, ns, when] : all) take(whose, cause, ns, when);
   };
   constexpr std::size_t waking = 0, sending = 1, there = 2, answering = 3, back = 4;
@@ -359,8 +347,7 @@ std::vector<Part> Way::delays_of(const roundtrip::Sample& sample) {
     rest(found, number, way[number]);
     all.insert(all.end(), found.parts.begin(), found.parts.end());
   }
-  std::stable_sort(all.begin(), all.end(),
-                   [](const Part& one, const Part& other) { return one.ns > other.ns; });
+  std::ranges::stable_sort(all, std::ranges::greater(), &Part::ns);
   return all;
 }
 
