@@ -147,7 +147,7 @@ class Metrics {
   void set(std::string text);
 
  private:
-  class Server;
+  struct Server;
   std::unique_ptr<Server> server_;
 };
 
