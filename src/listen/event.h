@@ -75,7 +75,6 @@ struct ontime_event {
   __u8 writer[16]; /* which writer, as this reader's middleware names it; zero: unknown */
   __u32 process;
   __u32 thread;
-  __u32 cpu;
   __u16 is_handle;    /* `endpoint` is a DDS handle, which has 32 bits */
   __u16 is_below_rmw; /* of a DDS implementation's own function, which a ROS 2 middleware may have called */
 };

@@ -75,7 +75,6 @@ static __always_inline void fill(struct ontime_event* event, __u32 kind, __u64 e
   event->is_below_rmw = (cookie & ontime_cookie_is_below_rmw) != 0;
   event->process = who >> 32;
   event->thread = (__u32)who;
-  event->cpu = bpf_get_smp_processor_id();
 }
 
 static __always_inline struct ontime_event* begin(__u32 kind, __u64 endpoint, __u64 cookie) {
@@ -135,6 +134,12 @@ static __always_inline int enter(void* under_way, struct pt_regs* regs, __u64 co
   return 0;
 }
 
+static __always_inline int take(void* under_way, struct pt_regs* regs, __u64 endpoint_bits) {
+  const __u64 cookie = bpf_get_attach_cookie(regs);
+  count(ontime_take_calls, cookie);
+  return enter(under_way, regs, cookie, endpoint_bits);
+}
+
 static const __u64 pointer = ~0ULL, handle = 0xffffffff;
 
 static __always_inline int leave(void* under_way, struct call* call) {
@@ -154,11 +159,7 @@ int publish(struct pt_regs* regs) {
 }
 
 SEC("uprobe")
-int rmw_take(struct pt_regs* regs) {
-  const __u64 cookie = bpf_get_attach_cookie(regs);
-  count(ontime_take_calls, cookie);
-  return enter(&rmw_calls, regs, cookie, pointer);
-}
+int rmw_take(struct pt_regs* regs) { return take(&rmw_calls, regs, pointer); }
 
 SEC("uretprobe")
 int rmw_taken(struct pt_regs* regs) {
@@ -193,11 +194,7 @@ int dds_write(struct pt_regs* regs) {
 }
 
 SEC("uprobe")
-int dds_take(struct pt_regs* regs) {
-  const __u64 cookie = bpf_get_attach_cookie(regs);
-  count(ontime_take_calls, cookie);
-  return enter(&dds_calls, regs, cookie, handle);
-}
+int dds_take(struct pt_regs* regs) { return take(&dds_calls, regs, handle); }
 
 // dds_sample_info_t, the same since 0.1: it has 64 bytes.
 struct sample_info {
@@ -246,11 +243,7 @@ int dds_entity_found(struct pt_regs* regs) {
 }
 
 SEC("uprobe")
-int fastdds_take(struct pt_regs* regs) {
-  const __u64 cookie = bpf_get_attach_cookie(regs);
-  count(ontime_take_calls, cookie);
-  return enter(&dds_calls, regs, cookie, pointer);
-}
+int fastdds_take(struct pt_regs* regs) { return take(&dds_calls, regs, pointer); }
 
 static __always_inline void fastdds_taken_one(const struct call* call, const void* at) {
   struct ontime_fastdds_info info;
