@@ -6,11 +6,9 @@
 
 #include <fmt/format.h>
 
-#include "journal/journal.hpp"
 #include "listen/listen.hpp"
 #include "listen/processes.hpp"
 #include "listen/why.hpp"
-#include "trace/trace.hpp"
 
 namespace ontime::listen {
 namespace {
@@ -34,69 +32,54 @@ Party owner_of(std::int32_t thread) {
 
 }  // namespace
 
-class Explainer::Record {
- public:
-  explicit Record(bool keeps_surroundings) : keeps_surroundings_(keeps_surroundings) {
-    journal_.hold();
-    recorder_.emplace(journal_, room);
-  }
-
-  void explain(std::vector<Miss>& misses) {
-    std::vector<Miss*> seen;
-    for (auto& miss : misses)
-      if (miss.course.taken_ns != 0 && seen.size() < most_explained) seen.push_back(&miss);
-    // In the order of their beginnings, as windows are given.
-    const auto from_ns = [this](const Miss* miss) { return wanted(*miss).from_ns; };
-    std::stable_sort(seen.begin(), seen.end(),
-                     [&](const auto* one, const auto* other) { return from_ns(one) < from_ns(other); });
-    std::vector<trace::Span> spans;
-    spans.reserve(seen.size());
-    for (const auto* miss : seen) spans.push_back(wanted(*miss));
-    auto windows = recorder_->cut(spans);
-    for (std::size_t i = 0; i < windows.size(); ++i) explain(*seen[i], windows[i], spans[i]);
-  }
-
- private:
-  trace::Span wanted(const Miss& miss) const {
-    auto span = span_of(miss);
-    if (!keeps_surroundings_) return span;
-    const auto now_ns = std::chrono::nanoseconds(std::chrono::steady_clock::now().time_since_epoch()).count();
-    span.from_ns = std::min(span.from_ns, miss.course.taken_ns - least_before_ns);
-    span.to_ns = std::max(span.to_ns, std::min(now_ns, miss.course.taken_ns + window_after_ns));
-    return span;
-  }
-
-  void explain(Miss& miss, trace::Window& window, const trace::Span& asked) {
-    if (!keeps_surroundings_) {
-      miss.why = why(miss, window, owner_of);
-      return;
-    }
-    auto around = std::make_shared<Surroundings>();
-    const OwnerOf noted = [&](std::int32_t thread) { return around->owners[thread] = owner_of(thread); };
-    // More events than a window holds: those of the delay itself may be fewer.
-    const bool is_cut_short = !window.whole && window.span.to_ns < asked.to_ns;
-    miss.why = why(miss, is_cut_short ? recorder_->cut({span_of(miss)}).front() : window, noted);
-    if (window.events.size() > most_kept) {
-      window.events.resize(most_kept);
-      window.span.to_ns = std::max(window.events.back().at_ns, window.span.from_ns);
-      window.whole = false;
-    }
-    around->window = std::move(window);
-    miss.surroundings = std::move(around);
-  }
-
-  const bool keeps_surroundings_;
-  journal::Journal journal_{trace::kinds()};
-  std::optional<trace::Recorder> recorder_;
-};
-
-Explainer::Explainer(bool keeps_surroundings) try : record_(std::make_unique<Record>(keeps_surroundings)) {
+Explainer::Explainer(bool keeps_surroundings) try : keeps_surroundings_(keeps_surroundings) {
+  journal_.hold();
+  recorder_.emplace(journal_, room);
 } catch (const trace::Error& error) {
   throw Error(error.what());
 } catch (const journal::Error& error) {
   throw Error(error.what());
 }
-Explainer::~Explainer() = default;
-void Explainer::explain(std::vector<Miss>& misses) { record_->explain(misses); }
+
+void Explainer::explain(std::vector<Miss>& misses) {
+  std::vector<Miss*> seen;
+  for (auto& miss : misses)
+    if (miss.course.taken_ns != 0 && seen.size() < most_explained) seen.push_back(&miss);
+  // In the order of their beginnings, as windows are given.
+  std::ranges::stable_sort(seen, {}, [this](const Miss* miss) { return wanted(*miss).from_ns; });
+  std::vector<trace::Span> spans;
+  spans.reserve(seen.size());
+  for (const auto* miss : seen) spans.push_back(wanted(*miss));
+  auto windows = recorder_->cut(spans);
+  for (std::size_t i = 0; i < windows.size(); ++i) explain(*seen[i], windows[i], spans[i]);
+}
+
+trace::Span Explainer::wanted(const Miss& miss) const {
+  auto span = span_of(miss);
+  if (!keeps_surroundings_) return span;
+  const auto now_ns = std::chrono::nanoseconds(std::chrono::steady_clock::now().time_since_epoch()).count();
+  span.from_ns = std::min(span.from_ns, miss.course.taken_ns - least_before_ns);
+  span.to_ns = std::max(span.to_ns, std::min(now_ns, miss.course.taken_ns + window_after_ns));
+  return span;
+}
+
+void Explainer::explain(Miss& miss, trace::Window& window, const trace::Span& asked) {
+  if (!keeps_surroundings_) {
+    miss.why = why(miss, window, owner_of);
+    return;
+  }
+  auto around = std::make_shared<Surroundings>();
+  const OwnerOf noted = [&](std::int32_t thread) { return around->owners[thread] = owner_of(thread); };
+  // More events than a window holds: those of the delay itself may be fewer.
+  const bool is_cut_short = !window.whole && window.span.to_ns < asked.to_ns;
+  miss.why = why(miss, is_cut_short ? recorder_->cut({span_of(miss)}).front() : window, noted);
+  if (window.events.size() > most_kept) {
+    window.events.resize(most_kept);
+    window.span.to_ns = std::max(window.events.back().at_ns, window.span.from_ns);
+    window.whole = false;
+  }
+  around->window = std::move(window);
+  miss.surroundings = std::move(around);
+}
 
 }  // namespace ontime::listen

@@ -4,7 +4,6 @@
 // reader of ontime's own. Ordinary thread only.
 #pragma once
 
-#include <array>
 #include <chrono>
 #include <cstdint>
 #include <functional>
@@ -16,6 +15,7 @@
 #include <utility>
 #include <vector>
 
+#include "journal/journal.hpp"
 #include "trace/trace.hpp"
 #include "transport/transport.hpp"
 
@@ -79,15 +79,15 @@ enum class AgeFrom : std::uint8_t {
 struct Flow {
   std::uint64_t id = 0;  // the same in all findings of a sensor, and no other flow's
   std::string topic;     // as ROS 2 names it; "" where no sensor learned it
-  Party writer, reader;
+  Party writer{}, reader{};
   std::vector<Party> between{};  // nodes of a chain
   std::uint64_t messages = 0;    // taken; on the wire, seen; of a flow without a reader, published
   std::int64_t first_ns = 0, last_ns = 0;
-  Distribution period;
-  std::optional<Distribution> age;  // empty: no writer's stamp by this machine's clock
+  Distribution period{};
+  std::optional<Distribution> age{};  // empty: no writer's stamp by this machine's clock
   AgeFrom age_from = AgeFrom::writer;
   std::optional<std::chrono::nanoseconds> chain_limit{};  // of the age, where it is of a chain
-  std::optional<std::uint64_t> lost;                      // empty: the sensor cannot tell
+  std::optional<std::uint64_t> lost{};                    // empty: the sensor cannot tell
   std::uint64_t duplicated = 0, reordered = 0;
   std::uint64_t late = 0;      // by any of the limits
   std::int64_t silent_ns = 0;  // from its last message to the end of listening, where that is beyond a limit
@@ -281,16 +281,17 @@ class Explainer {
  public:
   // Throws Error: another ontime holds the machine, or the kernel cannot record.
   explicit Explainer(bool keeps_surroundings = false);
-  ~Explainer();
-  Explainer(const Explainer&) = delete;
-  Explainer& operator=(const Explainer&) = delete;
   // Says why of the first most_explained that probes saw; soon after they were taken, and where it keeps
   // what was around them, when window_after_ns have passed since.
   void explain(std::vector<Miss>&);
 
  private:
-  class Record;
-  std::unique_ptr<Record> record_;
+  trace::Span wanted(const Miss&) const;
+  void explain(Miss&, trace::Window&, const trace::Span& asked);
+
+  const bool keeps_surroundings_;
+  journal::Journal journal_{trace::kinds()};
+  std::optional<trace::Recorder> recorder_;
 };
 inline constexpr std::size_t most_explained = 5;
 
