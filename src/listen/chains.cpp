@@ -5,20 +5,6 @@
 #include <utility>
 
 namespace ontime::listen {
-namespace {
-
-// Ids of paths are unlike those of flows, which count from 1.
-constexpr std::uint64_t first_path_id = std::uint64_t{1} << 62U, ids_of_a_chain = std::uint64_t{1} << 48U;
-
-// The one for which `time_of` is the least goes.
-template <class Map, class TimeOf>
-void erase_oldest(Map& all, const TimeOf& time_of) {
-  all.erase(std::min_element(all.begin(), all.end(), [&](const auto& one, const auto& other) {
-    return time_of(one.second) < time_of(other.second);
-  }));
-}
-
-}  // namespace
 
 std::string ChainWish::name() const {
   std::string name;
@@ -40,8 +26,7 @@ ChainFollower::ChainFollower(ChainWish wish, std::function<Party(std::uint32_t)>
 }
 
 std::optional<std::size_t> ChainFollower::position_of(const std::string& topic) const {
-  const auto found = std::find_if(wish_.steps.begin(), wish_.steps.end(),
-                                  [&](const auto& step) { return step.topic == topic; });
+  const auto found = std::ranges::find(wish_.steps, topic, &ChainWish::Step::topic);
   if (found == wish_.steps.end()) return {};
   return static_cast<std::size_t>(found - wish_.steps.begin());
 }
@@ -99,7 +84,8 @@ const ChainFollower::Hand* ChainFollower::hand_of(std::size_t topic, const Messa
 
 void ChainFollower::remember(const Message& message, std::optional<Journey> journey) {
   if (publishers_.size() == most_publishers && !publishers_.contains(message.publisher))
-    erase_oldest(publishers_, [](const auto& one) { return one.last_ns; });
+    publishers_.erase(
+        std::ranges::min_element(publishers_, {}, [](const auto& one) { return one.second.last_ns; }));
   auto& publisher = publishers_[message.publisher];
   publisher.process = message.process;
   publisher.last_ns = message.at_ns;
@@ -142,8 +128,7 @@ ChainFollower::Origins ChainFollower::find(const Message& message, std::size_t t
   const auto publisher = publishers_.find(message.publisher);
   if (publisher == publishers_.end()) return {.is_forgotten = true};
   auto& messages = publisher->second.messages;
-  const auto found = std::lower_bound(messages.begin(), messages.end(), *message.number,
-                                      [](const auto& one, auto number) { return one.number < number; });
+  const auto found = std::ranges::lower_bound(messages, *message.number, {}, &Sent::number);
   if (found == messages.end() || found->number != *message.number) return {.is_forgotten = true};
   bool is_unclear = false;
   const auto blur = [&](const Sent& sent) {
@@ -248,9 +233,8 @@ bool ChainFollower::make_room_for_path() {
     ended_paths_.erase(ended_paths_.begin());
     return true;
   }
-  const auto oldest = std::min_element(paths_.begin(), paths_.end(), [](const auto& one, const auto& other) {
-    return one.second.found.last_ns < other.second.found.last_ns;
-  });
+  const auto oldest =
+      std::ranges::min_element(paths_, {}, [](const auto& one) { return one.second.found.last_ns; });
   if (now_ns_ - oldest->second.found.last_ns < idle_ns) return false;
   forget(oldest->second.found);
   paths_.erase(oldest);
@@ -279,20 +263,18 @@ void ChainFollower::forget_under_way() {
 // Another process may get the number.
 void ChainFollower::retire(std::uint32_t process) {
   const auto is_of_it = [&](const auto& one) { return one.second.process == process; };
+  const auto has_it = [&](const auto& all) { return std::ranges::find(all, process) != all.end(); };
   std::erase_if(hands_, is_of_it);
   std::erase_if(publishers_, is_of_it);
   for (auto& hands : latest_) {
     hands.erase(process);
     for (auto& [id, hand] : hands)
-      if (hand.journey && std::find(hand.journey->processes.begin(), hand.journey->processes.end(),
-                                    process) != hand.journey->processes.end())
-        hand.journey.reset();
+      if (hand.journey && has_it(hand.journey->processes)) hand.journey.reset();
   }
   for (auto& processes : publishing_) processes.erase(process);
   std::erase_if(paths_, [&](auto& one) {
-    const auto& [processes, path] = one;
-    if (std::find(processes.begin(), processes.end(), process) == processes.end()) return false;
-    ended_paths_.push_back(path.found);
+    if (!has_it(one.first)) return false;
+    ended_paths_.push_back(one.second.found);
     return true;
   });
 }
@@ -325,37 +307,6 @@ Chain ChainFollower::findings() const {
   chain.ended = ended();
   chain.silent_ns = silent_ns();
   return chain;
-}
-
-Chains::Chains(std::vector<ChainWish> wishes, const std::function<Party(std::uint32_t)>& party_of) {
-  for (auto& wish : wishes)
-    followers_.emplace_back(std::move(wish), party_of, first_path_id + ids_of_a_chain * followers_.size());
-}
-
-void Chains::published(const Message& message) {
-  for (auto& chain : followers_) chain.published(message);
-}
-void Chains::taken(const Message& message) {
-  for (auto& chain : followers_) chain.taken(message);
-}
-void Chains::turned(std::uint32_t thread, std::int64_t at_ns) {
-  for (auto& chain : followers_) chain.turned(thread, at_ns);
-}
-void Chains::interrupt() {
-  for (auto& chain : followers_) chain.interrupt();
-}
-void Chains::retire(std::uint32_t process) {
-  for (auto& chain : followers_) chain.retire(process);
-}
-void Chains::keep_rows(const KeepRow& keep) {
-  for (auto& chain : followers_) chain.keep_rows(keep);
-}
-
-std::vector<Chain> Chains::findings() const {
-  std::vector<Chain> chains;
-  chains.reserve(followers_.size());
-  for (const auto& chain : followers_) chains.push_back(chain.findings());
-  return chains;
 }
 
 }  // namespace ontime::listen

@@ -134,21 +134,4 @@ class ChainFollower {
   KeepRow keep_row_;
 };
 
-// All chains that were asked for.
-class Chains {
- public:
-  Chains(std::vector<ChainWish>, const std::function<Party(std::uint32_t)>& party_of);
-  using Message = ChainFollower::Message;
-  void published(const Message&);
-  void taken(const Message&);
-  void turned(std::uint32_t thread, std::int64_t at_ns);
-  void interrupt();
-  void retire(std::uint32_t process);
-  void keep_rows(const KeepRow&);
-  std::vector<Chain> findings() const;
-
- private:
-  std::vector<ChainFollower> followers_;
-};
-
 }  // namespace ontime::listen

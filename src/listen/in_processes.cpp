@@ -61,8 +61,7 @@ class InProcesses final : public Sensor {
       throw Error(
           error == EPERM || error == EACCES
               ? "listen: the kernel refuses probes to this user. Run it by sudo (a kernel in lockdown "
-                "refuses "
-                "anyway: /sys/kernel/security/lockdown)"
+                "refuses anyway: /sys/kernel/security/lockdown)"
               : fmt::format(
                     "listen: the kernel cannot load the probes: {}. It needs Linux 5.15 or newer with "
                     "CONFIG_BPF_EVENTS and CONFIG_UPROBES. Packets can be judged without: --pcap",
@@ -193,8 +192,7 @@ class InProcesses final : public Sensor {
     for (const auto& process : change.came) {
       messages_.begin_process(process.id, process.name);
       // Of a ROS 2 node each message passes both libraries; its rmw, which it may load later, tells more.
-      if (std::any_of(process.libraries.begin(), process.libraries.end(),
-                      [](const auto& one) { return one.middleware == Middleware::rmw; }) &&
+      if (std::ranges::count(process.libraries, Middleware::rmw, &Mapping::middleware) > 0 &&
           ros_.insert(process.id).second) {
         of_process_.erase(process.id);
         finders_.erase(process.id);
@@ -249,7 +247,7 @@ class InProcesses final : public Sensor {
     own.library = library;
     probe(process, library, cyclonedds_wishes(*probes_));
     try {
-      own.offset_of_name = Library(library.path).offset_of_topic_name();
+      own.offset_of_name = offset_of_topic_name(Library(library.path).code("dds_get_name"));
     } catch (const Error&) {
     }
     if (!own.offset_of_name && access(library.path.c_str(), F_OK) == 0) remark_unnamed(process, library);
@@ -416,12 +414,11 @@ class InProcesses final : public Sensor {
   }
 
   static std::size_t read(std::uint32_t process, std::uint64_t address, void* to, std::size_t size) {
-    const iovec here{to, size};
     // A string may end just before memory that is not there: page by page.
     std::size_t done = 0;
     while (done < size) {
       const auto part = std::min<std::size_t>(size - done, 4096 - (address + done) % 4096);
-      const iovec to_part{static_cast<char*>(here.iov_base) + done, part};
+      const iovec to_part{static_cast<char*>(to) + done, part};
       const iovec from{reinterpret_cast<void*>(address + done), part};  // NOLINT(performance-no-int-to-ptr)
       if (process_vm_readv(static_cast<pid_t>(process), &to_part, 1, &from, 1, 0) !=
           static_cast<ssize_t>(part))
@@ -456,10 +453,7 @@ class InProcesses final : public Sensor {
   Messages messages_;
   Processes processes_;
   std::unique_ptr<probes_bpf, void (*)(probes_bpf*)> probes_;
-  struct FreeRing {
-    void operator()(ring_buffer* ring) const { ring_buffer__free(ring); }
-  };
-  std::unique_ptr<ring_buffer, FreeRing> ring_;
+  std::unique_ptr<ring_buffer, void (*)(ring_buffer*)> ring_{nullptr, ring_buffer__free};
   const std::uint32_t own_process_ = static_cast<std::uint32_t>(getpid());
   std::optional<ProbeCosts> costs_;
   Probing probing_;

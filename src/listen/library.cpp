@@ -47,7 +47,6 @@ std::optional<std::uint64_t> offset_of(Elf* elf, std::uint64_t address) {
 
 // Of eprosima::fastdds::dds.
 bool is_wanted_of_fastdds(std::string_view name) {
-  const auto is_prefix = [&](std::string_view prefix) { return name.starts_with(prefix); };
   for (const std::string_view scope : {"_ZN8eprosima7fastdds3dds", "_ZNK8eprosima7fastdds3dds"}) {
     if (!name.starts_with(scope)) continue;
     name.remove_prefix(scope.size());
@@ -59,7 +58,7 @@ bool is_wanted_of_fastdds(std::string_view name) {
             "14DataReaderImpl18take_next_instanceE", "14DataReaderImpl12read_or_takeE",
             "14DataReaderImpl16take_next_sampleE", "14DataReaderImpl16read_next_sampleE",
             "10DataReader23wait_for_unread_messageE", "7WaitSet4waitE"},
-        is_prefix);
+        [&](std::string_view function) { return name.starts_with(function); });
   }
   return false;
 }
@@ -125,8 +124,7 @@ Library::Library(const std::string& path) {
 }
 
 const Library::Function* Library::find(const std::string& function) const {
-  const auto found = std::find_if(functions_.begin(), functions_.end(),
-                                  [&](const auto& one) { return one.name == function; });
+  const auto found = std::ranges::find(functions_, function, &Function::name);
   return found == functions_.end() ? nullptr : &*found;
 }
 
@@ -146,14 +144,9 @@ std::optional<Place> Library::exit(const std::string& function) const {
   return Place{found->offset + exit.offset, exit.is_cheap, {}};
 }
 
-std::optional<std::uint64_t> Library::offset_of_topic_name() const {
-  const auto* const found = find("dds_get_name");
-  return found == nullptr ? std::nullopt : listen::offset_of_topic_name(found->code());
-}
-
-std::optional<std::uint64_t> Library::offset_of_member(const std::string& function) const {
+Code Library::code(const std::string& function) const {
   const auto* const found = find(function);
-  return found == nullptr ? std::nullopt : listen::offset_of_member(found->code());
+  return found == nullptr ? Code{} : found->code();
 }
 
 }  // namespace ontime::listen

@@ -28,10 +28,8 @@ class Library {
   // library does not export the function.
   std::optional<Place> entry(const std::string& function, std::span<const std::size_t> arguments) const;
   std::optional<Place> exit(const std::string& function) const;
-  // Of Cyclone DDS (code.hpp).
-  std::optional<std::uint64_t> offset_of_topic_name() const;
-  // Of such a function (code.hpp); empty, too, where the library does not export it.
-  std::optional<std::uint64_t> offset_of_member(const std::string& function) const;
+  // As long as this lives; no bytes: the library does not export the function.
+  Code code(const std::string& function) const;
 
  private:
   struct Function {

@@ -3,7 +3,6 @@
 
 #include <algorithm>
 #include <tuple>
-#include <type_traits>
 
 #include <fmt/format.h>
 
@@ -16,8 +15,17 @@ constexpr std::int64_t soonest_ns = 20'000, soon_ns = 200'000;
 // in a row are none either.
 constexpr int enough_fits = 8;
 constexpr std::int64_t long_enough_ns = 1'000'000'000;
+// Ids of chains' paths are unlike those of flows, which count from 1.
+constexpr std::uint64_t first_path_id = std::uint64_t{1} << 62U, ids_of_a_chain = std::uint64_t{1} << 48U;
 
 }  // namespace
+
+Messages::Messages(const Limits& limits, std::vector<ChainWish> chains) : limits_(limits) {
+  for (auto& wish : chains)
+    chains_.emplace_back(
+        std::move(wish), [this](std::uint32_t process) { return party(process); },
+        first_path_id + ids_of_a_chain * chains_.size());
+}
 
 void Messages::begin_process(std::uint32_t process, const std::string& name) {
   if (ended_at_.erase(process) > 0) retire(process);  // another had the same number
@@ -42,7 +50,7 @@ void Messages::retire(std::uint32_t process) {
        publisher != publishers_.end() && publisher->first.first == process;)
     retire(publisher++);
   std::erase_if(topics_, [&](const auto& one) { return one.first.first == process; });
-  chains_.retire(process);
+  for (auto& chain : chains_) chain.retire(process);
   processes_.erase(process);
 }
 
@@ -73,16 +81,8 @@ template <class Key, class One>
 One* Messages::one_of(std::map<Key, One>& all, const Key& key, std::int64_t now_ns) {
   if (const auto known = all.find(key); known != all.end()) return &known->second;
   if (all.size() >= most_live) {
-    const auto last_of = [](const One& one) {
-      if constexpr (std::is_same_v<One, Link>)
-        return one.last_ns;
-      else
-        return one.last_ns();
-    };
-    const auto oldest = std::min_element(all.begin(), all.end(), [&](const auto& a, const auto& b) {
-      return last_of(a.second) < last_of(b.second);
-    });
-    if (now_ns - last_of(oldest->second) < idle_ns) {
+    const auto oldest = std::ranges::min_element(all, {}, [](const auto& a) { return a.second.last_ns; });
+    if (now_ns - oldest->second.last_ns < idle_ns) {
       ++left_out_;
       return nullptr;
     }
@@ -101,7 +101,7 @@ void Messages::name_topic(std::uint32_t process, std::uint64_t endpoint, const s
   // Another endpoint has the address now: what is counted from here on is of that one.
   if (!is_new) {
     known->second = topic;
-    if (const auto old = publishers_.extract(key); !old.empty())
+    if (publishers_.erase(key) > 0)
       std::erase_if(links_, [&](const auto& one) { return one.second.publisher == key; });
     std::erase_if(links_, [&](const auto& one) {
       return std::get<0>(one.first) == process && std::get<1>(one.first) == endpoint;
@@ -129,7 +129,7 @@ void Messages::begin_anew() {
     link.sequence.restart();
     link.rows.restart();
   }
-  chains_.interrupt();
+  for (auto& chain : chains_) chain.interrupt();
 }
 
 void Messages::add(Observation seen) {
@@ -141,7 +141,7 @@ void Messages::add(Observation seen) {
     case Observation::Kind::taken:
       return taken(seen);
     case Observation::Kind::turned:
-      return chains_.turned(seen.thread, seen.at_ns);
+      for (auto& chain : chains_) chain.turned(seen.thread, seen.at_ns);
   }
 }
 
@@ -155,17 +155,18 @@ void Messages::published(const Observation& seen) {
       publisher.topic = name->second;
   }
   if (!publisher.is_broken) {
-    const auto gap = seen.at_ns - publisher.begun(publisher.count - 1);
+    const auto gap = seen.at_ns - publisher.last_ns;
     publisher.period.add(gap);
     const bool is_late = limits_.is_gap(gap);
     if (is_late) ++publisher.late;
-    publisher.rows.period(keep_row_, publisher.id, publisher.begun(publisher.count - 1), seen.at_ns, is_late);
+    publisher.rows.period(keep_row_, publisher.id, publisher.last_ns, seen.at_ns, is_late);
   }
   publisher.is_broken = false;
   publisher.threads[publisher.count % remembered] = seen.thread;
-  publisher.begun_ns[publisher.count++ % remembered] = seen.at_ns;
-  chains_.published(
-      {publisher.topic, seen.process, seen.thread, publisher.id, publisher.count - 1, seen.at_ns});
+  publisher.begun_ns[publisher.count++ % remembered] = publisher.last_ns = seen.at_ns;
+  for (auto& chain : chains_)
+    chain.published(
+        {publisher.topic, seen.process, seen.thread, publisher.id, publisher.count - 1, seen.at_ns});
 }
 
 // At high rates less: another writer's stamps are near to some publish by chance.
@@ -182,7 +183,10 @@ std::optional<std::uint64_t> Messages::Publisher::last_before(std::int64_t stamp
 
 void Messages::taken(const Observation& seen) {
   auto* const one = one_of(links_, Writer{seen.process, seen.endpoint, seen.writer}, seen.at_ns);
-  if (one == nullptr) return chains_.turned(seen.thread, seen.at_ns);
+  if (one == nullptr) {
+    for (auto& chain : chains_) chain.turned(seen.thread, seen.at_ns);
+    return;
+  }
   auto& link = *one;
   if (link.messages == 0) {
     link.first_ns = seen.at_ns;
@@ -220,7 +224,8 @@ void Messages::taken(const Observation& seen) {
     if (number) is_new = place(link, *number, seen, is_too_old);
   }
   const auto writer = link.publisher ? publishers_.find(*link.publisher) : publishers_.end();
-  chains_.taken({.topic = link.topic,
+  for (auto& chain : chains_)
+    chain.taken({.topic = link.topic,
                  .process = seen.process,
                  .thread = seen.thread,
                  .publisher = writer != publishers_.end() ? writer->second.id : 0,
@@ -344,14 +349,11 @@ Party Messages::party(std::uint32_t process) const {
 Flow Messages::flow_of(const Writer& writer, const Link& link) const {
   Flow flow{.id = link.id,
             .topic = link.topic,
-            .writer = {},
             .reader = party(std::get<0>(writer)),
             .messages = link.messages,
             .first_ns = link.first_ns,
             .last_ns = link.last_ns,
             .period = link.period,
-            .age = {},
-            .lost = {},
             .duplicated = link.duplicated,
             .reordered = link.reordered,
             .late = link.late};
@@ -367,28 +369,24 @@ Flow Messages::flow_of(const Endpoint& endpoint, const Publisher& publisher) con
   return {.id = publisher.id,
           .topic = publisher.topic,
           .writer = party(endpoint.first),
-          .reader = {},
           .messages = publisher.count,
           .first_ns = publisher.first_ns,
-          .last_ns = publisher.last_ns(),
+          .last_ns = publisher.last_ns,
           .period = publisher.period,
-          .age = {},
-          .lost = {},
           .late = publisher.late};
 }
 
 Findings Messages::findings() const {
   Findings findings{dropped_};
   findings.misses_left_out = misses_.left_out();
-  findings.chains = chains_.findings();
+  for (const auto& chain : chains_) findings.chains.push_back(chain.findings());
   auto& flows = findings.flows;
   flows.assign(ended_.begin(), ended_.end());
   for (const auto& [writer, link] : links_) flows.push_back(flow_of(writer, link));
   for (const auto& [key, publisher] : publishers_)
     if (!publisher.has_reader) flows.push_back(flow_of(key, publisher));
-  std::sort(flows.begin(), flows.end(), [](const Flow& a, const Flow& b) {
-    return std::tie(a.topic, a.writer.process, a.reader.process) <
-           std::tie(b.topic, b.writer.process, b.reader.process);
+  std::ranges::sort(flows, {}, [](const Flow& flow) {
+    return std::tie(flow.topic, flow.writer.process, flow.reader.process);
   });
   if (left_out_ > 0)
     findings.remarks.push_back(fmt::format(

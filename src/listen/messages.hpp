@@ -47,9 +47,7 @@ class Messages {
   // After such a silence an endpoint makes room for another where there is none left.
   static constexpr std::int64_t idle_ns = 60'000'000'000;
 
-  explicit Messages(const Limits& limits, std::vector<ChainWish> chains = {})
-      : limits_(limits),
-        chains_(std::move(chains), [this](std::uint32_t process) { return party(process); }) {}
+  explicit Messages(const Limits&, std::vector<ChainWish> = {});
   Messages(const Messages&) = delete;
   Messages& operator=(const Messages&) = delete;
 
@@ -66,7 +64,7 @@ class Messages {
 
   Findings findings() const;
   void keep_rows(KeepRow keep) {
-    chains_.keep_rows(keep);
+    for (auto& chain : chains_) chain.keep_rows(keep);
     keep_row_ = std::move(keep);
   }
   // Their times are those of the observations. One of a topic without a name waits for it.
@@ -86,13 +84,12 @@ class Messages {
     std::uint64_t count = 0;  // publishes so far; the last of them is number count - 1
     std::vector<std::int64_t> begun_ns = std::vector<std::int64_t>(remembered);  // by number modulo its size
     std::vector<std::uint32_t> threads = std::vector<std::uint32_t>(remembered);
-    std::int64_t first_ns = 0;
+    std::int64_t first_ns = 0, last_ns = 0;
     bool is_broken = true;    // no period begins with the last publish
     bool has_reader = false;  // one was recognized, and its flow tells of this publisher
     Distribution period;
     std::uint64_t late = 0;
     Rows rows;
-    std::int64_t last_ns() const { return begun(count - 1); }
     bool fits(std::int64_t stamp_ns) const;
     std::optional<std::uint64_t> last_before(std::int64_t stamp_ns) const;
     std::uint64_t oldest() const { return count > remembered ? count - remembered : 0; }  // that is known
@@ -103,7 +100,7 @@ class Messages {
     std::string topic;
     Rows rows;
     std::uint64_t messages = 0;
-    std::int64_t first_ns = 0, last_ns = 0, last_stamp_ns = 0;
+    std::int64_t first_ns = 0, last_ns = 0;
     bool is_broken = false;  // no period begins with the last take, and nothing before it counts as lost
     Distribution period, age;
     std::uint64_t duplicated = 0, reordered = 0, late = 0;
@@ -149,7 +146,7 @@ class Messages {
   std::int64_t interrupted_until_ns_ = 0;
   Misses misses_;
   KeepRow keep_row_;
-  Chains chains_;
+  std::vector<ChainFollower> chains_;
 };
 
 }  // namespace ontime::listen

@@ -2,8 +2,10 @@
 // Misses that wait to be taken: the latest most_misses, and of each topic how many had no room.
 #pragma once
 
+#include <algorithm>
 #include <cstdint>
 #include <deque>
+#include <iterator>
 #include <map>
 #include <string>
 #include <utility>
@@ -28,15 +30,9 @@ class Misses {
   // But those that are to wait on.
   template <class Waits>
   std::vector<Miss> take(Waits waits) {
-    std::vector<Miss> taken;
-    std::deque<Miss> others;
-    for (auto& miss : waiting_) {
-      if (waits(miss))
-        others.push_back(std::move(miss));
-      else
-        taken.push_back(std::move(miss));
-    }
-    waiting_ = std::move(others);
+    const auto first_taken = std::stable_partition(waiting_.begin(), waiting_.end(), waits);
+    std::vector<Miss> taken(std::make_move_iterator(first_taken), std::make_move_iterator(waiting_.end()));
+    waiting_.erase(first_taken, waiting_.end());
     return taken;
   }
   void name(std::uint64_t flow, const std::string& topic) {

@@ -46,18 +46,11 @@ std::optional<Datagram> udp(int family, Bytes source, Bytes destination, Bytes b
 }  // namespace
 
 Packets::Packets(int link_type) : link_type_(link_type) {
-  switch (link_type) {
-    case DLT_EN10MB:
-    case DLT_LINUX_SLL:
-    case DLT_LINUX_SLL2:
-    case DLT_RAW:
-      return;
-    default:
-      throw Error(
-          fmt::format("these packets have link type {}; Ethernet (1), raw IP (12) and Linux cooked "
-                      "(113, 276) are read",
-                      link_type));
-  }
+  for (const int known : {DLT_EN10MB, DLT_LINUX_SLL, DLT_LINUX_SLL2, DLT_RAW})
+    if (link_type == known) return;
+  throw Error(fmt::format(
+      "these packets have link type {}; Ethernet (1), raw IP (12) and Linux cooked (113, 276) are read",
+      link_type));
 }
 
 std::optional<Datagram> Packets::datagram(std::span<const std::byte> frame) {

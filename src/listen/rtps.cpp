@@ -231,15 +231,8 @@ std::optional<Writer> announced(const Data& data) {
 }
 
 std::string text_of(const Guid& guid) {
-  std::string text;
-  for (std::size_t i = 0; i < guid.bytes.size(); ++i) {
-    if (i == 12)
-      text += ':';
-    else if (i == 4 || i == 8)
-      text += '.';
-    text += fmt::format("{:02x}", guid.bytes[i]);
-  }
-  return text;
+  const auto part = [&](std::size_t at) { return fmt::join(std::span(guid.bytes).subspan(at, 4), ""); };
+  return fmt::format("{:02x}.{:02x}.{:02x}:{:02x}", part(0), part(4), part(8), part(12));
 }
 
 }  // namespace ontime::listen::rtps

@@ -62,8 +62,7 @@ class Search {
     for (const auto& step : steps())
       for (auto& part : explain::spent_by(step.thread, timeline_, step.from_ns, step.to_ns))
         add(std::move(part));
-    const auto most = std::max_element(parts_.begin(), parts_.end(),
-                                       [](const Part& one, const Part& other) { return one.ns < other.ns; });
+    const auto most = std::ranges::max_element(parts_, {}, &Part::ns);
     const bool is_most = most != parts_.end() && is_seen(most->cause) && 2 * most->ns >= leg_.too_long_ns;
     // The kernel holds up threads whose code it changes, in the state of those that wait in it.
     if (miss_.course.beside_probes && (!is_most || most->cause == Cause::blocked)) return by_probes();

@@ -19,29 +19,27 @@ constexpr std::uint64_t longest_leap = 1 << 20;
 }  // namespace
 
 void Wire::add(std::int64_t at_ns, const Datagram& datagram) {
-  const rtps::Visitor visitor{.data =
-                                  [&](const rtps::Data& data) {
-                                    if (const auto writer = rtps::announced(data)) {
-                                      name_topic(writer->guid, writer->topic);
-                                    } else if (data.writer.is_user_endpoint()) {
-                                      add(at_ns, datagram, data);
-                                    }
-                                  },
-                              .gap =
-                                  [&](const rtps::Gap& gap) {
-                                    const auto found = streams_.find(gap.writer);
-                                    if (found != streams_.end() && !found->second.is_broken &&
-                                        gap.last < found->second.sequence.next() + longest_leap)
-                                      found->second.sequence.pass_over(gap.first, gap.last);
-                                  },
-                              .heartbeat =
-                                  [&](const rtps::Heartbeat& heartbeat) {
-                                    const auto found = streams_.find(heartbeat.writer);
-                                    if (found == streams_.end() || found->second.is_broken ||
-                                        heartbeat.last >= found->second.sequence.next() + longest_leap)
-                                      return;
-                                    found->second.sequence.announce(heartbeat.last);
-                                  }};
+  // nullptr: of that writer nothing is concluded, or not so far.
+  const auto sequence_of = [&](const rtps::Guid& writer, std::uint64_t last) -> Sequence* {
+    const auto found = streams_.find(writer);
+    if (found == streams_.end() || found->second.is_broken) return nullptr;
+    auto& sequence = found->second.sequence;
+    return last < sequence.next() + longest_leap ? &sequence : nullptr;
+  };
+  rtps::Visitor visitor;
+  visitor.data = [&](const rtps::Data& data) {
+    if (const auto writer = rtps::announced(data))
+      name_topic(writer->guid, writer->topic);
+    else if (data.writer.is_user_endpoint())
+      add(at_ns, datagram, data);
+  };
+  visitor.gap = [&](const rtps::Gap& gap) {
+    if (auto* const sequence = sequence_of(gap.writer, gap.last)) sequence->pass_over(gap.first, gap.last);
+  };
+  visitor.heartbeat = [&](const rtps::Heartbeat& heartbeat) {
+    if (auto* const sequence = sequence_of(heartbeat.writer, heartbeat.last))
+      sequence->announce(heartbeat.last);
+  };
   if (rtps::visit(datagram.payload, visitor) == rtps::Outcome::cut) {
     ++cut_;
     interrupt();
@@ -83,8 +81,7 @@ bool Wire::completes(Stream& stream, const rtps::Data& data) {
 // Without room for another, the oldest complete message goes first: it only tells repeated fragments.
 Wire::Partial& Wire::partial_of(Stream& stream, std::uint64_t sequence, std::uint32_t fragments) {
   auto& partial = stream.partial;
-  const auto known =
-      std::find_if(partial.begin(), partial.end(), [&](const auto& one) { return one.sequence == sequence; });
+  const auto known = std::ranges::find(partial, sequence, &Partial::sequence);
   if (known != partial.end()) return *known;
   auto kept = std::accumulate(partial.begin(), partial.end(), std::size_t{fragments},
                               [](auto sum, const auto& one) { return sum + one.seen.size(); });
@@ -203,21 +200,18 @@ Findings Wire::findings() const {
                               .reordered = stream.reordered,
                               .late = stream.late});
   }
-  std::sort(findings.flows.begin(), findings.flows.end(), [](const Flow& a, const Flow& b) {
-    return std::tie(a.topic, a.writer.name) < std::tie(b.topic, b.writer.name);
-  });
+  std::ranges::sort(findings.flows, {},
+                    [](const Flow& flow) { return std::tie(flow.topic, flow.writer.name); });
   if (cut_ > 0)
     findings.remarks.push_back(
         fmt::format("{} datagrams were captured in part: no loss is counted across them", cut_));
   if (left_out_ > 0)
     findings.remarks.push_back(fmt::format("{} messages came from more than {} writers and are not counted",
                                            left_out_, most_writers));
-  if (std::any_of(findings.flows.begin(), findings.flows.end(),
-                  [](const auto& flow) { return flow.topic.empty(); }))
+  if (std::ranges::any_of(findings.flows, [](const auto& flow) { return flow.topic.empty(); }))
     findings.remarks.emplace_back(
         "a writer's topic is known only when its discovery is captured: start the capture before the nodes, "
-        "or judge "
-        "in the processes");
+        "or judge in the processes");
   return findings;
 }
 

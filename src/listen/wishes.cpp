@@ -61,11 +61,12 @@ std::optional<Wishes> fastdds_wishes(const probes_bpf& probes, const std::string
   std::uint64_t of_writer = ontime_cookie_is_below_rmw, of_reader = of_writer;
   bool knows_topics = true;
   try {
-    const Library code(path);
-    if (!code.entry(writer + "5writeEPv", {})) return {};
-    const auto entity = code.offset_of_member("_ZNK" + scope + "10DataWriter9get_topicEv"),
-               written = code.offset_of_member("_ZNK" + scope + "14DataWriterImpl9get_topicEv"),
-               read = code.offset_of_member("_ZNK" + scope + "14DataReaderImpl20get_topicdescriptionEv");
+    const Library library(path);
+    if (!library.entry(writer + "5writeEPv", {})) return {};
+    const auto entity = offset_of_member(library.code("_ZNK" + scope + "10DataWriter9get_topicEv")),
+               written = offset_of_member(library.code("_ZNK" + scope + "14DataWriterImpl9get_topicEv")),
+               read = offset_of_member(
+                   library.code("_ZNK" + scope + "14DataReaderImpl20get_topicdescriptionEv"));
     knows_topics = entity && written && read;
     if (knows_topics) {
       const auto way = [](std::uint64_t topic, std::uint64_t name) {
