@@ -4,6 +4,9 @@
 #include <algorithm>
 #include <bit>
 #include <cstring>
+#include <fstream>
+#include <sstream>
+#include <string_view>
 
 #include <event-parse.h>
 #include <fmt/format.h>
@@ -70,9 +73,26 @@ char state_of(std::int64_t bits) {
 constexpr const char* soft_interrupts[] = {"HI",       "TIMER",   "NET_TX", "NET_RX",  "BLOCK",
                                            "IRQ_POLL", "TASKLET", "SCHED",  "HRTIMER", "RCU"};
 
+// The kernel's functions by where they begin; none where it hides its addresses (kernel.kptr_restrict). It
+// takes some tens of milliseconds.
+std::vector<std::pair<std::uint64_t, std::string>> kernel_functions() {
+  std::vector<std::pair<std::uint64_t, std::string>> functions{{0, ""}};
+  std::ifstream file("/proc/kallsyms");
+  for (std::string line; std::getline(file, line);) {
+    std::istringstream words(line);
+    std::uint64_t address = 0;
+    std::string type, name;
+    if (words >> std::hex >> address >> type >> name && address != 0 &&
+        std::string_view("tTwW").find(type) != std::string_view::npos)
+      functions.emplace_back(address, std::move(name));
+  }
+  std::ranges::sort(functions);
+  return functions;
+}
+
 }  // namespace
 
-Decoder::Decoder(const Tracefs& tracefs) : tep_(tep_alloc(), tep_free) {
+Decoder::Decoder(const Tracefs& tracefs) : tep_(tep_alloc(), tep_free), functions_(kernel_functions()) {
   tep_set_loglevel(TEP_LOG_NONE);  // what it cannot read of a description is not the user's concern
   tep_set_long_size(tep_.get(), sizeof(long));
   tep_set_file_bigendian(tep_.get(),
@@ -164,6 +184,12 @@ std::string Decoder::text(const Field& field, const RawEvent& event) {
   return {begin, std::find(begin, begin + size, '\0')};
 }
 
+const std::string& Decoder::function_at(std::uint64_t address) const {
+  const auto next =
+      std::ranges::upper_bound(functions_, address, {}, [](const auto& function) { return function.first; });
+  return std::prev(next)->second;
+}
+
 std::string Decoder::functions_of(const Shape& shape, const RawEvent& event) {
   constexpr std::string_view last_of_switching = "__schedule";
   std::string functions;
@@ -172,7 +198,7 @@ std::string Decoder::functions_of(const Shape& shape, const RawEvent& event) {
        static_cast<std::size_t>(one.offset) + sizeof(long) <= event.bytes.size(); one.offset += one.size) {
     const auto address = number(one, event);
     if (address == -1) break;  // older kernels end it so
-    const auto& name = symbols_.at(static_cast<std::uint64_t>(address));
+    const auto& name = function_at(static_cast<std::uint64_t>(address));
     if (name == last_of_switching)
       functions.clear();
     else if (!name.empty())
@@ -209,7 +235,7 @@ std::string Decoder::what_of(const Shape& shape, const RawEvent& event) {
       const auto begin = text.find(before);
       auto reason = begin == text.npos ? "" : text.substr(begin + before.size());
       if (!reason.empty() && reason != "NOT_SPECIFIED") return reason;
-      return symbols_.at(static_cast<std::uint64_t>(number(shape.place, event)));
+      return function_at(static_cast<std::uint64_t>(number(shape.place, event)));
     }
     case Kind::waits:
       return functions_of(shape, event);

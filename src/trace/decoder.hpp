@@ -8,10 +8,10 @@
 #include <memory>
 #include <optional>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "trace/ring.hpp"
-#include "trace/symbols.hpp"
 #include "trace/trace.hpp"
 #include "trace/tracefs.hpp"
 
@@ -59,12 +59,13 @@ class Decoder {
   static std::string text(const Field&, const RawEvent&);
   std::string what_of(const Shape&, const RawEvent&);
   std::string functions_of(const Shape&, const RawEvent&);
+  const std::string& function_at(std::uint64_t address) const;  // of the kernel; "": none that it shows
 
   std::unique_ptr<tep_handle, void (*)(tep_handle*)> tep_;
   std::map<int, Shape> shapes_;  // by the id that the kernel gave
   std::vector<Setting> settings_;
   std::vector<std::string> missing_;
-  Symbols symbols_;
+  std::vector<std::pair<std::uint64_t, std::string>> functions_;  // the kernel's, by where they begin
 };
 
 }  // namespace ontime::trace
