@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <random>
 
-#include "record/copy.hpp"
 #include "record/document.hpp"
 #include "record_fixture.hpp"
 

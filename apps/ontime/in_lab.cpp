@@ -12,7 +12,7 @@
 #include "journal/journal.hpp"
 #include "keeper/keeper.hpp"
 #include "lab/results.hpp"
-#include "record/copy.hpp"
+#include "record/record.hpp"
 
 namespace ontime::app {
 namespace {

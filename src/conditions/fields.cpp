@@ -12,7 +12,9 @@ namespace {
 
 using namespace std::chrono_literals;
 using nlohmann::json;
+using roundtrip::ClientOptions;
 using std::chrono::nanoseconds;
+using transport::Config;
 
 constexpr std::uint64_t max_payload_bytes = std::uint64_t{1} << 30U;
 constexpr std::int64_t max_domain = 232;  // the last one whose ports exist
@@ -53,23 +55,9 @@ Codec<std::string> ros_name() {
   return codec;
 }
 
-Codec<std::map<std::string, std::string>> options() {
-  using Options = std::map<std::string, std::string>;
-  return {{},
-          [](const Options& options) { return json(options); },
-          [](Json from) { return from.get<Options>(); }};
-}
-
-Codec<std::vector<std::string>> list_or_null() {
-  using List = std::vector<std::string>;
-  return {{},
-          [](const List& list) { return list.empty() ? json() : json(list); },
-          [](Json from) { return from.get<List>(); }};
-}
-
 // A list of values means a run for each: so these are one text.
 Codec<std::vector<std::string>> robot_topics() {
-  auto codec = list_or_null();
+  auto codec = or_null(plain<std::vector<std::string>>());
   codec.values = "NAME,…";
   codec.of_text = [](Text text) {
     std::vector<std::string> names;
@@ -88,217 +76,163 @@ Codec<std::vector<std::string>> robot_topics() {
   return codec;
 }
 
-Codec<std::vector<std::pair<std::string, std::string>>> pairs_or_null() {
-  using Pairs = std::vector<std::pair<std::string, std::string>>;
-  return {{},
-          [](const Pairs& pairs) { return pairs.empty() ? json() : json(pairs); },
-          [](Json from) { return from.get<Pairs>(); }};
-}
+auto in_client(auto member) { return within(&Run::task, &Task::client, member); }
+auto in_config(auto member) { return within(&Run::task, &Task::config, member); }
 
-Codec<Security> security() {
-  auto codec =
-      words<Security>({Security::off, Security::authenticate, Security::sign, Security::encrypt}, word_of);
-  codec.to_json = [](Security level) { return level == Security::off ? json() : json(word_of(level)); };
-  return codec;
+// Of what the record has in a way of its own.
+Field written(Field field, std::function<json(const Run&)> to_json) {
+  field.to_json = std::move(to_json);
+  return field;
 }
 
 Fields fields_of_record() {
-  Fields all{recorded(
-                 "id", text(), [](Run & run) -> auto& { return run.id; }),
-             recorded(
-                 "variant", text(), [](Run & run) -> auto& { return run.variant; }),
-             recorded(
-                 "varied", pairs_or_null(), [](Run & run) -> auto& { return run.varied; }),
-             recorded(
-                 "beside", text_or_null(), [](Run & run) -> auto& { return run.beside; }),
-             recorded(
-                 "repetition", number<int>(1, 0), [](Run & run) -> auto& { return run.repetition; }),
-             recorded(
-                 "require", list_or_null(), [](Run & run) -> auto& { return run.require; }),
-             recorded(
-                 "component", text_or_null(), [](Run & run) -> auto& { return run.component; }),
-             recorded(
-                 "search.value", text(), [](Run & run) -> auto& { return run.step.value; }),
-             recorded(
-                 "search.step", number<int>(0, 0), [](Run & run) -> auto& { return run.step.number; }),
-             recorded(
-                 "search.steps", number<int>(0, 0), [](Run & run) -> auto& { return run.step.of; }),
-             recorded(
-                 "search.among", text(), [](Run & run) -> auto& { return run.step.among; }),
-             recorded(
-                 "interface", text_or_null(), [](Run & run) -> auto& { return run.task.config.interface; }),
-             recorded(
-                 "options", options(), [](Run & run) -> auto& { return run.task.config.options; }),
-             recorded(
-                 "component_options", options(), [](Run & run) -> auto& { return run.component_options; })};
-  for (auto& field : all)
-    if (field.json == "component")
-      field.to_json = [](const Run& run) { return is_named(run) ? json(run.component) : json(); };
-    else if (field.json == "component_options")
-      field.to_json = [](const Run& run) {
-        return json(run.component_transport.empty() ? run.task.config.options : run.component_options);
-      };
-  return all;
-}
-
-Field component_transport() {
-  auto transport = field(
-      {"component.transport", "", "NAME", "transport of the answering end, if it is another one: the same"},
-      "component_transport", text(), [](Run & run) -> auto& { return run.component_transport; });
-  transport.to_json = [](const Run& run) {
-    return run.component_transport.empty() ? run.task.transport : run.component_transport;
-  };
-  return transport;
+  using Options = std::map<std::string, std::string>;
+  return {
+      recorded("id", text(), &Run::id),
+      recorded("variant", text(), &Run::variant),
+      recorded("varied", or_null(plain<std::vector<std::pair<std::string, std::string>>>()), &Run::varied),
+      recorded("beside", or_null(text()), &Run::beside),
+      recorded("repetition", number<int>(1, 0), &Run::repetition),
+      recorded("require", or_null(plain<std::vector<std::string>>()), &Run::require),
+      written(recorded("component", text(), &Run::component),
+              [](const Run& run) { return is_named(run) ? json(run.component) : json(); }),
+      recorded("search.value", text(), within(&Run::step, &Run::Step::value)),
+      recorded("search.step", number<int>(0, 0), within(&Run::step, &Run::Step::number)),
+      recorded("search.steps", number<int>(0, 0), within(&Run::step, &Run::Step::of)),
+      recorded("search.among", text(), within(&Run::step, &Run::Step::among)),
+      recorded("interface", or_null(text()), in_config(&Config::interface)),
+      recorded("options", plain<Options>(), in_config(&Config::options)),
+      written(recorded("component_options", plain<Options>(), &Run::component_options), [](const Run& run) {
+        return run.component_transport.empty() ? run.task.config.options : run.component_options;
+      })};
 }
 
 // Of what the run is.
 Fields fields_of_run() {
   return {
-      field(
-          {"title", "", "TEXT", "title of the run, for people"}, "title", text(),
-          [](Run & run) -> auto& { return run.title; }),
-      field(
-          {"adds-to", "", "ID", "id of the baseline, for `ontime report --layers`"}, "adds_to", text(),
-          [](Run & run) -> auto& { return run.adds_to; }),
-      field(
-          {"search", "", "KEY",
-           "key with a list of values, gentlest first; ontime finds the first value that misses"},
-          "search.key", text(), [](Run & run) -> auto& { return run.step.key; }),
+      field({"title", "", "TEXT", "title of the run, for people"}, "title", text(), &Run::title),
+      field({"adds-to", "", "ID", "id of the baseline, for `ontime report --layers`"}, "adds_to", text(),
+            &Run::adds_to),
+      field({"search", "", "KEY",
+             "key with a list of values, gentlest first; ontime finds the first value that misses"},
+            "search.key", text(), within(&Run::step, &Run::Step::key)),
       field(
           {"count-instructions", "", "", "count instructions of each thread, if the CPU has a counter: off"},
-          "count_instructions", on_or_null(), [](Run & run) -> auto& { return run.task.count_instructions; }),
+          "count_instructions", or_null(on_or_off()), within(&Run::task, &Task::count_instructions)),
       field(
           {"explain", "--explain", "",
            "record what the kernel does around late and lost messages, for `ontime explain`; needs root: off",
            both},
-          "explain", on_or_null(), [](Run & run) -> auto& { return run.explain; }),
-      field(
-          {"transport", "--transport", "NAME",
-           "what carries the messages: ethernet, xdp, udp, cyclonedds, fastdds, or another installed one",
-           both},
-          "transport", text(), [](Run & run) -> auto& { return run.task.transport; }),
-      component_transport(),
-      field(
-          {"component.restart", "", "", "start the answering end again if it dies during the run: off"},
-          "component_restart", on_or_null(), [](Run & run) -> auto& { return run.component_restart; })};
+          "explain", or_null(on_or_off()), &Run::explain),
+      field({"transport", "--transport", "NAME",
+             "what carries the messages: ethernet, xdp, udp, cyclonedds, fastdds, or another installed one",
+             both},
+            "transport", text(), within(&Run::task, &Task::transport)),
+      written(field({"component.transport", "", "NAME",
+                     "transport of the answering end, if it is another one: the same"},
+                    "component_transport", text(), &Run::component_transport),
+              [](const Run& run) {
+                return run.component_transport.empty() ? run.task.transport : run.component_transport;
+              }),
+      field({"component.restart", "", "", "start the answering end again if it dies during the run: off"},
+            "component_restart", or_null(on_or_off()), &Run::component_restart)};
 }
 
 // Of how it sends.
 Fields fields_of_sending() {
   using roundtrip::Schedule;
   return {
-      said(
-          field(
-              {"payload", "--payload", "",
-               "payload, without the 8-byte sequence number: 500 B; for pong the largest: 60 kB", both, "{}"},
-              "payload_bytes", size(), [](Run & run) -> auto& { return run.task.client.payload_bytes; }),
-          [](Run& run, Text text) {
-            run.task.client.payload_bytes = run.task.config.max_payload_bytes = payload_of(text);
-          }),
-      field(
-          {"schedule", "--schedule", "",
-           "when the next message is sent: next-free (closed loop); fixed is an open loop", client, "{}"},
-          "schedule",
-          words({Schedule::next_free, Schedule::fixed, Schedule::back_to_back}, roundtrip::word_of),
-          [](Run & run) -> auto& { return run.task.client.schedule; }),
-      field(
-          {"period", "--period", "", "time from one cycle to the next: 10 ms", client, "every {}"},
-          "period_us", time(us, period_of), [](Run & run) -> auto& { return run.task.client.period; }),
+      said(field({"payload", "--payload", "",
+                  "payload, without the 8-byte sequence number: 500 B; for pong the largest: 60 kB", both,
+                  "{}"},
+                 "payload_bytes", size(), in_client(&ClientOptions::payload_bytes)),
+           [](Run& run, Text text) {
+             run.task.client.payload_bytes = run.task.config.max_payload_bytes = payload_of(text);
+           }),
+      field({"schedule", "--schedule", "",
+             "when the next message is sent: next-free (closed loop); fixed is an open loop", client, "{}"},
+            "schedule",
+            words({Schedule::next_free, Schedule::fixed, Schedule::back_to_back}, roundtrip::word_of),
+            in_client(&ClientOptions::schedule)),
+      field({"period", "--period", "", "time from one cycle to the next: 10 ms", client, "every {}"},
+            "period_us", time(us, period_of), in_client(&ClientOptions::period)),
       field(
           {"deadline", "--deadline", "", "a message that takes longer is late: 10 ms", client, "deadline {}"},
-          "deadline_us", time(us, up_to_an_hour),
-          [](Run & run) -> auto& { return run.task.client.deadline; }),
-      field(
-          {"timeout", "--timeout", "", "a message without an answer for this time is lost: 500 ms", client,
-           "time-out {}"},
-          "timeout_us", time(us, up_to_an_hour), [](Run & run) -> auto& { return run.task.client.timeout; }),
-      field(
-          {"duration", "--duration", "", "how long to measure, without the warm-up: 10 s", client, "{}"},
-          "duration_s", time(s, [](Text text) { return positive_duration(text); }),
-          [](Run & run) -> auto& { return run.task.client.duration; }),
-      field(
-          {"warm-up", "--warm-up", "N", "answers to wait for before the first counted message: 10"},
-          "warm_up", number<std::uint64_t>(1, 1'000'000),
-          [](Run & run) -> auto& { return run.task.client.warm_up; }),
-      field(
-          {"receive", "--receive", "",
-           "receive on the middleware's thread (listener) or on an own waiting thread (waitset): listener",
-           both, "{}"},
-          "receive",
-          words<transport::Receive>({transport::Receive::listener, transport::Receive::waitset}, word_of),
-          [](Run & run) -> auto& { return run.task.config.receive; })};
+          "deadline_us", time(us, up_to_an_hour), in_client(&ClientOptions::deadline)),
+      field({"timeout", "--timeout", "", "a message without an answer for this time is lost: 500 ms", client,
+             "time-out {}"},
+            "timeout_us", time(us, up_to_an_hour), in_client(&ClientOptions::timeout)),
+      field({"duration", "--duration", "", "how long to measure, without the warm-up: 10 s", client, "{}"},
+            "duration_s", time(s, [](Text text) { return positive_duration(text); }),
+            in_client(&ClientOptions::duration)),
+      field({"warm-up", "--warm-up", "N", "answers to wait for before the first counted message: 10"},
+            "warm_up", number<std::uint64_t>(1, 1'000'000), in_client(&ClientOptions::warm_up)),
+      field({"receive", "--receive", "",
+             "receive on the middleware's thread (listener) or on an own waiting thread (waitset): listener",
+             both, "{}"},
+            "receive",
+            words<transport::Receive>({transport::Receive::listener, transport::Receive::waitset}, word_of),
+            in_config(&Config::receive))};
 }
 
 // Of the topics, and how they are served. The names that are said become whole ones at the end.
 Fields fields_of_topics() {
   using transport::Durability, transport::History;
-  auto name_space = field(
-      {"namespace", "--namespace", "NAME", "namespace of the topics, such as /robot: /", both}, "",
-      ros_name(), [](Run & run) -> auto& { return run.ros_namespace; });
-  return {
-      said(field(
-               {"domain", "--domain", "", "DDS domain; udp uses port 7900 + domain: $ROS_DOMAIN_ID, or 0",
-                both, "domain {}"},
-               "domain", number<int>(0, max_domain),
-               [](Run & run) -> auto& { return run.task.config.domain; }),
-           [](Run& run, Text text) { run.domain = static_cast<int>(number_of(text, 0, max_domain)); }),
-      said(name_space,
-           [set = name_space.set](Run& run, Text text) {
-             if (text == "/")
-               run.ros_namespace = text;
-             else
-               set(run, text);
-           }),
-      said(field(
-               {"topics.ping", "--ping-topic", "", "topic that the client writes: ping", both}, "ping_topic",
-               ros_name(), [](Run & run) -> auto& { return run.task.config.ping_topic; }),
-           [](Run& run, Text text) { run.ping_topic = ros_name().of_text(text); }),
-      said(field(
-               {"topics.pong", "--pong-topic", "", "topic that the server answers on: pong", both},
-               "pong_topic", ros_name(), [](Run & run) -> auto& { return run.task.config.pong_topic; }),
-           [](Run& run, Text text) { run.pong_topic = ros_name().of_text(text); }),
-      field(
-          {"qos.reliability", "--reliability", "", "reliability of both topics: best-effort", both},
-          "qos.reliability", reliability(),
-          [](Run & run) -> auto& { return run.task.config.qos.reliability; }),
-      field(
-          {"qos.history", "--history", "", "history of both topics: keep-last", both}, "qos.history",
-          words<History>({History::keep_last, History::keep_all}, word_of),
-          [](Run & run) -> auto& { return run.task.config.qos.history; }),
-      field(
-          {"qos.depth", "--depth", "N", "messages that keep-last keeps: 1", both}, "qos.depth",
-          number<int>(1, 1'000'000), [](Run & run) -> auto& { return run.task.config.qos.depth; }),
-      field(
-          {"qos.durability", "--durability", "", "durability of both topics: volatile", both},
-          "qos.durability", words<Durability>({Durability::volatile_, Durability::transient_local}, word_of),
-          [](Run & run) -> auto& { return run.task.config.qos.durability; }),
-      field(
-          {"security", "", "", "DDS Security: authenticate both ends; also sign or encrypt each payload: off",
-           client, "security {}"},
-          "security", security(), [](Run & run) -> auto& { return run.security; })};
+  auto name_space =
+      field({"namespace", "--namespace", "NAME", "namespace of the topics, such as /robot: /", both}, "",
+            ros_name(), &Run::ros_namespace);
+  return {said(field({"domain", "--domain", "",
+                      "DDS domain; udp uses port 7900 + domain: $ROS_DOMAIN_ID, or 0", both, "domain {}"},
+                     "domain", number<int>(0, max_domain), in_config(&Config::domain)),
+               [](Run& run, Text text) { run.domain = static_cast<int>(number_of(text, 0, max_domain)); }),
+          said(name_space,
+               [set = name_space.set](Run& run, Text text) {
+                 if (text == "/")
+                   run.ros_namespace = text;
+                 else
+                   set(run, text);
+               }),
+          said(field({"topics.ping", "--ping-topic", "", "topic that the client writes: ping", both},
+                     "ping_topic", ros_name(), in_config(&Config::ping_topic)),
+               [](Run& run, Text text) { run.ping_topic = ros_name().of_text(text); }),
+          said(field({"topics.pong", "--pong-topic", "", "topic that the server answers on: pong", both},
+                     "pong_topic", ros_name(), in_config(&Config::pong_topic)),
+               [](Run& run, Text text) { run.pong_topic = ros_name().of_text(text); }),
+          field({"qos.reliability", "--reliability", "", "reliability of both topics: best-effort", both},
+                "qos.reliability", reliability(),
+                within(&Run::task, &Task::config, &Config::qos, &transport::Qos::reliability)),
+          field({"qos.history", "--history", "", "history of both topics: keep-last", both}, "qos.history",
+                words<History>({History::keep_last, History::keep_all}, word_of),
+                within(&Run::task, &Task::config, &Config::qos, &transport::Qos::history)),
+          field({"qos.depth", "--depth", "N", "messages that keep-last keeps: 1", both}, "qos.depth",
+                number<int>(1, 1'000'000),
+                within(&Run::task, &Task::config, &Config::qos, &transport::Qos::depth)),
+          field({"qos.durability", "--durability", "", "durability of both topics: volatile", both},
+                "qos.durability",
+                words<Durability>({Durability::volatile_, Durability::transient_local}, word_of),
+                within(&Run::task, &Task::config, &Config::qos, &transport::Qos::durability)),
+          field({"security", "", "",
+                 "DDS Security: authenticate both ends; also sign or encrypt each payload: off", client,
+                 "security {}"},
+                "security",
+                or_null(words<Security>(
+                    {Security::off, Security::authenticate, Security::sign, Security::encrypt}, word_of)),
+                &Run::security)};
 }
 
 Fields listening_fields() {
-  const auto limit = time(us, up_to_an_hour);
-  using Limit = std::optional<nanoseconds>;
-  const Codec<Limit> limit_or_null{[=](Text text) { return Limit(limit.of_text(text)); },
-                                   [=](const Limit& value) { return value ? limit.to_json(*value) : json(); },
-                                   [=](Json from) { return Limit(limit.of_json(from)); }, limit.values,
-                                   limit.unit};
+  const auto limit = optional(time(us, up_to_an_hour));
   return {
       field(
           {"listen.topics", "", "", "the robot's own topics to listen to meanwhile, as /scan,/cmd_vel: none"},
-          "listen.topics", robot_topics(), [](Run & run) -> auto& { return run.listening.topics; }),
-      field(
-          {"listen.deadline", "", "",
-           "such a message is late that comes later than this after the one before: none"},
-          "listen.deadline_us", limit_or_null, [](Run & run) -> auto& { return run.listening.deadline; }),
-      field(
-          {"listen.period", "", "", "expected period of these topics; late after 1.5 times as long: none"},
-          "listen.period_us", limit_or_null, [](Run & run) -> auto& { return run.listening.period; }),
-      field(
-          {"listen.age", "", "", "such a message is late that is older than this when it is taken: none"},
-          "listen.age_us", limit_or_null, [](Run & run) -> auto& { return run.listening.age; })};
+          "listen.topics", robot_topics(), within(&Run::listening, &Listening::topics)),
+      field({"listen.deadline", "", "",
+             "such a message is late that comes later than this after the one before: none"},
+            "listen.deadline_us", limit, within(&Run::listening, &Listening::deadline)),
+      field({"listen.period", "", "", "expected period of these topics; late after 1.5 times as long: none"},
+            "listen.period_us", limit, within(&Run::listening, &Listening::period)),
+      field({"listen.age", "", "", "such a message is late that is older than this when it is taken: none"},
+            "listen.age_us", limit, within(&Run::listening, &Listening::age))};
 }
 
 // What says nothing as long as it is not asked for, whatever its parts are.
@@ -313,6 +247,20 @@ constexpr std::pair<const char*, bool (*)(const Run&)> groups[] = {
 json::json_pointer pointer(std::string path) {
   std::replace(path.begin(), path.end(), '.', '/');
   return json::json_pointer("/" + path);
+}
+
+Run run_from(const json& from, bool may_be_foreign) {
+  Run run;
+  for (const auto& field : fields()) {
+    if (!field.from_json) continue;
+    const auto& value = member_of(from, field.json);
+    if (!value.is_null()) try {
+        field.from_json(run, value);
+      } catch (const std::exception&) {
+        if (!may_be_foreign) throw;
+      }
+  }
+  return run;
 }
 
 }  // namespace
@@ -389,26 +337,8 @@ json to_json(const Run& run) {
   return all;
 }
 
-Run run_of(const json& from) {
-  Run run;
-  for (const auto& field : fields())
-    if (const auto& value = field.from_json ? member_of(from, field.json) : json(); !value.is_null())
-      field.from_json(run, value);
-  return run;
-}
-
-Run run_of_record(const json& from) {
-  Run run;
-  for (const auto& field : fields()) {
-    if (!field.from_json) continue;
-    const auto& value = member_of(from, field.json);
-    if (!value.is_null()) try {
-        field.from_json(run, value);
-      } catch (const std::exception&) {  // a record may be of another program
-      }
-  }
-  return run;
-}
+Run run_of(const json& from) { return run_from(from, false); }
+Run run_of_record(const json& from) { return run_from(from, true); }
 
 const char* word_of(transport::Reliability reliability) {
   return reliability == transport::Reliability::reliable ? "reliable" : "best-effort";

@@ -32,19 +32,20 @@ struct Codec {
 template <typename Value>
 using Place = std::function<std::type_identity_t<Value>&(Run&)>;
 
-// How a field is said: as Field has it.
-struct Said {
-  std::string path, flag, values, help;
-  Field::For end = Field::For::client;
-  std::string phrase{};
-};
+// Of what lies deeper in it: within(&Run::faults, &Faults::loss).
+template <typename... Members>
+auto within(Members... path) {
+  return [=](Run & run) -> auto& { return (run.*....*path); };
+}
+
 inline constexpr auto client = Field::For::client, both = Field::For::both;
 
+// `made`: how it is said.
 template <typename Value>
-Field field(Said said, std::string json, Codec<Value> codec, Place<Value> place) {
-  Field made{said.path,   said.flag, said.values.empty() ? codec.values : said.values, said.help, said.end,
-             said.phrase, codec.unit};
-  if (!said.path.empty() && codec.of_text)
+Field field(Field made, std::string json, Codec<Value> codec, Place<Value> place) {
+  if (made.values.empty()) made.values = codec.values;
+  made.unit = codec.unit;
+  if (!made.path.empty() && codec.of_text)
     made.set = [place, of_text = codec.of_text](Run& run, Text text) { place(run) = of_text(text); };
   if (json.empty()) return made;
   made.json = std::move(json);
@@ -69,25 +70,31 @@ inline Field said(Field field, std::function<void(Run&, Text)> set) {
 bool yes_or_no(Text);
 double finite(Json);  // throws for what is no number
 
+// In JSON as it is.
+template <typename Value>
+Codec<Value> plain(std::function<Value(Text)> of_text = {}, std::string values = {}) {
+  return {std::move(of_text), [](const Value& value) { return nlohmann::json(value); },
+          [](Json from) { return from.get<Value>(); }, std::move(values)};
+}
 inline Codec<std::string> text() {
-  return {[](Text text) { return text; }, [](Text value) { return nlohmann::json(value); },
-          [](Json from) { return from.get<std::string>(); }};
+  return plain<std::string>([](Text text) { return text; });
 }
-// Where none is said by null.
-inline Codec<std::string> text_or_null() {
-  auto codec = text();
-  codec.to_json = [](Text value) { return value.empty() ? nlohmann::json() : nlohmann::json(value); };
+inline Codec<bool> on_or_off() { return plain<bool>(yes_or_no, "on|off"); }
+// Where the value without a statement (off, empty) is null in JSON.
+template <typename Value>
+Codec<Value> or_null(Codec<Value> codec) {
+  codec.to_json = [to_json = codec.to_json](const Value& value) {
+    return value == Value{} ? nlohmann::json() : to_json(value);
+  };
   return codec;
 }
-inline Codec<bool> on_or_off() {
-  return {yes_or_no, [](bool value) { return nlohmann::json(value); },
-          [](Json from) { return from.get<bool>(); }, "on|off"};
-}
-// Where only `on` says something.
-inline Codec<bool> on_or_null() {
-  auto codec = on_or_off();
-  codec.to_json = [](bool value) { return value ? nlohmann::json(true) : nlohmann::json(); };
-  return codec;
+template <typename Value>
+Codec<std::optional<Value>> optional(Codec<Value> codec) {
+  using Optional = std::optional<Value>;
+  return {
+      [of_text = codec.of_text](Text text) { return Optional(of_text(text)); },
+      [to_json = codec.to_json](const Optional& value) { return value ? to_json(*value) : nlohmann::json(); },
+      [of_json = codec.of_json](Json from) { return Optional(of_json(from)); }, codec.values, codec.unit};
 }
 
 template <typename Number>
@@ -112,11 +119,6 @@ Codec<Number> number(std::int64_t least, std::int64_t most) {
   auto codec = number<Number>([=](Text text) { return static_cast<Number>(number_of(text, least, most)); });
   codec.values = fmt::format("{}-{}", least, most);
   return codec;
-}
-inline Codec<std::optional<int>> number_or_null(std::int64_t least, std::int64_t most) {
-  return {[=](Text text) { return std::optional(static_cast<int>(number_of(text, least, most))); },
-          [](const std::optional<int>& value) { return value ? nlohmann::json(*value) : nlohmann::json(); },
-          [](Json from) { return std::optional(whole<int>(from)); }, fmt::format("{}-{}", least, most)};
 }
 inline Codec<std::uint64_t> size(std::function<std::uint64_t(Text)> of_text = bytes_of) {
   auto codec = number<std::uint64_t>(std::move(of_text));

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // What is beside the messages: load, traffic, the link's faults, ordinary topics, reserved CPUs, kernel
 // settings.
-#include <sstream>
 #include <string_view>
 
 #include "conditions/fields.hpp"
@@ -24,15 +23,12 @@ std::uint64_t size_of(Text text) {
 Fields load_fields(const std::string& host, Workers Run::*load) {
   const auto number_of_workers = [=](const std::string& kind, const std::string& help,
                                      int Workers::*workers) {
-    return field(
-        {fmt::format("load.{}.{}", host, kind), "", "N", help}, fmt::format("load.{}.{}", host, kind),
-        number<int>(0, 1024), [=](Run & run) -> auto& { return (run.*load).*workers; });
+    return field({fmt::format("load.{}.{}", host, kind), "", "N", help},
+                 fmt::format("load.{}.{}", host, kind), number<int>(0, 1024), within(load, workers));
   };
   const auto bytes = [=](const std::string& kind, const std::string& help, std::uint64_t Workers::*each) {
-    return field(
-        {fmt::format("load.{}.{}-bytes", host, kind), "", "", help},
-        fmt::format("load.{}.{}_bytes", host, kind),
-        size(size_of), [=](Run & run) -> auto& { return (run.*load).*each; });
+    return field({fmt::format("load.{}.{}-bytes", host, kind), "", "", help},
+                 fmt::format("load.{}.{}_bytes", host, kind), size(size_of), within(load, each));
   };
   return {number_of_workers("cpu", "stress-ng workers that compute: 0", &Workers::cpu),
           number_of_workers("vm", "stress-ng workers that write to memory: 0", &Workers::vm),
@@ -59,20 +55,15 @@ Codec<Direction> direction() {
 }
 
 Fields traffic_fields() {
-  return {field(
-              {"traffic.rate", "", "RATE", "rate of concurrent UDP traffic by iperf3, each way: none"},
-              "traffic.bit_s", number<std::uint64_t>(bit_rate_of),
-              [](Run & run) -> auto& { return run.traffic.bits_per_s; }),
-          field(
-              {"traffic.direction", "", "", "direction of the traffic: both"}, "traffic.direction",
-              direction(), [](Run & run) -> auto& { return run.traffic.direction; }),
-          field(
-              {"traffic.datagram", "", "", "payload of each datagram of the traffic: 1470 B"},
-              "traffic.datagram_bytes", size(datagram_of),
-              [](Run & run) -> auto& { return run.traffic.datagram_bytes; }),
-          field(
-              {"traffic.priority", "", "", "SCHED_FIFO priority of iperf3: none"}, "traffic.priority",
-              number<int>(1, 99), [](Run & run) -> auto& { return run.traffic.priority; })};
+  return {
+      field({"traffic.rate", "", "RATE", "rate of concurrent UDP traffic by iperf3, each way: none"},
+            "traffic.bit_s", number<std::uint64_t>(bit_rate_of), within(&Run::traffic, &Traffic::bits_per_s)),
+      field({"traffic.direction", "", "", "direction of the traffic: both"}, "traffic.direction", direction(),
+            within(&Run::traffic, &Traffic::direction)),
+      field({"traffic.datagram", "", "", "payload of each datagram of the traffic: 1470 B"},
+            "traffic.datagram_bytes", size(datagram_of), within(&Run::traffic, &Traffic::datagram_bytes)),
+      field({"traffic.priority", "", "", "SCHED_FIFO priority of iperf3: none"}, "traffic.priority",
+            number<int>(1, 99), within(&Run::traffic, &Traffic::priority))};
 }
 
 // Of netem, which takes whole microseconds.
@@ -152,48 +143,39 @@ Fields link_fields() {
       [=](std::int64_t ns) { return ns > 0 ? launch.to_json(std::chrono::nanoseconds(ns)) : json(); },
       [=](Json from) { return launch.of_json(from).count(); }, "TIME", Field::Unit::us};
   return {
-      field(
-          {"link.loss", "", "", "share of arriving frames that each end loses, such as '1 %': none", client,
-           "loses {}"},
-          "link.loss", share(), [](Run & run) -> auto& { return run.faults.loss; }),
+      field({"link.loss", "", "", "share of arriving frames that each end loses, such as '1 %': none", client,
+             "loses {}"},
+            "link.loss", share(), within(&Run::faults, &Faults::loss)),
       field(
           {"link.duplicate", "", "", "share of frames that each end sends twice: none", client, "doubles {}"},
-          "link.duplicates", share(), [](Run & run) -> auto& { return run.faults.duplicates; }),
-      field(
-          {"link.delay", "", "", "delay of everything that each end sends: none", client, "delays {}"},
-          "link.delay_us", delay(), [](Run & run) -> auto& { return run.faults.delay; }),
-      field(
-          {"link.jitter", "", "", "variation of that delay, either way: none", client,
-           "varies the delay by {}"},
-          "link.jitter_us", delay(), [](Run & run) -> auto& { return run.faults.jitter; }),
-      field(
-          {"link.reorder", "", "",
-           "share of frames that leave without that delay, and so before others: none", client,
-           "reorders {}"},
-          "link.reordered", share(), [](Run & run) -> auto& { return run.faults.reordered; }),
-      field(
-          {"link.qdisc", "", "TEXT",
-           "queueing discipline of both ends, in tc's words, such as 'prio bands 3': the kernel's choice",
-           client, "queues by {}"},
-          "link.qdisc", qdisc(), [](Run & run) -> auto& { return run.faults.qdisc; }),
-      field(
-          {"link.message-priority", "", "", "priority of the messages' packets (SO_PRIORITY): unchanged",
-           client, "sends messages with priority {}"},
-          "link.message_priority", number_or_null(0, 15),
-          [](Run & run) -> auto& { return run.faults.message_priority; }),
-      field(
-          {"link.traffic-priority", "", "", "priority of the traffic's packets (SO_PRIORITY): unchanged",
-           client, "sends traffic with priority {}"},
-          "link.traffic_priority", number_or_null(0, 15),
-          [](Run & run) -> auto& { return run.faults.traffic_priority; }),
-      field(
-          {"link.dscp", "", "", "DSCP of the messages' IP packets, such as 46 (EF): unchanged", client,
-           "marks messages with DSCP {}"},
-          "link.dscp", number_or_null(0, 63), [](Run & run) -> auto& { return run.faults.dscp; }),
-      field(
-          {"launch-time", "", "", "time after due at which the etf of link.qdisc releases a message: none",
-           client, "launched {} after it was due"},
-          "launch_us", launch_ns, [](Run & run) -> auto& { return run.task.config.launch_ns; }),
+          "link.duplicates", share(), within(&Run::faults, &Faults::duplicates)),
+      field({"link.delay", "", "", "delay of everything that each end sends: none", client, "delays {}"},
+            "link.delay_us", delay(), within(&Run::faults, &Faults::delay)),
+      field({"link.jitter", "", "", "variation of that delay, either way: none", client,
+             "varies the delay by {}"},
+            "link.jitter_us", delay(), within(&Run::faults, &Faults::jitter)),
+      field({"link.reorder", "", "",
+             "share of frames that leave without that delay, and so before others: none", client,
+             "reorders {}"},
+            "link.reordered", share(), within(&Run::faults, &Faults::reordered)),
+      field({"link.qdisc", "", "TEXT",
+             "queueing discipline of both ends, in tc's words, such as 'prio bands 3': the kernel's choice",
+             client, "queues by {}"},
+            "link.qdisc", qdisc(), within(&Run::faults, &Faults::qdisc)),
+      field({"link.message-priority", "", "", "priority of the messages' packets (SO_PRIORITY): unchanged",
+             client, "sends messages with priority {}"},
+            "link.message_priority", optional(number<int>(0, 15)),
+            within(&Run::faults, &Faults::message_priority)),
+      field({"link.traffic-priority", "", "", "priority of the traffic's packets (SO_PRIORITY): unchanged",
+             client, "sends traffic with priority {}"},
+            "link.traffic_priority", optional(number<int>(0, 15)),
+            within(&Run::faults, &Faults::traffic_priority)),
+      field({"link.dscp", "", "", "DSCP of the messages' IP packets, such as 46 (EF): unchanged", client,
+             "marks messages with DSCP {}"},
+            "link.dscp", optional(number<int>(0, 63)), within(&Run::faults, &Faults::dscp)),
+      field({"launch-time", "", "", "time after due at which the etf of link.qdisc releases a message: none",
+             client, "launched {} after it was due"},
+            "launch_us", launch_ns, within(&Run::task, &Task::config, &transport::Config::launch_ns)),
       cut()};
 }
 
@@ -210,12 +192,11 @@ Codec<nanoseconds> rate() {
 }
 
 template <typename Value>
-Field of_neighbours(Said how, const std::string& name, Codec<Value> codec,
+Field of_neighbours(Field how, const std::string& name, Codec<Value> codec,
                     Value roundtrip::NeighbourOptions::*what) {
-  auto made = field(
-      {"neighbours." + how.path, "", how.values, how.help}, "neighbours." + name,
-      codec, [what](Run & run) -> auto& { return run.task.neighbours.*what; });
-  return how.path == "topics" ? made : said(made, [set = made.set](Run& run, Text text) {
+  how.path = "neighbours." + how.path;
+  auto made = field(std::move(how), "neighbours." + name, codec, within(&Run::task, &Task::neighbours, what));
+  return name == "topics" ? made : said(made, [set = made.set](Run& run, Text text) {
     run.describes_neighbours = true;
     set(run, text);
   });
@@ -275,7 +256,7 @@ Fields network_fields() {
 Fields neighbour_fields() {
   using Options = roundtrip::NeighbourOptions;
   using roundtrip::Where, transport::Reliability;
-  Fields all{
+  return {
       of_neighbours({"topics", "", "", "number of background topics beside the critical one: none"}, "topics",
                     number<int>(1, 100), &Options::topics),
       of_neighbours(
@@ -304,44 +285,36 @@ Fields neighbour_fields() {
              run.task.neighbours.there = direction().of_text(text) != Direction::to_controller;
              run.task.neighbours.back = direction().of_text(text) != Direction::to_component;
            }},
-      recorded(
-          "neighbours.there", on_or_off(), [](Run & run) -> auto& { return run.task.neighbours.there; }),
-      recorded(
-          "neighbours.back", on_or_off(), [](Run & run) -> auto& { return run.task.neighbours.back; }),
+      recorded("neighbours.there", on_or_off(), within(&Run::task, &Task::neighbours, &Options::there)),
+      recorded("neighbours.back", on_or_off(), within(&Run::task, &Task::neighbours, &Options::back)),
       of_neighbours(
           {"priority", "", "", "SCHED_FIFO priority of threads that only background topics use: none"},
           "priority", number<int>(1, 99), &Options::priority),
       of_neighbours({"callback", "", "", "CPU time that the callback of each background message takes: none"},
                     "callback_us", time(us, up_to_an_hour), &Options::callback)};
-  return all;
 }
 
 Fields isolation_fields() {
   auto cpus = text();
   cpus.of_text = cpus_of;
-  return {
-      field(
-          {"isolation.cpus", "", "LIST|none", "CPUs reserved for the two ends: none", client, "CPUs {} kept"},
-          "isolation.cpus", cpus, [](Run & run) -> auto& { return run.isolation.cpus; }),
-      field(
-          {"isolation.interrupts", "", "",
-           "move the interface's interrupts and the kernel's unbound work to other CPUs: off", client,
-           "interrupts elsewhere"},
-          "isolation.interrupts", on_or_off(), [](Run & run) -> auto& { return run.isolation.interrupts; }),
-      field(
-          {"isolation.load-quota", "", "PERCENT|none",
-           "CPU time for load and traffic together; 100 % is one CPU: no limit", client,
-           "load and traffic with {} of a CPU"},
-          "isolation.load_quota", share(quota_of),
-          [](Run & run) -> auto& { return run.isolation.load_quota; }),
-      field(
-          {"isolation.load-weight", "", "1-10000|none",
-           "weight of load and traffic together; all others have 100: none", client,
-           "load and traffic of weight {}"},
-          "isolation.load_weight", number<int>([](Text text) {
-            return text == "none" ? 0 : static_cast<int>(number_of(text, 1, 10'000));
-          }),
-          [](Run & run) -> auto& { return run.isolation.load_weight; })};
+  return {field({"isolation.cpus", "", "LIST|none", "CPUs reserved for the two ends: none", client,
+                 "CPUs {} kept"},
+                "isolation.cpus", cpus, within(&Run::isolation, &Isolation::cpus)),
+          field({"isolation.interrupts", "", "",
+                 "move the interface's interrupts and the kernel's unbound work to other CPUs: off", client,
+                 "interrupts elsewhere"},
+                "isolation.interrupts", on_or_off(), within(&Run::isolation, &Isolation::interrupts)),
+          field({"isolation.load-quota", "", "PERCENT|none",
+                 "CPU time for load and traffic together; 100 % is one CPU: no limit", client,
+                 "load and traffic with {} of a CPU"},
+                "isolation.load_quota", share(quota_of), within(&Run::isolation, &Isolation::load_quota)),
+          field({"isolation.load-weight", "", "1-10000|none",
+                 "weight of load and traffic together; all others have 100: none", client,
+                 "load and traffic of weight {}"},
+                "isolation.load_weight", number<int>([](Text text) {
+                  return text == "none" ? 0 : static_cast<int>(number_of(text, 1, 10'000));
+                }),
+                within(&Run::isolation, &Isolation::load_weight))};
 }
 
 Fields kernel_fields() {
@@ -356,13 +329,7 @@ Fields kernel_fields() {
                    .values = fmt::format("{}|{}", setting.values, unchanged),
                    .help = setting.help,
                    .set = [&setting](Run& run, Text text) { set_wish(run, setting, text); }});
-  all.push_back(recorded(
-      "kernel",
-      Codec<settings::Wishes>{
-          {},
-          [](const settings::Wishes& wishes) { return wishes.empty() ? json() : json(wishes); },
-          [](Json from) { return from.get<settings::Wishes>(); }},
-      [](Run & run) -> auto& { return run.kernel; }));
+  all.push_back(recorded("kernel", or_null(plain<settings::Wishes>()), &Run::kernel));
   return all;
 }
 

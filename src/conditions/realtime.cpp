@@ -36,15 +36,15 @@ void set_realtime(Run& run, Text text) {
 }
 
 using SetSettings = std::function<void(RealtimeSettings&, Text)>;
-Field setting(Said how, SetSettings set) {
-  return said(Field{.path = how.path, .flag = how.flag, .values = how.values, .help = how.help, .end = both},
-              [set = std::move(set)](Run& run, Text text) {
-                auto checked = run.task.realtime;  // a wrong word is wrong also where it has no effect
-                set(checked, text);
-                if (run.realtime_refused) return;
-                set_realtime_on(run);
-                set(run.task.realtime, text);
-              });
+Field setting(Field how, SetSettings set) {
+  how.end = both;
+  return said(std::move(how), [set = std::move(set)](Run& run, Text text) {
+    auto checked = run.task.realtime;  // a wrong word is wrong also where it has no effect
+    set(checked, text);
+    if (run.realtime_refused) return;
+    set_realtime_on(run);
+    set(run.task.realtime, text);
+  });
 }
 
 // What idle states are limited by: a whole number of microseconds, as the kernel takes it.
@@ -135,19 +135,19 @@ RealtimeSettings settings_of(Json from) {
 }  // namespace
 
 Fields realtime_fields() {
-  Fields all{said(field(
-                      {"realtime", "--realtime", "",
-                       "lock memory, avoid deep idle states, SCHED_FIFO 80 for threads on the message's way, "
-                       "70 for the middleware's others: off",
-                       both},
-                      "realtime", on_or_off(), [](Run & run) -> auto& { return run.task.realtime.on; }),
-                  set_realtime),
-             setting({"realtime.lock-memory", "--lock-memory", "on|off",
-                      "lock and touch all memory before the first message"},
-                     [](auto& settings, Text text) { settings.lock_memory = yes_or_no(text); }),
-             setting({"realtime.cpu-latency", "--cpu-latency", "TIME|any",
-                      "longest exit latency of a CPU idle state"},
-                     [](auto& settings, Text text) { settings.cpu_latency = cpu_latency_of(text); })};
+  Fields all{
+      said(field({"realtime", "--realtime", "",
+                  "lock memory, avoid deep idle states, SCHED_FIFO 80 for threads on the message's way, "
+                  "70 for the middleware's others: off",
+                  both},
+                 "realtime", on_or_off(), within(&Run::task, &Task::realtime, &RealtimeSettings::on)),
+           set_realtime),
+      setting({"realtime.lock-memory", "--lock-memory", "on|off",
+               "lock and touch all memory before the first message"},
+              [](auto& settings, Text text) { settings.lock_memory = yes_or_no(text); }),
+      setting(
+          {"realtime.cpu-latency", "--cpu-latency", "TIME|any", "longest exit latency of a CPU idle state"},
+          [](auto& settings, Text text) { settings.cpu_latency = cpu_latency_of(text); })};
   add_threads(all, "realtime", "--", message_roles, "the threads a message passes through");
   for (const auto& roles : {message_roles, background_roles})
     for (const auto& role : roles)
@@ -155,7 +155,7 @@ Fields realtime_fields() {
   all.push_back(recorded(
       "realtime_settings",
       Codec<RealtimeSettings>{{}, [](const auto& settings) { return json_of(settings); }, settings_of},
-      [](Run & run) -> auto& { return run.task.realtime; }));
+      within(&Run::task, &Task::realtime)));
   return all;
 }
 

@@ -153,18 +153,10 @@ std::int64_t Connection::number(const char* sql) {
 
 void Connection::fail(int code) {
   const auto text = fmt::format("{}: {}", name_, explanation(path_, code, handle_.get()));
-  switch (code & 0xff) {
-    case SQLITE_NOTADB:
-    case SQLITE_CORRUPT:
-    case SQLITE_INTERRUPT:
-    case SQLITE_ERROR:
-    case SQLITE_CONSTRAINT:
-    case SQLITE_MISMATCH:
-    case SQLITE_TOOBIG:
-      throw WrongFile(text);
-    default:
-      throw Error(text);
-  }
+  constexpr int of_the_file[] = {SQLITE_NOTADB,     SQLITE_CORRUPT,  SQLITE_INTERRUPT, SQLITE_ERROR,
+                                 SQLITE_CONSTRAINT, SQLITE_MISMATCH, SQLITE_TOOBIG};
+  if (std::ranges::find(of_the_file, code & 0xff) != std::end(of_the_file)) throw WrongFile(text);
+  throw Error(text);
 }
 
 Statement::Statement(Connection& connection, const char* sql) : connection_(connection) {
@@ -205,13 +197,12 @@ bool Statement::next() {
   return code == SQLITE_ROW;
 }
 
-// One call for a value's type and the value. What it returns is for one thread at a time, as a Statement is.
 std::int64_t Statement::integer(int column) {
-  auto* value = sqlite3_column_value(handle_.get(), column);
-  if (sqlite3_value_type(value) != SQLITE_INTEGER) fail_type(column, "whole number");
-  return sqlite3_value_int64(value);
+  if (const auto value = optional_integer(column)) return *value;
+  fail_type(column, "whole number");
 }
 
+// One call for a value's type and the value. What it returns is for one thread at a time, as a Statement is.
 std::optional<std::int64_t> Statement::optional_integer(int column) {
   auto* value = sqlite3_column_value(handle_.get(), column);
   const int type = sqlite3_value_type(value);

@@ -198,13 +198,10 @@ void Database::keep_worst(std::uint64_t bytes) {
   commit([&] { worst_.emplace(*connection_, bytes / 4 * 3); });
   connection_->run(fmt::format("PRAGMA journal_size_limit = {}", enough_log_pages_ * page_bytes).c_str());
   copy_log();
-  if (connection_->number("PRAGMA page_count") * page_bytes > static_cast<std::int64_t>(bytes / 4 * 3))
-    shrink();
-}
-
-// Of a greater bound the file may have more free pages than are allowed now. Where this fails, as on a full
-// disk or while another process reads, it stays as long as it was.
-void Database::shrink() {
+  if (connection_->number("PRAGMA page_count") * page_bytes <= static_cast<std::int64_t>(bytes / 4 * 3))
+    return;
+  // Of a greater bound the file may have more free pages than are allowed now. Where this fails, as on a full
+  // disk or while another process reads, it stays as long as it was.
   connection_->run("COMMIT");
   connection_->try_run("VACUUM");
   connection_->try_run("PRAGMA wal_checkpoint(TRUNCATE)");

@@ -54,7 +54,6 @@ class Database {
   template <class Change>
   void commit(Change change);
   void copy_log();
-  void shrink();
   std::int64_t start_of(std::int64_t run, const roundtrip::Sample& first);
   void add(std::int64_t run, std::int64_t start_ns, const roundtrip::Sample&);
   void add(std::int64_t run, const Note&);

@@ -2,6 +2,8 @@
 #include "record/format.hpp"
 
 #include <algorithm>
+#include <functional>
+#include <set>
 #include <string_view>
 #include <vector>
 
@@ -108,7 +110,8 @@ std::vector<Table> tables_of(std::int64_t version) {
 // Whether it keeps its rows by the key by which we read them (which no view does), and has these columns as
 // stored ones, not as foreign expressions.
 bool has(Connection& connection, const Table& table) {
-  std::vector<std::string> key(table.key.size()), others;
+  std::vector<std::string> key(table.key.size());
+  std::set<std::string, std::less<>> others;
   Statement column(connection, "SELECT name, pk FROM pragma_table_xinfo(?) WHERE hidden = 0");
   column.bind(std::string(table.name));
   while (column.next()) {
@@ -117,12 +120,10 @@ bool has(Connection& connection, const Table& table) {
     if (place > 0)
       key[place - 1] = column.text(0);
     else
-      others.push_back(column.text(0));
+      others.insert(column.text(0));
   }
-  return std::equal(key.begin(), key.end(), table.key.begin(), table.key.end()) &&
-         std::all_of(table.others.begin(), table.others.end(), [&](std::string_view name) {
-           return std::find(others.begin(), others.end(), name) != others.end();
-         });
+  return std::ranges::equal(key, table.key) &&
+         std::ranges::all_of(table.others, [&](std::string_view name) { return others.contains(name); });
 }
 
 }  // namespace

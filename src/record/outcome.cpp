@@ -17,109 +17,97 @@ using nlohmann::json;
 // itself.
 using Misfit = std::optional<std::string>;
 
-// Each reads what is of its kind, and leaves the rest as it is. What is not there fits.
-template <typename Value>
-Misfit read_if(bool fits, const json& from, Value& into) {
-  if (fits) into = from.get<Value>();
-  return fits || from.is_null() ? Misfit() : "";
-}
-Misfit read(const json& from, bool& into) { return read_if(from.is_boolean(), from, into); }
-Misfit read(const json& from, std::int64_t& into) { return read_if(from.is_number_integer(), from, into); }
-Misfit read(const json& from, std::uint64_t& into) {
-  return read_if(from.is_number_integer() && from >= 0, from, into);
-}
-Misfit read(const json& from, int& into) {
-  return read_if(from.is_number_integer() && from >= 0 && from <= INT32_MAX, from, into);
-}
-Misfit read(const json& from, double& into) { return read_if(from.is_number(), from, into); }
-Misfit read(const json& from, std::string& into) { return read_if(from.is_string(), from, into); }
-Misfit read(const json& from, json& into) {
-  into = from;
-  return {};
-}
-struct AnyField {
-  void operator()(const char*, auto&) const {}
-};
-template <typename Struct>
-concept Listed = requires(Struct& of) {
-  Struct::fields(of, AnyField{});
-};
-template <Listed Struct>
-Misfit read(const json& from, Struct& into);
-template <typename Value>
-Misfit read(const json& from, std::vector<Value>& into);
-template <typename Value>
-Misfit read(const json& from, ByName<Value>& into);
-template <typename Value>
-Misfit read(const json& from, std::optional<Value>& into);
-Misfit read(const json& from, std::optional<std::string>& into);
-Misfit read(const json& from, ByName<std::string>& into);
-
 // Adds a misfit within the value of that name, if it is the first.
 void note(Misfit& first, const std::string& name, const Misfit& within) {
   if (within && !first) first = within->empty() ? name : name + "." + *within;
 }
 
-Misfit read(const json& from, conditions::Wire& into) {
-  if (!from.is_object()) return from.is_null() ? Misfit() : "";
-  Misfit first;
-  note(first, "bits_per_s", read(at(from, "bits_per_s"), into.bits_per_s));
-  note(first, "vlan", read(at(from, "vlan"), into.vlan));
-  return first;
-}
+// Each reads what is of its kind, and leaves the rest as it is. What is not there fits. In a class, so that
+// each may call all.
+struct Reading {
+  template <typename Value>
+  static Misfit read_if(bool fits, const json& from, Value& into) {
+    if (fits) into = from.get<Value>();
+    return fits || from.is_null() ? Misfit() : "";
+  }
+  static Misfit read(const json& from, bool& into) { return read_if(from.is_boolean(), from, into); }
+  static Misfit read(const json& from, std::int64_t& into) {
+    return read_if(from.is_number_integer(), from, into);
+  }
+  static Misfit read(const json& from, std::uint64_t& into) {
+    return read_if(from.is_number_integer() && from >= 0, from, into);
+  }
+  static Misfit read(const json& from, int& into) {
+    return read_if(from.is_number_integer() && from >= 0 && from <= INT32_MAX, from, into);
+  }
+  static Misfit read(const json& from, double& into) { return read_if(from.is_number(), from, into); }
+  static Misfit read(const json& from, std::string& into) { return read_if(from.is_string(), from, into); }
+  static Misfit read(const json& from, json& into) {
+    into = from;
+    return {};
+  }
 
-template <typename Value>
-Misfit read(const json& from, std::vector<Value>& into) {
-  if (!from.is_array()) return from.is_null() ? Misfit() : "";
-  Misfit first;
-  for (std::size_t i = 0; i < from.size(); ++i)
-    note(first, std::to_string(i), read(from[i], into.emplace_back()));
-  return first;
-}
-template <typename Value>
-Misfit read(const json& from, ByName<Value>& into) {
-  if (!from.is_object()) return from.is_null() ? Misfit() : "";
-  Misfit first;
-  for (const auto& [name, value] : from.items()) note(first, name, read(value, into[name]));
-  return first;
-}
-// Facts of a transport: others than texts are read where they stand.
-Misfit read(const json& from, ByName<std::string>& into) {
-  if (from.is_object())
-    for (const auto& [name, value] : from.items())
-      if (value.is_string()) into.emplace(name, value.get<std::string>());
-  return {};
-}
-template <typename Value>
-Misfit read(const json& from, std::optional<Value>& into) {
-  if (from.is_null()) return {};
-  Value value{};
-  auto misfit = read(from, value);
-  if (!misfit || !misfit->empty()) into = std::move(value);
-  return misfit;
-}
-// A reason that is no text is one all the same.
-Misfit read(const json& from, std::optional<std::string>& into) {
-  if (!from.is_null()) into = from.is_string() ? from.get<std::string>() : text_of(from);
-  return {};
-}
+  static Misfit read(const json& from, conditions::Wire& into) {
+    if (!from.is_object()) return from.is_null() ? Misfit() : "";
+    Misfit first;
+    note(first, "bits_per_s", read(at(from, "bits_per_s"), into.bits_per_s));
+    note(first, "vlan", read(at(from, "vlan"), into.vlan));
+    return first;
+  }
 
-template <Listed Struct>
-Misfit read(const json& from, Struct& into) {
-  if constexpr (requires { into.document; }) into.document = from;
-  if (!from.is_object()) return from.is_null() ? Misfit() : "";
-  Misfit first;
-  Struct::fields(into,
-                 [&](const char* name, auto& member) { note(first, name, read(at(from, name), member)); });
-  return first;
-}
+  template <typename Value>
+  static Misfit read(const json& from, std::vector<Value>& into) {
+    if (!from.is_array()) return from.is_null() ? Misfit() : "";
+    Misfit first;
+    for (std::size_t i = 0; i < from.size(); ++i)
+      note(first, std::to_string(i), read(from[i], into.emplace_back()));
+    return first;
+  }
+  template <typename Value>
+  static Misfit read(const json& from, ByName<Value>& into) {
+    if (!from.is_object()) return from.is_null() ? Misfit() : "";
+    Misfit first;
+    for (const auto& [name, value] : from.items()) note(first, name, read(value, into[name]));
+    return first;
+  }
+  // Facts of a transport: others than texts are read where they stand.
+  static Misfit read(const json& from, ByName<std::string>& into) {
+    if (from.is_object())
+      for (const auto& [name, value] : from.items())
+        if (value.is_string()) into.emplace(name, value.get<std::string>());
+    return {};
+  }
+  template <typename Value>
+  static Misfit read(const json& from, std::optional<Value>& into) {
+    if (from.is_null()) return {};
+    Value value{};
+    auto misfit = read(from, value);
+    if (!misfit || !misfit->empty()) into = std::move(value);
+    return misfit;
+  }
+  // A reason that is no text is one all the same.
+  static Misfit read(const json& from, std::optional<std::string>& into) {
+    if (!from.is_null()) into = from.is_string() ? from.get<std::string>() : text_of(from);
+    return {};
+  }
+
+  template <typename Struct>
+  static Misfit read(const json& from, Struct& into) {
+    if constexpr (requires { into.document; }) into.document = from;
+    if (!from.is_object()) return from.is_null() ? Misfit() : "";
+    Misfit first;
+    Struct::fields(into,
+                   [&](const char* name, auto& member) { note(first, name, read(at(from, name), member)); });
+    return first;
+  }
+};
 
 }  // namespace
 
-Outcome::Outcome(json from) { misfit = read(from, *this); }
+Outcome::Outcome(json from) { misfit = Reading::read(from, *this); }
 
 Asked::Asked(json from) : conditions::Run(conditions::run_of_record(from)) {
-  misfit = read(from, *this);
+  misfit = Reading::read(from, *this);
   auto& client = task.client;
   for (const auto& [name, time] : {std::pair("period_us", &client.period),
                                    {"deadline_us", &client.deadline},
@@ -141,7 +129,7 @@ std::string misfit_of(const Asked& asked, const Outcome& outcome) {
 
 Host host_of(const json& from) {
   Host host;
-  read(from, host);
+  Reading::read(from, host);
   return host;
 }
 

@@ -106,8 +106,12 @@ nlohmann::json parsed(const Connection& connection, std::int64_t run, const std:
   damaged(connection, fmt::format("run {} holds no JSON", run));
 }
 
-void require_run(Connection& connection, std::int64_t run, bool is_there) {
-  if (!is_there) throw Error(fmt::format("{}: there is no run {}.", connection.name(), run));
+// Before the first message is sent it has no start_ns. As long as it is there, all that is read is of one
+// moment.
+Statement row_of(Connection& connection, std::int64_t run) {
+  Statement row(connection, "SELECT start_ns FROM run WHERE number = ?");
+  if (!row.bind(run).next()) throw Error(fmt::format("{}: there is no run {}.", connection.name(), run));
+  return row;
 }
 
 // In the order of the columns that each_sample() names.
@@ -166,8 +170,7 @@ std::vector<Run> Reader::runs(std::optional<std::int64_t> from) const {
 
 std::vector<Note> Reader::notes(std::int64_t run) const {
   std::vector<Note> notes;
-  Statement start(*connection_, "SELECT start_ns FROM run WHERE number = ?");
-  require_run(*connection_, run, start.bind(run).next());
+  auto start = row_of(*connection_, run);
   if (connection_->number("PRAGMA user_version") == 1) return notes;
   Texts text_in(*connection_);
   Ascending in_order(*connection_, "note", 1);
@@ -187,8 +190,7 @@ std::vector<Note> Reader::notes(std::int64_t run) const {
 }
 
 void Reader::each_trace(std::int64_t run, const std::function<void(const Trace&)>& use) const {
-  Statement start(*connection_, "SELECT 1 FROM run WHERE number = ?");
-  require_run(*connection_, run, start.bind(run).next());
+  const auto start = row_of(*connection_, run);
   if (connection_->number("PRAGMA user_version") < 3) return;
   Texts text_in(*connection_);
   Statement row(*connection_, "SELECT message, host, events FROM trace WHERE run = ? ORDER BY message, host");
@@ -211,14 +213,9 @@ void Reader::each_trace(std::int64_t run, const std::function<void(const Trace&)
   }
 }
 
-void Reader::each_sample(std::int64_t run, const std::function<void(const roundtrip::Sample&)>& use) const {
-  each_sample(run, 0, use);
-}
-
 void Reader::each_sample(std::int64_t run, std::uint64_t from,
                          const std::function<void(const roundtrip::Sample&)>& use) const {
-  Statement start(*connection_, "SELECT start_ns FROM run WHERE number = ?");
-  require_run(*connection_, run, start.bind(run).next());
+  auto start = row_of(*connection_, run);
   // As above: without a beginning nothing is passed over.
   const auto sql = fmt::format(
       "SELECT message, intended_ns, due_after_ns, woke_after_ns, sent_after_ns, received_after_ns, "

@@ -108,7 +108,6 @@ class Writer {
 
  private:
   class Thread;
-  void require(std::int64_t run, const char* purpose);
   std::unique_ptr<Thread> thread_;
 };
 
@@ -127,7 +126,9 @@ class Reader {
   void each_trace(std::int64_t run, const std::function<void(const Trace&)>&) const;
   // Each sample of a run, in order of index. Memory does not grow with their number. Its times are as
   // append() has them, so that no difference of two overflows.
-  void each_sample(std::int64_t run, const std::function<void(const roundtrip::Sample&)>&) const;
+  void each_sample(std::int64_t run, const std::function<void(const roundtrip::Sample&)>& use) const {
+    each_sample(run, 0, use);
+  }
   // Those from this message on.
   void each_sample(std::int64_t run, std::uint64_t from,
                    const std::function<void(const roundtrip::Sample&)>&) const;
@@ -138,5 +139,9 @@ class Reader {
   explicit Reader(std::shared_ptr<class Connection>);
   std::shared_ptr<class Connection> connection_;
 };
+
+// Adds a run of one results file to another: samples, notes, traces and outcome, under the next number there,
+// which it returns. A run without an outcome has none in the copy either, which began when it was copied.
+std::int64_t copy_run(const Reader& from, const Run&, Writer& to);
 
 }  // namespace ontime::record

@@ -67,14 +67,13 @@ void Worst::forget_old_runs(const std::set<std::int64_t>& but) {
   std::vector<std::int64_t> runs;
   Statement row(connection_, runs_that_keep_worst);
   while (row.next()) runs.push_back(row.integer(0));
-  for (auto run = runs.begin(); run != runs.end() && runs.size() > most_runs_;) {
-    if (but.contains(*run)) {
-      ++run;
-      continue;
-    }
-    delete_run(connection_, *run);
-    std::erase_if(kept_, [&](const Kept& kept) { return std::get<1>(kept) == *run; });
-    run = runs.erase(run);
+  auto left = runs.size();
+  for (const auto run : runs) {
+    if (left <= most_runs_) return;
+    if (but.contains(run)) continue;
+    delete_run(connection_, run);
+    std::erase_if(kept_, [&](const Kept& kept) { return std::get<1>(kept) == run; });
+    --left;
   }
 }
 

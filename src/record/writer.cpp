@@ -37,18 +37,6 @@ constexpr std::size_t most_waiting = 4'000'000;
 // no more waits than a sixteenth of such a file.
 constexpr std::uint64_t bytes_a_sample = 40;
 
-[[noreturn]] void refuse(const std::string& name, const std::string& what) {
-  throw Error(fmt::format("{}: {}.", name, what));
-}
-
-std::string checked_text_of(const nlohmann::json& value, const std::string& name) {
-  auto text = text_of(value);
-  if (!json_of(text))
-    refuse(name,
-           "what is to be recorded of a run is too long or nested too deep: no Reader would take it back");
-  return text;
-}
-
 }  // namespace
 
 // The thread that waits for the disk, and what waits for it.
@@ -101,8 +89,23 @@ class Writer::Thread {
     most_waiting_ = std::clamp<std::uint64_t>(bytes / 16 / bytes_a_sample, 2, most_waiting);
   }
 
+  [[noreturn]] void refuse(const std::string& what) const {
+    throw Error(fmt::format("{}: {}.", database_.connection()->name(), what));
+  }
+  void require_open(std::int64_t run, const char* purpose) const {
+    if (!open_runs.contains(run)) refuse(fmt::format("there is no run {} under way to {}", run, purpose));
+  }
+  void require(std::int64_t run, const char* purpose) {
+    if (!open_runs.contains(run) && !ask([&](Database& database) { return database.has_run(run); }))
+      refuse(fmt::format("there is no run {} to {}", run, purpose));
+  }
+  std::string checked_text_of(const nlohmann::json& value) const {
+    auto text = text_of(value);
+    if (json_of(text)) return text;
+    refuse("what is to be recorded of a run is too long or nested too deep: no Reader would take it back");
+  }
+
   Reader reader() const { return Reader(database_.connection()); }
-  const std::string& name() const { return database_.connection()->name(); }
 
   std::set<std::int64_t> open_runs;  // the caller's
 
@@ -192,7 +195,7 @@ Writer::Writer(Writer&&) noexcept = default;
 Writer& Writer::operator=(Writer&&) noexcept = default;
 
 std::int64_t Writer::begin_run(const nlohmann::json& asked) {
-  const auto text = checked_text_of(asked, thread_->name());
+  const auto text = thread_->checked_text_of(asked);
   const auto key = key_of(*json_of(text));
   const auto run = thread_->ask([&](Database& database) { return database.begin_run(text, key); });
   thread_->open_runs.insert(run);
@@ -200,51 +203,40 @@ std::int64_t Writer::begin_run(const nlohmann::json& asked) {
 }
 
 void Writer::append(std::int64_t run, std::span<const roundtrip::Sample> samples) {
-  if (!thread_->open_runs.contains(run))
-    refuse(thread_->name(), fmt::format("there is no run {} under way to add samples to", run));
+  thread_->require_open(run, "add samples to");
   for (const auto& sample : samples)
     if (!can_be(sample) || static_cast<std::int64_t>(sample.index) < 0)
-      refuse(thread_->name(),
-             fmt::format("message {} of run {} is to have times that cannot be", sample.index, run));
+      thread_->refuse(fmt::format("message {} of run {} is to have times that cannot be", sample.index, run));
   if (samples.empty()) return;
   thread_->hand_over(samples.size(),
                      [&](Batch& batch) { batch.samples[run].emplace_back(samples.begin(), samples.end()); });
 }
 
-void Writer::require(std::int64_t run, const char* purpose) {
-  if (!thread_->open_runs.contains(run) &&
-      !thread_->ask([&](Database& database) { return database.has_run(run); }))
-    refuse(thread_->name(), fmt::format("there is no run {} {}", run, purpose));
-}
-
 void Writer::note(std::int64_t run, const Note& note) {
-  require(run, "to note something of");
+  thread_->require(run, "note something of");
   if (!can_be(note.at_ns.value_or(0)) || static_cast<std::int64_t>(note.message.value_or(0)) < 0)
-    refuse(thread_->name(),
-           fmt::format("a note of run {} is to be of a moment or a message that cannot be", run));
+    thread_->refuse(fmt::format("a note of run {} is to be of a moment or a message that cannot be", run));
   thread_->hand_over(0, [&](Batch& batch) { batch.notes.emplace_back(run, note); });
 }
 
 void Writer::trace(std::int64_t run, const Trace& trace) {
-  require(run, "to trace a message of");
+  thread_->require(run, "trace a message of");
   const auto& span = trace.window.span;
   if (static_cast<std::int64_t>(span.message) < 0 || !can_be(span.from_ns) || !can_be(span.to_ns))
-    refuse(thread_->name(), fmt::format("a trace of run {} is of a message that cannot be", run));
+    thread_->refuse(fmt::format("a trace of run {} is of a message that cannot be", run));
   thread_->hand_over(0, [&](Batch& batch) { batch.traces.emplace_back(run, trace); });
 }
 
 void Writer::end_run(std::int64_t run, const nlohmann::json& outcome) {
-  if (!thread_->open_runs.contains(run))
-    refuse(thread_->name(), fmt::format("there is no run {} under way to end", run));
-  const auto text = checked_text_of(outcome, thread_->name());
+  thread_->require_open(run, "end");
+  const auto text = thread_->checked_text_of(outcome);
   thread_->ask([&](Database& database) { database.end_run(run, text); });
   thread_->open_runs.erase(run);
 }
 
 void Writer::note_outcome(std::int64_t run, const nlohmann::json& outcome) {
-  if (!thread_->open_runs.contains(run))
-    refuse(thread_->name(), fmt::format("there is no run {} under way to note an outcome of", run));
-  auto text = checked_text_of(outcome, thread_->name());
+  thread_->require_open(run, "note an outcome of");
+  auto text = thread_->checked_text_of(outcome);
   thread_->hand_over(0, [&](Batch& batch) { batch.outcomes[run] = std::move(text); });
 }
 
@@ -262,6 +254,26 @@ void Writer::flush() {
 Reader Writer::reader() {
   flush();
   return thread_->reader();
+}
+
+std::int64_t copy_run(const Reader& from, const Run& run, Writer& to) {
+  constexpr std::size_t at_once = 4096;
+  const auto number = to.begin_run(run.asked.document);
+  std::vector<roundtrip::Sample> samples;
+  samples.reserve(at_once);
+  const auto hand_over = [&] {
+    to.append(number, samples);
+    samples.clear();
+  };
+  from.each_sample(run.number, [&](const roundtrip::Sample& sample) {
+    samples.push_back(sample);
+    if (samples.size() == at_once) hand_over();
+  });
+  hand_over();
+  for (const auto& note : from.notes(run.number)) to.note(number, note);
+  from.each_trace(run.number, [&](const Trace& trace) { to.trace(number, trace); });
+  if (run.outcome.has_ended()) to.end_run(number, run.outcome.document);
+  return number;
 }
 
 }  // namespace ontime::record
