@@ -104,9 +104,9 @@ TEST(Course, CountsALongSeriesAsTheValuesThatItIs) {
     whole.add(50);
     single.add(50);
   }
-  whole.add_series(100, 10, 500);
+  whole.add_series({100, 10, 500});
   for (int i = 0; i < 500; ++i) single.add(100 + 10 * i);
-  whole.add_series(7, 0, 3);
+  whole.add_series({7, 0, 3});
   for (int i = 0; i < 3; ++i) single.add(7);
   const auto total = [](const std::vector<Batch>& batches) {
     Batch sum;

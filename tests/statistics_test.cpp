@@ -125,7 +125,7 @@ TEST(Values, OfASeriesAreAsIfAddedOneByOne) {
       const auto least = static_cast<std::int64_t>(random() % 10'000) - 3000;
       const auto step = static_cast<std::int64_t>(random() % 50);
       const auto count = random() % 100;
-      values.add_series(least, step, count);
+      values.add_series(Series::of(least, step, count));
       for (std::uint64_t i = 0; i < count; ++i)
         expected.push_back(least + step * static_cast<std::int64_t>(i));
       values.add(least + 7);
@@ -149,8 +149,8 @@ TEST(Values, TakeWhatNoClockShows) {
   constexpr auto most = std::numeric_limits<std::int64_t>::max();
   Values values;
   for (const auto value : {least, most, std::int64_t{0}, std::int64_t{-1}}) values.add(value);
-  values.add_series(most - 5, 1000, 1'000'000'000);
-  values.add_series(least, most, std::uint64_t{1} << 48);
+  values.add_series(Series::of(most - 5, 1000, 1'000'000'000));
+  values.add_series(Series::of(least, most, std::uint64_t{1} << 48));
   Ranks ranks(std::move(values));
   const auto found = ranks.distribution();
   EXPECT_EQ(found.min, least);

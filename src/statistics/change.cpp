@@ -94,9 +94,7 @@ Known known_of(const std::vector<const Summary*>& runs, Times times, Figure figu
 
 void set_ratio(Change& change, const Known& from, const Known& to) {
   const auto positive = [](const Measured& one) { return one.value > 0; };
-  if (!std::all_of(from.runs.begin(), from.runs.end(), positive) ||
-      !std::all_of(to.runs.begin(), to.runs.end(), positive))
-    return;
+  if (!std::ranges::all_of(from.runs, positive) || !std::ranges::all_of(to.runs, positive)) return;
   const auto log = [](double value) { return value > 0 ? std::log(value) : -infinite; };
   change.ratio = change.to / change.from;
   // Of the geometric means, which may lie elsewhere where repetitions differ much.
@@ -178,6 +176,28 @@ Answer difference_exceeds(const Change& change, double limit) {
 Answer exceeds(const Measured& figure, double limit) {
   if (is_above(figure.surer, limit)) return Answer::yes;
   return figure.surer.high && *figure.surer.high <= limit ? Answer::no : Answer::cannot_tell;
+}
+
+std::optional<Estimate> estimate(std::vector<double> values) {
+  if (values.empty()) return {};
+  std::sort(values.begin(), values.end());
+  const auto n = values.size();
+  Estimate result;
+  result.count = n;
+  result.median = n % 2 == 1 ? values[n / 2] : (values[n / 2 - 1] + values[n / 2]) / 2;
+  // Between the k-th smallest and the k-th largest lies the median unless fewer than k values fell on one
+  // side of it: confidence = 1 - 2 P(X < k), X ~ binomial(n, 1/2).
+  double term = std::pow(0.5, static_cast<double>(n)), tail = term;
+  std::size_t k = 1;
+  for (; k < n / 2; ++k) {
+    term *= static_cast<double>(n - k + 1) / static_cast<double>(k);
+    if (1 - 2 * (tail + term) < 0.95) break;
+    tail += term;
+  }
+  result.low = values[k - 1];
+  result.high = values[n - k];
+  result.confidence = std::max(0.0, 1 - 2 * tail);
+  return result;
 }
 
 }  // namespace ontime::statistics

@@ -6,8 +6,6 @@
 
 #include <fmt/format.h>
 
-#include "statistics/times.hpp"
-
 namespace ontime::statistics {
 namespace {
 

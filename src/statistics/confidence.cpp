@@ -18,15 +18,6 @@ constexpr std::size_t most_of_memory = 32;
 constexpr double most_effective = 1e9;  // more make no interval visibly narrower
 constexpr double normal_97_5 = 1.959963984540054;
 
-Batch sum_of(std::span<const Batch> batches) {
-  Batch sum;
-  for (const auto& [values, events] : batches) {
-    sum.values += values;
-    sum.events += events;
-  }
-  return sum;
-}
-
 // Of the share of events, out of the variance between the batches (linearised, for they need not be equally
 // long: Cochran 1977, ch. 6).
 double variance(std::span<const Batch> batches, const Batch& all) {
@@ -56,7 +47,29 @@ Interval clopper_pearson(double events, double messages, double confidence) {
   return interval;
 }
 
+void set_limits(Probability& of, double messages, double fewer) {
+  const auto limits = [&](double confidence) {
+    auto lies = clopper_pearson(of.value * messages, messages, confidence);
+    // An event is no better news than none, nor is a message without it than that all had it.
+    lies.high = std::max(lies.high, clopper_pearson(0, fewer, confidence).high);
+    lies.low = std::min(lies.low, clopper_pearson(fewer, fewer, confidence).low);
+    return lies;
+  };
+  of.sure = limits(0.95);
+  of.surer = limits(0.98);
+  of.bound = limits(0.90).high.value_or(1);
+}
+
 }  // namespace
+
+Batch sum_of(std::span<const Batch> batches) {
+  Batch sum;
+  for (const auto& [values, events] : batches) {
+    sum.values += values;
+    sum.events += events;
+  }
+  return sum;
+}
 
 void Batches::add(const Batch& some) {
   open_.values += some.values;
@@ -166,23 +179,6 @@ Shares quantile_shares(double share, double effective, double confidence) {
     shares.high = static_cast<double>(rank) / effective;
   return shares;
 }
-
-namespace {
-
-void set_limits(Probability& of, double messages, double fewer) {
-  const auto limits = [&](double confidence) {
-    auto lies = clopper_pearson(of.value * messages, messages, confidence);
-    // An event is no better news than none, nor is a message without it than that all had it.
-    lies.high = std::max(lies.high, clopper_pearson(0, fewer, confidence).high);
-    lies.low = std::min(lies.low, clopper_pearson(fewer, fewer, confidence).low);
-    return lies;
-  };
-  of.sure = limits(0.95);
-  of.surer = limits(0.98);
-  of.bound = limits(0.90).high.value_or(1);
-}
-
-}  // namespace
 
 Probability probability(std::uint64_t events, std::uint64_t messages, double own_effect,
                         double effect_of_few) {

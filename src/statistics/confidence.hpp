@@ -86,6 +86,7 @@ struct Bursts {
 struct Batch {
   double values = 0, events = 0;
 };
+Batch sum_of(std::span<const Batch>);
 
 // Batches one after another of as many messages each, as they go by: no more than most_batches, which become
 // longer.

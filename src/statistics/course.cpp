@@ -11,65 +11,53 @@ namespace ontime::statistics {
 
 void Course::add(std::int64_t value) { values_.push_back(static_cast<float>(value)); }
 
-void Course::add_series(std::int64_t least, std::int64_t step, std::uint64_t count) {
-  const auto series = Values::Series::of(least, step, count);
-  if (count >= Values::short_series) {
-    series_.push_back({values_.size(), series});
+void Course::add_series(const Series& series) {
+  if (series.count >= Values::short_series) {
+    series_.emplace_back(values_.size(), series);
     return;
   }
-  for (std::uint64_t i = 0; i < count; ++i) add(series.least + static_cast<std::int64_t>(i) * series.step);
+  for (std::uint64_t i = 0; i < series.count; ++i)
+    add(series.least + static_cast<std::int64_t>(i) * series.step);
 }
 
-std::size_t Course::batches() const { return std::clamp<std::size_t>(values_.size(), 1, most_batches); }
-
-template <class Use, class UseSeries>
-void Course::each(Use use, UseSeries use_series) const {
-  const auto first_of = [&](std::size_t batch) { return batch * values_.size() / batches(); };
-  for (std::size_t batch = 0; batch < batches(); ++batch)
-    use(batch, values().subspan(first_of(batch), first_of(batch + 1) - first_of(batch)));
-  std::size_t batch = 0;
-  for (const auto& series : series_) {
-    while (batch + 1 < batches() && first_of(batch + 1) <= series.place) ++batch;
-    use_series(batch, series.values);
+template <class OfValues, class OfSeries>
+std::vector<Batch> Course::batches(OfValues of_values, OfSeries of_series) const {
+  std::vector<Batch> all(std::clamp<std::size_t>(values_.size(), 1, most_batches));
+  const auto first_of = [&](std::size_t batch) { return batch * values_.size() / all.size(); };
+  for (std::size_t batch = 0; batch < all.size(); ++batch) {
+    const auto some = values().subspan(first_of(batch), first_of(batch + 1) - first_of(batch));
+    all[batch] = {static_cast<double>(some.size()), of_values(some)};
   }
+  std::size_t batch = 0;
+  for (const auto& [place, series] : series_) {
+    while (batch + 1 < all.size() && first_of(batch + 1) <= place) ++batch;
+    all[batch].values += static_cast<double>(series.count);
+    all[batch].events += of_series(series);
+  }
+  return all;
 }
 
 std::vector<std::vector<Batch>> Course::events(std::span<const std::int64_t> thresholds, Count count) const {
-  std::vector<std::vector<Batch>> all(thresholds.size(), std::vector<Batch>(batches()));
+  std::vector<std::vector<Batch>> all;
   const bool above = count == Count::above;
-  each(
-      [&](std::size_t batch, std::span<const float> values) {
-        for (std::size_t i = 0; i < thresholds.size(); ++i) {
-          const auto threshold = static_cast<float>(thresholds[i]);
-          const auto events = std::count_if(values.begin(), values.end(), [&](float value) {
-            return above ? value > threshold : value >= threshold;
-          });
-          all[i][batch].values += static_cast<double>(values.size());
-          all[i][batch].events += static_cast<double>(events);
-        }
-      },
-      [&](std::size_t batch, const Values::Series& series) {
-        for (std::size_t i = 0; i < thresholds.size(); ++i) {
-          all[i][batch].values += static_cast<double>(series.count);
-          all[i][batch].events +=
-              static_cast<double>(series.count - series.at_most(thresholds[i] - (above ? 0 : 1)));
-        }
-      });
+  for (const auto threshold : thresholds) {
+    const auto limit = static_cast<float>(threshold);
+    all.push_back(batches(
+        [&](std::span<const float> values) {
+          return static_cast<double>(std::ranges::count_if(
+              values, [&](float value) { return above ? value > limit : value >= limit; }));
+        },
+        [&](const Series& series) {
+          return static_cast<double>(series.count - series.at_most(threshold - (above ? 0 : 1)));
+        }));
+  }
   return all;
 }
 
 std::vector<Batch> Course::sums() const {
-  std::vector<Batch> all(batches());
-  each(
-      [&](std::size_t batch, std::span<const float> values) {
-        all[batch].values += static_cast<double>(values.size());
-        all[batch].events += std::accumulate(values.begin(), values.end(), 0.0);
-      },
-      [&](std::size_t batch, const Values::Series& series) {
-        all[batch].values += static_cast<double>(series.count);
-        all[batch].events += series.sum();
-      });
-  return all;
+  return batches(
+      [](std::span<const float> values) { return std::accumulate(values.begin(), values.end(), 0.0); },
+      [](const Series& series) { return series.sum(); });
 }
 
 namespace {
@@ -173,11 +161,7 @@ Certainty certainty_of_part(std::span<const float> values, std::optional<double>
 std::optional<double> change_of_level(std::span<const Batch> batches) {
   const auto n = batches.size();
   if (n < fewest_batches_of_levels) return {};
-  Batch all;
-  for (const auto& [values, events] : batches) {
-    all.values += values;
-    all.events += events;
-  }
+  const auto all = sum_of(batches);
   double sum = 0, greatest = 0;
   std::size_t place = 0;
   for (std::size_t i = 0; i < n; ++i) {

@@ -4,6 +4,7 @@
 
 #include <cstdint>
 #include <span>
+#include <utility>
 #include <vector>
 
 #include "statistics/confidence.hpp"
@@ -14,8 +15,7 @@ namespace ontime::statistics {
 class Course {
  public:
   void add(std::int64_t value);
-  // As Values has it; a long one is kept as one.
-  void add_series(std::int64_t least, std::int64_t step, std::uint64_t count);
+  void add_series(const Series&);  // a long one is kept as one
 
   // At most as many batches as there are of Batches, equally long but for series. For each threshold: with
   // the values above it as events, or those at or above it.
@@ -26,16 +26,12 @@ class Course {
   std::vector<Batch> sums() const;                           // instead of events the sum of the values
 
  private:
-  struct Series {
-    std::size_t place;  // before this value
-    Values::Series values;
-  };
-  template <class Use, class UseSeries>
-  void each(Use, UseSeries) const;  // use(batch, its values), use(batch, series)
-  std::size_t batches() const;
+  // With what of_values(values of the batch) and of_series(series) give for events.
+  template <class OfValues, class OfSeries>
+  std::vector<Batch> batches(OfValues, OfSeries) const;
 
   std::vector<float> values_;
-  std::vector<Series> series_;
+  std::vector<std::pair<std::size_t, Series>> series_;  // each with the number of values before it
 };
 
 // Of the distribution of the same values. `longest_ns`: no value can be longer; nothing: not known.

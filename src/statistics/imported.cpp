@@ -35,14 +35,14 @@ class Counted {
     Distribution of;
     of.count = seen_;
     of.min = values_.front().first;
-    for (const auto& row : percentiles) of[row.figure] = percentile(row.one_in - 1, row.one_in);
+    for (const auto& row : percentiles) of[row.figure] = at_rank(row.rank_of(seen_));
     of.max = max_ns_;
     of.mean = *of_.mean_ns;
     return of;
   }
   Values values() const {
     Values all;
-    for (const auto& [ns, count] : values_) all.add_series(ns, 0, count);
+    for (const auto& [ns, count] : values_) all.add_series({ns, 0, count});
     return all;
   }
   std::uint64_t beyond() const { return beyond_; }
@@ -66,8 +66,7 @@ class Counted {
     if (!values_.empty() && ns <= values_.back().first) wrong();
     values_.emplace_back(ns, count);
   }
-  std::int64_t percentile(std::uint64_t part, std::uint64_t whole) const {
-    const auto rank = seen_ / whole * part + (seen_ % whole * part + whole - 1) / whole;
+  std::int64_t at_rank(std::uint64_t rank) const {
     if (rank == seen_) return max_ns_;
     std::uint64_t below = 0;
     for (const auto& [ns, count] : values_)
@@ -96,8 +95,8 @@ void summarise_imported(Summary& summary) {
 
 void summarise_worst(Summary& summary) {
   const auto& outcome = summary.run.outcome;
-  auto& counted = summary.run.outcome.counters;
-  if (outcome.has_ended() && summary.sent == counted.sent && unrecorded(summary.run) == 0) return;
+  const auto& counted = summary.run.outcome.counters;
+  if (outcome.has_ended() && summary.sent == counted.sent && counted.dropped_records == 0) return;
   Summary all;
   all.run = summary.run;
   all.notes = std::move(summary.notes);

@@ -22,6 +22,11 @@ struct Metric {
   std::uint64_t one_in = 0;  // of a percentile: one in so many values is greater
   bool is_share = false;     // of messages; all others are times
   double share_above() const { return 1 / static_cast<double>(one_in); }
+  // Of a percentile: the smallest rank of `n` values whose value at least its share of them do not exceed. In
+  // whole numbers: 0.999 as a double is not 0.999.
+  std::uint64_t rank_of(std::uint64_t n) const {
+    return n / one_in * (one_in - 1) + (n % one_in * (one_in - 1) + one_in - 1) / one_in;
+  }
 };
 
 inline constexpr std::array metrics{

@@ -4,8 +4,6 @@
 #include <algorithm>
 #include <utility>
 
-#include "statistics/times.hpp"
-
 namespace ontime::statistics {
 namespace {
 
@@ -19,17 +17,12 @@ constexpr std::size_t most_worst = 10;
 
 bool is_longer(const Worst& one, const Worst& other) { return one.took_ns > other.took_ns; }
 
-}  // namespace
-
-Cycles::Cycles(std::int64_t due, std::int64_t period, std::uint64_t number)
-    : due_ns(due), period_ns(period), count(number) {
-  std::int64_t reach = 0, last = 0;
-  if (period < 0 || (number > 0 && __builtin_mul_overflow(period, number - 1, &reach)) ||
-      __builtin_add_overflow(due, reach, &last))
-    period_ns = 0;
+// When it was answered, or given up.
+std::int64_t over_ns(const Sample& sample, std::int64_t timeout_ns) {
+  return sample.fate == Fate::lost ? nth_after(sample.sent_ns, timeout_ns, 1) : sample.received_ns;
 }
 
-std::int64_t Cycles::last_due_ns() const { return nth_after(due_ns, period_ns, count - 1); }
+}  // namespace
 
 Timeline::Timeline(std::int64_t start_ns, std::optional<std::int64_t> duration_ns)
     : start_ns_(start_ns), slice_ns_(duration_ns ? (*duration_ns - 1) / slices_of_a_run + 1 : second_ns) {}
@@ -74,28 +67,28 @@ void Timeline::close() {
 }
 
 template <class Use>
-void Timeline::each_slice(const Cycles& cycles, Use use) {
-  auto due_ns = cycles.due_ns;
+void Timeline::each_slice(const Series& cycles, Use use) {
+  auto due_ns = cycles.least;
   for (auto left = cycles.count; left > 0;) {
     const auto index = index_of(due_ns);
     auto here = left;
-    if (index + 1 < most_slices && cycles.period_ns > 0) {
+    if (index + 1 < most_slices && cycles.step > 0) {
       // To the next slice's beginning: more than nothing, for this cycle is due before it.
       const auto end_ns = nth_after(start_ns_, slice_ns_, index + 1);
-      const auto cycles_to_end = (between(due_ns, end_ns) - 1) / cycles.period_ns + 1;
+      const auto cycles_to_end = (between(due_ns, end_ns) - 1) / cycles.step + 1;
       here = std::min(left, static_cast<std::uint64_t>(std::max<std::int64_t>(cycles_to_end, 1)));
     }
     use(at(index), here, due_ns);
     left -= here;
-    due_ns = nth_after(due_ns, cycles.period_ns, here);
+    due_ns = nth_after(due_ns, cycles.step, here);
   }
 }
 
-void Timeline::skipped(const Cycles& cycles) {
+void Timeline::skipped(const Series& cycles) {
   each_slice(cycles, [](Slice& slice, std::uint64_t count, std::int64_t) { slice.skipped_cycles += count; });
 }
 
-void Timeline::answered(const Cycles& cycles, std::int64_t at_ns) {
+void Timeline::answered(const Series& cycles, std::int64_t at_ns) {
   each_slice(cycles, [&](Slice& slice, std::uint64_t, std::int64_t due_ns) {
     slice.response_max_ns = std::max(slice.response_max_ns, between(due_ns, at_ns));
   });
@@ -113,11 +106,7 @@ void WorstOnes::message(const Sample& sample) {
   last_is_kept_ = false;
   if (sample.fate != Fate::lost) {
     auto from_ns = sample.intended_ns;
-    if (last_) {
-      const auto over_ns =
-          last_->fate == Fate::lost ? nth_after(last_->sent_ns, timeout_ns_, 1) : last_->received_ns;
-      from_ns = std::max(from_ns, std::min(sample.due_ns, over_ns));
-    }
+    if (last_) from_ns = std::max(from_ns, std::min(sample.due_ns, over_ns(*last_, timeout_ns_)));
     const auto took_ns = between(from_ns, sample.received_ns);
     last_is_kept_ = worst_.size() < most_worst || took_ns > worst_.front().took_ns;
     if (last_is_kept_) keep({took_ns, last_, sample, {}});
@@ -137,6 +126,31 @@ void WorstOnes::keep(const Worst& worst) {
 std::vector<Worst> WorstOnes::longest_first() && {
   std::sort(worst_.begin(), worst_.end(), is_longer);
   return std::move(worst_);
+}
+
+void Misses::message(const Sample& sample) {
+  late_.add(sample.fate == Fate::late);
+  lost_.add(sample.fate == Fate::lost);
+  missed_.add(sample.fate != Fate::on_time);
+  if (sample.fate == Fate::on_time) return close();
+  if (in_a_row_++ == 0) from_ns_ = sample.due_ns;
+  to_ns_ = over_ns(sample, timeout_ns_);
+  bursts_.longest = std::max(bursts_.longest, in_a_row_);
+  bursts_.longest_ns = std::max(bursts_.longest_ns, between(from_ns_, to_ns_));
+}
+
+void Misses::close() {
+  if (in_a_row_ > 1) ++bursts_.count;
+  in_a_row_ = 0;
+}
+
+void Misses::into(Summary& summary, double effect) && {
+  close();
+  const bool late = knows_late(summary.run), loss = knows_loss(summary.run);
+  if (late) summary.late_probability = probability(late_.all(), effect);
+  if (loss) summary.lost_probability = probability(lost_.all(), effect);
+  if (late || loss) summary.missed_probability = probability(missed_.all(), effect);
+  summary.bursts = bursts_;
 }
 
 }  // namespace ontime::statistics

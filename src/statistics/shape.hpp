@@ -6,26 +6,17 @@
 #include <optional>
 #include <vector>
 
-#include "statistics/statistics.hpp"
+#include "statistics/values.hpp"
 
 namespace ontime::statistics {
-
-// Cycles that passed without a message: when the first was due, and each further one a period later.
-struct Cycles {
-  // Those whose times are no clock's are taken as due at once.
-  Cycles(std::int64_t due, std::int64_t period, std::uint64_t number);
-  std::int64_t last_due_ns() const;
-  std::int64_t due_ns, period_ns;
-  std::uint64_t count;
-};
 
 class Timeline {
  public:
   // Nothing: the record does not say how long the run was to be.
   Timeline(std::int64_t start_ns, std::optional<std::int64_t> duration_ns);
   void message(const roundtrip::Sample&);
-  void skipped(const Cycles&);
-  void answered(const Cycles&, std::int64_t at_ns);
+  void skipped(const Series& cycles);  // by when each was due
+  void answered(const Series& cycles, std::int64_t at_ns);
   std::int64_t slice_ns() const { return slice_ns_; }
   std::vector<Slice> slices() &&;
 
@@ -33,7 +24,7 @@ class Timeline {
   std::size_t index_of(std::int64_t due_ns) const;
   Slice& at(std::size_t index);
   template <class Use>
-  void each_slice(const Cycles&, Use);  // use(its slice, how many of them, when the first was due)
+  void each_slice(const Series& cycles, Use);  // use(its slice, how many of them, when the first was due)
   void close();
 
   std::int64_t start_ns_, slice_ns_;
@@ -55,6 +46,24 @@ class WorstOnes {
   std::optional<roundtrip::Sample> last_;
   bool last_is_kept_ = false;
   std::vector<Worst> worst_;  // a heap, the shortest at its front
+};
+
+// Which messages were late or lost, and how they follow upon one another.
+class Misses {
+ public:
+  // Nothing: the record does not say after how long a message was given up.
+  explicit Misses(std::optional<std::int64_t> timeout_ns) : timeout_ns_(timeout_ns.value_or(0)) {}
+  void message(const roundtrip::Sample&);
+  // `effect`: of the slowest answers, for what hardly or never occurred.
+  void into(Summary&, double effect) &&;
+
+ private:
+  void close();
+  std::int64_t timeout_ns_;
+  Batches late_, lost_, missed_;
+  Bursts bursts_;
+  std::uint64_t in_a_row_ = 0;
+  std::int64_t from_ns_ = 0, to_ns_ = 0;  // of these
 };
 
 }  // namespace ontime::statistics

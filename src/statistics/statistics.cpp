@@ -2,18 +2,17 @@
 #include "statistics/statistics.hpp"
 
 #include <algorithm>
+#include <chrono>
 #include <functional>
 #include <future>
 #include <utility>
 
 #include <fmt/format.h>
 
-#include "statistics/bursts.hpp"
 #include "statistics/clocks.hpp"
 #include "statistics/course.hpp"
 #include "statistics/imported.hpp"
 #include "statistics/shape.hpp"
-#include "statistics/times.hpp"
 #include "statistics/values.hpp"
 
 namespace ontime::statistics {
@@ -25,10 +24,16 @@ using roundtrip::Sample;
 constexpr std::size_t block_size = 1 << 14;                      // of samples
 constexpr std::uint64_t most_trailing = std::uint64_t{1} << 48;  // more is no count of cycles
 
-Cycles skipped_before(const Sample& sample) {
+// Nothing of a time that was not stated.
+std::optional<std::int64_t> positive_ns(std::chrono::nanoseconds time) {
+  return time.count() > 0 ? std::optional(time.count()) : std::nullopt;
+}
+
+// By when each was due.
+Series skipped_before(const Sample& sample) {
   const auto span_ns = between(sample.intended_ns, sample.due_ns);
-  return {sample.intended_ns, span_ns / std::max<std::int64_t>(sample.skipped_cycles, 1),
-          sample.skipped_cycles};
+  return Series::of(sample.intended_ns, span_ns / std::max<std::int64_t>(sample.skipped_cycles, 1),
+                    sample.skipped_cycles);
 }
 
 // When answered messages were due: of every so-many-th, in bounded memory.
@@ -105,11 +110,12 @@ class Pass {
   void finish() && {
     const auto& counted = summary_.run.outcome.counters;
     if (counted.trailing_cycles > 0 && counted.trailing_cycles < most_trailing) {
-      skip({counted.trailing_due_ns, positive_ns(asked_.period).value_or(0), counted.trailing_cycles});
+      skip(Series::of(counted.trailing_due_ns, positive_ns(asked_.period).value_or(0),
+                      counted.trailing_cycles));
       waited_until_ns_ = std::max(waited_until_ns_, counted.trailing_until_ns);
     }
     // Whom no answer came to waited at least so long.
-    if (!waiting_.empty()) answer_waiting(std::max(waited_until_ns_, waiting_.back().last_due_ns()));
+    if (!waiting_.empty()) answer_waiting(std::max(waited_until_ns_, waiting_.back().greatest()));
     std::move(parts_).into(summary_);
     summary_.wake_up = Ranks(std::move(wake_up_)).distribution();
     summary_.server = Ranks(std::move(server_)).distribution();
@@ -117,8 +123,7 @@ class Pass {
     summary_.round_trip = round_trips.distribution();
     summary_.response = responses.distribution();
     summary_.round_trip_certainty =
-        certainty(round_trip_course_, round_trips, summary_.round_trip,
-                  timeout_ns_ ? std::optional<double>(*timeout_ns_) : std::nullopt);
+        certainty(round_trip_course_, round_trips, summary_.round_trip, timeout_ns_);
     const auto answers = round_trips.count();
     const auto peaks = std::min<std::uint64_t>(answers / 10, most_peaks);
     summary_.extremes =
@@ -153,7 +158,7 @@ class Pass {
   }
 
  private:
-  void skip(const Cycles& cycles) {
+  void skip(const Series& cycles) {
     summary_.skipped_cycles += cycles.count;
     timeline_.skipped(cycles);
     waiting_.push_back(cycles);
@@ -176,16 +181,16 @@ class Pass {
   // The answer that those who wait have waited for.
   void answer_waiting(std::int64_t at_ns) {
     for (const auto& cycles : waiting_) {
-      const auto least_ns = between(cycles.last_due_ns(), at_ns);
-      response_.add_series(least_ns, cycles.period_ns, cycles.count);
-      response_course_.add_series(least_ns, cycles.period_ns, cycles.count);
-      late_by_response_.add(above(Values::Series::of(least_ns, cycles.period_ns, cycles.count)));
+      const auto responses = Series::of(between(cycles.greatest(), at_ns), cycles.step, cycles.count);
+      response_.add_series(responses);
+      response_course_.add_series(responses);
+      late_by_response_.add(above(responses));
       timeline_.answered(cycles, at_ns);
     }
     waiting_.clear();
   }
 
-  Batch above(const Values::Series& responses) const {
+  Batch above(const Series& responses) const {
     return {static_cast<double>(responses.count),
             static_cast<double>(responses.count - responses.at_most(deadline_ns_.value_or(0)))};
   }
@@ -203,23 +208,11 @@ class Pass {
   Course round_trip_course_, response_course_;
   Batches late_by_response_;  // of each cycle
   std::int64_t first_due_ns_ = 0, last_due_ns_ = 0;
-  std::vector<Cycles> waiting_;       // for the next answer
+  std::vector<Series> waiting_;       // cycles, for the next answer
   std::int64_t waited_until_ns_ = 0;  // at least, if there is none
 };
 
 }  // namespace
-
-bool is_complete(const record::Run& run) {
-  return run.outcome.document.is_object() && !run.outcome.error && !run.outcome.interrupted;
-}
-
-bool knows_late(const record::Run& run) {
-  return !run.asked.is_listened() || run.asked.task.client.deadline.count() > 0;
-}
-
-bool knows_loss(const record::Run& run) { return !run.outcome.loss_unknown; }
-
-std::uint64_t unrecorded(const record::Run& run) { return run.outcome.counters.dropped_records; }
 
 std::string shift_text(const Summary& summary) {
   const auto& shift = summary.round_trip_certainty.shift;

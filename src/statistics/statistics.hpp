@@ -3,12 +3,11 @@
 // have no round trip and are counted by themselves. Ordinary thread.
 #pragma once
 
+#include <array>
 #include <cstdint>
 #include <optional>
 #include <string>
 #include <vector>
-
-#include <nlohmann/json.hpp>
 
 #include "record/record.hpp"
 #include "statistics/confidence.hpp"
@@ -147,14 +146,18 @@ std::vector<Summary> summarise(const record::Reader&, std::size_t known = 0);
 
 // Of a robot's own messages not all is known: without a stated limit none can be late, and not every sensor
 // sees what was lost. What is not known has no probability: it has 0 messages.
-bool knows_late(const record::Run&);
-bool knows_loss(const record::Run&);
+inline bool knows_late(const record::Run& run) {
+  return !run.asked.is_listened() || run.asked.task.client.deadline.count() > 0;
+}
+inline bool knows_loss(const record::Run& run) { return !run.outcome.loss_unknown; }
 
 // Measured to the end that was asked for: not cut off, interrupted or failed.
-bool is_complete(const record::Run&);
+inline bool is_complete(const record::Run& run) {
+  return run.outcome.document.is_object() && !run.outcome.error && !run.outcome.interrupted;
+}
 // So many messages' samples were not recorded: no figure speaks for all messages, and nothing bounds
 // it is.
-std::uint64_t unrecorded(const record::Run&);
+inline std::uint64_t unrecorded(const record::Run& run) { return run.outcome.counters.dropped_records; }
 
 // In ns, or, of late and lost, the share of all messages (of late by response: of all cycles). `max` is the
 // greatest that was seen and has no interval.

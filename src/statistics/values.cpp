@@ -7,8 +7,6 @@
 #include <numeric>
 #include <utility>
 
-#include "statistics/times.hpp"
-
 namespace ontime::statistics {
 namespace {
 
@@ -68,34 +66,33 @@ void Values::place(std::int64_t value) {
   page.low = {};
 }
 
-Values::Series Values::Series::of(std::int64_t least, std::int64_t step, std::uint64_t count) {
+Series Series::of(std::int64_t least, std::int64_t step, std::uint64_t count) {
   std::int64_t reach = 0, greatest = 0;
   const bool beyond = step < 0 || __builtin_mul_overflow(step, count - 1, &reach) ||
                       __builtin_add_overflow(least, reach, &greatest);
   return {least, beyond ? 0 : step, count};
 }
 
-std::int64_t Values::Series::greatest() const { return least + static_cast<std::int64_t>(count - 1) * step; }
+std::int64_t Series::greatest() const { return least + static_cast<std::int64_t>(count - 1) * step; }
 
-double Values::Series::sum() const {
+double Series::sum() const {
   return static_cast<double>(count) * (static_cast<double>(least) + static_cast<double>(greatest())) / 2;
 }
 
-void Values::add_series(std::int64_t least, std::int64_t step, std::uint64_t count) {
-  if (count == 0) return;
-  const auto series = Series::of(least, step, count);
-  if (count < short_series) {
-    for (std::uint64_t i = 0; i < count; ++i) add(least + static_cast<std::int64_t>(i) * series.step);
+void Values::add_series(const Series& series) {
+  if (series.count < short_series) {
+    for (std::uint64_t i = 0; i < series.count; ++i)
+      add(series.least + static_cast<std::int64_t>(i) * series.step);
     return;
   }
-  min_ = count_ == 0 ? least : std::min(min_, least);
+  min_ = count_ == 0 ? series.least : std::min(min_, series.least);
   max_ = count_ == 0 ? series.greatest() : std::max(max_, series.greatest());
-  count_ += count;
+  count_ += series.count;
   large_sum_ += static_cast<long double>(series.sum());
   series_.push_back(series);
 }
 
-std::uint64_t Values::Series::at_most(std::int64_t value) const {
+std::uint64_t Series::at_most(std::int64_t value) const {
   if (value < least) return 0;
   if (step == 0) return count;
   const auto distance = static_cast<std::uint64_t>(value) - static_cast<std::uint64_t>(least);
@@ -169,14 +166,9 @@ Distribution Ranks::distribution() {
   Distribution result;
   const auto n = count();
   if (n == 0) return result;
-  // The smallest value that at least `share` of every `whole` values do not exceed. In whole numbers: 0.999
-  // as a double is not 0.999.
-  const auto percentile = [&](std::uint64_t share, std::uint64_t whole) {
-    return at_rank(n / whole * share + (n % whole * share + whole - 1) / whole);
-  };
   result.count = n;
   result.min = values_.min_;
-  for (const auto& row : percentiles) result[row.figure] = percentile(row.one_in - 1, row.one_in);
+  for (const auto& row : percentiles) result[row.figure] = at_rank(row.rank_of(n));
   result.max = values_.max_;
   const auto sum = static_cast<long double>(values_.sum_) + values_.large_sum_;
   result.mean = static_cast<double>(sum / static_cast<long double>(n));

@@ -13,22 +13,31 @@
 
 namespace ontime::statistics {
 
+// Times of a damaged file may be any numbers: what is beyond a clock's reach comes round, as it does there.
+constexpr std::int64_t between(std::int64_t earlier, std::int64_t later) {
+  return static_cast<std::int64_t>(static_cast<std::uint64_t>(later) - static_cast<std::uint64_t>(earlier));
+}
+constexpr std::int64_t nth_after(std::int64_t ns, std::int64_t period_ns, std::uint64_t n) {
+  return static_cast<std::int64_t>(static_cast<std::uint64_t>(ns) +
+                                   static_cast<std::uint64_t>(period_ns) * n);
+}
+
+// least, least + step …: `count` of them.
+struct Series {
+  // One whose times are of no clock has all its values at the first: it is the file that is damaged.
+  static Series of(std::int64_t least, std::int64_t step, std::uint64_t count);
+  std::int64_t least, step;
+  std::uint64_t count;
+  std::int64_t greatest() const;
+  std::uint64_t at_most(std::int64_t value) const;
+  double sum() const;
+};
+
 class Values {
  public:
   static constexpr std::uint64_t short_series = 16;  // shorter ones take less as so many values
-  struct Series {
-    // One whose times are of no clock has all its values at the first: it is the file that is damaged.
-    static Series of(std::int64_t least, std::int64_t step, std::uint64_t count);
-    std::int64_t least, step;
-    std::uint64_t count;
-    std::int64_t greatest() const;
-    std::uint64_t at_most(std::int64_t value) const;
-    double sum() const;
-  };
-
   void add(std::int64_t value);
-  // least, least + step … : `count` of them, in the memory of one.
-  void add_series(std::int64_t least, std::int64_t step, std::uint64_t count);
+  void add_series(const Series&);  // in the memory of one value
   std::uint64_t count() const { return count_; }
 
  private:
