@@ -11,12 +11,13 @@
 #include <sstream>
 #include <string_view>
 #include <system_error>
+#include <utility>
 
 #include <fmt/format.h>
 
 #include "foreign/foreign.hpp"
-#include "foreign/histogram.hpp"
 #include "record/document.hpp"
+#include "record/record.hpp"
 
 namespace ontime::foreign {
 namespace {
@@ -24,13 +25,62 @@ namespace {
 using nlohmann::json;
 using record::at;
 
+constexpr std::size_t most_values = 200'000;                  // different ones, that a run's record holds
+constexpr std::uint64_t most_ns = std::uint64_t{1} << 60U;    // 36 years
+constexpr std::uint64_t most_seen = std::uint64_t{1} << 53U;  // exact in every reader's numbers
 constexpr std::uintmax_t most_text_bytes = std::uintmax_t{256} << 20U;  // a million values of 30 threads
-constexpr std::uintmax_t most_json_bytes = std::uintmax_t{32}
-                                           << 20U;  // as a document it takes ten times as much
+constexpr std::uintmax_t most_json_bytes = std::uintmax_t{32} << 20U;   // ten times as much as a document
 constexpr std::size_t most_line = 1 << 16;
 constexpr std::size_t longest_word = 4096;  // of what is kept beside the numbers
 constexpr std::size_t most_threads = 4096;
 constexpr int deepest = 16;
+
+[[noreturn]] void fail(const std::string& file, const std::string& where, const std::string& what) {
+  throw record::WrongFile(
+      fmt::format("{}: {}{}{}. Nothing was imported.", file, where, where.empty() ? "" : ": ", what));
+}
+
+// How often a value was seen, and what is known of those that were not kept.
+struct Histogram {
+  std::vector<std::pair<std::uint64_t, std::uint64_t>> values;  // ascending: value, how many, at least one
+  std::uint64_t beyond = 0;                                     // values of `beyond_from` or more, not kept
+  std::uint64_t beyond_from = 0;
+  std::uint64_t min = 0, max = 0;  // of all
+  double mean = 0;                 // of all
+};
+
+// `outcome.histogram`, in nanoseconds. Throws if what the tool says of the whole does not fit what it kept.
+json json_of(const Histogram& of, std::int64_t unit_ns, const std::string& file, const std::string& where) {
+  const auto unit = static_cast<std::uint64_t>(unit_ns);
+  const auto wrong = [&](const std::string& what) { fail(file, where, what); };
+  if (of.values.empty())
+    wrong("there is no value in its histogram; cyclictest keeps values up to the N of -h N");
+  if (of.values.size() > most_values)
+    wrong(fmt::format("it has {} different values; at most {} can be kept", of.values.size(), most_values));
+  if (of.max > most_ns / unit) wrong(fmt::format("a maximum of {} cannot be", of.max));
+  if (!(of.mean >= 0 && of.mean <= static_cast<double>(of.max)))
+    wrong(fmt::format("its mean, {}, is not between 0 and its maximum, {}", of.mean, of.max));
+  std::uint64_t seen = of.beyond;
+  if (seen > most_seen) wrong("more values than any run has");
+  for (const auto& [value, count] : of.values)
+    if (count > most_seen || (seen += count) > most_seen) wrong("more values than any run has");
+  const auto [least, greatest] = std::pair(of.values.front().first, of.values.back().first);
+  if (of.min != least)
+    wrong(fmt::format("it says that the least value is {}, and its histogram begins with {}", of.min, least));
+  if (of.beyond == 0 ? of.max != greatest : of.max < of.beyond_from)
+    wrong(fmt::format("it says that the greatest value is {}, and its histogram ends with {}{}", of.max,
+                      greatest, of.beyond == 0 ? "" : " and values beyond"));
+
+  auto values = json::array();
+  for (const auto& [value, count] : of.values) values.push_back({value * unit, count});
+  return {{"of", "wake-up"},
+          {"unit_ns", unit_ns},
+          {"values", std::move(values)},
+          {"beyond", of.beyond},
+          {"beyond_from_ns", of.beyond == 0 ? 0 : of.beyond_from * unit},
+          {"max_ns", of.max * unit},
+          {"mean_ns", of.mean * static_cast<double>(unit)}};
+}
 
 std::ifstream open(const std::string& file, std::uintmax_t most_bytes) {
   std::error_code error;
@@ -110,7 +160,7 @@ class Text {
     } else if (columns[0] < next_) {
       wrong(fmt::format("{} comes after {}", columns[0], next_ - 1));
     }
-    if (columns[0] > std::uint64_t{1} << 60U) wrong(fmt::format("{} cannot be", columns[0]));
+    if (columns[0] > most_ns) wrong(fmt::format("{} cannot be", columns[0]));
     next_ = columns[0] + 1;
     for (std::size_t i = 0; i < threads_.size(); ++i)
       if (columns[i + 1] > 0) threads_[i].values.emplace_back(columns[0], columns[i + 1]);
@@ -195,7 +245,7 @@ class Thread {
     std::uint64_t seen = 0;
     for (const auto& [value, count] : histogram.items()) {
       const auto number = count_of(value);
-      if (!number || *number > std::uint64_t{1} << 60U || !count.is_number_unsigned())
+      if (!number || *number > most_ns || !count.is_number_unsigned())
         fail(file_, where_,
              fmt::format("'{:.20}' in its histogram is no value that was seen a number of times", value));
       if (__builtin_add_overflow(seen, count.get<std::uint64_t>(), &seen))

@@ -42,15 +42,12 @@ class Parser {
   }
   // As an editor counts them, "µ" once.
   std::size_t column(std::size_t at) const {
-    std::size_t column = 1;
-    for (std::size_t i = 0; i < at; ++i)
-      if ((static_cast<unsigned char>(text_[i]) & 0xc0) != 0x80) ++column;
-    return column;
+    return 1 + static_cast<std::size_t>(
+                   std::count_if(text_.begin(), text_.begin() + static_cast<std::ptrdiff_t>(at),
+                                 [](char c) { return (static_cast<unsigned char>(c) & 0xc0) != 0x80; }));
   }
 
-  void skip_blanks() {
-    while (at_ < text_.size() && (text_[at_] == ' ' || text_[at_] == '\t')) ++at_;
-  }
+  void skip_blanks() { at_ = std::min(text_.find_first_not_of(" \t", at_), text_.size()); }
   std::string word(std::string_view ends) {
     const auto begin = std::exchange(at_, std::min(text_.find_first_of(ends, at_), text_.size()));
     return text_.substr(begin, at_ - begin);
@@ -82,8 +79,7 @@ class Parser {
 
   void read_comparison() {
     skip_blanks();
-    const auto begin = at_;
-    while (at_ < text_.size() && std::string_view("<>=!").find(text_[at_]) != std::string_view::npos) ++at_;
+    const auto begin = std::exchange(at_, std::min(text_.find_first_not_of("<>=!", at_), text_.size()));
     const auto found = text_.substr(begin, at_ - begin);
     const auto* const wanted = use_ == Use::require ? "<=" : ">";
     if (found != wanted)

@@ -5,6 +5,7 @@
 #include <string_view>
 
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 
 #include "gate/gate.hpp"
 
@@ -120,6 +121,18 @@ Judgement judge_answer(const Gate& gate, std::string run, Answer answer, const s
   held.is_sure = answer == Answer::no;
   if (!held.is_sure) held.says += "; too few messages to be certain";
   return held;
+}
+
+// Of what was listened to, that which the gate asks for; empty: it can be judged.
+std::string not_seen(const Gate& gate, const Summary& run) {
+  if (gate.figure == Figure::lost && !statistics::knows_loss(run.run)) return "loss is not known";
+  if (gate.figure == Figure::late && !statistics::knows_late(run.run)) return "no limit was stated";
+  return "";
+}
+
+std::string why_open(const statistics::Measured& found, const Summary& run) {
+  if (auto shift = statistics::shift_text(run); !shift.empty()) return shift;
+  return *found.open != '\0' ? fmt::format("{}: measure longer", found.open) : too_few;
 }
 
 }  // namespace
@@ -242,10 +255,9 @@ std::string unfit(const Summary& run) {
     case Flaw::denied: {
       constexpr std::size_t most = 5;
       const auto all = denied(run.run.outcome);
-      std::string text = "denied";
-      for (std::size_t i = 0; i < std::min(most, all.size()); ++i)
-        text += fmt::format("{}{:.80}", i == 0 ? ": " : ", ", all[i]);
-      return text + (all.size() > most ? fmt::format(" and {} more", all.size() - most) : "");
+      const auto some = std::span(all).first(std::min(most, all.size()));
+      return fmt::format("denied: {:.80}", fmt::join(some, ", ")) +
+             (all.size() > most ? fmt::format(" and {} more", all.size() - most) : "");
     }
     case Flaw::none:
       break;
@@ -294,30 +306,15 @@ Judgement judge_as_asked(const Summary& run) {
   return {why.empty() ? Result::held : Result::cannot_judge, name_of(run), as_asked, why};
 }
 
-namespace {
-
-// Of what was listened to, that which the gate asks for; empty: it can be judged.
-std::string not_seen(const Gate& gate, const Summary& run) {
-  if (gate.figure == Figure::lost && !statistics::knows_loss(run.run)) return "loss is not known";
-  if (gate.figure == Figure::late && !statistics::knows_late(run.run)) return "no limit was stated";
-  return "";
-}
-
-std::string why_open(const statistics::Measured& found, const Summary& run) {
-  if (auto shift = statistics::shift_text(run); !shift.empty()) return shift;
-  return *found.open != '\0' ? fmt::format("{}: measure longer", found.open) : too_few;
-}
-
-}  // namespace
-
 Judgement judge(const Gate& gate, const Summary& run) {
-  if (const auto why = unfit(run); !why.empty())
+  const auto open = [&](const std::string& why) {
     return judgement(gate, name_of(run), Result::cannot_judge, why);
-  if (const auto why = not_seen(gate, run); !why.empty())
-    return judgement(gate, name_of(run), Result::cannot_judge, why);
+  };
+  if (const auto why = unfit(run); !why.empty()) return open(why);
+  if (const auto why = not_seen(gate, run); !why.empty()) return open(why);
   if (gate.kind == Gate::Limit::count) return judge_count(gate, run);
   const auto found = statistics::measured(run, gate.times, gate.figure);
-  if (!found) return judgement(gate, name_of(run), Result::cannot_judge, nothing_answered);
+  if (!found) return open(nothing_answered);
   auto says = fmt::format("{} is {}", figure_of(gate), value_of(gate, found->value));
   if (gate.figure == Figure::max)
     return unless_it_stood_still(
@@ -334,7 +331,7 @@ Judgement judge(const Gate& gate, const Summary& run) {
     says += fmt::format("; {} of {} slower", question->of.events, question->of.messages);
   }
   if (answer == Answer::cannot_tell && (question ? is_too_short(*question) : !found->surer.high))
-    return judgement(gate, name_of(run), Result::cannot_judge, says + ": " + why_open(*found, run));
+    return open(says + ": " + why_open(*found, run));
   auto judged = unless_it_stood_still(judge_answer(gate, name_of(run), answer, says), gate, run);
   if (const auto shift = statistics::shift_text(run); !judged.is_sure && !shift.empty())
     judged.says += "; " + shift;
@@ -362,29 +359,27 @@ std::vector<Judgement> judge_all(std::span<const Gate> gates, const Summary& run
 
 Judgement judge(const Gate& gate, const Runs& from, const Runs& to, SingleRuns single_runs) {
   const auto name = name_of(to);
+  const auto open = [&](const std::string& why) { return judgement(gate, name, Result::cannot_judge, why); };
   for (const auto* runs : {&from, &to})
     for (const auto* run : *runs) {
       auto why = unfit(*run);
       if (why.empty()) why = not_seen(gate, *run);
       if (why.empty() && !statistics::measured(*run, gate.times, gate.figure)) why = nothing_answered;
       if (!why.empty())
-        return judgement(gate, name, Result::cannot_judge,
-                         fmt::format("{} of {}: {}", name_of(*run), runs == &from ? "A" : "B", why));
+        return open(fmt::format("{} of {}: {}", name_of(*run), runs == &from ? "A" : "B", why));
     }
   const auto change = *statistics::change(from, to, gate.times, gate.figure);
-  const auto figure = figure_of(gate);
   const auto by_answer = [&](Answer answer, const std::string& says) {
     auto judged = judge_answer(gate, name, answer, says);
     for (const auto* run : to)
       if (judged.is_sure) judged = unless_it_stood_still(std::move(judged), gate, *run);
     return judged;
   };
-  auto says =
-      fmt::format("{} went from {} to {}", figure, value_of(gate, change.from), value_of(gate, change.to));
-  if (!change.repeated && single_runs == SingleRuns::open)
-    return judgement(gate, name, Result::cannot_judge, says + ": " + one_run);
+  auto says = fmt::format("{} went from {} to {}", figure_of(gate), value_of(gate, change.from),
+                          value_of(gate, change.to));
+  if (!change.repeated && single_runs == SingleRuns::open) return open(says + ": " + one_run);
   if (!change.difference_lies.low)  // whatever is measured, it could not be shown to be worse
-    return judgement(gate, name, Result::cannot_judge, says + ": " + too_few);
+    return open(says + ": " + too_few);
   if (gate.kind == Gate::Limit::difference) {
     says += ", " + interval(change.difference_lies,
                             [&](double value) { return (value < 0 ? "" : "+") + value_of(gate, value); });
