@@ -107,6 +107,11 @@ struct Wire {
   // class (PCP) in their tag; 0: none.
   int vlan = 0;
   bool any() const { return bits_per_s > 0 || vlan > 0; }
+  // As those of record's structs.
+  static void fields(auto& of, auto&& field) {
+    field("bits_per_s", of.bits_per_s);
+    field("vlan", of.vlan);
+  }
 };
 
 // DDS Security: what becomes of each message, in the specification's words for its payload

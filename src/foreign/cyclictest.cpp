@@ -232,50 +232,38 @@ json word_of(const json& value) {
   return fits ? value : json();
 }
 
-class Thread {
- public:
-  Thread(const std::string& file, const std::string& name, const json& of)
-      : file_(file), where_("thread " + name), of_(of) {}
-
-  Histogram read() const {
-    Histogram result;
-    std::map<std::uint64_t, std::uint64_t> values;
-    const auto& histogram = at(of_, "histogram");
-    if (!histogram.is_object()) fail(file_, where_, "there is no histogram");
-    std::uint64_t seen = 0;
-    for (const auto& [value, count] : histogram.items()) {
-      const auto number = count_of(value);
-      if (!number || *number > most_ns || !count.is_number_unsigned())
-        fail(file_, where_,
-             fmt::format("'{:.20}' in its histogram is no value that was seen a number of times", value));
-      if (__builtin_add_overflow(seen, count.get<std::uint64_t>(), &seen))
-        fail(file_, where_, "more values than any run has");
-      if (count > 0 && !values.try_emplace(*number, count.get<std::uint64_t>()).second)
-        fail(file_, where_, fmt::format("{} is in its histogram twice", *number));
-    }
-    result.values.assign(values.begin(), values.end());
-    const auto cycles = whole("cycles");
-    if (seen > cycles)
-      fail(file_, where_, fmt::format("its histogram has {} values of {} cycles", seen, cycles));
-    result.beyond = cycles - seen;  // JSON has neither their number nor where the histogram ended
-    if (!values.empty()) result.beyond_from = values.rbegin()->first + 1;
-    result.min = whole("min");
-    result.max = whole("max");
-    if (!at(of_, "avg").is_number()) fail(file_, where_, "'avg' is no number");
-    result.mean = at(of_, "avg").get<double>();
-    return result;
-  }
-
- private:
-  std::uint64_t whole(const char* key) const {
-    const auto& value = at(of_, key);
-    if (!value.is_number_unsigned()) fail(file_, where_, fmt::format("'{}' is no whole number from 0", key));
+Histogram histogram_of(const json& of, const std::string& file, const std::string& where) {
+  const auto whole = [&](const char* key) {
+    const auto& value = at(of, key);
+    if (!value.is_number_unsigned()) fail(file, where, fmt::format("'{}' is no whole number from 0", key));
     return value.get<std::uint64_t>();
+  };
+  Histogram result;
+  std::map<std::uint64_t, std::uint64_t> values;
+  const auto& histogram = at(of, "histogram");
+  if (!histogram.is_object()) fail(file, where, "there is no histogram");
+  std::uint64_t seen = 0;
+  for (const auto& [value, count] : histogram.items()) {
+    const auto number = count_of(value);
+    if (!number || *number > most_ns || !count.is_number_unsigned())
+      fail(file, where,
+           fmt::format("'{:.20}' in its histogram is no value that was seen a number of times", value));
+    if (__builtin_add_overflow(seen, count.get<std::uint64_t>(), &seen))
+      fail(file, where, "more values than any run has");
+    if (count > 0 && !values.try_emplace(*number, count.get<std::uint64_t>()).second)
+      fail(file, where, fmt::format("{} is in its histogram twice", *number));
   }
-  const std::string& file_;
-  const std::string where_;
-  const json& of_;
-};
+  result.values.assign(values.begin(), values.end());
+  const auto cycles = whole("cycles");
+  if (seen > cycles) fail(file, where, fmt::format("its histogram has {} values of {} cycles", seen, cycles));
+  result.beyond = cycles - seen;  // JSON has neither their number nor where the histogram ended
+  if (!values.empty()) result.beyond_from = values.rbegin()->first + 1;
+  result.min = whole("min");
+  result.max = whole("max");
+  if (!at(of, "avg").is_number()) fail(file, where, "'avg' is no number");
+  result.mean = at(of, "avg").get<double>();
+  return result;
+}
 
 // --- both ---
 
@@ -313,7 +301,7 @@ std::vector<Import> read_json(const std::string& file, const What& what) {
   const auto unit_ns = at(document, "resolution_in_ns") == 1 ? 1 : 1000;
   std::vector<Import> runs;
   for (const auto& [number, thread] : in_order) {
-    const auto name = std::to_string(number);
+    const auto where = fmt::format("thread {}", number);
     auto asked = asked_of(file, what, number);
     for (const auto* key : {"cmdline", "rt_test_version", "start_time", "return_code"}) {
       const auto with_colon = fmt::format("{}:", key);  // so rt-tests 2.4 writes some of them
@@ -323,11 +311,10 @@ std::vector<Import> read_json(const std::string& file, const What& what) {
     const json machine = {{"hostname", word_of(at(system, "nodename"))},
                           {"kernel_release", word_of(at(system, "release"))},
                           {"kernel_version", word_of(at(system, "version"))}};
-    runs.push_back(
-        {std::move(asked),
-         {{"interrupted", false},
-          {"hosts", {{"controller", {{"machine", machine}}}}},
-          {"histogram", json_of(Thread(file, name, *thread).read(), unit_ns, file, "thread " + name)}}});
+    runs.push_back({std::move(asked),
+                    {{"interrupted", false},
+                     {"hosts", {{"controller", {{"machine", machine}}}}},
+                     {"histogram", json_of(histogram_of(*thread, file, where), unit_ns, file, where)}}});
   }
   return runs;
 }

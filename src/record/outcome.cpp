@@ -47,14 +47,6 @@ struct Reading {
     return {};
   }
 
-  static Misfit read(const json& from, conditions::Wire& into) {
-    if (!from.is_object()) return from.is_null() ? Misfit() : "";
-    Misfit first;
-    note(first, "bits_per_s", read(at(from, "bits_per_s"), into.bits_per_s));
-    note(first, "vlan", read(at(from, "vlan"), into.vlan));
-    return first;
-  }
-
   template <typename Value>
   static Misfit read(const json& from, std::vector<Value>& into) {
     if (!from.is_array()) return from.is_null() ? Misfit() : "";

@@ -184,15 +184,12 @@ class Pass {
       const auto responses = Series::of(between(cycles.greatest(), at_ns), cycles.step, cycles.count);
       response_.add_series(responses);
       response_course_.add_series(responses);
-      late_by_response_.add(above(responses));
+      late_by_response_.add(
+          {static_cast<double>(responses.count),
+           static_cast<double>(responses.count - responses.at_most(deadline_ns_.value_or(0)))});
       timeline_.answered(cycles, at_ns);
     }
     waiting_.clear();
-  }
-
-  Batch above(const Series& responses) const {
-    return {static_cast<double>(responses.count),
-            static_cast<double>(responses.count - responses.at_most(deadline_ns_.value_or(0)))};
   }
 
   Summary& summary_;
