@@ -162,7 +162,7 @@ Fields realtime_fields() {
 int application_priority(const Run& run) {
   constexpr int above_all = 100;
   std::optional<int> least;
-  for (const auto* role : {"send", "receive", "delivery"}) {
+  for (const auto& role : message_roles) {
     const auto thread = run.task.realtime.threads.find(role);
     if (thread == run.task.realtime.threads.end()) continue;
     const bool is_deadline = thread->second.policy == realtime::Policy::deadline;

@@ -45,8 +45,7 @@ constexpr const char* nothing_answered = "no message was answered";
 constexpr const char* too_few = "too few messages: measure longer";
 constexpr const char* one_run =
     "one run on a side does not show what changes from one start to the next: repeat the runs (repeat: 5), "
-    "or "
-    "add --single-runs";
+    "or add --single-runs";
 
 Judgement judgement(const Gate& gate, std::string run, Result result, std::string says) {
   return {result, std::move(run), gate.requirement(), std::move(says)};

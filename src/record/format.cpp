@@ -137,16 +137,11 @@ std::int64_t format_of(Connection& connection) {
                     "another file.",
                     connection.name()));
   const auto version = connection.number("PRAGMA user_version");
-  if (version > format_version)
-    throw WrongFile(
-        fmt::format("{}: it has format {}, from a newer ontime; this one knows formats 1 to {}. Update "
-                    "ontime, or choose another file.",
-                    connection.name(), version, format_version));
-  if (version < 1)
-    throw WrongFile(
-        fmt::format("{}: it has format {}, which no ontime writes; this one knows formats 1 to {}. Choose "
-                    "another file.",
-                    connection.name(), version, format_version));
+  if (const bool newer = version > format_version; newer || version < 1)
+    throw WrongFile(fmt::format("{}: it has format {}, {}; this one knows formats 1 to {}. {} another file.",
+                                connection.name(), version,
+                                newer ? "from a newer ontime" : "which no ontime writes", format_version,
+                                newer ? "Update ontime, or choose" : "Choose"));
   for (const auto& table : tables_of(version))
     if (!has(connection, table))
       throw WrongFile(

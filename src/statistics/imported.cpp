@@ -45,8 +45,6 @@ class Counted {
     for (const auto& [ns, count] : values_) all.add_series({ns, 0, count});
     return all;
   }
-  std::uint64_t beyond() const { return beyond_; }
-  std::int64_t beyond_from_ns() const { return beyond_from_ns_; }
 
  private:
   [[noreturn]] void wrong() const {
@@ -86,11 +84,12 @@ class Counted {
 void summarise_imported(Summary& summary) {
   const Counted histogram(summary.run);
   const auto& imported = *summary.run.asked.imported;
-  const auto unit_ns = summary.run.outcome.histogram.unit_ns.value_or(0);
+  const auto& counts = summary.run.outcome.histogram;
+  const auto unit_ns = counts.unit_ns.value_or(0);
   summary.wake_up = histogram.distribution();
   summary.imported =
       Imported{imported.from, imported.file, unit_ns >= 1 && unit_ns < 9e18 ? std::llround(unit_ns) : 0,
-               histogram.beyond(), histogram.beyond_from_ns()};
+               static_cast<std::uint64_t>(*counts.beyond), *counts.beyond_from_ns};
 }
 
 void summarise_worst(Summary& summary) {

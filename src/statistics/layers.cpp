@@ -22,19 +22,21 @@ std::optional<double> round_trip(const Summary& summary) {
   return static_cast<double>(summary.round_trip[Figure::p50]);
 }
 
-// The sum over all threads that serve messages, on all hosts, by message.
-std::optional<double> a_message(const Summary& summary, std::optional<double> record::Thread::*value) {
-  double sum = 0;
-  std::size_t threads = 0;
-  for (const auto& [name, host] : summary.run.outcome.hosts)
-    for (const auto& thread : host.threads) {
-      if (thread.is_of_background_topics()) continue;
-      if (!(thread.*value)) return {};
-      sum += *(thread.*value);
-      ++threads;
-    }
-  if (threads == 0 || summary.sent == 0) return {};
-  return sum / static_cast<double>(summary.sent);
+// The sum over all threads that serve messages, on all hosts, by message; `unit` times as much.
+Value a_message(std::optional<double> record::Thread::*value, double unit = 1) {
+  return [=](const Summary& summary) -> std::optional<double> {
+    double sum = 0;
+    std::size_t threads = 0;
+    for (const auto& [name, host] : summary.run.outcome.hosts)
+      for (const auto& thread : host.threads) {
+        if (thread.is_of_background_topics()) continue;
+        if (!(thread.*value)) return {};
+        sum += *(thread.*value);
+        ++threads;
+      }
+    if (threads == 0 || summary.sent == 0) return {};
+    return sum / static_cast<double>(summary.sent) * unit;
+  };
 }
 
 // A session of a file, and a repetition within: what is compared was measured side by side.
@@ -189,13 +191,8 @@ Layers layers(const std::vector<Summary>& summaries) {
     if (layer.adds_to.empty() && !all.below.contains(candidate.first->run.asked.id)) continue;
     const auto* base = layer.adds_to.empty() ? nullptr : find_base(layer, all.candidates);
     layer.round_trip_ns = cost(candidate, base, round_trip);
-    layer.cpu_ns = cost(candidate, base, [](const Summary& summary) -> std::optional<double> {
-      const auto us = a_message(summary, &record::Thread::cpu_time_us);
-      return us ? std::optional(*us * 1e3) : std::nullopt;
-    });
-    layer.instructions = cost(candidate, base, [](const Summary& summary) {
-      return a_message(summary, &record::Thread::instructions);
-    });
+    layer.cpu_ns = cost(candidate, base, a_message(&record::Thread::cpu_time_us, 1e3));
+    layer.instructions = cost(candidate, base, a_message(&record::Thread::instructions));
     result.measured.push_back(layer);
   }
   auto told = all.ids;

@@ -126,19 +126,16 @@ std::uint64_t Ranks::narrow_at_most(std::int64_t value) {
   if (next == pages_.begin()) return 0;
   auto& found = *std::prev(next);
   if (found.high != high) return found.before + found.size;
-  return found.before + at_most_within(found, static_cast<std::uint16_t>(narrow));
-}
-
-std::uint64_t Ranks::at_most_within(Filled& filled, std::uint16_t most) {
-  auto& [low, counts] = *filled.page;
-  if (!filled.in_order) {
-    filled.in_order = true;
+  auto& [low, counts] = *found.page;
+  if (!found.in_order) {
+    found.in_order = true;
     // Counts become of how many are no greater.
     for (std::size_t i = 1; counts && i < page_size; ++i) counts[i] += counts[i - 1];
     std::sort(low.begin(), low.end());
   }
-  if (counts) return counts[most];
-  return static_cast<std::uint64_t>(std::upper_bound(low.begin(), low.end(), most) - low.begin());
+  const auto most = static_cast<std::uint16_t>(narrow);
+  const auto within = counts ? counts[most] : std::upper_bound(low.begin(), low.end(), most) - low.begin();
+  return found.before + static_cast<std::uint64_t>(within);
 }
 
 std::uint64_t Ranks::at_most(std::int64_t value) {

@@ -81,7 +81,6 @@ class Ranks {
     bool in_order = false;
   };
   std::uint64_t narrow_at_most(std::int64_t value);
-  static std::uint64_t at_most_within(Filled&, std::uint16_t low);
 
   Values values_;
   std::vector<Filled> pages_;  // those that hold something
