@@ -46,20 +46,17 @@ std::vector<Discipline> disciplines_of(const std::string& words) {
 bool is_qdisc(const std::string& words) {
   constexpr std::size_t longest = 2000;
   const auto all = disciplines_of(words);
-  return words.size() <= longest && std::all_of(all.begin(), all.end(), [&](const Discipline& one) {
+  return words.size() <= longest && std::ranges::all_of(all, [&](const Discipline& one) {
            const bool is_root = &one == &all.front();
-           const auto& known = known_disciplines();
-           return !one.words.empty() &&
-                  std::find(known.begin(), known.end(), one.words.front()) != known.end() &&
-                  (is_root || is_class(one.below)) &&
-                  std::all_of(one.words.begin(), one.words.end(), is_word);
+           return !one.words.empty() && std::ranges::count(known_disciplines(), one.words.front()) > 0 &&
+                  (is_root || is_class(one.below)) && std::ranges::all_of(one.words, is_word);
          });
 }
 
 bool has_etf(const std::string& words) {
-  const auto all = disciplines_of(words);
-  return std::any_of(all.begin(), all.end(),
-                     [](const Discipline& one) { return !one.words.empty() && one.words.front() == "etf"; });
+  return std::ranges::any_of(disciplines_of(words), [](const Discipline& one) {
+    return !one.words.empty() && one.words.front() == "etf";
+  });
 }
 
 }  // namespace ontime::conditions

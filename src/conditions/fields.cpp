@@ -178,20 +178,16 @@ Fields fields_of_sending() {
 // Of the topics, and how they are served. The names that are said become whole ones at the end.
 Fields fields_of_topics() {
   using transport::Durability, transport::History;
-  auto name_space =
-      field({"namespace", "--namespace", "NAME", "namespace of the topics, such as /robot: /", both}, "",
-            ros_name(), &Run::ros_namespace);
+  auto name_space = ros_name();
+  name_space.of_text = [of_name = name_space.of_text](Text text) {
+    return text == "/" ? text : of_name(text);
+  };
   return {said(field({"domain", "--domain", "",
                       "DDS domain; udp uses port 7900 + domain: $ROS_DOMAIN_ID, or 0", both, "domain {}"},
                      "domain", number<int>(0, max_domain), in_config(&Config::domain)),
                [](Run& run, Text text) { run.domain = static_cast<int>(number_of(text, 0, max_domain)); }),
-          said(name_space,
-               [set = name_space.set](Run& run, Text text) {
-                 if (text == "/")
-                   run.ros_namespace = text;
-                 else
-                   set(run, text);
-               }),
+          field({"namespace", "--namespace", "NAME", "namespace of the topics, such as /robot: /", both}, "",
+                name_space, &Run::ros_namespace),
           said(field({"topics.ping", "--ping-topic", "", "topic that the client writes: ping", both},
                      "ping_topic", ros_name(), in_config(&Config::ping_topic)),
                [](Run& run, Text text) { run.ping_topic = ros_name().of_text(text); }),
@@ -307,9 +303,8 @@ const Fields& fields() {
 
 const std::vector<Key>& keys() {
   static const auto list = [] {
-    Fields all;
-    std::copy_if(fields().begin(), fields().end(), std::back_inserter(all),
-                 [](const Field& field) { return !field.path.empty(); });
+    auto all = fields();
+    std::erase_if(all, [](const Field& field) { return field.path.empty(); });
     return all;
   }();
   return list;

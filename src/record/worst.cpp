@@ -11,8 +11,6 @@ namespace ontime::record {
 namespace {
 
 constexpr std::uint64_t bytes_a_run = 64 << 10;
-constexpr const char* runs_that_keep_worst =
-    "SELECT number FROM run WHERE json_extract(asked, '$.kept') = 'worst' ORDER BY number";
 
 // How many times its limit it took: comparable from topic to topic.
 double badness(std::optional<std::int64_t> took_ns, std::optional<std::int64_t> limit_ns) {
@@ -65,7 +63,8 @@ bool Worst::make_room(std::int64_t run, std::int64_t message, std::uint64_t byte
 
 void Worst::forget_old_runs(const std::set<std::int64_t>& but) {
   std::vector<std::int64_t> runs;
-  Statement row(connection_, runs_that_keep_worst);
+  Statement row(connection_,
+                "SELECT number FROM run WHERE json_extract(asked, '$.kept') = 'worst' ORDER BY number");
   while (row.next()) runs.push_back(row.integer(0));
   auto left = runs.size();
   for (const auto run : runs) {

@@ -260,7 +260,6 @@ std::int64_t copy_run(const Reader& from, const Run& run, Writer& to) {
   constexpr std::size_t at_once = 4096;
   const auto number = to.begin_run(run.asked.document);
   std::vector<roundtrip::Sample> samples;
-  samples.reserve(at_once);
   const auto hand_over = [&] {
     to.append(number, samples);
     samples.clear();

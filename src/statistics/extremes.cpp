@@ -206,7 +206,6 @@ Extremes extremes(std::span<const float> values, float threshold) {
   }
   const auto n = static_cast<double>(values.size());
   std::vector<double> maxima;
-  maxima.reserve(blocks);
   for (std::size_t i = 0; i < blocks; ++i) {
     const auto from = i * values.size() / blocks, to = (i + 1) * values.size() / blocks;
     const auto block = values.subspan(from, to - from);
@@ -218,7 +217,6 @@ Extremes extremes(std::span<const float> values, float threshold) {
   result.index = extremal_index(places);
   const auto peaks = declustered(places, values, result.index);
   std::vector<double> greatest;
-  greatest.reserve(peaks.size());
   for (const auto place : peaks) greatest.push_back(static_cast<double>(values[place]));
 
   const double clusters = n * result.index;

@@ -13,10 +13,6 @@ namespace {
 constexpr std::size_t page_size = std::size_t{1} << 16;
 constexpr std::size_t list_max = 2 * page_size;  // as many bytes as the counts take
 
-bool is_narrow(std::int64_t value) {
-  return value >= 0 && value <= std::numeric_limits<std::uint32_t>::max();
-}
-
 // Bins of a histogram: 16 to every doubling, all of the same ratio, so that on a logarithmic axis none is
 // wider than another and counts do not jump where the width would. Where they are narrower than 1 ns some are
 // empty.
@@ -49,7 +45,7 @@ void Values::add(std::int64_t value) {
 }
 
 void Values::place(std::int64_t value) {
-  if (!is_narrow(value)) return wide_.push_back(value);
+  if (value < 0 || value > std::numeric_limits<std::uint32_t>::max()) return wide_.push_back(value);
   const auto high = static_cast<std::size_t>(value >> 16);
   auto& block = blocks_[high / pages_a_block];
   if (!block) block = std::make_unique<Block>();
