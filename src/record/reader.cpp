@@ -170,7 +170,7 @@ std::vector<Run> Reader::runs(std::optional<std::int64_t> from) const {
 
 std::vector<Note> Reader::notes(std::int64_t run) const {
   std::vector<Note> notes;
-  auto start = row_of(*connection_, run);
+  const auto start = row_of(*connection_, run);
   if (connection_->number("PRAGMA user_version") == 1) return notes;
   Texts text_in(*connection_);
   Ascending in_order(*connection_, "note", 1);
