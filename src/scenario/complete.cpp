@@ -17,6 +17,7 @@ namespace {
 
 using conditions::number_of, conditions::Security, conditions::text_of;
 using realtime::Policy;
+using transport::Capabilities;
 using Text = const std::string&;
 
 constexpr std::size_t max_topic_length = 247;  // RMW_TOPIC_MAX_NAME_LENGTH
@@ -51,10 +52,16 @@ void complete_isolation(const Run& run) {
   const auto kept = realtime::cpus_of(wish.cpus).value_or(std::vector<int>{});
   for (const auto& [role, thread] : run.task.realtime.threads)
     for (const int cpu : thread.cpus)
-      if (std::find(kept.begin(), kept.end(), cpu) == kept.end())
+      if (std::ranges::find(kept, cpu) == kept.end())
         throw std::invalid_argument(
             fmt::format("threads of role {} cannot run on CPU {}: isolation.cpus restricts both ends to {}",
                         role, cpu, wish.cpus));
+}
+
+// Whether one of ontime's own is known to have that, or not to have it: of others only the plug-in knows.
+bool is_known(Text transport, bool Capabilities::*what, bool has = true) {
+  const auto* const own = transport::shipped(transport);
+  return own != nullptr && own->can.*what == has;
 }
 
 std::vector<std::string_view> names_with_security() {
@@ -87,21 +94,9 @@ void check_topics(const transport::Config& config) {
         fmt::format("topics.ping and topics.pong are both {}: name two", config.ping_topic));
 }
 
-bool is_below_ip(const std::string& transport) {
-  const auto* const own = transport::shipped(transport);
-  return own != nullptr && own->can.below_ip;
-}
-
-bool is_past_the_kernel(const std::string& transport) {
-  const auto* const own = transport::shipped(transport);
-  return own != nullptr && own->can.past_the_kernel;
-}
-
-bool has_no_topics(const std::string& transport) {
-  const auto* const own = transport::shipped(transport);
-  return own != nullptr && !own->can.topics;
-}
-
+bool is_below_ip(Text transport) { return is_known(transport, &Capabilities::below_ip); }
+bool is_past_the_kernel(Text transport) { return is_known(transport, &Capabilities::past_the_kernel); }
+bool has_no_topics(Text transport) { return is_known(transport, &Capabilities::topics, false); }
 bool any_past_the_kernel(const Run& run) {
   return is_past_the_kernel(run.task.transport) || is_past_the_kernel(run.component_transport);
 }
@@ -109,9 +104,8 @@ bool any_past_the_kernel(const Run& run) {
 constexpr std::string_view options_path = "options.", component_options_path = "component.options.";
 
 bool is_option(Text path) {
-  for (const auto prefix : {options_path, component_options_path})
-    if (path.starts_with(prefix) && path.size() > prefix.size()) return true;
-  return false;
+  const auto begins_so = [&](auto prefix) { return path.starts_with(prefix) && path.size() > prefix.size(); };
+  return begins_so(options_path) || begins_so(component_options_path);
 }
 
 void set_option(Run& run, Text path, Text value) {
@@ -128,8 +122,7 @@ Together together(const Run& run, const Hosts& hosts) {
 }
 
 Run with_component(Run run, const std::string& name) {
-  const auto own =
-      std::find_if(run.own.begin(), run.own.end(), [&](const Run& one) { return one.component == name; });
+  const auto own = std::ranges::find(run.own, name, &Run::component);
   if (own != run.own.end()) {
     auto found = std::move(*own);
     found.repetition = run.repetition;
@@ -148,22 +141,6 @@ Run with_component(Run run, const std::string& name) {
   return run;
 }
 
-std::string common_to_all(Text path) {
-  constexpr std::pair<std::string_view, const char*> reasons[] = {
-      {"id", "it is of the run, which is one for all components"},
-      {"title", "it is of the run, which is one for all components"},
-      {"adds-to", "it is of the run, which is one for all components"},
-      {"search", "it is of the run: say search: NAME.KEY there"},
-      {"duration", "all are measured at the same time, for as long"},
-      {"explain", "the kernels' events are kept for all, or for none"},
-      {"kernel.", "it is of machines, and the controller's is one for all"},
-      {"isolation.", "it is of machines, and the controller's is one for all"},
-      {"load.controller.", "the controller is one for all"}};
-  for (const auto& [key, reason] : reasons)
-    if (path == key || (key.ends_with('.') && path.starts_with(key))) return reason;
-  return "";
-}
-
 void complete(Run& run) {
   auto& client = run.task.client;
   if (const auto& own = run.listening; !own.any() && (own.deadline || own.period || own.age))
@@ -176,8 +153,7 @@ void complete(Run& run) {
     throw std::invalid_argument(
         "explain knows a component's threads by their ids, which change when it is started again: leave out "
         "explain or component.restart");
-  if (const auto* const own = transport::shipped(run.task.transport);
-      run.security != Security::off && own != nullptr && !own->can.security)
+  if (run.security != Security::off && is_known(run.task.transport, &Capabilities::security, false))
     throw std::invalid_argument(fmt::format("transport {} has no DDS Security; {} have: leave out security",
                                             run.task.transport, fmt::join(names_with_security(), " and ")));
   if (run.security != Security::off && !run.component_transport.empty() &&

@@ -11,12 +11,8 @@ namespace ontime::scenario {
 // Of concurrent traffic, the link's faults, and ordinary topics beside the critical one.
 void complete_network(Run&);
 void complete_neighbours(const Run&);
-// Whether that key of the link is about all that a host sends, whichever of its links it takes.
-bool is_mark(const std::string& path);
 bool has_no_topics(const std::string& transport);
 // That ROS 2 would take the names of all topics.
 void check_topics(const transport::Config&);
-// Why that key cannot be said of one of several components alone, for people; "": it can.
-std::string common_to_all(const std::string& path);
 
 }  // namespace ontime::scenario

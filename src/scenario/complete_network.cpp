@@ -105,10 +105,6 @@ void check_place(const Run& run) {
 
 }  // namespace
 
-bool is_mark(const std::string& path) {
-  return path == "link.message-priority" || path == "link.traffic-priority" || path == "link.dscp";
-}
-
 std::string without_port(const std::string& address) {
   const auto colon = address.find(':');
   return colon == address.rfind(':') ? address.substr(0, colon) : address;

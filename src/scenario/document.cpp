@@ -78,14 +78,12 @@ class Bounds final : public YAML::EventHandler {
   }
   void OnSequenceStart(const YAML::Mark& mark, const std::string& tag, YAML::anchor_t anchor,
                        YAML::EmitterStyle::value) override {
-    check(mark, tag);
-    begin(mark, anchor);
+    begin(mark, tag, anchor);
   }
   void OnSequenceEnd() override { end(); }
   void OnMapStart(const YAML::Mark& mark, const std::string& tag, YAML::anchor_t anchor,
                   YAML::EmitterStyle::value) override {
-    check(mark, tag);
-    begin(mark, anchor);
+    begin(mark, tag, anchor);
   }
   void OnMapEnd() override { end(); }
 
@@ -121,7 +119,8 @@ class Bounds final : public YAML::EventHandler {
     if (!open_.empty()) open_.back().levels = std::max(open_.back().levels, extent.levels + 1);
     if (anchor != 0) whole_[anchor] = extent;
   }
-  void begin(const YAML::Mark& mark, YAML::anchor_t anchor) {
+  void begin(const YAML::Mark& mark, const std::string& tag, YAML::anchor_t anchor) {
+    check(mark, tag);
     const auto before = nodes_;
     add(mark, 0, {1, 1});
     open_.push_back({anchor, before, 1});

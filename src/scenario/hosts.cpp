@@ -6,7 +6,7 @@
 
 #include <fmt/format.h>
 
-#include "journal/interface_name.hpp"
+#include "journal/journal.hpp"
 #include "scenario/document.hpp"
 
 namespace ontime::scenario {

@@ -3,11 +3,11 @@
 
 #include <algorithm>
 #include <set>
+#include <string_view>
 
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
-#include "scenario/complete.hpp"
 #include "scenario/document.hpp"
 
 namespace ontime::scenario {
@@ -21,6 +21,28 @@ std::string key_below(const std::string& path) {
     if (key.path.starts_with(path + "."))
       return key.path.substr(path.size() + 1, key.path.find('.', path.size() + 1) - path.size() - 1);
   return "";
+}
+
+// Why it cannot be said of one of several components alone, for people; "": it can.
+std::string common_to_all(const std::string& path) {
+  constexpr std::pair<std::string_view, const char*> reasons[] = {
+      {"id", "it is of the run, which is one for all components"},
+      {"title", "it is of the run, which is one for all components"},
+      {"adds-to", "it is of the run, which is one for all components"},
+      {"search", "it is of the run: say search: NAME.KEY there"},
+      {"duration", "all are measured at the same time, for as long"},
+      {"explain", "the kernels' events are kept for all, or for none"},
+      {"kernel.", "it is of machines, and the controller's is one for all"},
+      {"isolation.", "it is of machines, and the controller's is one for all"},
+      {"load.controller.", "the controller is one for all"}};
+  for (const auto& [key, reason] : reasons)
+    if (path == key || (key.ends_with('.') && path.starts_with(key))) return reason;
+  return "";
+}
+
+// Whether that key of the link is about all that a host sends, whichever of its links it takes.
+bool is_mark(const std::string& path) {
+  return path == "link.message-priority" || path == "link.traffic-priority" || path == "link.dscp";
 }
 
 }  // namespace
@@ -49,13 +71,9 @@ std::string nearest(const std::string& path) {
 Said RunKeys::divided(const std::string& path) const {
   const auto dot = path.find('.');
   auto name = path.substr(0, dot);
-  if (!is_component(name)) return {"", path};
+  const auto is_it = [&](const auto& component) { return component.name == name; };
+  if (!named_ || std::ranges::none_of(hosts_.components, is_it)) return {"", path};
   return {std::move(name), dot == path.npos ? "" : path.substr(dot + 1)};
-}
-
-bool RunKeys::is_component(const std::string& name) const {
-  const auto& all = hosts_.components;
-  return named_ && std::any_of(all.begin(), all.end(), [&](const auto& one) { return one.name == name; });
 }
 
 Entries RunKeys::flat(const YAML::Node& run) const {

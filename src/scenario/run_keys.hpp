@@ -34,7 +34,6 @@ class RunKeys {
   Entries flat(const YAML::Node& run) const;
 
  private:
-  bool is_component(const std::string& name) const;
   void flatten(const YAML::Node&, const std::string& prefix, Entries&) const;
   std::string why_not_its_own(const std::string& key) const;
 

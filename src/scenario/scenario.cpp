@@ -66,26 +66,19 @@ class File {
     if (!root.IsMap())
       throw Error(scenario_.file + ": not a scenario: it has no keys (title, hosts, defaults, runs …)");
     std::optional<YAML::Node> hosts, wire, components, defaults, runs, repeat;
+    const std::map<std::string_view, std::optional<YAML::Node>*> nodes = {
+        {"hosts", &hosts},       {"wire", &wire}, {"components", &components},
+        {"defaults", &defaults}, {"runs", &runs}, {"repeat", &repeat}};
     once_each(scenario_.file, root);
     for (const auto& entry : root) {
       const auto key = entry.first.Scalar();
       const auto& value = entry.second;
       if (key == "title")
         scenario_.title = scalar(value, key);
-      else if (key == "hosts")
-        hosts.emplace(value);
-      else if (key == "wire")
-        wire.emplace(value);
-      else if (key == "components")
-        components.emplace(value);
-      else if (key == "defaults")
-        defaults.emplace(value);
       else if (key == "order")
         scenario_.interleaved = read_order(value);
-      else if (key == "repeat")
-        repeat.emplace(value);
-      else if (key == "runs")
-        runs.emplace(value);
+      else if (const auto node = nodes.find(key); node != nodes.end())
+        node->second->emplace(value);
       else
         fail(entry.first, fmt::format("unknown key '{}'; a scenario has title, hosts, wire, components, "
                                       "defaults, order, repeat, runs",
@@ -96,9 +89,9 @@ class File {
     scenario_.hosts = hosts_of(scenario_.file, hosts, components);
     if (wire) lay_wire(scenario_.file, *wire, scenario_.hosts);
     const RunKeys keys(scenario_.file, scenario_.hosts, components.has_value());
-    Combinations combinations(scenario_.file, scenario_.hosts, keys, selection_);
+    Origin origin{scenario_.file, scenario_.hosts, keys, selection_};
     const auto for_all = defaults ? read_defaults(*defaults, keys) : Entries{};
-    for (const auto& run : *runs) read_run(run, for_all, keys, combinations);
+    for (const auto& run : *runs) read_run(run, for_all, origin);
     check_baselines();
     if (scenario_.runs.empty()) return std::move(scenario_);  // none is selected
     check_wire();
@@ -110,11 +103,8 @@ class File {
   const std::set<std::string>& ids() const { return ids_; }  // selected or not
 
  private:
-  [[noreturn]] void fail(const YAML::Mark& mark, const std::string& message) const {
-    fail_at(scenario_.file, mark, message);
-  }
   [[noreturn]] void fail(const YAML::Node& node, const std::string& message) const {
-    fail(node.Mark(), message);
+    fail_at(scenario_.file, node.Mark(), message);
   }
 
   std::string scalar(const YAML::Node& node, const std::string& key) const {
@@ -131,8 +121,7 @@ class File {
   void deploy() {
     auto& hosts = scenario_.hosts;
     const auto is_here = [](const auto& component) { return component.host.ssh.empty(); };
-    if (hosts.controller.ssh.empty() &&
-        std::all_of(hosts.components.begin(), hosts.components.end(), is_here))
+    if (hosts.controller.ssh.empty() && std::ranges::all_of(hosts.components, is_here))
       throw Error(
           fmt::format("--deploy brings ontime to hosts that are reached by ssh, and in {} there is "
                       "none (hosts: component: {{ssh: user@host …}})",
@@ -166,10 +155,9 @@ class File {
                              scenario_.runs.size(), scenario_.repeat, scenario_.size(), most_runs));
   }
 
-  void read_run(const YAML::Node& node, const Entries& defaults, const RunKeys& keys,
-                Combinations& combinations) {
+  void read_run(const YAML::Node& node, const Entries& defaults, Origin& origin) {
     if (!node.IsMap()) fail(node, "a run is a map of keys: id, transport, period …");
-    auto own = keys.flat(node);
+    auto own = origin.keys.flat(node);
     if (!own.contains("id")) fail(node, "a run needs an id");
     const auto id = scalar(own["id"], "id");
     if (const auto flaw = conditions::flaw_of_id(id); !flaw.empty())
@@ -179,11 +167,10 @@ class File {
     own.insert(defaults.begin(), defaults.end());  // where the run says nothing
     if (const auto below = own.find("adds-to"); below != own.end() && below->second.IsScalar())
       baselines_.insert_or_assign(id, below->second);
-    if (!selection_.only.empty() &&
-        std::find(selection_.only.begin(), selection_.only.end(), id) == selection_.only.end())
-      return;
-    const auto required = take_require(own, keys);
-    for (auto& run : combinations.of(id, node, required, std::move(own)))
+    const auto& only = selection_.only;
+    if (!only.empty() && std::ranges::find(only, id) == only.end()) return;
+    const auto required = take_require(own, origin.keys);
+    for (auto& run : runs_of(origin, id, node, required, std::move(own)))
       scenario_.runs.push_back(std::move(run));
   }
 
