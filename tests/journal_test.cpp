@@ -9,7 +9,6 @@
 #include <sys/resource.h>
 #include <sys/stat.h>
 
-#include "journal/forgotten.hpp"
 #include "journal_fixture.hpp"
 
 namespace ontime::journal {

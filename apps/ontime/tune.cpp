@@ -9,7 +9,6 @@
 #include "campaign/campaign.hpp"
 #include "commands.hpp"
 #include "flags.hpp"
-#include "journal/forgotten.hpp"
 #include "keeper/keeper.hpp"
 #include "machine/machine.hpp"
 #include "settings/settings.hpp"

@@ -17,7 +17,7 @@
 
 #include "background/background.hpp"
 #include "background/network.hpp"
-#include "journal/interface_name.hpp"
+#include "journal/journal.hpp"
 
 namespace ontime::background {
 namespace {

@@ -2,11 +2,11 @@
 #include "fitness/look.hpp"
 
 #include <algorithm>
-#include <charconv>
 #include <filesystem>
-#include <fstream>
 #include <iterator>
 #include <sstream>
+
+#include "machine/proc.hpp"
 
 namespace ontime::fitness {
 namespace {
@@ -15,35 +15,16 @@ namespace fs = std::filesystem;
 
 constexpr const char* white = " \t\n\r";
 
-std::string trimmed(const std::string& text) {
-  const auto first = text.find_first_not_of(white);
-  return first == text.npos ? "" : text.substr(first, text.find_last_not_of(white) - first + 1);
-}
-
-template <typename Number>
-std::optional<Number> number_of(const std::string& text) {
-  Number number = 0;
-  const auto* const end = text.data() + text.size();
-  const auto [last, error] = std::from_chars(text.data(), end, number);
-  return error == std::errc{} && last == end ? std::optional(number) : std::nullopt;
-}
-
 }  // namespace
 
 std::optional<std::string> Look::text(const std::string& path) const {
-  std::ifstream file(at(path));
-  if (!file) return {};
-  try {
-    std::string text(std::istreambuf_iterator<char>(file), {});
-    return trimmed(text);
-  } catch (const std::ios_base::failure&) {  // of a process that has ended meanwhile
-    return {};
-  }
+  const auto all = machine::text_of(at(path));
+  if (!all) return {};
+  return machine::word(all).value_or("");
 }
 
 std::optional<std::int64_t> Look::number(const std::string& path) const {
-  const auto said = text(path);
-  return said ? number_of<std::int64_t>(*said) : std::nullopt;
+  return machine::number(text(path));
 }
 
 std::optional<std::string> Look::field(const std::string& path, const std::string& key) const {
@@ -56,7 +37,7 @@ std::optional<std::string> Look::field(const std::string& path, const std::strin
       rest.erase(0, first + 1);
     else if (first == 0)
       continue;  // the beginning of another key
-    return trimmed(rest);
+    return machine::word(rest).value_or("");
   }
   return {};
 }
@@ -86,7 +67,7 @@ std::vector<Look::Thread> Look::threads(const std::string& prefix) const {
   constexpr std::size_t priority = 37, policy = 38;  // of /proc/PID/stat, counted from the state on
   std::vector<Thread> found;
   for (const auto& pid : names("/proc")) {
-    if (!number_of<int>(pid)) continue;
+    if (!machine::number(pid)) continue;
     const auto stat = text("/proc/" + pid + "/stat").value_or("");
     const auto open = stat.find('('), close = stat.rfind(')');
     if (open == stat.npos || close == stat.npos) continue;
@@ -95,8 +76,10 @@ std::vector<Look::Thread> Look::threads(const std::string& prefix) const {
     std::istringstream rest(stat.substr(close + 1));
     const std::vector<std::string> words(std::istream_iterator<std::string>(rest), {});
     if (words.size() <= policy) continue;
-    found.push_back(
-        {name, number_of<int>(words[policy]).value_or(0), number_of<int>(words[priority]).value_or(0)});
+    const auto value_of = [&](std::size_t at) {
+      return static_cast<int>(machine::number(words[at]).value_or(0));
+    };
+    found.push_back({name, value_of(policy), value_of(priority)});
   }
   return found;
 }

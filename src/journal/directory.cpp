@@ -17,7 +17,6 @@
 #include <sys/stat.h>
 
 #include "journal/folder.hpp"
-#include "journal/forgotten.hpp"
 #include "journal/format.hpp"
 #include "journal/kinds.hpp"
 

@@ -4,7 +4,6 @@
 #include <cstdint>
 #include <limits>
 
-#include <fmt/format.h>
 #include <nlohmann/json.hpp>
 
 namespace ontime::journal {

@@ -2,7 +2,6 @@
 #include "journal/journal.hpp"
 
 #include <algorithm>
-#include <array>
 #include <cerrno>
 #include <chrono>
 #include <fstream>

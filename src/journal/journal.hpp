@@ -3,6 +3,7 @@
 // it to the next ontime. Ordinary thread only.
 #pragma once
 
+#include <ctime>
 #include <functional>
 #include <memory>
 #include <optional>
@@ -11,8 +12,6 @@
 #include <string>
 #include <string_view>
 #include <vector>
-
-#include <sys/types.h>
 
 namespace ontime::journal {
 
@@ -112,6 +111,9 @@ constexpr const char* own_prefix = "ontime-";
 // "ontime-…", of lower case letters, digits and hyphens: one component of a path, so that nothing else can
 // ever be meant.
 bool is_own_name(std::string_view name);
+// What an interface may be called whose name goes into a path, to nft, to tc and into a shell, and is the
+// same in all of them. Linux permits more.
+bool is_interface_name(std::string_view name);
 
 // Calls `action`, in a thread that is in the network namespace that `ip netns` knows by that name and sees
 // its interfaces under /sys; what it throws is passed on. "": in this thread, where it is. Throws Error.
@@ -124,5 +126,10 @@ void add_namespace(Journal&, const std::string& name);
 std::string add_directory(Journal&, const std::string& stem);
 // Before the journal's end. Returns as take_back() does.
 std::vector<std::string> remove_directory(Journal&, const std::string& path);
+// Such folders that were last changed before this moment. A power cut leaves folders on a disk and takes the
+// journal, which is in memory. Nothing removes them: only their name says whose they are. A folder that a
+// journal names is not forgotten: the clock may have been set since. Throws Error as hold() does.
+std::vector<std::string> forgotten_directories(std::time_t before);
+std::time_t time_of_boot();  // 0: the kernel does not say
 
 }  // namespace ontime::journal

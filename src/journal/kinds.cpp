@@ -5,15 +5,12 @@
 
 #include <net/if.h>
 
-#include "journal/interface_name.hpp"
-
 namespace ontime::journal {
 
 const Kind* find_kind(std::string_view name, std::span<const Kind> more) {
   for (const auto* kind : {&namespace_kind, &directory_kind})
     if (name == kind->name) return kind;
-  const auto found =
-      std::find_if(more.begin(), more.end(), [&](const Kind& kind) { return name == kind.name; });
+  const auto found = std::ranges::find(more, name, &Kind::name);
   return found == more.end() ? nullptr : &*found;
 }
 

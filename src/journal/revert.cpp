@@ -74,29 +74,25 @@ const Kind* acceptable_kind(const Entry& entry, std::span<const Kind> more) {
   return kind;
 }
 
-// One change of several of the same thing is told once: as it ended.
-class Told {
- public:
-  void say(const Entry& entry, std::string line) {
-    const auto known = std::find_if(things_.begin(), things_.end(), [&](const auto& thing) {
-      return thing.kind == entry.kind && thing.where == entry.where && thing.what == entry.what;
-    });
-    if (known == things_.end())
-      things_.push_back({entry.kind, entry.where, entry.what, std::move(line)});
-    else
-      known->line = std::move(line);
-  }
-  std::vector<std::string> lines() const {
-    std::vector<std::string> lines;
-    for (const auto& thing : things_) lines.push_back(thing.line);
-    return lines;
-  }
+template <class One>
+bool is_of(const One& one, const Entry& entry) {
+  return one.kind == entry.kind && one.where == entry.where && one.what == entry.what;
+}
 
- private:
-  struct Thing {
-    std::string kind, where, what, line;
-  };
-  std::vector<Thing> things_;
+// One change of several of the same thing is told once: as it ended.
+struct Told {
+  std::vector<const Entry*> of;
+  std::vector<std::string> lines;
+
+  void say(const Entry& entry, std::string line) {
+    const auto known = std::ranges::find_if(of, [&](const Entry* one) { return is_of(*one, entry); });
+    const auto index = static_cast<std::size_t>(known - of.begin());
+    if (known == of.end()) {
+      of.push_back(&entry);
+      lines.emplace_back();
+    }
+    lines[index] = std::move(line);
+  }
 };
 
 std::string by_hand(const std::string& path) {
@@ -142,7 +138,7 @@ Reverted undo(Contents& contents, const std::string& path, std::span<const Kind>
       left.say(entry, fmt::format("{} {}", error.what(), by_hand(path)));
     }
   }
-  return {.done = done.lines(), .left = left.lines()};
+  return {.done = std::move(done.lines), .left = std::move(left.lines)};
 }
 
 // Without what is done at its end; and without an end that was never written, as what followed that would be
@@ -176,8 +172,7 @@ Reverted revert(int fd, const std::string& path, std::span<const Kind> more, con
             .left = {fmt::format("{} is nothing that this version of ontime knows how to undo {}",
                                  contents.not_understood, by_hand(path))}};
   auto reverted = undo(contents, path, more, wanted);
-  reverted.finished =
-      std::all_of(contents.entries.begin(), contents.entries.end(), std::mem_fn(&Entry::done));
+  reverted.finished = std::ranges::all_of(contents.entries, &Entry::done);
   reverted.entries = contents.entries.empty() ? 0 : rewrite(fd, text, contents);
   return reverted;
 }
@@ -190,9 +185,7 @@ void look_at(int fd, const std::string& path, std::span<const Kind> more, std::v
   if (of_another_boot(contents.header)) return;
   for (const auto& entry : contents.entries) {
     if (entry.done) continue;
-    const auto known = std::find_if(all.begin(), all.end(), [&](const Kept& one) {
-      return one.kind == entry.kind && one.where == entry.where && one.what == entry.what;
-    });
+    const auto known = std::ranges::find_if(all, [&](const Kept& one) { return is_of(one, entry); });
     const bool first = known == all.end();
     auto& one = first ? all.emplace_back() : *known;
     const auto before = first ? entry.before : one.before;

@@ -8,7 +8,6 @@
 #include <net/if.h>
 #include <unistd.h>
 
-#include "journal/interface_name.hpp"
 #include "settings/kinds.hpp"
 
 namespace ontime::settings {
@@ -31,10 +30,8 @@ std::vector<Wish> in_order(const Wishes& wishes) {
       }
       all.push_back({&setting, wish->second});
     }
-  if (all.size() == wishes.size()) return all;
   for (const auto& wished : wishes)
-    if (std::none_of(all.begin(), all.end(),
-                     [&](const Wish& wish) { return wished.first == wish.setting->name; }))
+    if (std::ranges::none_of(all, [&](const Wish& wish) { return wished.first == wish.setting->name; }))
       throw Error(fmt::format("there is no setting '{}'", wished.first));
   return all;
 }
@@ -83,13 +80,6 @@ bool will_come(const Wish& wish, const Wishes& wishes) {
   return other != wishes.end() && other->second == "on";
 }
 
-void give_back(journal::Journal& journal, const std::vector<Change>& changes) noexcept {
-  try {
-    take_back(journal, changes);
-  } catch (const std::exception&) {  // it stays in the journal
-  }
-}
-
 // Of "60", or "0=60,1=other".
 int highest_priority(const std::string& asked) {
   int highest = 0;
@@ -107,9 +97,7 @@ int highest_priority(const std::string& asked) {
 Wishes away_to(const std::string& cpus, const Link& link) {
   Wishes wishes = {{"workqueue-cpus", cpus}};
   if (link.interface.empty()) return wishes;
-  const auto all = table();
-  const auto setting = std::find_if(all.begin(), all.end(),
-                                    [](const Setting& one) { return one.name == std::string("irq-cpus"); });
+  const auto setting = std::ranges::find(table(), std::string_view("irq-cpus"), &Setting::name);
   by_name(*setting, link, [&] {
     if (!interrupts_of(link.interface).empty()) wishes["irq-cpus"] = cpus;
   });
@@ -147,7 +135,10 @@ std::vector<Change> apply(journal::Journal& journal, const Wishes& wishes, const
         all.push_back(std::move(change));
       }
   } catch (...) {
-    give_back(journal, all);
+    try {
+      take_back(journal, all);
+    } catch (const std::exception&) {  // it stays in the journal
+    }
     throw;
   }
   return all;

@@ -8,7 +8,6 @@
 #include <net/if.h>
 #include <unistd.h>
 
-#include "journal/interface_name.hpp"
 #include "realtime/realtime.hpp"
 #include "settings/file.hpp"
 #include "settings/kinds.hpp"
@@ -34,7 +33,7 @@ void write(const std::string& what, const Value& value, const Value&) {
 bool is_network_sysctl(const std::string& what) {
   constexpr std::array known = {"net/core/busy_poll", "net/core/busy_read",    "net/core/rmem_default",
                                 "net/core/rmem_max",  "net/core/wmem_default", "net/core/wmem_max"};
-  return std::find(known.begin(), known.end(), what) != known.end();
+  return std::ranges::find(known, what) != known.end();
 }
 bool is_kernel_sysctl(const std::string& what) {
   return what == "kernel/sched_rt_runtime_us" || what == "kernel/timer_migration";
@@ -82,8 +81,6 @@ void write_threaded(const std::string& interface, const Value& value) {
   }
 }
 
-Value read_threaded(const std::string& interface) { return read_file(threaded_path(interface)); }
-
 bool is_queue(const std::string& what) {
   const auto slash = what.find('/');
   return slash != what.npos && is_interface(what.substr(0, slash)) &&
@@ -118,19 +115,18 @@ std::string mask_of_list(const std::string& list) {
     mask += fmt::format("{}{:08x}", mask.empty() ? "" : ",", *group);
   return mask;
 }
-Value read_steering(const std::string& queue) {
-  const auto mask = read_file(steering_path(queue));
+Value read_mask(const std::string& path) {
+  const auto mask = read_file(path);
   return mask ? Value(list_of_mask(*mask)) : Value();
 }
+
+Value read_steering(const std::string& queue) { return read_mask(steering_path(queue)); }
 void write_steering(const std::string& queue, const Value& value) {
   write_file(steering_path(queue), mask_of_list(value.value_or("none")));
 }
 
 constexpr const char* workqueues_path = "/sys/devices/virtual/workqueue/cpumask";
-Value read_workqueues(const std::string&) {
-  const auto mask = read_file(workqueues_path);
-  return mask ? Value(list_of_mask(*mask)) : Value();
-}
+Value read_workqueues(const std::string&) { return read_mask(workqueues_path); }
 void write_workqueues(const std::string&, const Value& value, const Value&) {
   write_file(workqueues_path, mask_of_list(value.value_or("none")));
 }
@@ -176,7 +172,7 @@ const journal::Kind workqueues =
 const journal::Kind interrupt =
     kind("interrupt", Scope::machine, is_interrupt, read_interrupt, write_interrupt);
 const journal::Kind threaded =
-    kind_of_interface<read_threaded, write_threaded>("threaded NAPI", is_interface);
+    kind_of_interface<read<threaded_path>, write_threaded>("threaded NAPI", is_interface);
 const journal::Kind steering =
     kind_of_interface<read_steering, write_steering>("receive packet steering", is_queue);
 
