@@ -22,9 +22,8 @@ settings::Wishes wishes_of(const Set& set) {
 }
 
 bool is_of_interface(const settings::Wishes& wishes) {
-  const auto table = settings::table();
-  return std::any_of(table.begin(), table.end(),
-                     [&](const auto& one) { return one.of_interface && wishes.contains(one.name); });
+  return std::ranges::any_of(settings::table(),
+                             [&](const auto& one) { return one.of_interface && wishes.contains(one.name); });
 }
 
 // One for each host, or one for all where all have the same, or need none.
@@ -43,11 +42,7 @@ Links links_of(const Links& known, const settings::Wishes& wishes) {
 
 Unit unit_of(const std::string& host, const settings::Link& link, const settings::Wishes& wishes,
              const std::string& program) {
-  Unit unit{host, "ontime tune apply", "", ""};
-  for (const auto& [name, value] : wishes) unit.command += fmt::format(" --set {}={}", name, value);
-  if (!link.interface.empty()) unit.command += " --interface " + link.interface;
-  if (!link.network_namespace.empty()) unit.command += " --namespace " + link.network_namespace;
-  unit.command += " --print systemd";
+  Unit unit{host, settings::command_to_apply("ontime", wishes, link) + " --print systemd", "", ""};
   try {
     unit.text = settings::at_every_boot(settings::Form::systemd, wishes, {}, link, program);
   } catch (const settings::Error& error) {

@@ -38,10 +38,6 @@ std::string systemd(const Wishes& wishes, const Link& link, const std::string& p
       throw Error(
           fmt::format("'{}' cannot be in a unit: '{}' is no letter, digit or one of _-/@:.", word, word[at]));
   require_roots(program);
-  std::string command = program + " tune apply";
-  for (const auto& [name, value] : wishes) command += fmt::format(" --set {}={}", name, value);
-  if (!link.interface.empty()) command += " --interface " + link.interface;
-  if (!link.network_namespace.empty()) command += " --namespace " + link.network_namespace;
   return fmt::format(R"(# /etc/systemd/system/ontime-tune.service
 [Unit]
 Description=Kernel settings for messages that arrive on time
@@ -56,7 +52,7 @@ ExecStop={} tune revert
 [Install]
 WantedBy=multi-user.target
 )",
-                     command, program);
+                     command_to_apply(program, wishes, link), program);
 }
 
 [[noreturn]] void not_in(const char* form, const Change& change, const std::string& why) {
@@ -140,6 +136,14 @@ std::optional<Form> form_of(const std::string& word) {
   if (word == "tmpfiles") return Form::tmpfiles;
   if (word == "shell") return Form::shell;
   return {};
+}
+
+std::string command_to_apply(const std::string& program, const Wishes& wishes, const Link& link) {
+  std::string command = program + " tune apply";
+  for (const auto& [name, value] : wishes) command += fmt::format(" --set {}={}", name, value);
+  if (!link.interface.empty()) command += " --interface " + link.interface;
+  if (!link.network_namespace.empty()) command += " --namespace " + link.network_namespace;
+  return command;
 }
 
 std::string at_every_boot(Form form, const Wishes& wishes, const std::vector<Change>& changes,

@@ -3,9 +3,7 @@
 #include <algorithm>
 #include <cerrno>
 #include <charconv>
-#include <map>
 #include <sstream>
-#include <vector>
 
 #include <fmt/format.h>
 #include <linux/ethtool.h>
@@ -79,8 +77,7 @@ void set(ethtool_coalesce& state, const std::string& text) {
   for (std::string part; std::getline(parts, part, ',');) {
     const auto equals = std::min(part.find('='), part.size());
     const auto name = part.substr(0, equals), said = part.substr(std::min(part.size(), equals + 1));
-    const auto* const field = std::find_if(std::begin(fields), std::end(fields),
-                                           [&](const Field& one) { return name == one.name; });
+    const auto* const field = std::ranges::find(fields, name, &Field::name);
     if (field == std::end(fields))
       throw std::invalid_argument(fmt::format(
           "'{}' is not one of rx-usecs=N, rx-frames=N, tx-usecs=N, tx-frames=N, adaptive-rx=on|off, "

@@ -7,8 +7,6 @@
 #include <string>
 #include <vector>
 
-#include <sys/types.h>
-
 #include "settings/settings.hpp"
 
 namespace ontime::settings {

@@ -1,21 +1,17 @@
 // SPDX-License-Identifier: Apache-2.0
 // Which threads take an interface's packets in. Linux says it from 6.8 on, by netlink's family "netdev"
 // (Documentation/netlink/specs/netdev.yaml, of which Debian 12 has no header); before, there are their names.
-#include <algorithm>
 #include <array>
 #include <cerrno>
 #include <functional>
 #include <memory>
 #include <set>
 
-#include <fcntl.h>
 #include <fmt/format.h>
 #include <libmnl/libmnl.h>
 #include <linux/genetlink.h>
 #include <net/if.h>
 #include <sys/mount.h>
-#include <sys/stat.h>
-#include <unistd.h>
 
 #include "settings/file.hpp"
 #include "settings/kinds.hpp"
@@ -29,26 +25,16 @@ constexpr std::uint16_t interface_index = 1, thread_id = 4;
 using Attribute = std::function<void(const nlattr&)>;
 using Socket = std::unique_ptr<mnl_socket, decltype(&mnl_socket_close)>;
 
-// A request, in the form that libmnl puts it together.
-class Question {
- public:
-  Question(std::uint16_t family, std::uint8_t command, int flags)
-      : header(mnl_nlmsg_put_header(bytes_.data())) {
-    header->nlmsg_type = family;
-    header->nlmsg_flags = static_cast<std::uint16_t>(NLM_F_REQUEST | flags);
-    auto* const generic = static_cast<genlmsghdr*>(mnl_nlmsg_put_extra_header(header, sizeof(genlmsghdr)));
-    generic->cmd = command;
-    generic->version = 1;
-  }
-  Question(const Question&) = delete;
-  Question& operator=(const Question&) = delete;
-
- private:
-  std::array<char, 256> bytes_{};
-
- public:
-  nlmsghdr* const header;
-};
+// Begins a request, in the form that libmnl puts it together, in these bytes.
+nlmsghdr* request(std::array<char, 256>& bytes, std::uint16_t family, std::uint8_t command, int flags) {
+  auto* const header = mnl_nlmsg_put_header(bytes.data());
+  header->nlmsg_type = family;
+  header->nlmsg_flags = static_cast<std::uint16_t>(NLM_F_REQUEST | flags);
+  auto* const generic = static_cast<genlmsghdr*>(mnl_nlmsg_put_extra_header(header, sizeof(genlmsghdr)));
+  generic->cmd = command;
+  generic->version = 1;
+  return header;
+}
 
 int on_attribute(const nlattr* attribute, void* each) {
   (*static_cast<const Attribute*>(each))(*attribute);
@@ -60,8 +46,8 @@ int on_message(const nlmsghdr* header, void* each) {
 
 // Calls `each` for every attribute of the answers. Returns 0 or an errno: EINTR, if what was asked for has
 // changed meanwhile.
-int ask(mnl_socket* socket, const Question& asked, Attribute each) {
-  if (mnl_socket_sendto(socket, asked.header, asked.header->nlmsg_len) < 0) return errno;
+int ask(mnl_socket* socket, const nlmsghdr* asked, Attribute each) {
+  if (mnl_socket_sendto(socket, asked, asked->nlmsg_len) < 0) return errno;
   std::vector<char> answer(static_cast<std::size_t>(MNL_SOCKET_BUFFER_SIZE));
   for (int more = MNL_CB_OK; more > MNL_CB_STOP;) {
     const auto bytes = mnl_socket_recvfrom(socket, answer.data(), answer.size());
@@ -70,7 +56,7 @@ int ask(mnl_socket* socket, const Question& asked, Attribute each) {
     more = mnl_cb_run(answer.data(), static_cast<std::size_t>(bytes), 0, mnl_socket_get_portid(socket),
                       on_message, &each);
     if (more < 0) return errno;
-    if ((asked.header->nlmsg_flags & NLM_F_DUMP) == 0) break;
+    if ((asked->nlmsg_flags & NLM_F_DUMP) == 0) break;
   }
   return 0;
 }
@@ -80,15 +66,16 @@ int ask(mnl_socket* socket, const Question& asked, Attribute each) {
 int ask_kernel(const std::string& interface, std::set<pid_t>& threads) {
   const Socket socket(mnl_socket_open2(NETLINK_GENERIC, SOCK_CLOEXEC), mnl_socket_close);
   if (!socket || mnl_socket_bind(socket.get(), 0, MNL_SOCKET_AUTOPID) < 0) return EOPNOTSUPP;
-  const Question family(GENL_ID_CTRL, CTRL_CMD_GETFAMILY, 0);
-  mnl_attr_put_strz(family.header, CTRL_ATTR_FAMILY_NAME, "netdev");
+  alignas(nlmsghdr) std::array<char, 256> family_bytes{}, napi_bytes{};
+  auto* const family = request(family_bytes, GENL_ID_CTRL, CTRL_CMD_GETFAMILY, 0);
+  mnl_attr_put_strz(family, CTRL_ATTR_FAMILY_NAME, "netdev");
   std::uint16_t netdev = 0;
   const int unknown = ask(socket.get(), family, [&](const nlattr& attribute) {
     if (mnl_attr_get_type(&attribute) == CTRL_ATTR_FAMILY_ID) netdev = mnl_attr_get_u16(&attribute);
   });
   if (unknown != 0 || netdev == 0) return EOPNOTSUPP;
-  const Question napi(netdev, get_napi, NLM_F_DUMP);
-  mnl_attr_put_u32(napi.header, interface_index, if_nametoindex(interface.c_str()));
+  auto* const napi = request(napi_bytes, netdev, get_napi, NLM_F_DUMP);
+  mnl_attr_put_u32(napi, interface_index, if_nametoindex(interface.c_str()));
   return ask(socket.get(), napi, [&](const nlattr& attribute) {
     if (mnl_attr_get_type(&attribute) == thread_id)
       threads.insert(static_cast<pid_t>(mnl_attr_get_u32(&attribute)));
@@ -118,11 +105,6 @@ bool may_have_threads(const std::string& name) {
   return is_threaded != "0";
 }
 
-// Whether there is such a one in another network namespace that can be found.
-bool namesake_has_threads(const std::string& name) {
-  return in_another_namespace([&] { return may_have_threads(name); });
-}
-
 }  // namespace
 
 std::vector<Thing> napi_threads_by_name(const std::string& interface) {
@@ -136,7 +118,7 @@ std::vector<Thing> napi_threads_by_name(const std::string& interface) {
     found = threads_named(name.substr(0, short_name));
     std::erase_if(found, [](const Thing& one) { return one.title().size() != short_name; });
   }
-  if (!found.empty() && namesake_has_threads(interface))
+  if (!found.empty() && in_another_namespace([&] { return may_have_threads(interface); }))
     throw journal::Error(fmt::format(
         "another network namespace has an interface {0} with threads too, and before Linux 6.8 nothing "
         "tells them apart: give it a name of its own: ip link set {0} name NAME",

@@ -88,6 +88,8 @@ struct State {
 };
 std::vector<State> show(const Link&);
 
+// "ontime tune apply --set gro=off --interface eth0"
+std::string command_to_apply(const std::string& program, const Wishes&, const Link&);
 // What sets them at every boot: a unit of systemd that has `program` do it, lines of tmpfiles.d, or a script.
 // Throws Error for what cannot be said so.
 enum class Form { systemd, tmpfiles, shell };

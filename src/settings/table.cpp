@@ -72,7 +72,7 @@ void check_online(Text cpus) {
   const auto online = read_file("/sys/devices/system/cpu/online").value_or("");
   const auto there = realtime::cpus_of(online).value_or(std::vector<int>{});
   for (const int cpu : realtime::cpus_of(cpus).value_or(std::vector<int>{}))
-    if (std::find(there.begin(), there.end(), cpu) == there.end())
+    if (std::ranges::find(there, cpu) == there.end())
       throw journal::Error(fmt::format("there is no CPU {}; there are {}", cpu, online));
 }
 
@@ -263,6 +263,21 @@ const Setting all[] = {
 }  // namespace
 
 std::span<const Setting> table() { return all; }
+
+std::span<const journal::Kind> kinds() {
+  static const std::vector<journal::Kind> all_kinds = {
+      thread,    network_sysctl, kernel_sysctl, governor,   workqueues,
+      interrupt, threaded,       steering,      coalescing, gro};
+  return all_kinds;
+}
+
+std::string Thing::title() const {
+  if (kind == &thread) return name_of_thread(what);
+  if (kind == &workqueues) return "unbound work";
+  if (kind == &interrupt) return "interrupt " + what.substr(0, what.find(':'));
+  if (is_interface(what.substr(0, what.find('/')))) return name_of_interface(what);
+  return what;
+}
 
 const Wishes& paper() {
   static const Wishes wishes = {{"irq-threads", "90"}, {"ksoftirqd", "60"}};

@@ -45,8 +45,7 @@ Scheduling parse(const std::string& text) {
   std::istringstream parts(text);
   std::string policy, number, cpus;
   std::getline(parts, policy, ':') && std::getline(parts, number, ':') && std::getline(parts, cpus);
-  const auto* const known = std::find_if(std::begin(policies), std::end(policies),
-                                         [&](const Policy& one) { return policy == one.name; });
+  const auto* const known = std::ranges::find(policies, policy, &Policy::name);
   const auto value = number_of(number);
   if (known == std::end(policies) || !value || !realtime::cpus_of(cpus))
     throw journal::Error(fmt::format("'{}' is no state of a thread that could be given back", text));
@@ -110,8 +109,7 @@ journal::Value read(const std::string& what) {
   std::vector<int> cpus;
   for (int cpu = 0; cpu < CPU_SETSIZE; ++cpu)
     if (CPU_ISSET(static_cast<unsigned>(cpu), &set)) cpus.push_back(cpu);
-  const auto* const known = std::find_if(std::begin(policies), std::end(policies),
-                                         [&](const Policy& one) { return policy == one.kernel; });
+  const auto* const known = std::ranges::find(policies, policy, &Policy::kernel);
   if (known == std::end(policies)) return fmt::format("policy {}:0:{}", policy, realtime::list_of(cpus));
   return text_of(
       {known, known->has_priority ? parameters.sched_priority : niceness, realtime::list_of(cpus)});
@@ -153,9 +151,7 @@ std::vector<Thing> threads_named(const std::string& prefix) {
     const auto identity = identity_of(pid);
     if (identity && name_of_thread(*identity).starts_with(prefix)) found.push_back({&thread, *identity});
   }
-  std::sort(found.begin(), found.end(), [](const Thing& one, const Thing& other) {
-    return name_of_thread(one.what) < name_of_thread(other.what);
-  });
+  std::ranges::sort(found, {}, [](const Thing& one) { return name_of_thread(one.what); });
   return found;
 }
 
