@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <algorithm>
-#include <memory>
 #include <random>
 #include <set>
 
@@ -22,11 +21,6 @@ struct NoTime {};
 struct CannotMeasure {
   std::string why;
 };
-
-Set with(Set set, const std::vector<Setting>& settings) {
-  for (const auto& setting : settings) set[setting.key] = setting.value;
-  return set;
-}
 
 std::vector<Setting> settings_of(const Set& set) {
   std::vector<Setting> settings;
@@ -257,17 +251,18 @@ class Search {
   }
 
   bool may_be_set(const Setting& setting) const {
-    const bool known = std::any_of(problem_.knobs.begin(), problem_.knobs.end(),
-                                   [&](const Knob& knob) { return knob.key == setting.key; });
+    const auto& knobs = problem_.knobs;
     const auto present = set_.find(setting.key);
-    return known && (present == set_.end() || present->second != setting.value) &&
+    return std::ranges::find(knobs, setting.key, &Knob::key) != knobs.end() &&
+           (present == set_.end() || present->second != setting.value) &&
            !refused_.contains({setting.key, setting.value}) &&
            !harmful_.contains({setting.key, setting.value});
   }
 
   // Whether any of them was kept.
   bool add(const std::vector<Setting>& settings, const std::string& why) {
-    const auto set = with(set_, settings);
+    auto set = set_;
+    for (const auto& [key, value] : settings) set[key] = value;
     if (settings.empty() || was_compared(set, set_)) return false;
     refused_setting_.clear();
     const auto decision = try_to_add(set, why);
@@ -299,8 +294,8 @@ class Search {
     for (const auto& finding : findings) messages += finding.messages;
     std::vector<Setting> all;
     for (const auto& finding : findings) {
-      const auto remedy = std::find_if(finding.remedies.begin(), finding.remedies.end(),
-                                       [&](const Setting& one) { return may_be_set(one); });
+      const auto remedy =
+          std::ranges::find_if(finding.remedies, [&](const Setting& one) { return may_be_set(one); });
       if (finding.messages >= likely_share * messages && remedy != finding.remedies.end())
         append_if_new(all, *remedy);
     }
@@ -308,8 +303,7 @@ class Search {
   }
 
   static void append_if_new(std::vector<Setting>& all, const Setting& one) {
-    if (std::none_of(all.begin(), all.end(), [&](const Setting& other) { return other.key == one.key; }))
-      all.push_back(one);
+    if (std::ranges::find(all, one.key, &Setting::key) == all.end()) all.push_back(one);
   }
 
   bool add_a_remedy() {
@@ -351,25 +345,19 @@ class Search {
   }
 
   // What harmed beside another set may help beside this one.
-  bool reconsider() {
-    const bool any = !harmful_.empty();
-    harmful_.clear();
-    return any;
-  }
+  bool reconsider() { return !std::exchange(harmful_, {}).empty(); }
 
   std::vector<Finding> findings_of(const Set& set) const {
     std::vector<Finding> findings;
     for (const auto* run : measured_.of(set))
       for (const auto& finding : run->findings) {
-        const auto known = std::find_if(findings.begin(), findings.end(),
-                                        [&](const Finding& other) { return other.cause == finding.cause; });
+        const auto known = std::ranges::find(findings, finding.cause, &Finding::cause);
         if (known == findings.end())
           findings.push_back(finding);
         else
           known->messages += finding.messages;
       }
-    std::stable_sort(findings.begin(), findings.end(),
-                     [](const Finding& one, const Finding& other) { return one.messages > other.messages; });
+    std::ranges::stable_sort(findings, std::greater(), &Finding::messages);
     return findings;
   }
 
@@ -430,8 +418,7 @@ class Search {
   }
 
   Contribution contribution_of(const Setting& member) {
-    auto without = set_;
-    without.erase(member.key);
+    const auto without = set_without({member});
     Contribution contribution{member, {}, measured_.fails(measured_.of(without), level_of(without))};
     const auto ours = measured_.shares(measured_.of(set_), problem_.alpha / 2);
     const auto others = measured_.shares(measured_.of(without), problem_.alpha / 2);

@@ -81,16 +81,24 @@ std::string why_not(const std::string& key, const conditions::Run& run, const Bo
   return "";
 }
 
-// Takes out the values that cannot be set here. Returns why the last of them cannot, or "".
-std::string drop_impossible(Knob& knob, const Bounds& bounds) {
+// Takes out the values that change nothing or cannot be set here. Returns why none is left, for people; "":
+// it may be tried.
+std::string why_left_out(Knob& knob, const conditions::Run& run, const Bounds& bounds) {
+  if (auto why = why_not(knob.key, run, bounds); !why.empty()) return why;
+  const auto present = stated(run, knob.key);
+  const auto is_no_change = [&](const std::string& value) {
+    if (value != large_buffer) return value == present;
+    return !present.empty() && std::stoull(present) >= conditions::bytes_of(value);
+  };
+  if (std::erase_if(knob.values, is_no_change) > 0 && knob.values.empty())
+    return fmt::format("it is {} already", present);
   std::string last;
   std::erase_if(knob.values, [&](const std::string& value) {
-    auto why = bounds.cannot({knob.key, value});
-    const bool is_impossible = !why.empty();
-    if (is_impossible) last = std::move(why);
-    return is_impossible;
+    const auto why = bounds.cannot({knob.key, value});
+    if (!why.empty()) last = why;
+    return !why.empty();
   });
-  return last;
+  return knob.values.empty() ? last : "";
 }
 
 // The values by which a rule of a remedy is kept to.
@@ -123,26 +131,11 @@ std::vector<std::string> knob_keys() {
 
 Knobs knobs_of(const conditions::Run& run, const Bounds& bounds) {
   Knobs knobs;
-  for (auto& knob : all_knobs(bounds)) {
-    if (const auto why = why_not(knob.key, run, bounds); !why.empty()) {
+  for (auto& knob : all_knobs(bounds))
+    if (const auto why = why_left_out(knob, run, bounds); why.empty())
+      knobs.knobs.push_back(std::move(knob));
+    else
       knobs.left_out.push_back({knob.key, why});
-      continue;
-    }
-    const auto present = stated(run, knob.key);
-    const auto is_no_change = [&](const std::string& value) {
-      if (value != large_buffer) return value == present;
-      return !present.empty() && std::stoull(present) >= conditions::bytes_of(value);
-    };
-    if (std::erase_if(knob.values, is_no_change) > 0 && knob.values.empty()) {
-      knobs.left_out.push_back({knob.key, fmt::format("it is {} already", present)});
-      continue;
-    }
-    if (const auto why = drop_impossible(knob, bounds); !why.empty() && knob.values.empty()) {
-      knobs.left_out.push_back({knob.key, why});
-      continue;
-    }
-    knobs.knobs.push_back(std::move(knob));
-  }
   return knobs;
 }
 
@@ -173,8 +166,7 @@ std::vector<Finding> findings_of(const explain::Account& account, const record::
     if (message.parts.empty() || !(message.is_fault() || (slow_ns > 0 && took > slow_ns))) continue;
     const auto& part = message.parts.front();
     const auto cause = explain::sentence_of(part);
-    auto found = std::find_if(findings.begin(), findings.end(),
-                              [&](const Finding& one) { return one.cause == cause; });
+    auto found = std::ranges::find(findings, cause, &Finding::cause);
     if (found == findings.end()) {
       found = findings.insert(findings.end(), {cause, 0, {}});
       for (const auto& setting : explain::remedy_for(part, run).settings)
