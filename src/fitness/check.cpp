@@ -41,9 +41,7 @@ constexpr Check checks[] = {{"preemption", preemption},
                             {"middleware", middlewares}};
 
 std::uint64_t count(const std::vector<Finding>& findings, Severity severity) {
-  return static_cast<std::uint64_t>(
-      std::count_if(findings.begin(), findings.end(),
-                    [&](const Finding& finding) { return finding.severity == severity; }));
+  return static_cast<std::uint64_t>(std::ranges::count(findings, severity, &Finding::severity));
 }
 
 }  // namespace

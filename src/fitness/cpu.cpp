@@ -100,7 +100,7 @@ Findings full_isolation(const Look& look) {
   const auto has_all = [&](const std::string& list) {
     const auto given = realtime::cpus_of(list).value_or(std::vector<int>{});
     return list == "all" || std::all_of(isolated->begin(), isolated->end(), [&](int cpu) {
-             return std::find(given.begin(), given.end(), cpu) != given.end();
+             return std::ranges::find(given, cpu) != given.end();
            });
   };
   const auto tickless = look.text(std::string(folder) + "nohz_full");

@@ -57,9 +57,8 @@ Findings middlewares(const Look& look) {
         if (!file.starts_with(library.file)) continue;
         const auto version = file.substr(std::string_view(library.file).size());
         // libfastrtps.so.2.9 is a link to libfastrtps.so.2.9.1.
-        const bool is_link = std::any_of(files.begin(), files.end(), [&](const std::string& other) {
-          return other.starts_with(file + ".");
-        });
+        const bool is_link =
+            std::ranges::any_of(files, [&](const auto& other) { return other.starts_with(file + "."); });
         if (!is_link && version.find('.') != version.npos)
           findings.push_back(finding_of(library, version, folder));
       }

@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 // The way of a packet through the kernel.
-#include <algorithm>
 #include <filesystem>
 
 #include <fmt/format.h>
@@ -13,6 +12,7 @@ namespace ontime::fitness {
 namespace {
 
 constexpr const char* interface_folder = "/sys/class/net/";
+constexpr std::int64_t enough = std::int64_t{4} << 20;  // bytes of a buffer
 
 std::vector<std::string> interfaces(const Look& look) {
   if (!look.subject().interfaces.empty()) return look.subject().interfaces;
@@ -57,7 +57,6 @@ Finding napi_of(const Look& look, const std::string& interface) {
 }  // namespace
 
 Findings buffers(const Look& look) {
-  constexpr std::int64_t enough = std::int64_t{4} << 20;
   const auto most = look.number("/proc/sys/net/core/rmem_max");
   if (!most) return {};
   const auto is = fmt::format("a socket's receive buffer holds at most {} bytes", *most);
@@ -68,7 +67,6 @@ Findings buffers(const Look& look) {
 }
 
 Findings fragments(const Look& look) {
-  constexpr std::int64_t enough = std::int64_t{4} << 20;
   const auto most = look.number("/proc/sys/net/ipv4/ipfrag_high_thresh");
   if (!most) return {};
   const auto is = fmt::format("{} bytes for incomplete packets", *most);
