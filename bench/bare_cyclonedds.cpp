@@ -102,7 +102,7 @@ class Ping final : public End {
     // The listener sends upon an answer; this thread starts it, also where a message was lost.
     for (auto seen = answers_.load(); !done_; seen = answers_) {
       std::this_thread::sleep_for(500ms);
-      if (answers_ == seen && !done_) lost();
+      if (answers_ == seen && !done_) go_on(false, bare::now_ns());
     }
     return round_trips_.print();
   }
@@ -113,8 +113,6 @@ class Ping final : public End {
     ++answers_;
     go_on(true, at_ns);
   }
-
-  void lost() { go_on(false, bare::now_ns()); }
 
   void go_on(bool answered, std::int64_t at_ns) {
     round_trips_.add(answered, sent_ns_, at_ns);

@@ -136,8 +136,7 @@ def output(command, seconds, **conditions):
 
 def timed(command):
     """Seconds that a program takes which writes to nowhere, and its peak memory in MB."""
-    if shutil.which(command[0]) is None:
-        raise Cannot(f"there is no {command[0]}; install it: sudo apt install {PACKAGES.get(command[0], command[0])}")
+    find(command[0])
     begin = time.monotonic()
     process = subprocess.Popen([str(word) for word in command], stdout=subprocess.DEVNULL)
     _, status, used = os.wait4(process.pid, 0)
@@ -293,17 +292,15 @@ def fastdds_latency_test():
         yield measure
 
 
+@contextlib.contextmanager
 def by_hand(program, *pong, ping, **conditions):
     """The loops written by hand are all called alike, and print a line of JSON."""
-    @contextlib.contextmanager
-    def context():
-        def measure(seconds, _):
-            line = json.loads(output([program, "ping", *ping, seconds], seconds, **conditions))
-            return {name: line[f"{name}_us"] for name in QUANTILES}
+    def measure(seconds, _):
+        line = json.loads(output([program, "ping", *ping, seconds], seconds, **conditions))
+        return {name: line[f"{name}_us"] for name in QUANTILES}
 
-        with running(Process([program, "pong", *pong], **conditions)):
-            yield measure
-    return context()
+    with running(Process([program, "pong", *pong], **conditions)):
+        yield measure
 
 
 def bare_udp():
