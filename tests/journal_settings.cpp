@@ -39,13 +39,7 @@ void write_setting(const std::string& path, const Value& value, const Value&) {
 bool is_setting(const std::string& path) { return path.find("/ontime-setting") != path.npos; }
 
 constexpr Kind setting(const char* name, Scope scope, bool on_disk = false, bool needs_root = false) {
-  return {.name = name,
-          .scope = scope,
-          .on_disk = on_disk,
-          .needs_root = needs_root,
-          .accepts = is_setting,
-          .read = read_setting,
-          .write = write_setting};
+  return {name, scope, is_setting, read_setting, write_setting, on_disk, needs_root};
 }
 const std::vector<Kind> settings = {
     setting("governor", Scope::machine), setting("qdisc", Scope::network_namespace),

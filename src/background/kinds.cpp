@@ -189,21 +189,11 @@ std::vector<std::string> make_root(const std::string& interface, const std::vect
   return command;
 }
 
-const journal::Kind table_kind = {.name = "nft-table",
-                                  .scope = journal::Scope::mount_namespace,
-                                  .on_disk = false,
-                                  .needs_root = true,
-                                  .accepts = accepts_table,
-                                  .read = read_table,
-                                  .write = write_table};
+const journal::Kind table_kind = {"nft-table", journal::Scope::mount_namespace, accepts_table, read_table,
+                                  write_table};
 
-const journal::Kind qdisc_kind = {.name = "qdisc",
-                                  .scope = journal::Scope::mount_namespace,
-                                  .on_disk = false,
-                                  .needs_root = true,
-                                  .accepts = accepts_qdisc,
-                                  .read = read_qdisc,
-                                  .write = write_qdisc};
+const journal::Kind qdisc_kind = {"qdisc", journal::Scope::mount_namespace, accepts_qdisc, read_qdisc,
+                                  write_qdisc};
 
 std::span<const journal::Kind> kinds() {
   static const std::array all{table_kind, qdisc_kind};

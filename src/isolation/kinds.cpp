@@ -152,23 +152,14 @@ void write_balance(const std::string&, const Value& value, const Value&) {
 }
 
 // What is mounted is seen from a mount namespace.
-constexpr journal::Kind kind(const char* name, decltype(journal::Kind::accepts) accepts,
-                             decltype(journal::Kind::read) read, decltype(journal::Kind::write) write) {
-  return {.name = name,
-          .scope = journal::Scope::mount_namespace,
-          .on_disk = false,
-          .needs_root = true,
-          .accepts = accepts,
-          .read = read,
-          .write = write};
-}
-
 }  // namespace
 
-const journal::Kind group_kind = kind("control group", accepts_group, read_group, write_group);
-const journal::Kind controller_kind =
-    kind("control group controller", is_controller, read_controller, write_controller);
-const journal::Kind balance_kind = kind("cpuset load balancing", is_root, read_balance, write_balance);
+const journal::Kind group_kind = {"control group", journal::Scope::mount_namespace, accepts_group, read_group,
+                                  write_group};
+const journal::Kind controller_kind = {"control group controller", journal::Scope::mount_namespace,
+                                       is_controller, read_controller, write_controller};
+const journal::Kind balance_kind = {"cpuset load balancing", journal::Scope::mount_namespace, is_root,
+                                    read_balance, write_balance};
 
 std::span<const journal::Kind> kinds() {
   static const std::array all{group_kind, controller_kind, balance_kind};

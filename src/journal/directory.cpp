@@ -126,13 +126,8 @@ std::set<std::string> named_by_journals() {
 
 }  // namespace
 
-const Kind directory_kind = {.name = "directory",
-                             .scope = Scope::mount_namespace,
-                             .on_disk = true,
-                             .needs_root = false,
-                             .accepts = accepts,
-                             .read = read,
-                             .write = write};
+const Kind directory_kind = {"directory",      Scope::mount_namespace, accepts, read, write,
+                             /*on_disk=*/true, /*needs_root=*/false};
 
 std::string add_directory(Journal& journal, const std::string& stem) {
   if (!is_plain_name(stem))

@@ -33,14 +33,14 @@ enum class Scope { machine, network_namespace, mount_namespace };
 struct Kind {
   const char* name;
   Scope scope;
-  bool on_disk;  // it is as before after a reboot; else it is gone with the kernel
-  // Only root acts on entries of this kind: a program whose file has capabilities could else be made to use
-  // them by any program that writes its own journal.
-  bool needs_root;
   bool (*accepts)(const std::string& what);  // what this kind may ever touch, whatever a journal says
   Value (*read)(const std::string& what);    // as the kernel says it; what is set can be compared with it
   // `present` is what it must still be: a thing that was made is looked at again before it is removed.
   void (*write)(const std::string& what, const Value& value, const Value& present);
+  bool on_disk = false;  // it is as before after a reboot; else it is gone with the kernel
+  // Only root acts on entries of this kind: a program whose file has capabilities could else be made to use
+  // them by any program that writes its own journal.
+  bool needs_root = true;
 };
 
 // One process's changes: a file under /run/ontime (without root $XDG_RUNTIME_DIR/ontime, or /tmp/ontime-UID

@@ -94,13 +94,7 @@ void enter(const std::string& name) {
 
 }  // namespace
 
-const Kind namespace_kind = {.name = "namespace",
-                             .scope = Scope::mount_namespace,
-                             .on_disk = false,
-                             .needs_root = true,
-                             .accepts = accepts,
-                             .read = read,
-                             .write = write};
+const Kind namespace_kind = {"namespace", Scope::mount_namespace, accepts, read, write};
 
 std::string namespace_path(const std::string& name) { return fmt::format("{}/{}", folder, name); }
 

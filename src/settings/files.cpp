@@ -161,16 +161,15 @@ std::string name_of_interface(const std::string& interface_or_queue) {
   return interface_or_queue.substr(interface_or_queue.find(':') + 1);
 }
 
-const journal::Kind network_sysctl = kind("network sysctl", Scope::network_namespace, is_network_sysctl,
-                                          read<sysctl_path>, write<sysctl_path>);
-const journal::Kind kernel_sysctl =
-    kind("kernel sysctl", Scope::machine, is_kernel_sysctl, read<sysctl_path>, write<sysctl_path>);
-const journal::Kind governor =
-    kind("governor", Scope::machine, is_cpu, read<governor_path>, write<governor_path>);
-const journal::Kind workqueues =
-    kind("workqueues", Scope::machine, is_unbound, read_workqueues, write_workqueues);
-const journal::Kind interrupt =
-    kind("interrupt", Scope::machine, is_interrupt, read_interrupt, write_interrupt);
+const journal::Kind network_sysctl = {"network sysctl", Scope::network_namespace, is_network_sysctl,
+                                      read<sysctl_path>, write<sysctl_path>};
+const journal::Kind kernel_sysctl = {"kernel sysctl", Scope::machine, is_kernel_sysctl, read<sysctl_path>,
+                                     write<sysctl_path>};
+const journal::Kind governor = {"governor", Scope::machine, is_cpu, read<governor_path>,
+                                write<governor_path>};
+const journal::Kind workqueues = {"workqueues", Scope::machine, is_unbound, read_workqueues,
+                                  write_workqueues};
+const journal::Kind interrupt = {"interrupt", Scope::machine, is_interrupt, read_interrupt, write_interrupt};
 const journal::Kind threaded =
     kind_of_interface<read<threaded_path>, write_threaded>("threaded NAPI", is_interface);
 const journal::Kind steering =

@@ -29,18 +29,6 @@ extern const journal::Kind steering;  // "3:eth0/rx-0": to which CPUs its packet
 extern const journal::Kind coalescing;
 extern const journal::Kind gro;  // an interface; "on" or "off"
 
-// Of whatever is here: none of it outlives the kernel, and root alone changes it.
-constexpr journal::Kind kind(const char* name, journal::Scope scope, decltype(journal::Kind::accepts) accepts,
-                             decltype(journal::Kind::read) read, decltype(journal::Kind::write) write) {
-  return {.name = name,
-          .scope = scope,
-          .on_disk = false,
-          .needs_root = true,
-          .accepts = accepts,
-          .read = read,
-          .write = write};
-}
-
 // An interface is "3:eth0", its index and the name that it had: another one of that name has another index,
 // and one that is renamed keeps it.
 std::string interface_here(const std::string& name);
@@ -55,17 +43,16 @@ bool in_another_namespace(const std::function<bool()>& is_so);
 // Read and written by the name that it has now.
 template <auto read, auto write>
 constexpr journal::Kind kind_of_interface(const char* name, bool (*accepts)(const std::string&)) {
-  return kind(
-      name, journal::Scope::network_namespace, accepts,
-      [](const std::string& what) {
-        const auto its_name = name_now(what);
-        return its_name ? read(*its_name) : journal::Value();
-      },
-      [](const std::string& what, const journal::Value& value, const journal::Value&) {
-        const auto its_name = name_now(what);
-        if (!its_name) throw journal::Error(what + " is not there any more");
-        write(*its_name, value);
-      });
+  return {name, journal::Scope::network_namespace, accepts,
+          [](const std::string& what) {
+            const auto its_name = name_now(what);
+            return its_name ? read(*its_name) : journal::Value();
+          },
+          [](const std::string& what, const journal::Value& value, const journal::Value&) {
+            const auto its_name = name_now(what);
+            if (!its_name) throw journal::Error(what + " is not there any more");
+            write(*its_name, value);
+          }};
 }
 
 // Of a thing that is a file: which, and what is to be written into it for a value; nothing for others.

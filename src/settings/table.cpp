@@ -15,13 +15,12 @@ namespace {
 using Text = const std::string&;
 using Things = std::vector<Thing>;
 
-std::int64_t number_of(Text text, std::int64_t least, std::int64_t most) {
+void check_number(Text text, std::int64_t least, std::int64_t most) {
   std::int64_t number = 0;
   const auto* const end = text.data() + text.size();
   const auto [last, error] = std::from_chars(text.data(), end, number);
   if (error != std::errc{} || last != end || number < least || number > most)
     throw std::invalid_argument(fmt::format("'{}' is not a whole number from {} to {}", text, least, most));
-  return number;
 }
 
 void check_switch(Text asked) {
@@ -29,7 +28,7 @@ void check_switch(Text asked) {
     throw std::invalid_argument(fmt::format("'{}' is neither on nor off", asked));
 }
 void check_priority(Text asked) {
-  if (asked != "other") number_of(asked, 1, 99);
+  if (asked != "other") check_number(asked, 1, 99);
 }
 void check_cpus(Text asked) {
   if (!realtime::cpus_of(asked))
@@ -38,8 +37,8 @@ void check_cpus(Text asked) {
 void check_cpus_or_none(Text asked) {
   if (asked != "none") check_cpus(asked);
 }
-void check_bytes(Text asked) { number_of(asked, 1, 2147483647); }
-void check_us(Text asked) { number_of(asked, 0, 1'000'000); }
+void check_bytes(Text asked) { check_number(asked, 1, 2147483647); }
+void check_us(Text asked) { check_number(asked, 0, 1'000'000); }
 void check_coalescing(Text asked) {
   if (asked.empty()) throw std::invalid_argument("nothing is said of it");
   with_coalescing("", asked);
@@ -63,7 +62,7 @@ void check_priorities(Text asked) {
   std::istringstream parts(asked);
   for (std::string part; std::getline(parts, part, ',');) {
     const auto equals = part.find('=');
-    number_of(part.substr(0, equals), 0, 1023);
+    check_number(part.substr(0, equals), 0, 1023);
     check_priority(equals == part.npos ? "" : part.substr(equals + 1));
   }
 }

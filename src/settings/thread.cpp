@@ -137,7 +137,7 @@ void write(const std::string& what, const journal::Value& value, const journal::
 
 }  // namespace
 
-const journal::Kind thread = kind("thread", journal::Scope::machine, accepts, read, write);
+const journal::Kind thread = {"thread", journal::Scope::machine, accepts, read, write};
 
 std::string name_of_thread(const std::string& what) {
   return what.substr(std::min(what.size(), what.find(':', what.find(':') + 1) + 1));

@@ -37,13 +37,7 @@ void write(const std::string&, const Value& value, const Value&) {
 
 }  // namespace
 
-const journal::Kind instance_kind = {.name = "trace-instance",
-                                     .scope = journal::Scope::machine,
-                                     .on_disk = false,
-                                     .needs_root = true,
-                                     .accepts = accepts,
-                                     .read = read,
-                                     .write = write};
+const journal::Kind instance_kind = {"trace-instance", journal::Scope::machine, accepts, read, write};
 
 std::span<const journal::Kind> kinds() { return {&instance_kind, 1}; }
 
