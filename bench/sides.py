@@ -23,8 +23,7 @@ ROOT = pathlib.Path(__file__).resolve().parent.parent
 ONTIME = ROOT / "build/release/bin/ontime"
 BARE_UDP = ROOT / "build/release/bench/bare_udp"
 BARE_CYCLONEDDS = ROOT / "build/release/bench/bare_cyclonedds"
-PACKAGES = {"sockperf": "sockperf", "ddsperf": "cyclonedds-tools", "cyclictest": "rt-tests",
-            "stress-ng": "stress-ng", "sqlite3": "sqlite3", "taskset": "util-linux"}
+PACKAGES = {"ddsperf": "cyclonedds-tools", "cyclictest": "rt-tests", "taskset": "util-linux"}  # others have its name
 
 CPUS = sorted(os.sched_getaffinity(0))
 PAYLOAD = 500
@@ -70,7 +69,7 @@ def find(program):
         if not program.exists():
             raise Cannot(f"{program} is not there; build it: scripts/setup release")
     elif shutil.which(program) is None:
-        raise Cannot(f"there is no {program}; install it: sudo apt install {PACKAGES[program]}")
+        raise Cannot(f"there is no {program}; install it: sudo apt install {PACKAGES.get(program, program)}")
 
 
 class Process:

@@ -300,7 +300,7 @@ TEST(ThisMachine, SaysOfEachFaultWhyItIsOneAndWhatMendsIt) {
 }
 
 TEST(Counts, OneIsNotPlural) {
-  const Finding error{"", Severity::wrong, "", "", "", ""}, warning{"", Severity::hint, "", "", "", ""};
+  const Finding error{Severity::wrong, "", "", "", ""}, warning{Severity::hint, "", "", "", ""};
   EXPECT_EQ(fitness::counts_of({error, warning, warning}), "1 error, 2 warnings");
   EXPECT_EQ(fitness::counts_of({{}, warning}), "0 errors, 1 warning");
 }

@@ -36,7 +36,7 @@ Findings governor(const Look& look) {
   std::vector<std::string> words;
   words.reserve(governors.size());
   for (const auto& [name, count] : governors) words.push_back(fmt::format("{} on {} CPUs", name, count));
-  return {{"", Severity::wrong, fmt::format("{}", fmt::join(words, ", ")), "performance",
+  return {{Severity::wrong, fmt::format("{}", fmt::join(words, ", ")), "performance",
            "a CPU that sleeps between messages is slow when one arrives; it needs milliseconds to speed up",
            "sudo ontime tune apply --set governor=performance"}};
 }
@@ -56,7 +56,7 @@ Findings idle_states(const Look& look) {
   if (deepest_us < 0) return {};
   const auto is = fmt::format("the deepest is {}, left within {} µs", name, deepest_us);
   if (deepest_us <= enough_us) return {fine(is)};
-  return {{"", Severity::hint, is,
+  return {{Severity::hint, is,
            fmt::format("none that takes longer than {} µs to leave, while waiting for messages", enough_us),
            "the first message after a pause waits until the CPU wakes up",
            "the robot's program holds /dev/cpu_dma_latency open with a 0 in it (ontime: realtime on); or for "
@@ -68,7 +68,7 @@ Findings smt(const Look& look) {
   if (!active) return {};
   if (*active == 0) return {fine("off")};
   return {
-      {"", Severity::hint, "on", "off",
+      {Severity::hint, "on", "off",
        "two CPUs share one core: work on one slows the other, whatever the priorities",
        "echo off | sudo tee /sys/devices/system/cpu/smt/control; permanently: nosmt on the kernel's command "
        "line"}};
@@ -80,7 +80,7 @@ Findings isolation(const Look& look) {
   if (!isolated->empty()) return {fine(*isolated)};
   if (cpus(look).size() < 2) return {};
   return {
-      {"", Severity::hint, "none", "one or more, if priorities are not enough",
+      {Severity::hint, "none", "one or more, if priorities are not enough",
        "other programs compete for the caches, and their interrupts come in between",
        "isolcpus=managed_irq,domain,N nohz_full=N rcu_nocbs=N on the kernel's command line; then give the "
        "robot's threads CPU N (realtime.cpus in a scenario); for a run without reboot: isolation.cpus"}};
@@ -113,7 +113,7 @@ Findings full_isolation(const Look& look) {
   if (lacking.empty())
     return {fine(fmt::format("of CPUs {}: without tick, RCU's callbacks and managed interrupts", cpus))};
   return {
-      {"", Severity::hint, fmt::format("CPUs {} are isolated without {}", cpus, fmt::join(lacking, ", ")),
+      {Severity::hint, fmt::format("CPUs {} are isolated without {}", cpus, fmt::join(lacking, ", ")),
        "all of it",
        "the tick, RCU callbacks, and interrupts whose CPUs a driver manages (NVMe, network cards) still come "
        "there",
@@ -125,7 +125,7 @@ Findings virtualisation(const Look& look) {
   std::istringstream flags(look.field("/proc/cpuinfo", "flags").value_or(""));
   for (std::string flag; flags >> flag;)
     if (flag == "hypervisor")
-      return {{"", Severity::hint, "a virtual machine", "real hardware",
+      return {{Severity::hint, "a virtual machine", "real hardware",
                "the host may pause it at any time, and no setting inside changes that",
                "use it to compare settings; measure the robot on the robot"}};
   return {};
@@ -140,7 +140,7 @@ Findings stolen_time(const Look& look) {
       static_cast<double>(since_start.stolen_ticks) / static_cast<double>(since_start.total_ticks);
   const auto is = fmt::format("{:.2g} % of the time since the start", share * 100);
   if (share < much) return {fine(is)};
-  return {{"", Severity::wrong, is, "none",
+  return {{Severity::wrong, is, "none",
            "for that time the host gave this machine's CPUs to other machines while they had work",
            "pin the virtual CPUs to CPUs of the host (libvirt: vcpupin), or use real hardware"}};
 }

@@ -17,10 +17,10 @@ enum class Severity {
 const char* word_of(Severity);  // "ok", "warning", "error"
 
 struct Finding {
-  std::string check;  // "governor"
   Severity severity = Severity::fine;
   std::string is;
   std::string should, why, remedy;  // "" if it is fine; the remedy is a command, or says what to do
+  std::string check{};              // "governor"
 };
 
 // What is looked at.

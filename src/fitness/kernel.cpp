@@ -12,8 +12,7 @@ Findings preemption(const Look& look) {
                           look.text("/proc/cmdline").value_or(""), look.text("/proc/version").value_or(""));
   if (model == "rt") return {fine("PREEMPT_RT")};
   if (model == "dynamic") model.reset();
-  Finding finding{"",
-                  Severity::hint,
+  Finding finding{Severity::hint,
                   fmt::format("not PREEMPT_RT; preemption: {}", model.value_or("as the kernel was built")),
                   "PREEMPT_RT",
                   "an interrupt, a softirq or a kernel lock makes every thread wait until it ends",
@@ -32,7 +31,7 @@ Findings throttling(const Look& look) {
              period = look.number("/proc/sys/kernel/sched_rt_period_us");
   if (!runtime || !period) return {};
   if (*runtime < 0 || *runtime >= *period) return {fine("off")};
-  return {{"", Severity::hint, fmt::format("real-time tasks have {} of every {} µs", *runtime, *period),
+  return {{Severity::hint, fmt::format("real-time tasks have {} of every {} µs", *runtime, *period),
            "off, if no real-time thread runs forever",
            "real-time threads that together run longer are stopped until the period ends",
            "sudo ontime tune apply --set rt-throttling=off"}};
@@ -42,7 +41,7 @@ Findings fair_server(const Look& look) {
   const std::string folder = "/sys/kernel/debug/sched/fair_server";
   for (const auto& cpu : look.names(folder))
     if (const auto runtime = look.number(fmt::format("{}/{}/runtime", folder, cpu)); runtime && *runtime > 0)
-      return {{"", Severity::hint,
+      return {{Severity::hint,
                fmt::format("ordinary tasks on {} have {} ns of each period reserved", cpu, *runtime),
                "0 on CPUs for real-time threads only",
                "ordinary tasks that starve run before real-time threads for that long",
@@ -54,7 +53,7 @@ Findings autogroup(const Look& look) {
   const auto on = look.number("/proc/sys/kernel/sched_autogroup_enabled");
   if (!on) return {};
   if (*on == 0) return {fine("off")};
-  return {{"", Severity::hint, "on", "off",
+  return {{Severity::hint, "on", "off",
            "niceness counts only within a session, so nice and renice do little; real-time threads are not "
            "affected",
            "sudo sysctl kernel.sched_autogroup_enabled=0"}};
@@ -65,7 +64,7 @@ Findings timer_migration(const Look& look) {
   if (!on) return {};
   const auto isolated = look.text("/sys/devices/system/cpu/isolated").value_or("");
   if (*on == 0 || isolated.empty()) return {fine(*on == 0 ? "off" : "on, and no CPU is isolated")};
-  return {{"", Severity::hint, "on", "off where CPUs are isolated",
+  return {{Severity::hint, "on", "off where CPUs are isolated",
            "timers of idle CPUs run on busy ones, which may be the isolated ones",
            "sudo ontime tune apply --set timer-migration=off"}};
 }
@@ -76,7 +75,7 @@ Findings clock_source(const Look& look) {
   if (!current) return {};
   for (const auto* slow : {"hpet", "acpi_pm", "jiffies", "refined-jiffies"})
     if (*current == slow)
-      return {{"", Severity::wrong, *current, "tsc; on other machines than PCs the CPU's own counter",
+      return {{Severity::wrong, *current, "tsc; on other machines than PCs the CPU's own counter",
                "reading the clock takes microseconds, and every program reads it",
                fmt::format("available: {}; see why the kernel rejects tsc (sudo dmesg | grep -i tsc); if tsc "
                            "is sound: tsc=reliable on the kernel's command line",
@@ -90,7 +89,7 @@ Findings clock_synchronised(const Look& look) {
       subject.root.empty() ? machine::clock_state().at("synchronised").get<bool>() : subject.synchronised;
   if (!synchronised) return {};
   if (*synchronised) return {fine("synchronised")};
-  return {{"", Severity::hint, "not synchronised", "synchronised, best by PTP",
+  return {{Severity::hint, "not synchronised", "synchronised, best by PTP",
            "between two machines only the round trip can be measured, not its two legs",
            "sudo apt install chrony; or linuxptp, if both network cards have clocks (ethtool -T)"}};
 }

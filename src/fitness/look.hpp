@@ -36,7 +36,7 @@ class Look {
   const Subject& subject_;
 };
 
-inline Finding fine(std::string is) { return {"", Severity::fine, std::move(is), "", "", ""}; }
+inline Finding fine(std::string is) { return {Severity::fine, std::move(is), "", "", ""}; }
 
 using Findings = std::vector<Finding>;
 // None where there is no such thing on this machine.

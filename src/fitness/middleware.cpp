@@ -36,7 +36,7 @@ Finding finding_of(const Library& library, const std::string& version, const std
   const auto is = fmt::format("{} {} ({})", library.name, version, folder);
   for (const auto& fault : faults)
     if (fault.name == std::string_view(library.name) && version.starts_with(fault.version))
-      return {"", Severity::hint, is, "", fault.what, fault.remedy};
+      return {Severity::hint, is, "", fault.what, fault.remedy};
   return fine(is);
 }
 

@@ -45,9 +45,7 @@ Finding napi_of(const Look& look, const std::string& interface) {
     if (thread.policy != SCHED_FIFO && thread.policy != SCHED_RR) ordinary.push_back(thread.name);
   if (ordinary.empty() && !threads.empty())
     return fine(fmt::format("{}: threaded, {}", interface, state_of(threads.front())));
-  return {"",
-          Severity::wrong,
-          fmt::format("{}: threaded, and its threads are SCHED_OTHER", interface),
+  return {Severity::wrong, fmt::format("{}: threaded, and its threads are SCHED_OTHER", interface),
           "a real-time priority, or not threaded",
           "packets wait for all real-time threads and share the CPU with ordinary ones; under load on Linux "
           "6.1-rt 405 of 1,454 messages were late, none with SCHED_FIFO 60",
@@ -61,7 +59,7 @@ Findings buffers(const Look& look) {
   if (!most) return {};
   const auto is = fmt::format("a socket's receive buffer holds at most {} bytes", *most);
   if (*most >= enough) return {fine(is)};
-  return {{"", Severity::hint, is, fmt::format("{} or more, if messages are larger than a few kB", enough),
+  return {{Severity::hint, is, fmt::format("{} or more, if messages are larger than a few kB", enough),
            "a burst, or the fragments of one large message, overflow it and are dropped silently",
            fmt::format("sudo ontime tune apply --set rmem-max={} --set wmem-max={}", enough, enough)}};
 }
@@ -71,7 +69,7 @@ Findings fragments(const Look& look) {
   if (!most) return {};
   const auto is = fmt::format("{} bytes for incomplete packets", *most);
   if (*most >= enough) return {fine(is)};
-  return {{"", Severity::hint, is, fmt::format("{} or more, if messages are larger than a packet", enough),
+  return {{Severity::hint, is, fmt::format("{} or more, if messages are larger than a packet", enough),
            "a lost fragment keeps the others for 30 s; when the buffer is full, all large messages are lost",
            fmt::format("sudo sysctl net.ipv4.ipfrag_high_thresh={} net.ipv4.ipfrag_time=3", enough)}};
 }
@@ -95,7 +93,7 @@ Findings interrupts(const Look& look) {
 Findings interrupt_balance(const Look& look) {
   if (look.threads("irqbalance").empty()) return {};
   return {
-      {"", Severity::hint, "it is running", "not running, or configured to leave the link's interrupts alone",
+      {Severity::hint, "it is running", "not running, or configured to leave the link's interrupts alone",
        "it moves interrupts between CPUs every ten seconds and undoes irq-cpus",
        "sudo systemctl disable --now irqbalance; or IRQBALANCE_BANNED_CPULIST in /etc/default/irqbalance"}};
 }

@@ -43,7 +43,7 @@ Findings priority_limit(const Look& look) {
   int priority = 0;
   std::from_chars(most.data(), most.data() + most.size(), priority);
   if (most == "unlimited" || priority >= needed) return {fine("up to " + most)};
-  return {{"", Severity::wrong, fmt::format("you may give your threads real-time priorities up to {}", most),
+  return {{Severity::wrong, fmt::format("you may give your threads real-time priorities up to {}", most),
            fmt::format("{} or more", needed),
            "without one, every program that computes runs before your messages", how_to_permit(look)}};
 }
@@ -52,7 +52,7 @@ Findings memory_limit(const Look& look) {
   const auto most = limit(look, "Max locked memory");
   if (most.empty()) return {};
   if (most == "unlimited" || capable(look, CAP_IPC_LOCK)) return {fine("unlimited")};
-  return {{"", Severity::wrong, fmt::format("you may lock {} bytes of memory", most), "unlimited",
+  return {{Severity::wrong, fmt::format("you may lock {} bytes of memory", most), "unlimited",
            "a page that is not locked may be read from the disk when it is used, which takes milliseconds",
            how_to_permit(look)}};
 }
@@ -62,7 +62,7 @@ Findings priority_budget(const Look& look) {
     const auto budget = look.number(file);
     if (!budget) continue;
     if (*budget != 0) return {fine(fmt::format("{} µs of each period", *budget))};
-    return {{"", Severity::wrong, "this control group has no real-time budget", "some",
+    return {{Severity::wrong, "this control group has no real-time budget", "some",
              "nothing in it can have a real-time priority, not even root's programs",
              fmt::format("echo 900000 | sudo tee {} (its parents first)", file)}};
   }
@@ -73,7 +73,7 @@ Findings swap(const Look& look) {
   const auto swaps = look.text("/proc/swaps");
   if (!swaps) return {};
   if (swaps->find('\n') == swaps->npos) return {fine("none")};
-  return {{"", Severity::hint, "there is some", "none, or all memory of the robot's programs locked",
+  return {{Severity::hint, "there is some", "none, or all memory of the robot's programs locked",
            "swapped memory is read from the disk when it is used, which takes milliseconds",
            "mlockall(MCL_CURRENT | MCL_FUTURE) in the program (as ontime does with realtime on); or sudo "
            "swapoff --all, "
@@ -84,7 +84,7 @@ Findings huge_pages(const Look& look) {
   const auto mode = look.text("/sys/kernel/mm/transparent_hugepage/enabled");
   if (!mode) return {};
   if (mode->find("[always]") == mode->npos) return {fine(*mode)};
-  return {{"", Severity::hint, *mode, "madvise or never",
+  return {{Severity::hint, *mode, "madvise or never",
            "the kernel merges small pages into large ones, and the program waits meanwhile",
            "echo madvise | sudo tee /sys/kernel/mm/transparent_hugepage/enabled"}};
 }
@@ -92,7 +92,7 @@ Findings huge_pages(const Look& look) {
 Findings memory_balancing(const Look& look) {
   const auto on = look.number("/proc/sys/kernel/numa_balancing");
   if (!on || *on == 0) return {};
-  return {{"", Severity::hint, "on", "off",
+  return {{Severity::hint, "on", "off",
            "the kernel unmaps pages, also locked ones, to see which thread uses them: each costs a fault",
            "sudo sysctl kernel.numa_balancing=0"}};
 }
@@ -103,7 +103,7 @@ Findings compaction(const Look& look) {
   if (!moves) return {};
   if (*moves == 0) return {fine("not of locked memory")};
   return {
-      {"", Severity::hint, "of locked memory too", "not of locked memory",
+      {Severity::hint, "of locked memory too", "not of locked memory",
        "the kernel moves pages to make large ones; a moved page faults when it is used, also a locked one",
        "sudo sysctl vm.compact_unevictable_allowed=0"}};
 }
