@@ -287,8 +287,8 @@ TEST_F(Machine, ThatSaysNonsenseIsNoFault) {
 
 TEST_F(Machine, IsFitIfNothingIsWrong) {
   EXPECT_TRUE(fit({}));
-  EXPECT_TRUE(fit({{"", Severity::hint, "", "", "", ""}}));
-  EXPECT_FALSE(fit({{"", Severity::fine, "", "", "", ""}, {"", Severity::wrong, "", "", "", ""}}));
+  EXPECT_TRUE(fit({{Severity::hint, "", "", "", ""}}));
+  EXPECT_FALSE(fit({{Severity::fine, "", "", "", ""}, {Severity::wrong, "", "", "", ""}}));
 }
 
 TEST(ThisMachine, SaysOfEachFaultWhyItIsOneAndWhatMendsIt) {

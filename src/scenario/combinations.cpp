@@ -2,6 +2,7 @@
 #include "scenario/combinations.hpp"
 
 #include <algorithm>
+#include <set>
 #include <stdexcept>
 #include <string_view>
 

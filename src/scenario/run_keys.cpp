@@ -40,20 +40,21 @@ std::string common_to_all(const std::string& path) {
   return "";
 }
 
-// Whether that key of the link is about all that a host sends, whichever of its links it takes.
-bool is_mark(const std::string& path) {
-  return path == "link.message-priority" || path == "link.traffic-priority" || path == "link.dscp";
+// The same of a key that may be about a link: the controller's end of a component's is its own behind a
+// bridge.
+std::string why_not_its_own(const std::string& key, const Hosts& hosts) {
+  if (!key.starts_with("link.") || hosts.components.size() == 1) return common_to_all(key);
+  if (hosts.kind == Hosts::Kind::stated)
+    return "the controller's interface, which is one end of the link, is one for all";
+  if (key == "link.message-priority" || key == "link.traffic-priority" || key == "link.dscp")
+    return "the controller gives it to all that it sends";
+  return "";
 }
 
 }  // namespace
 
 bool is_key(const std::string& path) {
-  static const auto paths = [] {
-    std::set<std::string> all;
-    for (const auto& key : keys()) all.insert(key.path);
-    return all;
-  }();
-  return paths.contains(path);
+  return std::ranges::find(keys(), path, &conditions::Key::path) != keys().end();
 }
 
 std::string nearest(const std::string& path) {
@@ -105,20 +106,11 @@ void RunKeys::flatten(const YAML::Node& node, const std::string& prefix, Entries
                 fmt::format("{0}: keys and values are needed here, such as {0}: {{{1}: …}}", path, below));
       fail_at(file_, entry.first.Mark(), fmt::format("unknown key '{}'{}", path, nearest(key)));
     }
-    if (const auto reason = component.empty() ? "" : why_not_its_own(key); !reason.empty())
+    if (const auto reason = component.empty() ? "" : why_not_its_own(key, hosts_); !reason.empty())
       fail_at(file_, entry.first.Mark(),
               fmt::format("{}: this cannot be said of one component: {}", path, reason));
     entries[path] = entry.second;
   }
-}
-
-// The controller's end of a component's link is its own behind a bridge, but for what sends there.
-std::string RunKeys::why_not_its_own(const std::string& key) const {
-  if (!key.starts_with("link.") || hosts_.components.size() == 1) return common_to_all(key);
-  if (hosts_.kind == Hosts::Kind::stated)
-    return "the controller's interface, which is one end of the link, is one for all";
-  if (is_mark(key)) return "the controller gives it to all that it sends";
-  return "";
 }
 
 }  // namespace ontime::scenario

@@ -35,7 +35,6 @@ class RunKeys {
 
  private:
   void flatten(const YAML::Node&, const std::string& prefix, Entries&) const;
-  std::string why_not_its_own(const std::string& key) const;
 
   const std::string file_;
   const Hosts& hosts_;

@@ -90,7 +90,9 @@ class File {
     if (wire) lay_wire(scenario_.file, *wire, scenario_.hosts);
     const RunKeys keys(scenario_.file, scenario_.hosts, components.has_value());
     Origin origin{scenario_.file, scenario_.hosts, keys, selection_};
-    const auto for_all = defaults ? read_defaults(*defaults, keys) : Entries{};
+    const auto for_all = defaults ? keys.flat(*defaults) : Entries{};
+    if (const auto id = for_all.find("id"); id != for_all.end())
+      fail(id->second, "id: each run has one of its own, under runs");
     for (const auto& run : *runs) read_run(run, for_all, origin);
     check_baselines();
     if (scenario_.runs.empty()) return std::move(scenario_);  // none is selected
@@ -109,13 +111,6 @@ class File {
 
   std::string scalar(const YAML::Node& node, const std::string& key) const {
     return scalar_of(scenario_.file, node, key);
-  }
-
-  Entries read_defaults(const YAML::Node& node, const RunKeys& keys) const {
-    auto defaults = keys.flat(node);
-    if (const auto id = defaults.find("id"); id != defaults.end())
-      fail(id->second, "id: each run has one of its own, under runs");
-    return defaults;
   }
 
   void deploy() {
