@@ -132,10 +132,6 @@ class Ping final : public End {
   std::atomic<bool> done_{false};
 };
 
-[[noreturn]] void stay() {
-  while (true) std::this_thread::sleep_for(1h);
-}
-
 }  // namespace
 
 int main(int argc, char** argv) {
@@ -145,7 +141,7 @@ int main(int argc, char** argv) {
   if (arguments.size() == 3 && arguments[0] == "pong") {
     const Pong pong(static_cast<dds_domainid_t>(std::stoul(arguments[1])), std::stoul(arguments[2]),
                     reliable);
-    stay();
+    while (true) std::this_thread::sleep_for(1h);
   }
   if (arguments.size() == 4 && arguments[0] == "ping") {
     // Ends with the process: Cyclone's threads may still be in the listener.

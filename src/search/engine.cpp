@@ -22,12 +22,6 @@ struct CannotMeasure {
   std::string why;
 };
 
-std::vector<Setting> settings_of(const Set& set) {
-  std::vector<Setting> settings;
-  for (const auto& [key, value] : set) settings.push_back({key, value});
-  return settings;
-}
-
 double spent(double alpha, std::size_t statement) {
   return alpha / static_cast<double>(statement * (statement + 1));
 }
@@ -51,7 +45,7 @@ class Search {
       outcome_.remaining = findings_of(set_);
       outcome_.proofs.clear();
     }
-    for (const auto& member : settings_of(set_)) outcome_.contributions.push_back(contribution_of(member));
+    for (const auto& [key, value] : set_) outcome_.contributions.push_back(contribution_of({key, value}));
     return std::move(outcome_);
   }
 
@@ -383,9 +377,9 @@ class Search {
   // Of the members, so many each.
   std::vector<std::vector<Setting>> parts(std::size_t size) const {
     std::vector<std::vector<Setting>> parts;
-    for (const auto& member : settings_of(set_)) {
+    for (const auto& [key, value] : set_) {
       if (parts.empty() || parts.back().size() == size) parts.emplace_back();
-      parts.back().push_back(member);
+      parts.back().push_back({key, value});
     }
     return parts;
   }
