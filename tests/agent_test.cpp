@@ -17,7 +17,7 @@
 #include <gtest/gtest.h>
 #include <unistd.h>
 
-#include "agent/memory.hpp"
+#include "agent/end.hpp"
 #include "orders/orders.hpp"
 
 namespace ontime::agent {

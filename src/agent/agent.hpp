@@ -22,9 +22,6 @@
 // samples wait for the end (waited_bytes of them), so that they do not disturb it.
 #pragma once
 
-#include <chrono>
-#include <map>
-#include <optional>
 #include <span>
 #include <string>
 #include <vector>

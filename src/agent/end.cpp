@@ -8,7 +8,6 @@
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
-#include "agent/memory.hpp"
 #include "agent/privileges.hpp"
 #include "message/message.hpp"
 #include "orders/orders.hpp"
@@ -24,6 +23,10 @@ constexpr std::string_view of_neighbours = "neighbours ";
 
 // Enough for a middleware's own allocations from set-up to end, so that none of them has to fault pages in.
 constexpr std::size_t heap_bytes = std::size_t{32} << 20;
+
+constexpr std::uint64_t mebibyte = std::uint64_t{1} << 20U;
+constexpr std::uint64_t locked_bytes = 192 * mebibyte;  // 165 to 185 MB were seen
+constexpr std::uint64_t most_reserve = 256 * mebibyte;
 
 // Finds the address of the interface that was asked for.
 void resolve(transport::Config& config) {
@@ -75,9 +78,7 @@ void check(const transport::Plugin& plugin, const Task& task) {
                        "by its port",
                        plugin.name, task.config.ping_topic, task.config.pong_topic));
   for (const auto& [name, value] : task.config.options) {
-    const bool known = std::any_of(plugin.options.begin(), plugin.options.end(),
-                                   [&asked = name](const auto& option) { return asked == option.name; });
-    if (known) continue;
+    if (std::ranges::count(plugin.options, name, &transport::Option::name) > 0) continue;
     std::vector<std::string> others;
     for (const auto& option : plugin.options)
       others.push_back(fmt::format("{} ({})", option.name, option.values));
@@ -135,9 +136,8 @@ std::vector<transport::Thread> End::threads() {
   auto all = client_ ? client_->threads() : server_ ? server_->threads() : std::vector<transport::Thread>{};
   if (!neighbours_) return all;
   for (auto& thread : neighbours_->threads()) {
-    const bool known =
-        std::any_of(all.begin(), all.end(), [&](const auto& other) { return other.tid == thread.tid; });
-    if (!known) all.push_back({thread.tid, std::string(of_neighbours) + thread.role, thread.name});
+    if (std::ranges::count(all, thread.tid, &transport::Thread::tid) == 0)
+      all.push_back({thread.tid, std::string(of_neighbours) + thread.role, thread.name});
   }
   return all;
 }
@@ -227,11 +227,9 @@ json End::account_of_neighbours() const {
 }
 
 void End::refuse(const std::vector<realtime::Refusal>& refusals) {
-  for (const auto& refusal : refusals) {
-    const bool known = std::any_of(refusals_.begin(), refusals_.end(),
-                                   [&](const auto& other) { return other.asked == refusal.asked; });
-    if (!known) refusals_.push_back(refusal);
-  }
+  for (const auto& refusal : refusals)
+    if (std::ranges::count(refusals_, refusal.asked, &realtime::Refusal::asked) == 0)
+      refusals_.push_back(refusal);
 }
 
 json End::refusals() const {
@@ -284,6 +282,20 @@ json End::link() const {
     link["down"].push_back(
         {{"from_ns", from_ns}, {"to_ns", to_ns != 0 ? json(to_ns) : json(nullptr)}, {"taken", taken}});
   return link;
+}
+
+std::string lacks_memory(std::istream& meminfo) {
+  std::uint64_t total = 0, available = 0, kilobytes = 0;
+  for (std::string word; meminfo >> word;) {
+    if (word == "MemTotal:" && meminfo >> kilobytes) total = kilobytes * 1024;
+    if (word == "MemAvailable:" && meminfo >> kilobytes) available = kilobytes * 1024;
+  }
+  const auto reserve = std::min(total / 20, most_reserve);
+  if (total == 0 || available >= locked_bytes + reserve) return "";
+  return fmt::format(
+      "an end with locked memory takes {} MiB. This machine has {} MiB free, of which {} MiB stay free. Have "
+      "fewer components on it, end what takes its memory, or set realtime.lock-memory: off",
+      locked_bytes / mebibyte, available / mebibyte, reserve / mebibyte);
 }
 
 }  // namespace ontime::agent

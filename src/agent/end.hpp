@@ -3,6 +3,7 @@
 // its middleware did between begin() and ended().
 #pragma once
 
+#include <istream>
 #include <map>
 #include <memory>
 #include <set>
@@ -62,5 +63,9 @@ class End {
   machine::Drops drops_before_;
   std::unique_ptr<machine::LinkWatch> link_watch_;  // null: of no interface
 };
+
+// Of the text of /proc/meminfo: why no end with locked memory is to be opened on this machine; "": there is
+// enough. Many components can take all of it, and then the kernel kills some process, not always one of ours.
+std::string lacks_memory(std::istream& meminfo);
 
 }  // namespace ontime::agent

@@ -85,8 +85,8 @@ bool Recorder::hand_over() {
 
 bool Recorder::keep(std::span<const std::uint8_t> bytes) {
   if (!waiting_ || waited_bytes_ + bytes.size() > most_waiting_bytes) return false;
-  const auto whole =
-      static_cast<long>(waited_bytes_);  // what a full disk let in beyond it counts as not there
+  // What a full disk let in beyond it counts as not there.
+  const auto whole = static_cast<long>(waited_bytes_);
   if (std::fseek(waiting_.get(), whole, SEEK_SET) != 0 ||
       std::fwrite(bytes.data(), bytes.size(), 1, waiting_.get()) != 1 || std::fflush(waiting_.get()) != 0)
     return false;

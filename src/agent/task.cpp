@@ -36,6 +36,13 @@ std::optional<transport::Security> security_of(const json& from) {
   return security;
 }
 
+template <typename Object>
+std::vector<Object> copied(std::span<const std::uint8_t> bytes) {
+  std::vector<Object> objects(bytes.size() / sizeof(Object));
+  if (!objects.empty()) std::memcpy(objects.data(), bytes.data(), objects.size() * sizeof(Object));
+  return objects;
+}
+
 }  // namespace
 
 json to_json(const Task& task) {
@@ -96,16 +103,11 @@ std::string sample_layout() {
 }
 
 std::vector<roundtrip::Sample> samples_of(std::span<const std::uint8_t> bytes) {
-  std::vector<roundtrip::Sample> samples(bytes.size() / sizeof(roundtrip::Sample));
-  if (!samples.empty()) std::memcpy(samples.data(), bytes.data(), samples.size() * sizeof(roundtrip::Sample));
-  return samples;
+  return copied<roundtrip::Sample>(bytes);
 }
 
 std::vector<roundtrip::Server::Answer> answers_of(std::span<const std::uint8_t> bytes) {
-  std::vector<roundtrip::Server::Answer> answers(bytes.size() / sizeof(roundtrip::Server::Answer));
-  if (!answers.empty())
-    std::memcpy(answers.data(), bytes.data(), answers.size() * sizeof(roundtrip::Server::Answer));
-  return answers;
+  return copied<roundtrip::Server::Answer>(bytes);
 }
 
 }  // namespace ontime::agent

@@ -22,17 +22,6 @@ struct Error : std::runtime_error {
   using std::runtime_error::runtime_error;
 };
 
-// Runs from its making to its destruction, which ends it and waits until nothing of it is left, or some
-// seconds where the kernel does not let it go. However the thread that made it ends, it is killed then.
-class Background {
- public:
-  virtual ~Background() = default;
-  virtual bool running() = 0;  // false once it has ended by itself (no memory, say)
-  // Has it end; to be called until it returns true: nothing of it is left. Returns at once.
-  virtual bool end() = 0;
-  virtual std::string name() const = 0;  // for people: "stress-ng (process 4711)"
-};
-
 // Files of control groups (cgroup.procs) that a process enters before it is anything else.
 using Groups = std::vector<std::string>;
 
@@ -50,8 +39,15 @@ struct Fitted {
 // worker, or what this room has for each. Takes it from the room. Throws Error where what is stated is more.
 Fitted fit(const Workers&, Room&);
 
-class StressLoad : public Background {
+// Runs from its making to its destruction, which ends it and waits until nothing of it is left, or some
+// seconds where the kernel does not let it go. However the thread that made it ends, it is killed then.
+class StressLoad {
  public:
+  virtual ~StressLoad() = default;
+  virtual bool running() = 0;  // false once it has ended by itself (no memory, say)
+  // Has it end; to be called until it returns true: nothing of it is left. Returns at once.
+  virtual bool end() = 0;
+  virtual std::string name() const = 0;        // for people: "stress-ng (process 4711)"
   virtual std::uint64_t vm_bytes() const = 0;  // of the smallest vm worker, read back; 0: there is none
   // Looks how large the file of each hdd worker is. Returns the largest that was seen until now, of the
   // worker with the smallest; 0: none yet. To be asked now and then, as a file grows and is begun anew.
@@ -80,12 +76,15 @@ struct Stream {
 };
 // What one end says it has sent, or received, since it began.
 struct Moved {
-  double seconds =
-      0;  // of its own clock, up to its last report, which is 0.2 s old at most if it is not starved
+  // Of its own clock, up to its last report, which is 0.2 s old at most if it is not starved.
+  double seconds = 0;
   double bits = 0;
 };
-class Traffic : public Background {
+// Runs, and ends, as StressLoad does.
+class Traffic {
  public:
+  virtual ~Traffic() = default;
+  virtual bool running() = 0;
   virtual Moved moved() = 0;  // to be asked once a minute at least: it blocks while its output is not read
 };
 // Returns once it waits to be asked, or traffic flows. Throws Error if it is missing (says the package), or

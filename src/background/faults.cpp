@@ -120,7 +120,7 @@ void try_discipline(const std::vector<std::string>& words) {
     const std::string said = error.what();
     if (said.find("qdisc kind is unknown") != said.npos || said.find("Unknown qdisc") != said.npos)
       throw Error(fmt::format("link.qdisc: this kernel lacks {0}, module sch_{0}: {1}", name, said));
-    const bool is_cards = std::find(words.begin(), words.end(), "offload") != words.end();
+    const bool is_cards = std::ranges::count(words, "offload") > 0;
     if (name == "mqprio" || name == "taprio" || is_cards) return;
     throw Error(fmt::format("link.qdisc: '{}' is not taken: {}", fmt::join(words, " "), said));
   }
@@ -200,7 +200,7 @@ Link::Link(journal::Journal& journal, const Place& place, const Faults& faults,
     }
     if (!needs_netem(faults)) return;
     qdisc_ = what_of("");
-    journal_.change(qdisc_kind, qdisc_, our_qdisc);
+    journal_.change(qdisc_kind, qdisc_, our_qdisc_of("netem"));
     journal::within_namespace(place_.netns, [&] { tc(netem("change", place_.interface, faults)); });
   } catch (const std::exception&) {
     give_back();
@@ -231,10 +231,7 @@ Link::Counts Link::counts() const {
   Counts counts;
   std::size_t found = 0;
   journal::within_namespace(place_.netns, [&] {
-    const auto answer = json::parse(nft_json("list counters"), nullptr, false);
-    if (!answer.is_object()) throw Error("nft --json list counters: that is no JSON");
-    for (const auto& entry : answer.value("nftables", json::array())) {
-      const auto counter = entry.value("counter", json::object());
+    for (const auto& counter : nft_list("counter")) {
       if (counter.value("table", "") != journal::own_prefix + place_.host) continue;
       ++found;
       const auto name = counter.value("name", "");

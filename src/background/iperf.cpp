@@ -98,8 +98,6 @@ class Iperf final : public Traffic {
   }
 
   bool running() override { return !child_->ended(); }
-  bool end() override { return child_->end(); }
-  std::string name() const override { return fmt::format("iperf3 (process {})", child_->pid()); }
   Moved moved() override {
     read();
     return moved_;

@@ -6,11 +6,9 @@
 #include <cerrno>
 #include <filesystem>
 #include <iterator>
-#include <sstream>
 #include <system_error>
 
 #include <fmt/format.h>
-#include <fmt/ranges.h>
 #include <net/if.h>
 #include <nlohmann/json.hpp>
 #include <sys/stat.h>
@@ -77,13 +75,9 @@ Value read_table(const std::string& what) {
   if (!is_there(parts[0])) return {};
   Value found;
   inside(parts[0], [&] {
-    const auto answer = json::parse(nft_json("list tables"), nullptr, false);
-    if (!answer.is_object()) throw Error("nft --json list tables: that is no JSON");
-    for (const auto& entry : answer.value("nftables", json::array())) {
-      const auto table = entry.value("table", json::object());
+    for (const auto& table : nft_list("table"))
       if (table.value("family", "") == parts[1] && table.value("name", "") == parts[2])
         found = fmt::format("{}:{}", own_namespace(), table.value("handle", 0));
-    }
   });
   return found;
 }
@@ -160,9 +154,8 @@ void write_qdisc(const std::string& what, const Value& value, const Value& prese
   const auto parts = parts_of(what);
   if (value && present)
     throw journal::Error(
-        fmt::format("{} has a queueing discipline already ({}), which link.delay or link.qdisc would "
-                    "take the place of: "
-                    "remove it (tc qdisc del dev {} root)",
+        fmt::format("{} has a queueing discipline already ({}), which link.delay or link.qdisc would take "
+                    "the place of: remove it (tc qdisc del dev {} root)",
                     parts[1], *present, parts[1]));
   inside(parts[0], [&] {
     const auto name = name_now(parts[1]);
@@ -177,7 +170,6 @@ void write_qdisc(const std::string& what, const Value& value, const Value& prese
 }  // namespace
 
 const char* const our_qdisc_handle = "6f74:";
-const std::string our_qdisc = our_qdisc_of("netem");
 
 std::string our_qdisc_of(const std::string& words) {
   return fmt::format("{} {}", disciplines_of(words).front().words.front(), our_qdisc_handle);

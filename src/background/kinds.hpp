@@ -17,9 +17,8 @@ extern const journal::Kind table_kind;
 // "NETNS/INTERFACE/WORDS", what tc calls by these words, with what is below its classes, which goes with it.
 // The interface is "3:eth0", its index and the name that it had: it may be renamed meanwhile.
 extern const journal::Kind qdisc_kind;
-extern const std::string our_qdisc;  // the value of that
 extern const char* const our_qdisc_handle;
-std::string our_qdisc_of(const std::string& words);  // the same of "prio bands 3"
+std::string our_qdisc_of(const std::string& words);  // its value, of "netem" or "prio bands 3"
 
 std::string table_what(const std::string& netns, const std::string& family, const std::string& name);
 // Of an interface of the caller's network namespace, which `ip netns` calls so.

@@ -57,8 +57,8 @@ std::vector<std::string> command_for(const Workers& workers, const std::string& 
 
 long children_of(pid_t pid) {
   const auto all = processes();
-  return std::count_if(all.begin(), all.end(),
-                       [pid](const Process& process) { return process.parent == pid && !process.ended(); });
+  return std::ranges::count_if(
+      all, [pid](const Process& process) { return process.parent == pid && !process.ended(); });
 }
 
 Error missing() {
@@ -107,9 +107,7 @@ class HddFiles {
         if (fs::read_symlink(entry->path(), none).string().find("/stress-ng-hdd") != std::string::npos)
           if (const auto size = fs::file_size(entry->path(), none); !none) largest = std::max(largest, size);
     }
-    const auto smallest =
-        std::min_element(largest_.begin(), largest_.end(),
-                         [](const auto& one, const auto& other) { return one.second < other.second; });
+    const auto smallest = std::ranges::min_element(largest_, {}, &decltype(largest_)::value_type::second);
     return smallest == largest_.end() ? 0 : smallest->second;
   }
 

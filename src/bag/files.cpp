@@ -2,7 +2,6 @@
 #include "bag/files.hpp"
 
 #include <algorithm>
-#include <array>
 #include <filesystem>
 #include <string_view>
 #include <utility>
@@ -26,8 +25,8 @@ constexpr auto results_magic = "ontm"sv;  // https://sqlite.org/fileformat.html:
 constexpr std::size_t results_magic_at = 68;
 
 // The first bytes of a file; fewer, or none, where there are no more.
-std::string beginning_of(const std::string& path) {
-  std::string begin(results_magic_at + results_magic.size(), '\0');
+std::string beginning_of(const std::string& path, std::size_t most) {
+  std::string begin(most, '\0');
   File file(path);
   begin.resize(file.read(std::as_writable_bytes(std::span(begin))));
   if (!file.error().empty()) throw listen::WrongInput(fmt::format("{}: {}", path, file.error()));
@@ -48,10 +47,7 @@ std::string beginning_of(const std::string& path) {
 }
 
 std::string metadata_in(const std::string& path) {
-  File file(path);
-  std::string text(most_metadata_bytes, '\0');
-  text.resize(file.read(std::as_writable_bytes(std::span(text))));
-  if (!file.error().empty()) throw listen::WrongInput(fmt::format("{}: {}", path, file.error()));
+  auto text = beginning_of(path, most_metadata_bytes);
   if (text.size() == most_metadata_bytes)
     throw listen::WrongInput(
         fmt::format("{}: it is longer than {} bytes, which no bag needs", path, most_metadata_bytes));
@@ -111,8 +107,7 @@ Files files_in(const fs::path& folder) {
   if (files.paths.empty())
     throw listen::WrongInput(fmt::format(
         "{}: it has neither a metadata.yaml nor a .db3 or .mcap file, so it is no bag", folder.string()));
-  std::sort(files.paths.begin(), files.paths.end(),
-            [](const auto& a, const auto& b) { return order_of(a) < order_of(b); });
+  std::ranges::sort(files.paths, {}, order_of);
   files.remarks.push_back(fmt::format(
       "{} has no metadata.yaml: its recorder did not end by itself. The {} files there are read by number",
       folder.string(), files.paths.size()));
@@ -128,7 +123,7 @@ Files files_of(const std::string& path) {
 }
 
 std::unique_ptr<Reader> reader_of(const std::string& path) {
-  const auto begin = beginning_of(path);
+  const auto begin = beginning_of(path, results_magic_at + results_magic.size());
   const bool is_results = begin.find(results_magic, results_magic_at) == results_magic_at;
   if (begin.starts_with(sqlite_magic) && !is_results) return read_sqlite(path);
   if (begin.starts_with(mcap_magic)) return read_mcap(path);

@@ -4,7 +4,6 @@
 // missing where the recorder was killed.
 #include <array>
 #include <map>
-#include <vector>
 
 #include <fmt/format.h>
 #include <zlib.h>

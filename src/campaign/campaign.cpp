@@ -79,9 +79,9 @@ class Suite {
     bool ends_search = false;
     Numbers never_begun{};  // those that ended before the first message was sent
   };
-  Result carry_out(const Together& runs, std::chrono::nanoseconds wait, const std::vector<json>& asked) {
+  Result carry_out(const Together& runs, std::chrono::nanoseconds wait, const std::vector<json>& records) {
     Numbers numbers;
-    for (const auto& record : asked) numbers.push_back(writer_.begin_run(record));
+    for (const auto& record : records) numbers.push_back(writer_.begin_run(record));
     int code = 0;
     bool ends = false, has_begun = false;
     {
@@ -93,7 +93,7 @@ class Suite {
             failures_.note(runs[i], outcomes[i].at("error"));
             code = 3;
           }
-          ends = ends || gate::ends_search(asked[i], outcomes[i]);
+          ends = ends || gate::ends_search(records[i], outcomes[i]);
           writer_.end_run(numbers[i], outcomes[i]);
         }
         observer_.ends(session.counters());
@@ -102,7 +102,7 @@ class Suite {
         for (const auto number : numbers) writer_.end_run(number, {{"interrupted", true}});
       } catch (const orders::Unanswered& error) {
         const json why{{"error", error.what()}, {"unanswered", true}};
-        ends = gate::ends_search(asked.front(), why);
+        ends = gate::ends_search(records.front(), why);
         code = failed(session, runs.front(), numbers, why, ends ? 0 : error.exit);
       } catch (const Refused& error) {
         code = failed(session, runs.front(), numbers,
@@ -176,10 +176,7 @@ class Execution {
   }
 
  private:
-  struct Came {
-    bool failed, ends_search;
-  };
-  Came measure(const Run& run) {
+  Suite::Result measure(const Run& run) {
     const auto runs = together(run, scenario_.hosts);
     auto records = asked(runs, scenario_.hosts);
     for (auto& record : records) {
@@ -197,7 +194,7 @@ class Execution {
       }
     if (known == runs.size()) {
       observer_.passes_over(run);
-      return {false, ends};
+      return {0, ends};
     }
     if (known > 0)
       observer_.note(
@@ -207,7 +204,7 @@ class Execution {
     observer_.begins(run);
     const auto result = suite_.carry_out(runs, wait_for_own_server, records);
     code_ = std::max(code_, result.code);
-    return {result.code != 0, result.ends_search};
+    return result;
   }
 
   // Of the steps that begin with this run; each as often as all runs, until it misses. A failure that says
@@ -225,7 +222,7 @@ class Execution {
         auto run = step(*number);
         run.repetition = ++measured;
         const auto came = measure(run);
-        failed = came.failed;
+        failed = came.code != 0;
         missed = came.ends_search;
         if (code_ == 130) return;
       }
@@ -244,6 +241,16 @@ class Execution {
   int code_ = 0;
 };
 
+json differences(const json& one, const json& other) {
+  auto different = json::object();
+  for (const auto& [key, value] : other.items())
+    if (one.value(key, json()) != value) different[key] = value;
+  for (const auto& [key, value] : one.items())
+    if (!other.contains(key)) different[key] = "none";
+  different.erase("beside");  // words for what is here
+  return different;
+}
+
 Machines::Transports transports_of(const Scenario& scenario) {
   Machines::Transports transports;
   for (const auto& asked : scenario.runs)
@@ -256,6 +263,16 @@ Machines::Transports transports_of(const Scenario& scenario) {
 }
 
 }  // namespace
+
+std::vector<json> asked(const Together& runs, const Hosts& hosts) {
+  std::vector<json> all, conditions;
+  for (const auto& run : runs)
+    conditions.push_back(record::conditions_of(all.emplace_back(asked(run, hosts))));
+  for (std::size_t i = 0; i < runs.size(); ++i)
+    for (std::size_t other = 0; other < runs.size(); ++other)
+      if (i != other) all[i]["others"][runs[other].component] = differences(conditions[i], conditions[other]);
+  return all;
+}
 
 void Observer::begins_listening(const Run&) {
   throw Error(2, "listen.topics: `ontime run` alone listens beside a run; leave it out");

@@ -3,13 +3,10 @@
 // Ordinary thread only. Everything here throws orders::Error with what asked, what found, what to do.
 #pragma once
 
-#include <atomic>
 #include <chrono>
 #include <functional>
 #include <map>
 #include <memory>
-#include <optional>
-#include <set>
 #include <string>
 #include <vector>
 

@@ -150,15 +150,13 @@ std::vector<std::string> words_of(const std::string& text) {
 std::string reason_of_bringing(int code, const std::string& said) {
   if (code == not_executable)
     return "no folder there may hold programs: the temporary folder, /var/tmp, the runtime folder and the "
-           "home "
-           "are mounted with noexec. Set TMPDIR there to a folder of another mount";
+           "home are mounted with noexec. Set TMPDIR there to a folder of another mount";
   if (code == no_room)
     return "there is no room for ontime, or no right to write, in the temporary folder there";
   if (code == other_machine)
     return fmt::format(
         "that machine is {}, and this ontime is for {}. Install an ontime for {} there, or for --deploy into "
-        "{} "
-        "here (scripts/setup arm64 builds one for aarch64)",
+        "{} here (scripts/setup arm64 builds one for aarch64)",
         said, here().machine, said, (others() / said).string());
   if (code != libraries_missing) return "";
   const auto libraries = words_of(said);

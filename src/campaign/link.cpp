@@ -76,8 +76,7 @@ std::optional<std::string> went_elsewhere(const json& outcome, std::uint64_t pay
       if (carried >= own * message::least_frame_bytes(payload_bytes) + beside) continue;
       return fmt::format(
           "the data did not go over {}: {} messages of {} bytes were answered{}, and of what the {} {} the "
-          "kernel "
-          "counted {} bytes there{}. Whatever was measured is not this link",
+          "kernel counted {} bytes there{}. Whatever was measured is not this link",
           link.at("interface").get<std::string>(), own, payload_bytes,
           beside > 0 ? fmt::format(" and {} bytes of neighbours received", beside) : "", name, verb, carried,
           segments(host));
@@ -86,10 +85,8 @@ std::optional<std::string> went_elsewhere(const json& outcome, std::uint64_t pay
   if (one_machine_with_shared_memory(outcome.at("hosts")))
     return fmt::format(
         "both ends are on one machine and have a middleware's shared memory in use{}: the data may have gone "
-        "that way, "
-        "and not over the interface that was asked for. Take the shared-memory transport out of the "
-        "middleware's "
-        "configuration",
+        "that way, and not over the interface that was asked for. Take the shared-memory transport out of "
+        "the middleware's configuration",
         segments(outcome.at("hosts").at("controller")));
   return {};
 }
@@ -123,8 +120,7 @@ std::optional<std::string> unproved(const json& outcome, const std::set<std::str
     if (with_traffic.contains(name))
       return fmt::format(
           "that the messages took {} is not proved: on the {} they could not be counted beside the traffic "
-          "(that "
-          "takes messages by IP, root, nftables, and a place that is [ip, netns, exec, NAME] or none)",
+          "(that takes messages by IP, root, nftables, and a place that is [ip, netns, exec, NAME] or none)",
           link.at("interface").get<std::string>(), name);
   }
   return {};

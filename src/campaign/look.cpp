@@ -24,8 +24,7 @@ struct Look::Parts {
   std::string why_not_of_kernel(const std::string& name, const settings::Wishes& wishes) const {
     const auto& hosts = machines.hosts();
     const auto table = settings::table();
-    const auto row =
-        std::find_if(table.begin(), table.end(), [&](const auto& one) { return one.name == name; });
+    const auto row = std::ranges::find(table, name, &settings::Setting::name);
     if (row != table.end() && row->of_interface && hosts.kind == Hosts::Kind::loopback)
       return "messages stay on loopback, which is no network card";
     if (is_virtual() && name == "gro" && wishes.contains("threaded-napi"))

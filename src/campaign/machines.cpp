@@ -39,24 +39,12 @@ std::string program_of(const Host& host) {
   return host.ssh.empty() ? orders::this_program() : "ontime";
 }
 
-std::vector<std::string> keeper_command(const Host& host) {
+std::vector<std::string> command_of(const Host& host, const std::vector<std::string>& place,
+                                    const char* worker) {
   auto words = host.reach;
-  words.insert(words.end(), {program_of(host), "keeper"});
+  words.insert(words.end(), place.begin(), place.end());
+  words.insert(words.end(), {program_of(host), worker});
   return words;
-}
-
-std::vector<std::string> agent_command(const Host& host) {
-  auto words = host.reach;
-  words.insert(words.end(), host.place.begin(), host.place.end());
-  words.insert(words.end(), {program_of(host), "agent"});
-  return words;
-}
-
-std::vector<std::string> names_of(const std::vector<Hosts::Component>& components) {
-  std::vector<std::string> names;
-  names.reserve(components.size());
-  for (const auto& component : components) names.push_back(component.name);
-  return names;
 }
 
 // What keeps machines from being ready, to be told at once.
@@ -142,10 +130,10 @@ void Machines::prepare(const Hosts& stated, const Transports& transports) {
   problems.tell();
   tell_of_two_ways();
   if (hosts_.kind != Hosts::Kind::namespaces) return;
+  auto names = json::array();
+  for (const auto& component : hosts_.components) names.push_back(component.name);
   const auto joined = ask(machines_.begin()->second, "join", "joined",
-                          {{"components", names_of(hosts_.components)},
-                           {"cable", cable_of(hosts_)},
-                           {"wire", asked(hosts_.wire)}});
+                          {{"components", names}, {"cable", cable_of(hosts_)}, {"wire", asked(hosts_.wire)}});
   for (const auto& [name, host] : joined.at("hosts").items()) hosts_.at(name) = host_of(host);
 }
 
@@ -166,7 +154,7 @@ void Machines::add(const std::string& host, const Host& where) {
   });
   // Both ends' are cut; when, is said by the clock of the controller, as of everything else.
   machine.keeper->on("cut", [this](const orders::Frame& frame) {
-    const auto end = std::find_if(links_.begin(), links_.end(), [&](const LinkEnd& link) {
+    const auto end = std::ranges::find_if(links_, [&](const LinkEnd& link) {
       return link.host == controller && link.name == frame.message.at("host");
     });
     if (end != links_.end() && was_cut_) was_cut_(end->component, frame.message.at("at_ns"));
@@ -176,7 +164,7 @@ void Machines::add(const std::string& host, const Host& where) {
 void Machines::start_keeper(Machine& machine) {
   const auto& where = machine.where;
   const auto name = "the keeper of the " + machine.hosts.front() + "'s machine";
-  auto command = keeper_command(where);
+  auto command = command_of(where, {}, "keeper");
   orders::Between between;
   if (!where.ssh.empty()) {
     machine.ssh = std::make_unique<Ssh>(where.ssh);
@@ -222,7 +210,7 @@ std::unique_ptr<Machines::Hand> Machines::start_agent(const std::string& host,
                                                       const std::string& whom) const {
   const auto& where = hosts_.at(host);
   const auto name = fmt::format("the agent of the {}{}", host, whom);
-  auto command = agent_command(where);
+  auto command = command_of(where, where.place, "agent");
   orders::Between between;
   if (const auto& ssh = machine_of(host).ssh) {
     command = ssh->another(command);
@@ -232,23 +220,13 @@ std::unique_ptr<Machines::Hand> Machines::start_agent(const std::string& host,
 }
 
 const Machines::Machine& Machines::machine_of(const std::string& host) const {
-  const auto found = std::find_if(machines_.begin(), machines_.end(), [&](const auto& entry) {
-    const auto& hosts = entry.second.hosts;
-    return std::find(hosts.begin(), hosts.end(), host) != hosts.end();
-  });
+  const auto found = std::ranges::find_if(
+      machines_, [&](const auto& entry) { return std::ranges::count(entry.second.hosts, host) > 0; });
   return found->second;
 }
 
-// Who serves is ready before who asks.
-std::vector<std::string> Machines::from_who_serves() const {
-  auto names = names_of(hosts_.components);
-  names.emplace_back(controller);
-  return names;
-}
-
 bool Machines::lost() const {
-  return std::any_of(machines_.begin(), machines_.end(),
-                     [](const auto& entry) { return entry.second.keeper->lost(); });
+  return std::ranges::any_of(machines_, [](const auto& entry) { return entry.second.keeper->lost(); });
 }
 
 void Machines::close() { give_back("close", "closed"); }
@@ -259,7 +237,7 @@ void Machines::give_back(const char* order, const char* answer) {
   for (auto& [reach, machine] : machines_) try {
       if (machine.keeper->lost()) continue;
       machine.keeper->order(order);
-      tell(coordinator_.await_long(*machine.keeper, answer, telling(machine), 1).at("notes"));
+      tell(coordinator_.await(*machine.keeper, answer, telling(machine), 1).at("notes"));
     } catch (...) {
       if (!first) first = std::current_exception();
     }
@@ -329,8 +307,14 @@ void Machines::tell(const json& notes) {
 }
 
 json Machines::ask(const Machine& machine, const char* order, const char* answer, json body) const {
-  machine.keeper->order(order, std::move(body));
-  return coordinator_.await(*machine.keeper, answer, patience, 1);
+  return machine.keeper->ask(order, std::move(body), answer, patience, 1);
+}
+
+json Machines::have(const std::string& host, const char* order, const char* answer, json body) const {
+  auto answered = ask(machine_of(host), order, answer, std::move(body));
+  if (answered.contains("error"))
+    throw Error(3, fmt::format("on the {}, {}", host, answered.at("error").get<std::string>()));
+  return answered;
 }
 
 }  // namespace ontime::campaign

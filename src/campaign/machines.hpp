@@ -110,10 +110,9 @@ class Machines {
   bool has_ports() const;
   void account_of(const nlohmann::json& links, const nlohmann::json& traffic, Account&) const;
   void warn(const Together&);
-  std::string isolate(const Machine&, const std::string& host, const Run&, const nlohmann::json& link);
+  std::string isolate(const std::string& host, const Run&, const nlohmann::json& link);
   const Machine& machine_of(const std::string& host) const;
   nlohmann::json link_of(const std::string& host) const;  // as the orders have it
-  std::vector<std::string> from_who_serves() const;
   void add(const std::string& host, const Host&);
   void tell_of_two_ways();
   void link(const LinkEnd&);
@@ -128,6 +127,9 @@ class Machines {
   void tell(const nlohmann::json& notes);
   nlohmann::json ask(const Machine&, const char* order, const char* answer,
                      nlohmann::json body = nlohmann::json::object()) const;
+  // The same of a host's, and an answer {error} is thrown.
+  nlohmann::json have(const std::string& host, const char* order, const char* answer,
+                      nlohmann::json body) const;
 
   orders::Coordinator& coordinator_;
   Observer& observer_;

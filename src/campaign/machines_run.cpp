@@ -36,7 +36,7 @@ std::vector<std::string> interface_of(const Host& host) {
 }
 
 bool has_traffic(const Together& runs) {
-  return std::any_of(runs.begin(), runs.end(), [](const Run& run) { return run.traffic.bits_per_s > 0; });
+  return std::ranges::any_of(runs, [](const Run& run) { return run.traffic.bits_per_s > 0; });
 }
 
 // Of what goes over one interface; it is the same of all that have any.
@@ -47,8 +47,7 @@ std::vector<int> traffic_ports_of(const Together& runs) {
 }
 
 bool all_by_ip(const Together& runs) {
-  return std::none_of(runs.begin(), runs.end(),
-                      [](const Run& run) { return is_below_ip(run.task.transport); });
+  return std::ranges::none_of(runs, [](const Run& run) { return is_below_ip(run.task.transport); });
 }
 
 }  // namespace
@@ -95,7 +94,7 @@ std::vector<std::string> Machines::tune(const Together& runs) {
                     "[ip, netns, exec, NAME] is not where a keeper can look");
       const auto link = link_of(host);
       if (run.isolation.any())
-        if (auto text = isolate(machine, host, run, link); !text.empty()) shared.push_back(std::move(text));
+        if (auto text = isolate(host, run, link); !text.empty()) shared.push_back(std::move(text));
       if (run.kernel.empty()) continue;
       const auto tuned =
           ask(machine, "tune", "tuned", {{"host", host}, {"link", link}, {"wishes", run.kernel}});
@@ -108,13 +107,10 @@ std::vector<std::string> Machines::tune(const Together& runs) {
   return shared;
 }
 
-std::string Machines::isolate(const Machine& machine, const std::string& host, const Run& run,
-                              const json& link) {
-  const auto isolated = ask(machine, "isolate", "isolated",
-                            {{"host", host}, {"link", link}, {"wish", keeper::to_json(run.isolation)}});
-  if (isolated.contains("error"))
-    throw Error(3, fmt::format("on the {}, {}", host, isolated.at("error").get<std::string>()));
-  const std::string stay = isolated.at("stay");
+std::string Machines::isolate(const std::string& host, const Run& run, const json& link) {
+  const std::string stay = have(host, "isolate", "isolated",
+                                {{"host", host}, {"link", link}, {"wish", keeper::to_json(run.isolation)}})
+                               .at("stay");
   if (stay.empty()) return "";
   auto text = fmt::format(
       "isolation: on the {}, others may run on CPUs {} all the same, as they were given CPUs of their own: "
@@ -125,9 +121,7 @@ std::string Machines::isolate(const Machine& machine, const std::string& host, c
 }
 
 void Machines::keep(const std::string& host, pid_t process) const {
-  const auto kept = ask(machine_of(host), "keep", "kept", {{"pid", process}});
-  if (kept.contains("error"))
-    throw Error(3, fmt::format("on the {}, {}", host, kept.at("error").get<std::string>()));
+  have(host, "keep", "kept", {{"pid", process}});
 }
 
 void Machines::restore() {
@@ -142,14 +136,14 @@ void Machines::check(const Run& run) {
   if (hosts_.kind == Hosts::Kind::loopback)
     fail(
         "link.*: on loopback there is no link whose faults would be these two ends' alone: say hosts: "
-        "namespaces, "
-        "as root");
-  for (const auto& name : from_who_serves()) {
-    const auto& host = hosts_.at(name);
+        "namespaces, as root");
+  const auto check_host = [&](const Host& host) {
     if (host.interface.empty()) fail("link.*: which link? Each of the hosts needs its interface");
     if (!network_namespace(host))
       fail("link.*: a place other than [ip, netns, exec, NAME] could not be given back as it was");
-  }
+  };
+  for (const auto& component : hosts_.components) check_host(component.host);
+  check_host(hosts_.controller);
   if (run.task.config.launch_ns > 0 && has_ports())
     fail(
         "launch-time: behind the controller's bridge there is one interface for several components: have "
@@ -161,8 +155,8 @@ void Machines::check(const Run& run) {
 }
 
 bool Machines::has_ports() const {
-  return std::any_of(hosts_.components.begin(), hosts_.components.end(),
-                     [](const auto& component) { return !component.host.port.empty(); });
+  return std::ranges::any_of(hosts_.components,
+                             [](const auto& component) { return !component.host.port.empty(); });
 }
 
 // Each component's, and the controller's: behind a bridge the link of each component by its port, where what
@@ -222,12 +216,6 @@ std::vector<std::string> Machines::load(const Together& runs) {
   loaded_ = true;
   load_given_ = json::object();
   std::vector<std::string> scaled;
-  const auto have = [this](const std::string& host, const char* order, const char* event, const json& what) {
-    auto answer = ask(machine_of(host), order, event, what);
-    if (answer.contains("error"))
-      throw Error(3, fmt::format("on the {}, {}", host, answer.at("error").get<std::string>()));
-    return answer;
-  };
   const auto load_on = [&](const std::string& host, const background::Workers& workers) {
     if (!workers.any()) return;
     const auto loaded = have(host, "load", "loaded", {{"host", host}, {"load", keeper::to_json(workers)}});
@@ -332,9 +320,9 @@ Machines::Account Machines::end() {
 void Machines::account_of(const json& links, const json& traffic, Account& account) const {
   if (hosts_.kind == Hosts::Kind::alone) return;
   for (const auto& [component, host] : hosts_.components) {
-    const auto first = std::find_if(
-        hosts_.components.begin(), hosts_.components.end(),
-        [&, &own = host](const auto& other) { return interface_of(other.host) == interface_of(own); });
+    const auto first = std::ranges::find_if(hosts_.components, [&, &own = host](const auto& other) {
+      return interface_of(other.host) == interface_of(own);
+    });
     auto at_controller = links.value(controller, json::object());
     at_controller.update(links.value(name_at_controller(component), json::object()));
     account.links[component] = {{controller, at_controller},

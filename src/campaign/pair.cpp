@@ -76,11 +76,10 @@ agent::Task server_task(const Run& run, const Host& host) {
   return task;
 }
 
-Pair::Pair(const Run& run, std::int64_t number, orders::Coordinator& coordinator, const Machines& machines,
-           record::Writer& writer, Observer& observer, Told told, const security::Authority* authority)
+Pair::Pair(const Run& run, std::int64_t number, const Machines& machines, record::Writer& writer,
+           Observer& observer, Told told, const security::Authority* authority)
     : run_(run),
       number_(number),
-      coordinator_(coordinator),
       machines_(machines),
       writer_(writer),
       observer_(observer),
@@ -140,26 +139,17 @@ Pair::End Pair::open(const std::string& host, agent::Task task) {
     task.config.security = authority_->identity(end.role, run_.security, task.config.domain);
   if (asks && !beside) listen_to(*end.agent);
   if (!run_.isolation.cpus.empty() && !beside) {  // before it has threads, which it may give CPUs of these
-    end.agent->order("identify");
-    machines_.keep(host,
-                   coordinator_.await(*end.agent, "identified", patience, measuring_ ? 1 : 0).at("pid"));
+    machines_.keep(host, ask(end, "identify", "identified", json::object()).at("pid"));
   }
-  const bool by_ssh = machines_.by_ssh(host);
-  end.agent->order("open", {{"task", agent::to_json(task)}, {"ssh", by_ssh}});
-  end.opened = coordinator_.await(*end.agent, "opened", patience, measuring_ ? 1 : 0);
+  end.opened = ask(end, "open", "opened", {{"task", agent::to_json(task)}, {"ssh", machines_.by_ssh(host)}});
   if (const auto text = note_of_ssh_link(host, end.opened.at("ssh_link")); !beside && !text.empty())
     writer_.note(number_, {"ssh-link", text, {}, {}});
   return end;
 }
 
-void Pair::make_ready(End& end, std::chrono::milliseconds longest) {
-  end.agent->order("start", {{"wait_ns", wait_.count()}});
-  coordinator_.await(*end.agent, "ready", longest, measuring_ ? 1 : 0);
-}
-
-void Pair::begin(End& end) {
-  end.agent->order("begin");
-  coordinator_.await(*end.agent, "begun", patience, measuring_ ? 1 : 0);
+json Pair::ask(const End& end, const char* order, const char* answer, json body,
+               std::chrono::milliseconds longest) const {
+  return end.agent->ask(order, std::move(body), answer, longest, measuring_ ? 1 : 0);
 }
 
 std::vector<Pair::End*> Pair::ends() {
@@ -193,11 +183,11 @@ void Pair::make_ready(std::chrono::nanoseconds wait) {
   wait_ = wait;
   const auto warm_up = run_.task.client.period * static_cast<std::int64_t>(run_.task.client.warm_up);
   const auto longest = patience + std::chrono::ceil<std::chrono::milliseconds>(2 * wait + warm_up);
-  for (auto* end : ends()) make_ready(*end, longest);
+  for (const auto* end : ends()) ask(*end, "start", "ready", {{"wait_ns", wait_.count()}}, longest);
 }
 
 void Pair::begin() {
-  for (auto* end : ends()) begin(*end);
+  for (const auto* end : ends()) ask(*end, "begin", "begun", json::object());
 }
 
 void Pair::go() {
@@ -225,10 +215,7 @@ bool Pair::overdue(Clock::time_point until) const {
 }
 
 void Pair::end() {
-  for (auto* end : ends()) {
-    end->agent->order("end");
-    end->ended = coordinator_.await(*end->agent, "ended", patience, 1);
-  }
+  for (auto* end : ends()) end->ended = ask(*end, "end", "ended", json::object());
   for (const auto* end : {&controller_, &component_})
     if (*end) note_downs(**end);
 }
@@ -301,14 +288,13 @@ bool Pair::component_is_gone(const std::string& why) {
 void Pair::restart_component() {
   component_.reset();
   component_ = open(run_.component, server_task(run_, machines_.hosts().at(run_.component)));
-  make_ready(*component_, patience);
-  begin(*component_);
+  ask(*component_, "start", "ready", {{"wait_ns", wait_.count()}});
+  ask(*component_, "begin", "begun", json::object());
   const std::chrono::duration<double> gone_s = Clock::now() - *gone_;
   gone_.reset();
-  note_now("component-back",
-           fmt::format("the component's end was there again {:.3f} s after it was found to be "
-                       "gone; what is said of its threads and losses is from then on",
-                       gone_s.count()));
+  note_now("component-back", fmt::format("the component's end was there again {:.3f} s after it was found to "
+                                         "be gone; what is said of its threads and losses is from then on",
+                                         gone_s.count()));
 }
 
 void Pair::abandon() {

@@ -16,8 +16,8 @@ class Pair {
     std::function<void()> progress;
   };
   // With a host alone another program serves. Samples and notes go into the writer, as run `number`.
-  Pair(const Run&, std::int64_t number, orders::Coordinator&, const Machines&, record::Writer&, Observer&,
-       Told, const security::Authority*);
+  Pair(const Run&, std::int64_t number, const Machines&, record::Writer&, Observer&, Told,
+       const security::Authority*);
 
   // Each once, in this order. All throw Error.
   void open();
@@ -54,8 +54,8 @@ class Pair {
     bool again = false;  // it was started again, while the client measured
   };
   End open(const std::string& host, agent::Task);
-  void make_ready(End&, std::chrono::milliseconds patience);
-  void begin(End&);
+  nlohmann::json ask(const End&, const char* order, const char* answer, nlohmann::json body,
+                     std::chrono::milliseconds longest = patience) const;
   std::vector<End*> ends();
   void listen_to(Hand& client);
   void note_peers(const nlohmann::json& event);
@@ -64,7 +64,6 @@ class Pair {
 
   const Run& run_;
   const std::int64_t number_;
-  orders::Coordinator& coordinator_;
   const Machines& machines_;
   record::Writer& writer_;
   Observer& observer_;

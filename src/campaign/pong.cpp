@@ -49,10 +49,8 @@ class Ping {
   }
   void take(const trace::Window& window) {
     const auto message = window.span.message;
-    const auto is_it = [&](const Chosen& one) { return one.message == message; };
-    if (std::any_of(next_.begin(), next_.end(), is_it) ||
-        std::any_of(after_a_gap_.begin(), after_a_gap_.end(), is_it))
-      windows_[message] = window;
+    for (const auto* chosen : {&next_, &after_a_gap_})
+      if (std::ranges::count(*chosen, message, &Chosen::message) > 0) windows_[message] = window;
   }
   json windows() const {
     auto all = json::array();
@@ -112,8 +110,7 @@ class Traced {
 
  private:
   Ping& of(std::uint32_t session) {
-    const auto found = std::find_if(pings_.begin(), pings_.end(),
-                                    [&](const Ping& ping) { return ping.session() == session; });
+    const auto found = std::ranges::find(pings_, session, &Ping::session);
     if (found != pings_.end()) return *found;
     std::erase_if(pings_,
                   [&](const Ping& ping) { return ping.session() == message::warm_up_session_of(session); });
@@ -140,8 +137,8 @@ class Traced {
   Machines machines_;
   std::deque<Ping> pings_;  // the oldest first
   std::vector<trace::Span> spans_;
-  std::deque<std::pair<std::uint32_t, std::uint64_t>>
-      asked_;  // session and message, by number from `given_` on
+  // Session and message, by number from `given_` on.
+  std::deque<std::pair<std::uint32_t, std::uint64_t>> asked_;
   std::uint64_t given_ = 0, came_ = 0;
 };
 
@@ -165,16 +162,11 @@ int pong(const Run& run, Observer& observer, Interrupts& interrupts,
     if (run.task.config.max_payload_bytes == 0 &&
         !is_below_ip(run.task.transport))  // whose link's MTU says it
       task.config.max_payload_bytes = pong_max_payload_bytes;
-    agent.order("open", {{"task", agent::to_json(task)}});
-    const auto opened = coordinator.await(agent, "opened", patience);
+    const auto opened = agent.ask("open", {{"task", agent::to_json(task)}}, "opened", patience);
     agent.on("answered", [&](const orders::Frame& frame) { traced->add(agent::answers_of(frame.bytes)); });
-    agent.order("start", {{"wait_ns", 0}, {"note_answers", run.explain}});
-    coordinator.await(agent, "ready", patience);
-    if (traced) {  // whose threads they are is what makes windows worth keeping, should it never come to its
-                   // end
-      agent.order("end");
-      threads = coordinator.await(agent, "ended", patience).at("threads");
-    }
+    agent.ask("start", {{"wait_ns", 0}, {"note_answers", run.explain}}, "ready", patience);
+    // Whose threads they are is what makes windows worth keeping, should it never come to its end.
+    if (traced) threads = agent.ask("end", json::object(), "ended", patience).at("threads");
     told(opened);
     coordinator.until(
         [&] {
@@ -182,8 +174,7 @@ int pong(const Run& run, Observer& observer, Interrupts& interrupts,
           return interrupts > 0;
         },
         1);
-    agent.order("end");
-    closed = coordinator.await(agent, "ended", patience, 1);
+    closed = agent.ask("end", json::object(), "ended", patience, 1);
     if (traced) {
       const auto until = std::chrono::steady_clock::now() + patience;
       coordinator.until(

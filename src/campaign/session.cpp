@@ -35,13 +35,13 @@ Session::Session(const Together& runs, const std::vector<std::int64_t>& numbers,
   };
   const auto is_secure = [](const Run& run) { return run.security != security::Level::off; };
   try {
-    if (std::any_of(runs.begin(), runs.end(), is_secure)) authority_.emplace();
+    if (std::ranges::any_of(runs, is_secure)) authority_.emplace();
   } catch (const transport::Error& error) {
     throw Error(3, error.what());
   }
   for (std::size_t i = 0; i < runs.size(); ++i)
-    pairs_.push_back(std::make_unique<Pair>(runs[i], numbers.at(i), coordinator, machines, writer, observer,
-                                            told(i), authority_ ? &*authority_ : nullptr));
+    pairs_.push_back(std::make_unique<Pair>(runs[i], numbers.at(i), machines, writer, observer, told(i),
+                                            authority_ ? &*authority_ : nullptr));
 }
 
 Session::~Session() {
@@ -85,7 +85,7 @@ std::vector<json> Session::measure(std::chrono::nanoseconds wait) {
   started_ = Clock::now();
   measuring_ = true;
   for (auto& pair : pairs_) pair->go();
-  if (std::any_of(runs_.begin(), runs_.end(), [](const Run& run) { return run.cut.has_value(); }))
+  if (std::ranges::any_of(runs_, [](const Run& run) { return run.cut.has_value(); }))
     machines_.cut([this](const auto& component, std::int64_t at_ns) {
       for (auto& pair : pairs_)
         if (component.empty() || component == pair->run().component) pair->note_cut(at_ns);
@@ -97,16 +97,14 @@ std::vector<json> Session::measure(std::chrono::nanoseconds wait) {
 
 void Session::finish(std::chrono::nanoseconds longest) {
   const auto until = Clock::now() + longest;
-  const auto over = [&] {
-    return std::all_of(pairs_.begin(), pairs_.end(), [](const auto& pair) { return pair->over(); });
-  };
+  const auto over = [&] { return std::ranges::all_of(pairs_, &Pair::over); };
   const auto done = [&] {
     if (interrupts_ > 0 && !stopped_) {
       stopped_ = true;
       for (auto& pair : pairs_) pair->stop();
     }
     for (auto& windows : windows_) windows.order();
-    if (std::any_of(pairs_.begin(), pairs_.end(), [&](const auto& pair) { return pair->overdue(until); }))
+    if (std::ranges::any_of(pairs_, [&](const auto& pair) { return pair->overdue(until); }))
       throw Error(3, "the agent of the controller did not finish, long after its time was over");
     return over();
   };
@@ -121,16 +119,12 @@ void Session::finish(std::chrono::nanoseconds longest) {
 }
 
 bool Session::component_is_gone(const std::string& why) {
-  return std::any_of(pairs_.begin(), pairs_.end(),
-                     [&](const auto& pair) { return pair->component_is_gone(why); });
+  return std::ranges::any_of(pairs_, [&](const auto& pair) { return pair->component_is_gone(why); });
 }
 
 // That another died as well may come to light while one is started: then that one is begun anew.
 void Session::restart_components() {
-  const auto lacking = [&] {
-    return std::find_if(pairs_.begin(), pairs_.end(),
-                        [](const auto& pair) { return pair->lacks_component(); });
-  };
+  const auto lacking = [&] { return std::ranges::find_if(pairs_, &Pair::lacks_component); };
   for (auto pair = lacking(); pair != pairs_.end(); pair = lacking()) try {
       (*pair)->restart_component();
     } catch (const Error& error) {
@@ -143,9 +137,7 @@ void Session::await_windows() {
   if (windows_.empty()) return;
   const auto until = Clock::now() + patience;
   for (auto& windows : windows_) windows.order();
-  const auto all_came = [this] {
-    return std::all_of(windows_.begin(), windows_.end(), [](const auto& one) { return one.all_came(); });
-  };
+  const auto all_came = [&] { return std::ranges::all_of(windows_, &Windows::all_came); };
   coordinator_.until([&] { return all_came() || Clock::now() > until; }, 1);
   for (std::size_t i = 0; i < windows_.size(); ++i) windows_[i].write(writer_, pairs_[i]->number());
 }
@@ -159,7 +151,7 @@ std::chrono::nanoseconds Session::longest_timeout() const {
 // As long as a message of ours, theirs may be on its way; then it is lost.
 void Session::await_neighbours() {
   const auto has_neighbours = [](const Run& run) { return run.task.neighbours.topics > 0; };
-  if (std::none_of(runs_.begin(), runs_.end(), has_neighbours)) return;
+  if (std::ranges::none_of(runs_, has_neighbours)) return;
   const auto until = Clock::now() + longest_timeout();
   coordinator_.until([&] { return Clock::now() > until; }, 1);
 }
@@ -202,8 +194,7 @@ std::vector<json> Session::outcomes() {
 std::vector<json> Session::salvage() noexcept {
   try {
     coordinator_.drain();
-    if (measuring_ &&
-        std::any_of(pairs_.begin(), pairs_.end(), [](const auto& pair) { return !pair->over(); })) {
+    if (measuring_ && !std::ranges::all_of(pairs_, &Pair::over)) {
       for (auto& pair : pairs_) pair->abandon();
       stopped_ = true;
       finish(longest_timeout() + 5s);

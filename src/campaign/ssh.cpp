@@ -25,8 +25,7 @@ constexpr const char* first_script =
     "trap '' HUP INT TERM; command -v ssh >/dev/null || exit 125; "
     "env --block-signal=HUP,INT,TERM ssh \"$@\"; code=$?; cat \"$0/said\"; rm -rf \"$0\"; exit $code";
 constexpr const char* another_script =
-    "trap '' HUP INT TERM; "
-    "env --block-signal=HUP,INT,TERM ssh \"$@\"; code=$?; cat \"$0/said\"; exit $code";
+    "trap '' HUP INT TERM; env --block-signal=HUP,INT,TERM ssh \"$@\"; code=$?; cat \"$0/said\"; exit $code";
 
 constexpr std::size_t longest_socket =
     90;  // of 108 bytes that its address has; ssh adds 17 while it makes it
@@ -64,13 +63,13 @@ std::string reason_of_failed_ssh(const std::string& destination, const std::stri
   if (has("Host key verification failed"))
     return fmt::format(
         "ssh does not know the host key of {}. Connect once by hand, compare the fingerprint that is shown "
-        "with "
-        "that machine's own (there: ssh-keygen -lf /etc/ssh/ssh_host_ed25519_key.pub), and say yes: ssh {}",
+        "with that machine's own (there: ssh-keygen -lf /etc/ssh/ssh_host_ed25519_key.pub), and say yes: ssh "
+        "{}",
         destination, destination);
   if (has("Permission denied"))
     return fmt::format(
-        "{} wants a password ({}). Give it your key: ssh-copy-id {} (if the key has a "
-        "passphrase, also: ssh-add). This must then work: ssh -o BatchMode=yes {} true",
+        "{} wants a password ({}). Give it your key: ssh-copy-id {} (if the key has a passphrase, also: "
+        "ssh-add). This must then work: ssh -o BatchMode=yes {} true",
         destination, line, destination, destination);
   for (const auto* words : {"Could not resolve", "Connection refused", "No route to host", "timed out",
                             "Network is unreachable", "Host is down"})
@@ -93,8 +92,7 @@ std::string reason_of(const std::string& destination, const std::string& program
   if (code == not_found)
     return fmt::format(
         "there is no {} on {}: install ontime there, state its path (program: PATH, in the scenario), or "
-        "have "
-        "it brought there for the time of the run (ontime run --deploy)",
+        "have it brought there for the time of the run (ontime run --deploy)",
         program, destination);
   if (code == cannot_run)
     return fmt::format("{} cannot be run on {}: it may not be executable, or be for another kind of machine",
@@ -102,8 +100,7 @@ std::string reason_of(const std::string& destination, const std::string& program
   if (!said.empty())
     return fmt::format(
         "{} says what is not ontime's: \"{}\". If a start-up file of the shell there (.bashrc …) prints "
-        "that, "
-        "have it print only where there is a terminal",
+        "that, have it print only where there is a terminal",
         destination, said.substr(0, said.find('\n')));
   return "";
 }

@@ -3,8 +3,6 @@
 
 #include <algorithm>
 
-#include <fmt/format.h>
-
 #include "message/message.hpp"
 
 namespace ontime::campaign {
@@ -91,9 +89,8 @@ void Windows::take(const std::string& host, trace::Window window) {
   window.span.message -= first_message_;
   const auto message = window.span.message;
   record::Trace trace{host == "controller" ? host : "component", std::move(window)};
-  const bool chosen = std::any_of(chosen_.begin(), chosen_.end(), [&](const auto& of_fate) {
-    return std::any_of(of_fate.begin(), of_fate.end(),
-                       [&](const auto& one) { return one.message == message; });
+  const bool chosen = std::ranges::any_of(chosen_, [&](const auto& of_fate) {
+    return std::ranges::count(of_fate, message, &Chosen::message) > 0;
   });
   if (chosen) traces_.emplace(message, std::move(trace));
 }

@@ -11,7 +11,6 @@
 #include <set>
 #include <span>
 #include <string>
-#include <vector>
 
 #include "campaign/machines.hpp"
 #include "record/record.hpp"

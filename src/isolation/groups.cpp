@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <filesystem>
 #include <fstream>
+#include <iterator>
 #include <sstream>
 
 #include <fmt/format.h>
@@ -20,9 +21,8 @@ using settings::read_file;
 bool has_word(std::string words, const std::string& word) {
   std::replace(words.begin(), words.end(), ',', ' ');
   std::istringstream all(words);
-  for (std::string one; all >> one;)
-    if (one == word) return true;
-  return false;
+  const std::istream_iterator<std::string> end;
+  return std::find(std::istream_iterator<std::string>(all), end, word) != end;
 }
 
 // The root alone has the one, and all but the root the other.
@@ -77,10 +77,7 @@ std::vector<std::string> owners_of(const Hierarchy& hierarchy, const std::vector
     for (const fs::recursive_directory_iterator end; !gone && entry != end; entry.increment(gone)) {
       if (std::error_code none; !entry->is_directory(none)) continue;
       const auto given = realtime::cpus_of(given_to(entry->path()));
-      if (given && std::any_of(given->begin(), given->end(), [&](int cpu) {
-            return std::find(cpus.begin(), cpus.end(), cpu) != cpus.end();
-          }))
-        owners.push_back(entry->path());
+      if (given && std::ranges::find_first_of(*given, cpus) != given->end()) owners.push_back(entry->path());
     }
     if (gone) continue;
     std::sort(owners.begin(), owners.end());

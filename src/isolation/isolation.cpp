@@ -30,9 +30,9 @@ constexpr std::size_t named = 5;    // of a list for people
 
 Cpus list(const std::string& text) { return realtime::cpus_of(text).value_or(Cpus{}); }
 
-bool has(const Cpus& cpus, int cpu) { return std::find(cpus.begin(), cpus.end(), cpu) != cpus.end(); }
+bool has(const Cpus& cpus, int cpu) { return std::ranges::count(cpus, cpu) > 0; }
 bool any_of(const Cpus& cpus, const Cpus& these) {
-  return std::any_of(cpus.begin(), cpus.end(), [&](int cpu) { return has(these, cpu); });
+  return std::ranges::find_first_of(cpus, these) != cpus.end();
 }
 Cpus without(Cpus cpus, const Cpus& these) {
   std::erase_if(cpus, [&](int cpu) { return has(these, cpu); });
@@ -268,7 +268,7 @@ std::string Isolation::stay() const {
   for (const auto& thread : all)
     // kthreadd does nothing but have the kernel's other threads.
     if (!(thread.of_kernel && (thread.bound || thread.name == "kthreadd")) && any_of(thread.cpus, kept) &&
-        std::find(ours.begin(), ours.end(), thread.id) == ours.end())
+        std::ranges::count(ours, thread.id) == 0)
       names.push_back(
           fmt::format("{} ({}, CPUs {})", thread.name, thread.id, realtime::list_of(thread.cpus)));
   return some_of(names);

@@ -1,9 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-#include <algorithm>
 #include <array>
 #include <cerrno>
 #include <chrono>
-#include <filesystem>
 #include <thread>
 
 #include <fmt/format.h>

@@ -80,14 +80,13 @@ bool would_be_forgotten(const Thread& thread, const std::vector<int>& everybodys
                         const std::vector<int>& kept, bool remembers) {
   if (thread.of_kernel && (thread.bound || thread.name.starts_with("irq/"))) return false;
   if (thread.of_kernel || !remembers) return thread.cpus != everybodys;
-  return std::all_of(thread.cpus.begin(), thread.cpus.end(),
-                     [&](int cpu) { return std::find(kept.begin(), kept.end(), cpu) != kept.end(); });
+  return std::ranges::all_of(thread.cpus, [&](int cpu) { return std::ranges::count(kept, cpu) > 0; });
 }
 
 std::vector<pid_t> ids_in(const std::string& path) {
   std::ifstream file(path);
   std::vector<pid_t> ids(std::istream_iterator<pid_t>(file), {});
-  if (std::find(ids.begin(), ids.end(), 0) != ids.end())  // so it calls who is not of our PID namespace
+  if (std::ranges::count(ids, 0) > 0)  // so it calls who is not of our PID namespace
     throw journal::Error(path + " has processes of another PID namespace: run on the machine itself");
   return ids;
 }

@@ -1,12 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "keeper/isolated.hpp"
 
+#include <algorithm>
+#include <iterator>
 #include <utility>
 
 #include <fmt/format.h>
 
 #include "keeper/keeper.hpp"
-#include "keeper/tuned.hpp"
 #include "machine/machine.hpp"
 
 namespace ontime::keeper {
@@ -19,7 +20,7 @@ json Isolated::apply(const json& order) {
     if (isolation_ && isolation_->wish() != wish) take_back();  // of a run whose end was not told
     std::string stay;                                           // told once of a machine
     if (!isolation_) stay = isolation_.emplace(journal_, wish).stay();
-    Host host;
+    Changed host;
     if (wish.interrupts) {
       host.link = link_of(order.at("link"));
       host.changes = settings::apply(journal_, settings::away_to(isolation_->rest(), host.link), host.link);
@@ -65,11 +66,9 @@ json Isolated::now() const {
 
 std::vector<std::string> Isolated::take_back() {
   std::vector<std::string> left;
-  const auto add = [&](std::vector<std::string> lines) {
-    left.insert(left.end(), lines.begin(), lines.end());
-  };
-  for (const auto& [host, its] : std::exchange(hosts_, {})) add(settings::take_back(journal_, its.changes));
-  if (isolation_) add(isolation_->take_back());
+  for (const auto& [host, its] : std::exchange(hosts_, {}))
+    std::ranges::move(settings::take_back(journal_, its.changes), std::back_inserter(left));
+  if (isolation_) std::ranges::move(isolation_->take_back(), std::back_inserter(left));
   isolation_.reset();
   return left;
 }

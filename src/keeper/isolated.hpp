@@ -10,7 +10,7 @@
 #include <nlohmann/json.hpp>
 
 #include "isolation/isolation.hpp"
-#include "settings/settings.hpp"
+#include "keeper/tuned.hpp"
 
 namespace ontime::keeper {
 
@@ -26,13 +26,9 @@ class Isolated {
   std::vector<std::string> take_back();
 
  private:
-  struct Host {
-    settings::Link link;
-    std::vector<settings::Change> changes;  // of its interface's interrupts
-  };
   journal::Journal& journal_;
   std::optional<isolation::Isolation> isolation_;
-  std::map<std::string, Host> hosts_;
+  std::map<std::string, Changed> hosts_;  // of its interface's interrupts
 };
 
 }  // namespace ontime::keeper

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <algorithm>
+#include <iterator>
 #include <map>
 #include <memory>
 #include <thread>
@@ -80,7 +81,7 @@ class Keeper final : public orders::Worker {
     } else if (order == "restore") {
       events_.doing("it gives the settings back");
       auto notes = tuned_.take_back();
-      for (auto& note : isolated_.take_back()) notes.push_back(std::move(note));
+      std::ranges::move(isolated_.take_back(), std::back_inserter(notes));
       events_.doing("");
       events_.tell("restored", {{"notes", notes}});
     } else if (order == "load") {
@@ -122,7 +123,7 @@ class Keeper final : public orders::Worker {
                              {"machine", machine_as_it_was()}});
     } else if (order == "close") {
       auto notes = end_all();
-      for (auto& note : journal_.revert()) notes.push_back(std::move(note));
+      std::ranges::move(journal_.revert(), std::back_inserter(notes));
       events_.tell("closed", {{"notes", notes}});
     } else {
       throw orders::Error(3, "there is no order '" + order + "'");
@@ -141,11 +142,8 @@ class Keeper final : public orders::Worker {
   std::vector<std::string> give_back() noexcept override {
     try {
       auto notes = end_all();
-      const auto add = [&](std::vector<std::string> more) {
-        notes.insert(notes.end(), more.begin(), more.end());
-      };
-      add(journal_.revert());
-      add(journal::revert_abandoned(kinds()));
+      std::ranges::move(journal_.revert(), std::back_inserter(notes));
+      std::ranges::move(journal::revert_abandoned(kinds()), std::back_inserter(notes));
       return notes;
     } catch (const std::exception& error) {
       return {error.what()};
@@ -159,12 +157,16 @@ class Keeper final : public orders::Worker {
     bool writes = false;  // it has hdd workers
   };
 
-  // Returns what does not end, for people.
-  std::vector<std::string> end_all() {
-    events_.doing("it ends the load and gives the settings back");
+  void end_at_once() {
     recorder_.reset();
     flows_.clear();
     links_.clear();
+  }
+
+  // Returns what does not end, for people.
+  std::vector<std::string> end_all() {
+    events_.doing("it ends the load and gives the settings back");
+    end_at_once();
     std::vector<std::string> notes;
     for (auto& [host, load] : std::exchange(loads_, {})) {
       if (!load.running) continue;
@@ -235,9 +237,7 @@ class Keeper final : public orders::Worker {
   // slow disk) is not waited for here: meanwhile the coordinator may be gone, and all else is given back.
   void unload() {
     events_.doing("it ends the load, the traffic and the link's faults");
-    recorder_.reset();
-    flows_.clear();
-    links_.clear();
+    end_at_once();
     unloading_ = true;
     go_on_unloading();
   }
@@ -250,10 +250,8 @@ class Keeper final : public orders::Worker {
       }
     unloading_ = false;
     std::vector<std::string> notes;
-    for (const auto& [host, load] : std::exchange(loads_, {})) {
-      const auto left = journal::remove_directory(journal_, load.directory);
-      notes.insert(notes.end(), left.begin(), left.end());
-    }
+    for (const auto& [host, load] : std::exchange(loads_, {}))
+      std::ranges::move(journal::remove_directory(journal_, load.directory), std::back_inserter(notes));
     events_.doing("");
     events_.tell("unloaded", {{"notes", notes}});
     return 500ms;

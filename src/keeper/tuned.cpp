@@ -1,7 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "keeper/tuned.hpp"
 
+#include <algorithm>
 #include <chrono>
+#include <iterator>
 #include <utility>
 
 #include <fmt/format.h>
@@ -91,8 +93,8 @@ json Tuned::now() const {
 
 std::vector<std::string> Tuned::take_back() {
   std::vector<std::string> left;
-  for (auto& [host, tuned] : std::exchange(hosts_, {}))
-    for (auto& line : settings::take_back(journal_, tuned.changes)) left.push_back(std::move(line));
+  for (const auto& [host, tuned] : std::exchange(hosts_, {}))
+    std::ranges::move(settings::take_back(journal_, tuned.changes), std::back_inserter(left));
   return left;
 }
 

@@ -18,6 +18,11 @@ nlohmann::json to_json(const std::vector<settings::Change>&, const settings::Lin
 // The order "look", and its answer.
 nlohmann::json look(const nlohmann::json& order);
 
+struct Changed {
+  settings::Link link;
+  std::vector<settings::Change> changes;
+};
+
 class Tuned {
  public:
   explicit Tuned(journal::Journal& journal) : journal_(journal) {}
@@ -29,12 +34,8 @@ class Tuned {
   std::vector<std::string> take_back();
 
  private:
-  struct Host {
-    settings::Link link;
-    std::vector<settings::Change> changes;
-  };
   journal::Journal& journal_;
-  std::map<std::string, Host> hosts_;
+  std::map<std::string, Changed> hosts_;
 };
 
 }  // namespace ontime::keeper

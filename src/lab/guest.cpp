@@ -97,8 +97,7 @@ std::string speed_of(const Machine& machine) {
   if (program("ethtool").empty())
     throw Error(
         "the lab's NICs are to have the speed of the scenario's wire, which ethtool sets: install it (sudo "
-        "apt "
-        "install ethtool)");
+        "apt install ethtool)");
   return fmt::format(
       "ethtool -s \"$nic\" speed {0} duplex full autoneg off || fail \"$nic cannot be given the speed of the "
       "scenario's wire, {0} Mbit/s: take another --nic\"",

@@ -44,10 +44,10 @@ void check_own(const fs::path& folder) {
   if (lstat(folder.c_str(), &found) != 0 || !S_ISDIR(found.st_mode))
     throw Error(fmt::format("{}, where the lab keeps its kernels, is no folder", folder.string()));
   if (found.st_uid != geteuid() || (found.st_mode & (S_IWGRP | S_IWOTH)) != 0)
-    throw Error(fmt::format(
-        "{}, where the lab keeps its kernels, can be written by others: take their rights away, or "
-        "name another folder with XDG_CACHE_HOME",
-        folder.string()));
+    throw Error(
+        fmt::format("{}, where the lab keeps its kernels, can be written by others: take their rights away, "
+                    "or name another folder with XDG_CACHE_HOME",
+                    folder.string()));
 }
 
 // Of all that apt says, why it did not.
@@ -66,8 +66,7 @@ struct NotToBeHad : Error {
 NotToBeHad not_to_be_had(const std::string& package, const std::string& why) {
   return NotToBeHad(
       fmt::format("the kernel package {} is not available here: {}. It is one of Debian 12's, and comes over "
-                  "the network: "
-                  "sudo apt update, and try again",
+                  "the network: sudo apt update, and try again",
                   package, reason_of(why)));
 }
 
@@ -111,10 +110,10 @@ Download download_of(const std::string& package) {
 
 void check_room(const fs::path& folder) {
   if (const auto free = fs::space(folder).available; free < unpacked_bytes)
-    throw Error(fmt::format(
-        "the lab's kernel takes {} MB in {}, and {} MB are free there: make room, or name another "
-        "folder with XDG_CACHE_HOME",
-        unpacked_bytes / 1'000'000, folder.string(), free / 1'000'000));
+    throw Error(
+        fmt::format("the lab's kernel takes {} MB in {}, and {} MB are free there: make room, or name "
+                    "another folder with XDG_CACHE_HOME",
+                    unpacked_bytes / 1'000'000, folder.string(), free / 1'000'000));
 }
 
 Kernel kernel_in(const fs::path& folder) {
@@ -176,10 +175,9 @@ Kernel fetch_kernel(const std::string& package, const Told& told) {
   const auto folder = cache();
   std::error_code failed;
   if (fs::create_directories(folder, failed); failed)
-    throw Error(
-        fmt::format("{}, where the lab keeps its kernels, cannot be made: {}: name another folder with "
-                    "XDG_CACHE_HOME",
-                    folder.string(), failed.message()));
+    throw Error(fmt::format(
+        "{}, where the lab keeps its kernels, cannot be made: {}: name another folder with XDG_CACHE_HOME",
+        folder.string(), failed.message()));
   check_own(folder);
   try {
     return present_kernel(package, folder, told);

@@ -3,7 +3,6 @@
 // emulated wire. It lives in memory, and nothing of it is left. Ordinary thread only.
 #pragma once
 
-#include <atomic>
 #include <chrono>
 #include <cstdint>
 #include <filesystem>

@@ -103,9 +103,8 @@ std::string check_qemu(const Machine& machine) {
   version.erase(std::min(version.find_first_of(" \n"), version.size()));
   if (machine.deterministic && machine.cpus > 1 && !takes_turns(version))
     throw Error(fmt::format(
-        "QEMU {} lets the first of {} CPUs whose instructions are counted run for ever, and Linux "
-        "does not start: take one that is newer than 8.0 (sudo apt install -t bookworm-backports "
-        "{}), or --cpus 1",
+        "QEMU {} lets the first of {} CPUs whose instructions are counted run for ever, and Linux does not "
+        "start: take one that is newer than 8.0 (sudo apt install -t bookworm-backports {}), or --cpus 1",
         version, machine.cpus, package));
   return version;
 }

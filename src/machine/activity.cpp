@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <algorithm>
-#include <limits>
 
 #include "machine/clock.hpp"
 #include "machine/machine.hpp"
@@ -30,26 +29,13 @@ nlohmann::json slew_ppm(std::int64_t elapsed_ns, std::int64_t raw_elapsed_ns) {
   return static_cast<double>(elapsed_ns - raw_elapsed_ns) / static_cast<double>(raw_elapsed_ns) * 1e6;
 }
 
-// Both at one moment: of several readings the one that took least, so that being preempted is no slew.
-void read_monotonic_clocks(Activity& now) {
-  constexpr int readings = 100;
-  auto least_ns = std::numeric_limits<std::int64_t>::max();
-  for (int reading = 0; reading < readings; ++reading) {
-    const auto before_ns = read_ns(CLOCK_MONOTONIC);
-    const auto raw_ns = read_ns(CLOCK_MONOTONIC_RAW);
-    const auto took_ns = read_ns(CLOCK_MONOTONIC) - before_ns;
-    if (took_ns >= least_ns) continue;
-    least_ns = took_ns;
-    now.at_ns = before_ns + took_ns / 2;
-    now.raw_ns = raw_ns;
-  }
-}
-
 }  // namespace
 
 Activity activity() {
   Activity now;
-  read_monotonic_clocks(now);
+  const auto [monotonic_ns, raw_ns] = read_beside_monotonic(CLOCK_MONOTONIC_RAW);
+  now.at_ns = monotonic_ns;
+  now.raw_ns = raw_ns;
   now.boot_ns = read_ns(CLOCK_BOOTTIME);
   now.realtime_ns = read_ns(CLOCK_REALTIME);
   parse_ticks(text_of("/proc/stat").value_or(""), now);

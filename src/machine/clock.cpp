@@ -2,7 +2,6 @@
 #include "machine/clock.hpp"
 
 #include <algorithm>
-#include <array>
 #include <charconv>
 #include <cmath>
 #include <limits>
@@ -81,18 +80,24 @@ json told(const char* source, const Synchronisation& clock) {
 
 }  // namespace
 
-std::int64_t realtime_offset_ns() {
+Reading read_beside_monotonic(clockid_t other) {
   constexpr int readings = 100;
-  std::int64_t offset = 0, least = std::numeric_limits<std::int64_t>::max();
+  Reading best;
+  auto least_ns = std::numeric_limits<std::int64_t>::max();
   for (int reading = 0; reading < readings; ++reading) {
-    const auto before = read_ns(CLOCK_MONOTONIC);
-    const auto realtime = read_ns(CLOCK_REALTIME);
-    const auto after = read_ns(CLOCK_MONOTONIC);
-    if (after - before >= least) continue;
-    least = after - before;
-    offset = realtime - (before + least / 2);
+    const auto before_ns = read_ns(CLOCK_MONOTONIC);
+    const auto other_ns = read_ns(other);
+    const auto took_ns = read_ns(CLOCK_MONOTONIC) - before_ns;
+    if (took_ns >= least_ns) continue;
+    least_ns = took_ns;
+    best = {before_ns + took_ns / 2, other_ns};
   }
-  return offset;
+  return best;
+}
+
+std::int64_t realtime_offset_ns() {
+  const auto [monotonic_ns, realtime_ns] = read_beside_monotonic(CLOCK_REALTIME);
+  return realtime_ns - monotonic_ns;
 }
 
 std::int64_t read_ns(clockid_t clock) {

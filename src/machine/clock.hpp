@@ -12,6 +12,13 @@ namespace ontime::machine {
 
 std::int64_t read_ns(clockid_t);
 
+// CLOCK_MONOTONIC and another clock at one moment: of several readings the one that took least, so that
+// being preempted is no difference.
+struct Reading {
+  std::int64_t monotonic_ns = 0, other_ns = 0;
+};
+Reading read_beside_monotonic(clockid_t other);
+
 struct Synchronisation {
   bool synchronised = false;
   std::optional<std::int64_t> error_ns;

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <algorithm>
 #include <filesystem>
+#include <iterator>
 #include <set>
 #include <sstream>
 #include <system_error>
@@ -28,9 +29,7 @@ std::set<std::uint64_t> own_sockets() {
 
 std::vector<std::string> words_of(const std::string& line) {
   std::istringstream words(line);
-  std::vector<std::string> all;
-  for (std::string word; words >> word;) all.push_back(word);
-  return all;
+  return {std::istream_iterator<std::string>(words), {}};
 }
 
 Drops::Count count(const std::string& word) {
@@ -85,7 +84,7 @@ Drops::Count parse_snmp(const std::string& text, const std::string& protocol, co
       names = std::move(words);
       continue;
     }
-    const auto place = static_cast<std::size_t>(std::find(names.begin(), names.end(), name) - names.begin());
+    const auto place = static_cast<std::size_t>(std::ranges::find(names, name) - names.begin());
     return place < words.size() ? count(words[place]) : std::nullopt;
   }
   return {};

@@ -27,8 +27,7 @@ std::string name_of(const ifaddrs& address) {
 
 Interface& entry_of(std::vector<Interface>& all, const ifaddrs& address) {
   const auto name = name_of(address);
-  const auto known =
-      std::find_if(all.begin(), all.end(), [&](const Interface& one) { return one.name == name; });
+  const auto known = std::ranges::find(all, name, &Interface::name);
   if (known != all.end()) return *known;
   const auto flags = address.ifa_flags;
   return all.emplace_back(Interface{name, "", (flags & IFF_UP) != 0, (flags & IFF_LOOPBACK) != 0});

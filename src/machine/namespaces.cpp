@@ -82,7 +82,7 @@ void configure(const NamespaceEnd& end) {
 
 std::optional<Interface> interface(const std::string& name) {
   const auto all = interfaces();
-  const auto found = std::find_if(all.begin(), all.end(), [&](const auto& one) { return one.name == name; });
+  const auto found = std::ranges::find(all, name, &Interface::name);
   return found == all.end() ? std::nullopt : std::make_optional(*found);
 }
 
@@ -103,11 +103,10 @@ void check_end_of_cable(const std::string& name) {
     throw Error(
         fmt::format("a cable at {} was asked for, but that is no hardware, and would not come back", name));
   if (found.up || !found.address.empty())
-    throw Error(
-        fmt::format("a cable at {} was asked for, but that interface is up or has an address, and who uses "
-                    "it would lose it: take one that is down (sudo ip link set {} down; sudo ip address "
-                    "flush dev {})",
-                    name, name, name));
+    throw Error(fmt::format(
+        "a cable at {} was asked for, but that interface is up or has an address, and who uses it would lose "
+        "it: take one that is down (sudo ip link set {} down; sudo ip address flush dev {})",
+        name, name, name));
 }
 
 void lay(const Cable& cable, NamespaceEnd& controller, NamespaceEnd& component) {

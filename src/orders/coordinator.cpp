@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <algorithm>
+#include <csignal>
 
 #include <fmt/format.h>
 #include <poll.h>
@@ -49,16 +50,12 @@ Coordinator::Hand::Hand(Coordinator& coordinator, std::string name, const std::v
                   fmt::format("{} is ontime {}, and this is {}{}: install the same on both machines", name_,
                               version, ONTIME_VERSION, version == ONTIME_VERSION ? " of another build" : ""));
   } catch (...) {
-    const std::lock_guard lock(coordinator_.mutex_);
-    std::erase(coordinator_.hands_, this);
+    coordinator_.lose(*this);
     throw;
   }
 }
 
-Coordinator::Hand::~Hand() {
-  const std::lock_guard lock(coordinator_.mutex_);
-  std::erase(coordinator_.hands_, this);
-}
+Coordinator::Hand::~Hand() { coordinator_.lose(*this); }
 
 Coordinator::Hand::Left Coordinator::Hand::leave(const std::function<bool()>& wait_on) {
   coordinator_.lose(*this);  // no beat goes into a broken pipe
@@ -118,6 +115,12 @@ void Coordinator::Hand::order(const std::string& order, json body) {
   }
 }
 
+json Coordinator::Hand::ask(const std::string& order, json body, const std::string& answer,
+                            std::chrono::milliseconds patience, int tolerated) {
+  this->order(order, std::move(body));
+  return coordinator_.await(*this, answer, patience, tolerated);
+}
+
 void Coordinator::listen(Hand& hand) {
   auto& frames = hand.process_->frames();
   bool more = true, ended = false;
@@ -159,11 +162,7 @@ void Coordinator::dispatch(Hand& hand, const Frame& frame) {
     // Ours is no exit code of its choice: whatever fails has failed.
     throw Error(frame.message.value("exit", 3) == 2 ? 2 : 3, why);
   }
-  if (event == "terminated") {
-    int none = 0;
-    interrupts_.compare_exchange_strong(none, 1);
-    return;
-  }
+  if (event == "terminated") return count_termination(interrupts_, SIGTERM);
   if (const auto owed = std::find(hand.owed_.begin(), hand.owed_.end(), event); owed != hand.owed_.end()) {
     hand.owed_.erase(owed);
     return;
@@ -214,20 +213,16 @@ void Coordinator::lose(Hand& hand) {
 json Coordinator::await(Hand& hand, const std::string& event, std::chrono::milliseconds patience,
                         int tolerated) {
   const auto end = Clock::now() + patience;
-  return await(hand, event, tolerated, [&] {
+  const auto check = [&] {
     if (Clock::now() > end)
       throw Error(3, fmt::format("{}: timed out waiting for '{}' ({} s)", hand.name_, event,
                                  std::chrono::duration_cast<std::chrono::seconds>(patience).count()));
-  });
+  };
+  return await(hand, event, check, tolerated);
 }
 
-json Coordinator::await_long(Hand& hand, const std::string& event, const std::function<void()>& meanwhile,
-                             int tolerated) {
-  return await(hand, event, tolerated, meanwhile);
-}
-
-json Coordinator::await(Hand& hand, const std::string& event, int tolerated,
-                        const std::function<void()>& meanwhile) {
+json Coordinator::await(Hand& hand, const std::string& event, const std::function<void()>& meanwhile,
+                        int tolerated) {
   awaited_ = &hand;
   awaited_event_ = event;
   answer_.reset();

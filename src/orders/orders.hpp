@@ -55,7 +55,6 @@ using Interrupts = std::atomic<int>;
 void count_termination(Interrupts&, int signal) noexcept;
 
 // ── The worker's side
-// ──────────────────────────────────────────────────────────────────────────────────────────
 
 // What a worker is told with: safe from any thread.
 class Events {
@@ -86,7 +85,6 @@ class Worker {
 int serve(const std::string& samples, const std::function<std::unique_ptr<Worker>(Events&)>& make);
 
 // ── The coordinator's side
-// ─────────────────────────────────────────────────────────────────────────────────────
 
 struct Interrupted {};  // more often than was tolerated
 
@@ -119,6 +117,9 @@ class Coordinator {
     Hand& operator=(const Hand&) = delete;
     const std::string& name() const { return name_; }  // for people: "the agent of the controller"
     void order(const std::string& order, nlohmann::json body = nlohmann::json::object());
+    // An order, and the event that answers it; throws as await().
+    nlohmann::json ask(const std::string& order, nlohmann::json body, const std::string& answer,
+                       std::chrono::milliseconds patience, int tolerated = 0);
     // `handle` is called for each event of that name by this worker, until it is set again: what one may say,
     // another may not.
     using Handle = std::function<void(const Frame&)>;
@@ -157,8 +158,8 @@ class Coordinator {
   nlohmann::json await(Hand&, const std::string& event, std::chrono::milliseconds patience,
                        int tolerated = 0);
   // The same, as long as the worker beats; `meanwhile` is called about twice a second.
-  nlohmann::json await_long(Hand&, const std::string& event, const std::function<void()>& meanwhile,
-                            int tolerated);
+  nlohmann::json await(Hand&, const std::string& event, const std::function<void()>& meanwhile,
+                       int tolerated);
   // From now on one more interruption than before is tolerated: what is left to do must not be cut short.
   void tolerate_one_more() { ++more_tolerated_; }
   bool interrupted(int tolerated) const { return interrupts_ > tolerated + more_tolerated_; }
@@ -170,8 +171,6 @@ class Coordinator {
  private:
   friend class Hand;
   using Clock = std::chrono::steady_clock;
-  nlohmann::json await(Hand&, const std::string& event, int tolerated,
-                       const std::function<void()>& meanwhile);
   bool turn(std::chrono::milliseconds within);  // whether anything came
   void listen(Hand&);
   void dispatch(Hand&, const Frame&);

@@ -16,16 +16,13 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
-#include "orders/orders.hpp"
-
 namespace ontime::orders {
 namespace {
 
 using namespace std::chrono_literals;
 
-constexpr int pipe_bytes =
-    1 << 20;  // what a coordinator that is held up for a moment does not hold its workers up by
-
+// What a coordinator that is held up for a moment does not hold its workers up by.
+constexpr int pipe_bytes = 1 << 20;
 constexpr auto patience_ahead = 60s;  // a slow link; before it a slow ssh
 
 std::string errno_text(int code) { return std::generic_category().message(code); }
@@ -49,21 +46,17 @@ struct Pipe {
 
 std::string this_program() { return std::filesystem::read_symlink("/proc/self/exe").string(); }
 
-Process::Process(const std::string& name, const std::vector<std::string>& command, Between between)
-    : Process(name, fmt::format("{}", fmt::join(command, " ")), std::move(between), spawn(name, command)) {
+Process::Process(std::string name, const std::vector<std::string>& command, Between between)
+    : name_(std::move(name)),
+      command_(fmt::format("{}", fmt::join(command, " "))),
+      between_(std::move(between)),
+      spawned_(spawn(name_, command)),
+      frames_(spawned_.out, spawned_.in) {
   try {
     frames_.put(between_.ahead, patience_ahead);
-  } catch (const Broken&) {
-    // What it said of that is read like all it says.
+  } catch (const Broken&) {  // what it said of that is read like all it says
   }
 }
-
-Process::Process(std::string name, std::string command, Between between, Spawned spawned)
-    : name_(std::move(name)),
-      command_(std::move(command)),
-      between_(std::move(between)),
-      spawned_(spawned),
-      frames_(spawned.out, spawned.in) {}
 
 Process::Spawned Process::spawn(const std::string& name, const std::vector<std::string>& command) {
   auto words = command;

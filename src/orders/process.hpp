@@ -15,7 +15,7 @@ namespace ontime::orders {
 class Process {
  public:
   // In a process group of its own, so that a terminal's Ctrl-C reaches the coordinator alone. Throws Error.
-  Process(const std::string& name, const std::vector<std::string>& command, Between = {});
+  Process(std::string name, const std::vector<std::string>& command, Between = {});
   ~Process();  // breaks the pipe and waits; kills its group after a while, or at once if it was given up
   Process(const Process&) = delete;
   Process& operator=(const Process&) = delete;
@@ -34,7 +34,6 @@ class Process {
     pid_t pid;
     int in, out;  // ours: we write to `in`, read from `out`
   };
-  Process(std::string name, std::string command, Between, Spawned);
   static Spawned spawn(const std::string& name, const std::vector<std::string>& command);
   siginfo_t wait_a_little() const;  // si_pid 0: it runs on
   void give_reason(int code) const;

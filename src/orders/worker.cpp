@@ -60,8 +60,8 @@ class EventPipe final : public Events {
  private:
   void beat(std::latch& begun) {
     const sched_param none{};
-    sched_setscheduler(0, SCHED_BATCH,
-                       &none);  // what is no part of the measurement pre-empts nothing that is
+    // What is no part of the measurement pre-empts nothing that is.
+    sched_setscheduler(0, SCHED_BATCH, &none);
     std::unique_lock lock(mutex_);
     bool goes_on = tell_beat();
     begun.count_down();
@@ -97,10 +97,9 @@ void obey_all(EventPipe& pipe, Worker& worker) {
     while (frames.fill()) heard = Clock::now();
     // Here, for an order may have taken longer, and what was said meanwhile is heard only now.
     if (Clock::now() - heard > longest_silence)
-      throw Error(
-          3, fmt::format("the coordinator (the ontime that was started by hand) was silent for {} s: it was "
-                         "stopped, or the connection to it is gone",
-                         longest_silence.count()));
+      throw Error(3, fmt::format("the coordinator (the ontime that was started by hand) was silent for {} s: "
+                                 "it was stopped, or the connection to it is gone",
+                                 longest_silence.count()));
     while (const auto frame = frames.take()) {
       const std::string order = frame->message.value("order", "");
       if (order != "beat") worker.obey(order, frame->message);
