@@ -9,7 +9,6 @@
 #include "background/background.hpp"
 #include "background/child.hpp"
 #include "background/kinds.hpp"
-#include "background/network.hpp"
 
 namespace ontime::background {
 namespace {

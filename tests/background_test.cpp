@@ -23,7 +23,6 @@
 
 #include "background/child.hpp"
 #include "background/iperf.hpp"
-#include "background/process.hpp"
 
 namespace ontime::background {
 namespace {

@@ -74,18 +74,11 @@ class Agent final : public orders::Worker {
   }
 
   milliseconds go_on() override {
-    switch (stage_) {
-      case Stage::idle:
-        if (notes_answers_) tell_answers();
-        return 500ms;
-      case Stage::matching:
-        return match();
-      case Stage::warming_up:
-        return warm_up();
-      case Stage::measuring:
-        return measure();
-    }
-    return 0ms;
+    if (stage_ == Stage::matching) return match();
+    if (stage_ == Stage::warming_up) return warm_up();
+    if (stage_ == Stage::measuring) return measure();
+    if (notes_answers_) tell_answers();
+    return 500ms;
   }
 
   // An end changes nothing that does not end with its process.

@@ -3,8 +3,12 @@
 
 #include <algorithm>
 #include <array>
+#include <cctype>
 #include <cerrno>
 #include <cstring>
+#include <filesystem>
+#include <fstream>
+#include <sstream>
 #include <system_error>
 #include <thread>
 #include <utility>
@@ -22,7 +26,6 @@
 #include <unistd.h>
 
 #include "background/background.hpp"
-#include "background/process.hpp"
 
 namespace ontime::background {
 namespace {
@@ -139,6 +142,17 @@ Started start(const std::vector<std::string>& command, int output, const std::ve
   return {plan.error == 0 ? pid : -1, plan.error};
 }
 
+std::vector<std::string> as_nobody() {
+  if (geteuid() != 0) return {};
+  // A change of the user makes the kernel forget who is to be killed with whom: it is said again.
+  return {"setpriv",
+          fmt::format("--reuid={}", nobody),
+          fmt::format("--regid={}", nobody),
+          "--clear-groups",
+          "--no-new-privs",
+          "--pdeathsig=KILL"};
+}
+
 Child::~Child() {
   if (end()) return;
   const auto limit = *asked_ + time_to_end + time_to_die - std::chrono::steady_clock::now();
@@ -206,6 +220,29 @@ bool wait_until(const std::function<bool()>& condition, std::chrono::nanoseconds
        std::this_thread::sleep_for(5ms))
     if (std::chrono::steady_clock::now() > end) return false;
   return true;
+}
+
+std::optional<Process> parse_stat(const std::string& text) {
+  const auto name_begin = text.find('(');
+  const auto name_end = text.rfind(')');  // a name may hold parentheses itself
+  if (name_begin == text.npos || name_end == text.npos || name_end < name_begin) return {};
+  Process process{};
+  std::istringstream number(text.substr(0, name_begin)), fields(text.substr(name_end + 1));
+  process.name = text.substr(name_begin + 1, name_end - name_begin - 1);
+  if (!(number >> process.pid) || !(fields >> process.state >> process.parent >> process.group)) return {};
+  return process;
+}
+
+std::vector<Process> processes() {
+  std::vector<Process> found;
+  for (const auto& entry : std::filesystem::directory_iterator("/proc")) {
+    if (std::isdigit(static_cast<unsigned char>(entry.path().filename().c_str()[0])) == 0) continue;
+    std::ifstream file(entry.path() / "stat");
+    std::string text;
+    std::getline(file, text, '\0');
+    if (auto process = parse_stat(text)) found.push_back(std::move(*process));
+  }
+  return found;
 }
 
 }  // namespace ontime::background

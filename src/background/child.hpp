@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// A child process that cannot outlive the thread that started it.
+// A child process that cannot outlive the thread that started it; and what /proc says of processes.
 #pragma once
 
 #include <chrono>
@@ -25,6 +25,13 @@ struct Started {
 // descendants.
 Started start(const std::vector<std::string>& command, int output,
               const std::vector<std::string>& groups = {});
+
+// The user that load and traffic run as: neither root's reserves nor its rights are for them.
+inline constexpr uid_t nobody = 65534;
+
+// Words before a command, by which root starts it as the user nobody, without any privilege, and still killed
+// with the thread that started it. None for a caller that is not root.
+std::vector<std::string> as_nobody();
 
 // Such a process, until this ends: it and all of its group are ended then, and waited for; but for some
 // seconds only where the kernel does not let one go: that one is killed, and ends when the kernel does.
@@ -66,5 +73,18 @@ class Output {
 
 // Looks now and then; false if the limit came first.
 bool wait_until(const std::function<bool()>& condition, std::chrono::nanoseconds limit);
+
+struct Process {
+  pid_t pid;
+  std::string name;
+  char state;
+  pid_t parent;
+  pid_t group;
+  bool ended() const { return state == 'Z' || state == 'X'; }  // but not yet waited for
+};
+
+// Of the text of /proc/PID/stat; nothing if it is no such text.
+std::optional<Process> parse_stat(const std::string& text);
+std::vector<Process> processes();
 
 }  // namespace ontime::background

@@ -11,12 +11,10 @@
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 #include <net/if.h>
-#include <nlohmann/json.hpp>
 #include <sched.h>
 
 #include "background/background.hpp"
 #include "background/kinds.hpp"
-#include "background/network.hpp"
 #include "journal/journal.hpp"
 
 namespace ontime::background {

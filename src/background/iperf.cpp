@@ -16,7 +16,6 @@
 
 #include "background/background.hpp"
 #include "background/child.hpp"
-#include "background/nobody.hpp"
 
 namespace ontime::background {
 namespace {

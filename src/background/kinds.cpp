@@ -10,11 +10,10 @@
 
 #include <fmt/format.h>
 #include <net/if.h>
-#include <nlohmann/json.hpp>
 #include <sys/stat.h>
 
 #include "background/background.hpp"
-#include "background/network.hpp"
+#include "background/child.hpp"
 #include "journal/journal.hpp"
 
 namespace ontime::background {
@@ -168,6 +167,24 @@ void write_qdisc(const std::string& what, const Value& value, const Value& prese
 }
 
 }  // namespace
+
+std::string nft(const std::string& commands) { return output_of({"nft", commands}, "nftables"); }
+
+std::vector<json> nft_list(const std::string& kind) {
+  const auto command = "list " + kind + "s";
+  const auto answer = json::parse(output_of({"nft", "--json", command}, "nftables"), nullptr, false);
+  if (!answer.is_object()) throw Error("nft --json " + command + ": that is no JSON");
+  std::vector<json> all;
+  for (const auto& entry : answer.value("nftables", json::array()))
+    all.push_back(entry.value(kind, json::object()));
+  return all;
+}
+
+std::string tc(const std::vector<std::string>& arguments) {
+  std::vector<std::string> command = {"tc"};
+  command.insert(command.end(), arguments.begin(), arguments.end());
+  return output_of(command, "iproute2");
+}
 
 const char* const our_qdisc_handle = "6f74:";
 

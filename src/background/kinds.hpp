@@ -1,13 +1,25 @@
 // SPDX-License-Identifier: Apache-2.0
-// What of the network is made for a run, by the names that the journal has for it.
+// The kernel's packet filter and queueing disciplines; what of them is made for a run, by the names that the
+// journal has for it.
 #pragma once
 
 #include <string>
 #include <vector>
 
+#include <nlohmann/json.hpp>
+
 #include "journal/journal.hpp"
 
 namespace ontime::background {
+
+// Has `nft` carry out these commands, all or none, in the caller's network namespace, and returns what it
+// wrote. Throws Error with what it said, or with what to install.
+std::string nft(const std::string& commands);
+// All that there are of a kind of things: of "counter" what `nft --json list counters` says.
+std::vector<nlohmann::json> nft_list(const std::string& kind);
+
+// Runs iproute2's `tc` in the caller's network namespace, and returns its output. Throws Error if it fails.
+std::string tc(const std::vector<std::string>& arguments);
 
 // A table of nftables: "NETNS/FAMILY/ontime-NAME", its value "NAMESPACE:HANDLE", by both of which it is told
 // from a later one. It is made empty.

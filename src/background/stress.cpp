@@ -15,8 +15,6 @@
 
 #include "background/background.hpp"
 #include "background/child.hpp"
-#include "background/nobody.hpp"
-#include "background/process.hpp"
 
 namespace ontime::background {
 namespace {

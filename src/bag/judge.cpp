@@ -73,20 +73,14 @@ bool Judge::is_again(Stream& stream, const Message& message) {
     sequence.restart();
     stream.rows.restart();
   }
-  switch (sequence.see(number)) {
-    case listen::Sequence::Fate::again:
-      ++stream.duplicated;
-      return true;
-    case listen::Sequence::Fate::too_old:
-      stream.rows.restart();
-      ++stream.reordered;
-      break;
-    case listen::Sequence::Fate::overtaken:
-      ++stream.reordered;
-      break;
-    case listen::Sequence::Fate::in_order:
-      break;
+  using Fate = listen::Sequence::Fate;
+  const auto fate = sequence.see(number);
+  if (fate == Fate::again) {
+    ++stream.duplicated;
+    return true;
   }
+  if (fate == Fate::too_old) stream.rows.restart();
+  if (fate != Fate::in_order) ++stream.reordered;
   return false;
 }
 

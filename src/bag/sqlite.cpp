@@ -116,12 +116,9 @@ class Database {
     }
   }
 
-  struct Close {
-    void operator()(sqlite3* handle) const { sqlite3_close(handle); }
-  };
   const std::string path_;
   int looks_ = 0;  // since the last row
-  std::unique_ptr<sqlite3, Close> handle_;
+  std::unique_ptr<sqlite3, decltype([](sqlite3* handle) { sqlite3_close(handle); })> handle_;
 };
 
 class Rows {
@@ -160,11 +157,8 @@ class Rows {
     database_.damaged(
         fmt::format("a value of '{}' has another type", sqlite3_column_name(handle_.get(), column)));
   }
-  struct Finalize {
-    void operator()(sqlite3_stmt* handle) const { sqlite3_finalize(handle); }
-  };
   Database& database_;
-  std::unique_ptr<sqlite3_stmt, Finalize> handle_;
+  std::unique_ptr<sqlite3_stmt, decltype([](sqlite3_stmt* handle) { sqlite3_finalize(handle); })> handle_;
 };
 
 // The first bytes of messages. The rest, which may be a whole picture, is not read.
@@ -197,11 +191,8 @@ class Beginnings {
     if (code != SQLITE_ERROR) database_.fail(code);
     return false;
   }
-  struct Close {
-    void operator()(sqlite3_blob* handle) const { sqlite3_blob_close(handle); }
-  };
   Database& database_;
-  std::unique_ptr<sqlite3_blob, Close> handle_;
+  std::unique_ptr<sqlite3_blob, decltype([](sqlite3_blob* handle) { sqlite3_blob_close(handle); })> handle_;
 };
 
 class Sqlite final : public Reader {

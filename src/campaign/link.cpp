@@ -2,6 +2,7 @@
 #include "campaign/link.hpp"
 
 #include <algorithm>
+#include <tuple>
 
 #include <fmt/format.h>
 #include <fmt/ranges.h>
@@ -15,12 +16,6 @@ using nlohmann::json;
 
 // A thread may have sent an answer, and be kept from counting it.
 constexpr std::uint64_t uncounted = 1;
-
-struct Direction {
-  const char* key;
-  const char* verb;
-  const char* receiver;
-};
 
 std::string segments(const json& host) {
   const auto names = host.value("shared_memory", std::vector<std::string>{});
@@ -68,7 +63,7 @@ std::optional<std::string> went_elsewhere(const json& outcome, std::uint64_t pay
     const auto own = name == "component" && again ? std::min(answered, by_component) : answered;
     const auto* const other = name == "component" ? "controller" : "component";
     for (const auto& [key, verb, receiver] :
-         {Direction{"sent_bytes", "sent", other}, Direction{"received_bytes", "received", name.c_str()}}) {
+         {std::tuple("sent_bytes", "sent", other), std::tuple("received_bytes", "received", name.c_str())}) {
       const auto counted = link.value("beside_traffic", link);
       if (!counted.contains(key)) continue;  // unproved() says so
       const auto carried = counted.at(key).get<std::uint64_t>();

@@ -70,14 +70,19 @@ NotToBeHad not_to_be_had(const std::string& package, const std::string& why) {
                   package, reason_of(why)));
 }
 
-// "linux-image-rt-amd64" only names the present one.
-std::string present_one(const std::string& package) {
-  std::istringstream lines;
+// What a command of apt's says of a package.
+std::string said_of(const std::string& package, const std::vector<std::string>& command,
+                    std::chrono::nanoseconds limit) {
   try {
-    lines.str(output_of({"apt-cache", "depends", "--important", package}, "apt", time_to_ask));
+    return output_of(command, "apt", limit);
   } catch (const background::Error& error) {
     throw not_to_be_had(package, error.what());
   }
+}
+
+// "linux-image-rt-amd64" only names the present one.
+std::string present_one(const std::string& package) {
+  std::istringstream lines(said_of(package, {"apt-cache", "depends", "--important", package}, time_to_ask));
   for (std::string word; lines >> word;)
     if (word.starts_with("linux-image-") && word != package) return word;
   return package;
@@ -90,13 +95,7 @@ struct Download {
 
 // 'ADDRESS' FILE BYTES HASH
 Download download_of(const std::string& package) {
-  std::string text;
-  try {
-    text = output_of({"apt-get", "download", "--print-uris", package}, "apt", time_to_ask);
-  } catch (const background::Error& error) {
-    throw not_to_be_had(package, error.what());
-  }
-  std::istringstream lines(text);
+  std::istringstream lines(said_of(package, {"apt-get", "download", "--print-uris", package}, time_to_ask));
   Download download;
   for (std::string line; std::getline(lines, line);) {
     std::string address;
@@ -159,12 +158,8 @@ Kernel present_kernel(const std::string& package, const fs::path& folder, const 
   told(fmt::format("fetching {}, {} MB, by apt, and unpacking it into {}, which takes {} MB", name,
                    download.bytes / 1'000'000, folder.string(), unpacked_bytes / 1'000'000));
   const Unfinished unfinished((folder / "unfinished-XXXXXX").string());
-  try {
-    output_of({"sh", "-c", "cd \"$1\" && exec apt-get download \"$2\"", "sh", unfinished.folder, name}, "apt",
-              time_to_fetch);
-  } catch (const background::Error& error) {
-    throw not_to_be_had(name, error.what());
-  }
+  said_of(name, {"sh", "-c", "cd \"$1\" && exec apt-get download \"$2\"", "sh", unfinished.folder, name},
+          time_to_fetch);
   unpack(fs::path(unfinished.folder) / download.file, kept);
   return kernel_in(kept);
 }

@@ -98,27 +98,23 @@ void Process::break_pipe() {
   if (const int orders = std::exchange(spawned_.in, -1); orders >= 0) close(orders);
 }
 
-siginfo_t Process::wait_a_little() const {
+siginfo_t Process::end_without_reason() const {
   siginfo_t info{};
   for (int tries = 0; tries < 200 && info.si_pid == 0; ++tries) {
     if (tries > 0) std::this_thread::sleep_for(5ms);
     waitid(P_PID, static_cast<id_t>(spawned_.pid), &info, WEXITED | WNOHANG | WNOWAIT);
   }
+  if (!between_.reason) return info;
+  const bool left = info.si_pid != 0 && info.si_code == CLD_EXITED;
+  const auto reason = between_.reason(left ? info.si_status : -1, frames_.text());
+  if (!reason.empty()) throw Error(3, fmt::format("{}: {}", name_, reason));
   return info;
 }
 
-void Process::give_reason(int code) const {
-  if (!between_.reason) return;
-  const auto reason = between_.reason(code, frames_.text());
-  if (!reason.empty()) throw Error(3, fmt::format("{}: {}", name_, reason));
-}
-
 void Process::gone() const {
-  const auto info = wait_a_little();
-  const bool left = info.si_pid != 0 && info.si_code == CLD_EXITED;
-  give_reason(left ? info.si_status : -1);
+  const auto info = end_without_reason();
   if (info.si_pid == 0) throw Error(3, fmt::format("{} ({}) says nothing more", name_, command_));
-  if (!left)
+  if (info.si_code != CLD_EXITED)
     throw Error(3, fmt::format("{} ({}) was ended by signal {} ({})", name_, command_, info.si_status,
                                sigdescr_np(info.si_status)));
   if (info.si_status == 127)
@@ -128,8 +124,7 @@ void Process::gone() const {
 }
 
 void Process::foreign(const std::string& what) const {
-  const auto info = wait_a_little();
-  give_reason(info.si_pid != 0 && info.si_code == CLD_EXITED ? info.si_status : -1);
+  end_without_reason();
   const auto said = frames_.text();
   throw Error(3, fmt::format("{}: {}{}", name_, what,
                              said.empty() ? "" : "; it said: " + said.substr(0, said.find('\n'))));

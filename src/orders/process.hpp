@@ -35,8 +35,8 @@ class Process {
     int in, out;  // ours: we write to `in`, read from `out`
   };
   static Spawned spawn(const std::string& name, const std::vector<std::string>& command);
-  siginfo_t wait_a_little() const;  // si_pid 0: it runs on
-  void give_reason(int code) const;
+  // Waits a little for its end; si_pid 0: it runs on. Throws Error where what lies between knows why.
+  siginfo_t end_without_reason() const;
   std::string name_, command_;
   Between between_;
   Spawned spawned_;
