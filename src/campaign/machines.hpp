@@ -104,12 +104,10 @@ class Machines {
     std::string component;  // whose link it is; "": of all
     std::vector<int> traffic_ports{};
     bool by_ip = false;  // what is beside the traffic is counted by IP
-    bool has_traffic = false;
   };
   std::vector<LinkEnd> ends_of_links(const Together&) const;
   bool has_ports() const;
   void account_of(const nlohmann::json& links, const nlohmann::json& traffic, Account&) const;
-  void warn(const Together&);
   std::string isolate(const std::string& host, const Run&, const nlohmann::json& link);
   const Machine& machine_of(const std::string& host) const;
   nlohmann::json link_of(const std::string& host) const;  // as the orders have it

@@ -35,29 +35,11 @@ std::vector<std::string> interface_of(const Host& host) {
   return words;
 }
 
-bool has_traffic(const Together& runs) {
-  return std::ranges::any_of(runs, [](const Run& run) { return run.traffic.bits_per_s > 0; });
-}
-
-// Of what goes over one interface; it is the same of all that have any.
-std::vector<int> traffic_ports_of(const Together& runs) {
-  for (const auto& run : runs)
-    if (auto ports = ports_of(run.traffic); !ports.empty()) return ports;
-  return {};
-}
-
 bool all_by_ip(const Together& runs) {
   return std::ranges::none_of(runs, [](const Run& run) { return is_below_ip(run.task.transport); });
 }
 
 }  // namespace
-
-void Machines::warn(const Together& runs) {
-  for (const auto& run : runs) {
-    const auto text = settings::warning(run.kernel, application_priority(run));
-    if (!text.empty() && warned_.insert(text).second) observer_.note("kernel: " + text);
-  }
-}
 
 json Machines::link_of(const std::string& host) const {
   const auto& where = hosts_.at(host);
@@ -81,11 +63,14 @@ std::vector<std::string> Machines::tune(const Together& runs) {
   const auto& run = runs.front();  // it is of machines, and the same for all
   std::vector<std::string> shared;
   if (run.kernel.empty() && !run.isolation.any()) return shared;
-  warn(runs);
+  for (const auto& one : runs)
+    if (const auto text = settings::warning(one.kernel, application_priority(one));
+        !text.empty() && warned_.insert(text).second)
+      observer_.note("kernel: " + text);
   tuned_ = true;
   // A command of any kind may have traffic run where our groups do not reach, as in a container.
   const bool needs_namespace =
-      !run.kernel.empty() || run.isolation.interrupts || (run.isolation.limits() && has_traffic(runs));
+      !run.kernel.empty() || run.isolation.interrupts || (run.isolation.limits() && !ports_of(runs).empty());
   for (auto& [reach, machine] : machines_)
     for (const auto& host : machine.hosts) {
       if (needs_namespace && !network_namespace(hosts_.at(host)))
@@ -169,15 +154,14 @@ std::vector<Machines::LinkEnd> Machines::ends_of_links(const Together& runs) con
     const auto& host = hosts_.at(run.component);
     if (const auto& all = sharing.at(interface_of(host)); all.front().component == run.component)
       ends.push_back({run.component, name_of(run.component), host.interface, run.faults, run.cut,
-                      run.component, traffic_ports_of(all), all_by_ip(all), has_traffic(all)});
+                      run.component, ports_of(all), all_by_ip(all)});
     if (!host.port.empty())
       ends.push_back({controller, name_at_controller(run.component), host.port, run.faults.without_marks(),
                       run.cut, run.component});
   }
   const auto& common = runs.front();
-  LinkEnd whole{controller,       controller, hosts_.controller.interface, common.faults,
-                common.cut,       "",         traffic_ports_of(runs),      all_by_ip(runs),
-                has_traffic(runs)};
+  LinkEnd whole{controller,     controller,     hosts_.controller.interface, common.faults, common.cut, "",
+                ports_of(runs), all_by_ip(runs)};
   if (has_ports()) {
     whole.faults = common.faults.marks();
     whole.cut = {};
@@ -328,7 +312,7 @@ void Machines::account_of(const json& links, const json& traffic, Account& accou
     account.links[component] = {{controller, at_controller},
                                 {"component", links.value(name_of(first->name), json::object())}};
     for (const auto& end : links_)
-      if (end.has_traffic && (end.component.empty() || end.component == first->name))
+      if (!end.traffic_ports.empty() && (end.component.empty() || end.component == first->name))
         account.with_traffic[component].insert(end.component.empty() ? controller : "component");
     account.traffic[component] = {{controller, traffic.value(name_at_controller(component), json::object())},
                                   {"component", traffic.value(name_of(component), json::object())}};

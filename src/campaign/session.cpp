@@ -143,9 +143,8 @@ void Session::await_windows() {
 }
 
 std::chrono::nanoseconds Session::longest_timeout() const {
-  std::chrono::nanoseconds longest{0};
-  for (const auto& run : runs_) longest = std::max(longest, run.task.client.timeout);
-  return longest;
+  const auto timeout_of = [](const Run& run) { return run.task.client.timeout; };
+  return timeout_of(*std::ranges::max_element(runs_, {}, timeout_of));
 }
 
 // As long as a message of ours, theirs may be on its way; then it is lost.

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "campaign/traffic.hpp"
 
+#include <algorithm>
+
 #include <fmt/format.h>
 
 namespace ontime::campaign {
@@ -29,8 +31,8 @@ std::string megabits(const json& bit_s) {
 
 }  // namespace
 
-std::vector<int> ports_of(const Traffic& traffic) {
-  if (traffic.bits_per_s == 0) return {};
+std::vector<int> ports_of(const Together& runs) {
+  if (std::ranges::none_of(runs, [](const Run& run) { return run.traffic.any(); })) return {};
   return {first_port, first_port + 1};
 }
 

@@ -13,7 +13,8 @@ namespace ontime::campaign {
 
 // The ways that were asked for: "to_component", "to_controller".
 std::vector<std::string> ways_of(const Traffic&);
-std::vector<int> ports_of(const Traffic&);  // at the component
+// At the components, of what goes over one interface: the same of all that have any.
+std::vector<int> ports_of(const Together&);
 // As one of the two ends has it: the controller's, or that component's.
 background::Stream stream_of(const Run&, const std::string& way, const std::string& end, const Hosts&);
 

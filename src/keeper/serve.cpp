@@ -29,10 +29,6 @@ using Clock = std::chrono::steady_clock;
 
 constexpr auto patience_with_load = 10s;  // once all else is to be given back
 
-json end_of(const machine::NamespaceEnd& end) {
-  return {{"place", end.prefix}, {"interface", end.interface}, {"address", end.address}, {"port", end.port}};
-}
-
 std::optional<machine::Cable> cable_of(const json& ends) {
   if (ends.is_null()) return {};
   return machine::Cable{ends.at("controller"), ends.at("component")};
@@ -68,7 +64,10 @@ class Keeper final : public orders::Worker {
       auto hosts = json::object();
       for (const auto& end : machine::join_namespaces(journal_, body.at("components"),
                                                       cable_of(body.at("cable")), wire_of(body.at("wire"))))
-        hosts[end.host] = end_of(end);
+        hosts[end.host] = {{"place", end.prefix},
+                           {"interface", end.interface},
+                           {"address", end.address},
+                           {"port", end.port}};
       events_.tell("joined", {{"hosts", hosts}});
     } else if (order == "tune") {
       events_.tell("tuned", tuned_.apply(body));

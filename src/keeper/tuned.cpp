@@ -17,15 +17,6 @@ namespace {
 
 using nlohmann::json;
 
-json to_json(const settings::Change& change, const settings::Link& link) {
-  const auto now = settings::now(change, link);
-  return {{"setting", change.setting->name},
-          {"thing", change.thing.title()},
-          {"before", change.before},
-          {"after", change.after},
-          {"now", now ? json(*now) : json()}};
-}
-
 std::string why_not(const settings::Wishes& wishes, const settings::Link& link) {
   try {
     settings::plan(wishes, link);
@@ -49,7 +40,14 @@ settings::Link link_of(const json& from) {
 
 json to_json(const std::vector<settings::Change>& changes, const settings::Link& link) {
   auto all = json::array();
-  for (const auto& change : changes) all.push_back(to_json(change, link));
+  for (const auto& change : changes) {
+    const auto now = settings::now(change, link);
+    all.push_back({{"setting", change.setting->name},
+                   {"thing", change.thing.title()},
+                   {"before", change.before},
+                   {"after", change.after},
+                   {"now", now ? json(*now) : json()}});
+  }
   return all;
 }
 

@@ -131,18 +131,14 @@ void add_ontime(Image& image) {
       image.add_program(entry.path(), fs::path("/usr") / transports / entry.path().filename());
 }
 
-bool is_wanted(const std::string& module) {
-  return std::any_of(modules.begin(), modules.end(),
-                     [&](std::string_view place) { return module.starts_with(place); });
-}
-
 void add_modules(Image& image, const Kernel& kernel) {
   const auto there = fs::path("/usr/lib/modules") / kernel.release;
   const auto add = [&](const std::string& name) { image.add(kernel.modules / name, there / name); };
   std::ifstream dependencies(kernel.modules / "modules.dep");  // "MODULE: what it needs, all of it"
   for (std::string line; std::getline(dependencies, line);) {
     const auto colon = line.find(':');
-    if (colon == line.npos || !is_wanted(line)) continue;
+    const auto is_there = [&](std::string_view place) { return line.starts_with(place); };
+    if (colon == line.npos || std::ranges::none_of(modules, is_there)) continue;
     add(line.substr(0, colon));
     std::istringstream others(line.substr(colon + 1));
     for (std::string other; others >> other;) add(other);

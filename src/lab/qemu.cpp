@@ -49,16 +49,13 @@ std::string escaped(const fs::path& path) {
 
 void check_memory(const Machine& machine) {
   std::ifstream text("/proc/meminfo");
-  for (std::string word; text >> word;) {
-    std::uint64_t kib = 0;
-    if (word != "MemAvailable:" || !(text >> kib)) continue;
-    if (kib * 1024 < machine.memory_bytes)
+  std::uint64_t kib = 0;
+  for (std::string word; text >> word;)
+    if (word == "MemAvailable:" && text >> kib && kib * 1024 < machine.memory_bytes)
       throw Error(
           fmt::format("the lab's machine is to have {} MiB of memory, and {} MiB are free here: give it less "
                       "(--memory), or end what takes it",
                       machine.memory_bytes >> 20U, kib >> 10U));
-    return;
-  }
 }
 
 bool takes_turns(const std::string& version) {

@@ -49,8 +49,6 @@ void ask(mnl_socket& socket, unsigned interface) {
   mnl_socket_sendto(&socket, header, header->nlmsg_len);
 }
 
-std::int64_t now_ns() { return std::chrono::steady_clock::now().time_since_epoch().count(); }
-
 }  // namespace
 
 class LinkWatch::Listener {
@@ -105,7 +103,7 @@ class LinkWatch::Listener {
   void enter(const State& state) {
     const bool carries = state.is_up && state.has_carrier;
     const std::lock_guard lock(mutex_);
-    const auto at_ns = now_ns();
+    const std::int64_t at_ns = std::chrono::steady_clock::now().time_since_epoch().count();
     const bool goes_on = is_down_ && !downs_.empty() && downs_.back().to_ns == 0;
     const bool is_taken_since = !carries && goes_on && !state.is_up && !downs_.back().taken;
     if (is_taken_since && at_ns - downs_.back().from_ns <= at_once_ns) {

@@ -86,23 +86,22 @@ std::optional<Interface> interface(const std::string& name) {
   return found == all.end() ? std::nullopt : std::make_optional(*found);
 }
 
-// A namespace that goes gives its interfaces back some time after its name is gone.
-Interface awaited(const std::string& name) {
-  const auto limit = std::chrono::steady_clock::now() + time_for_link;
-  for (;; std::this_thread::sleep_for(2ms)) {
-    if (const auto found = interface(name)) return *found;
-    if (std::chrono::steady_clock::now() > limit)
-      throw Error(
-          fmt::format("a cable at {} was asked for, but there is no such interface: see ip link", name));
-  }
+template <class Done>
+void wait_until(Done done, const std::string& why_not) {
+  for (const auto limit = std::chrono::steady_clock::now() + time_for_link; !done();
+       std::this_thread::sleep_for(2ms))
+    if (std::chrono::steady_clock::now() > limit) throw Error(why_not);
 }
 
 void check_end_of_cable(const std::string& name) {
-  const auto found = awaited(name);
+  std::optional<Interface> found;
+  // A namespace that goes gives its interfaces back some time after its name is gone.
+  wait_until([&] { return (found = interface(name)).has_value(); },
+             fmt::format("a cable at {} was asked for, but there is no such interface: see ip link", name));
   if (!std::filesystem::exists("/sys/class/net/" + name + "/device"))
     throw Error(
         fmt::format("a cable at {} was asked for, but that is no hardware, and would not come back", name));
-  if (found.up || !found.address.empty())
+  if (found->up || !found->address.empty())
     throw Error(fmt::format(
         "a cable at {} was asked for, but that interface is up or has an address, and who uses it would lose "
         "it: take one that is down (sudo ip link set {} down; sudo ip address flush dev {})",
@@ -129,14 +128,12 @@ void join(const NamespaceEnd& controller, std::span<const NamespaceEnd> componen
 }
 
 void wait_until_up(const NamespaceEnd& end) {
-  const auto limit = std::chrono::steady_clock::now() + time_for_link;
-  while (ip({"-netns", end.name, "-oneline", "link", "show", end.interface}).find(" state UP ") ==
-         std::string::npos) {
-    if (std::chrono::steady_clock::now() > limit)
-      throw Error(
-          fmt::format("the link between the namespaces does not come up: see ip -netns {} link", end.name));
-    std::this_thread::sleep_for(2ms);
-  }
+  const auto is_up = [&] {
+    const auto said = ip({"-netns", end.name, "-oneline", "link", "show", end.interface});
+    return said.find(" state UP ") != said.npos;
+  };
+  wait_until(is_up, fmt::format("the link between the namespaces does not come up: see ip -netns {} link",
+                                end.name));
 }
 
 }  // namespace
