@@ -2,6 +2,7 @@
 // The link's faults. Loss, duplicates and a cut are nftables', on every kernel alike; delay and what follows
 // from it need netem. What is lost is lost where it comes in: so the interfaces at both ends have counted it,
 // as those of a wire that loses it behind the one and before the other do not.
+#include <algorithm>
 #include <cerrno>
 #include <cmath>
 #include <functional>
@@ -33,8 +34,6 @@ std::string some(double share) {
   return part < parts ? fmt::format("numgen random mod {} < {} ", parts, part) : "";
 }
 
-std::string loss_rule(double share) { return some(share) + "counter name lost drop;"; }
-
 std::string duplicate_chain(const std::string& interface, double share) {
   return fmt::format(
       "counter duplicated {{ }}\n"
@@ -51,7 +50,7 @@ std::string faults_table(const std::string& table, const std::string& interface,
       "counter cut_off {{ }}\ncounter lost {{ }}\n"
       "chain coming {{ type filter hook ingress device \"{}\" priority {};\n"
       "iif @cut counter name cut_off drop;\n{} }}\n",
-      table, interface, before_all, faults.loss > 0 ? loss_rule(faults.loss) : "");
+      table, interface, before_all, faults.loss > 0 ? some(faults.loss) + "counter name lost drop;" : "");
   if (faults.duplicates > 0) text += duplicate_chain(interface, faults.duplicates) + "\n";
   return text + "}\n";
 }

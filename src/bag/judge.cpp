@@ -3,7 +3,6 @@
 
 #include <algorithm>
 #include <cstdlib>
-#include <utility>
 
 #include <fmt/format.h>
 
@@ -45,7 +44,9 @@ void Judge::add(const Message& message) {
   auto* const stream = stream_of(*message.topic);
   if (stream == nullptr || is_again(*stream, message)) return;
   if (stream->messages == 0) stream->first_ns = message.recorded_ns;
-  judge(*stream, message);
+  const bool came_late = stream->messages > 0 && judge_period(*stream, message);
+  const bool was_old = judge_age(*stream, message);
+  stream->late += came_late || was_old ? 1 : 0;
   ++stream->messages;
   stream->last_ns = message.recorded_ns;
 }
@@ -82,12 +83,6 @@ bool Judge::is_again(Stream& stream, const Message& message) {
   if (fate == Fate::too_old) stream.rows.restart();
   if (fate != Fate::in_order) ++stream.reordered;
   return false;
-}
-
-void Judge::judge(Stream& stream, const Message& message) {
-  const bool came_late = stream.messages > 0 && judge_period(stream, message);
-  const bool was_old = judge_age(stream, message);
-  stream.late += came_late || was_old ? 1 : 0;
 }
 
 bool Judge::judge_period(Stream& stream, const Message& message) {

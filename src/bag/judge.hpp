@@ -54,7 +54,6 @@ class Judge {
   };
   Stream* stream_of(const Topic&);
   static bool is_again(Stream&, const Message&);
-  void judge(Stream&, const Message&);
   void keep_age(Stream&, const Message&, std::int64_t age_ns, bool is_late);
   bool judge_period(Stream&, const Message&);  // whether it was late, as the next
   bool judge_age(Stream&, const Message&);

@@ -2,7 +2,6 @@
 #include "campaign/campaign.hpp"
 
 #include <algorithm>
-#include <map>
 
 #include <fmt/format.h>
 

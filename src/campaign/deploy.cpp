@@ -142,11 +142,6 @@ std::vector<Part> files(const Installation& from, const std::set<std::string>& t
   return all;
 }
 
-std::vector<std::string> words_of(const std::string& text) {
-  std::istringstream words(text);
-  return {std::istream_iterator<std::string>(words), {}};
-}
-
 std::string reason_of_bringing(int code, const std::string& said) {
   if (code == not_executable)
     return "no folder there may hold programs: the temporary folder, /var/tmp, the runtime folder and the "
@@ -159,7 +154,8 @@ std::string reason_of_bringing(int code, const std::string& said) {
         "{} here (scripts/setup arm64 builds one for aarch64)",
         said, here().machine, said, (others() / said).string());
   if (code != libraries_missing) return "";
-  const auto libraries = words_of(said);
+  std::istringstream words(said);
+  const std::vector<std::string> libraries(std::istream_iterator<std::string>(words), {});
   const auto packages = packages_of(libraries);
   return fmt::format(
       "libraries are missing there that ontime needs: {}{}", fmt::join(libraries, ", "),

@@ -3,8 +3,6 @@
 
 #include <algorithm>
 #include <exception>
-#include <functional>
-#include <map>
 #include <string>
 #include <tuple>
 #include <utility>

@@ -3,11 +3,11 @@
 #include <iterator>
 #include <map>
 #include <memory>
-#include <thread>
 #include <utility>
 
 #include <fmt/format.h>
 
+#include "background/child.hpp"
 #include "journal/journal.hpp"
 #include "keeper/flows.hpp"
 #include "keeper/isolated.hpp"
@@ -25,7 +25,6 @@ namespace {
 
 using namespace std::chrono_literals;
 using nlohmann::json;
-using Clock = std::chrono::steady_clock;
 
 constexpr auto patience_with_load = 10s;  // once all else is to be given back
 
@@ -169,15 +168,11 @@ class Keeper final : public orders::Worker {
     std::vector<std::string> notes;
     for (auto& [host, load] : std::exchange(loads_, {})) {
       if (!load.running) continue;
-      const auto name = load.running->name();
-      const auto end = Clock::now() + patience_with_load;
-      bool ended = load.running->end();
-      for (; !ended && Clock::now() < end; ended = load.running->end()) std::this_thread::sleep_for(20ms);
-      if (!ended)
+      if (!background::wait_until([&its = load] { return its.running->end(); }, patience_with_load))
         notes.push_back(fmt::format(
             "{} does not end: it waits for the kernel, as in a sync of a slow disk. It was killed, and ends "
             "when the kernel lets it go",
-            name));
+            load.running->name()));
     }
     return notes;
   }

@@ -4,9 +4,7 @@
 #include <array>
 #include <cerrno>
 #include <csignal>
-#include <functional>
 #include <memory>
-#include <optional>
 #include <sstream>
 #include <string_view>
 #include <system_error>

@@ -9,7 +9,6 @@
 #include <vector>
 
 #include <sys/timex.h>
-#include <time.h>
 #include <unistd.h>
 
 #include "machine/machine.hpp"

@@ -132,4 +132,6 @@ json describe() {
   return json::parse(description.dump(-1, ' ', false, json::error_handler_t::replace));
 }
 
+std::vector<std::string> shared_memory() { return parse_segments(text_of("/proc/self/maps").value_or("")); }
+
 }  // namespace ontime::machine

@@ -5,7 +5,6 @@
 #include <charconv>
 #include <fstream>
 #include <numeric>
-#include <set>
 #include <sstream>
 
 namespace ontime::machine {
