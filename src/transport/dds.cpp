@@ -8,22 +8,20 @@
 #include <fstream>
 #include <system_error>
 
-#include <arpa/inet.h>
 #include <sys/auxv.h>
 
 #include "message/message.hpp"
 #include "transport/clock.hpp"
-#include "transport/ipv4.hpp"
 #include "transport/link.hpp"
+#include "transport/sockets.hpp"
 
 namespace ontime::transport::dds {
 namespace {
 
 void check_options(const Config& config, const std::string& transport, std::span<const Option> options) {
-  for (const auto& asked : config.options) {
-    const auto is_asked = [&](const Option& option) { return asked.first == option.name; };
-    if (std::any_of(options.begin(), options.end(), is_asked)) continue;
-    std::string text = transport + " has no option \"" + asked.first + "\"; it has:";
+  for (const auto& [name, value] : config.options) {
+    if (std::ranges::find(options, name, &Option::name) != options.end()) continue;
+    std::string text = transport + " has no option \"" + name + "\"; it has:";
     for (const Option& option : options)
       text.append(" ").append(option.name).append(" = ").append(option.values);
     throw WrongInput(text);
@@ -60,6 +58,8 @@ void check_topics(const Config& config, const std::string& transport) {
                      "; each end would read what it writes");
 }
 
+bool has_two_values(Policy policy) { return policy == Policy::reliability || policy == Policy::durability; }
+
 const char* policy_value(const Qos& qos, Policy policy) {
   if (policy == Policy::reliability)
     return qos.reliability == Reliability::reliable ? "reliable" : "best-effort";
@@ -69,12 +69,6 @@ const char* policy_value(const Qos& qos, Policy policy) {
 }  // namespace
 
 bool is_loopback(const std::string& address) { return address.starts_with("127."); }
-
-std::string text_of(const sockaddr_in& address) {
-  char text[INET_ADDRSTRLEN] = {};
-  inet_ntop(AF_INET, &address.sin_addr, text, sizeof text);
-  return text;
-}
 
 bool follows_environment() { return getauxval(AT_SECURE) == 0; }
 
@@ -165,8 +159,8 @@ Peer resolve(const std::string& peer, const std::string& transport) {
     if (error != std::errc{} || stop != end || result.port == 0)
       throw WrongInput(transport + ": the peer " + peer + " has no valid port; write HOST or HOST:PORT");
   }
-  sockaddr_in found{};
-  if (const int error = look_up(result.address, found.sin_addr); error != 0)
+  in_addr found{};
+  if (const int error = look_up(result.address, found); error != 0)
     throw Error(transport + ": cannot find the peer " + peer + ": " + gai_strerror(error));
   result.address = text_of(found);
   return result;
@@ -174,13 +168,13 @@ Peer resolve(const std::string& peer, const std::string& transport) {
 
 std::string refused_writer(const Config& config, Policy policy) {
   const std::string who = "a writer of " + topic_read(config);
-  if (policy == Policy::other) return who + " offers a quality of service that we do not accept";
+  if (!has_two_values(policy)) return who + " offers a quality of service that we do not accept";
   return who + " offers " + policy_value(Qos{}, policy) + ", we ask for " + policy_value(config.qos, policy);
 }
 
 std::string refused_reader(const Config& config, Policy policy) {
   const std::string who = "a reader of " + topic_written(config);
-  if (policy == Policy::other) return who + " asks for a quality of service that we do not offer";
+  if (!has_two_values(policy)) return who + " asks for a quality of service that we do not offer";
   const Qos most{.reliability = Reliability::reliable, .durability = Durability::transient_local};
   return who + " asks for " + policy_value(most, policy) + ", we offer " + policy_value(config.qos, policy);
 }

@@ -10,7 +10,6 @@
 #include <string>
 #include <vector>
 
-#include <netinet/in.h>
 #include <sys/types.h>
 
 #include "transport/transport.hpp"
@@ -28,7 +27,6 @@ inline constexpr int ports_per_domain = 250;
 inline constexpr const char* multicast_group = "239.255.0.1";
 
 bool is_loopback(const std::string& address);
-std::string text_of(const sockaddr_in& address);
 
 // Not where this program has file capabilities: its caller would choose what it reads and loads.
 bool follows_environment();
@@ -97,9 +95,9 @@ struct Peer {
 // Of HOST[:PORT]. Throws WrongInput if that is no port, and Error if there is no such host.
 Peer resolve(const std::string& peer, const std::string& transport);
 
-// DDS says only for which policy it refused a match. A reader may not ask for more than a writer offers, so
-// what the other end has follows for the policies of two values.
-enum class Policy { reliability, durability, other };
+// DDS says only for which policy it refused a match, by the number that the standard gives it. A reader may
+// not ask for more than a writer offers, so what the other end has follows for the policies of two values.
+enum class Policy : std::uint32_t { other = 0, durability = 2, reliability = 11 };
 std::string refused_writer(const Config& config, Policy policy);
 std::string refused_reader(const Config& config, Policy policy);
 std::string other_type(const std::string& topic, const std::string& type);

@@ -2,52 +2,32 @@
 #include "transport/frames.hpp"
 
 #include <algorithm>
-#include <cerrno>
 #include <memory>
 #include <optional>
-#include <system_error>
 
-#include <arpa/inet.h>
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 #include <ifaddrs.h>
-#include <linux/close_range.h>
-#include <net/if.h>
 #include <net/if_arp.h>
 #include <poll.h>
 #include <sys/eventfd.h>
 #include <sys/ioctl.h>
 #include <sys/socket.h>
-#include <sys/utsname.h>
-
-#include "transport/await_running.hpp"
-#include "transport/ipv4.hpp"
 
 namespace ontime::transport::frames {
 namespace {
 
 // What the kernel says of an interface, by a socket of any kind.
-class Asked {
- public:
-  explicit Asked(const std::string& name) : fd_(socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC, 0)) {
-    name.copy(request_.ifr_name, sizeof request_.ifr_name - 1);
-  }
-  ~Asked() { close(fd_); }
-  Asked(const Asked&) = delete;
-  Asked& operator=(const Asked&) = delete;
-
-  const ifreq* operator()(unsigned long what) {
-    return fd_ >= 0 && ioctl(fd_, what, &request_) == 0 ? &request_ : nullptr;
-  }
-
- private:
-  const int fd_;
-  ifreq request_{};
-};
+std::optional<ifreq> asked(const std::string& name, unsigned long what) {
+  const Descriptor any(socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC, 0));
+  ifreq request{};
+  name.copy(request.ifr_name, sizeof request.ifr_name - 1);
+  if (any < 0 || ioctl(any, what, &request) != 0) return {};
+  return request;
+}
 
 std::optional<unsigned> flags_of(const std::string& name) {
-  Asked asked(name);
-  if (const auto* const found = asked(SIOCGIFFLAGS)) return static_cast<unsigned short>(found->ifr_flags);
+  if (const auto found = asked(name, SIOCGIFFLAGS)) return static_cast<unsigned short>(found->ifr_flags);
   return {};
 }
 
@@ -94,19 +74,10 @@ Link link_of(const Config& config, const std::string& who, std::size_t most_byte
                                  who, config.ping_topic));
   if (config.interface.size() >= IFNAMSIZ)
     throw WrongInput(fmt::format("{}: '{}' is too long for an interface", who, config.interface));
-  switch (await_running([&] { return flags_of(config.interface); })) {
-    case LinkState::absent:
-      throw Error(fmt::format("{}: this host has no interface {}; see \"ip link\"", who, config.interface));
-    case LinkState::down:
-      throw Error(fmt::format("{}: the interface {} is down or has no carrier; see \"ip link\"", who,
-                              config.interface));
-    case LinkState::running:
-      break;
-  }
+  await_running([&] { return flags_of(config.interface); }, who, config.interface, "; see \"ip link\"");
   Link link{.name = config.interface, .addresses = addresses_of(config.interface)};
-  Asked asked(config.interface);
-  if (const auto* const found = asked(SIOCGIFINDEX)) link.index = found->ifr_ifindex;
-  if (const auto* const found = asked(SIOCGIFHWADDR)) {
+  if (const auto found = asked(config.interface, SIOCGIFINDEX)) link.index = found->ifr_ifindex;
+  if (const auto found = asked(config.interface, SIOCGIFHWADDR)) {
     const auto kind = found->ifr_hwaddr.sa_family;
     link.loopback = kind == ARPHRD_LOOPBACK;
     if (kind != ARPHRD_ETHER && !link.loopback)
@@ -116,8 +87,8 @@ Link link_of(const Config& config, const std::string& who, std::size_t most_byte
                       who, config.interface, kind));
     std::memcpy(link.mac.data(), found->ifr_hwaddr.sa_data, link.mac.size());
   }
-  const auto* const mtu = asked(SIOCGIFMTU);
-  if (link.index == 0 || mtu == nullptr)
+  const auto mtu = asked(config.interface, SIOCGIFMTU);
+  if (link.index == 0 || !mtu)
     throw Error(fmt::format("{}: the interface {} went away", who, config.interface));
   link.frame_bytes = frame_bytes_of(config, who, most_bytes, static_cast<std::size_t>(mtu->ifr_mtu));
   return link;
@@ -150,23 +121,8 @@ bool busy_polls(const Config& config, const std::string& who) {
 
 std::string text_of(const Mac& mac) { return fmt::format("{:02x}", fmt::join(mac, ":")); }
 
-std::string kernel_version() {
-  utsname name{};
-  uname(&name);
-  return std::string("Linux ") + name.release;
-}
-
-bool keep_alone(int one, int other) noexcept {
-  const auto low = static_cast<unsigned>(std::min(one, other));
-  const auto high = static_cast<unsigned>(std::max(one, other));
-  if (close_range(high + 1, ~0U, CLOSE_RANGE_UNSHARE) != 0) return false;
-  if (low > 0) close_range(0, low - 1, 0);
-  if (high > low + 1) close_range(low + 1, high - 1, 0);
-  return true;
-}
-
 Alarm::Alarm() : fd_(eventfd(0, EFD_CLOEXEC | EFD_NONBLOCK)) {
-  if (fd_ < 0) throw Error("no eventfd: " + std::generic_category().message(errno));
+  if (fd_ < 0) throw Error("no eventfd: " + errno_text());
 }
 
 void Alarm::ring() noexcept {

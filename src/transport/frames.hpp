@@ -9,11 +9,11 @@
 // No sender gets more bytes back than it sent.
 #pragma once
 
+#include <algorithm>
 #include <array>
 #include <atomic>
 #include <cstring>
 #include <string>
-#include <system_error>
 #include <thread>
 #include <vector>
 
@@ -23,6 +23,7 @@
 
 #include "message/message.hpp"
 #include "transport/clock.hpp"
+#include "transport/sockets.hpp"
 #include "transport/transport.hpp"
 
 namespace ontime::transport::frames {
@@ -64,22 +65,17 @@ std::uint64_t topic_written(const Config& config);
 std::uint64_t topic_read(const Config& config);
 // The IPv4 address of the pong that the client looks for; 0: any. Throws Error if there is no such host.
 in_addr_t wanted(const Config& config, const std::string& who);
-// Of the option busy-poll. Throws WrongInput for another word than on and off.
+inline constexpr Option busy_poll{
+    "busy-poll",
+    "on|off: whether the thread that receives looks for frames without sleeping; it takes a CPU for itself"};
+// Throws WrongInput for another word than on and off.
 bool busy_polls(const Config& config, const std::string& who);
 std::string text_of(const Mac& mac);
-std::string kernel_version();
-
-// Gives this thread a table of file descriptors of its own with nothing but these two in it: a table that
-// threads share costs two atomic operations a call. False if the kernel does not.
-bool keep_alone(int one, int other) noexcept;
 
 // By which another thread ends a wait.
 class Alarm {
  public:
   Alarm();  // throws Error
-  ~Alarm() { close(fd_); }
-  Alarm(const Alarm&) = delete;
-  Alarm& operator=(const Alarm&) = delete;
 
   int fd() const noexcept { return fd_; }
   bool rung() const noexcept { return rung_.load(std::memory_order_relaxed); }
@@ -88,7 +84,7 @@ class Alarm {
   int wait(int fd) const noexcept;
 
  private:
-  const int fd_;
+  const Descriptor fd_;
   std::atomic<bool> rung_{false};
 };
 
@@ -217,8 +213,7 @@ class End final : public Endpoint {
     if (header.kind == Kind::call && rest.size() >= sizeof(in_addr_t)) {
       in_addr_t asked = 0;
       std::memcpy(&asked, rest.data(), sizeof asked);
-      bool ours = asked == 0;
-      for (const in_addr_t address : link_.addresses) ours = ours || address == asked;
+      const bool ours = asked == 0 || std::ranges::find(link_.addresses, asked) != link_.addresses.end();
       if (ours) put(Kind::answer, header.from, launch_ns(), [](auto) { return std::size_t{0}; });
     } else if (header.kind == Kind::message) {
       const auto view = message::decode(rest);

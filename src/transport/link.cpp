@@ -1,25 +1,19 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "transport/link.hpp"
 
-#include <algorithm>
-#include <cerrno>
 #include <filesystem>
 #include <fstream>
 #include <memory>
 #include <optional>
 #include <set>
 #include <sstream>
-#include <system_error>
 
-#include <arpa/inet.h>
 #include <ifaddrs.h>
-#include <net/if.h>
-#include <netinet/in.h>
 #include <sys/socket.h>
 #include <sys/stat.h>
 
-#include "transport/await_running.hpp"
 #include "transport/dds.hpp"
+#include "transport/sockets.hpp"
 
 namespace ontime::transport::dds {
 namespace {
@@ -30,7 +24,7 @@ std::optional<unsigned> flags_of(const std::string& interface, const std::string
   const std::unique_ptr<ifaddrs, decltype(&freeifaddrs)> owner(list, freeifaddrs);
   for (const ifaddrs* entry = list; entry != nullptr; entry = entry->ifa_next)
     if (entry->ifa_name == interface && entry->ifa_addr != nullptr && entry->ifa_addr->sa_family == AF_INET &&
-        text_of(*reinterpret_cast<const sockaddr_in*>(entry->ifa_addr)) == address)
+        text_of(reinterpret_cast<const sockaddr_in*>(entry->ifa_addr)->sin_addr) == address)
       return entry->ifa_flags;
   return {};
 }
@@ -81,16 +75,8 @@ bool others_listen(int domain) {
 
 // Fast DDS stays mute on a link that does not run.
 void check_link(const Config& config, const std::string& transport) {
-  const std::string& interface = config.interface;
-  switch (await_running([&] { return flags_of(interface, config.address); })) {
-    case LinkState::absent:
-      throw Error(transport + ": this host has no interface " + interface + " with address " +
-                  config.address + "; see \"ip address\"");
-    case LinkState::down:
-      throw Error(transport + ": the interface " + interface + " is down or has no carrier; see \"ip link\"");
-    case LinkState::running:
-      break;
-  }
+  await_running([&] { return flags_of(config.interface, config.address); }, transport, config.interface,
+                " with address " + config.address + "; see \"ip address\"");
 }
 
 Sockets sockets() {
@@ -115,7 +101,7 @@ void keep_to_link(const Sockets& before, const Config& config, const std::string
     if (setsockopt(descriptor, SOL_SOCKET, SO_BINDTODEVICE, config.interface.c_str(),
                    static_cast<socklen_t>(config.interface.size())) != 0)
       throw Error(transport + ": cannot bind a socket to the interface " + config.interface + ": " +
-                  std::system_category().message(errno) +
+                  errno_text() +
                   "; Linux before 5.7 wants CAP_NET_RAW for that. Name no interface, or permit it");
   }
 }

@@ -147,12 +147,6 @@ void await_names(const std::vector<dds::Task>& before) {
   }
 }
 
-dds::Policy policy_of(std::uint32_t id) {
-  if (id == DDS_RELIABILITY_QOS_POLICY_ID) return dds::Policy::reliability;
-  if (id == DDS_DURABILITY_QOS_POLICY_ID) return dds::Policy::durability;
-  return dds::Policy::other;
-}
-
 class CycloneEndpoint final : public Endpoint {
  public:
   CycloneEndpoint(const Config& config, Sink& sink);
@@ -377,10 +371,10 @@ std::string CycloneEndpoint::endpoints_of_other_type() {
 std::string CycloneEndpoint::seen() {
   dds_requested_incompatible_qos_status_t requested{};
   dds_get_requested_incompatible_qos_status(reader_, &requested);
-  if (requested.total_count > 0) return dds::refused_writer(config_, policy_of(requested.last_policy_id));
+  if (requested.total_count > 0) return dds::refused_writer(config_, dds::Policy{requested.last_policy_id});
   dds_offered_incompatible_qos_status_t offered{};
   dds_get_offered_incompatible_qos_status(writer_, &offered);
-  if (offered.total_count > 0) return dds::refused_reader(config_, policy_of(offered.last_policy_id));
+  if (offered.total_count > 0) return dds::refused_reader(config_, dds::Policy{offered.last_policy_id});
   if (std::string found = endpoints_of_other_type(); !found.empty()) return found;
   return dds::others_without_our_topics(config_, other_participants(), matched());
 }

@@ -3,7 +3,6 @@
 // with us; what goes out takes the link's queueing discipline, as all that the kernel sends.
 #include <bit>
 #include <cerrno>
-#include <system_error>
 
 #include <fmt/format.h>
 #include <linux/filter.h>
@@ -20,8 +19,6 @@ namespace {
 
 constexpr const char* who = "ethernet";
 
-std::string errno_text() { return std::generic_category().message(errno); }
-
 class PacketSocket {
  public:
   PacketSocket() : fd_(socket(AF_PACKET, SOCK_RAW | SOCK_CLOEXEC, 0)) {
@@ -33,9 +30,6 @@ class PacketSocket {
           "--ambient-caps=+net_raw ontime ...");
     throw Error("ethernet: no raw socket (AF_PACKET): " + errno_text());
   }
-  ~PacketSocket() { close(fd_); }
-  PacketSocket(const PacketSocket&) = delete;
-  PacketSocket& operator=(const PacketSocket&) = delete;
   int fd() const noexcept { return fd_; }
 
   template <typename Value>
@@ -45,7 +39,7 @@ class PacketSocket {
   }
 
  private:
-  int fd_;
+  const Descriptor fd_;
 };
 
 // What the kernel writes and we read, slot by slot; each belongs to one of the two.
@@ -95,21 +89,23 @@ class Ring {
 
 // The kernel drops what is not of our topic: no other frame wakes us.
 void take_only(const PacketSocket& socket, std::uint64_t topic) {
-  constexpr auto at = [](auto member) { return static_cast<std::uint32_t>(member); };
   std::array<std::uint32_t, 2> words{};
   std::memcpy(words.data(), &topic, sizeof topic);
-  const auto load = [](std::uint32_t offset) {
-    return sock_filter(BPF_STMT(BPF_LD | BPF_W | BPF_ABS, offset));
+  const auto load = [](std::size_t offset) {
+    return sock_filter(BPF_STMT(BPF_LD | BPF_W | BPF_ABS, static_cast<std::uint32_t>(offset)));
   };
   const auto unless = [](std::uint32_t word, std::uint8_t to_end) {
     return sock_filter(BPF_JUMP(BPF_JMP | BPF_JEQ | BPF_K, ntohl(word), 0, to_end));
   };
   using frames::Header;
-  std::array<sock_filter, 8> code{
-      load(at(offsetof(Header, magic))),           unless(frames::magic, 5),
-      load(at(offsetof(Header, topic))),           unless(words[0], 3),
-      load(at(offsetof(Header, topic) + 4)),       unless(words[1], 1),
-      sock_filter(BPF_STMT(BPF_RET | BPF_K, ~0U)), sock_filter(BPF_STMT(BPF_RET | BPF_K, 0))};
+  std::array<sock_filter, 8> code{load(offsetof(Header, magic)),
+                                  unless(frames::magic, 5),
+                                  load(offsetof(Header, topic)),
+                                  unless(words[0], 3),
+                                  load(offsetof(Header, topic) + 4),
+                                  unless(words[1], 1),
+                                  sock_filter(BPF_STMT(BPF_RET | BPF_K, ~0U)),
+                                  sock_filter(BPF_STMT(BPF_RET | BPF_K, 0))};
   socket.set(SOL_SOCKET, SO_ATTACH_FILTER, sock_fprog{code.size(), code.data()}, "no filter of frames");
 }
 
@@ -171,10 +167,7 @@ class Packets {
   std::uint64_t dropped_ = 0;
 };
 
-constexpr std::array<Option, 1> options{
-    {{"busy-poll",
-      "on|off: whether the thread that receives looks for frames without sleeping; it takes a "
-      "CPU for itself"}}};
+constexpr Option options[] = {frames::busy_poll};
 
 std::unique_ptr<Endpoint> open(const Config& config, Sink& sink) {
   constexpr std::size_t any_frame = ~std::size_t{0};
@@ -187,7 +180,7 @@ std::unique_ptr<Endpoint> open(const Config& config, Sink& sink) {
 extern "C" __attribute__((visibility("default"))) const ontime::transport::Plugin ontime_transport{
     ontime::transport::abi,
     "ethernet",
-    ontime::transport::frames::kernel_version,
+    ontime::transport::kernel_version,
     ontime::transport::shipped("ethernet")->carrying(ontime::transport::frames::max_payload_bytes),
     ontime::transport::options,
     ontime::transport::open};

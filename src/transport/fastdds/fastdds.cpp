@@ -2,10 +2,8 @@
 // Fast DDS 2.9, by its DDS API, over UDPv4 alone: shared memory and shortcuts within a process would bypass
 // the link.
 #include <algorithm>
-#include <cerrno>
 #include <mutex>
 #include <set>
-#include <system_error>
 
 #include <fastdds/dds/core/condition/GuardCondition.hpp>
 #include <fastdds/dds/core/condition/WaitSet.hpp>
@@ -34,6 +32,7 @@
 #include "transport/fastdds/threads.hpp"
 #include "transport/link.hpp"
 #include "transport/shipped.hpp"
+#include "transport/sockets.hpp"
 #include "transport/transport.hpp"
 
 namespace ontime::transport::fastdds {
@@ -71,27 +70,15 @@ vendor::DomainParticipantQos participant_qos(const Profiles& profiles, Log& log)
 }
 
 // A file that is nowhere but in this process, for a middleware that reads nothing else.
-class MemoryFile {
- public:
-  explicit MemoryFile(const std::string& text) : fd_(memfd_create("ontime", MFD_CLOEXEC)) {
-    if (fd_ >= 0 && write(fd_, text.data(), text.size()) == static_cast<ssize_t>(text.size())) return;
-    const int error = errno;
-    if (fd_ >= 0) close(fd_);
-    throw Error("fastdds: no file in memory: " + std::system_category().message(error));
-  }
-  ~MemoryFile() { close(fd_); }
-  MemoryFile(const MemoryFile&) = delete;
-  MemoryFile& operator=(const MemoryFile&) = delete;
-
-  std::string uri() const { return "file:///proc/self/fd/" + std::to_string(fd_); }
-
- private:
-  const int fd_;
-};
+Descriptor memory_file(const std::string& text) {
+  Descriptor file(memfd_create("ontime", MFD_CLOEXEC));
+  if (file < 0 || write(file, text.data(), text.size()) != static_cast<ssize_t>(text.size()))
+    throw Error("fastdds: no file in memory: " + errno_text());
+  return file;
+}
 
 // It reads them while the participant is created.
-std::vector<std::unique_ptr<MemoryFile>> demand_security(vendor::DomainParticipantQos& qos,
-                                                         const Security& security) {
+std::vector<Descriptor> demand_security(vendor::DomainParticipantQos& qos, const Security& security) {
   // The first of a name counts: those of the user's own profile would.
   const auto is_security = [](const auto& property) { return property.name().starts_with("dds.sec."); };
   auto& properties = qos.properties().properties();
@@ -100,10 +87,10 @@ std::vector<std::unique_ptr<MemoryFile>> demand_security(vendor::DomainParticipa
   properties.emplace_back("dds.sec.auth.plugin", "builtin.PKI-DH");
   properties.emplace_back("dds.sec.access.plugin", "builtin.Access-Permissions");
   properties.emplace_back("dds.sec.crypto.plugin", "builtin.AES-GCM-GMAC");
-  std::vector<std::unique_ptr<MemoryFile>> files;
+  std::vector<Descriptor> files;
   const auto give = [&](const char* what, const std::string& text) {
-    files.push_back(std::make_unique<MemoryFile>(text));
-    properties.emplace_back(what, files.back()->uri());
+    files.push_back(memory_file(text));
+    properties.emplace_back(what, "file:///proc/self/fd/" + std::to_string(files.back()));
   };
   give("dds.sec.auth.builtin.PKI-DH.identity_ca", security.identity_ca);
   give("dds.sec.auth.builtin.PKI-DH.identity_certificate", security.identity_certificate);
@@ -133,12 +120,6 @@ void set_qos(EndpointQos& to, const Qos& qos, std::size_t cdr_bytes, rtps::Memor
   limits.allocated_samples =
       static_cast<int>(std::clamp<std::size_t>(preallocated_bytes / cdr_bytes, 8, 100));
   to.data_sharing().off();
-}
-
-dds::Policy policy_of(vendor::QosPolicyId_t id) {
-  if (id == vendor::RELIABILITY_QOS_POLICY_ID) return dds::Policy::reliability;
-  if (id == vendor::DURABILITY_QOS_POLICY_ID) return dds::Policy::durability;
-  return dds::Policy::other;
 }
 
 // Keeps what was discovered of others, for people.
@@ -189,10 +170,6 @@ dds::Gaps::Writer writer_of(const vendor::SampleInfo& info) {
   return writer;
 }
 
-std::int64_t number_of(const vendor::SampleInfo& info) {
-  return static_cast<std::int64_t>(info.sample_identity.sequence_number().to64long());
-}
-
 // Of all endpoints that share it.
 struct SharedParticipant {
   explicit SharedParticipant(const Config& config) : discovered(config) {}
@@ -211,8 +188,8 @@ struct SharedParticipant {
 
 class FastEndpoint final : public Endpoint, vendor::DataReaderListener, vendor::DataWriterListener {
  public:
-  FastEndpoint(const Config& config, Sink& sink);
-  FastEndpoint(const Config& config, Sink& sink, const FastEndpoint& first);  // in its participant
+  // In the participant of `first`; nullptr: in one of its own.
+  FastEndpoint(const Config& config, Sink& sink, const FastEndpoint* first);
   ~FastEndpoint() override;
 
   std::unique_ptr<Endpoint> beside(const Config& config, Sink& sink, Where where) override;
@@ -264,28 +241,18 @@ FastEndpoint::FastEndpoint(const Config& config, Sink& sink, std::shared_ptr<Sha
       room_(message::cdr_overhead + config.max_payload_bytes + 3),  // DDS pads to a multiple of four
       participant_(std::move(participant)) {}
 
-FastEndpoint::FastEndpoint(const Config& config, Sink& sink)
-    : FastEndpoint(config, sink, std::make_shared<SharedParticipant>(config)) {
+FastEndpoint::FastEndpoint(const Config& config, Sink& sink, const FastEndpoint* first)
+    : FastEndpoint(config, sink,
+                   first == nullptr ? std::make_shared<SharedParticipant>(config) : first->participant_) {
+  if (first != nullptr) profiles_ = first->profiles_;
   const auto before = dds::tasks();
   const auto sockets_before = dds::sockets();
   {
     Log log;
-    open_participant(log);
-    open_topics_and_ends(log, rtps::PREALLOCATED_MEMORY_MODE);
-  }
-  dds::keep_to_link(sockets_before, config, "fastdds");
-  for (const auto& task : dds::started_since(before)) threads_.push_back(task.tid);
-}
-
-FastEndpoint::FastEndpoint(const Config& config, Sink& sink, const FastEndpoint& first)
-    : FastEndpoint(config, sink, first.participant_) {
-  profiles_ = first.profiles_;
-  const auto before = dds::tasks();
-  const auto sockets_before = dds::sockets();
-  {
-    Log log;
+    if (first == nullptr) open_participant(log);
     // A participant knows our type once, with the size that its first endpoint has.
-    open_topics_and_ends(log, rtps::PREALLOCATED_WITH_REALLOC_MEMORY_MODE);
+    open_topics_and_ends(
+        log, first == nullptr ? rtps::PREALLOCATED_MEMORY_MODE : rtps::PREALLOCATED_WITH_REALLOC_MEMORY_MODE);
   }
   dds::keep_to_link(sockets_before, config, "fastdds");
   for (const auto& task : dds::started_since(before)) threads_.push_back(task.tid);
@@ -303,15 +270,14 @@ FastEndpoint::~FastEndpoint() {
 
 std::unique_ptr<Endpoint> FastEndpoint::beside(const Config& config, Sink& sink, Where where) {
   dds::check(config, "fastdds", options);
-  if (where == Where::same_process) return std::make_unique<FastEndpoint>(config, sink);
-  return std::make_unique<FastEndpoint>(config, sink, *this);
+  return std::make_unique<FastEndpoint>(config, sink, where == Where::same_process ? nullptr : this);
 }
 
 void FastEndpoint::open_participant(Log& log) {
   profiles_ = profiles(config_, "fastdds");
   const OnlyFile none("");
   auto qos = participant_qos(profiles_, log);
-  std::vector<std::unique_ptr<MemoryFile>> files;
+  std::vector<Descriptor> files;
   if (config_.security) files = demand_security(qos, *config_.security);
   std::string where = "domain " + std::to_string(config_.domain);
   if (!config_.interface.empty()) where += " on " + config_.interface + " (" + config_.address + ")";
@@ -364,7 +330,7 @@ void FastEndpoint::take_all(vendor::DataReader& reader) noexcept {
   while (reader.take_next_sample(&sample, &info) == ReturnCode_t::RETCODE_OK) {
     const std::int64_t arrival_ns = now_ns();
     if (!info.valid_data) continue;
-    gaps_.note(writer_of(info), number_of(info));
+    gaps_.note(writer_of(info), static_cast<std::int64_t>(info.sample_identity.sequence_number().to64long()));
     if (const auto view = message::decode(sample.cdr))
       sink_.arrived(view->sequence, view->payload, arrival_ns);
   }
@@ -391,10 +357,10 @@ Losses FastEndpoint::losses() {
 std::string FastEndpoint::seen() {
   vendor::RequestedIncompatibleQosStatus requested;
   reader_->get_requested_incompatible_qos_status(requested);
-  if (requested.total_count > 0) return dds::refused_writer(config_, policy_of(requested.last_policy_id));
+  if (requested.total_count > 0) return dds::refused_writer(config_, dds::Policy{requested.last_policy_id});
   vendor::OfferedIncompatibleQosStatus offered;
   writer_->get_offered_incompatible_qos_status(offered);
-  if (offered.total_count > 0) return dds::refused_reader(config_, policy_of(offered.last_policy_id));
+  if (offered.total_count > 0) return dds::refused_reader(config_, dds::Policy{offered.last_policy_id});
   if (std::string found = participant_->discovered.other_type(); !found.empty()) return found;
   return dds::others_without_our_topics(config_, participant_->discovered.participants(), matched());
 }
@@ -407,7 +373,7 @@ std::string version() { return FASTRTPS_VERSION_STR; }
 
 std::unique_ptr<Endpoint> open(const Config& config, Sink& sink) {
   dds::check(config, "fastdds", options);
-  return std::make_unique<FastEndpoint>(config, sink);
+  return std::make_unique<FastEndpoint>(config, sink, nullptr);
 }
 
 constexpr Capabilities capabilities() {

@@ -265,12 +265,6 @@ void set_qos(EndQos& to, const Qos& qos) {
   to.history.depth = qos.depth;
 }
 
-dds::Policy policy_of(DDS::QosPolicyId_t id) {
-  if (id == DDS::RELIABILITY_QOS_POLICY_ID) return dds::Policy::reliability;
-  if (id == DDS::DURABILITY_QOS_POLICY_ID) return dds::Policy::durability;
-  return dds::Policy::other;
-}
-
 class OpenEndpoint final : public Endpoint {
  public:
   OpenEndpoint(const Config& config, Sink& sink);
@@ -571,10 +565,12 @@ std::string OpenEndpoint::endpoints_of_other_type() {
 std::string OpenEndpoint::seen() {
   DDS::RequestedIncompatibleQosStatus requested;
   reader_->get_requested_incompatible_qos_status(requested);
-  if (requested.total_count > 0) return dds::refused_writer(config_, policy_of(requested.last_policy_id));
+  if (requested.total_count > 0)
+    return dds::refused_writer(config_, static_cast<dds::Policy>(requested.last_policy_id));
   DDS::OfferedIncompatibleQosStatus offered;
   writer_->get_offered_incompatible_qos_status(offered);
-  if (offered.total_count > 0) return dds::refused_reader(config_, policy_of(offered.last_policy_id));
+  if (offered.total_count > 0)
+    return dds::refused_reader(config_, static_cast<dds::Policy>(offered.last_policy_id));
   if (std::string found = endpoints_of_other_type(); !found.empty()) return found;
   return dds::others_without_our_topics(config_, other_participants(), matched());
 }

@@ -14,21 +14,17 @@
 #include <system_error>
 #include <thread>
 
-#include <arpa/inet.h>
 #include <fmt/format.h>
-#include <linux/close_range.h>
 #include <linux/sock_diag.h>
 #include <netinet/in.h>
 #include <sodium.h>
 #include <sys/socket.h>
-#include <sys/utsname.h>
-#include <unistd.h>
 
 #include "message/message.hpp"
 #include "transport/clock.hpp"
-#include "transport/ipv4.hpp"
 #include "transport/launch.hpp"
 #include "transport/shipped.hpp"
+#include "transport/sockets.hpp"
 #include "transport/transport.hpp"
 
 namespace ontime::transport {
@@ -47,8 +43,6 @@ static_assert(sizeof(Header) == 16);
 
 constexpr std::size_t overhead = sizeof(Header) + message::cdr_overhead;
 constexpr std::size_t max_payload = 65507 - overhead;  // 65535 less the headers of IPv4 and UDP
-
-std::string errno_text() { return std::generic_category().message(errno); }
 
 sockaddr_in ipv4(const std::string& host, int port) {
   sockaddr_in address{};
@@ -77,27 +71,10 @@ int port_of(const Config& config) {
   return default_port + config.domain;
 }
 
-class Socket {
- public:
-  Socket() : fd_(socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC, 0)) {
-    if (fd_ < 0) throw Error("no UDP socket: " + errno_text());
-  }
-  ~Socket() { close(fd_); }
-  Socket(const Socket&) = delete;
-  Socket& operator=(const Socket&) = delete;
-  int fd() const noexcept { return fd_; }
-
- private:
-  int fd_;
-};
-
-// Gives this thread a table of file descriptors of its own, with nothing but `fd` in it: a table that threads
-// share costs two atomic operations a call. False if the kernel does not.
-bool keep_alone(int fd) noexcept {
-  const auto number = static_cast<unsigned>(fd);
-  if (number == 0 || close_range(0, number - 1, CLOSE_RANGE_UNSHARE) != 0) return false;
-  close_range(number + 1, ~0U, 0);
-  return true;
+int new_socket() {
+  const int fd = socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC, 0);
+  if (fd < 0) throw Error("no UDP socket: " + errno_text());
+  return fd;
 }
 
 class Udp final : public Endpoint {
@@ -109,17 +86,17 @@ class Udp final : public Endpoint {
         sending_(received_.size()) {
     // Room for a burst of the largest messages; the kernel gives what it allows.
     const int buffer_bytes = 1 << 20;
-    setsockopt(socket_.fd(), SOL_SOCKET, SO_RCVBUF, &buffer_bytes, sizeof buffer_bytes);
+    setsockopt(socket_, SOL_SOCKET, SO_RCVBUF, &buffer_bytes, sizeof buffer_bytes);
     use_link();
-    if (config_.launch_ns > 0) permit_launch_times(socket_.fd());
+    if (config_.launch_ns > 0) permit_launch_times(socket_);
     config_.role == Role::server ? be_server() : be_client();
     if (config_.receive == Receive::listener) {
       listener_ = std::thread([this] {
         listener_tid_ = gettid();
         pthread_setname_np(pthread_self(), "ontime-udp-recv");
-        const bool own_table = keep_alone(socket_.fd());
+        const bool own_table = keep_alone(socket_, socket_);
         while (!stopping_) receive();
-        if (own_table) close(socket_.fd());  // else the port stays taken until the thread is quite gone
+        if (own_table) close(socket_);  // else the port stays taken until the thread is quite gone
       });
       while (listener_tid_ == 0) std::this_thread::yield();
     }
@@ -144,7 +121,7 @@ class Udp final : public Endpoint {
   Losses losses() override {
     std::array<std::uint32_t, SK_MEMINFO_VARS> memory{};
     socklen_t length = sizeof memory;
-    if (getsockopt(socket_.fd(), SOL_SOCKET, SO_MEMINFO, memory.data(), &length) != 0) return {};
+    if (getsockopt(socket_, SOL_SOCKET, SO_MEMINFO, memory.data(), &length) != 0) return {};
     return {.on_the_way = {}, .overwritten = memory[SK_MEMINFO_DROPS]};
   }
 
@@ -175,7 +152,7 @@ class Udp final : public Endpoint {
     socklen_t length = sizeof from_;
     const bool server = config_.role == Role::server;
     const auto bytes =
-        recvfrom(socket_.fd(), received_.data(), received_.size(), 0,
+        recvfrom(socket_, received_.data(), received_.size(), 0,
                  server ? reinterpret_cast<sockaddr*>(&from_) : nullptr, server ? &length : nullptr);
     const auto arrival_ns = now_ns();
     if (bytes < 0) last_error_ = errno;
@@ -190,7 +167,7 @@ class Udp final : public Endpoint {
 
   void interrupt() noexcept override {
     stopping_ = true;
-    shutdown(socket_.fd(), SHUT_RDWR);  // wakes a blocked recvfrom, for a socket without a peer too
+    shutdown(socket_, SHUT_RDWR);  // wakes a blocked recvfrom, for a socket without a peer too
   }
 
   std::vector<Thread> threads() override {
@@ -201,18 +178,16 @@ class Udp final : public Endpoint {
   std::map<std::string, std::string> facts() override {
     sockaddr_in local{};
     socklen_t length = sizeof local;
-    getsockname(socket_.fd(), reinterpret_cast<sockaddr*>(&local), &length);
-    std::array<char, INET_ADDRSTRLEN> text{};
-    inet_ntop(AF_INET, &local.sin_addr, text.data(), text.size());
+    getsockname(socket_, reinterpret_cast<sockaddr*>(&local), &length);
     return {{"carrier", "UDPv4"},
             {"interface", config_.interface.empty() ? "any" : config_.interface},
-            {"address", fmt::format("{}:{}", text.data(), ntohs(local.sin_port))}};
+            {"address", fmt::format("{}:{}", text_of(local.sin_addr), ntohs(local.sin_port))}};
   }
 
  private:
   void use_link() {
     if (config_.interface.empty()) return;
-    if (setsockopt(socket_.fd(), SOL_SOCKET, SO_BINDTODEVICE, config_.interface.c_str(),
+    if (setsockopt(socket_, SOL_SOCKET, SO_BINDTODEVICE, config_.interface.c_str(),
                    static_cast<socklen_t>(config_.interface.size())) != 0)
       throw Error(fmt::format("cannot bind to interface '{}': {}", config_.interface, errno_text()));
   }
@@ -226,7 +201,7 @@ class Udp final : public Endpoint {
     local.sin_addr.s_addr = htonl(INADDR_ANY);
     if (!config_.address.empty()) local = ipv4(config_.address, port);
     local.sin_port = htons(static_cast<std::uint16_t>(port));
-    if (bind(socket_.fd(), reinterpret_cast<const sockaddr*>(&local), sizeof local) != 0)
+    if (bind(socket_, reinterpret_cast<const sockaddr*>(&local), sizeof local) != 0)
       throw Error(errno == EADDRINUSE ? fmt::format("UDP port {} is busy: does another pong run? Choose "
                                                     "another port: --domain N or --option port=N",
                                                     port)
@@ -243,10 +218,10 @@ class Udp final : public Endpoint {
     const auto address = ipv4(peer_.substr(0, colon), port);
     if (!config_.address.empty()) {
       const auto local = ipv4(config_.address, 0);
-      if (bind(socket_.fd(), reinterpret_cast<const sockaddr*>(&local), sizeof local) != 0)
+      if (bind(socket_, reinterpret_cast<const sockaddr*>(&local), sizeof local) != 0)
         throw Error(fmt::format("cannot send from address {}: {}", config_.address, errno_text()));
     }
-    if (connect(socket_.fd(), reinterpret_cast<const sockaddr*>(&address), sizeof address) != 0)
+    if (connect(socket_, reinterpret_cast<const sockaddr*>(&address), sizeof address) != 0)
       throw Error(fmt::format("no way to {}: {}", peer_, errno_text()));
   }
 
@@ -264,10 +239,10 @@ class Udp final : public Endpoint {
       const socklen_t to_bytes = server ? sizeof from_ : 0;
       ssize_t sent = 0;
       if (config_.launch_ns > 0) [[unlikely]]
-        sent = send_to_leave_at(at_ns == soon ? now_ns() + config_.launch_ns : at_ns, socket_.fd(), bytes, to,
+        sent = send_to_leave_at(at_ns == soon ? now_ns() + config_.launch_ns : at_ns, socket_, bytes, to,
                                 to_bytes);
       else
-        sent = sendto(socket_.fd(), bytes.data(), bytes.size(), MSG_NOSIGNAL, to, to_bytes);
+        sent = sendto(socket_, bytes.data(), bytes.size(), MSG_NOSIGNAL, to, to_bytes);
       if (sent == static_cast<ssize_t>(bytes.size())) return true;
       last_error_ = errno;
       if (errno != ECONNREFUSED)
@@ -312,7 +287,7 @@ class Udp final : public Endpoint {
 
   const Config config_;
   Sink& sink_;
-  Socket socket_;
+  const Descriptor socket_{new_socket()};
   std::string peer_;
   std::vector<std::byte> received_, sending_;
   std::atomic<bool> stopping_{false};
@@ -326,23 +301,16 @@ class Udp final : public Endpoint {
   std::thread listener_;
 };
 
-std::string version() {
-  utsname name{};
-  uname(&name);
-  return std::string("Linux ") + name.release;
-}
-
-constexpr std::array<Option, 1> options{
-    {{"port", "UDP port that pong listens on (7900 + domain), at both ends"}}};
+constexpr Option options[] = {{"port", "UDP port that pong listens on (7900 + domain), at both ends"}};
 
 std::unique_ptr<Endpoint> open(const Config& config, Sink& sink) {
   if (config.max_payload_bytes > max_payload)
     throw WrongInput(fmt::format("udp carries at most {} bytes of payload, {} were asked for", max_payload,
                                  config.max_payload_bytes));
   for (const auto& [name, value] : config.options)
-    if (name != options.front().name)
-      throw WrongInput(fmt::format("udp has no option \"{}\"; it has: {} = {}", name, options.front().name,
-                                   options.front().values));
+    if (name != options[0].name)
+      throw WrongInput(
+          fmt::format("udp has no option \"{}\"; it has: {} = {}", name, options[0].name, options[0].values));
   return std::make_unique<Udp>(config, sink);
 }
 
@@ -352,7 +320,7 @@ std::unique_ptr<Endpoint> open(const Config& config, Sink& sink) {
 extern "C" __attribute__((visibility("default"))) const ontime::transport::Plugin ontime_transport{
     .abi = ontime::transport::abi,
     .name = "udp",
-    .version = ontime::transport::version,
+    .version = ontime::transport::kernel_version,
     .capabilities = ontime::transport::shipped("udp")->carrying(ontime::transport::max_payload),
     .options = ontime::transport::options,
     .open = ontime::transport::open};

@@ -11,12 +11,6 @@
 #include <linux/if_link.h>
 
 namespace ontime::transport::xdp {
-
-const char* const wants_permission =
-    "run it as root, or start it with CAP_NET_RAW, CAP_NET_ADMIN and CAP_BPF: sudo setpriv --reuid=$USER "
-    "--regid=$(id -g) --init-groups --inh-caps=+net_raw,+net_admin,+bpf "
-    "--ambient-caps=+net_raw,+net_admin,+bpf ontime ...";
-
 namespace {
 
 using frames::Header;
@@ -85,31 +79,22 @@ int load_program(int map, std::uint64_t topic) {
 [[noreturn]] void is_taken(const std::string& interface, std::uint32_t program) {
   throw Error(
       fmt::format("xdp: {0} has an XDP program already{1}, of another program or run: it is left "
-                  "alone. \"ip link "
-                  "show {0}\" and \"bpftool net\" show it; end that run, or take it off (ip link set {0} xdp "
-                  "off), or name "
-                  "another interface",
+                  "alone. \"ip link show {0}\" and \"bpftool net\" show it; end that run, or take it off "
+                  "(ip link set {0} xdp off), or name another interface",
                   interface, program == 0 ? "" : fmt::format(" (number {})", program)));
 }
 
 }  // namespace
 
 Program::Program(const frames::Link& link, std::uint64_t topic, std::uint32_t queue, int socket) {
-  try {
-    map_ = bpf_map_create(BPF_MAP_TYPE_XSKMAP, "ontime", sizeof(std::uint32_t), sizeof socket, queue + 1,
-                          nullptr);
-    if (map_ < 0) fail("map of sockets", errno);
-    if (bpf_map_update_elem(map_, &queue, &socket, BPF_ANY) != 0) fail("place in its map of sockets", errno);
-    program_ = load_program(map_, topic);
-    if (program_ < 0) fail("XDP program", errno);
-    attach(link);
-  } catch (...) {
-    close_all();
-    throw;
-  }
+  map_ = Descriptor(bpf_map_create(BPF_MAP_TYPE_XSKMAP, "ontime", sizeof(std::uint32_t), sizeof socket,
+                                   queue + 1, nullptr));
+  if (map_ < 0) fail("map of sockets", errno);
+  if (bpf_map_update_elem(map_, &queue, &socket, BPF_ANY) != 0) fail("place in its map of sockets", errno);
+  program_ = Descriptor(load_program(map_, topic));
+  if (program_ < 0) fail("XDP program", errno);
+  attach(link);
 }
-
-Program::~Program() { close_all(); }
 
 void Program::refuse_another(const frames::Link& link) {
   bpf_xdp_query_opts there{};
@@ -120,27 +105,19 @@ void Program::refuse_another(const frames::Link& link) {
 }
 
 void Program::attach(const frames::Link& link) {
-  struct Mode {
-    std::uint32_t flag;
-    const char* name;
-  };
   int error = 0;
-  for (const auto& [flag, name] : {Mode{XDP_FLAGS_DRV_MODE, "native"}, Mode{XDP_FLAGS_SKB_MODE, "generic"}}) {
+  for (const auto& [flag, name] :
+       {std::pair(XDP_FLAGS_DRV_MODE, "native"), std::pair(XDP_FLAGS_SKB_MODE, "generic")}) {
     bpf_link_create_opts how{};
     how.sz = sizeof how;
     how.flags = flag;
     mode_ = name;
-    attached_ = bpf_link_create(program_, link.index, BPF_XDP, &how);
+    attached_ = Descriptor(bpf_link_create(program_, link.index, BPF_XDP, &how));
     if (attached_ >= 0) return;
     error = errno;
     if (error == EBUSY || error == EEXIST) is_taken(link.name, 0);
   }
   fail(fmt::format("XDP at {}", link.name), error);
-}
-
-void Program::close_all() noexcept {
-  for (const int descriptor : {attached_, program_, map_})
-    if (descriptor >= 0) close(descriptor);
 }
 
 }  // namespace ontime::transport::xdp

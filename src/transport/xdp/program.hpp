@@ -16,21 +16,20 @@ class Program {
   // Of frames of that topic that come to that queue, to be received by `socket`. Native where the driver can,
   // else generic. Throws Error: no permission, no XDP, a program that came meanwhile.
   Program(const frames::Link& link, std::uint64_t topic, std::uint32_t queue, int socket);
-  ~Program();
-  Program(const Program&) = delete;
-  Program& operator=(const Program&) = delete;
 
   const char* mode() const noexcept { return mode_; }  // "native", "generic"
 
  private:
   void attach(const frames::Link& link);
-  void close_all() noexcept;
 
-  int map_ = -1, program_ = -1, attached_ = -1;
+  Descriptor map_, program_, attached_;
   const char* mode_ = "";
 };
 
 // What permissions are missing, for people.
-extern const char* const wants_permission;
+inline constexpr const char* wants_permission =
+    "run it as root, or start it with CAP_NET_RAW, CAP_NET_ADMIN and CAP_BPF: sudo setpriv --reuid=$USER "
+    "--regid=$(id -g) --init-groups --inh-caps=+net_raw,+net_admin,+bpf "
+    "--ambient-caps=+net_raw,+net_admin,+bpf ontime ...";
 
 }  // namespace ontime::transport::xdp

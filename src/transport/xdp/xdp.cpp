@@ -33,8 +33,7 @@ class Memory {
  public:
   Memory()
       : at_(mmap(nullptr, bytes, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS | MAP_POPULATE, -1, 0)) {
-    if (at_ == MAP_FAILED)
-      throw Error("xdp: no memory for frames: " + std::generic_category().message(errno));
+    if (at_ == MAP_FAILED) throw Error("xdp: no memory for frames: " + errno_text());
   }
   ~Memory() { munmap(at_, bytes); }
   Memory(const Memory&) = delete;
@@ -222,7 +221,7 @@ class Queue {
   void poll_busily() const {
     const int us = 20;
     if (setsockopt(fd(), SOL_SOCKET, SO_BUSY_POLL, &us, sizeof us) != 0)
-      throw Error("xdp: no busy polling (SO_BUSY_POLL): " + std::generic_category().message(errno));
+      throw Error("xdp: no busy polling (SO_BUSY_POLL): " + errno_text());
   }
 
   const bool busy_;
@@ -238,19 +237,15 @@ class Queue {
   std::uint32_t free_count_ = 0;
 };
 
-constexpr std::array<Option, 2> options{
-    {{"busy-poll",
-      "on|off: whether the thread that receives looks for frames without sleeping; it takes a "
-      "CPU for itself"},
-     {"queue", "the interface's queue that frames come to and go from (0)"}}};
+constexpr Option options[] = {frames::busy_poll,
+                              {"queue", "the interface's queue that frames come to and go from (0)"}};
 
 std::unique_ptr<Endpoint> open(const Config& config, Sink& sink) {
   auto link = frames::link_of(config, who, largest_frame);
   if (link.loopback)
     throw Error(
         "xdp: lo has one queue, and each end takes one for itself: use two interfaces, of two machines or of "
-        "two "
-        "network namespaces, or the transport ethernet");
+        "two network namespaces, or the transport ethernet");
   return std::make_unique<frames::End<Queue>>(config, sink, std::move(link), who);
 }
 
@@ -260,7 +255,7 @@ std::unique_ptr<Endpoint> open(const Config& config, Sink& sink) {
 extern "C" __attribute__((visibility("default"))) const ontime::transport::Plugin ontime_transport{
     ontime::transport::abi,
     "xdp",
-    ontime::transport::frames::kernel_version,
+    ontime::transport::kernel_version,
     ontime::transport::shipped("xdp")->carrying(ontime::transport::xdp::largest_frame -
                                                 ontime::transport::frames::overhead),
     ontime::transport::xdp::options,
