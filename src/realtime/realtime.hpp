@@ -13,7 +13,8 @@
 
 namespace ontime::realtime {
 
-enum class Policy { other, fifo, round_robin, deadline };  // SCHED_OTHER, _FIFO, _RR, _DEADLINE
+// SCHED_OTHER, _FIFO, _RR, _DEADLINE, by the kernel's numbers.
+enum class Policy : std::uint32_t { other = 0, fifo = 1, round_robin = 2, deadline = 6 };
 
 struct ThreadSettings {
   Policy policy = Policy::other;

@@ -19,9 +19,10 @@ std::uint64_t number_of(const std::optional<std::string>& text) {
   return number;
 }
 
-Policy policy_from(std::uint32_t kernel_policy) {
-  for (const auto policy : {Policy::fifo, Policy::round_robin, Policy::deadline})
-    if (kernel_policy == kernel_policy_of(policy)) return policy;
+// SCHED_BATCH and SCHED_IDLE are ordinary, too.
+Policy known_policy(Policy policy) {
+  for (const auto real_time : {Policy::fifo, Policy::round_robin, Policy::deadline})
+    if (policy == real_time) return policy;
   return Policy::other;
 }
 
@@ -73,7 +74,7 @@ std::optional<ThreadState> read(pid_t tid) {
   const auto status = text_of(folder + "status");
   const auto cpus = status_field(status, "Cpus_allowed_list");
   if (!attributes || !cpus || !parse_stat(text_of(folder + "stat"), state)) return {};
-  state.policy = policy_from(attributes->policy);
+  state.policy = known_policy(attributes->policy);
   state.priority = static_cast<int>(attributes->priority);
   state.cpus = *cpus;
   state.cpu_time = cpu_time_of(tid);

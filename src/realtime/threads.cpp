@@ -31,25 +31,19 @@ std::string first_line_of(const std::string& path) {
 }
 
 std::string asked_policy(const std::string& who, const ThreadSettings& settings) {
-  switch (settings.policy) {
-    case Policy::fifo:
-      return fmt::format("SCHED_FIFO {} for thread {}", settings.priority, who);
-    case Policy::round_robin:
-      return fmt::format("SCHED_RR {} for thread {}", settings.priority, who);
-    case Policy::deadline:
-      return fmt::format("SCHED_DEADLINE (runtime {} ns, deadline {} ns, period {} ns) for thread {}",
-                         settings.runtime.count(), settings.deadline.count(), settings.period.count(), who);
-    case Policy::other:
-      break;
-  }
-  return fmt::format("SCHED_OTHER for thread {}", who);
+  if (settings.policy == Policy::other) return fmt::format("SCHED_OTHER for thread {}", who);
+  if (settings.policy == Policy::deadline)
+    return fmt::format("SCHED_DEADLINE (runtime {} ns, deadline {} ns, period {} ns) for thread {}",
+                       settings.runtime.count(), settings.deadline.count(), settings.period.count(), who);
+  return fmt::format("SCHED_{} {} for thread {}", settings.policy == Policy::fifo ? "FIFO" : "RR",
+                     settings.priority, who);
 }
 
 Attributes attributes_for(const ThreadSettings& settings, const Attributes& now) {
   // Niceness and flags stay: an ordinary user may not lower the one nor clear the other.
   Attributes wanted = now;
   wanted.size = sizeof wanted;
-  wanted.policy = kernel_policy_of(settings.policy);
+  wanted.policy = settings.policy;
   wanted.priority = static_cast<std::uint32_t>(settings.priority);
   wanted.runtime_ns = static_cast<std::uint64_t>(settings.runtime.count());
   wanted.deadline_ns = static_cast<std::uint64_t>(settings.deadline.count());
@@ -57,9 +51,7 @@ Attributes attributes_for(const ThreadSettings& settings, const Attributes& now)
   return wanted;
 }
 
-struct Explanation {
-  std::string found, remedy;
-};
+using Explanation = std::pair<std::string, std::string>;  // what was found, and the remedy
 
 Explanation explain_no_permission(pid_t tid, const ThreadSettings& settings) {
   const bool deadline = settings.policy == Policy::deadline;
@@ -77,8 +69,7 @@ Explanation explain_no_permission(pid_t tid, const ThreadSettings& settings) {
   if (deadline)
     return {fmt::format("its CPUs are {} of {}", cpus_now(tid), first_line_of(online_cpus)),
             "SCHED_DEADLINE goes with no affinity to some CPUs only: leave the thread's CPUs (and taskset's) "
-            "alone, "
-            "or set up an exclusive cpuset (sched(7))"};
+            "alone, or set up an exclusive cpuset (sched(7))"};
   return {
       "CAP_SYS_NICE is there, something else forbids it",
       "a container or a service may filter system calls: docker run --cap-add=sys_nice --ulimit rtprio=99, "
@@ -86,22 +77,17 @@ Explanation explain_no_permission(pid_t tid, const ThreadSettings& settings) {
 }
 
 Explanation explain(int error, pid_t tid, const ThreadSettings& settings) {
-  switch (error) {
-    case EPERM:
-      return explain_no_permission(tid, settings);
-    case EINVAL:
-      return {"these values do not go together",
-              "a priority of 1 … 99 for fifo and rr, of 0 for the others; for deadline 1024 ns ≤ runtime ≤ "
-              "deadline ≤ "
-              "period, and a period within /proc/sys/kernel/sched_deadline_period_{min,max}_us"};
-    case EBUSY:
-      return {fmt::format("all deadline threads together may use {} of every {} µs on each CPU",
-                          first_line_of("/proc/sys/kernel/sched_rt_runtime_us"),
-                          first_line_of("/proc/sys/kernel/sched_rt_period_us")),
-              "a smaller runtime or a longer period, or fewer deadline threads"};
-    default:
-      return {"", "see sched_setattr(2)"};
-  }
+  if (error == EPERM) return explain_no_permission(tid, settings);
+  if (error == EINVAL)
+    return {"these values do not go together",
+            "a priority of 1 … 99 for fifo and rr, of 0 for the others; for deadline 1024 ns ≤ runtime ≤ "
+            "deadline ≤ period, and a period within /proc/sys/kernel/sched_deadline_period_{min,max}_us"};
+  if (error == EBUSY)
+    return {fmt::format("all deadline threads together may use {} of every {} µs on each CPU",
+                        first_line_of("/proc/sys/kernel/sched_rt_runtime_us"),
+                        first_line_of("/proc/sys/kernel/sched_rt_period_us")),
+            "a smaller runtime or a longer period, or fewer deadline threads"};
+  return {"", "see sched_setattr(2)"};
 }
 
 std::optional<Refusal> set_affinity(pid_t tid, const std::string& who, const std::vector<int>& cpus) {
@@ -144,7 +130,7 @@ std::vector<Refusal> apply(pid_t tid, const std::string& who, const ThreadSettin
   std::vector<Refusal> refusals;
   if (!settings.cpus.empty()) {
     // The kernel lets no deadline thread be tied to some CPUs.
-    if (now->policy == kernel_policy_of(Policy::deadline)) set_attributes(tid, attributes_for({}, *now));
+    if (now->policy == Policy::deadline) set_attributes(tid, attributes_for({}, *now));
     if (auto refusal = set_affinity(tid, who, settings.cpus)) refusals.push_back(std::move(*refusal));
   }
   if (auto refusal = set_policy(tid, who, settings, *now)) refusals.push_back(std::move(*refusal));
@@ -155,10 +141,9 @@ bool may_use_fifo(int priority) {
   bool may = false;
   try {
     std::thread([&] {
-      ThreadSettings settings;
-      settings.policy = Policy::fifo;
-      settings.priority = priority;
-      may = set_attributes(gettid(), attributes_for(settings, Attributes{})) == 0;
+      may =
+          set_attributes(gettid(),
+                         attributes_for({.policy = Policy::fifo, .priority = priority, .cpus = {}}, {})) == 0;
     }).join();
   } catch (const std::system_error&) {
     return false;  // not even an ordinary thread is to be had

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-#include <algorithm>
 #include <charconv>
+#include <set>
 #include <string_view>
 
 #include <fmt/format.h>
@@ -38,7 +38,7 @@ const char* word_of(Policy policy) {
 }
 
 std::optional<std::vector<int>> cpus_of(const std::string& list) {
-  std::vector<int> cpus;
+  std::set<int> cpus;
   for (std::string_view rest = list;;) {
     const auto comma = rest.find(',');
     const auto range = rest.substr(0, comma);
@@ -46,27 +46,22 @@ std::optional<std::vector<int>> cpus_of(const std::string& list) {
     const auto first = cpu_of(range.substr(0, dash));
     const auto last = dash == range.npos ? first : cpu_of(range.substr(dash + 1));
     if (!first || !last || *first > *last) return {};
-    for (int cpu = *first; cpu <= *last; ++cpu) cpus.push_back(cpu);
+    for (int cpu = *first; cpu <= *last; ++cpu) cpus.insert(cpu);
     if (comma == rest.npos) break;
     rest.remove_prefix(comma + 1);
   }
-  std::sort(cpus.begin(), cpus.end());
-  cpus.erase(std::unique(cpus.begin(), cpus.end()), cpus.end());
-  return cpus;
+  return std::vector(cpus.begin(), cpus.end());
 }
 
 std::string list_of(const std::vector<int>& cpus) {
-  auto sorted = cpus;
-  std::sort(sorted.begin(), sorted.end());
-  sorted.erase(std::unique(sorted.begin(), sorted.end()), sorted.end());
+  const std::set<int> sorted(cpus.begin(), cpus.end());
   std::string list;
-  for (std::size_t first = 0; first < sorted.size();) {
-    std::size_t last = first;
-    while (last + 1 < sorted.size() && sorted[last + 1] == sorted[last] + 1) ++last;
+  for (auto next = sorted.begin(); next != sorted.end();) {
+    const int first = *next;
+    int last = first;
+    while (++next != sorted.end() && *next == last + 1) ++last;
     if (!list.empty()) list += ',';
-    list +=
-        first == last ? fmt::format("{}", sorted[first]) : fmt::format("{}-{}", sorted[first], sorted[last]);
-    first = last + 1;
+    list += first == last ? fmt::format("{}", first) : fmt::format("{}-{}", first, last);
   }
   return list;
 }
