@@ -21,14 +21,6 @@ using transport::now_ns;
 
 constexpr std::int64_t ms = 1'000'000;
 
-struct ScheduleWord {
-  Schedule schedule;
-  const char* word;
-};
-constexpr std::array<ScheduleWord, 3> schedules{{{Schedule::next_free, "next-free"},
-                                                 {Schedule::fixed, "fixed"},
-                                                 {Schedule::back_to_back, "back-to-back"}}};
-
 // A message stays in the ledger until its time-out, and then for as long again, should its answer have been
 // held up on its way to the ledger. Samples wait for an ordinary thread, which a loaded machine may hold up
 // for seconds, and which itself is to be seldom on the CPU.
@@ -44,12 +36,13 @@ Ledger::Size size_of(const ClientOptions& options) {
 }  // namespace
 
 const char* word_of(Schedule schedule) {
-  return std::find_if(schedules.begin(), schedules.end(),
-                      [&](const auto& s) { return s.schedule == schedule; })
-      ->word;
+  constexpr std::array words{"next-free", "fixed", "back-to-back"};  // in the order of the enumeration
+  return words.at(static_cast<std::size_t>(schedule));
 }
 
 class Client::Measurement final : public transport::Sink {
+  friend class Client;
+
  public:
   Measurement(const transport::Plugin& plugin, const transport::Config& config, const ClientOptions& options)
       : options_(options),
@@ -94,20 +87,11 @@ class Client::Measurement final : public transport::Sink {
     return threads;
   }
 
-  transport::Endpoint& endpoint() { return *endpoint_; }
-  void start() { start_.ring(); }
-  void go() { go_.ring(); }
   void stop() {
     auto not_yet = never_ns;
     stopped_ns_.compare_exchange_strong(not_yet, now_ns());
     for (auto* alarm : {&stop_, &start_, &go_, &look_}) alarm->ring();
   }
-  State state() const { return state_; }
-  std::uint64_t warm_up_answers() const { return warm_up_answers_; }
-  Counters counters() const { return ledger_.counters(); }
-  std::size_t drain(std::span<Sample> samples) { return ledger_.drain(samples); }
-  std::size_t undrained() const { return ledger_.undrained(); }
-  std::size_t capacity() const { return ledger_.capacity(); }
 
  private:
   static constexpr const char* sender_name = "ontime-send";
@@ -131,7 +115,7 @@ class Client::Measurement final : public transport::Sink {
 
   void warm_up() noexcept {
     const auto pause_ns = std::min(options_.period.count(), 10 * ms);
-    for (std::uint64_t index = 0; warm_up_answers() < options_.warm_up && !stop_.rung(); ++index) {
+    for (std::uint64_t index = 0; warm_up_answers_ < options_.warm_up && !stop_.rung(); ++index) {
       endpoint_->send(message::sequence_of(warm_up_session_, index), payload_);
       stop_.sleep_until(now_ns() + pause_ns);
     }
@@ -257,16 +241,16 @@ class Client::Measurement final : public transport::Sink {
 Client::Client(const transport::Plugin& plugin, const transport::Config& config, const ClientOptions& options)
     : measurement_(std::make_unique<Measurement>(plugin, config, options)) {}
 Client::~Client() = default;
-transport::Endpoint& Client::endpoint() { return measurement_->endpoint(); }
+transport::Endpoint& Client::endpoint() { return *measurement_->endpoint_; }
 std::vector<Thread> Client::threads() { return measurement_->threads(); }
-void Client::start() { measurement_->start(); }
-void Client::go() { measurement_->go(); }
+void Client::start() { measurement_->start_.ring(); }
+void Client::go() { measurement_->go_.ring(); }
 void Client::stop() { measurement_->stop(); }
-Client::State Client::state() const { return measurement_->state(); }
-std::uint64_t Client::warm_up_answers() const { return measurement_->warm_up_answers(); }
-Counters Client::counters() const { return measurement_->counters(); }
-std::size_t Client::drain(std::span<Sample> samples) { return measurement_->drain(samples); }
-std::size_t Client::undrained() const { return measurement_->undrained(); }
-std::size_t Client::capacity() const { return measurement_->capacity(); }
+Client::State Client::state() const { return measurement_->state_; }
+std::uint64_t Client::warm_up_answers() const { return measurement_->warm_up_answers_; }
+Counters Client::counters() const { return measurement_->ledger_.counters(); }
+std::size_t Client::drain(std::span<Sample> samples) { return measurement_->ledger_.drain(samples); }
+std::size_t Client::undrained() const { return measurement_->ledger_.undrained(); }
+std::size_t Client::capacity() const { return measurement_->ledger_.capacity(); }
 
 }  // namespace ontime::roundtrip

@@ -1,4 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
+#include <algorithm>
 #include <array>
 #include <ctime>
 #include <limits>
@@ -23,18 +24,6 @@ using transport::now_ns;
 
 constexpr int depth = 10;             // ROS 2's own choice
 constexpr std::uint32_t counted = 1;  // in a session: whether its messages are
-
-struct WhereWord {
-  Where where;
-  const char* word;
-};
-constexpr std::array<WhereWord, 7> wheres{{{Where::same_callback_group, "same-callback-group"},
-                                           {Where::same_node, "same-node"},
-                                           {Where::same_executor, "same-executor"},
-                                           {Where::own_executor, "own-executor"},
-                                           {Where::same_participant, "same-participant"},
-                                           {Where::same_process, "same-process"},
-                                           {Where::other_process, "other-process"}}};
 
 // Of the topic of that number: as the critical one's, and of the neighbour's size and reliability.
 Config config_of(Config config, const NeighbourOptions& options, int number) {
@@ -67,9 +56,10 @@ struct Endpoints : std::vector<std::unique_ptr<Endpoint>> {
 }  // namespace
 
 const char* word_of(Where where) {
-  for (const auto& known : wheres)
-    if (known.where == where) return known.word;
-  return "";
+  constexpr std::array words{
+      "same-callback-group", "same-node",    "same-executor", "own-executor",
+      "same-participant",    "same-process", "other-process"};  // in the enumeration's order
+  return words.at(static_cast<std::size_t>(where));
 }
 
 std::string neighbour_topic(std::string critical, int number) {
@@ -83,6 +73,8 @@ std::uint64_t messages_asked(const NeighbourOptions& options, std::chrono::nanos
 }
 
 class Neighbours::Group final : public transport::Sink {
+  friend class Neighbours;
+
  public:
   Group(const transport::Plugin& plugin, Endpoint* critical, const Config& config,
         const NeighbourOptions& options, std::chrono::nanoseconds duration)
@@ -133,12 +125,8 @@ class Neighbours::Group final : public transport::Sink {
   }
 
   bool matched() {
-    for (auto& endpoint : endpoints_)
-      if (!endpoint->matched().both()) return false;
-    return true;
+    return std::ranges::all_of(endpoints_, [](auto& endpoint) { return endpoint->matched().both(); });
   }
-  void start() { start_.ring(); }
-  void go() { go_.ring(); }
   void stop() {
     for (auto* alarm : {&stop_, &start_, &go_}) alarm->ring();
   }
@@ -160,7 +148,6 @@ class Neighbours::Group final : public transport::Sink {
       for (auto& thread : endpoint->threads()) all.push_back(std::move(thread));
     return all;
   }
-  Endpoint& endpoint() { return *endpoints_.front(); }
 
  private:
   static constexpr const char* sender_name = "ontime-beside";
@@ -238,11 +225,11 @@ Neighbours::Neighbours(const transport::Plugin& plugin, Endpoint* critical, cons
                        const NeighbourOptions& options, std::chrono::nanoseconds duration)
     : group_(std::make_unique<Group>(plugin, critical, config, options, duration)) {}
 Neighbours::~Neighbours() = default;
-Endpoint& Neighbours::endpoint() { return group_->endpoint(); }
+Endpoint& Neighbours::endpoint() { return *group_->endpoints_.front(); }
 std::vector<Thread> Neighbours::threads() { return group_->threads(); }
 bool Neighbours::matched() { return group_->matched(); }
-void Neighbours::start() { group_->start(); }
-void Neighbours::go() { group_->go(); }
+void Neighbours::start() { group_->start_.ring(); }
+void Neighbours::go() { group_->go_.ring(); }
 void Neighbours::stop() { group_->stop(); }
 NeighbourCounters Neighbours::counters() const { return group_->counters(); }
 

@@ -48,6 +48,8 @@ class Answers {
 }  // namespace
 
 class Server::Echo final : public transport::Sink {
+  friend class Server;
+
  public:
   Echo(const transport::Plugin& plugin, const transport::Config& config)
       : endpoint_(plugin.open(config, *this)), receiver_(*endpoint_, config.receive) {
@@ -70,13 +72,10 @@ class Server::Echo final : public transport::Sink {
     return threads;
   }
 
-  transport::Endpoint& endpoint() { return *endpoint_; }
-  std::uint64_t answered() const { return answered_; }
   void note_answers() {
     answers_ = std::make_unique<Answers>();
     notes_.store(answers_.get(), std::memory_order_release);
   }
-  std::size_t drain(std::span<Answer> answers) { return answers_->drain(answers); }
 
  private:
   std::unique_ptr<Answers> answers_;
@@ -90,10 +89,10 @@ class Server::Echo final : public transport::Sink {
 Server::Server(const transport::Plugin& plugin, const transport::Config& config)
     : echo_(std::make_unique<Echo>(plugin, config)) {}
 Server::~Server() = default;
-transport::Endpoint& Server::endpoint() { return echo_->endpoint(); }
+transport::Endpoint& Server::endpoint() { return *echo_->endpoint_; }
 std::vector<Thread> Server::threads() { return echo_->threads(); }
-std::uint64_t Server::answered() const { return echo_->answered(); }
+std::uint64_t Server::answered() const { return echo_->answered_; }
 void Server::note_answers() { echo_->note_answers(); }
-std::size_t Server::drain(std::span<Answer> answers) { return echo_->drain(answers); }
+std::size_t Server::drain(std::span<Answer> answers) { return echo_->answers_->drain(answers); }
 
 }  // namespace ontime::roundtrip
