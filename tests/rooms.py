@@ -9,7 +9,7 @@ import unittest
 ROOT = pathlib.Path(__file__).resolve().parent.parent
 SRC = ROOT / "src"
 # Beside the header that has the room's name, what others may include of a room.
-SHOWN = {"transport/clock.hpp", "transport/dds.hpp", "transport/find.hpp", "transport/shipped.hpp", "roundtrip/sample.hpp", "roundtrip/clocks.hpp",
+SHOWN = {"transport/clock.hpp", "transport/dds.hpp", "transport/shipped.hpp", "roundtrip/sample.hpp", "roundtrip/clocks.hpp",
          "orders/frames.hpp", "realtime/privileges.hpp", "background/child.hpp", "machine/proc.hpp", "settings/file.hpp", "conditions/around.hpp",
          "listen/budget.hpp", "listen/misses.hpp", "listen/rows.hpp", "listen/sequence.hpp", "record/document.hpp", "report/answer.hpp", "report/comparison.hpp", "report/conditions.hpp", "report/explained.hpp",
          "report/paper.hpp", "report/runs.hpp", "report/words.hpp"}

@@ -17,7 +17,6 @@
 #include "machine/machine.hpp"
 #include "orders/orders.hpp"
 #include "trace/trace.hpp"
-#include "transport/find.hpp"
 #include "transport/transport.hpp"
 
 namespace ontime::keeper {

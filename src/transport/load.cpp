@@ -15,7 +15,6 @@
 #include <link.h>
 
 #include "spelling/spelling.hpp"
-#include "transport/find.hpp"
 #include "transport/shipped.hpp"
 #include "transport/transport.hpp"
 
@@ -24,8 +23,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr const char* prefix = "ontime_transport_";
-constexpr const char* suffix = ".so";
+constexpr std::string_view prefix = "ontime_transport_", suffix = ".so";
 
 constexpr const char* path_variable = "ONTIME_TRANSPORT_PATH";
 constexpr const char* ament_variable = "AMENT_PREFIX_PATH";
@@ -111,34 +109,33 @@ bool is_truncated(const fs::path& file) {
   return false;
 }
 
-const Plugin& open(const fs::path& file, const std::string& name) {
+}  // namespace
+
+const Plugin& load(const std::string& name) {
+  const auto file = find(name);
   if (is_truncated(file))
-    throw Error(fmt::format("transport {} is truncated: its file ends too early. Install or build it again",
-                            file.string()));
+    throw Error(
+        fmt::format("transport {} is truncated: its file ends too early. Install or build it again", file));
   void* object = dlopen(file.c_str(), RTLD_NOW | RTLD_LOCAL | RTLD_NODELETE);
   if (object == nullptr)
-    throw Error(fmt::format("transport {} does not load: {}{}", file.string(),
+    throw Error(fmt::format("transport {} does not load: {}{}", file,
                             dlerror(),  // NOLINT(concurrency-mt-unsafe): glibc's is a thread's own
                             remedy(name)));
   const auto* plugin = static_cast<const Plugin*>(dlsym(object, "ontime_transport"));
   if (plugin == nullptr)
-    throw Error(fmt::format("{} is not an ontime transport: it exports no ontime_transport", file.string()));
+    throw Error(fmt::format("{} is not an ontime transport: it exports no ontime_transport", file));
   if (plugin->abi != abi)
     throw Error(
         fmt::format("transport {} belongs to another ontime (its port is {}, ours {}); install or build both "
                     "in one version",
-                    file.string(), plugin->abi, abi));
+                    file, plugin->abi, abi));
   return *plugin;
 }
 
-}  // namespace
-
-const Plugin& load(const std::string& name) { return open(find(name), name); }
-
-fs::path find(const std::string& name) {
+std::string find(const std::string& name) {
   const auto folders = search_path();
   for (const auto& folder : folders) {
-    auto file = folder / (prefix + name + suffix);
+    auto file = folder / fmt::format("{}{}{}", prefix, name, suffix);
     std::error_code none;
     if (fs::exists(file, none)) return file;
   }
@@ -160,8 +157,7 @@ std::vector<std::string> available() {
     for (const auto& entry : fs::directory_iterator(folder, none)) {
       const auto file = entry.path().filename().string();
       if (file.starts_with(prefix) && file.ends_with(suffix))
-        names.insert(file.substr(std::string(prefix).size(),
-                                 file.size() - std::string(prefix).size() - std::string(suffix).size()));
+        names.insert(file.substr(prefix.size(), file.size() - prefix.size() - suffix.size()));
     }
   }
   for (const auto& prefix_path : folders_in(ament_variable)) {

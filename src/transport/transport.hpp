@@ -237,6 +237,8 @@ struct Plugin {
 // program with file capabilities looks beside itself alone, for with the two variables any user could bring
 // it code. The shared object stays loaded for the life of the process.
 const Plugin& load(const std::string& name);
+// The shared object that load() would load. Throws the Error of load() where there is none.
+std::string find(const std::string& name);
 // The names that load() would find, sorted.
 std::vector<std::string> available();
 
