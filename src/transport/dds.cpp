@@ -87,13 +87,18 @@ std::string topic_read(const Config& config) {
   return "rt" + (config.role == Role::client ? config.pong_topic : config.ping_topic);
 }
 
+std::string name_of(pid_t tid) {
+  std::string name;
+  std::getline(std::ifstream("/proc/self/task/" + std::to_string(tid) + "/comm"), name);
+  return name;
+}
+
 std::vector<Task> tasks() {
   std::vector<Task> found;
   std::error_code ended;  // while we looked
   for (const auto& task : std::filesystem::directory_iterator("/proc/self/task", ended)) {
-    std::string name;
-    std::getline(std::ifstream(task.path() / "comm"), name);
-    found.push_back({std::stoi(task.path().filename()), name});
+    const pid_t tid = std::stoi(task.path().filename());
+    found.push_back({tid, name_of(tid)});
   }
   return found;
 }

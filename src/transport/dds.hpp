@@ -47,6 +47,7 @@ struct Task {
   pid_t tid;
   std::string name;
 };
+std::string name_of(pid_t tid);
 std::vector<Task> tasks();  // in order of their creation
 std::vector<Task> started_since(const std::vector<Task>& before);
 

@@ -248,8 +248,7 @@ std::string legible(std::string log) {
 }
 
 const NamedThread* named_thread(const std::string& name) {
-  const auto* const found = std::find_if(std::begin(named_threads), std::end(named_threads),
-                                         [&](const NamedThread& thread) { return name == thread.name; });
+  const auto* const found = std::ranges::find(named_threads, name, &NamedThread::name);
   return found == std::end(named_threads) ? nullptr : found;
 }
 

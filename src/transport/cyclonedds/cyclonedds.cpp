@@ -4,10 +4,8 @@
 #include <array>
 #include <cerrno>
 #include <chrono>
-#include <cstdio>
 #include <deque>
 #include <filesystem>
-#include <mutex>
 #include <system_error>
 #include <thread>
 
@@ -21,6 +19,7 @@
 #include "transport/clock.hpp"
 #include "transport/cyclonedds/cdr_type.hpp"
 #include "transport/cyclonedds/configuration.hpp"
+#include "transport/cyclonedds/log.hpp"
 #include "transport/dds.hpp"
 #include "transport/link.hpp"
 #include "transport/shipped.hpp"
@@ -31,40 +30,10 @@ namespace {
 
 constexpr Option options[] = {{"config", "FILE or URI of Cyclone's XML"}};
 
-// Cyclone prints by itself. While a domain opens we keep what it says, for the error; later it is silent.
-// Before it aborts it must be heard.
-class Log {
- public:
-  Log() { dds_set_log_sink(keep, this); }
-  ~Log() { dds_set_log_sink(drop, nullptr); }
-  Log(const Log&) = delete;
-  Log& operator=(const Log&) = delete;
-
-  std::string text() {
-    const std::lock_guard lock(mutex_);
-    while (text_.ends_with('\n') || text_.ends_with(' ')) text_.pop_back();
-    return text_;
-  }
-
- private:
-  static void drop(void*, const dds_log_data_t* entry) {
-    if (entry->priority & DDS_LC_FATAL) std::fwrite(entry->message, 1, entry->size, stderr);
-  }
-  static void keep(void* self, const dds_log_data_t* entry) {
-    drop(nullptr, entry);
-    auto& log = *static_cast<Log*>(self);
-    const std::lock_guard lock(log.mutex_);
-    log.text_ += std::string(entry->message, entry->size) + " ";
-  }
-
-  std::mutex mutex_;
-  std::string text_;
-};
-
 dds_entity_t opened(dds_entity_t entity, const std::string& what, Log& log) {
   if (entity >= 0) return entity;
-  throw Error("cyclonedds: cannot open " + what + ": " +
-              (log.text().empty() ? dds_strretcode(entity) : legible(log.text())));
+  const std::string why = log.text();
+  throw Error("cyclonedds: cannot open " + what + ": " + (why.empty() ? dds_strretcode(entity) : why));
 }
 
 // Debian has Cyclone's plug-ins for security in a folder of their own, where Cyclone itself does not look.
@@ -111,12 +80,10 @@ std::unique_ptr<dds_listener_t, decltype(&dds_delete_listener)> new_listener(voi
   return {dds_create_listener(self), dds_delete_listener};
 }
 
-struct QosDeleter {
-  void operator()(dds_qos_t* qos) const { dds_delete_qos(qos); }
-};
+std::unique_ptr<dds_qos_t, decltype(&dds_delete_qos)> new_qos() { return {dds_create_qos(), dds_delete_qos}; }
 
-std::unique_ptr<dds_qos_t, QosDeleter> vendor_qos(const Qos& qos) {
-  std::unique_ptr<dds_qos_t, QosDeleter> result(dds_create_qos());
+auto vendor_qos(const Qos& qos) {
+  auto result = new_qos();
   const auto history = qos.history == History::keep_all ? DDS_HISTORY_KEEP_ALL : DDS_HISTORY_KEEP_LAST;
   const int depth = qos.history == History::keep_all ? 1 : qos.depth;
   dds_qset_reliability(
@@ -242,7 +209,7 @@ std::unique_ptr<Endpoint> CycloneEndpoint::beside(const Config& config, Sink& si
 }
 
 void CycloneEndpoint::open_participant(Log& log) {
-  const std::unique_ptr<dds_qos_t, QosDeleter> qos(dds_create_qos());
+  const auto qos = new_qos();
   if (config_.security) demand_security(*qos, *config_.security);
   participant_ =
       opened(dds_create_participant(static_cast<dds_domainid_t>(config_.domain), qos.get(), nullptr),

@@ -37,8 +37,6 @@ Document document_of_option(const std::string& path, const std::string& who) {
                  {"discoveryProtocol", "writes files", "BACKUP"}},
                 who, std::string("your own file, named by ") + file_variable);
     return document;
-  } catch (const WrongInput&) {
-    throw;
   } catch (const Error& error) {
     throw WrongInput(error.what());
   }

@@ -24,14 +24,14 @@
 namespace ontime::transport::fastdds {
 namespace {
 
+using dds::name_of;
+
 constexpr std::int64_t patience_ns = 20'000'000;  // with threads that do not sleep, all together
 
 struct SystemCall {
   long number;
   std::uint64_t first_argument;
 };
-
-std::filesystem::path task_folder(pid_t tid) { return "/proc/self/task/" + std::to_string(tid); }
 
 bool receives_in(const SystemCall& call) { return call.number == SYS_recvmsg || call.number == SYS_recvfrom; }
 bool tells_its_role(const SystemCall& call) { return receives_in(call) || call.number == SYS_futex; }
@@ -40,7 +40,7 @@ bool tells_its_role(const SystemCall& call) { return receives_in(call) || call.n
 // nothing may be one in passing: a thread that was just started maps its memory first.
 std::optional<SystemCall> sleeps_in(pid_t tid, std::int64_t until_ns) {
   for (;;) {
-    std::ifstream in(task_folder(tid) / "syscall");
+    std::ifstream in("/proc/self/task/" + std::to_string(tid) + "/syscall");
     std::string word;
     if (!(in >> word)) return {};
     SystemCall call{};
@@ -89,12 +89,6 @@ const char* role_of_port(int port, int domain) {
   return is_discovery(port, domain) ? "discovery" : "receive";
 }
 
-std::string name_of(pid_t tid) {
-  std::string name;
-  std::getline(std::ifstream(task_folder(tid) / "comm"), name);
-  return name;
-}
-
 // Of the one participant of this process, the ports that its sockets receive at, in the order in which it
 // opens them: discovery's first. Nothing if there are several participants, or sockets of another kind.
 std::vector<int> receiving_ports(int domain) {
@@ -141,8 +135,6 @@ Thread by_what_it_sleeps_in(pid_t tid, const SystemCall& call, bool before_recei
   return {tid, before_receivers ? "timer" : "resend", name_of(tid)};
 }
 
-bool receives(const Thread& thread) { return thread.role == "receive" || thread.role == "discovery"; }
-
 }  // namespace
 
 std::vector<Thread> tell_apart(const std::vector<pid_t>& threads, int domain) {
@@ -151,7 +143,8 @@ std::vector<Thread> tell_apart(const std::vector<pid_t>& threads, int domain) {
   std::vector<Thread> found;
   for (const pid_t tid : threads) {
     const std::size_t place = found.size();
-    const bool before_receivers = std::none_of(found.begin(), found.end(), receives);
+    const bool before_receivers = std::ranges::none_of(
+        found, [](const Thread& thread) { return thread.role == "receive" || thread.role == "discovery"; });
     const auto call = sleeps_in(tid, until_ns);
     // Any thread may wait for a lock as it is looked at: where the order tells, it tells more than that.
     if (call && (receives_in(*call) || by_order.empty()))
