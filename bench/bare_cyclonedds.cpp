@@ -84,7 +84,7 @@ class Pong final : public End {
  public:
   Pong(dds_domainid_t domain, std::size_t payload_bytes, bool reliable)
       : End(domain, payload_bytes, reliable) {
-    open(message::ping_topic, message::pong_topic);
+    open("rt/ping", "rt/pong");
   }
 
  private:
@@ -95,7 +95,7 @@ class Ping final : public End {
  public:
   Ping(dds_domainid_t domain, std::size_t payload_bytes, bool reliable, double seconds)
       : End(domain, payload_bytes, reliable), payload_(payload_bytes), round_trips_(seconds) {
-    open(message::pong_topic, message::ping_topic);
+    open("rt/pong", "rt/ping");
   }
 
   int run() {

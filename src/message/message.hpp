@@ -10,9 +10,7 @@
 
 namespace ontime::message {
 
-// ROS 2's names for topics /ping and /pong of type ontime_msgs/msg/RoundTrip.
-inline constexpr const char* ping_topic = "rt/ping";
-inline constexpr const char* pong_topic = "rt/pong";
+// ROS 2's name for ontime_msgs/msg/RoundTrip.
 inline constexpr const char* type_name = "ontime_msgs::msg::dds_::RoundTrip_";
 
 // A sequence number on the wire is the client's session (24 bits, random, so that clients sharing a topic

@@ -18,7 +18,6 @@
 #include "environment.hpp"
 #include "graph.hpp"
 #include "lead.hpp"
-#include "open.hpp"
 #include "others.hpp"
 #include "publishing.hpp"
 #include "spinning.hpp"

@@ -3,12 +3,12 @@
 // is loaded with another RMW than it was told to expect: so that is settled first (rmw.hpp), and only then
 // comes the part that has rclcpp in it.
 #include <filesystem>
+#include <memory>
 
 #include <dlfcn.h>
 #include <rclcpp/version.h>
 
 #include "environment.hpp"
-#include "open.hpp"
 #include "options.hpp"
 #include "rmw.hpp"
 #include "transport/dds.hpp"
@@ -17,6 +17,9 @@
 
 namespace ontime::transport::ros2 {
 namespace {
+
+// The one function of the part that is linked with rclcpp.
+using OpenFunction = std::unique_ptr<Endpoint>(const Config&, const Options&, Sink&);
 
 OpenFunction* rclcpp_part() {
   Dl_info here;
