@@ -19,8 +19,7 @@ std::string remedy_for(int error) {
   if (error == ENOENT || error == ENODEV || error == ENXIO)
     return "nothing on this kernel; in a container: docker run --device /dev/cpu_dma_latency";
   return "run as root, or: sudo chgrp realtime /dev/cpu_dma_latency && sudo chmod g+rw /dev/cpu_dma_latency, "
-         "and be "
-         "of that group";
+         "and be of that group";
 }
 
 }  // namespace

@@ -4,11 +4,10 @@
 #include <charconv>
 #include <fstream>
 #include <sstream>
+#include <utility>
 
 #include <fmt/format.h>
-#include <unistd.h>
-
-#include "realtime/scheduling.hpp"
+#include <linux/perf_event.h>
 
 namespace ontime::realtime {
 namespace {
@@ -83,6 +82,28 @@ std::optional<ThreadState> read(pid_t tid) {
   state.name = text_of(folder + "comm");
   if (state.name.ends_with('\n')) state.name.pop_back();
   return state;
+}
+
+InstructionCounter::InstructionCounter(pid_t tid) {
+  perf_event_attr event{};
+  event.size = sizeof event;
+  event.type = PERF_TYPE_HARDWARE;
+  event.config = PERF_COUNT_HW_INSTRUCTIONS;
+  event.exclude_hv = 1;
+  fd_ = static_cast<int>(syscall(SYS_perf_event_open, &event, tid, -1, -1, PERF_FLAG_FD_CLOEXEC));
+}
+
+InstructionCounter::~InstructionCounter() {
+  if (fd_ >= 0) close(fd_);
+}
+
+InstructionCounter::InstructionCounter(InstructionCounter&& other) noexcept
+    : fd_(std::exchange(other.fd_, -1)) {}
+
+std::optional<std::uint64_t> InstructionCounter::value() const {
+  std::uint64_t count = 0;
+  if (fd_ < 0 || ::read(fd_, &count, sizeof count) != sizeof count) return {};
+  return count;
 }
 
 }  // namespace ontime::realtime

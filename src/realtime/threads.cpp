@@ -12,7 +12,6 @@
 
 #include "realtime/privileges.hpp"
 #include "realtime/realtime.hpp"
-#include "realtime/scheduling.hpp"
 #include "realtime/state.hpp"
 
 namespace ontime::realtime {
