@@ -196,11 +196,7 @@ class Udp final : public Endpoint {
     if (sodium_init() < 0) throw Error("libsodium does not start: no random numbers on this machine");
     crypto_shorthash_keygen(key_.data());
     const int port = port_of(config_);
-    sockaddr_in local{};
-    local.sin_family = AF_INET;
-    local.sin_addr.s_addr = htonl(INADDR_ANY);
-    if (!config_.address.empty()) local = ipv4(config_.address, port);
-    local.sin_port = htons(static_cast<std::uint16_t>(port));
+    const auto local = ipv4(config_.address.empty() ? "0.0.0.0" : config_.address, port);
     if (bind(socket_, reinterpret_cast<const sockaddr*>(&local), sizeof local) != 0)
       throw Error(errno == EADDRINUSE ? fmt::format("UDP port {} is busy: does another pong run? Choose "
                                                     "another port: --domain N or --option port=N",
