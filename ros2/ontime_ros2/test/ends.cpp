@@ -8,8 +8,6 @@
 
 #include <gtest/gtest.h>
 #include <net/if.h>
-#include <sys/ioctl.h>
-#include <sys/socket.h>
 #include <unistd.h>
 
 #include "message/message.hpp"
@@ -49,15 +47,7 @@ Config config_of(Role role, const Options& options) {
 bool isolated() { return alone; }
 
 void give_loopback_multicast(bool on) {
-  const int socket = ::socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC, 0);
-  ifreq request{};
-  std::string("lo").copy(request.ifr_name, IFNAMSIZ - 1);
-  ioctl(socket, SIOCGIFFLAGS, &request);
-  const int flags = on ? request.ifr_flags | IFF_MULTICAST : request.ifr_flags & ~IFF_MULTICAST;
-  request.ifr_flags = static_cast<short>(flags);
-  const bool done = ioctl(socket, SIOCSIFFLAGS, &request) == 0;
-  close(socket);
-  require(done, "cannot change lo");
+  require(two_ends::set_loopback(IFF_MULTICAST, on), "cannot change lo");
 }
 
 void set(const char* name, const std::string& value) {
@@ -117,19 +107,6 @@ void exchange(Endpoint& endpoint, Answers& answers, std::size_t others_bytes) {
     require(std::equal(answer->begin() + skipped, answer->end(), payload.begin() + skipped),
             "other bytes came back");
   }
-}
-
-Receiving::Receiving(Endpoint& endpoint, Receive receive) : endpoint_(endpoint) {
-  if (receive == Receive::waitset)
-    thread_ = std::thread([this] {
-      while (!ends_) endpoint_.receive();
-    });
-}
-
-Receiving::~Receiving() {
-  ends_ = true;
-  endpoint_.interrupt();
-  if (thread_.joinable()) thread_.join();
 }
 
 }  // namespace ontime::transport

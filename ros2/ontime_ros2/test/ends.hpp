@@ -3,14 +3,12 @@
 #pragma once
 
 #include <algorithm>
-#include <atomic>
 #include <condition_variable>
 #include <functional>
 #include <map>
 #include <mutex>
 #include <optional>
 #include <string>
-#include <thread>
 #include <vector>
 
 #include "transport/transport.hpp"
@@ -18,6 +16,7 @@
 
 namespace ontime::transport {
 
+using two_ends::Receiving;
 using Options = std::map<std::string, std::string>;
 
 inline constexpr std::size_t payload_sizes[] = {0, 1, 500, 32'768};
@@ -55,19 +54,5 @@ class Answers final : public Sink {
 
 // Every size there and back. An end of ontime's writes its times into the first so many bytes.
 void exchange(Endpoint& endpoint, Answers& answers, std::size_t others_bytes = 0);
-
-// The threads that receive where the transport does not by itself.
-class Receiving {
- public:
-  Receiving(Endpoint& endpoint, Receive receive);
-  ~Receiving();
-  Receiving(const Receiving&) = delete;
-  Receiving& operator=(const Receiving&) = delete;
-
- private:
-  Endpoint& endpoint_;
-  std::atomic<bool> ends_{false};
-  std::thread thread_;
-};
 
 }  // namespace ontime::transport

@@ -2,7 +2,6 @@
 // The answering end as a node, as a user of ROS 2 starts it, and a node that a user may write himself.
 #include <array>
 #include <chrono>
-#include <cstdio>
 #include <filesystem>
 #include <string>
 #include <thread>

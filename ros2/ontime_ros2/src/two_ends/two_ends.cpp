@@ -6,7 +6,6 @@
 #include <exception>
 #include <filesystem>
 #include <system_error>
-#include <thread>
 
 #include <dlfcn.h>
 #include <fcntl.h>
@@ -34,14 +33,18 @@ const transport::Plugin& plugin() {
 
 bool isolate() {
   if (unshare(CLONE_NEWNET) != 0 && unshare(CLONE_NEWUSER | CLONE_NEWNET) != 0) return false;
+  return set_loopback(IFF_UP, true);
+}
+
+bool set_loopback(int flag, bool on) {
   const int socket = ::socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC, 0);
   ifreq request{};
   std::string("lo").copy(request.ifr_name, IFNAMSIZ - 1);
   ioctl(socket, SIOCGIFFLAGS, &request);
-  request.ifr_flags = static_cast<short>(request.ifr_flags | IFF_UP);
-  const bool up = ioctl(socket, SIOCSIFFLAGS, &request) == 0;
+  request.ifr_flags = static_cast<short>(on ? request.ifr_flags | flag : request.ifr_flags & ~flag);
+  const bool done = ioctl(socket, SIOCSIFFLAGS, &request) == 0;
   close(socket);
-  return up;
+  return done;
 }
 
 Child::Child(const std::function<void(int, int)>& run) {
@@ -104,20 +107,25 @@ void await_end(int end) {
   }
 }
 
+Receiving::Receiving(transport::Endpoint& endpoint, transport::Receive receive) : endpoint_(endpoint) {
+  if (receive == transport::Receive::waitset)
+    thread_ = std::thread([this] {
+      while (!ends_) endpoint_.receive();
+    });
+}
+
+Receiving::~Receiving() {
+  ends_ = true;
+  endpoint_.interrupt();
+  if (thread_.joinable()) thread_.join();
+}
+
 void serve(const transport::Config& config, int end) {
   Echo echo;
   const auto endpoint = plugin().open(config, echo);
   echo.endpoint = endpoint.get();
-  std::atomic<bool> ends{false};
-  std::thread receiver;
-  if (config.receive == transport::Receive::waitset)
-    receiver = std::thread([&] {
-      while (!ends) endpoint->receive();
-    });
+  const Receiving receiving(*endpoint, config.receive);
   await_end(end);
-  ends = true;
-  endpoint->interrupt();
-  if (receiver.joinable()) receiver.join();
 }
 
 bool await_match(transport::Endpoint& endpoint) {

@@ -7,6 +7,7 @@
 #include <functional>
 #include <span>
 #include <string>
+#include <thread>
 
 #include <sys/types.h>
 
@@ -19,6 +20,7 @@ const transport::Plugin& plugin();
 
 // A network of this process's own where the kernel permits it; then no other program answers.
 bool isolate();
+bool set_loopback(int flag, bool on);  // an IFF_ of its interface; false if the kernel does not
 
 struct Echo final : transport::Sink {
   void arrived(std::uint64_t sequence, std::span<std::byte> payload, std::int64_t) noexcept override {
@@ -47,6 +49,20 @@ class Child {
 };
 
 void await_end(int end);
+
+// The thread that receives where the transport does not by itself.
+class Receiving {
+ public:
+  Receiving(transport::Endpoint& endpoint, transport::Receive receive);
+  ~Receiving();
+  Receiving(const Receiving&) = delete;
+  Receiving& operator=(const Receiving&) = delete;
+
+ private:
+  transport::Endpoint& endpoint_;
+  std::atomic<bool> ends_{false};
+  std::thread thread_;
+};
 
 // Answers until it shall end.
 void serve(const transport::Config& config, int end);
