@@ -12,7 +12,6 @@
 
 #include "message/message.hpp"
 #include "transport/clock.hpp"
-#include "transport/link.hpp"
 #include "transport/sockets.hpp"
 
 namespace ontime::transport::dds {
@@ -69,6 +68,17 @@ const char* policy_value(const Qos& qos, Policy policy) {
 }  // namespace
 
 bool is_loopback(const std::string& address) { return address.starts_with("127."); }
+
+// NOLINTBEGIN(concurrency-mt-unsafe): see the header
+Override::Override(const char* name, const std::optional<std::string>& value) : name_(name) {
+  if (const char* const before = std::getenv(name)) before_ = before;
+  set(value);
+}
+
+void Override::set(const std::optional<std::string>& value) const {
+  value ? setenv(name_, value->c_str(), 1) : unsetenv(name_);
+}
+// NOLINTEND(concurrency-mt-unsafe)
 
 bool follows_environment() { return getauxval(AT_SECURE) == 0; }
 

@@ -6,6 +6,8 @@
 #include <atomic>
 #include <cstddef>
 #include <cstdint>
+#include <map>
+#include <optional>
 #include <span>
 #include <string>
 #include <vector>
@@ -27,6 +29,22 @@ inline constexpr int ports_per_domain = 250;
 inline constexpr const char* multicast_group = "239.255.0.1";
 
 bool is_loopback(const std::string& address);
+
+// A variable of the environment that has another value, or none, as long as this lives. An ordinary thread's,
+// while no other reads the environment.
+class Override {
+ public:
+  Override(const char* name, const std::optional<std::string>& value);
+  ~Override() { set(before_); }
+  Override(const Override&) = delete;
+  Override& operator=(const Override&) = delete;
+
+ private:
+  void set(const std::optional<std::string>& value) const;
+
+  const char* const name_;
+  std::optional<std::string> before_;
+};
 
 // Not where this program has file capabilities: its caller would choose what it reads and loads.
 bool follows_environment();
@@ -88,6 +106,23 @@ void check(const Config& config, const std::string& transport, std::span<const O
 // What Endpoint::facts() tells. `source`: whence its configuration is.
 std::map<std::string, std::string> facts(const Config& config, const std::string& middleware,
                                          const std::string& carrier, const std::string& source);
+
+// Throws Error if this host has not that link, or it does not run.
+void check_link(const Config& config, const std::string& transport);
+
+// This process's internet sockets, by file descriptor; the kernel's number tells one from a later one that
+// has the same descriptor.
+using Sockets = std::map<int, std::uint64_t>;
+Sockets sockets();
+
+// Binds each that was opened since `before` to the link under test, if one is named: then the kernel sends
+// and receives by no other, whatever a vendor's configuration or a peer says of addresses. (What two ends on
+// one host send each other never leaves it.) Throws Error where the kernel does not.
+void keep_to_link(const Sockets& before, const Config& config, const std::string& transport);
+
+// Of participants on this host that look for others on another link than ours, for people; empty if there are
+// none.
+std::string others_elsewhere(const Config& config);
 
 struct Peer {
   std::string address;     // IPv4

@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "transport/link.hpp"
-
+// The link under test: whether it is there, and that nothing else carries what a DDS sends and receives.
 #include <filesystem>
 #include <fstream>
 #include <memory>

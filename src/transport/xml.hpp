@@ -5,7 +5,6 @@
 
 #include <istream>
 #include <string>
-#include <vector>
 
 #include <boost/algorithm/string/predicate.hpp>
 #include <boost/property_tree/ptree.hpp>

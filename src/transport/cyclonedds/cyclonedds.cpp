@@ -21,7 +21,6 @@
 #include "transport/cyclonedds/configuration.hpp"
 #include "transport/cyclonedds/log.hpp"
 #include "transport/dds.hpp"
-#include "transport/link.hpp"
 #include "transport/shipped.hpp"
 #include "transport/transport.hpp"
 

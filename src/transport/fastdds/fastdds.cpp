@@ -30,7 +30,6 @@
 #include "transport/fastdds/log.hpp"
 #include "transport/fastdds/profiles.hpp"
 #include "transport/fastdds/threads.hpp"
-#include "transport/link.hpp"
 #include "transport/shipped.hpp"
 #include "transport/sockets.hpp"
 #include "transport/transport.hpp"
@@ -275,7 +274,7 @@ std::unique_ptr<Endpoint> FastEndpoint::beside(const Config& config, Sink& sink,
 
 void FastEndpoint::open_participant(Log& log) {
   profiles_ = profiles(config_, "fastdds");
-  const OnlyFile none("");
+  const NoFile none;
   auto qos = participant_qos(profiles_, log);
   std::vector<Descriptor> files;
   if (config_.security) files = demand_security(qos, *config_.security);

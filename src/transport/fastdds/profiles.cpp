@@ -1,12 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-// NOLINTBEGIN(concurrency-mt-unsafe): see the header
 #include "transport/fastdds/profiles.hpp"
 
 #include <algorithm>
-#include <cstdlib>
 #include <filesystem>
 
-#include "transport/dds.hpp"
 #include "transport/xml.hpp"
 
 namespace ontime::transport::fastdds {
@@ -177,22 +174,8 @@ Profiles profiles(const Config& config, const std::string& who) {
   return result;
 }
 
-OnlyFile::OnlyFile(const std::string& path) {
-  set(file_variable, path);
-  set(skip_variable, "1");
-  if (!dds::follows_environment()) set(more_variables_variable, "");
-}
-
-OnlyFile::~OnlyFile() {
-  for (const auto& [variable, value] : before_)
-    value ? setenv(variable, value->c_str(), 1) : unsetenv(variable);
-}
-
-void OnlyFile::set(const char* variable, const std::string& value) {
-  const char* const before = std::getenv(variable);
-  before_.emplace_back(variable, before == nullptr ? std::nullopt : std::optional<std::string>(before));
-  value.empty() ? unsetenv(variable) : setenv(variable, value.c_str(), 1);
+NoFile::NoFile() : file_(file_variable, {}), skip_(skip_variable, "1") {
+  if (!dds::follows_environment()) more_variables_.emplace(more_variables_variable, std::nullopt);
 }
 
 }  // namespace ontime::transport::fastdds
-// NOLINTEND(concurrency-mt-unsafe)

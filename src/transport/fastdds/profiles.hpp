@@ -5,9 +5,8 @@
 
 #include <optional>
 #include <string>
-#include <utility>
-#include <vector>
 
+#include "transport/dds.hpp"
 #include "transport/transport.hpp"
 
 namespace ontime::transport::fastdds {
@@ -29,19 +28,14 @@ struct Profiles {
 // write files), and Error for a file that is not there or no XML. `who` begins each message.
 Profiles profiles(const Config& config, const std::string& who);
 
-// While it lives, the environment has Fast DDS load that file by itself and no other; an empty name: none at
-// all. An ordinary thread's, while no other reads the environment.
-class OnlyFile {
+// While it lives, the environment has Fast DDS load no file by itself.
+class NoFile {
  public:
-  explicit OnlyFile(const std::string& path);
-  ~OnlyFile();
-  OnlyFile(const OnlyFile&) = delete;
-  OnlyFile& operator=(const OnlyFile&) = delete;
+  NoFile();
 
  private:
-  void set(const char* variable, const std::string& value);  // unset if empty
-
-  std::vector<std::pair<const char*, std::optional<std::string>>> before_;
+  dds::Override file_, skip_;
+  std::optional<dds::Override> more_variables_;
 };
 
 }  // namespace ontime::transport::fastdds

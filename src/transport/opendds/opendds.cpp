@@ -33,7 +33,6 @@
 #include "message/message.hpp"
 #include "transport/clock.hpp"
 #include "transport/dds.hpp"
-#include "transport/link.hpp"
 #include "transport/shipped.hpp"
 #include "transport/transport.hpp"
 

@@ -2,7 +2,6 @@
 // Raw Ethernet past the kernel's network stack, by a socket of AF_XDP: frames lie in memory that we share
 // with the kernel, or, where the driver can (zero-copy), with the device. No queueing discipline, no packet
 // filter.
-#include <algorithm>
 #include <cerrno>
 #include <charconv>
 #include <memory>

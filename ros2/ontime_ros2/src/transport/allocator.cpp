@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "allocator.hpp"
 
-#include <cstring>
 #include <mutex>
 #include <vector>
 

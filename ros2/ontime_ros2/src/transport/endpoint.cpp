@@ -26,7 +26,6 @@
 #include "threads.hpp"
 #include "transport/clock.hpp"
 #include "transport/dds.hpp"
-#include "transport/link.hpp"
 #include "waiting.hpp"
 
 namespace ontime::transport::ros2 {
@@ -222,7 +221,7 @@ void RosEndpoint::open_participant(rclcpp::Context::SharedPtr (*context)(int)) {
     seat_.settings_source = leading->source;
     seat_.settings_carrier = leading->carrier;
     // See without_localhost_only(). Empty is unset; from Jazzy on any value, also "0", makes it warn.
-    const Variable localhost_only("ROS_LOCALHOST_ONLY", "");
+    const dds::Override localhost_only("ROS_LOCALHOST_ONLY", "");
     seat_.context = context(config_.domain);
     open_node([&] { return leading->said(); });
   }

@@ -1,5 +1,4 @@
 // SPDX-License-Identifier: Apache-2.0
-// NOLINTBEGIN(concurrency-mt-unsafe): see the header
 #include "environment.hpp"
 
 #include <cstdlib>
@@ -9,20 +8,8 @@
 namespace ontime::transport::ros2 {
 
 std::string environment(const char* name) {
-  const char* const value = std::getenv(name);
+  const char* const value = std::getenv(name);  // NOLINT(concurrency-mt-unsafe): see the header
   return value == nullptr ? "" : value;
-}
-
-Variable::Variable(const char* name, const std::string& value) : name_(name) {
-  if (const char* const before = std::getenv(name)) before_ = before;
-  setenv(name, value.c_str(), 1);
-}
-
-Variable::~Variable() {
-  if (before_)
-    setenv(name_, before_->c_str(), 1);
-  else
-    unsetenv(name_);
 }
 
 Config without_localhost_only(Config config) {
@@ -38,4 +25,3 @@ Config without_localhost_only(Config config) {
 }
 
 }  // namespace ontime::transport::ros2
-// NOLINTEND(concurrency-mt-unsafe)

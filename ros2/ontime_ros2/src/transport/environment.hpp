@@ -3,7 +3,6 @@
 // other threads that read it meanwhile there are none.
 #pragma once
 
-#include <optional>
 #include <string>
 
 #include "transport/transport.hpp"
@@ -11,19 +10,6 @@
 namespace ontime::transport::ros2 {
 
 std::string environment(const char* name);  // empty if it is not set
-
-// A variable that has another value as long as this lives.
-class Variable {
- public:
-  Variable(const char* name, const std::string& value);
-  ~Variable();
-  Variable(const Variable&) = delete;
-  Variable& operator=(const Variable&) = delete;
-
- private:
-  const char* name_;
-  std::optional<std::string> before_;
-};
 
 // ROS_LOCALHOST_ONLY must never reach an RMW together with an interface: Cyclone's refuses to start, and Fast
 // DDS's brings back shared memory. So its wish becomes the interface, and this throws Error where another

@@ -7,6 +7,7 @@
 #include <atomic>
 #include <chrono>
 #include <thread>
+#include <utility>
 
 #include <rcl/wait.h>
 #include <rclcpp/rclcpp.hpp>
@@ -31,11 +32,7 @@ class Graph {
 
  private:
   // Other ends of our topics in the graph, whether or not they match.
-  struct Known {
-    std::size_t readers = 0;
-    std::size_t writers = 0;
-    bool operator==(const Known&) const = default;
-  };
+  using Known = std::pair<std::size_t, std::size_t>;  // readers and writers
 
   void run() noexcept;
   void look();

@@ -2,10 +2,10 @@
 // Cyclone DDS takes its configuration from the environment, so ours goes there, the user's merged in.
 #include <memory>
 
-#include "environment.hpp"
 #include "lead.hpp"
 #include "transport/cyclonedds/configuration.hpp"
 #include "transport/cyclonedds/log.hpp"
+#include "transport/dds.hpp"
 
 namespace ontime::transport::ros2 {
 namespace {
@@ -21,7 +21,7 @@ class CycloneLead final : public Lead {
   std::string said() override { return log_.text(); }
 
  private:
-  Variable uri_;
+  dds::Override uri_;
   cyclonedds::Log log_;
 };
 

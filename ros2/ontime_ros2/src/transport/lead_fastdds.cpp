@@ -17,7 +17,7 @@ namespace vendor = eprosima::fastdds::dds;
 
 class FastLead final : public Lead {
  public:
-  explicit FastLead(const fastdds::Profiles& profiles) : no_file_("") {
+  explicit FastLead(const fastdds::Profiles& profiles) {
     source = profiles.source;
     carrier = profiles.carrier;
     eprosima::fastrtps::xmlparser::XMLProfileManager::DeleteInstance();  // of an earlier end of this process
@@ -33,7 +33,7 @@ class FastLead final : public Lead {
 
  private:
   fastdds::Log log_;
-  const fastdds::OnlyFile no_file_;
+  const fastdds::NoFile no_file_;
 };
 
 }  // namespace

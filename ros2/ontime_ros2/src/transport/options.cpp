@@ -1,8 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "options.hpp"
 
-#include <utility>
-
 namespace ontime::transport::ros2 {
 namespace {
 

@@ -2,7 +2,6 @@
 // What the user may choose of rclcpp.
 #pragma once
 
-#include <cstdint>
 #include <string>
 
 #include "transport/transport.hpp"

@@ -11,7 +11,6 @@
 #include <rmw/events_statuses/message_lost.h>
 
 #include "transport/dds.hpp"
-#include "transport/link.hpp"
 
 namespace ontime::transport::ros2 {
 namespace {
