@@ -36,8 +36,10 @@ std::string text_of(const Tree& tree) {
   return out.str();
 }
 
-bool is_one_of(const std::string& name, std::initializer_list<const char*> names) {
-  return std::any_of(names.begin(), names.end(), [&](const char* one) { return iequals(name, one); });
+bool erase(Tree& tree, std::initializer_list<const char*> names) {
+  return erase_if(tree, [&](const std::string& name, const Tree&) {
+    return std::ranges::any_of(names, [&](const char* one) { return iequals(name, one); });
+  });
 }
 
 bool has(const Tree& tree, const std::string& element) {

@@ -48,7 +48,7 @@ bool erase_if(Tree& tree, const Unwanted& unwanted) {
   return erased;
 }
 
-bool is_one_of(const std::string& name, std::initializer_list<const char*> names);
+bool erase(Tree& tree, std::initializer_list<const char*> names);  // the elements that are called so
 bool has(const Tree& tree, const std::string& element);
 std::string child_text(const Tree& tree, const std::string& element);  // empty if there is no such child
 

@@ -97,19 +97,12 @@ std::vector<Document> users_documents(const Config& config, const std::string& u
 
 // Interfaces, and what names addresses of them.
 bool erase_ways_around_the_link(Tree& tree) {
-  return xml::erase_if(tree, [](const std::string& name, const Tree&) {
-    return xml::is_one_of(name,
-                          {"Interfaces", "NetworkInterfaceAddress", "MulticastRecvNetworkInterfaceAddresses",
+  return xml::erase(tree, {"Interfaces", "NetworkInterfaceAddress", "MulticastRecvNetworkInterfaceAddresses",
                            "ExternalNetworkAddress", "ExternalNetworkMask", "Partitioning"});
-  });
 }
 
 // And its trace, which would have our private key in it.
-bool erase_security(Tree& tree) {
-  return xml::erase_if(tree, [](const std::string& name, const Tree&) {
-    return xml::is_one_of(name, {"Security", "DDSSecurity", "Tracing"});
-  });
-}
+bool erase_security(Tree& tree) { return xml::erase(tree, {"Security", "DDSSecurity", "Tracing"}); }
 
 // Those of threads that have a priority of ours.
 bool erase_threads(Tree& tree, const Config& config) {
@@ -171,13 +164,6 @@ Tree defaults(const Config& config) {
   return tree;
 }
 
-Tree interface_of(const Config& config) {
-  Tree interface;
-  interface.put("<xmlattr>.address", config.address);
-  if (dds::is_loopback(config.address)) interface.put("<xmlattr>.multicast", "true");
-  return interface;
-}
-
 Tree peers_of(const Config& config) {
   Tree peers;
   if (dds::is_loopback(config.address)) peers.add("Peer", "").put("<xmlattr>.Address", config.address);
@@ -205,8 +191,11 @@ Tree threads_of(const Config& config) {
 Tree of_the_run(const Config& config) {
   Tree tree;
   Tree& domain = tree.add_child("CycloneDDS.Domain", Tree{});
-  if (!config.interface.empty())
-    domain.put_child("General.Interfaces.NetworkInterface", interface_of(config));
+  if (!config.interface.empty()) {
+    Tree& interface = domain.put_child("General.Interfaces.NetworkInterface", Tree{});
+    interface.put("<xmlattr>.address", config.address);
+    if (dds::is_loopback(config.address)) interface.put("<xmlattr>.multicast", "true");
+  }
   domain.put_child("Discovery.Peers", peers_of(config));
   domain.put_child("Threads", threads_of(config));
   domain.put("SharedMemory.Enable", "false");

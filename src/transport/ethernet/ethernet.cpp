@@ -11,7 +11,6 @@
 #include <sys/socket.h>
 
 #include "transport/frames.hpp"
-#include "transport/launch.hpp"
 #include "transport/shipped.hpp"
 
 namespace ontime::transport {

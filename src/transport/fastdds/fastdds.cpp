@@ -2,6 +2,8 @@
 // Fast DDS 2.9, by its DDS API, over UDPv4 alone: shared memory and shortcuts within a process would bypass
 // the link.
 #include <algorithm>
+#include <cstring>
+#include <functional>
 #include <mutex>
 #include <set>
 
@@ -17,6 +19,7 @@
 #include <fastdds/dds/subscriber/DataReaderListener.hpp>
 #include <fastdds/dds/subscriber/SampleInfo.hpp>
 #include <fastdds/dds/subscriber/Subscriber.hpp>
+#include <fastdds/dds/topic/TopicDataType.hpp>
 #include <fastrtps/config.h>
 #include <fastrtps/xmlparser/XMLProfileManager.h>
 #include <sys/mman.h>
@@ -25,7 +28,6 @@
 #include "message/message.hpp"
 #include "transport/clock.hpp"
 #include "transport/dds.hpp"
-#include "transport/fastdds/cdr_type.hpp"
 #include "transport/fastdds/hearing.hpp"
 #include "transport/fastdds/log.hpp"
 #include "transport/fastdds/profiles.hpp"
@@ -45,6 +47,55 @@ using vendor::StatusMask;
 constexpr Option options[] = {{"profiles", "FILE of Fast DDS's XML profiles"}};
 
 constexpr std::size_t preallocated_bytes = std::size_t{4} << 20;
+
+// The sample that is written …
+struct Outgoing {
+  std::uint64_t sequence;
+  std::span<const std::byte> payload;
+};
+// … and the one that is taken: into room made beforehand.
+struct Incoming {
+  std::span<std::byte> room;
+  std::span<std::byte> cdr{};  // what of it was used
+};
+
+// The round trip's message as a type of Fast DDS: it copies CDR bytes, and allocates nothing for a message.
+class CdrType final : public vendor::TopicDataType {
+ public:
+  explicit CdrType(std::size_t max_cdr_bytes) {
+    setName(message::type_name);
+    m_typeSize = static_cast<std::uint32_t>(max_cdr_bytes);
+    // Like rclcpp's, it is matched by its name alone.
+    auto_fill_type_object(false);
+    auto_fill_type_information(false);
+  }
+
+  bool serialize(void* outgoing, rtps::SerializedPayload_t* to) override {
+    const auto& sample = *static_cast<const Outgoing*>(outgoing);
+    const std::size_t bytes = message::cdr_overhead + sample.payload.size();
+    if (bytes > to->max_size) return false;
+    message::encode(sample.sequence, sample.payload, {reinterpret_cast<std::byte*>(to->data), bytes});
+    to->length = static_cast<std::uint32_t>(bytes);
+    to->encapsulation = CDR_LE;
+    return true;
+  }
+  bool deserialize(rtps::SerializedPayload_t* from, void* incoming) override {
+    auto& sample = *static_cast<Incoming*>(incoming);
+    if (from->length > sample.room.size()) return false;
+    std::memcpy(sample.room.data(), from->data, from->length);
+    sample.cdr = sample.room.first(from->length);
+    return true;
+  }
+  std::function<std::uint32_t()> getSerializedSizeProvider(void* outgoing) override {
+    return [sample = static_cast<const Outgoing*>(outgoing)] {
+      return static_cast<std::uint32_t>(message::cdr_overhead + sample->payload.size());
+    };
+  }
+  // Samples are ours, never Fast DDS's, and have no key.
+  void* createData() override { return nullptr; }
+  void deleteData(void*) override {}
+  bool getKey(void*, rtps::InstanceHandle_t*, bool) override { return false; }
+};
 
 template <typename Entity>
 Entity* opened(Entity* entity, const std::string& what, Log& log) {

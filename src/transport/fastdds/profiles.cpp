@@ -53,12 +53,10 @@ std::vector<Document> users_documents(const Config& config, const std::string& w
 
 // What leads around a link that is named.
 bool erase_ways_around_the_link(Tree& tree) {
-  return xml::erase_if(tree, [](const std::string& name, const Tree&) {
-    return xml::is_one_of(name, {"userTransports", "useBuiltinTransports", "defaultUnicastLocatorList",
-                                 "defaultMulticastLocatorList", "metatrafficUnicastLocatorList",
-                                 "metatrafficMulticastLocatorList", "unicastLocatorList",
-                                 "multicastLocatorList", "data_sharing"});
-  });
+  return xml::erase(tree, {"userTransports", "useBuiltinTransports", "defaultUnicastLocatorList",
+                           "defaultMulticastLocatorList", "metatrafficUnicastLocatorList",
+                           "metatrafficMulticastLocatorList", "unicastLocatorList", "multicastLocatorList",
+                           "data_sharing"});
 }
 
 void append(Tree& to, const std::string& name, const Tree& content, Tree& profiles) {
@@ -95,10 +93,6 @@ Tree& default_participant(Tree& profiles) {
   return ours;
 }
 
-bool has_transports(const Tree& rtps) {
-  return xml::has(rtps, "userTransports") || xml::child_text(rtps, "useBuiltinTransports") == "false";
-}
-
 // Shared memory would bypass any link, and is built in.
 Tree transport_of(const Config& config, const Tree& rtps) {
   Tree transport;
@@ -124,20 +118,16 @@ void use_transport(Tree& profiles, Tree& rtps, const Config& config) {
   profiles.push_front({"transport_descriptors", descriptors});  // before it is referred to
 }
 
-Tree locator(const std::string& address, int port) {
-  Tree locator;
-  locator.put("udpv4.address", address);
-  if (port != 0) locator.put("udpv4.port", port);
-  return locator;
-}
-
 // Where peers are named Fast DDS looks nowhere else, hence the multicast group is named too.
 void name_peers(Tree& rtps, const Config& config, const std::string& who) {
   const bool loopback = dds::is_loopback(config.address);
   if (config.peers.empty() && !loopback) return;
   Tree& peers = child_of(child_of(rtps, "builtin"), "initialPeersList");
   const auto add = [&](const std::string& address, int port) {
-    peers.push_back({"locator", locator(address, port)});
+    Tree locator;
+    locator.put("udpv4.address", address);
+    if (port != 0) locator.put("udpv4.port", port);
+    peers.push_back({"locator", locator});
   };
   if (peers.empty()) add(dds::multicast_group, dds::base_port + dds::ports_per_domain * config.domain);
   if (loopback) add(config.address, 0);
@@ -164,7 +154,7 @@ Profiles profiles(const Config& config, const std::string& who) {
   Tree& profiles = child_of(dds, "profiles");
   Tree& rtps = child_of(default_participant(profiles), "rtps");
   name_peers(rtps, config, who);
-  if (has_transports(rtps))
+  if (xml::has(rtps, "userTransports") || xml::child_text(rtps, "useBuiltinTransports") == "false")
     result.carrier = "the profile's transports";
   else
     use_transport(profiles, rtps, config);

@@ -22,7 +22,6 @@
 
 #include "message/message.hpp"
 #include "transport/clock.hpp"
-#include "transport/launch.hpp"
 #include "transport/shipped.hpp"
 #include "transport/sockets.hpp"
 #include "transport/transport.hpp"
