@@ -93,9 +93,8 @@ class Alarm {
 //   std::span<std::byte> room() noexcept                   for the next frame; empty if there is none now
 //   int send(std::size_t bytes, at_ns) noexcept            the bytes of room(), with Config::launch_ns to
 //                                                          leave then; 0, or why not
-//   int receive(const Alarm&, take) noexcept               waits, and calls take(std::span<std::byte>) for
-//   each
-//                                                          frame; 0, or what is wrong with the link
+//   int receive(const Alarm&, take) noexcept               waits, and calls take(std::span<std::byte>) with
+//                                                          each frame; 0, or what is wrong with the link
 //   int fd() · Losses losses() · std::map facts() · const char* thread_name
 // All but the constructor and the last two are real-time safe; room() and send() have one caller at a time.
 template <typename Wire>

@@ -44,10 +44,6 @@ constexpr NamedThread named_threads[] = {
 
 constexpr const char* who = "cyclonedds";
 
-Document parse_file(const std::string& uri, const std::string& named_by) {
-  return xml::parse_file(uri.starts_with("file://") ? uri.substr(7) : uri, named_by, who);
-}
-
 std::string attribute(const Tree& element, const char* name) {
   for (const auto& [kind, attributes] : element)
     if (kind == "<xmlattr>") return xml::child_text(attributes, name);
@@ -65,32 +61,29 @@ std::vector<Document> parse_uri(const std::string& uri, const std::string& origi
       break;
     }
     const std::size_t end = std::min(uri.find(',', at), uri.size());
-    documents.push_back(parse_file(uri.substr(at, end - at), origin));
+    const std::string file = uri.substr(at, end - at);
+    documents.push_back(xml::parse_file(file.starts_with("file://") ? file.substr(7) : file, origin, who));
     at = uri.find_first_not_of(" ,\t\n", end);
   }
   return documents;
 }
 
-std::vector<Document> documents_of_option(const Config& config) {
-  const auto option = config.options.find("config");
-  if (option == config.options.end()) return {};
-  try {
-    return parse_uri(option->second, "option config");
-  } catch (const Error& error) {
-    throw WrongInput(error.what());
-  }
-}
-
 std::vector<Document> users_documents(const Config& config, const std::string& uri) {
   std::vector<Document> documents = parse_uri(uri, "CYCLONEDDS_URI");
-  for (Document& document : documents_of_option(config)) {
-    xml::refuse(document,
-                {{"Tracing", "writes files"},
-                 {"Security", "loads libraries"},
-                 {"DDSSecurity", "loads libraries"},
-                 {"MonitorPort", "opens a port"}},
-                who, "your own CYCLONEDDS_URI");
-    documents.push_back(std::move(document));
+  const auto option = config.options.find("config");
+  if (option == config.options.end()) return documents;
+  try {
+    for (Document& document : parse_uri(option->second, "option config")) {
+      xml::refuse(document,
+                  {{"Tracing", "writes files"},
+                   {"Security", "loads libraries"},
+                   {"DDSSecurity", "loads libraries"},
+                   {"MonitorPort", "opens a port"}},
+                  who, "your own CYCLONEDDS_URI");
+      documents.push_back(std::move(document));
+    }
+  } catch (const Error& error) {
+    throw WrongInput(error.what());
   }
   return documents;
 }

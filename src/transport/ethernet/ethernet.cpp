@@ -18,10 +18,9 @@ namespace {
 
 constexpr const char* who = "ethernet";
 
-class PacketSocket {
- public:
-  PacketSocket() : fd_(socket(AF_PACKET, SOCK_RAW | SOCK_CLOEXEC, 0)) {
-    if (fd_ >= 0) return;
+struct PacketSocket : Descriptor {
+  PacketSocket() : Descriptor(socket(AF_PACKET, SOCK_RAW | SOCK_CLOEXEC, 0)) {
+    if (*this >= 0) return;
     if (errno == EPERM || errno == EACCES)
       throw Error(
           "ethernet: this process may not open a raw socket. Run it as root, or start it with CAP_NET_RAW: "
@@ -29,16 +28,12 @@ class PacketSocket {
           "--ambient-caps=+net_raw ontime ...");
     throw Error("ethernet: no raw socket (AF_PACKET): " + errno_text());
   }
-  int fd() const noexcept { return fd_; }
 
   template <typename Value>
   void set(int level, int option, const Value& value, const char* what) const {
-    if (setsockopt(fd_, level, option, &value, sizeof value) != 0)
+    if (setsockopt(*this, level, option, &value, sizeof value) != 0)
       throw Error(fmt::format("ethernet: {}: {}", what, errno_text()));
   }
-
- private:
-  const Descriptor fd_;
 };
 
 // What the kernel writes and we read, slot by slot; each belongs to one of the two.
@@ -57,7 +52,7 @@ class Ring {
                               .tp_frame_nr = static_cast<unsigned>(slots_)};
     socket.set(SOL_PACKET, PACKET_VERSION, static_cast<int>(TPACKET_V2), "no ring of version 2");
     socket.set(SOL_PACKET, PACKET_RX_RING, request, "no room for a ring");
-    memory_ = mmap(nullptr, bytes_, PROT_READ | PROT_WRITE, MAP_SHARED | MAP_POPULATE, socket.fd(), 0);
+    memory_ = mmap(nullptr, bytes_, PROT_READ | PROT_WRITE, MAP_SHARED | MAP_POPULATE, socket, 0);
     if (memory_ == MAP_FAILED)
       throw Error(fmt::format("ethernet: cannot map its ring of {} bytes: {}", bytes_, errno_text()));
   }
@@ -118,21 +113,21 @@ class Packets {
         ring_(socket_, link.frame_bytes),
         sending_(link.frame_bytes) {
     take_only(socket_, topic);
-    if (launches_) permit_launch_times(socket_.fd());
+    if (launches_) permit_launch_times(socket_);
     if (config.priority) socket_.set(SOL_SOCKET, SO_PRIORITY, *config.priority, "no priority");
     sockaddr_ll where{};
     where.sll_family = AF_PACKET;
     where.sll_protocol = htons(frames::ether_type);
     where.sll_ifindex = link.index;
-    if (bind(socket_.fd(), reinterpret_cast<const sockaddr*>(&where), sizeof where) != 0)
+    if (bind(socket_, reinterpret_cast<const sockaddr*>(&where), sizeof where) != 0)
       throw Error(fmt::format("ethernet: cannot listen on {}: {}", link.name, errno_text()));
   }
 
-  int fd() const noexcept { return socket_.fd(); }
+  int fd() const noexcept { return socket_; }
   std::span<std::byte> room() noexcept { return sending_; }
   int send(std::size_t bytes, std::int64_t at_ns) noexcept {
-    const auto sent = launches_ ? send_to_leave_at(at_ns, socket_.fd(), std::span(sending_).first(bytes))
-                                : ::send(socket_.fd(), sending_.data(), bytes, MSG_NOSIGNAL);
+    const auto sent = launches_ ? send_to_leave_at(at_ns, socket_, std::span(sending_).first(bytes))
+                                : ::send(socket_, sending_.data(), bytes, MSG_NOSIGNAL);
     return sent < 0 ? errno : 0;
   }
 
@@ -141,7 +136,7 @@ class Packets {
     while (!ring_.has_frame()) {
       if (alarm.rung()) return 0;
       if (busy_) continue;
-      if (const int error = alarm.wait(socket_.fd()); error != 0) return error;
+      if (const int error = alarm.wait(socket_); error != 0) return error;
     }
     while (ring_.has_frame() && !alarm.rung()) ring_.hand_over(take);
     return 0;
@@ -151,7 +146,7 @@ class Packets {
   Losses losses() {
     tpacket_stats since{};
     socklen_t length = sizeof since;
-    if (getsockopt(socket_.fd(), SOL_PACKET, PACKET_STATISTICS, &since, &length) != 0) return {};
+    if (getsockopt(socket_, SOL_PACKET, PACKET_STATISTICS, &since, &length) != 0) return {};
     dropped_ += since.tp_drops;
     return {.on_the_way = {}, .overwritten = dropped_};
   }

@@ -24,21 +24,6 @@ Tree& child_of(Tree& tree, const char* name) {
   return found == tree.not_found() ? tree.push_back({name, Tree{}})->second : found->second;
 }
 
-Document document_of_option(const std::string& path, const std::string& who) {
-  try {
-    Document document = xml::parse_file(path, "option profiles", who);
-    xml::refuse(document,
-                {{"log", "writes files"},
-                 {"rtps_dump_file", "writes files"},
-                 {"propertiesPolicy", "can have plugins write files"},
-                 {"discoveryProtocol", "writes files", "BACKUP"}},
-                who, std::string("your own file, named by ") + file_variable);
-    return document;
-  } catch (const Error& error) {
-    throw WrongInput(error.what());
-  }
-}
-
 std::vector<Document> users_documents(const Config& config, const std::string& who) {
   std::vector<Document> documents;
   if (const auto file = dds::users_variable(file_variable); !file.value.empty())
@@ -46,8 +31,19 @@ std::vector<Document> users_documents(const Config& config, const std::string& w
   const bool skips = dds::users_variable(skip_variable).value.starts_with('1');
   if (!skips && dds::follows_environment() && std::filesystem::exists(file_in_this_folder))
     documents.push_back(xml::parse_file(file_in_this_folder, "its presence here", who));
-  if (const auto option = config.options.find("profiles"); option != config.options.end())
-    documents.push_back(document_of_option(option->second, who));
+  const auto option = config.options.find("profiles");
+  if (option == config.options.end()) return documents;
+  try {
+    documents.push_back(xml::parse_file(option->second, "option profiles", who));
+    xml::refuse(documents.back(),
+                {{"log", "writes files"},
+                 {"rtps_dump_file", "writes files"},
+                 {"propertiesPolicy", "can have plugins write files"},
+                 {"discoveryProtocol", "writes files", "BACKUP"}},
+                who, std::string("your own file, named by ") + file_variable);
+  } catch (const Error& error) {
+    throw WrongInput(error.what());
+  }
   return documents;
 }
 

@@ -2,18 +2,23 @@
 // The transport as ontime loads it. It is linked with nothing of ROS 2, for librcl ends the process when it
 // is loaded with another RMW than it was told to expect: so that is settled first (rmw.hpp), and only then
 // comes the part that has rclcpp in it.
+#include <array>
+#include <cstdint>
 #include <filesystem>
+#include <future>
 #include <memory>
 
 #include <dlfcn.h>
+#include <linux/capability.h>
 #include <rclcpp/version.h>
+#include <sys/syscall.h>
+#include <unistd.h>
 
 #include "environment.hpp"
 #include "options.hpp"
 #include "rmw.hpp"
 #include "transport/dds.hpp"
 #include "transport/shipped.hpp"
-#include "unprivileged.hpp"
 
 namespace ontime::transport::ros2 {
 namespace {
@@ -30,6 +35,35 @@ OpenFunction* rclcpp_part() {
     throw Error("ros2: " + file.string() + " does not load: " + dlerror() +  // NOLINT(concurrency-mt-unsafe)
                 "; source the setup.bash of the ROS 2 that it was built in, and build it anew for another");
   return reinterpret_cast<OpenFunction*>(dlsym(object, "ontime_open_ros2"));
+}
+
+// What starts threads as it is loaded gives them the privileges of the thread that loads it. LTTng's, behind
+// ROS 2's trace points, block every signal, so that nothing could take privileges from them later.
+// Of this thread alone: priorities, and locked memory, are what an end still needs.
+void keep_few_privileges() {
+  constexpr std::uint32_t kept = (1U << CAP_SYS_NICE) | (1U << CAP_IPC_LOCK);
+  __user_cap_header_struct header{_LINUX_CAPABILITY_VERSION_3, 0};
+  std::array<__user_cap_data_struct, _LINUX_CAPABILITY_U32S_3> sets{};
+  if (syscall(SYS_capget, &header, sets.data()) != 0) return;
+  sets[0] = {.effective = sets[0].effective & kept, .permitted = sets[0].permitted & kept, .inheritable = 0};
+  sets[1] = {};
+  syscall(SYS_capset, &header, sets.data());
+}
+
+// What `load` returns, from a thread with few privileges. Where it throws Error there, once more with all of
+// the caller's: the files may be in a folder that root reads by privilege only.
+template <typename Load>
+auto loaded_unprivileged(const Load& load) {
+  try {
+    return std::async(std::launch::async,
+                      [&] {
+                        keep_few_privileges();
+                        return load();
+                      })
+        .get();
+  } catch (const Error&) {
+    return load();
+  }
 }
 
 std::string version() { return "rclcpp " RCLCPP_VERSION_STR; }
