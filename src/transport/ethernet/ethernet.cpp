@@ -83,23 +83,21 @@ class Ring {
 
 // The kernel drops what is not of our topic: no other frame wakes us.
 void take_only(const PacketSocket& socket, std::uint64_t topic) {
+  constexpr auto at = [](auto member) { return static_cast<std::uint32_t>(member); };
   std::array<std::uint32_t, 2> words{};
   std::memcpy(words.data(), &topic, sizeof topic);
-  const auto load = [](std::size_t offset) {
-    return sock_filter(BPF_STMT(BPF_LD | BPF_W | BPF_ABS, static_cast<std::uint32_t>(offset)));
+  const auto load = [](std::uint32_t offset) {
+    return sock_filter(BPF_STMT(BPF_LD | BPF_W | BPF_ABS, offset));
   };
   const auto unless = [](std::uint32_t word, std::uint8_t to_end) {
     return sock_filter(BPF_JUMP(BPF_JMP | BPF_JEQ | BPF_K, ntohl(word), 0, to_end));
   };
   using frames::Header;
-  std::array<sock_filter, 8> code{load(offsetof(Header, magic)),
-                                  unless(frames::magic, 5),
-                                  load(offsetof(Header, topic)),
-                                  unless(words[0], 3),
-                                  load(offsetof(Header, topic) + 4),
-                                  unless(words[1], 1),
-                                  sock_filter(BPF_STMT(BPF_RET | BPF_K, ~0U)),
-                                  sock_filter(BPF_STMT(BPF_RET | BPF_K, 0))};
+  std::array<sock_filter, 8> code{
+      load(at(offsetof(Header, magic))),           unless(frames::magic, 5),
+      load(at(offsetof(Header, topic))),           unless(words[0], 3),
+      load(at(offsetof(Header, topic) + 4)),       unless(words[1], 1),
+      sock_filter(BPF_STMT(BPF_RET | BPF_K, ~0U)), sock_filter(BPF_STMT(BPF_RET | BPF_K, 0))};
   socket.set(SOL_SOCKET, SO_ATTACH_FILTER, sock_fprog{code.size(), code.data()}, "no filter of frames");
 }
 
