@@ -1,4 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
+#include <algorithm>
+
 #include <fmt/format.h>
 
 #include "campaign/campaign.hpp"
@@ -61,7 +63,7 @@ int print_findings(const std::vector<Finding>& findings, bool as_json) {
 
 }  // namespace
 
-void add_check(Command& app, Action& action) {
+void add_check(Command& app) {
   auto* command =
       app.add_subcommand("check", "Whether this machine is fit: what is, what should be, why, and the fix");
   command->footer("Exit codes: 0 no errors · 1 errors prevent real-time");
@@ -71,21 +73,17 @@ void add_check(Command& app, Action& action) {
   auto arguments = std::make_shared<Arguments>();
   add_link(*command, arguments->interface, arguments->peer, "the link: all that are hardware");
   add_format(*command, arguments->format);
-  command->callback([&action, arguments] {
-    action = [arguments] {
-      const bool as_json = is_json_flag(arguments->format);
-      fitness::Subject subject;
-      if (!arguments->peer.empty()) subject.interfaces = {machine::interface_to(arguments->peer, "")};
-      if (!arguments->interface.empty()) {
-        bool there = false;
-        for (const auto& one : machine::interfaces()) there = there || one.name == arguments->interface;
-        if (!there)
-          throw campaign::Error(2,
-                                fmt::format("--interface: there is no interface {}", arguments->interface));
-        subject.interfaces = {arguments->interface};
-      }
-      return print_findings(fitness::check(subject), as_json);
-    };
+  command->calls([arguments] {
+    const bool as_json = is_json_flag(arguments->format);
+    fitness::Subject subject;
+    if (!arguments->peer.empty()) subject.interfaces = {machine::interface_to(arguments->peer, "")};
+    if (!arguments->interface.empty()) {
+      if (std::ranges::none_of(machine::interfaces(),
+                               [&](const auto& one) { return one.name == arguments->interface; }))
+        throw campaign::Error(2, fmt::format("--interface: there is no interface {}", arguments->interface));
+      subject.interfaces = {arguments->interface};
+    }
+    return print_findings(fitness::check(subject), as_json);
   });
 }
 

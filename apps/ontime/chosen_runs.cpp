@@ -20,7 +20,7 @@ bool is_called(const record::Run& run, const std::string& word) {
 // "1 to 12 (ids: idle, loaded)".
 std::string all_of(const std::vector<record::Run>& runs, std::vector<std::string>& ids) {
   for (const auto& run : runs)
-    if (const auto& id = run.asked.id; !id.empty() && std::find(ids.begin(), ids.end(), id) == ids.end())
+    if (const auto& id = run.asked.id; !id.empty() && std::ranges::find(ids, id) == ids.end())
       ids.push_back(id);
   constexpr std::size_t most_ids = 20;
   const auto shown = std::min(ids.size(), most_ids);
@@ -32,19 +32,14 @@ std::string all_of(const std::vector<record::Run>& runs, std::vector<std::string
 }  // namespace
 
 void add_only(Command& command, std::vector<std::string>& words, const std::string& older) {
-  command.add_option("--only" + older, words, "only the runs with these ids or numbers")
-      ->delimiter(',')
-      ->allow_extra_args(false)
-      ->type_name("RUN,...")
-      ->check(given);
+  add_list(command, "--only" + older, words, "RUN,...", "only the runs with these ids or numbers");
 }
 
 std::vector<record::Run> chosen_runs(const record::Reader& reader, const std::string& file,
                                      const std::vector<std::string>& words) {
   auto runs = reader.runs();
   for (const auto& word : words) {
-    if (std::any_of(runs.begin(), runs.end(), [&](const auto& run) { return is_called(run, word); }))
-      continue;
+    if (std::ranges::any_of(runs, [&](const auto& run) { return is_called(run, word); })) continue;
     if (runs.empty()) throw campaign::Error(2, fmt::format("{} has no runs", file));
     std::vector<std::string> ids;
     const auto all = all_of(runs, ids);
@@ -54,9 +49,17 @@ std::vector<record::Run> chosen_runs(const record::Reader& reader, const std::st
   }
   if (!words.empty())
     std::erase_if(runs, [&](const auto& run) {
-      return std::none_of(words.begin(), words.end(), [&](const auto& word) { return is_called(run, word); });
+      return std::ranges::none_of(words, [&](const auto& word) { return is_called(run, word); });
     });
   return runs;
+}
+
+std::vector<statistics::Summary> chosen_summaries(const record::Reader& reader, const std::string& file,
+                                                  const std::vector<std::string>& words) {
+  std::vector<statistics::Summary> summaries;
+  for (const auto& run : chosen_runs(reader, file, words))
+    summaries.push_back(statistics::summarise(reader, run));
+  return summaries;
 }
 
 }  // namespace ontime::app

@@ -6,7 +6,7 @@
 #include <vector>
 
 #include "command.hpp"
-#include "record/record.hpp"
+#include "statistics/statistics.hpp"
 
 namespace ontime::app {
 
@@ -17,5 +17,7 @@ void add_only(Command&, std::vector<std::string>& words, const std::string& olde
 // names a word which no run has, and what there is instead.
 std::vector<record::Run> chosen_runs(const record::Reader&, const std::string& file,
                                      const std::vector<std::string>& words);
+std::vector<statistics::Summary> chosen_summaries(const record::Reader&, const std::string& file,
+                                                  const std::vector<std::string>& words);
 
 }  // namespace ontime::app

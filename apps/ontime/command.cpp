@@ -2,7 +2,6 @@
 #include "command.hpp"
 
 #include <algorithm>
-#include <cctype>
 #include <iostream>
 #include <sstream>
 #include <utility>
@@ -74,8 +73,9 @@ Option* Option::required() {
   option_->required();
   return this;
 }
-Option* Option::check(Check right) {
-  option_->check(CLI::Validator(right, ""));
+Option* Option::given() {
+  const auto flaw = [](const std::string& value) { return value.empty() ? "a value is needed" : ""; };
+  option_->check(CLI::Validator(flaw, ""));
   return this;
 }
 Option* Option::range(int least, int most) {
@@ -98,16 +98,8 @@ Option* Option::excludes(const std::string& flag) {
   option_->excludes(flag);
   return this;
 }
-Option* Option::excludes(Option* other) {
-  option_->excludes(other->option_);
-  return this;
-}
 Option* Option::needs(const std::string& flag) {
   option_->needs(flag);
-  return this;
-}
-Option* Option::needs(Option* other) {
-  option_->needs(other->option_);
   return this;
 }
 
@@ -124,35 +116,22 @@ std::vector<std::string> Option::flags() const {
 std::string Option::name() const { return option_->get_name(); }
 std::string Option::type_name() const { return option_->get_type_name(); }
 
-Command::Command(CLI::App* app) : app_(app) { keep(app_->get_help_ptr()); }
-Command::~Command() = default;
+Command::Command(CLI::App* app, Action& chosen) : app_(app), chosen_(chosen) { keep(app_->get_help_ptr()); }
 
-Option* Command::keep(CLI::Option* option) {
-  return options_.emplace_back(std::make_unique<Option>(option)).get();
-}
+Option* Command::keep(CLI::Option* option) { return &options_.emplace_back(option); }
 
 Command* Command::add_subcommand(const std::string& name, const std::string& help) {
-  return commands_.emplace_back(std::make_unique<Command>(app_->add_subcommand(name, help))).get();
+  return commands_.emplace_back(std::make_unique<Command>(app_->add_subcommand(name, help), chosen_)).get();
 }
 
-Option* Command::add_option(const std::string& flags, std::string& value, const std::string& help) {
+template <class Value>
+Option* Command::add_option(const std::string& flags, Value& value, const std::string& help) {
   return keep(app_->add_option(flags, value, help));
 }
-Option* Command::add_option(const std::string& flags, std::vector<std::string>& values,
-                            const std::string& help) {
-  return keep(app_->add_option(flags, values, help));
-}
-Option* Command::add_option(const std::string& flags, std::vector<std::int64_t>& values,
-                            const std::string& help) {
-  return keep(app_->add_option(flags, values, help));
-}
-Option* Command::add_option(const std::string& flags, std::optional<int>& value, const std::string& help) {
-  return keep(app_->add_option(flags, value, help));
-}
-Option* Command::add_option(const std::string& flags, std::optional<std::int64_t>& value,
-                            const std::string& help) {
-  return keep(app_->add_option(flags, value, help));
-}
+template Option* Command::add_option(const std::string&, std::string&, const std::string&);
+template Option* Command::add_option(const std::string&, std::vector<std::string>&, const std::string&);
+template Option* Command::add_option(const std::string&, std::optional<int>&, const std::string&);
+template Option* Command::add_option(const std::string&, std::optional<std::int64_t>&, const std::string&);
 Option* Command::add_flag(const std::string& flags, bool& value, const std::string& help) {
   return keep(app_->add_flag(flags, value, help));
 }
@@ -169,9 +148,8 @@ Command* Command::require_subcommand() {
   app_->require_subcommand(1);
   return this;
 }
-Command* Command::callback(std::function<void()> action) {
-  app_->callback(std::move(action));
-  return this;
+void Command::calls(Action action) {
+  app_->callback([this, action = std::move(action)] { chosen_ = action; });
 }
 
 std::string Command::name() const { return app_->get_name(); }
@@ -210,25 +188,24 @@ std::string fitted(const std::string& help, std::size_t columns) {
 }  // namespace
 
 Program::Program(const std::string& name, const std::string& help, const std::string& version)
-    : app_(std::make_unique<CLI::App>(help, name)) {
+    : app_(std::make_unique<CLI::App>(help, name)), command_(app_.get(), chosen_) {
   app_->set_version_flag("--version", version);
   app_->get_formatter()->column_width(help_column);
   app_->failure_message(message_of);
-  command_ = std::make_unique<Command>(app_.get());
 }
 Program::~Program() = default;
 
-std::optional<int> Program::parse(int argc, char** argv) {
+Action Program::parse(int argc, char** argv) {
   try {
     app_->parse(argc, argv);
-    return std::nullopt;
+    return chosen_;
   } catch (const CLI::ParseError& error) {
     std::ostringstream help;
     std::ostringstream wrong;
-    const int code = app_->exit(error, help, wrong);
+    const int code = app_->exit(error, help, wrong) == 0 ? 0 : 2;
     if (!help.str().empty()) print(fitted(help.str(), reading_columns()));
     std::cerr << for_terminal(wrong.str(), STDERR_FILENO);
-    return code == 0 ? 0 : 2;
+    return [code] { return code; };
   }
 }
 

@@ -5,6 +5,7 @@
 
 #include <cstdint>
 #include <functional>
+#include <list>
 #include <memory>
 #include <optional>
 #include <string>
@@ -17,8 +18,7 @@ class Option;
 
 namespace ontime::app {
 
-// Says what is wrong with a value; "": nothing.
-using Check = std::string (*)(const std::string& value);
+using Action = std::function<int()>;  // returns the exit code
 
 class Option {
  public:
@@ -29,15 +29,13 @@ class Option {
   Option* type_name(const std::string&);    // "on|off": these words, which shells complete
   Option* group(const std::string& title);  // in --help; "": --help hides it
   Option* required();
-  Option* check(Check);
+  Option* given();  // refuses an empty value, which a script's unset variable is
   Option* range(int least, int most);
   Option* delimiter(char);         // of a list
   Option* allow_extra_args(bool);  // false: each value of a list has its own flag
   Option* expected(int least, int most);
-  Option* excludes(const std::string& flag);
-  Option* excludes(Option*);
-  Option* needs(const std::string& flag);
-  Option* needs(Option*);
+  Option* excludes(const std::string& flag);  // which is there already
+  Option* needs(const std::string& flag);     // the same
 
   std::size_t count() const;  // how often the user gave it
   bool is_shown() const;      // in --help
@@ -54,35 +52,33 @@ class Option {
 
 class Command {
  public:
-  explicit Command(CLI::App* app);
-  ~Command();
+  Command(CLI::App* app, Action& chosen);
   Command(const Command&) = delete;
   Command& operator=(const Command&) = delete;
 
   // Options and commands live as long as this one. A value must live until the command has run.
   Command* add_subcommand(const std::string& name, const std::string& help);
-  Option* add_option(const std::string& flags, std::string& value, const std::string& help);
-  Option* add_option(const std::string& flags, std::vector<std::string>& values, const std::string& help);
-  Option* add_option(const std::string& flags, std::vector<std::int64_t>& values, const std::string& help);
-  Option* add_option(const std::string& flags, std::optional<int>& value, const std::string& help);
-  Option* add_option(const std::string& flags, std::optional<std::int64_t>& value, const std::string& help);
+  // Of a text, texts, or a number that need not be there.
+  template <class Value>
+  Option* add_option(const std::string& flags, Value& value, const std::string& help);
   Option* add_flag(const std::string& flags, bool& value, const std::string& help);
 
   Command* group(const std::string& title);  // in --help; "": --help hides it
   Command* footer(const std::string& text);
   Command* require_subcommand();
-  Command* callback(std::function<void()>);  // once the whole command line was read
+  void calls(Action);  // where the user names it, once the whole command line was read
 
   std::string name() const;
   bool is_shown() const;
   const std::vector<std::unique_ptr<Command>>& subcommands() const { return commands_; }
-  const std::vector<std::unique_ptr<Option>>& options() const { return options_; }
+  const std::list<Option>& options() const { return options_; }
 
  private:
   Option* keep(CLI::Option*);
   CLI::App* app_;
+  Action& chosen_;
   std::vector<std::unique_ptr<Command>> commands_;
-  std::vector<std::unique_ptr<Option>> options_;  // --help first
+  std::list<Option> options_;  // --help first
 };
 
 // The program's own, which all others are of.
@@ -90,14 +86,14 @@ class Program {
  public:
   Program(const std::string& name, const std::string& help, const std::string& version);
   ~Program();
-  Command& command() { return *command_; }
-  // Reads the command line and calls the callbacks; the exit code, if that was all: of --help, or of an error
-  // that it printed.
-  std::optional<int> parse(int argc, char** argv);
+  Command& command() { return command_; }
+  // What the command line asks for. Of --help, or of an error, which it prints, only the exit code is left.
+  Action parse(int argc, char** argv);
 
  private:
   std::unique_ptr<CLI::App> app_;
-  std::unique_ptr<Command> command_;
+  Action chosen_;
+  Command command_;
 };
 
 }  // namespace ontime::app

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <algorithm>
 #include <filesystem>
+#include <iterator>
 #include <set>
 
 #include <fmt/format.h>
@@ -27,35 +28,25 @@ struct CompareArguments {
   bool single_runs = false, full = false;
 };
 
-struct File {
-  explicit File(std::string name) : path(std::move(name)), reader(path) {}
+Summaries only(const std::string& file, const std::vector<std::string>& words) {
+  return chosen_summaries(record::Reader(file), file, words);
+}
 
-  // All if there are no words.
-  Summaries only(const std::vector<std::string>& words) const {
-    Summaries summaries;
-    for (const auto& run : chosen_runs(reader, path, words))
+// An id or a number; a number stands for the run and its repetitions.
+Summaries alike(const std::string& file, const std::string& word) {
+  const record::Reader reader(file);
+  std::set<std::string> keys;
+  std::set<std::int64_t> numbers;
+  for (const auto& run : chosen_runs(reader, file, {word})) {
+    keys.insert(run.key);
+    numbers.insert(run.number);
+  }
+  Summaries summaries;
+  for (const auto& run : reader.runs())
+    if (numbers.contains(run.number) || (keys.size() == 1 && !run.key.empty() && keys.contains(run.key)))
       summaries.push_back(statistics::summarise(reader, run));
-    return summaries;
-  }
-
-  // An id or a number; a number stands for the run and its repetitions.
-  Summaries alike(const std::string& word) const {
-    std::set<std::string> keys;
-    std::set<std::int64_t> numbers;
-    for (const auto& run : chosen_runs(reader, path, {word})) {
-      keys.insert(run.key);
-      numbers.insert(run.number);
-    }
-    Summaries summaries;
-    for (const auto& run : reader.runs())
-      if (numbers.contains(run.number) || (keys.size() == 1 && !run.key.empty() && keys.contains(run.key)))
-        summaries.push_back(statistics::summarise(reader, run));
-    return summaries;
-  }
-
-  std::string path;
-  record::Reader reader;
-};
+  return summaries;
+}
 
 // Runs of one id need not be repetitions of one another.
 void refuse_unlike(const std::string& flag, const std::string& word, const report::Comparison::Runs& runs) {
@@ -80,13 +71,13 @@ bool is_same_file(const CompareArguments& arguments) {
 // `a` and `b` keep what the comparison points to.
 report::Comparison compare_by(const CompareArguments& arguments, Summaries& a, Summaries& b) {
   if (!arguments.b.empty()) throw Error(2, "--by compares runs of one file; leave B out");
-  a = File(arguments.a).only(arguments.only);
+  a = only(arguments.a, arguments.only);
   auto values = report::values_of(a, arguments.by);
   if (values.size() > 2) std::erase(values, report::unset);
   const auto listed = fmt::format("{}: {}", arguments.by, fmt::join(values, ", "));
   if (!arguments.from.empty()) {
     for (const auto& value : {arguments.from, arguments.to})
-      if (std::find(values.begin(), values.end(), value) == values.end())
+      if (std::ranges::find(values, value) == values.end())
         throw Error(2, fmt::format("--by: no run has '{}'. There is {}", value, listed));
     values = {arguments.from, arguments.to};
   }
@@ -102,11 +93,10 @@ report::Comparison compare_by(const CompareArguments& arguments, Summaries& a, S
 }
 
 report::Comparison compare_chosen(const CompareArguments& arguments, Summaries& a, Summaries& b) {
-  a = File(arguments.a).alike(arguments.from);
-  b = File(arguments.b.empty() ? arguments.a : arguments.b).alike(arguments.to);
-  const auto same = [](const auto& one, const auto& other) { return one.run.number == other.run.number; };
-  if (is_same_file(arguments) && std::equal(a.begin(), a.end(), b.begin(), b.end(), same))
-    refuse_the_same(arguments);
+  a = alike(arguments.a, arguments.from);
+  b = alike(arguments.b.empty() ? arguments.a : arguments.b, arguments.to);
+  const auto number = [](const auto& one) { return one.run.number; };
+  if (is_same_file(arguments) && std::ranges::equal(a, b, {}, number, number)) refuse_the_same(arguments);
   auto comparison = report::compare_chosen(a, b);
   for (const auto& pair : comparison.pairs) {
     refuse_unlike("--from", arguments.from, pair.from);
@@ -118,8 +108,8 @@ report::Comparison compare_chosen(const CompareArguments& arguments, Summaries& 
 report::Comparison compare_files(const CompareArguments& arguments, Summaries& a, Summaries& b) {
   if (arguments.b.empty()) throw Error(2, "compare needs a second results file, or --from and --to, or --by");
   if (is_same_file(arguments)) refuse_the_same(arguments);
-  a = File(arguments.a).only(arguments.only);
-  b = File(arguments.b).only(arguments.only);
+  a = only(arguments.a, arguments.only);
+  b = only(arguments.b, arguments.only);
   return report::compare(a, b);
 }
 
@@ -130,8 +120,7 @@ std::string name_sides(const CompareArguments& arguments, report::Comparison& co
   for (const auto& [flag, value] :
        {std::pair{"--by", arguments.by}, {"--from", arguments.from}, {"--to", arguments.to}})
     if (!value.empty()) words.insert(words.end(), {flag, value});
-  if (!arguments.only.empty())
-    words.insert(words.end(), {"--only", fmt::format("{}", fmt::join(arguments.only, ","))});
+  if (!arguments.only.empty()) words.insert(words.end(), {"--only", table::join(arguments.only, ",")});
   words.emplace_back("--full");
   const auto file = [](const std::string& path) { return std::filesystem::path(path).filename().string(); };
   if (!arguments.from.empty() && arguments.from != arguments.to) {
@@ -170,10 +159,7 @@ int compare(const CompareArguments& arguments, const GateFlags& flags) {
   for (const auto& pair : comparison.pairs)
     for (const auto& gate : gates)
       if (gate.is_relative()) judgements.push_back(gate::judge(gate, pair.from, pair.to, single_runs));
-  if (flags.wanted())
-    for (const auto& run : b)
-      if (!gate::is_superseded(run, b))
-        for (auto& judgement : flags.judge(gates, run)) judgements.push_back(std::move(judgement));
+  std::ranges::move(flags.judge_wanted(gates, b), std::back_inserter(judgements));
   // A condition that B lacks is no pass.
   if (flags.wanted())
     for (const auto& runs : comparison.only_from)
@@ -184,17 +170,16 @@ int compare(const CompareArguments& arguments, const GateFlags& flags) {
                           "A has no run to compare with"});
 
   if (!arguments.plot.empty()) draw(comparison, arguments.plot);
-  Output output(arguments.output);
-  output.write(arguments.full
-                   ? report::render(comparison, judgements, format, output_columns())
-                   : report::render_answer(comparison, judgements, format, full_command, output_columns()));
-  output.finish();
+  write_whole(arguments.output,
+              arguments.full
+                  ? report::render(comparison, judgements, format, output_columns())
+                  : report::render_answer(comparison, judgements, format, full_command, output_columns()));
   return flags.finish(std::move(judgements), arguments.b.empty() ? arguments.a : arguments.b);
 }
 
 }  // namespace
 
-void add_compare(Command& app, Action& action) {
+void add_compare(Command& app) {
   auto* command =
       app.add_subcommand("compare", "What changed from one results file to another, with its interval");
   auto arguments = std::make_shared<CompareArguments>();
@@ -220,13 +205,11 @@ void add_compare(Command& app, Action& action) {
   command->add_flag(
       "--single-runs", arguments->single_runs,
       "judge changes although a side has one run; differences between starts are then in no interval");
-  add_report_format(*command, arguments->format);
-  add_full(*command, arguments->full);
+  add_report_format(*command, arguments->format, arguments->full);
   add_output(*command, arguments->output);
   add_file(*command, "--plot", arguments->plot, "also a figure for a paper: .svg, .pdf or .png");
   auto flags = std::make_shared<GateFlags>(*command, gate::Use::fail_if_compared);
-  command->callback(
-      [&action, arguments, flags] { action = [arguments, flags] { return compare(*arguments, *flags); }; });
+  command->calls([arguments, flags] { return compare(*arguments, *flags); });
 }
 
 }  // namespace ontime::app

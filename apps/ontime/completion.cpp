@@ -8,6 +8,7 @@
 #include "campaign/campaign.hpp"
 #include "commands.hpp"
 #include "scenario_files.hpp"
+#include "table/table.hpp"
 #include "terminal.hpp"
 #include "transport/transport.hpp"
 
@@ -16,20 +17,12 @@ namespace {
 
 // "on|off": what may stand there, if it is one of a few words.
 std::vector<std::string> words_of(const Option& option) {
-  std::vector<std::string> words;
-  std::string word;
-  for (const char c : option.type_name() + '|') {
-    if (c != '|') {
-      word += c;
-    } else if (!word.empty()) {
-      words.push_back(std::exchange(word, ""));
-    }
-  }
+  auto words = table::split(option.type_name(), '|');
+  std::erase(words, "");
   const auto is_word = [](const std::string& one) {
-    return std::all_of(one.begin(), one.end(), [](char c) { return (c >= 'a' && c <= 'z') || c == '-'; });
+    return one.find_first_not_of("abcdefghijklmnopqrstuvwxyz-") == one.npos;
   };
-  return words.size() > 1 && std::all_of(words.begin(), words.end(), is_word) ? words
-                                                                              : std::vector<std::string>{};
+  return words.size() > 1 && std::ranges::all_of(words, is_word) ? words : std::vector<std::string>{};
 }
 
 // What a shell can ask for: kinds of values that this machine decides.
@@ -52,15 +45,15 @@ struct Cases {
       commands += fmt::format("      '{}/{}') command='{}/{}' ;;\n", path, one->name(), path, one->name());
     }
     for (const auto& option : command.options()) {
-      if (!option->is_shown()) continue;  // which no help names either
-      if (option->is_positional() && kind.empty()) kind = kind_of(option->name());
-      const auto flags = option->flags();
+      if (!option.is_shown()) continue;  // which no help names either
+      if (option.is_positional() && kind.empty()) kind = kind_of(option.name());
+      const auto flags = option.flags();
       next.insert(next.end(), flags.begin(), flags.end());
-      const auto few = words_of(*option);
-      if (!option->takes_value() || (few.empty() && option->may_stand_alone())) continue;
+      const auto few = words_of(option);
+      if (!option.takes_value() || (few.empty() && option.may_stand_alone())) continue;
       for (const auto& flag : flags)
         values += fmt::format("    '{} {}') words='{}' kind='{}' ;;\n", path, flag, fmt::join(few, " "),
-                              flag == "--results" ? "results" : kind_of(option->type_name()));
+                              flag == "--results" ? "results" : kind_of(option.type_name()));
     }
     words += fmt::format("    '{}') words='{}' kind='{}' ;;\n", path, fmt::join(next, " "), kind);
     for (const auto& one : command.subcommands())
@@ -110,18 +103,16 @@ std::string text_for(const Command& app, const std::string& what) {
 
 }  // namespace
 
-void add_completion(Command& app, Action& action) {
+void add_completion(Command& app) {
   auto* command = app.add_subcommand("completion", "What bash or zsh needs to complete this command line");
-  command->group("Set up")->footer(
+  command->footer(
       "For this shell: source <(ontime completion bash)\n"
       "For good: ontime completion bash | sudo tee /usr/share/bash-completion/completions/ontime >/dev/null");
   auto shell = std::make_shared<std::string>();
   command->add_option("SHELL", *shell, "bash or zsh")->required();
-  command->callback([&app, &action, shell] {
-    action = [&app, shell] {
-      print(text_for(app, *shell));
-      return 0;
-    };
+  command->calls([&app, shell] {
+    print(text_for(app, *shell));
+    return 0;
   });
 }
 

@@ -2,6 +2,7 @@
 #include "explain/explain.hpp"
 
 #include <algorithm>
+#include <functional>
 #include <map>
 #include <optional>
 
@@ -34,7 +35,7 @@ report::Format format_of(const std::string& word) {
 
 const explain::Message& message_of(const report::Explained& one, std::int64_t index) {
   const auto& messages = one.account.messages;
-  const auto found = std::find_if(messages.begin(), messages.end(), [&](const auto& message) {
+  const auto found = std::ranges::find_if(messages, [&](const auto& message) {
     return static_cast<std::int64_t>(message.sample.index) == index;
   });
   if (found == messages.end())
@@ -79,12 +80,9 @@ std::vector<record::Note> notes_of(const record::Reader& reader, const record::R
     });
     notes.push_back({record::cause_of_late, dated_line_of(*miss), miss->course.taken_ns, message});
   });
-  std::stable_sort(notes.begin(), notes.end(), [&](const auto& one, const auto& other) {
-    const auto value_of = [&](const record::Note& note) {
-      const auto found = note.message ? values_ns.find(*note.message) : values_ns.end();
-      return found == values_ns.end() ? 0 : found->second;
-    };
-    return value_of(one) > value_of(other);
+  std::ranges::stable_sort(notes, std::greater(), [&](const record::Note& note) {
+    const auto found = note.message ? values_ns.find(*note.message) : values_ns.end();
+    return found == values_ns.end() ? 0 : found->second;
   });
   return notes;
 }
@@ -107,17 +105,15 @@ int explain(const ExplainArguments& arguments) {
   for (const auto& run : runs)
     all.push_back({run, explain::account_of(reader, run, pong ? &*pong : nullptr), notes_of(reader, run)});
   if (!arguments.perfetto.empty()) write_perfetto(arguments, reader, all.front(), pong ? &*pong : nullptr);
-  Output output("");
-  output.write(arguments.message ? report::render_explained(
-                                       all.front(), message_of(all.front(), *arguments.message), format)
-                                 : report::render_explained(all, format));
-  output.finish();
+  write_whole("", arguments.message ? report::render_explained(
+                                          all.front(), message_of(all.front(), *arguments.message), format)
+                                    : report::render_explained(all, format));
   return 0;
 }
 
 }  // namespace
 
-void add_explain(Command& app, Action& action) {
+void add_explain(Command& app) {
   auto* command = app.add_subcommand(
       "explain", "Why messages were late or lost, and the fix, for runs with `explain: on`");
   auto arguments = std::make_shared<ExplainArguments>();
@@ -130,7 +126,7 @@ void add_explain(Command& app, Action& action) {
   command->add_option("--format", arguments->format, "table, json or markdown: table")->type_name("FORMAT");
   add_file(*command, "--perfetto", arguments->perfetto,
            "write what was seen around these messages to this file, for ui.perfetto.dev");
-  command->callback([&action, arguments] { action = [arguments] { return explain(*arguments); }; });
+  command->calls([arguments] { return explain(*arguments); });
 }
 
 }  // namespace ontime::app

@@ -39,14 +39,14 @@ int export_results(const ExportArguments& arguments) {
 
 }  // namespace
 
-void add_export(Command& app, Action& action) {
+void add_export(Command& app) {
   auto* command = app.add_subcommand("export", "Every sample of a results file, as CSV or JSON Lines");
   auto arguments = std::make_shared<ExportArguments>();
   command->add_option("RESULTS", arguments->results, "a results file")->required();
   command->add_option("--format", arguments->format, "csv or jsonl: csv")->type_name("FORMAT");
   add_only(*command, arguments->only, ",--run");
   add_output(*command, arguments->output);
-  command->callback([&action, arguments] { action = [arguments] { return export_results(*arguments); }; });
+  command->calls([arguments] { return export_results(*arguments); });
 }
 
 }  // namespace ontime::app

@@ -1,32 +1,32 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "flags.hpp"
 
-#include <stdexcept>
-
 #include <fmt/format.h>
 
 #include "campaign/campaign.hpp"
+#include "terminal.hpp"
+#include "watch/watch.hpp"
 
 namespace ontime::app {
 
 using campaign::Error;
 
-std::string given(const std::string& value) { return value.empty() ? "a value is needed" : ""; }
+Option* add_list(Command& command, const std::string& flag, std::vector<std::string>& values,
+                 const char* what, const char* help) {
+  return add_value(command, flag, values, what, help)->delimiter(',')->allow_extra_args(false);
+}
 
 Option* add_file(Command& command, const char* flag, std::string& file, const char* help) {
-  return command.add_option(flag, file, help)->type_name("FILE")->check(given);
+  return add_value(command, flag, file, "FILE", help);
 }
 
 void add_output(Command& command, std::string& file) {
   add_file(command, "--output", file, "into this file instead of standard output");
 }
 
-void add_report_format(Command& command, std::string& word) {
+void add_report_format(Command& command, std::string& word, bool& full) {
   command.add_option("--format", word, "table, json, csv, markdown, latex or html: table")
       ->type_name("FORMAT");
-}
-
-void add_full(Command& command, bool& full) {
   command.add_flag("--full", full, "every table, instead of the answer in 24 lines");
 }
 
@@ -35,11 +35,14 @@ void add_format(Command& command, std::string& word) {
 }
 
 void add_link(Command& command, std::string& interface, std::string& peer, const char* interface_help) {
-  auto* named = command.add_option("--interface", interface, interface_help)->type_name("NAME")->check(given);
-  command.add_option("--peer", peer, "instead: the interface by which the traffic to it goes")
-      ->type_name("HOST")
-      ->check(given)
-      ->excludes(named);
+  add_value(command, "--interface", interface, "NAME", interface_help);
+  add_value(command, "--peer", peer, "HOST", "instead: the interface by which the traffic to it goes")
+      ->excludes("--interface");
+}
+
+void add_metrics(Command& command, std::string& address) {
+  add_value(command, "--metrics", address, "[ADDR:]PORT",
+            "offer Prometheus the same over HTTP; of a PORT alone on loopback");
 }
 
 report::Format format_flag(const std::string& word) {
@@ -56,10 +59,23 @@ bool is_json_flag(const std::string& word) {
 }
 
 std::chrono::nanoseconds duration_flag(const std::string& flag, const std::string& text) {
+  return read_flag(flag, [&] { return campaign::positive_duration(text); });
+}
+
+std::uint64_t bytes_flag(const std::string& flag, const std::string& text) {
+  return read_flag(flag, [&] { return campaign::bytes_of(text); });
+}
+
+std::unique_ptr<watch::Metrics> metrics_at(const std::string& address) {
+  if (address.empty()) return nullptr;
   try {
-    return campaign::positive_duration(text);
+    auto metrics = std::make_unique<watch::Metrics>(address);
+    print_error(fmt::format("metrics are at http://{}/metrics", metrics->address()));
+    return metrics;
   } catch (const std::invalid_argument& error) {
-    throw Error(2, fmt::format("{}: {}", flag, error.what()));
+    throw Error(2, fmt::format("--metrics: {}", error.what()));
+  } catch (const std::runtime_error& error) {
+    throw Error(3, fmt::format("--metrics: {}", error.what()));
   }
 }
 

@@ -1,8 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "gates.hpp"
 
+#include <algorithm>
 #include <filesystem>
-#include <fstream>
+#include <iterator>
 #include <system_error>
 
 #include <fmt/format.h>
@@ -35,9 +36,7 @@ void check_junit(const std::string& path) {
   if (fs::is_fifo(status) || fs::is_character_file(status) || fs::is_socket(status)) return;
   const Output can_be_written(path);
   if (!fs::is_regular_file(status) || fs::file_size(path, none) == 0) return;
-  std::string beginning(4096, '\0');
-  std::ifstream(path).read(beginning.data(), static_cast<std::streamsize>(beginning.size()));
-  if (beginning.find("<testsuite") == beginning.npos)
+  if (beginning_of(path, 4096).find("<testsuite") == std::string::npos)
     throw campaign::Error(2,
                           fmt::format("--junit: {} is there, and is not JUnit's: name another file", path));
 }
@@ -65,6 +64,15 @@ std::vector<Judgement> GateFlags::judge(const std::vector<gate::Gate>& gates,
   return judgements;
 }
 
+std::vector<Judgement> GateFlags::judge_wanted(const std::vector<gate::Gate>& gates,
+                                               const std::vector<statistics::Summary>& runs) const {
+  std::vector<Judgement> all;
+  if (!wanted()) return all;
+  for (const auto& run : runs)
+    if (!gate::is_superseded(run, runs)) std::ranges::move(judge(gates, run), std::back_inserter(all));
+  return all;
+}
+
 int GateFlags::finish(std::vector<Judgement> judgements, const std::string& file) const {
   if (wanted() && judgements.empty())
     judgements.push_back({Judgement::Result::cannot_judge, file, "the file has a run", "it has none"});
@@ -74,11 +82,7 @@ int GateFlags::finish(std::vector<Judgement> judgements, const std::string& file
     if (!held) code = 1;
     if (!held || !judgement.is_sure) print_error(gate::text_of(judgement));
   }
-  if (!junit_.empty()) {
-    Output output(junit_);
-    output.write(report::junit(judgements));
-    output.finish();
-  }
+  if (!junit_.empty()) write_whole(junit_, report::junit(judgements));
   return code;
 }
 

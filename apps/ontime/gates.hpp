@@ -19,6 +19,9 @@ class GateFlags {
   bool wanted() const { return !fail_if_.empty() || !junit_.empty(); }
   // Of a run by itself: gate::judge_all(); for JUnit also whether it was measured as asked.
   std::vector<gate::Judgement> judge(const std::vector<gate::Gate>&, const statistics::Summary&) const;
+  // Of runs without those that a later one supersedes; nothing if neither flag was given.
+  std::vector<gate::Judgement> judge_wanted(const std::vector<gate::Gate>&,
+                                            const std::vector<statistics::Summary>&) const;
 
   // Prints on standard error what is not plainly ok, writes the JUnit file, and returns the exit code: 0
   // or 1. `file`: what was judged; if it had nothing to judge, that is no pass.

@@ -13,8 +13,8 @@ namespace ontime::app {
 namespace {
 
 struct ImportArguments {
-  ListenArguments bag;  // whose file is that of cyclictest, too
-  std::string from, results, id = "cyclictest", unit = "us";
+  ListenArguments bag;  // whose file and results are those of cyclictest, too
+  std::string from, id = "cyclictest", unit = "us";
 };
 
 foreign::What what_of(const ImportArguments& arguments) {
@@ -35,18 +35,18 @@ foreign::What what_of(const ImportArguments& arguments) {
   return {*form, arguments.id, arguments.unit == "us" ? 1000 : 1};
 }
 
-int import_results(const ImportArguments& arguments, const nlohmann::json& command_line) {
+int import_results(const ImportArguments& arguments) {
   const auto runs =
       foreign::read(arguments.bag.bag, what_of(arguments));  // all of it, before anything is written
-  record::Writer writer(arguments.results);
+  record::Writer writer(arguments.bag.results);
   for (const auto& run : runs) {
     auto asked = run.asked;
     asked["ontime"] = ONTIME_VERSION;
-    asked["command_line"] = command_line;
+    asked["command_line"] = command_line();
     writer.end_run(writer.begin_run(asked), run.outcome);
   }
   print_error(fmt::format("{} of {} {} in {}", table::many(runs.size(), "run", "runs"), arguments.bag.bag,
-                          runs.size() == 1 ? "is" : "are", arguments.results));
+                          runs.size() == 1 ? "is" : "are", arguments.bag.results));
   return 0;
 }
 
@@ -54,25 +54,24 @@ int import_results(const ImportArguments& arguments, const nlohmann::json& comma
 void refuse(const Command& command, std::initializer_list<const char*> flags, const char* why) {
   for (const auto& option : command.options())
     for (const auto* flag : flags)
-      if (option->name() == flag && option->count() > 0)
+      if (option.name() == flag && option.count() > 0)
         throw campaign::Error(2, fmt::format("{}: {}", flag, why));
 }
 
-int import_file(const Command& command, ImportArguments& arguments, const nlohmann::json& command_line) {
+int import_file(const Command& command, const ImportArguments& arguments) {
   if (arguments.from.empty()) {
     refuse(command, {"--id", "--unit"}, "is for what cyclictest wrote, and needs --from");
-    arguments.bag.results = arguments.results;
     return listen_to(arguments.bag);
   }
   refuse(command, {"--topic", "--deadline", "--period", "--age", "--format", "--output"},
          "is for a bag; leave out --from, or this flag");
-  if (arguments.results.empty()) throw campaign::Error(2, "--from needs --results, the file to add to");
-  return import_results(arguments, command_line);
+  if (arguments.bag.results.empty()) throw campaign::Error(2, "--from needs --results, the file to add to");
+  return import_results(arguments);
 }
 
 }  // namespace
 
-void add_import(Command& app, Action& action) {
+void add_import(Command& app) {
   auto* command = app.add_subcommand(
       "import",
       "Judges the messages of a bag (rosbag2, MCAP), or adds what cyclictest measured to a results file");
@@ -82,26 +81,21 @@ void add_import(Command& app, Action& action) {
       ->add_option("BAG", bag.bag,
                    "a folder of rosbag2, a .db3 or a .mcap file; with --from, a file of cyclictest")
       ->required();
-  command->add_option("--topic", bag.topics, "judge this topic, once or more: all")
-      ->type_name("TOPIC")
-      ->allow_extra_args(false)
-      ->check(given);
+  add_value(*command, "--topic", bag.topics, "TOPIC", "judge this topic, once or more: all")
+      ->allow_extra_args(false);
   add_limits(*command, bag, "a message is late that is older than this when it was recorded");
   add_format(*command, bag.format);
   add_output(*command, bag.output);
   command->add_option("--from", arguments->from, "cyclictest-histogram (text) or cyclictest-json")
       ->type_name("FORM");
-  add_file(*command, "--results", arguments->results,
+  add_file(*command, "--results", bag.results,
            "add runs to this results file: of a bag, one for each age and period of a topic");
-  command->add_option("--id", arguments->id, "of cyclictest's runs, by which they are compared: cyclictest")
-      ->type_name("ID")
-      ->check(given);
+  add_value(*command, "--id", arguments->id, "ID",
+            "of cyclictest's runs, by which they are compared: cyclictest");
   command
       ->add_option("--unit", arguments->unit, "us or ns (cyclictest -N), which a histogram does not tell: us")
       ->type_name("UNIT");
-  command->callback([&action, command, arguments] {
-    action = [command, arguments] { return import_file(*command, *arguments, command_line()); };
-  });
+  command->calls([command, arguments] { return import_file(*command, *arguments); });
 }
 
 }  // namespace ontime::app

@@ -68,45 +68,33 @@ void LabFlags::add(Command& command, const std::string& title) {
     options_.push_back(option);
     return option;
   };
-  add(command.add_option("--nic", machine_.nic, "emulated network card: e1000e, virtio or igb: e1000e"))
-      ->type_name("e1000e|virtio|igb")
-      ->check(given);
-  auto* deterministic =
-      add(command.add_flag("--deterministic", machine_.deterministic,
-                           "time is made of instructions, so that every run repeats exactly: the default"));
+  add(add_value(command, "--nic", machine_.nic, "e1000e|virtio|igb",
+                "emulated network card: e1000e, virtio or igb: e1000e"));
+  add(command.add_flag("--deterministic", machine_.deterministic,
+                       "time is made of instructions, so that every run repeats exactly: the default"));
   add(command.add_flag("--live", live_, "this machine's time, with all its disturbances"))
-      ->excludes(deterministic);
+      ->excludes("--deterministic");
   add(command.add_option("--cpus", cpus_, "number of CPUs: 1; with --live 2"))
       ->type_name("N")
       ->range(1, lab::most_cpus);
-  add(command.add_option("--kernel", machine_.kernel, "Debian's package: linux-image-rt-amd64"))
-      ->type_name("PACKAGE")
-      ->check(given);
-  add(command.add_option("--memory", memory_, "memory of the machine: 2 GiB"))
-      ->type_name("SIZE")
-      ->check(given);
-  add(command.add_option("--with", with_,
-                         "copy this file or folder to the same place in the machine; repeatable"))
-      ->allow_extra_args(false)
-      ->type_name("PATH")
-      ->check(given);
+  add(add_value(command, "--kernel", machine_.kernel, "PACKAGE", "Debian's package: linux-image-rt-amd64"));
+  add(add_value(command, "--memory", memory_, "SIZE", "memory of the machine: 2 GiB"));
+  add(add_value(command, "--with", with_, "PATH",
+                "copy this file or folder to the same place in the machine; repeatable"))
+      ->allow_extra_args(false);
 }
 
 lab::Machine LabFlags::machine() const {
   auto machine = machine_;
   const auto nics = lab::nics();
-  if (std::find(nics.begin(), nics.end(), machine.nic) == nics.end())
+  if (std::ranges::find(nics, machine.nic) == nics.end())
     throw Error(2, fmt::format("--nic: '{}' is not one of {}", machine.nic, fmt::join(nics, ", ")));
   if (!is_of_kernel(machine.kernel))
     throw Error(2, fmt::format("--kernel: '{}' is no package of a kernel, such as linux-image-rt-amd64",
                                machine.kernel));
   machine.deterministic = !live_;
   machine.cpus = cpus_.value_or(live_ ? 2 : 1);
-  try {
-    if (!memory_.empty()) machine.memory_bytes = campaign::bytes_of(memory_);
-  } catch (const std::invalid_argument& error) {
-    throw Error(2, fmt::format("--memory: {}", error.what()));
-  }
+  if (!memory_.empty()) machine.memory_bytes = bytes_flag("--memory", memory_);
   if (machine.memory_bytes < least_memory_bytes)
     throw Error(2, fmt::format("--memory: '{}' is too little: 512 MiB are the least", memory_));
   for (const auto& path : with_) machine.with.push_back(brought_along(path));
@@ -114,8 +102,7 @@ lab::Machine LabFlags::machine() const {
 }
 
 std::string LabFlags::first_given() const {
-  const auto found =
-      std::find_if(options_.begin(), options_.end(), [](const auto* option) { return option->count() > 0; });
+  const auto found = std::ranges::find_if(options_, [](const auto* option) { return option->count() > 0; });
   return found == options_.end() ? "" : (*found)->name();
 }
 

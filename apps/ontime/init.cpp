@@ -139,9 +139,7 @@ int init(const InitArguments& arguments) {
   const auto component = place_of(arguments.hosts.back());
   const auto controller =
       arguments.hosts.size() == 2 ? place_of(arguments.hosts.front()) : this_machine(component);
-  Output output(file);
-  output.write(scenario_of(controller, component));
-  output.finish();
+  write_whole(file, scenario_of(controller, component));
   bool lacks_ontime = false;
   for (const auto* place : {&controller, &component}) {
     if (place->ssh.empty()) continue;
@@ -160,7 +158,7 @@ int init(const InitArguments& arguments) {
 
 }  // namespace
 
-void add_init(Command& app, Action& action) {
+void add_init(Command& app) {
   auto* command =
       app.add_subcommand("init", "Checks that hosts can be reached, and writes a scenario for them");
   command->footer(
@@ -172,7 +170,7 @@ void add_init(Command& app, Action& action) {
                    "what you type after ssh: the component; or the controller and the component")
       ->required();
   add_file(*command, "--output", arguments->output, "the scenario's file: COMPONENT.yaml");
-  command->callback([&action, arguments] { action = [arguments] { return init(*arguments); }; });
+  command->calls([arguments] { return init(*arguments); });
 }
 
 }  // namespace ontime::app

@@ -56,7 +56,7 @@ int shell(const LabFlags& flags) {
 
 }  // namespace
 
-void add_lab(Command& app, Action& action) {
+void add_lab(Command& app) {
   auto* command = app.add_subcommand(
       "lab", "A simulated machine with PREEMPT_RT and two NICs, in which scenarios repeat exactly");
   command->require_subcommand();
@@ -76,16 +76,14 @@ void add_lab(Command& app, Action& action) {
                  "leave out what these results have already, measured to its end: the same conditions, "
                  "repetition and text of the scenario")
       ->needs("--results");
-  add_report_format(*runs, measured->format);
-  add_full(*runs, measured->full);
+  add_report_format(*runs, measured->format, measured->full);
   auto flags = std::make_shared<GateFlags>(*runs, gate::Use::fail_if);
-  runs->callback(
-      [&action, measured, flags] { action = [measured, flags] { return run(*measured, *flags); }; });
+  runs->calls([measured, flags] { return run(*measured, *flags); });
 
   auto* shells = command->add_subcommand("shell", "A shell in such a machine, to look around");
   auto looked = std::make_shared<LabFlags>();
   looked->add(*shells);
-  shells->callback([&action, looked] { action = [looked] { return shell(*looked); }; });
+  shells->calls([looked] { return shell(*looked); });
 }
 
 }  // namespace ontime::app

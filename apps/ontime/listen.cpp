@@ -12,21 +12,21 @@
 #include <fmt/chrono.h>
 #include <fmt/format.h>
 
+#include "bag/bag.hpp"
 #include "campaign/campaign.hpp"
 #include "commands.hpp"
 #include "flags.hpp"
 #include "listen_budget.hpp"
 #include "listen_chains.hpp"
 #include "listen_results.hpp"
-#include "listen_sensor.hpp"
 #include "listen_words.hpp"
 #include "listening.hpp"
-#include "metrics.hpp"
 #include "output.hpp"
-#include "report/report.hpp"
+#include "scenario/scenario.hpp"
 #include "spelling/spelling.hpp"
 #include "table/table.hpp"
 #include "terminal.hpp"
+#include "transport/shipped.hpp"
 #include "watch/watch.hpp"
 
 namespace ontime::app {
@@ -61,12 +61,38 @@ std::optional<std::uint64_t> bound_of(const ListenArguments& arguments,
   if (arguments.results.empty())
     throw campaign::Error(2, "--keep: it bounds a results file; name one with --results");
   if (arguments.is_recording()) throw campaign::Error(2, "--keep: of a recording all is kept; leave it out");
-  try {
-    if (const auto bytes = campaign::bytes_of(arguments.keep); bytes >= least_keep) return bytes;
-  } catch (const std::invalid_argument& error) {
-    throw campaign::Error(2, fmt::format("--keep: {}", error.what()));
-  }
+  if (const auto bytes = bytes_flag("--keep", arguments.keep); bytes >= least_keep) return bytes;
   throw campaign::Error(2, fmt::format("--keep: '{}' is too little: 10 MB is the least", arguments.keep));
+}
+
+// One more reader, over the first of ontime's transports that can: of `topics`, in the domain of
+// ROS_DOMAIN_ID.
+std::unique_ptr<listen::Sensor> reader_of(const std::set<std::string>& topics, const listen::Limits& limits) {
+  const auto names = transport::available();
+  std::string missing;
+  for (const auto& one : transport::all_shipped) {
+    if (!one.can.hears) continue;
+    missing += fmt::format("{}{}{}", missing.empty() ? "" : "; ", one.name, one.install);
+    if (std::ranges::find(names, one.name) != names.end()) try {
+        return listen::as_reader(
+            transport::load(std::string(one.name)).hear(scenario::domain_of_environment(), topics), limits);
+      } catch (const transport::Error& error) {
+        throw campaign::Error(3, fmt::format("--reader: {}", error.what()));
+      } catch (const std::invalid_argument& error) {
+        throw campaign::Error(2, error.what());
+      }
+  }
+  throw campaign::Error(3, fmt::format("--reader: no transport here reads topics of any type: {}", missing));
+}
+
+std::unique_ptr<listen::Sensor> sensor_of(const ListenArguments& arguments, const listen::Limits& limits,
+                                          const std::vector<listen::ChainWish>& chains,
+                                          const std::set<std::string>& topics) {
+  if (arguments.reader) return reader_of(topics, limits);
+  if (!arguments.bag.empty()) return bag::open(arguments.bag, limits);
+  if (!arguments.packets.empty()) return listen::in_packets(arguments.packets, limits);
+  if (!arguments.pcap.empty()) return listen::in_pcap_file(arguments.pcap, limits);
+  return listen::in_processes(limits, chains);
 }
 
 class Listening {
@@ -153,9 +179,9 @@ class Listening {
     if (is_cut_off) return 130;
     // A silent topic misses every limit.
     if (!is_all_seen) return is_judged_ || has_chain_limit() ? 1 : 2;
-    if (std::any_of(findings.chains.begin(), findings.chains.end(), misses)) return 1;
-    if (std::any_of(findings.chains.begin(), findings.chains.end(),
-                    [](const auto& chain) { return !chain.wish.age && came_out(chain) == 0; }))
+    if (std::ranges::any_of(findings.chains, misses)) return 1;
+    if (std::ranges::any_of(findings.chains,
+                            [](const auto& chain) { return !chain.wish.age && came_out(chain) == 0; }))
       return 2;
     if (is_judged_ && findings.flows.empty()) return 1;
     if (findings.forgotten.with_misses > 0) return 1;
@@ -163,14 +189,14 @@ class Listening {
     const auto lacks_age = [&](const listen::Flow& flow) {
       return !is_age_known(flow) && (flow.reader.process != 0 || !arguments_.is_in_processes());
     };
-    if (const auto found = std::find_if(findings.flows.begin(), findings.flows.end(), lacks_age);
+    if (const auto found = std::ranges::find_if(findings.flows, lacks_age);
         limits_.age && found != findings.flows.end()) {
       print_error(fmt::format("open: --age {}: the age of {} is not known", arguments_.age,
                               table::printable(found->topic)));
       return 1;
     }
-    return std::any_of(findings.flows.begin(), findings.flows.end(),
-                       [](const auto& flow) { return flow.late > 0 || flow.silent_ns > 0; })
+    return std::ranges::any_of(findings.flows,
+                               [](const auto& flow) { return flow.late > 0 || flow.silent_ns > 0; })
                ? 1
                : 0;
   }
@@ -187,8 +213,7 @@ class Listening {
   bool is_wanted(const std::string& topic) const { return topics_.empty() || topics_.contains(topic); }
 
   bool has_chain_limit() const {
-    return std::any_of(chains_.begin(), chains_.end(),
-                       [](const auto& chain) { return chain.age.has_value(); });
+    return std::ranges::any_of(chains_, [](const auto& chain) { return chain.age.has_value(); });
   }
 
   static listen::Findings with_chains(listen::Findings findings) {
@@ -225,7 +250,7 @@ class Listening {
     });
     std::vector<listen::Miss> taken(std::move_iterator(waiting_.begin()), std::move_iterator(waits));
     waiting_.erase(waiting_.begin(), waits);
-    std::stable_sort(taken.begin(), taken.end(), [this](const auto& one, const auto& other) {
+    std::ranges::stable_sort(taken, [this](const auto& one, const auto& other) {
       return times_its_limit(one) > times_its_limit(other);
     });
     return taken;
@@ -264,7 +289,7 @@ class Listening {
     using Cause = std::tuple<std::string, std::uint32_t, std::string, std::int32_t, std::uint32_t>;
     std::set<Cause> shown;
     const bool is_explained =
-        std::any_of(misses.begin(), misses.end(), [](const auto& one) { return one.why; });
+        std::ranges::any_of(misses, [](const auto& one) { return one.why.has_value(); });
     for (const auto& miss : misses) {
       if (shown.size() == listen::most_explained) break;
       if (is_explained && !miss.why) continue;
@@ -299,8 +324,8 @@ class Listening {
   void add_unseen(listen::Findings& findings) {
     std::set<std::string> seen;
     for (const auto& flow : findings.flows) seen.insert(flow.topic);
-    const auto unnamed = std::count_if(findings.flows.begin(), findings.flows.end(),
-                                       [](const auto& flow) { return flow.topic.empty(); });
+    const auto unnamed =
+        std::ranges::count_if(findings.flows, [](const auto& flow) { return flow.topic.empty(); });
     for (const auto& topic : topics_) {
       if (seen.contains(topic)) continue;
       unseen_.insert(topic);
@@ -429,12 +454,11 @@ class Listening {
 }  // namespace
 
 void add_limits(Command& command, ListenArguments& arguments, const char* age_help) {
-  const auto add = [&](const char* flag, std::string& value, const char* help) {
-    command.add_option(flag, value, help)->type_name("TIME")->check(given);
-  };
-  add("--deadline", arguments.deadline, "a message is late that comes later than this after the one before");
-  add("--period", arguments.period, "the expected period; a message is late after 1.5 times as long");
-  add("--age", arguments.age, age_help);
+  add_value(command, "--deadline", arguments.deadline, "TIME",
+            "a message is late that comes later than this after the one before");
+  add_value(command, "--period", arguments.period, "TIME",
+            "the expected period; a message is late after 1.5 times as long");
+  add_value(command, "--age", arguments.age, "TIME", age_help);
 }
 
 int listen_to(const ListenArguments& arguments) {
@@ -451,40 +475,29 @@ int listen_to(const ListenArguments& arguments) {
   }
 }
 
-void add_listen(Command& app, Action& action) {
+void add_listen(Command& app) {
   auto* command = app.add_subcommand(
       "listen",
       "Judges the messages of a robot that runs, in its processes or on the wire, and changes nothing of it");
   auto arguments = std::make_shared<ListenArguments>();
   command->add_option("TOPIC", arguments->topics, "judge these topics: all");
-  command
-      ->add_option("--chain", arguments->chains,
-                   "follow messages from the first topic to the last through the nodes between, as "
-                   "/scan,/map,/cmd_vel@50ms, which are late after 50 ms; latest:/map comes from the latest "
-                   "message that its process took")
-      ->allow_extra_args(false)
-      ->type_name("TOPIC,TOPIC…[@TIME]")
-      ->check(given);
+  add_value(*command, "--chain", arguments->chains, "TOPIC,TOPIC…[@TIME]",
+            "follow messages from the first topic to the last through the nodes between, as "
+            "/scan,/map,/cmd_vel@50ms, which are late after 50 ms; latest:/map comes from the latest "
+            "message that its process took")
+      ->allow_extra_args(false);
   add_limits(*command, *arguments, "a message is late that is older than this when it is taken");
-  command->add_option("--for", arguments->time, "end after this time: at Ctrl-C")
-      ->type_name("TIME")
-      ->check(given);
+  add_value(*command, "--for", arguments->time, "TIME", "end after this time: at Ctrl-C");
   command->add_flag("--list", arguments->list, "list who publishes and takes what, after 3 s");
   command->add_flag("--no-explain", arguments->no_explain,
                     "do not record the kernel's events, which say why a message was late");
-  command
-      ->add_option("--budget", arguments->budget,
-                   "keep what probes and ontime take below this share of one CPU (as 1%): leave out the "
-                   "kernel's events "
-                   "first, then pause now and then, and say so")
-      ->type_name("SHARE")
-      ->check(given);
-  auto* packets =
-      command->add_option("--packets", arguments->packets,
-                          "judge RTPS packets on this interface (any: all of them), not the processes");
-  packets->type_name("NAME")->check(given);
+  add_value(*command, "--budget", arguments->budget, "SHARE",
+            "keep what probes and ontime take below this share of one CPU (as 1%): leave out the "
+            "kernel's events first, then pause now and then, and say so");
+  add_value(*command, "--packets", arguments->packets, "NAME",
+            "judge RTPS packets on this interface (any: all of them), not the processes");
   add_file(*command, "--pcap", arguments->pcap, "judge RTPS packets in this capture (pcap, pcapng)")
-      ->excludes(packets);
+      ->excludes("--packets");
   command
       ->add_flag("--reader", arguments->reader,
                  "the last resort, without any privilege: be one more DDS reader of each TOPIC, to which its "
@@ -496,13 +509,10 @@ void add_listen(Command& app, Action& action) {
   add_metrics(*command, arguments->metrics);
   add_file(*command, "--results", arguments->results,
            "keep every message: add runs to this results file, for report, compare and plot");
-  command
-      ->add_option("--keep", arguments->keep,
-                   "with --results, for weeks: keep counts, and the worst late messages with the kernel's "
-                   "events around them, in so much at most: 150MB where --for is a day or more, else all")
-      ->type_name("SIZE")
-      ->check(given);
-  command->callback([&action, arguments] { action = [arguments] { return listen_to(*arguments); }; });
+  add_value(*command, "--keep", arguments->keep, "SIZE",
+            "with --results, for weeks: keep counts, and the worst late messages with the kernel's "
+            "events around them, in so much at most: 150MB where --for is a day or more, else all");
+  command->calls([arguments] { return listen_to(*arguments); });
 }
 
 }  // namespace ontime::app

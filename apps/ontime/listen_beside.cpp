@@ -51,8 +51,6 @@ ListenBeside::ListenBeside(record::Writer& writer, const campaign::Run& run, con
   pthread_sigmask(SIG_SETMASK, &before, nullptr);
 }
 
-ListenBeside::~ListenBeside() = default;
-
 void ListenBeside::listen(const std::stop_token& stop) try {
   const auto sensor = listen::in_processes(limits_);
   sensor->keep_rows([this](const listen::Row& row) {

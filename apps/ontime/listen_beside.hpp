@@ -19,7 +19,6 @@ class ListenBeside {
  public:
   // Begins to look for the nodes.
   ListenBeside(record::Writer&, const campaign::Run&, const nlohmann::json& command_line);
-  ~ListenBeside();
   ListenBeside(const ListenBeside&) = delete;
   ListenBeside& operator=(const ListenBeside&) = delete;
 

@@ -34,8 +34,7 @@ listen::ChainWish chain_of(const std::string& text) {
     if (topic.empty()) refuse(text, "a topic has no name");
     if (is_of_latest && chain.steps.empty())
       refuse(text, "'latest:' is for a topic that a node publishes from another topic, not for the first");
-    if (std::any_of(chain.steps.begin(), chain.steps.end(),
-                    [&](const auto& step) { return step.topic == topic; }))
+    if (std::ranges::any_of(chain.steps, [&](const auto& step) { return step.topic == topic; }))
       refuse(text, fmt::format("{} is there twice; a chain has each topic once, and no loop",
                                table::printable(topic)));
     chain.steps.push_back({topic, is_of_latest});
@@ -127,8 +126,8 @@ std::vector<listen::ChainWish> chains_of(const std::vector<std::string>& texts) 
   std::vector<listen::ChainWish> chains;
   for (const auto& text : texts) {
     chains.push_back(chain_of(text));
-    if (std::count_if(chains.begin(), chains.end(),
-                      [&](const auto& one) { return one.name() == chains.back().name(); }) > 1)
+    if (std::ranges::count_if(chains, [&](const auto& one) { return one.name() == chains.back().name(); }) >
+        1)
       refuse(text, "the same chain is there twice");
   }
   return chains;
@@ -141,8 +140,7 @@ std::size_t came_out(const listen::Chain& chain) {
 
 bool misses(const listen::Chain& chain) {
   return chain.wish.age && (came_out(chain) == 0 || chain.silent_ns > 0 || chain.forgotten_late > 0 ||
-                            std::any_of(chain.paths.begin(), chain.paths.end(),
-                                        [](const auto& path) { return path.late > 0; }));
+                            std::ranges::any_of(chain.paths, [](const auto& path) { return path.late > 0; }));
 }
 
 std::string text_of(const listen::Chain& chain) {

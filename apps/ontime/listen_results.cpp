@@ -214,9 +214,8 @@ void ListenResults::keep(Kept& kept, const roundtrip::Sample& sample, const list
           .at_ns = sample.received_ns,
           .cause = std::move(cause)};
   // Of those that one delay made late, the worst stands for all: its window has the others.
-  const auto same = std::find_if(kept.worst.begin(), kept.worst.end(), [&](const Bad& one) {
-    return std::abs(one.at_ns - bad.at_ns) <= listen::window_after_ns;
-  });
+  const auto same = std::ranges::find_if(
+      kept.worst, [&](const Bad& one) { return std::abs(one.at_ns - bad.at_ns) <= listen::window_after_ns; });
   if (same != kept.worst.end()) {
     if (same->value_ns >= bad.value_ns) return;
     kept.worst.erase(same);
@@ -299,31 +298,29 @@ json ListenResults::about_machine() const {
 }
 
 void ListenResults::end(const listen::Findings& wanted, bool interrupted, const std::string& pauses) {
-  until_it_fails([&] { end_runs(wanted, interrupted, pauses); });
-}
-
-void ListenResults::end_runs(const listen::Findings& wanted, bool interrupted, const std::string& pauses) {
-  for (const auto& flow : wanted.flows) add_silence(flow);
-  write(wanted.flows, true);
-  const auto about = about_machine();
-  for (const auto& [key, kept] : kept_) {
-    if (kept.run == 0) continue;
-    auto outcome = outcome_of(key.second, kept);
-    outcome["interrupted"] = interrupted;
-    outcome.update(about);
-    const auto note = [this, run = kept.run](const char* kind, const std::string& text) {
-      writer_.note(run, {kind, text, std::nullopt, std::nullopt});
-    };
-    if (wanted.sensor_lost > 0)
-      note("sensor-lost", fmt::format("the sensor lost {} events of all topics: no loss and no period is "
-                                      "counted across them",
-                                      wanted.sensor_lost));
-    if (!pauses.empty()) note("pauses", pauses);
-    if (left_out_ > 0)
-      note("left-out", fmt::format("{} messages of all topics had times that no clock shows", left_out_));
-    writer_.end_run(kept.run, outcome);
-  }
-  writer_.flush();
+  until_it_fails([&] {
+    for (const auto& flow : wanted.flows) add_silence(flow);
+    write(wanted.flows, true);
+    const auto about = about_machine();
+    for (const auto& [key, kept] : kept_) {
+      if (kept.run == 0) continue;
+      auto outcome = outcome_of(key.second, kept);
+      outcome["interrupted"] = interrupted;
+      outcome.update(about);
+      const auto note = [this, run = kept.run](const char* kind, const std::string& text) {
+        writer_.note(run, {kind, text, std::nullopt, std::nullopt});
+      };
+      if (wanted.sensor_lost > 0)
+        note("sensor-lost", fmt::format("the sensor lost {} events of all topics: no loss and no period is "
+                                        "counted across them",
+                                        wanted.sensor_lost));
+      if (!pauses.empty()) note("pauses", pauses);
+      if (left_out_ > 0)
+        note("left-out", fmt::format("{} messages of all topics had times that no clock shows", left_out_));
+      writer_.end_run(kept.run, outcome);
+    }
+    writer_.flush();
+  });
 }
 
 }  // namespace ontime::app

@@ -79,7 +79,6 @@ class ListenResults {
   nlohmann::json outcome_of(listen::Row::Quantity, const Kept&) const;
   nlohmann::json about_machine() const;
   void write(const std::vector<listen::Flow>& wanted, bool is_end);
-  void end_runs(const listen::Findings& wanted, bool interrupted, const std::string& pauses);
   template <class Do>
   void until_it_fails(const Do&);
   void begin(Kept&, const listen::Flow&, listen::Row::Quantity);

@@ -27,15 +27,9 @@ std::string spread_of(const listen::Distribution& values) {
 }
 
 const char* start_of_age(listen::AgeFrom from) {
-  switch (from) {
-    case listen::AgeFrom::writer:
-      return "writer";
-    case listen::AgeFrom::stamp:
-      return "header.stamp";
-    case listen::AgeFrom::publish:
-      return "publish time";
-  }
-  return "";
+  return from == listen::AgeFrom::writer  ? "writer"
+         : from == listen::AgeFrom::stamp ? "header.stamp"
+                                          : "publish time";
 }
 
 // Of a recorded message it says from when to when.

@@ -16,20 +16,24 @@
 
 #include "flags.hpp"
 #include "output.hpp"
+#include "page/page.hpp"
 #include "report/explained.hpp"
-#include "results_page.hpp"
 #include "spelling/spelling.hpp"
 #include "table/table.hpp"
 
 namespace ontime::app {
 namespace {
 
+namespace fs = std::filesystem;
+
+constexpr const char* mark_of_page = "<meta name=\"generator\" content=\"ontime";
+
 // A slip of the pen in what was asked for by name must not show only after hours. (A transport that a
 // scenario lists and this machine lacks costs its own runs only.)
 void check_transports(const std::vector<std::string>& names) {
   const auto here = transport::available();
   for (const auto& name : names)
-    if (std::find(here.begin(), here.end(), name) == here.end())
+    if (std::ranges::find(here, name) == here.end())
       throw campaign::Error(3, fmt::format("--transports: there is no transport '{}' here{}; there are: {}",
                                            name, spelling::suggestion(name, here), fmt::join(here, ", ")));
 }
@@ -40,8 +44,8 @@ using Notes = std::vector<std::pair<std::int64_t, record::Note>>;  // by the num
 void note(statistics::Summary& summary, const gate::Judgement& judgement, Notes& notes) {
   const bool missed = judgement.result == gate::Judgement::Result::missed;
   const auto text = fmt::format("{}: {}: {}", gate::word_of(judgement), judgement.gate, judgement.says);
-  const bool known = std::any_of(summary.notes.begin(), summary.notes.end(),
-                                 [&](const auto& before) { return before.text == text; });
+  const bool known =
+      std::ranges::any_of(summary.notes, [&](const auto& before) { return before.text == text; });
   if (known) return;
   summary.notes.push_back({missed ? "gate-missed" : "gate-not-judged", text, {}, {}});
   notes.emplace_back(summary.run.number, summary.notes.back());
@@ -95,48 +99,32 @@ campaign::Selection Choice::checked() const {
 }
 
 void add_choice(Command& command, Choice& choice) {
-  command.add_option("--only", choice.selection.only, "only these runs")
-      ->delimiter(',')
-      ->allow_extra_args(false)
-      ->type_name("ID,...")
-      ->check(given);
-  command.add_option("--transports", choice.selection.transports, "these, instead of those of the scenario")
-      ->delimiter(',')
-      ->allow_extra_args(false)
-      ->type_name("TRANSPORT,...")
-      ->check(given);
-  command.add_option("--duration", choice.duration, "of each run, instead of the scenario's")
-      ->type_name("TIME")
-      ->check(given);
+  add_list(command, "--only", choice.selection.only, "ID,...", "only these runs");
+  add_list(command, "--transports", choice.selection.transports, "TRANSPORT,...",
+           "these, instead of those of the scenario");
+  add_value(command, "--duration", choice.duration, "TIME", "of each run, instead of the scenario's");
   command.add_flag(
       "--explain", choice.selection.explain,
       "keep what the kernels did around late, lost and the worst messages, for `ontime explain`");
 }
 
 void add_cable(Command& command, Choice& choice) {
-  command
-      .add_option("--cable", choice.selection.cable,
-                  "with hosts: namespaces: two unused interfaces of this machine, which are down and joined "
-                  "by a cable, instead of a virtual one")
-      ->delimiter(',')
-      ->allow_extra_args(false)
-      ->type_name("NAME,NAME")
-      ->check(given);
+  add_list(command, "--cable", choice.selection.cable, "NAME,NAME",
+           "with hosts: namespaces: two unused interfaces of this machine, which are down and joined "
+           "by a cable, instead of a virtual one");
 }
 
 std::string new_results_file(const std::string& scenario) {
-  auto path = std::filesystem::absolute(scenario).lexically_normal();
+  auto path = fs::absolute(scenario).lexically_normal();
   if (!path.has_filename()) path = path.parent_path();  // "paper/", "."
   const auto stem =
       fmt::format("{}-{:%Y%m%d-%H%M%S}", path.stem().string(), fmt::localtime(std::time(nullptr)));
   auto name = stem + ".ontime";
-  for (int next = 2; exists(std::filesystem::symlink_status(name)); ++next)
-    name = fmt::format("{}-{}.ontime", stem, next);
+  for (int next = 2; exists(fs::symlink_status(name)); ++next) name = fmt::format("{}-{}.ontime", stem, next);
   return name;
 }
 
 void check_results(const std::string& file, bool resume) {
-  namespace fs = std::filesystem;
   if (!resume && fs::exists(fs::symlink_status(file)))
     throw campaign::Error(2,
                           fmt::format("--results: {} exists. Name another file, or measure what is missing "
@@ -145,6 +133,23 @@ void check_results(const std::string& file, bool resume) {
   if (const auto folder = fs::absolute(file).parent_path(); access(folder.c_str(), W_OK | X_OK) != 0)
     throw campaign::Error(3, fmt::format("--results: {} cannot be written there: {}: name another file", file,
                                          std::generic_category().message(errno)));
+}
+
+std::string write_page_beside(const std::string& results, const record::Reader& reader,
+                              const std::vector<statistics::Summary>& summaries) {
+  const bool is_usual = fs::path(results).extension() == ".ontime";  // "day.1" and "day.2" have a page each
+  auto path = is_usual ? fs::path(results).replace_extension("html").string() : results + ".html";
+  std::error_code none;
+  if (fs::exists(path, none) &&
+      !(fs::is_regular_file(path, none) && beginning_of(path, 1024).find(mark_of_page) != std::string::npos))
+    throw campaign::Error(
+        2, fmt::format("{} is there and no page of ontime's. Name another: ontime report {} --format "
+                       "html --output FILE",
+                       path, results));
+  Output output(path);
+  output.write(page::page_of(reader, summaries, fs::path(results).filename().string()));
+  output.finish();
+  return path;
 }
 
 std::string to_go_on(const std::string& results, bool named, bool resumes) {

@@ -10,6 +10,7 @@
 #include "command.hpp"
 #include "gates.hpp"
 #include "report/report.hpp"
+#include "statistics/statistics.hpp"
 #include "terminal.hpp"
 
 namespace ontime::app {
@@ -43,6 +44,12 @@ struct Measured {
 // code.
 int show_measured(const Measured&, report::Format, bool full, const GateFlags&,
                   const std::vector<gate::Gate>&, Terminal&);
+
+// The page of a results file, of these runs, all that are in it. Named after it, "demo.html" beside
+// "demo.ontime"; returns that name. An earlier page is replaced, but no other file: then, and where it cannot
+// be written, it throws.
+std::string write_page_beside(const std::string& results, const record::Reader&,
+                              const std::vector<statistics::Summary>&);
 
 // How the same command measures the runs that are missing in the results. `named`: whether it names them.
 std::string to_go_on(const std::string& results, bool named, bool resumes);

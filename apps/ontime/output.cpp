@@ -21,15 +21,6 @@ namespace fs = std::filesystem;
 
 namespace {
 
-// What a slip of the pen must not cost: hours of measuring. An SQLite file says at its beginning what it is.
-bool may_be_results(const std::string& path) {
-  constexpr std::string_view mark = "SQLite format 3";
-  std::string beginning(mark.size(), '\0');
-  std::ifstream(path, std::ios::binary)
-      .read(beginning.data(), static_cast<std::streamsize>(beginning.size()));
-  return beginning == mark;
-}
-
 // By the variable that decides, as setlocale(3) has it.
 bool locale_is_utf8() {
   for (const auto* name : {"LC_ALL", "LC_CTYPE", "LANG"})
@@ -71,11 +62,19 @@ std::string shown(const std::vector<statistics::Summary>& runs, report::Format f
               : report::render_answer(runs, format, origin, output_columns());
 }
 
+std::string beginning_of(const std::string& path, std::size_t bytes) {
+  std::string beginning(bytes, '\0');
+  std::ifstream(path, std::ios::binary).read(beginning.data(), static_cast<std::streamsize>(bytes));
+  return beginning;
+}
+
 Output::Output(std::string path) : path_(std::move(path)) {
   std::error_code ignored;
   const bool to_stdout = path_.empty();
   const bool is_file = fs::is_regular_file(path_, ignored);
-  if (is_file && may_be_results(path_))
+  // What a slip of the pen must not cost: hours of measuring. An SQLite file says what it is.
+  constexpr std::string_view mark = "SQLite format 3";
+  if (is_file && beginning_of(path_, mark.size()) == mark)
     throw campaign::Error(2, fmt::format("{} is a results file: it is not replaced. Name another.", path_));
   if (to_stdout) {
     file_.reset(::fdopen(::dup(STDOUT_FILENO), "w"));
@@ -114,6 +113,12 @@ void Output::finish() {
   if (part_.empty()) return;
   if (std::rename(part_.c_str(), path_.c_str()) != 0) fail(errno);
   part_.clear();
+}
+
+void write_whole(const std::string& path, std::string_view text) {
+  Output output(path);
+  output.write(text);
+  output.finish();
 }
 
 void Output::fail(int error) const {

@@ -23,6 +23,9 @@ std::string for_terminal(std::string text, int descriptor);
 // For standard output.
 std::string for_output(std::string text);
 
+// Of a file that need not be there: its first so many bytes, and NUL after its end.
+std::string beginning_of(const std::string& path, std::size_t bytes);
+
 // The first screen of these runs, or with `full`, or in another form than a table, all of them.
 std::string shown(const std::vector<statistics::Summary>&, report::Format, bool full,
                   const std::string& results);
@@ -52,5 +55,7 @@ class Output {
   std::string path_, part_;  // part: where it is written to until it is whole; empty: to the path itself
   std::unique_ptr<std::FILE, Close> file_;
 };
+
+void write_whole(const std::string& path, std::string_view text);  // by an Output
 
 }  // namespace ontime::app

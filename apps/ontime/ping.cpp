@@ -8,18 +8,8 @@
 #include "terminal.hpp"
 
 namespace ontime::app {
-namespace {
 
-campaign::Scenario on_loopback(const campaign::Run& run) {
-  campaign::Scenario scenario;
-  scenario.hosts.kind = campaign::Hosts::Kind::loopback;
-  scenario.runs = {run};
-  return scenario;
-}
-
-}  // namespace
-
-void add_ping(Command& app, Action& action) {
+void add_ping(Command& app) {
   auto* command =
       app.add_subcommand("ping", "The client's end: sends on a schedule, measures, and prints the answer");
   struct Arguments {
@@ -36,27 +26,27 @@ void add_ping(Command& app, Action& action) {
       ->excludes("--interface")
       ->excludes("--wait");
   add_file(*command, "--results", arguments->results, "keep every sample in this file");
-  add_report_format(*command, arguments->format);
-  add_full(*command, arguments->full);
-  command->callback([&action, flags, arguments] {
-    action = [flags, arguments] {
-      const auto run = flags->run();
-      const auto wait = duration_flag("--wait", arguments->wait);
-      const auto format = format_flag(arguments->format);
-      auto& interrupts = catch_interrupts();
-      record::Writer writer(arguments->results);
-      const auto known = writer.reader().runs().size();
-      Terminal terminal;
-      const int code = arguments->loopback
-                           ? campaign::execute(on_loopback(run), writer, terminal, interrupts, command_line())
-                           : campaign::ping(run, wait, writer, terminal, interrupts, command_line());
-      terminal.clear_line();
-      // Also for a run that failed: what was measured until then. There is no run if no pong was there to
-      // measure with.
-      const auto measured = statistics::summarise(writer.reader(), known);
-      if (!measured.empty()) print(shown(measured, format, arguments->full, arguments->results));
-      return code;
-    };
+  add_report_format(*command, arguments->format, arguments->full);
+  command->calls([flags, arguments] {
+    const auto run = flags->run();
+    const auto wait = duration_flag("--wait", arguments->wait);
+    const auto format = format_flag(arguments->format);
+    auto& interrupts = catch_interrupts();
+    record::Writer writer(arguments->results);
+    const auto known = writer.reader().runs().size();
+    Terminal terminal;
+    campaign::Scenario on_loopback;
+    on_loopback.hosts.kind = campaign::Hosts::Kind::loopback;
+    on_loopback.runs = {run};
+    const int code = arguments->loopback
+                         ? campaign::execute(on_loopback, writer, terminal, interrupts, command_line())
+                         : campaign::ping(run, wait, writer, terminal, interrupts, command_line());
+    terminal.clear_line();
+    // Also for a run that failed: what was measured until then. There is no run if no pong was there to
+    // measure with.
+    const auto measured = statistics::summarise(writer.reader(), known);
+    if (!measured.empty()) print(shown(measured, format, arguments->full, arguments->results));
+    return code;
   });
 }
 

@@ -10,7 +10,6 @@
 #include <system_error>
 
 #include <fmt/format.h>
-#include <fmt/ranges.h>
 #include <spawn.h>
 #include <sys/mman.h>
 #include <sys/wait.h>
@@ -21,7 +20,6 @@
 #include "commands.hpp"
 #include "flags.hpp"
 #include "output.hpp"
-#include "statistics/statistics.hpp"
 #include "terminal.hpp"
 
 namespace ontime::app {
@@ -90,18 +88,15 @@ int plot(PlotArguments arguments) {
   const auto plot = plot_of(arguments);
   const record::Reader reader(arguments.results);
   Output output(arguments.output);
-  std::vector<statistics::Summary> summaries;
-  for (const auto& run : chosen_runs(reader, arguments.results, arguments.only)) {
-    auto summary = statistics::summarise(reader, run);
-    if (summary.sent > 0) summaries.push_back(std::move(summary));
-  }
+  auto summaries = chosen_summaries(reader, arguments.results, arguments.only);
+  std::erase_if(summaries, [](const auto& summary) { return summary.sent == 0; });
   if (summaries.empty()) throw Error(2, arguments.results + ": it has no measured messages to draw");
   if (plot.figure == Plot::Figure::time && summaries.size() > most_panels)
     throw Error(2, fmt::format("{} runs do not fit: --figure time holds {}. Choose them with --only.",
                                summaries.size(), most_panels));
-  if (plot.figure == Plot::Figure::neighbours &&
-      std::none_of(summaries.begin(), summaries.end(),
-                   [](const auto& summary) { return summary.run.asked.task.neighbours.topics > 0; }))
+  if (plot.figure == Plot::Figure::neighbours && std::ranges::none_of(summaries, [](const auto& summary) {
+        return summary.run.asked.task.neighbours.topics > 0;
+      }))
     throw Error(2, arguments.results + ": none of its runs had background topics (key `neighbours`)");
   output.write(drawn(plot::gnuplot_of(summaries, plot)));
   output.finish();
@@ -155,7 +150,7 @@ std::string drawn(const std::string& commands) {
   return text;
 }
 
-void add_plot(Command& app, Action& action) {
+void add_plot(Command& app) {
   auto* command = app.add_subcommand("plot", "Figures for a paper: SVG, PDF, PNG");
   auto arguments = std::make_shared<PlotArguments>();
   command->add_option("RESULTS", arguments->results, "a results file")->required();
@@ -169,7 +164,7 @@ void add_plot(Command& app, Action& action) {
       ->type_name("FIGURE");
   add_only(*command, arguments->only, ",--runs");
   command->add_flag("--wide", arguments->wide, "as wide as a page of two columns, instead of one column");
-  command->callback([&action, arguments] { action = [arguments] { return plot(*arguments); }; });
+  command->calls([arguments] { return plot(*arguments); });
 }
 
 }  // namespace ontime::app

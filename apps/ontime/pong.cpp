@@ -13,10 +13,6 @@ namespace {
 
 using nlohmann::json;
 
-void print_refusals(const json& opened) {
-  for (const auto& text : report::refusals_of(record::host_of(opened))) print_error(text);
-}
-
 void print_opened(const json& opened) {
   const auto& transport = opened.at("transport");
   std::vector<std::string> facts;
@@ -44,44 +40,42 @@ void write(record::Writer& writer, const campaign::Run& run, const json& closed)
 
 }  // namespace
 
-void add_pong(Command& app, Action& action) {
+void add_pong(Command& app) {
   auto* command =
       app.add_subcommand("pong", "The server's end: answers pings that come and go, until interrupted");
   auto flags = std::make_shared<RunFlags>(*command, campaign::Key::For::both);
   auto results = std::make_shared<std::string>();
   add_file(*command, "--results", *results,
            "with --explain: keep what was seen in this file, for `ontime explain --pong`");
-  command->callback([&action, flags, results] {
-    action = [flags, results] {
-      const auto run = flags->run();
-      if (run.explain == results->empty())
-        throw campaign::Error(2, run.explain ? "--explain: where is it to be kept? Say --results FILE too"
-                                             : "--results: pong keeps nothing without --explain");
-      std::optional<record::Writer> writer;
-      if (run.explain) writer.emplace(*results);
-      Terminal terminal;
-      json closed;
-      int code = 0;
-      const auto keep = [&] {
-        if (writer && closed.contains("pings")) write(*writer, run, closed);
-      };
-      try {
-        code = campaign::pong(
-            run, terminal, catch_interrupts(),
-            [](const json& opened) {
-              print_opened(opened);
-              print_refusals(opened);
-            },
-            closed);
-      } catch (...) {
-        keep();
-        throw;
-      }
-      keep();
-      if (closed.contains("answered"))
-        print(fmt::format("answered {} messages\n", closed.at("answered").get<std::uint64_t>()));
-      return was_stopped() ? 0 : code;  // a service that is stopped has not failed
+  command->calls([flags, results] {
+    const auto run = flags->run();
+    if (run.explain == results->empty())
+      throw campaign::Error(2, run.explain ? "--explain: where is it to be kept? Say --results FILE too"
+                                           : "--results: pong keeps nothing without --explain");
+    std::optional<record::Writer> writer;
+    if (run.explain) writer.emplace(*results);
+    Terminal terminal;
+    json closed;
+    int code = 0;
+    const auto keep = [&] {
+      if (writer && closed.contains("pings")) write(*writer, run, closed);
     };
+    try {
+      code = campaign::pong(
+          run, terminal, catch_interrupts(),
+          [](const json& opened) {
+            print_opened(opened);
+            for (const auto& text : report::refusals_of(record::host_of(opened))) print_error(text);
+          },
+          closed);
+    } catch (...) {
+      keep();
+      throw;
+    }
+    keep();
+    if (closed.contains("answered"))
+      print(fmt::format("answered {} messages\n", closed.at("answered").get<std::uint64_t>()));
+    return was_stopped() ? 0 : code;  // a service that is stopped has not failed
   });
 }
 

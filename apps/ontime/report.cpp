@@ -9,12 +9,11 @@
 #include "gates.hpp"
 #include "output.hpp"
 #include "page/page.hpp"
-#include "statistics/statistics.hpp"
 #include "terminal.hpp"
 
 namespace ontime::app {
 
-void add_report(Command& app, Action& action) {
+void add_report(Command& app) {
   auto* command = app.add_subcommand(
       "report", "The answer from a results file, its tables, and a page with figures of every message");
   struct Arguments {
@@ -25,38 +24,28 @@ void add_report(Command& app, Action& action) {
   auto arguments = std::make_shared<Arguments>();
   command->add_option("RESULTS", arguments->results, "a results file")->required();
   add_only(*command, arguments->only);
-  add_report_format(*command, arguments->format);
-  add_full(*command, arguments->full);
+  add_report_format(*command, arguments->format, arguments->full);
   add_output(*command, arguments->output);
   command->add_flag("--threads", arguments->threads,
                     "each thread as the kernel reports it, instead of the times");
   command->add_flag("--layers", arguments->layers, "what each layer costs, for runs with a baseline")
       ->excludes("--threads");
   auto flags = std::make_shared<GateFlags>(*command, gate::Use::fail_if);
-  command->callback([&action, arguments, flags] {
-    action = [arguments, flags] {
-      const auto format = format_flag(arguments->format);
-      const auto gates = flags->gates();
-      const record::Reader reader(arguments->results);
-      Output output(arguments->output);
-      std::vector<statistics::Summary> summaries;
-      for (const auto& run : chosen_runs(reader, arguments->results, arguments->only))
-        summaries.push_back(statistics::summarise(reader, run));
-      const auto text = arguments->threads  ? report::render_threads(summaries, format, output_columns())
-                        : arguments->layers ? report::render_layers(summaries, format, output_columns())
-                        : format == report::Format::html
-                            ? page::page_of(reader, summaries,
-                                            std::filesystem::path(arguments->results).filename().string())
-                            : shown(summaries, format, arguments->full, arguments->results);
-      output.write(text);
-      output.finish();
-      std::vector<gate::Judgement> judgements;
-      if (flags->wanted())
-        for (const auto& summary : summaries)
-          if (!gate::is_superseded(summary, summaries))
-            for (auto& judgement : flags->judge(gates, summary)) judgements.push_back(std::move(judgement));
-      return flags->finish(std::move(judgements), arguments->results);
-    };
+  command->calls([arguments, flags] {
+    const auto format = format_flag(arguments->format);
+    const auto gates = flags->gates();
+    const record::Reader reader(arguments->results);
+    Output output(arguments->output);
+    const auto summaries = chosen_summaries(reader, arguments->results, arguments->only);
+    const auto text =
+        arguments->threads  ? report::render_threads(summaries, format, output_columns())
+        : arguments->layers ? report::render_layers(summaries, format, output_columns())
+        : format == report::Format::html
+            ? page::page_of(reader, summaries, std::filesystem::path(arguments->results).filename().string())
+            : shown(summaries, format, arguments->full, arguments->results);
+    output.write(text);
+    output.finish();
+    return flags->finish(flags->judge_wanted(gates, summaries), arguments->results);
   });
 }
 

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <algorithm>
+#include <map>
 #include <memory>
 
 #include <fmt/format.h>
@@ -11,8 +12,8 @@
 #include "in_lab.hpp"
 #include "listen_beside.hpp"
 #include "measured.hpp"
-#include "resumed.hpp"
 #include "scenario_files.hpp"
+#include "statistics/statistics.hpp"
 #include "terminal.hpp"
 
 namespace ontime::app {
@@ -31,13 +32,47 @@ void expect(Terminal& terminal, const std::vector<campaign::Scenario>& scenarios
   std::chrono::duration<double> time{0};
   for (const auto& scenario : scenarios) {
     runs += scenario.size();
-    searches = searches || std::any_of(scenario.runs.begin(), scenario.runs.end(),
-                                       [](const auto& run) { return run.step.of > 0; });
+    searches =
+        searches || std::ranges::any_of(scenario.runs, [](const auto& run) { return run.step.of > 0; });
     time += campaign::time_of(scenario);
   }
   terminal.expect(runs, time);
   if (runs > 1)
     terminal.note(fmt::format("{}{} runs, about {}", searches ? "at most " : "", runs, about(time)));
+}
+
+bool same(const nlohmann::json& one, const nlohmann::json& other, std::initializer_list<const char*> names) {
+  return std::ranges::all_of(
+      names, [&](const char* name) { return record::at(one, name) == record::at(other, name); });
+}
+
+// What the results have of a suite that is to go on: runs that were measured to their end, with the same
+// conditions, repetition, text of the scenario and version of ontime. Throws Error{2} if one was so on
+// another machine, or under another kernel.
+campaign::Done done_in(const record::Reader& reader) {
+  std::multimap<std::string, record::Run> complete;  // by key
+  for (auto& run : reader.runs()) {
+    const auto key = run.key;
+    if (statistics::is_complete(run)) complete.emplace(key, std::move(run));
+  }
+  return [complete = std::move(complete)](const auto& asked, const auto& machines) -> const nlohmann::json* {
+    const auto [first, last] = complete.equal_range(record::key_of(asked));
+    for (auto known = first; known != last; ++known) {
+      const auto& run = known->second;
+      if (!same(run.asked.document, asked, {"repetition", "scenario", "ontime"})) continue;
+      for (const auto& [host, machine] : machines.items())
+        if (!same(record::find(run.outcome.hosts, host).machine.document, machine,
+                  {"hostname", "kernel_release", "kernel_version", "cpu_model"}))
+          throw campaign::Error(
+              2,
+              fmt::format(
+                  "--resume: run {} of these results is of another machine, or of another kernel than the {} "
+                  "now is: one suite is of one. Begin a new file of results",
+                  run.number, host));
+      return &run.outcome.document;
+    }
+    return nullptr;
+  };
 }
 
 // What is beside the runs: the robot's own messages; and the way out of the lab's machine, which each run
@@ -74,7 +109,7 @@ class Beside final : public Terminal {
   std::vector<std::string> remarks_;
 };
 
-int run(const RunArguments& arguments, const GateFlags& flags, const nlohmann::json& command_line) {
+int run(const RunArguments& arguments, const GateFlags& flags) {
   const auto selection = arguments.choice.checked();
   const auto format = format_flag(arguments.format);
   const auto gates = flags.gates();
@@ -85,9 +120,7 @@ int run(const RunArguments& arguments, const GateFlags& flags, const nlohmann::j
   auto& interrupts = catch_interrupts();
   record::Writer writer(results);
   const auto known = arguments.resume ? 0 : writer.reader().runs().size();
-  const auto resumed = arguments.resume ? std::make_optional<Resumed>(writer.reader()) : std::nullopt;
-  campaign::Done done;
-  if (resumed) done = [&](const auto& asked, const auto& machines) { return resumed->find(asked, machines); };
+  const auto done = arguments.resume ? done_in(writer.reader()) : campaign::Done();
   Beside terminal(writer, arguments.send_to);
   expect(terminal, scenarios);
   int code = 0;
@@ -96,7 +129,7 @@ int run(const RunArguments& arguments, const GateFlags& flags, const nlohmann::j
     if (code == 130) break;
     // Neither costs what was measured until then.
     try {
-      code = std::max(code, campaign::execute(scenario, writer, terminal, interrupts, command_line, done));
+      code = std::max(code, campaign::execute(scenario, writer, terminal, interrupts, command_line(), done));
     } catch (const campaign::Error& error) {  // such as a host that is gone: the next may do without it
       terminal.note(unfinished = error.what());
       code = std::max(code, interrupts > 0 ? 130 : error.exit);
@@ -115,7 +148,7 @@ int run(const RunArguments& arguments, const GateFlags& flags, const nlohmann::j
 
 }  // namespace
 
-void add_run(Command& app, Action& action) {
+void add_run(Command& app) {
   auto* command = app.add_subcommand(
       "run",
       "Carries out scenarios: hosts, settings, load, round trips, the answer, and a page beside the results");
@@ -138,15 +171,12 @@ void add_run(Command& app, Action& action) {
           "--resume", arguments->resume,
           "skip runs that these results already have in full: same conditions, repetition and scenario text")
       ->needs("--results");
-  add_report_format(*command, arguments->format);
-  add_full(*command, arguments->full);
+  add_report_format(*command, arguments->format, arguments->full);
   // The lab's machine measures; the caller shows, judges and keeps.
   command->add_flag("--only-measure", arguments->only_measure, "measure, and show nothing")->group("");
   command->add_option("--send-to", arguments->send_to, "each run, once it is recorded")->group("");
   auto flags = std::make_shared<GateFlags>(*command, gate::Use::fail_if);
-  command->callback([&action, arguments, flags] {
-    action = [arguments, flags] { return run(*arguments, *flags, command_line()); };
-  });
+  command->calls([arguments, flags] { return run(*arguments, *flags); });
 }
 
 }  // namespace ontime::app

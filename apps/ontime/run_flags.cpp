@@ -34,9 +34,7 @@ RunFlags::RunFlags(Command& app, Key::For end) {
     option->type_name(is_transport ? "TRANSPORT" : key.values);
     if (key.path.starts_with("realtime.")) option->group("Real-time settings (each turns --realtime on)");
   }
-  app.add_option("--interface", interface_, "the link under test; messages take no other")
-      ->type_name("NAME")
-      ->check(given);
+  add_value(app, "--interface", interface_, "NAME", "the link under test; messages take no other");
   app.add_option("--peer", peers_, "where the other end is, for a transport that does not find it by itself")
       ->type_name("HOST[:PORT]");
   app.add_option("--option", options_, "a transport's own; a wrong one lists them")->type_name("NAME=VALUE");
@@ -51,13 +49,9 @@ campaign::Run RunFlags::run() const {
     const auto& value = flag->second.value;
     const bool alone = value.empty() && key.values == "on|off";
     if (value.empty() && !alone) throw Error(2, fmt::format("{}: a value is needed", key.flag));
-    try {
-      key.set(run, alone ? "on" : value);
-    } catch (const std::invalid_argument& error) {
-      throw Error(2, fmt::format("{}: {}", key.flag, error.what()));
-    }
+    read_flag(key.flag, [&] { key.set(run, alone ? "on" : value); });
   }
-  if (std::any_of(peers_.begin(), peers_.end(), [](const auto& peer) { return peer.empty(); }))
+  if (std::ranges::any_of(peers_, [](const auto& peer) { return peer.empty(); }))
     throw Error(2, "--peer: a value is needed");
   for (const auto& option : options_) {
     const auto equals = option.find('=');

@@ -2,7 +2,7 @@
 // The flags of ping and pong that say what a run is: made from the table that scenario files are read by.
 #pragma once
 
-#include <memory>
+#include <map>
 
 #include "campaign/campaign.hpp"
 #include "command.hpp"

@@ -59,7 +59,7 @@ std::vector<std::string> files_of(const std::string& name) {
   std::vector<std::string> files;
   for (const auto& entry : fs::directory_iterator(path))
     if (entry.path().extension() == suffix) files.push_back(entry.path().string());
-  std::sort(files.begin(), files.end());
+  std::ranges::sort(files);
   if (files.empty())
     throw campaign::Error(2, fmt::format("{}: there is no scenario (*{}) in this folder", name, suffix));
   return files;
@@ -83,7 +83,7 @@ std::vector<std::string> own_scenario_names() {
   for (const auto& entry : fs::recursive_directory_iterator(own))
     if (entry.path().extension() == suffix)
       names.push_back(entry.path().lexically_relative(own).replace_extension().string());
-  std::sort(names.begin(), names.end());
+  std::ranges::sort(names);
   return names;
 }
 

@@ -6,7 +6,6 @@
 #include "campaign/campaign.hpp"
 #include "commands.hpp"
 #include "flags.hpp"
-#include "report/report.hpp"
 #include "scenario_files.hpp"
 #include "table/table.hpp"
 #include "terminal.hpp"
@@ -42,8 +41,8 @@ ordered_json line_of(const std::string& file) {
     line["title"] = scenario.title;
     line["runs"] = scenario.size();
     line["seconds"] = campaign::time_of(scenario).count();
-    line["searches"] = std::any_of(scenario.runs.begin(), scenario.runs.end(),
-                                   [](const campaign::Run& run) { return run.step.of > 0; });
+    line["searches"] =
+        std::ranges::any_of(scenario.runs, [](const campaign::Run& run) { return run.step.of > 0; });
   } catch (const scenario::Error& error) {
     line["error"] = error.what();
   }
@@ -70,7 +69,7 @@ std::string text_of(const std::vector<ordered_json>& lines) {
 
 }  // namespace
 
-void add_scenarios(Command& app, Action& action) {
+void add_scenarios(Command& app) {
   auto* command = app.add_subcommand("scenarios", "What there is to run, with a line each");
   struct Arguments {
     std::vector<std::string> names;
@@ -80,22 +79,17 @@ void add_scenarios(Command& app, Action& action) {
   command->add_option("SCENARIO", arguments->names,
                       "files or folders (default: those that came with ontime)");
   add_format(*command, arguments->format);
-  command->callback([&action, arguments] {
-    action = [arguments] {
-      const bool as_json = is_json_flag(arguments->format);
-      const auto files = arguments->names.empty() ? own_files() : scenario_files(arguments->names);
-      std::vector<ordered_json> lines;
-      lines.reserve(files.size());
-      for (const auto& file : files) lines.push_back(line_of(file));
-      if (as_json)
-        print_json(ordered_json(lines));
-      else
-        print(text_of(lines));
-      return std::all_of(lines.begin(), lines.end(),
-                         [](const auto& line) { return line.at("error").is_null(); })
-                 ? 0
-                 : 2;
-    };
+  command->calls([arguments] {
+    const bool as_json = is_json_flag(arguments->format);
+    const auto files = arguments->names.empty() ? own_files() : scenario_files(arguments->names);
+    std::vector<ordered_json> lines;
+    lines.reserve(files.size());
+    for (const auto& file : files) lines.push_back(line_of(file));
+    if (as_json)
+      print_json(ordered_json(lines));
+    else
+      print(text_of(lines));
+    return std::ranges::all_of(lines, [](const auto& line) { return line.at("error").is_null(); }) ? 0 : 2;
   });
 }
 

@@ -9,7 +9,6 @@
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
-#include "report/report.hpp"
 #include "table/table.hpp"
 
 namespace ontime::app {
@@ -22,12 +21,6 @@ using table::printable;
 using Purpose = Trial::Purpose;
 
 constexpr std::size_t most_causes = 3;
-
-std::string goal_of(const search::Problem& problem) {
-  std::vector<std::string> limits;
-  for (const auto& limit : problem.goal) limits.push_back(limit.text);
-  return fmt::format("{}", fmt::join(limits, " and "));
-}
 
 std::string answer_of(const SearchReport& report) {
   switch (report.outcome.end) {
@@ -93,7 +86,7 @@ std::vector<std::string> not_kept(const search::Outcome& outcome, Purpose purpos
     if (is_one && std::includes(outcome.set.begin(), outcome.set.end(), settings.begin(), settings.end()))
       continue;
     const auto text = is_one ? words_of(settings) : fmt::format("{} settings together", settings.size());
-    if (std::find(all.begin(), all.end(), text) == all.end()) all.push_back(text);
+    if (std::ranges::find(all, text) == all.end()) all.push_back(text);
   }
   return all;
 }
@@ -102,7 +95,7 @@ std::vector<std::string> not_kept(const search::Outcome& outcome, Purpose purpos
 std::vector<std::string> refusals(const search::Outcome& outcome) {
   std::vector<std::string> all;
   for (const auto& trial : outcome.trials)
-    if (trial.decision == Decision::refused && std::find(all.begin(), all.end(), trial.why) == all.end())
+    if (trial.decision == Decision::refused && std::ranges::find(all, trial.why) == all.end())
       all.push_back(trial.why);
   return all;
 }
@@ -128,10 +121,8 @@ std::vector<std::pair<std::string, std::string>> how_to_keep(const search::Kept&
 }
 
 std::string simulated_text(const SearchReport& report) {
-  return report.simulated.empty()
-             ? ""
-             : fmt::format("SIMULATED by {}: compares settings, predicts no real machine's times",
-                           report.simulated);
+  return fmt::format("SIMULATED by {}: compares settings, predicts no real machine's times",
+                     report.simulated);
 }
 
 const char* purpose_words(Purpose purpose) {
@@ -228,15 +219,21 @@ ordered_json json_of(const std::vector<search::Share>& shares) {
   return all;
 }
 
-// Lines stay lines.
-std::string preformatted(const std::string& text) {
+// Lines stay lines: `made` keeps one.
+std::string by_line(const std::string& text, std::string (*made)(const std::string&)) {
   std::string lines;
   std::istringstream stream(text);
-  for (std::string line; std::getline(stream, line);) lines += escaped(line) + "\n";
+  for (std::string line; std::getline(stream, line);) lines += made(line) + "\n";
   return lines;
 }
 
 }  // namespace
+
+std::string goal_of(const search::Problem& problem) {
+  std::vector<std::string> limits;
+  for (const auto& limit : problem.goal) limits.push_back(limit.text);
+  return fmt::format("{}", fmt::join(limits, " and "));
+}
 
 std::string words_of(const search::Set& set) {
   if (set.empty()) return "nothing";
@@ -269,14 +266,7 @@ std::string text_of(const SearchReport& report) {
   for (const auto& [title, words] : how_to_keep(report.kept)) text += fmt::format("\n{}:\n{}", title, words);
   text += fmt::format("\nTrials: {}. Runs: {}. Results: {}. Picture: {}.\n", outcome.trials.size(),
                       outcome.runs, report.results, report.page);
-  // printable() keeps one line.
-  std::string shown;
-  for (std::size_t from = 0; from < text.size();) {
-    const auto to = text.find('\n', from);
-    shown += printable(text.substr(from, to - from)) + "\n";
-    from = to + 1;
-  }
-  return shown;
+  return by_line(text, printable);
 }
 
 ordered_json json_of(const SearchReport& report) {
@@ -339,7 +329,7 @@ std::string page_of(const SearchReport& report) {
     body += "</ul>";
   }
   for (const auto& [title, words] : how_to_keep(report.kept))
-    body += fmt::format("<h2>{}</h2><pre>{}</pre>", escaped(title), preformatted(words));
+    body += fmt::format("<h2>{}</h2><pre>{}</pre>", escaped(title), by_line(words, escaped));
   body +=
       "<h2>Trials</h2><p>Shares of messages that break each limit: blue what was tried, gray what it was "
       "compared with; lines are 95 % intervals, dashes the limit.</p>";

@@ -68,8 +68,7 @@ std::string name_of(const std::string& machine) {
 void compare(const std::vector<record::Note>& notes, const record::Run& first, const Subject& subject,
              const std::string& results) {
   const auto noted = [&](const char* kind) {
-    const auto found =
-        std::find_if(notes.begin(), notes.end(), [&](const auto& note) { return note.kind == kind; });
+    const auto found = std::ranges::find_if(notes, [&](const auto& note) { return note.kind == kind; });
     return found == notes.end() ? "unknown" : found->text;
   };
   for (const auto& [kind, word, mine] :
@@ -149,8 +148,7 @@ void Trials::recall(const std::string& results) {
              fmt::format("holds no search: run {} ({}) is of another command", run.number, run.asked.id));
     const auto notes = reader.notes(run.number);
     all.insert(all.end(), notes.begin(), notes.end());
-    const auto found =
-        std::find_if(notes.begin(), notes.end(), [](const auto& note) { return note.kind == run_note; });
+    const auto found = std::ranges::find_if(notes, [](const auto& note) { return note.kind == run_note; });
     // It was cut off, or failed for a reason that passes.
     if (found == notes.end() || !run.outcome.has_ended()) continue;
     known_.push_back({found->text, std::move(run)});
@@ -280,7 +278,7 @@ search::Answer Trials::answer_of(const record::Run& run) {
 std::string Trials::denied(const record::Run& run) {
   const auto all = denied_settings(run);
   if (!denied_at_first_) denied_at_first_ = all;
-  const auto found = std::find_if(all.begin(), all.end(), [&](const std::string& one) {
+  const auto found = std::ranges::find_if(all, [&](const std::string& one) {
     return std::find(denied_at_first_->begin(), denied_at_first_->end(), one) == denied_at_first_->end();
   });
   return found == all.end() ? "" : *found;

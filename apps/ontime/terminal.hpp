@@ -3,7 +3,6 @@
 #pragma once
 
 #include "campaign/campaign.hpp"
-#include "report/report.hpp"
 
 namespace ontime::app {
 

@@ -1,7 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 // The settings of a machine by hand, for the robot itself and not only for a run.
-#include <algorithm>
-
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 #include <unistd.h>
@@ -46,11 +44,7 @@ void set(campaign::Run& run, const std::string& said) {
     if (!key.path.starts_with("kernel.")) continue;
     names.push_back(key.path.substr(7));
     if (names.back() != name) continue;
-    try {
-      return key.set(run, said.substr(equals + 1));
-    } catch (const std::invalid_argument& error) {
-      throw Error(2, fmt::format("--set {}: {}", name, error.what()));
-    }
+    return read_flag("--set " + name, [&] { key.set(run, said.substr(equals + 1)); });
   }
   throw Error(2, fmt::format("--set: there is no setting '{}'; there are: {}", name, fmt::join(names, ", ")));
 }
@@ -214,7 +208,7 @@ int revert() {
 
 }  // namespace
 
-void add_tune(Command& app, Action& action) {
+void add_tune(Command& app) {
   auto* command =
       app.add_subcommand("tune", "Settings of this machine: the kernel's threads and its network path");
   command->require_subcommand();
@@ -225,43 +219,33 @@ void add_tune(Command& app, Action& action) {
   auto arguments = std::make_shared<TuneArguments>();
   const auto add = [&](const char* name, const char* what, int (*act)(const TuneArguments&)) {
     auto* added = command->add_subcommand(name, what);
-    added->callback([&action, arguments, act] { action = [arguments, act] { return act(*arguments); }; });
+    added->calls([arguments, act] { return act(*arguments); });
     return added;
   };
   const auto add_place = [&](Command* to) {
     add_link(*to, arguments->interface, arguments->peer, "the interface, for settings of an interface");
-    to->add_option("--namespace", arguments->network_namespace,
-                   "the network namespace of the interface, as in ip netns")
-        ->type_name("NAME")
-        ->check(given);
+    add_value(*to, "--namespace", arguments->network_namespace, "NAME",
+              "the network namespace of the interface, as in ip netns");
   };
   auto* shown = add("show", "Every setting with its value, or why it cannot be set", show);
   add_place(shown);
   add_format(*shown, arguments->format);
   auto* applied = add("apply", "Sets; it lasts until revert or a reboot", apply);
-  applied->add_option("--set", arguments->sets, "a setting, such as ksoftirqd=60; repeatable")
-      ->type_name("NAME=VALUE")
-      ->check(given);
+  add_value(*applied, "--set", arguments->sets, "NAME=VALUE", "a setting, such as ksoftirqd=60; repeatable");
   auto* scenario =
       add_file(*applied, "--scenario", arguments->scenario, "kernel.* as a run of this scenario has it");
-  auto* run = applied->add_option("--only,--run", arguments->run, "the id of that run")
-                  ->type_name("ID")
-                  ->check(given);
-  scenario->needs(run);
-  run->needs(scenario);
+  add_value(*applied, "--only,--run", arguments->run, "ID", "the id of that run")->needs("--scenario");
+  scenario->needs("--only");
   add_place(applied);
-  auto* dry = applied->add_flag("--dry-run", arguments->dry_run, "only print what would change");
-  applied
-      ->add_option("--print", arguments->boot,
-                   "only print what sets it at every boot: systemd, tmpfiles or shell")
-      ->type_name("FORM")
-      ->check(given)
-      ->excludes(dry);
+  applied->add_flag("--dry-run", arguments->dry_run, "only print what would change");
+  add_value(*applied, "--print", arguments->boot, "FORM",
+            "only print what sets it at every boot: systemd, tmpfiles or shell")
+      ->excludes("--dry-run");
   add_format(*add("verify", "Whether the applied values still hold; exit code 1 if not", verify),
              arguments->format);
   add("revert", "Restores what apply changed, and what a killed ontime left",
       [](const TuneArguments&) { return revert(); });
-  add_tune_search(*command, action);
+  add_tune_search(*command);
 }
 
 }  // namespace ontime::app

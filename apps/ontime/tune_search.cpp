@@ -18,7 +18,6 @@
 #include "machine/machine.hpp"
 #include "measured.hpp"
 #include "output.hpp"
-#include "results_page.hpp"
 #include "scenario_files.hpp"
 #include "search/goal.hpp"
 #include "search_report.hpp"
@@ -67,7 +66,7 @@ void check_never(const std::string& name) {
   const auto keys = search::knob_keys();
   auto words = keys;
   for (const auto& key : keys) words.push_back(key.substr(key.rfind('.') + 1));
-  if (std::find(words.begin(), words.end(), name) != words.end()) return;
+  if (std::ranges::find(words, name) != words.end()) return;
   throw Error(2, fmt::format("--never: a search does not set '{}'{}. It may set: {}", name,
                              spelling::suggestion(name, words), fmt::join(keys, ", ")));
 }
@@ -154,33 +153,20 @@ void tell(const campaign::Scenario& scenario, const search::Knobs& knobs, Termin
 
 Subject subject_of(const campaign::Scenario& scenario, const search::Problem& problem,
                    const std::string& machine) {
-  std::vector<std::string> limits, settings;
-  for (const auto& limit : problem.goal) limits.push_back(limit.text);
+  std::vector<std::string> settings;
   for (const auto& knob : problem.knobs)
     settings.push_back(knob.values.empty() ? knob.key
                                            : fmt::format("{}: {}", knob.key, fmt::join(knob.values, " or ")));
   const auto& run = scenario.runs.front();
   return {
-      scenario.text, fmt::format("{}", fmt::join(limits, " and ")),
+      scenario.text, goal_of(problem),
       fmt::format("{} over {}, {} s", run.id, run.task.transport, Seconds(run.task.client.duration).count()),
       fmt::format("{}", fmt::join(settings, "; ")), machine};
 }
 
-std::string picture_beside(const std::string& results) {
-  return std::filesystem::path(results).replace_extension("search.html").string();
-}
-
-std::vector<search::Part> goal_of(const Arguments& arguments) {
-  try {
-    return search::goal_of(arguments.goal);
-  } catch (const gate::Error& error) {
-    throw Error(2, fmt::format("--goal: {}", error.what()));
-  }
-}
-
 Asked asked_of(const Arguments& arguments) {
   Asked asked;
-  asked.goal = goal_of(arguments);
+  asked.goal = read_flag("--goal", [&] { return search::goal_of(arguments.goal); });
   const auto files = scenario_files({arguments.scenario});
   if (files.size() != 1)
     throw Error(2, fmt::format("{} are {} scenarios: name one", arguments.scenario, files.size()));
@@ -226,16 +212,10 @@ class Searched {
     return outcome_ = search::find(problem_, [this](const auto& order) { return trials_.measure(order); });
   }
   int exit_code() const {
-    switch (outcome_.end) {
-      case search::End::goal_holds:
-        return 0;
-      case search::End::no_time:
-        return trials_.code();
-      case search::End::cannot_measure:
-        return 3;
-      default:
-        return 1;
-    }
+    return outcome_.end == search::End::goal_holds       ? 0
+           : outcome_.end == search::End::no_time        ? trials_.code()
+           : outcome_.end == search::End::cannot_measure ? 3
+                                                         : 1;
   }
   const std::string& stopped() const { return trials_.stopped(); }
   // On standard output, and as pages beside the results. Returns the exit code.
@@ -264,11 +244,9 @@ int Searched::show(const search::Links& links) const {
                             machine_of(reader),
                             arguments_.scenario,
                             results,
-                            picture_beside(results),
+                            std::filesystem::path(results).replace_extension("search.html").string(),
                             search::keep(outcome_.set, links, orders::this_program())};
-  Output page(report.page);
-  page.write(page_of(report));
-  page.finish();
+  write_whole(report.page, page_of(report));
   terminal.note("page of all runs: " + write_page_beside(results, reader, statistics::summarise(reader)));
   as_json ? print_json(json_of(report)) : print(for_output(text_of(report)));
   if (outcome_.end == search::End::no_time || outcome_.end == search::End::cannot_measure)
@@ -396,7 +374,7 @@ int run(const Arguments& arguments) {
 
 }  // namespace
 
-void add_tune_search(Command& tune, Action& action) {
+void add_tune_search(Command& tune) {
   auto* command = tune.add_subcommand(
       "search", "Finds the smallest set of settings by which a scenario meets a goal, and proves it");
   command->footer(
@@ -409,32 +387,19 @@ void add_tune_search(Command& tune, Action& action) {
   auto arguments = std::make_shared<Arguments>();
   command->add_option("SCENARIO", arguments->scenario, "a scenario with one run between two hosts")
       ->required();
-  command->add_option("--goal", arguments->goal, "such as 'p99.9 < 1 ms and response late = 0'")
-      ->type_name("GOAL")
-      ->required()
-      ->check(given);
-  command->add_option("--within", arguments->within, "stop after this time: 2 h")
-      ->type_name("TIME")
-      ->check(given);
-  command->add_option("--never", arguments->never, "never set these (list below), such as irq-threads")
-      ->delimiter(',')
-      ->allow_extra_args(false)
-      ->type_name("KEY,...")
-      ->check(given);
+  add_value(*command, "--goal", arguments->goal, "GOAL", "such as 'p99.9 < 1 ms and response late = 0'")
+      ->required();
+  add_value(*command, "--within", arguments->within, "TIME", "stop after this time: 2 h");
+  add_list(*command, "--never", arguments->never, "KEY,...",
+           "never set these (list below), such as irq-threads");
   command
       ->add_option("--below-priority", arguments->below_priority,
                    "keep threads of the kernel below this priority (default: the application's, or 80)")
       ->type_name("N")
       ->range(2, 99);
-  command->add_option("--keep-cpus-off", arguments->keep_cpus_off, "put nothing on these CPUs")
-      ->type_name("LIST")
-      ->check(given);
-  command
-      ->add_option(
-          "--on", arguments->on,
-          "measure on this machine and the scenario's hosts, or in the lab's simulated machine: here")
-      ->type_name("here|lab")
-      ->check(given);
+  add_value(*command, "--keep-cpus-off", arguments->keep_cpus_off, "LIST", "put nothing on these CPUs");
+  add_value(*command, "--on", arguments->on, "here|lab",
+            "measure on this machine and the scenario's hosts, or in the lab's simulated machine: here");
   add_choice(*command, arguments->choice);
   add_cable(*command, arguments->choice);
   add_file(*command, "--results", arguments->results, "a new results file (default: one here)");
@@ -443,7 +408,7 @@ void add_tune_search(Command& tune, Action& action) {
   add_format(*command, arguments->format);
   arguments->lab.add(*command, "With --on lab");
   command->add_option("--send-to", arguments->send_to, "each run that counts; show nothing")->group("");
-  command->callback([&action, arguments] { action = [arguments] { return run(*arguments); }; });
+  command->calls([arguments] { return run(*arguments); });
 }
 
 }  // namespace ontime::app

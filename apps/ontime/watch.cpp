@@ -3,17 +3,14 @@
 
 #include <algorithm>
 #include <sstream>
-#include <stdexcept>
 #include <thread>
 
 #include <fmt/format.h>
 #include <sys/resource.h>
 #include <unistd.h>
 
-#include "campaign/campaign.hpp"
 #include "commands.hpp"
 #include "flags.hpp"
-#include "metrics.hpp"
 #include "output.hpp"
 #include "table/table.hpp"
 #include "terminal.hpp"
@@ -72,7 +69,7 @@ int follow(const WatchArguments& arguments) {
 
 }  // namespace
 
-void add_watch(Command& app, Action& action) {
+void add_watch(Command& app) {
   auto* command =
       app.add_subcommand("watch", "Follows a running measurement, from another terminal, until it ends");
   auto arguments = std::make_shared<WatchArguments>();
@@ -80,7 +77,7 @@ void add_watch(Command& app, Action& action) {
   command->add_option("--format", arguments->format, "table, or json: an object a second: table")
       ->type_name("FORMAT");
   add_metrics(*command, arguments->metrics);
-  command->callback([&action, arguments] { action = [arguments] { return follow(*arguments); }; });
+  command->calls([arguments] { return follow(*arguments); });
 }
 
 }  // namespace ontime::app
