@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <array>
 #include <sstream>
+#include <utility>
 
 #include <fmt/format.h>
 #include <sodium.h>
@@ -35,28 +36,10 @@ std::string hash_of(std::string_view text) {
 }  // namespace
 
 std::string escaped(const std::string& text) {
-  std::string result;
-  for (const char c : printable(text)) {
-    switch (c) {
-      case '&':
-        result += "&amp;";
-        break;
-      case '<':
-        result += "&lt;";
-        break;
-      case '>':
-        result += "&gt;";
-        break;
-      case '"':
-        result += "&quot;";
-        break;
-      case '\'':
-        result += "&#39;";
-        break;
-      default:
-        result += c;
-    }
-  }
+  auto result = printable(text);
+  for (const auto& [sign, entity] :
+       {std::pair{"&", "&amp;"}, {"<", "&lt;"}, {">", "&gt;"}, {"\"", "&quot;"}, {"'", "&#39;"}})
+    result = replace_all(std::move(result), sign, entity);
   return result;
 }
 

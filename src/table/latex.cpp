@@ -1,8 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
+#include <map>
 #include <string_view>
 #include <utility>
-
-#include <fmt/format.h>
 
 #include "table/table.hpp"
 
@@ -10,34 +9,21 @@ namespace ontime::table {
 namespace {
 
 std::string escape_latex(const std::string& text) {
+  static const std::map<char, const char*> commands = {{'\\', "\\textbackslash{}"},
+                                                       {'~', "\\textasciitilde{}"},
+                                                       {'^', "\\textasciicircum{}"},
+                                                       {'<', "\\textless{}"},
+                                                       {'>', "\\textgreater{}"},
+                                                       {'|', "\\textbar{}"},
+                                                       {'\n', " "}};
   std::string result;
   for (const char c : text) {
-    switch (c) {
-      case '\\':
-        result += "\\textbackslash{}";
-        break;
-      case '~':
-        result += "\\textasciitilde{}";
-        break;
-      case '^':
-        result += "\\textasciicircum{}";
-        break;
-      case '<':
-        result += "\\textless{}";
-        break;
-      case '>':
-        result += "\\textgreater{}";
-        break;
-      case '|':
-        result += "\\textbar{}";
-        break;
-      case '\n':
-        result += ' ';
-        break;
-      default:
-        if (std::string_view("{}$&#_%").find(c) != std::string_view::npos) result += '\\';
-        result += c;
+    if (const auto command = commands.find(c); command != commands.end()) {
+      result += command->second;
+      continue;
     }
+    if (std::string_view("{}$&#_%").find(c) != std::string_view::npos) result += '\\';
+    result += c;
   }
   for (const auto& [sign, set] : {std::pair{"µ", "$\\mu$"},
                                   {"·", "$\\cdot$"},

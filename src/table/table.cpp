@@ -4,15 +4,12 @@
 #include <cstddef>
 
 namespace ontime::table {
-namespace {
 
-void make_printable(std::string& text) {
+std::string printable_lines(const std::string& text) {
   auto lines = split(text, '\n');
   for (auto& line : lines) line = printable(line);
-  text = join(lines, "\n");
+  return join(lines, "\n");
 }
-
-}  // namespace
 
 Page printable(Page page) {
   for (auto& table : page.tables) {
@@ -20,10 +17,10 @@ Page printable(Page page) {
     table.conditions = printable(table.conditions);
     for (auto& row : table.rows)
       for (auto& cell : row) cell = printable(cell);
-    for (auto& column : table.columns) make_printable(column.name);
-    for (auto& note : table.notes) make_printable(note);
+    for (auto& column : table.columns) column.name = printable_lines(column.name);
+    for (auto& note : table.notes) note = printable_lines(note);
   }
-  for (auto& note : page.notes) make_printable(note);
+  for (auto& note : page.notes) note = printable_lines(note);
   page.legend = printable(page.legend);
   return page;
 }

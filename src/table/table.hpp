@@ -4,7 +4,6 @@
 // Ordinary thread; returns text, prints nothing.
 #pragma once
 
-#include <algorithm>
 #include <cstddef>
 #include <cstdint>
 #include <string>
@@ -17,6 +16,7 @@ namespace ontime::table {
 // is (control characters, marks and overrides of direction, what cannot be seen), becomes '?'. For all that
 // comes from elsewhere: a results file, the network. The forms of tables pass all their text through it.
 std::string printable(const std::string& text);
+std::string printable_lines(const std::string& text);  // its lines stay lines
 // Its first so many characters, with "…" where there are more.
 std::string shortened(const std::string& text, std::size_t most);
 
@@ -40,25 +40,24 @@ struct Column {
 };
 
 struct Table {
-  std::string title;
-  std::string conditions;
-  std::vector<Column> columns;
-  std::vector<std::vector<std::string>> rows;
-  std::vector<std::string>
-      notes;  // what follows a '\n' in one stays on its line, so that a command can be copied
+  std::string title = {};
+  std::string conditions = {};
+  std::vector<Column> columns = {};
+  std::vector<std::vector<std::string>> rows = {};
+  // What follows a '\n' in one stays on its line, so that a command can be copied.
+  std::vector<std::string> notes = {};
 };
 
 inline std::vector<std::string> names_of(const Table& table) {
-  std::vector<std::string> names(table.columns.size());
-  std::transform(table.columns.begin(), table.columns.end(), names.begin(),
-                 [](const Column& c) { return c.name; });
+  std::vector<std::string> names;
+  for (const auto& column : table.columns) names.push_back(column.name);
   return names;
 }
 
 struct Page {
-  std::vector<Table> tables;
-  std::vector<std::string> notes;  // on all of them
-  std::string legend;
+  std::vector<Table> tables = {};
+  std::vector<std::string> notes = {};  // on all of them
+  std::string legend = {};
 };
 
 // Each text as printable() has it; a line of a note or of a column's name stays one. A form that is for a
@@ -66,10 +65,9 @@ struct Page {
 Page printable(Page);
 Page without_drawings(Page);
 
-inline constexpr std::size_t usual_width = 100;
 // Lines of at most `width` columns where cells and words allow it: a table that is wider drops columns, or
 // has the names of its rows on lines of their own.
-std::string as_text(const Page&, std::size_t width = usual_width);
+std::string as_text(const Page&, std::size_t width);
 std::string as_markdown(const Page&);
 std::string as_latex(const Page&);
 // RFC 4180, lines ended by '\n'.

@@ -1,9 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <algorithm>
+#include <limits>
 #include <numeric>
 #include <utility>
-
-#include <fmt/format.h>
 
 #include "table/table.hpp"
 
@@ -71,11 +70,10 @@ Table fitted(Table table, std::size_t width) {
   for (;;) {
     const auto layout = layout_of(table);
     if (layout.header + layout.others() <= width) return table;
-    auto next = table.columns.end();
-    for (auto column = table.columns.begin(); column != table.columns.end(); ++column)
-      if (column->dropped > 0 && (next == table.columns.end() || column->dropped < next->dropped))
-        next = column;
-    if (next == table.columns.end()) return table;
+    const auto next = std::ranges::min_element(table.columns, {}, [](const Column& column) {
+      return column.dropped > 0 ? column.dropped : std::numeric_limits<int>::max();
+    });
+    if (next->dropped == 0) return table;
     const auto place = next - table.columns.begin();
     table.columns.erase(next);
     for (auto& row : table.rows) row.erase(row.begin() + place);
