@@ -246,7 +246,7 @@ class Page(unittest.TestCase):
               const px = plot.x(312.34), told = of => {
                 plot.course.of = of;
                 plot.point(px);
-                return plot.readout.text();
+                return plot.frame.readout.text();
               };
               done([told(1), told(10)]);
             });""")

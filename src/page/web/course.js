@@ -111,14 +111,7 @@ class Course {
   get end() { return this.count > 0 ? this.at[this.count - 1] : 0; }
 
   // The first message due at a time or after it.
-  indexAt(s) {
-    let low = 0, high = this.count;
-    while (low < high) {
-      const middle = (low + high) >>> 1;
-      if (this.at[middle] < s) low = middle + 1; else high = middle;
-    }
-    return low;
-  }
+  indexAt(s) { return d3.bisectLeft(this.at, s); }
 
   // Of messages from <= i < to: exactly what going through them one by one would find.
   extremes(from, to) {

@@ -35,11 +35,10 @@ function timeAxis(scale, logarithmic, most, axis = d3.axisLeft) {
   return axis(scale).tickValues(values.length > 1 ? values : ticks).tickFormat(time);
 }
 
-// An SVG with axes and tools, as wide as its figure. `key` tells what its marks mean, in a file that is saved.
+// An SVG with axes and tools, as wide as its figure. `runs` and `key`, which tells what its marks mean, are for a saved file.
 class Frame {
-  constructor(figure, { height, margin }) {
-    this.figure = figure;
-    this.margin = margin;
+  constructor(figure, { height, margin, runs, key = () => [] }) {
+    Object.assign(this, { figure, margin, runs, key });
     this.height = height - margin.top - margin.bottom;
     this.tools = d3.select(figure).append("div").attr("class", "tools");
     this.svg = d3.select(figure).append("svg").attr("role", "img").attr("height", height);
@@ -51,7 +50,6 @@ class Frame {
     this.clip = this.svg.append("clipPath").attr("id", `clip-${id}`).append("rect");
     this.plot = inner.append("g").attr("clip-path", `url(#clip-${id})`);
     this.area = inner.append("rect").attr("class", "area").attr("height", this.height);
-    this.key = () => [];
     const caption = figure.querySelector("figcaption"), section = figure.closest("section");
     this.name = caption ? caption.querySelector("b")?.textContent || "figure" : "figure";
     this.said = caption ? caption.querySelector("span")?.textContent || "" : "";
@@ -90,13 +88,23 @@ class Frame {
     resize();
   }
 
+  // A line where the figure is read, and below it what is read there: `read` is told where the mouse is.
+  addReadout(read) {
+    this.cursor = this.plot.append("line").attr("class", "cursor").attr("visibility", "hidden");
+    this.readout = d3.select(this.figure).append("output").attr("class", "readout").attr("aria-live", "polite");
+    this.area.on("mousemove", () => read(...d3.mouse(this.area.node())))
+      .on("mouseleave", () => this.cursor.attr("visibility", "hidden"));
+  }
+  setCursor(px, height = this.height) {
+    this.cursor.attr("visibility", null).attr("x1", px).attr("x2", px).attr("y1", 0).attr("y2", height);
+  }
+
   axes(bottom, left) {
     this.bottom.call(bottom.tickSizeOuter(0));
     this.left.call(left.tickSizeOuter(0));
     const scale = left.scale();
-    const lines = this.grid.selectAll("line").data(left.tickValues() || scale.ticks(...left.tickArguments()));
-    lines.exit().remove();
-    lines.enter().append("line").merge(lines).attr("x2", this.width).attr("y1", scale).attr("y2", scale);
+    this.grid.selectAll("line").data(left.tickValues() || scale.ticks(...left.tickArguments())).join("line")
+      .attr("x2", this.width).attr("y1", scale).attr("y2", scale);
   }
 
   labels(bottom, left) {
@@ -215,14 +223,10 @@ class Lines {
   constructor(figure, { series, x, y, lines, labels = () => [], left, bottom, tell }) {
     Object.assign(this, { series, x, y, lines, labels, tell, hidden: new Set() });
     series.forEach((one, i) => { one.look = one.look || looks(i); });
-    this.frame = new Frame(figure, { height: 300, margin: { top: 24, right: 14, bottom: 36, left: 56 } });
+    this.frame = new Frame(figure, { height: 300, margin: { top: 24, right: 14, bottom: 36, left: 56 }, runs: runsIn(series),
+      key: () => this.key() });
     this.frame.labels(bottom, left);
-    this.frame.runs = runsIn(series);
-    this.frame.key = () => this.key();
     this.deadline = this.frame.plot.append("path").attr("class", "deadline");
-    this.cursor = this.frame.plot.append("line").attr("class", "cursor").attr("visibility", "hidden");
-    this.paths = this.frame.plot.append("g");
-    this.said = this.frame.plot.append("g");
     const names = d3.select(figure).append("div").attr("class", "names").attr("role", "group").attr("aria-label", "shown");
     names.selectAll("button").data(series).enter().append("button").attr("type", "button").attr("aria-pressed", "true")
       .on("click", (one, i, nodes) => {
@@ -235,7 +239,9 @@ class Lines {
           .attr("class", `line ${one.look.colour}`).attr("stroke-dasharray", one.look.dash).attr("d", "M0,4H22");
         button.append("span").text(one.name);
       });
-    this.readout = d3.select(figure).append("output").attr("class", "readout").attr("aria-live", "polite");
+    this.frame.addReadout(px => this.point(px));
+    this.paths = this.frame.plot.append("g");
+    this.said = this.frame.plot.append("g");
     if (tell) {
       const step = by => this.point(Math.min(Math.max((this.at === undefined ? this.frame.width / 2 : this.at) + by, 0), this.frame.width));
       this.frame.onKeys("Left and right arrow keys read its values.", {
@@ -243,28 +249,21 @@ class Lines {
         Home: () => step(-this.frame.width), End: () => step(this.frame.width),
       });
     }
-    this.frame.area.on("mousemove", () => this.point(d3.mouse(this.frame.area.node())[0]))
-      .on("mouseleave", () => this.cursor.attr("visibility", "hidden"));
     this.frame.onResize(() => this.draw());
   }
+
+  shown() { return this.series.filter(one => !this.hidden.has(one)); }
 
   draw() {
     const { frame } = this;
     const x = this.xScale = this.x.scale().range([0, frame.width]), y = this.y.scale().range([frame.height, 0]);
     frame.axes(this.x.axis(x, frame.width), this.y.axis(y));
     frame.place();
-    const all = [];
-    for (const one of this.series)
-      if (!this.hidden.has(one))
-        for (const line of this.lines(one, x, y))
-          all.push({ ...line, class: `line ${one.look.colour} ${line.class || ""}`, dash: line.dash || one.look.dash });
-    const paths = this.paths.selectAll("path").data(all);
-    paths.exit().remove();
-    paths.enter().append("path").merge(paths).attr("class", one => one.class).attr("stroke-dasharray", one => one.dash || null)
-      .attr("d", one => one.d);
-    const texts = this.said.selectAll("text").data(this.labels(this.series.filter(one => !this.hidden.has(one)), x, y));
-    texts.exit().remove();
-    texts.enter().append("text").attr("class", "label").attr("text-anchor", "end").merge(texts)
+    const all = this.shown().flatMap(one => this.lines(one, x, y).map(line =>
+      ({ ...line, class: `line ${one.look.colour} ${line.class || ""}`, dash: line.dash || one.look.dash })));
+    this.paths.selectAll("path").data(all).join("path").attr("class", one => one.class)
+      .attr("stroke-dasharray", one => one.dash || null).attr("d", one => one.d);
+    this.said.selectAll("text").data(this.labels(this.shown(), x, y)).join("text").attr("class", "label").attr("text-anchor", "end")
       .attr("x", one => one.x).attr("y", one => one.y).text(one => one.text);
     const deadlines = new Set(this.series.map(one => one.deadline_ns));
     const [deadline] = deadlines;
@@ -272,7 +271,7 @@ class Lines {
   }
 
   key() {
-    const shown = this.series.filter(one => !this.hidden.has(one)), { deadline } = this;
+    const shown = this.shown(), { deadline } = this;
     return [...shown.map(one => ({ className: `line ${one.look.colour}`, dash: one.look.dash, text: one.name })),
       ...(deadline.attr("d") ? [{ className: "deadline", text: `deadline ${time(shown.length > 0 ? shown[0].deadline_ns : 0)}` }] : [])];
   }
@@ -280,8 +279,8 @@ class Lines {
   point(px) {
     if (!this.tell) return;
     this.at = px;
-    this.cursor.attr("visibility", null).attr("x1", px).attr("x2", px).attr("y1", 0).attr("y2", this.frame.height);
-    this.readout.text(this.tell(this.xScale.invert(px), this.series.filter(one => !this.hidden.has(one))));
+    this.frame.setCursor(px);
+    this.frame.readout.text(this.tell(this.xScale.invert(px), this.shown()));
   }
 }
 
@@ -401,10 +400,7 @@ function drawHistogram(figure) {
     series: runs.map(run => ({ ...run, name: run.label })), left: "messages per bin", bottom: quantityOf(runs), x: timesAxis(domain),
     y: { scale: () => d3.scaleLog().domain([0.7, most * 1.3]).clamp(true),
       axis: scale => d3.axisLeft(scale).tickValues(d3.range(0, 12).map(i => 10 ** i).filter(value => value <= most * 1.3)).tickFormat(number) },
-    lines: (one, x, y) => [{
-      d: outline(one.histogram, x, y, y(0.7)),
-      class: "bins",
-    }],
+    lines: (one, x, y) => [{ d: outline(one.histogram, x, y, y(0.7)), class: "bins" }],
     tell: (ns, shown) => `${time(ns)}: ` + shown.map(one => {
       const bin = one.histogram.find(([from, to]) => from <= ns && ns < to);
       return `${one.name} ${number(bin ? bin[2] : 0)}`;
@@ -443,8 +439,7 @@ function drawPayload(figure) {
 
 function drawLayers(figure) {
   const bars = data.layers, row = 26, margin = { top: 8, right: 125, bottom: 38, left: 105 };
-  const frame = new Frame(figure, { height: bars.length * row + margin.top + margin.bottom, margin });
-  frame.runs = data.runs;
+  const frame = new Frame(figure, { height: bars.length * row + margin.top + margin.bottom, margin, runs: data.runs });
   frame.svg.append("text").attr("class", "label").attr("text-anchor", "end").attr("y", bars.length * row + margin.top + margin.bottom)
     .attr("data-place", "bottom").text("round trip of the median message");
   frame.onResize(() => {

@@ -7,11 +7,10 @@ const DOT = 3;  // px: as wide as one is in page.css
 class TimePlot {
   constructor(figure, run, course, yDomain) {
     Object.assign(this, { run, course, yDomain, logarithmic: true });
-    this.frame = new Frame(figure, { height: 230, margin: { top: 24, right: 12, bottom: 36, left: 56 } });
+    this.frame = new Frame(figure, { height: 230, margin: { top: 24, right: 12, bottom: 36, left: 56 }, runs: [run],
+      key: () => this.key() });
     this.frame.labels("time since the start", quantityOf([run]));
     this.frame.name = `${run.label}: ${quantityOf([run])} over time`;
-    this.frame.runs = [run];
-    this.frame.key = () => this.key();
     this.end = Math.max(course.end, 1e-6);
     this.domain = [0, this.end];
     const { plot } = this.frame;
@@ -19,8 +18,7 @@ class TimePlot {
     for (const name of ["deadline", "columns", "alone", "late", "lost", "median", "stall"])
       this.layers[name] = plot.append("path").attr("class", name);
     this.notes = plot.append("g").attr("class", "notes");
-    this.cursor = plot.append("line").attr("class", "cursor").attr("visibility", "hidden");
-    this.readout = d3.select(figure).append("output").attr("class", "readout").attr("aria-live", "polite");
+    this.frame.addReadout(px => this.point(px));
     this.frame.svg.attr("aria-label", `${run.quantity} over time of ${run.id} ${run.label}`);
     const pan = by => this.frame.area.call(this.zoom.translateBy, by * this.frame.width / d3.zoomTransform(this.frame.area.node()).k, 0);
     this.frame.onKeys("Left and right arrow keys read its values, with Shift or Page up and down they move along, plus and minus zoom, " +
@@ -32,9 +30,7 @@ class TimePlot {
     this.zoom = d3.zoom()
       .filter(() => !d3.event.button && (d3.event.type !== "wheel" || d3.event.ctrlKey || this.frame.svg.node() === document.activeElement))
       .on("zoom", () => this.zoomed(d3.event.transform));
-    this.frame.area.call(this.zoom)
-      .on("mousemove", () => this.point(d3.mouse(this.frame.area.node())[0]))
-      .on("mouseleave", () => this.cursor.attr("visibility", "hidden"));
+    this.frame.area.call(this.zoom);
     if (course.of > 1)
       d3.select(figure).append("p").attr("class", "note")
         .text(`All messages are too many for a page: of each ${number(2 * course.of)} the fastest, the slowest and one that was lost are here.`);
@@ -96,12 +92,13 @@ class TimePlot {
     this.tell(i);
   }
 
+  isReadAtShown() { return this.readAt >= this.domain[0] && this.readAt <= this.domain[1]; }
+
   // What is read: of the messages that are shown one by one the next, else the next column of pixels.
   step(by) {
     const { course, frame } = this, [from, to] = this.domain;
     if (course.count === 0) return;
-    const inside = this.readAt !== undefined && this.readAt >= from && this.readAt <= to;
-    const at = inside ? this.readAt : (from + to) / 2;
+    const inside = this.isReadAtShown(), at = inside ? this.readAt : (from + to) / 2;
     if (!this.dots) return this.point(Math.min(Math.max(Math.floor(this.x(at)) + by, 0), frame.width - 1) + 0.5);
     const next = inside ? this.nearest(at) + by : this.nearest(at), i = Math.min(Math.max(next, 0), course.count - 1);
     const beyond = course.at[i] < from ? course.at[i] - from : course.at[i] > to ? course.at[i] - to : 0;
@@ -113,8 +110,7 @@ class TimePlot {
   }
 
   scaleAtCursor(by) {
-    const [from, to] = this.domain, inside = this.readAt !== undefined && this.readAt >= from && this.readAt <= to;
-    this.frame.area.call(this.zoom.scaleBy, by, [inside ? this.x(this.readAt) : this.frame.width / 2, 0]);
+    this.frame.area.call(this.zoom.scaleBy, by, [this.isReadAtShown() ? this.x(this.readAt) : this.frame.width / 2, 0]);
   }
 
   key() {
@@ -211,7 +207,7 @@ class TimePlot {
     if (course.count === 0) return;
     const s = x.invert(px);
     if (this.dots) return this.tell(this.nearest(s));
-    this.setCursor(px);
+    this.frame.setCursor(px);
     this.readAt = s;
     const left = x.invert(Math.floor(px)), right = x.invert(Math.floor(px) + 1);
     const found = course.extremes(course.indexAt(left), course.indexAt(right));
@@ -221,7 +217,7 @@ class TimePlot {
     if (found.slowest >= 0) parts.push(`${time(timeOf(found.fastest))} to ${time(timeOf(found.slowest))}`);
     if (found.late > 0) parts.push(`${least}${number(found.late)} late`);
     if (found.lost > 0) parts.push(`${least}${number(found.lost)} lost`);
-    this.readout.text(parts.join(" · "));
+    this.frame.readout.text(parts.join(" · "));
   }
 
   nearest(s) {
@@ -232,13 +228,9 @@ class TimePlot {
   tell(i) {
     const { course, x } = this, code = course.code[i];
     this.readAt = course.at[i];
-    this.setCursor(x(course.at[i]));
-    this.readout.text([`${course.at[i].toFixed(3)} s`, `message ${course.message[i]}`,
+    this.frame.setCursor(x(course.at[i]));
+    this.frame.readout.text([`${course.at[i].toFixed(3)} s`, `message ${course.message[i]}`,
       code === LOST ? "lost" : time(timeOf(code)), ...(course.fate[i] === LATE ? ["late"] : [])].join(" · "));
-  }
-
-  setCursor(px) {
-    this.cursor.attr("visibility", null).attr("x1", px).attr("x2", px).attr("y1", 0).attr("y2", this.frame.height);
   }
 }
 

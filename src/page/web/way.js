@@ -13,7 +13,7 @@ class WayPlot {
     this.drawing = drawing;
     this.due = (drawing.marks.find(([name]) => name === "due") || ["", 0])[1];
     const height = this.arrange();
-    this.frame = new Frame(figure, { height: height + 66, margin: { top: 32, right: 12, bottom: 34, left: 92 } });
+    this.frame = new Frame(figure, { height: height + 66, margin: { top: 32, right: 12, bottom: 34, left: 92 }, runs: [] });
     this.hatch = `hatch-${WayPlot.next = (WayPlot.next || 0) + 1}`;
     const patterns = this.frame.svg.insert("defs", ":first-child");
     for (const look of ["ready", "culprit"]) {
@@ -24,20 +24,16 @@ class WayPlot {
     }
     this.shown = this.frame.plot.append("g");
     this.names = this.frame.svg.append("g").attr("transform", `translate(${this.frame.margin.left},${this.frame.margin.top})`);
-    this.cursor = this.frame.plot.append("line").attr("class", "cursor").attr("visibility", "hidden");
-    this.readout = d3.select(figure).append("output").attr("class", "readout").attr("aria-live", "polite");
+    this.frame.addReadout((px, py) => this.tell(px, py));
     if (drawing.uncertainty_ns > 0)
       d3.select(figure).append("p").attr("class", "note").text("The two machines’ clocks are related by the run’s answers: " +
         `times of pong’s machine may be off by ±${time(drawing.uncertainty_ns)}.`);
-    this.frame.runs = [];
     const step = by => {
       const at = (this.place === undefined ? this.x(this.due) : this.place) + by * this.frame.width / 50;
       this.tell(this.place = Math.min(Math.max(at, 0), this.frame.width));
     };
     this.frame.onKeys("Left and right arrow keys go through its time; a table below has each part.",
       { ArrowLeft: () => step(-1), ArrowRight: () => step(1) });
-    this.frame.area.on("mousemove", () => this.tell(...d3.mouse(this.frame.area.node())))
-      .on("mouseleave", () => this.cursor.attr("visibility", "hidden"));
     this.frame.onResize(() => this.draw());
   }
 
@@ -154,7 +150,7 @@ class WayPlot {
 
   tell(px, py) {
     const { drawing } = this, ns = this.x.invert(px), parts = [`${signed(ns - this.due)} after it was due`];
-    this.cursor.attr("visibility", null).attr("x1", px).attr("x2", px).attr("y1", 0).attr("y2", this.height);
+    this.frame.setCursor(px, this.height);
     for (const lane of drawing.lanes) {
       if (py !== undefined && (py < lane.y || py > lane.y + lane.height + 3)) continue;
       const bar = this.at(lane, ns), whose = drawing.one_machine && lane.of === "cpu" ? "" : `${WHOSE[lane.end]} `;
@@ -162,7 +158,7 @@ class WayPlot {
       if (bar) parts.push(`${label}: ${drawing.names[bar[3]]}, ${time(bar[1] - bar[0])}${bar[4] ? ", the culprit’s" : ""}`);
       else if (py !== undefined) parts.push(`${label}: ${lane.of === "cpu" ? "idle or unknown" : lane.of === "thread" ? "sleeps" : "none"}`);
     }
-    this.readout.text(parts.join(" · "));
+    this.frame.readout.text(parts.join(" · "));
   }
 }
 
