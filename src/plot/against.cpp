@@ -77,14 +77,17 @@ std::string place(double x, const Group& runs, Figure figure) {
     if (run->round_trip.count >= statistics::metric_of(figure).one_in)
       values.push_back(ms(run->round_trip[figure]));
   if (values.empty()) return "";
-  const auto [low, high] = std::minmax_element(values.begin(), values.end());
+  const auto [low, high] = std::ranges::minmax_element(values);
   return fmt::format("{:.6g} {:.6g} {:.6g} {:.6g}\n", x, statistics::estimate(values)->median, *low, *high);
 }
 
 // Where colours begin anew: circles, squares, triangles, lozenges; one more is the same, filled.
 constexpr int hollow_points[] = {6, 4, 8, 12};
 
-std::string against(const Abscissa& abscissa, const Group& group, const Plot& plot) {
+}  // namespace
+
+std::string plot_against(const Group& group, const Plot& plot) {
+  const auto& abscissa = plot.figure == Plot::Figure::payload ? payload : rate_of_neighbours;
   constexpr double left_cm = 1.5, right_cm = 0.35, axes_cm = 4.6, bottom_cm = 0.95;
   const auto width = Sheet::width_cm(plot);
   std::map<std::string, std::map<double, Group>> series;
@@ -112,7 +115,7 @@ std::string against(const Abscissa& abscissa, const Group& group, const Plot& pl
         greatest = std::max(greatest, ms(run->round_trip[Figure::p99]));
       }
       if (abscissa.marks_misses &&
-          std::any_of(runs.begin(), runs.end(), [](const auto* run) { return missed_any(*run); }))
+          std::ranges::any_of(runs, [](const auto* run) { return missed_any(*run); }))
         missed += place(x, runs, Figure::p99);
     }
     const auto points = hollow_points[i / 7 % std::size(hollow_points)];
@@ -136,7 +139,7 @@ std::string against(const Abscissa& abscissa, const Group& group, const Plot& pl
   }
   entries.push_back({"p50", "linewidth 1 linecolor rgb '#000000'", "pointtype 7 pointsize 0.4"});
   entries.push_back({"p99", "linewidth 1 dashtype 2 linecolor rgb '#000000'", "pointtype 6 pointsize 0.4"});
-  if (any_repeated) entries.push_back({"bars: lowest to highest repetition", "", ""});
+  if (any_repeated) entries.push_back({"bars: lowest to highest repetition"});
   if (any_missed)
     entries.push_back({"late, lost, or less load than asked for", "", "pointtype 2 pointsize 0.5"});
 
@@ -155,16 +158,6 @@ std::string against(const Abscissa& abscissa, const Group& group, const Plot& pl
   if (parts.empty()) parts.emplace_back("NaN notitle");
   sheet.plot(axes, parts);
   return sheet.commands();
-}
-
-}  // namespace
-
-std::string plot_against_payload(const Group& group, const Plot& plot) {
-  return against(payload, group, plot);
-}
-
-std::string plot_against_neighbours(const Group& group, const Plot& plot) {
-  return against(rate_of_neighbours, group, plot);
 }
 
 }  // namespace ontime::plot

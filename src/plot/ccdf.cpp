@@ -113,9 +113,8 @@ std::string interval_of(const Summary& run) {
 std::vector<std::string> styles_of(const std::vector<Condition>& conditions) {
   std::vector<std::string> ids, others, styles;
   const auto place = [](std::vector<std::string>& all, const std::string& one) {
-    const auto found = std::find(all.begin(), all.end(), one);
-    if (found == all.end()) all.push_back(one);
-    return static_cast<std::size_t>(std::find(all.begin(), all.end(), one) - all.begin());
+    add_once(all, one);
+    return static_cast<std::size_t>(std::ranges::find(all, one) - all.begin());
   };
   std::vector<std::pair<std::size_t, std::size_t>> places;
   for (const auto& condition : conditions) {
@@ -148,7 +147,7 @@ std::string plot_ccdf(const Group& group, const Plot& plot) {
   for (std::size_t i = 0; i < conditions.size(); ++i) {
     const auto& [name, label, runs] = conditions[i];
     entries.push_back({name + (runs.size() > 1 ? fmt::format(" ({} runs)", runs.size()) : ""),
-                       "linewidth 1.4 " + styles[i], ""});
+                       "linewidth 1.4 " + styles[i]});
     lines[i] = line_of(Curve(runs), range, floor);
     if (runs.size() > 1)
       bands[i] = spread_of(runs, range, floor);
@@ -157,12 +156,12 @@ std::string plot_ccdf(const Group& group, const Plot& plot) {
     (runs.size() > 1 ? any_spread : any_interval) |= !bands[i].empty();
   }
   const auto* const patch = "linewidth 6 linecolor rgb '#cccccc'";
-  if (any_spread) entries.push_back({"best to worst of the repetitions", patch, ""});
+  if (any_spread) entries.push_back({"best to worst of the repetitions", patch});
   if (any_interval)
     entries.push_back(
-        {any_spread ? "of a single run: 95 % confidence interval" : "95 % confidence interval", patch, ""});
+        {any_spread ? "of a single run: 95 % confidence interval" : "95 % confidence interval", patch});
   const auto deadlines = deadlines_ms(group);
-  if (!deadlines.empty()) entries.push_back({deadline_text(deadlines), deadline_style, ""});
+  if (!deadlines.empty()) entries.push_back({deadline_text(deadlines), deadline_style});
 
   const Legend legend(entries, width - left_cm - right_cm);
   const auto height = 0.2 + axes_cm + bottom_cm + legend.height_cm() + 0.15;

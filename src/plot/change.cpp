@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // What changed from A to B, as a forest plot: of each metric B / A and its interval.
 #include <algorithm>
-#include <cmath>
+#include <utility>
 
 #include <fmt/format.h>
 
@@ -16,23 +16,16 @@ using statistics::Change;
 using statistics::Figure;
 using statistics::Times;
 
-struct Row {
-  Times times;
-  Figure figure;
-};
-constexpr Row ratios[] = {{Times::round_trip, Figure::mean},  {Times::round_trip, Figure::p50},
-                          {Times::round_trip, Figure::p90},   {Times::round_trip, Figure::p99},
-                          {Times::round_trip, Figure::p99_9}, {Times::response, Figure::p99},
-                          {Times::response, Figure::p99_9}};
-constexpr Row shares[] = {{Times::round_trip, Figure::late}, {Times::round_trip, Figure::lost}};
+using Metric = std::pair<Times, Figure>;
+constexpr Metric ratios[] = {{Times::round_trip, Figure::mean},  {Times::round_trip, Figure::p50},
+                             {Times::round_trip, Figure::p90},   {Times::round_trip, Figure::p99},
+                             {Times::round_trip, Figure::p99_9}, {Times::response, Figure::p99},
+                             {Times::response, Figure::p99_9}};
+constexpr Metric shares[] = {{Times::round_trip, Figure::late}, {Times::round_trip, Figure::lost}};
 
-struct Found {
-  std::string name;
-  Change change;
-};
 struct Panel {
   std::vector<std::string> title;
-  std::vector<Found> rows;
+  std::vector<std::pair<std::string, Change>> rows;  // by the metric's name
   std::vector<std::string> notes;
 };
 
@@ -143,7 +136,7 @@ std::string gnuplot_of(const Comparison& comparison, const Plot& plot) {
                         "pointtype 7 pointsize 0.45 linecolor rgb '#0072b2'"},
                        {"cannot tell", "linewidth 1.2 linecolor rgb '#666666'",
                         "pointtype 7 pointsize 0.45 linecolor rgb '#666666'"},
-                       {"bar: 98 % confidence interval; to the edge: not bounded", "", ""}},
+                       {"bar: 98 % confidence interval; to the edge: not bounded"}},
                       width - 0.6);
   double height = 0.1 + legend.height_cm() + 0.15 + last_cm - bottom_cm;
   for (const auto& panel : panels)

@@ -40,7 +40,7 @@ std::optional<Found> found_in(const Group& runs, const Drawn& metric, double edg
       last = run;
     }
   if (values.empty()) return {};
-  const auto [low, high] = std::minmax_element(values.begin(), values.end());
+  const auto [low, high] = std::ranges::minmax_element(values);
   Found found{statistics::estimate(values)->median, *low, *high};
   if (values.size() == 1 && metric.has_interval()) {
     const auto& sure = last->round_trip_certainty[metric.figure].sure;
@@ -51,12 +51,12 @@ std::optional<Found> found_in(const Group& runs, const Drawn& metric, double edg
 }
 
 std::vector<Entry> entries_of(const std::vector<Condition>& conditions, const Group& group) {
-  const auto repeated = static_cast<std::size_t>(std::count_if(
-      conditions.begin(), conditions.end(), [](const auto& condition) { return condition.runs.size() > 1; }));
+  const auto repeated = static_cast<std::size_t>(
+      std::ranges::count_if(conditions, [](const auto& condition) { return condition.runs.size() > 1; }));
   std::vector<Entry> entries;
   for (std::size_t i = 0; i < metrics.size(); ++i) {
-    if (std::none_of(conditions.begin(), conditions.end(),
-                     [&](const auto& one) { return found_in(one.runs, metrics[i], 0).has_value(); }))
+    if (std::ranges::none_of(conditions,
+                             [&](const auto& one) { return found_in(one.runs, metrics[i], 0).has_value(); }))
       continue;
     const bool has_bar = repeated > 0 || metrics[i].has_interval();
     entries.push_back({statistics::metric_of(metrics[i].figure).name,
@@ -64,12 +64,11 @@ std::vector<Entry> entries_of(const std::vector<Condition>& conditions, const Gr
                        metrics[i].point});
   }
   if (const auto deadlines = deadlines_ms(group); !deadlines.empty())
-    entries.push_back({deadline_text(deadlines), deadline_style, ""});
-  if (repeated > 0) entries.push_back({"bar: lowest to highest repetition; sign: their median", "", ""});
+    entries.push_back({deadline_text(deadlines), deadline_style});
+  if (repeated > 0) entries.push_back({"bar: lowest to highest repetition; sign: their median"});
   if (repeated < conditions.size())
     entries.push_back({repeated > 0 ? "of a single run: 95 % confidence interval"
-                                    : "bar: 95 % confidence interval; to the edge: no upper limit",
-                       "", ""});
+                                    : "bar: 95 % confidence interval; to the edge: no upper limit"});
   return entries;
 }
 
@@ -110,7 +109,6 @@ struct Lines {
           fmt::format("with lines linewidth 5 linecolor rgb '{}'", bar_colours[m]));
     for (std::size_t m = 0; m < metrics.size(); ++m)
       add(fmt::format("points{}", m), points[m], fmt::format("with points {}", metrics[m].point));
-    if (parts.empty()) parts.emplace_back("NaN");
     return parts;
   }
 

@@ -16,8 +16,7 @@ using namespace report;  // names of runs are the same as in tables
 std::string plot_over_time(const Group&, const Plot&);
 std::string plot_ccdf(const Group&, const Plot&);
 std::string plot_conditions(const Group&, const Plot&);
-std::string plot_against_payload(const Group&, const Plot&);
-std::string plot_against_neighbours(const Group&, const Plot&);
+std::string plot_against(const Group&, const Plot&);  // the payload, or the rate of background topics
 
 // The runs of one condition: its repetitions.
 struct Condition {
@@ -33,7 +32,7 @@ inline double ms(std::int64_t ns) { return ms(static_cast<double>(ns)); }
 std::optional<double> deadline_ms(const statistics::Summary&);
 std::vector<double> deadlines_ms(const Group&);                   // each once
 std::string deadline_text(const std::vector<double>& deadlines);  // "deadline 10 ms"
-extern const char* const deadline_style;
+inline constexpr const char* deadline_style = "linewidth 0.8 dashtype 2 linecolor rgb '#666666'";
 
 // From the least to the greatest round trip of all, deadlines included, with room on both sides.
 struct Range {

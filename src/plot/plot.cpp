@@ -20,8 +20,7 @@ std::string title_of(const Summary& summary) { return shortened(printable(summar
 // "Test1.B udp: System under load". Where an id has no title, its conditions are spelled out in its place.
 std::vector<std::string> names_with(const Group& group, const std::vector<std::string>& within_id,
                                     const std::vector<std::string>& among_all) {
-  const bool titled =
-      std::all_of(group.begin(), group.end(), [](const auto* run) { return !title_of(*run).empty(); });
+  const bool titled = std::ranges::all_of(group, [](const auto* run) { return !title_of(*run).empty(); });
   std::vector<std::string> names;
   for (std::size_t i = 0; i < group.size(); ++i) {
     const auto id = id_of(group[i]->run.asked);
@@ -48,8 +47,6 @@ std::vector<std::string> within_ids(const Group& group, Labels labels_of_group) 
 
 }  // namespace
 
-const char* const deadline_style = "linewidth 0.8 dashtype 2 linecolor rgb '#666666'";
-
 std::vector<std::string> names_of(const Group& group) {
   auto names = names_with(group, within_ids(group, labels_of), labels_of(group));
   tell_apart(names, group);
@@ -61,8 +58,7 @@ std::vector<Condition> conditions_of(const Group& group) {
   const auto names = names_with(group, labels, labels_without_repetition(group));
   std::vector<Condition> conditions;
   for (std::size_t i = 0; i < group.size(); ++i) {
-    const auto same = std::find_if(conditions.begin(), conditions.end(),
-                                   [&](const auto& condition) { return condition.name == names[i]; });
+    const auto same = std::ranges::find(conditions, names[i], &Condition::name);
     if (same != conditions.end())
       same->runs.push_back(group[i]);
     else
@@ -130,9 +126,8 @@ std::string gnuplot_of(const Summaries& summaries, const Plot& plot) {
     case Plot::Figure::conditions:
       return plot_conditions(group, plot);
     case Plot::Figure::payload:
-      return plot_against_payload(group, plot);
     case Plot::Figure::neighbours:
-      return plot_against_neighbours(group, plot);
+      return plot_against(group, plot);
     default:
       return plot_over_time(group, plot);
   }

@@ -47,12 +47,7 @@ constexpr const char* looks =
     "set encoding utf8\nset border 3 linewidth 0.7\nset tics out nomirror scale 0.5\nset grid ytics linetype "
     "1 linewidth 0.4 linecolor rgb '#dddddd'\nset key off\nset multiplot\n";
 
-std::size_t letters(const std::string& text) {  // of UTF-8
-  return static_cast<std::size_t>(
-      std::count_if(text.begin(), text.end(), [](char c) { return (c & 0xc0) != 0x80; }));
-}
-
-double text_width_cm(const std::string& text) { return static_cast<double>(letters(text)) * letter_cm; }
+double text_width_cm(const std::string& text) { return static_cast<double>(width_of(text)) * letter_cm; }
 
 }  // namespace
 
@@ -75,7 +70,7 @@ std::vector<std::string> wrapped(const std::string& text, double width_cm) {
   std::vector<std::string> lines{""};
   for (const auto& word : split(printable(text), ' ')) {
     const auto shown = shortened(word, most);
-    if (!lines.back().empty() && letters(lines.back()) + 1 + letters(shown) > most) lines.emplace_back();
+    if (!lines.back().empty() && width_of(lines.back()) + 1 + width_of(shown) > most) lines.emplace_back();
     lines.back() += (lines.back().empty() ? "" : " ") + shown;
   }
   if (lines.size() > most_lines) {
@@ -117,7 +112,7 @@ void Sheet::plot(const Box& axes, const std::vector<std::string>& parts) {
       "set lmargin at screen {:.5f}\nset rmargin at screen {:.5f}\nset tmargin at screen {:.5f}\nset bmargin "
       "at screen {:.5f}\n",
       axes.left / width_, axes.right / width_, 1 - axes.top / height_, 1 - axes.bottom / height_);
-  commands_ += "plot " + join(parts, ", \\\n  ") + "\nunset label\nunset arrow\n";
+  commands_ += "plot " + (parts.empty() ? "NaN" : join(parts, ", \\\n  ")) + "\nunset label\nunset arrow\n";
 }
 
 Legend::Legend(std::vector<Entry> entries, double width_cm) {

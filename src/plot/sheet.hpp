@@ -41,7 +41,7 @@ class Sheet {
   void point(double x, double y, const std::string& style);
   void add(const std::string& command);  // a line of its own
   void data(const std::string& name, const std::string& lines);
-  // Draws all since the last one, with its axes there.
+  // Draws all since the last one, with its axes there, which may be all of it.
   void plot(const Box& axes, const std::vector<std::string>& parts);
   std::string commands() const { return commands_ + "unset multiplot\n"; }
 
@@ -54,7 +54,7 @@ class Sheet {
 // What colours, lines and signs mean; as many in a row as fit.
 struct Entry {
   std::string text;
-  std::string line, point;  // styles; either may be empty
+  std::string line = {}, point = {};  // styles; either may be empty
 };
 class Legend {
  public:

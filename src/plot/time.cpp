@@ -2,6 +2,7 @@
 // Round trips over time, a panel for each run, all on the same axes.
 #include <algorithm>
 #include <cmath>
+#include <utility>
 
 #include <fmt/format.h>
 
@@ -24,10 +25,8 @@ constexpr const char* lost_style = "pointtype 2 pointsize 0.4 linewidth 0.8 line
 
 // As long as a line is wide: finer ones cannot be told apart, and make a figure of megabytes.
 constexpr double stretches_a_cm = 50;
-struct Stretch {
-  double at_s;
-  statistics::Slice of;  // its median is that of its slices' medians
-};
+using Stretch =
+    std::pair<double, statistics::Slice>;  // at so many s; the median is that of its slices' medians
 // As many slices together as it takes to be no more than so many. No extreme is left out.
 std::vector<Stretch> stretches_of(const statistics::Shape& shape, std::size_t most) {
   const auto each = std::max<std::size_t>((shape.slices.size() + most - 1) / most, 1);
@@ -62,12 +61,11 @@ std::string segment(double at, std::int64_t from_ns, std::int64_t to_ns) {
   return fmt::format("{0:.6g} {1:.6g}\n{0:.6g} {2:.6g}\n\n", at, ms(from_ns), to_ms);
 }
 
-struct TimeUnit {
-  const char* name;
-  double seconds;
-};
-TimeUnit unit_for(double end_s) {
-  return end_s > 3 * 3600 ? TimeUnit{"h", 3600} : end_s > 600 ? TimeUnit{"min", 60} : TimeUnit{"s", 1};
+// Its name, and its length in s.
+std::pair<const char*, double> unit_for(double end_s) {
+  return end_s > 3 * 3600 ? std::pair{"h", 3600.0}
+         : end_s > 600    ? std::pair{"min", 60.0}
+                          : std::pair{"s", 1.0};
 }
 
 // Of a run what there is to draw, as gnuplot's parts of a plot.
@@ -106,16 +104,15 @@ std::vector<std::string> parts_of(Sheet& sheet, const Summary& summary, std::siz
 std::vector<Entry> entries_of(const Group& group) {
   const auto counts = counts_of(group);
   std::vector<Entry> entries{{"from the fastest to the slowest", extent_style, ""}};
-  if (std::any_of(group.begin(), group.end(),
-                  [](const auto* run) { return run->sent > few * run->shape.slices.size(); }))
-    entries.push_back({"median", median_style, ""});
+  if (std::ranges::any_of(group, [](const auto* run) { return run->sent > few * run->shape.slices.size(); }))
+    entries.push_back({"median", median_style});
   if (counts.late > 0) entries.push_back({"late", "", "pointtype 7 pointsize 0.3 linecolor rgb '#d55e00'"});
   if (counts.lost > 0) entries.push_back({"lost (at the top)", "", lost_style});
   if (counts.skipped_cycles > 0)
     entries.push_back({"longest wait of cycles without a message", "",
                        "pointtype 7 pointsize 0.3 linecolor rgb '#882255'"});
   if (const auto deadlines = deadlines_ms(group); !deadlines.empty())
-    entries.push_back({deadline_text(deadlines), deadline_style, ""});
+    entries.push_back({deadline_text(deadlines), deadline_style});
   return entries;
 }
 
@@ -209,24 +206,22 @@ std::string plot_over_time(const Group& group, const Plot& plot) {
   const Legend legend(entries_of(group), Sheet::width_cm(plot) - left_cm - right_cm);
   const Layout layout(group, plot, legend.height_cm());
   const auto end_s = end_of(group);
-  const auto unit = unit_for(end_s);
+  const auto [unit, unit_s] = unit_for(end_s);
   auto range = range_of(group);
   if (counts_of(group).lost > 0)  // room for them above all that was answered
     range.greatest_ms *= std::pow(range.greatest_ms / range.least_ms, 0.12);
 
   Sheet sheet(plot, layout.height_cm);
   sheet.add(fmt::format("set logscale y\nset yrange [{}:{}]\nset y2range [0:1]\nset xrange [0:{}]",
-                        range.least_ms, range.greatest_ms, end_s / unit.seconds));
+                        range.least_ms, range.greatest_ms, end_s / unit_s));
   sheet.add(time_tics("y", range.least_ms, range.greatest_ms));
   legend.draw(sheet, left_cm, layout.height_cm - legend.height_cm() - 0.1);
   add_quantities(sheet, layout, group);
   const auto most_stretches = static_cast<std::size_t>(layout.inner_cm() * stretches_a_cm);
   for (std::size_t i = 0; i < group.size(); ++i) {
-    add_texts(sheet, layout, i, unit.name);
+    add_texts(sheet, layout, i, unit);
     sheet.add(layout.is_lowest(i) ? "set format x '%g'" : "set format x ''");
-    auto parts = parts_of(sheet, *group[i], i, most_stretches, unit.seconds);
-    if (parts.empty()) parts.emplace_back("NaN");
-    sheet.plot(layout.axes_of(i), parts);
+    sheet.plot(layout.axes_of(i), parts_of(sheet, *group[i], i, most_stretches, unit_s));
   }
   return sheet.commands();
 }
