@@ -53,7 +53,7 @@ class Moments {
  public:
   void add(std::int64_t from_ns, std::int64_t to_ns) { stretches_.emplace_back(from_ns, to_ns); }
   void end() {
-    std::sort(stretches_.begin(), stretches_.end());
+    std::ranges::sort(stretches_);
     std::vector<std::pair<std::int64_t, std::int64_t>> apart;
     for (const auto& [from_ns, to_ns] : stretches_)
       if (!apart.empty() && from_ns <= apart.back().second)
@@ -63,8 +63,8 @@ class Moments {
     stretches_ = std::move(apart);
   }
   bool any_within(std::int64_t from_ns, std::int64_t to_ns) const {
-    const auto found = std::partition_point(stretches_.begin(), stretches_.end(),
-                                            [&](const auto& one) { return one.second <= from_ns; });
+    const auto found =
+        std::ranges::partition_point(stretches_, [&](const auto& one) { return one.second <= from_ns; });
     return found != stretches_.end() && found->first < to_ns;
   }
 
@@ -208,7 +208,7 @@ class Drawing {
   // Whose name is the culprit's: where and while it held up a thread of ours.
   bool accused(const std::string& name, std::initializer_list<Cause> of, int cpu, std::int64_t from_ns,
                std::int64_t to_ns) const {
-    if (std::find(of.begin(), of.end(), culprit_.cause) == of.end() || name != culprit_.culprit) return false;
+    if (std::ranges::find(of, culprit_.cause) == of.end() || name != culprit_.culprit) return false;
     const bool anywhere = culprit_.cause == Cause::lock || culprit_.cause == Cause::waited;
     return at_work(from_ns, to_ns, anywhere ? std::nullopt : std::optional(cpu));
   }
@@ -226,10 +226,9 @@ class Drawing {
     std::vector<int> cpus;
     cpus.reserve(weight.size());
     for (const auto& [cpu, events] : weight) cpus.push_back(cpu);
-    std::stable_sort(cpus.begin(), cpus.end(),
-                     [&](int one, int other) { return weight[one] > weight[other]; });
+    std::ranges::stable_sort(cpus, [&](int one, int other) { return weight[one] > weight[other]; });
     if (cpus.size() > most_cpus) cpus.resize(most_cpus);
-    std::sort(cpus.begin(), cpus.end());
+    std::ranges::sort(cpus);
     return cpus;
   }
 

@@ -113,8 +113,7 @@ json figures_of(const record::Reader& reader, const Summaries& summaries) {
   auto runs = json::array();
   const auto groups = by_id(summaries);
   for (const auto& group : groups) {
-    auto labels = labels_of(group);
-    tell_apart(labels, group);
+    const auto labels = labels_apart(group);
     for (std::size_t i = 0; i < group.size(); ++i) {
       const auto& summary = *group[i];
       const auto& asked = summary.run.asked;

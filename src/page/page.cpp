@@ -21,27 +21,17 @@ using nlohmann::json;
 using statistics::Figure;
 using statistics::Summary;
 
-// Runs as the page names them, in its order: figures_of() has the same.
+// Runs of an id as the page names them, in its order: figures_of() has the same.
 struct Shown {
-  const Summary* summary;
-  std::string label;
+  explicit Shown(const Group& group) : runs(group), labels(labels_apart(group)) {}
+  Group runs;
+  std::vector<std::string> labels;
 };
-
-std::vector<std::vector<Shown>> shown(const Summaries& summaries) {
-  std::vector<std::vector<Shown>> groups;
-  for (const auto& group : by_id(summaries)) {
-    auto labels = labels_of(group);
-    tell_apart(labels, group);
-    auto& runs = groups.emplace_back();
-    for (std::size_t i = 0; i < group.size(); ++i) runs.push_back({group[i], labels[i]});
-  }
-  return groups;
-}
 
 std::string heading_of(const Summary& summary) {
   const auto title = word(summary.run.asked.title);
   const auto id = id_of(summary.run.asked);
-  return title == nothing || title.empty() ? id : id + " · " + title;
+  return title == nothing ? id : id + " · " + title;
 }
 
 // Exact for programs, for the eye as in the tables: `shown`.
@@ -65,18 +55,17 @@ std::string against_deadline(const Summary& summary) {
 
 constexpr const char* unknown = "<td class=\"number\">–</td>";
 
-std::string row_of(const Shown& run, std::size_t figure, bool by_response) {
-  const auto& summary = *run.summary;
+std::string row_of(const Summary& summary, const std::string& label, std::size_t figure, bool by_response) {
   const auto& of = summary.round_trip;
   const auto time = [&](double ns, const char* name) {
     return time_cell(of.count == 0 ? nothing : microseconds(ns), ns, name);
   };
-  const auto quantile = [&](Figure figure) {
-    return time_cell(percentile(of, figure), static_cast<double>(of[figure]),
-                     statistics::metric_of(figure).name);
+  const auto quantile = [&](Figure metric) {
+    return time_cell(percentile(of, metric), static_cast<double>(of[metric]),
+                     statistics::metric_of(metric).name);
   };
   return fmt::format("<tr data-run=\"{}\"><th scope=\"row\"><a href=\"#run-{}\">{}</a></th>",
-                     summary.run.number, figure, escaped(run.label)) +
+                     summary.run.number, figure, escaped(label)) +
          count_cell(summary.sent, "sent", false) + count_cell(summary.late, "late", true) +
          (!by_response                ? ""
           : !summary.late_by_response ? unknown
@@ -112,39 +101,36 @@ std::string row_of(const PaperRow& paper, bool by_response) {
          us(paper.max_us) + unknown + "<td></td></tr>\n";
 }
 
-std::string table_of(const std::vector<std::vector<Shown>>& groups) {
+std::string table_of(const std::vector<Shown>& groups) {
   bool by_response = false;
   for (const auto& group : groups)
-    for (const auto& run : group) by_response = by_response || differs_by_response(*run.summary);
+    for (const auto* run : group.runs) by_response = by_response || differs_by_response(*run);
   auto text =
       fmt::format(table_head, by_response ? "<th scope=\"col\" class=\"number\">By response</th>\n" : "");
   std::size_t figure = 0;
   for (const auto& group : groups) {
     text += fmt::format("<tbody>\n<tr><th scope=\"rowgroup\" colspan=\"{}\"><span>{}</span></th></tr>\n",
-                        by_response ? 13 : 12, escaped(heading_of(*group.front().summary)));
-    for (const auto& run : group) text += row_of(run, figure++, by_response);
-    for (const auto& paper : paper_rows(group.front().summary->run.asked)) text += row_of(paper, by_response);
+                        by_response ? 13 : 12, escaped(heading_of(*group.runs.front())));
+    for (std::size_t i = 0; i < group.runs.size(); ++i)
+      text += row_of(*group.runs[i], group.labels[i], figure++, by_response);
+    for (const auto& paper : paper_rows(group.runs.front()->run.asked)) text += row_of(paper, by_response);
     text += "</tbody>\n";
   }
   return text + "</table>\n</div>\n";
 }
 
 // The longest waits, and where they went.
-Table worst_of(const std::vector<Shown>& group) {
-  using enum Column::Align;
+Table worst_of(const Shown& group) {
   Table table{
-      "The longest waits (µs)",
-      "",
-      {{"Run", left}, {"Message"}, {"at (s)"}, {"waited"}, {"woken up after"}, {"sent after"}, {"took"}},
-      {},
-      {}};
+      .title = "The longest waits (µs)",
+      .columns = columns_of("Run", {"Message", "at (s)", "waited", "woken up after", "sent after", "took"})};
   constexpr std::size_t most = 5;  // of a run
-  for (const auto& [summary, label] : group) {
-    const auto& worst = summary->shape.worst;
+  for (std::size_t run = 0; run < group.runs.size(); ++run) {
+    const auto& worst = group.runs[run]->shape.worst;
     for (std::size_t i = 0; i < std::min(most, worst.size()); ++i) {
       const auto& message = worst[i].message;
-      table.rows.push_back({label, fmt::format("{}", message.index),
-                            fmt::format("{:.3f}", seconds_into(*summary, message.due_ns)),
+      table.rows.push_back({group.labels[run], fmt::format("{}", message.index),
+                            fmt::format("{:.3f}", seconds_into(*group.runs[run], message.due_ns)),
                             microseconds(worst[i].took_ns),
                             microseconds(roundtrip::wake_up_latency_ns(message)),
                             microseconds(message.sent_ns - message.woke_ns),
@@ -155,11 +141,11 @@ Table worst_of(const std::vector<Shown>& group) {
 }
 
 // Where the time goes, of the median and of the slowest.
-Table parts_of(const std::vector<Shown>& group) {
-  using enum Column::Align;
-  Table table{"Where the time goes (µs): median / p99 / max", "", {{"Run", left}, {"wake-up"}}, {}, {}};
-  const bool any_parts = std::any_of(group.begin(), group.end(),
-                                     [](const Shown& run) { return run.summary->parts.has_value(); });
+Table parts_of(const Shown& group) {
+  Table table{.title = "Where the time goes (µs): median / p99 / max",
+              .columns = columns_of("Run", {"wake-up"})};
+  const bool any_parts =
+      std::ranges::any_of(group.runs, [](const auto* run) { return run->parts.has_value(); });
   if (any_parts) table.columns.push_back({"way there"});
   table.columns.push_back({"at the component"});
   if (any_parts) table.columns.push_back({"way back"});
@@ -168,19 +154,19 @@ Table parts_of(const std::vector<Shown>& group) {
     if (of.count == 0) return std::string(nothing);
     return percentile(of, Figure::p50) + " / " + percentile(of, Figure::p99) + " / " + microseconds(of.max);
   };
-  for (const auto& [summary, label] : group) {
-    std::vector<std::string> row = {label, cell(summary->wake_up)};
-    const auto parts = summary->parts.value_or(statistics::Parts{});
+  for (std::size_t i = 0; i < group.runs.size(); ++i) {
+    const auto& summary = *group.runs[i];
+    std::vector<std::string> row = {group.labels[i], cell(summary.wake_up)};
+    const auto parts = summary.parts.value_or(statistics::Parts{});
     if (any_parts) row.push_back(cell(parts.there));
-    row.push_back(cell(summary->server));
+    row.push_back(cell(summary.server));
     if (any_parts) row.push_back(cell(parts.back));
-    row.push_back(cell(summary->response));
+    row.push_back(cell(summary.response));
     table.rows.push_back(row);
   }
   table.notes.emplace_back(
       "Wake-up: from when a message was due until its sender ran. Response: from when each cycle was due "
-      "until its "
-      "answer came, cycles that passed without a message among them; it hides no stall.");
+      "until its answer came, cycles that passed without a message among them; it hides no stall.");
   return table;
 }
 
@@ -189,19 +175,18 @@ std::string details(const std::string& summary, const std::string& content, bool
          content + "</details>\n";
 }
 
-std::string time_figure(const Shown& run, std::size_t figure) {
-  const auto& of = run.summary->round_trip;
-  auto text = fmt::format("{} messages, {} late, {} lost", grouped(run.summary->sent),
-                          grouped(run.summary->late), grouped(run.summary->lost));
+std::string time_figure(const Summary& run, const std::string& label, std::size_t figure) {
+  const auto& of = run.round_trip;
+  auto text =
+      fmt::format("{} messages, {} late, {} lost", grouped(run.sent), grouped(run.late), grouped(run.lost));
   if (of.count > 0)
     text += fmt::format("; {} to {} µs, median {}", microseconds(of.min), microseconds(of.max),
                         microseconds(of[Figure::p50]));
   auto html = fmt::format(
       "<figure class=\"time\" id=\"run-{0}\" data-figure-of=\"{0}\">\n<figcaption "
       "id=\"caption-{0}\"><b>{1}</b> <span>{2}</span></figcaption>\n</figure>\n",
-      figure, escaped(run.label), escaped(text));
-  if (const auto remark = remarks(*run.summary); !remark.empty())
-    html += note_as_html(run.label + ": " + remark);
+      figure, escaped(label), escaped(text));
+  if (const auto remark = remarks(run); !remark.empty()) html += note_as_html(label + ": " + remark);
   return html;
 }
 
@@ -212,33 +197,21 @@ class="middle">─</span>median <span class="stall">━</span>longest wait of cy
 <span>⚑</span>note</p>
 )";
 
-// "deadline of 10 ms", if all have the same.
-std::string limit(const Summaries& summaries, const char* name,
-                  std::chrono::nanoseconds roundtrip::ClientOptions::*time) {
-  const auto first = summaries.front().run.asked.task.client.*time;
-  const bool same = std::all_of(summaries.begin(), summaries.end(), [&](const Summary& summary) {
-    return summary.run.asked.task.client.*time == first;
-  });
-  return same && first.count() > 0 ? fmt::format("{} of {}", name, duration(first)) : name;
-}
-
 // What the table's columns mean.
 std::string table_legend(const Summaries& summaries) {
-  const bool listened = std::all_of(summaries.begin(), summaries.end(),
-                                    [](const Summary& run) { return run.run.asked.is_listened(); });
-  auto legend = listened ? "Late: beyond the limit that was stated. Lost: published and never taken."
-                         : fmt::format("Late: answered after the {}. Lost: not answered within the {}.",
-                                       limit(summaries, "deadline", &roundtrip::ClientOptions::deadline),
-                                       limit(summaries, "time-out", &roundtrip::ClientOptions::timeout));
-  if (std::any_of(summaries.begin(), summaries.end(), differs_by_response))
+  auto legend = all_listened(all_of(summaries))
+                    ? "Late: beyond the limit that was stated. Lost: published and never taken."
+                    : fmt::format("Late: answered after the {}. Lost: not answered within the {}.",
+                                  limit_of(summaries, "deadline", &roundtrip::ClientOptions::deadline),
+                                  limit_of(summaries, "time-out", &roundtrip::ClientOptions::timeout));
+  if (std::ranges::any_of(summaries, differs_by_response))
     legend += " By response: cycles without an answer within the deadline from when they were due.";
   legend += " p99: 99 % of the messages took no longer. ~: fewer than 10 messages were slower. –: not known.";
-  if (std::any_of(summaries.begin(), summaries.end(),
-                  [](const Summary& summary) { return !paper_rows(summary.run.asked).empty(); }))
+  if (any_of_paper(summaries))
     legend +=
         " paper’s: measured by Gutiérrez, San Vicente et al. (2018) on their two machines, with DDS 1 to 3, "
-        "for "
-        "10 minutes (Test5: 12 hours), with 8 workers of each kind on the controller and 2 on the component.";
+        "for 10 minutes (Test5: 12 hours), with 8 workers of each kind on the controller and 2 on the "
+        "component.";
   return legend;
 }
 
@@ -256,26 +229,26 @@ std::string list_of(std::size_t first, std::size_t count) {
 }
 
 // Of each run that was measured with `explain: on`.
-std::string whys_of(const record::Reader& reader, const std::vector<Shown>& runs, Drawings& drawings) {
+std::string whys_of(const record::Reader& reader, const Shown& group, Drawings& drawings) {
   std::string html;
-  for (const auto& run : runs) {
-    auto why = why_of(reader, run.summary->run, drawings.drawn.size(),
+  for (std::size_t i = 0; i < group.runs.size(); ++i) {
+    auto why = why_of(reader, group.runs[i]->run, drawings.drawn.size(),
                       std::min(drawings.of_a_run, most_drawings - drawings.drawn.size()));
     if (why.html.empty()) continue;
-    html += fmt::format("<div class=\"why\">\n<h3>Why: {}</h3>\n{}</div>\n", escaped(run.label), why.html);
+    html +=
+        fmt::format("<div class=\"why\">\n<h3>Why: {}</h3>\n{}</div>\n", escaped(group.labels[i]), why.html);
     for (auto& drawing : why.drawings) drawings.drawn.push_back(std::move(drawing));
   }
   return html;
 }
 
-std::string section_of(const record::Reader& reader, const std::vector<Shown>& runs, std::size_t first,
+std::string section_of(const record::Reader& reader, const Shown& shown, std::size_t first,
                        Drawings& drawings) {
-  Group group;
-  for (const auto& run : runs) group.push_back(run.summary);
+  const auto& [group, labels] = shown;
   auto html = fmt::format("<section>\n<h2>{}</h2>\n<p>{}</p>\n", escaped(heading_of(*group.front())),
                           escaped(join(shared_conditions(group), ", ")));
-  for (std::size_t i = 0; i < runs.size(); ++i) html += time_figure(runs[i], first + i);
-  html += whys_of(reader, runs, drawings);
+  for (std::size_t i = 0; i < group.size(); ++i) html += time_figure(*group[i], labels[i], first + i);
+  html += whys_of(reader, shown, drawings);
   html += fmt::format(
       "<div class=\"pair\">\n<figure class=\"ccdf\" data-figures-of=\"{0}\">\n<figcaption><b>Exceedance "
       "(CCDF)</b> <span>share of messages slower than x; a lost message is slower than "
@@ -283,10 +256,7 @@ std::string section_of(const record::Reader& reader, const std::vector<Shown>& r
       "<figure class=\"histogram\" data-figures-of=\"{0}\">\n<figcaption><b>Distribution</b> <span>answered "
       "messages per bin; 16 equal bins to each doubling of the round "
       "trip</span></figcaption>\n</figure>\n</div>\n",
-      list_of(first, runs.size()));
-  std::vector<std::string> labels;
-  labels.reserve(runs.size());
-  for (const auto& run : runs) labels.push_back(run.label);
+      list_of(first, group.size()));
   auto worst = worst_case_table(labels, group);
   worst.title = "The slowest: seen and extrapolated";
   if (!worst.rows.empty()) html += details("Extrapolated worst case", as_html(worst), true);
@@ -295,15 +265,13 @@ std::string section_of(const record::Reader& reader, const std::vector<Shown>& r
     sure.title = "95 % confidence intervals";
     html += details("Confidence intervals", as_html(sure));
   }
-  if (std::any_of(runs.begin(), runs.end(),
-                  [](const Shown& run) { return !run.summary->run.asked.is_listened(); }))
-    html += details("Where the time goes", as_html(parts_of(runs)));
-  html += details("The longest waits", as_html(worst_of(runs)));
+  if (!all_listened(group)) html += details("Where the time goes", as_html(parts_of(shown)));
+  html += details("The longest waits", as_html(worst_of(shown)));
   return html + "</section>\n";
 }
 
 bool have_several_payloads(const Summaries& summaries) {
-  return std::any_of(summaries.begin(), summaries.end(), [&](const Summary& summary) {
+  return std::ranges::any_of(summaries, [&](const Summary& summary) {
     return summary.run.asked.task.client.payload_bytes !=
            summaries.front().run.asked.task.client.payload_bytes;
   });
@@ -354,14 +322,7 @@ std::string settings_of(const Summaries& summaries) {
 }
 
 const char* class_of(Verdict::Word word) {
-  switch (word) {
-    case Verdict::Word::yes:
-      return "yes";
-    case Verdict::Word::no:
-      return "no";
-    default:
-      return "partly";
-  }
+  return word == Verdict::Word::yes ? "yes" : word == Verdict::Word::no ? "no" : "partly";
 }
 
 // The first screen's sentence and commands, and each condition by itself.
@@ -374,8 +335,9 @@ std::string headline_of(const Summaries& measured, bool any_imported, const std:
   const auto answer = answer_of(measured, {name});
   auto html = fmt::format("<h1 class=\"{}\">{}</h1>\n", class_of(verdict.word), escaped(answer.sentence));
   const auto groups = by_id(measured);
-  if (groups.size() < 2) html += fmt::format("<p>{}</p>\n", escaped(verdict.further));
-  if (groups.size() >= 2) {
+  if (groups.size() < 2) {
+    html += fmt::format("<p>{}</p>\n", escaped(verdict.further));
+  } else {
     html += "<ul class=\"answers\">\n";
     for (const auto& group : groups) {
       Summaries runs;
@@ -407,7 +369,8 @@ std::string page_of(const record::Reader& reader, const Summaries& summaries, co
                           escaped(name), headline_of(measured, !imported.empty(), name));
   Drawings drawings;
   if (!measured.empty()) {
-    const auto groups = shown(measured);
+    const auto by_ids = by_id(measured);
+    const std::vector<Shown> groups(by_ids.begin(), by_ids.end());
     body += table_of(groups);
     body += note_as_html(table_legend(measured));
     body +=
@@ -418,7 +381,7 @@ std::string page_of(const record::Reader& reader, const Summaries& summaries, co
     drawings.of_a_run = std::clamp<std::size_t>(most_drawings / measured.size(), 1, most_drawings_of_a_run);
     for (const auto& group : groups) {
       body += section_of(reader, group, first, drawings);
-      first += group.size();
+      first += group.runs.size();
     }
     body += comparing_figures(measured, groups.size()) + settings_of(measured);
   }

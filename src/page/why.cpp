@@ -62,11 +62,8 @@ std::string heading_of(const Message& message) {
 
 // What the figure shows, in words: the delay, the largest parts first.
 std::string parts_of(const Message& message) {
-  Table table{"All of its delay",
-              "",
-              {{"Stage", Column::Align::left}, {"Took"}, {"What was so", Column::Align::left}},
-              {},
-              {}};
+  Table table{.title = "All of its delay",
+              .columns = {{"Stage", Column::Align::left}, {"Took"}, {"What was so", Column::Align::left}}};
   const auto shown = std::min(message.parts.size(), most_parts);
   for (std::size_t i = 0; i < shown; ++i) {
     const auto& part = message.parts[i];
