@@ -3,7 +3,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <map>
 
 #include <fmt/format.h>
 
@@ -79,9 +78,6 @@ State state_of(const Summary& run) {
   return run.run.asked.is_listened() && is_late ? State::late : State::not_applied;
 }
 
-// By how much a state outweighs another, of repetitions.
-int weight_of(State state) { return static_cast<int>(state); }
-
 std::optional<Answer::Spread> spread_of(const Group& runs, Figure figure) {
   const auto one_in = std::max<std::uint64_t>(statistics::metric_of(figure).one_in, 1);
   std::vector<double> values;
@@ -92,7 +88,7 @@ std::optional<Answer::Spread> spread_of(const Group& runs, Figure figure) {
     is_least = is_least || (run->imported && run->imported->is_lower_bound(of[figure]));
   }
   if (values.empty()) return std::nullopt;
-  const auto [low, high] = std::minmax_element(values.begin(), values.end());
+  const auto [low, high] = std::ranges::minmax_element(values);
   return Answer::Spread{*low, statistics::estimate(values)->median, *high, is_least};
 }
 
@@ -104,7 +100,7 @@ Row row_of(const Group& runs, const std::string& name) {
   row.name = runs.size() == 1 ? name : fmt::format("{} ×{}", name, runs.size());
   for (const auto* run : runs) {
     row.runs.push_back(run->run.number);
-    if (weight_of(state_of(*run)) > weight_of(row.state)) row.state = state_of(*run);
+    row.state = std::max(row.state, state_of(*run));
     if (run->imported) continue;
     row.cycles += sent_of(*run) + run->skipped_cycles;
     row.missed += missed_of(*run);
@@ -131,20 +127,13 @@ std::vector<Entry> entries_of(const Summaries& summaries) {
   std::vector<Entry> entries;
   for (const auto& all : by_id(summaries)) {
     Group group;
-    std::copy_if(all.begin(), all.end(), std::back_inserter(group),
-                 [&](const auto* run) { return !gate::is_superseded(*run, summaries); });
+    std::ranges::copy_if(all, std::back_inserter(group),
+                         [&](const auto* run) { return !gate::is_superseded(*run, summaries); });
     const auto labels = labels_without_repetition(group);
-    std::vector<std::pair<std::string, Group>> alike;
-    for (std::size_t i = 0; i < group.size(); ++i) {
-      const auto same = std::find_if(alike.begin(), alike.end(), [&](const auto& other) {
-        return other.first == labels[i] && other.second.front()->run.key == group[i]->run.key;
-      });
-      if (same == alike.end())
-        alike.push_back({labels[i], {group[i]}});
-      else
-        same->second.push_back(group[i]);
-    }
-    for (const auto& [label, runs] : alike) entries.push_back({runs, row_of(runs, label)});
+    std::vector<std::pair<std::pair<std::string, std::string>, Group>> alike;  // by label and key
+    for (std::size_t i = 0; i < group.size(); ++i)
+      entry_of(alike, std::pair(labels[i], group[i]->run.key)).push_back(group[i]);
+    for (const auto& [which, runs] : alike) entries.push_back({runs, row_of(runs, which.first)});
   }
   return entries;
 }
@@ -171,8 +160,7 @@ std::vector<Class> classes_of(const std::vector<Entry>& entries, bool (*is_meant
   for (const auto& entry : entries) {
     if (!is_meant(entry.row.state) || entry.row.cycles == 0) continue;
     const auto conditions = conditions_of(*entry.runs.front());
-    auto same = std::find_if(classes.begin(), classes.end(),
-                             [&](const Class& other) { return other.conditions == conditions; });
+    auto same = std::ranges::find(classes, conditions, &Class::conditions);
     if (same == classes.end()) same = classes.insert(classes.end(), {conditions, {}});
     same->entries.push_back(&entry);
     same->low = std::min(same->low, share_of(entry.row));
@@ -223,9 +211,7 @@ const Class* contrast_of(const std::vector<Class>& classes, const Class& worst) 
 }
 
 const Entry* worst_of(const Class& one) {
-  return *std::max_element(one.entries.begin(), one.entries.end(), [](const Entry* a, const Entry* b) {
-    return share_of(a->row) < share_of(b->row);
-  });
+  return *std::ranges::max_element(one.entries, {}, [](const Entry* entry) { return share_of(entry->row); });
 }
 
 std::string name_of(const Row& row, bool with_id) { return with_id ? row.id + " " + row.name : row.name; }
@@ -238,21 +224,16 @@ std::string worst_named(const Class& worst) {
 
 // Of a robot's own messages.
 std::string sentence_of_listened(const Class& all) {
-  const bool has_limit = std::any_of(all.entries.begin(), all.entries.end(), [](const Entry* entry) {
-    return statistics::knows_late(entry->runs.front()->run);
-  });
-  const bool knows_loss = std::any_of(all.entries.begin(), all.entries.end(), [](const Entry* entry) {
-    return statistics::knows_loss(entry->runs.front()->run);
-  });
+  const bool has_limit = std::ranges::any_of(
+      all.entries, [](const Entry* entry) { return statistics::knows_late(entry->runs.front()->run); });
+  const bool knows_loss = std::ranges::any_of(
+      all.entries, [](const Entry* entry) { return statistics::knows_loss(entry->runs.front()->run); });
   if (all.high > 0)
     return fmt::format("{} of the messages came late or not at all{}.", all.range(), worst_named(all));
+  const std::string none_can = "None can be late: no limit was stated (--deadline, --period, --age).";
   if (!knows_loss)
-    return has_limit ? "No message was late. Whether any was lost is not known."
-                     : "None can be late: no limit was stated (--deadline, --period, --age). Whether any was "
-                       "lost is not known.";
-  return has_limit
-             ? "No message was late or lost."
-             : "No message was lost. None can be late: no limit was stated (--deadline, --period, --age).";
+    return (has_limit ? "No message was late." : none_can) + " Whether any was lost is not known.";
+  return has_limit ? "No message was late or lost." : "No message was lost. " + none_can;
 }
 
 // Of one class all together; of two their contrast; never pooled over opposite conditions.
@@ -312,9 +293,7 @@ std::vector<std::string> cautions_of(const std::vector<Entry>& entries) {
   for (const auto* run : runs) {
     const auto of_run = gate::denied(run->run.outcome);
     denied_in += of_run.empty() ? 0 : 1;
-    for (const auto& asked : of_run)
-      if (const auto what = word(asked); std::find(denied.begin(), denied.end(), what) == denied.end())
-        denied.push_back(what);
+    for (const auto& asked : of_run) add_once(denied, word(asked));
   }
   if (denied_in > 0)
     cautions.push_back(fmt::format(
@@ -362,9 +341,8 @@ std::string common_conditions(const std::vector<Entry>& entries) {
   using Client = roundtrip::ClientOptions;
   const auto common = [&](auto Client::*member, auto form) -> std::string {
     const auto first = runs.front()->run.asked.task.client.*member;
-    const bool same = std::all_of(runs.begin(), runs.end(), [&](const auto* run) {
-      return run->run.asked.task.client.*member == first;
-    });
+    const bool same = std::ranges::all_of(
+        runs, [&](const auto* run) { return run->run.asked.task.client.*member == first; });
     return same && first != decltype(first){} ? form(first) : "";
   };
   std::vector<std::string> parts;
@@ -402,8 +380,8 @@ Answer answer_of(const Summaries& summaries, const Origin& origin) {
   if (all_ok) add_longer(found, entries);
   answer.conditions = common_conditions(entries);
   const auto is_listened = [](const Class& one) { return one.conditions.is_listened; };
-  if (std::any_of(entries.begin(), entries.end(),
-                  [](const Entry& entry) { return entry.runs.front()->run.asked.is_listened(); }))
+  if (std::ranges::any_of(entries,
+                          [](const Entry& entry) { return entry.runs.front()->run.asked.is_listened(); }))
     answer.times = "times";
   answer.cautions = cautions_of(entries);
 
@@ -411,14 +389,13 @@ Answer answer_of(const Summaries& summaries, const Origin& origin) {
   const bool held = !classes.empty();
   if (!held) classes = classes_of(entries, [](State state) { return state != State::imported; });
   // Of round trips and of what was listened to, the round trips: those were an experiment.
-  if (!std::all_of(classes.begin(), classes.end(), is_listened)) std::erase_if(classes, is_listened);
+  if (!std::ranges::all_of(classes, is_listened)) std::erase_if(classes, is_listened);
   if (classes.empty()) {
     const bool imported = entries.front().row.state == State::imported;
     answer.sentence = imported ? "Imported: wake-up latencies of another tool, no messages."
                                : "Nothing was measured. No message was sent.";
   } else {
-    const auto worst = std::max_element(classes.begin(), classes.end(),
-                                        [](const Class& a, const Class& b) { return a.high < b.high; });
+    const auto worst = std::ranges::max_element(classes, {}, &Class::high);
     const auto* contrast = contrast_of(classes, *worst);
     answer.sentence = sentence_of(classes, &*worst, contrast);
     if (!held) answer.sentence += " But no run was measured as requested.";

@@ -21,7 +21,7 @@ struct Origin {
 };
 
 struct Answer {
-  enum class State { ok, late, not_applied, cut_off, failed, imported };
+  enum class State { ok, late, not_applied, cut_off, failed, imported };  // of repetitions the greatest
   struct Spread {  // of repetitions; of one run all three are the same
     double low_ns = 0, median_ns = 0, high_ns = 0;
     bool is_least = false;  // it lies beyond an imported histogram: so long, or longer

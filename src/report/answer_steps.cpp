@@ -15,7 +15,6 @@
 namespace ontime::report {
 namespace {
 
-using nlohmann::json;
 using statistics::Summary;
 
 // Nothing of what a terminal might show as another: a results file may come from any source, and its commands
@@ -28,8 +27,8 @@ std::optional<std::string> shell_line(const std::vector<std::string>& words) {
 
 bool is_simulated(const Summary& run) {
   const auto& hosts = run.run.outcome.hosts;
-  return std::any_of(hosts.begin(), hosts.end(),
-                     [](const auto& host) { return host.second.machine.simulated.has_value(); });
+  return std::ranges::any_of(hosts,
+                             [](const auto& host) { return host.second.machine.simulated.has_value(); });
 }
 
 // The scenario as it was named then: a name, or a path.
@@ -44,9 +43,7 @@ std::string scenario_of(const Summary& run) {
 }
 
 using Options = std::span<const std::string_view>;
-bool is_one_of(std::string_view word, Options all) {
-  return std::find(all.begin(), all.end(), word) != all.end();
-}
+bool is_one_of(std::string_view word, Options all) { return std::ranges::find(all, word) != all.end(); }
 
 // "--duration" of "--duration=5s".
 std::string name_of_option(const std::string& word) { return word.substr(0, word.find('=')); }
@@ -87,7 +84,7 @@ std::vector<std::string> again(const Summary& run, Options wanted) {
     return all;
   }
   if (words.size() < 2 || (words[1] != "ping" && words[1] != "listen")) return {};
-  if (std::find(words.begin(), words.end(), "--pcap") != words.end()) return {};  // a capture gets no longer
+  if (std::ranges::find(words, "--pcap") != words.end()) return {};  // a capture gets no longer
   std::vector<std::string> kept = {"ontime"};
   constexpr std::string_view replaced[] = {"--results", "--format", "--duration", "--for", "--output"};
   for (std::size_t i = 1; i < words.size(); ++i) {

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <algorithm>
+#include <functional>
 #include <numeric>
 
 #include <fmt/format.h>
@@ -50,33 +51,27 @@ std::vector<std::size_t> worst_of(const std::vector<Row>& rows, std::size_t most
   const auto badness = [&](std::size_t place) {
     const auto& row = rows[place];
     const auto cycles = static_cast<double>(std::max<std::uint64_t>(row.cycles, 1));
-    return std::tuple(static_cast<int>(row.state), static_cast<double>(row.missed) / cycles,
-                      row.worst_wait_ns.value_or(0));
+    return std::tuple(row.state, static_cast<double>(row.missed) / cycles, row.worst_wait_ns.value_or(0));
   };
-  std::stable_sort(places.begin(), places.end(),
-                   [&](std::size_t a, std::size_t b) { return badness(a) > badness(b); });
+  std::ranges::stable_sort(places, std::greater(), badness);
   if (places.size() > most) places.resize(most);
-  std::sort(places.begin(), places.end());
+  std::ranges::sort(places);
   return places;
 }
 
 Table table_of(const std::vector<Row>& rows, const std::vector<std::size_t>& places, std::size_t width) {
   using enum Column::Align;
-  const bool same_cycles = std::all_of(rows.begin(), rows.end(),
-                                       [&](const Row& row) { return row.cycles == rows.front().cycles; });
-  Table table{
-      "",
-      "",
-      {{"", left},
-       {"", left},
-       {same_cycles ? fmt::format("not in time\nof {}", grouped(rows.front().cycles)) : "not in\ntime"},
-       {"worst\nwait", right, false, 3},
-       {"p50", right, false, 1},
-       {"p99", right, false, 4},
-       {"max", right, false, 2},
-       {"", left}},
-      {},
-      {}};
+  const bool same_cycles =
+      std::ranges::all_of(rows, [&](const Row& row) { return row.cycles == rows.front().cycles; });
+  Table table{.columns = {{"", left},
+                          {"", left},
+                          {same_cycles ? fmt::format("not in time\nof {}", grouped(rows.front().cycles))
+                                       : "not in\ntime"},
+                          {"worst\nwait", right, false, 3},
+                          {"p50", right, false, 1},
+                          {"p99", right, false, 4},
+                          {"max", right, false, 2},
+                          {"", left}}};
   const auto id_of_row = [](const Row& row) {
     return row.conditions.empty() ? row.id : row.id + " " + row.conditions;
   };
@@ -133,21 +128,8 @@ std::string steps_text(const std::vector<Answer::Step>& steps, std::size_t width
 }
 
 const char* word_of(State state) {
-  switch (state) {
-    case State::ok:
-      return "ok";
-    case State::late:
-      return "LATE";
-    case State::not_applied:
-      return "NOT APPLIED";
-    case State::cut_off:
-      return "CUT OFF";
-    case State::failed:
-      return "FAILED";
-    case State::imported:
-      return "imported";
-  }
-  return "";
+  constexpr const char* words[] = {"ok", "LATE", "NOT APPLIED", "CUT OFF", "FAILED", "imported"};
+  return words[static_cast<std::size_t>(state)];
 }
 
 std::string text_of(const Answer& answer, std::size_t width) {
@@ -165,7 +147,7 @@ std::string text_of(const Answer& answer, std::size_t width) {
   const auto taken = lines_in(text, width) + lines_in(rest, width) + header;
   const std::size_t free = taken + 3 < screen_lines ? screen_lines - taken : 3;
   const auto most = answer.rows.size() <= free ? answer.rows.size() : free - note;
-  auto table = table::as_text({{table_of(answer.rows, worst_of(answer.rows, most), width)}, {}, ""}, width);
+  auto table = table::as_text({.tables = {table_of(answer.rows, worst_of(answer.rows, most), width)}}, width);
   table.pop_back();  // the empty line after it
   text += table;
   if (const auto more = answer.rows.size() - most; more > 0)

@@ -1,9 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <cstdio>
-#include <map>
 #include <utility>
 
 #include <fmt/format.h>
@@ -129,15 +127,14 @@ ordered_json json_of(const Extremes& of) {
 
 }  // namespace
 
-std::string older_note(const std::vector<const Summary*>& runs) {
+std::string older_note(const Group& runs) {
   for (const auto* run : runs) {
     const auto& version = run->run.asked.ontime;
     int major = 0, minor = 0;
     if (std::sscanf(version.c_str(), "%d.%d", &major, &minor) == 2 && major == 0 && minor < 2)
       return fmt::format(
           "measured by ontime {}: intervals, worst cases and gates are computed anew and may differ from "
-          "what it "
-          "printed",
+          "what it printed",
           printable(version));
   }
   return "";
@@ -150,8 +147,7 @@ std::string refusal_of(const Extremes& of) {
   if (!of.refused.empty()) reasons.push_back(of.refused);
   const auto without_figure = [](const std::string& reason) { return reason.substr(0, reason.find(" (")); };
   for (const auto* bound : {&of.maxima, &of.peaks})
-    if (*bound && !(*bound)->refused.empty() &&
-        std::none_of(reasons.begin(), reasons.end(), [&](const std::string& said) {
+    if (*bound && !(*bound)->refused.empty() && std::ranges::none_of(reasons, [&](const std::string& said) {
           return without_figure(said) == without_figure((*bound)->refused);
         }))
       reasons.push_back((*bound)->refused);
@@ -160,34 +156,33 @@ std::string refusal_of(const Extremes& of) {
 
 std::vector<std::string> unbounded_notes(const std::vector<std::string>& names, const Group& runs) {
   struct Reason {
-    std::string text, common;  // as of the first run; without its figures
+    std::string text;  // as of the first run
     std::vector<std::size_t> runs;
     bool same = true;
   };
-  std::vector<Reason> reasons;
+  std::vector<std::pair<std::string, Reason>> reasons;  // by what they are without their figures
   for (std::size_t i = 0; i < runs.size(); ++i) {
     const auto& of = runs[i]->extremes;
     if (runs[i]->round_trip.count == 0) continue;
     const auto why = refusal_of(of);
     if (why.empty()) continue;
     const auto common = why.substr(0, std::min(why.find(" ("), why.find(", and there")));
-    auto known = std::find_if(reasons.begin(), reasons.end(),
-                              [&](const Reason& reason) { return reason.common == common; });
-    if (known == reasons.end()) known = reasons.insert(reasons.end(), {why, common, {}});
-    known->same = known->same && known->text == why;
-    known->runs.push_back(i);
+    auto& reason = entry_of(reasons, common);
+    if (reason.runs.empty()) reason.text = why;
+    reason.same = reason.same && reason.text == why;
+    reason.runs.push_back(i);
   }
   std::vector<std::string> notes;
   notes.reserve(reasons.size());
-  for (const auto& [text, common, places, same] : reasons)
-    notes.push_back(name_of_some(names, places) + ": no extrapolated worst case, because " +
-                    (same ? text : common));
+  for (const auto& [common, reason] : reasons)
+    notes.push_back(name_of_some(names, reason.runs) + ": no extrapolated worst case, because " +
+                    (reason.same ? reason.text : common));
   return notes;
 }
 
 Table certainty_table(const std::vector<std::string>& labels, const Group& runs) {
-  Table table{"", "", {{quantity_of(runs) + " (µs)", Column::Align::left}}, {}, {}};
-  for (const auto* name : {"p50", "p99", "p99.9", "p99.99", "Missed (%)"}) table.columns.push_back({name});
+  Table table{.columns =
+                  columns_of(quantity_of(runs) + " (µs)", {"p50", "p99", "p99.9", "p99.99", "Missed (%)"})};
   for (std::size_t i = 0; i < runs.size(); ++i) {
     const auto& of = runs[i]->round_trip_certainty;
     if (!of[Figure::p50].sure.low && runs[i]->missed_probability.messages == 0) continue;
@@ -207,14 +202,10 @@ Table certainty_table(const std::vector<std::string>& labels, const Group& runs)
 Table worst_case_table(const std::vector<std::string>& labels, const Group& runs) {
   Table table{"",
               "Extrapolated worst case: the level that 1 in so many answers exceeds, by extreme-value "
-              "theory, with its "
-              "95 % confidence interval. Fit, trend: p-values; small ones speak against the level.",
-              {{"Slowest (µs)", Column::Align::left}},
-              {},
-              {}};
-  for (const auto* name :
-       {"Seen", "1 in", "By block\nmaxima", "Fit", "By peaks over\na threshold", "Fit", "Trend"})
-    table.columns.push_back({name});
+              "theory, with its 95 % confidence interval. Fit, trend: p-values; small ones speak against the "
+              "level.",
+              columns_of("Slowest (µs)", {"Seen", "1 in", "By block\nmaxima", "Fit",
+                                          "By peaks over\na threshold", "Fit", "Trend"})};
   for (std::size_t i = 0; i < runs.size(); ++i) {
     const auto& of = runs[i]->extremes;
     if (runs[i]->round_trip.count == 0 || (!of.maxima && !of.peaks && of.refused.empty())) continue;
@@ -237,9 +228,8 @@ Table worst_case_table(const std::vector<std::string>& labels, const Group& runs
 }
 
 Table stages_table(const std::vector<std::string>& labels, const Group& runs) {
-  Table table{"", "", {{"p99.9 (µs)", Column::Align::left}}, {}, {}};
-  for (const auto* name : {"Wake-up", "There", "Other end", "Back", "Round trip", "Response"})
-    table.columns.push_back({name});
+  Table table{.columns = columns_of("p99.9 (µs)",
+                                    {"Wake-up", "There", "Other end", "Back", "Round trip", "Response"})};
   const auto cell = [](const statistics::Distribution& of) { return percentile(of, Figure::p99_9); };
   for (std::size_t i = 0; i < runs.size(); ++i) {
     const auto& run = *runs[i];

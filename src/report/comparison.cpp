@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "report/comparison.hpp"
 
-#include <algorithm>
 #include <cmath>
 
 #include <fmt/format.h>
@@ -97,12 +96,8 @@ std::string list_of(const std::vector<Difference>& differences) {
 
 Table table_of(const Pair& pair) {
   const Group all{pair.from.front(), pair.to.front()};
-  Table table{gate::name_of(pair.to),
-              join(shared_conditions(all), ", "),
-              {{quantity_of(all) + " (µs)", Column::Align::left}},
-              {},
-              {}};
-  for (const auto* name : {"A", "B", "Change", "98 % interval"}) table.columns.push_back({name});
+  Table table{gate::name_of(pair.to), join(shared_conditions(all), ", "),
+              columns_of(quantity_of(all) + " (µs)", {"A", "B", "Change", "98 % interval"})};
   table.columns.push_back({"B is", Column::Align::left});
   for (const auto& row : rows) {
     const auto change = change_of(pair, row.times, row.figure);
@@ -150,11 +145,8 @@ Table table_of(const Pair& pair) {
 
 // Of imported values, whose order in time is unknown.
 Table imported_table_of(const Pair& pair) {
-  Table table{gate::name_of(pair.to),
-              "imported: waking up; no interval can be given, and so nothing told",
-              {{"Wake-up (µs)", Column::Align::left}, {"A"}, {"B"}},
-              {},
-              {}};
+  Table table{gate::name_of(pair.to), "imported: waking up; no interval can be given, and so nothing told",
+              columns_of("Wake-up (µs)", {"A", "B"})};
   const auto& from = *pair.from.front();
   const auto& to = *pair.to.front();
   for (const auto& row : statistics::percentiles)
@@ -222,9 +214,9 @@ ordered_json json_of(const Pair& pair) {
   auto figures = ordered_json::array();
   for (const auto& row : rows)
     if (const auto change = change_of(pair, row.times, row.figure)) figures.push_back(json_of(row, *change));
-  auto not_the_same = ordered_json::array();
-  for (const auto& [what, from, to] : differences(pair))
-    not_the_same.push_back({{"what", what}, {"from", from}, {"to", to}});
+  const auto not_the_same = array_of(differences(pair), [](const Difference& one) {
+    return ordered_json{{"what", one.what}, {"from", one.from}, {"to", one.to}};
+  });
   return {{"from", runs_json_of(pair.from)},
           {"to", runs_json_of(pair.to)},
           {"repeated", is_repeated(pair)},
@@ -251,15 +243,10 @@ Page page_of(const Comparison& comparison, const std::vector<gate::Judgement>& j
 
 ordered_json json_of(const Comparison& comparison, const std::vector<gate::Judgement>& judgements) {
   ordered_json result = {{"ontime", ONTIME_VERSION}};
-  const auto list = [](const auto& all, auto to_json) {
-    auto array = ordered_json::array();
-    for (const auto& one : all) array.push_back(to_json(one));
-    return array;
-  };
-  result["pairs"] = list(comparison.pairs, [](const Pair& pair) { return json_of(pair); });
-  result["only_from"] = list(comparison.only_from, runs_json_of);
-  result["only_to"] = list(comparison.only_to, runs_json_of);
-  result["gates"] = list(judgements, [](const gate::Judgement& judgement) {
+  result["pairs"] = array_of(comparison.pairs, [](const Pair& pair) { return json_of(pair); });
+  result["only_from"] = array_of(comparison.only_from, runs_json_of);
+  result["only_to"] = array_of(comparison.only_to, runs_json_of);
+  result["gates"] = array_of(judgements, [](const gate::Judgement& judgement) {
     return ordered_json{{"gate", judgement.gate},
                         {"run", judgement.run},
                         {"result", json_word_of(judgement.result)},

@@ -60,9 +60,8 @@ std::vector<std::string> names_of_pairs(const Comparison& comparison) {
   Group after;
   for (const auto& pair : comparison.pairs) after.push_back(pair.to.front());
   auto names = labels_without_repetition(after);
-  const bool several_ids = std::any_of(after.begin(), after.end(), [&](const auto* run) {
-    return run->run.asked.id != after.front()->run.asked.id;
-  });
+  const bool several_ids = std::ranges::any_of(
+      after, [&](const auto* run) { return run->run.asked.id != after.front()->run.asked.id; });
   for (std::size_t i = 0; several_ids && i < names.size(); ++i)
     names[i] = id_of(after[i]->run.asked) + " " + names[i];
   return names;
@@ -90,15 +89,11 @@ std::string share_text(double share) { return share > 0 ? percent(share) + " %" 
 
 Table table_of(const Comparison& comparison, const std::vector<std::string>& names, const Missed* missed) {
   using enum Column::Align;
-  Table table{"",
-              "",
-              {{"", left},
-               {missed != nullptr ? missed->heading : "not in time"},
-               {"p50", right, false, 1},
-               {"p99"},
-               {"max", right, false, 2}},
-              {},
-              {}};
+  Table table{.columns = {{"", left},
+                          {missed != nullptr ? missed->heading : "not in time"},
+                          {"p50", right, false, 1},
+                          {"p99"},
+                          {"max", right, false, 2}}};
   const auto time_text = [](const Pair& pair, Figure figure) {
     return change_text(change_of(pair, Times::round_trip, figure), milliseconds);
   };
@@ -115,25 +110,18 @@ Table table_of(const Comparison& comparison, const std::vector<std::string>& nam
 
 // Of many settings that belong together, how many: "realtime: false → true; realtime_settings (11 values)".
 std::string differences_text(const Comparison& comparison) {
-  struct Kind {
-    std::string name;
-    std::vector<Difference> differences;
-  };
-  std::vector<Kind> kinds;
+  std::vector<std::pair<std::string, std::vector<Difference>>> kinds;
   for (const auto& pair : comparison.pairs)
     for (auto& difference : differences(pair)) {
       const auto words = split(difference.what, ' ');
       const bool of_a_host = words.size() > 1 && (words[0] == "controller" || words[0] == "component");
       const auto name = of_a_host ? words[0] + " " + words[1] : words[0];
       if (name == "id") continue;
-      auto kind = std::find_if(kinds.begin(), kinds.end(), [&](const Kind& one) { return one.name == name; });
-      if (kind == kinds.end()) kind = kinds.insert(kinds.end(), {name, {}});
-      const bool is_known = std::any_of(kind->differences.begin(), kind->differences.end(),
-                                        [&](const Difference& one) { return one.what == difference.what; });
-      if (!is_known) kind->differences.push_back(std::move(difference));
+      auto& known = entry_of(kinds, name);
+      if (std::ranges::find(known, difference.what, &Difference::what) == known.end())
+        known.push_back(std::move(difference));
     }
-  std::stable_sort(kinds.begin(), kinds.end(),
-                   [](const Kind& a, const Kind& b) { return a.differences.size() < b.differences.size(); });
+  std::ranges::stable_sort(kinds, {}, [](const auto& kind) { return kind.second.size(); });
   std::vector<std::string> parts;
   parts.reserve(kinds.size());
   for (const auto& [name, all] : kinds)
@@ -173,8 +161,9 @@ std::vector<std::string> cautions_of(const Comparison& comparison) {
 }
 
 std::string sentence_of(const Comparison& comparison, const std::vector<std::string>& names) {
-  if (std::all_of(comparison.pairs.begin(), comparison.pairs.end(),
-                  [](const Pair& pair) { return whole(pair.from).empty() || whole(pair.to).empty(); }))
+  if (std::ranges::all_of(comparison.pairs, [](const Pair& pair) {
+        return whole(pair.from).empty() || whole(pair.to).empty();
+      }))
     return "Nothing can be compared: every run of a side is left out.";
   const auto* const missed = missed_of(comparison.pairs.front());
   const auto metric = [](Times times, Figure figure) {
@@ -207,7 +196,7 @@ std::string render_answer(const Comparison& comparison, const std::vector<gate::
     return pair.from.front()->imported || pair.to.front()->imported;
   };
   if (format != Format::table || comparison.pairs.empty() ||
-      std::any_of(comparison.pairs.begin(), comparison.pairs.end(), is_imported))
+      std::ranges::any_of(comparison.pairs, is_imported))
     return render(comparison, judgements, format, width);
 
   const auto names = names_of_pairs(comparison);
@@ -223,7 +212,7 @@ std::string render_answer(const Comparison& comparison, const std::vector<gate::
                             comparison.to_name, all_listened(first) ? "times" : "round trips", from, to)),
       width);
   auto table =
-      table::as_text({{table_of(comparison, names, missed_of(comparison.pairs.front()))}, {}, ""}, width);
+      table::as_text({.tables = {table_of(comparison, names, missed_of(comparison.pairs.front()))}}, width);
   table.pop_back();  // the empty line after it
   text += table;
   if (names.size() > most_pairs)

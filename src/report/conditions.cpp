@@ -8,11 +8,11 @@
 #include <map>
 #include <set>
 #include <string_view>
+#include <utility>
 
 #include <fmt/format.h>
 
 #include "conditions/conditions.hpp"
-#include "report/report.hpp"
 #include "report/words.hpp"
 
 namespace ontime::report {
@@ -31,9 +31,9 @@ constexpr std::initializer_list<const char*> told_by_facts = {"rmw", "executor",
 
 // A condition of a run.
 struct Phrase {
-  std::string key;   // as a scenario has it
-  std::string text;  // for people
-  enum class Where { everywhere, in_labels } where = Where::everywhere;
+  std::string key;               // as a scenario has it
+  std::string text;              // for people
+  bool in_labels_alone = false;  // it is no news where it is the same in all
 };
 
 // "every 10 ms"; "": the record does not say it.
@@ -66,23 +66,6 @@ std::vector<std::string> phrases_below(const std::string& path, const Asked& ask
         phrases.push_back(phrase_of(field, value));
   return phrases;
 }
-
-}  // namespace
-
-std::string workers(const conditions::Workers& load) {
-  std::vector<std::string> parts;
-  const auto add = [&](int number, const char* kind, std::uint64_t bytes) {
-    if (number > 0)
-      parts.push_back(fmt::format("{} {}{}", number, kind, bytes > 0 ? " of " + size(bytes) : ""));
-  };
-  add(load.cpu, "cpu", 0);
-  add(load.vm, "vm", load.vm_bytes);
-  add(load.io, "io", 0);
-  add(load.hdd, "hdd", load.hdd_bytes);
-  return join(parts, ", ");
-}
-
-namespace {
 
 std::string load(const Asked& asked) {
   if (!asked.stated("load").is_object()) return "";
@@ -170,15 +153,10 @@ std::string quality_of_service(const transport::Qos& qos) {
 
 bool any_refused(const Summary& summary) {
   const auto& hosts = summary.run.outcome.hosts;
-  return std::any_of(hosts.begin(), hosts.end(),
-                     [](const auto& host) { return !host.second.refusals.empty(); });
+  return std::ranges::any_of(hosts, [](const auto& host) { return !host.second.refusals.empty(); });
 }
 
-// The transport's options of a run's two ends, as asked for, or else as the end said that it took them.
-struct Options {
-  Texts controller, component;
-};
-
+// The transport's options of an end, as asked for, or else as the end said that it took them.
 Texts options_of(const Texts& asked, const record::Outcome& outcome, const char* host) {
   Texts options;
   for (const auto& [name, value] : asked) options[printable(name)] = printable(value);
@@ -189,7 +167,8 @@ Texts options_of(const Texts& asked, const record::Outcome& outcome, const char*
   return options;
 }
 
-Options options_of(const Summary& summary) {
+// Those of the controller, those of the component.
+std::pair<Texts, Texts> options_of(const Summary& summary) {
   const auto& asked = summary.run.asked;
   const auto& outcome = summary.run.outcome;
   return {options_of(asked.task.config.options, outcome, "controller"),
@@ -206,8 +185,7 @@ std::vector<std::string> names_in_order(const Texts& options) {
   std::vector<std::string> names;
   for (const auto* name : told_by_facts)
     if (options.contains(name)) names.emplace_back(name);
-  for (const auto& [name, value] : options)
-    if (std::find(names.begin(), names.end(), name) == names.end()) names.push_back(name);
+  for (const auto& [name, value] : options) add_once(names, name);
   return names;
 }
 
@@ -256,20 +234,18 @@ std::vector<Phrase> phrases_of(const Summary& summary) {
   std::vector<Phrase> phrases;
   std::set<std::string_view> done{"domain"};
   const auto add = [&](const char* key, const char* name, const std::string& text,
-                       Phrase::Where where = Phrase::Where::everywhere) {
-    if (!asked.stated(name).is_null() && !text.empty()) phrases.push_back({key, text, where});
+                       bool in_labels_alone = false) {
+    if (!asked.stated(name).is_null() && !text.empty()) phrases.push_back({key, text, in_labels_alone});
   };
-  const auto add_field = [&](const conditions::Field& field,
-                             Phrase::Where where = Phrase::Where::everywhere) {
+  const auto add_field = [&](const conditions::Field& field) {
     if (field.phrase.empty() || !done.insert(field.path).second) return;
     if (const auto text = phrase_of(field, asked.stated(field.json)); !text.empty())
-      phrases.push_back({field.path, text, where});
+      phrases.push_back({field.path, text, field.path == "timeout"});
   };
   const auto say = [&](std::initializer_list<std::string_view> paths) {
     for (const auto path : paths)
       for (const auto& field : conditions::keys())
-        if (field.path == path)
-          add_field(field, path == "timeout" ? Phrase::Where::in_labels : Phrase::Where::everywhere);
+        if (field.path == path) add_field(field);
   };
   if (client.schedule == roundtrip::Schedule::back_to_back) done.insert("period");
   if (asked.is_listened()) done.insert("schedule");
@@ -298,19 +274,18 @@ std::vector<Phrase> phrases_of(const Summary& summary) {
   add("wire", "wire", wire(asked.wire));
   add("isolation", "isolation", join(phrases_below("isolation.", asked), ", "));
   add("kernel", "kernel", kernel(asked.kernel));
-  add("hosts", "hosts", "hosts " + word(asked.stated("hosts")), Phrase::Where::in_labels);
+  add("hosts", "hosts", "hosts " + word(asked.stated("hosts")), true);
   return phrases;
 }
 
 const Phrase* find(const std::vector<Phrase>& phrases, const std::string& key) {
-  const auto found =
-      std::find_if(phrases.begin(), phrases.end(), [&](const Phrase& phrase) { return phrase.key == key; });
+  const auto found = std::ranges::find(phrases, key, &Phrase::key);
   return found == phrases.end() ? nullptr : &*found;
 }
 
 // Whether a run of which this is not known may have had it all the same: it failed before it could say.
 bool may_have(const Summary& summary, const std::string& key) {
-  const bool by_facts = std::any_of(told_by_facts.begin(), told_by_facts.end(), [&](const char* name) {
+  const bool by_facts = std::ranges::any_of(told_by_facts, [&](const char* name) {
     return key == fmt::format("options.{}", name) || key == fmt::format("component.options.{}", name);
   });
   return by_facts && summary.run.outcome.hosts.empty();
@@ -349,8 +324,9 @@ std::vector<std::pair<std::string, std::string>> varied(const Summary& summary) 
   if (!run.varied.empty() || run.variant.empty()) return run.varied;
   const auto is_key = [](const std::string& word) {
     return word.starts_with("options.") || word.starts_with("component.options.") || word == "component" ||
-           std::any_of(conditions::keys().begin(), conditions::keys().end(),
-                       [&](const auto& key) { return key.path == word || word.ends_with("." + key.path); });
+           std::ranges::any_of(conditions::keys(), [&](const auto& key) {
+             return key.path == word || word.ends_with("." + key.path);
+           });
   };
   std::vector<std::pair<std::string, std::string>> varied;
   for (const auto& part : split(replace_all(run.variant, ", ", "\n"), '\n')) {
@@ -369,18 +345,30 @@ void add_variant(std::string& label, const Summary& summary, const std::vector<P
   constexpr std::string_view groups[] = {"qos",        "load",   "traffic",  "link",
                                          "neighbours", "kernel", "isolation"};
   for (const auto& [key, value] : varied(summary)) {
-    const bool told = key == "component.transport" ||
-                      std::any_of(phrases.begin(), phrases.end(), [&, &key = key](const Phrase& phrase) {
-                        const bool is_group =
-                            std::find(std::begin(groups), std::end(groups), phrase.key) != std::end(groups);
-                        return key == phrase.key || (is_group && key.starts_with(phrase.key + "."));
-                      });
+    const bool told =
+        key == "component.transport" || std::ranges::any_of(phrases, [&, &key = key](const Phrase& phrase) {
+          const bool is_group = std::ranges::find(groups, phrase.key) != std::end(groups);
+          return key == phrase.key || (is_group && key.starts_with(phrase.key + "."));
+        });
     if (!told)
       label.append(" ").append(shortened(printable(fmt::format("{} {}", key, value)), longest_value));
   }
 }
 
 }  // namespace
+
+std::string workers(const conditions::Workers& load) {
+  std::vector<std::string> parts;
+  const auto add = [&](int number, const char* kind, std::uint64_t bytes) {
+    if (number > 0)
+      parts.push_back(fmt::format("{} {}{}", number, kind, bytes > 0 ? " of " + size(bytes) : ""));
+  };
+  add(load.cpu, "cpu", 0);
+  add(load.vm, "vm", load.vm_bytes);
+  add(load.io, "io", 0);
+  add(load.hdd, "hdd", load.hdd_bytes);
+  return join(parts, ", ");
+}
 
 Group all_of(const Summaries& summaries) {
   Group all;
@@ -401,15 +389,13 @@ std::vector<Group> by_id(const Summaries& summaries) {
 
 std::string quantity_of(const Group& group) {
   const std::string first = quantity_of(group.front()->run.asked);
-  const bool same = std::all_of(group.begin(), group.end(), [&](const auto* summary) {
-    return quantity_of(summary->run.asked) == first;
-  });
+  const bool same = std::ranges::all_of(
+      group, [&](const auto* summary) { return quantity_of(summary->run.asked) == first; });
   return same ? first : "Time";
 }
 
 bool all_listened(const Group& group) {
-  return std::all_of(group.begin(), group.end(),
-                     [](const auto* summary) { return summary->run.asked.is_listened(); });
+  return std::ranges::all_of(group, [](const auto* summary) { return summary->run.asked.is_listened(); });
 }
 
 std::vector<std::string> labels_without_repetition(const Group& group) {
@@ -429,8 +415,7 @@ std::vector<std::string> labels_without_repetition(const Group& group) {
 
 std::vector<std::string> labels_of(const Group& group) {
   auto labels = labels_without_repetition(group);
-  if (std::none_of(group.begin(), group.end(),
-                   [](const auto* summary) { return summary->run.asked.repetition > 1; }))
+  if (std::ranges::none_of(group, [](const auto* summary) { return summary->run.asked.repetition > 1; }))
     return labels;
   for (std::size_t i = 0; i < group.size(); ++i)
     labels[i] += fmt::format(" #{}", group[i]->run.asked.repetition);
@@ -444,20 +429,36 @@ void tell_apart(std::vector<std::string>& labels, const Group& group) {
     if (uses[labels[i]] > 1) labels[i] += fmt::format(" run {}", group[i]->run.number);
 }
 
+std::vector<std::string> labels_apart(const Group& group) {
+  auto labels = labels_of(group);
+  tell_apart(labels, group);
+  return labels;
+}
+
 std::vector<std::string> shared_conditions(const Group& group) {
   std::vector<std::string> texts;
   for (const auto& phrase : compare(group).shared)
-    if (phrase.where == Phrase::Where::everywhere) texts.push_back(phrase.text);
+    if (!phrase.in_labels_alone) texts.push_back(phrase.text);
   return texts;
+}
+
+std::string common_duration(const Summaries& summaries, ClientTime time, const std::string& otherwise) {
+  const auto first = summaries.front().run.asked.task.client.*time;
+  const bool common = std::ranges::all_of(
+      summaries, [&](const auto& summary) { return summary.run.asked.task.client.*time == first; });
+  return common && first.count() > 0 ? duration(first) : otherwise;
+}
+
+std::string limit_of(const Summaries& summaries, const std::string& name, ClientTime time) {
+  const auto common = common_duration(summaries, time, "");
+  return common.empty() ? name : name + " of " + common;
 }
 
 Differences differences_between(const Group& group) {
   Differences differences;
   const auto own = compare(group).own;
   for (const auto& phrases : own)
-    for (const auto& phrase : phrases)
-      if (std::find(differences.keys.begin(), differences.keys.end(), phrase.key) == differences.keys.end())
-        differences.keys.push_back(phrase.key);
+    for (const auto& phrase : phrases) add_once(differences.keys, phrase.key);
   for (const auto& phrases : own) {
     auto& row = differences.values.emplace_back();
     for (const auto& key : differences.keys) {

@@ -2,6 +2,7 @@
 // What was measured, in words, and what tells one run from another.
 #pragma once
 
+#include <chrono>
 #include <set>
 #include <string>
 #include <vector>
@@ -9,8 +10,6 @@
 #include "report/runs.hpp"
 
 namespace ontime::report {
-
-using Group = std::vector<const statistics::Summary*>;
 
 Group all_of(const Summaries&);
 std::vector<Group> by_id(const Summaries&);  // in the order of their first runs
@@ -24,12 +23,18 @@ bool all_listened(const Group&);        // to a robot's own messages: without an
 std::vector<std::string> labels_without_repetition(const Group&);
 // Those that still are alike get the number of their run.
 void tell_apart(std::vector<std::string>& labels, const Group&);
+std::vector<std::string> labels_apart(const Group&);  // labels_of(), told apart
 
 // Of a load that was asked for, on one host: "8 cpu, 2 vm of 64 MiB"; of none nothing.
 std::string workers(const conditions::Workers&);
 
 // What is the same in all of them.
 std::vector<std::string> shared_conditions(const Group&);
+// "10 ms", where all of them have this time; else `otherwise`.
+using ClientTime = std::chrono::nanoseconds roundtrip::ClientOptions::*;
+std::string common_duration(const Summaries&, ClientTime, const std::string& otherwise);
+std::string limit_of(const Summaries&, const std::string& name,
+                     ClientTime);  // "deadline of 10 ms"; else its name
 
 // Each condition that is not the same in all of them, by the key that a scenario has for it, and what it was
 // in each; empty where it is not known.

@@ -2,6 +2,8 @@
 #include "report/explained.hpp"
 
 #include <algorithm>
+#include <iterator>
+#include <map>
 
 #include <fmt/format.h>
 
@@ -17,7 +19,6 @@ using explain::Group;
 using explain::Message;
 using explain::Part;
 using nlohmann::ordered_json;
-using roundtrip::Fate;
 
 constexpr std::int64_t worth_naming_ns = 20'000;  // of a message that was on time
 
@@ -48,10 +49,11 @@ constexpr std::size_t most_told = 20;
 bool is_cause(const record::Note& note) { return note.kind == record::cause_of_late; }
 
 std::string text_of_listened(const Explained& one, const Marks& marks) {
-  const auto count = std::count_if(one.notes.begin(), one.notes.end(), is_cause);
+  std::vector<record::Note> causes;
+  std::ranges::copy_if(one.notes, std::back_inserter(causes), is_cause);
   if (one.account.late == 0)
     return fmt::format("{0}{1}: no message was late{0}\n", marks.heading, name_of(one));
-  if (count == 0) {
+  if (causes.empty()) {
     const auto& words = one.run.asked.command_line;
     const bool is_recording = words.size() > 1 && words[1] == "import";
     return fmt::format("{0}{1}: no cause is known: {2}{0}\n", marks.heading, name_of(one),
@@ -59,18 +61,14 @@ std::string text_of_listened(const Explained& one, const Marks& marks) {
                                     : "`listen` looks for causes as root, without --no-explain, and while no "
                                       "other ontime traces");
   }
-  const auto which = one.run.asked.keeps_worst() ? fmt::format("the worst {} of {}", count, one.account.late)
-                                                 : std::to_string(count);
+  const auto which = one.run.asked.keeps_worst()
+                         ? fmt::format("the worst {} of {}", causes.size(), one.account.late)
+                         : std::to_string(causes.size());
   auto text = fmt::format("{0}{1}: causes of {2} late messages{0}\n", marks.heading, name_of(one), which);
-  std::size_t told = 0;
-  for (const auto& note : one.notes) {
-    if (!is_cause(note)) continue;
-    if (++told > most_told) break;
-    text += fmt::format("{}{}\n", marks.item, printable(note.text));
-  }
-  if (static_cast<std::size_t>(count) > most_told)
-    text += fmt::format("{}… and {} more (--format json has all)\n", marks.item,
-                        static_cast<std::size_t>(count) - most_told);
+  for (std::size_t i = 0; i < std::min(most_told, causes.size()); ++i)
+    text += fmt::format("{}{}\n", marks.item, printable(causes[i].text));
+  if (causes.size() > most_told)
+    text += fmt::format("{}… and {} more (--format json has all)\n", marks.item, causes.size() - most_told);
   return text;
 }
 
@@ -90,9 +88,8 @@ std::string text_of(const Explained& one, const Marks& marks) {
     if (const auto remedy = explain::text_of(group.remedy); !remedy.empty())
       text += fmt::format("{}{}\n", marks.below, printable(remedy));
   }
-  const auto slowest =
-      std::find_if(account.messages.begin(), account.messages.end(),
-                   [](const Message& message) { return !message.is_fault() && !message.parts.empty(); });
+  const auto slowest = std::ranges::find_if(
+      account.messages, [](const Message& message) { return !message.is_fault() && !message.parts.empty(); });
   if (slowest != account.messages.end() && slowest->parts.front().ns >= worth_naming_ns &&
       slowest->parts.front().cause != Cause::unknown)
     text += fmt::format("{}the slowest of those on time, message {}: {}, {} of {}\n", marks.item,
@@ -132,13 +129,11 @@ ordered_json json_of(const Part& part) {
 }
 
 ordered_json json_of(const Message& message) {
-  auto parts = ordered_json::array();
-  for (const auto& part : message.parts) parts.push_back(json_of(part));
   return {{"message", message.sample.index},
           {"fate", word_of(message)},
           {"delay_us", static_cast<double>(message.delay_ns) / 1e3},
           {"whole", message.whole},
-          {"parts", parts}};
+          {"parts", array_of(message.parts, [](const Part& part) { return json_of(part); })}};
 }
 
 ordered_json json_of(const Group& group) {
@@ -158,10 +153,7 @@ ordered_json json_of(const Group& group) {
 }
 
 ordered_json json_of(const Explained& one) {
-  auto groups = ordered_json::array(), messages = ordered_json::array(), limits = ordered_json::array();
-  for (const auto& group : one.account.groups) groups.push_back(json_of(group));
-  for (const auto& message : one.account.messages) messages.push_back(json_of(message));
-  for (const auto& limit : one.account.limits) limits.push_back(printable(limit));
+  const auto to_json = [](const auto& of) { return json_of(of); };
   auto notes = ordered_json::array();
   for (const auto& note : one.notes)
     if (is_cause(note)) notes.push_back({{"at_ns", note.at_ns.value_or(0)}, {"text", printable(note.text)}});
@@ -174,38 +166,28 @@ ordered_json json_of(const Explained& one) {
           {"late", one.account.late},
           {"lost", one.account.lost},
           {"late_by_response", one.account.late_by_response},
-          {"causes", groups},
-          {"messages", messages},
-          {"limits", limits}};
+          {"causes", array_of(one.account.groups, to_json)},
+          {"messages", array_of(one.account.messages, to_json)},
+          {"limits", array_of(one.account.limits, [](const auto& limit) { return printable(limit); })}};
 }
 
 }  // namespace
 
 const char* word_of(const Message& message) {
-  if (message.late_by_response) return "late by response";
-  const auto fate = message.sample.fate;
-  return fate == Fate::on_time ? "on time" : fate == Fate::late ? "late" : "lost";
+  return message.late_by_response ? "late by response" : word_of(message.sample.fate);
 }
 
 const char* word_of(explain::State state) {
-  switch (state) {
-    case explain::State::ready:
-      return "ready, waits for a CPU";
-    case explain::State::comes:
-      return "comes to its CPU, which is idle";
-    case explain::State::runs:
-      return "runs";
-    case explain::State::stopped:
-      return "stopped by a signal";
-    case explain::State::traced:
-      return "stopped for a tracer";
-    case explain::State::blocked:
-      return "waits in the kernel";
-    case explain::State::gone:
-      return "gone";
-    default:
-      return "sleeps";
-  }
+  using explain::State;
+  static const std::map<State, const char*> words = {{State::ready, "ready, waits for a CPU"},
+                                                     {State::comes, "comes to its CPU, which is idle"},
+                                                     {State::runs, "runs"},
+                                                     {State::stopped, "stopped by a signal"},
+                                                     {State::traced, "stopped for a tracer"},
+                                                     {State::blocked, "waits in the kernel"},
+                                                     {State::gone, "gone"}};
+  const auto found = words.find(state);
+  return found == words.end() ? "sleeps" : found->second;
 }
 
 std::string span_of(std::int64_t ns) {
@@ -221,18 +203,15 @@ std::string faults_of(const Account& account) {
   return text;
 }
 
-std::string sentence_of(const Group& group) {
+std::string sentence_of(const explain::Group& group) {
   auto part = group.culprit;
   if (group.threads > 1) part.culprit += fmt::format(" [{} threads]", group.threads);
   return printable(explain::sentence_of(part) + of_the_delay(group));
 }
 
 std::string render_explained(const std::vector<Explained>& all, Format format) {
-  if (format == Format::json) {
-    auto runs = ordered_json::array();
-    for (const auto& one : all) runs.push_back(json_of(one));
-    return runs.dump(2) + "\n";
-  }
+  if (format == Format::json)
+    return array_of(all, [](const Explained& one) { return json_of(one); }).dump(2) + "\n";
   std::string text;
   for (const auto& one : all) text += (text.empty() ? "" : "\n") + text_of(one, marks_of(format));
   return text;

@@ -34,15 +34,12 @@ std::string imported_percentile(const Summary& summary, statistics::Figure figur
   return percentile(summary.wake_up, figure);
 }
 
-Table imported_table_of(const std::vector<const Summary*>& group) {
+Table imported_table_of(const Group& group) {
   Table table{
       id_of(group.front()->run.asked),
       "imported: waking up, not round trips; how often each value was seen, and not when, so that nothing "
       "is known of bursts, and no interval can be given",
-      {{"Wake-up (µs)", Column::Align::left}},
-      {},
-      {}};
-  for (const auto* name : {"Min", "Avg"}) table.columns.push_back({name});
+      columns_of("Wake-up (µs)", {"Min", "Avg"})};
   for (const auto& percentile : statistics::percentiles) table.columns.push_back({percentile.name});
   for (const auto* name : {"Max", "Values"}) table.columns.push_back({name});
   for (const auto* summary : group) {
@@ -66,9 +63,8 @@ nlohmann::ordered_json imported_json_of(const Summary& summary) {
     result[key] = summary.run.asked.stated(fmt::format("imported.{}", key));
   result["values"] = summary.wake_up.count;
   result["beyond"] = imported.beyond;
-  result["beyond_from_us"] = imported.beyond == 0
-                                 ? nlohmann::ordered_json()
-                                 : nlohmann::ordered_json(static_cast<double>(imported.beyond_from_ns) / 1e3);
+  result["beyond_from_us"] = nullptr;
+  if (imported.beyond > 0) result["beyond_from_us"] = static_cast<double>(imported.beyond_from_ns) / 1e3;
   result["resolution_us"] = static_cast<double>(imported.resolution_ns) / 1e3;
   return result;
 }

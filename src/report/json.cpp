@@ -79,16 +79,6 @@ struct Field {
   std::vector<std::string> path;
 };
 
-std::string field_of(const ordered_json& run, const Field& field) {
-  const auto* value = &run;
-  for (const auto& key : field.path) {
-    const auto found = value->is_object() ? value->find(key) : value->end();
-    if (!value->is_object() || found == value->end()) return "";
-    value = &*found;
-  }
-  return cell_of(*value);
-}
-
 // The columns that each file has; new ones come last.
 std::vector<Field> fields() {
   std::vector<Field> fields;
@@ -197,7 +187,7 @@ std::string csv_of(const Summaries& summaries) {
   for (const auto& summary : summaries) {
     const auto run = json_of(summary);
     rows.emplace_back();
-    for (const auto& column : columns) rows.back().push_back(field_of(run, column));
+    for (const auto& column : columns) rows.back().push_back(cell_at(run, column.path));
     options.add_values(rows.back(), summary);
   }
   return as_csv(header, rows);

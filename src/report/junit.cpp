@@ -15,8 +15,8 @@ using gate::Judgement;
 
 std::string junit(const std::vector<Judgement>& judgements) {
   const auto count = [&](Judgement::Result result) {
-    return std::count_if(judgements.begin(), judgements.end(),
-                         [&](const Judgement& judgement) { return judgement.result == result; });
+    return std::ranges::count_if(judgements,
+                                 [&](const Judgement& judgement) { return judgement.result == result; });
   };
   ptree suite;
   const auto add_counts = [&](ptree& to) {

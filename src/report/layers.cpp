@@ -82,23 +82,19 @@ std::map<const Summary*, std::string> names_of(const Layers& layers) {
 }
 
 std::vector<std::string> missing(const Layers& layers) {
-  std::vector<std::string> reasons;
-  std::map<std::string, std::vector<std::string>> ids;
-  for (const auto& [id, reason] : layers.missing) {
-    if (!ids.contains(reason)) reasons.push_back(reason);
-    ids[reason].push_back(shortened(word(id), gate::longest_id));
-  }
+  std::vector<std::pair<std::string, std::vector<std::string>>> by_reason;
+  for (const auto& [id, reason] : layers.missing)
+    entry_of(by_reason, reason).push_back(shortened(word(id), gate::longest_id));
   std::vector<std::string> notes;
-  notes.reserve(reasons.size());
-  for (const auto& reason : reasons)
-    notes.push_back("Not measured: " + join(ids[reason], ", ") + (reason.empty() ? "" : ": " + word(reason)));
+  notes.reserve(by_reason.size());
+  for (const auto& [reason, ids] : by_reason)
+    notes.push_back("Not measured: " + join(ids, ", ") + (reason.empty() ? "" : ": " + word(reason)));
   return notes;
 }
 
 std::string instructions_note(const Layers& layers) {
-  const bool asked = std::any_of(layers.measured.begin(), layers.measured.end(), [](const Layer& layer) {
-    return layer.run->run.asked.task.count_instructions;
-  });
+  const bool asked = std::ranges::any_of(
+      layers.measured, [](const Layer& layer) { return layer.run->run.asked.task.count_instructions; });
   return std::string("Instructions were not counted. ") +
          (asked ? "The" : "The scenario must say count-instructions: on, the") +
          " CPU must have the counter, which most virtual machines hide, and kernel.perf_event_paranoid must "
@@ -156,17 +152,14 @@ Page layers_page_of(const Summaries& summaries) {
   const auto confidences = confidences_of(layers);
   const bool each = confidences.size() > 1;
   const auto names = names_of(layers);
-  Table table{"What each layer costs a message",
-              "",
-              {{"Layer", left},
-               {"adds to", left},
-               {"p50\n(µs)", right},
-               {"added (µs)", right},
-               {"", left, true},
-               {"CPU\n(µs)", right},
-               {"added (µs)", right}},
-              {},
-              {}};
+  Table table{.title = "What each layer costs a message",
+              .columns = {{"Layer", left},
+                          {"adds to", left},
+                          {"p50\n(µs)"},
+                          {"added (µs)"},
+                          {"", left, true},
+                          {"CPU\n(µs)"},
+                          {"added (µs)"}}};
   if (counted) table.columns.insert(table.columns.end(), {{"Instructions", right}, {"added", right}});
   for (const auto& layer : layers.measured) {
     const auto& name = names.at(layer.run);
@@ -223,15 +216,14 @@ std::string layers_csv_of(const Summaries& summaries) {
   for (const auto& cost : costs)
     for (const auto* part : {"total", "added"})
       for (const auto& value : values) header.push_back(fmt::format("{}_{}_{}", cost, part, value));
-  const auto field = [](const nlohmann::json& value) { return value.is_null() ? "" : word(value); };
   std::vector<std::vector<std::string>> rows;
-  for (const nlohmann::json layer : layers_json_of(summaries)) {
+  for (const auto& layer : layers_json_of(summaries)) {
     if (!layer.contains("key")) continue;
-    rows.emplace_back();
-    for (const auto& key : texts) rows.back().push_back(field(at(layer, key)));
+    auto& row = rows.emplace_back();
+    for (const auto& key : texts) row.push_back(cell_at(layer, {key}));
     for (const auto& cost : costs)
       for (const auto* part : {"total", "added"})
-        for (const auto& value : values) rows.back().push_back(field(at(at(at(layer, cost), part), value)));
+        for (const auto& value : values) row.push_back(cell_at(layer, {cost, part, value}));
   }
   return as_csv(header, rows);
 }

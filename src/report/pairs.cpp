@@ -2,8 +2,9 @@
 #include <algorithm>
 #include <functional>
 #include <iterator>
-#include <map>
+#include <utility>
 
+#include "record/document.hpp"
 #include "report/comparison.hpp"
 #include "report/conditions.hpp"
 #include "report/runs.hpp"
@@ -19,20 +20,11 @@ using KeyOf = std::function<std::string(const statistics::Summary&)>;
 
 // In the order of their first ones.
 Comparison pairs_of(const Runs& a, const Runs& b, const KeyOf& key_of) {
-  std::vector<std::string> order;
-  std::map<std::string, Pair> found;
-  const auto add = [&](const Runs& runs, Runs Pair::*side) {
-    for (const auto* run : runs) {
-      const auto key = key_of(*run);
-      if (!found.contains(key)) order.push_back(key);
-      (found[key].*side).push_back(run);
-    }
-  };
-  add(a, &Pair::from);
-  add(b, &Pair::to);
+  std::vector<std::pair<std::string, Pair>> found;
+  for (const auto* run : a) entry_of(found, key_of(*run)).from.push_back(run);
+  for (const auto* run : b) entry_of(found, key_of(*run)).to.push_back(run);
   Comparison comparison;
-  for (const auto& key : order) {
-    const auto& pair = found.at(key);
+  for (const auto& [key, pair] : found) {
     if (pair.to.empty())
       comparison.only_from.push_back(pair.from);
     else if (pair.from.empty())
@@ -62,10 +54,6 @@ nlohmann::json* member(nlohmann::json& conditions, const std::string& key) {
   return found;
 }
 
-std::string text_of(const nlohmann::json& json) {
-  return json.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace);
-}
-
 // Its value of `key`, and all else that was asked for.
 std::pair<std::string, std::string> split_by(const std::string& key, const statistics::Summary& summary) {
   auto conditions = record::conditions_of(summary.run.asked.document);
@@ -74,15 +62,15 @@ std::pair<std::string, std::string> split_by(const std::string& key, const stati
   const auto value = found == nullptr || found->is_null() ? unset : word(*found);
   if (found != nullptr) *found = nullptr;
   conditions.erase("id");
-  return {value, text_of(conditions)};
+  return {value, record::text_of(conditions)};
 }
 
 }  // namespace
 
 Runs whole(const Runs& runs) {
   Runs result;
-  std::copy_if(runs.begin(), runs.end(), std::back_inserter(result),
-               [](const auto* run) { return !gate::lacks_samples(gate::flaw_of(*run)); });
+  std::ranges::copy_if(runs, std::back_inserter(result),
+                       [](const auto* run) { return !gate::lacks_samples(gate::flaw_of(*run)); });
   return result;
 }
 
@@ -103,7 +91,7 @@ Comparison compare_chosen(const Summaries& a, const Summaries& b) {
     for (const auto* name : {"transport", "component_transport", "options", "component_options", "receive",
                              "variant", "beside", "thread", "measures"})
       key.push_back(summary.run.asked.stated(name));
-    return text_of(key);
+    return record::text_of(key);
   };
   auto comparison = pairs_of(all_of(a), all_of(b), key_of);
   if (comparison.pairs.empty() && comparison.only_from.size() == 1 && comparison.only_to.size() == 1 &&
@@ -117,9 +105,7 @@ Comparison compare_chosen(const Summaries& a, const Summaries& b) {
 
 std::vector<std::string> values_of(const Summaries& runs, const std::string& key) {
   std::vector<std::string> values;
-  for (const auto& run : runs)
-    if (auto value = split_by(key, run).first; std::find(values.begin(), values.end(), value) == values.end())
-      values.push_back(std::move(value));
+  for (const auto& run : runs) add_once(values, split_by(key, run).first);
   return values;
 }
 

@@ -69,8 +69,9 @@ std::vector<PaperRow> paper_rows(const record::Asked& asked) {
   if (client.period != period || client.deadline != period ||
       client.schedule != roundtrip::Schedule::next_free || client.payload_bytes != payload_of(asked.id))
     return rows;
-  std::copy_if(paper().begin(), paper().end(), std::back_inserter(rows),
-               [&](const PaperRow& row) { return row.test == asked.id && is_as(row.caption, asked); });
+  std::ranges::copy_if(paper(), std::back_inserter(rows), [&](const PaperRow& row) {
+    return row.test == asked.id && is_as(row.caption, asked);
+  });
   return rows;
 }
 

@@ -44,6 +44,7 @@ class Trace {
     add_way(message, scene);
   }
 
+  // After text().
   ordered_json about() const {
     return {{"clock", "CLOCK_MONOTONIC of the controller's machine"},
             {"origin_ns", origin_ns()},
@@ -54,8 +55,7 @@ class Trace {
 
   // In order of time.
   std::string text() {
-    std::stable_sort(events_.begin(), events_.end(),
-                     [](const auto& one, const auto& other) { return one.first < other.first; });
+    std::ranges::stable_sort(events_, {}, &Event::first);
     std::string all;
     const auto append = [&](const ordered_json& event) {
       all += (all.empty() ? "" : ",\n") + event.dump(-1, ' ', true, ordered_json::error_handler_t::replace);
@@ -66,21 +66,16 @@ class Trace {
               {"pid", track.first},
               {"tid", std::max<std::int64_t>(track.second, 0)},
               {"args", {{"name", printable(name)}}}});
-    const auto origin = origin_ns();
     for (auto& [at_ns, event] : events_) {
-      event["ts"] = static_cast<double>(at_ns - origin) / 1e3;
+      event["ts"] = static_cast<double>(at_ns - origin_ns()) / 1e3;
       append(event);
     }
     return all;
   }
 
  private:
-  std::int64_t origin_ns() const {
-    if (events_.empty()) return 0;
-    return std::min_element(events_.begin(), events_.end(),
-                            [](const auto& one, const auto& other) { return one.first < other.first; })
-        ->first;
-  }
+  using Event = std::pair<std::int64_t, ordered_json>;
+  std::int64_t origin_ns() const { return events_.empty() ? 0 : events_.front().first; }
 
   // Of one track one ends before the next begins.
   void slice(int group, std::int64_t track, std::int64_t from_ns, std::int64_t to_ns, const std::string& name,
@@ -159,15 +154,14 @@ class Trace {
   void add_arrows(const Scene::Machine& machine, const Scene& scene, std::int64_t from_ns,
                   std::int64_t to_ns) {
     const auto thread_of = [&](std::int32_t id) {
-      return std::find_if(scene.threads.begin(), scene.threads.end(),
-                          [&](const auto& thread) { return thread.id == id; });
+      return std::ranges::find_if(scene.threads, [&](const auto& thread) { return thread.id == id; });
     };
     const auto is_ours = [&](std::int32_t id) { return thread_of(id) != scene.threads.end(); };
     for (const auto& packet :
          explain::packets_of(machine.timeline, is_ours, scene.one_machine, from_ns, to_ns)) {
       if (packet.queued == nullptr || packet.received == nullptr) continue;
       const auto& events = machine.timeline.events();
-      const auto woken = std::find_if(events.begin(), events.end(), [&](const trace::Event& event) {
+      const auto woken = std::ranges::find_if(events, [&](const trace::Event& event) {
         return event.kind == Kind::waking && event.at_ns >= packet.received->at_ns &&
                event.cpu == packet.received->cpu && is_ours(event.thread.id);
       });
@@ -214,7 +208,7 @@ class Trace {
   std::int64_t uncertainty_ns_ = 0;
   std::map<std::pair<int, std::int64_t>, std::string> tracks_;  // -1: of the group itself
   std::map<std::string, std::int64_t> covered_;                 // by end, until when
-  std::vector<std::pair<std::int64_t, ordered_json>> events_;
+  std::vector<Event> events_;
   std::size_t arrows_ = 0;
 };
 
@@ -226,13 +220,14 @@ std::string perfetto_of(const record::Reader& reader, const record::Run& run,
   explain::each_scene(
       reader, run, messages, [&](const Message& message, const Scene& scene) { trace.add(message, scene); },
       pong);
+  const auto events = trace.text();
   ordered_json about = trace.about();
   about.update({{"by", "ontime " ONTIME_VERSION},
                 {"run", run.number},
                 {"id", word(run.asked.id)},
                 {"transport", word(run.asked.task.transport)}});
   return fmt::format("{{\"displayTimeUnit\":\"ns\",\"otherData\":{},\"traceEvents\":[\n{}\n]}}\n",
-                     about.dump(-1, ' ', true, ordered_json::error_handler_t::replace), trace.text());
+                     about.dump(-1, ' ', true, ordered_json::error_handler_t::replace), events);
 }
 
 }  // namespace ontime::report

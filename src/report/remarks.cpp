@@ -8,7 +8,6 @@
 #include <fmt/format.h>
 
 #include "gate/gate.hpp"
-#include "report/report.hpp"
 #include "report/runs.hpp"
 #include "report/words.hpp"
 
@@ -138,8 +137,9 @@ void add_throttling(std::vector<Remark>& remarks, const statistics::Summary& sum
   // A faulty or a full link delays as long by itself, and so does a repeated transmission.
   const auto& asked = summary.run.asked;
   const bool by_the_link = asked.faults.any() || asked.traffic.any() ||
-                           std::any_of(summary.run.outcome.hosts.begin(), summary.run.outcome.hosts.end(),
-                                       [](const auto& host) { return host.second.losses.on_the_way > 0; });
+                           std::ranges::any_of(summary.run.outcome.hosts, [](const auto& host) {
+                             return host.second.losses.on_the_way > 0;
+                           });
   if (summary.parts && !by_the_link)
     suspect("component", "receive", "received",
             summary.parts->there.max - summary.parts->there[statistics::Figure::p50]);
@@ -159,8 +159,7 @@ void add_notes(std::vector<Remark>& remarks, const statistics::Summary& summary)
   std::vector<const record::Note*> notes;
   for (const auto& note : summary.notes) notes.push_back(&note);
   // What holds for the whole run first: of what single messages met there may be much.
-  std::stable_partition(notes.begin(), notes.end(),
-                        [](const auto* note) { return !note->message && !note->at_ns; });
+  std::ranges::stable_partition(notes, [](const auto* note) { return !note->message && !note->at_ns; });
   for (std::size_t i = 0; i < std::min(most_notes, notes.size()); ++i)
     remarks.push_back({Weight::caution, text_of(*notes[i], summary)});
   if (summary.notes.size() > most_notes)
@@ -283,7 +282,7 @@ std::string name_of_some(const std::vector<std::string>& names, const std::vecto
   return fmt::format("{} of {} runs ({}, …)", places.size(), names.size(), join(some, ", "));
 }
 
-std::vector<SharedRemark> shared_remarks(const std::vector<const statistics::Summary*>& runs) {
+std::vector<SharedRemark> shared_remarks(const Group& runs) {
   struct Gathered {
     Remark remark;
     double most = 0;
@@ -292,7 +291,7 @@ std::vector<SharedRemark> shared_remarks(const std::vector<const statistics::Sum
   std::vector<Gathered> all;
   for (std::size_t run = 0; run < runs.size(); ++run)
     for (const auto& remark : remarks_of(*runs[run])) {
-      auto same = std::find_if(all.begin(), all.end(), [&](const Gathered& other) {
+      auto same = std::ranges::find_if(all, [&](const Gathered& other) {
         return other.remark.text == remark.text &&
                other.remark.amount.has_value() == remark.amount.has_value();
       });
@@ -316,15 +315,9 @@ std::vector<SharedRemark> shared_remarks(const std::vector<const statistics::Sum
   return shared;
 }
 
-std::vector<std::string> remark_lines(const std::vector<std::string>& names,
-                                      const std::vector<const statistics::Summary*>& runs) {
+std::vector<std::string> remark_lines(const std::vector<std::string>& names, const Group& runs) {
   std::vector<std::pair<std::vector<std::size_t>, std::vector<std::string>>> notes;
-  for (const auto& [weight, text, of] : shared_remarks(runs)) {
-    auto same = std::find_if(notes.begin(), notes.end(),
-                             [&, &of = of](const auto& note) { return note.first == of; });
-    if (same == notes.end()) same = notes.insert(notes.end(), {of, {}});
-    same->second.push_back(text);
-  }
+  for (const auto& [weight, text, of] : shared_remarks(runs)) entry_of(notes, of).push_back(text);
   std::vector<std::string> lines;
   lines.reserve(notes.size());
   for (const auto& [of, texts] : notes) lines.push_back(name_of_some(names, of) + ": " + join(texts, "; "));

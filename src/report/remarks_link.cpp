@@ -54,7 +54,6 @@ std::uint64_t background_bytes(const statistics::Summary& summary) {
 
 }  // namespace
 
-// "12 at the component, 3 at the controller": of what each end's own reader says of its losses.
 std::string losses_text(const Outcome& outcome, std::uint64_t record::Losses::*kind, const char* where) {
   std::vector<std::string> parts;
   for (const auto* host : record::both_hosts)

@@ -42,11 +42,9 @@ std::optional<Format> format_of(const std::string& word) {
 std::string render(const Summaries& summaries, Format format, const Origin& origin, std::size_t width) {
   if (format == Format::csv) return csv_of(summaries);
   if (format != Format::json) return page_text(page_of(summaries), format, width);
-  auto runs = nlohmann::ordered_json::array();
-  for (const auto& summary : summaries) runs.push_back(json_of(summary));
   return text_of({{"ontime", ONTIME_VERSION},
                   {"answer", json_of(answer_of(summaries, origin))},
-                  {"runs", runs},
+                  {"runs", array_of(summaries, [](const auto& summary) { return json_of(summary); })},
                   {"searches", searches_json_of(summaries)}});
 }
 

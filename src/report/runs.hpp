@@ -14,6 +14,7 @@
 namespace ontime::report {
 
 using Summaries = std::vector<statistics::Summary>;
+using Group = std::vector<const statistics::Summary*>;
 
 // After the first message was due. A damaged file's times do not overflow.
 inline double seconds_into(const statistics::Summary& run, std::int64_t at_ns) {
@@ -27,30 +28,27 @@ table::Page page_of(const Summaries&);
 // Judged by when a cycle's answer should have been asked for, and not by when it was, more may be late than
 // were late or lost: shown beside where it is so.
 bool differs_by_response(const statistics::Summary&);
+bool any_of_paper(const Summaries&);  // whether the paper measured the same as one of them
 
 // The estimate, always; its limits stand in certainty_table(). "-" where no value lies above the percentile,
 // "~" before it where fewer than ten do.
 std::string percentile(const statistics::Distribution&, statistics::Figure);
 // 95 % confidence intervals of runs' percentiles, by their labels; without a title. No rows where none is
 // known. "≥ x": no upper limit; the value itself may be x, for limits are values that were seen.
-table::Table certainty_table(const std::vector<std::string>& labels,
-                             const std::vector<const statistics::Summary*>&);
+table::Table certainty_table(const std::vector<std::string>& labels, const Group&);
 // The extrapolated worst case. Runs without one have no row.
-table::Table worst_case_table(const std::vector<std::string>& labels,
-                              const std::vector<const statistics::Summary*>&);
+table::Table worst_case_table(const std::vector<std::string>& labels, const Group&);
 // Why, each reason once with the names of the runs that it holds for.
-std::vector<std::string> unbounded_notes(const std::vector<std::string>& names,
-                                         const std::vector<const statistics::Summary*>&);
+std::vector<std::string> unbounded_notes(const std::vector<std::string>& names, const Group&);
 // That an older ontime measured these, which computed intervals and gates otherwise; empty if none did.
-std::string older_note(const std::vector<const statistics::Summary*>&);
+std::string older_note(const Group&);
 std::string refusal_of(const statistics::Extremes&);  // why there is no bound; empty, if there is one
 // What a response is made of, each by itself: a stall of our own thread is none of the network's.
-table::Table stages_table(const std::vector<std::string>& labels,
-                          const std::vector<const statistics::Summary*>&);
+table::Table stages_table(const std::vector<std::string>& labels, const Group&);
 void add_certainty(nlohmann::ordered_json& run, const statistics::Summary&);
 
 // How far a search could turn up a key; without rows where there was none.
-table::Table searches_table(const std::vector<const statistics::Summary*>&);
+table::Table searches_table(const Group&);
 nlohmann::ordered_json searches_json_of(const Summaries&);
 
 // What a run must not be read without: what went wrong, or was counted beside the table.
@@ -70,15 +68,14 @@ struct SharedRemark {
 };
 // "udp, fastdds", "all runs", "9 of 12 runs (udp, fastdds, …)".
 std::string name_of_some(const std::vector<std::string>& names, const std::vector<std::size_t>& places);
-std::vector<SharedRemark> shared_remarks(const std::vector<const statistics::Summary*>&);
+std::vector<SharedRemark> shared_remarks(const Group&);
 // A line for those that the same runs have, after the names of these.
-std::vector<std::string> remark_lines(const std::vector<std::string>& names,
-                                      const std::vector<const statistics::Summary*>&);
+std::vector<std::string> remark_lines(const std::vector<std::string>& names, const Group&);
 // Settings that these runs requested and the machines denied, one text for each remedy.
 std::vector<std::string> refusals(const Summaries&);
 
 // Runs of an id that were imported: what is known of them, and what is not.
-table::Table imported_table_of(const std::vector<const statistics::Summary*>&);
+table::Table imported_table_of(const Group&);
 // "≥3.0" where it lies beyond the imported histogram; else as percentile().
 std::string imported_percentile(const statistics::Summary&, statistics::Figure);
 nlohmann::ordered_json imported_json_of(const statistics::Summary&);  // null, if it was measured

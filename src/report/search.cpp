@@ -16,7 +16,6 @@
 namespace ontime::report {
 namespace {
 
-using nlohmann::json;
 using nlohmann::ordered_json;
 using statistics::Summary;
 
@@ -42,8 +41,7 @@ struct Found {
 
 bool any_short(const record::Outcome& outcome) {
   const auto is_short = [](const auto& way) { return way.second.is_short == true; };
-  return std::any_of(outcome.neighbours.begin(), outcome.neighbours.end(), is_short) ||
-         std::any_of(outcome.traffic.begin(), outcome.traffic.end(), is_short);
+  return std::ranges::any_of(outcome.neighbours, is_short) || std::ranges::any_of(outcome.traffic, is_short);
 }
 
 void add(Step& step, const Summary& summary) {
@@ -154,7 +152,7 @@ Table searches_table(const Group& group) {
   Table table{"", "", {}, {}, {}};
   std::vector<std::string> keys;
   for (const auto& one : found(group)) {
-    if (std::find(keys.begin(), keys.end(), one.key) == keys.end()) keys.push_back(one.key);
+    add_once(keys, one.key);
     const auto bound = bound_of(one.passed);
     table.rows.push_back({one.transport + (one.among.empty() ? "" : " " + one.among),
                           one.passed == nullptr ? "none" : one.passed->value,

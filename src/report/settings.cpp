@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // What was set, and what was so: where runs differ, and where they do not, once.
-#include <algorithm>
 #include <map>
+#include <string_view>
 
 #include <fmt/format.h>
 
@@ -18,7 +18,7 @@ using statistics::Summary;
 using enum Column::Align;
 
 // Of a run and not of its machine.
-constexpr std::initializer_list<const char*> changing = {"realtime_offset_ns"};
+constexpr std::string_view changing = "realtime_offset_ns";
 
 std::string name_of(const Summary& summary) {
   return fmt::format("{} {}", id_of(summary.run.asked), word(summary.run.asked.task.transport));
@@ -37,8 +37,7 @@ std::string megabytes(const record::Link& link) {
 void flatten(const json& value, const std::string& name, std::map<std::string, std::string>& into) {
   if (value.is_object()) {
     for (const auto& [key, within] : value.items())
-      if (std::find(changing.begin(), changing.end(), key) == changing.end())
-        flatten(within, name.empty() ? key : fmt::format("{}.{}", name, key), into);
+      if (key != changing) flatten(within, name.empty() ? key : fmt::format("{}.{}", name, key), into);
   } else if (!value.is_null() && !name.empty()) {
     into[name] = word(value);
   }
@@ -46,18 +45,13 @@ void flatten(const json& value, const std::string& name, std::map<std::string, s
 
 // What of a host was the same in all runs, or each value with the runs that had it.
 std::string values_of(const std::vector<std::pair<std::string, std::string>>& of_runs) {
-  std::vector<std::string> order;
-  std::map<std::string, std::vector<std::string>> runs;
-  for (const auto& [run, value] : of_runs) {
-    if (!runs.contains(value)) order.push_back(value);
-    runs[value].push_back(run);
-  }
-  if (order.size() == 1) return order.front();
+  std::vector<std::pair<std::string, std::vector<std::string>>> all;
+  for (const auto& [run, value] : of_runs) entry_of(all, value).push_back(run);
+  if (all.size() == 1) return all.front().first;
   std::vector<std::string> parts;
-  parts.reserve(order.size());
-  for (const auto& value : order)
-    parts.push_back(
-        fmt::format("{} ({} {})", value, runs[value].size() == 1 ? "run" : "runs", join(runs[value], ", ")));
+  parts.reserve(all.size());
+  for (const auto& [value, runs] : all)
+    parts.push_back(fmt::format("{} ({} {})", value, runs.size() == 1 ? "run" : "runs", join(runs, ", ")));
   return join(parts, "; ");
 }
 
@@ -68,51 +62,36 @@ Table differences_of(const Summaries& summaries) {
   const auto differences = differences_between(all);
   Table table{"Where the runs differ",
               "In all of them: " + join(shared_conditions(all), ", ") + ".",
-              {{"Run", left}},
-              {},
-              {}};
+              {{"Run", left}}};
   for (const auto& key : differences.keys) table.columns.push_back({key, left});
-  // Runs of one id that were alike in all this are one row.
-  struct Row {
-    std::string id;
-    std::vector<std::string> values;
-    std::vector<std::string> transports;
-    std::map<std::string, std::size_t> runs;  // of each transport
-  };
-  std::vector<Row> rows;
+  // Runs of one id that were alike in all this are one row: their transports, and how many runs each has.
+  using Row = std::pair<std::string, std::vector<std::string>>;
+  std::vector<std::pair<Row, std::vector<std::pair<std::string, std::size_t>>>> rows;
   for (std::size_t i = 0; i < all.size(); ++i) {
     const auto& asked = all[i]->run.asked;
-    Row fresh{word(asked.id), differences.values[i], {}, {}};
-    auto row = std::find_if(rows.begin(), rows.end(), [&](const Row& other) {
-      return other.id == fresh.id && other.values == fresh.values;
-    });
-    if (row == rows.end()) row = rows.insert(rows.end(), std::move(fresh));
-    const auto transport = word(asked.task.transport);
-    if (row->runs[transport]++ == 0) row->transports.push_back(transport);
+    ++entry_of(entry_of(rows, Row{word(asked.id), differences.values[i]}), word(asked.task.transport));
   }
-  for (auto& [id, values, transports, runs] : rows) {
-    for (auto& transport : transports)
-      if (const auto times = runs[transport]; times > 1) transport += fmt::format(" ×{}", times);
+  for (const auto& [row, runs] : rows) {
+    std::vector<std::string> transports;
+    for (const auto& [transport, times] : runs)
+      transports.push_back(times > 1 ? fmt::format("{} ×{}", transport, times) : transport);
     auto& cells = table.rows.emplace_back(
-        std::vector<std::string>{shortened(id, gate::longest_id) + ": " + join(transports, ", ")});
-    for (const auto& value : values) cells.push_back(value.empty() ? nothing : value);
+        std::vector<std::string>{shortened(row.first, gate::longest_id) + ": " + join(transports, ", ")});
+    for (const auto& value : row.second) cells.push_back(value.empty() ? nothing : value);
   }
   return table;
 }
 
 Table loads_of(const Summaries& summaries) {
-  Table table{"Load, asked and achieved",
-              "",
-              {{"Run", left},
-               {"Host", left},
-               {"Workers asked", left},
-               {"CPU busy"},
-               {"waiting for CPU"},
-               {"for memory"},
-               {"for I/O"},
-               {"MB on the link"}},
-              {},
-              {}};
+  Table table{.title = "Load, asked and achieved",
+              .columns = {{"Run", left},
+                          {"Host", left},
+                          {"Workers asked", left},
+                          {"CPU busy"},
+                          {"waiting for CPU"},
+                          {"for memory"},
+                          {"for I/O"},
+                          {"MB on the link"}}};
   for (const auto& summary : summaries) {
     const auto& asked = summary.run.asked;
     const auto& outcome = summary.run.outcome;
@@ -130,8 +109,8 @@ Table loads_of(const Summaries& summaries) {
 }
 
 Table machines_of(const Summaries& summaries) {
-  Table table{
-      "The machines, as they said", "", {{"What", left}, {"Controller", left}, {"Component", left}}, {}, {}};
+  Table table{.title = "The machines, as they said",
+              .columns = {{"What", left}, {"Controller", left}, {"Component", left}}};
   std::map<std::string, std::map<std::string, std::vector<std::pair<std::string, std::string>>>> all;
   for (const auto& summary : summaries) {
     for (const auto* host : record::both_hosts) {

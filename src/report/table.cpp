@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <algorithm>
 #include <map>
-#include <optional>
 #include <utility>
 
 #include <fmt/format.h>
@@ -14,7 +13,6 @@
 namespace ontime::report {
 namespace {
 
-using nlohmann::json;
 using statistics::Distribution;
 using statistics::Figure;
 using statistics::Summary;
@@ -24,40 +22,27 @@ std::string share(std::uint64_t part, std::uint64_t whole) { return fmt::format(
 std::vector<std::string> row(const std::string& label, const Summary& summary, bool by_response) {
   const auto& of = summary.round_trip;
   const auto value = [&](double ns) { return of.count == 0 ? nothing : microseconds(ns); };
-  std::vector<std::string> cells = {
-      label,
-      value(static_cast<double>(of.min)),
-      value(of.mean),
-      percentile(of, Figure::p50),
-      percentile(of, Figure::p90),
-      percentile(of, Figure::p99),
-      percentile(of, Figure::p99_9),
-      percentile(of, Figure::p99_99),
-      value(static_cast<double>(of.max)),
-      statistics::knows_late(summary.run) ? share(summary.late, summary.sent) : nothing,
-      statistics::knows_loss(summary.run) ? share(summary.lost, summary.sent) : nothing};
+  std::vector<std::string> cells = {label, value(static_cast<double>(of.min)), value(of.mean)};
+  for (const auto& metric : statistics::percentiles) cells.push_back(percentile(of, metric.figure));
+  cells.push_back(value(static_cast<double>(of.max)));
+  cells.push_back(statistics::knows_late(summary.run) ? share(summary.late, summary.sent) : nothing);
   if (by_response)
-    cells.insert(cells.end() - 1, summary.late_by_response ? share(*summary.late_by_response,
-                                                                   summary.sent + summary.skipped_cycles)
-                                                           : "?");
+    cells.push_back(summary.late_by_response
+                        ? share(*summary.late_by_response, summary.sent + summary.skipped_cycles)
+                        : "?");
+  cells.push_back(statistics::knows_loss(summary.run) ? share(summary.lost, summary.sent) : nothing);
   return cells;
 }
 
 // What the paper measured, in the columns that it has.
 std::vector<std::string> row(const PaperRow& paper, bool by_response) {
-  const auto number = [](std::int64_t us) { return std::to_string(us); };
-  std::vector<std::string> cells = {"paper's " + paper.dds,
-                                    number(paper.min_us),
-                                    number(paper.avg_us),
-                                    "",
-                                    "",
-                                    "",
-                                    "",
-                                    "",
-                                    number(paper.max_us),
-                                    share(paper.missed_deadlines, paper.messages),
-                                    share(paper.lost, paper.messages)};
-  if (by_response) cells.insert(cells.end() - 1, "");
+  std::vector<std::string> cells = {"paper's " + paper.dds, std::to_string(paper.min_us),
+                                    std::to_string(paper.avg_us)};
+  cells.resize(cells.size() + statistics::percentiles.size());
+  cells.push_back(std::to_string(paper.max_us));
+  cells.push_back(share(paper.missed_deadlines, paper.messages));
+  if (by_response) cells.emplace_back();
+  cells.push_back(share(paper.lost, paper.messages));
   return cells;
 }
 
@@ -87,14 +72,12 @@ std::vector<std::string> parts_of(const Group& group) {
     std::int64_t error_ns = 0;
     bool one_clock = true;
   };
-  std::vector<std::string> order;
-  std::map<std::string, Medians> all;
+  std::vector<std::pair<std::string, Medians>> all;
   const auto labels = labels_without_repetition(group);
   for (std::size_t i = 0; i < group.size(); ++i) {
     if (!group[i]->parts) continue;
     const auto& parts = *group[i]->parts;
-    if (!all.contains(labels[i])) order.push_back(labels[i]);
-    auto& medians = all[labels[i]];
+    auto& medians = entry_of(all, labels[i]);
     medians.there.push_back(static_cast<double>(parts.there[Figure::p50]));
     medians.server.push_back(static_cast<double>(group[i]->server[Figure::p50]));
     medians.back.push_back(static_cast<double>(parts.back[Figure::p50]));
@@ -102,8 +85,8 @@ std::vector<std::string> parts_of(const Group& group) {
     medians.one_clock = medians.one_clock && parts.one_clock;
   }
   std::vector<std::string> lines;
-  for (const auto& label : order) {
-    const auto& [there, server, back, error_ns, one_clock] = all.at(label);
+  for (const auto& [label, medians] : all) {
+    const auto& [there, server, back, error_ns, one_clock] = medians;
     const auto median = [](const std::vector<double>& values) {
       return microseconds(statistics::estimate(values)->median);
     };
@@ -117,28 +100,25 @@ std::vector<std::string> parts_of(const Group& group) {
 
 // Of runs that were repeated: between what their figures lie from run to run.
 Table spread_table(const Group& group) {
-  Table table{"", "", {{quantity_of(group) + " (µs)", Column::Align::left}}, {}, {}};
-  for (const auto* name : {"Runs", "p50", "p99", "p99.9", "Max", "Missed (%)"})
-    table.columns.push_back({name});
+  Table table{.columns = columns_of(quantity_of(group) + " (µs)",
+                                    {"Runs", "p50", "p99", "p99.9", "Max", "Missed (%)"})};
   const auto labels = labels_without_repetition(group);
-  for (std::size_t first = 0; first < group.size(); ++first) {
-    if (std::find(labels.begin(), labels.begin() + static_cast<std::ptrdiff_t>(first), labels[first]) !=
-        labels.begin() + static_cast<std::ptrdiff_t>(first))
-      continue;
-    Group runs;
-    for (std::size_t i = first; i < group.size(); ++i)
-      if (labels[i] == labels[first] && group[i]->sent > 0) runs.push_back(group[i]);
+  std::vector<std::pair<std::string, Group>> alike;
+  for (std::size_t i = 0; i < group.size(); ++i)
+    if (auto& runs = entry_of(alike, labels[i]); group[i]->sent > 0) runs.push_back(group[i]);
+  for (const auto& [label, all] : alike) {
+    const auto& runs = all;  // which a lambda may capture
     if (runs.size() < 2) continue;
     const auto spread = [&](auto value, std::string (*form)(double)) {
       std::vector<double> values;
       for (const auto* run : runs) values.push_back(value(*run));
-      const auto [low, high] = std::minmax_element(values.begin(), values.end());
+      const auto [low, high] = std::ranges::minmax_element(values);
       return fmt::format("{} [{}, {}]", form(statistics::estimate(values)->median), form(*low), form(*high));
     };
     const auto time = [&](Figure figure) {
       const auto one_in = std::max<std::uint64_t>(statistics::metric_of(figure).one_in, 1);
-      const bool known = std::all_of(runs.begin(), runs.end(),
-                                     [&](const auto* run) { return run->round_trip.count >= one_in; });
+      const bool known =
+          std::ranges::all_of(runs, [&](const auto* run) { return run->round_trip.count >= one_in; });
       return known ? spread([&](const Summary& run) { return static_cast<double>(run.round_trip[figure]); },
                             microseconds)
                    : nothing;
@@ -146,10 +126,10 @@ Table spread_table(const Group& group) {
     const auto missed = [](const Summary& run) {
       return static_cast<double>(run.late + run.lost) / static_cast<double>(run.sent);
     };
-    const bool knows_misses = std::all_of(runs.begin(), runs.end(), [](const auto* run) {
+    const bool knows_misses = std::ranges::all_of(runs, [](const auto* run) {
       return statistics::knows_late(run->run) || statistics::knows_loss(run->run);
     });
-    table.rows.push_back({labels[first], fmt::format("{}", runs.size()), time(Figure::p50), time(Figure::p99),
+    table.rows.push_back({label, fmt::format("{}", runs.size()), time(Figure::p50), time(Figure::p99),
                           time(Figure::p99_9), time(Figure::max),
                           knows_misses ? spread(missed, percent) : nothing});
   }
@@ -164,17 +144,17 @@ std::vector<Table> tables_of(Group group) {
   std::map<const Summary*, std::size_t> place;
   for (std::size_t i = 0; i < group.size(); ++i)
     place[group[i]] = first.try_emplace(alike[i], i).first->second;
-  std::stable_sort(group.begin(), group.end(),
-                   [&](const auto* one, const auto* other) { return place[one] < place[other]; });
+  std::ranges::stable_sort(group, {}, [&](const auto* summary) { return place[summary]; });
 
-  const bool by_response = std::any_of(group.begin(), group.end(),
-                                       [](const auto* summary) { return differs_by_response(*summary); });
+  const bool by_response =
+      std::ranges::any_of(group, [](const auto* summary) { return differs_by_response(*summary); });
   const auto& asked = group.front()->run.asked;
-  Table table{
-      id_of(asked), join(shared_conditions(group), ", "), columns(group, by_response), {}, parts_of(group)};
+  Table table{.title = id_of(asked),
+              .conditions = join(shared_conditions(group), ", "),
+              .columns = columns(group, by_response),
+              .notes = parts_of(group)};
   if (!asked.title.empty()) table.title += "  " + printable(asked.title);
-  auto labels = labels_of(group);
-  tell_apart(labels, group);
+  const auto labels = labels_apart(group);
   for (std::size_t i = 0; i < group.size(); ++i) table.rows.push_back(row(labels[i], *group[i], by_response));
   for (const auto& paper : paper_rows(asked)) table.rows.push_back(row(paper, by_response));
   std::vector<Table> tables = {table};
@@ -196,9 +176,7 @@ std::vector<Table> tables_of(Group group) {
 std::vector<std::string> names_of(const std::vector<Group>& groups) {
   std::vector<std::string> names;
   for (const auto& group : groups) {
-    auto labels = labels_of(group);
-    tell_apart(labels, group);
-    for (const auto& label : labels)
+    for (const auto& label : labels_apart(group))
       names.push_back(groups.size() == 1 ? label : id_of(group.front()->run.asked) + " " + label);
   }
   return names;
@@ -213,31 +191,15 @@ std::vector<std::string> remarks_of(const std::vector<Group>& groups) {
   return lines;
 }
 
-// "10 ms" if all runs have it, else `otherwise`.
-using Time = std::chrono::nanoseconds roundtrip::ClientOptions::*;
-std::string common_duration(const Summaries& summaries, Time time, const std::string& otherwise) {
-  const auto first = summaries.front().run.asked.task.client.*time;
-  const bool common = std::all_of(summaries.begin(), summaries.end(), [&](const auto& summary) {
-    return summary.run.asked.task.client.*time == first;
-  });
-  return common && first.count() > 0 ? duration(first) : otherwise;
-}
-
-bool any_of_paper(const Summaries& summaries) {
-  return std::any_of(summaries.begin(), summaries.end(),
-                     [](const auto& summary) { return !paper_rows(summary.run.asked).empty(); });
-}
-
 // Of a robot's own messages, and of round trips.
 std::string judged_by(const Summaries& summaries) {
   std::string text;
-  const auto any = [&](auto&& is_meant) { return std::any_of(summaries.begin(), summaries.end(), is_meant); };
+  const auto any = [&](auto&& is_meant) { return std::ranges::any_of(summaries, is_meant); };
   const auto is_listened = [](const Summary& run) { return run.run.asked.is_listened(); };
   if (any(is_listened))
     text =
         "Age: from the writer's stamp until the message was taken. Period: from one message to the next. "
-        "Late: "
-        "beyond the limit that was stated. Lost: published and never taken. ";
+        "Late: beyond the limit that was stated. Lost: published and never taken. ";
   if (!any([&](const Summary& run) { return !is_listened(run) && !run.imported; })) return text;
   text += fmt::format("Missed deadlines: answered later than {}",
                       common_duration(summaries, &roundtrip::ClientOptions::deadline, "the run's deadline"));
@@ -254,8 +216,8 @@ std::string legend_of(const Page& page, const Summaries& summaries) {
   auto legend = judged_by(summaries);
   legend.pop_back();
   const auto any_cell = [&](auto predicate) {
-    return std::any_of(page.tables.begin(), page.tables.end(), [&](const Table& table) {
-      return std::any_of(table.rows.begin(), table.rows.end(), [&](const auto& cells) {
+    return std::ranges::any_of(page.tables, [&](const Table& table) {
+      return std::ranges::any_of(table.rows, [&](const auto& cells) {
         return std::any_of(cells.begin() + 1, cells.end(), predicate);
       });
     });
@@ -270,13 +232,17 @@ std::string legend_of(const Page& page, const Summaries& summaries) {
   if (any_of_paper(summaries))
     legend +=
         " paper's: measured by Gutiérrez, San Vicente et al. (2018) on their two machines, with DDS 1 to 3, "
-        "for "
-        "10 minutes, Test5 12 hours; load was 8 workers of each kind on the controller and 2 on the "
+        "for 10 minutes, Test5 12 hours; load was 8 workers of each kind on the controller and 2 on the "
         "component.";
   return legend;
 }
 
 }  // namespace
+
+bool any_of_paper(const Summaries& summaries) {
+  return std::ranges::any_of(summaries,
+                             [](const auto& summary) { return !paper_rows(summary.run.asked).empty(); });
+}
 
 bool differs_by_response(const Summary& summary) {
   return summary.late_by_response && *summary.late_by_response != summary.late + summary.lost;
@@ -304,9 +270,7 @@ Page page_of(const Summaries& summaries) {
   }
   page.notes = remarks_of(groups);
   for (auto& refusal : refusals(summaries)) page.notes.push_back(std::move(refusal));
-  const bool any_measured =
-      std::any_of(summaries.begin(), summaries.end(), [](const auto& run) { return !run.imported; });
-  if (any_measured) page.legend = legend_of(page, summaries);
+  if (!groups.empty()) page.legend = legend_of(page, summaries);
   return page;
 }
 

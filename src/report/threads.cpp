@@ -15,17 +15,6 @@ using nlohmann::ordered_json;
 
 constexpr std::initializer_list<const char*> run_keys = {"id", "transport", "repetition"};
 constexpr std::initializer_list<const char*> further_run_keys = {"component_transport", "receive"};
-constexpr std::initializer_list<const char*> thread_keys = {"role",
-                                                            "name",
-                                                            "tid",
-                                                            "policy",
-                                                            "priority",
-                                                            "cpus",
-                                                            "minor_faults",
-                                                            "major_faults",
-                                                            "voluntary_switches",
-                                                            "involuntary_switches",
-                                                            "cpu_time_us"};
 
 // Calls use(summary, the host's name, its threads) for each host whose threads were recorded.
 template <class Use>
@@ -81,6 +70,10 @@ ordered_json threads_json_of(const Summaries& summaries) {
 }
 
 std::string threads_csv_of(const Summaries& summaries) {
+  const auto thread_keys = split(
+      "role,name,tid,policy,priority,cpus,minor_faults,major_faults,voluntary_switches,involuntary_switches,"
+      "cpu_time_us",
+      ',');
   std::vector<std::string> header = {"run"};
   header.insert(header.end(), run_keys.begin(), run_keys.end());
   header.emplace_back("host");
@@ -88,15 +81,14 @@ std::string threads_csv_of(const Summaries& summaries) {
   header.insert(header.end(), further_run_keys.begin(), further_run_keys.end());
   const OptionColumns options(summaries);
   options.add_names(header);
-  const auto field = [](const json& value) { return value.is_null() ? "" : word(value); };
   std::vector<std::vector<std::string>> rows;
   each_host(summaries, [&](const auto& summary, const auto& host, const auto&) {
     for (const auto& thread : recorded(summary, host)) {
       rows.push_back({std::to_string(summary.run.number)});
-      for (const auto* key : run_keys) rows.back().push_back(field(summary.run.asked.stated(key)));
+      for (const auto* key : run_keys) rows.back().push_back(cell_of(summary.run.asked.stated(key)));
       rows.back().push_back(word(host));
-      for (const auto* key : thread_keys) rows.back().push_back(field(at(thread, key)));
-      for (const auto* key : further_run_keys) rows.back().push_back(field(summary.run.asked.stated(key)));
+      for (const auto& key : thread_keys) rows.back().push_back(cell_of(at(thread, key)));
+      for (const auto* key : further_run_keys) rows.back().push_back(cell_of(summary.run.asked.stated(key)));
       options.add_values(rows.back(), summary);
     }
   });
@@ -108,18 +100,15 @@ Page threads_page_of(const Summaries& summaries) {
   Page page;
   const auto names = names_of(summaries);
   each_host(summaries, [&](const auto& summary, const auto& host, const auto& threads) {
-    Table table{fmt::format("{}, threads on the {}", names.at(&summary), word(host)),
-                "",
-                {{"Role", left},
-                 {"Name", left},
-                 {"TID", right},
-                 {"Policy", left},
-                 {"CPUs", left},
-                 {"Faults\nminor/major", right},
-                 {"Switches\nvoluntary/not", right},
-                 {"CPU time\n(ms)", right}},
-                {},
-                {}};
+    Table table{.title = fmt::format("{}, threads on the {}", names.at(&summary), word(host)),
+                .columns = {{"Role", left},
+                            {"Name", left},
+                            {"TID"},
+                            {"Policy", left},
+                            {"CPUs", left},
+                            {"Faults\nminor/major"},
+                            {"Switches\nvoluntary/not"},
+                            {"CPU time\n(ms)"}}};
     for (const auto& thread : threads) table.rows.push_back(row(thread));
     page.tables.push_back(table);
   });

@@ -1,12 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
-#include <algorithm>
-#include <cmath>
 #include <map>
 
 #include <fmt/format.h>
 
 #include "gate/gate.hpp"
-#include "report/report.hpp"
+#include "report/conditions.hpp"
 #include "report/runs.hpp"
 #include "report/words.hpp"
 
@@ -29,15 +27,6 @@ Fates fates_of(const Summary& summary) {
 bool all_on_time(const Summary& summary) {
   const auto [sent, late, lost] = fates_of(summary);
   return sent > 0 && late + lost == 0 && summary.late_by_response.value_or(0) == 0;
-}
-
-// "10 ms" if they have one deadline.
-std::string deadline(const Summaries& summaries) {
-  const auto first = summaries.front().run.asked.task.client.deadline;
-  const bool same = std::all_of(summaries.begin(), summaries.end(), [&](const Summary& summary) {
-    return summary.run.asked.task.client.deadline == first;
-  });
-  return same && first.count() > 0 ? "deadline of " + duration(first) : "deadline";
 }
 
 std::string cycles(std::uint64_t count) { return grouped(count) + (count == 1 ? " cycle" : " cycles"); }
@@ -80,27 +69,25 @@ Verdict verdict_of(const Summaries& summaries) {
   if (sent == 0) return {Verdict::Word::nothing, "Nothing was measured.", ""};
 
   Verdict verdict;
+  const auto deadline = limit_of(summaries, "deadline", &roundtrip::ClientOptions::deadline);
   const auto of_sent = [&](std::uint64_t part) {
     return fmt::format("{} of {}", grouped(part), grouped(sent));
   };
   if (fine == measured) {
     verdict.word = unfinished == 0 && flaws.empty() ? Verdict::Word::yes : Verdict::Word::partly;
-    const bool listened = std::all_of(summaries.begin(), summaries.end(),
-                                      [](const Summary& run) { return run.run.asked.is_listened(); });
     verdict.sentence = fmt::format("All {} messages came {}within the {}.", grouped(sent),
-                                   listened ? "" : "back ", deadline(summaries));
+                                   all_listened(all_of(summaries)) ? "" : "back ", deadline);
   } else {
     verdict.word = Verdict::Word::no;
     std::vector<std::string> parts;
-    if (late > 0)
-      parts.push_back(fmt::format("{} messages missed the {}", of_sent(late), deadline(summaries)));
+    if (late > 0) parts.push_back(fmt::format("{} messages missed the {}", of_sent(late), deadline));
     if (lost > 0)
       parts.push_back(late > 0
                           ? fmt::format("{} {} lost", grouped(lost), lost == 1 ? "was" : "were")
                           : fmt::format("{} messages {} lost", of_sent(lost), lost == 1 ? "was" : "were"));
     if (parts.empty())
       parts.push_back(fmt::format("every message sent came back in time, but {} had no answer within the {}",
-                                  cycles(late_cycles), deadline(summaries)));
+                                  cycles(late_cycles), deadline));
     else if (late_cycles > late + lost)  // a sender that stood still
       parts.push_back(
           fmt::format("{}, also those without a message, had no answer in time", cycles(late_cycles)));

@@ -6,18 +6,22 @@
 #include <fmt/format.h>
 
 #include "gate/gate.hpp"
+#include "record/document.hpp"
 
 namespace ontime::report {
 
 std::string word(const nlohmann::json& value) {
   if (value.is_null()) return nothing;
-  const auto text = value.is_string() ? value.get<std::string>()
-                                      : value.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace);
-  return printable(text);
+  return printable(value.is_string() ? value.get<std::string>() : record::text_of(value));
 }
 
 std::string word(const std::string& text) { return text.empty() ? nothing : printable(text); }
 std::string word(std::optional<std::int64_t> number) { return number ? fmt::format("{}", *number) : nothing; }
+
+const char* word_of(roundtrip::Fate fate) {
+  using roundtrip::Fate;
+  return fate == Fate::on_time ? "on time" : fate == Fate::late ? "late" : "lost";
+}
 
 const char* quantity_of(const record::Asked& asked) {
   if (!asked.is_listened()) return "Round trip";
@@ -30,6 +34,25 @@ std::string cell_of(const nlohmann::ordered_json& value) {
   if (value.is_null()) return "";
   return value.is_string() ? value.get<std::string>()
                            : value.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace);
+}
+
+std::vector<Column> columns_of(const std::string& first, std::initializer_list<const char*> others) {
+  std::vector<Column> columns = {{first, Column::Align::left}};
+  for (const auto* name : others) columns.push_back({name});
+  return columns;
+}
+
+std::string cell_at(const nlohmann::ordered_json& object, const std::vector<std::string>& path) {
+  const auto* value = &object;
+  for (const auto& key : path) {
+    if (!value->is_object() || !value->contains(key)) return "";
+    value = &value->at(key);
+  }
+  return cell_of(*value);
+}
+
+void add_once(std::vector<std::string>& all, const std::string& text) {
+  if (std::ranges::find(all, text) == all.end()) all.push_back(text);
 }
 
 std::string microseconds(double ns) {

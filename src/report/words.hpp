@@ -2,11 +2,14 @@
 // Pieces of text from a run's record, of which anything may be missing.
 #pragma once
 
+#include <algorithm>
 #include <chrono>
 #include <cstdint>
+#include <initializer_list>
 #include <optional>
 #include <string>
 #include <string_view>
+#include <utility>
 #include <vector>
 
 #include <nlohmann/json.hpp>
@@ -39,9 +42,12 @@ std::string word(const nlohmann::json&);  // on one line; `nothing` for null
 std::string word(const std::string&);     // on one line; `nothing` for an empty text
 std::string word(std::optional<std::int64_t>);
 std::string id_of(const record::Asked&);  // on one line, and shortened
+const char* word_of(roundtrip::Fate);     // "on time"
 // What a run's times are: "Round trip", or of a robot's own messages "Age" or "Period".
 const char* quantity_of(const record::Asked&);
 std::string cell_of(const nlohmann::ordered_json&);  // as a spreadsheet has it
+std::string cell_at(const nlohmann::ordered_json&,
+                    const std::vector<std::string>& path);  // "": it is not there
 
 std::string microseconds(double ns);  // "1234", below 100 "98.7"
 inline std::string microseconds(std::int64_t ns) { return microseconds(static_cast<double>(ns)); }
@@ -54,8 +60,24 @@ std::string duration(std::chrono::nanoseconds);     // "10 ms"
 std::string megabits(std::optional<double> bit_s);  // "80", "38.2"
 std::string size(std::uint64_t bytes);              // "500 B", "32 KiB"
 
+// Of texts the first, of numbers the others.
+std::vector<Column> columns_of(const std::string& first, std::initializer_list<const char*> others);
+void add_once(std::vector<std::string>& all, const std::string& text);
+// What belongs to a key: new at the end, if the key is. So keys are in the order in which they came first.
+template <typename Key, typename Value>
+Value& entry_of(std::vector<std::pair<Key, Value>>& all, const Key& key) {
+  const auto known = std::ranges::find(all, key, &std::pair<Key, Value>::first);
+  return known == all.end() ? all.emplace_back(key, Value{}).second : known->second;
+}
+
 inline nlohmann::ordered_json or_null(const std::string& text) {
   return text.empty() ? nlohmann::ordered_json() : nlohmann::ordered_json(text);
+}
+template <typename All, typename ToJson>
+nlohmann::ordered_json array_of(const All& all, ToJson to_json) {
+  auto array = nlohmann::ordered_json::array();
+  for (const auto& one : all) array.push_back(to_json(one));
+  return array;
 }
 template <typename Value>
 nlohmann::ordered_json or_null(const std::optional<Value>& value) {
