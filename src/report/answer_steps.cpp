@@ -122,10 +122,7 @@ std::vector<Answer::Step> next_steps(const Findings& found, const Origin& origin
     if (!words.empty()) words.insert(words.end(), further);
     return words;
   };
-  const auto words_with = [&](Options wanted) {
-    return found.any != nullptr ? again(*found.any, wanted) : std::vector<std::string>();
-  };
-  const auto words = words_with(of_all);
+  const auto words = again(*found.any, of_all);
   const bool listened = words.size() > 1 && words[1] == "listen";
   const bool by_scenario = words.size() > 1 && words[1] != "ping" && !listened;
   if (found.denied && !origin.is_root) add("Permit all", words, true);
@@ -136,7 +133,7 @@ std::vector<Answer::Step> next_steps(const Findings& found, const Origin& origin
     if ((found.late->run.asked.explain || listened) && !origin.file.empty())
       add("Why late", {"ontime", "explain", origin.file});
     else if (by_scenario && can_be_named(id))
-      add("Why late", with(words_with(of_the_link), {"--only", id, "--explain"}), true);
+      add("Why late", with(again(*found.any, of_the_link), {"--only", id, "--explain"}), true);
     else
       add("Why late", with(words, {"--explain", "--results", "why.ontime"}), true);
   }
@@ -150,7 +147,8 @@ std::vector<Answer::Step> next_steps(const Findings& found, const Origin& origin
   }
   if (found.longer_ns)
     add(found.longer_tells.c_str(),
-        with(words_with(without_duration), {listened ? "--for" : "--duration", plain_time(*found.longer_ns)}),
+        with(again(*found.any, without_duration),
+             {listened ? "--for" : "--duration", plain_time(*found.longer_ns)}),
         listened);
   if (!origin.file.empty())
     add("All figures", {"ontime", "report", origin.file, "--full"});

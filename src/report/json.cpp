@@ -48,28 +48,26 @@ ordered_json parts_of(const statistics::Summary& summary) {
 }
 
 ordered_json notes_of(const statistics::Summary& summary) {
-  auto notes = ordered_json::array();
-  for (const auto& note : summary.notes) {
+  return array_of(summary.notes, [&](const record::Note& note) -> ordered_json {
     const bool timed = note.at_ns && summary.start_ns != 0;
-    notes.push_back({{"kind", note.kind},
-                     {"text", note.text},
-                     {"at_s", timed ? ordered_json(seconds_into(summary, *note.at_ns)) : ordered_json()},
-                     {"message", or_null(note.message)}});
-  }
-  return notes;
+    return {{"kind", note.kind},
+            {"text", note.text},
+            {"at_s", timed ? ordered_json(seconds_into(summary, *note.at_ns)) : ordered_json()},
+            {"message", or_null(note.message)}};
+  });
 }
 
 // The paper's own figures of this test; null where it has none.
 ordered_json paper_of(const record::Asked& asked) {
-  auto rows = ordered_json::array();
-  for (const auto& row : paper_rows(asked))
-    rows.push_back({{"dds", row.dds},
-                    {"min_us", row.min_us},
-                    {"avg_us", row.avg_us},
-                    {"max_us", row.max_us},
-                    {"missed_deadlines", row.missed_deadlines},
-                    {"lost", row.lost},
-                    {"messages", row.messages}});
+  const auto rows = array_of(paper_rows(asked), [](const PaperRow& row) -> ordered_json {
+    return {{"dds", row.dds},
+            {"min_us", row.min_us},
+            {"avg_us", row.avg_us},
+            {"max_us", row.max_us},
+            {"missed_deadlines", row.missed_deadlines},
+            {"lost", row.lost},
+            {"messages", row.messages}};
+  });
   return rows.empty() ? ordered_json() : rows;
 }
 

@@ -81,12 +81,8 @@ std::string imported_percentile(const statistics::Summary&, statistics::Figure);
 nlohmann::ordered_json imported_json_of(const statistics::Summary&);  // null, if it was measured
 // Whether messages arrived on time, in a sentence.
 struct Verdict {
-  enum class Word {
-    yes,
-    partly,
-    no,
-    nothing
-  } word = Word::nothing;  // partly: what there is, is, but not all is there
+  // partly: what there is, is, but not all is there
+  enum class Word { yes, partly, no, nothing } word = Word::nothing;
   std::string sentence, further;
 };
 Verdict verdict_of(const Summaries&);

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <algorithm>
-#include <map>
+#include <iterator>
 #include <utility>
 
 #include <fmt/format.h>
@@ -64,29 +64,31 @@ std::vector<Column> columns(const Group& group, bool by_response) {
   return columns;
 }
 
+// Repetitions together, by their label, in the order in which their first one ran.
+std::vector<std::pair<std::string, Group>> alike(const Group& group) {
+  const auto labels = labels_without_repetition(group);
+  std::vector<std::pair<std::string, Group>> all;
+  for (std::size_t i = 0; i < group.size(); ++i) entry_of(all, labels[i]).push_back(group[i]);
+  return all;
+}
+
 // Where it is known, a line for each of the runs that are alike: the medians of the parts of their round
 // trips.
 std::vector<std::string> parts_of(const Group& group) {
-  struct Medians {
+  std::vector<std::string> lines;
+  for (const auto& [label, runs] : alike(group)) {
     std::vector<double> there, server, back;
     std::int64_t error_ns = 0;
     bool one_clock = true;
-  };
-  std::vector<std::pair<std::string, Medians>> all;
-  const auto labels = labels_without_repetition(group);
-  for (std::size_t i = 0; i < group.size(); ++i) {
-    if (!group[i]->parts) continue;
-    const auto& parts = *group[i]->parts;
-    auto& medians = entry_of(all, labels[i]);
-    medians.there.push_back(static_cast<double>(parts.there[Figure::p50]));
-    medians.server.push_back(static_cast<double>(group[i]->server[Figure::p50]));
-    medians.back.push_back(static_cast<double>(parts.back[Figure::p50]));
-    medians.error_ns = std::max(medians.error_ns, parts.error_ns);
-    medians.one_clock = medians.one_clock && parts.one_clock;
-  }
-  std::vector<std::string> lines;
-  for (const auto& [label, medians] : all) {
-    const auto& [there, server, back, error_ns, one_clock] = medians;
+    for (const auto* run : runs) {
+      if (!run->parts) continue;
+      there.push_back(static_cast<double>(run->parts->there[Figure::p50]));
+      server.push_back(static_cast<double>(run->server[Figure::p50]));
+      back.push_back(static_cast<double>(run->parts->back[Figure::p50]));
+      error_ns = std::max(error_ns, run->parts->error_ns);
+      one_clock = one_clock && run->parts->one_clock;
+    }
+    if (there.empty()) continue;
     const auto median = [](const std::vector<double>& values) {
       return microseconds(statistics::estimate(values)->median);
     };
@@ -102,12 +104,9 @@ std::vector<std::string> parts_of(const Group& group) {
 Table spread_table(const Group& group) {
   Table table{.columns = columns_of(quantity_of(group) + " (µs)",
                                     {"Runs", "p50", "p99", "p99.9", "Max", "Missed (%)"})};
-  const auto labels = labels_without_repetition(group);
-  std::vector<std::pair<std::string, Group>> alike;
-  for (std::size_t i = 0; i < group.size(); ++i)
-    if (auto& runs = entry_of(alike, labels[i]); group[i]->sent > 0) runs.push_back(group[i]);
-  for (const auto& [label, all] : alike) {
-    const auto& runs = all;  // which a lambda may capture
+  for (const auto& [label, all] : alike(group)) {
+    Group runs;
+    std::ranges::copy_if(all, std::back_inserter(runs), [](const auto* run) { return run->sent > 0; });
     if (runs.size() < 2) continue;
     const auto spread = [&](auto value, std::string (*form)(double)) {
       std::vector<double> values;
@@ -137,15 +136,9 @@ Table spread_table(const Group& group) {
   return table;
 }
 
-std::vector<Table> tables_of(Group group) {
-  // Interleaved repetitions come together again, in the order in which their first one ran.
-  const auto alike = labels_without_repetition(group);
-  std::map<std::string, std::size_t> first;
-  std::map<const Summary*, std::size_t> place;
-  for (std::size_t i = 0; i < group.size(); ++i)
-    place[group[i]] = first.try_emplace(alike[i], i).first->second;
-  std::ranges::stable_sort(group, {}, [&](const auto* summary) { return place[summary]; });
-
+std::vector<Table> tables_of(const Group& interleaved) {
+  Group group;
+  for (const auto& [label, runs] : alike(interleaved)) group.insert(group.end(), runs.begin(), runs.end());
   const bool by_response =
       std::ranges::any_of(group, [](const auto* summary) { return differs_by_response(*summary); });
   const auto& asked = group.front()->run.asked;
