@@ -1,6 +1,4 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "report/remarks.hpp"
-
 #include <algorithm>
 #include <cmath>
 #include <cstdio>

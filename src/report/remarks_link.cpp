@@ -6,7 +6,7 @@
 
 #include <fmt/format.h>
 
-#include "report/remarks.hpp"
+#include "report/runs.hpp"
 #include "report/words.hpp"
 
 namespace ontime::report {

@@ -60,6 +60,15 @@ struct Remark {
 };
 std::vector<Remark> remarks_of(const statistics::Summary&);
 std::string remarks(const statistics::Summary&);  // in one text; empty if there is none
+// Of them, those on what the link carried and lost. An empty text: there is nothing to say.
+// "12 at the component, 3 at the controller": what each end's own reader lost.
+std::string losses_text(const record::Outcome&, std::uint64_t record::Losses::*kind, const char* where);
+Remark traffic_remark(const record::Outcome&);
+Remark background_remark(const record::Outcome&);
+std::string drops_text(const record::Outcome&);
+std::string link_faults_text(const record::Outcome&);
+std::string missed_launches_text(const record::Outcome&);
+std::vector<std::string> other_traffic(const statistics::Summary&);
 // Each remark once, with the range of its amounts and the places of the runs that have it.
 struct SharedRemark {
   Remark::Weight weight;

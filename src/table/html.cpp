@@ -6,7 +6,6 @@
 #include <fmt/format.h>
 #include <sodium.h>
 
-#include "table/style.hpp"
 #include "table/table.hpp"
 
 namespace ontime::table {

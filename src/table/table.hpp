@@ -77,6 +77,7 @@ std::string as_csv(const std::vector<std::string>& header, const std::vector<std
 std::string escaped(const std::string& text);
 std::string note_as_html(const std::string& note);  // its lines stay lines
 std::string as_html(const Table&);                  // with its caption, conditions and notes
+extern const std::string_view style;                // page.css, as it was when this was built
 // One file that opens anywhere, without a network: page.css is its style. A content security policy lets no
 // script run but these. `body` is markup.
 std::string standing_alone(const std::string& title, const std::string& body,
