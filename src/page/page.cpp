@@ -101,10 +101,7 @@ std::string row_of(const PaperRow& paper, bool by_response) {
          us(paper.max_us) + unknown + "<td></td></tr>\n";
 }
 
-std::string table_of(const std::vector<Shown>& groups) {
-  bool by_response = false;
-  for (const auto& group : groups)
-    for (const auto* run : group.runs) by_response = by_response || differs_by_response(*run);
+std::string table_of(const std::vector<Shown>& groups, bool by_response) {
   auto text =
       fmt::format(table_head, by_response ? "<th scope=\"col\" class=\"number\">By response</th>\n" : "");
   std::size_t figure = 0;
@@ -371,7 +368,7 @@ std::string page_of(const record::Reader& reader, const Summaries& summaries, co
   if (!measured.empty()) {
     const auto by_ids = by_id(measured);
     const std::vector<Shown> groups(by_ids.begin(), by_ids.end());
-    body += table_of(groups);
+    body += table_of(groups, std::ranges::any_of(measured, differs_by_response));
     body += note_as_html(table_legend(measured));
     body +=
         "<noscript><p class=\"note\">The figures need JavaScript, which is off. The tables do "

@@ -484,13 +484,9 @@ void OptionColumns::add_names(std::vector<std::string>& header) const {
 }
 
 void OptionColumns::add_values(std::vector<std::string>& row, const Summary& summary) const {
-  const auto [controller, component] = options_of(summary);
-  const auto value = [](const Texts& options, const std::string& name) {
-    const auto found = options.find(name);
-    return found == options.end() ? "" : found->second;
-  };
-  for (const auto& name : controller_) row.push_back(value(controller, name));
-  for (const auto& name : component_) row.push_back(value(component, name));
+  auto [controller, component] = options_of(summary);
+  for (const auto& name : controller_) row.push_back(controller[name]);
+  for (const auto& name : component_) row.push_back(component[name]);
 }
 
 }  // namespace ontime::report

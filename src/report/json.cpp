@@ -139,9 +139,8 @@ ordered_json json_of(const statistics::Summary& summary) {
   run["lost"] = summary.lost;
   run["late_by_response"] = or_null(summary.late_by_response);
   run["skipped_cycles"] = summary.skipped_cycles;
-  run.update(some_of(outcome, {"trailing_cycles"}));
-  run.update(some_of(outcome, {"duplicates", "strays", "reordered", "wrong_size", "wrong_server_times",
-                               "refused_sends", "dropped_records"}));
+  run.update(some_of(outcome, {"trailing_cycles", "duplicates", "strays", "reordered", "wrong_size",
+                               "wrong_server_times", "refused_sends", "dropped_records"}));
   run["round_trip_us"] = json_of(summary.round_trip);
   run["response_us"] = json_of(summary.response);
   run["wake_up_us"] = wake_up_of(summary);

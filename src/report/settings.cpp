@@ -14,15 +14,10 @@ namespace ontime::report {
 namespace {
 
 using nlohmann::json;
-using statistics::Summary;
 using enum Column::Align;
 
 // Of a run and not of its machine.
 constexpr std::string_view changing = "realtime_offset_ns";
-
-std::string name_of(const Summary& summary) {
-  return fmt::format("{} {}", id_of(summary.run.asked), word(summary.run.asked.task.transport));
-}
 
 std::string percent_of(std::optional<double> share) {
   return share ? fmt::format("{:.0f} %", *share * 100) : nothing;
@@ -99,10 +94,11 @@ Table loads_of(const Summaries& summaries) {
          {std::pair("controller", asked.controller_load), {"component", asked.component_load}}) {
       if (!outcome.conditions.contains(host) && !outcome.hosts.contains(host)) continue;
       const auto& seen = record::find(outcome.conditions, host);
-      table.rows.push_back({fmt::format("{}: {}", summary.run.number, name_of(summary)), host,
-                            load.any() ? workers(load) : "none", percent_of(seen.cpu_busy),
-                            percent_of(seen.cpu_pressure), percent_of(seen.memory_pressure),
-                            percent_of(seen.io_pressure), megabytes(record::find(outcome.hosts, host).link)});
+      table.rows.push_back(
+          {fmt::format("{}: {} {}", summary.run.number, id_of(asked), word(asked.task.transport)), host,
+           load.any() ? workers(load) : "none", percent_of(seen.cpu_busy), percent_of(seen.cpu_pressure),
+           percent_of(seen.memory_pressure), percent_of(seen.io_pressure),
+           megabytes(record::find(outcome.hosts, host).link)});
     }
   }
   return table;
