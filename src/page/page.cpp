@@ -6,7 +6,6 @@
 #include <fmt/format.h>
 
 #include "page/parts.hpp"
-#include "page/web.hpp"
 #include "report/answer.hpp"
 #include "report/conditions.hpp"
 #include "report/paper.hpp"

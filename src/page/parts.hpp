@@ -3,6 +3,7 @@
 #pragma once
 
 #include <string>
+#include <string_view>
 #include <vector>
 
 #include <nlohmann/json.hpp>
@@ -14,6 +15,12 @@
 namespace ontime::page {
 
 using namespace report;  // a page shows what report says
+
+// The scripts of a page: the files in web/, and D3 as Debian has it. CMake puts them in.
+namespace web {
+extern const std::string_view course, figures, time_plot, way;  // *.js
+extern const std::string_view d3, d3_licence;
+}  // namespace web
 
 // Of web/figures.js and web/time_plot.js. Reads the samples.
 nlohmann::json figures_of(const record::Reader&, const Summaries&);

@@ -47,6 +47,9 @@ constexpr const char* looks =
     "set encoding utf8\nset border 3 linewidth 0.7\nset tics out nomirror scale 0.5\nset grid ytics linetype "
     "1 linewidth 0.4 linecolor rgb '#dddddd'\nset key off\nset multiplot\n";
 
+// As gnuplot's commands have it: nothing in it is a command.
+std::string in_quotes(const std::string& text) { return "'" + replace_all(printable(text), "'", "''") + "'"; }
+
 double text_width_cm(const std::string& text) { return static_cast<double>(width_of(text)) * letter_cm; }
 
 }  // namespace
@@ -61,8 +64,6 @@ std::string dash(std::size_t i) {
   constexpr std::array<const char*, dashes> all = {"1", "(12,6)", "(4,5)", "(14,5,4,5)"};
   return all[i % all.size()];
 }
-
-std::string in_quotes(const std::string& text) { return "'" + replace_all(printable(text), "'", "''") + "'"; }
 
 std::vector<std::string> wrapped(const std::string& text, double width_cm) {
   constexpr std::size_t most_lines = 3;

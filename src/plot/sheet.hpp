@@ -20,8 +20,6 @@ std::string colour(std::size_t i);  // seven that colour-blind readers can tell 
 std::string dash(std::size_t i);    // four, the first one solid
 inline constexpr std::size_t colours = 7, dashes = 4;
 
-// Text as gnuplot's commands have it: nothing in it is a command.
-std::string in_quotes(const std::string&);
 // Lines no longer than that, broken at spaces.
 std::vector<std::string> wrapped(const std::string&, double width_cm);
 
