@@ -266,13 +266,6 @@ std::string section_of(const record::Reader& reader, const Shown& shown, std::si
   return html + "</section>\n";
 }
 
-bool have_several_payloads(const Summaries& summaries) {
-  return std::ranges::any_of(summaries, [&](const Summary& summary) {
-    return summary.run.asked.task.client.payload_bytes !=
-           summaries.front().run.asked.task.client.payload_bytes;
-  });
-}
-
 std::string comparing_figures(const Summaries& summaries, std::size_t groups) {
   std::string html;
   const auto all = list_of(0, summaries.size());
@@ -281,7 +274,9 @@ std::string comparing_figures(const Summaries& summaries, std::size_t groups) {
         "<figure class=\"ccdf\" data-figures-of=\"{}\" data-names=\"whole\">\n<figcaption><b>Exceedance "
         "(CCDF)</b> <span>share of messages slower than x, of all runs</span></figcaption>\n</figure>\n",
         all);
-  if (have_several_payloads(summaries))
+  const auto payload_of = [](const Summary& summary) { return summary.run.asked.task.client.payload_bytes; };
+  if (std::ranges::any_of(summaries,
+                          [&](const auto& one) { return payload_of(one) != payload_of(summaries.front()); }))
     html += fmt::format(
         "<figure class=\"payload\" data-figures-of=\"{}\">\n<figcaption><b>Round trip against payload</b> "
         "<span>p50 and p99 of the answered messages</span></figcaption>\n</figure>\n",

@@ -181,11 +181,6 @@ std::string all_words(const Conditions& conditions) {
   return stress_words(conditions.stress) + " " + tuned_words(conditions.tuned);
 }
 
-std::string capital(std::string text) {
-  if (!text.empty()) text.front() = static_cast<char>(std::toupper(text.front()));
-  return text;
-}
-
 // "within 10 ms", or where runs have several deadlines "in time", or where they have none that there is none.
 std::string in_time(const std::vector<Class>& classes) {
   const auto deadline_of = [](const Entry* entry) {
@@ -254,10 +249,11 @@ std::string sentence_of(const std::vector<Class>& classes, const Class* worst, c
   const auto other = same_stress  ? tuned_words(contrast->conditions.tuned)
                      : same_tuned ? stress_words(contrast->conditions.stress)
                                   : all_words(contrast->conditions);
-  const auto first = same_stress && worst->conditions.stress.empty() ? tuned_words(worst->conditions.tuned)
-                                                                     : all_words(worst->conditions);
-  return fmt::format("{} {} of the cycles had no answer {}; {} {}.", capital(first), worst->range(), within,
-                     other, contrast->range());
+  auto first = same_stress && worst->conditions.stress.empty() ? tuned_words(worst->conditions.tuned)
+                                                               : all_words(worst->conditions);
+  first.front() = static_cast<char>(std::toupper(first.front()));
+  return fmt::format("{} {} of the cycles had no answer {}; {} {}.", first, worst->range(), within, other,
+                     contrast->range());
 }
 
 // --- cautions ---

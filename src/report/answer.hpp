@@ -57,8 +57,7 @@ std::string steps_text(const std::vector<Answer::Step>&, std::size_t width);
 nlohmann::ordered_json json_of(const Answer&);  // docs/reference/json.md
 const char* word_of(Answer::State);             // "ok", "LATE", "NOT APPLIED" …
 
-// For answer_of(): the commands that follow. `any`: one of the runs; `late`, `from`, `to`: runs to explain
-// and to compare, if there are such.
+// For answer_of(): the commands that follow. `any` is a run; `late`, `from` and `to` are one, or nothing.
 struct Findings {
   const statistics::Summary *any = nullptr, *late = nullptr, *from = nullptr, *to = nullptr;
   bool denied = false, unfinished = false;

@@ -242,17 +242,17 @@ Page page_of(const Comparison& comparison, const std::vector<gate::Judgement>& j
 }
 
 ordered_json json_of(const Comparison& comparison, const std::vector<gate::Judgement>& judgements) {
-  ordered_json result = {{"ontime", ONTIME_VERSION}};
-  result["pairs"] = array_of(comparison.pairs, [](const Pair& pair) { return json_of(pair); });
-  result["only_from"] = array_of(comparison.only_from, runs_json_of);
-  result["only_to"] = array_of(comparison.only_to, runs_json_of);
-  result["gates"] = array_of(judgements, [](const gate::Judgement& judgement) {
+  const auto gates = array_of(judgements, [](const gate::Judgement& judgement) {
     return ordered_json{{"gate", judgement.gate},
                         {"run", judgement.run},
                         {"result", json_word_of(judgement.result)},
                         {"says", judgement.says}};
   });
-  return result;
+  return {{"ontime", ONTIME_VERSION},
+          {"pairs", array_of(comparison.pairs, [](const Pair& pair) { return json_of(pair); })},
+          {"only_from", array_of(comparison.only_from, runs_json_of)},
+          {"only_to", array_of(comparison.only_to, runs_json_of)},
+          {"gates", gates}};
 }
 
 std::string csv_of(const Comparison& comparison) {

@@ -151,11 +151,6 @@ std::string quality_of_service(const transport::Qos& qos) {
   return text;
 }
 
-bool any_refused(const Summary& summary) {
-  const auto& hosts = summary.run.outcome.hosts;
-  return std::ranges::any_of(hosts, [](const auto& host) { return !host.second.refusals.empty(); });
-}
-
 // The transport's options of an end, as asked for, or else as the end said that it took them.
 Texts options_of(const Texts& asked, const record::Outcome& outcome, const char* host) {
   Texts options;
@@ -251,9 +246,11 @@ std::vector<Phrase> phrases_of(const Summary& summary) {
   if (asked.is_listened()) done.insert("schedule");
   if (asked.stated("deadline_us") == asked.stated("period_us")) done.insert("deadline");
   if (asked.task.config.domain != 0) done.erase("domain");
+  const bool any_refused = std::ranges::any_of(
+      summary.run.outcome.hosts, [](const auto& host) { return !host.second.refusals.empty(); });
   add("realtime", "realtime",
       !asked.task.realtime.on ? "SCHED_OTHER"
-      : any_refused(summary)  ? "real-time settings, not all given (see below)"
+      : any_refused           ? "real-time settings, not all given (see below)"
                               : "real-time settings");
   say({"payload", "period", "schedule", "launch-time", "deadline", "timeout"});
   add("qos", "qos", quality_of_service(asked.task.config.qos));

@@ -33,8 +33,7 @@ std::vector<std::string> shared_conditions(const Group&);
 // "10 ms", where all of them have this time; else `otherwise`.
 using ClientTime = std::chrono::nanoseconds roundtrip::ClientOptions::*;
 std::string common_duration(const Summaries&, ClientTime, const std::string& otherwise);
-std::string limit_of(const Summaries&, const std::string& name,
-                     ClientTime);  // "deadline of 10 ms"; else its name
+std::string limit_of(const Summaries&, const std::string& name, ClientTime);  // "deadline of 10 ms"
 
 // Each condition that is not the same in all of them, by the key that a scenario has for it, and what it was
 // in each; empty where it is not known.

@@ -176,19 +176,16 @@ Table searches_table(const Group& group) {
 }
 
 ordered_json searches_json_of(const Summaries& summaries) {
-  auto all = ordered_json::array();
-  for (const auto& one : found(all_of(summaries))) {
-    const auto bound = bound_of(one.passed);
-    all.push_back({{"id", one.id},
-                   {"transport", one.transport},
-                   {"among", one.among},
-                   {"key", one.key},
-                   {"passed", json_of(one.passed)},
-                   {"missed_below", or_null(bound)},
-                   {"ended", json_of(one.ended)},
-                   {"finished", one.finished}});
-  }
-  return all;
+  return array_of(found(all_of(summaries)), [](const Found& one) -> ordered_json {
+    return {{"id", one.id},
+            {"transport", one.transport},
+            {"among", one.among},
+            {"key", one.key},
+            {"passed", json_of(one.passed)},
+            {"missed_below", or_null(bound_of(one.passed))},
+            {"ended", json_of(one.ended)},
+            {"finished", one.finished}};
+  });
 }
 
 }  // namespace ontime::report

@@ -46,8 +46,7 @@ const char* word_of(roundtrip::Fate);     // "on time"
 // What a run's times are: "Round trip", or of a robot's own messages "Age" or "Period".
 const char* quantity_of(const record::Asked&);
 std::string cell_of(const nlohmann::ordered_json&);  // as a spreadsheet has it
-std::string cell_at(const nlohmann::ordered_json&,
-                    const std::vector<std::string>& path);  // "": it is not there
+std::string cell_at(const nlohmann::ordered_json&, const std::vector<std::string>& path);  // or ""
 
 std::string microseconds(double ns);  // "1234", below 100 "98.7"
 inline std::string microseconds(std::int64_t ns) { return microseconds(static_cast<double>(ns)); }
