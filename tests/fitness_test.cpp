@@ -245,6 +245,14 @@ TEST_F(Machine, TakesPacketsIn) {
   file("/proc/irq/41/effective_affinity_list", "1");
   thread(7, "irq/41-eth0-rx-0", SCHED_FIFO, 50);
   EXPECT_EQ(one("interrupts").is, "eth0: 41 on CPU 1, thread at SCHED_FIFO 50");
+  fs::remove_all(root_ + "/sys/devices/pci/card/msi_irqs");
+  EXPECT_THAT(found("interrupts"), IsEmpty());
+  file("/proc/interrupts",
+       "      CPU0  CPU1\n 43:   0   9  GICv2 189 Level  eth0\n 44: 1 0  GICv2 190 Level  eth01\n");
+  file("/proc/irq/43/effective_affinity_list", "0");
+  EXPECT_EQ(one("interrupts").is, "eth0: 43 on CPU 0");  // a board's own card
+  file("/sys/devices/pci/card/irq", "41");
+  EXPECT_EQ(one("interrupts").is, "eth0: 41 on CPU 1, thread at SCHED_FIFO 50");  // wired
   EXPECT_EQ(severity("napi"), Severity::fine);
   file("/sys/class/net/eth0/threaded", "1");
   thread(8, "napi/eth0-8193", SCHED_OTHER, 0);

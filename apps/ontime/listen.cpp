@@ -143,11 +143,12 @@ class Listening {
                       arguments_.is_recording(), most_bytes_.has_value());
       sensor->keep_rows([&](const listen::Row& row) { results->keep(row); });
     }
-    sensor->listen_for(0ms);  // finds the nodes
+    sensor->listen_for(0ms);  // finds the nodes, and sets probes: on a busy machine that takes seconds
+    const auto listens_since = std::chrono::steady_clock::now();
     counted_from_ = std::chrono::system_clock::now();
     if (budget_) budget_->begin(*sensor, explainer != nullptr);
     std::chrono::steady_clock::time_point hand_over_at;
-    while (interrupts == 0 && (!time_ || std::chrono::steady_clock::now() - begin_ < *time_)) {
+    while (interrupts == 0 && (!time_ || std::chrono::steady_clock::now() - listens_since < *time_)) {
       const bool goes_on = listen_on(*sensor, results);
       take(ready(sensor->take_misses()), explainer.get(), results ? &*results : nullptr);
       if (budget_) budget_->keep(*sensor, explainer);

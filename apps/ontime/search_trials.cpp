@@ -39,7 +39,7 @@ std::set<std::string> parts_of(const std::string& list) {
   std::set<std::string> parts;
   std::istringstream stream(list);
   for (std::string part; std::getline(stream, part, ';');)
-    parts.insert(part.substr(part.find_first_not_of(' ')));
+    if (const auto begin = part.find_first_not_of(' '); begin != part.npos) parts.insert(part.substr(begin));
   return parts;
 }
 

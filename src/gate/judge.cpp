@@ -192,7 +192,7 @@ std::vector<SmallerLoad> smaller_loads(const record::Asked& asked, const record:
     // A file grows, and is begun anew: half of it is sure to be seen where it is ever written to its end.
     const auto& seen = record::at(host.load, "hdd_file_bytes");
     const auto& requested = record::at(host.load, "hdd_bytes");
-    if (seen.is_number_integer() && requested.is_number_integer() &&
+    if (seen.is_number_unsigned() && requested.is_number_unsigned() &&
         seen.get<std::uint64_t>() < requested.get<std::uint64_t>() / 2)
       all.push_back({name, "hdd", requested.get<std::uint64_t>(), seen.get<std::uint64_t>(), 0});
   }

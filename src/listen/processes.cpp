@@ -44,7 +44,7 @@ void identify(Mapping& mapping) {
 std::uint64_t start_of(std::uint32_t process) {
   std::ifstream in(fmt::format("/proc/{}/stat", process));
   std::string text;
-  std::getline(in, text);
+  std::getline(in, text, '\0');  // its name may have line breaks
   const auto name_end = text.rfind(')');
   if (name_end == text.npos) return 0;
   std::istringstream rest(text.substr(name_end + 1));
