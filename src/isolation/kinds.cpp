@@ -149,9 +149,9 @@ void write_balance(const std::string&, const Value& value, const Value&) {
   write_file(balance_file(), value.value_or("1"));
 }
 
-// What is mounted is seen from a mount namespace.
 }  // namespace
 
+// What is mounted is seen from a mount namespace.
 const journal::Kind group_kind = {"control group", journal::Scope::mount_namespace, accepts_group, read_group,
                                   write_group};
 const journal::Kind controller_kind = {"control group controller", journal::Scope::mount_namespace,
