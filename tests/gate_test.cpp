@@ -265,13 +265,13 @@ TEST(Judge, SettingsThatWereDeniedAndSmallerLoadHoldNoLine) {
   auto small = run(measured(1, 0.5, 1.5));
   small.run.outcome.counters.sent = 1000;
   auto& load = small.run.outcome.hosts["component"].load;
-  load = {{"hdd_bytes", 1 << 30}, {"hdd_file_bytes", 1'000'000}};
+  load = {1 << 30, 1'000'000};
   EXPECT_EQ(judged("p99 > 2 ms", small).says, "the hdd load on the component was smaller than requested");
   EXPECT_TRUE(ends_search(small.run.asked, small.run.outcome))
       << "a step that was never there was not passed";
-  load["hdd_file_bytes"] = 1 << 29;
+  load->hdd_file_bytes = 1 << 29;
   EXPECT_EQ(judged("p99 > 2 ms", small).result, Result::held);
-  load = nullptr;
+  load.reset();
   small.run.outcome.hosts["component"].load_running = true;
   amend(small.run.asked, "/load/component", {{"vm", 4}, {"vm_bytes", 256 << 20}});
   EXPECT_EQ(judged("p99 > 2 ms", small).says, "the vm load on the component was smaller than requested");

@@ -64,6 +64,8 @@ TEST(Outcome, TheFirstMemberOfAnotherKindIsNamed) {
   EXPECT_EQ(misfit(5), "outcome");
   EXPECT_EQ(misfit({{"hosts", {{"component", {{"threads", {{{"tid", 7}}, {{"tid", "seven"}}}}}}}}}),
             "outcome.hosts.component.threads.1.tid");
+  EXPECT_EQ(misfit({{"hosts", {{"component", {{"load", {{"hdd_bytes", -1}}}}}}}}),
+            "outcome.hosts.component.load.hdd_bytes");
   EXPECT_EQ(misfit({{"conditions", {{"controller", {{"cpu_stolen", "much"}}}}}}),
             "outcome.conditions.controller.cpu_stolen");
   EXPECT_EQ(misfit({{"hosts", {{"component", {{"transport", {{"facts", {{"domain", 7}}}}}}}}}}), "");

@@ -30,9 +30,8 @@ std::string text_of(const search::Order& order) {
 }
 
 bool is_of_a_search(const record::Run& run) {
-  const auto& words = record::at(run.asked.document, "command_line");
-  return words.is_array() && std::find(words.begin(), words.end(), "tune") != words.end() &&
-         std::find(words.begin(), words.end(), "search") != words.end();
+  const auto& words = run.asked.command_line;
+  return std::ranges::count(words, "tune") > 0 && std::ranges::count(words, "search") > 0;
 }
 
 std::set<std::string> parts_of(const std::string& list) {
@@ -82,7 +81,7 @@ void compare(const std::vector<record::Note>& notes, const record::Run& first, c
   if (const auto theirs = noted(settings_note); theirs != subject.settings)
     refuse(results, fmt::format("holds a search of other settings: only there: {}; only here: {}",
                                 without(theirs, subject.settings), without(subject.settings, theirs)));
-  if (record::at(first.asked.document, "scenario") != subject.scenario)
+  if (first.asked.scenario != subject.scenario)
     refuse(results, "holds a search of another scenario, or its file has changed since");
 }
 
@@ -183,7 +182,7 @@ std::optional<record::Run> Trials::recalled(const search::Order& order, const ca
   if (known_.empty()) return {};
   auto [text, run] = std::move(known_.front());
   known_.pop_front();
-  if (text != text_of(order) || record::at(run.asked.document, "scenario") != scenario.text)
+  if (text != text_of(order) || run.asked.scenario != scenario.text)
     throw Error(2,
                 fmt::format("--resume: run {} of the results is '{}', and this search comes to '{}' there: "
                             "another version of ontime decides otherwise. Begin a new file of results",

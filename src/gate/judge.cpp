@@ -184,17 +184,14 @@ std::vector<SmallerLoad> smaller_loads(const record::Asked& asked, const record:
                                    {record::both_hosts[1], asked.component_load}}) {
     const auto& host = record::find(outcome.hosts, name);
     // Until ontime noted what each worker was given, stress-ng divided the stated sizes among the workers.
-    if (host.load_running && host.load.is_null())
+    if (host.load_running && !host.load)
       for (const auto& [kind, bytes, workers] :
            {std::tuple("vm", load.vm_bytes, load.vm), {"hdd", load.hdd_bytes, load.hdd}})
         if (bytes > 0 && workers > 1)
           all.push_back({name, kind, bytes, bytes / static_cast<std::uint64_t>(workers), workers});
     // A file grows, and is begun anew: half of it is sure to be seen where it is ever written to its end.
-    const auto& seen = record::at(host.load, "hdd_file_bytes");
-    const auto& requested = record::at(host.load, "hdd_bytes");
-    if (seen.is_number_unsigned() && requested.is_number_unsigned() &&
-        seen.get<std::uint64_t>() < requested.get<std::uint64_t>() / 2)
-      all.push_back({name, "hdd", requested.get<std::uint64_t>(), seen.get<std::uint64_t>(), 0});
+    const auto& [requested, seen] = host.load.value_or(record::GivenLoad());
+    if (requested && seen && *seen < *requested / 2) all.push_back({name, "hdd", *requested, *seen, 0});
   }
   return all;
 }

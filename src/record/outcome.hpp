@@ -181,6 +181,15 @@ struct BackgroundSent {
   }
 };
 
+// What each worker of a host's load was given, and the largest file seen of the hdd worker with the smallest.
+struct GivenLoad {
+  std::optional<std::uint64_t> hdd_bytes, hdd_file_bytes;
+
+  static void fields(auto& of, auto&& field) {
+    each(field, "hdd_bytes", of.hdd_bytes, "hdd_file_bytes", of.hdd_file_bytes);
+  }
+};
+
 // One of the two ends, with its machine.
 struct Host {
   Machine machine;
@@ -189,7 +198,7 @@ struct Host {
   std::vector<Refusal> refusals;
   std::vector<Applied> kernel, isolation;
   std::optional<bool> load_running;  // nothing: no load was requested
-  nlohmann::json load;  // what each worker was given; null: an older ontime, which did not note it
+  std::optional<GivenLoad> load;     // nothing: an older ontime, which did not note it
   Losses losses;
   Drops drops;
   Link link;
@@ -314,7 +323,7 @@ struct Asked : conditions::Run {
   }
   std::string ontime;  // the version that measured it
   std::vector<std::string> command_line;
-  std::string scenario_file;
+  std::string scenario, scenario_file;  // its text, and what it was called
   std::string component_interface;
   conditions::Wire wire;
   std::optional<Source> imported;
@@ -325,9 +334,9 @@ struct Asked : conditions::Run {
   bool keeps_worst() const { return is_listened() && kept == "worst"; }
 
   static void fields(auto& of, auto&& field) {
-    each(field, "ontime", of.ontime, "command_line", of.command_line, "scenario_file", of.scenario_file,
-         "component_interface", of.component_interface, "wire", of.wire, "imported", of.imported, "measures",
-         of.measures, "kept", of.kept);
+    each(field, "ontime", of.ontime, "command_line", of.command_line, "scenario", of.scenario,
+         "scenario_file", of.scenario_file, "component_interface", of.component_interface, "wire", of.wire,
+         "imported", of.imported, "measures", of.measures, "kept", of.kept);
   }
 };
 

@@ -26,7 +26,7 @@ ROOT = pathlib.Path(__file__).resolve().parent.parent.parent
 ALERTS, DASHBOARD = (ROOT / "prometheus" / name for name in ("alerts.yml", "dashboard.json"))
 ROBOTS = ("robot1", "robot2", "robot3")
 SERVER = "http://127.0.0.1:9090"
-MESSAGES, PERIOD_US = 6000, 2000
+MESSAGES, PERIOD_US = 12000, 2000  # it takes ten seconds until writer and reader are one row
 HISTOGRAMS = ("ontime_topic_age_seconds", "ontime_topic_period_seconds")
 
 
