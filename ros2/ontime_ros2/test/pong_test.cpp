@@ -27,7 +27,6 @@ using namespace std::chrono_literals;
 using testing::AllOf;
 using testing::ContainsRegex;
 using testing::HasSubstr;
-using testing::MatchesRegex;
 using testing::Not;
 
 // A program that lies beside this one, and all that it says.
@@ -41,6 +40,7 @@ class Program {
     if (pipe2(said, O_CLOEXEC) != 0) throw std::system_error(errno, std::system_category(), "pipe");
     arguments.insert(arguments.begin(), file.string());
     std::vector<char*> raw;
+    raw.reserve(arguments.size() + 1);
     for (std::string& argument : arguments) raw.push_back(argument.data());
     raw.push_back(nullptr);
     pid_ = fork();

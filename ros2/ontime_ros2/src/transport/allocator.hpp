@@ -53,7 +53,7 @@ struct ResourceAllocator {
     if constexpr (std::is_void_v<T>)
       return 1;
     else
-      return sizeof(T);
+      return sizeof(T);  // NOLINT(bugprone-sizeof-expression): also where T is a pointer
   }
 };
 
