@@ -157,7 +157,8 @@ void add_notes(std::vector<Remark>& remarks, const statistics::Summary& summary)
   std::vector<const record::Note*> notes;
   for (const auto& note : summary.notes) notes.push_back(&note);
   // What holds for the whole run first: of what single messages met there may be much.
-  std::ranges::stable_partition(notes, [](const auto* note) { return !note->message && !note->at_ns; });
+  std::stable_partition(notes.begin(), notes.end(),
+                        [](const auto* note) { return !note->message && !note->at_ns; });
   for (std::size_t i = 0; i < std::min(most_notes, notes.size()); ++i)
     remarks.push_back({Weight::caution, text_of(*notes[i], summary)});
   if (summary.notes.size() > most_notes)

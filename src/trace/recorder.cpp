@@ -68,8 +68,10 @@ class Now {
       for (const auto& [thread, event] : *threads) all.push_back(event);
     const auto key = [](const RawEvent& event) { return std::pair(event.at_ns, event.bytes.data()); };
     std::ranges::sort(all, {}, key);
-    const auto repeated = std::ranges::unique(all, {}, key);
-    all.erase(repeated.begin(), repeated.end());
+    // Not by std::ranges, whose pairs of iterators clang 14 does not compile.
+    all.erase(std::unique(all.begin(), all.end(),
+                          [&](const auto& one, const auto& other) { return key(one) == key(other); }),
+              all.end());
     return all;
   }
 

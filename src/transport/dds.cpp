@@ -18,13 +18,14 @@ namespace ontime::transport::dds {
 namespace {
 
 void check_options(const Config& config, const std::string& transport, std::span<const Option> options) {
-  for (const auto& [name, value] : config.options) {
-    if (std::ranges::find(options, name, &Option::name) != options.end()) continue;
-    std::string text = transport + " has no option \"" + name + "\"; it has:";
-    for (const Option& option : options)
-      text.append(" ").append(option.name).append(" = ").append(option.values);
-    throw WrongInput(text);
-  }
+  const auto unknown = std::ranges::find_if(config.options, [&](const auto& option) {
+    return std::ranges::find(options, option.first, &Option::name) == options.end();
+  });
+  if (unknown == config.options.end()) return;
+  std::string text = transport + " has no option \"" + unknown->first + "\"; it has:";
+  for (const Option& option : options)
+    text.append(" ").append(option.name).append(" = ").append(option.values);
+  throw WrongInput(text);
 }
 
 // What ROS 2 takes for a whole topic name, for a peer of rclcpp can have no other.

@@ -94,15 +94,14 @@ template <typename Flags>
 void await_running(const Flags& flags, const std::string& who, const std::string& interface,
                    const std::string& which) {
   const std::int64_t end_ns = now_ns() + 10'000'000'000;
-  while (true) {
-    const std::optional<unsigned> now = flags();
-    if (!now) throw Error(who + ": this host has no interface " + interface + which);
-    const bool up = (*now & IFF_UP) != 0;
-    if (up && (*now & IFF_RUNNING) != 0) return;
-    if (!up || now_ns() > end_ns)
-      throw Error(who + ": the interface " + interface + " is down or has no carrier; see \"ip link\"");
+  std::optional<unsigned> now;
+  while ((now = flags()) && (*now & IFF_UP) != 0) {
+    if ((*now & IFF_RUNNING) != 0) return;
+    if (now_ns() > end_ns) break;
     std::this_thread::sleep_for(std::chrono::milliseconds(10));
   }
+  if (!now) throw Error(who + ": this host has no interface " + interface + which);
+  throw Error(who + ": the interface " + interface + " is down or has no carrier; see \"ip link\"");
 }
 
 // Has the socket's messages say when they are to leave (SO_TXTIME), for the queueing discipline etf, which

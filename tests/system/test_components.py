@@ -154,7 +154,7 @@ runs:
 
     def test_faults_are_of_the_link_that_they_are_said_of(self):
         text = SCENARIO.replace("duration: %s", "duration: %s, schedule: fixed, timeout: 1 s").replace("load: {component: {cpu: 1}}", "base: {link: {loss: 20 %%}}") + (
-            "  - {id: cut, link: {cut: 500 ms for 300 ms}}\n  - {id: cut-one, left_arm: {link: {cut: 500 ms for 300 ms}}}\n")
+            "  - {id: cut, link: {cut: 500 ms for 1 s}}\n  - {id: cut-one, left_arm: {link: {cut: 500 ms for 1 s}}}\n")
         answer = self.run_ontime("run", self.scenario("2 s", text=text, transports=["udp"]), "--results", self.results)
         self.assertEqual(answer.returncode, 0, answer.stderr)
         runs = self.report()
