@@ -201,7 +201,7 @@ class Execution {
                       "they run at once",
                       run.id, known, runs.size()));
     observer_.begins(run);
-    const auto result = suite_.carry_out(runs, wait_for_own_server, records);
+    auto result = suite_.carry_out(runs, wait_for_own_server, records);
     code_ = std::max(code_, result.code);
     return result;
   }

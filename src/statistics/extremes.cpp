@@ -217,6 +217,7 @@ Extremes extremes(std::span<const float> values, float threshold) {
   result.index = extremal_index(places);
   const auto peaks = declustered(places, values, result.index);
   std::vector<double> greatest;
+  greatest.reserve(peaks.size());
   for (const auto place : peaks) greatest.push_back(static_cast<double>(values[place]));
 
   const double clusters = n * result.index;
