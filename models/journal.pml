@@ -54,7 +54,7 @@ inline revert_all() {
           fi
 #endif
         :: value[what[e]] == before[e] && !users[what[e]]     // nothing_there
-        :: else ->                                            // somebody_elses
+        :: else ->                                            // not_ours
 #if FAULT == 1
           value[what[e]] = before[e]
 #else
