@@ -12,21 +12,19 @@
 #include <fmt/chrono.h>
 #include <fmt/format.h>
 
-#include "bag/bag.hpp"
 #include "campaign/campaign.hpp"
 #include "commands.hpp"
 #include "flags.hpp"
 #include "listen_budget.hpp"
 #include "listen_chains.hpp"
 #include "listen_results.hpp"
+#include "listen_sensor.hpp"
 #include "listen_words.hpp"
 #include "listening.hpp"
 #include "output.hpp"
-#include "scenario/scenario.hpp"
 #include "spelling/spelling.hpp"
 #include "table/table.hpp"
 #include "terminal.hpp"
-#include "transport/shipped.hpp"
 #include "watch/watch.hpp"
 
 namespace ontime::app {
@@ -63,36 +61,6 @@ std::optional<std::uint64_t> bound_of(const ListenArguments& arguments,
   if (arguments.is_recording()) throw campaign::Error(2, "--keep: of a recording all is kept; leave it out");
   if (const auto bytes = bytes_flag("--keep", arguments.keep); bytes >= least_keep) return bytes;
   throw campaign::Error(2, fmt::format("--keep: '{}' is too little: 10 MB is the least", arguments.keep));
-}
-
-// One more reader, over the first of ontime's transports that can: of `topics`, in the domain of
-// ROS_DOMAIN_ID.
-std::unique_ptr<listen::Sensor> reader_of(const std::set<std::string>& topics, const listen::Limits& limits) {
-  const auto names = transport::available();
-  std::string missing;
-  for (const auto& one : transport::all_shipped) {
-    if (!one.can.hears) continue;
-    missing += fmt::format("{}{}{}", missing.empty() ? "" : "; ", one.name, one.install);
-    if (std::ranges::find(names, one.name) != names.end()) try {
-        return listen::as_reader(
-            transport::load(std::string(one.name)).hear(scenario::domain_of_environment(), topics), limits);
-      } catch (const transport::Error& error) {
-        throw campaign::Error(3, fmt::format("--reader: {}", error.what()));
-      } catch (const std::invalid_argument& error) {
-        throw campaign::Error(2, error.what());
-      }
-  }
-  throw campaign::Error(3, fmt::format("--reader: no transport here reads topics of any type: {}", missing));
-}
-
-std::unique_ptr<listen::Sensor> sensor_of(const ListenArguments& arguments, const listen::Limits& limits,
-                                          const std::vector<listen::ChainWish>& chains,
-                                          const std::set<std::string>& topics) {
-  if (arguments.reader) return reader_of(topics, limits);
-  if (!arguments.bag.empty()) return bag::open(arguments.bag, limits);
-  if (!arguments.packets.empty()) return listen::in_packets(arguments.packets, limits);
-  if (!arguments.pcap.empty()) return listen::in_pcap_file(arguments.pcap, limits);
-  return listen::in_processes(limits, chains);
 }
 
 class Listening {

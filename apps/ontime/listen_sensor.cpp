@@ -1,0 +1,47 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "listen_sensor.hpp"
+
+#include <algorithm>
+
+#include <fmt/format.h>
+
+#include "bag/bag.hpp"
+#include "campaign/campaign.hpp"
+#include "scenario/scenario.hpp"
+#include "transport/shipped.hpp"
+
+namespace ontime::app {
+namespace {
+
+// Over the first of ontime's transports that can.
+std::unique_ptr<listen::Sensor> reader_of(const std::set<std::string>& topics, const listen::Limits& limits) {
+  const auto names = transport::available();
+  std::string missing;
+  for (const auto& one : transport::all_shipped) {
+    if (!one.can.hears) continue;
+    missing += fmt::format("{}{}{}", missing.empty() ? "" : "; ", one.name, one.install);
+    if (std::ranges::find(names, one.name) != names.end()) try {
+        return listen::as_reader(
+            transport::load(std::string(one.name)).hear(scenario::domain_of_environment(), topics), limits);
+      } catch (const transport::Error& error) {
+        throw campaign::Error(3, fmt::format("--reader: {}", error.what()));
+      } catch (const std::invalid_argument& error) {
+        throw campaign::Error(2, error.what());
+      }
+  }
+  throw campaign::Error(3, fmt::format("--reader: no transport here reads topics of any type: {}", missing));
+}
+
+}  // namespace
+
+std::unique_ptr<listen::Sensor> sensor_of(const ListenArguments& arguments, const listen::Limits& limits,
+                                          const std::vector<listen::ChainWish>& chains,
+                                          const std::set<std::string>& topics) {
+  if (arguments.reader) return reader_of(topics, limits);
+  if (!arguments.bag.empty()) return bag::open(arguments.bag, limits);
+  if (!arguments.packets.empty()) return listen::in_packets(arguments.packets, limits);
+  if (!arguments.pcap.empty()) return listen::in_pcap_file(arguments.pcap, limits);
+  return listen::in_processes(limits, chains);
+}
+
+}  // namespace ontime::app
