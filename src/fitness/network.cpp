@@ -1,13 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 // The way of a packet through the kernel.
-#include <filesystem>
-#include <sstream>
-
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 #include <sched.h>
 
 #include "fitness/look.hpp"
+#include "settings/settings.hpp"
 
 namespace ontime::fitness {
 namespace {
@@ -23,25 +21,12 @@ std::vector<std::string> interfaces(const Look& look) {
   return names;
 }
 
-// Of the device, or of the one that it hangs on (virtio, USB). Of a board's own card there is only the name
-// that its driver gave them: "eth0", "eth0-rx-0".
-std::vector<std::string> interrupts_of(const Look& look, const std::string& interface) {
-  for (std::filesystem::path device = look.canonical(interface_folder + interface + "/device");
-       device.has_relative_path() && device != "/sys/devices"; device = device.parent_path()) {
-    if (auto numbers = look.names(device.string() + "/msi_irqs"); !numbers.empty()) return numbers;
-    if (const auto wired = look.number(device.string() + "/irq").value_or(0)) return {std::to_string(wired)};
+std::vector<int> interrupts_of(const Look& look, const std::string& interface) {
+  try {
+    return settings::listed_interrupts(interface, look.subject().root);
+  } catch (const journal::Error&) {
+    return {};  // what cannot be read is not looked at
   }
-  std::vector<std::string> numbers;
-  std::istringstream lines(look.text("/proc/interrupts").value_or(""));
-  for (std::string line; std::getline(lines, line);) {
-    std::istringstream words(line);
-    std::string number, name;
-    std::getline(words >> std::ws, number, ':');
-    while (words >> name) {
-    }
-    if (name == interface || name.starts_with(interface + '-')) numbers.push_back(number);
-  }
-  return numbers;
 }
 
 std::string state_of(const Look::Thread& thread) {
@@ -92,7 +77,7 @@ Findings interrupts(const Look& look) {
   Findings findings;
   for (const auto& interface : interfaces(look)) {
     std::vector<std::string> words;
-    for (const auto& number : interrupts_of(look, interface)) {
+    for (const int number : interrupts_of(look, interface)) {
       const auto cpus = look.text(fmt::format("/proc/irq/{}/effective_affinity_list", number));
       if (!cpus) continue;
       const auto threads = look.threads(fmt::format("irq/{}-", number));

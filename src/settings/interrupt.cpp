@@ -16,10 +16,11 @@ namespace {
 namespace fs = std::filesystem;
 
 // Of the device, or (of a card on a bus, such as virtio or USB) of the one that it hangs on.
-void add_of_device(const std::string& interface, std::set<int>& numbers) {
+void add_of_device(const std::string& interface, const std::string& root, std::set<int>& numbers) {
   std::error_code none;
-  for (auto device = fs::canonical(fmt::format("/sys/class/net/{}/device", interface), none);
-       device.has_relative_path() && device != "/sys/devices"; device = device.parent_path()) {
+  const auto all_devices = fs::canonical(root + "/sys/devices", none);
+  for (auto device = fs::canonical(fmt::format("{}/sys/class/net/{}/device", root, interface), none);
+       device.has_relative_path() && device != all_devices; device = device.parent_path()) {
     for (const auto& number : names_in(device / "msi_irqs")) numbers.insert(std::stoi(number));
     const auto wired = read_file(device / "irq");
     if (numbers.empty() && wired && interrupt.accepts(*wired) && *wired != "0")
@@ -29,8 +30,8 @@ void add_of_device(const std::string& interface, std::set<int>& numbers) {
 }
 
 // Of a board's own card there is only the name that its driver gave them: "eth0", "eth0-rx-0".
-void add_by_name(const std::string& interface, std::set<int>& numbers) {
-  std::ifstream file("/proc/interrupts");
+void add_by_name(const std::string& interface, const std::string& root, std::set<int>& numbers) {
+  std::ifstream file(root + "/proc/interrupts");
   for (std::string line; std::getline(file, line);) {
     const auto colon = line.find(':'), blank = line.rfind(' ');
     if (colon == line.npos || blank == line.npos || blank < colon) continue;
@@ -43,12 +44,17 @@ void add_by_name(const std::string& interface, std::set<int>& numbers) {
 
 }  // namespace
 
-std::vector<int> interrupts_of(const std::string& interface) {
+std::vector<int> listed_interrupts(const std::string& interface, const std::string& root) {
   std::set<int> numbers;
-  add_of_device(interface, numbers);
-  if (numbers.empty()) add_by_name(interface, numbers);
-  std::erase_if(numbers, [](int number) { return !interrupt.read(interrupt_here(number)); });
+  add_of_device(interface, root, numbers);
+  if (numbers.empty()) add_by_name(interface, root, numbers);
   return {numbers.begin(), numbers.end()};
+}
+
+std::vector<int> interrupts_of(const std::string& interface) {
+  auto numbers = listed_interrupts(interface);
+  std::erase_if(numbers, [](int number) { return !interrupt.read(interrupt_here(number)); });
+  return numbers;
 }
 
 std::string interrupt_here(int number) {

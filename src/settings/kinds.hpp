@@ -71,7 +71,7 @@ std::vector<Thing> napi_threads_by_name(const std::string& interface);
 std::string with_priority(const std::string& value, const std::string& asked);
 std::string with_cpus(const std::string& value, const std::string& cpus);
 
-// The numbers of an interface's interrupts, as far as it has any.
+// Those of listed_interrupts() whose CPUs can be set.
 std::vector<int> interrupts_of(const std::string& interface);
 std::string interrupt_here(int number);
 std::vector<Thing> cpus_with_governor();

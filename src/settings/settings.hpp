@@ -60,6 +60,10 @@ const Wishes& paper();
 // Throws Error where the interface cannot be looked at.
 Wishes away_to(const std::string& cpus, const Link&);
 
+// The interrupts of an interface, if it is hardware, by what the machine's files below `root` say. Throws
+// journal::Error where the kernel does not say.
+std::vector<int> listed_interrupts(const std::string& interface, const std::string& root = "");
+
 // What a thing was and what it is, or is to be.
 struct Change {
   const Setting* setting;
