@@ -251,6 +251,11 @@ TEST_F(Machine, TakesPacketsIn) {
        "      CPU0  CPU1\n 43:   0   9  GICv2 189 Level  eth0\n 44: 1 0  GICv2 190 Level  eth01\n");
   file("/proc/irq/43/effective_affinity_list", "0");
   EXPECT_EQ(one("interrupts").is, "eth0: 43 on CPU 0");  // a board's own card
+  interfaces_ = {"eth0"};
+  fs::rename(root_ + "/sys/class/net/eth0/device", root_ + "/sys/class/net/eth0/elsewhere");
+  EXPECT_THAT(found("interrupts"), IsEmpty()) << "a veth of that name";
+  fs::rename(root_ + "/sys/class/net/eth0/elsewhere", root_ + "/sys/class/net/eth0/device");
+  interfaces_ = {};
   file("/sys/devices/pci/card/irq", "41");
   EXPECT_EQ(one("interrupts").is, "eth0: 41 on CPU 1, thread at SCHED_FIFO 50");  // wired
   EXPECT_EQ(severity("napi"), Severity::fine);

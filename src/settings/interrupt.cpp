@@ -45,6 +45,9 @@ void add_by_name(const std::string& interface, const std::string& root, std::set
 }  // namespace
 
 std::vector<int> listed_interrupts(const std::string& interface, const std::string& root) {
+  // The kernel's list is the whole machine's: a veth may be called as another's card is.
+  if (std::error_code none; !fs::exists(fmt::format("{}/sys/class/net/{}/device", root, interface), none))
+    return {};
   std::set<int> numbers;
   add_of_device(interface, root, numbers);
   if (numbers.empty()) add_by_name(interface, root, numbers);
