@@ -66,6 +66,9 @@ TEST(Outcome, TheFirstMemberOfAnotherKindIsNamed) {
             "outcome.hosts.component.threads.1.tid");
   EXPECT_EQ(misfit({{"hosts", {{"component", {{"load", {{"hdd_bytes", -1}}}}}}}}),
             "outcome.hosts.component.load.hdd_bytes");
+  const Outcome odd_load(json{{"hosts", {{"component", {{"load", "x"}}}}}});
+  EXPECT_EQ(odd_load.misfit, "hosts.component.load");
+  EXPECT_TRUE(odd_load.hosts.at("component").load) << "an older ontime noted none";
   EXPECT_EQ(misfit({{"conditions", {{"controller", {{"cpu_stolen", "much"}}}}}}),
             "outcome.conditions.controller.cpu_stolen");
   EXPECT_EQ(misfit({{"hosts", {{"component", {{"transport", {{"facts", {{"domain", 7}}}}}}}}}}), "");

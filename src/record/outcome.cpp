@@ -77,6 +77,10 @@ struct Reading {
     if (!misfit || !misfit->empty()) into = std::move(value);
     return misfit;
   }
+  // What is no load was noted all the same: of an older ontime there is nothing.
+  static Misfit read(const json& from, std::optional<GivenLoad>& into) {
+    return from.is_null() ? Misfit() : read(from, into.emplace());
+  }
   // A reason that is no text is one all the same.
   static Misfit read(const json& from, std::optional<std::string>& into) {
     if (!from.is_null()) into = from.is_string() ? from.get<std::string>() : text_of(from);
