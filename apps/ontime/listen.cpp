@@ -112,11 +112,12 @@ class Listening {
       sensor->keep_rows([&](const listen::Row& row) { results->keep(row); });
     }
     sensor->listen_for(0ms);  // finds the nodes, and sets probes: on a busy machine that takes seconds
-    const auto listens_since = std::chrono::steady_clock::now();
+    listens_since_ = std::chrono::steady_clock::now();
+    own_before_ = own_cpu_time();
     counted_from_ = std::chrono::system_clock::now();
     if (budget_) budget_->begin(*sensor, explainer != nullptr);
     std::chrono::steady_clock::time_point hand_over_at;
-    while (interrupts == 0 && (!time_ || std::chrono::steady_clock::now() - listens_since < *time_)) {
+    while (interrupts == 0 && (!time_ || listened() < *time_)) {
       const bool goes_on = listen_on(*sensor, results);
       take(ready(sensor->take_misses()), explainer.get(), results ? &*results : nullptr);
       if (budget_) budget_->keep(*sensor, explainer);
@@ -359,13 +360,13 @@ class Listening {
     for (const auto& remark : findings.remarks) print_error(remark);
   }
 
-  double share_of_cpu(double ns) const {
-    const std::chrono::duration<double, std::nano> elapsed = std::chrono::steady_clock::now() - begin_;
-    return ns / elapsed.count();
-  }
+  std::chrono::nanoseconds listened() const { return std::chrono::steady_clock::now() - listens_since_; }
+  double share_of_cpu(double ns) const { return ns / static_cast<double>(listened().count()); }
 
   // With the thread that reads the kernel's events.
-  double own_share_of_cpu() const { return share_of_cpu(static_cast<double>(own_cpu_time().count())); }
+  double own_share_of_cpu() const {
+    return share_of_cpu(static_cast<double>((own_cpu_time() - own_before_).count()));
+  }
 
   ordered_json json_of_cost(const std::optional<listen::Cost>& cost) const {
     ordered_json json{{"ontime_cpu_share", own_share_of_cpu()},
@@ -381,7 +382,7 @@ class Listening {
 
   // What came before is in no number.
   std::string text_of_time() const {
-    const std::chrono::duration<double> time = std::chrono::system_clock::now() - counted_from_;
+    const std::chrono::duration<double> time = listened();  // though the clock may be set meanwhile
     return fmt::format(
         "counted  from {:%T} on, for {:.1f} s; of a node that starts later, from 1 s after its start at the "
         "latest\n",
@@ -402,7 +403,6 @@ class Listening {
   }
 
   const ListenArguments& arguments_;
-  const std::chrono::steady_clock::time_point begin_ = std::chrono::steady_clock::now();
   const listen::Limits limits_;
   const bool is_judged_ = limits_.deadline || limits_.period || limits_.age;
   const std::vector<listen::ChainWish> chains_;
@@ -414,7 +414,10 @@ class Listening {
   std::vector<listen::Miss> waiting_;              // for what comes after them
   const bool as_json_;
   Output output_;
+  // From when on messages are counted, and CPU time.
   std::chrono::system_clock::time_point counted_from_;
+  std::chrono::steady_clock::time_point listens_since_;
+  std::chrono::nanoseconds own_before_{};
   watch::TopicCounters counters_;
   std::deque<listen::Miss> misses_;
   std::uint64_t misses_left_out_ = 0;  // of `misses_`
