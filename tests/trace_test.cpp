@@ -127,8 +127,7 @@ TEST_F(Traced, AnInstanceOfOurOwnIsMadeAndRemoved) {
   {
     const Recorder recorder(journal);
     EXPECT_TRUE(is_there());
-    EXPECT_EQ(tracefs_->read("instances/ontime-trace/trace_clock").find("[mono]") == std::string::npos,
-              false);
+    EXPECT_NE(tracefs_->read("instances/ontime-trace/trace_clock").find("[mono]"), std::string::npos);
     EXPECT_EQ(tracefs_->read("events/sched/sched_switch/enable"), "0\n") << "no other tracing is touched";
   }
   EXPECT_FALSE(is_there());
@@ -141,9 +140,19 @@ TEST_F(Traced, ASecondOneIsRefused) {
     const Recorder second(journal);
     FAIL() << "there are two";
   } catch (const Error& error) {
-    EXPECT_THAT(error.what(), HasSubstr("ontime-trace"));
+    EXPECT_THAT(error.what(), HasSubstr("another ontime"));
   }
   EXPECT_TRUE(is_there());
+}
+
+TEST_F(Traced, AnInstanceThatNobodyReadsAndNoJournalKnowsIsReplaced) {
+  tracefs_->make("instances/ontime-trace");
+  journal::Journal journal(kinds());
+  {
+    const Recorder recorder(journal);
+    EXPECT_NE(tracefs_->read("instances/ontime-trace/trace_clock").find("[mono]"), std::string::npos);
+  }
+  EXPECT_FALSE(is_there());
 }
 
 TEST_F(Traced, IsGivenBackAfterAKill) {

@@ -10,6 +10,7 @@
 #include <fmt/format.h>
 #include <pthread.h>
 #include <sched.h>
+#include <sys/file.h>
 #include <unistd.h>
 
 #include "trace/decoder.hpp"
@@ -93,6 +94,18 @@ class Now {
   std::map<std::int32_t, RawEvent> waits_;  // by thread: for what
 };
 
+// One after the other, those of other containers, too.
+class Alone {
+ public:
+  explicit Alone(const File& folder) : fd_(folder.get()) { flock(fd_, LOCK_EX); }
+  ~Alone() { flock(fd_, LOCK_UN); }
+  Alone(const Alone&) = delete;
+  Alone& operator=(const Alone&) = delete;
+
+ private:
+  const int fd_;
+};
+
 }  // namespace
 
 class Recorder::Drain {
@@ -102,11 +115,8 @@ class Recorder::Drain {
         most_events_(room.events),
         decoder_(tracefs_),
         ring_(static_cast<std::size_t>(sysconf(_SC_NPROCESSORS_CONF)), room.bytes) {
-    if (tracefs_.has(instance_path))
-      throw Error(
-          fmt::format("tracefs has an instance {} that another ontime uses, or that was not removed: if "
-                      "no process traces, remove it (rmdir /sys/kernel/tracing/{})",
-                      instance_name, instance_path));
+    const Alone alone(instances_);
+    remove_abandoned();
     journal_.change(instance_kind, instance_name, journal::to_be_made);
     try {
       start();
@@ -122,6 +132,7 @@ class Recorder::Drain {
     }
     wake_.notify_all();
     thread_.join();
+    const Alone alone(instances_);
     give_back();
   }
   Drain(const Drain&) = delete;
@@ -149,6 +160,20 @@ class Recorder::Drain {
   }
 
  private:
+  // One whose ontime was killed, and whose journal is gone, as with a container. A kernel does not remove a
+  // ring that is read, and an ontime that records reads it all the time.
+  void remove_abandoned() {
+    if (!tracefs_.has(instance_path)) return;
+    try {
+      tracefs_.remove(instance_path);
+    } catch (const Error& error) {
+      throw Error(
+          fmt::format("another ontime traces on this machine, maybe in a container: wait until it ends, "
+                      "or end it ({})",
+                      error.what()));
+    }
+  }
+
   void start() {
     const std::string root = std::string(instance_path) + '/';
     tracefs_.write(root + "trace_clock", "mono");
@@ -199,15 +224,16 @@ class Recorder::Drain {
     return window;
   }
 
-  // A kernel does not remove a ring that is read.
   void give_back() {
-    pipes_.clear();
+    pipes_.clear();  // see remove_abandoned()
     journal_.take_back(instance_kind, instance_name);
   }
 
   journal::Journal& journal_;
   const std::size_t most_events_;
   const Tracefs tracefs_;
+  const File instances_ =
+      tracefs_.open("instances", O_RDONLY | O_DIRECTORY);  // one folder for all containers
   Decoder decoder_;
   std::mutex mutex_;  // of what follows
   std::condition_variable wake_;
