@@ -94,18 +94,6 @@ class Now {
   std::map<std::int32_t, RawEvent> waits_;  // by thread: for what
 };
 
-// One after the other, those of other containers, too.
-class Alone {
- public:
-  explicit Alone(const File& folder) : fd_(folder.get()) { flock(fd_, LOCK_EX); }
-  ~Alone() { flock(fd_, LOCK_UN); }
-  Alone(const Alone&) = delete;
-  Alone& operator=(const Alone&) = delete;
-
- private:
-  const int fd_;
-};
-
 }  // namespace
 
 class Recorder::Drain {
@@ -115,7 +103,8 @@ class Recorder::Drain {
         most_events_(room.events),
         decoder_(tracefs_),
         ring_(static_cast<std::size_t>(sysconf(_SC_NPROCESSORS_CONF)), room.bytes) {
-    const Alone alone(instances_);
+    journal_.hold();
+    const auto alone = be_alone();
     remove_abandoned();
     journal_.change(instance_kind, instance_name, journal::to_be_made);
     try {
@@ -132,7 +121,6 @@ class Recorder::Drain {
     }
     wake_.notify_all();
     thread_.join();
-    const Alone alone(instances_);
     give_back();
   }
   Drain(const Drain&) = delete;
@@ -160,17 +148,29 @@ class Recorder::Drain {
   }
 
  private:
+  static Error another(const std::string& found) {
+    return Error(
+        fmt::format("another ontime traces on this machine, maybe in a container: wait until it ends, "
+                    "or end it ({})",
+                    found));
+  }
+
+  // Of containers with journals of their own: until its end, no other makes or removes an instance.
+  File be_alone() const {
+    auto folder = tracefs_.open("instances", O_RDONLY | O_DIRECTORY);
+    for (const auto end = std::chrono::steady_clock::now() + 3s; flock(folder.get(), LOCK_EX | LOCK_NB) != 0;
+         std::this_thread::sleep_for(2ms))
+      if (std::chrono::steady_clock::now() > end) throw another("it has locked tracefs' instances");
+    return folder;
+  }
+
   // One whose ontime was killed, and whose journal is gone, as with a container. A kernel does not remove a
   // ring that is read, and an ontime that records reads it all the time.
-  void remove_abandoned() {
-    if (!tracefs_.has(instance_path)) return;
+  void remove_abandoned() const {
     try {
-      tracefs_.remove(instance_path);
+      if (tracefs_.has(instance_path)) tracefs_.remove(instance_path);
     } catch (const Error& error) {
-      throw Error(
-          fmt::format("another ontime traces on this machine, maybe in a container: wait until it ends, "
-                      "or end it ({})",
-                      error.what()));
+      if (tracefs_.has(instance_path)) throw another(error.what());  // else its owner was quicker
     }
   }
 
