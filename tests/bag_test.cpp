@@ -293,6 +293,19 @@ TEST_F(Bags, OddClocksAreRemarkedAndInventNoAge) {
   EXPECT_THAT(ahead.remarks, ElementsAre(HasSubstr("ahead")));
 }
 
+TEST_F(Bags, ClockThatWentBackMakesNoTopicSilent) {
+  std::string records = channel(1, 0, "/a");
+  for (int i = 0; i < 100; ++i) records += message(1, {start + (i < 50 ? 5000 + i : i) * 10 * ms});
+  EXPECT_EQ(judged_mcap(mcap(records), {.deadline = 1s, .period = {}, .age = {}}).flows.at(0).silent_ns, 0);
+}
+
+TEST_F(Bags, OneStampOfAnotherClockLeavesTheOrderOfTheOthers) {
+  std::string records = schema(1, "sensor_msgs/msg/Imu") + channel(1, 1, "/a");
+  for (int i = 0; i < 10; ++i)
+    records += message(1, {start + i * ms}, stamped(start + i * ms + (i == 2 ? 40'000'000'000 * ms : 0)));
+  EXPECT_LE(judged_mcap(mcap(records)).flows.at(0).reordered, 1U);
+}
+
 TEST_F(Bags, ClockThatWentBackGivesNoPeriod) {
   const auto findings = judged_mcap(mcap(channel(1, 0, "/a") + message(1, {start + 10 * ms}) +
                                          message(1, {start}) + message(1, {start + ms})));
@@ -304,7 +317,7 @@ TEST_F(Bags, NumbersOfTheWriterTellWhatIsLostRepeatedAndOutOfOrder) {
   std::string records = channel(1, 0, "/a");
   std::int64_t at_ns = start;
   for (const std::uint32_t sequence : {7U, 8U, 11U, 10U, 11U, 12U})
-    records += message(1, {at_ns += ms, -1, sequence});
+    records += message(1, {at_ns += ms, start - sequence, sequence});
   const auto& flow = judged_mcap(mcap(records)).flows.at(0);
   EXPECT_EQ(flow.lost, 1U);  // 9
   EXPECT_EQ(flow.reordered, 1U);
@@ -324,6 +337,56 @@ TEST_F(Bags, NumbersThatTheRecorderCountedTellNothing) {
   EXPECT_EQ(flow.messages, 8U);
   EXPECT_FALSE(flow.lost);
   EXPECT_EQ(flow.duplicated, 0U);
+}
+
+// As `mcap convert` does.
+TEST_F(Bags, NumbersThatAllTopicsShareTellNothing) {
+  std::string records = channel(1, 0, "/imu") + channel(2, 0, "/scan");
+  std::int64_t at_ns = start;
+  for (std::uint32_t sequence = 0; sequence < 60; ++sequence)
+    records += message(sequence % 6 == 5 ? 2 : 1, {at_ns += ms, -1, sequence});
+  for (const auto& flow : judged_mcap(mcap(records)).flows) {
+    EXPECT_FALSE(flow.lost) << flow.topic;
+    EXPECT_EQ(flow.reordered, 0U);
+  }
+}
+
+TEST_F(Bags, NumbersOfEachTopicTellWhatIsLost) {
+  std::string records = channel(1, 0, "/imu") + channel(2, 0, "/scan");
+  for (const auto& [topic, sequence] :
+       {std::pair(1, 5), {2, 900}, {1, 6}, {1, 8}, {2, 901}, {1, 9}, {2, 903}})
+    records += message(static_cast<std::uint16_t>(topic), {start, -1, static_cast<std::uint32_t>(sequence)});
+  for (const auto& flow : judged_mcap(mcap(records)).flows) EXPECT_EQ(flow.lost, 1U) << flow.topic;
+}
+
+TEST_F(Bags, WritersThatNumberAlikeAreOneStreamOfUnknownLoss) {
+  for (const std::uint32_t other : {0U, 500U, 100'000U}) {
+    std::string records = channel(1, 0, "/a");
+    std::int64_t at_ns = start;
+    for (std::uint32_t sequence = 1; sequence <= 100; ++sequence)
+      for (const auto number : {sequence, sequence + other}) records += message(1, {at_ns += ms, -1, number});
+    const auto findings = judged_mcap(mcap(records));
+    const auto& flow = findings.flows.at(0);
+    EXPECT_EQ(flow.messages, 200U) << other;
+    EXPECT_EQ(flow.period.count(), 199U);
+    EXPECT_FALSE(flow.lost);
+    EXPECT_EQ(flow.duplicated, 0U);
+    EXPECT_EQ(flow.reordered, 0U);
+    EXPECT_THAT(findings.remarks, Contains(HasSubstr("several writers")));
+  }
+}
+
+TEST_F(Bags, WriterThatBeganAnewSoonKeepsItsLosses) {
+  std::string records = channel(1, 0, "/a");
+  std::int64_t at_ns = start;
+  for (const std::uint32_t last : {1000U, 1000U})
+    for (std::uint32_t sequence = 1; sequence <= last; ++sequence)
+      if (sequence != 500) records += message(1, {at_ns += ms, -1, sequence});
+  const auto& flow = judged_mcap(mcap(records)).flows.at(0);
+  EXPECT_EQ(flow.messages, 1998U);
+  EXPECT_EQ(flow.lost, 2U);
+  EXPECT_EQ(flow.duplicated, 0U);
+  EXPECT_EQ(flow.reordered, 0U);
 }
 
 TEST_F(Bags, FirstGapTellsThatNumbersAreTheWriters) {

@@ -161,6 +161,14 @@ TEST_F(OnTheWire, NumbersInAGapAreNotLost) {
   EXPECT_EQ(flow().lost, 1U);  // 4
 }
 
+TEST_F(OnTheWire, NumbersInALongGapAreNotLost) {
+  arrive(Rtps().data(1));
+  arrive(Rtps().heartbeat(1, 100));
+  arrive(Rtps().gap(2, 6000, 0, 0));
+  arrive(Rtps().data(6000));
+  EXPECT_EQ(flow().lost, 0U);
+}
+
 TEST_F(OnTheWire, EndOfAnInstanceIsNoMessageAndNoLoss) {
   arrive(Rtps().data(1));
   arrive(Rtps().key(2));
@@ -222,6 +230,38 @@ TEST_F(OnTheWire, AgeIsKnownOnOneHost) {
   arrive(Rtps().stamp(seconds - 1, 0xc2900000).data(1), "10.0.0.1:7411", true);
   ASSERT_TRUE(flow().age);
   EXPECT_NEAR(static_cast<double>(flow().age->max_ns()), 250e6, 1e6);
+}
+
+TEST_F(OnTheWire, RowSaysOfWhichMessageARowSaidThatItWasLost) {
+  std::vector<std::pair<std::uint64_t, bool>> back;  // index, was_lost
+  std::uint64_t lost = 0;
+  wire.keep_rows([&](const Row& row) {
+    if (row.quantity != Row::Quantity::age) return;
+    lost += row.to_ns == 0 ? 1 : 0;
+    if (row.index == 9 || row.index == 19) back.emplace_back(row.index, row.was_lost);
+  });
+  const auto seen = [&](unsigned number) {
+    arrive(Rtps().stamp(1000, 0).data(number), "127.0.0.1:7411", true);
+  };
+  for (unsigned number = 1; number <= 3000; ++number) {
+    if (number != 10 && number != 20) seen(number);
+    if (number == 12) seen(10);
+  }
+  EXPECT_EQ(lost, 1U);
+  seen(20);
+  EXPECT_THAT(back, testing::ElementsAre(std::pair(9U, false), std::pair(19U, false), std::pair(19U, true)));
+}
+
+TEST_F(OnTheWire, CopyOnAnotherInterfaceIsNoDuplicate) {
+  const auto rtps = Rtps().data(1);
+  for (const std::uint32_t interface : {2U, 3U, 3U})
+    wire.add(++at_ns, {.source = "10.0.0.1:4000",
+                       .destination = "10.0.0.2:7411",
+                       .interface = interface,
+                       .payload = rtps.bytes});
+  EXPECT_EQ(flow().messages, 1U);
+  EXPECT_EQ(flow().duplicated, 1U);
+  EXPECT_EQ(flow().reader.name, "10.0.0.2:7411");
 }
 
 TEST_F(OnTheWire, NothingIsLostAcrossDropsOfTheCapture) {
@@ -401,6 +441,33 @@ TEST(Frames, FragmentsOfIpv6MakeOneDatagram) {
     const auto whole = frame6_of(payload, 0, 1448, true);
     packets.datagram(std::span(whole).first(size));
   }
+}
+
+TEST(Frames, WhatTheCaptureCutShortIsSaidSo) {
+  auto payload = Rtps().data(1).bytes;
+  payload.resize(3000);
+  const auto cut = [](const Bytes& frame, std::size_t size) {
+    Packets packets(DLT_EN10MB);
+    const auto found = packets.datagram(std::span(frame).first(size));
+    return found && found->is_cut;
+  };
+  const auto frame = frame_of(payload, 0, 4000, false);
+  EXPECT_FALSE(cut(frame, frame.size()));
+  for (const std::size_t size : {42U, 44U, 60U, 1000U}) EXPECT_TRUE(cut(frame, size)) << size;
+  EXPECT_TRUE(cut(frame_of(payload, 0, 1480, true), 1000));
+  EXPECT_TRUE(cut(frame6_of(payload, 0, 1448, true), 1000));
+  EXPECT_FALSE(cut(frame_of(Bytes(3000), 0, 4000, false), 1000)) << "it is no RTPS";
+}
+
+TEST(Frames, InterfaceIsThatOfTheCookedHeader) {
+  const auto frame = frame_of(Rtps().data(1).bytes, 0, 1500, false);
+  Bytes cooked;
+  add(cooked, {0x08, 0x00, 0, 0, 0, 0, 0, 7, 0, 1, 0, 6, 0, 0, 0, 0, 0, 0, 0, 0});
+  cooked.insert(cooked.end(), frame.begin() + 14, frame.end());
+  Packets packets(DLT_LINUX_SLL2);
+  const auto found = packets.datagram(cooked);
+  ASSERT_TRUE(found);
+  EXPECT_EQ(found->interface, 7U);
 }
 
 TEST(Frames, FragmentsThatNeverEndAreForgotten) {

@@ -120,6 +120,25 @@ TEST_F(Recorder, ADayIsCountedAndItsWorstMessagesAreKept) {
   EXPECT_GT(samples.size(), 2 * kept.size());
 }
 
+TEST_F(Recorder, MessageThatWasOvertakenWasNeverLost) {
+  {
+    record::Writer writer(path_);
+    ListenResults results(writer, limits_, nlohmann::json::object(), true, false);
+    for (const std::uint64_t index : {0U, 2U, 1U, 3U})
+      results.keep({.flow = 1,
+                    .quantity = Row::Quantity::age,
+                    .index = index,
+                    .from_ns = now_ns_ += ms,
+                    .to_ns = now_ns_ + ms});
+    listen::Findings findings;
+    findings.flows = {flow(1)};
+    findings.flows[0].lost = 1;  // of which no row tells
+    results.end(findings, false);
+  }
+  const record::Reader reader(path_);
+  EXPECT_EQ(statistics::unrecorded(reader.runs().at(0)), 1u);
+}
+
 TEST_F(Recorder, PausesAreToldOfEachRun) {
   record::Writer writer(path_);
   ListenResults results(writer, limits_, nlohmann::json::object(), true, true);

@@ -75,7 +75,9 @@ class Listening {
         most_bytes_(bound_of(arguments, time_)),
         as_json_(is_json_flag(arguments.format)),
         output_(arguments.output) {
-    if (arguments.list && !time_) time_ = look_for_list;
+    if (arguments.is_recording() && time_)
+      throw campaign::Error(2, "--for: a recording has an end of its own; leave it out");
+    if (arguments.list && !time_ && !arguments.is_recording()) time_ = look_for_list;
     if (arguments.list && !arguments.results.empty())
       throw campaign::Error(2, "--results: --list keeps no messages; leave out one of them");
     if (arguments.reader && (topics_.empty() || arguments.list))
@@ -139,8 +141,8 @@ class Listening {
     add_unseen(findings);
     const bool is_all_seen = unseen_.empty();
     findings = wanted(std::move(findings));
-    // Without --for an interruption is how listening ends.
-    const bool is_cut_off = interrupts > 0 && (time_ || !arguments_.bag.empty());
+    // Without --for an interruption is how listening to what goes on ends.
+    const bool is_cut_off = interrupts > 0 && (time_ || arguments_.is_recording());
     if (results) results->end(with_chains(findings), is_cut_off, budget_ ? budget_->of_pauses() : "");
     write(findings);
     output_.finish();

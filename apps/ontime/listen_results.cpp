@@ -60,13 +60,12 @@ void ListenResults::forget() {
   kept_.clear();
 }
 
-void ListenResults::add(Kept& kept, const roundtrip::Sample& sample) {
+void ListenResults::add(Kept& kept, const roundtrip::Sample& sample, bool was_lost) {
   const bool is_lost = sample.fate == roundtrip::Fate::lost;
   if (!is_lost) kept.values.add(sample.received_ns - sample.sent_ns);
   kept.lost += is_lost ? 1 : 0;
   kept.late += sample.fate == roundtrip::Fate::late ? 1 : 0;
-  // It came after all.
-  if (kept.last && sample.index < kept.last->index && !is_lost) --kept.lost;
+  kept.lost -= was_lost ? 1 : 0;
   if (!kept.last || sample.index > kept.last->index) kept.last = sample;
   if (!keeps_worst_) {
     kept.samples.push_back(sample);
@@ -97,7 +96,7 @@ void ListenResults::keep(const Row& row) {
   sample.fate = row.to_ns == 0 ? roundtrip::Fate::lost
                 : row.is_late  ? roundtrip::Fate::late
                                : roundtrip::Fate::on_time;
-  add(kept_[{row.flow, row.quantity}], sample);
+  add(kept_[{row.flow, row.quantity}], sample, row.was_lost);
 }
 
 void ListenResults::begin(Kept& kept, const listen::Flow& flow, Row::Quantity quantity) {

@@ -72,7 +72,7 @@ class ListenResults {
     std::optional<roundtrip::Sample> last;  // by index
     std::int64_t late = 0, lost = 0;        // rows
   };
-  void add(Kept&, const roundtrip::Sample&);
+  void add(Kept&, const roundtrip::Sample&, bool was_lost = false);
   void add_silence(const listen::Flow&);
   void keep(Kept&, const roundtrip::Sample&, const listen::Miss*, std::optional<record::Note> cause);
   void write_worst(Kept&);

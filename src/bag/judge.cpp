@@ -40,7 +40,6 @@ void Judge::add(const Message& message) {
   if (std::abs(message.recorded_ns - before_ns_) > one_year_ns)
     origin_ns_ += message.recorded_ns - before_ns_;
   before_ns_ = message.recorded_ns;
-  latest_ns_ = std::max(latest_ns_, message.recorded_ns);
   auto* const stream = stream_of(*message.topic);
   if (stream == nullptr || is_again(*stream, message)) return;
   if (stream->messages == 0) stream->first_ns = message.recorded_ns;
@@ -52,10 +51,20 @@ void Judge::add(const Message& message) {
 }
 
 void Judge::end_file() {
+  file_ = {};
   for (auto& [key, stream] : streams_) {
     stream.in_file = 0;
     if (!stream.sequence.has_begun()) stream.rows.restart();
   }
+}
+
+// Whether one sequence may number all messages of this file, as `mcap convert` does.
+bool Judge::is_of_file(const Stream& stream, std::uint64_t number) {
+  file_.rises = file_.rises && (file_.first == nullptr || number > file_.number);
+  file_.number = number;
+  if (file_.first == nullptr) file_.first = &stream;
+  file_.has_several = file_.has_several || file_.first != &stream;
+  return file_.rises && file_.has_several;
 }
 
 // Follows the writer's numbers, where the bag has them. A recorder may count by itself instead, from 0 or 1
@@ -64,21 +73,43 @@ bool Judge::is_again(Stream& stream, const Message& message) {
   auto& sequence = stream.sequence;
   const std::uint64_t number = message.sequence, index = stream.in_file++;
   const auto before = std::exchange(stream.number_before, number);
-  if (number == 0) return false;
+  const bool is_of_file = this->is_of_file(stream, number);
+  if (number == 0 || stream.is_mixed) return false;
   if (!sequence.has_begun()) {
-    if (number <= index + 1 && (index == 0 || number == before + 1)) return false;
+    if (is_of_file || (number <= index + 1 && (index == 0 || number == before + 1))) return false;
     if (before != 0) sequence.see(before);
+    stream.written_ns.resize(listen::Sequence::window);
   }
-  if (sequence.has_begun() &&
-      (number > sequence.next() + longest_leap || number + listen::Sequence::window < sequence.next())) {
+  // Two of one number and one time of writing are one message. Of two times, another writer counts as this
+  // one does, or it began anew.
+  const auto written_ns = message.stamp_ns.value_or(message.published_ns);
+  auto& known_ns = stream.written_ns[number % listen::Sequence::window];
+  if (sequence.has_begun() && number < sequence.next()) {
+    if (written_ns != 0 && written_ns == known_ns) {
+      ++stream.duplicated;
+      return true;
+    }
+    if (std::exchange(stream.since_back, 0) < Stream::often) {
+      mixed_.add(message.topic->name);
+      stream.is_mixed = true;
+      stream.reordered = 0;
+      sequence = {};
+      stream.rows.restart();
+      return false;
+    }
+  } else {
+    ++stream.since_back;
+  }
+  known_ns = written_ns;
+  using Fate = listen::Sequence::Fate;
+  auto fate = Fate::again;  // that it began anew
+  const bool is_near =
+      number <= sequence.next() + longest_leap && number + listen::Sequence::window >= sequence.next();
+  if (is_near || !sequence.has_begun()) fate = sequence.see(number);
+  if (fate == Fate::again || (fate == Fate::too_old && number == 1)) {
     sequence.restart();
     stream.rows.restart();
-  }
-  using Fate = listen::Sequence::Fate;
-  const auto fate = sequence.see(number);
-  if (fate == Fate::again) {
-    ++stream.duplicated;
-    return true;
+    fate = sequence.see(number);
   }
   if (fate == Fate::too_old) stream.rows.restart();
   if (fate != Fate::in_order) ++stream.reordered;
@@ -110,7 +141,8 @@ bool Judge::judge_age(Stream& stream, const Message& message) {
 }
 
 void Judge::keep_age(Stream& stream, const Message& message, std::int64_t age_ns, bool is_late) {
-  const std::uint64_t number = message.sequence != 0 ? message.sequence : stream.age.count();
+  const std::uint64_t number =
+      message.sequence != 0 && !stream.is_mixed ? message.sequence : stream.age.count();
   const auto before = std::exchange(stream.row_number, number);
   // Numbers that begin again, as a recorder's own do in each file, are those of other messages.
   const bool begins_again = number <= before && !stream.sequence.has_begun();
@@ -130,7 +162,8 @@ std::optional<std::int64_t> Judge::age_of(Stream& stream, const Message& message
   }
   if (written_ns == 0) return {};
   stream.age_from = message.stamp_ns ? listen::AgeFrom::stamp : listen::AgeFrom::publish;
-  // Without numbers, the times of writing tell the order.
+  // Without numbers, the times of writing tell the order, if they are by one clock.
+  if (std::abs(written_ns - stream.latest_written_ns) > one_year_ns) stream.latest_written_ns = written_ns;
   if (!stream.sequence.has_begun() && written_ns < stream.latest_written_ns) ++stream.reordered;
   stream.latest_written_ns = std::max(stream.latest_written_ns, written_ns);
   const auto age = message.recorded_ns - written_ns;
@@ -176,7 +209,7 @@ listen::Findings Judge::findings() const {
   listen::Findings findings;
   findings.misses_left_out = misses_.left_out();
   for (const auto& [key, stream] : streams_) findings.flows.push_back(flow_of(key, stream));
-  listen::judge_silence(findings.flows, limits_, latest_ns_);
+  listen::judge_silence(findings.flows, limits_, before_ns_);
   const auto remark = [&](const Oddity& oddity, const char* what) {
     if (oddity.messages > 0)
       findings.remarks.push_back(
@@ -191,6 +224,10 @@ listen::Findings Judge::findings() const {
   remark(was_set_,
          "were recorded before the one before them, or more than a year after it: the recorder's clock was "
          "set, and no period is counted there");
+  if (mixed_.messages > 0)
+    findings.remarks.push_back(fmt::format(
+        "the numbers of several writers are mixed in {}{}: what is lost there is unknown", mixed_.topic,
+        mixed_.messages == 1 ? "" : fmt::format(" and {} more topics", mixed_.messages - 1)));
   if (left_out_ > 0)
     findings.remarks.push_back(
         fmt::format("{} messages are of more than {} topics and are not counted", left_out_, most_flows));

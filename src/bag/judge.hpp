@@ -34,10 +34,15 @@ class Judge {
     std::uint64_t id = 0;
     std::uint64_t messages = 0;
     std::int64_t first_ns = 0, last_ns = 0;
-    std::int64_t latest_written_ns = 0;  // by stamp or publish time
-    std::uint64_t in_file = 0;           // messages, of the file that is read
-    std::uint64_t number_before = 0;     // of the message before; 0: not noted
-    listen::Sequence sequence;           // begun once the numbers are known to be the writer's
+    std::int64_t latest_written_ns = 0;    // by stamp or publish time
+    std::uint64_t in_file = 0;             // messages, of the file that is read
+    std::uint64_t number_before = 0;       // of the message before; 0: not noted
+    listen::Sequence sequence;             // begun once the numbers are known to be the writer's
+    std::vector<std::int64_t> written_ns;  // of the latest numbers, by number modulo window; 0: unknown
+    static constexpr std::uint64_t often = 8;
+    std::uint64_t since_back =
+        often;              // messages since the numbers went back; fewer: they are of several writers
+    bool is_mixed = false;  // so they are, and tell nothing
     listen::AgeFrom age_from = listen::AgeFrom::writer;
     listen::Distribution period, age;
     std::uint64_t duplicated = 0, reordered = 0, late = 0;
@@ -53,7 +58,8 @@ class Judge {
     }
   };
   Stream* stream_of(const Topic&);
-  static bool is_again(Stream&, const Message&);
+  bool is_of_file(const Stream&, std::uint64_t number);
+  bool is_again(Stream&, const Message&);
   void keep_age(Stream&, const Message&, std::int64_t age_ns, bool is_late);
   bool judge_period(Stream&, const Message&);  // whether it was late, as the next
   bool judge_age(Stream&, const Message&);
@@ -61,15 +67,22 @@ class Judge {
   void miss(listen::Miss::Kind, std::int64_t value_ns, const Message&, const Stream&);
   static listen::Flow flow_of(const Key&, const Stream&);
 
+  // The numbers of all messages of the file that is read.
+  struct File {
+    std::uint64_t number = 0;       // the last
+    const Stream* first = nullptr;  // that it began with
+    bool has_several = false, rises = true;
+  };
+
   const listen::Limits limits_;
+  File file_;
   std::map<Key, Stream> streams_;
   listen::Misses misses_;
   listen::KeepRow keep_row_;
   std::int64_t before_ns_ = rows_begin_ns;  // when the message before was recorded
   std::int64_t origin_ns_ = 0;              // of rows' times
-  std::int64_t latest_ns_ = 0;              // of all recordings
   std::uint64_t left_out_ = 0;
-  Oddity unset_, foreign_clock_, ahead_, was_set_;
+  Oddity unset_, foreign_clock_, ahead_, was_set_, mixed_;
 };
 
 }  // namespace ontime::bag

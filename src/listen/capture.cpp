@@ -70,7 +70,7 @@ class Capture final : public Sensor {
     const auto at_ns = std::clamp<std::int64_t>(header->ts.tv_sec, 0, latest_s) * 1'000'000'000 +
                        header->ts.tv_usec % 1'000'000'000;
     capture.origin_.begin(at_ns);
-    capture.latest_ns_ = std::max(capture.latest_ns_, at_ns);
+    capture.latest_ns_ = at_ns;
     const auto datagram =
         capture.packets_.datagram({reinterpret_cast<const std::byte*>(bytes), header->caplen});
     if (!datagram) return;
@@ -94,7 +94,7 @@ class Capture final : public Sensor {
   Handle handle_;
   const bool is_live_;
   const Limits limits_;
-  std::int64_t latest_ns_ = 0;  // of all packets
+  std::int64_t latest_ns_ = 0;  // of the packet before: the clock may have been set back
   Origin origin_;
   Packets packets_;
   Wire wire_;

@@ -68,7 +68,7 @@ enum {
 
 struct ontime_event {
   __u32 kind;
-  __u32 lost;      /* events that found the buffer full, until now */
+  __u32 lost;      /* until now: events that found the buffer full, samples beyond ontime_most_samples */
   __u64 at_ns;     /* CLOCK_MONOTONIC: a publish begins, a take has returned */
   __u64 endpoint;  /* rmw, Fast DDS: address of the publisher or subscription; Cyclone DDS: its handle */
   __u64 stamp_ns;  /* the writer's source time stamp, CLOCK_REALTIME of its machine; 0: unknown */

@@ -195,10 +195,11 @@ struct Row {
   enum class Quantity : std::uint8_t { age, period };
   std::uint64_t flow = 0;
   Quantity quantity = Quantity::age;
-  std::uint64_t index = 0;   // of this quantity of this flow; one that was there: it came after all
+  std::uint64_t index = 0;   // of this quantity of this flow
   std::int64_t from_ns = 0;  // the writer's stamp; of a period, when the message before came
   std::int64_t to_ns = 0;    // it came, by the same clock, which begins anywhere; 0: it was lost
   bool is_late = false;      // beyond the limit of this quantity
+  bool was_lost = false;     // a row before said so, and it came after all
 };
 
 // All words that Why::cause may have.

@@ -18,6 +18,7 @@ namespace {
 using Bytes = std::span<const std::byte>;
 
 constexpr std::size_t most_partial = 64, most_datagram_bytes = 65535, block_bytes = 8;
+constexpr std::array rtps_begin{std::byte{'R'}, std::byte{'T'}, std::byte{'P'}, std::byte{'S'}};
 constexpr std::uint16_t ethertype_ipv4 = 0x0800, ethertype_ipv6 = 0x86dd, ethertype_vlan = 0x8100;
 
 std::uint32_t number(Bytes bytes, std::size_t at, std::size_t size) {
@@ -36,11 +37,15 @@ std::optional<Datagram> udp(int family, Bytes source, Bytes destination, Bytes b
   if (bytes.size() < 8) return {};
   const std::size_t size = number(bytes, 4, 2);
   if (size < 8) return {};
+  const auto payload = bytes.subspan(8, std::min(size, bytes.size()) - 8);
+  const bool may_be_rtps = std::equal(
+      payload.begin(), payload.begin() + std::min(payload.size(), rtps_begin.size()), rtps_begin.begin());
   const bool is_loopback = family == AF_INET && source[0] == std::byte{127};
   return Datagram{.source = address_of(family, source, number(bytes, 0, 2)),
                   .destination = address_of(family, destination, number(bytes, 2, 2)),
                   .is_one_host = is_loopback || std::equal(source.begin(), source.end(), destination.begin()),
-                  .payload = bytes.subspan(8, std::min(size, bytes.size()) - 8)};
+                  .is_cut = size > bytes.size() && may_be_rtps,
+                  .payload = payload};
 }
 
 }  // namespace
@@ -54,7 +59,7 @@ Packets::Packets(int link_type) : link_type_(link_type) {
 }
 
 std::optional<Datagram> Packets::datagram(std::span<const std::byte> frame) {
-  std::uint32_t type = 0;
+  std::uint32_t type = 0, interface = 0;
   std::size_t header = 0;
   if (link_type_ == DLT_EN10MB) {
     header = 14;
@@ -65,6 +70,7 @@ std::optional<Datagram> Packets::datagram(std::span<const std::byte> frame) {
     header = is_second ? 20 : 16;
     if (frame.size() < header) return {};
     type = number(frame, is_second ? 0 : 14, 2);
+    interface = is_second ? number(frame, 4, 4) : 0;
     const auto direction = is_second ? number(frame, 10, 1) : number(frame, 0, 2);
     const auto device = is_second ? number(frame, 8, 2) : number(frame, 2, 2);
     if (device == ARPHRD_LOOPBACK && direction == LINUX_SLL_OUTGOING) return {};
@@ -77,9 +83,11 @@ std::optional<Datagram> Packets::datagram(std::span<const std::byte> frame) {
     type = number(frame, header + 2, 2);
     header += 4;
   }
-  if (type == ethertype_ipv4) return ipv4(frame.subspan(header));
-  if (type == ethertype_ipv6) return ipv6(frame.subspan(header));
-  return {};
+  std::optional<Datagram> found;
+  if (type == ethertype_ipv4) found = ipv4(frame.subspan(header));
+  if (type == ethertype_ipv6) found = ipv6(frame.subspan(header));
+  if (found) found->interface = interface;
+  return found;
 }
 
 std::optional<Datagram> Packets::ipv4(Bytes packet) {
@@ -91,7 +99,9 @@ std::optional<Datagram> Packets::ipv4(Bytes packet) {
   const auto flags = number(packet, 6, 2);
   const std::size_t at = std::size_t{flags & 0x1fffU} * 8;
   const bool is_last = (flags & 0x2000U) == 0;
-  if (at > 0 || !is_last) {
+  // The first fragment is no shorter than the others: where it is whole, they are.
+  const bool is_cut = size > packet.size() && at == 0;
+  if (!is_cut && (at > 0 || !is_last)) {
     const auto all =
         whole(packet.subspan(12, 4), packet.subspan(16, 4), number(packet, 4, 2), at, is_last, bytes);
     if (!all) return {};
@@ -111,6 +121,8 @@ std::optional<Datagram> Packets::ipv6(Bytes packet) {
   const std::size_t size = number(packet, 4, 2);
   if (size < 8) return {};
   const auto flags = number(bytes, 2, 2);
+  if (size > bytes.size() && (flags & 0xfff8U) == 0)
+    return udp(AF_INET6, source, destination, bytes.subspan(8));
   const auto all = whole(source, destination, number(bytes, 4, 4), flags & 0xfff8U, (flags & 1U) == 0,
                          bytes.subspan(8, std::min(size, bytes.size()) - 8));
   if (!all) return {};

@@ -19,7 +19,9 @@ namespace ontime::listen {
 
 struct Datagram {
   std::string source, destination;     // "192.168.1.2:7410", "[fe80::1]:7400"
+  std::uint32_t interface = 0;         // that it passed, where the capture tells
   bool is_one_host = false;            // it goes from an address to the same address, or over loopback
+  bool is_cut = false;                 // it may be RTPS, and the capture kept less of it than it had
   std::span<const std::byte> payload;  // valid until the next call
 };
 

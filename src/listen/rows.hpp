@@ -4,6 +4,7 @@
 #pragma once
 
 #include <algorithm>
+#include <bitset>
 #include <cstdint>
 #include <functional>
 #include <utility>
@@ -57,24 +58,37 @@ class Rows {
     row.index = number - first_number_ + first_;
     // What was lost before that is only counted: a reader that stopped for a day, a number made up by others.
     if (row.index > Sequence::window) next_ = std::max(next_, row.index - Sequence::window);
-    for (; next_ < row.index; ++next_)
+    for (; next_ < row.index; ++next_) {
+      lost_.reset(next_ % Sequence::window);
       if (const auto at_ns = lost_at(next_ - first_ + first_number_); at_ns != 0)
-        keep({row.flow, Row::Quantity::age, next_, at_ns, 0, false});
-    if (next_ == row.index) ++next_;
+        keep_lost(keep, row.flow, next_, at_ns);
+    }
+    const auto at = row.index % Sequence::window;
+    if (next_ == row.index)
+      ++next_;
+    else
+      row.was_lost = lost_.test(at);
+    lost_.reset(at);
     keep(row);
   }
   // A number below the last, of which it is known only now that it was lost.
-  void lost(const KeepRow& keep, std::uint64_t flow, std::uint64_t number, std::int64_t at_ns) const {
+  void lost(const KeepRow& keep, std::uint64_t flow, std::uint64_t number, std::int64_t at_ns) {
     if (keep && !is_broken_ && number >= first_number_)
-      keep({flow, Row::Quantity::age, number - first_number_ + first_, at_ns, 0, false});
+      keep_lost(keep, flow, number - first_number_ + first_, at_ns);
   }
   // What was between the last number and the next is not known.
   void restart() { is_broken_ = true; }
 
  private:
+  void keep_lost(const KeepRow& keep, std::uint64_t flow, std::uint64_t index, std::int64_t at_ns) {
+    lost_.set(index % Sequence::window);
+    keep({.flow = flow, .quantity = Row::Quantity::age, .index = index, .from_ns = at_ns});
+  }
+
   std::uint64_t periods_ = 0, next_ = 0;        // indices
   std::uint64_t first_number_ = 0, first_ = 0;  // a number and its index
   bool is_broken_ = true;
+  std::bitset<Sequence::window> lost_;  // indices below next_ of which a row says so, by index modulo window
 };
 
 }  // namespace ontime::listen

@@ -43,13 +43,11 @@ void Sequence::announce(std::uint64_t last) {
 
 void Sequence::pass_over(std::uint64_t first, std::uint64_t last) {
   if (!next_ || last < first) return;
-  if (last >= *next_) {
-    // A writer numbers without holes: what it has not passed over exists.
-    if (first > *next_) advance(first, true);
-    advance(last + 1, false);
-  }
+  // A writer numbers without holes: what it has not passed over exists.
+  if (first > *next_) advance(first, true);
   const auto oldest = std::max(first, *next_ > window ? *next_ - window : 0);
   for (auto number = oldest; number <= last && number < *next_; ++number) missing_.reset(number % window);
+  if (last >= *next_) advance(last + 1, false);
 }
 
 void Sequence::restart() {

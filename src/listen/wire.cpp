@@ -3,7 +3,7 @@
 
 #include <algorithm>
 #include <numeric>
-#include <tuple>
+#include <set>
 
 #include <fmt/format.h>
 
@@ -40,7 +40,7 @@ void Wire::add(std::int64_t at_ns, const Datagram& datagram) {
     if (auto* const sequence = sequence_of(heartbeat.writer, heartbeat.last))
       sequence->announce(heartbeat.last);
   };
-  if (rtps::visit(datagram.payload, visitor) == rtps::Outcome::cut) {
+  if (rtps::visit(datagram.payload, visitor) == rtps::Outcome::cut || datagram.is_cut) {
     ++cut_;
     interrupt();
   }
@@ -102,18 +102,17 @@ void Wire::add(std::int64_t at_ns, const Datagram& datagram, const rtps::Data& d
   if (stream->is_broken ||
       (stream->sequence.has_begun() && data.sequence > stream->sequence.next() + longest_leap)) {
     stream->sequence.restart();
-    for (auto& [destination, sequence] : stream->destinations) sequence.restart();
+    for (auto& [way, sequence] : stream->ways) sequence.restart();
     stream->rows.restart();
     stream->is_broken = true;
   }
   const auto fate = stream->sequence.see(data.sequence);
-  if (stream->destinations.size() < most_destinations ||
-      stream->destinations.contains(datagram.destination)) {
-    // A copy to another destination is for another reader.
-    if (stream->destinations[datagram.destination].see(data.sequence) == Sequence::Fate::again &&
-        fate == Sequence::Fate::again)
+  // A copy to another destination is for another reader; on another interface it is the same packet, or goes
+  // to another network.
+  const Way way{datagram.destination, datagram.source, datagram.interface};
+  if (stream->ways.size() < most_ways || stream->ways.contains(way))
+    if (stream->ways[way].see(data.sequence) == Sequence::Fate::again && fate == Sequence::Fate::again)
       ++stream->duplicated;
-  }
   if (fate != Sequence::Fate::in_order && fate != Sequence::Fate::overtaken) return;
   // A heartbeat that came first does not make its message late.
   if (data.sequence < stream->last_seen && !stream->is_broken) ++stream->reordered;
@@ -184,21 +183,23 @@ Findings Wire::findings() const {
   findings.misses_left_out = misses_.left_out();
   for (const auto& [guid, stream] : streams_) {
     if (stream.messages == 0) continue;
-    const auto count = stream.destinations.size();
-    findings.flows.push_back({.id = stream.id,
-                              .topic = topic_of(guid),
-                              .writer = {0, fmt::format("{} at {}", rtps::text_of(guid), stream.source)},
-                              .reader = {0, stream.destinations.begin()->first +
-                                                (count > 1 ? fmt::format(" and {} more", count - 1) : "")},
-                              .messages = stream.messages,
-                              .first_ns = stream.first_ns,
-                              .last_ns = stream.last_ns,
-                              .period = stream.period,
-                              .age = stream.is_one_host ? std::optional(stream.age) : std::nullopt,
-                              .lost = stream.sequence.lost(),
-                              .duplicated = stream.duplicated,
-                              .reordered = stream.reordered,
-                              .late = stream.late});
+    std::set<std::string> destinations;
+    for (const auto& [way, sequence] : stream.ways) destinations.insert(std::get<0>(way));
+    const auto count = destinations.size();
+    findings.flows.push_back(
+        {.id = stream.id,
+         .topic = topic_of(guid),
+         .writer = {0, fmt::format("{} at {}", rtps::text_of(guid), stream.source)},
+         .reader = {0, *destinations.begin() + (count > 1 ? fmt::format(" and {} more", count - 1) : "")},
+         .messages = stream.messages,
+         .first_ns = stream.first_ns,
+         .last_ns = stream.last_ns,
+         .period = stream.period,
+         .age = stream.age.count() > 0 ? std::optional(stream.age) : std::nullopt,
+         .lost = stream.sequence.lost(),
+         .duplicated = stream.duplicated,
+         .reordered = stream.reordered,
+         .late = stream.late});
   }
   std::ranges::sort(findings.flows, {},
                     [](const Flow& flow) { return std::tie(flow.topic, flow.writer.name); });

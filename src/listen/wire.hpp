@@ -6,6 +6,7 @@
 #include <deque>
 #include <map>
 #include <string>
+#include <tuple>
 #include <vector>
 
 #include "listen/listen.hpp"
@@ -19,7 +20,7 @@ namespace ontime::listen {
 
 class Wire {
  public:
-  static constexpr std::size_t most_writers = 1024, most_names = 16384, most_destinations = 16;
+  static constexpr std::size_t most_writers = 1024, most_names = 16384, most_ways = 16;
 
   explicit Wire(const Limits& limits) : limits_(limits) {}
   // at_ns: CLOCK_REALTIME of the capture. In order of capture.
@@ -39,7 +40,8 @@ class Wire {
     std::vector<bool> seen;
     std::uint32_t count = 0;
   };
-  struct Stream {  // a writer
+  using Way = std::tuple<std::string, std::string, std::uint32_t>;  // destination, source, interface
+  struct Stream {                                                   // a writer
     std::uint64_t id = 0;
     Rows rows;
     std::uint64_t decided = 0;  // of lower numbers it is known whether they were lost
@@ -48,7 +50,7 @@ class Wire {
     bool is_broken = false;
     Sequence sequence;
     std::uint64_t last_seen = 0;  // the greatest number of a message that was there itself
-    std::map<std::string, Sequence> destinations;
+    std::map<Way, Sequence> ways;
     std::string source;
     Distribution period, age;
     bool is_one_host = false;
