@@ -44,7 +44,7 @@ void publish(dds_entity_t writer, std::uint64_t count, std::chrono::microseconds
 // Writes to `onwards`, if it is not 0, each message of which the number is a multiple of `every`.
 void take(dds_entity_t reader, std::chrono::microseconds period, std::vector<Line>& lines,
           dds_entity_t onwards = 0, std::uint64_t every = 1) {
-  constexpr std::size_t most = 32;
+  constexpr std::size_t most = 128;
   const auto condition = checked(dds_create_readcondition(reader, DDS_ANY_STATE));
   const auto waitset = checked(dds_create_waitset(dds_get_participant(reader)));
   dds_waitset_attach(waitset, condition, 0);

@@ -372,6 +372,16 @@ runs:
             self.assertEqual((one["cause"], one["culprit"]["name"], one["victim"]["pid"]), ("cpu", "hog", taker.pid))
         print(f"{len(named)} of {len(why)} name the hog", file=sys.stderr)
 
+    def test_what_is_beyond_64_messages_of_one_take_is_unseen_and_not_lost(self):
+        publisher, taker = nodes = self.pair(3000, take_us=100_000)
+        listener = self.listen(nodes)
+        code, seen = self.end(listener, publisher, taker)
+        flow, = seen["flows"]
+        taken = len(log_of(self.folder / "taken"))
+        self.assertEqual((code, flow["lost"]), (0, 0))
+        self.assertLess(flow["messages"], taken)
+        self.assertEqual(flow["messages"] + seen["sensor_lost"], taken)
+
     def test_publisher_that_sleeps_accuses_no_process(self):
         # Real-time ends: what else runs on this machine does not delay them.
         publisher = self.start("chrt", "-f", 60, NODE, "publish", "rt/cmd_vel", 4000, 1000, self.folder / "published")
