@@ -299,7 +299,7 @@ Fields isolation_fields() {
   auto cpus = text();
   cpus.of_text = cpus_of;
   return {field({"isolation.cpus", "", "LIST|none", "CPUs reserved for the two ends: none", client,
-                 "CPUs {} kept"},
+                 "CPUs {} reserved"},
                 "isolation.cpus", cpus, within(&Run::isolation, &Isolation::cpus)),
           field({"isolation.interrupts", "", "",
                  "move the interface's interrupts and the kernel's unbound work to other CPUs: off", client,
