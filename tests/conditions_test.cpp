@@ -73,6 +73,27 @@ TEST_F(Recorded, EveryFieldDiffersFromItsDefaultSomewhere) {
       << "add it to tests/data/conditions.yaml";
 }
 
+TEST_F(Recorded, EveryKeyIsFoundByTheNameOfAScenario) {
+  const auto has = [](const json& record, const json::json_pointer& place) {
+    return record.contains(place) && !record.at(place).is_null();
+  };
+  const auto is_recorded = [&](const std::string& key) {
+    const auto places = places_of(key);
+    return !places.empty() && std::ranges::any_of(records_, [&](const json& record) {
+      return std::ranges::all_of(places, [&](const auto& place) { return has(record, place); });
+    });
+  };
+  // Of these the file states some, and all are made alike.
+  const auto is_one_of_many = [](const std::string& key) {
+    return key.starts_with("kernel.") || (key.starts_with("realtime.") && key.ends_with(".cpus"));
+  };
+  for (const auto& key : keys()) EXPECT_TRUE(is_one_of_many(key.path) || is_recorded(key.path)) << key.path;
+  for (const auto* key : {"kernel.preset", "kernel.irq-threads", "realtime.cpus", "options.shared-memory",
+                          "component.options.rmw", "period_us"})
+    EXPECT_TRUE(is_recorded(key)) << key;
+  EXPECT_FALSE(is_recorded("period_ms"));
+}
+
 TEST(Record, WhatNoRunCanHaveIsLeftOut) {
   const json strange{{"period_us", "soon"},
                      {"payload_bytes", -1},

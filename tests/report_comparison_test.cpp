@@ -89,15 +89,66 @@ TEST(Compare, ByAKeyPairsWhatIsElseAlike) {
       }
   EXPECT_EQ(values_of(runs, "kernel.threaded-napi"), (std::vector<std::string>{"on", "off"}));
   EXPECT_EQ(values_of(runs, "kernel.irq-threads"), (std::vector<std::string>{unset}));
-  EXPECT_EQ(values_of(runs, "period"), values_of(runs, "period_us"))
-      << "a unit is no part of a scenario's key";
-  EXPECT_NE(values_of(runs, "period"), (std::vector<std::string>{unset}));
+  EXPECT_EQ(values_of(runs, "period"), values_of(runs, "period_us")) << "a record's own names serve, too";
+  EXPECT_EQ(values_of(runs, "period"), (std::vector<std::string>{"10000"}));
   const auto comparison = compare_by(runs, "kernel.threaded-napi", "off", "on");
   ASSERT_EQ(comparison.pairs.size(), 2U);
   EXPECT_EQ(comparison.pairs[0].from.size(), 2U);
   EXPECT_EQ(comparison.pairs[0].from[0]->run.asked.kernel.at("threaded-napi"), "off");
   EXPECT_EQ(comparison.pairs[1].to[1]->run.asked.task.transport, "fastdds");
   EXPECT_TRUE(comparison.only_from.empty() && comparison.only_to.empty());
+}
+
+// A run for each of these runs, as an ontime records them.
+std::vector<Summary> recorded(const std::vector<conditions::Run>& asked) {
+  std::vector<Summary> runs;
+  for (const auto& one : asked) {
+    runs.push_back(run("x", std::to_string(runs.size()), 1));
+    amend(runs.back().run.asked, conditions::to_json(one));
+  }
+  return runs;
+}
+
+conditions::Run said(std::initializer_list<std::pair<std::string, std::string>> words) {
+  conditions::Run one;
+  for (const auto& [path, value] : words)
+    std::ranges::find(conditions::keys(), path, &conditions::Key::path)->set(one, value);
+  return one;
+}
+
+TEST(Compare, ByAKeyTakesAlongWhatFollowsFromIt) {
+  auto multi = said({{"transport", "ros2"}}), single = multi;
+  multi.task.config.options["executor"] = "multi";
+  single.task.config.options["executor"] = "single";
+  struct Case {
+    std::string key;
+    conditions::Run from, to;
+  };
+  for (const auto& [key, from, to] :
+       {Case{"transport", said({{"transport", "udp"}}), said({{"transport", "fastdds"}})},
+        Case{"options.executor", multi, single}, Case{"realtime", {}, said({{"realtime", "on"}})},
+        Case{"realtime.priority", said({{"realtime", "on"}}), said({{"realtime.priority", "90"}})},
+        Case{"realtime.lock-memory", said({{"realtime", "on"}}), said({{"realtime.lock-memory", "off"}})},
+        Case{"traffic.rate", {}, said({{"traffic.rate", "1 Mbit/s"}})},
+        Case{"link.duplicate", {}, said({{"link.duplicate", "1 %"}})},
+        Case{"neighbours.rate", said({{"neighbours.topics", "2"}}),
+             said({{"neighbours.topics", "2"}, {"neighbours.rate", "50 Hz"}})},
+        Case{"neighbours.direction", said({{"neighbours.topics", "2"}}),
+             said({{"neighbours.topics", "2"}, {"neighbours.direction", "to-component"}})},
+        Case{"launch-time", {}, said({{"launch-time", "1 ms"}})}}) {
+    const auto runs = recorded({from, to});
+    const auto values = values_of(runs, key);
+    ASSERT_EQ(values.size(), 2U) << key;
+    EXPECT_EQ(compare_by(runs, key, values[0], values[1]).pairs.size(), 1U) << key;
+  }
+}
+
+TEST(Compare, ByAKeyLeavesOutRunsThatDifferInMore) {
+  const auto runs = recorded({{}, said({{"realtime", "on"}}), said({{"realtime.priority", "90"}})});
+  const auto comparison = compare_by(runs, "realtime", "false", "true");
+  ASSERT_EQ(comparison.pairs.size(), 1U);
+  EXPECT_EQ(comparison.pairs[0].to.size(), 1U);
+  EXPECT_EQ(comparison.only_to.size(), 1U);
 }
 
 TEST(Compare, GivesDifferenceAndRatioWithTheirIntervals) {

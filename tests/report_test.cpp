@@ -40,6 +40,8 @@ TEST(Json, HasEveryKeyThatIsPromised) {
   EXPECT_EQ(run.at("server_us"), nullptr) << "the server did not say";
   EXPECT_EQ(run.at("conditions").at("qos"), asked("", "").at("qos"));
   EXPECT_EQ(run.at("conditions").at("receive"), "listener");
+  for (const auto* key : {"launch_us", "listen"})
+    EXPECT_EQ(run.at("conditions").at(key), nullptr) << "not requested, and not unknown: " << key;
   EXPECT_EQ(run.at("conditions").at("realtime_settings").at("on"), false);
   EXPECT_EQ(run.at("conditions").at("load").at("asked"), asked("", "").at("load"));
   EXPECT_EQ(run.at("conditions").at("load").at("achieved"), outcome().at("conditions"));

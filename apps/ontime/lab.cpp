@@ -71,7 +71,8 @@ void add_lab(Command& app) {
       ->required();
   measured->machine.add(*runs);
   add_choice(*runs, measured->choice);
-  add_file(*runs, "--results", measured->results, "this new results file (default: one here)");
+  add_file(*runs, "--results", measured->results,
+           "results file: a new one, or with --resume the one to go on with (default: a new one here)");
   runs->add_flag("--resume", measured->resume,
                  "leave out what these results have already, measured to its end: the same conditions, "
                  "repetition and text of the scenario")

@@ -402,7 +402,8 @@ void add_tune_search(Command& tune) {
             "measure on this machine and the scenario's hosts, or in the lab's simulated machine: here");
   add_choice(*command, arguments->choice);
   add_cable(*command, arguments->choice);
-  add_file(*command, "--results", arguments->results, "a new results file (default: one here)");
+  add_file(*command, "--results", arguments->results,
+           "results file: a new one, or with --resume the one to go on with (default: a new one here)");
   command->add_flag("--resume", arguments->resume, "go on with the search that these results hold")
       ->needs("--results");
   add_format(*command, arguments->format);

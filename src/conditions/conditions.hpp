@@ -119,6 +119,7 @@ struct Field {
   std::string json{};  // where a record and an order have it: "qos.depth"; "": nowhere
   std::function<nlohmann::json(const Run&)> to_json{};           // null: it says nothing
   std::function<void(Run&, const nlohmann::json&)> from_json{};  // throws std::exception; never gets null
+  std::vector<std::string> parts{};  // what it sets in a record, if it has no `json` of its own there
 };
 using Key = Field;  // one with a path
 const std::vector<Field>&
@@ -133,6 +134,9 @@ Run run_of(const nlohmann::json&);
 Run run_of_record(const nlohmann::json&);
 // What a record has by the name of a field; null: nothing.
 const nlohmann::json& member_of(const nlohmann::json& record, const std::string& name);
+
+// Where a record has what a scenario calls `key`, or what the record itself calls so.
+std::vector<nlohmann::json::json_pointer> places_of(const std::string& key);
 
 // The least priority of the threads that a message passes through; 0: of SCHED_OTHER.
 int application_priority(const Run&);

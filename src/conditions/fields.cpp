@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <iterator>
+#include <sstream>
 #include <string_view>
 
 namespace ontime::conditions {
@@ -186,8 +187,9 @@ Fields fields_of_topics() {
                       "DDS domain; udp uses port 7900 + domain: $ROS_DOMAIN_ID, or 0", both, "domain {}"},
                      "domain", number<int>(0, max_domain), in_config(&Config::domain)),
                [](Run& run, Text text) { run.domain = static_cast<int>(number_of(text, 0, max_domain)); }),
-          field({"namespace", "--namespace", "NAME", "namespace of the topics, such as /robot: /", both}, "",
-                name_space, &Run::ros_namespace),
+          made_of({"ping_topic", "pong_topic"}, field({"namespace", "--namespace", "NAME",
+                                                       "namespace of the topics, such as /robot: /", both},
+                                                      "", name_space, &Run::ros_namespace)),
           said(field({"topics.ping", "--ping-topic", "", "topic that the client writes: ping", both},
                      "ping_topic", ros_name(), in_config(&Config::ping_topic)),
                [](Run& run, Text text) { run.ping_topic = ros_name().of_text(text); }),
@@ -240,9 +242,11 @@ constexpr std::pair<const char*, bool (*)(const Run&)> groups[] = {
     {"isolation", [](const Run& run) { return run.isolation.any(); }},
     {"listen", [](const Run& run) { return run.listening.any(); }}};
 
-json::json_pointer pointer(std::string path) {
-  std::replace(path.begin(), path.end(), '.', '/');
-  return json::json_pointer("/" + path);
+json::json_pointer pointer(const std::string& path) {
+  json::json_pointer to;
+  std::stringstream parts(path);
+  for (std::string part; std::getline(parts, part, '.');) to /= part;
+  return to;
 }
 
 Run run_from(const json& from, bool may_be_foreign) {
@@ -321,6 +325,21 @@ const json& member_of(const json& record, const std::string& path) {
     begin = end + 1;
   }
   return *here;
+}
+
+std::vector<json::json_pointer> places_of(const std::string& key) {
+  // A transport's own: what follows is one name, whatever it has in it.
+  for (const auto& [path, member] : {std::pair<std::string, const char*>{"options.", "options"},
+                                     {"component.options.", "component_options"}})
+    if (key.starts_with(path)) return {pointer(member) / key.substr(path.size())};
+  std::vector<json::json_pointer> places;
+  for (const auto& field : keys())
+    if (field.path == key) {
+      if (!field.json.empty()) return {pointer(field.json)};
+      for (const auto& part : field.parts) places.push_back(pointer(part));
+      return places;
+    }
+  return {pointer(key)};
 }
 
 json to_json(const Run& run) {

@@ -65,6 +65,12 @@ inline Field said(Field field, std::function<void(Run&, Text)> set) {
   return field;
 }
 
+// The same, of what a record has only as these parts.
+inline Field made_of(std::vector<std::string> parts, Field field) {
+  field.parts = std::move(parts);
+  return field;
+}
+
 // ── Codecs ──
 
 bool yes_or_no(Text);

@@ -284,7 +284,8 @@ Fields neighbour_fields() {
              run.describes_neighbours = true;
              run.task.neighbours.there = direction().of_text(text) != Direction::to_controller;
              run.task.neighbours.back = direction().of_text(text) != Direction::to_component;
-           }},
+           },
+       .parts = {"neighbours.there", "neighbours.back"}},
       recorded("neighbours.there", on_or_off(), within(&Run::task, &Task::neighbours, &Options::there)),
       recorded("neighbours.back", on_or_off(), within(&Run::task, &Task::neighbours, &Options::back)),
       of_neighbours(
@@ -298,7 +299,7 @@ Fields isolation_fields() {
   auto cpus = text();
   cpus.of_text = cpus_of;
   return {field({"isolation.cpus", "", "LIST|none", "CPUs reserved for the two ends: none", client,
-                 "CPUs {} kept"},
+                 "CPUs {} reserved"},
                 "isolation.cpus", cpus, within(&Run::isolation, &Isolation::cpus)),
           field({"isolation.interrupts", "", "",
                  "move the interface's interrupts and the kernel's unbound work to other CPUs: off", client,
@@ -323,12 +324,14 @@ Fields kernel_fields() {
               .values = "paper|none",
               .help = "paper: irq-threads 90 and ksoftirqd 60, as in the paper: none",
               .set = set_preset}};
+  for (const auto& [name, value] : settings::paper()) all.front().parts.push_back("kernel." + name);
   for (const auto& setting : settings::table())
     all.push_back({.path = fmt::format("kernel.{}", setting.name),
                    .flag = "",
                    .values = fmt::format("{}|{}", setting.values, unchanged),
                    .help = setting.help,
-                   .set = [&setting](Run& run, Text text) { set_wish(run, setting, text); }});
+                   .set = [&setting](Run& run, Text text) { set_wish(run, setting, text); },
+                   .parts = {fmt::format("kernel.{}", setting.name)}});
   all.push_back(recorded("kernel", or_null(plain<settings::Wishes>()), &Run::kernel));
   return all;
 }

@@ -36,8 +36,10 @@ void set_realtime(Run& run, Text text) {
 }
 
 using SetSettings = std::function<void(RealtimeSettings&, Text)>;
-Field setting(Field how, SetSettings set) {
+// `parts`: of realtime_settings.
+Field setting(Field how, const std::vector<std::string>& parts, SetSettings set) {
   how.end = both;
+  for (const auto& part : parts) how.parts.push_back("realtime_settings." + part);
   return said(std::move(how), [set = std::move(set)](Run& run, Text text) {
     auto checked = run.task.realtime;  // a wrong word is wrong also where it has no effect
     set(checked, text);
@@ -81,7 +83,10 @@ void add_threads(Fields& all, const std::string& path, const std::string& flag,
                  const std::vector<std::string>& roles, const std::string& whose) {
   const auto each = [&](const char* name, const char* values, const std::string& help,
                         void (*set)(ThreadSettings&, Text)) {
-    all.push_back(setting({path + "." + name, flag + name, values, help + whose},
+    std::vector<std::string> parts;
+    parts.reserve(roles.size());
+    for (const auto& role : roles) parts.push_back(fmt::format("threads.{}.{}", role, name));
+    all.push_back(setting({path + "." + name, flag + name, values, help + whose}, parts,
                           [set, roles](RealtimeSettings& settings, Text text) {
                             for (const auto& role : roles) set(settings.threads[role], text);
                           }));
@@ -144,9 +149,10 @@ Fields realtime_fields() {
            set_realtime),
       setting({"realtime.lock-memory", "--lock-memory", "on|off",
                "lock and touch all memory before the first message"},
-              [](auto& settings, Text text) { settings.lock_memory = yes_or_no(text); }),
+              {"lock_memory"}, [](auto& settings, Text text) { settings.lock_memory = yes_or_no(text); }),
       setting(
           {"realtime.cpu-latency", "--cpu-latency", "TIME|any", "longest exit latency of a CPU idle state"},
+          {"cpu_latency_us"},
           [](auto& settings, Text text) { settings.cpu_latency = cpu_latency_of(text); })};
   add_threads(all, "realtime", "--", message_roles, "the threads a message passes through");
   for (const auto& roles : {message_roles, background_roles})

@@ -151,9 +151,9 @@ std::vector<Answer::Step> next_steps(const Findings& found, const Origin& origin
              {listened ? "--for" : "--duration", plain_time(*found.longer_ns)}),
         listened);
   if (!origin.file.empty())
-    add("All figures", {"ontime", "report", origin.file, "--full"});
+    add("All tables", {"ontime", "report", origin.file, "--full"});
   else if (!listened)
-    add("All figures", with(words, {"--full"}));
+    add("All tables", with(words, {"--full"}));
   return steps;
 }
 

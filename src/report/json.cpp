@@ -154,9 +154,10 @@ ordered_json json_of(const statistics::Summary& summary) {
   run["remarks"] = or_null(remarks(summary));
   run["imported"] = imported_json_of(summary);
   run.update(some_of(asked, {"require"}));
-  run["conditions"] = some_of(
-      asked, {"duration_s", "warm_up", "receive", "qos", "options", "security", "domain", "ping_topic",
-              "pong_topic", "interface", "realtime_settings", "count_instructions", "kernel", "isolation"});
+  run["conditions"] =
+      some_of(asked, {"duration_s", "warm_up", "receive", "qos", "options", "security", "domain",
+                      "ping_topic", "pong_topic", "interface", "launch_us", "realtime_settings",
+                      "count_instructions", "kernel", "isolation", "listen"});
   run["conditions"].update(some_of(asked, {"component", "component_transport", "component_options",
                                            "component_interface", "component_restart", "beside", "others"}));
   run["conditions"]["load"] = {{"asked", at(asked, "load")}, {"achieved", at(outcome, "conditions")}};

@@ -4,6 +4,7 @@
 #include <iterator>
 #include <utility>
 
+#include "conditions/conditions.hpp"
 #include "record/document.hpp"
 #include "report/comparison.hpp"
 #include "report/conditions.hpp"
@@ -13,6 +14,7 @@
 namespace ontime::report {
 namespace {
 
+using nlohmann::json;
 using Pair = Comparison::Pair;
 using Runs = Comparison::Runs;
 
@@ -35,34 +37,49 @@ Comparison pairs_of(const Runs& a, const Runs& b, const KeyOf& key_of) {
   return comparison;
 }
 
-// The member that a scenario calls so: "kernel.threaded-napi"; "period" is recorded as period_us.
-nlohmann::json* member(nlohmann::json& conditions, const std::string& key) {
-  auto* found = &conditions;
-  for (auto name : split(key, '.')) {
-    if (!found->is_object()) return nullptr;
-    if (!found->contains(name)) {
-      std::replace(name.begin(), name.end(), '-', '_');
-      for (const auto* unit : {"", "_us", "_s", "_bytes", "_bit_s"})
-        if (found->contains(name + unit)) {
-          name += unit;
-          break;
-        }
-    }
-    if (!found->contains(name)) return nullptr;
-    found = &(*found)[name];
-  }
-  return found;
+// What is as by default, or follows from the value, such as the settings of `realtime: on`: no difference of
+// its own.
+void drop_what_follows(json& asked, const std::string& key, const std::string& value) {
+  conditions::Run said;
+  for (const auto& field : conditions::keys())
+    if (field.path == key) try {
+        field.set(said, value);
+      } catch (const std::exception&) {
+        said = {};  // a number without its unit, from which nothing follows
+      }
+  const auto follows = record::conditions_of(conditions::to_json(said));
+  for (const auto& [name, member] : follows.items())
+    if (record::at(asked, name) == member) asked.erase(name);
+}
+
+// A record repeats the controller's transport and options for a component that has none of its own.
+void drop_repeated(json& asked) {
+  if (record::at(asked, "transport") != record::at(asked, "component_transport") ||
+      record::at(asked, "options") != record::at(asked, "component_options"))
+    return;
+  asked.erase("component_transport");
+  asked.erase("component_options");
 }
 
 // Its value of `key`, and all else that was asked for.
 std::pair<std::string, std::string> split_by(const std::string& key, const statistics::Summary& summary) {
-  auto conditions = record::conditions_of(summary.run.asked.document);
-  if (!conditions.is_object()) return {unset, ""};
-  auto* const found = member(conditions, key);
-  const auto value = found == nullptr || found->is_null() ? unset : word(*found);
-  if (found != nullptr) *found = nullptr;
-  conditions.erase("id");
-  return {value, record::text_of(conditions)};
+  auto asked = record::conditions_of(summary.run.asked.document);
+  if (!asked.is_object()) return {unset, ""};
+  drop_repeated(asked);
+  std::vector<std::string> values;
+  const auto places = conditions::places_of(key);
+  for (const auto& place : places)
+    if (asked.contains(place)) add_once(values, word(asked[place]));
+  const auto value = values.empty() ? unset : join(values, ", ");
+  drop_what_follows(asked, key, value);
+  for (const auto& place : places)
+    if (asked.contains(place)) asked[place] = nullptr;
+  // A group that asks for nothing without the key, as traffic without a rate.
+  const auto without = conditions::to_json(conditions::run_of_record(asked));
+  for (const auto& [name, member] : without.items())
+    if (member.is_null()) asked.erase(name);
+  asked.erase("id");
+  return {value, record::text_of(record::conditions_of(asked))};
 }
 
 }  // namespace
