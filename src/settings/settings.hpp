@@ -64,6 +64,10 @@ Wishes away_to(const std::string& cpus, const Link&);
 // journal::Error where the kernel does not say.
 std::vector<int> listed_interrupts(const std::string& interface, const std::string& root = "");
 
+// Whether a kernel's thread of that name takes in the packets of the interface, or seems to: before
+// Linux 5.17 the kernel cut the names of threads, so two interfaces may share one.
+bool is_napi_thread(const std::string& thread, const std::string& interface);
+
 // What a thing was and what it is, or is to be.
 struct Change {
   const Setting* setting;
