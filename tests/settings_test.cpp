@@ -141,6 +141,27 @@ TEST(Threads, AreNotGoneWhereTheyAreNotSeen) {
   });
 }
 
+TEST(Cpus, ThatAreOfflineAreLeftOut) {
+  if (geteuid() != 0) GTEST_SKIP() << "needs root";
+  in_child([] {
+    const std::string cpus = "/sys/devices/system/cpu";
+    ASSERT_EQ(unshare(CLONE_NEWNS), 0);
+    ASSERT_EQ(mount("", "/", "", MS_REC | MS_PRIVATE, nullptr), 0);
+    ASSERT_EQ(mount("tmpfs", cpus.c_str(), "tmpfs", 0, nullptr), 0);
+    std::filesystem::create_directories(cpus + "/cpu0/cpufreq");
+    std::ofstream(cpus + "/cpu0/cpufreq/scaling_governor") << "powersave";
+    std::filesystem::create_directories(cpus +
+                                        "/cpu1/cpufreq/scaling_governor");  // which no program can read
+    std::ofstream(cpus + "/online") << "0";
+    EXPECT_THAT(error_of([] { governor.read("cpu1"); }), HasSubstr("cpu1"));
+    for (const auto& [name, thing] : Wishes{{"governor", "cpu0"}, {"ksoftirqd", "ksoftirqd/0"}}) {
+      const auto things = setting(name).things("");
+      ASSERT_THAT(things, SizeIs(1));
+      EXPECT_EQ(things[0].title(), thing);
+    }
+  });
+}
+
 // --- on an interface of our own: a veth pair in a network namespace that only this process is in
 
 class OnVeth : public testing::Test {

@@ -74,7 +74,9 @@ std::string with_cpus(const std::string& value, const std::string& cpus);
 // Those of listed_interrupts() whose CPUs can be set.
 std::vector<int> interrupts_of(const std::string& interface);
 std::string interrupt_here(int number);
-std::vector<Thing> cpus_with_governor();
+// An offline CPU keeps its files and threads, but the kernel neither reads nor sets all of them.
+std::vector<int> online_cpus();
+std::vector<Thing> cpus_with_governor();  // of those that are online
 std::vector<Thing> receive_queues_of(const std::string& interface);
 std::string with_coalescing(const std::string& value, const std::string& asked);
 

@@ -68,11 +68,10 @@ void check_priorities(Text asked) {
 }
 
 void check_online(Text cpus) {
-  const auto online = read_file("/sys/devices/system/cpu/online").value_or("");
-  const auto there = realtime::cpus_of(online).value_or(std::vector<int>{});
+  const auto there = online_cpus();
   for (const int cpu : realtime::cpus_of(cpus).value_or(std::vector<int>{}))
     if (std::ranges::find(there, cpu) == there.end())
-      throw journal::Error(fmt::format("there is no CPU {}; there are {}", cpu, online));
+      throw journal::Error(fmt::format("there is no CPU {}; there are {}", cpu, realtime::list_of(there)));
 }
 
 // ── What a thing is to be
@@ -143,6 +142,10 @@ Things unbound_work(Text) {
 
 Things softirqs(Text) {
   auto found = threads_named("ksoftirqd/");
+  std::erase_if(found, [online = online_cpus()](const Thing& one) {
+    return std::ranges::none_of(online,
+                                [&](int cpu) { return one.title() == fmt::format("ksoftirqd/{}", cpu); });
+  });
   if (found.empty()) throw journal::Error("this kernel has no ksoftirqd");
   return found;
 }
