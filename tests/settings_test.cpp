@@ -372,6 +372,20 @@ TEST(Interrupts, AreThoseThatTheyWere) {
   }
 }
 
+TEST_F(OnVeth, InterruptsThatCannotBeFoundAreRefusedWhereThereAreSome) {
+  inside([] {
+    const Wishes without = {{"workqueue-cpus", "0"}};
+    EXPECT_EQ(away_to("0", left), without);
+    ASSERT_EQ(std::system("ip link add bridge0 type bridge"), 0);
+    EXPECT_THAT(error_of([] {
+                  away_to("0", {"bridge0", ""});
+                }),
+                AllOf(StartsWith("irq-cpus: "), HasSubstr("bridge0"), HasSubstr("hardware below it")));
+    ASSERT_EQ(std::system("ip link set left master bridge0"), 0);
+    EXPECT_EQ(away_to("0", {"bridge0", ""}), without) << "the one below it has none";
+  });
+}
+
 TEST_F(OnVeth, WhatAKilledProcessLeftIsGivenBack) {
   inside([] {
     test::Victim victim(
