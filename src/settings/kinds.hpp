@@ -15,6 +15,9 @@ namespace ontime::settings {
 // later one of that id, and its name. Its value: "fifo:60:0-1", "other:0:1": policy; priority, or niceness of
 // a policy that has none; CPUs.
 extern const journal::Kind thread;
+// Of a thread whose CPUs are the kernel's to choose: it moves that of an interrupt to where the interrupt
+// comes, and that of an offline CPU has none. Its value: "fifo:60", "other:0".
+extern const journal::Kind thread_priority;
 // "net/core/rmem_max", "kernel/timer_migration": a file below /proc/sys. Those of the network are seen where
 // they can be written: not in every network namespace.
 extern const journal::Kind network_sysctl, kernel_sysctl;

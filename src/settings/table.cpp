@@ -268,13 +268,13 @@ std::span<const Setting> table() { return all; }
 
 std::span<const journal::Kind> kinds() {
   static const std::vector<journal::Kind> all_kinds = {
-      thread,    network_sysctl, kernel_sysctl, governor,   workqueues,
-      interrupt, threaded,       steering,      coalescing, gro};
+      thread,    thread_priority, network_sysctl, kernel_sysctl, governor, workqueues,
+      interrupt, threaded,        steering,       coalescing,    gro};
   return all_kinds;
 }
 
 std::string Thing::title() const {
-  if (kind == &thread) return name_of_thread(what);
+  if (kind == &thread || kind == &thread_priority) return name_of_thread(what);
   if (kind == &workqueues) return "unbound work";
   if (kind == &interrupt) return "interrupt " + what.substr(0, what.find(':'));
   if (is_interface(what.substr(0, what.find('/')))) return name_of_interface(what);

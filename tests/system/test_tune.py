@@ -201,7 +201,7 @@ class Tune(unittest.TestCase):
     def test_what_is_applied_stays_until_it_is_reverted(self):
         self.assertEqual(self.ontime("tune", "verify").returncode, 1, "nothing was applied yet")
         dry = self.ontime("tune", "apply", "--set", "ksoftirqd=60", "--dry-run")
-        self.assertIn("ksoftirqd/0 from other:0:0 to fifo:60:0", dry.stdout)
+        self.assertIn("ksoftirqd/0 from other:0 to fifo:60", dry.stdout)
         self.assertEqual(state(), self.before)
         answer = self.ontime("tune", "apply", "--set", "ksoftirqd=60", "--set", "busy-poll=40")
         self.assertEqual(answer.returncode, 0, answer.stderr)
