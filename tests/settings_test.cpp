@@ -61,13 +61,16 @@ TEST(Words, ThatAreNoValueAreRefused) {
            {"coalescing", {"rx-usecs=0", "rx-usecs=10,adaptive-rx=off"}}})
     for (const auto& value : values) EXPECT_EQ(refused(name, value), "") << name;
   for (const auto& [name, values] : std::map<std::string, std::vector<std::string>>{
-           {"ksoftirqd", {"0", "100", "fast", "60,70", "0=60,70", "x=60", "0=", ""}},
+           {"ksoftirqd",
+            {"0", "100", "fast", "60,70", "0=60,70", "x=60", "0=", "", "0=60,0=50", "0=60,00=50"}},
            {"irq-threads", {"0", "0=60", "-1", "60 "}},
            {"threaded-napi", {"1", "yes"}},
            {"rps", {"none,1", "1-", "-"}},
            {"rmem-max", {"0", "8 MiB", "99999999999"}},
            {"governor", {"../x", "Performance"}},
-           {"coalescing", {"", "rx-usecs", "rx-usecs=", "rx-usecs=-1", "speed=1", "adaptive-rx=1"}}})
+           {"coalescing",
+            {"", "rx-usecs", "rx-usecs=", "rx-usecs=-1", "speed=1", "adaptive-rx=1",
+             "rx-usecs=3,rx-usecs=90"}}})
     for (const auto& value : values) EXPECT_NE(refused(name, value), "") << name << ' ' << value;
 }
 

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <algorithm>
 #include <charconv>
+#include <set>
 #include <sstream>
 
 #include <fmt/format.h>
@@ -50,20 +51,23 @@ void check_governor(Text asked) {
 }
 
 // "60", or "0=60,1=other": of each CPU what was said of it.
-std::string priority_of_cpu(Text asked, Text cpu) {
+std::string priority_of_cpu(Text asked, int cpu) {
   if (asked.find('=') == asked.npos) return asked;
   std::istringstream parts(asked);
   for (std::string part; std::getline(parts, part, ',');)
-    if (const auto equals = part.find('='); part.substr(0, equals) == cpu) return part.substr(equals + 1);
+    if (const auto equals = part.find('='); std::stoi(part) == cpu) return part.substr(equals + 1);
   return "";
 }
 void check_priorities(Text asked) {
   if (asked.find('=') == asked.npos) return check_priority(asked);
   std::istringstream parts(asked);
+  std::set<int> cpus;
   for (std::string part; std::getline(parts, part, ',');) {
     const auto equals = part.find('=');
     check_number(part.substr(0, equals), 0, 1023);
     check_priority(equals == part.npos ? "" : part.substr(equals + 1));
+    if (!cpus.insert(std::stoi(part)).second)
+      throw std::invalid_argument(fmt::format("'{}' names CPU {} twice", asked, part.substr(0, equals)));
   }
 }
 
@@ -91,7 +95,7 @@ std::string with_priority_of_its_cpu(Text asked, const Thing& thing, Text now) {
   std::istringstream parts(asked);
   for (std::string part; std::getline(parts, part, ',');)
     if (const auto equals = part.find('='); equals != part.npos) check_online(part.substr(0, equals));
-  const auto cpu = thing.title().substr(thing.title().find('/') + 1);
+  const int cpu = std::stoi(thing.title().substr(thing.title().find('/') + 1));
   const auto own = priority_of_cpu(asked, cpu);
   return own.empty() ? now : with_priority(now, own);
 }
