@@ -273,6 +273,7 @@ TEST_F(ScenarioFile, QuantitiesThatMeanNothingAreRefused) {
                           "traffic: {direction: to-component}",
                           "link: {loss: 101 %}",
                           "link: {loss: 0 %}",
+                          "link: {loss: 0.00015 %}",
                           "link: {loss: 0.1}",
                           "link: {jitter: 1 ms}",
                           "link: {reorder: 5 %}",

@@ -187,6 +187,23 @@ TEST_F(Settings, OfAKilledProcessArePutBack) {
   EXPECT_EQ(read_file(one_), "powersave");
 }
 
+TEST_F(Settings, ThatCannotBeRestoredAreToldUntilTheyAre) {
+  write_file(one_, "impossible");
+  {
+    Journal journal(settings);
+    journal.change(governor, one_, "performance");
+  }  // no program reads what this could not restore
+  EXPECT_THAT(revert_abandoned(settings, Tell::always), ElementsAre(HasSubstr("no such value")));
+  EXPECT_THAT(revert_abandoned(settings), ElementsAre(HasSubstr("no such value")));
+  EXPECT_THAT(revert_abandoned(settings), IsEmpty()) << "told at one start, it is not told at the next";
+  const auto asked_for = [] { return Journal(settings).revert_kept(); };
+  EXPECT_THAT(asked_for().left, ElementsAre(HasSubstr("no such value")));
+  EXPECT_FALSE(asked_for().finished);
+  write_file(one_, "powersave");  // another program does it
+  EXPECT_THAT(asked_for().left, ElementsAre(HasSubstr("another program")));
+  EXPECT_TRUE(asked_for().finished);
+}
+
 TEST_F(Settings, ChangedByAnotherAreLeft) {
   Victim victim(
       [&](Journal& journal) {

@@ -61,27 +61,29 @@ TEST(Words, ThatAreNoValueAreRefused) {
            {"coalescing", {"rx-usecs=0", "rx-usecs=10,adaptive-rx=off"}}})
     for (const auto& value : values) EXPECT_EQ(refused(name, value), "") << name;
   for (const auto& [name, values] : std::map<std::string, std::vector<std::string>>{
-           {"ksoftirqd", {"0", "100", "fast", "60,70", "0=60,70", "x=60", "0=", ""}},
+           {"ksoftirqd",
+            {"0", "100", "fast", "60,70", "0=60,70", "x=60", "0=", "", "0=60,0=50", "0=60,00=50"}},
            {"irq-threads", {"0", "0=60", "-1", "60 "}},
            {"threaded-napi", {"1", "yes"}},
            {"rps", {"none,1", "1-", "-"}},
            {"rmem-max", {"0", "8 MiB", "99999999999"}},
            {"governor", {"../x", "Performance"}},
-           {"coalescing", {"", "rx-usecs", "rx-usecs=", "rx-usecs=-1", "speed=1", "adaptive-rx=1"}}})
+           {"coalescing",
+            {"", "rx-usecs", "rx-usecs=", "rx-usecs=-1", "speed=1", "adaptive-rx=1",
+             "rx-usecs=3,rx-usecs=90"}}})
     for (const auto& value : values) EXPECT_NE(refused(name, value), "") << name << ' ' << value;
 }
 
 TEST(Words, OneCpuHasAPriorityOfItsOwn) {
   const auto& ksoftirqd = setting("ksoftirqd");
-  const Thing first{&thread, "14:25:ksoftirqd/0"}, second{&thread, "22:25:ksoftirqd/1"};
-  EXPECT_EQ(ksoftirqd.wanted("60", first, "other:0:0"), "fifo:60:0");
-  EXPECT_EQ(ksoftirqd.wanted("0=60", second, "other:-5:1"), "other:-5:1");
-  EXPECT_EQ(ksoftirqd.wanted("0=60", first, "other:0:0"), "fifo:60:0");
-  EXPECT_THROW(ksoftirqd.wanted("0=60,1000=50", first, "other:0:0"), journal::Error)
-      << "there is no CPU 1000";
-  EXPECT_EQ(ksoftirqd.wanted("other", first, "fifo:60:0"), "other:0:0");
-  EXPECT_EQ(ksoftirqd.wanted("other", first, "other:-5:0"), "other:-5:0") << "its niceness stays";
-  EXPECT_THROW(ksoftirqd.wanted("60", first, "policy 6:0:0"), journal::Error) << "what cannot be given back";
+  const Thing first{&thread_priority, "14:25:ksoftirqd/0"}, second{&thread_priority, "22:25:ksoftirqd/1"};
+  EXPECT_EQ(ksoftirqd.wanted("60", first, "other:0"), "fifo:60");
+  EXPECT_EQ(ksoftirqd.wanted("0=60", second, "other:-5"), "other:-5");
+  EXPECT_EQ(ksoftirqd.wanted("0=60", first, "other:0"), "fifo:60");
+  EXPECT_THROW(ksoftirqd.wanted("0=60,1000=50", first, "other:0"), journal::Error) << "there is no CPU 1000";
+  EXPECT_EQ(ksoftirqd.wanted("other", first, "fifo:60"), "other:0");
+  EXPECT_EQ(ksoftirqd.wanted("other", first, "other:-5"), "other:-5") << "its niceness stays";
+  EXPECT_THROW(ksoftirqd.wanted("60", first, "policy 6:0"), journal::Error) << "what cannot be given back";
 }
 
 TEST(Words, CoalescingChangesWhatIsSaidAndNoMore) {
@@ -93,6 +95,8 @@ TEST(Words, CoalescingChangesWhatIsSaidAndNoMore) {
 TEST(Kinds, TouchOnlyWhatTheyAreFor) {
   EXPECT_TRUE(thread.accepts("14:25:ksoftirqd/0"));
   EXPECT_TRUE(thread.accepts("14:25:irq/41-eth0"));
+  EXPECT_TRUE(thread_priority.accepts("14:25:irq/41-eth0"));
+  EXPECT_FALSE(thread_priority.accepts("14:25:napi/eth0-8193")) << "its CPUs are set too";
   for (const auto* what :
        {"14:25:sshd", "1:25:", "x:25:ksoftirqd/0", "14:ksoftirqd/0", "ksoftirqd/0", "::irq/1"})
     EXPECT_FALSE(thread.accepts(what)) << what;
@@ -125,7 +129,7 @@ TEST(Threads, AreThoseThatTheyWere) {
   const auto later =
       what.substr(0, first) + ":1" + what.substr(first + 1, second - first) + what.substr(second + 1);
   EXPECT_FALSE(thread.read(later)) << "another that has its id by now";
-  EXPECT_THROW(thread.write(later, "fifo:1:0", "other:0:0"), journal::Error);
+  EXPECT_THROW(thread_priority.write(later, "fifo:1", "other:0"), journal::Error);
   EXPECT_FALSE(thread.read("1:" + what.substr(first + 1))) << "no thread of the kernel";
 }
 
@@ -138,6 +142,27 @@ TEST(Threads, AreNotGoneWhereTheyAreNotSeen) {
       ASSERT_EQ(mount("proc", "/proc", "proc", 0, nullptr), 0);
       EXPECT_THAT(error_of([&] { thread.read(what); }), HasSubstr("not to be seen"));
     });
+  });
+}
+
+TEST(Cpus, ThatAreOfflineAreLeftOut) {
+  if (geteuid() != 0) GTEST_SKIP() << "needs root";
+  in_child([] {
+    const std::string cpus = "/sys/devices/system/cpu";
+    ASSERT_EQ(unshare(CLONE_NEWNS), 0);
+    ASSERT_EQ(mount("", "/", "", MS_REC | MS_PRIVATE, nullptr), 0);
+    ASSERT_EQ(mount("tmpfs", cpus.c_str(), "tmpfs", 0, nullptr), 0);
+    std::filesystem::create_directories(cpus + "/cpu0/cpufreq");
+    std::ofstream(cpus + "/cpu0/cpufreq/scaling_governor") << "powersave";
+    std::filesystem::create_directories(cpus +
+                                        "/cpu1/cpufreq/scaling_governor");  // which no program can read
+    std::ofstream(cpus + "/online") << "0";
+    EXPECT_THAT(error_of([] { governor.read("cpu1"); }), HasSubstr("cpu1"));
+    for (const auto& [name, thing] : Wishes{{"governor", "cpu0"}, {"ksoftirqd", "ksoftirqd/0"}}) {
+      const auto things = setting(name).things("");
+      ASSERT_THAT(things, SizeIs(1));
+      EXPECT_EQ(things[0].title(), thing);
+    }
   });
 }
 
@@ -338,6 +363,60 @@ TEST_F(OnVeth, InterfaceThatWasMovedIsToldAndItsWayBackKept) {
   });
 }
 
+// An interrupt's thread that does nothing here.
+class InterruptThread : public testing::Test {
+ protected:
+  void SetUp() override {
+    if (geteuid() != 0 || !test::has_own_run) GTEST_SKIP() << "needs root";
+    if (sysconf(_SC_NPROCESSORS_ONLN) < 2) GTEST_SKIP() << "needs two CPUs";
+    const auto found = threads_named("irq/");
+    const auto idle =
+        std::ranges::find_if(found, [](const Thing& one) { return one.title().ends_with("ACPI:Ged"); });
+    if (idle == found.end()) GTEST_SKIP() << "needs a thread of an interrupt that never comes";
+    thing_ = *idle;
+    ASSERT_EQ(sched_getaffinity(pid(), sizeof before_, &before_), 0);
+    state_ = *thread.read(thing_.what);
+  }
+  void TearDown() override {
+    if (state_.empty()) return;
+    EXPECT_EQ(sched_setaffinity(pid(), sizeof before_, &before_), 0);
+    const auto now = *thread.read(thing_.what);
+    EXPECT_EQ(now, state_);
+    if (now != state_) thread.write(thing_.what, state_, now);
+  }
+  pid_t pid() const { return std::stoi(thing_.what); }
+  // As the kernel does when the interrupt's CPUs change.
+  void move_to(unsigned cpu) const {
+    cpu_set_t set;
+    CPU_ZERO(&set);
+    CPU_SET(cpu, &set);
+    ASSERT_EQ(sched_setaffinity(pid(), sizeof set, &set), 0);
+  }
+
+  Thing thing_{};
+  cpu_set_t before_{};
+  std::string state_;
+};
+
+TEST_F(InterruptThread, ThatTheKernelMovedIsRestored) {
+  journal::Journal journal(kinds());
+  move_to(1);
+  const auto before = *thing_.kind->read(thing_.what);
+  journal.change(*thing_.kind, thing_.what, with_priority(before, "90"));
+  move_to(0);
+  EXPECT_EQ(thing_.kind->read(thing_.what), "fifo:90");
+  EXPECT_THAT(journal.revert(), IsEmpty());
+  EXPECT_EQ(thing_.kind->read(thing_.what), before);
+  EXPECT_EQ(thread.read(thing_.what), before + ":0") << "its CPUs stay the kernel's";
+}
+
+TEST_F(InterruptThread, OfAnEarlierVersionsJournalIsRestored) {
+  journal::Journal journal(kinds());
+  journal.change(thread, thing_.what, with_priority(state_, "90"));
+  EXPECT_THAT(*thing_.kind->read(thing_.what), "fifo:90");
+  EXPECT_THAT(journal.revert(), IsEmpty());
+}
+
 TEST(Interrupts, AreThoseThatTheyWere) {
   for (const auto& entry : std::filesystem::directory_iterator("/proc/irq")) {
     const auto name = entry.path().filename().string();
@@ -349,6 +428,20 @@ TEST(Interrupts, AreThoseThatTheyWere) {
     EXPECT_EQ(Thing({&interrupt, what}).title(), "interrupt " + name);
     return;
   }
+}
+
+TEST_F(OnVeth, InterruptsThatCannotBeFoundAreRefusedWhereThereAreSome) {
+  inside([] {
+    const Wishes without = {{"workqueue-cpus", "0"}};
+    EXPECT_EQ(away_to("0", left), without);
+    ASSERT_EQ(std::system("ip link add bridge0 type bridge"), 0);
+    EXPECT_THAT(error_of([] {
+                  away_to("0", {"bridge0", ""});
+                }),
+                AllOf(StartsWith("irq-cpus: "), HasSubstr("bridge0"), HasSubstr("hardware below it")));
+    ASSERT_EQ(std::system("ip link set left master bridge0"), 0);
+    EXPECT_EQ(away_to("0", {"bridge0", ""}), without) << "the one below it has none";
+  });
 }
 
 TEST_F(OnVeth, WhatAKilledProcessLeftIsGivenBack) {
@@ -420,7 +513,7 @@ TEST(Boot, IsSaidForSystemdTmpfilesAndAShell) {
   const Wishes wishes{{"ksoftirqd", "60"}, {"busy-poll", "50"}};
   const std::vector<Change> changes = {
       {&setting("busy-poll"), {&network_sysctl, "net/core/busy_poll"}, "0", "50"},
-      {&setting("ksoftirqd"), {&thread, "14:25:ksoftirqd/0"}, "other:0:0", "fifo:60:0"},
+      {&setting("ksoftirqd"), {&thread_priority, "14:25:ksoftirqd/0"}, "other:0", "fifo:60"},
       {&setting("napi-threads"), {&thread, "90:25:napi/eth0-8193"}, "other:0:0-1", "fifo:60:0-1"},
       {&setting("rps"), {&steering, "3:eth0/rx-0"}, "none", "0-1,33"}};
   EXPECT_THAT(
@@ -491,8 +584,8 @@ TEST(Boot, SystemdIsToldPlainWordsAndAProgramOfRootsAlone) {
 
 TEST(Boot, TheScriptFindsThreadsOfTheKernelByTheirWholeName) {
   const auto script = at_every_boot(
-      Form::shell, {}, {{&setting("ksoftirqd"), {&thread, "14:25:ksoftirqd/0"}, "other:0:0", "fifo:60:0"}},
-      {}, "");
+      Form::shell, {},
+      {{&setting("ksoftirqd"), {&thread_priority, "14:25:ksoftirqd/0"}, "other:0", "fifo:60"}}, {}, "");
   const auto begin = script.find("threads()"), end = script.find("for pid");
   const auto found = [&](const std::string& pattern) {
     const auto command = script.substr(begin, end - begin) + "threads '" + pattern + "' | wc -l";

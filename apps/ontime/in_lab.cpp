@@ -167,7 +167,7 @@ LabEnd InLab::measure(record::Writer& writer, Terminal& terminal, const campaign
       record::copy_run(reader, run, writer);
     }
   };
-  journal::revert_abandoned(keeper::kinds());
+  for (const auto& line : journal::revert_abandoned(keeper::kinds())) terminal.note(line);
   journal::Journal journal(keeper::kinds());
   auto files = scenarios_;
   if (known > 0) files.push_back(brought(writer.reader(), journal::add_directory(journal, "lab-results")));

@@ -47,7 +47,7 @@ int shell(const LabFlags& flags) {
   const auto machine = flags.machine();
   auto& interrupts = catch_interrupts();
   Terminal terminal;
-  journal::revert_abandoned(keeper::kinds());
+  for (const auto& line : journal::revert_abandoned(keeper::kinds())) terminal.note(line);
   journal::Journal journal(keeper::kinds());
   terminal.note("the machine starts in about 10 to 30 s; leave it with exit, or Ctrl-A X");
   lab::shell(machine, journal, observer_of(terminal, interrupts));

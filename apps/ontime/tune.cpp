@@ -82,6 +82,10 @@ void print_lines(const std::vector<std::string>& lines) {
   for (const auto& line : lines) print(printable(line) + "\n");
 }
 
+void print_errors(const std::vector<std::string>& lines) {
+  for (const auto& line : lines) print_error(line);
+}
+
 void warn(const campaign::Run& run, bool is_of_scenario) {
   constexpr int usual = 80;  // the paper's, and what `--realtime` gives
   const auto text =
@@ -116,12 +120,22 @@ int apply(const TuneArguments& arguments) {
   }
   // An interruption must not come between the last change and what keeps it.
   auto& interrupts = catch_interrupts();
-  for (const auto& line : journal::revert_abandoned(keeper::kinds())) print_error(line);
+  print_errors(journal::revert_abandoned(keeper::kinds()));
   journal::Journal journal(keeper::kinds());
-  const auto changes = settings::apply(journal, run.kernel, link);
-  settings::remember(journal, changes, link);
-  if (interrupts > 0) return 130;  // and the journal gives everything back
-  journal.keep();
+  const auto restore = [&] { print_errors(journal.revert()); };
+  std::vector<settings::Change> changes;
+  try {
+    changes = settings::apply(journal, run.kernel, link);
+    settings::remember(journal, changes, link);
+    if (interrupts > 0) {
+      restore();
+      return 130;
+    }
+    journal.keep();
+  } catch (...) {
+    restore();
+    throw;
+  }
   for (const auto& change : changes) lines.push_back(in_words(change));
   print_lines(lines);
   print_error("this lasts until `ontime tune revert` or a reboot");
@@ -193,16 +207,14 @@ int verify(const TuneArguments& arguments) {
 
 int revert() {
   need_root("revert");
-  auto lines = journal::revert_abandoned(keeper::kinds());
   journal::Journal journal(keeper::kinds());
   const auto given_back = journal.revert_kept();
-  lines.insert(lines.end(), given_back.done.begin(), given_back.done.end());
-  print_lines(lines);
-  for (const auto& line : given_back.left) print_error(line);
+  print_lines(given_back.done);
+  print_errors(given_back.left);
   for (const auto& folder : journal::forgotten_directories(journal::time_of_boot()))
     print_error(
         fmt::format("{0} is a folder of an ontime that a power cut ended. Remove it: rm -r {0}", folder));
-  if (lines.empty() && given_back.left.empty()) print_error("nothing was applied");
+  if (given_back.done.empty() && given_back.left.empty()) print_error("nothing was applied");
   return given_back.finished ? 0 : 3;
 }
 

@@ -99,11 +99,14 @@ std::chrono::nanoseconds period_of_rate(const std::string& text) {
 
 double share_of(const std::string& text) {
   static const Units units{{"%", 0.01L}};
-  const auto share = static_cast<double>(quantity(text, units, "1 %"));
-  constexpr double least = 1e-6;  // as the kernel divides
-  if (!(share >= least) || share > 1)
+  const auto share = quantity(text, units, "1 %");
+  const auto millionths = share * 1e6L;  // as the kernel divides
+  if (!(share >= 1e-6L) || share > 1)
     throw std::invalid_argument(fmt::format("'{}' is no share: 0.0001 % to 100 % are", text));
-  return share;
+  if (std::abs(millionths - std::round(millionths)) > 1e-6L)  // that much is the binary numbers' own
+    throw std::invalid_argument(
+        fmt::format("'{}' is finer than the kernel divides: steps of 0.0001 % are possible", text));
+  return static_cast<double>(share);
 }
 
 std::int64_t number_of(const std::string& text, std::int64_t least, std::int64_t most) {

@@ -1,5 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // The way of a packet through the kernel.
+#include <algorithm>
+
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 #include <sched.h>
@@ -29,8 +31,12 @@ std::vector<int> interrupts_of(const Look& look, const std::string& interface) {
   }
 }
 
+bool has_priority(const Look::Thread& thread) {
+  return thread.policy == SCHED_FIFO || thread.policy == SCHED_RR;
+}
+
 std::string state_of(const Look::Thread& thread) {
-  return thread.policy == SCHED_FIFO || thread.policy == SCHED_RR
+  return has_priority(thread)
              ? fmt::format("SCHED_{} {}", thread.policy == SCHED_FIFO ? "FIFO" : "RR", thread.priority)
              : "SCHED_OTHER";
 }
@@ -38,11 +44,11 @@ std::string state_of(const Look::Thread& thread) {
 Finding napi_of(const Look& look, const std::string& interface) {
   if (look.number(interface_folder + interface + "/threaded").value_or(0) == 0)
     return fine(fmt::format("{}: not threaded", interface));
-  std::vector<std::string> ordinary;
-  const auto threads = look.threads(fmt::format("napi/{}-", interface));
-  for (const auto& thread : threads)
-    if (thread.policy != SCHED_FIFO && thread.policy != SCHED_RR) ordinary.push_back(thread.name);
-  if (ordinary.empty() && !threads.empty())
+  auto threads = look.threads("napi/");
+  std::erase_if(threads, [&](const auto& one) { return !settings::is_napi_thread(one.name, interface); });
+  if (threads.empty())
+    return fine(fmt::format("{}: threaded, but it has no threads: is it down?", interface));
+  if (std::ranges::all_of(threads, has_priority))
     return fine(fmt::format("{}: threaded, {}", interface, state_of(threads.front())));
   return {Severity::wrong, fmt::format("{}: threaded, and its threads are SCHED_OTHER", interface),
           "a real-time priority, or not threaded",

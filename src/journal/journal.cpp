@@ -49,14 +49,15 @@ Journal::Journal(std::span<const Kind> more) : more_(more) {}
 
 Journal::~Journal() { revert(); }
 
-void Journal::hold() {
-  if (file_ && file_->owner == getpid()) return;
+Journal::GivenBack Journal::hold() {
+  if (file_ && file_->owner == getpid()) return {};
   file_.reset();
   std::optional<Folder> entered;
+  Cleared others;
   // A process that was told to end, or killed, may still be on its way out of the kernel.
   for (const auto until = Clock::now() + holder_may_end_in;; std::this_thread::sleep_for(50ms)) {
     entered.emplace(Folder::make());
-    const auto others = clear(*entered, more_);
+    others = clear(*entered, more_);
     if (others.holder.empty()) break;
     if (Clock::now() > until)
       throw Error(
@@ -74,6 +75,7 @@ void Journal::hold() {
     throw;
   }
   file_ = std::make_unique<File>(File{std::move(name), std::move(fd), getpid()});
+  return std::move(others.given_back);
 }
 
 void Journal::change(const Kind& kind, const std::string& what, const Value& wanted) {
@@ -128,9 +130,9 @@ std::vector<std::string> Journal::revert() noexcept {
   const auto file = std::move(file_);
   try {
     const auto folder = Folder::make();
-    const auto reverted = journal::revert(file->fd.get(), folder.path() + '/' + file->name, more_);
+    auto reverted = journal::revert(file->fd.get(), folder.path() + '/' + file->name, more_);
     if (reverted.finished) folder.remove(file->name);
-    return folder.not_yet_told(reverted.left);
+    return std::move(reverted.left);
   } catch (const std::exception& error) {
     return {error.what()};  // the journal is there still, for revert_abandoned()
   }
@@ -154,22 +156,9 @@ void Journal::keep() {
 }
 
 Journal::GivenBack Journal::revert_kept() {
-  hold();
+  auto all = hold();
   const auto folder = Folder::make();
-  GivenBack all;
-  for (const auto& name : folder.kept()) {
-    const auto path = folder.path() + '/' + name;
-    const auto opened = folder.open(name);
-    Reverted one;
-    if (opened.not_believed.empty())
-      one = journal::revert(opened.fd.get(), path, more_);
-    else
-      one.left.push_back(fmt::format("{} is not believed, as {}: remove it", path, opened.not_believed));
-    if (one.finished) folder.remove(name);
-    all.finished = all.finished && one.finished;
-    std::move(one.done.begin(), one.done.end(), std::back_inserter(all.done));
-    std::move(one.left.begin(), one.left.end(), std::back_inserter(all.left));
-  }
+  for (const auto& name : folder.kept()) revert_file(folder, name, folder.open(name), more_, all);
   return all;
 }
 
@@ -189,14 +178,14 @@ std::vector<Kept> kept(std::span<const Kind> more) {
   return all;
 }
 
-std::vector<std::string> revert_abandoned(std::span<const Kind> more) {
+std::vector<std::string> revert_abandoned(std::span<const Kind> more, Tell tell) {
   try {
     const auto folder = Folder::find();
     if (!folder) return {};
-    auto cleared = clear(*folder, more);
-    auto fresh = folder->not_yet_told(cleared.left);
-    std::move(fresh.begin(), fresh.end(), std::back_inserter(cleared.done));
-    return std::move(cleared.done);
+    auto [done, left, finished] = clear(*folder, more).given_back;
+    if (tell == Tell::once) left = folder->not_yet_told(left);
+    std::ranges::move(left, std::back_inserter(done));
+    return std::move(done);
   } catch (const Error& error) {
     // Where nothing can be written, it can be remembered only here that this was told.
     static std::string told;

@@ -56,9 +56,14 @@ class Journal {
   Journal(const Journal&) = delete;
   Journal& operator=(const Journal&) = delete;
 
-  // Before the first change, to be refused early: what others left is taken back first.
-  // Waits some seconds for a holder that may be about to end. Throws Error that names the holder.
-  void hold();
+  struct GivenBack {
+    std::vector<std::string> done, left;  // for people, a line each
+    bool finished = true;  // nothing stays to be given back: what is left has another owner by now
+  };
+  // Before the first change, to be refused early: what others left is taken back first, and what came of that
+  // is returned. Waits some seconds for a holder that may be about to end. Throws Error that names the
+  // holder.
+  GivenBack hold();
 
   // Read, write to the journal (it is on the disk then), change, read back. Throws Error if it cannot, or if
   // what is read back is not what was wanted, and then nothing is changed.
@@ -77,11 +82,8 @@ class Journal {
   // Leaves the hold, and everything as it has been changed: no ontime takes that for abandoned, and only
   // revert_kept() gives it back.
   void keep();
-  struct GivenBack {
-    std::vector<std::string> done, left;  // for people, a line each
-    bool finished = true;                 // what is left has another owner by now
-  };
-  // Gives back what was kept, by whatever process, the latest first. Takes the hold before.
+  // Gives back what was kept, by whatever process, the latest first. Takes the hold before: what others left
+  // is part of what it returns.
   GivenBack revert_kept();
 
  private:
@@ -101,10 +103,12 @@ std::vector<Kept> kept(std::span<const Kind>);
 
 // Takes back what processes that are gone left behind: only what can be seen from here, and only if it still
 // is what they made of it. What another program has changed since is left; what cannot be seen from
-// here, or is not understood, is kept. Returns what it did and, once, what it did not, a line each for
-// people. Does nothing while a living ontime holds the machine: that one did it before its first change.
+// here, or is not understood, is kept. Returns what it did and what it did not, a line each for people; the
+// latter only once, if so asked: every later start finds it again. Does nothing while a living ontime holds
+// the machine: that one did it before its first change.
 // Cheap when nothing is there; called at every start and end of a keeper.
-std::vector<std::string> revert_abandoned(std::span<const Kind> more = {});
+enum class Tell { once, always };
+std::vector<std::string> revert_abandoned(std::span<const Kind> more = {}, Tell = Tell::once);
 
 // Names of our own making: only they can be made, and only they are ever removed.
 constexpr const char* own_prefix = "ontime-";

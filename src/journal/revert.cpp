@@ -207,27 +207,32 @@ void look_at(int fd, const std::string& path, std::span<const Kind> more, std::v
   }
 }
 
+void revert_file(const Folder& folder, const std::string& name, const Folder::Opened& opened,
+                 std::span<const Kind> more, Journal::GivenBack& all) {
+  const auto path = folder.path() + '/' + name;
+  Reverted one;
+  if (opened.not_believed.empty())
+    one = revert(opened.fd.get(), path, more);
+  else
+    one.left.push_back(fmt::format("{} is not believed, as {}: remove it", path, opened.not_believed));
+  if (one.finished) folder.remove(name);
+  all.finished = all.finished && one.finished;
+  std::ranges::move(one.done, std::back_inserter(all.done));
+  std::ranges::move(one.left, std::back_inserter(all.left));
+}
+
 Cleared clear(const Folder& folder, std::span<const Kind> more) {
-  Cleared all;
-  std::vector<std::pair<std::string, Fd>> abandoned;
+  std::vector<std::pair<std::string, Folder::Opened>> abandoned;
   for (const auto& name : folder.journals()) {
     auto opened = folder.open(name);
     if (opened.alive) {
       const auto owner = parse(text_of(opened.fd.get())).header;
-      return {{}, {}, fmt::format("process {} ({})", owner.pid, in_quotes(owner.command))};
+      return {{}, fmt::format("process {} ({})", owner.pid, in_quotes(owner.command))};
     }
-    if (opened.not_believed.empty())
-      abandoned.emplace_back(name, std::move(opened.fd));
-    else
-      all.left.push_back(
-          fmt::format("{}/{} is not believed, as {}: remove it", folder.path(), name, opened.not_believed));
+    abandoned.emplace_back(name, std::move(opened));
   }
-  for (const auto& [name, fd] : abandoned) {
-    auto one = revert(fd.get(), folder.path() + '/' + name, more);
-    if (one.finished) folder.remove(name);
-    std::move(one.done.begin(), one.done.end(), std::back_inserter(all.done));
-    std::move(one.left.begin(), one.left.end(), std::back_inserter(all.left));
-  }
+  Cleared all;
+  for (const auto& [name, opened] : abandoned) revert_file(folder, name, opened, more, all.given_back);
   return all;
 }
 

@@ -27,8 +27,12 @@ Reverted revert(int fd, const std::string& path, std::span<const Kind> more, con
 // Adds what a journal's things are, if it is of this boot. Throws Error if it is not understood.
 void look_at(int fd, const std::string& path, std::span<const Kind> more, std::vector<Kept>& all);
 
+// A file of the folder, which is removed when nothing is left in it to undo. Adds what came of it.
+void revert_file(const Folder&, const std::string& name, const Folder::Opened&, std::span<const Kind> more,
+                 Journal::GivenBack& all);
+
 struct Cleared {
-  std::vector<std::string> done, left;
+  Journal::GivenBack given_back;
   std::string holder;  // whose the machine is, for people; nothing was done then
 };
 Cleared clear(const Folder&, std::span<const Kind> more);

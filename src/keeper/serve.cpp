@@ -140,7 +140,9 @@ class Keeper final : public orders::Worker {
     try {
       auto notes = end_all();
       std::ranges::move(journal_.revert(), std::back_inserter(notes));
-      std::ranges::move(journal::revert_abandoned(kinds()), std::back_inserter(notes));
+      // The connection may be gone, and then none of these is read: each is told again at the next start.
+      for (auto& line : journal::revert_abandoned(kinds(), journal::Tell::always))
+        if (std::ranges::find(notes, line) == notes.end()) notes.push_back(std::move(line));
       return notes;
     } catch (const std::exception& error) {
       return {error.what()};

@@ -93,8 +93,7 @@ std::string shell_of_thread(const std::string& name, const std::string& state) {
   const bool has_priority = policy == "fifo" || policy == "rr";
   auto line = fmt::format("for pid in $(threads '{}'); do chrt --{} --pid {} \"$pid\"", pattern_of(name),
                           policy, has_priority ? number : "0");
-  // What is bound to its CPU by the kernel stays there.
-  if (!name.starts_with("ksoftirqd/"))
+  if (second != state.npos)  // the CPUs of others are the kernel's to choose
     line += fmt::format("; taskset --cpu-list --pid {} \"$pid\"", state.substr(second + 1));
   return line + "; done\n";
 }
@@ -120,7 +119,7 @@ threads() { pgrep --parent 2 --exact "$1"; }  # of the kernel: others may call t
     std::string line;
     if (const auto file = file_of(change.thing, change.after))
       line = fmt::format("echo '{}' > '{}'\n", file->text, file->path);
-    else if (change.thing.kind == &thread)
+    else if (change.thing.kind == &thread || change.thing.kind == &thread_priority)
       line = shell_of_thread(name_of_thread(change.thing.what), change.after);
     else
       line = shell_of_driver(change.thing, change.after);

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cerrno>
 #include <charconv>
+#include <set>
 #include <sstream>
 
 #include <fmt/format.h>
@@ -74,6 +75,7 @@ std::string text_of(const ethtool_coalesce& state) {
 
 void set(ethtool_coalesce& state, const std::string& text) {
   std::istringstream parts(text);
+  std::set<std::string> names;
   for (std::string part; std::getline(parts, part, ',');) {
     const auto equals = std::min(part.find('='), part.size());
     const auto name = part.substr(0, equals), said = part.substr(std::min(part.size(), equals + 1));
@@ -83,6 +85,8 @@ void set(ethtool_coalesce& state, const std::string& text) {
           "'{}' is not one of rx-usecs=N, rx-frames=N, tx-usecs=N, tx-frames=N, adaptive-rx=on|off, "
           "adaptive-tx=on|off",
           part));
+    if (!names.insert(name).second)
+      throw std::invalid_argument(fmt::format("'{}' names {} twice", text, name));
     std::uint32_t number = said == "on" ? 1 : 0;
     const auto* const end = said.data() + said.size();
     const auto [last, error] = std::from_chars(said.data(), end, number);

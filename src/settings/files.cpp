@@ -186,10 +186,15 @@ std::optional<File> file_of(const Thing& thing, const std::string& value) {
   return {};
 }
 
+std::vector<int> online_cpus() {
+  const auto list = read_file(fmt::format("{}/online", cpus_folder)).value_or("");
+  return realtime::cpus_of(list).value_or(std::vector<int>{});
+}
+
 std::vector<Thing> cpus_with_governor() {
   std::vector<Thing> found;
-  for (const auto& cpu : names_in(cpus_folder))
-    if (is_cpu(cpu) && governor.read(cpu)) found.push_back({&governor, cpu});
+  for (const int number : online_cpus())
+    if (const auto cpu = fmt::format("cpu{}", number); governor.read(cpu)) found.push_back({&governor, cpu});
   return found;
 }
 

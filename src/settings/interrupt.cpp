@@ -15,11 +15,29 @@ namespace {
 
 namespace fs = std::filesystem;
 
+fs::path folder_of(const std::string& interface, const std::string& root = "") {
+  return fmt::format("{}/sys/class/net/{}", root, interface);
+}
+
+bool is_hardware(const fs::path& folder) {
+  std::error_code none;
+  return fs::exists(folder / "device", none);
+}
+
+// Of a bond, a VLAN or a bridge those that take its packets in.
+std::vector<std::string> interfaces_below(const fs::path& folder) {
+  constexpr std::string_view lower = "lower_";
+  std::vector<std::string> found;
+  for (const auto& name : names_in(folder))
+    if (name.starts_with(lower)) found.push_back(name.substr(lower.size()));
+  return found;
+}
+
 // Of the device, or (of a card on a bus, such as virtio or USB) of the one that it hangs on.
-void add_of_device(const std::string& interface, const std::string& root, std::set<int>& numbers) {
+void add_of_device(const fs::path& folder, const std::string& root, std::set<int>& numbers) {
   std::error_code none;
   const auto all_devices = fs::canonical(root + "/sys/devices", none);
-  for (auto device = fs::canonical(fmt::format("{}/sys/class/net/{}/device", root, interface), none);
+  for (auto device = fs::canonical(folder / "device", none);
        device.has_relative_path() && device != all_devices; device = device.parent_path()) {
     for (const auto& number : names_in(device / "msi_irqs")) numbers.insert(std::stoi(number));
     const auto wired = read_file(device / "irq");
@@ -29,15 +47,20 @@ void add_of_device(const std::string& interface, const std::string& root, std::s
   }
 }
 
-// Of a board's own card there is only the name that its driver gave them: "eth0", "eth0-rx-0".
-void add_by_name(const std::string& interface, const std::string& root, std::set<int>& numbers) {
+// Of a board's own card there is only the name that its driver gave them: "eth0", "eth0-rx-0", or the
+// device's: "30be0000.ethernet".
+void add_by_name(const fs::path& folder, const std::string& root, std::set<int>& numbers) {
+  std::error_code none;
+  const auto interface = folder.filename().string();
+  const auto device = fs::canonical(folder / "device", none).filename().string();
   std::ifstream file(root + "/proc/interrupts");
   for (std::string line; std::getline(file, line);) {
     const auto colon = line.find(':'), blank = line.rfind(' ');
     if (colon == line.npos || blank == line.npos || blank < colon) continue;
     std::istringstream head(line.substr(0, colon));
     const auto name = line.substr(blank + 1);
-    if (int number = 0; head >> number && (name == interface || name.starts_with(interface + '-')))
+    if (int number = 0;
+        head >> number && (name == interface || name == device || name.starts_with(interface + '-')))
       numbers.insert(number);
   }
 }
@@ -45,13 +68,24 @@ void add_by_name(const std::string& interface, const std::string& root, std::set
 }  // namespace
 
 std::vector<int> listed_interrupts(const std::string& interface, const std::string& root) {
-  // The kernel's list is the whole machine's: a veth may be called as another's card is.
-  if (std::error_code none; !fs::exists(fmt::format("{}/sys/class/net/{}/device", root, interface), none))
-    return {};
+  const auto folder = folder_of(interface, root);
   std::set<int> numbers;
-  add_of_device(interface, root, numbers);
-  if (numbers.empty()) add_by_name(interface, root, numbers);
+  for (const auto& below : interfaces_below(folder))
+    for (const int number : listed_interrupts(below, root)) numbers.insert(number);
+  // The kernel's list is the whole machine's: a veth may be called as another's card is.
+  if (numbers.empty() && is_hardware(folder)) {
+    add_of_device(folder, root, numbers);
+    if (numbers.empty()) add_by_name(folder, root, numbers);
+  }
   return {numbers.begin(), numbers.end()};
+}
+
+bool hides_interrupts(const std::string& interface) {
+  const auto folder = folder_of(interface);
+  const auto is_upon_another = [&] {  // a veth is of no such type
+    return read_file(folder / "uevent").value_or("").find("DEVTYPE=") != std::string::npos;
+  };
+  return is_hardware(folder) || (interfaces_below(folder).empty() && is_upon_another());
 }
 
 std::vector<int> interrupts_of(const std::string& interface) {

@@ -15,6 +15,9 @@ namespace ontime::settings {
 // later one of that id, and its name. Its value: "fifo:60:0-1", "other:0:1": policy; priority, or niceness of
 // a policy that has none; CPUs.
 extern const journal::Kind thread;
+// Of a thread whose CPUs are the kernel's to choose: it moves that of an interrupt to where the interrupt
+// comes, and that of an offline CPU has none. Its value: "fifo:60", "other:0".
+extern const journal::Kind thread_priority;
 // "net/core/rmem_max", "kernel/timer_migration": a file below /proc/sys. Those of the network are seen where
 // they can be written: not in every network namespace.
 extern const journal::Kind network_sysctl, kernel_sysctl;
@@ -73,8 +76,13 @@ std::string with_cpus(const std::string& value, const std::string& cpus);
 
 // Those of listed_interrupts() whose CPUs can be set.
 std::vector<int> interrupts_of(const std::string& interface);
+// Of an interface for which none are found: whether there are some all the same, of its device or of an
+// interface below it in another network namespace.
+bool hides_interrupts(const std::string& interface);
 std::string interrupt_here(int number);
-std::vector<Thing> cpus_with_governor();
+// An offline CPU keeps its files and threads, but the kernel neither reads nor sets all of them.
+std::vector<int> online_cpus();
+std::vector<Thing> cpus_with_governor();  // of those that are online
 std::vector<Thing> receive_queues_of(const std::string& interface);
 std::string with_coalescing(const std::string& value, const std::string& asked);
 

@@ -107,17 +107,17 @@ bool may_have_threads(const std::string& name) {
 
 }  // namespace
 
-std::vector<Thing> napi_threads_by_name(const std::string& interface) {
-  constexpr std::size_t short_name = 15;  // older kernels cut the names of threads
+bool is_napi_thread(const std::string& thread, const std::string& interface) {
+  constexpr std::size_t short_name = 15;
   const auto name = fmt::format("napi/{}-", interface);
-  auto found = threads_named(name);
-  std::erase_if(found, [&](const Thing& one) {  // of eth0-x
-    return one.title().find_first_not_of("0123456789", name.size()) != std::string::npos;
-  });
-  if (found.empty() && name.size() > short_name) {
-    found = threads_named(name.substr(0, short_name));
-    std::erase_if(found, [](const Thing& one) { return one.title().size() != short_name; });
-  }
+  if (thread.starts_with(name))  // and no thread of eth0-x is one of eth0
+    return thread.find_first_not_of("0123456789", name.size()) == thread.npos;
+  return name.size() > short_name && thread == name.substr(0, short_name);
+}
+
+std::vector<Thing> napi_threads_by_name(const std::string& interface) {
+  auto found = threads_named("napi/");
+  std::erase_if(found, [&](const Thing& one) { return !is_napi_thread(one.title(), interface); });
   if (!found.empty() && in_another_namespace([&] { return may_have_threads(interface); }))
     throw journal::Error(fmt::format(
         "another network namespace has an interface {0} with threads too, and before Linux 6.8 nothing "

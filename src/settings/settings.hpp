@@ -56,13 +56,18 @@ using Wishes = std::map<std::string, std::string>;  // name of a setting → val
 // The paper's, of the kernel's threads: interrupts at 90, ksoftirqd at 60.
 const Wishes& paper();
 
-// That the interface's interrupts, if it is hardware, and the kernel's unbound work come on these CPUs alone.
-// Throws Error where the interface cannot be looked at.
+// That the interface's interrupts, if it or one below it is hardware, and the kernel's unbound work come on
+// these CPUs alone. Throws Error where the interface cannot be looked at, or must have interrupts and none
+// are found.
 Wishes away_to(const std::string& cpus, const Link&);
 
-// The interrupts of an interface, if it is hardware, by what the machine's files below `root` say. Throws
-// journal::Error where the kernel does not say.
+// The interrupts of an interface, and of those below it (of a bond, a VLAN), if it is hardware, by what the
+// machine's files below `root` say. Throws journal::Error where the kernel does not say.
 std::vector<int> listed_interrupts(const std::string& interface, const std::string& root = "");
+
+// Whether a kernel's thread of that name takes in the packets of the interface, or seems to: before
+// Linux 5.17 the kernel cut the names of threads, so two interfaces may share one.
+bool is_napi_thread(const std::string& thread, const std::string& interface);
 
 // What a thing was and what it is, or is to be.
 struct Change {

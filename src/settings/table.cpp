@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <algorithm>
 #include <charconv>
+#include <set>
 #include <sstream>
 
 #include <fmt/format.h>
@@ -50,29 +51,31 @@ void check_governor(Text asked) {
 }
 
 // "60", or "0=60,1=other": of each CPU what was said of it.
-std::string priority_of_cpu(Text asked, Text cpu) {
+std::string priority_of_cpu(Text asked, int cpu) {
   if (asked.find('=') == asked.npos) return asked;
   std::istringstream parts(asked);
   for (std::string part; std::getline(parts, part, ',');)
-    if (const auto equals = part.find('='); part.substr(0, equals) == cpu) return part.substr(equals + 1);
+    if (const auto equals = part.find('='); std::stoi(part) == cpu) return part.substr(equals + 1);
   return "";
 }
 void check_priorities(Text asked) {
   if (asked.find('=') == asked.npos) return check_priority(asked);
   std::istringstream parts(asked);
+  std::set<int> cpus;
   for (std::string part; std::getline(parts, part, ',');) {
     const auto equals = part.find('=');
     check_number(part.substr(0, equals), 0, 1023);
     check_priority(equals == part.npos ? "" : part.substr(equals + 1));
+    if (!cpus.insert(std::stoi(part)).second)
+      throw std::invalid_argument(fmt::format("'{}' names CPU {} twice", asked, part.substr(0, equals)));
   }
 }
 
 void check_online(Text cpus) {
-  const auto online = read_file("/sys/devices/system/cpu/online").value_or("");
-  const auto there = realtime::cpus_of(online).value_or(std::vector<int>{});
+  const auto there = online_cpus();
   for (const int cpu : realtime::cpus_of(cpus).value_or(std::vector<int>{}))
     if (std::ranges::find(there, cpu) == there.end())
-      throw journal::Error(fmt::format("there is no CPU {}; there are {}", cpu, online));
+      throw journal::Error(fmt::format("there is no CPU {}; there are {}", cpu, realtime::list_of(there)));
 }
 
 // ── What a thing is to be
@@ -92,7 +95,7 @@ std::string with_priority_of_its_cpu(Text asked, const Thing& thing, Text now) {
   std::istringstream parts(asked);
   for (std::string part; std::getline(parts, part, ',');)
     if (const auto equals = part.find('='); equals != part.npos) check_online(part.substr(0, equals));
-  const auto cpu = thing.title().substr(thing.title().find('/') + 1);
+  const int cpu = std::stoi(thing.title().substr(thing.title().find('/') + 1));
   const auto own = priority_of_cpu(asked, cpu);
   return own.empty() ? now : with_priority(now, own);
 }
@@ -143,6 +146,10 @@ Things unbound_work(Text) {
 
 Things softirqs(Text) {
   auto found = threads_named("ksoftirqd/");
+  std::erase_if(found, [online = online_cpus()](const Thing& one) {
+    return std::ranges::none_of(online,
+                                [&](int cpu) { return one.title() == fmt::format("ksoftirqd/{}", cpu); });
+  });
   if (found.empty()) throw journal::Error("this kernel has no ksoftirqd");
   return found;
 }
@@ -265,13 +272,13 @@ std::span<const Setting> table() { return all; }
 
 std::span<const journal::Kind> kinds() {
   static const std::vector<journal::Kind> all_kinds = {
-      thread,    network_sysctl, kernel_sysctl, governor,   workqueues,
-      interrupt, threaded,       steering,      coalescing, gro};
+      thread,    thread_priority, network_sysctl, kernel_sysctl, governor, workqueues,
+      interrupt, threaded,        steering,       coalescing,    gro};
   return all_kinds;
 }
 
 std::string Thing::title() const {
-  if (kind == &thread) return name_of_thread(what);
+  if (kind == &thread || kind == &thread_priority) return name_of_thread(what);
   if (kind == &workqueues) return "unbound work";
   if (kind == &interrupt) return "interrupt " + what.substr(0, what.find(':'));
   if (is_interface(what.substr(0, what.find('/')))) return name_of_interface(what);

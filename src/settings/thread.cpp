@@ -31,7 +31,7 @@ constexpr Policy policies[] = {{"other", SCHED_OTHER, false},
 struct Scheduling {
   const Policy* policy;
   int number;  // priority or niceness
-  std::string cpus;
+  std::optional<std::string> cpus;
 };
 
 std::optional<int> number_of(const std::string& text) {
@@ -44,16 +44,19 @@ std::optional<int> number_of(const std::string& text) {
 Scheduling parse(const std::string& text) {
   std::istringstream parts(text);
   std::string policy, number, cpus;
-  std::getline(parts, policy, ':') && std::getline(parts, number, ':') && std::getline(parts, cpus);
+  std::getline(parts, policy, ':') && std::getline(parts, number, ':');
+  const bool says_cpus = !parts.eof();
+  std::getline(parts, cpus);
   const auto* const known = std::ranges::find(policies, policy, &Policy::name);
   const auto value = number_of(number);
-  if (known == std::end(policies) || !value || !realtime::cpus_of(cpus))
+  if (known == std::end(policies) || !value || (says_cpus && !realtime::cpus_of(cpus)))
     throw journal::Error(fmt::format("'{}' is no state of a thread that could be given back", text));
-  return {known, *value, cpus};
+  return {known, *value, says_cpus ? std::optional(cpus) : std::nullopt};
 }
 
 std::string text_of(const Scheduling& value) {
-  return fmt::format("{}:{}:{}", value.policy->name, value.number, value.cpus);
+  const auto priority = fmt::format("{}:{}", value.policy->name, value.number);
+  return value.cpus ? fmt::format("{}:{}", priority, *value.cpus) : priority;
 }
 
 // "PID:START:NAME" of a thread of the kernel; nothing if there is none of that id.
@@ -77,6 +80,7 @@ void check_kernel_is_seen() {
     throw journal::Error("the kernel's threads are not to be seen from here (a container?)");
 }
 
+// Also of those whose priority alone is set: older journals have them by this kind.
 bool accepts(const std::string& what) {
   const auto first = what.find(':'), second = what.find(':', first + 1);
   if (second == what.npos) return false;
@@ -87,6 +91,11 @@ bool accepts(const std::string& what) {
   const auto name = what.substr(second + 1);
   return digits(what.substr(0, first)) && digits(what.substr(first + 1, second - first - 1)) &&
          (name.starts_with("ksoftirqd/") || name.starts_with("irq/") || name.starts_with("napi/"));
+}
+
+bool accepts_priority(const std::string& what) {
+  const auto name = name_of_thread(what);
+  return accepts(what) && (name.starts_with("ksoftirqd/") || name.starts_with("irq/"));
 }
 
 pid_t pid_of(const std::string& what) { return number_of(what.substr(0, what.find(':'))).value_or(-1); }
@@ -115,6 +124,12 @@ journal::Value read(const std::string& what) {
       {known, known->has_priority ? parameters.sched_priority : niceness, realtime::list_of(cpus)});
 }
 
+journal::Value read_priority(const std::string& what) {
+  auto value = read(what);
+  if (value) value->erase(value->rfind(':'));
+  return value;
+}
+
 void write(const std::string& what, const journal::Value& value, const journal::Value& present) {
   const auto pid = pid_of(what);
   const auto wanted = parse(value.value_or("")), before = parse(present.value_or(""));
@@ -123,10 +138,11 @@ void write(const std::string& what, const journal::Value& value, const journal::
   if (wanted.cpus != before.cpus) {
     cpu_set_t set;
     CPU_ZERO(&set);
-    for (const int cpu : realtime::cpus_of(wanted.cpus).value_or(std::vector<int>{}))
+    for (const int cpu : realtime::cpus_of(wanted.cpus.value_or("")).value_or(std::vector<int>{}))
       CPU_SET(static_cast<unsigned>(cpu), &set);
     if (sched_setaffinity(pid, sizeof set, &set) != 0)
-      throw trouble(fmt::format("CPUs {} for thread {}", wanted.cpus, name_of_thread(what)), errno);
+      throw trouble(fmt::format("CPUs {} for thread {}", wanted.cpus.value_or(""), name_of_thread(what)),
+                    errno);
   }
   const sched_param parameters{wanted.policy->has_priority ? wanted.number : 0};
   const bool done =
@@ -138,6 +154,8 @@ void write(const std::string& what, const journal::Value& value, const journal::
 }  // namespace
 
 const journal::Kind thread = {"thread", journal::Scope::machine, accepts, read, write};
+const journal::Kind thread_priority = {"thread priority", journal::Scope::machine, accepts_priority,
+                                       read_priority, write};
 
 std::string name_of_thread(const std::string& what) {
   return what.substr(std::min(what.size(), what.find(':', what.find(':') + 1) + 1));
@@ -149,7 +167,8 @@ std::vector<Thing> threads_named(const std::string& prefix) {
   for (const auto& pid : names_in("/proc")) {
     if (!number_of(pid)) continue;
     const auto identity = identity_of(pid);
-    if (identity && name_of_thread(*identity).starts_with(prefix)) found.push_back({&thread, *identity});
+    if (identity && name_of_thread(*identity).starts_with(prefix))
+      found.push_back({accepts_priority(*identity) ? &thread_priority : &thread, *identity});
   }
   std::ranges::sort(found, {}, [](const Thing& one) { return name_of_thread(one.what); });
   return found;

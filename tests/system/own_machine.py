@@ -14,12 +14,17 @@ import sys
 CLONE_NEWNS, CLONE_NEWNET = 0x00020000, 0x40000000  # as in <linux/sched.h>
 
 
+def own_mounts(also=0):
+    """Of this process, and of what it starts: they end with these, whatever ends them."""
+    libc = ctypes.CDLL(None, use_errno=True)
+    if libc.unshare(CLONE_NEWNS | also) != 0:
+        raise OSError(ctypes.get_errno(), "no namespaces")
+    subprocess.run(["mount", "--make-rprivate", "/"], check=True)
+
+
 def enter():
     """This process, and what it starts."""
-    libc = ctypes.CDLL(None, use_errno=True)
-    if libc.unshare(CLONE_NEWNS | CLONE_NEWNET) != 0:
-        raise OSError(ctypes.get_errno(), "no mount and network namespaces")
-    subprocess.run(["mount", "--make-rprivate", "/"], check=True)
+    own_mounts(CLONE_NEWNET)
     subprocess.run(["mount", "-t", "tmpfs", "-o", "mode=755", "tmpfs", "/run"], check=True)
     subprocess.run(["ip", "link", "set", "lo", "up"], check=True)
 

@@ -12,6 +12,7 @@ import subprocess
 import tempfile
 import unittest
 
+from own_machine import own_mounts
 from program import ONTIME, eventually, kill_at_once, sample_count
 
 NAMESPACE, INTERFACE = "ontime-controller", "to-component"
@@ -160,6 +161,29 @@ class Tune(unittest.TestCase):
         self.assertEqual(answer.returncode, 0, answer.stderr)
         self.assert_given_back()
 
+    def test_what_cannot_be_restored_is_told_until_it_is(self):
+        own_mounts()
+        process = self.tuned_run()
+        keepers = self.keepers_of(process)
+        barred = lambda *options: subprocess.run(["mount", *options, BUSY_POLL], check=True)
+        barred("--bind", BUSY_POLL)
+        try:
+            barred("-o", "remount,bind,ro")
+            process.kill()  # so no process reads what the keeper could not restore
+            process.communicate(timeout=180)
+            self.assertTrue(eventually(lambda: not any(os.path.exists(f"/proc/{pid}") for pid in keepers)))
+            for _ in range(2):
+                answer = self.ontime("tune", "revert")
+                self.assertEqual(answer.returncode, 3, answer.stdout + answer.stderr)
+                self.assertIn("busy_poll", answer.stderr)
+                self.assertNotIn("nothing was applied", answer.stderr)
+        finally:
+            subprocess.run(["umount", BUSY_POLL], check=True)
+        answer = self.ontime("tune", "revert")
+        self.assertEqual(answer.returncode, 0, answer.stderr)
+        self.assertIn("set network sysctl net/core/busy_poll back to", answer.stdout)
+        self.assert_given_back()
+
     def test_what_somebody_changed_meanwhile_is_left_to_him(self):
         process = self.tuned_run()
         self.assertTrue(eventually(lambda: sample_count(self.results)))
@@ -177,7 +201,7 @@ class Tune(unittest.TestCase):
     def test_what_is_applied_stays_until_it_is_reverted(self):
         self.assertEqual(self.ontime("tune", "verify").returncode, 1, "nothing was applied yet")
         dry = self.ontime("tune", "apply", "--set", "ksoftirqd=60", "--dry-run")
-        self.assertIn("ksoftirqd/0 from other:0:0 to fifo:60:0", dry.stdout)
+        self.assertIn("ksoftirqd/0 from other:0 to fifo:60", dry.stdout)
         self.assertEqual(state(), self.before)
         answer = self.ontime("tune", "apply", "--set", "ksoftirqd=60", "--set", "busy-poll=40")
         self.assertEqual(answer.returncode, 0, answer.stderr)
