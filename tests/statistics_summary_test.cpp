@@ -514,13 +514,19 @@ TEST(SlowerThan, CountsMessagesAndNotBins) {
     samples.push_back(answered(static_cast<std::uint64_t>(i), i * 10'000'000, 0, 330'000 + 10 * i));
   const auto summary = summary_of(samples, {});
   const auto events = [&](double limit_ns) {
-    return slower_than(summary, Times::round_trip, limit_ns).events;
+    const auto [least, most] = slower_than(summary, Times::round_trip, limit_ns);
+    return std::pair(least.events, most.events);
   };
-  EXPECT_EQ(events(333'359), 64U);
-  EXPECT_EQ(events(333'360), 63U);
-  EXPECT_EQ(events(333'990), 0U);
-  EXPECT_EQ(events(329'999), 400U);
-  EXPECT_NEAR(static_cast<double>(events(331'000)), 299, 300 * 0.022);
+  EXPECT_EQ(events(333'359), std::pair(64UL, 64UL));
+  EXPECT_EQ(events(333'360), std::pair(63UL, 63UL));
+  EXPECT_EQ(events(333'990), std::pair(0UL, 0UL));
+  EXPECT_EQ(events(329'999), std::pair(400UL, 400UL));
+  for (std::uint64_t slower = 0; slower < 400; ++slower) {
+    const auto [least, most] = events(333'990 - 10 * static_cast<double>(slower));
+    EXPECT_LE(least, slower);
+    EXPECT_GE(most, slower);
+    EXPECT_LE(static_cast<double>(most - least), static_cast<double>(slower) * 0.022 + 1) << slower;
+  }
 }
 
 TEST(Shape, ShowsAStallWhereItWas) {

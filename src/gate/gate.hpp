@@ -44,7 +44,7 @@ struct Gate {
 Gate parse(const std::string& text, Use);
 
 // Of messages that are late or lost, as the gate asks, or slower than its limit.
-statistics::Probability probability_beyond(const Gate&, const statistics::Summary&);
+statistics::Between probability_beyond(const Gate&, const statistics::Summary&);
 
 // What of the conditions that were asked for was not there, for people: load, settings, reserved CPUs, the
 // link's faults, traffic, neighbours. Empty: nothing speaks against it.

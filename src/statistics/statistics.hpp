@@ -41,8 +41,8 @@ struct Bin {
 };
 using Histogram = std::vector<Bin>;
 
-// Some of the sorted values, with their ranks from 1: the highest 128, and of the others 32 for each doubling
-// of how many are higher.
+// Some of the sorted values, with their ranks from 1: the highest 128, of the others 32 for each doubling of
+// how many are higher, and the lowest.
 struct Ranked {
   std::uint64_t rank;
   std::int64_t value;
@@ -165,9 +165,13 @@ std::optional<Measured> measured(const Summary&, Times, Figure);  // nothing: no
 // Of late and lost messages; nothing of times.
 const Probability* probability_of(const Summary&, Times, Figure);
 
-// How many of the answers take longer than that: exactly of the slowest 128, else by 2.2 % too many at most.
-// Their design effect is the greater one of the percentiles around; of hardly any, that of the slowest.
-Probability slower_than(const Summary&, Times, double limit_ns);
+// Where not all ranks are kept, a number of messages lies between two: the same one where it is known.
+struct Between {
+  Probability at_least, at_most;
+};
+// How many of the answers take longer than that: exactly of the slowest 128, else to within 2.2 %. Their
+// design effect is the greater one of the percentiles around; of hardly any, that of the slowest.
+Between slower_than(const Summary&, Times, double limit_ns);
 
 // From one or several runs to one or several others: their means.
 //
