@@ -13,6 +13,7 @@
 #include <fmt/format.h>
 
 #include "conditions/conditions.hpp"
+#include "gate/gate.hpp"
 #include "report/words.hpp"
 
 namespace ontime::report {
@@ -371,6 +372,12 @@ Group all_of(const Summaries& summaries) {
   Group all;
   for (const auto& summary : summaries) all.push_back(&summary);
   return all;
+}
+
+Group last_of(const Summaries& summaries) {
+  auto last = all_of(summaries);
+  std::erase_if(last, [&](const auto* run) { return gate::is_superseded(*run, summaries); });
+  return last;
 }
 
 std::vector<Group> by_id(const Summaries& summaries) {

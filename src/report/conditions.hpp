@@ -12,6 +12,7 @@
 namespace ontime::report {
 
 Group all_of(const Summaries&);
+Group last_of(const Summaries&);             // without those that were measured again
 std::vector<Group> by_id(const Summaries&);  // in the order of their first runs
 
 // Of each of a group: its transport, and in words whatever is not the same in all of them. Repetitions have
