@@ -245,6 +245,17 @@ TEST(Answer, CyclesWithoutAMessageCountAsNotInTime) {
   EXPECT_EQ(row.state, State::late);
 }
 
+TEST(Answer, WorstWaitThatNoAnswerEndedIsOpen) {
+  auto one = run(1, "a", "udp", {}, 1);
+  one.response.max = one.open_wait_ns = 530 * ms;
+  for (const auto lost : {0U, 1U}) {  // of a time-out of 500 ms
+    one.lost = lost;
+    const auto row = answer_of({one}, kept).rows.front();
+    EXPECT_EQ(row.worst_wait_ns, 530.0 * ms);
+    EXPECT_TRUE(row.is_open);
+  }
+}
+
 TEST(Answer, ALostMessageWaitedAtLeastTheTimeOut) {
   auto one = run(1, "a", "udp", {}, 1);
   one.lost = 1;

@@ -324,6 +324,7 @@ TEST(Summary, CyclesBeforeALostMessageWaitForTheNextAnswer) {
       {answered(0, 0 * ms, 0, us), lost(1, 10 * ms, 2), answered(2, 40 * ms, 50, us)}, asked_next_free);
   EXPECT_EQ(summary.response.count, 1u + 2 + 50 + 1);
   EXPECT_EQ(summary.response.max, 540 * ms + 52 * us - 10 * ms) << "the first that waited was due at 10 ms";
+  EXPECT_EQ(summary.open_wait_ns, 0) << "an answer ended it";
 }
 
 TEST(Summary, CyclesAfterTheLastMessageCountToo) {
@@ -334,6 +335,7 @@ TEST(Summary, CyclesAfterTheLastMessageCountToo) {
   EXPECT_EQ(summary.skipped_cycles, 40u);
   EXPECT_EQ(summary.response.count, 42u);
   EXPECT_EQ(summary.response.max, 405 * ms);
+  EXPECT_EQ(summary.open_wait_ns, 405 * ms);
   EXPECT_EQ(summary.late_by_response, 40u) << "the last was due at 410 ms, 15 ms before";
 
   const auto nothing_sent = summary_of({}, asked_next_free, outcome);
@@ -345,6 +347,7 @@ TEST(Summary, CyclesAfterTheLastMessageCountToo) {
 
   const auto then_lost = summary_of({answered(0, 0, 0, us), lost(1, 10 * ms, 5)}, asked_next_free);
   EXPECT_EQ(then_lost.response.max, 550 * ms + 51 * us) << "until the message was given up";
+  EXPECT_EQ(then_lost.open_wait_ns, then_lost.response.max);
 }
 
 TEST(Summary, SaysFromWhereToWhere) {

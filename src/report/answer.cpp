@@ -106,9 +106,10 @@ Row row_of(const Group& runs, const std::string& name) {
     row.missed += missed_of(*run);
     auto wait_ns = static_cast<double>(std::max(run->response.max, run->round_trip.max));
     const auto timeout_ns = static_cast<double>(run->run.asked.task.client.timeout.count());
-    if (run->lost > 0 && timeout_ns > 0) {
-      row.is_open = row.is_open || timeout_ns >= wait_ns;
-      wait_ns = std::max(wait_ns, timeout_ns);
+    const auto open_ns = std::max(static_cast<double>(run->open_wait_ns), run->lost > 0 ? timeout_ns : 0);
+    if (open_ns > 0) {
+      row.is_open = row.is_open || open_ns >= wait_ns;
+      wait_ns = std::max(wait_ns, open_ns);
     }
     if (wait_ns > 0) row.worst_wait_ns = std::max(row.worst_wait_ns.value_or(0), wait_ns);
   }

@@ -114,8 +114,12 @@ class Pass {
                       counted.trailing_cycles));
       waited_until_ns_ = std::max(waited_until_ns_, counted.trailing_until_ns);
     }
-    // Whom no answer came to waited at least so long.
-    if (!waiting_.empty()) answer_waiting(std::max(waited_until_ns_, waiting_.back().greatest()));
+    // Those that no answer came to waited at least so long.
+    if (!waiting_.empty()) {
+      const auto until_ns = std::max(waited_until_ns_, waiting_.back().greatest());
+      summary_.open_wait_ns = between(waiting_.front().least, until_ns);
+      answer_waiting(until_ns);
+    }
     std::move(parts_).into(summary_);
     summary_.wake_up = Ranks(std::move(wake_up_)).distribution();
     summary_.server = Ranks(std::move(server_)).distribution();

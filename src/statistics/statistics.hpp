@@ -115,6 +115,7 @@ struct Summary {
   // ended their wait, or, if none did any more, as long as they are known to have waited. Hides no stall. A
   // lost message has none.
   Distribution response;
+  std::int64_t open_wait_ns = 0;  // the longest of the waits that no answer ended; 0: of cycles there is none
   // Due → woke, of the sending thread; none in back-to-back. Of the wake-ups for the cycles skipped before a
   // message the longest counts as one.
   Distribution wake_up;
