@@ -131,10 +131,9 @@ std::vector<Entry> entries_of(const Summaries& summaries) {
     std::ranges::copy_if(all, std::back_inserter(group),
                          [&](const auto* run) { return !gate::is_superseded(*run, summaries); });
     const auto labels = labels_without_repetition(group);
-    std::vector<std::pair<std::pair<std::string, std::string>, Group>> alike;  // by label and key
-    for (std::size_t i = 0; i < group.size(); ++i)
-      entry_of(alike, std::pair(labels[i], group[i]->run.key)).push_back(group[i]);
-    for (const auto& [which, runs] : alike) entries.push_back({runs, row_of(runs, which.first)});
+    std::vector<std::pair<std::string, Group>> alike;
+    for (std::size_t i = 0; i < group.size(); ++i) entry_of(alike, labels[i]).push_back(group[i]);
+    for (const auto& [label, runs] : alike) entries.push_back({runs, row_of(runs, label)});
   }
   return entries;
 }
