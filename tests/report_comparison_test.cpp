@@ -274,6 +274,16 @@ TEST(CompareChosen, RunsOfOtherIdsByTheirTransportsOrTheOneThatThereIs) {
   EXPECT_THAT(render(compare_chosen(one, other), {}, Format::table), HasSubstr("transport: udp → fastdds"));
 }
 
+TEST(CompareChosen, RunOnBothSidesIsFoundThoughTheSidesDiffer) {
+  const std::vector udp{run("a", "k1", 1), run("a", "k1", 1, 2)};
+  auto other = run("a", "k2", 1, 3);
+  amend(other.run.asked, "/transport", "fastdds");
+  const auto comparison = compare_chosen(udp, {udp[0], udp[1], other});
+  ASSERT_EQ(comparison.pairs.size(), 1U);
+  EXPECT_TRUE(has_run_on_both_sides(comparison.pairs[0]));
+  EXPECT_FALSE(has_run_on_both_sides(compare_chosen({udp[0]}, {udp[1]}).pairs.at(0)));
+}
+
 TEST(CompareChosen, RunsBesideTheSameOfOthers) {
   std::vector a{run("idle", "k1", 1), run("idle", "k2", 1)},
       b{run("loaded", "k3", 1), run("loaded", "k4", 1)};

@@ -81,6 +81,12 @@ std::optional<statistics::Change> change_of(const Pair& pair, statistics::Times 
 
 bool is_repeated(const Pair& pair) { return whole(pair.from).size() > 1 && whole(pair.to).size() > 1; }
 
+bool has_run_on_both_sides(const Pair& pair) {
+  return std::ranges::any_of(pair.from, [&](const auto* from) {
+    return std::ranges::any_of(pair.to, [&](const auto* to) { return from->run.number == to->run.number; });
+  });
+}
+
 Comparison compare(const Summaries& a, const Summaries& b) {
   return pairs_of(last_of(a), last_of(b), [](const auto& summary) { return summary.run.key; });
 }
