@@ -130,6 +130,18 @@ TEST(Answer, RepetitionsAreOneRowWithTheirSpread) {
   EXPECT_THAT(text_of(answer, 80), HasSubstr("1.0–5.0"));
 }
 
+TEST(Answer, RowThatIsNotAsRequestedIsNoPartOfAll) {
+  std::vector runs{run(1, "a", "udp", {}), run(2, "b", "udp", {}, 200)};
+  runs[1].run.outcome = {};
+  EXPECT_EQ(answer_of(runs, kept).sentence,
+            "2,000 cycles had an answer within 10 ms. 1 of 2 rows was not measured as requested.");
+  amend(runs[0].run.asked, "/load", {{"controller", {{"cpu", 1}}}});
+  runs.push_back(run(3, "c", "udp", {}));
+  EXPECT_EQ(answer_of(runs, kept).sentence,
+            "The cycles had an answer within 10 ms, under each of 2 conditions. 1 of 3 rows was not measured "
+            "as requested.");
+}
+
 TEST(Answer, DeniedSettingsAreNoVerdictOnThem) {
   auto one = run(1, "a", "udp", {false, true});
   amend(one.run.outcome, "/hosts/controller/refusals",

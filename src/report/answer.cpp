@@ -232,15 +232,19 @@ std::string sentence_of_listened(const Class& all) {
 }
 
 // Of one class all together; of two their contrast; never pooled over opposite conditions.
-std::string sentence_of(const std::vector<Class>& classes, const Class* worst, const Class* contrast) {
+std::string sentence_of(const std::vector<Class>& classes, const Class* worst, const Class* contrast,
+                        bool is_of_all) {
   if (worst->conditions.is_listened) return sentence_of_listened(*worst);
   const auto within = in_time(classes);
   if (worst->high == 0) {
     std::uint64_t cycles = 0;
     for (const auto* entry : worst->entries) cycles += entry->row.cycles;
-    if (cycles == 1 && classes.size() == 1) return fmt::format("The only cycle had an answer {}.", within);
-    if (classes.size() == 1) return fmt::format("All {} cycles had an answer {}.", grouped(cycles), within);
-    return fmt::format("All cycles had an answer {}, under each of {} conditions.", within, classes.size());
+    if (cycles == 1 && classes.size() == 1)
+      return fmt::format("{} cycle had an answer {}.", is_of_all ? "The only" : "1", within);
+    if (classes.size() == 1)
+      return fmt::format("{}{} cycles had an answer {}.", is_of_all ? "All " : "", grouped(cycles), within);
+    return fmt::format("{} cycles had an answer {}, under each of {} conditions.", is_of_all ? "All" : "The",
+                       within, classes.size());
   }
   if (contrast == nullptr)
     return fmt::format("{} of the cycles had no answer {}{}.", worst->range(), within, worst_named(*worst));
@@ -381,7 +385,8 @@ Answer answer_of(const Summaries& summaries, const Origin& origin) {
     answer.times = "times";
   answer.cautions = cautions_of(entries);
 
-  auto classes = classes_of(entries, [](State state) { return state == State::ok || state == State::late; });
+  const auto as_requested = [](State state) { return state == State::ok || state == State::late; };
+  auto classes = classes_of(entries, as_requested);
   const bool held = !classes.empty();
   if (!held) classes = classes_of(entries, [](State state) { return state != State::imported; });
   // Of round trips and of what was listened to, the round trips: those were an experiment.
@@ -393,8 +398,14 @@ Answer answer_of(const Summaries& summaries, const Origin& origin) {
   } else {
     const auto worst = std::ranges::max_element(classes, {}, &Class::high);
     const auto* contrast = contrast_of(classes, *worst);
-    answer.sentence = sentence_of(classes, &*worst, contrast);
+    const auto left_out = std::ranges::count_if(answer.rows, [&](const Row& row) {
+      return held && !as_requested(row.state) && row.state != State::imported;
+    });
+    answer.sentence = sentence_of(classes, &*worst, contrast, left_out == 0);
     if (!held) answer.sentence += " But no run was measured as requested.";
+    if (left_out > 0)
+      answer.sentence += fmt::format(" {} of {} {} not measured as requested.", left_out,
+                                     many(entries.size(), "row", "rows"), left_out == 1 ? "was" : "were");
     if (contrast != nullptr && worst->high > 0) {
       found.from = worst_of(*worst)->runs.front();
       found.to = contrast->entries.front()->runs.front();
