@@ -153,6 +153,8 @@ TEST(Judge, ALevelThatChangedIsNamed) {
   one.round_trip_certainty.shift = statistics::Shift{0.5, 150'000, 300'000, 100e9};
   EXPECT_THAT(judged("p99 > 2 ms", one).says,
               HasSubstr("from about 100 s on the median is 2 times as long (150 µs, then 300 µs)"));
+  one.round_trip_certainty.shift = statistics::Shift{0.5, 160'000, 20'450'000, 100e9};
+  EXPECT_THAT(statistics::shift_text(one), HasSubstr("is 128 times as long (160 µs, then 20.45 ms)"));
 }
 
 // `lost` of so many messages, evenly.

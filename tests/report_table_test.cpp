@@ -90,6 +90,8 @@ TEST(TableFormat, SaysHowSureItIs) {
   EXPECT_THAT(text, HasSubstr("[0.1, 0.3]"));
   EXPECT_THAT(text,
               HasSubstr("2 bursts of late or lost messages in a row, the longest of 7 messages, 70 ms"));
+  one.bursts.longest_ns = 999'600'000;
+  EXPECT_THAT(render({one}, Format::table), HasSubstr("the longest of 7 messages, 1 s"));
 }
 
 // A limit in the estimate's place is another number: p99 of 197 µs where JSON has 5218.

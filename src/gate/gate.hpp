@@ -124,7 +124,6 @@ Judgement judge_as_asked(const statistics::Summary&);
 inline constexpr int longest_id = 60;
 std::string name_of(const statistics::Summary&);
 std::string name_of(const Runs&);
-// "28.25 ms".
-std::string time_of(double ns);
+using statistics::time_of;
 
 }  // namespace ontime::gate

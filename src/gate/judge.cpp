@@ -159,13 +159,6 @@ statistics::Between probability_beyond(const Gate& gate, const Summary& run) {
                           : statistics::slower_than(run, gate.times, gate.limit);
 }
 
-std::string time_of(double ns) {
-  const double size = std::abs(ns);
-  if (size >= 1e9) return fmt::format("{:.4g} s", ns / 1e9);
-  if (size >= 1e6) return fmt::format("{:.4g} ms", ns / 1e6);
-  return fmt::format("{:.4g} µs", ns / 1e3);
-}
-
 std::string absent(const record::Asked& asked, const record::Outcome& outcome) {
   const auto host_that = [&](auto&& is_meant) -> const char* {
     for (const auto* host : record::both_hosts)

@@ -142,6 +142,7 @@ Summary summarise(const record::Reader&, const record::Run&);
 // "from about 100 s on the median is 2.0 times as long (150 µs, then 300 µs)". Empty: it did not change for
 // good.
 std::string shift_text(const Summary&);
+std::string time_of(double ns);  // "28.25 ms"
 // Of all runs but the first `known`.
 std::vector<Summary> summarise(const record::Reader&, std::size_t known = 0);
 
