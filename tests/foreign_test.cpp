@@ -178,6 +178,8 @@ TEST_F(Imports, EveryWrongTextIsNamed) {
        "line 1: '\x7f"
        "ELF\x01\x01' is no whole number"},
       {good.substr(0, 109), "it is cut off"},
+      {good.substr(0, good.rfind("# Thread 1") + 20), "line 16: it has no end: the file is cut off"},
+      {good.substr(0, good.rfind("00019") + 4), "line 12: it has no end: the file is cut off"},
       {good.substr(0, good.find("# Max")), "'# Max Latencies:'"},
       {changed(good, "000002 000007", "000002 -00007"), "line 5: '-00007' is no whole number"},
       {changed(good, "000002 000007", "000002 nan"), "'nan' is no whole number"},

@@ -73,7 +73,7 @@ Summary slower(std::uint64_t events, std::uint64_t answers, double effect = 1) {
       one.round_trip_certainty[statistics::Figure::p99_9].effect = effect;
   one.round_trip_certainty.slowest_effect = effect;
   one.shape.round_trip_ranks = {{answers - events, 1'000'000}};
-  if (events > 0) one.shape.round_trip_ranks.push_back({answers, 3'000'000});
+  if (events > 0) one.shape.round_trip_ranks.push_back({answers - events + 1, 3'000'000});
   return one;
 }
 
@@ -90,6 +90,19 @@ TEST(Judge, ARunOfWhichEveryMessageIsSlowerFailsHoweverTheyDependOnOneAnother) {
   all.round_trip_certainty[statistics::Figure::p99].sure =
       all.round_trip_certainty[statistics::Figure::p99].surer = {};
   EXPECT_EQ(judged("p99 > 2 ms", all).result, Result::missed);
+}
+
+// Of 20,000 between 10,000 and 10,225 are slower: whether the median is above the limit is not known.
+TEST(Judge, APercentileFailsByTheLeastNumberOfSlowerMessages) {
+  auto one = run({});
+  one.round_trip.count = 20'000;
+  one.round_trip_certainty[statistics::Figure::p50] = measured(2.01, 1.99, 2.03);
+  one.shape.round_trip_ranks = {{9775, 1'990'000}, {10'001, 2'010'000}, {20'000, 3'000'000}};
+  const auto judgement = judged("p50 > 2 ms", one);
+  EXPECT_STREQ(word_of(judgement), "ok, not certain");
+  EXPECT_THAT(judgement.says, HasSubstr("; 10000 to 10225 of 20000 slower"));
+  one.shape.round_trip_ranks[1].rank = 9800;
+  EXPECT_EQ(judged("p50 > 2 ms", one).result, Result::missed) << "10,201 at least";
 }
 
 TEST(Judge, APercentileKeepsToALimitThatHardlyAnyAnswerPasses) {
@@ -140,6 +153,8 @@ TEST(Judge, ALevelThatChangedIsNamed) {
   one.round_trip_certainty.shift = statistics::Shift{0.5, 150'000, 300'000, 100e9};
   EXPECT_THAT(judged("p99 > 2 ms", one).says,
               HasSubstr("from about 100 s on the median is 2 times as long (150 µs, then 300 µs)"));
+  one.round_trip_certainty.shift = statistics::Shift{0.5, 160'000, 20'450'000, 100e9};
+  EXPECT_THAT(statistics::shift_text(one), HasSubstr("is 128 times as long (160 µs, then 20.45 ms)"));
 }
 
 // `lost` of so many messages, evenly.

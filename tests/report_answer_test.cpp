@@ -130,6 +130,18 @@ TEST(Answer, RepetitionsAreOneRowWithTheirSpread) {
   EXPECT_THAT(text_of(answer, 80), HasSubstr("1.0–5.0"));
 }
 
+TEST(Answer, RowThatIsNotAsRequestedIsNoPartOfAll) {
+  std::vector runs{run(1, "a", "udp", {}), run(2, "b", "udp", {}, 200)};
+  runs[1].run.outcome = {};
+  EXPECT_EQ(answer_of(runs, kept).sentence,
+            "2,000 cycles had an answer within 10 ms. 1 of 2 rows was not measured as requested.");
+  amend(runs[0].run.asked, "/load", {{"controller", {{"cpu", 1}}}});
+  runs.push_back(run(3, "c", "udp", {}));
+  EXPECT_EQ(answer_of(runs, kept).sentence,
+            "The cycles had an answer within 10 ms, under each of 2 conditions. 1 of 3 rows was not measured "
+            "as requested.");
+}
+
 TEST(Answer, DeniedSettingsAreNoVerdictOnThem) {
   auto one = run(1, "a", "udp", {false, true});
   amend(one.run.outcome, "/hosts/controller/refusals",
@@ -243,6 +255,17 @@ TEST(Answer, CyclesWithoutAMessageCountAsNotInTime) {
   EXPECT_EQ(row.cycles, 2500u);
   EXPECT_EQ(row.missed, 600u);
   EXPECT_EQ(row.state, State::late);
+}
+
+TEST(Answer, WorstWaitThatNoAnswerEndedIsOpen) {
+  auto one = run(1, "a", "udp", {}, 1);
+  one.response.max = one.open_wait_ns = 530 * ms;
+  for (const auto lost : {0U, 1U}) {  // of a time-out of 500 ms
+    one.lost = lost;
+    const auto row = answer_of({one}, kept).rows.front();
+    EXPECT_EQ(row.worst_wait_ns, 530.0 * ms);
+    EXPECT_TRUE(row.is_open);
+  }
 }
 
 TEST(Answer, ALostMessageWaitedAtLeastTheTimeOut) {

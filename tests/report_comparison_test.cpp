@@ -280,6 +280,19 @@ TEST(Compare, ARunThatWasCutOffIsLeftOutAndNamed) {
   EXPECT_THAT(render(compare(a, b), {}, Format::table), HasSubstr("nothing to compare"));
 }
 
+TEST(Compare, FailedRunThatWasMeasuredAgainIsLeftOutUnnamed) {
+  std::vector runs{run("x", "k", 9), run("x", "k", 1, 2), run("x", "l", 1, 3)};
+  amend(runs[0].run.outcome, {{"error", "the pong died"}});
+  amend(runs[2].run.asked, "/transport", "fastdds");
+  const std::vector a{run("x", "k", 1)};
+  for (const auto& comparison : {compare(a, runs), compare_chosen(a, {runs[0], runs[1]}),
+                                 compare_by(runs, "transport", "fastdds", "udp")}) {
+    ASSERT_EQ(comparison.pairs.size(), 1U);
+    ASSERT_EQ(comparison.pairs[0].to.size(), 1U);
+    EXPECT_EQ(comparison.pairs[0].to[0]->run.number, 2);
+  }
+}
+
 TEST(Compare, ARunThatAnsweredNothingIsNamed) {
   const std::vector a{run("x", "k", 1)};
   std::vector b{run("x", "k", 1), run("x", "k", 9, 7)};
@@ -310,6 +323,16 @@ TEST(CompareChosen, RunsOfOtherIdsByTheirTransportsOrTheOneThatThereIs) {
   const std::vector one{a[0]}, other{b[0]};
   EXPECT_EQ(compare_chosen(one, other).pairs.size(), 1U);
   EXPECT_THAT(render(compare_chosen(one, other), {}, Format::table), HasSubstr("transport: udp → fastdds"));
+}
+
+TEST(CompareChosen, RunOnBothSidesIsFoundThoughTheSidesDiffer) {
+  const std::vector udp{run("a", "k1", 1), run("a", "k1", 1, 2)};
+  auto other = run("a", "k2", 1, 3);
+  amend(other.run.asked, "/transport", "fastdds");
+  const auto comparison = compare_chosen(udp, {udp[0], udp[1], other});
+  ASSERT_EQ(comparison.pairs.size(), 1U);
+  EXPECT_TRUE(has_run_on_both_sides(comparison.pairs[0]));
+  EXPECT_FALSE(has_run_on_both_sides(compare_chosen({udp[0]}, {udp[1]}).pairs.at(0)));
 }
 
 TEST(CompareChosen, RunsBesideTheSameOfOthers) {

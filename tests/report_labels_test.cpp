@@ -1,5 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "gate/gate.hpp"
+#include "plot/plot.hpp"
+#include "report/answer.hpp"
 #include "report_fixture.hpp"
 
 namespace ontime::report {
@@ -50,6 +52,34 @@ TEST(TableFormat, RepetitionOfWhichAllWasLostCounts) {
   runs.front().late = runs.front().sent;
   runs.front().on_time = 0;
   EXPECT_EQ(cells().at(13), "100");
+}
+
+TEST(TableFormat, RunsOfOtherConditionsAreNoRepetitions) {
+  using Names = std::vector<std::string>;
+  for (const auto& [condition, names] :
+       {std::pair(json{{"explain", true}}, Names{"udp", "udp explain on"}),
+        {json{{"count_instructions", true}}, Names{"udp", "udp count-instructions on"}},
+        {json{{"warm_up", 500}}, Names{"udp warm-up 10", "udp warm-up 500"}},
+        {json{{"component_interface", "eth0"}}, Names{"udp", "udp over eth0"}},
+        {json{{"of_a_newer_ontime", 5}}, Names{"udp run 1", "udp run 3"}}}) {
+    std::vector<Summary> runs;
+    for (const int number : {1, 2, 3, 4}) {
+      auto conditions = asked("a", "udp", (number - 1) % 2 + 1);
+      if (number > 2) conditions.update(condition);
+      runs.push_back(summary(conditions, outcome()));
+      runs.back().run.number = number;
+      runs.back().run.key = number > 2 ? "with" : "without";
+    }
+    const auto text = render(runs, Format::markdown);
+    const auto answer = answer_of(runs, {});
+    ASSERT_EQ(answer.rows.size(), 2U);
+    for (std::size_t i = 0; i < names.size(); ++i) {
+      EXPECT_EQ(answer.rows[i].name, names[i] + " ×2");
+      EXPECT_THAT(text.substr(text.find("over repetitions")), HasSubstr("\n| " + names[i] + " | 2 |"));
+    }
+    EXPECT_THAT(plot::gnuplot_of(runs, {plot::Plot::Figure::ccdf}),
+                AllOf(HasSubstr("2 runs"), Not(HasSubstr("4 runs"))));
+  }
 }
 
 TEST(TableFormat, TellsRunsOfOneIdApart) {
@@ -213,20 +243,20 @@ TEST(TableFormat, NamesTheSizeOfALoadsWorkers) {
 
 TEST(TableFormat, AValueWithACommaIsOneValue) {
   auto one = asked("a", "udp"), other = one;
-  one["variant"] = "title one, two, warm-up 3";
-  other["variant"] = "title three, warm-up 3";
+  one["variant"] = "title one, two, adds-to 3";
+  other["variant"] = "title three, adds-to 3";
   const auto labels =
-      AllOf(HasSubstr("\n| udp title one, two warm-up 3 |"), HasSubstr("\n| udp title three warm-up 3 |"));
+      AllOf(HasSubstr("\n| udp title one, two adds-to 3 |"), HasSubstr("\n| udp title three adds-to 3 |"));
   EXPECT_THAT(render({summary(one, outcome()), summary(other, outcome())}, Format::markdown), labels)
       << "of words alone";
   const auto pair = [](const char* key, const char* value) { return nlohmann::json::array({key, value}); };
-  one["varied"] = nlohmann::json::array({pair("title", "one, two"), pair("warm-up", "3")});
-  other["varied"] = nlohmann::json::array({pair("title", "three"), pair("warm-up", "3")});
+  one["varied"] = nlohmann::json::array({pair("title", "one, two"), pair("adds-to", "3")});
+  other["varied"] = nlohmann::json::array({pair("title", "three"), pair("adds-to", "3")});
   one["variant"] = other["variant"] = "anything, at all";
   EXPECT_THAT(render({summary(one, outcome()), summary(other, outcome())}, Format::markdown), labels);
-  one["varied"] = nlohmann::json::array({pair("title", "warm-up 7, period 3")});
+  one["varied"] = nlohmann::json::array({pair("title", "adds-to 7, period 3")});
   EXPECT_THAT(render({summary(one, outcome()), summary(other, outcome())}, Format::markdown),
-              HasSubstr("\n| udp title warm-up 7, period 3 |"));
+              HasSubstr("\n| udp title adds-to 7, period 3 |"));
 }
 
 TEST(TableFormat, PutsALongNameAboveItsNumbers) {

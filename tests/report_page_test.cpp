@@ -302,6 +302,9 @@ TEST_F(Page, shows_no_messages_of_what_was_imported) {
   add_run(asked("a", "udp"), outcome(), {sample(0, ms)});
   const auto beside = page();
   EXPECT_THAT(beside, HasSubstr("The only cycle had an answer within 10 ms."));
+  EXPECT_THAT(beside, HasSubstr(">10 %<")) << "of the deadline";
+  add_run(asked("a", "udp"), outcome(), {sample(0, 9'970'000)});
+  EXPECT_THAT(page(), HasSubstr(">99.7 %<"));
   EXPECT_THAT(beside, HasSubstr("thread 0 (c.json)"));
   EXPECT_EQ(found_in(beside, "(data-run=)").size(), 1u);
 }

@@ -286,6 +286,8 @@ TEST(Remarks, AreSaidOnceForAllRunsThatHaveThem) {
               HasSubstr("all runs: the hypervisor took 1 % to 7 % of the time of the controller's CPUs"));
   EXPECT_EQ(text.find("hypervisor"), text.rfind("hypervisor"));
   EXPECT_THAT(text, HasSubstr("a udp: duplicates: 2"));
+  amend(runs[0].run.outcome, "/conditions/controller/cpu_stolen", 0.997);
+  EXPECT_THAT(render(runs, Format::markdown), HasSubstr("the hypervisor took 3 % to 99.7 %"));
 }
 
 TEST(Remarks, TellThatNothingWasAnsweredAnyMore) {

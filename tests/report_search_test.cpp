@@ -71,6 +71,9 @@ TEST(Searches, AreBetweenTheLastValueWithoutAMissAndTheFirstWithOne) {
   const auto searches = json::parse(render(summaries, Format::json)).at("searches");
   ASSERT_EQ(searches.size(), 1U);
   EXPECT_EQ(searches[0].at("passed").at("value"), "200 Hz");
+  auto bound = step(0, "100 Hz", 0);
+  bound.missed_probability.effect = 1e5;
+  EXPECT_THAT(render({bound}, Format::markdown), HasSubstr("< 100 %"));
   EXPECT_EQ(searches[0].at("passed").at("messages"), 4000) << "of both repetitions";
   EXPECT_EQ(searches[0].at("ended").at("value"), "400 Hz") << "in one of its repetitions";
   EXPECT_EQ(searches[0].at("ended").at("late"), 3);

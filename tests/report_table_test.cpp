@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
+#include "plot/plot.hpp"
 #include "report/comparison.hpp"
 #include "report/paper.hpp"
+#include "report/runs.hpp"
 #include "report_fixture.hpp"
 
 namespace ontime::report {
@@ -24,6 +26,19 @@ TEST(TableFormat, IsThePapersWithPercentiles) {
   EXPECT_THAT(text, StartsWith("Test1.B  System under load\nSCHED_OTHER, 500 B, every 10 ms, next-free"));
   EXPECT_THAT(text, HasSubstr("later than 10 ms"));
   EXPECT_THAT(text, HasSubstr("within 500 ms"));
+}
+
+TEST(TableFormat, FailedRunThatWasMeasuredAgainIsNoRepetition) {
+  std::vector<Summary> runs;
+  for (const auto repetition : {1, 2, 2}) {
+    runs.push_back(summary(asked("x", "udp", repetition), outcome()));
+    runs.back().run.number = static_cast<std::int64_t>(runs.size());
+  }
+  amend(runs[1].run.outcome, {{"error", "the pong died"}});
+  const auto text = render(runs, Format::table);
+  EXPECT_EQ(row_of(text.substr(text.find("over repetitions")), "udp ").at(1), "2");
+  EXPECT_THAT(verdict_of(runs).further, Not(HasSubstr("run to the end")));
+  EXPECT_THAT(plot::gnuplot_of(runs, {plot::Plot::Figure::ccdf}), HasSubstr("(2 runs)"));
 }
 
 TEST(TableFormat, ShowsAPercentileOnlyIfThereAreAnswersToTellIt) {
@@ -75,6 +90,8 @@ TEST(TableFormat, SaysHowSureItIs) {
   EXPECT_THAT(text, HasSubstr("[0.1, 0.3]"));
   EXPECT_THAT(text,
               HasSubstr("2 bursts of late or lost messages in a row, the longest of 7 messages, 70 ms"));
+  one.bursts.longest_ns = 999'600'000;
+  EXPECT_THAT(render({one}, Format::table), HasSubstr("the longest of 7 messages, 1 s"));
 }
 
 // A limit in the estimate's place is another number: p99 of 197 µs where JSON has 5218.

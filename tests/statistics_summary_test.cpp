@@ -324,6 +324,7 @@ TEST(Summary, CyclesBeforeALostMessageWaitForTheNextAnswer) {
       {answered(0, 0 * ms, 0, us), lost(1, 10 * ms, 2), answered(2, 40 * ms, 50, us)}, asked_next_free);
   EXPECT_EQ(summary.response.count, 1u + 2 + 50 + 1);
   EXPECT_EQ(summary.response.max, 540 * ms + 52 * us - 10 * ms) << "the first that waited was due at 10 ms";
+  EXPECT_EQ(summary.open_wait_ns, 0) << "an answer ended it";
 }
 
 TEST(Summary, CyclesAfterTheLastMessageCountToo) {
@@ -334,6 +335,7 @@ TEST(Summary, CyclesAfterTheLastMessageCountToo) {
   EXPECT_EQ(summary.skipped_cycles, 40u);
   EXPECT_EQ(summary.response.count, 42u);
   EXPECT_EQ(summary.response.max, 405 * ms);
+  EXPECT_EQ(summary.open_wait_ns, 405 * ms);
   EXPECT_EQ(summary.late_by_response, 40u) << "the last was due at 410 ms, 15 ms before";
 
   const auto nothing_sent = summary_of({}, asked_next_free, outcome);
@@ -345,6 +347,7 @@ TEST(Summary, CyclesAfterTheLastMessageCountToo) {
 
   const auto then_lost = summary_of({answered(0, 0, 0, us), lost(1, 10 * ms, 5)}, asked_next_free);
   EXPECT_EQ(then_lost.response.max, 550 * ms + 51 * us) << "until the message was given up";
+  EXPECT_EQ(then_lost.open_wait_ns, then_lost.response.max);
 }
 
 TEST(Summary, SaysFromWhereToWhere) {
@@ -514,13 +517,19 @@ TEST(SlowerThan, CountsMessagesAndNotBins) {
     samples.push_back(answered(static_cast<std::uint64_t>(i), i * 10'000'000, 0, 330'000 + 10 * i));
   const auto summary = summary_of(samples, {});
   const auto events = [&](double limit_ns) {
-    return slower_than(summary, Times::round_trip, limit_ns).events;
+    const auto [least, most] = slower_than(summary, Times::round_trip, limit_ns);
+    return std::pair(least.events, most.events);
   };
-  EXPECT_EQ(events(333'359), 64U);
-  EXPECT_EQ(events(333'360), 63U);
-  EXPECT_EQ(events(333'990), 0U);
-  EXPECT_EQ(events(329'999), 400U);
-  EXPECT_NEAR(static_cast<double>(events(331'000)), 299, 300 * 0.022);
+  EXPECT_EQ(events(333'359), std::pair(64UL, 64UL));
+  EXPECT_EQ(events(333'360), std::pair(63UL, 63UL));
+  EXPECT_EQ(events(333'990), std::pair(0UL, 0UL));
+  EXPECT_EQ(events(329'999), std::pair(400UL, 400UL));
+  for (std::uint64_t slower = 0; slower < 400; ++slower) {
+    const auto [least, most] = events(333'990 - 10 * static_cast<double>(slower));
+    EXPECT_LE(least, slower);
+    EXPECT_GE(most, slower);
+    EXPECT_LE(static_cast<double>(most - least), static_cast<double>(slower) * 0.022 + 1) << slower;
+  }
 }
 
 TEST(Shape, ShowsAStallWhereItWas) {

@@ -95,12 +95,12 @@ report::Comparison compare_by(const CompareArguments& arguments, Summaries& a, S
 report::Comparison compare_chosen(const CompareArguments& arguments, Summaries& a, Summaries& b) {
   a = alike(arguments.a, arguments.from);
   b = alike(arguments.b.empty() ? arguments.a : arguments.b, arguments.to);
-  const auto number = [](const auto& one) { return one.run.number; };
-  if (is_same_file(arguments) && std::ranges::equal(a, b, {}, number, number)) refuse_the_same(arguments);
   auto comparison = report::compare_chosen(a, b);
+  const bool same_file = is_same_file(arguments);
   for (const auto& pair : comparison.pairs) {
     refuse_unlike("--from", arguments.from, pair.from);
     refuse_unlike("--to", arguments.to, pair.to);
+    if (same_file && report::has_run_on_both_sides(pair)) refuse_the_same(arguments);
   }
   return comparison;
 }

@@ -65,6 +65,8 @@ int import_file(const Command& command, const ImportArguments& arguments) {
   }
   refuse(command, {"--topic", "--deadline", "--period", "--age", "--format", "--output"},
          "is for a bag; leave out --from, or this flag");
+  if (arguments.from == "cyclictest-json")
+    refuse(command, {"--unit"}, "is for a histogram; JSON says its unit");
   if (arguments.bag.results.empty()) throw campaign::Error(2, "--from needs --results, the file to add to");
   return import_results(arguments);
 }

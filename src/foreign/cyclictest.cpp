@@ -111,6 +111,7 @@ class Text {
     std::vector<char> buffer(most_line);
     while (in.getline(buffer.data(), most_line)) {
       ++line_;
+      is_cut_off_ = in.eof();
       line(buffer.data());
     }
     if (!in.eof()) {
@@ -178,6 +179,7 @@ class Text {
 
   void finish() {
     if (threads_.empty()) fail(file_, "", "there is no histogram in it; `cyclictest -h N -q` prints one");
+    if (is_cut_off_) wrong("it has no end: the file is cut off");  // a number may lack its last digits
     // Of -H the last column is the sum of the others, and no thread.
     if (named_ > 0 && threads_.size() == named_ + 1) threads_.pop_back();
     if (named_ > 0 && threads_.size() != named_)
@@ -206,7 +208,8 @@ class Text {
 
   const std::string& file_;
   std::size_t line_ = 0, named_ = 0;
-  std::uint64_t next_ = 0;  // the least that may come
+  bool is_cut_off_ = false;  // within its last line
+  std::uint64_t next_ = 0;   // the least that may come
   std::vector<Histogram> threads_;
   std::map<std::string, std::vector<std::uint64_t>> totals_;
 };

@@ -44,7 +44,7 @@ struct Gate {
 Gate parse(const std::string& text, Use);
 
 // Of messages that are late or lost, as the gate asks, or slower than its limit.
-statistics::Probability probability_beyond(const Gate&, const statistics::Summary&);
+statistics::Between probability_beyond(const Gate&, const statistics::Summary&);
 
 // What of the conditions that were asked for was not there, for people: load, settings, reserved CPUs, the
 // link's faults, traffic, neighbours. Empty: nothing speaks against it.
@@ -124,7 +124,6 @@ Judgement judge_as_asked(const statistics::Summary&);
 inline constexpr int longest_id = 60;
 std::string name_of(const statistics::Summary&);
 std::string name_of(const Runs&);
-// "28.25 ms".
-std::string time_of(double ns);
+using statistics::time_of;
 
 }  // namespace ontime::gate

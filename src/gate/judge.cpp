@@ -54,7 +54,7 @@ Judgement judgement(const Gate& gate, std::string run, Result result, std::strin
 // What a gate on a time or a share asks of a run: that a probability is no greater than `most`. A percentile
 // keeps to its limit if no more messages than it leaves above itself are slower.
 struct Question {
-  statistics::Probability of;
+  statistics::Between of;
   double most = 0;
 };
 std::optional<Question> question_of(const Gate& gate, const Summary& run) {
@@ -67,14 +67,31 @@ std::optional<Question> question_of(const Gate& gate, const Summary& run) {
 // So short that it could not have shown that it keeps to the limit. Where no event says that they come in
 // bursts, the number of messages alone decides: whether a run can pass is not left to chance.
 bool is_too_short(const Question& question) {
-  return static_cast<double>(question.of.messages) <
-         statistics::messages_to_claim(question.most, question.of.events == 0 ? 1 : question.of.effect);
+  const auto& of = question.of.at_most;
+  return static_cast<double>(of.messages) <
+         statistics::messages_to_claim(question.most, of.events == 0 ? 1 : of.effect);
 }
 
 // All were slower than the limit: however they depend on one another, the run did not keep to it.
 bool is_every_message(const statistics::Probability& slower) {
   constexpr std::uint64_t enough = 30;
   return slower.messages >= enough && slower.events == slower.messages;
+}
+
+// What the number of slower messages shows of a percentile, whose value is above its limit or not: each
+// answer by the bound that speaks against it.
+Answer answer_by_share(const Question& question, bool is_above) {
+  const auto& [least, most] = question.of;
+  if (is_above && (is_every_message(least) || statistics::exceeds(least, question.most) == Answer::yes))
+    return Answer::yes;
+  if (!is_above && statistics::exceeds(most, question.most) == Answer::no) return Answer::no;
+  return Answer::cannot_tell;
+}
+
+std::string slower_words(const statistics::Between& slower) {
+  const auto least = slower.at_least.events, most = slower.at_most.events;
+  return fmt::format("{}{} of {} slower", least < most ? fmt::format("{} to ", least) : "", most,
+                     slower.at_most.messages);
 }
 
 // A lost message has no time. Where more were lost than the metric leaves above itself, it keeps to the limit
@@ -136,16 +153,10 @@ std::string why_open(const statistics::Measured& found, const Summary& run) {
 
 }  // namespace
 
-statistics::Probability probability_beyond(const Gate& gate, const Summary& run) {
+statistics::Between probability_beyond(const Gate& gate, const Summary& run) {
   const auto* share = statistics::probability_of(run, gate.times, gate.figure);
-  return share != nullptr ? *share : statistics::slower_than(run, gate.times, gate.limit);
-}
-
-std::string time_of(double ns) {
-  const double size = std::abs(ns);
-  if (size >= 1e9) return fmt::format("{:.4g} s", ns / 1e9);
-  if (size >= 1e6) return fmt::format("{:.4g} ms", ns / 1e6);
-  return fmt::format("{:.4g} µs", ns / 1e3);
+  return share != nullptr ? statistics::Between{*share, *share}
+                          : statistics::slower_than(run, gate.times, gate.limit);
 }
 
 std::string absent(const record::Asked& asked, const record::Outcome& outcome) {
@@ -320,11 +331,8 @@ Judgement judge(const Gate& gate, const Summary& run) {
   auto answer = statistics::exceeds(*found, gate.limit);
   const auto question = question_of(gate, run);
   if (question && !is_share(gate) && answer == Answer::cannot_tell) {
-    const auto by_share = found->value > gate.limit ? Answer::yes : Answer::no;
-    if (statistics::exceeds(question->of, question->most) == by_share ||
-        (by_share == Answer::yes && is_every_message(question->of)))
-      answer = by_share;
-    says += fmt::format("; {} of {} slower", question->of.events, question->of.messages);
+    answer = answer_by_share(*question, found->value > gate.limit);
+    says += "; " + slower_words(question->of);
   }
   if (answer == Answer::cannot_tell && (question ? is_too_short(*question) : !found->surer.high))
     return open(says + ": " + why_open(*found, run));

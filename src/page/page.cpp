@@ -49,7 +49,7 @@ std::string against_deadline(const Summary& summary) {
   const auto deadline_ns = summary.run.asked.task.client.deadline.count();
   if (deadline_ns <= 0 || summary.round_trip.count == 0) return "–";
   const auto share = static_cast<double>(summary.round_trip.max) / static_cast<double>(deadline_ns);
-  return share < 1 ? fmt::format("{:.2g} %", share * 100) : fmt::format("{:.1f} ×", share);
+  return share < 1 ? percent(share) + " %" : fmt::format("{:.1f} ×", share);
 }
 
 constexpr const char* unknown = "<td class=\"number\">–</td>";

@@ -119,7 +119,7 @@ std::string text_of(const Counts& counts) {
 }
 
 std::string gnuplot_of(const Summaries& summaries, const Plot& plot) {
-  const auto group = all_of(summaries);
+  const auto group = last_of(summaries);
   switch (plot.figure) {
     case Plot::Figure::ccdf:
       return plot_ccdf(group, plot);

@@ -106,9 +106,10 @@ Row row_of(const Group& runs, const std::string& name) {
     row.missed += missed_of(*run);
     auto wait_ns = static_cast<double>(std::max(run->response.max, run->round_trip.max));
     const auto timeout_ns = static_cast<double>(run->run.asked.task.client.timeout.count());
-    if (run->lost > 0 && timeout_ns > 0) {
-      row.is_open = row.is_open || timeout_ns >= wait_ns;
-      wait_ns = std::max(wait_ns, timeout_ns);
+    const auto open_ns = std::max(static_cast<double>(run->open_wait_ns), run->lost > 0 ? timeout_ns : 0);
+    if (open_ns > 0) {
+      row.is_open = row.is_open || open_ns >= wait_ns;
+      wait_ns = std::max(wait_ns, open_ns);
     }
     if (wait_ns > 0) row.worst_wait_ns = std::max(row.worst_wait_ns.value_or(0), wait_ns);
   }
@@ -130,10 +131,9 @@ std::vector<Entry> entries_of(const Summaries& summaries) {
     std::ranges::copy_if(all, std::back_inserter(group),
                          [&](const auto* run) { return !gate::is_superseded(*run, summaries); });
     const auto labels = labels_without_repetition(group);
-    std::vector<std::pair<std::pair<std::string, std::string>, Group>> alike;  // by label and key
-    for (std::size_t i = 0; i < group.size(); ++i)
-      entry_of(alike, std::pair(labels[i], group[i]->run.key)).push_back(group[i]);
-    for (const auto& [which, runs] : alike) entries.push_back({runs, row_of(runs, which.first)});
+    std::vector<std::pair<std::string, Group>> alike;
+    for (std::size_t i = 0; i < group.size(); ++i) entry_of(alike, labels[i]).push_back(group[i]);
+    for (const auto& [label, runs] : alike) entries.push_back({runs, row_of(runs, label)});
   }
   return entries;
 }
@@ -232,15 +232,19 @@ std::string sentence_of_listened(const Class& all) {
 }
 
 // Of one class all together; of two their contrast; never pooled over opposite conditions.
-std::string sentence_of(const std::vector<Class>& classes, const Class* worst, const Class* contrast) {
+std::string sentence_of(const std::vector<Class>& classes, const Class* worst, const Class* contrast,
+                        bool is_of_all) {
   if (worst->conditions.is_listened) return sentence_of_listened(*worst);
   const auto within = in_time(classes);
   if (worst->high == 0) {
     std::uint64_t cycles = 0;
     for (const auto* entry : worst->entries) cycles += entry->row.cycles;
-    if (cycles == 1 && classes.size() == 1) return fmt::format("The only cycle had an answer {}.", within);
-    if (classes.size() == 1) return fmt::format("All {} cycles had an answer {}.", grouped(cycles), within);
-    return fmt::format("All cycles had an answer {}, under each of {} conditions.", within, classes.size());
+    if (cycles == 1 && classes.size() == 1)
+      return fmt::format("{} cycle had an answer {}.", is_of_all ? "The only" : "1", within);
+    if (classes.size() == 1)
+      return fmt::format("{}{} cycles had an answer {}.", is_of_all ? "All " : "", grouped(cycles), within);
+    return fmt::format("{} cycles had an answer {}, under each of {} conditions.", is_of_all ? "All" : "The",
+                       within, classes.size());
   }
   if (contrast == nullptr)
     return fmt::format("{} of the cycles had no answer {}{}.", worst->range(), within, worst_named(*worst));
@@ -381,7 +385,8 @@ Answer answer_of(const Summaries& summaries, const Origin& origin) {
     answer.times = "times";
   answer.cautions = cautions_of(entries);
 
-  auto classes = classes_of(entries, [](State state) { return state == State::ok || state == State::late; });
+  const auto as_requested = [](State state) { return state == State::ok || state == State::late; };
+  auto classes = classes_of(entries, as_requested);
   const bool held = !classes.empty();
   if (!held) classes = classes_of(entries, [](State state) { return state != State::imported; });
   // Of round trips and of what was listened to, the round trips: those were an experiment.
@@ -393,8 +398,14 @@ Answer answer_of(const Summaries& summaries, const Origin& origin) {
   } else {
     const auto worst = std::ranges::max_element(classes, {}, &Class::high);
     const auto* contrast = contrast_of(classes, *worst);
-    answer.sentence = sentence_of(classes, &*worst, contrast);
+    const auto left_out = std::ranges::count_if(answer.rows, [&](const Row& row) {
+      return held && !as_requested(row.state) && row.state != State::imported;
+    });
+    answer.sentence = sentence_of(classes, &*worst, contrast, left_out == 0);
     if (!held) answer.sentence += " But no run was measured as requested.";
+    if (left_out > 0)
+      answer.sentence += fmt::format(" {} of {} {} not measured as requested.", left_out,
+                                     many(entries.size(), "row", "rows"), left_out == 1 ? "was" : "were");
     if (contrast != nullptr && worst->high > 0) {
       found.from = worst_of(*worst)->runs.front();
       found.to = contrast->entries.front()->runs.front();

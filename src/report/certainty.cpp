@@ -46,7 +46,7 @@ std::string time(double ns) {
   if (ns >= 2 * 86400e9) return fmt::format("{:.1f} days", ns / 86400e9);
   if (ns >= 2 * 3600e9) return fmt::format("{:.1f} h", ns / 3600e9);
   if (ns >= 2 * 60e9) return fmt::format("{:.0f} min", ns / 60e9);
-  if (ns >= 1e9) return fmt::format("{:.3g} s", ns / 1e9);
+  if (ns >= 999.5e6) return fmt::format("{:.3g} s", ns / 1e9);
   return fmt::format("{:.3g} ms", ns / 1e6);
 }
 

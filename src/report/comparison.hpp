@@ -44,7 +44,8 @@ std::vector<std::string> values_of(const std::vector<statistics::Summary>&, cons
 Comparison::Runs whole(const Comparison::Runs&);
 // Of whole runs. Nothing: one of the sides does not have it.
 std::optional<statistics::Change> change_of(const Comparison::Pair&, statistics::Times, statistics::Figure);
-bool is_repeated(const Comparison::Pair&);  // by two runs or more on each side
+bool is_repeated(const Comparison::Pair&);            // by two runs or more on each side
+bool has_run_on_both_sides(const Comparison::Pair&);  // of one file: by the numbers of the runs
 
 // The answer first: what is proven to have changed, a row for each pair, what else is not the same.
 std::string render_answer(const Comparison&, const std::vector<gate::Judgement>&, Format,

@@ -13,6 +13,7 @@
 #include <fmt/format.h>
 
 #include "conditions/conditions.hpp"
+#include "gate/gate.hpp"
 #include "report/words.hpp"
 
 namespace ontime::report {
@@ -46,12 +47,13 @@ std::string phrase_of(const conditions::Field& field, const json& value) {
                ? duration(std::chrono::nanoseconds(std::llround(number * ns_each)))
                : nothing;
   };
-  const auto words = field.unit == Unit::none || !value.is_number() ? word(value)
-                     : field.unit == Unit::us                       ? time(1e3)
-                     : field.unit == Unit::s                        ? time(1e9)
-                     : field.unit == Unit::share                    ? fmt::format("{:.4g} %", number * 100)
-                     : value.is_number_integer() && number >= 0     ? size(value.get<std::uint64_t>())
-                                                                    : nothing;
+  const auto words = value.is_boolean()                               ? value.get<bool>() ? "on" : "off"
+                     : field.unit == Unit::none || !value.is_number() ? word(value)
+                     : field.unit == Unit::us                         ? time(1e3)
+                     : field.unit == Unit::s                          ? time(1e9)
+                     : field.unit == Unit::share                      ? fmt::format("{:.4g} %", number * 100)
+                     : value.is_number_integer() && number >= 0       ? size(value.get<std::uint64_t>())
+                                                                      : nothing;
   return fmt::format(fmt::runtime(field.phrase), shortened(words, longest_value));
 }
 
@@ -234,8 +236,10 @@ std::vector<Phrase> phrases_of(const Summary& summary) {
   };
   const auto add_field = [&](const conditions::Field& field) {
     if (field.phrase.empty() || !done.insert(field.path).second) return;
+    constexpr std::string_view in_labels_alone[] = {"timeout", "warm-up", "explain", "count-instructions"};
     if (const auto text = phrase_of(field, asked.stated(field.json)); !text.empty())
-      phrases.push_back({field.path, text, field.path == "timeout"});
+      phrases.push_back(
+          {field.path, text, std::ranges::find(in_labels_alone, field.path) != std::end(in_labels_alone)});
   };
   const auto say = [&](std::initializer_list<std::string_view> paths) {
     for (const auto path : paths)
@@ -260,7 +264,7 @@ std::vector<Phrase> phrases_of(const Summary& summary) {
   add_topics(phrases, asked);
   add("component", "component", "component " + word(asked.component));
   add("beside", "beside", "beside " + word(asked.beside));
-  add("interface", "interface", interfaces(asked));
+  if (const auto names = interfaces(asked); !names.empty()) phrases.push_back({"interface", names});
   say({"duration"});
   for (const auto& field : conditions::keys())
     if (!field.path.starts_with("link.") && !field.path.starts_with("isolation.")) add_field(field);
@@ -352,6 +356,22 @@ void add_variant(std::string& label, const Summary& summary, const std::vector<P
   }
 }
 
+// Runs of other conditions are no repetitions, though this ontime may have no words for what differs: they
+// get the number of the first run of theirs.
+void tell_conditions_apart(std::vector<std::string>& labels, const Group& group) {
+  using Firsts = std::map<std::string, std::int64_t>;  // by key
+  std::map<std::pair<std::string, std::string>, Firsts> by_label;
+  std::vector<const Firsts*> of_run;
+  for (std::size_t i = 0; i < group.size(); ++i) {
+    const auto& run = group[i]->run;
+    auto& firsts = by_label[{run.asked.id, labels[i]}];
+    firsts.try_emplace(run.key, run.number);
+    of_run.push_back(&firsts);
+  }
+  for (std::size_t i = 0; i < group.size(); ++i)
+    if (of_run[i]->size() > 1) labels[i] += fmt::format(" run {}", of_run[i]->at(group[i]->run.key));
+}
+
 }  // namespace
 
 std::string workers(const conditions::Workers& load) {
@@ -371,6 +391,12 @@ Group all_of(const Summaries& summaries) {
   Group all;
   for (const auto& summary : summaries) all.push_back(&summary);
   return all;
+}
+
+Group last_of(const Summaries& summaries) {
+  auto last = all_of(summaries);
+  std::erase_if(last, [&](const auto* run) { return gate::is_superseded(*run, summaries); });
+  return last;
 }
 
 std::vector<Group> by_id(const Summaries& summaries) {
@@ -407,6 +433,7 @@ std::vector<std::string> labels_without_repetition(const Group& group) {
     add_variant(labels.back(), *group[i], phrases_of(*group[i]));
     if (labels.back().starts_with(' ')) labels.back().erase(0, 1);
   }
+  tell_conditions_apart(labels, group);
   return labels;
 }
 

@@ -98,8 +98,14 @@ std::optional<statistics::Change> change_of(const Pair& pair, statistics::Times 
 
 bool is_repeated(const Pair& pair) { return whole(pair.from).size() > 1 && whole(pair.to).size() > 1; }
 
+bool has_run_on_both_sides(const Pair& pair) {
+  return std::ranges::any_of(pair.from, [&](const auto* from) {
+    return std::ranges::any_of(pair.to, [&](const auto* to) { return from->run.number == to->run.number; });
+  });
+}
+
 Comparison compare(const Summaries& a, const Summaries& b) {
-  return pairs_of(all_of(a), all_of(b), [](const auto& summary) { return summary.run.key; });
+  return pairs_of(last_of(a), last_of(b), [](const auto& summary) { return summary.run.key; });
 }
 
 Comparison compare_chosen(const Summaries& a, const Summaries& b) {
@@ -110,7 +116,7 @@ Comparison compare_chosen(const Summaries& a, const Summaries& b) {
       key.push_back(summary.run.asked.stated(name));
     return record::text_of(key);
   };
-  auto comparison = pairs_of(all_of(a), all_of(b), key_of);
+  auto comparison = pairs_of(last_of(a), last_of(b), key_of);
   if (comparison.pairs.empty() && comparison.only_from.size() == 1 && comparison.only_to.size() == 1 &&
       quantity_of(comparison.only_from.front()) == quantity_of(comparison.only_to.front())) {
     comparison.pairs.push_back({comparison.only_from.front(), comparison.only_to.front()});
@@ -129,10 +135,10 @@ std::vector<std::string> values_of(const Summaries& runs, const std::string& key
 Comparison compare_by(const Summaries& runs, const std::string& key, const std::string& from,
                       const std::string& to) {
   Runs a, b;
-  for (const auto& run : runs) {
-    const auto value = split_by(key, run).first;
-    if (value == from) a.push_back(&run);
-    if (value == to) b.push_back(&run);
+  for (const auto* run : last_of(runs)) {
+    const auto value = split_by(key, *run).first;
+    if (value == from) a.push_back(run);
+    if (value == to) b.push_back(run);
   }
   return pairs_of(a, b, [&](const auto& summary) { return split_by(key, summary).second; });
 }

@@ -32,7 +32,7 @@ std::string simulated(const Outcome& outcome) {
 
 using Weight = Remark::Weight;
 
-std::string percent_text(double share) { return fmt::format("{:.2g} %", share * 100); }
+std::string percent_text(double share) { return percent(share) + " %"; }
 std::string whole_percent_text(double share) { return fmt::format("{:.0f} %", share * 100); }
 // A damaged file may count more than an integer holds.
 std::string number_text(double number) {

@@ -157,7 +157,7 @@ Table searches_table(const Group& group) {
     table.rows.push_back({one.transport + (one.among.empty() ? "" : " " + one.among),
                           one.passed == nullptr ? "none" : one.passed->value,
                           one.passed == nullptr ? nothing : grouped(one.passed->messages),
-                          bound ? fmt::format("< {:.2g} %", rounded_up(*bound * 100)) : nothing,
+                          bound ? fmt::format("< {:.3g} %", rounded_up(*bound * 100)) : nothing,
                           one.ended != nullptr ? one.ended->value
                           : one.finished       ? "none"
                                                : nothing,

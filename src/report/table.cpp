@@ -5,6 +5,7 @@
 
 #include <fmt/format.h>
 
+#include "gate/gate.hpp"
 #include "report/conditions.hpp"
 #include "report/paper.hpp"
 #include "report/runs.hpp"
@@ -101,12 +102,14 @@ std::vector<std::string> parts_of(const Group& group) {
 }
 
 // Of runs that were repeated: between what their figures lie from run to run.
-Table spread_table(const Group& group) {
+Table spread_table(const Group& group, const Summaries& summaries) {
   Table table{.columns = columns_of(quantity_of(group) + " (µs)",
                                     {"Runs", "p50", "p99", "p99.9", "Max", "Missed (%)"})};
   for (const auto& [label, all] : alike(group)) {
     Group runs;
-    std::ranges::copy_if(all, std::back_inserter(runs), [](const auto* run) { return run->sent > 0; });
+    std::ranges::copy_if(all, std::back_inserter(runs), [&](const auto* run) {
+      return run->sent > 0 && !gate::is_superseded(*run, summaries);
+    });
     if (runs.size() < 2) continue;
     const auto spread = [&](auto value, std::string (*form)(double)) {
       std::vector<double> values;
@@ -136,7 +139,7 @@ Table spread_table(const Group& group) {
   return table;
 }
 
-std::vector<Table> tables_of(const Group& interleaved) {
+std::vector<Table> tables_of(const Group& interleaved, const Summaries& summaries) {
   Group group;
   for (const auto& [label, runs] : alike(interleaved)) group.insert(group.end(), runs.begin(), runs.end());
   const bool by_response =
@@ -152,7 +155,7 @@ std::vector<Table> tables_of(const Group& interleaved) {
   for (const auto& paper : paper_rows(asked)) table.rows.push_back(row(paper, by_response));
   std::vector<Table> tables = {table};
   const std::pair<Table, const char*> others[] = {
-      {spread_table(group), "over repetitions"},
+      {spread_table(group, summaries), "over repetitions"},
       {certainty_table(labels, group), "95 % confidence intervals"},
       {worst_case_table(labels, group), "worst case"},
       {stages_table(labels, group), "stage by stage"},
@@ -257,7 +260,7 @@ Page page_of(const Summaries& summaries) {
         std::stable_partition(group.begin(), group.end(), [](const auto* run) { return !run->imported; });
     if (measured != group.begin()) {
       groups.emplace_back(group.begin(), measured);
-      for (auto& table : tables_of(groups.back())) page.tables.push_back(std::move(table));
+      for (auto& table : tables_of(groups.back(), summaries)) page.tables.push_back(std::move(table));
     }
     if (measured != group.end()) page.tables.push_back(imported_table_of({measured, group.end()}));
   }

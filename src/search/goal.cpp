@@ -73,7 +73,8 @@ double messages_to_prove(const Limit& limit, double of_run) {
 }
 
 Tally tally_of(const Part& part, const statistics::Summary& run) {
-  const auto of = gate::probability_beyond(part.gate, run);
+  // At most: a goal must not be proven by what is not known.
+  const auto of = gate::probability_beyond(part.gate, run).at_most;
   // What was not answered has no time, and was not within any.
   std::uint64_t unanswered = 0;
   if (!statistics::metric_of(part.gate.figure).is_share) {

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <algorithm>
 #include <cmath>
+#include <iterator>
 #include <limits>
 
 #include <boost/math/distributions/students_t.hpp>
@@ -124,20 +125,25 @@ std::optional<Measured> measured(const Summary& summary, Times times, Figure fig
   return certainty[figure];
 }
 
-Probability slower_than(const Summary& summary, Times times, double limit_ns) {
+Between slower_than(const Summary& summary, Times times, double limit_ns) {
   const bool by_response = times == Times::response;
   const auto& certainty = by_response ? summary.response_certainty : summary.round_trip_certainty;
   const auto answers = (by_response ? summary.response : summary.round_trip).count;
-  auto events = answers;
-  for (const auto& one : by_response ? summary.shape.response_ranks : summary.shape.round_trip_ranks)
-    if (static_cast<double>(one.value) <= limit_ns) events = answers - one.rank;
+  const auto& ranks = by_response ? summary.shape.response_ranks : summary.shape.round_trip_ranks;
+  const auto above = std::ranges::upper_bound(
+      ranks, limit_ns, {}, [](const Ranked& one) { return static_cast<double>(one.value); });
+  const auto least = above == ranks.end() ? 0 : answers - above->rank + 1;
+  const auto most = above == ranks.begin() ? answers : answers - std::prev(above)->rank;
   double effect = 1;
   for (const auto& percentile : certainty.quantiles) {
     if (percentile.value <= limit_ns) effect = 1;  // only those around it count
     effect = std::max(effect, percentile.effect);
     if (percentile.value > limit_ns) break;
   }
-  return probability(events, answers, events == 0 ? 1 : effect, certainty.slowest_effect);
+  const auto share = [&](std::uint64_t events) {
+    return probability(events, answers, events == 0 ? 1 : effect, certainty.slowest_effect);
+  };
+  return {share(least), share(most)};
 }
 
 std::optional<Change> change(const std::vector<const Summary*>& from, const std::vector<const Summary*>& to,

@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <chrono>
+#include <cmath>
 #include <functional>
 #include <future>
 #include <utility>
@@ -114,8 +115,12 @@ class Pass {
                       counted.trailing_cycles));
       waited_until_ns_ = std::max(waited_until_ns_, counted.trailing_until_ns);
     }
-    // Whom no answer came to waited at least so long.
-    if (!waiting_.empty()) answer_waiting(std::max(waited_until_ns_, waiting_.back().greatest()));
+    // Those that no answer came to waited at least so long.
+    if (!waiting_.empty()) {
+      const auto until_ns = std::max(waited_until_ns_, waiting_.back().greatest());
+      summary_.open_wait_ns = between(waiting_.front().least, until_ns);
+      answer_waiting(until_ns);
+    }
     std::move(parts_).into(summary_);
     summary_.wake_up = Ranks(std::move(wake_up_)).distribution();
     summary_.server = Ranks(std::move(server_)).distribution();
@@ -211,13 +216,22 @@ class Pass {
 
 }  // namespace
 
+std::string time_of(double ns) {
+  const double size = std::abs(ns);
+  if (size >= 1e9) return fmt::format("{:.4g} s", ns / 1e9);
+  if (size >= 1e6) return fmt::format("{:.4g} ms", ns / 1e6);
+  return fmt::format("{:.4g} µs", ns / 1e3);
+}
+
 std::string shift_text(const Summary& summary) {
   const auto& shift = summary.round_trip_certainty.shift;
   if (!shift) return "";
   const double from_s = shift->from_ns.value_or(0) / 1e9;
-  return fmt::format("from about {:.{}f} s on the median is {:.2g} times as long ({:.4g} µs, then {:.4g} µs)",
-                     from_s, from_s < 10 ? 1 : 0, shift->after_ns / shift->before_ns, shift->before_ns / 1e3,
-                     shift->after_ns / 1e3);
+  const double times = shift->after_ns / shift->before_ns;
+  return fmt::format("from about {:.{}f} s on the median is {} times as long ({}, then {})", from_s,
+                     from_s < 10 ? 1 : 0,
+                     times < 10 ? fmt::format("{:.2g}", times) : fmt::format("{:.0f}", times),
+                     time_of(shift->before_ns), time_of(shift->after_ns));
 }
 
 Summary summarise(const record::Reader& reader, const record::Run& run) {

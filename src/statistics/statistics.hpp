@@ -41,8 +41,8 @@ struct Bin {
 };
 using Histogram = std::vector<Bin>;
 
-// Some of the sorted values, with their ranks from 1: the highest 128, and of the others 32 for each doubling
-// of how many are higher.
+// Some of the sorted values, with their ranks from 1: the highest 128, of the others 32 for each doubling of
+// how many are higher, and the lowest.
 struct Ranked {
   std::uint64_t rank;
   std::int64_t value;
@@ -115,6 +115,7 @@ struct Summary {
   // ended their wait, or, if none did any more, as long as they are known to have waited. Hides no stall. A
   // lost message has none.
   Distribution response;
+  std::int64_t open_wait_ns = 0;  // the longest of the waits that no answer ended; 0: of cycles there is none
   // Due → woke, of the sending thread; none in back-to-back. Of the wake-ups for the cycles skipped before a
   // message the longest counts as one.
   Distribution wake_up;
@@ -141,6 +142,7 @@ Summary summarise(const record::Reader&, const record::Run&);
 // "from about 100 s on the median is 2.0 times as long (150 µs, then 300 µs)". Empty: it did not change for
 // good.
 std::string shift_text(const Summary&);
+std::string time_of(double ns);  // "28.25 ms"
 // Of all runs but the first `known`.
 std::vector<Summary> summarise(const record::Reader&, std::size_t known = 0);
 
@@ -165,9 +167,13 @@ std::optional<Measured> measured(const Summary&, Times, Figure);  // nothing: no
 // Of late and lost messages; nothing of times.
 const Probability* probability_of(const Summary&, Times, Figure);
 
-// How many of the answers take longer than that: exactly of the slowest 128, else by 2.2 % too many at most.
-// Their design effect is the greater one of the percentiles around; of hardly any, that of the slowest.
-Probability slower_than(const Summary&, Times, double limit_ns);
+// Where not all ranks are kept, a number of messages lies between two: the same one where it is known.
+struct Between {
+  Probability at_least, at_most;
+};
+// How many of the answers take longer than that: exactly of the slowest 128, else to within 2.2 %. Their
+// design effect is the greater one of the percentiles around; of hardly any, that of the slowest.
+Between slower_than(const Summary&, Times, double limit_ns);
 
 // From one or several runs to one or several others: their means.
 //

@@ -197,6 +197,7 @@ std::vector<Ranked> Ranks::some() {
     const auto rank = count() - static_cast<std::uint64_t>(higher);
     some.push_back({rank, at_rank(rank)});
   }
+  if (!some.empty() && some.back().rank > 1) some.push_back({1, values_.min_});
   std::reverse(some.begin(), some.end());
   return some;
 }

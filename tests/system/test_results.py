@@ -513,6 +513,7 @@ class Results(unittest.TestCase):
         self.assertIn("--unit", self.ontime("import", bag, "--unit", "us", code=2).stderr)
         self.assertIn("--topic", self.ontime("import", "x", "--from", "cyclictest-json", "--results", self.results, "--topic", "/a", code=2).stderr)
         self.assertIn("--results", self.ontime("import", "x", "--from", "cyclictest-json", code=2).stderr)
+        self.assertIn("--unit", self.ontime("import", "x", "--from", "cyclictest-json", "--unit", "ns", code=2).stderr)
         (self.folder / "old.txt").write_text(HISTOGRAM)
         self.assertIn("--from", self.ontime("import", "old.txt", code=2).stderr)
         self.assertIn("Choose another", self.ontime("import", bag / "drive_0.db3", "--output", bag / "drive_0.db3", code=2).stderr)
