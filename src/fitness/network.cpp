@@ -47,7 +47,8 @@ Finding napi_of(const Look& look, const std::string& interface) {
   auto threads = look.threads("napi/");
   std::erase_if(threads, [&](const auto& one) { return !settings::is_napi_thread(one.name, interface); });
   if (threads.empty())
-    return fine(fmt::format("{}: threaded, but it has no threads: is it down?", interface));
+    return fine(
+        fmt::format("{}: threaded, but no threads are seen: is it down, or is this a container?", interface));
   if (std::ranges::all_of(threads, has_priority))
     return fine(fmt::format("{}: threaded, {}", interface, state_of(threads.front())));
   return {Severity::wrong, fmt::format("{}: threaded, and its threads are SCHED_OTHER", interface),

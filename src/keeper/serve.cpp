@@ -119,9 +119,9 @@ class Keeper final : public orders::Worker {
                              {"isolation", isolated_.now()},
                              {"machine", machine_as_it_was()}});
     } else if (order == "close") {
-      auto notes = end_all();
-      std::ranges::move(journal_.revert(), std::back_inserter(notes));
-      events_.tell("closed", {{"notes", notes}});
+      told_ = end_all();
+      std::ranges::move(journal_.revert(), std::back_inserter(told_));
+      events_.tell("closed", {{"notes", told_}});
     } else {
       throw orders::Error(3, "there is no order '" + order + "'");
     }
@@ -143,6 +143,8 @@ class Keeper final : public orders::Worker {
       // The connection may be gone, and then none of these is read: each is told again at the next start.
       for (auto& line : journal::revert_abandoned(kinds(), journal::Tell::always))
         if (std::ranges::find(notes, line) == notes.end()) notes.push_back(std::move(line));
+      std::erase_if(notes,
+                    [this](const auto& line) { return std::ranges::find(told_, line) != told_.end(); });
       return notes;
     } catch (const std::exception& error) {
       return {error.what()};
@@ -290,6 +292,7 @@ class Keeper final : public orders::Worker {
   std::unique_ptr<trace::Recorder> recorder_;
   machine::Activity activity_;
   json machine_;
+  std::vector<std::string> told_;  // what was left when all was given back
 };
 
 }  // namespace

@@ -99,13 +99,12 @@ Wishes away_to(const std::string& cpus, const Link& link) {
   if (link.interface.empty()) return wishes;
   const auto setting = std::ranges::find(table(), std::string_view("irq-cpus"), &Setting::name);
   by_name(*setting, link, [&] {
-    if (!interrupts_of(link.interface).empty())
-      wishes["irq-cpus"] = cpus;
-    else if (hides_interrupts(link.interface))
-      throw journal::Error(
-          fmt::format("the interrupts by which {} takes packets in are not found: name the interface of the "
-                      "hardware below it, or leave this out",
-                      link.interface));
+    if (hides_interrupts(link.interface))
+      throw journal::Error(fmt::format(
+          "not all interrupts by which {} takes packets in are found: leave this out, or name the "
+          "interface below it, if there is one",
+          link.interface));
+    if (!interrupts_of(link.interface).empty()) wishes["irq-cpus"] = cpus;
   });
   return wishes;
 }

@@ -47,6 +47,10 @@ void add_of_device(const fs::path& folder, const std::string& root, std::set<int
   }
 }
 
+bool is_of(const std::string& interrupt, const std::string& owner) {
+  return !owner.empty() && (interrupt == owner || interrupt.starts_with(owner + '-'));
+}
+
 // Of a board's own card there is only the name that its driver gave them: "eth0", "eth0-rx-0", or the
 // device's: "30be0000.ethernet".
 void add_by_name(const fs::path& folder, const std::string& root, std::set<int>& numbers) {
@@ -59,8 +63,7 @@ void add_by_name(const fs::path& folder, const std::string& root, std::set<int>&
     if (colon == line.npos || blank == line.npos || blank < colon) continue;
     std::istringstream head(line.substr(0, colon));
     const auto name = line.substr(blank + 1);
-    if (int number = 0;
-        head >> number && (name == interface || name == device || name.starts_with(interface + '-')))
+    if (int number = 0; head >> number && (is_of(name, interface) || is_of(name, device)))
       numbers.insert(number);
   }
 }
@@ -85,7 +88,9 @@ bool hides_interrupts(const std::string& interface) {
   const auto is_upon_another = [&] {  // a veth is of no such type
     return read_file(folder / "uevent").value_or("").find("DEVTYPE=") != std::string::npos;
   };
-  return is_hardware(folder) || (interfaces_below(folder).empty() && is_upon_another());
+  const auto below = interfaces_below(folder);
+  if (!below.empty()) return std::ranges::any_of(below, hides_interrupts);
+  return is_hardware(folder) ? interrupts_of(interface).empty() : is_upon_another();
 }
 
 std::vector<int> interrupts_of(const std::string& interface) {

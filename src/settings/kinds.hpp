@@ -76,8 +76,8 @@ std::string with_cpus(const std::string& value, const std::string& cpus);
 
 // Those of listed_interrupts() whose CPUs can be set.
 std::vector<int> interrupts_of(const std::string& interface);
-// Of an interface for which none are found: whether there are some all the same, of its device or of an
-// interface below it in another network namespace.
+// Whether an interface has interrupts that are not found: those of its device, or of one below it, which may
+// be in another network namespace.
 bool hides_interrupts(const std::string& interface);
 std::string interrupt_here(int number);
 // An offline CPU keeps its files and threads, but the kernel neither reads nor sets all of them.

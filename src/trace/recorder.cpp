@@ -155,7 +155,7 @@ class Recorder::Drain {
                     found));
   }
 
-  // Of containers with journals of their own: until its end, no other makes or removes an instance.
+  // Of containers with journals of their own: until its end, no other makes an instance.
   File be_alone() const {
     auto folder = tracefs_.open("instances", O_RDONLY | O_DIRECTORY);
     for (const auto end = std::chrono::steady_clock::now() + 3s; flock(folder.get(), LOCK_EX | LOCK_NB) != 0;
@@ -232,8 +232,6 @@ class Recorder::Drain {
   journal::Journal& journal_;
   const std::size_t most_events_;
   const Tracefs tracefs_;
-  const File instances_ =
-      tracefs_.open("instances", O_RDONLY | O_DIRECTORY);  // one folder for all containers
   Decoder decoder_;
   std::mutex mutex_;  // of what follows
   std::condition_variable wake_;
