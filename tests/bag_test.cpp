@@ -317,7 +317,7 @@ TEST_F(Bags, NumbersOfTheWriterTellWhatIsLostRepeatedAndOutOfOrder) {
   std::string records = channel(1, 0, "/a");
   std::int64_t at_ns = start;
   for (const std::uint32_t sequence : {7U, 8U, 11U, 10U, 11U, 12U})
-    records += message(1, {at_ns += ms, start - sequence, sequence});
+    records += message(1, {at_ns += ms, start - 100 + sequence, sequence});
   const auto& flow = judged_mcap(mcap(records)).flows.at(0);
   EXPECT_EQ(flow.lost, 1U);  // 9
   EXPECT_EQ(flow.reordered, 1U);
@@ -374,6 +374,42 @@ TEST_F(Bags, WritersThatNumberAlikeAreOneStreamOfUnknownLoss) {
     EXPECT_EQ(flow.reordered, 0U);
     EXPECT_THAT(findings.remarks, Contains(HasSubstr("several writers")));
   }
+}
+
+TEST_F(Bags, SecondWriterThatIsSlowerLosesNothing) {
+  for (const std::int64_t ahead : {0, 1}) {  // whether times of writing are known
+    std::string records = channel(1, 0, "/a");
+    std::int64_t at_ns = start;
+    for (std::uint32_t sequence = 1; sequence <= 100; ++sequence) {
+      records += message(1, {at_ns, at_ns - ahead, 6000 + sequence});
+      if (sequence % 10 == 0) records += message(1, {at_ns, at_ns - ahead, 600 + sequence / 10});
+      at_ns += ms;
+    }
+    const auto& flow = judged_mcap(mcap(records)).flows.at(0);
+    EXPECT_EQ(flow.messages, 110U);
+    EXPECT_FALSE(flow.lost) << *flow.lost;
+  }
+}
+
+TEST_F(Bags, MessageThatOvertookSeveralLeavesTheLossesKnown) {
+  std::string records = channel(1, 0, "/a");
+  std::int64_t at_ns = start;
+  for (const std::uint32_t number : {105U, 107U, 108U, 112U, 109U, 110U, 111U, 113U})
+    records += message(1, {at_ns += ms, start - 1000 * ms + number * ms, number});
+  const auto& flow = judged_mcap(mcap(records)).flows.at(0);
+  EXPECT_EQ(flow.lost, 1U);
+  EXPECT_EQ(flow.reordered, 3U);
+}
+
+TEST_F(Bags, WriterThatBeganAnewBeforeItsFirstNumberHereLosesNothing) {
+  std::string records = channel(1, 0, "/a");
+  std::int64_t at_ns = start;
+  for (const std::uint32_t first : {500U, 3U})
+    for (std::uint32_t sequence = first; sequence < first + 100; ++sequence)
+      records += message(1, {at_ns += ms, -1, sequence});
+  const auto& flow = judged_mcap(mcap(records)).flows.at(0);
+  EXPECT_EQ(flow.lost, 0U);
+  EXPECT_EQ(flow.reordered, 0U);
 }
 
 TEST_F(Bags, WriterThatBeganAnewSoonKeepsItsLosses) {

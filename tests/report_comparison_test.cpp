@@ -151,6 +151,17 @@ TEST(Compare, ByAKeyLeavesOutRunsThatDifferInMore) {
   EXPECT_EQ(comparison.only_to.size(), 1U);
 }
 
+TEST(Compare, ByAKeyKeepsTheRestOfItsGroupApart) {
+  std::vector<conditions::Run> all;
+  for (const auto* rate : {"1 Mbit/s", "2 Mbit/s"})
+    for (const auto* size : {"1470 B", "100 B"})
+      all.push_back(said({{"traffic.rate", rate}, {"traffic.datagram", size}}));
+  const auto runs = recorded(all);
+  const auto values = values_of(runs, "traffic.rate");
+  ASSERT_EQ(values.size(), 2U);
+  EXPECT_EQ(compare_by(runs, "traffic.rate", values[0], values[1]).pairs.size(), 2U);
+}
+
 TEST(Compare, GivesDifferenceAndRatioWithTheirIntervals) {
   const std::vector a{run("x", "k", 1)}, b{run("x", "k", 2)};
   const auto comparison = compare(a, b);

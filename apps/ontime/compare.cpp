@@ -59,7 +59,7 @@ void refuse_unlike(const std::string& flag, const std::string& word, const repor
 
 void refuse_the_same(const CompareArguments& arguments) {
   throw Error(2,
-              fmt::format("A and B are the same runs of {}. Give another file, or --from and --to, or --by",
+              fmt::format("A and B have runs of {} in common. Give another file, or --from and --to, or --by",
                           arguments.a));
 }
 

@@ -14,6 +14,16 @@ constexpr std::uint64_t longest_leap = 1 << 20;
 // A stamp that differs more from the recording is by a clock of its own, as simulated time is.
 constexpr std::int64_t one_year_ns = std::int64_t{365} * 24 * 3600 * 1'000'000'000;
 
+// Of a writer that came back to where it was; a greater loss is rare.
+constexpr std::uint64_t longest_loss = 16;
+constexpr auto window = listen::Sequence::window;
+
+// 0: unknown. Without a time of its own the recorder notes its own time.
+std::int64_t written_of(const Message& message) {
+  if (message.stamp_ns) return *message.stamp_ns;
+  return message.published_ns == message.recorded_ns ? 0 : message.published_ns;
+}
+
 listen::Party recorder() { return {0, "recorder"}; }
 
 // Mostly a bag keeps those of a topic together.
@@ -58,6 +68,13 @@ void Judge::end_file() {
   }
 }
 
+bool Judge::Back::is_often() {
+  constexpr std::uint64_t near = 8;
+  times = since < near ? times + 1 : 1;
+  since = 0;
+  return times > 3;
+}
+
 // Whether one sequence may number all messages of this file, as `mcap convert` does.
 bool Judge::is_of_file(const Stream& stream, std::uint64_t number) {
   file_.rises = file_.rises && (file_.first == nullptr || number > file_.number);
@@ -78,39 +95,42 @@ bool Judge::is_again(Stream& stream, const Message& message) {
   if (!sequence.has_begun()) {
     if (is_of_file || (number <= index + 1 && (index == 0 || number == before + 1))) return false;
     if (before != 0) sequence.see(before);
-    stream.written_ns.resize(listen::Sequence::window);
+    stream.written_ns.resize(window);
   }
-  // Two of one number and one time of writing are one message. Of two times, another writer counts as this
-  // one does, or it began anew.
-  const auto written_ns = message.stamp_ns.value_or(message.published_ns);
-  auto& known_ns = stream.written_ns[number % listen::Sequence::window];
-  if (sequence.has_begun() && number < sequence.next()) {
+  const auto next = sequence.next();
+  const auto written_ns = written_of(message);
+  const auto latest_ns = stream.written_ns[(next - 1) % window];
+  const auto known_ns = std::exchange(stream.written_ns[number % window], written_ns);
+  bool begins_anew = number > next + longest_leap, is_mixed = false;
+  if (sequence.has_begun() && number < next) {
     if (written_ns != 0 && written_ns == known_ns) {
       ++stream.duplicated;
       return true;
     }
-    if (std::exchange(stream.since_back, 0) < Stream::often) {
-      mixed_.add(message.topic->name);
-      stream.is_mixed = true;
-      stream.reordered = 0;
-      sequence = {};
-      stream.rows.restart();
-      return false;
-    }
+    const bool has_times = written_ns != 0 && latest_ns != 0;
+    begins_anew = has_times ? written_ns >= latest_ns : !sequence.is_missing(number);
+    if (begins_anew || !has_times) is_mixed = stream.back.is_often();
   } else {
-    ++stream.since_back;
+    // One that began anew counts on from there; another one goes on where it was.
+    is_mixed = next < stream.left_at && number > next + longest_loss && number >= stream.left_at &&
+               number <= stream.left_at + window;
+    ++stream.back.since;
   }
-  known_ns = written_ns;
-  using Fate = listen::Sequence::Fate;
-  auto fate = Fate::again;  // that it began anew
-  const bool is_near =
-      number <= sequence.next() + longest_leap && number + listen::Sequence::window >= sequence.next();
-  if (is_near || !sequence.has_begun()) fate = sequence.see(number);
-  if (fate == Fate::again || (fate == Fate::too_old && number == 1)) {
+  if (is_mixed) {
+    mixed_.add(message.topic->name);
+    stream.is_mixed = true;
+    stream.reordered = 0;
+    sequence = {};
+    stream.rows.restart();
+    return false;
+  }
+  if (begins_anew && sequence.has_begun()) {
+    stream.left_at = next;
     sequence.restart();
     stream.rows.restart();
-    fate = sequence.see(number);
   }
+  using Fate = listen::Sequence::Fate;
+  const auto fate = sequence.see(number);
   if (fate == Fate::too_old) stream.rows.restart();
   if (fate != Fate::in_order) ++stream.reordered;
   return false;

@@ -30,6 +30,11 @@ class Judge {
 
  private:
   using Key = std::pair<std::string, unsigned>;  // topic and writer
+  // Numbers that go back again and again after few messages are of several writers.
+  struct Back {
+    std::uint64_t since = 0, times = 0;  // messages since the last time; how often in a row
+    bool is_often();                     // it happens now
+  };
   struct Stream {
     std::uint64_t id = 0;
     std::uint64_t messages = 0;
@@ -39,10 +44,9 @@ class Judge {
     std::uint64_t number_before = 0;       // of the message before; 0: not noted
     listen::Sequence sequence;             // begun once the numbers are known to be the writer's
     std::vector<std::int64_t> written_ns;  // of the latest numbers, by number modulo window; 0: unknown
-    static constexpr std::uint64_t often = 8;
-    std::uint64_t since_back =
-        often;              // messages since the numbers went back; fewer: they are of several writers
-    bool is_mixed = false;  // so they are, and tell nothing
+    Back back;
+    std::uint64_t left_at = 0;  // the next number when the numbers last began anew; 0: they did not
+    bool is_mixed = false;      // of several writers: the numbers tell nothing
     listen::AgeFrom age_from = listen::AgeFrom::writer;
     listen::Distribution period, age;
     std::uint64_t duplicated = 0, reordered = 0, late = 0;

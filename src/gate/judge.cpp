@@ -394,9 +394,11 @@ Judgement judge(const Gate& gate, const Runs& from, const Runs& to, SingleRuns s
     const bool passes = change.to > change.from * gate.limit;
     return by_answer(passes && worse ? Answer::yes : passes ? Answer::cannot_tell : Answer::no, says);
   }
-  says += fmt::format(
-      " ({:+.3g} %), {}", (*change.ratio - 1) * 100,
-      interval(change.ratio_lies, [](double ratio) { return fmt::format("{:+.3g} %", (ratio - 1) * 100); }));
+  const auto in_percent = [](double ratio) {
+    const double percent = (ratio - 1) * 100;
+    return percent < 999.5 ? fmt::format("{:+.3g} %", percent) : fmt::format("{:+.0f} %", percent);
+  };
+  says += fmt::format(" ({}), {}", in_percent(*change.ratio), interval(change.ratio_lies, in_percent));
   return by_answer(statistics::ratio_exceeds(change, gate.limit), says);
 }
 

@@ -57,7 +57,7 @@ Panel panel_of(const Comparison::Pair& pair, double width_cm) {
       panel.notes.push_back(fmt::format(
           "{}: {:.3g} % → {:.3g} %{}", statistics::name_of(times, figure), change->from * 100,
           change->to * 100,
-          low && high ? fmt::format(", difference [{:+.2g}, {:+.2g}] points", *low * 100, *high * 100) : ""));
+          low && high ? fmt::format(", difference [{:+.3g}, {:+.3g}] points", *low * 100, *high * 100) : ""));
     }
   return panel;
 }

@@ -15,6 +15,7 @@ namespace ontime::report {
 namespace {
 
 using nlohmann::json;
+using Places = std::vector<json::json_pointer>;
 using Pair = Comparison::Pair;
 using Runs = Comparison::Runs;
 
@@ -39,13 +40,17 @@ Comparison pairs_of(const Runs& a, const Runs& b, const KeyOf& key_of) {
 
 // What is as by default, or follows from the value, such as the settings of `realtime: on`: no difference of
 // its own.
-void drop_what_follows(json& asked, const std::string& key, const std::string& value) {
-  conditions::Run said;
+void drop_what_follows(json& asked, const std::string& key, const std::string& value, const Places& places) {
+  auto alone = json::object();
+  for (const auto& place : places)
+    if (asked.contains(place)) alone[place] = asked[place];
+  auto said = conditions::run_of_record(alone);
   for (const auto& field : conditions::keys())
     if (field.path == key) try {
-        field.set(said, value);
-      } catch (const std::exception&) {
-        said = {};  // a number without its unit, from which nothing follows
+        conditions::Run of_scenario;
+        field.set(of_scenario, value);
+        said = std::move(of_scenario);
+      } catch (const std::exception&) {  // a record's number has no unit, and nothing but its group follows
       }
   const auto follows = record::conditions_of(conditions::to_json(said));
   for (const auto& [name, member] : follows.items())
@@ -65,19 +70,15 @@ void drop_repeated(json& asked) {
 std::pair<std::string, std::string> split_by(const std::string& key, const statistics::Summary& summary) {
   auto asked = record::conditions_of(summary.run.asked.document);
   if (!asked.is_object()) return {unset, ""};
-  drop_repeated(asked);
   std::vector<std::string> values;
   const auto places = conditions::places_of(key);
   for (const auto& place : places)
     if (asked.contains(place)) add_once(values, word(asked[place]));
   const auto value = values.empty() ? unset : join(values, ", ");
-  drop_what_follows(asked, key, value);
+  drop_repeated(asked);
+  drop_what_follows(asked, key, value, places);
   for (const auto& place : places)
     if (asked.contains(place)) asked[place] = nullptr;
-  // A group that asks for nothing without the key, as traffic without a rate.
-  const auto without = conditions::to_json(conditions::run_of_record(asked));
-  for (const auto& [name, member] : without.items())
-    if (member.is_null()) asked.erase(name);
   asked.erase("id");
   return {value, record::text_of(record::conditions_of(asked))};
 }

@@ -381,9 +381,9 @@ class Results(unittest.TestCase):
         self.assertEqual(runs("--from", "1", "--to", "2"), [([1, 3], [2, 4])])
         self.assertEqual(runs("--by", "period"), [([1, 3], [2, 4])])
         self.assertEqual(runs("--by", "period", "--from", "10000", "--to", "5000"), [([2, 4], [1, 3])])
-        self.assertIn("same runs", runs("--from", "1", "--to", "3", code=2))
+        self.assertIn("in common", runs("--from", "1", "--to", "3", code=2))
         self.assertIn("there are 1", runs("--by", "transport", code=2))
-        self.assertIn("same runs", runs(self.results, code=2))
+        self.assertIn("in common", runs(self.results, code=2))
 
     # --- out ---
 
