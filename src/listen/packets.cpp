@@ -38,8 +38,8 @@ std::optional<Datagram> udp(int family, Bytes source, Bytes destination, Bytes b
   const std::size_t size = number(bytes, 4, 2);
   if (size < 8) return {};
   const auto payload = bytes.subspan(8, std::min(size, bytes.size()) - 8);
-  const bool may_be_rtps = std::equal(
-      payload.begin(), payload.begin() + std::min(payload.size(), rtps_begin.size()), rtps_begin.begin());
+  const auto begin = payload.first(std::min(payload.size(), rtps_begin.size()));
+  const bool may_be_rtps = std::equal(begin.begin(), begin.end(), rtps_begin.begin());
   const bool is_loopback = family == AF_INET && source[0] == std::byte{127};
   return Datagram{.source = address_of(family, source, number(bytes, 0, 2)),
                   .destination = address_of(family, destination, number(bytes, 2, 2)),
