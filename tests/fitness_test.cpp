@@ -258,14 +258,15 @@ TEST_F(Machine, TakesPacketsIn) {
                                root_ + "/sys/class/net/eth1/device");
   file("/proc/interrupts",
        " 43: 0 9 GICv2 189 Level eth0\n 51: 0 9 GICv3 150 Level 30be0000.ethernet\n 52: 1 0 GICv3 151 Level "
-       "40be0000.ethernet\n");
+       "40be0000.ethernet\n 53: 0 9 GICv3 152 Level 30be0000.ethernet-tx0\n");
   file("/proc/irq/51/effective_affinity_list", "0");
+  file("/proc/irq/53/effective_affinity_list", "1");
   interfaces_ = {"eth1"};
-  EXPECT_EQ(one("interrupts").is, "eth1: 51 on CPU 0");
+  EXPECT_EQ(one("interrupts").is, "eth1: 51 on CPU 0; 53 on CPU 1");
   for (const auto* below : {"eth0", "eth1"})
     fs::create_directories(root_ + "/sys/class/net/bond0/lower_" + below);
   interfaces_ = {"bond0"};
-  EXPECT_EQ(one("interrupts").is, "bond0: 43 on CPU 0; 51 on CPU 0");
+  EXPECT_EQ(one("interrupts").is, "bond0: 43 on CPU 0; 51 on CPU 0; 53 on CPU 1");
   fs::remove_all(root_ + "/sys/class/net/eth1");
   interfaces_ = {"eth0"};
   fs::rename(root_ + "/sys/class/net/eth0/device", root_ + "/sys/class/net/eth0/elsewhere");

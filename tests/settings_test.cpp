@@ -438,7 +438,7 @@ TEST_F(OnVeth, InterruptsThatCannotBeFoundAreRefusedWhereThereAreSome) {
     EXPECT_THAT(error_of([] {
                   away_to("0", {"bridge0", ""});
                 }),
-                AllOf(StartsWith("irq-cpus: "), HasSubstr("bridge0"), HasSubstr("hardware below it")));
+                AllOf(StartsWith("irq-cpus: "), HasSubstr("bridge0"), HasSubstr("interface below it")));
     ASSERT_EQ(std::system("ip link set left master bridge0"), 0);
     EXPECT_EQ(away_to("0", {"bridge0", ""}), without) << "the one below it has none";
   });
