@@ -441,7 +441,7 @@ TEST_F(Processes, OfAnotherPidNamespaceAreAliveAllTheSame) {
     EXPECT_THAT(revert_abandoned(), IsEmpty());
     EXPECT_TRUE(fs::exists(path));
     Journal other;
-    EXPECT_THAT(error_of([&] { other.hold(); }), HasSubstr("is at that already"));
+    EXPECT_THAT(error_of([&] { other.hold(); }), HasSubstr("another ontime changes this machine"));
   });
   EXPECT_TRUE(fs::exists(path));
 }

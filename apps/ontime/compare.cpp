@@ -87,6 +87,8 @@ report::Comparison compare_by(const CompareArguments& arguments, Summaries& a, S
                        values.size() > 2 ? "Choose two by --from and --to" : "See: ontime report"));
   if (values[0] == values[1]) refuse_the_same(arguments);
   auto comparison = report::compare_by(a, arguments.by, values[0], values[1]);
+  comparison.from_name = arguments.by + ' ' + values[0];
+  comparison.to_name = arguments.by + ' ' + values[1];
   for (const auto& pair : comparison.pairs)
     for (const auto* run : pair.to) b.push_back(*run);
   return comparison;
@@ -123,7 +125,7 @@ std::string name_sides(const CompareArguments& arguments, report::Comparison& co
   if (!arguments.only.empty()) words.insert(words.end(), {"--only", table::join(arguments.only, ",")});
   words.emplace_back("--full");
   const auto file = [](const std::string& path) { return std::filesystem::path(path).filename().string(); };
-  if (!arguments.from.empty() && arguments.from != arguments.to) {
+  if (arguments.by.empty() && !arguments.from.empty() && arguments.from != arguments.to) {
     comparison.from_name = arguments.from;
     comparison.to_name = arguments.to;
   } else if (!arguments.b.empty() && file(arguments.a) != file(arguments.b)) {

@@ -60,10 +60,9 @@ Journal::GivenBack Journal::hold() {
     others = clear(*entered, more_);
     if (others.holder.empty()) break;
     if (Clock::now() > until)
-      throw Error(
-          fmt::format("something of this machine was to be changed, but {} is at that already: wait until it "
-                      "has ended, or end it",
-                      others.holder));
+      throw Error(fmt::format(
+          "another ontime changes this machine already: wait until it ends, or press Ctrl-C there. It is {}",
+          others.holder));
     entered.reset();  // the holder needs it to end
   }
   auto& folder = *entered;

@@ -182,7 +182,7 @@ class Explain(unittest.TestCase):
                 refused = ontime(*ping)
                 traced.terminate()
             self.assertEqual(refused.returncode, 3)
-            self.assertIn("is at that already", refused.stderr)
+            self.assertIn("another ontime changes this machine", refused.stderr)
 
     def test_a_run_without_traces_says_so(self):
         self.write("500 ms")
