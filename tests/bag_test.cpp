@@ -4,6 +4,7 @@
 #include <array>
 #include <filesystem>
 #include <fstream>
+#include <numeric>
 
 #include <archive.h>
 #include <archive_entry.h>
@@ -66,6 +67,16 @@ std::string message(std::uint16_t channel, At at, const std::string& data = {}) 
   return record(5, number(channel, 2) + number(at.sequence, 4) +
                        number(static_cast<std::uint64_t>(at.recorded_ns), 8) +
                        number(static_cast<std::uint64_t>(published_ns), 8) + data);
+}
+
+// Of one topic, with these numbers, a millisecond apart. With times each was written after those of lower
+// numbers.
+std::string numbered(const std::vector<std::uint32_t>& numbers, bool has_times = false) {
+  std::string records = channel(1, 0, "/a");
+  std::int64_t at_ns = start;
+  for (const auto number : numbers)
+    records += message(1, {at_ns += ms, has_times ? start - 1000 * ms + number : -1, number});
+  return records;
 }
 
 std::string compressed(const std::string& bytes, const std::string& how) {
@@ -314,11 +325,7 @@ TEST_F(Bags, ClockThatWentBackGivesNoPeriod) {
 }
 
 TEST_F(Bags, NumbersOfTheWriterTellWhatIsLostRepeatedAndOutOfOrder) {
-  std::string records = channel(1, 0, "/a");
-  std::int64_t at_ns = start;
-  for (const std::uint32_t sequence : {7U, 8U, 11U, 10U, 11U, 12U})
-    records += message(1, {at_ns += ms, start - 100 + sequence, sequence});
-  const auto& flow = judged_mcap(mcap(records)).flows.at(0);
+  const auto& flow = judged_mcap(mcap(numbered({7, 8, 11, 10, 11, 12}, true))).flows.at(0);
   EXPECT_EQ(flow.lost, 1U);  // 9
   EXPECT_EQ(flow.reordered, 1U);
   EXPECT_EQ(flow.duplicated, 1U);
@@ -361,11 +368,10 @@ TEST_F(Bags, NumbersOfEachTopicTellWhatIsLost) {
 
 TEST_F(Bags, WritersThatNumberAlikeAreOneStreamOfUnknownLoss) {
   for (const std::uint32_t other : {0U, 500U, 100'000U}) {
-    std::string records = channel(1, 0, "/a");
-    std::int64_t at_ns = start;
-    for (std::uint32_t sequence = 1; sequence <= 100; ++sequence)
-      for (const auto number : {sequence, sequence + other}) records += message(1, {at_ns += ms, -1, number});
-    const auto findings = judged_mcap(mcap(records));
+    std::vector<std::uint32_t> numbers;
+    for (std::uint32_t number = 1; number <= 100; ++number)
+      numbers.insert(numbers.end(), {number, number + other});
+    const auto findings = judged_mcap(mcap(numbered(numbers)));
     const auto& flow = findings.flows.at(0);
     EXPECT_EQ(flow.messages, 200U) << other;
     EXPECT_EQ(flow.period.count(), 199U);
@@ -392,33 +398,26 @@ TEST_F(Bags, SecondWriterThatIsSlowerLosesNothing) {
 }
 
 TEST_F(Bags, MessageThatOvertookSeveralLeavesTheLossesKnown) {
-  std::string records = channel(1, 0, "/a");
-  std::int64_t at_ns = start;
-  for (const std::uint32_t number : {105U, 107U, 108U, 112U, 109U, 110U, 111U, 113U})
-    records += message(1, {at_ns += ms, start - 1000 * ms + number * ms, number});
-  const auto& flow = judged_mcap(mcap(records)).flows.at(0);
+  const auto& flow = judged_mcap(mcap(numbered({105, 107, 108, 112, 109, 110, 111, 113}, true))).flows.at(0);
   EXPECT_EQ(flow.lost, 1U);
   EXPECT_EQ(flow.reordered, 3U);
 }
 
 TEST_F(Bags, WriterThatBeganAnewBeforeItsFirstNumberHereLosesNothing) {
-  std::string records = channel(1, 0, "/a");
-  std::int64_t at_ns = start;
-  for (const std::uint32_t first : {500U, 3U})
-    for (std::uint32_t sequence = first; sequence < first + 100; ++sequence)
-      records += message(1, {at_ns += ms, -1, sequence});
-  const auto& flow = judged_mcap(mcap(records)).flows.at(0);
+  std::vector<std::uint32_t> numbers(200);
+  std::iota(numbers.begin(), numbers.begin() + 100, 500U);
+  std::iota(numbers.begin() + 100, numbers.end(), 3U);
+  const auto& flow = judged_mcap(mcap(numbered(numbers))).flows.at(0);
   EXPECT_EQ(flow.lost, 0U);
   EXPECT_EQ(flow.reordered, 0U);
 }
 
 TEST_F(Bags, WriterThatBeganAnewSoonKeepsItsLosses) {
-  std::string records = channel(1, 0, "/a");
-  std::int64_t at_ns = start;
-  for (const std::uint32_t last : {1000U, 1000U})
-    for (std::uint32_t sequence = 1; sequence <= last; ++sequence)
-      if (sequence != 500) records += message(1, {at_ns += ms, -1, sequence});
-  const auto& flow = judged_mcap(mcap(records)).flows.at(0);
+  std::vector<std::uint32_t> numbers;
+  for (int begun = 0; begun < 2; ++begun)
+    for (std::uint32_t number = 1; number <= 1000; ++number)
+      if (number != 500) numbers.push_back(number);
+  const auto& flow = judged_mcap(mcap(numbered(numbers))).flows.at(0);
   EXPECT_EQ(flow.messages, 1998U);
   EXPECT_EQ(flow.lost, 2U);
   EXPECT_EQ(flow.duplicated, 0U);

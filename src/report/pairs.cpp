@@ -2,6 +2,7 @@
 #include <algorithm>
 #include <functional>
 #include <iterator>
+#include <map>
 #include <utility>
 
 #include "conditions/conditions.hpp"
@@ -136,12 +137,14 @@ std::vector<std::string> values_of(const Summaries& runs, const std::string& key
 Comparison compare_by(const Summaries& runs, const std::string& key, const std::string& from,
                       const std::string& to) {
   Runs a, b;
+  std::map<const statistics::Summary*, std::string> others;
   for (const auto* run : last_of(runs)) {
-    const auto value = split_by(key, *run).first;
+    auto [value, other] = split_by(key, *run);
     if (value == from) a.push_back(run);
     if (value == to) b.push_back(run);
+    others[run] = std::move(other);
   }
-  return pairs_of(a, b, [&](const auto& summary) { return split_by(key, summary).second; });
+  return pairs_of(a, b, [&](const auto& summary) { return others.at(&summary); });
 }
 
 }  // namespace ontime::report
