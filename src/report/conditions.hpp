@@ -7,19 +7,13 @@
 #include <string>
 #include <vector>
 
-#include "report/runs.hpp"
+#include "report/groups.hpp"
 
 namespace ontime::report {
-
-Group all_of(const Summaries&);
-Group last_of(const Summaries&);             // without those that were measured again
-std::vector<Group> by_id(const Summaries&);  // in the order of their first runs
 
 // Of each of a group: its transport, and in words whatever is not the same in all of them. Repetitions have
 // their number.
 std::vector<std::string> labels_of(const Group&);
-std::string quantity_of(const Group&);  // "Round trip", "Age" …; "Time" where it is not one
-bool all_listened(const Group&);        // to a robot's own messages: without answers and cycles
 // Repetitions of a run have the same label, and only they.
 std::vector<std::string> labels_without_repetition(const Group&);
 // Those that still are alike get the number of their run.
